@@ -1,0 +1,1 @@
+//! The studies lie beside this file, one example each.

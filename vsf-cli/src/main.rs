@@ -1,0 +1,2 @@
+//! The `vsf` command.
+fn main() {}

@@ -1,0 +1,1 @@
+//! Signed distance fields and stick-slip contact of a robot with a point cloud

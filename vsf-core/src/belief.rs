@@ -1,0 +1,98 @@
+use crate::{CoreError, Scalar};
+
+/// Independent Gaussian belief about the stiffness of every point, `K_i ~ N(mean_i, variance_i)`
+/// (eq. 6), in N/m and N²/m².
+///
+/// Estimators that keep correlations report their marginals here.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Belief<T: Scalar> {
+    mean: Vec<T>,
+    variance: Vec<T>,
+}
+
+impl<T: Scalar> Belief<T> {
+    /// A belief from its means [N/m] and variances [N²/m²], one each per point.
+    ///
+    /// # Errors
+    /// Different lengths, values that are not finite, negative means, variances that are not
+    /// positive.
+    pub fn new(mean: Vec<T>, variance: Vec<T>) -> Result<Self, CoreError> {
+        CoreError::check_len("belief variance", variance.len(), mean.len())?;
+        for (index, (&m, &v)) in mean.iter().zip(&variance).enumerate() {
+            for (what, x) in [("belief mean", m), ("belief variance", v)] {
+                if !x.is_finite() {
+                    return Err(CoreError::NotFinite {
+                        what,
+                        index,
+                        value: x.to_f64(),
+                    });
+                }
+            }
+            if m < T::ZERO {
+                return Err(CoreError::Parameter {
+                    name: "belief mean",
+                    value: m.to_f64(),
+                    range: ">= 0 N/m (stiffness is never negative)",
+                });
+            }
+            if v <= T::ZERO {
+                return Err(CoreError::Parameter {
+                    name: "belief variance",
+                    value: v.to_f64(),
+                    range: "> 0 N²/m²",
+                });
+            }
+        }
+        Ok(Self { mean, variance })
+    }
+
+    /// The same prior `N(mean, sd²)` for each of `n` points; the paper uses mean 0 and sd 0.1 N/m.
+    ///
+    /// # Errors
+    /// As [`Belief::new`].
+    pub fn uniform(n: usize, mean: f64, sd: f64) -> Result<Self, CoreError> {
+        if !(sd > 0.0 && sd.is_finite()) {
+            return Err(CoreError::Parameter {
+                name: "prior sd",
+                value: sd,
+                range: "> 0 N/m",
+            });
+        }
+        Self::new(vec![T::from_f64(mean); n], vec![T::from_f64(sd * sd); n])
+    }
+
+    /// Number of points.
+    pub fn len(&self) -> usize {
+        self.mean.len()
+    }
+
+    /// True without points.
+    pub fn is_empty(&self) -> bool {
+        self.mean.is_empty()
+    }
+
+    /// Means [N/m].
+    pub fn mean(&self) -> &[T] {
+        &self.mean
+    }
+
+    /// Variances [N²/m²].
+    pub fn variance(&self) -> &[T] {
+        &self.variance
+    }
+
+    /// Means and variances for an estimator to write. The writer keeps the invariants: means
+    /// finite and not negative, variances finite and positive.
+    pub fn parts_mut(&mut self) -> (&mut [T], &mut [T]) {
+        (&mut self.mean, &mut self.variance)
+    }
+
+    /// The same belief in another precision.
+    ///
+    /// # Errors
+    /// A value that overflows or underflows the target type.
+    pub fn cast<U: Scalar>(&self) -> Result<Belief<U>, CoreError> {
+        let cast = |v: &[T]| v.iter().map(|x| U::from_f64(x.to_f64())).collect();
+        Belief::new(cast(&self.mean), cast(&self.variance))
+    }
+}

@@ -1,0 +1,127 @@
+use crate::{CoreError, Posture, RestPoints};
+use nalgebra::Vector3;
+
+/// The touched points at one time: the set `S` and displacements `u_i` of section III-B, in
+/// order of the point index. Buffers are kept between steps.
+#[derive(Debug, Clone, Default, PartialEq)]
+pub struct Contacts {
+    points: Vec<u32>,
+    links: Vec<u32>,
+    displacements: Vec<Vector3<f64>>,
+    normals: Vec<Vector3<f64>>,
+}
+
+impl Contacts {
+    /// Without contacts.
+    pub fn new() -> Self {
+        Self::default()
+    }
+
+    /// Forgets all contacts and keeps the memory.
+    pub fn clear(&mut self) {
+        self.points.clear();
+        self.links.clear();
+        self.displacements.clear();
+        self.normals.clear();
+    }
+
+    /// Adds a contact: the point's index, the link that moves it, its displacement from rest
+    /// `u_W` [m] and the outward unit normal of the link at the contact `n_W`.
+    ///
+    /// # Errors
+    /// An index that is not larger than the previous one, or a displacement that is not finite.
+    #[allow(non_snake_case)]
+    pub fn push(
+        &mut self,
+        point: u32,
+        link: u32,
+        u_W: Vector3<f64>,
+        n_W: Vector3<f64>,
+    ) -> Result<(), CoreError> {
+        if let Some(&previous) = self.points.last() {
+            if point <= previous {
+                return Err(CoreError::Unordered {
+                    previous: previous as usize,
+                    index: point as usize,
+                });
+            }
+        }
+        if !(u_W.norm_squared() + n_W.norm_squared()).is_finite() {
+            return Err(CoreError::NotFinite {
+                what: "contact displacement of point",
+                index: point as usize,
+                value: u_W.norm(),
+            });
+        }
+        self.points.push(point);
+        self.links.push(link);
+        self.displacements.push(u_W);
+        self.normals.push(n_W);
+        Ok(())
+    }
+
+    /// Number of contacts, `|S|`.
+    pub fn len(&self) -> usize {
+        self.points.len()
+    }
+
+    /// True when nothing is touched.
+    pub fn is_empty(&self) -> bool {
+        self.points.is_empty()
+    }
+
+    /// Indices of the touched points, strictly increasing.
+    pub fn points(&self) -> &[u32] {
+        &self.points
+    }
+
+    /// For each contact, the index of the link that touches the point.
+    pub fn links(&self) -> &[u32] {
+        &self.links
+    }
+
+    /// Displacements from rest `u_i` [m], world frame.
+    pub fn displacements(&self) -> &[Vector3<f64>] {
+        &self.displacements
+    }
+
+    /// Outward unit normals of the touching surface, world frame.
+    pub fn normals(&self) -> &[Vector3<f64>] {
+        &self.normals
+    }
+}
+
+/// Says which points a robot in a given posture touches, and how far it displaces them.
+///
+/// Stateful: sticking points are remembered from step to step. It never reads the belief (the
+/// paper's decoupling, section III-B), so contacts can be recorded once and replayed through any
+/// estimator.
+pub trait ContactModel: Send {
+    /// Forgets all contacts, as before the first touch of a sequence.
+    fn reset(&mut self);
+
+    /// Moves the robot to `posture` and writes the contacts into `out` (cleared first).
+    ///
+    /// # Errors
+    /// Postures that do not fit the model or are not finite. The contact state is then unchanged.
+    fn step(
+        &mut self,
+        rest: &RestPoints,
+        posture: &Posture,
+        out: &mut Contacts,
+    ) -> Result<(), CoreError>;
+}
+
+impl<C: ContactModel + ?Sized> ContactModel for Box<C> {
+    fn reset(&mut self) {
+        (**self).reset();
+    }
+    fn step(
+        &mut self,
+        rest: &RestPoints,
+        posture: &Posture,
+        out: &mut Contacts,
+    ) -> Result<(), CoreError> {
+        (**self).step(rest, posture, out)
+    }
+}

@@ -1,0 +1,120 @@
+use thiserror::Error;
+
+/// What can be wrong with data handed to the shared types or to an implementation of a seam.
+#[derive(Debug, Clone, PartialEq, Error)]
+#[non_exhaustive]
+pub enum CoreError {
+    /// A number that must be finite is NaN or infinite.
+    #[error("{what}[{index}] is {value}; every value must be finite")]
+    NotFinite {
+        /// The array, in the words of the caller.
+        what: &'static str,
+        /// Position in the array.
+        index: usize,
+        /// The offending value.
+        value: f64,
+    },
+    /// Two arrays that belong together differ in length.
+    #[error("{what} has length {got}, expected {expected}")]
+    Length {
+        /// The array, in the words of the caller.
+        what: &'static str,
+        /// Its length.
+        got: usize,
+        /// The length that fits the rest of the data.
+        expected: usize,
+    },
+    /// An index points outside its array.
+    #[error("{what} {index} is out of range, there are {len}")]
+    OutOfRange {
+        /// What the index counts.
+        what: &'static str,
+        /// The index.
+        index: usize,
+        /// Number of elements.
+        len: usize,
+    },
+    /// Point indices of an observation or of contacts are not strictly increasing.
+    #[error("point indices must be strictly increasing: index {index} follows {previous}")]
+    Unordered {
+        /// The earlier index.
+        previous: usize,
+        /// The index that is not larger.
+        index: usize,
+    },
+    /// A parameter lies outside its range.
+    #[error("{name} = {value} is out of range: {range}")]
+    Parameter {
+        /// Name of the parameter.
+        name: &'static str,
+        /// Its value.
+        value: f64,
+        /// The allowed range, in words.
+        range: &'static str,
+    },
+    /// A matrix that must be symmetric positive definite is not.
+    #[error(
+        "{what} is not positive definite (pivot {pivot} is {value:e}); \
+         check variances and noise for zeros, huge ratios or overflow"
+    )]
+    NotPositiveDefinite {
+        /// The matrix, in the words of the caller.
+        what: &'static str,
+        /// Row at which the factorisation failed.
+        pivot: usize,
+        /// The pivot found there.
+        value: f64,
+    },
+    /// The result would not be finite; the state before the call is kept.
+    #[error("{what} would overflow; the belief is unchanged. Check the scale of the inputs")]
+    Overflow {
+        /// The quantity that overflowed.
+        what: &'static str,
+    },
+    /// An index structure cannot hold so many elements.
+    #[error("{what}: {got} elements are more than the supported {max}")]
+    TooMany {
+        /// The collection.
+        what: &'static str,
+        /// Its size.
+        got: usize,
+        /// The largest supported size.
+        max: usize,
+    },
+    /// An implementation of a seam outside this workspace failed for a reason of its own.
+    #[error("{0}")]
+    Other(String),
+}
+
+impl CoreError {
+    /// Checks that every value of `values` is finite.
+    ///
+    /// # Errors
+    /// [`CoreError::NotFinite`] names the first offender.
+    pub fn check_finite(what: &'static str, values: &[f64]) -> Result<(), Self> {
+        match values.iter().position(|v| !v.is_finite()) {
+            None => Ok(()),
+            Some(index) => Err(Self::NotFinite {
+                what,
+                index,
+                value: values[index],
+            }),
+        }
+    }
+
+    /// Checks a length.
+    ///
+    /// # Errors
+    /// [`CoreError::Length`] when `got != expected`.
+    pub fn check_len(what: &'static str, got: usize, expected: usize) -> Result<(), Self> {
+        if got == expected {
+            Ok(())
+        } else {
+            Err(Self::Length {
+                what,
+                got,
+                expected,
+            })
+        }
+    }
+}

@@ -1,0 +1,122 @@
+use crate::{Belief, CoreError, Observation, Scalar};
+
+/// What one update did, for monitoring. All numbers are in units of the reading unless said.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+pub struct UpdateReport {
+    /// Touched points of the observation.
+    pub contacts: usize,
+    /// Degrees of freedom of `nis`: the channels of the reading.
+    pub dof: usize,
+    /// Normalised innovation squared, `r^T S^-1 r` with `S = W Sigma W^T + R`; its mean is `dof`
+    /// when prior and noise are right.
+    pub nis: f64,
+    /// Norm of the residual `tau - W mu` before the update.
+    pub prefit: f64,
+    /// Norm of the residual after the update and projection.
+    pub postfit: f64,
+    /// Points whose mean the projection `K >= 0` moved.
+    pub projected: usize,
+}
+
+/// A predicted reading with its uncertainty.
+#[derive(Debug, Clone, PartialEq, Default)]
+pub struct Prediction {
+    /// Predicted reading, `d` values.
+    pub mean: Vec<f64>,
+    /// Its standard deviation per channel, noise included.
+    pub sd: Vec<f64>,
+}
+
+/// Learns the stiffness field from linear observations.
+///
+/// On an error the belief is unchanged. Dyn-safe; `Box<dyn Estimator<Scalar = T>>` is an
+/// estimator too.
+pub trait Estimator: Send {
+    /// Number type of the belief.
+    type Scalar: Scalar;
+
+    /// The current belief: marginal mean and variance of every point.
+    fn belief(&self) -> &Belief<Self::Scalar>;
+
+    /// Forgets everything and starts from `prior`.
+    ///
+    /// # Errors
+    /// A prior that the estimator cannot take.
+    fn reset(&mut self, prior: Belief<Self::Scalar>) -> Result<(), CoreError>;
+
+    /// A new touch sequence begins. The belief is kept; what is bound to the sequence (a replay
+    /// buffer, section III-C) is dropped. Nothing by default.
+    fn begin_sequence(&mut self) {}
+
+    /// Takes in one observation.
+    ///
+    /// # Errors
+    /// An observation that does not fit the field, or a result that would not be finite.
+    fn update(&mut self, obs: &Observation<Self::Scalar>) -> Result<UpdateReport, CoreError>;
+
+    /// The residual of the last update before it was taken in, whitened with its predicted
+    /// covariance: `L^-1 (tau - W mu)` with `L L^T = W Sigma W^T + R`. Independent standard normal
+    /// numbers when prior and noise are right. Empty before the first update.
+    fn whitened_residual(&self) -> &[f64];
+
+    /// Predicts the reading of `obs` (its own reading is not looked at). By default from the
+    /// marginals; estimators with correlations use them.
+    ///
+    /// # Errors
+    /// An observation that reaches beyond the field.
+    fn predict(
+        &self,
+        obs: &Observation<Self::Scalar>,
+        out: &mut Prediction,
+    ) -> Result<(), CoreError> {
+        let belief = self.belief();
+        check_fit(belief.len(), obs)?;
+        out.mean.resize(obs.dim(), 0.0);
+        out.sd.resize(obs.dim(), 0.0);
+        for i in 0..obs.dim() {
+            let (mut mean, mut variance) = (0.0, 0.0);
+            for (&w, &p) in obs.row(i).iter().zip(obs.points()) {
+                let w = w.to_f64();
+                mean += w * belief.mean()[p as usize].to_f64();
+                variance += w * w * belief.variance()[p as usize].to_f64();
+            }
+            out.mean[i] = mean;
+            out.sd[i] = (variance + obs.noise().sd(i).powi(2)).sqrt();
+        }
+        Ok(())
+    }
+}
+
+/// Checks that the observation's points lie within a field of `len` points.
+pub(crate) fn check_fit<T: Scalar>(len: usize, obs: &Observation<T>) -> Result<(), CoreError> {
+    match obs.points().last() {
+        Some(&p) if p as usize >= len => Err(CoreError::OutOfRange {
+            what: "observed point",
+            index: p as usize,
+            len,
+        }),
+        _ => Ok(()),
+    }
+}
+
+impl<E: Estimator + ?Sized> Estimator for Box<E> {
+    type Scalar = E::Scalar;
+    fn belief(&self) -> &Belief<E::Scalar> {
+        (**self).belief()
+    }
+    fn reset(&mut self, prior: Belief<E::Scalar>) -> Result<(), CoreError> {
+        (**self).reset(prior)
+    }
+    fn begin_sequence(&mut self) {
+        (**self).begin_sequence();
+    }
+    fn update(&mut self, obs: &Observation<E::Scalar>) -> Result<UpdateReport, CoreError> {
+        (**self).update(obs)
+    }
+    fn whitened_residual(&self) -> &[f64] {
+        (**self).whitened_residual()
+    }
+    fn predict(&self, obs: &Observation<E::Scalar>, out: &mut Prediction) -> Result<(), CoreError> {
+        (**self).predict(obs, out)
+    }
+}

@@ -1,0 +1,193 @@
+use crate::CoreError;
+use nalgebra::{Isometry3, Point3, Vector3};
+
+/// A triangle mesh: vertices in metres and faces as triples of vertex indices.
+///
+/// The mesh may be open; contact models decide inside and outside by the winding number.
+#[derive(Debug, Clone, PartialEq)]
+pub struct TriMesh {
+    vertices: Vec<Point3<f64>>,
+    faces: Vec<[u32; 3]>,
+}
+
+impl TriMesh {
+    /// Builds a mesh.
+    ///
+    /// # Errors
+    /// A vertex that is not finite, a face index out of range, or a mesh without faces.
+    pub fn new(vertices: Vec<Point3<f64>>, faces: Vec<[u32; 3]>) -> Result<Self, CoreError> {
+        for (index, v) in vertices.iter().enumerate() {
+            if let Some(&value) = v.iter().find(|c| !c.is_finite()) {
+                return Err(CoreError::NotFinite {
+                    what: "mesh vertices",
+                    index,
+                    value,
+                });
+            }
+        }
+        if faces.is_empty() {
+            return Err(CoreError::Length {
+                what: "mesh faces",
+                got: 0,
+                expected: 1,
+            });
+        }
+        for &i in faces.iter().flatten() {
+            if i as usize >= vertices.len() {
+                return Err(CoreError::OutOfRange {
+                    what: "mesh face vertex",
+                    index: i as usize,
+                    len: vertices.len(),
+                });
+            }
+        }
+        Ok(Self { vertices, faces })
+    }
+
+    /// Vertices [m].
+    pub fn vertices(&self) -> &[Point3<f64>] {
+        &self.vertices
+    }
+
+    /// Faces, counter-clockwise seen from outside.
+    pub fn faces(&self) -> &[[u32; 3]] {
+        &self.faces
+    }
+}
+
+/// The shape of a body in its own frame, centred on the origin; lengths in metres.
+#[derive(Debug, Clone, PartialEq)]
+#[non_exhaustive]
+pub enum Shape {
+    /// A ball.
+    Sphere {
+        /// Radius, > 0.
+        radius: f64,
+    },
+    /// A segment along z, swept by a ball.
+    Capsule {
+        /// Radius of the ball, > 0.
+        radius: f64,
+        /// Half the length of the segment, >= 0.
+        half_length: f64,
+    },
+    /// A segment along z, swept by a ball whose radius changes linearly: a cone with round ends.
+    RoundCone {
+        /// Radius at `-half_length`, > 0.
+        radius_bottom: f64,
+        /// Radius at `+half_length`, > 0.
+        radius_top: f64,
+        /// Half the length of the segment, with `2 half_length > |radius_top - radius_bottom|`.
+        half_length: f64,
+    },
+    /// A cylinder along z, its edges optionally rounded.
+    Cylinder {
+        /// Outer radius, > 0.
+        radius: f64,
+        /// Half the outer height, > 0.
+        half_length: f64,
+        /// Rounding radius of the edges, 0 for sharp ones; at most `radius` and `half_length`.
+        rounding: f64,
+    },
+    /// A box, its edges optionally rounded.
+    Box {
+        /// Half the outer edge lengths, each > 0.
+        half_extents: Vector3<f64>,
+        /// Rounding radius of the edges, 0 for sharp ones; at most the smallest half extent.
+        rounding: f64,
+    },
+    /// A triangle mesh.
+    Mesh(TriMesh),
+}
+
+impl Shape {
+    /// Checks the ranges that the variants state.
+    ///
+    /// # Errors
+    /// [`CoreError::Parameter`] names the first value out of range.
+    pub fn validate(&self) -> Result<(), CoreError> {
+        fn check(
+            name: &'static str,
+            value: f64,
+            ok: bool,
+            range: &'static str,
+        ) -> Result<(), CoreError> {
+            if ok && value.is_finite() {
+                Ok(())
+            } else {
+                Err(CoreError::Parameter { name, value, range })
+            }
+        }
+        let positive = |name, v: f64| check(name, v, v > 0.0, "> 0 m");
+        match *self {
+            Self::Sphere { radius } => positive("sphere radius", radius),
+            Self::Capsule {
+                radius,
+                half_length,
+            } => {
+                positive("capsule radius", radius)?;
+                check(
+                    "capsule half length",
+                    half_length,
+                    half_length >= 0.0,
+                    ">= 0 m",
+                )
+            }
+            Self::RoundCone {
+                radius_bottom,
+                radius_top,
+                half_length,
+            } => {
+                positive("round cone bottom radius", radius_bottom)?;
+                positive("round cone top radius", radius_top)?;
+                check(
+                    "round cone half length",
+                    half_length,
+                    2.0 * half_length > (radius_top - radius_bottom).abs(),
+                    "more than half the difference of the radii",
+                )
+            }
+            Self::Cylinder {
+                radius,
+                half_length,
+                rounding,
+            } => {
+                positive("cylinder radius", radius)?;
+                positive("cylinder half length", half_length)?;
+                check(
+                    "cylinder rounding",
+                    rounding,
+                    rounding >= 0.0 && rounding <= radius.min(half_length),
+                    "between 0 and the smaller of radius and half length",
+                )
+            }
+            Self::Box {
+                half_extents,
+                rounding,
+            } => {
+                for v in half_extents.iter() {
+                    positive("box half extent", *v)?;
+                }
+                check(
+                    "box rounding",
+                    rounding,
+                    rounding >= 0.0 && rounding <= half_extents.min(),
+                    "between 0 and the smallest half extent",
+                )
+            }
+            Self::Mesh(_) => Ok(()),
+        }
+    }
+}
+
+/// A collision shape fixed to a link of a robot.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Collider {
+    /// Index of the link.
+    pub link: usize,
+    /// Pose of the shape in the link frame.
+    #[allow(non_snake_case)]
+    pub X_LS: Isometry3<f64>,
+    /// The shape.
+    pub shape: Shape,
+}

@@ -1,0 +1,84 @@
+use crate::UpdateReport;
+
+/// Running statistics of a filter's innovations: is it consistent with what it claims to know?
+///
+/// A filter whose prior and noise are right has a mean normalised innovation squared (NIS) equal
+/// to the number of channels. Above the interval it is overconfident (or the model is wrong),
+/// below it is too cautious.
+///
+/// # Reference
+/// Bar-Shalom, Li, Kirubarajan, *Estimation with Applications to Tracking and Navigation*, 2001,
+/// section 5.4. Chi-squared quantiles by Wilson and Hilferty, 1931, doi 10.1073/pnas.17.12.684.
+///
+/// ```
+/// use vsf_core::{FilterHealth, UpdateReport};
+/// let mut health = FilterHealth::default();
+/// for nis in [6.0, 8.0, 7.5, 6.5] {
+///     health.record(&UpdateReport { dof: 7, nis, ..Default::default() });
+/// }
+/// assert_eq!(health.mean_nis(), Some(7.0));
+/// assert!(health.is_consistent());
+/// ```
+#[derive(Debug, Clone, Copy, Default, PartialEq)]
+pub struct FilterHealth {
+    updates: usize,
+    dof: usize,
+    nis: f64,
+    prefit_squared: f64,
+    postfit_squared: f64,
+}
+
+impl FilterHealth {
+    /// Takes in one update. Updates without contacts count too: they show the noise alone.
+    pub fn record(&mut self, report: &UpdateReport) {
+        self.updates += 1;
+        self.dof += report.dof;
+        self.nis += report.nis;
+        self.prefit_squared += report.prefit * report.prefit;
+        self.postfit_squared += report.postfit * report.postfit;
+    }
+
+    /// Number of recorded updates.
+    pub fn updates(&self) -> usize {
+        self.updates
+    }
+
+    /// Mean NIS per update; `None` before the first one.
+    pub fn mean_nis(&self) -> Option<f64> {
+        (self.updates > 0).then(|| self.nis / self.updates as f64)
+    }
+
+    /// NIS per degree of freedom, 1 for a consistent filter; `None` before the first update.
+    pub fn nis_ratio(&self) -> Option<f64> {
+        (self.dof > 0).then(|| self.nis / self.dof as f64)
+    }
+
+    /// Interval that holds [`FilterHealth::nis_ratio`] with 95 % probability when the filter is
+    /// consistent and updates are independent; `None` before the first update.
+    pub fn nis_ratio_interval(&self) -> Option<(f64, f64)> {
+        (self.dof > 0).then(|| {
+            let n = self.dof as f64;
+            let quantile = |z: f64| (1.0 - 2.0 / (9.0 * n) + z * (2.0 / (9.0 * n)).sqrt()).powi(3);
+            (quantile(-1.959_963_985), quantile(1.959_963_985))
+        })
+    }
+
+    /// Whether the NIS ratio lies in its 95 % interval; false before the first update.
+    pub fn is_consistent(&self) -> bool {
+        match (self.nis_ratio(), self.nis_ratio_interval()) {
+            (Some(r), Some((lo, hi))) => lo <= r && r <= hi,
+            _ => false,
+        }
+    }
+
+    /// Root mean square norm of the residuals before and after their updates.
+    pub fn rms_prefit_postfit(&self) -> Option<(f64, f64)> {
+        (self.updates > 0).then(|| {
+            let n = self.updates as f64;
+            (
+                (self.prefit_squared / n).sqrt(),
+                (self.postfit_squared / n).sqrt(),
+            )
+        })
+    }
+}

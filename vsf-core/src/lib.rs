@@ -1,0 +1,56 @@
+//! Traits and plain data of volumetric stiffness field (VSF) estimation.
+//!
+//! A robot arm touches a soft object. The object is a cloud of points `p_i`, each held by a
+//! spring of unknown stiffness `K_i >= 0`; the external joint torques are linear in `K`:
+//! `tau = W K + noise`, with columns `w_i = -J^T u_i` (Yao & Hauser, eq. 1-4). This crate holds
+//! what every part of such a system shares and nothing that computes physics:
+//!
+//! | seam | trait | data it makes |
+//! | --- | --- | --- |
+//! | contact | [`ContactModel`] | [`Contacts`]: touched points and their displacements |
+//! | sensing | [`Sensor`] | [`Observation`]: columns `w_i`, reading `tau`, noise |
+//! | estimation | [`Estimator`] | [`Belief`]: mean and variance of every `K_i` |
+//!
+//! A [`Session`] owns one of each and runs a step without allocating after warm-up.
+//!
+//! The seams are dyn-safe on purpose, so that a program can choose at run time. Only
+//! [`Observation`], [`Belief`] and [`Estimator`] are generic over the [`Scalar`] (`f32` or
+//! `f64`); geometry and kinematics are always `f64`. Rejected: a type parameter for an array or
+//! GPU backend. It would spread through every signature, while a GPU estimator is simply one
+//! more [`Estimator`].
+//!
+//! Units are SI (metres, radians, newtons, newton metres), the world frame has z up. Names carry
+//! their frame: `p_W` is a point in world coordinates, `X_WL` the pose of link L in world.
+
+#![forbid(unsafe_code)]
+
+mod belief;
+mod contact;
+mod error;
+mod estimator;
+mod geometry;
+mod health;
+mod linalg;
+mod observation;
+mod points;
+mod posture;
+mod scalar;
+mod sensor;
+mod session;
+
+pub use belief::Belief;
+pub use contact::{ContactModel, Contacts};
+pub use error::CoreError;
+pub use estimator::{Estimator, Prediction, UpdateReport};
+pub use geometry::{Collider, Shape, TriMesh};
+pub use health::FilterHealth;
+pub use linalg::SymmetricFactor;
+pub use observation::{Noise, Observation};
+pub use points::{Cell, RestPoints};
+pub use posture::{JointScrew, LinkChains, Posture};
+pub use scalar::Scalar;
+pub use sensor::Sensor;
+pub use session::{Session, StepReport};
+
+/// The version of nalgebra whose `Point3`, `Vector3` and `Isometry3` stand in public signatures.
+pub use nalgebra;

@@ -1,0 +1,98 @@
+use crate::CoreError;
+
+/// In-place Cholesky factor of a small symmetric positive definite matrix, for `d x d` systems in
+/// the real-time path: it never allocates after its first use at a given size.
+///
+/// ```
+/// use vsf_core::SymmetricFactor;
+/// let mut s = SymmetricFactor::default();
+/// s.factor("S", 2, &[4.0, 2.0, 2.0, 3.0])?;
+/// let mut x = [8.0, 7.0];
+/// s.solve(&mut x);
+/// assert!((x[0] - 1.25).abs() < 1e-15 && (x[1] - 1.5).abs() < 1e-15);
+/// # Ok::<(), vsf_core::CoreError>(())
+/// ```
+#[derive(Debug, Clone, Default)]
+pub struct SymmetricFactor {
+    dim: usize,
+    lower: Vec<f64>,
+}
+
+impl SymmetricFactor {
+    /// Factors the row-major `dim x dim` matrix `a = L L^T`, reading its lower triangle only.
+    ///
+    /// # Errors
+    /// [`CoreError::Length`] for a wrong size, [`CoreError::NotPositiveDefinite`] otherwise; the
+    /// factor is then unusable until the next success.
+    pub fn factor(&mut self, what: &'static str, dim: usize, a: &[f64]) -> Result<(), CoreError> {
+        CoreError::check_len(what, a.len(), dim * dim)?;
+        self.dim = dim;
+        self.lower.clear();
+        self.lower.extend_from_slice(a);
+        let l = &mut self.lower;
+        for j in 0..dim {
+            for i in j..dim {
+                let mut s = l[i * dim + j];
+                for k in 0..j {
+                    s -= l[i * dim + k] * l[j * dim + k];
+                }
+                if i == j {
+                    if !(s > 0.0 && s.is_finite()) {
+                        return Err(CoreError::NotPositiveDefinite {
+                            what,
+                            pivot: j,
+                            value: s,
+                        });
+                    }
+                    l[j * dim + j] = s.sqrt();
+                } else {
+                    l[i * dim + j] = s / l[j * dim + j];
+                }
+            }
+        }
+        Ok(())
+    }
+
+    /// Solves `L y = b` in place (whitening).
+    ///
+    /// # Panics
+    /// If `b` is shorter than the factored dimension.
+    pub fn solve_lower(&self, b: &mut [f64]) {
+        let n = self.dim;
+        for i in 0..n {
+            let mut s = b[i];
+            for k in 0..i {
+                s -= self.lower[i * n + k] * b[k];
+            }
+            b[i] = s / self.lower[i * n + i];
+        }
+    }
+
+    /// Solves `A x = b` in place.
+    ///
+    /// # Panics
+    /// If `b` is shorter than the factored dimension.
+    pub fn solve(&self, b: &mut [f64]) {
+        self.solve_lower(b);
+        let n = self.dim;
+        for i in (0..n).rev() {
+            let mut s = b[i];
+            for k in i + 1..n {
+                s -= self.lower[k * n + i] * b[k];
+            }
+            b[i] = s / self.lower[i * n + i];
+        }
+    }
+
+    /// Dimension of the factored matrix.
+    pub fn dim(&self) -> usize {
+        self.dim
+    }
+
+    /// `log det A`.
+    pub fn log_det(&self) -> f64 {
+        (0..self.dim)
+            .map(|i| 2.0 * self.lower[i * self.dim + i].ln())
+            .sum()
+    }
+}

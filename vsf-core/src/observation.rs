@@ -1,0 +1,260 @@
+use crate::{CoreError, Scalar, SymmetricFactor};
+
+/// Covariance of the reading noise, `R` (`d x d`, in squared units of the reading).
+#[derive(Debug, Clone, PartialEq)]
+pub struct Noise {
+    dim: usize,
+    covariance: Vec<f64>,
+}
+
+impl Noise {
+    /// The same standard deviation for all `dim` channels, independent; the paper's sigma_tau.
+    ///
+    /// # Errors
+    /// A standard deviation that is not positive and finite.
+    pub fn uniform(dim: usize, sd: f64) -> Result<Self, CoreError> {
+        Self::per_channel(&vec![sd; dim])
+    }
+
+    /// One standard deviation per channel, independent.
+    ///
+    /// # Errors
+    /// A standard deviation that is not positive and finite.
+    pub fn per_channel(sd: &[f64]) -> Result<Self, CoreError> {
+        let dim = sd.len();
+        let mut covariance = vec![0.0; dim * dim];
+        for (i, &s) in sd.iter().enumerate() {
+            if !(s > 0.0 && (s * s).is_finite() && s * s > 0.0) {
+                return Err(CoreError::Parameter {
+                    name: "noise sd",
+                    value: s,
+                    range: "> 0 and finite, its square too",
+                });
+            }
+            covariance[i * dim + i] = s * s;
+        }
+        Ok(Self { dim, covariance })
+    }
+
+    /// A full covariance, row-major `dim x dim`.
+    ///
+    /// # Errors
+    /// A matrix that is not finite, symmetric (to 1e-9 of its largest entry) and positive definite.
+    pub fn full(dim: usize, covariance: Vec<f64>) -> Result<Self, CoreError> {
+        CoreError::check_len("noise covariance", covariance.len(), dim * dim)?;
+        CoreError::check_finite("noise covariance", &covariance)?;
+        let largest = covariance.iter().fold(0.0f64, |a, v| a.max(v.abs()));
+        for i in 0..dim {
+            for j in 0..i {
+                let gap = covariance[i * dim + j] - covariance[j * dim + i];
+                if gap.abs() > 1e-9 * largest {
+                    return Err(CoreError::Parameter {
+                        name: "noise covariance asymmetry",
+                        value: gap,
+                        range: "0: the matrix must be symmetric",
+                    });
+                }
+            }
+        }
+        SymmetricFactor::default().factor("noise covariance", dim, &covariance)?;
+        Ok(Self { dim, covariance })
+    }
+
+    /// Number of channels `d`.
+    pub fn dim(&self) -> usize {
+        self.dim
+    }
+
+    /// The covariance, row-major `d x d`.
+    pub fn covariance(&self) -> &[f64] {
+        &self.covariance
+    }
+
+    /// Standard deviation of channel `i`.
+    ///
+    /// # Panics
+    /// If `i >= dim`.
+    pub fn sd(&self, i: usize) -> f64 {
+        self.covariance[i * self.dim + i].sqrt()
+    }
+}
+
+/// One linear observation of the field: `reading = sum_k column_k K[points_k] + noise` (eq. 4).
+///
+/// Only touched points are stored. The matrix lies row by row (`d` rows of `len` entries), so that
+/// estimators stream over the points. Valid by construction: point indices strictly increasing
+/// and below the size of the field, every number finite.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Observation<T: Scalar> {
+    points: Vec<u32>,
+    rows: Vec<T>,
+    reading: Vec<T>,
+    noise: Noise,
+    column: Vec<f64>,
+}
+
+impl<T: Scalar> Observation<T> {
+    /// An observation without contacts and with a zero reading of `noise.dim()` channels.
+    pub fn new(noise: Noise) -> Self {
+        Self {
+            points: Vec::new(),
+            rows: Vec::new(),
+            reading: vec![T::ZERO; noise.dim()],
+            column: vec![0.0; noise.dim()],
+            noise,
+        }
+    }
+
+    /// Replaces the content, keeping the memory. `column(k, w)` writes the `d` entries of
+    /// `w_{points[k]}` into `w`.
+    ///
+    /// # Errors
+    /// Point indices out of order or `>= field_len`, a reading of another length than the noise,
+    /// any value that is not finite in `T`. The observation is then empty.
+    pub fn rebuild(
+        &mut self,
+        field_len: usize,
+        points: &[u32],
+        reading: &[f64],
+        column: impl FnMut(usize, &mut [f64]),
+    ) -> Result<(), CoreError> {
+        let result = self.try_rebuild(field_len, points, reading, column);
+        if result.is_err() {
+            self.points.clear();
+            self.rows.clear();
+            self.reading.fill(T::ZERO);
+        }
+        result
+    }
+
+    fn try_rebuild(
+        &mut self,
+        field_len: usize,
+        points: &[u32],
+        reading: &[f64],
+        mut column: impl FnMut(usize, &mut [f64]),
+    ) -> Result<(), CoreError> {
+        let d = self.dim();
+        CoreError::check_len("reading", reading.len(), d)?;
+        CoreError::check_finite("reading", reading)?;
+        for pair in points.windows(2) {
+            if pair[1] <= pair[0] {
+                return Err(CoreError::Unordered {
+                    previous: pair[0] as usize,
+                    index: pair[1] as usize,
+                });
+            }
+        }
+        if let Some(&last) = points.last() {
+            if last as usize >= field_len {
+                return Err(CoreError::OutOfRange {
+                    what: "observed point",
+                    index: last as usize,
+                    len: field_len,
+                });
+            }
+        }
+        let n = points.len();
+        self.points.clear();
+        self.points.extend_from_slice(points);
+        for (to, &from) in self.reading.iter_mut().zip(reading) {
+            *to = T::from_f64(from);
+            if !to.is_finite() {
+                return Err(CoreError::Overflow { what: "reading" });
+            }
+        }
+        self.rows.resize(d * n, T::ZERO);
+        for (k, &point) in points.iter().enumerate() {
+            self.column.fill(0.0);
+            column(k, &mut self.column);
+            for (i, &w) in self.column.iter().enumerate() {
+                let w_t = T::from_f64(w);
+                if !w_t.is_finite() {
+                    return Err(CoreError::NotFinite {
+                        what: "observation column of point",
+                        index: point as usize,
+                        value: w,
+                    });
+                }
+                self.rows[i * n + k] = w_t;
+            }
+        }
+        Ok(())
+    }
+
+    /// Replaces the noise, for sensors whose noise changes with time.
+    ///
+    /// # Errors
+    /// Noise of another dimension.
+    pub fn set_noise(&mut self, noise: &Noise) -> Result<(), CoreError> {
+        CoreError::check_len("noise", noise.dim(), self.dim())?;
+        self.noise.covariance.copy_from_slice(&noise.covariance);
+        Ok(())
+    }
+
+    /// Number of channels `d`.
+    pub fn dim(&self) -> usize {
+        self.noise.dim
+    }
+
+    /// Number of touched points.
+    pub fn len(&self) -> usize {
+        self.points.len()
+    }
+
+    /// True without touched points.
+    pub fn is_empty(&self) -> bool {
+        self.points.is_empty()
+    }
+
+    /// Indices of the touched points, strictly increasing.
+    pub fn points(&self) -> &[u32] {
+        &self.points
+    }
+
+    /// Row `i` of the observation matrix: one entry per touched point.
+    ///
+    /// # Panics
+    /// If `i >= dim`.
+    pub fn row(&self, i: usize) -> &[T] {
+        let n = self.points.len();
+        &self.rows[i * n..(i + 1) * n]
+    }
+
+    /// All rows one after another, `d x len`.
+    pub fn rows(&self) -> &[T] {
+        &self.rows
+    }
+
+    /// The reading `tau`, `d` values.
+    pub fn reading(&self) -> &[T] {
+        &self.reading
+    }
+
+    /// Noise of the reading.
+    pub fn noise(&self) -> &Noise {
+        &self.noise
+    }
+
+    /// `W x` for a field `x` over all points, written to `out` (`d` values). Sums are kept in `T`.
+    ///
+    /// # Panics
+    /// If `x` is shorter than the field or `out` shorter than `d`.
+    pub fn apply(&self, x: &[T], out: &mut [T]) {
+        for (i, o) in out.iter_mut().enumerate().take(self.dim()) {
+            *o = self
+                .row(i)
+                .iter()
+                .zip(&self.points)
+                .map(|(&w, &p)| w * x[p as usize])
+                .sum();
+        }
+    }
+
+    /// Bytes held by points, rows and reading.
+    pub fn bytes(&self) -> usize {
+        self.points.len() * size_of::<u32>()
+            + (self.rows.len() + self.reading.len()) * size_of::<T>()
+            + self.noise.covariance.len() * size_of::<f64>()
+    }
+}

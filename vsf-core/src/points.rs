@@ -1,0 +1,199 @@
+use crate::CoreError;
+use nalgebra::{Point3, Vector3};
+
+/// Mean number of points per cell of the broad-phase grid, if the cloud filled its box evenly.
+const POINTS_PER_CELL: f64 = 8.0;
+
+/// The rest positions `p_i` of a stiffness field [m, world frame], with a uniform grid over them
+/// for range queries.
+///
+/// Memory: 24 bytes per position, 4 per entry of the grid, and at most 2 per point for the cells.
+#[derive(Debug, Clone)]
+pub struct RestPoints {
+    positions: Vec<Point3<f64>>,
+    min: Point3<f64>,
+    cell: f64,
+    dims: [usize; 3],
+    starts: Vec<u32>,
+    order: Vec<u32>,
+}
+
+/// One non-empty cell of the grid: the points in a cube.
+#[derive(Debug, Clone, Copy)]
+pub struct Cell<'a> {
+    /// Centre of the cube.
+    pub center: Point3<f64>,
+    /// Half the length of its diagonal: no point of the cell is farther from `center`.
+    pub radius: f64,
+    /// Indices of the points in it, increasing.
+    pub points: &'a [u32],
+}
+
+impl RestPoints {
+    /// Takes the positions and builds the grid, in O(N).
+    ///
+    /// # Errors
+    /// A coordinate that is not finite, or more than `u32::MAX - 1` points.
+    pub fn new(positions: Vec<Point3<f64>>) -> Result<Self, CoreError> {
+        let n = positions.len();
+        if n >= u32::MAX as usize {
+            return Err(CoreError::TooMany {
+                what: "rest points",
+                got: n,
+                max: u32::MAX as usize - 1,
+            });
+        }
+        for (index, p) in positions.iter().enumerate() {
+            if let Some(&value) = p.iter().find(|c| !c.is_finite()) {
+                return Err(CoreError::NotFinite {
+                    what: "rest points",
+                    index,
+                    value,
+                });
+            }
+        }
+        let (mut min, mut max) = (Point3::origin(), Point3::origin());
+        if let Some(first) = positions.first() {
+            (min, max) = (*first, *first);
+            for p in &positions {
+                min = min.inf(p);
+                max = max.sup(p);
+            }
+        }
+        let (cell, dims) = Self::layout(&(max - min), n);
+        let mut grid = Self {
+            positions,
+            min,
+            cell,
+            dims,
+            starts: Vec::new(),
+            order: Vec::new(),
+        };
+        grid.fill();
+        Ok(grid)
+    }
+
+    /// Edge and number of cells: about `POINTS_PER_CELL` points each, at most n/2 + 1 cells.
+    fn layout(extent: &Vector3<f64>, n: usize) -> (f64, [usize; 3]) {
+        let longest = extent.max();
+        if n == 0 || longest <= 0.0 || !longest.is_finite() {
+            return (1.0, [1; 3]);
+        }
+        // Flat and thin clouds count the dimensions in which they extend.
+        let broad: Vec<f64> = extent
+            .iter()
+            .copied()
+            .filter(|e| *e > 1e-6 * longest)
+            .collect();
+        let volume: f64 = broad.iter().map(|e| e / longest).product();
+        let per_dimension = 1.0 / broad.len() as f64;
+        let mut cell = longest * (volume * POINTS_PER_CELL / n as f64).powf(per_dimension);
+        loop {
+            let dims = [0, 1, 2].map(|k| ((extent[k] / cell) as usize).saturating_add(1));
+            let cells = dims.iter().try_fold(1usize, |a, d| a.checked_mul(*d));
+            if cells.is_some_and(|c| c <= n / 2 + 1) {
+                return (cell, dims);
+            }
+            cell *= 1.26;
+        }
+    }
+
+    fn fill(&mut self) {
+        let cells = self.dims.iter().product::<usize>();
+        let mut starts = vec![0u32; cells + 1];
+        let ids: Vec<u32> = self
+            .positions
+            .iter()
+            .map(|p| self.cell_of(p) as u32)
+            .collect();
+        for &c in &ids {
+            starts[c as usize + 1] += 1;
+        }
+        for c in 0..cells {
+            starts[c + 1] += starts[c];
+        }
+        let mut next = starts.clone();
+        let mut order = vec![0u32; ids.len()];
+        for (i, &c) in ids.iter().enumerate() {
+            order[next[c as usize] as usize] = i as u32;
+            next[c as usize] += 1;
+        }
+        self.starts = starts;
+        self.order = order;
+    }
+
+    fn coordinate(&self, k: usize, value: f64) -> usize {
+        // A negative or NaN quotient casts to 0, a large one is clamped.
+        (((value - self.min[k]) / self.cell) as usize).min(self.dims[k] - 1)
+    }
+
+    fn cell_of(&self, p: &Point3<f64>) -> usize {
+        let [_, ny, nz] = self.dims;
+        let c = [0, 1, 2].map(|k| self.coordinate(k, p[k]));
+        (c[0] * ny + c[1]) * nz + c[2]
+    }
+
+    /// Number of points `N`.
+    pub fn len(&self) -> usize {
+        self.positions.len()
+    }
+
+    /// True without points.
+    pub fn is_empty(&self) -> bool {
+        self.positions.is_empty()
+    }
+
+    /// Rest positions [m].
+    pub fn positions(&self) -> &[Point3<f64>] {
+        &self.positions
+    }
+
+    /// Smallest and largest corner of the points' axis-aligned box; the origin without points.
+    pub fn bounds(&self) -> (Point3<f64>, Point3<f64>) {
+        self.positions
+            .iter()
+            .fold(None, |b: Option<(Point3<f64>, Point3<f64>)>, p| {
+                Some(b.map_or((*p, *p), |(lo, hi)| (lo.inf(p), hi.sup(p))))
+            })
+            .unwrap_or((Point3::origin(), Point3::origin()))
+    }
+
+    /// Visits the non-empty cells that overlap the box `[lo, hi]`, in a fixed order; cost follows
+    /// the number of cells in the box.
+    pub fn for_cells_in<'a>(
+        &'a self,
+        lo: &Point3<f64>,
+        hi: &Point3<f64>,
+        mut visit: impl FnMut(Cell<'a>),
+    ) {
+        let size = Vector3::new(
+            self.dims[0] as f64,
+            self.dims[1] as f64,
+            self.dims[2] as f64,
+        );
+        let max = self.min + size * self.cell;
+        if self.is_empty() || (0..3).any(|k| hi[k] < self.min[k] || lo[k] > max[k]) {
+            return;
+        }
+        let from = [0, 1, 2].map(|k| self.coordinate(k, lo[k]));
+        let to = [0, 1, 2].map(|k| self.coordinate(k, hi[k]));
+        let [_, ny, nz] = self.dims;
+        for x in from[0]..=to[0] {
+            for y in from[1]..=to[1] {
+                for z in from[2]..=to[2] {
+                    let c = (x * ny + y) * nz + z;
+                    let points = &self.order[self.starts[c] as usize..self.starts[c + 1] as usize];
+                    if points.is_empty() {
+                        continue;
+                    }
+                    let corner = Vector3::new(x as f64, y as f64, z as f64);
+                    visit(Cell {
+                        center: self.min + corner.add_scalar(0.5) * self.cell,
+                        radius: 0.5 * 3f64.sqrt() * self.cell * (1.0 + 1e-9),
+                        points,
+                    });
+                }
+            }
+        }
+    }
+}

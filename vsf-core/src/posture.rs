@@ -1,0 +1,181 @@
+use crate::CoreError;
+use nalgebra::{Isometry3, Point3, Vector3};
+use std::sync::Arc;
+
+/// For every link, the moving joints between the base and that link, in order.
+///
+/// A force on a link loads exactly these joints.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct LinkChains {
+    joints: usize,
+    chains: Vec<Vec<u32>>,
+}
+
+impl LinkChains {
+    /// `chains[l]` lists the joints that move link `l`; `joints` is their number in total.
+    ///
+    /// # Errors
+    /// A joint index out of range.
+    pub fn new(joints: usize, chains: Vec<Vec<u32>>) -> Result<Self, CoreError> {
+        for &j in chains.iter().flatten() {
+            if j as usize >= joints {
+                return Err(CoreError::OutOfRange {
+                    what: "joint",
+                    index: j as usize,
+                    len: joints,
+                });
+            }
+        }
+        Ok(Self { joints, chains })
+    }
+
+    /// Number of moving joints, `d`.
+    pub fn joint_count(&self) -> usize {
+        self.joints
+    }
+
+    /// Number of links.
+    pub fn link_count(&self) -> usize {
+        self.chains.len()
+    }
+
+    /// Joints that move `link`.
+    ///
+    /// # Panics
+    /// If `link` is out of range.
+    pub fn chain(&self, link: usize) -> &[u32] {
+        &self.chains[link]
+    }
+}
+
+/// The axis of a joint as a screw in world coordinates: unit joint velocity gives a point `p`
+/// the velocity `angular x p + linear`.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct JointScrew {
+    /// Axis of a rotating joint [1], zero for a sliding one.
+    pub angular: Vector3<f64>,
+    /// `origin x axis` of a rotating joint [m], the axis [1] of a sliding one.
+    pub linear: Vector3<f64>,
+}
+
+impl JointScrew {
+    /// A joint that turns about the unit vector `axis_W` through `origin_W`.
+    #[allow(non_snake_case)]
+    pub fn revolute(axis_W: Vector3<f64>, origin_W: Point3<f64>) -> Self {
+        Self {
+            angular: axis_W,
+            linear: origin_W.coords.cross(&axis_W),
+        }
+    }
+
+    /// A joint that slides along the unit vector `axis_W`.
+    #[allow(non_snake_case)]
+    pub fn prismatic(axis_W: Vector3<f64>) -> Self {
+        Self {
+            angular: Vector3::zeros(),
+            linear: axis_W,
+        }
+    }
+}
+
+/// Where every link and joint axis of a robot is, for one vector of joint positions.
+///
+/// Written by a robot model (`vsf-robots`), read by contact models and sensors. Reused from step
+/// to step without allocating.
+#[derive(Debug, Clone)]
+pub struct Posture {
+    q: Vec<f64>,
+    poses: Vec<Isometry3<f64>>,
+    screws: Vec<JointScrew>,
+    chains: Arc<LinkChains>,
+}
+
+impl Posture {
+    /// A posture with all links at the world origin, to be written by a robot model.
+    pub fn new(chains: Arc<LinkChains>) -> Self {
+        let still = JointScrew::prismatic(Vector3::zeros());
+        Self {
+            q: vec![0.0; chains.joint_count()],
+            poses: vec![Isometry3::identity(); chains.link_count()],
+            screws: vec![still; chains.joint_count()],
+            chains,
+        }
+    }
+
+    /// Joint positions, `d` of them [rad or m].
+    pub fn q(&self) -> &[f64] {
+        &self.q
+    }
+
+    /// Poses of the links in world, `X_WL`.
+    pub fn link_poses(&self) -> &[Isometry3<f64>] {
+        &self.poses
+    }
+
+    /// Joint axes in world.
+    pub fn screws(&self) -> &[JointScrew] {
+        &self.screws
+    }
+
+    /// Which joints move which link.
+    pub fn chains(&self) -> &Arc<LinkChains> {
+        &self.chains
+    }
+
+    /// Joint positions, link poses and joint axes, for a robot model to write.
+    pub fn parts_mut(&mut self) -> (&mut [f64], &mut [Isometry3<f64>], &mut [JointScrew]) {
+        (&mut self.q, &mut self.poses, &mut self.screws)
+    }
+
+    /// Joint torques `J(q, p)^T f` of a force `f_W` [N] on `link` at the world point `p_W`, written
+    /// to `out` (length `d`; zero for joints that do not move the link). The Jacobian is never
+    /// formed: joint j gets `angular_j . (p x f) + linear_j . f`.
+    ///
+    /// # Panics
+    /// If `link` is out of range or `out` is shorter than `d`.
+    #[allow(non_snake_case)]
+    #[inline]
+    pub fn joint_torques(
+        &self,
+        link: usize,
+        p_W: &Point3<f64>,
+        f_W: &Vector3<f64>,
+        out: &mut [f64],
+    ) {
+        out[..self.screws.len()].fill(0.0);
+        let moment = p_W.coords.cross(f_W);
+        for &j in self.chains.chain(link) {
+            let s = &self.screws[j as usize];
+            out[j as usize] = s.angular.dot(&moment) + s.linear.dot(f_W);
+        }
+    }
+
+    /// Checks that poses and axes are finite.
+    ///
+    /// # Errors
+    /// [`CoreError::NotFinite`] names the joint or link.
+    pub fn check_finite(&self) -> Result<(), CoreError> {
+        CoreError::check_finite("joint position", &self.q)?;
+        for (index, x) in self.poses.iter().enumerate() {
+            let sum = x.translation.vector.sum() + x.rotation.coords.sum();
+            if !sum.is_finite() {
+                return Err(CoreError::NotFinite {
+                    what: "pose of link",
+                    index,
+                    value: sum,
+                });
+            }
+        }
+        for (index, s) in self.screws.iter().enumerate() {
+            let sum = s.angular.sum() + s.linear.sum();
+            if !sum.is_finite() {
+                return Err(CoreError::NotFinite {
+                    what: "axis of joint",
+                    index,
+                    value: sum,
+                });
+            }
+        }
+        Ok(())
+    }
+}

@@ -1,0 +1,1 @@
+//! Touch recordings and stiffness fields on disk

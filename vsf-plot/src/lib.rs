@@ -1,0 +1,1 @@
+//! Pictures of stiffness fields and torque predictions

@@ -1,0 +1,1 @@
+//! Robots from URDF: kinematics, inverse dynamics, joint-torque sensing

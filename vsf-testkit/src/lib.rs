@@ -1,0 +1,1 @@
+//! Known-answer worlds and conformance suites for tests

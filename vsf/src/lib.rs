@@ -1,0 +1,1 @@
+//! Volumetric stiffness fields from joint angles and joint torques
