@@ -30,7 +30,6 @@ impl Contacts {
     ///
     /// # Errors
     /// An index that is not larger than the previous one, or a displacement that is not finite.
-    #[allow(non_snake_case)]
     pub fn push(
         &mut self,
         point: u32,
@@ -38,13 +37,13 @@ impl Contacts {
         u_W: Vector3<f64>,
         n_W: Vector3<f64>,
     ) -> Result<(), CoreError> {
-        if let Some(&previous) = self.points.last() {
-            if point <= previous {
-                return Err(CoreError::Unordered {
-                    previous: previous as usize,
-                    index: point as usize,
-                });
-            }
+        if let Some(&previous) = self.points.last()
+            && point <= previous
+        {
+            return Err(CoreError::Unordered {
+                previous: previous as usize,
+                index: point as usize,
+            });
         }
         if !(u_W.norm_squared() + n_W.norm_squared()).is_finite() {
             return Err(CoreError::NotFinite {

@@ -70,7 +70,7 @@ pub trait Estimator: Send {
         out: &mut Prediction,
     ) -> Result<(), CoreError> {
         let belief = self.belief();
-        check_fit(belief.len(), obs)?;
+        obs.check_fits(belief.len())?;
         out.mean.resize(obs.dim(), 0.0);
         out.sd.resize(obs.dim(), 0.0);
         for i in 0..obs.dim() {
@@ -84,18 +84,6 @@ pub trait Estimator: Send {
             out.sd[i] = (variance + obs.noise().sd(i).powi(2)).sqrt();
         }
         Ok(())
-    }
-}
-
-/// Checks that the observation's points lie within a field of `len` points.
-pub(crate) fn check_fit<T: Scalar>(len: usize, obs: &Observation<T>) -> Result<(), CoreError> {
-    match obs.points().last() {
-        Some(&p) if p as usize >= len => Err(CoreError::OutOfRange {
-            what: "observed point",
-            index: p as usize,
-            len,
-        }),
-        _ => Ok(()),
     }
 }
 

@@ -186,7 +186,6 @@ pub struct Collider {
     /// Index of the link.
     pub link: usize,
     /// Pose of the shape in the link frame.
-    #[allow(non_snake_case)]
     pub X_LS: Isometry3<f64>,
     /// The shape.
     pub shape: Shape,

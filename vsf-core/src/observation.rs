@@ -145,14 +145,14 @@ impl<T: Scalar> Observation<T> {
                 });
             }
         }
-        if let Some(&last) = points.last() {
-            if last as usize >= field_len {
-                return Err(CoreError::OutOfRange {
-                    what: "observed point",
-                    index: last as usize,
-                    len: field_len,
-                });
-            }
+        if let Some(&last) = points.last()
+            && last as usize >= field_len
+        {
+            return Err(CoreError::OutOfRange {
+                what: "observed point",
+                index: last as usize,
+                len: field_len,
+            });
         }
         let n = points.len();
         self.points.clear();
@@ -248,6 +248,21 @@ impl<T: Scalar> Observation<T> {
                 .zip(&self.points)
                 .map(|(&w, &p)| w * x[p as usize])
                 .sum();
+        }
+    }
+
+    /// Checks that the touched points lie within a field of `len` points.
+    ///
+    /// # Errors
+    /// [`CoreError::OutOfRange`] names the point beyond the field.
+    pub fn check_fits(&self, len: usize) -> Result<(), CoreError> {
+        match self.points.last() {
+            Some(&p) if p as usize >= len => Err(CoreError::OutOfRange {
+                what: "observed point",
+                index: p as usize,
+                len,
+            }),
+            _ => Ok(()),
         }
     }
 

@@ -60,7 +60,6 @@ pub struct JointScrew {
 
 impl JointScrew {
     /// A joint that turns about the unit vector `axis_W` through `origin_W`.
-    #[allow(non_snake_case)]
     pub fn revolute(axis_W: Vector3<f64>, origin_W: Point3<f64>) -> Self {
         Self {
             angular: axis_W,
@@ -69,7 +68,6 @@ impl JointScrew {
     }
 
     /// A joint that slides along the unit vector `axis_W`.
-    #[allow(non_snake_case)]
     pub fn prismatic(axis_W: Vector3<f64>) -> Self {
         Self {
             angular: Vector3::zeros(),
@@ -133,7 +131,6 @@ impl Posture {
     ///
     /// # Panics
     /// If `link` is out of range or `out` is shorter than `d`.
-    #[allow(non_snake_case)]
     #[inline]
     pub fn joint_torques(
         &self,
