@@ -84,13 +84,31 @@ impl Noise {
 /// Only touched points are stored. The matrix lies row by row (`d` rows of `len` entries), so that
 /// estimators stream over the points. Valid by construction: point indices strictly increasing
 /// and below the size of the field, every number finite.
-#[derive(Debug, Clone, PartialEq)]
+#[derive(Debug, PartialEq)]
 pub struct Observation<T: Scalar> {
     points: Vec<u32>,
     rows: Vec<T>,
     reading: Vec<T>,
     noise: Noise,
     column: Vec<f64>,
+}
+
+impl<T: Scalar> Clone for Observation<T> {
+    fn clone(&self) -> Self {
+        let mut copy = Self::new(self.noise.clone());
+        copy.clone_from(self);
+        copy
+    }
+
+    /// Copies into the memory that is already there.
+    fn clone_from(&mut self, source: &Self) {
+        self.points.clone_from(&source.points);
+        self.rows.clone_from(&source.rows);
+        self.reading.clone_from(&source.reading);
+        self.noise.dim = source.noise.dim;
+        self.noise.covariance.clone_from(&source.noise.covariance);
+        self.column.clone_from(&source.column);
+    }
 }
 
 impl<T: Scalar> Observation<T> {

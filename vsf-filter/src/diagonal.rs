@@ -1,0 +1,259 @@
+use crate::kernel;
+use crate::replay::{ReplayVariance, Revisit};
+use vsf_core::{Belief, CoreError, Estimator, Observation, Scalar, SymmetricFactor, UpdateReport};
+
+/// How [`DiagonalKalman`] corrects the means. The variances follow eq. 7 in all forms,
+/// `1/v' = 1/v + w^T R^-1 w`.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub enum DiagonalForm {
+    /// The Kalman gain of independent points, `v W^T (W v W^T + R)^-1`: the exact posterior mean
+    /// of one observation. It spreads the residual over the points and cannot overshoot.
+    #[default]
+    Innovation,
+    /// The same with the variances after the update in the gain, a more careful step
+    /// (OpenVSF's form).
+    InnovationUpdated,
+    /// Eq. 7 as printed, gain `v' W^T R^-1`: every point is corrected by the whole residual.
+    /// It diverges when an eigenvalue of `W v' W^T R^-1` exceeds 2: stable for the paper's prior
+    /// (sd 0.1 N/m, sigma_tau 1 N m), not in general.
+    Printed,
+}
+
+/// Projected diagonal Kalman filter: one independent Gaussian per point (eq. 6-7).
+///
+/// An update costs `O(d² n)` time for `n` touched points and `d` channels, whatever the size of
+/// the field, and allocates nothing after its first use at a given size.
+///
+/// Points that were touched together are in truth correlated afterwards; this filter does not
+/// know it. Use [`crate::MemoryReplay`] to make up for it, as the paper does.
+#[derive(Debug, Clone)]
+pub struct DiagonalKalman<T: Scalar> {
+    belief: Belief<T>,
+    form: DiagonalForm,
+    whitened: Vec<f64>,
+    scratch: Scratch<T>,
+}
+
+/// Buffers of one correction; means and variances are those of the touched points, in order.
+#[derive(Debug, Clone, Default)]
+struct Scratch<T> {
+    mean: Vec<T>,
+    variance: Vec<T>,
+    gain_variance: Vec<T>,
+    predicted: Vec<f64>,
+    covariance: Vec<f64>,
+    residual: Vec<f64>,
+    gain: Vec<f64>,
+    whitener: Vec<f64>,
+    factor: SymmetricFactor,
+}
+
+impl<T: Scalar> DiagonalKalman<T> {
+    /// A filter that starts from `prior`, in the default form.
+    pub fn new(prior: Belief<T>) -> Self {
+        Self::with_form(prior, DiagonalForm::default())
+    }
+
+    /// A filter in a given form.
+    pub fn with_form(prior: Belief<T>, form: DiagonalForm) -> Self {
+        Self {
+            belief: prior,
+            form,
+            whitened: Vec::new(),
+            scratch: Scratch::default(),
+        }
+    }
+
+    /// The form of the update.
+    pub fn form(&self) -> DiagonalForm {
+        self.form
+    }
+}
+
+impl<T: Scalar> Scratch<T> {
+    /// Predicts the reading from means and variances per contact and factors
+    /// `S = W diag(variance) W^T + R`.
+    fn innovate(&mut self, obs: &Observation<T>, updated: bool) -> Result<(), CoreError> {
+        let d = obs.dim();
+        self.predicted.resize(d, 0.0);
+        self.covariance.resize(d * d, 0.0);
+        let variance = if updated {
+            &self.variance
+        } else {
+            &self.gain_variance
+        };
+        kernel::predict(
+            obs,
+            &self.mean,
+            variance,
+            &mut self.predicted,
+            &mut self.covariance,
+        );
+        for (s, r) in self.covariance.iter_mut().zip(obs.noise().covariance()) {
+            *s += r;
+        }
+        self.factor
+            .factor("innovation covariance", d, &self.covariance)
+    }
+
+    fn shrink(&mut self, obs: &Observation<T>) -> Result<(), CoreError> {
+        let d = obs.dim();
+        self.factor
+            .factor("noise covariance", d, obs.noise().covariance())?;
+        self.whitener.resize(d * d, 0.0);
+        self.gain.resize(d, 0.0);
+        for j in 0..d {
+            self.gain.fill(0.0);
+            self.gain[j] = 1.0;
+            self.factor.solve_lower(&mut self.gain);
+            for i in 0..d {
+                self.whitener[i * d + j] = self.gain[i];
+            }
+        }
+        kernel::shrink(obs, &self.whitener, &mut self.variance);
+        if self.variance.iter().all(|v| *v > T::ZERO && v.is_finite()) {
+            Ok(())
+        } else {
+            Err(CoreError::Overflow {
+                what: "variance of a point",
+            })
+        }
+    }
+
+    /// New means and variances of the touched points, before projection, from the old ones.
+    fn correct(
+        &mut self,
+        obs: &Observation<T>,
+        form: DiagonalForm,
+        mode: ReplayVariance,
+        whitened: &mut Vec<f64>,
+    ) -> Result<(), CoreError> {
+        self.gain_variance.clone_from(&self.variance);
+        self.innovate(obs, false)?;
+        self.residual.clear();
+        self.residual.extend(
+            obs.reading()
+                .iter()
+                .zip(&self.predicted)
+                .map(|(t, p)| t.to_f64() - p),
+        );
+        CoreError::check_finite("residual", &self.residual)?;
+        whitened.clone_from(&self.residual);
+        self.factor.solve_lower(whitened);
+
+        if form == DiagonalForm::Innovation {
+            self.gain.clone_from(&self.residual);
+            self.factor.solve(&mut self.gain);
+            kernel::shift(obs, &self.gain, &self.gain_variance, &mut self.mean);
+        }
+        if mode == ReplayVariance::Shrink {
+            self.shrink(obs)?;
+        }
+        if form != DiagonalForm::Innovation {
+            match form {
+                DiagonalForm::Printed => {
+                    self.factor
+                        .factor("noise covariance", obs.dim(), obs.noise().covariance())?;
+                }
+                _ => self.innovate(obs, true)?,
+            }
+            self.gain.clone_from(&self.residual);
+            self.factor.solve(&mut self.gain);
+            kernel::shift(obs, &self.gain, &self.variance, &mut self.mean);
+        }
+        if self.mean.iter().all(|m| m.is_finite()) {
+            Ok(())
+        } else {
+            Err(CoreError::Overflow {
+                what: "mean stiffness of a point",
+            })
+        }
+    }
+}
+
+impl<T: Scalar> Revisit for DiagonalKalman<T> {
+    fn correct(
+        &mut self,
+        obs: &Observation<T>,
+        mode: ReplayVariance,
+    ) -> Result<UpdateReport, CoreError> {
+        obs.check_fits(self.belief.len())?;
+        let scratch = &mut self.scratch;
+        kernel::gather(obs.points(), self.belief.mean(), &mut scratch.mean);
+        kernel::gather(obs.points(), self.belief.variance(), &mut scratch.variance);
+        scratch.correct(obs, self.form, mode, &mut self.whitened)?;
+
+        let (mean, variance) = self.belief.parts_mut();
+        for (k, &p) in obs.points().iter().enumerate() {
+            mean[p as usize] = scratch.mean[k];
+            variance[p as usize] = scratch.variance[k];
+        }
+        Ok(UpdateReport {
+            contacts: obs.len(),
+            dof: obs.dim(),
+            nis: self.whitened.iter().map(|x| x * x).sum(),
+            prefit: norm(&scratch.residual),
+            ..UpdateReport::default()
+        })
+    }
+
+    fn project(&mut self, points: &[u32]) -> usize {
+        let mean = self.belief.parts_mut().0;
+        let mut moved = 0;
+        for &p in points {
+            let m = &mut mean[p as usize];
+            if *m < T::ZERO {
+                *m = T::ZERO;
+                moved += 1;
+            }
+        }
+        moved
+    }
+
+    fn restore(&mut self, point: u32, mean: T, variance: T) {
+        let (m, v) = self.belief.parts_mut();
+        m[point as usize] = mean;
+        v[point as usize] = variance;
+    }
+}
+
+impl<T: Scalar> Estimator for DiagonalKalman<T> {
+    type Scalar = T;
+
+    fn belief(&self) -> &Belief<T> {
+        &self.belief
+    }
+
+    fn reset(&mut self, prior: Belief<T>) -> Result<(), CoreError> {
+        self.belief = prior;
+        self.whitened.clear();
+        Ok(())
+    }
+
+    fn update(&mut self, obs: &Observation<T>) -> Result<UpdateReport, CoreError> {
+        let mut report = self.correct(obs, ReplayVariance::Shrink)?;
+        report.projected = self.project(obs.points());
+        report.postfit = postfit(self.belief.mean(), obs);
+        Ok(report)
+    }
+
+    fn whitened_residual(&self) -> &[f64] {
+        &self.whitened
+    }
+}
+
+/// Norm of the residual of `obs` for a field of means.
+pub(crate) fn postfit<T: Scalar>(mean: &[T], obs: &Observation<T>) -> f64 {
+    (0..obs.dim())
+        .map(|i| {
+            let row = obs.row(i).iter().zip(obs.points());
+            let fit: T = row.map(|(&w, &p)| w * mean[p as usize]).sum();
+            (obs.reading()[i].to_f64() - fit.to_f64()).powi(2)
+        })
+        .sum::<f64>()
+        .sqrt()
+}
+
+fn norm(x: &[f64]) -> f64 {
+    x.iter().map(|v| v * v).sum::<f64>().sqrt()
+}

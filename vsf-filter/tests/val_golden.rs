@@ -1,0 +1,136 @@
+//! The diagonal filter against numbers made by other software (see `golden/README.md`).
+
+use ndarray::{Array1, Array2, Array3};
+use ndarray_npy::{NpzReader, ReadableElement};
+use std::fs::File;
+use vsf_core::{Belief, Estimator, Noise, Observation};
+use vsf_filter::{DiagonalForm, DiagonalKalman, MemoryReplay, ReplayConfig};
+
+fn archive(name: &str) -> NpzReader<File> {
+    let path = format!("{}/tests/golden/{name}", env!("CARGO_MANIFEST_DIR"));
+    NpzReader::new(File::open(path).unwrap()).unwrap()
+}
+
+fn matrix<T: ReadableElement>(name: &str, key: &str) -> Array2<T> {
+    archive(name).by_name(key).unwrap()
+}
+
+struct Problem {
+    observations: Vec<Observation<f64>>,
+    prior: Belief<f64>,
+    x_true: Array1<f64>,
+}
+
+fn problem() -> Problem {
+    let mut file = archive("ekf_problem.npz");
+    let w: Array3<f64> = file.by_name("W").unwrap();
+    let mask: Array2<bool> = file.by_name("mask").unwrap();
+    let z: Array2<f64> = file.by_name("z").unwrap();
+    let x_true: Array1<f64> = file.by_name("x_true").unwrap();
+    let n = x_true.len();
+    let observations = (0..w.dim().0)
+        .map(|t| {
+            let points: Vec<u32> = (0..n as u32).filter(|&i| mask[[t, i as usize]]).collect();
+            let mut obs = Observation::new(Noise::uniform(7, 1.0).unwrap());
+            let reading: Vec<f64> = z.row(t).to_vec();
+            obs.rebuild(n, &points, &reading, |k, column| {
+                for (i, c) in column.iter_mut().enumerate() {
+                    *c = w[[t, i, points[k] as usize]];
+                }
+            })
+            .unwrap();
+            obs
+        })
+        .collect();
+    Problem {
+        observations,
+        prior: Belief::uniform(n, 0.0, 0.1).unwrap(),
+        x_true,
+    }
+}
+
+fn compare(filter: &mut dyn FnMut(usize) -> Belief<f64>, key: &str) {
+    let mean: Array2<f64> = matrix("ekf_diag.npz", &format!("mu_{key}"));
+    let variance: Array2<f64> = matrix("ekf_diag.npz", &format!("var_{key}"));
+    for t in 0..mean.dim().0 {
+        let belief = filter(t);
+        for i in 0..belief.len() {
+            let (dm, dv) = (
+                belief.mean()[i] - mean[[t, i]],
+                belief.variance()[i] - variance[[t, i]],
+            );
+            assert!(
+                dm.abs() < 1e-12,
+                "{key} step {t} point {i}: mean off by {dm:e}"
+            );
+            assert!(
+                dv.abs() < 1e-12,
+                "{key} step {t} point {i}: variance off by {dv:e}"
+            );
+        }
+    }
+}
+
+#[test]
+fn single_updates() {
+    let p = problem();
+    for (form, key) in [
+        (DiagonalForm::Printed, "information"),
+        (DiagonalForm::InnovationUpdated, "kalman"),
+    ] {
+        let mut filter = DiagonalKalman::with_form(p.prior.clone(), form);
+        compare(
+            &mut |t| {
+                filter.update(&p.observations[t]).unwrap();
+                filter.belief().clone()
+            },
+            key,
+        );
+    }
+}
+
+#[test]
+fn replay_with_given_draws() {
+    let p = problem();
+    for (form, key, draws) in [
+        (
+            DiagonalForm::Printed,
+            "information_replay10",
+            "replay_idx_information",
+        ),
+        (
+            DiagonalForm::InnovationUpdated,
+            "kalman_replay10",
+            "replay_idx",
+        ),
+    ] {
+        let draws: Array2<i64> = matrix("ekf_diag.npz", draws);
+        let inner = DiagonalKalman::with_form(p.prior.clone(), form);
+        let mut filter = MemoryReplay::new(inner, ReplayConfig::default()).unwrap();
+        compare(
+            &mut |t| {
+                let replays: Vec<usize> = draws.row(t).iter().map(|&j| j as usize).collect();
+                filter.update_with(&p.observations[t], &replays).unwrap();
+                filter.belief().clone()
+            },
+            key,
+        );
+    }
+}
+
+/// Mean distance to the true field: replay with the default form must beat the bare filter.
+#[test]
+fn replay_comes_closer_to_the_truth() {
+    let p = problem();
+    let error = |e: &mut dyn Estimator<Scalar = f64>| -> f64 {
+        p.observations.iter().for_each(|o| {
+            e.update(o).unwrap();
+        });
+        let pairs = e.belief().mean().iter().zip(&p.x_true);
+        pairs.map(|(a, b)| (a - b).powi(2)).sum::<f64>().sqrt()
+    };
+    let plain = error(&mut DiagonalKalman::new(p.prior.clone()));
+    let inner = DiagonalKalman::new(p.prior.clone());
+    let replayed = error(&mut MemoryReplay::new(inner, ReplayConfig::default()).unwrap());
+    assert!(replayed < plain, "replayed {replayed}, plain {plain}");
+}
