@@ -1,0 +1,184 @@
+//! A contact model, a sensor and an estimator defined outside the workspace run in a `Session`.
+
+use std::sync::Arc;
+use vsf_core::nalgebra::{Point3, Vector3};
+use vsf_core::{
+    Belief, ContactModel, Contacts, CoreError, Estimator, LinkChains, Noise, Observation, Posture,
+    Prediction, RestPoints, Sensor, Session, UpdateReport,
+};
+
+/// A wall at height q that presses every point above it down.
+struct Wall;
+
+impl ContactModel for Wall {
+    fn reset(&mut self) {}
+    fn step(
+        &mut self,
+        rest: &RestPoints,
+        posture: &Posture,
+        out: &mut Contacts,
+    ) -> Result<(), CoreError> {
+        posture.check_finite()?;
+        out.clear();
+        for (i, p) in rest.positions().iter().enumerate() {
+            let depth = p.z - posture.q()[0];
+            if depth > 0.0 {
+                out.push(i as u32, 0, -depth * Vector3::z(), -Vector3::z())?;
+            }
+        }
+        Ok(())
+    }
+}
+
+/// Measures the vertical force on the wall.
+struct Gauge;
+
+impl Sensor<f64> for Gauge {
+    fn dim(&self) -> usize {
+        1
+    }
+    fn blank(&self) -> Observation<f64> {
+        Observation::new(Noise::uniform(1, 0.1).unwrap())
+    }
+    fn observe(
+        &self,
+        rest: &RestPoints,
+        _: &Posture,
+        contacts: &Contacts,
+        reading: &[f64],
+        out: &mut Observation<f64>,
+    ) -> Result<(), CoreError> {
+        out.rebuild(rest.len(), contacts.points(), reading, |k, w| {
+            w[0] = -contacts.displacements()[k].z;
+        })
+    }
+}
+
+/// Nudges all touched points by the same amount.
+struct Nudge(Belief<f64>);
+
+impl Estimator for Nudge {
+    type Scalar = f64;
+    fn belief(&self) -> &Belief<f64> {
+        &self.0
+    }
+    fn reset(&mut self, prior: Belief<f64>) -> Result<(), CoreError> {
+        self.0 = prior;
+        Ok(())
+    }
+    fn update(&mut self, obs: &Observation<f64>) -> Result<UpdateReport, CoreError> {
+        obs.check_fits(self.0.len())?;
+        for &p in obs.points() {
+            self.0.parts_mut().0[p as usize] += 1.0;
+        }
+        Ok(UpdateReport {
+            contacts: obs.len(),
+            dof: 1,
+            ..Default::default()
+        })
+    }
+    fn whitened_residual(&self) -> &[f64] {
+        &[]
+    }
+}
+
+fn posture(q: f64) -> Posture {
+    let chains = LinkChains::new(1, vec![vec![0]]).unwrap();
+    let mut posture = Posture::new(Arc::new(chains));
+    posture.parts_mut().0[0] = q;
+    posture
+}
+
+type AnyEstimator = Box<dyn Estimator<Scalar = f64>>;
+
+fn session() -> Session<Box<dyn ContactModel>, Box<dyn Sensor<f64>>, AnyEstimator> {
+    let points = vec![Point3::new(0.0, 0.0, 1.0), Point3::new(0.0, 0.0, 2.0)];
+    let rest = Arc::new(RestPoints::new(points).unwrap());
+    let estimator: AnyEstimator = Box::new(Nudge(Belief::uniform(2, 0.0, 2.0).unwrap()));
+    let contact: Box<dyn ContactModel> = Box::new(Wall);
+    let sensor: Box<dyn Sensor<f64>> = Box::new(Gauge);
+    Session::new(rest, contact, sensor, estimator).unwrap()
+}
+
+#[test]
+fn a_step_runs_all_three_parts() {
+    let mut session = session();
+    assert_eq!(session.step(&posture(1.5), &[3.0]).unwrap().contacts, 1);
+    assert_eq!(session.step(&posture(0.5), &[3.0]).unwrap().contacts, 2);
+    assert_eq!(session.belief().mean(), [1.0, 2.0]);
+    assert_eq!(session.health().updates(), 2);
+}
+
+#[test]
+fn a_prediction_learns_nothing_and_carries_both_uncertainties() {
+    let mut session = session();
+    session.step(&posture(1.5), &[3.0]).unwrap();
+    let mut prediction = Prediction::default();
+    session.predict(&posture(0.5), &mut prediction).unwrap();
+    assert_eq!(prediction.mean, [1.5]);
+    let variance = 4.0 * (0.5f64.powi(2) + 1.5f64.powi(2)) + 0.01;
+    assert!((prediction.sd[0] - variance.sqrt()).abs() < 1e-12);
+    assert_eq!(session.belief().mean(), [0.0, 1.0]);
+}
+
+#[test]
+fn bad_readings_and_postures_leave_the_belief() {
+    let mut session = session();
+    session.step(&posture(1.5), &[3.0]).unwrap();
+    let before = session.belief().clone();
+    assert!(session.step(&posture(0.5), &[f64::NAN]).is_err());
+    assert!(session.step(&posture(0.5), &[1.0, 2.0]).is_err());
+    assert!(session.step(&posture(f64::INFINITY), &[1.0]).is_err());
+    assert_eq!(session.belief(), &before);
+}
+
+#[test]
+fn observations_are_checked_on_building() {
+    let mut obs = Observation::<f32>::new(Noise::uniform(1, 1.0).unwrap());
+    let one = |_: usize, w: &mut [f64]| w[0] = 1.0;
+    assert!(obs.rebuild(3, &[0, 2], &[1.0], one).is_ok());
+    for (points, reading) in [
+        (&[2u32, 0][..], &[1.0][..]),
+        (&[1, 1][..], &[1.0][..]),
+        (&[0, 3][..], &[1.0][..]),
+        (&[0][..], &[1.0, 2.0][..]),
+        (&[0][..], &[f64::NAN][..]),
+        (&[0][..], &[1e300][..]),
+    ] {
+        assert!(
+            obs.rebuild(3, points, reading, one).is_err(),
+            "{points:?} {reading:?}"
+        );
+        assert!(obs.is_empty());
+    }
+    assert!(
+        obs.rebuild(3, &[0], &[1.0], |_, w| w[0] = f64::INFINITY)
+            .is_err()
+    );
+    assert!(
+        obs.rebuild(3, &[0], &[1.0], |_, w| w[0] = 1e300).is_err(),
+        "beyond f32"
+    );
+}
+
+#[test]
+fn beliefs_and_noise_are_checked_on_building() {
+    assert!(Belief::<f64>::uniform(3, 0.0, 0.0).is_err());
+    assert!(Belief::<f64>::uniform(3, -1.0, 1.0).is_err());
+    assert!(
+        Belief::<f32>::uniform(3, 0.0, 1e-30).is_err(),
+        "variance underflows f32"
+    );
+    assert!(Belief::new(vec![0.0], vec![f64::NAN]).is_err());
+    assert!(Belief::new(vec![0.0], vec![1.0, 1.0]).is_err());
+    assert!(Noise::uniform(2, f64::NAN).is_err());
+    assert!(
+        Noise::full(2, vec![1.0, 0.5, 0.4, 1.0]).is_err(),
+        "asymmetric"
+    );
+    assert!(
+        Noise::full(2, vec![1.0, 2.0, 2.0, 1.0]).is_err(),
+        "indefinite"
+    );
+    assert!(Noise::full(2, vec![2.0, 1.0, 1.0, 2.0]).is_ok());
+}

@@ -1,0 +1,97 @@
+//! The broad-phase grid against brute force.
+
+use proptest::prelude::*;
+use vsf_core::RestPoints;
+use vsf_core::nalgebra::Point3;
+
+fn found(rest: &RestPoints, lo: Point3<f64>, hi: Point3<f64>) -> Vec<u32> {
+    let mut found = Vec::new();
+    rest.for_cells_in(&lo, &hi, |cell| {
+        for &p in cell.points {
+            let distance = (rest.positions()[p as usize] - cell.center).norm();
+            assert!(
+                distance <= cell.radius,
+                "point {p} lies outside its cell's ball"
+            );
+            found.push(p);
+        }
+    });
+    found.sort_unstable();
+    found
+}
+
+fn check(positions: Vec<Point3<f64>>, lo: Point3<f64>, hi: Point3<f64>) {
+    let rest = RestPoints::new(positions).unwrap();
+    let found = found(&rest, lo, hi);
+    assert!(
+        found.windows(2).all(|w| w[0] < w[1]),
+        "a point was visited twice"
+    );
+    for (i, p) in rest.positions().iter().enumerate() {
+        let inside = (0..3).all(|k| lo[k] <= p[k] && p[k] <= hi[k]);
+        assert!(
+            !inside || found.contains(&(i as u32)),
+            "point {i} in the box was missed"
+        );
+    }
+}
+
+proptest! {
+    #[test]
+    fn every_point_in_the_box_is_visited_once(
+        points in prop::collection::vec(prop::array::uniform3(-2.0..2.0f64), 0..300),
+        flat in prop::array::uniform3(prop::bool::ANY),
+        a in prop::array::uniform3(-3.0..3.0f64),
+        size in prop::array::uniform3(0.0..4.0f64),
+    ) {
+        let positions = points.iter().map(|p| {
+            Point3::from([0, 1, 2].map(|k| if flat[k] { 0.5 } else { p[k] }))
+        });
+        let lo = Point3::from(a);
+        check(positions.collect(), lo, lo + vsf_core::nalgebra::Vector3::from(size));
+    }
+}
+
+#[test]
+fn coincident_points_and_far_outliers() {
+    let mut positions = vec![Point3::new(0.1, 0.2, 0.3); 500];
+    check(
+        positions.clone(),
+        Point3::new(0.0, 0.0, 0.0),
+        Point3::new(1.0, 1.0, 1.0),
+    );
+    positions.push(Point3::new(1e9, -1e9, 1e9));
+    check(
+        positions,
+        Point3::new(0.0, 0.0, 0.0),
+        Point3::new(1.0, 1.0, 1.0),
+    );
+}
+
+#[test]
+fn a_small_box_in_a_large_lattice_visits_few_points() {
+    let n = 40;
+    let lattice = (0..n * n * n)
+        .map(|i| Point3::new((i / n / n) as f64, (i / n % n) as f64, (i % n) as f64) * 0.01);
+    let rest = RestPoints::new(lattice.collect()).unwrap();
+    let found = found(
+        &rest,
+        Point3::new(0.1, 0.1, 0.1),
+        Point3::new(0.12, 0.12, 0.12),
+    );
+    assert!(
+        found.len() < 400,
+        "{} of {} points visited",
+        found.len(),
+        rest.len()
+    );
+}
+
+#[test]
+fn positions_that_are_not_finite_are_refused() {
+    let error = RestPoints::new(vec![Point3::origin(), Point3::new(0.0, f64::NAN, 0.0)]);
+    assert_eq!(
+        error.unwrap_err().to_string(),
+        "rest points[1] is NaN; every value must be finite"
+    );
+}
