@@ -1,0 +1,55 @@
+use thiserror::Error;
+use vsf_core::CoreError;
+
+/// What can be wrong with the shapes that signed distances are made of.
+#[derive(Debug, Clone, PartialEq, Error)]
+#[non_exhaustive]
+pub enum ContactError {
+    /// A shape or an option is out of range.
+    #[error(transparent)]
+    Core(#[from] CoreError),
+    /// The shape of one collider cannot be used.
+    #[error("collider {collider} (on link {link}): {source}")]
+    Collider {
+        /// Position in the list of colliders.
+        collider: usize,
+        /// The link that it is fixed to.
+        link: usize,
+        /// What is wrong with it.
+        source: Box<ContactError>,
+    },
+    /// A shape of a kind that this version does not know.
+    #[error("signed distances of this kind of shape are not supported: {shape}")]
+    UnsupportedShape {
+        /// The shape.
+        shape: String,
+    },
+    /// A mesh has no extent: every face is degenerate.
+    #[error("the mesh has no area: all of its {faces} faces are degenerate; check its units")]
+    EmptyMesh {
+        /// Number of faces.
+        faces: usize,
+    },
+    /// A grid of the chosen resolution does not fit in memory.
+    #[error(
+        "a grid of spacing {resolution} m needs {nodes} nodes, more than the allowed {max}; \
+         choose a coarser resolution or raise `max_nodes`, or check the units of the mesh"
+    )]
+    GridTooLarge {
+        /// Spacing [m].
+        resolution: f64,
+        /// Nodes it would need.
+        nodes: u64,
+        /// [`GridOptions::max_nodes`](crate::GridOptions::max_nodes).
+        max: usize,
+    },
+}
+
+impl From<ContactError> for CoreError {
+    fn from(error: ContactError) -> Self {
+        match error {
+            ContactError::Core(core) => core,
+            other => Self::Other(other.to_string()),
+        }
+    }
+}

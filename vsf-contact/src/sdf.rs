@@ -1,0 +1,52 @@
+use nalgebra::{Point3, Vector3};
+use std::sync::Arc;
+
+/// Signed distance and outward normal of a body's surface, seen from a point.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct SdfSample {
+    /// Signed distance [m], negative inside.
+    pub distance: f64,
+    /// Outward unit normal: the gradient of the distance. Where the gradient does not exist (the
+    /// centre of a ball, an edge seen from inside) it is the normal of one of the nearest faces.
+    pub normal: Vector3<f64>,
+}
+
+/// A signed distance field: the shape of a body as contact sees it.
+///
+/// The distance is 1-Lipschitz: `|distance(p) - distance(q)| <= |p - q|`. The broad phase of
+/// contact relies on it to skip whole cells of points. A field that interpolates may exceed the
+/// bound by a slack, which it documents ([`GridSdf`](crate::GridSdf) does).
+///
+/// For a finite point every returned number is finite and the normal has unit length. A point
+/// with NaN or infinite coordinates is outside of the contract: the answer is unspecified, but no
+/// panic.
+pub trait Sdf: Send + Sync {
+    /// Signed distance and outward unit normal at a point in the body frame.
+    fn sample(&self, p_B: &Point3<f64>) -> SdfSample;
+
+    /// Signed distance [m] alone, where that is cheaper.
+    fn distance(&self, p_B: &Point3<f64>) -> f64 {
+        self.sample(p_B).distance
+    }
+
+    /// Lower and upper corner of an axis-aligned box in the body frame that holds the inside and
+    /// the surface.
+    fn bounds(&self) -> (Point3<f64>, Point3<f64>);
+}
+
+macro_rules! forward {
+    ($($pointer:ty),*) => {$(
+        impl<S: Sdf + ?Sized> Sdf for $pointer {
+            fn sample(&self, p_B: &Point3<f64>) -> SdfSample {
+                (**self).sample(p_B)
+            }
+            fn distance(&self, p_B: &Point3<f64>) -> f64 {
+                (**self).distance(p_B)
+            }
+            fn bounds(&self) -> (Point3<f64>, Point3<f64>) {
+                (**self).bounds()
+            }
+        }
+    )*};
+}
+forward!(Box<S>, Arc<S>, &S);
