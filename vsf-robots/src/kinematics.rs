@@ -1,0 +1,92 @@
+use crate::model::Motion;
+use crate::{RobotError, RobotModel};
+use nalgebra::{Point3, Translation3, UnitQuaternion, Vector3};
+use vsf_core::{CoreError, JointScrew, Posture};
+
+impl RobotModel {
+    /// A posture of this robot to be written by [`RobotModel::update_posture`].
+    pub fn posture(&self) -> Posture {
+        Posture::new(self.chains.clone())
+    }
+
+    /// Forward kinematics: writes the pose of every link and the axis of every joint for the joint
+    /// positions `q` (`d` values, rad or m; limits are not enforced). Never allocates; time
+    /// proportional to the number of links.
+    ///
+    /// # Errors
+    /// `q` of the wrong length or not finite, [`RobotError::ForeignPosture`], or poses beyond the
+    /// range of numbers. The posture is untouched in the first two cases.
+    pub fn update_posture(&self, q: &[f64], posture: &mut Posture) -> Result<(), RobotError> {
+        CoreError::check_len("joint positions", q.len(), self.joint_count())?;
+        CoreError::check_finite("joint positions", q)?;
+        if posture.chains() != &self.chains {
+            return Err(RobotError::ForeignPosture);
+        }
+        let (q_out, poses, screws) = posture.parts_mut();
+        q_out.copy_from_slice(q);
+        for (l, link) in self.links.iter().enumerate() {
+            let X_WP = link.parent.map_or(self.X_WB, |p| poses[p]);
+            let mut X = X_WP * link.X_PJ;
+            match &link.motion {
+                Motion::Fixed => {}
+                Motion::Revolute { joint, axis_J } => {
+                    let axis_W = X.rotation * axis_J.into_inner();
+                    screws[*joint] =
+                        JointScrew::revolute(axis_W, Point3::from(X.translation.vector));
+                    X.rotation *= UnitQuaternion::from_axis_angle(axis_J, q[*joint]);
+                }
+                Motion::Prismatic { joint, axis_J } => {
+                    let axis_W = X.rotation * axis_J.into_inner();
+                    screws[*joint] = JointScrew::prismatic(axis_W);
+                    X.append_translation_mut(&Translation3::from(axis_W * q[*joint]));
+                }
+            }
+            poses[l] = X;
+        }
+        Ok(posture.check_finite()?)
+    }
+}
+
+/// Jacobian of the point of `link` that is at `p_W` [m]: `columns[j]` is the velocity of that
+/// point per unit velocity of joint `j`, zero for joints that do not move the link.
+///
+/// For users and tests; the real-time path multiplies by `J^T` with
+/// [`vsf_core::Posture::joint_torques`] and forms no Jacobian.
+///
+/// ```
+/// use vsf_core::nalgebra::{Point3, Vector3};
+/// let robot = vsf_robots::planar_arm(2, 0.5, 0.05)?;
+/// let mut posture = robot.posture();
+/// robot.update_posture(&[0.0, 0.0], &mut posture)?;
+/// let mut columns = [Vector3::zeros(); 2];
+/// let tip = robot.link_index("tip")?;
+/// vsf_robots::jacobian(&posture, tip, &Point3::new(1.0, 0.0, 0.0), &mut columns)?;
+/// assert_eq!(columns, [Vector3::new(0.0, 0.0, 1.0), Vector3::new(0.0, 0.0, 0.5)]);
+/// # Ok::<(), vsf_robots::RobotError>(())
+/// ```
+///
+/// # Errors
+/// A link out of range, `columns` of another length than `d`.
+pub fn jacobian(
+    posture: &Posture,
+    link: usize,
+    p_W: &Point3<f64>,
+    columns: &mut [Vector3<f64>],
+) -> Result<(), RobotError> {
+    let chains = posture.chains();
+    CoreError::check_len("Jacobian columns", columns.len(), chains.joint_count())?;
+    if link >= chains.link_count() {
+        return Err(CoreError::OutOfRange {
+            what: "link",
+            index: link,
+            len: chains.link_count(),
+        }
+        .into());
+    }
+    columns.fill(Vector3::zeros());
+    for &j in chains.chain(link) {
+        let s = &posture.screws()[j as usize];
+        columns[j as usize] = s.angular.cross(&p_W.coords) + s.linear;
+    }
+    Ok(())
+}

@@ -1,0 +1,255 @@
+use crate::RobotError;
+use nalgebra::{Isometry3, Matrix3, Point3, Unit, Vector3};
+use std::sync::Arc;
+use vsf_core::{Collider, LinkChains};
+
+/// How a joint moves.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum JointKind {
+    /// Turns about its axis, within limits; position in rad, effort in N m.
+    Revolute,
+    /// Turns about its axis without position limits.
+    Continuous,
+    /// Slides along its axis; position in m, effort in N.
+    Prismatic,
+}
+
+/// Limits of a joint as the robot's maker states them. They inform; the model enforces none.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct JointLimits {
+    /// Lower position limit [rad or m]; minus infinity where none is stated.
+    pub lower: f64,
+    /// Upper position limit [rad or m]; infinity where none is stated.
+    pub upper: f64,
+    /// Largest torque or force [N m or N]; infinity where none is stated.
+    pub effort: f64,
+    /// Largest speed [rad/s or m/s]; infinity where none is stated.
+    pub velocity: f64,
+}
+
+impl JointLimits {
+    /// No limits.
+    pub const NONE: Self = Self {
+        lower: f64::NEG_INFINITY,
+        upper: f64::INFINITY,
+        effort: f64::INFINITY,
+        velocity: f64::INFINITY,
+    };
+}
+
+/// A moving joint.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Joint {
+    pub(crate) name: String,
+    pub(crate) kind: JointKind,
+    pub(crate) child: usize,
+    pub(crate) limits: JointLimits,
+}
+
+impl Joint {
+    /// Its name.
+    pub fn name(&self) -> &str {
+        &self.name
+    }
+
+    /// How it moves.
+    pub fn kind(&self) -> JointKind {
+        self.kind
+    }
+
+    /// Index of the link it moves.
+    pub fn child(&self) -> usize {
+        self.child
+    }
+
+    /// Its limits.
+    pub fn limits(&self) -> &JointLimits {
+        &self.limits
+    }
+}
+
+/// How a link moves in its parent; `joint` is the index of the joint.
+#[derive(Debug, Clone, PartialEq)]
+pub(crate) enum Motion {
+    Fixed,
+    Revolute {
+        joint: usize,
+        axis_J: Unit<Vector3<f64>>,
+    },
+    Prismatic {
+        joint: usize,
+        axis_J: Unit<Vector3<f64>>,
+    },
+}
+
+impl Motion {
+    pub fn joint(&self) -> Option<usize> {
+        match *self {
+            Self::Fixed => None,
+            Self::Revolute { joint, .. } | Self::Prismatic { joint, .. } => Some(joint),
+        }
+    }
+}
+
+/// A rigid body of the robot.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Link {
+    pub(crate) name: String,
+    pub(crate) parent: Option<usize>,
+    pub(crate) X_PJ: Isometry3<f64>,
+    pub(crate) motion: Motion,
+    pub(crate) mass: f64,
+    pub(crate) com_L: Point3<f64>,
+    /// About the centre of mass, in the axes of the link.
+    pub(crate) inertia_L: Matrix3<f64>,
+}
+
+impl Link {
+    /// Its name.
+    pub fn name(&self) -> &str {
+        &self.name
+    }
+
+    /// Index of the parent link, smaller than the link's own; `None` for the root.
+    pub fn parent(&self) -> Option<usize> {
+        self.parent
+    }
+
+    /// Mass [kg], 0 where the description gives none.
+    pub fn mass(&self) -> f64 {
+        self.mass
+    }
+
+    /// Centre of mass [m] in the link frame.
+    pub fn com_L(&self) -> &Point3<f64> {
+        &self.com_L
+    }
+}
+
+/// A robot: a tree of rigid links and joints with one coordinate each, placed in the world.
+///
+/// Immutable and `Sync`; the state lies in buffers of the caller. Links are in depth-first order,
+/// so that a parent precedes its children; see the crate documentation for the order of joints.
+#[derive(Debug, Clone, PartialEq)]
+pub struct RobotModel {
+    pub(crate) name: String,
+    pub(crate) links: Vec<Link>,
+    pub(crate) joints: Vec<Joint>,
+    pub(crate) colliders: Vec<Collider>,
+    pub(crate) chains: Arc<LinkChains>,
+    pub(crate) X_WB: Isometry3<f64>,
+}
+
+impl RobotModel {
+    /// Name of the robot.
+    pub fn name(&self) -> &str {
+        &self.name
+    }
+
+    /// Number of moving joints, `d`.
+    pub fn joint_count(&self) -> usize {
+        self.joints.len()
+    }
+
+    /// Moving joints, in the order of joint vectors. Fixed joints have no entry.
+    pub fn joints(&self) -> &[Joint] {
+        &self.joints
+    }
+
+    /// Number of links, those behind fixed joints included.
+    pub fn link_count(&self) -> usize {
+        self.links.len()
+    }
+
+    /// Links, depth-first from the root.
+    pub fn links(&self) -> &[Link] {
+        &self.links
+    }
+
+    /// Index of the link called `name`.
+    ///
+    /// # Errors
+    /// [`RobotError::UnknownLink`] lists the names there are.
+    pub fn link_index(&self, name: &str) -> Result<usize, RobotError> {
+        self.links
+            .iter()
+            .position(|l| l.name == name)
+            .ok_or_else(|| RobotError::UnknownLink {
+                name: name.to_owned(),
+                known: self.links.iter().map(|l| l.name.clone()).collect(),
+            })
+    }
+
+    /// Index of the moving joint called `name`.
+    ///
+    /// # Errors
+    /// [`RobotError::UnknownJoint`] lists the names there are.
+    pub fn joint_index(&self, name: &str) -> Result<usize, RobotError> {
+        self.joints
+            .iter()
+            .position(|j| j.name == name)
+            .ok_or_else(|| RobotError::UnknownJoint {
+                name: name.to_owned(),
+                known: self.joints.iter().map(|j| j.name.clone()).collect(),
+            })
+    }
+
+    /// Collision shapes, grouped by link in the order of links.
+    ///
+    /// A `<cylinder>` with a `<sphere>` of its radius at each end (to 1 um) is one
+    /// [`vsf_core::Shape::Capsule`].
+    pub fn colliders(&self) -> &[Collider] {
+        &self.colliders
+    }
+
+    /// Which joints move which link.
+    pub fn chains(&self) -> &Arc<LinkChains> {
+        &self.chains
+    }
+
+    /// Moving links without mass, in link order. Dynamics treat them as massless.
+    ///
+    /// A URDF that gives no `<inertial>` means mass 0, which is right for a tool frame and wrong for
+    /// a body: when this list holds a body, torques computed by the model lack its weight.
+    pub fn links_without_inertia(&self) -> impl Iterator<Item = &Link> {
+        self.links
+            .iter()
+            .enumerate()
+            .filter(|(l, link)| link.mass == 0.0 && !self.chains.chain(*l).is_empty())
+            .map(|(_, link)| link)
+    }
+
+    /// Pose of the root link in world, `X_WB`. Default: identity.
+    pub fn base_pose(&self) -> &Isometry3<f64> {
+        &self.X_WB
+    }
+
+    /// The same robot with its root link at `X_WB` in world.
+    ///
+    /// ```
+    /// use vsf_core::nalgebra::Isometry3;
+    /// let robot = vsf_robots::kinova_gen3()?.with_base_pose(Isometry3::translation(0.0, 0.0, 0.7))?;
+    /// let mut posture = robot.posture();
+    /// robot.update_posture(&[0.0; 7], &mut posture)?;
+    /// assert_eq!(posture.link_poses()[0].translation.z, 0.7);
+    /// # Ok::<(), vsf_robots::RobotError>(())
+    /// ```
+    ///
+    /// # Errors
+    /// [`RobotError::Pose`] when the pose is not finite.
+    pub fn with_base_pose(mut self, X_WB: Isometry3<f64>) -> Result<Self, RobotError> {
+        if !is_finite(&X_WB) {
+            return Err(RobotError::Pose {
+                what: "base pose",
+                name: self.name,
+            });
+        }
+        self.X_WB = X_WB;
+        Ok(self)
+    }
+}
+
+pub(crate) fn is_finite(X: &Isometry3<f64>) -> bool {
+    X.translation.vector.iter().all(|v| v.is_finite())
+        && X.rotation.coords.iter().all(|v| v.is_finite())
+}

@@ -1,0 +1,230 @@
+use crate::description::{Description, JointDescription, LinkDescription};
+use crate::{JointKind, JointLimits, RobotError, RobotModel, capsules, mesh, resource};
+use nalgebra::{Isometry3, Matrix3, UnitQuaternion, Vector3};
+use std::collections::BTreeMap;
+use std::path::{Path, PathBuf};
+use urdf_rs::{Geometry, JointType};
+use vsf_core::Shape;
+
+/// What to do with `<mesh>` collision shapes.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub enum Meshes {
+    /// Read the files. The default.
+    #[default]
+    Load,
+    /// Leave these shapes out, for kinematics and dynamics without the files.
+    Skip,
+}
+
+/// How to read a URDF.
+///
+/// ```
+/// use std::collections::BTreeMap;
+/// use vsf_robots::UrdfOptions;
+/// let options = UrdfOptions {
+///     packages: BTreeMap::from([("my_arm_description".into(), "/opt/my_arm_description".into())]),
+///     ..UrdfOptions::default()
+/// };
+/// # assert!(options.joint_order.is_none());
+/// ```
+#[derive(Debug, Clone, PartialEq, Eq, Default)]
+pub struct UrdfOptions {
+    /// Folder of each package that `package://` addresses name. Default: none.
+    pub packages: BTreeMap<String, PathBuf>,
+    /// Whether meshes of collision shapes are read. Default: [`Meshes::Load`].
+    pub meshes: Meshes,
+    /// Names of the moving joints in the order of joint vectors, each once. Default: chain order,
+    /// depth-first from the root, branches in the order of the file.
+    pub joint_order: Option<Vec<String>>,
+}
+
+impl RobotModel {
+    /// Reads a URDF file. Relative mesh paths start at the file's folder.
+    ///
+    /// Joint axes may have any length but zero. Where the file states no limit, or a limit of 0
+    /// for effort, velocity, or both ends of the range, the model has none. A `<capsule>` is as
+    /// long as its cylindrical part, `length`, plus a half ball at each end.
+    ///
+    /// # Errors
+    /// Every kind of [`RobotError`] but those about vectors, postures and workspaces: a file that
+    /// cannot be read, text that is not URDF, joints and links that do not form one tree,
+    /// unsupported joints, numbers out of range, meshes that are missing or broken. Messages name
+    /// the link, joint or file.
+    pub fn from_urdf_file(
+        path: impl AsRef<Path>,
+        options: &UrdfOptions,
+    ) -> Result<Self, RobotError> {
+        let path = path.as_ref();
+        let text = std::fs::read_to_string(path).map_err(|source| RobotError::Read {
+            path: path.to_owned(),
+            source,
+        })?;
+        let dir = path.parent().unwrap_or(Path::new(""));
+        read(&text, dir, options, &path.display().to_string())
+    }
+
+    /// Reads URDF text. Relative mesh paths start at `dir`. See [`RobotModel::from_urdf_file`].
+    ///
+    /// ```
+    /// use vsf_robots::{RobotModel, UrdfOptions};
+    /// let text = r#"<robot name="slide">
+    ///   <link name="rail"/><link name="cart"/>
+    ///   <joint name="x" type="prismatic">
+    ///     <parent link="rail"/><child link="cart"/><axis xyz="1 0 0"/>
+    ///   </joint>
+    /// </robot>"#;
+    /// let robot = RobotModel::from_urdf_str(text, ".", &UrdfOptions::default())?;
+    /// assert_eq!(robot.joints()[0].name(), "x");
+    /// # Ok::<(), vsf_robots::RobotError>(())
+    /// ```
+    ///
+    /// # Errors
+    /// As [`RobotModel::from_urdf_file`].
+    pub fn from_urdf_str(
+        text: &str,
+        dir: impl AsRef<Path>,
+        options: &UrdfOptions,
+    ) -> Result<Self, RobotError> {
+        read(text, dir.as_ref(), options, "URDF text")
+    }
+}
+
+fn read(
+    text: &str,
+    dir: &Path,
+    options: &UrdfOptions,
+    origin: &str,
+) -> Result<RobotModel, RobotError> {
+    let invalid = |reason: String| RobotError::Urdf {
+        origin: origin.to_owned(),
+        reason,
+    };
+    // The parser would skip macros and their links without a word.
+    if text.contains("<xacro:") {
+        return Err(invalid("it holds xacro macros; expand them first".into()));
+    }
+    let robot = urdf_rs::read_from_string(text).map_err(|e| invalid(e.to_string()))?;
+    let description = Description {
+        name: robot.name,
+        links: robot
+            .links
+            .iter()
+            .map(|l| link(l, dir, options))
+            .collect::<Result<_, _>>()?,
+        joints: robot
+            .joints
+            .into_iter()
+            .map(joint)
+            .collect::<Result<_, _>>()?,
+    };
+    RobotModel::assemble(description, options.joint_order.as_deref())
+}
+
+fn link(
+    link: &urdf_rs::Link,
+    dir: &Path,
+    options: &UrdfOptions,
+) -> Result<LinkDescription, RobotError> {
+    let i = &link.inertial.inertia;
+    let mut shapes = Vec::new();
+    for collision in &link.collision {
+        if let Some(shape) = shape(&collision.geometry, dir, options)? {
+            shapes.push((pose(&collision.origin), shape));
+        }
+    }
+    capsules::merge(&mut shapes);
+    Ok(LinkDescription {
+        name: link.name.clone(),
+        mass: link.inertial.mass.value,
+        X_LI: pose(&link.inertial.origin),
+        inertia_I: Matrix3::new(
+            i.ixx, i.ixy, i.ixz, //
+            i.ixy, i.iyy, i.iyz, //
+            i.ixz, i.iyz, i.izz,
+        ),
+        shapes,
+    })
+}
+
+fn shape(
+    geometry: &Geometry,
+    dir: &Path,
+    options: &UrdfOptions,
+) -> Result<Option<Shape>, RobotError> {
+    Ok(Some(match geometry {
+        Geometry::Box { size } => Shape::Box {
+            half_extents: Vector3::from(**size) / 2.0,
+            rounding: 0.0,
+        },
+        Geometry::Cylinder { radius, length } => Shape::Cylinder {
+            radius: *radius,
+            half_length: length / 2.0,
+            rounding: 0.0,
+        },
+        Geometry::Capsule { radius, length } => Shape::Capsule {
+            radius: *radius,
+            half_length: length / 2.0,
+        },
+        Geometry::Sphere { radius } => Shape::Sphere { radius: *radius },
+        Geometry::Mesh { .. } if options.meshes == Meshes::Skip => return Ok(None),
+        Geometry::Mesh { filename, scale } => {
+            let path = resource::resolve(filename, dir, &options.packages)?;
+            let scale = scale.map_or(Vector3::repeat(1.0), |s| Vector3::from(*s));
+            Shape::Mesh(mesh::load(&path, &scale)?)
+        }
+    }))
+}
+
+fn joint(joint: urdf_rs::Joint) -> Result<JointDescription, RobotError> {
+    if let Some(mimic) = joint.mimic {
+        return Err(RobotError::Mimic {
+            joint: joint.name,
+            leader: mimic.joint,
+        });
+    }
+    let unsupported = |joint, kind| Err(RobotError::UnsupportedJoint { joint, kind });
+    let kind = match joint.joint_type {
+        JointType::Revolute => Some(JointKind::Revolute),
+        JointType::Continuous => Some(JointKind::Continuous),
+        JointType::Prismatic => Some(JointKind::Prismatic),
+        JointType::Fixed => None,
+        JointType::Floating => return unsupported(joint.name, "floating"),
+        JointType::Planar => return unsupported(joint.name, "planar"),
+        JointType::Spherical => return unsupported(joint.name, "spherical"),
+    };
+    Ok(JointDescription {
+        kind,
+        X_PJ: pose(&joint.origin),
+        axis_J: Vector3::from(*joint.axis.xyz),
+        limits: limits(&joint.limit, kind),
+        name: joint.name,
+        parent: joint.parent.link,
+        child: joint.child.link,
+    })
+}
+
+/// The parser fills in 0 where the file says nothing.
+fn limits(limit: &urdf_rs::JointLimit, kind: Option<JointKind>) -> JointLimits {
+    let stated = |v: f64| if v == 0.0 { f64::INFINITY } else { v };
+    let ranged = limit.lower != 0.0 || limit.upper != 0.0;
+    let (lower, upper) = if ranged && kind != Some(JointKind::Continuous) {
+        (limit.lower, limit.upper)
+    } else {
+        (JointLimits::NONE.lower, JointLimits::NONE.upper)
+    };
+    JointLimits {
+        lower,
+        upper,
+        effort: stated(limit.effort),
+        velocity: stated(limit.velocity),
+    }
+}
+
+/// Fixed-axis roll, pitch, yaw.
+fn pose(pose: &urdf_rs::Pose) -> Isometry3<f64> {
+    let [roll, pitch, yaw] = *pose.rpy;
+    Isometry3::from_parts(
+        Vector3::from(*pose.xyz).into(),
+        UnitQuaternion::from_euler_angles(roll, pitch, yaw),
+    )
+}
