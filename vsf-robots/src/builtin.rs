@@ -32,7 +32,7 @@ pub fn builtin(name: &str) -> Option<Result<RobotModel, RobotError>> {
 /// A probe on a three-axis linear stage: prismatic joints `stage_x`, `stage_y`, `stage_z` along
 /// the world axes (range +-1 m), links `link_0` to `link_3` of 0.1 kg each but the first.
 ///
-/// The tip on `link_3` is a ball of `tip_radius` > 0 [m] whose lowest point is the joint position.
+/// The tip on `link_3` is a ball of `tip_radius` > 0 (m) whose lowest point is the joint position.
 ///
 /// # Errors
 /// A radius that is not positive and finite.
@@ -79,7 +79,7 @@ pub fn cartesian_stage(tip_radius: f64) -> Result<RobotModel, RobotError> {
 }
 
 /// An arm that moves in the vertical x-z plane, for examples and tests: `links` >= 1 capsules
-/// `link_1`, `link_2`, ... of `length` > 0 [m] from joint to joint and `radius` > 0 [m], revolute
+/// `link_1`, `link_2`, ... of `length` > 0 (m) from joint to joint and `radius` > 0 (m), revolute
 /// joints `joint_1`, `joint_2`, ..., and a frame `tip` at the end.
 ///
 /// At zero position the arm points along x; positive angles lift it towards z. Each link weighs as

@@ -90,7 +90,7 @@ impl RobotModel {
     }
 
     /// Actuator torques that hold the arm still at `q` against gravity: `+dU/dq`, `d` values
-    /// [N m or N]. `gravity` is the acceleration of free fall in world [m/s^2], for example
+    /// (N m or N). `gravity` is the acceleration of free fall in world (m/s^2), for example
     /// `(0, 0, -9.81)`. Time proportional to the number of links; never allocates.
     ///
     /// # Errors
@@ -108,7 +108,7 @@ impl RobotModel {
     }
 
     /// Actuator torques of the motion `q, qd, qdd` in free air (inverse dynamics):
-    /// `M(q) qdd + C(q, qd) qd + g(q)`, `d` values [N m or N]. A force of the environment lessens
+    /// `M(q) qdd + C(q, qd) qd + g(q)`, `d` values (N m or N). A force of the environment lessens
     /// them by `tau_ext = J^T f`; friction is not included. `gravity` as in
     /// [`RobotModel::gravity_torques`]. Time proportional to the number of links; never allocates.
     ///
@@ -136,7 +136,7 @@ impl RobotModel {
         Ok(&workspace.torques)
     }
 
-    /// Joint-space mass matrix `M(q)`, row-major `d x d` [kg m^2, kg m or kg], symmetric. Column
+    /// Joint-space mass matrix `M(q)`, row-major `d x d` (kg m^2, kg m or kg), symmetric. Column
     /// `j` is the torque of a unit acceleration of joint `j` without gravity: `d` recursions, time
     /// proportional to `d` times the number of links; never allocates.
     ///

@@ -47,7 +47,7 @@ impl RobotModel {
     }
 }
 
-/// Jacobian of the point of `link` that is at `p_W` [m]: `columns[j]` is the velocity of that
+/// Jacobian of the point of `link` that is at `p_W` (m): `columns[j]` is the velocity of that
 /// point per unit velocity of joint `j`, zero for joints that do not move the link.
 ///
 /// For users and tests; the real-time path multiplies by `J^T` with

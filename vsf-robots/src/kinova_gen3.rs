@@ -3,7 +3,7 @@ use crate::{JointKind, JointLimits, RobotError, RobotModel, kinova_gen3_shapes};
 use nalgebra::{Isometry3, Matrix3, UnitQuaternion, Vector3};
 use std::f64::consts::PI;
 
-/// Name, mass [kg], centre of mass [m], inertia about it (xx, xy, xz, yy, yz, zz) [kg m^2].
+/// Name, mass (kg), centre of mass (m), inertia xx, xy, xz, yy, yz, zz about it (kg m^2).
 type LinkRow = (&'static str, f64, [f64; 3], [f64; 6]);
 
 #[rustfmt::skip]
@@ -18,12 +18,14 @@ const LINKS: [LinkRow; 8] = [
     ("Bracelet_Link",        0.5006, [-0.000281, -0.011402, -0.029798],  [0.000587, 3e-6, 3e-6, 0.000369, 0.000118, 0.000609]),
 ];
 
-/// Position in the parent link [m], roll [rad], range to either side [rad] (infinite: none),
-/// largest torque [N m]. Joint k connects links k - 1 and k; all turn about their z axis.
+/// Position in the parent link (m), roll (rad), range to either side (rad; infinite: none),
+/// largest torque (N m). Joint k connects links k - 1 and k; all turn about their z axis.
 type JointRow = ([f64; 3], f64, f64, f64);
 
 /// The maker's table gives the quarter and half turns with five digits; so do these numbers.
+#[expect(clippy::approx_constant, reason = "the published value")]
 const QUARTER: f64 = 1.5708;
+#[expect(clippy::approx_constant, reason = "the published value")]
 const HALF: f64 = 3.1416;
 
 #[rustfmt::skip]

@@ -22,7 +22,7 @@
 //! ```
 //! use vsf_core::nalgebra::{Point3, Vector3};
 //! let robot = vsf_robots::kinova_gen3()?;
-//! let q = [0.0, 0.3, 0.0, -1.2, 0.0, 0.9, 0.0];
+//! let q = [0.0, 0.9, 0.0, 0.7, 0.0, 0.4, 0.0];
 //!
 //! let mut posture = robot.posture();
 //! robot.update_posture(&q, &mut posture)?;

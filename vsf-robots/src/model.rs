@@ -17,13 +17,13 @@ pub enum JointKind {
 /// Limits of a joint as the robot's maker states them. They inform; the model enforces none.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct JointLimits {
-    /// Lower position limit [rad or m]; minus infinity where none is stated.
+    /// Lower position limit (rad or m); minus infinity where none is stated.
     pub lower: f64,
-    /// Upper position limit [rad or m]; infinity where none is stated.
+    /// Upper position limit (rad or m); infinity where none is stated.
     pub upper: f64,
-    /// Largest torque or force [N m or N]; infinity where none is stated.
+    /// Largest torque or force (N m or N); infinity where none is stated.
     pub effort: f64,
-    /// Largest speed [rad/s or m/s]; infinity where none is stated.
+    /// Largest speed (rad/s or m/s); infinity where none is stated.
     pub velocity: f64,
 }
 
@@ -115,12 +115,12 @@ impl Link {
         self.parent
     }
 
-    /// Mass [kg], 0 where the description gives none.
+    /// Mass (kg), 0 where the description gives none.
     pub fn mass(&self) -> f64 {
         self.mass
     }
 
-    /// Centre of mass [m] in the link frame.
+    /// Centre of mass (m) in the link frame.
     pub fn com_L(&self) -> &Point3<f64> {
         &self.com_L
     }

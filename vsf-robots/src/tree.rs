@@ -272,8 +272,7 @@ fn body(
         });
     }
     let moment = smallest_moment(&link.inertia_I);
-    // A NaN moment must not pass.
-    if !(moment >= -INERTIA_ROUNDING * link.inertia_I.amax()) {
+    if !moment.is_finite() || moment < -INERTIA_ROUNDING * link.inertia_I.amax() {
         return Err(RobotError::Inertia {
             link: link.name.clone(),
             moment,

@@ -1,5 +1,6 @@
 //! Kinematics and dynamics of random trees against independent arithmetic: products of matrices,
 //! finite differences, Lagrange's equations.
+#![allow(clippy::unwrap_used, clippy::panic)]
 
 mod common;
 
@@ -79,7 +80,7 @@ fn lagrange(robot: &RandomRobot, model: &RobotModel) -> DVector<f64> {
 }
 
 proptest! {
-    #![proptest_config(ProptestConfig::with_cases(128))]
+    #![proptest_config(ProptestConfig { cases: 128, failure_persistence: None, ..ProptestConfig::default() })]
 
     #[test]
     fn poses_are_products_of_transforms(robot in random_robot()) {
@@ -101,9 +102,9 @@ proptest! {
         model.update_posture(&q, &mut posture).unwrap();
         let here = robot.poses(&q);
         let mut columns = vec![Vector3::zeros(); q.len()];
-        for l in 0..here.len() {
+        for (l, X_WL) in here.iter().enumerate() {
             let link = model.link_index(&format!("l{l}")).unwrap();
-            let p_W = apply(&here[l], &p);
+            let p_W = apply(X_WL, &p);
             jacobian(&posture, link, &p_W, &mut columns).unwrap();
             let moved = robot.moves_link(l);
             for j in 0..q.len() {

@@ -40,7 +40,12 @@ fn v3(range: f64) -> impl Strategy<Value = V3> {
 
 fn random_joint() -> impl Strategy<Value = (RandomJoint, prop::sample::Index)> {
     let kinds = ["revolute", "continuous", "prismatic", "revolute", "fixed"];
-    let geometry = (prop::sample::select(kinds.to_vec()), v3(0.5), v3(3.0), v3(1.0));
+    let geometry = (
+        prop::sample::select(kinds.to_vec()),
+        v3(0.5),
+        v3(3.0),
+        v3(1.0),
+    );
     let body = (0.0..3.0, v3(0.2), v3(3.0), prop::array::uniform3(0.0..0.1));
     let state = (v3(2.0), any::<prop::sample::Index>());
     (geometry, body, state)
