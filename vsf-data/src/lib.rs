@@ -1,1 +1,73 @@
-//! Touch recordings and stiffness fields on disk
+//! Touch recordings and stiffness fields on disk.
+//!
+//! A [`Dataset`] is one folder: touch sequences of a robot arm (joint angles, torques, and
+//! optionally times and velocities), the rest points of the object, a stored field, one RGB-D
+//! view, and metadata in `dataset.json`. A folder of OpenVSF's `MultiModalDataset` (only
+//! `seq_*/angles.npy` and `seq_*/torques.npy`) opens with the metadata in [`Overrides`]. A
+//! [`StiffnessField`] is an `.npz` archive or a folder in OpenVSF's layout, and can be looked at
+//! as a coloured PLY cloud.
+//!
+//! ```
+//! use vsf_data::{Dataset, Overrides, RobotRef};
+//! # fn show(folder: &str) -> Result<(), vsf_data::DataError> {
+//! let (dataset, warnings) = Dataset::open(folder, &Overrides {
+//!     robot: Some(RobotRef::resolve("kinova_gen3", ".".as_ref())?),
+//!     rate_hz: Some(70.0),
+//!     ..Overrides::default()
+//! })?;
+//! for warning in &warnings {
+//!     eprintln!("warning: {warning}");
+//! }
+//! for sequence in dataset.train() {
+//!     for touch in sequence.touches() {
+//!         for k in touch {
+//!             println!("{} s: {:?}", sequence.time[k], &sequence.torques[k]);
+//!         }
+//!     }
+//! }
+//! # Ok(())
+//! # }
+//! ```
+//!
+//! Nothing is repaired on the way in. Whatever a folder holds, opening it gives the data, or a
+//! [`DataError`] that names file, sequence and row; never a panic, and never a shortened or
+//! zero-filled sequence. Arrays may be of any little-endian float or integer type of NumPy, in C
+//! or Fortran order, and become `f64`; pickled objects are never executed. What can be read but
+//! should be known comes as a [`DataWarning`].
+//!
+//! Every file is written next to its place and renamed, so that a killed process leaves the old
+//! file or the new one.
+//!
+//! Rejected: the `ndarray-npy` crate. It reads into one static type per call, so every dtype
+//! would be a trial, and it has no half floats; the format is one file here.
+
+#![forbid(unsafe_code)]
+
+mod camera;
+mod colormap;
+mod dataset;
+mod error;
+mod field;
+mod files;
+mod json;
+mod metadata;
+mod natural;
+mod npy;
+mod npz;
+mod ply;
+mod pose;
+mod sequence;
+mod signal;
+mod table;
+
+pub use camera::CameraView;
+pub use colormap::color;
+pub use dataset::Dataset;
+pub use error::{DataError, DataWarning};
+pub use field::StiffnessField;
+pub use metadata::{Attachment, JointType, Overrides, RobotRef, Splits, TorqueKind};
+pub use npy::NpyError;
+pub use ply::read_ply_points;
+pub use sequence::Sequence;
+pub use signal::{Motion, differentiate, tare};
+pub use table::Table;

@@ -1,0 +1,254 @@
+use crate::dataset::unknown_keys;
+use crate::{DataError, DataWarning, files, json, pose};
+use nalgebra::Isometry3;
+use serde::{Deserialize, Serialize};
+use serde_json::{Map, Value};
+use std::collections::BTreeMap;
+use std::io::Cursor;
+use std::path::Path;
+
+const CONVENTION: &str = "opencv: x right, y down, z forward";
+/// Larger images are refused before memory is reserved for them.
+const MAX_PIXELS: u64 = 1 << 26;
+
+/// One registered RGB-D view with pinhole intrinsics, in OpenCV axes: x right, y down, z forward.
+#[derive(Debug, Clone, PartialEq)]
+pub struct CameraView {
+    /// Width of both images [pixels].
+    pub width: u32,
+    /// Height of both images [pixels]; at most 2^26 pixels in all.
+    pub height: u32,
+    /// Red, green, blue, row by row from the top left; 3 bytes a pixel.
+    pub color: Vec<u8>,
+    /// Depth along z, row by row; metres = value * [`depth_scale`](Self::depth_scale), 0 means no
+    /// return.
+    pub depth: Vec<u16>,
+    /// Focal length in x [pixels], positive.
+    pub fx: f64,
+    /// Focal length in y [pixels], positive.
+    pub fy: f64,
+    /// Principal point in x [pixels]; the centre of the first pixel is 0.
+    pub cx: f64,
+    /// Principal point in y [pixels].
+    pub cy: f64,
+    /// Metres per unit of depth, positive.
+    pub depth_scale: f64,
+    /// Pose of the camera in the world.
+    pub X_WC: Isometry3<f64>,
+    /// Keys of `camera.json` that this version does not know, with their values as JSON text.
+    pub extra: BTreeMap<String, String>,
+}
+
+#[derive(Serialize, Deserialize)]
+#[serde(expecting = "an object with the keys of camera.json")]
+struct Raw {
+    width: u32,
+    height: u32,
+    fx: f64,
+    fy: f64,
+    cx: f64,
+    cy: f64,
+    depth_scale: f64,
+    world_from_camera: pose::Rows4,
+    convention: Option<String>,
+    #[serde(flatten)]
+    extra: Map<String, Value>,
+}
+
+impl CameraView {
+    /// Reads `color.png` (8-bit RGB), `depth.png` (16-bit grey) and `camera.json` of a folder.
+    ///
+    /// # Errors
+    /// A missing or damaged file, images of another kind or size, values without meaning, a
+    /// `world_from_camera` that is not rigid, axes other than OpenCV's.
+    pub fn open(folder: impl AsRef<Path>) -> Result<(Self, Vec<DataWarning>), DataError> {
+        let folder = folder.as_ref();
+        let path = folder.join("camera.json");
+        let raw: Raw = json::parse(&path, &files::read(&path)?)?;
+        let wrong = |key, problem| DataError::Metadata {
+            path: path.clone(),
+            key,
+            problem,
+        };
+        if let Some(other) = raw.convention.filter(|c| !c.starts_with("opencv")) {
+            let problem = format!("{other:?} is not {CONVENTION:?}");
+            return Err(wrong("convention", problem));
+        }
+        let size = (raw.width, raw.height);
+        let X_WC = pose::from_rows(&raw.world_from_camera)
+            .map_err(|problem| wrong("world_from_camera", problem))?;
+        check_size(&path, size)?;
+        let color = read_png(&folder.join("color.png"), size, png::ColorType::Rgb)?;
+        let depth = read_png(&folder.join("depth.png"), size, png::ColorType::Grayscale)?;
+        let view = Self {
+            width: raw.width,
+            height: raw.height,
+            color,
+            depth: depth
+                .chunks_exact(2)
+                .map(|b| u16::from_be_bytes([b[0], b[1]]))
+                .collect(),
+            fx: raw.fx,
+            fy: raw.fy,
+            cx: raw.cx,
+            cy: raw.cy,
+            depth_scale: raw.depth_scale,
+            X_WC,
+            extra: json::to_text(raw.extra),
+        };
+        view.check(folder)?;
+        let warnings = unknown_keys(path, &view.extra);
+        Ok((view, warnings))
+    }
+
+    /// Writes the three files, each as a whole, creating the folder if need be.
+    ///
+    /// # Errors
+    /// Values or sizes that [`open`](Self::open) would refuse, [`DataError::Io`].
+    pub fn save(&self, folder: impl AsRef<Path>) -> Result<(), DataError> {
+        let folder = folder.as_ref();
+        self.check(folder)?;
+        files::create_folder(folder)?;
+        let size = (self.width, self.height);
+        write_png(
+            &folder.join("color.png"),
+            size,
+            png::ColorType::Rgb,
+            &self.color,
+        )?;
+        let depth: Vec<u8> = self.depth.iter().flat_map(|d| d.to_be_bytes()).collect();
+        write_png(
+            &folder.join("depth.png"),
+            size,
+            png::ColorType::Grayscale,
+            &depth,
+        )?;
+        let path = folder.join("camera.json");
+        let raw = Raw {
+            width: self.width,
+            height: self.height,
+            fx: self.fx,
+            fy: self.fy,
+            cx: self.cx,
+            cy: self.cy,
+            depth_scale: self.depth_scale,
+            world_from_camera: pose::to_rows(&self.X_WC),
+            convention: Some(CONVENTION.to_owned()),
+            extra: json::from_text(&path, &self.extra)?,
+        };
+        files::write(&path, &json::encode(&path, &raw)?)
+    }
+
+    pub(crate) fn check(&self, folder: &Path) -> Result<(), DataError> {
+        let path = folder.join("camera.json");
+        let wrong = |key, problem| DataError::Metadata {
+            path: path.clone(),
+            key,
+            problem,
+        };
+        check_size(&path, (self.width, self.height))?;
+        let pixels = self.width as usize * self.height as usize;
+        for (name, got, expected) in [
+            ("color.png", self.color.len(), 3 * pixels),
+            ("depth.png", self.depth.len(), pixels),
+        ] {
+            if got != expected {
+                return Err(DataError::Png {
+                    path: folder.join(name),
+                    problem: format!("{got} values, {expected} expected"),
+                });
+            }
+        }
+        for (key, value) in [
+            ("fx", self.fx),
+            ("fy", self.fy),
+            ("depth_scale", self.depth_scale),
+        ] {
+            if !(value.is_finite() && value > 0.0) {
+                return Err(wrong(key, format!("{value} must be positive and finite")));
+            }
+        }
+        for (key, value) in [("cx", self.cx), ("cy", self.cy)] {
+            if !value.is_finite() {
+                return Err(wrong(key, format!("{value} must be finite")));
+            }
+        }
+        pose::check(&self.X_WC).map_err(|problem| wrong("world_from_camera", problem))
+    }
+}
+
+fn check_size(path: &Path, (width, height): (u32, u32)) -> Result<(), DataError> {
+    let pixels = u64::from(width) * u64::from(height);
+    if pixels > 0 && pixels <= MAX_PIXELS {
+        return Ok(());
+    }
+    Err(DataError::Metadata {
+        path: path.to_owned(),
+        key: "width",
+        problem: format!("{width} x {height} pixels; expected 1 to {MAX_PIXELS} in all"),
+    })
+}
+
+/// Bits per sample: 8 for colour, 16 for depth.
+fn bit_depth(color: png::ColorType) -> png::BitDepth {
+    match color {
+        png::ColorType::Rgb => png::BitDepth::Eight,
+        _ => png::BitDepth::Sixteen,
+    }
+}
+
+/// The samples in file order, 16-bit ones big-endian. `size` has been checked.
+fn read_png(path: &Path, size: (u32, u32), color: png::ColorType) -> Result<Vec<u8>, DataError> {
+    let wrong = |problem: String| DataError::Png {
+        path: path.to_owned(),
+        problem,
+    };
+    let damaged = |e: png::DecodingError| wrong(format!("damaged PNG: {e}"));
+    let bytes = files::read(path)?;
+    let mut decoder = png::Decoder::new(Cursor::new(bytes));
+    let header = decoder.read_header_info().map_err(damaged)?;
+    if header.size() != size {
+        let (w, h) = header.size();
+        return Err(wrong(format!(
+            "{w} x {h} pixels, camera.json says {} x {}",
+            size.0, size.1
+        )));
+    }
+    if (header.color_type, header.bit_depth) != (color, bit_depth(color)) {
+        return Err(wrong(format!(
+            "{:?} with {} bits, expected {color:?} with {} bits",
+            header.color_type,
+            header.bit_depth as u8,
+            bit_depth(color) as u8
+        )));
+    }
+    let mut reader = decoder.read_info().map_err(damaged)?;
+    let length = reader
+        .output_buffer_size()
+        .ok_or_else(|| wrong("the image is too large".to_owned()))?;
+    let mut pixels = vec![0; length];
+    reader.next_frame(&mut pixels).map_err(damaged)?;
+    reader.finish().map_err(damaged)?;
+    Ok(pixels)
+}
+
+fn write_png(
+    path: &Path,
+    (width, height): (u32, u32),
+    color: png::ColorType,
+    samples: &[u8],
+) -> Result<(), DataError> {
+    let mut bytes = Vec::new();
+    let mut encoder = png::Encoder::new(&mut bytes, width, height);
+    encoder.set_color(color);
+    encoder.set_depth(bit_depth(color));
+    let written = encoder.write_header().and_then(|mut writer| {
+        writer.write_image_data(samples)?;
+        writer.finish()
+    });
+    written.map_err(|e| DataError::Png {
+        path: path.to_owned(),
+        problem: e.to_string(),
+    })?;
+    files::write(path, &bytes)
+}

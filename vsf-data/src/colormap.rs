@@ -1,0 +1,30 @@
+/// Dark violet to yellow, as bright as high: anchors of matplotlib's "viridis" (CC0).
+const ANCHORS: [[f64; 3]; 10] = [
+    [68.0, 1.0, 84.0],
+    [72.0, 40.0, 120.0],
+    [62.0, 73.0, 137.0],
+    [49.0, 104.0, 142.0],
+    [38.0, 130.0, 142.0],
+    [31.0, 158.0, 137.0],
+    [53.0, 183.0, 121.0],
+    [110.0, 206.0, 88.0],
+    [181.0, 222.0, 43.0],
+    [253.0, 231.0, 37.0],
+];
+
+/// The colour of a value on a scale from 0 (dark violet) to 1 (yellow), as red, green, blue:
+/// linear between ten colours of the perceptually uniform map "viridis", which stays readable in
+/// grey and to the colour-blind. Values outside take the colour of the nearer end, NaN that of 0.
+///
+/// ```
+/// assert_eq!(vsf_data::color(0.0), [68, 1, 84]);
+/// assert_eq!(vsf_data::color(1.0), [253, 231, 37]);
+/// ```
+pub fn color(value: f64) -> [u8; 3] {
+    let last = ANCHORS.len() - 1;
+    // `max` drops a NaN.
+    let x = value.max(0.0).min(1.0) * last as f64;
+    let i = (x as usize).min(last - 1);
+    let mix = |k: usize| ANCHORS[i][k] + (x - i as f64) * (ANCHORS[i + 1][k] - ANCHORS[i][k]);
+    [0, 1, 2].map(|k| mix(k).round() as u8)
+}

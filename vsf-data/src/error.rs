@@ -1,0 +1,369 @@
+use crate::npy::NpyError;
+use std::io;
+use std::path::PathBuf;
+use thiserror::Error;
+
+/// What is wrong with a recording or a field on disk, or with data that is to be written.
+///
+/// Every message names the file. Rows count from 0, as NumPy indexes them; joints (columns of
+/// `angles`, `velocities` and `torques`) count from 1, as robots number them.
+#[derive(Debug, Error)]
+#[non_exhaustive]
+pub enum DataError {
+    /// A file or folder that must be there is not.
+    #[error("{}: no such {what}", path.display())]
+    Missing {
+        /// The path that was looked for.
+        path: PathBuf,
+        /// What it should have been, for example `file` or `data set folder`.
+        what: &'static str,
+    },
+    /// The operating system refused to read or write.
+    #[error("cannot {action} {}: {source}", path.display())]
+    Io {
+        /// `read`, `write`, `create` or `list`.
+        action: &'static str,
+        /// The path it was about.
+        path: PathBuf,
+        /// The reason the operating system gave.
+        source: io::Error,
+    },
+    /// A `.npy` file, or one inside a `.npz` archive, cannot be read.
+    #[error("{}: {source}", path.display())]
+    Npy {
+        /// The file; inside an archive `<archive>/<entry>`.
+        path: PathBuf,
+        /// What is wrong with its bytes.
+        source: NpyError,
+    },
+    /// A `.npz` archive is not a readable zip file.
+    #[error("{}: not a readable .npz (zip) archive: {problem}", path.display())]
+    Npz {
+        /// The archive, or `<archive>/<entry>`.
+        path: PathBuf,
+        /// What is wrong.
+        problem: String,
+    },
+    /// A PNG image is damaged or of another kind than the format asks for.
+    #[error("{}: {problem}", path.display())]
+    Png {
+        /// The image.
+        path: PathBuf,
+        /// What is wrong.
+        problem: String,
+    },
+    /// A PLY file is damaged or has no points.
+    #[error("{}: {problem}", path.display())]
+    Ply {
+        /// The file.
+        path: PathBuf,
+        /// What is wrong.
+        problem: String,
+    },
+    /// A file is not valid JSON.
+    #[error("{} line {line} column {column}: invalid JSON: {problem}", path.display())]
+    Json {
+        /// The file.
+        path: PathBuf,
+        /// Line, from 1.
+        line: usize,
+        /// Column, from 1.
+        column: usize,
+        /// What the parser found.
+        problem: String,
+    },
+    /// A value in a JSON file has the wrong type, or a key occurs twice.
+    #[error("{} line {line} column {column}: {problem}", path.display())]
+    JsonType {
+        /// The file.
+        path: PathBuf,
+        /// Line, from 1.
+        line: usize,
+        /// Column, from 1; the place just behind the value.
+        column: usize,
+        /// Found and expected type.
+        problem: String,
+    },
+    /// A metadata value has the right type but no meaning.
+    #[error("{}: {key}: {problem}", path.display())]
+    Metadata {
+        /// The metadata file, whether the value came from it or from an override.
+        path: PathBuf,
+        /// The key of `dataset.json` or `camera.json`.
+        key: &'static str,
+        /// What is wrong, and what is allowed.
+        problem: String,
+    },
+    /// A required piece of metadata is neither in `dataset.json` nor given otherwise.
+    #[error("{}: {key} is required: {hint}", path.display())]
+    MissingKey {
+        /// The metadata file, or the sequence folder that needs it.
+        path: PathBuf,
+        /// The key of `dataset.json`.
+        key: &'static str,
+        /// How to provide it.
+        hint: &'static str,
+    },
+    /// The robot is named by a path, and there is no such file.
+    #[error("robot {given:?}: no file {}", path.display())]
+    RobotNotFound {
+        /// The text of the metadata.
+        given: String,
+        /// The file it stands for.
+        path: PathBuf,
+    },
+    /// An array has the wrong rank or width.
+    #[error("{}: shape {got:?}, expected {expected}", path.display())]
+    Shape {
+        /// The file.
+        path: PathBuf,
+        /// Its shape.
+        got: Vec<usize>,
+        /// The shape that fits, with the reason.
+        expected: String,
+    },
+    /// Two arrays that belong together have different numbers of rows.
+    #[error("{}: {got} rows, but {reference} has {expected}", path.display())]
+    Rows {
+        /// The file.
+        path: PathBuf,
+        /// Its rows.
+        got: usize,
+        /// The array it must agree with.
+        reference: String,
+        /// Rows of that array.
+        expected: usize,
+    },
+    /// A number is NaN or infinite.
+    #[error("{} row {row}{}{column}: {value}", path.display(), if column.is_empty() { "" } else { " " })]
+    NotFinite {
+        /// The file.
+        path: PathBuf,
+        /// Row, from 0.
+        row: usize,
+        /// `joint 5` (from 1), `x`, `column 2` (from 1); empty in a file of one column.
+        column: String,
+        /// The offending value.
+        value: f64,
+    },
+    /// Time stamps do not increase.
+    #[error("{} row {row}: time {value} s is not after {previous} s of the row before", path.display())]
+    TimeOrder {
+        /// The file.
+        path: PathBuf,
+        /// Row, from 0.
+        row: usize,
+        /// Time of the row before [s].
+        previous: f64,
+        /// Time of this row [s].
+        value: f64,
+    },
+    /// A standard deviation is negative.
+    #[error("{} row {row}: standard deviation {value} is negative", path.display())]
+    NegativeDeviation {
+        /// The file.
+        path: PathBuf,
+        /// Row, from 0.
+        row: usize,
+        /// The offending value.
+        value: f64,
+    },
+    /// An array has no rows or no columns.
+    #[error("{}: {what} is empty", path.display())]
+    Empty {
+        /// The file or folder.
+        path: PathBuf,
+        /// What has no elements.
+        what: &'static str,
+    },
+    /// A folder holds no `seq_<ID>` folder.
+    #[error("{}: no touch sequences (folders named seq_<ID>)", path.display())]
+    NoSequences {
+        /// The data set.
+        path: PathBuf,
+    },
+    /// A name in the folder is not UTF-8, or an ID cannot be a folder name.
+    #[error("{}: {id:?} cannot be a sequence ID: it must be UTF-8 without / and \\", path.display())]
+    SequenceId {
+        /// The data set.
+        path: PathBuf,
+        /// The ID, with replacement characters where it is not UTF-8.
+        id: String,
+    },
+    /// A split lists no sequence.
+    #[error("{}: splits: {split} is empty; leave the key out, or list sequence IDs", path.display())]
+    EmptySplit {
+        /// The metadata file.
+        path: PathBuf,
+        /// `train` or `test`.
+        split: &'static str,
+    },
+    /// A sequence ID occurs in the metadata, and there is no such sequence.
+    #[error("{}: {key} names sequence {id:?}, but there is no folder seq_{id}", path.display())]
+    UnknownSequence {
+        /// The metadata file.
+        path: PathBuf,
+        /// The key of `dataset.json`.
+        key: &'static str,
+        /// The ID.
+        id: String,
+    },
+    /// A sequence occurs twice: in one split, in both, or in the list of sequences.
+    #[error("{}: sequence {id:?} is listed twice in {place}", path.display())]
+    DuplicateSequence {
+        /// The metadata file.
+        path: PathBuf,
+        /// The ID.
+        id: String,
+        /// Where it occurs twice, for example `splits train and test`.
+        place: &'static str,
+    },
+    /// Rows at which touches begin are out of range or do not increase.
+    #[error("{}: touch_starts of sequence {id:?}: entry {index} is row {row}: {problem}", path.display())]
+    TouchStarts {
+        /// The metadata file.
+        path: PathBuf,
+        /// The sequence.
+        id: String,
+        /// Position in its list, from 0.
+        index: usize,
+        /// The row given there.
+        row: usize,
+        /// What is wrong.
+        problem: String,
+    },
+    /// More tare samples are asked for than a sequence has.
+    #[error("{}: tare_samples = {tare_samples}, but sequence {id:?} has {rows} samples", path.display())]
+    TareSamples {
+        /// The metadata file.
+        path: PathBuf,
+        /// The sequence.
+        id: String,
+        /// Samples to average.
+        tare_samples: usize,
+        /// Samples there are.
+        rows: usize,
+    },
+    /// Several stored fields lie in one data set.
+    #[error("{} and {}: two stored fields in one data set; keep one", first.display(), second.display())]
+    AmbiguousField {
+        /// The first of them.
+        first: PathBuf,
+        /// Another one.
+        second: PathBuf,
+    },
+    /// Saving would leave something from an earlier recording in the folder, which would then be
+    /// read as part of this one.
+    #[error("{}: belongs to another recording and would be read with this one; remove it or save to another folder", path.display())]
+    Leftover {
+        /// The file or folder in the way.
+        path: PathBuf,
+    },
+    /// The stiffness of a field is not one number per point.
+    #[error(
+        "{}: K has shape {got:?} with axis_mode {axis_mode:?}; only isotropic fields (one stiffness per point, \
+         shape [{points}]) are supported",
+        path.display()
+    )]
+    AxisMode {
+        /// The field.
+        path: PathBuf,
+        /// Shape of K.
+        got: Vec<usize>,
+        /// The mode written in the file, or the one its shape implies.
+        axis_mode: String,
+        /// Number of points.
+        points: usize,
+    },
+    /// The features of a field are a pickled Python dictionary, which is never executed.
+    #[error(
+        "{}: `features` is a pickled Python object, which is not read because unpickling runs code. \
+         In OpenVSF save the field to a folder (a path that ends in /), or convert once in Python: \
+         z = np.load(f, allow_pickle=True); np.savez(g, points=z['points'], K=z['K'], \
+         **{{k: v for k, v in z['features'].item().items() if k != 'K_std'}})",
+        path.display()
+    )]
+    PickledFeatures {
+        /// The archive.
+        path: PathBuf,
+    },
+    /// A feature has a name that the format needs for itself or that cannot be a file name.
+    #[error("{}: {name:?} cannot be the name of a feature", path.display())]
+    FeatureName {
+        /// The field.
+        path: PathBuf,
+        /// The name.
+        name: String,
+    },
+    /// Tables, parameters or signals handed to a function of this crate do not fit.
+    #[error("{what}: {problem}")]
+    Argument {
+        /// The argument.
+        what: &'static str,
+        /// What is wrong, and what is allowed.
+        problem: String,
+    },
+}
+
+impl DataError {
+    /// Turns an error of the operating system into [`DataError::Missing`] or [`DataError::Io`].
+    pub(crate) fn io(action: &'static str, path: impl Into<PathBuf>, source: io::Error) -> Self {
+        let path = path.into();
+        if action == "read" && source.kind() == io::ErrorKind::NotFound {
+            return Self::Missing { path, what: "file" };
+        }
+        Self::Io {
+            action,
+            path,
+            source,
+        }
+    }
+}
+
+/// Something in a recording that can be read but that a person should know.
+#[derive(Debug, Clone, PartialEq, Error)]
+#[non_exhaustive]
+pub enum DataWarning {
+    /// `dataset.json` or `camera.json` has keys this version does not know. They are kept and
+    /// written back, and have no effect.
+    #[error("{}: unknown keys have no effect: {}", path.display(), keys.join(", "))]
+    UnknownKeys {
+        /// The file.
+        path: PathBuf,
+        /// The keys.
+        keys: Vec<String>,
+    },
+    /// Rest points lie outside the box of the object (by more than a micrometre).
+    #[error("{}: {count} of {total} points lie outside object_bbox", path.display())]
+    PointsOutsideBox {
+        /// The points.
+        path: PathBuf,
+        /// How many.
+        count: usize,
+        /// Out of how many.
+        total: usize,
+    },
+    /// Sequences that neither split lists: neither training nor test uses them.
+    #[error("{}: in no split, not used: {}", path.display(), ids.join(", "))]
+    UnassignedSequences {
+        /// The metadata file.
+        path: PathBuf,
+        /// Their IDs.
+        ids: Vec<String>,
+    },
+    /// A field has `K_std` without the mark that says what it is. It is not used: OpenVSF
+    /// writes the variance under this name.
+    #[error("{}: K_std does not say whether it is a variance or a standard deviation; not used", path.display())]
+    UnmarkedDeviation {
+        /// The field.
+        path: PathBuf,
+    },
+    /// Something in a field's folder or archive that is not an array of this format.
+    #[error("{}: ignored, {why}", path.display())]
+    Ignored {
+        /// The file or entry.
+        path: PathBuf,
+        /// Why.
+        why: &'static str,
+    },
+}

@@ -1,0 +1,378 @@
+use crate::npy::{self, NpyError};
+use crate::{DataError, DataWarning, Table, files, json, npz, ply};
+use nalgebra::Point3;
+use serde::{Deserialize, Serialize};
+use std::collections::BTreeMap;
+use std::path::{Path, PathBuf};
+
+const POINTS: &str = "points";
+const STIFFNESS: &str = "K";
+const SD: &str = "K_std";
+/// What `K_std` is. OpenVSF writes a variance under that name and no mark.
+const SD_UNIT: &str = "K_std_unit";
+const STANDARD_DEVIATION: &str = "standard_deviation";
+const AXIS_MODE: &str = "axis_mode";
+const ISOTROPIC: &str = "isotropic";
+/// OpenVSF's pickled dictionary.
+const PICKLE: &str = "features";
+/// The marks of a field in a folder, where a `.npy` of text would break OpenVSF's reader.
+const MARKS: &str = "format.json";
+
+/// A stiffness field on disk: points and their estimated stiffness.
+///
+/// The layout is OpenVSF's `PointVSF`: entries `points` (N, 3) and `K` (N,) of an `.npz` archive
+/// or of a folder of `.npy` files, and further arrays with N rows as features. `K_std` is written
+/// as a standard deviation and marked as one (`K_std_unit` in an archive, `format.json` in a
+/// folder); a `K_std` without the mark is not used, since OpenVSF writes the variance there.
+#[derive(Debug, Clone, PartialEq)]
+pub struct StiffnessField {
+    /// Rest positions `p_i` [m], world frame.
+    pub points: Vec<Point3<f64>>,
+    /// Mean of `K_i` [N/m], one per point. Estimators that do not bound `K` may give negative
+    /// values; they are kept.
+    pub stiffness: Vec<f64>,
+    /// Standard deviation of `K_i` [N/m], one per point.
+    pub sd: Option<Vec<f64>>,
+    /// Further numbers per point by name, one row per point. Arrays of higher rank are read with
+    /// each point's numbers in C order in one row.
+    pub features: BTreeMap<String, Table>,
+}
+
+#[derive(Serialize, Deserialize)]
+struct Marks {
+    axis_mode: Option<String>,
+    #[serde(rename = "K_std_unit")]
+    sd_unit: Option<String>,
+}
+
+/// The arrays of a field before they are understood, from an archive or a folder.
+struct Source {
+    path: PathBuf,
+    /// The bytes of each `.npy`, by name without extension.
+    entries: BTreeMap<String, Vec<u8>>,
+    marks: Marks,
+}
+
+impl StiffnessField {
+    /// Reads an `.npz` archive, stored or deflated, or a folder with `points.npy` and `K.npy`.
+    ///
+    /// # Errors
+    /// Damaged files, numbers that are not finite, arrays of different length,
+    /// [`DataError::AxisMode`] for a stiffness per axis, [`DataError::PickledFeatures`] for the
+    /// pickle of OpenVSF's archives, which is never executed; the message says how to convert.
+    pub fn open(path: impl AsRef<Path>) -> Result<(Self, Vec<DataWarning>), DataError> {
+        let path = path.as_ref();
+        let mut warnings = Vec::new();
+        let source = match path.is_dir() {
+            true => Source::folder(path, &mut warnings)?,
+            false => Source::archive(path)?,
+        };
+        let field = source.read(&mut warnings)?;
+        field.check(path)?;
+        Ok((field, warnings))
+    }
+
+    /// Writes an uncompressed `.npz` archive as a whole. OpenVSF reads it, without the features.
+    ///
+    /// # Errors
+    /// Lengths that differ, numbers that are not finite, a feature named like an entry of the
+    /// format, [`DataError::Io`].
+    pub fn save_npz(&self, path: impl AsRef<Path>) -> Result<(), DataError> {
+        let path = path.as_ref();
+        self.check(path)?;
+        let mut entries = self.arrays();
+        entries.insert(AXIS_MODE.to_owned(), npy::encode_text(ISOTROPIC));
+        if self.sd.is_some() {
+            entries.insert(SD_UNIT.to_owned(), npy::encode_text(STANDARD_DEVIATION));
+        }
+        npz::write(path, &entries)
+    }
+
+    /// Writes a folder of `.npy` files, creating it if need be, each file as a whole. OpenVSF
+    /// reads it, with the features.
+    ///
+    /// # Errors
+    /// As [`save_npz`](Self::save_npz), and [`DataError::Leftover`] when the folder holds arrays
+    /// that do not belong to this field.
+    pub fn save_folder(&self, folder: impl AsRef<Path>) -> Result<(), DataError> {
+        let folder = folder.as_ref();
+        self.check(folder)?;
+        files::create_folder(folder)?;
+        let arrays = self.arrays();
+        for path in files::list(folder)? {
+            let name = path.file_stem().unwrap_or_default().to_string_lossy();
+            if has_extension(&path, "npy") && !arrays.contains_key(name.as_ref()) {
+                return Err(DataError::Leftover { path });
+            }
+        }
+        let marks = Marks {
+            axis_mode: Some(ISOTROPIC.to_owned()),
+            sd_unit: self.sd.as_ref().map(|_| STANDARD_DEVIATION.to_owned()),
+        };
+        for (name, bytes) in arrays {
+            files::write(&entry(folder, &name), &bytes)?;
+        }
+        let path = folder.join(MARKS);
+        files::write(&path, &json::encode(&path, &marks)?)
+    }
+
+    /// Writes a binary PLY point cloud with the properties `x y z`, `stiffness` and, if known,
+    /// `sd` (doubles), and a colour by [`color`](crate::color): 0 N/m is dark violet,
+    /// `full_scale` [N/m] and beyond yellow. The default full scale is the largest stiffness.
+    ///
+    /// # Errors
+    /// As [`save_npz`](Self::save_npz); [`DataError::Argument`] for a full scale that is not
+    /// positive and finite.
+    pub fn save_ply(
+        &self,
+        path: impl AsRef<Path>,
+        full_scale: Option<f64>,
+    ) -> Result<(), DataError> {
+        let path = path.as_ref();
+        self.check(path)?;
+        if let Some(value) = full_scale.filter(|v| !(v.is_finite() && *v > 0.0)) {
+            return Err(DataError::Argument {
+                what: "full_scale",
+                problem: format!("{value} must be positive and finite"),
+            });
+        }
+        ply::write(path, self, full_scale)
+    }
+
+    fn arrays(&self) -> BTreeMap<String, Vec<u8>> {
+        let n = self.points.len();
+        let mut arrays = BTreeMap::from([
+            (
+                POINTS.to_owned(),
+                npy::encode(&[n, 3], &files::coordinates(&self.points)),
+            ),
+            (STIFFNESS.to_owned(), npy::encode(&[n], &self.stiffness)),
+        ]);
+        if let Some(sd) = &self.sd {
+            arrays.insert(SD.to_owned(), npy::encode(&[n], sd));
+        }
+        for (name, table) in &self.features {
+            let bytes = match table.cols() {
+                1 => npy::encode(&[n], table.data()),
+                cols => npy::encode(&[n, cols], table.data()),
+            };
+            arrays.insert(name.clone(), bytes);
+        }
+        arrays
+    }
+
+    pub(crate) fn check(&self, path: &Path) -> Result<(), DataError> {
+        files::check_points(&entry(path, POINTS), &self.points)?;
+        check_numbers(&entry(path, STIFFNESS), &self.stiffness, self.points.len())?;
+        if let Some(sd) = &self.sd {
+            check_numbers(&entry(path, SD), sd, self.points.len())?;
+            if let Some(row) = sd.iter().position(|&v| v < 0.0) {
+                return Err(DataError::NegativeDeviation {
+                    path: entry(path, SD),
+                    row,
+                    value: sd[row],
+                });
+            }
+        }
+        for (name, table) in &self.features {
+            let reserved = [POINTS, STIFFNESS, SD, SD_UNIT, AXIS_MODE, PICKLE];
+            let not_a_file = name.is_empty() || name.contains(['/', '\\', '\0']);
+            if not_a_file || reserved.contains(&name.as_str()) {
+                return Err(DataError::FeatureName {
+                    path: path.to_owned(),
+                    name: name.clone(),
+                });
+            }
+            let path = entry(path, name);
+            check_rows(&path, table.rows(), self.points.len())?;
+            if let Some((row, column, value)) = table.first_not_finite() {
+                return Err(DataError::NotFinite {
+                    path,
+                    row,
+                    column: format!("column {}", column + 1),
+                    value,
+                });
+            }
+        }
+        Ok(())
+    }
+}
+
+impl Source {
+    fn archive(path: &Path) -> Result<Self, DataError> {
+        let mut entries = npz::read(path)?;
+        let mut text = |name: &str| match entries.remove(name).map(|b| npy::parse_text(&b)) {
+            None => Ok(None),
+            Some(Ok(text)) => Ok(Some(text)),
+            Some(Err(source)) => Err(DataError::Npy {
+                path: entry(path, name),
+                source,
+            }),
+        };
+        let marks = Marks {
+            axis_mode: text(AXIS_MODE)?,
+            sd_unit: text(SD_UNIT)?,
+        };
+        Ok(Self {
+            path: path.to_owned(),
+            entries,
+            marks,
+        })
+    }
+
+    fn folder(path: &Path, warnings: &mut Vec<DataWarning>) -> Result<Self, DataError> {
+        let marks = path.join(MARKS);
+        let marks = match files::read(&marks) {
+            Ok(bytes) => json::parse(&marks, &bytes)?,
+            Err(DataError::Missing { .. }) => Marks {
+                axis_mode: None,
+                sd_unit: None,
+            },
+            Err(e) => return Err(e),
+        };
+        let mut entries = BTreeMap::new();
+        for file in files::list(path)? {
+            let name = file.file_stem().unwrap_or_default().to_str();
+            match name.filter(|_| has_extension(&file, "npy")) {
+                Some(name) => {
+                    entries.insert(name.to_owned(), files::read(&file)?);
+                }
+                None if has_extension(&file, "npy") || has_extension(&file, "npz") => {
+                    warnings.push(DataWarning::Ignored {
+                        path: file,
+                        why: "features are read from .npy files with a UTF-8 name",
+                    });
+                }
+                None => {}
+            }
+        }
+        Ok(Self {
+            path: path.to_owned(),
+            entries,
+            marks,
+        })
+    }
+
+    fn read(mut self, warnings: &mut Vec<DataWarning>) -> Result<StiffnessField, DataError> {
+        if let Some(bytes) = self.entries.get(PICKLE)
+            && npy::parse(bytes) == Err(NpyError::Object)
+        {
+            return Err(DataError::PickledFeatures { path: self.path });
+        }
+        let points_path = entry(&self.path, POINTS);
+        let points = files::points(&points_path, self.required(POINTS)?)?;
+        let stiffness = self.stiffness(points.len())?;
+        let sd = match self.entries.remove(SD) {
+            Some(bytes) if self.marks.sd_unit.as_deref() == Some(STANDARD_DEVIATION) => {
+                let path = entry(&self.path, SD);
+                Some(files::vector(&path, files::parse_npy(&path, &bytes)?)?)
+            }
+            Some(_) => {
+                warnings.push(DataWarning::UnmarkedDeviation {
+                    path: self.path.clone(),
+                });
+                None
+            }
+            None => None,
+        };
+        let mut features = BTreeMap::new();
+        for (name, bytes) in self.entries {
+            let path = entry(&self.path, &name);
+            let array = match npy::parse(&bytes) {
+                Ok(array) => array,
+                Err(NpyError::Dtype(_) | NpyError::Magic) => {
+                    warnings.push(DataWarning::Ignored {
+                        path,
+                        why: "not an array of numbers",
+                    });
+                    continue;
+                }
+                Err(source) => return Err(DataError::Npy { path, source }),
+            };
+            check_rows(&path, *array.shape.first().unwrap_or(&0), points.len())?;
+            let cols = array.shape.iter().skip(1).product();
+            if cols == 0 {
+                let what = "the feature";
+                return Err(DataError::Empty { path, what });
+            }
+            features.insert(name, Table::new(cols, array.data)?);
+        }
+        Ok(StiffnessField {
+            points,
+            stiffness,
+            sd,
+            features,
+        })
+    }
+
+    fn required(&mut self, name: &str) -> Result<npy::NpyArray, DataError> {
+        let path = entry(&self.path, name);
+        match self.entries.remove(name) {
+            Some(bytes) => files::parse_npy(&path, &bytes),
+            None => Err(DataError::Missing {
+                path,
+                what: "array (a field needs points and K)",
+            }),
+        }
+    }
+
+    fn stiffness(&mut self, points: usize) -> Result<Vec<f64>, DataError> {
+        let array = self.required(STIFFNESS)?;
+        let implied = match array.shape[..] {
+            [_] | [_, 1] => ISOTROPIC,
+            [_, 3] => "axis_aligned",
+            [_, 3, 3] => "anisotropic",
+            _ => "unknown",
+        };
+        let declared = self.marks.axis_mode.as_deref().unwrap_or(implied);
+        if [implied, declared] != [ISOTROPIC; 2] {
+            return Err(DataError::AxisMode {
+                path: self.path.clone(),
+                axis_mode: declared.to_owned(),
+                got: array.shape,
+                points,
+            });
+        }
+        Ok(array.data)
+    }
+}
+
+/// The file of an array, in a folder or in an archive.
+fn entry(path: &Path, name: &str) -> PathBuf {
+    path.join(format!("{name}.npy"))
+}
+
+/// True for a folder that holds a field.
+pub(crate) fn is_folder(path: &Path) -> bool {
+    let holds = |name: &str| entry(path, name).is_file();
+    holds(POINTS) && holds(STIFFNESS)
+}
+
+fn has_extension(path: &Path, extension: &str) -> bool {
+    path.extension().is_some_and(|e| e == extension)
+}
+
+fn check_rows(path: &Path, got: usize, points: usize) -> Result<(), DataError> {
+    if got == points {
+        return Ok(());
+    }
+    Err(DataError::Rows {
+        path: path.to_owned(),
+        got,
+        reference: POINTS.to_owned(),
+        expected: points,
+    })
+}
+
+fn check_numbers(path: &Path, values: &[f64], points: usize) -> Result<(), DataError> {
+    check_rows(path, values.len(), points)?;
+    match values.iter().position(|v| !v.is_finite()) {
+        None => Ok(()),
+        Some(row) => Err(DataError::NotFinite {
+            path: path.to_owned(),
+            row,
+            column: String::new(),
+            value: values[row],
+        }),
+    }
+}

@@ -1,0 +1,114 @@
+//! Whole files: read into memory, or replaced by a rename so that no reader sees half of one.
+
+use crate::npy::{self, NpyArray};
+use crate::{DataError, Table};
+use nalgebra::Point3;
+use std::fs;
+use std::io::Write;
+use std::path::{Path, PathBuf};
+
+pub(crate) fn read(path: &Path) -> Result<Vec<u8>, DataError> {
+    fs::read(path).map_err(|e| DataError::io("read", path, e))
+}
+
+/// Writes next to `path` and renames: a killed process leaves the old file or the new one.
+pub(crate) fn write(path: &Path, bytes: &[u8]) -> Result<(), DataError> {
+    let failed = |e| DataError::io("write", path, e);
+    let folder = match path.parent() {
+        Some(p) if !p.as_os_str().is_empty() => p,
+        _ => Path::new("."),
+    };
+    let mut options = tempfile::Builder::new();
+    options.prefix(".vsf-").suffix(".part");
+    // Readable as any other file is, not only by its owner as temporary files are.
+    #[cfg(unix)]
+    options.permissions(std::os::unix::fs::PermissionsExt::from_mode(0o666));
+    let mut file = options.tempfile_in(folder).map_err(failed)?;
+    file.write_all(bytes).map_err(failed)?;
+    file.as_file().sync_all().map_err(failed)?;
+    file.persist(path).map_err(|e| failed(e.error))?;
+    Ok(())
+}
+
+pub(crate) fn create_folder(path: &Path) -> Result<(), DataError> {
+    fs::create_dir_all(path).map_err(|e| DataError::io("create", path, e))
+}
+
+/// What lies in a folder, sorted by name.
+pub(crate) fn list(path: &Path) -> Result<Vec<PathBuf>, DataError> {
+    let failed = |e| DataError::io("list", path, e);
+    let mut entries = fs::read_dir(path)
+        .map_err(failed)?
+        .map(|entry| Ok(entry.map_err(failed)?.path()))
+        .collect::<Result<Vec<_>, DataError>>()?;
+    entries.sort();
+    Ok(entries)
+}
+
+pub(crate) fn read_npy(path: &Path) -> Result<NpyArray, DataError> {
+    parse_npy(path, &read(path)?)
+}
+
+pub(crate) fn parse_npy(path: &Path, bytes: &[u8]) -> Result<NpyArray, DataError> {
+    npy::parse(bytes).map_err(|source| DataError::Npy {
+        path: path.to_owned(),
+        source,
+    })
+}
+
+/// A `(T, d)` array.
+pub(crate) fn table(path: &Path, array: NpyArray) -> Result<Table, DataError> {
+    match array.shape[..] {
+        [_, cols] if cols > 0 => Table::new(cols, array.data),
+        _ => Err(shape(path, array.shape, "(T, d), one row per sample")),
+    }
+}
+
+/// A `(T,)` array.
+pub(crate) fn vector(path: &Path, array: NpyArray) -> Result<Vec<f64>, DataError> {
+    match array.shape[..] {
+        [_] => Ok(array.data),
+        _ => Err(shape(path, array.shape, "(T,), one number per sample")),
+    }
+}
+
+/// A `(N, 3)` array.
+pub(crate) fn points(path: &Path, array: NpyArray) -> Result<Vec<Point3<f64>>, DataError> {
+    match array.shape[..] {
+        [_, 3] => Ok(array.data.chunks_exact(3).map(Point3::from_slice).collect()),
+        _ => Err(shape(path, array.shape, "(N, 3), one point per row")),
+    }
+}
+
+/// The coordinates of points, row by row.
+pub(crate) fn coordinates(points: &[Point3<f64>]) -> Vec<f64> {
+    points.iter().flat_map(|p| [p.x, p.y, p.z]).collect()
+}
+
+pub(crate) fn check_points(path: &Path, points: &[Point3<f64>]) -> Result<(), DataError> {
+    if points.is_empty() {
+        return Err(DataError::Empty {
+            path: path.to_owned(),
+            what: "the point cloud",
+        });
+    }
+    for (row, p) in points.iter().enumerate() {
+        if let Some(k) = (0..3).find(|&k| !p[k].is_finite()) {
+            return Err(DataError::NotFinite {
+                path: path.to_owned(),
+                row,
+                column: ["x", "y", "z"][k].to_owned(),
+                value: p[k],
+            });
+        }
+    }
+    Ok(())
+}
+
+fn shape(path: &Path, got: Vec<usize>, expected: &str) -> DataError {
+    DataError::Shape {
+        path: path.to_owned(),
+        got,
+        expected: expected.to_owned(),
+    }
+}

@@ -1,0 +1,364 @@
+use crate::{DataError, files, json, pose};
+use nalgebra::{Isometry3, Point3, Vector3};
+use serde::{Deserialize, Serialize};
+use serde_json::{Map, Value};
+use std::collections::BTreeMap;
+use std::path::{Path, PathBuf};
+
+/// Name of the metadata file in a data set.
+pub(crate) const FILE: &str = "dataset.json";
+
+/// What the torque columns mean.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum TorqueKind {
+    /// `tau = sum_i J^T f_i` with `f_i` the force of the environment on the robot; gravity
+    /// already removed. The default.
+    #[default]
+    External,
+    /// The actuator-side reading, `tau_meas = tau_gravity(q) - tau_ext` in quasi-static motion.
+    Measured,
+}
+
+/// Kind of one joint, which fixes the units of its columns.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum JointType {
+    /// Angles [rad] and torques [N m].
+    Revolute,
+    /// Positions [m] and forces [N].
+    Prismatic,
+}
+
+/// How the object holds on to the robot.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum Attachment {
+    /// Contact only pushes. The default.
+    #[default]
+    Unilateral,
+    /// A clamped specimen, which also pulls.
+    Bilateral,
+}
+
+/// Sequence IDs for training and for test. No ID occurs twice; IDs in neither list are unused.
+#[derive(Debug, Clone, PartialEq, Eq, Default)]
+pub struct Splits {
+    /// IDs to estimate from.
+    pub train: Vec<String>,
+    /// IDs to predict.
+    pub test: Vec<String>,
+}
+
+/// The robot of a recording. This crate knows no robots: it keeps the name or finds the file.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct RobotRef {
+    /// The text of the metadata: name of a built-in robot, or path of a URDF.
+    pub given: String,
+    /// The URDF, if `given` is a path; `None` for a built-in robot.
+    pub path: Option<PathBuf>,
+}
+
+impl RobotRef {
+    /// Understands `given`: the name of a built-in robot, or, when it has a file extension or
+    /// more than one part, the path of a URDF relative to `base`.
+    ///
+    /// # Errors
+    /// [`DataError::RobotNotFound`] when it is empty, or a path at which there is no file. Whether
+    /// a built-in robot of that name exists is not known here.
+    ///
+    /// ```
+    /// use vsf_data::RobotRef;
+    /// assert_eq!(RobotRef::resolve("kinova_gen3", ".".as_ref())?.path, None);
+    /// assert!(RobotRef::resolve("no/such.urdf", ".".as_ref()).is_err());
+    /// # Ok::<(), vsf_data::DataError>(())
+    /// ```
+    pub fn resolve(given: &str, base: &Path) -> Result<Self, DataError> {
+        let as_path = Path::new(given);
+        let is_path = as_path.extension().is_some() || given.contains(['/', '\\']);
+        let path = base.join(as_path);
+        if given.trim().is_empty() || (is_path && !path.is_file()) {
+            return Err(DataError::RobotNotFound {
+                given: given.to_owned(),
+                path,
+            });
+        }
+        Ok(Self {
+            given: given.to_owned(),
+            path: is_path.then_some(path),
+        })
+    }
+
+    /// The text to write to a data set in `dir`: as given if that finds the same file from there,
+    /// else the absolute path.
+    fn text_in(&self, dir: &Path) -> Result<String, DataError> {
+        let Some(path) = &self.path else {
+            return Ok(self.given.clone());
+        };
+        let failed = |e| DataError::io("read", path, e);
+        let file = path.canonicalize().map_err(failed)?;
+        if dir
+            .join(&self.given)
+            .canonicalize()
+            .is_ok_and(|p| p == file)
+        {
+            return Ok(self.given.clone());
+        }
+        let absolute = std::path::absolute(path).map_err(failed)?;
+        match absolute.to_str() {
+            Some(text) => Ok(text.to_owned()),
+            None => Err(DataError::Metadata {
+                path: dir.join(FILE),
+                key: "robot",
+                problem: format!("the path {} is not UTF-8", absolute.display()),
+            }),
+        }
+    }
+}
+
+/// Metadata given by the caller, which goes before `dataset.json`. Whatever is `None` is taken
+/// from the file, or from the format's default.
+///
+/// With `robot` and `rate_hz` set, a folder of OpenVSF (no `dataset.json`, no `time.npy`) loads.
+#[derive(Debug, Clone, PartialEq, Default)]
+pub struct Overrides {
+    /// Name of the data set; default the folder's name.
+    pub name: Option<String>,
+    /// Free text; default empty.
+    pub description: Option<String>,
+    /// The robot; required here or in the file.
+    pub robot: Option<RobotRef>,
+    /// Meaning of the torques; default external.
+    pub torque_kind: Option<TorqueKind>,
+    /// Sample rate [Hz]; required for sequences without `time.npy`.
+    pub rate_hz: Option<f64>,
+    /// Gravity [m/s^2], world frame; default (0, 0, -9.81).
+    pub gravity: Option<Vector3<f64>>,
+    /// Pose of the robot's base in the world, `X_WB`; default identity.
+    pub base_pose: Option<Isometry3<f64>>,
+    /// Smallest and largest corner of the object's box [m], world frame; default none.
+    pub object_bbox: Option<[Point3<f64>; 2]>,
+    /// Contact-free samples at the start of every sequence; default 0.
+    pub tare_samples: Option<usize>,
+    /// Training and test IDs; default all train.
+    pub splits: Option<Splits>,
+    /// Joint names of the columns; default the robot's chain order.
+    pub joints: Option<Vec<String>>,
+    /// Joint types of the columns; default from the URDF.
+    pub joint_types: Option<Vec<JointType>>,
+    /// Rows at which touches begin, by sequence ID; default row 0.
+    pub touch_starts: Option<BTreeMap<String, Vec<usize>>>,
+    /// Labels by sequence ID; default none.
+    pub sequence_tags: Option<BTreeMap<String, Vec<String>>>,
+    /// How the object holds on to the robot; default unilateral.
+    pub attachment: Option<Attachment>,
+    /// Rest length of a clamped specimen [m]; default none.
+    pub gauge_length: Option<f64>,
+}
+
+impl Overrides {
+    /// Field by field: `self` where it is set, else `other`.
+    pub(crate) fn or(self, other: Self) -> Self {
+        Self {
+            name: self.name.or(other.name),
+            description: self.description.or(other.description),
+            robot: self.robot.or(other.robot),
+            torque_kind: self.torque_kind.or(other.torque_kind),
+            rate_hz: self.rate_hz.or(other.rate_hz),
+            gravity: self.gravity.or(other.gravity),
+            base_pose: self.base_pose.or(other.base_pose),
+            object_bbox: self.object_bbox.or(other.object_bbox),
+            tare_samples: self.tare_samples.or(other.tare_samples),
+            splits: self.splits.or(other.splits),
+            joints: self.joints.or(other.joints),
+            joint_types: self.joint_types.or(other.joint_types),
+            touch_starts: self.touch_starts.or(other.touch_starts),
+            sequence_tags: self.sequence_tags.or(other.sequence_tags),
+            attachment: self.attachment.or(other.attachment),
+            gauge_length: self.gauge_length.or(other.gauge_length),
+        }
+    }
+}
+
+/// `dataset.json` as it is written.
+#[derive(Default, Serialize, Deserialize)]
+#[serde(expecting = "an object with the keys of dataset.json")]
+struct Raw {
+    #[serde(skip_serializing_if = "Option::is_none")]
+    name: Option<String>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    description: Option<String>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    robot: Option<String>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    torque_kind: Option<TorqueKind>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    rate_hz: Option<f64>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    gravity: Option<[f64; 3]>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    base_pose: Option<pose::Rows4>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    object_bbox: Option<[[f64; 3]; 2]>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    tare_samples: Option<usize>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    splits: Option<RawSplits>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    joints: Option<Vec<String>>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    joint_types: Option<Vec<JointType>>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    touch_starts: Option<BTreeMap<String, Vec<usize>>>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    sequence_tags: Option<BTreeMap<String, Tags>>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    attachment: Option<Attachment>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    gauge_length: Option<f64>,
+    #[serde(flatten)]
+    extra: Map<String, Value>,
+}
+
+/// A key that is left out is an empty split; one that is written must list something.
+#[derive(Serialize, Deserialize)]
+#[serde(
+    deny_unknown_fields,
+    expecting = "an object with lists of IDs: train, test"
+)]
+struct RawSplits {
+    #[serde(skip_serializing_if = "Option::is_none")]
+    train: Option<Vec<String>>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    test: Option<Vec<String>>,
+}
+
+impl RawSplits {
+    fn read(self, path: &Path) -> Result<Splits, DataError> {
+        let listed = |ids: Option<Vec<String>>, split| match ids {
+            Some(ids) if ids.is_empty() => Err(DataError::EmptySplit {
+                path: path.to_owned(),
+                split,
+            }),
+            ids => Ok(ids.unwrap_or_default()),
+        };
+        Ok(Splits {
+            train: listed(self.train, "train")?,
+            test: listed(self.test, "test")?,
+        })
+    }
+
+    fn write(splits: Splits) -> Self {
+        let listed = |ids: Vec<String>| (!ids.is_empty()).then_some(ids);
+        Self {
+            train: listed(splits.train),
+            test: listed(splits.test),
+        }
+    }
+}
+
+/// Labels, as a list or as an object of values; the latter is read as `key=value`.
+#[derive(Serialize, Deserialize)]
+#[serde(
+    untagged,
+    expecting = "the tags of a sequence must be a list of strings or an object of strings, numbers and booleans"
+)]
+enum Tags {
+    List(Vec<String>),
+    Object(BTreeMap<String, TagValue>),
+}
+
+#[derive(Serialize, Deserialize)]
+#[serde(untagged)]
+enum TagValue {
+    Text(String),
+    Number(serde_json::Number),
+    Bool(bool),
+}
+
+impl Tags {
+    fn into_list(self) -> Vec<String> {
+        let pair = |(key, value)| match value {
+            TagValue::Text(v) => format!("{key}={v}"),
+            TagValue::Number(v) => format!("{key}={v}"),
+            TagValue::Bool(v) => format!("{key}={v}"),
+        };
+        match self {
+            Self::List(list) => list,
+            Self::Object(map) => map.into_iter().map(pair).collect(),
+        }
+    }
+}
+
+/// Reads `dataset.json` of the folder, if there is one, and the keys it does not know.
+pub(crate) fn read(dir: &Path) -> Result<(Overrides, BTreeMap<String, String>), DataError> {
+    let path = dir.join(FILE);
+    let raw: Raw = match files::read(&path) {
+        Ok(bytes) => json::parse(&path, &bytes)?,
+        Err(DataError::Missing { .. }) => Raw::default(),
+        Err(e) => return Err(e),
+    };
+    let base_pose = raw.base_pose.map(|m| pose::from_rows(&m)).transpose();
+    let metadata = Overrides {
+        name: raw.name,
+        description: raw.description,
+        robot: match raw.robot {
+            Some(given) => Some(RobotRef::resolve(&given, dir)?),
+            None => None,
+        },
+        torque_kind: raw.torque_kind,
+        rate_hz: raw.rate_hz,
+        gravity: raw.gravity.map(Vector3::from),
+        base_pose: base_pose.map_err(|problem| DataError::Metadata {
+            path: path.clone(),
+            key: "base_pose",
+            problem,
+        })?,
+        object_bbox: raw.object_bbox.map(|b| b.map(Point3::from)),
+        tare_samples: raw.tare_samples,
+        splits: raw.splits.map(|s| s.read(&path)).transpose()?,
+        joints: raw.joints,
+        joint_types: raw.joint_types,
+        touch_starts: raw.touch_starts,
+        sequence_tags: raw
+            .sequence_tags
+            .map(|m| m.into_iter().map(|(id, t)| (id, t.into_list())).collect()),
+        attachment: raw.attachment,
+        gauge_length: raw.gauge_length,
+    };
+    Ok((metadata, json::to_text(raw.extra)))
+}
+
+/// Writes `dataset.json` of the folder.
+pub(crate) fn write(
+    dir: &Path,
+    metadata: Overrides,
+    extra: &BTreeMap<String, String>,
+) -> Result<(), DataError> {
+    let path = dir.join(FILE);
+    let raw = Raw {
+        name: metadata.name,
+        description: metadata.description,
+        robot: match metadata.robot {
+            Some(robot) => Some(robot.text_in(dir)?),
+            None => None,
+        },
+        torque_kind: metadata.torque_kind,
+        rate_hz: metadata.rate_hz,
+        gravity: metadata.gravity.map(Into::into),
+        base_pose: metadata.base_pose.as_ref().map(pose::to_rows),
+        object_bbox: metadata.object_bbox.map(|b| b.map(|p| p.coords.into())),
+        tare_samples: metadata.tare_samples,
+        splits: metadata.splits.map(RawSplits::write),
+        joints: metadata.joints,
+        joint_types: metadata.joint_types,
+        touch_starts: metadata.touch_starts,
+        sequence_tags: metadata
+            .sequence_tags
+            .map(|m| m.into_iter().map(|(id, t)| (id, Tags::List(t))).collect()),
+        attachment: metadata.attachment,
+        gauge_length: metadata.gauge_length,
+        extra: json::from_text(&path, extra)?,
+    };
+    files::write(&path, &json::encode(&path, &raw)?)
+}

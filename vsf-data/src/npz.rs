@@ -1,0 +1,66 @@
+//! `.npz` archives: zip files whose entries are `.npy` files.
+
+use crate::{DataError, files};
+use std::collections::BTreeMap;
+use std::io::{Cursor, Read, Write};
+use std::path::Path;
+use zip::result::ZipError;
+use zip::write::SimpleFileOptions;
+use zip::{CompressionMethod, ZipArchive, ZipWriter};
+
+/// More than this in one entry is refused: a few bytes of zip can unpack to a full disk.
+const MAX_ENTRY: u64 = 1 << 30;
+
+/// The entries by name, without `.npy`, and their bytes.
+pub(crate) fn read(path: &Path) -> Result<BTreeMap<String, Vec<u8>>, DataError> {
+    let damaged = |e: ZipError| failure(path, &e);
+    let mut zip = ZipArchive::new(Cursor::new(files::read(path)?)).map_err(damaged)?;
+    let mut entries = BTreeMap::new();
+    for i in 0..zip.len() {
+        let mut entry = zip.by_index(i).map_err(damaged)?;
+        let name = entry.name().strip_suffix(".npy").unwrap_or(entry.name());
+        let name = name.to_owned();
+        let inside = path.join(entry.name());
+        let mut bytes = Vec::new();
+        // Nothing is reserved by the size that the archive claims.
+        let limited = (&mut entry).take(MAX_ENTRY + 1).read_to_end(&mut bytes);
+        limited.map_err(|e| failure(&inside, &ZipError::Io(e)))?;
+        if bytes.len() as u64 > MAX_ENTRY {
+            return Err(DataError::Npz {
+                path: inside,
+                problem: format!("larger than {MAX_ENTRY} bytes"),
+            });
+        }
+        if entries.insert(name, bytes).is_some() {
+            return Err(DataError::Npz {
+                path: inside,
+                problem: "the entry occurs twice".to_owned(),
+            });
+        }
+    }
+    Ok(entries)
+}
+
+/// Writes the entries, stored as `numpy.savez` does; `.npy` is added to the names.
+pub(crate) fn write(path: &Path, entries: &BTreeMap<String, Vec<u8>>) -> Result<(), DataError> {
+    let options = SimpleFileOptions::default().compression_method(CompressionMethod::Stored);
+    let mut zip = ZipWriter::new(Cursor::new(Vec::new()));
+    let mut fill = || {
+        for (name, bytes) in entries {
+            let large = bytes.len() as u64 >= zip::ZIP64_BYTES_THR;
+            zip.start_file(format!("{name}.npy"), options.large_file(large))?;
+            zip.write_all(bytes)?;
+        }
+        Ok(())
+    };
+    fill().map_err(|e| failure(path, &e))?;
+    let bytes = zip.finish().map_err(|e| failure(path, &e))?;
+    files::write(path, bytes.get_ref())
+}
+
+fn failure(path: &Path, e: &ZipError) -> DataError {
+    DataError::Npz {
+        path: path.to_owned(),
+        problem: e.to_string(),
+    }
+}

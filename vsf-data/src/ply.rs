@@ -1,0 +1,115 @@
+//! Point clouds in the PLY format.
+
+use crate::{DataError, StiffnessField, color, files};
+use nalgebra::Point3;
+use ply_rs_bw::parser::{Parser, Reader};
+use ply_rs_bw::ply::{Property, PropertyAccess, PropertyAccessResult};
+use std::io::Cursor;
+use std::path::Path;
+
+pub(crate) fn write(
+    path: &Path,
+    field: &StiffnessField,
+    full_scale: Option<f64>,
+) -> Result<(), DataError> {
+    let largest = field.stiffness.iter().copied().fold(0.0, f64::max);
+    let scale = full_scale.unwrap_or(largest);
+    let sd = match field.sd {
+        Some(_) => "property double sd\n",
+        None => "",
+    };
+    let mut bytes = format!(
+        "ply\nformat binary_little_endian 1.0\n\
+         comment stiffness in N/m; colour from 0 to {scale} N/m\n\
+         element vertex {}\n\
+         property double x\nproperty double y\nproperty double z\n\
+         property uchar red\nproperty uchar green\nproperty uchar blue\n\
+         property double stiffness\n{sd}end_header\n",
+        field.points.len()
+    )
+    .into_bytes();
+    for (i, (p, &stiffness)) in field.points.iter().zip(&field.stiffness).enumerate() {
+        bytes.extend([p.x, p.y, p.z].iter().flat_map(|v| v.to_le_bytes()));
+        // A field without stiffness anywhere is all dark.
+        let value = if scale > 0.0 { stiffness / scale } else { 0.0 };
+        bytes.extend(color(value));
+        bytes.extend(stiffness.to_le_bytes());
+        if let Some(sd) = &field.sd {
+            bytes.extend(sd[i].to_le_bytes());
+        }
+    }
+    files::write(path, &bytes)
+}
+
+/// Reads the points `x y z` of the element `vertex` of a PLY file, ascii or binary, in the units
+/// of the file (metres everywhere in this crate). Everything else in the file is skipped.
+///
+/// # Errors
+/// A damaged file, no vertices, coordinates that are missing or not finite.
+pub fn read_ply_points(path: impl AsRef<Path>) -> Result<Vec<Point3<f64>>, DataError> {
+    let path = path.as_ref();
+    let wrong = |problem: String| DataError::Ply {
+        path: path.to_owned(),
+        problem,
+    };
+    let damaged = |e: ply_rs_bw::parser::ParseError| wrong(format!("damaged PLY: {e}"));
+    let bytes = files::read(path)?;
+    let length = bytes.len();
+    let mut reader = Reader::new(Cursor::new(bytes));
+    let parser = Parser::<Vertex>::new();
+    let header = parser.read_header(&mut reader).map_err(damaged)?;
+    for (name, element) in &header.elements {
+        // Every element takes a byte at least, so larger counts are not worth starting on.
+        if element.count > length || (element.properties.is_empty() && element.count > 0) {
+            let problem = format!("{} elements {name:?} in {length} bytes", element.count);
+            return Err(wrong(problem));
+        }
+    }
+    let complete = header.elements.get("vertex").is_some_and(|v| {
+        ["x", "y", "z"]
+            .iter()
+            .all(|k| v.properties.contains_key(*k))
+    });
+    if !complete {
+        return Err(wrong("no element vertex with x, y and z".to_owned()));
+    }
+    let mut payload = parser.read_payload(&mut reader, &header).map_err(damaged)?;
+    let points: Vec<_> = payload
+        .swap_remove("vertex")
+        .unwrap_or_default()
+        .iter()
+        .map(|v| v.0)
+        .collect();
+    files::check_points(path, &points)?;
+    Ok(points)
+}
+
+/// The position of a vertex; any other property or element leaves it alone.
+struct Vertex(Point3<f64>);
+
+impl PropertyAccess for Vertex {
+    fn new() -> Self {
+        Self(Point3::origin())
+    }
+
+    fn set_property(&mut self, name: &str, property: Property) -> PropertyAccessResult {
+        let k = match name {
+            "x" => 0,
+            "y" => 1,
+            "z" => 2,
+            _ => return PropertyAccessResult::Ignored,
+        };
+        self.0[k] = match property {
+            Property::Char(v) => v.into(),
+            Property::UChar(v) => v.into(),
+            Property::Short(v) => v.into(),
+            Property::UShort(v) => v.into(),
+            Property::Int(v) => v.into(),
+            Property::UInt(v) => v.into(),
+            Property::Float(v) => v.into(),
+            Property::Double(v) => v,
+            _ => return PropertyAccessResult::UnsupportedType,
+        };
+        PropertyAccessResult::Set
+    }
+}
