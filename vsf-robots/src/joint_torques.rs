@@ -74,16 +74,7 @@ impl<T: Scalar> Sensor<T> for JointTorques {
                 len: chains.link_count(),
             });
         }
-        // Contacts are in order of the point: the last one says whether all fit.
-        if let Some(&point) = contacts.points().last()
-            && point as usize >= rest.len()
-        {
-            return Err(CoreError::OutOfRange {
-                what: "touched point",
-                index: point as usize,
-                len: rest.len(),
-            });
-        }
+        // `rebuild` checks the touched points before it asks for columns.
         out.rebuild(rest.len(), contacts.points(), reading, |k, w| {
             let p = rest.positions()[contacts.points()[k] as usize];
             let u = contacts.displacements()[k];

@@ -56,6 +56,7 @@ mod kinova_gen3;
 mod kinova_gen3_shapes;
 mod mesh;
 mod model;
+mod nesting;
 mod resource;
 mod tree;
 mod urdf;

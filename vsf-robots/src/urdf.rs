@@ -1,10 +1,13 @@
 use crate::description::{Description, JointDescription, LinkDescription};
-use crate::{JointKind, JointLimits, RobotError, RobotModel, capsules, mesh, resource};
+use crate::{JointKind, JointLimits, RobotError, RobotModel, capsules, mesh, nesting, resource};
 use nalgebra::{Isometry3, Matrix3, UnitQuaternion, Vector3};
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 use urdf_rs::{Geometry, JointType};
 use vsf_core::Shape;
+
+/// Far beyond any URDF, which has 4 or 5 levels.
+const MAX_NESTING: usize = 100;
 
 /// What to do with `<mesh>` collision shapes.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
@@ -102,6 +105,12 @@ fn read(
     // The parser would skip macros and their links without a word.
     if text.contains("<xacro:") {
         return Err(invalid("it holds xacro macros; expand them first".into()));
+    }
+    let depth = nesting::depth(text);
+    if depth > MAX_NESTING {
+        return Err(invalid(format!(
+            "its elements are nested {depth} deep, at most {MAX_NESTING} are read"
+        )));
     }
     let robot = urdf_rs::read_from_string(text).map_err(|e| invalid(e.to_string()))?;
     let description = Description {

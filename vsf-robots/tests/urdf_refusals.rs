@@ -70,6 +70,8 @@ fn text_that_is_not_urdf() {
             parse(text)
         );
     }
+    let deep = with_link(&("<x>".repeat(1_000_000) + &"</x>".repeat(1_000_000)));
+    assert!(parse(&deep).unwrap_err().to_string().contains("nested"));
     let Err(RobotError::NoLinks { .. }) = parse("<mujoco model=\"m\"><body/></mujoco>") else {
         panic!()
     };
