@@ -17,7 +17,7 @@ pub struct DynamicsWorkspace {
 }
 
 impl DynamicsWorkspace {
-    /// The posture of the last call that succeeded.
+    /// The posture of the last call.
     pub fn posture(&self) -> &Posture {
         &self.posture
     }
