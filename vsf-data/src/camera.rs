@@ -14,22 +14,22 @@ const MAX_PIXELS: u64 = 1 << 26;
 /// One registered RGB-D view with pinhole intrinsics, in OpenCV axes: x right, y down, z forward.
 #[derive(Debug, Clone, PartialEq)]
 pub struct CameraView {
-    /// Width of both images [pixels].
+    /// Width of both images \[pixels\].
     pub width: u32,
-    /// Height of both images [pixels]; at most 2^26 pixels in all.
+    /// Height of both images \[pixels\]; at most 2^26 pixels in all.
     pub height: u32,
     /// Red, green, blue, row by row from the top left; 3 bytes a pixel.
     pub color: Vec<u8>,
     /// Depth along z, row by row; metres = value * [`depth_scale`](Self::depth_scale), 0 means no
     /// return.
     pub depth: Vec<u16>,
-    /// Focal length in x [pixels], positive.
+    /// Focal length in x \[pixels\], positive.
     pub fx: f64,
-    /// Focal length in y [pixels], positive.
+    /// Focal length in y \[pixels\], positive.
     pub fy: f64,
-    /// Principal point in x [pixels]; the centre of the first pixel is 0.
+    /// Principal point in x \[pixels\]; the centre of the first pixel is 0.
     pub cx: f64,
-    /// Principal point in y [pixels].
+    /// Principal point in y \[pixels\].
     pub cy: f64,
     /// Metres per unit of depth, positive.
     pub depth_scale: f64,

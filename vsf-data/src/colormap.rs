@@ -22,9 +22,30 @@ const ANCHORS: [[f64; 3]; 10] = [
 /// ```
 pub fn color(value: f64) -> [u8; 3] {
     let last = ANCHORS.len() - 1;
-    // `max` drops a NaN.
-    let x = value.max(0.0).min(1.0) * last as f64;
+    // NaN is not above 0 either.
+    let unit = if value > 0.0 { value.min(1.0) } else { 0.0 };
+    let x = unit * last as f64;
     let i = (x as usize).min(last - 1);
     let mix = |k: usize| ANCHORS[i][k] + (x - i as f64) * (ANCHORS[i + 1][k] - ANCHORS[i][k]);
     [0, 1, 2].map(|k| mix(k).round() as u8)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::color;
+
+    #[test]
+    fn brightness_rises_and_ends_hold() {
+        let brightness = |value: f64| {
+            let [r, g, b] = color(value).map(f64::from);
+            0.30 * r + 0.59 * g + 0.11 * b
+        };
+        let scale: Vec<f64> = (0..=100)
+            .map(|k| brightness(f64::from(k) / 100.0))
+            .collect();
+        assert!(scale.windows(2).all(|w| w[1] >= w[0] - 0.5), "{scale:?}");
+        assert_eq!(color(-3.0), color(0.0));
+        assert_eq!(color(f64::NAN), color(0.0));
+        assert_eq!(color(f64::INFINITY), color(1.0));
+    }
 }

@@ -1,17 +1,15 @@
+use crate::check::check_metadata;
 use crate::metadata::{self, Attachment, JointType, Overrides, RobotRef, Splits, TorqueKind};
 use crate::sequence::{self, Sequence};
 use crate::{CameraView, DataError, DataWarning, StiffnessField};
-use crate::{field, files, natural, npy, pose, signal};
+use crate::{field, files, natural, npy, signal};
 use nalgebra::{Isometry3, Point3, Vector3};
-use std::collections::{BTreeMap, BTreeSet};
+use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
-const POINTS: &str = "points.npy";
-const FIELD: &str = "vsf.npz";
-const CAMERA: &str = "camera";
-
-/// How far outside `object_bbox` a point may lie without a warning [m]: rounding to f32.
-const BOX_SLACK: f64 = 1e-6;
+pub(crate) const POINTS: &str = "points.npy";
+pub(crate) const FIELD: &str = "vsf.npz";
+pub(crate) const CAMERA: &str = "camera";
 
 /// One recording campaign of one object: a folder of touch sequences with its metadata.
 ///
@@ -26,13 +24,13 @@ pub struct Dataset {
     pub robot: RobotRef,
     /// Meaning of the torque columns.
     pub torque_kind: TorqueKind,
-    /// Sample rate [Hz], positive; needed only for sequences without time stamps.
+    /// Sample rate \[Hz\], positive; needed only for sequences without time stamps.
     pub rate_hz: Option<f64>,
     /// Gravity [m/s^2], world frame; default (0, 0, -9.81).
     pub gravity: Vector3<f64>,
     /// Pose of the robot's base in the world, `X_WB`; default identity.
     pub base_pose: Isometry3<f64>,
-    /// Smallest and largest corner of the object's box [m], world frame.
+    /// Smallest and largest corner of the object's box \[m\], world frame.
     pub object_bbox: Option<[Point3<f64>; 2]>,
     /// Number of contact-free samples at the start of every sequence, which tare the torque
     /// sensor; see [`tare`](Self::tare).
@@ -45,9 +43,9 @@ pub struct Dataset {
     pub joint_types: Option<Vec<JointType>>,
     /// How the object holds on to the robot.
     pub attachment: Attachment,
-    /// Rest length of a clamped specimen [m], positive.
+    /// Rest length of a clamped specimen \[m\], positive.
     pub gauge_length: Option<f64>,
-    /// Rest positions `p_i` [m], world frame.
+    /// Rest positions `p_i` \[m\], world frame.
     pub rest_points: Option<Vec<Point3<f64>>>,
     /// A stored field: `vsf.npz`, or a folder with `points.npy` and `K.npy`.
     pub field: Option<StiffnessField>,
@@ -80,9 +78,8 @@ impl Dataset {
                 what: "data set folder",
             });
         }
-        let (from_file, extra) = metadata::read(dir)?;
+        let (metadata, extra) = metadata::read(dir, overrides)?;
         let mut warnings = unknown_keys(dir.join(metadata::FILE), &extra);
-        let metadata = overrides.clone().or(from_file);
         check_metadata(dir, &metadata)?;
         let Some(robot) = metadata.robot else {
             return Err(DataError::MissingKey {
@@ -224,7 +221,7 @@ impl Dataset {
     }
 
     /// The metadata as the file holds it: defaults of the maps left out.
-    fn metadata(&self) -> Overrides {
+    pub(crate) fn metadata(&self) -> Overrides {
         let by_id = |s: &Sequence| s.id.clone();
         let touch_starts: BTreeMap<_, _> = (self.sequences.iter())
             .filter(|s| s.touch_starts != [0])
@@ -252,202 +249,6 @@ impl Dataset {
             attachment: Some(self.attachment),
             gauge_length: self.gauge_length,
         }
-    }
-
-    /// Checks everything the format promises; names files below `dir`.
-    fn check(&self, dir: &Path) -> Result<(), DataError> {
-        let path = dir.join(metadata::FILE);
-        check_metadata(dir, &self.metadata())?;
-        if self.sequences.is_empty() {
-            return Err(DataError::NoSequences {
-                path: dir.to_owned(),
-            });
-        }
-        let mut ids = BTreeSet::new();
-        for sequence in &self.sequences {
-            sequence.check(dir)?;
-            if !ids.insert(&sequence.id) {
-                return Err(duplicate(path, &sequence.id, "sequences"));
-            }
-            if self.tare_samples > sequence.len() {
-                return Err(DataError::TareSamples {
-                    path,
-                    id: sequence.id.clone(),
-                    tare_samples: self.tare_samples,
-                    rows: sequence.len(),
-                });
-            }
-            self.check_width(dir, sequence)?;
-        }
-        self.check_splits(path)?;
-        if let Some(points) = &self.rest_points {
-            files::check_points(&dir.join(POINTS), points)?;
-        }
-        if let Some(field) = &self.field {
-            field.check(&dir.join(FIELD))?;
-        }
-        if let Some(camera) = &self.camera {
-            camera.check(&dir.join(CAMERA))?;
-        }
-        Ok(())
-    }
-
-    fn check_width(&self, dir: &Path, sequence: &Sequence) -> Result<(), DataError> {
-        let joints = self
-            .joints
-            .as_ref()
-            .map(|j| (j.len(), "joints in dataset.json"));
-        let types = self
-            .joint_types
-            .as_ref()
-            .map(|t| (t.len(), "joint_types in dataset.json"));
-        let (width, reason) = joints
-            .or(types)
-            .unwrap_or((self.width(), "the first sequence"));
-        if sequence.width() == width {
-            return Ok(());
-        }
-        Err(DataError::Shape {
-            path: sequence.folder(dir).join("angles.npy"),
-            got: vec![sequence.len(), sequence.width()],
-            expected: format!("{width} columns, as {reason}"),
-        })
-    }
-
-    fn check_splits(&self, path: PathBuf) -> Result<(), DataError> {
-        let Splits { train, test } = &self.splits;
-        if train.is_empty() && test.is_empty() {
-            return Err(DataError::EmptySplit {
-                path,
-                split: "train",
-            });
-        }
-        let mut listed = BTreeMap::new();
-        for (split, ids) in [("train", train), ("test", test)] {
-            for id in ids {
-                if self.sequence(id).is_none() {
-                    return Err(DataError::UnknownSequence {
-                        path,
-                        key: "splits",
-                        id: id.clone(),
-                    });
-                }
-                match listed.insert(id, split) {
-                    None => {}
-                    Some(before) if before == split => return Err(duplicate(path, id, split)),
-                    Some(_) => return Err(duplicate(path, id, "splits train and test")),
-                }
-            }
-        }
-        Ok(())
-    }
-
-    fn warnings(&self, dir: &Path) -> Vec<DataWarning> {
-        let mut warnings = Vec::new();
-        if let (Some(points), Some([lo, hi])) = (&self.rest_points, &self.object_bbox) {
-            let outside = |p: &&Point3<f64>| {
-                (0..3).any(|k| p[k] < lo[k] - BOX_SLACK || p[k] > hi[k] + BOX_SLACK)
-            };
-            let count = points.iter().filter(outside).count();
-            if count > 0 {
-                warnings.push(DataWarning::PointsOutsideBox {
-                    path: dir.join(POINTS),
-                    count,
-                    total: points.len(),
-                });
-            }
-        }
-        let Splits { train, test } = &self.splits;
-        let used: BTreeSet<&String> = train.iter().chain(test).collect();
-        let ids: Vec<String> = (self.sequences.iter())
-            .map(|s| s.id.clone())
-            .filter(|id| !used.contains(id))
-            .collect();
-        if !ids.is_empty() {
-            warnings.push(DataWarning::UnassignedSequences {
-                path: dir.join(metadata::FILE),
-                ids,
-            });
-        }
-        warnings
-    }
-
-    /// Files in `dir` that would be read with this data set but are not written by it.
-    fn check_leftovers(&self, dir: &Path) -> Result<(), DataError> {
-        let leftover = |path| Err(DataError::Leftover { path });
-        for (id, folder) in sequence_ids_or_none(dir)? {
-            let velocities = folder.join("velocities.npy");
-            match self.sequence(&id) {
-                None => return leftover(folder),
-                Some(s) if s.velocities.is_none() && velocities.exists() => {
-                    return leftover(velocities);
-                }
-                Some(_) => {}
-            }
-        }
-        if self.rest_points.is_none() && dir.join(POINTS).exists() {
-            return leftover(dir.join(POINTS));
-        }
-        if self.camera.is_none() && dir.join(CAMERA).exists() {
-            return leftover(dir.join(CAMERA));
-        }
-        match stored_field(dir)? {
-            Some(path) if self.field.is_none() || path != dir.join(FIELD) => leftover(path),
-            _ => Ok(()),
-        }
-    }
-}
-
-/// Values that have the right type and still no meaning.
-fn check_metadata(dir: &Path, metadata: &Overrides) -> Result<(), DataError> {
-    let wrong = |key, problem: String| DataError::Metadata {
-        path: dir.join(metadata::FILE),
-        key,
-        problem,
-    };
-    let positive = |key, value: Option<f64>| match value {
-        Some(v) if !(v.is_finite() && v > 0.0) => {
-            Err(wrong(key, format!("{v} must be positive and finite")))
-        }
-        _ => Ok(()),
-    };
-    positive("rate_hz", metadata.rate_hz)?;
-    positive("gauge_length", metadata.gauge_length)?;
-    if metadata.gravity.is_some_and(|g| !pose::is_finite(&g)) {
-        return Err(wrong("gravity", "must be finite".to_owned()));
-    }
-    if let Some(base) = &metadata.base_pose {
-        pose::check(base).map_err(|problem| wrong("base_pose", problem))?;
-    }
-    if let Some([lo, hi]) = &metadata.object_bbox
-        && !(0..3).all(|k| lo[k].is_finite() && hi[k].is_finite() && lo[k] <= hi[k])
-    {
-        let problem = "must be [[xmin, ymin, zmin], [xmax, ymax, zmax]] with min <= max";
-        return Err(wrong("object_bbox", problem.to_owned()));
-    }
-    if let Some(joints) = &metadata.joints {
-        let mut seen = BTreeSet::new();
-        if let Some(name) = joints.iter().find(|j| j.is_empty() || !seen.insert(*j)) {
-            return Err(wrong(
-                "joints",
-                format!("{name:?} is empty or occurs twice"),
-            ));
-        }
-        if let Some(types) = &metadata.joint_types
-            && types.len() != joints.len()
-        {
-            let problem = format!("{} types for {} joints", types.len(), joints.len());
-            return Err(wrong("joint_types", problem));
-        }
-    }
-    Ok(())
-}
-
-fn duplicate(path: PathBuf, id: &str, place: &'static str) -> DataError {
-    DataError::DuplicateSequence {
-        path,
-        id: id.to_owned(),
-        place,
     }
 }
 
@@ -494,7 +295,7 @@ fn sequence_ids(dir: &Path) -> Result<Vec<(String, PathBuf)>, DataError> {
     }
 }
 
-fn sequence_ids_or_none(dir: &Path) -> Result<Vec<(String, PathBuf)>, DataError> {
+pub(crate) fn sequence_ids_or_none(dir: &Path) -> Result<Vec<(String, PathBuf)>, DataError> {
     let mut ids = Vec::new();
     for path in files::list(dir)?.into_iter().filter(|p| p.is_dir()) {
         let name = path.file_name().unwrap_or_default();
@@ -515,7 +316,7 @@ fn sequence_ids_or_none(dir: &Path) -> Result<Vec<(String, PathBuf)>, DataError>
 }
 
 /// The one stored field of a data set.
-fn stored_field(dir: &Path) -> Result<Option<PathBuf>, DataError> {
+pub(crate) fn stored_field(dir: &Path) -> Result<Option<PathBuf>, DataError> {
     let mut fields = files::list(dir)?.into_iter().filter(|path| {
         let name = path.file_name().unwrap_or_default().to_string_lossy();
         path.ends_with(FIELD) || (!name.starts_with(sequence::PREFIX) && field::is_folder(path))

@@ -153,9 +153,9 @@ pub enum DataError {
         path: PathBuf,
         /// Row, from 0.
         row: usize,
-        /// Time of the row before [s].
+        /// Time of the row before \[s\].
         previous: f64,
-        /// Time of this row [s].
+        /// Time of this row \[s\].
         value: f64,
     },
     /// A standard deviation is negative.

@@ -26,7 +26,7 @@ const MARKS: &str = "format.json";
 /// folder); a `K_std` without the mark is not used, since OpenVSF writes the variance there.
 #[derive(Debug, Clone, PartialEq)]
 pub struct StiffnessField {
-    /// Rest positions `p_i` [m], world frame.
+    /// Rest positions `p_i` \[m\], world frame.
     pub points: Vec<Point3<f64>>,
     /// Mean of `K_i` [N/m], one per point. Estimators that do not bound `K` may give negative
     /// values; they are kept.

@@ -44,6 +44,7 @@
 #![forbid(unsafe_code)]
 
 mod camera;
+mod check;
 mod colormap;
 mod dataset;
 mod error;

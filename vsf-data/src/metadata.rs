@@ -24,9 +24,9 @@ pub enum TorqueKind {
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum JointType {
-    /// Angles [rad] and torques [N m].
+    /// Angles \[rad\] and torques \[N m\].
     Revolute,
-    /// Positions [m] and forces [N].
+    /// Positions \[m\] and forces \[N\].
     Prismatic,
 }
 
@@ -130,13 +130,13 @@ pub struct Overrides {
     pub robot: Option<RobotRef>,
     /// Meaning of the torques; default external.
     pub torque_kind: Option<TorqueKind>,
-    /// Sample rate [Hz]; required for sequences without `time.npy`.
+    /// Sample rate \[Hz\]; required for sequences without `time.npy`.
     pub rate_hz: Option<f64>,
     /// Gravity [m/s^2], world frame; default (0, 0, -9.81).
     pub gravity: Option<Vector3<f64>>,
     /// Pose of the robot's base in the world, `X_WB`; default identity.
     pub base_pose: Option<Isometry3<f64>>,
-    /// Smallest and largest corner of the object's box [m], world frame; default none.
+    /// Smallest and largest corner of the object's box \[m\], world frame; default none.
     pub object_bbox: Option<[Point3<f64>; 2]>,
     /// Contact-free samples at the start of every sequence; default 0.
     pub tare_samples: Option<usize>,
@@ -152,7 +152,7 @@ pub struct Overrides {
     pub sequence_tags: Option<BTreeMap<String, Vec<String>>>,
     /// How the object holds on to the robot; default unilateral.
     pub attachment: Option<Attachment>,
-    /// Rest length of a clamped specimen [m]; default none.
+    /// Rest length of a clamped specimen \[m\]; default none.
     pub gauge_length: Option<f64>,
 }
 
@@ -290,8 +290,12 @@ impl Tags {
     }
 }
 
-/// Reads `dataset.json` of the folder, if there is one, and the keys it does not know.
-pub(crate) fn read(dir: &Path) -> Result<(Overrides, BTreeMap<String, String>), DataError> {
+/// Reads `dataset.json` of the folder, if there is one, below what the caller gives, and the keys
+/// it does not know.
+pub(crate) fn read(
+    dir: &Path,
+    given: &Overrides,
+) -> Result<(Overrides, BTreeMap<String, String>), DataError> {
     let path = dir.join(FILE);
     let raw: Raw = match files::read(&path) {
         Ok(bytes) => json::parse(&path, &bytes)?,
@@ -303,8 +307,9 @@ pub(crate) fn read(dir: &Path) -> Result<(Overrides, BTreeMap<String, String>), 
         name: raw.name,
         description: raw.description,
         robot: match raw.robot {
-            Some(given) => Some(RobotRef::resolve(&given, dir)?),
-            None => None,
+            // A file that is not there any more is no harm when the caller names another.
+            Some(text) if given.robot.is_none() => Some(RobotRef::resolve(&text, dir)?),
+            _ => None,
         },
         torque_kind: raw.torque_kind,
         rate_hz: raw.rate_hz,
@@ -326,7 +331,7 @@ pub(crate) fn read(dir: &Path) -> Result<(Overrides, BTreeMap<String, String>), 
         attachment: raw.attachment,
         gauge_length: raw.gauge_length,
     };
-    Ok((metadata, json::to_text(raw.extra)))
+    Ok((given.clone().or(metadata), json::to_text(raw.extra)))
 }
 
 /// Writes `dataset.json` of the folder.

@@ -10,13 +10,13 @@ pub(crate) const PREFIX: &str = "seq_";
 pub struct Sequence {
     /// The ID; its folder is `seq_<ID>`.
     pub id: String,
-    /// Time stamps [s], strictly increasing, length `T`.
+    /// Time stamps \[s\], strictly increasing, length `T`.
     pub time: Vec<f64>,
-    /// Joint angles [rad] (prismatic: positions [m]), `T` x `d`.
+    /// Joint angles \[rad\] (prismatic: positions \[m\]), `T` x `d`.
     pub angles: Table,
     /// Joint velocities [rad/s or m/s], `T` x `d`, if recorded.
     pub velocities: Option<Table>,
-    /// Joint torques [N m] (prismatic: forces [N]), `T` x `d`.
+    /// Joint torques \[N m\] (prismatic: forces \[N\]), `T` x `d`.
     pub torques: Table,
     /// Rows, increasing, at which a new touch begins: the contact state is reset there. `[0]` by
     /// default.

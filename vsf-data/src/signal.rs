@@ -127,13 +127,13 @@ fn derivative(
                 .clamp(range.start, range.end - size);
             let weights = slope_weights(&time[first..first + size], time[row]);
             slopes.extend((0..values.cols()).map(|col| {
-                let window = values.column(col).skip(first);
                 // Differences to the value itself keep the digits of a small change.
                 let here = values[row][col];
+                let change = |k: usize| values[first + k][col] - here;
                 weights
                     .iter()
-                    .zip(window)
-                    .map(|(w, v)| w * (v - here))
+                    .enumerate()
+                    .map(|(k, w)| w * change(k))
                     .sum::<f64>()
             }));
         }

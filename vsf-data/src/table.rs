@@ -24,7 +24,7 @@ impl Table {
     /// # Ok::<(), vsf_data::DataError>(())
     /// ```
     pub fn new(cols: usize, data: Vec<f64>) -> Result<Self, DataError> {
-        if cols == 0 || data.len() % cols != 0 {
+        if cols == 0 || !data.len().is_multiple_of(cols) {
             return Err(DataError::Argument {
                 what: "table",
                 problem: format!("{} numbers do not fill rows of {cols}", data.len()),

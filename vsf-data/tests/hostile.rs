@@ -1,0 +1,182 @@
+//! Damaged bytes give data or an error, never a panic.
+#![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
+
+mod common;
+
+use common::{Folder, golden};
+use proptest::prelude::*;
+use proptest::sample::Index;
+use std::fs;
+use vsf_data::{Dataset, Overrides, StiffnessField, read_ply_points};
+
+/// One way to damage a file.
+#[derive(Debug, Clone)]
+enum Damage {
+    Set(Index, u8),
+    Cut(Index),
+    Insert(Index, Vec<u8>),
+    Remove(Index, usize),
+}
+
+fn damage() -> impl Strategy<Value = Vec<Damage>> {
+    let bytes = prop::collection::vec(any::<u8>(), 1..9);
+    let one = prop_oneof![
+        4 => (any::<Index>(), any::<u8>()).prop_map(|(i, b)| Damage::Set(i, b)),
+        // Digits turn shapes, sizes and numbers into other ones.
+        4 => (any::<Index>(), b'0'..=b'9').prop_map(|(i, b)| Damage::Set(i, b)),
+        1 => any::<Index>().prop_map(Damage::Cut),
+        2 => (any::<Index>(), bytes).prop_map(|(i, b)| Damage::Insert(i, b)),
+        1 => (any::<Index>(), 1..9usize).prop_map(|(i, n)| Damage::Remove(i, n)),
+    ];
+    prop::collection::vec(one, 1..6)
+}
+
+fn apply(bytes: &mut Vec<u8>, damage: &[Damage]) {
+    for one in damage {
+        if bytes.is_empty() {
+            return;
+        }
+        let n = bytes.len();
+        match one {
+            Damage::Set(i, b) => bytes[i.index(n)] = *b,
+            Damage::Cut(i) => bytes.truncate(i.index(n)),
+            Damage::Insert(i, more) => {
+                let at = i.index(n);
+                bytes.splice(at..at, more.iter().copied());
+            }
+            Damage::Remove(i, count) => {
+                let at = i.index(n);
+                bytes.drain(at..(at + count).min(n));
+            }
+        }
+    }
+}
+
+/// A saved recording with every optional file, and their names.
+fn complete() -> (tempfile::TempDir, Vec<String>) {
+    let folder = Folder::new();
+    folder.with(
+        r#""base_pose": [[1,0,0,0.5],[0,1,0,0],[0,0,1,0],[0,0,0,1]], "touch_starts": {"2": [0, 2]},
+           "sequence_tags": {"10": ["a"]}, "note": [1, {"b": null}]"#,
+    );
+    let (mut dataset, _) = folder.open().unwrap();
+    dataset.sequences[0].velocities = Some(dataset.sequences[0].angles.clone());
+    let (mut field, _) = StiffnessField::open(golden("plain.npz")).unwrap();
+    field.sd = Some(vec![1.0; 4]);
+    dataset.field = Some(field);
+    dataset.camera = Some(vsf_data::CameraView {
+        width: 4,
+        height: 3,
+        color: (0..36).collect(),
+        depth: (0..12).map(|d| d * 999).collect(),
+        fx: 2.0,
+        fy: 2.0,
+        cx: 1.5,
+        cy: 1.0,
+        depth_scale: 0.001,
+        X_WC: Default::default(),
+        extra: Default::default(),
+    });
+    let saved = tempfile::tempdir().unwrap();
+    dataset.save(saved.path()).unwrap();
+    let names = [
+        "dataset.json",
+        "points.npy",
+        "vsf.npz",
+        "camera/color.png",
+        "camera/depth.png",
+        "camera/camera.json",
+        "seq_2/angles.npy",
+        "seq_2/time.npy",
+        "seq_2/velocities.npy",
+        "seq_10/torques.npy",
+    ];
+    (saved, names.map(str::to_owned).to_vec())
+}
+
+#[test]
+fn damaged_recordings_never_panic() {
+    let (folder, names) = complete();
+    let whole: Vec<Vec<u8>> = names
+        .iter()
+        .map(|n| fs::read(folder.path().join(n)).unwrap())
+        .collect();
+    let mut config = ProptestConfig::with_cases(1500);
+    config.failure_persistence = None;
+    proptest!(config, |(file in 0..names.len(), damage in damage())| {
+        let path = folder.path().join(&names[file]);
+        let mut bytes = whole[file].clone();
+        apply(&mut bytes, &damage);
+        fs::write(&path, &bytes).unwrap();
+        let result = Dataset::open(folder.path(), &Overrides::default());
+        fs::write(&path, &whole[file]).unwrap();
+        if let Err(error) = result {
+            // Every message names a file of the folder.
+            let text = error.to_string();
+            prop_assert!(text.contains(&folder.path().display().to_string()), "{}", text);
+        }
+    });
+    Dataset::open(folder.path(), &Overrides::default()).unwrap();
+}
+
+#[test]
+fn truncations_are_errors() {
+    let (folder, names) = complete();
+    for name in names {
+        let path = folder.path().join(&name);
+        let whole = fs::read(&path).unwrap();
+        // dataset.json ends in a newline, which may go.
+        for length in (0..whole.len() - 1).step_by(1 + whole.len() / 250) {
+            fs::write(&path, &whole[..length]).unwrap();
+            let result = Dataset::open(folder.path(), &Overrides::default());
+            assert!(result.is_err(), "{name} cut to {length} bytes");
+        }
+        fs::write(&path, &whole).unwrap();
+    }
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig { failure_persistence: None, ..ProptestConfig::with_cases(1500) })]
+
+    #[test]
+    fn damaged_archives_never_panic(
+        name in prop::sample::select(vec!["plain.npz", "compressed.npz", "openvsf.npz"]),
+        damage in damage(),
+    ) {
+        let folder = tempfile::tempdir().unwrap();
+        let mut bytes = fs::read(golden(name)).unwrap();
+        apply(&mut bytes, &damage);
+        let path = folder.path().join("a.npz");
+        fs::write(&path, &bytes).unwrap();
+        let _ = StiffnessField::open(&path);
+    }
+
+    #[test]
+    fn damaged_clouds_never_panic(damage in damage(), ascii in any::<bool>()) {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("a.ply");
+        let mut bytes = if ascii {
+            b"ply\nformat ascii 1.0\nelement vertex 2\nproperty float x\nproperty float y\n\
+              property float z\nelement face 1\nproperty list uchar int vertex_indices\n\
+              end_header\n0 1 2\n3 4 5\n3 0 1 1\n".to_vec()
+        } else {
+            let (field, _) = StiffnessField::open(golden("plain.npz")).unwrap();
+            field.save_ply(&path, None).unwrap();
+            fs::read(&path).unwrap()
+        };
+        apply(&mut bytes, &damage);
+        fs::write(&path, &bytes).unwrap();
+        let _ = read_ply_points(&path);
+    }
+
+    #[test]
+    fn any_bytes_never_panic(bytes in prop::collection::vec(any::<u8>(), 0..200)) {
+        let folder = tempfile::tempdir().unwrap();
+        for magic in [&b""[..], b"\x93NUMPY\x01\x00", b"PK\x03\x04", b"ply\n"] {
+            let path = folder.path().join("a.npz");
+            fs::write(&path, [magic, &bytes].concat()).unwrap();
+            prop_assert!(StiffnessField::open(&path).is_err());
+            prop_assert!(read_ply_points(&path).is_err());
+        }
+    }
+}

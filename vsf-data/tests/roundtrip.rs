@@ -1,0 +1,410 @@
+//! What is saved is read back: arrays and scalars bit by bit, poses to the last digit.
+#![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
+
+mod common;
+
+use common::{Folder, golden};
+use nalgebra::{Isometry3, Point3, Vector3};
+use proptest::collection::{btree_map, vec};
+use proptest::prelude::*;
+use std::collections::BTreeMap;
+use std::fs;
+use vsf_data::{
+    Attachment, CameraView, DataError, Dataset, JointType, Overrides, RobotRef, Sequence, Splits,
+    StiffnessField, Table, TorqueKind, read_ply_points,
+};
+
+/// Any finite double, subnormals and both zeros included.
+fn number() -> impl Strategy<Value = f64> {
+    use prop::num::f64::{NEGATIVE, NORMAL, POSITIVE, SUBNORMAL, ZERO};
+    POSITIVE | NEGATIVE | NORMAL | SUBNORMAL | ZERO
+}
+
+fn positive() -> impl Strategy<Value = f64> {
+    prop::num::f64::POSITIVE | prop::num::f64::NORMAL
+}
+
+fn point() -> impl Strategy<Value = Point3<f64>> {
+    [number(), number(), number()].prop_map(Point3::from)
+}
+
+fn table(rows: usize, cols: usize) -> impl Strategy<Value = Table> {
+    vec(number(), rows * cols).prop_map(move |data| Table::new(cols, data).unwrap())
+}
+
+fn pose() -> impl Strategy<Value = Isometry3<f64>> {
+    let part = || [-3.0..3.0, -3.0..3.0, -3.0..3.0f64].prop_map(Vector3::from);
+    (part(), part()).prop_map(|(t, r)| Isometry3::new(t, r))
+}
+
+fn text() -> impl Strategy<Value = String> {
+    "[a-z \"\\\\é\n]{0,8}"
+}
+
+fn field() -> impl Strategy<Value = StiffnessField> {
+    (1..6usize).prop_flat_map(|n| {
+        let features = btree_map(
+            "[a-z]{1,6}".prop_filter("reserved", |name| name != "features" && name != "points"),
+            (1..4usize).prop_flat_map(move |cols| table(n, cols)),
+            0..3,
+        );
+        let sd = prop::option::of(vec(positive().prop_map(f64::abs), n));
+        (vec(point(), n), vec(number(), n), sd, features).prop_map(
+            |(points, stiffness, sd, features)| StiffnessField {
+                points,
+                stiffness,
+                sd,
+                features,
+            },
+        )
+    })
+}
+
+fn sequence(id: String, cols: usize) -> impl Strategy<Value = Sequence> {
+    (1..6usize).prop_flat_map(move |rows| {
+        (
+            Just(id.clone()),
+            prop::collection::btree_set(0..1000u32, rows),
+            table(rows, cols),
+            prop::option::of(table(rows, cols)),
+            table(rows, cols),
+            prop::collection::btree_set(0..rows, 1..=rows),
+            vec(text(), 0..3),
+        )
+            .prop_map(
+                |(id, time, angles, velocities, torques, starts, tags)| Sequence {
+                    id,
+                    time: time.into_iter().map(|k| f64::from(k) / 7.0).collect(),
+                    angles,
+                    velocities,
+                    torques,
+                    touch_starts: starts.into_iter().collect(),
+                    tags,
+                },
+            )
+    })
+}
+
+fn camera() -> impl Strategy<Value = CameraView> {
+    (1..5u32, 1..5u32).prop_flat_map(|(width, height)| {
+        let n = (width * height) as usize;
+        (
+            vec(any::<u8>(), 3 * n),
+            vec(any::<u16>(), n),
+            [positive(), positive(), positive(), positive(), positive()],
+            pose(),
+        )
+            .prop_map(move |(color, depth, v, X_WC)| {
+                let [fx, fy, cx, cy, depth_scale] = v.map(f64::abs);
+                CameraView {
+                    width,
+                    height,
+                    color,
+                    depth,
+                    fx,
+                    fy,
+                    cx,
+                    cy,
+                    depth_scale,
+                    X_WC,
+                    extra: BTreeMap::from([("lens".to_owned(), "[1.5,null]".to_owned())]),
+                }
+            })
+    })
+}
+
+fn dataset() -> impl Strategy<Value = Dataset> {
+    (1..4usize)
+        .prop_flat_map(|cols| {
+            let sequences = vec![
+                sequence("1".to_owned(), cols),
+                sequence("2".to_owned(), cols),
+                sequence("a 10".to_owned(), cols),
+            ];
+            let numbers = [number(), number(), number()].prop_map(Vector3::from);
+            (
+                (
+                    text(),
+                    text(),
+                    numbers,
+                    pose(),
+                    any::<bool>(),
+                    any::<bool>(),
+                ),
+                (prop::option::of(positive().prop_map(f64::abs)), 0..2usize),
+                (point(), point()),
+                (
+                    prop::option::of(vec(point(), 1..5)),
+                    prop::option::of(field()),
+                ),
+                prop::option::of(camera()),
+                sequences,
+            )
+        })
+        .prop_map(
+            |(words, (rate_hz, tare_samples), (a, b), (points, field), camera, sequences)| {
+                let (name, description, gravity, base_pose, measured, named) = words;
+                let cols = sequences[0].width();
+                Dataset {
+                    name,
+                    description,
+                    robot: RobotRef::resolve("kinova_gen3", ".".as_ref()).unwrap(),
+                    torque_kind: if measured {
+                        TorqueKind::Measured
+                    } else {
+                        TorqueKind::External
+                    },
+                    rate_hz,
+                    gravity,
+                    base_pose,
+                    object_bbox: measured.then(|| [a.inf(&b), a.sup(&b)]),
+                    tare_samples,
+                    splits: Splits {
+                        train: vec!["a 10".to_owned(), "1".to_owned()],
+                        test: if named { vec!["2".to_owned()] } else { vec![] },
+                    },
+                    joints: named.then(|| (0..cols).map(|k| format!("joint {k}")).collect()),
+                    joint_types: measured.then(|| vec![JointType::Prismatic; cols]),
+                    attachment: if named {
+                        Attachment::Bilateral
+                    } else {
+                        Attachment::Unilateral
+                    },
+                    gauge_length: rate_hz,
+                    rest_points: points,
+                    field,
+                    camera,
+                    sequences,
+                    extra: BTreeMap::from([("site".to_owned(), r#"{"lab":3}"#.to_owned())]),
+                }
+            },
+        )
+}
+
+fn close(a: &Isometry3<f64>, b: &Isometry3<f64>) -> bool {
+    // q and -q are the same rotation.
+    let (p, q) = (a.rotation.coords, b.rotation.coords);
+    a.translation == b.translation && (p - q).amax().min((p + q).amax()) < 1e-15
+}
+
+/// Bits of every number, since 0 == -0.
+fn bits(values: &[f64]) -> Vec<u64> {
+    values.iter().map(|v| v.to_bits()).collect()
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig::with_cases(40))]
+
+    #[test]
+    fn datasets(saved in dataset()) {
+        let folder = tempfile::tempdir().unwrap();
+        saved.save(folder.path()).unwrap();
+        let (mut read, _) = Dataset::open(folder.path(), &Overrides::default()).unwrap();
+        for (a, b) in saved.sequences.iter().zip(&read.sequences) {
+            prop_assert_eq!(bits(a.angles.data()), bits(b.angles.data()));
+            prop_assert_eq!(bits(&a.time), bits(&b.time));
+        }
+        prop_assert_eq!(bits(saved.gravity.as_slice()), bits(read.gravity.as_slice()));
+        prop_assert!(close(&saved.base_pose, &read.base_pose));
+        read.base_pose = saved.base_pose;
+        if let (Some(a), Some(b)) = (&saved.camera, &mut read.camera) {
+            prop_assert!(close(&a.X_WC, &b.X_WC));
+            b.X_WC = a.X_WC;
+        }
+        prop_assert_eq!(&saved, &read);
+        // Saving over itself, and what is on disk does not drift.
+        read.save(folder.path()).unwrap();
+        let names: Vec<_> = fs::read_dir(folder.path()).unwrap().collect();
+        prop_assert!(names.iter().all(|e| !e.as_ref().unwrap().file_name().to_string_lossy().starts_with('.')));
+    }
+
+    #[test]
+    fn fields(saved in field()) {
+        let folder = tempfile::tempdir().unwrap();
+        saved.save_npz(folder.path().join("vsf.npz")).unwrap();
+        saved.save_folder(folder.path().join("vsf")).unwrap();
+        for name in ["vsf.npz", "vsf"] {
+            let (read, warnings) = StiffnessField::open(folder.path().join(name)).unwrap();
+            prop_assert_eq!(&saved, &read);
+            prop_assert_eq!(bits(&saved.stiffness), bits(&read.stiffness));
+            prop_assert_eq!(warnings.len(), 0);
+        }
+        saved.save_ply(folder.path().join("vsf.ply"), None).unwrap();
+        prop_assert_eq!(&saved.points, &read_ply_points(folder.path().join("vsf.ply")).unwrap());
+    }
+}
+
+#[test]
+fn a_folder_of_openvsf_opens_with_overrides() {
+    let folder = tempfile::tempdir().unwrap();
+    for id in ["0514_101500", "0514_093000"] {
+        let place = folder.path().join(format!("seq_{id}"));
+        fs::create_dir(&place).unwrap();
+        // (4, 3): one is Fortran order, one f4.
+        fs::copy(golden("f8_f.npy"), place.join("angles.npy")).unwrap();
+        fs::copy(golden("f4_c.npy"), place.join("torques.npy")).unwrap();
+    }
+    let robot = RobotRef::resolve("kinova_gen3", ".".as_ref()).unwrap();
+    let mut overrides = Overrides {
+        robot: Some(robot),
+        ..Overrides::default()
+    };
+    let error = Dataset::open(folder.path(), &overrides).unwrap_err();
+    assert!(matches!(
+        error,
+        DataError::MissingKey { key: "rate_hz", .. }
+    ));
+    overrides.rate_hz = Some(50.0);
+    overrides.splits = Some(Splits {
+        train: vec!["0514_093000".to_owned()],
+        test: vec!["0514_101500".to_owned()],
+    });
+    let (dataset, warnings) = Dataset::open(folder.path(), &overrides).unwrap();
+    assert_eq!(warnings, []);
+    assert_eq!(dataset.width(), 3);
+    let test = dataset.test().next().unwrap();
+    assert_eq!(test.id, "0514_101500");
+    assert_eq!(test.time, [0.0, 0.02, 0.04, 0.06]);
+    assert_eq!(&test.angles[2], [100.0, 7.0, 127.0]);
+    assert_eq!(test.angles, test.torques);
+    assert!(test.touches().eq(std::iter::once(0..4)));
+    assert_eq!(dataset.gravity, Vector3::new(0.0, 0.0, -9.81));
+    assert_eq!(
+        dataset.name,
+        folder.path().file_name().unwrap().to_str().unwrap()
+    );
+}
+
+#[test]
+fn overrides_go_before_the_file() {
+    let folder = Folder::new();
+    folder.json(
+        r#"{"robot": "gone.urdf", "rate_hz": 9, "name": "file", "gravity": [0, 0, -1], "tare_samples": 1}"#,
+    );
+    let overrides = Overrides {
+        robot: Some(RobotRef::resolve("kinova_gen3", ".".as_ref()).unwrap()),
+        name: Some("caller".to_owned()),
+        tare_samples: Some(2),
+        ..Overrides::default()
+    };
+    let (dataset, _) = Dataset::open(folder.path(), &overrides).unwrap();
+    assert_eq!(dataset.name, "caller");
+    assert_eq!(dataset.tare_samples, 2);
+    assert_eq!(dataset.gravity.z, -1.0);
+}
+
+#[test]
+fn sequences_are_in_natural_order() {
+    let ids: Vec<String> = Folder::new()
+        .open()
+        .unwrap()
+        .0
+        .train()
+        .map(|s| s.id.clone())
+        .collect();
+    assert_eq!(ids, ["2", "10"]);
+}
+
+#[test]
+fn tags_given_as_an_object_become_pairs() {
+    let folder = Folder::new();
+    folder.with(r#""sequence_tags": {"2": {"kp": 100, "motion": "lift"}, "10": ["loaded"]}"#);
+    let (dataset, warnings) = folder.open().unwrap();
+    assert_eq!(warnings, []);
+    assert_eq!(
+        dataset.sequence("2").unwrap().tags,
+        ["kp=100", "motion=lift"]
+    );
+    assert_eq!(dataset.sequence("10").unwrap().tags, ["loaded"]);
+}
+
+#[test]
+fn a_robot_file_is_found_from_the_new_folder() {
+    let folder = Folder::new();
+    folder.write("arm.urdf", b"<robot/>");
+    folder.json(r#"{"robot": "arm.urdf", "rate_hz": 10}"#);
+    let (dataset, _) = folder.open().unwrap();
+    assert_eq!(dataset.robot.path, Some(folder.path().join("arm.urdf")));
+    dataset.save(folder.path()).unwrap();
+    assert_eq!(folder.open().unwrap().0.robot, dataset.robot);
+    let elsewhere = tempfile::tempdir().unwrap();
+    dataset.save(elsewhere.path()).unwrap();
+    let (moved, _) = Dataset::open(elsewhere.path(), &Overrides::default()).unwrap();
+    assert_eq!(moved.robot.path, dataset.robot.path);
+}
+
+#[test]
+fn taring_happens_once() {
+    let folder = Folder::new();
+    folder.with(r#""tare_samples": 2"#);
+    let (mut dataset, _) = folder.open().unwrap();
+    dataset.tare().unwrap();
+    let expected = [-0.125, -0.125, 0.125, 0.125, 0.375, 0.375, 0.625, 0.625];
+    assert_eq!(dataset.sequences[0].torques.data(), expected);
+    assert_eq!(dataset.tare_samples, 0);
+    dataset.tare().unwrap();
+    assert_eq!(dataset.sequences[1].torques.data(), expected);
+}
+
+#[test]
+fn a_field_folder_is_not_mixed_with_another() {
+    let folder = tempfile::tempdir().unwrap();
+    let mut field = StiffnessField {
+        points: vec![Point3::origin()],
+        stiffness: vec![5.0],
+        sd: Some(vec![1.0]),
+        features: BTreeMap::new(),
+    };
+    field.save_folder(folder.path()).unwrap();
+    field.sd = None;
+    let error = field.save_folder(folder.path()).unwrap_err();
+    assert!(matches!(&error, DataError::Leftover { path } if path.ends_with("K_std.npy")));
+    field
+        .features
+        .insert("K_std".to_owned(), Table::new(1, vec![1.0]).unwrap());
+    let error = field.save_npz(folder.path().join("a.npz")).unwrap_err();
+    assert!(matches!(error, DataError::FeatureName { .. }));
+    field.features.clear();
+    field.sd = Some(vec![-1.0]);
+    let error = field.save_npz(folder.path().join("a.npz")).unwrap_err();
+    assert!(matches!(error, DataError::NegativeDeviation { row: 0, .. }));
+}
+
+#[test]
+fn ply_colours_follow_the_scale() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("a.ply");
+    let field = StiffnessField {
+        points: vec![Point3::new(1.0, 2.0, 3.0), Point3::origin()],
+        stiffness: vec![0.0, 500.0],
+        sd: None,
+        features: BTreeMap::new(),
+    };
+    for (full_scale, top) in [
+        (None, [253, 231, 37]),
+        (Some(2000.0), vsf_data::color(0.25)),
+    ] {
+        field.save_ply(&path, full_scale).unwrap();
+        let bytes = fs::read(&path).unwrap();
+        // Last vertex: 24 bytes position, 3 colour, 8 stiffness.
+        let vertex = &bytes[bytes.len() - 35..];
+        assert_eq!(vertex[24..27], top);
+        assert_eq!(vertex[27..], 500f64.to_le_bytes());
+    }
+    assert!(field.save_ply(&path, Some(0.0)).is_err());
+}
+
+#[test]
+fn points_of_an_ascii_ply() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("a.ply");
+    let header = "ply\nformat ascii 1.0\nelement vertex 2\nproperty float x\nproperty float y\n\
+        property int z\nelement face 1\nproperty list uchar int vertex_indices\nend_header\n";
+    fs::write(&path, format!("{header}0.5 1 2\n-1 0 7\n3 0 1 1\n")).unwrap();
+    let expected = [Point3::new(0.5, 1.0, 2.0), Point3::new(-1.0, 0.0, 7.0)];
+    assert_eq!(read_ply_points(&path).unwrap(), expected);
+    fs::write(&path, format!("{header}0.5 1 2\n-1 0 7\n")).unwrap();
+    assert!(matches!(read_ply_points(&path), Err(DataError::Ply { .. })));
+    fs::write(&path, header.replace("vertex 2", "vertex 99999999999")).unwrap();
+    assert!(matches!(read_ply_points(&path), Err(DataError::Ply { .. })));
+}
