@@ -1,3 +1,4 @@
+use crate::json::UniqueMap;
 use crate::{DataError, files, json, pose};
 use nalgebra::{Isometry3, Point3, Vector3};
 use serde::{Deserialize, Serialize};
@@ -209,9 +210,9 @@ struct Raw {
     #[serde(skip_serializing_if = "Option::is_none")]
     joint_types: Option<Vec<JointType>>,
     #[serde(skip_serializing_if = "Option::is_none")]
-    touch_starts: Option<BTreeMap<String, Vec<usize>>>,
+    touch_starts: Option<UniqueMap<Vec<usize>>>,
     #[serde(skip_serializing_if = "Option::is_none")]
-    sequence_tags: Option<BTreeMap<String, Tags>>,
+    sequence_tags: Option<UniqueMap<Tags>>,
     #[serde(skip_serializing_if = "Option::is_none")]
     attachment: Option<Attachment>,
     #[serde(skip_serializing_if = "Option::is_none")]
@@ -324,10 +325,10 @@ pub(crate) fn read(
         splits: raw.splits.map(|s| s.read(&path)).transpose()?,
         joints: raw.joints,
         joint_types: raw.joint_types,
-        touch_starts: raw.touch_starts,
+        touch_starts: raw.touch_starts.map(|m| m.0),
         sequence_tags: raw
             .sequence_tags
-            .map(|m| m.into_iter().map(|(id, t)| (id, t.into_list())).collect()),
+            .map(|m| m.0.into_iter().map(|(id, t)| (id, t.into_list())).collect()),
         attachment: raw.attachment,
         gauge_length: raw.gauge_length,
     };
@@ -357,10 +358,10 @@ pub(crate) fn write(
         splits: metadata.splits.map(RawSplits::write),
         joints: metadata.joints,
         joint_types: metadata.joint_types,
-        touch_starts: metadata.touch_starts,
+        touch_starts: metadata.touch_starts.map(UniqueMap),
         sequence_tags: metadata
             .sequence_tags
-            .map(|m| m.into_iter().map(|(id, t)| (id, Tags::List(t))).collect()),
+            .map(|m| UniqueMap(m.into_iter().map(|(id, t)| (id, Tags::List(t))).collect())),
         attachment: metadata.attachment,
         gauge_length: metadata.gauge_length,
         extra: json::from_text(&path, extra)?,

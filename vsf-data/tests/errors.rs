@@ -254,6 +254,7 @@ fn json_that_is_not_json_or_of_wrong_type() {
         r#"{"splits": {"validation": ["2"]}}"#,
         r#"{"joint_types": ["ball"]}"#,
         r#"{"touch_starts": {"2": [0.5]}}"#,
+        r#"{"touch_starts": {"2": [0], "2": [1]}}"#,
         r#"{"sequence_tags": {"2": "loaded"}}"#,
         r#"{"sequence_tags": {"2": {"a": []}}}"#,
     ] {
