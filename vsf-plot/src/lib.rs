@@ -1,1 +1,34 @@
-//! Pictures of stiffness fields and torque predictions
+//! Pictures of stiffness fields and of torque predictions.
+//!
+//! Plain data in, the bytes of a file out; writing the file is the caller's job:
+//!
+//! | picture | type | formats |
+//! | --- | --- | --- |
+//! | stiffness of a point cloud | [`FieldView`] | PNG, SVG |
+//! | torques, measured and predicted | [`TorquePlot`] | SVG |
+//!
+//! No system font or display is needed, and equal input gives equal bytes on every machine of
+//! the same floating point arithmetic. Input that cannot be drawn truthfully (NaN, no points,
+//! lengths that do not match) is a typed [`PlotError`] that names the place.
+
+#![forbid(unsafe_code)]
+
+mod camera;
+mod canvas;
+mod colour;
+mod decimate;
+mod error;
+mod field;
+mod layout;
+mod panel;
+mod raster;
+mod scene;
+mod ticks;
+mod torque;
+mod vector;
+mod wire_box;
+
+pub use colour::{ColourLimit, Rgb};
+pub use error::PlotError;
+pub use field::FieldView;
+pub use torque::{JointTrace, TorquePlot};

@@ -1,0 +1,131 @@
+use crate::PlotError;
+
+/// An sRGB colour, 8 bits per channel.
+pub type Rgb = [u8; 3];
+
+/// Anchors of the colour map inferno at t = 0, 1/16, ..., 1, rounded to 8 bits.
+///
+/// Reference: N. J. Smith and S. van der Walt, inferno, in matplotlib 1.5 (CC0). Perceptually
+/// uniform, monotone in lightness, readable with colour vision deficiency and in grey print.
+const INFERNO: [Rgb; 17] = [
+    [0, 0, 4],
+    [11, 7, 36],
+    [33, 12, 74],
+    [61, 9, 101],
+    [87, 16, 110],
+    [113, 25, 110],
+    [138, 34, 106],
+    [163, 44, 97],
+    [188, 55, 84],
+    [208, 69, 69],
+    [227, 89, 51],
+    [241, 113, 31],
+    [249, 140, 10],
+    [252, 170, 15],
+    [249, 201, 50],
+    [242, 232, 101],
+    [252, 255, 164],
+];
+
+/// Colour of `t` in 0..=1: pale yellow for soft, over red, to dark violet for stiff.
+///
+/// Inferno runs backwards so that on white paper more ink means stiffer, and stops short of its
+/// ends, which are nearly white and nearly black.
+pub(crate) fn stiffness_colour(t: f64) -> Rgb {
+    let s = (0.95 - 0.87 * t.clamp(0.0, 1.0)) * (INFERNO.len() - 1) as f64;
+    let i = (s as usize).min(INFERNO.len() - 2);
+    mix(INFERNO[i], INFERNO[i + 1], s - i as f64)
+}
+
+/// `a` for `f = 0`, `b` for `f = 1`.
+pub(crate) fn mix(a: Rgb, b: Rgb, f: f64) -> Rgb {
+    [0, 1, 2].map(|c| (f64::from(a[c]) * (1.0 - f) + f64::from(b[c]) * f).round() as u8)
+}
+
+/// The value at the dark end of the colour bar; larger values get the same colour.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum ColourLimit {
+    /// The quantile of the positive drawn values at this level, in (0, 1]. Robust against a few
+    /// runaway points. Where fewer points are stiff than the level leaves out, state a `Value`.
+    Quantile(f64),
+    /// This value \[N/m\], > 0. For pictures that are to be compared with each other.
+    Value(f64),
+}
+
+impl Default for ColourLimit {
+    /// The 99 % quantile.
+    fn default() -> Self {
+        Self::Quantile(0.99)
+    }
+}
+
+impl ColourLimit {
+    /// The limit \[N/m\] for these values; 1 where no value is positive.
+    pub(crate) fn resolve(self, values: impl Iterator<Item = f64>) -> Result<f64, PlotError> {
+        match self {
+            Self::Value(v) if v.is_finite() && v > 0.0 => Ok(v),
+            Self::Value(value) => Err(PlotError::Parameter {
+                name: "limit value",
+                value,
+                range: "finite and > 0 N/m",
+            }),
+            Self::Quantile(level) if level > 0.0 && level <= 1.0 => {
+                let mut positive: Vec<f64> = values.filter(|&v| v > 0.0).collect();
+                if positive.is_empty() {
+                    return Ok(1.0);
+                }
+                let rank = (level * positive.len() as f64).ceil() as usize;
+                let rank = rank.clamp(1, positive.len()) - 1;
+                Ok(*positive.select_nth_unstable_by(rank, f64::total_cmp).1)
+            }
+            Self::Quantile(value) => Err(PlotError::Parameter {
+                name: "limit quantile",
+                value,
+                range: "0 < level <= 1",
+            }),
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn lightness_falls_with_stiffness() {
+        let luma =
+            |c: Rgb| 0.2126 * f64::from(c[0]) + 0.7152 * f64::from(c[1]) + 0.0722 * f64::from(c[2]);
+        let mut last = f64::INFINITY;
+        for i in 0..=100 {
+            let now = luma(stiffness_colour(f64::from(i) / 100.0));
+            assert!(now < last + 1.0, "at {i} %: {now} after {last}");
+            last = now;
+        }
+    }
+
+    #[test]
+    fn quantile_counts_positive_values_only() {
+        let values = (0..200).map(|i| f64::from(i.max(99) - 99));
+        let limit = ColourLimit::Quantile(0.9).resolve(values).unwrap();
+        assert_eq!(limit, 90.0);
+        assert_eq!(
+            ColourLimit::default().resolve([0.0].into_iter()).unwrap(),
+            1.0
+        );
+    }
+
+    #[test]
+    fn limits_outside_their_range_are_refused() {
+        for bad in [
+            ColourLimit::Value(0.0),
+            ColourLimit::Value(f64::NAN),
+            ColourLimit::Value(f64::INFINITY),
+            ColourLimit::Quantile(0.0),
+            ColourLimit::Quantile(1.5),
+            ColourLimit::Quantile(f64::NAN),
+        ] {
+            let got = bad.resolve([1.0].into_iter());
+            assert!(matches!(got, Err(PlotError::Parameter { .. })), "{bad:?}");
+        }
+    }
+}
