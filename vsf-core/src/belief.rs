@@ -11,7 +11,7 @@ pub struct Belief<T: Scalar> {
 }
 
 impl<T: Scalar> Belief<T> {
-    /// A belief from its means [N/m] and variances [N²/m²], one each per point.
+    /// A belief from its means (N/m) and variances (N²/m²), one each per point.
     ///
     /// # Errors
     /// Different lengths, values that are not finite, negative means, variances that are not
@@ -71,12 +71,12 @@ impl<T: Scalar> Belief<T> {
         self.mean.is_empty()
     }
 
-    /// Means [N/m].
+    /// Means (N/m).
     pub fn mean(&self) -> &[T] {
         &self.mean
     }
 
-    /// Variances [N²/m²].
+    /// Variances (N²/m²).
     pub fn variance(&self) -> &[T] {
         &self.variance
     }

@@ -26,7 +26,7 @@ impl Contacts {
     }
 
     /// Adds a contact: the point's index, the link that moves it, its displacement from rest
-    /// `u_W` [m] and the outward unit normal of the link at the contact `n_W`.
+    /// `u_W` (m) and the outward unit normal of the link at the contact `n_W`.
     ///
     /// # Errors
     /// An index that is not larger than the previous one, or a displacement that is not finite.
@@ -79,7 +79,7 @@ impl Contacts {
         &self.links
     }
 
-    /// Displacements from rest `u_i` [m], world frame.
+    /// Displacements from rest `u_i` (m), world frame.
     pub fn displacements(&self) -> &[Vector3<f64>] {
         &self.displacements
     }

@@ -44,7 +44,7 @@ impl TriMesh {
         Ok(Self { vertices, faces })
     }
 
-    /// Vertices [m].
+    /// Vertices (m).
     pub fn vertices(&self) -> &[Point3<f64>] {
         &self.vertices
     }

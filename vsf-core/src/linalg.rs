@@ -60,11 +60,9 @@ impl SymmetricFactor {
     pub fn solve_lower(&self, b: &mut [f64]) {
         let n = self.dim;
         for i in 0..n {
-            let mut s = b[i];
-            for k in 0..i {
-                s -= self.lower[i * n + k] * b[k];
-            }
-            b[i] = s / self.lower[i * n + i];
+            let row = &self.lower[i * n..];
+            let done: f64 = row.iter().zip(&b[..i]).map(|(l, x)| l * x).sum();
+            b[i] = (b[i] - done) / row[i];
         }
     }
 
@@ -76,11 +74,11 @@ impl SymmetricFactor {
         self.solve_lower(b);
         let n = self.dim;
         for i in (0..n).rev() {
-            let mut s = b[i];
-            for k in i + 1..n {
-                s -= self.lower[k * n + i] * b[k];
+            b[i] /= self.lower[i * n + i];
+            let (above, solved) = b.split_at_mut(i);
+            for (y, l) in above.iter_mut().zip(&self.lower[i * n..]) {
+                *y -= l * solved[0];
             }
-            b[i] = s / self.lower[i * n + i];
         }
     }
 

@@ -4,7 +4,7 @@ use nalgebra::{Point3, Vector3};
 /// Mean number of points per cell of the broad-phase grid, if the cloud filled its box evenly.
 const POINTS_PER_CELL: f64 = 8.0;
 
-/// The rest positions `p_i` of a stiffness field [m, world frame], with a uniform grid over them
+/// The rest positions `p_i` of a stiffness field (m, world frame), with a uniform grid over them
 /// for range queries.
 ///
 /// Memory: 24 bytes per position, 4 per entry of the grid, and at most 2 per point for the cells.
@@ -143,7 +143,7 @@ impl RestPoints {
         self.positions.is_empty()
     }
 
-    /// Rest positions [m].
+    /// Rest positions (m).
     pub fn positions(&self) -> &[Point3<f64>] {
         &self.positions
     }

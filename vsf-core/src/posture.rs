@@ -52,9 +52,9 @@ impl LinkChains {
 /// the velocity `angular x p + linear`.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct JointScrew {
-    /// Axis of a rotating joint [1], zero for a sliding one.
+    /// Axis of a rotating joint (1), zero for a sliding one.
     pub angular: Vector3<f64>,
-    /// `origin x axis` of a rotating joint [m], the axis [1] of a sliding one.
+    /// `origin x axis` of a rotating joint (m), the axis (1) of a sliding one.
     pub linear: Vector3<f64>,
 }
 
@@ -100,7 +100,7 @@ impl Posture {
         }
     }
 
-    /// Joint positions, `d` of them [rad or m].
+    /// Joint positions, `d` of them (rad or m).
     pub fn q(&self) -> &[f64] {
         &self.q
     }
@@ -125,7 +125,7 @@ impl Posture {
         (&mut self.q, &mut self.poses, &mut self.screws)
     }
 
-    /// Joint torques `J(q, p)^T f` of a force `f_W` [N] on `link` at the world point `p_W`, written
+    /// Joint torques `J(q, p)^T f` of a force `f_W` (N) on `link` at the world point `p_W`, written
     /// to `out` (length `d`; zero for joints that do not move the link). The Jacobian is never
     /// formed: joint j gets `angular_j . (p x f) + linear_j . f`.
     ///

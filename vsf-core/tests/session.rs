@@ -1,5 +1,7 @@
 //! A contact model, a sensor and an estimator defined outside the workspace run in a `Session`.
 
+#![allow(clippy::unwrap_used)]
+
 use std::sync::Arc;
 use vsf_core::nalgebra::{Point3, Vector3};
 use vsf_core::{

@@ -1,5 +1,7 @@
 //! The broad-phase grid against brute force.
 
+#![allow(clippy::unwrap_used)]
+
 use proptest::prelude::*;
 use vsf_core::RestPoints;
 use vsf_core::nalgebra::Point3;

@@ -1,5 +1,7 @@
 //! The small Cholesky factor against nalgebra.
 
+#![allow(clippy::unwrap_used)]
+
 use proptest::prelude::*;
 use vsf_core::SymmetricFactor;
 use vsf_core::nalgebra::{DMatrix, DVector};
