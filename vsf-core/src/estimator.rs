@@ -10,6 +10,10 @@ pub struct UpdateReport {
     /// Normalised innovation squared, `r^T S^-1 r` with `S = W Sigma W^T + R`; its mean is `dof`
     /// when prior and noise are right.
     pub nis: f64,
+    /// Log-density of the reading under the belief before the update,
+    /// `-(nis + log det S + dof log 2 pi) / 2`. Summed over a run it is the (prequential) marginal
+    /// likelihood by which priors and noises are compared.
+    pub log_likelihood: f64,
     /// Norm of the residual `tau - W mu` before the update.
     pub prefit: f64,
     /// Norm of the residual after the update and projection.

@@ -1,5 +1,6 @@
 use crate::kernel;
 use crate::replay::{ReplayVariance, Revisit};
+use std::f64::consts::TAU;
 use vsf_core::{Belief, CoreError, Estimator, Observation, Scalar, SymmetricFactor, UpdateReport};
 
 /// How [`DiagonalKalman`] corrects the means. The variances follow eq. 7 in all forms,
@@ -46,6 +47,7 @@ struct Scratch<T> {
     gain: Vec<f64>,
     whitener: Vec<f64>,
     factor: SymmetricFactor,
+    log_det: f64,
 }
 
 impl<T: Scalar> DiagonalKalman<T> {
@@ -140,6 +142,7 @@ impl<T: Scalar> Scratch<T> {
         CoreError::check_finite("residual", &self.residual)?;
         whitened.clone_from(&self.residual);
         self.factor.solve_lower(whitened);
+        self.log_det = self.factor.log_det();
 
         if form == DiagonalForm::Innovation {
             self.gain.clone_from(&self.residual);
@@ -188,10 +191,13 @@ impl<T: Scalar> Revisit for DiagonalKalman<T> {
             mean[p as usize] = scratch.mean[k];
             variance[p as usize] = scratch.variance[k];
         }
+        let nis: f64 = self.whitened.iter().map(|x| x * x).sum();
+        let dof = obs.dim();
         Ok(UpdateReport {
             contacts: obs.len(),
-            dof: obs.dim(),
-            nis: self.whitened.iter().map(|x| x * x).sum(),
+            dof,
+            nis,
+            log_likelihood: -0.5 * (nis + scratch.log_det + dof as f64 * TAU.ln()),
             prefit: norm(&scratch.residual),
             ..UpdateReport::default()
         })
