@@ -1,1 +1,37 @@
-//! From a recording to a stiffness field and its prediction errors
+//! From a touch recording to a stiffness field and its prediction errors.
+//!
+//! The offline side of the workspace, what the `vsf` command runs:
+//!
+//! 1. [`Scene::open`] puts robot, link shapes and rest points of a recording together.
+//! 2. [`Scene::trace`] runs the contact model over a sequence once. Contacts never depend on the
+//!    belief, so the resulting observations serve every estimator.
+//! 3. [`choose_hyper`] picks prior and noise from the train sequences, [`estimate`] runs an
+//!    estimator over them.
+//! 4. [`predict`] and [`evaluate`] compare a field with sequences; [`Baseline`]s stand beside it.
+//! 5. [`simulate`] turns a field and a joint trajectory into readings.
+
+#![forbid(unsafe_code)]
+
+mod baseline;
+mod bench;
+mod error;
+mod estimate;
+mod evaluate;
+mod hyper;
+mod readings;
+mod scene;
+mod simulate;
+mod trace;
+
+pub use baseline::Baseline;
+pub use bench::{BenchOptions, BenchReport, StageTimes, bench};
+pub use error::PipelineError;
+pub use estimate::{Estimate, EstimatorSpec, estimate, estimate_online};
+pub use evaluate::{
+    Evaluation, JointError, SequenceError, SequencePrediction, evaluate, predict, score,
+};
+pub use hyper::{Candidate, Hyper, HyperChoice, choose_hyper};
+pub use readings::external_torques;
+pub use scene::{Scene, SceneOptions};
+pub use simulate::simulate;
+pub use trace::Trace;

@@ -1,0 +1,107 @@
+use thiserror::Error;
+use vsf_contact::ContactError;
+use vsf_core::CoreError;
+use vsf_data::DataError;
+use vsf_robots::RobotError;
+
+/// What can go wrong between a recording and its evaluation.
+#[derive(Debug, Error)]
+#[non_exhaustive]
+pub enum PipelineError {
+    /// The recording or field cannot be read.
+    #[error(transparent)]
+    Data(#[from] DataError),
+    /// The robot cannot be used.
+    #[error(transparent)]
+    Robot(#[from] RobotError),
+    /// The robot's shapes cannot be used.
+    #[error(transparent)]
+    Contact(#[from] ContactError),
+    /// Numbers that do not fit.
+    #[error(transparent)]
+    Core(#[from] CoreError),
+    /// Something about sequence `id`.
+    #[error("sequence {id} row {row}: {source}")]
+    Sequence {
+        /// The sequence.
+        id: String,
+        /// The row, from 0.
+        row: usize,
+        /// What is wrong there.
+        source: CoreError,
+    },
+    /// A robot name that is neither built in nor a file.
+    #[error("unknown robot {name:?}: built in are {known}; a URDF is given by its path")]
+    UnknownRobot {
+        /// The name.
+        name: String,
+        /// The built-in names.
+        known: String,
+    },
+    /// The recording has another number of joints than the robot.
+    #[error(
+        "the recording has {columns} joint columns, robot {robot:?} has {joints} joints ({names}); \
+         check `robot` and `joints`"
+    )]
+    JointCount {
+        /// Columns of angles and torques.
+        columns: usize,
+        /// Name of the robot.
+        robot: String,
+        /// Joints of the robot.
+        joints: usize,
+        /// Their names.
+        names: String,
+    },
+    /// `joints` or `joint_types` of the recording contradict the robot.
+    #[error("column {column} of the recording is {recorded}, the robot's joint there is {robot}")]
+    JointMismatch {
+        /// Column, from 1.
+        column: usize,
+        /// What the recording says.
+        recorded: String,
+        /// What the robot says.
+        robot: String,
+    },
+    /// There are no rest points to estimate stiffness at.
+    #[error(
+        "the recording has no rest points (points.npy); give some, or a field with points: \
+         a recording without points is free motion and has no stiffness to estimate"
+    )]
+    NoPoints,
+    /// The robot has no collision shapes, or none on the chosen links.
+    #[error("no link of robot {robot:?} can touch anything: {reason}")]
+    NoShapes {
+        /// Name of the robot.
+        robot: String,
+        /// Why.
+        reason: String,
+    },
+    /// The field belongs to other points than the recording.
+    #[error("the field has {field} points, the recording {recording}; they must be the same")]
+    FieldSize {
+        /// Points of the field.
+        field: usize,
+        /// Rest points of the recording.
+        recording: usize,
+    },
+    /// No sequence to work on.
+    #[error("no {what} sequence: {hint}")]
+    NoSequences {
+        /// `train`, `test` or the like.
+        what: &'static str,
+        /// What to do.
+        hint: &'static str,
+    },
+    /// The robot never touched the points.
+    #[error(
+        "the robot touches none of the {points} rest points in the {what} sequences; check \
+         base_pose, units and the robot"
+    )]
+    NoContact {
+        /// `train` or the like.
+        what: &'static str,
+        /// Number of rest points.
+        points: usize,
+    },
+}

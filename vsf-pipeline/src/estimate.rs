@@ -1,0 +1,106 @@
+use crate::{Hyper, PipelineError, Trace};
+use vsf_core::{Belief, Estimator, FilterHealth, Noise, Observation, Scalar};
+use vsf_filter::{DiagonalForm, DiagonalKalman, MemoryReplay, ReplayConfig};
+
+/// Which estimator, with all of its parameters but prior and noise.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub struct EstimatorSpec {
+    /// Form of the diagonal update.
+    pub form: DiagonalForm,
+    /// Memory replay; `replays = 0` is the plain filter.
+    pub replay: ReplayConfig,
+}
+
+impl EstimatorSpec {
+    /// Makes the estimator.
+    ///
+    /// # Errors
+    /// A parameter out of range.
+    pub fn build<T: Scalar>(
+        &self,
+        prior: Belief<T>,
+    ) -> Result<Box<dyn Estimator<Scalar = T>>, PipelineError> {
+        let filter = DiagonalKalman::with_form(prior, self.form);
+        Ok(if self.replay.replays == 0 {
+            Box::new(filter)
+        } else {
+            Box::new(MemoryReplay::new(filter, self.replay)?)
+        })
+    }
+}
+
+/// An estimated field.
+#[derive(Debug, Clone)]
+pub struct Estimate {
+    /// Belief about every point.
+    pub belief: Belief<f64>,
+    /// Points that were touched at least once.
+    pub touched: Vec<bool>,
+    /// Innovation statistics over the samples in contact.
+    pub health: FilterHealth,
+    /// The prior and noise.
+    pub hyper: Hyper,
+}
+
+/// Runs an estimator over sequences, from the uniform prior of `hyper`. Calls `progress` after
+/// every sequence with the number done.
+///
+/// # Errors
+/// As the estimator's update; the row is named.
+pub fn estimate(
+    traces: &[Trace],
+    field_len: usize,
+    spec: &EstimatorSpec,
+    hyper: Hyper,
+    mut progress: impl FnMut(usize),
+) -> Result<Estimate, PipelineError> {
+    let mut estimator = spec.build(Belief::uniform(field_len, 0.0, hyper.prior_sd)?)?;
+    let mut health = FilterHealth::default();
+    let mut touched = vec![false; field_len];
+    for (done, trace) in traces.iter().enumerate() {
+        estimate_online(&mut *estimator, trace, hyper, |obs, report| {
+            if !obs.is_empty() {
+                health.record(report);
+                obs.points()
+                    .iter()
+                    .for_each(|&p| touched[p as usize] = true);
+            }
+        })?;
+        progress(done + 1);
+    }
+    Ok(Estimate {
+        belief: estimator.belief().clone(),
+        touched,
+        health,
+        hyper,
+    })
+}
+
+/// Runs an estimator over one sequence, `seen` is told every observation and what it did.
+///
+/// # Errors
+/// As the estimator's update; the row is named.
+pub fn estimate_online(
+    estimator: &mut dyn Estimator<Scalar = f64>,
+    trace: &Trace,
+    hyper: Hyper,
+    mut seen: impl FnMut(&Observation<f64>, &vsf_core::UpdateReport),
+) -> Result<(), PipelineError> {
+    estimator.begin_sequence();
+    let mut buffer: Option<Observation<f64>> = None;
+    for (row, source) in trace.observations.iter().enumerate() {
+        let noise = Noise::uniform(source.dim(), hyper.noise_sd)?;
+        let obs = buffer.get_or_insert_with(|| source.clone());
+        obs.clone_from(source);
+        let report = obs
+            .set_noise(&noise)
+            .and_then(|()| estimator.update(obs))
+            .map_err(|source| PipelineError::Sequence {
+                id: trace.id.clone(),
+                row,
+                source,
+            })?;
+        seen(obs, &report);
+    }
+    Ok(())
+}

@@ -1,0 +1,260 @@
+use crate::{PipelineError, Scene, Trace};
+use serde::Serialize;
+use vsf_core::{Belief, Observation};
+
+/// Prediction error over sequences: the paper's metric `||tau_hat - tau||_2` over time steps.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct Evaluation {
+    /// Mean of the error norm over all samples, in `unit`.
+    pub mean_error: f64,
+    /// Its standard deviation over all samples.
+    pub sd_error: f64,
+    /// Number of samples.
+    pub samples: usize,
+    /// `N m`, `N` or both.
+    pub unit: String,
+    /// Mean norm of the readings: the error of predicting no touch at all.
+    pub zero_error: f64,
+    /// Errors by sequence.
+    pub per_sequence: Vec<SequenceError>,
+    /// Errors by joint.
+    pub per_joint: Vec<JointError>,
+}
+
+/// Errors of one sequence.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct SequenceError {
+    /// ID of the sequence.
+    pub sequence: String,
+    /// Mean of the error norm over its samples.
+    pub mean_error: f64,
+    /// Its standard deviation.
+    pub sd_error: f64,
+    /// Number of samples.
+    pub samples: usize,
+    /// Mean norm of the readings.
+    pub zero_error: f64,
+    /// Samples with at least one contact.
+    pub contact_samples: usize,
+    /// Mean number of contacts over those.
+    pub mean_contacts: f64,
+}
+
+/// Errors of one joint.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct JointError {
+    /// Name of the joint.
+    pub joint: String,
+    /// `N m`, or `N` for a sliding joint.
+    pub unit: &'static str,
+    /// Mean absolute error over all samples.
+    pub mean_abs_error: f64,
+    /// Root mean square error.
+    pub rms_error: f64,
+}
+
+/// Predicted readings of one sequence.
+#[derive(Debug, Clone, PartialEq)]
+pub struct SequencePrediction {
+    /// ID of the sequence.
+    pub id: String,
+    /// Predicted readings, one row of `d` per sample.
+    pub mean: Vec<Vec<f64>>,
+    /// Their standard deviations, noise included; empty when the predictor has none.
+    pub sd: Vec<Vec<f64>>,
+}
+
+/// Norm of the error of a field of means at every sample.
+pub(crate) fn sample_errors<'a>(
+    mean: &'a [f64],
+    trace: &'a Trace,
+) -> impl Iterator<Item = f64> + 'a {
+    let mut fit = Vec::new();
+    trace.observations.iter().map(move |obs| {
+        fit.resize(obs.dim(), 0.0);
+        obs.apply(mean, &mut fit);
+        distance(&fit, obs.reading())
+    })
+}
+
+fn distance(a: &[f64], b: &[f64]) -> f64 {
+    a.iter()
+        .zip(b)
+        .map(|(x, y)| (x - y) * (x - y))
+        .sum::<f64>()
+        .sqrt()
+}
+
+fn check_size(belief: &Belief<f64>, scene: &Scene) -> Result<(), PipelineError> {
+    if belief.len() == scene.rest.len() {
+        Ok(())
+    } else {
+        Err(PipelineError::FieldSize {
+            field: belief.len(),
+            recording: scene.rest.len(),
+        })
+    }
+}
+
+/// Predicts the readings of a sequence from a belief; nothing is learned. The standard deviation
+/// is that of independent points plus a reading noise of `noise_sd`.
+///
+/// # Errors
+/// A belief of another size than the scene's points.
+pub fn predict(
+    scene: &Scene,
+    belief: &Belief<f64>,
+    noise_sd: f64,
+    trace: &Trace,
+) -> Result<SequencePrediction, PipelineError> {
+    check_size(belief, scene)?;
+    let spread = |obs: &Observation<f64>, i: usize| {
+        let terms = obs.row(i).iter().zip(obs.points());
+        let field: f64 = terms
+            .map(|(w, &p)| w * w * belief.variance()[p as usize])
+            .sum();
+        (field + noise_sd * noise_sd).sqrt()
+    };
+    let mut prediction = SequencePrediction {
+        id: trace.id.clone(),
+        mean: Vec::new(),
+        sd: Vec::new(),
+    };
+    for obs in &trace.observations {
+        let mut mean = vec![0.0; obs.dim()];
+        obs.apply(belief.mean(), &mut mean);
+        prediction.mean.push(mean);
+        prediction
+            .sd
+            .push((0..obs.dim()).map(|i| spread(obs, i)).collect());
+    }
+    Ok(prediction)
+}
+
+/// Errors of a field on sequences it was not estimated from (or on any others).
+///
+/// # Errors
+/// A belief of another size than the scene's points, or no sequence.
+pub fn evaluate(
+    scene: &Scene,
+    belief: &Belief<f64>,
+    traces: &[Trace],
+) -> Result<Evaluation, PipelineError> {
+    check_size(belief, scene)?;
+    let predictions = traces.iter().map(|t| {
+        let mean = t.observations.iter().map(|obs| {
+            let mut fit = vec![0.0; obs.dim()];
+            obs.apply(belief.mean(), &mut fit);
+            fit
+        });
+        SequencePrediction {
+            id: t.id.clone(),
+            mean: mean.collect(),
+            sd: Vec::new(),
+        }
+    });
+    score(scene, traces, &predictions.collect::<Vec<_>>())
+}
+
+/// Errors of given predictions, one per trace.
+///
+/// # Errors
+/// No sequence, or predictions of another shape than the traces.
+pub fn score(
+    scene: &Scene,
+    traces: &[Trace],
+    predictions: &[SequencePrediction],
+) -> Result<Evaluation, PipelineError> {
+    vsf_core::CoreError::check_len("predictions", predictions.len(), traces.len())?;
+    let joints = scene.robot.joint_count();
+    let (mut absolute, mut squared) = (vec![0.0; joints], vec![0.0; joints]);
+    let mut all = Moments::default();
+    let mut per_sequence = Vec::new();
+    for (trace, prediction) in traces.iter().zip(predictions) {
+        let rows = trace.observations.len();
+        vsf_core::CoreError::check_len("predicted rows", prediction.mean.len(), rows)?;
+        let mut own = Moments::default();
+        for (obs, fit) in trace.observations.iter().zip(&prediction.mean) {
+            own.add(
+                distance(fit, obs.reading()),
+                distance(&vec![0.0; obs.dim()], obs.reading()),
+            );
+            for (j, (f, tau)) in fit.iter().zip(obs.reading()).enumerate() {
+                absolute[j] += (f - tau).abs();
+                squared[j] += (f - tau) * (f - tau);
+            }
+        }
+        all.merge(&own);
+        per_sequence.push(SequenceError {
+            sequence: trace.id.clone(),
+            mean_error: own.mean(),
+            sd_error: own.sd(),
+            samples: own.count,
+            zero_error: own.zero / own.count.max(1) as f64,
+            contact_samples: trace.contact_samples(),
+            mean_contacts: trace.mean_contacts(),
+        });
+    }
+    if all.count == 0 {
+        return Err(PipelineError::NoSequences {
+            what: "evaluation",
+            hint: "name sequences, or give the recording a test split",
+        });
+    }
+    let n = all.count as f64;
+    let per_joint = scene
+        .robot
+        .joints()
+        .iter()
+        .enumerate()
+        .map(|(j, joint)| JointError {
+            joint: joint.name().to_owned(),
+            unit: scene.unit(j),
+            mean_abs_error: absolute[j] / n,
+            rms_error: (squared[j] / n).sqrt(),
+        });
+    Ok(Evaluation {
+        mean_error: all.mean(),
+        sd_error: all.sd(),
+        samples: all.count,
+        unit: scene.error_unit().to_owned(),
+        zero_error: all.zero / n,
+        per_joint: per_joint.collect(),
+        per_sequence,
+    })
+}
+
+/// Sums over samples.
+#[derive(Default)]
+struct Moments {
+    count: usize,
+    sum: f64,
+    squares: f64,
+    zero: f64,
+}
+
+impl Moments {
+    fn add(&mut self, error: f64, zero: f64) {
+        self.count += 1;
+        self.sum += error;
+        self.squares += error * error;
+        self.zero += zero;
+    }
+
+    fn merge(&mut self, other: &Self) {
+        self.count += other.count;
+        self.sum += other.sum;
+        self.squares += other.squares;
+        self.zero += other.zero;
+    }
+
+    fn mean(&self) -> f64 {
+        self.sum / self.count.max(1) as f64
+    }
+
+    fn sd(&self) -> f64 {
+        (self.squares / self.count.max(1) as f64 - self.mean().powi(2))
+            .max(0.0)
+            .sqrt()
+    }
+}

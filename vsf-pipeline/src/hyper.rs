@@ -1,0 +1,218 @@
+use crate::{EstimatorSpec, PipelineError, Trace, estimate, evaluate::sample_errors};
+use rayon::prelude::*;
+use serde::Serialize;
+use std::f64::consts::TAU;
+use vsf_core::{Belief, Observation};
+
+/// Prior and noise of an estimation. Their ratio decides how closely readings are followed.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
+pub struct Hyper {
+    /// Standard deviation of the prior N(0, sd²) of every point (N/m).
+    pub prior_sd: f64,
+    /// Standard deviation of every reading (N m or N), model error included.
+    pub noise_sd: f64,
+}
+
+/// One tried ratio of prior and noise.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
+pub struct Candidate {
+    /// Prior sd per unit of noise sd.
+    pub ratio: f64,
+    /// Mean error on held-out train sequences, or the negative log-likelihood per sample of one
+    /// pass; lower is better, comparable within one choice only.
+    pub score: f64,
+}
+
+/// How prior and noise were chosen.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct HyperChoice {
+    /// The choice.
+    pub hyper: Hyper,
+    /// `held-out` or `likelihood`.
+    pub method: &'static str,
+    /// All that was tried, by ratio.
+    pub candidates: Vec<Candidate>,
+}
+
+/// Parts that the train sequences are split into; each is held out once.
+const FOLDS: usize = 3;
+/// Signal-to-noise ratios `prior sd * |w| / noise sd` of a typical reading: tried first, in powers
+/// of 2 around the best next.
+const COARSE: [i32; 6] = [-8, -5, -3, -1, 1, 4];
+
+/// Chooses prior and noise from train sequences.
+///
+/// With several sequences, the ratio of the two is the one whose field, estimated without a third
+/// of the sequences, predicts that third best (mean error over samples that touch an estimated
+/// point). With a single sequence, or sequences that share no points, it maximises the
+/// prequential likelihood of one online pass. The noise level then makes the mean normalised
+/// innovation squared of an online pass over samples in contact equal to the number of channels.
+///
+/// # Errors
+/// No train sequence ever touches a point; failures of the estimator.
+pub fn choose_hyper(
+    traces: &[Trace],
+    field_len: usize,
+    spec: &EstimatorSpec,
+) -> Result<HyperChoice, PipelineError> {
+    let typical = typical_column_norm(traces).ok_or(PipelineError::NoContact {
+        what: "train",
+        points: field_len,
+    })?;
+    let ratio_at = |power: i32| 2f64.powi(power) / typical;
+    let held_out = folds_share_points(traces, field_len);
+    let score = |power: i32| -> Result<Candidate, PipelineError> {
+        let hyper = Hyper {
+            prior_sd: ratio_at(power),
+            noise_sd: 1.0,
+        };
+        let score = if held_out {
+            held_out_error(traces, field_len, spec, hyper)?
+        } else {
+            negative_log_likelihood(traces, field_len, spec, hyper)?
+        };
+        Ok(Candidate {
+            ratio: hyper.prior_sd,
+            score,
+        })
+    };
+    let all = |powers: &[i32]| -> Result<Vec<(i32, Candidate)>, PipelineError> {
+        powers.par_iter().map(|&p| Ok((p, score(p)?))).collect()
+    };
+    let best = |tried: &[(i32, Candidate)]| {
+        tried
+            .iter()
+            .min_by(|a, b| a.1.score.total_cmp(&b.1.score))
+            .map_or(0, |b| b.0)
+    };
+    let mut tried = all(&COARSE)?;
+    let near = best(&tried);
+    let fine: Vec<i32> = (near - 2..=near + 2)
+        .filter(|p| tried.iter().all(|t| t.0 != *p))
+        .collect();
+    tried.extend(all(&fine)?);
+    tried.sort_by_key(|t| t.0);
+
+    let ratio = ratio_at(best(&tried));
+    let unit = Hyper {
+        prior_sd: ratio,
+        noise_sd: 1.0,
+    };
+    let nis = estimate(traces, field_len, spec, unit, |_| {})?
+        .health
+        .nis_ratio()
+        .unwrap_or(1.0);
+    // A perfect fit would ask for zero noise.
+    let noise_sd = nis.sqrt().max(1e-9);
+    Ok(HyperChoice {
+        hyper: Hyper {
+            prior_sd: ratio * noise_sd,
+            noise_sd,
+        },
+        method: if held_out { "held-out" } else { "likelihood" },
+        candidates: tried.into_iter().map(|t| t.1).collect(),
+    })
+}
+
+/// Median over the samples in contact of `sqrt(tr(W W^T) / d)`: the reading's sd per unit of
+/// prior sd.
+fn typical_column_norm(traces: &[Trace]) -> Option<f64> {
+    let norm = |o: &Observation<f64>| {
+        (o.rows().iter().map(|w| w * w).sum::<f64>() / o.dim() as f64).sqrt()
+    };
+    let mut norms: Vec<f64> = traces
+        .iter()
+        .flat_map(|t| &t.observations)
+        .filter(|o| !o.is_empty())
+        .map(norm)
+        .filter(|n| *n > 0.0)
+        .collect();
+    let middle = norms.len() / 2;
+    (!norms.is_empty()).then(|| *norms.select_nth_unstable_by(middle, f64::total_cmp).1)
+}
+
+/// Sequences in and out of fold `k`.
+fn split(traces: &[Trace], k: usize) -> (Vec<Trace>, Vec<&Trace>) {
+    let folds = FOLDS.min(traces.len());
+    let (held, kept): (Vec<_>, Vec<_>) =
+        traces.iter().enumerate().partition(|(i, _)| i % folds == k);
+    (
+        kept.into_iter().map(|(_, t)| t.clone()).collect(),
+        held.into_iter().map(|(_, t)| t).collect(),
+    )
+}
+
+fn touched(traces: &[Trace], field_len: usize) -> Vec<bool> {
+    let mut touched = vec![false; field_len];
+    for &p in traces
+        .iter()
+        .flat_map(|t| &t.observations)
+        .flat_map(Observation::points)
+    {
+        touched[p as usize] = true;
+    }
+    touched
+}
+
+/// Whether held-out sequences mostly touch points that the others touch too.
+fn folds_share_points(traces: &[Trace], field_len: usize) -> bool {
+    traces.len() > 1
+        && (0..FOLDS.min(traces.len())).all(|k| {
+            let (kept, held) = split(traces, k);
+            let known = touched(&kept, field_len);
+            let (mut shared, mut all) = (0usize, 0usize);
+            for obs in held.iter().flat_map(|t| &t.observations) {
+                all += obs.len();
+                shared += obs.points().iter().filter(|&&p| known[p as usize]).count();
+            }
+            2 * shared > all
+        })
+}
+
+fn held_out_error(
+    traces: &[Trace],
+    field_len: usize,
+    spec: &EstimatorSpec,
+    hyper: Hyper,
+) -> Result<f64, PipelineError> {
+    let (mut sum, mut count) = (0.0, 0usize);
+    for k in 0..FOLDS.min(traces.len()) {
+        let (kept, held) = split(traces, k);
+        let known = touched(&kept, field_len);
+        let field = estimate(&kept, field_len, spec, hyper, |_| {})?;
+        for trace in held {
+            let errors = sample_errors(field.belief.mean(), trace);
+            for (obs, error) in trace.observations.iter().zip(errors) {
+                if obs.points().iter().any(|&p| known[p as usize]) {
+                    sum += error;
+                    count += 1;
+                }
+            }
+        }
+    }
+    Ok(sum / count.max(1) as f64)
+}
+
+/// Per sample in contact, with the noise level that fits best: for `S = s² S_1` the likelihood is
+/// greatest at `s² = mean nis_1 / d`.
+fn negative_log_likelihood(
+    traces: &[Trace],
+    field_len: usize,
+    spec: &EstimatorSpec,
+    hyper: Hyper,
+) -> Result<f64, PipelineError> {
+    let mut estimator = spec.build(Belief::uniform(field_len, 0.0, hyper.prior_sd)?)?;
+    let (mut nis, mut log_det, mut dof, mut samples) = (0.0, 0.0, 0usize, 0usize);
+    for trace in traces {
+        crate::estimate_online(&mut *estimator, trace, hyper, |obs, report| {
+            if !obs.is_empty() {
+                nis += report.nis;
+                log_det -= 2.0 * report.log_likelihood + report.nis + report.dof as f64 * TAU.ln();
+                dof += report.dof;
+                samples += 1;
+            }
+        })?;
+    }
+    let level = (nis / dof as f64).max(1e-18);
+    Ok(0.5 * (dof as f64 * (level.ln() + 1.0 + TAU.ln()) + log_det) / samples as f64)
+}

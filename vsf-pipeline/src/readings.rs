@@ -1,0 +1,33 @@
+use crate::{PipelineError, Scene};
+use vsf_data::{Sequence, Table, TorqueKind, tare};
+
+/// The external joint torques of a sequence: what touch adds, with gravity removed and tared.
+///
+/// Measured torques become `tau_ext = g(q) - tau_meas` (quasi-static motion). Taring subtracts
+/// the mean of the first [`Scene::tare_samples`] external torques, where nothing is touched.
+///
+/// # Errors
+/// Angles that the robot cannot take, or more tare samples than rows.
+pub fn external_torques(scene: &Scene, sequence: &Sequence) -> Result<Table, PipelineError> {
+    let mut torques = sequence.torques.clone();
+    if scene.torque_kind == TorqueKind::Measured {
+        let mut workspace = scene.robot.dynamics_workspace();
+        let cols = torques.cols();
+        for (row, q) in torques
+            .data_mut()
+            .chunks_mut(cols)
+            .zip(sequence.angles.iter())
+        {
+            let gravity = scene
+                .robot
+                .gravity_torques(q, &scene.gravity, &mut workspace)?;
+            for (tau, g) in row.iter_mut().zip(gravity) {
+                *tau = g - *tau;
+            }
+        }
+    }
+    if scene.tare_samples > 0 {
+        torques = tare(&torques, scene.tare_samples)?;
+    }
+    Ok(torques)
+}

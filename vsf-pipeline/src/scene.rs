@@ -1,0 +1,200 @@
+use crate::PipelineError;
+use nalgebra::{Point3, Vector3};
+use std::collections::BTreeMap;
+use std::path::PathBuf;
+use std::sync::Arc;
+use vsf_contact::{ContactConfig, GridOptions, LinkGrid, LinkSdf, StickSlip, link_sdfs};
+use vsf_core::RestPoints;
+use vsf_data::{Dataset, JointType, RobotRef, TorqueKind};
+use vsf_robots::{BUILTIN_NAMES, JointKind, RobotModel, UrdfOptions, builtin};
+
+/// How a [`Scene`] is put together; the defaults fit most recordings.
+#[derive(Debug, Clone, Default)]
+pub struct SceneOptions {
+    /// Parameters of contact.
+    pub contact: ContactConfig,
+    /// How collision meshes become distance grids.
+    pub grid: GridOptions,
+    /// Names of the links that may touch; `None` (default) takes all with collision shapes.
+    pub links: Option<Vec<String>>,
+    /// Folders of `package://` names in the URDF.
+    pub packages: BTreeMap<String, PathBuf>,
+}
+
+/// A robot and the points it touches: all that contact needs.
+pub struct Scene {
+    /// The robot, placed in the world.
+    pub robot: RobotModel,
+    /// The rest points.
+    pub rest: Arc<RestPoints>,
+    /// Gravity (m/s²), world frame.
+    pub gravity: Vector3<f64>,
+    /// What torques of the recording mean.
+    pub torque_kind: TorqueKind,
+    /// Samples at the start of each sequence that tare the sensor.
+    pub tare_samples: usize,
+    /// Quality of the distance grids baked from meshes.
+    pub grids: Vec<LinkGrid>,
+    links: Arc<[LinkSdf]>,
+    contact: ContactConfig,
+}
+
+impl Scene {
+    /// The scene of a recording.
+    ///
+    /// # Errors
+    /// No rest points, an unknown or unreadable robot, joints that contradict the robot, no
+    /// collision shapes, parameters out of range.
+    pub fn open(dataset: &Dataset, options: &SceneOptions) -> Result<Self, PipelineError> {
+        let points = dataset
+            .rest_points
+            .clone()
+            .or_else(|| Some(dataset.field.as_ref()?.points.clone()));
+        Self::with_points(dataset, points.ok_or(PipelineError::NoPoints)?, options)
+    }
+
+    /// The scene of a recording with other rest points than its own, such as those of a field.
+    ///
+    /// # Errors
+    /// As [`Scene::open`].
+    pub fn with_points(
+        dataset: &Dataset,
+        points: Vec<Point3<f64>>,
+        options: &SceneOptions,
+    ) -> Result<Self, PipelineError> {
+        if points.is_empty() {
+            return Err(PipelineError::NoPoints);
+        }
+        options.contact.validate()?;
+        let robot = robot_of(dataset, &options.packages)?;
+        let chosen = chosen_links(&robot, options.links.as_deref())?;
+        let colliders: Vec<_> = robot
+            .colliders()
+            .iter()
+            .filter(|c| chosen[c.link])
+            .cloned()
+            .collect();
+        if colliders.is_empty() {
+            return Err(PipelineError::NoShapes {
+                robot: robot.name().to_owned(),
+                reason: "its URDF has no <collision> shapes on the links that may touch".to_owned(),
+            });
+        }
+        let shapes = link_sdfs(&colliders, &options.grid)?;
+        Ok(Self {
+            robot,
+            rest: Arc::new(RestPoints::new(points)?),
+            gravity: dataset.gravity,
+            torque_kind: dataset.torque_kind,
+            tare_samples: dataset.tare_samples,
+            grids: shapes.grids,
+            links: shapes.links.into(),
+            contact: options.contact,
+        })
+    }
+
+    /// A fresh contact model of this scene; the link shapes are shared.
+    ///
+    /// # Errors
+    /// None in practice: the parameters were checked when the scene was opened.
+    pub fn contact_model(&self) -> Result<StickSlip, PipelineError> {
+        Ok(StickSlip::new(self.links.clone(), self.contact)?)
+    }
+
+    /// Parameters of contact.
+    pub fn contact(&self) -> &ContactConfig {
+        &self.contact
+    }
+
+    /// Unit of joint `j`'s readings: `N m`, or `N` for a sliding joint.
+    pub fn unit(&self, j: usize) -> &'static str {
+        match self.robot.joints().get(j).map(|joint| joint.kind()) {
+            Some(JointKind::Prismatic) => "N",
+            _ => "N m",
+        }
+    }
+
+    /// Unit of the error norm over all joints.
+    pub fn error_unit(&self) -> &'static str {
+        let all = |unit| (0..self.robot.joint_count()).all(|j| self.unit(j) == unit);
+        match (all("N m"), all("N")) {
+            (true, _) => "N m",
+            (_, true) => "N",
+            _ => "N m and N",
+        }
+    }
+}
+
+/// The robot of a recording, checked against the recording's joints and placed in the world.
+fn robot_of(
+    dataset: &Dataset,
+    packages: &BTreeMap<String, PathBuf>,
+) -> Result<RobotModel, PipelineError> {
+    let robot = load(&dataset.robot, dataset.joints.clone(), packages)?;
+    let names: Vec<&str> = robot.joints().iter().map(|j| j.name()).collect();
+    if dataset.width() != names.len() {
+        return Err(PipelineError::JointCount {
+            columns: dataset.width(),
+            robot: robot.name().to_owned(),
+            joints: names.len(),
+            names: names.join(", "),
+        });
+    }
+    let mismatch = |column: usize, recorded: &str, robot: &str| PipelineError::JointMismatch {
+        column: column + 1,
+        recorded: recorded.to_owned(),
+        robot: robot.to_owned(),
+    };
+    for (i, name) in dataset.joints.iter().flatten().enumerate() {
+        if name != names[i] {
+            return Err(mismatch(
+                i,
+                &format!("joint {name:?}"),
+                &format!("{:?}", names[i]),
+            ));
+        }
+    }
+    for (i, kind) in dataset.joint_types.iter().flatten().enumerate() {
+        let slides = robot.joints()[i].kind() == JointKind::Prismatic;
+        match (kind, slides) {
+            (JointType::Prismatic, false) => return Err(mismatch(i, "prismatic", "rotating")),
+            (JointType::Revolute, true) => return Err(mismatch(i, "revolute", "prismatic")),
+            _ => {}
+        }
+    }
+    Ok(robot.with_base_pose(dataset.base_pose)?)
+}
+
+fn load(
+    robot: &RobotRef,
+    joint_order: Option<Vec<String>>,
+    packages: &BTreeMap<String, PathBuf>,
+) -> Result<RobotModel, PipelineError> {
+    match &robot.path {
+        Some(path) => {
+            let options = UrdfOptions {
+                packages: packages.clone(),
+                joint_order,
+                ..UrdfOptions::default()
+            };
+            Ok(RobotModel::from_urdf_file(path, &options)?)
+        }
+        None => builtin(&robot.given)
+            .transpose()?
+            .ok_or_else(|| PipelineError::UnknownRobot {
+                name: robot.given.clone(),
+                known: BUILTIN_NAMES.join(", "),
+            }),
+    }
+}
+
+fn chosen_links(robot: &RobotModel, names: Option<&[String]>) -> Result<Vec<bool>, PipelineError> {
+    let Some(names) = names else {
+        return Ok(vec![true; robot.link_count()]);
+    };
+    let mut chosen = vec![false; robot.link_count()];
+    for name in names {
+        chosen[robot.link_index(name)?] = true;
+    }
+    Ok(chosen)
+}

@@ -1,0 +1,68 @@
+use crate::{PipelineError, Scene, external_torques};
+use vsf_core::{ContactModel, Contacts, CoreError, Noise, Observation, Sensor};
+use vsf_data::Sequence;
+use vsf_robots::JointTorques;
+
+/// The observations of one sequence, one per sample, with unit noise: contacts and columns are
+/// computed once and serve every estimator and every choice of prior and noise.
+#[derive(Debug, Clone)]
+pub struct Trace {
+    /// ID of the sequence.
+    pub id: String,
+    /// Time of each sample (s).
+    pub time: Vec<f64>,
+    /// One observation per sample; free samples have no points.
+    pub observations: Vec<Observation<f64>>,
+}
+
+impl Trace {
+    /// Number of samples with at least one contact.
+    pub fn contact_samples(&self) -> usize {
+        self.observations.iter().filter(|o| !o.is_empty()).count()
+    }
+
+    /// Mean number of contacts over the samples in contact, 0 without any.
+    pub fn mean_contacts(&self) -> f64 {
+        let total: usize = self.observations.iter().map(Observation::len).sum();
+        total as f64 / self.contact_samples().max(1) as f64
+    }
+}
+
+impl Scene {
+    /// Runs the contact model over a sequence. Contacts are forgotten where a touch begins.
+    ///
+    /// # Errors
+    /// A row that robot, contact or sensor cannot take; it is named.
+    pub fn trace(&self, sequence: &Sequence) -> Result<Trace, PipelineError> {
+        let torques = external_torques(self, sequence)?;
+        let mut contact = self.contact_model()?;
+        let sensor = JointTorques::new(Noise::uniform(self.robot.joint_count(), 1.0)?);
+        let mut posture = self.robot.posture();
+        let mut contacts = Contacts::new();
+        let mut observations = Vec::with_capacity(sequence.len());
+        for touch in sequence.touches() {
+            contact.reset();
+            for row in touch {
+                let mut obs = sensor.blank();
+                self.robot
+                    .update_posture(&sequence.angles[row], &mut posture)?;
+                contact
+                    .step(&self.rest, &posture, &mut contacts)
+                    .and_then(|()| {
+                        sensor.observe(&self.rest, &posture, &contacts, &torques[row], &mut obs)
+                    })
+                    .map_err(|source: CoreError| PipelineError::Sequence {
+                        id: sequence.id.clone(),
+                        row,
+                        source,
+                    })?;
+                observations.push(obs);
+            }
+        }
+        Ok(Trace {
+            id: sequence.id.clone(),
+            time: sequence.time.clone(),
+            observations,
+        })
+    }
+}
