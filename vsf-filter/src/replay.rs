@@ -44,7 +44,7 @@ pub struct ReplayConfig {
     pub variance: ReplayVariance,
     /// Seed of the draws, default 0. Same seed, same result, bit for bit.
     pub seed: u64,
-    /// Upper bound of the memory held by past observations [bytes], default 256 MiB. When it is
+    /// Upper bound of the memory held by past observations (bytes), default 256 MiB. When it is
     /// reached, new observations replace random old ones so that the buffer stays a uniform
     /// sample of the history (Vitter's algorithm R, doi 10.1145/3147.3165).
     pub byte_budget: usize,
