@@ -1,14 +1,30 @@
+use crate::cache::{self, CacheUse};
+use crate::lattice::Lattice;
+use crate::mesh_sdf::is_unsure;
+use crate::{ContactError, GridSdf, MeshOpenness, MeshSdf, Sdf};
+use nalgebra::{Point3, Vector3};
+use rand::{RngExt, SeedableRng};
+use rand_pcg::Pcg64Mcg;
+use rayon::prelude::*;
 use std::path::PathBuf;
+use vsf_core::{CoreError, TriMesh};
+
+/// Cells along the diagonal of the first grid that the automatic resolution tries.
+const FIRST_CELLS: f64 = 64.0;
+/// Number of points that the error is measured at, and how far from the surface they lie.
+const SAMPLES: usize = 20_000;
+const NEAR: f64 = 0.01;
 
 /// How meshes become grids.
 #[derive(Debug, Clone, PartialEq)]
 pub struct GridOptions {
-    /// Spacing of the grid [m], > 0; `None` (default) halves it from 1/16 of the mesh's size until
-    /// the measured error reaches `max_error`.
+    /// Spacing of the grid \[m\], > 0; `None` (default) refines it until the measured
+    /// [`GridError::p99`] reaches `max_error`.
     pub resolution: Option<f64>,
-    /// Goal of the automatic resolution [m], > 0, default 0.5 mm.
+    /// Goal of the automatic resolution \[m\], > 0, default 0.5 mm.
     pub max_error: f64,
-    /// Distance [m] from the mesh up to which the grid reaches, > 0, default 3 cm.
+    /// How far the grid reaches beyond the body \[m\], > 0, default 15 mm. Farther out the distance
+    /// is a lower bound, see [`GridSdf`].
     pub margin: f64,
     /// Most nodes of one grid (4 bytes each), >= 64, default 16 million.
     pub max_nodes: usize,
@@ -21,16 +37,244 @@ impl Default for GridOptions {
         Self {
             resolution: None,
             max_error: 0.5e-3,
-            margin: 0.03,
+            margin: 0.015,
             max_nodes: 16_000_000,
             cache_dir: None,
         }
     }
 }
 
+impl GridOptions {
+    /// Checks the ranges that the fields state.
+    ///
+    /// # Errors
+    /// [`CoreError::Parameter`] names the first value out of range.
+    pub fn validate(&self) -> Result<(), CoreError> {
+        let positive = |name, value: f64| {
+            if value > 0.0 && value.is_finite() {
+                Ok(())
+            } else {
+                Err(CoreError::Parameter {
+                    name,
+                    value,
+                    range: "> 0 m",
+                })
+            }
+        };
+        positive("grid resolution", self.resolution.unwrap_or(1.0))?;
+        positive("grid max_error", self.max_error)?;
+        positive("grid margin", self.margin)?;
+        if self.max_nodes < 64 {
+            let value = self.max_nodes as f64;
+            return Err(CoreError::Parameter {
+                name: "grid max_nodes",
+                value,
+                range: ">= 64",
+            });
+        }
+        Ok(())
+    }
+}
+
 /// What a grid made from a mesh is worth.
 #[derive(Debug, Clone, PartialEq)]
 pub struct GridReport {
-    /// Spacing of the nodes [m].
+    /// Spacing of the nodes \[m\].
     pub resolution: f64,
+    /// Number of nodes; each takes 4 bytes.
+    pub nodes: usize,
+    /// Error against the exact distance.
+    pub error: GridError,
+    /// Whether `error.p99` is within [`GridOptions::max_error`]; false when a given resolution is
+    /// too coarse or [`GridOptions::max_nodes`] stopped the refinement.
+    pub reached: bool,
+    /// How open the mesh is.
+    pub openness: MeshOpenness,
+    /// What happened with the cache.
+    pub cache: CacheUse,
+}
+
+/// Errors of a grid at 20,000 random points within 1 cm of the mesh, at those of them where the
+/// side is sure (winding number below 0.1 or above 0.9).
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct GridError {
+    /// Root mean square of the distance error \[m\].
+    pub rms: f64,
+    /// 99th percentile of the distance error \[m\].
+    pub p99: f64,
+    /// Largest distance error \[m\] at these points; in rare corners it may be larger.
+    pub max: f64,
+    /// Median angle between the grid's normal and the exact one \[rad\].
+    pub normal_median: f64,
+    /// 95th percentile of that angle \[rad\]; edges have no single normal, so this stays large.
+    pub normal_p95: f64,
+    /// Share of the points whose side is sure.
+    pub sure_share: f64,
+}
+
+impl GridSdf {
+    /// Makes the grid of a mesh, or reads it from the cache.
+    ///
+    /// Magnitudes and signs are those of [`MeshSdf`]. Runs on the current rayon pool; the result
+    /// is bit-equal for any number of threads. Cost: about 3 us per node and thread.
+    ///
+    /// # Errors
+    /// Options out of range, a mesh without area, or a given resolution that needs more than
+    /// [`GridOptions::max_nodes`]. A cache that cannot be used is no error, see
+    /// [`GridReport::cache`].
+    pub fn bake(mesh: &TriMesh, options: &GridOptions) -> Result<(Self, GridReport), ContactError> {
+        options.validate()?;
+        let make = || {
+            let exact = MeshSdf::new(mesh)?;
+            refine(&exact, options)
+        };
+        match &options.cache_dir {
+            None => make(),
+            Some(folder) => cache::read_or(folder, mesh, options, make),
+        }
+    }
+}
+
+/// Refines the grid until its error is small enough.
+fn refine(exact: &MeshSdf, options: &GridOptions) -> Result<(GridSdf, GridReport), ContactError> {
+    let (lower, upper) = exact.bounds();
+    let samples = samples_near(exact);
+    let margin = Vector3::repeat(options.margin);
+    let (from, to) = (lower - margin, upper + margin);
+    let mut spacing = options
+        .resolution
+        .unwrap_or((to - from).norm() / FIRST_CELLS);
+    let mut best = None;
+    loop {
+        let lattice = Lattice::covering(&from, &to, spacing, options.max_nodes);
+        let lattice = match (lattice, best) {
+            (Ok(lattice), _) => lattice,
+            (Err(_), Some(done)) => return Ok(done),
+            (Err(error), None) => return Err(error),
+        };
+        let grid = GridSdf {
+            lattice,
+            values: bake_values(&lattice, exact),
+            lower,
+            upper,
+        };
+        let error = measure(&grid, &samples);
+        let reached = error.p99 <= options.max_error;
+        let report = GridReport {
+            resolution: spacing,
+            nodes: lattice.len(),
+            error,
+            reached,
+            openness: *exact.openness(),
+            cache: CacheUse::Off,
+        };
+        if reached || options.resolution.is_some() {
+            return Ok((grid, report));
+        }
+        // The error is roughly proportional to the spacing.
+        spacing *= (0.9 * options.max_error / error.p99).clamp(0.4, 0.9);
+        best = Some((grid, report));
+    }
+}
+
+fn bake_values(lattice: &Lattice, exact: &MeshSdf) -> Vec<f32> {
+    let [nx, ny, _] = lattice.dims;
+    let near = 2.0 * exact.openness().sheet_spacing;
+    let mut values = vec![0.0; lattice.len()];
+    values
+        .par_chunks_mut(nx)
+        .enumerate()
+        .for_each(|(row, values)| {
+            let (mut within, mut inside) = (f64::MAX, None);
+            for (i, value) in values.iter_mut().enumerate() {
+                let p = lattice.node(i, row % ny, row / ny);
+                let distance = exact.unsigned_distance(&p, within);
+                // The next node cannot be farther than this; a tight bound makes the search quick.
+                within = 1.001 * (distance + lattice.spacing);
+                // Far from the surface the side is that of the node before; openings too narrow for
+                // the sheet are near the surface.
+                let known = inside.filter(|_| distance > near + lattice.spacing);
+                let is_inside = known.unwrap_or_else(|| exact.winding_number(&p) > 0.5);
+                inside = Some(is_inside);
+                *value = if is_inside { -distance } else { distance } as f32;
+            }
+        });
+    values
+}
+
+/// Points near the mesh whose side is sure, with the exact answer, and the share that is sure.
+struct Samples {
+    points: Vec<(Point3<f64>, f64, Vector3<f64>)>,
+    sure_share: f64,
+}
+
+fn samples_near(exact: &MeshSdf) -> Samples {
+    let mut areas = 0.0;
+    let cumulative: Vec<f64> = exact
+        .triangles
+        .iter()
+        .map(|[a, b, c]| {
+            areas += 0.5 * (b - a).cross(&(c - a)).norm();
+            areas
+        })
+        .collect();
+    let mut rng = Pcg64Mcg::seed_from_u64(0);
+    let candidates: Vec<Point3<f64>> = (0..SAMPLES)
+        .map(|_| {
+            let pick = areas * rng.random::<f64>();
+            let t = cumulative
+                .partition_point(|c| *c < pick)
+                .min(cumulative.len() - 1);
+            let [a, b, c] = exact.triangles[t];
+            let (mut u, mut v) = (rng.random::<f64>(), rng.random::<f64>());
+            if u + v > 1.0 {
+                (u, v) = (1.0 - u, 1.0 - v);
+            }
+            let direction = Vector3::from_fn(|_, _| rng.random_range(-1.0..1.0f64));
+            let offset = NEAR * rng.random::<f64>() / direction.norm().max(1e-3);
+            a + u * (b - a) + v * (c - a) + offset * direction
+        })
+        .collect();
+    let points: Vec<_> = candidates
+        .par_iter()
+        .filter(|p| !is_unsure(exact.winding_number(p)))
+        .map(|p| {
+            let s = exact.sample(p);
+            (*p, s.distance, s.normal)
+        })
+        .collect();
+    let sure_share = points.len() as f64 / SAMPLES as f64;
+    Samples { points, sure_share }
+}
+
+fn measure(grid: &GridSdf, samples: &Samples) -> GridError {
+    let (mut errors, mut angles): (Vec<f64>, Vec<f64>) = samples
+        .points
+        .iter()
+        .map(|(p, distance, normal)| {
+            let s = grid.sample(p);
+            ((s.distance - distance).abs(), s.normal.angle(normal))
+        })
+        .unzip();
+    errors.sort_by(f64::total_cmp);
+    angles.sort_by(f64::total_cmp);
+    // A mesh without a sure side anywhere has no measured error, which must not pass for 0.
+    let at = |sorted: &[f64], share: f64| {
+        let last = sorted.len().saturating_sub(1);
+        let index = (share * last as f64).round() as usize;
+        sorted.get(index).copied().unwrap_or(f64::MAX)
+    };
+    let square_sum: f64 = errors.iter().map(|e| e * e).sum();
+    let rms = match errors.len() {
+        0 => f64::MAX,
+        n => (square_sum / n as f64).sqrt(),
+    };
+    GridError {
+        rms,
+        p99: at(&errors, 0.99),
+        max: at(&errors, 1.0),
+        normal_median: at(&angles, 0.5),
+        normal_p95: at(&angles, 0.95),
+        sure_share: samples.sure_share,
+    }
 }

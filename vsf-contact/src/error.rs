@@ -36,7 +36,7 @@ pub enum ContactError {
          choose a coarser resolution or raise `max_nodes`, or check the units of the mesh"
     )]
     GridTooLarge {
-        /// Spacing [m].
+        /// Spacing \[m\].
         resolution: f64,
         /// Nodes it would need.
         nodes: u64,

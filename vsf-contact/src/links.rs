@@ -1,5 +1,6 @@
-use crate::{ContactError, GridOptions, GridReport, Sdf};
-use vsf_core::Collider;
+use crate::{ContactError, GridOptions, GridReport, GridSdf, Sdf, ShapeSdf, UnionSdf};
+use std::collections::BTreeMap;
+use vsf_core::{Collider, Shape, TriMesh};
 
 /// The shape of one link, in the frame of the link: the union of its colliders.
 pub struct LinkSdf {
@@ -14,8 +15,87 @@ pub struct LinkSdf {
 pub struct LinkSdfs {
     /// One entry per link that has a collider, ordered by link.
     pub links: Vec<LinkSdf>,
-    /// One entry per mesh collider, in the order of the colliders.
-    pub grids: Vec<GridReport>,
+    /// One entry per mesh collider.
+    pub grids: Vec<LinkGrid>,
+}
+
+/// The grid made from a mesh collider.
+#[derive(Debug, Clone, PartialEq)]
+pub struct LinkGrid {
+    /// Position in the list of colliders.
+    pub collider: usize,
+    /// Index of the link.
+    pub link: usize,
+    /// What the grid is worth.
+    pub report: GridReport,
+}
+
+#[derive(Default)]
+struct Parts {
+    shapes: Vec<ShapeSdf>,
+    grids: Vec<GridSdf>,
+}
+
+/// Signed distance fields of the links that carry `colliders`.
+///
+/// Analytic shapes stay exact; meshes become grids, in the frame of the link, see
+/// [`GridSdf::bake`]. Colliders of a link are united.
+///
+/// # Errors
+/// [`ContactError::Collider`] names the collider whose shape, pose or grid is out of range.
+pub fn link_sdfs(colliders: &[Collider], options: &GridOptions) -> Result<LinkSdfs, ContactError> {
+    options.validate()?;
+    let mut by_link: BTreeMap<usize, Parts> = BTreeMap::new();
+    let mut grids = Vec::new();
+    for (collider, c) in colliders.iter().enumerate() {
+        let link = c.link;
+        let named = |source| ContactError::Collider {
+            collider,
+            link,
+            source: Box::new(source),
+        };
+        let parts = by_link.entry(link).or_default();
+        if let Shape::Mesh(mesh_S) = &c.shape {
+            let vertices_L = mesh_S.vertices().iter().map(|v| c.X_LS * v).collect();
+            let mesh_L = TriMesh::new(vertices_L, mesh_S.faces().to_vec());
+            let mesh_L = mesh_L.map_err(|e| named(e.into()))?;
+            let (grid, report) = GridSdf::bake(&mesh_L, options).map_err(named)?;
+            parts.grids.push(grid);
+            grids.push(LinkGrid {
+                collider,
+                link,
+                report,
+            });
+        } else {
+            parts
+                .shapes
+                .push(ShapeSdf::new(&c.shape, &c.X_LS).map_err(named)?);
+        }
+    }
+    let links = by_link
+        .into_iter()
+        .map(|(link, parts)| LinkSdf {
+            link,
+            sdf: united(parts),
+        })
+        .collect();
+    Ok(LinkSdfs { links, grids })
+}
+
+/// The cheapest form of the union.
+fn united(mut parts: Parts) -> Box<dyn Sdf> {
+    if parts.grids.is_empty() {
+        return Box::new(UnionSdf::new(parts.shapes));
+    }
+    if parts.shapes.is_empty() && parts.grids.len() == 1 {
+        return Box::new(parts.grids.remove(0));
+    }
+    let mut all: Vec<Box<dyn Sdf>> = Vec::new();
+    if !parts.shapes.is_empty() {
+        all.push(Box::new(UnionSdf::new(parts.shapes)));
+    }
+    all.extend(parts.grids.into_iter().map(|g| Box::new(g) as Box<dyn Sdf>));
+    Box::new(UnionSdf::new(all))
 }
 
 impl std::fmt::Debug for LinkSdf {
@@ -27,16 +107,4 @@ impl std::fmt::Debug for LinkSdf {
             .field("upper", &upper)
             .finish_non_exhaustive()
     }
-}
-
-/// Signed distance fields of the links that carry `colliders`.
-///
-/// # Errors
-/// A shape or an option out of range.
-pub fn link_sdfs(colliders: &[Collider], options: &GridOptions) -> Result<LinkSdfs, ContactError> {
-    let _ = (colliders, options);
-    Ok(LinkSdfs {
-        links: Vec::new(),
-        grids: Vec::new(),
-    })
 }

@@ -4,7 +4,7 @@ use std::sync::Arc;
 /// Signed distance and outward normal of a body's surface, seen from a point.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct SdfSample {
-    /// Signed distance [m], negative inside.
+    /// Signed distance \[m\], negative inside.
     pub distance: f64,
     /// Outward unit normal: the gradient of the distance. Where the gradient does not exist (the
     /// centre of a ball, an edge seen from inside) it is the normal of one of the nearest faces.
@@ -24,7 +24,7 @@ pub trait Sdf: Send + Sync {
     /// Signed distance and outward unit normal at a point in the body frame.
     fn sample(&self, p_B: &Point3<f64>) -> SdfSample;
 
-    /// Signed distance [m] alone, where that is cheaper.
+    /// Signed distance \[m\] alone, where that is cheaper.
     fn distance(&self, p_B: &Point3<f64>) -> f64 {
         self.sample(p_B).distance
     }
