@@ -1,0 +1,22 @@
+//! Pages for the first things one wants to do. Every example on them is compiled and run.
+//!
+//! 1. [`first_field`]: from a touch recording on disk to a field, its errors and a picture.
+//! 2. [`your_robot`]: URDF files, package maps, joint order, shapes.
+//! 3. [`your_parts`]: an estimator, a sensor and a contact model of your own.
+//! 4. [`filter_health`]: is the filter right about how much it knows?
+//! 5. [`from_openvsf`]: folders and fields of OpenVSF, and what differs here.
+
+#[doc = include_str!("guide/first_field.md")]
+pub mod first_field {}
+
+#[doc = include_str!("guide/your_robot.md")]
+pub mod your_robot {}
+
+#[doc = include_str!("guide/your_parts.md")]
+pub mod your_parts {}
+
+#[doc = include_str!("guide/filter_health.md")]
+pub mod filter_health {}
+
+#[doc = include_str!("guide/from_openvsf.md")]
+pub mod from_openvsf {}
