@@ -1,7 +1,19 @@
-//! Signed distance fields and stick-slip contact of a robot with a point cloud
+//! Signed distance fields and stick-slip contact of a robot with a point cloud.
+//!
+//! | part | what |
+//! | --- | --- |
+//! | [`Sdf`] | signed distance and normal of a body: [`ShapeSdf`] in closed form, [`MeshSdf`] exact, [`GridSdf`] baked, [`UnionSdf`] of several |
+//! | [`link_sdfs`] | the shapes of a robot's links, from its colliders |
+//! | [`StickSlip`] | section III-B-a of the paper: points stick, slip, detach |
+//! | [`CellContact`] | the same with cubes instead of points |
+//!
+//! Both models implement [`vsf_core::ContactModel`] and never read a belief.
+
+#![forbid(unsafe_code)]
 
 mod bake;
 mod cache;
+mod cells;
 mod closing;
 mod config;
 mod error;
@@ -18,6 +30,7 @@ mod winding;
 
 pub use bake::{GridError, GridOptions, GridReport};
 pub use cache::CacheUse;
+pub use cells::CellContact;
 pub use config::ContactConfig;
 pub use error::ContactError;
 pub use grid_sdf::GridSdf;

@@ -158,6 +158,44 @@ impl RestPoints {
             .unwrap_or((Point3::origin(), Point3::origin()))
     }
 
+    /// Typical distance between neighbours (m): the median, over at most 1000 points spread over the
+    /// cloud, of the distance to the nearest other point. 0 when most points coincide, and without
+    /// a second point.
+    pub fn spacing(&self) -> f64 {
+        let step = self.len().div_ceil(1000).max(1);
+        let mut nearest: Vec<f64> = (0..self.len())
+            .step_by(step)
+            .filter_map(|i| self.nearest_other(i))
+            .collect();
+        let middle = nearest.len() / 2;
+        if nearest.is_empty() {
+            0.0
+        } else {
+            *nearest.select_nth_unstable_by(middle, f64::total_cmp).1
+        }
+    }
+
+    /// Distance to the nearest other point, by boxes of growing size.
+    fn nearest_other(&self, i: usize) -> Option<f64> {
+        let p = &self.positions[i];
+        let mut reach = self.cell;
+        let all = self.cell * self.dims.iter().sum::<usize>() as f64;
+        while self.len() > 1 {
+            let half = Vector3::repeat(reach);
+            let mut best = f64::INFINITY;
+            self.for_cells_in(&(p - half), &(p + half), |cell| {
+                for &other in cell.points.iter().filter(|&&o| o as usize != i) {
+                    best = best.min((self.positions[other as usize] - p).norm());
+                }
+            });
+            if best <= reach || reach > all {
+                return best.is_finite().then_some(best);
+            }
+            reach *= 2.0;
+        }
+        None
+    }
+
     /// Visits the non-empty cells that overlap the box `[lo, hi]`, in a fixed order; cost follows
     /// the number of cells in the box.
     pub fn for_cells_in<'a>(

@@ -97,3 +97,18 @@ fn positions_that_are_not_finite_are_refused() {
         "rest points[1] is NaN; every value must be finite"
     );
 }
+
+#[test]
+fn spacing_is_the_typical_nearest_distance() {
+    let lattice = (0..1000)
+        .map(|i| Point3::new((i / 100) as f64, (i / 10 % 10) as f64, (i % 10) as f64) * 0.02);
+    let rest = RestPoints::new(lattice.collect()).unwrap();
+    assert!((rest.spacing() - 0.02).abs() < 1e-12);
+    assert_eq!(
+        RestPoints::new(vec![Point3::origin()]).unwrap().spacing(),
+        0.0
+    );
+    assert_eq!(RestPoints::new(Vec::new()).unwrap().spacing(), 0.0);
+    let far = vec![Point3::origin(), Point3::new(1e6, 0.0, 0.0)];
+    assert_eq!(RestPoints::new(far).unwrap().spacing(), 1e6);
+}

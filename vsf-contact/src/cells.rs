@@ -1,0 +1,115 @@
+use nalgebra::{Point3, Vector3};
+use vsf_core::{ContactModel, Contacts, CoreError, Posture, RestPoints};
+
+/// Contact of cells: every rest point stands for a cube of the object, sampled by sub-points.
+///
+/// Rest points are often a centimetre apart while a push is a few: with points alone, contact
+/// comes and goes in jumps of whole cells. Here the inner model moves `per_axis³` sub-points per
+/// cube, and the cube's displacement is their mean; cubes touched in part count in part. A cube's
+/// stiffness is that of all of its sub-points together.
+///
+/// The link of a cube is the one that displaces its sub-points most. Cost is that of the inner
+/// model on `per_axis³` times the points.
+#[derive(Debug, Clone)]
+pub struct CellContact<C> {
+    inner: C,
+    fine: RestPoints,
+    per_cell: usize,
+    cells: usize,
+    contacts: Contacts,
+}
+
+impl<C: ContactModel> CellContact<C> {
+    /// Cubes of edge `spacing` (m, > 0) around the rest points, with `per_axis` sub-points along
+    /// each edge (1 to 8), evenly spread and symmetric about the rest point.
+    ///
+    /// # Errors
+    /// A parameter out of range, or more sub-points than [`RestPoints`] holds.
+    pub fn new(
+        inner: C,
+        rest: &RestPoints,
+        spacing: f64,
+        per_axis: usize,
+    ) -> Result<Self, CoreError> {
+        if !(spacing > 0.0 && spacing.is_finite()) {
+            return Err(CoreError::Parameter {
+                name: "cell edge",
+                value: spacing,
+                range: "> 0 m",
+            });
+        }
+        if !(1..=8).contains(&per_axis) {
+            return Err(CoreError::Parameter {
+                name: "sub-points per cell edge",
+                value: per_axis as f64,
+                range: "1 to 8",
+            });
+        }
+        let offset = |i: usize| spacing * ((i as f64 + 0.5) / per_axis as f64 - 0.5);
+        let axis = || 0..per_axis;
+        let fine: Vec<Point3<f64>> = rest
+            .positions()
+            .iter()
+            .flat_map(|p| {
+                axis().flat_map(move |x| {
+                    axis().flat_map(move |y| {
+                        axis().map(move |z| p + Vector3::new(offset(x), offset(y), offset(z)))
+                    })
+                })
+            })
+            .collect();
+        Ok(Self {
+            inner,
+            fine: RestPoints::new(fine)?,
+            per_cell: per_axis.pow(3),
+            cells: rest.len(),
+            contacts: Contacts::new(),
+        })
+    }
+
+    /// The mean displacement of the sub-points `range` of one cell.
+    fn average(&self, range: std::ops::Range<usize>, out: &mut Contacts) -> Result<(), CoreError> {
+        let (mut u_W, mut n_W) = (Vector3::zeros(), Vector3::zeros());
+        let (mut link, mut most) = (self.contacts.links()[range.start], -1.0);
+        for k in range.clone() {
+            let u = self.contacts.displacements()[k];
+            if u.norm_squared() > most {
+                (link, most) = (self.contacts.links()[k], u.norm_squared());
+            }
+            u_W += u;
+            n_W += self.contacts.normals()[k];
+        }
+        let normal = n_W
+            .try_normalize(1e-12)
+            .unwrap_or(self.contacts.normals()[range.start]);
+        let cell = self.contacts.points()[range.start] as usize / self.per_cell;
+        out.push(cell as u32, link, u_W / self.per_cell as f64, normal)
+    }
+}
+
+impl<C: ContactModel> ContactModel for CellContact<C> {
+    fn reset(&mut self) {
+        self.inner.reset();
+    }
+
+    /// `rest` must be the points that the cells were made from; the count is checked.
+    fn step(
+        &mut self,
+        rest: &RestPoints,
+        posture: &Posture,
+        out: &mut Contacts,
+    ) -> Result<(), CoreError> {
+        CoreError::check_len("rest points", rest.len(), self.cells)?;
+        self.inner.step(&self.fine, posture, &mut self.contacts)?;
+        out.clear();
+        let cell = |k: usize| self.contacts.points()[k] as usize / self.per_cell;
+        let mut start = 0;
+        for k in 1..=self.contacts.len() {
+            if k == self.contacts.len() || cell(k) != cell(start) {
+                self.average(start..k, out)?;
+                start = k;
+            }
+        }
+        Ok(())
+    }
+}
