@@ -40,10 +40,10 @@ pub struct DiagonalKalman<T: Scalar> {
 struct Scratch<T> {
     mean: Vec<T>,
     variance: Vec<T>,
-    gain_variance: Vec<T>,
     predicted: Vec<f64>,
     covariance: Vec<f64>,
     residual: Vec<f64>,
+    whitened: Vec<f64>,
     gain: Vec<f64>,
     whitener: Vec<f64>,
     factor: SymmetricFactor,
@@ -73,24 +73,11 @@ impl<T: Scalar> DiagonalKalman<T> {
 }
 
 impl<T: Scalar> Scratch<T> {
-    /// Predicts the reading from means and variances per contact and factors
-    /// `S = W diag(variance) W^T + R`.
-    fn innovate(&mut self, obs: &Observation<T>, updated: bool) -> Result<(), CoreError> {
+    /// Factors the innovation covariance `S = W diag(variance) W^T + R`.
+    fn innovate(&mut self, obs: &Observation<T>) -> Result<(), CoreError> {
         let d = obs.dim();
-        self.predicted.resize(d, 0.0);
         self.covariance.resize(d * d, 0.0);
-        let variance = if updated {
-            &self.variance
-        } else {
-            &self.gain_variance
-        };
-        kernel::predict(
-            obs,
-            &self.mean,
-            variance,
-            &mut self.predicted,
-            &mut self.covariance,
-        );
+        kernel::gram(obs, &self.variance, &mut self.covariance);
         for (s, r) in self.covariance.iter_mut().zip(obs.noise().covariance()) {
             *s += r;
         }
@@ -113,7 +100,7 @@ impl<T: Scalar> Scratch<T> {
             }
         }
         kernel::shrink(obs, &self.whitener, &mut self.variance);
-        if self.variance.iter().all(|v| *v > T::ZERO && v.is_finite()) {
+        if kernel::all_positive(&self.variance) {
             Ok(())
         } else {
             Err(CoreError::Overflow {
@@ -128,10 +115,9 @@ impl<T: Scalar> Scratch<T> {
         obs: &Observation<T>,
         form: DiagonalForm,
         mode: ReplayVariance,
-        whitened: &mut Vec<f64>,
     ) -> Result<(), CoreError> {
-        self.gain_variance.clone_from(&self.variance);
-        self.innovate(obs, false)?;
+        self.predicted.resize(obs.dim(), 0.0);
+        kernel::apply(obs, &self.mean, &mut self.predicted);
         self.residual.clear();
         self.residual.extend(
             obs.reading()
@@ -140,37 +126,43 @@ impl<T: Scalar> Scratch<T> {
                 .map(|(t, p)| t.to_f64() - p),
         );
         CoreError::check_finite("residual", &self.residual)?;
-        whitened.clone_from(&self.residual);
-        self.factor.solve_lower(whitened);
+        self.innovate(obs)?;
+        self.whitened.clone_from(&self.residual);
+        self.factor.solve_lower(&mut self.whitened);
         self.log_det = self.factor.log_det();
 
         if form == DiagonalForm::Innovation {
-            self.gain.clone_from(&self.residual);
-            self.factor.solve(&mut self.gain);
-            kernel::shift(obs, &self.gain, &self.gain_variance, &mut self.mean);
+            self.shift(obs);
         }
         if mode == ReplayVariance::Shrink {
             self.shrink(obs)?;
         }
-        if form != DiagonalForm::Innovation {
-            match form {
-                DiagonalForm::Printed => {
-                    self.factor
-                        .factor("noise covariance", obs.dim(), obs.noise().covariance())?;
-                }
-                _ => self.innovate(obs, true)?,
+        match form {
+            DiagonalForm::Innovation => {}
+            DiagonalForm::InnovationUpdated => {
+                self.innovate(obs)?;
+                self.shift(obs);
             }
-            self.gain.clone_from(&self.residual);
-            self.factor.solve(&mut self.gain);
-            kernel::shift(obs, &self.gain, &self.variance, &mut self.mean);
+            DiagonalForm::Printed => {
+                self.factor
+                    .factor("noise covariance", obs.dim(), obs.noise().covariance())?;
+                self.shift(obs);
+            }
         }
-        if self.mean.iter().all(|m| m.is_finite()) {
+        if kernel::all_finite(&self.mean) {
             Ok(())
         } else {
             Err(CoreError::Overflow {
                 what: "mean stiffness of a point",
             })
         }
+    }
+
+    /// Corrects the means by `v W^T A^-1 r` with the factored matrix `A`.
+    fn shift(&mut self, obs: &Observation<T>) {
+        self.gain.clone_from(&self.residual);
+        self.factor.solve(&mut self.gain);
+        kernel::shift(obs, &self.gain, &self.variance, &mut self.mean);
     }
 }
 
@@ -182,15 +174,18 @@ impl<T: Scalar> Revisit for DiagonalKalman<T> {
     ) -> Result<UpdateReport, CoreError> {
         obs.check_fits(self.belief.len())?;
         let scratch = &mut self.scratch;
+        scratch.mean.clear();
+        scratch.variance.clear();
         kernel::gather(obs.points(), self.belief.mean(), &mut scratch.mean);
         kernel::gather(obs.points(), self.belief.variance(), &mut scratch.variance);
-        scratch.correct(obs, self.form, mode, &mut self.whitened)?;
+        scratch.correct(obs, self.form, mode)?;
 
         let (mean, variance) = self.belief.parts_mut();
-        for (k, &p) in obs.points().iter().enumerate() {
-            mean[p as usize] = scratch.mean[k];
-            variance[p as usize] = scratch.variance[k];
+        kernel::scatter(obs.points(), &scratch.mean, mean);
+        if mode == ReplayVariance::Shrink {
+            kernel::scatter(obs.points(), &scratch.variance, variance);
         }
+        std::mem::swap(&mut self.whitened, &mut scratch.whitened);
         let nis: f64 = self.whitened.iter().map(|x| x * x).sum();
         let dof = obs.dim();
         Ok(UpdateReport {
@@ -203,23 +198,8 @@ impl<T: Scalar> Revisit for DiagonalKalman<T> {
         })
     }
 
-    fn project(&mut self, points: &[u32]) -> usize {
-        let mean = self.belief.parts_mut().0;
-        let mut moved = 0;
-        for &p in points {
-            let m = &mut mean[p as usize];
-            if *m < T::ZERO {
-                *m = T::ZERO;
-                moved += 1;
-            }
-        }
-        moved
-    }
-
-    fn restore(&mut self, point: u32, mean: T, variance: T) {
-        let (m, v) = self.belief.parts_mut();
-        m[point as usize] = mean;
-        v[point as usize] = variance;
+    fn belief_mut(&mut self) -> &mut Belief<T> {
+        &mut self.belief
     }
 }
 
@@ -238,8 +218,14 @@ impl<T: Scalar> Estimator for DiagonalKalman<T> {
 
     fn update(&mut self, obs: &Observation<T>) -> Result<UpdateReport, CoreError> {
         let mut report = self.correct(obs, ReplayVariance::Shrink)?;
-        report.projected = self.project(obs.points());
-        report.postfit = postfit(self.belief.mean(), obs);
+        report.projected = kernel::project_at(obs.points(), self.belief.parts_mut().0);
+        let scratch = &mut self.scratch;
+        report.postfit = postfit(
+            obs,
+            self.belief.mean(),
+            &mut scratch.mean,
+            &mut scratch.predicted,
+        );
         Ok(report)
     }
 
@@ -248,14 +234,20 @@ impl<T: Scalar> Estimator for DiagonalKalman<T> {
     }
 }
 
-/// Norm of the residual of `obs` for a field of means.
-pub(crate) fn postfit<T: Scalar>(mean: &[T], obs: &Observation<T>) -> f64 {
-    (0..obs.dim())
-        .map(|i| {
-            let row = obs.row(i).iter().zip(obs.points());
-            let fit: T = row.map(|(&w, &p)| w * mean[p as usize]).sum();
-            (obs.reading()[i].to_f64() - fit.to_f64()).powi(2)
-        })
+/// Norm of the residual of `obs` for a field of means. `touched` and `predicted` are scratch.
+pub(crate) fn postfit<T: Scalar>(
+    obs: &Observation<T>,
+    mean: &[T],
+    touched: &mut Vec<T>,
+    predicted: &mut Vec<f64>,
+) -> f64 {
+    touched.clear();
+    kernel::gather(obs.points(), mean, touched);
+    predicted.resize(obs.dim(), 0.0);
+    kernel::apply(obs, touched, predicted);
+    let residuals = obs.reading().iter().zip(predicted.iter());
+    residuals
+        .map(|(t, p)| (t.to_f64() - p).powi(2))
         .sum::<f64>()
         .sqrt()
 }

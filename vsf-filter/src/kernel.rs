@@ -1,42 +1,76 @@
 //! Streaming passes over an observation matrix. Sums run over fixed lanes and blocks, so that
-//! they vectorise and give the same bits on every machine.
+//! they vectorise and give the same bits on every machine. Rows are taken two at a time: a number
+//! loaded once then serves two products.
 
 use std::ops::Range;
 use vsf_core::{Observation, Scalar};
 
-const LANES: usize = 16;
+const LANES: usize = 8;
 /// Contacts per block: what a pass needs of a block stays in the first-level cache.
-const BLOCK: usize = 256;
+const BLOCK: usize = 512;
 
-/// `sum a_k b_k` over two slices of equal length.
+/// `sum_k a_k b_k` and `sum_k a_k c_k` of slices of equal length.
 #[inline]
-pub(crate) fn dot<T: Scalar>(a: &[T], b: &[T]) -> T {
-    let mut lanes = [T::ZERO; LANES];
-    let (a_chunks, b_chunks) = (a.chunks_exact(LANES), b.chunks_exact(LANES));
-    let (a_rest, b_rest) = (a_chunks.remainder(), b_chunks.remainder());
-    for (x, y) in a_chunks.zip(b_chunks) {
+fn dots<T: Scalar>(a: &[T], b: &[T], c: &[T]) -> [T; 2] {
+    let (a_chunks, a_rest) = a.as_chunks::<LANES>();
+    let (b_chunks, b_rest) = b.as_chunks::<LANES>();
+    let (c_chunks, c_rest) = c.as_chunks::<LANES>();
+    let (mut b_sums, mut c_sums) = ([T::ZERO; LANES], [T::ZERO; LANES]);
+    for ((x, y), z) in a_chunks.iter().zip(b_chunks).zip(c_chunks) {
         for l in 0..LANES {
-            lanes[l] += x[l] * y[l];
+            b_sums[l] += x[l] * y[l];
+        }
+        for l in 0..LANES {
+            c_sums[l] += x[l] * z[l];
         }
     }
-    let mut sum = T::ZERO;
-    for (x, y) in a_rest.iter().zip(b_rest) {
-        sum += *x * *y;
-    }
-    let mut width = LANES;
-    while width > 1 {
-        width /= 2;
-        for l in 0..width {
-            lanes[l] = lanes[l] + lanes[l + width];
-        }
-    }
-    sum + lanes[0]
+    let rest = |y: &[T]| -> T { a_rest.iter().zip(y).map(|(&x, &y)| x * y).sum() };
+    [total(&b_sums) + rest(b_rest), total(&c_sums) + rest(c_rest)]
 }
 
-/// Copies `from[points[k]]` into `to[k]`.
+/// Sum of the lanes. Kept apart: inlined, its pairs would make the compiler cut the vectors of
+/// the loop before it in two.
+#[inline(never)]
+fn total<T: Scalar>(lanes: &[T; LANES]) -> T {
+    let quad = |i: usize| (lanes[i] + lanes[i + 4]) + (lanes[i + 2] + lanes[i + 6]);
+    quad(0) + quad(1)
+}
+
+/// Pairs `(i, i + 1)` that cover `0..n`; the last is `(n - 1, n - 1)` when `n` is odd.
+fn pairs(n: usize) -> impl Iterator<Item = (usize, usize)> {
+    (0..n).step_by(2).map(move |i| (i, (i + 1).min(n - 1)))
+}
+
+/// `y += a x`.
+fn add_scaled<T: Scalar>(y: &mut [T], a: T, x: &[T]) {
+    for (y, &x) in y.iter_mut().zip(x) {
+        *y += a * x;
+    }
+}
+
+/// Copies `from[points[k]]` to the end of `to`.
 pub(crate) fn gather<T: Scalar>(points: &[u32], from: &[T], to: &mut Vec<T>) {
-    to.clear();
     to.extend(points.iter().map(|&p| from[p as usize]));
+}
+
+/// Writes `from[k]` to `to[points[k]]`.
+pub(crate) fn scatter<T: Scalar>(points: &[u32], from: &[T], to: &mut [T]) {
+    for (&p, &x) in points.iter().zip(from) {
+        to[p as usize] = x;
+    }
+}
+
+/// Whether all values are finite.
+pub(crate) fn all_finite<T: Scalar>(values: &[T]) -> bool {
+    // No early exit, which would keep the loop from vectorising.
+    values.iter().fold(true, |ok, x| ok & x.is_finite())
+}
+
+/// Whether all values are finite and positive.
+pub(crate) fn all_positive<T: Scalar>(values: &[T]) -> bool {
+    values
+        .iter()
+        .fold(true, |ok, x| ok & x.is_finite() & (*x > T::ZERO))
 }
 
 /// Ranges of at most `BLOCK` contacts.
@@ -46,30 +80,42 @@ fn blocks(n: usize) -> impl Iterator<Item = Range<usize>> {
         .map(move |start| start..(start + BLOCK).min(n))
 }
 
-/// Predicted reading `W mu` (`d` values) and signal covariance `W diag(v) W^T` (lower triangle of
-/// a row-major `d x d`) for means and variances given per contact.
-pub(crate) fn predict<T: Scalar>(
-    obs: &Observation<T>,
-    mean: &[T],
-    variance: &[T],
-    reading: &mut [f64],
-    covariance: &mut [f64],
-) {
-    let d = obs.dim();
+/// Reading `W x` (`d` values) of values given per contact.
+pub(crate) fn apply<T: Scalar>(obs: &Observation<T>, x: &[T], reading: &mut [f64]) {
     reading.fill(0.0);
+    for block in blocks(obs.len()) {
+        let x = &x[block.clone()];
+        for (i, j) in pairs(obs.dim()) {
+            let [first, second] = dots(x, &obs.row(i)[block.clone()], &obs.row(j)[block.clone()]);
+            reading[i] += first.to_f64();
+            if j > i {
+                reading[j] += second.to_f64();
+            }
+        }
+    }
+}
+
+/// Signal covariance `W diag(v) W^T` (lower triangle of a row-major `d x d`) of variances given
+/// per contact.
+pub(crate) fn gram<T: Scalar>(obs: &Observation<T>, variance: &[T], covariance: &mut [f64]) {
+    let d = obs.dim();
     covariance.fill(0.0);
     let mut wv = [T::ZERO; BLOCK];
     for block in blocks(obs.len()) {
-        let (m, v) = (&mean[block.clone()], &variance[block.clone()]);
+        let v = &variance[block.clone()];
         let wv = &mut wv[..block.len()];
         for i in 0..d {
             let row = &obs.row(i)[block.clone()];
-            reading[i] += dot(row, m).to_f64();
             for ((x, &w), &v) in wv.iter_mut().zip(row).zip(v) {
                 *x = w * v;
             }
-            for j in 0..=i {
-                covariance[i * d + j] += dot(wv, &obs.row(j)[block.clone()]).to_f64();
+            for (j, k) in pairs(i + 1) {
+                let [first, second] =
+                    dots(wv, &obs.row(j)[block.clone()], &obs.row(k)[block.clone()]);
+                covariance[i * d + j] += first.to_f64();
+                if k > j {
+                    covariance[i * d + k] += second.to_f64();
+                }
             }
         }
     }
@@ -118,9 +164,25 @@ pub(crate) fn shift<T: Scalar>(obs: &Observation<T>, gain: &[f64], variance: &[T
     }
 }
 
-/// `y += a x`.
-fn add_scaled<T: Scalar>(y: &mut [T], a: T, x: &[T]) {
-    for (y, &x) in y.iter_mut().zip(x) {
-        *y += a * x;
+/// Sets negative values to zero and returns their number.
+pub(crate) fn project<T: Scalar>(values: &mut [T]) -> usize {
+    let mut moved = 0u32;
+    for x in values {
+        moved += u32::from(*x < T::ZERO);
+        *x = if *x < T::ZERO { T::ZERO } else { *x };
     }
+    moved as usize
+}
+
+/// [`project`] of the values at `points`.
+pub(crate) fn project_at<T: Scalar>(points: &[u32], values: &mut [T]) -> usize {
+    let mut moved = 0;
+    for &p in points {
+        let x = &mut values[p as usize];
+        if *x < T::ZERO {
+            *x = T::ZERO;
+            moved += 1;
+        }
+    }
+    moved
 }

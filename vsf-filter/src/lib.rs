@@ -34,6 +34,7 @@
 mod diagonal;
 mod kernel;
 mod replay;
+mod reservoir;
 
 pub use diagonal::{DiagonalForm, DiagonalKalman};
 pub use replay::{MemoryReplay, ReplayConfig, ReplayVariance, Revisit};

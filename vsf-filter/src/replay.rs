@@ -1,4 +1,6 @@
 use crate::diagonal::postfit;
+use crate::kernel;
+use crate::reservoir::Reservoir;
 use rand::{RngExt, SeedableRng};
 use rand_pcg::Pcg64Mcg;
 use vsf_core::{Belief, CoreError, Estimator, Observation, Prediction, Scalar, UpdateReport};
@@ -15,8 +17,12 @@ pub enum ReplayVariance {
 }
 
 /// An estimator that can take in an observation again, the building block of [`MemoryReplay`].
+///
+/// Its belief is all that it learns: marginals without correlations, so that writing back earlier
+/// marginals undoes a correction.
 pub trait Revisit: Estimator {
     /// One correction without projection. With [`ReplayVariance::Keep`] only the means move.
+    /// Nothing but the touched points changes.
     ///
     /// # Errors
     /// As [`Estimator::update`]; the belief is then unchanged. `postfit` and `projected` of the
@@ -27,12 +33,8 @@ pub trait Revisit: Estimator {
         variance: ReplayVariance,
     ) -> Result<UpdateReport, CoreError>;
 
-    /// Sets negative means of the given points to zero (eq. 5, last line) and returns their
-    /// number.
-    fn project(&mut self, points: &[u32]) -> usize;
-
-    /// Writes back the belief of a point, to undo corrections.
-    fn restore(&mut self, point: u32, mean: Self::Scalar, variance: Self::Scalar);
+    /// The belief, to project it or to undo corrections.
+    fn belief_mut(&mut self) -> &mut Belief<Self::Scalar>;
 }
 
 /// Parameters of [`MemoryReplay`].
@@ -46,7 +48,7 @@ pub struct ReplayConfig {
     pub seed: u64,
     /// Upper bound of the memory held by past observations (bytes), default 256 MiB. When it is
     /// reached, new observations replace random old ones so that the buffer stays a uniform
-    /// sample of the history (Vitter's algorithm R, doi 10.1145/3147.3165).
+    /// sample of the history. One observation is always kept, however large.
     pub byte_budget: usize,
     /// Whether a new touch sequence empties the buffer, default false. The paper empties it,
     /// which bounds memory; here the byte budget does, and earlier touches are not forgotten.
@@ -71,18 +73,30 @@ impl Default for ReplayConfig {
 /// say nothing about the field and are not stored; during them the past is replayed all the same.
 /// An update costs `1 + replays` corrections. Memory of past observations is reused, also across
 /// sequences.
+///
+/// When an update fails, the belief is as before, bit for bit, and the observation is not in the
+/// buffer; the draws go on from where they were.
 #[derive(Debug, Clone)]
 pub struct MemoryReplay<E: Estimator> {
     inner: E,
     config: ReplayConfig,
     rng: Pcg64Mcg,
-    buffer: Vec<Observation<E::Scalar>>,
-    filled: usize,
-    seen: u64,
-    bytes: usize,
-    /// Beliefs before the running update, in order of change.
-    journal: Vec<(u32, E::Scalar, E::Scalar)>,
+    buffer: Reservoir<E::Scalar>,
+    undo: Undo<E::Scalar>,
     whitened: Vec<f64>,
+    touched: Vec<E::Scalar>,
+    predicted: Vec<f64>,
+}
+
+/// What the running update changed: beliefs of the touched points before each correction, one
+/// correction after the other.
+#[derive(Debug, Clone, Default)]
+struct Undo<T> {
+    /// The observation itself, then replays by their index in the buffer.
+    replays: Vec<usize>,
+    mean: Vec<T>,
+    /// Only of corrections that change variances.
+    variance: Vec<T>,
 }
 
 impl<E: Revisit> MemoryReplay<E> {
@@ -102,12 +116,11 @@ impl<E: Revisit> MemoryReplay<E> {
             inner,
             config,
             rng: Pcg64Mcg::seed_from_u64(config.seed),
-            buffer: Vec::new(),
-            filled: 0,
-            seen: 0,
-            bytes: 0,
-            journal: Vec::new(),
+            buffer: Reservoir::new(),
+            undo: Undo::default(),
             whitened: Vec::new(),
+            touched: Vec::new(),
+            predicted: Vec::new(),
         })
     }
 
@@ -123,13 +136,13 @@ impl<E: Revisit> MemoryReplay<E> {
 
     /// Number of observations in the buffer.
     pub fn buffered(&self) -> usize {
-        self.filled
+        self.buffer.len()
     }
 
-    /// Bytes held by the observations in the buffer, at most [`ReplayConfig::byte_budget`] (or
-    /// one observation, if that alone is larger).
+    /// Bytes held for the observations in the buffer, at most [`ReplayConfig::byte_budget`] (or
+    /// one observation, if that alone is larger). Memory that waits for reuse counts.
     pub fn buffered_bytes(&self) -> usize {
-        self.bytes
+        self.buffer.bytes()
     }
 
     /// Takes in `obs` and then the buffered observations `replays`, in this order: an update whose
@@ -151,26 +164,34 @@ impl<E: Revisit> MemoryReplay<E> {
         obs: &Observation<E::Scalar>,
         draw: impl FnMut(&mut Pcg64Mcg, usize, usize) -> Option<usize>,
     ) -> Result<UpdateReport, CoreError> {
-        self.journal.clear();
-        remember(self.inner.belief(), obs, &mut self.journal)?;
+        obs.check_fits(self.inner.belief().len())?;
+        self.undo.clear();
+        self.undo
+            .note(self.inner.belief(), obs, ReplayVariance::Shrink);
         let mut report = self.inner.correct(obs, ReplayVariance::Shrink)?;
-        self.whitened.clear();
-        self.whitened
+        self.predicted.clear();
+        self.predicted
             .extend_from_slice(self.inner.whitened_residual());
-        let slot = self.store(obs);
+        let stored = !obs.is_empty()
+            && self.config.replays > 0
+            && self
+                .buffer
+                .push(obs, self.config.byte_budget, &mut self.rng);
         if let Err(error) = self.replay(draw) {
-            for &(point, mean, variance) in self.journal.iter().rev() {
-                self.inner.restore(point, mean, variance);
-            }
-            if let Some(slot) = slot {
-                self.forget(slot);
+            self.roll_back(obs);
+            if stored {
+                self.buffer.pop();
             }
             return Err(error);
         }
-        for &(point, ..) in &self.journal {
-            report.projected += self.inner.project(&[point]);
-        }
-        report.postfit = postfit(self.inner.belief().mean(), obs);
+        std::mem::swap(&mut self.whitened, &mut self.predicted);
+        report.projected = self.project(obs);
+        report.postfit = postfit(
+            obs,
+            self.inner.belief().mean(),
+            &mut self.touched,
+            &mut self.predicted,
+        );
         Ok(report)
     }
 
@@ -178,83 +199,77 @@ impl<E: Revisit> MemoryReplay<E> {
         &mut self,
         mut draw: impl FnMut(&mut Pcg64Mcg, usize, usize) -> Option<usize>,
     ) -> Result<(), CoreError> {
-        let past = &self.buffer[..self.filled];
+        let len = self.buffer.len();
         for k in 0.. {
-            let Some(j) = (!past.is_empty())
-                .then(|| draw(&mut self.rng, k, past.len()))
-                .flatten()
-            else {
+            let Some(j) = (len > 0).then(|| draw(&mut self.rng, k, len)).flatten() else {
                 break;
             };
-            let obs = past.get(j).ok_or(CoreError::OutOfRange {
+            let past = self.buffer.get(j).ok_or(CoreError::OutOfRange {
                 what: "replayed observation",
                 index: j,
-                len: past.len(),
+                len,
             })?;
-            remember(self.inner.belief(), obs, &mut self.journal)?;
-            self.inner.correct(obs, self.config.variance)?;
+            let mode = self.config.variance;
+            self.undo.note(self.inner.belief(), past, mode);
+            self.undo.replays.push(j);
+            self.inner.correct(past, mode)?;
         }
         Ok(())
     }
 
-    /// Puts an observation into the buffer; `None` when the reservoir leaves it out.
-    fn store(&mut self, obs: &Observation<E::Scalar>) -> Option<usize> {
-        if obs.is_empty() || self.config.replays == 0 {
-            return None;
-        }
-        self.seen += 1;
-        let size = obs.bytes();
-        if self.filled == 0 || self.bytes + size <= self.config.byte_budget {
-            if self.filled == self.buffer.len() {
-                self.buffer.push(obs.clone());
-            } else {
-                self.buffer[self.filled].clone_from(obs);
-            }
-            self.filled += 1;
-            self.bytes += size;
-            return Some(self.filled - 1);
-        }
-        let j = self.rng.random_range(0..self.seen) as usize;
-        if j >= self.filled {
-            return None;
-        }
-        self.bytes = self.bytes - self.buffer[j].bytes() + size;
-        self.buffer[j].clone_from(obs);
-        while self.bytes > self.config.byte_budget && self.filled > 1 {
-            let victim = if self.filled - 1 == j {
-                self.filled - 2
-            } else {
-                self.filled - 1
-            };
-            self.forget(victim);
-            if victim < j {
-                return Some(j - 1);
+    /// The belief as it was before the running update.
+    fn roll_back(&mut self, obs: &Observation<E::Scalar>) {
+        let (mean, variance) = self.inner.belief_mut().parts_mut();
+        let Undo {
+            replays,
+            mean: means,
+            variance: variances,
+        } = &mut self.undo;
+        let past = replays.iter().rev().filter_map(|&j| self.buffer.get(j));
+        let last = (obs, ReplayVariance::Shrink);
+        for (obs, mode) in past.map(|o| (o, self.config.variance)).chain([last]) {
+            undo(obs.points(), means, mean);
+            if mode == ReplayVariance::Shrink {
+                undo(obs.points(), variances, variance);
             }
         }
-        Some(j)
     }
 
-    fn forget(&mut self, slot: usize) {
-        self.bytes -= self.buffer[slot].bytes();
-        self.filled -= 1;
-        self.buffer.swap(slot, self.filled);
+    /// Projects all points that the running update touched.
+    fn project(&mut self, obs: &Observation<E::Scalar>) -> usize {
+        let mean = self.inner.belief_mut().parts_mut().0;
+        // Untouched means are not negative. One pass over all is quicker than many short ones.
+        if self.undo.mean.len() > mean.len() / 4 {
+            return kernel::project(mean);
+        }
+        let past = self.undo.replays.iter().filter_map(|&j| self.buffer.get(j));
+        past.chain([obs])
+            .map(|obs| kernel::project_at(obs.points(), mean))
+            .sum()
     }
 }
 
-/// Notes the beliefs that a correction by `obs` will change.
-fn remember<T: Scalar>(
-    belief: &Belief<T>,
-    obs: &Observation<T>,
-    journal: &mut Vec<(u32, T, T)>,
-) -> Result<(), CoreError> {
-    obs.check_fits(belief.len())?;
-    let (mean, variance) = (belief.mean(), belief.variance());
-    journal.extend(
-        obs.points()
-            .iter()
-            .map(|&p| (p, mean[p as usize], variance[p as usize])),
-    );
-    Ok(())
+impl<T: Scalar> Undo<T> {
+    fn clear(&mut self) {
+        self.replays.clear();
+        self.mean.clear();
+        self.variance.clear();
+    }
+
+    /// Notes what a correction by `obs` will change.
+    fn note(&mut self, belief: &Belief<T>, obs: &Observation<T>, mode: ReplayVariance) {
+        kernel::gather(obs.points(), belief.mean(), &mut self.mean);
+        if mode == ReplayVariance::Shrink {
+            kernel::gather(obs.points(), belief.variance(), &mut self.variance);
+        }
+    }
+}
+
+/// Moves the last values of `noted` back to their points.
+fn undo<T: Scalar>(points: &[u32], noted: &mut Vec<T>, to: &mut [T]) {
+    let start = noted.len() - points.len();
+    kernel::scatter(points, &noted[start..], to);
+    noted.truncate(start);
 }
 
 impl<E: Revisit> Estimator for MemoryReplay<E> {
@@ -267,7 +282,7 @@ impl<E: Revisit> Estimator for MemoryReplay<E> {
     fn reset(&mut self, prior: Belief<E::Scalar>) -> Result<(), CoreError> {
         self.inner.reset(prior)?;
         self.rng = Pcg64Mcg::seed_from_u64(self.config.seed);
-        (self.filled, self.seen, self.bytes) = (0, 0, 0);
+        self.buffer.clear();
         self.whitened.clear();
         Ok(())
     }
@@ -275,7 +290,7 @@ impl<E: Revisit> Estimator for MemoryReplay<E> {
     fn begin_sequence(&mut self) {
         self.inner.begin_sequence();
         if self.config.clear_on_sequence {
-            (self.filled, self.seen, self.bytes) = (0, 0, 0);
+            self.buffer.clear();
         }
     }
 

@@ -1,0 +1,124 @@
+use rand::RngExt;
+use rand_pcg::Pcg64Mcg;
+use vsf_core::{Observation, Scalar};
+
+/// A uniform sample of a stream of observations within a bound on memory.
+///
+/// Every observation draws a random key; kept are those with the smallest keys, as many as fit.
+/// Which ones these are does not depend on the order in which they came, also when their sizes
+/// differ (priority sampling; for equal sizes the law of Vitter's algorithm R,
+/// doi 10.1145/3147.3165).
+#[derive(Debug, Clone)]
+pub(crate) struct Reservoir<T: Scalar> {
+    /// The sample, followed by slots whose memory waits for reuse.
+    slots: Vec<Slot<T>>,
+    filled: usize,
+    /// Memory of all slots.
+    bytes: usize,
+    /// Observations with this key or a larger one are left out.
+    limit: u64,
+}
+
+#[derive(Debug, Clone)]
+struct Slot<T: Scalar> {
+    key: u64,
+    /// Size of the largest observation that was in the slot: its memory.
+    held: usize,
+    obs: Observation<T>,
+}
+
+impl<T: Scalar> Reservoir<T> {
+    pub(crate) fn new() -> Self {
+        Self {
+            slots: Vec::new(),
+            filled: 0,
+            bytes: 0,
+            limit: u64::MAX,
+        }
+    }
+
+    pub(crate) fn len(&self) -> usize {
+        self.filled
+    }
+
+    pub(crate) fn bytes(&self) -> usize {
+        self.bytes
+    }
+
+    pub(crate) fn get(&self, index: usize) -> Option<&Observation<T>> {
+        self.slots[..self.filled].get(index).map(|slot| &slot.obs)
+    }
+
+    /// Empties the sample and keeps the memory.
+    pub(crate) fn clear(&mut self) {
+        self.filled = 0;
+        self.limit = u64::MAX;
+    }
+
+    /// Takes the observation that was put in last out again.
+    pub(crate) fn pop(&mut self) {
+        self.filled = self.filled.saturating_sub(1);
+    }
+
+    /// Puts in an observation, at the end; false when it is left out. Memory stays within
+    /// `budget`, but one observation is always kept.
+    pub(crate) fn push(&mut self, obs: &Observation<T>, budget: usize, rng: &mut Pcg64Mcg) -> bool {
+        let key = rng.random::<u64>();
+        if key >= self.limit {
+            return false;
+        }
+        let size = obs.bytes();
+        while self.bytes + size.saturating_sub(self.spare()) > budget {
+            if self.slots.len() > self.filled + 1 || (self.filled == 0 && !self.slots.is_empty()) {
+                self.bytes -= self.slots.pop().map_or(0, |slot| slot.held);
+            } else if self.filled == 0 {
+                break;
+            } else if !self.evict(key) {
+                return false;
+            }
+        }
+        self.bytes += size.saturating_sub(self.spare());
+        match self.slots.get_mut(self.filled) {
+            Some(slot) if size <= slot.held => {
+                slot.key = key;
+                slot.obs.clone_from(obs);
+            }
+            // A fresh copy holds no more memory than it needs, a grown one might.
+            reused => {
+                let fresh = Slot {
+                    key,
+                    held: size,
+                    obs: obs.clone(),
+                };
+                match reused {
+                    Some(slot) => *slot = fresh,
+                    None => self.slots.push(fresh),
+                }
+            }
+        }
+        self.filled += 1;
+        true
+    }
+
+    /// Memory of the slot that the next observation goes to.
+    fn spare(&self) -> usize {
+        self.slots.get(self.filled).map_or(0, |slot| slot.held)
+    }
+
+    /// Lowers the limit to the largest key, whose observation leaves; false if that is `key`.
+    fn evict(&mut self, key: u64) -> bool {
+        let keys = self.slots[..self.filled].iter().map(|slot| slot.key);
+        match keys.enumerate().max_by_key(|&(_, k)| k) {
+            Some((index, largest)) if largest > key => {
+                self.limit = largest;
+                self.filled -= 1;
+                self.slots.swap(index, self.filled);
+                true
+            }
+            _ => {
+                self.limit = key;
+                false
+            }
+        }
+    }
+}
