@@ -1,0 +1,130 @@
+//! The diagonal filter against closed forms, and the documented divergence of eq. 7 as printed.
+
+use nalgebra::{DMatrix, DVector};
+use vsf_core::{Belief, Estimator, Noise, Observation};
+use vsf_filter::{DiagonalForm, DiagonalKalman};
+use vsf_testkit::LinearWorld;
+
+const FORMS: [DiagonalForm; 3] = [
+    DiagonalForm::Innovation,
+    DiagonalForm::InnovationUpdated,
+    DiagonalForm::Printed,
+];
+
+/// Residual norms of 30 updates by one reading: 3000 contacts, |w| <= 0.015, sigma_tau = 1 and
+/// sigma_0 = 10.
+fn residuals(form: DiagonalForm) -> Vec<f64> {
+    let n = 3000;
+    let mut world = LinearWorld::new(n, 0.0, 1.0, 5);
+    let obs = world
+        .reading(n, n, 7, 0.015, 1.0)
+        .observation::<f64>(n)
+        .unwrap();
+    let prior = Belief::uniform(n, 0.0, 10.0).unwrap();
+    let mut filter = DiagonalKalman::with_form(prior, form);
+    let reports = (0..30).map(|_| filter.update(&obs).unwrap());
+    reports.flat_map(|r| [r.prefit, r.postfit]).collect()
+}
+
+#[test]
+fn eq7_as_printed_diverges_for_a_wide_prior() {
+    let r = residuals(DiagonalForm::Printed);
+    let peak = r.iter().fold(0.0f64, |a, b| a.max(*b));
+    eprintln!(
+        "printed: residual {:.3} -> peak {peak:.3}, last {:.3}",
+        r[0], r[59]
+    );
+    assert!(peak > 5.0 * r[0], "residual {} -> {peak}", r[0]);
+}
+
+#[test]
+fn the_gain_forms_never_let_the_residual_grow() {
+    for form in [DiagonalForm::Innovation, DiagonalForm::InnovationUpdated] {
+        let r = residuals(form);
+        eprintln!("{form:?}: residual {:.3} -> {:.3}", r[0], r[59]);
+        for pair in r.windows(2) {
+            assert!(
+                pair[1] <= pair[0] * (1.0 + 1e-12),
+                "{form:?}: {} -> {}",
+                pair[0],
+                pair[1]
+            );
+        }
+    }
+}
+
+/// One point and one channel: all gains are `v w / (v w² + R)`, of the variance before or after.
+#[test]
+fn one_point_is_the_scalar_kalman_filter() {
+    for form in FORMS {
+        let (mut m, mut v, r) = (1.5, 4.0, 0.09);
+        let mut filter = DiagonalKalman::with_form(Belief::new(vec![m], vec![v]).unwrap(), form);
+        let mut obs = Observation::new(Noise::uniform(1, 0.3).unwrap());
+        for (w, tau) in [(0.2, 0.5), (-0.1, -0.3), (0.05, 0.0), (0.3, 1.2)] {
+            obs.rebuild(1, &[0], &[tau], |_, c| c[0] = w).unwrap();
+            let report = filter.update(&obs).unwrap();
+            let (s, e) = (v * w * w + r, tau - w * m);
+            let after = v * r / s;
+            m += e * match form {
+                DiagonalForm::Innovation => v * w / s,
+                DiagonalForm::InnovationUpdated => after * w / (after * w * w + r),
+                DiagonalForm::Printed => after * w / r,
+            };
+            v = after;
+            assert!((filter.belief().mean()[0] - m).abs() < 1e-13, "{form:?}");
+            assert!(
+                (filter.belief().variance()[0] - v).abs() < 1e-13,
+                "{form:?}"
+            );
+            assert!((report.nis - e * e / s).abs() < 1e-12, "{form:?}");
+            let log = -0.5 * (e * e / s + (std::f64::consts::TAU * s).ln());
+            assert!((report.log_likelihood - log).abs() < 1e-12, "{form:?}");
+        }
+    }
+}
+
+/// After one observation the default form has the exact posterior mean
+/// `(P^-1 + W^T R^-1 W)^-1 (P^-1 m + W^T R^-1 tau)`, correlated noise included, and the variances
+/// are the inverses of that matrix's diagonal.
+#[test]
+fn one_observation_gives_the_exact_posterior_mean() {
+    let (n, d) = (23, 4);
+    let mut world = LinearWorld::new(n, 8.0, 1.0, 9);
+    let reading = world.reading(n, n, d, 0.2, 0.2);
+    let a = DMatrix::from_fn(d, d, |i, j| {
+        if i == j {
+            0.3
+        } else {
+            0.05 * (i + 2 * j) as f64
+        }
+    });
+    let r = &a * a.transpose();
+    let mut obs = Observation::<f64>::new(Noise::full(d, r.iter().copied().collect()).unwrap());
+    obs.rebuild(n, &reading.points, &reading.tau, |k, w| {
+        w.copy_from_slice(&reading.columns[k]);
+    })
+    .unwrap();
+    let mean = DVector::from_fn(n, |i, _| 7.0 + 0.1 * i as f64);
+    let variance = DVector::from_fn(n, |i, _| 0.5 + 0.05 * i as f64);
+
+    let w = DMatrix::from_fn(d, n, |i, k| reading.columns[k][i]);
+    let r_inv = r.try_inverse().unwrap();
+    let precision =
+        DMatrix::from_diagonal(&variance.map(|v| 1.0 / v)) + w.transpose() * &r_inv * &w;
+    let rhs = mean.component_div(&variance)
+        + w.transpose() * &r_inv * DVector::from_column_slice(&reading.tau);
+    let exact = precision.clone().lu().solve(&rhs).unwrap();
+
+    let prior = Belief::new(mean.as_slice().to_vec(), variance.as_slice().to_vec()).unwrap();
+    let mut filter = DiagonalKalman::new(prior);
+    filter.update(&obs).unwrap();
+    for i in 0..n {
+        let (got, want) = (filter.belief().mean()[i], exact[i]);
+        assert!((got - want).abs() < 1e-11, "mean {i}: {got}, exact {want}");
+        let (got, want) = (filter.belief().variance()[i], 1.0 / precision[(i, i)]);
+        assert!(
+            (got - want).abs() < 1e-13,
+            "variance {i}: {got}, exact {want}"
+        );
+    }
+}
