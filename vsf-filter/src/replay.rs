@@ -48,7 +48,8 @@ pub struct ReplayConfig {
     pub seed: u64,
     /// Upper bound of the memory held by past observations (bytes), default 256 MiB. When it is
     /// reached, new observations replace random old ones so that the buffer stays a uniform
-    /// sample of the history. One observation is always kept, however large.
+    /// sample of the history. One observation is always kept, however large. Memory is reused
+    /// and never shrinks, so that an observation counts with the largest one it replaced.
     pub byte_budget: usize,
     /// Whether a new touch sequence empties the buffer, default false. The paper empties it,
     /// which bounds memory; here the byte budget does, and earlier touches are not forgotten.

@@ -1,0 +1,96 @@
+//! After warm-up an update allocates nothing. One test alone in its process, so that no other
+//! thread allocates while it counts.
+
+#![allow(unsafe_code)]
+
+use std::alloc::{GlobalAlloc, Layout, System};
+use std::sync::atomic::{AtomicUsize, Ordering};
+use vsf_core::{Belief, Estimator, Observation, Scalar};
+use vsf_filter::{DiagonalForm, DiagonalKalman, MemoryReplay, ReplayConfig, ReplayVariance};
+use vsf_testkit::LinearWorld;
+
+static CALLS: AtomicUsize = AtomicUsize::new(0);
+
+struct Counting;
+
+// SAFETY: every call is passed on to the system's allocator with its arguments as they are; the
+// counter does not allocate.
+unsafe impl GlobalAlloc for Counting {
+    unsafe fn alloc(&self, layout: Layout) -> *mut u8 {
+        CALLS.fetch_add(1, Ordering::Relaxed);
+        // SAFETY: the caller keeps the contract of `GlobalAlloc::alloc`.
+        unsafe { System.alloc(layout) }
+    }
+    unsafe fn dealloc(&self, ptr: *mut u8, layout: Layout) {
+        // SAFETY: `ptr` came from `System` with this layout.
+        unsafe { System.dealloc(ptr, layout) }
+    }
+    unsafe fn realloc(&self, ptr: *mut u8, layout: Layout, size: usize) -> *mut u8 {
+        CALLS.fetch_add(1, Ordering::Relaxed);
+        // SAFETY: `ptr` came from `System` with this layout.
+        unsafe { System.realloc(ptr, layout, size) }
+    }
+}
+
+#[global_allocator]
+static ALLOCATOR: Counting = Counting;
+
+const N: usize = 400;
+
+/// Updates of the second half of `data` must not allocate.
+fn check<T: Scalar>(
+    what: &str,
+    estimator: &mut dyn Estimator<Scalar = T>,
+    data: &[Observation<T>],
+) {
+    let (warm_up, rest) = data.split_at(data.len() / 2);
+    for obs in warm_up {
+        estimator.update(obs).unwrap();
+    }
+    let before = CALLS.load(Ordering::Relaxed);
+    for obs in rest {
+        estimator.update(obs).unwrap();
+    }
+    let calls = CALLS.load(Ordering::Relaxed) - before;
+    assert_eq!(calls, 0, "{what} ({}): {calls} allocations", T::NAME);
+}
+
+fn check_all<T: Scalar>() {
+    let mut world = LinearWorld::new(N, 1.0, 1.0, 4);
+    let data: Vec<Observation<T>> = (0..400)
+        .map(|t| {
+            let contacts = 20 + (t * 37) % 80;
+            world
+                .reading(N, contacts, 7, 0.02, 0.5)
+                .observation(N)
+                .unwrap()
+        })
+        .collect();
+    let prior = || Belief::uniform(N, 0.0, 1.0).unwrap();
+    for form in [
+        DiagonalForm::Innovation,
+        DiagonalForm::InnovationUpdated,
+        DiagonalForm::Printed,
+    ] {
+        let mut filter = DiagonalKalman::<T>::with_form(prior(), form);
+        check(&format!("{form:?}"), &mut filter, &data);
+        for variance in [ReplayVariance::Keep, ReplayVariance::Shrink] {
+            // Room for about 20 observations: the second half replaces old ones.
+            let config = ReplayConfig {
+                variance,
+                byte_budget: 20 * data[0].bytes(),
+                ..ReplayConfig::default()
+            };
+            let inner = DiagonalKalman::<T>::with_form(prior(), form);
+            let mut filter = MemoryReplay::new(inner, config).unwrap();
+            check(&format!("{form:?} with {variance:?}"), &mut filter, &data);
+            assert!(filter.buffered() < data.len() / 2);
+        }
+    }
+}
+
+#[test]
+fn updates_do_not_allocate() {
+    check_all::<f32>();
+    check_all::<f64>();
+}
