@@ -1,1 +1,1 @@
-//! Benches of the workspace live in `benches/`.
+//! The benches lie beside this folder: `cargo bench -p vsf-benches`.

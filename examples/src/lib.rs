@@ -1,1 +1,2 @@
-//! The studies lie beside this file, one example each.
+//! The studies lie beside this folder, one per file, each an example of this package:
+//! `cargo run --release -p vsf-examples --example online_session`.
