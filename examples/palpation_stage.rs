@@ -32,7 +32,7 @@ const NOISE_SD: f64 = 0.02;
 
 fn main() -> Result<(), Box<dyn Error>> {
     let rest = Arc::new(RestPoints::new(block())?);
-    let stiff: Vec<bool> = rest.positions().iter().map(|p| is_inclusion(p)).collect();
+    let stiff: Vec<bool> = rest.positions().iter().map(is_inclusion).collect();
     let truth = stiff
         .iter()
         .map(|&s| if s { STIFF } else { SOFT })
