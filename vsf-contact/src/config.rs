@@ -3,20 +3,21 @@ use vsf_core::CoreError;
 /// Parameters of the stick-slip contact model; section III-B-a of the paper.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct ContactConfig {
-    /// Contact threshold delta [m], > 0, default 2 mm (paper). A point is in contact while it is
+    /// Contact threshold delta (m), > 0, default 2 mm (paper). A point is in contact while it is
     /// closer than this to the surface of a link, and rests on the surface offset by this much.
     pub threshold: f64,
-    /// Friction coefficient nu_f [1], >= 0, default 0.15 (paper). A point sticks while its
-    /// displacement lies in the cone `u . n >= |u| / sqrt(1 + nu_f²)`.
+    /// Friction coefficient nu_f (1), >= 0, default 0.15 (paper). A point sticks while its
+    /// displacement lies in the cone `u . n >= |u| / sqrt(1 + nu_f²)`, that is, its tangential
+    /// part is at most `nu_f` times its normal part.
     pub friction: f64,
-    /// Slip step lambda_s [m] of one slip iteration, > 0, default 0.1 mm (paper).
+    /// Slip step lambda_s (m) of one slip iteration, > 0, default 0.1 mm (paper).
     pub slip_step: f64,
     /// Most slip iterations of one point in one step, >= 0, default 200 (2 cm of slip at the
     /// default step). The paper leaves it open. A point slips until it is back in the friction
     /// cone, which makes the result independent of the sample rate; 1 slips once per sample, 0
     /// sticks always.
     pub max_slip_iterations: u32,
-    /// Offset added to every link's surface [m], default 0; positive makes the robot thicker,
+    /// Offset added to every link's surface (m), default 0; positive makes the robot thicker,
     /// `threshold + padding` must stay > 0.
     pub padding: f64,
     /// Whether a step may use the threads of the current rayon pool, default false. The result is
@@ -71,13 +72,8 @@ impl ContactConfig {
         )
     }
 
-    /// Distance from a link's surface at which points in contact rest [m].
+    /// Distance from a link's surface at which points in contact rest (m).
     pub(crate) fn level(&self) -> f64 {
         self.threshold + self.padding
-    }
-
-    /// Cosine of the friction cone's half angle.
-    pub(crate) fn cone_cosine(&self) -> f64 {
-        1.0 / (1.0 + self.friction * self.friction).sqrt()
     }
 }

@@ -1,14 +1,16 @@
-use crate::{ContactConfig, LinkSdf, Sdf};
-use nalgebra::{Isometry3, Point3, Vector3};
+use crate::{ContactConfig, LinkSdf};
+use nalgebra::{Isometry3, Matrix3, Point3, Vector3};
 use rayon::prelude::*;
 use std::sync::Arc;
 use vsf_core::{ContactModel, Contacts, CoreError, Posture, RestPoints};
 
 /// Points per task when a step runs on several threads.
 const CHUNK: usize = 512;
-/// Newton corrections of a projection to the surface, and when it is close enough [m].
+/// Newton corrections of a projection to the surface, and when it is close enough (m).
 const PROJECTION_STEPS: usize = 4;
 const PROJECTION_TOLERANCE: f64 = 1e-6;
+/// Tangential displacement that always sticks (m): rounding without friction.
+const STICK_TOLERANCE: f64 = 1e-9;
 
 /// Stick-slip contact of a robot's links with independent points (section III-B-a).
 ///
@@ -19,24 +21,28 @@ const PROJECTION_TOLERANCE: f64 = 1e-6;
 /// 3. *Slip*: outside the friction cone it moves by `slip_step` against the tangential part of
 ///    `u` and back to the surface, again and again until it sticks, detaches or has used up
 ///    [`ContactConfig::max_slip_iterations`]. A last step is shortened so as not to pass the
-///    point of no tangential part.
+///    point of no tangential part. Slip never lengthens `u`: a point wedged in a notch of the
+///    link stays there.
 /// 4. *Hand-over*: a point that is inside another link by more than one `slip_step` is pushed out
-///    by that link and owned by it from then on.
+///    by that link and owned by it from then on. Links that squeeze a point take turns.
 /// 5. *Touch*: a point at rest that is closer than `threshold` to a link is moved along the
 ///    normal to the surface offset by `threshold` (plus padding); the link it is deepest in owns
 ///    it. The displacement starts at zero, so that refining the time step converges.
 ///
 /// A point that a link leaves and meets again begins anew at step 5. Points are independent:
-/// results do not depend on threads or on the order of points.
+/// results do not depend on threads or on the order of points. All steps between two resets take
+/// the same rest points; another number of them is an error.
 ///
-/// Cost of a step: `O(|S| + points near links)`; points elsewhere are never looked at. Memory:
-/// one bit per point and 56 bytes per contact.
+/// Cost of a step: `O(|S| + points near links)`; points elsewhere are never looked at. Nothing is
+/// allocated once the buffers have grown. Memory: one bit per point and 56 bytes per contact.
 #[derive(Clone)]
 pub struct StickSlip {
     links: Arc<[LinkSdf]>,
     config: ContactConfig,
     active: Vec<Active>,
     merged: Vec<Active>,
+    /// Number of rest points since the last reset.
+    cloud: Option<usize>,
     touched: Vec<u64>,
     entering: Vec<Vec<Entering>>,
     poses: Vec<LinkPose>,
@@ -59,12 +65,51 @@ struct Entering {
     distance: f64,
 }
 
-/// Pose of a link's shape and the ball around it.
+/// Pose of a link's shape and the box in the link frame that holds all places in contact with it.
 #[derive(Debug, Clone, Copy)]
 struct LinkPose {
-    X_WL: Isometry3<f64>,
-    center_W: Point3<f64>,
-    radius: f64,
+    R_WL: Matrix3<f64>,
+    p_WL: Vector3<f64>,
+    lower_L: Point3<f64>,
+    upper_L: Point3<f64>,
+}
+
+impl LinkPose {
+    fn new(X_WL: &Isometry3<f64>, (lower, upper): (Point3<f64>, Point3<f64>), margin: f64) -> Self {
+        Self {
+            R_WL: X_WL.rotation.to_rotation_matrix().into_inner(),
+            p_WL: X_WL.translation.vector,
+            lower_L: lower - Vector3::repeat(margin),
+            upper_L: upper + Vector3::repeat(margin),
+        }
+    }
+
+    fn to_link(&self, p_W: &Point3<f64>) -> Point3<f64> {
+        Point3::from(self.R_WL.tr_mul(&(p_W.coords - self.p_WL)))
+    }
+
+    fn to_world(&self, p_L: &Point3<f64>) -> Point3<f64> {
+        Point3::from(self.R_WL * p_L.coords + self.p_WL)
+    }
+
+    /// Whether a ball in the link frame reaches into the box.
+    fn is_near(&self, center_L: &Point3<f64>, radius: f64) -> bool {
+        let clamped = center_L.sup(&self.lower_L).inf(&self.upper_L);
+        (center_L - clamped).norm_squared() <= radius * radius
+    }
+
+    /// The axis-aligned box in world around the box.
+    fn world_box(&self) -> (Point3<f64>, Point3<f64>) {
+        let center = self.to_world(&nalgebra::center(&self.lower_L, &self.upper_L));
+        let half = self.R_WL.abs() * (0.5 * (self.upper_L - self.lower_L));
+        (center - half, center + half)
+    }
+
+    /// Whether squares of displacements that the link can cause stay finite.
+    fn is_bounded(&self) -> bool {
+        let radius = self.lower_L.coords.norm() + self.upper_L.coords.norm();
+        (4.0 * (self.p_WL.norm() + radius)).powi(2).is_finite()
+    }
 }
 
 impl StickSlip {
@@ -82,6 +127,7 @@ impl StickSlip {
             config,
             active: Vec::new(),
             merged: Vec::new(),
+            cloud: None,
             touched: Vec::new(),
         })
     }
@@ -94,24 +140,23 @@ impl StickSlip {
     fn place_links(&mut self, posture: &Posture) -> Result<(), CoreError> {
         posture.check_finite()?;
         let poses = posture.link_poses();
-        if let Some(l) = self.links.iter().find(|l| l.link >= poses.len()) {
-            return Err(CoreError::OutOfRange {
+        self.poses.clear();
+        for l in self.links.iter() {
+            let X_WL = poses.get(l.link).ok_or(CoreError::OutOfRange {
                 what: "link",
                 index: l.link,
                 len: poses.len(),
-            });
-        }
-        self.poses.clear();
-        self.poses.extend(self.links.iter().map(|l| {
-            let (lo, hi) = l.sdf.bounds();
-            let X_WL = poses[l.link];
-            let center_W = X_WL * nalgebra::center(&lo, &hi);
-            LinkPose {
-                X_WL,
-                center_W,
-                radius: 0.5 * (hi - lo).norm(),
+            })?;
+            let pose = LinkPose::new(X_WL, l.sdf.bounds(), self.config.level());
+            if !pose.is_bounded() {
+                return Err(CoreError::NotFinite {
+                    what: "squared size and distance of link",
+                    index: l.link,
+                    value: f64::INFINITY,
+                });
             }
-        }));
+            self.poses.push(pose);
+        }
         Ok(())
     }
 
@@ -120,40 +165,38 @@ impl StickSlip {
         if !self.slide(a, p_W) {
             return false;
         }
-        match self.intruder(a) {
-            None => true,
-            Some(slot) => {
-                let X_WL = &self.poses[slot].X_WL;
-                let now_W = self.poses[a.slot as usize].X_WL * a.anchor_L;
-                a.slot = slot as u32;
-                a.anchor_L = X_WL.inverse_transform_point(&now_W);
-                self.project(a);
-                let u_L = a.anchor_L - X_WL.inverse_transform_point(p_W);
-                u_L.dot(&a.normal_L) >= 0.0
-            }
-        }
+        let now_W = self.poses[a.slot as usize].to_world(&a.anchor_L);
+        let Some(slot) = self.intruder(a.slot as usize, &now_W) else {
+            return true;
+        };
+        let pose = &self.poses[slot];
+        a.slot = slot as u32;
+        a.anchor_L = pose.to_link(&now_W);
+        self.project(a);
+        (a.anchor_L - pose.to_link(p_W)).dot(&a.normal_L) >= 0.0
     }
 
     /// Stick, slip and detach on the owning link; false when the point has detached.
     fn slide(&self, a: &mut Active, p_W: &Point3<f64>) -> bool {
-        let rest_L = self.poses[a.slot as usize]
-            .X_WL
-            .inverse_transform_point(p_W);
-        let cosine = self.config.cone_cosine();
+        let rest_L = self.poses[a.slot as usize].to_link(p_W);
         for iteration in 0.. {
             let u = a.anchor_L - rest_L;
             let normal_part = u.dot(&a.normal_L);
             if normal_part < 0.0 {
                 return false;
             }
-            if normal_part >= cosine * u.norm() || iteration >= self.config.max_slip_iterations {
-                break;
-            }
             let tangent = u - a.normal_L * normal_part;
             let length = tangent.norm();
-            if length > 0.0 {
-                a.anchor_L -= tangent * (self.config.slip_step.min(length) / length);
-                self.project(a);
+            let sticks = length <= self.config.friction * normal_part + STICK_TOLERANCE;
+            if sticks || iteration >= self.config.max_slip_iterations {
+                break;
+            }
+            let before = *a;
+            a.anchor_L -= tangent * (self.config.slip_step.min(length) / length);
+            self.project(a);
+            if (a.anchor_L - rest_L).norm_squared() >= u.norm_squared() {
+                *a = before;
+                break;
             }
         }
         true
@@ -173,17 +216,18 @@ impl StickSlip {
         }
     }
 
-    /// The other link that the point is deepest in, if by more than a slip step.
-    fn intruder(&self, a: &Active) -> Option<usize> {
-        let p_W = self.poses[a.slot as usize].X_WL * a.anchor_L;
+    /// The link, other than the owner, that the place is deepest in, if by more than a slip step.
+    fn intruder(&self, owner: usize, p_W: &Point3<f64>) -> Option<usize> {
         let mut deepest = self.config.level() - self.config.slip_step;
         let mut found = None;
         for (slot, pose) in self.poses.iter().enumerate() {
-            let reach = pose.radius + self.config.level();
-            if slot == a.slot as usize || (p_W - pose.center_W).norm_squared() > reach * reach {
+            if slot == owner {
                 continue;
             }
-            let p_L = pose.X_WL.inverse_transform_point(&p_W);
+            let p_L = pose.to_link(p_W);
+            if !pose.is_near(&p_L, 0.0) {
+                continue;
+            }
             let distance = self.links[slot].sdf.distance(&p_L);
             if distance < deepest {
                 deepest = distance;
@@ -193,26 +237,34 @@ impl StickSlip {
         found
     }
 
+    fn is_touched(&self, point: u32) -> bool {
+        self.touched[point as usize / 64] >> (point % 64) & 1 == 1
+    }
+
     /// Step 5 for one link: points at rest within its reach, in any order.
     fn find_entering(&self, slot: usize, rest: &RestPoints, found: &mut Vec<Entering>) {
         found.clear();
-        let (link, pose) = (&self.links[slot], &self.poses[slot]);
+        let (sdf, pose) = (&self.links[slot].sdf, &self.poses[slot]);
         let level = self.config.level();
-        let (lo, hi) = world_box(&link.sdf, &pose.X_WL, level);
-        rest.for_cells_in(&lo, &hi, |cell| {
-            // The slack covers distances that are interpolated.
-            let center_L = pose.X_WL.inverse_transform_point(&cell.center);
-            if link.sdf.distance(&center_L) > 1.1 * cell.radius + level + 1e-3 {
+        let (lower, upper) = pose.world_box();
+        rest.for_cells_in(&lower, &upper, |cell| {
+            let center_L = pose.to_link(&cell.center);
+            if !pose.is_near(&center_L, cell.radius)
+                || cell.points.iter().all(|&point| self.is_touched(point))
+                // The slack covers distances that are interpolated.
+                || sdf.distance(&center_L) > 1.1 * cell.radius + level + 1e-3
+            {
                 return;
             }
             for &point in cell.points {
-                if self.touched[point as usize / 64] >> (point % 64) & 1 == 1 {
+                if self.is_touched(point) {
                     continue;
                 }
-                let p_L = pose
-                    .X_WL
-                    .inverse_transform_point(&rest.positions()[point as usize]);
-                let distance = link.sdf.distance(&p_L);
+                let p_L = pose.to_link(&rest.positions()[point as usize]);
+                if !pose.is_near(&p_L, 0.0) {
+                    continue;
+                }
+                let distance = sdf.distance(&p_L);
                 if distance < level {
                     found.push(Entering {
                         point,
@@ -225,11 +277,11 @@ impl StickSlip {
     }
 
     fn enter(&self, e: &Entering, rest: &RestPoints) -> Active {
-        let X_WL = &self.poses[e.slot as usize].X_WL;
+        let pose = &self.poses[e.slot as usize];
         let mut a = Active {
             point: e.point,
             slot: e.slot,
-            anchor_L: X_WL.inverse_transform_point(&rest.positions()[e.point as usize]),
+            anchor_L: pose.to_link(&rest.positions()[e.point as usize]),
             normal_L: Vector3::zeros(),
         };
         self.project(&mut a);
@@ -313,19 +365,10 @@ impl StickSlip {
     }
 }
 
-/// The axis-aligned world box around a posed shape, grown by `margin`.
-fn world_box(sdf: &dyn Sdf, X_WL: &Isometry3<f64>, margin: f64) -> (Point3<f64>, Point3<f64>) {
-    let (lo, hi) = sdf.bounds();
-    let center = X_WL * nalgebra::center(&lo, &hi);
-    let rotation = X_WL.rotation.to_rotation_matrix();
-    let half = rotation.matrix().abs() * (0.5 * (hi - lo)).add_scalar(margin);
-    (center - half, center + half)
-}
-
 impl ContactModel for StickSlip {
     fn reset(&mut self) {
         self.active.clear();
-        self.touched.fill(0);
+        self.cloud = None;
     }
 
     fn step(
@@ -334,21 +377,24 @@ impl ContactModel for StickSlip {
         posture: &Posture,
         out: &mut Contacts,
     ) -> Result<(), CoreError> {
-        let words = rest.len().div_ceil(64);
-        if self.touched.is_empty() {
-            self.touched.resize(words, 0);
-        }
-        CoreError::check_len("rest points (in words of 64)", words, self.touched.len())?;
+        let cloud = self.cloud.unwrap_or(rest.len());
+        CoreError::check_len("rest points", rest.len(), cloud)?;
         self.place_links(posture)?;
+        if self.cloud.is_none() {
+            self.cloud = Some(cloud);
+            self.touched.clear();
+            self.touched.resize(cloud.div_ceil(64), 0);
+        }
         self.carry_all(rest);
         self.touch_new(rest);
 
         out.clear();
         for a in &self.active {
-            let X_WL = &self.poses[a.slot as usize].X_WL;
-            let u_W = X_WL * a.anchor_L - rest.positions()[a.point as usize];
-            let link = self.links[a.slot as usize].link as u32;
-            out.push(a.point, link, u_W, X_WL * a.normal_L)?;
+            let slot = a.slot as usize;
+            let pose = &self.poses[slot];
+            let u_W = pose.to_world(&a.anchor_L) - rest.positions()[a.point as usize];
+            let n_W = pose.R_WL * a.normal_L;
+            out.push(a.point, self.links[slot].link as u32, u_W, n_W)?;
         }
         Ok(())
     }
