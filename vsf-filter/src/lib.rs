@@ -4,8 +4,9 @@
 //! | --- | --- | --- |
 //! | [`DiagonalKalman`] | independent points (eq. 6-7) | `O(d² n)` for n contacts, d channels |
 //! | [`MemoryReplay`] | as the estimator inside it, which sees past observations again (Alg. 1) | `1 + T_replay` updates |
+//! | [`BatchMap`] | the constrained optimum over all observations, offline | `O(n³)` once, for n touched points |
 //!
-//! Both keep `K >= 0` by projection (eq. 5, last line) and implement
+//! The first two keep `K >= 0` by projection (eq. 5, last line) and implement
 //! [`vsf_core::Estimator`], so that either can stand wherever the other does.
 //!
 //! ```
@@ -31,10 +32,12 @@
 
 #![forbid(unsafe_code)]
 
+mod batch;
 mod diagonal;
 mod kernel;
 mod replay;
 mod reservoir;
 
+pub use batch::{BatchFit, BatchMap};
 pub use diagonal::{DiagonalForm, DiagonalKalman};
 pub use replay::{MemoryReplay, ReplayConfig, ReplayVariance, Revisit};

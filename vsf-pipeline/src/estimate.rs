@@ -1,10 +1,22 @@
 use crate::{Hyper, PipelineError, Trace};
 use vsf_core::{Belief, Estimator, FilterHealth, Noise, Observation, Scalar};
-use vsf_filter::{DiagonalForm, DiagonalKalman, MemoryReplay, ReplayConfig};
+use vsf_filter::{BatchMap, DiagonalForm, DiagonalKalman, MemoryReplay, ReplayConfig};
+
+/// How a field is estimated from recorded sequences.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub enum Method {
+    /// Sample by sample, as on the robot; the default.
+    #[default]
+    Online,
+    /// The constrained optimum over all samples at once ([`BatchMap`]).
+    Batch,
+}
 
 /// Which estimator, with all of its parameters but prior and noise.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub struct EstimatorSpec {
+    /// Online or batch; the other fields are those of the online estimator.
+    pub method: Method,
     /// Form of the diagonal update.
     pub form: DiagonalForm,
     /// Memory replay; `replays = 0` is the plain filter.
@@ -54,7 +66,11 @@ pub fn estimate(
     hyper: Hyper,
     mut progress: impl FnMut(usize),
 ) -> Result<Estimate, PipelineError> {
-    let mut estimator = spec.build(Belief::uniform(field_len, 0.0, hyper.prior_sd)?)?;
+    let prior = Belief::uniform(field_len, 0.0, hyper.prior_sd)?;
+    if spec.method == Method::Batch {
+        return estimate_batch(traces, prior, hyper);
+    }
+    let mut estimator = spec.build(prior)?;
     let mut health = FilterHealth::default();
     let mut touched = vec![false; field_len];
     for (done, trace) in traces.iter().enumerate() {
@@ -74,6 +90,65 @@ pub fn estimate(
         health,
         hyper,
     })
+}
+
+fn estimate_batch(
+    traces: &[Trace],
+    prior: Belief<f64>,
+    hyper: Hyper,
+) -> Result<Estimate, PipelineError> {
+    let touched = touched_points(traces, prior.len());
+    let belief = normal_equations(traces, &touched)?
+        .solve(&scaled(&prior, hyper.noise_sd)?)?
+        .belief;
+    let belief = scaled(&belief, 1.0 / hyper.noise_sd)?;
+    Ok(Estimate {
+        belief,
+        touched,
+        health: FilterHealth::default(),
+        hyper,
+    })
+}
+
+/// Traces have unit noise: a belief with its variances in units of the noise variance, whose means
+/// are those of the problem with noise.
+fn scaled(belief: &Belief<f64>, noise_sd: f64) -> Result<Belief<f64>, PipelineError> {
+    let variance = belief
+        .variance()
+        .iter()
+        .map(|v| v / (noise_sd * noise_sd))
+        .collect();
+    Ok(Belief::new(belief.mean().to_vec(), variance)?)
+}
+
+/// The normal equations of all observations, at unit noise.
+pub(crate) fn normal_equations(
+    traces: &[Trace],
+    touched: &[bool],
+) -> Result<BatchMap, PipelineError> {
+    let points = (0..touched.len() as u32).filter(|&p| touched[p as usize]);
+    let mut batch = BatchMap::new(touched.len(), points)?;
+    for obs in traces
+        .iter()
+        .flat_map(|t| &t.observations)
+        .filter(|o| !o.is_empty())
+    {
+        batch.add(obs, 1.0)?;
+    }
+    Ok(batch)
+}
+
+/// Which points any of the traces touches.
+pub(crate) fn touched_points(traces: &[Trace], field_len: usize) -> Vec<bool> {
+    let mut touched = vec![false; field_len];
+    for &p in traces
+        .iter()
+        .flat_map(|t| &t.observations)
+        .flat_map(Observation::points)
+    {
+        touched[p as usize] = true;
+    }
+    touched
 }
 
 /// Runs an estimator over one sequence, `seen` is told every observation and what it did.

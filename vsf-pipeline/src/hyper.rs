@@ -1,4 +1,6 @@
-use crate::{EstimatorSpec, PipelineError, Trace, estimate, evaluate::sample_errors};
+use crate::estimate::{normal_equations, touched_points};
+use crate::evaluate::sample_errors;
+use crate::{EstimatorSpec, Method, PipelineError, Trace, estimate};
 use rayon::prelude::*;
 use serde::Serialize;
 use std::f64::consts::TAU;
@@ -40,6 +42,11 @@ const FOLDS: usize = 3;
 /// of 2 around the best next.
 const COARSE: [i32; 6] = [-8, -5, -3, -1, 1, 4];
 
+/// Signal-to-noise ratios tried for the batch estimator, in powers of 2.
+const BATCH_POWERS: [i32; 8] = [-5, -4, -3, -2, -1, 0, 1, 2];
+/// More touched points than this make the batch choice slow; the online one is taken.
+const BATCH_CHOICE_POINTS: usize = 2000;
+
 /// Chooses prior and noise from train sequences.
 ///
 /// With several sequences, the ratio of the two is the one whose field, estimated without a third
@@ -61,6 +68,9 @@ pub fn choose_hyper(
     })?;
     let ratio_at = |power: i32| 2f64.powi(power) / typical;
     let held_out = folds_share_points(traces, field_len);
+    if spec.method == Method::Batch {
+        return choose_batch(traces, field_len, spec, typical, held_out);
+    }
     let score = |power: i32| -> Result<Candidate, PipelineError> {
         let hyper = Hyper {
             prior_sd: ratio_at(power),
@@ -114,6 +124,85 @@ pub fn choose_hyper(
     })
 }
 
+/// As [`choose_hyper`] for the batch estimator. Every sequence is held out once; its share of the
+/// normal equations is taken out of the whole. Where sequences share no points, or there is one
+/// only, the online choice serves.
+fn choose_batch(
+    traces: &[Trace],
+    field_len: usize,
+    spec: &EstimatorSpec,
+    typical: f64,
+    held_out: bool,
+) -> Result<HyperChoice, PipelineError> {
+    let touched = touched_points(traces, field_len);
+    let online = EstimatorSpec {
+        method: Method::Online,
+        ..*spec
+    };
+    let count = touched.iter().filter(|t| **t).count();
+    if !held_out || count > BATCH_CHOICE_POINTS {
+        return choose_hyper(traces, field_len, &online);
+    }
+    let whole = normal_equations(traces, &touched)?;
+    // The error of every sequence at every ratio.
+    let errors = |trace: &Trace| -> Result<Vec<f64>, PipelineError> {
+        let mut kept = whole.clone();
+        for obs in trace.observations.iter().filter(|o| !o.is_empty()) {
+            kept.add(obs, -1.0)?;
+        }
+        let error = |power: &i32| {
+            let prior = Belief::uniform(field_len, 0.0, 2f64.powi(*power) / typical)?;
+            let belief = kept.solve(&prior)?.belief;
+            Ok(sample_errors(belief.mean(), trace).sum::<f64>() / trace.observations.len() as f64)
+        };
+        BATCH_POWERS.iter().map(error).collect()
+    };
+    let all: Vec<Vec<f64>> = traces.par_iter().map(errors).collect::<Result<_, _>>()?;
+    let candidates: Vec<Candidate> = BATCH_POWERS
+        .iter()
+        .enumerate()
+        .map(|(k, power)| Candidate {
+            ratio: 2f64.powi(*power) / typical,
+            score: all.iter().map(|errors| errors[k]).sum::<f64>() / all.len() as f64,
+        })
+        .collect();
+    let best = candidates.iter().min_by(|a, b| a.score.total_cmp(&b.score));
+    let ratio = best.map_or(1.0 / typical, |c| c.ratio);
+    // The level of what the optimum leaves unexplained, over the samples in contact.
+    let field = estimate(
+        traces,
+        field_len,
+        spec,
+        Hyper {
+            prior_sd: ratio,
+            noise_sd: 1.0,
+        },
+        |_| {},
+    )?;
+    let (mut squares, mut channels) = (0.0, 0usize);
+    for trace in traces {
+        let errors = sample_errors(field.belief.mean(), trace);
+        for (obs, error) in trace
+            .observations
+            .iter()
+            .zip(errors)
+            .filter(|(o, _)| !o.is_empty())
+        {
+            squares += error * error;
+            channels += obs.dim();
+        }
+    }
+    let noise_sd = (squares / channels.max(1) as f64).sqrt().max(1e-9);
+    Ok(HyperChoice {
+        hyper: Hyper {
+            prior_sd: ratio * noise_sd,
+            noise_sd,
+        },
+        method: "held-out",
+        candidates,
+    })
+}
+
 /// Median over the samples in contact of `sqrt(tr(W W^T) / d)`: the reading's sd per unit of
 /// prior sd.
 fn typical_column_norm(traces: &[Trace]) -> Option<f64> {
@@ -142,24 +231,12 @@ fn split(traces: &[Trace], k: usize) -> (Vec<Trace>, Vec<&Trace>) {
     )
 }
 
-fn touched(traces: &[Trace], field_len: usize) -> Vec<bool> {
-    let mut touched = vec![false; field_len];
-    for &p in traces
-        .iter()
-        .flat_map(|t| &t.observations)
-        .flat_map(Observation::points)
-    {
-        touched[p as usize] = true;
-    }
-    touched
-}
-
 /// Whether held-out sequences mostly touch points that the others touch too.
 fn folds_share_points(traces: &[Trace], field_len: usize) -> bool {
     traces.len() > 1
         && (0..FOLDS.min(traces.len())).all(|k| {
             let (kept, held) = split(traces, k);
-            let known = touched(&kept, field_len);
+            let known = touched_points(&kept, field_len);
             let (mut shared, mut all) = (0usize, 0usize);
             for obs in held.iter().flat_map(|t| &t.observations) {
                 all += obs.len();
@@ -178,7 +255,7 @@ fn held_out_error(
     let (mut sum, mut count) = (0.0, 0usize);
     for k in 0..FOLDS.min(traces.len()) {
         let (kept, held) = split(traces, k);
-        let known = touched(&kept, field_len);
+        let known = touched_points(&kept, field_len);
         let field = estimate(&kept, field_len, spec, hyper, |_| {})?;
         for trace in held {
             let errors = sample_errors(field.belief.mean(), trace);

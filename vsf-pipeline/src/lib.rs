@@ -26,7 +26,7 @@ mod trace;
 pub use baseline::Baseline;
 pub use bench::{BenchOptions, BenchReport, StageTimes, bench};
 pub use error::PipelineError;
-pub use estimate::{Estimate, EstimatorSpec, estimate, estimate_online};
+pub use estimate::{Estimate, EstimatorSpec, Method, estimate, estimate_online};
 pub use evaluate::{
     Evaluation, JointError, SequenceError, SequencePrediction, evaluate, predict, score,
 };

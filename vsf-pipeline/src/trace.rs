@@ -1,4 +1,5 @@
 use crate::{PipelineError, Scene, external_torques};
+use rayon::prelude::*;
 use vsf_core::{ContactModel, Contacts, CoreError, Noise, Observation, Sensor};
 use vsf_data::Sequence;
 use vsf_robots::JointTorques;
@@ -29,6 +30,20 @@ impl Trace {
 }
 
 impl Scene {
+    /// [`Scene::trace`] of every sequence, in order, on the threads of the current rayon pool.
+    /// `done` is called after each.
+    ///
+    /// # Errors
+    /// As [`Scene::trace`].
+    pub fn traces(
+        &self,
+        sequences: &[&Sequence],
+        done: impl Fn() + Sync,
+    ) -> Result<Vec<Trace>, PipelineError> {
+        let run = |sequence: &&Sequence| self.trace(sequence).inspect(|_| done());
+        sequences.par_iter().map(run).collect()
+    }
+
     /// Runs the contact model over a sequence. Contacts are forgotten where a touch begins.
     ///
     /// # Errors
