@@ -174,10 +174,12 @@ impl<T: Scalar> Revisit for DiagonalKalman<T> {
     ) -> Result<UpdateReport, CoreError> {
         obs.check_fits(self.belief.len())?;
         let scratch = &mut self.scratch;
-        scratch.mean.clear();
-        scratch.variance.clear();
-        kernel::gather(obs.points(), self.belief.mean(), &mut scratch.mean);
-        kernel::gather(obs.points(), self.belief.variance(), &mut scratch.variance);
+        kernel::gather_belief(
+            obs.points(),
+            &self.belief,
+            &mut scratch.mean,
+            &mut scratch.variance,
+        );
         scratch.correct(obs, self.form, mode)?;
 
         let (mean, variance) = self.belief.parts_mut();

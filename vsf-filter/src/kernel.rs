@@ -3,11 +3,11 @@
 //! loaded once then serves two products.
 
 use std::ops::Range;
-use vsf_core::{Observation, Scalar};
+use vsf_core::{Belief, Observation, Scalar};
 
 const LANES: usize = 8;
 /// Contacts per block: what a pass needs of a block stays in the first-level cache.
-const BLOCK: usize = 512;
+const BLOCK: usize = 256;
 
 /// `sum_k a_k b_k` and `sum_k a_k c_k` of slices of equal length.
 #[inline]
@@ -51,6 +51,23 @@ fn add_scaled<T: Scalar>(y: &mut [T], a: T, x: &[T]) {
 /// Copies `from[points[k]]` to the end of `to`.
 pub(crate) fn gather<T: Scalar>(points: &[u32], from: &[T], to: &mut Vec<T>) {
     to.extend(points.iter().map(|&p| from[p as usize]));
+}
+
+/// Means and variances at `points`.
+pub(crate) fn gather_belief<T: Scalar>(
+    points: &[u32],
+    belief: &Belief<T>,
+    mean: &mut Vec<T>,
+    variance: &mut Vec<T>,
+) {
+    let means = belief.mean();
+    let variances = &belief.variance()[..means.len()];
+    mean.resize(points.len(), T::ZERO);
+    variance.resize(points.len(), T::ZERO);
+    for ((&p, m), v) in points.iter().zip(mean).zip(variance) {
+        *m = means[p as usize];
+        *v = variances[p as usize];
+    }
 }
 
 /// Writes `from[k]` to `to[points[k]]`.
@@ -150,17 +167,28 @@ pub(crate) fn shrink<T: Scalar>(obs: &Observation<T>, whitener: &[f64], variance
 
 /// `mean += v (W^T gain)` per contact.
 pub(crate) fn shift<T: Scalar>(obs: &Observation<T>, gain: &[f64], variance: &[T], mean: &mut [T]) {
-    let mut sum = [T::ZERO; BLOCK];
-    for block in blocks(obs.len()) {
-        let sum = &mut sum[..block.len()];
-        sum.fill(T::ZERO);
-        for (i, &g) in gain.iter().enumerate() {
-            add_scaled(sum, T::from_f64(g), &obs.row(i)[block.clone()]);
+    const WIDTH: usize = 2 * LANES;
+    let n = obs.len();
+    let (chunks, rest) = mean.as_chunks_mut::<WIDTH>();
+    let (variances, rest_variance) = variance.as_chunks::<WIDTH>();
+    let mut k = 0;
+    for (m, v) in chunks.iter_mut().zip(variances) {
+        let mut sum = [T::ZERO; WIDTH];
+        for (&g, row) in gain.iter().zip(obs.rows().chunks_exact(n)) {
+            let (g, w) = (T::from_f64(g), &row[k..k + WIDTH]);
+            for l in 0..WIDTH {
+                sum[l] += g * w[l];
+            }
         }
-        let (v, m) = (&variance[block.clone()], &mut mean[block]);
-        for ((m, &v), &s) in m.iter_mut().zip(v).zip(&*sum) {
-            *m += v * s;
+        for l in 0..WIDTH {
+            m[l] += v[l] * sum[l];
         }
+        k += WIDTH;
+    }
+    for (m, &v) in rest.iter_mut().zip(rest_variance) {
+        let rows = gain.iter().zip(obs.rows().chunks_exact(n));
+        *m += v * rows.map(|(&g, row)| T::from_f64(g) * row[k]).sum();
+        k += 1;
     }
 }
 

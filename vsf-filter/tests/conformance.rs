@@ -1,6 +1,8 @@
 //! Every estimator keeps the promises of `vsf_core::Estimator`; one of them is defined here, as a
 //! user of the library would.
 
+#![allow(clippy::unwrap_used)]
+
 use vsf_core::{Belief, CoreError, Estimator, Observation, Scalar, UpdateReport};
 use vsf_filter::{DiagonalForm, DiagonalKalman, MemoryReplay, ReplayConfig, ReplayVariance};
 use vsf_testkit::{EstimatorOptions, check_estimator};

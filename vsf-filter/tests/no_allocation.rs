@@ -1,6 +1,7 @@
 //! After warm-up an update allocates nothing. One test alone in its process, so that no other
 //! thread allocates while it counts.
 
+#![allow(clippy::unwrap_used)]
 #![allow(unsafe_code)]
 
 use std::alloc::{GlobalAlloc, Layout, System};

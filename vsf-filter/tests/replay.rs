@@ -1,5 +1,7 @@
 //! Memory replay: determinism, the buffer, errors, consistency.
 
+#![allow(clippy::unwrap_used)]
+
 use std::sync::{Arc, Mutex};
 use vsf_core::{Belief, CoreError, Estimator, FilterHealth, Noise, Observation, UpdateReport};
 use vsf_filter::{DiagonalKalman, MemoryReplay, ReplayConfig, ReplayVariance, Revisit};
@@ -330,6 +332,9 @@ fn replay_with_shrinking_variances_is_overconfident() {
     let shrink = nis_ratio(ReplayVariance::Shrink, 20);
     eprintln!("NIS ratio: without replay {bare:.2}, Keep {keep:.2}, Shrink {shrink:.2}");
     // Correlations that the filter does not keep make it too sure already without replays.
-    assert!(keep < bare && keep < 2.0, "Keep {keep}, without replay {bare}");
+    assert!(
+        keep < bare && keep < 2.0,
+        "Keep {keep}, without replay {bare}"
+    );
     assert!(shrink > 4.0, "Shrink {shrink}");
 }

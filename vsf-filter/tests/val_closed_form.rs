@@ -1,5 +1,7 @@
 //! The diagonal filter against closed forms, and the documented divergence of eq. 7 as printed.
 
+#![allow(clippy::unwrap_used)]
+
 use nalgebra::{DMatrix, DVector};
 use vsf_core::{Belief, Estimator, Noise, Observation};
 use vsf_filter::{DiagonalForm, DiagonalKalman};
