@@ -1,0 +1,49 @@
+use crate::commands::{bench, estimate, evaluate, export, info, predict, simulate};
+use clap::{Parser, Subcommand};
+use std::path::PathBuf;
+
+const EXIT_CODES: &str = "\
+Exit codes:
+  0    done
+  1    a recording, field or robot cannot be used; the message names file, sequence and row
+  2    wrong usage: a flag, a configuration file, or a parameter out of range
+  3    a file cannot be read or written
+  130  interrupted (Ctrl-C); files already written are whole, a second Ctrl-C stops at once";
+
+/// Stiffness fields of soft objects from a robot arm's joint angles and torques.
+///
+/// Without a command: the quick start. It estimates a field from an embedded recording, predicts
+/// touches that it has not seen, and writes the results to ./vsf-quickstart/.
+#[derive(Debug, Parser)]
+#[command(version, after_help = EXIT_CODES, args_conflicts_with_subcommands = false)]
+pub struct Cli {
+    /// What to do; the quick start if nothing is given
+    #[command(subcommand)]
+    pub command: Option<Command>,
+    /// No report and no progress bars; errors, warnings and --json remain
+    #[arg(long, short, global = true)]
+    pub quiet: bool,
+    /// Machine-readable results to FILE, or to standard output in place of the report. Give it
+    /// last, or as --json=FILE
+    #[arg(long, global = true, value_name = "FILE", num_args = 0..=1)]
+    pub json: Option<Option<PathBuf>>,
+}
+
+/// The commands.
+#[derive(Debug, Subcommand)]
+pub enum Command {
+    /// Describe a recording: metadata, robot, sequences, points, contact
+    Info(info::Args),
+    /// Estimate a stiffness field from the train sequences of a recording
+    Estimate(estimate::Args),
+    /// Predict the torques of sequences from a field, with their standard deviations
+    Predict(predict::Args),
+    /// Measure the prediction error of a field, or of a baseline, on the test sequences
+    Evaluate(evaluate::Args),
+    /// Replace the torques of a recording by those of a field: a synthetic recording
+    Simulate(simulate::Args),
+    /// Write a field as point cloud or picture, or torques as plots
+    Export(export::Args),
+    /// Time the online step on this machine: kinematics, contact, columns, update
+    Bench(bench::Args),
+}

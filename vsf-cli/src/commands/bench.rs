@@ -1,0 +1,52 @@
+use crate::console::{Console, number, table};
+use vsf::pipeline::{BenchOptions, BenchReport, bench};
+
+#[derive(Debug, clap::Args)]
+#[command(after_help = "\
+JSON keys: points, contacts, steps_per_second, median_ms, p99_ms, and per stage (kinematics, contact, \
+columns, update) median_ms and p99_ms.")]
+pub struct Args {
+    /// Rest points, rounded to a cube number
+    #[arg(long, default_value_t = BenchOptions::default().points)]
+    points: usize,
+    /// Steps of the push
+    #[arg(long, default_value_t = BenchOptions::default().steps)]
+    steps: usize,
+    /// Replays per update
+    #[arg(long, default_value_t = BenchOptions::default().replays)]
+    replay: usize,
+}
+
+/// Needs no data: a Kinova Gen3 pushes into a cube of points.
+pub fn run(args: &Args, console: &Console) -> anyhow::Result<()> {
+    let spinner = console.spinner("pushing");
+    let report = bench(&BenchOptions {
+        points: args.points,
+        steps: args.steps,
+        replays: args.replay,
+    })?;
+    spinner.finish_and_clear();
+    console.json(&report)?;
+    console.report(text(&report, args.replay))
+}
+
+fn text(report: &BenchReport, replays: usize) -> String {
+    let line =
+        |name: &str, median: f64, p99: f64| vec![name.to_owned(), number(median), number(p99)];
+    let stages = [
+        ("kinematics", report.kinematics),
+        ("contact", report.contact),
+        ("columns", report.columns),
+        ("update", report.update),
+    ];
+    let mut rows: Vec<_> = stages.map(|(n, s)| line(n, s.median_ms, s.p99_ms)).into();
+    rows.push(line("whole step", report.median_ms, report.p99_ms));
+    format!(
+        "{} rest points, {} contacts at the end of the push, {replays} replays per update\n{}\
+         {:.0} steps per second on one thread\n",
+        report.points,
+        report.contacts,
+        table(&["stage", "median ms", "p99 ms"], &rows),
+        report.steps_per_second,
+    )
+}

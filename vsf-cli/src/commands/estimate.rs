@@ -1,0 +1,188 @@
+use crate::console::{Console, number};
+use crate::exit::usage;
+use crate::field_file::{FieldFile, FieldFormat, save};
+use crate::recording::{Default, RecordingArgs, traces};
+use crate::settings::{EstimatorSettings, Group};
+use serde::Serialize;
+use std::path::PathBuf;
+use vsf::pipeline::{Candidate, Estimate, Hyper, Scene, Trace, choose_hyper, estimate};
+
+#[derive(Debug, clap::Args)]
+#[command(after_help = "\
+The field holds points, K (mean, N/m), K_std, and the features touched, prior_sd and noise_sd, so that \
+`vsf predict` and `vsf evaluate` need nothing else.
+
+JSON keys: estimator, prior_sd, noise_sd, chosen_by (given, held-out or likelihood), candidates (ratio, \
+score), sequences, samples, contact_samples, points, touched_points, mean_stiffness (over touched \
+points), nis_ratio, out.")]
+pub struct Args {
+    #[command(flatten)]
+    recording: RecordingArgs,
+    /// Where to write the field, by ending: .npz, .ply, or a folder; may be repeated
+    #[arg(long, default_value = "field.npz")]
+    out: Vec<PathBuf>,
+    /// IDs of the sequences to learn from, in this order; the train split by default
+    #[arg(long, value_delimiter = ',')]
+    sequences: Option<Vec<String>>,
+    #[command(flatten)]
+    estimator: EstimatorSettings,
+}
+
+#[derive(Serialize)]
+struct Report<'a> {
+    estimator: String,
+    prior_sd: f64,
+    noise_sd: f64,
+    chosen_by: &'a str,
+    candidates: &'a [Candidate],
+    sequences: Vec<&'a str>,
+    samples: usize,
+    contact_samples: usize,
+    points: usize,
+    touched_points: usize,
+    mean_stiffness: f64,
+    nis_ratio: Option<f64>,
+    out: &'a [PathBuf],
+}
+
+/// An estimate and where its prior and noise come from.
+pub struct Chosen {
+    pub estimate: Estimate,
+    pub method: &'static str,
+    pub candidates: Vec<Candidate>,
+}
+
+pub fn run(args: &Args, console: &Console) -> anyhow::Result<()> {
+    for out in &args.out {
+        if matches!(FieldFormat::of(out)?, FieldFormat::Png | FieldFormat::Svg) {
+            let out = out.display();
+            return Err(usage(format!(
+                "{out}: pictures are written by `vsf export`"
+            )));
+        }
+    }
+    let settings = args.estimator.resolve(&args.recording.sources)?;
+    settings.spec()?;
+    let recording = args.recording.open(console)?;
+    let sequences = recording.sequences(args.sequences.as_deref(), Default::Train)?;
+    let scene = recording.scene(console)?;
+    let traces = traces(&scene, &sequences, console)?;
+    let chosen = learn(&scene, &traces, &settings, console)?;
+    let field = FieldFile::new(&scene, &chosen.estimate)?;
+    for out in &args.out {
+        save(&field, out)?;
+    }
+    let report = Report {
+        estimator: settings.name(),
+        prior_sd: chosen.estimate.hyper.prior_sd,
+        noise_sd: chosen.estimate.hyper.noise_sd,
+        chosen_by: chosen.method,
+        candidates: &chosen.candidates,
+        sequences: traces.iter().map(|t| t.id.as_str()).collect(),
+        samples: traces.iter().map(|t| t.observations.len()).sum(),
+        contact_samples: traces.iter().map(Trace::contact_samples).sum(),
+        points: scene.rest.len(),
+        touched_points: chosen.estimate.touched.iter().filter(|t| **t).count(),
+        mean_stiffness: mean_stiffness(&chosen.estimate),
+        nis_ratio: chosen.estimate.health.nis_ratio(),
+        out: &args.out,
+    };
+    console.json(&report)?;
+    console.report(text(&report, &scene))
+}
+
+/// Chooses what is not given and estimates.
+pub fn learn(
+    scene: &Scene,
+    traces: &[Trace],
+    settings: &EstimatorSettings,
+    console: &Console,
+) -> anyhow::Result<Chosen> {
+    let spec = settings.spec()?;
+    let points = scene.rest.len();
+    let (hyper, method, candidates) = match (settings.prior_sd, settings.noise_sd) {
+        (Some(prior_sd), Some(noise_sd)) => (Hyper { prior_sd, noise_sd }, "given", Vec::new()),
+        (prior_sd, noise_sd) => {
+            let spinner = console.spinner("choosing prior and noise");
+            let choice = choose_hyper(traces, points, &spec)?;
+            spinner.finish_and_clear();
+            // One of the two given: their ratio, which decides the fit, stays as chosen.
+            let ratio = choice.hyper.prior_sd / choice.hyper.noise_sd;
+            let hyper = match (prior_sd, noise_sd) {
+                (Some(prior_sd), _) => Hyper {
+                    prior_sd,
+                    noise_sd: prior_sd / ratio,
+                },
+                (_, Some(noise_sd)) => Hyper {
+                    prior_sd: ratio * noise_sd,
+                    noise_sd,
+                },
+                _ => choice.hyper,
+            };
+            (hyper, choice.method, choice.candidates)
+        }
+    };
+    for (name, value) in [("prior-sd", hyper.prior_sd), ("noise-sd", hyper.noise_sd)] {
+        if !(value.is_finite() && value > 0.0) {
+            return Err(usage(format!(
+                "--{name} = {value} must be positive and finite"
+            )));
+        }
+    }
+    let bar = console.bar(traces.len(), "estimate");
+    let estimate = estimate(traces, points, &spec, hyper, |done| {
+        bar.set_position(done as u64)
+    })?;
+    bar.finish_and_clear();
+    Ok(Chosen {
+        estimate,
+        method,
+        candidates,
+    })
+}
+
+fn mean_stiffness(estimate: &Estimate) -> f64 {
+    let pairs = estimate.belief.mean().iter().zip(&estimate.touched);
+    let touched: Vec<f64> = pairs.filter(|(_, t)| **t).map(|(k, _)| *k).collect();
+    touched.iter().sum::<f64>() / touched.len().max(1) as f64
+}
+
+/// How prior and noise were found, in words.
+pub fn how(method: &str) -> &'static str {
+    match method {
+        "held-out" => "chosen so that held-out train sequences are predicted best",
+        "likelihood" => "chosen by the likelihood of one pass over the sequences",
+        _ => "as given",
+    }
+}
+
+fn text(report: &Report, scene: &Scene) -> String {
+    let mut text = format!(
+        "estimated from {} samples of {} ({} in contact): {}\n",
+        report.samples,
+        match report.sequences.len() {
+            1 => "one sequence".to_owned(),
+            n => format!("{n} sequences"),
+        },
+        report.contact_samples,
+        report.sequences.join(", "),
+    );
+    text += &format!(
+        "  estimator   {}\n  prior       N(0, {}²) N/m, {}\n  noise sd    {} {}\n",
+        report.estimator,
+        number(report.prior_sd),
+        how(report.chosen_by),
+        number(report.noise_sd),
+        scene.error_unit(),
+    );
+    text += &format!(
+        "  field       {} of {} points touched, mean stiffness there {} N/m\n",
+        report.touched_points,
+        report.points,
+        number(report.mean_stiffness),
+    );
+    for out in report.out {
+        text += &format!("wrote {}\n", out.display());
+    }
+    text
+}

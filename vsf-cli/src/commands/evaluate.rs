@@ -1,0 +1,172 @@
+use crate::console::{Console, number, table};
+use crate::exit::usage;
+use crate::recording::{Default, Recording, RecordingArgs, traces};
+use serde::Serialize;
+use std::collections::BTreeMap;
+use std::path::PathBuf;
+use vsf::data::Sequence;
+use vsf::pipeline::{Baseline, Evaluation, Scene, Trace, evaluate, score};
+
+#[derive(Debug, clap::Args)]
+#[command(after_help = "\
+The error is the paper's metric, the norm ||tau_hat - tau|| over the joints at every sample.
+
+JSON keys: predictor (field, zero or knn), mean_error, sd_error, samples, unit (N m or N), zero_error \
+(mean norm of the readings), per_sequence (sequence, mean_error, sd_error, samples, zero_error, \
+contact_samples, mean_contacts), per_joint (joint, unit, mean_abs_error, rms_error), and with a field \
+and --baseline: baselines, an object of the same keys by name.")]
+pub struct Args {
+    #[command(flatten)]
+    recording: RecordingArgs,
+    /// The field, .npz or folder; by default the one stored in the recording
+    #[arg(long)]
+    field: Option<PathBuf>,
+    /// IDs of the sequences to predict; the test split by default
+    #[arg(long, value_delimiter = ',')]
+    sequences: Option<Vec<String>>,
+    /// Predictors to set beside the field, or in its place when --field is left out: zero torque,
+    /// and regression of torques on joint angles over the train split
+    #[arg(long, value_enum, value_delimiter = ',')]
+    baseline: Vec<Kind>,
+    /// Neighbours of the knn baseline
+    #[arg(long, default_value_t = 50)]
+    neighbours: usize,
+}
+
+#[derive(Debug, Clone, Copy, PartialEq, Eq, clap::ValueEnum)]
+enum Kind {
+    /// No torque at all
+    Zero,
+    /// Mean of the nearest train samples
+    Knn,
+}
+
+#[derive(Serialize)]
+struct Report {
+    predictor: &'static str,
+    #[serde(flatten)]
+    evaluation: Evaluation,
+    #[serde(skip_serializing_if = "BTreeMap::is_empty")]
+    baselines: BTreeMap<&'static str, Evaluation>,
+}
+
+pub fn run(args: &Args, console: &Console) -> anyhow::Result<()> {
+    if args.neighbours == 0 {
+        return Err(usage("--neighbours must be at least 1"));
+    }
+    let recording = args.recording.open(console)?;
+    let sequences = recording.sequences(args.sequences.as_deref(), Default::Test)?;
+    let with_field = args.field.is_some() || args.baseline.is_empty();
+    let field = match with_field {
+        true => Some(recording.field(args.field.as_deref(), console)?),
+        false => None,
+    };
+    let scene = match &field {
+        Some(field) => recording.scene_of(field, console)?,
+        None => recording.scene(console)?,
+    };
+    let traces = traces(&scene, &sequences, console)?;
+    let mut found = Vec::new();
+    if let Some(field) = &field {
+        found.push(("field", evaluate(&scene, &field.belief()?, &traces)?));
+    }
+    for &kind in &args.baseline {
+        let (name, baseline) = match kind {
+            Kind::Zero => ("zero", Baseline::Zero),
+            Kind::Knn => ("knn", Baseline::Knn { k: args.neighbours }),
+        };
+        if found.iter().all(|(n, _)| *n != name) {
+            found.push((
+                name,
+                measure(baseline, &recording, &scene, &sequences, &traces, console)?,
+            ));
+        }
+    }
+    let text = text(&found);
+    let mut found = found.into_iter();
+    let Some((predictor, evaluation)) = found.next() else {
+        return Err(usage("nothing to evaluate: give --field or --baseline"));
+    };
+    let baselines = found.collect();
+    console.json(&Report {
+        predictor,
+        evaluation,
+        baselines,
+    })?;
+    console.report(text)
+}
+
+/// The errors of a baseline that is fitted on the train split.
+pub fn measure(
+    baseline: Baseline,
+    recording: &Recording,
+    scene: &Scene,
+    sequences: &[&Sequence],
+    traces: &[Trace],
+    console: &Console,
+) -> anyhow::Result<Evaluation> {
+    let test: Vec<_> = sequences.iter().copied().zip(traces).collect();
+    let predictions = match baseline {
+        Baseline::Zero => baseline.predict(&[], &test),
+        Baseline::Knn { .. } => {
+            let known = recording.sequences(None, Default::Train)?;
+            let learned = crate::recording::traces(scene, &known, console)?;
+            baseline.predict(&known.into_iter().zip(&learned).collect::<Vec<_>>(), &test)
+        }
+    };
+    Ok(score(scene, traces, &predictions)?)
+}
+
+fn text(found: &[(&'static str, Evaluation)]) -> String {
+    let Some((first, evaluation)) = found.first() else {
+        return String::new();
+    };
+    let unit = &evaluation.unit;
+    let mut text = format!(
+        "mean and sd of ||tau_hat - tau|| over {} samples [{unit}]\n",
+        evaluation.samples
+    );
+    let rows: Vec<_> = found
+        .iter()
+        .map(|(name, e)| vec![(*name).to_owned(), number(e.mean_error), number(e.sd_error)])
+        .collect();
+    text += &table(&["predictor", "mean", "sd"], &rows);
+    text += &format!("\nby sequence, {first} [{unit}]\n");
+    let rows: Vec<_> = evaluation
+        .per_sequence
+        .iter()
+        .map(|s| {
+            vec![
+                s.sequence.clone(),
+                number(s.mean_error),
+                number(s.sd_error),
+                number(s.zero_error),
+                s.samples.to_string(),
+                s.contact_samples.to_string(),
+            ]
+        })
+        .collect();
+    let header = [
+        "sequence",
+        "mean",
+        "sd",
+        "zero torque",
+        "samples",
+        "in contact",
+    ];
+    text += &table(&header, &rows);
+    text += &format!("\nby joint, {first}\n");
+    let rows: Vec<_> = evaluation
+        .per_joint
+        .iter()
+        .map(|j| {
+            vec![
+                j.joint.clone(),
+                number(j.mean_abs_error),
+                number(j.rms_error),
+                j.unit.to_owned(),
+            ]
+        })
+        .collect();
+    text + &table(&["joint", "mean abs", "rms", "unit"], &rows)
+}

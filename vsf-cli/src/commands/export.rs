@@ -1,0 +1,139 @@
+use crate::console::{Console, create_folder, write_file};
+use crate::exit::usage;
+use crate::field_file::{FieldFile, FieldFormat, save};
+use crate::pictures::{self, Surroundings, View};
+use crate::recording::{Default, Recording, traces};
+use crate::settings::{Group, SceneSettings, Sources};
+use serde::Serialize;
+use std::path::{Path, PathBuf};
+use vsf::pipeline::predict;
+
+#[derive(Debug, clap::Args)]
+#[command(after_help = "\
+Examples:
+  vsf export field.npz --out field.ply --out field.png
+  vsf export DATASET --field field.npz --out field.png     with camera view and robot
+  vsf export DATASET --field field.npz --torques plots/    one SVG per test sequence
+
+JSON keys: written.")]
+pub struct Args {
+    /// A field (.npz or folder), or the folder of a recording
+    input: PathBuf,
+    /// The field, when INPUT is a recording; by default the one stored in it
+    #[arg(long)]
+    field: Option<PathBuf>,
+    /// Where to write the field, by ending: .ply, .png, .svg, .npz, or a folder; may be repeated
+    #[arg(long)]
+    out: Vec<PathBuf>,
+    /// Folder for plots of measured and predicted torques, torques_<ID>.svg, with a band of one
+    /// standard deviation and the samples in contact shaded; INPUT must be a recording
+    #[arg(long, value_name = "DIR")]
+    torques: Option<PathBuf>,
+    /// IDs of the sequences to plot; the test split by default
+    #[arg(long, value_delimiter = ',')]
+    sequences: Option<Vec<String>>,
+    /// Show the standard deviation in place of the stiffness
+    #[arg(long)]
+    deviation: bool,
+    /// Stiffness at the end of the colour scale [N/m]; default the largest (.ply), or the 99 %
+    /// quantile (pictures)
+    #[arg(long)]
+    full_scale: Option<f64>,
+    #[command(flatten)]
+    sources: Sources,
+    #[command(flatten)]
+    scene: SceneSettings,
+}
+
+#[derive(Serialize)]
+struct Report {
+    written: Vec<PathBuf>,
+}
+
+pub fn run(args: &Args, console: &Console) -> anyhow::Result<()> {
+    if args.out.is_empty() && args.torques.is_none() {
+        return Err(usage("nothing to write: give --out FILE or --torques DIR"));
+    }
+    for out in &args.out {
+        FieldFormat::of(out)?;
+    }
+    let is_field = args.input.is_file() || args.input.join("K.npy").is_file();
+    let written = match (is_field, &args.torques) {
+        (true, Some(_)) => return Err(usage("--torques needs a recording and --field")),
+        (true, None) => {
+            let field = FieldFile::open(&args.input, console)?;
+            write_field(args, &field, &Surroundings::default())?
+        }
+        (false, _) => from_recording(args, console)?,
+    };
+    let lines: String = written
+        .iter()
+        .map(|p| format!("wrote {}\n", p.display()))
+        .collect();
+    console.json(&Report { written })?;
+    console.report(lines)
+}
+
+fn from_recording(args: &Args, console: &Console) -> anyhow::Result<Vec<PathBuf>> {
+    let settings = args.scene.resolve(&args.sources)?;
+    let recording = Recording::open(&args.input, &settings, console)?;
+    let field = recording.field(args.field.as_deref(), console)?;
+    let scene = recording.scene_of(&field, console)?;
+    let mut around = Surroundings::default();
+    if let Some(view) = &recording.dataset.camera {
+        around = around.camera(view, &field.field.points);
+    }
+    let shown = recording.sequences(None, Default::All)?[0];
+    around = around.robot(&scene, shown, &scene.trace(shown)?)?;
+    let mut written = write_field(args, &field, &around)?;
+    let Some(folder) = &args.torques else {
+        return Ok(written);
+    };
+    let sequences = recording.sequences(args.sequences.as_deref(), Default::Test)?;
+    let (belief, noise_sd) = (field.belief()?, field.noise_sd(console));
+    create_folder(folder)?;
+    for trace in &traces(&scene, &sequences, console)? {
+        let prediction = predict(&scene, &belief, noise_sd, trace)?;
+        let title = format!("{}, sequence {}", recording.dataset.name, trace.id);
+        let svg = pictures::torques(&scene, trace, &prediction, &title)?;
+        let path = folder.join(format!("torques_{}.svg", trace.id));
+        write_file(&path, svg.as_bytes())?;
+        written.push(path);
+    }
+    Ok(written)
+}
+
+fn write_field(
+    args: &Args,
+    file: &FieldFile,
+    around: &Surroundings,
+) -> anyhow::Result<Vec<PathBuf>> {
+    let title = file.path.file_stem().unwrap_or_default().to_string_lossy();
+    let view = View {
+        title: &title,
+        deviation: args.deviation,
+        limit: args.full_scale,
+    };
+    let field = &file.field;
+    for out in &args.out {
+        if let Some(parent) = out.parent().filter(|p| !p.as_os_str().is_empty()) {
+            create_folder(parent)?;
+        }
+        match FieldFormat::of(out)? {
+            FieldFormat::Png => {
+                write_file(out, &pictures::field(field, around, view, |v| v.png())?)?;
+            }
+            FieldFormat::Svg => {
+                write_file(
+                    out,
+                    pictures::field(field, around, view, |v| v.svg())?.as_bytes(),
+                )?;
+            }
+            FieldFormat::Ply => {
+                crate::interrupt::writing(|| field.save_ply(out as &Path, args.full_scale))?;
+            }
+            FieldFormat::Npz | FieldFormat::Folder => save(field, out)?,
+        }
+    }
+    Ok(args.out.clone())
+}

@@ -1,0 +1,253 @@
+use crate::console::{Console, number, table};
+use crate::recording::{Default, Recording, RecordingArgs, traces};
+use serde::Serialize;
+use vsf::contact::CacheUse;
+use vsf::core::nalgebra::Point3;
+use vsf::data::TorqueKind;
+use vsf::pipeline::{PipelineError, Scene, Trace};
+
+#[derive(Debug, clap::Args)]
+#[command(after_help = "\
+JSON keys: name, description, robot, joints (name, unit), torque_kind, rate_hz, tare_samples, train, \
+test, points, bounds ([lower, upper] in m), stored_field, camera, warnings, sequences (sequence, \
+samples, duration_s, touches, contact_samples, mean_contacts; the last two null without points), grids \
+(link, resolution_m, error_p99_m, reached, boundary_edges, edges, unsure_share), \
+links_without_inertia.")]
+pub struct Args {
+    #[command(flatten)]
+    recording: RecordingArgs,
+}
+
+#[derive(Serialize)]
+struct Report {
+    name: String,
+    description: String,
+    robot: String,
+    joints: Vec<Joint>,
+    torque_kind: &'static str,
+    rate_hz: Option<f64>,
+    tare_samples: usize,
+    train: Vec<String>,
+    test: Vec<String>,
+    points: usize,
+    bounds: Option<[[f64; 3]; 2]>,
+    stored_field: bool,
+    camera: bool,
+    warnings: Vec<String>,
+    sequences: Vec<Entry>,
+    grids: Vec<Grid>,
+    links_without_inertia: Vec<String>,
+}
+
+#[derive(Serialize)]
+struct Joint {
+    name: String,
+    unit: &'static str,
+}
+
+#[derive(Serialize)]
+struct Entry {
+    sequence: String,
+    samples: usize,
+    duration_s: f64,
+    touches: usize,
+    contact_samples: Option<usize>,
+    mean_contacts: Option<f64>,
+}
+
+#[derive(Serialize)]
+struct Grid {
+    link: String,
+    resolution_m: f64,
+    error_p99_m: f64,
+    reached: bool,
+    boundary_edges: usize,
+    edges: usize,
+    unsure_share: f64,
+}
+
+pub fn run(args: &Args, console: &Console) -> anyhow::Result<()> {
+    let recording = args.recording.open(console)?;
+    let sequences = recording.sequences(None, Default::All)?;
+    // A recording of free motion has no points, and nothing can be said about contact.
+    let (scene, traces) = match Scene::open(&recording.dataset, &recording.options) {
+        Ok(scene) => {
+            let traces = traces(&scene, &sequences, console)?;
+            (Some(scene), traces)
+        }
+        Err(PipelineError::NoPoints) => (None, Vec::new()),
+        Err(e) => return Err(e.into()),
+    };
+    let report = describe(recording, scene.as_ref(), &traces);
+    console.json(&report)?;
+    console.report(text(&report))
+}
+
+fn describe(recording: Recording, scene: Option<&Scene>, traces: &[Trace]) -> Report {
+    let Recording {
+        dataset, warnings, ..
+    } = recording;
+    let points = scene.map_or(&[][..], |s| s.rest.positions());
+    let link = |l: usize| scene.map_or("", |s| s.robot.links()[l].name()).to_owned();
+    let entry = |(k, s): (usize, &vsf::data::Sequence)| Entry {
+        sequence: s.id.clone(),
+        samples: s.len(),
+        duration_s: s.time.last().unwrap_or(&0.0) - s.time.first().unwrap_or(&0.0),
+        touches: s.touches().count(),
+        contact_samples: traces.get(k).map(Trace::contact_samples),
+        mean_contacts: traces.get(k).map(Trace::mean_contacts),
+    };
+    let grids = scene.map_or(&[][..], |s| &s.grids).iter().map(|g| {
+        if let CacheUse::NotStored(why) = &g.report.cache {
+            eprintln!("warning: grid not cached: {why}");
+        }
+        Grid {
+            link: link(g.link),
+            resolution_m: g.report.resolution,
+            error_p99_m: g.report.error.p99,
+            reached: g.report.reached,
+            boundary_edges: g.report.openness.boundary_edges,
+            edges: g.report.openness.edges,
+            unsure_share: g.report.openness.unsure_share,
+        }
+    });
+    let joint = |(j, joint): (usize, &vsf::robots::Joint)| Joint {
+        name: joint.name().to_owned(),
+        unit: scene.map_or("", |s| s.unit(j)),
+    };
+    let massless = scene.map_or_else(Vec::new, |s| {
+        s.robot
+            .links_without_inertia()
+            .map(|l| l.name().to_owned())
+            .collect()
+    });
+    Report {
+        robot: scene.map_or_else(
+            || dataset.robot.given.clone(),
+            |s| s.robot.name().to_owned(),
+        ),
+        joints: scene.map_or_else(Vec::new, |s| {
+            s.robot.joints().iter().enumerate().map(joint).collect()
+        }),
+        torque_kind: match dataset.torque_kind {
+            TorqueKind::External => "external",
+            TorqueKind::Measured => "measured",
+        },
+        points: points.len(),
+        bounds: bounds(points),
+        sequences: dataset.sequences.iter().enumerate().map(entry).collect(),
+        grids: grids.collect(),
+        links_without_inertia: massless,
+        stored_field: dataset.field.is_some(),
+        camera: dataset.camera.is_some(),
+        rate_hz: dataset.rate_hz,
+        tare_samples: dataset.tare_samples,
+        train: dataset.splits.train,
+        test: dataset.splits.test,
+        name: dataset.name,
+        description: dataset.description,
+        warnings,
+    }
+}
+
+fn bounds(points: &[Point3<f64>]) -> Option<[[f64; 3]; 2]> {
+    let first = points.first()?;
+    let lower = points.iter().fold(*first, |a, b| a.inf(b));
+    let upper = points.iter().fold(*first, |a, b| a.sup(b));
+    Some([lower.coords.into(), upper.coords.into()])
+}
+
+fn text(report: &Report) -> String {
+    let list = |ids: &[String]| match ids.is_empty() {
+        true => "none".to_owned(),
+        false => ids.join(", "),
+    };
+    let mut text = format!("{}\n", report.name);
+    if !report.description.is_empty() {
+        text += &format!("{}\n", report.description);
+    }
+    let joints: Vec<_> = report
+        .joints
+        .iter()
+        .map(|j| format!("{} [{}]", j.name, j.unit))
+        .collect();
+    text += &format!("  robot     {}: {}\n", report.robot, list(&joints));
+    text += &format!("  torques   {}", report.torque_kind);
+    if report.tare_samples > 0 {
+        text += &format!(", tared by the first {} samples", report.tare_samples);
+    }
+    text += &format!(
+        "\n  train     {}\n  test      {}\n",
+        list(&report.train),
+        list(&report.test)
+    );
+    match report.bounds {
+        Some([a, b]) => {
+            let range = |k: usize| format!("{:.3}..{:.3}", a[k], b[k]);
+            let (x, y, z) = (range(0), range(1), range(2));
+            text += &format!("  points    {}, x {x}, y {y}, z {z} m\n", report.points);
+        }
+        None => text += "  points    none: free motion, no stiffness to estimate\n",
+    }
+    let yes = |b: bool| if b { "yes" } else { "no" };
+    text += &format!(
+        "  camera    {}\n  field     {}\n",
+        yes(report.camera),
+        yes(report.stored_field)
+    );
+    if !report.links_without_inertia.is_empty() {
+        text += &format!("  massless  {}\n", list(&report.links_without_inertia));
+    }
+    text.push('\n');
+    let rows: Vec<_> = report
+        .sequences
+        .iter()
+        .map(|s| {
+            vec![
+                s.sequence.clone(),
+                s.samples.to_string(),
+                number(s.duration_s),
+                s.touches.to_string(),
+                s.contact_samples.map_or("-".to_owned(), |n| n.to_string()),
+                s.mean_contacts
+                    .map_or("-".to_owned(), |n| format!("{n:.0}")),
+            ]
+        })
+        .collect();
+    let header = [
+        "sequence",
+        "samples",
+        "seconds",
+        "touches",
+        "in contact",
+        "mean contacts",
+    ];
+    text += &table(&header, &rows);
+    if !report.grids.is_empty() {
+        let rows: Vec<_> = report
+            .grids
+            .iter()
+            .map(|g| {
+                vec![
+                    g.link.clone(),
+                    format!("{:.2}", 1e3 * g.resolution_m),
+                    format!("{:.3}", 1e3 * g.error_p99_m),
+                    format!("{} of {}", g.boundary_edges, g.edges),
+                    format!("{:.1} %", 100.0 * g.unsure_share),
+                ]
+            })
+            .collect();
+        text.push('\n');
+        text += &table(
+            &[
+                "mesh of link",
+                "grid mm",
+                "p99 error mm",
+                "open edges",
+                "side unsure",
+            ],
+            &rows,
+        );
+    }
+    text
+}

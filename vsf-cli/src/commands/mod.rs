@@ -1,0 +1,25 @@
+pub mod bench;
+pub mod estimate;
+pub mod evaluate;
+pub mod export;
+pub mod info;
+pub mod predict;
+mod quickstart;
+pub mod simulate;
+
+use crate::cli::Command;
+use crate::console::Console;
+
+/// Runs a command, or the quick start.
+pub fn run(command: &Option<Command>, console: &Console) -> anyhow::Result<()> {
+    match command {
+        None => quickstart::run(console),
+        Some(Command::Info(args)) => info::run(args, console),
+        Some(Command::Estimate(args)) => estimate::run(args, console),
+        Some(Command::Predict(args)) => predict::run(args, console),
+        Some(Command::Evaluate(args)) => evaluate::run(args, console),
+        Some(Command::Simulate(args)) => simulate::run(args, console),
+        Some(Command::Export(args)) => export::run(args, console),
+        Some(Command::Bench(args)) => bench::run(args, console),
+    }
+}

@@ -1,0 +1,120 @@
+use crate::console::Console;
+use crate::interrupt::writing;
+use crate::npy::write_rows;
+use crate::recording::{Default, RecordingArgs, traces};
+use serde::Serialize;
+use std::path::PathBuf;
+use vsf::data::{Dataset, Sequence, Splits, Table, TorqueKind};
+use vsf::pipeline::{SequencePrediction, predict};
+
+#[derive(Debug, clap::Args)]
+#[command(after_help = "\
+DIR becomes a recording of its own: the same joint angles, and in torques.npy the predicted external \
+torques. Each sequence also gets torques_sd.npy, (T, d): the standard deviation of independent points \
+plus the noise that the field was estimated with.
+
+JSON keys: out, noise_sd, sequences (sequence, samples, contact_samples).")]
+pub struct Args {
+    #[command(flatten)]
+    recording: RecordingArgs,
+    /// The field, .npz or folder; by default the one stored in the recording
+    #[arg(long)]
+    field: Option<PathBuf>,
+    /// IDs of the sequences to predict; the test split by default
+    #[arg(long, value_delimiter = ',')]
+    sequences: Option<Vec<String>>,
+    /// Folder to write to
+    #[arg(long)]
+    out: PathBuf,
+}
+
+#[derive(Serialize)]
+struct Report<'a> {
+    out: &'a PathBuf,
+    noise_sd: f64,
+    sequences: Vec<Entry<'a>>,
+}
+
+#[derive(Serialize)]
+struct Entry<'a> {
+    sequence: &'a str,
+    samples: usize,
+    contact_samples: usize,
+}
+
+pub fn run(args: &Args, console: &Console) -> anyhow::Result<()> {
+    let recording = args.recording.open(console)?;
+    let sequences = recording.sequences(args.sequences.as_deref(), Default::Test)?;
+    let field = recording.field(args.field.as_deref(), console)?;
+    let scene = recording.scene_of(&field, console)?;
+    let (belief, noise_sd) = (field.belief()?, field.noise_sd(console));
+    let traces = traces(&scene, &sequences, console)?;
+    let predictions = traces
+        .iter()
+        .map(|t| predict(&scene, &belief, noise_sd, t))
+        .collect::<Result<Vec<_>, _>>()?;
+
+    let predicted = sequences
+        .iter()
+        .zip(&predictions)
+        .map(|(s, p)| with_torques(s, p))
+        .collect::<Result<Vec<_>, _>>()?;
+    let dataset = Dataset {
+        description: format!(
+            "Torques predicted by a stiffness field. {}",
+            recording.dataset.description
+        ),
+        torque_kind: TorqueKind::External,
+        tare_samples: 0,
+        ..subset(&recording.dataset, predicted)
+    };
+    writing(|| dataset.save(&args.out))?;
+    for p in &predictions {
+        write_rows(
+            &args
+                .out
+                .join(format!("seq_{}", p.id))
+                .join("torques_sd.npy"),
+            &p.sd,
+        )?;
+    }
+    let entries = traces.iter().map(|t| Entry {
+        sequence: &t.id,
+        samples: t.observations.len(),
+        contact_samples: t.contact_samples(),
+    });
+    console.json(&Report {
+        out: &args.out,
+        noise_sd,
+        sequences: entries.collect(),
+    })?;
+    let (count, out) = (traces.len(), args.out.display());
+    console.report(format!(
+        "wrote {out}: torques.npy and torques_sd.npy of {count} sequences\n"
+    ))
+}
+
+fn with_torques(sequence: &Sequence, prediction: &SequencePrediction) -> anyhow::Result<Sequence> {
+    Ok(Sequence {
+        torques: Table::new(sequence.width(), prediction.mean.concat())?,
+        ..sequence.clone()
+    })
+}
+
+/// The recording with these of its sequences, without stored field and camera.
+pub fn subset(dataset: &Dataset, sequences: Vec<Sequence>) -> Dataset {
+    let kept = |ids: &[String]| {
+        let known = |id: &&String| sequences.iter().any(|s| s.id == **id);
+        ids.iter().filter(known).cloned().collect::<Vec<_>>()
+    };
+    Dataset {
+        splits: Splits {
+            train: kept(&dataset.splits.train),
+            test: kept(&dataset.splits.test),
+        },
+        field: None,
+        camera: None,
+        sequences,
+        ..dataset.clone()
+    }
+}

@@ -1,0 +1,187 @@
+use crate::commands::estimate::{how, learn};
+use crate::commands::evaluate::measure;
+use crate::console::{Console, create_folder, number, table, write_file};
+use crate::field_file::{FieldFile, save};
+use crate::pictures::{self, Surroundings, View};
+use crate::recording::{Default, Recording, traces};
+use crate::settings::{EstimatorSettings, SceneSettings};
+use serde::Serialize;
+use std::path::Path;
+use std::time::Instant;
+use vsf::pipeline::{Baseline, Evaluation, evaluate, predict};
+
+const FOLDER: &str = "vsf-quickstart";
+
+macro_rules! embedded {
+    ($($file:literal),* $(,)?) => {
+        &[$(($file, include_bytes!(concat!("../../data/orange_tree/", $file)))),*]
+    };
+}
+
+/// The recording: see `data/orange_tree/README.md`.
+const RECORDING: &[(&str, &[u8])] = embedded![
+    "README.md",
+    "camera/camera.json",
+    "camera/color.png",
+    "camera/depth.png",
+    "points.npy",
+    "robot.urdf",
+    "seq_000/angles.npy",
+    "seq_000/time.npy",
+    "seq_000/torques.npy",
+    "seq_000/velocities.npy",
+    "seq_001/angles.npy",
+    "seq_001/time.npy",
+    "seq_001/torques.npy",
+    "seq_001/velocities.npy",
+    "seq_004/angles.npy",
+    "seq_004/time.npy",
+    "seq_004/torques.npy",
+    "seq_004/velocities.npy",
+    "seq_007/angles.npy",
+    "seq_007/time.npy",
+    "seq_007/torques.npy",
+    "seq_007/velocities.npy",
+    "dataset.json",
+];
+
+const HEAD: &str = "\
+A Kinova Gen3 pushes into a small orange tree. From the joint angles and torques of one push, vsf
+estimates how stiff the tree is at every point, then predicts the torques of three other pushes.
+
+";
+
+/// Keys: as those of `estimate` and `evaluate`.
+#[derive(Serialize)]
+struct Report<'a> {
+    folder: &'a str,
+    prior_sd: f64,
+    noise_sd: f64,
+    touched_points: usize,
+    field: &'a Evaluation,
+    zero: &'a Evaluation,
+    knn: &'a Evaluation,
+}
+
+/// The main job on an embedded recording.
+pub fn run(console: &Console) -> anyhow::Result<()> {
+    let start = Instant::now();
+    console.report(HEAD)?;
+    let folder = Path::new(FOLDER);
+    let dataset = folder.join("recording");
+    unpack(&dataset)?;
+    let recording = Recording::open(&dataset, &SceneSettings::default(), console)?;
+    let train = recording.sequences(None, Default::Train)?;
+    let test = recording.sequences(None, Default::Test)?;
+    let scene = recording.scene(console)?;
+    let learned = traces(&scene, &train, console)?;
+    let chosen = learn(&scene, &learned, &EstimatorSettings::default(), console)?;
+    let hyper = chosen.estimate.hyper;
+
+    let unseen = traces(&scene, &test, console)?;
+    let ours = evaluate(&scene, &chosen.estimate.belief, &unseen)?;
+    let of = |baseline| measure(baseline, &recording, &scene, &test, &unseen, console);
+    let (zero, knn) = (of(Baseline::Zero)?, of(Baseline::Knn { k: 50 })?);
+
+    let field = FieldFile::new(&scene, &chosen.estimate)?;
+    save(&field, &folder.join("field.npz"))?;
+    save(&field, &folder.join("field.ply"))?;
+    let mut around = Surroundings::default().robot(&scene, train[0], &learned[0])?;
+    if let Some(view) = &recording.dataset.camera {
+        around = around.camera(view, &field.points);
+    }
+    let view = View {
+        title: "Orange tree, stiffness estimated from one push",
+        deviation: false,
+        limit: None,
+    };
+    let png = pictures::field(&field, &around, view, |v| v.png())?;
+    write_file(&folder.join("field.png"), &png)?;
+    let prediction = predict(&scene, &chosen.estimate.belief, hyper.noise_sd, &unseen[0])?;
+    let title = format!(
+        "Orange tree, push {}, not used for the estimate",
+        unseen[0].id
+    );
+    let svg = pictures::torques(&scene, &unseen[0], &prediction, &title)?;
+    write_file(&folder.join("torques.svg"), svg.as_bytes())?;
+
+    let touched_points = chosen.estimate.touched.iter().filter(|t| **t).count();
+    console.json(&Report {
+        folder: FOLDER,
+        prior_sd: hyper.prior_sd,
+        noise_sd: hyper.noise_sd,
+        touched_points,
+        field: &ours,
+        zero: &zero,
+        knn: &knn,
+    })?;
+    let mut text = format!(
+        "{touched_points} of {} points were touched; prior N(0, {}²) N/m and noise sd {} N m,\n{}.\n\n",
+        scene.rest.len(),
+        number(hyper.prior_sd),
+        number(hyper.noise_sd),
+        how(chosen.method),
+    );
+    text += &errors(&ours, &zero, &knn);
+    text += &tail(start.elapsed().as_secs_f64());
+    console.report(text)
+}
+
+fn unpack(dataset: &Path) -> anyhow::Result<()> {
+    for (name, bytes) in RECORDING {
+        let path = dataset.join(name);
+        if let Some(parent) = path.parent() {
+            create_folder(parent)?;
+        }
+        write_file(&path, bytes)?;
+    }
+    Ok(())
+}
+
+fn errors(ours: &Evaluation, zero: &Evaluation, knn: &Evaluation) -> String {
+    let all = std::iter::once(vec![
+        "all".to_owned(),
+        number(ours.mean_error),
+        number(zero.mean_error),
+        number(knn.mean_error),
+    ]);
+    let each = (0..ours.per_sequence.len()).map(|k| {
+        let error = |e: &Evaluation| number(e.per_sequence[k].mean_error);
+        vec![
+            ours.per_sequence[k].sequence.clone(),
+            error(ours),
+            error(zero),
+            error(knn),
+        ]
+    });
+    let rows: Vec<_> = each.chain(all).collect();
+    let header = [
+        "unseen push",
+        "stiffness field",
+        "zero torque",
+        "nearest neighbours",
+    ];
+    format!(
+        "Mean error of the predicted joint torques, ||tau_hat - tau|| [N m]:\n{}",
+        table(&header, &rows)
+    )
+}
+
+fn tail(seconds: f64) -> String {
+    format!(
+        "
+Done in {seconds:.1} s. In ./{FOLDER}:
+  field.png    the field: stiff parts dark, untouched points grey
+  torques.svg  measured and predicted torques of one unseen push
+  field.ply    the field as a coloured point cloud (MeshLab, CloudCompare, Blender)
+  field.npz    the field for NumPy and for the other commands
+  recording/   the touch recording: angles, torques, points, robot
+
+Next:
+  vsf info {FOLDER}/recording
+  vsf evaluate {FOLDER}/recording --field {FOLDER}/field.npz --baseline zero,knn
+  vsf estimate {FOLDER}/recording --preset paper --out paper.npz
+  vsf --help
+"
+    )
+}

@@ -1,0 +1,74 @@
+use crate::commands::predict::subset;
+use crate::console::Console;
+use crate::interrupt::writing;
+use crate::recording::{Default, RecordingArgs};
+use serde::Serialize;
+use std::path::PathBuf;
+use vsf::pipeline::simulate;
+
+#[derive(Debug, clap::Args)]
+#[command(after_help = "\
+The new recording has the joint angles and times of DATASET and the torques that the field gives, of \
+the same torque kind.
+
+JSON keys: out, sequences, samples, noise_sd, seed.")]
+pub struct Args {
+    #[command(flatten)]
+    recording: RecordingArgs,
+    /// The field, .npz or folder; by default the one stored in the recording
+    #[arg(long)]
+    field: Option<PathBuf>,
+    /// IDs of the sequences to take; all by default
+    #[arg(long, value_delimiter = ',')]
+    sequences: Option<Vec<String>>,
+    /// Folder to write to
+    #[arg(long)]
+    out: PathBuf,
+    /// Standard deviation of the noise added to every reading [N m or N]
+    #[arg(long, default_value_t = 0.0)]
+    noise_sd: f64,
+    /// Seed of the noise: same seed, same readings
+    #[arg(long, default_value_t = 0)]
+    seed: u64,
+}
+
+#[derive(Serialize)]
+struct Report<'a> {
+    out: &'a PathBuf,
+    sequences: usize,
+    samples: usize,
+    noise_sd: f64,
+    seed: u64,
+}
+
+pub fn run(args: &Args, console: &Console) -> anyhow::Result<()> {
+    let recording = args.recording.open(console)?;
+    let sequences = recording.sequences(args.sequences.as_deref(), Default::All)?;
+    let field = recording.field(args.field.as_deref(), console)?;
+    let scene = recording.scene_of(&field, console)?;
+    let sequences: Vec<_> = sequences.into_iter().cloned().collect();
+    let spinner = console.spinner("simulating");
+    let simulated = simulate(
+        &scene,
+        &field.field.stiffness,
+        &sequences,
+        args.noise_sd,
+        args.seed,
+    )?;
+    spinner.finish_and_clear();
+    let dataset = subset(&recording.dataset, simulated);
+    writing(|| dataset.save(&args.out))?;
+    let report = Report {
+        out: &args.out,
+        sequences: dataset.sequences.len(),
+        samples: dataset.sequences.iter().map(|s| s.len()).sum(),
+        noise_sd: args.noise_sd,
+        seed: args.seed,
+    };
+    console.json(&report)?;
+    let out = args.out.display();
+    console.report(format!(
+        "wrote {out}: {} sequences, {} samples\n",
+        report.sequences, report.samples
+    ))
+}

@@ -1,0 +1,137 @@
+use crate::interrupt::writing;
+use anyhow::Context;
+use indicatif::{ProgressBar, ProgressStyle};
+use serde::Serialize;
+use std::fmt::Display;
+use std::io::{ErrorKind, Write};
+use std::path::{Path, PathBuf};
+
+/// Where results go.
+pub struct Console {
+    quiet: bool,
+    json: Option<Option<PathBuf>>,
+}
+
+impl Console {
+    /// `json`: not wanted, to standard output, or to a file.
+    pub fn new(quiet: bool, json: Option<Option<PathBuf>>) -> Self {
+        Self { quiet, json }
+    }
+
+    /// The report for people, unless quiet or standard output belongs to the machine.
+    pub fn report(&self, text: impl Display) -> anyhow::Result<()> {
+        match self.quiet || self.json == Some(None) {
+            true => Ok(()),
+            false => print(&text.to_string()),
+        }
+    }
+
+    /// The result for machines, if wanted.
+    pub fn json(&self, result: &impl Serialize) -> anyhow::Result<()> {
+        let Some(target) = &self.json else {
+            return Ok(());
+        };
+        let text = serde_json::to_string_pretty(result).context("cannot write JSON")? + "\n";
+        match target {
+            Some(path) => write_file(path, text.as_bytes()),
+            None => print(&text),
+        }
+    }
+
+    /// A warning, always.
+    pub fn warn(&self, warning: impl Display) {
+        eprintln!("warning: {warning}");
+    }
+
+    /// A bar of `steps` steps on standard error, drawn on terminals only.
+    pub fn bar(&self, steps: usize, what: &'static str) -> ProgressBar {
+        if self.quiet {
+            return ProgressBar::hidden();
+        }
+        let style = ProgressStyle::with_template("{msg} {bar:30} {pos}/{len} {elapsed}");
+        let bar = ProgressBar::new(steps as u64)
+            .with_style(style.unwrap_or_else(|_| ProgressStyle::default_bar()))
+            .with_message(what);
+        bar.tick();
+        bar
+    }
+
+    /// A spinner for work of unknown length, drawn on terminals only.
+    pub fn spinner(&self, what: &'static str) -> ProgressBar {
+        if self.quiet {
+            return ProgressBar::hidden();
+        }
+        let bar = ProgressBar::new_spinner().with_message(what);
+        bar.enable_steady_tick(std::time::Duration::from_millis(120));
+        bar
+    }
+}
+
+/// A reader that went away (`vsf info | head`) is no error.
+fn print(text: &str) -> anyhow::Result<()> {
+    let mut out = std::io::stdout().lock();
+    match out.write_all(text.as_bytes()).and_then(|()| out.flush()) {
+        Err(e) if e.kind() == ErrorKind::BrokenPipe => Ok(()),
+        done => done.context("cannot write to standard output"),
+    }
+}
+
+/// Replaces a file as a whole.
+pub fn write_file(path: &Path, bytes: &[u8]) -> anyhow::Result<()> {
+    let folder = match path.parent() {
+        Some(p) if !p.as_os_str().is_empty() => p,
+        _ => Path::new("."),
+    };
+    let write = || {
+        let mut options = tempfile::Builder::new();
+        options.prefix(".vsf-").suffix(".part");
+        // Readable as any other file is, not only by its owner as temporary files are.
+        #[cfg(unix)]
+        options.permissions(std::os::unix::fs::PermissionsExt::from_mode(0o666));
+        let mut file = options.tempfile_in(folder)?;
+        file.write_all(bytes)?;
+        file.persist(path).map_err(|e| e.error)?;
+        Ok::<(), std::io::Error>(())
+    };
+    writing(write).with_context(|| format!("cannot write {}", path.display()))
+}
+
+/// Creates a folder and those above it.
+pub fn create_folder(path: &Path) -> anyhow::Result<()> {
+    std::fs::create_dir_all(path).with_context(|| format!("cannot create {}", path.display()))
+}
+
+/// Columns of text, the first to the left, the others to the right.
+pub fn table(header: &[&str], rows: &[Vec<String>]) -> String {
+    let mut lines = vec![header.iter().map(ToString::to_string).collect::<Vec<_>>()];
+    lines.extend_from_slice(rows);
+    let width = |column: usize| {
+        let cell = |line: &Vec<String>| line.get(column).map_or(0, |c| c.chars().count());
+        lines.iter().map(cell).max().unwrap_or(0)
+    };
+    let widths: Vec<usize> = (0..header.len()).map(width).collect();
+    let mut text = String::new();
+    for line in lines {
+        for (column, cell) in line.iter().enumerate() {
+            let width = widths.get(column).copied().unwrap_or(0);
+            text += &match column {
+                0 => format!("  {cell:<width$}"),
+                _ => format!("  {cell:>width$}"),
+            };
+        }
+        text = text.trim_end().to_owned() + "\n";
+    }
+    text
+}
+
+/// Four significant digits.
+pub fn number(value: f64) -> String {
+    if value == 0.0 || !value.is_finite() {
+        return value.to_string();
+    }
+    let decimals = (3 - value.abs().log10().floor() as i32).clamp(0, 9) as usize;
+    match value.abs() {
+        v if (1e-4..1e6).contains(&v) => format!("{value:.decimals$}"),
+        _ => format!("{value:.3e}"),
+    }
+}

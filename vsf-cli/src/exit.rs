@@ -1,0 +1,45 @@
+use std::process::ExitCode;
+use vsf::contact::ContactError;
+use vsf::core::CoreError;
+use vsf::pipeline::PipelineError;
+
+/// A wish that cannot be met as it was put, in one line.
+#[derive(Debug, thiserror::Error)]
+#[error("{0}")]
+pub struct Usage(pub String);
+
+/// A [`Usage`] error.
+pub fn usage(problem: impl Into<String>) -> anyhow::Error {
+    Usage(problem.into()).into()
+}
+
+/// Prints the error and its causes in one line and chooses the exit code.
+pub fn report(error: &anyhow::Error) -> ExitCode {
+    let mut line = error.to_string();
+    for cause in error.chain().skip(1).map(ToString::to_string) {
+        // Most messages already quote their cause.
+        if !line.contains(&cause) {
+            line = format!("{line}: {cause}");
+        }
+    }
+    eprintln!("error: {}", line.replace('\n', " "));
+    ExitCode::from(code(error))
+}
+
+fn code(error: &anyhow::Error) -> u8 {
+    if error.chain().any(|e| e.is::<Usage>() || is_parameter(e)) {
+        2
+    } else if error.chain().any(|e| e.is::<std::io::Error>()) {
+        3
+    } else {
+        1
+    }
+}
+
+fn is_parameter(error: &(dyn std::error::Error + 'static)) -> bool {
+    let core = |e: &CoreError| matches!(e, CoreError::Parameter { .. });
+    match error.downcast_ref::<PipelineError>() {
+        Some(PipelineError::Core(e) | PipelineError::Contact(ContactError::Core(e))) => core(e),
+        _ => false,
+    }
+}

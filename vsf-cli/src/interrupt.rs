@@ -1,0 +1,33 @@
+//! Ctrl-C. Nothing is polled: work in memory may be dropped at any time, and writing is guarded.
+
+use anyhow::Context;
+use std::process::exit;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::{Mutex, PoisonError};
+
+/// Held while files are written.
+static WRITING: Mutex<()> = Mutex::new(());
+const INTERRUPTED: i32 = 130;
+
+/// The first Ctrl-C waits for files that are being written and ends the process, the second ends
+/// it at once (files are replaced by a rename, so that none is ever half).
+pub fn install() -> anyhow::Result<()> {
+    let again = AtomicBool::new(false);
+    ctrlc::set_handler(move || {
+        if again.swap(true, Ordering::SeqCst) {
+            exit(INTERRUPTED);
+        }
+        std::thread::spawn(|| {
+            let _whole = WRITING.lock().unwrap_or_else(PoisonError::into_inner);
+            eprintln!("interrupted");
+            exit(INTERRUPTED);
+        });
+    })
+    .context("cannot handle Ctrl-C")
+}
+
+/// Runs something that writes files; an interruption waits for its end.
+pub fn writing<T>(write: impl FnOnce() -> T) -> T {
+    let _guard = WRITING.lock().unwrap_or_else(PoisonError::into_inner);
+    write()
+}

@@ -1,0 +1,169 @@
+use vsf::core::nalgebra::Point3;
+use vsf::data::{CameraView, Sequence, StiffnessField};
+use vsf::pipeline::{Scene, SequencePrediction, Trace};
+use vsf::plot::{ColourLimit, FieldView, JointTrace, TorquePlot};
+
+use crate::field_file::touched;
+
+/// What stands around a field in its picture.
+#[derive(Default)]
+pub struct Surroundings {
+    points_W: Vec<Point3<f64>>,
+    colours: Vec<[u8; 3]>,
+    robot_W: Vec<Vec<Point3<f64>>>,
+}
+
+impl Surroundings {
+    /// Adds the surface that a camera saw, every `step`-th pixel of every `step`-th row.
+    pub fn camera(mut self, view: &CameraView, near: &[Point3<f64>]) -> Self {
+        const STEP: usize = 3;
+        const MARGIN: f64 = 0.05;
+        let Some(first) = near.first() else {
+            return self;
+        };
+        let lower = near.iter().fold(*first, |a, b| a.inf(b));
+        let upper = near.iter().fold(*first, |a, b| a.sup(b));
+        let width = view.width as usize;
+        for (i, &depth) in view.depth.iter().enumerate().filter(|(_, d)| **d > 0) {
+            let (row, column) = (i / width, i % width);
+            if row % STEP != 0 || column % STEP != 0 {
+                continue;
+            }
+            let z = f64::from(depth) * view.depth_scale;
+            let p_C = Point3::new(
+                (column as f64 - view.cx) / view.fx * z,
+                (row as f64 - view.cy) / view.fy * z,
+                z,
+            );
+            let p_W = view.X_WC * p_C;
+            if (0..3).all(|k| p_W[k] > lower[k] - MARGIN && p_W[k] < upper[k] + MARGIN) {
+                self.points_W.push(p_W);
+                self.colours.push([
+                    view.color[3 * i],
+                    view.color[3 * i + 1],
+                    view.color[3 * i + 2],
+                ]);
+            }
+        }
+        self
+    }
+
+    /// Adds the robot at the sample with the most contacts.
+    pub fn robot(
+        mut self,
+        scene: &Scene,
+        sequence: &Sequence,
+        trace: &Trace,
+    ) -> anyhow::Result<Self> {
+        let busiest = trace
+            .observations
+            .iter()
+            .enumerate()
+            .max_by_key(|(_, o)| o.len());
+        let Some((row, _)) = busiest else {
+            return Ok(self);
+        };
+        let mut posture = scene.robot.posture();
+        scene
+            .robot
+            .update_posture(&sequence.angles[row], &mut posture)?;
+        let origin = |link: usize| Point3::from(posture.link_poses()[link].translation.vector);
+        self.robot_W = scene
+            .robot
+            .links()
+            .iter()
+            .enumerate()
+            .filter_map(|(l, link)| Some(vec![origin(link.parent()?), origin(l)]))
+            .collect();
+        Ok(self)
+    }
+}
+
+/// What a picture of a field shows.
+#[derive(Clone, Copy)]
+pub struct View<'a> {
+    pub title: &'a str,
+    /// The standard deviation in place of the stiffness.
+    pub deviation: bool,
+    /// Value at the end of the colour bar [N/m].
+    pub limit: Option<f64>,
+}
+
+/// Draws a field; `draw` chooses the format.
+pub fn field<T>(
+    field: &StiffnessField,
+    around: &Surroundings,
+    view: View,
+    draw: impl FnOnce(&FieldView) -> Result<T, vsf::plot::PlotError>,
+) -> anyhow::Result<T> {
+    let none = Vec::new();
+    let values = match view.deviation {
+        true => field.sd.as_ref().unwrap_or(&none),
+        false => &field.stiffness,
+    };
+    if values.is_empty() {
+        anyhow::bail!("the field has no standard deviation (K_std)");
+    }
+    // Estimators without the bound K >= 0 may go below; the scale starts at 0.
+    let values: Vec<f64> = values.iter().map(|v| v.max(0.0)).collect();
+    Ok(draw(&FieldView {
+        points_W: &field.points,
+        stiffness: &values,
+        touched: &touched(field),
+        context_W: &around.points_W,
+        context_colours: &around.colours,
+        robot_W: &around.robot_W,
+        title: view.title,
+        quantity: if view.deviation {
+            "standard deviation"
+        } else {
+            "stiffness"
+        },
+        limit: view
+            .limit
+            .map_or_else(ColourLimit::default, ColourLimit::Value),
+        ..FieldView::default()
+    })?)
+}
+
+/// Draws measured against predicted torques of a sequence, with the touched samples shaded.
+pub fn torques(
+    scene: &Scene,
+    trace: &Trace,
+    prediction: &SequencePrediction,
+    title: &str,
+) -> anyhow::Result<String> {
+    let column = |rows: &[Vec<f64>], j: usize| rows.iter().map(|r| r[j]).collect::<Vec<_>>();
+    let columns: Vec<_> = (0..scene.robot.joint_count())
+        .map(|j| {
+            let measured: Vec<f64> = trace.observations.iter().map(|o| o.reading()[j]).collect();
+            (
+                measured,
+                column(&prediction.mean, j),
+                column(&prediction.sd, j),
+            )
+        })
+        .collect();
+    let joints: Vec<JointTrace> = scene
+        .robot
+        .joints()
+        .iter()
+        .enumerate()
+        .zip(&columns)
+        .map(|((j, joint), (measured, predicted, sigma))| JointTrace {
+            name: joint.name(),
+            unit: scene.unit(j),
+            measured,
+            predicted,
+            sigma,
+        })
+        .collect();
+    let contact: Vec<bool> = trace.observations.iter().map(|o| !o.is_empty()).collect();
+    Ok(TorquePlot {
+        time: &trace.time,
+        joints: &joints,
+        contact: &contact,
+        title,
+    }
+    .svg()?)
+}
