@@ -66,7 +66,7 @@ struct Entering {
 }
 
 /// Pose of a link's shape and the box in the link frame that holds all places in contact with it.
-#[derive(Debug, Clone, Copy)]
+#[derive(Debug, Clone)]
 struct LinkPose {
     R_WL: Matrix3<f64>,
     p_WL: Vector3<f64>,
