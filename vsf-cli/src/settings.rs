@@ -13,7 +13,7 @@ use vsf::contact::{ContactConfig, GridOptions};
 use vsf::core::nalgebra::{Isometry3, Translation3, UnitQuaternion, Vector3};
 use vsf::data::{JointType, Overrides, RobotRef, Splits, TorqueKind};
 use vsf::filter::{DiagonalForm, ReplayConfig, ReplayVariance};
-use vsf::pipeline::{EstimatorSpec, SceneOptions};
+use vsf::pipeline::{EstimatorSpec, Method, SceneOptions};
 
 /// Where parameters come from besides the flags.
 #[derive(Debug, Clone, Default, Args)]
@@ -32,7 +32,7 @@ pub struct Sources {
 enum Preset {
     /// All values of the paper: prior N(0, 0.1²), noise sd 1, eq. 7 and Alg. 1 as printed (20
     /// replays, buffer emptied before each sequence, variances shrunk again by every replay),
-    /// threshold 2 mm, friction 0.15, slip step 0.1 mm
+    /// threshold 2 mm, friction 0.15, slip step 0.1 mm, points instead of cubes
     Paper,
 }
 
@@ -48,6 +48,7 @@ impl Preset {
             threshold = 0.002
             friction = 0.15
             slip-step = 0.0001
+            subdivision = 1
         }
     }
 }
@@ -108,6 +109,10 @@ pub struct SceneSettings {
     /// Offset added to the robot's surface [m], default 0
     #[arg(long, allow_hyphen_values = true)]
     padding: Option<f64>,
+    /// Sub-points per edge of the cube that a rest point stands for, 1 to 8, default 2; 1 moves
+    /// the rest points alone, as the paper does, at an eighth of the cost
+    #[arg(long)]
+    subdivision: Option<usize>,
     /// Spacing of the distance grids of meshes [m]; chosen for an error of 0.5 mm by default
     #[arg(long)]
     grid_resolution: Option<f64>,
@@ -156,6 +161,8 @@ enum EstimatorKind {
     Printed,
     /// Gain from the variances after the update, with memory replay
     Updated,
+    /// The constrained optimum over all samples at once, offline
+    Batch,
 }
 
 /// A group of parameters that a command takes.
@@ -286,7 +293,9 @@ impl SceneSettings {
             },
             links: self.links.clone(),
             packages,
-            ..SceneOptions::default()
+            subdivision: self
+                .subdivision
+                .unwrap_or(SceneOptions::default().subdivision),
         })
     }
 }
@@ -303,16 +312,23 @@ impl EstimatorSettings {
     /// The estimator.
     pub fn spec(&self) -> anyhow::Result<EstimatorSpec> {
         let kind = self.estimator.unwrap_or(EstimatorKind::Replay);
-        let alone = kind == EstimatorKind::Diagonal;
+        let alone = matches!(kind, EstimatorKind::Diagonal | EstimatorKind::Batch);
         if alone && self.replay.is_some_and(|r| r > 0) {
-            return Err(usage(
-                "the estimator `diagonal` has no replay; choose `replay`",
-            ));
+            let name = self.name();
+            return Err(usage(format!(
+                "the estimator `{name}` has no replay; choose `replay`",
+            )));
         }
         let defaults = ReplayConfig::default();
         Ok(EstimatorSpec {
+            method: match kind {
+                EstimatorKind::Batch => Method::Batch,
+                _ => Method::Online,
+            },
             form: match kind {
-                EstimatorKind::Replay | EstimatorKind::Diagonal => DiagonalForm::Innovation,
+                EstimatorKind::Replay | EstimatorKind::Diagonal | EstimatorKind::Batch => {
+                    DiagonalForm::Innovation
+                }
                 EstimatorKind::Printed => DiagonalForm::Printed,
                 EstimatorKind::Updated => DiagonalForm::InnovationUpdated,
             },
@@ -333,7 +349,6 @@ impl EstimatorSettings {
                 clear_on_sequence: self.clear_replay.unwrap_or(defaults.clear_on_sequence),
                 ..defaults
             },
-            ..EstimatorSpec::default()
         })
     }
 

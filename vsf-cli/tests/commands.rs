@@ -1,0 +1,194 @@
+//! The commands end to end on a small recording.
+
+mod common;
+use common::{Bench, vsf};
+use std::fs;
+
+fn has_keys(json: &str, keys: &[&str]) {
+    for key in keys {
+        assert!(
+            json.contains(&format!("\"{key}\":")),
+            "{key} is missing in {json}"
+        );
+    }
+}
+
+/// The number behind the first `"key": `.
+fn value(json: &str, key: &str) -> f64 {
+    let start = json.find(&format!("\"{key}\": ")).expect(key) + key.len() + 4;
+    let end = json[start..].find([',', '\n']).expect(key);
+    json[start..start + end].trim().parse().expect(key)
+}
+
+#[test]
+fn round_trip() {
+    let bench = Bench::touched();
+    let json = bench.ok("estimate touch --out field.npz --out field.ply --out folder --json");
+    has_keys(
+        &json,
+        &[
+            "prior_sd",
+            "noise_sd",
+            "chosen_by",
+            "touched_points",
+            "nis_ratio",
+            "out",
+        ],
+    );
+
+    let json = bench.ok("evaluate touch --field field.npz --baseline zero,knn --json");
+    has_keys(
+        &json,
+        &[
+            "mean_error",
+            "sd_error",
+            "per_sequence",
+            "per_joint",
+            "samples",
+            "unit",
+            "baselines",
+            "knn",
+        ],
+    );
+    let (error, zero) = (value(&json, "mean_error"), value(&json, "zero_error"));
+    assert!(error < 0.3 * zero, "{error} N against {zero} N");
+    assert_eq!(value(&json, "samples"), common::ROWS as f64);
+    let folder = bench.ok("evaluate touch --field folder --json");
+    assert_eq!(value(&folder, "mean_error"), error);
+
+    // Predictions are a recording whose torques the field explains exactly.
+    bench.ok("predict touch --field field.npz --out predicted");
+    assert!(bench.root.join("predicted/seq_c/torques_sd.npy").is_file());
+    let json = bench.ok("evaluate predicted --field field.npz --json");
+    assert!(value(&json, "mean_error") < 1e-9, "{json}");
+
+    bench.ok("export field.npz --out f.png --out f.svg --out f.ply");
+    bench.ok("export touch --field field.npz --torques plots --out g.png --deviation");
+    for file in [
+        "f.png",
+        "f.svg",
+        "f.ply",
+        "g.png",
+        "plots/torques_c.svg",
+        "field.ply",
+    ] {
+        assert!(
+            fs::metadata(bench.root.join(file)).unwrap().len() > 500,
+            "{file}"
+        );
+    }
+}
+
+#[test]
+fn simulation_repeats_with_its_seed() {
+    let bench = Bench::touched();
+    let read = |folder: &str| fs::read(bench.root.join(folder).join("seq_a/torques.npy")).unwrap();
+    bench.ok("simulate data --field truth --out again --noise-sd 0.002 --seed 3");
+    bench.ok("simulate data --field truth --out other --noise-sd 0.002 --seed 4");
+    assert_eq!(read("touch"), read("again"));
+    assert_ne!(read("touch"), read("other"));
+}
+
+#[test]
+fn flag_before_file_before_preset() {
+    let bench = Bench::touched();
+    fs::write(bench.root.join("vsf.toml"), "prior-sd = 7\nreplay = 3\n").unwrap();
+    let with = |flags: &str| bench.ok(&format!("estimate touch --preset paper {flags} --json"));
+    let json = with("");
+    assert_eq!(
+        (value(&json, "prior_sd"), value(&json, "noise_sd")),
+        (0.1, 1.0)
+    );
+    assert!(json.contains("\"printed\""), "{json}");
+    let json = with("--config vsf.toml --estimator replay");
+    assert_eq!(
+        (value(&json, "prior_sd"), value(&json, "noise_sd")),
+        (7.0, 1.0)
+    );
+    let json = with("--config vsf.toml --estimator replay --prior-sd 9");
+    assert_eq!(value(&json, "prior_sd"), 9.0);
+}
+
+#[test]
+fn usage_errors() {
+    let bench = Bench::new();
+    fs::write(bench.root.join("bad.toml"), "threshhold = 0.1\n").unwrap();
+    bench.fails(
+        "estimate data --config bad.toml",
+        2,
+        &["bad.toml", "threshhold"],
+    );
+    fs::write(bench.root.join("bad.toml"), "\nthreshold = \"wide\"\n").unwrap();
+    bench.fails("estimate data --config bad.toml", 2, &["bad.toml line 2"]);
+    bench.fails("estimate data --config none.toml", 3, &["none.toml"]);
+    bench.fails("estimate data --threshold -1", 2, &["threshold"]);
+    bench.fails("estimate data --prior-sd 0 --noise-sd 1", 2, &["prior-sd"]);
+    bench.fails("estimate data --out field.txt", 2, &["field.txt"]);
+    bench.fails("estimate data --gravity 1,2", 2, &["gravity", "3 numbers"]);
+    bench.fails("evaluate data", 2, &["--field"]);
+    bench.fails("nonsense", 2, &["nonsense"]);
+    bench.fails(
+        "simulate data --field truth --out data/points.npy/x",
+        3,
+        &["points.npy"],
+    );
+    bench.fails("bench --points 0", 1, &["points"]);
+}
+
+#[test]
+fn json_to_a_file_and_quiet() {
+    let bench = Bench::new();
+    let text = bench.ok("info data --json=info.json");
+    assert!(text.contains("cartesian_stage"));
+    let json = fs::read_to_string(bench.root.join("info.json")).unwrap();
+    has_keys(
+        &json,
+        &[
+            "name",
+            "joints",
+            "points",
+            "sequences",
+            "contact_samples",
+            "warnings",
+        ],
+    );
+    assert_eq!(bench.ok("info data --quiet"), "");
+    let json = bench.ok("bench --points 1000 --steps 4 --json");
+    has_keys(
+        &json,
+        &[
+            "steps_per_second",
+            "p99_ms",
+            "contacts",
+            "kinematics",
+            "update",
+            "median_ms",
+        ],
+    );
+}
+
+#[test]
+fn quick_start() {
+    let folder = tempfile::tempdir().unwrap();
+    let output = vsf(folder.path(), "--json=result.json");
+    let error = String::from_utf8_lossy(&output.stderr);
+    assert!(output.status.success(), "{error}");
+    let text = String::from_utf8(output.stdout).unwrap();
+    assert!(
+        text.contains("stiffness field") && text.contains("zero torque"),
+        "{text}"
+    );
+    for file in [
+        "field.npz",
+        "field.ply",
+        "field.png",
+        "torques.svg",
+        "recording/dataset.json",
+    ] {
+        let path = folder.path().join("vsf-quickstart").join(file);
+        assert!(fs::metadata(path).unwrap().len() > 500, "{file}");
+    }
+    let json = fs::read_to_string(folder.path().join("result.json")).unwrap();
+    let field = value(&json, "mean_error");
+    assert!(field < 0.5 * value(&json, "zero_error"), "{json}");
+}
