@@ -62,16 +62,26 @@ pub struct SceneSettings {
     #[arg(long)]
     robot: Option<String>,
     /// Pose of the base in the world: x,y,z [m] and roll,pitch,yaw [rad]
-    #[arg(long, value_delimiter = ',', allow_hyphen_values = true)]
+    #[arg(
+        long,
+        value_delimiter = ',',
+        allow_hyphen_values = true,
+        allow_negative_numbers = true
+    )]
     base_pose: Option<Vec<f64>>,
     /// What the torques mean: external, or measured (actuator side, with gravity)
     #[arg(long, value_parser = ["external", "measured"])]
     torque_kind: Option<String>,
     /// Sample rate of sequences without time.npy [Hz]
-    #[arg(long)]
+    #[arg(long, allow_negative_numbers = true)]
     rate_hz: Option<f64>,
     /// Gravity in the world frame, x,y,z [m/s^2]
-    #[arg(long, value_delimiter = ',', allow_hyphen_values = true)]
+    #[arg(
+        long,
+        value_delimiter = ',',
+        allow_hyphen_values = true,
+        allow_negative_numbers = true
+    )]
     gravity: Option<Vec<f64>>,
     /// Contact-free samples at the start of each sequence, which tare the sensor
     #[arg(long)]
@@ -95,13 +105,13 @@ pub struct SceneSettings {
     #[arg(long, value_delimiter = ',')]
     links: Option<Vec<String>>,
     /// Contact threshold delta [m], default 0.002
-    #[arg(long)]
+    #[arg(long, allow_negative_numbers = true)]
     threshold: Option<f64>,
     /// Friction coefficient nu_f, default 0.15
-    #[arg(long)]
+    #[arg(long, allow_negative_numbers = true)]
     friction: Option<f64>,
     /// Slip step lambda_s [m], default 0.0001
-    #[arg(long)]
+    #[arg(long, allow_negative_numbers = true)]
     slip_step: Option<f64>,
     /// Most slip steps of one point per sample, default 200
     #[arg(long)]
@@ -114,7 +124,7 @@ pub struct SceneSettings {
     #[arg(long)]
     subdivision: Option<usize>,
     /// Spacing of the distance grids of meshes [m]; chosen for an error of 0.5 mm by default
-    #[arg(long)]
+    #[arg(long, allow_negative_numbers = true)]
     grid_resolution: Option<f64>,
     /// Folder that keeps finished distance grids
     #[arg(long)]
@@ -142,11 +152,11 @@ pub struct EstimatorSettings {
     #[arg(long)]
     seed: Option<u64>,
     /// Prior standard deviation of the stiffness [N/m]; chosen from the sequences by default
-    #[arg(long)]
+    #[arg(long, allow_negative_numbers = true)]
     pub prior_sd: Option<f64>,
     /// Standard deviation of every reading [N m or N], model error included; chosen from the
     /// sequences by default
-    #[arg(long)]
+    #[arg(long, allow_negative_numbers = true)]
     pub noise_sd: Option<f64>,
 }
 
