@@ -63,7 +63,7 @@ impl FieldFile {
     }
 
     /// The field of an estimate.
-    pub fn new(scene: &Scene, estimate: &Estimate) -> anyhow::Result<StiffnessField> {
+    pub fn of_estimate(scene: &Scene, estimate: &Estimate) -> anyhow::Result<StiffnessField> {
         let column = |values: Vec<f64>| Table::new(1, values);
         let n = scene.rest.len();
         let touched = estimate.touched.iter().map(|&t| f64::from(u8::from(t)));

@@ -1,5 +1,7 @@
 //! Every bad input that the data set format lists: an exit code and one line that names the place.
 
+#![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
+
 mod common;
 use common::{Bench, METADATA, ROWS, npy, raw_npy};
 use std::fs;

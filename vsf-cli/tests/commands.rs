@@ -1,5 +1,7 @@
 //! The commands end to end on a small recording.
 
+#![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
+
 mod common;
 use common::{Bench, vsf};
 use std::fs;

@@ -4,7 +4,7 @@
 
 use proptest::prelude::*;
 use vsf_core::RestPoints;
-use vsf_core::nalgebra::Point3;
+use vsf_core::nalgebra::{Point3, Vector3};
 
 fn found(rest: &RestPoints, lo: Point3<f64>, hi: Point3<f64>) -> Vec<u32> {
     let mut found = Vec::new();
@@ -50,7 +50,7 @@ proptest! {
             Point3::from([0, 1, 2].map(|k| if flat[k] { 0.5 } else { p[k] }))
         });
         let lo = Point3::from(a);
-        check(positions.collect(), lo, lo + vsf_core::nalgebra::Vector3::from(size));
+        check(positions.collect(), lo, lo + Vector3::from(size));
     }
 }
 

@@ -68,7 +68,7 @@ pub fn run(args: &Args, console: &Console) -> anyhow::Result<()> {
     let scene = recording.scene(console)?;
     let traces = traces(&scene, &sequences, console)?;
     let chosen = learn(&scene, &traces, &settings, console)?;
-    let field = FieldFile::new(&scene, &chosen.estimate)?;
+    let field = FieldFile::of_estimate(&scene, &chosen.estimate)?;
     for out in &args.out {
         save(&field, out)?;
     }

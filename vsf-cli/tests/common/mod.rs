@@ -1,5 +1,6 @@
 //! A small recording, written with nothing but the standard library, and the built command.
 #![allow(dead_code, reason = "each test file uses a part")]
+#![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
 
 use std::fs;
 use std::path::{Path, PathBuf};
