@@ -8,7 +8,7 @@ use vsf_core::{Belief, ContactModel, Contacts, Estimator, Noise, RestPoints, Sen
 use vsf_filter::{DiagonalKalman, MemoryReplay, ReplayConfig};
 use vsf_robots::{JointTorques, RobotModel, kinova_gen3};
 
-/// What [`bench`] runs.
+/// What [`bench()`] runs.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct BenchOptions {
     /// Number of rest points in a cube of 0.4 m, default 100,000. It is rounded to a cube number.
