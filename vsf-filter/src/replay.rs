@@ -8,7 +8,10 @@ use vsf_core::{Belief, CoreError, Estimator, Observation, Prediction, Scalar, Up
 /// What happens to the variances when an observation is taken in again.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub enum ReplayVariance {
-    /// They stay: an observation counts once, however often it is replayed. The default.
+    /// They stay: an observation counts once, however often it is replayed. The default. The
+    /// filter stays somewhat overconfident, as the diagonal filter is by itself, because it leaves
+    /// out correlations: on well-specified data the normalised innovation squared is 1.7 times its
+    /// dof with 20 replays, 2.9 times without (`tests/replay.rs`).
     #[default]
     Keep,
     /// They shrink every time (Alg. 1 as printed). The filter then believes to have seen
