@@ -38,6 +38,11 @@ impl Console {
         }
     }
 
+    /// Where the result for machines goes, if to a file.
+    pub fn json_file(&self) -> Option<&Path> {
+        self.json.as_ref()?.as_deref()
+    }
+
     /// A warning, always.
     pub fn warn(&self, warning: impl Display) {
         eprintln!("warning: {warning}");
@@ -76,8 +81,14 @@ fn print(text: &str) -> anyhow::Result<()> {
     }
 }
 
-/// Replaces a file as a whole.
+/// Replaces a file as a whole. A link is followed; devices and pipes are written to.
 pub fn write_file(path: &Path, bytes: &[u8]) -> anyhow::Result<()> {
+    let real = path.canonicalize();
+    let path = real.as_deref().unwrap_or(path);
+    if path.metadata().is_ok_and(|m| !m.is_file() && !m.is_dir()) {
+        return writing(|| std::fs::write(path, bytes))
+            .with_context(|| format!("cannot write {}", path.display()));
+    }
     let folder = match path.parent() {
         Some(p) if !p.as_os_str().is_empty() => p,
         _ => Path::new("."),

@@ -45,6 +45,18 @@ impl RecordingArgs {
 }
 
 impl Recording {
+    /// Refuses an output folder that is the recording or lies inside it.
+    pub fn keep_apart(&self, out: &Path) -> anyhow::Result<()> {
+        let (own, out_real) = (self.path.canonicalize(), out.canonicalize());
+        match (own, out_real) {
+            (Ok(own), Ok(real)) if real.starts_with(&own) => Err(usage(format!(
+                "--out {} lies in the recording itself; choose another folder",
+                out.display()
+            ))),
+            _ => Ok(()),
+        }
+    }
+
     /// Opens a folder and prints its warnings.
     pub fn open(path: &Path, settings: &SceneSettings, console: &Console) -> anyhow::Result<Self> {
         let options = settings.options()?;

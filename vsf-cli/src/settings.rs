@@ -41,6 +41,7 @@ impl Preset {
         let Self::Paper = self;
         toml::toml! {
             estimator = "printed"
+            replay = 20
             replay-variance = "shrink"
             clear-replay = true
             prior-sd = 0.1
@@ -321,6 +322,15 @@ fn pose([x, y, z, roll, pitch, yaw]: [f64; 6]) -> anyhow::Result<Isometry3<f64>>
 impl EstimatorSettings {
     /// The estimator.
     pub fn spec(&self) -> anyhow::Result<EstimatorSpec> {
+        for (flag, value) in [("prior-sd", self.prior_sd), ("noise-sd", self.noise_sd)] {
+            if let Some(sd) = value
+                && !(1e-100..=1e100).contains(&sd)
+            {
+                return Err(usage(format!(
+                    "--{flag} = {sd} must be positive and at most 1e100"
+                )));
+            }
+        }
         let kind = self.estimator.unwrap_or(EstimatorKind::Replay);
         let alone = matches!(kind, EstimatorKind::Diagonal | EstimatorKind::Batch);
         if alone && self.replay.is_some_and(|r| r > 0) {

@@ -8,7 +8,8 @@ use vsf_core::{ContactModel, Contacts, CoreError, Posture, RestPoints};
 /// cube, and the cube's displacement is their mean; cubes touched in part count in part. A cube's
 /// stiffness is that of all of its sub-points together.
 ///
-/// The link of a cube is the one that displaces its sub-points most. Cost is that of the inner
+/// The mean displacement acts at the displaced centre of the cube: moments are off by at most the
+/// force times the sub-points' offset from the centre. The link of a cube is the one that displaces its sub-points most. Cost is that of the inner
 /// model on `per_axis³` times the points.
 #[derive(Debug, Clone)]
 pub struct CellContact<C> {

@@ -34,7 +34,7 @@ const STICK_TOLERANCE: f64 = 1e-9;
 /// the same rest points; another number of them is an error.
 ///
 /// Cost of a step: `O(|S| + points near links)`; points elsewhere are never looked at. Nothing is
-/// allocated once the buffers have grown. Memory: one bit per point and 56 bytes per contact.
+/// allocated once the buffers have grown. Memory: one bit per point and 112 bytes per contact.
 #[derive(Clone)]
 pub struct StickSlip {
     links: Arc<[LinkSdf]>,

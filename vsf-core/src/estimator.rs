@@ -8,7 +8,7 @@ pub struct UpdateReport {
     /// Degrees of freedom of `nis`: the channels of the reading.
     pub dof: usize,
     /// Normalised innovation squared, `r^T S^-1 r` with `S = W Sigma W^T + R`; its mean is `dof`
-    /// when prior and noise are right.
+    /// for an exact filter whose prior and noise are right.
     pub nis: f64,
     /// Log-density of the reading under the belief before the update,
     /// `-(nis + log det S + dof log 2 pi) / 2`. Summed over a run it is the (prequential) marginal

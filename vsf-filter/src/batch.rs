@@ -44,7 +44,8 @@ pub struct BatchMap {
 #[derive(Debug, Clone, PartialEq)]
 pub struct BatchFit {
     /// Means: the optimum. Variances: the marginals of the Gaussian posterior of the points with
-    /// `K > 0`; points held at zero have the variance they would have alone.
+    /// `K > 0`; points held at zero have their
+    /// conditional variance, a lower bound of the marginal one.
     pub belief: Belief<f64>,
     /// Largest violation of the optimality conditions, relative to the largest gradient at zero.
     pub kkt_residual: f64,

@@ -73,7 +73,8 @@ impl Default for ReplayConfig {
 
 /// Memory replay (Alg. 1): after each update, random past observations are taken in again.
 ///
-/// Means are projected to `K >= 0` once at the end of an update. Observations without contacts
+/// Means are projected to `K >= 0` once at the end of an update (Alg. 1 can also be read as
+/// projecting after every replay, as eq. 7 does). Observations without contacts
 /// say nothing about the field and are not stored; during them the past is replayed all the same.
 /// An update costs `1 + replays` corrections. Memory of past observations is reused, also across
 /// sequences.

@@ -7,7 +7,8 @@ pub enum Baseline {
     /// No torque at all.
     Zero,
     /// The mean reading of the `k` train samples with the nearest joint positions (Euclidean, in
-    /// radians and metres as they come); the paper takes 50.
+    /// radians and metres as they come). The paper takes 50, with RBF weights and the position and
+    /// axis of the end effector as further features.
     Knn {
         /// Number of neighbours, at least 1; fewer samples than that are all used.
         k: usize,

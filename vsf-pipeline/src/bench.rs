@@ -68,8 +68,8 @@ const END: [f64; 7] = [-0.2159, 0.9687, 3.5203, -1.5222, -0.4679, -0.7417, 0.362
 const CORNER: [f64; 3] = [0.43, -0.2, 0.08];
 const EDGE: f64 = 0.4;
 
-/// Times the whole step, contact to belief, on a push of a Kinova Gen3 into a cube of points. It
-/// needs no data.
+/// Times the whole step, contact to belief, on a push of a Kinova Gen3 into a cube of points, the
+/// points moved alone ([`crate::SceneOptions::subdivision`] 1). It needs no data.
 ///
 /// # Errors
 /// Fewer than 2 steps or no points.

@@ -48,7 +48,7 @@ pub struct Estimate {
     pub belief: Belief<f64>,
     /// Points that were touched at least once.
     pub touched: Vec<bool>,
-    /// Innovation statistics over the samples in contact.
+    /// Innovation statistics over the samples in contact; empty for [`Method::Batch`].
     pub health: FilterHealth,
     /// The prior and noise.
     pub hyper: Hyper,

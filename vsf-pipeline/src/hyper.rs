@@ -55,6 +55,11 @@ const BATCH_CHOICE_POINTS: usize = 2000;
 /// prequential likelihood of one online pass. The noise level then makes the mean normalised
 /// innovation squared of an online pass over samples in contact equal to the number of channels.
 ///
+/// For [`Method::Batch`] each sequence is left out once, the error is averaged over all of its
+/// samples, and the noise is the RMS residual of the fit to all train samples in contact: a lower
+/// bound, and so is the field's standard deviation. With a single sequence, sequences that share
+/// no points, or more than 2000 touched points, the choice is that of `spec` run online.
+///
 /// # Errors
 /// No train sequence ever touches a point; failures of the estimator.
 pub fn choose_hyper(

@@ -6,12 +6,14 @@ use vsf::pipeline::{BenchOptions, BenchReport, bench};
 JSON keys: points, contacts, steps_per_second, median_ms, p99_ms, and per stage (kinematics, contact, \
 columns, update) median_ms and p99_ms.")]
 pub struct Args {
-    /// Rest points, rounded to a cube number
-    #[arg(long, default_value_t = BenchOptions::default().points)]
-    points: usize,
-    /// Steps of the push
-    #[arg(long, default_value_t = BenchOptions::default().steps)]
-    steps: usize,
+    /// Rest points, rounded to a cube number, up to 50 million
+    #[arg(long, default_value_t = BenchOptions::default().points as u64,
+          value_parser = clap::value_parser!(u64).range(1..=50_000_000))]
+    points: u64,
+    /// Steps of the push, 2 to 100000
+    #[arg(long, default_value_t = BenchOptions::default().steps as u64,
+          value_parser = clap::value_parser!(u64).range(2..=100_000))]
+    steps: u64,
     /// Replays per update
     #[arg(long, default_value_t = BenchOptions::default().replays)]
     replay: usize,
@@ -21,8 +23,8 @@ pub struct Args {
 pub fn run(args: &Args, console: &Console) -> anyhow::Result<()> {
     let spinner = console.spinner("pushing");
     let report = bench(&BenchOptions {
-        points: args.points,
-        steps: args.steps,
+        points: args.points as usize,
+        steps: args.steps as usize,
         replays: args.replay,
     })?;
     spinner.finish_and_clear();

@@ -61,6 +61,12 @@ pub fn run(args: &Args, console: &Console) -> anyhow::Result<()> {
             )));
         }
     }
+    if console
+        .json_file()
+        .is_some_and(|json| args.out.iter().any(|out| out == json))
+    {
+        return Err(usage("--json and --out name the same file".to_owned()));
+    }
     let settings = args.estimator.resolve(&args.recording.sources)?;
     settings.spec()?;
     let recording = args.recording.open(console)?;

@@ -43,6 +43,7 @@ struct Report<'a> {
 
 pub fn run(args: &Args, console: &Console) -> anyhow::Result<()> {
     let recording = args.recording.open(console)?;
+    recording.keep_apart(&args.out)?;
     let sequences = recording.sequences(args.sequences.as_deref(), Default::All)?;
     let field = recording.field(args.field.as_deref(), console)?;
     let scene = recording.scene_of(&field, console)?;
