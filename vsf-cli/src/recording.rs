@@ -47,9 +47,10 @@ impl RecordingArgs {
 impl Recording {
     /// Refuses an output folder that is the recording or lies inside it.
     pub fn keep_apart(&self, out: &Path) -> anyhow::Result<()> {
-        let (own, out_real) = (self.path.canonicalize(), out.canonicalize());
-        match (own, out_real) {
-            (Ok(own), Ok(real)) if real.starts_with(&own) => Err(usage(format!(
+        let own = self.path.canonicalize().ok();
+        let place = out.ancestors().find_map(|a| a.canonicalize().ok());
+        match (own, place) {
+            (Some(own), Some(place)) if place.starts_with(&own) => Err(usage(format!(
                 "--out {} lies in the recording itself; choose another folder",
                 out.display()
             ))),

@@ -130,11 +130,21 @@ fn usage_errors() {
     bench.fails("evaluate data", 2, &["--field"]);
     bench.fails("nonsense", 2, &["nonsense"]);
     bench.fails(
-        "simulate data --field truth --out data/points.npy/x",
+        "simulate data --field truth --out truth/K.npy/x",
         3,
-        &["points.npy"],
+        &["K.npy"],
     );
-    bench.fails("bench --points 0", 1, &["points"]);
+    for points in ["0", "1000000000000"] {
+        bench.fails(&format!("bench --points {points}"), 2, &["--points"]);
+    }
+    bench.fails(
+        "estimate data --out a.npz --json=a.npz",
+        2,
+        &["--json", "--out"],
+    );
+    bench.fails("simulate data --out data", 2, &["the recording itself"]);
+    bench.fails("simulate data --out data/seq_1", 2, &["data/seq_1"]);
+    bench.fails("estimate data --noise-sd=-1", 2, &["--noise-sd"]);
 }
 
 #[test]
