@@ -8,7 +8,6 @@ mod console;
 mod exit;
 mod field_file;
 mod interrupt;
-mod npy;
 mod pictures;
 mod recording;
 mod settings;

@@ -112,3 +112,14 @@ fn shape(path: &Path, got: Vec<usize>, expected: &str) -> DataError {
         expected: expected.to_owned(),
     }
 }
+
+impl Table {
+    /// Writes the table as a `.npy` file, an array of shape `(rows, cols)`.
+    ///
+    /// # Errors
+    /// A file that cannot be written.
+    pub fn save_npy(&self, path: impl AsRef<Path>) -> Result<(), DataError> {
+        let bytes = npy::encode(&[self.rows(), self.cols()], self.data());
+        write(path.as_ref(), &bytes)
+    }
+}

@@ -1,6 +1,5 @@
 use crate::console::Console;
 use crate::interrupt::writing;
-use crate::npy::write_rows;
 use crate::recording::{Default, RecordingArgs, traces};
 use serde::Serialize;
 use std::path::PathBuf;
@@ -70,13 +69,12 @@ pub fn run(args: &Args, console: &Console) -> anyhow::Result<()> {
     };
     writing(|| dataset.save(&args.out))?;
     for p in &predictions {
-        write_rows(
-            &args
-                .out
-                .join(format!("seq_{}", p.id))
-                .join("torques_sd.npy"),
-            &p.sd,
-        )?;
+        let path = args
+            .out
+            .join(format!("seq_{}", p.id))
+            .join("torques_sd.npy");
+        let sd = Table::new(scene.robot.joint_count(), p.sd.concat())?;
+        writing(|| sd.save_npy(path))?;
     }
     let entries = traces.iter().map(|t| Entry {
         sequence: &t.id,
