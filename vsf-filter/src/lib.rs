@@ -35,9 +35,11 @@
 mod batch;
 mod diagonal;
 mod kernel;
+mod prior;
 mod replay;
 mod reservoir;
 
 pub use batch::{BatchFit, BatchMap};
 pub use diagonal::{DiagonalForm, DiagonalKalman};
+pub use prior::{FieldPrior, Matern, Smoothness};
 pub use replay::{MemoryReplay, ReplayConfig, ReplayVariance, Revisit};

@@ -1,0 +1,173 @@
+use nalgebra::Point3;
+use std::sync::Arc;
+use vsf_core::{Belief, CoreError, RestPoints};
+
+/// Gaussian prior of a whole field, `K_i = mean_i + level + smooth(p_i) + local_i`:
+///
+/// - `local_i`, independent of all others, with the variances of a [`Belief`];
+/// - `level`, one number for all points (homogeneous plus heterogeneous: touching one point tells
+///   how stiff the others are);
+/// - `smooth`, a Matérn process in space: neighbouring points of real tissue are alike.
+///
+/// A [`Belief`] alone (uniform, per point, or an earlier field) is a prior too:
+/// `FieldPrior::from(belief)`.
+///
+/// The local part must not vanish: it keeps the covariance positive definite, and what it leaves
+/// room for is stiffness that changes from point to point.
+///
+/// # Reference
+/// C. E. Rasmussen, C. K. I. Williams, *Gaussian Processes for Machine Learning*, MIT Press 2006,
+/// section 4.2.1 (Matérn) and 2.7 (a shared level as an explicit basis function).
+///
+/// ```
+/// use vsf_core::{Belief, RestPoints, nalgebra::Point3};
+/// use vsf_filter::{FieldPrior, Matern, Smoothness};
+/// let rest = RestPoints::new(vec![Point3::origin(), Point3::new(0.02, 0.0, 0.0)])?;
+/// let smooth = Matern { sd: 10.0, length: 0.02, smoothness: Smoothness::ThreeHalves };
+/// let prior = FieldPrior::from(Belief::uniform(2, 0.0, 1.0)?).with_smooth(smooth, &rest)?;
+/// assert_eq!(prior.covariance(0, 0), 101.0);
+/// assert!((prior.covariance(0, 1) - 48.3).abs() < 0.1);
+/// # Ok::<(), vsf_core::CoreError>(())
+/// ```
+#[derive(Debug, Clone)]
+pub struct FieldPrior {
+    local: Belief<f64>,
+    level_variance: f64,
+    smooth: Option<(Matern, Arc<[Point3<f64>]>)>,
+}
+
+/// A Matérn covariance in space.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Matern {
+    /// Standard deviation (N/m), > 0.
+    pub sd: f64,
+    /// Length over which stiffness stays alike (m), > 0.
+    pub length: f64,
+    /// How smooth the field is within that length.
+    pub smoothness: Smoothness,
+}
+
+/// Smoothness `nu` of a Matérn process.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub enum Smoothness {
+    /// `nu = 1/2`: continuous and rough, `exp(-r / l)`.
+    Half,
+    /// `nu = 3/2`: differentiable once, `(1 + s) exp(-s)` with `s = sqrt(3) r / l`. The default.
+    #[default]
+    ThreeHalves,
+    /// `nu = 5/2`: differentiable twice, `(1 + s + s²/3) exp(-s)` with `s = sqrt(5) r / l`.
+    FiveHalves,
+}
+
+impl Matern {
+    fn validate(&self) -> Result<(), CoreError> {
+        for (name, value, range) in [
+            ("smooth prior sd", self.sd, "> 0 N/m"),
+            ("prior length", self.length, "> 0 m"),
+        ] {
+            if !(value > 0.0 && (value * value).is_finite() && value * value > 0.0) {
+                return Err(CoreError::Parameter { name, value, range });
+            }
+        }
+        Ok(())
+    }
+
+    /// Covariance of two places `distance` (m) apart.
+    pub fn covariance(&self, distance: f64) -> f64 {
+        let scaled = |nu2: f64| nu2.sqrt() * distance / self.length;
+        let correlation = match self.smoothness {
+            Smoothness::Half => (-scaled(1.0)).exp(),
+            Smoothness::ThreeHalves => {
+                let s = scaled(3.0);
+                (1.0 + s) * (-s).exp()
+            }
+            Smoothness::FiveHalves => {
+                let s = scaled(5.0);
+                (1.0 + s + s * s / 3.0) * (-s).exp()
+            }
+        };
+        self.sd * self.sd * correlation
+    }
+}
+
+impl From<Belief<f64>> for FieldPrior {
+    fn from(local: Belief<f64>) -> Self {
+        Self {
+            local,
+            level_variance: 0.0,
+            smooth: None,
+        }
+    }
+}
+
+impl FieldPrior {
+    /// Adds a level shared by all points, of standard deviation `sd` (N/m, >= 0; 0 is none).
+    ///
+    /// # Errors
+    /// A standard deviation that is negative or not finite.
+    pub fn with_level(mut self, sd: f64) -> Result<Self, CoreError> {
+        if !(sd >= 0.0 && (sd * sd).is_finite()) {
+            return Err(CoreError::Parameter {
+                name: "level sd",
+                value: sd,
+                range: ">= 0 N/m",
+            });
+        }
+        self.level_variance = sd * sd;
+        Ok(self)
+    }
+
+    /// Adds a part that is smooth over the rest points.
+    ///
+    /// # Errors
+    /// A parameter that is not positive and finite, another number of points than the field's.
+    pub fn with_smooth(mut self, matern: Matern, rest: &RestPoints) -> Result<Self, CoreError> {
+        matern.validate()?;
+        CoreError::check_len("rest points", rest.len(), self.local.len())?;
+        self.smooth = Some((matern, rest.positions().into()));
+        Ok(self)
+    }
+
+    /// Number of points.
+    pub fn len(&self) -> usize {
+        self.local.len()
+    }
+
+    /// True without points.
+    pub fn is_empty(&self) -> bool {
+        self.local.is_empty()
+    }
+
+    /// Whether points are independent of each other.
+    pub fn is_independent(&self) -> bool {
+        self.level_variance == 0.0 && self.smooth.is_none()
+    }
+
+    /// Means of all points (N/m).
+    pub fn mean(&self) -> &[f64] {
+        self.local.mean()
+    }
+
+    /// Covariance of points `i` and `j` (N²/m²).
+    ///
+    /// # Panics
+    /// If `i` or `j` is not below [`FieldPrior::len`].
+    pub fn covariance(&self, i: usize, j: usize) -> f64 {
+        let smooth = self.smooth.as_ref().map_or(0.0, |(matern, positions)| {
+            matern.covariance((positions[i] - positions[j]).norm())
+        });
+        let local = if i == j { self.local.variance()[i] } else { 0.0 };
+        self.level_variance + smooth + local
+    }
+
+    /// Mean and whole variance of every point.
+    ///
+    /// # Errors
+    /// A variance beyond the range of numbers.
+    pub fn marginals(&self) -> Result<Belief<f64>, CoreError> {
+        let smooth = self.smooth.as_ref().map_or(0.0, |(m, _)| m.sd * m.sd);
+        let shared = self.level_variance + smooth;
+        let variance = self.local.variance().iter().map(|v| v + shared);
+        Belief::new(self.local.mean().to_vec(), variance.collect())
+    }
+}
