@@ -50,6 +50,8 @@ pub trait Scalar:
     fn max(self, other: Self) -> Self;
     /// Square root.
     fn sqrt(self) -> Self;
+    /// `self * a + b`, rounded once. Fast only where the processor has the instruction.
+    fn mul_add(self, a: Self, b: Self) -> Self;
 }
 
 macro_rules! scalar {
@@ -78,6 +80,10 @@ macro_rules! scalar {
             #[inline]
             fn sqrt(self) -> Self {
                 $t::sqrt(self)
+            }
+            #[inline]
+            fn mul_add(self, a: Self, b: Self) -> Self {
+                $t::mul_add(self, a, b)
             }
         }
     };

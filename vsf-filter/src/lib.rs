@@ -33,13 +33,25 @@
 #![forbid(unsafe_code)]
 
 mod batch;
+mod cholesky;
+mod covariance;
 mod diagonal;
+mod information;
+mod innovation;
+mod joint;
 mod kernel;
 mod prior;
+mod projection;
 mod replay;
 mod reservoir;
+mod tile_kernel;
+mod tiles;
+mod touched;
 
 pub use batch::{BatchFit, BatchMap};
+pub use covariance::CovarianceFilter;
 pub use diagonal::{DiagonalForm, DiagonalKalman};
+pub use information::InformationFilter;
 pub use prior::{FieldPrior, Matern, Smoothness};
+pub use projection::Projection;
 pub use replay::{MemoryReplay, ReplayConfig, ReplayVariance, Revisit};

@@ -1,6 +1,6 @@
 use nalgebra::Point3;
 use std::sync::Arc;
-use vsf_core::{Belief, CoreError, RestPoints};
+use vsf_core::{Belief, CoreError, RestPoints, Scalar};
 
 /// Gaussian prior of a whole field, `K_i = mean_i + level + smooth(p_i) + local_i`:
 ///
@@ -31,7 +31,8 @@ use vsf_core::{Belief, CoreError, RestPoints};
 /// ```
 #[derive(Debug, Clone)]
 pub struct FieldPrior {
-    local: Belief<f64>,
+    mean: Vec<f64>,
+    local: Vec<f64>,
     level_variance: f64,
     smooth: Option<(Matern, Arc<[Point3<f64>]>)>,
 }
@@ -90,10 +91,12 @@ impl Matern {
     }
 }
 
-impl From<Belief<f64>> for FieldPrior {
-    fn from(local: Belief<f64>) -> Self {
+impl<T: Scalar> From<Belief<T>> for FieldPrior {
+    fn from(belief: Belief<T>) -> Self {
+        let widen = |x: &[T]| x.iter().map(|v| v.to_f64()).collect();
         Self {
-            local,
+            mean: widen(belief.mean()),
+            local: widen(belief.variance()),
             level_variance: 0.0,
             smooth: None,
         }
@@ -123,29 +126,29 @@ impl FieldPrior {
     /// A parameter that is not positive and finite, another number of points than the field's.
     pub fn with_smooth(mut self, matern: Matern, rest: &RestPoints) -> Result<Self, CoreError> {
         matern.validate()?;
-        CoreError::check_len("rest points", rest.len(), self.local.len())?;
+        CoreError::check_len("rest points", rest.len(), self.len())?;
         self.smooth = Some((matern, rest.positions().into()));
         Ok(self)
     }
 
     /// Number of points.
     pub fn len(&self) -> usize {
-        self.local.len()
+        self.mean.len()
     }
 
     /// True without points.
     pub fn is_empty(&self) -> bool {
-        self.local.is_empty()
+        self.mean.is_empty()
     }
 
-    /// Whether points are independent of each other.
+    /// Whether points are independent of each other, so that a touch says nothing about the others.
     pub fn is_independent(&self) -> bool {
         self.level_variance == 0.0 && self.smooth.is_none()
     }
 
     /// Means of all points (N/m).
     pub fn mean(&self) -> &[f64] {
-        self.local.mean()
+        &self.mean
     }
 
     /// Covariance of points `i` and `j` (N²/m²).
@@ -156,7 +159,7 @@ impl FieldPrior {
         let smooth = self.smooth.as_ref().map_or(0.0, |(matern, positions)| {
             matern.covariance((positions[i] - positions[j]).norm())
         });
-        let local = if i == j { self.local.variance()[i] } else { 0.0 };
+        let local = if i == j { self.local[i] } else { 0.0 };
         self.level_variance + smooth + local
     }
 
@@ -167,7 +170,7 @@ impl FieldPrior {
     pub fn marginals(&self) -> Result<Belief<f64>, CoreError> {
         let smooth = self.smooth.as_ref().map_or(0.0, |(m, _)| m.sd * m.sd);
         let shared = self.level_variance + smooth;
-        let variance = self.local.variance().iter().map(|v| v + shared);
-        Belief::new(self.local.mean().to_vec(), variance.collect())
+        let variance = self.local.iter().map(|v| v + shared);
+        Belief::new(self.mean.clone(), variance.collect())
     }
 }

@@ -1,0 +1,75 @@
+//! Wall time of one update of the exact dense filters: 7 joint torques, most of the touched points
+//! in contact as at the end of a push (4100 of 4300), or one in ten of them.
+//!
+//! `cargo bench -p vsf-filter --bench dense`; with `-- --test` everything runs once.
+
+#![allow(missing_docs)] // of the function that criterion's macro makes
+
+use criterion::{BenchmarkId, Criterion, criterion_group, criterion_main};
+use rayon::{ThreadPool, ThreadPoolBuilder};
+use std::time::Duration;
+use vsf_core::{Belief, Estimator, Observation, Scalar};
+use vsf_filter::{CovarianceFilter, InformationFilter};
+use vsf_testkit::LinearWorld;
+
+const CHANNELS: usize = 7;
+const OBSERVATIONS: usize = 16;
+
+/// A bench has no caller to hand an error to.
+#[allow(clippy::panic)]
+fn must<T, E: std::fmt::Display>(result: Result<T, E>) -> T {
+    result.unwrap_or_else(|error| panic!("{error}"))
+}
+
+/// Observations of `contacts` of `n` points, after a first one that touches all.
+fn observations<T: Scalar>(n: usize, contacts: usize) -> Vec<Observation<T>> {
+    let mut world = LinearWorld::new(n, 5.0, 2.0, 1);
+    let sizes = std::iter::once(n).chain(std::iter::repeat_n(contacts, OBSERVATIONS));
+    sizes
+        .map(|m| must(world.reading(n, m, CHANNELS, 0.03, 0.3).observation(n)))
+        .collect()
+}
+
+fn bench<T: Scalar>(
+    c: &mut Criterion,
+    name: &str,
+    pool: &ThreadPool,
+    (n, contacts): (usize, usize),
+    make: impl Fn(Belief<T>) -> Box<dyn Estimator<Scalar = T>>,
+) {
+    let data = observations::<T>(n, contacts);
+    let mut filter = make(must(Belief::uniform(n, 5.0, 2.0)));
+    must(filter.update(&data[0]));
+    let mut turn = data[1..].iter().cycle();
+    let mut group = c.benchmark_group(format!("{name}/{}", T::NAME));
+    group.sample_size(50).warm_up_time(Duration::from_secs(1));
+    let threads = pool.current_num_threads();
+    let case = format!("{contacts} of {n} points, {threads} threads");
+    group.bench_function(BenchmarkId::from_parameter(case), |b| {
+        pool.install(|| {
+            b.iter(|| turn.next().map(|obs| must(filter.update(obs))));
+        });
+    });
+    group.finish();
+}
+
+fn dense(c: &mut Criterion) {
+    for threads in [1, 2] {
+        let pool = must(ThreadPoolBuilder::new().num_threads(threads).build());
+        for size in [(1000, 950), (2000, 1900), (4300, 4100), (4300, 410)] {
+            bench::<f32>(c, "covariance", &pool, size, |prior| {
+                Box::new(must(CovarianceFilter::new(prior)))
+            });
+            bench::<f64>(c, "covariance", &pool, size, |prior| {
+                Box::new(must(CovarianceFilter::new(prior)))
+            });
+        }
+    }
+    let pool = must(ThreadPoolBuilder::new().num_threads(1).build());
+    bench::<f64>(c, "information", &pool, (1000, 950), |prior| {
+        Box::new(must(InformationFilter::new(prior)))
+    });
+}
+
+criterion_group!(benches, dense);
+criterion_main!(benches);

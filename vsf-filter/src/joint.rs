@@ -1,0 +1,96 @@
+use crate::touched::Touched;
+use faer::{Mat, MatRef};
+use vsf_core::{Belief, CoreError, Observation, Prediction, Scalar};
+
+/// Points extrapolated at once.
+const CHUNK: usize = 8;
+
+/// A joint Gaussian of the touched points, by slots, and what follows from it for all points.
+pub(crate) trait Joint<T: Scalar> {
+    fn touched(&self) -> &Touched;
+
+    /// Mean and marginal variance.
+    fn marginal(&self, slot: usize) -> (T, T);
+
+    /// Covariance of two slots.
+    fn covariance_of(&self, i: usize, j: usize) -> T;
+
+    /// Variances of the sums `w^T K` of the touched points, one per column of `w`.
+    fn spread(&self, w: &Mat<f64>) -> Vec<f64>;
+
+    /// Means and variances of the sums `weights^T K` of given points, touched or not.
+    fn moments(&self, points: &[u32], weights: MatRef<'_, f64>) -> (Vec<f64>, Vec<f64>) {
+        let (touched, d) = (self.touched(), weights.ncols());
+        let prior_mean = touched.prior().mean();
+        let mut w = Mat::<f64>::zeros(touched.len(), d);
+        let mut unseen = Vec::new();
+        let mut rows = Vec::new();
+        for (k, &p) in points.iter().enumerate() {
+            match touched.slot(p) {
+                Some(slot) => (0..d).for_each(|i| w[(slot, i)] = weights[(k, i)]),
+                None => {
+                    unseen.push(p);
+                    rows.push(k);
+                }
+            }
+        }
+        let rest = Mat::from_fn(rows.len(), d, |k, i| weights[(rows[k], i)]);
+        let (onto, mut variance) = touched.project(&unseen, rest.as_ref());
+        let mut mean = vec![0.0; d];
+        for (i, mean) in mean.iter_mut().enumerate() {
+            let unseen = unseen.iter().enumerate();
+            *mean = unseen
+                .map(|(k, &p)| rest[(k, i)] * prior_mean[p as usize])
+                .sum();
+            for (slot, &p) in touched.points().iter().enumerate() {
+                let now = self.marginal(slot).0.to_f64();
+                *mean += w[(slot, i)] * now;
+                if let Some(onto) = &onto {
+                    *mean += onto[(slot, i)] * (now - prior_mean[p as usize]);
+                    w[(slot, i)] += onto[(slot, i)];
+                }
+            }
+        }
+        for (variance, spread) in variance.iter_mut().zip(self.spread(&w)) {
+            *variance += spread;
+        }
+        (mean, variance)
+    }
+
+    /// [`vsf_core::Estimator::predict`] with all correlations.
+    fn predict_jointly(&self, obs: &Observation<T>, out: &mut Prediction) -> Result<(), CoreError> {
+        obs.check_fits(self.touched().prior().len())?;
+        let weights = Mat::from_fn(obs.len(), obs.dim(), |k, i| obs.row(i)[k].to_f64());
+        let (mean, variance) = self.moments(obs.points(), weights.as_ref());
+        out.mean = mean;
+        let channels = variance.iter().enumerate();
+        out.sd = channels
+            .map(|(i, v)| (v.max(0.0) + obs.noise().sd(i).powi(2)).sqrt())
+            .collect();
+        Ok(())
+    }
+
+    /// Marginals of given points, in their order.
+    fn marginals(&self, points: &[u32]) -> Result<Belief<T>, CoreError> {
+        let touched = self.touched();
+        let unseen = touched.unseen(points)?;
+        let mut found = vec![(T::ZERO, T::ZERO); unseen.len()];
+        for (chunk, found) in unseen.chunks(CHUNK).zip(found.chunks_mut(CHUNK)) {
+            let weights = Mat::identity(chunk.len(), chunk.len());
+            let (mean, variance) = self.moments(chunk, weights.as_ref());
+            for ((found, m), v) in found.iter_mut().zip(mean).zip(variance) {
+                *found = (T::from_f64(m), T::from_f64(v));
+            }
+        }
+        let all = points.iter().map(|p| match unseen.binary_search(p) {
+            Ok(k) => found[k],
+            Err(_) => touched
+                .slot(*p)
+                .map_or((T::ZERO, T::ZERO), |s| self.marginal(s)),
+        });
+        let (mean, variance) = all
+            .map(|(m, v)| (if m < T::ZERO { T::ZERO } else { m }, v))
+            .unzip();
+        Belief::new(mean, variance)
+    }
+}

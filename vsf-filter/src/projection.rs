@@ -1,0 +1,74 @@
+use crate::innovation::{Innovation, norm, residual};
+use crate::prior::FieldPrior;
+use vsf_core::{Belief, CoreError, Observation, Scalar, UpdateReport};
+
+/// What a dense filter does with means below zero, where no stiffness can be.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub enum Projection {
+    /// The belief shows `max(mean, 0)`; the filter itself goes on from the Gaussian posterior, which
+    /// stays exact and does not depend on the order of observations. The default.
+    #[default]
+    OutputOnly,
+    /// The projected mean is the start of the next update (eq. 5, last line). The covariance does
+    /// not know of it: what a projection adds to a mean is taken for knowledge.
+    FedBack,
+}
+
+/// What the outside sees of a dense filter.
+#[derive(Debug, Clone)]
+pub(crate) struct Shown<T: Scalar> {
+    pub(crate) belief: Belief<T>,
+    pub(crate) projection: Projection,
+    pub(crate) whitened: Vec<f64>,
+    after: Vec<f64>,
+}
+
+impl<T: Scalar> Shown<T> {
+    pub(crate) fn new(prior: &FieldPrior, projection: Projection) -> Result<Self, CoreError> {
+        Ok(Self {
+            belief: prior.marginals()?.cast()?,
+            projection,
+            whitened: Vec::new(),
+            after: Vec::new(),
+        })
+    }
+
+    /// Shows the posterior of `points`, projected; returns how many means were moved.
+    pub(crate) fn show<S: Scalar>(
+        &mut self,
+        points: &[u32],
+        mean: &mut [S],
+        variance: &[S],
+    ) -> usize {
+        let (means, variances) = self.belief.parts_mut();
+        let mut moved = 0;
+        for ((&p, m), &v) in points.iter().zip(mean).zip(variance) {
+            let shown = if *m < S::ZERO { S::ZERO } else { *m };
+            moved += usize::from(*m < S::ZERO);
+            if self.projection == Projection::FedBack {
+                *m = shown;
+            }
+            means[p as usize] = T::from_f64(shown.to_f64());
+            variances[p as usize] = T::from_f64(v.to_f64());
+        }
+        moved
+    }
+
+    /// Reports an update whose posterior is shown already.
+    pub(crate) fn report(
+        &mut self,
+        obs: &Observation<T>,
+        innovation: &Innovation,
+        projected: usize,
+    ) -> UpdateReport {
+        self.whitened.clone_from(&innovation.whitened);
+        let (mean, points) = (self.belief.mean(), obs.points());
+        let mean = |k: usize| mean[points[k] as usize].to_f64();
+        residual(obs, mean, &mut self.after);
+        UpdateReport {
+            postfit: norm(&self.after),
+            projected,
+            ..innovation.report(obs)
+        }
+    }
+}
