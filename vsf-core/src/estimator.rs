@@ -31,6 +31,17 @@ pub struct Prediction {
     pub sd: Vec<f64>,
 }
 
+impl Prediction {
+    /// Checks that means and standard deviations are finite.
+    ///
+    /// # Errors
+    /// [`CoreError::NotFinite`] names the channel.
+    pub fn check_finite(&self) -> Result<(), CoreError> {
+        CoreError::check_finite("predicted reading", &self.mean)?;
+        CoreError::check_finite("predicted standard deviation", &self.sd)
+    }
+}
+
 /// Learns the stiffness field from linear observations.
 ///
 /// On an error the belief is unchanged. Dyn-safe; `Box<dyn Estimator<Scalar = T>>` is an
@@ -61,7 +72,7 @@ pub trait Estimator: Send {
     /// Time passes: every stiffness takes an independent random step of this variance (at least 0
     /// N²/m²). Means stay and variances grow by it, so that later readings count for more than
     /// earlier ones: the prediction step of a Kalman filter, for objects that stiffen, dry, heal or
-    /// are cut. For a field that drifts at a rate `q` (N²/m² per second), call it with `q * dt`
+    /// are cut. For a field that drifts at a rate `Q` (N²/m² per second), call it with `Q * dt`
     /// before each update. By default refused.
     ///
     /// Sums are rounded in [`Estimator::Scalar`]: in `f32`, steps below about 1e-7 of a variance
@@ -87,7 +98,7 @@ pub trait Estimator: Send {
     /// marginals; estimators with correlations use them.
     ///
     /// # Errors
-    /// An observation that reaches beyond the field.
+    /// An observation that reaches beyond the field, or a prediction beyond the range of numbers.
     fn predict(
         &self,
         obs: &Observation<Self::Scalar>,
@@ -107,7 +118,7 @@ pub trait Estimator: Send {
             out.mean[i] = mean;
             out.sd[i] = (variance + obs.noise().sd(i).powi(2)).sqrt();
         }
-        Ok(())
+        out.check_finite()
     }
 }
 

@@ -4,8 +4,8 @@ use vsf_core::{CoreError, Noise, Observation, Scalar, SymmetricFactor};
 /// Keeps past readings honest about a field that has moved since.
 ///
 /// A reading `tau = W K_then + n` says of the field now, `K_now = K_then + step` with a step of
-/// variance q in every point: `tau = W K_now + (n - W step)`. Its noise has become
-/// `R + q W W^T`.
+/// variance Q in every point: `tau = W K_now + (n - W step)`. Its noise has become `R + Q W W^T`, if
+/// nothing else is known of the field.
 #[derive(Debug, Clone)]
 pub(crate) struct Aging<T> {
     steps: Vec<T>,

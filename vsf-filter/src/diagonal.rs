@@ -253,8 +253,7 @@ impl<T: Scalar> Estimator for DiagonalKalman<T> {
         for (i, sd) in out.sd.iter_mut().enumerate() {
             *sd = (*sd + obs.noise().sd(i).powi(2)).sqrt();
         }
-        CoreError::check_finite("predicted reading", &out.mean)?;
-        CoreError::check_finite("predicted standard deviation", &out.sd)
+        out.check_finite()
     }
 }
 

@@ -87,9 +87,9 @@ impl Default for ReplayConfig {
 ///
 /// # A field that changes
 /// A past reading describes a field that has moved since ([`Estimator::diffuse`]). When it is
-/// replayed after steps of total variance `q`, its noise is `R + q W W^T`: what it says of the field
+/// replayed after steps of total variance `Q`, its noise is `R + Q W W^T`: what it says of the field
 /// now, if nothing else is known. Readings share their steps, though, and many old ones together
-/// would hold the field back; once `q W W^T` is more than three times the noise of a channel, the
+/// would hold the field back; once `Q W W^T` is more than three times the noise of a channel, the
 /// observation has faded and leaves the buffer. Noise is brought up to date when an observation is
 /// drawn, so that `diffuse` stays O(N).
 ///

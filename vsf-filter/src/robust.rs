@@ -72,11 +72,11 @@ impl Default for RobustLoss {
 /// Makes any estimator robust against outliers in the readings: spikes, a joint whose sensor sticks.
 ///
 /// Before an update every channel is compared with its prediction. A residual of `z` predicted
-/// standard deviations `s` gets a weight `w` ([`RobustLoss`]), and the channel's noise grows until
-/// its innovation variance is `s² / w`: covariances become `R_ij / sqrt(w_i w_j)`, and the diagonal
-/// takes `(s_i² - R_ii) (1 / w_i - 1)` more, the same share of what the field leaves uncertain.
-/// Without the latter an outlier would pass unhindered wherever points are touched for the first
-/// time. One channel then shifts the field by no more than `k` predicted standard deviations would.
+/// standard deviations `s` gets a weight `omega` ([`RobustLoss`]), and the channel's noise grows until
+/// its innovation variance is `s² / omega`: covariances become `R_ij / sqrt(omega_i omega_j)`, and the
+/// diagonal takes `(s_i² - R_ii) (1 / omega_i - 1)` more, for what the field leaves uncertain. With
+/// the former alone an outlier would pass unhindered wherever points are touched for the first time.
+/// One channel alone now shifts its prediction by at most `k` predicted standard deviations (Huber).
 /// Readings of full weight go to the estimator inside as they are.
 ///
 /// # With memory replay
@@ -183,9 +183,8 @@ impl<E: Estimator> Scratch<E> {
         obs: &Observation<E::Scalar>,
     ) -> Result<(), CoreError> {
         inner.predict(obs, &mut self.prediction)?;
+        self.prediction.check_finite()?;
         let Prediction { mean, sd } = &self.prediction;
-        CoreError::check_finite("predicted reading", mean)?;
-        CoreError::check_finite("predicted standard deviation", sd)?;
         self.weights.clear();
         let residuals = obs.reading().iter().zip(mean).zip(sd);
         self.weights
