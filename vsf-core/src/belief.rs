@@ -5,6 +5,11 @@ use crate::{CoreError, Scalar};
 ///
 /// Estimators that keep correlations report their marginals here.
 #[derive(Debug, Clone, PartialEq)]
+#[cfg_attr(
+    feature = "serde",
+    derive(serde::Serialize, serde::Deserialize),
+    serde(try_from = "crate::state::BeliefParts<T>")
+)]
 pub struct Belief<T: Scalar> {
     mean: Vec<T>,
     variance: Vec<T>,
@@ -85,6 +90,33 @@ impl<T: Scalar> Belief<T> {
     /// finite and not negative, variances finite and positive.
     pub fn parts_mut(&mut self) -> (&mut [T], &mut [T]) {
         (&mut self.mean, &mut self.variance)
+    }
+
+    /// Adds `variance` (N²/m², >= 0) to the variance of every point, as
+    /// [`Estimator::diffuse`](crate::Estimator::diffuse) asks of independent points. O(N).
+    ///
+    /// # Errors
+    /// A variance that is negative or not finite, or a sum beyond the range of `T`. The belief is
+    /// then unchanged.
+    pub fn diffuse(&mut self, variance: T) -> Result<(), CoreError> {
+        if !(variance >= T::ZERO && variance.is_finite()) {
+            return Err(CoreError::Parameter {
+                name: "variance of the random step",
+                value: variance.to_f64(),
+                range: ">= 0 N²/m²",
+            });
+        }
+        // No early exit, which would keep the loop from vectorising.
+        let sums = self.variance.iter().map(|&v| v + variance);
+        if !sums.fold(true, |ok, v| ok & v.is_finite()) {
+            return Err(CoreError::Overflow {
+                what: "variance of a point",
+            });
+        }
+        for v in &mut self.variance {
+            *v += variance;
+        }
+        Ok(())
     }
 
     /// The same belief in another precision.

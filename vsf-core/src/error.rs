@@ -81,6 +81,14 @@ pub enum CoreError {
         /// The largest supported size.
         max: usize,
     },
+    /// An implementation of a seam cannot do what was asked; its state is unchanged.
+    #[error("{what} is not supported by {by}")]
+    Unsupported {
+        /// What was asked for.
+        what: &'static str,
+        /// Type name of the implementation.
+        by: &'static str,
+    },
     /// An implementation of a seam outside this workspace failed for a reason of its own.
     #[error("{0}")]
     Other(String),

@@ -31,6 +31,17 @@ pub struct Prediction {
     pub sd: Vec<f64>,
 }
 
+impl Prediction {
+    /// Checks that means and standard deviations are finite.
+    ///
+    /// # Errors
+    /// [`CoreError::NotFinite`] names the channel.
+    pub fn check_finite(&self) -> Result<(), CoreError> {
+        CoreError::check_finite("predicted reading", &self.mean)?;
+        CoreError::check_finite("predicted standard deviation", &self.sd)
+    }
+}
+
 /// Learns the stiffness field from linear observations.
 ///
 /// On an error the belief is unchanged. Dyn-safe; `Box<dyn Estimator<Scalar = T>>` is an
@@ -58,6 +69,26 @@ pub trait Estimator: Send {
     /// An observation that does not fit the field, or a result that would not be finite.
     fn update(&mut self, obs: &Observation<Self::Scalar>) -> Result<UpdateReport, CoreError>;
 
+    /// Time passes: every stiffness takes an independent random step of this variance (at least 0
+    /// N²/m²). Means stay and variances grow by it, so that later readings count for more than
+    /// earlier ones: the prediction step of a Kalman filter, for objects that stiffen, dry, heal or
+    /// are cut. For a field that drifts at a rate `Q` (N²/m² per second), call it with `Q * dt`
+    /// before each update. By default refused.
+    ///
+    /// Sums are rounded in [`Estimator::Scalar`]: in `f32`, steps below about 1e-7 of a variance
+    /// vanish. Collect them and call this less often.
+    ///
+    /// # Errors
+    /// [`CoreError::Unsupported`] when the estimator takes the field to be constant; a variance that
+    /// is negative or not finite; a sum beyond the range of numbers. The belief is then unchanged.
+    fn diffuse(&mut self, variance: Self::Scalar) -> Result<(), CoreError> {
+        let _ = variance;
+        Err(CoreError::Unsupported {
+            what: "a field that changes with time (Estimator::diffuse)",
+            by: std::any::type_name::<Self>(),
+        })
+    }
+
     /// The residual of the last update before it was taken in, whitened with its predicted
     /// covariance: `L^-1 (tau - W mu)` with `L L^T = W Sigma W^T + R`. Independent standard normal
     /// numbers when prior and noise are right. Empty before the first update.
@@ -67,7 +98,7 @@ pub trait Estimator: Send {
     /// marginals; estimators with correlations use them.
     ///
     /// # Errors
-    /// An observation that reaches beyond the field.
+    /// An observation that reaches beyond the field, or a prediction beyond the range of numbers.
     fn predict(
         &self,
         obs: &Observation<Self::Scalar>,
@@ -87,7 +118,7 @@ pub trait Estimator: Send {
             out.mean[i] = mean;
             out.sd[i] = (variance + obs.noise().sd(i).powi(2)).sqrt();
         }
-        Ok(())
+        out.check_finite()
     }
 }
 
@@ -104,6 +135,9 @@ impl<E: Estimator + ?Sized> Estimator for Box<E> {
     }
     fn update(&mut self, obs: &Observation<E::Scalar>) -> Result<UpdateReport, CoreError> {
         (**self).update(obs)
+    }
+    fn diffuse(&mut self, variance: E::Scalar) -> Result<(), CoreError> {
+        (**self).diffuse(variance)
     }
     fn whitened_residual(&self) -> &[f64] {
         (**self).whitened_residual()

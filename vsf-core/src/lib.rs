@@ -19,6 +19,9 @@
 //! GPU backend. It would spread through every signature, while a GPU estimator is simply one
 //! more [`Estimator`].
 //!
+//! The feature `serde` saves and restores [`Belief`], [`Noise`] and [`Observation`]; what is read
+//! in is checked like the arguments of their constructors.
+//!
 //! Units are SI (metres, radians, newtons, newton metres), the world frame has z up. Names carry
 //! their frame: `p_W` is a point in world coordinates, `X_WL` the pose of link L in world.
 
@@ -31,12 +34,15 @@ mod estimator;
 mod geometry;
 mod health;
 mod linalg;
+mod noise;
 mod observation;
 mod points;
 mod posture;
 mod scalar;
 mod sensor;
 mod session;
+#[cfg(feature = "serde")]
+mod state;
 
 pub use belief::Belief;
 pub use contact::{ContactModel, Contacts};
@@ -45,7 +51,8 @@ pub use estimator::{Estimator, Prediction, UpdateReport};
 pub use geometry::{Collider, Shape, TriMesh};
 pub use health::FilterHealth;
 pub use linalg::SymmetricFactor;
-pub use observation::{Noise, Observation};
+pub use noise::Noise;
+pub use observation::Observation;
 pub use points::{Cell, RestPoints};
 pub use posture::{JointScrew, LinkChains, Posture};
 pub use scalar::Scalar;

@@ -1,83 +1,4 @@
-use crate::{CoreError, Scalar, SymmetricFactor};
-
-/// Covariance of the reading noise, `R` (`d x d`, in squared units of the reading).
-#[derive(Debug, Clone, PartialEq)]
-pub struct Noise {
-    dim: usize,
-    covariance: Vec<f64>,
-}
-
-impl Noise {
-    /// The same standard deviation for all `dim` channels, independent; the paper's sigma_tau.
-    ///
-    /// # Errors
-    /// A standard deviation that is not positive and finite.
-    pub fn uniform(dim: usize, sd: f64) -> Result<Self, CoreError> {
-        Self::per_channel(&vec![sd; dim])
-    }
-
-    /// One standard deviation per channel, independent.
-    ///
-    /// # Errors
-    /// A standard deviation that is not positive and finite.
-    pub fn per_channel(sd: &[f64]) -> Result<Self, CoreError> {
-        let dim = sd.len();
-        let mut covariance = vec![0.0; dim * dim];
-        for (i, &s) in sd.iter().enumerate() {
-            if !(s > 0.0 && (s * s).is_finite() && s * s > 0.0) {
-                return Err(CoreError::Parameter {
-                    name: "noise sd",
-                    value: s,
-                    range: "> 0 and finite, its square too",
-                });
-            }
-            covariance[i * dim + i] = s * s;
-        }
-        Ok(Self { dim, covariance })
-    }
-
-    /// A full covariance, row-major `dim x dim`.
-    ///
-    /// # Errors
-    /// A matrix that is not finite, symmetric (to 1e-9 of its largest entry) and positive definite.
-    pub fn full(dim: usize, covariance: Vec<f64>) -> Result<Self, CoreError> {
-        CoreError::check_len("noise covariance", covariance.len(), dim * dim)?;
-        CoreError::check_finite("noise covariance", &covariance)?;
-        let largest = covariance.iter().fold(0.0f64, |a, v| a.max(v.abs()));
-        for i in 0..dim {
-            for j in 0..i {
-                let gap = covariance[i * dim + j] - covariance[j * dim + i];
-                if gap.abs() > 1e-9 * largest {
-                    return Err(CoreError::Parameter {
-                        name: "noise covariance asymmetry",
-                        value: gap,
-                        range: "0: the matrix must be symmetric",
-                    });
-                }
-            }
-        }
-        SymmetricFactor::default().factor("noise covariance", dim, &covariance)?;
-        Ok(Self { dim, covariance })
-    }
-
-    /// Number of channels `d`.
-    pub fn dim(&self) -> usize {
-        self.dim
-    }
-
-    /// The covariance, row-major `d x d`.
-    pub fn covariance(&self) -> &[f64] {
-        &self.covariance
-    }
-
-    /// Standard deviation of channel `i`.
-    ///
-    /// # Panics
-    /// If `i >= dim`.
-    pub fn sd(&self, i: usize) -> f64 {
-        self.covariance[i * self.dim + i].sqrt()
-    }
-}
+use crate::{CoreError, Noise, Scalar};
 
 /// One linear observation of the field: `reading = sum_k column_k K[points_k] + noise` (eq. 4).
 ///
@@ -85,11 +6,17 @@ impl Noise {
 /// estimators stream over the points. Valid by construction: point indices strictly increasing
 /// and below the size of the field, every number finite.
 #[derive(Debug, PartialEq)]
+#[cfg_attr(
+    feature = "serde",
+    derive(serde::Serialize, serde::Deserialize),
+    serde(try_from = "crate::state::ObservationParts<T>")
+)]
 pub struct Observation<T: Scalar> {
     points: Vec<u32>,
     rows: Vec<T>,
     reading: Vec<T>,
     noise: Noise,
+    #[cfg_attr(feature = "serde", serde(skip))]
     column: Vec<f64>,
 }
 
@@ -105,8 +32,7 @@ impl<T: Scalar> Clone for Observation<T> {
         self.points.clone_from(&source.points);
         self.rows.clone_from(&source.rows);
         self.reading.clone_from(&source.reading);
-        self.noise.dim = source.noise.dim;
-        self.noise.covariance.clone_from(&source.noise.covariance);
+        self.noise.clone_from(&source.noise);
         self.column.clone_from(&source.column);
     }
 }
@@ -206,13 +132,13 @@ impl<T: Scalar> Observation<T> {
     /// Noise of another dimension.
     pub fn set_noise(&mut self, noise: &Noise) -> Result<(), CoreError> {
         CoreError::check_len("noise", noise.dim(), self.dim())?;
-        self.noise.covariance.copy_from_slice(&noise.covariance);
+        self.noise.clone_from(noise);
         Ok(())
     }
 
     /// Number of channels `d`.
     pub fn dim(&self) -> usize {
-        self.noise.dim
+        self.noise.dim()
     }
 
     /// Number of touched points.
@@ -288,6 +214,6 @@ impl<T: Scalar> Observation<T> {
     pub fn bytes(&self) -> usize {
         self.points.len() * size_of::<u32>()
             + (self.rows.len() + self.reading.len()) * size_of::<T>()
-            + self.noise.covariance.len() * size_of::<f64>()
+            + size_of_val(self.noise.covariance())
     }
 }

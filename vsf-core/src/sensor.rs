@@ -9,7 +9,8 @@ pub trait Sensor<T: Scalar>: Send {
     /// An empty observation with this sensor's noise, for [`Sensor::observe`] to write.
     fn blank(&self) -> Observation<T>;
 
-    /// Writes the columns `w_i` of the touched points and the `reading` into `out`.
+    /// Writes the columns `w_i` of the touched points and the `reading` into `out`, and its noise if
+    /// that may have changed since [`Sensor::blank`].
     ///
     /// # Errors
     /// A reading of the wrong length, contacts that do not fit posture or points, values that are

@@ -131,6 +131,17 @@ where
         &self.health
     }
 
+    /// The sensor.
+    pub fn sensor(&self) -> &S {
+        &self.sensor
+    }
+
+    /// The sensor, to change its noise while the session runs. It must keep its number of
+    /// channels.
+    pub fn sensor_mut(&mut self) -> &mut S {
+        &mut self.sensor
+    }
+
     /// The estimator.
     pub fn estimator(&self) -> &E {
         &self.estimator

@@ -6,7 +6,7 @@ use std::sync::Arc;
 use vsf_core::nalgebra::{Point3, Vector3};
 use vsf_core::{
     Belief, ContactModel, Contacts, CoreError, Estimator, LinkChains, Noise, Observation, Posture,
-    Prediction, RestPoints, Sensor, Session, UpdateReport,
+    Prediction, RestPoints, Sensor, Session, SymmetricFactor, UpdateReport,
 };
 
 /// A wall at height q that presses every point above it down.
@@ -183,4 +183,54 @@ fn beliefs_and_noise_are_checked_on_building() {
         "indefinite"
     );
     assert!(Noise::full(2, vec![2.0, 1.0, 1.0, 2.0]).is_ok());
+}
+
+#[test]
+fn noise_is_replaced_within_its_memory_or_not_at_all() {
+    let mut noise = Noise::uniform(2, 1.0).unwrap();
+    let mut workspace = SymmetricFactor::default();
+    let mut set = |noise: &mut Noise, dim, r: &[f64]| noise.set_full(dim, r, &mut workspace);
+    for (dim, bad) in [
+        (2, &[1.0, 0.5, 0.4, 1.0][..]),
+        (2, &[1.0, 2.0, 2.0, 1.0]),
+        (2, &[1.0, f64::NAN, f64::NAN, 1.0]),
+        (3, &[1.0, 0.0, 0.0, 1.0]),
+        (usize::MAX, &[1.0]),
+    ] {
+        assert!(set(&mut noise, dim, bad).is_err(), "{dim}: {bad:?}");
+        assert_eq!(noise, Noise::uniform(2, 1.0).unwrap());
+    }
+    let r = [2.0, 1.0, 1.0, 2.0];
+    set(&mut noise, 2, &r).unwrap();
+    assert_eq!(noise, Noise::full(2, r.to_vec()).unwrap());
+    set(&mut noise, 1, &[4.0]).unwrap();
+    assert_eq!(noise, Noise::uniform(1, 2.0).unwrap());
+}
+
+#[test]
+fn a_belief_diffuses_or_stays() {
+    let mut belief = Belief::<f32>::new(vec![1.0, 2.0], vec![1.0, f32::MAX]).unwrap();
+    let before = belief.clone();
+    for bad in [-1.0, f32::NAN, f32::INFINITY, f32::MAX] {
+        assert!(belief.diffuse(bad).is_err(), "{bad}");
+        assert_eq!(belief, before);
+    }
+    belief.diffuse(0.0).unwrap();
+    assert_eq!(belief, before);
+    let mut belief = Belief::new(vec![1.0, 2.0], vec![1.0, 3.0]).unwrap();
+    belief.diffuse(0.5).unwrap();
+    assert_eq!(belief, Belief::new(vec![1.0, 2.0], vec![1.5, 3.5]).unwrap());
+}
+
+#[test]
+fn an_estimator_of_a_constant_field_says_so() {
+    let mut estimator: AnyEstimator = Box::new(Nudge(Belief::uniform(2, 0.0, 2.0).unwrap()));
+    let error = estimator.diffuse(1.0).unwrap_err();
+    assert!(matches!(error, CoreError::Unsupported { .. }));
+    let text = error.to_string();
+    assert!(
+        text.contains("Estimator::diffuse") && text.contains("Nudge"),
+        "{text}"
+    );
+    assert_eq!(estimator.belief(), &Belief::uniform(2, 0.0, 2.0).unwrap());
 }

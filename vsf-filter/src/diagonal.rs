@@ -1,11 +1,14 @@
 use crate::kernel;
 use crate::replay::{ReplayVariance, Revisit};
 use std::f64::consts::TAU;
-use vsf_core::{Belief, CoreError, Estimator, Observation, Scalar, SymmetricFactor, UpdateReport};
+use vsf_core::{
+    Belief, CoreError, Estimator, Observation, Prediction, Scalar, SymmetricFactor, UpdateReport,
+};
 
 /// How [`DiagonalKalman`] corrects the means. The variances follow eq. 7 in all forms,
 /// `1/v' = 1/v + w^T R^-1 w`.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub enum DiagonalForm {
     /// The Kalman gain of independent points, `v W^T (W v W^T + R)^-1`: the exact posterior mean
     /// of one observation. It spreads the residual over the points and cannot overshoot.
@@ -28,10 +31,13 @@ pub enum DiagonalForm {
 /// Points that were touched together are in truth correlated afterwards; this filter does not
 /// know it. Use [`crate::MemoryReplay`] to make up for it, as the paper does.
 #[derive(Debug, Clone)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct DiagonalKalman<T: Scalar> {
     belief: Belief<T>,
     form: DiagonalForm,
+    #[cfg_attr(feature = "serde", serde(deserialize_with = "crate::state::finite"))]
     whitened: Vec<f64>,
+    #[cfg_attr(feature = "serde", serde(skip))]
     scratch: Scratch<T>,
 }
 
@@ -231,8 +237,23 @@ impl<T: Scalar> Estimator for DiagonalKalman<T> {
         Ok(report)
     }
 
+    fn diffuse(&mut self, variance: T) -> Result<(), CoreError> {
+        self.belief.diffuse(variance)
+    }
+
     fn whitened_residual(&self) -> &[f64] {
         &self.whitened
+    }
+
+    fn predict(&self, obs: &Observation<T>, out: &mut Prediction) -> Result<(), CoreError> {
+        obs.check_fits(self.belief.len())?;
+        out.mean.resize(obs.dim(), 0.0);
+        out.sd.resize(obs.dim(), 0.0);
+        kernel::predict(obs, &self.belief, &mut out.mean, &mut out.sd);
+        for (i, sd) in out.sd.iter_mut().enumerate() {
+            *sd = (*sd + obs.noise().sd(i).powi(2)).sqrt();
+        }
+        out.check_finite()
     }
 }
 

@@ -138,6 +138,38 @@ pub(crate) fn gram<T: Scalar>(obs: &Observation<T>, variance: &[T], covariance: 
     }
 }
 
+/// Per channel of `W K`: its mean and variance under a belief of independent points.
+pub(crate) fn predict<T: Scalar>(
+    obs: &Observation<T>,
+    belief: &Belief<T>,
+    mean: &mut [f64],
+    variance: &mut [f64],
+) {
+    mean.fill(0.0);
+    variance.fill(0.0);
+    let (mut m, mut v, mut wv) = ([T::ZERO; BLOCK], [T::ZERO; BLOCK], [T::ZERO; BLOCK]);
+    for block in blocks(obs.len()) {
+        let (m, v, wv) = (
+            &mut m[..block.len()],
+            &mut v[..block.len()],
+            &mut wv[..block.len()],
+        );
+        for ((&p, m), v) in obs.points()[block.clone()].iter().zip(&mut *m).zip(&mut *v) {
+            *m = belief.mean()[p as usize];
+            *v = belief.variance()[p as usize];
+        }
+        for i in 0..obs.dim() {
+            let row = &obs.row(i)[block.clone()];
+            for ((x, &w), &v) in wv.iter_mut().zip(row).zip(&*v) {
+                *x = w * v;
+            }
+            let [first, second] = dots(row, m, wv);
+            mean[i] += first.to_f64();
+            variance[i] += second.to_f64();
+        }
+    }
+}
+
 /// `v / (1 + v w^T R^-1 w)` per contact (eq. 7, first line), in place. `whitener` is the row-major
 /// inverse `L^-1` of the Cholesky factor of R.
 pub(crate) fn shrink<T: Scalar>(obs: &Observation<T>, whitener: &[f64], variance: &mut [T]) {

@@ -4,10 +4,12 @@
 //! | --- | --- | --- |
 //! | [`DiagonalKalman`] | independent points (eq. 6-7) | `O(d² n)` for n contacts, d channels |
 //! | [`MemoryReplay`] | as the estimator inside it, which sees past observations again (Alg. 1) | `1 + T_replay` updates |
+//! | [`RobustNoise`] | as the estimator inside it, with the noise of outliers inflated | one prediction more |
 //! | [`BatchMap`] | the constrained optimum over all observations, offline | `O(n³)` once, for n touched points |
 //!
-//! The first two keep `K >= 0` by projection (eq. 5, last line) and implement
-//! [`vsf_core::Estimator`], so that either can stand wherever the other does.
+//!
+//! All but [`BatchMap`] keep `K >= 0` by projection (eq. 5, last line) and implement
+//! [`vsf_core::Estimator`], so that each can stand wherever another does.
 //!
 //! ```
 //! use vsf_core::{Belief, Estimator, Noise, Observation};
@@ -26,12 +28,38 @@
 //! # Ok::<(), vsf_core::CoreError>(())
 //! ```
 //!
+//! # Saving and restoring
+//! With the feature `serde` every estimator can be written in any format of that framework and read
+//! back; the restored one goes on as if nothing had happened, bit for bit if the format keeps floats
+//! exactly (postcard does, serde_json with its feature `float_roundtrip`). States that no estimator
+//! could have reached are refused. The layout belongs to one version of this crate.
+//!
+#![cfg_attr(feature = "serde", doc = "```")]
+#![cfg_attr(not(feature = "serde"), doc = "```ignore")]
+//! use vsf_core::{Belief, Estimator, Noise, Observation};
+//! use vsf_filter::{DiagonalKalman, MemoryReplay, ReplayConfig};
+//!
+//! let prior = Belief::<f32>::uniform(2, 0.0, 100.0)?;
+//! let mut filter = MemoryReplay::new(DiagonalKalman::new(prior), ReplayConfig::default())?;
+//! let mut obs = Observation::new(Noise::uniform(1, 0.01)?);
+//! obs.rebuild(2, &[0, 1], &[5.0], |_, w| w[0] = 1.0)?;
+//! filter.update(&obs)?;
+//!
+//! let saved: Vec<u8> = postcard::to_allocvec(&filter)?;
+//! let mut restored: MemoryReplay<DiagonalKalman<f32>> = postcard::from_bytes(&saved)?;
+//!
+//! assert_eq!(restored.update(&obs)?, filter.update(&obs)?);
+//! assert_eq!(restored.belief(), filter.belief());
+//! # Ok::<(), Box<dyn std::error::Error>>(())
+//! ```
+//!
 //! # Reference
 //! S. Yao, K. Hauser, *Estimating Tactile Models of Heterogeneous Deformable Objects in Real Time*,
 //! ICRA 2023, sections III-B-c and III-C.
 
 #![forbid(unsafe_code)]
 
+mod aging;
 mod batch;
 mod cholesky;
 mod covariance;
@@ -44,6 +72,9 @@ mod prior;
 mod projection;
 mod replay;
 mod reservoir;
+mod robust;
+#[cfg(feature = "serde")]
+mod state;
 mod tile_kernel;
 mod tiles;
 mod touched;
@@ -55,3 +86,4 @@ pub use information::InformationFilter;
 pub use prior::{FieldPrior, Matern, Smoothness};
 pub use projection::Projection;
 pub use replay::{MemoryReplay, ReplayConfig, ReplayVariance, Revisit};
+pub use robust::{RobustLoss, RobustNoise};

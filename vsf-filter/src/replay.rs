@@ -1,3 +1,4 @@
+use crate::aging::Aging;
 use crate::diagonal::postfit;
 use crate::kernel;
 use crate::reservoir::Reservoir;
@@ -5,8 +6,12 @@ use rand::{RngExt, SeedableRng};
 use rand_pcg::Pcg64Mcg;
 use vsf_core::{Belief, CoreError, Estimator, Observation, Prediction, Scalar, UpdateReport};
 
+#[cfg(feature = "serde")]
+mod state;
+
 /// What happens to the variances when an observation is taken in again.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub enum ReplayVariance {
     /// They stay: an observation counts once, however often it is replayed. The default. The
     /// filter stays somewhat overconfident, as the diagonal filter is by itself, because it leaves
@@ -42,6 +47,7 @@ pub trait Revisit: Estimator {
 
 /// Parameters of [`MemoryReplay`].
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct ReplayConfig {
     /// Past observations replayed after every update, T_replay; default 20 (paper).
     pub replays: usize,
@@ -79,17 +85,47 @@ impl Default for ReplayConfig {
 /// An update costs `1 + replays` corrections. Memory of past observations is reused, also across
 /// sequences.
 ///
+/// # A field that changes
+/// A past reading describes a field that has moved since ([`Estimator::diffuse`]). When it is
+/// replayed after steps of total variance `Q`, its noise is `R + Q W W^T`: what it says of the field
+/// now, if nothing else is known. Readings share their steps, though, and many old ones together
+/// would hold the field back; once `Q W W^T` is more than three times the noise of a channel, the
+/// observation has faded and leaves the buffer. Noise is brought up to date when an observation is
+/// drawn, so that `diffuse` stays O(N).
+///
 /// When an update fails, the belief is as before, bit for bit, and the observation is not in the
 /// buffer; the draws go on from where they were.
 #[derive(Debug, Clone)]
+#[cfg_attr(
+    feature = "serde",
+    derive(serde::Serialize, serde::Deserialize),
+    serde(
+        try_from = "state::ReplayParts<E>",
+        bound(
+            serialize = "E: serde::Serialize, E::Scalar: serde::Serialize",
+            deserialize = "E: Revisit + serde::Deserialize<'de>, E::Scalar: serde::Deserialize<'de>"
+        )
+    )
+)]
 pub struct MemoryReplay<E: Estimator> {
     inner: E,
     config: ReplayConfig,
+    #[cfg_attr(feature = "serde", serde(serialize_with = "state::save_rng"))]
     rng: Pcg64Mcg,
     buffer: Reservoir<E::Scalar>,
-    undo: Undo<E::Scalar>,
+    /// Total variance of the field's random steps since the last reset (N²/m²).
+    diffused: f64,
     whitened: Vec<f64>,
+    #[cfg_attr(feature = "serde", serde(skip))]
+    aging: Aging<E::Scalar>,
+    /// Drawn in the running update, but no longer worth a replay.
+    #[cfg_attr(feature = "serde", serde(skip))]
+    faded: Vec<usize>,
+    #[cfg_attr(feature = "serde", serde(skip))]
+    undo: Undo<E::Scalar>,
+    #[cfg_attr(feature = "serde", serde(skip))]
     touched: Vec<E::Scalar>,
+    #[cfg_attr(feature = "serde", serde(skip))]
     predicted: Vec<f64>,
 }
 
@@ -122,6 +158,9 @@ impl<E: Revisit> MemoryReplay<E> {
             config,
             rng: Pcg64Mcg::seed_from_u64(config.seed),
             buffer: Reservoir::new(),
+            diffused: 0.0,
+            aging: Aging::new()?,
+            faded: Vec::new(),
             undo: Undo::default(),
             whitened: Vec::new(),
             touched: Vec::new(),
@@ -171,6 +210,7 @@ impl<E: Revisit> MemoryReplay<E> {
     ) -> Result<UpdateReport, CoreError> {
         obs.check_fits(self.inner.belief().len())?;
         self.undo.clear();
+        self.faded.clear();
         self.undo
             .note(self.inner.belief(), obs, ReplayVariance::Shrink);
         let mut report = self.inner.correct(obs, ReplayVariance::Shrink)?;
@@ -181,7 +221,7 @@ impl<E: Revisit> MemoryReplay<E> {
             && self.config.replays > 0
             && self
                 .buffer
-                .push(obs, self.config.byte_budget, &mut self.rng);
+                .push(obs, self.diffused, self.config.byte_budget, &mut self.rng);
         if let Err(error) = self.replay(draw) {
             self.roll_back(obs);
             if stored {
@@ -197,7 +237,18 @@ impl<E: Revisit> MemoryReplay<E> {
             &mut self.touched,
             &mut self.predicted,
         );
+        self.drop_faded();
         Ok(report)
+    }
+
+    /// Takes observations that have faded out of the buffer, the last first: those that move up
+    /// into their places stay.
+    fn drop_faded(&mut self) {
+        self.faded.sort_unstable_by(|a, b| b.cmp(a));
+        self.faded.dedup();
+        for &j in &self.faded {
+            self.buffer.remove(j);
+        }
     }
 
     fn replay(
@@ -209,6 +260,10 @@ impl<E: Revisit> MemoryReplay<E> {
             let Some(j) = (len > 0).then(|| draw(&mut self.rng, k, len)).flatten() else {
                 break;
             };
+            if !self.buffer.age(j, self.diffused, &mut self.aging) {
+                self.faded.push(j);
+                continue;
+            }
             let past = self.buffer.get(j).ok_or(CoreError::OutOfRange {
                 what: "replayed observation",
                 index: j,
@@ -288,6 +343,7 @@ impl<E: Revisit> Estimator for MemoryReplay<E> {
         self.inner.reset(prior)?;
         self.rng = Pcg64Mcg::seed_from_u64(self.config.seed);
         self.buffer.clear();
+        self.diffused = 0.0;
         self.whitened.clear();
         Ok(())
     }
@@ -304,6 +360,18 @@ impl<E: Revisit> Estimator for MemoryReplay<E> {
         self.run(obs, |rng, k, len| {
             (k < replays).then(|| rng.random_range(0..len))
         })
+    }
+
+    fn diffuse(&mut self, variance: E::Scalar) -> Result<(), CoreError> {
+        let diffused = self.diffused + variance.to_f64();
+        if diffused == f64::INFINITY {
+            return Err(CoreError::Overflow {
+                what: "total variance of the field's steps",
+            });
+        }
+        self.inner.diffuse(variance)?;
+        self.diffused = diffused;
+        Ok(())
     }
 
     fn whitened_residual(&self) -> &[f64] {

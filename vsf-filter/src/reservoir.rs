@@ -1,6 +1,14 @@
+use crate::aging::Aging;
 use rand::RngExt;
 use rand_pcg::Pcg64Mcg;
 use vsf_core::{Observation, Scalar};
+
+#[cfg(feature = "serde")]
+mod state;
+
+/// An observation of a field that moves has faded when what the steps have added to the noise of a
+/// channel exceeds this multiple of it.
+const FADED: f64 = 3.0;
 
 /// A uniform sample of a stream of observations within a bound on memory.
 ///
@@ -20,10 +28,16 @@ pub(crate) struct Reservoir<T: Scalar> {
 }
 
 #[derive(Debug, Clone)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 struct Slot<T: Scalar> {
     key: u64,
     /// Size of the largest observation that was in the slot: its memory.
     held: usize,
+    /// How far the field had moved (total variance of its random steps) when the noise of the
+    /// observation was last right.
+    diffused: f64,
+    /// How far the field may move before the observation has faded; known once it has moved.
+    fades_at: Option<f64>,
     obs: Observation<T>,
 }
 
@@ -49,6 +63,35 @@ impl<T: Scalar> Reservoir<T> {
         self.slots[..self.filled].get(index).map(|slot| &slot.obs)
     }
 
+    /// Brings the noise of an observation up to date with a field that has moved by `diffused`;
+    /// false when it has faded.
+    pub(crate) fn age(&mut self, index: usize, diffused: f64, aging: &mut Aging<T>) -> bool {
+        let Some(slot) = self.slots[..self.filled].get_mut(index) else {
+            return true;
+        };
+        let moved = diffused - slot.diffused;
+        if moved > 0.0 && slot.fades_at.is_none_or(|at| diffused <= at) {
+            // Noise beyond all numbers has faded too.
+            let Ok(ratio) = aging.age(&mut slot.obs, moved) else {
+                slot.fades_at = Some(slot.diffused);
+                return false;
+            };
+            let first = slot.diffused + moved * FADED / ratio;
+            slot.fades_at.get_or_insert(first);
+            slot.diffused = diffused;
+        }
+        slot.fades_at.is_none_or(|at| diffused <= at)
+    }
+
+    /// Takes an observation out. There is room for any other again.
+    pub(crate) fn remove(&mut self, index: usize) {
+        if index < self.filled {
+            self.filled -= 1;
+            self.slots.swap(index, self.filled);
+            self.limit = u64::MAX;
+        }
+    }
+
     /// Empties the sample and keeps the memory.
     pub(crate) fn clear(&mut self) {
         self.filled = 0;
@@ -60,9 +103,15 @@ impl<T: Scalar> Reservoir<T> {
         self.filled = self.filled.saturating_sub(1);
     }
 
-    /// Puts in an observation, at the end; false when it is left out. Memory stays within
-    /// `budget`, but one observation is always kept.
-    pub(crate) fn push(&mut self, obs: &Observation<T>, budget: usize, rng: &mut Pcg64Mcg) -> bool {
+    /// Puts in an observation of a field that has moved by `diffused`, at the end; false when it is
+    /// left out. Memory stays within `budget`, but one observation is always kept.
+    pub(crate) fn push(
+        &mut self,
+        obs: &Observation<T>,
+        diffused: f64,
+        budget: usize,
+        rng: &mut Pcg64Mcg,
+    ) -> bool {
         let key = rng.random::<u64>();
         if key >= self.limit {
             return false;
@@ -81,6 +130,7 @@ impl<T: Scalar> Reservoir<T> {
         match self.slots.get_mut(self.filled) {
             Some(slot) if size <= slot.held => {
                 slot.key = key;
+                (slot.diffused, slot.fades_at) = (diffused, None);
                 slot.obs.clone_from(obs);
             }
             // A fresh copy holds no more memory than it needs, a grown one might.
@@ -88,6 +138,8 @@ impl<T: Scalar> Reservoir<T> {
                 let fresh = Slot {
                     key,
                     held: size,
+                    diffused,
+                    fades_at: None,
                     obs: obs.clone(),
                 };
                 match reused {

@@ -7,7 +7,10 @@
 use std::alloc::{GlobalAlloc, Layout, System};
 use std::sync::atomic::{AtomicUsize, Ordering};
 use vsf_core::{Belief, Estimator, Observation, Scalar};
-use vsf_filter::{DiagonalForm, DiagonalKalman, MemoryReplay, ReplayConfig, ReplayVariance};
+use vsf_filter::{
+    DiagonalForm, DiagonalKalman, MemoryReplay, ReplayConfig, ReplayVariance, RobustLoss,
+    RobustNoise,
+};
 use vsf_testkit::LinearWorld;
 
 static CALLS: AtomicUsize = AtomicUsize::new(0);
@@ -38,20 +41,23 @@ static ALLOCATOR: Counting = Counting;
 
 const N: usize = 400;
 
-/// Updates of the second half of `data` must not allocate.
+/// Updates of the second half of `data`, for a field that drifts, must not allocate.
 fn check<T: Scalar>(
     what: &str,
     estimator: &mut dyn Estimator<Scalar = T>,
     data: &[Observation<T>],
+    drift: f64,
 ) {
     let (warm_up, rest) = data.split_at(data.len() / 2);
-    for obs in warm_up {
-        estimator.update(obs).unwrap();
-    }
+    let mut run = |data: &[Observation<T>]| {
+        for obs in data {
+            estimator.update(obs).unwrap();
+            estimator.diffuse(T::from_f64(drift)).unwrap();
+        }
+    };
+    run(warm_up);
     let before = CALLS.load(Ordering::Relaxed);
-    for obs in rest {
-        estimator.update(obs).unwrap();
-    }
+    run(rest);
     let calls = CALLS.load(Ordering::Relaxed) - before;
     assert_eq!(calls, 0, "{what} ({}): {calls} allocations", T::NAME);
 }
@@ -73,19 +79,28 @@ fn check_all<T: Scalar>() {
         DiagonalForm::InnovationUpdated,
         DiagonalForm::Printed,
     ] {
-        let mut filter = DiagonalKalman::<T>::with_form(prior(), form);
-        check(&format!("{form:?}"), &mut filter, &data);
-        for variance in [ReplayVariance::Keep, ReplayVariance::Shrink] {
+        let diagonal = || DiagonalKalman::<T>::with_form(prior(), form);
+        let robust = || RobustNoise::new(diagonal(), RobustLoss::STUDENT_T).unwrap();
+        check(&format!("{form:?}"), &mut diagonal(), &data, 0.0);
+        check(&format!("robust {form:?}"), &mut robust(), &data, 1e-4);
+        for (variance, drift) in [
+            (ReplayVariance::Keep, 0.0),
+            (ReplayVariance::Shrink, 0.0),
+            (ReplayVariance::Keep, 1e-2),
+        ] {
             // Room for about 20 observations: the second half replaces old ones.
             let config = ReplayConfig {
                 variance,
                 byte_budget: 20 * data[0].bytes(),
                 ..ReplayConfig::default()
             };
-            let inner = DiagonalKalman::<T>::with_form(prior(), form);
-            let mut filter = MemoryReplay::new(inner, config).unwrap();
-            check(&format!("{form:?} with {variance:?}"), &mut filter, &data);
+            let what = format!("{form:?} with {variance:?} and drift {drift}");
+            let mut filter = MemoryReplay::new(diagonal(), config).unwrap();
+            check(&what, &mut filter, &data, drift);
             assert!(filter.buffered() < data.len() / 2);
+            let mut filter = MemoryReplay::new(robust(), config).unwrap();
+            check(&format!("robust {what}"), &mut filter, &data, drift);
+            assert!(filter.inner().downweighted_share().unwrap() > 0.05);
         }
     }
 }

@@ -3,9 +3,11 @@
 #![allow(clippy::unwrap_used)]
 
 use nalgebra::{DMatrix, DVector};
-use vsf_core::{Belief, Estimator, Noise, Observation};
+use rand::SeedableRng;
+use rand_pcg::Pcg64Mcg;
+use vsf_core::{Belief, Estimator, FilterHealth, Noise, Observation};
 use vsf_filter::{DiagonalForm, DiagonalKalman};
-use vsf_testkit::LinearWorld;
+use vsf_testkit::{LinearWorld, normal};
 
 const FORMS: [DiagonalForm; 3] = [
     DiagonalForm::Innovation,
@@ -129,4 +131,50 @@ fn one_observation_gives_the_exact_posterior_mean() {
             "variance {i}: {got}, exact {want}"
         );
     }
+}
+
+/// A spring that takes random steps is the local-level model: the variance settles at the solution
+/// of the Riccati equation, and innovations are as large as the filter says.
+#[test]
+fn a_spring_that_drifts_is_the_local_level_model() {
+    let (w, r, q): (f64, f64, f64) = (0.5, 0.09, 0.04);
+    let mut rng = Pcg64Mcg::seed_from_u64(3);
+    let mut run = |diffuse: bool| {
+        let mut filter = DiagonalKalman::new(Belief::uniform(1, 50.0, 1.0).unwrap());
+        let mut obs = Observation::new(Noise::uniform(1, r.sqrt()).unwrap());
+        let (mut health, mut k, mut squares) = (FilterHealth::default(), 50.0, 0.0);
+        for t in 0..2000 {
+            k += q.sqrt() * normal(&mut rng);
+            if diffuse {
+                filter.diffuse(q).unwrap();
+            }
+            let tau = w * k + r.sqrt() * normal(&mut rng);
+            obs.rebuild(1, &[0], &[tau], |_, c| c[0] = w).unwrap();
+            let report = filter.update(&obs).unwrap();
+            if t >= 100 {
+                health.record(&report);
+                squares += (filter.belief().mean()[0] - k).powi(2);
+            }
+        }
+        (filter, health, squares / 1900.0)
+    };
+    let (filter, health, squares) = run(true);
+    // Before an update p = q + p r / (p w² + r), after it p - q.
+    let noise = r / (w * w);
+    let settled = 0.5 * (q + (q * q + 4.0 * q * noise).sqrt()) - q;
+    let variance = filter.belief().variance()[0];
+    assert!((variance - settled).abs() < 1e-12, "{variance}, {settled}");
+    let ratio = health.nis_ratio().unwrap();
+    eprintln!("NIS ratio {ratio:.3}, error {squares:.4} of {settled:.4}");
+    // Five standard deviations of 1900 squares; errors are correlated over some 5 steps.
+    assert!((ratio - 1.0).abs() < 5.0 * (2.0f64 / 1900.0).sqrt());
+    assert!((squares / settled - 1.0).abs() < 5.0 * (5.0 * 2.0f64 / 1900.0).sqrt());
+
+    // A filter that takes the spring to be constant loses it.
+    let (_, health, squares) = run(false);
+    eprintln!(
+        "constant: NIS ratio {:.1}, error {squares:.2}",
+        health.nis_ratio().unwrap()
+    );
+    assert!(health.nis_ratio().unwrap() > 5.0 && squares > 10.0 * settled);
 }

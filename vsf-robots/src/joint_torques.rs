@@ -7,6 +7,10 @@ use vsf_core::{Contacts, CoreError, Noise, Observation, Posture, RestPoints, Sca
 /// The reading has one value per joint, in the robot's order: the load of the environment on the
 /// robot, with gravity already removed [N m, N for prismatic joints].
 ///
+/// Its noise may be one deviation for all joints, one each, or a full covariance (joints that share
+/// an amplifier, a base that shakes), and may change from reading to reading:
+/// [`JointTorques::set_noise`].
+///
 /// ```
 /// use vsf_core::nalgebra::{Point3, Vector3};
 /// use vsf_core::{Contacts, Noise, Observation, RestPoints, Sensor};
@@ -37,6 +41,17 @@ impl JointTorques {
         Self { noise }
     }
 
+    /// Replaces the noise, from the next observation on, keeping the memory. In a session:
+    /// `session.sensor_mut().set_noise(&noise)`.
+    ///
+    /// # Errors
+    /// Noise of another number of joints; the noise is then unchanged.
+    pub fn set_noise(&mut self, noise: &Noise) -> Result<(), CoreError> {
+        CoreError::check_len("noise", noise.dim(), self.noise.dim())?;
+        self.noise.clone_from(noise);
+        Ok(())
+    }
+
     /// Noise of a reading.
     pub fn noise(&self) -> &Noise {
         &self.noise
@@ -63,6 +78,7 @@ impl<T: Scalar> Sensor<T> for JointTorques {
         let (d, chains) = (self.noise.dim(), posture.chains());
         CoreError::check_len("joints of the posture", chains.joint_count(), d)?;
         CoreError::check_len("observation", out.dim(), d)?;
+        out.set_noise(&self.noise)?;
         if let Some(&link) = contacts
             .links()
             .iter()

@@ -71,6 +71,8 @@
 //! | [`plot`] | `vsf-plot` | pictures of fields and torques |
 //! | [`pipeline`] | `vsf-pipeline` | from a recording to a field and its errors, what the `vsf` command runs |
 //!
+//! With the feature `serde` estimations are saved and restored, see [`filter`].
+//!
 //! The [`guide`] has a page for each of the first things one wants to do.
 //!
 //! # Reference

@@ -1,0 +1,130 @@
+use crate::{CoreError, SymmetricFactor};
+
+/// Covariance of the reading noise, `R` (`d x d`, in squared units of the reading).
+///
+/// One value for all channels, one each, or a full matrix. Noise that changes with time is written
+/// with [`Noise::set_full`] or [`Clone::clone_from`], which keep the memory.
+#[derive(Debug, PartialEq)]
+#[cfg_attr(
+    feature = "serde",
+    derive(serde::Serialize, serde::Deserialize),
+    serde(try_from = "crate::state::NoiseParts")
+)]
+pub struct Noise {
+    dim: usize,
+    covariance: Vec<f64>,
+}
+
+impl Clone for Noise {
+    fn clone(&self) -> Self {
+        Self {
+            dim: self.dim,
+            covariance: self.covariance.clone(),
+        }
+    }
+
+    /// Copies into the memory that is already there.
+    fn clone_from(&mut self, source: &Self) {
+        self.dim = source.dim;
+        self.covariance.clone_from(&source.covariance);
+    }
+}
+
+impl Noise {
+    /// The same standard deviation for all `dim` channels, independent; the paper's sigma_tau.
+    ///
+    /// # Errors
+    /// A standard deviation that is not positive and finite.
+    pub fn uniform(dim: usize, sd: f64) -> Result<Self, CoreError> {
+        Self::per_channel(&vec![sd; dim])
+    }
+
+    /// One standard deviation per channel, independent.
+    ///
+    /// # Errors
+    /// A standard deviation that is not positive and finite.
+    pub fn per_channel(sd: &[f64]) -> Result<Self, CoreError> {
+        let dim = sd.len();
+        let mut covariance = vec![0.0; dim * dim];
+        for (i, &s) in sd.iter().enumerate() {
+            if !(s > 0.0 && (s * s).is_finite() && s * s > 0.0) {
+                return Err(CoreError::Parameter {
+                    name: "noise sd",
+                    value: s,
+                    range: "> 0 and finite, its square too",
+                });
+            }
+            covariance[i * dim + i] = s * s;
+        }
+        Ok(Self { dim, covariance })
+    }
+
+    /// A full covariance, row-major `dim x dim`.
+    ///
+    /// # Errors
+    /// A matrix that is not finite, symmetric (to 1e-9 of its largest entry) and positive definite.
+    pub fn full(dim: usize, covariance: Vec<f64>) -> Result<Self, CoreError> {
+        Self::check(dim, &covariance, &mut SymmetricFactor::default())?;
+        Ok(Self { dim, covariance })
+    }
+
+    /// Becomes [`Noise::full`] without allocating after its first use at a given size. `workspace`
+    /// is for the check and holds the factor of the covariance afterwards.
+    ///
+    /// # Errors
+    /// As [`Noise::full`]; the noise is then unchanged.
+    pub fn set_full(
+        &mut self,
+        dim: usize,
+        covariance: &[f64],
+        workspace: &mut SymmetricFactor,
+    ) -> Result<(), CoreError> {
+        Self::check(dim, covariance, workspace)?;
+        self.dim = dim;
+        self.covariance.clear();
+        self.covariance.extend_from_slice(covariance);
+        Ok(())
+    }
+
+    fn check(
+        dim: usize,
+        covariance: &[f64],
+        workspace: &mut SymmetricFactor,
+    ) -> Result<(), CoreError> {
+        let size = dim.saturating_mul(dim);
+        CoreError::check_len("noise covariance", covariance.len(), size)?;
+        CoreError::check_finite("noise covariance", covariance)?;
+        let largest = covariance.iter().fold(0.0f64, |a, v| a.max(v.abs()));
+        for i in 0..dim {
+            for j in 0..i {
+                let gap = covariance[i * dim + j] - covariance[j * dim + i];
+                if gap.abs() > 1e-9 * largest {
+                    return Err(CoreError::Parameter {
+                        name: "noise covariance asymmetry",
+                        value: gap,
+                        range: "0: the matrix must be symmetric",
+                    });
+                }
+            }
+        }
+        workspace.factor("noise covariance", dim, covariance)
+    }
+
+    /// Number of channels `d`.
+    pub fn dim(&self) -> usize {
+        self.dim
+    }
+
+    /// The covariance, row-major `d x d`.
+    pub fn covariance(&self) -> &[f64] {
+        &self.covariance
+    }
+
+    /// Standard deviation of channel `i`.
+    ///
+    /// # Panics
+    /// If `i >= dim`.
+    pub fn sd(&self, i: usize) -> f64 {
+        self.covariance[i * self.dim + i].sqrt()
+    }
+}

@@ -1,0 +1,69 @@
+//! What is read in under the feature `serde` goes through the constructors, and so obeys their
+//! rules. The parts have the fields of the types, in the same order.
+
+use crate::{Belief, CoreError, Noise, Observation, Scalar};
+use serde::Deserialize;
+
+#[derive(Deserialize)]
+#[serde(rename = "Belief")]
+pub(crate) struct BeliefParts<T> {
+    mean: Vec<T>,
+    variance: Vec<T>,
+}
+
+impl<T: Scalar> TryFrom<BeliefParts<T>> for Belief<T> {
+    type Error = CoreError;
+
+    fn try_from(parts: BeliefParts<T>) -> Result<Self, CoreError> {
+        Self::new(parts.mean, parts.variance)
+    }
+}
+
+#[derive(Deserialize)]
+#[serde(rename = "Noise")]
+pub(crate) struct NoiseParts {
+    dim: usize,
+    covariance: Vec<f64>,
+}
+
+impl TryFrom<NoiseParts> for Noise {
+    type Error = CoreError;
+
+    fn try_from(parts: NoiseParts) -> Result<Self, CoreError> {
+        Self::full(parts.dim, parts.covariance)
+    }
+}
+
+#[derive(Deserialize)]
+#[serde(rename = "Observation")]
+pub(crate) struct ObservationParts<T> {
+    points: Vec<u32>,
+    rows: Vec<T>,
+    reading: Vec<T>,
+    noise: Noise,
+}
+
+impl<T: Scalar> TryFrom<ObservationParts<T>> for Observation<T> {
+    type Error = CoreError;
+
+    fn try_from(parts: ObservationParts<T>) -> Result<Self, CoreError> {
+        let ObservationParts {
+            points,
+            rows,
+            reading,
+            noise,
+        } = parts;
+        let (n, d) = (points.len(), noise.dim());
+        CoreError::check_len("observation matrix", rows.len(), n.saturating_mul(d))?;
+        let reading: Vec<f64> = reading.iter().map(|r| r.to_f64()).collect();
+        // Whether the points fit a field is checked where the observation meets one.
+        let field_len = points.last().map_or(0, |&p| p as usize + 1);
+        let mut obs = Self::new(noise);
+        obs.rebuild(field_len, &points, &reading, |k, w| {
+            for (i, w) in w.iter_mut().enumerate() {
+                *w = rows[i * n + k].to_f64();
+            }
+        })?;
+        Ok(obs)
+    }
+}
