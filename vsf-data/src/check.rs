@@ -53,11 +53,11 @@ impl Dataset {
         let joints = self
             .joints
             .as_ref()
-            .map(|j| (j.len(), "joints in dataset.json"));
+            .map(|j| (j.len(), "the metadata's joints"));
         let types = self
             .joint_types
             .as_ref()
-            .map(|t| (t.len(), "joint_types in dataset.json"));
+            .map(|t| (t.len(), "the metadata's joint_types"));
         let (width, reason) = joints
             .or(types)
             .unwrap_or((self.width(), "the first sequence"));

@@ -93,12 +93,12 @@ fn wrong_shapes() {
     refused!(
         |f: &Folder| f.with(r#""joints": ["a", "b", "c"]"#),
         DataError::Shape { .. },
-        "expected 3 columns, as joints in dataset.json"
+        "expected 3 columns, as the metadata's joints"
     );
     refused!(
         |f: &Folder| f.with(r#""joint_types": ["revolute"]"#),
         DataError::Shape { .. },
-        "expected 1 columns, as joint_types"
+        "expected 1 columns, as the metadata's joint_types"
     );
 }
 
