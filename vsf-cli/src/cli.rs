@@ -24,7 +24,7 @@ pub struct Cli {
     #[arg(long, short, global = true)]
     pub quiet: bool,
     /// Machine-readable results to FILE, or to standard output in place of the report. Give it
-    /// last, or as --json=FILE
+    /// last, or as --json=FILE. Every result has the key `warnings`, a list of texts
     #[arg(long, global = true, value_name = "FILE", num_args = 0..=1)]
     pub json: Option<Option<PathBuf>>,
 }

@@ -1,7 +1,9 @@
+use crate::exit::usage;
 use crate::interrupt::writing;
 use anyhow::Context;
 use indicatif::{ProgressBar, ProgressStyle};
 use serde::Serialize;
+use std::cell::RefCell;
 use std::fmt::Display;
 use std::io::{ErrorKind, Write};
 use std::path::{Path, PathBuf};
@@ -10,12 +12,33 @@ use std::path::{Path, PathBuf};
 pub struct Console {
     quiet: bool,
     json: Option<Option<PathBuf>>,
+    warnings: RefCell<Vec<String>>,
+}
+
+/// What machines read.
+#[derive(Serialize)]
+struct WithWarnings<'a, T: Serialize> {
+    #[serde(flatten)]
+    result: &'a T,
+    warnings: &'a [String],
 }
 
 impl Console {
-    /// `json`: not wanted, to standard output, or to a file.
-    pub fn new(quiet: bool, json: Option<Option<PathBuf>>) -> Self {
-        Self { quiet, json }
+    /// `json`: not wanted, to standard output, or to a file, whose folder must exist.
+    pub fn new(quiet: bool, json: Option<Option<PathBuf>>) -> anyhow::Result<Self> {
+        if let Some(Some(path)) = &json {
+            let folder = path.parent().filter(|p| !p.as_os_str().is_empty());
+            if path.is_dir() || folder.is_some_and(|f| !f.is_dir()) {
+                let why = "--json must name a file in a folder that exists";
+                return Err(std::io::Error::new(ErrorKind::NotFound, why))
+                    .with_context(|| format!("cannot write {}", path.display()));
+            }
+        }
+        Ok(Self {
+            quiet,
+            json,
+            warnings: RefCell::default(),
+        })
     }
 
     /// The report for people, unless quiet or standard output belongs to the machine.
@@ -26,26 +49,40 @@ impl Console {
         }
     }
 
-    /// The result for machines, if wanted.
+    /// The result for machines, if wanted, with all warnings so far.
     pub fn json(&self, result: &impl Serialize) -> anyhow::Result<()> {
         let Some(target) = &self.json else {
             return Ok(());
         };
-        let text = serde_json::to_string_pretty(result).context("cannot write JSON")? + "\n";
+        let result = WithWarnings {
+            result,
+            warnings: &self.warnings.borrow(),
+        };
+        let text = serde_json::to_string_pretty(&result).context("cannot write JSON")? + "\n";
         match target {
             Some(path) => write_file(path, text.as_bytes()),
             None => print(&text),
         }
     }
 
-    /// Where the result for machines goes, if to a file.
-    pub fn json_file(&self) -> Option<&Path> {
-        self.json.as_ref()?.as_deref()
+    /// Refuses an output file that is the one for machines.
+    pub fn keep_apart(&self, out: &[PathBuf]) -> anyhow::Result<()> {
+        match &self.json {
+            Some(Some(json)) if out.contains(json) => {
+                Err(usage("--json and --out name the same file"))
+            }
+            _ => Ok(()),
+        }
     }
 
-    /// A warning, always.
+    /// A warning, printed whatever else is; the same one once.
     pub fn warn(&self, warning: impl Display) {
-        eprintln!("warning: {warning}");
+        let warning = warning.to_string();
+        let mut seen = self.warnings.borrow_mut();
+        if !seen.contains(&warning) {
+            complain(format_args!("warning: {warning}"));
+            seen.push(warning);
+        }
     }
 
     /// A bar of `steps` steps on standard error, drawn on terminals only.
@@ -72,6 +109,12 @@ impl Console {
     }
 }
 
+/// One line on standard error. That nobody reads it is no reason to stop.
+pub fn complain(text: impl Display) {
+    let line = text.to_string().replace('\n', " ");
+    let _ = writeln!(std::io::stderr(), "{line}");
+}
+
 /// A reader that went away (`vsf info | head`) is no error.
 fn print(text: &str) -> anyhow::Result<()> {
     let mut out = std::io::stdout().lock();
@@ -81,30 +124,9 @@ fn print(text: &str) -> anyhow::Result<()> {
     }
 }
 
-/// Replaces a file as a whole. A link is followed; devices and pipes are written to.
+/// Replaces a file as a whole; an interruption waits for it.
 pub fn write_file(path: &Path, bytes: &[u8]) -> anyhow::Result<()> {
-    let real = path.canonicalize();
-    let path = real.as_deref().unwrap_or(path);
-    if path.metadata().is_ok_and(|m| !m.is_file() && !m.is_dir()) {
-        return writing(|| std::fs::write(path, bytes))
-            .with_context(|| format!("cannot write {}", path.display()));
-    }
-    let folder = match path.parent() {
-        Some(p) if !p.as_os_str().is_empty() => p,
-        _ => Path::new("."),
-    };
-    let write = || {
-        let mut options = tempfile::Builder::new();
-        options.prefix(".vsf-").suffix(".part");
-        // Readable as any other file is, not only by its owner as temporary files are.
-        #[cfg(unix)]
-        options.permissions(std::os::unix::fs::PermissionsExt::from_mode(0o666));
-        let mut file = options.tempfile_in(folder)?;
-        file.write_all(bytes)?;
-        file.persist(path).map_err(|e| e.error)?;
-        Ok::<(), std::io::Error>(())
-    };
-    writing(write).with_context(|| format!("cannot write {}", path.display()))
+    Ok(writing(|| vsf::data::write_file(path, bytes))?)
 }
 
 /// Creates a folder and those above it.

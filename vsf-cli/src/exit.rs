@@ -1,3 +1,4 @@
+use crate::console::complain;
 use std::process::ExitCode;
 use vsf::contact::ContactError;
 use vsf::core::CoreError;
@@ -22,7 +23,7 @@ pub fn report(error: &anyhow::Error) -> ExitCode {
             line = format!("{line}: {cause}");
         }
     }
-    eprintln!("error: {}", line.replace('\n', " "));
+    complain(format_args!("error: {line}"));
     ExitCode::from(code(error))
 }
 

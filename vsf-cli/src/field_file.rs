@@ -10,9 +10,12 @@ const TOUCHED: &str = "touched";
 const PRIOR_SD: &str = "prior_sd";
 const NOISE_SD: &str = "noise_sd";
 
+/// Largest stiffness or deviation that is taken [N/m]: squares of it are finite.
+const MOST: f64 = 1e100;
+
 /// A field on disk. Besides mean and deviation it holds the features `touched` (0 or 1), and
 /// `prior_sd` and `noise_sd`, the same for every point: all that a prediction with its deviation
-/// needs is in one file.
+/// needs is in one file. Checked: see [`FieldFile::new`].
 pub struct FieldFile {
     pub path: PathBuf,
     pub field: StiffnessField,
@@ -56,14 +59,52 @@ impl FieldFile {
         }
         let (field, warnings) = StiffnessField::open(path)?;
         warnings.iter().for_each(|w| console.warn(w));
-        Ok(Self {
-            path: path.to_owned(),
-            field,
-        })
+        Self::new(path.to_owned(), field)
     }
 
-    /// The field of an estimate.
-    pub fn of_estimate(scene: &Scene, estimate: &Estimate) -> anyhow::Result<StiffnessField> {
+    /// A field that is the estimate of this program or could be: stiffness >= 0, `touched` 0 or 1,
+    /// and one `prior_sd` and `noise_sd`, both > 0.
+    pub fn new(path: PathBuf, field: StiffnessField) -> anyhow::Result<Self> {
+        let within = |name: &str, values: &[f64]| {
+            let odd = values.iter().position(|v| !(0.0..=MOST).contains(v));
+            let problem =
+                |row: usize| format!("row {row} is {:?}, not in 0 .. 1e100 N/m", values[row]);
+            odd.map_or(Ok(()), |row| Err(wrong(&path, name, &problem(row))))
+        };
+        within("K", &field.stiffness)?;
+        within("K_std", field.sd.as_deref().unwrap_or_default())?;
+        for name in [PRIOR_SD, NOISE_SD] {
+            let Some(values) = column(&path, &field, name)? else {
+                continue;
+            };
+            let first = values[0];
+            if !(first > 0.0 && first <= MOST) {
+                let problem = format!("is {first:?}; it must be > 0 and at most 1e100");
+                return Err(wrong(&path, name, &problem));
+            }
+            if let Some(row) = values.iter().position(|v| *v != first) {
+                let problem = format!(
+                    "row {row} is {:?} and row 0 {first:?}; all must be the same",
+                    values[row]
+                );
+                return Err(wrong(&path, name, &problem));
+            }
+        }
+        if let Some(values) = column(&path, &field, TOUCHED)?
+            && let Some(row) = values.iter().position(|v| *v != 0.0 && *v != 1.0)
+        {
+            let problem = format!("row {row} is {:?}, neither 0 nor 1", values[row]);
+            return Err(wrong(&path, TOUCHED, &problem));
+        }
+        Ok(Self { path, field })
+    }
+
+    /// The field of an estimate from the recording of that name.
+    pub fn of_estimate(
+        scene: &Scene,
+        estimate: &Estimate,
+        recording: &str,
+    ) -> anyhow::Result<StiffnessField> {
         let column = |values: Vec<f64>| Table::new(1, values);
         let n = scene.rest.len();
         let touched = estimate.touched.iter().map(|&t| f64::from(u8::from(t)));
@@ -84,6 +125,7 @@ impl FieldFile {
                     .collect(),
             ),
             features: features.map(|(k, v)| (k.to_owned(), v)).into(),
+            recording: Some(recording.to_owned()),
         })
     }
 
@@ -109,13 +151,32 @@ impl FieldFile {
                 "{path}: without K_std and the feature noise_sd, deviations leave that part out"
             ));
         }
-        stored.copied().unwrap_or(0.0).max(0.0)
+        stored.copied().unwrap_or(0.0)
     }
+}
+
+/// The numbers of a feature with one column; there are as many as points.
+fn column<'a>(
+    path: &Path,
+    field: &'a StiffnessField,
+    name: &str,
+) -> anyhow::Result<Option<&'a [f64]>> {
+    match field.features.get(name) {
+        Some(t) if t.cols() != 1 => {
+            let problem = format!("has {} columns, expected one number per point", t.cols());
+            Err(wrong(path, name, &problem))
+        }
+        found => Ok(found.map(Table::data)),
+    }
+}
+
+fn wrong(path: &Path, name: &str, problem: &str) -> anyhow::Error {
+    anyhow::anyhow!("{}: {name} {problem}", path.display())
 }
 
 /// Which points were touched; none listed where the field does not say.
 pub fn touched(field: &StiffnessField) -> Vec<bool> {
-    let feature = field.features.get(TOUCHED).filter(|t| t.cols() == 1);
+    let feature = field.features.get(TOUCHED);
     feature.map_or_else(Vec::new, |t| t.data().iter().map(|&v| v != 0.0).collect())
 }
 

@@ -1,5 +1,6 @@
 //! Ctrl-C. Nothing is polled: work in memory may be dropped at any time, and writing is guarded.
 
+use crate::console::complain;
 use anyhow::Context;
 use std::process::exit;
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -19,7 +20,7 @@ pub fn install() -> anyhow::Result<()> {
         }
         std::thread::spawn(|| {
             let _whole = WRITING.lock().unwrap_or_else(PoisonError::into_inner);
-            eprintln!("interrupted");
+            complain("interrupted");
             exit(INTERRUPTED);
         });
     })

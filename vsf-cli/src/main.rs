@@ -4,25 +4,28 @@
 
 mod cli;
 mod commands;
+mod config;
 mod console;
 mod exit;
 mod field_file;
 mod interrupt;
 mod pictures;
+mod range;
 mod recording;
 mod settings;
 
-use clap::Parser;
-use cli::Cli;
 use console::Console;
 use std::process::ExitCode;
 
 fn main() -> ExitCode {
-    let cli = Cli::parse();
-    let outcome = interrupt::install()
-        .and_then(|()| commands::run(&cli.command, &Console::new(cli.quiet, cli.json)));
-    match outcome {
+    match run() {
         Ok(()) => ExitCode::SUCCESS,
         Err(error) => exit::report(&error),
     }
+}
+
+fn run() -> anyhow::Result<()> {
+    let cli = config::parse()?;
+    interrupt::install()?;
+    commands::run(&cli.command, &Console::new(cli.quiet, cli.json)?)
 }

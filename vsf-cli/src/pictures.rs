@@ -104,11 +104,9 @@ pub fn field<T>(
     if values.is_empty() {
         anyhow::bail!("the field has no standard deviation (K_std)");
     }
-    // Estimators without the bound K >= 0 may go below; the scale starts at 0.
-    let values: Vec<f64> = values.iter().map(|v| v.max(0.0)).collect();
     Ok(draw(&FieldView {
         points_W: &field.points,
-        stiffness: &values,
+        stiffness: values,
         touched: &touched(field),
         context_W: &around.points_W,
         context_colours: &around.colours,

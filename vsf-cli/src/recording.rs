@@ -1,10 +1,15 @@
+use crate::config::Sources;
 use crate::console::Console;
 use crate::exit::usage;
 use crate::field_file::FieldFile;
-use crate::settings::{Group, SceneSettings, Sources};
+use crate::settings::SceneSettings;
 use std::path::{Path, PathBuf};
-use vsf::data::{Dataset, Sequence};
-use vsf::pipeline::{PipelineError, Scene, SceneOptions, Trace};
+use vsf::contact::CacheUse;
+use vsf::data::{DataError, Dataset, Sequence};
+use vsf::pipeline::{
+    PipelineError, Scene, SceneOptions, Trace, motion_warnings, reading_warnings, robot_of,
+};
+use vsf::robots::{RobotError, RobotModel};
 
 /// Points of a field and of a recording may differ by rounding to f32 [m].
 const SAME_POINT: f64 = 1e-5;
@@ -15,9 +20,19 @@ pub struct RecordingArgs {
     /// Folder of the recording
     pub dataset: PathBuf,
     #[command(flatten)]
-    pub sources: Sources,
+    sources: Sources,
     #[command(flatten)]
-    pub scene: SceneSettings,
+    scene: SceneSettings,
+}
+
+/// A recording and a field of its points.
+#[derive(Debug, clap::Args)]
+pub struct FieldArgs {
+    #[command(flatten)]
+    pub recording: RecordingArgs,
+    /// The field, .npz or folder; by default the one stored in the recording
+    #[arg(long)]
+    pub field: Option<PathBuf>,
 }
 
 /// An open recording.
@@ -25,8 +40,6 @@ pub struct Recording {
     pub path: PathBuf,
     pub dataset: Dataset,
     pub options: SceneOptions,
-    /// Number of warnings that were printed.
-    pub warnings: Vec<String>,
 }
 
 /// Which sequences to take when none are named.
@@ -40,35 +53,45 @@ pub enum Default {
 impl RecordingArgs {
     /// Opens the recording and prints its warnings.
     pub fn open(&self, console: &Console) -> anyhow::Result<Recording> {
-        Recording::open(&self.dataset, &self.scene.resolve(&self.sources)?, console)
+        Recording::open(&self.dataset, &self.scene, console)
     }
 }
 
 impl Recording {
-    /// Refuses an output folder that is the recording or lies inside it.
-    pub fn keep_apart(&self, out: &Path) -> anyhow::Result<()> {
+    /// Refuses a folder for another recording that is this one or lies inside it, or that holds
+    /// anything that is no recording.
+    pub fn check_out(&self, out: &Path) -> anyhow::Result<()> {
         let own = self.path.canonicalize().ok();
         let place = out.ancestors().find_map(|a| a.canonicalize().ok());
-        match (own, place) {
-            (Some(own), Some(place)) if place.starts_with(&own) => Err(usage(format!(
+        if let (Some(own), Some(place)) = (own, place)
+            && place.starts_with(&own)
+        {
+            return Err(usage(format!(
                 "--out {} lies in the recording itself; choose another folder",
                 out.display()
-            ))),
-            _ => Ok(()),
+            )));
         }
+        let holds_more = out
+            .read_dir()
+            .is_ok_and(|mut entries| entries.next().is_some());
+        if holds_more && !out.join("dataset.json").is_file() {
+            return Err(usage(format!(
+                "--out {} holds other files; choose a new or empty folder, or a recording to replace",
+                out.display()
+            )));
+        }
+        Ok(())
     }
 
     /// Opens a folder and prints its warnings.
     pub fn open(path: &Path, settings: &SceneSettings, console: &Console) -> anyhow::Result<Self> {
-        let options = settings.options()?;
-        let (dataset, warnings) = Dataset::open(path, &settings.overrides()?)?;
-        let warnings: Vec<String> = warnings.iter().map(ToString::to_string).collect();
+        let (dataset, warnings) =
+            Dataset::open(path, &settings.overrides()?).map_err(|e| blame(settings, e))?;
         warnings.iter().for_each(|w| console.warn(w));
         Ok(Self {
             path: path.to_owned(),
             dataset,
-            options,
-            warnings,
+            options: settings.options(),
         })
     }
 
@@ -115,58 +138,129 @@ impl Recording {
 
     /// The scene of the recording alone.
     pub fn scene(&self, console: &Console) -> anyhow::Result<Scene> {
-        let spinner = console.spinner("reading the robot");
-        let scene = Scene::open(&self.dataset, &self.options)?;
-        spinner.finish_and_clear();
-        Ok(scene)
+        self.scene_by(console, |dataset, options| Scene::open(dataset, options))
     }
 
     /// The scene of a field in this recording: the recording's points must be the field's; without
     /// own points it takes the field's.
     pub fn scene_of(&self, field: &FieldFile, console: &Console) -> anyhow::Result<Scene> {
         let points = &field.field.points;
+        let place = field.path.display();
         if let Some(own) = &self.dataset.rest_points {
             if own.len() != points.len() {
                 let (field, recording) = (points.len(), own.len());
-                return Err(PipelineError::FieldSize { field, recording }.into());
+                let sizes = PipelineError::FieldSize { field, recording };
+                return Err(anyhow::Error::from(sizes).context(place.to_string()));
             }
             let far =
                 |(_, (a, b)): &(usize, (_, _))| vsf::core::nalgebra::distance(*a, *b) > SAME_POINT;
             if let Some((row, (a, b))) = own.iter().zip(points).enumerate().find(far) {
                 anyhow::bail!(
-                    "{}: the field belongs to other points: row {row} is {b} there and {a} in {}",
-                    field.path.display(),
+                    "{place}: the field belongs to other points: row {row} is {b:?} there and {a:?} in {}",
                     self.path.join("points.npy").display()
                 );
             }
         }
+        let name = &self.dataset.name;
+        if let Some(other) = field.field.recording.as_ref().filter(|n| *n != name) {
+            console.warn(format!(
+                "{place}: the field was estimated from the recording {other:?}, this one is {name:?}"
+            ));
+        }
+        self.scene_by(console, |dataset, options| {
+            Scene::with_points(dataset, points.clone(), options)
+        })
+    }
+
+    fn scene_by(
+        &self,
+        console: &Console,
+        open: impl FnOnce(&Dataset, &SceneOptions) -> Result<Scene, PipelineError>,
+    ) -> anyhow::Result<Scene> {
         let spinner = console.spinner("reading the robot");
-        let scene = Scene::with_points(&self.dataset, points.clone(), &self.options)?;
+        let scene = open(&self.dataset, &self.options).map_err(explain)?;
         spinner.finish_and_clear();
+        for grid in &scene.grids {
+            if let CacheUse::NotStored(why) = &grid.report.cache {
+                console.warn(format!("grid not cached: {why}"));
+            }
+        }
         Ok(scene)
+    }
+
+    /// Whether there are points to touch, own ones or those of a stored field.
+    pub fn has_points(&self) -> bool {
+        self.dataset.rest_points.is_some() || self.dataset.field.is_some()
+    }
+
+    /// The robot alone.
+    pub fn robot(&self) -> anyhow::Result<RobotModel> {
+        robot_of(&self.dataset, &self.options.packages).map_err(explain)
     }
 
     /// The given field, or the one stored in the recording.
     pub fn field(&self, given: Option<&Path>, console: &Console) -> anyhow::Result<FieldFile> {
         match (given, &self.dataset.field) {
             (Some(path), _) => FieldFile::open(path, console),
-            (None, Some(field)) => Ok(FieldFile {
-                path: self.path.clone(),
-                field: field.clone(),
-            }),
+            (None, Some(field)) => FieldFile::new(self.path.clone(), field.clone()),
             (None, None) => Err(usage("--field is required: the recording stores no field")),
         }
     }
 }
 
-/// Contacts of all sequences.
+/// A fault of the metadata, laid to the flag that set it.
+fn blame(settings: &SceneSettings, error: DataError) -> anyhow::Error {
+    let key = match &error {
+        DataError::Metadata { key, .. } | DataError::UnknownSequence { key, .. } => key,
+        DataError::DuplicateSequence { .. } => "splits",
+        DataError::TareSamples { .. } => "tare_samples",
+        _ => return error.into(),
+    };
+    match settings.flag(key) {
+        Some(flag) => {
+            let text = error.to_string();
+            let problem = text.split_once("dataset.json: ").map_or(&*text, |(_, p)| p);
+            usage(format!("{flag}: {problem}"))
+        }
+        None => error.into(),
+    }
+}
+
+/// A fault of the robot, in the words of the command.
+fn explain(error: PipelineError) -> anyhow::Error {
+    match &error {
+        PipelineError::RobotFile {
+            path,
+            source: RobotError::UnknownPackage { uri, package },
+        } => anyhow::anyhow!(
+            "{}: {uri:?} needs the folder of package {package:?}; give it by --package {package}=PATH",
+            path.display()
+        ),
+        _ => error.into(),
+    }
+}
+
+/// Contacts of all sequences, with warnings about their motions and readings.
 pub fn traces(
     scene: &Scene,
     sequences: &[&Sequence],
     console: &Console,
 ) -> anyhow::Result<Vec<Trace>> {
+    let motion = motion_warnings(&scene.robot, sequences);
+    motion.iter().for_each(|w| console.warn(w));
     let bar = console.bar(sequences.len(), "contact");
     let traces = scene.traces(sequences, || bar.inc(1))?;
     bar.finish_and_clear();
+    let readings = reading_warnings(scene, &traces);
+    readings.iter().for_each(|w| console.warn(w));
     Ok(traces)
+}
+
+/// That the robot touches nothing, in words.
+pub fn untouched(scene: &Scene, traces: &[Trace]) -> Option<PipelineError> {
+    let touching = traces.iter().any(|t| t.contact_samples() > 0);
+    (!touching).then(|| PipelineError::NoContact {
+        what: "chosen",
+        points: scene.rest.len(),
+    })
 }

@@ -1,62 +1,18 @@
-//! Parameters shared by the commands: flags, over a configuration file, over a preset, over the
-//! library's defaults.
+//! Parameters shared by the commands, as flags over the library's defaults.
 
 use crate::exit::usage;
-use anyhow::Context;
-use clap::{Args, Command, ValueEnum};
-use serde::de::DeserializeOwned;
-use serde::{Deserialize, Serialize};
-use std::collections::BTreeMap;
+use crate::range::{finite, not_negative, positive};
+use clap::builder::RangedU64ValueParser;
+use clap::{Args, ValueEnum};
 use std::path::{Path, PathBuf};
-use toml::Table;
 use vsf::contact::{ContactConfig, GridOptions};
 use vsf::core::nalgebra::{Isometry3, Translation3, UnitQuaternion, Vector3};
 use vsf::data::{JointType, Overrides, RobotRef, Splits, TorqueKind};
 use vsf::filter::{DiagonalForm, ReplayConfig, ReplayVariance};
 use vsf::pipeline::{EstimatorSpec, Method, SceneOptions};
 
-/// Where parameters come from besides the flags.
-#[derive(Debug, Clone, Default, Args)]
-#[command(next_help_heading = "Sources of parameters")]
-pub struct Sources {
-    /// TOML file whose keys are the long flags of all commands' parameters, such as
-    /// `threshold = 0.002`; unknown keys are refused. A flag goes before the file
-    #[arg(long, value_name = "FILE")]
-    config: Option<PathBuf>,
-    /// A named set of values below the configuration file
-    #[arg(long)]
-    preset: Option<Preset>,
-}
-
-#[derive(Debug, Clone, Copy, ValueEnum)]
-enum Preset {
-    /// All values of the paper: prior N(0, 0.1²), noise sd 1, eq. 7 and Alg. 1 as printed (20
-    /// replays, buffer emptied before each sequence, variances shrunk again by every replay),
-    /// threshold 2 mm, friction 0.15, slip step 0.1 mm, points instead of cubes
-    Paper,
-}
-
-impl Preset {
-    fn table(self) -> Table {
-        let Self::Paper = self;
-        toml::toml! {
-            estimator = "printed"
-            replay = 20
-            replay-variance = "shrink"
-            clear-replay = true
-            prior-sd = 0.1
-            noise-sd = 1.0
-            threshold = 0.002
-            friction = 0.15
-            slip-step = 0.0001
-            subdivision = 1
-        }
-    }
-}
-
 /// The recording and the contact model.
-#[derive(Debug, Clone, Default, Args, Serialize, Deserialize)]
-#[serde(rename_all = "kebab-case", default)]
+#[derive(Debug, Clone, Default, Args)]
 #[command(next_help_heading = "Recording (instead of dataset.json) and contact")]
 pub struct SceneSettings {
     /// Built-in robot (kinova_gen3, cartesian_stage, planar_arm) or path of a URDF
@@ -67,21 +23,23 @@ pub struct SceneSettings {
         long,
         value_delimiter = ',',
         allow_hyphen_values = true,
-        allow_negative_numbers = true
+        allow_negative_numbers = true,
+        value_parser = finite
     )]
     base_pose: Option<Vec<f64>>,
     /// What the torques mean: external, or measured (actuator side, with gravity)
     #[arg(long, value_parser = ["external", "measured"])]
     torque_kind: Option<String>,
     /// Sample rate of sequences without time.npy [Hz]
-    #[arg(long, allow_negative_numbers = true)]
+    #[arg(long, allow_negative_numbers = true, value_parser = positive)]
     rate_hz: Option<f64>,
     /// Gravity in the world frame, x,y,z [m/s^2]
     #[arg(
         long,
         value_delimiter = ',',
         allow_hyphen_values = true,
-        allow_negative_numbers = true
+        allow_negative_numbers = true,
+        value_parser = finite
     )]
     gravity: Option<Vec<f64>>,
     /// Contact-free samples at the start of each sequence, which tare the sensor
@@ -100,32 +58,32 @@ pub struct SceneSettings {
     #[arg(long, value_delimiter = ',')]
     test: Option<Vec<String>>,
     /// Folder of a package:// name in the URDF; may be repeated
-    #[arg(long, value_name = "NAME=PATH")]
-    package: Option<Vec<String>>,
+    #[arg(long, value_name = "NAME=PATH", value_parser = package)]
+    package: Option<Vec<(String, PathBuf)>>,
     /// Links that may touch; all with collision shapes by default
     #[arg(long, value_delimiter = ',')]
     links: Option<Vec<String>>,
     /// Contact threshold delta [m], default 0.002
-    #[arg(long, allow_negative_numbers = true)]
+    #[arg(long, allow_negative_numbers = true, value_parser = positive)]
     threshold: Option<f64>,
     /// Friction coefficient nu_f, default 0.15
-    #[arg(long, allow_negative_numbers = true)]
+    #[arg(long, allow_negative_numbers = true, value_parser = not_negative)]
     friction: Option<f64>,
     /// Slip step lambda_s [m], default 0.0001
-    #[arg(long, allow_negative_numbers = true)]
+    #[arg(long, allow_negative_numbers = true, value_parser = positive)]
     slip_step: Option<f64>,
     /// Most slip steps of one point per sample, default 200
     #[arg(long)]
     max_slip_iterations: Option<u32>,
     /// Offset added to the robot's surface [m], default 0
-    #[arg(long, allow_hyphen_values = true)]
+    #[arg(long, allow_negative_numbers = true, value_parser = finite)]
     padding: Option<f64>,
     /// Sub-points per edge of the cube that a rest point stands for, 1 to 8, default 2; 1 moves
     /// the rest points alone, as the paper does, at an eighth of the cost
-    #[arg(long)]
+    #[arg(long, value_parser = RangedU64ValueParser::<usize>::new().range(1..=8))]
     subdivision: Option<usize>,
     /// Spacing of the distance grids of meshes [m]; chosen for an error of 0.5 mm by default
-    #[arg(long, allow_negative_numbers = true)]
+    #[arg(long, allow_negative_numbers = true, value_parser = positive)]
     grid_resolution: Option<f64>,
     /// Folder that keeps finished distance grids
     #[arg(long)]
@@ -133,8 +91,7 @@ pub struct SceneSettings {
 }
 
 /// The estimator, prior and noise.
-#[derive(Debug, Clone, Default, Args, Serialize, Deserialize)]
-#[serde(rename_all = "kebab-case", default)]
+#[derive(Debug, Clone, Default, Args)]
 #[command(next_help_heading = "Estimator")]
 pub struct EstimatorSettings {
     /// Which estimator, default replay
@@ -153,16 +110,15 @@ pub struct EstimatorSettings {
     #[arg(long)]
     seed: Option<u64>,
     /// Prior standard deviation of the stiffness [N/m]; chosen from the sequences by default
-    #[arg(long, allow_negative_numbers = true)]
+    #[arg(long, allow_negative_numbers = true, value_parser = positive)]
     pub prior_sd: Option<f64>,
     /// Standard deviation of every reading [N m or N], model error included; chosen from the
     /// sequences by default
-    #[arg(long, allow_negative_numbers = true)]
+    #[arg(long, allow_negative_numbers = true, value_parser = positive)]
     pub noise_sd: Option<f64>,
 }
 
-#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum, Serialize, Deserialize)]
-#[serde(rename_all = "kebab-case")]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
 enum EstimatorKind {
     /// Diagonal Kalman filter with memory replay (Alg. 1)
     Replay,
@@ -176,50 +132,13 @@ enum EstimatorKind {
     Batch,
 }
 
-/// A group of parameters that a command takes.
-pub trait Group: Args + Serialize + DeserializeOwned {
-    /// The values in force: these flags, over the file, over the preset.
-    fn resolve(&self, sources: &Sources) -> anyhow::Result<Self> {
-        let mut table = sources.preset.map(Preset::table).unwrap_or_default();
-        if let Some(path) = &sources.config {
-            table.extend(read(path)?);
+fn package(text: &str) -> Result<(String, PathBuf), String> {
+    match text.split_once('=') {
+        Some((name, path)) if !name.is_empty() && !path.is_empty() => {
+            Ok((name.to_owned(), PathBuf::from(path)))
         }
-        table.extend(Table::try_from(self).context("flags")?);
-        Self::deserialize(table).context("parameters")
+        _ => Err("must be NAME=PATH".to_owned()),
     }
-}
-
-impl Group for SceneSettings {}
-impl Group for EstimatorSettings {}
-
-/// A configuration file, with all keys and values checked.
-fn read(path: &Path) -> anyhow::Result<Table> {
-    let place = || format!("cannot read {}", path.display());
-    let text = std::fs::read_to_string(path).with_context(place)?;
-    let wrong = |e: toml::de::Error| {
-        let line = e
-            .span()
-            .map_or(0, |s| text[..s.start].lines().count().max(1));
-        let at = if line > 0 {
-            format!(" line {line}")
-        } else {
-            String::new()
-        };
-        usage(format!("{}{at}: {}", path.display(), e.message()))
-    };
-    let table: Table = toml::from_str(&text).map_err(wrong)?;
-    let known = EstimatorSettings::augment_args(SceneSettings::augment_args(Command::new("")));
-    let known: Vec<&str> = known.get_arguments().filter_map(|a| a.get_long()).collect();
-    if let Some(key) = table.keys().find(|k| !known.contains(&k.as_str())) {
-        let place = path.display();
-        let known = known.join(", ");
-        return Err(usage(format!(
-            "{place}: unknown key {key:?}; the keys are {known}"
-        )));
-    }
-    toml::from_str::<SceneSettings>(&text).map_err(wrong)?;
-    toml::from_str::<EstimatorSettings>(&text).map_err(wrong)?;
-    Ok(table)
 }
 
 fn numbers<const N: usize>(name: &str, given: &[f64]) -> anyhow::Result<[f64; N]> {
@@ -236,7 +155,11 @@ impl SceneSettings {
             train: self.train.clone().unwrap_or_default(),
             test: self.test.clone().unwrap_or_default(),
         });
-        let kind = |t: &String| match t == "prismatic" {
+        let torque_kind = |kind: &str| match kind == "measured" {
+            true => TorqueKind::Measured,
+            false => TorqueKind::External,
+        };
+        let joint_type = |kind: &String| match kind == "prismatic" {
             true => JointType::Prismatic,
             false => JointType::Revolute,
         };
@@ -244,49 +167,44 @@ impl SceneSettings {
             robot: robot
                 .map(|r| RobotRef::resolve(r, Path::new(".")))
                 .transpose()?,
-            torque_kind: match self.torque_kind.as_deref() {
-                Some("external") => Some(TorqueKind::External),
-                Some("measured") => Some(TorqueKind::Measured),
-                Some(other) => {
-                    return Err(usage(format!(
-                        "torque-kind {other:?}: external or measured"
-                    )));
-                }
-                None => None,
-            },
+            torque_kind: self.torque_kind.as_deref().map(torque_kind),
             rate_hz: self.rate_hz,
             gravity: match &self.gravity {
                 Some(g) => Some(Vector3::from(numbers::<3>("gravity", g)?)),
                 None => None,
             },
             base_pose: match &self.base_pose {
-                Some(p) => Some(pose(numbers::<6>("base-pose", p)?)?),
+                Some(p) => Some(pose(numbers::<6>("base-pose", p)?)),
                 None => None,
             },
             tare_samples: self.tare_samples,
             splits,
             joints: self.joints.clone(),
-            joint_types: match &self.joint_types {
-                Some(types) if types.iter().any(|t| t != "prismatic" && t != "revolute") => {
-                    return Err(usage("joint-types: revolute or prismatic"));
-                }
-                types => types.as_ref().map(|t| t.iter().map(kind).collect()),
-            },
+            joint_types: (self.joint_types.as_ref())
+                .map(|types| types.iter().map(joint_type).collect()),
             ..Overrides::default()
         })
     }
 
+    /// The flag that set a key of `dataset.json`, if one did.
+    pub fn flag(&self, key: &str) -> Option<&'static str> {
+        let (is_set, flag) = match key {
+            "joints" => (self.joints.is_some(), "--joints"),
+            "joint_types" => (self.joint_types.is_some(), "--joint-types"),
+            "tare_samples" => (self.tare_samples.is_some(), "--tare-samples"),
+            "splits" => (
+                self.train.is_some() || self.test.is_some(),
+                "--train, --test",
+            ),
+            _ => (false, ""),
+        };
+        is_set.then_some(flag)
+    }
+
     /// How the scene is put together.
-    pub fn options(&self) -> anyhow::Result<SceneOptions> {
+    pub fn options(&self) -> SceneOptions {
         let defaults = ContactConfig::default();
-        let mut packages = BTreeMap::new();
-        for pair in self.package.iter().flatten() {
-            let (name, path) = pair
-                .split_once('=')
-                .ok_or_else(|| usage(format!("--package {pair:?}: expected NAME=PATH")))?;
-            packages.insert(name.to_owned(), PathBuf::from(path));
-        }
-        Ok(SceneOptions {
+        SceneOptions {
             contact: ContactConfig {
                 threshold: self.threshold.unwrap_or(defaults.threshold),
                 friction: self.friction.unwrap_or(defaults.friction),
@@ -303,34 +221,22 @@ impl SceneSettings {
                 ..GridOptions::default()
             },
             links: self.links.clone(),
-            packages,
+            packages: self.package.iter().flatten().cloned().collect(),
             subdivision: self
                 .subdivision
                 .unwrap_or(SceneOptions::default().subdivision),
-        })
+        }
     }
 }
 
-fn pose([x, y, z, roll, pitch, yaw]: [f64; 6]) -> anyhow::Result<Isometry3<f64>> {
-    if ![x, y, z, roll, pitch, yaw].iter().all(|v| v.is_finite()) {
-        return Err(usage("--base-pose: every number must be finite"));
-    }
+fn pose([x, y, z, roll, pitch, yaw]: [f64; 6]) -> Isometry3<f64> {
     let rotation = UnitQuaternion::from_euler_angles(roll, pitch, yaw);
-    Ok(Isometry3::from_parts(Translation3::new(x, y, z), rotation))
+    Isometry3::from_parts(Translation3::new(x, y, z), rotation)
 }
 
 impl EstimatorSettings {
     /// The estimator.
     pub fn spec(&self) -> anyhow::Result<EstimatorSpec> {
-        for (flag, value) in [("prior-sd", self.prior_sd), ("noise-sd", self.noise_sd)] {
-            if let Some(sd) = value
-                && !(1e-100..=1e100).contains(&sd)
-            {
-                return Err(usage(format!(
-                    "--{flag} = {sd} must be positive and at most 1e100"
-                )));
-            }
-        }
         let kind = self.estimator.unwrap_or(EstimatorKind::Replay);
         let alone = matches!(kind, EstimatorKind::Diagonal | EstimatorKind::Batch);
         if alone && self.replay.is_some_and(|r| r > 0) {

@@ -64,6 +64,105 @@ fn time_that_does_not_increase() {
 }
 
 #[test]
+fn torques_beyond_any_sensor() {
+    let bench = Bench::new();
+    torques(&bench, ROWS, |t| t[3 * 7 + 1] = -1e300);
+    let parts = ["sequence b row 7 joint 2", "-1e300 N", "units"];
+    bench.fails(INFO, 1, &parts);
+    bench.fails("estimate data", 1, &parts);
+    torques(&bench, ROWS, |t| t[3 * 7 + 1] = 1e11);
+    let error = bench.warned("estimate data");
+    assert!(error.contains("stage_y: 1 of 48 samples"), "{error}");
+}
+
+#[test]
+fn positions_beyond_numbers() {
+    let bench = Bench::new();
+    let path = bench.root.join("data/seq_b/angles.npy");
+    let mut angles = vec![0.0; 3 * ROWS];
+    angles[3 * 5] = 1.5e308;
+    angles[3 * 6] = f64::MAX;
+    npy(&path, &[ROWS, 3], &angles);
+    let output = bench.run(INFO);
+    let error = String::from_utf8(output.stderr).unwrap();
+    assert!(error.contains("1.5e308") && error.len() < 2000, "{error}");
+}
+
+#[test]
+fn clouds_beyond_reach() {
+    let bench = Bench::new();
+    let points: Vec<f64> = (0..480).map(|k| 1e6 + k as f64).collect();
+    npy(&bench.root.join("data/points.npy"), &[160, 3], &points);
+    let given = "estimate data --prior-sd 1 --noise-sd 1";
+    bench.fails(given, 1, &["touches none of the 160", "units"]);
+    assert!(!bench.root.join("field.npz").exists());
+    assert!(bench.warned(INFO).contains("touches none of the 160"));
+}
+
+#[test]
+fn tare_samples() {
+    let bench = Bench::new();
+    bench.metadata(&METADATA.replace("\"rate_hz\"", "\"tare_samples\": 24, \"rate_hz\""));
+    bench.fails(
+        INFO,
+        1,
+        &["dataset.json", "tare_samples = 24", "\"a\" has 24"],
+    );
+    bench.fails(
+        "info data --tare-samples 99",
+        2,
+        &["--tare-samples", "99", "\"a\" has 24"],
+    );
+}
+
+#[test]
+fn flags_are_blamed_for_what_they_set() {
+    let bench = Bench::new();
+    bench.fails(
+        "info data --joints a,b,a",
+        2,
+        &["--joints", "\"a\"", "twice"],
+    );
+    bench.fails("info data --train a,a", 2, &["--train", "twice"]);
+    bench.fails("info data --test x", 2, &["--test", "\"x\""]);
+}
+
+#[test]
+fn packages_without_a_folder() {
+    let bench = Bench::new();
+    let urdf = r#"<robot name="r"><link name="a"><collision><geometry>
+        <mesh filename="package://arm/m/a.stl"/></geometry></collision></link></robot>"#;
+    fs::write(bench.root.join("r.urdf"), urdf).unwrap();
+    bench.fails(
+        "info data --robot r.urdf",
+        1,
+        &["r.urdf", "package://arm/m/a.stl", "--package arm=PATH"],
+    );
+    bench.fails(
+        "info data --robot r.urdf --package arm=.",
+        3,
+        &["m/a.stl", "cannot read"],
+    );
+    bench.fails("info data --package arm", 2, &["--package", "NAME=PATH"]);
+}
+
+#[test]
+fn robots_that_cannot_move() {
+    let bench = Bench::new();
+    let urdf = r#"<robot name="rock"><link name="a"/></robot>"#;
+    fs::write(bench.root.join("r.urdf"), urdf).unwrap();
+    bench.fails("info data --robot r.urdf", 1, &["rock", "no moving joints"]);
+    let urdf = r#"<robot name="r"><link name="a"/><link name="b"/><joint name="j" type="floating">
+        <parent link="a"/><child link="b"/></joint></robot>"#;
+    fs::write(bench.root.join("r.urdf"), urdf).unwrap();
+    bench.fails(
+        "info data --robot r.urdf",
+        1,
+        &["r.urdf", "'j'", "floating"],
+    );
+}
+
+#[test]
 fn unknown_robot() {
     let bench = Bench::new();
     bench.fails(
@@ -163,4 +262,102 @@ fn fields_of_other_points() {
     npy(&bench.root.join("truth/points.npy"), &[160, 3], &[0.5; 480]);
     npy(&bench.root.join("truth/K.npy"), &[160], &[1.0; 160]);
     bench.fails("evaluate data --field truth", 1, &["row 0", "points.npy"]);
+}
+
+#[test]
+fn fields_that_are_no_estimate() {
+    let bench = Bench::new();
+    let refused = |name: &str, shape: &[usize], data: &[f64], parts: &[&str]| {
+        let path = bench.root.join("truth").join(name);
+        npy(&path, shape, data);
+        for line in ["evaluate data --field truth", "export truth --out a.ply"] {
+            bench.fails(line, 1, parts);
+        }
+        fs::remove_file(path).unwrap();
+    };
+    let all = |value: f64| vec![value; 160];
+    let mut odd = all(2.0);
+    odd[7] = 3.0;
+    refused("noise_sd.npy", &[160], &all(0.0), &["noise_sd", "0.0"]);
+    refused("prior_sd.npy", &[160], &all(-1.0), &["prior_sd", "-1.0"]);
+    refused(
+        "prior_sd.npy",
+        &[160],
+        &odd,
+        &["prior_sd row 7", "3.0", "2.0"],
+    );
+    refused("noise_sd.npy", &[160], &all(1e200), &["noise_sd", "1e200"]);
+    refused("touched.npy", &[160], &odd, &["touched row 0", "2.0"]);
+    refused(
+        "touched.npy",
+        &[160, 2],
+        &vec![0.0; 320],
+        &["touched", "2 columns"],
+    );
+    refused(
+        "touched.npy",
+        &[3],
+        &[0.0; 3],
+        &["touched", "3 rows", "160"],
+    );
+    odd[7] = -3.0;
+    refused("K.npy", &[160], &odd, &["truth", "K row 7", "-3.0"]);
+    odd[7] = 1e200;
+    refused("K.npy", &[160], &odd, &["K row 7", "1e200"]);
+    // As a stored field of the recording, too.
+    odd[7] = -3.0;
+    fs::create_dir(bench.root.join("data/field")).unwrap();
+    npy(&bench.root.join("data/field/K.npy"), &[160], &odd);
+    fs::copy(
+        bench.root.join("data/points.npy"),
+        bench.root.join("data/field/points.npy"),
+    )
+    .unwrap();
+    bench.fails("evaluate data", 1, &["K row 7", "-3.0"]);
+}
+
+#[test]
+fn huge_coordinates_are_short_in_messages() {
+    let bench = Bench::new();
+    npy(
+        &bench.root.join("truth/points.npy"),
+        &[160, 3],
+        &[1e300; 480],
+    );
+    let output = bench.run("evaluate data --field truth");
+    let error = String::from_utf8(output.stderr).unwrap();
+    assert!(error.contains("1e300") && error.len() < 500, "{error}");
+}
+
+#[test]
+fn outputs_never_mix_with_other_files() {
+    let bench = Bench::touched();
+    let estimate = "estimate touch --prior-sd 10 --noise-sd 1 --out";
+    fs::create_dir(bench.root.join("notes")).unwrap();
+    fs::write(bench.root.join("notes/a.txt"), "mine").unwrap();
+    bench.fails(
+        &format!("{estimate} notes"),
+        1,
+        &["notes/a.txt", "in the way"],
+    );
+    bench.fails(&format!("{estimate} touch"), 1, &["touch", "in the way"]);
+    assert!(!bench.root.join("touch/K.npy").exists());
+    assert_eq!(fs::read_dir(bench.root.join("notes")).unwrap().count(), 1);
+    bench.ok(&format!("{estimate} folder"));
+    bench.ok(&format!("{estimate} folder"));
+    for command in ["simulate", "predict"] {
+        let line = format!("{command} touch --field truth --out");
+        bench.fails(&format!("{line} notes"), 2, &["notes", "other files"]);
+        bench.fails(&format!("{line} touch"), 2, &["touch", "recording itself"]);
+    }
+    let before = fs::read(bench.root.join("touch/seq_c/torques.npy")).unwrap();
+    bench.fails(
+        "predict touch --sequences a,b,c --field truth --out touch",
+        2,
+        &["recording itself"],
+    );
+    assert_eq!(
+        before,
+        fs::read(bench.root.join("touch/seq_c/torques.npy")).unwrap()
+    );
 }

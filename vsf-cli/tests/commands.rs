@@ -112,6 +112,86 @@ fn flag_before_file_before_preset() {
 }
 
 #[test]
+fn files_set_what_flags_set() {
+    let bench = Bench::new();
+    let file = "threshold = 0.003\nprior-sd = 5\nnoise-sd = 2\n\
+        [simulate]\nout = \"by file\"\nnoise-sd = 0.05\nseed = 7\n\
+        [evaluate]\nbaseline = [\"zero\"]\nneighbours = 3\n\
+        [export]\ndeviation = true\nout = [\"a.ply\", \"b.ply\"]\n\
+        [estimate]\nprior-sd = 6\n";
+    fs::write(bench.root.join("vsf.toml"), file).unwrap();
+    // The noise of a simulation is its own, not the one that an estimate assumes.
+    let json = bench.ok("simulate data --field truth --config vsf.toml --json");
+    assert_eq!(
+        (value(&json, "noise_sd"), value(&json, "seed")),
+        (0.05, 7.0)
+    );
+    assert!(bench.root.join("by file/seq_a/torques.npy").is_file());
+    let json =
+        bench.ok("simulate data --field truth --config vsf.toml --noise-sd 0 --out x --json");
+    assert_eq!((value(&json, "noise_sd"), value(&json, "seed")), (0.0, 7.0));
+    // The table of a command goes before the top.
+    let json = bench.ok("estimate x --config vsf.toml --preset paper --json");
+    assert_eq!(
+        (value(&json, "prior_sd"), value(&json, "noise_sd")),
+        (6.0, 2.0)
+    );
+    let json = bench.ok("evaluate x --config vsf.toml --json");
+    assert!(json.contains("\"predictor\": \"zero\""), "{json}");
+    bench.ok("export truth --config vsf.toml");
+    assert!(bench.root.join("b.ply").is_file());
+
+    for (text, parts) in [
+        ("\nneighbours = 3", ["line 2", "neighbours"]),
+        ("[evaluate]\nneighbors = 3", ["line 2", "neighbours"]),
+        (
+            "[evaluate]\nneighbours = 0",
+            ["line 2", "must be a whole number >= 1"],
+        ),
+        (
+            "[bench]\npoints = 3",
+            ["[bench]", "info, estimate, predict"],
+        ),
+        ("threshold = nan", ["line 1", "number > 0"]),
+        ("links = []", ["links", "not empty"]),
+        ("threshold = [1, 2]", ["line 1", "--threshold"]),
+        ("[export]\ndeviation = 3", ["line 2", "--deviation"]),
+        ("threshold = 1\nthreshold = 2", ["line 2", "duplicate"]),
+        ("json = \"a.json\"", ["unknown key", "json"]),
+    ] {
+        fs::write(bench.root.join("vsf.toml"), text).unwrap();
+        let parts = ["vsf.toml", parts[0], parts[1]];
+        bench.fails("info data --config vsf.toml", 2, &parts);
+    }
+}
+
+#[test]
+fn numbers_out_of_range_name_their_flag() {
+    let bench = Bench::new();
+    for (line, flag) in [
+        ("info data --rate-hz=nan", "--rate-hz"),
+        ("info data --rate-hz=-1", "--rate-hz"),
+        ("info data --gravity=0,0,inf", "--gravity"),
+        ("info data --base-pose=0,0,0,0,0,nan", "--base-pose"),
+        ("info data --friction=-0.1", "--friction"),
+        ("info data --slip-step=0", "--slip-step"),
+        ("info data --padding=1e300", "--padding"),
+        ("info data --padding=-1", "padding"),
+        ("info data --subdivision=9", "--subdivision"),
+        ("info data --grid-resolution=0", "--grid-resolution"),
+        ("estimate data --prior-sd=1e200", "--prior-sd"),
+        ("evaluate data --neighbours=0", "--neighbours"),
+        ("export truth --out a.ply --full-scale=0", "--full-scale"),
+        (
+            "simulate data --field truth --out x --noise-sd=-1",
+            "--noise-sd",
+        ),
+    ] {
+        bench.fails(line, 2, &[flag]);
+    }
+}
+
+#[test]
 fn usage_errors() {
     let bench = Bench::new();
     fs::write(bench.root.join("bad.toml"), "threshhold = 0.1\n").unwrap();
@@ -145,6 +225,17 @@ fn usage_errors() {
     bench.fails("simulate data --out data", 2, &["the recording itself"]);
     bench.fails("simulate data --out data/seq_1", 2, &["data/seq_1"]);
     bench.fails("estimate data --noise-sd=-1", 2, &["--noise-sd"]);
+    bench.fails(
+        "info data --json=none/a.json",
+        3,
+        &["none/a.json", "folder"],
+    );
+    bench.fails("info data --json=data", 3, &["data", "file"]);
+    bench.fails(
+        "export truth --out a.ply --json=a.ply",
+        2,
+        &["--json", "--out"],
+    );
 }
 
 #[test]

@@ -1,4 +1,5 @@
 use crate::dataset::unknown_keys;
+use crate::staged::Staged;
 use crate::{DataError, DataWarning, files, json, pose};
 use nalgebra::Isometry3;
 use serde::{Deserialize, Serialize};
@@ -101,28 +102,28 @@ impl CameraView {
         Ok((view, warnings))
     }
 
-    /// Writes the three files, each as a whole, creating the folder if need be.
+    /// Writes the three files, all or none, creating the folder if need be.
     ///
     /// # Errors
     /// Values or sizes that [`open`](Self::open) would refuse, [`DataError::Io`].
     pub fn save(&self, folder: impl AsRef<Path>) -> Result<(), DataError> {
-        let folder = folder.as_ref();
+        let mut staged = Staged::default();
+        self.stage(folder.as_ref(), &mut staged)?;
+        staged.commit()
+    }
+
+    pub(crate) fn stage(&self, folder: &Path, staged: &mut Staged) -> Result<(), DataError> {
         self.check(folder)?;
-        files::create_folder(folder)?;
+        staged.folder(folder)?;
         let size = (self.width, self.height);
-        write_png(
-            &folder.join("color.png"),
-            size,
-            png::ColorType::Rgb,
-            &self.color,
-        )?;
         let depth: Vec<u8> = self.depth.iter().flat_map(|d| d.to_be_bytes()).collect();
-        write_png(
-            &folder.join("depth.png"),
-            size,
-            png::ColorType::Grayscale,
-            &depth,
-        )?;
+        for (name, color, samples) in [
+            ("color.png", png::ColorType::Rgb, &self.color),
+            ("depth.png", png::ColorType::Grayscale, &depth),
+        ] {
+            let path = folder.join(name);
+            staged.file(&path, &encode_png(&path, size, color, samples)?)?;
+        }
         let path = folder.join("camera.json");
         let raw = Raw {
             width: self.width,
@@ -136,7 +137,7 @@ impl CameraView {
             convention: Some(CONVENTION.to_owned()),
             extra: json::from_text(&path, &self.extra)?,
         };
-        files::write(&path, &json::encode(&path, &raw)?)
+        staged.file(&path, &json::encode(&path, &raw)?)
     }
 
     pub(crate) fn check(&self, folder: &Path) -> Result<(), DataError> {
@@ -165,12 +166,12 @@ impl CameraView {
             ("depth_scale", self.depth_scale),
         ] {
             if !(value.is_finite() && value > 0.0) {
-                return Err(wrong(key, format!("{value} must be positive and finite")));
+                return Err(wrong(key, format!("{value:?} must be positive and finite")));
             }
         }
         for (key, value) in [("cx", self.cx), ("cy", self.cy)] {
             if !value.is_finite() {
-                return Err(wrong(key, format!("{value} must be finite")));
+                return Err(wrong(key, format!("{value:?} must be finite")));
             }
         }
         pose::check(&self.X_WC).map_err(|problem| wrong("world_from_camera", problem))
@@ -232,12 +233,12 @@ fn read_png(path: &Path, size: (u32, u32), color: png::ColorType) -> Result<Vec<
     Ok(pixels)
 }
 
-fn write_png(
+fn encode_png(
     path: &Path,
     (width, height): (u32, u32),
     color: png::ColorType,
     samples: &[u8],
-) -> Result<(), DataError> {
+) -> Result<Vec<u8>, DataError> {
     let mut bytes = Vec::new();
     let mut encoder = png::Encoder::new(&mut bytes, width, height);
     encoder.set_color(color);
@@ -250,5 +251,5 @@ fn write_png(
         path: path.to_owned(),
         problem: e.to_string(),
     })?;
-    files::write(path, &bytes)
+    Ok(bytes)
 }

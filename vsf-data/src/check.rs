@@ -26,7 +26,7 @@ impl Dataset {
             if !ids.insert(&sequence.id) {
                 return Err(duplicate(path, &sequence.id, "sequences"));
             }
-            if self.tare_samples > sequence.len() {
+            if self.tare_samples >= sequence.len() {
                 return Err(DataError::TareSamples {
                     path,
                     id: sequence.id.clone(),
@@ -53,11 +53,11 @@ impl Dataset {
         let joints = self
             .joints
             .as_ref()
-            .map(|j| (j.len(), "joints in dataset.json"));
+            .map(|j| (j.len(), "the metadata's joints"));
         let types = self
             .joint_types
             .as_ref()
-            .map(|t| (t.len(), "joint_types in dataset.json"));
+            .map(|t| (t.len(), "the metadata's joint_types"));
         let (width, reason) = joints
             .or(types)
             .unwrap_or((self.width(), "the first sequence"));
@@ -126,6 +126,17 @@ impl Dataset {
                 ids,
             });
         }
+        let silent = |s: &&Sequence| s.torques.data().iter().all(|v| *v == 0.0);
+        let ids: Vec<String> = (self.sequences.iter())
+            .filter(silent)
+            .map(|s| s.id.clone())
+            .collect();
+        if !ids.is_empty() {
+            warnings.push(DataWarning::ZeroTorques {
+                path: dir.to_owned(),
+                ids,
+            });
+        }
         warnings
     }
 
@@ -164,7 +175,7 @@ pub(crate) fn check_metadata(dir: &Path, metadata: &Overrides) -> Result<(), Dat
     };
     let positive = |key, value: Option<f64>| match value {
         Some(v) if !(v.is_finite() && v > 0.0) => {
-            Err(wrong(key, format!("{v} must be positive and finite")))
+            Err(wrong(key, format!("{v:?} must be positive and finite")))
         }
         _ => Ok(()),
     };

@@ -1,6 +1,7 @@
 use crate::check::check_metadata;
 use crate::metadata::{self, Attachment, JointType, Overrides, RobotRef, Splits, TorqueKind};
 use crate::sequence::{self, Sequence};
+use crate::staged::Staged;
 use crate::{CameraView, DataError, DataWarning, StiffnessField};
 use crate::{field, files, natural, npy, signal};
 use nalgebra::{Isometry3, Point3, Vector3};
@@ -148,9 +149,8 @@ impl Dataset {
     /// with bit-equal arrays; only the poses, which go through a 4x4 matrix, may differ in the
     /// last digit. Time stamps are always written.
     ///
-    /// Every file is replaced as a whole, `dataset.json` last, so that a killed process leaves
-    /// whole files. A folder may be saved over, but not when parts of another recording in it
-    /// would then be read as parts of this one.
+    /// All files are written or none, `dataset.json` last. A folder may be saved over, but not when
+    /// parts of another recording in it would then be read as parts of this one.
     ///
     /// # Errors
     /// Data that [`open`](Self::open) would refuse, [`DataError::Leftover`] for parts of another
@@ -158,22 +158,25 @@ impl Dataset {
     pub fn save(&self, dir: impl AsRef<Path>) -> Result<(), DataError> {
         let dir = dir.as_ref();
         self.check(dir)?;
-        files::create_folder(dir)?;
+        let mut staged = Staged::default();
+        staged.folder(dir)?;
         self.check_leftovers(dir)?;
         for sequence in &self.sequences {
-            sequence.save(dir)?;
+            sequence.stage(dir, &mut staged)?;
         }
         if let Some(points) = &self.rest_points {
             let bytes = npy::encode(&[points.len(), 3], &files::coordinates(points));
-            files::write(&dir.join(POINTS), &bytes)?;
+            staged.file(&dir.join(POINTS), &bytes)?;
         }
         if let Some(field) = &self.field {
-            field.save_npz(dir.join(FIELD))?;
+            let path = dir.join(FIELD);
+            staged.file(&path, &field.npz(&path)?)?;
         }
         if let Some(camera) = &self.camera {
-            camera.save(dir.join(CAMERA))?;
+            camera.stage(&dir.join(CAMERA), &mut staged)?;
         }
-        metadata::write(dir, self.metadata(), &self.extra)
+        metadata::stage(dir, self.metadata(), &self.extra, &mut staged)?;
+        staged.commit()
     }
 
     /// The sequences to estimate from, in the order of the split.

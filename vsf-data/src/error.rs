@@ -147,7 +147,7 @@ pub enum DataError {
         value: f64,
     },
     /// Time stamps do not increase.
-    #[error("{} row {row}: time {value} s is not after {previous} s of the row before", path.display())]
+    #[error("{} row {row}: time {value:?} s is not after {previous:?} s of the row before", path.display())]
     TimeOrder {
         /// The file.
         path: PathBuf,
@@ -159,7 +159,7 @@ pub enum DataError {
         value: f64,
     },
     /// A standard deviation is negative.
-    #[error("{} row {row}: standard deviation {value} is negative", path.display())]
+    #[error("{} row {row}: standard deviation {value:?} is negative", path.display())]
     NegativeDeviation {
         /// The file.
         path: PathBuf,
@@ -232,8 +232,12 @@ pub enum DataError {
         /// What is wrong.
         problem: String,
     },
-    /// More tare samples are asked for than a sequence has.
-    #[error("{}: tare_samples = {tare_samples}, but sequence {id:?} has {rows} samples", path.display())]
+    /// Tare samples are the contact-free start of a sequence, and here they are all of it.
+    #[error(
+        "{}: tare_samples = {tare_samples}, but sequence {id:?} has {rows} samples; \
+         there must be samples after those that tare",
+        path.display()
+    )]
     TareSamples {
         /// The metadata file.
         path: PathBuf,
@@ -252,9 +256,8 @@ pub enum DataError {
         /// Another one.
         second: PathBuf,
     },
-    /// Saving would leave something from an earlier recording in the folder, which would then be
-    /// read as part of this one.
-    #[error("{}: belongs to another recording and would be read with this one; remove it or save to another folder", path.display())]
+    /// Something in the folder that is not part of what is saved there, and would be mixed with it.
+    #[error("{}: is in the way: it would be mixed with what is written; remove it or write to another folder", path.display())]
     Leftover {
         /// The file or folder in the way.
         path: PathBuf,
@@ -347,6 +350,14 @@ pub enum DataWarning {
     #[error("{}: in no split, not used: {}", path.display(), ids.join(", "))]
     UnassignedSequences {
         /// The metadata file.
+        path: PathBuf,
+        /// Their IDs.
+        ids: Vec<String>,
+    },
+    /// Sequences whose torques are all zero: a sensor that was not recorded, or a planned motion.
+    #[error("{}: torques are all zero, as if nothing was measured, in sequence {}", path.display(), ids.join(", "))]
+    ZeroTorques {
+        /// The data set.
         path: PathBuf,
         /// Their IDs.
         ids: Vec<String>,

@@ -1,5 +1,6 @@
 use crate::npy::{self, NpyError};
-use crate::{DataError, DataWarning, Table, files, json, npz, ply};
+use crate::staged::Staged;
+use crate::{DataError, DataWarning, Table, files, json, npz, ply, write_file};
 use nalgebra::Point3;
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
@@ -11,6 +12,8 @@ const SD: &str = "K_std";
 /// What `K_std` is. OpenVSF writes a variance under that name and no mark.
 const SD_UNIT: &str = "K_std_unit";
 const STANDARD_DEVIATION: &str = "standard_deviation";
+/// Name of the recording that the field was estimated from.
+const RECORDING: &str = "recording_name";
 const AXIS_MODE: &str = "axis_mode";
 const ISOTROPIC: &str = "isotropic";
 /// OpenVSF's pickled dictionary.
@@ -23,7 +26,8 @@ const MARKS: &str = "format.json";
 /// The layout is OpenVSF's `PointVSF`: entries `points` (N, 3) and `K` (N,) of an `.npz` archive
 /// or of a folder of `.npy` files, and further arrays with N rows as features. `K_std` is written
 /// as a standard deviation and marked as one (`K_std_unit` in an archive, `format.json` in a
-/// folder); a `K_std` without the mark is not used, since OpenVSF writes the variance there.
+/// folder); a `K_std` without the mark is not used, since OpenVSF writes the variance there. The
+/// recording's name is a further mark, `recording_name`.
 #[derive(Debug, Clone, PartialEq)]
 pub struct StiffnessField {
     /// Rest positions `p_i` \[m\], world frame.
@@ -36,13 +40,18 @@ pub struct StiffnessField {
     /// Further numbers per point by name, one row per point. Arrays of higher rank are read with
     /// each point's numbers in C order in one row.
     pub features: BTreeMap<String, Table>,
+    /// Name of the recording that the field was estimated from, if known.
+    pub recording: Option<String>,
 }
 
-#[derive(Serialize, Deserialize)]
+#[derive(Default, Serialize, Deserialize)]
+#[serde(expecting = "an object of texts")]
 struct Marks {
     axis_mode: Option<String>,
     #[serde(rename = "K_std_unit")]
     sd_unit: Option<String>,
+    #[serde(rename = "recording_name")]
+    recording: Option<String>,
 }
 
 /// The arrays of a field before they are understood, from an archive or a folder.
@@ -79,41 +88,63 @@ impl StiffnessField {
     /// format, [`DataError::Io`].
     pub fn save_npz(&self, path: impl AsRef<Path>) -> Result<(), DataError> {
         let path = path.as_ref();
-        self.check(path)?;
-        let mut entries = self.arrays();
-        entries.insert(AXIS_MODE.to_owned(), npy::encode_text(ISOTROPIC));
-        if self.sd.is_some() {
-            entries.insert(SD_UNIT.to_owned(), npy::encode_text(STANDARD_DEVIATION));
-        }
-        npz::write(path, &entries)
+        write_file(path, &self.npz(path)?)
     }
 
-    /// Writes a folder of `.npy` files, creating it if need be, each file as a whole. OpenVSF
-    /// reads it, with the features.
+    /// The bytes of the archive; `path` is for messages.
+    pub(crate) fn npz(&self, path: &Path) -> Result<Vec<u8>, DataError> {
+        self.check(path)?;
+        let mut entries = self.arrays();
+        let marks = self.marks();
+        for (name, text) in [
+            (AXIS_MODE, &marks.axis_mode),
+            (SD_UNIT, &marks.sd_unit),
+            (RECORDING, &marks.recording),
+        ] {
+            if let Some(text) = text {
+                entries.insert(name.to_owned(), npy::encode_text(text));
+            }
+        }
+        npz::encode(path, &entries)
+    }
+
+    fn marks(&self) -> Marks {
+        Marks {
+            axis_mode: Some(ISOTROPIC.to_owned()),
+            sd_unit: self.sd.as_ref().map(|_| STANDARD_DEVIATION.to_owned()),
+            recording: self.recording.clone(),
+        }
+    }
+
+    /// Writes a folder of `.npy` files, all or none. OpenVSF reads it, with the features.
+    ///
+    /// The folder must be new, or hold nothing but files that this replaces (those whose names
+    /// begin with a dot do not count), so that a field never mixes with anything else.
     ///
     /// # Errors
-    /// As [`save_npz`](Self::save_npz), and [`DataError::Leftover`] when the folder holds arrays
-    /// that do not belong to this field.
+    /// As [`save_npz`](Self::save_npz), and [`DataError::Leftover`] names what is in the way.
     pub fn save_folder(&self, folder: impl AsRef<Path>) -> Result<(), DataError> {
         let folder = folder.as_ref();
         self.check(folder)?;
-        files::create_folder(folder)?;
-        let arrays = self.arrays();
-        for path in files::list(folder)? {
-            let name = path.file_stem().unwrap_or_default().to_string_lossy();
-            if has_extension(&path, "npy") && !arrays.contains_key(name.as_ref()) {
-                return Err(DataError::Leftover { path });
-            }
-        }
-        let marks = Marks {
-            axis_mode: Some(ISOTROPIC.to_owned()),
-            sd_unit: self.sd.as_ref().map(|_| STANDARD_DEVIATION.to_owned()),
+        let mut staged = Staged::default();
+        staged.folder(folder)?;
+        let marks = folder.join(MARKS);
+        let mut contents: BTreeMap<_, _> = (self.arrays().into_iter())
+            .map(|(name, bytes)| (entry(folder, &name), bytes))
+            .collect();
+        contents.insert(marks.clone(), json::encode(&marks, &self.marks())?);
+        let hidden = |path: &PathBuf| {
+            let name = path.file_name().unwrap_or_default();
+            name.to_string_lossy().starts_with('.')
         };
-        for (name, bytes) in arrays {
-            files::write(&entry(folder, &name), &bytes)?;
+        let mut there = files::list(folder)?.into_iter();
+        if let Some(path) = there.find(|p| !hidden(p) && !contents.contains_key(p)) {
+            return Err(DataError::Leftover { path });
         }
-        let path = folder.join(MARKS);
-        files::write(&path, &json::encode(&path, &marks)?)
+        for (path, bytes) in &contents {
+            staged.file(path, bytes)?;
+        }
+        staged.commit()
     }
 
     /// Writes a binary PLY point cloud with the properties `x y z`, `stiffness` and, if known,
@@ -133,7 +164,7 @@ impl StiffnessField {
         if let Some(value) = full_scale.filter(|v| !(v.is_finite() && *v > 0.0)) {
             return Err(DataError::Argument {
                 what: "full_scale",
-                problem: format!("{value} must be positive and finite"),
+                problem: format!("{value:?} must be positive and finite"),
             });
         }
         ply::write(path, self, full_scale)
@@ -175,7 +206,7 @@ impl StiffnessField {
             }
         }
         for (name, table) in &self.features {
-            let reserved = [POINTS, STIFFNESS, SD, SD_UNIT, AXIS_MODE, PICKLE];
+            let reserved = [POINTS, STIFFNESS, SD, SD_UNIT, AXIS_MODE, RECORDING, PICKLE];
             let not_a_file = name.is_empty() || name.contains(['/', '\\', '\0']);
             if not_a_file || reserved.contains(&name.as_str()) {
                 return Err(DataError::FeatureName {
@@ -212,6 +243,7 @@ impl Source {
         let marks = Marks {
             axis_mode: text(AXIS_MODE)?,
             sd_unit: text(SD_UNIT)?,
+            recording: text(RECORDING)?,
         };
         Ok(Self {
             path: path.to_owned(),
@@ -224,10 +256,7 @@ impl Source {
         let marks = path.join(MARKS);
         let marks = match files::read(&marks) {
             Ok(bytes) => json::parse(&marks, &bytes)?,
-            Err(DataError::Missing { .. }) => Marks {
-                axis_mode: None,
-                sd_unit: None,
-            },
+            Err(DataError::Missing { .. }) => Marks::default(),
             Err(e) => return Err(e),
         };
         let mut entries = BTreeMap::new();
@@ -302,6 +331,7 @@ impl Source {
             stiffness,
             sd,
             features,
+            recording: self.marks.recording,
         })
     }
 

@@ -1,37 +1,13 @@
-//! Whole files: read into memory, or replaced by a rename so that no reader sees half of one.
+//! Files read as a whole, and what their arrays mean.
 
 use crate::npy::{self, NpyArray};
-use crate::{DataError, Table};
+use crate::{DataError, Table, write_file};
 use nalgebra::Point3;
 use std::fs;
-use std::io::Write;
 use std::path::{Path, PathBuf};
 
 pub(crate) fn read(path: &Path) -> Result<Vec<u8>, DataError> {
     fs::read(path).map_err(|e| DataError::io("read", path, e))
-}
-
-/// Writes next to `path` and renames: a killed process leaves the old file or the new one.
-pub(crate) fn write(path: &Path, bytes: &[u8]) -> Result<(), DataError> {
-    let failed = |e| DataError::io("write", path, e);
-    let folder = match path.parent() {
-        Some(p) if !p.as_os_str().is_empty() => p,
-        _ => Path::new("."),
-    };
-    let mut options = tempfile::Builder::new();
-    options.prefix(".vsf-").suffix(".part");
-    // Readable as any other file is, not only by its owner as temporary files are.
-    #[cfg(unix)]
-    options.permissions(std::os::unix::fs::PermissionsExt::from_mode(0o666));
-    let mut file = options.tempfile_in(folder).map_err(failed)?;
-    file.write_all(bytes).map_err(failed)?;
-    file.as_file().sync_all().map_err(failed)?;
-    file.persist(path).map_err(|e| failed(e.error))?;
-    Ok(())
-}
-
-pub(crate) fn create_folder(path: &Path) -> Result<(), DataError> {
-    fs::create_dir_all(path).map_err(|e| DataError::io("create", path, e))
 }
 
 /// What lies in a folder, sorted by name.
@@ -120,6 +96,6 @@ impl Table {
     /// A file that cannot be written.
     pub fn save_npy(&self, path: impl AsRef<Path>) -> Result<(), DataError> {
         let bytes = npy::encode(&[self.rows(), self.cols()], self.data());
-        write(path.as_ref(), &bytes)
+        write_file(path, &bytes)
     }
 }

@@ -35,8 +35,8 @@
 //! or Fortran order, and become `f64`; pickled objects are never executed. What can be read but
 //! should be known comes as a [`DataWarning`].
 //!
-//! Every file is written next to its place and renamed, so that a killed process leaves the old
-//! file or the new one.
+//! Files are written next to their places and renamed once all of them are whole: a full disk
+//! changes nothing, and a killed process leaves every file old or new ([`write_file`]).
 //!
 //! Rejected: the `ndarray-npy` crate. It reads into one static type per call, so every dtype
 //! would be a trial, and it has no half floats; the format is one file here.
@@ -59,6 +59,7 @@ mod ply;
 mod pose;
 mod sequence;
 mod signal;
+mod staged;
 mod table;
 
 pub use camera::CameraView;
@@ -71,4 +72,5 @@ pub use npy::NpyError;
 pub use ply::read_ply_points;
 pub use sequence::Sequence;
 pub use signal::{Motion, differentiate, tare};
+pub use staged::write_file;
 pub use table::Table;

@@ -1,4 +1,5 @@
 use crate::json::UniqueMap;
+use crate::staged::Staged;
 use crate::{DataError, files, json, pose};
 use nalgebra::{Isometry3, Point3, Vector3};
 use serde::{Deserialize, Serialize};
@@ -336,10 +337,11 @@ pub(crate) fn read(
 }
 
 /// Writes `dataset.json` of the folder.
-pub(crate) fn write(
+pub(crate) fn stage(
     dir: &Path,
     metadata: Overrides,
     extra: &BTreeMap<String, String>,
+    staged: &mut Staged,
 ) -> Result<(), DataError> {
     let path = dir.join(FILE);
     let raw = Raw {
@@ -366,5 +368,5 @@ pub(crate) fn write(
         gauge_length: metadata.gauge_length,
         extra: json::from_text(&path, extra)?,
     };
-    files::write(&path, &json::encode(&path, &raw)?)
+    staged.file(&path, &json::encode(&path, &raw)?)
 }

@@ -41,8 +41,12 @@ pub(crate) fn read(path: &Path) -> Result<BTreeMap<String, Vec<u8>>, DataError> 
     Ok(entries)
 }
 
-/// Writes the entries, stored as `numpy.savez` does; `.npy` is added to the names.
-pub(crate) fn write(path: &Path, entries: &BTreeMap<String, Vec<u8>>) -> Result<(), DataError> {
+/// The archive of the entries, stored as `numpy.savez` does; `.npy` is added to the names. `path` is
+/// for messages.
+pub(crate) fn encode(
+    path: &Path,
+    entries: &BTreeMap<String, Vec<u8>>,
+) -> Result<Vec<u8>, DataError> {
     let options = SimpleFileOptions::default().compression_method(CompressionMethod::Stored);
     let mut zip = ZipWriter::new(Cursor::new(Vec::new()));
     let mut fill = || {
@@ -55,7 +59,7 @@ pub(crate) fn write(path: &Path, entries: &BTreeMap<String, Vec<u8>>) -> Result<
     };
     fill().map_err(|e| failure(path, &e))?;
     let bytes = zip.finish().map_err(|e| failure(path, &e))?;
-    files::write(path, bytes.get_ref())
+    Ok(bytes.into_inner())
 }
 
 fn failure(path: &Path, e: &ZipError) -> DataError {

@@ -1,6 +1,6 @@
 //! Point clouds in the PLY format.
 
-use crate::{DataError, StiffnessField, color, files};
+use crate::{DataError, StiffnessField, color, files, write_file};
 use nalgebra::Point3;
 use ply_rs_bw::parser::{Parser, Reader};
 use ply_rs_bw::ply::{Property, PropertyAccess, PropertyAccessResult};
@@ -38,7 +38,7 @@ pub(crate) fn write(
             bytes.extend(sd[i].to_le_bytes());
         }
     }
-    files::write(path, &bytes)
+    write_file(path, &bytes)
 }
 
 /// Reads the points `x y z` of the element `vertex` of a PLY file, ascii or binary, in the units

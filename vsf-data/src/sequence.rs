@@ -1,3 +1,4 @@
+use crate::staged::Staged;
 use crate::{DataError, Table, files, metadata, npy};
 use std::ops::Range;
 use std::path::{Path, PathBuf};
@@ -104,16 +105,16 @@ impl Sequence {
         })
     }
 
-    pub(crate) fn save(&self, dir: &Path) -> Result<(), DataError> {
+    pub(crate) fn stage(&self, dir: &Path, staged: &mut Staged) -> Result<(), DataError> {
         let folder = self.folder(dir);
-        files::create_folder(&folder)?;
-        files::write(
+        staged.folder(&folder)?;
+        staged.file(
             &folder.join("time.npy"),
             &npy::encode(&[self.time.len()], &self.time),
         )?;
         for (name, table) in self.tables() {
             let bytes = npy::encode(&[table.rows(), table.cols()], table.data());
-            files::write(&folder.join(name), &bytes)?;
+            staged.file(&folder.join(name), &bytes)?;
         }
         Ok(())
     }

@@ -5,7 +5,7 @@ mod common;
 
 use common::{Folder, f8, npy};
 use std::fs;
-use vsf_data::{DataError, DataWarning, Dataset, NpyError, Overrides, Table};
+use vsf_data::{DataError, DataWarning, Dataset, NpyError, Overrides, Table, write_file};
 
 /// Opens the folder after a change and checks variant and message.
 macro_rules! refused {
@@ -93,12 +93,12 @@ fn wrong_shapes() {
     refused!(
         |f: &Folder| f.with(r#""joints": ["a", "b", "c"]"#),
         DataError::Shape { .. },
-        "expected 3 columns, as joints in dataset.json"
+        "expected 3 columns, as the metadata's joints"
     );
     refused!(
         |f: &Folder| f.with(r#""joint_types": ["revolute"]"#),
         DataError::Shape { .. },
-        "expected 1 columns, as joint_types"
+        "expected 1 columns, as the metadata's joint_types"
     );
 }
 
@@ -124,7 +124,7 @@ fn numbers_that_are_not_finite() {
     refused!(
         |f: &Folder| f.write("seq_2/time.npy", &f8("(4,)", &[0.0, 1.0, 1.0, 3.0])),
         DataError::TimeOrder { .. },
-        "seq_2/time.npy row 2: time 1 s is not after 1 s"
+        "seq_2/time.npy row 2: time 1.0 s is not after 1.0 s"
     );
 }
 
@@ -360,9 +360,9 @@ fn splits_tags_and_touches() {
         "rows must increase"
     );
     refused!(
-        |f: &Folder| f.with(r#""tare_samples": 5"#),
+        |f: &Folder| f.with(r#""tare_samples": 4"#),
         DataError::TareSamples { .. },
-        "tare_samples = 5, but sequence \"2\" has 4 samples"
+        "tare_samples = 4, but sequence \"2\" has 4 samples"
     );
 }
 
@@ -385,6 +385,11 @@ fn warnings_name_what_was_seen() {
     assert_eq!(warnings[1], box_);
     assert!(matches!(&warnings[2], DataWarning::UnassignedSequences { ids, .. } if ids == &["10"]));
     assert_eq!(warnings.len(), 3);
+
+    let folder = Folder::new();
+    folder.write("seq_10/torques.npy", &f8("(4, 2)", &[0.0; 8]));
+    let (_, warnings) = folder.open().unwrap();
+    assert!(matches!(&warnings[..], [DataWarning::ZeroTorques { ids, .. }] if ids == &["10"]));
 }
 
 fn camera_json(width: u32, height: u32) -> String {
@@ -542,6 +547,47 @@ fn places_that_cannot_be_written() {
         "{error:?}"
     );
     assert_eq!(fs::read_dir(blocked.join("seq_2")).unwrap().count(), 1);
+    // Nor is anything of the other files, which came first.
+    assert_eq!(fs::read_dir(&blocked).unwrap().count(), 1);
+}
+
+#[test]
+fn a_failure_changes_no_file() {
+    let folder = Folder::new();
+    let (mut dataset, _) = folder.open().unwrap();
+    let old = fs::read(folder.path().join("seq_2/torques.npy")).unwrap();
+    dataset.sequences[0].torques.data_mut().fill(9.0);
+    // dataset.json comes last.
+    folder.remove("dataset.json");
+    fs::create_dir(folder.path().join("dataset.json")).unwrap();
+    dataset.save(folder.path()).unwrap_err();
+    let new = fs::read(folder.path().join("seq_2/torques.npy")).unwrap();
+    assert_eq!(old, new);
+    assert!(!folder.path().join("seq_2/time.npy").exists());
+}
+
+#[cfg(unix)]
+#[test]
+fn files_are_replaced_where_they_are() {
+    use std::os::unix::fs::{PermissionsExt, symlink};
+    let folder = tempfile::tempdir().unwrap();
+    let at = |name: &str| folder.path().join(name);
+    fs::write(at("real"), "old").unwrap();
+    symlink(at("real"), at("link")).unwrap();
+    write_file(at("link"), b"new").unwrap();
+    assert!(at("link").is_symlink());
+    assert_eq!(fs::read(at("real")).unwrap(), b"new");
+    write_file("/dev/null", b"gone").unwrap();
+    fs::set_permissions(at("real"), fs::Permissions::from_mode(0o444)).unwrap();
+    let error = write_file(at("real"), b"newer").unwrap_err().to_string();
+    assert!(
+        error.contains("real") && error.contains("read-only"),
+        "{error}"
+    );
+    let error = write_file(folder.path(), b"x").unwrap_err().to_string();
+    assert!(error.contains("folder"), "{error}");
+    assert_eq!(fs::read(at("real")).unwrap(), b"new");
+    assert_eq!(fs::read_dir(folder.path()).unwrap().count(), 2);
 }
 
 #[cfg(unix)]

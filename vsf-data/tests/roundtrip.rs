@@ -49,12 +49,14 @@ fn field() -> impl Strategy<Value = StiffnessField> {
             0..3,
         );
         let sd = prop::option::of(vec(positive().prop_map(f64::abs), n));
-        (vec(point(), n), vec(number(), n), sd, features).prop_map(
-            |(points, stiffness, sd, features)| StiffnessField {
+        let recording = prop::option::of(text());
+        (vec(point(), n), vec(number(), n), sd, features, recording).prop_map(
+            |(points, stiffness, sd, features, recording)| StiffnessField {
                 points,
                 stiffness,
                 sd,
                 features,
+                recording,
             },
         )
     })
@@ -145,6 +147,7 @@ fn dataset() -> impl Strategy<Value = Dataset> {
             |(words, (rate_hz, tare_samples), (a, b), (points, field), camera, sequences)| {
                 let (name, description, gravity, base_pose, measured, named) = words;
                 let cols = sequences[0].width();
+                let shortest = sequences.iter().map(Sequence::len).min().unwrap_or(0);
                 Dataset {
                     name,
                     description,
@@ -158,7 +161,7 @@ fn dataset() -> impl Strategy<Value = Dataset> {
                     gravity,
                     base_pose,
                     object_bbox: measured.then(|| [a.inf(&b), a.sup(&b)]),
-                    tare_samples,
+                    tare_samples: tare_samples.min(shortest - 1),
                     splits: Splits {
                         train: vec!["a 10".to_owned(), "1".to_owned()],
                         test: if named { vec!["2".to_owned()] } else { vec![] },
@@ -354,11 +357,19 @@ fn a_field_folder_is_not_mixed_with_another() {
         stiffness: vec![5.0],
         sd: Some(vec![1.0]),
         features: BTreeMap::new(),
+        recording: None,
     };
     field.save_folder(folder.path()).unwrap();
+    fs::write(folder.path().join(".hidden"), "").unwrap();
+    field.save_folder(folder.path()).unwrap();
+    fs::write(folder.path().join("notes.txt"), "mine").unwrap();
+    let error = field.save_folder(folder.path()).unwrap_err();
+    assert!(matches!(&error, DataError::Leftover { path } if path.ends_with("notes.txt")));
+    fs::remove_file(folder.path().join("notes.txt")).unwrap();
     field.sd = None;
     let error = field.save_folder(folder.path()).unwrap_err();
     assert!(matches!(&error, DataError::Leftover { path } if path.ends_with("K_std.npy")));
+    assert!(StiffnessField::open(folder.path()).unwrap().0.sd.is_some());
     field
         .features
         .insert("K_std".to_owned(), Table::new(1, vec![1.0]).unwrap());
@@ -379,6 +390,7 @@ fn ply_colours_follow_the_scale() {
         stiffness: vec![0.0, 500.0],
         sd: None,
         features: BTreeMap::new(),
+        recording: None,
     };
     for (full_scale, top) in [
         (None, [253, 231, 37]),

@@ -1,3 +1,4 @@
+use std::path::PathBuf;
 use thiserror::Error;
 use vsf_contact::ContactError;
 use vsf_core::CoreError;
@@ -14,6 +15,14 @@ pub enum PipelineError {
     /// The robot cannot be used.
     #[error(transparent)]
     Robot(#[from] RobotError),
+    /// The robot of a URDF file cannot be used.
+    #[error("{}: {source}", path.display())]
+    RobotFile {
+        /// The URDF.
+        path: PathBuf,
+        /// What is wrong with it.
+        source: RobotError,
+    },
     /// The robot's shapes cannot be used.
     #[error(transparent)]
     Contact(#[from] ContactError),
@@ -30,6 +39,25 @@ pub enum PipelineError {
         /// What is wrong there.
         source: CoreError,
     },
+    /// A reading that no sensor gives, and whose square endangers the arithmetic.
+    #[error(
+        "sequence {id} row {row} joint {joint}: a torque of {value:?} {unit}; at most {most:?} is \
+         taken, check the file and its units"
+    )]
+    Torque {
+        /// The sequence.
+        id: String,
+        /// The row, from 0.
+        row: usize,
+        /// The joint, from 1.
+        joint: usize,
+        /// What `torques.npy` holds there.
+        value: f64,
+        /// `N m`, or `N` for a sliding joint.
+        unit: &'static str,
+        /// Largest magnitude that is taken.
+        most: f64,
+    },
     /// A robot name that is neither built in nor a file.
     #[error("unknown robot {name:?}: built in are {known}; a URDF is given by its path")]
     UnknownRobot {
@@ -37,6 +65,12 @@ pub enum PipelineError {
         name: String,
         /// The built-in names.
         known: String,
+    },
+    /// A robot that cannot move.
+    #[error("robot {robot:?} has no moving joints: all of its joints are fixed, or it has none")]
+    NoJoints {
+        /// Name of the robot.
+        robot: String,
     },
     /// The recording has another number of joints than the robot.
     #[error(

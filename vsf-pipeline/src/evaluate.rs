@@ -64,17 +64,23 @@ pub struct SequencePrediction {
     pub sd: Vec<Vec<f64>>,
 }
 
+/// Readings that a field of means predicts at every sample.
+fn fits<'a>(mean: &'a [f64], trace: &'a Trace) -> impl Iterator<Item = Vec<f64>> + 'a {
+    trace.observations.iter().map(|obs| {
+        let mut fit = vec![0.0; obs.dim()];
+        obs.apply(mean, &mut fit);
+        fit
+    })
+}
+
 /// Norm of the error of a field of means at every sample.
 pub(crate) fn sample_errors<'a>(
     mean: &'a [f64],
     trace: &'a Trace,
 ) -> impl Iterator<Item = f64> + 'a {
-    let mut fit = Vec::new();
-    trace.observations.iter().map(move |obs| {
-        fit.resize(obs.dim(), 0.0);
-        obs.apply(mean, &mut fit);
-        distance(&fit, obs.reading())
-    })
+    fits(mean, trace)
+        .zip(trace.readings())
+        .map(|(fit, tau)| distance(&fit, tau))
 }
 
 fn distance(a: &[f64], b: &[f64]) -> f64 {
@@ -115,20 +121,16 @@ pub fn predict(
             .sum();
         (field + noise_sd * noise_sd).sqrt()
     };
-    let mut prediction = SequencePrediction {
-        id: trace.id.clone(),
-        mean: Vec::new(),
-        sd: Vec::new(),
+    let spreads = |obs| {
+        (0..scene.robot.joint_count())
+            .map(|i| spread(obs, i))
+            .collect()
     };
-    for obs in &trace.observations {
-        let mut mean = vec![0.0; obs.dim()];
-        obs.apply(belief.mean(), &mut mean);
-        prediction.mean.push(mean);
-        prediction
-            .sd
-            .push((0..obs.dim()).map(|i| spread(obs, i)).collect());
-    }
-    Ok(prediction)
+    Ok(SequencePrediction {
+        id: trace.id.clone(),
+        mean: fits(belief.mean(), trace).collect(),
+        sd: trace.observations.iter().map(spreads).collect(),
+    })
 }
 
 /// Errors of a field on sequences it was not estimated from (or on any others).
@@ -141,17 +143,10 @@ pub fn evaluate(
     traces: &[Trace],
 ) -> Result<Evaluation, PipelineError> {
     check_size(belief, scene)?;
-    let predictions = traces.iter().map(|t| {
-        let mean = t.observations.iter().map(|obs| {
-            let mut fit = vec![0.0; obs.dim()];
-            obs.apply(belief.mean(), &mut fit);
-            fit
-        });
-        SequencePrediction {
-            id: t.id.clone(),
-            mean: mean.collect(),
-            sd: Vec::new(),
-        }
+    let predictions = traces.iter().map(|t| SequencePrediction {
+        id: t.id.clone(),
+        mean: fits(belief.mean(), t).collect(),
+        sd: Vec::new(),
     });
     score(scene, traces, &predictions.collect::<Vec<_>>())
 }

@@ -3,12 +3,13 @@
 //! The offline side of the workspace, what the `vsf` command runs:
 //!
 //! 1. [`Scene::open`] puts robot, link shapes and rest points of a recording together.
-//! 2. [`Scene::trace`] runs the contact model over a sequence once. Contacts never depend on the
+//! 2. [`motion_warnings`] and [`reading_warnings`] say what looks wrong with a recording.
+//! 3. [`Scene::trace`] runs the contact model over a sequence once. Contacts never depend on the
 //!    belief, so the resulting observations serve every estimator.
-//! 3. [`choose_hyper`] picks prior and noise from the train sequences, [`estimate`] runs an
+//! 4. [`choose_hyper`] picks prior and noise from the train sequences, [`estimate`] runs an
 //!    estimator over them.
-//! 4. [`predict`] and [`evaluate`] compare a field with sequences; [`Baseline`]s stand beside it.
-//! 5. [`simulate`] turns a field and a joint trajectory into readings.
+//! 5. [`predict`] and [`evaluate`] compare a field with sequences; [`Baseline`]s stand beside it.
+//! 6. [`simulate`] turns a field and a joint trajectory into readings.
 
 #![forbid(unsafe_code)]
 
@@ -22,6 +23,7 @@ mod readings;
 mod scene;
 mod simulate;
 mod trace;
+mod warning;
 
 pub use baseline::Baseline;
 pub use bench::{BenchOptions, BenchReport, StageTimes, bench};
@@ -32,6 +34,7 @@ pub use evaluate::{
 };
 pub use hyper::{Candidate, Hyper, HyperChoice, choose_hyper};
 pub use readings::external_torques;
-pub use scene::{Scene, SceneOptions};
+pub use scene::{Scene, SceneOptions, reading_unit, robot_of};
 pub use simulate::simulate;
 pub use trace::Trace;
+pub use warning::{Outliers, PipelineWarning, motion_warnings, reading_warnings};

@@ -1,15 +1,28 @@
 use crate::{PipelineError, Scene};
 use vsf_data::{Sequence, Table, TorqueKind, tare};
 
+/// Largest torque that is taken (N m or N): beyond any robot, and far from where squares overflow.
+const MOST: f64 = 1e12;
+
 /// The external joint torques of a sequence: what touch adds, with gravity removed and tared.
 ///
 /// Measured torques become `tau_ext = g(q) - tau_meas` (quasi-static motion). Taring subtracts
 /// the mean of the first [`Scene::tare_samples`] external torques, where nothing is touched.
 ///
 /// # Errors
-/// Angles that the robot cannot take, or more tare samples than rows.
+/// Torques beyond 1e12 N m, angles that the robot cannot take, or more tare samples than rows.
 pub fn external_torques(scene: &Scene, sequence: &Sequence) -> Result<Table, PipelineError> {
     let mut torques = sequence.torques.clone();
+    if let Some(k) = torques.data().iter().position(|v| v.abs() > MOST) {
+        return Err(PipelineError::Torque {
+            id: sequence.id.clone(),
+            row: k / torques.cols(),
+            joint: k % torques.cols() + 1,
+            value: torques.data()[k],
+            unit: scene.unit(k % torques.cols()),
+            most: MOST,
+        });
+    }
     if scene.torque_kind == TorqueKind::Measured {
         let mut workspace = scene.robot.dynamics_workspace();
         let cols = torques.cols();

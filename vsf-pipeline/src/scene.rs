@@ -8,7 +8,7 @@ use vsf_contact::{
 };
 use vsf_core::{ContactModel, RestPoints};
 use vsf_data::{Dataset, JointType, RobotRef, TorqueKind};
-use vsf_robots::{BUILTIN_NAMES, JointKind, RobotModel, UrdfOptions, builtin};
+use vsf_robots::{BUILTIN_NAMES, Joint, JointKind, RobotError, RobotModel, UrdfOptions, builtin};
 
 /// How a [`Scene`] is put together; the defaults fit most recordings.
 #[derive(Debug, Clone)]
@@ -18,6 +18,11 @@ pub struct SceneOptions {
     /// Sub-points per edge of the cube that a rest point stands for, 1 to 8, default 2: contact
     /// moves 8 sub-points per rest point and takes their mean ([`CellContact`]). 1 moves the rest
     /// points alone, as the paper does, at an eighth of the cost.
+    ///
+    /// All cubes have the edge [`RestPoints::spacing`]. In an uneven cloud they overlap where
+    /// points are dense and leave gaps where they are sparse, so that readings are shared out
+    /// unevenly; take 1 there, or points on a lattice. A cloud whose spacing is 0 (one
+    /// point, or most of them coincide) moves its points alone.
     pub subdivision: usize,
     /// How collision meshes become distance grids.
     pub grid: GridOptions,
@@ -139,10 +144,7 @@ impl Scene {
 
     /// Unit of joint `j`'s readings: `N m`, or `N` for a sliding joint.
     pub fn unit(&self, j: usize) -> &'static str {
-        match self.robot.joints().get(j).map(|joint| joint.kind()) {
-            Some(JointKind::Prismatic) => "N",
-            _ => "N m",
-        }
+        self.robot.joints().get(j).map_or("N m", reading_unit)
     }
 
     /// Unit of the error norm over all joints.
@@ -156,19 +158,37 @@ impl Scene {
     }
 }
 
-/// The robot of a recording, checked against the recording's joints and placed in the world.
-fn robot_of(
+/// Unit of a joint's readings: `N m`, or `N` for a sliding joint.
+pub fn reading_unit(joint: &Joint) -> &'static str {
+    match joint.kind() {
+        JointKind::Prismatic => "N",
+        JointKind::Revolute | JointKind::Continuous => "N m",
+    }
+}
+
+/// The robot of a recording, checked against the recording's joints and placed in the world; for
+/// recordings of free motion, which have no [`Scene`]. `packages` are the folders of `package://`
+/// names in its URDF.
+///
+/// # Errors
+/// An unknown or unreadable robot, joints that contradict the recording.
+pub fn robot_of(
     dataset: &Dataset,
     packages: &BTreeMap<String, PathBuf>,
 ) -> Result<RobotModel, PipelineError> {
     let robot = load(&dataset.robot, dataset.joints.clone(), packages)?;
     let names: Vec<&str> = robot.joints().iter().map(|j| j.name()).collect();
+    if names.is_empty() {
+        return Err(PipelineError::NoJoints {
+            robot: robot.name().to_owned(),
+        });
+    }
     if dataset.width() != names.len() {
         return Err(PipelineError::JointCount {
             columns: dataset.width(),
             robot: robot.name().to_owned(),
             joints: names.len(),
-            names: names.join(", "),
+            names: some(&names),
         });
     }
     let mismatch = |column: usize, recorded: &str, robot: &str| PipelineError::JointMismatch {
@@ -208,7 +228,14 @@ fn load(
                 joint_order,
                 ..UrdfOptions::default()
             };
-            Ok(RobotModel::from_urdf_file(path, &options)?)
+            RobotModel::from_urdf_file(path, &options).map_err(|e| match e {
+                // These name the file.
+                RobotError::Read { .. } | RobotError::Urdf { .. } => e.into(),
+                source => PipelineError::RobotFile {
+                    path: path.clone(),
+                    source,
+                },
+            })
         }
         None => builtin(&robot.given)
             .transpose()?
@@ -217,6 +244,13 @@ fn load(
                 known: BUILTIN_NAMES.join(", "),
             }),
     }
+}
+
+/// Names for a message, the first of them where there are many.
+fn some(names: &[&str]) -> String {
+    const MOST: usize = 30;
+    let rest = if names.len() > MOST { ", ..." } else { "" };
+    names[..names.len().min(MOST)].join(", ") + rest
 }
 
 fn chosen_links(robot: &RobotModel, names: Option<&[String]>) -> Result<Vec<bool>, PipelineError> {

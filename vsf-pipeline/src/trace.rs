@@ -2,7 +2,7 @@ use crate::{PipelineError, Scene, external_torques};
 use rayon::prelude::*;
 use vsf_core::{ContactModel, Contacts, CoreError, Noise, Observation, Sensor};
 use vsf_data::Sequence;
-use vsf_robots::JointTorques;
+use vsf_robots::{JointTorques, RobotError};
 
 /// The observations of one sequence, one per sample, with unit noise: contacts and columns are
 /// computed once and serve every estimator and every choice of prior and noise.
@@ -20,6 +20,11 @@ impl Trace {
     /// Number of samples with at least one contact.
     pub fn contact_samples(&self) -> usize {
         self.observations.iter().filter(|o| !o.is_empty()).count()
+    }
+
+    /// The reading of each sample.
+    pub fn readings(&self) -> impl Iterator<Item = &[f64]> {
+        self.observations.iter().map(Observation::reading)
     }
 
     /// Mean number of contacts over the samples in contact, 0 without any.
@@ -59,10 +64,15 @@ impl Scene {
             contact.reset();
             for row in touch {
                 let mut obs = sensor.blank();
-                self.robot
-                    .update_posture(&sequence.angles[row], &mut posture)?;
-                contact
-                    .step(&self.rest, &posture, &mut contacts)
+                let placed = self
+                    .robot
+                    .update_posture(&sequence.angles[row], &mut posture);
+                placed
+                    .map_err(|e| match e {
+                        RobotError::Value(e) => e,
+                        other => CoreError::Other(other.to_string()),
+                    })
+                    .and_then(|()| contact.step(&self.rest, &posture, &mut contacts))
                     .and_then(|()| {
                         sensor.observe(&self.rest, &posture, &contacts, &torques[row], &mut obs)
                     })

@@ -77,7 +77,10 @@ pub enum RobotError {
         second: String,
     },
     /// The links form several trees.
-    #[error("several root links: {}; connect them with joints to one tree", roots.join(", "))]
+    #[error(
+        "several root links: {}; connect them with joints to one tree",
+        listed(roots)
+    )]
     SeveralRoots {
         /// Links without a parent.
         roots: Vec<String>,
@@ -100,7 +103,7 @@ pub enum RobotError {
     },
     /// Limits of a joint are NaN or reversed.
     #[error(
-        "joint '{joint}' has limits {lower} .. {upper}, effort {effort}, velocity {velocity}; \
+        "joint '{joint}' has limits {lower:?} .. {upper:?}, effort {effort:?}, velocity {velocity:?}; \
              they must be numbers with lower <= upper and the others >= 0"
     )]
     Limits {
@@ -124,7 +127,7 @@ pub enum RobotError {
         name: String,
     },
     /// A mass is negative or not finite.
-    #[error("link '{link}' has mass {mass} kg; it must be finite and >= 0")]
+    #[error("link '{link}' has mass {mass:?} kg; it must be finite and >= 0")]
     Mass {
         /// The link.
         link: String,
@@ -152,7 +155,7 @@ pub enum RobotError {
     },
     /// A `package://` address names a package whose folder is not known.
     #[error(
-        "'{uri}' needs the folder of package '{package}'; \
+        "'{uri}': the folder of package '{package}' is not known; \
          add it to UrdfOptions::packages, or skip meshes with Meshes::Skip"
     )]
     UnknownPackage {
@@ -176,7 +179,7 @@ pub enum RobotError {
         reason: String,
     },
     /// No link of that name.
-    #[error("no link '{name}'; the links are {}", known.join(", "))]
+    #[error("no link '{name}'; the links are {}", listed(known))]
     UnknownLink {
         /// The name.
         name: String,
@@ -184,7 +187,7 @@ pub enum RobotError {
         known: Vec<String>,
     },
     /// No moving joint of that name.
-    #[error("no moving joint '{name}'; the moving joints are {}", known.join(", "))]
+    #[error("no moving joint '{name}'; the moving joints are {}", listed(known))]
     UnknownJoint {
         /// The name.
         name: String,
@@ -192,7 +195,10 @@ pub enum RobotError {
         known: Vec<String>,
     },
     /// A joint order leaves out moving joints.
-    #[error("the joint order leaves out {}; it must name every moving joint once", missing.join(", "))]
+    #[error(
+        "the joint order leaves out {}; it must name every moving joint once",
+        listed(missing)
+    )]
     IncompleteJointOrder {
         /// The moving joints left out.
         missing: Vec<String>,
@@ -208,4 +214,13 @@ pub enum RobotError {
     /// Numbers of the wrong count, out of range or not finite.
     #[error(transparent)]
     Value(#[from] CoreError),
+}
+
+/// Names for a message, the first of them where there are many.
+fn listed(names: &[String]) -> String {
+    const MOST: usize = 30;
+    match names.len().checked_sub(MOST) {
+        None | Some(0) => names.join(", "),
+        Some(more) => format!("{} and {more} more", names[..MOST].join(", ")),
+    }
 }

@@ -6,7 +6,10 @@ use crate::{Joint, JointKind, Link, RobotError, RobotModel};
 use nalgebra::{Isometry3, Matrix3, Point3, Unit};
 use std::collections::HashMap;
 use std::sync::Arc;
-use vsf_core::{Collider, LinkChains};
+use vsf_core::{Collider, CoreError, LinkChains};
+
+/// Far beyond any robot. Every link knows the joints above it, so that a chain costs the square.
+const MAX_LINKS: usize = 1000;
 
 /// Rounding that a printed inertia may carry, relative to its largest entry.
 const INERTIA_ROUNDING: f64 = 1e-9;
@@ -23,6 +26,13 @@ impl RobotModel {
             links,
             joints,
         } = description;
+        if links.len() > MAX_LINKS {
+            return Err(RobotError::Value(CoreError::TooMany {
+                what: "links of a robot",
+                got: links.len(),
+                max: MAX_LINKS,
+            }));
+        }
         let tree = Tree::new(&name, &links, &joints)?;
         let joint_of = number_joints(&tree, &joints, joint_order)?;
 

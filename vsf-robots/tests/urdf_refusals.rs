@@ -145,6 +145,37 @@ fn joints_that_form_no_tree() {
 }
 
 #[test]
+fn more_links_than_any_robot_has() {
+    let chain = |links: usize| {
+        let mut text = String::from(r#"<robot name="snake"><link name="l0"/>"#);
+        for k in 1..links {
+            text += &format!(
+                r#"<link name="l{k}"/><joint name="j{k}" type="continuous">
+                <parent link="l{}"/><child link="l{k}"/></joint>"#,
+                k - 1
+            );
+        }
+        text + "</robot>"
+    };
+    assert_eq!(parse(&chain(1000)).unwrap().joint_count(), 999);
+    let error = parse(&chain(1001)).unwrap_err();
+    let too_many = CoreError::TooMany {
+        what: "links of a robot",
+        got: 1001,
+        max: 1000,
+    };
+    assert!(matches!(&error, RobotError::Value(e) if *e == too_many));
+    // Long lists are cut, long numbers are short.
+    let robot = parse(&chain(100)).unwrap();
+    let text = robot.link_index("knee").unwrap_err().to_string();
+    assert!(text.contains("l29 and 70 more"), "{text}");
+    let text = parse(&inertial("-1e300", "1", "0"))
+        .unwrap_err()
+        .to_string();
+    assert!(text.contains("-1e300 kg"), "{text}");
+}
+
+#[test]
 fn axes_origins_and_limits() {
     for axis in ["0 0 0", "nan 0 1", "inf 0 0"] {
         let text = joint("revolute", &format!(r#"<axis xyz="{axis}"/>"#));

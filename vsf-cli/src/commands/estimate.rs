@@ -1,8 +1,8 @@
 use crate::console::{Console, number};
 use crate::exit::usage;
 use crate::field_file::{FieldFile, FieldFormat, save};
-use crate::recording::{Default, RecordingArgs, traces};
-use crate::settings::{EstimatorSettings, Group};
+use crate::recording::{Default, RecordingArgs, traces, untouched};
+use crate::settings::EstimatorSettings;
 use serde::Serialize;
 use std::path::PathBuf;
 use vsf::pipeline::{Candidate, Estimate, Hyper, Scene, Trace, choose_hyper, estimate};
@@ -18,7 +18,8 @@ points), nis_ratio, out.")]
 pub struct Args {
     #[command(flatten)]
     recording: RecordingArgs,
-    /// Where to write the field, by ending: .npz, .ply, or a folder; may be repeated
+    /// Where to write the field, by ending: .npz, .ply, or a folder, which must be new, empty or a
+    /// field to replace; may be repeated
     #[arg(long, default_value = "field.npz")]
     out: Vec<PathBuf>,
     /// IDs of the sequences to learn from, in this order; the train split by default
@@ -61,20 +62,15 @@ pub fn run(args: &Args, console: &Console) -> anyhow::Result<()> {
             )));
         }
     }
-    if console
-        .json_file()
-        .is_some_and(|json| args.out.iter().any(|out| out == json))
-    {
-        return Err(usage("--json and --out name the same file".to_owned()));
-    }
-    let settings = args.estimator.resolve(&args.recording.sources)?;
+    console.keep_apart(&args.out)?;
+    let settings = &args.estimator;
     settings.spec()?;
     let recording = args.recording.open(console)?;
     let sequences = recording.sequences(args.sequences.as_deref(), Default::Train)?;
     let scene = recording.scene(console)?;
     let traces = traces(&scene, &sequences, console)?;
-    let chosen = learn(&scene, &traces, &settings, console)?;
-    let field = FieldFile::of_estimate(&scene, &chosen.estimate)?;
+    let chosen = learn(&scene, &traces, settings, console)?;
+    let field = FieldFile::of_estimate(&scene, &chosen.estimate, &recording.dataset.name)?;
     for out in &args.out {
         save(&field, out)?;
     }
@@ -104,6 +100,9 @@ pub fn learn(
     settings: &EstimatorSettings,
     console: &Console,
 ) -> anyhow::Result<Chosen> {
+    if let Some(error) = untouched(scene, traces) {
+        return Err(error.into());
+    }
     let spec = settings.spec()?;
     let points = scene.rest.len();
     let (hyper, method, candidates) = match (settings.prior_sd, settings.noise_sd) {
@@ -128,13 +127,6 @@ pub fn learn(
             (hyper, choice.method, choice.candidates)
         }
     };
-    for (name, value) in [("prior-sd", hyper.prior_sd), ("noise-sd", hyper.noise_sd)] {
-        if !(value.is_finite() && value > 0.0) {
-            return Err(usage(format!(
-                "--{name} = {value} must be positive and finite"
-            )));
-        }
-    }
     let bar = console.bar(traces.len(), "estimate");
     let estimate = estimate(traces, points, &spec, hyper, |done| {
         bar.set_position(done as u64)

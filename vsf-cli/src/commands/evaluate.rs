@@ -1,9 +1,9 @@
 use crate::console::{Console, number, table};
 use crate::exit::usage;
-use crate::recording::{Default, Recording, RecordingArgs, traces};
+use crate::range::count;
+use crate::recording::{Default, FieldArgs, Recording, traces, untouched};
 use serde::Serialize;
 use std::collections::BTreeMap;
-use std::path::PathBuf;
 use vsf::data::Sequence;
 use vsf::pipeline::{Baseline, Evaluation, Scene, Trace, evaluate, score};
 
@@ -17,10 +17,7 @@ contact_samples, mean_contacts), per_joint (joint, unit, mean_abs_error, rms_err
 and --baseline: baselines, an object of the same keys by name.")]
 pub struct Args {
     #[command(flatten)]
-    recording: RecordingArgs,
-    /// The field, .npz or folder; by default the one stored in the recording
-    #[arg(long)]
-    field: Option<PathBuf>,
+    of: FieldArgs,
     /// IDs of the sequences to predict; the test split by default
     #[arg(long, value_delimiter = ',')]
     sequences: Option<Vec<String>>,
@@ -29,7 +26,7 @@ pub struct Args {
     #[arg(long, value_enum, value_delimiter = ',')]
     baseline: Vec<Kind>,
     /// Neighbours of the knn baseline
-    #[arg(long, default_value_t = 50)]
+    #[arg(long, default_value_t = 50, value_parser = count)]
     neighbours: usize,
 }
 
@@ -51,14 +48,12 @@ struct Report {
 }
 
 pub fn run(args: &Args, console: &Console) -> anyhow::Result<()> {
-    if args.neighbours == 0 {
-        return Err(usage("--neighbours must be at least 1"));
-    }
-    let recording = args.recording.open(console)?;
+    let recording = args.of.recording.open(console)?;
     let sequences = recording.sequences(args.sequences.as_deref(), Default::Test)?;
-    let with_field = args.field.is_some() || args.baseline.is_empty();
+    let given = args.of.field.as_deref();
+    let with_field = given.is_some() || args.baseline.is_empty();
     let field = match with_field {
-        true => Some(recording.field(args.field.as_deref(), console)?),
+        true => Some(recording.field(given, console)?),
         false => None,
     };
     let scene = match &field {
@@ -66,6 +61,9 @@ pub fn run(args: &Args, console: &Console) -> anyhow::Result<()> {
         None => recording.scene(console)?,
     };
     let traces = traces(&scene, &sequences, console)?;
+    untouched(&scene, &traces)
+        .iter()
+        .for_each(|w| console.warn(w));
     let mut found = Vec::new();
     if let Some(field) = &field {
         found.push(("field", evaluate(&scene, &field.belief()?, &traces)?));

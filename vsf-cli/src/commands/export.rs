@@ -1,9 +1,11 @@
+use crate::config::Sources;
 use crate::console::{Console, create_folder, write_file};
 use crate::exit::usage;
 use crate::field_file::{FieldFile, FieldFormat, save};
 use crate::pictures::{self, Surroundings, View};
+use crate::range::positive;
 use crate::recording::{Default, Recording, traces};
-use crate::settings::{Group, SceneSettings, Sources};
+use crate::settings::SceneSettings;
 use serde::Serialize;
 use std::path::{Path, PathBuf};
 use vsf::pipeline::predict;
@@ -37,7 +39,7 @@ pub struct Args {
     deviation: bool,
     /// Stiffness at the end of the colour scale [N/m]; default the largest (.ply), or the 99 %
     /// quantile (pictures)
-    #[arg(long)]
+    #[arg(long, allow_negative_numbers = true, value_parser = positive)]
     full_scale: Option<f64>,
     #[command(flatten)]
     sources: Sources,
@@ -57,6 +59,7 @@ pub fn run(args: &Args, console: &Console) -> anyhow::Result<()> {
     for out in &args.out {
         FieldFormat::of(out)?;
     }
+    console.keep_apart(&args.out)?;
     let is_field = args.input.is_file() || args.input.join("K.npy").is_file();
     let written = match (is_field, &args.torques) {
         (true, Some(_)) => return Err(usage("--torques needs a recording and --field")),
@@ -75,8 +78,7 @@ pub fn run(args: &Args, console: &Console) -> anyhow::Result<()> {
 }
 
 fn from_recording(args: &Args, console: &Console) -> anyhow::Result<Vec<PathBuf>> {
-    let settings = args.scene.resolve(&args.sources)?;
-    let recording = Recording::open(&args.input, &settings, console)?;
+    let recording = Recording::open(&args.input, &args.scene, console)?;
     let field = recording.field(args.field.as_deref(), console)?;
     let scene = recording.scene_of(&field, console)?;
     let mut around = Surroundings::default();

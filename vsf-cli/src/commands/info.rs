@@ -1,15 +1,15 @@
 use crate::console::{Console, number, table};
-use crate::recording::{Default, Recording, RecordingArgs, traces};
+use crate::recording::{Default, Recording, RecordingArgs, traces, untouched};
 use serde::Serialize;
-use vsf::contact::CacheUse;
 use vsf::core::nalgebra::Point3;
 use vsf::data::TorqueKind;
-use vsf::pipeline::{PipelineError, Scene, Trace};
+use vsf::pipeline::{Scene, Trace, motion_warnings, reading_unit};
+use vsf::robots::RobotModel;
 
 #[derive(Debug, clap::Args)]
 #[command(after_help = "\
 JSON keys: name, description, robot, joints (name, unit), torque_kind, rate_hz, tare_samples, train, \
-test, points, bounds ([lower, upper] in m), stored_field, camera, warnings, sequences (sequence, \
+test, points, bounds ([lower, upper] in m), stored_field, camera, sequences (sequence, \
 samples, duration_s, touches, contact_samples, mean_contacts; the last two null without points), grids \
 (link, resolution_m, error_p99_m, reached, boundary_edges, edges, unsure_share), \
 links_without_inertia.")]
@@ -33,7 +33,6 @@ struct Report {
     bounds: Option<[[f64; 3]; 2]>,
     stored_field: bool,
     camera: bool,
-    warnings: Vec<String>,
     sequences: Vec<Entry>,
     grids: Vec<Grid>,
     links_without_inertia: Vec<String>,
@@ -70,25 +69,31 @@ pub fn run(args: &Args, console: &Console) -> anyhow::Result<()> {
     let recording = args.recording.open(console)?;
     let sequences = recording.sequences(None, Default::All)?;
     // A recording of free motion has no points, and nothing can be said about contact.
-    let (scene, traces) = match Scene::open(&recording.dataset, &recording.options) {
-        Ok(scene) => {
-            let traces = traces(&scene, &sequences, console)?;
-            (Some(scene), traces)
-        }
-        Err(PipelineError::NoPoints) => (None, Vec::new()),
-        Err(e) => return Err(e.into()),
+    let report = if recording.has_points() {
+        let scene = recording.scene(console)?;
+        let traces = traces(&scene, &sequences, console)?;
+        untouched(&scene, &traces)
+            .iter()
+            .for_each(|w| console.warn(w));
+        describe(&recording, &scene.robot, Some(&scene), &traces)
+    } else {
+        let robot = recording.robot()?;
+        let motion = motion_warnings(&robot, &sequences);
+        motion.iter().for_each(|w| console.warn(w));
+        describe(&recording, &robot, None, &[])
     };
-    let report = describe(recording, scene.as_ref(), &traces);
     console.json(&report)?;
     console.report(text(&report))
 }
 
-fn describe(recording: Recording, scene: Option<&Scene>, traces: &[Trace]) -> Report {
-    let Recording {
-        dataset, warnings, ..
-    } = recording;
+fn describe(
+    recording: &Recording,
+    robot: &RobotModel,
+    scene: Option<&Scene>,
+    traces: &[Trace],
+) -> Report {
+    let dataset = recording.dataset.clone();
     let points = scene.map_or(&[][..], |s| s.rest.positions());
-    let link = |l: usize| scene.map_or("", |s| s.robot.links()[l].name()).to_owned();
     let entry = |(k, s): (usize, &vsf::data::Sequence)| Entry {
         sequence: s.id.clone(),
         samples: s.len(),
@@ -97,38 +102,23 @@ fn describe(recording: Recording, scene: Option<&Scene>, traces: &[Trace]) -> Re
         contact_samples: traces.get(k).map(Trace::contact_samples),
         mean_contacts: traces.get(k).map(Trace::mean_contacts),
     };
-    let grids = scene.map_or(&[][..], |s| &s.grids).iter().map(|g| {
-        if let CacheUse::NotStored(why) = &g.report.cache {
-            eprintln!("warning: grid not cached: {why}");
-        }
-        Grid {
-            link: link(g.link),
-            resolution_m: g.report.resolution,
-            error_p99_m: g.report.error.p99,
-            reached: g.report.reached,
-            boundary_edges: g.report.openness.boundary_edges,
-            edges: g.report.openness.edges,
-            unsure_share: g.report.openness.unsure_share,
-        }
+    let grids = scene.map_or(&[][..], |s| &s.grids).iter().map(|g| Grid {
+        link: robot.links()[g.link].name().to_owned(),
+        resolution_m: g.report.resolution,
+        error_p99_m: g.report.error.p99,
+        reached: g.report.reached,
+        boundary_edges: g.report.openness.boundary_edges,
+        edges: g.report.openness.edges,
+        unsure_share: g.report.openness.unsure_share,
     });
-    let joint = |(j, joint): (usize, &vsf::robots::Joint)| Joint {
+    let joint = |joint: &vsf::robots::Joint| Joint {
         name: joint.name().to_owned(),
-        unit: scene.map_or("", |s| s.unit(j)),
+        unit: reading_unit(joint),
     };
-    let massless = scene.map_or_else(Vec::new, |s| {
-        s.robot
-            .links_without_inertia()
-            .map(|l| l.name().to_owned())
-            .collect()
-    });
+    let massless = robot.links_without_inertia();
     Report {
-        robot: scene.map_or_else(
-            || dataset.robot.given.clone(),
-            |s| s.robot.name().to_owned(),
-        ),
-        joints: scene.map_or_else(Vec::new, |s| {
-            s.robot.joints().iter().enumerate().map(joint).collect()
-        }),
+        robot: robot.name().to_owned(),
+        joints: robot.joints().iter().map(joint).collect(),
         torque_kind: match dataset.torque_kind {
             TorqueKind::External => "external",
             TorqueKind::Measured => "measured",
@@ -137,7 +127,7 @@ fn describe(recording: Recording, scene: Option<&Scene>, traces: &[Trace]) -> Re
         bounds: bounds(points),
         sequences: dataset.sequences.iter().enumerate().map(entry).collect(),
         grids: grids.collect(),
-        links_without_inertia: massless,
+        links_without_inertia: massless.map(|l| l.name().to_owned()).collect(),
         stored_field: dataset.field.is_some(),
         camera: dataset.camera.is_some(),
         rate_hz: dataset.rate_hz,
@@ -146,7 +136,6 @@ fn describe(recording: Recording, scene: Option<&Scene>, traces: &[Trace]) -> Re
         test: dataset.splits.test,
         name: dataset.name,
         description: dataset.description,
-        warnings,
     }
 }
 

@@ -1,6 +1,6 @@
 use crate::console::Console;
 use crate::interrupt::writing;
-use crate::recording::{Default, RecordingArgs, traces};
+use crate::recording::{Default, FieldArgs, traces, untouched};
 use serde::Serialize;
 use std::path::PathBuf;
 use vsf::data::{Dataset, Sequence, Splits, Table, TorqueKind};
@@ -15,14 +15,11 @@ plus the noise that the field was estimated with.
 JSON keys: out, noise_sd, sequences (sequence, samples, contact_samples).")]
 pub struct Args {
     #[command(flatten)]
-    recording: RecordingArgs,
-    /// The field, .npz or folder; by default the one stored in the recording
-    #[arg(long)]
-    field: Option<PathBuf>,
+    of: FieldArgs,
     /// IDs of the sequences to predict; the test split by default
     #[arg(long, value_delimiter = ',')]
     sequences: Option<Vec<String>>,
-    /// Folder to write to
+    /// Folder to write to: new, empty, or a recording to replace
     #[arg(long)]
     out: PathBuf,
 }
@@ -42,12 +39,16 @@ struct Entry<'a> {
 }
 
 pub fn run(args: &Args, console: &Console) -> anyhow::Result<()> {
-    let recording = args.recording.open(console)?;
+    let recording = args.of.recording.open(console)?;
+    recording.check_out(&args.out)?;
     let sequences = recording.sequences(args.sequences.as_deref(), Default::Test)?;
-    let field = recording.field(args.field.as_deref(), console)?;
+    let field = recording.field(args.of.field.as_deref(), console)?;
     let scene = recording.scene_of(&field, console)?;
     let (belief, noise_sd) = (field.belief()?, field.noise_sd(console));
     let traces = traces(&scene, &sequences, console)?;
+    untouched(&scene, &traces)
+        .iter()
+        .for_each(|w| console.warn(w));
     let predictions = traces
         .iter()
         .map(|t| predict(&scene, &belief, noise_sd, t))

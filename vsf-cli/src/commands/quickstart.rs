@@ -83,7 +83,7 @@ pub fn run(console: &Console) -> anyhow::Result<()> {
     let of = |baseline| measure(baseline, &recording, &scene, &test, &unseen, console);
     let (zero, knn) = (of(Baseline::Zero)?, of(Baseline::Knn { k: 50 })?);
 
-    let field = FieldFile::of_estimate(&scene, &chosen.estimate)?;
+    let field = FieldFile::of_estimate(&scene, &chosen.estimate, &recording.dataset.name)?;
     save(&field, &folder.join("field.npz"))?;
     save(&field, &folder.join("field.ply"))?;
     let mut around = Surroundings::default().robot(&scene, train[0], &learned[0])?;

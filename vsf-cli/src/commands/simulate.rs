@@ -1,10 +1,11 @@
 use crate::commands::predict::subset;
 use crate::console::Console;
 use crate::interrupt::writing;
-use crate::recording::{Default, RecordingArgs};
+use crate::range::not_negative;
+use crate::recording::{Default, FieldArgs};
 use serde::Serialize;
 use std::path::PathBuf;
-use vsf::pipeline::simulate;
+use vsf::pipeline::{motion_warnings, simulate};
 
 #[derive(Debug, clap::Args)]
 #[command(after_help = "\
@@ -14,18 +15,15 @@ the same torque kind.
 JSON keys: out, sequences, samples, noise_sd, seed.")]
 pub struct Args {
     #[command(flatten)]
-    recording: RecordingArgs,
-    /// The field, .npz or folder; by default the one stored in the recording
-    #[arg(long)]
-    field: Option<PathBuf>,
+    of: FieldArgs,
     /// IDs of the sequences to take; all by default
     #[arg(long, value_delimiter = ',')]
     sequences: Option<Vec<String>>,
-    /// Folder to write to
+    /// Folder to write to: new, empty, or a recording to replace
     #[arg(long)]
     out: PathBuf,
     /// Standard deviation of the noise added to every reading [N m or N]
-    #[arg(long, default_value_t = 0.0)]
+    #[arg(long, default_value_t = 0.0, allow_negative_numbers = true, value_parser = not_negative)]
     noise_sd: f64,
     /// Seed of the noise: same seed, same readings
     #[arg(long, default_value_t = 0)]
@@ -42,11 +40,13 @@ struct Report<'a> {
 }
 
 pub fn run(args: &Args, console: &Console) -> anyhow::Result<()> {
-    let recording = args.recording.open(console)?;
-    recording.keep_apart(&args.out)?;
+    let recording = args.of.recording.open(console)?;
+    recording.check_out(&args.out)?;
     let sequences = recording.sequences(args.sequences.as_deref(), Default::All)?;
-    let field = recording.field(args.field.as_deref(), console)?;
+    let field = recording.field(args.of.field.as_deref(), console)?;
     let scene = recording.scene_of(&field, console)?;
+    let motion = motion_warnings(&scene.robot, &sequences);
+    motion.iter().for_each(|w| console.warn(w));
     let sequences: Vec<_> = sequences.into_iter().cloned().collect();
     let spinner = console.spinner("simulating");
     let simulated = simulate(

@@ -72,6 +72,14 @@ impl Bench {
         String::from_utf8(output.stdout).unwrap()
     }
 
+    /// Runs a command that must succeed and returns its standard error.
+    pub fn warned(&self, line: &str) -> String {
+        let output = self.run(line);
+        let error = String::from_utf8(output.stderr).unwrap();
+        assert!(output.status.success(), "vsf {line}: {error}");
+        error
+    }
+
     /// Runs a command that must fail with `code`, in one line that holds all of `parts`.
     pub fn fails(&self, line: &str, code: i32, parts: &[&str]) {
         let output = self.run(line);

@@ -1,0 +1,252 @@
+//! Where parameters come from: flags, over a configuration file, over a preset.
+//!
+//! Values of a file or preset are handed to the command as further flags, so that whatever a flag
+//! checks holds for them too.
+
+use crate::cli::Cli;
+use crate::exit::usage;
+use anyhow::Context;
+use clap::parser::ValueSource;
+use clap::{Arg, ArgAction, ArgMatches, Args, Command, CommandFactory, Parser, ValueEnum};
+use std::collections::BTreeMap;
+use std::ffi::OsString;
+use std::ops::Range;
+use std::path::{Path, PathBuf};
+use toml::de::{DeTable, DeValue};
+
+/// The structs of flags that several commands take; they stand at the top of a file.
+const SHARED: [&str; 2] = ["SceneSettings", "EstimatorSettings"];
+/// Flags that say where parameters come from and results go, and are none themselves.
+const NO_PARAMETERS: [&str; 5] = ["config", "preset", "quiet", "json", "help"];
+
+/// Where parameters come from besides the flags.
+#[derive(Debug, Clone, Args)]
+#[command(next_help_heading = "Sources of parameters")]
+pub struct Sources {
+    /// TOML file of parameters, by the names of their long flags. Those of recording, contact and
+    /// estimator stand at the top and hold for every command (`threshold = 0.002`); a command's
+    /// other options stand in a table of its name (`[simulate]`, `noise-sd = 0.05`), which goes
+    /// before the top. Unknown keys are refused. A flag goes before the file
+    #[arg(long, value_name = "FILE")]
+    config: Option<PathBuf>,
+    /// A named set of values below the configuration file
+    #[arg(long)]
+    preset: Option<Preset>,
+}
+
+#[derive(Debug, Clone, Copy, ValueEnum)]
+enum Preset {
+    /// All values of the paper: prior N(0, 0.1²), noise sd 1, eq. 7 and Alg. 1 as printed (20
+    /// replays, buffer emptied before each sequence, variances shrunk again by every replay),
+    /// threshold 2 mm, friction 0.15, slip step 0.1 mm, points instead of cubes
+    Paper,
+}
+
+impl Preset {
+    fn values(self) -> [(&'static str, &'static str); 10] {
+        let Self::Paper = self;
+        [
+            ("estimator", "printed"),
+            ("replay", "20"),
+            ("replay-variance", "shrink"),
+            ("clear-replay", "true"),
+            ("prior-sd", "0.1"),
+            ("noise-sd", "1"),
+            ("threshold", "0.002"),
+            ("friction", "0.15"),
+            ("slip-step", "0.0001"),
+            ("subdivision", "1"),
+        ]
+    }
+}
+
+/// Reads the command line. Wrong usage of flags ends the process, as do `--help` and `--version`.
+pub fn parse() -> anyhow::Result<Cli> {
+    let mut line: Vec<OsString> = std::env::args_os().collect();
+    // What a flag must give may come from the file.
+    let lenient = Cli::command()
+        .mut_subcommands(|command| command.mut_args(|arg| arg.required(false)))
+        .try_get_matches_from(&line);
+    if let Ok(matches) = lenient
+        && let Some((name, given)) = matches.subcommand()
+    {
+        let end = line.iter().position(|a| a == "--").unwrap_or(line.len());
+        line.splice(end..end, further(name, given)?);
+    }
+    Ok(Cli::parse_from(line))
+}
+
+/// The flags that preset and file add to those of command `name`.
+fn further(name: &str, given: &ArgMatches) -> anyhow::Result<Vec<OsString>> {
+    let mut all = Cli::command();
+    all.build();
+    let none = || Command::new("");
+    let command = all.find_subcommand(name).cloned().unwrap_or_else(none);
+    let path = |id| given.try_get_one::<PathBuf>(id).ok().flatten();
+    let preset = given.try_get_one::<Preset>("preset").ok().flatten();
+    let mut values: BTreeMap<&str, Vec<OsString>> = BTreeMap::new();
+    for (key, value) in preset.iter().flat_map(|p| p.values()) {
+        if let Some(arg) = find(shared(&command), key) {
+            values.insert(arg.get_id().as_str(), flags(arg, [value.to_owned()])?);
+        }
+    }
+    if let Some(path) = path("config") {
+        let text = std::fs::read_to_string(path)
+            .with_context(|| format!("cannot read {}", path.display()))?;
+        let file = File { path, text: &text };
+        for (own, key, flags) in file.read(&all)? {
+            let place = match own {
+                None => find(shared(&command), &key),
+                Some(own) if own == name => find(parameters(&command), &key),
+                Some(_) => None,
+            };
+            if let Some(arg) = place {
+                values.insert(arg.get_id().as_str(), flags);
+            }
+        }
+    }
+    let by_hand = |id: &str| given.value_source(id) == Some(ValueSource::CommandLine);
+    values.retain(|id, _| !by_hand(id));
+    Ok(values.into_values().flatten().collect())
+}
+
+/// The parameters of a command, those that it shares with others included.
+fn parameters(command: &Command) -> impl Iterator<Item = &Arg> {
+    let is_parameter = |arg: &&Arg| arg.get_long().is_some_and(|l| !NO_PARAMETERS.contains(&l));
+    command.get_arguments().filter(is_parameter)
+}
+
+/// The parameters of a command that stand at the top of a file.
+fn shared(command: &Command) -> impl Iterator<Item = &Arg> {
+    parameters(command).filter(|arg| {
+        (command.get_groups())
+            .filter(|g| SHARED.contains(&g.get_id().as_str()))
+            .any(|g| g.get_args().any(|id| id == arg.get_id()))
+    })
+}
+
+fn find<'a>(args: impl IntoIterator<Item = &'a Arg>, key: &str) -> Option<&'a Arg> {
+    args.into_iter().find(|arg| arg.get_long() == Some(key))
+}
+
+/// The flags that give `arg` these values, checked as on the command line.
+fn flags<'a>(arg: &Arg, values: impl IntoIterator<Item = String>) -> anyhow::Result<Vec<OsString>> {
+    let long = arg.get_long().unwrap_or_default();
+    let is_switch = matches!(arg.get_action(), ArgAction::SetTrue);
+    let flag = |value: String| match (is_switch, value.as_str()) {
+        (true, "true") => Some(format!("--{long}")),
+        (true, "false") => None,
+        _ => Some(format!("--{long}={value}")),
+    };
+    let flags: Vec<OsString> = (values.into_iter())
+        .filter_map(flag)
+        .map(OsString::from)
+        .collect();
+    let alone = Command::new("").no_binary_name(true).arg(arg.clone());
+    match alone.try_get_matches_from(&flags) {
+        Ok(_) => Ok(flags),
+        Err(e) => {
+            let text = e.to_string();
+            let text = text.split("\n\n").next().unwrap_or_default();
+            let words: Vec<&str> = text.split_whitespace().collect();
+            let text = words.join(" ");
+            Err(usage(text.strip_prefix("error: ").unwrap_or(&text)))
+        }
+    }
+}
+
+/// A configuration file.
+struct File<'a> {
+    path: &'a Path,
+    text: &'a str,
+}
+
+/// A command (none: at the top), a key, and its value as flags.
+type Entry = (Option<String>, String, Vec<OsString>);
+
+impl File<'_> {
+    /// All entries, each checked; those at the top come first.
+    fn read(&self, all: &Command) -> anyhow::Result<Vec<Entry>> {
+        let table = DeTable::parse(self.text)
+            .map_err(|e| self.wrong(e.span().unwrap_or_default(), e.message()))?;
+        let takers = || {
+            all.get_subcommands()
+                .filter(|c| find(c.get_arguments(), "config").is_some())
+        };
+        let (mut top, mut own) = (Vec::new(), Vec::new());
+        for (key, value) in table.get_ref() {
+            let DeValue::Table(inner) = value.get_ref() else {
+                let args: Vec<&Arg> = takers().flat_map(shared).collect();
+                let flags = self.entry(&args, key, value)?;
+                top.push((None, key.get_ref().to_string(), flags));
+                continue;
+            };
+            let Some(command) = takers().find(|c| c.get_name() == key.get_ref()) else {
+                let known: Vec<&str> = takers().map(Command::get_name).collect();
+                let (name, known) = (key.get_ref(), known.join(", "));
+                let problem = format!("unknown table [{name}]; there are {known}");
+                return Err(self.wrong(key.span(), &problem));
+            };
+            let args: Vec<&Arg> = parameters(command).collect();
+            for (key, value) in inner {
+                let name = Some(command.get_name().to_owned());
+                own.push((
+                    name,
+                    key.get_ref().to_string(),
+                    self.entry(&args, key, value)?,
+                ));
+            }
+        }
+        top.extend(own);
+        Ok(top)
+    }
+
+    /// One entry as flags of the one of `args` that it names.
+    fn entry(
+        &self,
+        args: &[&Arg],
+        key: &toml::Spanned<std::borrow::Cow<str>>,
+        value: &toml::Spanned<DeValue>,
+    ) -> anyhow::Result<Vec<OsString>> {
+        let name = key.get_ref();
+        let Some(arg) = find(args.iter().copied(), name) else {
+            let mut known: Vec<&str> = args.iter().filter_map(|a| a.get_long()).collect();
+            known.sort_unstable();
+            known.dedup();
+            let known = known.join(", ");
+            let problem = format!("unknown key {name:?}; the keys here are {known}");
+            return Err(self.wrong(key.span(), &problem));
+        };
+        let texts = texts(value.get_ref()).filter(|texts| !texts.is_empty());
+        let texts = texts.ok_or_else(|| {
+            let problem = "takes a number, a text, true or false, or a list that is not empty";
+            self.wrong(value.span(), &format!("{name} {problem}"))
+        })?;
+        flags(arg, texts).map_err(|e| self.wrong(value.span(), &e.to_string()))
+    }
+
+    fn wrong(&self, span: Range<usize>, problem: &str) -> anyhow::Error {
+        let before = self.text.get(..span.start).unwrap_or_default();
+        let line = before.matches('\n').count() + 1;
+        usage(format!("{} line {line}: {problem}", self.path.display()))
+    }
+}
+
+/// A value as the texts of one flag or several.
+fn texts(value: &DeValue) -> Option<Vec<String>> {
+    let one = match value {
+        DeValue::String(s) => s.to_string(),
+        DeValue::Integer(i) => i.to_string(),
+        DeValue::Float(f) => f.to_string(),
+        DeValue::Boolean(b) => b.to_string(),
+        DeValue::Array(list) => {
+            let each = list.iter().map(|v| match v.get_ref() {
+                DeValue::Array(_) => None,
+                v => texts(v),
+            });
+            return Some(each.collect::<Option<Vec<_>>>()?.concat());
+        }
+        DeValue::Datetime(_) | DeValue::Table(_) => return None,
+    };
+    Some(vec![one])
+}

@@ -1,0 +1,30 @@
+//! Ranges of the numbers that flags take. Squares and products of what they allow are finite.
+
+const MOST: f64 = 1e100;
+
+/// A number > 0.
+pub fn positive(text: &str) -> Result<f64, String> {
+    ranged(text, 1.0 / MOST, "a number > 0 and at most 1e100")
+}
+
+/// A number >= 0.
+pub fn not_negative(text: &str) -> Result<f64, String> {
+    ranged(text, 0.0, "a number >= 0 and at most 1e100")
+}
+
+/// A number of either sign.
+pub fn finite(text: &str) -> Result<f64, String> {
+    ranged(text, -MOST, "a number of at most 1e100 in magnitude")
+}
+
+/// A whole number >= 1.
+pub fn count(text: &str) -> Result<usize, String> {
+    let value = text.parse().ok().filter(|n| *n > 0);
+    value.ok_or_else(|| "must be a whole number >= 1".to_owned())
+}
+
+fn ranged(text: &str, least: f64, range: &str) -> Result<f64, String> {
+    let value = text.parse().ok();
+    let ranged = value.filter(|v| (least..=MOST).contains(v));
+    ranged.ok_or_else(|| format!("must be {range}"))
+}

@@ -1,0 +1,139 @@
+//! What can be worked with and should be known: on standard error, and in the results for machines.
+
+#![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
+
+mod common;
+use common::{Bench, METADATA, npy};
+use std::fs;
+
+/// An arm of one joint with limits, and a ball at its end.
+const ARM: &str = r#"<robot name="arm"><link name="base"/><link name="rod"><collision>
+    <origin xyz="0.3 0 0"/><geometry><sphere radius="0.02"/></geometry></collision></link>
+    <joint name="hinge" type="revolute"><parent link="base"/><child link="rod"/><axis xyz="0 0 1"/>
+    <limit lower="-1.5" upper="1.5" effort="20" velocity="1"/></joint></robot>"#;
+
+/// A recording of the arm with these angles and torques, in `arm/`.
+fn arm(bench: &Bench, angles: &[f64], torques: &[f64]) {
+    let folder = bench.root.join("arm/seq_0");
+    fs::create_dir_all(&folder).unwrap();
+    npy(&folder.join("angles.npy"), &[angles.len(), 1], angles);
+    npy(&folder.join("torques.npy"), &[torques.len(), 1], torques);
+    let metadata = r#"{"robot": "arm.urdf", "rate_hz": 10}"#;
+    fs::write(bench.root.join("arm/dataset.json"), metadata).unwrap();
+    fs::write(bench.root.join("arm/arm.urdf"), ARM).unwrap();
+}
+
+fn points(bench: &Bench) {
+    npy(
+        &bench.root.join("arm/points.npy"),
+        &[2, 3],
+        &[0.3, 0.0, 0.0, 0.3, 0.005, 0.0],
+    );
+}
+
+fn warns(bench: &Bench, line: &str, parts: &[&str]) {
+    let error = bench.warned(line);
+    for part in parts {
+        assert!(error.contains(part), "{part:?} is not in: {error}");
+    }
+}
+
+#[test]
+fn angles_in_degrees() {
+    let bench = Bench::new();
+    arm(&bench, &[0.1, 0.2, -45.0, 60.0], &[1.0; 4]);
+    let parts = [
+        "degrees",
+        "joint hinge: 2 of 4",
+        "sequence 0 row 2",
+        "-45.0",
+    ];
+    warns(&bench, "info arm", &parts);
+    points(&bench);
+    warns(&bench, "info arm", &parts);
+    // Small ones are far outside the limits.
+    arm(&bench, &[0.1, 5.0], &[1.0; 2]);
+    warns(&bench, "info arm", &["degrees", "row 1 with 5.0"]);
+}
+
+#[test]
+fn angles_outside_the_limits() {
+    let bench = Bench::new();
+    arm(&bench, &[1.5005, 1.6, 1.7, 0.0], &[1.0; 4]);
+    let parts = ["-1.5 .. 1.5 rad", "hinge: 2 of 4", "row 1 with 1.6"];
+    warns(&bench, "info arm", &parts);
+    arm(&bench, &[1.5005, -1.5005], &[1.0; 2]);
+    assert_eq!(bench.warned("info arm"), "");
+}
+
+#[test]
+fn torques_of_another_unit() {
+    let bench = Bench::new();
+    arm(&bench, &[0.0; 3], &[150.0, 199.0, -3000.0]);
+    points(&bench);
+    warns(
+        &bench,
+        "info arm",
+        &["20.0 N m", "hinge: 1 of 3", "-3000.0"],
+    );
+}
+
+#[test]
+fn silent_torques() {
+    let bench = Bench::new();
+    warns(&bench, "info data", &["all zero", "a, b, c"]);
+    let json = bench.ok("info data --json");
+    let (_, warnings) = json.split_once("\"warnings\": [").unwrap();
+    assert!(warnings.contains("all zero"), "{json}");
+    // Every result has the list.
+    for line in [
+        "bench --points 8 --steps 2 --json",
+        "export truth --out a.ply --json",
+    ] {
+        assert!(bench.ok(line).contains("\"warnings\": []"), "{line}");
+    }
+}
+
+#[test]
+fn tare_samples_that_are_no_rest() {
+    let bench = Bench::new();
+    // Away from the points, then on them.
+    let angles =
+        |away: usize| -> Vec<f64> { (0..20).map(|k| if k < away { 0.5 } else { 0.0 }).collect() };
+    let torques = |noise: f64| -> Vec<f64> {
+        let wave = |k: usize| if k % 2 == 0 { noise } else { -noise };
+        (0..20).map(|k| if k < 8 { wave(k) } else { 4.0 }).collect()
+    };
+    arm(&bench, &angles(8), &torques(0.1));
+    points(&bench);
+    assert_eq!(bench.warned("info arm --tare-samples 8"), "");
+    warns(
+        &bench,
+        "info arm --tare-samples 10",
+        &[
+            "sequence 0: 2 of its 10 tare samples are in contact",
+            "row 8",
+        ],
+    );
+    arm(&bench, &angles(8), &torques(2.0));
+    warns(
+        &bench,
+        "info arm --tare-samples 8",
+        &["sequence 0", "spread by 2.000 N m", "4.000 N m"],
+    );
+}
+
+#[test]
+fn fields_of_another_recording() {
+    let bench = Bench::touched();
+    bench.ok("estimate touch --prior-sd 10 --noise-sd 1 --out f.npz --out folder");
+    for field in ["f.npz", "folder"] {
+        assert_eq!(bench.warned(&format!("evaluate touch --field {field}")), "");
+    }
+    let named = METADATA.replace("\"rate_hz\"", "\"name\": \"peach\", \"rate_hz\"");
+    fs::write(bench.root.join("touch/dataset.json"), named).unwrap();
+    for field in ["f.npz", "folder"] {
+        let line = format!("evaluate touch --field {field}");
+        warns(&bench, &line, &["recording \"data\"", "\"peach\"", field]);
+    }
+}

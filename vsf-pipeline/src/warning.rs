@@ -1,0 +1,255 @@
+use crate::{Scene, Trace, reading_unit};
+use std::f64::consts::PI;
+use std::fmt;
+use thiserror::Error;
+use vsf_core::Observation;
+use vsf_data::Sequence;
+use vsf_robots::{Joint, JointKind, RobotModel};
+
+/// Joint limits are rounded in URDFs and met by controllers with a little overshoot (rad or m).
+const LIMIT_SLACK: f64 = 1e-3;
+/// No joint that counts in radians turns further than this from zero, or from its limits.
+const MOST_TURNS: f64 = 4.0 * PI;
+const MOST_BEYOND: f64 = PI;
+/// Readings above so many times what the joint can bear are of another unit.
+const MOST_EFFORT: f64 = 10.0;
+/// Tare samples that spread by more than this share of the touch itself are no rest.
+const MOST_SPREAD: f64 = 0.25;
+
+/// Values of one joint that stand out.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Outliers {
+    /// Name of the joint.
+    pub joint: String,
+    /// How many.
+    pub count: usize,
+    /// Out of how many.
+    pub total: usize,
+    /// Sequence of the first one.
+    pub sequence: String,
+    /// Its row, from 0.
+    pub row: usize,
+    /// Its value (rad, m, N m or N).
+    pub value: f64,
+}
+
+impl fmt::Display for Outliers {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let Self {
+            joint,
+            count,
+            total,
+            sequence,
+            row,
+            value,
+        } = self;
+        write!(
+            f,
+            "joint {joint}: {count} of {total} samples, the first in sequence {sequence} row {row} \
+             with {value:?}"
+        )
+    }
+}
+
+/// Something in a recording that can be worked with but that a person should know.
+#[derive(Debug, Clone, PartialEq, Error)]
+#[non_exhaustive]
+pub enum PipelineWarning {
+    /// Angles beyond two turns, or beyond the joint's limits by half a turn.
+    #[error("angles must be in radians, these look like degrees: {0}")]
+    Degrees(Outliers),
+    /// Positions outside the joint's limits, by more than 1e-3 (rad or m).
+    #[error("outside the robot's limits {lower:?} .. {upper:?} {unit}: {outliers}")]
+    OutsideLimits {
+        /// Lower limit.
+        lower: f64,
+        /// Upper limit.
+        upper: f64,
+        /// `rad` or `m`.
+        unit: &'static str,
+        /// Where.
+        outliers: Outliers,
+    },
+    /// External torques of more than ten times the joint's effort limit.
+    #[error(
+        "more than ten times the robot's limit of {effort:?} {unit}, check the unit of torques: {outliers}"
+    )]
+    BeyondEffort {
+        /// The limit.
+        effort: f64,
+        /// `N m` or `N`.
+        unit: &'static str,
+        /// Where.
+        outliers: Outliers,
+    },
+    /// Samples that tare the sensor, and touch.
+    #[error(
+        "sequence {sequence}: {count} of its {tare_samples} tare samples are in contact, the first in \
+         row {row}; what they feel is taken off the whole sequence{}", more(*others)
+    )]
+    TareInContact {
+        /// The first such sequence.
+        sequence: String,
+        /// Its tare samples in contact.
+        count: usize,
+        /// All of its tare samples.
+        tare_samples: usize,
+        /// Row of the first one in contact, from 0.
+        row: usize,
+        /// Further sequences of that kind.
+        others: usize,
+    },
+    /// Samples that tare the sensor while its readings change: by more than a quarter of what the
+    /// same sequence reads in contact.
+    #[error(
+        "sequence {sequence}: readings of its tare samples spread by {spread:.3} {unit} (sd), against \
+         {touch:.3} {unit} (rms) in contact; they should be at rest and free{}", more(*others)
+    )]
+    TareSpread {
+        /// The first such sequence.
+        sequence: String,
+        /// Standard deviation of its tare samples, over all joints.
+        spread: f64,
+        /// Root mean square of its readings in contact, over all joints.
+        touch: f64,
+        /// `N m`, `N` or both.
+        unit: &'static str,
+        /// Further sequences of that kind.
+        others: usize,
+    },
+}
+
+fn more(others: usize) -> String {
+    match others {
+        0 => String::new(),
+        1 => "; so it is in 1 more sequence".to_owned(),
+        n => format!("; so it is in {n} more sequences"),
+    }
+}
+
+/// What looks wrong with the joint positions: degrees, positions outside the robot's limits.
+pub fn motion_warnings(robot: &RobotModel, sequences: &[&Sequence]) -> Vec<PipelineWarning> {
+    let rows: Vec<Rows> = (sequences.iter())
+        .map(|s| (s.id.as_str(), s.angles.iter().collect()))
+        .collect();
+    let beyond = |joint: &Joint, slack: f64| {
+        let (lower, upper) = (joint.limits().lower - slack, joint.limits().upper + slack);
+        move |q: f64| !(lower..=upper).contains(&q)
+    };
+    let of_joint = |(j, joint): (usize, &Joint)| {
+        let turns = joint.kind() != JointKind::Prismatic;
+        let far = beyond(joint, MOST_BEYOND);
+        if turns && let Some(found) = outliers(joint, j, &rows, |q| q.abs() > MOST_TURNS || far(q))
+        {
+            return Some(PipelineWarning::Degrees(found));
+        }
+        Some(PipelineWarning::OutsideLimits {
+            lower: joint.limits().lower,
+            upper: joint.limits().upper,
+            unit: if turns { "rad" } else { "m" },
+            outliers: outliers(joint, j, &rows, beyond(joint, LIMIT_SLACK))?,
+        })
+    };
+    robot
+        .joints()
+        .iter()
+        .enumerate()
+        .filter_map(of_joint)
+        .collect()
+}
+
+/// What looks wrong with the readings: torques of another unit, tare samples that are no rest.
+pub fn reading_warnings(scene: &Scene, traces: &[Trace]) -> Vec<PipelineWarning> {
+    let rows: Vec<Rows> = (traces.iter())
+        .map(|t| (t.id.as_str(), t.readings().collect()))
+        .collect();
+    let of_joint = |(j, joint): (usize, &Joint)| {
+        let effort = joint.limits().effort;
+        let strong = |tau: f64| tau.abs() > MOST_EFFORT * effort;
+        Some(PipelineWarning::BeyondEffort {
+            effort,
+            unit: reading_unit(joint),
+            outliers: outliers(joint, j, &rows, strong)?,
+        })
+    };
+    let joints = scene.robot.joints().iter().enumerate();
+    let mut warnings: Vec<_> = joints.filter_map(of_joint).collect();
+    let tares = |of: &dyn Fn(&Trace) -> Option<PipelineWarning>| {
+        let mut found = traces.iter().filter_map(of);
+        let first = found.next();
+        first.map(|w| w.and_others(found.count()))
+    };
+    warnings.extend(tares(&|t| tare_in_contact(t, scene.tare_samples)));
+    warnings.extend(tares(&|t| tare_spread(t, scene)));
+    warnings
+}
+
+impl PipelineWarning {
+    fn and_others(mut self, count: usize) -> Self {
+        if let Self::TareInContact { others, .. } | Self::TareSpread { others, .. } = &mut self {
+            *others = count;
+        }
+        self
+    }
+}
+
+/// ID and rows of a sequence.
+type Rows<'a> = (&'a str, Vec<&'a [f64]>);
+
+/// Values of column `j` that are `odd`.
+fn outliers(
+    joint: &Joint,
+    j: usize,
+    sequences: &[Rows],
+    odd: impl Fn(f64) -> bool,
+) -> Option<Outliers> {
+    let mut found: Option<Outliers> = None;
+    let mut total = 0;
+    for (sequence, rows) in sequences {
+        total += rows.len();
+        let values = rows.iter().enumerate();
+        let values = values.filter_map(|(row, r)| Some((row, *r.get(j)?)));
+        for (row, value) in values.filter(|(_, v)| odd(*v)) {
+            let entry = found.get_or_insert_with(|| Outliers {
+                joint: joint.name().to_owned(),
+                count: 0,
+                total: 0,
+                sequence: (*sequence).to_owned(),
+                row,
+                value,
+            });
+            entry.count += 1;
+        }
+    }
+    found.map(|found| Outliers { total, ..found })
+}
+
+fn tare_in_contact(trace: &Trace, tare_samples: usize) -> Option<PipelineWarning> {
+    let tare = trace.observations.iter().take(tare_samples);
+    let mut touching = tare.enumerate().filter(|(_, o)| !o.is_empty());
+    let (row, _) = touching.next()?;
+    Some(PipelineWarning::TareInContact {
+        sequence: trace.id.clone(),
+        count: 1 + touching.count(),
+        tare_samples,
+        row,
+        others: 0,
+    })
+}
+
+fn tare_spread(trace: &Trace, scene: &Scene) -> Option<PipelineWarning> {
+    // Readings are tared: their mean over these samples is zero.
+    let rms = |squares: f64, count: usize| (squares / count.max(1) as f64).sqrt();
+    let square = |o: &Observation<f64>| o.reading().iter().map(|t| t * t).sum::<f64>();
+    let tare = || trace.observations.iter().take(scene.tare_samples);
+    let touch = || trace.observations.iter().filter(|o| !o.is_empty());
+    let spread = rms(tare().map(square).sum(), tare().count());
+    let touch = rms(touch().map(square).sum(), touch().count());
+    (touch > 0.0 && spread > MOST_SPREAD * touch).then(|| PipelineWarning::TareSpread {
+        sequence: trace.id.clone(),
+        spread,
+        touch,
+        unit: scene.error_unit(),
+        others: 0,
+    })
+}
