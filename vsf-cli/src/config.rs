@@ -43,7 +43,7 @@ enum Preset {
 }
 
 impl Preset {
-    fn values(self) -> [(&'static str, &'static str); 10] {
+    fn values(self) -> [(&'static str, &'static str); 11] {
         let Self::Paper = self;
         [
             ("estimator", "printed"),
@@ -52,6 +52,7 @@ impl Preset {
             ("clear-replay", "true"),
             ("prior-sd", "0.1"),
             ("noise-sd", "1"),
+            ("smooth-share", "0"),
             ("threshold", "0.002"),
             ("friction", "0.15"),
             ("slip-step", "0.0001"),

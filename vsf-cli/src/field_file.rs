@@ -4,7 +4,7 @@ use crate::interrupt::writing;
 use std::path::{Path, PathBuf};
 use vsf::core::Belief;
 use vsf::data::{StiffnessField, Table};
-use vsf::pipeline::{Estimate, Scene};
+use vsf::pipeline::{Estimate, Hyper, Scene};
 
 const TOUCHED: &str = "touched";
 const PRIOR_SD: &str = "prior_sd";
@@ -14,7 +14,7 @@ const NOISE_SD: &str = "noise_sd";
 const MOST: f64 = 1e100;
 
 /// A field on disk. Besides mean and deviation it holds the features `touched` (0 or 1), and
-/// `prior_sd` and `noise_sd`, the same for every point: all that a prediction with its deviation
+/// `prior_sd` and `noise_sd` (one or one per channel), the same for every point: all that a prediction with its deviation
 /// needs is in one file. Checked: see [`FieldFile::new`].
 pub struct FieldFile {
     pub path: PathBuf,
@@ -63,7 +63,7 @@ impl FieldFile {
     }
 
     /// A field that is the estimate of this program or could be: stiffness >= 0, `touched` 0 or 1,
-    /// and one `prior_sd` and `noise_sd`, both > 0.
+    /// and `prior_sd` and `noise_sd` > 0, the same for all points.
     pub fn new(path: PathBuf, field: StiffnessField) -> anyhow::Result<Self> {
         let within = |name: &str, values: &[f64]| {
             let odd = values.iter().position(|v| !(0.0..=MOST).contains(v));
@@ -73,20 +73,19 @@ impl FieldFile {
         };
         within("K", &field.stiffness)?;
         within("K_std", field.sd.as_deref().unwrap_or_default())?;
+        column(&path, &field, PRIOR_SD)?;
         for name in [PRIOR_SD, NOISE_SD] {
-            let Some(values) = column(&path, &field, name)? else {
+            let Some(table) = field.features.get(name) else {
                 continue;
             };
-            let first = values[0];
-            if !(first > 0.0 && first <= MOST) {
-                let problem = format!("is {first:?}; it must be > 0 and at most 1e100");
+            let first = &table.data()[..table.cols()];
+            if let Some(odd) = first.iter().find(|v| !(**v > 0.0 && **v <= MOST)) {
+                let problem = format!("is {odd:?}; it must be > 0 and at most 1e100");
                 return Err(wrong(&path, name, &problem));
             }
-            if let Some(row) = values.iter().position(|v| *v != first) {
-                let problem = format!(
-                    "row {row} is {:?} and row 0 {first:?}; all must be the same",
-                    values[row]
-                );
+            let mut rows = table.data().chunks(table.cols());
+            if let Some(row) = rows.position(|row| row != first) {
+                let problem = format!("row {row} differs from row 0; all must be the same");
                 return Err(wrong(&path, name, &problem));
             }
         }
@@ -103,6 +102,7 @@ impl FieldFile {
     pub fn of_estimate(
         scene: &Scene,
         estimate: &Estimate,
+        hyper: &Hyper,
         recording: &str,
     ) -> anyhow::Result<StiffnessField> {
         let column = |values: Vec<f64>| Table::new(1, values);
@@ -110,8 +110,11 @@ impl FieldFile {
         let touched = estimate.touched.iter().map(|&t| f64::from(u8::from(t)));
         let features = [
             (TOUCHED, column(touched.collect())?),
-            (PRIOR_SD, column(vec![estimate.hyper.prior_sd; n])?),
-            (NOISE_SD, column(vec![estimate.hyper.noise_sd; n])?),
+            (PRIOR_SD, column(vec![hyper.prior_sd; n])?),
+            (
+                NOISE_SD,
+                Table::new(hyper.noise_sd.len(), hyper.noise_sd.repeat(n))?,
+            ),
         ];
         Ok(StiffnessField {
             points: scene.rest.positions().to_vec(),
@@ -138,20 +141,25 @@ impl FieldFile {
         Ok(Belief::new(self.field.stiffness.clone(), variance)?)
     }
 
-    /// Standard deviation of a reading, 0 and a warning where the file does not say.
-    pub fn noise_sd(&self, console: &Console) -> f64 {
-        let stored = self
-            .field
-            .features
-            .get(NOISE_SD)
-            .and_then(|t| t.data().first());
+    /// Standard deviation of the reading of each of `channels`; 0 and a warning where the file does
+    /// not say.
+    pub fn noise_sd(&self, channels: usize, console: &Console) -> anyhow::Result<Vec<f64>> {
+        let stored = self.field.features.get(NOISE_SD);
         if stored.is_none() || self.field.sd.is_none() {
             let path = self.path.display();
             console.warn(format!(
                 "{path}: without K_std and the feature noise_sd, deviations leave that part out"
             ));
         }
-        stored.copied().unwrap_or(0.0)
+        match stored.map(|table| &table.data()[..table.cols()]) {
+            None => Ok(vec![0.0; channels]),
+            Some([one]) => Ok(vec![*one; channels]),
+            Some(all) if all.len() == channels => Ok(all.to_vec()),
+            Some(all) => {
+                let problem = format!("is of {} channels, the robot has {channels}", all.len());
+                Err(wrong(&self.path, NOISE_SD, &problem))
+            }
+        }
     }
 }
 

@@ -8,8 +8,8 @@ use std::path::{Path, PathBuf};
 use vsf::contact::{ContactConfig, GridOptions};
 use vsf::core::nalgebra::{Isometry3, Translation3, UnitQuaternion, Vector3};
 use vsf::data::{JointType, Overrides, RobotRef, Splits, TorqueKind};
-use vsf::filter::{DiagonalForm, ReplayConfig, ReplayVariance};
-use vsf::pipeline::{EstimatorSpec, Method, SceneOptions};
+use vsf::filter::{DiagonalForm, Projection, ReplayConfig, ReplayVariance};
+use vsf::pipeline::{EstimatorSpec, PriorShape, SceneOptions};
 
 /// The recording and the contact model.
 #[derive(Debug, Clone, Default, Args)]
@@ -94,9 +94,13 @@ pub struct SceneSettings {
 #[derive(Debug, Clone, Default, Args)]
 #[command(next_help_heading = "Estimator")]
 pub struct EstimatorSettings {
-    /// Which estimator, default replay
+    /// Which estimator, default batch
     #[arg(long)]
     estimator: Option<EstimatorKind>,
+    /// What an exact filter does with means below zero: shows them as zero (output-only) or also
+    /// goes on from zero (fed-back, eq. 5); with `exact` and `information`
+    #[arg(long)]
+    projection: Option<ProjectionKind>,
     /// Past observations replayed after every update, default 20; 0 with `diagonal`
     #[arg(long)]
     replay: Option<usize>,
@@ -109,18 +113,32 @@ pub struct EstimatorSettings {
     /// Seed of the replay draws, default 0
     #[arg(long)]
     seed: Option<u64>,
-    /// Prior standard deviation of the stiffness [N/m]; chosen from the sequences by default
+    /// Prior standard deviation of every point's own stiffness [N/m]; chosen from the sequences by
+    /// default
     #[arg(long, allow_negative_numbers = true, value_parser = positive)]
     pub prior_sd: Option<f64>,
-    /// Standard deviation of every reading [N m or N], model error included; chosen from the
-    /// sequences by default
+    /// Standard deviation of the readings [N m or N], model error included: one for all channels or
+    /// one each; chosen from the sequences by default
+    #[arg(long, value_delimiter = ',', allow_negative_numbers = true, value_parser = positive)]
+    pub noise_sd: Option<Vec<f64>>,
+    /// Standard deviation of the smooth part of the prior, per that of a point's own part; 0 makes
+    /// points independent, default 0.25
+    #[arg(long, allow_negative_numbers = true, value_parser = not_negative)]
+    smooth_share: Option<f64>,
+    /// Length over which the smooth part of the prior stays alike [m], default 0.04
     #[arg(long, allow_negative_numbers = true, value_parser = positive)]
-    pub noise_sd: Option<f64>,
+    smooth_length: Option<f64>,
 }
 
 #[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
 enum EstimatorKind {
-    /// Diagonal Kalman filter with memory replay (Alg. 1)
+    /// The constrained optimum over all samples at once, offline
+    Batch,
+    /// The exact posterior, sample by sample
+    Exact,
+    /// The same from the precision matrix (eq. 5), slow
+    Information,
+    /// Diagonal Kalman filter with memory replay (Alg. 1), as on the robot
     Replay,
     /// Diagonal Kalman filter alone
     Diagonal,
@@ -128,8 +146,12 @@ enum EstimatorKind {
     Printed,
     /// Gain from the variances after the update, with memory replay
     Updated,
-    /// The constrained optimum over all samples at once, offline
-    Batch,
+}
+
+#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
+enum ProjectionKind {
+    OutputOnly,
+    FedBack,
 }
 
 fn package(text: &str) -> Result<(String, PathBuf), String> {
@@ -237,51 +259,77 @@ fn pose([x, y, z, roll, pitch, yaw]: [f64; 6]) -> Isometry3<f64> {
 impl EstimatorSettings {
     /// The estimator.
     pub fn spec(&self) -> anyhow::Result<EstimatorSpec> {
-        let kind = self.estimator.unwrap_or(EstimatorKind::Replay);
-        let alone = matches!(kind, EstimatorKind::Diagonal | EstimatorKind::Batch);
-        if alone && self.replay.is_some_and(|r| r > 0) {
-            let name = self.name();
-            return Err(usage(format!(
-                "the estimator `{name}` has no replay; choose `replay`",
-            )));
+        use EstimatorKind::{Batch, Diagonal, Exact, Information, Printed, Replay, Updated};
+        let kind = self.kind();
+        if !matches!(kind, Replay | Printed | Updated) && self.replay.is_some_and(|r| r > 0) {
+            return Err(self.without("replay", "replay"));
         }
-        let defaults = ReplayConfig::default();
-        Ok(EstimatorSpec {
-            method: match kind {
-                EstimatorKind::Batch => Method::Batch,
-                _ => Method::Online,
-            },
-            form: match kind {
-                EstimatorKind::Replay | EstimatorKind::Diagonal | EstimatorKind::Batch => {
-                    DiagonalForm::Innovation
-                }
-                EstimatorKind::Printed => DiagonalForm::Printed,
-                EstimatorKind::Updated => DiagonalForm::InnovationUpdated,
-            },
-            replay: ReplayConfig {
-                replays: if alone {
-                    0
-                } else {
-                    self.replay.unwrap_or(defaults.replays)
-                },
-                variance: match self.replay_variance.as_deref() {
-                    Some("shrink") => ReplayVariance::Shrink,
-                    Some("keep") | None => ReplayVariance::Keep,
-                    Some(other) => {
-                        return Err(usage(format!("replay-variance {other:?}: keep or shrink")));
-                    }
-                },
-                seed: self.seed.unwrap_or(defaults.seed),
-                clear_on_sequence: self.clear_replay.unwrap_or(defaults.clear_on_sequence),
-                ..defaults
+        if !matches!(kind, Exact | Information) && self.projection.is_some() {
+            return Err(self.without("projection", "exact"));
+        }
+        let projection = match self.projection {
+            None => Projection::default(),
+            Some(ProjectionKind::OutputOnly) => Projection::OutputOnly,
+            Some(ProjectionKind::FedBack) => Projection::FedBack,
+        };
+        let form = match kind {
+            Printed => DiagonalForm::Printed,
+            Updated => DiagonalForm::InnovationUpdated,
+            _ => DiagonalForm::Innovation,
+        };
+        Ok(match kind {
+            Batch => EstimatorSpec::Batch,
+            Exact => EstimatorSpec::Exact(projection),
+            Information => EstimatorSpec::Information(projection),
+            Replay | Diagonal | Printed | Updated => EstimatorSpec::Replay {
+                form,
+                config: self.replay_config(kind == Diagonal),
             },
         })
     }
 
+    fn without(&self, feature: &str, other: &str) -> anyhow::Error {
+        let name = self.name();
+        usage(format!(
+            "the estimator `{name}` has no {feature}; choose `{other}`"
+        ))
+    }
+
+    fn replay_config(&self, none: bool) -> ReplayConfig {
+        let defaults = ReplayConfig::default();
+        ReplayConfig {
+            replays: if none {
+                0
+            } else {
+                self.replay.unwrap_or(defaults.replays)
+            },
+            variance: match self.replay_variance.as_deref() {
+                Some("shrink") => ReplayVariance::Shrink,
+                _ => ReplayVariance::Keep,
+            },
+            seed: self.seed.unwrap_or(defaults.seed),
+            clear_on_sequence: self.clear_replay.unwrap_or(defaults.clear_on_sequence),
+            ..defaults
+        }
+    }
+
+    /// The smooth part of the prior.
+    pub fn shape(&self) -> PriorShape {
+        let defaults = PriorShape::default();
+        PriorShape {
+            smooth_share: self.smooth_share.unwrap_or(defaults.smooth_share),
+            length: self.smooth_length.unwrap_or(defaults.length),
+        }
+    }
+
+    fn kind(&self) -> EstimatorKind {
+        self.estimator.unwrap_or(EstimatorKind::Batch)
+    }
+
     /// Name of the estimator, for reports.
     pub fn name(&self) -> String {
-        let kind = self.estimator.unwrap_or(EstimatorKind::Replay);
-        kind.to_possible_value()
+        self.kind()
+            .to_possible_value()
             .map_or_else(String::new, |v| v.get_name().to_owned())
     }
 }

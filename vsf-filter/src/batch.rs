@@ -1,3 +1,4 @@
+use crate::FieldPrior;
 use faer::linalg::solvers::{DenseSolveCore, Llt, Solve};
 use faer::{Mat, Side};
 use vsf_core::{Belief, CoreError, Observation, SymmetricFactor};
@@ -140,16 +141,33 @@ impl BatchMap {
     ///
     /// # Errors
     /// A prior of another size than the field, normal equations that are not positive definite.
-    pub fn solve(&self, prior: &Belief<f64>) -> Result<BatchFit, CoreError> {
+    pub fn solve(&self, prior: &FieldPrior) -> Result<BatchFit, CoreError> {
         CoreError::check_len("prior", prior.len(), self.slot.len())?;
         let n = self.points.len();
-        let precision = |k: usize| 1.0 / prior.variance()[self.points[k] as usize];
+        let at = |k: usize| self.points[k] as usize;
+        let inverse = if prior.is_independent() {
+            Mat::from_fn(n, n, |i, j| {
+                if i == j {
+                    1.0 / prior.covariance(at(i), at(i))
+                } else {
+                    0.0
+                }
+            })
+        } else {
+            let c = Mat::from_fn(n, n, |i, j| prior.covariance(at(i), at(j)));
+            let all: Vec<usize> = (0..n).collect();
+            factor(&c, &all)?.inverse()
+        };
         let rhs: Vec<f64> = (0..n)
-            .map(|k| self.rhs[k] + precision(k) * prior.mean()[self.points[k] as usize])
+            .map(|k| {
+                self.rhs[k]
+                    + (0..n)
+                        .map(|j| inverse[(k, j)] * prior.mean()[at(j)])
+                        .sum::<f64>()
+            })
             .collect();
         let hessian = Mat::from_fn(n, n, |i, j| {
-            let gram = self.gram[(i.max(j), i.min(j))];
-            if i == j { gram + precision(i) } else { gram }
+            self.gram[(i.max(j), i.min(j))] + inverse[(i, j)]
         });
         let scale = rhs.iter().fold(0.0f64, |a, b| a.max(b.abs()));
         let tolerance = 1e-12 * scale;
@@ -194,7 +212,24 @@ impl BatchMap {
             }
         };
         let kkt_residual = (0..n).map(kkt).fold(0.0, f64::max) / scale.max(f64::MIN_POSITIVE);
-        let belief = self.posterior(prior, &hessian, &free, &x)?;
+        let mut belief = self.posterior(&prior.marginals()?, &hessian, &free, &x)?;
+        if !prior.is_independent() {
+            let dev: Vec<f64> = (0..n).map(|k| x[k] - prior.mean()[at(k)]).collect();
+            let alpha: Vec<f64> = (0..n)
+                .map(|i| (0..n).map(|j| inverse[(i, j)] * dev[j]).sum())
+                .collect();
+            let slot = &self.slot;
+            let m = belief.parts_mut().0;
+            for p in 0..prior.len() {
+                if slot[p] == u32::MAX {
+                    m[p] = (prior.mean()[p]
+                        + (0..n)
+                            .map(|k| prior.covariance(p, at(k)) * alpha[k])
+                            .sum::<f64>())
+                    .max(0.0);
+                }
+            }
+        }
         Ok(BatchFit {
             belief,
             kkt_residual,

@@ -1,43 +1,63 @@
 use crate::{Hyper, PipelineError, Trace};
-use vsf_core::{Belief, Estimator, FilterHealth, Noise, Observation, Scalar};
-use vsf_filter::{BatchMap, DiagonalForm, DiagonalKalman, MemoryReplay, ReplayConfig};
-
-/// How a field is estimated from recorded sequences.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
-pub enum Method {
-    /// Sample by sample, as on the robot; the default.
-    #[default]
-    Online,
-    /// The constrained optimum over all samples at once ([`BatchMap`]).
-    Batch,
-}
+use vsf_core::{Belief, Estimator, FilterHealth, Noise, Observation, RestPoints, UpdateReport};
+use vsf_filter::{
+    BatchMap, CovarianceFilter, DiagonalForm, DiagonalKalman, FieldPrior, InformationFilter,
+    MemoryReplay, Projection, ReplayConfig,
+};
 
 /// Which estimator, with all of its parameters but prior and noise.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
-pub struct EstimatorSpec {
-    /// Online or batch; the other fields are those of the online estimator.
-    pub method: Method,
-    /// Form of the diagonal update.
-    pub form: DiagonalForm,
-    /// Memory replay; `replays = 0` is the plain filter.
-    pub replay: ReplayConfig,
+pub enum EstimatorSpec {
+    /// The constrained optimum over all samples at once, offline ([`BatchMap`]); the default.
+    #[default]
+    Batch,
+    /// The exact posterior, sample by sample ([`CovarianceFilter`]).
+    Exact(Projection),
+    /// The same from the precision matrix, eq. 5 ([`InformationFilter`]): slow.
+    Information(Projection),
+    /// The diagonal filter with memory replay, as on the robot. It sees the marginals of the prior.
+    Replay {
+        /// Form of the diagonal update.
+        form: DiagonalForm,
+        /// Memory replay; `replays = 0` is the plain filter.
+        config: ReplayConfig,
+    },
 }
 
 impl EstimatorSpec {
-    /// Makes the estimator.
+    /// The diagonal filter with memory replay, all parameters at their defaults.
+    pub fn replay() -> Self {
+        Self::Replay {
+            form: DiagonalForm::default(),
+            config: ReplayConfig::default(),
+        }
+    }
+
+    /// Makes the online estimator; `None` for [`EstimatorSpec::Batch`].
     ///
     /// # Errors
     /// A parameter out of range.
-    pub fn build<T: Scalar>(
+    pub fn build(
         &self,
-        prior: Belief<T>,
-    ) -> Result<Box<dyn Estimator<Scalar = T>>, PipelineError> {
-        let filter = DiagonalKalman::with_form(prior, self.form);
-        Ok(if self.replay.replays == 0 {
-            Box::new(filter)
-        } else {
-            Box::new(MemoryReplay::new(filter, self.replay)?)
-        })
+        prior: FieldPrior,
+    ) -> Result<Option<Box<dyn Estimator<Scalar = f64>>>, PipelineError> {
+        Ok(Some(match *self {
+            Self::Batch => return Ok(None),
+            Self::Exact(projection) => {
+                Box::new(CovarianceFilter::with_projection(prior, projection)?)
+            }
+            Self::Information(projection) => {
+                Box::new(InformationFilter::with_projection(prior, projection)?)
+            }
+            Self::Replay { form, config } => {
+                let filter = DiagonalKalman::with_form(prior.marginals()?, form);
+                if config.replays == 0 {
+                    Box::new(filter)
+                } else {
+                    Box::new(MemoryReplay::new(filter, config)?)
+                }
+            }
+        }))
     }
 }
 
@@ -48,38 +68,53 @@ pub struct Estimate {
     pub belief: Belief<f64>,
     /// Points that were touched at least once.
     pub touched: Vec<bool>,
-    /// Innovation statistics over the samples in contact; empty for [`Method::Batch`].
+    /// Innovation statistics over the samples in contact; empty for [`EstimatorSpec::Batch`].
     pub health: FilterHealth,
-    /// The prior and noise.
-    pub hyper: Hyper,
 }
 
-/// Runs an estimator over sequences, from the uniform prior of `hyper`. Calls `progress` after
-/// every sequence with the number done.
+/// Runs an estimator over sequences, from the prior of `hyper`. Calls `progress` after every
+/// sequence with the number done.
 ///
 /// # Errors
 /// As the estimator's update; the row is named.
 pub fn estimate(
+    rest: &RestPoints,
     traces: &[Trace],
-    field_len: usize,
     spec: &EstimatorSpec,
-    hyper: Hyper,
+    hyper: &Hyper,
+    progress: impl FnMut(usize),
+) -> Result<Estimate, PipelineError> {
+    let noise = Noise::per_channel(&hyper.noise_sd)?;
+    let prior = hyper.shape.prior(rest, hyper.prior_sd)?;
+    let traces: Vec<Trace> = traces
+        .iter()
+        .map(|t| t.with_noise(&noise))
+        .collect::<Result<_, _>>()?;
+    run(spec, prior, &traces, progress)
+}
+
+/// [`estimate`] with the noise that the traces have.
+pub(crate) fn run(
+    spec: &EstimatorSpec,
+    prior: FieldPrior,
+    traces: &[Trace],
     mut progress: impl FnMut(usize),
 ) -> Result<Estimate, PipelineError> {
-    let prior = Belief::uniform(field_len, 0.0, hyper.prior_sd)?;
-    if spec.method == Method::Batch {
-        return estimate_batch(traces, prior, hyper);
-    }
-    let mut estimator = spec.build(prior)?;
+    let touched = touched_points(traces, prior.len());
     let mut health = FilterHealth::default();
-    let mut touched = vec![false; field_len];
+    let Some(mut estimator) = spec.build(prior.clone())? else {
+        let belief = normal_equations(traces, &touched)?.solve(&prior)?.belief;
+        progress(traces.len());
+        return Ok(Estimate {
+            belief,
+            touched,
+            health,
+        });
+    };
     for (done, trace) in traces.iter().enumerate() {
-        estimate_online(&mut *estimator, trace, hyper, |obs, report| {
+        estimate_online(&mut *estimator, trace, |obs, report| {
             if !obs.is_empty() {
                 health.record(report);
-                obs.points()
-                    .iter()
-                    .for_each(|&p| touched[p as usize] = true);
             }
         })?;
         progress(done + 1);
@@ -88,40 +123,10 @@ pub fn estimate(
         belief: estimator.belief().clone(),
         touched,
         health,
-        hyper,
     })
 }
 
-fn estimate_batch(
-    traces: &[Trace],
-    prior: Belief<f64>,
-    hyper: Hyper,
-) -> Result<Estimate, PipelineError> {
-    let touched = touched_points(traces, prior.len());
-    let belief = normal_equations(traces, &touched)?
-        .solve(&scaled(&prior, hyper.noise_sd)?)?
-        .belief;
-    let belief = scaled(&belief, 1.0 / hyper.noise_sd)?;
-    Ok(Estimate {
-        belief,
-        touched,
-        health: FilterHealth::default(),
-        hyper,
-    })
-}
-
-/// Traces have unit noise: a belief with its variances in units of the noise variance, whose means
-/// are those of the problem with noise.
-fn scaled(belief: &Belief<f64>, noise_sd: f64) -> Result<Belief<f64>, PipelineError> {
-    let variance = belief
-        .variance()
-        .iter()
-        .map(|v| v / (noise_sd * noise_sd))
-        .collect();
-    Ok(Belief::new(belief.mean().to_vec(), variance)?)
-}
-
-/// The normal equations of all observations, at unit noise.
+/// The normal equations of all observations.
 pub(crate) fn normal_equations(
     traces: &[Trace],
     touched: &[bool],
@@ -139,13 +144,13 @@ pub(crate) fn normal_equations(
 }
 
 /// Which points any of the traces touches.
-pub(crate) fn touched_points(traces: &[Trace], field_len: usize) -> Vec<bool> {
+pub(crate) fn touched_points<'a>(
+    traces: impl IntoIterator<Item = &'a Trace>,
+    field_len: usize,
+) -> Vec<bool> {
     let mut touched = vec![false; field_len];
-    for &p in traces
-        .iter()
-        .flat_map(|t| &t.observations)
-        .flat_map(Observation::points)
-    {
+    let observations = traces.into_iter().flat_map(|t| &t.observations);
+    for &p in observations.flat_map(Observation::points) {
         touched[p as usize] = true;
     }
     touched
@@ -158,18 +163,12 @@ pub(crate) fn touched_points(traces: &[Trace], field_len: usize) -> Vec<bool> {
 pub fn estimate_online(
     estimator: &mut dyn Estimator<Scalar = f64>,
     trace: &Trace,
-    hyper: Hyper,
-    mut seen: impl FnMut(&Observation<f64>, &vsf_core::UpdateReport),
+    mut seen: impl FnMut(&Observation<f64>, &UpdateReport),
 ) -> Result<(), PipelineError> {
     estimator.begin_sequence();
-    let mut buffer: Option<Observation<f64>> = None;
-    for (row, source) in trace.observations.iter().enumerate() {
-        let noise = Noise::uniform(source.dim(), hyper.noise_sd)?;
-        let obs = buffer.get_or_insert_with(|| source.clone());
-        obs.clone_from(source);
-        let report = obs
-            .set_noise(&noise)
-            .and_then(|()| estimator.update(obs))
+    for (row, obs) in trace.observations.iter().enumerate() {
+        let report = estimator
+            .update(obs)
             .map_err(|source| PipelineError::Sequence {
                 id: trace.id.clone(),
                 row,

@@ -103,29 +103,27 @@ fn check_size(belief: &Belief<f64>, scene: &Scene) -> Result<(), PipelineError> 
 }
 
 /// Predicts the readings of a sequence from a belief; nothing is learned. The standard deviation
-/// is that of independent points plus a reading noise of `noise_sd`.
+/// is that of independent points plus a reading noise of `noise_sd`, one value per channel.
 ///
 /// # Errors
-/// A belief of another size than the scene's points.
+/// A belief of another size than the scene's points, a noise of another size than its joints.
 pub fn predict(
     scene: &Scene,
     belief: &Belief<f64>,
-    noise_sd: f64,
+    noise_sd: &[f64],
     trace: &Trace,
 ) -> Result<SequencePrediction, PipelineError> {
     check_size(belief, scene)?;
+    let channels = scene.robot.joint_count();
+    vsf_core::CoreError::check_len("noise sd", noise_sd.len(), channels)?;
     let spread = |obs: &Observation<f64>, i: usize| {
         let terms = obs.row(i).iter().zip(obs.points());
         let field: f64 = terms
             .map(|(w, &p)| w * w * belief.variance()[p as usize])
             .sum();
-        (field + noise_sd * noise_sd).sqrt()
+        (field + noise_sd[i] * noise_sd[i]).sqrt()
     };
-    let spreads = |obs| {
-        (0..scene.robot.joint_count())
-            .map(|i| spread(obs, i))
-            .collect()
-    };
+    let spreads = |obs| (0..channels).map(|i| spread(obs, i)).collect();
     Ok(SequencePrediction {
         id: trace.id.clone(),
         mean: fits(belief.mean(), trace).collect(),

@@ -1,28 +1,77 @@
-use crate::estimate::{normal_equations, touched_points};
-use crate::evaluate::sample_errors;
-use crate::{EstimatorSpec, Method, PipelineError, Trace, estimate};
+use crate::estimate::{normal_equations, run, touched_points};
+use crate::{EstimatorSpec, PipelineError, Trace};
 use rayon::prelude::*;
 use serde::Serialize;
-use std::f64::consts::TAU;
-use vsf_core::{Belief, Observation};
+use vsf_core::{Belief, Noise, Observation, RestPoints};
+use vsf_filter::{FieldPrior, Matern, Smoothness};
 
 /// Prior and noise of an estimation. Their ratio decides how closely readings are followed.
-#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
+#[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Hyper {
-    /// Standard deviation of the prior N(0, sd²) of every point (N/m).
+    /// Standard deviation of the part of the stiffness that is each point's own (N/m); the mean of
+    /// the prior is 0.
     pub prior_sd: f64,
-    /// Standard deviation of every reading (N m or N), model error included.
-    pub noise_sd: f64,
+    /// What neighbours share.
+    pub shape: PriorShape,
+    /// Standard deviation of the reading of every channel (N m or N), model error included.
+    pub noise_sd: Vec<f64>,
+}
+
+/// The smooth part of the prior: neighbouring points of a real object are alike. Estimators that
+/// keep no correlations see its variance only.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
+pub struct PriorShape {
+    /// Standard deviation of the smooth part per standard deviation of a point's own part, >= 0,
+    /// default 0.25; 0 makes points independent, as in the paper.
+    pub smooth_share: f64,
+    /// Length over which the smooth part stays alike (m), > 0, default 4 cm.
+    pub length: f64,
+}
+
+impl Default for PriorShape {
+    fn default() -> Self {
+        Self {
+            smooth_share: 0.25,
+            length: 0.04,
+        }
+    }
+}
+
+impl PriorShape {
+    /// Points independent of each other, as in the paper.
+    pub fn independent() -> Self {
+        Self {
+            smooth_share: 0.0,
+            ..Self::default()
+        }
+    }
+
+    /// The prior of a field with standard deviation `sd` (N/m) of every point's own part.
+    ///
+    /// # Errors
+    /// A parameter out of range.
+    pub fn prior(&self, rest: &RestPoints, sd: f64) -> Result<FieldPrior, PipelineError> {
+        let own = FieldPrior::from(Belief::<f64>::uniform(rest.len(), 0.0, sd)?);
+        if self.smooth_share == 0.0 {
+            return Ok(own);
+        }
+        let smooth = Matern {
+            sd: self.smooth_share * sd,
+            length: self.length,
+            smoothness: Smoothness::ThreeHalves,
+        };
+        Ok(own.with_smooth(smooth, rest)?)
+    }
 }
 
 /// One tried ratio of prior and noise.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
 pub struct Candidate {
-    /// Prior sd per unit of noise sd.
-    pub ratio: f64,
-    /// Mean error on held-out train sequences, or the negative log-likelihood per sample of one
-    /// pass; lower is better, comparable within one choice only.
-    pub score: f64,
+    /// Standard deviation of the signal that the prior expects in one typical reading, per
+    /// standard deviation of its noise.
+    pub signal_to_noise: f64,
+    /// Mean error norm on held-out train sequences.
+    pub error: f64,
 }
 
 /// How prior and noise were chosen.
@@ -30,189 +79,248 @@ pub struct Candidate {
 pub struct HyperChoice {
     /// The choice.
     pub hyper: Hyper,
-    /// `held-out` or `likelihood`.
+    /// `held-out` or `rule`.
     pub method: &'static str,
-    /// All that was tried, by ratio.
+    /// All that was tried, by ratio; empty for the rule.
     pub candidates: Vec<Candidate>,
 }
 
-/// Parts that the train sequences are split into; each is held out once.
+/// Signal-to-noise ratios of one reading that are tried, as powers of 2, and the one that stands
+/// without evidence. It is far below 1: what the model leaves unexplained stays alike over a whole
+/// push, so that hundreds of readings say little more than one.
+const POWERS: [f64; 8] = [-7.0, -5.5, -4.0, RULE, -1.0, 0.5, 2.0, 3.5];
+const RULE: f64 = -2.5;
+/// With more touched points than this, parts are held out in place of single sequences, and
+/// predicted by the online filter.
+const LEAVE_ONE_OUT_POINTS: usize = 1500;
+/// Parts that the train sequences are then split into.
 const FOLDS: usize = 3;
-/// Signal-to-noise ratios `prior sd * |w| / noise sd` of a typical reading: tried first, in powers
-/// of 2 around the best next.
-const COARSE: [i32; 6] = [-8, -5, -3, -1, 1, 4];
+/// Share of the whole reading that the noise of every channel gets besides its own.
+const FLOOR: f64 = 0.05;
 
-/// Signal-to-noise ratios tried for the batch estimator, in powers of 2.
-const BATCH_POWERS: [i32; 8] = [-5, -4, -3, -2, -1, 0, 1, 2];
-/// More touched points than this make the batch choice slow; the online one is taken.
-const BATCH_CHOICE_POINTS: usize = 2000;
-
-/// Chooses prior and noise from train sequences.
+/// Chooses prior and noise from train sequences, for any estimator.
 ///
-/// With several sequences, the ratio of the two is the one whose field, estimated without a third
-/// of the sequences, predicts that third best (mean error over samples that touch an estimated
-/// point). With a single sequence, or sequences that share no points, it maximises the
-/// prequential likelihood of one online pass. The noise level then makes the mean normalised
-/// innovation squared of an online pass over samples in contact equal to the number of channels.
+/// - *Noise by channel*: most of what a field leaves unexplained is error of the model, which
+///   grows with the load. The noise of a channel is in proportion to its RMS reading in contact,
+///   plus 5 % of the RMS norm of the whole reading.
+/// - *Ratio of prior and noise*: by rule, the signal that the prior expects in a typical reading is
+///   0.18 of its noise. Where several sequences touch the same points, each is held out once and
+///   predicted from the others; another ratio is taken when it lowers the error by more than one
+///   standard error of the difference (L. Breiman et al., *Classification and Regression Trees*,
+///   1984, section 3.4.3).
+/// - *Level*: the RMS of what is left unexplained of held-out sequences or, with the rule, of what
+///   an online pass did not foresee.
 ///
-/// For [`Method::Batch`] each sequence is left out once, the error is averaged over all of its
-/// samples, and the noise is the RMS residual of the fit to all train samples in contact: a lower
-/// bound, and so is the field's standard deviation. With a single sequence, sequences that share
-/// no points, or more than 2000 touched points, the choice is that of `spec` run online.
+/// The likelihood of the readings is not asked: it takes the error of the model as independent from
+/// sample to sample, which it is not, and follows the readings too closely.
 ///
 /// # Errors
-/// No train sequence ever touches a point; failures of the estimator.
+/// No train sequence ever touches a point; failures of an estimator.
 pub fn choose_hyper(
+    rest: &RestPoints,
     traces: &[Trace],
-    field_len: usize,
-    spec: &EstimatorSpec,
+    shape: PriorShape,
 ) -> Result<HyperChoice, PipelineError> {
-    let typical = typical_column_norm(traces).ok_or(PipelineError::NoContact {
+    let found = channel_scales(traces).and_then(|c| Some((typical_signal(traces, &c)?, c)));
+    let (typical, channels) = found.ok_or(PipelineError::NoContact {
         what: "train",
-        points: field_len,
+        points: rest.len(),
     })?;
-    let ratio_at = |power: i32| 2f64.powi(power) / typical;
-    let held_out = folds_share_points(traces, field_len);
-    if spec.method == Method::Batch {
-        return choose_batch(traces, field_len, spec, typical, held_out);
-    }
-    let score = |power: i32| -> Result<Candidate, PipelineError> {
-        let hyper = Hyper {
-            prior_sd: ratio_at(power),
-            noise_sd: 1.0,
-        };
-        let score = if held_out {
-            held_out_error(traces, field_len, spec, hyper)?
-        } else {
-            negative_log_likelihood(traces, field_len, spec, hyper)?
-        };
-        Ok(Candidate {
-            ratio: hyper.prior_sd,
-            score,
-        })
-    };
-    let all = |powers: &[i32]| -> Result<Vec<(i32, Candidate)>, PipelineError> {
-        powers.par_iter().map(|&p| Ok((p, score(p)?))).collect()
-    };
-    let best = |tried: &[(i32, Candidate)]| {
-        tried
-            .iter()
-            .min_by(|a, b| a.1.score.total_cmp(&b.1.score))
-            .map_or(0, |b| b.0)
-    };
-    let mut tried = all(&COARSE)?;
-    let near = best(&tried);
-    let fine: Vec<i32> = (near - 2..=near + 2)
-        .filter(|p| tried.iter().all(|t| t.0 != *p))
-        .collect();
-    tried.extend(all(&fine)?);
-    tried.sort_by_key(|t| t.0);
-
-    let ratio = ratio_at(best(&tried));
-    let unit = Hyper {
-        prior_sd: ratio,
-        noise_sd: 1.0,
-    };
-    let nis = estimate(traces, field_len, spec, unit, |_| {})?
-        .health
-        .nis_ratio()
-        .unwrap_or(1.0);
-    // A perfect fit would ask for zero noise.
-    let noise_sd = nis.sqrt().max(1e-9);
-    Ok(HyperChoice {
-        hyper: Hyper {
-            prior_sd: ratio * noise_sd,
-            noise_sd,
-        },
-        method: if held_out { "held-out" } else { "likelihood" },
-        candidates: tried.into_iter().map(|t| t.1).collect(),
-    })
-}
-
-/// As [`choose_hyper`] for the batch estimator. Every sequence is held out once; its share of the
-/// normal equations is taken out of the whole. Where sequences share no points, or there is one
-/// only, the online choice serves.
-fn choose_batch(
-    traces: &[Trace],
-    field_len: usize,
-    spec: &EstimatorSpec,
-    typical: f64,
-    held_out: bool,
-) -> Result<HyperChoice, PipelineError> {
-    let touched = touched_points(traces, field_len);
-    let online = EstimatorSpec {
-        method: Method::Online,
-        ..*spec
-    };
-    let count = touched.iter().filter(|t| **t).count();
-    if !held_out || count > BATCH_CHOICE_POINTS {
-        return choose_hyper(traces, field_len, &online);
-    }
-    let whole = normal_equations(traces, &touched)?;
-    // The error of every sequence at every ratio.
-    let errors = |trace: &Trace| -> Result<Vec<f64>, PipelineError> {
-        let mut kept = whole.clone();
-        for obs in trace.observations.iter().filter(|o| !o.is_empty()) {
-            kept.add(obs, -1.0)?;
-        }
-        let error = |power: &i32| {
-            let prior = Belief::uniform(field_len, 0.0, 2f64.powi(*power) / typical)?;
-            let belief = kept.solve(&prior)?.belief;
-            Ok(sample_errors(belief.mean(), trace).sum::<f64>() / trace.observations.len() as f64)
-        };
-        BATCH_POWERS.iter().map(error).collect()
-    };
-    let all: Vec<Vec<f64>> = traces.par_iter().map(errors).collect::<Result<_, _>>()?;
-    let candidates: Vec<Candidate> = BATCH_POWERS
+    let noise = Noise::per_channel(&channels)?;
+    let traces: Vec<Trace> = traces
         .iter()
-        .enumerate()
-        .map(|(k, power)| Candidate {
-            ratio: 2f64.powi(*power) / typical,
-            score: all.iter().map(|errors| errors[k]).sum::<f64>() / all.len() as f64,
-        })
-        .collect();
-    let best = candidates.iter().min_by(|a, b| a.score.total_cmp(&b.score));
-    let ratio = best.map_or(1.0 / typical, |c| c.ratio);
-    // The level of what the optimum leaves unexplained, over the samples in contact.
-    let field = estimate(
-        traces,
-        field_len,
-        spec,
-        Hyper {
-            prior_sd: ratio,
-            noise_sd: 1.0,
-        },
-        |_| {},
-    )?;
-    let (mut squares, mut channels) = (0.0, 0usize);
-    for trace in traces {
-        let errors = sample_errors(field.belief.mean(), trace);
-        for (obs, error) in trace
-            .observations
-            .iter()
-            .zip(errors)
-            .filter(|(o, _)| !o.is_empty())
-        {
-            squares += error * error;
-            channels += obs.dim();
-        }
+        .map(|t| t.with_noise(&noise))
+        .collect::<Result<_, _>>()?;
+    Choice {
+        rest,
+        traces: &traces,
+        shape,
+        channels: &channels,
+        typical,
     }
-    let noise_sd = (squares / channels.max(1) as f64).sqrt().max(1e-9);
-    Ok(HyperChoice {
-        hyper: Hyper {
-            prior_sd: ratio * noise_sd,
-            noise_sd,
-        },
-        method: "held-out",
-        candidates,
-    })
+    .run()
 }
 
-/// Median over the samples in contact of `sqrt(tr(W W^T) / d)`: the reading's sd per unit of
-/// prior sd.
-fn typical_column_norm(traces: &[Trace]) -> Option<f64> {
+/// The problem with noise of the right shape and, for now, level 1.
+struct Choice<'a> {
+    rest: &'a RestPoints,
+    traces: &'a [Trace],
+    shape: PriorShape,
+    channels: &'a [f64],
+    /// Median over the samples in contact of the reading's sd per unit of prior sd.
+    typical: f64,
+}
+
+/// Errors of one held-out part of the train sequences.
+struct HeldOut {
+    /// Mean error norm, in units of the recording.
+    error: f64,
+    /// Mean square of the whitened error per channel.
+    level: f64,
+}
+
+impl Choice<'_> {
+    fn run(&self) -> Result<HyperChoice, PipelineError> {
+        let (power, level, method, candidates) = if folds_share_points(self.traces, self.rest.len())
+        {
+            self.by_held_out()?
+        } else {
+            (RULE, self.unforeseen()?, "rule", Vec::new())
+        };
+        // A perfect fit would ask for zero noise.
+        let level = level.sqrt().max(1e-9);
+        Ok(HyperChoice {
+            hyper: Hyper {
+                prior_sd: self.prior_sd(power) * level,
+                shape: self.shape,
+                noise_sd: self.channels.iter().map(|c| c * level).collect(),
+            },
+            method,
+            candidates,
+        })
+    }
+
+    fn prior_sd(&self, power: f64) -> f64 {
+        2f64.powf(power) / self.typical
+    }
+
+    fn by_held_out(&self) -> Result<(f64, f64, &'static str, Vec<Candidate>), PipelineError> {
+        let touched = touched_points(self.traces, self.rest.len());
+        let few = touched.iter().filter(|t| **t).count() <= LEAVE_ONE_OUT_POINTS;
+        let folds = if few {
+            self.traces.len()
+        } else {
+            FOLDS.min(self.traces.len())
+        };
+        let of_fold = |fold: usize| self.held_out(fold, folds, few);
+        // errors[fold][power]
+        let errors: Vec<Vec<HeldOut>> = (0..folds)
+            .into_par_iter()
+            .map(of_fold)
+            .collect::<Result<_, _>>()?;
+        let mean = |k: usize, of: fn(&HeldOut) -> f64| {
+            errors.iter().map(|fold| of(&fold[k])).sum::<f64>() / folds as f64
+        };
+        let rule = POWERS.iter().position(|p| *p == RULE).unwrap_or(0);
+        let best = (0..POWERS.len())
+            .min_by(|a, b| mean(*a, |h| h.error).total_cmp(&mean(*b, |h| h.error)))
+            .unwrap_or(rule);
+        let gains: Vec<f64> = errors
+            .iter()
+            .map(|fold| fold[rule].error - fold[best].error)
+            .collect();
+        let chosen = if exceeds_its_error(&gains) {
+            best
+        } else {
+            rule
+        };
+        let candidates = (0..POWERS.len()).map(|k| Candidate {
+            signal_to_noise: 2f64.powf(POWERS[k]),
+            error: mean(k, |h| h.error),
+        });
+        let level = mean(chosen, |h| h.level);
+        Ok((POWERS[chosen], level, "held-out", candidates.collect()))
+    }
+
+    /// Every candidate's errors on the sequences `fold`, `fold + folds`, ..., from the others.
+    fn held_out(
+        &self,
+        fold: usize,
+        folds: usize,
+        exact: bool,
+    ) -> Result<Vec<HeldOut>, PipelineError> {
+        let in_fold = |(i, _): &(usize, &Trace)| i % folds == fold;
+        let pick = |wanted: bool| {
+            let all = self.traces.iter().enumerate();
+            all.filter(move |t| in_fold(t) == wanted)
+                .map(|(_, t)| t.clone())
+        };
+        let (kept, held): (Vec<Trace>, Vec<Trace>) = (pick(false).collect(), pick(true).collect());
+        let known = touched_points(&kept, self.rest.len());
+        let fit = exact.then(|| normal_equations(&kept, &known)).transpose()?;
+        let of_power = |power: &f64| {
+            let prior = self.shape.prior(self.rest, self.prior_sd(*power))?;
+            let belief = match &fit {
+                Some(equations) => equations.solve(&prior)?.belief,
+                None => run(&EstimatorSpec::replay(), prior, &kept, |_| {})?.belief,
+            };
+            Ok(self.errors(belief.mean(), &held, &known))
+        };
+        POWERS.iter().map(of_power).collect()
+    }
+
+    /// Errors over the samples that touch a known point.
+    fn errors(&self, mean: &[f64], held: &[Trace], known: &[bool]) -> HeldOut {
+        let (mut error, mut squares, mut count) = (0.0, 0.0, 0usize);
+        let mut fit = vec![0.0; self.channels.len()];
+        for obs in held.iter().flat_map(|t| &t.observations) {
+            if !obs.points().iter().any(|&p| known[p as usize]) {
+                continue;
+            }
+            obs.apply(mean, &mut fit);
+            let residuals = fit.iter().zip(obs.reading()).map(|(f, tau)| tau - f);
+            let (mut norm, mut white) = (0.0, 0.0);
+            for (r, scale) in residuals.zip(self.channels) {
+                norm += r * r;
+                white += (r / scale).powi(2);
+            }
+            error += norm.sqrt();
+            squares += white / self.channels.len() as f64;
+            count += 1;
+        }
+        HeldOut {
+            error: error / count.max(1) as f64,
+            level: squares / count.max(1) as f64,
+        }
+    }
+
+    /// Normalised innovation squared per channel of one online pass with the rule.
+    fn unforeseen(&self) -> Result<f64, PipelineError> {
+        let prior = self.shape.prior(self.rest, self.prior_sd(RULE))?;
+        let pass = run(&EstimatorSpec::replay(), prior, self.traces, |_| {})?;
+        Ok(pass.health.nis_ratio().unwrap_or(1.0))
+    }
+}
+
+/// Whether the mean is larger than one standard error of the mean.
+fn exceeds_its_error(gains: &[f64]) -> bool {
+    let n = gains.len() as f64;
+    let mean = gains.iter().sum::<f64>() / n;
+    let variance = gains.iter().map(|g| (g - mean).powi(2)).sum::<f64>() / (n - 1.0).max(1.0);
+    mean > (variance / n).sqrt()
+}
+
+/// Noise of every channel up to its level; `None` without contact.
+fn channel_scales(traces: &[Trace]) -> Option<Vec<f64>> {
+    let in_contact = || {
+        traces
+            .iter()
+            .flat_map(|t| &t.observations)
+            .filter(|o| !o.is_empty())
+    };
+    let count = in_contact().count() as f64;
+    let dim = in_contact().next()?.dim();
+    let rms = (0..dim).map(|c| {
+        let squares: f64 = in_contact().map(|o| o.reading()[c] * o.reading()[c]).sum();
+        (squares / count).sqrt()
+    });
+    let rms: Vec<f64> = rms.collect();
+    let norm = rms.iter().map(|x| x * x).sum::<f64>().sqrt();
+    // Readings of zero say nothing about their noise.
+    let floor = if norm > 0.0 { FLOOR * norm } else { 1.0 };
+    Some(rms.iter().map(|x| x + floor).collect())
+}
+
+/// Median over the samples in contact of `sqrt(tr(R^-1 W W^T) / d)`.
+fn typical_signal(traces: &[Trace], channels: &[f64]) -> Option<f64> {
     let norm = |o: &Observation<f64>| {
-        (o.rows().iter().map(|w| w * w).sum::<f64>() / o.dim() as f64).sqrt()
+        let white = |c: usize| {
+            o.row(c)
+                .iter()
+                .map(|w| (w / channels[c]).powi(2))
+                .sum::<f64>()
+        };
+        ((0..o.dim()).map(white).sum::<f64>() / o.dim() as f64).sqrt()
     };
     let mut norms: Vec<f64> = traces
         .iter()
@@ -225,76 +333,19 @@ fn typical_column_norm(traces: &[Trace]) -> Option<f64> {
     (!norms.is_empty()).then(|| *norms.select_nth_unstable_by(middle, f64::total_cmp).1)
 }
 
-/// Sequences in and out of fold `k`.
-fn split(traces: &[Trace], k: usize) -> (Vec<Trace>, Vec<&Trace>) {
-    let folds = FOLDS.min(traces.len());
-    let (held, kept): (Vec<_>, Vec<_>) =
-        traces.iter().enumerate().partition(|(i, _)| i % folds == k);
-    (
-        kept.into_iter().map(|(_, t)| t.clone()).collect(),
-        held.into_iter().map(|(_, t)| t).collect(),
-    )
-}
-
 /// Whether held-out sequences mostly touch points that the others touch too.
 fn folds_share_points(traces: &[Trace], field_len: usize) -> bool {
+    let folds = FOLDS.min(traces.len());
     traces.len() > 1
-        && (0..FOLDS.min(traces.len())).all(|k| {
-            let (kept, held) = split(traces, k);
-            let known = touched_points(&kept, field_len);
+        && (0..folds).all(|fold| {
+            let (held, kept): (Vec<_>, Vec<_>) = (0..traces.len()).partition(|i| i % folds == fold);
+            let kept: Vec<&Trace> = kept.into_iter().map(|i| &traces[i]).collect();
+            let known = touched_points(kept, field_len);
             let (mut shared, mut all) = (0usize, 0usize);
-            for obs in held.iter().flat_map(|t| &t.observations) {
+            for obs in held.iter().flat_map(|&i| &traces[i].observations) {
                 all += obs.len();
                 shared += obs.points().iter().filter(|&&p| known[p as usize]).count();
             }
             2 * shared > all
         })
-}
-
-fn held_out_error(
-    traces: &[Trace],
-    field_len: usize,
-    spec: &EstimatorSpec,
-    hyper: Hyper,
-) -> Result<f64, PipelineError> {
-    let (mut sum, mut count) = (0.0, 0usize);
-    for k in 0..FOLDS.min(traces.len()) {
-        let (kept, held) = split(traces, k);
-        let known = touched_points(&kept, field_len);
-        let field = estimate(&kept, field_len, spec, hyper, |_| {})?;
-        for trace in held {
-            let errors = sample_errors(field.belief.mean(), trace);
-            for (obs, error) in trace.observations.iter().zip(errors) {
-                if obs.points().iter().any(|&p| known[p as usize]) {
-                    sum += error;
-                    count += 1;
-                }
-            }
-        }
-    }
-    Ok(sum / count.max(1) as f64)
-}
-
-/// Per sample in contact, with the noise level that fits best: for `S = s² S_1` the likelihood is
-/// greatest at `s² = mean nis_1 / d`.
-fn negative_log_likelihood(
-    traces: &[Trace],
-    field_len: usize,
-    spec: &EstimatorSpec,
-    hyper: Hyper,
-) -> Result<f64, PipelineError> {
-    let mut estimator = spec.build(Belief::uniform(field_len, 0.0, hyper.prior_sd)?)?;
-    let (mut nis, mut log_det, mut dof, mut samples) = (0.0, 0.0, 0usize, 0usize);
-    for trace in traces {
-        crate::estimate_online(&mut *estimator, trace, hyper, |obs, report| {
-            if !obs.is_empty() {
-                nis += report.nis;
-                log_det -= 2.0 * report.log_likelihood + report.nis + report.dof as f64 * TAU.ln();
-                dof += report.dof;
-                samples += 1;
-            }
-        })?;
-    }
-    let level = (nis / dof as f64).max(1e-18);
-    Ok(0.5 * (dof as f64 * (level.ln() + 1.0 + TAU.ln()) + log_det) / samples as f64)
 }

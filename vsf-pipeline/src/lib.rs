@@ -22,19 +22,21 @@ mod hyper;
 mod readings;
 mod scene;
 mod simulate;
+mod table1;
 mod trace;
 mod warning;
 
 pub use baseline::Baseline;
 pub use bench::{BenchOptions, BenchReport, StageTimes, bench};
 pub use error::PipelineError;
-pub use estimate::{Estimate, EstimatorSpec, Method, estimate, estimate_online};
+pub use estimate::{Estimate, EstimatorSpec, estimate, estimate_online};
 pub use evaluate::{
     Evaluation, JointError, SequenceError, SequencePrediction, evaluate, predict, score,
 };
-pub use hyper::{Candidate, Hyper, HyperChoice, choose_hyper};
+pub use hyper::{Candidate, Hyper, HyperChoice, PriorShape, choose_hyper};
 pub use readings::external_torques;
 pub use scene::{Scene, SceneOptions, reading_unit, robot_of};
 pub use simulate::simulate;
+pub use table1::{Table1Cell, Table1Row, table1};
 pub use trace::Trace;
 pub use warning::{Outliers, PipelineWarning, motion_warnings, reading_warnings};

@@ -17,6 +17,18 @@ pub struct Trace {
 }
 
 impl Trace {
+    /// The same observations with another noise.
+    ///
+    /// # Errors
+    /// Noise of another dimension.
+    pub fn with_noise(&self, noise: &Noise) -> Result<Self, CoreError> {
+        let mut trace = self.clone();
+        for obs in &mut trace.observations {
+            obs.set_noise(noise)?;
+        }
+        Ok(trace)
+    }
+
     /// Number of samples with at least one contact.
     pub fn contact_samples(&self) -> usize {
         self.observations.iter().filter(|o| !o.is_empty()).count()

@@ -12,8 +12,8 @@ use vsf::pipeline::{Candidate, Estimate, Hyper, Scene, Trace, choose_hyper, esti
 The field holds points, K (mean, N/m), K_std, and the features touched, prior_sd and noise_sd, so that \
 `vsf predict` and `vsf evaluate` need nothing else.
 
-JSON keys: estimator, prior_sd, noise_sd, chosen_by (given, held-out or likelihood), candidates (ratio, \
-score), sequences, samples, contact_samples, points, touched_points, mean_stiffness (over touched \
+JSON keys: estimator, prior_sd, smooth_sd, smooth_length, noise_sd (by channel), chosen_by (given, \
+held-out or rule), candidates (signal_to_noise, error), sequences, samples, contact_samples, points, touched_points, mean_stiffness (over touched \
 points), nis_ratio, out.")]
 pub struct Args {
     #[command(flatten)]
@@ -33,7 +33,9 @@ pub struct Args {
 struct Report<'a> {
     estimator: String,
     prior_sd: f64,
-    noise_sd: f64,
+    smooth_sd: f64,
+    smooth_length: f64,
+    noise_sd: &'a [f64],
     chosen_by: &'a str,
     candidates: &'a [Candidate],
     sequences: Vec<&'a str>,
@@ -49,6 +51,7 @@ struct Report<'a> {
 /// An estimate and where its prior and noise come from.
 pub struct Chosen {
     pub estimate: Estimate,
+    pub hyper: Hyper,
     pub method: &'static str,
     pub candidates: Vec<Candidate>,
 }
@@ -70,14 +73,21 @@ pub fn run(args: &Args, console: &Console) -> anyhow::Result<()> {
     let scene = recording.scene(console)?;
     let traces = traces(&scene, &sequences, console)?;
     let chosen = learn(&scene, &traces, settings, console)?;
-    let field = FieldFile::of_estimate(&scene, &chosen.estimate, &recording.dataset.name)?;
+    let field = FieldFile::of_estimate(
+        &scene,
+        &chosen.estimate,
+        &chosen.hyper,
+        &recording.dataset.name,
+    )?;
     for out in &args.out {
         save(&field, out)?;
     }
     let report = Report {
         estimator: settings.name(),
-        prior_sd: chosen.estimate.hyper.prior_sd,
-        noise_sd: chosen.estimate.hyper.noise_sd,
+        prior_sd: chosen.hyper.prior_sd,
+        smooth_sd: chosen.hyper.prior_sd * chosen.hyper.shape.smooth_share,
+        smooth_length: chosen.hyper.shape.length,
+        noise_sd: &chosen.hyper.noise_sd,
         chosen_by: chosen.method,
         candidates: &chosen.candidates,
         sequences: traces.iter().map(|t| t.id.as_str()).collect(),
@@ -104,39 +114,67 @@ pub fn learn(
         return Err(error.into());
     }
     let spec = settings.spec()?;
-    let points = scene.rest.len();
-    let (hyper, method, candidates) = match (settings.prior_sd, settings.noise_sd) {
-        (Some(prior_sd), Some(noise_sd)) => (Hyper { prior_sd, noise_sd }, "given", Vec::new()),
+    let given = match &settings.noise_sd {
+        None => None,
+        Some(noise_sd) => Some(per_channel(noise_sd, scene.robot.joint_count())?),
+    };
+    let shape = settings.shape();
+    let (hyper, method, candidates) = match (settings.prior_sd, given) {
+        (Some(prior_sd), Some(noise_sd)) => {
+            let hyper = Hyper {
+                prior_sd,
+                shape,
+                noise_sd,
+            };
+            (hyper, "given", Vec::new())
+        }
         (prior_sd, noise_sd) => {
             let spinner = console.spinner("choosing prior and noise");
-            let choice = choose_hyper(traces, points, &spec)?;
+            let choice = choose_hyper(&scene.rest, traces, shape)?;
             spinner.finish_and_clear();
-            // One of the two given: their ratio, which decides the fit, stays as chosen.
-            let ratio = choice.hyper.prior_sd / choice.hyper.noise_sd;
-            let hyper = match (prior_sd, noise_sd) {
-                (Some(prior_sd), _) => Hyper {
-                    prior_sd,
-                    noise_sd: prior_sd / ratio,
-                },
-                (_, Some(noise_sd)) => Hyper {
-                    prior_sd: ratio * noise_sd,
-                    noise_sd,
-                },
-                _ => choice.hyper,
-            };
+            let hyper = rescaled(choice.hyper, prior_sd, noise_sd);
             (hyper, choice.method, choice.candidates)
         }
     };
     let bar = console.bar(traces.len(), "estimate");
-    let estimate = estimate(traces, points, &spec, hyper, |done| {
+    let estimate = estimate(&scene.rest, traces, &spec, &hyper, |done| {
         bar.set_position(done as u64)
     })?;
     bar.finish_and_clear();
     Ok(Chosen {
         estimate,
+        hyper,
         method,
         candidates,
     })
+}
+
+/// One of the two given: their ratio, which decides the fit, stays as chosen.
+fn rescaled(chosen: Hyper, prior_sd: Option<f64>, noise_sd: Option<Vec<f64>>) -> Hyper {
+    let norm = |x: &[f64]| x.iter().map(|v| v * v).sum::<f64>().sqrt();
+    let factor = match (&prior_sd, &noise_sd) {
+        (Some(sd), _) => sd / chosen.prior_sd,
+        (_, Some(sd)) => norm(sd) / norm(&chosen.noise_sd),
+        _ => 1.0,
+    };
+    let scaled = || chosen.noise_sd.iter().map(|v| v * factor).collect();
+    Hyper {
+        prior_sd: prior_sd.unwrap_or(chosen.prior_sd * factor),
+        shape: chosen.shape,
+        noise_sd: noise_sd.unwrap_or_else(scaled),
+    }
+}
+
+/// One deviation for all channels, or one each.
+fn per_channel(given: &[f64], channels: usize) -> anyhow::Result<Vec<f64>> {
+    match given {
+        [one] => Ok(vec![*one; channels]),
+        all if all.len() == channels => Ok(all.to_vec()),
+        all => Err(usage(format!(
+            "--noise-sd takes 1 or {channels} numbers, {} given",
+            all.len()
+        ))),
+    }
 }
 
 fn mean_stiffness(estimate: &Estimate) -> f64 {
@@ -145,11 +183,17 @@ fn mean_stiffness(estimate: &Estimate) -> f64 {
     touched.iter().sum::<f64>() / touched.len().max(1) as f64
 }
 
+/// The noise of the channels in words.
+pub fn noise_text(scene: &Scene, noise_sd: &[f64]) -> String {
+    let sds: Vec<String> = noise_sd.iter().map(|&sd| number(sd)).collect();
+    format!("{} {}", sds.join(", "), scene.error_unit())
+}
+
 /// How prior and noise were found, in words.
 pub fn how(method: &str) -> &'static str {
     match method {
-        "held-out" => "chosen so that held-out train sequences are predicted best",
-        "likelihood" => "chosen by the likelihood of one pass over the sequences",
+        "held-out" => "chosen on held-out train sequences",
+        "rule" => "chosen by rule from the size of the readings",
         _ => "as given",
     }
 }
@@ -166,13 +210,19 @@ fn text(report: &Report, scene: &Scene) -> String {
         report.sequences.join(", "),
     );
     text += &format!(
-        "  estimator   {}\n  prior       N(0, {}²) N/m, {}\n  noise sd    {} {}\n",
+        "  estimator   {}\n  prior       N(0, {}²) N/m, {}\n",
         report.estimator,
         number(report.prior_sd),
         how(report.chosen_by),
-        number(report.noise_sd),
-        scene.error_unit(),
     );
+    if report.smooth_sd > 0.0 {
+        text += &format!(
+            "              and N(0, {}²) N/m smooth over {} m\n",
+            number(report.smooth_sd),
+            number(report.smooth_length),
+        );
+    }
+    text += &format!("  noise sd    {}\n", noise_text(scene, report.noise_sd));
     text += &format!(
         "  field       {} of {} points touched, mean stiffness there {} N/m\n",
         report.touched_points,

@@ -92,10 +92,11 @@ fn from_recording(args: &Args, console: &Console) -> anyhow::Result<Vec<PathBuf>
         return Ok(written);
     };
     let sequences = recording.sequences(args.sequences.as_deref(), Default::Test)?;
-    let (belief, noise_sd) = (field.belief()?, field.noise_sd(console));
+    let belief = field.belief()?;
+    let noise_sd = field.noise_sd(scene.robot.joint_count(), console)?;
     create_folder(folder)?;
     for trace in &traces(&scene, &sequences, console)? {
-        let prediction = predict(&scene, &belief, noise_sd, trace)?;
+        let prediction = predict(&scene, &belief, &noise_sd, trace)?;
         let title = format!("{}, sequence {}", recording.dataset.name, trace.id);
         let svg = pictures::torques(&scene, trace, &prediction, &title)?;
         let path = folder.join(format!("torques_{}.svg", trace.id));

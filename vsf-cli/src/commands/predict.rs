@@ -27,7 +27,7 @@ pub struct Args {
 #[derive(Serialize)]
 struct Report<'a> {
     out: &'a PathBuf,
-    noise_sd: f64,
+    noise_sd: Vec<f64>,
     sequences: Vec<Entry<'a>>,
 }
 
@@ -44,14 +44,15 @@ pub fn run(args: &Args, console: &Console) -> anyhow::Result<()> {
     let sequences = recording.sequences(args.sequences.as_deref(), Default::Test)?;
     let field = recording.field(args.of.field.as_deref(), console)?;
     let scene = recording.scene_of(&field, console)?;
-    let (belief, noise_sd) = (field.belief()?, field.noise_sd(console));
+    let belief = field.belief()?;
+    let noise_sd = field.noise_sd(scene.robot.joint_count(), console)?;
     let traces = traces(&scene, &sequences, console)?;
     untouched(&scene, &traces)
         .iter()
         .for_each(|w| console.warn(w));
     let predictions = traces
         .iter()
-        .map(|t| predict(&scene, &belief, noise_sd, t))
+        .map(|t| predict(&scene, &belief, &noise_sd, t))
         .collect::<Result<Vec<_>, _>>()?;
 
     let predicted = sequences

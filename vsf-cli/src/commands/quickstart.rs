@@ -1,4 +1,4 @@
-use crate::commands::estimate::{how, learn};
+use crate::commands::estimate::{how, learn, noise_text};
 use crate::commands::evaluate::measure;
 use crate::console::{Console, create_folder, number, table, write_file};
 use crate::field_file::{FieldFile, save};
@@ -56,7 +56,7 @@ estimates how stiff the tree is at every point, then predicts the torques of thr
 struct Report<'a> {
     folder: &'a str,
     prior_sd: f64,
-    noise_sd: f64,
+    noise_sd: &'a [f64],
     touched_points: usize,
     field: &'a Evaluation,
     zero: &'a Evaluation,
@@ -76,14 +76,14 @@ pub fn run(console: &Console) -> anyhow::Result<()> {
     let scene = recording.scene(console)?;
     let learned = traces(&scene, &train, console)?;
     let chosen = learn(&scene, &learned, &EstimatorSettings::default(), console)?;
-    let hyper = chosen.estimate.hyper;
+    let hyper = &chosen.hyper;
 
     let unseen = traces(&scene, &test, console)?;
     let ours = evaluate(&scene, &chosen.estimate.belief, &unseen)?;
     let of = |baseline| measure(baseline, &recording, &scene, &test, &unseen, console);
     let (zero, knn) = (of(Baseline::Zero)?, of(Baseline::Knn { k: 50 })?);
 
-    let field = FieldFile::of_estimate(&scene, &chosen.estimate, &recording.dataset.name)?;
+    let field = FieldFile::of_estimate(&scene, &chosen.estimate, hyper, &recording.dataset.name)?;
     save(&field, &folder.join("field.npz"))?;
     save(&field, &folder.join("field.ply"))?;
     let mut around = Surroundings::default().robot(&scene, train[0], &learned[0])?;
@@ -97,7 +97,7 @@ pub fn run(console: &Console) -> anyhow::Result<()> {
     };
     let png = pictures::field(&field, &around, view, |v| v.png())?;
     write_file(&folder.join("field.png"), &png)?;
-    let prediction = predict(&scene, &chosen.estimate.belief, hyper.noise_sd, &unseen[0])?;
+    let prediction = predict(&scene, &chosen.estimate.belief, &hyper.noise_sd, &unseen[0])?;
     let title = format!(
         "Orange tree, push {}, not used for the estimate",
         unseen[0].id
@@ -109,17 +109,17 @@ pub fn run(console: &Console) -> anyhow::Result<()> {
     console.json(&Report {
         folder: FOLDER,
         prior_sd: hyper.prior_sd,
-        noise_sd: hyper.noise_sd,
+        noise_sd: &hyper.noise_sd,
         touched_points,
         field: &ours,
         zero: &zero,
         knn: &knn,
     })?;
     let mut text = format!(
-        "{touched_points} of {} points were touched; prior N(0, {}²) N/m and noise sd {} N m,\n{}.\n\n",
+        "{touched_points} of {} points were touched; prior N(0, {}²) N/m and noise sd {},\n{}.\n\n",
         scene.rest.len(),
         number(hyper.prior_sd),
-        number(hyper.noise_sd),
+        noise_text(&scene, &hyper.noise_sd),
         how(chosen.method),
     );
     text += &errors(&ours, &zero, &knn);

@@ -1,0 +1,180 @@
+use crate::estimate::touched_points;
+use crate::evaluate::sample_errors;
+use crate::{
+    EstimatorSpec, Hyper, HyperChoice, PipelineError, PriorShape, Scene, Trace, choose_hyper,
+    estimate, estimate_online, evaluate,
+};
+use serde::Serialize;
+use std::time::Instant;
+use vsf_core::{Belief, Noise};
+use vsf_data::Dataset;
+use vsf_filter::{DiagonalForm, Projection, ReplayConfig};
+
+/// One estimator on one recording: a cell of Table I.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct Table1Cell {
+    /// `replay 0`, `replay 10`, `replay 20`, `exact` or `batch`.
+    pub estimator: String,
+    /// The paper's figure: mean error over the samples of a train sequence, by the field at the end
+    /// of that sequence; averaged over the sequences. For `batch` by the field of all.
+    pub fit_error: f64,
+    /// Standard deviation of that over the sequences.
+    pub fit_sd: f64,
+    /// Mean error over the samples of the test sequences.
+    pub test_error: f64,
+    /// Standard deviation of that over the samples.
+    pub test_sd: f64,
+    /// Samples in contact a second, contact and estimator together, on one thread (`exact` uses
+    /// the threads of the rayon pool). `None` for `batch`, which is not recursive.
+    pub rate_hz: Option<f64>,
+}
+
+/// The row of Table I of one recording.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct Table1Row {
+    /// Name of the recording.
+    pub recording: String,
+    /// Unit of the errors.
+    pub unit: String,
+    /// Mean number of contacts over the train samples in contact.
+    pub mean_contacts: f64,
+    /// Points that the train sequences touch.
+    pub touched_points: usize,
+    /// The prior and noise of all estimators.
+    pub hyper: Hyper,
+    /// Error on the test sequences of predicting no torque.
+    pub zero_error: f64,
+    /// One cell per estimator.
+    pub cells: Vec<Table1Cell>,
+}
+
+/// Estimation with and without memory replay beside the exact posterior and the constrained
+/// optimum, all with the same prior and noise, chosen from the train sequences (Table I).
+///
+/// # Errors
+/// A recording without train or test sequences or contact; failures of an estimator.
+pub fn table1(
+    dataset: &Dataset,
+    scene: &Scene,
+    shape: PriorShape,
+) -> Result<Table1Row, PipelineError> {
+    let train: Vec<_> = dataset.train().collect();
+    let test: Vec<_> = dataset.test().collect();
+    let clock = Instant::now();
+    let train: Vec<Trace> = train
+        .into_iter()
+        .map(|s| scene.trace(s))
+        .collect::<Result<_, _>>()?;
+    let samples: usize = train.iter().map(|t| t.observations.len()).sum();
+    let contact_seconds = clock.elapsed().as_secs_f64() / samples.max(1) as f64;
+    let test = scene.traces(&test, || {})?;
+    let HyperChoice { hyper, .. } = choose_hyper(&scene.rest, &train, shape)?;
+    let run = Run {
+        scene,
+        train: &train,
+        test: &test,
+        hyper: &hyper,
+        contact_seconds,
+    };
+    let mut cells = Vec::new();
+    for replays in [0, 10, 20] {
+        let spec = EstimatorSpec::Replay {
+            form: DiagonalForm::default(),
+            config: ReplayConfig {
+                replays,
+                ..ReplayConfig::default()
+            },
+        };
+        cells.push(run.online(format!("replay {replays}"), &spec)?);
+    }
+    cells.push(run.online(
+        "exact".to_owned(),
+        &EstimatorSpec::Exact(Projection::default()),
+    )?);
+    cells.push(run.batch()?);
+    let zero = Belief::uniform(scene.rest.len(), 0.0, 1.0)?;
+    let contacts: f64 = train.iter().map(Trace::mean_contacts).sum();
+    Ok(Table1Row {
+        recording: dataset.name.clone(),
+        unit: scene.error_unit().to_owned(),
+        mean_contacts: contacts / train.len() as f64,
+        touched_points: touched_points(&train, scene.rest.len())
+            .iter()
+            .filter(|t| **t)
+            .count(),
+        zero_error: evaluate(scene, &zero, &test)?.mean_error,
+        hyper,
+        cells,
+    })
+}
+
+struct Run<'a> {
+    scene: &'a Scene,
+    train: &'a [Trace],
+    test: &'a [Trace],
+    hyper: &'a Hyper,
+    contact_seconds: f64,
+}
+
+impl Run<'_> {
+    fn online(&self, name: String, spec: &EstimatorSpec) -> Result<Table1Cell, PipelineError> {
+        let prior = self
+            .hyper
+            .shape
+            .prior(&self.scene.rest, self.hyper.prior_sd)?;
+        let noise = Noise::per_channel(&self.hyper.noise_sd)?;
+        let Some(mut estimator) = spec.build(prior)? else {
+            return self.batch();
+        };
+        let (mut fits, mut seconds, mut updates) = (Vec::new(), 0.0, 0usize);
+        for trace in self.train {
+            let trace = trace.with_noise(&noise)?;
+            let clock = Instant::now();
+            estimate_online(&mut *estimator, &trace, |_, _| {})?;
+            seconds += clock.elapsed().as_secs_f64();
+            updates += trace.observations.len();
+            fits.push(fit_error(estimator.belief().mean(), &trace));
+        }
+        let step = self.contact_seconds + seconds / updates.max(1) as f64;
+        self.cell(name, &fits, estimator.belief(), Some(1.0 / step))
+    }
+
+    fn batch(&self) -> Result<Table1Cell, PipelineError> {
+        let scene = self.scene;
+        let field = estimate(
+            &scene.rest,
+            self.train,
+            &EstimatorSpec::Batch,
+            self.hyper,
+            |_| {},
+        )?;
+        let of = |trace| fit_error(field.belief.mean(), trace);
+        let fits: Vec<f64> = self.train.iter().map(of).collect();
+        self.cell("batch".to_owned(), &fits, &field.belief, None)
+    }
+
+    fn cell(
+        &self,
+        estimator: String,
+        fits: &[f64],
+        belief: &Belief<f64>,
+        rate_hz: Option<f64>,
+    ) -> Result<Table1Cell, PipelineError> {
+        let test = evaluate(self.scene, belief, self.test)?;
+        let n = fits.len() as f64;
+        let mean = fits.iter().sum::<f64>() / n;
+        let variance = fits.iter().map(|f| (f - mean).powi(2)).sum::<f64>() / n;
+        Ok(Table1Cell {
+            estimator,
+            fit_error: mean,
+            fit_sd: variance.sqrt(),
+            test_error: test.mean_error,
+            test_sd: test.sd_error,
+            rate_hz,
+        })
+    }
+}
+
+fn fit_error(mean: &[f64], trace: &Trace) -> f64 {
+    sample_errors(mean, trace).sum::<f64>() / trace.observations.len().max(1) as f64
+}
