@@ -32,7 +32,8 @@
 //! With the feature `serde` every estimator can be written in any format of that framework and read
 //! back; the restored one goes on as if nothing had happened, bit for bit if the format keeps floats
 //! exactly (postcard does, serde_json with its feature `float_roundtrip`). States that no estimator
-//! could have reached are refused. The layout belongs to one version of this crate.
+//! could have reached are refused. The layout belongs to one version of this crate. Contacts are not
+//! saved: a session is built anew around the restored estimator, between two touches.
 //!
 #![cfg_attr(feature = "serde", doc = "```")]
 #![cfg_attr(not(feature = "serde"), doc = "```ignore")]

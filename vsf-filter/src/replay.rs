@@ -85,6 +85,9 @@ impl Default for ReplayConfig {
 /// An update costs `1 + replays` corrections. Memory of past observations is reused, also across
 /// sequences.
 ///
+/// When an update fails, the belief is as before, bit for bit, and the observation is not in the
+/// buffer; the draws go on from where they were.
+///
 /// # A field that changes
 /// A past reading describes a field that has moved since ([`Estimator::diffuse`]). When it is
 /// replayed after steps of total variance `Q`, its noise is `R + Q W W^T`: what it says of the field
@@ -92,9 +95,6 @@ impl Default for ReplayConfig {
 /// would hold the field back; once `Q W W^T` is more than three times the noise of a channel, the
 /// observation has faded and leaves the buffer. Noise is brought up to date when an observation is
 /// drawn, so that `diffuse` stays O(N).
-///
-/// When an update fails, the belief is as before, bit for bit, and the observation is not in the
-/// buffer; the draws go on from where they were.
 #[derive(Debug, Clone)]
 #[cfg_attr(
     feature = "serde",

@@ -89,8 +89,9 @@ impl Default for RobustLoss {
 /// 0.2 to 0.4 N/m with the latter, 0.03 N/m without spikes.
 ///
 /// # Cost
-/// One [`Estimator::predict`] per update (and per replay inside it), and a copy of the observation
-/// when a weight is below 1. Nothing is allocated after warm-up.
+/// One [`Estimator::predict`] and, when a weight is below 1, a copy of the observation: together
+/// about a third of an update of [`DiagonalKalman`](crate::DiagonalKalman). Inside a memory replay
+/// also for every replay. Nothing is allocated after warm-up.
 ///
 /// # Limits
 /// - Everything hangs on the predicted deviations. A prior or a noise that is too narrow makes good

@@ -224,7 +224,7 @@ fn plain(prior: Belief<f64>) -> Boxed {
 /// Errors with the robust noise inside and outside of the replay.
 fn robust_errors(fault: Fault, noise: f64, loss: RobustLoss) -> (f64, f64) {
     let inside = |b| Box::new(replay(robust(DiagonalKalman::new(b), loss))) as Boxed;
-    let outside = |b| Box::new(robust(replay(DiagonalKalman::new(b)), loss)) as Boxed;
+    let outside = |b| Box::new(robust(plain(b), loss)) as Boxed;
     (error(fault, noise, &inside), error(fault, noise, &outside))
 }
 
