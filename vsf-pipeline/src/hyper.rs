@@ -64,9 +64,11 @@ impl PriorShape {
     }
 }
 
-/// One tried ratio of prior and noise.
+/// One tried prior.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
 pub struct Candidate {
+    /// Standard deviation of the smooth part per that of a point's own part.
+    pub smooth_share: f64,
     /// Standard deviation of the signal that the prior expects in one typical reading, per
     /// standard deviation of its noise.
     pub signal_to_noise: f64,
@@ -81,15 +83,15 @@ pub struct HyperChoice {
     pub hyper: Hyper,
     /// `held-out` or `rule`.
     pub method: &'static str,
-    /// All that was tried, by ratio; empty for the rule.
+    /// All that was tried; empty for the rule.
     pub candidates: Vec<Candidate>,
 }
 
 /// Signal-to-noise ratios of one reading that are tried, as powers of 2, and the one that stands
 /// without evidence. It is far below 1: what the model leaves unexplained stays alike over a whole
 /// push, so that hundreds of readings say little more than one.
-const POWERS: [f64; 8] = [-7.0, -5.5, -4.0, RULE, -1.0, 0.5, 2.0, 3.5];
-const RULE: f64 = -2.5;
+const POWERS: [f64; 8] = [-7.0, -5.0, -4.0, RULE, -2.0, -1.0, 1.0, 3.0];
+const RULE: f64 = -3.0;
 /// With more touched points than this, parts are held out in place of single sequences, and
 /// predicted by the online filter.
 const LEAVE_ONE_OUT_POINTS: usize = 1500;
@@ -104,10 +106,11 @@ const FLOOR: f64 = 0.05;
 ///   grows with the load. The noise of a channel is in proportion to its RMS reading in contact,
 ///   plus 5 % of the RMS norm of the whole reading.
 /// - *Ratio of prior and noise*: by rule, the signal that the prior expects in a typical reading is
-///   0.18 of its noise. Where several sequences touch the same points, each is held out once and
-///   predicted from the others; another ratio is taken when it lowers the error by more than one
-///   standard error of the difference (L. Breiman et al., *Classification and Regression Trees*,
-///   1984, section 3.4.3).
+///   an eighth of its noise. Where several sequences touch the same points, each is held out once
+///   and predicted from the others by the constrained optimum, with other ratios and without the
+///   smooth part too. Of all priors whose error lies within one standard error of the best one's,
+///   the one nearest to the rule is taken (L. Breiman et al., *Classification and Regression
+///   Trees*, 1984, section 3.4.3).
 /// - *Level*: the RMS of what is left unexplained of held-out sequences or, with the rule, of what
 ///   an online pass did not foresee.
 ///
@@ -161,18 +164,22 @@ struct HeldOut {
 
 impl Choice<'_> {
     fn run(&self) -> Result<HyperChoice, PipelineError> {
-        let (power, level, method, candidates) = if folds_share_points(self.traces, self.rest.len())
+        let (prior, level, method, candidates) = if folds_share_points(self.traces, self.rest.len())
         {
-            self.by_held_out()?
+            let errors = self.held_out_errors()?;
+            let (chosen, level) = errors.nearest_to_rule();
+            (chosen, level, "held-out", errors.candidates())
         } else {
-            (RULE, self.unforeseen()?, "rule", Vec::new())
+            let rule = (self.shape, RULE);
+            (rule, self.unforeseen()?, "rule", Vec::new())
         };
+        let (shape, power) = prior;
         // A perfect fit would ask for zero noise.
         let level = level.sqrt().max(1e-9);
         Ok(HyperChoice {
             hyper: Hyper {
                 prior_sd: self.prior_sd(power) * level,
-                shape: self.shape,
+                shape,
                 noise_sd: self.channels.iter().map(|c| c * level).collect(),
             },
             method,
@@ -184,42 +191,27 @@ impl Choice<'_> {
         2f64.powf(power) / self.typical
     }
 
-    fn by_held_out(&self) -> Result<(f64, f64, &'static str, Vec<Candidate>), PipelineError> {
+    fn held_out_errors(&self) -> Result<HeldOutErrors, PipelineError> {
         let touched = touched_points(self.traces, self.rest.len());
-        let few = touched.iter().filter(|t| **t).count() <= LEAVE_ONE_OUT_POINTS;
-        let folds = if few {
+        let exact = touched.iter().filter(|t| **t).count() <= LEAVE_ONE_OUT_POINTS;
+        let folds = if exact {
             self.traces.len()
         } else {
             FOLDS.min(self.traces.len())
         };
-        let of_fold = |fold: usize| self.held_out(fold, folds, few);
-        // errors[fold][power]
-        let errors: Vec<Vec<HeldOut>> = (0..folds)
-            .into_par_iter()
-            .map(of_fold)
-            .collect::<Result<_, _>>()?;
-        let mean = |k: usize, of: fn(&HeldOut) -> f64| {
-            errors.iter().map(|fold| of(&fold[k])).sum::<f64>() / folds as f64
-        };
-        let rule = POWERS.iter().position(|p| *p == RULE).unwrap_or(0);
-        let best = (0..POWERS.len())
-            .min_by(|a, b| mean(*a, |h| h.error).total_cmp(&mean(*b, |h| h.error)))
-            .unwrap_or(rule);
-        let gains: Vec<f64> = errors
+        let mut shapes = vec![self.shape];
+        if exact && self.shape.smooth_share > 0.0 {
+            shapes.push(PriorShape::independent());
+        }
+        let priors: Vec<_> = shapes
             .iter()
-            .map(|fold| fold[rule].error - fold[best].error)
+            .flat_map(|shape| POWERS.map(|power| (*shape, power)))
             .collect();
-        let chosen = if exceeds_its_error(&gains) {
-            best
-        } else {
-            rule
-        };
-        let candidates = (0..POWERS.len()).map(|k| Candidate {
-            signal_to_noise: 2f64.powf(POWERS[k]),
-            error: mean(k, |h| h.error),
-        });
-        let level = mean(chosen, |h| h.level);
-        Ok((POWERS[chosen], level, "held-out", candidates.collect()))
+        let folds = (0..folds)
+            .into_par_iter()
+            .map(|fold| self.held_out(fold, folds, exact, &priors))
+            .collect::<Result<_, _>>()?;
+        Ok(HeldOutErrors { priors, folds })
     }
 
     /// Every candidate's errors on the sequences `fold`, `fold + folds`, ..., from the others.
@@ -228,6 +220,7 @@ impl Choice<'_> {
         fold: usize,
         folds: usize,
         exact: bool,
+        priors: &[(PriorShape, f64)],
     ) -> Result<Vec<HeldOut>, PipelineError> {
         let in_fold = |(i, _): &(usize, &Trace)| i % folds == fold;
         let pick = |wanted: bool| {
@@ -238,15 +231,15 @@ impl Choice<'_> {
         let (kept, held): (Vec<Trace>, Vec<Trace>) = (pick(false).collect(), pick(true).collect());
         let known = touched_points(&kept, self.rest.len());
         let fit = exact.then(|| normal_equations(&kept, &known)).transpose()?;
-        let of_power = |power: &f64| {
-            let prior = self.shape.prior(self.rest, self.prior_sd(*power))?;
+        let of_prior = |(shape, power): &(PriorShape, f64)| {
+            let prior = shape.prior(self.rest, self.prior_sd(*power))?;
             let belief = match &fit {
                 Some(equations) => equations.solve(&prior)?.belief,
                 None => run(&EstimatorSpec::replay(), prior, &kept, |_| {})?.belief,
             };
             Ok(self.errors(belief.mean(), &held, &known))
         };
-        POWERS.iter().map(of_power).collect()
+        priors.iter().map(of_prior).collect()
     }
 
     /// Errors over the samples that touch a known point.
@@ -282,12 +275,52 @@ impl Choice<'_> {
     }
 }
 
-/// Whether the mean is larger than one standard error of the mean.
-fn exceeds_its_error(gains: &[f64]) -> bool {
-    let n = gains.len() as f64;
-    let mean = gains.iter().sum::<f64>() / n;
-    let variance = gains.iter().map(|g| (g - mean).powi(2)).sum::<f64>() / (n - 1.0).max(1.0);
-    mean > (variance / n).sqrt()
+/// What every prior does on every held-out part.
+struct HeldOutErrors {
+    /// Shapes and powers.
+    priors: Vec<(PriorShape, f64)>,
+    /// One entry per prior in every fold.
+    folds: Vec<Vec<HeldOut>>,
+}
+
+impl HeldOutErrors {
+    fn mean(&self, prior: usize, of: impl Fn(&HeldOut) -> f64) -> f64 {
+        self.folds.iter().map(|f| of(&f[prior])).sum::<f64>() / self.folds.len() as f64
+    }
+
+    /// The prior nearest to the rule among those no worse than the best by more than one standard
+    /// error, and its mean square whitened error.
+    fn nearest_to_rule(&self) -> ((PriorShape, f64), f64) {
+        let error = |k: &usize| self.mean(*k, |h| h.error);
+        let all = 0..self.priors.len();
+        let best = all.clone().min_by(|a, b| error(a).total_cmp(&error(b)));
+        let best = best.unwrap_or(0);
+        let as_good = all.filter(|&k| k == best || !self.is_worse(k, best));
+        let distance = |k: &usize| (self.priors[*k].1 - RULE).abs();
+        // Of equals the first: the one with a smooth part.
+        let chosen = as_good.min_by(|a, b| distance(a).total_cmp(&distance(b)));
+        let chosen = chosen.unwrap_or(best);
+        (self.priors[chosen], self.mean(chosen, |h| h.level))
+    }
+
+    /// Whether the errors of one prior exceed those of another by more than one standard error.
+    fn is_worse(&self, prior: usize, other: usize) -> bool {
+        let excess = |fold: &Vec<HeldOut>| fold[prior].error - fold[other].error;
+        let n = self.folds.len() as f64;
+        let mean = self.folds.iter().map(excess).sum::<f64>() / n;
+        let squares = self.folds.iter().map(|f| (excess(f) - mean).powi(2));
+        let variance = squares.sum::<f64>() / (n - 1.0).max(1.0);
+        mean > (variance / n).sqrt()
+    }
+
+    fn candidates(&self) -> Vec<Candidate> {
+        let candidate = |(k, (shape, power)): (usize, &(PriorShape, f64))| Candidate {
+            smooth_share: shape.smooth_share,
+            signal_to_noise: 2f64.powf(*power),
+            error: self.mean(k, |h| h.error),
+        };
+        self.priors.iter().enumerate().map(candidate).collect()
+    }
 }
 
 /// Noise of every channel up to its level; `None` without contact.

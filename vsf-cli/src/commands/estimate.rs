@@ -13,7 +13,8 @@ The field holds points, K (mean, N/m), K_std, and the features touched, prior_sd
 `vsf predict` and `vsf evaluate` need nothing else.
 
 JSON keys: estimator, prior_sd, smooth_sd, smooth_length, noise_sd (by channel), chosen_by (given, \
-held-out or rule), candidates (signal_to_noise, error), sequences, samples, contact_samples, points, touched_points, mean_stiffness (over touched \
+held-out or rule), candidates (smooth_share, \
+signal_to_noise, error), sequences, samples, contact_samples, points, touched_points, mean_stiffness (over touched \
 points), nis_ratio, out.")]
 pub struct Args {
     #[command(flatten)]
