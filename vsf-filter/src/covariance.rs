@@ -1,11 +1,12 @@
+use crate::algebra::{add_product, product};
 use crate::innovation::Innovation;
 use crate::joint::Joint;
 use crate::kernel::{all_finite, all_positive};
 use crate::prior::FieldPrior;
 use crate::projection::{Projection, Shown};
-use crate::tile_kernel::{Kernel, OCTET, Square, add_product, dispatch, zero};
+use crate::tile_kernel::{Kernel, OCTET, Square, dispatch, multiply_square, zero};
 use crate::tiles::{Channels, Tiles, Workspace};
-use crate::touched::Touched;
+use crate::touched::{Conditional, Touched};
 use faer::Mat;
 use vsf_core::{Belief, CoreError, Estimator, Observation, Prediction, Scalar, UpdateReport};
 
@@ -182,42 +183,51 @@ impl<T: Scalar> CovarianceFilter<T> {
             .try_for_each(|chunk| self.append(chunk))
     }
 
-    /// New points, whose prior follows from the touched ones: `K_b = m_b + G (K_t - m_t) + rest`.
+    /// New points `K_b = mean_b + share onto^T (K_t - mean_t) + rest` of the prior.
     fn append(&mut self, unseen: &[u32]) -> Result<(), CoreError> {
         let n = self.touched.len();
         let conditional = self.touched.condition(unseen)?;
-        let prior_mean = self.touched.prior().mean();
-        let mut mean: Vec<f64> = unseen.iter().map(|&p| prior_mean[p as usize]).collect();
-        let mut own = conditional.covariance.clone();
+        let Conditional { onto, share, .. } = &conditional;
+        let sums = onto.ncols();
         let Scratch { w, gain, work, .. } = &mut self.scratch;
-        if let Some(g) = &conditional.gain {
-            w.clear(n, unseen.len());
-            for b in 0..unseen.len() {
-                for slot in 0..n {
-                    w.set(slot, b, T::from_f64(g[(slot, b)]));
-                    let known = prior_mean[self.touched.points()[slot] as usize];
-                    mean[b] += g[(slot, b)] * (self.mean[slot].to_f64() - known);
-                }
-            }
-            self.covariance.times(w, gain, work);
-            for b in 0..unseen.len() {
-                for slot in 0..n {
-                    let y = gain.get(slot, b).to_f64();
-                    (0..=b).for_each(|c| own[(b, c)] += g[(slot, c)] * y);
-                }
-            }
+        w.clear(n, sums);
+        for i in 0..sums {
+            (0..n).for_each(|slot| w.set(slot, i, T::from_f64(onto[(slot, i)])));
         }
+        self.covariance.times(w, gain, work);
+        let spread = Mat::from_fn(n, sums, |slot, i| gain.get(slot, i).to_f64());
+        let spread = product(spread.as_ref(), share.transpose());
+        let onto = product(onto.as_ref(), share.transpose());
+        let mut own = conditional.covariance.clone();
+        add_product(&mut own, 1.0, onto.transpose(), spread.as_ref());
+
+        let prior_mean = self.touched.prior().mean();
+        let mean = |b: usize| {
+            let known = self.touched.points().iter().zip(&self.mean).enumerate();
+            let moved = known
+                .map(|(slot, (&p, now))| onto[(slot, b)] * (now.to_f64() - prior_mean[p as usize]));
+            T::from_f64(prior_mean[unseen[b] as usize] + moved.sum::<f64>())
+        };
+        let mean: Vec<T> = (0..unseen.len()).map(mean).collect();
         let variance = |b: usize| T::from_f64(own[(b, b)]);
         let variance: Vec<T> = (0..unseen.len()).map(variance).collect();
+        check_means(&mean)?;
         check_variances(&variance, unseen)?;
+
+        self.mean.extend(mean);
         self.variance.extend(variance);
-        self.mean.extend(mean.into_iter().map(T::from_f64));
         for b in 0..unseen.len() {
             self.covariance.push();
-            if conditional.gain.is_some() {
-                (0..n).for_each(|slot| self.covariance.set(n + b, slot, gain.get(slot, b)));
+            if sums > 0 {
+                for slot in 0..n {
+                    let value = T::from_f64(spread[(slot, b)]);
+                    self.covariance.set(n + b, slot, value);
+                }
             }
-            (0..=b).for_each(|c| self.covariance.set(n + b, n + c, T::from_f64(own[(b, c)])));
+            for c in 0..=b {
+                let value = T::from_f64(own[(b, c)]);
+                self.covariance.set(n + b, n + c, value);
+            }
         }
         self.touched.append(unseen, &conditional);
         Ok(())
@@ -275,13 +285,18 @@ impl<T: Scalar> CovarianceFilter<T> {
             mean,
             variance,
         });
-        if !all_finite(mean) {
-            return Err(CoreError::Overflow {
-                what: "mean stiffness of a point",
-            });
-        }
+        check_means(mean)?;
         check_variances(variance, self.touched.points())
     }
+}
+
+fn check_means<T: Scalar>(mean: &[T]) -> Result<(), CoreError> {
+    if all_finite(mean) {
+        return Ok(());
+    }
+    Err(CoreError::Overflow {
+        what: "mean stiffness of a point",
+    })
 }
 
 fn check_variances<T: Scalar>(variance: &[T], points: &[u32]) -> Result<(), CoreError> {
@@ -319,7 +334,7 @@ impl<T: Scalar> Kernel for Gain<'_, T> {
                 let mut v = zero();
                 for from in 0..=to {
                     let whitening = &self.whitening[to * groups + from];
-                    add_product::<T, FMA>(&mut v, &squares[from * bands + band], whitening);
+                    multiply_square::<T, FMA>(&mut v, &squares[from * bands + band], whitening);
                 }
                 squares[to * bands + band] = v;
                 let shift = &self.shift[to * OCTET..(to + 1) * OCTET];

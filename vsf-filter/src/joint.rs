@@ -34,22 +34,25 @@ pub(crate) trait Joint<T: Scalar> {
                 }
             }
         }
-        let rest = Mat::from_fn(rows.len(), d, |k, i| weights[(rows[k], i)]);
-        let (onto, mut variance) = touched.project(&unseen, rest.as_ref());
-        let mut mean = vec![0.0; d];
-        for (i, mean) in mean.iter_mut().enumerate() {
-            let unseen = unseen.iter().enumerate();
-            *mean = unseen
-                .map(|(k, &p)| rest[(k, i)] * prior_mean[p as usize])
-                .sum();
-            for (slot, &p) in touched.points().iter().enumerate() {
-                let now = self.marginal(slot).0.to_f64();
-                *mean += w[(slot, i)] * now;
-                if let Some(onto) = &onto {
-                    *mean += onto[(slot, i)] * (now - prior_mean[p as usize]);
+        let (mut mean, mut variance) = (vec![0.0; d], vec![0.0; d]);
+        if !unseen.is_empty() {
+            let rest = Mat::from_fn(rows.len(), d, |k, i| weights[(rows[k], i)]);
+            let (onto, left) = touched.project(&unseen, rest.as_ref());
+            variance = left;
+            for (i, mean) in mean.iter_mut().enumerate() {
+                let unseen = unseen.iter().enumerate();
+                *mean = unseen
+                    .map(|(k, &p)| rest[(k, i)] * prior_mean[p as usize])
+                    .sum();
+                for (slot, &p) in touched.points().iter().enumerate() {
+                    *mean -= onto[(slot, i)] * prior_mean[p as usize];
                     w[(slot, i)] += onto[(slot, i)];
                 }
             }
+        }
+        for (i, mean) in mean.iter_mut().enumerate() {
+            let known = (0..touched.len()).map(|s| w[(s, i)] * self.marginal(s).0.to_f64());
+            *mean += known.sum::<f64>();
         }
         for (variance, spread) in variance.iter_mut().zip(self.spread(&w)) {
             *variance += spread;

@@ -32,8 +32,8 @@
 
 #![forbid(unsafe_code)]
 
+mod algebra;
 mod batch;
-mod cholesky;
 mod covariance;
 mod diagonal;
 mod information;

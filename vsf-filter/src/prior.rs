@@ -146,6 +146,16 @@ impl FieldPrior {
         self.level_variance == 0.0 && self.smooth.is_none()
     }
 
+    /// Variance of the level, when nothing else links the points.
+    pub(crate) fn level_alone(&self) -> Option<f64> {
+        (self.level_variance > 0.0 && self.smooth.is_none()).then_some(self.level_variance)
+    }
+
+    /// Variance of a point's own part.
+    pub(crate) fn local(&self, i: usize) -> f64 {
+        self.local[i]
+    }
+
     /// Means of all points (N/m).
     pub fn mean(&self) -> &[f64] {
         &self.mean

@@ -103,7 +103,7 @@ pub(crate) fn downdate<T: Scalar, const FMA: bool>(
 
 /// `sum[k] += sum_i a[k][i] b[i]`.
 #[inline(always)]
-pub(crate) fn add_product<T: Scalar, const FMA: bool>(
+pub(crate) fn multiply_square<T: Scalar, const FMA: bool>(
     sum: &mut Square<T>,
     a: &Square<T>,
     b: &Square<T>,

@@ -1,8 +1,8 @@
 //! A symmetric matrix that grows and is downdated, for covariances of thousands of points.
 
 use crate::tile_kernel::{
-    BANDS, Kernel, OCTET, Square, Strip, TILE, TILE_SQUARES, add_product, dispatch, downdate,
-    multiply, zero,
+    BANDS, Kernel, OCTET, Square, Strip, TILE, TILE_SQUARES, dispatch, downdate, multiply,
+    multiply_square, zero,
 };
 use rayon::prelude::*;
 use vsf_core::Scalar;
@@ -190,24 +190,21 @@ impl<T: Scalar> Tiles<T> {
             pushed,
             ..
         } = self;
-        let apply = |(block, panel): (usize, &mut Panel<T>)| {
-            if *pushed - panel.applied + groups > *ring {
-                dispatch(Apply {
-                    block,
-                    panel,
-                    ranks,
-                    live,
-                    ring: *ring,
-                    pushed: *pushed,
-                });
-                panel.applied = *pushed;
+        for_chunks(parallel, panels, 1, |block, panel| {
+            for panel in panel {
+                if *pushed - panel.applied + groups > *ring {
+                    dispatch(Apply {
+                        block,
+                        panel,
+                        ranks,
+                        live,
+                        ring: *ring,
+                        pushed: *pushed,
+                    });
+                    panel.applied = *pushed;
+                }
             }
-        };
-        if parallel {
-            panels.par_iter_mut().enumerate().for_each(apply);
-        } else {
-            panels.iter_mut().enumerate().for_each(apply);
-        }
+        });
         if groups > self.ring {
             // More ranks at once than ever before; nothing waits now.
             self.ring = groups;
@@ -234,29 +231,99 @@ impl<T: Scalar> Tiles<T> {
             let mut groups = (0..w.groups()).map(|g| &w.group(g)[rows.clone()]);
             groups.any(|rows| rows.iter().any(|square| *square != zero()))
         }));
-        work.lanes.resize_with(LANES, Channels::default);
-        let touched = &work.touched;
-        let multiply = |(lane, sums): (usize, &mut Channels<T>)| {
-            sums.clear(self.len, channels);
-            dispatch(Multiply {
-                panels: &self.panels,
-                touched,
-                lane,
-                w,
-                y: sums,
-            });
-        };
-        if self.parallel() {
-            work.lanes.par_iter_mut().enumerate().for_each(multiply);
-        } else {
-            work.lanes.iter_mut().enumerate().for_each(multiply);
-        }
-        dispatch(Correct {
-            matrix: self,
-            w,
-            y,
-            work,
+        let Workspace {
+            lanes,
+            touched,
+            inner,
+            outer,
+        } = work;
+        let parallel = self.parallel();
+        lanes.resize_with(LANES, Channels::default);
+        for_chunks(parallel, lanes, 1, |lane, sums| {
+            for y in sums {
+                y.clear(self.len, channels);
+                dispatch(Multiply {
+                    panels: &self.panels,
+                    touched,
+                    lane,
+                    w,
+                    y,
+                });
+            }
         });
+        for group in 0..w.groups() {
+            let w = w.group(group);
+            inner.clear();
+            inner.resize(blocks * self.ring, zero());
+            for_chunks(parallel, inner, self.ring, |block, inner| {
+                if touched[block] {
+                    dispatch(Inner {
+                        ranks: &self.ranks[block * BANDS * self.ring..],
+                        w: &w[block * BANDS..(block + 1) * BANDS],
+                        inner,
+                    });
+                }
+            });
+            self.gather(inner, outer);
+            let len = w.len();
+            let y = &mut y.squares[group * len..][..len];
+            for_chunks(parallel, y, BANDS, |block, y| {
+                dispatch(Outer {
+                    lanes,
+                    group,
+                    block,
+                    ranks: &self.ranks[block * BANDS * self.ring..],
+                    outer: &outer[block * self.ring..(block + 1) * self.ring],
+                    y,
+                });
+            });
+        }
+    }
+
+    /// What a block of `V` has to be multiplied with, from `V^T w` of all blocks.
+    ///
+    /// A tile `(i, j)`, `j <= i`, lacks the ranks that panel `i` lacks. So block `i` of `V` meets
+    /// the blocks up to itself with the ranks of its own panel, and those after it with the ranks
+    /// of theirs.
+    fn gather(&self, inner: &[Square<T>], outer: &mut Vec<Square<T>>) {
+        let ring = self.ring;
+        outer.clear();
+        outer.resize(inner.len(), zero());
+        for position in 0..ring {
+            let newest = (self.pushed - 1) - (self.pushed - 1 - position) % ring;
+            let lacks = |block: usize| newest >= self.panels[block].applied;
+            let places = |block: usize| block * ring + position;
+            let mut sum = zero();
+            for block in 0..self.panels.len() {
+                add(&mut sum, &inner[places(block)]);
+                if lacks(block) {
+                    add(&mut outer[places(block)], &sum);
+                }
+            }
+            let mut sum = zero();
+            for block in (0..self.panels.len()).rev() {
+                add(&mut outer[places(block)], &sum);
+                if lacks(block) {
+                    add(&mut sum, &inner[places(block)]);
+                }
+            }
+        }
+    }
+}
+
+/// Calls `f` with the number of every chunk and the chunk.
+fn for_chunks<I: Send>(
+    parallel: bool,
+    items: &mut [I],
+    size: usize,
+    f: impl Fn(usize, &mut [I]) + Send + Sync,
+) {
+    if parallel {
+        let chunks = items.par_chunks_mut(size).enumerate();
+        chunks.for_each(|(k, chunk)| f(k, chunk));
+    } else {
+        let chunks = items.chunks_mut(size).enumerate();
+        chunks.for_each(|(k, chunk)| f(k, chunk));
     }
 }
 
@@ -370,79 +437,45 @@ impl<T: Scalar> Kernel for Multiply<'_, T> {
     }
 }
 
-/// Sums the lanes and takes off the ranks that wait, `V V^T w`.
-///
-/// A tile `(i, j)`, `j <= i`, lacks the ranks that panel `i` lacks. So row `i` of `V` meets the
-/// blocks before it with the ranks of its own panel, and those after it with the ranks of theirs.
-struct Correct<'a, T> {
-    matrix: &'a Tiles<T>,
-    w: &'a Channels<T>,
-    y: &'a mut Channels<T>,
-    work: &'a mut Workspace<T>,
+/// `V^T w` of one block, for every place of the ring.
+struct Inner<'a, T> {
+    ranks: &'a [Square<T>],
+    w: &'a [Square<T>],
+    inner: &'a mut [Square<T>],
 }
 
-impl<T: Scalar> Kernel for Correct<'_, T> {
+impl<T: Scalar> Kernel for Inner<'_, T> {
     #[inline(always)]
     fn run<const FMA: bool>(self) {
-        let Tiles {
-            panels,
-            ring,
-            ranks,
-            pushed,
-            ..
-        } = self.matrix;
-        let Workspace {
-            lanes,
-            touched,
-            inner,
-            outer,
-        } = self.work;
-        let ring = *ring;
-        let rows = |block: usize| block * BANDS..(block + 1) * BANDS;
-        for group in 0..self.w.groups() {
-            let w = self.w.group(group);
-            inner.clear();
-            inner.resize(panels.len() * ring, zero());
-            for block in (0..panels.len()).filter(|&block| touched[block]) {
-                for (position, sum) in inner[block * ring..][..ring].iter_mut().enumerate() {
-                    for (w, band) in w[rows(block)].iter().zip(rows(block)) {
-                        add_product::<T, FMA>(sum, &ranks[band * ring + position], w);
-                    }
-                }
+        let rings = self.ranks.chunks_exact(self.inner.len());
+        for (w, ring) in self.w.iter().zip(rings) {
+            for (sum, rank) in self.inner.iter_mut().zip(ring) {
+                multiply_square::<T, FMA>(sum, rank, w);
             }
-            outer.clear();
-            outer.resize(panels.len() * ring, zero());
-            let lacks = |block: usize, position: usize| {
-                let newest = (pushed - 1) - (pushed - 1 - position) % ring;
-                newest >= panels[block].applied
-            };
-            for position in 0..ring {
-                let mut sum = zero();
-                for block in 0..panels.len() {
-                    add(&mut sum, &inner[block * ring + position]);
-                    if lacks(block, position) {
-                        add(&mut outer[block * ring + position], &sum);
-                    }
-                }
-                let mut sum = zero();
-                for block in (0..panels.len()).rev() {
-                    add(&mut outer[block * ring + position], &sum);
-                    if lacks(block, position) {
-                        add(&mut sum, &inner[block * ring + position]);
-                    }
-                }
+        }
+    }
+}
+
+/// One block of the product: the sum of the lanes less the ranks that wait.
+struct Outer<'a, T> {
+    lanes: &'a [Channels<T>],
+    group: usize,
+    block: usize,
+    ranks: &'a [Square<T>],
+    outer: &'a [Square<T>],
+    y: &'a mut [Square<T>],
+}
+
+impl<T: Scalar> Kernel for Outer<'_, T> {
+    #[inline(always)]
+    fn run<const FMA: bool>(self) {
+        let rings = self.ranks.chunks_exact(self.outer.len());
+        for (band, (y, ring)) in self.y.iter_mut().zip(rings).enumerate() {
+            for lane in self.lanes {
+                add(y, &lane.group(self.group)[self.block * BANDS + band]);
             }
-            let len = w.len();
-            let y = &mut self.y.squares[group * len..][..len];
-            for (band, y) in y.iter_mut().enumerate() {
-                for lane in lanes.iter() {
-                    add(y, &lane.group(group)[band]);
-                }
-                let rank = &ranks[band * ring..][..ring];
-                let outer = &outer[band / BANDS * ring..][..ring];
-                for position in 0..ring {
-                    downdate::<T, FMA>(y, outer, rank, &[position]);
-                }
+            for position in 0..ring.len() {
+                downdate::<T, FMA>(y, self.outer, ring, &[position]);
             }
         }
     }

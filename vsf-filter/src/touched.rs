@@ -1,10 +1,6 @@
-use crate::cholesky::cholesky;
+use crate::algebra::{add_product, cholesky, solve_lower, solve_lower_transposed};
 use crate::prior::FieldPrior;
-use faer::linalg::matmul::matmul;
-use faer::linalg::triangular_solve::{
-    solve_lower_triangular_in_place, solve_upper_triangular_in_place,
-};
-use faer::{Accum, Mat, MatRef, Par};
+use faer::{Mat, MatRef};
 use vsf_core::CoreError;
 
 /// No slot.
@@ -17,28 +13,53 @@ pub(crate) struct Touched {
     prior: FieldPrior,
     points: Vec<u32>,
     slots: Vec<u32>,
-    /// Cholesky factor of the prior covariance of the touched points, lower triangle; empty for an
-    /// independent prior, which does not need it.
-    root: Mat<f64>,
+    link: Link,
 }
 
-/// Prior of new points given touched ones: `N(mean + gain^T (K_t - mean_t), covariance)`.
+/// What links points a priori.
+#[derive(Debug, Clone)]
+enum Link {
+    Nothing,
+    /// A level of this variance, which `sum 1 / local variance` of the touched points tell about.
+    Level {
+        variance: f64,
+        precision: f64,
+    },
+    /// Anything, by the Cholesky factor of the covariance of the touched points (lower triangle).
+    Field {
+        root: Mat<f64>,
+    },
+}
+
+/// Prior of new points given the touched ones: `K_b = mean_b + share sums + rest` with
+/// `sums = onto^T (K_t - mean_t)` and `rest ~ N(0, covariance)`.
 pub(crate) struct Conditional {
-    /// Touched x new; `None` when they are independent.
-    pub(crate) gain: Option<Mat<f64>>,
+    /// Touched x sums: as many sums as are needed, none for independent points.
+    pub(crate) onto: Mat<f64>,
+    /// New x sums.
+    pub(crate) share: Mat<f64>,
     pub(crate) covariance: Mat<f64>,
-    /// New rows of the Cholesky factor: left of the diagonal (transposed), and the square on it.
-    cross: Mat<f64>,
+    /// Cholesky factor of `covariance`, lower triangle.
     pub(crate) corner: Mat<f64>,
+    /// New rows of [`Link::Field`] left of the diagonal, transposed.
+    cross: Mat<f64>,
 }
 
 impl Touched {
     pub(crate) fn new(prior: FieldPrior) -> Self {
+        let link = match prior.level_alone() {
+            Some(variance) => Link::Level {
+                variance,
+                precision: 0.0,
+            },
+            None if prior.is_independent() => Link::Nothing,
+            None => Link::Field { root: Mat::new() },
+        };
         Self {
             points: Vec::new(),
             slots: vec![UNTOUCHED; prior.len()],
             prior,
-            root: Mat::new(),
+            link,
         }
     }
 
@@ -60,7 +81,7 @@ impl Touched {
         (slot != UNTOUCHED).then_some(slot as usize)
     }
 
-    /// Those of `points` that were never touched, each once.
+    /// Those of `points` that were never touched, each once, increasing.
     pub(crate) fn unseen(&self, points: &[u32]) -> Result<Vec<u32>, CoreError> {
         let mut unseen = Vec::new();
         for &p in points {
@@ -81,55 +102,38 @@ impl Touched {
         Ok(unseen)
     }
 
-    fn cross(&self, points: &[u32]) -> Mat<f64> {
-        Mat::from_fn(self.len(), points.len(), |i, j| {
-            self.prior
-                .covariance(self.points[i] as usize, points[j] as usize)
-        })
-    }
-
-    fn own(&self, points: &[u32]) -> Mat<f64> {
-        Mat::from_fn(points.len(), points.len(), |i, j| {
-            self.prior
-                .covariance(points[i] as usize, points[j] as usize)
-        })
-    }
-
-    /// The prior of `unseen` points given the touched ones. `O(n² b)` for `b` points, unless the
-    /// prior is independent.
+    /// The prior of `b` unseen points given the touched ones: `O(n² b)` when they are smooth in
+    /// space, else `O(n + b³)`.
     pub(crate) fn condition(&self, unseen: &[u32]) -> Result<Conditional, CoreError> {
-        let mut covariance = self.own(unseen);
-        if self.prior.is_independent() {
-            return Ok(Conditional {
-                gain: None,
-                covariance,
-                cross: Mat::new(),
-                corner: Mat::new(),
-            });
-        }
-        let mut cross = self.cross(unseen);
-        self.whiten(&mut cross);
-        matmul(
-            covariance.as_mut(),
-            Accum::Add,
-            cross.transpose(),
-            cross.as_ref(),
-            -1.0,
-            Par::Seq,
-        );
+        let (n, b) = (self.len(), unseen.len());
+        let mut cross = Mat::new();
+        let (onto, share, covariance) = match &self.link {
+            Link::Nothing => (Mat::zeros(n, 0), Mat::zeros(b, 0), self.own(unseen, 0.0)),
+            Link::Level {
+                variance,
+                precision,
+            } => {
+                let (onto, level) = self.level(*variance, *precision);
+                (onto, Mat::full(b, 1, 1.0), self.own(unseen, level))
+            }
+            Link::Field { root } => {
+                cross = self.prior_covariance(&self.points, unseen);
+                solve_lower(root, &mut cross);
+                let mut rest = self.prior_covariance(unseen, unseen);
+                add_product(&mut rest, -1.0, cross.transpose(), cross.as_ref());
+                let mut onto = cross.clone();
+                solve_lower_transposed(root, &mut onto);
+                (onto, Mat::identity(b, b), rest)
+            }
+        };
         let mut corner = covariance.clone();
-        cholesky(
-            "prior covariance of the touched points",
-            &mut corner,
-            Par::Seq,
-        )?;
-        let mut gain = cross.clone();
-        self.unwhiten(&mut gain);
+        cholesky("prior covariance of the touched points", &mut corner)?;
         Ok(Conditional {
-            gain: Some(gain),
+            onto,
+            share,
             covariance,
-            cross,
             corner,
+            cross,
         })
     }
 
@@ -140,69 +144,100 @@ impl Touched {
             self.slots[p as usize] = self.points.len() as u32;
             self.points.push(p);
         }
-        if conditional.gain.is_some() {
-            let rows = self.len();
-            let capacity = rows.next_power_of_two();
-            if capacity > n.next_power_of_two() {
-                self.root.reserve(capacity, capacity);
+        let rows = self.len();
+        match &mut self.link {
+            Link::Nothing => {}
+            Link::Level { precision, .. } => {
+                let local = unseen.iter().map(|&p| self.prior.local(p as usize));
+                *precision += local.map(|v| 1.0 / v).sum::<f64>();
             }
-            let (cross, corner) = (&conditional.cross, &conditional.corner);
-            self.root.resize_with(rows, rows, |i, j| {
-                if i < n {
-                    0.0
-                } else if j < n {
-                    cross[(j, i - n)]
-                } else {
-                    corner[(i - n, j - n)]
+            Link::Field { root } => {
+                let capacity = rows.next_power_of_two();
+                if capacity > n.next_power_of_two() {
+                    root.reserve(capacity, capacity);
                 }
-            });
+                let Conditional { cross, corner, .. } = conditional;
+                root.resize_with(rows, rows, |i, j| match (i < n, j < n) {
+                    (true, _) => 0.0,
+                    (false, true) => cross[(j, i - n)],
+                    (false, false) => corner[(i - n, j - n)],
+                });
+            }
         }
     }
 
-    /// `L^-1 x` with the Cholesky factor `L` of the touched points.
-    fn whiten(&self, x: &mut Mat<f64>) {
-        solve_lower_triangular_in_place(self.root.as_ref(), x.as_mut(), Par::Seq);
-    }
-
-    /// `L^-T x`.
-    fn unwhiten(&self, x: &mut Mat<f64>) {
-        solve_upper_triangular_in_place(self.root.transpose(), x.as_mut(), Par::Seq);
-    }
-
-    /// Sums `sum_k weights[(k, i)] K[unseen_k]` in terms of the touched points: their weights in
-    /// the sums' expectation (`None` when independent), and the variances that remain.
+    /// Sums `sum_k weights[(k, i)] (K - mean)[unseen_k]`, one per column, in terms of the touched
+    /// points: their weights in the sums' expectation, and the variances that remain.
     ///
-    /// `O(n² d + n b + b²)` for `d` sums of `b` points.
-    pub(crate) fn project(
-        &self,
-        unseen: &[u32],
-        weights: MatRef<'_, f64>,
-    ) -> (Option<Mat<f64>>, Vec<f64>) {
-        if self.prior.is_independent() {
-            let variance = |i| {
-                let points = unseen.iter().map(|&p| p as usize).enumerate();
-                points
-                    .map(|(k, p)| weights[(k, i)].powi(2) * self.prior.covariance(p, p))
-                    .sum()
-            };
-            return (None, (0..weights.ncols()).map(variance).collect());
-        }
-        let mut cross = self.covariance_times(&self.points, unseen, weights);
-        let own = self.covariance_times(unseen, unseen, weights);
-        self.whiten(&mut cross);
-        let variance = |i| {
-            let prior: f64 = (0..unseen.len())
-                .map(|k| weights[(k, i)] * own[(k, i)])
-                .sum();
-            prior - cross.col(i).squared_norm_l2()
+    /// `O(n² d + n b + b²)` for `d` sums of `b` points when they are smooth in space, else
+    /// `O((n + b) d)`.
+    pub(crate) fn project(&self, unseen: &[u32], weights: MatRef<'_, f64>) -> (Mat<f64>, Vec<f64>) {
+        let d = weights.ncols();
+        let sum = |i: usize, term: &dyn Fn(usize) -> f64| -> f64 {
+            (0..unseen.len()).map(|k| weights[(k, i)] * term(k)).sum()
         };
-        let variance = (0..weights.ncols()).map(variance).collect();
-        self.unwhiten(&mut cross);
-        (Some(cross), variance)
+        let alone = |i: usize| {
+            sum(i, &|k| {
+                weights[(k, i)] * self.prior.local(unseen[k] as usize)
+            })
+        };
+        match &self.link {
+            Link::Nothing => (Mat::zeros(self.len(), d), (0..d).map(alone).collect()),
+            Link::Level {
+                variance,
+                precision,
+            } => {
+                let (onto, level) = self.level(*variance, *precision);
+                let total: Vec<f64> = (0..d).map(|i| sum(i, &|_| 1.0)).collect();
+                (
+                    Mat::from_fn(self.len(), d, |slot, i| onto[(slot, 0)] * total[i]),
+                    (0..d)
+                        .map(|i| alone(i) + level * total[i].powi(2))
+                        .collect(),
+                )
+            }
+            Link::Field { root } => {
+                let mut onto = self.prior_times(&self.points, unseen, weights);
+                let own = self.prior_times(unseen, unseen, weights);
+                solve_lower(root, &mut onto);
+                let known = |i: usize| onto.col(i).squared_norm_l2();
+                let variance = (0..d)
+                    .map(|i| sum(i, &|k| own[(k, i)]) - known(i))
+                    .collect();
+                solve_lower_transposed(root, &mut onto);
+                (onto, variance)
+            }
+        }
     }
 
-    /// Prior covariance of two sets of points times a matrix.
-    fn covariance_times(&self, rows: &[u32], columns: &[u32], x: MatRef<'_, f64>) -> Mat<f64> {
+    /// Weights of the touched points in the expected level, and the level's variance given them.
+    fn level(&self, variance: f64, precision: f64) -> (Mat<f64>, f64) {
+        let left = variance / (1.0 + variance * precision);
+        let local = |slot: usize| self.prior.local(self.points[slot] as usize);
+        let onto = Mat::from_fn(self.len(), 1, |slot, _| left / local(slot));
+        (onto, left)
+    }
+
+    /// Covariance of points that share nothing but a level of a given variance.
+    fn own(&self, points: &[u32], level: f64) -> Mat<f64> {
+        Mat::from_fn(points.len(), points.len(), |i, j| {
+            let local = if i == j {
+                self.prior.local(points[i] as usize)
+            } else {
+                0.0
+            };
+            level + local
+        })
+    }
+
+    fn prior_covariance(&self, rows: &[u32], columns: &[u32]) -> Mat<f64> {
+        Mat::from_fn(rows.len(), columns.len(), |i, j| {
+            self.prior.covariance(rows[i] as usize, columns[j] as usize)
+        })
+    }
+
+    /// Prior covariance of two sets of points times a matrix, without holding the former.
+    fn prior_times(&self, rows: &[u32], columns: &[u32], x: MatRef<'_, f64>) -> Mat<f64> {
         let mut y = Mat::zeros(rows.len(), x.ncols());
         for (i, &p) in rows.iter().enumerate() {
             for (k, &q) in columns.iter().enumerate() {
