@@ -24,7 +24,7 @@ use vsf_core::{Belief, CoreError, RestPoints, Scalar};
 /// use vsf_filter::{FieldPrior, Matern, Smoothness};
 /// let rest = RestPoints::new(vec![Point3::origin(), Point3::new(0.02, 0.0, 0.0)])?;
 /// let smooth = Matern { sd: 10.0, length: 0.02, smoothness: Smoothness::ThreeHalves };
-/// let prior = FieldPrior::from(Belief::uniform(2, 0.0, 1.0)?).with_smooth(smooth, &rest)?;
+/// let prior = FieldPrior::from(Belief::<f64>::uniform(2, 0.0, 1.0)?).with_smooth(smooth, &rest)?;
 /// assert_eq!(prior.covariance(0, 0), 101.0);
 /// assert!((prior.covariance(0, 1) - 48.3).abs() < 0.1);
 /// # Ok::<(), vsf_core::CoreError>(())

@@ -1,10 +1,10 @@
-use crate::algebra::{add_product, cholesky, inverse_lower, product, solve_lower};
-use crate::innovation::Innovation;
-use crate::joint::Joint;
+use super::algebra::{add_product, cholesky, inverse_lower, product, solve_lower};
+use super::innovation::Innovation;
+use super::joint::Joint;
+use super::projection::{Projection, Shown};
+use super::touched::{Conditional, Touched};
 use crate::kernel::all_positive;
 use crate::prior::FieldPrior;
-use crate::projection::{Projection, Shown};
-use crate::touched::{Conditional, Touched};
 use faer::Mat;
 use vsf_core::{
     Belief, CoreError, Estimator, Observation, Prediction, Scalar, SymmetricFactor, UpdateReport,

@@ -1,4 +1,4 @@
-use crate::touched::Touched;
+use super::touched::Touched;
 use faer::{Mat, MatRef};
 use vsf_core::{Belief, CoreError, Observation, Prediction, Scalar};
 
@@ -6,7 +6,7 @@ use vsf_core::{Belief, CoreError, Observation, Prediction, Scalar};
 const CHUNK: usize = 8;
 
 /// A joint Gaussian of the touched points, by slots, and what follows from it for all points.
-pub(crate) trait Joint<T: Scalar> {
+pub(super) trait Joint<T: Scalar> {
     fn touched(&self) -> &Touched;
 
     /// Mean and marginal variance.

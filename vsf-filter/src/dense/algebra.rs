@@ -11,7 +11,7 @@ use vsf_core::CoreError;
 const PAR: Par = Par::Seq;
 
 /// Replaces the lower triangle of `a = L L^T` by `L`; what is above it stays.
-pub(crate) fn cholesky(what: &'static str, a: &mut Mat<f64>) -> Result<(), CoreError> {
+pub(super) fn cholesky(what: &'static str, a: &mut Mat<f64>) -> Result<(), CoreError> {
     let scratch = cholesky_in_place_scratch::<f64>(a.nrows(), PAR, Spec::default());
     let mut memory = MemBuffer::new(scratch);
     let stack = MemStack::new(&mut memory);
@@ -26,30 +26,30 @@ pub(crate) fn cholesky(what: &'static str, a: &mut Mat<f64>) -> Result<(), CoreE
 }
 
 /// `a b`.
-pub(crate) fn product(a: MatRef<'_, f64>, b: MatRef<'_, f64>) -> Mat<f64> {
+pub(super) fn product(a: MatRef<'_, f64>, b: MatRef<'_, f64>) -> Mat<f64> {
     let mut y = Mat::zeros(a.nrows(), b.ncols());
     add_product(&mut y, 1.0, a, b);
     y
 }
 
 /// `y += alpha a b`.
-pub(crate) fn add_product(y: &mut Mat<f64>, alpha: f64, a: MatRef<'_, f64>, b: MatRef<'_, f64>) {
+pub(super) fn add_product(y: &mut Mat<f64>, alpha: f64, a: MatRef<'_, f64>, b: MatRef<'_, f64>) {
     matmul(y.as_mut(), Accum::Add, a, b, alpha, PAR);
 }
 
 /// `L^-1`, its upper triangle zero, of a lower triangle.
-pub(crate) fn inverse_lower(lower: &Mat<f64>) -> Mat<f64> {
+pub(super) fn inverse_lower(lower: &Mat<f64>) -> Mat<f64> {
     let mut inverse = Mat::zeros(lower.nrows(), lower.ncols());
     triangular_inverse::invert_lower_triangular(inverse.as_mut(), lower.as_ref(), PAR);
     inverse
 }
 
 /// Replaces `x` by `L^-1 x`.
-pub(crate) fn solve_lower(lower: &Mat<f64>, x: &mut Mat<f64>) {
+pub(super) fn solve_lower(lower: &Mat<f64>, x: &mut Mat<f64>) {
     triangular_solve::solve_lower_triangular_in_place(lower.as_ref(), x.as_mut(), PAR);
 }
 
 /// Replaces `x` by `L^-T x`.
-pub(crate) fn solve_lower_transposed(lower: &Mat<f64>, x: &mut Mat<f64>) {
+pub(super) fn solve_lower_transposed(lower: &Mat<f64>, x: &mut Mat<f64>) {
     triangular_solve::solve_upper_triangular_in_place(lower.transpose(), x.as_mut(), PAR);
 }

@@ -6,35 +6,35 @@ use pulp::{Arch, Simd, WithSimd};
 use vsf_core::Scalar;
 
 /// Width of the inner loops.
-pub(crate) const OCTET: usize = 8;
+pub(super) const OCTET: usize = 8;
 /// Squares along the edge of a tile.
-pub(crate) const BANDS: usize = 8;
+pub(super) const BANDS: usize = 8;
 /// Rows and columns of a tile.
-pub(crate) const TILE: usize = BANDS * OCTET;
+pub(super) const TILE: usize = BANDS * OCTET;
 /// Squares of a tile, one band of eight rows after the other.
-pub(crate) const TILE_SQUARES: usize = BANDS * BANDS;
+pub(super) const TILE_SQUARES: usize = BANDS * BANDS;
 /// Rows whose sums stay in registers.
 const ROWS: usize = 4;
 
 /// Eight neighbouring numbers, aligned so that no vector straddles a cache line.
 #[derive(Debug, Clone, Copy, PartialEq)]
 #[repr(align(32))]
-pub(crate) struct Octet<T>(pub(crate) [T; OCTET]);
+pub(super) struct Octet<T>(pub(super) [T; OCTET]);
 
 /// Eight octets; of a tile `square[column][row]`.
-pub(crate) type Square<T> = [Octet<T>; OCTET];
+pub(super) type Square<T> = [Octet<T>; OCTET];
 
-pub(crate) fn zero<T: Scalar>() -> Square<T> {
+pub(super) fn zero<T: Scalar>() -> Square<T> {
     [Octet([T::ZERO; OCTET]); OCTET]
 }
 
 /// A loop nest; `FMA` says whether the processor fuses products into sums.
-pub(crate) trait Kernel {
+pub(super) trait Kernel {
     fn run<const FMA: bool>(self);
 }
 
 /// Runs a kernel with the widest instructions there are.
-pub(crate) fn dispatch(kernel: impl Kernel) {
+pub(super) fn dispatch(kernel: impl Kernel) {
     struct Run<K>(K);
     impl<K: Kernel> WithSimd for Run<K> {
         type Output = ();
@@ -52,7 +52,7 @@ pub(crate) fn dispatch(kernel: impl Kernel) {
 
 /// `y += a x`.
 #[inline(always)]
-pub(crate) fn add_scaled<T: Scalar, const FMA: bool>(y: &mut Octet<T>, a: T, x: &Octet<T>) {
+pub(super) fn add_scaled<T: Scalar, const FMA: bool>(y: &mut Octet<T>, a: T, x: &Octet<T>) {
     for l in 0..OCTET {
         y.0[l] = if FMA {
             a.mul_add(x.0[l], y.0[l])
@@ -84,7 +84,7 @@ fn subtract_outer<T: Scalar, const FMA: bool, const N: usize>(
 
 /// `square[c][l] -= sum_k columns[k][c] rows[k][l]`, ranks `k` of the squares at `positions`.
 #[inline(always)]
-pub(crate) fn downdate<T: Scalar, const FMA: bool>(
+pub(super) fn downdate<T: Scalar, const FMA: bool>(
     square: &mut Square<T>,
     rows: &[Square<T>],
     columns: &[Square<T>],
@@ -103,7 +103,7 @@ pub(crate) fn downdate<T: Scalar, const FMA: bool>(
 
 /// `sum[k] += sum_i a[k][i] b[i]`.
 #[inline(always)]
-pub(crate) fn multiply_square<T: Scalar, const FMA: bool>(
+pub(super) fn multiply_square<T: Scalar, const FMA: bool>(
     sum: &mut Square<T>,
     a: &Square<T>,
     b: &Square<T>,
@@ -116,15 +116,15 @@ pub(crate) fn multiply_square<T: Scalar, const FMA: bool>(
 }
 
 /// Rows and columns of vectors that a tile multiplies: `w` goes in, `y` comes out.
-pub(crate) struct Strip<'a, T> {
-    pub(crate) w: &'a [Square<T>],
-    pub(crate) y: &'a mut [Square<T>],
+pub(super) struct Strip<'a, T> {
+    pub(super) w: &'a [Square<T>],
+    pub(super) y: &'a mut [Square<T>],
 }
 
 /// `rows.y += tile columns.w` if `DOWN`, `columns.y += tile^T rows.w` if `ACROSS`, eight channels
 /// at a time, in one pass over the tile.
 #[inline(always)]
-pub(crate) fn multiply<T: Scalar, const FMA: bool, const DOWN: bool, const ACROSS: bool>(
+pub(super) fn multiply<T: Scalar, const FMA: bool, const DOWN: bool, const ACROSS: bool>(
     tile: &[Square<T>],
     rows: &mut Strip<'_, T>,
     columns: &mut Strip<'_, T>,

@@ -1,4 +1,4 @@
-use crate::algebra::{add_product, cholesky, solve_lower, solve_lower_transposed};
+use super::algebra::{add_product, cholesky, solve_lower, solve_lower_transposed};
 use crate::prior::FieldPrior;
 use faer::{Mat, MatRef};
 use vsf_core::CoreError;
@@ -9,7 +9,7 @@ const UNTOUCHED: u32 = u32::MAX;
 /// The touched points of a dense filter, numbered by *slots* in the order of their first touch,
 /// and what the prior says of other points given these.
 #[derive(Debug, Clone)]
-pub(crate) struct Touched {
+pub(super) struct Touched {
     prior: FieldPrior,
     points: Vec<u32>,
     slots: Vec<u32>,
@@ -33,20 +33,20 @@ enum Link {
 
 /// Prior of new points given the touched ones: `K_b = mean_b + share sums + rest` with
 /// `sums = onto^T (K_t - mean_t)` and `rest ~ N(0, covariance)`.
-pub(crate) struct Conditional {
+pub(super) struct Conditional {
     /// Touched x sums: as many sums as are needed, none for independent points.
-    pub(crate) onto: Mat<f64>,
+    pub(super) onto: Mat<f64>,
     /// New x sums.
-    pub(crate) share: Mat<f64>,
-    pub(crate) covariance: Mat<f64>,
+    pub(super) share: Mat<f64>,
+    pub(super) covariance: Mat<f64>,
     /// Cholesky factor of `covariance`, lower triangle.
-    pub(crate) corner: Mat<f64>,
+    pub(super) corner: Mat<f64>,
     /// New rows of [`Link::Field`] left of the diagonal, transposed.
     cross: Mat<f64>,
 }
 
 impl Touched {
-    pub(crate) fn new(prior: FieldPrior) -> Self {
+    pub(super) fn new(prior: FieldPrior) -> Self {
         let link = match prior.level_alone() {
             Some(variance) => Link::Level {
                 variance,
@@ -63,26 +63,26 @@ impl Touched {
         }
     }
 
-    pub(crate) fn prior(&self) -> &FieldPrior {
+    pub(super) fn prior(&self) -> &FieldPrior {
         &self.prior
     }
 
     /// Touched points by slot.
-    pub(crate) fn points(&self) -> &[u32] {
+    pub(super) fn points(&self) -> &[u32] {
         &self.points
     }
 
-    pub(crate) fn len(&self) -> usize {
+    pub(super) fn len(&self) -> usize {
         self.points.len()
     }
 
-    pub(crate) fn slot(&self, point: u32) -> Option<usize> {
+    pub(super) fn slot(&self, point: u32) -> Option<usize> {
         let slot = *self.slots.get(point as usize)?;
         (slot != UNTOUCHED).then_some(slot as usize)
     }
 
     /// Those of `points` that were never touched, each once, increasing.
-    pub(crate) fn unseen(&self, points: &[u32]) -> Result<Vec<u32>, CoreError> {
+    pub(super) fn unseen(&self, points: &[u32]) -> Result<Vec<u32>, CoreError> {
         let mut unseen = Vec::new();
         for &p in points {
             match self.slots.get(p as usize) {
@@ -104,7 +104,7 @@ impl Touched {
 
     /// The prior of `b` unseen points given the touched ones: `O(n² b)` when they are smooth in
     /// space, else `O(n + b³)`.
-    pub(crate) fn condition(&self, unseen: &[u32]) -> Result<Conditional, CoreError> {
+    pub(super) fn condition(&self, unseen: &[u32]) -> Result<Conditional, CoreError> {
         let (n, b) = (self.len(), unseen.len());
         let mut cross = Mat::new();
         let (onto, share, covariance) = match &self.link {
@@ -138,7 +138,7 @@ impl Touched {
     }
 
     /// Numbers new points, in their order, by the conditional made for them.
-    pub(crate) fn append(&mut self, unseen: &[u32], conditional: &Conditional) {
+    pub(super) fn append(&mut self, unseen: &[u32], conditional: &Conditional) {
         let n = self.len();
         for &p in unseen {
             self.slots[p as usize] = self.points.len() as u32;
@@ -171,7 +171,7 @@ impl Touched {
     ///
     /// `O(n² d + n b + b²)` for `d` sums of `b` points when they are smooth in space, else
     /// `O((n + b) d)`.
-    pub(crate) fn project(&self, unseen: &[u32], weights: MatRef<'_, f64>) -> (Mat<f64>, Vec<f64>) {
+    pub(super) fn project(&self, unseen: &[u32], weights: MatRef<'_, f64>) -> (Mat<f64>, Vec<f64>) {
         let d = weights.ncols();
         let sum = |i: usize, term: &dyn Fn(usize) -> f64| -> f64 {
             (0..unseen.len()).map(|k| weights[(k, i)] * term(k)).sum()
