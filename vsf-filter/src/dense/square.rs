@@ -159,3 +159,66 @@ pub(super) fn multiply<T: Scalar, const FMA: bool, const DOWN: bool, const ACROS
         }
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn squares(seed: usize, count: usize) -> Vec<Square<f64>> {
+        let number = |i: usize| ((i * 37 + seed * 101) % 64) as f64 / 16.0 - 2.0;
+        let octet = |i: usize| Octet(std::array::from_fn(|l| number(8 * i + l)));
+        (0..count)
+            .map(|s| std::array::from_fn(|c| octet(8 * s + c)))
+            .collect()
+    }
+
+    /// Row `i` and column `j` of a tile.
+    fn entry(tile: &[Square<f64>], i: usize, j: usize) -> f64 {
+        tile[i / OCTET * BANDS + j / OCTET][j % OCTET].0[i % OCTET]
+    }
+
+    /// All numbers are sixteenths, so that every sum is exact, fused or not.
+    fn check<const FMA: bool>() {
+        let tile = squares(1, TILE_SQUARES);
+        let (w, v) = (squares(2, BANDS), squares(3, BANDS));
+        let (mut down, mut across) = (squares(4, BANDS), squares(5, BANDS));
+        multiply::<f64, FMA, true, true>(
+            &tile,
+            &mut Strip {
+                w: &w,
+                y: &mut down,
+            },
+            &mut Strip {
+                w: &v,
+                y: &mut across,
+            },
+        );
+        let row = |x: &[Square<f64>], i: usize, l: usize| x[i / OCTET][i % OCTET].0[l];
+        for (i, l) in (0..TILE).flat_map(|i| (0..OCTET).map(move |l| (i, l))) {
+            let sum: f64 = (0..TILE).map(|j| entry(&tile, i, j) * row(&v, j, l)).sum();
+            assert_eq!(row(&down, i, l), row(&squares(4, BANDS), i, l) + sum);
+            let sum: f64 = (0..TILE).map(|j| entry(&tile, j, i) * row(&w, j, l)).sum();
+            assert_eq!(row(&across, i, l), row(&squares(5, BANDS), i, l) + sum);
+        }
+
+        let mut square = tile[0];
+        downdate::<f64, FMA>(&mut square, &w, &v, &[1, 6]);
+        let mut product = tile[0];
+        multiply_square::<f64, FMA>(&mut product, &w[0], &v[0]);
+        for (c, l) in (0..OCTET).flat_map(|c| (0..OCTET).map(move |l| (c, l))) {
+            let ranks = [1, 6]
+                .into_iter()
+                .flat_map(|p| (0..OCTET).map(move |k| (p, k)));
+            let sum: f64 = ranks.map(|(p, k)| v[p][k].0[c] * w[p][k].0[l]).sum();
+            assert_eq!(square[c].0[l], tile[0][c].0[l] - sum);
+            let sum: f64 = (0..OCTET).map(|i| w[0][c].0[i] * v[0][i].0[l]).sum();
+            assert_eq!(product[c].0[l], tile[0][c].0[l] + sum);
+        }
+    }
+
+    #[test]
+    fn with_and_without_fused_products() {
+        check::<false>();
+        check::<true>();
+    }
+}
