@@ -44,7 +44,7 @@ mod replay;
 mod reservoir;
 
 pub use batch::{BatchFit, BatchMap};
-pub use dense::{CovarianceFilter, InformationFilter, Projection};
+pub use dense::{CovarianceFilter, InformationFilter, JointEstimator, Projection};
 pub use diagonal::{DiagonalForm, DiagonalKalman};
 pub use prior::{FieldPrior, Matern, Smoothness};
 pub use replay::{MemoryReplay, ReplayConfig, ReplayVariance, Revisit};

@@ -2,7 +2,7 @@ use super::algebra::{add_product, product};
 use super::channels::Channels;
 use super::gain::Gain;
 use super::innovation::Innovation;
-use super::joint::Joint;
+use super::joint::{Joint, JointEstimator};
 use super::product::Workspace;
 use super::projection::{Projection, Shown};
 use super::square::{OCTET, Square, dispatch, zero};
@@ -26,16 +26,16 @@ const CHUNK: usize = 32;
 ///
 /// # Priors
 /// Any [`FieldPrior`]: [`Estimator::reset`] takes marginals and so an independent prior,
-/// [`CovarianceFilter::restart`] takes the others. Points that are touched for the first time follow
+/// [`JointEstimator::restart`] takes the others. Points that are touched for the first time follow
 /// from the touched ones by the prior. That is free for an independent prior, one more pass over
 /// the covariance for a shared level, and `O(n² b)` for `b` new points that are smooth in space,
 /// where the factor of the prior takes another `n²` to `4 n²` numbers of `f64`.
-/// [`CovarianceFilter::include`] pays ahead of time.
+/// [`JointEstimator::include`] pays ahead of time.
 ///
 /// # Untouched points
 /// [`Estimator::belief`] shows the prior's marginals of points that were neither touched nor
 /// included. For an independent prior that is their posterior. For a correlated one touches say
-/// something of them too: [`CovarianceFilter::extrapolate`] tells what, in `O(n²)` a point, and
+/// something of them too: [`JointEstimator::extrapolate`] tells what, in `O(n²)` a point, and
 /// [`Estimator::predict`] makes use of it.
 ///
 /// # Signs
@@ -61,7 +61,7 @@ const CHUNK: usize = 32;
 ///
 /// ```
 /// use vsf_core::{Belief, Estimator, Noise, Observation};
-/// use vsf_filter::{CovarianceFilter, FieldPrior};
+/// use vsf_filter::{CovarianceFilter, FieldPrior, JointEstimator};
 /// // Two springs of about the same stiffness, and only one is touched.
 /// let prior = FieldPrior::from(Belief::<f64>::uniform(2, 5.0, 1.0)?).with_level(10.0)?;
 /// let mut filter = CovarianceFilter::<f64>::new(prior)?;
@@ -130,52 +130,9 @@ impl<T: Scalar> CovarianceFilter<T> {
         })
     }
 
-    /// Forgets everything and starts from any prior; [`Estimator::reset`] takes marginals only.
-    ///
-    /// # Errors
-    /// Variances beyond the range of `T`; the filter is then as before.
-    pub fn restart(&mut self, prior: impl Into<FieldPrior>) -> Result<(), CoreError> {
-        *self = Self::with_projection(prior, self.shown.projection)?;
-        Ok(())
-    }
-
     /// What happens to negative means.
     pub fn projection(&self) -> Projection {
         self.shown.projection
-    }
-
-    /// The touched (or included) points, in the order in which they came.
-    pub fn points(&self) -> &[u32] {
-        self.touched.points()
-    }
-
-    /// Posterior covariance (N²/m²) of points `i` and `j`; `None` if one of them was neither
-    /// touched nor included.
-    pub fn covariance(&self, i: usize, j: usize) -> Option<T> {
-        let slot = |p| self.touched.slot(u32::try_from(p).ok()?);
-        Some(self.covariance_of(slot(i)?, slot(j)?))
-    }
-
-    /// Takes points in as if they had been touched: from now on [`Estimator::belief`] follows them,
-    /// and their first touch costs no more than any other. Changes nothing that is known.
-    ///
-    /// # Errors
-    /// A point beyond the field, a prior covariance that is not positive definite. Some points may
-    /// then be included, to no harm.
-    pub fn include(&mut self, points: &[u32]) -> Result<(), CoreError> {
-        self.touch(points)?;
-        self.show();
-        Ok(())
-    }
-
-    /// Posterior marginals of any points, touched or not, in their order; means below zero are
-    /// shown as zero. `O(n²)` a point that was never touched, for `n` touched ones, under a
-    /// correlated prior.
-    ///
-    /// # Errors
-    /// A point beyond the field, a variance that rounding left without a positive value.
-    pub fn extrapolate(&self, points: &[u32]) -> Result<Belief<T>, CoreError> {
-        self.marginals(points)
     }
 
     fn show(&mut self) -> usize {
@@ -330,7 +287,7 @@ impl<T: Scalar> Joint<T> for CovarianceFilter<T> {
         (self.mean[slot], self.variance[slot])
     }
 
-    fn covariance_of(&self, i: usize, j: usize) -> T {
+    fn slot_covariance(&self, i: usize, j: usize) -> T {
         if i == j {
             self.variance[i]
         } else {
@@ -355,6 +312,31 @@ impl<T: Scalar> Joint<T> for CovarianceFilter<T> {
     }
 }
 
+impl<T: Scalar> JointEstimator for CovarianceFilter<T> {
+    fn restart(&mut self, prior: FieldPrior) -> Result<(), CoreError> {
+        *self = Self::with_projection(prior, self.shown.projection)?;
+        Ok(())
+    }
+
+    fn points(&self) -> &[u32] {
+        self.touched.points()
+    }
+
+    fn covariance(&self, i: usize, j: usize) -> Option<T> {
+        self.covariance_of(i, j)
+    }
+
+    fn include(&mut self, points: &[u32]) -> Result<(), CoreError> {
+        self.touch(points)?;
+        self.show();
+        Ok(())
+    }
+
+    fn extrapolate(&self, points: &[u32]) -> Result<Belief<T>, CoreError> {
+        self.marginals(points)
+    }
+}
+
 impl<T: Scalar> Estimator for CovarianceFilter<T> {
     type Scalar = T;
 
@@ -363,7 +345,7 @@ impl<T: Scalar> Estimator for CovarianceFilter<T> {
     }
 
     fn reset(&mut self, prior: Belief<T>) -> Result<(), CoreError> {
-        self.restart(prior)
+        self.restart(prior.into())
     }
 
     fn update(&mut self, obs: &Observation<T>) -> Result<UpdateReport, CoreError> {

@@ -1,6 +1,6 @@
 use super::algebra::{add_product, cholesky, inverse_lower, product, solve_lower};
 use super::innovation::Innovation;
-use super::joint::Joint;
+use super::joint::{Joint, JointEstimator};
 use super::projection::{Projection, Shown};
 use super::touched::{Conditional, Touched};
 use crate::kernel::all_positive;
@@ -86,52 +86,9 @@ impl<T: Scalar> InformationFilter<T> {
         })
     }
 
-    /// Forgets everything and starts from any prior; [`Estimator::reset`] takes marginals only.
-    ///
-    /// # Errors
-    /// Variances beyond the range of `T`; the filter is then as before.
-    pub fn restart(&mut self, prior: impl Into<FieldPrior>) -> Result<(), CoreError> {
-        *self = Self::with_projection(prior, self.shown.projection)?;
-        Ok(())
-    }
-
     /// What happens to negative means.
     pub fn projection(&self) -> Projection {
         self.shown.projection
-    }
-
-    /// The touched (or included) points, in the order in which they came.
-    pub fn points(&self) -> &[u32] {
-        self.touched.points()
-    }
-
-    /// Posterior covariance (N²/m²) of points `i` and `j`; `None` if one of them was neither
-    /// touched nor included.
-    pub fn covariance(&self, i: usize, j: usize) -> Option<T> {
-        let slot = |p| self.touched.slot(u32::try_from(p).ok()?);
-        Some(self.covariance_of(slot(i)?, slot(j)?))
-    }
-
-    /// Takes points in as if they had been touched: from now on [`Estimator::belief`] follows them,
-    /// and their first touch costs no more than any other. Changes nothing that is known.
-    ///
-    /// # Errors
-    /// A point beyond the field, a prior covariance that is not positive definite. Some points may
-    /// then be included, to no harm.
-    pub fn include(&mut self, points: &[u32]) -> Result<(), CoreError> {
-        self.touch(points)?;
-        self.show();
-        Ok(())
-    }
-
-    /// Posterior marginals of any points, touched or not, in their order; means below zero are
-    /// shown as zero. `O(n²)` a point that was never touched, for `n` touched ones, under a
-    /// correlated prior.
-    ///
-    /// # Errors
-    /// A point beyond the field, a variance that rounding left without a positive value.
-    pub fn extrapolate(&self, points: &[u32]) -> Result<Belief<T>, CoreError> {
-        self.marginals(points)
     }
 
     fn show(&mut self) -> usize {
@@ -320,7 +277,7 @@ impl<T: Scalar> Joint<T> for InformationFilter<T> {
         (T::from_f64(mean[slot]), T::from_f64(variance[slot]))
     }
 
-    fn covariance_of(&self, i: usize, j: usize) -> T {
+    fn slot_covariance(&self, i: usize, j: usize) -> T {
         let whitener = &self.gaussian.whitener;
         let pairs = whitener.col(i).iter().zip(whitener.col(j).iter());
         T::from_f64(pairs.map(|(a, b)| a * b).sum())
@@ -333,6 +290,31 @@ impl<T: Scalar> Joint<T> for InformationFilter<T> {
     }
 }
 
+impl<T: Scalar> JointEstimator for InformationFilter<T> {
+    fn restart(&mut self, prior: FieldPrior) -> Result<(), CoreError> {
+        *self = Self::with_projection(prior, self.shown.projection)?;
+        Ok(())
+    }
+
+    fn points(&self) -> &[u32] {
+        self.touched.points()
+    }
+
+    fn covariance(&self, i: usize, j: usize) -> Option<T> {
+        self.covariance_of(i, j)
+    }
+
+    fn include(&mut self, points: &[u32]) -> Result<(), CoreError> {
+        self.touch(points)?;
+        self.show();
+        Ok(())
+    }
+
+    fn extrapolate(&self, points: &[u32]) -> Result<Belief<T>, CoreError> {
+        self.marginals(points)
+    }
+}
+
 impl<T: Scalar> Estimator for InformationFilter<T> {
     type Scalar = T;
 
@@ -341,7 +323,7 @@ impl<T: Scalar> Estimator for InformationFilter<T> {
     }
 
     fn reset(&mut self, prior: Belief<T>) -> Result<(), CoreError> {
-        self.restart(prior)
+        self.restart(prior.into())
     }
 
     fn update(&mut self, obs: &Observation<T>) -> Result<UpdateReport, CoreError> {

@@ -1,9 +1,42 @@
 use super::touched::Touched;
+use crate::prior::FieldPrior;
 use faer::{Mat, MatRef};
-use vsf_core::{Belief, CoreError, Observation, Prediction, Scalar};
+use vsf_core::{Belief, CoreError, Estimator, Observation, Prediction, Scalar};
 
 /// Points extrapolated at once.
 const CHUNK: usize = 8;
+
+/// An estimator that keeps the joint Gaussian of the points it has touched, and knows by its prior
+/// what that says of all others. Dyn-safe.
+pub trait JointEstimator: Estimator {
+    /// Forgets everything and starts from any prior; [`Estimator::reset`] takes marginals only.
+    ///
+    /// # Errors
+    /// Variances beyond the range of the number type; the estimator is then as before.
+    fn restart(&mut self, prior: FieldPrior) -> Result<(), CoreError>;
+
+    /// The touched (or included) points, in the order in which they came.
+    fn points(&self) -> &[u32];
+
+    /// Posterior covariance (N²/m²) of points `i` and `j`, before projection; `None` if one of
+    /// them was neither touched nor included.
+    fn covariance(&self, i: usize, j: usize) -> Option<Self::Scalar>;
+
+    /// Takes points in as if they had been touched: from now on [`Estimator::belief`] follows them,
+    /// and their first touch costs no more than any other. Changes nothing that is known.
+    ///
+    /// # Errors
+    /// A point beyond the field, a prior covariance that is not positive definite. Some points may
+    /// then be included, to no harm.
+    fn include(&mut self, points: &[u32]) -> Result<(), CoreError>;
+
+    /// Posterior marginals of any points, touched or not, in their order; means below zero are
+    /// shown as zero. `O(n²)` for every point that was never touched, with `n` touched ones.
+    ///
+    /// # Errors
+    /// A point beyond the field, a variance that rounding left without a positive value.
+    fn extrapolate(&self, points: &[u32]) -> Result<Belief<Self::Scalar>, CoreError>;
+}
 
 /// A joint Gaussian of the touched points, by slots, and what follows from it for all points.
 pub(super) trait Joint<T: Scalar> {
@@ -13,7 +46,13 @@ pub(super) trait Joint<T: Scalar> {
     fn marginal(&self, slot: usize) -> (T, T);
 
     /// Covariance of two slots.
-    fn covariance_of(&self, i: usize, j: usize) -> T;
+    fn slot_covariance(&self, i: usize, j: usize) -> T;
+
+    /// Covariance of two points.
+    fn covariance_of(&self, i: usize, j: usize) -> Option<T> {
+        let slot = |p| self.touched().slot(u32::try_from(p).ok()?);
+        Some(self.slot_covariance(slot(i)?, slot(j)?))
+    }
 
     /// Variances of the sums `w^T K` of the touched points, one per column of `w`.
     fn spread(&self, w: &Mat<f64>) -> Vec<f64>;

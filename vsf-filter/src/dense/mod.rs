@@ -18,4 +18,5 @@ mod touched;
 
 pub use covariance::CovarianceFilter;
 pub use information::InformationFilter;
+pub use joint::JointEstimator;
 pub use projection::Projection;
