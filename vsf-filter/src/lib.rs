@@ -5,11 +5,13 @@
 //! | [`DiagonalKalman`] | independent points (eq. 6-7) | `O(d² n)` for n contacts, d channels |
 //! | [`MemoryReplay`] | as the estimator inside it, which sees past observations again (Alg. 1) | `1 + T_replay` updates |
 //! | [`RobustNoise`] | as the estimator inside it, with the noise of outliers inflated | one prediction more |
+//! | [`CovarianceFilter`] | exact: all touched points with their correlations | `O(d n²)`, n points ever touched |
+//! | [`InformationFilter`] | the same by the precision matrix (eq. 5), an oracle | `O(n³)` |
 //! | [`BatchMap`] | the constrained optimum over all observations, offline | `O(n³)` once, for n touched points |
 //!
-//!
-//! All but [`BatchMap`] keep `K >= 0` by projection (eq. 5, last line) and implement
-//! [`vsf_core::Estimator`], so that each can stand wherever another does.
+//! All but the last keep `K >= 0` by projection (eq. 5, last line) and implement
+//! [`vsf_core::Estimator`], so that any can stand where another does. The exact ones take a
+//! [`FieldPrior`], which may link points; for the others points are independent.
 //!
 //! ```
 //! use vsf_core::{Belief, Estimator, Noise, Observation};
@@ -62,29 +64,19 @@
 
 mod aging;
 mod batch;
-mod cholesky;
-mod covariance;
+mod dense;
 mod diagonal;
-mod information;
-mod innovation;
-mod joint;
 mod kernel;
 mod prior;
-mod projection;
 mod replay;
 mod reservoir;
 mod robust;
 #[cfg(feature = "serde")]
 mod state;
-mod tile_kernel;
-mod tiles;
-mod touched;
 
 pub use batch::{BatchFit, BatchMap};
-pub use covariance::CovarianceFilter;
+pub use dense::{CovarianceFilter, InformationFilter, JointEstimator, Projection};
 pub use diagonal::{DiagonalForm, DiagonalKalman};
-pub use information::InformationFilter;
 pub use prior::{FieldPrior, Matern, Smoothness};
-pub use projection::Projection;
 pub use replay::{MemoryReplay, ReplayConfig, ReplayVariance, Revisit};
 pub use robust::{RobustLoss, RobustNoise};

@@ -24,7 +24,7 @@ use vsf_core::{Belief, CoreError, RestPoints, Scalar};
 /// use vsf_filter::{FieldPrior, Matern, Smoothness};
 /// let rest = RestPoints::new(vec![Point3::origin(), Point3::new(0.02, 0.0, 0.0)])?;
 /// let smooth = Matern { sd: 10.0, length: 0.02, smoothness: Smoothness::ThreeHalves };
-/// let prior = FieldPrior::from(Belief::uniform(2, 0.0, 1.0)?).with_smooth(smooth, &rest)?;
+/// let prior = FieldPrior::from(Belief::<f64>::uniform(2, 0.0, 1.0)?).with_smooth(smooth, &rest)?;
 /// assert_eq!(prior.covariance(0, 0), 101.0);
 /// assert!((prior.covariance(0, 1) - 48.3).abs() < 0.1);
 /// # Ok::<(), vsf_core::CoreError>(())
@@ -144,6 +144,16 @@ impl FieldPrior {
     /// Whether points are independent of each other, so that a touch says nothing about the others.
     pub fn is_independent(&self) -> bool {
         self.level_variance == 0.0 && self.smooth.is_none()
+    }
+
+    /// Variance of the level, when nothing else links the points.
+    pub(crate) fn level_alone(&self) -> Option<f64> {
+        (self.level_variance > 0.0 && self.smooth.is_none()).then_some(self.level_variance)
+    }
+
+    /// Variance of a point's own part.
+    pub(crate) fn local(&self, i: usize) -> f64 {
+        self.local[i]
     }
 
     /// Means of all points (N/m).

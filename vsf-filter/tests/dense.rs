@@ -4,7 +4,7 @@
 #![allow(clippy::unwrap_used)]
 
 use rayon::ThreadPoolBuilder;
-use vsf_core::{Belief, Estimator, Observation, Scalar};
+use vsf_core::{Belief, CoreError, Estimator, Observation, Scalar};
 use vsf_filter::{CovarianceFilter, InformationFilter, Projection};
 use vsf_testkit::{EstimatorOptions, LinearWorld, check_estimator};
 
@@ -37,4 +37,99 @@ fn conforms_f32() {
 #[test]
 fn conforms_f64() {
     conforms::<f64>();
+}
+
+/// Updates of `n` points of which most are touched at once, after all were touched.
+fn pushes<T: Scalar>(n: usize, sd: f64, steps: usize) -> Vec<Observation<T>> {
+    let mut world = LinearWorld::new(n, 2.0 * sd, sd, 6);
+    let first = world.reading(n, n, 7, 0.03, 0.3);
+    let later = (0..steps).map(|_| world.reading(n, n * 5 / 6, 7, 0.03, 0.3));
+    let readings: Vec<_> = std::iter::once(first).chain(later).collect();
+    readings.iter().map(|r| r.observation(n).unwrap()).collect()
+}
+
+fn run<E: Estimator>(mut filter: E, data: &[Observation<E::Scalar>]) -> E {
+    data.iter().for_each(|obs| {
+        filter.update(obs).unwrap();
+    });
+    filter
+}
+
+fn threads_do_not_matter<E: Estimator>(
+    data: &[Observation<E::Scalar>],
+    make: impl Fn() -> E + Sync,
+) {
+    let beliefs = [1, 2, 3, 8].map(|threads| {
+        let pool = ThreadPoolBuilder::new()
+            .num_threads(threads)
+            .build()
+            .unwrap();
+        pool.install(|| run(make(), data).belief().clone())
+    });
+    for (belief, threads) in beliefs.iter().zip([1, 2, 3, 8]) {
+        assert!(belief == &beliefs[0], "{threads} threads");
+    }
+}
+
+#[test]
+fn results_do_not_depend_on_threads() {
+    fn check<T: Scalar>() {
+        let prior = |n| Belief::<T>::uniform(n, 4.0, 2.0).unwrap();
+        threads_do_not_matter(&pushes::<T>(1300, 2.0, 25), || {
+            CovarianceFilter::new(prior(1300)).unwrap()
+        });
+        threads_do_not_matter(&pushes::<T>(300, 2.0, 3), || {
+            InformationFilter::new(prior(300)).unwrap()
+        });
+    }
+    check::<f32>();
+    check::<f64>();
+}
+
+/// The figures that the documentation of `CovarianceFilter` gives for `f32`.
+#[test]
+fn single_precision_errs_by_a_millionth_of_the_prior() {
+    let (n, sd) = (300, 10.0);
+    let prior = Belief::<f64>::uniform(n, 2.0 * sd, sd).unwrap();
+    let single = CovarianceFilter::<f32>::new(prior.clone()).unwrap();
+    let single = run(single, &pushes(n, sd, 1000));
+    let double = CovarianceFilter::<f64>::new(prior).unwrap();
+    let double = run(double, &pushes(n, sd, 1000));
+    let (a, b) = (single.belief(), double.belief());
+    let (mut mean, mut variance, mut least) = (0.0f64, 0.0f64, 1.0f64);
+    for i in 0..n {
+        let v = b.variance()[i];
+        least = least.min(v / sd.powi(2));
+        mean = mean.max((f64::from(a.mean()[i]) - b.mean()[i]).abs() / v.sqrt());
+        variance = variance.max((f64::from(a.variance()[i]) - v).abs() / sd.powi(2));
+    }
+    eprintln!(
+        "posterior variance down to {least:.1e} of the prior's: f32 means off by {mean:.1e} of \
+         their sd, variances by {variance:.1e} of the prior's"
+    );
+    assert!(least < 1e-3, "an easy case");
+    assert!(mean < 1e-3);
+    assert!(variance < 2e-6);
+}
+
+/// Where `f32` cannot hold the posterior any more, the filter says so and keeps what it had.
+#[test]
+fn lost_definiteness_is_an_error() {
+    let n = 300;
+    let mut world = LinearWorld::new(n, 200.0, 100.0, 1);
+    let prior = Belief::<f32>::uniform(n, 200.0, 100.0).unwrap();
+    let mut filter = CovarianceFilter::<f32>::new(prior).unwrap();
+    let mut lost = false;
+    for _ in 0..150 {
+        let reading = world.reading(n, 250, 7, 0.1, 0.05);
+        let before = filter.belief().clone();
+        if let Err(error) = filter.update(&reading.observation(n).unwrap()) {
+            assert!(matches!(error, CoreError::NotPositiveDefinite { .. }));
+            assert_eq!(filter.belief(), &before);
+            lost = true;
+        }
+        let belief = filter.belief();
+        assert!(belief.variance().iter().all(|v| *v > 0.0 && v.is_finite()));
+    }
+    assert!(lost, "f32 held");
 }

@@ -8,8 +8,8 @@ use std::alloc::{GlobalAlloc, Layout, System};
 use std::sync::atomic::{AtomicUsize, Ordering};
 use vsf_core::{Belief, Estimator, Observation, Scalar};
 use vsf_filter::{
-    DiagonalForm, DiagonalKalman, MemoryReplay, ReplayConfig, ReplayVariance, RobustLoss,
-    RobustNoise,
+    CovarianceFilter, DiagonalForm, DiagonalKalman, MemoryReplay, ReplayConfig, ReplayVariance,
+    RobustLoss, RobustNoise,
 };
 use vsf_testkit::LinearWorld;
 
@@ -74,6 +74,8 @@ fn check_all<T: Scalar>() {
         })
         .collect();
     let prior = || Belief::uniform(N, 0.0, 1.0).unwrap();
+    let mut filter = CovarianceFilter::<T>::new(prior()).unwrap();
+    check("covariance", &mut filter, &data);
     for form in [
         DiagonalForm::Innovation,
         DiagonalForm::InnovationUpdated,

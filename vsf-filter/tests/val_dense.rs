@@ -9,42 +9,15 @@ use ndarray_npy::NpzReader;
 use proptest::prelude::*;
 use std::fs::File;
 use vsf_core::{Belief, CoreError, Estimator, Noise, Observation, Prediction, RestPoints, Scalar};
-use vsf_filter::{CovarianceFilter, FieldPrior, InformationFilter, Matern, Projection, Smoothness};
+use vsf_filter::{
+    CovarianceFilter, FieldPrior, InformationFilter, JointEstimator, Matern, Projection, Smoothness,
+};
 use vsf_testkit::{LinearWorld, Reading};
 
 /// Both filters behind one face.
-trait Dense<T: Scalar>: Estimator<Scalar = T> {
-    fn points(&self) -> &[u32];
-    fn covariance(&self, i: usize, j: usize) -> Option<T>;
-    fn include(&mut self, points: &[u32]) -> Result<(), CoreError>;
-    fn extrapolate(&self, points: &[u32]) -> Result<Belief<T>, CoreError>;
-    fn restart(&mut self, prior: FieldPrior) -> Result<(), CoreError>;
-}
+type Dense<T> = dyn JointEstimator<Scalar = T>;
 
-macro_rules! dense {
-    ($($filter:ident),*) => {$(
-        impl<T: Scalar> Dense<T> for $filter<T> {
-            fn points(&self) -> &[u32] {
-                self.points()
-            }
-            fn covariance(&self, i: usize, j: usize) -> Option<T> {
-                self.covariance(i, j)
-            }
-            fn include(&mut self, points: &[u32]) -> Result<(), CoreError> {
-                self.include(points)
-            }
-            fn extrapolate(&self, points: &[u32]) -> Result<Belief<T>, CoreError> {
-                self.extrapolate(points)
-            }
-            fn restart(&mut self, prior: FieldPrior) -> Result<(), CoreError> {
-                self.restart(prior)
-            }
-        }
-    )*};
-}
-dense!(CovarianceFilter, InformationFilter);
-
-fn both<T: Scalar>(prior: &FieldPrior, projection: Projection) -> [Box<dyn Dense<T>>; 2] {
+fn both<T: Scalar>(prior: &FieldPrior, projection: Projection) -> [Box<Dense<T>>; 2] {
     let prior = || prior.clone();
     [
         Box::new(CovarianceFilter::with_projection(prior(), projection).unwrap()),
@@ -237,7 +210,7 @@ fn batch(prior: &FieldPrior, readings: &[Reading]) -> (DVector<f64>, DMatrix<f64
     (&covariance * rhs, covariance)
 }
 
-fn feed<T: Scalar>(filter: &mut dyn Dense<T>, readings: &[Reading]) -> f64 {
+fn feed<T: Scalar>(filter: &mut Dense<T>, readings: &[Reading]) -> f64 {
     let update = |r: &Reading| {
         let report = filter.update(&r.observation(N).unwrap()).unwrap();
         report.log_likelihood
@@ -357,7 +330,7 @@ fn order_does_not_matter() {
         assert!((logs[0] - logs[1]).abs() < 1e-7, "{name}: {logs:?}");
         assert!((logs[0] - logs[2]).abs() < 1e-7, "{name}: {logs:?}");
         for i in 0..N {
-            let mean = |f: &dyn Dense<f64>| f.extrapolate(&[i as u32]).unwrap().mean()[0];
+            let mean = |f: &Dense<f64>| f.extrapolate(&[i as u32]).unwrap().mean()[0];
             assert!((mean(&*a) - mean(&*b)).abs() < 1e-9, "{name}: point {i}");
             assert!((mean(&*a) - mean(&*c)).abs() < 1e-9, "{name}: point {i}");
         }

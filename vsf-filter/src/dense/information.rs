@@ -1,20 +1,14 @@
-use crate::cholesky::cholesky;
-use crate::innovation::Innovation;
-use crate::joint::Joint;
+use super::algebra::{add_product, cholesky, inverse_lower, product, solve_lower};
+use super::innovation::Innovation;
+use super::joint::{Joint, JointEstimator};
+use super::projection::{Projection, Shown};
+use super::touched::{Conditional, Touched};
 use crate::kernel::all_positive;
 use crate::prior::FieldPrior;
-use crate::projection::{Projection, Shown};
-use crate::touched::Touched;
-use faer::linalg::matmul::matmul;
-use faer::linalg::triangular_inverse::invert_lower_triangular;
-use faer::linalg::triangular_solve::solve_lower_triangular_in_place;
-use faer::{Accum, Mat, Par};
+use faer::Mat;
 use vsf_core::{
     Belief, CoreError, Estimator, Observation, Prediction, Scalar, SymmetricFactor, UpdateReport,
 };
-
-/// One thread: the same bits wherever it runs.
-const PAR: Par = Par::Seq;
 
 /// Exact recursive Gaussian filter in information form, eq. 5 of the paper: the precision matrix
 /// of the touched points gains `W^T R^-1 W`, the mean follows from its Cholesky factor.
@@ -92,52 +86,9 @@ impl<T: Scalar> InformationFilter<T> {
         })
     }
 
-    /// Forgets everything and starts from any prior; [`Estimator::reset`] takes marginals only.
-    ///
-    /// # Errors
-    /// Variances beyond the range of `T`; the filter is then as before.
-    pub fn restart(&mut self, prior: impl Into<FieldPrior>) -> Result<(), CoreError> {
-        *self = Self::with_projection(prior, self.shown.projection)?;
-        Ok(())
-    }
-
     /// What happens to negative means.
     pub fn projection(&self) -> Projection {
         self.shown.projection
-    }
-
-    /// The touched (or included) points, in the order in which they came.
-    pub fn points(&self) -> &[u32] {
-        self.touched.points()
-    }
-
-    /// Posterior covariance (N²/m²) of points `i` and `j`; `None` if one of them was neither
-    /// touched nor included.
-    pub fn covariance(&self, i: usize, j: usize) -> Option<T> {
-        let slot = |p| self.touched.slot(u32::try_from(p).ok()?);
-        Some(self.covariance_of(slot(i)?, slot(j)?))
-    }
-
-    /// Takes points in as if they had been touched: from now on [`Estimator::belief`] follows them,
-    /// and their first touch costs no more than any other. Changes nothing that is known.
-    ///
-    /// # Errors
-    /// A point beyond the field, a prior covariance that is not positive definite. Some points may
-    /// then be included, to no harm.
-    pub fn include(&mut self, points: &[u32]) -> Result<(), CoreError> {
-        self.touch(points)?;
-        self.show();
-        Ok(())
-    }
-
-    /// Posterior marginals of any points, touched or not, in their order; means below zero are
-    /// shown as zero. `O(n²)` a point that was never touched, for `n` touched ones, under a
-    /// correlated prior.
-    ///
-    /// # Errors
-    /// A point beyond the field, a variance that rounding left without a positive value.
-    pub fn extrapolate(&self, points: &[u32]) -> Result<Belief<T>, CoreError> {
-        self.marginals(points)
     }
 
     fn show(&mut self) -> usize {
@@ -151,25 +102,24 @@ impl<T: Scalar> InformationFilter<T> {
             return Ok(());
         }
         let conditional = self.touched.condition(&unseen)?;
-        let prior_mean = |points: &[u32]| -> Vec<f64> {
-            let mean = self.touched.prior().mean();
-            points.iter().map(|&p| mean[p as usize]).collect()
+        let Conditional { onto, share, .. } = &conditional;
+        let gain = product(onto.as_ref(), share.transpose());
+        let grown = if onto.ncols() == 0 {
+            self.gaussian.append(&conditional.covariance)
+        } else {
+            self.gaussian.extend(&gain, &conditional.corner)?
         };
-        let grown = match &conditional.gain {
-            None => self.gaussian.append(&conditional.covariance),
-            Some(gain) => self.gaussian.extend(gain, &conditional.corner)?,
+        let prior_mean = self.touched.prior().mean();
+        let mean = |b: usize| {
+            let known = self.touched.points().iter().zip(&self.gaussian.mean);
+            let moved = known
+                .enumerate()
+                .map(|(slot, (&p, now))| gain[(slot, b)] * (now - prior_mean[p as usize]));
+            prior_mean[unseen[b] as usize] + moved.sum::<f64>()
         };
-        let mut mean = prior_mean(&unseen);
-        if let Some(gain) = &conditional.gain {
-            let known = prior_mean(self.touched.points());
-            for (b, mean) in mean.iter_mut().enumerate() {
-                for (slot, (now, known)) in self.gaussian.mean.iter().zip(&known).enumerate() {
-                    *mean += gain[(slot, b)] * (now - known);
-                }
-            }
-        }
+        let old = self.gaussian.mean.iter().copied();
+        let mean = old.chain((0..unseen.len()).map(mean)).collect();
         self.touched.append(&unseen, &conditional);
-        mean.splice(0..0, self.gaussian.mean.iter().copied());
         self.gaussian = Gaussian { mean, ..grown };
         Ok(())
     }
@@ -252,9 +202,8 @@ impl Gaussian {
     fn from_precision(precision: Mat<f64>) -> Result<Self, CoreError> {
         let n = precision.nrows();
         let mut root = precision.clone();
-        cholesky("precision of the touched points", &mut root, PAR)?;
-        let mut whitener = Mat::zeros(n, n);
-        invert_lower_triangular(whitener.as_mut(), root.as_ref(), PAR);
+        cholesky("precision of the touched points", &mut root)?;
+        let whitener = inverse_lower(&root);
         let variance: Vec<f64> = (0..n).map(|i| whitener.col(i).squared_norm_l2()).collect();
         Ok(Self {
             precision,
@@ -266,13 +215,8 @@ impl Gaussian {
 
     /// `P x`.
     fn times(&self, x: &Mat<f64>) -> Mat<f64> {
-        let product = |a, b: &Mat<f64>| {
-            let mut y = Mat::zeros(b.nrows(), b.ncols());
-            matmul(y.as_mut(), Accum::Replace, a, b, 1.0, PAR);
-            y
-        };
-        let white = product(self.whitener.as_ref(), x);
-        product(self.whitener.transpose(), &white)
+        let white = product(self.whitener.as_ref(), x.as_ref());
+        product(self.whitener.transpose(), white.as_ref())
     }
 
     /// With new points of given variances, independent of all others; means still missing.
@@ -310,7 +254,7 @@ impl Gaussian {
                 f64::from(i == j - n)
             }
         });
-        solve_lower_triangular_in_place(corner.as_ref(), rows.as_mut(), PAR);
+        solve_lower(corner, &mut rows);
         let mut precision = Mat::from_fn(n + b, n + b, |i, j| {
             if i < n && j < n {
                 self.precision[(i, j)]
@@ -318,14 +262,7 @@ impl Gaussian {
                 0.0
             }
         });
-        matmul(
-            precision.as_mut(),
-            Accum::Add,
-            rows.transpose(),
-            rows.as_ref(),
-            1.0,
-            PAR,
-        );
+        add_product(&mut precision, 1.0, rows.transpose(), rows.as_ref());
         Self::from_precision(precision)
     }
 }
@@ -340,7 +277,7 @@ impl<T: Scalar> Joint<T> for InformationFilter<T> {
         (T::from_f64(mean[slot]), T::from_f64(variance[slot]))
     }
 
-    fn covariance_of(&self, i: usize, j: usize) -> T {
+    fn slot_covariance(&self, i: usize, j: usize) -> T {
         let whitener = &self.gaussian.whitener;
         let pairs = whitener.col(i).iter().zip(whitener.col(j).iter());
         T::from_f64(pairs.map(|(a, b)| a * b).sum())
@@ -353,6 +290,31 @@ impl<T: Scalar> Joint<T> for InformationFilter<T> {
     }
 }
 
+impl<T: Scalar> JointEstimator for InformationFilter<T> {
+    fn restart(&mut self, prior: FieldPrior) -> Result<(), CoreError> {
+        *self = Self::with_projection(prior, self.shown.projection)?;
+        Ok(())
+    }
+
+    fn points(&self) -> &[u32] {
+        self.touched.points()
+    }
+
+    fn covariance(&self, i: usize, j: usize) -> Option<T> {
+        self.covariance_of(i, j)
+    }
+
+    fn include(&mut self, points: &[u32]) -> Result<(), CoreError> {
+        self.touch(points)?;
+        self.show();
+        Ok(())
+    }
+
+    fn extrapolate(&self, points: &[u32]) -> Result<Belief<T>, CoreError> {
+        self.marginals(points)
+    }
+}
+
 impl<T: Scalar> Estimator for InformationFilter<T> {
     type Scalar = T;
 
@@ -361,7 +323,7 @@ impl<T: Scalar> Estimator for InformationFilter<T> {
     }
 
     fn reset(&mut self, prior: Belief<T>) -> Result<(), CoreError> {
-        self.restart(prior)
+        self.restart(prior.into())
     }
 
     fn update(&mut self, obs: &Observation<T>) -> Result<UpdateReport, CoreError> {

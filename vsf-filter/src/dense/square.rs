@@ -6,35 +6,35 @@ use pulp::{Arch, Simd, WithSimd};
 use vsf_core::Scalar;
 
 /// Width of the inner loops.
-pub(crate) const OCTET: usize = 8;
+pub(super) const OCTET: usize = 8;
 /// Squares along the edge of a tile.
-pub(crate) const BANDS: usize = 8;
+pub(super) const BANDS: usize = 8;
 /// Rows and columns of a tile.
-pub(crate) const TILE: usize = BANDS * OCTET;
+pub(super) const TILE: usize = BANDS * OCTET;
 /// Squares of a tile, one band of eight rows after the other.
-pub(crate) const TILE_SQUARES: usize = BANDS * BANDS;
+pub(super) const TILE_SQUARES: usize = BANDS * BANDS;
 /// Rows whose sums stay in registers.
 const ROWS: usize = 4;
 
 /// Eight neighbouring numbers, aligned so that no vector straddles a cache line.
 #[derive(Debug, Clone, Copy, PartialEq)]
 #[repr(align(32))]
-pub(crate) struct Octet<T>(pub(crate) [T; OCTET]);
+pub(super) struct Octet<T>(pub(super) [T; OCTET]);
 
 /// Eight octets; of a tile `square[column][row]`.
-pub(crate) type Square<T> = [Octet<T>; OCTET];
+pub(super) type Square<T> = [Octet<T>; OCTET];
 
-pub(crate) fn zero<T: Scalar>() -> Square<T> {
+pub(super) fn zero<T: Scalar>() -> Square<T> {
     [Octet([T::ZERO; OCTET]); OCTET]
 }
 
 /// A loop nest; `FMA` says whether the processor fuses products into sums.
-pub(crate) trait Kernel {
+pub(super) trait Kernel {
     fn run<const FMA: bool>(self);
 }
 
 /// Runs a kernel with the widest instructions there are.
-pub(crate) fn dispatch(kernel: impl Kernel) {
+pub(super) fn dispatch(kernel: impl Kernel) {
     struct Run<K>(K);
     impl<K: Kernel> WithSimd for Run<K> {
         type Output = ();
@@ -52,7 +52,7 @@ pub(crate) fn dispatch(kernel: impl Kernel) {
 
 /// `y += a x`.
 #[inline(always)]
-pub(crate) fn add_scaled<T: Scalar, const FMA: bool>(y: &mut Octet<T>, a: T, x: &Octet<T>) {
+pub(super) fn add_scaled<T: Scalar, const FMA: bool>(y: &mut Octet<T>, a: T, x: &Octet<T>) {
     for l in 0..OCTET {
         y.0[l] = if FMA {
             a.mul_add(x.0[l], y.0[l])
@@ -84,7 +84,7 @@ fn subtract_outer<T: Scalar, const FMA: bool, const N: usize>(
 
 /// `square[c][l] -= sum_k columns[k][c] rows[k][l]`, ranks `k` of the squares at `positions`.
 #[inline(always)]
-pub(crate) fn downdate<T: Scalar, const FMA: bool>(
+pub(super) fn downdate<T: Scalar, const FMA: bool>(
     square: &mut Square<T>,
     rows: &[Square<T>],
     columns: &[Square<T>],
@@ -103,7 +103,7 @@ pub(crate) fn downdate<T: Scalar, const FMA: bool>(
 
 /// `sum[k] += sum_i a[k][i] b[i]`.
 #[inline(always)]
-pub(crate) fn add_product<T: Scalar, const FMA: bool>(
+pub(super) fn multiply_square<T: Scalar, const FMA: bool>(
     sum: &mut Square<T>,
     a: &Square<T>,
     b: &Square<T>,
@@ -116,15 +116,15 @@ pub(crate) fn add_product<T: Scalar, const FMA: bool>(
 }
 
 /// Rows and columns of vectors that a tile multiplies: `w` goes in, `y` comes out.
-pub(crate) struct Strip<'a, T> {
-    pub(crate) w: &'a [Square<T>],
-    pub(crate) y: &'a mut [Square<T>],
+pub(super) struct Strip<'a, T> {
+    pub(super) w: &'a [Square<T>],
+    pub(super) y: &'a mut [Square<T>],
 }
 
 /// `rows.y += tile columns.w` if `DOWN`, `columns.y += tile^T rows.w` if `ACROSS`, eight channels
 /// at a time, in one pass over the tile.
 #[inline(always)]
-pub(crate) fn multiply<T: Scalar, const FMA: bool, const DOWN: bool, const ACROSS: bool>(
+pub(super) fn multiply<T: Scalar, const FMA: bool, const DOWN: bool, const ACROSS: bool>(
     tile: &[Square<T>],
     rows: &mut Strip<'_, T>,
     columns: &mut Strip<'_, T>,
@@ -157,5 +157,68 @@ pub(crate) fn multiply<T: Scalar, const FMA: bool, const DOWN: bool, const ACROS
                 y[first..first + ROWS].copy_from_slice(&sums);
             }
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn squares(seed: usize, count: usize) -> Vec<Square<f64>> {
+        let number = |i: usize| ((i * 37 + seed * 101) % 64) as f64 / 16.0 - 2.0;
+        let octet = |i: usize| Octet(std::array::from_fn(|l| number(8 * i + l)));
+        (0..count)
+            .map(|s| std::array::from_fn(|c| octet(8 * s + c)))
+            .collect()
+    }
+
+    /// Row `i` and column `j` of a tile.
+    fn entry(tile: &[Square<f64>], i: usize, j: usize) -> f64 {
+        tile[i / OCTET * BANDS + j / OCTET][j % OCTET].0[i % OCTET]
+    }
+
+    /// All numbers are sixteenths, so that every sum is exact, fused or not.
+    fn check<const FMA: bool>() {
+        let tile = squares(1, TILE_SQUARES);
+        let (w, v) = (squares(2, BANDS), squares(3, BANDS));
+        let (mut down, mut across) = (squares(4, BANDS), squares(5, BANDS));
+        multiply::<f64, FMA, true, true>(
+            &tile,
+            &mut Strip {
+                w: &w,
+                y: &mut down,
+            },
+            &mut Strip {
+                w: &v,
+                y: &mut across,
+            },
+        );
+        let row = |x: &[Square<f64>], i: usize, l: usize| x[i / OCTET][i % OCTET].0[l];
+        for (i, l) in (0..TILE).flat_map(|i| (0..OCTET).map(move |l| (i, l))) {
+            let sum: f64 = (0..TILE).map(|j| entry(&tile, i, j) * row(&v, j, l)).sum();
+            assert_eq!(row(&down, i, l), row(&squares(4, BANDS), i, l) + sum);
+            let sum: f64 = (0..TILE).map(|j| entry(&tile, j, i) * row(&w, j, l)).sum();
+            assert_eq!(row(&across, i, l), row(&squares(5, BANDS), i, l) + sum);
+        }
+
+        let mut square = tile[0];
+        downdate::<f64, FMA>(&mut square, &w, &v, &[1, 6]);
+        let mut product = tile[0];
+        multiply_square::<f64, FMA>(&mut product, &w[0], &v[0]);
+        for (c, l) in (0..OCTET).flat_map(|c| (0..OCTET).map(move |l| (c, l))) {
+            let ranks = [1, 6]
+                .into_iter()
+                .flat_map(|p| (0..OCTET).map(move |k| (p, k)));
+            let sum: f64 = ranks.map(|(p, k)| v[p][k].0[c] * w[p][k].0[l]).sum();
+            assert_eq!(square[c].0[l], tile[0][c].0[l] - sum);
+            let sum: f64 = (0..OCTET).map(|i| w[0][c].0[i] * v[0][i].0[l]).sum();
+            assert_eq!(product[c].0[l], tile[0][c].0[l] + sum);
+        }
+    }
+
+    #[test]
+    fn with_and_without_fused_products() {
+        check::<false>();
+        check::<true>();
     }
 }

@@ -1,19 +1,58 @@
-use crate::touched::Touched;
+use super::touched::Touched;
+use crate::prior::FieldPrior;
 use faer::{Mat, MatRef};
-use vsf_core::{Belief, CoreError, Observation, Prediction, Scalar};
+use vsf_core::{Belief, CoreError, Estimator, Observation, Prediction, Scalar};
 
 /// Points extrapolated at once.
 const CHUNK: usize = 8;
 
+/// An estimator that keeps the joint Gaussian of the points it has touched, and knows by its prior
+/// what that says of all others. Dyn-safe.
+pub trait JointEstimator: Estimator {
+    /// Forgets everything and starts from any prior; [`Estimator::reset`] takes marginals only.
+    ///
+    /// # Errors
+    /// Variances beyond the range of the number type; the estimator is then as before.
+    fn restart(&mut self, prior: FieldPrior) -> Result<(), CoreError>;
+
+    /// The touched (or included) points, in the order in which they came.
+    fn points(&self) -> &[u32];
+
+    /// Posterior covariance (N²/m²) of points `i` and `j`, before projection; `None` if one of
+    /// them was neither touched nor included.
+    fn covariance(&self, i: usize, j: usize) -> Option<Self::Scalar>;
+
+    /// Takes points in as if they had been touched: from now on [`Estimator::belief`] follows them,
+    /// and their first touch costs no more than any other. Changes nothing that is known.
+    ///
+    /// # Errors
+    /// A point beyond the field, a prior covariance that is not positive definite. Some points may
+    /// then be included, to no harm.
+    fn include(&mut self, points: &[u32]) -> Result<(), CoreError>;
+
+    /// Posterior marginals of any points, touched or not, in their order; means below zero are
+    /// shown as zero. `O(n²)` for every point that was never touched, with `n` touched ones.
+    ///
+    /// # Errors
+    /// A point beyond the field, a variance that rounding left without a positive value.
+    fn extrapolate(&self, points: &[u32]) -> Result<Belief<Self::Scalar>, CoreError>;
+}
+
 /// A joint Gaussian of the touched points, by slots, and what follows from it for all points.
-pub(crate) trait Joint<T: Scalar> {
+pub(super) trait Joint<T: Scalar> {
     fn touched(&self) -> &Touched;
 
     /// Mean and marginal variance.
     fn marginal(&self, slot: usize) -> (T, T);
 
     /// Covariance of two slots.
-    fn covariance_of(&self, i: usize, j: usize) -> T;
+    fn slot_covariance(&self, i: usize, j: usize) -> T;
+
+    /// Covariance of two points.
+    fn covariance_of(&self, i: usize, j: usize) -> Option<T> {
+        let slot = |p| self.touched().slot(u32::try_from(p).ok()?);
+        Some(self.slot_covariance(slot(i)?, slot(j)?))
+    }
 
     /// Variances of the sums `w^T K` of the touched points, one per column of `w`.
     fn spread(&self, w: &Mat<f64>) -> Vec<f64>;
@@ -34,22 +73,25 @@ pub(crate) trait Joint<T: Scalar> {
                 }
             }
         }
-        let rest = Mat::from_fn(rows.len(), d, |k, i| weights[(rows[k], i)]);
-        let (onto, mut variance) = touched.project(&unseen, rest.as_ref());
-        let mut mean = vec![0.0; d];
-        for (i, mean) in mean.iter_mut().enumerate() {
-            let unseen = unseen.iter().enumerate();
-            *mean = unseen
-                .map(|(k, &p)| rest[(k, i)] * prior_mean[p as usize])
-                .sum();
-            for (slot, &p) in touched.points().iter().enumerate() {
-                let now = self.marginal(slot).0.to_f64();
-                *mean += w[(slot, i)] * now;
-                if let Some(onto) = &onto {
-                    *mean += onto[(slot, i)] * (now - prior_mean[p as usize]);
+        let (mut mean, mut variance) = (vec![0.0; d], vec![0.0; d]);
+        if !unseen.is_empty() {
+            let rest = Mat::from_fn(rows.len(), d, |k, i| weights[(rows[k], i)]);
+            let (onto, left) = touched.project(&unseen, rest.as_ref());
+            variance = left;
+            for (i, mean) in mean.iter_mut().enumerate() {
+                let unseen = unseen.iter().enumerate();
+                *mean = unseen
+                    .map(|(k, &p)| rest[(k, i)] * prior_mean[p as usize])
+                    .sum();
+                for (slot, &p) in touched.points().iter().enumerate() {
+                    *mean -= onto[(slot, i)] * prior_mean[p as usize];
                     w[(slot, i)] += onto[(slot, i)];
                 }
             }
+        }
+        for (i, mean) in mean.iter_mut().enumerate() {
+            let known = (0..touched.len()).map(|s| w[(s, i)] * self.marginal(s).0.to_f64());
+            *mean += known.sum::<f64>();
         }
         for (variance, spread) in variance.iter_mut().zip(self.spread(&w)) {
             *variance += spread;

@@ -3,13 +3,13 @@ use vsf_core::{CoreError, Observation, Scalar, SymmetricFactor, UpdateReport};
 
 /// What a Gaussian belief did not know of a reading: `r = tau - W mu` and `S = W P W^T + R`.
 #[derive(Debug, Clone, Default)]
-pub(crate) struct Innovation {
-    pub(crate) residual: Vec<f64>,
+pub(super) struct Innovation {
+    pub(super) residual: Vec<f64>,
     /// `S`, row-major, lower triangle.
     covariance: Vec<f64>,
     factor: SymmetricFactor,
     /// `L^-1 r` with `L L^T = S`.
-    pub(crate) whitened: Vec<f64>,
+    pub(super) whitened: Vec<f64>,
     column: Vec<f64>,
 }
 
@@ -18,7 +18,7 @@ impl Innovation {
     ///
     /// # Errors
     /// Numbers that overflow, a covariance that is not positive definite.
-    pub(crate) fn measure<T: Scalar>(
+    pub(super) fn measure<T: Scalar>(
         &mut self,
         obs: &Observation<T>,
         mean: impl Fn(usize) -> f64,
@@ -47,7 +47,7 @@ impl Innovation {
     }
 
     /// Entries `(i, j)`, `j <= i`, of `L^-1`.
-    pub(crate) fn each_whitening(&mut self, mut entry: impl FnMut(usize, usize, f64)) {
+    pub(super) fn each_whitening(&mut self, mut entry: impl FnMut(usize, usize, f64)) {
         for j in 0..self.factor.dim() {
             self.column.fill(0.0);
             self.column[j] = 1.0;
@@ -59,7 +59,7 @@ impl Innovation {
     }
 
     /// What can be said before the belief is projected.
-    pub(crate) fn report<T: Scalar>(&self, obs: &Observation<T>) -> UpdateReport {
+    pub(super) fn report<T: Scalar>(&self, obs: &Observation<T>) -> UpdateReport {
         let dof = obs.dim();
         let nis: f64 = self.whitened.iter().map(|x| x * x).sum();
         UpdateReport {
@@ -74,7 +74,7 @@ impl Innovation {
 }
 
 /// `tau - W x` for values `x(k)` of the contacts.
-pub(crate) fn residual<T: Scalar>(
+pub(super) fn residual<T: Scalar>(
     obs: &Observation<T>,
     x: impl Fn(usize) -> f64,
     out: &mut Vec<f64>,
@@ -86,6 +86,6 @@ pub(crate) fn residual<T: Scalar>(
     }));
 }
 
-pub(crate) fn norm(x: &[f64]) -> f64 {
+pub(super) fn norm(x: &[f64]) -> f64 {
     x.iter().map(|v| v * v).sum::<f64>().sqrt()
 }

@@ -1,0 +1,22 @@
+//! Exact Gaussian filters over the touched points. [`touched`] says what the prior makes of points
+//! that come in late, [`joint`] what a posterior of the touched points says of all others.
+//! [`information`] is eq. 5 of the paper by matrices of `faer`. [`covariance`] is the fast form:
+//! [`tiles`] hold the matrix, [`product`] multiplies it, [`square`] has the inner loops.
+
+mod algebra;
+mod channels;
+mod covariance;
+mod gain;
+mod information;
+mod innovation;
+mod joint;
+mod product;
+mod projection;
+mod square;
+mod tiles;
+mod touched;
+
+pub use covariance::CovarianceFilter;
+pub use information::InformationFilter;
+pub use joint::JointEstimator;
+pub use projection::Projection;
