@@ -138,7 +138,7 @@ impl Recording {
 
     /// The scene of the recording alone.
     pub fn scene(&self, console: &Console) -> anyhow::Result<Scene> {
-        self.scene_by(console, |dataset, options| Scene::open(dataset, options))
+        self.scene_by(console, Scene::open)
     }
 
     /// The scene of a field in this recording: the recording's points must be the field's; without
