@@ -131,7 +131,7 @@ fn find<'a>(args: impl IntoIterator<Item = &'a Arg>, key: &str) -> Option<&'a Ar
 }
 
 /// The flags that give `arg` these values, checked as on the command line.
-fn flags<'a>(arg: &Arg, values: impl IntoIterator<Item = String>) -> anyhow::Result<Vec<OsString>> {
+fn flags(arg: &Arg, values: impl IntoIterator<Item = String>) -> anyhow::Result<Vec<OsString>> {
     let long = arg.get_long().unwrap_or_default();
     let is_switch = matches!(arg.get_action(), ArgAction::SetTrue);
     let flag = |value: String| match (is_switch, value.as_str()) {

@@ -129,6 +129,12 @@ pub fn write_file(path: &Path, bytes: &[u8]) -> anyhow::Result<()> {
     Ok(writing(|| vsf::data::write_file(path, bytes))?)
 }
 
+/// Paths as JSON has them: Unicode.
+pub fn texts(paths: &[PathBuf]) -> Vec<String> {
+    let text = |p: &PathBuf| p.to_string_lossy().into_owned();
+    paths.iter().map(text).collect()
+}
+
 /// Creates a folder and those above it.
 pub fn create_folder(path: &Path) -> anyhow::Result<()> {
     std::fs::create_dir_all(path).with_context(|| format!("cannot create {}", path.display()))

@@ -132,11 +132,13 @@ impl FieldFile {
         })
     }
 
-    /// Mean and variance; variance 0 where the file has none.
+    /// Mean and variance. Where the file has no deviation, or 0, the variance is next to nothing: a
+    /// belief has one.
     pub fn belief(&self) -> anyhow::Result<Belief<f64>> {
+        let least = f64::MIN_POSITIVE;
         let variance = match &self.field.sd {
-            Some(sd) => sd.iter().map(|s| s * s).collect(),
-            None => vec![0.0; self.field.points.len()],
+            Some(sd) => sd.iter().map(|s| (s * s).max(least)).collect(),
+            None => vec![least; self.field.points.len()],
         };
         Ok(Belief::new(self.field.stiffness.clone(), variance)?)
     }
@@ -186,6 +188,27 @@ fn wrong(path: &Path, name: &str, problem: &str) -> anyhow::Error {
 pub fn touched(field: &StiffnessField) -> Vec<bool> {
     let feature = field.features.get(TOUCHED);
     feature.map_or_else(Vec::new, |t| t.data().iter().map(|&v| v != 0.0).collect())
+}
+
+/// Refuses what [`save`] would refuse in the end, before the work begins.
+pub fn check_out(out: &Path) -> anyhow::Result<()> {
+    let path = out.display();
+    if FieldFormat::of(out)? != FieldFormat::Folder {
+        return match out.is_dir() {
+            true => Err(usage(format!("--out {path}: it is a folder"))),
+            false => Ok(()),
+        };
+    }
+    let is_ours =
+        |name: &str| name.starts_with('.') || name.ends_with(".npy") || name == "format.json";
+    let names = out.read_dir().into_iter().flatten().flatten();
+    let names = names.map(|entry| entry.file_name().to_string_lossy().into_owned());
+    match names.filter(|name| !is_ours(name)).min() {
+        Some(name) => Err(usage(format!(
+            "--out {path} holds {name:?}; choose a new or empty folder, or a field to replace"
+        ))),
+        None => Ok(()),
+    }
 }
 
 /// Writes a field as data: `.npz`, `.ply` or a folder.

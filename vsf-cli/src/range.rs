@@ -17,6 +17,12 @@ pub fn finite(text: &str) -> Result<f64, String> {
     ranged(text, -MOST, "a number of at most 1e100 in magnitude")
 }
 
+/// Replays per update; each costs as much as an update.
+pub fn replays(text: &str) -> Result<usize, String> {
+    let value = text.parse().ok().filter(|n| *n <= 10_000);
+    value.ok_or_else(|| "must be a whole number up to 10000".to_owned())
+}
+
 /// A whole number >= 1.
 pub fn count(text: &str) -> Result<usize, String> {
     let value = text.parse().ok().filter(|n| *n > 0);

@@ -1,5 +1,5 @@
 use crate::config::Sources;
-use crate::console::Console;
+use crate::console::{Console, number};
 use crate::exit::usage;
 use crate::field_file::FieldFile;
 use crate::settings::SceneSettings;
@@ -138,7 +138,7 @@ impl Recording {
 
     /// The scene of the recording alone.
     pub fn scene(&self, console: &Console) -> anyhow::Result<Scene> {
-        self.scene_by(console, |dataset, options| Scene::open(dataset, options))
+        self.scene_by(console, Scene::open)
     }
 
     /// The scene of a field in this recording: the recording's points must be the field's; without
@@ -183,6 +183,16 @@ impl Recording {
         for grid in &scene.grids {
             if let CacheUse::NotStored(why) = &grid.report.cache {
                 console.warn(format!("grid not cached: {why}"));
+            }
+            let (error, threshold) = (grid.report.error.p99, scene.contact().threshold);
+            if error > threshold {
+                console.warn(format!(
+                    "link {:?}: the distance grid of its mesh is off by {} m (99 %), more than the \
+                     contact threshold of {} m; are its units metres? If so, give --grid-resolution",
+                    scene.robot.links()[grid.link].name(),
+                    number(error),
+                    number(threshold),
+                ));
             }
         }
         Ok(scene)

@@ -1,7 +1,7 @@
 //! Parameters shared by the commands, as flags over the library's defaults.
 
 use crate::exit::usage;
-use crate::range::{finite, not_negative, positive};
+use crate::range::{finite, not_negative, positive, replays};
 use clap::builder::RangedU64ValueParser;
 use clap::{Args, ValueEnum};
 use std::path::{Path, PathBuf};
@@ -102,7 +102,7 @@ pub struct EstimatorSettings {
     #[arg(long)]
     projection: Option<ProjectionKind>,
     /// Past observations replayed after every update, default 20; 0 with `diagonal`
-    #[arg(long)]
+    #[arg(long, value_parser = replays)]
     replay: Option<usize>,
     /// Whether a replay leaves the variances (keep, default) or shrinks them again (shrink)
     #[arg(long, value_parser = ["keep", "shrink"])]

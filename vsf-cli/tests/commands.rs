@@ -58,6 +58,12 @@ fn round_trip() {
     let folder = bench.ok("evaluate touch --field folder --json");
     assert_eq!(value(&folder, "mean_error"), error);
 
+    // A field without deviations will do, and says so.
+    bench.ok("evaluate touch --field truth");
+    let error = bench.warned("predict touch --field truth --out certain");
+    assert!(error.contains("K_std"), "{error}");
+    bench.ok("export touch --field truth --torques certain_plots");
+
     // Predictions are a recording whose torques the field explains exactly.
     bench.ok("predict touch --field field.npz --out predicted");
     assert!(bench.root.join("predicted/seq_c/torques_sd.npy").is_file());
@@ -181,6 +187,8 @@ fn numbers_out_of_range_name_their_flag() {
         ("info data --grid-resolution=0", "--grid-resolution"),
         ("estimate data --prior-sd=1e200", "--prior-sd"),
         ("evaluate data --neighbours=0", "--neighbours"),
+        ("estimate data --replay=99999999999", "--replay"),
+        ("bench --replay=99999999999", "--replay"),
         ("export truth --out a.ply --full-scale=0", "--full-scale"),
         (
             "simulate data --field truth --out x --noise-sd=-1",

@@ -43,7 +43,7 @@ pub enum CoreError {
         index: usize,
     },
     /// A parameter lies outside its range.
-    #[error("{name} = {value} is out of range: {range}")]
+    #[error("{name} = {value:?} is out of range: {range}")]
     Parameter {
         /// Name of the parameter.
         name: &'static str,

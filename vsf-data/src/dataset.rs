@@ -100,7 +100,7 @@ impl Dataset {
             named(&mut sequences, dir, "sequence_tags", id)?.tags = tags;
         }
         let points = dir.join(POINTS);
-        let rest_points = match points.exists() {
+        let rest_points = match files::is_there(&points) {
             true => Some(files::points(&points, files::read_npy(&points)?)?),
             false => None,
         };
@@ -111,7 +111,7 @@ impl Dataset {
             field = Some(read);
         }
         let mut camera = None;
-        if dir.join(CAMERA).is_dir() {
+        if files::is_there(&dir.join(CAMERA)) {
             let (read, more) = CameraView::open(dir.join(CAMERA))?;
             warnings.extend(more);
             camera = Some(read);
@@ -300,7 +300,11 @@ fn sequence_ids(dir: &Path) -> Result<Vec<(String, PathBuf)>, DataError> {
 
 pub(crate) fn sequence_ids_or_none(dir: &Path) -> Result<Vec<(String, PathBuf)>, DataError> {
     let mut ids = Vec::new();
-    for path in files::list(dir)?.into_iter().filter(|p| p.is_dir()) {
+    for path in files::list(dir)? {
+        // A link that leads nowhere is a sequence that is missing, a plain file is none.
+        if !path.is_dir() && path.exists() {
+            continue;
+        }
         let name = path.file_name().unwrap_or_default();
         let text = name.to_string_lossy();
         let Some(id) = text.strip_prefix(sequence::PREFIX) else {

@@ -4,10 +4,32 @@ use crate::npy::{self, NpyArray};
 use crate::{DataError, Table, write_file};
 use nalgebra::Point3;
 use std::fs;
+use std::io::{Error, ErrorKind};
 use std::path::{Path, PathBuf};
 
+/// [`DataError::Missing`] where nothing is; a link that leads nowhere is not nothing.
 pub(crate) fn read(path: &Path) -> Result<Vec<u8>, DataError> {
-    fs::read(path).map_err(|e| DataError::io("read", path, e))
+    let failed = |source| DataError::Io {
+        action: "read",
+        path: path.to_owned(),
+        source,
+    };
+    let kind = match path.metadata() {
+        Ok(found) => found.file_type(),
+        Err(e) if path.is_symlink() => return Err(failed(e)),
+        Err(e) => return Err(DataError::io("read", path, e)),
+    };
+    if !kind.is_file() && !kind.is_dir() {
+        // Pipes wait and devices go on for ever.
+        let why = "it is a pipe or a device; save it as a file";
+        return Err(failed(Error::new(ErrorKind::InvalidInput, why)));
+    }
+    fs::read(path).map_err(failed)
+}
+
+/// Whether something of that name is there, be it a link that leads nowhere.
+pub(crate) fn is_there(path: &Path) -> bool {
+    path.exists() || path.is_symlink()
 }
 
 /// What lies in a folder, sorted by name.

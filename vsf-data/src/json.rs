@@ -44,6 +44,14 @@ impl<'de, V: Deserialize<'de>> Deserialize<'de> for UniqueMap<V> {
 }
 
 pub(crate) fn parse<T: DeserializeOwned>(path: &Path, bytes: &[u8]) -> Result<T, DataError> {
+    if bytes.starts_with(b"\xef\xbb\xbf") {
+        return Err(DataError::Json {
+            path: path.to_owned(),
+            line: 1,
+            column: 1,
+            problem: "a byte order mark; save it as UTF-8 without one".to_owned(),
+        });
+    }
     serde_json::from_slice(bytes).map_err(|e| failure(path, &e))
 }
 

@@ -121,10 +121,11 @@ pub(crate) fn parse_text(bytes: &[u8]) -> Result<String, NpyError> {
         return Err(NpyError::Dtype(header.descr));
     }
     let codes = header.data.chunks_exact(4).map(|c| little_endian(c) as u32);
-    codes
-        .take_while(|&c| c != 0)
+    let text: String = codes
         .map(|c| char::from_u32(c).ok_or(NpyError::Header("text is not Unicode")))
-        .collect()
+        .collect::<Result<_, _>>()?;
+    // NumPy fills up with zeros.
+    Ok(text.trim_end_matches('\0').to_owned())
 }
 
 /// Writes doubles in C order as version 1.0. `data` must fill `shape`.

@@ -69,7 +69,8 @@ impl Staged {
         #[cfg(unix)]
         options.permissions(std::os::unix::fs::PermissionsExt::from_mode(0o666));
         let mut file = options.tempfile_in(folder).map_err(failed)?;
-        file.write_all(bytes).map_err(failed)?;
+        // Not through the wrapper, which adds its own name to errors.
+        file.as_file_mut().write_all(bytes).map_err(failed)?;
         file.as_file().sync_all().map_err(failed)?;
         self.files.push((file.into_temp_path(), place));
         Ok(())

@@ -361,6 +361,10 @@ fn a_field_folder_is_not_mixed_with_another() {
     };
     field.save_folder(folder.path()).unwrap();
     fs::write(folder.path().join(".hidden"), "").unwrap();
+    field.recording = Some("a\0b \u{65e5}".to_owned());
+    field.save_npz(folder.path().join(".a.npz")).unwrap();
+    let (read, _) = StiffnessField::open(folder.path().join(".a.npz")).unwrap();
+    assert_eq!(read, field);
     field.save_folder(folder.path()).unwrap();
     fs::write(folder.path().join("notes.txt"), "mine").unwrap();
     let error = field.save_folder(folder.path()).unwrap_err();

@@ -26,6 +26,16 @@ pub enum PipelineError {
     /// The robot's shapes cannot be used.
     #[error(transparent)]
     Contact(#[from] ContactError),
+    /// A collision shape of a link cannot be used.
+    #[error("robot {robot:?}, a collision shape of link {link:?}: {source}")]
+    LinkShape {
+        /// Name of the robot.
+        robot: String,
+        /// The link.
+        link: String,
+        /// What is wrong with it.
+        source: ContactError,
+    },
     /// Numbers that do not fit.
     #[error(transparent)]
     Core(#[from] CoreError),
@@ -41,7 +51,7 @@ pub enum PipelineError {
     },
     /// A reading that no sensor gives, and whose square endangers the arithmetic.
     #[error(
-        "sequence {id} row {row} joint {joint}: a torque of {value:?} {unit}; at most {most:?} is \
+        "sequence {id} row {row} joint {joint}: a torque of {value:?} {unit}; at most {most:e} is \
          taken, check the file and its units"
     )]
     Torque {

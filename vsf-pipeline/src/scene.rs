@@ -4,7 +4,7 @@ use std::collections::BTreeMap;
 use std::path::PathBuf;
 use std::sync::Arc;
 use vsf_contact::{
-    CellContact, ContactConfig, GridOptions, LinkGrid, LinkSdf, StickSlip, link_sdfs,
+    CellContact, ContactConfig, ContactError, GridOptions, LinkGrid, LinkSdf, StickSlip, link_sdfs,
 };
 use vsf_core::{ContactModel, RestPoints};
 use vsf_data::{Dataset, JointType, RobotRef, TorqueKind};
@@ -104,7 +104,14 @@ impl Scene {
                 reason: "its URDF has no <collision> shapes on the links that may touch".to_owned(),
             });
         }
-        let shapes = link_sdfs(&colliders, &options.grid)?;
+        let shapes = link_sdfs(&colliders, &options.grid).map_err(|e| match e {
+            ContactError::Collider { link, source, .. } => PipelineError::LinkShape {
+                robot: robot.name().to_owned(),
+                link: robot.links()[link].name().to_owned(),
+                source: *source,
+            },
+            other => other.into(),
+        })?;
         Ok(Self {
             robot,
             rest: Arc::new(RestPoints::new(points)?),

@@ -45,7 +45,7 @@ pub enum PlotError {
         expected: usize,
     },
     /// Time runs backwards.
-    #[error("time[{index}] = {value} s is earlier than the sample before it, {previous} s")]
+    #[error("time[{index}] = {value:?} s is earlier than the sample before it, {previous:?} s")]
     TimeOrder {
         /// Position of the earlier time.
         index: usize,
@@ -65,7 +65,7 @@ pub enum PlotError {
         max: usize,
     },
     /// An option lies outside its range.
-    #[error("{name} = {value} is out of range: {range}")]
+    #[error("{name} = {value:?} is out of range: {range}")]
     Parameter {
         /// Name of the option.
         name: &'static str,

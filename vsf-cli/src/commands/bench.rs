@@ -1,4 +1,5 @@
 use crate::console::{Console, number, table};
+use crate::range::replays;
 use vsf::pipeline::{BenchOptions, BenchReport, bench};
 
 #[derive(Debug, clap::Args)]
@@ -15,7 +16,7 @@ pub struct Args {
           value_parser = clap::value_parser!(u64).range(2..=100_000))]
     steps: u64,
     /// Replays per update
-    #[arg(long, default_value_t = BenchOptions::default().replays)]
+    #[arg(long, default_value_t = BenchOptions::default().replays, value_parser = replays)]
     replay: usize,
 }
 

@@ -1,6 +1,6 @@
-use crate::console::{Console, number};
+use crate::console::{Console, number, texts};
 use crate::exit::usage;
-use crate::field_file::{FieldFile, FieldFormat, save};
+use crate::field_file::{FieldFile, FieldFormat, check_out, save};
 use crate::recording::{Default, RecordingArgs, traces, untouched};
 use crate::settings::EstimatorSettings;
 use serde::Serialize;
@@ -46,7 +46,7 @@ struct Report<'a> {
     touched_points: usize,
     mean_stiffness: f64,
     nis_ratio: Option<f64>,
-    out: &'a [PathBuf],
+    out: Vec<String>,
 }
 
 /// An estimate and where its prior and noise come from.
@@ -66,6 +66,7 @@ pub fn run(args: &Args, console: &Console) -> anyhow::Result<()> {
             )));
         }
     }
+    args.out.iter().try_for_each(|out| check_out(out))?;
     console.keep_apart(&args.out)?;
     let settings = &args.estimator;
     settings.spec()?;
@@ -98,7 +99,7 @@ pub fn run(args: &Args, console: &Console) -> anyhow::Result<()> {
         touched_points: chosen.estimate.touched.iter().filter(|t| **t).count(),
         mean_stiffness: mean_stiffness(&chosen.estimate),
         nis_ratio: chosen.estimate.health.nis_ratio(),
-        out: &args.out,
+        out: texts(&args.out),
     };
     console.json(&report)?;
     console.report(text(&report, &scene))
@@ -230,8 +231,8 @@ fn text(report: &Report, scene: &Scene) -> String {
         report.points,
         number(report.mean_stiffness),
     );
-    for out in report.out {
-        text += &format!("wrote {}\n", out.display());
+    for out in &report.out {
+        text += &format!("wrote {out}\n");
     }
     text
 }

@@ -1,11 +1,12 @@
 use crate::config::Sources;
-use crate::console::{Console, create_folder, write_file};
+use crate::console::{Console, create_folder, texts, write_file};
 use crate::exit::usage;
-use crate::field_file::{FieldFile, FieldFormat, save};
+use crate::field_file::{FieldFile, FieldFormat, check_out, save};
 use crate::pictures::{self, Surroundings, View};
 use crate::range::positive;
 use crate::recording::{Default, Recording, traces};
 use crate::settings::SceneSettings;
+use anyhow::Context;
 use serde::Serialize;
 use std::path::{Path, PathBuf};
 use vsf::pipeline::predict;
@@ -49,16 +50,14 @@ pub struct Args {
 
 #[derive(Serialize)]
 struct Report {
-    written: Vec<PathBuf>,
+    written: Vec<String>,
 }
 
 pub fn run(args: &Args, console: &Console) -> anyhow::Result<()> {
     if args.out.is_empty() && args.torques.is_none() {
         return Err(usage("nothing to write: give --out FILE or --torques DIR"));
     }
-    for out in &args.out {
-        FieldFormat::of(out)?;
-    }
+    args.out.iter().try_for_each(|out| check_out(out))?;
     console.keep_apart(&args.out)?;
     let is_field = args.input.is_file() || args.input.join("K.npy").is_file();
     let written = match (is_field, &args.torques) {
@@ -69,10 +68,8 @@ pub fn run(args: &Args, console: &Console) -> anyhow::Result<()> {
         }
         (false, _) => from_recording(args, console)?,
     };
-    let lines: String = written
-        .iter()
-        .map(|p| format!("wrote {}\n", p.display()))
-        .collect();
+    let written = texts(&written);
+    let lines: String = written.iter().map(|p| format!("wrote {p}\n")).collect();
     console.json(&Report { written })?;
     console.report(lines)
 }
@@ -98,7 +95,8 @@ fn from_recording(args: &Args, console: &Console) -> anyhow::Result<Vec<PathBuf>
     for trace in &traces(&scene, &sequences, console)? {
         let prediction = predict(&scene, &belief, &noise_sd, trace)?;
         let title = format!("{}, sequence {}", recording.dataset.name, trace.id);
-        let svg = pictures::torques(&scene, trace, &prediction, &title)?;
+        let svg = pictures::torques(&scene, trace, &prediction, &title)
+            .with_context(|| format!("sequence {}", trace.id))?;
         let path = folder.join(format!("torques_{}.svg", trace.id));
         write_file(&path, svg.as_bytes())?;
         written.push(path);
@@ -118,19 +116,19 @@ fn write_field(
         limit: args.full_scale,
     };
     let field = &file.field;
+    let picture_of = || file.path.display().to_string();
     for out in &args.out {
         if let Some(parent) = out.parent().filter(|p| !p.as_os_str().is_empty()) {
             create_folder(parent)?;
         }
         match FieldFormat::of(out)? {
             FieldFormat::Png => {
-                write_file(out, &pictures::field(field, around, view, |v| v.png())?)?;
+                let png = pictures::field(field, around, view, |v| v.png());
+                write_file(out, &png.with_context(picture_of)?)?;
             }
             FieldFormat::Svg => {
-                write_file(
-                    out,
-                    pictures::field(field, around, view, |v| v.svg())?.as_bytes(),
-                )?;
+                let svg = pictures::field(field, around, view, |v| v.svg());
+                write_file(out, svg.with_context(picture_of)?.as_bytes())?;
             }
             FieldFormat::Ply => {
                 crate::interrupt::writing(|| field.save_ply(out as &Path, args.full_scale))?;

@@ -2,6 +2,7 @@ use crate::console::Console;
 use crate::interrupt::writing;
 use crate::recording::{Default, FieldArgs, traces, untouched};
 use serde::Serialize;
+use std::borrow::Cow;
 use std::path::PathBuf;
 use vsf::data::{Dataset, Sequence, Splits, Table, TorqueKind};
 use vsf::pipeline::{SequencePrediction, predict};
@@ -26,7 +27,7 @@ pub struct Args {
 
 #[derive(Serialize)]
 struct Report<'a> {
-    out: &'a PathBuf,
+    out: Cow<'a, str>,
     noise_sd: Vec<f64>,
     sequences: Vec<Entry<'a>>,
 }
@@ -84,7 +85,7 @@ pub fn run(args: &Args, console: &Console) -> anyhow::Result<()> {
         contact_samples: t.contact_samples(),
     });
     console.json(&Report {
-        out: &args.out,
+        out: args.out.to_string_lossy(),
         noise_sd,
         sequences: entries.collect(),
     })?;

@@ -4,6 +4,7 @@ use crate::interrupt::writing;
 use crate::range::not_negative;
 use crate::recording::{Default, FieldArgs};
 use serde::Serialize;
+use std::borrow::Cow;
 use std::path::PathBuf;
 use vsf::pipeline::{motion_warnings, simulate};
 
@@ -32,7 +33,7 @@ pub struct Args {
 
 #[derive(Serialize)]
 struct Report<'a> {
-    out: &'a PathBuf,
+    out: Cow<'a, str>,
     sequences: usize,
     samples: usize,
     noise_sd: f64,
@@ -60,7 +61,7 @@ pub fn run(args: &Args, console: &Console) -> anyhow::Result<()> {
     let dataset = subset(&recording.dataset, simulated);
     writing(|| dataset.save(&args.out))?;
     let report = Report {
-        out: &args.out,
+        out: args.out.to_string_lossy(),
         sequences: dataset.sequences.len(),
         samples: dataset.sequences.iter().map(|s| s.len()).sum(),
         noise_sd: args.noise_sd,
