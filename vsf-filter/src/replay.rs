@@ -94,7 +94,7 @@ impl Default for ReplayConfig {
 /// drawn, so that `diffuse` stays O(N).
 ///
 /// When an update fails, the belief is as before, bit for bit, and the observation is not in the
-/// buffer; the draws go on from where they were.
+/// buffer; those that made room for it stay out, and the draws go on from where they were.
 #[derive(Debug, Clone)]
 #[cfg_attr(
     feature = "serde",
