@@ -50,6 +50,21 @@ pub enum Default {
     All,
 }
 
+impl FieldArgs {
+    /// Opens both, to write another recording to the folder `out`.
+    pub fn open_for(
+        &self,
+        out: &Path,
+        console: &Console,
+    ) -> anyhow::Result<(Recording, FieldFile, Scene)> {
+        let recording = self.recording.open(console)?;
+        recording.check_out(out)?;
+        let field = recording.field(self.field.as_deref(), console)?;
+        let scene = recording.scene_of(&field, console)?;
+        Ok((recording, field, scene))
+    }
+}
+
 impl RecordingArgs {
     /// Opens the recording and prints its warnings.
     pub fn open(&self, console: &Console) -> anyhow::Result<Recording> {
@@ -60,7 +75,7 @@ impl RecordingArgs {
 impl Recording {
     /// Refuses a folder for another recording that is this one or lies inside it, or that holds
     /// anything that is no recording.
-    pub fn check_out(&self, out: &Path) -> anyhow::Result<()> {
+    fn check_out(&self, out: &Path) -> anyhow::Result<()> {
         let own = self.path.canonicalize().ok();
         let place = out.ancestors().find_map(|a| a.canonicalize().ok());
         if let (Some(own), Some(place)) = (own, place)

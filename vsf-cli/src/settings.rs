@@ -19,13 +19,7 @@ pub struct SceneSettings {
     #[arg(long)]
     robot: Option<String>,
     /// Pose of the base in the world: x,y,z [m] and roll,pitch,yaw [rad]
-    #[arg(
-        long,
-        value_delimiter = ',',
-        allow_hyphen_values = true,
-        allow_negative_numbers = true,
-        value_parser = finite
-    )]
+    #[arg(long, value_delimiter = ',', allow_hyphen_values = true, value_parser = finite)]
     base_pose: Option<Vec<f64>>,
     /// What the torques mean: external, or measured (actuator side, with gravity)
     #[arg(long, value_parser = ["external", "measured"])]
@@ -34,13 +28,7 @@ pub struct SceneSettings {
     #[arg(long, allow_negative_numbers = true, value_parser = positive)]
     rate_hz: Option<f64>,
     /// Gravity in the world frame, x,y,z [m/s^2]
-    #[arg(
-        long,
-        value_delimiter = ',',
-        allow_hyphen_values = true,
-        allow_negative_numbers = true,
-        value_parser = finite
-    )]
+    #[arg(long, value_delimiter = ',', allow_hyphen_values = true, value_parser = finite)]
     gravity: Option<Vec<f64>>,
     /// Contact-free samples at the start of each sequence, which tare the sensor
     #[arg(long)]

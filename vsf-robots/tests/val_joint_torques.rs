@@ -12,6 +12,14 @@ struct Scene {
     sensor: JointTorques,
 }
 
+impl Scene {
+    fn observe<T: Scalar>(&self, contacts: &Contacts, out: &mut Observation<T>) {
+        self.sensor
+            .observe(&self.rest, &self.posture, contacts, &READING, out)
+            .unwrap();
+    }
+}
+
 /// Points near the arm, some of them displaced by several links.
 fn scene() -> Scene {
     let robot = kinova_gen3().unwrap();
@@ -35,16 +43,15 @@ fn scene() -> Scene {
 const READING: [f64; 7] = [1.0, -2.0, 3.0, 0.0, 0.25, 7.0, -1.0];
 
 fn columns_are_minus_jacobian_times_displacement<T: Scalar>(tolerance: f64) {
+    let scene = scene();
+    let mut out: Observation<T> = scene.sensor.blank();
+    scene.observe(&scene.contacts, &mut out);
     let Scene {
         rest,
         posture,
         contacts,
         sensor,
-    } = scene();
-    let mut out: Observation<T> = sensor.blank();
-    sensor
-        .observe(&rest, &posture, &contacts, &READING, &mut out)
-        .unwrap();
+    } = scene;
     assert_eq!(out.points(), contacts.points());
     assert_eq!(out.noise(), sensor.noise());
     let mut columns = [Vector3::zeros(); 7];
@@ -75,24 +82,13 @@ fn columns_are_minus_jacobian_times_displacement_in_f32() {
 
 #[test]
 fn an_observation_is_rebuilt_in_place() {
-    let Scene {
-        rest,
-        posture,
-        contacts,
-        sensor,
-    } = scene();
-    let mut fresh: Observation<f64> = sensor.blank();
-    sensor
-        .observe(&rest, &posture, &contacts, &READING, &mut fresh)
-        .unwrap();
+    let scene = scene();
+    let mut fresh: Observation<f64> = scene.sensor.blank();
+    scene.observe(&scene.contacts, &mut fresh);
     let mut reused = fresh.clone();
-    sensor
-        .observe(&rest, &posture, &Contacts::new(), &[0.0; 7], &mut reused)
-        .unwrap();
+    scene.observe(&Contacts::new(), &mut reused);
     assert!(reused.is_empty());
-    sensor
-        .observe(&rest, &posture, &contacts, &READING, &mut reused)
-        .unwrap();
+    scene.observe(&scene.contacts, &mut reused);
     assert_eq!(reused, fresh);
 }
 

@@ -40,11 +40,8 @@ struct Entry<'a> {
 }
 
 pub fn run(args: &Args, console: &Console) -> anyhow::Result<()> {
-    let recording = args.of.recording.open(console)?;
-    recording.check_out(&args.out)?;
+    let (recording, field, scene) = args.of.open_for(&args.out, console)?;
     let sequences = recording.sequences(args.sequences.as_deref(), Default::Test)?;
-    let field = recording.field(args.of.field.as_deref(), console)?;
-    let scene = recording.scene_of(&field, console)?;
     let belief = field.belief()?;
     let noise_sd = field.noise_sd(scene.robot.joint_count(), console)?;
     let traces = traces(&scene, &sequences, console)?;

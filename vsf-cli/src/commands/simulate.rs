@@ -41,11 +41,8 @@ struct Report<'a> {
 }
 
 pub fn run(args: &Args, console: &Console) -> anyhow::Result<()> {
-    let recording = args.of.recording.open(console)?;
-    recording.check_out(&args.out)?;
+    let (recording, field, scene) = args.of.open_for(&args.out, console)?;
     let sequences = recording.sequences(args.sequences.as_deref(), Default::All)?;
-    let field = recording.field(args.of.field.as_deref(), console)?;
-    let scene = recording.scene_of(&field, console)?;
     let motion = motion_warnings(&scene.robot, &sequences);
     motion.iter().for_each(|w| console.warn(w));
     let sequences: Vec<_> = sequences.into_iter().cloned().collect();
