@@ -86,7 +86,7 @@ impl Default for ReplayConfig {
 /// sequences.
 ///
 /// When an update fails, the belief is as before, bit for bit, and the observation is not in the
-/// buffer; the draws go on from where they were.
+/// buffer; those that made room for it stay out, and the draws go on from where they were.
 ///
 /// # A field that changes
 /// A past reading describes a field that has moved since ([`Estimator::diffuse`]). When it is

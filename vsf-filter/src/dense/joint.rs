@@ -109,7 +109,7 @@ pub(super) trait Joint<T: Scalar> {
         out.sd = channels
             .map(|(i, v)| (v.max(0.0) + obs.noise().sd(i).powi(2)).sqrt())
             .collect();
-        Ok(())
+        out.check_finite()
     }
 
     /// Marginals of given points, in their order.
