@@ -39,7 +39,7 @@ mod prior;
 mod replay;
 mod reservoir;
 
-pub use batch::{BatchFit, BatchMap};
+pub use batch::{BatchFit, BatchMap, HeldOut};
 pub use diagonal::{DiagonalForm, DiagonalKalman};
 pub use prior::{FieldPrior, Matern, Smoothness};
 pub use replay::{MemoryReplay, ReplayConfig, ReplayVariance, Revisit};

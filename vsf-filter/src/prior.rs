@@ -156,8 +156,27 @@ impl FieldPrior {
         let smooth = self.smooth.as_ref().map_or(0.0, |(matern, positions)| {
             matern.covariance((positions[i] - positions[j]).norm())
         });
-        let local = if i == j { self.local.variance()[i] } else { 0.0 };
+        let local = if i == j {
+            self.local.variance()[i]
+        } else {
+            0.0
+        };
         self.level_variance + smooth + local
+    }
+
+    /// Variance of the part of point `i` that it shares with no other (N²/m²).
+    pub(crate) fn local_variance(&self, i: usize) -> f64 {
+        self.local.variance()[i]
+    }
+
+    /// Variance of the shared level (N²/m²).
+    pub(crate) fn level_variance(&self) -> f64 {
+        self.level_variance
+    }
+
+    /// Whether covariances depend on where the points are.
+    pub(crate) fn is_spatial(&self) -> bool {
+        self.smooth.is_some()
     }
 
     /// Mean and whole variance of every point.

@@ -98,10 +98,8 @@ fn estimate_batch(
     hyper: Hyper,
 ) -> Result<Estimate, PipelineError> {
     let touched = touched_points(traces, prior.len());
-    let belief = normal_equations(traces, &touched)?
-        .solve(&scaled(&prior, hyper.noise_sd)?)?
-        .belief;
-    let belief = scaled(&belief, 1.0 / hyper.noise_sd)?;
+    let batch = normal_equations(traces, prior.len())?;
+    let belief = batch.solve(&prior.into(), hyper.noise_sd)?.belief()?;
     Ok(Estimate {
         belief,
         touched,
@@ -110,32 +108,13 @@ fn estimate_batch(
     })
 }
 
-/// Traces have unit noise: a belief with its variances in units of the noise variance, whose means
-/// are those of the problem with noise.
-fn scaled(belief: &Belief<f64>, noise_sd: f64) -> Result<Belief<f64>, PipelineError> {
-    let variance = belief
-        .variance()
-        .iter()
-        .map(|v| v / (noise_sd * noise_sd))
-        .collect();
-    Ok(Belief::new(belief.mean().to_vec(), variance)?)
-}
-
 /// The normal equations of all observations, at unit noise.
 pub(crate) fn normal_equations(
     traces: &[Trace],
-    touched: &[bool],
-) -> Result<BatchMap, PipelineError> {
-    let points = (0..touched.len() as u32).filter(|&p| touched[p as usize]);
-    let mut batch = BatchMap::new(touched.len(), points)?;
-    for obs in traces
-        .iter()
-        .flat_map(|t| &t.observations)
-        .filter(|o| !o.is_empty())
-    {
-        batch.add(obs, 1.0)?;
-    }
-    Ok(batch)
+    field_len: usize,
+) -> Result<BatchMap<'_>, PipelineError> {
+    let sequences = traces.iter().map(|t| t.observations.as_slice());
+    Ok(BatchMap::new(field_len, sequences)?)
 }
 
 /// Which points any of the traces touches.

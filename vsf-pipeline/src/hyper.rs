@@ -129,9 +129,9 @@ pub fn choose_hyper(
     })
 }
 
-/// As [`choose_hyper`] for the batch estimator. Every sequence is held out once; its share of the
-/// normal equations is taken out of the whole. Where sequences share no points, or there is one
-/// only, the online choice serves.
+/// As [`choose_hyper`] for the batch estimator. Every sequence is predicted from the others by
+/// downdating the fit to all. Where sequences share no points, or there is one only, the online
+/// choice serves.
 fn choose_batch(
     traces: &[Trace],
     field_len: usize,
@@ -148,29 +148,17 @@ fn choose_batch(
     if !held_out || count > BATCH_CHOICE_POINTS {
         return choose_hyper(traces, field_len, &online);
     }
-    let whole = normal_equations(traces, &touched)?;
-    // The error of every sequence at every ratio.
-    let errors = |trace: &Trace| -> Result<Vec<f64>, PipelineError> {
-        let mut kept = whole.clone();
-        for obs in trace.observations.iter().filter(|o| !o.is_empty()) {
-            kept.add(obs, -1.0)?;
-        }
-        let error = |power: &i32| {
-            let prior = Belief::uniform(field_len, 0.0, 2f64.powi(*power) / typical)?;
-            let belief = kept.solve(&prior)?.belief;
-            Ok(sample_errors(belief.mean(), trace).sum::<f64>() / trace.observations.len() as f64)
-        };
-        BATCH_POWERS.iter().map(error).collect()
+    let batch = normal_equations(traces, field_len)?;
+    let candidate = |power: &i32| -> Result<Candidate, PipelineError> {
+        let ratio = 2f64.powi(*power) / typical;
+        let prior = Belief::<f64>::uniform(field_len, 0.0, ratio)?;
+        let held_out = batch.solve(&prior.into(), 1.0)?.leave_one_out()?;
+        let errors = held_out.iter().map(|h| h.mean_error);
+        let score = errors.sum::<f64>() / held_out.len() as f64;
+        Ok(Candidate { ratio, score })
     };
-    let all: Vec<Vec<f64>> = traces.par_iter().map(errors).collect::<Result<_, _>>()?;
-    let candidates: Vec<Candidate> = BATCH_POWERS
-        .iter()
-        .enumerate()
-        .map(|(k, power)| Candidate {
-            ratio: 2f64.powi(*power) / typical,
-            score: all.iter().map(|errors| errors[k]).sum::<f64>() / all.len() as f64,
-        })
-        .collect();
+    let candidates = BATCH_POWERS.iter().map(candidate);
+    let candidates: Vec<Candidate> = candidates.collect::<Result<_, _>>()?;
     let best = candidates.iter().min_by(|a, b| a.score.total_cmp(&b.score));
     let ratio = best.map_or(1.0 / typical, |c| c.ratio);
     // The level of what the optimum leaves unexplained, over the samples in contact.
