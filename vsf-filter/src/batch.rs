@@ -1,285 +1,354 @@
+mod dense;
+mod equations;
+mod fit;
+mod held_out;
+mod pivoting;
+mod points;
+mod precision;
+mod quadratic;
+mod rows;
+
+pub use fit::BatchFit;
+pub use held_out::HeldOut;
+
 use crate::FieldPrior;
-use faer::linalg::solvers::{DenseSolveCore, Llt, Solve};
-use faer::{Mat, Side};
-use vsf_core::{Belief, CoreError, Observation, SymmetricFactor};
+use equations::{NONE, Whitener, gram, panel, project};
+use faer::Mat;
+use points::ByPoints;
+use precision::{Inverse, Precision};
+use quadratic::Quadratic;
+use rows::ByRows;
+use std::borrow::Cow;
+use std::f64::consts::TAU;
+use std::ops::Range;
+use vsf_core::{CoreError, Observation};
 
-/// Most exchanges of the whole infeasible set before single exchanges guarantee the end.
-const FULL_EXCHANGES: usize = 3;
+/// Most numbers in a matrix (8.6 GB).
+const MAX_ENTRIES: usize = 1 << 30;
+/// The problem is solved by rows when there are this many times more touched points.
+const POINTS_PER_ROW: usize = 3;
 
-/// The true constrained optimum over all observations at once: the non-negative maximum a
-/// posteriori field
+/// The true constrained optimum over all observations of recorded sequences: the non-negative
+/// maximum a posteriori field
 ///
-/// `argmin_{K >= 0} sum_t |tau_t - W_t K|²_{R_t^-1} + |K - mean|²_{diag(variance)^-1}`.
+/// `argmin_{K >= 0} sum_t |tau_t - W_t K|²_{(s² R_t)^-1} + |K - m|²_{C^-1}`
 ///
-/// Observations are gathered into normal equations of the touched points; `n` of them take
-/// `8 n²` bytes, a solution `O(n³)` time. Points never touched keep the prior.
+/// for any [`FieldPrior`] `N(m, C)` and any scale `s` of the noise. The observations are turned
+/// into normal equations once, at the noise `R_t` that they carry; every prior and scale is then
+/// solved from there.
 ///
-/// # Reference
-/// Block principal pivoting: J. Kim, H. Park, *Fast Nonnegative Matrix Factorization: an
-/// Active-Set-Like Method*, SIAM J. Sci. Comput. 33 (2011), doi 10.1137/110821172.
+/// With `n` touched points and `m` rows (channels of all observations in contact), `n` may be tens
+/// of thousands and `m` hundreds of thousands: building takes `O(k² m)` time for `k` contacts per
+/// observation, a solution some ten factorisations of the points with `K > 0`, memory is a few
+/// times `8 n²` bytes. When points outnumber rows by far, an independent prior is solved in
+/// `O(m² n)` time and `8 m n` bytes instead. Work is spread over the threads of the current rayon
+/// pool; results do not depend on their number.
+///
+/// # Robust fits
+/// Observations carry their own noise, channel by channel. Iteratively reweighted least squares is
+/// a loop around this type: solve, widen [`vsf_core::Noise`] of the channels with large residuals
+/// ([`Observation::set_noise`]), build again.
 ///
 /// ```
 /// use vsf_core::{Belief, Noise, Observation};
-/// use vsf_filter::BatchMap;
-/// let mut obs = Observation::new(Noise::uniform(1, 0.1)?);
-/// let mut batch = BatchMap::new(2, [0, 1])?;
+/// use vsf_filter::{BatchMap, FieldPrior};
+/// let mut sequence = Vec::new();
 /// for (w, force) in [([1.0, 1.0], 3.0), ([1.0, -1.0], 5.0)] {
+///     let mut obs = Observation::new(Noise::uniform(1, 0.1)?);
 ///     obs.rebuild(2, &[0, 1], &[force], |k, column| column[0] = w[k])?;
-///     batch.add(&obs, 1.0)?;
+///     sequence.push(obs);
 /// }
+/// let batch = BatchMap::new(2, [&sequence[..]])?;
 /// // Unconstrained, the answer would be (4, -1).
-/// let fit = batch.solve(&Belief::uniform(2, 0.0, 100.0)?)?;
-/// assert_eq!(fit.belief.mean()[1], 0.0);
-/// assert!((fit.belief.mean()[0] - 4.0).abs() < 1e-4 && fit.kkt_residual < 1e-9);
+/// let prior = FieldPrior::from(Belief::uniform(2, 0.0, 100.0)?);
+/// let fit = batch.solve(&prior, 1.0)?;
+/// let belief = fit.belief()?;
+/// assert_eq!(belief.mean()[1], 0.0);
+/// assert!((belief.mean()[0] - 4.0).abs() < 1e-4 && fit.kkt_residual() < 1e-9);
+/// // The same readings with twice the noise are half as sure.
+/// let wide = batch.solve(&prior, 2.0)?.belief()?;
+/// assert!((wide.variance()[0] / belief.variance()[0] - 4.0).abs() < 1e-4);
 /// # Ok::<(), vsf_core::CoreError>(())
 /// ```
-#[derive(Debug, Clone)]
-pub struct BatchMap {
+#[derive(Debug)]
+pub struct BatchMap<'a> {
+    sequences: Vec<&'a [Observation<f64>]>,
+    /// Touched points and, for every point of the field, its place among them.
     points: Vec<u32>,
     slot: Vec<u32>,
-    gram: Mat<f64>,
+    store: Store,
+    /// The rows of each sequence in [`Store::Rows`], those of observations in contact.
+    rows_of: Vec<Range<usize>>,
+    /// `W^T R^-1 tau`.
     rhs: Vec<f64>,
+    /// Channels of all observations.
+    channels: usize,
+    /// Sum of all `log det R_t`.
+    log_det_noise: f64,
 }
 
-/// A solution of [`BatchMap`].
-#[derive(Debug, Clone, PartialEq)]
-pub struct BatchFit {
-    /// Means: the optimum. Variances: the marginals of the Gaussian posterior of the points with
-    /// `K > 0`; points held at zero have their
-    /// conditional variance, a lower bound of the marginal one.
-    pub belief: Belief<f64>,
-    /// Largest violation of the optimality conditions, relative to the largest gradient at zero.
-    pub kkt_residual: f64,
-    /// Factorisations needed.
-    pub iterations: usize,
+#[derive(Debug)]
+enum Store {
+    /// `W^T R^-1 W`.
+    Gram(Mat<f64>),
+    /// Whitener rows and readings.
+    Rows(Mat<f64>, Vec<f64>),
 }
 
-impl BatchMap {
-    /// Empty normal equations of a field of `field_len` points, for the given touched points
-    /// (strictly increasing).
+impl<'a> BatchMap<'a> {
+    /// Takes in the observations of all sequences, of a field of `field_len` points. What is one
+    /// sequence is left out as a whole by [`BatchFit::leave_one_out`]. Observations without
+    /// contacts only speak of the noise.
     ///
     /// # Errors
-    /// Points out of order or beyond the field.
-    pub fn new(field_len: usize, points: impl IntoIterator<Item = u32>) -> Result<Self, CoreError> {
-        let points: Vec<u32> = points.into_iter().collect();
-        let mut slot = vec![u32::MAX; field_len];
-        for (k, &p) in points.iter().enumerate() {
-            if k > 0 && p <= points[k - 1] {
-                let previous = points[k - 1] as usize;
-                return Err(CoreError::Unordered {
-                    previous,
-                    index: p as usize,
-                });
-            }
-            *slot.get_mut(p as usize).ok_or(CoreError::OutOfRange {
-                what: "touched point",
-                index: p as usize,
-                len: field_len,
-            })? = k as u32;
+    /// An observation that reaches beyond the field, too many touched points for a dense matrix
+    /// (32768 with as many rows), an overflow of the normal equations.
+    pub fn new(
+        field_len: usize,
+        sequences: impl IntoIterator<Item = &'a [Observation<f64>]>,
+    ) -> Result<Self, CoreError> {
+        let sequences: Vec<_> = sequences.into_iter().collect();
+        let all = || sequences.iter().copied().flatten();
+        let mut slot = vec![NONE; field_len];
+        let mut whitener = Whitener::default();
+        let (mut channels, mut log_det_noise) = (0, 0.0);
+        for obs in all() {
+            obs.check_fits(field_len)?;
+            whitener.set(obs)?;
+            channels += obs.dim();
+            log_det_noise += whitener.log_det();
+            obs.points().iter().for_each(|&p| slot[p as usize] = 0);
+        }
+        let mut points = Vec::new();
+        for (p, slot) in slot.iter_mut().enumerate().filter(|(_, s)| **s != NONE) {
+            *slot = points.len() as u32;
+            points.push(p as u32);
         }
         let n = points.len();
+        let mut rows_of = Vec::with_capacity(sequences.len());
+        let mut rows = 0;
+        for sequence in &sequences {
+            let touching = sequence.iter().filter(|o| !o.is_empty());
+            let own: usize = touching.map(Observation::dim).sum();
+            rows_of.push(rows..rows + own);
+            rows += own;
+        }
+        let by_rows = POINTS_PER_ROW * rows <= n;
+        let entries = n.saturating_mul(if by_rows { rows } else { n });
+        if entries > MAX_ENTRIES {
+            return Err(CoreError::TooMany {
+                what: "touched points",
+                got: n,
+                max: MAX_ENTRIES / (entries / n),
+            });
+        }
+        let store = if by_rows {
+            let touching: Vec<_> = all().filter(|o| !o.is_empty()).collect();
+            let w = panel(&touching, &slot, n)?.transpose().to_owned();
+            let mut tau = Vec::with_capacity(rows);
+            for obs in touching {
+                whitener.set(obs)?;
+                tau.extend_from_slice(obs.reading());
+                let start = tau.len() - obs.dim();
+                whitener.whiten(&mut tau[start..]);
+            }
+            Store::Rows(w, tau)
+        } else {
+            Store::Gram(gram(all(), &slot, n)?)
+        };
+        let rhs = project(all(), &slot, n, |_, _| {})?;
         Ok(Self {
+            sequences,
             points,
             slot,
-            gram: Mat::zeros(n, n),
-            rhs: vec![0.0; n],
+            store,
+            rows_of,
+            rhs,
+            channels,
+            log_det_noise,
         })
     }
 
-    /// Adds an observation with a weight: 1 takes it in, -1 takes it out again.
-    ///
-    /// # Errors
-    /// A point that was not announced, a weight that is not finite.
-    pub fn add(&mut self, obs: &Observation<f64>, weight: f64) -> Result<(), CoreError> {
-        CoreError::check_finite("weight", &[weight])?;
-        obs.check_fits(self.slot.len())?;
-        let unknown = obs
-            .points()
-            .iter()
-            .find(|&&p| self.slot[p as usize] == u32::MAX);
-        if let Some(&p) = unknown {
-            let len = self.points.len();
-            return Err(CoreError::OutOfRange {
-                what: "untouched point",
-                index: p as usize,
-                len,
-            });
-        }
-        let (d, n) = (obs.dim(), obs.len());
-        let mut factor = SymmetricFactor::default();
-        factor.factor("noise covariance", d, obs.noise().covariance())?;
-        // Whitened columns, one after another.
-        let mut white = vec![0.0; d * n];
-        for (k, column) in white.chunks_mut(d.max(1)).enumerate() {
-            column
-                .iter_mut()
-                .enumerate()
-                .for_each(|(i, c)| *c = obs.row(i)[k]);
-            factor.solve_lower(column);
-        }
-        let mut tau = obs.reading().to_vec();
-        factor.solve_lower(&mut tau);
-        let dot = |a: &[f64], b: &[f64]| a.iter().zip(b).map(|(x, y)| x * y).sum::<f64>();
-        for (k, a) in white.chunks(d.max(1)).enumerate() {
-            let row = self.slot[obs.points()[k] as usize] as usize;
-            self.rhs[row] += weight * dot(a, &tau);
-            // The lower triangle: points and slots increase together.
-            for (l, b) in white.chunks(d.max(1)).enumerate().take(k + 1) {
-                let col = self.slot[obs.points()[l] as usize] as usize;
-                self.gram[(row, col)] += weight * dot(a, b);
-            }
-        }
-        Ok(())
-    }
-
-    /// The touched points.
+    /// The touched points, increasing.
     pub fn points(&self) -> &[u32] {
         &self.points
     }
 
-    /// The non-negative optimum under an independent Gaussian prior.
+    /// The non-negative optimum under a prior, with every observation's noise sd multiplied by
+    /// `noise_scale` (> 0).
+    ///
+    /// Means of the prior hold with all of its correlations; with a correlated prior the touched
+    /// points' covariance is inverted, `O(n³)` time.
     ///
     /// # Errors
-    /// A prior of another size than the field, normal equations that are not positive definite.
-    pub fn solve(&self, prior: &FieldPrior) -> Result<BatchFit, CoreError> {
-        CoreError::check_len("prior", prior.len(), self.slot.len())?;
-        let n = self.points.len();
-        let at = |k: usize| self.points[k] as usize;
-        let inverse = if prior.is_independent() {
-            Mat::from_fn(n, n, |i, j| {
-                if i == j {
-                    1.0 / prior.covariance(at(i), at(i))
-                } else {
-                    0.0
-                }
-            })
-        } else {
-            let c = Mat::from_fn(n, n, |i, j| prior.covariance(at(i), at(j)));
-            let all: Vec<usize> = (0..n).collect();
-            factor(&c, &all)?.inverse()
-        };
-        let rhs: Vec<f64> = (0..n)
-            .map(|k| {
-                self.rhs[k]
-                    + (0..n)
-                        .map(|j| inverse[(k, j)] * prior.mean()[at(j)])
-                        .sum::<f64>()
-            })
+    /// A prior of another size than the field, a noise scale that is not positive and finite,
+    /// normal equations that are not positive definite to rounding, an overflow.
+    pub fn solve(&self, prior: &FieldPrior, noise_scale: f64) -> Result<BatchFit<'_>, CoreError> {
+        let precision = self.check(prior, noise_scale)?;
+        let problem = self.problem(prior, &precision, noise_scale)?;
+        let optimum = pivoting::minimise(&*problem)?;
+        Ok(BatchFit::new(
+            self,
+            prior.clone(),
+            precision,
+            noise_scale,
+            problem,
+            optimum,
+        ))
+    }
+
+    /// Log marginal likelihood of all readings, `log N(tau; W m, W C W^T + s² R)`: the evidence for
+    /// prior and noise, by which their values can be compared. `K >= 0` is not imposed: the model
+    /// is Gaussian, so that the number is exact.
+    ///
+    /// Costs one factorisation of all touched points (two with a correlated prior).
+    ///
+    /// # Errors
+    /// As [`BatchMap::solve`].
+    ///
+    /// # Reference
+    /// C. E. Rasmussen, C. K. I. Williams, *Gaussian Processes for Machine Learning*, MIT Press
+    /// 2006, section 5.4.1, through the matrix determinant lemma.
+    pub fn log_evidence(&self, prior: &FieldPrior, noise_scale: f64) -> Result<f64, CoreError> {
+        let precision = self.check(prior, noise_scale)?;
+        let problem = self.problem(prior, &precision, noise_scale)?;
+        let factor = problem.factor((0..self.points.len()).collect())?;
+        let x = problem.minimiser(&factor);
+        // The exponent is twice the objective at its minimum.
+        let mut squares = 0.0;
+        for s in 0..self.sequences.len() {
+            squares += self.squares(s, &x, &x)?;
+        }
+        let offset: Vec<f64> = x
+            .iter()
+            .zip(self.means(prior))
+            .map(|(x, m)| x - m)
             .collect();
-        let hessian = Mat::from_fn(n, n, |i, j| {
-            self.gram[(i.max(j), i.min(j))] + inverse[(i, j)]
-        });
-        let scale = rhs.iter().fold(0.0f64, |a, b| a.max(b.abs()));
-        let tolerance = 1e-12 * scale;
-
-        let mut free = vec![true; n];
-        let mut fewest = n + 1;
-        let mut patience = FULL_EXCHANGES;
-        let mut iterations = 0;
-        let (mut x, mut gradient);
-        loop {
-            iterations += 1;
-            x = solve_free(&hessian, &rhs, &free)?;
-            gradient = (0..n)
-                .map(|i| (0..n).map(|j| hessian[(j, i)] * x[j]).sum::<f64>() - rhs[i])
-                .collect::<Vec<f64>>();
-            let wrong: Vec<usize> = (0..n)
-                .filter(|&i| {
-                    if free[i] {
-                        x[i] < 0.0
-                    } else {
-                        gradient[i] < -tolerance
-                    }
-                })
-                .collect();
-            if wrong.is_empty() {
-                break;
-            }
-            if wrong.len() < fewest {
-                (fewest, patience) = (wrong.len(), FULL_EXCHANGES);
-            } else {
-                patience = patience.saturating_sub(1);
-            }
-            // With patience gone, only the last wrong point moves: finite, but slow.
-            let from = if patience == 0 { wrong.len() - 1 } else { 0 };
-            wrong[from..].iter().for_each(|&i| free[i] = !free[i]);
+        let pull = dense::dot(&offset, &precision.apply(&offset));
+        let variance = noise_scale * noise_scale;
+        let n = self.points.len() as f64;
+        let log_det = self.channels as f64 * (TAU * variance).ln()
+            + self.log_det_noise
+            + precision.log_det
+            + problem.log_det(&factor)
+            - n * variance.ln();
+        let log_evidence = -0.5 * (log_det + squares / variance + pull);
+        if log_evidence.is_finite() {
+            Ok(log_evidence)
+        } else {
+            Err(CoreError::Overflow {
+                what: "log evidence",
+            })
         }
-        let kkt = |i: usize| {
-            if free[i] {
-                gradient[i].abs()
-            } else {
-                (-gradient[i]).max(0.0)
-            }
-        };
-        let kkt_residual = (0..n).map(kkt).fold(0.0, f64::max) / scale.max(f64::MIN_POSITIVE);
-        let mut belief = self.posterior(&prior.marginals()?, &hessian, &free, &x)?;
-        if !prior.is_independent() {
-            let dev: Vec<f64> = (0..n).map(|k| x[k] - prior.mean()[at(k)]).collect();
-            let alpha: Vec<f64> = (0..n)
-                .map(|i| (0..n).map(|j| inverse[(i, j)] * dev[j]).sum())
-                .collect();
-            let slot = &self.slot;
-            let m = belief.parts_mut().0;
-            for p in 0..prior.len() {
-                if slot[p] == u32::MAX {
-                    m[p] = (prior.mean()[p]
-                        + (0..n)
-                            .map(|k| prior.covariance(p, at(k)) * alpha[k])
-                            .sum::<f64>())
-                    .max(0.0);
+    }
+
+    fn check(&self, prior: &FieldPrior, noise_scale: f64) -> Result<Precision, CoreError> {
+        CoreError::check_len("prior", prior.len(), self.slot.len())?;
+        let variance = noise_scale * noise_scale;
+        if !(noise_scale > 0.0 && variance > 0.0 && variance.is_finite()) {
+            return Err(CoreError::Parameter {
+                name: "noise scale",
+                value: noise_scale,
+                range: "> 0 and finite, its square too",
+            });
+        }
+        Precision::new(prior, &self.points)
+    }
+
+    /// Prior means of the touched points.
+    fn means(&self, prior: &FieldPrior) -> Vec<f64> {
+        let mean = |&p: &u32| prior.mean()[p as usize];
+        self.points.iter().map(mean).collect()
+    }
+
+    fn problem(
+        &self,
+        prior: &FieldPrior,
+        precision: &Precision,
+        noise_scale: f64,
+    ) -> Result<Box<dyn Quadratic + '_>, CoreError> {
+        let variance = noise_scale * noise_scale;
+        let mean = self.means(prior);
+        let mut linear = precision.apply(&mean);
+        for (b, rhs) in linear.iter_mut().zip(&self.rhs) {
+            *b = *b * variance + rhs;
+        }
+        let problem: Box<dyn Quadratic + '_> = match (&precision.inverse, &self.store) {
+            (Inverse::Diagonal(inverse), store) => {
+                let ridge = inverse.iter().map(|p| p * variance).collect();
+                match store {
+                    Store::Gram(gram) => {
+                        Box::new(ByPoints::new(self, Cow::Borrowed(gram), ridge, linear))
+                    }
+                    Store::Rows(w, tau) => {
+                        Box::new(ByRows::new(self, (w, tau), ridge, mean, linear))
+                    }
                 }
             }
-        }
-        Ok(BatchFit {
-            belief,
-            kkt_residual,
-            iterations,
-        })
-    }
-
-    fn posterior(
-        &self,
-        prior: &Belief<f64>,
-        hessian: &Mat<f64>,
-        free: &[bool],
-        x: &[f64],
-    ) -> Result<Belief<f64>, CoreError> {
-        let mut mean = prior.mean().to_vec();
-        let mut variance = prior.variance().to_vec();
-        for (k, &p) in self.points.iter().enumerate() {
-            mean[p as usize] = x[k];
-            variance[p as usize] = 1.0 / hessian[(k, k)];
-        }
-        let set: Vec<usize> = (0..free.len()).filter(|&i| free[i]).collect();
-        if !set.is_empty() {
-            let covariance = factor(hessian, &set)?.inverse();
-            for (a, &i) in set.iter().enumerate() {
-                variance[self.points[i] as usize] = covariance[(a, a)];
+            (Inverse::Dense(inverse), store) => {
+                let mut matrix = match store {
+                    Store::Gram(gram) => gram.clone(),
+                    Store::Rows(w, _) => {
+                        let mut gram = dense::outer(w.transpose());
+                        dense::mirror(&mut gram);
+                        gram
+                    }
+                };
+                for j in 0..matrix.ncols() {
+                    let from = inverse.col_as_slice(j);
+                    dense::add_scaled(matrix.col_as_slice_mut(j), variance, from);
+                }
+                let ridge = vec![0.0; mean.len()];
+                Box::new(ByPoints::new(self, Cow::Owned(matrix), ridge, linear))
             }
+        };
+        let well = |h: &f64| *h > 0.0 && h.is_finite();
+        if problem.diagonal().iter().all(well) && problem.linear().iter().all(|b| b.is_finite()) {
+            Ok(problem)
+        } else {
+            Err(CoreError::Overflow {
+                what: "normal equations",
+            })
         }
-        Belief::new(mean, variance)
     }
-}
 
-fn factor(hessian: &Mat<f64>, set: &[usize]) -> Result<Llt<f64>, CoreError> {
-    let part = Mat::from_fn(set.len(), set.len(), |a, b| hessian[(set[a], set[b])]);
-    Llt::new(part.as_ref(), Side::Lower).map_err(|_| CoreError::NotPositiveDefinite {
-        what: "normal equations",
-        pivot: 0,
-        value: f64::NAN,
-    })
-}
-
-/// Minimiser over the free points, the others at zero.
-fn solve_free(hessian: &Mat<f64>, rhs: &[f64], free: &[bool]) -> Result<Vec<f64>, CoreError> {
-    let set: Vec<usize> = (0..free.len()).filter(|&i| free[i]).collect();
-    let mut x = vec![0.0; free.len()];
-    if !set.is_empty() {
-        let part = Mat::from_fn(set.len(), 1, |a, _| rhs[set[a]]);
-        let solution = factor(hessian, &set)?.solve(&part);
-        set.iter()
-            .enumerate()
-            .for_each(|(a, &i)| x[i] = solution[(a, 0)]);
+    /// `r -= W x` for `x` over the touched points.
+    fn subtract(&self, obs: &Observation<f64>, x: &[f64], r: &mut [f64]) {
+        for (i, r) in r.iter_mut().enumerate() {
+            let touched = obs.row(i).iter().zip(obs.points());
+            let value = |(w, &p): (&f64, &u32)| w * x[self.slot[p as usize] as usize];
+            *r -= touched.map(value).sum::<f64>();
+        }
     }
-    Ok(x)
+
+    /// Whitener residuals of sequence `s`, of the observations in contact.
+    fn whitened_residuals(&self, s: usize, x: &[f64]) -> Result<Vec<f64>, CoreError> {
+        let mut whitener = Whitener::default();
+        let mut out = Vec::with_capacity(self.rows_of[s].len());
+        for obs in self.sequences[s].iter().filter(|o| !o.is_empty()) {
+            let mut r = obs.reading().to_vec();
+            self.subtract(obs, x, &mut r);
+            whitener.set(obs)?;
+            whitener.whiten(&mut r);
+            out.extend(r);
+        }
+        Ok(out)
+    }
+
+    /// `sum_t (tau_t - W_t x)^T R_t^-1 (tau_t - W_t y)` over sequence `s`.
+    fn squares(&self, s: usize, x: &[f64], y: &[f64]) -> Result<f64, CoreError> {
+        let mut whitener = Whitener::default();
+        let mut sum = 0.0;
+        for obs in self.sequences[s] {
+            whitener.set(obs)?;
+            let [a, b] = [x, y].map(|x| {
+                let mut r = obs.reading().to_vec();
+                self.subtract(obs, x, &mut r);
+                whitener.whiten(&mut r);
+                r
+            });
+            sum += dense::dot(&a, &b);
+        }
+        Ok(sum)
+    }
 }

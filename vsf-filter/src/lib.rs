@@ -74,7 +74,7 @@ mod robust;
 #[cfg(feature = "serde")]
 mod state;
 
-pub use batch::{BatchFit, BatchMap};
+pub use batch::{BatchFit, BatchMap, HeldOut};
 pub use dense::{CovarianceFilter, InformationFilter, JointEstimator, Projection};
 pub use diagonal::{DiagonalForm, DiagonalKalman};
 pub use prior::{FieldPrior, Matern, Smoothness};

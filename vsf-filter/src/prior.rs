@@ -151,9 +151,19 @@ impl FieldPrior {
         (self.level_variance > 0.0 && self.smooth.is_none()).then_some(self.level_variance)
     }
 
-    /// Variance of a point's own part.
-    pub(crate) fn local(&self, i: usize) -> f64 {
+    /// Variance of the part of point `i` that it shares with no other (N²/m²).
+    pub(crate) fn local_variance(&self, i: usize) -> f64 {
         self.local[i]
+    }
+
+    /// Variance of the shared level (N²/m²).
+    pub(crate) fn level_variance(&self) -> f64 {
+        self.level_variance
+    }
+
+    /// Whether covariances depend on where the points are.
+    pub(crate) fn is_spatial(&self) -> bool {
+        self.smooth.is_some()
     }
 
     /// Means of all points (N/m).

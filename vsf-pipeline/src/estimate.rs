@@ -1,5 +1,7 @@
 use crate::{Hyper, PipelineError, Trace};
-use vsf_core::{Belief, Estimator, FilterHealth, Noise, Observation, RestPoints, UpdateReport};
+use vsf_core::{
+    Belief, CoreError, Estimator, FilterHealth, Noise, Observation, RestPoints, UpdateReport,
+};
 use vsf_filter::{
     BatchMap, CovarianceFilter, DiagonalForm, DiagonalKalman, FieldPrior, InformationFilter,
     MemoryReplay, Projection, ReplayConfig,
@@ -103,7 +105,7 @@ pub(crate) fn run(
     let touched = touched_points(traces, prior.len());
     let mut health = FilterHealth::default();
     let Some(mut estimator) = spec.build(prior.clone())? else {
-        let belief = normal_equations(traces, &touched)?.solve(&prior)?.belief;
+        let belief = optimum(traces, &prior)?;
         progress(traces.len());
         return Ok(Estimate {
             belief,
@@ -126,21 +128,21 @@ pub(crate) fn run(
     })
 }
 
-/// The normal equations of all observations.
-pub(crate) fn normal_equations(
-    traces: &[Trace],
-    touched: &[bool],
-) -> Result<BatchMap, PipelineError> {
-    let points = (0..touched.len() as u32).filter(|&p| touched[p as usize]);
-    let mut batch = BatchMap::new(touched.len(), points)?;
-    for obs in traces
-        .iter()
-        .flat_map(|t| &t.observations)
-        .filter(|o| !o.is_empty())
-    {
-        batch.add(obs, 1.0)?;
+/// The problem of all observations.
+pub(crate) fn batch_map(traces: &[Trace], field_len: usize) -> Result<BatchMap<'_>, CoreError> {
+    BatchMap::new(field_len, traces.iter().map(|t| t.observations.as_slice()))
+}
+
+/// The optimum. Points never touched keep the variance of the prior, an upper bound.
+fn optimum(traces: &[Trace], prior: &FieldPrior) -> Result<Belief<f64>, CoreError> {
+    let batch = batch_map(traces, prior.len())?;
+    let fit = batch.solve(prior, 1.0)?;
+    let mut variance = prior.marginals()?.variance().to_vec();
+    let touched = fit.marginals(batch.points())?;
+    for (&p, &v) in batch.points().iter().zip(touched.variance()) {
+        variance[p as usize] = v;
     }
-    Ok(batch)
+    Belief::new(fit.mean(), variance)
 }
 
 /// Which points any of the traces touches.

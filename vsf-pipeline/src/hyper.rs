@@ -1,8 +1,8 @@
-use crate::estimate::{normal_equations, run, touched_points};
+use crate::estimate::{batch_map, run, touched_points};
 use crate::{EstimatorSpec, PipelineError, Trace};
 use rayon::prelude::*;
 use serde::Serialize;
-use vsf_core::{Belief, Noise, Observation, RestPoints};
+use vsf_core::{Belief, CoreError, Noise, Observation, RestPoints};
 use vsf_filter::{FieldPrior, Matern, Smoothness};
 
 /// Prior and noise of an estimation. Their ratio decides how closely readings are followed.
@@ -130,12 +130,9 @@ pub fn choose_hyper(
         points: rest.len(),
     })?;
     let noise = Noise::per_channel(&channels)?;
-    let traces: Vec<Trace> = traces
-        .iter()
-        .map(|t| t.with_noise(&noise))
-        .collect::<Result<_, _>>()?;
+    let (rest, traces) = touched_alone(rest, traces, &noise)?;
     Choice {
-        rest,
+        rest: &rest,
         traces: &traces,
         shape,
         channels: &channels,
@@ -230,14 +227,19 @@ impl Choice<'_> {
         };
         let (kept, held): (Vec<Trace>, Vec<Trace>) = (pick(false).collect(), pick(true).collect());
         let known = touched_points(&kept, self.rest.len());
-        let fit = exact.then(|| normal_equations(&kept, &known)).transpose()?;
+        let batch = exact
+            .then(|| batch_map(&kept, self.rest.len()))
+            .transpose()?;
         let of_prior = |(shape, power): &(PriorShape, f64)| {
             let prior = shape.prior(self.rest, self.prior_sd(*power))?;
-            let belief = match &fit {
-                Some(equations) => equations.solve(&prior)?.belief,
-                None => run(&EstimatorSpec::replay(), prior, &kept, |_| {})?.belief,
+            let mean = match &batch {
+                Some(batch) => batch.solve(&prior, 1.0)?.mean(),
+                None => {
+                    let pass = run(&EstimatorSpec::replay(), prior, &kept, |_| {})?;
+                    pass.belief.mean().to_vec()
+                }
             };
-            Ok(self.errors(belief.mean(), &held, &known))
+            Ok(self.errors(&mean, &held, &known))
         };
         priors.iter().map(of_prior).collect()
     }
@@ -273,6 +275,43 @@ impl Choice<'_> {
         let pass = run(&EstimatorSpec::replay(), prior, self.traces, |_| {})?;
         Ok(pass.health.nis_ratio().unwrap_or(1.0))
     }
+}
+
+/// The same problem without the points that are never touched, and with another noise.
+fn touched_alone(
+    rest: &RestPoints,
+    traces: &[Trace],
+    noise: &Noise,
+) -> Result<(RestPoints, Vec<Trace>), PipelineError> {
+    let touched = touched_points(traces, rest.len());
+    let mut place = vec![0u32; rest.len()];
+    let mut positions = Vec::new();
+    for (p, _) in touched.iter().enumerate().filter(|(_, t)| **t) {
+        place[p] = positions.len() as u32;
+        positions.push(rest.positions()[p]);
+    }
+    let len = positions.len();
+    let renamed = |obs: &Observation<f64>| {
+        let points: Vec<u32> = obs.points().iter().map(|&p| place[p as usize]).collect();
+        let mut copy = Observation::new(noise.clone());
+        copy.rebuild(len, &points, obs.reading(), |k, column| {
+            (0..obs.dim()).for_each(|i| column[i] = obs.row(i)[k]);
+        })?;
+        Ok(copy)
+    };
+    let of_trace = |trace: &Trace| {
+        let observations = trace.observations.iter().map(renamed);
+        Ok(Trace {
+            id: trace.id.clone(),
+            time: trace.time.clone(),
+            observations: observations.collect::<Result<_, CoreError>>()?,
+        })
+    };
+    let traces = traces
+        .iter()
+        .map(of_trace)
+        .collect::<Result<_, PipelineError>>()?;
+    Ok((RestPoints::new(positions)?, traces))
 }
 
 /// What every prior does on every held-out part.

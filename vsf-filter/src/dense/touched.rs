@@ -148,7 +148,9 @@ impl Touched {
         match &mut self.link {
             Link::Nothing => {}
             Link::Level { precision, .. } => {
-                let local = unseen.iter().map(|&p| self.prior.local(p as usize));
+                let local = unseen
+                    .iter()
+                    .map(|&p| self.prior.local_variance(p as usize));
                 *precision += local.map(|v| 1.0 / v).sum::<f64>();
             }
             Link::Field { root } => {
@@ -178,7 +180,7 @@ impl Touched {
         };
         let alone = |i: usize| {
             sum(i, &|k| {
-                weights[(k, i)] * self.prior.local(unseen[k] as usize)
+                weights[(k, i)] * self.prior.local_variance(unseen[k] as usize)
             })
         };
         match &self.link {
@@ -213,7 +215,7 @@ impl Touched {
     /// Weights of the touched points in the expected level, and the level's variance given them.
     fn level(&self, variance: f64, precision: f64) -> (Mat<f64>, f64) {
         let left = variance / (1.0 + variance * precision);
-        let local = |slot: usize| self.prior.local(self.points[slot] as usize);
+        let local = |slot: usize| self.prior.local_variance(self.points[slot] as usize);
         let onto = Mat::from_fn(self.len(), 1, |slot, _| left / local(slot));
         (onto, left)
     }
@@ -222,7 +224,7 @@ impl Touched {
     fn own(&self, points: &[u32], level: f64) -> Mat<f64> {
         Mat::from_fn(points.len(), points.len(), |i, j| {
             let local = if i == j {
-                self.prior.local(points[i] as usize)
+                self.prior.local_variance(points[i] as usize)
             } else {
                 0.0
             };

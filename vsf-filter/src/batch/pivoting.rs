@@ -1,0 +1,110 @@
+use super::quadratic::{Factor, Quadratic};
+use vsf_core::CoreError;
+
+/// Sweeps of coordinate descent that guess which unknowns are free.
+const SWEEPS: usize = 10;
+/// Exchanges of the whole wrong set that may fail to make it smaller before single exchanges
+/// guarantee the end.
+const PATIENCE: usize = 10;
+/// Largest violation of the optimality conditions that counts as none.
+const TOLERANCE: f64 = 1e-12;
+
+/// The minimiser within `x >= 0`.
+#[derive(Debug)]
+pub(super) struct Optimum {
+    pub(super) x: Vec<f64>,
+    pub(super) gradient: Vec<f64>,
+    /// Of the unknowns that are free there.
+    pub(super) factor: Factor,
+    /// Largest violation of the optimality conditions. With every unknown in units of
+    /// `H_ii^-1/2`, relative to the largest of `b` and `x`.
+    pub(super) kkt_residual: f64,
+    pub(super) factorisations: usize,
+}
+
+/// Block principal pivoting: solve for the free unknowns, then exchange all that came out wrong
+/// (negative, or held at zero against the gradient). When that stops making progress, exchanging
+/// the last wrong one alone is finite (Murty's rule).
+///
+/// # Reference
+/// J. Kim, H. Park, *Fast Nonnegative Matrix Factorization: An Active-Set-Like Method and
+/// Comparisons*, SIAM J. Sci. Comput. 33 (2011), doi 10.1137/110821172. J. J. Júdice, F. M. Pires,
+/// *A block principal pivoting algorithm for large-scale strictly monotone linear complementarity
+/// problems*, Comput. Oper. Res. 21 (1994), doi 10.1016/0305-0548(94)90106-6.
+pub(super) fn minimise(problem: &dyn Quadratic) -> Result<Optimum, CoreError> {
+    let n = problem.linear().len();
+    let unit: Vec<f64> = problem.diagonal().iter().map(|h| 1.0 / h.sqrt()).collect();
+    let largest = |values: &mut dyn Iterator<Item = f64>| values.fold(0.0, f64::max);
+    let size_b = largest(&mut (0..n).map(|i| problem.linear()[i].abs() * unit[i]));
+    let guess = problem.descend(SWEEPS);
+    let mut free: Vec<bool> = guess.iter().map(|x| *x > 0.0).collect();
+    let mut factor: Option<Factor> = None;
+    let (mut fewest, mut patience, mut singles) = (n + 1, PATIENCE, 0);
+    let mut factorisations = 0;
+    while singles <= 100 * n {
+        let near = factor
+            .as_ref()
+            .and_then(|f| problem.minimiser_near(f, &free));
+        let is_near = near.is_some();
+        let x = if let Some(x) = near {
+            x
+        } else {
+            factorisations += 1;
+            let new = problem.factor((0..n).filter(|&i| free[i]).collect())?;
+            let x = problem.minimiser(&new);
+            factor = Some(new);
+            x
+        };
+        let gradient = problem.gradient(&x);
+        for values in [&x, &gradient] {
+            if values.iter().any(|v| !v.is_finite()) {
+                return Err(CoreError::Overflow { what: "stiffness" });
+            }
+        }
+        let size = largest(&mut (0..n).map(|i| x[i].abs() / unit[i])).max(size_b);
+        let slope = |i: usize| gradient[i] * unit[i];
+        // The gradient of free unknowns is rounding, and that of the others no better.
+        let rounding = largest(&mut (0..n).filter(|&i| free[i]).map(|i| slope(i).abs()));
+        let tolerance = (TOLERANCE * size).max(4.0 * rounding);
+        let is_wrong = |i: &usize| {
+            if free[*i] {
+                x[*i] < 0.0
+            } else {
+                slope(*i) < -tolerance
+            }
+        };
+        let wrong: Vec<usize> = (0..n).filter(is_wrong).collect();
+        let Some(&last) = wrong.last() else {
+            // The end is solved with a factor of its own.
+            if let Some(factor) = factor.take_if(|_| !is_near) {
+                let held = largest(&mut (0..n).filter(|&i| !free[i]).map(|i| -slope(i)));
+                return Ok(Optimum {
+                    x,
+                    gradient,
+                    factor,
+                    kkt_residual: rounding.max(held) / size.max(f64::MIN_POSITIVE),
+                    factorisations,
+                });
+            }
+            factor = None;
+            continue;
+        };
+        if wrong.len() < fewest {
+            (fewest, patience) = (wrong.len(), PATIENCE);
+        } else {
+            patience = patience.saturating_sub(1);
+        }
+        if patience > 0 {
+            wrong.iter().for_each(|&i| free[i] = !free[i]);
+        } else {
+            free[last] = !free[last];
+            singles += 1;
+        }
+    }
+    // Only rounding can make the exchanges go round in circles.
+    Err(CoreError::NotPositiveDefinite {
+        what: "normal equations",
+        pivot: 0,
+        value: f64::NAN,
+    })
+}
