@@ -55,7 +55,7 @@ pub use noise::Noise;
 pub use observation::Observation;
 pub use points::{Cell, RestPoints};
 pub use posture::{JointScrew, LinkChains, Posture};
-pub use scalar::Scalar;
+pub use scalar::{PerScalar, Scalar};
 pub use sensor::Sensor;
 pub use session::{Session, StepReport};
 

@@ -52,6 +52,41 @@ pub trait Scalar:
     fn sqrt(self) -> Self;
     /// `self * a + b`, rounded once. Fast only where the processor has the instruction.
     fn mul_add(self, a: Self, b: Self) -> Self;
+    /// Runs the `f32` or the `f64` side of `W`, whichever this type is.
+    fn run<W: PerScalar>(input: W::Input<'_, Self>) -> W::Output;
+}
+
+/// Work with one implementation for `f32` and one for `f64`, such as vector instructions, that
+/// generic code reaches through [`Scalar::run`].
+///
+/// ```
+/// use vsf_core::{PerScalar, Scalar};
+///
+/// struct Ones;
+/// impl PerScalar for Ones {
+///     type Input<'a, T: Scalar> = &'a [T];
+///     type Output = u32;
+///     fn f32(x: &[f32]) -> u32 {
+///         x.iter().map(|x| x.to_bits().count_ones()).sum()
+///     }
+///     fn f64(x: &[f64]) -> u32 {
+///         x.iter().map(|x| x.to_bits().count_ones()).sum()
+///     }
+/// }
+/// fn ones<T: Scalar>(x: &[T]) -> u32 {
+///     T::run::<Ones>(x)
+/// }
+/// assert_eq!((ones(&[1.0f32]), ones(&[1.0f64])), (7, 10));
+/// ```
+pub trait PerScalar {
+    /// What the work needs, for either number type.
+    type Input<'a, T: Scalar>;
+    /// What it returns.
+    type Output;
+    /// The work for `f32`.
+    fn f32(input: Self::Input<'_, f32>) -> Self::Output;
+    /// The work for `f64`.
+    fn f64(input: Self::Input<'_, f64>) -> Self::Output;
 }
 
 macro_rules! scalar {
@@ -84,6 +119,10 @@ macro_rules! scalar {
             #[inline]
             fn mul_add(self, a: Self, b: Self) -> Self {
                 $t::mul_add(self, a, b)
+            }
+            #[inline]
+            fn run<W: PerScalar>(input: W::Input<'_, Self>) -> W::Output {
+                W::$t(input)
             }
         }
     };

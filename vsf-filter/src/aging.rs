@@ -9,7 +9,7 @@ use vsf_core::{CoreError, Noise, Observation, Scalar, SymmetricFactor};
 #[derive(Debug, Clone)]
 pub(crate) struct Aging<T> {
     steps: Vec<T>,
-    covariance: Vec<f64>,
+    moments: Vec<f64>,
     noise: Noise,
     factor: SymmetricFactor,
 }
@@ -18,7 +18,7 @@ impl<T: Scalar> Aging<T> {
     pub(crate) fn new() -> Result<Self, CoreError> {
         Ok(Self {
             steps: Vec::new(),
-            covariance: Vec::new(),
+            moments: Vec::new(),
             noise: Noise::uniform(0, 1.0)?,
             factor: SymmetricFactor::default(),
         })
@@ -34,18 +34,19 @@ impl<T: Scalar> Aging<T> {
         let d = obs.dim();
         self.steps.clear();
         self.steps.resize(obs.len(), T::from_f64(variance));
-        self.covariance.resize(d * d, 0.0);
-        kernel::gram(obs, &self.steps, &mut self.covariance);
+        self.moments.resize((d + 1) * d, 0.0);
+        kernel::moments(obs, &self.steps, &self.steps, &mut self.moments);
+        let covariance = &mut self.moments[..d * d];
         let mut ratio = 0.0f64;
         for i in 0..d {
-            ratio = ratio.max(self.covariance[i * d + i] / obs.noise().sd(i).powi(2));
+            ratio = ratio.max(covariance[i * d + i] / obs.noise().sd(i).powi(2));
             for j in 0..=i {
-                let sum = self.covariance[i * d + j] + obs.noise().covariance()[i * d + j];
-                self.covariance[i * d + j] = sum;
-                self.covariance[j * d + i] = sum;
+                let sum = covariance[i * d + j] + obs.noise().covariance()[i * d + j];
+                covariance[i * d + j] = sum;
+                covariance[j * d + i] = sum;
             }
         }
-        self.noise.set_full(d, &self.covariance, &mut self.factor)?;
+        self.noise.set_full(d, covariance, &mut self.factor)?;
         obs.set_noise(&self.noise)?;
         Ok(ratio)
     }

@@ -47,7 +47,8 @@ struct Scratch<T> {
     mean: Vec<T>,
     variance: Vec<T>,
     predicted: Vec<f64>,
-    covariance: Vec<f64>,
+    /// Innovation covariance, then the predicted reading.
+    moments: Vec<f64>,
     residual: Vec<f64>,
     whitened: Vec<f64>,
     gain: Vec<f64>,
@@ -79,16 +80,20 @@ impl<T: Scalar> DiagonalKalman<T> {
 }
 
 impl<T: Scalar> Scratch<T> {
-    /// Factors the innovation covariance `S = W diag(variance) W^T + R`.
+    /// Predicts the reading and factors the innovation covariance `S = W diag(variance) W^T + R`.
     fn innovate(&mut self, obs: &Observation<T>) -> Result<(), CoreError> {
         let d = obs.dim();
-        self.covariance.resize(d * d, 0.0);
-        kernel::gram(obs, &self.variance, &mut self.covariance);
-        for (s, r) in self.covariance.iter_mut().zip(obs.noise().covariance()) {
+        self.moments.resize((d + 1) * d, 0.0);
+        kernel::moments(obs, &self.mean, &self.variance, &mut self.moments);
+        let (covariance, predicted) = self.moments.split_at_mut(d * d);
+        for (s, r) in covariance.iter_mut().zip(obs.noise().covariance()) {
             *s += r;
         }
-        self.factor
-            .factor("innovation covariance", d, &self.covariance)
+        self.residual.clear();
+        let pairs = obs.reading().iter().zip(&*predicted);
+        self.residual.extend(pairs.map(|(t, p)| t.to_f64() - p));
+        CoreError::check_finite("residual", &self.residual)?;
+        self.factor.factor("innovation covariance", d, covariance)
     }
 
     fn shrink(&mut self, obs: &Observation<T>) -> Result<(), CoreError> {
@@ -122,16 +127,6 @@ impl<T: Scalar> Scratch<T> {
         form: DiagonalForm,
         mode: ReplayVariance,
     ) -> Result<(), CoreError> {
-        self.predicted.resize(obs.dim(), 0.0);
-        kernel::apply(obs, &self.mean, &mut self.predicted);
-        self.residual.clear();
-        self.residual.extend(
-            obs.reading()
-                .iter()
-                .zip(&self.predicted)
-                .map(|(t, p)| t.to_f64() - p),
-        );
-        CoreError::check_finite("residual", &self.residual)?;
         self.innovate(obs)?;
         self.whitened.clone_from(&self.residual);
         self.factor.solve_lower(&mut self.whitened);
@@ -180,11 +175,12 @@ impl<T: Scalar> Revisit for DiagonalKalman<T> {
     ) -> Result<UpdateReport, CoreError> {
         obs.check_fits(self.belief.len())?;
         let scratch = &mut self.scratch;
-        kernel::gather_belief(
+        scratch.mean.resize(obs.len(), T::ZERO);
+        scratch.variance.resize(obs.len(), T::ZERO);
+        kernel::gather(
             obs.points(),
-            &self.belief,
-            &mut scratch.mean,
-            &mut scratch.variance,
+            [self.belief.mean(), self.belief.variance()],
+            [&mut scratch.mean, &mut scratch.variance],
         );
         scratch.correct(obs, self.form, mode)?;
 
@@ -264,8 +260,8 @@ pub(crate) fn postfit<T: Scalar>(
     touched: &mut Vec<T>,
     predicted: &mut Vec<f64>,
 ) -> f64 {
-    touched.clear();
-    kernel::gather(obs.points(), mean, touched);
+    touched.resize(obs.len(), T::ZERO);
+    kernel::gather(obs.points(), [mean], [touched]);
     predicted.resize(obs.dim(), 0.0);
     kernel::apply(obs, touched, predicted);
     let residuals = obs.reading().iter().zip(predicted.iter());

@@ -1,80 +1,390 @@
-//! Streaming passes over an observation matrix. Sums run over fixed lanes and blocks, so that
-//! they vectorise and give the same bits on every machine. Rows are taken two at a time: a number
-//! loaded once then serves two products.
+//! Streaming passes over an observation matrix, with the vector instructions that are found at run
+//! time. Sums run over fixed lanes and blocks: they give the same bits on every machine.
 
+use crate::lanes::{Lanes, dispatch, products, scale};
+use pulp::{Simd, WithSimd};
+use std::array::from_mut;
+use std::hint::black_box;
 use std::ops::Range;
-use vsf_core::{Belief, Observation, Scalar};
+use vsf_core::{Belief, Observation, PerScalar, Scalar};
 
-const LANES: usize = 8;
-/// Contacts per block: what a pass needs of a block stays in the first-level cache.
-const BLOCK: usize = 256;
+/// Contacts per block: what a pass needs of a block stays in the first-level cache, and a lane sums
+/// 32 products in single precision at most.
+const BLOCK: usize = 512;
+/// Neighbouring points that are copied at once.
+const RUN: usize = 4;
 
-/// `sum_k a_k b_k` and `sum_k a_k c_k` of slices of equal length.
-#[inline]
-fn dots<T: Scalar>(a: &[T], b: &[T], c: &[T]) -> [T; 2] {
-    let (a_chunks, a_rest) = a.as_chunks::<LANES>();
-    let (b_chunks, b_rest) = b.as_chunks::<LANES>();
-    let (c_chunks, c_rest) = c.as_chunks::<LANES>();
-    let (mut b_sums, mut c_sums) = ([T::ZERO; LANES], [T::ZERO; LANES]);
-    for ((x, y), z) in a_chunks.iter().zip(b_chunks).zip(c_chunks) {
-        for l in 0..LANES {
-            b_sums[l] += x[l] * y[l];
-        }
-        for l in 0..LANES {
-            c_sums[l] += x[l] * z[l];
-        }
-    }
-    let rest = |y: &[T]| -> T { a_rest.iter().zip(y).map(|(&x, &y)| x * y).sum() };
-    [total(&b_sums) + rest(b_rest), total(&c_sums) + rest(c_rest)]
-}
-
-/// Sum of the lanes. Kept apart: inlined, its pairs would make the compiler cut the vectors of
-/// the loop before it in two.
-#[inline(never)]
-fn total<T: Scalar>(lanes: &[T; LANES]) -> T {
-    let quad = |i: usize| (lanes[i] + lanes[i + 4]) + (lanes[i + 2] + lanes[i + 6]);
-    quad(0) + quad(1)
-}
-
-/// Pairs `(i, i + 1)` that cover `0..n`; the last is `(n - 1, n - 1)` when `n` is odd.
-fn pairs(n: usize) -> impl Iterator<Item = (usize, usize)> {
-    (0..n).step_by(2).map(move |i| (i, (i + 1).min(n - 1)))
-}
-
-/// `y += a x`.
-fn add_scaled<T: Scalar>(y: &mut [T], a: T, x: &[T]) {
-    for (y, &x) in y.iter_mut().zip(x) {
-        *y += a * x;
-    }
-}
-
-/// Copies `from[points[k]]` to the end of `to`.
-pub(crate) fn gather<T: Scalar>(points: &[u32], from: &[T], to: &mut Vec<T>) {
-    to.extend(points.iter().map(|&p| from[p as usize]));
-}
-
-/// Means and variances at `points`.
-pub(crate) fn gather_belief<T: Scalar>(
-    points: &[u32],
-    belief: &Belief<T>,
-    mean: &mut Vec<T>,
-    variance: &mut Vec<T>,
+/// Moments of the signal `W K` for independent `K` with `mean` and `variance` per contact: `d` rows
+/// of the covariance `W diag(variance) W^T` (lower triangle), then one row, the mean `W mean`.
+pub(crate) fn moments<T: Scalar>(
+    obs: &Observation<T>,
+    mean: &[T],
+    variance: &[T],
+    moments: &mut [f64],
 ) {
-    let means = belief.mean();
-    let variances = &belief.variance()[..means.len()];
-    mean.resize(points.len(), T::ZERO);
-    variance.resize(points.len(), T::ZERO);
-    for ((&p, m), v) in points.iter().zip(mean).zip(variance) {
-        *m = means[p as usize];
-        *v = variances[p as usize];
+    T::run::<Passes>(Pass::Moments {
+        obs,
+        mean,
+        variance,
+        moments,
+    });
+}
+
+/// Per channel of `W K`: its mean and variance under a belief of independent points.
+pub(crate) fn predict<T: Scalar>(
+    obs: &Observation<T>,
+    belief: &Belief<T>,
+    mean: &mut [f64],
+    variance: &mut [f64],
+) {
+    T::run::<Passes>(Pass::Predict {
+        obs,
+        belief,
+        mean,
+        variance,
+    });
+}
+
+/// Reading `W x` (`d` values) of values given per contact.
+pub(crate) fn apply<T: Scalar>(obs: &Observation<T>, x: &[T], reading: &mut [f64]) {
+    T::run::<Passes>(Pass::Apply { obs, x, reading });
+}
+
+/// `mean += v (W^T gain)` per contact.
+pub(crate) fn shift<T: Scalar>(obs: &Observation<T>, gain: &[f64], variance: &[T], mean: &mut [T]) {
+    T::run::<Passes>(Pass::Shift {
+        obs,
+        gain,
+        variance,
+        mean,
+    });
+}
+
+/// `v / (1 + v w^T R^-1 w)` per contact (eq. 7, first line), in place. `whitener` is the row-major
+/// inverse `L^-1` of the Cholesky factor of R.
+pub(crate) fn shrink<T: Scalar>(obs: &Observation<T>, whitener: &[f64], variance: &mut [T]) {
+    T::run::<Passes>(Pass::Shrink {
+        obs,
+        whitener,
+        variance,
+    });
+}
+
+enum Pass<'a, T: Scalar> {
+    Moments {
+        obs: &'a Observation<T>,
+        mean: &'a [T],
+        variance: &'a [T],
+        moments: &'a mut [f64],
+    },
+    Predict {
+        obs: &'a Observation<T>,
+        belief: &'a Belief<T>,
+        mean: &'a mut [f64],
+        variance: &'a mut [f64],
+    },
+    Apply {
+        obs: &'a Observation<T>,
+        x: &'a [T],
+        reading: &'a mut [f64],
+    },
+    Shift {
+        obs: &'a Observation<T>,
+        gain: &'a [f64],
+        variance: &'a [T],
+        mean: &'a mut [T],
+    },
+    Shrink {
+        obs: &'a Observation<T>,
+        whitener: &'a [f64],
+        variance: &'a mut [T],
+    },
+}
+
+/// Compiled here, once for each number type: callers in debug builds get the quick code too.
+struct Passes;
+
+impl PerScalar for Passes {
+    type Input<'a, T: Scalar> = Pass<'a, T>;
+    type Output = ();
+    fn f32(pass: Pass<'_, f32>) {
+        dispatch(pass);
+    }
+    fn f64(pass: Pass<'_, f64>) {
+        dispatch(pass);
     }
 }
 
-/// Writes `from[k]` to `to[points[k]]`.
+impl<T: Lanes> WithSimd for Pass<'_, T> {
+    type Output = ();
+    #[inline(always)]
+    fn with_simd<S: Simd>(self, simd: S) {
+        match self {
+            Pass::Moments {
+                obs,
+                mean,
+                variance,
+                moments,
+            } => sum_moments(simd, obs, mean, variance, moments),
+            Pass::Predict {
+                obs,
+                belief,
+                mean,
+                variance,
+            } => sum_channels(simd, obs, belief, mean, variance),
+            Pass::Apply { obs, x, reading } => sum_reading(simd, obs, x, reading),
+            Pass::Shift {
+                obs,
+                gain,
+                variance,
+                mean,
+            } => add_gain(obs, gain, variance, mean),
+            Pass::Shrink {
+                obs,
+                whitener,
+                variance,
+            } => add_precision(obs, whitener, variance),
+        }
+    }
+}
+
+/// Some of the contacts.
+struct Block<'a, T: Scalar> {
+    obs: &'a Observation<T>,
+    range: Range<usize>,
+    mean: &'a [T],
+    variance: &'a [T],
+}
+
+impl<T: Scalar> Block<'_, T> {
+    #[inline(always)]
+    fn rows<const N: usize>(&self, first: usize) -> [&[T]; N] {
+        let mut rows = [[].as_slice(); N];
+        for (i, row) in rows.iter_mut().enumerate() {
+            *row = &self.obs.row(first + i)[self.range.clone()];
+        }
+        rows
+    }
+}
+
+#[inline(always)]
+fn sum_moments<S: Simd, T: Lanes>(
+    simd: S,
+    obs: &Observation<T>,
+    mean: &[T],
+    variance: &[T],
+    moments: &mut [f64],
+) {
+    let (n, d) = (obs.len(), obs.dim());
+    fetch(obs.rows());
+    moments.fill(0.0);
+    let mut scaled = [[T::ZERO; BLOCK]; 2];
+    for start in (0..n).step_by(BLOCK) {
+        let range = start..(start + BLOCK).min(n);
+        let block = Block {
+            obs,
+            mean: &mean[range.clone()],
+            variance: &variance[range.clone()],
+            range,
+        };
+        for first in (0..d - d % 2).step_by(2) {
+            add_rows(simd, &block, first, &mut scaled, moments);
+        }
+        if d % 2 == 1 {
+            add_rows(simd, &block, d - 1, from_mut(&mut scaled[0]), moments);
+        }
+    }
+}
+
+/// Adds what `I` rows from `first` (even) on contribute to the moments, with all rows before them.
+#[inline(always)]
+fn add_rows<S: Simd, T: Lanes, const I: usize>(
+    simd: S,
+    block: &Block<'_, T>,
+    first: usize,
+    scaled: &mut [[T; BLOCK]; I],
+    moments: &mut [f64],
+) {
+    let d = block.obs.dim();
+    let rows = block.rows::<I>(first);
+    let (squares, readings) = scale(simd, rows, block.variance, block.mean, scaled);
+    for i in 0..I {
+        for j in 0..=i {
+            moments[(first + i) * d + first + j] += squares[i][j];
+        }
+        moments[d * d + first + i] += readings[i];
+    }
+    let mut left = [[].as_slice(); I];
+    for i in 0..I {
+        left[i] = &scaled[i][..block.range.len()];
+    }
+    for before in (0..first).step_by(2) {
+        let sums = products(simd, left, block.rows::<2>(before));
+        for i in 0..I {
+            for j in 0..2 {
+                moments[(first + i) * d + before + j] += sums[i][j];
+            }
+        }
+    }
+}
+
+#[inline(always)]
+fn sum_channels<S: Simd, T: Lanes>(
+    simd: S,
+    obs: &Observation<T>,
+    belief: &Belief<T>,
+    mean: &mut [f64],
+    variance: &mut [f64],
+) {
+    let (n, d) = (obs.len(), obs.dim());
+    mean.fill(0.0);
+    variance.fill(0.0);
+    let (mut m, mut v, mut scaled) = ([T::ZERO; BLOCK], [T::ZERO; BLOCK], [[T::ZERO; BLOCK]]);
+    for start in (0..n).step_by(BLOCK) {
+        let range = start..(start + BLOCK).min(n);
+        let (m, v) = (&mut m[..range.len()], &mut v[..range.len()]);
+        let points = &obs.points()[range.clone()];
+        gather(
+            points,
+            [belief.mean(), belief.variance()],
+            [&mut *m, &mut *v],
+        );
+        for i in 0..d {
+            let row = &obs.row(i)[range.clone()];
+            let ([[square]], [reading]) = scale(simd, [row], v, m, &mut scaled);
+            mean[i] += reading;
+            variance[i] += square;
+        }
+    }
+}
+
+#[inline(always)]
+fn sum_reading<S: Simd, T: Lanes>(simd: S, obs: &Observation<T>, x: &[T], reading: &mut [f64]) {
+    let n = obs.len();
+    reading.fill(0.0);
+    for start in (0..n).step_by(BLOCK) {
+        let end = (start + BLOCK).min(n);
+        for (i, reading) in reading.iter_mut().enumerate() {
+            let [[sum]] = products(simd, [&x[start..end]], [&obs.row(i)[start..end]]);
+            *reading += sum;
+        }
+    }
+}
+
+#[inline(always)]
+fn add_gain<T: Scalar>(obs: &Observation<T>, gain: &[f64], variance: &[T], mean: &mut [T]) {
+    const ROWS: usize = 8;
+    let (n, d) = (obs.len(), obs.dim());
+    for first in (0..d).step_by(ROWS) {
+        // Rows beyond the last are the last again, with gain 0.
+        let mut w = [obs.row(d - 1); ROWS];
+        let mut g = [T::ZERO; ROWS];
+        for i in 0..ROWS.min(d - first) {
+            w[i] = obs.row(first + i);
+            g[i] = T::from_f64(gain[first + i]);
+        }
+        let (mean, variance) = (&mut mean[..n], &variance[..n]);
+        for k in 0..n {
+            let low = (g[0] * w[0][k] + g[1] * w[1][k]) + (g[2] * w[2][k] + g[3] * w[3][k]);
+            let high = (g[4] * w[4][k] + g[5] * w[5][k]) + (g[6] * w[6][k] + g[7] * w[7][k]);
+            mean[k] += variance[k] * (low + high);
+        }
+    }
+}
+
+#[inline(always)]
+fn add_precision<T: Scalar>(obs: &Observation<T>, whitener: &[f64], variance: &mut [T]) {
+    let (n, d) = (obs.len(), obs.dim());
+    let (mut gained, mut white) = ([T::ZERO; BLOCK], [T::ZERO; BLOCK]);
+    for start in (0..n).step_by(BLOCK) {
+        let end = (start + BLOCK).min(n);
+        let (gained, white) = (&mut gained[..end - start], &mut white[..end - start]);
+        gained.fill(T::ZERO);
+        for i in 0..d {
+            white.fill(T::ZERO);
+            for j in 0..=i {
+                if whitener[i * d + j] != 0.0 {
+                    let scale = T::from_f64(whitener[i * d + j]);
+                    for (x, &w) in white.iter_mut().zip(&obs.row(j)[start..end]) {
+                        *x += scale * w;
+                    }
+                }
+            }
+            for (g, &x) in gained.iter_mut().zip(&*white) {
+                *g += x * x;
+            }
+        }
+        for (v, &g) in variance[start..end].iter_mut().zip(&*gained) {
+            *v = *v / (T::ONE + *v * g);
+        }
+    }
+}
+
+/// Brings a matrix into the cache: one number of every line, in order, which is quicker than to
+/// wait for its rows block by block.
+#[inline(always)]
+fn fetch<T: Scalar>(rows: &[T]) {
+    const LINE: usize = 64;
+    let mut sums = [T::ZERO; 4];
+    for lines in rows.chunks_exact(4 * LINE / size_of::<T>()) {
+        for (k, sum) in sums.iter_mut().enumerate() {
+            *sum += lines[k * LINE / size_of::<T>()];
+        }
+    }
+    black_box(sums);
+}
+
+/// Copies `from[i][points[k]]` to `to[i][k]`. Points increase, and many are neighbours.
+pub(crate) fn gather<T: Scalar, const N: usize>(
+    points: &[u32],
+    from: [&[T]; N],
+    to: [&mut [T]; N],
+) {
+    let (runs, rest) = points.as_chunks::<RUN>();
+    let mut start = 0;
+    for points in runs {
+        let run = run(points);
+        for i in 0..N {
+            let to = &mut to[i][start..start + RUN];
+            if let Some(first) = run {
+                to.copy_from_slice(&from[i][first..first + RUN]);
+            } else {
+                for (x, &p) in to.iter_mut().zip(points) {
+                    *x = from[i][p as usize];
+                }
+            }
+        }
+        start += RUN;
+    }
+    for i in 0..N {
+        for (x, &p) in to[i][start..].iter_mut().zip(rest) {
+            *x = from[i][p as usize];
+        }
+    }
+}
+
+/// Copies `from[k]` to `to[points[k]]`.
 pub(crate) fn scatter<T: Scalar>(points: &[u32], from: &[T], to: &mut [T]) {
-    for (&p, &x) in points.iter().zip(from) {
+    let (runs, rest) = points.as_chunks::<RUN>();
+    let (from_runs, from_rest) = from.as_chunks::<RUN>();
+    for (points, from) in runs.iter().zip(from_runs) {
+        if let Some(first) = run(points) {
+            to[first..first + RUN].copy_from_slice(from);
+        } else {
+            for (&p, &x) in points.iter().zip(from) {
+                to[p as usize] = x;
+            }
+        }
+    }
+    for (&p, &x) in rest.iter().zip(from_rest) {
         to[p as usize] = x;
     }
+}
+
+/// The first of points that increase, if they are neighbours.
+fn run(points: &[u32; RUN]) -> Option<usize> {
+    let [first, .., last] = *points;
+    (last - first == RUN as u32 - 1).then_some(first as usize)
 }
 
 /// Whether all values are finite.
@@ -88,140 +398,6 @@ pub(crate) fn all_positive<T: Scalar>(values: &[T]) -> bool {
     values
         .iter()
         .fold(true, |ok, x| ok & x.is_finite() & (*x > T::ZERO))
-}
-
-/// Ranges of at most `BLOCK` contacts.
-fn blocks(n: usize) -> impl Iterator<Item = Range<usize>> {
-    (0..n)
-        .step_by(BLOCK)
-        .map(move |start| start..(start + BLOCK).min(n))
-}
-
-/// Reading `W x` (`d` values) of values given per contact.
-pub(crate) fn apply<T: Scalar>(obs: &Observation<T>, x: &[T], reading: &mut [f64]) {
-    reading.fill(0.0);
-    for block in blocks(obs.len()) {
-        let x = &x[block.clone()];
-        for (i, j) in pairs(obs.dim()) {
-            let [first, second] = dots(x, &obs.row(i)[block.clone()], &obs.row(j)[block.clone()]);
-            reading[i] += first.to_f64();
-            if j > i {
-                reading[j] += second.to_f64();
-            }
-        }
-    }
-}
-
-/// Signal covariance `W diag(v) W^T` (lower triangle of a row-major `d x d`) of variances given
-/// per contact.
-pub(crate) fn gram<T: Scalar>(obs: &Observation<T>, variance: &[T], covariance: &mut [f64]) {
-    let d = obs.dim();
-    covariance.fill(0.0);
-    let mut wv = [T::ZERO; BLOCK];
-    for block in blocks(obs.len()) {
-        let v = &variance[block.clone()];
-        let wv = &mut wv[..block.len()];
-        for i in 0..d {
-            let row = &obs.row(i)[block.clone()];
-            for ((x, &w), &v) in wv.iter_mut().zip(row).zip(v) {
-                *x = w * v;
-            }
-            for (j, k) in pairs(i + 1) {
-                let [first, second] =
-                    dots(wv, &obs.row(j)[block.clone()], &obs.row(k)[block.clone()]);
-                covariance[i * d + j] += first.to_f64();
-                if k > j {
-                    covariance[i * d + k] += second.to_f64();
-                }
-            }
-        }
-    }
-}
-
-/// Per channel of `W K`: its mean and variance under a belief of independent points.
-pub(crate) fn predict<T: Scalar>(
-    obs: &Observation<T>,
-    belief: &Belief<T>,
-    mean: &mut [f64],
-    variance: &mut [f64],
-) {
-    mean.fill(0.0);
-    variance.fill(0.0);
-    let (mut m, mut v, mut wv) = ([T::ZERO; BLOCK], [T::ZERO; BLOCK], [T::ZERO; BLOCK]);
-    for block in blocks(obs.len()) {
-        let (m, v, wv) = (
-            &mut m[..block.len()],
-            &mut v[..block.len()],
-            &mut wv[..block.len()],
-        );
-        for ((&p, m), v) in obs.points()[block.clone()].iter().zip(&mut *m).zip(&mut *v) {
-            *m = belief.mean()[p as usize];
-            *v = belief.variance()[p as usize];
-        }
-        for i in 0..obs.dim() {
-            let row = &obs.row(i)[block.clone()];
-            for ((x, &w), &v) in wv.iter_mut().zip(row).zip(&*v) {
-                *x = w * v;
-            }
-            let [first, second] = dots(row, m, wv);
-            mean[i] += first.to_f64();
-            variance[i] += second.to_f64();
-        }
-    }
-}
-
-/// `v / (1 + v w^T R^-1 w)` per contact (eq. 7, first line), in place. `whitener` is the row-major
-/// inverse `L^-1` of the Cholesky factor of R.
-pub(crate) fn shrink<T: Scalar>(obs: &Observation<T>, whitener: &[f64], variance: &mut [T]) {
-    let d = obs.dim();
-    let (mut gained, mut white) = ([T::ZERO; BLOCK], [T::ZERO; BLOCK]);
-    for block in blocks(obs.len()) {
-        let (gained, white) = (&mut gained[..block.len()], &mut white[..block.len()]);
-        gained.fill(T::ZERO);
-        for i in 0..d {
-            white.fill(T::ZERO);
-            for j in (0..=i).filter(|j| whitener[i * d + j] != 0.0) {
-                add_scaled(
-                    white,
-                    T::from_f64(whitener[i * d + j]),
-                    &obs.row(j)[block.clone()],
-                );
-            }
-            for (g, &x) in gained.iter_mut().zip(&*white) {
-                *g += x * x;
-            }
-        }
-        for (v, &g) in variance[block].iter_mut().zip(&*gained) {
-            *v = *v / (T::ONE + *v * g);
-        }
-    }
-}
-
-/// `mean += v (W^T gain)` per contact.
-pub(crate) fn shift<T: Scalar>(obs: &Observation<T>, gain: &[f64], variance: &[T], mean: &mut [T]) {
-    const WIDTH: usize = 2 * LANES;
-    let n = obs.len();
-    let (chunks, rest) = mean.as_chunks_mut::<WIDTH>();
-    let (variances, rest_variance) = variance.as_chunks::<WIDTH>();
-    let mut k = 0;
-    for (m, v) in chunks.iter_mut().zip(variances) {
-        let mut sum = [T::ZERO; WIDTH];
-        for (&g, row) in gain.iter().zip(obs.rows().chunks_exact(n)) {
-            let (g, w) = (T::from_f64(g), &row[k..k + WIDTH]);
-            for l in 0..WIDTH {
-                sum[l] += g * w[l];
-            }
-        }
-        for l in 0..WIDTH {
-            m[l] += v[l] * sum[l];
-        }
-        k += WIDTH;
-    }
-    for (m, &v) in rest.iter_mut().zip(rest_variance) {
-        let rows = gain.iter().zip(obs.rows().chunks_exact(n));
-        *m += v * rows.map(|(&g, row)| T::from_f64(g) * row[k]).sum();
-        k += 1;
-    }
 }
 
 /// Sets negative values to zero and returns their number.

@@ -67,6 +67,7 @@ mod batch;
 mod dense;
 mod diagonal;
 mod kernel;
+mod lanes;
 mod prior;
 mod replay;
 mod reservoir;

@@ -135,9 +135,17 @@ pub struct MemoryReplay<E: Estimator> {
 struct Undo<T> {
     /// The observation itself, then replays by their index in the buffer.
     replays: Vec<usize>,
-    mean: Vec<T>,
+    mean: Stack<T>,
     /// Only of corrections that change variances.
-    variance: Vec<T>,
+    variance: Stack<T>,
+}
+
+/// Values of points, the last ones noted on top. It never shrinks, so that no memory is cleared
+/// again.
+#[derive(Debug, Clone, Default)]
+struct Stack<T> {
+    values: Vec<T>,
+    len: usize,
 }
 
 impl<E: Revisit> MemoryReplay<E> {
@@ -288,9 +296,9 @@ impl<E: Revisit> MemoryReplay<E> {
         let past = replays.iter().rev().filter_map(|&j| self.buffer.get(j));
         let last = (obs, ReplayVariance::Shrink);
         for (obs, mode) in past.map(|o| (o, self.config.variance)).chain([last]) {
-            undo(obs.points(), means, mean);
+            means.pop(obs.points(), mean);
             if mode == ReplayVariance::Shrink {
-                undo(obs.points(), variances, variance);
+                variances.pop(obs.points(), variance);
             }
         }
     }
@@ -299,7 +307,7 @@ impl<E: Revisit> MemoryReplay<E> {
     fn project(&mut self, obs: &Observation<E::Scalar>) -> usize {
         let mean = self.inner.belief_mut().parts_mut().0;
         // Untouched means are not negative. One pass over all is quicker than many short ones.
-        if self.undo.mean.len() > mean.len() / 4 {
+        if self.undo.mean.len > mean.len() / 4 {
             return kernel::project(mean);
         }
         let past = self.undo.replays.iter().filter_map(|&j| self.buffer.get(j));
@@ -312,24 +320,36 @@ impl<E: Revisit> MemoryReplay<E> {
 impl<T: Scalar> Undo<T> {
     fn clear(&mut self) {
         self.replays.clear();
-        self.mean.clear();
-        self.variance.clear();
+        self.mean.len = 0;
+        self.variance.len = 0;
     }
 
     /// Notes what a correction by `obs` will change.
     fn note(&mut self, belief: &Belief<T>, obs: &Observation<T>, mode: ReplayVariance) {
-        kernel::gather(obs.points(), belief.mean(), &mut self.mean);
+        self.mean.push(obs.points(), belief.mean());
         if mode == ReplayVariance::Shrink {
-            kernel::gather(obs.points(), belief.variance(), &mut self.variance);
+            self.variance.push(obs.points(), belief.variance());
         }
     }
 }
 
-/// Moves the last values of `noted` back to their points.
-fn undo<T: Scalar>(points: &[u32], noted: &mut Vec<T>, to: &mut [T]) {
-    let start = noted.len() - points.len();
-    kernel::scatter(points, &noted[start..], to);
-    noted.truncate(start);
+impl<T: Scalar> Stack<T> {
+    /// Notes the values at `points`.
+    fn push(&mut self, points: &[u32], from: &[T]) {
+        let start = self.len;
+        self.len += points.len();
+        if self.len > self.values.len() {
+            self.values.resize(self.len, T::ZERO);
+        }
+        kernel::gather(points, [from], [&mut self.values[start..self.len]]);
+    }
+
+    /// Moves the values that were noted last back to their points.
+    fn pop(&mut self, points: &[u32], to: &mut [T]) {
+        let start = self.len - points.len();
+        kernel::scatter(points, &self.values[start..self.len], to);
+        self.len = start;
+    }
 }
 
 impl<E: Revisit> Estimator for MemoryReplay<E> {
