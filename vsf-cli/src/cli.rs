@@ -1,4 +1,4 @@
-use crate::commands::{bench, estimate, evaluate, export, info, predict, simulate};
+use crate::commands::{bench, estimate, evaluate, experiment, export, info, predict, simulate};
 use clap::{Parser, Subcommand};
 use std::path::PathBuf;
 
@@ -46,4 +46,6 @@ pub enum Command {
     Export(export::Args),
     /// Time the online step on this machine: kinematics, contact, columns, update
     Bench(bench::Args),
+    /// Run an experiment of the paper on recordings
+    Experiment(experiment::Args),
 }

@@ -81,9 +81,7 @@ pub struct Candidate {
 pub struct HyperChoice {
     /// The choice.
     pub hyper: Hyper,
-    /// `held-out` or `rule`.
-    pub method: &'static str,
-    /// All that was tried; empty for the rule.
+    /// All that was tried.
     pub candidates: Vec<Candidate>,
 }
 
@@ -92,11 +90,12 @@ pub struct HyperChoice {
 /// push, so that hundreds of readings say little more than one.
 const POWERS: [f64; 8] = [-7.0, -5.0, -4.0, RULE, -2.0, -1.0, 1.0, 3.0];
 const RULE: f64 = -3.0;
-/// With more touched points than this, parts are held out in place of single sequences, and
-/// predicted by the online filter.
+/// With more touched points than this, held-out readings are predicted by the online filter.
 const LEAVE_ONE_OUT_POINTS: usize = 1500;
-/// Parts that the train sequences are then split into.
+/// Parts of the train sequences that must share points for sequences to be held out.
 const FOLDS: usize = 3;
+/// Contiguous parts of a sequence that are held out where sequences have no points in common.
+const QUARTERS: usize = 4;
 /// Share of the whole reading that the noise of every channel gets besides its own.
 const FLOOR: f64 = 0.05;
 
@@ -106,13 +105,13 @@ const FLOOR: f64 = 0.05;
 ///   grows with the load. The noise of a channel is in proportion to its RMS reading in contact,
 ///   plus 5 % of the RMS norm of the whole reading.
 /// - *Ratio of prior and noise*: by rule, the signal that the prior expects in a typical reading is
-///   an eighth of its noise. Where several sequences touch the same points, each is held out once
-///   and predicted from the others by the constrained optimum, with other ratios and without the
-///   smooth part too. Of all priors whose error lies within one standard error of the best one's,
+///   an eighth of its noise. Every sequence is held out once (where sequences have no points in
+///   common, every quarter of them) and predicted from the others by the constrained optimum, with
+///   other ratios and without the smooth part too; with more than 1500 touched points, by the online
+///   filter. Of all priors whose error lies within one standard error of the best one's,
 ///   the one nearest to the rule is taken (L. Breiman et al., *Classification and Regression
 ///   Trees*, 1984, section 3.4.3).
-/// - *Level*: the RMS of what is left unexplained of held-out sequences or, with the rule, of what
-///   an online pass did not foresee.
+/// - *Level*: the RMS of what is left unexplained of what was held out.
 ///
 /// The likelihood of the readings is not asked: it takes the error of the model as independent from
 /// sample to sample, which it is not, and follows the readings too closely.
@@ -130,8 +129,14 @@ pub fn choose_hyper(
         points: rest.len(),
     })?;
     let noise = Noise::per_channel(&channels)?;
-    let (rest, traces) = touched_alone(rest, traces, &noise)?;
+    let (rest, mut traces) = touched_alone(rest, traces, &noise)?;
+    let mut folds = traces.len();
+    if !folds_share_points(&traces, rest.len()) {
+        traces = traces.iter().flat_map(quarters).collect();
+        folds = QUARTERS;
+    }
     Choice {
+        folds,
         rest: &rest,
         traces: &traces,
         shape,
@@ -149,6 +154,8 @@ struct Choice<'a> {
     channels: &'a [f64],
     /// Median over the samples in contact of the reading's sd per unit of prior sd.
     typical: f64,
+    /// Fold `k` holds out every `folds`-th trace from the `k`-th on.
+    folds: usize,
 }
 
 /// Errors of one held-out part of the train sequences.
@@ -161,16 +168,8 @@ struct HeldOut {
 
 impl Choice<'_> {
     fn run(&self) -> Result<HyperChoice, PipelineError> {
-        let (prior, level, method, candidates) = if folds_share_points(self.traces, self.rest.len())
-        {
-            let errors = self.held_out_errors()?;
-            let (chosen, level) = errors.nearest_to_rule();
-            (chosen, level, "held-out", errors.candidates())
-        } else {
-            let rule = (self.shape, RULE);
-            (rule, self.unforeseen()?, "rule", Vec::new())
-        };
-        let (shape, power) = prior;
+        let errors = self.held_out_errors()?;
+        let ((shape, power), level) = errors.nearest_to_rule();
         // A perfect fit would ask for zero noise.
         let level = level.sqrt().max(1e-9);
         Ok(HyperChoice {
@@ -179,8 +178,7 @@ impl Choice<'_> {
                 shape,
                 noise_sd: self.channels.iter().map(|c| c * level).collect(),
             },
-            method,
-            candidates,
+            candidates: errors.candidates(),
         })
     }
 
@@ -189,13 +187,8 @@ impl Choice<'_> {
     }
 
     fn held_out_errors(&self) -> Result<HeldOutErrors, PipelineError> {
-        let touched = touched_points(self.traces, self.rest.len());
-        let exact = touched.iter().filter(|t| **t).count() <= LEAVE_ONE_OUT_POINTS;
-        let folds = if exact {
-            self.traces.len()
-        } else {
-            FOLDS.min(self.traces.len())
-        };
+        let exact = self.rest.len() <= LEAVE_ONE_OUT_POINTS;
+        let folds = self.folds;
         let mut shapes = vec![self.shape];
         if exact && self.shape.smooth_share > 0.0 {
             shapes.push(PriorShape::independent());
@@ -267,13 +260,6 @@ impl Choice<'_> {
             error: error / count.max(1) as f64,
             level: squares / count.max(1) as f64,
         }
-    }
-
-    /// Normalised innovation squared per channel of one online pass with the rule.
-    fn unforeseen(&self) -> Result<f64, PipelineError> {
-        let prior = self.shape.prior(self.rest, self.prior_sd(RULE))?;
-        let pass = run(&EstimatorSpec::replay(), prior, self.traces, |_| {})?;
-        Ok(pass.health.nis_ratio().unwrap_or(1.0))
     }
 }
 
@@ -403,6 +389,24 @@ fn typical_signal(traces: &[Trace], channels: &[f64]) -> Option<f64> {
         .collect();
     let middle = norms.len() / 2;
     (!norms.is_empty()).then(|| *norms.select_nth_unstable_by(middle, f64::total_cmp).1)
+}
+
+/// Contiguous parts of the samples in contact.
+fn quarters(trace: &Trace) -> Vec<Trace> {
+    let touches = |row: &usize| !trace.observations[*row].is_empty();
+    let rows: Vec<usize> = (0..trace.observations.len()).filter(touches).collect();
+    let part = |k: usize| {
+        let rows = &rows[k * rows.len() / QUARTERS..(k + 1) * rows.len() / QUARTERS];
+        Trace {
+            id: trace.id.clone(),
+            time: rows.iter().map(|&r| trace.time[r]).collect(),
+            observations: rows
+                .iter()
+                .map(|&r| trace.observations[r].clone())
+                .collect(),
+        }
+    };
+    (0..QUARTERS).map(part).collect()
 }
 
 /// Whether held-out sequences mostly touch points that the others touch too.

@@ -12,8 +12,8 @@ use vsf::pipeline::{Candidate, Estimate, Hyper, Scene, Trace, choose_hyper, esti
 The field holds points, K (mean, N/m), K_std, and the features touched, prior_sd and noise_sd, so that \
 `vsf predict` and `vsf evaluate` need nothing else.
 
-JSON keys: estimator, prior_sd, smooth_sd, smooth_length, noise_sd (by channel), chosen_by (given, \
-held-out or rule), candidates (smooth_share, \
+JSON keys: estimator, prior_sd, smooth_sd, smooth_length, noise_sd (by channel), chosen_by (given or \
+held-out), candidates (smooth_share, \
 signal_to_noise, error), sequences, samples, contact_samples, points, touched_points, mean_stiffness (over touched \
 points), nis_ratio, out.")]
 pub struct Args {
@@ -135,7 +135,7 @@ pub fn learn(
             let choice = choose_hyper(&scene.rest, traces, shape)?;
             spinner.finish_and_clear();
             let hyper = rescaled(choice.hyper, prior_sd, noise_sd);
-            (hyper, choice.method, choice.candidates)
+            (hyper, "held-out", choice.candidates)
         }
     };
     let bar = console.bar(traces.len(), "estimate");
@@ -194,8 +194,7 @@ pub fn noise_text(scene: &Scene, noise_sd: &[f64]) -> String {
 /// How prior and noise were found, in words.
 pub fn how(method: &str) -> &'static str {
     match method {
-        "held-out" => "chosen on held-out train sequences",
-        "rule" => "chosen by rule from the size of the readings",
+        "held-out" => "chosen on held-out readings",
         _ => "as given",
     }
 }

@@ -1,6 +1,7 @@
 pub mod bench;
 pub mod estimate;
 pub mod evaluate;
+pub mod experiment;
 pub mod export;
 pub mod info;
 pub mod predict;
@@ -21,5 +22,6 @@ pub fn run(command: &Option<Command>, console: &Console) -> anyhow::Result<()> {
         Some(Command::Simulate(args)) => simulate::run(args, console),
         Some(Command::Export(args)) => export::run(args, console),
         Some(Command::Bench(args)) => bench::run(args, console),
+        Some(Command::Experiment(args)) => experiment::run(args, console),
     }
 }
