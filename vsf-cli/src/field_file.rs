@@ -83,9 +83,10 @@ impl FieldFile {
                 let problem = format!("is {odd:?}; it must be > 0 and at most 1e100");
                 return Err(wrong(&path, name, &problem));
             }
-            let mut rows = table.data().chunks(table.cols());
-            if let Some(row) = rows.position(|row| row != first) {
-                let problem = format!("row {row} differs from row 0; all must be the same");
+            let mut rows = table.iter().enumerate();
+            if let Some((row, other)) = rows.find(|(_, row)| *row != first) {
+                let problem =
+                    format!("row {row} is {other:?} and row 0 {first:?}; all must be the same");
                 return Err(wrong(&path, name, &problem));
             }
         }

@@ -15,11 +15,12 @@ fn has_keys(json: &str, keys: &[&str]) {
     }
 }
 
-/// The number behind the first `"key": `.
+/// The number behind the first `"key": `, the first of a list.
 fn value(json: &str, key: &str) -> f64 {
     let start = json.find(&format!("\"{key}\": ")).expect(key) + key.len() + 4;
-    let end = json[start..].find([',', '\n']).expect(key);
-    json[start..start + end].trim().parse().expect(key)
+    let text = json[start..].trim_start_matches(['[', ' ', '\n']);
+    let end = text.find([',', '\n']).expect(key);
+    text[..end].trim().parse().expect(key)
 }
 
 #[test]

@@ -137,3 +137,28 @@ fn fields_of_another_recording() {
         warns(&bench, &line, &["recording \"data\"", "\"peach\"", field]);
     }
 }
+
+#[test]
+fn grids_too_coarse_for_contact() {
+    let bench = Bench::new();
+    arm(&bench, &[0.0, 0.1], &[1.0; 2]);
+    points(&bench);
+    let corners = ["0 0 0", "0.1 0 0", "0 0.1 0", "0 0 0.1"];
+    let face = |[a, b, c]: [usize; 3]| {
+        let corner = |k: usize| format!("vertex {}\n", corners[k]);
+        let [a, b, c] = [a, b, c].map(corner);
+        format!("facet normal 0 0 0\nouter loop\n{a}{b}{c}endloop\nendfacet\n")
+    };
+    let faces = [[0, 2, 1], [0, 1, 3], [0, 3, 2], [1, 2, 3]].map(face);
+    let stl = format!("solid t\n{}endsolid t\n", faces.concat());
+    fs::write(bench.root.join("arm/rod.stl"), stl).unwrap();
+    let ball = r#"<sphere radius="0.02"/>"#;
+    let urdf = ARM.replace(ball, r#"<mesh filename="rod.stl"/>"#);
+    fs::write(bench.root.join("arm/arm.urdf"), urdf).unwrap();
+    warns(
+        &bench,
+        "info arm --grid-resolution 0.03",
+        &["link \"rod\"", "contact threshold of 0.002"],
+    );
+    assert_eq!(bench.warned("info arm"), "");
+}

@@ -82,6 +82,8 @@ impl Dataset {
         let (metadata, extra) = metadata::read(dir, overrides)?;
         let mut warnings = unknown_keys(dir.join(metadata::FILE), &extra);
         check_metadata(dir, &metadata)?;
+        // First of all, whether it is a recording.
+        let ids = sequence_ids(dir)?;
         let Some(robot) = metadata.robot else {
             return Err(DataError::MissingKey {
                 path: dir.join(metadata::FILE),
@@ -89,8 +91,7 @@ impl Dataset {
                 hint: "name a built-in robot such as kinova_gen3, or the path of a URDF",
             });
         };
-        let mut sequences = sequence_ids(dir)?
-            .iter()
+        let mut sequences = (ids.iter())
             .map(|(id, folder)| Sequence::load(folder, id, metadata.rate_hz))
             .collect::<Result<Vec<_>, _>>()?;
         for (id, starts) in metadata.touch_starts.unwrap_or_default() {
