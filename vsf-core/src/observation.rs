@@ -62,7 +62,43 @@ impl<T: Scalar> Observation<T> {
         reading: &[f64],
         column: impl FnMut(usize, &mut [f64]),
     ) -> Result<(), CoreError> {
-        let result = self.try_rebuild(field_len, points, reading, column);
+        let result = self
+            .begin(field_len, points, reading)
+            .and_then(|()| self.write_columns(column));
+        self.or_empty(result)
+    }
+
+    /// As [`Observation::rebuild`], for sensors that go along the rows: `rows(w)` writes all
+    /// `d x points.len()` entries of the matrix, row by row.
+    ///
+    /// # Errors
+    /// As [`Observation::rebuild`].
+    ///
+    /// ```
+    /// # use vsf_core::{Noise, Observation};
+    /// let mut obs = Observation::<f32>::new(Noise::uniform(2, 0.1)?);
+    /// obs.rebuild_rows(9, &[3, 4, 7], &[1.0, 2.0], |w| {
+    ///     w[..3].copy_from_slice(&[0.1, 0.2, 0.3]);
+    ///     w[3..].copy_from_slice(&[0.4, 0.5, 0.6]);
+    /// })?;
+    /// assert_eq!(obs.row(1), [0.4, 0.5, 0.6]);
+    /// # Ok::<(), vsf_core::CoreError>(())
+    /// ```
+    pub fn rebuild_rows(
+        &mut self,
+        field_len: usize,
+        points: &[u32],
+        reading: &[f64],
+        rows: impl FnOnce(&mut [T]),
+    ) -> Result<(), CoreError> {
+        let result = self.begin(field_len, points, reading).and_then(|()| {
+            rows(&mut self.rows);
+            self.check_rows()
+        });
+        self.or_empty(result)
+    }
+
+    fn or_empty(&mut self, result: Result<(), CoreError>) -> Result<(), CoreError> {
         if result.is_err() {
             self.points.clear();
             self.rows.clear();
@@ -71,12 +107,12 @@ impl<T: Scalar> Observation<T> {
         result
     }
 
-    fn try_rebuild(
+    /// All but the entries of the matrix.
+    fn begin(
         &mut self,
         field_len: usize,
         points: &[u32],
         reading: &[f64],
-        mut column: impl FnMut(usize, &mut [f64]),
     ) -> Result<(), CoreError> {
         let d = self.dim();
         CoreError::check_len("reading", reading.len(), d)?;
@@ -98,7 +134,6 @@ impl<T: Scalar> Observation<T> {
                 len: field_len,
             });
         }
-        let n = points.len();
         self.points.clear();
         self.points.extend_from_slice(points);
         for (to, &from) in self.reading.iter_mut().zip(reading) {
@@ -107,23 +142,45 @@ impl<T: Scalar> Observation<T> {
                 return Err(CoreError::Overflow { what: "reading" });
             }
         }
-        self.rows.resize(d * n, T::ZERO);
-        for (k, &point) in points.iter().enumerate() {
+        self.rows.resize(d * points.len(), T::ZERO);
+        Ok(())
+    }
+
+    fn write_columns(
+        &mut self,
+        mut column: impl FnMut(usize, &mut [f64]),
+    ) -> Result<(), CoreError> {
+        let n = self.points.len();
+        for (k, &point) in self.points.iter().enumerate() {
             self.column.fill(0.0);
             column(k, &mut self.column);
             for (i, &w) in self.column.iter().enumerate() {
-                let w_t = T::from_f64(w);
-                if !w_t.is_finite() {
-                    return Err(CoreError::NotFinite {
-                        what: "observation column of point",
-                        index: point as usize,
-                        value: w,
-                    });
+                self.rows[i * n + k] = T::from_f64(w);
+                if !self.rows[i * n + k].is_finite() {
+                    return Err(Self::bad_column(point, w));
                 }
-                self.rows[i * n + k] = w_t;
             }
         }
         Ok(())
+    }
+
+    fn check_rows(&self) -> Result<(), CoreError> {
+        // No early exit, which would keep the loop from vectorising.
+        if self.rows.iter().fold(true, |ok, w| ok & w.is_finite()) {
+            return Ok(());
+        }
+        let entries = self.rows.iter().zip(self.points.iter().cycle());
+        entries
+            .filter(|(w, _)| !w.is_finite())
+            .try_for_each(|(w, &point)| Err(Self::bad_column(point, w.to_f64())))
+    }
+
+    fn bad_column(point: u32, value: f64) -> CoreError {
+        CoreError::NotFinite {
+            what: "observation column of point",
+            index: point as usize,
+            value,
+        }
     }
 
     /// Replaces the noise, for sensors whose noise changes with time.

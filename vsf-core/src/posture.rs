@@ -9,6 +9,7 @@ use std::sync::Arc;
 pub struct LinkChains {
     joints: usize,
     chains: Vec<Vec<u32>>,
+    still: Vec<Vec<u32>>,
 }
 
 impl LinkChains {
@@ -26,7 +27,15 @@ impl LinkChains {
                 });
             }
         }
-        Ok(Self { joints, chains })
+        let others = |chain: &Vec<u32>| {
+            let joints = 0..joints as u32;
+            joints.filter(|j| !chain.contains(j)).collect()
+        };
+        Ok(Self {
+            joints,
+            still: chains.iter().map(others).collect(),
+            chains,
+        })
     }
 
     /// Number of moving joints, `d`.
@@ -45,6 +54,14 @@ impl LinkChains {
     /// If `link` is out of range.
     pub fn chain(&self, link: usize) -> &[u32] {
         &self.chains[link]
+    }
+
+    /// Joints that do not move `link`.
+    ///
+    /// # Panics
+    /// If `link` is out of range.
+    pub fn still(&self, link: usize) -> &[u32] {
+        &self.still[link]
     }
 }
 

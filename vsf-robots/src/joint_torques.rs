@@ -1,3 +1,4 @@
+use std::ops::Range;
 use vsf_core::{Contacts, CoreError, Noise, Observation, Posture, RestPoints, Scalar, Sensor};
 
 /// External joint torques as a linear observation of the stiffness: the column of a touched point
@@ -90,11 +91,53 @@ impl<T: Scalar> Sensor<T> for JointTorques {
                 len: chains.link_count(),
             });
         }
-        // `rebuild` checks the touched points before it asks for columns.
-        out.rebuild(rest.len(), contacts.points(), reading, |k, w| {
-            let p = rest.positions()[contacts.points()[k] as usize];
-            let u = contacts.displacements()[k];
-            posture.joint_torques(contacts.links()[k] as usize, &(p + u), &-u, w);
+        // `rebuild_rows` checks the touched points before it asks for rows.
+        out.rebuild_rows(rest.len(), contacts.points(), reading, |rows| {
+            for start in (0..contacts.len()).step_by(BLOCK) {
+                let end = (start + BLOCK).min(contacts.len());
+                write_rows(rest, posture, contacts, start..end, rows);
+            }
         })
+    }
+}
+
+/// Contacts whose wrenches are kept between two passes.
+const BLOCK: usize = 256;
+
+/// The entries of some contacts in all rows: `angular . (p x f) + linear . f` with the force
+/// `f = -u` at `p + u`, as [`Posture::joint_torques`] has it, one joint after the other.
+fn write_rows<T: Scalar>(
+    rest: &RestPoints,
+    posture: &Posture,
+    contacts: &Contacts,
+    range: Range<usize>,
+    rows: &mut [T],
+) {
+    let points = &contacts.points()[range.clone()];
+    let displacements = &contacts.displacements()[range.clone()];
+    let links = &contacts.links()[range.clone()];
+    let mut wrenches = [[0.0; BLOCK]; 6];
+    for (k, (&point, u)) in points.iter().zip(displacements).enumerate() {
+        let f = -u;
+        let moment = (rest.positions()[point as usize] + u).coords.cross(&f);
+        for i in 0..3 {
+            wrenches[i][k] = moment[i];
+            wrenches[3 + i][k] = f[i];
+        }
+    }
+    let n = contacts.len();
+    for (row, screw) in rows.chunks_exact_mut(n).zip(posture.screws()) {
+        let (a, l) = (screw.angular, screw.linear);
+        let [mx, my, mz, fx, fy, fz] = &wrenches;
+        for (k, w) in row[range.clone()].iter_mut().enumerate() {
+            let turning = a.x * mx[k] + a.y * my[k] + a.z * mz[k];
+            let sliding = l.x * fx[k] + l.y * fy[k] + l.z * fz[k];
+            *w = T::from_f64(turning + sliding);
+        }
+    }
+    for (k, &link) in range.zip(links) {
+        for &joint in posture.chains().still(link as usize) {
+            rows[joint as usize * n + k] = T::ZERO;
+        }
     }
 }
