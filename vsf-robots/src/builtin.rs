@@ -30,7 +30,7 @@ pub fn builtin(name: &str) -> Option<Result<RobotModel, RobotError>> {
 }
 
 /// A probe on a three-axis linear stage: prismatic joints `stage_x`, `stage_y`, `stage_z` along
-/// the world axes (range +-1 m, no other limits), links `link_0` to `link_3` of 0.1 kg each but the first.
+/// the world axes (range +-1 m, 100 N, 1 m/s), links `link_0` to `link_3` of 0.1 kg each but the first.
 ///
 /// The tip on `link_3` is a ball of `tip_radius` > 0 (m) whose lowest point is the joint position.
 ///
@@ -40,7 +40,8 @@ pub fn cartesian_stage(tip_radius: f64) -> Result<RobotModel, RobotError> {
     let limits = JointLimits {
         lower: -1.0,
         upper: 1.0,
-        ..JointLimits::NONE
+        effort: 100.0,
+        velocity: 1.0,
     };
     let axes = [
         ("stage_x", Vector3::x()),
