@@ -60,7 +60,7 @@ const POINTS_PER_ROW: usize = 3;
 /// }
 /// let batch = BatchMap::new(2, [&sequence[..]])?;
 /// // Unconstrained, the answer would be (4, -1).
-/// let prior = FieldPrior::from(Belief::uniform(2, 0.0, 100.0)?);
+/// let prior = FieldPrior::from(Belief::<f64>::uniform(2, 0.0, 100.0)?);
 /// let fit = batch.solve(&prior, 1.0)?;
 /// let belief = fit.belief()?;
 /// assert_eq!(belief.mean()[1], 0.0);
