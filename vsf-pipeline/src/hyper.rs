@@ -2,6 +2,7 @@ use crate::estimate::{batch_map, run, touched_points};
 use crate::{EstimatorSpec, PipelineError, Trace};
 use rayon::prelude::*;
 use serde::Serialize;
+use std::ops::Range;
 use vsf_core::{Belief, CoreError, Noise, Observation, RestPoints};
 use vsf_filter::{FieldPrior, Matern, Smoothness};
 
@@ -85,16 +86,16 @@ pub struct HyperChoice {
     pub candidates: Vec<Candidate>,
 }
 
-/// Signal-to-noise ratios of one reading that are tried, as powers of 2, and the one that stands
-/// without evidence. It is far below 1: what the model leaves unexplained stays alike over a whole
-/// push, so that hundreds of readings say little more than one.
-const POWERS: [f64; 8] = [-7.0, -5.0, -4.0, RULE, -2.0, -1.0, 1.0, 3.0];
-const RULE: f64 = -3.0;
+/// Signal-to-noise ratios of one reading that are tried, as powers of 2 times the rule.
+const POWERS: [f64; 8] = [-4.0, -2.0, -1.0, 0.0, 1.0, 2.0, 4.0, 6.0];
+/// As how many independent readings those of one point count by rule. What the model leaves
+/// unexplained stays alike over a whole push, so that hundreds of readings say little more than one.
+const INDEPENDENT: f64 = 4.0;
 /// With more touched points than this, held-out readings are predicted by the online filter.
 const LEAVE_ONE_OUT_POINTS: usize = 1500;
-/// Parts of the train sequences that must share points for sequences to be held out.
-const FOLDS: usize = 3;
-/// Contiguous parts of a sequence that are held out where sequences have no points in common.
+/// Most parts that the touches are dealt to.
+const MOST_FOLDS: usize = 10;
+/// Contiguous parts of a touch that are held out where touches have no points in common.
 const QUARTERS: usize = 4;
 /// Share of the whole reading that the noise of every channel gets besides its own.
 const FLOOR: f64 = 0.05;
@@ -104,9 +105,11 @@ const FLOOR: f64 = 0.05;
 /// - *Noise by channel*: most of what a field leaves unexplained is error of the model, which
 ///   grows with the load. The noise of a channel is in proportion to its RMS reading in contact,
 ///   plus 5 % of the RMS norm of the whole reading.
-/// - *Ratio of prior and noise*: by rule, the signal that the prior expects in a typical reading is
-///   an eighth of its noise. Every sequence is held out once (where sequences have no points in
-///   common, every quarter of them) and predicted from the others by the constrained optimum, with
+/// - *Ratio of prior and noise*: by rule, all readings that a typical point takes part in count as
+///   four, because the error of the model stays alike over a push: with `n` of them, the signal
+///   that the prior expects in a typical reading is `sqrt(4 / n)` of its noise. The touches, dealt to at most ten
+///   parts in turn, are held out once (where they have no points in common, every quarter of them)
+///   and predicted from the others by the constrained optimum, with
 ///   other ratios and without the smooth part too; with more than 1500 touched points, by the online
 ///   filter. Of all priors whose error lies within one standard error of the best one's,
 ///   the one nearest to the rule is taken (L. Breiman et al., *Classification and Regression
@@ -129,9 +132,10 @@ pub fn choose_hyper(
         points: rest.len(),
     })?;
     let noise = Noise::per_channel(&channels)?;
+    let rule = (INDEPENDENT / readings_per_point(traces, rest.len())).sqrt();
     let (rest, mut traces) = touched_alone(rest, traces, &noise)?;
-    let mut folds = traces.len();
-    if !folds_share_points(&traces, rest.len()) {
+    let mut folds = traces.len().min(MOST_FOLDS);
+    if !folds_share_points(&traces, folds, rest.len()) {
         traces = traces.iter().flat_map(quarters).collect();
         folds = QUARTERS;
     }
@@ -142,6 +146,7 @@ pub fn choose_hyper(
         shape,
         channels: &channels,
         typical,
+        rule,
     }
     .run()
 }
@@ -154,6 +159,8 @@ struct Choice<'a> {
     channels: &'a [f64],
     /// Median over the samples in contact of the reading's sd per unit of prior sd.
     typical: f64,
+    /// Signal-to-noise ratio of a typical reading by rule.
+    rule: f64,
     /// Fold `k` holds out every `folds`-th trace from the `k`-th on.
     folds: usize,
 }
@@ -178,12 +185,12 @@ impl Choice<'_> {
                 shape,
                 noise_sd: self.channels.iter().map(|c| c * level).collect(),
             },
-            candidates: errors.candidates(),
+            candidates: errors.candidates(self.rule),
         })
     }
 
     fn prior_sd(&self, power: f64) -> f64 {
-        2f64.powf(power) / self.typical
+        self.rule * 2f64.powf(power) / self.typical
     }
 
     fn held_out_errors(&self) -> Result<HeldOutErrors, PipelineError> {
@@ -263,7 +270,8 @@ impl Choice<'_> {
     }
 }
 
-/// The same problem without the points that are never touched, and with another noise.
+/// The same problem without the points that are never touched, with another noise and a trace per
+/// touch.
 fn touched_alone(
     rest: &RestPoints,
     traces: &[Trace],
@@ -285,19 +293,21 @@ fn touched_alone(
         })?;
         Ok(copy)
     };
-    let of_trace = |trace: &Trace| {
-        let observations = trace.observations.iter().map(renamed);
+    let of_touch = |(trace, touch): (&Trace, &Range<usize>)| {
+        let observations = trace.observations[touch.clone()].iter().map(renamed);
         Ok(Trace {
             id: trace.id.clone(),
-            time: trace.time.clone(),
+            time: trace.time[touch.clone()].to_vec(),
             observations: observations.collect::<Result<_, CoreError>>()?,
+            touches: vec![0..touch.len()],
         })
     };
-    let traces = traces
+    let touches = traces
         .iter()
-        .map(of_trace)
+        .flat_map(|trace| trace.touches.iter().map(move |touch| (trace, touch)))
+        .map(of_touch)
         .collect::<Result<_, PipelineError>>()?;
-    Ok((RestPoints::new(positions)?, traces))
+    Ok((RestPoints::new(positions)?, touches))
 }
 
 /// What every prior does on every held-out part.
@@ -321,7 +331,7 @@ impl HeldOutErrors {
         let best = all.clone().min_by(|a, b| error(a).total_cmp(&error(b)));
         let best = best.unwrap_or(0);
         let as_good = all.filter(|&k| k == best || !self.is_worse(k, best));
-        let distance = |k: &usize| (self.priors[*k].1 - RULE).abs();
+        let distance = |k: &usize| self.priors[*k].1.abs();
         // Of equals the first: the one with a smooth part.
         let chosen = as_good.min_by(|a, b| distance(a).total_cmp(&distance(b)));
         let chosen = chosen.unwrap_or(best);
@@ -338,10 +348,10 @@ impl HeldOutErrors {
         mean > (variance / n).sqrt()
     }
 
-    fn candidates(&self) -> Vec<Candidate> {
+    fn candidates(&self, rule: f64) -> Vec<Candidate> {
         let candidate = |(k, (shape, power)): (usize, &(PriorShape, f64))| Candidate {
             smooth_share: shape.smooth_share,
-            signal_to_noise: 2f64.powf(*power),
+            signal_to_noise: rule * 2f64.powf(*power),
             error: self.mean(k, |h| h.error),
         };
         self.priors.iter().enumerate().map(candidate).collect()
@@ -391,6 +401,21 @@ fn typical_signal(traces: &[Trace], channels: &[f64]) -> Option<f64> {
     (!norms.is_empty()).then(|| *norms.select_nth_unstable_by(middle, f64::total_cmp).1)
 }
 
+/// Median over the touched points of the number of readings that a point takes part in.
+fn readings_per_point(traces: &[Trace], field_len: usize) -> f64 {
+    let mut counts = vec![0usize; field_len];
+    for obs in traces.iter().flat_map(|t| &t.observations) {
+        obs.points().iter().for_each(|&p| counts[p as usize] += 1);
+    }
+    counts.retain(|&n| n > 0);
+    let middle = counts.len() / 2;
+    if counts.is_empty() {
+        1.0
+    } else {
+        *counts.select_nth_unstable(middle).1 as f64
+    }
+}
+
 /// Contiguous parts of the samples in contact.
 fn quarters(trace: &Trace) -> Vec<Trace> {
     let touches = |row: &usize| !trace.observations[*row].is_empty();
@@ -404,15 +429,15 @@ fn quarters(trace: &Trace) -> Vec<Trace> {
                 .iter()
                 .map(|&r| trace.observations[r].clone())
                 .collect(),
+            touches: vec![0..rows.len()],
         }
     };
     (0..QUARTERS).map(part).collect()
 }
 
-/// Whether held-out sequences mostly touch points that the others touch too.
-fn folds_share_points(traces: &[Trace], field_len: usize) -> bool {
-    let folds = FOLDS.min(traces.len());
-    traces.len() > 1
+/// Whether the parts that are held out mostly touch points that the others touch too.
+fn folds_share_points(traces: &[Trace], folds: usize, field_len: usize) -> bool {
+    folds > 1
         && (0..folds).all(|fold| {
             let (held, kept): (Vec<_>, Vec<_>) = (0..traces.len()).partition(|i| i % folds == fold);
             let kept: Vec<&Trace> = kept.into_iter().map(|i| &traces[i]).collect();

@@ -1,5 +1,6 @@
 use crate::{PipelineError, Scene, external_torques};
 use rayon::prelude::*;
+use std::ops::Range;
 use vsf_core::{ContactModel, Contacts, CoreError, Noise, Observation, Sensor};
 use vsf_data::Sequence;
 use vsf_robots::{JointTorques, RobotError};
@@ -14,6 +15,8 @@ pub struct Trace {
     pub time: Vec<f64>,
     /// One observation per sample; free samples have no points.
     pub observations: Vec<Observation<f64>>,
+    /// Samples of each touch, in order: contacts are forgotten where one begins.
+    pub touches: Vec<Range<usize>>,
 }
 
 impl Trace {
@@ -100,6 +103,7 @@ impl Scene {
             id: sequence.id.clone(),
             time: sequence.time.clone(),
             observations,
+            touches: sequence.touches().collect(),
         })
     }
 }
