@@ -144,11 +144,16 @@ impl FieldFile {
         Ok(Belief::new(self.field.stiffness.clone(), variance)?)
     }
 
+    /// Whether the file says all that deviations of predicted readings need.
+    pub fn has_deviations(&self) -> bool {
+        self.field.sd.is_some() && self.field.features.contains_key(NOISE_SD)
+    }
+
     /// Standard deviation of the reading of each of `channels`; 0 and a warning where the file does
     /// not say.
     pub fn noise_sd(&self, channels: usize, console: &Console) -> anyhow::Result<Vec<f64>> {
         let stored = self.field.features.get(NOISE_SD);
-        if stored.is_none() || self.field.sd.is_none() {
+        if !self.has_deviations() {
             let path = self.path.display();
             console.warn(format!(
                 "{path}: without K_std and the feature noise_sd, deviations leave that part out"

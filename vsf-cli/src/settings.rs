@@ -9,7 +9,7 @@ use vsf::contact::{ContactConfig, GridOptions};
 use vsf::core::nalgebra::{Isometry3, Translation3, UnitQuaternion, Vector3};
 use vsf::data::{JointType, Overrides, RobotRef, Splits, TorqueKind};
 use vsf::filter::{DiagonalForm, Projection, ReplayConfig, ReplayVariance};
-use vsf::pipeline::{EstimatorSpec, PriorShape, SceneOptions};
+use vsf::pipeline::{EstimatorSpec, HyperMethod, PriorShape, SceneOptions};
 
 /// The recording and the contact model.
 #[derive(Debug, Clone, Default, Args)]
@@ -116,6 +116,20 @@ pub struct EstimatorSettings {
     /// Length over which the smooth part of the prior stays alike [m], default 0.04
     #[arg(long, allow_negative_numbers = true, value_parser = positive)]
     smooth_length: Option<f64>,
+    /// Standard deviation of a level that all points share, per that of a point's own part, default 0
+    #[arg(long, allow_negative_numbers = true, value_parser = not_negative)]
+    level_share: Option<f64>,
+    /// How prior and noise are chosen where they are not given, default held-out
+    #[arg(long)]
+    hyper: Option<HyperKind>,
+}
+
+#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
+enum HyperKind {
+    /// By the prediction of touches that are held out
+    HeldOut,
+    /// By the marginal likelihood of the readings, as if their errors were independent
+    Likelihood,
 }
 
 #[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
@@ -307,6 +321,15 @@ impl EstimatorSettings {
         PriorShape {
             smooth_share: self.smooth_share.unwrap_or(defaults.smooth_share),
             length: self.smooth_length.unwrap_or(defaults.length),
+            level_share: self.level_share.unwrap_or(defaults.level_share),
+        }
+    }
+
+    /// How prior and noise are chosen.
+    pub fn method(&self) -> HyperMethod {
+        match self.hyper {
+            None | Some(HyperKind::HeldOut) => HyperMethod::HeldOut,
+            Some(HyperKind::Likelihood) => HyperMethod::Likelihood,
         }
     }
 

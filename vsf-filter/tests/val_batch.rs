@@ -257,6 +257,30 @@ fn posterior_is_that_of_brute_force() {
     }
 }
 
+/// The closed form beside the evidence with every deviation multiplied by a factor.
+#[test]
+fn best_level_has_the_greatest_evidence() {
+    let mut sequence = Vec::new();
+    for (w, force) in [([1.0, 0.4], 3.0), ([0.2, -1.0], 5.0), ([0.5, 0.5], -1.0)] {
+        let mut obs = Observation::new(Noise::uniform(1, 0.7).unwrap());
+        obs.rebuild(2, &[0, 1], &[force], |k, column| column[0] = w[k])
+            .unwrap();
+        sequence.push(obs);
+    }
+    let batch = BatchMap::new(2, [&sequence[..]]).unwrap();
+    let prior = |sd| {
+        FieldPrior::from(Belief::<f64>::uniform(2, 0.3, sd).unwrap())
+            .with_level(2.0 * sd)
+            .unwrap()
+    };
+    let (level, greatest) = batch.best_level(&prior(0.5), 1.3).unwrap();
+    let scaled = |s: f64| batch.log_evidence(&prior(0.5 * s), 1.3 * s).unwrap();
+    close("evidence", greatest, scaled(level), 1e-12);
+    for factor in [0.5, 0.99, 1.01, 3.0] {
+        assert!(scaled(level * factor) < greatest, "{factor}");
+    }
+}
+
 /// A point held at zero, alone: its posterior without the bound, cut off there.
 #[test]
 fn points_at_zero_have_the_moment_of_a_cut_off_gaussian() {

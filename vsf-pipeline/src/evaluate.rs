@@ -19,6 +19,45 @@ pub struct Evaluation {
     pub per_sequence: Vec<SequenceError>,
     /// Errors by joint.
     pub per_joint: Vec<JointError>,
+    /// Whether predicted deviations are right, where the predictor has them.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub calibration: Option<Calibration>,
+}
+
+/// Shares of the readings of single channels, over the samples in contact, that lie near their
+/// prediction. Of a Gaussian they would be 0.683 and 0.954.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
+pub struct Calibration {
+    /// Within one predicted standard deviation.
+    pub within_1_sigma: f64,
+    /// Within two.
+    pub within_2_sigma: f64,
+}
+
+impl Calibration {
+    /// `None` where a prediction has no deviations, or nothing is touched.
+    fn of(traces: &[Trace], predictions: &[SequencePrediction]) -> Option<Self> {
+        let (mut count, mut within) = (0usize, [0usize; 2]);
+        for (trace, prediction) in traces.iter().zip(predictions) {
+            if prediction.sd.len() != trace.observations.len() {
+                return None;
+            }
+            let rows = trace.observations.iter().zip(&prediction.mean);
+            for ((obs, mean), sd) in rows.zip(&prediction.sd).filter(|((o, _), _)| !o.is_empty()) {
+                for ((tau, mean), sd) in obs.reading().iter().zip(mean).zip(sd) {
+                    count += 1;
+                    for (k, within) in within.iter_mut().enumerate() {
+                        *within += usize::from((tau - mean).abs() <= (k + 1) as f64 * sd);
+                    }
+                }
+            }
+        }
+        let share = |n: usize| n as f64 / count as f64;
+        (count > 0).then(|| Self {
+            within_1_sigma: share(within[0]),
+            within_2_sigma: share(within[1]),
+        })
+    }
 }
 
 /// Errors of one sequence.
@@ -214,6 +253,7 @@ pub fn score(
         zero_error: all.zero / n,
         per_joint: per_joint.collect(),
         per_sequence,
+        calibration: Calibration::of(traces, predictions),
     })
 }
 

@@ -19,6 +19,7 @@ mod error;
 mod estimate;
 mod evaluate;
 mod hyper;
+mod priors;
 mod readings;
 mod scene;
 mod simulate;
@@ -31,9 +32,11 @@ pub use bench::{BenchOptions, BenchReport, StageTimes, bench};
 pub use error::PipelineError;
 pub use estimate::{Estimate, EstimatorSpec, estimate, estimate_online};
 pub use evaluate::{
-    Evaluation, JointError, SequenceError, SequencePrediction, evaluate, predict, score,
+    Calibration, Evaluation, JointError, SequenceError, SequencePrediction, evaluate, predict,
+    score,
 };
-pub use hyper::{Candidate, Hyper, HyperChoice, PriorShape, choose_hyper};
+pub use hyper::{Candidate, Hyper, HyperChoice, HyperMethod, PriorShape, choose_hyper};
+pub use priors::{PriorRow, compare_priors};
 pub use readings::external_torques;
 pub use scene::{Scene, SceneOptions, reading_unit, robot_of};
 pub use simulate::simulate;

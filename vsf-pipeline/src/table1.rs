@@ -1,8 +1,8 @@
 use crate::estimate::touched_points;
 use crate::evaluate::sample_errors;
 use crate::{
-    EstimatorSpec, Hyper, HyperChoice, PipelineError, PriorShape, Scene, Trace, choose_hyper,
-    estimate, estimate_online, evaluate,
+    EstimatorSpec, Hyper, HyperChoice, HyperMethod, PipelineError, PriorShape, Scene, Trace,
+    choose_hyper, estimate, estimate_online, evaluate,
 };
 use serde::Serialize;
 use std::time::Instant;
@@ -68,7 +68,7 @@ pub fn table1(
     let samples: usize = train.iter().map(|t| t.observations.len()).sum();
     let contact_seconds = clock.elapsed().as_secs_f64() / samples.max(1) as f64;
     let test = scene.traces(&test, || {})?;
-    let HyperChoice { hyper, .. } = choose_hyper(&scene.rest, &train, shape)?;
+    let HyperChoice { hyper, .. } = choose_hyper(&scene.rest, &train, shape, HyperMethod::HeldOut)?;
     let run = Run {
         scene,
         train: &train,

@@ -5,16 +5,17 @@ use crate::recording::{Default, RecordingArgs, traces, untouched};
 use crate::settings::EstimatorSettings;
 use serde::Serialize;
 use std::path::PathBuf;
-use vsf::pipeline::{Candidate, Estimate, Hyper, Scene, Trace, choose_hyper, estimate};
+use vsf::pipeline::{
+    Candidate, Estimate, Hyper, HyperMethod, Scene, Trace, choose_hyper, estimate,
+};
 
 #[derive(Debug, clap::Args)]
 #[command(after_help = "\
 The field holds points, K (mean, N/m), K_std, and the features touched, prior_sd and noise_sd, so that \
 `vsf predict` and `vsf evaluate` need nothing else.
 
-JSON keys: estimator, prior_sd, smooth_sd, smooth_length, noise_sd (by channel), chosen_by (given or \
-held-out), candidates (smooth_share, \
-signal_to_noise, error), sequences, samples, contact_samples, points, touched_points, mean_stiffness (over touched \
+JSON keys: estimator, prior_sd, smooth_sd, smooth_length, level_sd, noise_sd (by channel), chosen_by \
+(given, held-out or likelihood), candidates (smooth_share, signal_to_noise, error or log_evidence), sequences, samples, contact_samples, points, touched_points, mean_stiffness (over touched \
 points), nis_ratio, out.")]
 pub struct Args {
     #[command(flatten)]
@@ -36,6 +37,7 @@ struct Report<'a> {
     prior_sd: f64,
     smooth_sd: f64,
     smooth_length: f64,
+    level_sd: f64,
     noise_sd: &'a [f64],
     chosen_by: &'a str,
     candidates: &'a [Candidate],
@@ -89,6 +91,7 @@ pub fn run(args: &Args, console: &Console) -> anyhow::Result<()> {
         prior_sd: chosen.hyper.prior_sd,
         smooth_sd: chosen.hyper.prior_sd * chosen.hyper.shape.smooth_share,
         smooth_length: chosen.hyper.shape.length,
+        level_sd: chosen.hyper.prior_sd * chosen.hyper.shape.level_share,
         noise_sd: &chosen.hyper.noise_sd,
         chosen_by: chosen.method,
         candidates: &chosen.candidates,
@@ -132,10 +135,15 @@ pub fn learn(
         }
         (prior_sd, noise_sd) => {
             let spinner = console.spinner("choosing prior and noise");
-            let choice = choose_hyper(&scene.rest, traces, shape)?;
+            let by = settings.method();
+            let choice = choose_hyper(&scene.rest, traces, shape, by)?;
             spinner.finish_and_clear();
             let hyper = rescaled(choice.hyper, prior_sd, noise_sd);
-            (hyper, "held-out", choice.candidates)
+            let name = match by {
+                HyperMethod::HeldOut => "held-out",
+                HyperMethod::Likelihood => "likelihood",
+            };
+            (hyper, name, choice.candidates)
         }
     };
     let bar = console.bar(traces.len(), "estimate");
@@ -195,6 +203,7 @@ pub fn noise_text(scene: &Scene, noise_sd: &[f64]) -> String {
 pub fn how(method: &str) -> &'static str {
     match method {
         "held-out" => "chosen on held-out readings",
+        "likelihood" => "chosen by marginal likelihood",
         _ => "as given",
     }
 }
@@ -222,6 +231,10 @@ fn text(report: &Report, scene: &Scene) -> String {
             number(report.smooth_sd),
             number(report.smooth_length),
         );
+    }
+    if report.level_sd > 0.0 {
+        let sd = number(report.level_sd);
+        text += &format!("              and N(0, {sd}²) N/m common to all points\n");
     }
     text += &format!("  noise sd    {}\n", noise_text(scene, report.noise_sd));
     text += &format!(

@@ -5,7 +5,7 @@ use crate::recording::{Default, FieldArgs, Recording, traces, untouched};
 use serde::Serialize;
 use std::collections::BTreeMap;
 use vsf::data::Sequence;
-use vsf::pipeline::{Baseline, Evaluation, Scene, Trace, evaluate, score};
+use vsf::pipeline::{Baseline, Evaluation, Scene, Trace, evaluate, predict, score};
 
 #[derive(Debug, clap::Args)]
 #[command(after_help = "\
@@ -13,8 +13,8 @@ The error is the paper's metric, the norm ||tau_hat - tau|| over the joints at e
 
 JSON keys: predictor (field, zero or knn), mean_error, sd_error, samples, unit (N m or N), zero_error \
 (mean norm of the readings), per_sequence (sequence, mean_error, sd_error, samples, zero_error, \
-contact_samples, mean_contacts), per_joint (joint, unit, mean_abs_error, rms_error), and with a field \
-and --baseline: baselines, an object of the same keys by name.")]
+contact_samples, mean_contacts), per_joint (joint, unit, mean_abs_error, rms_error), calibration (within_1_sigma, within_2_sigma: \
+shares of single readings in contact; of fields with deviations), and with a field and --baseline: baselines, an object of the same keys by name.")]
 pub struct Args {
     #[command(flatten)]
     of: FieldArgs,
@@ -66,7 +66,19 @@ pub fn run(args: &Args, console: &Console) -> anyhow::Result<()> {
         .for_each(|w| console.warn(w));
     let mut found = Vec::new();
     if let Some(field) = &field {
-        found.push(("field", evaluate(&scene, &field.belief()?, &traces)?));
+        let belief = field.belief()?;
+        let evaluation = if field.has_deviations() {
+            let noise_sd = field.noise_sd(scene.robot.joint_count(), console)?;
+            let of = |trace| predict(&scene, &belief, &noise_sd, trace);
+            score(
+                &scene,
+                &traces,
+                &traces.iter().map(of).collect::<Result<Vec<_>, _>>()?,
+            )?
+        } else {
+            evaluate(&scene, &belief, &traces)?
+        };
+        found.push(("field", evaluation));
     }
     for &kind in &args.baseline {
         let (name, baseline) = match kind {
@@ -166,5 +178,13 @@ fn text(found: &[(&'static str, Evaluation)]) -> String {
             ]
         })
         .collect();
-    text + &table(&["joint", "mean abs", "rms", "unit"], &rows)
+    text += &table(&["joint", "mean abs", "rms", "unit"], &rows);
+    if let Some(c) = &evaluation.calibration {
+        text += &format!(
+            "\nreadings in contact within 1 and 2 predicted standard deviations: {:.0} %, {:.0} %\n",
+            100.0 * c.within_1_sigma,
+            100.0 * c.within_2_sigma
+        );
+    }
+    text
 }

@@ -1,0 +1,31 @@
+use super::{Candidate, HyperChoice, PriorShape, Problem};
+use crate::PipelineError;
+use crate::estimate::batch_map;
+
+/// Chooses by [`super::HyperMethod::Likelihood`].
+pub fn choose(problem: &Problem) -> Result<HyperChoice, PipelineError> {
+    let batch = batch_map(&problem.touches, problem.rest.len())?;
+    let mut candidates = Vec::new();
+    let mut best: Option<((PriorShape, f64), f64, f64)> = None;
+    for candidate in problem.candidates(true) {
+        let (level, log_evidence) = batch.best_level(&problem.prior(&candidate)?, 1.0)?;
+        let (shape, power) = candidate;
+        candidates.push(Candidate {
+            smooth_share: shape.smooth_share,
+            signal_to_noise: problem.signal_to_noise(power),
+            error: None,
+            log_evidence: Some(log_evidence),
+        });
+        if best.is_none_or(|(_, _, greatest)| log_evidence > greatest) {
+            best = Some((candidate, level, log_evidence));
+        }
+    }
+    let (chosen, level, _) = best.ok_or(PipelineError::NoContact {
+        what: "train",
+        points: problem.rest.len(),
+    })?;
+    Ok(HyperChoice {
+        hyper: problem.hyper(chosen, level),
+        candidates,
+    })
+}

@@ -1,0 +1,92 @@
+use crate::estimate::batch_map;
+use crate::evaluate::{SequencePrediction, score};
+use crate::{Evaluation, HyperMethod, PipelineError, PriorShape, Scene, Trace, choose_hyper};
+use serde::Serialize;
+use vsf_core::{CoreError, Noise};
+use vsf_data::Dataset;
+
+/// One prior on one recording.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct PriorRow {
+    /// What it assumes, in words.
+    pub prior: &'static str,
+    /// Its shape.
+    pub shape: PriorShape,
+    /// Standard deviation of a point's own part (N/m), chosen.
+    pub prior_sd: f64,
+    /// Errors on the test sequences, and whether the predicted deviations are right, correlations
+    /// of the posterior included.
+    pub evaluation: Evaluation,
+}
+
+/// What each prior gives on a recording: independent points as in the paper, a level common to all
+/// points beside each one's own (homogeneous plus heterogeneous), and smooth parts of several sizes.
+/// Each is fitted to the train sequences by the constrained optimum with its own choice of prior and
+/// noise, and predicts the test sequences.
+///
+/// # Errors
+/// A recording without train or test sequences or contact; failures of the estimator.
+pub fn compare_priors(dataset: &Dataset, scene: &Scene) -> Result<Vec<PriorRow>, PipelineError> {
+    let traces = |sequences: Vec<_>| scene.traces(&sequences, || {});
+    let train = traces(dataset.train().collect())?;
+    let test = traces(dataset.test().collect())?;
+    let independent = PriorShape::independent();
+    let smooth = |smooth_share, length| PriorShape {
+        smooth_share,
+        length,
+        ..independent
+    };
+    let level = PriorShape {
+        level_share: 0.5,
+        ..independent
+    };
+    let default = PriorShape::default();
+    [
+        ("independent points", independent),
+        ("common level, 0.5 of the own part", level),
+        ("smooth part 0.25 over 4 cm (default)", default),
+        ("smooth part 1 over 4 cm", smooth(1.0, 0.04)),
+        ("smooth part 1 over 1 cm", smooth(1.0, 0.01)),
+        ("smooth part 4 over 1 cm", smooth(4.0, 0.01)),
+    ]
+    .into_iter()
+    .map(|(name, shape)| row(scene, &train, &test, name, shape))
+    .collect()
+}
+
+fn row(
+    scene: &Scene,
+    train: &[Trace],
+    test: &[Trace],
+    name: &'static str,
+    shape: PriorShape,
+) -> Result<PriorRow, PipelineError> {
+    let hyper = choose_hyper(&scene.rest, train, shape, HyperMethod::HeldOut)?.hyper;
+    let noise = Noise::per_channel(&hyper.noise_sd)?;
+    let with_noise = |traces: &[Trace]| -> Result<Vec<Trace>, CoreError> {
+        traces.iter().map(|t| t.with_noise(&noise)).collect()
+    };
+    let (train, test) = (with_noise(train)?, with_noise(test)?);
+    let batch = batch_map(&train, scene.rest.len())?;
+    let fit = batch.solve(&shape.prior(&scene.rest, hyper.prior_sd)?, 1.0)?;
+    let predict = |trace: &Trace| {
+        let (mut mean, mut sd) = (Vec::new(), Vec::new());
+        for obs in &trace.observations {
+            let prediction = fit.predict(obs)?;
+            mean.push(prediction.mean);
+            sd.push(prediction.sd);
+        }
+        Ok(SequencePrediction {
+            id: trace.id.clone(),
+            mean,
+            sd,
+        })
+    };
+    let predictions: Vec<_> = test.iter().map(predict).collect::<Result<_, CoreError>>()?;
+    Ok(PriorRow {
+        prior: name,
+        shape: hyper.shape,
+        prior_sd: hyper.prior_sd,
+        evaluation: score(scene, &test, &predictions)?,
+    })
+}
