@@ -26,7 +26,8 @@ pub struct GridOptions {
     /// How far the grid reaches beyond the body \[m\], > 0, default 15 mm. Farther out the distance
     /// is a lower bound, see [`GridSdf`].
     pub margin: f64,
-    /// Most nodes of one grid (4 bytes each), >= 64, default 16 million.
+    /// Most nodes of one grid (4 bytes each), >= 64, default 4 million: about
+    /// 10 s of work on one thread.
     pub max_nodes: usize,
     /// Folder that keeps finished grids, created when missing; `None` (default) keeps none.
     pub cache_dir: Option<PathBuf>,
@@ -38,7 +39,7 @@ impl Default for GridOptions {
             resolution: None,
             max_error: 0.5e-3,
             margin: 0.015,
-            max_nodes: 16_000_000,
+            max_nodes: 4_000_000,
             cache_dir: None,
         }
     }

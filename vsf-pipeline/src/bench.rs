@@ -38,6 +38,26 @@ pub struct StageTimes {
     pub p99_ms: f64,
 }
 
+/// The last [`LOADED_STEPS`] steps of the push, which have the most contacts.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
+pub struct Loaded {
+    /// Mean number of contacts.
+    pub contacts: f64,
+    /// Steps per second, from the mean.
+    pub steps_per_second: f64,
+    /// Median of the whole step (ms).
+    pub median_ms: f64,
+    /// Median of the contact model (ms).
+    pub contact_ms: f64,
+    /// Median of the update with its replays (ms).
+    pub update_ms: f64,
+    /// Bytes that an update has to read at least: indices and weights of the observation and of its
+    /// replays, mean and variance of their points.
+    pub update_bytes: f64,
+    /// Time of the update by the time in which so many bytes are read once, one after another.
+    pub update_over_read: f64,
+}
+
 /// Times of a whole online step, in `f32`, on one thread.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct BenchReport {
@@ -45,6 +65,8 @@ pub struct BenchReport {
     pub points: usize,
     /// Contacts at the last step.
     pub contacts: usize,
+    /// Rate at which one thread of this machine reads memory (GB/s).
+    pub bandwidth_gb_per_s: f64,
     /// Steps per second, from the mean over the steps in contact.
     pub steps_per_second: f64,
     /// Median of the whole step.
@@ -59,14 +81,22 @@ pub struct BenchReport {
     pub columns: StageTimes,
     /// Estimator, with replays.
     pub update: StageTimes,
+    /// The end of the push.
+    pub loaded: Loaded,
 }
 
 /// Postures at the start and the end of the push: the tool of a Gen3, pointing down, moves 16 cm
 /// forward into the cube.
-const START: [f64; 7] = [-0.1722, 0.7707, 3.3871, -2.0982, -0.5440, -0.3332, 0.5249];
-const END: [f64; 7] = [-0.2159, 0.9687, 3.5203, -1.5222, -0.4679, -0.7417, 0.3624];
-const CORNER: [f64; 3] = [0.43, -0.2, 0.08];
-const EDGE: f64 = 0.4;
+const JOINTS: usize = 7;
+const START: [f64; JOINTS] = [-0.1722, 0.7707, 3.3871, -2.0982, -0.5440, -0.3332, 0.5249];
+const END: [f64; JOINTS] = [-0.2159, 0.9687, 3.5203, -1.5222, -0.4679, -0.7417, 0.3624];
+/// The cube is of such a size that the end of the push has about 4100 contacts at 100,000 points.
+const CORNER: [f64; 3] = [0.43, -0.165, 0.08];
+const EDGE: f64 = 0.33;
+/// Steps of the end of the push.
+pub const LOADED_STEPS: usize = 20;
+/// Pushes that are timed, after one that warms up buffers and caches.
+const PUSHES: usize = 3;
 
 /// Times the whole step, contact to belief, on a push of a Kinova Gen3 into a cube of points, the
 /// points moved alone ([`crate::SceneOptions::subdivision`] 1). It needs no data.
@@ -88,7 +118,7 @@ pub fn bench(options: &BenchOptions) -> Result<BenchReport, PipelineError> {
     let rest = cube(side)?;
     let links = link_sdfs(robot.colliders(), &GridOptions::default())?.links;
     let mut contact = StickSlip::new(links, ContactConfig::default())?;
-    let sensor = JointTorques::new(Noise::uniform(7, 1.0)?);
+    let sensor = JointTorques::new(Noise::uniform(JOINTS, 1.0)?);
     let prior = Belief::<f32>::uniform(rest.len(), 0.0, 0.1)?;
     let config = ReplayConfig {
         replays: options.replays,
@@ -96,39 +126,82 @@ pub fn bench(options: &BenchOptions) -> Result<BenchReport, PipelineError> {
     };
     let mut estimator = MemoryReplay::new(DiagonalKalman::new(prior), config)?;
 
-    // The first push warms up buffers and caches, the second is timed.
-    push(
-        &robot,
-        &rest,
-        &mut contact,
-        &sensor,
-        &mut estimator,
-        options.steps,
-    )?;
-    estimator.begin_sequence();
-    let times = push(
-        &robot,
-        &rest,
-        &mut contact,
-        &sensor,
-        &mut estimator,
-        options.steps,
-    )?;
+    let mut push = || {
+        estimator.begin_sequence();
+        push(
+            &robot,
+            &rest,
+            &mut contact,
+            &sensor,
+            &mut estimator,
+            options.steps,
+        )
+    };
+    push()?;
+    let pushes: Vec<Vec<Step>> = (0..PUSHES).map(|_| push()).collect::<Result<_, _>>()?;
 
-    let total: Vec<f64> = times.steps.iter().map(|s| s.iter().sum()).collect();
-    let whole = quantiles(total.clone());
-    let stage = |k: usize| quantiles(times.steps.iter().map(|s| s[k]).collect());
+    let all = || pushes.iter().flatten().filter(|s| s.contacts > 0);
+    let whole = quantiles(all().map(Step::total));
+    let stage = |k: usize| quantiles(all().map(|s| s.ms[k]));
+    let bandwidth = read_bandwidth();
     Ok(BenchReport {
         points: rest.len(),
-        contacts: times.contacts,
-        steps_per_second: 1e3 * total.len() as f64 / total.iter().sum::<f64>().max(1e-9),
+        contacts: pushes.iter().flatten().last().map_or(0, |s| s.contacts),
+        bandwidth_gb_per_s: bandwidth,
+        steps_per_second: 1e3 / mean(all().map(Step::total)).max(1e-9),
         median_ms: whole.median_ms,
         p99_ms: whole.p99_ms,
         kinematics: stage(0),
         contact: stage(1),
         columns: stage(2),
         update: stage(3),
+        loaded: loaded(&pushes, options.replays, bandwidth),
     })
+}
+
+fn loaded(pushes: &[Vec<Step>], replays: usize, bandwidth: f64) -> Loaded {
+    let from = |push: &Vec<Step>| push.len().saturating_sub(LOADED_STEPS);
+    let last = || pushes.iter().flat_map(|p| &p[from(p)..]);
+    let contacts = |s: &Step| s.contacts as f64;
+    // Replays are drawn from all observations so far, here from about those of a push.
+    let drawn = mean(
+        pushes
+            .iter()
+            .flatten()
+            .filter(|s| s.contacts > 0)
+            .map(contacts),
+    );
+    let now = mean(last().map(contacts));
+    // Of each contact an index, a weight per joint, mean and variance.
+    let per_contact = (1 + JOINTS + 2) * size_of::<f32>();
+    let update_bytes = (now + replays as f64 * drawn) * per_contact as f64;
+    let update = quantiles(last().map(|s| s.ms[3])).median_ms;
+    Loaded {
+        contacts: now,
+        steps_per_second: 1e3 / mean(last().map(Step::total)).max(1e-9),
+        median_ms: quantiles(last().map(Step::total)).median_ms,
+        contact_ms: quantiles(last().map(|s| s.ms[1])).median_ms,
+        update_ms: update,
+        update_bytes,
+        update_over_read: update / (update_bytes / bandwidth * 1e-6),
+    }
+}
+
+/// Rate of reading an array larger than the caches from end to end (GB/s), the best of a few times.
+fn read_bandwidth() -> f64 {
+    const LANES: usize = 32;
+    let array = vec![1.0f32; 1 << 25];
+    let mut best = f64::INFINITY;
+    for _ in 0..3 {
+        let clock = Instant::now();
+        let mut sums = [0.0f32; LANES];
+        for chunk in std::hint::black_box(&array).chunks_exact(LANES) {
+            sums.iter_mut().zip(chunk).for_each(|(sum, x)| *sum += x);
+        }
+        std::hint::black_box(sums);
+        best = best.min(clock.elapsed().as_secs_f64());
+    }
+    (array.len() * size_of::<f32>()) as f64 / best * 1e-9
 }
 
 fn cube(side: usize) -> Result<Arc<RestPoints>, PipelineError> {
@@ -143,10 +216,16 @@ fn cube(side: usize) -> Result<Arc<RestPoints>, PipelineError> {
     Ok(Arc::new(RestPoints::new(points.collect())?))
 }
 
-/// Times of the steps in contact (ms): kinematics, contact, columns, update.
-struct Times {
-    steps: Vec<[f64; 4]>,
+/// Times of one step (ms): kinematics, contact, columns, update.
+struct Step {
+    ms: [f64; 4],
     contacts: usize,
+}
+
+impl Step {
+    fn total(&self) -> f64 {
+        self.ms.iter().sum()
+    }
 }
 
 fn push(
@@ -156,18 +235,15 @@ fn push(
     sensor: &JointTorques,
     estimator: &mut MemoryReplay<DiagonalKalman<f32>>,
     steps: usize,
-) -> Result<Times, PipelineError> {
+) -> Result<Vec<Step>, PipelineError> {
     let mut posture = robot.posture();
     let mut contacts = Contacts::new();
     let mut obs = Sensor::<f32>::blank(sensor);
-    let mut times = Times {
-        steps: Vec::with_capacity(steps),
-        contacts: 0,
-    };
+    let mut times = Vec::with_capacity(steps);
     contact.reset();
     for i in 0..steps {
         let s = i as f64 / (steps - 1) as f64;
-        let q: [f64; 7] = std::array::from_fn(|j| START[j] + s * (END[j] - START[j]));
+        let q: [f64; JOINTS] = std::array::from_fn(|j| START[j] + s * (END[j] - START[j]));
         let clock = Instant::now();
         let mut lap = 0.0;
         let mut split = || {
@@ -180,26 +256,29 @@ fn push(
         let kinematics = split();
         contact.step(rest, &posture, &mut contacts)?;
         let touch = split();
-        sensor.observe(rest, &posture, &contacts, &[1.0; 7], &mut obs)?;
+        sensor.observe(rest, &posture, &contacts, &[1.0; JOINTS], &mut obs)?;
         let columns = split();
         estimator.update(&obs)?;
-        let update = split();
-        if !contacts.is_empty() {
-            times.steps.push([kinematics, touch, columns, update]);
-        }
-        times.contacts = contacts.len();
+        times.push(Step {
+            ms: [kinematics, touch, columns, split()],
+            contacts: contacts.len(),
+        });
     }
     Ok(times)
 }
 
-fn quantiles(mut values: Vec<f64>) -> StageTimes {
+fn mean(values: impl Iterator<Item = f64>) -> f64 {
+    let (count, sum) = values.fold((0usize, 0.0), |(n, sum), v| (n + 1, sum + v));
+    sum / count.max(1) as f64
+}
+
+fn quantiles(values: impl Iterator<Item = f64>) -> StageTimes {
+    let mut values: Vec<f64> = values.collect();
     values.sort_by(f64::total_cmp);
     let at = |share: f64| {
         let last = values.len().saturating_sub(1) as f64;
-        values
-            .get((share * last).round() as usize)
-            .copied()
-            .unwrap_or(0.0)
+        let index = (share * last).round() as usize;
+        values.get(index).copied().unwrap_or(0.0)
     };
     StageTimes {
         median_ms: at(0.5),

@@ -291,3 +291,42 @@ impl Moments {
             .sqrt()
     }
 }
+
+#[cfg(test)]
+#[allow(clippy::unwrap_used)]
+mod tests {
+    use super::*;
+    use vsf_core::Noise;
+
+    /// Errors of 0, 1.5 and 3 deviations; the reading in the air does not count.
+    #[test]
+    fn calibration_counts_readings_in_contact() {
+        let obs = |points: &[u32], reading: f64| {
+            let mut obs = Observation::new(Noise::uniform(1, 1.0).unwrap());
+            obs.rebuild(1, points, &[reading], |_, w| w[0] = 1.0)
+                .unwrap();
+            obs
+        };
+        let trace = Trace {
+            id: String::new(),
+            time: vec![0.0; 4],
+            observations: vec![
+                obs(&[0], 2.0),
+                obs(&[0], 5.0),
+                obs(&[0], 8.0),
+                obs(&[], 90.0),
+            ],
+            touches: Vec::new(),
+        };
+        let mut prediction = SequencePrediction {
+            id: String::new(),
+            mean: vec![vec![2.0]; 4],
+            sd: vec![vec![2.0]; 4],
+        };
+        let found = Calibration::of(&[trace.clone()], &[prediction.clone()]).unwrap();
+        assert_eq!(found.within_1_sigma, 1.0 / 3.0);
+        assert_eq!(found.within_2_sigma, 2.0 / 3.0);
+        prediction.sd.clear();
+        assert_eq!(Calibration::of(&[trace], &[prediction]), None);
+    }
+}

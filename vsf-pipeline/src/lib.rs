@@ -28,7 +28,7 @@ mod trace;
 mod warning;
 
 pub use baseline::Baseline;
-pub use bench::{BenchOptions, BenchReport, StageTimes, bench};
+pub use bench::{BenchOptions, BenchReport, LOADED_STEPS, Loaded, StageTimes, bench};
 pub use error::PipelineError;
 pub use estimate::{Estimate, EstimatorSpec, estimate, estimate_online};
 pub use evaluate::{

@@ -1,11 +1,13 @@
 use crate::console::{Console, number, table};
 use crate::range::replays;
-use vsf::pipeline::{BenchOptions, BenchReport, bench};
+use vsf::pipeline::{BenchOptions, BenchReport, LOADED_STEPS, bench};
 
 #[derive(Debug, clap::Args)]
 #[command(after_help = "\
 JSON keys: points, contacts, steps_per_second, median_ms, p99_ms, and per stage (kinematics, contact, \
-columns, update) median_ms and p99_ms.")]
+columns, update) median_ms and p99_ms; bandwidth_gb_per_s, at which one thread reads memory; loaded, the last 20 \
+steps of the push: contacts, steps_per_second, median_ms, contact_ms, update_ms, update_bytes, \
+update_over_read.")]
 pub struct Args {
     /// Rest points, rounded to a cube number, up to 50 million
     #[arg(long, default_value_t = BenchOptions::default().points as u64,
@@ -44,12 +46,19 @@ fn text(report: &BenchReport, replays: usize) -> String {
     ];
     let mut rows: Vec<_> = stages.map(|(n, s)| line(n, s.median_ms, s.p99_ms)).into();
     rows.push(line("whole step", report.median_ms, report.p99_ms));
+    let loaded = &report.loaded;
     format!(
         "{} rest points, {} contacts at the end of the push, {replays} replays per update\n{}\
-         {:.0} steps per second on one thread\n",
+         {:.0} steps per second on one thread; over the last {LOADED_STEPS} steps, with {:.0} contacts, {:.0}\n\
+         an update there takes {:.2} times as long as reading its {:.1} MB once at {:.1} GB/s\n",
         report.points,
         report.contacts,
         table(&["stage", "median ms", "p99 ms"], &rows),
         report.steps_per_second,
+        loaded.contacts,
+        loaded.steps_per_second,
+        loaded.update_over_read,
+        loaded.update_bytes * 1e-6,
+        report.bandwidth_gb_per_s,
     )
 }

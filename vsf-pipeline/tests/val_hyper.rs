@@ -1,0 +1,117 @@
+//! Choice of prior and noise on readings made from a known field with known noise.
+#![allow(clippy::unwrap_used)]
+
+use nalgebra::Point3;
+use rand::{RngExt, SeedableRng};
+use rand_distr::{Distribution, Normal};
+use rand_pcg::Pcg64Mcg;
+use vsf_core::{Noise, Observation, RestPoints};
+use vsf_pipeline::{HyperMethod, PriorShape, Trace, choose_hyper};
+
+const POINTS: usize = 60;
+const CHANNELS: usize = 3;
+const PRIOR_SD: f64 = 20.0;
+const NOISE_SD: f64 = 0.5;
+
+fn rest() -> RestPoints {
+    let at = |i: usize| Point3::new(i as f64, (i % 7) as f64, (i % 5) as f64) * 0.01;
+    RestPoints::new((0..POINTS).map(at).collect()).unwrap()
+}
+
+/// `touches` of 40 readings each; every reading is a new combination of eight points.
+fn traces(touches: &[usize], seed: u64) -> Vec<Trace> {
+    let mut rng = Pcg64Mcg::seed_from_u64(seed);
+    let normal = |sd: f64| Normal::new(0.0, sd).unwrap();
+    let field: Vec<f64> = (0..POINTS)
+        .map(|_| normal(PRIOR_SD).sample(&mut rng))
+        .collect();
+    let noise = Noise::uniform(CHANNELS, 1.0).unwrap();
+    let mut sequence = |(id, touches): (usize, &usize)| {
+        let mut observations = Vec::new();
+        for _ in 0..40 * touches {
+            let mut points: Vec<u32> = (0..POINTS as u32).collect();
+            (0..8).for_each(|k| points.swap(k, rng.random_range(k..POINTS)));
+            points.truncate(8);
+            points.sort_unstable();
+            let mut rows = vec![[0.0; CHANNELS]; 8];
+            let mut reading = [0.0; CHANNELS];
+            for (row, &p) in rows.iter_mut().zip(&points) {
+                for (w, tau) in row.iter_mut().zip(&mut reading) {
+                    *w = normal(0.01).sample(&mut rng);
+                    *tau += *w * field[p as usize];
+                }
+            }
+            reading
+                .iter_mut()
+                .for_each(|tau| *tau += normal(NOISE_SD).sample(&mut rng));
+            let mut obs = Observation::new(noise.clone());
+            obs.rebuild(POINTS, &points, &reading, |k, w| {
+                w.copy_from_slice(&rows[k]);
+            })
+            .unwrap();
+            observations.push(obs);
+        }
+        Trace {
+            id: id.to_string(),
+            time: (0..observations.len()).map(|i| i as f64).collect(),
+            touches: (0..*touches).map(|t| 40 * t..40 * (t + 1)).collect(),
+            observations,
+        }
+    };
+    touches.iter().enumerate().map(&mut sequence).collect()
+}
+
+#[test]
+fn likelihood_finds_noise_and_prior() {
+    let traces = traces(&[2, 2, 2], 1);
+    let shape = PriorShape::independent();
+    let choice = choose_hyper(&rest(), &traces, shape, HyperMethod::Likelihood).unwrap();
+    for sd in &choice.hyper.noise_sd {
+        assert!((sd / NOISE_SD - 1.0).abs() < 0.15, "{sd}");
+    }
+    // Ratios are tried at powers of two.
+    let factor = choice.hyper.prior_sd / PRIOR_SD;
+    assert!((0.4..2.5).contains(&factor), "{factor}");
+    let greatest = |c: &vsf_pipeline::Candidate| c.log_evidence.unwrap();
+    let best = choice
+        .candidates
+        .iter()
+        .map(greatest)
+        .fold(f64::MIN, f64::max);
+    assert!(best.is_finite() && choice.candidates.iter().all(|c| c.error.is_none()));
+}
+
+#[test]
+fn held_out_noise_is_the_error_of_the_prediction() {
+    let traces = traces(&[2, 2, 2], 2);
+    let shape = PriorShape::independent();
+    let choice = choose_hyper(&rest(), &traces, shape, HyperMethod::HeldOut).unwrap();
+    // Noise and what five sixths of the readings leave unknown of the field.
+    for sd in &choice.hyper.noise_sd {
+        assert!((1.0..1.6).contains(&(sd / NOISE_SD)), "{sd}");
+    }
+    let error = |c: &vsf_pipeline::Candidate| c.error.unwrap();
+    let least = choice.candidates.iter().map(error).fold(f64::MAX, f64::min);
+    assert!(least < 1.6 * NOISE_SD * (CHANNELS as f64).sqrt(), "{least}");
+}
+
+/// It is touches that are held out, however they are cut into sequences.
+#[test]
+fn sequences_do_not_matter() {
+    let choice = |touches: &[usize]| {
+        let shape = PriorShape::independent();
+        choose_hyper(&rest(), &traces(touches, 3), shape, HyperMethod::HeldOut).unwrap()
+    };
+    let one = choice(&[6]);
+    for other in [choice(&[1; 6]), choice(&[4, 2])] {
+        assert_eq!(one, other);
+    }
+}
+
+#[test]
+fn without_contact_nothing_can_be_chosen() {
+    for method in [HyperMethod::HeldOut, HyperMethod::Likelihood] {
+        let error = choose_hyper(&rest(), &[], PriorShape::default(), method).unwrap_err();
+        assert!(error.to_string().contains("touch"), "{error}");
+    }
+}
