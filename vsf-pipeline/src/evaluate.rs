@@ -296,6 +296,7 @@ impl Moments {
 #[allow(clippy::unwrap_used)]
 mod tests {
     use super::*;
+    use std::slice::from_ref as one;
     use vsf_core::Noise;
 
     /// Errors of 0, 1.5 and 3 deviations; the reading in the air does not count.
@@ -323,10 +324,10 @@ mod tests {
             mean: vec![vec![2.0]; 4],
             sd: vec![vec![2.0]; 4],
         };
-        let found = Calibration::of(&[trace.clone()], &[prediction.clone()]).unwrap();
+        let found = Calibration::of(one(&trace), one(&prediction)).unwrap();
         assert_eq!(found.within_1_sigma, 1.0 / 3.0);
         assert_eq!(found.within_2_sigma, 2.0 / 3.0);
         prediction.sd.clear();
-        assert_eq!(Calibration::of(&[trace], &[prediction]), None);
+        assert_eq!(Calibration::of(one(&trace), one(&prediction)), None);
     }
 }
