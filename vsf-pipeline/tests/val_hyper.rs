@@ -33,7 +33,7 @@ fn traces(touches: &[usize], seed: u64) -> Vec<Trace> {
             (0..8).for_each(|k| points.swap(k, rng.random_range(k..POINTS)));
             points.truncate(8);
             points.sort_unstable();
-            let mut rows = vec![[0.0; CHANNELS]; 8];
+            let mut rows = [[0.0; CHANNELS]; 8];
             let mut reading = [0.0; CHANNELS];
             for (row, &p) in rows.iter_mut().zip(&points) {
                 for (w, tau) in row.iter_mut().zip(&mut reading) {
