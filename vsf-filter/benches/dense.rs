@@ -9,7 +9,7 @@ use criterion::{BenchmarkId, Criterion, criterion_group, criterion_main};
 use rayon::{ThreadPool, ThreadPoolBuilder};
 use std::time::Duration;
 use vsf_core::{Belief, Estimator, Observation, Scalar};
-use vsf_filter::{CovarianceFilter, InformationFilter};
+use vsf_filter::{CovarianceFilter, InformationFilter, Projection};
 use vsf_testkit::LinearWorld;
 
 const CHANNELS: usize = 7;
@@ -57,9 +57,24 @@ fn bench<T: Scalar>(
     group.finish();
 }
 
+/// Half of the points held at zero.
+fn constrained<T: Scalar>(c: &mut Criterion, pool: &ThreadPool, size: (usize, usize)) {
+    bench::<T>(c, "constrained", pool, size, |_| {
+        let prior = must(Belief::<T>::uniform(size.0, 0.0, 2.0));
+        Box::new(must(CovarianceFilter::with_projection(
+            prior,
+            Projection::Constrained,
+        )))
+    });
+}
+
 fn dense(c: &mut Criterion) {
     for threads in [1, 2] {
         let pool = must(ThreadPoolBuilder::new().num_threads(threads).build());
+        for size in [(1000, 950), (4300, 4100), (4300, 410)] {
+            constrained::<f32>(c, &pool, size);
+            constrained::<f64>(c, &pool, size);
+        }
         for size in [(1000, 950), (2000, 1900), (4300, 4100), (4300, 410)] {
             bench::<f32>(c, "covariance", &pool, size, |prior| {
                 Box::new(must(CovarianceFilter::new(prior)))

@@ -74,6 +74,7 @@ mod reservoir;
 mod robust;
 #[cfg(feature = "serde")]
 mod state;
+mod truncated;
 
 pub use batch::{BatchFit, BatchMap, HeldOut};
 pub use dense::{CovarianceFilter, InformationFilter, JointEstimator, Projection};

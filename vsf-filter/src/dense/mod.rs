@@ -5,11 +5,13 @@
 
 mod algebra;
 mod channels;
+mod columns;
 mod covariance;
 mod gain;
 mod information;
 mod innovation;
 mod joint;
+mod mode;
 mod product;
 mod projection;
 mod square;
