@@ -84,6 +84,18 @@ impl<T: Scalar> Mode<T> {
         (T::ZERO, variance * moment.max(T::EPSILON * T::EPSILON))
     }
 
+    /// `lambda` of a slot.
+    #[cfg(feature = "serde")]
+    pub(super) fn multiplier(&self, slot: usize) -> T {
+        at(&self.lambda, slot)
+    }
+
+    /// Sets `lambda` of the last slot.
+    #[cfg(feature = "serde")]
+    pub(super) fn set_multiplier(&mut self, lambda: T) {
+        *at_mut(&mut self.lambda, self.len - 1) = lambda;
+    }
+
     /// Largest `|min(x, lambda P_ii)|`, in units of the prior's sd.
     pub(super) fn residual(&self) -> f64 {
         self.residual
@@ -150,6 +162,11 @@ impl<T: Scalar> Mode<T> {
             self.lambda[worst] = lambda;
             covariance.add_columns(worst, &step, &mut self.x, &mut self.inner);
         }
+        self.measure();
+    }
+
+    /// Notes the residual.
+    pub(super) fn measure(&mut self) {
         self.worst();
     }
 
