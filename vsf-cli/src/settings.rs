@@ -85,8 +85,9 @@ pub struct EstimatorSettings {
     /// Which estimator, default batch
     #[arg(long)]
     estimator: Option<EstimatorKind>,
-    /// What an exact filter does with means below zero: shows them as zero (output-only) or also
-    /// goes on from zero (fed-back, eq. 5); with `exact` and `information`
+    /// What an exact filter does with means below zero: takes the optimum within K >= 0
+    /// (constrained, default of `exact`), shows them as zero (output-only, default of
+    /// `information`) or also goes on from zero (fed-back, eq. 5)
     #[arg(long)]
     projection: Option<ProjectionKind>,
     /// Past observations replayed after every update, default 20; 0 with `diagonal`
@@ -152,6 +153,7 @@ enum EstimatorKind {
 
 #[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
 enum ProjectionKind {
+    Constrained,
     OutputOnly,
     FedBack,
 }
@@ -270,7 +272,11 @@ impl EstimatorSettings {
             return Err(self.without("projection", "exact"));
         }
         let projection = match self.projection {
-            None => Projection::default(),
+            Some(ProjectionKind::Constrained) if kind == Information => {
+                return Err(self.without("constrained projection", "exact"));
+            }
+            None if kind == Information => Projection::OutputOnly,
+            None | Some(ProjectionKind::Constrained) => Projection::Constrained,
             Some(ProjectionKind::OutputOnly) => Projection::OutputOnly,
             Some(ProjectionKind::FedBack) => Projection::FedBack,
         };

@@ -9,7 +9,7 @@ use criterion::{BenchmarkId, Criterion, criterion_group, criterion_main};
 use rayon::{ThreadPool, ThreadPoolBuilder};
 use std::time::Duration;
 use vsf_core::{Belief, Estimator, Observation, Scalar};
-use vsf_filter::{CovarianceFilter, InformationFilter};
+use vsf_filter::{CovarianceFilter, InformationFilter, Projection};
 use vsf_testkit::LinearWorld;
 
 const CHANNELS: usize = 7;
@@ -22,9 +22,9 @@ fn must<T, E: std::fmt::Display>(result: Result<T, E>) -> T {
 }
 
 /// Observations of `contacts` of the first `21 / 20 contacts` points, after a first one that
-/// touches all `n`.
+/// touches all `n`. About half of the true field is zero.
 fn observations<T: Scalar>(n: usize, contacts: usize) -> Vec<Observation<T>> {
-    let mut world = LinearWorld::new(n, 5.0, 2.0, 1);
+    let mut world = LinearWorld::new(n, 0.0, 2.0, 1);
     let mut observe = |limit, contacts| {
         let reading = world.reading(limit, contacts, CHANNELS, 0.03, 0.3);
         must(reading.observation(n))
@@ -42,7 +42,7 @@ fn bench<T: Scalar>(
     make: impl Fn(Belief<T>) -> Box<dyn Estimator<Scalar = T>>,
 ) {
     let data = observations::<T>(n, contacts);
-    let mut filter = make(must(Belief::uniform(n, 5.0, 2.0)));
+    let mut filter = make(must(Belief::uniform(n, 0.0, 2.0)));
     must(filter.update(&data[0]));
     let mut turn = data[1..].iter().cycle();
     let mut group = c.benchmark_group(format!("{name}/{}", T::NAME));
@@ -57,16 +57,24 @@ fn bench<T: Scalar>(
     group.finish();
 }
 
+/// The covariance filter, without constraint and with one that holds about half of the points.
+fn covariance<T: Scalar>(c: &mut Criterion, pool: &ThreadPool, size: (usize, usize)) {
+    for (name, projection) in [
+        ("covariance", Projection::OutputOnly),
+        ("constrained", Projection::Constrained),
+    ] {
+        bench::<T>(c, name, pool, size, |prior| {
+            Box::new(must(CovarianceFilter::with_projection(prior, projection)))
+        });
+    }
+}
+
 fn dense(c: &mut Criterion) {
     for threads in [1, 2] {
         let pool = must(ThreadPoolBuilder::new().num_threads(threads).build());
         for size in [(1000, 950), (2000, 1900), (4300, 4100), (4300, 410)] {
-            bench::<f32>(c, "covariance", &pool, size, |prior| {
-                Box::new(must(CovarianceFilter::new(prior)))
-            });
-            bench::<f64>(c, "covariance", &pool, size, |prior| {
-                Box::new(must(CovarianceFilter::new(prior)))
-            });
+            covariance::<f32>(c, &pool, size);
+            covariance::<f64>(c, &pool, size);
         }
     }
     let pool = must(ThreadPoolBuilder::new().num_threads(1).build());

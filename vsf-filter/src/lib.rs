@@ -5,13 +5,14 @@
 //! | [`DiagonalKalman`] | independent points (eq. 6-7) | `O(d² n)` for n contacts, d channels |
 //! | [`MemoryReplay`] | as the estimator inside it, which sees past observations again (Alg. 1) | `1 + T_replay` updates |
 //! | [`RobustNoise`] | as the estimator inside it, with the noise of outliers inflated | one prediction more |
-//! | [`CovarianceFilter`] | exact: all touched points with their correlations | `O(d n²)`, n points ever touched |
+//! | [`CovarianceFilter`] | exact: all touched points with their correlations, and the constrained optimum | `O(d n²)`, n points ever touched |
 //! | [`InformationFilter`] | the same by the precision matrix (eq. 5), an oracle | `O(n³)` |
 //! | [`BatchMap`] | the constrained optimum over all observations, offline | `O(n³)` once, for n touched points |
 //!
-//! All but the last keep `K >= 0` by projection (eq. 5, last line) and implement
-//! [`vsf_core::Estimator`], so that any can stand where another does. The exact ones take a
-//! [`FieldPrior`], which may link points; for the others points are independent.
+//! All but the last implement [`vsf_core::Estimator`], so that any can stand where another does. They
+//! keep `K >= 0` by projection (eq. 5, last line); the covariance filter's mean is the optimum of the
+//! last, sample by sample. The exact ones take a [`FieldPrior`], which may link points; for the others
+//! points are independent.
 //!
 //! ```
 //! use vsf_core::{Belief, Estimator, Noise, Observation};
@@ -74,6 +75,7 @@ mod reservoir;
 mod robust;
 #[cfg(feature = "serde")]
 mod state;
+mod truncated;
 
 pub use batch::{BatchFit, BatchMap, HeldOut};
 pub use dense::{CovarianceFilter, InformationFilter, JointEstimator, Projection};

@@ -2,6 +2,11 @@ use nalgebra::Point3;
 use std::sync::Arc;
 use vsf_core::{Belief, CoreError, RestPoints, Scalar};
 
+#[cfg(feature = "serde")]
+mod state;
+#[cfg(feature = "serde")]
+pub(crate) use state::PriorParts;
+
 /// Gaussian prior of a whole field, `K_i = mean_i + level + smooth(p_i) + local_i`:
 ///
 /// - `local_i`, independent of all others, with the variances of a [`Belief`];
@@ -39,6 +44,7 @@ pub struct FieldPrior {
 
 /// A Matérn covariance in space.
 #[derive(Debug, Clone, Copy, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct Matern {
     /// Standard deviation (N/m), > 0.
     pub sd: f64,
@@ -50,6 +56,7 @@ pub struct Matern {
 
 /// Smoothness `nu` of a Matérn process.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub enum Smoothness {
     /// `nu = 1/2`: continuous and rough, `exp(-r / l)`.
     Half,

@@ -8,8 +8,8 @@ use std::alloc::{GlobalAlloc, Layout, System};
 use std::sync::atomic::{AtomicUsize, Ordering};
 use vsf_core::{Belief, Estimator, Observation, Scalar};
 use vsf_filter::{
-    CovarianceFilter, DiagonalForm, DiagonalKalman, MemoryReplay, ReplayConfig, ReplayVariance,
-    RobustLoss, RobustNoise,
+    CovarianceFilter, DiagonalForm, DiagonalKalman, MemoryReplay, Projection, ReplayConfig,
+    ReplayVariance, RobustLoss, RobustNoise,
 };
 use vsf_testkit::LinearWorld;
 
@@ -76,8 +76,15 @@ fn check_all<T: Scalar>() {
         })
         .collect();
     let prior = || Belief::uniform(N, 0.0, 1.0).unwrap();
-    let mut filter = CovarianceFilter::<T>::new(prior()).unwrap();
-    check("covariance", &mut filter, &data, 0.0);
+    for projection in [
+        Projection::Constrained,
+        Projection::OutputOnly,
+        Projection::FedBack,
+    ] {
+        let mut filter = CovarianceFilter::<T>::with_projection(prior(), projection).unwrap();
+        check(&format!("{projection:?}"), &mut filter, &data, 0.0);
+        assert!(filter.belief().mean().contains(&T::ZERO));
+    }
     for form in [
         DiagonalForm::Innovation,
         DiagonalForm::InnovationUpdated,

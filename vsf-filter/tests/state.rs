@@ -6,10 +6,11 @@
 use proptest::prelude::*;
 use serde::{Serialize, de::DeserializeOwned};
 use serde_json::{Value, json};
-use vsf_core::{Belief, CoreError, Estimator, Noise, Observation, Scalar};
+use vsf_core::nalgebra::Point3;
+use vsf_core::{Belief, CoreError, Estimator, Noise, Observation, RestPoints, Scalar};
 use vsf_filter::{
-    DiagonalForm, DiagonalKalman, MemoryReplay, ReplayConfig, ReplayVariance, RobustLoss,
-    RobustNoise,
+    CovarianceFilter, DiagonalForm, DiagonalKalman, FieldPrior, JointEstimator, Matern,
+    MemoryReplay, Projection, ReplayConfig, ReplayVariance, RobustLoss, RobustNoise,
 };
 use vsf_testkit::LinearWorld;
 
@@ -123,6 +124,108 @@ proptest! {
         all::<Postcard, f64>(seed, cut, form, config);
         all::<Json, f32>(seed, cut, form, config);
         all::<Json, f64>(seed, cut, form, config);
+    }
+}
+
+/// More points than a block, more ranks than wait at once, and priors that link points.
+fn dense<F: Format, T: Scalar + Serialize + DeserializeOwned>(cut: usize) {
+    let n = 80;
+    let at = |i: usize| Point3::new(0.01 * (i % 9) as f64, 0.01 * (i / 9) as f64, 0.0);
+    let rest = RestPoints::new((0..n).map(at).collect()).unwrap();
+    let smooth = Matern {
+        sd: 1.0,
+        length: 0.02,
+        smoothness: Default::default(),
+    };
+    let local = || FieldPrior::from(Belief::<f64>::uniform(n, 0.1, 2.0).unwrap());
+    for prior in [
+        local(),
+        local().with_level(1.0).unwrap(),
+        local().with_smooth(smooth, &rest).unwrap(),
+    ] {
+        for projection in [
+            Projection::Constrained,
+            Projection::OutputOnly,
+            Projection::FedBack,
+        ] {
+            let mut world = LinearWorld::new(n, 0.0, 2.0, 4);
+            let mut stream = (0..40).map(|t| {
+                let reading = world.reading(10 + 2 * t, 2 + t, 3, 0.2, 0.1);
+                reading.observation::<T>(n).unwrap()
+            });
+            let mut whole =
+                CovarianceFilter::<T>::with_projection(prior.clone(), projection).unwrap();
+            for obs in stream.by_ref().take(cut) {
+                whole.update(&obs).unwrap();
+            }
+            let mut restored = F::copy(&whole);
+            assert_eq!(whole.kkt_residual(), restored.kkt_residual());
+            for obs in stream {
+                assert_eq!(whole.update(&obs).unwrap(), restored.update(&obs).unwrap());
+                assert_eq!(whole.kkt_residual(), restored.kkt_residual());
+                assert_eq!(whole.whitened_residual(), restored.whitened_residual());
+                assert_eq!(whole.belief(), restored.belief());
+            }
+            let bytes = |e: &CovarianceFilter<T>| postcard::to_allocvec(e).unwrap();
+            assert_eq!(bytes(&whole), bytes(&restored));
+            let all: Vec<u32> = (0..n as u32).collect();
+            assert_eq!(
+                whole.extrapolate(&all).unwrap(),
+                restored.extrapolate(&all).unwrap()
+            );
+        }
+    }
+}
+
+#[test]
+fn an_interruption_of_a_dense_filter_changes_nothing() {
+    for cut in [0, 1, 25, 39] {
+        dense::<Postcard, f32>(cut);
+        dense::<Postcard, f64>(cut);
+        dense::<Json, f64>(cut);
+    }
+}
+
+fn saved_dense() -> CovarianceFilter<f64> {
+    let prior = FieldPrior::from(Belief::<f64>::uniform(4, 0.0, 2.0).unwrap());
+    let mut filter = CovarianceFilter::new(prior.with_level(1.0).unwrap()).unwrap();
+    let mut obs = Observation::new(Noise::uniform(2, 0.5).unwrap());
+    obs.rebuild(4, &[0, 2], &[3.0, 1.0], |k, w| {
+        w.copy_from_slice(&[1.0, k as f64]);
+    })
+    .unwrap();
+    filter.update(&obs).unwrap();
+    filter
+}
+
+#[test]
+fn dense_states_that_cannot_be_are_refused() {
+    let good = serde_json::to_value(saved_dense()).unwrap();
+    assert!(serde_json::from_value::<CovarianceFilter<f64>>(good.clone()).is_ok());
+    for (at, value, says) in [
+        ("/prior/local/1", json!(0.0), "> 0 N²/m²"),
+        ("/prior/level_variance", json!(-1.0), "level variance"),
+        ("/belief/mean/1", json!(-1.0), ">= 0 N/m"),
+        ("/points", json!([0, 0]), "twice"),
+        ("/points/1", json!(4), "out of range"),
+        ("/link", json!([]), "link"),
+        ("/mean", json!([1.0]), "means"),
+        ("/variance/0", json!(-1.0), "positive definite"),
+        ("/mode/0/1", json!(-1.0), "multiplier"),
+        ("/ring", json!(0), "lacks"),
+        ("/ring", json!(1u64 << 40), "lacks"),
+        ("/pushed", json!(u64::MAX), "lacks"),
+        ("/applied/0", json!(0), "lacks"),
+        ("/ranks", json!([1.0]), "ranks"),
+        ("/panels/0", json!([1.0]), "entries"),
+        ("/projection", json!("Magic"), "unknown variant"),
+    ] {
+        let mut state = good.clone();
+        *state.pointer_mut(at).unwrap() = value;
+        match serde_json::from_value::<CovarianceFilter<f64>>(state) {
+            Ok(_) => panic!("{at} was taken"),
+            Err(error) => assert!(error.to_string().contains(says), "{at}: {error}"),
+        }
     }
 }
 

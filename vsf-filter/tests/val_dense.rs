@@ -102,7 +102,7 @@ fn errors(observations: &[Observation<f64>], truth: &[f64], sd: f64) -> [f64; 2]
     })
 }
 
-/// Why [`Projection::OutputOnly`] is the default: on little data feeding back helps a little, but
+/// Why [`Projection::FedBack`] is no default: on little data feeding back helps a little, but
 /// it throws the mean off what is known well. With the same sign in all columns, as when an object
 /// is pushed, it does not recover.
 #[test]

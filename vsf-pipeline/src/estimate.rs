@@ -13,9 +13,11 @@ pub enum EstimatorSpec {
     /// The constrained optimum over all samples at once, offline ([`BatchMap`]); the default.
     #[default]
     Batch,
-    /// The exact posterior, sample by sample ([`CovarianceFilter`]).
+    /// The exact posterior, sample by sample ([`CovarianceFilter`]). With the default projection its
+    /// mean is the constrained optimum over the samples so far.
     Exact(Projection),
-    /// The same from the precision matrix, eq. 5 ([`InformationFilter`]): slow.
+    /// The same from the precision matrix, eq. 5 ([`InformationFilter`]): slow, and without
+    /// [`Projection::Constrained`].
     Information(Projection),
     /// The diagonal filter with memory replay, as on the robot. It sees the marginals of the prior.
     Replay {

@@ -5,6 +5,7 @@ use super::pivoting::Optimum;
 use super::precision::{Inverse, Precision};
 use super::quadratic::Quadratic;
 use crate::FieldPrior;
+use crate::truncated::second_moment;
 use faer::Mat;
 use vsf_core::{Belief, CoreError, Observation, Prediction};
 
@@ -144,7 +145,7 @@ impl<'a> BatchFit<'a> {
             let sd = v.sqrt();
             *v *= scale * scale;
             if self.optimum.factor.place[i] == NONE {
-                *v *= truncated_moment(self.optimum.gradient[i].max(0.0) * sd / scale);
+                *v *= second_moment::<200>(self.optimum.gradient[i].max(0.0) * sd / scale);
             }
         }
         out
@@ -311,46 +312,5 @@ impl<'a> BatchFit<'a> {
             }
         }
         out
-    }
-}
-
-/// Second moment about zero of a unit Gaussian with mean `-t <= 0` cut off below zero; 1 at
-/// `t = 0`, about `2 / t²` far from it.
-///
-/// It is `2 I_2 / I_0` with the repeated integrals of the Gaussian tail, whose ratios
-/// `r_n = I_n / I_{n-1}` obey `1 / r_{n-1} = t + n r_n` (Abramowitz and Stegun, eq. 7.2.5),
-/// stable downwards.
-fn truncated_moment(t: f64) -> f64 {
-    const DEPTH: usize = 200;
-    let n = DEPTH as f64;
-    // Asymptotic in n.
-    let mut ratio = ((t * t + 4.0 * n + 2.0).sqrt() - t) / (2.0 * n + 1.0);
-    for n in (3..=DEPTH).rev() {
-        ratio = 1.0 / (t + n as f64 * ratio);
-    }
-    // Now I_2 / I_1.
-    2.0 * ratio / (t + 2.0 * ratio)
-}
-
-#[cfg(test)]
-mod tests {
-    use super::truncated_moment;
-
-    #[test]
-    fn truncated_moment_is_the_integral() {
-        for t in [0.0, 0.01, 0.3, 1.0, 2.5, 6.0, 30.0] {
-            // Trapezoidal sums of z² p and p, p = exp(-(z + t)²/2 + t²/2).
-            let (mut moment, mut mass) = (0.0, 0.0);
-            let step = 2e-4 / (1.0 + t);
-            for k in 0..200_000 {
-                let z = f64::from(k) * step;
-                let p = (-0.5 * z * z - z * t).exp() * if k == 0 { 0.5 } else { 1.0 };
-                moment += z * z * p;
-                mass += p;
-            }
-            let (got, want) = (truncated_moment(t), moment / mass);
-            assert!((got / want - 1.0).abs() < 1e-7, "t {t}: {got}, {want}");
-        }
-        assert!((truncated_moment(1e6) * 1e12 - 2.0).abs() < 1e-9);
     }
 }

@@ -19,8 +19,10 @@ use vsf_core::{
 /// cannot make it lose its definiteness. All is computed in `f64`, `T` is the type of
 /// observations and belief. An update allocates.
 ///
-/// Priors, untouched points and projection are as in [`crate::CovarianceFilter`]. Points touched
-/// for the first time under a correlated prior cost `O(n³)` too.
+/// Priors and untouched points are as in [`crate::CovarianceFilter`]. Points touched for the first
+/// time under a correlated prior cost `O(n³)` too. With [`Projection::OutputOnly`], the default
+/// here, [`Estimator::predict`], `prefit` and `nis` are those of the Gaussian itself and `postfit` is
+/// of the belief.
 ///
 /// ```
 /// use vsf_core::{Belief, Estimator, Noise, Observation};
@@ -59,23 +61,30 @@ struct Gaussian {
 }
 
 impl<T: Scalar> InformationFilter<T> {
-    /// A filter that starts from a prior (a [`FieldPrior`] or a [`Belief`]), with the default
-    /// projection.
+    /// A filter that starts from a prior (a [`FieldPrior`] or a [`Belief`]), with
+    /// [`Projection::OutputOnly`].
     ///
     /// # Errors
     /// Variances beyond the range of `T`.
     pub fn new(prior: impl Into<FieldPrior>) -> Result<Self, CoreError> {
-        Self::with_projection(prior, Projection::default())
+        Self::with_projection(prior, Projection::OutputOnly)
     }
 
     /// A filter with a given projection.
     ///
     /// # Errors
-    /// Variances beyond the range of `T`.
+    /// Variances beyond the range of `T`; [`Projection::Constrained`], which
+    /// [`crate::CovarianceFilter`] has.
     pub fn with_projection(
         prior: impl Into<FieldPrior>,
         projection: Projection,
     ) -> Result<Self, CoreError> {
+        if projection == Projection::Constrained {
+            return Err(CoreError::Unsupported {
+                what: "Projection::Constrained",
+                by: std::any::type_name::<Self>(),
+            });
+        }
         let prior = prior.into();
         Ok(Self {
             shown: Shown::new(&prior, projection)?,

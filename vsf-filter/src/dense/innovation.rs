@@ -46,6 +46,11 @@ impl Innovation {
         CoreError::check_finite("whitened residual", &self.whitened)
     }
 
+    /// Replaces `r` by `L^-1 r`.
+    pub(super) fn whiten(&self, r: &mut [f64]) {
+        self.factor.solve_lower(r);
+    }
+
     /// Entries `(i, j)`, `j <= i`, of `L^-1`.
     pub(super) fn each_whitening(&mut self, mut entry: impl FnMut(usize, usize, f64)) {
         for j in 0..self.factor.dim() {

@@ -1,13 +1,23 @@
 use super::innovation::{Innovation, norm, residual};
+use super::mode::Mode;
 use crate::prior::FieldPrior;
 use vsf_core::{Belief, CoreError, Observation, Scalar, UpdateReport};
 
 /// What a dense filter does with means below zero, where no stiffness can be.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub enum Projection {
-    /// The belief shows `max(mean, 0)`; the filter itself goes on from the Gaussian posterior, which
-    /// stays exact and does not depend on the order of observations. The default.
+    /// The mode of the posterior within `K >= 0`, the constrained optimum of all readings so far:
+    /// where one point is held at zero, the points correlated with it move along, so that what the
+    /// readings said of their sum still holds. The filter itself goes on from the Gaussian
+    /// posterior, which stays exact and does not depend on the order of observations. The default;
+    /// [`crate::CovarianceFilter`] alone has it.
     #[default]
+    Constrained,
+    /// The belief shows `max(mean, 0)`, point by point; the filter goes on from the Gaussian
+    /// posterior. Where points are strongly correlated, `W` times those means is no longer what the
+    /// readings said: on held-out pushes into a plant it errs by 1.39 N m, the constrained optimum
+    /// by 1.22 and means that were fed back by 2.22 (prior and noise the same).
     OutputOnly,
     /// The projected mean is the start of the next update (eq. 5, last line). On little data it may
     /// come closer to the truth (distance 0.61 instead of 0.64 of the field's norm after 60
@@ -55,6 +65,15 @@ impl<T: Scalar> Shown<T> {
             variances[p as usize] = T::from_f64(v.to_f64());
         }
         moved
+    }
+
+    /// Shows the mode; returns how many points it holds at zero.
+    pub(super) fn show_mode(&mut self, points: &[u32], mode: &Mode<T>) -> usize {
+        let (means, variances) = self.belief.parts_mut();
+        for (slot, &p) in points.iter().enumerate() {
+            (means[p as usize], variances[p as usize]) = mode.marginal(slot);
+        }
+        (0..points.len()).filter(|&slot| mode.is_held(slot)).count()
     }
 
     /// Reports an update whose posterior is shown already.

@@ -49,6 +49,28 @@ impl<T: Scalar> Tiles<T> {
         }
     }
 
+    /// From what was saved; `[ring, pushed]`.
+    #[cfg(feature = "serde")]
+    pub(super) fn restored(
+        len: usize,
+        panels: Vec<Panel<T>>,
+        [ring, pushed]: [usize; 2],
+        ranks: Vec<Square<T>>,
+    ) -> Self {
+        let mut live = vec![false; panels.len() * ring];
+        for (i, square) in ranks.iter().enumerate() {
+            live[i / (BANDS * ring) * ring + i % ring] |= *square != zero();
+        }
+        Self {
+            len,
+            panels,
+            ring,
+            pushed,
+            ranks,
+            live,
+        }
+    }
+
     /// Appends a row of zeros.
     pub(super) fn push(&mut self) {
         if self.len.is_multiple_of(TILE) {

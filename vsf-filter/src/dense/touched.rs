@@ -11,14 +11,14 @@ const UNTOUCHED: u32 = u32::MAX;
 #[derive(Debug, Clone)]
 pub(super) struct Touched {
     prior: FieldPrior,
-    points: Vec<u32>,
-    slots: Vec<u32>,
-    link: Link,
+    pub(super) points: Vec<u32>,
+    pub(super) slots: Vec<u32>,
+    pub(super) link: Link,
 }
 
 /// What links points a priori.
 #[derive(Debug, Clone)]
-enum Link {
+pub(super) enum Link {
     Nothing,
     /// A level of this variance, which `sum 1 / local variance` of the touched points tell about.
     Level {
