@@ -32,7 +32,8 @@
 //! ```
 //!
 //! # Saving and restoring
-//! With the feature `serde` every estimator can be written in any format of that framework and read
+//! With the feature `serde` every estimator but [`InformationFilter`] (whose posterior a
+//! [`CovarianceFilter`] has too) can be written in any format of that framework and read
 //! back; the restored one goes on as if nothing had happened, bit for bit if the format keeps floats
 //! exactly (postcard does, serde_json with its feature `float_roundtrip`). States that no estimator
 //! could have reached are refused. The layout belongs to one version of this crate. Contacts are not

@@ -158,6 +158,11 @@ impl FieldPrior {
         (self.level_variance > 0.0 && self.smooth.is_none()).then_some(self.level_variance)
     }
 
+    /// Adds a variance (N²/m²) to every point's own part.
+    pub(crate) fn diffuse(&mut self, variance: f64) {
+        self.local.iter_mut().for_each(|v| *v += variance);
+    }
+
     /// Variance of the part of point `i` that it shares with no other (N²/m²).
     pub(crate) fn local_variance(&self, i: usize) -> f64 {
         self.local[i]

@@ -2,12 +2,15 @@
 
 #![allow(clippy::unwrap_used)]
 
-use nalgebra::DMatrix;
+use nalgebra::{DMatrix, DVector};
 use rand::SeedableRng;
 use rand_pcg::Pcg64Mcg;
 use std::sync::{Arc, Mutex};
 use vsf_core::{Belief, CoreError, Estimator, FilterHealth, Noise, Observation, UpdateReport};
-use vsf_filter::{DiagonalKalman, MemoryReplay, ReplayConfig, ReplayVariance, Revisit};
+use vsf_filter::{
+    CovarianceFilter, DiagonalKalman, FieldPrior, JointEstimator, MemoryReplay, Projection,
+    ReplayConfig, ReplayVariance, Revisit,
+};
 use vsf_testkit::{LinearWorld, normal};
 
 /// Notes the noise of all that is taken in.
@@ -213,5 +216,56 @@ fn a_field_that_drifts_is_followed() {
         );
         assert!(told < without_past * bare && told_nis < bare_nis);
         assert!(told < untold_error * untold && told_nis * untold_ratio < untold_nis);
+    }
+}
+
+/// The exact filter beside the Kalman filter with full matrices, with steps between the readings and
+/// points that are touched late.
+#[test]
+fn the_covariance_filter_follows_a_changing_field() {
+    let (n, d, q) = (70, 3, 0.2);
+    let prior = Belief::<f64>::uniform(n, 5.0, 2.0).unwrap();
+    let mut filter =
+        CovarianceFilter::with_projection(prior.clone(), Projection::OutputOnly).unwrap();
+    let mut mean = DVector::from_element(n, 5.0);
+    let mut covariance = DMatrix::identity(n, n) * 4.0;
+    let mut world = LinearWorld::new(n, 5.0, 2.0, 4);
+    for step in 0..40 {
+        filter.diffuse(q).unwrap();
+        covariance += DMatrix::identity(n, n) * q;
+        let obs = world.reading(n, 6, d, 0.5, 0.1).observation(n).unwrap();
+        let mut w = DMatrix::zeros(d, n);
+        for (i, (k, &p)) in
+            (0..d).flat_map(|i| obs.points().iter().enumerate().map(move |k| (i, k)))
+        {
+            w[(i, p as usize)] = obs.row(i)[k];
+        }
+        let r = DMatrix::from_row_slice(d, d, obs.noise().covariance());
+        let s = &w * &covariance * w.transpose() + r;
+        let gain = &covariance * w.transpose() * s.try_inverse().unwrap();
+        mean += &gain * (DVector::from_row_slice(obs.reading()) - &w * &mean);
+        covariance -= &gain * &w * &covariance;
+        filter.update(&obs).unwrap();
+        for i in 0..n {
+            let (m, v) = (filter.belief().mean()[i], filter.belief().variance()[i]);
+            assert!((m - mean[i].max(0.0)).abs() < 1e-9, "{step}: mean {i}");
+            assert!(
+                (v - covariance[(i, i)]).abs() < 1e-9,
+                "{step}: variance {i}"
+            );
+        }
+    }
+    assert!(filter.points().len() > 64, "two blocks of the matrix");
+    let before = filter.belief().clone();
+    assert!(filter.diffuse(f64::NAN).is_err() && filter.diffuse(-1.0).is_err());
+    assert_eq!(filter.belief(), &before);
+
+    let level = FieldPrior::from(prior.clone()).with_level(1.0).unwrap();
+    for mut refused in [
+        CovarianceFilter::<f64>::new(prior).unwrap(),
+        CovarianceFilter::with_projection(level, Projection::OutputOnly).unwrap(),
+    ] {
+        let error = refused.diffuse(q).unwrap_err();
+        assert!(matches!(error, CoreError::Unsupported { .. }), "{error}");
     }
 }

@@ -384,6 +384,27 @@ impl<T: Scalar> Estimator for CovarianceFilter<T> {
         })
     }
 
+    /// Refused with a correlated prior, where what touched points tell of the others is about their
+    /// stiffness at the first touch, and with [`Projection::Constrained`], where the readings that
+    /// hold a point at zero are about its stiffness then.
+    fn diffuse(&mut self, variance: T) -> Result<(), CoreError> {
+        let refused = if !self.touched.prior().is_independent() {
+            "a field that changes with time (Estimator::diffuse), with a correlated prior,"
+        } else if self.mode.is_some() {
+            "a field that changes with time (Estimator::diffuse), with Projection::Constrained,"
+        } else {
+            self.shown.belief.diffuse(variance)?;
+            self.touched.diffuse(variance.to_f64());
+            self.covariance.add_to_diagonal(variance);
+            self.variance.iter_mut().for_each(|v| *v += variance);
+            return Ok(());
+        };
+        Err(CoreError::Unsupported {
+            what: refused,
+            by: std::any::type_name::<Self>(),
+        })
+    }
+
     fn whitened_residual(&self) -> &[f64] {
         &self.shown.whitened
     }

@@ -97,6 +97,13 @@ impl<T: Scalar> Tiles<T> {
         }
     }
 
+    /// Adds a value to the diagonal.
+    pub(super) fn add_to_diagonal(&mut self, value: T) {
+        for i in 0..self.len {
+            *entry(&mut self.panels[i / TILE].tiles, i, i) += value;
+        }
+    }
+
     /// An entry of `P`.
     pub(super) fn get(&self, row: usize, column: usize) -> T {
         let (i, j) = (row.max(column), row.min(column));

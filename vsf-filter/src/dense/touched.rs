@@ -67,6 +67,12 @@ impl Touched {
         &self.prior
     }
 
+    /// Adds a variance to every point's own part, before it is touched. Only for independent points:
+    /// what others tell of a point is about its value before.
+    pub(super) fn diffuse(&mut self, variance: f64) {
+        self.prior.diffuse(variance);
+    }
+
     /// Touched points by slot.
     pub(super) fn points(&self) -> &[u32] {
         &self.points
