@@ -58,4 +58,9 @@ impl<S: Sdf> Sdf for UnionSdf<S> {
             .reduce(|(lower, upper), (l, u)| (lower.inf(&l), upper.sup(&u)))
             .unwrap_or((Point3::origin(), Point3::origin()))
     }
+
+    /// The largest of the parts.
+    fn slack(&self) -> f64 {
+        self.parts.iter().map(Sdf::slack).fold(0.0, f64::max)
+    }
 }
