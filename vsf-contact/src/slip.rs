@@ -13,7 +13,7 @@ const STICK_TOLERANCE: f64 = 1e-9;
 const MAX_TURN: f64 = 0.15;
 const MAX_GAP: f64 = 0.1;
 /// Least share of the decrease of `|u|²` on a plane that a slip step must reach.
-const WEDGED: f64 = 0.1;
+const WEDGED: f64 = 0.05;
 
 /// A link's surface, offset by the threshold, in the frame of the link.
 pub(crate) struct Surface<'a> {
@@ -85,9 +85,10 @@ impl Surface<'_> {
 
     /// Slips until the point sticks; false when it detaches.
     ///
-    /// Steps are taken in runs, straight along the tangent and back to the surface. On a plane that
-    /// is exactly what single steps do. A run that meets a bend, leaves too little of `u` gained or
-    /// ends too deep in the friction cone is tried again with fewer steps, at last with one.
+    /// Steps are taken in runs of at most a threshold's length, straight along the tangent and back
+    /// to the surface. On a plane that is exactly what single steps do. A run that ends beyond a
+    /// bend, shortens `u` too little or ends more than a slip step inside of the friction cone is
+    /// tried again with fewer steps, at last with one.
     pub fn slide(&self, a: &mut Anchor, rest_L: &Point3<f64>) -> bool {
         let step = self.config.slip_step;
         let longest = (self.config.threshold / step).max(1.0);
@@ -101,7 +102,11 @@ impl Surface<'_> {
             let steps = wanted.min(most).min(f64::from(left)).max(1.0);
             let way = (steps * step).min(pull.length);
             let (gap, next) = self.correct(&(a.place_L - pull.tangent * (way / pull.length)));
-            if steps > 1.0 && is_bent(a, &next, gap, way) {
+            let is_smooth =
+                gap.abs() <= MAX_GAP * way && (next.normal_L - a.normal_L).norm() <= MAX_TURN;
+            // A wall is no bend: against it many steps do what one step does.
+            let meets_wall = gap < -MAX_GAP * way;
+            if steps > 1.0 && !is_smooth && !meets_wall {
                 most = (steps / 4.0).floor();
                 continue;
             }
@@ -121,17 +126,10 @@ impl Surface<'_> {
                 continue;
             }
             rate = (decrease / way).clamp(0.1, 2.0);
-            most = (4.0 * steps).min(longest);
+            most = if is_smooth { longest } else { steps };
             left -= steps as u32;
             (*a, pull) = (next, there);
         }
         pull.normal >= 0.0
     }
-}
-
-/// Whether a run ends beyond a bend. A wall in its way, deep in which it ends, is no bend: against
-/// a wall many steps do what one step does.
-fn is_bent(a: &Anchor, next: &Anchor, gap: f64, way: f64) -> bool {
-    let turn = (next.normal_L - a.normal_L).norm();
-    gap > MAX_GAP * way || (gap > -MAX_GAP * way && turn > MAX_TURN)
 }

@@ -22,10 +22,10 @@ const DETACHED: u32 = u32::MAX;
 /// 3. *Slip*: outside the friction cone it moves by `slip_step` against the tangential part of
 ///    `u` and back to the surface, again and again until it sticks, detaches or has used up
 ///    [`ContactConfig::max_slip_iterations`]. A last step is shortened so as not to pass the
-///    point of no tangential part. A step that shortens `u` by less than a tenth of what it would
-///    on a plane is taken back: a point wedged in a notch of the link stays there. Where the
-///    surface is smooth, many steps are taken at once, as a return mapping: along the tangent and
-///    back to the surface, to within a slip step of where single steps lead.
+///    point of no tangential part. Slip never lengthens `u`, and a step that shortens it by less
+///    than a twentieth of what it would on a plane is taken back: a point wedged in a notch of
+///    the link stays there. Many steps are taken at once, as a return mapping: along the tangent
+///    and back to the surface, on smooth surfaces to within a slip step of where single steps end.
 /// 4. *Hand-over*: a point that is inside another link by more than one `slip_step` is pushed out
 ///    by that link and owned by it from then on. Links that squeeze a point take turns.
 /// 5. *Touch*: a point at rest that is closer than `threshold` to a link is moved along the
@@ -36,9 +36,10 @@ const DETACHED: u32 = u32::MAX;
 /// results do not depend on threads or on the order of points. All steps between two resets take
 /// the same rest points; another number of them is an error.
 ///
-/// Cost of a step: `O(|S| + points near surfaces of links)`; a point elsewhere is looked at when a
-/// link has moved as far as its distance. Nothing is allocated once the buffers have grown. Memory:
-/// one bit per point, 56 bytes per contact, and up to 64 bytes per link and point near its surface.
+/// Cost of a step: `O(|S| + points near surfaces of links)`; a point elsewhere is looked at again
+/// when a link has moved as far as it was away. Nothing is allocated once the buffers have grown.
+/// Memory: one bit per point, 56 bytes per contact and at most 50 per link and point near its
+/// surface; together with [`RestPoints`] less than 48 bytes per point that no link is near.
 #[derive(Clone)]
 pub struct StickSlip {
     links: Arc<[LinkSdf]>,
