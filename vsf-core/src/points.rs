@@ -5,7 +5,7 @@ use nalgebra::{Point3, Vector3};
 const POINTS_PER_CELL: f64 = 8.0;
 
 /// The rest positions `p_i` of a stiffness field (m, world frame), with a uniform grid over them
-/// for range queries.
+/// for range queries, and a tree of [`Block`](crate::Block)s over its cells.
 ///
 /// Memory: 24 bytes per position, 4 per entry of the grid, and at most 2 per point for the cells.
 #[derive(Debug, Clone)]
