@@ -65,5 +65,6 @@ impl LinkPose {
 /// How far a point is outside of a box, along the axis where that is most; negative inside.
 #[inline]
 pub(crate) fn beyond(p: &Point3<f64>, center: &Point3<f64>, half: &Vector3<f64>) -> f64 {
-    ((p - center).abs() - half).max()
+    let out = (p - center).abs() - half;
+    out.x.max(out.y).max(out.z)
 }
