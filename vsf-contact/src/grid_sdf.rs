@@ -7,9 +7,8 @@ use nalgebra::{Point3, Vector3};
 ///
 /// Between nodes the distance errs by what [`GridReport::error`](crate::GridReport::error) states,
 /// mostly at edges and where two surfaces are equally near, and never by more than
-/// `sqrt(3)/2` spacings. So the 1-Lipschitz bound holds up to a slack:
-/// `|distance(p) - distance(q)| <= |p - q| + sqrt(3) spacing`, in practice `2 error.max` instead of
-/// the last term. The normal is the normalised gradient of the interpolant; where that vanishes it
+/// `sqrt(3)/2` spacings. So the 1-Lipschitz bound holds up to a [`slack`](Sdf::slack) of `sqrt(3)`
+/// spacings, in practice `2 error.max`. The normal is the normalised gradient of the interpolant; where that vanishes it
 /// is +x.
 ///
 /// Outside of the grid the distance is a lower bound that continues the value at the boundary:
@@ -122,6 +121,11 @@ impl Sdf for GridSdf {
 
     fn bounds(&self) -> (Point3<f64>, Point3<f64>) {
         (self.lower, self.upper)
+    }
+
+    /// `sqrt(3)` spacings: twice the largest error of the interpolation.
+    fn slack(&self) -> f64 {
+        3.0f64.sqrt() * self.lattice.spacing
     }
 }
 

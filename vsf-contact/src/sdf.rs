@@ -14,8 +14,8 @@ pub struct SdfSample {
 /// A signed distance field: the shape of a body as contact sees it.
 ///
 /// The distance is 1-Lipschitz: `|distance(p) - distance(q)| <= |p - q|`. The broad phase of
-/// contact relies on it to skip whole cells of points. A field that interpolates may exceed the
-/// bound by a slack, which it documents ([`GridSdf`](crate::GridSdf) does).
+/// contact relies on it to leave points alone until a link may have come near. A field that
+/// interpolates may exceed the bound by a [`slack`](Sdf::slack).
 ///
 /// For a finite point every returned number is finite and the normal has unit length. A point
 /// with NaN or infinite coordinates is outside of the contract: the answer is unspecified, but no
@@ -32,6 +32,12 @@ pub trait Sdf: Send + Sync {
     /// Lower and upper corner of an axis-aligned box in the body frame that holds the inside and
     /// the surface.
     fn bounds(&self) -> (Point3<f64>, Point3<f64>);
+
+    /// By how much the distance may exceed the 1-Lipschitz bound \[m\], >= 0, default 0:
+    /// `|distance(p) - distance(q)| <= |p - q| + slack` for all points.
+    fn slack(&self) -> f64 {
+        0.0
+    }
 }
 
 macro_rules! forward {
@@ -45,6 +51,9 @@ macro_rules! forward {
             }
             fn bounds(&self) -> (Point3<f64>, Point3<f64>) {
                 (**self).bounds()
+            }
+            fn slack(&self) -> f64 {
+                (**self).slack()
             }
         }
     )*};

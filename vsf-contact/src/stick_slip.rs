@@ -1,16 +1,17 @@
+use crate::front::{Front, Reach};
+use crate::link_pose::LinkPose;
+use crate::rivals::Rival;
+use crate::slip::{Anchor, Surface};
 use crate::{ContactConfig, LinkSdf};
-use nalgebra::{Isometry3, Matrix3, Point3, Vector3};
+use nalgebra::Point3;
 use rayon::prelude::*;
 use std::sync::Arc;
 use vsf_core::{ContactModel, Contacts, CoreError, Posture, RestPoints};
 
 /// Points per task when a step runs on several threads.
 const CHUNK: usize = 512;
-/// Newton corrections of a projection to the surface, and when it is close enough (m).
-const PROJECTION_STEPS: usize = 4;
-const PROJECTION_TOLERANCE: f64 = 1e-6;
-/// Tangential displacement that always sticks (m): rounding without friction.
-const STICK_TOLERANCE: f64 = 1e-9;
+/// The link of a point that has detached.
+const DETACHED: u32 = u32::MAX;
 
 /// Stick-slip contact of a robot's links with independent points (section III-B-a).
 ///
@@ -21,8 +22,10 @@ const STICK_TOLERANCE: f64 = 1e-9;
 /// 3. *Slip*: outside the friction cone it moves by `slip_step` against the tangential part of
 ///    `u` and back to the surface, again and again until it sticks, detaches or has used up
 ///    [`ContactConfig::max_slip_iterations`]. A last step is shortened so as not to pass the
-///    point of no tangential part. Slip never lengthens `u`: a point wedged in a notch of the
-///    link stays there.
+///    point of no tangential part. Slip never lengthens `u`, and a step that shortens it by less
+///    than a twentieth of what it would on a plane is taken back: a point wedged in a notch of
+///    the link stays there. Many steps are taken at once, as a return mapping: along the tangent
+///    and back to the surface, on smooth surfaces to within a slip step of where single steps end.
 /// 4. *Hand-over*: a point that is inside another link by more than one `slip_step` is pushed out
 ///    by that link and owned by it from then on. Links that squeeze a point take turns.
 /// 5. *Touch*: a point at rest that is closer than `threshold` to a link is moved along the
@@ -33,28 +36,31 @@ const STICK_TOLERANCE: f64 = 1e-9;
 /// results do not depend on threads or on the order of points. All steps between two resets take
 /// the same rest points; another number of them is an error.
 ///
-/// Cost of a step: `O(|S| + points near links)`; points elsewhere are never looked at. Nothing is
-/// allocated once the buffers have grown. Memory: one bit per point and 112 bytes per contact.
+/// Cost of a step: `O(|S| + points near surfaces of links)`; a point elsewhere is looked at again
+/// when a link has moved as far as it was away. Nothing is allocated once the buffers have grown.
+/// Memory: one bit per point, 56 bytes per contact and at most 50 per link and point near its
+/// surface; together with [`RestPoints`] less than 48 bytes per point that no link is near.
 #[derive(Clone)]
 pub struct StickSlip {
     links: Arc<[LinkSdf]>,
     config: ContactConfig,
     active: Vec<Active>,
-    merged: Vec<Active>,
+    detached: Vec<u32>,
     /// Number of rest points since the last reset.
     cloud: Option<usize>,
     touched: Vec<u64>,
     entering: Vec<Vec<Entering>>,
     poses: Vec<LinkPose>,
+    fronts: Vec<Front>,
+    rivals: Vec<Vec<Rival>>,
 }
 
-/// A point in contact: its place on the link that carries it, in the frame of that link.
+/// A point in contact and its place on the link that carries it.
 #[derive(Debug, Clone, Copy)]
 struct Active {
     point: u32,
     slot: u32,
-    anchor_L: Point3<f64>,
-    normal_L: Vector3<f64>,
+    anchor: Anchor,
 }
 
 /// A point at rest found within reach of a link.
@@ -63,53 +69,6 @@ struct Entering {
     point: u32,
     slot: u32,
     distance: f64,
-}
-
-/// Pose of a link's shape and the box in the link frame that holds all places in contact with it.
-#[derive(Debug, Clone)]
-struct LinkPose {
-    R_WL: Matrix3<f64>,
-    p_WL: Vector3<f64>,
-    lower_L: Point3<f64>,
-    upper_L: Point3<f64>,
-}
-
-impl LinkPose {
-    fn new(X_WL: &Isometry3<f64>, (lower, upper): (Point3<f64>, Point3<f64>), margin: f64) -> Self {
-        Self {
-            R_WL: X_WL.rotation.to_rotation_matrix().into_inner(),
-            p_WL: X_WL.translation.vector,
-            lower_L: lower - Vector3::repeat(margin),
-            upper_L: upper + Vector3::repeat(margin),
-        }
-    }
-
-    fn to_link(&self, p_W: &Point3<f64>) -> Point3<f64> {
-        Point3::from(self.R_WL.tr_mul(&(p_W.coords - self.p_WL)))
-    }
-
-    fn to_world(&self, p_L: &Point3<f64>) -> Point3<f64> {
-        Point3::from(self.R_WL * p_L.coords + self.p_WL)
-    }
-
-    /// Whether a ball in the link frame reaches into the box.
-    fn is_near(&self, center_L: &Point3<f64>, radius: f64) -> bool {
-        let clamped = center_L.sup(&self.lower_L).inf(&self.upper_L);
-        (center_L - clamped).norm_squared() <= radius * radius
-    }
-
-    /// The axis-aligned box in world around the box.
-    fn world_box(&self) -> (Point3<f64>, Point3<f64>) {
-        let center = self.to_world(&nalgebra::center(&self.lower_L, &self.upper_L));
-        let half = self.R_WL.abs() * (0.5 * (self.upper_L - self.lower_L));
-        (center - half, center + half)
-    }
-
-    /// Whether squares of displacements that the link can cause stay finite.
-    fn is_bounded(&self) -> bool {
-        let radius = self.lower_L.coords.norm() + self.upper_L.coords.norm();
-        (4.0 * (self.p_WL.norm() + radius)).powi(2).is_finite()
-    }
 }
 
 impl StickSlip {
@@ -122,11 +81,13 @@ impl StickSlip {
         let links = links.into();
         Ok(Self {
             entering: vec![Vec::new(); links.len()],
+            fronts: vec![Front::default(); links.len()],
             poses: Vec::with_capacity(links.len()),
+            rivals: Vec::new(),
             links,
             config,
             active: Vec::new(),
-            merged: Vec::new(),
+            detached: Vec::new(),
             cloud: None,
             touched: Vec::new(),
         })
@@ -157,81 +118,46 @@ impl StickSlip {
             }
             self.poses.push(pose);
         }
+        Rival::find(&self.poses, &mut self.rivals);
         Ok(())
     }
 
-    /// Steps 1-4 for one point; false when it has detached.
-    fn carry(&self, a: &mut Active, p_W: &Point3<f64>) -> bool {
-        if !self.slide(a, p_W) {
-            return false;
+    fn surface(&self, slot: u32) -> Surface<'_> {
+        Surface {
+            sdf: &*self.links[slot as usize].sdf,
+            config: &self.config,
         }
-        let now_W = self.poses[a.slot as usize].to_world(&a.anchor_L);
-        let Some(slot) = self.intruder(a.slot as usize, &now_W) else {
-            return true;
-        };
-        let pose = &self.poses[slot];
-        a.slot = slot as u32;
-        a.anchor_L = pose.to_link(&now_W);
-        self.project(a);
-        (a.anchor_L - pose.to_link(p_W)).dot(&a.normal_L) >= 0.0
     }
 
-    /// Stick, slip and detach on the owning link; false when the point has detached.
-    fn slide(&self, a: &mut Active, p_W: &Point3<f64>) -> bool {
+    /// Steps 1-4 for one point; a point that detaches gets no link.
+    fn carry(&self, a: &mut Active, p_W: &Point3<f64>) {
         let rest_L = self.poses[a.slot as usize].to_link(p_W);
-        for iteration in 0.. {
-            let u = a.anchor_L - rest_L;
-            let normal_part = u.dot(&a.normal_L);
-            if normal_part < 0.0 {
-                return false;
-            }
-            let tangent = u - a.normal_L * normal_part;
-            let length = tangent.norm();
-            let sticks = length <= self.config.friction * normal_part + STICK_TOLERANCE;
-            if sticks || iteration >= self.config.max_slip_iterations {
-                break;
-            }
-            let before = *a;
-            a.anchor_L -= tangent * (self.config.slip_step.min(length) / length);
-            self.project(a);
-            if (a.anchor_L - rest_L).norm_squared() >= u.norm_squared() {
-                *a = before;
-                break;
-            }
-        }
-        true
-    }
-
-    /// Moves the anchor to the offset surface of its link along the normals it meets.
-    fn project(&self, a: &mut Active) {
-        let sdf = &self.links[a.slot as usize].sdf;
-        for _ in 0..PROJECTION_STEPS {
-            let s = sdf.sample(&a.anchor_L);
-            a.normal_L = s.normal;
-            let gap = s.distance - self.config.level();
-            a.anchor_L -= s.normal * gap;
-            if gap.abs() < PROJECTION_TOLERANCE {
-                break;
+        if !self.surface(a.slot).slide(&mut a.anchor, &rest_L) {
+            a.slot = DETACHED;
+        } else if let Some((slot, place_R)) = self.intruder(a) {
+            a.slot = slot;
+            a.anchor = self.surface(slot).project(&place_R);
+            let u_R = a.anchor.place_L - self.poses[slot as usize].to_link(p_W);
+            if u_R.dot(&a.anchor.normal_L) < 0.0 {
+                a.slot = DETACHED;
             }
         }
     }
 
-    /// The link, other than the owner, that the place is deepest in, if by more than a slip step.
-    fn intruder(&self, owner: usize, p_W: &Point3<f64>) -> Option<usize> {
+    /// The link, other than the owner, that a contact is deepest in, if by more than a slip step,
+    /// and the place in its frame.
+    fn intruder(&self, a: &Active) -> Option<(u32, Point3<f64>)> {
         let mut deepest = self.config.level() - self.config.slip_step;
         let mut found = None;
-        for (slot, pose) in self.poses.iter().enumerate() {
-            if slot == owner {
+        for rival in &self.rivals[a.slot as usize] {
+            let pose = &self.poses[rival.slot];
+            let Some(p_R) = rival.place_in_box(&a.anchor.place_L, pose) else {
                 continue;
-            }
-            let p_L = pose.to_link(p_W);
-            if !pose.is_near(&p_L, 0.0) {
-                continue;
-            }
-            let distance = self.links[slot].sdf.distance(&p_L);
+            };
+            let distance = self.links[rival.slot].sdf.distance(&p_R);
             if distance < deepest {
                 deepest = distance;
-                found = Some(slot);
+                found = Some((rival.slot as u32, p_R));
             }
         }
         found
@@ -242,61 +168,52 @@ impl StickSlip {
     }
 
     /// Step 5 for one link: points at rest within its reach, in any order.
-    fn find_entering(&self, slot: usize, rest: &RestPoints, found: &mut Vec<Entering>) {
+    fn find_entering(
+        &self,
+        slot: usize,
+        rest: &RestPoints,
+        front: &mut Front,
+        found: &mut Vec<Entering>,
+    ) {
         found.clear();
-        let (sdf, pose) = (&self.links[slot].sdf, &self.poses[slot]);
-        let level = self.config.level();
-        let (lower, upper) = pose.world_box();
-        rest.for_cells_in(&lower, &upper, |cell| {
-            let center_L = pose.to_link(&cell.center);
-            if !pose.is_near(&center_L, cell.radius)
-                || cell.points.iter().all(|&point| self.is_touched(point))
-                // The slack covers distances that are interpolated.
-                || sdf.distance(&center_L) > 1.1 * cell.radius + level + 1e-3
-            {
+        let reach = Reach {
+            sdf: &*self.links[slot].sdf,
+            pose: &self.poses[slot],
+            level: self.config.level(),
+            slack: self.links[slot].sdf.slack(),
+        };
+        let mut enter = |point: u32| {
+            if self.is_touched(point) {
                 return;
             }
-            for &point in cell.points {
-                if self.is_touched(point) {
-                    continue;
-                }
-                let p_L = pose.to_link(&rest.positions()[point as usize]);
-                if !pose.is_near(&p_L, 0.0) {
-                    continue;
-                }
-                let distance = sdf.distance(&p_L);
-                if distance < level {
-                    found.push(Entering {
-                        point,
-                        slot: slot as u32,
-                        distance,
-                    });
-                }
+            if let Some(distance) = reach.distance(&rest.positions()[point as usize]) {
+                let slot = slot as u32;
+                found.push(Entering {
+                    point,
+                    slot,
+                    distance,
+                });
             }
-        });
+        };
+        front.advance(&reach, rest, &mut enter);
+        // What the front knows of them is old: they were in contact.
+        self.detached.iter().for_each(|&point| enter(point));
     }
 
     fn enter(&self, e: &Entering, rest: &RestPoints) -> Active {
-        let pose = &self.poses[e.slot as usize];
-        let mut a = Active {
+        let p_W = &rest.positions()[e.point as usize];
+        let p_L = self.poses[e.slot as usize].to_link(p_W);
+        Active {
             point: e.point,
             slot: e.slot,
-            anchor_L: pose.to_link(&rest.positions()[e.point as usize]),
-            normal_L: Vector3::zeros(),
-        };
-        self.project(&mut a);
-        a
+            anchor: self.surface(e.slot).project(&p_L),
+        }
     }
 
     fn carry_all(&mut self, rest: &RestPoints) {
         let mut active = std::mem::take(&mut self.active);
         let this = &*self;
-        // A detached point is marked by an impossible slot and removed below.
-        let carry = |a: &mut Active| {
-            if !this.carry(a, &rest.positions()[a.point as usize]) {
-                a.slot = u32::MAX;
-            }
-        };
+        let carry = |a: &mut Active| this.carry(a, &rest.positions()[a.point as usize]);
         if self.config.parallel && active.len() > CHUNK {
             active
                 .par_chunks_mut(CHUNK)
@@ -304,11 +221,13 @@ impl StickSlip {
         } else {
             active.iter_mut().for_each(carry);
         }
-        let touched = &mut self.touched;
+        self.detached.clear();
+        let (touched, detached) = (&mut self.touched, &mut self.detached);
         active.retain(|a| {
-            let keep = a.slot != u32::MAX;
+            let keep = a.slot != DETACHED;
             if !keep {
                 touched[a.point as usize / 64] &= !(1 << (a.point % 64));
+                detached.push(a.point);
             }
             keep
         });
@@ -317,17 +236,20 @@ impl StickSlip {
 
     fn touch_new(&mut self, rest: &RestPoints) {
         let mut entering = std::mem::take(&mut self.entering);
+        let mut fronts = std::mem::take(&mut self.fronts);
         let this = &*self;
         if self.config.parallel {
             entering
                 .par_iter_mut()
+                .zip(&mut fronts)
                 .enumerate()
-                .for_each(|(slot, found)| this.find_entering(slot, rest, found));
+                .for_each(|(slot, (found, front))| this.find_entering(slot, rest, front, found));
         } else {
-            for (slot, found) in entering.iter_mut().enumerate() {
-                this.find_entering(slot, rest, found);
+            for (slot, (found, front)) in entering.iter_mut().zip(&mut fronts).enumerate() {
+                this.find_entering(slot, rest, front, found);
             }
         }
+        self.fronts = fronts;
         if let Some((first, others)) = entering.split_first_mut() {
             others
                 .iter()
@@ -347,27 +269,27 @@ impl StickSlip {
 
     /// Merges new contacts into the active ones, both in order of the point index.
     fn merge(&mut self, entering: &[Entering], rest: &RestPoints) {
-        if entering.is_empty() {
+        let Some(first) = entering.first().map(|e| self.enter(e, rest)) else {
             return;
-        }
-        let mut merged = std::mem::take(&mut self.merged);
-        merged.clear();
-        let mut old = self.active.iter().copied().peekable();
-        for e in entering {
-            while let Some(a) = old.next_if(|a| a.point < e.point) {
-                merged.push(a);
+        };
+        // From the back, so that every contact moves once.
+        let mut old = self.active.len();
+        self.active.resize(old + entering.len(), first);
+        for (before, e) in entering.iter().enumerate().rev() {
+            while old > 0 && self.active[old - 1].point > e.point {
+                self.active[old + before] = self.active[old - 1];
+                old -= 1;
             }
-            merged.push(self.enter(e, rest));
+            self.active[old + before] = self.enter(e, rest);
             self.touched[e.point as usize / 64] |= 1 << (e.point % 64);
         }
-        merged.extend(old);
-        self.merged = std::mem::replace(&mut self.active, merged);
     }
 }
 
 impl ContactModel for StickSlip {
     fn reset(&mut self) {
         self.active.clear();
+        self.fronts.iter_mut().for_each(Front::clear);
         self.cloud = None;
     }
 
@@ -392,8 +314,8 @@ impl ContactModel for StickSlip {
         for a in &self.active {
             let slot = a.slot as usize;
             let pose = &self.poses[slot];
-            let u_W = pose.to_world(&a.anchor_L) - rest.positions()[a.point as usize];
-            let n_W = pose.R_WL * a.normal_L;
+            let u_W = pose.to_world(&a.anchor.place_L) - rest.positions()[a.point as usize];
+            let n_W = pose.R_WL * a.anchor.normal_L;
             out.push(a.point, self.links[slot].link as u32, u_W, n_W)?;
         }
         Ok(())

@@ -1,5 +1,6 @@
+use crate::link_pose::beyond;
 use crate::{Sdf, SdfSample};
-use nalgebra::Point3;
+use nalgebra::{Point3, Vector3};
 
 /// The union of bodies: the least of their distances.
 ///
@@ -7,48 +8,68 @@ use nalgebra::Point3;
 /// distance to the surface of the union. With `S` a concrete type a sample needs no dynamic call;
 /// `UnionSdf<Box<dyn Sdf>>` mixes kinds.
 ///
+/// A part whose box is farther away than another part is not asked for its distance, which cannot be
+/// less.
+///
 /// Without parts the distance is `f64::MAX` everywhere and the bounds are the origin.
 #[derive(Debug, Clone, PartialEq)]
 pub struct UnionSdf<S> {
     parts: Vec<S>,
+    /// Centres and half extents of the parts' boxes, grown by their slack and by what may be
+    /// rounding.
+    boxes: Vec<(Point3<f64>, Vector3<f64>)>,
 }
 
 impl<S: Sdf> UnionSdf<S> {
     /// The union of `parts`.
     pub fn new(parts: Vec<S>) -> Self {
-        Self { parts }
+        let boxes = parts.iter().map(|part| {
+            let (lower, upper) = part.bounds();
+            let center = nalgebra::center(&lower, &upper);
+            let rounding = 1e-12 * (upper.coords.amax() + lower.coords.amax());
+            let half = (0.5 * (upper - lower)).add_scalar(part.slack() + rounding);
+            (center, half)
+        });
+        Self {
+            boxes: boxes.collect(),
+            parts,
+        }
     }
 
     /// The parts.
     pub fn parts(&self) -> &[S] {
         &self.parts
     }
+
+    /// The nearest part, the first of several, and its distance.
+    #[inline]
+    fn nearest(&self, p_B: &Point3<f64>) -> (Option<&S>, f64) {
+        let (mut nearest, mut least) = (None, f64::MAX);
+        for (part, (center, half)) in self.parts.iter().zip(&self.boxes) {
+            if beyond(p_B, center, half) < least {
+                let distance = part.distance(p_B);
+                if distance < least {
+                    (nearest, least) = (Some(part), distance);
+                }
+            }
+        }
+        (nearest, least)
+    }
 }
 
 impl<S: Sdf> Sdf for UnionSdf<S> {
     fn sample(&self, p_B: &Point3<f64>) -> SdfSample {
-        let Some((first, others)) = self.parts.split_first() else {
-            return SdfSample {
+        match self.nearest(p_B).0 {
+            Some(part) => part.sample(p_B),
+            None => SdfSample {
                 distance: f64::MAX,
-                normal: nalgebra::Vector3::x(),
-            };
-        };
-        let mut nearest = first;
-        let mut least = first.distance(p_B);
-        for part in others {
-            let distance = part.distance(p_B);
-            if distance < least {
-                least = distance;
-                nearest = part;
-            }
+                normal: Vector3::x(),
+            },
         }
-        nearest.sample(p_B)
     }
 
     fn distance(&self, p_B: &Point3<f64>) -> f64 {
-        self.parts
-            .iter()
-            .fold(f64::MAX, |least, part| least.min(part.distance(p_B)))
+        self.nearest(p_B).1
     }
 
     fn bounds(&self) -> (Point3<f64>, Point3<f64>) {
@@ -57,5 +78,10 @@ impl<S: Sdf> Sdf for UnionSdf<S> {
             .map(Sdf::bounds)
             .reduce(|(lower, upper), (l, u)| (lower.inf(&l), upper.sup(&u)))
             .unwrap_or((Point3::origin(), Point3::origin()))
+    }
+
+    /// The largest of the parts.
+    fn slack(&self) -> f64 {
+        self.parts.iter().map(Sdf::slack).fold(0.0, f64::max)
     }
 }

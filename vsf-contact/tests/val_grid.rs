@@ -203,6 +203,7 @@ proptest! {
     ) {
         let (grid, report) = &*GRID;
         let change = (grid.distance(&(p + step)) - grid.distance(&p)).abs();
-        prop_assert!(change <= step.norm() + 3.0f64.sqrt() * report.resolution);
+        prop_assert!(change <= step.norm() + grid.slack());
+        prop_assert!(grid.slack() <= 3.0f64.sqrt() * report.resolution * (1.0 + 1e-12));
     }
 }

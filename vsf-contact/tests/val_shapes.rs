@@ -328,4 +328,28 @@ proptest! {
             prop_assert_eq!(union.sample(&p).distance, union.distance(&p));
         }
     }
+
+    #[test]
+    fn a_union_is_its_nearest_part(
+        p in point(),
+        shifts in prop::collection::vec(point(), 1..8),
+        turn in prop::array::uniform3(-2.0..2.0f64),
+    ) {
+        let pose = |shift: &Point3<f64>| {
+            let turn = UnitQuaternion::new(Vector3::from(turn) + 5.0 * shift.coords);
+            Isometry3::from_parts(Translation3::from(0.3 * shift.coords), turn)
+        };
+        let parts: Vec<_> = shapes()
+            .iter()
+            .zip(&shifts)
+            .map(|(shape, shift)| ShapeSdf::new(shape, &pose(shift)).unwrap())
+            .collect();
+        let first_of_least = |a: &&ShapeSdf, b: &&ShapeSdf| {
+            a.distance(&p).total_cmp(&b.distance(&p))
+        };
+        let nearest = parts.iter().min_by(first_of_least).unwrap();
+        let union = UnionSdf::new(parts.clone());
+        prop_assert_eq!(union.sample(&p), nearest.sample(&p));
+        prop_assert_eq!(union.distance(&p), nearest.distance(&p));
+    }
 }

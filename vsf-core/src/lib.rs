@@ -28,6 +28,7 @@
 #![forbid(unsafe_code)]
 
 mod belief;
+mod blocks;
 mod contact;
 mod error;
 mod estimator;
@@ -45,6 +46,7 @@ mod session;
 mod state;
 
 pub use belief::Belief;
+pub use blocks::Block;
 pub use contact::{ContactModel, Contacts};
 pub use error::CoreError;
 pub use estimator::{Estimator, Prediction, UpdateReport};

@@ -5,15 +5,15 @@ use nalgebra::{Point3, Vector3};
 const POINTS_PER_CELL: f64 = 8.0;
 
 /// The rest positions `p_i` of a stiffness field (m, world frame), with a uniform grid over them
-/// for range queries.
+/// for range queries, and a tree of [`Block`](crate::Block)s over its cells.
 ///
 /// Memory: 24 bytes per position, 4 per entry of the grid, and at most 2 per point for the cells.
 #[derive(Debug, Clone)]
 pub struct RestPoints {
     positions: Vec<Point3<f64>>,
-    min: Point3<f64>,
-    cell: f64,
-    dims: [usize; 3],
+    pub(crate) min: Point3<f64>,
+    pub(crate) cell: f64,
+    pub(crate) dims: [usize; 3],
     starts: Vec<u32>,
     order: Vec<u32>,
 }
@@ -76,8 +76,11 @@ impl RestPoints {
     /// Edge and number of cells: about `POINTS_PER_CELL` points each, at most n/2 + 1 cells.
     fn layout(extent: &Vector3<f64>, n: usize) -> (f64, [usize; 3]) {
         let longest = extent.max();
-        if n == 0 || longest <= 0.0 || !longest.is_finite() {
+        if n == 0 || longest <= 0.0 {
             return (1.0, [1; 3]);
+        }
+        if !longest.is_finite() {
+            return (f64::MAX, [1; 3]);
         }
         // Flat and thin clouds count the dimensions in which they extend.
         let broad: Vec<f64> = extent
@@ -128,9 +131,17 @@ impl RestPoints {
     }
 
     fn cell_of(&self, p: &Point3<f64>) -> usize {
-        let [_, ny, nz] = self.dims;
-        let c = [0, 1, 2].map(|k| self.coordinate(k, p[k]));
-        (c[0] * ny + c[1]) * nz + c[2]
+        self.index([0, 1, 2].map(|k| self.coordinate(k, p[k])))
+    }
+
+    fn index(&self, [x, y, z]: [usize; 3]) -> usize {
+        (x * self.dims[1] + y) * self.dims[2] + z
+    }
+
+    /// Indices of the points in a cell of the grid, increasing.
+    pub(crate) fn cell_points(&self, at: [usize; 3]) -> &[u32] {
+        let c = self.index(at);
+        &self.order[self.starts[c] as usize..self.starts[c + 1] as usize]
     }
 
     /// Number of points `N`.
@@ -188,7 +199,7 @@ impl RestPoints {
                     best = best.min((self.positions[other as usize] - p).norm());
                 }
             });
-            if best <= reach || reach > all {
+            if best <= reach || reach >= all {
                 return best.is_finite().then_some(best);
             }
             reach *= 2.0;
@@ -215,12 +226,10 @@ impl RestPoints {
         }
         let from = [0, 1, 2].map(|k| self.coordinate(k, lo[k]));
         let to = [0, 1, 2].map(|k| self.coordinate(k, hi[k]));
-        let [_, ny, nz] = self.dims;
         for x in from[0]..=to[0] {
             for y in from[1]..=to[1] {
                 for z in from[2]..=to[2] {
-                    let c = (x * ny + y) * nz + z;
-                    let points = &self.order[self.starts[c] as usize..self.starts[c + 1] as usize];
+                    let points = self.cell_points([x, y, z]);
                     if points.is_empty() {
                         continue;
                     }

@@ -3,8 +3,8 @@
 #![allow(clippy::unwrap_used)]
 
 use proptest::prelude::*;
-use vsf_core::RestPoints;
 use vsf_core::nalgebra::{Point3, Vector3};
+use vsf_core::{Block, RestPoints};
 
 fn found(rest: &RestPoints, lo: Point3<f64>, hi: Point3<f64>) -> Vec<u32> {
     let mut found = Vec::new();
@@ -38,7 +38,52 @@ fn check(positions: Vec<Point3<f64>>, lo: Point3<f64>, hi: Point3<f64>) {
     }
 }
 
+/// The points of a block, each of which must lie in the ball of the block.
+fn in_block(rest: &RestPoints, block: &Block) -> Vec<u32> {
+    let (center, radius) = rest.ball(block);
+    let mut points = Vec::new();
+    rest.block_points(block, |cell| points.extend_from_slice(cell));
+    for &p in &points {
+        let distance = (rest.positions()[p as usize] - center).norm();
+        assert!(distance <= radius, "point {p} lies outside of its block");
+    }
+    points.sort_unstable();
+    points
+}
+
+/// Children share out the points of their parent, down to the cells.
+fn check_blocks(rest: &RestPoints, block: &Block) {
+    if block.is_cell() {
+        assert_eq!(rest.children(block).count(), 0);
+        return;
+    }
+    let children = rest.children(block);
+    let mut points: Vec<u32> = children.flat_map(|child| in_block(rest, &child)).collect();
+    points.sort_unstable();
+    assert_eq!(points, in_block(rest, block));
+    rest.children(block)
+        .for_each(|child| check_blocks(rest, &child));
+}
+
+fn check_tree(positions: Vec<Point3<f64>>) {
+    let rest = RestPoints::new(positions).unwrap();
+    let all: Vec<u32> = (0..rest.len() as u32).collect();
+    assert_eq!(in_block(&rest, &rest.root()), all);
+    check_blocks(&rest, &rest.root());
+}
+
 proptest! {
+    #[test]
+    fn blocks_share_out_all_points(
+        points in prop::collection::vec(prop::array::uniform3(-2.0..2.0f64), 0..300),
+        scale in prop::array::uniform3(prop::sample::select(vec![0.0, 1e-3, 1.0, 1e6])),
+    ) {
+        let scaled = points.iter().map(|p| {
+            Point3::from([0, 1, 2].map(|k| 1.0 + scale[k] * p[k]))
+        });
+        check_tree(scaled.collect());
+    }
+
     #[test]
     fn every_point_in_the_box_is_visited_once(
         points in prop::collection::vec(prop::array::uniform3(-2.0..2.0f64), 0..300),
@@ -63,6 +108,7 @@ fn coincident_points_and_far_outliers() {
         Point3::new(1.0, 1.0, 1.0),
     );
     positions.push(Point3::new(1e9, -1e9, 1e9));
+    check_tree(positions.clone());
     check(
         positions,
         Point3::new(0.0, 0.0, 0.0),
@@ -111,4 +157,8 @@ fn spacing_is_the_typical_nearest_distance() {
     assert_eq!(RestPoints::new(Vec::new()).unwrap().spacing(), 0.0);
     let far = vec![Point3::origin(), Point3::new(1e6, 0.0, 0.0)];
     assert_eq!(RestPoints::new(far).unwrap().spacing(), 1e6);
+    // Even where the extent is no number.
+    let ends = [-1e308, 1e308].map(|x| Point3::new(x, 0.0, 0.0));
+    check_tree(ends.to_vec());
+    assert_eq!(RestPoints::new(ends.to_vec()).unwrap().spacing(), 0.0);
 }

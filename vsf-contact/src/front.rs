@@ -1,0 +1,185 @@
+use crate::Sdf;
+use crate::link_pose::LinkPose;
+use nalgebra::{Matrix3, Point3};
+use vsf_core::{Block, RestPoints};
+
+/// A front is set up anew when it has doubled by more than this many watches.
+const GROWTH: usize = 1024;
+/// And when the link has travelled this far (m), which keeps the sum of its ways exact.
+const FAR: f64 = 10.0;
+
+/// Finds the rest points that come within reach of one link, by conservative advancement.
+///
+/// Points are watched in blocks, near the surface one by one. The distance from the surface changes
+/// no faster than the link moves (it is 1-Lipschitz up to [`Sdf::slack`]), so that every watch
+/// knows how far the link has to travel until the answer for it may change, and is left alone until
+/// then. What is found is the same as if every point were looked at in every step.
+#[derive(Debug, Clone, Default)]
+pub(crate) struct Front {
+    blocks: Vec<Watch<Block>>,
+    points: Vec<Watch<u32>>,
+    /// Watches after the set-up.
+    at_first: usize,
+    /// How far the link has moved since the set-up (m): nothing within [`NEAR`] radii of its centre
+    /// has moved farther in the frame of the link.
+    travel: f64,
+    last: Option<(Point3<f64>, Matrix3<f64>)>,
+}
+
+/// Radii of the link around its centre for which turns are counted.
+const NEAR: f64 = 2.0;
+
+/// Points that stay within reach, or out of it, while the link has travelled less than `due`.
+#[derive(Debug, Clone, Copy)]
+struct Watch<T> {
+    due: f64,
+    what: T,
+}
+
+/// What lies within reach of a link: the inside of its surface offset by `level`, in its box.
+pub(crate) struct Reach<'a> {
+    pub sdf: &'a dyn Sdf,
+    pub pose: &'a LinkPose,
+    pub level: f64,
+    pub slack: f64,
+}
+
+/// Whether the points of a ball are within reach, and how far the link may travel (m) before that
+/// changes. Without credit the ball may be on both sides.
+struct Outlook {
+    within: bool,
+    credit: f64,
+}
+
+impl Reach<'_> {
+    /// Distance from the surface, if the point is within reach.
+    pub fn distance(&self, p_W: &Point3<f64>) -> Option<f64> {
+        let p_L = self.pose.to_link(p_W);
+        if self.pose.outside(&p_L) > 0.0 {
+            return None;
+        }
+        let distance = self.sdf.distance(&p_L);
+        (distance < self.level).then_some(distance)
+    }
+
+    fn outlook(&self, center_W: &Point3<f64>, radius: f64) -> Outlook {
+        let arm = (center_W - self.pose.center_W).norm();
+        // Distances are rounded.
+        let unsure = radius + 1e-13 * (self.pose.scale() + arm);
+        // Far away the ball around the link is good enough; its turns move nothing.
+        let apart = arm - self.pose.radius - unsure;
+        if apart > 0.25 * NEAR * self.pose.radius {
+            return Outlook {
+                within: false,
+                credit: apart,
+            };
+        }
+        let p_L = self.pose.to_link(center_W);
+        let excess = (self.sdf.distance(&p_L) - self.level).max(self.pose.outside(&p_L));
+        let stays_near = NEAR * self.pose.radius - arm - unsure;
+        Outlook {
+            within: excess < 0.0,
+            credit: (excess.abs() - self.slack - unsure).min(stays_near),
+        }
+    }
+}
+
+impl Front {
+    /// Forgets all points.
+    pub fn clear(&mut self) {
+        self.blocks.clear();
+        self.points.clear();
+        self.last = None;
+    }
+
+    /// Takes the link's new pose and visits all points that are within reach and may not have been
+    /// at the last one, and some that were. After [`Front::clear`] it visits all within reach.
+    pub fn advance(&mut self, reach: &Reach, rest: &RestPoints, mut visit: impl FnMut(u32)) {
+        let pose = reach.pose;
+        let Some((center_W, R_WL)) = self.last.replace((pose.center_W, pose.R_WL)) else {
+            return self.set_up(reach, rest, visit);
+        };
+        // Of a difference of rotations, both singular values that are not zero are the chord.
+        let chord = (pose.R_WL - R_WL).norm() / 2f64.sqrt();
+        self.travel += (pose.center_W - center_W).norm() + NEAR * pose.radius * chord;
+        let travel = self.travel;
+        for watch in self.points.iter_mut().filter(|w| w.is_due(travel)) {
+            let point = watch.what;
+            let outlook = reach.outlook(&rest.positions()[point as usize], 0.0);
+            *watch = Watch::new(point, &outlook, travel);
+            if outlook.within {
+                visit(point);
+            }
+        }
+        // Backwards, so that the blocks that are added behind are not met.
+        for i in (0..self.blocks.len()).rev() {
+            if self.blocks[i].is_due(travel) {
+                let block = self.blocks.swap_remove(i).what;
+                self.watch(&block, reach, rest, &mut visit);
+            }
+        }
+        if self.watches() > 2 * self.at_first + GROWTH || travel > FAR {
+            self.set_up(reach, rest, |_| ());
+        }
+    }
+
+    fn watches(&self) -> usize {
+        self.blocks.len() + self.points.len()
+    }
+
+    fn set_up(&mut self, reach: &Reach, rest: &RestPoints, mut visit: impl FnMut(u32)) {
+        self.blocks.clear();
+        self.points.clear();
+        self.travel = 0.0;
+        self.watch(&rest.root(), reach, rest, &mut visit);
+        self.at_first = self.watches();
+    }
+
+    /// Watches a block, or its parts when the surface may pass through it.
+    fn watch(
+        &mut self,
+        block: &Block,
+        reach: &Reach,
+        rest: &RestPoints,
+        visit: &mut impl FnMut(u32),
+    ) {
+        let (center_W, radius) = rest.ball(block);
+        let outlook = reach.outlook(&center_W, radius);
+        if outlook.credit > 0.0 {
+            if outlook.within {
+                rest.block_points(block, |points| points.iter().for_each(|&p| visit(p)));
+            }
+            let watch = Watch::new(*block, &outlook, self.travel);
+            self.blocks.push(watch);
+        } else if block.is_cell() {
+            rest.block_points(block, |points| {
+                for &point in points {
+                    let outlook = reach.outlook(&rest.positions()[point as usize], 0.0);
+                    self.points.push(Watch::new(point, &outlook, self.travel));
+                    if outlook.within {
+                        visit(point);
+                    }
+                }
+            });
+        } else {
+            for child in rest.children(block) {
+                self.watch(&child, reach, rest, visit);
+            }
+        }
+    }
+}
+
+impl<T> Watch<T> {
+    fn new(what: T, outlook: &Outlook, travel: f64) -> Self {
+        Self {
+            due: travel + outlook.credit * (1.0 - 1e-9),
+            what,
+        }
+    }
+
+    /// Also when the numbers are not finite.
+    fn is_due(&self, travel: f64) -> bool {
+        let holds = travel < self.due;
+        !holds
+    }
+}
