@@ -52,6 +52,32 @@ impl Pull {
             excess: length - friction * normal - STICK_TOLERANCE,
         }
     }
+
+    /// Slip of a point between two surfaces, which bear `u` in proportion to its parts along their
+    /// normals, each with its own friction; `None` when one of them does not bear.
+    fn along_crease(
+        &self,
+        one: &Vector3<f64>,
+        other: &Vector3<f64>,
+        friction: f64,
+    ) -> Option<Slip> {
+        let u = one * self.normal + self.tangent;
+        let cosine = one.dot(other);
+        let (p, q) = (u.dot(one), u.dot(other));
+        let sine_squared = 1.0 - cosine * cosine;
+        let (a, b) = (
+            (p - cosine * q) / sine_squared,
+            (q - cosine * p) / sine_squared,
+        );
+        let along = u - one * a - other * b;
+        let length = along.norm();
+        (a > 0.0 && b > 0.0).then(|| Slip {
+            direction: -along / length.max(STICK_TOLERANCE),
+            length,
+            excess: length - friction * (a + b) - STICK_TOLERANCE,
+            is_single: false,
+        })
+    }
 }
 
 impl Surface<'_> {
@@ -88,7 +114,8 @@ impl Surface<'_> {
     /// Steps are taken in runs of at most a threshold's length, straight along the tangent and back
     /// to the surface. On a plane that is exactly what single steps do. A run that ends beyond a
     /// bend, shortens `u` too little or ends more than a slip step inside of the friction cone is
-    /// tried again with fewer steps, at last with one.
+    /// tried again with fewer steps, at last with one. Where another surface is in the way the point
+    /// slips along the crease between the two.
     pub fn slide(&self, a: &mut Anchor, rest_L: &Point3<f64>) -> bool {
         let step = self.config.slip_step;
         let longest = (self.config.threshold / step).max(1.0);
@@ -96,23 +123,43 @@ impl Surface<'_> {
         let mut most = longest;
         // Decrease of the excess per way, 1 on a plane.
         let mut rate = 1.0;
+        let mut wall = None;
         let mut pull = Pull::new(a, rest_L, self.config.friction);
         while pull.normal >= 0.0 && pull.excess > 0.0 && left > 0 {
-            let wanted = (pull.excess / (rate * step)).ceil();
+            let between = |other: &_| pull.along_crease(&a.normal_L, other, self.config.friction);
+            let held = wall.take();
+            let crease = held.as_ref().and_then(between);
+            let slip = crease.unwrap_or_else(|| Slip::on_one_surface(&pull));
+            if slip.excess <= 0.0 {
+                break;
+            }
+            let wanted = (slip.excess / (rate * step)).ceil();
             let steps = wanted.min(most).min(f64::from(left)).max(1.0);
-            let way = (steps * step).min(pull.length);
-            let (gap, next) = self.correct(&(a.place_L - pull.tangent * (way / pull.length)));
-            let is_smooth =
-                gap.abs() <= MAX_GAP * way && (next.normal_L - a.normal_L).norm() <= MAX_TURN;
-            // A wall is no bend: against it many steps do what one step does.
-            let meets_wall = gap < -MAX_GAP * way;
-            if steps > 1.0 && !is_smooth && !meets_wall {
+            let way = (steps * step).min(slip.length);
+            let (gap, next) = self.correct(&(a.place_L + slip.direction * way));
+            let turn = (next.normal_L - a.normal_L).norm();
+            let is_smooth = gap.abs() <= MAX_GAP * way && turn <= MAX_TURN;
+            let against = -slip.direction.dot(&next.normal_L);
+            let meets_wall = gap < -MAX_GAP * way && turn > MAX_TURN && against > 0.0;
+            if slip.is_single && meets_wall {
+                let free = way + gap / against;
+                if free >= step {
+                    most = (free / step).floor();
+                    continue;
+                }
+                if between(&next.normal_L).is_some() {
+                    wall = Some(next.normal_L);
+                    rate = 1.0;
+                    continue;
+                }
+            }
+            if slip.is_single && steps > 1.0 && !is_smooth && !meets_wall {
                 most = (steps / 4.0).floor();
                 continue;
             }
             let next = self.confirm(gap, next);
             let there = Pull::new(&next, rest_L, self.config.friction);
-            if pull.square - there.square < 2.0 * WEDGED * pull.length * way {
+            if pull.square - there.square < 2.0 * WEDGED * slip.length * way {
                 if steps == 1.0 {
                     break;
                 }
@@ -120,16 +167,40 @@ impl Surface<'_> {
                 continue;
             }
             let decrease = pull.excess - there.excess;
-            if steps > 1.0 && there.excess < -step {
+            if slip.is_single && steps > 1.0 && there.excess < -step {
                 // Back to the first step in the cone, by the secant.
                 most = (pull.excess / decrease * steps).ceil().min(steps - 1.0);
                 continue;
             }
-            rate = (decrease / way).clamp(0.1, 2.0);
-            most = if is_smooth { longest } else { steps };
+            rate = if slip.is_single {
+                (decrease / way).clamp(0.1, 2.0)
+            } else {
+                1.0
+            };
+            most = (2.0 * steps).min(longest);
             left -= steps as u32;
             (*a, pull) = (next, there);
         }
         pull.normal >= 0.0
+    }
+}
+
+/// Where a point slips to.
+struct Slip {
+    direction: Vector3<f64>,
+    /// Part of `u` against that direction (m), and by how much friction does not hold it.
+    length: f64,
+    excess: f64,
+    is_single: bool,
+}
+
+impl Slip {
+    fn on_one_surface(pull: &Pull) -> Self {
+        Self {
+            direction: -pull.tangent / pull.length,
+            length: pull.length,
+            excess: pull.excess,
+            is_single: true,
+        }
     }
 }

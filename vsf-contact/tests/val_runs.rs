@@ -121,7 +121,7 @@ fn check(name: &str, sdf: Box<dyn Sdf>, seed: u64) -> f64 {
     let at = |q: f64| d[(q * (d.len() - 1) as f64) as usize] / ContactConfig::default().slip_step;
     let (p99, worst) = (at(0.99), at(1.0));
     eprintln!("{name}: {} contacts, p99 {p99:.2} slip steps", d.len());
-    assert!(d.len() > 10_000 && creases < 0.2, "{name}: {creases}");
+    assert!(d.len() > 10_000 && creases < 0.25, "{name}: {creases}");
     assert!(p99 < 2.0, "{name}: {p99}");
     worst
 }
