@@ -11,7 +11,9 @@ use vsf_core::{Belief, CoreError};
 /// `fade = f64::INFINITY` leaves it out.
 ///
 /// The answer is a [`Belief`] about all points: it enters any estimator as its prior, so that later
-/// touches correct it, and can be made again after every sequence.
+/// touches correct it, and can be made again after every sequence. [`Extrapolation::predict`] speaks
+/// of touched points too, as if they had not been: that is the prior to see the same touches again
+/// with, since their estimates would count them twice.
 ///
 /// ```
 /// use vsf_core::{Belief, nalgebra::Point3};
@@ -42,6 +44,14 @@ pub struct Extrapolation {
     visible: Box<dyn Regressor>,
     hidden: Box<dyn Regressor>,
     fade: f64,
+    learned: Option<Learned>,
+}
+
+/// What the regressors have learned from.
+struct Learned {
+    /// Whether visible points have a regressor of their own.
+    by_color: bool,
+    prior_variance: f64,
 }
 
 impl Extrapolation {
@@ -56,6 +66,7 @@ impl Extrapolation {
             visible: Box::new(visible),
             hidden: Box::new(hidden),
             fade: Self::FADE,
+            learned: None,
         }
     }
 
@@ -65,14 +76,92 @@ impl Extrapolation {
         self
     }
 
-    /// The belief about all points: touched ones as in `field`, the others extrapolated from them.
-    /// `prior_variance` (N²/m²) is that of a point before it was touched; how far a touch has
-    /// lowered it says how much the point has to tell. Without a touched visible point, or with one
-    /// alone, visible points are extrapolated by position, as hidden ones.
+    /// Learns from the touched points of a field. `prior_variance` (N²/m²) is that of a point before
+    /// it was touched; how far a touch has lowered it says how much the point has to tell. With
+    /// fewer than 2 touched points in sight, visible points are taken by position, as hidden ones.
     ///
     /// # Errors
-    /// Lengths that differ, a fade length that is not positive, fewer than 2 touched points, what the
-    /// regressors refuse.
+    /// Lengths that differ, a length or variance that is not positive, fewer than 2 touched points,
+    /// what the regressors refuse. What was learned before is then lost.
+    pub fn fit(
+        &mut self,
+        points: &[Point3<f64>],
+        seen: &Seen,
+        field: &Belief<f64>,
+        touched: &[bool],
+        prior_variance: f64,
+    ) -> Result<(), VisionError> {
+        let n = points.len();
+        CoreError::check_len("seen points", seen.len(), n)?;
+        CoreError::check_len("field", field.len(), n)?;
+        CoreError::check_len("touched flags", touched.len(), n)?;
+        if !(prior_variance > 0.0 && prior_variance.is_finite()) {
+            return Err(CoreError::Parameter {
+                name: "variance of the prior",
+                value: prior_variance,
+                range: "> 0 N²/m²",
+            }
+            .into());
+        }
+        self.learned = None;
+        let occupancy = seen.occupancy(self.fade)?;
+        let known: Vec<usize> = (0..n)
+            .filter(|&i| touched[i] && occupancy[i] >= Self::LEAST_OCCUPANCY)
+            .collect();
+        let samples = |of: &[usize], with_colors| {
+            let target = |&i: &usize| field.mean()[i] / occupancy[i];
+            let noise = |&i: &usize| {
+                own_variance(field.variance()[i], prior_variance) / occupancy[i].powi(2)
+            };
+            let features = seen.features(points, of, with_colors)?;
+            let (targets, noises) = of.iter().map(|i| (target(i), noise(i))).unzip();
+            Samples::new(features, targets, noises)
+        };
+        self.hidden.fit(&samples(&known, false)?)?;
+        let in_sight: Vec<usize> = known.into_iter().filter(|&i| seen.visible[i]).collect();
+        let by_color = in_sight.len() >= 2;
+        if by_color {
+            self.visible.fit(&samples(&in_sight, true)?)?;
+        }
+        self.learned = Some(Learned {
+            by_color,
+            prior_variance,
+        });
+        Ok(())
+    }
+
+    /// The belief about points, touched or not, by what they look like and where they are.
+    ///
+    /// # Errors
+    /// [`VisionError::NotFitted`], lengths that differ, a belief beyond the range of numbers.
+    pub fn predict(&self, points: &[Point3<f64>], seen: &Seen) -> Result<Belief<f64>, VisionError> {
+        let by = "Extrapolation";
+        let learned = self.learned.as_ref().ok_or(VisionError::NotFitted { by })?;
+        let n = points.len();
+        CoreError::check_len("seen points", seen.len(), n)?;
+        let occupancy = seen.occupancy(self.fade)?;
+        let (mut mean, mut variance) = (vec![0.0; n], vec![0.0; n]);
+        for (regressor, with_colors) in [(&self.visible, true), (&self.hidden, false)] {
+            let of: Vec<usize> = (0..n)
+                .filter(|&i| (learned.by_color && seen.visible[i]) == with_colors)
+                .collect();
+            if of.is_empty() {
+                continue;
+            }
+            let found = regressor.predict(&seen.features(points, &of, with_colors)?)?;
+            for ((&i, k), v) in of.iter().zip(found.mean).zip(found.variance) {
+                (mean[i], variance[i]) = occupied(k.max(0.0), v, occupancy[i]);
+                variance[i] = variance[i].max(1e-6 * learned.prior_variance);
+            }
+        }
+        Ok(Belief::new(mean, variance)?)
+    }
+
+    /// [`fit`](Self::fit), then the belief about all points: touched ones as in `field`, the others
+    /// as predicted.
+    ///
+    /// # Errors
+    /// As [`fit`](Self::fit).
     pub fn extend(
         &mut self,
         points: &[Point3<f64>],
@@ -81,42 +170,13 @@ impl Extrapolation {
         touched: &[bool],
         prior_variance: f64,
     ) -> Result<Belief<f64>, VisionError> {
-        let n = points.len();
-        CoreError::check_len("seen points", seen.len(), n)?;
-        CoreError::check_len("field", field.len(), n)?;
-        CoreError::check_len("touched flags", touched.len(), n)?;
-        let occupancy = seen.occupancy(self.fade)?;
-        let known: Vec<usize> = (0..n)
-            .filter(|&i| touched[i] && occupancy[i] >= Self::LEAST_OCCUPANCY)
-            .collect();
-        let target = |i: usize| field.mean()[i] / occupancy[i];
-        let noise =
-            |i: usize| own_variance(field.variance()[i], prior_variance) / occupancy[i].powi(2);
-        let seen_known: Vec<usize> = known.iter().copied().filter(|&i| seen.visible[i]).collect();
-        let by_color = seen_known.len() >= 2;
-        let (mut mean, mut variance) = (field.mean().to_vec(), field.variance().to_vec());
-        for colored in [true, false] {
-            let unknown: Vec<usize> = (0..n)
-                .filter(|&i| !touched[i] && (by_color && seen.visible[i]) == colored)
-                .collect();
-            if unknown.is_empty() {
-                continue;
-            }
-            let (regressor, known) = match colored {
-                true => (&mut self.visible, &seen_known),
-                false => (&mut self.hidden, &known),
-            };
-            regressor.fit(&Samples::new(
-                seen.features(points, known, colored)?,
-                known.iter().map(|&i| target(i)).collect(),
-                known.iter().map(|&i| noise(i)).collect(),
-            )?)?;
-            let found = regressor.predict(&seen.features(points, &unknown, colored)?)?;
-            for ((&i, k), v) in unknown.iter().zip(found.mean).zip(found.variance) {
-                (mean[i], variance[i]) = occupied(k.max(0.0), v, occupancy[i], prior_variance);
-            }
+        self.fit(points, seen, field, touched, prior_variance)?;
+        let mut belief = self.predict(points, seen)?;
+        let (mean, variance) = belief.parts_mut();
+        for i in (0..points.len()).filter(|&i| touched[i]) {
+            (mean[i], variance[i]) = (field.mean()[i], field.variance()[i]);
         }
-        Ok(Belief::new(mean, variance)?)
+        Ok(belief)
     }
 }
 
@@ -130,10 +190,8 @@ fn own_variance(posterior: f64, prior: f64) -> f64 {
     }
 }
 
-/// Mean and variance of a stiffness `N(k, v)` that is there with probability `o` and 0 otherwise;
-/// the variance is at least a millionth of the prior's.
-fn occupied(k: f64, v: f64, o: f64, prior_variance: f64) -> (f64, f64) {
+/// Mean and variance of a stiffness `N(k, v)` that is there with probability `o` and 0 otherwise.
+fn occupied(k: f64, v: f64, o: f64) -> (f64, f64) {
     let mean = o * k;
-    let variance = o * (v + k * k) - mean * mean;
-    (mean, variance.max(1e-6 * prior_variance))
+    (mean, o * (v + k * k) - mean * mean)
 }
