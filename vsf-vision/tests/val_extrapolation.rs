@@ -226,7 +226,7 @@ fn a_prior_learned_from_objects_is_the_same_from_its_file() {
     let text = std::fs::read_to_string(&path).unwrap();
     for damaged in [
         "{}".to_owned(),
-        text.replacen("0.1", "-0.1", 1),
+        text.replacen("\"variances\":[0.1", "\"variances\":[-0.1", 1),
         text[..90].to_owned(),
     ] {
         std::fs::write(&path, damaged).unwrap();
