@@ -48,7 +48,7 @@ pub(crate) fn write(
 /// A damaged file, no vertices, coordinates that are missing or not finite.
 pub fn read_ply_points(path: impl AsRef<Path>) -> Result<Vec<Point3<f64>>, DataError> {
     let vertices = read_vertices(path.as_ref(), &["x", "y", "z"])?;
-    Ok(vertices.iter().map(|v| v.position).collect())
+    Ok(vertices.iter().map(|v| v.0.position).collect())
 }
 
 /// The points of a PLY file as [`read_ply_points`] reads them, and their colours, `red green blue`
@@ -56,11 +56,9 @@ pub fn read_ply_points(path: impl AsRef<Path>) -> Result<Vec<Point3<f64>>, DataE
 ///
 /// # Errors
 /// As [`read_ply_points`]; vertices without colour.
-pub fn read_ply_cloud(
-    path: impl AsRef<Path>,
-) -> Result<(Vec<Point3<f64>>, Vec<[u8; 3]>), DataError> {
+pub fn read_ply_cloud(path: impl AsRef<Path>) -> Result<Vec<ColoredPoint>, DataError> {
     let vertices = read_vertices(path.as_ref(), &["x", "y", "z", "red", "green", "blue"])?;
-    Ok(vertices.iter().map(|v| (v.position, v.color)).unzip())
+    Ok(vertices.into_iter().map(|v| v.0).collect())
 }
 
 fn read_vertices(path: &Path, needed: &[&str]) -> Result<Vec<Vertex>, DataError> {
@@ -95,23 +93,29 @@ fn read_vertices(path: &Path, needed: &[&str]) -> Result<Vec<Vertex>, DataError>
     }
     let mut payload = parser.read_payload(&mut reader, &header).map_err(damaged)?;
     let vertices = payload.swap_remove("vertex").unwrap_or_default();
-    let points: Vec<_> = vertices.iter().map(|v| v.position).collect();
+    let points: Vec<_> = vertices.iter().map(|v| v.0.position).collect();
     files::check_points(path, &points)?;
     Ok(vertices)
 }
 
-/// Position and colour of a vertex; any other property or element leaves it alone.
-struct Vertex {
-    position: Point3<f64>,
-    color: [u8; 3],
+/// A point with a colour.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct ColoredPoint {
+    /// Position \[m\].
+    pub position: Point3<f64>,
+    /// Red, green, blue.
+    pub color: [u8; 3],
 }
+
+/// Position and colour of a vertex; any other property or element leaves it alone.
+struct Vertex(ColoredPoint);
 
 impl PropertyAccess for Vertex {
     fn new() -> Self {
-        Self {
+        Self(ColoredPoint {
             position: Point3::origin(),
             color: [0; 3],
-        }
+        })
     }
 
     fn set_property(&mut self, name: &str, property: Property) -> PropertyAccessResult {
@@ -124,7 +128,7 @@ impl PropertyAccess for Vertex {
             "blue" => return self.set_color(2, property),
             _ => return PropertyAccessResult::Ignored,
         };
-        self.position[k] = match property {
+        self.0.position[k] = match property {
             Property::Char(v) => v.into(),
             Property::UChar(v) => v.into(),
             Property::Short(v) => v.into(),
@@ -145,7 +149,7 @@ impl Vertex {
         let Property::UChar(value) = property else {
             return PropertyAccessResult::Ignored;
         };
-        self.color[k] = value;
+        self.0.color[k] = value;
         PropertyAccessResult::Set
     }
 }

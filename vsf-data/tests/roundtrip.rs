@@ -437,7 +437,9 @@ fn colours_of_a_ply() {
         )
     };
     fs::write(&path, text("uchar")).unwrap();
-    let (points, colors) = read_ply_cloud(&path).unwrap();
+    let cloud = read_ply_cloud(&path).unwrap();
+    let points: Vec<_> = cloud.iter().map(|p| p.position).collect();
+    let colors: Vec<_> = cloud.iter().map(|p| p.color).collect();
     assert_eq!(
         points,
         [Point3::new(1.0, 2.0, 3.0), Point3::new(4.0, 5.0, 6.0)]

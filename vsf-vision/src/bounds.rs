@@ -15,7 +15,10 @@ impl Bounds {
     /// A coordinate that is not finite, an edge that is not positive.
     pub fn new(min: Point3<f64>, max: Point3<f64>) -> Result<Self, CoreError> {
         CoreError::check_finite("bounds", &[min.x, min.y, min.z, max.x, max.y, max.z])?;
-        match (max - min).iter().find(|edge| !(**edge > 0.0)) {
+        match (max - min)
+            .iter()
+            .find(|edge| **edge <= 0.0 || !edge.is_finite())
+        {
             None => Ok(Self { min, max }),
             Some(&value) => Err(CoreError::Parameter {
                 name: "edge of the bounds",

@@ -58,7 +58,7 @@ impl Seen {
     /// # Errors
     /// A length that is not positive.
     pub fn occupancy(&self, fade: f64) -> Result<Vec<f64>, CoreError> {
-        if !(fade > 0.0) {
+        if fade.is_nan() || fade <= 0.0 {
             return Err(CoreError::Parameter {
                 name: "fade length",
                 value: fade,
