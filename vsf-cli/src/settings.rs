@@ -9,7 +9,8 @@ use vsf::contact::{ContactConfig, GridOptions};
 use vsf::core::nalgebra::{Isometry3, Translation3, UnitQuaternion, Vector3};
 use vsf::data::{JointType, Overrides, RobotRef, Splits, TorqueKind};
 use vsf::filter::{DiagonalForm, Projection, ReplayConfig, ReplayVariance};
-use vsf::pipeline::{EstimatorSpec, HyperMethod, PriorShape, SceneOptions};
+use vsf::pipeline::{EstimatorSpec, HyperMethod, PriorShape, SceneOptions, VisionSpec};
+use vsf::vision::{GpConfig, KnnConfig, RegressorSpec};
 
 /// The recording and the contact model.
 #[derive(Debug, Clone, Default, Args)]
@@ -123,6 +124,10 @@ pub struct EstimatorSettings {
     /// How prior and noise are chosen where they are not given, default held-out
     #[arg(long)]
     hyper: Option<HyperKind>,
+    /// What the recording's camera/ says about points, touched or not, as the mean of the prior;
+    /// how much of it is chosen on held-out sequences. Default none: touches alone
+    #[arg(long)]
+    vision: Option<VisionKind>,
 }
 
 #[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
@@ -131,6 +136,20 @@ enum HyperKind {
     HeldOut,
     /// By the marginal likelihood of the readings, as if their errors were independent
     Likelihood,
+}
+
+#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
+enum VisionKind {
+    /// The prior has mean zero
+    None,
+    /// One stiffness, fading behind the seen surface
+    Level,
+    /// Regression on the 200 nearest touched points in colour and position
+    Knn,
+    /// Linear regression on colour and position
+    Ridge,
+    /// Gaussian process over colour and position
+    Gp,
 }
 
 #[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
@@ -337,6 +356,25 @@ impl EstimatorSettings {
             None | Some(HyperKind::HeldOut) => HyperMethod::HeldOut,
             Some(HyperKind::Likelihood) => HyperMethod::Likelihood,
         }
+    }
+
+    /// How untouched points are guessed by what the camera sees, if they are.
+    pub fn vision(&self) -> Option<VisionSpec> {
+        let regression = match self.vision? {
+            VisionKind::None => return None,
+            VisionKind::Level => return Some(VisionSpec::Level),
+            VisionKind::Knn => RegressorSpec::Knn(KnnConfig::default()),
+            VisionKind::Ridge => RegressorSpec::Ridge,
+            VisionKind::Gp => RegressorSpec::GaussianProcess(GpConfig::default()),
+        };
+        Some(VisionSpec::Regression(regression))
+    }
+
+    /// Name of what guesses untouched points, for reports.
+    pub fn vision_name(&self) -> String {
+        let kind = self.vision.unwrap_or(VisionKind::None);
+        kind.to_possible_value()
+            .map_or_else(String::new, |v| v.get_name().to_owned())
     }
 
     fn kind(&self) -> EstimatorKind {

@@ -304,3 +304,30 @@ fn quick_start() {
     let field = value(&json, "mean_error");
     assert!(field < 0.5 * value(&json, "zero_error"), "{json}");
 }
+
+#[test]
+fn the_camera_forms_the_prior() {
+    let bench = Bench::touched();
+    bench.fails("estimate touch --vision level", 1, &["camera/"]);
+
+    let recording = concat!(env!("CARGO_MANIFEST_DIR"), "/data/orange_tree");
+    let both = "--train 000,004 --test 007 --subdivision 1";
+    let check = |vision: &str| {
+        let out = format!("{vision}.npz");
+        let json = bench.ok(&format!(
+            "estimate {recording} {both} --vision {vision} --prior-sd 5 --noise-sd 0.5 --out {out} --json"
+        ));
+        has_keys(&json, &["vision", "vision_share", "vision_candidates"]);
+        let tried = json.matches("\"share\":").count();
+        assert_eq!(tried, if vision == "none" { 0 } else { 3 }, "{json}");
+        let json = bench.ok(&format!("evaluate {recording} {both} --field {out} --json"));
+        let (error, zero) = (value(&json, "mean_error"), value(&json, "zero_error"));
+        assert!(
+            error < 0.7 * zero,
+            "{vision}: {error} N m against {zero} N m"
+        );
+    };
+    for vision in ["none", "level", "knn", "ridge"] {
+        check(vision);
+    }
+}

@@ -69,7 +69,7 @@ pub use error::{DataError, DataWarning};
 pub use field::StiffnessField;
 pub use metadata::{Attachment, JointType, Overrides, RobotRef, Splits, TorqueKind};
 pub use npy::NpyError;
-pub use ply::read_ply_points;
+pub use ply::{ColoredPoint, read_ply_cloud, read_ply_points};
 pub use sequence::Sequence;
 pub use signal::{Motion, differentiate, tare};
 pub use staged::write_file;

@@ -3,7 +3,7 @@
 use crate::{DataError, StiffnessField, color, files, write_file};
 use nalgebra::Point3;
 use ply_rs_bw::parser::{Parser, Reader};
-use ply_rs_bw::ply::{Property, PropertyAccess, PropertyAccessResult};
+use ply_rs_bw::ply::{Property, PropertyAccess, PropertyAccessResult, PropertyType, ScalarType};
 use std::io::Cursor;
 use std::path::Path;
 
@@ -47,7 +47,21 @@ pub(crate) fn write(
 /// # Errors
 /// A damaged file, no vertices, coordinates that are missing or not finite.
 pub fn read_ply_points(path: impl AsRef<Path>) -> Result<Vec<Point3<f64>>, DataError> {
-    let path = path.as_ref();
+    let vertices = read_vertices(path.as_ref(), &["x", "y", "z"])?;
+    Ok(vertices.iter().map(|v| v.0.position).collect())
+}
+
+/// The points of a PLY file as [`read_ply_points`] reads them, and their colours, `red green blue`
+/// of 8 bits.
+///
+/// # Errors
+/// As [`read_ply_points`]; vertices without colour.
+pub fn read_ply_cloud(path: impl AsRef<Path>) -> Result<Vec<ColoredPoint>, DataError> {
+    let vertices = read_vertices(path.as_ref(), &["x", "y", "z", "red", "green", "blue"])?;
+    Ok(vertices.into_iter().map(|v| v.0).collect())
+}
+
+fn read_vertices(path: &Path, needed: &[&str]) -> Result<Vec<Vertex>, DataError> {
     let wrong = |problem: String| DataError::Ply {
         path: path.to_owned(),
         problem,
@@ -65,31 +79,43 @@ pub fn read_ply_points(path: impl AsRef<Path>) -> Result<Vec<Point3<f64>>, DataE
             return Err(wrong(problem));
         }
     }
-    let complete = header.elements.get("vertex").is_some_and(|v| {
-        ["x", "y", "z"]
-            .iter()
-            .all(|k| v.properties.contains_key(*k))
-    });
-    if !complete {
-        return Err(wrong("no element vertex with x, y and z".to_owned()));
+    let vertex = header.elements.get("vertex");
+    if !vertex.is_some_and(|v| needed.iter().all(|k| v.properties.contains_key(*k))) {
+        let names = needed.join(", ");
+        return Err(wrong(format!("no element vertex with {names}")));
+    }
+    let bytes = PropertyType::Scalar(ScalarType::UChar);
+    let colors = needed.iter().filter(|k| !["x", "y", "z"].contains(k));
+    let kind = |k: &str| Some(&vertex?.properties.get(k)?.data_type);
+    let typed = |k: &&str| kind(k) == Some(&bytes);
+    if let Some(odd) = colors.filter(|k| !typed(k)).copied().next() {
+        return Err(wrong(format!("{odd} is not of type uchar")));
     }
     let mut payload = parser.read_payload(&mut reader, &header).map_err(damaged)?;
-    let points: Vec<_> = payload
-        .swap_remove("vertex")
-        .unwrap_or_default()
-        .iter()
-        .map(|v| v.0)
-        .collect();
+    let vertices = payload.swap_remove("vertex").unwrap_or_default();
+    let points: Vec<_> = vertices.iter().map(|v| v.0.position).collect();
     files::check_points(path, &points)?;
-    Ok(points)
+    Ok(vertices)
 }
 
-/// The position of a vertex; any other property or element leaves it alone.
-struct Vertex(Point3<f64>);
+/// A point with a colour.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct ColoredPoint {
+    /// Position \[m\].
+    pub position: Point3<f64>,
+    /// Red, green, blue.
+    pub color: [u8; 3],
+}
+
+/// Position and colour of a vertex; any other property or element leaves it alone.
+struct Vertex(ColoredPoint);
 
 impl PropertyAccess for Vertex {
     fn new() -> Self {
-        Self(Point3::origin())
+        Self(ColoredPoint {
+            position: Point3::origin(),
+            color: [0; 3],
+        })
     }
 
     fn set_property(&mut self, name: &str, property: Property) -> PropertyAccessResult {
@@ -97,9 +123,12 @@ impl PropertyAccess for Vertex {
             "x" => 0,
             "y" => 1,
             "z" => 2,
+            "red" => return self.set_color(0, property),
+            "green" => return self.set_color(1, property),
+            "blue" => return self.set_color(2, property),
             _ => return PropertyAccessResult::Ignored,
         };
-        self.0[k] = match property {
+        self.0.position[k] = match property {
             Property::Char(v) => v.into(),
             Property::UChar(v) => v.into(),
             Property::Short(v) => v.into(),
@@ -110,6 +139,17 @@ impl PropertyAccess for Vertex {
             Property::Double(v) => v,
             _ => return PropertyAccessResult::UnsupportedType,
         };
+        PropertyAccessResult::Set
+    }
+}
+
+impl Vertex {
+    /// Other types only come here where positions alone are read.
+    fn set_color(&mut self, k: usize, property: Property) -> PropertyAccessResult {
+        let Property::UChar(value) = property else {
+            return PropertyAccessResult::Ignored;
+        };
+        self.0.color[k] = value;
         PropertyAccessResult::Set
     }
 }

@@ -11,7 +11,7 @@ use std::collections::BTreeMap;
 use std::fs;
 use vsf_data::{
     Attachment, CameraView, DataError, Dataset, JointType, Overrides, RobotRef, Sequence, Splits,
-    StiffnessField, Table, TorqueKind, read_ply_points,
+    StiffnessField, Table, TorqueKind, read_ply_cloud, read_ply_points,
 };
 
 /// Any finite double, subnormals and both zeros included.
@@ -423,4 +423,32 @@ fn points_of_an_ascii_ply() {
     assert!(matches!(read_ply_points(&path), Err(DataError::Ply { .. })));
     fs::write(&path, header.replace("vertex 2", "vertex 99999999999")).unwrap();
     assert!(matches!(read_ply_points(&path), Err(DataError::Ply { .. })));
+}
+
+#[test]
+fn colours_of_a_ply() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("a.ply");
+    let text = |of: &str| {
+        format!(
+            "ply\nformat ascii 1.0\nelement vertex 2\nproperty float x\nproperty float y\n\
+             property float z\nproperty {of} red\nproperty {of} green\nproperty {of} blue\n\
+             end_header\n1 2 3 10 20 30\n4 5 6 0 255 1\n"
+        )
+    };
+    fs::write(&path, text("uchar")).unwrap();
+    let cloud = read_ply_cloud(&path).unwrap();
+    let points: Vec<_> = cloud.iter().map(|p| p.position).collect();
+    let colors: Vec<_> = cloud.iter().map(|p| p.color).collect();
+    assert_eq!(
+        points,
+        [Point3::new(1.0, 2.0, 3.0), Point3::new(4.0, 5.0, 6.0)]
+    );
+    assert_eq!(colors, [[10, 20, 30], [0, 255, 1]]);
+    // Colours of another scale are not guessed; positions can still be read.
+    fs::write(&path, text("float")).unwrap();
+    assert!(matches!(read_ply_cloud(&path), Err(DataError::Ply { .. })));
+    assert_eq!(read_ply_points(&path).unwrap(), points);
+    fs::write(&path, text("uchar").replace("blue", "b")).unwrap();
+    assert!(matches!(read_ply_cloud(&path), Err(DataError::Ply { .. })));
 }

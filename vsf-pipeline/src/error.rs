@@ -4,6 +4,7 @@ use vsf_contact::ContactError;
 use vsf_core::CoreError;
 use vsf_data::DataError;
 use vsf_robots::RobotError;
+use vsf_vision::VisionError;
 
 /// What can go wrong between a recording and its evaluation.
 #[derive(Debug, Error)]
@@ -39,6 +40,12 @@ pub enum PipelineError {
     /// Numbers that do not fit.
     #[error(transparent)]
     Core(#[from] CoreError),
+    /// What the camera saw cannot be used.
+    #[error(transparent)]
+    Vision(#[from] VisionError),
+    /// There is no view to extrapolate by.
+    #[error("the recording has no camera/ (color.png, depth.png, camera.json) to extrapolate by")]
+    NoCamera,
     /// Something about sequence `id`.
     #[error("sequence {id} row {row}: {source}")]
     Sequence {

@@ -58,8 +58,19 @@ impl PriorShape {
     /// # Errors
     /// A parameter out of range.
     pub fn prior(&self, rest: &RestPoints, sd: f64) -> Result<FieldPrior, PipelineError> {
-        let own = FieldPrior::from(Belief::<f64>::uniform(rest.len(), 0.0, sd)?)
-            .with_level(self.level_share * sd)?;
+        self.prior_about(rest, sd, vec![0.0; rest.len()])
+    }
+
+    /// The same about means of their own (N/m, >= 0), one per point.
+    pub(crate) fn prior_about(
+        &self,
+        rest: &RestPoints,
+        sd: f64,
+        mean: Vec<f64>,
+    ) -> Result<FieldPrior, PipelineError> {
+        let variance = vec![sd * sd; mean.len()];
+        let own =
+            FieldPrior::from(Belief::new(mean, variance)?).with_level(self.level_share * sd)?;
         if self.smooth_share == 0.0 {
             return Ok(own);
         }
@@ -221,7 +232,7 @@ impl Problem {
 
 /// The same problem without the points that are never touched, with another noise and a trace per
 /// touch.
-fn touched_alone(
+pub(crate) fn touched_alone(
     rest: &RestPoints,
     traces: &[Trace],
     noise: &Noise,

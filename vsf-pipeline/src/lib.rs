@@ -7,7 +7,7 @@
 //! 3. [`Scene::trace`] runs the contact model over a sequence once. Contacts never depend on the
 //!    belief, so the resulting observations serve every estimator.
 //! 4. [`choose_hyper`] picks prior and noise from the train sequences, [`estimate`] runs an
-//!    estimator over them.
+//!    estimator over them; [`estimate_with_vision`] guesses untouched points by what a camera saw.
 //! 5. [`predict`] and [`evaluate`] compare a field with sequences; [`Baseline`]s stand beside it.
 //! 6. [`simulate`] turns a field and a joint trajectory into readings.
 
@@ -25,6 +25,7 @@ mod scene;
 mod simulate;
 mod table1;
 mod trace;
+mod vision;
 mod warning;
 
 pub use baseline::Baseline;
@@ -42,4 +43,5 @@ pub use scene::{Scene, SceneOptions, reading_unit, robot_of};
 pub use simulate::simulate;
 pub use table1::{Table1Cell, Table1Row, table1};
 pub use trace::Trace;
+pub use vision::{VisionCandidate, VisionEstimate, VisionSpec, estimate_with_vision, rgbd_view};
 pub use warning::{Outliers, PipelineWarning, motion_warnings, reading_warnings};

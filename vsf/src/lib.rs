@@ -68,6 +68,7 @@
 //! | [`contact`] | `vsf-contact` | signed distances, stick-slip contact |
 //! | [`filter`] | `vsf-filter` | the diagonal Kalman filter and memory replay |
 //! | [`data`] | `vsf-data` | recordings and fields on disk |
+//! | [`vision`] | `vsf-vision` | what a camera sees, and what it says of untouched points |
 //! | [`plot`] | `vsf-plot` | pictures of fields and torques |
 //! | [`pipeline`] | `vsf-pipeline` | from a recording to a field and its errors, what the `vsf` command runs |
 //!
@@ -91,3 +92,4 @@ pub use vsf_filter as filter;
 pub use vsf_pipeline as pipeline;
 pub use vsf_plot as plot;
 pub use vsf_robots as robots;
+pub use vsf_vision as vision;

@@ -5,8 +5,10 @@ use crate::recording::{Default, RecordingArgs, traces, untouched};
 use crate::settings::EstimatorSettings;
 use serde::Serialize;
 use std::path::PathBuf;
+use vsf::data::CameraView;
 use vsf::pipeline::{
-    Candidate, Estimate, Hyper, HyperMethod, Scene, Trace, choose_hyper, estimate,
+    Candidate, Estimate, Hyper, HyperMethod, PipelineError, Scene, Trace, VisionCandidate,
+    VisionEstimate, choose_hyper, estimate, estimate_with_vision, rgbd_view,
 };
 
 #[derive(Debug, clap::Args)]
@@ -16,7 +18,8 @@ The field holds points, K (mean, N/m), K_std, and the features touched, prior_sd
 
 JSON keys: estimator, prior_sd, smooth_sd, smooth_length, level_sd, noise_sd (by channel), chosen_by \
 (given, held-out or likelihood), candidates (smooth_share, signal_to_noise, error or log_evidence), sequences, samples, contact_samples, points, touched_points, mean_stiffness (over touched \
-points), nis_ratio, out.")]
+points), vision (none or a method), vision_share (of its guess, in the prior), vision_candidates (share, \
+error), nis_ratio, out.")]
 pub struct Args {
     #[command(flatten)]
     recording: RecordingArgs,
@@ -47,6 +50,9 @@ struct Report<'a> {
     points: usize,
     touched_points: usize,
     mean_stiffness: f64,
+    vision: String,
+    vision_share: f64,
+    vision_candidates: &'a [VisionCandidate],
     nis_ratio: Option<f64>,
     out: Vec<String>,
 }
@@ -57,6 +63,9 @@ pub struct Chosen {
     pub hyper: Hyper,
     pub method: &'static str,
     pub candidates: Vec<Candidate>,
+    /// Share of what the camera suggests, and those tried.
+    pub vision_share: f64,
+    pub vision_candidates: Vec<VisionCandidate>,
 }
 
 pub fn run(args: &Args, console: &Console) -> anyhow::Result<()> {
@@ -76,7 +85,8 @@ pub fn run(args: &Args, console: &Console) -> anyhow::Result<()> {
     let sequences = recording.sequences(args.sequences.as_deref(), Default::Train)?;
     let scene = recording.scene(console)?;
     let traces = traces(&scene, &sequences, console)?;
-    let chosen = learn(&scene, &traces, settings, console)?;
+    let camera = recording.dataset.camera.as_ref();
+    let chosen = learn(&scene, camera, &traces, settings, console)?;
     let field = FieldFile::of_estimate(
         &scene,
         &chosen.estimate,
@@ -101,6 +111,9 @@ pub fn run(args: &Args, console: &Console) -> anyhow::Result<()> {
         points: scene.rest.len(),
         touched_points: chosen.estimate.touched.iter().filter(|t| **t).count(),
         mean_stiffness: mean_stiffness(&chosen.estimate),
+        vision: settings.vision_name(),
+        vision_share: chosen.vision_share,
+        vision_candidates: &chosen.vision_candidates,
         nis_ratio: chosen.estimate.health.nis_ratio(),
         out: texts(&args.out),
     };
@@ -108,9 +121,10 @@ pub fn run(args: &Args, console: &Console) -> anyhow::Result<()> {
     console.report(text(&report, &scene))
 }
 
-/// Chooses what is not given and estimates.
+/// Chooses what is not given and estimates; the camera is looked through if the settings say so.
 pub fn learn(
     scene: &Scene,
+    camera: Option<&CameraView>,
     traces: &[Trace],
     settings: &EstimatorSettings,
     console: &Console,
@@ -146,16 +160,30 @@ pub fn learn(
             (hyper, name, choice.candidates)
         }
     };
+    let vision = match settings.vision() {
+        None => None,
+        Some(vision) => Some((rgbd_view(camera.ok_or(PipelineError::NoCamera)?)?, vision)),
+    };
     let bar = console.bar(traces.len(), "estimate");
-    let estimate = estimate(&scene.rest, traces, &spec, &hyper, |done| {
-        bar.set_position(done as u64)
-    })?;
+    let progress = |done: usize| bar.set_position(done as u64);
+    let found = match &vision {
+        None => VisionEstimate {
+            estimate: estimate(&scene.rest, traces, &spec, &hyper, progress)?,
+            share: 0.0,
+            candidates: Vec::new(),
+        },
+        Some((view, vision)) => {
+            estimate_with_vision(&scene.rest, view, traces, &spec, &hyper, vision, progress)?
+        }
+    };
     bar.finish_and_clear();
     Ok(Chosen {
-        estimate,
+        estimate: found.estimate,
         hyper,
         method,
         candidates,
+        vision_share: found.share,
+        vision_candidates: found.candidates,
     })
 }
 
@@ -235,6 +263,13 @@ fn text(report: &Report, scene: &Scene) -> String {
     if report.level_sd > 0.0 {
         let sd = number(report.level_sd);
         text += &format!("              and N(0, {sd}²) N/m common to all points\n");
+    }
+    if report.vision != "none" {
+        text += &format!(
+            "  vision      {}, {} of its guess in the prior's mean\n",
+            report.vision,
+            number(report.vision_share),
+        );
     }
     text += &format!("  noise sd    {}\n", noise_text(scene, report.noise_sd));
     text += &format!(

@@ -75,7 +75,13 @@ pub fn run(console: &Console) -> anyhow::Result<()> {
     let test = recording.sequences(None, Default::Test)?;
     let scene = recording.scene(console)?;
     let learned = traces(&scene, &train, console)?;
-    let chosen = learn(&scene, &learned, &EstimatorSettings::default(), console)?;
+    let chosen = learn(
+        &scene,
+        None,
+        &learned,
+        &EstimatorSettings::default(),
+        console,
+    )?;
     let hyper = &chosen.hyper;
 
     let unseen = traces(&scene, &test, console)?;

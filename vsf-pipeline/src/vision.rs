@@ -1,0 +1,223 @@
+use crate::estimate::{batch_map, run, touched_points};
+use crate::evaluate::sample_errors;
+use crate::hyper::touched_alone;
+use crate::{Estimate, EstimatorSpec, Hyper, PipelineError, PriorShape, Trace};
+use rayon::prelude::*;
+use serde::Serialize;
+use vsf_core::{Belief, CoreError, Noise, RestPoints};
+use vsf_data::CameraView;
+use vsf_filter::FieldPrior;
+use vsf_vision::{Calibrated, Camera, Extrapolation, Level, RegressorSpec, RgbdView, Seen};
+
+/// How the stiffness of points is guessed from what the camera sees.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+pub enum VisionSpec {
+    /// One stiffness for all that is seen, fading behind the surface, at the level that the readings
+    /// ask for ([`Level`]); the default.
+    #[default]
+    Level,
+    /// Regression of the touched points' stiffness on position and colour ([`Extrapolation`], section
+    /// III-D), with calibrated variances.
+    Regression(RegressorSpec),
+}
+
+/// A field whose prior is what the camera and the touches suggest.
+#[derive(Debug, Clone)]
+pub struct VisionEstimate {
+    /// The field; points never touched have the mean that is guessed for them.
+    pub estimate: Estimate,
+    /// How much of the guess the prior takes over, 0 to 1.
+    pub share: f64,
+    /// Shares that were tried; none with a single sequence.
+    pub candidates: Vec<VisionCandidate>,
+}
+
+/// One tried share.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
+pub struct VisionCandidate {
+    /// Of the guess.
+    pub share: f64,
+    /// Mean error norm on held-out train sequences.
+    pub error: f64,
+}
+
+/// Shares that are tried, and the one that stands without evidence.
+const SHARES: [f64; 3] = [0.0, 0.5, 1.0];
+const RULE: f64 = 0.5;
+/// Parts of the train sequences that are held out in turn, at most.
+const FOLDS: usize = 10;
+/// Folds that calibrate a regressor's variances.
+const CALIBRATION: usize = 5;
+
+/// The view of a recording.
+///
+/// # Errors
+/// Images or a camera that do not fit.
+pub fn rgbd_view(view: &CameraView) -> Result<RgbdView, PipelineError> {
+    let camera = Camera {
+        fx: view.fx,
+        fy: view.fy,
+        cx: view.cx,
+        cy: view.cy,
+        X_WC: view.X_WC,
+    };
+    let size = (view.width as usize, view.height as usize);
+    let depth_scale = view.depth_scale;
+    Ok(RgbdView::new(
+        camera,
+        size,
+        &view.color,
+        &view.depth,
+        depth_scale,
+    )?)
+}
+
+/// Runs an estimator over sequences from a prior whose means are guessed for all points, touched or
+/// not, from one view and from these sequences.
+///
+/// First touches may be unlike the rest of the object (section IV-D). So every sequence is held out
+/// once and predicted by the constrained optimum of the others, with none, half or all of what they
+/// suggest; the best share of the guess is taken, half of it when there is only one sequence.
+///
+/// The readings form the guess and then the field: the guess has few degrees of freedom, held-out
+/// sequences have no part in it.
+///
+/// # Errors
+/// As [`estimate`](crate::estimate) and [`Extrapolation::fit`].
+pub fn estimate_with_vision(
+    rest: &RestPoints,
+    view: &RgbdView,
+    traces: &[Trace],
+    spec: &EstimatorSpec,
+    hyper: &Hyper,
+    vision: &VisionSpec,
+    progress: impl FnMut(usize),
+) -> Result<VisionEstimate, PipelineError> {
+    let noise = Noise::per_channel(&hyper.noise_sd)?;
+    let candidates = if traces.len() < 2 {
+        Vec::new()
+    } else {
+        let (rest, traces) = touched_alone(rest, traces, &noise)?;
+        Guess::new(&rest, view, hyper, vision)?.candidates(&traces)?
+    };
+    let best = candidates.iter().min_by(|a, b| a.error.total_cmp(&b.error));
+    let share = best.map_or(RULE, |c| c.share);
+    let traces: Vec<Trace> = (traces.iter())
+        .map(|t| t.with_noise(&noise))
+        .collect::<Result<_, _>>()?;
+    let guess = Guess::new(rest, view, hyper, vision)?;
+    let prior = guess.prior(&guess.means(&traces)?, share)?;
+    Ok(VisionEstimate {
+        estimate: run(spec, prior, &traces, progress)?,
+        share,
+        candidates,
+    })
+}
+
+/// The points and what is seen of them.
+struct Guess<'a> {
+    rest: &'a RestPoints,
+    seen: Seen,
+    hyper: &'a Hyper,
+    vision: &'a VisionSpec,
+}
+
+impl<'a> Guess<'a> {
+    fn new(
+        rest: &'a RestPoints,
+        view: &RgbdView,
+        hyper: &'a Hyper,
+        vision: &'a VisionSpec,
+    ) -> Result<Self, PipelineError> {
+        let seen = Seen::new(view, rest.positions(), 0.5 * rest.spacing())?;
+        Ok(Self {
+            rest,
+            seen,
+            hyper,
+            vision,
+        })
+    }
+
+    /// Stiffness of all points as traces with noise suggest it.
+    fn means(&self, traces: &[Trace]) -> Result<Vec<f64>, PipelineError> {
+        match self.vision {
+            VisionSpec::Level => {
+                let shape = self.seen.occupancy(Extrapolation::FADE)?;
+                let readings = traces.iter().map(|t| t.observations.as_slice());
+                let level = Level::fit(&shape, readings)?.mean;
+                Ok(shape.iter().map(|s| level * s).collect())
+            }
+            VisionSpec::Regression(spec) => {
+                let sd = self.hyper.prior_sd;
+                // Each point speaks for itself: what neighbours share is for the regressor to find.
+                let prior = PriorShape::independent().prior(self.rest, sd)?;
+                let field = run(&EstimatorSpec::Batch, prior, traces, |_| {})?;
+                let regressor = || Calibrated::new(spec.build()?, CALIBRATION);
+                let mut extrapolation = Extrapolation::new(regressor()?, regressor()?);
+                let points = self.rest.positions();
+                let known = (&field.belief, field.touched.as_slice());
+                extrapolation.fit(points, &self.seen, known.0, known.1, sd * sd)?;
+                let belief: Belief<f64> = extrapolation.predict(points, &self.seen)?;
+                Ok(belief.mean().to_vec())
+            }
+        }
+    }
+
+    fn prior(&self, means: &[f64], share: f64) -> Result<FieldPrior, PipelineError> {
+        let means = means.iter().map(|m| share * m).collect();
+        let Hyper {
+            shape, prior_sd, ..
+        } = self.hyper;
+        shape.prior_about(self.rest, *prior_sd, means)
+    }
+
+    /// Errors of all shares on held-out traces.
+    fn candidates(&self, traces: &[Trace]) -> Result<Vec<VisionCandidate>, PipelineError> {
+        let folds = traces.len().min(FOLDS);
+        let of_fold = |fold| self.held_out(traces, fold, folds);
+        let errors: Vec<[f64; SHARES.len()]> = (0..folds)
+            .into_par_iter()
+            .map(of_fold)
+            .collect::<Result<_, PipelineError>>()?;
+        let mean = |k: usize| errors.iter().map(|e| e[k]).sum::<f64>() / folds as f64;
+        let shares = SHARES.iter().enumerate();
+        Ok(shares
+            .map(|(k, &share)| VisionCandidate {
+                share,
+                error: mean(k),
+            })
+            .collect())
+    }
+
+    /// Mean error norm for each share on every `folds`-th trace from the `fold`-th on.
+    fn held_out(
+        &self,
+        traces: &[Trace],
+        fold: usize,
+        folds: usize,
+    ) -> Result<[f64; SHARES.len()], PipelineError> {
+        let pick = |held: bool| {
+            let all = traces.iter().enumerate();
+            all.filter(move |(i, _)| (i % folds == fold) == held)
+                .map(|(_, t)| t.clone())
+        };
+        let (kept, held): (Vec<Trace>, Vec<Trace>) = (pick(false).collect(), pick(true).collect());
+        let mut errors = [0.0; SHARES.len()];
+        if !touched_points(&kept, self.rest.len()).contains(&true) {
+            return Ok(errors);
+        }
+        let means = self.means(&kept)?;
+        let batch = batch_map(&kept, self.rest.len())?;
+        for (error, share) in errors.iter_mut().zip(SHARES) {
+            let fit = batch.solve(&self.prior(&means, share)?, 1.0)?.mean();
+            let (mut sum, mut count) = (0.0, 0usize);
+            for e in held.iter().flat_map(|t| sample_errors(&fit, t)) {
+                sum += e;
+                count += 1;
+            }
+            *error = sum / count.max(1) as f64;
+        }
+        CoreError::check_finite("held-out errors", &errors)?;
+        Ok(errors)
+    }
+}

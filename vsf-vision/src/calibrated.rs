@@ -1,0 +1,104 @@
+use crate::{Features, Predictions, Regressor, Samples, VisionError};
+use vsf_core::CoreError;
+
+/// A regressor whose variances are scaled so that residuals of held-out samples, divided by their
+/// predicted deviation, have unit mean square.
+///
+/// Samples are held out in `folds` contiguous parts of their order: order them by what should be
+/// held out together, such as the touch that they come from. Touches close to each other flatter a
+/// regressor that is to extrapolate far.
+pub struct Calibrated<R> {
+    inner: R,
+    folds: usize,
+    scale: f64,
+}
+
+/// Means and variances of held-out samples against the targets: the factor by which the variances
+/// are to be multiplied, so that `(y - mean)² / (factor * variance + v)` is 1 on average, where `v`
+/// is the variance of the target's own error. At least 1e-6.
+///
+/// # Errors
+/// Lengths that differ.
+pub fn variance_scale(predicted: &Predictions, held_out: &Samples) -> Result<f64, CoreError> {
+    CoreError::check_len("predictions", predicted.mean.len(), held_out.len())?;
+    let pairs = predicted.mean.iter().zip(&predicted.variance);
+    let truth = held_out.targets().iter().zip(held_out.variances());
+    let terms: Vec<(f64, f64, f64)> = (pairs.zip(truth))
+        .map(|((mean, variance), (y, v))| ((y - mean).powi(2), *variance, *v))
+        .collect();
+    let excess = |scale: f64| {
+        let sum: f64 = terms.iter().map(|(r, s, v)| r / (scale * s + v)).sum();
+        sum / terms.len() as f64 - 1.0
+    };
+    // The sum falls with the scale: bisect its logarithm.
+    let (mut low, mut high) = (1e-6f64, 1e12f64);
+    for _ in 0..100 {
+        let middle = (low * high).sqrt();
+        if excess(middle) > 0.0 {
+            low = middle;
+        } else {
+            high = middle;
+        }
+    }
+    Ok(high)
+}
+
+impl<R: Regressor> Calibrated<R> {
+    /// Calibrates `inner` on `folds` parts (at least 2; 5 is common) whenever it is fitted.
+    ///
+    /// # Errors
+    /// Fewer than 2 parts.
+    pub fn new(inner: R, folds: usize) -> Result<Self, VisionError> {
+        if folds < 2 {
+            return Err(VisionError::TooFew {
+                what: "folds",
+                got: folds,
+                least: 2,
+            });
+        }
+        Ok(Self {
+            inner,
+            folds,
+            scale: 1.0,
+        })
+    }
+
+    /// The factor of the variances; 1 before the first fit.
+    pub fn scale(&self) -> f64 {
+        self.scale
+    }
+}
+
+impl<R: Regressor> Regressor for Calibrated<R> {
+    /// Fits once per part and once on all. With fewer than four samples per part the variances stay
+    /// as they are.
+    fn fit(&mut self, samples: &Samples) -> Result<(), VisionError> {
+        let (n, folds) = (samples.len(), self.folds);
+        let mut scale = 1.0;
+        if n >= 4 * folds {
+            let mut held_out = Predictions::default();
+            for fold in 0..folds {
+                let part = fold * n / folds..(fold + 1) * n / folds;
+                let kept: Vec<usize> = (0..n).filter(|i| !part.contains(i)).collect();
+                let held: Vec<usize> = part.collect();
+                self.inner.fit(&samples.select(&kept)?)?;
+                let found = self.inner.predict(&samples.features().rows_of(&held)?)?;
+                held_out.mean.extend(found.mean);
+                held_out.variance.extend(found.variance);
+            }
+            scale = variance_scale(&held_out, samples)?;
+        }
+        self.inner.fit(samples)?;
+        self.scale = scale;
+        Ok(())
+    }
+
+    fn predict(&self, features: &Features) -> Result<Predictions, VisionError> {
+        let mut predictions = self.inner.predict(features)?;
+        predictions
+            .variance
+            .iter_mut()
+            .for_each(|v| *v *= self.scale);
+        Ok(predictions)
+    }
+}

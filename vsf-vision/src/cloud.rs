@@ -1,0 +1,72 @@
+use nalgebra::{Point3, Vector3};
+use std::collections::BTreeMap;
+use vsf_core::CoreError;
+
+/// A coloured point cloud in the world (m).
+#[derive(Debug, Clone, Default, PartialEq)]
+pub struct PointCloud {
+    /// Positions.
+    pub positions: Vec<Point3<f64>>,
+    /// Red, green, blue, one per position.
+    pub colors: Vec<[u8; 3]>,
+}
+
+impl PointCloud {
+    /// Number of points.
+    pub fn len(&self) -> usize {
+        self.positions.len()
+    }
+
+    /// True without points.
+    pub fn is_empty(&self) -> bool {
+        self.positions.is_empty()
+    }
+
+    /// One point per cube of edge `size` (m, > 0) that holds any: the mean of their positions and
+    /// colours. Ordered by cube, whatever the order of the points.
+    ///
+    /// # Errors
+    /// A size that is not positive and finite, so small a size that cubes cannot be counted, a
+    /// coordinate that is not finite.
+    pub fn downsampled(&self, size: f64) -> Result<Self, CoreError> {
+        if !(size > 0.0 && size.is_finite()) {
+            return Err(CoreError::Parameter {
+                name: "voxel size",
+                value: size,
+                range: "> 0 m",
+            });
+        }
+        let mut cubes: BTreeMap<[i64; 3], (Vector3<f64>, [u32; 3], u32)> = BTreeMap::new();
+        for (index, (p, c)) in self.positions.iter().zip(&self.colors).enumerate() {
+            if let Some(&value) = p.iter().find(|x| !(**x / size).is_finite()) {
+                return Err(CoreError::NotFinite {
+                    what: "point cloud, in voxels",
+                    index,
+                    value,
+                });
+            }
+            let cube = [0, 1, 2].map(|k| (p[k] / size).floor() as i64);
+            let (sum, color, count) = cubes.entry(cube).or_default();
+            *sum += p.coords;
+            (0..3).for_each(|k| color[k] += u32::from(c[k]));
+            *count += 1;
+        }
+        let mean = |(sum, color, count): &(Vector3<f64>, [u32; 3], u32)| {
+            let colors = color.map(|c| ((c + count / 2) / count) as u8);
+            (Point3::from(sum / f64::from(*count)), colors)
+        };
+        let (positions, colors) = cubes.values().map(mean).unzip();
+        Ok(Self { positions, colors })
+    }
+
+    /// The points of which `keep` is true.
+    ///
+    /// # Errors
+    /// Another number of flags than points.
+    pub fn filtered(&self, keep: &[bool]) -> Result<Self, CoreError> {
+        CoreError::check_len("flags", keep.len(), self.len())?;
+        let all = self.positions.iter().zip(&self.colors).zip(keep);
+        let (positions, colors) = all.filter(|(_, k)| **k).map(|((p, c), _)| (*p, *c)).unzip();
+        Ok(Self { positions, colors })
+    }
+}

@@ -1,0 +1,44 @@
+use std::path::PathBuf;
+use thiserror::Error;
+use vsf_core::CoreError;
+
+/// What can be wrong with images, features, samples and models.
+#[derive(Debug, Error)]
+#[non_exhaustive]
+pub enum VisionError {
+    /// Numbers that do not fit: not finite, out of range, of another length.
+    #[error(transparent)]
+    Core(#[from] CoreError),
+    /// A model is asked before it has learned.
+    #[error("{by} has not been fitted; call `fit` first")]
+    NotFitted {
+        /// The type.
+        by: &'static str,
+    },
+    /// Features that a model has not learned from.
+    #[error("the model was fitted on the features {expected:?}, these are {got:?}")]
+    Features {
+        /// Names of the columns it was fitted on.
+        expected: Vec<String>,
+        /// Names of the columns given.
+        got: Vec<String>,
+    },
+    /// Too little to learn from.
+    #[error("{got} {what}, at least {least} are needed")]
+    TooFew {
+        /// Of what.
+        what: &'static str,
+        /// How many there are.
+        got: usize,
+        /// How many it takes.
+        least: usize,
+    },
+    /// A model cannot be read or written.
+    #[error("{}: {problem}", path.display())]
+    File {
+        /// The file.
+        path: PathBuf,
+        /// What is wrong with it.
+        problem: String,
+    },
+}

@@ -1,0 +1,197 @@
+use crate::{Regressor, Samples, Seen, VisionError};
+use nalgebra::Point3;
+use vsf_core::{Belief, CoreError};
+
+/// Extrapolates a field from its touched points to all others (section III-D): for visible points
+/// by position and colour, for hidden ones by position alone, each with its own regressor.
+///
+/// A hidden point may be empty space. The stiffness of a point is taken as `K_i = o_i k_i`: `k_i`
+/// is what the regressors learn, the stiffness of what is there, and `o_i` says whether anything
+/// is, with the probability of [`Seen::occupancy`]. That probability comes on top of the paper;
+/// `fade = f64::INFINITY` leaves it out.
+///
+/// The answer is a [`Belief`] about all points: it enters any estimator as its prior, so that later
+/// touches correct it, and can be made again after every sequence. [`Extrapolation::predict`] speaks
+/// of touched points too, as if they had not been: that is the prior to see the same touches again
+/// with, since their estimates would count them twice.
+///
+/// ```
+/// use vsf_core::{Belief, nalgebra::Point3};
+/// use vsf_vision::{Extrapolation, Ridge, Seen};
+/// // A row of points, brown and stiff at even places, green and soft at odd ones, all in sight.
+/// let n = 40;
+/// let points: Vec<_> = (0..n).map(|i| Point3::new(0.01 * i as f64, 0.0, 0.0)).collect();
+/// let brown = |i: usize| i % 2 == 0;
+/// let seen = Seen {
+///     visible: vec![true; n],
+///     behind: vec![0.0; n],
+///     colors: (0..n).map(|i| if brown(i) { [120, 80, 40] } else { [40, 140, 40] }).collect(),
+/// };
+/// // The first half has been touched: 20 and 5 N/m.
+/// let touched: Vec<bool> = (0..n).map(|i| i < n / 2).collect();
+/// let truth = |i: usize| if brown(i) { 20.0 } else { 5.0 };
+/// let mean = (0..n).map(|i| if touched[i] { truth(i) } else { 0.0 }).collect();
+/// let variance = (0..n).map(|i| if touched[i] { 0.1 } else { 100.0 }).collect();
+/// let field = Belief::new(mean, variance)?;
+///
+/// let mut extrapolation = Extrapolation::new(Ridge::new(), Ridge::new());
+/// let all = extrapolation.extend(&points, &seen, &field, &touched, 100.0)?;
+/// assert!(all.mean()[n - 2] > 2.0 * all.mean()[n - 1]); // brown, green
+/// assert_eq!(all.mean()[0], 20.0); // touched: as it was
+/// # Ok::<(), vsf_vision::VisionError>(())
+/// ```
+pub struct Extrapolation {
+    visible: Box<dyn Regressor>,
+    hidden: Box<dyn Regressor>,
+    fade: f64,
+    learned: Option<Learned>,
+}
+
+/// What the regressors have learned from.
+struct Learned {
+    /// Whether visible points have a regressor of their own.
+    by_color: bool,
+    prior_variance: f64,
+}
+
+impl Extrapolation {
+    /// Default length over which space behind the seen surface becomes empty (m).
+    pub const FADE: f64 = 0.03;
+    /// Occupancy below which a touched point says nothing about what is there.
+    const LEAST_OCCUPANCY: f64 = 0.05;
+
+    /// Regressors for visible and for hidden points.
+    pub fn new(visible: impl Regressor + 'static, hidden: impl Regressor + 'static) -> Self {
+        Self {
+            visible: Box::new(visible),
+            hidden: Box::new(hidden),
+            fade: Self::FADE,
+            learned: None,
+        }
+    }
+
+    /// Another length over which space behind the seen surface becomes empty (m, > 0).
+    pub fn with_fade(mut self, fade: f64) -> Self {
+        self.fade = fade;
+        self
+    }
+
+    /// Learns from the touched points of a field. `prior_variance` (N²/m²) is that of a point before
+    /// it was touched; how far a touch has lowered it says how much the point has to tell. With
+    /// fewer than 2 touched points in sight, visible points are taken by position, as hidden ones.
+    ///
+    /// # Errors
+    /// Lengths that differ, a length or variance that is not positive, fewer than 2 touched points,
+    /// what the regressors refuse. What was learned before is then lost.
+    pub fn fit(
+        &mut self,
+        points: &[Point3<f64>],
+        seen: &Seen,
+        field: &Belief<f64>,
+        touched: &[bool],
+        prior_variance: f64,
+    ) -> Result<(), VisionError> {
+        let n = points.len();
+        CoreError::check_len("seen points", seen.len(), n)?;
+        CoreError::check_len("field", field.len(), n)?;
+        CoreError::check_len("touched flags", touched.len(), n)?;
+        if !(prior_variance > 0.0 && prior_variance.is_finite()) {
+            return Err(CoreError::Parameter {
+                name: "variance of the prior",
+                value: prior_variance,
+                range: "> 0 N²/m²",
+            }
+            .into());
+        }
+        self.learned = None;
+        let occupancy = seen.occupancy(self.fade)?;
+        let known: Vec<usize> = (0..n)
+            .filter(|&i| touched[i] && occupancy[i] >= Self::LEAST_OCCUPANCY)
+            .collect();
+        let samples = |of: &[usize], with_colors| {
+            let target = |&i: &usize| field.mean()[i] / occupancy[i];
+            let noise = |&i: &usize| {
+                own_variance(field.variance()[i], prior_variance) / occupancy[i].powi(2)
+            };
+            let features = seen.features(points, of, with_colors)?;
+            let (targets, noises) = of.iter().map(|i| (target(i), noise(i))).unzip();
+            Samples::new(features, targets, noises)
+        };
+        self.hidden.fit(&samples(&known, false)?)?;
+        let in_sight: Vec<usize> = known.into_iter().filter(|&i| seen.visible[i]).collect();
+        let by_color = in_sight.len() >= 2;
+        if by_color {
+            self.visible.fit(&samples(&in_sight, true)?)?;
+        }
+        self.learned = Some(Learned {
+            by_color,
+            prior_variance,
+        });
+        Ok(())
+    }
+
+    /// The belief about points, touched or not, by what they look like and where they are.
+    ///
+    /// # Errors
+    /// [`VisionError::NotFitted`], lengths that differ, a belief beyond the range of numbers.
+    pub fn predict(&self, points: &[Point3<f64>], seen: &Seen) -> Result<Belief<f64>, VisionError> {
+        let by = "Extrapolation";
+        let learned = self.learned.as_ref().ok_or(VisionError::NotFitted { by })?;
+        let n = points.len();
+        CoreError::check_len("seen points", seen.len(), n)?;
+        let occupancy = seen.occupancy(self.fade)?;
+        let (mut mean, mut variance) = (vec![0.0; n], vec![0.0; n]);
+        for (regressor, with_colors) in [(&self.visible, true), (&self.hidden, false)] {
+            let of: Vec<usize> = (0..n)
+                .filter(|&i| (learned.by_color && seen.visible[i]) == with_colors)
+                .collect();
+            if of.is_empty() {
+                continue;
+            }
+            let found = regressor.predict(&seen.features(points, &of, with_colors)?)?;
+            for ((&i, k), v) in of.iter().zip(found.mean).zip(found.variance) {
+                (mean[i], variance[i]) = occupied(k.max(0.0), v, occupancy[i]);
+                variance[i] = variance[i].max(1e-6 * learned.prior_variance);
+            }
+        }
+        Ok(Belief::new(mean, variance)?)
+    }
+
+    /// [`fit`](Self::fit), then the belief about all points: touched ones as in `field`, the others
+    /// as predicted.
+    ///
+    /// # Errors
+    /// As [`fit`](Self::fit).
+    pub fn extend(
+        &mut self,
+        points: &[Point3<f64>],
+        seen: &Seen,
+        field: &Belief<f64>,
+        touched: &[bool],
+        prior_variance: f64,
+    ) -> Result<Belief<f64>, VisionError> {
+        self.fit(points, seen, field, touched, prior_variance)?;
+        let mut belief = self.predict(points, seen)?;
+        let (mean, variance) = belief.parts_mut();
+        for i in (0..points.len()).filter(|&i| touched[i]) {
+            (mean[i], variance[i]) = (field.mean()[i], field.variance()[i]);
+        }
+        Ok(belief)
+    }
+}
+
+/// Variance that the touches alone leave: `1 / (1/posterior - 1/prior)`, at most 1e6 times the
+/// prior's.
+fn own_variance(posterior: f64, prior: f64) -> f64 {
+    let most = 1e6 * prior;
+    match 1.0 / posterior - 1.0 / prior {
+        precision if precision * most > 1.0 => 1.0 / precision,
+        _ => most,
+    }
+}
+
+/// Mean and variance of a stiffness `N(k, v)` that is there with probability `o` and 0 otherwise.
+fn occupied(k: f64, v: f64, o: f64) -> (f64, f64) {
+    let mean = o * k;
+    (mean, o * (v + k * k) - mean * mean)
+}

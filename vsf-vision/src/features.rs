@@ -1,0 +1,254 @@
+use crate::{VisionError, lab};
+use nalgebra::{Point3, Vector3};
+use serde::{Deserialize, Serialize};
+use vsf_core::CoreError;
+
+/// Named features of points: one row per point, all numbers finite.
+///
+/// Columns are added one after the other; any array of one number per point is a feature.
+///
+/// ```
+/// use vsf_core::nalgebra::Point3;
+/// use vsf_vision::Features;
+/// let points = [Point3::origin(), Point3::new(0.1, 0.0, 0.3)];
+/// let features = Features::new(2)
+///     .with_positions(&points)?
+///     .with_rgb(&[[30, 120, 40], [110, 80, 50]])?
+///     .with_column("age", &[1.0, 2.0])?;
+/// assert_eq!(features.names(), ["x", "y", "z", "red", "green", "blue", "age"]);
+/// assert_eq!(features.row(1)[2], 0.3);
+/// # Ok::<(), vsf_vision::VisionError>(())
+/// ```
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct Features {
+    names: Vec<String>,
+    len: usize,
+    /// Row by row.
+    data: Vec<f64>,
+}
+
+impl Features {
+    /// A table of `len` rows without columns.
+    pub fn new(len: usize) -> Self {
+        Self {
+            names: Vec::new(),
+            len,
+            data: Vec::new(),
+        }
+    }
+
+    /// Adds a column of one number per point.
+    ///
+    /// # Errors
+    /// Another number of values than rows, a value that is not finite.
+    pub fn with_column(self, name: &str, values: &[f64]) -> Result<Self, VisionError> {
+        let rows = values.iter().map(|v| [*v]);
+        self.with([name], rows)
+    }
+
+    /// Adds `x`, `y`, `z` (m).
+    ///
+    /// # Errors
+    /// As [`Features::with_column`].
+    pub fn with_positions(self, points: &[Point3<f64>]) -> Result<Self, VisionError> {
+        let rows = points.iter().map(|p| [p.x, p.y, p.z]);
+        self.with(["x", "y", "z"], rows)
+    }
+
+    /// Adds the unit normal as `normal_x`, `normal_y`, `normal_z`.
+    ///
+    /// # Errors
+    /// As [`Features::with_column`].
+    pub fn with_normals(self, normals: &[Vector3<f64>]) -> Result<Self, VisionError> {
+        let rows = normals.iter().map(|n| [n.x, n.y, n.z]);
+        self.with(["normal_x", "normal_y", "normal_z"], rows)
+    }
+
+    /// Adds `red`, `green`, `blue` (0 to 1).
+    ///
+    /// # Errors
+    /// As [`Features::with_column`].
+    pub fn with_rgb(self, colors: &[[u8; 3]]) -> Result<Self, VisionError> {
+        let rows = colors.iter().map(|c| c.map(|v| f64::from(v) / 255.0));
+        self.with(["red", "green", "blue"], rows)
+    }
+
+    /// Adds CIELAB colour as `L`, `a`, `b`, see [`lab`].
+    ///
+    /// # Errors
+    /// As [`Features::with_column`].
+    pub fn with_lab(self, colors: &[[u8; 3]]) -> Result<Self, VisionError> {
+        self.with(["L", "a", "b"], colors.iter().map(|c| lab(*c)))
+    }
+
+    fn with<const D: usize>(
+        self,
+        names: [&str; D],
+        rows: impl ExactSizeIterator<Item = [f64; D]>,
+    ) -> Result<Self, VisionError> {
+        CoreError::check_len("feature", rows.len(), self.len)?;
+        let width = self.width();
+        let mut data = Vec::with_capacity(self.data.len() + D * self.len);
+        for (i, row) in rows.enumerate() {
+            if let Some(&value) = row.iter().find(|v| !v.is_finite()) {
+                let what = "feature";
+                let index = i;
+                return Err(CoreError::NotFinite { what, index, value }.into());
+            }
+            data.extend_from_slice(&self.data[i * width..(i + 1) * width]);
+            data.extend(row);
+        }
+        let mut all = self.names;
+        all.extend(names.map(str::to_owned));
+        Ok(Self {
+            names: all,
+            len: self.len,
+            data,
+        })
+    }
+
+    /// The rows `indices`, in that order.
+    ///
+    /// # Errors
+    /// A row that is not there.
+    pub fn rows_of(&self, indices: &[usize]) -> Result<Self, VisionError> {
+        let mut data = Vec::with_capacity(indices.len() * self.width());
+        for &index in indices {
+            if index >= self.len {
+                let (what, len) = ("row of features", self.len);
+                return Err(CoreError::OutOfRange { what, index, len }.into());
+            }
+            data.extend_from_slice(self.row(index));
+        }
+        Ok(Self {
+            names: self.names.clone(),
+            len: indices.len(),
+            data,
+        })
+    }
+
+    /// Puts the rows of another table with the same columns below these.
+    ///
+    /// # Errors
+    /// Other columns.
+    pub fn extend(&mut self, other: &Self) -> Result<(), VisionError> {
+        other.check_names(&self.names)?;
+        self.data.extend_from_slice(&other.data);
+        self.len += other.len;
+        Ok(())
+    }
+
+    /// Number of rows.
+    pub fn len(&self) -> usize {
+        self.len
+    }
+
+    /// True without rows.
+    pub fn is_empty(&self) -> bool {
+        self.len == 0
+    }
+
+    /// Number of columns.
+    pub fn width(&self) -> usize {
+        self.names.len()
+    }
+
+    /// Names of the columns.
+    pub fn names(&self) -> &[String] {
+        &self.names
+    }
+
+    /// The features of one point.
+    ///
+    /// # Panics
+    /// If `i` is not below [`Features::len`].
+    pub fn row(&self, i: usize) -> &[f64] {
+        &self.data[i * self.width()..(i + 1) * self.width()]
+    }
+
+    /// All numbers, row by row.
+    pub fn data(&self) -> &[f64] {
+        &self.data
+    }
+
+    /// Checks what was read from a file.
+    pub(crate) fn check(&self) -> Result<(), VisionError> {
+        let numbers = self.len.saturating_mul(self.width());
+        CoreError::check_len("features", self.data.len(), numbers)?;
+        Ok(CoreError::check_finite("features", &self.data)?)
+    }
+
+    /// Checks that the columns are those that a model knows.
+    ///
+    /// # Errors
+    /// [`VisionError::Features`] names both.
+    pub fn check_names(&self, expected: &[String]) -> Result<(), VisionError> {
+        if self.names == expected {
+            return Ok(());
+        }
+        Err(VisionError::Features {
+            expected: expected.to_vec(),
+            got: self.names.clone(),
+        })
+    }
+}
+
+/// Standard scaling: every column with mean 0 and standard deviation 1 over the rows it was
+/// learned from. Columns that are constant there become 0.
+#[derive(Debug, Clone, PartialEq, Default)]
+pub struct Scaler {
+    names: Vec<String>,
+    mean: Vec<f64>,
+    /// 1 / sd, or 0.
+    factor: Vec<f64>,
+}
+
+impl Scaler {
+    /// Learns mean and deviation of every column.
+    ///
+    /// # Errors
+    /// No rows, or numbers so large that their spread overflows.
+    pub fn of(features: &Features) -> Result<Self, VisionError> {
+        let n = features.len() as f64;
+        if features.is_empty() {
+            return Err(VisionError::TooFew {
+                what: "rows of features",
+                got: 0,
+                least: 1,
+            });
+        }
+        let width = features.width();
+        let column = |c: usize| features.data().iter().skip(c).step_by(width).copied();
+        let mean: Vec<f64> = (0..width).map(|c| column(c).sum::<f64>() / n).collect();
+        let sds: Vec<f64> = (0..width)
+            .map(|c| (column(c).map(|v| (v - mean[c]).powi(2)).sum::<f64>() / n).sqrt())
+            .collect();
+        CoreError::check_finite("spread of features", &sds)?;
+        let factor = sds.iter().zip(&mean).map(|(sd, mean)| {
+            // Rounding leaves a little spread in constant columns.
+            if *sd > 1e-12 * mean.abs() {
+                1.0 / sd
+            } else {
+                0.0
+            }
+        });
+        Ok(Self {
+            names: features.names().to_vec(),
+            factor: factor.collect(),
+            mean,
+        })
+    }
+
+    /// Scaled rows, one after the other.
+    ///
+    /// # Errors
+    /// Other columns than it was learned from.
+    pub fn apply(&self, features: &Features) -> Result<Vec<f64>, VisionError> {
+        features.check_names(&self.names)?;
+        let columns = self.mean.iter().zip(&self.factor).cycle();
+        let scaled = features.data().iter().zip(columns);
+        Ok(scaled
+            .map(|(v, (mean, factor))| (v - mean) * factor)
+            .collect())
+    }
+}

@@ -1,0 +1,147 @@
+use crate::{
+    Calibrated, Features, GaussianProcess, GpConfig, KnnConfig, KnnRegressor, Predictions,
+    Regressor, Ridge, Samples, VisionError,
+};
+use serde::{Deserialize, Serialize};
+use std::path::Path;
+
+/// A regressor by name, with its parameters.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum RegressorSpec {
+    /// [`KnnRegressor`].
+    Knn(KnnConfig),
+    /// [`Ridge`].
+    Ridge,
+    /// [`GaussianProcess`].
+    GaussianProcess(GpConfig),
+}
+
+impl Default for RegressorSpec {
+    fn default() -> Self {
+        Self::Knn(KnnConfig::default())
+    }
+}
+
+impl RegressorSpec {
+    /// Makes the regressor.
+    ///
+    /// # Errors
+    /// A parameter out of range.
+    pub fn build(&self) -> Result<Box<dyn Regressor>, VisionError> {
+        Ok(match *self {
+            Self::Knn(config) => Box::new(KnnRegressor::new(config)?),
+            Self::Ridge => Box::new(Ridge::new()),
+            Self::GaussianProcess(config) => Box::new(GaussianProcess::new(config)?),
+        })
+    }
+}
+
+/// What fields of some objects teach about the next one: stiffness by features that mean the same on
+/// every object, such as colour, height, or depth behind the surface.
+///
+/// Objects are held out in turn, so that variances are calibrated from object to object (with two
+/// objects or more). A file holds samples and regressor as JSON; it is fitted again when it is
+/// read, to the same predictions.
+///
+/// ```
+/// use vsf_vision::{Features, LearnedPrior, RegressorSpec, Samples};
+/// let bush = |shift: f64| {
+///     let height: Vec<f64> = (0..20).map(|i| 0.02 * i as f64).collect();
+///     let stiffness = height.iter().map(|h| 10.0 - 20.0 * h + shift).collect();
+///     let features = Features::new(20).with_column("height", &height)?;
+///     Samples::new(features, stiffness, vec![0.1; 20])
+/// };
+/// let prior = LearnedPrior::fit(RegressorSpec::Ridge, &[bush(0.0)?, bush(1.0)?])?;
+/// let low = prior.predict(&Features::new(1).with_column("height", &[0.05])?)?;
+/// assert!((low.mean[0] - 9.5).abs() < 0.5);
+/// # Ok::<(), vsf_vision::VisionError>(())
+/// ```
+pub struct LearnedPrior {
+    saved: Saved,
+    fitted: Calibrated<Box<dyn Regressor>>,
+}
+
+#[derive(Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+struct Saved {
+    regressor: RegressorSpec,
+    objects: usize,
+    features: Features,
+    targets: Vec<f64>,
+    variances: Vec<f64>,
+}
+
+impl LearnedPrior {
+    /// Learns from the samples of each object; with one object its quarters are held out. Objects of
+    /// very different size should be thinned to like numbers, since equal parts are held out.
+    ///
+    /// # Errors
+    /// No object, objects with other features, what the regressor refuses.
+    pub fn fit(regressor: RegressorSpec, objects: &[Samples]) -> Result<Self, VisionError> {
+        let (first, others) = objects.split_first().ok_or(VisionError::TooFew {
+            what: "objects",
+            got: 0,
+            least: 1,
+        })?;
+        let mut saved = Saved {
+            regressor,
+            objects: objects.len(),
+            features: first.features().clone(),
+            targets: first.targets().to_vec(),
+            variances: first.variances().to_vec(),
+        };
+        for object in others {
+            saved.features.extend(object.features())?;
+            saved.targets.extend(object.targets());
+            saved.variances.extend(object.variances());
+        }
+        Self::of(saved)
+    }
+
+    fn of(saved: Saved) -> Result<Self, VisionError> {
+        let folds = if saved.objects < 2 { 4 } else { saved.objects };
+        let mut fitted = Calibrated::new(saved.regressor.build()?, folds)?;
+        let (targets, variances) = (saved.targets.clone(), saved.variances.clone());
+        fitted.fit(&Samples::new(saved.features.clone(), targets, variances)?)?;
+        Ok(Self { saved, fitted })
+    }
+
+    /// Mean and variance of the stiffness of points of another object. Clamp means at 0 for a
+    /// [`vsf_core::Belief`].
+    ///
+    /// # Errors
+    /// Other features than it learned from.
+    pub fn predict(&self, features: &Features) -> Result<Predictions, VisionError> {
+        self.fitted.predict(features)
+    }
+
+    /// Writes JSON.
+    ///
+    /// # Errors
+    /// A file that cannot be written.
+    pub fn save(&self, path: impl AsRef<Path>) -> Result<(), VisionError> {
+        let path = path.as_ref();
+        let text = serde_json::to_vec(&self.saved).map_err(|e| wrong(path, &e))?;
+        std::fs::write(path, text).map_err(|e| wrong(path, &e))
+    }
+
+    /// Reads what [`save`](Self::save) wrote.
+    ///
+    /// # Errors
+    /// A file that cannot be read, or is none of these; numbers that do not fit.
+    pub fn open(path: impl AsRef<Path>) -> Result<Self, VisionError> {
+        let path = path.as_ref();
+        let text = std::fs::read(path).map_err(|e| wrong(path, &e))?;
+        let saved: Saved = serde_json::from_slice(&text).map_err(|e| wrong(path, &e))?;
+        saved.features.check().map_err(|e| wrong(path, &e))?;
+        Self::of(saved).map_err(|e| wrong(path, &e))
+    }
+}
+
+fn wrong(path: &Path, problem: &dyn std::fmt::Display) -> VisionError {
+    VisionError::File {
+        path: path.to_owned(),
+        problem: problem.to_string(),
+    }
+}

@@ -1,0 +1,88 @@
+use crate::neighbors::Neighbors;
+use crate::{PointCloud, VisionError};
+use nalgebra::{Matrix3, Point3, SymmetricEigen, Vector3};
+use rayon::prelude::*;
+use vsf_core::CoreError;
+
+impl PointCloud {
+    /// Unit normals of the surface that the points lie on: the direction in which the `k` nearest
+    /// points (the point among them, at least 3, commonly 20) spread least, turned towards the
+    /// camera at `eye`.
+    ///
+    /// Points whose neighbours all coincide get the direction to the camera.
+    ///
+    /// # Errors
+    /// Fewer than 3 points or neighbours, a coordinate that is not finite.
+    ///
+    /// # Reference
+    /// H. Hoppe et al., *Surface reconstruction from unorganized points*, SIGGRAPH 1992,
+    /// doi:10.1145/133994.134011, section 3.1.
+    pub fn normals(&self, k: usize, eye: &Point3<f64>) -> Result<Vec<Vector3<f64>>, VisionError> {
+        let tree = self.tree(k, 3)?;
+        let of_point = |p: &Point3<f64>| {
+            let mut found = Vec::with_capacity(k);
+            tree.nearest(p.coords.as_slice(), k, &mut found);
+            let near = || found.iter().map(|n| self.positions[n.index].coords);
+            let mean = near().sum::<Vector3<f64>>() / found.len() as f64;
+            let spread: Matrix3<f64> = near().map(|q| (q - mean) * (q - mean).transpose()).sum();
+            let view = (eye - p).try_normalize(0.0).unwrap_or(Vector3::z());
+            if spread.trace() <= 0.0 {
+                return view;
+            }
+            let eigen = SymmetricEigen::new(spread);
+            let normal = eigen
+                .eigenvectors
+                .column(eigen.eigenvalues.imin())
+                .into_owned();
+            normal * if normal.dot(&view) < 0.0 { -1.0 } else { 1.0 }
+        };
+        Ok(self.positions.par_iter().map(of_point).collect())
+    }
+
+    /// Which points are no outliers: the mean distance of a point to its `k` nearest others (at
+    /// least 1, commonly 20) exceeds the mean of that over all points by no more than `ratio`
+    /// (commonly 2) standard deviations.
+    ///
+    /// # Errors
+    /// Too few points or neighbours, a ratio that is not positive, a coordinate that is not finite.
+    ///
+    /// # Reference
+    /// R. B. Rusu et al., *Towards 3D point cloud based object maps for household environments*,
+    /// Robotics and Autonomous Systems 56, 2008, doi:10.1016/j.robot.2008.08.005, section 3.
+    pub fn inliers(&self, k: usize, ratio: f64) -> Result<Vec<bool>, VisionError> {
+        if ratio.is_nan() || ratio <= 0.0 {
+            return Err(CoreError::Parameter {
+                name: "outlier ratio",
+                value: ratio,
+                range: "> 0",
+            }
+            .into());
+        }
+        let tree = self.tree(k.saturating_add(1), 2)?;
+        let of_point = |p: &Point3<f64>| {
+            let mut found = Vec::with_capacity(k + 1);
+            tree.nearest(p.coords.as_slice(), k + 1, &mut found);
+            let sum: f64 = found.iter().map(|n| n.squared.sqrt()).sum();
+            // The nearest is the point itself, or one at the same place.
+            sum / (found.len() - 1) as f64
+        };
+        let distances: Vec<f64> = self.positions.par_iter().map(of_point).collect();
+        let n = distances.len() as f64;
+        let mean = distances.iter().sum::<f64>() / n;
+        let variance = distances.iter().map(|d| (d - mean).powi(2)).sum::<f64>() / n;
+        let most = mean + ratio * variance.sqrt();
+        Ok(distances.iter().map(|d| *d <= most).collect())
+    }
+
+    fn tree(&self, k: usize, least: usize) -> Result<Neighbors, VisionError> {
+        for (what, got) in [("points", self.len()), ("neighbours", k)] {
+            if got < least {
+                return Err(VisionError::TooFew { what, got, least });
+            }
+        }
+        let rows: Vec<f64> = (self.positions.iter())
+            .flat_map(|p| [p.x, p.y, p.z])
+            .collect();
+        Neighbors::new(&rows, 3)
+    }
+}

@@ -1,0 +1,105 @@
+use crate::{Bounds, PointCloud, RgbdView, Sight};
+use nalgebra::{Point3, Vector3};
+use rayon::prelude::*;
+use vsf_core::CoreError;
+
+/// What one view says about a cell of the box.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Visibility {
+    /// The camera sees through it: nothing is there.
+    Free,
+    /// The seen surface passes through it.
+    Surface,
+    /// It lies behind the seen surface, or outside of the picture: the object may be there.
+    Occluded,
+}
+
+/// A uniform grid over the object's box, with what one view says about each cell.
+///
+/// A cell is decided by the pixel that its centre projects to: in front of the surface there, on
+/// it (within half the cell's diagonal), or behind it. Rejected: walking along the ray of every
+/// pixel. It decides the same cells where pixels are finer than cells, and leaves holes between
+/// the rays where they are coarser.
+///
+/// A ray that met nothing says that its cells are free.
+#[derive(Debug, Clone)]
+pub struct OcclusionGrid {
+    bounds: Bounds,
+    dims: [usize; 3],
+    cells: Vec<Visibility>,
+}
+
+impl OcclusionGrid {
+    /// Default number of cells along each edge of the box, that of the paper (section IV-A).
+    pub const CELLS: [usize; 3] = [100; 3];
+
+    /// Decides all cells. Work is spread over the threads of the current rayon pool.
+    ///
+    /// # Errors
+    /// No cells along an edge, or more than 2^30 in all.
+    pub fn new(view: &RgbdView, bounds: &Bounds, dims: [usize; 3]) -> Result<Self, CoreError> {
+        const MAX: usize = 1 << 30;
+        let count = dims.iter().try_fold(1usize, |a, d| a.checked_mul(*d));
+        let got = count.unwrap_or(usize::MAX);
+        if got == 0 || got > MAX {
+            return Err(CoreError::TooMany {
+                what: "cells (at least 1 along each edge)",
+                got,
+                max: MAX,
+            });
+        }
+        let mut grid = Self {
+            bounds: *bounds,
+            dims,
+            cells: Vec::new(),
+        };
+        let reach = 0.5 * grid.edges().norm();
+        let decide = |i| match view.sight(&grid.center(i)) {
+            Sight::Outside => Visibility::Occluded,
+            Sight::NoReturn => Visibility::Free,
+            Sight::Surface { behind, .. } if behind < -reach => Visibility::Free,
+            Sight::Surface { behind, .. } if behind <= reach => Visibility::Surface,
+            Sight::Surface { .. } => Visibility::Occluded,
+        };
+        grid.cells = (0..got).into_par_iter().map(decide).collect();
+        Ok(grid)
+    }
+
+    /// Lengths of a cell (m).
+    pub fn edges(&self) -> Vector3<f64> {
+        let [x, y, z] = self.dims.map(|d| d as f64);
+        self.bounds.size().component_div(&Vector3::new(x, y, z))
+    }
+
+    /// Centre of cell `i`, counted with z fastest and x slowest.
+    pub fn center(&self, i: usize) -> Point3<f64> {
+        let [_, ny, nz] = self.dims;
+        let at = Vector3::new(
+            (i / (ny * nz)) as f64,
+            (i / nz % ny) as f64,
+            (i % nz) as f64,
+        );
+        self.bounds.min() + self.edges().component_mul(&at.add_scalar(0.5))
+    }
+
+    /// What is known of every cell, z fastest and x slowest.
+    pub fn cells(&self) -> &[Visibility] {
+        &self.cells
+    }
+
+    /// Centres of the cells of one kind.
+    pub fn centers(&self, of: Visibility) -> impl Iterator<Item = Point3<f64>> {
+        let cells = self.cells.iter().enumerate();
+        cells
+            .filter(move |(_, c)| **c == of)
+            .map(|(i, _)| self.center(i))
+    }
+
+    /// The rest points of a field (section IV-A): the points of the surface, and the centres of the
+    /// cells behind it. Free space has none. How many of them are of the surface comes second.
+    pub fn rest_points(&self, surface: &PointCloud) -> (Vec<Point3<f64>>, usize) {
+        let mut points = surface.positions.clone();
+        points.extend(self.centers(Visibility::Occluded));
+        (points, surface.len())
+    }
+}

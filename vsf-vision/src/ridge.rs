@@ -1,0 +1,138 @@
+use crate::{Features, Predictions, Regressor, Samples, Scaler, VisionError};
+use vsf_core::SymmetricFactor;
+
+/// Bayesian linear regression: the target is a level plus a slope along every feature.
+///
+/// Features are scaled to unit deviation; level and slopes have the prior `N(0, alpha²)` about the
+/// mean of all targets, a target scatters by `eta² + v_j` about the trend, with `v_j` the variance
+/// that comes with it. Of a grid of powers of 2, the `alpha²` and `eta²` of the largest marginal
+/// likelihood are taken. The variance of a prediction grows with the square of the distance, beyond
+/// that of all targets.
+///
+/// # Reference
+/// C. M. Bishop, *Pattern Recognition and Machine Learning*, Springer 2006, sections 3.3 and 3.5.
+#[derive(Default)]
+pub struct Ridge {
+    fitted: Option<Fitted>,
+}
+
+/// `alpha²` and `eta²` that are tried, as powers of 2 of the variance of all targets.
+const POWERS: std::ops::RangeInclusive<i32> = -12..=2;
+
+struct Fitted {
+    scaler: Scaler,
+    mean: f64,
+    /// Level, then slopes.
+    weights: Vec<f64>,
+    /// Factor of their precision.
+    factor: SymmetricFactor,
+    scatter: f64,
+    log_evidence: f64,
+}
+
+/// The problem at one `eta²`: weighted sums over the samples.
+struct Sums {
+    /// `X^T R^-1 X`, row by row, and `X^T R^-1 y`.
+    gram: Vec<f64>,
+    right: Vec<f64>,
+    /// `y^T R^-1 y + log det R`.
+    constant: f64,
+}
+
+impl Ridge {
+    /// A regressor that has not learned yet.
+    pub fn new() -> Self {
+        Self::default()
+    }
+}
+
+/// A row of features with the 1 of the level before it.
+fn with_level(row: &[f64]) -> impl Iterator<Item = f64> + Clone {
+    std::iter::once(1.0).chain(row.iter().copied())
+}
+
+impl Sums {
+    fn new(rows: &[f64], width: usize, samples: &Samples, mean: f64, scatter: f64) -> Self {
+        let dim = width + 1;
+        let mut sums = Self {
+            gram: vec![0.0; dim * dim],
+            right: vec![0.0; dim],
+            constant: 0.0,
+        };
+        let targets = samples.targets().iter().zip(samples.variances());
+        for (row, (target, variance)) in rows.chunks_exact(width).zip(targets) {
+            let (noise, y) = (variance + scatter, target - mean);
+            let row = with_level(row);
+            for (i, a) in row.clone().enumerate() {
+                sums.right[i] += a * y / noise;
+                for (j, b) in row.clone().enumerate() {
+                    sums.gram[i * dim + j] += a * b / noise;
+                }
+            }
+            sums.constant += y * y / noise + noise.ln();
+        }
+        sums
+    }
+
+    /// Weights, factor of their precision and log evidence, less what is the same for all.
+    fn solve(&self, prior: f64) -> Result<(Vec<f64>, SymmetricFactor, f64), VisionError> {
+        let dim = self.right.len();
+        let mut precision = self.gram.clone();
+        (0..dim).for_each(|i| precision[i * dim + i] += 1.0 / prior);
+        let mut factor = SymmetricFactor::default();
+        factor.factor("precision of the slopes", dim, &precision)?;
+        let mut weights = self.right.clone();
+        factor.solve(&mut weights);
+        let explained: f64 = weights.iter().zip(&self.right).map(|(w, b)| w * b).sum();
+        let log_det = factor.log_det() + dim as f64 * prior.ln();
+        let log_evidence = -0.5 * (self.constant + log_det - explained);
+        Ok((weights, factor, log_evidence))
+    }
+}
+
+impl Regressor for Ridge {
+    fn fit(&mut self, samples: &Samples) -> Result<(), VisionError> {
+        let scaler = Scaler::of(samples.features())?;
+        let rows = scaler.apply(samples.features())?;
+        let (mean, total) = samples.spread();
+        let mut best: Option<Fitted> = None;
+        for scatter in POWERS.map(|p| total * 2f64.powi(p)) {
+            let sums = Sums::new(&rows, samples.features().width(), samples, mean, scatter);
+            for prior in POWERS.map(|p| total * 2f64.powi(p)) {
+                let (weights, factor, log_evidence) = sums.solve(prior)?;
+                if best.as_ref().is_none_or(|b| log_evidence > b.log_evidence) {
+                    best = Some(Fitted {
+                        scaler: scaler.clone(),
+                        mean,
+                        weights,
+                        factor,
+                        scatter,
+                        log_evidence,
+                    });
+                }
+            }
+        }
+        self.fitted = best;
+        Ok(())
+    }
+
+    fn predict(&self, features: &Features) -> Result<Predictions, VisionError> {
+        let by = "Ridge";
+        let fitted = self.fitted.as_ref().ok_or(VisionError::NotFitted { by })?;
+        let rows = fitted.scaler.apply(features)?;
+        let mut white = vec![0.0; fitted.weights.len()];
+        let of_row = |row: &[f64]| {
+            let row = with_level(row);
+            let trend: f64 = row.clone().zip(&fitted.weights).map(|(x, w)| x * w).sum();
+            white.iter_mut().zip(row).for_each(|(w, x)| *w = x);
+            fitted.factor.solve_lower(&mut white);
+            let doubt: f64 = white.iter().map(|w| w * w).sum();
+            (fitted.mean + trend, doubt + fitted.scatter)
+        };
+        let (mean, variance) = rows
+            .chunks_exact(features.width().max(1))
+            .map(of_row)
+            .unzip();
+        Ok(Predictions { mean, variance })
+    }
+}

@@ -1,0 +1,88 @@
+use crate::{Features, RgbdView, Sight, VisionError};
+use nalgebra::Point3;
+use vsf_core::CoreError;
+
+/// What one view says about the rest points of a field.
+#[derive(Debug, Clone, Default, PartialEq)]
+pub struct Seen {
+    /// Whether the point lies on the surface that the camera sees.
+    pub visible: Vec<bool>,
+    /// How far behind that surface it lies (m), along the camera's z; 0 on it and in front of it.
+    /// Infinite where the view says nothing, or that nothing is there.
+    pub behind: Vec<f64>,
+    /// Colour of the surface in front of it; black where there is none.
+    pub colors: Vec<[u8; 3]>,
+}
+
+impl Seen {
+    /// Looks at points; those within `tolerance` (m, >= 0) of the surface are visible. The
+    /// tolerance should cover half the spacing of the points.
+    ///
+    /// # Errors
+    /// A tolerance that is negative or not finite.
+    pub fn new(view: &RgbdView, points: &[Point3<f64>], tolerance: f64) -> Result<Self, CoreError> {
+        if !(tolerance >= 0.0 && tolerance.is_finite()) {
+            return Err(CoreError::Parameter {
+                name: "tolerance of the surface",
+                value: tolerance,
+                range: ">= 0 m",
+            });
+        }
+        let mut seen = Self::default();
+        for p in points {
+            let (behind, color) = match view.sight(p) {
+                Sight::Surface { behind, color } => (behind.max(0.0), color),
+                Sight::NoReturn | Sight::Outside => (f64::INFINITY, [0; 3]),
+            };
+            seen.visible.push(behind <= tolerance);
+            seen.behind.push(behind);
+            seen.colors.push(color);
+        }
+        Ok(seen)
+    }
+
+    /// Number of points.
+    pub fn len(&self) -> usize {
+        self.visible.len()
+    }
+
+    /// True without points.
+    pub fn is_empty(&self) -> bool {
+        self.visible.is_empty()
+    }
+
+    /// How likely there is something at each point: 1 on the surface, falling by `1/e` for every
+    /// `fade` (m, > 0) behind it. The volume that a camera cannot see into is mostly empty, the more
+    /// so the deeper.
+    ///
+    /// # Errors
+    /// A length that is not positive.
+    pub fn occupancy(&self, fade: f64) -> Result<Vec<f64>, CoreError> {
+        if fade.is_nan() || fade <= 0.0 {
+            return Err(CoreError::Parameter {
+                name: "fade length",
+                value: fade,
+                range: "> 0 m",
+            });
+        }
+        let depth = self.behind.iter().zip(&self.visible);
+        let depth = depth.map(|(b, visible)| if *visible { 0.0 } else { *b });
+        Ok(depth.map(|b| (-b / fade).exp()).collect())
+    }
+
+    /// Positions and colours of the points `of`, or positions alone.
+    pub(crate) fn features(
+        &self,
+        points: &[Point3<f64>],
+        of: &[usize],
+        with_colors: bool,
+    ) -> Result<Features, VisionError> {
+        let positions: Vec<_> = of.iter().map(|&i| points[i]).collect();
+        let features = Features::new(of.len()).with_positions(&positions)?;
+        if !with_colors {
+            return Ok(features);
+        }
+        let colors: Vec<_> = of.iter().map(|&i| self.colors[i]).collect();
+        features.with_rgb(&colors)
+    }
+}

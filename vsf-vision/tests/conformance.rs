@@ -1,0 +1,189 @@
+//! What every regressor promises, asked of each.
+#![allow(clippy::unwrap_used)]
+
+use rand::{RngExt, SeedableRng};
+use rand_distr::{Distribution, StandardNormal};
+use rand_pcg::Pcg64;
+use vsf_vision::{
+    Calibrated, Features, GpConfig, KnnConfig, Regressor, RegressorSpec, Samples, VisionError,
+};
+
+fn all() -> Vec<(String, Box<dyn Regressor>)> {
+    let specs = [
+        RegressorSpec::Knn(KnnConfig::default()),
+        RegressorSpec::Knn(KnnConfig {
+            neighbours: 10,
+            ..KnnConfig::default()
+        }),
+        RegressorSpec::Ridge,
+        RegressorSpec::GaussianProcess(GpConfig::default()),
+    ];
+    let mut all: Vec<(String, Box<dyn Regressor>)> = specs
+        .iter()
+        .map(|s| (format!("{s:?}"), s.build().unwrap()))
+        .collect();
+    let calibrated = Calibrated::new(specs[0].build().unwrap(), 5).unwrap();
+    all.push(("calibrated knn".to_owned(), Box::new(calibrated)));
+    all
+}
+
+fn features(rows: &[[f64; 2]]) -> Features {
+    let column = |k: usize| rows.iter().map(|r| r[k]).collect::<Vec<_>>();
+    let empty = Features::new(rows.len());
+    let one = empty.with_column("a", &column(0)).unwrap();
+    one.with_column("b", &column(1)).unwrap()
+}
+
+/// A plane with noise of deviation 0.5.
+fn plane(n: usize, seed: u64) -> (Vec<[f64; 2]>, Vec<f64>) {
+    let mut random = Pcg64::seed_from_u64(seed);
+    let rows: Vec<[f64; 2]> = (0..n)
+        .map(|_| {
+            [
+                random.random_range(-1.0..1.0),
+                random.random_range(0.0..10.0),
+            ]
+        })
+        .collect();
+    let noise = |r: &mut Pcg64| -> f64 { StandardNormal.sample(r) };
+    let targets = rows
+        .iter()
+        .map(|r| 5.0 + 2.0 * r[0] + 0.3 * r[1] + 0.5 * noise(&mut random))
+        .collect();
+    (rows, targets)
+}
+
+fn fitted() -> Vec<(String, Box<dyn Regressor>)> {
+    let (rows, targets) = plane(400, 1);
+    let samples = Samples::new(features(&rows), targets, vec![0.0; 400]).unwrap();
+    let mut all = all();
+    all.iter_mut().for_each(|(_, r)| r.fit(&samples).unwrap());
+    all
+}
+
+#[test]
+fn predicts_better_than_the_mean_with_honest_variance() {
+    let (rows, truth) = plane(400, 2);
+    let mean = truth.iter().sum::<f64>() / 400.0;
+    let plain: f64 = truth.iter().map(|y| (y - mean).powi(2)).sum();
+    for (name, regressor) in fitted() {
+        let found = regressor.predict(&features(&rows)).unwrap();
+        let squares = truth.iter().zip(&found.mean).map(|(y, m)| (y - m).powi(2));
+        let left: f64 = squares.clone().sum();
+        assert!(left < 0.7 * plain, "{name}: {left} of {plain}");
+        let white = squares
+            .zip(&found.variance)
+            .map(|(s, v)| s / v)
+            .sum::<f64>()
+            / 400.0;
+        assert!((0.6..1.6).contains(&white), "{name}: {white}");
+    }
+}
+
+#[test]
+fn far_away_knows_no_more_than_the_spread_of_all() {
+    let (_, targets) = plane(400, 1);
+    let mean = targets.iter().sum::<f64>() / 400.0;
+    let spread = targets.iter().map(|y| (y - mean).powi(2)).sum::<f64>() / 400.0;
+    for (name, regressor) in fitted() {
+        let found = regressor
+            .predict(&features(&[[0.0, 5.0], [40.0, 400.0]]))
+            .unwrap();
+        assert!(found.variance[0] < found.variance[1], "{name}");
+        assert!(
+            found.variance[1] > 0.8 * spread,
+            "{name}: {found:?}, {spread}"
+        );
+    }
+}
+
+#[test]
+fn takes_duplicates_lattices_and_constant_features() {
+    let mut rows = Vec::new();
+    for (x, y) in (0..8).flat_map(|x| (0..8).map(move |y| (x, y))) {
+        for _ in 0..6 {
+            rows.push([f64::from(x), f64::from(y)]);
+        }
+    }
+    let targets: Vec<f64> = rows.iter().map(|r| r[0]).collect();
+    let lattice = Samples::new(features(&rows), targets, vec![1e-4; rows.len()]).unwrap();
+    let same = Samples::new(features(&[[3.0, 3.0]; 100]), vec![2.0; 100], vec![0.0; 100]).unwrap();
+    for (name, mut regressor) in all() {
+        regressor.fit(&lattice).unwrap();
+        let found = regressor.predict(lattice.features()).unwrap();
+        assert!(found.mean.iter().all(|m| m.is_finite()), "{name}");
+        assert!(
+            found.variance.iter().all(|v| *v > 0.0 && v.is_finite()),
+            "{name}"
+        );
+        regressor.fit(&same).unwrap();
+        let found = regressor
+            .predict(&features(&[[3.0, 3.0], [9.0, 0.0]]))
+            .unwrap();
+        assert!(
+            found.mean.iter().all(|m| (m - 2.0).abs() < 1e-6),
+            "{name}: {found:?}"
+        );
+        assert!(found.variance.iter().all(|v| *v > 0.0), "{name}: {found:?}");
+    }
+}
+
+#[test]
+fn uncertain_targets_count_less() {
+    let rows = [
+        [0.0, 0.0],
+        [0.0, 0.0],
+        [0.0, 0.0],
+        [0.0, 0.0],
+        [1.0, 1.0],
+        [1.0, 1.0],
+    ];
+    let targets = vec![1.0, 1.0, 9.0, 9.0, 5.0, 5.0];
+    let sure = vec![0.01, 0.01, 1e4, 1e4, 0.01, 0.01];
+    let samples = Samples::new(features(&rows), targets, sure).unwrap();
+    for (name, mut regressor) in all() {
+        regressor.fit(&samples).unwrap();
+        let found = regressor.predict(&features(&[[0.0, 0.0]])).unwrap();
+        assert!(found.mean[0] < 4.0, "{name}: {found:?}");
+    }
+}
+
+#[test]
+fn the_same_for_any_number_of_threads() {
+    let (rows, _) = plane(700, 3);
+    let run = |threads: usize| {
+        let pool = rayon::ThreadPoolBuilder::new().num_threads(threads);
+        pool.build().unwrap().install(|| {
+            let predict = |(_, r): (String, Box<dyn Regressor>)| r.predict(&features(&rows));
+            fitted()
+                .into_iter()
+                .map(|r| predict(r).unwrap())
+                .collect::<Vec<_>>()
+        })
+    };
+    assert_eq!(run(1), run(4));
+}
+
+#[test]
+fn says_what_is_wrong() {
+    for (name, regressor) in all() {
+        let asked = regressor.predict(&features(&[[0.0, 0.0]]));
+        assert!(
+            matches!(asked, Err(VisionError::NotFitted { .. })),
+            "{name}"
+        );
+    }
+    for (name, regressor) in fitted() {
+        let other = Features::new(1).with_column("c", &[0.0]).unwrap();
+        let asked = regressor.predict(&other);
+        assert!(matches!(asked, Err(VisionError::Features { .. })), "{name}");
+    }
+    assert!(Features::new(1).with_column("a", &[f64::NAN]).is_err());
+    assert!(Features::new(2).with_column("a", &[1.0]).is_err());
+    let one = || features(&[[0.0, 0.0]]);
+    assert!(Samples::new(one(), vec![0.0], vec![0.0]).is_err());
+    let two = || features(&[[0.0, 0.0]; 2]);
+    assert!(Samples::new(two(), vec![0.0, f64::INFINITY], vec![0.0; 2]).is_err());
+    assert!(Samples::new(two(), vec![0.0; 2], vec![0.0, -1.0]).is_err());
+    assert!(Samples::new(two(), vec![0.0; 2], vec![0.0]).is_err());
+}

@@ -1,0 +1,240 @@
+//! Fields whose untouched part is known.
+#![allow(clippy::unwrap_used)]
+
+use vsf_core::nalgebra::Point3;
+use vsf_core::{Belief, Estimator, Noise, Observation};
+use vsf_filter::DiagonalKalman;
+use vsf_vision::{
+    Extrapolation, Features, KnnRegressor, LearnedPrior, Level, RegressorSpec, Ridge, Samples,
+    Seen, VisionError,
+};
+
+const PRIOR: f64 = 400.0;
+
+/// A block whose stiffness goes with its colour: green 5, brown 20 N/m in bands of 5 cm, in sight
+/// down to 2 cm; what lies deeper is hidden, and empty from 6 cm on.
+struct Block {
+    points: Vec<Point3<f64>>,
+    seen: Seen,
+    truth: Vec<f64>,
+    touched: Vec<bool>,
+}
+
+fn block() -> Block {
+    let mut b = Block {
+        points: Vec::new(),
+        seen: Seen::default(),
+        truth: Vec::new(),
+        touched: Vec::new(),
+    };
+    for (x, y) in (0..40).flat_map(|x| (0..12).map(move |y| (x, y))) {
+        for z in 0..10 {
+            let brown = (x / 5) % 2 == 1;
+            let depth = 0.01 * f64::from(z);
+            b.points.push(Point3::new(
+                0.01 * f64::from(x),
+                0.01 * f64::from(y),
+                -depth,
+            ));
+            b.seen.visible.push(z < 2);
+            b.seen.behind.push(if z < 2 { 0.0 } else { depth });
+            b.seen
+                .colors
+                .push(if brown { [120, 80, 40] } else { [40, 140, 40] });
+            let full = if brown { 20.0 } else { 5.0 };
+            b.truth.push(if z < 6 { full } else { 0.0 });
+            b.touched.push(x < 12);
+        }
+    }
+    b
+}
+
+impl Block {
+    fn field(&self) -> Belief<f64> {
+        let known = |i: usize| self.touched[i];
+        let all = 0..self.points.len();
+        let mean = all
+            .clone()
+            .map(|i| if known(i) { self.truth[i] } else { 0.0 });
+        let variance = all.map(|i| if known(i) { 1.0 } else { PRIOR });
+        Belief::new(mean.collect(), variance.collect()).unwrap()
+    }
+
+    fn extended(&self, extrapolation: &mut Extrapolation) -> Belief<f64> {
+        extrapolation
+            .extend(
+                &self.points,
+                &self.seen,
+                &self.field(),
+                &self.touched,
+                PRIOR,
+            )
+            .unwrap()
+    }
+}
+
+#[test]
+fn colours_tell_stiff_from_soft_where_nothing_was_touched() {
+    let block = block();
+    let all = block.extended(&mut Extrapolation::new(
+        Ridge::new(),
+        KnnRegressor::default(),
+    ));
+    let untouched = |i: &usize| !block.touched[*i];
+    let visible = |i: &usize| untouched(i) && block.seen.visible[*i];
+    for i in (0..block.points.len()).filter(visible) {
+        let error = all.mean()[i] - block.truth[i];
+        assert!(error.abs() < 2.5, "{}: {error}", block.points[i]);
+        assert!(error * error < 9.0 * all.variance()[i] + 0.5);
+    }
+    // The total is what readings feel.
+    let sum = |of: &[f64]| (0..of.len()).filter(untouched).map(|i| of[i]).sum::<f64>();
+    let ratio = sum(all.mean()) / sum(&block.truth);
+    assert!((0.5..1.5).contains(&ratio), "{ratio}");
+}
+
+#[test]
+fn touched_points_keep_what_is_known() {
+    let block = block();
+    let all = block.extended(&mut Extrapolation::new(Ridge::new(), Ridge::new()));
+    let field = block.field();
+    for i in (0..block.points.len()).filter(|&i| block.touched[i]) {
+        assert_eq!(
+            (all.mean()[i], all.variance()[i]),
+            (field.mean()[i], field.variance()[i])
+        );
+    }
+}
+
+#[test]
+fn deep_points_are_thought_empty_unless_told_otherwise() {
+    let block = block();
+    let deepest = (0..block.points.len()).filter(|&i| !block.touched[i] && i % 10 == 9);
+    let mean = |belief: &Belief<f64>| {
+        let values: Vec<f64> = deepest.clone().map(|i| belief.mean()[i]).collect();
+        values.iter().sum::<f64>() / values.len() as f64
+    };
+    let knn = || Extrapolation::new(KnnRegressor::default(), KnnRegressor::default());
+    let fading = mean(&block.extended(&mut knn()));
+    let full = mean(&block.extended(&mut knn().with_fade(f64::INFINITY)));
+    assert!(fading < 0.3 * full, "{fading}, {full}");
+}
+
+#[test]
+fn a_later_touch_corrects_the_guess() {
+    let block = block();
+    let guess = block.extended(&mut Extrapolation::new(Ridge::new(), Ridge::new()));
+    let i = block.points.len() - 10;
+    let before = guess.mean()[i];
+    let mut filter = DiagonalKalman::new(guess);
+    let mut touch = Observation::new(Noise::uniform(1, 0.01).unwrap());
+    touch
+        .rebuild(block.points.len(), &[i as u32], &[60.0], |_, w| w[0] = 1.0)
+        .unwrap();
+    filter.update(&touch).unwrap();
+    let after = filter.belief().mean()[i];
+    assert!(
+        before < 30.0 && (after - 60.0).abs() < 1.0,
+        "{before} {after}"
+    );
+}
+
+#[test]
+fn without_colours_in_sight_positions_do() {
+    let mut block = block();
+    block
+        .seen
+        .visible
+        .iter_mut()
+        .zip(&block.touched)
+        .for_each(|(v, t)| *v &= !t);
+    let all = block.extended(&mut Extrapolation::new(
+        Ridge::new(),
+        KnnRegressor::default(),
+    ));
+    assert!(all.mean().iter().all(|m| m.is_finite()));
+}
+
+#[test]
+fn extrapolation_says_what_is_wrong() {
+    let block = block();
+    let mut ridge = Extrapolation::new(Ridge::new(), Ridge::new());
+    let asked = ridge.predict(&block.points, &block.seen);
+    assert!(matches!(asked, Err(VisionError::NotFitted { .. })));
+    let (field, none) = (block.field(), vec![false; block.points.len()]);
+    let mut fit = |touched: &[bool], prior: f64| {
+        ridge.fit(&block.points, &block.seen, &field, touched, prior)
+    };
+    assert!(matches!(fit(&none, PRIOR), Err(VisionError::TooFew { .. })));
+    assert!(fit(&none[1..], PRIOR).is_err());
+    assert!(fit(&block.touched, 0.0).is_err());
+    assert!(fit(&block.touched, f64::NAN).is_err());
+    assert!(fit(&block.touched, PRIOR).is_ok());
+}
+
+#[test]
+fn the_level_is_the_least_squares_one() {
+    let reading = |w: [f64; 2], tau: [f64; 2]| {
+        let mut obs = Observation::new(Noise::per_channel(&[1.0, 0.5]).unwrap());
+        obs.rebuild(3, &[0, 2], &tau, |k, column| column.fill(w[k]))
+            .unwrap();
+        obs
+    };
+    // shape (1, ., 2): unit readings 1 w0 + 2 w1.
+    let shape = [1.0, 9.0, 2.0];
+    let first = [reading([1.0, 1.0], [6.0, 9.0])];
+    let second = [reading([0.0, 0.5], [5.0, 5.0])];
+    let level = Level::fit(&shape, [&first[..], &second[..]]).unwrap();
+    // Weights 1 and 4: (3*6 + 4*3*9 + 5 + 4*5) / (9 + 36 + 1 + 4).
+    assert!((level.mean - 151.0 / 50.0).abs() < 1e-12, "{level:?}");
+    assert!(level.variance > 0.0);
+    let alone = Level::fit(&shape, [&second[..]]).unwrap();
+    assert!((alone.mean - 5.0).abs() < 1e-12 && (alone.variance - 25.0).abs() < 1e-9);
+    assert!(Level::fit(&[0.0, 1.0, 0.0], [&first[..]]).is_err());
+    assert!(Level::fit(&shape[..2], [&first[..]]).is_err());
+}
+
+#[test]
+fn a_prior_learned_from_objects_is_the_same_from_its_file() {
+    let object = |shift: f64| {
+        let height: Vec<f64> = (0..60).map(|i| f64::from(i) / 60.0).collect();
+        let targets = height.iter().map(|h| 10.0 - 8.0 * h + shift).collect();
+        let features = Features::new(60).with_column("height", &height).unwrap();
+        Samples::new(features, targets, vec![0.1; 60]).unwrap()
+    };
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("prior.json");
+    let asked = Features::new(2).with_column("height", &[0.2, 0.9]).unwrap();
+    for regressor in [
+        RegressorSpec::default(),
+        RegressorSpec::Ridge,
+        RegressorSpec::GaussianProcess(Default::default()),
+    ] {
+        let prior =
+            LearnedPrior::fit(regressor, &[object(-2.0), object(0.0), object(2.0)]).unwrap();
+        let found = prior.predict(&asked).unwrap();
+        assert!(
+            found.mean[0] > found.mean[1] + 2.0,
+            "{regressor:?}: {found:?}"
+        );
+        // Objects differ by 2 N/m, and a fourth one may as well.
+        assert!(found.variance[0] > 1.0, "{regressor:?}: {found:?}");
+        prior.save(&path).unwrap();
+        let again = LearnedPrior::open(&path).unwrap().predict(&asked).unwrap();
+        assert_eq!(again, found, "{regressor:?}");
+    }
+    let text = std::fs::read_to_string(&path).unwrap();
+    for damaged in [
+        "{}".to_owned(),
+        text.replacen("\"variances\":[0.1", "\"variances\":[-0.1", 1),
+        text[..90].to_owned(),
+    ] {
+        std::fs::write(&path, damaged).unwrap();
+        assert!(matches!(
+            LearnedPrior::open(&path),
+            Err(VisionError::File { .. })
+        ));
+    }
+    assert!(LearnedPrior::open(folder.path().join("none")).is_err());
+    assert!(LearnedPrior::fit(RegressorSpec::Ridge, &[]).is_err());
+}
