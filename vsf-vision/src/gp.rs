@@ -215,11 +215,17 @@ mod tests {
     use super::*;
     use nalgebra::{DMatrix, DVector};
 
-    /// 40 samples of a smooth function of two features, each with an error of its own variance.
+    /// 20 places, each sampled twice, of a smooth function of two features; each sample with an error
+    /// of its own variance.
     fn samples() -> Samples {
-        let at = |i: usize| ((i * 7 % 40) as f64 / 10.0, (i * 13 % 40) as f64 / 8.0);
+        let at = |i: usize| {
+            (
+                (i / 2 * 7 % 20) as f64 / 5.0,
+                (i / 2 * 13 % 20) as f64 / 4.0,
+            )
+        };
         let (a, b): (Vec<f64>, Vec<f64>) = (0..40).map(at).unzip();
-        let wave = |i: usize| (a[i] * 1.3).sin() + 0.2 * b[i] + 0.1 * (17.0 * i as f64).sin();
+        let wave = |i: usize| (a[i] * 1.3).sin() + 0.2 * b[i] + 0.2 * (17.0 * i as f64).sin();
         let targets = (0..40).map(wave).collect();
         let variances = (0..40).map(|i| 0.002 * (i % 3) as f64).collect();
         let empty = Features::new(40);
