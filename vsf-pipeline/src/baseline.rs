@@ -3,7 +3,7 @@ mod mlp;
 mod per_joint;
 
 use crate::{PipelineError, Scene, SequencePrediction};
-use features::{Known, features};
+use features::Known;
 pub use mlp::MlpConfig;
 use vsf_data::Sequence;
 use vsf_vision::{GaussianProcess, GpConfig, KnnConfig, KnnRegressor, Width};
@@ -13,17 +13,21 @@ use vsf_vision::{GaussianProcess, GpConfig, KnnConfig, KnnRegressor, Width};
 ///
 /// All but [`Baseline::Zero`] are regressions of the joint torques on `(q, r, k)`: the joint
 /// positions, the place of the end effector and its axis of rotation, `d + 6` numbers (13 for an arm
-/// of 7 joints), each scaled to mean 0 and standard deviation 1 over the train samples. The end
-/// effector is the link that most joints move (of several the last one), `r` the origin of its frame
-/// and `k` the axis of the last joint that moves it, both in world. The paper says "center position"
-/// and "rotation axis" and nothing more.
+/// of 7 joints). The end effector is the link that most joints move (of several the last one), `r`
+/// the origin of its frame (m) and `k` the axis of the last joint that moves it, both in world; the
+/// paper says "center position" and "rotation axis" and nothing more.
+///
+/// Each is scaled to mean 0 and standard deviation 1 over the train samples. Those that hardly change
+/// there are left out, with less than 1 % of the deviation (rad, m or 1) of the one that changes
+/// most: a hand that keeps its direction has an axis of rounding errors, which scaling would make as
+/// large as all else.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub enum Baseline {
     /// No torque at all.
     Zero,
-    /// For each joint the [`KnnRegressor`]: the `k` nearest train samples with RBF weights, drawn
-    /// to the mean of all the less weight they have. The width of the RBF is the median distance of
-    /// the train samples to their neighbours; the paper gives none.
+    /// For each joint a [`KnnRegressor`]: the mean of the `k` nearest train samples with RBF weights.
+    /// The width of the RBF is the median distance of the train samples to their neighbours; the
+    /// paper gives none.
     Knn {
         /// Number of neighbours, at least 1, 50 in the paper; fewer samples than that are all used.
         k: usize,
@@ -59,33 +63,39 @@ impl Baseline {
         train: &[&Sequence],
         test: &[&Sequence],
     ) -> Result<Vec<SequencePrediction>, PipelineError> {
-        let queries = features(&scene.robot, test)?;
-        let learn = || match train {
-            [] => Err(PipelineError::NoSequences {
-                what: "train",
-                hint: "a baseline needs some to learn from",
-            }),
-            _ => Known::new(scene, train),
+        let learn = || {
+            let known = Known::new(scene, train)?;
+            let queries = known.features_of(&scene.robot, test)?;
+            Ok::<_, PipelineError>((known, queries))
         };
         let all = match self {
-            Self::Zero => Predicted {
-                mean: vec![vec![0.0; scene.robot.joint_count()]; queries.len()],
-                sd: Vec::new(),
-            },
+            Self::Zero => {
+                let samples = test.iter().map(|s| s.len()).sum();
+                Predicted {
+                    mean: vec![vec![0.0; scene.robot.joint_count()]; samples],
+                    sd: Vec::new(),
+                }
+            }
             Self::Knn { k } => {
                 let config = KnnConfig {
                     neighbours: *k,
                     width: Width::Median,
+                    shrink: false,
                 };
-                per_joint::predict(|| KnnRegressor::new(config), &learn()?, &queries)?
+                let (known, queries) = learn()?;
+                per_joint::predict(|| KnnRegressor::new(config), &known, &queries)?
             }
             Self::Gp { max_samples } => {
                 let config = GpConfig {
                     max_samples: *max_samples,
                 };
-                per_joint::predict(|| GaussianProcess::new(config), &learn()?, &queries)?
+                let (known, queries) = learn()?;
+                per_joint::predict(|| GaussianProcess::new(config), &known, &queries)?
             }
-            Self::Mlp(config) => mlp::predict(config, &learn()?, &queries)?,
+            Self::Mlp(config) => {
+                let (known, queries) = learn()?;
+                mlp::predict(config, &known, &queries)?
+            }
         };
         let (mut mean, mut sd) = (all.mean.into_iter(), all.sd.into_iter());
         let of_sequence = |sequence: &&Sequence| SequencePrediction {

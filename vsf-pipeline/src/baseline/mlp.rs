@@ -17,9 +17,10 @@ use vsf_vision::{Features, Scaler};
 
 /// A multilayer perceptron ([`super::Baseline::Mlp`]).
 ///
-/// All torques come out of one network with rectified units, trained on the mean squared error by
-/// Adam in batches of 64 samples. Torques are scaled by one factor for all joints, so that the loss
-/// is the square of the error that is reported.
+/// All torques come out of one network, trained on the mean squared error by Adam in batches of 64
+/// samples. The paper names no activation: here it is `tanh`, whose outputs level off away from the
+/// train samples, where rectified units go on in straight lines. Torques are scaled by one factor for
+/// all joints, so that the loss is the square of the error that is reported.
 ///
 /// Every fifth touch, counted back from the last, is held out of the train samples; of a single
 /// touch every fifth of 20 parts. Training ends after 5000 steps, or 1000 steps without a new least

@@ -2,7 +2,7 @@ use nalgebra::{DMatrix, DMatrixView, DMatrixViewMut};
 use rand_distr::{Distribution, StandardNormal};
 use rand_pcg::Pcg64Mcg;
 
-/// Fully connected layers, with `max(0, .)` after every one but the last.
+/// Fully connected layers, with `tanh` after every one but the last.
 ///
 /// The parameters of all layers lie in one vector, each layer's weights (outputs x inputs, column
 /// by column) before its biases, so that an optimiser need not know of layers. Inputs, targets and
@@ -42,13 +42,13 @@ impl Layer {
 
 impl Network {
     /// A network whose layers have these numbers of values, inputs first. Weights are drawn with
-    /// the variance `2 / inputs` (K. He et al., ICCV 2015, doi:10.1109/ICCV.2015.123), biases are 0.
+    /// the variance `1 / inputs`, which keeps units off saturation; biases are 0.
     pub fn new(widths: &[usize], random: &mut Pcg64Mcg) -> Self {
         let mut layers: Vec<Layer> = Vec::new();
         let mut parameters = Vec::new();
         for (&inputs, &outputs) in widths.iter().zip(&widths[1..]) {
             let start = parameters.len();
-            let sd = (2.0 / inputs as f64).sqrt();
+            let sd = (inputs as f64).sqrt().recip();
             let mut draw = || sd * Distribution::<f64>::sample(&StandardNormal, random);
             parameters.extend((0..inputs * outputs).map(|_| draw()));
             parameters.resize(parameters.len() + outputs, 0.0);
@@ -70,7 +70,7 @@ impl Network {
             let mut values = DMatrix::from_fn(layer.outputs, below.ncols(), |i, _| biases[i]);
             values.gemm(1.0, &layer.weights(&self.parameters), below, 1.0);
             if k + 1 < self.layers.len() {
-                values.apply(|v| *v = v.max(0.0));
+                values.apply(|v| *v = v.tanh());
             }
             all.push(values);
         }
@@ -108,11 +108,7 @@ impl Network {
             biases.copy_from_slice(error.column_sum().as_slice());
             if k > 0 {
                 error = layer.weights(&self.parameters).transpose() * &error;
-                error.zip_apply(below, |e, value| {
-                    if value <= 0.0 {
-                        *e = 0.0;
-                    }
-                });
+                error.zip_apply(below, |e, value| *e *= 1.0 - value * value);
             }
         }
         gradient
@@ -151,18 +147,16 @@ mod tests {
         }
     }
 
-    /// One hidden layer, by hand.
+    /// One hidden layer, written out.
     #[test]
     fn predicts_by_its_parameters() {
         let mut network = Network::new(&[1, 2, 1], &mut Pcg64Mcg::seed_from_u64(0));
         network.parameters = vec![1.0, -2.0, 0.5, 0.0, 3.0, 4.0, -1.0];
-        // x = 2: max(0, 2.5) * 3 + max(0, -4) * 4 - 1; x = -1: max(0, -0.5), max(0, 2).
-        let found = network.predict(&DMatrix::from_row_slice(1, 2, &[2.0, -1.0]));
-        assert_eq!(found.as_slice(), [6.5, 7.0]);
-        let loss = network.loss(
-            &DMatrix::from_row_slice(1, 2, &[2.0, -1.0]),
-            &DMatrix::from_row_slice(1, 2, &[6.5, 5.0]),
-        );
-        assert_eq!(loss, 1.0);
+        let y = |x: f64| 3.0 * (x + 0.5).tanh() + 4.0 * (-2.0 * x).tanh() - 1.0;
+        let inputs = DMatrix::from_row_slice(1, 2, &[2.0, -1.0]);
+        let found = network.predict(&inputs);
+        assert!((found[0] - y(2.0)).abs() < 1e-14 && (found[1] - y(-1.0)).abs() < 1e-14);
+        let targets = DMatrix::from_row_slice(1, 2, &[y(2.0), y(-1.0) - 2.0]);
+        assert!((network.loss(&inputs, &targets) - 1.0).abs() < 1e-13);
     }
 }
