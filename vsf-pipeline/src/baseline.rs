@@ -34,8 +34,8 @@ pub enum Baseline {
     },
     /// A multilayer perceptron, by default of the size among the paper's that does best.
     Mlp(MlpConfig),
-    /// For each joint a [`GaussianProcess`] with a Matérn 3/2 kernel and parameters of greatest
-    /// marginal likelihood.
+    /// For each joint a [`GaussianProcess`] with a Matérn 3/2 kernel, at which the paper's search
+    /// among kernels ended, and parameters of greatest marginal likelihood.
     Gp {
         /// Most train samples that are used, at least 2; of more an even choice is taken. 1500 keeps
         /// the `O(n³)` within seconds.
