@@ -39,7 +39,8 @@ fn round_trip() {
         ],
     );
 
-    let json = bench.ok("evaluate touch --field field.npz --baseline zero,knn --json");
+    let json =
+        bench.ok("evaluate touch --field field.npz --baseline zero,knn,mlp,gp --hidden 4 --json");
     has_keys(
         &json,
         &[
@@ -51,6 +52,8 @@ fn round_trip() {
             "unit",
             "baselines",
             "knn",
+            "mlp",
+            "gp",
         ],
     );
     let (error, zero) = (value(&json, "mean_error"), value(&json, "zero_error"));

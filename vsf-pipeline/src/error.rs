@@ -40,7 +40,7 @@ pub enum PipelineError {
     /// Numbers that do not fit.
     #[error(transparent)]
     Core(#[from] CoreError),
-    /// What the camera saw cannot be used.
+    /// What the camera saw cannot be used, or a regressor cannot learn from its samples.
     #[error(transparent)]
     Vision(#[from] VisionError),
     /// There is no view to extrapolate by.

@@ -28,7 +28,7 @@ mod trace;
 mod vision;
 mod warning;
 
-pub use baseline::Baseline;
+pub use baseline::{Baseline, MlpConfig};
 pub use bench::{BenchOptions, BenchReport, LOADED_STEPS, Loaded, StageTimes, bench};
 pub use error::PipelineError;
 pub use estimate::{Estimate, EstimatorSpec, estimate, estimate_online};

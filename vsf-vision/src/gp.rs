@@ -208,3 +208,94 @@ impl Regressor for GaussianProcess {
         Ok(Predictions { mean, variance })
     }
 }
+
+#[cfg(test)]
+#[allow(clippy::unwrap_used)]
+mod tests {
+    use super::*;
+    use nalgebra::{DMatrix, DVector};
+
+    /// 20 places, each sampled twice, of a smooth function of two features; each sample with an error
+    /// of its own variance.
+    fn samples() -> Samples {
+        let at = |i: usize| {
+            (
+                (i / 2 * 7 % 20) as f64 / 5.0,
+                (i / 2 * 13 % 20) as f64 / 4.0,
+            )
+        };
+        let (a, b): (Vec<f64>, Vec<f64>) = (0..40).map(at).unzip();
+        let wave = |i: usize| (a[i] * 1.3).sin() + 0.2 * b[i] + 0.2 * (17.0 * i as f64).sin();
+        let targets = (0..40).map(wave).collect();
+        let variances = (0..40).map(|i| 0.002 * (i % 3) as f64).collect();
+        let empty = Features::new(40);
+        let one = empty.with_column("a", &a).unwrap();
+        Samples::new(one.with_column("b", &b).unwrap(), targets, variances).unwrap()
+    }
+
+    fn fitted(samples: &Samples) -> Fitted {
+        let mut gp = GaussianProcess::default();
+        gp.fit(samples).unwrap();
+        gp.fitted.unwrap()
+    }
+
+    /// The covariance of the targets, formed and inverted.
+    fn covariance(fitted: &Fitted) -> DMatrix<f64> {
+        let data = &fitted.data;
+        let [variance, length, scatter] = fitted.kernel.0;
+        DMatrix::from_fn(40, 40, |i, j| {
+            let (p, q) = (data.row(i), data.row(j));
+            let a = 3f64.sqrt() * (p[0] - q[0]).hypot(p[1] - q[1]) / length;
+            let own = if i == j {
+                scatter + data.variances[i]
+            } else {
+                0.0
+            };
+            variance * (1.0 + a) * (-a).exp() + own
+        })
+    }
+
+    /// Rasmussen and Williams, equations 2.25 and 2.26, with an explicit inverse.
+    #[test]
+    fn predicts_as_the_closed_form() {
+        let samples = samples();
+        let fitted = fitted(&samples);
+        let inverse = covariance(&fitted).try_inverse().unwrap();
+        let y = DVector::from_vec(fitted.data.targets.clone());
+        let mut gp = GaussianProcess::default();
+        gp.fit(&samples).unwrap();
+        let queries = Features::new(3)
+            .with_column("a", &[0.35, 2.0, 9.0])
+            .unwrap();
+        let queries = queries.with_column("b", &[1.0, 4.4, -3.0]).unwrap();
+        let found = gp.predict(&queries).unwrap();
+        let rows = fitted.scaler.apply(&queries).unwrap();
+        for (j, query) in rows.chunks_exact(2).enumerate() {
+            let link = |i: usize, _| fitted.kernel.smooth(fitted.data.row(i), query);
+            let link = DVector::from_fn(40, link);
+            let mean = fitted.mean + link.dot(&(&inverse * &y));
+            let [smooth, _, scatter] = fitted.kernel.0;
+            let variance = smooth + scatter - link.dot(&(&inverse * &link));
+            assert!((found.mean[j] - mean).abs() < 1e-8, "{j}");
+            assert!((found.variance[j] - variance).abs() < 1e-8, "{j}");
+        }
+    }
+
+    /// Equation 2.30, but for its constant; and no neighbouring parameters are likelier.
+    #[test]
+    fn likelihood_is_that_of_the_targets_and_greatest() {
+        let fitted = fitted(&samples());
+        let (data, kernel) = (&fitted.data, fitted.kernel);
+        let covariance = covariance(&fitted);
+        let y = DVector::from_vec(data.targets.clone());
+        let misfit = y.dot(&(covariance.clone().try_inverse().unwrap() * &y));
+        let expected = -0.5 * (misfit + covariance.determinant().ln());
+        let highest = data.log_evidence(&kernel).unwrap();
+        assert!((highest - expected).abs() < 1e-7, "{highest}, {expected}");
+        for (k, by) in (0..3).flat_map(|k| [(k, 1.2), (k, 1.0 / 1.2)]) {
+            let mut other = kernel;
+            other.0[k] *= by;
+            assert!(data.log_evidence(&other).unwrap() <= highest, "{other:?}");
+        }
+    }
+}

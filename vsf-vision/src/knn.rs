@@ -33,6 +33,10 @@ pub struct KnnConfig {
     pub neighbours: usize,
     /// Width `h` of the RBF, in standard deviations of the features.
     pub width: Width,
+    /// Whether means are drawn to the mean of all targets where the samples are far, default true;
+    /// false leaves the RBF-weighted mean of the neighbours, however far they are. Variances are the
+    /// same.
+    pub shrink: bool,
 }
 
 /// How the width of a kernel is found.
@@ -50,6 +54,7 @@ impl Default for KnnConfig {
         Self {
             neighbours: 200,
             width: Width::Median,
+            shrink: true,
         }
     }
 }
@@ -61,6 +66,7 @@ struct Fitted {
     scaler: Scaler,
     tree: Neighbors,
     neighbours: usize,
+    shrink: bool,
     targets: Vec<f64>,
     variances: Vec<f64>,
     width: f64,
@@ -111,6 +117,7 @@ impl Fitted {
             scaler,
             tree: Neighbors::new(&rows, width)?,
             neighbours: config.neighbours,
+            shrink: config.shrink,
             targets: samples.targets().to_vec(),
             variances: samples.variances().to_vec(),
             width: 1.0,
@@ -150,15 +157,24 @@ impl Fitted {
 
     /// Mean and variance of `f`.
     fn level(&self, neighbours: &[Neighbor]) -> (f64, f64) {
-        let mut precision = 1.0 / self.between;
-        let mut sum = self.mean * precision;
+        // Weights are reckoned from the nearest sample, so that not all of them vanish far away.
+        let nearest = neighbours.first().map_or(0.0, |n| n.squared);
         let scale = -0.5 / (self.width * self.width);
+        let (mut weights, mut sum) = (0.0, 0.0);
         for n in neighbours {
-            let weight = (scale * n.squared).exp() / (self.within + self.variances[n.index]);
-            precision += weight;
+            let weight = (scale * (n.squared - nearest)).exp();
+            let weight = weight / (self.within + self.variances[n.index]);
+            weights += weight;
             sum += weight * self.targets[n.index];
         }
-        (sum / precision, 1.0 / precision)
+        let closeness = (scale * nearest).exp();
+        let precision = 1.0 / self.between + closeness * weights;
+        let mean = if self.shrink {
+            (self.mean / self.between + closeness * sum) / precision
+        } else {
+            sum / weights
+        };
+        (mean, 1.0 / precision)
     }
 }
 

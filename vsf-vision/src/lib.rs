@@ -71,7 +71,7 @@ pub use knn::{KnnConfig, KnnRegressor, Width};
 pub use lab::lab;
 pub use learned::{LearnedPrior, RegressorSpec};
 pub use level::Level;
-pub use neighbors::{MAX_DIMENSIONS, Neighbor, Neighbors};
+pub use neighbors::{Neighbor, Neighbors};
 pub use occlusion::{OcclusionGrid, Visibility};
 pub use regressor::{Predictions, Regressor, Samples};
 pub use ridge::Ridge;

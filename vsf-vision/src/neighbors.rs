@@ -3,14 +3,12 @@ use kiddo::{ImmutableKdTree, SquaredEuclidean};
 use std::num::NonZeroUsize;
 use vsf_core::CoreError;
 
-/// Most dimensions that are searched.
-pub const MAX_DIMENSIONS: usize = 12;
-
 /// Exact nearest neighbours among rows of numbers, by squared Euclidean distance.
 ///
-/// The dimension of a k-d tree is part of its type; here it is chosen when the tree is built.
+/// A k-d tree up to 12 dimensions. Beyond, where trees help little, every row is looked at: a query
+/// costs `O(rows x dimensions)`.
 pub struct Neighbors {
-    tree: Box<dyn Tree>,
+    search: Box<dyn Search>,
     len: usize,
 }
 
@@ -23,13 +21,14 @@ pub struct Neighbor {
     pub squared: f64,
 }
 
-trait Tree: Send + Sync {
+trait Search: Send + Sync {
     fn nearest(&self, query: &[f64], k: NonZeroUsize, out: &mut Vec<Neighbor>);
 }
 
-struct OfDimension<const D: usize>(ImmutableKdTree<f64, D>);
+/// The dimension of a k-d tree is part of its type.
+struct Tree<const D: usize>(ImmutableKdTree<f64, D>);
 
-impl<const D: usize> Tree for OfDimension<D> {
+impl<const D: usize> Search for Tree<D> {
     fn nearest(&self, query: &[f64], k: NonZeroUsize, out: &mut Vec<Neighbor>) {
         let mut point = [0.0; D];
         point.copy_from_slice(query);
@@ -41,18 +40,36 @@ impl<const D: usize> Tree for OfDimension<D> {
     }
 }
 
-fn build<const D: usize>(rows: &[f64]) -> Result<Box<dyn Tree>, CoreError> {
+/// All rows, with their dimension.
+struct Exhaustive(Vec<f64>, usize);
+
+impl Search for Exhaustive {
+    fn nearest(&self, query: &[f64], k: NonZeroUsize, out: &mut Vec<Neighbor>) {
+        assert_eq!(query.len(), self.1, "dimensions of a query");
+        let squared = |row: &[f64]| row.iter().zip(query).map(|(a, b)| (a - b) * (a - b)).sum();
+        let rows = self.0.chunks_exact(self.1).map(squared).enumerate();
+        out.extend(rows.map(|(index, squared)| Neighbor { index, squared }));
+        let order = |a: &Neighbor, b: &Neighbor| a.squared.total_cmp(&b.squared);
+        if k.get() < out.len() {
+            out.select_nth_unstable_by(k.get() - 1, order);
+            out.truncate(k.get());
+        }
+        out.sort_by(order);
+    }
+}
+
+fn build<const D: usize>(rows: &[f64]) -> Result<Box<dyn Search>, CoreError> {
     let (points, _) = rows.as_chunks::<D>();
     let tree = ImmutableKdTree::new_from_slice(points)
         .map_err(|e| CoreError::Other(format!("nearest-neighbour tree: {e}")))?;
-    Ok(Box::new(OfDimension(tree)))
+    Ok(Box::new(Tree(tree)))
 }
 
 impl Neighbors {
-    /// A tree over rows of `dimensions` finite numbers each, 1 to [`MAX_DIMENSIONS`].
+    /// Searches rows of `dimensions` finite numbers each, at least 1.
     ///
     /// # Errors
-    /// No rows, more dimensions than are searched, a number that is not finite.
+    /// No rows, rows that are not full, a number that is not finite.
     pub fn new(rows: &[f64], dimensions: usize) -> Result<Self, VisionError> {
         CoreError::check_finite("rows to search", rows)?;
         let len = rows.len() / dimensions.max(1);
@@ -72,32 +89,22 @@ impl Neighbors {
             .into());
         }
         CoreError::check_len("rows to search", rows.len(), len * dimensions)?;
-        let build = match dimensions {
-            1 => build::<1>,
-            2 => build::<2>,
-            3 => build::<3>,
-            4 => build::<4>,
-            5 => build::<5>,
-            6 => build::<6>,
-            7 => build::<7>,
-            8 => build::<8>,
-            9 => build::<9>,
-            10 => build::<10>,
-            11 => build::<11>,
-            MAX_DIMENSIONS => build::<MAX_DIMENSIONS>,
-            _ => {
-                return Err(CoreError::TooMany {
-                    what: "dimensions of a nearest-neighbour search",
-                    got: dimensions,
-                    max: MAX_DIMENSIONS,
-                }
-                .into());
-            }
+        let search = match dimensions {
+            1 => build::<1>(rows)?,
+            2 => build::<2>(rows)?,
+            3 => build::<3>(rows)?,
+            4 => build::<4>(rows)?,
+            5 => build::<5>(rows)?,
+            6 => build::<6>(rows)?,
+            7 => build::<7>(rows)?,
+            8 => build::<8>(rows)?,
+            9 => build::<9>(rows)?,
+            10 => build::<10>(rows)?,
+            11 => build::<11>(rows)?,
+            12 => build::<12>(rows)?,
+            _ => Box::new(Exhaustive(rows.to_vec(), dimensions)),
         };
-        Ok(Self {
-            tree: build(rows)?,
-            len,
-        })
+        Ok(Self { search, len })
     }
 
     /// Number of rows.
@@ -118,7 +125,7 @@ impl Neighbors {
     pub fn nearest(&self, query: &[f64], k: usize, out: &mut Vec<Neighbor>) {
         out.clear();
         if let Some(k) = NonZeroUsize::new(k.min(self.len)) {
-            self.tree.nearest(query, k, out);
+            self.search.nearest(query, k, out);
         }
     }
 }

@@ -15,6 +15,10 @@ fn all() -> Vec<(String, Box<dyn Regressor>)> {
             neighbours: 10,
             ..KnnConfig::default()
         }),
+        RegressorSpec::Knn(KnnConfig {
+            shrink: false,
+            ..KnnConfig::default()
+        }),
         RegressorSpec::Ridge,
         RegressorSpec::GaussianProcess(GpConfig::default()),
     ];

@@ -63,9 +63,9 @@ fn among_duplicates() {
 proptest! {
     #[test]
     fn on_random_rows(
-        dim in 1usize..=12,
-        cells in prop::collection::vec(-3i8..4, 12..1200),
-        query in prop::collection::vec(-4.0f64..4.0, 12),
+        dim in 1usize..=15,
+        cells in prop::collection::vec(-3i8..4, 15..1200),
+        query in prop::collection::vec(-4.0f64..4.0, 15),
         k in 1usize..60,
     ) {
         let rows: Vec<f64> = cells.iter().map(|c| f64::from(*c)).collect();
@@ -80,7 +80,7 @@ fn refuses() {
         Neighbors::new(&[], 3),
         Err(VisionError::TooFew { .. })
     ));
-    assert!(Neighbors::new(&[0.0; 26], 13).is_err());
+    assert!(Neighbors::new(&[0.0; 26], 0).is_err());
     assert!(Neighbors::new(&[0.0, f64::NAN, 0.0], 3).is_err());
     assert!(Neighbors::new(&[0.0; 4], 3).is_err());
 }

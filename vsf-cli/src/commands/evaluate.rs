@@ -5,37 +5,52 @@ use crate::recording::{Default, FieldArgs, Recording, traces, untouched};
 use serde::Serialize;
 use std::collections::BTreeMap;
 use vsf::data::Sequence;
-use vsf::pipeline::{Baseline, Evaluation, Scene, Trace, evaluate, predict, score};
+use vsf::pipeline::{Baseline, Evaluation, MlpConfig, Scene, Trace, evaluate, predict, score};
 
 #[derive(Debug, clap::Args)]
 #[command(after_help = "\
 The error is the paper's metric, the norm ||tau_hat - tau|| over the joints at every sample.
 
-JSON keys: predictor (field, zero or knn), mean_error, sd_error, samples, unit (N m or N), zero_error \
+JSON keys: predictor (field, zero, knn, mlp or gp), mean_error, sd_error, samples, unit (N m or N), zero_error \
 (mean norm of the readings), per_sequence (sequence, mean_error, sd_error, samples, zero_error, \
 contact_samples, mean_contacts), per_joint (joint, unit, mean_abs_error, rms_error), calibration (within_1_sigma, within_2_sigma: \
-shares of single readings in contact; of fields with deviations), and with a field and --baseline: baselines, an object of the same keys by name.")]
+shares of single readings in contact; of predictors with deviations), and with a field and --baseline: baselines, an object of the same keys by name.")]
 pub struct Args {
     #[command(flatten)]
     of: FieldArgs,
     /// IDs of the sequences to predict; the test split by default
     #[arg(long, value_delimiter = ',')]
     sequences: Option<Vec<String>>,
-    /// Predictors to set beside the field, or in its place when --field is left out: zero torque,
-    /// and regression of torques on joint angles over the train split
+    /// Predictors to set beside the field, or in its place when --field is left out: zero torque, and
+    /// the paper's regressions of torques on joint positions, place and axis of the end effector
+    /// over the train split
     #[arg(long, value_enum, value_delimiter = ',')]
     baseline: Vec<Kind>,
     /// Neighbours of the knn baseline
     #[arg(long, default_value_t = 50, value_parser = count)]
     neighbours: usize,
+    /// Units of each hidden layer of the mlp baseline; by default the best of the paper's sizes on
+    /// samples held out
+    #[arg(long, value_delimiter = ',', value_parser = count)]
+    hidden: Option<Vec<usize>>,
+    /// Seed of the mlp baseline
+    #[arg(long, default_value_t = 0)]
+    seed: u64,
+    /// Train samples that the gp baseline takes at most, evenly spread
+    #[arg(long, default_value_t = 1500, value_parser = count)]
+    gp_samples: usize,
 }
 
 #[derive(Debug, Clone, Copy, PartialEq, Eq, clap::ValueEnum)]
 enum Kind {
     /// No torque at all
     Zero,
-    /// Mean of the nearest train samples
+    /// The nearest train samples, by RBF weights
     Knn,
+    /// Multilayer perceptron
+    Mlp,
+    /// Gaussian process, Matern 3/2
+    Gp,
 }
 
 #[derive(Serialize)]
@@ -84,12 +99,20 @@ pub fn run(args: &Args, console: &Console) -> anyhow::Result<()> {
         let (name, baseline) = match kind {
             Kind::Zero => ("zero", Baseline::Zero),
             Kind::Knn => ("knn", Baseline::Knn { k: args.neighbours }),
+            Kind::Mlp => {
+                let (hidden, seed) = (args.hidden.clone(), args.seed);
+                ("mlp", Baseline::Mlp(MlpConfig { hidden, seed }))
+            }
+            Kind::Gp => {
+                let max_samples = args.gp_samples;
+                ("gp", Baseline::Gp { max_samples })
+            }
         };
         if found.iter().all(|(n, _)| *n != name) {
-            found.push((
-                name,
-                measure(baseline, &recording, &scene, &sequences, &traces, console)?,
-            ));
+            let spinner = console.spinner("learning a baseline");
+            let measured = measure(&baseline, &recording, &scene, &sequences, &traces)?;
+            spinner.finish_and_clear();
+            found.push((name, measured));
         }
     }
     let text = text(&found);
@@ -108,22 +131,17 @@ pub fn run(args: &Args, console: &Console) -> anyhow::Result<()> {
 
 /// The errors of a baseline that is fitted on the train split.
 pub fn measure(
-    baseline: Baseline,
+    baseline: &Baseline,
     recording: &Recording,
     scene: &Scene,
     sequences: &[&Sequence],
     traces: &[Trace],
-    console: &Console,
 ) -> anyhow::Result<Evaluation> {
-    let test: Vec<_> = sequences.iter().copied().zip(traces).collect();
-    let predictions = match baseline {
-        Baseline::Zero => baseline.predict(&[], &test),
-        Baseline::Knn { .. } => {
-            let known = recording.sequences(None, Default::Train)?;
-            let learned = crate::recording::traces(scene, &known, console)?;
-            baseline.predict(&known.into_iter().zip(&learned).collect::<Vec<_>>(), &test)
-        }
+    let train = match baseline {
+        Baseline::Zero => Vec::new(),
+        _ => recording.sequences(None, Default::Train)?,
     };
+    let predictions = baseline.predict(scene, &train, sequences)?;
     Ok(score(scene, traces, &predictions)?)
 }
 

@@ -86,7 +86,7 @@ pub fn run(console: &Console) -> anyhow::Result<()> {
 
     let unseen = traces(&scene, &test, console)?;
     let ours = evaluate(&scene, &chosen.estimate.belief, &unseen)?;
-    let of = |baseline| measure(baseline, &recording, &scene, &test, &unseen, console);
+    let of = |baseline: Baseline| measure(&baseline, &recording, &scene, &test, &unseen);
     let (zero, knn) = (of(Baseline::Zero)?, of(Baseline::Knn { k: 50 })?);
 
     let field = FieldFile::of_estimate(&scene, &chosen.estimate, hyper, &recording.dataset.name)?;

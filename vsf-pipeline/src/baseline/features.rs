@@ -1,0 +1,165 @@
+use crate::{PipelineError, Scene, external_torques};
+use nalgebra::DMatrix;
+use std::ops::Range;
+use vsf_core::CoreError;
+use vsf_data::Sequence;
+use vsf_robots::RobotModel;
+use vsf_vision::Features;
+
+/// What a baseline learns from: the train samples, one sequence after the other.
+pub struct Known {
+    /// One row per sample.
+    pub features: Features,
+    /// One column per sample, one row per joint.
+    pub torques: DMatrix<f64>,
+    /// Samples of each touch, in order.
+    pub touches: Vec<Range<usize>>,
+    /// Which of `(q, r, k)` are features.
+    chosen: Vec<bool>,
+}
+
+/// Features with less than this share of the greatest deviation are left out.
+const LEAST_DEVIATION: f64 = 0.01;
+
+impl Known {
+    pub fn new(scene: &Scene, train: &[&Sequence]) -> Result<Self, PipelineError> {
+        if train.is_empty() {
+            return Err(PipelineError::NoSequences {
+                what: "train",
+                hint: "a baseline needs some to learn from",
+            });
+        }
+        let mut readings = Vec::new();
+        let mut touches = Vec::new();
+        let mut start = 0;
+        for sequence in train {
+            readings.extend_from_slice(external_torques(scene, sequence)?.data());
+            touches.extend(sequence.touches().map(|t| start + t.start..start + t.end));
+            start += sequence.len();
+        }
+        let joints = scene.robot.joint_count();
+        CoreError::check_len("train readings", readings.len(), joints * start)?;
+        let columns = columns(&scene.robot, train)?;
+        let deviations: Vec<f64> = columns.iter().map(|c| deviation(c)).collect();
+        let greatest = deviations.iter().copied().fold(0.0, f64::max);
+        let moves = |sd: &f64| *sd >= LEAST_DEVIATION * greatest;
+        let chosen: Vec<bool> = deviations.iter().map(moves).collect();
+        Ok(Self {
+            features: table(&columns, &chosen)?,
+            torques: DMatrix::from_vec(joints, start, readings),
+            touches,
+            chosen,
+        })
+    }
+
+    /// The same features of other samples.
+    pub fn features_of(
+        &self,
+        robot: &RobotModel,
+        sequences: &[&Sequence],
+    ) -> Result<Features, PipelineError> {
+        table(&columns(robot, sequences)?, &self.chosen)
+    }
+}
+
+fn deviation(values: &[f64]) -> f64 {
+    let n = values.len().max(1) as f64;
+    let mean = values.iter().sum::<f64>() / n;
+    (values.iter().map(|v| (v - mean).powi(2)).sum::<f64>() / n).sqrt()
+}
+
+fn table(columns: &[Vec<f64>], chosen: &[bool]) -> Result<Features, PipelineError> {
+    let mut features = Features::new(columns.first().map_or(0, Vec::len));
+    for (k, column) in columns.iter().enumerate().filter(|(k, _)| chosen[*k]) {
+        features = features.with_column(&format!("column {} of (q, r, k)", k + 1), column)?;
+    }
+    Ok(features)
+}
+
+/// The features of the paper's baselines (section IV-C), `(q, r, k)`, of every sample: a column per
+/// joint position, then place and axis of the end effector. See [`super::Baseline`].
+fn columns(robot: &RobotModel, sequences: &[&Sequence]) -> Result<Vec<Vec<f64>>, PipelineError> {
+    let chains = robot.chains();
+    // Of several, the last one.
+    let hand = (0..robot.link_count()).max_by_key(|&l| chains.chain(l).len());
+    let hand = hand.unwrap_or(0);
+    let wrist = chains.chain(hand).last().map_or(0, |j| *j as usize);
+    let mut posture = robot.posture();
+    let mut columns = vec![Vec::new(); robot.joint_count() + 6];
+    for sequence in sequences {
+        for (row, q) in sequence.angles.iter().enumerate() {
+            let placed = robot.update_posture(q, &mut posture);
+            placed.map_err(|e| PipelineError::Sequence {
+                id: sequence.id.clone(),
+                row,
+                source: CoreError::Other(e.to_string()),
+            })?;
+            let place = &posture.link_poses()[hand].translation.vector;
+            let screw = &posture.screws()[wrist];
+            let slides = screw.angular.norm_squared() == 0.0;
+            let axis = if slides {
+                &screw.linear
+            } else {
+                &screw.angular
+            };
+            let numbers = q.iter().chain(place.iter()).chain(axis.iter());
+            columns
+                .iter_mut()
+                .zip(numbers)
+                .for_each(|(c, v)| c.push(*v));
+        }
+    }
+    Ok(columns)
+}
+
+#[cfg(test)]
+#[allow(clippy::unwrap_used)]
+mod tests {
+    use super::*;
+    use std::f64::consts::FRAC_PI_2;
+    use vsf_data::Table;
+    use vsf_robots::{cartesian_stage, kinova_gen3};
+
+    fn at(rows: &[&[f64]]) -> Sequence {
+        let table = Table::new(rows[0].len(), rows.concat()).unwrap();
+        Sequence {
+            id: "0".to_owned(),
+            time: (0..rows.len()).map(|i| i as f64).collect(),
+            angles: table.clone(),
+            velocities: None,
+            torques: table,
+            touch_starts: vec![0],
+            tags: Vec::new(),
+        }
+    }
+
+    fn rows(robot: &RobotModel, sequence: &Sequence) -> Vec<Vec<f64>> {
+        let columns = columns(robot, &[sequence]).unwrap();
+        let row = |i: usize| columns.iter().map(|c| c[i]).collect();
+        (0..sequence.len()).map(row).collect()
+    }
+
+    /// Upright, the Gen3's hand is 1.187 m above the base (its user guide) and its axis vertical;
+    /// the second joint at 90 degrees lays arm and axis flat.
+    #[test]
+    fn hand_of_a_gen3() {
+        let robot = kinova_gen3().unwrap();
+        let bent = [0.0, FRAC_PI_2, 0.0, 0.0, 0.0, 0.0, 0.0];
+        let found = rows(&robot, &at(&[&[0.0; 7], &bent]));
+        let (upright, flat) = (&found[0], &found[1]);
+        assert_eq!(upright.len(), 13);
+        assert!((upright[9] - 1.187).abs() < 2e-3, "{upright:?}");
+        assert!((upright[12].abs() - 1.0).abs() < 1e-9, "{upright:?}");
+        assert_eq!(&flat[..7], &bent);
+        assert!((flat[7].abs() - (1.187 - 0.2848)).abs() < 2e-3, "{flat:?}");
+        assert!((flat[10].abs() - 1.0).abs() < 1e-9, "{flat:?}");
+    }
+
+    #[test]
+    fn axis_of_a_slide() {
+        let robot = cartesian_stage(0.01).unwrap();
+        let found = rows(&robot, &at(&[&[0.01, 0.02, 0.03]]));
+        let axis: f64 = found[0][6..].iter().map(|v| v * v).sum();
+        assert!((axis - 1.0).abs() < 1e-12);
+    }
+}

@@ -1,0 +1,207 @@
+mod adam;
+mod network;
+
+use super::Predicted;
+use super::features::Known;
+use crate::PipelineError;
+use adam::Adam;
+use nalgebra::DMatrix;
+use network::Network;
+use rand::SeedableRng;
+use rand::seq::SliceRandom;
+use rand_pcg::Pcg64Mcg;
+use rayon::prelude::*;
+use std::ops::ControlFlow;
+use vsf_core::CoreError;
+use vsf_vision::{Features, Scaler};
+
+/// A multilayer perceptron ([`super::Baseline::Mlp`]).
+///
+/// All torques come out of one network, trained on the mean squared error by Adam in batches of 64
+/// samples. The paper names no activation: here it is `tanh`, whose outputs level off away from the
+/// train samples, where rectified units go on in straight lines. Torques are scaled by one factor for
+/// all joints, so that the loss is the square of the error that is reported.
+///
+/// Every fifth touch, counted back from the last, is held out of the train samples; of a single
+/// touch every fifth of 20 parts. Training ends after 5000 steps, or 1000 steps without a new least
+/// error there. The network is then trained on all samples, for as many passes as led to that least
+/// error. The same seed gives the same network, whatever the number of threads.
+#[derive(Debug, Clone, PartialEq, Eq, Default)]
+pub struct MlpConfig {
+    /// Units of each hidden layer, each at least 1; at least one layer. `None` (default) is the
+    /// paper's search: two or three layers of 64, 128 or 256, the one with the least held-out error.
+    pub hidden: Option<Vec<usize>>,
+    /// Seed of the first weights and of the order of samples, default 0.
+    pub seed: u64,
+}
+
+const BATCH: usize = 64;
+const MOST_STEPS: usize = 5000;
+const PATIENCE: usize = 1000;
+/// One part in so many is held out.
+const HELD_OUT: usize = 5;
+/// Parts of a single touch.
+const PARTS: usize = 20;
+/// The paper's sizes.
+const UNITS: [usize; 3] = [64, 128, 256];
+const LAYERS: [usize; 2] = [2, 3];
+
+/// Scaled samples, one per column.
+struct Data {
+    inputs: DMatrix<f64>,
+    targets: DMatrix<f64>,
+}
+
+impl Data {
+    fn len(&self) -> usize {
+        self.inputs.ncols()
+    }
+
+    fn select(&self, samples: &[usize]) -> Self {
+        Self {
+            inputs: self.inputs.select_columns(samples),
+            targets: self.targets.select_columns(samples),
+        }
+    }
+}
+
+pub fn predict(
+    config: &MlpConfig,
+    known: &Known,
+    queries: &Features,
+) -> Result<Predicted, PipelineError> {
+    let sizes = config.sizes()?;
+    let scaler = Scaler::of(&known.features)?;
+    let width = known.features.width();
+    let scaled = |features: &Features| {
+        let rows = scaler.apply(features)?;
+        Ok::<_, PipelineError>(DMatrix::from_vec(width, features.len(), rows))
+    };
+    let mean = known.torques.column_mean();
+    let mut targets = known.torques.clone();
+    targets.column_iter_mut().for_each(|mut c| c -= &mean);
+    let scale = targets.norm() / (targets.len().max(1) as f64).sqrt();
+    // Torques that never change are predicted as they are.
+    let scale = if scale > 0.0 { scale } else { 1.0 };
+    let data = Data {
+        inputs: scaled(&known.features)?,
+        targets: targets / scale,
+    };
+
+    let (held, kept) = held_out(known);
+    let (held, kept) = (data.select(&held), data.select(&kept));
+    let tried: Vec<_> = sizes
+        .par_iter()
+        .with_max_len(1)
+        .map(|hidden| best_pass(hidden, config.seed, &kept, &held))
+        .collect();
+    let best = sizes
+        .iter()
+        .zip(tried)
+        .min_by(|a, b| a.1.0.total_cmp(&b.1.0));
+    let Some((hidden, (_, passes))) = best else {
+        return Err(no_layers().into());
+    };
+    let network = train(hidden, config.seed, &data, passes, |_, _| {
+        ControlFlow::Continue(())
+    });
+    let outputs = network.predict(&scaled(queries)?);
+    CoreError::check_finite("predictions of the mlp", outputs.as_slice())?;
+    let row = |output: &[f64]| {
+        let pairs = output.iter().zip(mean.iter());
+        pairs.map(|(o, m)| o * scale + m).collect()
+    };
+    Ok(Predicted {
+        mean: outputs.column_iter().map(|c| row(c.as_slice())).collect(),
+        sd: Vec::new(),
+    })
+}
+
+impl MlpConfig {
+    /// Hidden layers that are tried.
+    fn sizes(&self) -> Result<Vec<Vec<usize>>, CoreError> {
+        let Some(hidden) = &self.hidden else {
+            let sizes = LAYERS.iter().flat_map(|l| UNITS.map(|u| vec![u; *l]));
+            return Ok(sizes.collect());
+        };
+        if hidden.is_empty() || hidden.contains(&0) {
+            return Err(no_layers());
+        }
+        Ok(vec![hidden.clone()])
+    }
+}
+
+fn no_layers() -> CoreError {
+    CoreError::Parameter {
+        name: "hidden layers, or units of one",
+        value: 0.0,
+        range: ">= 1",
+    }
+}
+
+/// Samples held out, and the others.
+fn held_out(known: &Known) -> (Vec<usize>, Vec<usize>) {
+    let samples = known.features.len();
+    let parts = if known.touches.len() > 1 {
+        known.touches.clone()
+    } else {
+        let at = |part: usize| part * samples / PARTS;
+        (0..PARTS).map(|p| at(p)..at(p + 1)).collect()
+    };
+    let mut of = (Vec::new(), Vec::new());
+    for (k, part) in parts.into_iter().rev().enumerate() {
+        if k % HELD_OUT == 0 {
+            &mut of.0
+        } else {
+            &mut of.1
+        }
+        .extend(part);
+    }
+    of
+}
+
+/// The least error on the samples held out, and the number of passes that lead to it.
+fn best_pass(hidden: &[usize], seed: u64, kept: &Data, held: &Data) -> (f64, usize) {
+    let steps = |passes: usize| passes * kept.len().div_ceil(BATCH);
+    let most = MOST_STEPS / steps(1).max(1);
+    let mut best = (f64::INFINITY, 1);
+    train(hidden, seed, kept, most, |pass, network| {
+        let loss = network.loss(&held.inputs, &held.targets);
+        if loss < best.0 {
+            best = (loss, pass);
+        }
+        if steps(pass - best.1) >= PATIENCE {
+            ControlFlow::Break(())
+        } else {
+            ControlFlow::Continue(())
+        }
+    });
+    best
+}
+
+/// A network after some passes over the data, in a new order each; `after` may end it earlier.
+fn train(
+    hidden: &[usize],
+    seed: u64,
+    data: &Data,
+    passes: usize,
+    mut after: impl FnMut(usize, &Network) -> ControlFlow<()>,
+) -> Network {
+    let mut random = Pcg64Mcg::seed_from_u64(seed);
+    let (inputs, outputs) = (data.inputs.nrows(), data.targets.nrows());
+    let mut network = Network::new(&[&[inputs], hidden, &[outputs]].concat(), &mut random);
+    let mut adam = Adam::new(network.parameters.len());
+    let mut order: Vec<usize> = (0..data.len()).collect();
+    for pass in 1..=passes.max(1) {
+        order.shuffle(&mut random);
+        for batch in order.chunks(BATCH) {
+            let batch = data.select(batch);
+            let gradient = network.gradient(&batch.inputs, &batch.targets);
+            adam.step(&mut network.parameters, &gradient);
+        }
+        if after(pass, &network).is_break() {
+            break;
+        }
+    }
+    network
+}
