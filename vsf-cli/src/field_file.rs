@@ -9,13 +9,24 @@ use vsf::pipeline::{Estimate, Hyper, Scene};
 const TOUCHED: &str = "touched";
 const PRIOR_SD: &str = "prior_sd";
 const NOISE_SD: &str = "noise_sd";
+const CONTACT: &str = "contact";
+/// Columns of that feature, by the flags that set them.
+const CONTACT_FLAGS: [&str; 6] = [
+    "--threshold",
+    "--friction",
+    "--slip-step",
+    "--max-slip-iterations",
+    "--padding",
+    "--subdivision",
+];
 
 /// Largest stiffness or deviation that is taken [N/m]: squares of it are finite.
 const MOST: f64 = 1e100;
 
 /// A field on disk. Besides mean and deviation it holds the features `touched` (0 or 1), and
-/// `prior_sd` and `noise_sd` (one or one per channel), the same for every point: all that a prediction with its deviation
-/// needs is in one file. Checked: see [`FieldFile::new`].
+/// `prior_sd`, `noise_sd` (one or one per channel) and `contact` (the parameters of contact), the same
+/// for every point: all that a prediction with its deviation needs is in one file. Checked: see
+/// [`FieldFile::new`].
 pub struct FieldFile {
     pub path: PathBuf,
     pub field: StiffnessField,
@@ -116,6 +127,10 @@ impl FieldFile {
                 NOISE_SD,
                 Table::new(hyper.noise_sd.len(), hyper.noise_sd.repeat(n))?,
             ),
+            (
+                CONTACT,
+                Table::new(CONTACT_FLAGS.len(), contact_of(scene).repeat(n))?,
+            ),
         ];
         Ok(StiffnessField {
             points: scene.rest.positions().to_vec(),
@@ -144,6 +159,26 @@ impl FieldFile {
         Ok(Belief::new(self.field.stiffness.clone(), variance)?)
     }
 
+    /// Warns where the scene has other parameters of contact than the field was estimated with.
+    pub fn compare_contact(&self, scene: &Scene, console: &Console) {
+        let stored = self.field.features.get(CONTACT);
+        let Some(stored) = stored.filter(|t| t.cols() == CONTACT_FLAGS.len()) else {
+            return;
+        };
+        let pairs = CONTACT_FLAGS
+            .iter()
+            .zip(stored.data())
+            .zip(contact_of(scene));
+        let other = pairs.filter(|((_, was), is)| **was != *is);
+        let flags: Vec<String> = other.map(|((f, was), _)| format!("{f} {was}")).collect();
+        if !flags.is_empty() {
+            let (path, flags) = (self.path.display(), flags.join(" "));
+            console.warn(format!(
+                "{path}: the field was estimated with other contact; give {flags} to predict with it"
+            ));
+        }
+    }
+
     /// Whether the file says all that deviations of predicted readings need.
     pub fn has_deviations(&self) -> bool {
         self.field.sd.is_some() && self.field.features.contains_key(NOISE_SD)
@@ -169,6 +204,19 @@ impl FieldFile {
             }
         }
     }
+}
+
+/// Parameters of contact, in the order of their flags.
+fn contact_of(scene: &Scene) -> [f64; CONTACT_FLAGS.len()] {
+    let contact = scene.contact();
+    [
+        contact.threshold,
+        contact.friction,
+        contact.slip_step,
+        f64::from(contact.max_slip_iterations),
+        contact.padding,
+        scene.subdivision() as f64,
+    ]
 }
 
 /// The numbers of a feature with one column; there are as many as points.

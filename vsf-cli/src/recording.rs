@@ -182,9 +182,11 @@ impl Recording {
                 "{place}: the field was estimated from the recording {other:?}, this one is {name:?}"
             ));
         }
-        self.scene_by(console, |dataset, options| {
+        let scene = self.scene_by(console, |dataset, options| {
             Scene::with_points(dataset, points.clone(), options)
-        })
+        })?;
+        field.compare_contact(&scene, console);
+        Ok(scene)
     }
 
     fn scene_by(

@@ -104,15 +104,15 @@ pub struct EstimatorSettings {
     #[arg(long)]
     seed: Option<u64>,
     /// Prior standard deviation of every point's own stiffness [N/m]; chosen from the sequences by
-    /// default
+    /// default. Given alone, the noise keeps its chosen ratio to it
     #[arg(long, allow_negative_numbers = true, value_parser = positive)]
     pub prior_sd: Option<f64>,
     /// Standard deviation of the readings [N m or N], model error included: one for all channels or
     /// one each; chosen from the sequences by default
     #[arg(long, value_delimiter = ',', allow_negative_numbers = true, value_parser = positive)]
     pub noise_sd: Option<Vec<f64>>,
-    /// Standard deviation of the smooth part of the prior, per that of a point's own part; 0 makes
-    /// points independent, default 0.25
+    /// Standard deviation of the smooth part of the prior, per that of a point's own part, default 0.25;
+    /// when prior and noise are chosen, 0 (independent points) is tried beside it
     #[arg(long, allow_negative_numbers = true, value_parser = not_negative)]
     smooth_share: Option<f64>,
     /// Length over which the smooth part of the prior stays alike [m], default 0.04

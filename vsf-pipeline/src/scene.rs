@@ -149,6 +149,11 @@ impl Scene {
         &self.contact
     }
 
+    /// Sub-points per edge of the cube that a rest point stands for.
+    pub fn subdivision(&self) -> usize {
+        self.subdivision
+    }
+
     /// Unit of joint `j`'s readings: `N m`, or `N` for a sliding joint.
     pub fn unit(&self, j: usize) -> &'static str {
         self.robot.joints().get(j).map_or("N m", reading_unit)

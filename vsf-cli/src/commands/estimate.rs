@@ -13,8 +13,8 @@ use vsf::pipeline::{
 
 #[derive(Debug, clap::Args)]
 #[command(after_help = "\
-The field holds points, K (mean, N/m), K_std, and the features touched, prior_sd and noise_sd, so that \
-`vsf predict` and `vsf evaluate` need nothing else.
+The field holds points, K (mean, N/m), K_std, and the features touched, prior_sd, noise_sd and contact; \
+`vsf predict` and `vsf evaluate` warn when they are run with other contact than it was estimated with.
 
 JSON keys: estimator, prior_sd, smooth_sd, smooth_length, level_sd, noise_sd (by channel), chosen_by \
 (given, held-out or likelihood), candidates (smooth_share, signal_to_noise, error or log_evidence), sequences, samples, contact_samples, points, touched_points, mean_stiffness (over touched \
