@@ -68,9 +68,21 @@ impl Console {
     /// Refuses an output file that is the one for machines.
     pub fn keep_apart(&self, out: &[PathBuf]) -> anyhow::Result<()> {
         match &self.json {
-            Some(Some(json)) if out.contains(json) => {
+            Some(Some(json)) if out.iter().any(|out| place(out) == place(json)) => {
                 Err(usage("--json and --out name the same file"))
             }
+            _ => Ok(()),
+        }
+    }
+
+    /// Refuses an output for machines in the place of an input, or inside of it.
+    pub fn keep_input(&self, input: &Path) -> anyhow::Result<()> {
+        match &self.json {
+            Some(Some(json)) if place(json).starts_with(place(input)) => Err(usage(format!(
+                "--json {} would replace a part of {}",
+                json.display(),
+                input.display()
+            ))),
             _ => Ok(()),
         }
     }
@@ -173,4 +185,14 @@ pub fn number(value: f64) -> String {
         v if (1e-4..1e6).contains(&v) => format!("{value:.decimals$}"),
         _ => format!("{value:.3e}"),
     }
+}
+
+/// Where a file is or would be written, with links followed.
+fn place(path: &Path) -> PathBuf {
+    let name = path.file_name().unwrap_or_default();
+    let folder = path.parent().filter(|p| !p.as_os_str().is_empty());
+    let folder = folder.unwrap_or(Path::new("."));
+    path.canonicalize()
+        .or_else(|_| Ok::<_, std::io::Error>(folder.canonicalize()?.join(name)))
+        .unwrap_or_else(|_| path.to_owned())
 }

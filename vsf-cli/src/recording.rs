@@ -68,6 +68,7 @@ impl FieldArgs {
 impl RecordingArgs {
     /// Opens the recording and prints its warnings.
     pub fn open(&self, console: &Console) -> anyhow::Result<Recording> {
+        console.keep_input(&self.dataset)?;
         Recording::open(&self.dataset, &self.scene, console)
     }
 }
@@ -228,7 +229,10 @@ impl Recording {
     /// The given field, or the one stored in the recording.
     pub fn field(&self, given: Option<&Path>, console: &Console) -> anyhow::Result<FieldFile> {
         match (given, &self.dataset.field) {
-            (Some(path), _) => FieldFile::open(path, console),
+            (Some(path), _) => {
+                console.keep_input(path)?;
+                FieldFile::open(path, console)
+            }
             (None, Some(field)) => FieldFile::new(self.path.clone(), field.clone()),
             (None, None) => Err(usage("--field is required: the recording stores no field")),
         }

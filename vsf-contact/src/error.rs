@@ -30,6 +30,17 @@ pub enum ContactError {
         /// Number of faces.
         faces: usize,
     },
+    /// A mesh of a size or at a place where distances are not exact.
+    #[error(
+        "the mesh spans {extent:e} m and reaches {farthest:e} m from its origin; it must span at least \
+         1e-6 m and reach no farther than 1e6 m: check its units and scale"
+    )]
+    MeshSize {
+        /// Diagonal of its bounding box \[m\].
+        extent: f64,
+        /// Largest coordinate \[m\].
+        farthest: f64,
+    },
     /// A grid of the chosen resolution does not fit in memory.
     #[error(
         "a grid of spacing {resolution} m needs {nodes} nodes, more than the allowed {max}; \

@@ -15,6 +15,9 @@ const LONGEST_EDGE: f64 = 16.0;
 const CLOSING_MAX_NODES: usize = 4_000_000;
 /// Nearer to the surface than this the normal is that of the face \[m\].
 const ON_SURFACE: f64 = 1e-9;
+/// Least diagonal and farthest coordinate of a mesh (m).
+const SMALLEST: f64 = 1e-6;
+const FARTHEST: f64 = 1e6;
 
 /// The exact signed distance of a triangle mesh, which may be open: the slow reference (some
 /// microseconds a sample) that a [`GridSdf`](crate::GridSdf) is baked from.
@@ -69,6 +72,13 @@ impl MeshSdf {
         let (boundary_edges, edges) = count_edges(&triangles);
 
         let diagonal = (upper - lower).norm();
+        let farthest = lower.coords.amax().max(upper.coords.amax());
+        if !(diagonal >= SMALLEST && farthest <= FARTHEST) {
+            return Err(ContactError::MeshSize {
+                extent: diagonal,
+                farthest,
+            });
+        }
         let mut pieces = triangles.clone();
         cut_long(&mut pieces, diagonal / LONGEST_EDGE);
         let winding = WindingTree::new(pieces);

@@ -91,6 +91,9 @@ impl RestPoints {
         let volume: f64 = broad.iter().map(|e| e / longest).product();
         let per_dimension = 1.0 / broad.len() as f64;
         let mut cell = longest * (volume * POINTS_PER_CELL / n as f64).powf(per_dimension);
+        if !cell.is_normal() {
+            return (1.0, [1; 3]);
+        }
         loop {
             let dims = [0, 1, 2].map(|k| ((extent[k] / cell) as usize).saturating_add(1));
             let cells = dims.iter().try_fold(1usize, |a, d| a.checked_mul(*d));

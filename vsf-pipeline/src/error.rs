@@ -46,6 +46,15 @@ pub enum PipelineError {
     /// There is no view to extrapolate by.
     #[error("the recording has no camera/ (color.png, depth.png, camera.json) to extrapolate by")]
     NoCamera,
+    /// What is touched is not what the camera sees.
+    #[error(
+        "camera/: of the {touched} touched points fewer than 2 lie on or shortly behind the surface that is \
+         seen; check world_from_camera, depth_scale and the images"
+    )]
+    Unseen {
+        /// Touched points.
+        touched: usize,
+    },
     /// Something about sequence `id`.
     #[error("sequence {id} row {row}: {source}")]
     Sequence {

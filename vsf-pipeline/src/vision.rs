@@ -46,6 +46,8 @@ const SHARES: [f64; 3] = [0.0, 0.5, 1.0];
 const RULE: f64 = 0.5;
 /// Parts of the train sequences that are held out in turn, at most.
 const FOLDS: usize = 10;
+/// Least number of points that are touched and seen, to guess the others from.
+const LEAST_SEEN: usize = 2;
 /// Folds that calibrate a regressor's variances.
 const CALIBRATION: usize = 5;
 
@@ -100,12 +102,22 @@ pub fn estimate_with_vision(
         let (rest, traces) = touched_alone(rest, traces, &noise)?;
         Guess::new(&rest, view, hyper, vision)?.candidates(&traces)?
     };
-    let best = candidates.iter().min_by(|a, b| a.error.total_cmp(&b.error));
+    let from_rule = |c: &VisionCandidate| (c.share - RULE).abs();
+    let best = candidates.iter().min_by(|a, b| {
+        let by_error = a.error.total_cmp(&b.error);
+        by_error.then(from_rule(a).total_cmp(&from_rule(b)))
+    });
     let share = best.map_or(RULE, |c| c.share);
     let traces: Vec<Trace> = (traces.iter())
         .map(|t| t.with_noise(&noise))
         .collect::<Result<_, _>>()?;
     let guess = Guess::new(rest, view, hyper, vision)?;
+    if guess.touched_and_seen(&traces)? < LEAST_SEEN {
+        let touched = touched_points(&traces, rest.len());
+        return Err(PipelineError::Unseen {
+            touched: touched.iter().filter(|t| **t).count(),
+        });
+    }
     let prior = guess.prior(&guess.means(&traces)?, share)?;
     Ok(VisionEstimate {
         estimate: run(spec, prior, &traces, progress)?,
@@ -175,11 +187,15 @@ impl<'a> Guess<'a> {
     fn candidates(&self, traces: &[Trace]) -> Result<Vec<VisionCandidate>, PipelineError> {
         let folds = traces.len().min(FOLDS);
         let of_fold = |fold| self.held_out(traces, fold, folds);
-        let errors: Vec<[f64; SHARES.len()]> = (0..folds)
+        let errors: Vec<Option<[f64; SHARES.len()]>> = (0..folds)
             .into_par_iter()
             .map(of_fold)
             .collect::<Result<_, PipelineError>>()?;
-        let mean = |k: usize| errors.iter().map(|e| e[k]).sum::<f64>() / folds as f64;
+        let errors: Vec<_> = errors.into_iter().flatten().collect();
+        if errors.is_empty() {
+            return Ok(Vec::new());
+        }
+        let mean = |k: usize| errors.iter().map(|e| e[k]).sum::<f64>() / errors.len() as f64;
         let shares = SHARES.iter().enumerate();
         Ok(shares
             .map(|(k, &share)| VisionCandidate {
@@ -189,13 +205,14 @@ impl<'a> Guess<'a> {
             .collect())
     }
 
-    /// Mean error norm for each share on every `folds`-th trace from the `fold`-th on.
+    /// Mean error norm for each share on every `folds`-th trace from the `fold`-th on; `None` where
+    /// the other traces touch too little of what is seen to guess from.
     fn held_out(
         &self,
         traces: &[Trace],
         fold: usize,
         folds: usize,
-    ) -> Result<[f64; SHARES.len()], PipelineError> {
+    ) -> Result<Option<[f64; SHARES.len()]>, PipelineError> {
         let pick = |held: bool| {
             let all = traces.iter().enumerate();
             all.filter(move |(i, _)| (i % folds == fold) == held)
@@ -203,8 +220,8 @@ impl<'a> Guess<'a> {
         };
         let (kept, held): (Vec<Trace>, Vec<Trace>) = (pick(false).collect(), pick(true).collect());
         let mut errors = [0.0; SHARES.len()];
-        if !touched_points(&kept, self.rest.len()).contains(&true) {
-            return Ok(errors);
+        if self.touched_and_seen(&kept)? < LEAST_SEEN {
+            return Ok(None);
         }
         let means = self.means(&kept)?;
         let batch = batch_map(&kept, self.rest.len())?;
@@ -218,6 +235,16 @@ impl<'a> Guess<'a> {
             *error = sum / count.max(1) as f64;
         }
         CoreError::check_finite("held-out errors", &errors)?;
-        Ok(errors)
+        Ok(Some(errors))
+    }
+
+    /// How many points are touched and likely to be there, by what is seen.
+    fn touched_and_seen(&self, traces: &[Trace]) -> Result<usize, PipelineError> {
+        let occupancy = self.seen.occupancy(Extrapolation::FADE)?;
+        let touched = touched_points(traces, self.rest.len());
+        let both = touched.iter().zip(occupancy);
+        Ok(both
+            .filter(|(t, o)| **t && *o >= Extrapolation::LEAST_OCCUPANCY)
+            .count())
     }
 }

@@ -58,7 +58,7 @@ impl Extrapolation {
     /// Default length over which space behind the seen surface becomes empty (m).
     pub const FADE: f64 = 0.03;
     /// Occupancy below which a touched point says nothing about what is there.
-    const LEAST_OCCUPANCY: f64 = 0.05;
+    pub const LEAST_OCCUPANCY: f64 = 0.05;
 
     /// Regressors for visible and for hidden points.
     pub fn new(visible: impl Regressor + 'static, hidden: impl Regressor + 'static) -> Self {

@@ -122,7 +122,9 @@ impl Data {
                     (best, highest) = (tried, value);
                 }
             }
-            if highest <= before {
+            // Nor when they are NaN.
+            let is_better = highest > before;
+            if !is_better {
                 factor = f64::sqrt(factor);
             }
         }

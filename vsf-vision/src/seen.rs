@@ -7,8 +7,8 @@ use vsf_core::CoreError;
 pub struct Seen {
     /// Whether the point lies on the surface that the camera sees.
     pub visible: Vec<bool>,
-    /// How far behind that surface it lies (m), along the camera's z; 0 on it and in front of it.
-    /// Infinite where the view says nothing, or that nothing is there.
+    /// How far behind that surface it lies (m), along the camera's z; 0 on it. Infinite where the view
+    /// says nothing, or that nothing is there: in front of the surface.
     pub behind: Vec<f64>,
     /// Colour of the surface in front of it; black where there is none.
     pub colors: Vec<[u8; 3]>,
@@ -31,7 +31,10 @@ impl Seen {
         let mut seen = Self::default();
         for p in points {
             let (behind, color) = match view.sight(p) {
-                Sight::Surface { behind, color } => (behind.max(0.0), color),
+                Sight::Surface { behind, color } if behind >= -tolerance => {
+                    (behind.max(0.0), color)
+                }
+                Sight::Surface { color, .. } => (f64::INFINITY, color),
                 Sight::NoReturn | Sight::Outside => (f64::INFINITY, [0; 3]),
             };
             seen.visible.push(behind <= tolerance);
@@ -67,7 +70,15 @@ impl Seen {
         }
         let depth = self.behind.iter().zip(&self.visible);
         let depth = depth.map(|(b, visible)| if *visible { 0.0 } else { *b });
-        Ok(depth.map(|b| (-b / fade).exp()).collect())
+        // Also with an infinite `fade`.
+        let occupancy = |b: f64| {
+            if b.is_infinite() {
+                0.0
+            } else {
+                (-b / fade).exp()
+            }
+        };
+        Ok(depth.map(occupancy).collect())
     }
 
     /// Positions and colours of the points `of`, or positions alone.

@@ -30,8 +30,9 @@ struct Choice {
 struct HeldOut {
     /// Mean error norm, in units of the recording.
     error: f64,
-    /// Mean square of the whitened error per channel.
-    level: f64,
+    /// Sum of the mean squares of the whitened errors, and their number.
+    squares: f64,
+    count: usize,
 }
 
 impl Choice {
@@ -109,7 +110,8 @@ impl Choice {
         }
         HeldOut {
             error: error / samples.max(1) as f64,
-            level: squares / count.max(1) as f64,
+            squares,
+            count,
         }
     }
 }
@@ -139,7 +141,15 @@ impl HeldOutErrors {
         // Of equals the first: the one with a smooth part.
         let chosen = as_good.min_by(|a, b| distance(a).total_cmp(&distance(b)));
         let chosen = chosen.unwrap_or(best);
-        (self.priors[chosen], self.mean(chosen, |h| h.level))
+        let sum = |of: fn(&HeldOut) -> f64| self.folds.iter().map(|f| of(&f[chosen])).sum::<f64>();
+        let count = sum(|h| h.count as f64);
+        // Where no held-out sample touches a known point nothing is known but the scale.
+        let level = if count > 0.0 {
+            sum(|h| h.squares) / count
+        } else {
+            1.0
+        };
+        (self.priors[chosen], level)
     }
 
     /// Whether the errors of one prior exceed those of another by more than one standard error.
