@@ -9,7 +9,7 @@ use vsf_core::{ContactModel, Contacts, CoreError, Posture, RestPoints};
 /// stiffness is that of all of its sub-points together.
 ///
 /// The mean displacement acts at the displaced centre of the cube: moments are off by at most the
-/// force times the sub-points' offset from the centre. The link of a cube is the one that displaces its sub-points most. Cost is that of the inner
+/// force times the sub-points' offset from the centre. The link of a cube is that of the sub-point that is displaced most. Cost is that of the inner
 /// model on `per_axis³` times the points.
 #[derive(Debug, Clone)]
 pub struct CellContact<C> {

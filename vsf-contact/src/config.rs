@@ -14,7 +14,7 @@ pub struct ContactConfig {
     pub slip_step: f64,
     /// Most slip iterations of one point in one step, >= 0, default 200 (2 cm of slip at the
     /// default step). The paper leaves it open. A point slips until it is back in the friction
-    /// cone, which makes the result independent of the sample rate; 1 slips once per sample, 0
+    /// cone, so that the result converges as the sample rate grows; 1 slips once per sample, 0
     /// sticks always.
     pub max_slip_iterations: u32,
     /// Offset added to every link's surface (m), default 0; positive makes the robot thicker,

@@ -59,8 +59,8 @@ pub trait Estimator: Send {
     /// A prior that the estimator cannot take.
     fn reset(&mut self, prior: Belief<Self::Scalar>) -> Result<(), CoreError>;
 
-    /// A new touch sequence begins. The belief is kept; what is bound to the sequence (a replay
-    /// buffer, section III-C) is dropped. Nothing by default.
+    /// A new touch sequence begins. The belief is kept; what is bound to the sequence (a
+    /// replay buffer that is told so, section III-C) is dropped. Nothing by default.
     fn begin_sequence(&mut self) {}
 
     /// Takes in one observation.

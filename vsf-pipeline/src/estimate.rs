@@ -14,7 +14,7 @@ pub enum EstimatorSpec {
     #[default]
     Batch,
     /// The exact posterior, sample by sample ([`CovarianceFilter`]). With the default projection its
-    /// mean is the constrained optimum over the samples so far.
+    /// mean follows the constrained optimum over the samples so far, to 1e-5 or so of its size.
     Exact(Projection),
     /// The same from the precision matrix, eq. 5 ([`InformationFilter`]): slow, and without
     /// [`Projection::Constrained`].

@@ -91,9 +91,10 @@ pub enum HyperMethod {
     ///
     /// - *Ratio of prior and noise*: by rule, all readings that a typical point takes part in count
     ///   as four, because the error of the model stays alike over a push: with `n` of them, the
-    ///   signal that the prior expects in a typical reading is `sqrt(4 / n)` of its noise. The
-    ///   touches, dealt to at most ten parts in turn, are held out once (where they have no points in
-    ///   common, every quarter of them) and predicted from the others by the constrained optimum,
+    ///   signal that the own parts of its points are expected to give in a typical reading is
+    ///   `sqrt(4 / n)` of its noise. The
+    ///   touches, dealt to at most ten parts in turn, are held out once (where the parts share few
+    ///   points, every quarter of a touch) and predicted from the others by the constrained optimum,
     ///   with other ratios and without the smooth part too; with more than 1500 touched points, by
     ///   the online filter. Of all priors whose error lies within one standard error of the best
     ///   one's, the one nearest to the rule is taken (L. Breiman et al., *Classification and

@@ -24,7 +24,7 @@ pub struct Table1Cell {
     pub test_error: f64,
     /// Standard deviation of that over the samples.
     pub test_sd: f64,
-    /// Samples in contact a second, contact and estimator together, on one thread (`exact` uses
+    /// Samples a second, those in the air included, contact and estimator together, on one thread (`exact` uses
     /// the threads of the rayon pool). `None` for `batch`, which is not recursive.
     pub rate_hz: Option<f64>,
 }

@@ -37,7 +37,7 @@ pub struct VisionEstimate {
 pub struct VisionCandidate {
     /// Of the guess.
     pub share: f64,
-    /// Mean error norm on held-out train sequences.
+    /// Mean error norm on held-out touches.
     pub error: f64,
 }
 
@@ -77,12 +77,13 @@ pub fn rgbd_view(view: &CameraView) -> Result<RgbdView, PipelineError> {
 /// Runs an estimator over sequences from a prior whose means are guessed for all points, touched or
 /// not, from one view and from these sequences.
 ///
-/// First touches may be unlike the rest of the object (section IV-D). So every sequence is held out
-/// once and predicted by the constrained optimum of the others, with none, half or all of what they
-/// suggest; the best share of the guess is taken, half of it when there is only one sequence.
+/// First touches may be unlike the rest of the object (section IV-D). So the touches, dealt to at
+/// most ten parts, are held out in turn and predicted by the constrained optimum of the others, with none,
+/// half or all of what they suggest; the best share of the guess is taken, half of it when there is only
+/// one touch.
 ///
-/// The readings form the guess and then the field: the guess has few degrees of freedom, held-out
-/// sequences have no part in it.
+/// The readings form the guess and then the field. They count twice, the more so the finer the guess: held-out
+/// touches, which have no part in either, say whether that does harm.
 ///
 /// # Errors
 /// As [`estimate`](crate::estimate) and [`Extrapolation::fit`].

@@ -1,8 +1,8 @@
 use crate::{Features, Predictions, Regressor, Samples, VisionError};
 use vsf_core::CoreError;
 
-/// A regressor whose variances are scaled so that residuals of held-out samples, divided by their
-/// predicted deviation, have unit mean square.
+/// A regressor whose variances are widened so that residuals of held-out samples, divided by their
+/// predicted deviation, have a mean square of at most 1.
 ///
 /// Samples are held out in `folds` contiguous parts of their order: order them by what should be
 /// held out together, such as the touch that they come from. Touches close to each other flatter a
@@ -15,7 +15,8 @@ pub struct Calibrated<R> {
 
 /// Means and variances of held-out samples against the targets: the factor by which the variances
 /// are to be multiplied, so that `(y - mean)² / (factor * variance + v)` is 1 on average, where `v`
-/// is the variance of the target's own error. At least 1e-6.
+/// is the variance of the target's own error. At least 1: where targets are shrunk towards a prior they
+/// scatter less than their errors say, and residuals can't show that a prediction is better than it says.
 ///
 /// # Errors
 /// Lengths that differ.
@@ -31,7 +32,10 @@ pub fn variance_scale(predicted: &Predictions, held_out: &Samples) -> Result<f64
         sum / terms.len() as f64 - 1.0
     };
     // The sum falls with the scale: bisect its logarithm.
-    let (mut low, mut high) = (1e-6f64, 1e12f64);
+    if excess(1.0) <= 0.0 {
+        return Ok(1.0);
+    }
+    let (mut low, mut high) = (1.0f64, 1e12f64);
     for _ in 0..100 {
         let middle = (low * high).sqrt();
         if excess(middle) > 0.0 {

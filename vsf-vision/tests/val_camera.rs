@@ -191,22 +191,21 @@ fn what_is_not_in_the_picture_may_be_there() {
 
 #[test]
 fn points_are_seen_hidden_or_unknown() {
-    let points = [0.79, 0.8, 0.85].map(|x| Point3::new(x, 0.0, 1.0));
+    // The surface is at 0.8; the first point lies in the air before it.
+    let points = [0.79, 0.797, 0.8, 0.85].map(|x| Point3::new(x, 0.0, 1.0));
     let away = Point3::new(-1.0, 0.0, 1.0);
-    let seen = Seen::new(
-        &view(sphere),
-        &[points[0], points[1], points[2], away],
-        0.004,
-    )
-    .unwrap();
-    assert_eq!(seen.visible, [true, true, false, false]);
+    let all = [points[0], points[1], points[2], points[3], away];
+    let seen = Seen::new(&view(sphere), &all, 0.004).unwrap();
+    assert_eq!(seen.visible, [false, true, true, false, false]);
     let occupancy = seen.occupancy(0.05).unwrap();
-    assert_eq!(occupancy[..2], [1.0, 1.0]);
+    assert_eq!(occupancy[..3], [0.0, 1.0, 1.0]);
     assert!(
-        (occupancy[2] - (-1.0f64).exp()).abs() < 0.01,
+        (occupancy[3] - (-1.0f64).exp()).abs() < 0.01,
         "{occupancy:?}"
     );
-    assert_eq!(occupancy[3], 0.0);
+    assert_eq!(occupancy[4], 0.0);
+    let without_fading = seen.occupancy(f64::INFINITY).unwrap();
+    assert_eq!(without_fading, [0.0, 1.0, 1.0, 1.0, 0.0]);
     assert!(seen.occupancy(0.0).is_err());
     assert!(Seen::new(&view(sphere), &points, -1.0).is_err());
     assert_eq!(view(sphere).sight(&away), Sight::Outside);
