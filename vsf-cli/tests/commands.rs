@@ -334,3 +334,33 @@ fn the_camera_forms_the_prior() {
         check(vision);
     }
 }
+
+/// What is read is not written over, however the path is spelled.
+#[test]
+fn json_never_replaces_an_input() {
+    let bench = Bench::touched();
+    bench.ok("estimate touch --out field.npz");
+    let before = fs::read(bench.root.join("field.npz")).unwrap();
+    for command in [
+        "estimate touch --out other.npz --json=./other.npz",
+        "evaluate touch --field field.npz --json=./field.npz",
+        "info touch --json=touch/dataset.json",
+    ] {
+        let out = bench.run(command);
+        assert_eq!(out.status.code(), Some(2), "{command}");
+    }
+    assert!(fs::read(bench.root.join("field.npz")).unwrap() == before);
+    bench.ok("info touch");
+}
+
+/// A field knows the contact that it was estimated with.
+#[test]
+fn other_contact_than_the_fields_is_a_warning() {
+    let bench = Bench::touched();
+    bench.ok("estimate touch --out field.npz --threshold 0.003");
+    let plain = bench.run("evaluate touch --field field.npz");
+    let warning = String::from_utf8_lossy(&plain.stderr).into_owned();
+    assert!(warning.contains("--threshold 0.003"), "{warning}");
+    let same = bench.run("evaluate touch --field field.npz --threshold 0.003");
+    assert!(!String::from_utf8_lossy(&same.stderr).contains("contact"));
+}

@@ -207,3 +207,27 @@ proptest! {
         prop_assert!(grid.slack() <= 3.0f64.sqrt() * report.resolution * (1.0 + 1e-12));
     }
 }
+
+#[test]
+fn meshes_beyond_the_numbers_are_refused() {
+    for (half, offset) in [
+        (1e-16, 0.0),
+        (1e-16, 1.0),
+        (1e148, 0.0),
+        (1e238, 0.0),
+        (1.0, 1e7),
+    ] {
+        let (vertices, faces) = cube(half);
+        let moved = vertices
+            .iter()
+            .map(|p| p + Vector3::repeat(offset))
+            .collect();
+        let mesh = TriMesh::new(moved, faces).unwrap();
+        let error = MeshSdf::new(&mesh).unwrap_err();
+        let is_named = matches!(
+            error,
+            ContactError::MeshSize { .. } | ContactError::EmptyMesh { .. }
+        );
+        assert!(is_named, "{half}, {offset}: {error}");
+    }
+}

@@ -162,3 +162,17 @@ fn spacing_is_the_typical_nearest_distance() {
     check_tree(ends.to_vec());
     assert_eq!(RestPoints::new(ends.to_vec()).unwrap().spacing(), 0.0);
 }
+
+/// Clouds so small that no cell size is a normal number are one cell.
+#[test]
+fn clouds_of_no_size_are_one_cell() {
+    for extent in [5e-324, 1e-310, 1e-300] {
+        let points = (0..64).map(|i| Point3::new(f64::from(i % 2) * extent, 0.0, 0.0));
+        let rest = RestPoints::new(points.collect()).unwrap();
+        let far = Vector3::repeat(1.0);
+        assert_eq!(
+            found(&rest, Point3::origin() - far, Point3::origin() + far).len(),
+            64
+        );
+    }
+}

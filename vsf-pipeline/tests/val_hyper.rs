@@ -115,3 +115,30 @@ fn without_contact_nothing_can_be_chosen() {
         assert!(error.to_string().contains("touch"), "{error}");
     }
 }
+
+/// Strokes that never touch a point twice: nothing held out touches a known point, and the level of
+/// the noise is the scale of the readings, not zero.
+#[test]
+fn strokes_over_new_points_leave_a_finite_noise() {
+    let noise = Noise::uniform(1, 1.0).unwrap();
+    let stroke = |first: u32| {
+        let mut observations = Vec::new();
+        for p in first..first + 8 {
+            let mut obs = Observation::new(noise.clone());
+            obs.rebuild(POINTS, &[p], &[2.0], |_, w| w[0] = 0.01)
+                .unwrap();
+            observations.push(obs);
+        }
+        Trace {
+            id: first.to_string(),
+            time: (0..8).map(f64::from).collect(),
+            touches: std::iter::once(0..8).collect(),
+            observations,
+        }
+    };
+    let traces = [stroke(0), stroke(8), stroke(16)];
+    let shape = PriorShape::independent();
+    let choice = choose_hyper(&rest(), &traces, shape, HyperMethod::HeldOut).unwrap();
+    let sd = choice.hyper.noise_sd[0];
+    assert!((0.1..10.0).contains(&sd), "{sd}");
+}
