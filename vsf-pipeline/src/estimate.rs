@@ -1,3 +1,4 @@
+use crate::trace::with_noise;
 use crate::{Hyper, PipelineError, Trace};
 use vsf_core::{
     Belief, CoreError, Estimator, FilterHealth, Noise, Observation, RestPoints, UpdateReport,
@@ -90,10 +91,7 @@ pub fn estimate(
 ) -> Result<Estimate, PipelineError> {
     let noise = Noise::per_channel(&hyper.noise_sd)?;
     let prior = hyper.shape.prior(rest, hyper.prior_sd)?;
-    let traces: Vec<Trace> = traces
-        .iter()
-        .map(|t| t.with_noise(&noise))
-        .collect::<Result<_, _>>()?;
+    let traces = with_noise(traces, &noise)?;
     run(spec, prior, &traces, progress)
 }
 

@@ -1,5 +1,6 @@
 use crate::estimate::batch_map;
 use crate::evaluate::{SequencePrediction, score};
+use crate::trace::with_noise;
 use crate::{Evaluation, HyperMethod, PipelineError, PriorShape, Scene, Trace, choose_hyper};
 use serde::Serialize;
 use vsf_core::{CoreError, Noise};
@@ -63,10 +64,7 @@ fn row(
 ) -> Result<PriorRow, PipelineError> {
     let hyper = choose_hyper(&scene.rest, train, shape, HyperMethod::HeldOut)?.hyper;
     let noise = Noise::per_channel(&hyper.noise_sd)?;
-    let with_noise = |traces: &[Trace]| -> Result<Vec<Trace>, CoreError> {
-        traces.iter().map(|t| t.with_noise(&noise)).collect()
-    };
-    let (train, test) = (with_noise(train)?, with_noise(test)?);
+    let (train, test) = (with_noise(train, &noise)?, with_noise(test, &noise)?);
     let batch = batch_map(&train, scene.rest.len())?;
     let fit = batch.solve(&shape.prior(&scene.rest, hyper.prior_sd)?, 1.0)?;
     let predict = |trace: &Trace| {

@@ -107,3 +107,19 @@ impl Scene {
         })
     }
 }
+
+/// [`Trace::with_noise`] of all traces.
+pub(crate) fn with_noise(traces: &[Trace], noise: &Noise) -> Result<Vec<Trace>, CoreError> {
+    traces.iter().map(|t| t.with_noise(noise)).collect()
+}
+
+/// Most parts that touches are dealt to, to be held out in turn.
+pub(crate) const MOST_FOLDS: usize = 10;
+
+/// The traces that are kept, and those held out in a fold: every `folds`-th from the `fold`-th on.
+pub(crate) fn split(traces: &[Trace], fold: usize, folds: usize) -> (Vec<&Trace>, Vec<&Trace>) {
+    let (held, kept): (Vec<_>, Vec<_>) =
+        (traces.iter().enumerate()).partition(|(i, _)| i % folds == fold);
+    let traces = |part: Vec<(usize, _)>| part.into_iter().map(|(_, t)| t).collect();
+    (traces(kept), traces(held))
+}

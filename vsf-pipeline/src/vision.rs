@@ -1,6 +1,7 @@
 use crate::estimate::{batch_map, run, touched_points};
 use crate::evaluate::sample_errors;
 use crate::hyper::touched_alone;
+use crate::trace::{MOST_FOLDS, split, with_noise};
 use crate::{Estimate, EstimatorSpec, Hyper, PipelineError, PriorShape, Trace};
 use rayon::prelude::*;
 use serde::Serialize;
@@ -44,8 +45,6 @@ pub struct VisionCandidate {
 /// Shares that are tried, and the one that stands without evidence.
 const SHARES: [f64; 3] = [0.0, 0.5, 1.0];
 const RULE: f64 = 0.5;
-/// Parts of the train sequences that are held out in turn, at most.
-const FOLDS: usize = 10;
 /// Least number of points that are touched and seen, to guess the others from.
 const LEAST_SEEN: usize = 2;
 /// Folds that calibrate a regressor's variances.
@@ -109,9 +108,7 @@ pub fn estimate_with_vision(
         by_error.then(from_rule(a).total_cmp(&from_rule(b)))
     });
     let share = best.map_or(RULE, |c| c.share);
-    let traces: Vec<Trace> = (traces.iter())
-        .map(|t| t.with_noise(&noise))
-        .collect::<Result<_, _>>()?;
+    let traces = with_noise(traces, &noise)?;
     let guess = Guess::new(rest, view, hyper, vision)?;
     if guess.touched_and_seen(&traces)? < LEAST_SEEN {
         let touched = touched_points(&traces, rest.len());
@@ -186,7 +183,7 @@ impl<'a> Guess<'a> {
 
     /// Errors of all shares on held-out traces.
     fn candidates(&self, traces: &[Trace]) -> Result<Vec<VisionCandidate>, PipelineError> {
-        let folds = traces.len().min(FOLDS);
+        let folds = traces.len().min(MOST_FOLDS);
         let of_fold = |fold| self.held_out(traces, fold, folds);
         let errors: Vec<Option<[f64; SHARES.len()]>> = (0..folds)
             .into_par_iter()
@@ -214,12 +211,8 @@ impl<'a> Guess<'a> {
         fold: usize,
         folds: usize,
     ) -> Result<Option<[f64; SHARES.len()]>, PipelineError> {
-        let pick = |held: bool| {
-            let all = traces.iter().enumerate();
-            all.filter(move |(i, _)| (i % folds == fold) == held)
-                .map(|(_, t)| t.clone())
-        };
-        let (kept, held): (Vec<Trace>, Vec<Trace>) = (pick(false).collect(), pick(true).collect());
+        let (kept, held) = split(traces, fold, folds);
+        let kept: Vec<Trace> = kept.into_iter().cloned().collect();
         let mut errors = [0.0; SHARES.len()];
         if self.touched_and_seen(&kept)? < LEAST_SEEN {
             return Ok(None);

@@ -1,12 +1,11 @@
 use super::{Candidate, HyperChoice, PriorShape, Problem};
 use crate::estimate::{batch_map, run, touched_points};
+use crate::trace::{MOST_FOLDS, split};
 use crate::{EstimatorSpec, PipelineError, Trace};
 use rayon::prelude::*;
 
 /// With more touched points than this, held-out readings are predicted by the online filter.
 const LEAVE_ONE_OUT_POINTS: usize = 1500;
-/// Most parts that the touches are dealt to.
-const MOST_FOLDS: usize = 10;
 /// Contiguous parts of a touch that are held out where touches have no points in common.
 const QUARTERS: usize = 4;
 
@@ -64,13 +63,8 @@ impl Choice {
         exact: bool,
         priors: &[(PriorShape, f64)],
     ) -> Result<Vec<HeldOut>, PipelineError> {
-        let in_fold = |(i, _): &(usize, &Trace)| i % self.folds == fold;
-        let pick = |wanted: bool| {
-            let all = self.problem.touches.iter().enumerate();
-            all.filter(move |t| in_fold(t) == wanted)
-                .map(|(_, t)| t.clone())
-        };
-        let (kept, held): (Vec<Trace>, Vec<Trace>) = (pick(false).collect(), pick(true).collect());
+        let (kept, held) = split(&self.problem.touches, fold, self.folds);
+        let kept: Vec<Trace> = kept.into_iter().cloned().collect();
         let field_len = self.problem.rest.len();
         let known = touched_points(&kept, field_len);
         let batch = exact.then(|| batch_map(&kept, field_len)).transpose()?;
@@ -89,7 +83,7 @@ impl Choice {
     }
 
     /// Errors over all samples; the level over those that touch a known point.
-    fn errors(&self, mean: &[f64], held: &[Trace], known: &[bool]) -> HeldOut {
+    fn errors(&self, mean: &[f64], held: &[&Trace], known: &[bool]) -> HeldOut {
         let channels = &self.problem.channels;
         let (mut error, mut samples, mut squares, mut count) = (0.0, 0usize, 0.0, 0usize);
         let mut fit = vec![0.0; channels.len()];
@@ -196,11 +190,10 @@ fn quarters(trace: &Trace) -> Vec<Trace> {
 fn folds_share_points(traces: &[Trace], folds: usize, field_len: usize) -> bool {
     folds > 1
         && (0..folds).all(|fold| {
-            let (held, kept): (Vec<_>, Vec<_>) = (0..traces.len()).partition(|i| i % folds == fold);
-            let kept: Vec<&Trace> = kept.into_iter().map(|i| &traces[i]).collect();
+            let (kept, held) = split(traces, fold, folds);
             let known = touched_points(kept, field_len);
             let (mut shared, mut all) = (0usize, 0usize);
-            for obs in held.iter().flat_map(|&i| &traces[i].observations) {
+            for obs in held.iter().flat_map(|t| &t.observations) {
                 all += obs.len();
                 shared += obs.points().iter().filter(|&&p| known[p as usize]).count();
             }
