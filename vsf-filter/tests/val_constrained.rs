@@ -4,11 +4,12 @@
 
 #![allow(clippy::unwrap_used)]
 
+mod common;
+
+use common::{archive, golden_observations};
 use nalgebra::Point3;
-use ndarray::{Array1, Array2, Array3};
-use ndarray_npy::NpzReader;
+use ndarray::Array1;
 use proptest::prelude::*;
-use std::fs::File;
 use vsf_core::{Belief, CoreError, Estimator, Noise, Observation, Prediction, RestPoints, Scalar};
 use vsf_filter::{
     BatchMap, CovarianceFilter, FieldPrior, InformationFilter, JointEstimator, Matern, Projection,
@@ -149,27 +150,8 @@ proptest! {
 /// 60 observations of 7 channels over 200 points, and their optimum from a quadratic program.
 #[test]
 fn the_mean_is_that_of_a_quadratic_program() {
-    let archive = |name: &str| {
-        let path = format!("{}/tests/golden/{name}", env!("CARGO_MANIFEST_DIR"));
-        NpzReader::new(File::open(path).unwrap()).unwrap()
-    };
-    let mut file = archive("ekf_problem.npz");
-    let w: Array3<f64> = file.by_name("W").unwrap();
-    let mask: Array2<bool> = file.by_name("mask").unwrap();
-    let z: Array2<f64> = file.by_name("z").unwrap();
-    let n = mask.dim().1;
-    let observation = |t: usize| {
-        let points: Vec<u32> = (0..n as u32).filter(|&i| mask[[t, i as usize]]).collect();
-        let mut obs = Observation::new(Noise::uniform(7, 1.0).unwrap());
-        obs.rebuild(n, &points, &z.row(t).to_vec(), |k, column| {
-            for (i, c) in column.iter_mut().enumerate() {
-                *c = w[[t, i, points[k] as usize]];
-            }
-        })
-        .unwrap();
-        obs
-    };
-    let data: Vec<Observation<f64>> = (0..w.dim().0).map(observation).collect();
+    let (data, truth) = golden_observations();
+    let n = truth.len();
     let expected: Array1<f64> = archive("quadprog.npz").by_name("x_exact_nnls").unwrap();
     let prior = FieldPrior::from(Belief::<f64>::uniform(n, 0.0, 0.1).unwrap());
     let mut filter = run(&prior, &data);

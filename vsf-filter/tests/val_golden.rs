@@ -2,16 +2,13 @@
 
 #![allow(clippy::unwrap_used)]
 
-use ndarray::{Array1, Array2, Array3};
-use ndarray_npy::{NpzReader, ReadableElement};
-use std::fs::File;
-use vsf_core::{Belief, Estimator, Noise, Observation};
-use vsf_filter::{BatchMap, DiagonalForm, DiagonalKalman, MemoryReplay, ReplayConfig};
+mod common;
 
-fn archive(name: &str) -> NpzReader<File> {
-    let path = format!("{}/tests/golden/{name}", env!("CARGO_MANIFEST_DIR"));
-    NpzReader::new(File::open(path).unwrap()).unwrap()
-}
+use common::{archive, golden_observations};
+use ndarray::{Array1, Array2};
+use ndarray_npy::ReadableElement;
+use vsf_core::{Belief, Estimator, Observation};
+use vsf_filter::{BatchMap, DiagonalForm, DiagonalKalman, MemoryReplay, ReplayConfig};
 
 fn matrix<T: ReadableElement>(name: &str, key: &str) -> Array2<T> {
     archive(name).by_name(key).unwrap()
@@ -24,26 +21,8 @@ struct Problem {
 }
 
 fn problem() -> Problem {
-    let mut file = archive("ekf_problem.npz");
-    let w: Array3<f64> = file.by_name("W").unwrap();
-    let mask: Array2<bool> = file.by_name("mask").unwrap();
-    let z: Array2<f64> = file.by_name("z").unwrap();
-    let x_true: Array1<f64> = file.by_name("x_true").unwrap();
+    let (observations, x_true) = golden_observations();
     let n = x_true.len();
-    let observations = (0..w.dim().0)
-        .map(|t| {
-            let points: Vec<u32> = (0..n as u32).filter(|&i| mask[[t, i as usize]]).collect();
-            let mut obs = Observation::new(Noise::uniform(7, 1.0).unwrap());
-            let reading: Vec<f64> = z.row(t).to_vec();
-            obs.rebuild(n, &points, &reading, |k, column| {
-                for (i, c) in column.iter_mut().enumerate() {
-                    *c = w[[t, i, points[k] as usize]];
-                }
-            })
-            .unwrap();
-            obs
-        })
-        .collect();
     Problem {
         observations,
         prior: Belief::uniform(n, 0.0, 0.1).unwrap(),
