@@ -123,13 +123,11 @@ impl Surface<'_> {
         let mut most = longest;
         // Decrease of the excess per way, 1 on a plane.
         let mut rate = 1.0;
-        let mut wall = None;
+        // Along it, when another surface was found in the way.
+        let mut crease = None;
         let mut pull = Pull::new(a, rest_L, self.config.friction);
         while pull.normal >= 0.0 && pull.excess > 0.0 && left > 0 {
-            let between = |other: &_| pull.along_crease(&a.normal_L, other, self.config.friction);
-            let held = wall.take();
-            let crease = held.as_ref().and_then(between);
-            let slip = crease.unwrap_or_else(|| Slip::on_one_surface(&pull));
+            let slip = (crease.take()).unwrap_or_else(|| Slip::on_one_surface(&pull));
             if slip.excess <= 0.0 {
                 break;
             }
@@ -147,8 +145,8 @@ impl Surface<'_> {
                     most = (free / step).floor();
                     continue;
                 }
-                if between(&next.normal_L).is_some() {
-                    wall = Some(next.normal_L);
+                crease = pull.along_crease(&a.normal_L, &next.normal_L, self.config.friction);
+                if crease.is_some() {
                     rate = 1.0;
                     continue;
                 }

@@ -26,6 +26,7 @@ const DETACHED: u32 = u32::MAX;
 ///    than a twentieth of what it would on a plane is taken back: a point wedged in a notch of
 ///    the link stays there. Many steps are taken at once, as a return mapping: along the tangent
 ///    and back to the surface, on smooth surfaces to within a slip step of where single steps end.
+///    Between two parts of a link it slips along their crease, held by the friction of both.
 /// 4. *Hand-over*: a point that is inside another link by more than one `slip_step` is pushed out
 ///    by that link and owned by it from then on. Links that squeeze a point take turns.
 /// 5. *Touch*: a point at rest that is closer than `threshold` to a link is moved along the
