@@ -130,7 +130,18 @@ impl Scene {
     /// # Errors
     /// A subdivision out of range.
     pub fn contact_model(&self) -> Result<Box<dyn ContactModel>, PipelineError> {
-        let points = StickSlip::new(self.links.clone(), self.contact)?;
+        self.contact_model_with(self.contact)
+    }
+
+    /// [`Scene::contact_model`] with other parameters of contact.
+    ///
+    /// # Errors
+    /// Parameters or a subdivision out of range.
+    pub fn contact_model_with(
+        &self,
+        contact: ContactConfig,
+    ) -> Result<Box<dyn ContactModel>, PipelineError> {
+        let points = StickSlip::new(self.links.clone(), contact)?;
         let spacing = self.rest.spacing();
         Ok(if self.subdivision == 1 || spacing == 0.0 {
             Box::new(points)

@@ -1,0 +1,200 @@
+use crate::effect::{Need, Site};
+use crate::{GapError, effect::slides};
+use nalgebra::Vector3;
+use std::ops::Range;
+use std::sync::Arc;
+use vsf_core::RestPoints;
+use vsf_data::{Dataset, Sequence, Table, TorqueKind, tare};
+use vsf_pipeline::{Scene, SceneOptions, external_torques, robot_of};
+
+/// Half the window (samples) of velocities and accelerations estimated from positions.
+const HALF_WINDOW: usize = 4;
+
+/// One sequence with all that effects may depend on.
+#[derive(Debug, Clone)]
+pub struct Motion {
+    /// ID of the sequence.
+    pub id: String,
+    /// Time since the session began (s). Sequences whose time stamps start anew are laid one
+    /// behind the other.
+    pub clock: Vec<f64>,
+    /// Joint positions (rad or m), one row per sample.
+    pub q: Table,
+    /// Joint velocities (rad/s or m/s).
+    pub qd: Table,
+    /// Joint accelerations (rad/s² or m/s²).
+    pub qdd: Table,
+    /// Readings as load of the environment on the joints (N m or N); of `measured` readings the
+    /// rigid-body torques less the reading.
+    pub reading: Table,
+    /// Load of the gears (N m or N); see [`crate::Sample::load`].
+    pub load: Table,
+    /// Samples of each touch.
+    pub touches: Vec<Range<usize>>,
+}
+
+impl Motion {
+    /// Number of samples.
+    pub fn len(&self) -> usize {
+        self.clock.len()
+    }
+
+    /// True without samples.
+    pub fn is_empty(&self) -> bool {
+        self.clock.is_empty()
+    }
+}
+
+/// A recording as a diagnosis sees it.
+pub struct Campaign {
+    /// Robot and object.
+    pub site: Site,
+    /// Contact, unless the arm moves in free air.
+    pub scene: Option<Scene>,
+    /// Sequences that the model is fitted to, in session order.
+    pub train: Vec<Motion>,
+    /// Sequences that check it.
+    pub test: Vec<Motion>,
+}
+
+impl Campaign {
+    /// Prepares a recording. Without rest points, or without a stored field's, the arm is taken to
+    /// move in free air. Without a test split the last train sequence checks, where there are two.
+    ///
+    /// # Errors
+    /// Robot, scene, torques or motions that cannot be read.
+    pub fn open(dataset: &Dataset, options: &SceneOptions) -> Result<Self, GapError> {
+        let free = dataset.rest_points.is_none() && dataset.field.is_none();
+        let scene = match free {
+            true => None,
+            false => Some(Scene::open(dataset, options)?),
+        };
+        let robot = match &scene {
+            Some(scene) => Arc::new(scene.robot.clone()),
+            None => Arc::new(robot_of(dataset, &options.packages)?),
+        };
+        let rest = match &scene {
+            Some(scene) => scene.rest.clone(),
+            None => Arc::new(RestPoints::new(Vec::new())?),
+        };
+        let mut train: Vec<&str> = dataset.splits.train.iter().map(String::as_str).collect();
+        let mut test: Vec<&str> = dataset.splits.test.iter().map(String::as_str).collect();
+        if test.is_empty() && train.len() > 1 {
+            test.extend(train.pop());
+        }
+        let mut site = Site {
+            robot,
+            rest,
+            gravity: dataset.gravity,
+            torque_kind: dataset.torque_kind,
+            sequences: Vec::new(),
+            duration: 1.0,
+        };
+        let (mut trained, mut tested) = (Vec::new(), Vec::new());
+        let mut end = 0.0_f64;
+        for sequence in &dataset.sequences {
+            let known = |ids: &[&str]| ids.contains(&sequence.id.as_str());
+            if !known(&train) && !known(&test) {
+                continue;
+            }
+            let motion = motion(&site, scene.as_ref(), dataset, sequence, end)?;
+            end = motion.clock.last().copied().unwrap_or(end);
+            site.sequences.push(sequence.id.clone());
+            match known(&train) {
+                true => trained.push(motion),
+                false => tested.push(motion),
+            }
+        }
+        site.duration = end.max(1.0);
+        if trained.is_empty() {
+            return Err(GapError::TooLittle {
+                what: "train sequences",
+                problem: "there are none; give the recording a train split".to_owned(),
+            });
+        }
+        Ok(Self {
+            site,
+            scene,
+            train: trained,
+            test: tested,
+        })
+    }
+
+    /// Why the recording does not meet a need, `None` when it does.
+    pub fn lacks(&self, need: Need) -> Option<String> {
+        let site = &self.site;
+        let lack = match need {
+            Need::Contact => (
+                self.scene.is_none(),
+                "nothing is touched: the recording has no points",
+            ),
+            Need::Measured => (
+                site.torque_kind != TorqueKind::Measured,
+                "the readings leave out the motion of the arm itself (torque_kind external)",
+            ),
+            Need::Joints => (site.joints() < 2, "the robot has one joint"),
+            Need::Weight => (
+                site.gravity == Vector3::zeros() || (0..site.joints()).all(|j| slides(site, j)),
+                "no joint turns against gravity",
+            ),
+            Need::Retouch => (
+                self.scene.is_none()
+                    || self.train.len() + self.train.iter().map(|m| m.touches.len()).sum::<usize>()
+                        < 2,
+                "nothing is touched twice",
+            ),
+        };
+        lack.0.then(|| lack.1.to_owned())
+    }
+}
+
+fn motion(
+    site: &Site,
+    scene: Option<&Scene>,
+    dataset: &Dataset,
+    sequence: &Sequence,
+    end: f64,
+) -> Result<Motion, GapError> {
+    let motion = sequence.motion(HALF_WINDOW)?;
+    let (rows, d) = (sequence.len(), sequence.width());
+    // Time stamps that go on are the session's; others start where the last sequence ended.
+    let start = sequence.time.first().copied().unwrap_or(0.0);
+    let shift = if start >= end { 0.0 } else { end - start };
+    let clock = sequence.time.iter().map(|t| t + shift).collect();
+    let mut load = Table::new(d, vec![0.0; rows * d])?;
+    let reading = match site.torque_kind {
+        TorqueKind::External => match scene {
+            Some(scene) => external_torques(scene, sequence)?,
+            None => tare(&sequence.torques, dataset.tare_samples)?,
+        },
+        TorqueKind::Measured => {
+            let mut workspace = site.robot.dynamics_workspace();
+            let mut external = Vec::with_capacity(rows * d);
+            for row in 0..rows {
+                let rigid = site.robot.inverse_dynamics(
+                    &sequence.angles[row],
+                    &motion.velocities[row],
+                    &motion.accelerations[row],
+                    &site.gravity,
+                    &mut workspace,
+                )?;
+                load.data_mut()[row * d..][..d].copy_from_slice(rigid);
+                external.extend(rigid.iter().zip(&sequence.torques[row]).map(|(r, t)| r - t));
+            }
+            tare(&Table::new(d, external)?, dataset.tare_samples)?
+        }
+    };
+    if site.torque_kind == TorqueKind::External {
+        load = reading.clone();
+    }
+    Ok(Motion {
+        id: sequence.id.clone(),
+        clock,
+        q: sequence.angles.clone(),
+        qd: motion.velocities,
+        qdd: motion.accelerations,
+        reading,
+        load,
+        touches: sequence.touches().collect(),
+    })
+}

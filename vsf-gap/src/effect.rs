@@ -1,0 +1,285 @@
+use crate::{Campaign, GapError};
+use nalgebra::Vector3;
+use std::sync::Arc;
+use vsf_contact::ContactConfig;
+use vsf_core::{Contacts, Posture, RestPoints};
+use vsf_data::TorqueKind;
+use vsf_robots::RobotModel;
+
+/// What an effect acts on; it decides how much has to be computed anew when a parameter moves.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
+pub enum Acts {
+    /// Adds torques, or scales those of the field: contacts and springs stay.
+    Torques,
+    /// Changes the springs of the touched points; contacts stay.
+    Springs,
+    /// Changes joint positions, the object's place or the contact model: contacts change.
+    Contact,
+}
+
+/// What a recording must hold for an effect to show.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Need {
+    /// Points that are touched.
+    Contact,
+    /// A joint that turns against gravity: without one, weight never shows.
+    Weight,
+    /// Readings of the actuators (`measured`), which contain the motion of the arm itself.
+    Measured,
+    /// At least two moving joints.
+    Joints,
+    /// At least two touches of the same points.
+    Retouch,
+}
+
+/// Whether the prediction depends on a parameter from zero on, or only gives an effect its form.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Role {
+    /// Zero means no effect.
+    Amplitude,
+    /// A time constant, a range, a threshold: without meaning while all amplitudes are zero.
+    Shape,
+}
+
+/// One parameter of an effect.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Parameter {
+    /// Name, unique within the effect, such as `c_4`: joints count from 1.
+    pub name: String,
+    /// SI unit, `1` for ratios.
+    pub unit: &'static str,
+    /// The joint it belongs to, from 0.
+    pub joint: Option<usize>,
+    /// Amplitude or shape.
+    pub role: Role,
+    /// Smallest and largest value that is physically plausible. The range of an amplitude holds 0.
+    pub bounds: [f64; 2],
+    /// A typical size: the step of finite differences, and the spread of starting values.
+    pub scale: f64,
+}
+
+impl Parameter {
+    /// An amplitude.
+    pub fn amplitude(
+        name: impl Into<String>,
+        unit: &'static str,
+        bounds: [f64; 2],
+        scale: f64,
+    ) -> Self {
+        Self {
+            name: name.into(),
+            unit,
+            joint: None,
+            role: Role::Amplitude,
+            bounds,
+            scale,
+        }
+    }
+
+    /// A shape parameter.
+    pub fn shape(
+        name: impl Into<String>,
+        unit: &'static str,
+        bounds: [f64; 2],
+        scale: f64,
+    ) -> Self {
+        Self {
+            role: Role::Shape,
+            ..Self::amplitude(name, unit, bounds, scale)
+        }
+    }
+
+    /// The same parameter as one of joint `j`, from 0.
+    #[must_use]
+    pub fn of_joint(self, j: usize) -> Self {
+        Self {
+            joint: Some(j),
+            ..self
+        }
+    }
+}
+
+/// The robot and the object that an effect lives in.
+#[derive(Debug, Clone)]
+pub struct Site {
+    /// The robot, placed in the world.
+    pub robot: Arc<RobotModel>,
+    /// Rest points; none for an arm in free air.
+    pub rest: Arc<RestPoints>,
+    /// Gravity (m/s²), world frame.
+    pub gravity: Vector3<f64>,
+    /// What the readings are.
+    pub torque_kind: TorqueKind,
+    /// IDs of the sequences that the effect may speak of by name, in session order.
+    pub sequences: Vec<String>,
+    /// Length of the session (s), at least 1.
+    pub duration: f64,
+}
+
+impl Site {
+    /// Number of joints.
+    pub fn joints(&self) -> usize {
+        self.robot.joint_count()
+    }
+}
+
+/// One sample of a recording, as compensators see it, in time order.
+#[derive(Debug, Clone, Copy)]
+pub struct Sample<'a> {
+    /// Time since the session began (s).
+    pub clock: f64,
+    /// Time since the previous sample of the sequence (s), 0 at its first.
+    pub dt: f64,
+    /// Recorded joint positions (rad or m).
+    pub q: &'a [f64],
+    /// Joint velocities (rad/s or m/s).
+    pub qd: &'a [f64],
+    /// Joint accelerations (rad/s² or m/s²).
+    pub qdd: &'a [f64],
+    /// The reading as load of the environment on the joints (N m or N); for `measured` readings
+    /// the rigid-body torque of the model less the reading.
+    pub reading: &'a [f64],
+    /// The load that the joints' gears carry (N m or N): the reading, or for `measured` readings
+    /// the rigid-body torque of the model.
+    pub load: &'a [f64],
+    /// Force of the environment on the robot (N, world) that explains the reading best if it acts
+    /// at the middle of the contact; zero while nothing is touched.
+    pub force_W: Vector3<f64>,
+}
+
+/// Robot and contacts at one sample. Contacts and posture are in the frame of the object: where an
+/// effect moves the object, the robot has moved the other way.
+#[derive(Debug, Clone, Copy)]
+pub struct Touch<'a> {
+    /// Rest points.
+    pub rest: &'a RestPoints,
+    /// Posture of the robot.
+    pub posture: &'a Posture,
+    /// Touched points.
+    pub contacts: &'a Contacts,
+}
+
+/// An effect with its parameters fixed, applied sample by sample: what it does to the prediction
+/// `tau = G W K + a` of a reading, with gains `G`, columns `W` and torques `a`.
+///
+/// Stateful; every method does nothing by default. Samples come in time order, so that a
+/// compensator also runs in a control loop; none may allocate after its first samples.
+pub trait Compensator: Send {
+    /// A sequence begins: the object has had time to recover, the clock goes on.
+    fn begin_sequence(&mut self, sequence: &str) {
+        let _ = sequence;
+    }
+
+    /// A touch begins after a gap of unknown length: motion before it is unknown.
+    fn begin_touch(&mut self) {}
+
+    /// Replaces recorded joint positions by those of the links.
+    fn joints(&mut self, sample: &Sample<'_>, q: &mut [f64]) {
+        let _ = (sample, q);
+    }
+
+    /// Changes the parameters of contact, once.
+    fn contact(&self, config: &mut ContactConfig) {
+        let _ = config;
+    }
+
+    /// Where the object is, relative to its recorded place (m, world).
+    fn object_shift(&mut self, sample: &Sample<'_>) -> Vector3<f64> {
+        let _ = sample;
+        Vector3::zeros()
+    }
+
+    /// Turns the displacements of the touched points, which `springs` holds at first, into those
+    /// that the stiffness multiplies: the force of point i on the robot is `-K_i springs[i]`.
+    fn springs(&mut self, sample: &Sample<'_>, touch: &Touch<'_>, springs: &mut [Vector3<f64>]) {
+        let _ = (sample, touch, springs);
+    }
+
+    /// Scales the torque of the field per joint; `gains` are 1 at first.
+    fn gains(&mut self, sample: &Sample<'_>, gains: &mut [f64]) {
+        let _ = (sample, gains);
+    }
+
+    /// Adds torques that do not depend on the stiffness (N m or N), as load of the environment.
+    fn torques(&mut self, sample: &Sample<'_>, touch: &Touch<'_>, tau: &mut [f64]) {
+        let _ = (sample, touch, tau);
+    }
+}
+
+/// A candidate cause of the gap: a change of the nominal model with parameters, of which
+/// amplitudes at zero leave the model as it is.
+pub trait Effect: Send + Sync {
+    /// Its name in the catalogue.
+    fn name(&self) -> &str;
+
+    /// What it acts on.
+    fn acts(&self) -> Acts;
+
+    /// What a recording must hold for it to show.
+    fn needs(&self) -> &[Need];
+
+    /// Its parameters at a site, amplitudes first or mixed with shapes.
+    fn parameters(&self, site: &Site) -> Vec<Parameter>;
+
+    /// Starting points of the search, each with all parameters: shapes at plausible values,
+    /// amplitudes ignored (they start at zero). One start with the middle of every shape's bounds
+    /// by default.
+    fn starts(&self, site: &Site) -> Vec<Vec<f64>> {
+        let middle = |p: Parameter| match p.role {
+            Role::Amplitude => 0.0,
+            Role::Shape => 0.5 * (p.bounds[0] + p.bounds[1]),
+        };
+        vec![self.parameters(site).into_iter().map(middle).collect()]
+    }
+
+    /// The effect with parameters `theta`, in the order of [`Effect::parameters`].
+    ///
+    /// # Errors
+    /// Parameters of another number, or that the robot cannot take.
+    fn compensator(&self, site: &Site, theta: &[f64]) -> Result<Box<dyn Compensator>, GapError>;
+
+    /// Why the campaign cannot show it, `None` when it can.
+    fn untestable(&self, campaign: &Campaign) -> Option<String> {
+        self.needs().iter().find_map(|need| campaign.lacks(*need))
+    }
+}
+
+/// One amplitude per joint, named `<prefix>_<joint from 1>`, with the joint's unit of torque per
+/// `per`: `""`, `s/rad`, ... Bounds and scale are those of a rotating joint.
+pub(crate) fn per_joint(
+    site: &Site,
+    prefix: &str,
+    unit: impl Fn(usize) -> &'static str,
+    bounds: [f64; 2],
+    scale: f64,
+) -> Vec<Parameter> {
+    (0..site.joints())
+        .map(|j| {
+            Parameter::amplitude(format!("{prefix}_{}", j + 1), unit(j), bounds, scale).of_joint(j)
+        })
+        .collect()
+}
+
+/// Whether joint `j` slides.
+pub(crate) fn slides(site: &Site, j: usize) -> bool {
+    site.robot.joints()[j].kind() == vsf_robots::JointKind::Prismatic
+}
+
+/// Checks the number of parameters.
+pub(crate) fn check(name: &str, theta: &[f64], expected: usize) -> Result<(), GapError> {
+    if theta.len() != expected {
+        return Err(GapError::Parameters {
+            effect: name.to_owned(),
+            got: theta.len(),
+            expected,
+        });
+    }
+    match theta.iter().position(|v| !v.is_finite()) {
+        Some(i) => Err(GapError::NotFinite {
+            effect: name.to_owned(),
+            index: i,
+            value: theta[i],
+        }),
+        None => Ok(()),
+    }
+}

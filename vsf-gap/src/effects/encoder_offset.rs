@@ -1,0 +1,52 @@
+use crate::GapError;
+use crate::effect::{Acts, Compensator, Effect, Need, Parameter, Sample, Site};
+use crate::effect::{check, per_joint, slides};
+
+/// Joint encoders that are off by a constant: the links are at `q_j + o_j`.
+///
+/// Parameters `o_<joint>` (rad or m). Tell-tale: contacts shift and torques are felt about other
+/// axes, by amounts that depend on the posture.
+///
+/// # Reference
+/// J. M. Hollerbach, C. W. Wampler, "The calibration index and taxonomy for robot kinematic
+/// calibration methods", Int. J. Robotics Research 15(6), 1996, doi:10.1177/027836499601500604.
+#[derive(Debug, Clone, Copy)]
+pub struct EncoderOffset;
+
+struct Offset(Vec<f64>);
+
+impl Effect for EncoderOffset {
+    fn name(&self) -> &str {
+        "encoder_offset"
+    }
+
+    fn acts(&self) -> Acts {
+        Acts::Contact
+    }
+
+    fn needs(&self) -> &[Need] {
+        &[]
+    }
+
+    fn parameters(&self, site: &Site) -> Vec<Parameter> {
+        let unit = |j| if slides(site, j) { "m" } else { "rad" };
+        let mut parameters = per_joint(site, "o", unit, [-0.2, 0.2], 0.01);
+        for (j, p) in parameters.iter_mut().enumerate() {
+            if slides(site, j) {
+                (p.bounds, p.scale) = ([-0.05, 0.05], 1e-3);
+            }
+        }
+        parameters
+    }
+
+    fn compensator(&self, site: &Site, theta: &[f64]) -> Result<Box<dyn Compensator>, GapError> {
+        check(self.name(), theta, site.joints())?;
+        Ok(Box::new(Offset(theta.to_vec())))
+    }
+}
+
+impl Compensator for Offset {
+    fn joints(&mut self, _: &Sample<'_>, q: &mut [f64]) {
+        q.iter_mut().zip(&self.0).for_each(|(q, o)| *q += o);
+    }
+}

@@ -1,0 +1,46 @@
+use crate::GapError;
+use crate::effect::{Acts, Compensator, Effect, Need, Parameter, Sample, Site, Touch};
+use crate::effect::{check, per_joint, slides};
+
+/// A constant error of the torque sensors: `tau_j + b_j`, also in free motion.
+///
+/// Parameters `b_<joint>` (N m or N). Tell-tale: it neither depends on posture nor on motion; an
+/// unmodelled weight changes with the posture.
+///
+/// # Reference
+/// A. De Luca, A. Albu-Schaffer, S. Haddadin, G. Hirzinger, "Collision detection and safe reaction
+/// with the DLR-III lightweight manipulator arm", IROS 2006, doi:10.1109/IROS.2006.282053.
+#[derive(Debug, Clone, Copy)]
+pub struct TorqueBias;
+
+struct Bias(Vec<f64>);
+
+impl Effect for TorqueBias {
+    fn name(&self) -> &str {
+        "torque_bias"
+    }
+
+    fn acts(&self) -> Acts {
+        Acts::Torques
+    }
+
+    fn needs(&self) -> &[Need] {
+        &[]
+    }
+
+    fn parameters(&self, site: &Site) -> Vec<Parameter> {
+        let unit = |j| if slides(site, j) { "N" } else { "N m" };
+        per_joint(site, "b", unit, [-100.0, 100.0], 0.5)
+    }
+
+    fn compensator(&self, site: &Site, theta: &[f64]) -> Result<Box<dyn Compensator>, GapError> {
+        check(self.name(), theta, site.joints())?;
+        Ok(Box::new(Bias(theta.to_vec())))
+    }
+}
+
+impl Compensator for Bias {
+    fn torques(&mut self, _: &Sample<'_>, _: &Touch<'_>, tau: &mut [f64]) {
+        tau.iter_mut().zip(&self.0).for_each(|(t, b)| *t += b);
+    }
+}

@@ -1,0 +1,70 @@
+use thiserror::Error;
+use vsf_core::CoreError;
+use vsf_data::DataError;
+use vsf_pipeline::PipelineError;
+use vsf_robots::RobotError;
+
+/// What can go wrong in a diagnosis.
+#[derive(Debug, Error)]
+#[non_exhaustive]
+pub enum GapError {
+    /// A number of parameters that an effect does not have.
+    #[error("effect {effect} takes {expected} parameters, got {got}")]
+    Parameters {
+        /// Name of the effect.
+        effect: String,
+        /// Parameters given.
+        got: usize,
+        /// Parameters it has.
+        expected: usize,
+    },
+    /// NaN or infinity for a parameter.
+    #[error("effect {effect}: parameter {index} is {value}")]
+    NotFinite {
+        /// Name of the effect.
+        effect: String,
+        /// Index of the parameter, from 0.
+        index: usize,
+        /// Its value.
+        value: f64,
+    },
+    /// A name that is not in the catalogue.
+    #[error("no effect {name:?}; there are {known}")]
+    UnknownEffect {
+        /// The name given.
+        name: String,
+        /// The names there are.
+        known: String,
+    },
+    /// A parameter that an effect does not have, or that is missing from a model.
+    #[error("effect {effect}: {problem}")]
+    Model {
+        /// Name of the effect.
+        effect: String,
+        /// What is wrong.
+        problem: String,
+    },
+    /// Too little data for a diagnosis.
+    #[error("{what}: {problem}")]
+    TooLittle {
+        /// What there is too little of.
+        what: &'static str,
+        /// How much there is, and what to do.
+        problem: String,
+    },
+    /// A covariance that is not positive definite, an overflow.
+    #[error("numerical failure in {0}")]
+    Numerical(&'static str),
+    /// Robot, scene or contact.
+    #[error(transparent)]
+    Pipeline(#[from] PipelineError),
+    /// Estimation.
+    #[error(transparent)]
+    Core(#[from] CoreError),
+    /// The robot model.
+    #[error(transparent)]
+    Robot(#[from] RobotError),
+    /// The recording.
+    #[error(transparent)]
+    Data(#[from] DataError),
+}

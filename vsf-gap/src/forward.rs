@@ -1,0 +1,373 @@
+use crate::effect::{Acts, Compensator, Effect, Sample, Touch};
+use crate::{Campaign, GapError, Motion, Site};
+use nalgebra::{Matrix3, Point3, Vector3};
+use std::sync::Arc;
+use vsf_core::{ContactModel, Contacts, JointScrew, Posture};
+use vsf_data::TorqueKind;
+
+/// Effects with their parameters: a model of the recording.
+#[derive(Clone, Default)]
+pub struct Model {
+    /// The effects in it and their parameters.
+    pub parts: Vec<(Arc<dyn Effect>, Vec<f64>)>,
+}
+
+impl Model {
+    /// The nominal model with one effect added.
+    pub fn of(effect: &Arc<dyn Effect>, theta: &[f64]) -> Self {
+        Self {
+            parts: vec![(effect.clone(), theta.to_vec())],
+        }
+    }
+
+    /// This model with one more effect.
+    #[must_use]
+    pub fn with(&self, effect: &Arc<dyn Effect>, theta: &[f64]) -> Self {
+        let mut model = self.clone();
+        model.parts.push((effect.clone(), theta.to_vec()));
+        model
+    }
+
+    /// The deepest that any of the effects acts.
+    pub fn acts(&self) -> Acts {
+        let acts = self.parts.iter().map(|(effect, _)| effect.acts());
+        acts.max().unwrap_or(Acts::Torques)
+    }
+
+    /// The compensators, in order.
+    ///
+    /// # Errors
+    /// Parameters that an effect cannot take.
+    pub fn compensators(&self, site: &Site) -> Result<Vec<Box<dyn Compensator>>, GapError> {
+        let make = |(effect, theta): &(Arc<dyn Effect>, Vec<f64>)| effect.compensator(site, theta);
+        self.parts.iter().map(make).collect()
+    }
+}
+
+/// Where the robot was and what it touched, at every sample of a sequence.
+#[derive(Debug, Clone)]
+pub struct ContactLog {
+    /// Postures, in the frame of the object.
+    pub postures: Vec<Posture>,
+    /// Contacts.
+    pub contacts: Vec<Contacts>,
+    /// Force on the robot that explains the readings best (N, world).
+    pub forces: Vec<Vector3<f64>>,
+    /// What the rigid body adds to the reading because the links are not where the recording has
+    /// them (N m or N); empty where the readings leave it out.
+    pub rigid: Vec<f64>,
+}
+
+/// The contact of one robot with one object, step by step, as a model has it.
+pub struct ContactDriver {
+    model: Option<Box<dyn ContactModel>>,
+    force: Vector3<f64>,
+    q: Vec<f64>,
+}
+
+impl Campaign {
+    /// Runs contact over a sequence.
+    ///
+    /// # Errors
+    /// Parameters of contact out of range, rows that contact cannot take.
+    pub fn contact_log(&self, model: &Model, motion: &Motion) -> Result<ContactLog, GapError> {
+        let mut compensators = model.compensators(&self.site)?;
+        let mut driver = self.contact_driver(&compensators)?;
+        let mut log = ContactLog {
+            postures: Vec::with_capacity(motion.len()),
+            contacts: Vec::with_capacity(motion.len()),
+            forces: Vec::with_capacity(motion.len()),
+            rigid: Vec::new(),
+        };
+        let rigid = self.site.torque_kind == TorqueKind::Measured;
+        let mut workspace = self.site.robot.dynamics_workspace();
+        let mut posture = self.site.robot.posture();
+        let mut contacts = Contacts::new();
+        compensators
+            .iter_mut()
+            .for_each(|c| c.begin_sequence(&motion.id));
+        for touch in &motion.touches {
+            driver.reset();
+            compensators.iter_mut().for_each(|c| c.begin_touch());
+            for row in touch.clone() {
+                let sample = motion.sample(row, touch.start, driver.force);
+                driver.step(
+                    &self.site,
+                    &mut compensators,
+                    &sample,
+                    &mut posture,
+                    &mut contacts,
+                )?;
+                if rigid {
+                    // Less than the recorded positions gave: (RNEA(q) - meas) as reading.
+                    let of_links = self.site.robot.inverse_dynamics(
+                        &driver.q,
+                        sample.qd,
+                        sample.qdd,
+                        &self.site.gravity,
+                        &mut workspace,
+                    )?;
+                    let recorded = &motion.load[row];
+                    log.rigid
+                        .extend(recorded.iter().zip(of_links).map(|(r, l)| r - l));
+                }
+                log.postures.push(posture.clone());
+                log.contacts.push(contacts.clone());
+                log.forces.push(driver.force);
+            }
+        }
+        Ok(log)
+    }
+
+    fn contact_driver(
+        &self,
+        compensators: &[Box<dyn Compensator>],
+    ) -> Result<ContactDriver, GapError> {
+        let model = match &self.scene {
+            None => None,
+            Some(scene) => {
+                let mut config = *scene.contact();
+                compensators.iter().for_each(|c| c.contact(&mut config));
+                Some(scene.contact_model_with(config)?)
+            }
+        };
+        Ok(ContactDriver {
+            model,
+            force: Vector3::zeros(),
+            q: vec![0.0; self.site.joints()],
+        })
+    }
+}
+
+impl Motion {
+    /// A sample of a touch that began at row `first`.
+    pub fn sample(&self, row: usize, first: usize, force_W: Vector3<f64>) -> Sample<'_> {
+        let dt = match row > first {
+            true => self.clock[row] - self.clock[row - 1],
+            false => 0.0,
+        };
+        Sample {
+            clock: self.clock[row],
+            dt,
+            q: &self.q[row],
+            qd: &self.qd[row],
+            qdd: &self.qdd[row],
+            reading: &self.reading[row],
+            load: &self.load[row],
+            force_W,
+        }
+    }
+}
+
+impl ContactDriver {
+    /// Forgets all contacts.
+    pub fn reset(&mut self) {
+        if let Some(model) = &mut self.model {
+            model.reset();
+        }
+        self.force = Vector3::zeros();
+    }
+
+    /// One sample: link positions, place of the object, contacts, and the force behind the reading.
+    ///
+    /// # Errors
+    /// A row that robot or contact cannot take.
+    pub fn step(
+        &mut self,
+        site: &Site,
+        compensators: &mut [Box<dyn Compensator>],
+        sample: &Sample<'_>,
+        posture: &mut Posture,
+        contacts: &mut Contacts,
+    ) -> Result<(), GapError> {
+        self.q.copy_from_slice(sample.q);
+        for c in compensators.iter_mut() {
+            c.joints(sample, &mut self.q);
+        }
+        site.robot.update_posture(&self.q, posture)?;
+        let shift: Vector3<f64> = compensators
+            .iter_mut()
+            .map(|c| c.object_shift(sample))
+            .sum();
+        if shift != Vector3::zeros() {
+            translate(posture, &-shift);
+        }
+        if let Some(model) = &mut self.model {
+            model.step(&site.rest, posture, contacts)?;
+            self.force = force_behind(
+                &Touch {
+                    rest: &site.rest,
+                    posture,
+                    contacts,
+                },
+                sample.reading,
+            );
+        }
+        Ok(())
+    }
+}
+
+/// Moves a robot as a whole.
+fn translate(posture: &mut Posture, by: &Vector3<f64>) {
+    let (_, poses, screws) = posture.parts_mut();
+    for pose in poses {
+        pose.translation.vector += by;
+    }
+    for screw in screws {
+        *screw = JointScrew {
+            angular: screw.angular,
+            linear: screw.linear + by.cross(&screw.angular),
+        };
+    }
+}
+
+/// The middle of the contact, and the link with most of the touched points.
+pub fn centre(touch: &Touch<'_>) -> Option<(usize, Point3<f64>)> {
+    let contacts = touch.contacts;
+    let n = contacts.len();
+    if n == 0 {
+        return None;
+    }
+    let place = |(&p, u): (&u32, &Vector3<f64>)| touch.rest.positions()[p as usize].coords + u;
+    let sum: Vector3<f64> = (contacts.points().iter())
+        .zip(contacts.displacements())
+        .map(place)
+        .sum();
+    // The middle contact of the middle link: links come in any order, a majority vote is enough.
+    let link = contacts.links().iter().copied().max_by_key(|l| {
+        let same = contacts.links().iter().filter(|m| *m == l).count();
+        (same, *l)
+    })?;
+    Some((link as usize, Point3::from(sum / n as f64)))
+}
+
+/// The columns of the Jacobian of a point on a link: the velocity (m per unit of joint speed) that
+/// each joint gives it.
+pub fn velocity_columns(posture: &Posture, link: usize, p: &Point3<f64>, out: &mut [Vector3<f64>]) {
+    out.fill(Vector3::zeros());
+    for &j in posture.chains().chain(link) {
+        let s = &posture.screws()[j as usize];
+        out[j as usize] = s.angular.cross(&p.coords) + s.linear;
+    }
+}
+
+/// The force at the middle of the contact whose joint torques come closest to the reading, a
+/// little towards zero where the arm feels a direction badly.
+fn force_behind(touch: &Touch<'_>, reading: &[f64]) -> Vector3<f64> {
+    let Some((link, p)) = centre(touch) else {
+        return Vector3::zeros();
+    };
+    let (mut jjt, mut jt) = (Matrix3::zeros(), Vector3::zeros());
+    for &j in touch.posture.chains().chain(link) {
+        let s = &touch.posture.screws()[j as usize];
+        let v = s.angular.cross(&p.coords) + s.linear;
+        jjt += v * v.transpose();
+        jt += v * reading[j as usize];
+    }
+    let damped = jjt + Matrix3::identity() * (1e-2 * jjt.trace());
+    damped
+        .cholesky()
+        .map_or_else(Vector3::zeros, |c| c.solve(&jt))
+}
+
+/// What a model says about one sample, given its contacts.
+pub struct Prediction {
+    /// Springs of the touched points (m, world): the stiffness multiplies them.
+    pub springs: Vec<Vector3<f64>>,
+    /// Gain of the field's torque per joint.
+    pub gains: Vec<f64>,
+    /// Torques that do not depend on the stiffness (N m or N).
+    pub torques: Vec<f64>,
+}
+
+impl Campaign {
+    /// Runs springs, gains and torques of a model over a sequence whose contacts are known.
+    /// `visit` is given the row, what was touched and the prediction.
+    ///
+    /// # Errors
+    /// Parameters that an effect cannot take.
+    pub fn predict(
+        &self,
+        model: &Model,
+        motion: &Motion,
+        log: &ContactLog,
+        mut visit: impl FnMut(usize, &Touch<'_>, &Prediction),
+    ) -> Result<(), GapError> {
+        let d = self.site.joints();
+        let mut compensators = model.compensators(&self.site)?;
+        let mut out = Prediction {
+            springs: Vec::new(),
+            gains: vec![1.0; d],
+            torques: vec![0.0; d],
+        };
+        compensators
+            .iter_mut()
+            .for_each(|c| c.begin_sequence(&motion.id));
+        for range in &motion.touches {
+            compensators.iter_mut().for_each(|c| c.begin_touch());
+            for row in range.clone() {
+                let sample = motion.sample(row, range.start, log.forces[row]);
+                let touch = Touch {
+                    rest: &self.site.rest,
+                    posture: &log.postures[row],
+                    contacts: &log.contacts[row],
+                };
+                out.step(&mut compensators, &sample, &touch);
+                if !log.rigid.is_empty() {
+                    let rigid = &log.rigid[row * d..][..d];
+                    out.torques.iter_mut().zip(rigid).for_each(|(t, r)| *t -= r);
+                }
+                visit(row, &touch, &out);
+            }
+        }
+        Ok(())
+    }
+}
+
+impl Prediction {
+    fn step(
+        &mut self,
+        compensators: &mut [Box<dyn Compensator>],
+        sample: &Sample<'_>,
+        touch: &Touch<'_>,
+    ) {
+        self.springs.clear();
+        self.springs
+            .extend_from_slice(touch.contacts.displacements());
+        self.gains.fill(1.0);
+        self.torques.fill(0.0);
+        for c in compensators {
+            c.springs(sample, touch, &mut self.springs);
+            c.gains(sample, &mut self.gains);
+            c.torques(sample, touch, &mut self.torques);
+        }
+    }
+
+    /// The column `-G J(q, p + u)^T s` of contact `k`, written to `out`.
+    pub fn column(&self, touch: &Touch<'_>, k: usize, out: &mut [f64]) {
+        let contacts = touch.contacts;
+        let point = contacts.points()[k] as usize;
+        let p = touch.rest.positions()[point] + contacts.displacements()[k];
+        let link = contacts.links()[k] as usize;
+        touch
+            .posture
+            .joint_torques(link, &p, &-self.springs[k], out);
+        out.iter_mut().zip(&self.gains).for_each(|(w, g)| *w *= g);
+    }
+
+    /// The torques `G W K + a` of a stiffness per rest point, written to `out`.
+    pub fn apply(&self, touch: &Touch<'_>, stiffness: &[f64], out: &mut [f64]) {
+        let d = self.gains.len();
+        out.copy_from_slice(&self.torques);
+        let mut column = vec![0.0; d];
+        for (k, &p) in touch.contacts.points().iter().enumerate() {
+            let stiffness = stiffness[p as usize];
+            if stiffness != 0.0 {
+                self.column(touch, k, &mut column);
+                out.iter_mut()
+                    .zip(&column)
+                    .for_each(|(t, w)| *t += w * stiffness);
+            }
+        }
+    }
+}

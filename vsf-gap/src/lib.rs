@@ -1,0 +1,15 @@
+//! Diagnosis of the sim-to-real gap: where it lies, which unmodelled effect causes it, how far it
+//! closes.
+
+#![forbid(unsafe_code)]
+
+mod campaign;
+mod effect;
+pub mod effects;
+mod error;
+mod forward;
+
+pub use campaign::{Campaign, Motion};
+pub use effect::{Acts, Compensator, Effect, Need, Parameter, Role, Sample, Site, Touch};
+pub use error::GapError;
+pub use forward::{ContactDriver, ContactLog, Model, Prediction, centre, velocity_columns};
