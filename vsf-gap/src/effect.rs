@@ -50,6 +50,8 @@ pub struct Parameter {
     pub unit: &'static str,
     /// The joint it belongs to, from 0.
     pub joint: Option<usize>,
+    /// Index of the sequence it speaks of alone, among [`Site::sequences`].
+    pub sequence: Option<usize>,
     /// Amplitude or shape.
     pub role: Role,
     /// Smallest and largest value that is physically plausible. The range of an amplitude holds 0.
@@ -70,6 +72,7 @@ impl Parameter {
             name: name.into(),
             unit,
             joint: None,
+            sequence: None,
             role: Role::Amplitude,
             bounds,
             scale,
@@ -94,6 +97,15 @@ impl Parameter {
     pub fn of_joint(self, j: usize) -> Self {
         Self {
             joint: Some(j),
+            ..self
+        }
+    }
+
+    /// The same parameter as one of sequence `s` of the site alone, from 0.
+    #[must_use]
+    pub fn of_sequence(self, s: usize) -> Self {
+        Self {
+            sequence: Some(s),
             ..self
         }
     }

@@ -1,0 +1,302 @@
+//! Gaussian models of readings over windows: what the stiffness, the noise and the model's own
+//! roughness let a reading vary, and how well an effect explains the rest.
+
+use crate::GapError;
+use crate::windows::{Design, Windows};
+use faer::dyn_stack::{MemBuffer, MemStack};
+use faer::linalg::cholesky::llt;
+use faer::linalg::matmul::{matmul, triangular};
+use faer::linalg::triangular_solve;
+use faer::{Accum, Mat, Par};
+use nalgebra::{DMatrix, DVector, Point3};
+
+/// Edge of the cells (m) over which stiffness varies smoothly.
+const CELL: f64 = 0.04;
+/// Times (s) over which the model's roughness persists: of contact, and of joints.
+const CONTACT_TIMES: [f64; 3] = [0.05, 0.3, 3.0];
+const JOINT_TIMES: [f64; 2] = [0.5, 5.0];
+
+/// Sizes of what readings vary by.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Spread {
+    /// Standard deviation of each point's stiffness on its own (N/m).
+    pub point: f64,
+    /// Standard deviation of the part of the stiffness that is smooth over 4 cm (N/m).
+    pub smooth: f64,
+    /// Standard deviation of the common level of the stiffness (N/m).
+    pub level: f64,
+    /// Roughness of contact: unexplained force as a share of the force.
+    pub contact: f64,
+    /// Roughness of joints: unexplained torque as a share of each joint's RMS torque.
+    pub joint: f64,
+}
+
+/// The parts of the covariance of a design, ready to be put together for any [`Spread`].
+pub struct Parts {
+    windows: Windows,
+    noise: Vec<f64>,
+    points: Mat<f64>,
+    smooth: Mat<f64>,
+    level: Vec<f64>,
+    lever: Mat<f64>,
+    joint_rms: Vec<f64>,
+}
+
+/// A factored covariance.
+pub struct Factor(Mat<f64>);
+
+impl Parts {
+    /// Gathers the parts. `noise` is the variance of every row, `lever` that of
+    /// [`crate::Campaign::lever`], `joint_rms` the RMS reading per joint (N m or N).
+    pub fn new(
+        design: &Design,
+        rest: &[Point3<f64>],
+        windows: &Windows,
+        noise: Vec<f64>,
+        lever: Mat<f64>,
+        joint_rms: Vec<f64>,
+    ) -> Self {
+        let n = windows.rows();
+        let hats = hats(&design.points, rest);
+        let mut smooth = Mat::zeros(n, hats.nodes);
+        for (k, node, weight) in hats.weights {
+            let from = design.w.col_as_slice(k);
+            let to = smooth.col_as_slice_mut(node);
+            to.iter_mut().zip(from).for_each(|(t, f)| *t += weight * f);
+        }
+        let mut level = vec![0.0; n];
+        for k in 0..design.points.len() {
+            let column = design.w.col_as_slice(k);
+            level.iter_mut().zip(column).for_each(|(l, w)| *l += w);
+        }
+        Self {
+            windows: windows.clone(),
+            noise,
+            points: outer(&design.w),
+            smooth: outer(&smooth),
+            level,
+            lever,
+            joint_rms,
+        }
+    }
+
+    /// Torques of a field of 1 N/m everywhere.
+    pub fn unit_field(&self) -> &[f64] {
+        &self.level
+    }
+
+    /// The covariance of the readings, factored.
+    ///
+    /// # Errors
+    /// A covariance that is not positive definite.
+    pub fn factor(&self, spread: &Spread) -> Result<Factor, GapError> {
+        let n = self.windows.rows();
+        let d = self.windows.joints;
+        let (point, smooth, level) = (
+            spread.point * spread.point,
+            spread.smooth * spread.smooth,
+            spread.level * spread.level,
+        );
+        let mut c = Mat::zeros(n, n);
+        for col in 0..n {
+            let (a, b, l) = (
+                self.points.col_as_slice(col),
+                self.smooth.col_as_slice(col),
+                level * self.level[col],
+            );
+            let out = c.col_as_slice_mut(col);
+            for row in col..n {
+                out[row] = point * a[row] + smooth * b[row] + l * self.level[row];
+            }
+            out[col] += self.noise[col];
+        }
+        let (contact, joint) = (spread.contact * spread.contact, spread.joint * spread.joint);
+        for (i, w) in self.windows.list.iter().enumerate() {
+            for (k, v) in self.windows.list.iter().enumerate().skip(i) {
+                if v.sequence != w.sequence {
+                    break;
+                }
+                let dt = (v.clock - w.clock).abs();
+                let fade = |times: &[f64]| {
+                    times.iter().map(|t| (-dt / t).exp()).sum::<f64>() / times.len() as f64
+                };
+                let (of_contact, of_joint) = (
+                    contact * fade(&CONTACT_TIMES),
+                    joint * fade(&JOINT_TIMES),
+                );
+                for j in 0..d {
+                    let col = i * d + j;
+                    let at = |axis| self.lever[(col, axis)];
+                    let arm = [at(0), at(1), at(2)];
+                    for m in 0..d {
+                        let row = k * d + m;
+                        if row >= col {
+                            let along: f64 =
+                                (0..3).map(|axis| arm[axis] * self.lever[(row, axis)]).sum();
+                            c[(row, col)] += of_contact * along;
+                        }
+                    }
+                    let own = self.joint_rms[j];
+                    c[(k * d + j, col)] += of_joint * own * own;
+                }
+            }
+        }
+        Factor::new(c)
+    }
+}
+
+/// `A A^T`, lower triangle.
+fn outer(a: &Mat<f64>) -> Mat<f64> {
+    let mut out = Mat::zeros(a.nrows(), a.nrows());
+    if a.ncols() > 0 {
+        triangular::matmul(
+            out.as_mut(),
+            triangular::BlockStructure::TriangularLower,
+            Accum::Replace,
+            a.as_ref(),
+            triangular::BlockStructure::Rectangular,
+            a.transpose(),
+            triangular::BlockStructure::Rectangular,
+            1.0,
+            Par::Seq,
+        );
+    }
+    out
+}
+
+struct Hats {
+    nodes: usize,
+    /// Point, node and weight.
+    weights: Vec<(usize, usize, f64)>,
+}
+
+/// Trilinear interpolation of the points between the nodes of a lattice, scaled so that every
+/// point has unit variance when the nodes have.
+fn hats(points: &[u32], rest: &[Point3<f64>]) -> Hats {
+    let mut nodes = std::collections::BTreeMap::new();
+    let mut weights = Vec::with_capacity(8 * points.len());
+    for (k, &p) in points.iter().enumerate() {
+        let x = rest[p as usize].coords / CELL;
+        let base = x.map(f64::floor);
+        let t = x - base;
+        let own: Vec<_> = (0..8)
+            .map(|corner| {
+                let bit = |axis: usize| (corner >> axis) & 1;
+                let along = |axis: usize| if bit(axis) == 1 { t[axis] } else { 1.0 - t[axis] };
+                let key: [i64; 3] = std::array::from_fn(|axis| base[axis] as i64 + bit(axis) as i64);
+                (key, along(0) * along(1) * along(2))
+            })
+            .collect();
+        let norm = own.iter().map(|(_, w)| w * w).sum::<f64>().sqrt();
+        for (key, weight) in own {
+            let fresh = nodes.len();
+            let node = *nodes.entry(key).or_insert(fresh);
+            weights.push((k, node, weight / norm));
+        }
+    }
+    Hats {
+        nodes: nodes.len(),
+        weights,
+    }
+}
+
+impl Factor {
+    fn new(mut a: Mat<f64>) -> Result<Self, GapError> {
+        let scratch =
+            llt::factor::cholesky_in_place_scratch::<f64>(a.nrows(), Par::Seq, Default::default());
+        let mut memory = MemBuffer::new(scratch);
+        llt::factor::cholesky_in_place(
+            a.as_mut(),
+            Default::default(),
+            Par::Seq,
+            MemStack::new(&mut memory),
+            Default::default(),
+        )
+        .map_err(|_| GapError::Numerical("the covariance of the readings"))?;
+        Ok(Self(a))
+    }
+
+    /// Whitens every column in place: `L^-1 x`.
+    pub fn whiten(&self, x: &mut Mat<f64>) {
+        triangular_solve::solve_lower_triangular_in_place(self.0.as_ref(), x.as_mut(), Par::Seq);
+    }
+
+    /// Solves `C x = b` for every column in place.
+    pub fn solve(&self, x: &mut Mat<f64>) {
+        self.whiten(x);
+        triangular_solve::solve_upper_triangular_in_place(
+            self.0.transpose(),
+            x.as_mut(),
+            Par::Seq,
+        );
+    }
+
+    /// `log det C`.
+    pub fn log_det(&self) -> f64 {
+        (0..self.0.nrows()).map(|i| 2.0 * self.0[(i, i)].ln()).sum()
+    }
+}
+
+/// An effect beside the rest, linear in its parameters.
+#[derive(Debug, Clone)]
+pub struct Fit {
+    /// Log of the evidence's gain over the same model without the effect (nats).
+    pub gain: f64,
+    /// Parameters with the largest posterior density.
+    pub theta: DVector<f64>,
+    /// Their covariance.
+    pub covariance: DMatrix<f64>,
+}
+
+/// The evidence of whitened tangents `t` (one column per parameter, with prior deviations `sd`)
+/// for whitened readings `y`, the parameters integrated out.
+pub fn linear_fit(y: &[f64], t: &[&[f64]], sd: &[f64]) -> Option<Fit> {
+    let p = t.len();
+    let dot = |a: &[f64], b: &[f64]| a.iter().zip(b).map(|(a, b)| a * b).sum::<f64>();
+    // In units of the prior's deviations.
+    let information = DMatrix::from_fn(p, p, |i, j| sd[i] * sd[j] * dot(t[i], t[j]));
+    let score = DVector::from_fn(p, |i, _| sd[i] * dot(t[i], y));
+    let precision = information + DMatrix::identity(p, p);
+    let factor = precision.cholesky()?;
+    let theta = factor.solve(&score);
+    let log_det: f64 = (0..p).map(|i| 2.0 * factor.l_dirty()[(i, i)].ln()).sum();
+    let gain = 0.5 * score.dot(&theta) - 0.5 * log_det;
+    let covariance = factor.inverse();
+    let scale = DVector::from_column_slice(sd);
+    gain.is_finite().then(|| Fit {
+        gain,
+        theta: theta.component_mul(&scale),
+        covariance: DMatrix::from_fn(p, p, |i, j| covariance[(i, j)] * sd[i] * sd[j]),
+    })
+}
+
+/// The field's mean over touched points, given readings without the additive torques, already
+/// solved with the covariance (`C^-1 r`).
+pub fn field_mean(design: &Design, rest: &[Point3<f64>], spread: &Spread, solved: &[f64]) -> Vec<f64> {
+    let p = design.points.len();
+    let mut back = vec![0.0; p];
+    for (k, b) in back.iter_mut().enumerate() {
+        *b = (design.w.col_as_slice(k).iter()).zip(solved).map(|(w, s)| w * s).sum();
+    }
+    let hats = hats(&design.points, rest);
+    let mut nodes = vec![0.0; hats.nodes];
+    for &(k, node, weight) in &hats.weights {
+        nodes[node] += weight * back[k];
+    }
+    let level: f64 = back.iter().sum();
+    let mut field: Vec<f64> = (back.iter())
+        .map(|b| spread.point * spread.point * b + spread.level * spread.level * level)
+        .collect();
+    for &(k, node, weight) in &hats.weights {
+        field[k] += spread.smooth * spread.smooth * weight * nodes[node];
+    }
+    field
+}
+
+/// `A x` of a column-major matrix.
+pub fn times(a: &Mat<f64>, x: &[f64]) -> Vec<f64> {
+    let mut out = Mat::zeros(a.nrows(), 1);
+    let x = Mat::from_fn(x.len(), 1, |i, _| x[i]);
+    matmul(out.as_mut(), Accum::Replace, a.as_ref(), x.as_ref(), 1.0, Par::Seq);
+    out.col_as_slice(0).to_vec()
+}

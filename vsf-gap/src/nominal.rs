@@ -1,0 +1,205 @@
+use crate::evidence::{Factor, Parts, Spread, field_mean, times};
+use crate::noise::{JointNoise, noise_floor};
+use crate::windows::{Design, Windows};
+use crate::{Campaign, ContactLog, GapError, Model, Motion};
+use faer::Mat;
+use rayon::prelude::*;
+
+/// A model fitted to sequences: contacts, columns and the spread that the readings call for.
+pub struct Fitted<'a> {
+    /// The sequences.
+    pub motions: &'a [Motion],
+    /// Their contacts.
+    pub logs: Vec<ContactLog>,
+    /// Noise of every joint.
+    pub noise: Vec<JointNoise>,
+    /// How samples are averaged.
+    pub windows: Windows,
+    /// Columns and torques.
+    pub design: Design,
+    /// Readings over windows.
+    pub readings: Vec<f64>,
+    /// RMS reading per joint, no less than its noise (N m or N).
+    pub joint_rms: Vec<f64>,
+    /// Parts of the covariance.
+    pub parts: Parts,
+    /// A stiffness (N/m) that, everywhere the same, explains the readings best.
+    pub uniform: f64,
+}
+
+/// Roughness of contact and of joints that are tried.
+const CONTACT: [f64; 4] = [0.02, 0.07, 0.2, 0.5];
+const JOINT: [f64; 4] = [0.0, 0.05, 0.15, 0.4];
+/// Spread of single points and of the smooth part, in units of the uniform stiffness.
+const POINT: [f64; 3] = [0.3, 1.0, 3.0];
+const SMOOTH: [f64; 3] = [0.3, 1.0, 3.0];
+const LEVEL: f64 = 3.0;
+
+impl Campaign {
+    /// Contacts of several sequences.
+    ///
+    /// # Errors
+    /// As [`Campaign::contact_log`].
+    pub fn contact_logs(
+        &self,
+        model: &Model,
+        motions: &[Motion],
+    ) -> Result<Vec<ContactLog>, GapError> {
+        (motions.par_iter())
+            .map(|m| self.contact_log(model, m))
+            .collect()
+    }
+
+    /// Contacts, columns and covariance of a model over sequences.
+    ///
+    /// # Errors
+    /// Rows that contact cannot take, parameters that an effect cannot take.
+    pub fn fitted<'a>(
+        &self,
+        model: &Model,
+        motions: &'a [Motion],
+    ) -> Result<Fitted<'a>, GapError> {
+        let d = self.site.joints();
+        let windows = Windows::new(motions, d);
+        let logs = self.contact_logs(model, motions)?;
+        let noise = noise_floor(motions, &logs, d);
+        let design = self.design(model, motions, &logs, &windows)?;
+        let readings = windows.means(|s| &motions[s].reading);
+        let floor = windows.noise(&noise);
+        let joint_rms: Vec<f64> = (0..d)
+            .map(|j| {
+                let rows = readings.iter().skip(j).step_by(d);
+                let n = windows.list.len().max(1) as f64;
+                let rms = (rows.map(|y| y * y).sum::<f64>() / n).sqrt();
+                rms.max(noise[j].sd)
+            })
+            .collect();
+        // Noise that is zero by construction still has rounding.
+        let scale = joint_rms.iter().fold(0.0_f64, |a, b| a.max(*b)).max(1e-9);
+        let floor = floor.iter().map(|v| v.max(1e-6 * scale * scale)).collect();
+        let lever = self.lever(&logs, &windows);
+        let parts = Parts::new(
+            &design,
+            self.site.rest.positions(),
+            &windows,
+            floor,
+            lever,
+            joint_rms.clone(),
+        );
+        let unit = parts.unit_field();
+        let squares: f64 = unit.iter().map(|u| u * u).sum();
+        let along: f64 = unit.iter().zip(&readings).map(|(u, y)| u * y).sum();
+        let uniform = if squares > 0.0 { (along / squares).abs() } else { 1.0 };
+        Ok(Fitted {
+            motions,
+            logs,
+            noise,
+            windows,
+            design,
+            readings,
+            joint_rms,
+            parts,
+            uniform,
+        })
+    }
+}
+
+impl Fitted<'_> {
+    /// Whether anything is touched.
+    pub fn touches(&self) -> bool {
+        !self.design.points.is_empty()
+    }
+
+    /// Readings less the torques that do not depend on the stiffness.
+    pub fn rest(&self) -> Vec<f64> {
+        (self.readings.iter().zip(&self.design.a))
+            .map(|(y, a)| y - a)
+            .collect()
+    }
+
+    /// Log of the evidence of the readings, without constants.
+    ///
+    /// # Errors
+    /// A covariance that is not positive definite.
+    pub fn log_evidence(&self, spread: &Spread) -> Result<f64, GapError> {
+        let factor = self.parts.factor(spread)?;
+        Ok(self.log_evidence_of(&factor))
+    }
+
+    /// The same, with the factor at hand.
+    pub fn log_evidence_of(&self, factor: &Factor) -> f64 {
+        let rest = self.rest();
+        let mut y = Mat::from_fn(rest.len(), 1, |i, _| rest[i]);
+        factor.whiten(&mut y);
+        let squares: f64 = y.col_as_slice(0).iter().map(|y| y * y).sum();
+        -0.5 * (factor.log_det() + squares)
+    }
+
+    /// The spread of the stiffness with the largest evidence at middling roughness.
+    ///
+    /// # Errors
+    /// A covariance that is not positive definite.
+    pub fn best_stiffness(&self) -> Result<Spread, GapError> {
+        let spread = |point: f64, smooth: f64| Spread {
+            point: point * self.uniform,
+            smooth: smooth * self.uniform,
+            level: LEVEL * self.uniform,
+            contact: CONTACT[1],
+            joint: JOINT[1],
+        };
+        if !self.touches() {
+            return Ok(spread(1.0, 1.0));
+        }
+        let tried: Vec<Spread> = (POINT.iter())
+            .flat_map(|&p| SMOOTH.iter().map(move |&s| (p, s)))
+            .map(|(p, s)| spread(p, s))
+            .collect();
+        let found: Result<Vec<f64>, GapError> =
+            tried.par_iter().map(|s| self.log_evidence(s)).collect();
+        let found = found?;
+        let best = (0..tried.len()).max_by(|a, b| found[*a].total_cmp(&found[*b]));
+        Ok(tried[best.unwrap_or(0)])
+    }
+
+    /// That spread of the stiffness with every roughness that is tried.
+    pub fn roughness(&self, stiffness: &Spread) -> Vec<Spread> {
+        let contact: &[f64] = if self.touches() { &CONTACT } else { &CONTACT[..1] };
+        let of = |&contact: &f64| {
+            JOINT.iter().map(move |&joint| Spread {
+                contact,
+                joint,
+                ..*stiffness
+            })
+        };
+        contact.iter().flat_map(of).collect()
+    }
+
+    /// Mean stiffness per rest point, without the constraint that it is not negative.
+    ///
+    /// # Errors
+    /// A covariance that is not positive definite.
+    pub fn stiffness(&self, campaign: &Campaign, spread: &Spread) -> Result<Vec<f64>, GapError> {
+        let factor = self.parts.factor(spread)?;
+        let rest = self.rest();
+        let mut solved = Mat::from_fn(rest.len(), 1, |i, _| rest[i]);
+        factor.solve(&mut solved);
+        let positions = campaign.site.rest.positions();
+        let touched = field_mean(&self.design, positions, spread, solved.col_as_slice(0));
+        let mut field = vec![0.0; positions.len()];
+        for (&p, k) in self.design.points.iter().zip(touched) {
+            field[p as usize] = k;
+        }
+        Ok(field)
+    }
+
+    /// The model's torques over windows for a stiffness per rest point.
+    pub fn predicted(&self, stiffness: &[f64]) -> Vec<f64> {
+        let own: Vec<f64> = (self.design.points.iter())
+            .map(|&p| stiffness[p as usize])
+            .collect();
+        let mut tau = times(&self.design.w, &own);
+        tau.iter_mut().zip(&self.design.a).for_each(|(t, a)| *t += a);
+        tau
+    }
+}
+

@@ -1,0 +1,218 @@
+use crate::evidence::{Fit, Spread, linear_fit};
+use crate::nominal::Fitted;
+use crate::screen::log_mean_exp;
+use crate::{Acts, Campaign, GapError, Model, Parameter, Role};
+use faer::Mat;
+use nalgebra::DVector;
+use rayon::prelude::*;
+
+/// Most Gauss-Newton steps, and halvings of one.
+const MOST_STEPS: usize = 5;
+const MOST_HALVINGS: usize = 2;
+/// Steps end when the evidence grows by less (nats).
+const ENOUGH: f64 = 0.3;
+
+/// A model with effects whose parameters are fitted together with the field.
+pub struct Refined {
+    /// The model.
+    pub model: Model,
+    /// Its parameters, part after part.
+    pub theta: Vec<f64>,
+    /// Their posterior deviations.
+    pub sd: Vec<f64>,
+    /// Log of the evidence of the readings, roughness averaged (nats, without constants).
+    pub log_evidence: f64,
+    /// The roughness under which it does best.
+    pub spread: Spread,
+    /// Mean stiffness per rest point, not negative (N/m).
+    pub stiffness: Vec<f64>,
+    /// Columns of the change of the torques with each parameter.
+    pub tangent: Vec<Vec<f64>>,
+}
+
+/// Prior of all parameters of a model.
+struct Prior {
+    parameters: Vec<Parameter>,
+    mean: Vec<f64>,
+    sd: Vec<f64>,
+}
+
+impl Prior {
+    fn cost(&self, theta: &[f64]) -> f64 {
+        let z = |i: usize| (theta[i] - self.mean[i]) / self.sd[i];
+        (0..theta.len()).map(|i| 0.5 * z(i) * z(i)).sum()
+    }
+}
+
+impl Model {
+    /// All parameters, part after part.
+    pub fn theta(&self) -> Vec<f64> {
+        self.parts.iter().flat_map(|(_, t)| t.iter().copied()).collect()
+    }
+
+    /// The same effects with other parameters.
+    #[must_use]
+    pub fn at(&self, theta: &[f64]) -> Self {
+        let mut next = 0;
+        let parts = (self.parts.iter())
+            .map(|(effect, own)| {
+                let own = next..next + own.len();
+                next = own.end;
+                (effect.clone(), theta[own].to_vec())
+            })
+            .collect();
+        Self { parts }
+    }
+}
+
+impl Campaign {
+    /// Fits the parameters of a model together with the field by Gauss-Newton steps on the
+    /// evidence, from where they are. `sd` are prior deviations of all parameters; amplitudes have
+    /// prior mean zero, shapes that of the start.
+    ///
+    /// # Errors
+    /// Rows that contact cannot take, a covariance that is not positive definite.
+    pub fn refine(&self, start: &Model, sd: &[f64], spread: &Spread) -> Result<Refined, GapError> {
+        let parameters: Vec<Parameter> = (start.parts.iter())
+            .flat_map(|(effect, _)| effect.parameters(&self.site))
+            .collect();
+        let mut theta = start.theta();
+        let prior = Prior {
+            mean: (parameters.iter().zip(&theta))
+                .map(|(p, t)| if p.role == Role::Shape { *t } else { 0.0 })
+                .collect(),
+            sd: sd.to_vec(),
+            parameters,
+        };
+        let mut fitted = self.fitted(start, &self.train)?;
+        let mut value = fitted.log_evidence(spread)? - prior.cost(&theta);
+        let mut stiffness = self.non_negative(&fitted, spread)?;
+        let mut columns = self.columns(start, &fitted, &stiffness, &prior.parameters)?;
+        let deep = start.acts() == Acts::Contact;
+        let mut stale = false;
+        for k in 0..MOST_STEPS {
+            let (_, fit) = evidence(&fitted, &columns, &theta, &prior, spread)?;
+            let Some(fit) = fit else { break };
+            let mut next: Vec<f64> = (0..theta.len())
+                .map(|i| {
+                    let [lo, hi] = prior.parameters[i].bounds;
+                    (prior.mean[i] + fit.theta[i]).clamp(lo, hi)
+                })
+                .collect();
+            let mut better = None;
+            for _ in 0..=MOST_HALVINGS {
+                let model = start.at(&next);
+                let tried = self.fitted(&model, &self.train)?;
+                let gained = tried.log_evidence(spread)? - prior.cost(&next) - value;
+                if gained > 0.0 {
+                    better = Some((model, tried, gained));
+                    break;
+                }
+                next.iter_mut().zip(&theta).for_each(|(n, t)| *n = 0.5 * (*n + t));
+            }
+            let Some((model, tried, gained)) = better else {
+                break;
+            };
+            (theta, fitted, value) = (next, tried, value + gained);
+            stiffness = self.non_negative(&fitted, spread)?;
+            // Where contact has to be simulated anew for every column, they serve for two steps.
+            stale = deep && k % 2 == 0;
+            if !stale {
+                columns = self.columns(&model, &fitted, &stiffness, &prior.parameters)?;
+            }
+            if gained < ENOUGH {
+                break;
+            }
+        }
+        if stale {
+            columns = self.columns(&start.at(&theta), &fitted, &stiffness, &prior.parameters)?;
+        }
+        let spreads = fitted.roughness(spread);
+        let found: Vec<(f64, Option<Fit>)> = (spreads.par_iter())
+            .map(|s| evidence(&fitted, &columns, &theta, &prior, s))
+            .collect::<Result<_, GapError>>()?;
+        let all: Vec<f64> = found.iter().map(|(e, _)| *e).collect();
+        let best = (0..all.len()).max_by(|a, b| all[*a].total_cmp(&all[*b])).unwrap_or(0);
+        let sd = match &found[best].1 {
+            Some(fit) => fit.covariance.diagonal().map(f64::sqrt).as_slice().to_vec(),
+            None => prior.sd.clone(),
+        };
+        Ok(Refined {
+            model: start.at(&theta),
+            theta,
+            sd,
+            log_evidence: log_mean_exp(&all),
+            spread: spreads[best],
+            stiffness,
+            tangent: columns,
+        })
+    }
+
+    /// The field of a fitted model, without negative stiffness.
+    ///
+    /// # Errors
+    /// A covariance that is not positive definite.
+    pub fn non_negative(&self, fitted: &Fitted<'_>, spread: &Spread) -> Result<Vec<f64>, GapError> {
+        let field = fitted.stiffness(self, spread)?;
+        Ok(field.into_iter().map(|k| k.max(0.0)).collect())
+    }
+
+    /// The change of the torques with every parameter of a model.
+    fn columns(
+        &self,
+        model: &Model,
+        fitted: &Fitted<'_>,
+        stiffness: &[f64],
+        parameters: &[Parameter],
+    ) -> Result<Vec<Vec<f64>>, GapError> {
+        let theta = model.theta();
+        let here = fitted.predicted(stiffness);
+        let deep = model.acts() == Acts::Contact;
+        (parameters.par_iter().enumerate())
+            .map(|(i, p)| {
+                let [lo, hi] = p.bounds;
+                let step = 0.5 * p.scale.min(hi - lo);
+                let at = |value: f64| {
+                    let mut theta = theta.clone();
+                    theta[i] = value;
+                    self.predicted_near(&model.at(&theta), p, fitted, stiffness, &here)
+                };
+                let up = (theta[i] + step).min(hi);
+                let down = if deep || up == theta[i] { (theta[i] - step).max(lo) } else { theta[i] };
+                let ahead = if up > theta[i] { at(up)? } else { here.clone() };
+                let behind = if down < theta[i] { at(down)? } else { here.clone() };
+                let width = up - down;
+                Ok((ahead.iter().zip(&behind)).map(|(a, b)| (a - b) / width).collect())
+            })
+            .collect()
+    }
+}
+
+/// Log evidence with the parameters integrated out around `theta`, and their posterior relative to
+/// the prior mean.
+fn evidence(
+    fitted: &Fitted<'_>,
+    columns: &[Vec<f64>],
+    theta: &[f64],
+    prior: &Prior,
+    spread: &Spread,
+) -> Result<(f64, Option<Fit>), GapError> {
+    let factor = fitted.parts.factor(spread)?;
+    // Readings as they would be were the parameters at their prior mean.
+    let mut rest = fitted.rest();
+    let moved = DVector::from_fn(theta.len(), |i, _| theta[i] - prior.mean[i]);
+    for (column, m) in columns.iter().zip(moved.iter()) {
+        rest.iter_mut().zip(column).for_each(|(r, c)| *r += c * m);
+    }
+    let mut all = Mat::from_fn(rest.len(), columns.len() + 1, |i, k| match k {
+        0 => rest[i],
+        k => columns[k - 1][i],
+    });
+    factor.whiten(&mut all);
+    let y = all.col_as_slice(0);
+    let white: Vec<&[f64]> = (1..=columns.len()).map(|k| all.col_as_slice(k)).collect();
+    let squares: f64 = y.iter().map(|y| y * y).sum();
+    let without = -0.5 * (factor.log_det() + squares);
+    let fit = linear_fit(y, &white, &prior.sd);
+    Ok((without + fit.as_ref().map_or(0.0, |f| f.gain), fit))
+}

@@ -1,0 +1,238 @@
+use crate::evidence::{Fit, Spread, linear_fit};
+use crate::nominal::Fitted;
+use crate::{Acts, Campaign, Effect, GapError, Model, Parameter, Role};
+use faer::Mat;
+use rayon::prelude::*;
+use std::sync::Arc;
+
+/// How large an effect is before anything is known: the RMS torque of each of its parameters, as a
+/// share of the RMS reading.
+const SIZE: f64 = 0.3;
+
+/// The change of the predicted torques with each amplitude of an effect, from the nominal model.
+pub struct Tangent {
+    /// The effect.
+    pub effect: Arc<dyn Effect>,
+    /// All of its parameters where the tangent was taken; amplitudes are zero.
+    pub start: Vec<f64>,
+    /// Indices of the amplitudes among the parameters.
+    pub amplitudes: Vec<usize>,
+    /// Prior deviation of each amplitude.
+    pub sd: Vec<f64>,
+    /// One column per amplitude.
+    pub columns: Vec<Vec<f64>>,
+}
+
+/// What screening finds about one tangent.
+#[derive(Clone)]
+pub struct Screened {
+    /// Index of the tangent.
+    pub tangent: usize,
+    /// Log evidence with the effect, roughness averaged (nats, without constants).
+    pub log_evidence: f64,
+    /// The roughness under which it does best, among those tried.
+    pub spread: Spread,
+    /// The fit there.
+    pub fit: Fit,
+}
+
+/// Evidence of the nominal model and of every candidate.
+pub struct Screening {
+    /// Log evidence of the nominal model at each spread.
+    pub nominal: Vec<f64>,
+    /// The spreads.
+    pub spreads: Vec<Spread>,
+    /// The candidates, in the order of the tangents.
+    pub candidates: Vec<Screened>,
+}
+
+/// Log of the mean of exponentials.
+pub fn log_mean_exp(x: &[f64]) -> f64 {
+    let top = x.iter().copied().fold(f64::NEG_INFINITY, f64::max);
+    if !top.is_finite() {
+        return top;
+    }
+    let sum: f64 = x.iter().map(|v| (v - top).exp()).sum();
+    top + (sum / x.len() as f64).ln()
+}
+
+impl Campaign {
+    /// Tangents of every start of an effect added to a model.
+    ///
+    /// # Errors
+    /// Rows that contact cannot take.
+    pub fn tangents(
+        &self,
+        base: &Model,
+        fitted: &Fitted<'_>,
+        stiffness: &[f64],
+        effect: &Arc<dyn Effect>,
+    ) -> Result<Vec<Tangent>, GapError> {
+        let nominal = fitted.predicted(stiffness);
+        let starts = effect.starts(&self.site);
+        (starts.into_iter())
+            .map(|start| self.tangent(base, fitted, stiffness, &nominal, effect, start))
+            .collect()
+    }
+
+    fn tangent(
+        &self,
+        base: &Model,
+        fitted: &Fitted<'_>,
+        stiffness: &[f64],
+        nominal: &[f64],
+        effect: &Arc<dyn Effect>,
+        start: Vec<f64>,
+    ) -> Result<Tangent, GapError> {
+        let parameters = effect.parameters(&self.site);
+        let amplitudes: Vec<usize> = (0..parameters.len())
+            .filter(|&i| parameters[i].role == Role::Amplitude)
+            .collect();
+        let columns: Vec<Vec<f64>> = (amplitudes.par_iter())
+            .map(|&i| {
+                let p = &parameters[i];
+                let at = |step: f64| {
+                    let mut theta = start.clone();
+                    theta[i] = step;
+                    let model = base.with(effect, &theta);
+                    self.predicted_near(&model, p, fitted, stiffness, nominal)
+                };
+                let step = p.scale.min(0.5 * p.bounds[1]);
+                let ahead = at(step)?;
+                let (behind, width) = match effect.acts() == Acts::Contact && p.bounds[0] <= -step {
+                    true => (at(-step)?, 2.0 * step),
+                    false => (nominal.to_vec(), step),
+                };
+                Ok((ahead.iter().zip(&behind)).map(|(a, b)| (a - b) / width).collect())
+            })
+            .collect::<Result<_, GapError>>()?;
+        let size = SIZE * rms(&fitted.readings);
+        let sd = (amplitudes.iter().zip(&columns))
+            .map(|(&i, column)| {
+                let bounds = parameters[i].bounds;
+                let widest = bounds[1].max(-bounds[0]);
+                let torque = rms(column);
+                if torque > 0.0 { (size / torque).min(widest) } else { widest }
+            })
+            .collect();
+        Ok(Tangent {
+            effect: effect.clone(),
+            start,
+            amplitudes,
+            sd,
+            columns,
+        })
+    }
+
+    /// [`Campaign::predicted_with`] of a model that differs from one whose torques are `known` by
+    /// parameter `p` alone.
+    pub(crate) fn predicted_near(
+        &self,
+        model: &Model,
+        p: &Parameter,
+        fitted: &Fitted<'_>,
+        stiffness: &[f64],
+        known: &[f64],
+    ) -> Result<Vec<f64>, GapError> {
+        let Some(id) = p.sequence.map(|s| &self.site.sequences[s]) else {
+            return self.predicted_with(model, fitted, stiffness);
+        };
+        let Some(s) = fitted.motions.iter().position(|m| m.id == *id) else {
+            return Ok(known.to_vec());
+        };
+        let own = fitted.windows.of_sequence(s);
+        let part = &fitted.motions[s..=s];
+        let log = match model.acts() {
+            Acts::Contact => self.contact_log(model, &part[0])?,
+            _ => fitted.logs[s].clone(),
+        };
+        let torques = self.torques(model, part, &[log], &own, stiffness)?;
+        let mut all = known.to_vec();
+        let first = fitted.windows.list.iter().position(|w| w.sequence == s);
+        let first = first.unwrap_or(0) * own.joints;
+        all[first..first + torques.len()].copy_from_slice(&torques);
+        Ok(all)
+    }
+
+    /// Torques over windows of another model than the fitted one.
+    ///
+    /// # Errors
+    /// Rows that contact cannot take.
+    pub fn predicted_with(
+        &self,
+        model: &Model,
+        fitted: &Fitted<'_>,
+        stiffness: &[f64],
+    ) -> Result<Vec<f64>, GapError> {
+        let changed = match model.acts() {
+            Acts::Contact => Some(self.contact_logs(model, fitted.motions)?),
+            _ => None,
+        };
+        let logs = changed.as_ref().unwrap_or(&fitted.logs);
+        self.torques(model, fitted.motions, logs, &fitted.windows, stiffness)
+    }
+}
+
+fn rms(x: &[f64]) -> f64 {
+    (x.iter().map(|x| x * x).sum::<f64>() / x.len().max(1) as f64).sqrt()
+}
+
+/// The evidence of every tangent, at all spreads.
+///
+/// # Errors
+/// A covariance that is not positive definite.
+pub fn screen(
+    fitted: &Fitted<'_>,
+    tangents: &[Tangent],
+    spreads: Vec<Spread>,
+) -> Result<Screening, GapError> {
+    let rest = fitted.rest();
+    let columns: Vec<&[f64]> = (tangents.iter())
+        .flat_map(|t| t.columns.iter().map(Vec::as_slice))
+        .collect();
+    let found: Vec<(f64, Vec<Option<Fit>>)> = (spreads.par_iter())
+        .map(|spread| {
+            let factor = fitted.parts.factor(spread)?;
+            let mut all = Mat::from_fn(rest.len(), columns.len() + 1, |i, k| match k {
+                0 => rest[i],
+                k => columns[k - 1][i],
+            });
+            factor.whiten(&mut all);
+            let y = all.col_as_slice(0);
+            let squares: f64 = y.iter().map(|y| y * y).sum();
+            let nominal = -0.5 * (factor.log_det() + squares);
+            let mut next = 1;
+            let fits = (tangents.iter())
+                .map(|t| {
+                    let own = next..next + t.columns.len();
+                    next = own.end;
+                    let white: Vec<&[f64]> = own.map(|k| all.col_as_slice(k)).collect();
+                    linear_fit(y, &white, &t.sd)
+                })
+                .collect();
+            Ok((nominal, fits))
+        })
+        .collect::<Result<_, GapError>>()?;
+    let nominal: Vec<f64> = found.iter().map(|(n, _)| *n).collect();
+    let candidates = (0..tangents.len())
+        .filter_map(|k| {
+            let at = |i: usize| {
+                let gain = found[i].1[k].as_ref().map_or(f64::NEG_INFINITY, |f| f.gain);
+                nominal[i] + gain
+            };
+            let all: Vec<f64> = (0..spreads.len()).map(at).collect();
+            let best = (0..spreads.len()).max_by(|a, b| all[*a].total_cmp(&all[*b]))?;
+            Some(Screened {
+                tangent: k,
+                log_evidence: log_mean_exp(&all),
+                spread: spreads[best],
+                fit: found[best].1[k].clone()?,
+            })
+        })
+        .collect();
+    Ok(Screening {
+        nominal,
+        spreads,
+        candidates,
+    })
+}

@@ -1,0 +1,238 @@
+use crate::forward::{Model, velocity_columns};
+use crate::{Campaign, ContactLog, GapError, Motion, centre};
+use crate::{Touch, noise::JointNoise};
+use faer::Mat;
+use nalgebra::Vector3;
+use std::ops::Range;
+use vsf_data::Table;
+
+/// Most numbers (windows times joints) that a diagnosis works with.
+const MOST_ROWS: usize = 1300;
+/// Longest window (s): what effects do within it is averaged.
+const LONGEST: f64 = 0.5;
+
+/// Samples of one touch in a row that are averaged.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Window {
+    /// Index of the sequence.
+    pub sequence: usize,
+    /// Samples.
+    pub rows: Range<usize>,
+    /// Middle of its time in the session (s).
+    pub clock: f64,
+}
+
+/// The windows of some sequences. Row `i d + j` of a vector over windows is joint `j` in window `i`.
+#[derive(Debug, Clone)]
+pub struct Windows {
+    /// The windows in order.
+    pub list: Vec<Window>,
+    /// Number of joints.
+    pub joints: usize,
+}
+
+impl Windows {
+    /// Cuts sequences into windows of equal length, none across two touches, so that there are not
+    /// more than 1300 rows.
+    pub fn new(motions: &[Motion], joints: usize) -> Self {
+        let samples: usize = motions.iter().map(Motion::len).sum();
+        let size = (samples * joints).div_ceil(MOST_ROWS).max(1);
+        let mut list = Vec::new();
+        for (sequence, motion) in motions.iter().enumerate() {
+            for touch in &motion.touches {
+                let parts = touch.len().div_ceil(size).max(1);
+                for k in 0..parts {
+                    let cut = |k: usize| touch.start + k * touch.len() / parts;
+                    let rows = cut(k)..cut(k + 1);
+                    if !rows.is_empty() {
+                        let clock = motion.clock[rows.start + rows.len() / 2];
+                        list.push(Window {
+                            sequence,
+                            rows,
+                            clock,
+                        });
+                    }
+                }
+            }
+        }
+        Self { list, joints }
+    }
+
+    /// The windows of one sequence, as the only one.
+    #[must_use]
+    pub fn of_sequence(&self, sequence: usize) -> Self {
+        let own = self.list.iter().filter(|w| w.sequence == sequence);
+        let alone = |w: &Window| Window {
+            sequence: 0,
+            ..w.clone()
+        };
+        Self {
+            list: own.map(alone).collect(),
+            joints: self.joints,
+        }
+    }
+
+    /// Number of rows.
+    pub fn rows(&self) -> usize {
+        self.list.len() * self.joints
+    }
+
+    /// For every sample of every sequence, its window.
+    fn index(&self, motions: &[Motion]) -> Vec<Vec<u32>> {
+        let mut index: Vec<_> = motions.iter().map(|m| vec![0; m.len()]).collect();
+        for (i, w) in self.list.iter().enumerate() {
+            index[w.sequence][w.rows.clone()].fill(i as u32);
+        }
+        index
+    }
+
+    /// Means of a table of each sequence.
+    pub fn means<'a>(&self, tables: impl Fn(usize) -> &'a Table) -> Vec<f64> {
+        let mut out = vec![0.0; self.rows()];
+        for (w, out) in self.list.iter().zip(out.chunks_mut(self.joints)) {
+            let table = tables(w.sequence);
+            for row in w.rows.clone() {
+                out.iter_mut().zip(&table[row]).for_each(|(o, v)| *o += v);
+            }
+            out.iter_mut().for_each(|o| *o /= w.rows.len() as f64);
+        }
+        out
+    }
+
+    /// Variance of the noise of every row.
+    pub fn noise(&self, noise: &[JointNoise]) -> Vec<f64> {
+        let of = |w: &Window| {
+            let m = w.rows.len();
+            noise.iter().map(move |n| n.variance_of_mean(m))
+        };
+        self.list.iter().flat_map(of).collect()
+    }
+}
+
+/// A model over windows: `tau = W K + a`.
+#[derive(Debug, Clone)]
+pub struct Design {
+    /// Touched points, increasing.
+    pub points: Vec<u32>,
+    /// Columns of the touched points, rows as in [`Windows`].
+    pub w: Mat<f64>,
+    /// What does not depend on the stiffness.
+    pub a: Vec<f64>,
+}
+
+impl Campaign {
+    /// The model's columns and torques over windows.
+    ///
+    /// # Errors
+    /// Parameters that an effect cannot take.
+    pub fn design(
+        &self,
+        model: &Model,
+        motions: &[Motion],
+        logs: &[ContactLog],
+        windows: &Windows,
+    ) -> Result<Design, GapError> {
+        let d = windows.joints;
+        let mut slot = vec![u32::MAX; self.site.rest.len()];
+        for &p in logs.iter().flat_map(|l| &l.contacts).flat_map(|c| c.points()) {
+            slot[p as usize] = 0;
+        }
+        let mut points = Vec::new();
+        for (p, slot) in slot.iter_mut().enumerate().filter(|(_, s)| **s == 0) {
+            *slot = points.len() as u32;
+            points.push(p as u32);
+        }
+        let mut design = Design {
+            w: Mat::zeros(windows.rows(), points.len()),
+            a: vec![0.0; windows.rows()],
+            points,
+        };
+        let index = windows.index(motions);
+        let mut column = vec![0.0; d];
+        for (s, (motion, log)) in motions.iter().zip(logs).enumerate() {
+            self.predict(model, motion, log, |row, touch, prediction| {
+                let i = index[s][row] as usize;
+                let share = 1.0 / windows.list[i].rows.len() as f64;
+                for (a, t) in design.a[i * d..].iter_mut().zip(&prediction.torques) {
+                    *a += share * t;
+                }
+                for (k, &p) in touch.contacts.points().iter().enumerate() {
+                    prediction.column(touch, k, &mut column);
+                    let entries = design.w.col_as_slice_mut(slot[p as usize] as usize);
+                    for (w, c) in entries[i * d..].iter_mut().zip(&column) {
+                        *w += share * c;
+                    }
+                }
+            })?;
+        }
+        Ok(design)
+    }
+
+    /// The model's torques over windows for a stiffness per rest point.
+    ///
+    /// # Errors
+    /// Parameters that an effect cannot take.
+    pub fn torques(
+        &self,
+        model: &Model,
+        motions: &[Motion],
+        logs: &[ContactLog],
+        windows: &Windows,
+        stiffness: &[f64],
+    ) -> Result<Vec<f64>, GapError> {
+        let d = windows.joints;
+        let mut out = vec![0.0; windows.rows()];
+        let index = windows.index(motions);
+        let mut tau = vec![0.0; d];
+        for (s, (motion, log)) in motions.iter().zip(logs).enumerate() {
+            self.predict(model, motion, log, |row, touch, prediction| {
+                let i = index[s][row] as usize;
+                let share = 1.0 / windows.list[i].rows.len() as f64;
+                prediction.apply(touch, stiffness, &mut tau);
+                for (o, t) in out[i * d..].iter_mut().zip(&tau) {
+                    *o += share * t;
+                }
+            })?;
+        }
+        Ok(out)
+    }
+
+    /// How the joints feel a force at the contact, over windows: three columns, one per axis of
+    /// the world, times the size of the force in that window. What contact leaves unexplained is of
+    /// this form, whatever its cause.
+    pub fn lever(&self, logs: &[ContactLog], windows: &Windows) -> Mat<f64> {
+        let d = windows.joints;
+        let mut lever = Mat::zeros(windows.rows(), 3);
+        let mut columns = vec![Vector3::zeros(); d];
+        for (i, w) in windows.list.iter().enumerate() {
+            let log = &logs[w.sequence];
+            let share = 1.0 / w.rows.len() as f64;
+            for row in w.rows.clone() {
+                let touch = Touch {
+                    rest: &self.site.rest,
+                    posture: &log.postures[row],
+                    contacts: &log.contacts[row],
+                };
+                let Some((link, p)) = centre(&touch) else {
+                    continue;
+                };
+                velocity_columns(touch.posture, link, &p, &mut columns);
+                let force = log.forces[row].norm();
+                for (j, v) in columns.iter().enumerate() {
+                    for axis in 0..3 {
+                        lever[(i * d + j, axis)] += share * force * v[axis];
+                    }
+                }
+            }
+        }
+        lever
+    }
+}
+
+/// The length of windows (s) that is too long for effects of a recording.
+pub(crate) fn too_coarse(windows: &Windows, motions: &[Motion]) -> bool {
+    windows.list.iter().any(|w| {
+        let clock = &motions[w.sequence].clock[w.rows.clone()];
+        clock.last().zip(clock.first()).is_some_and(|(b, a)| b - a > LONGEST)
+    })
+}
