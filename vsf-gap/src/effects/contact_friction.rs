@@ -1,0 +1,46 @@
+use crate::GapError;
+use crate::effect::{Acts, Compensator, Effect, Need, Parameter, Site, check};
+use vsf_contact::ContactConfig;
+
+/// Another friction coefficient between robot and object than the nominal one.
+///
+/// One parameter, `d_mu` (1), the difference to the nominal coefficient. Tell-tale: tangential
+/// forces, and a loop when the tangential motion turns round.
+///
+/// # Reference
+/// K. L. Johnson, *Contact Mechanics*, 1985, chapter 7, doi:10.1017/CBO9781139171731.
+#[derive(Debug, Clone, Copy)]
+pub struct ContactFriction;
+
+struct Coefficient(f64);
+
+impl Effect for ContactFriction {
+    fn name(&self) -> &str {
+        "contact_friction"
+    }
+
+    fn acts(&self) -> Acts {
+        Acts::Contact
+    }
+
+    fn needs(&self) -> &[Need] {
+        &[Need::Contact]
+    }
+
+    fn parameters(&self, _: &Site) -> Vec<Parameter> {
+        let nominal = ContactConfig::default().friction;
+        let bounds = [-nominal, 1.5 - nominal];
+        vec![Parameter::amplitude("d_mu", "1", bounds, 0.1)]
+    }
+
+    fn compensator(&self, _: &Site, theta: &[f64]) -> Result<Box<dyn Compensator>, GapError> {
+        check(self.name(), theta, 1)?;
+        Ok(Box::new(Coefficient(theta[0])))
+    }
+}
+
+impl Compensator for Coefficient {
+    fn contact(&self, config: &mut ContactConfig) {
+        config.friction = (config.friction + self.0).max(0.0);
+    }
+}

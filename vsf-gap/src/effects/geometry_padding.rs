@@ -1,0 +1,50 @@
+use crate::GapError;
+use crate::effect::{Acts, Compensator, Effect, Need, Parameter, Site, check};
+use vsf_contact::ContactConfig;
+
+/// Links that are thicker or thinner than their model: surfaces lie `padding` further out.
+///
+/// One parameter, `padding` (m); surfaces never shrink by more than the contact threshold. Tell-tale:
+/// contact begins early or late from all sides; a misplaced object is early on one side and late on
+/// the other.
+///
+/// # Reference
+/// S. Osher, R. Fedkiw, *Level Set Methods and Dynamic Implicit Surfaces*, 2003, chapter 2 (offsets
+/// of signed distances), doi:10.1007/b98879.
+#[derive(Debug, Clone, Copy)]
+pub struct GeometryPadding;
+
+/// Least distance (m) at which points come into contact.
+const LEAST: f64 = 1e-4;
+
+struct Padding(f64);
+
+impl Effect for GeometryPadding {
+    fn name(&self) -> &str {
+        "geometry_padding"
+    }
+
+    fn acts(&self) -> Acts {
+        Acts::Contact
+    }
+
+    fn needs(&self) -> &[Need] {
+        &[Need::Contact]
+    }
+
+    fn parameters(&self, _: &Site) -> Vec<Parameter> {
+        vec![Parameter::amplitude("padding", "m", [-8e-3, 8e-3], 1e-3)]
+    }
+
+    fn compensator(&self, _: &Site, theta: &[f64]) -> Result<Box<dyn Compensator>, GapError> {
+        check(self.name(), theta, 1)?;
+        Ok(Box::new(Padding(theta[0])))
+    }
+}
+
+impl Compensator for Padding {
+    fn contact(&self, config: &mut ContactConfig) {
+        let least = (LEAST - config.threshold).min(config.padding);
+        config.padding = (config.padding + self.0).max(least);
+    }
+}

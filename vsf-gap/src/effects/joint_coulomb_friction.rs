@@ -1,0 +1,64 @@
+use super::joint::{sign, unit};
+use crate::GapError;
+use crate::effect::{Acts, Compensator, Effect, Need, Parameter, Sample, Site, Touch};
+use crate::effect::{check, per_joint};
+
+/// Dry friction in the joints: `-c_j tanh(qd_j / eps)`.
+///
+/// Parameters `c_<joint>` (N m or N) and the shape `eps` (rad/s or m/s), the speed at which friction
+/// has nearly its full size. Tell-tale: odd in the direction of motion, alike at all speeds and
+/// loads, there in free motion too. Motion one way only makes it a bias.
+///
+/// # Reference
+/// B. Armstrong-Helouvry, P. Dupont, C. Canudas de Wit, "A survey of models, analysis tools and
+/// compensation methods for the control of machines with friction", Automatica 30(7), 1994,
+/// doi:10.1016/0005-1098(94)90209-7.
+#[derive(Debug, Clone, Copy)]
+pub struct JointCoulombFriction;
+
+struct Friction {
+    c: Vec<f64>,
+    eps: f64,
+}
+
+impl Effect for JointCoulombFriction {
+    fn name(&self) -> &str {
+        "joint_coulomb_friction"
+    }
+
+    fn acts(&self) -> Acts {
+        Acts::Torques
+    }
+
+    fn needs(&self) -> &[Need] {
+        &[]
+    }
+
+    fn parameters(&self, site: &Site) -> Vec<Parameter> {
+        let mut parameters = per_joint(site, "c", unit(site, "N m", "N"), [0.0, 50.0], 0.3);
+        parameters.push(Parameter::shape("eps", "rad/s", [1e-3, 0.2], 0.01));
+        parameters
+    }
+
+    fn starts(&self, site: &Site) -> Vec<Vec<f64>> {
+        let start = |eps| [vec![0.0; site.joints()], vec![eps]].concat();
+        [0.005, 0.03].map(start).to_vec()
+    }
+
+    fn compensator(&self, site: &Site, theta: &[f64]) -> Result<Box<dyn Compensator>, GapError> {
+        let d = site.joints();
+        check(self.name(), theta, d + 1)?;
+        Ok(Box::new(Friction {
+            c: theta[..d].to_vec(),
+            eps: theta[d],
+        }))
+    }
+}
+
+impl Compensator for Friction {
+    fn torques(&mut self, sample: &Sample<'_>, _: &Touch<'_>, tau: &mut [f64]) {
+        for ((t, c), v) in tau.iter_mut().zip(&self.c).zip(sample.qd) {
+            *t -= c * sign(*v, self.eps);
+        }
+    }
+}

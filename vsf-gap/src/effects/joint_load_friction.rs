@@ -1,0 +1,91 @@
+use super::joint::{sign, unit};
+use crate::GapError;
+use crate::effect::{Acts, Compensator, Effect, Need, Parameter, Sample, Site, Touch};
+use crate::effect::{check, per_joint};
+use vsf_data::TorqueKind;
+
+/// Dry friction in the joints that is proportional to the load of the gears: `-m_j |tau_j| sign(qd_j)`.
+///
+/// Parameters `m_<joint>` (1) and the shape `eps` (rad/s or m/s), the speed at which friction has
+/// nearly its full size. The load is that of the contact, for readings of the actuators that of the
+/// arm's weight and motion. Tell-tale: nothing in free motion without weight, and a loop between
+/// pressing and letting go that each joint has for itself; friction on the object's surface acts on
+/// all joints at once.
+///
+/// # Reference
+/// A. C. Bittencourt, S. Gunnarsson, "Static friction in a robot joint: modeling and identification of
+/// load and temperature effects", J. Dynamic Systems, Measurement, and Control 134(5), 2012,
+/// doi:10.1115/1.4006589.
+#[derive(Debug, Clone, Copy)]
+pub struct JointLoadFriction;
+
+/// Readings (N m or N) below which their sign is noise.
+const FAINT: f64 = 0.1;
+
+struct Friction {
+    m: Vec<f64>,
+    eps: f64,
+    /// The gears carry the arm, not only the contact.
+    measured: bool,
+}
+
+impl Effect for JointLoadFriction {
+    fn name(&self) -> &str {
+        "joint_load_friction"
+    }
+
+    fn acts(&self) -> Acts {
+        Acts::Torques
+    }
+
+    fn needs(&self) -> &[Need] {
+        &[]
+    }
+
+    fn parameters(&self, site: &Site) -> Vec<Parameter> {
+        let mut parameters = per_joint(site, "m", unit(site, "1", "1"), [0.0, 3.0], 0.1);
+        parameters.push(Parameter::shape("eps", "rad/s", [1e-3, 0.2], 0.01));
+        parameters
+    }
+
+    fn starts(&self, site: &Site) -> Vec<Vec<f64>> {
+        let start = |eps| [vec![0.0; site.joints()], vec![eps]].concat();
+        [0.005, 0.03].map(start).to_vec()
+    }
+
+    fn compensator(&self, site: &Site, theta: &[f64]) -> Result<Box<dyn Compensator>, GapError> {
+        let d = site.joints();
+        check(self.name(), theta, d + 1)?;
+        Ok(Box::new(Friction {
+            m: theta[..d].to_vec(),
+            eps: theta[d],
+            measured: site.torque_kind == TorqueKind::Measured,
+        }))
+    }
+
+    fn untestable(&self, campaign: &crate::Campaign) -> Option<String> {
+        match campaign.site.torque_kind {
+            TorqueKind::Measured => None,
+            TorqueKind::External => campaign.lacks(Need::Contact),
+        }
+    }
+}
+
+impl Compensator for Friction {
+    fn gains(&mut self, sample: &Sample<'_>, gains: &mut [f64]) {
+        if !self.measured {
+            for (j, gain) in gains.iter_mut().enumerate() {
+                let against = sign(sample.load[j], FAINT) * sign(sample.qd[j], self.eps);
+                *gain *= 1.0 - self.m[j] * against;
+            }
+        }
+    }
+
+    fn torques(&mut self, sample: &Sample<'_>, _: &Touch<'_>, tau: &mut [f64]) {
+        if self.measured {
+            for (j, t) in tau.iter_mut().enumerate() {
+                *t -= self.m[j] * sample.load[j].abs() * sign(sample.qd[j], self.eps);
+            }
+        }
+    }
+}

@@ -1,0 +1,74 @@
+use super::joint::{sign, unit};
+use crate::GapError;
+use crate::effect::{Acts, Compensator, Effect, Need, Parameter, Sample, Site, Touch};
+use crate::effect::{check, per_joint};
+
+/// Dry friction in the joints that is larger in slow motion (Stribeck):
+/// `-(c_j + e_j exp(-(qd_j / vs)^2)) tanh(qd_j / eps)`.
+///
+/// Parameters `c_<joint>` (N m or N), friction in fast motion; `e_<joint>` (N m or N), what slow
+/// motion adds; the shapes `vs` (rad/s or m/s), the speed at which the excess fades, and `eps`, that at
+/// which friction sets in. Tell-tale: friction that falls with speed. Without slow and fast motion it
+/// is Coulomb friction.
+///
+/// # Reference
+/// H. Olsson, K. J. Astrom, C. Canudas de Wit, M. Gafvert, P. Lischinsky, "Friction models and
+/// friction compensation", European J. Control 4(3), 1998, doi:10.1016/S0947-3580(98)70113-X.
+#[derive(Debug, Clone, Copy)]
+pub struct JointStribeckFriction;
+
+struct Friction {
+    c: Vec<f64>,
+    excess: Vec<f64>,
+    vs: f64,
+    eps: f64,
+}
+
+impl Effect for JointStribeckFriction {
+    fn name(&self) -> &str {
+        "joint_stribeck_friction"
+    }
+
+    fn acts(&self) -> Acts {
+        Acts::Torques
+    }
+
+    fn needs(&self) -> &[Need] {
+        &[]
+    }
+
+    fn parameters(&self, site: &Site) -> Vec<Parameter> {
+        let unit = unit(site, "N m", "N");
+        let mut parameters = per_joint(site, "c", &unit, [0.0, 50.0], 0.3);
+        parameters.extend(per_joint(site, "e", &unit, [0.0, 50.0], 0.3));
+        parameters.push(Parameter::shape("vs", "rad/s", [5e-3, 0.5], 0.02));
+        parameters.push(Parameter::shape("eps", "rad/s", [1e-3, 0.1], 5e-3));
+        parameters
+    }
+
+    fn starts(&self, site: &Site) -> Vec<Vec<f64>> {
+        let start = |vs| [vec![0.0; 2 * site.joints()], vec![vs, 0.2 * vs]].concat();
+        [0.015, 0.05, 0.15].map(start).to_vec()
+    }
+
+    fn compensator(&self, site: &Site, theta: &[f64]) -> Result<Box<dyn Compensator>, GapError> {
+        let d = site.joints();
+        check(self.name(), theta, 2 * d + 2)?;
+        Ok(Box::new(Friction {
+            c: theta[..d].to_vec(),
+            excess: theta[d..2 * d].to_vec(),
+            vs: theta[2 * d],
+            eps: theta[2 * d + 1],
+        }))
+    }
+}
+
+impl Compensator for Friction {
+    fn torques(&mut self, sample: &Sample<'_>, _: &Touch<'_>, tau: &mut [f64]) {
+        for (j, t) in tau.iter_mut().enumerate() {
+            let v = sample.qd[j];
+            let slow = (-(v / self.vs).powi(2)).exp();
+            *t -= (self.c[j] + self.excess[j] * slow) * sign(v, self.eps);
+        }
+    }
+}

@@ -1,0 +1,82 @@
+use crate::GapError;
+use crate::effect::{Acts, Compensator, Effect, Need, Parameter, Sample, Site, check};
+use std::collections::VecDeque;
+
+/// Readings that come late: at time `t` they are those of the posture `q(t - delta)`.
+///
+/// One parameter, `delta` (s). Positions between samples are interpolated linearly; before the first
+/// sample of a touch the arm is taken to have stood still. Tell-tale: a lag, of the arm's weight in
+/// free motion too, that is the same time at every speed; a viscous object leads.
+///
+/// # Reference
+/// P. Furgale, J. Rehder, R. Siegwart, "Unified temporal and spatial calibration for multi-sensor
+/// systems", IROS 2013, doi:10.1109/IROS.2013.6696514.
+#[derive(Debug, Clone, Copy)]
+pub struct Latency;
+
+struct Delay {
+    delta: f64,
+    clock: f64,
+    /// Times of the positions kept (s), oldest first.
+    times: VecDeque<f64>,
+    /// Positions at these times, one after the other.
+    positions: VecDeque<f64>,
+}
+
+impl Effect for Latency {
+    fn name(&self) -> &str {
+        "latency"
+    }
+
+    fn acts(&self) -> Acts {
+        Acts::Contact
+    }
+
+    fn needs(&self) -> &[Need] {
+        &[]
+    }
+
+    fn parameters(&self, _: &Site) -> Vec<Parameter> {
+        vec![Parameter::amplitude("delta", "s", [0.0, 0.5], 0.05)]
+    }
+
+    fn compensator(&self, _: &Site, theta: &[f64]) -> Result<Box<dyn Compensator>, GapError> {
+        check(self.name(), theta, 1)?;
+        Ok(Box::new(Delay {
+            delta: theta[0],
+            clock: 0.0,
+            times: VecDeque::new(),
+            positions: VecDeque::new(),
+        }))
+    }
+}
+
+impl Compensator for Delay {
+    fn begin_touch(&mut self) {
+        self.times.clear();
+        self.positions.clear();
+        self.clock = 0.0;
+    }
+
+    fn joints(&mut self, sample: &Sample<'_>, q: &mut [f64]) {
+        if self.delta <= 0.0 {
+            return;
+        }
+        self.clock += sample.dt;
+        self.times.push_back(self.clock);
+        self.positions.extend(q.iter());
+        let wanted = self.clock - self.delta;
+        // Keep one sample at or before the wanted time.
+        while self.times.get(1).is_some_and(|t| *t <= wanted) {
+            self.times.pop_front();
+            self.positions.drain(..q.len());
+        }
+        let (t0, t1) = (self.times[0], self.times.get(1).copied());
+        let share = t1.map_or(0.0, |t1| ((wanted - t0) / (t1 - t0)).clamp(0.0, 1.0));
+        for (j, x) in q.iter_mut().enumerate() {
+            let from = self.positions[j];
+            let to = *self.positions.get(j + sample.q.len()).unwrap_or(&from);
+            *x = from + (to - from) * share;
+        }
+    }
+}

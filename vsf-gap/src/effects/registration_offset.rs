@@ -1,0 +1,67 @@
+use crate::GapError;
+use crate::effect::{Acts, Compensator, Effect, Need, Parameter, Sample, Site, check};
+use nalgebra::Vector3;
+
+/// An object that is not where the recording has it, by one offset for the whole session and one
+/// more for each sequence.
+///
+/// Parameters `dx`, `dy`, `dz` (m, world), the offset of all sequences, and `dx_<sequence>`, ...,
+/// what a sequence adds; a sequence that is not known has the common offset alone. Tell-tale: where
+/// and when contact begins. A dense field absorbs a common offset, not one that changes between
+/// sequences.
+///
+/// # Reference
+/// P. J. Besl, N. D. McKay, "A method for registration of 3-D shapes", IEEE Trans. Pattern Analysis
+/// and Machine Intelligence 14(2), 1992, doi:10.1109/34.121791.
+#[derive(Debug, Clone, Copy)]
+pub struct RegistrationOffset;
+
+struct Offset {
+    common: Vector3<f64>,
+    own: Vec<(String, Vector3<f64>)>,
+    now: Vector3<f64>,
+}
+
+impl Effect for RegistrationOffset {
+    fn name(&self) -> &str {
+        "registration_offset"
+    }
+
+    fn acts(&self) -> Acts {
+        Acts::Contact
+    }
+
+    fn needs(&self) -> &[Need] {
+        &[Need::Contact]
+    }
+
+    fn parameters(&self, site: &Site) -> Vec<Parameter> {
+        let axis = |name| Parameter::amplitude(name, "m", [-0.05, 0.05], 2e-3);
+        let common = ["dx", "dy", "dz"].map(|d| axis(d.to_owned()));
+        let own = |id: &String| ["dx", "dy", "dz"].map(|d| axis(format!("{d}_{id}")));
+        let own = site.sequences.iter().flat_map(own);
+        common.into_iter().chain(own).collect()
+    }
+
+    fn compensator(&self, site: &Site, theta: &[f64]) -> Result<Box<dyn Compensator>, GapError> {
+        check(self.name(), theta, 3 + 3 * site.sequences.len())?;
+        let own = theta[3..].chunks_exact(3).map(Vector3::from_column_slice);
+        let common = Vector3::from_column_slice(&theta[..3]);
+        Ok(Box::new(Offset {
+            common,
+            own: site.sequences.iter().cloned().zip(own).collect(),
+            now: common,
+        }))
+    }
+}
+
+impl Compensator for Offset {
+    fn begin_sequence(&mut self, sequence: &str) {
+        let own = self.own.iter().find(|(id, _)| id == sequence);
+        self.now = self.common + own.map_or_else(Vector3::zeros, |(_, offset)| *offset);
+    }
+
+    fn object_shift(&mut self, _: &Sample<'_>) -> Vector3<f64> {
+        self.now
+    }
+}

@@ -1,0 +1,66 @@
+use super::joint::unit;
+use crate::GapError;
+use crate::effect::{Acts, Compensator, Effect, Need, Parameter, Sample, Site, Touch};
+use crate::effect::{check, per_joint};
+use vsf_data::TorqueKind;
+
+/// Torque sensors or drives with a wrong gain: joint `j` reads `1 + g_j` times its torque.
+///
+/// Parameters `g_<joint>` (1). Readings of the actuators have the gain on the weight and motion of
+/// the arm too. Tell-tale: the error is proportional to the torque of its own joint. A gain that all
+/// joints share is a scale of the stiffness where only contact is read, and cannot be told from it.
+///
+/// # Reference
+/// M. Gautier, S. Briot, "Global identification of joint drive gains and dynamic parameters of
+/// robots", J. Dynamic Systems, Measurement, and Control 136(5), 2014, doi:10.1115/1.4027506.
+#[derive(Debug, Clone, Copy)]
+pub struct TorqueGain;
+
+struct Gain {
+    g: Vec<f64>,
+    /// The readings hold the load of the gears, which has the gain too.
+    measured: bool,
+}
+
+impl Effect for TorqueGain {
+    fn name(&self) -> &str {
+        "torque_gain"
+    }
+
+    fn acts(&self) -> Acts {
+        Acts::Torques
+    }
+
+    fn needs(&self) -> &[Need] {
+        &[]
+    }
+
+    fn parameters(&self, site: &Site) -> Vec<Parameter> {
+        per_joint(site, "g", unit(site, "1", "1"), [-0.9, 3.0], 0.1)
+    }
+
+    fn compensator(&self, site: &Site, theta: &[f64]) -> Result<Box<dyn Compensator>, GapError> {
+        check(self.name(), theta, site.joints())?;
+        Ok(Box::new(Gain {
+            g: theta.to_vec(),
+            measured: site.torque_kind == TorqueKind::Measured,
+        }))
+    }
+}
+
+impl Compensator for Gain {
+    fn gains(&mut self, _: &Sample<'_>, gains: &mut [f64]) {
+        gains
+            .iter_mut()
+            .zip(&self.g)
+            .for_each(|(k, g)| *k *= 1.0 + g);
+    }
+
+    fn torques(&mut self, sample: &Sample<'_>, _: &Touch<'_>, tau: &mut [f64]) {
+        if self.measured {
+            for ((t, g), load) in tau.iter_mut().zip(&self.g).zip(sample.load) {
+                *t -= g * load;
+            }
+        }
+    }
+}
