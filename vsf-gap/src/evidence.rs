@@ -248,26 +248,93 @@ pub struct Fit {
     pub covariance: DMatrix<f64>,
 }
 
-/// The evidence of whitened tangents `t` (one column per parameter, with prior deviations `sd`)
-/// for whitened readings `y`, the parameters integrated out.
-pub fn linear_fit(y: &[f64], t: &[&[f64]], sd: &[f64]) -> Option<Fit> {
-    let p = t.len();
-    let dot = |a: &[f64], b: &[f64]| a.iter().zip(b).map(|(a, b)| a * b).sum::<f64>();
-    // In units of the prior's deviations.
-    let information = DMatrix::from_fn(p, p, |i, j| sd[i] * sd[j] * dot(t[i], t[j]));
-    let score = DVector::from_fn(p, |i, _| sd[i] * dot(t[i], y));
-    let precision = information + DMatrix::identity(p, p);
-    let factor = precision.cholesky()?;
-    let theta = factor.solve(&score);
-    let log_det: f64 = (0..p).map(|i| 2.0 * factor.l_dirty()[(i, i)].ln()).sum();
-    let gain = 0.5 * score.dot(&theta) - 0.5 * log_det;
-    let covariance = factor.inverse();
-    let scale = DVector::from_column_slice(sd);
-    gain.is_finite().then(|| Fit {
-        gain,
-        theta: theta.component_mul(&scale),
-        covariance: DMatrix::from_fn(p, p, |i, j| covariance[(i, j)] * sd[i] * sd[j]),
-    })
+/// Information and score of whitened tangents (one column per parameter) for whitened readings.
+#[derive(Debug, Clone)]
+pub struct Normal {
+    /// `T^T C^-1 T`.
+    pub information: DMatrix<f64>,
+    /// `T^T C^-1 y`.
+    pub score: DVector<f64>,
+}
+
+impl Normal {
+    /// Of tangents `t` and readings `y`, both whitened.
+    pub fn new(y: &[f64], t: &[&[f64]]) -> Self {
+        let dot = |a: &[f64], b: &[f64]| a.iter().zip(b).map(|(a, b)| a * b).sum::<f64>();
+        let mut information = DMatrix::zeros(t.len(), t.len());
+        for i in 0..t.len() {
+            for j in 0..=i {
+                information[(i, j)] = dot(t[i], t[j]);
+                information[(j, i)] = information[(i, j)];
+            }
+        }
+        Self {
+            information,
+            score: DVector::from_fn(t.len(), |i, _| dot(t[i], y)),
+        }
+    }
+
+    /// The evidence with the parameters integrated out under independent priors of mean zero and
+    /// deviations `sd`. A parameter that would leave its bounds is held at the nearer one; a bound
+    /// at zero takes it out of the model.
+    pub fn fit(&self, sd: &[f64], bounds: &[[f64; 2]]) -> Option<Fit> {
+        let p = sd.len();
+        let mut held: Vec<Option<f64>> = vec![None; p];
+        loop {
+            let free: Vec<usize> = (0..p).filter(|&i| held[i].is_none()).collect();
+            let fit = self.fit_free(sd, &held, &free)?;
+            // The one that is furthest out first.
+            let out = |&i: &usize| {
+                let [lo, hi] = bounds[i];
+                ((lo - fit.theta[i]).max(fit.theta[i] - hi) / sd[i]).max(0.0)
+            };
+            let worst = free.iter().copied().max_by(|a, b| out(a).total_cmp(&out(b)));
+            match worst.filter(|i| out(i) > 0.0) {
+                Some(i) => held[i] = Some(fit.theta[i].clamp(bounds[i][0], bounds[i][1])),
+                None => return fit.gain.is_finite().then_some(fit),
+            }
+        }
+    }
+
+    fn fit_free(&self, sd: &[f64], held: &[Option<f64>], free: &[usize]) -> Option<Fit> {
+        let (p, n) = (sd.len(), free.len());
+        let at_bound = DVector::from_fn(p, |i, _| held[i].unwrap_or(0.0));
+        let moved = &self.score - &self.information * &at_bound;
+        // In units of the prior's deviations.
+        let precision = DMatrix::from_fn(n, n, |a, b| {
+            let (i, j) = (free[a], free[b]);
+            sd[i] * sd[j] * self.information[(i, j)] + f64::from(u8::from(a == b))
+        });
+        let score = DVector::from_fn(n, |a, _| sd[free[a]] * moved[free[a]]);
+        let factor = precision.cholesky()?;
+        let best = factor.solve(&score);
+        let log_det: f64 = (0..n).map(|i| 2.0 * factor.l_dirty()[(i, i)].ln()).sum();
+        let of_held = self.score.dot(&at_bound)
+            - 0.5 * at_bound.dot(&(&self.information * &at_bound))
+            - (0..p).map(|i| 0.5 * (at_bound[i] / sd[i]).powi(2)).sum::<f64>();
+        let gain = 0.5 * score.dot(&best) - 0.5 * log_det + of_held;
+        let inverse = factor.inverse();
+        let (mut theta, mut covariance) = (at_bound, DMatrix::zeros(p, p));
+        for (a, &i) in free.iter().enumerate() {
+            theta[i] = sd[i] * best[a];
+            for (b, &j) in free.iter().enumerate() {
+                covariance[(i, j)] = sd[i] * sd[j] * inverse[(a, b)];
+            }
+        }
+        Some(Fit { gain, theta, covariance })
+    }
+
+    /// `log det (1 + S^1/2 I S^1/2)`, what integrating out the parameters costs twice.
+    pub fn log_det(&self, sd: &[f64]) -> f64 {
+        let p = sd.len();
+        let precision = DMatrix::from_fn(p, p, |i, j| {
+            sd[i] * sd[j] * self.information[(i, j)] + f64::from(u8::from(i == j))
+        });
+        match precision.cholesky() {
+            Some(factor) => (0..p).map(|i| 2.0 * factor.l_dirty()[(i, i)].ln()).sum(),
+            None => f64::INFINITY,
+        }
+    }
 }
 
 /// The field's mean over touched points, given readings without the additive torques, already

@@ -1,4 +1,4 @@
-use crate::evidence::{Fit, Spread, linear_fit};
+use crate::evidence::{Fit, Normal, Spread};
 use crate::nominal::Fitted;
 use crate::screen::log_mean_exp;
 use crate::{Acts, Campaign, GapError, Model, Parameter, Role};
@@ -188,8 +188,8 @@ impl Campaign {
     }
 }
 
-/// Log evidence with the parameters integrated out around `theta`, and their posterior relative to
-/// the prior mean.
+/// Log evidence with the parameters integrated out around `theta`, and the next parameters,
+/// relative to the prior mean.
 fn evidence(
     fitted: &Fitted<'_>,
     columns: &[Vec<f64>],
@@ -198,21 +198,26 @@ fn evidence(
     spread: &Spread,
 ) -> Result<(f64, Option<Fit>), GapError> {
     let factor = fitted.parts.factor(spread)?;
+    let rest = fitted.rest();
     // Readings as they would be were the parameters at their prior mean.
-    let mut rest = fitted.rest();
+    let mut back = rest.clone();
     let moved = DVector::from_fn(theta.len(), |i, _| theta[i] - prior.mean[i]);
     for (column, m) in columns.iter().zip(moved.iter()) {
-        rest.iter_mut().zip(column).for_each(|(r, c)| *r += c * m);
+        back.iter_mut().zip(column).for_each(|(r, c)| *r += c * m);
     }
-    let mut all = Mat::from_fn(rest.len(), columns.len() + 1, |i, k| match k {
+    let mut all = Mat::from_fn(rest.len(), columns.len() + 2, |i, k| match k {
         0 => rest[i],
-        k => columns[k - 1][i],
+        1 => back[i],
+        k => columns[k - 2][i],
     });
     factor.whiten(&mut all);
-    let y = all.col_as_slice(0);
-    let white: Vec<&[f64]> = (1..=columns.len()).map(|k| all.col_as_slice(k)).collect();
-    let squares: f64 = y.iter().map(|y| y * y).sum();
-    let without = -0.5 * (factor.log_det() + squares);
-    let fit = linear_fit(y, &white, &prior.sd);
-    Ok((without + fit.as_ref().map_or(0.0, |f| f.gain), fit))
+    let white: Vec<&[f64]> = (2..columns.len() + 2).map(|k| all.col_as_slice(k)).collect();
+    let normal = Normal::new(all.col_as_slice(1), &white);
+    let squares: f64 = all.col_as_slice(0).iter().map(|y| y * y).sum();
+    let log_evidence = -0.5 * (factor.log_det() + squares + normal.log_det(&prior.sd))
+        - prior.cost(theta);
+    let bounds: Vec<[f64; 2]> = (prior.parameters.iter().zip(&prior.mean))
+        .map(|(p, m)| [p.bounds[0] - m, p.bounds[1] - m])
+        .collect();
+    Ok((log_evidence, normal.fit(&prior.sd, &bounds)))
 }

@@ -1,4 +1,4 @@
-use crate::evidence::{Fit, Spread, linear_fit};
+use crate::evidence::{Fit, Normal, Spread};
 use crate::nominal::Fitted;
 use crate::{Acts, Campaign, Effect, GapError, Model, Parameter, Role};
 use faer::Mat;
@@ -8,6 +8,8 @@ use std::sync::Arc;
 /// How large an effect is before anything is known: the RMS torque of each of its parameters, as a
 /// share of the RMS reading.
 const SIZE: f64 = 0.3;
+/// Nor is it more than so many times the parameter's own scale.
+const MOST_SCALES: f64 = 5.0;
 
 /// The change of the predicted torques with each amplitude of an effect, from the nominal model.
 pub struct Tangent {
@@ -19,6 +21,8 @@ pub struct Tangent {
     pub amplitudes: Vec<usize>,
     /// Prior deviation of each amplitude.
     pub sd: Vec<f64>,
+    /// Bounds of each amplitude.
+    pub bounds: Vec<[f64; 2]>,
     /// One column per amplitude.
     pub columns: Vec<Vec<f64>>,
 }
@@ -109,8 +113,7 @@ impl Campaign {
         let size = SIZE * rms(&fitted.readings);
         let sd = (amplitudes.iter().zip(&columns))
             .map(|(&i, column)| {
-                let bounds = parameters[i].bounds;
-                let widest = bounds[1].max(-bounds[0]);
+                let widest = MOST_SCALES * parameters[i].scale;
                 let torque = rms(column);
                 if torque > 0.0 { (size / torque).min(widest) } else { widest }
             })
@@ -118,6 +121,7 @@ impl Campaign {
         Ok(Tangent {
             effect: effect.clone(),
             start,
+            bounds: amplitudes.iter().map(|&i| parameters[i].bounds).collect(),
             amplitudes,
             sd,
             columns,
@@ -173,16 +177,35 @@ impl Campaign {
     }
 }
 
+/// Makes every column orthogonal to column `k`.
+fn take_out(all: &mut Mat<f64>, k: usize) {
+    let along = all.col_as_slice(k).to_vec();
+    let size: f64 = along.iter().map(|a| a * a).sum();
+    if size == 0.0 {
+        return;
+    }
+    for other in 0..all.ncols() {
+        let column = all.col_as_slice_mut(other);
+        let share = column.iter().zip(&along).map(|(c, a)| c * a).sum::<f64>() / size;
+        column.iter_mut().zip(&along).for_each(|(c, a)| *c -= share * a);
+    }
+}
+
 fn rms(x: &[f64]) -> f64 {
     (x.iter().map(|x| x * x).sum::<f64>() / x.len().max(1) as f64).sqrt()
 }
 
-/// The evidence of every tangent, at all spreads.
+/// The evidence of every tangent, at all spreads. `field` are the torques of the field that the
+/// tangents were taken at.
+///
+/// That field was fitted to the same readings: a tangent that resembles its torques explains them
+/// for free. The torques of the field are therefore free in every model, the nominal one too.
 ///
 /// # Errors
 /// A covariance that is not positive definite.
 pub fn screen(
     fitted: &Fitted<'_>,
+    field: &[f64],
     tangents: &[Tangent],
     spreads: Vec<Spread>,
 ) -> Result<Screening, GapError> {
@@ -193,21 +216,23 @@ pub fn screen(
     let found: Vec<(f64, Vec<Option<Fit>>)> = (spreads.par_iter())
         .map(|spread| {
             let factor = fitted.parts.factor(spread)?;
-            let mut all = Mat::from_fn(rest.len(), columns.len() + 1, |i, k| match k {
+            let mut all = Mat::from_fn(rest.len(), columns.len() + 2, |i, k| match k {
                 0 => rest[i],
-                k => columns[k - 1][i],
+                1 => field[i],
+                k => columns[k - 2][i],
             });
             factor.whiten(&mut all);
+            take_out(&mut all, 1);
             let y = all.col_as_slice(0);
             let squares: f64 = y.iter().map(|y| y * y).sum();
             let nominal = -0.5 * (factor.log_det() + squares);
-            let mut next = 1;
+            let mut next = 2;
             let fits = (tangents.iter())
                 .map(|t| {
                     let own = next..next + t.columns.len();
                     next = own.end;
                     let white: Vec<&[f64]> = own.map(|k| all.col_as_slice(k)).collect();
-                    linear_fit(y, &white, &t.sd)
+                    Normal::new(y, &white).fit(&t.sd, &t.bounds)
                 })
                 .collect();
             Ok((nominal, fits))
