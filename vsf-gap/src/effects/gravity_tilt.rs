@@ -1,0 +1,73 @@
+use super::body::add_force;
+use crate::GapError;
+use crate::effect::{Acts, Compensator, Effect, Need, Parameter, Sample, Site, Touch, check};
+use nalgebra::{Rotation3, Vector3};
+use std::sync::Arc;
+use vsf_data::TorqueKind;
+use vsf_robots::RobotModel;
+
+/// Gravity of another direction than assumed: a robot that is not levelled.
+///
+/// Parameters `tilt_x` and `tilt_y` (rad), a rotation vector about the world axes with rotation `R`.
+/// Readings of the external torque were freed of the weight under `R^T g` instead of `g`, which adds
+/// `G(q; R^T g) - G(q; g)` to them; readings of the actuators are those of an arm that stands tilted
+/// by `R`, and the same comes off. Tell-tale: all joints, in proportion to how the weight of the links
+/// depends on its direction, in free motion too. A payload acts at the last link only.
+///
+/// # Reference
+/// J. M. Hollerbach, W. Khalil, M. Gautier, "Model identification", *Springer Handbook of Robotics*,
+/// 2nd ed., 2016, doi:10.1007/978-3-319-32552-1_6.
+#[derive(Debug, Clone, Copy)]
+pub struct GravityTilt;
+
+struct Tilt {
+    /// Change of gravity (m/s²) whose weight is added.
+    change: Vector3<f64>,
+    robot: Arc<RobotModel>,
+}
+
+impl Effect for GravityTilt {
+    fn name(&self) -> &str {
+        "gravity_tilt"
+    }
+
+    fn acts(&self) -> Acts {
+        Acts::Torques
+    }
+
+    fn needs(&self) -> &[Need] {
+        &[Need::Weight]
+    }
+
+    fn parameters(&self, _: &Site) -> Vec<Parameter> {
+        ["tilt_x", "tilt_y"]
+            .map(|name| Parameter::amplitude(name, "rad", [-0.5, 0.5], 0.02))
+            .to_vec()
+    }
+
+    fn compensator(&self, site: &Site, theta: &[f64]) -> Result<Box<dyn Compensator>, GapError> {
+        check(self.name(), theta, 2)?;
+        let R = Rotation3::new(Vector3::new(theta[0], theta[1], 0.0));
+        let change = R.inverse() * site.gravity - site.gravity;
+        // Torques that hold a weight are those of the weight, reversed.
+        let sign = match site.torque_kind {
+            TorqueKind::External => -1.0,
+            TorqueKind::Measured => 1.0,
+        };
+        Ok(Box::new(Tilt {
+            change: change * sign,
+            robot: site.robot.clone(),
+        }))
+    }
+}
+
+impl Compensator for Tilt {
+    fn torques(&mut self, _: &Sample<'_>, touch: &Touch<'_>, tau: &mut [f64]) {
+        let poses = touch.posture.link_poses();
+        for (l, (link, X_WL)) in self.robot.links().iter().zip(poses).enumerate() {
+            let weight = self.change * link.mass();
+            let com_W = X_WL * link.com_L();
+            add_force(touch.posture, l, &com_W, &weight, tau);
+        }
+    }
+}

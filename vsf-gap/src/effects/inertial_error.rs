@@ -1,0 +1,82 @@
+use super::body::{Body, RigidMotion};
+use super::joint::unit;
+use crate::GapError;
+use crate::effect::{Acts, Compensator, Effect, Need, Parameter, Sample, Site, Touch};
+use crate::effect::{check, per_joint};
+use nalgebra::Vector3;
+use std::sync::Arc;
+use vsf_robots::RobotModel;
+
+/// Wrong masses of the arm: every link has more mass, with its first moments, and every joint a rotor
+/// whose inertia the model leaves out.
+///
+/// Parameters per joint `j` and the link that it moves: `m_j` (kg), first moments `mx_j`, `my_j`,
+/// `mz_j` in the frame of the link (kg m), and `I_j` (kg m² or kg), the inertia of the rotor seen from
+/// the link. Moments of inertia of the links are left out. Some combinations never show, such as the
+/// mass of a link that turns about a vertical axis: only base parameters can be identified.
+/// Tell-tale: posture and acceleration, in free motion. A payload is at the last link only.
+///
+/// # Reference
+/// M. Gautier, W. Khalil, "Direct calculation of minimum set of inertial parameters of serial robots",
+/// IEEE Trans. Robotics and Automation 6(3), 1990, doi:10.1109/70.56655.
+#[derive(Debug, Clone, Copy)]
+pub struct InertialError;
+
+struct Masses {
+    robot: Arc<RobotModel>,
+    gravity: Vector3<f64>,
+    links: Vec<Body>,
+    rotors: Vec<f64>,
+}
+
+impl Effect for InertialError {
+    fn name(&self) -> &str {
+        "inertial_error"
+    }
+
+    fn acts(&self) -> Acts {
+        Acts::Torques
+    }
+
+    fn needs(&self) -> &[Need] {
+        &[Need::Measured]
+    }
+
+    fn parameters(&self, site: &Site) -> Vec<Parameter> {
+        let of_link = |j: usize| {
+            let mass = Parameter::amplitude(format!("m_{}", j + 1), "kg", [-10.0, 10.0], 0.1);
+            let moment = |axis: &str| {
+                let name = format!("{axis}_{}", j + 1);
+                Parameter::amplitude(name, "kg m", [-5.0, 5.0], 0.02)
+            };
+            [mass, moment("mx"), moment("my"), moment("mz")].map(|p| p.of_joint(j))
+        };
+        let links = (0..site.joints()).flat_map(of_link);
+        let rotors = per_joint(site, "I", unit(site, "kg m^2", "kg"), [-2.0, 10.0], 0.05);
+        links.chain(rotors).collect()
+    }
+
+    fn compensator(&self, site: &Site, theta: &[f64]) -> Result<Box<dyn Compensator>, GapError> {
+        let d = site.joints();
+        check(self.name(), theta, 5 * d)?;
+        Ok(Box::new(Masses {
+            robot: site.robot.clone(),
+            gravity: site.gravity,
+            links: theta[..4 * d].chunks_exact(4).map(Body::new).collect(),
+            rotors: theta[4 * d..].to_vec(),
+        }))
+    }
+}
+
+impl Compensator for Masses {
+    fn torques(&mut self, sample: &Sample<'_>, touch: &Touch<'_>, tau: &mut [f64]) {
+        let posture = touch.posture;
+        for (joint, body) in self.robot.joints().iter().zip(&self.links) {
+            let motion = RigidMotion::of(posture, joint.child(), sample.qd, sample.qdd);
+            body.load(posture, joint.child(), &self.gravity, &motion, tau);
+        }
+        for ((t, rotor), a) in tau.iter_mut().zip(&self.rotors).zip(sample.qdd) {
+            *t -= rotor * a;
+        }
+    }
+}

@@ -1,0 +1,49 @@
+use crate::GapError;
+use crate::effect::{Acts, Compensator, Effect, Need, Parameter, Sample, Site, check};
+use nalgebra::Vector3;
+
+/// An object that gives way as a whole: its base moves by `c F` under the force `F` of the robot.
+///
+/// Parameters `c_x`, `c_y`, `c_z` (m/N), compliances along the world axes. The force is the one behind
+/// the reading of the sample before. Tell-tale: all contacts shift with the load, also those of far
+/// away touches; gears that give way move the arm by other amounts in other postures.
+///
+/// # Reference
+/// J. C. Neild, C. J. Wood, "Estimating stem and root-anchorage flexibility in trees", Tree Physiology
+/// 19(3), 1999, doi:10.1093/treephys/19.3.141.
+#[derive(Debug, Clone, Copy)]
+pub struct ObjectBaseMotion;
+
+struct Base(Vector3<f64>);
+
+impl Effect for ObjectBaseMotion {
+    fn name(&self) -> &str {
+        "object_base_motion"
+    }
+
+    fn acts(&self) -> Acts {
+        Acts::Contact
+    }
+
+    fn needs(&self) -> &[Need] {
+        &[Need::Contact]
+    }
+
+    fn parameters(&self, _: &Site) -> Vec<Parameter> {
+        ["c_x", "c_y", "c_z"]
+            .map(|name| Parameter::amplitude(name, "m/N", [0.0, 0.02], 3e-4))
+            .to_vec()
+    }
+
+    fn compensator(&self, _: &Site, theta: &[f64]) -> Result<Box<dyn Compensator>, GapError> {
+        check(self.name(), theta, 3)?;
+        Ok(Box::new(Base(Vector3::from_column_slice(theta))))
+    }
+}
+
+impl Compensator for Base {
+    fn object_shift(&mut self, sample: &Sample<'_>) -> Vector3<f64> {
+        // The object feels the reverse of what the robot feels.
+        -self.0.component_mul(&sample.force_W)
+    }
+}

@@ -1,0 +1,69 @@
+use super::body::{Body, RigidMotion};
+use crate::GapError;
+use crate::effect::{Acts, Compensator, Effect, Need, Parameter, Sample, Site, Touch, check};
+use nalgebra::Vector3;
+use vsf_data::TorqueKind;
+
+/// Something that the last link carries: a mass `m` with its centre at `c`, frame of that link.
+///
+/// Parameters `m` (kg) and first moments `mx`, `my`, `mz` (kg m), that is `m c`; torques are linear in
+/// them. Its weight loads the joints; where the readings are those of the actuators, so does its
+/// inertia, that about the link's origin left out. Tell-tale: depends on posture, there in free motion
+/// too. A bias does not depend on posture, a tilt acts on all links.
+///
+/// # Reference
+/// C. G. Atkeson, C. H. An, J. M. Hollerbach, "Estimation of inertial parameters of manipulator loads
+/// and links", Int. J. Robotics Research 5(3), 1986, doi:10.1177/027836498600500306.
+#[derive(Debug, Clone, Copy)]
+pub struct Payload;
+
+struct Carried {
+    body: Body,
+    link: usize,
+    gravity: Vector3<f64>,
+    /// The readings hold the motion of the arm.
+    moves: bool,
+}
+
+impl Effect for Payload {
+    fn name(&self) -> &str {
+        "payload"
+    }
+
+    fn acts(&self) -> Acts {
+        Acts::Torques
+    }
+
+    fn needs(&self) -> &[Need] {
+        &[Need::Weight]
+    }
+
+    fn parameters(&self, _: &Site) -> Vec<Parameter> {
+        let moment = |name| Parameter::amplitude(name, "kg m", [-5.0, 5.0], 0.02);
+        let mass = Parameter::amplitude("m", "kg", [0.0, 20.0], 0.1);
+        vec![mass, moment("mx"), moment("my"), moment("mz")]
+    }
+
+    fn compensator(&self, site: &Site, theta: &[f64]) -> Result<Box<dyn Compensator>, GapError> {
+        check(self.name(), theta, 4)?;
+        // A robot with joints has a last one.
+        let link = site.robot.joints().last().map_or(0, |joint| joint.child());
+        Ok(Box::new(Carried {
+            body: Body::new(theta),
+            link,
+            gravity: site.gravity,
+            moves: site.torque_kind == TorqueKind::Measured,
+        }))
+    }
+}
+
+impl Compensator for Carried {
+    fn torques(&mut self, sample: &Sample<'_>, touch: &Touch<'_>, tau: &mut [f64]) {
+        let (posture, link) = (touch.posture, self.link);
+        let motion = match self.moves {
+            true => RigidMotion::of(posture, link, sample.qd, sample.qdd),
+            false => RigidMotion::rest(),
+        };
+        self.body.load(posture, link, &self.gravity, &motion, tau);
+    }
+}

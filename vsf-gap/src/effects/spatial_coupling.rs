@@ -1,0 +1,99 @@
+use super::body::add_force;
+use crate::GapError;
+use crate::effect::{Acts, Compensator, Effect, Need, Parameter, Sample, Site, Touch, check};
+use nalgebra::Vector3;
+use vsf_core::RestPoints;
+
+/// Springs between neighbouring points: the force on the robot at a touched point `i` is
+/// `-kappa sum_j (u_i - u_j)` over its neighbours `j`, besides that of its own spring.
+///
+/// One parameter, `kappa` (N/m), of every pair of points at most 1.5 times the typical distance of
+/// neighbours apart. Neighbours that are not touched stay at rest. Tell-tale: the force of two
+/// places pressed together is not the sum of what they take alone.
+///
+/// # Reference
+/// A. D. Kerr, "Elastic and viscoelastic foundation models", J. Applied Mechanics 31(3), 1964,
+/// doi:10.1115/1.3629667.
+#[derive(Debug, Clone, Copy)]
+pub struct SpatialCoupling;
+
+/// How far apart neighbours are at most, in typical distances: the faces and edges of a cubic grid.
+const REACH: f64 = 1.5;
+
+struct Lattice {
+    kappa: f64,
+    /// Neighbours of all points, one after the other, and where those of each point begin.
+    neighbours: Vec<u32>,
+    starts: Vec<u32>,
+    /// Displacements of all points (m).
+    u: Vec<Vector3<f64>>,
+}
+
+impl Effect for SpatialCoupling {
+    fn name(&self) -> &str {
+        "spatial_coupling"
+    }
+
+    fn acts(&self) -> Acts {
+        Acts::Torques
+    }
+
+    fn needs(&self) -> &[Need] {
+        &[Need::Contact]
+    }
+
+    fn parameters(&self, _: &Site) -> Vec<Parameter> {
+        vec![Parameter::amplitude("kappa", "N/m", [0.0, 500.0], 0.5)]
+    }
+
+    fn compensator(&self, site: &Site, theta: &[f64]) -> Result<Box<dyn Compensator>, GapError> {
+        check(self.name(), theta, 1)?;
+        let (neighbours, starts) = neighbours(&site.rest);
+        Ok(Box::new(Lattice {
+            kappa: theta[0],
+            neighbours,
+            starts,
+            u: vec![Vector3::zeros(); site.rest.len()],
+        }))
+    }
+}
+
+fn neighbours(rest: &RestPoints) -> (Vec<u32>, Vec<u32>) {
+    let reach = REACH * rest.spacing();
+    let half = Vector3::repeat(reach);
+    let mut neighbours = Vec::new();
+    let mut starts = vec![0];
+    for (i, p) in rest.positions().iter().enumerate() {
+        rest.for_cells_in(&(p - half), &(p + half), |cell| {
+            let near = |j: &&u32| {
+                let j = **j as usize;
+                j != i && (rest.positions()[j] - p).norm() <= reach
+            };
+            neighbours.extend(cell.points.iter().filter(near));
+        });
+        starts.push(neighbours.len() as u32);
+    }
+    (neighbours, starts)
+}
+
+impl Compensator for Lattice {
+    fn torques(&mut self, _: &Sample<'_>, touch: &Touch<'_>, tau: &mut [f64]) {
+        let contacts = touch.contacts;
+        let touched = || contacts.points().iter().zip(contacts.displacements());
+        for (&p, u) in touched() {
+            self.u[p as usize] = *u;
+        }
+        for ((&p, u), &link) in touched().zip(contacts.links()) {
+            let p = p as usize;
+            let of_p = self.starts[p] as usize..self.starts[p + 1] as usize;
+            let apart = |j: &u32| u - self.u[*j as usize];
+            let force: Vector3<f64> = self.neighbours[of_p].iter().map(apart).sum();
+            let place = touch.rest.positions()[p] + u;
+            let force = force * -self.kappa;
+            add_force(touch.posture, link as usize, &place, &force, tau);
+        }
+        for &p in contacts.points() {
+            self.u[p as usize] = Vector3::zeros();
+        }
+    }
+}
