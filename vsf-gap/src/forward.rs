@@ -208,7 +208,7 @@ impl ContactDriver {
 }
 
 /// Moves a robot as a whole.
-fn translate(posture: &mut Posture, by: &Vector3<f64>) {
+pub(crate) fn translate(posture: &mut Posture, by: &Vector3<f64>) {
     let (_, poses, screws) = posture.parts_mut();
     for pose in poses {
         pose.translation.vector += by;

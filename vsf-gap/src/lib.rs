@@ -17,6 +17,7 @@ mod evidence;
 mod nominal;
 mod noise;
 mod refine;
+mod response;
 mod screen;
 mod windows;
 pub use evidence::*;

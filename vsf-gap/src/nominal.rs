@@ -7,6 +7,8 @@ use rayon::prelude::*;
 
 /// A model fitted to sequences: contacts, columns and the spread that the readings call for.
 pub struct Fitted<'a> {
+    /// The model.
+    pub model: Model,
     /// The sequences.
     pub motions: &'a [Motion],
     /// Their contacts.
@@ -91,6 +93,7 @@ impl Campaign {
         let along: f64 = unit.iter().zip(&readings).map(|(u, y)| u * y).sum();
         let uniform = if squares > 0.0 { (along / squares).abs() } else { 1.0 };
         Ok(Fitted {
+            model: model.clone(),
             motions,
             logs,
             noise,

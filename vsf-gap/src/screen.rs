@@ -1,6 +1,6 @@
 use crate::evidence::{Fit, Normal, Spread};
 use crate::nominal::Fitted;
-use crate::{Acts, Campaign, Effect, GapError, Model, Parameter, Role};
+use crate::{Acts, Campaign, ContactLog, Effect, GapError, Model, Parameter, Role};
 use faer::Mat;
 use rayon::prelude::*;
 use std::sync::Arc;
@@ -128,8 +128,11 @@ impl Campaign {
         })
     }
 
-    /// [`Campaign::predicted_with`] of a model that differs from one whose torques are `known` by
-    /// parameter `p` alone.
+    /// Torques over windows of a model that differs a little from the fitted one, whose torques
+    /// are `known`: by parameter `p`.
+    ///
+    /// # Errors
+    /// Rows that contact cannot take.
     pub(crate) fn predicted_near(
         &self,
         model: &Model,
@@ -138,42 +141,31 @@ impl Campaign {
         stiffness: &[f64],
         known: &[f64],
     ) -> Result<Vec<f64>, GapError> {
-        let Some(id) = p.sequence.map(|s| &self.site.sequences[s]) else {
-            return self.predicted_with(model, fitted, stiffness);
+        let deep = model.acts() == Acts::Contact;
+        let log = |s: usize| -> Result<ContactLog, GapError> {
+            let (motion, log) = (&fitted.motions[s], &fitted.logs[s]);
+            match deep {
+                false => Ok(log.clone()),
+                true => match self.answer(&fitted.model, model, motion, log)? {
+                    Some(answer) => Ok(answer),
+                    None => self.contact_log(model, motion),
+                },
+            }
         };
-        let Some(s) = fitted.motions.iter().position(|m| m.id == *id) else {
-            return Ok(known.to_vec());
-        };
-        let own = fitted.windows.of_sequence(s);
-        let part = &fitted.motions[s..=s];
-        let log = match model.acts() {
-            Acts::Contact => self.contact_log(model, &part[0])?,
-            _ => fitted.logs[s].clone(),
-        };
-        let torques = self.torques(model, part, &[log], &own, stiffness)?;
         let mut all = known.to_vec();
-        let first = fitted.windows.list.iter().position(|w| w.sequence == s);
-        let first = first.unwrap_or(0) * own.joints;
-        all[first..first + torques.len()].copy_from_slice(&torques);
+        for s in 0..fitted.motions.len() {
+            let named = p.sequence.map(|s| &self.site.sequences[s]);
+            if named.is_some_and(|id| *id != fitted.motions[s].id) {
+                continue;
+            }
+            let own = fitted.windows.of_sequence(s);
+            let part = &fitted.motions[s..=s];
+            let torques = self.torques(model, part, &[log(s)?], &own, stiffness)?;
+            let first = fitted.windows.list.iter().position(|w| w.sequence == s);
+            let first = first.unwrap_or(0) * own.joints;
+            all[first..first + torques.len()].copy_from_slice(&torques);
+        }
         Ok(all)
-    }
-
-    /// Torques over windows of another model than the fitted one.
-    ///
-    /// # Errors
-    /// Rows that contact cannot take.
-    pub fn predicted_with(
-        &self,
-        model: &Model,
-        fitted: &Fitted<'_>,
-        stiffness: &[f64],
-    ) -> Result<Vec<f64>, GapError> {
-        let changed = match model.acts() {
-            Acts::Contact => Some(self.contact_logs(model, fitted.motions)?),
-            _ => None,
-        };
-        let logs = changed.as_ref().unwrap_or(&fitted.logs);
-        self.torques(model, fitted.motions, logs, &fitted.windows, stiffness)
     }
 }
 

@@ -1,0 +1,103 @@
+use crate::effect::Compensator;
+use crate::forward::{Model, translate};
+use crate::{Campaign, ContactLog, GapError, Motion};
+use vsf_core::Contacts;
+use vsf_data::TorqueKind;
+
+impl Campaign {
+    /// How the contacts `log` of a model `base` answer to a small change of it, without running contact anew:
+    /// where a link's surface moves by `d`, the points it touches follow along its normal,
+    /// `u + n (n . d)`, and slip along it; no point is touched that was not. `None` where the model
+    /// changes more of contact than places and padding.
+    ///
+    /// First order in the change, and without the noise of points that come into contact one by
+    /// one, which differences of two simulated contacts have.
+    ///
+    /// # Errors
+    /// Parameters that an effect cannot take.
+    pub(crate) fn answer(
+        &self,
+        base: &Model,
+        model: &Model,
+        motion: &Motion,
+        log: &ContactLog,
+    ) -> Result<Option<ContactLog>, GapError> {
+        let mut compensators = model.compensators(&self.site)?;
+        let Some(padding) = self.padding(&base.compensators(&self.site)?, &compensators) else {
+            return Ok(None);
+        };
+        let mut answer = ContactLog {
+            rigid: Vec::new(),
+            ..log.clone()
+        };
+        let measured = self.site.torque_kind == TorqueKind::Measured;
+        let mut workspace = self.site.robot.dynamics_workspace();
+        let mut q = vec![0.0; self.site.joints()];
+        compensators
+            .iter_mut()
+            .for_each(|c| c.begin_sequence(&motion.id));
+        for touch in &motion.touches {
+            compensators.iter_mut().for_each(|c| c.begin_touch());
+            for row in touch.clone() {
+                // As in a run of contact: the force known when a sample begins.
+                let force = match row > touch.start {
+                    true => log.forces[row - 1],
+                    false => nalgebra::Vector3::zeros(),
+                };
+                let sample = motion.sample(row, touch.start, force);
+                q.copy_from_slice(sample.q);
+                let posture = &mut answer.postures[row];
+                for c in compensators.iter_mut() {
+                    c.joints(&sample, &mut q);
+                }
+                self.site.robot.update_posture(&q, posture)?;
+                let shift: nalgebra::Vector3<f64> =
+                    compensators.iter_mut().map(|c| c.object_shift(&sample)).sum();
+                translate(posture, &-shift);
+                if measured {
+                    let of_links = self.site.robot.inverse_dynamics(
+                        &q,
+                        sample.qd,
+                        sample.qdd,
+                        &self.site.gravity,
+                        &mut workspace,
+                    )?;
+                    let recorded = &motion.load[row];
+                    (answer.rigid).extend(recorded.iter().zip(of_links).map(|(r, l)| r - l));
+                }
+                let before = &log.contacts[row];
+                let mut contacts = Contacts::new();
+                for k in 0..before.len() {
+                    let (p, link) = (before.points()[k], before.links()[k]);
+                    let (u, n) = (before.displacements()[k], before.normals()[k]);
+                    let x = self.site.rest.positions()[p as usize] + u;
+                    let on_link = log.postures[row].link_poses()[link as usize].inverse() * x;
+                    let moved = posture.link_poses()[link as usize] * on_link - x;
+                    contacts.push(p, link, u + n * (n.dot(&moved) + padding), n)?;
+                }
+                answer.contacts[row] = contacts;
+            }
+        }
+        Ok(Some(answer))
+    }
+
+    /// By how much padding differs between two sets of compensators, unless more of contact does.
+    fn padding(
+        &self,
+        base: &[Box<dyn Compensator>],
+        other: &[Box<dyn Compensator>],
+    ) -> Option<f64> {
+        let Some(scene) = &self.scene else {
+            return Some(0.0);
+        };
+        let config = |compensators: &[Box<dyn Compensator>]| {
+            let mut config = *scene.contact();
+            compensators.iter().for_each(|c| c.contact(&mut config));
+            config
+        };
+        let (base, mut other) = (config(base), config(other));
+        let padding = other.padding - base.padding;
+        other.padding = base.padding;
+        (other == base).then_some(padding)
+    }
+}
