@@ -80,6 +80,19 @@ impl Parts {
         }
     }
 
+    /// The parts of another design over the same windows.
+    #[must_use]
+    pub fn of(&self, design: &Design, rest: &[Point3<f64>]) -> Self {
+        Self::new(
+            design,
+            rest,
+            &self.windows,
+            self.noise.clone(),
+            self.lever.clone(),
+            self.joint_rms.clone(),
+        )
+    }
+
     /// Torques of a field of 1 N/m everywhere.
     pub fn unit_field(&self) -> &[f64] {
         &self.level

@@ -4,6 +4,7 @@
 #![forbid(unsafe_code)]
 
 mod campaign;
+mod closure;
 mod effect;
 pub mod effects;
 mod error;
@@ -16,6 +17,7 @@ pub use forward::{ContactDriver, ContactLog, Model, Prediction, centre, velocity
 mod evidence;
 mod nominal;
 mod noise;
+mod phase;
 mod refine;
 mod response;
 mod screen;
@@ -23,6 +25,8 @@ mod windows;
 pub use evidence::*;
 pub use nominal::*;
 pub use noise::*;
+pub use phase::*;
+pub use closure::*;
 pub use refine::*;
 pub use screen::*;
 pub use windows::*;

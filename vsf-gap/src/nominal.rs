@@ -108,6 +108,18 @@ impl Campaign {
 }
 
 impl Fitted<'_> {
+    /// Takes points out of the model.
+    pub fn leave_out(&mut self, campaign: &Campaign, out: impl Fn(u32) -> bool) {
+        let kept: Vec<usize> = (0..self.design.points.len())
+            .filter(|&k| !out(self.design.points[k]))
+            .collect();
+        let w = &self.design.w;
+        let w = Mat::from_fn(w.nrows(), kept.len(), |i, k| w[(i, kept[k])]);
+        self.design.points = kept.iter().map(|&k| self.design.points[k]).collect();
+        self.design.w = w;
+        self.parts = self.parts.of(&self.design, campaign.site.rest.positions());
+    }
+
     /// Whether anything is touched.
     pub fn touches(&self) -> bool {
         !self.design.points.is_empty()

@@ -8,8 +8,6 @@ use vsf_data::Table;
 
 /// Most numbers (windows times joints) that a diagnosis works with.
 const MOST_ROWS: usize = 1300;
-/// Longest window (s): what effects do within it is averaged.
-const LONGEST: f64 = 0.5;
 
 /// Samples of one touch in a row that are averaged.
 #[derive(Debug, Clone, PartialEq)]
@@ -54,6 +52,19 @@ impl Windows {
                     }
                 }
             }
+        }
+        Self { list, joints }
+    }
+
+    /// Windows of one sample each.
+    pub fn samples(motions: &[Motion], joints: usize) -> Self {
+        let mut list = Vec::new();
+        for (sequence, motion) in motions.iter().enumerate() {
+            list.extend((0..motion.len()).map(|row| Window {
+                sequence,
+                rows: row..row + 1,
+                clock: motion.clock[row],
+            }));
         }
         Self { list, joints }
     }
@@ -227,12 +238,4 @@ impl Campaign {
         }
         lever
     }
-}
-
-/// The length of windows (s) that is too long for effects of a recording.
-pub(crate) fn too_coarse(windows: &Windows, motions: &[Motion]) -> bool {
-    windows.list.iter().any(|w| {
-        let clock = &motions[w.sequence].clock[w.rows.clone()];
-        clock.last().zip(clock.first()).is_some_and(|(b, a)| b - a > LONGEST)
-    })
 }

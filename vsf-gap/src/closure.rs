@@ -1,0 +1,171 @@
+use crate::nominal::Fitted;
+use crate::windows::Windows;
+use crate::{Campaign, GapError, JointNoise, Model, Motion, Spread};
+use rand::{RngExt, SeedableRng};
+use rand_pcg::Pcg64Mcg;
+
+/// Rounds of leaving out points whose stiffness came out negative.
+const ROUNDS: usize = 3;
+/// Length of a block of samples that is drawn as a whole (s), and number of draws.
+const BLOCK: f64 = 0.5;
+const DRAWS: usize = 400;
+
+/// Residuals of a model on sequences, per sample and joint.
+#[derive(Debug, Clone)]
+pub struct Residuals {
+    /// Number of joints.
+    pub joints: usize,
+    /// Measured less predicted (N m or N), one row per sample of each sequence.
+    pub rows: Vec<Vec<f64>>,
+    /// What the model predicts (N m or N), alike.
+    pub predicted: Vec<Vec<f64>>,
+}
+
+/// How far a model closes the gap of another.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Closure {
+    /// `(G0² - G1²) / (G0² - F²)`; NaN never: 0 where the first model leaves no gap.
+    pub fraction: f64,
+    /// Interval that holds 95 % of block-bootstrap draws.
+    pub interval: [f64; 2],
+}
+
+impl Residuals {
+    /// Mean norm over samples.
+    pub fn mean_error(&self) -> f64 {
+        let norms: Vec<f64> = self.squares().map(|(_, s)| s.sqrt()).collect();
+        norms.iter().sum::<f64>() / norms.len().max(1) as f64
+    }
+
+    /// Sequence and squared norm of every sample.
+    fn squares(&self) -> impl Iterator<Item = (usize, f64)> + '_ {
+        self.rows.iter().enumerate().flat_map(|(s, rows)| {
+            rows.chunks_exact(self.joints)
+                .map(move |r| (s, r.iter().map(|v| v * v).sum::<f64>()))
+        })
+    }
+}
+
+/// Mean norm of noise alone.
+pub fn noise_norm(noise: &[JointNoise]) -> f64 {
+    let variance: f64 = noise.iter().map(|n| n.sd * n.sd).sum();
+    let fourth: f64 = noise.iter().map(|n| n.sd.powi(4)).sum();
+    // Mean of the root of a sum of squares, to second order.
+    if variance == 0.0 {
+        0.0
+    } else {
+        variance.sqrt() * (1.0 - 0.25 * fourth / (variance * variance))
+    }
+}
+
+impl Campaign {
+    /// The field of a fitted model that is not negative: points that come out negative are taken
+    /// out of the model, a few times over.
+    ///
+    /// # Errors
+    /// A covariance that is not positive definite.
+    pub fn field(&self, fitted: &mut Fitted<'_>, spread: &Spread) -> Result<Vec<f64>, GapError> {
+        let mut field = fitted.stiffness(self, spread)?;
+        for _ in 0..ROUNDS {
+            if field.iter().all(|k| *k >= 0.0) {
+                break;
+            }
+            fitted.leave_out(self, |p| field[p as usize] < 0.0);
+            field = fitted.stiffness(self, spread)?;
+        }
+        field.iter_mut().for_each(|k| *k = k.max(0.0));
+        Ok(field)
+    }
+
+    /// Residuals of a model with its field on sequences.
+    ///
+    /// # Errors
+    /// Rows that contact cannot take.
+    pub fn residuals(
+        &self,
+        model: &Model,
+        field: &[f64],
+        motions: &[Motion],
+    ) -> Result<Residuals, GapError> {
+        let joints = self.site.joints();
+        let logs = self.contact_logs(model, motions)?;
+        let samples = Windows::samples(motions, joints);
+        let tau = self.torques(model, motions, &logs, &samples, field)?;
+        let mut next = 0;
+        let predicted: Vec<Vec<f64>> = (motions.iter())
+            .map(|m| {
+                let own = next..next + m.len() * joints;
+                next = own.end;
+                tau[own].to_vec()
+            })
+            .collect();
+        let rows = (motions.iter().zip(&predicted))
+            .map(|(m, p)| m.reading.data().iter().zip(p).map(|(y, p)| y - p).collect())
+            .collect();
+        Ok(Residuals {
+            joints,
+            rows,
+            predicted,
+        })
+    }
+}
+
+/// The gap that `after` closes of `before`'s, with noise as the floor.
+pub fn closure(
+    before: &Residuals,
+    after: &Residuals,
+    noise: &[JointNoise],
+    motions: &[Motion],
+    seed: u64,
+) -> Closure {
+    let floor: f64 = noise.iter().map(|n| n.sd * n.sd).sum();
+    let (b, a): (Vec<_>, Vec<_>) = (before.squares().collect(), after.squares().collect());
+    // Blocks of samples, each within a sequence.
+    let mut blocks = Vec::new();
+    let mut first = 0;
+    for motion in motions {
+        let mut start = 0;
+        for row in 0..motion.len() {
+            let long = motion.clock[row] - motion.clock[start] >= BLOCK;
+            if long || row + 1 == motion.len() {
+                blocks.push(first + start..first + row + 1);
+                start = row + 1;
+                if start >= motion.len() {
+                    break;
+                }
+            }
+        }
+        first += motion.len();
+    }
+    let sums: Vec<[f64; 2]> = (blocks.iter())
+        .map(|range| {
+            let of = |squares: &[(usize, f64)]| {
+                squares[range.clone()].iter().map(|(_, s)| s - floor).sum::<f64>()
+            };
+            [of(&b), of(&a)]
+        })
+        .collect();
+    let fraction = |chosen: &mut dyn Iterator<Item = usize>| {
+        let (mut gap, mut left) = (0.0, 0.0);
+        for i in chosen {
+            gap += sums[i][0];
+            left += sums[i][1];
+        }
+        if gap > 0.0 { ((gap - left) / gap).clamp(-10.0, 10.0) } else { 0.0 }
+    };
+    let whole = fraction(&mut (0..sums.len()));
+    let mut rng = Pcg64Mcg::seed_from_u64(seed);
+    let mut draws: Vec<f64> = (0..DRAWS)
+        .map(|_| {
+            let picks: Vec<usize> =
+                (0..sums.len()).map(|_| rng.random_range(0..sums.len())).collect();
+            fraction(&mut picks.into_iter())
+        })
+        .collect();
+    draws.sort_by(f64::total_cmp);
+    let at = |q: f64| draws.get((q * DRAWS as f64) as usize).copied().unwrap_or(whole);
+    Closure {
+        fraction: whole,
+        interval: [at(0.025), at(0.975)],
+    }
+}
