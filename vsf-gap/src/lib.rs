@@ -4,6 +4,10 @@
 #![forbid(unsafe_code)]
 
 mod campaign;
+mod diagnose;
+mod locate;
+mod next;
+mod verdict;
 mod closure;
 mod effect;
 pub mod effects;
@@ -27,6 +31,10 @@ pub use nominal::*;
 pub use noise::*;
 pub use phase::*;
 pub use closure::*;
+pub use diagnose::*;
+pub use locate::*;
+pub use next::*;
+pub use verdict::{Kind, Verdict};
 pub use refine::*;
 pub use screen::*;
 pub use windows::*;

@@ -1,0 +1,596 @@
+use crate::closure::{Residuals, closure, noise_norm};
+use crate::evidence::Normal;
+use crate::locate::{Where, locate};
+use crate::next::{NextExperiment, next_experiment};
+use crate::nominal::Fitted;
+use crate::refine::Refined;
+use crate::screen::{Screened, Tangent, log_mean_exp, screen};
+use crate::verdict::{Hypothesis, Verdict, judge};
+use crate::{Acts, Campaign, Effect, GapError, Model, Parameter, Role, Spread};
+use faer::Mat;
+use rayon::prelude::*;
+use serde::{Deserialize, Serialize};
+use std::sync::Arc;
+
+/// Effects that are fitted together with the field after screening.
+const FINALISTS: usize = 7;
+/// Second effects that are tried beside the best one.
+const SECONDS: usize = 2;
+/// An effect that screening puts so far below the best (nats) is no finalist.
+const HOPELESS: f64 = 400.0;
+/// Sizes of single parameters that are tried for effects that move surfaces, in scales.
+const EXCURSIONS: [f64; 2] = [1.5, 4.0];
+/// Share of an effect's torques that another must imitate for the two to be one group.
+const ALIKE: f64 = 0.9;
+
+/// A parameter of an effect, estimated.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct Estimate {
+    /// Name of the parameter.
+    pub name: String,
+    /// Its value.
+    pub value: f64,
+    /// Its standard deviation.
+    pub std: f64,
+    /// Its unit.
+    pub unit: String,
+}
+
+/// What the diagnosis says about one effect.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct EffectReport {
+    /// Its name.
+    pub effect: String,
+    /// Probability that it acts.
+    pub probability: f64,
+    /// Gain of log evidence over the nominal model (nats).
+    pub score: f64,
+    /// Its parameters; empty for effects that were not fitted.
+    pub parameters: Vec<Estimate>,
+    /// Joints whose parameters are at least two deviations from zero.
+    pub joints: Vec<String>,
+    /// Mean error of the test sequences with it, `null` where it was not fitted (N m or N).
+    pub test_error: Option<f64>,
+    /// Share of the gap that it closes on the test sequences.
+    pub closed_fraction: Option<f64>,
+    /// Share of its information that the stiffness absorbs, 0 to 1.
+    pub absorbed_share: Option<f64>,
+    /// Effects that these recordings cannot tell from it.
+    pub ambiguous_with: Vec<String>,
+    /// Whether the recording can show it.
+    pub testable: bool,
+    /// Why not.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub reason: Option<String>,
+}
+
+/// Errors before and after.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct Gap {
+    /// Mean error of the nominal model on the test sequences (N m or N).
+    pub test_error_nominal: f64,
+    /// That of the corrected model.
+    pub test_error_corrected: f64,
+    /// Mean error of a perfect model.
+    pub noise_floor: f64,
+    /// Share of the gap that the corrected model closes.
+    pub closed_fraction: f64,
+    /// Interval of that share, 95 %.
+    pub closed_interval: [f64; 2],
+    /// Unit of the errors.
+    pub unit: String,
+}
+
+/// A diagnosis, as `vsf diagnose --json` writes it.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct Diagnosis {
+    /// Version of this form, 1.
+    pub schema: u32,
+    /// Name of the recording.
+    pub dataset: String,
+    /// How far.
+    pub gap: Gap,
+    /// Where.
+    pub r#where: Where,
+    /// Which: all of the catalogue, best first.
+    pub effects: Vec<EffectReport>,
+    /// The answer.
+    pub verdict: Verdict,
+    /// What to record next.
+    pub next_experiment: NextExperiment,
+    /// What a reader should know.
+    pub notes: Vec<String>,
+}
+
+/// A diagnosis and what it rests on.
+pub struct Outcome {
+    /// The diagnosis.
+    pub diagnosis: Diagnosis,
+    /// The corrected model; without parts when nothing is corrected.
+    pub model: Model,
+    /// The corrected model's field per rest point (N/m).
+    pub field: Vec<f64>,
+    /// Residuals of the nominal model on the test sequences.
+    pub nominal: Residuals,
+    /// Residuals of the corrected model there.
+    pub corrected: Residuals,
+}
+
+/// One step of a diagnosis, for progress reports.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Step {
+    /// The nominal model is fitted.
+    Nominal,
+    /// All effects are screened.
+    Screen,
+    /// Finalists are fitted with the field.
+    Finalists,
+    /// Pairs are tried.
+    Pairs,
+    /// Models are checked on the test sequences.
+    Check,
+}
+
+impl Step {
+    /// All steps in order.
+    pub const ALL: [Self; 5] = [
+        Self::Nominal,
+        Self::Screen,
+        Self::Finalists,
+        Self::Pairs,
+        Self::Check,
+    ];
+}
+
+struct Candidate {
+    effect: Arc<dyn Effect>,
+    /// Gain in screening (nats).
+    screened: f64,
+    tangent: usize,
+    refined: Option<Refined>,
+}
+
+/// Diagnoses a recording: which of the effects, if any, explains what the nominal model leaves.
+/// `progress` is told each step as it begins. Time: seconds to a minute; see the guide.
+///
+/// # Errors
+/// Rows that contact cannot take, covariances that are not positive definite.
+pub fn diagnose(
+    campaign: &Campaign,
+    name: &str,
+    effects: &[Arc<dyn Effect>],
+    seed: u64,
+    mut progress: impl FnMut(Step),
+) -> Result<Outcome, GapError> {
+    progress(Step::Nominal);
+    let nominal = Model::default();
+    let mut fitted = campaign.fitted(&nominal, &campaign.train)?;
+    let stiffness = fitted.best_stiffness()?;
+    let field = campaign.non_negative(&fitted, &stiffness)?;
+    let spreads = fitted.roughness(&stiffness);
+    let without: Vec<f64> = (spreads.par_iter())
+        .map(|s| fitted.log_evidence(s))
+        .collect::<Result<_, _>>()?;
+    let base = log_mean_exp(&without);
+
+    progress(Step::Screen);
+    let mut untestable = Vec::new();
+    let mut tangents: Vec<Tangent> = Vec::new();
+    for effect in effects {
+        match effect.untestable(campaign) {
+            Some(reason) => untestable.push((effect.clone(), reason)),
+            None => tangents.extend(campaign.tangents(&nominal, &fitted, &field, effect)?),
+        }
+    }
+    let torques = fitted.predicted(&field);
+    let screening = screen(&fitted, &torques, &tangents, spreads.clone())?;
+    let screened_base = log_mean_exp(&screening.nominal);
+    let mut candidates = best_starts(&tangents, &screening.candidates, screened_base);
+    let spread = spreads[best_of(&without)];
+
+    progress(Step::Finalists);
+    let leader = candidates.first().map_or(0.0, |c| c.screened);
+    for (rank, candidate) in candidates.iter_mut().enumerate() {
+        let tangent = &tangents[candidate.tangent];
+        let moves = tangent.effect.acts() == Acts::Contact;
+        let near = candidate.screened > leader - HOPELESS;
+        if near && (rank < FINALISTS || moves && leader < HOPELESS) {
+            let found = screening.candidates.iter().find(|s| s.tangent == candidate.tangent);
+            if let Some(found) = found {
+                let start = campaign.start(&nominal, tangent, found, &spread)?;
+                let sd = tangent.prior(&campaign.site);
+                candidate.refined = Some(campaign.refine(&start, &sd, &found.spread)?);
+            }
+        }
+    }
+    candidates.sort_by(|a, b| b.score(base).total_cmp(&a.score(base)));
+
+    progress(Step::Pairs);
+    let mut pair = None;
+    if let Some(best) = candidates.first().and_then(|c| c.refined.as_ref()) {
+        if best.log_evidence - base > crate::verdict::EVIDENT {
+            pair = campaign.second(best, &tangents, &candidates, base)?;
+        }
+    }
+
+    progress(Step::Check);
+    let singles: Vec<Hypothesis> = (candidates.iter())
+        .filter_map(|c| {
+            let refined = c.refined.as_ref()?;
+            Some(Hypothesis::new(refined, base))
+        })
+        .collect();
+    let mut hypotheses = singles;
+    hypotheses.extend(pair.as_ref().map(|p| Hypothesis::new(p, base)));
+    let likeness = likeness(&fitted, &tangents, &candidates, &spread)?;
+    let judged = judge(&hypotheses, &without, &spreads, base, &likeness);
+
+    let noise = fitted.noise.clone();
+    let floor = noise_norm(&noise);
+    let field = campaign.field(&mut fitted, &spread)?;
+    let checked = if campaign.test.is_empty() { &campaign.train } else { &campaign.test };
+    let before = campaign.residuals(&nominal, &field, checked)?;
+    let chosen = match &pair {
+        Some(pair) if judged.verdict.effects.len() == 2 => Some(pair),
+        _ => candidates
+            .iter()
+            .filter(|c| judged.verdict.effects.first().is_some_and(|e| e == c.effect.name()))
+            .find_map(|c| c.refined.as_ref()),
+    };
+    let mut notes = Vec::new();
+    if campaign.test.is_empty() {
+        notes.push("there is one sequence only: errors are those of the fit itself".to_owned());
+    }
+    let (mut model, mut after, mut corrected_field) = (nominal.clone(), before.clone(), field);
+    if let Some(chosen) = chosen {
+        let (field, residuals) = campaign.checked(&chosen.model, &chosen.spread, checked)?;
+        match residuals.mean_error() <= before.mean_error() {
+            true => (model, after, corrected_field) = (chosen.model.clone(), residuals, field),
+            false => notes.push(format!(
+                "with {} the test sequences are predicted worse ({:.3} instead of {:.3}): the \
+                 corrected model is the nominal one",
+                judged.verdict.effects.join(" and "),
+                residuals.mean_error(),
+                before.mean_error()
+            )),
+        }
+    }
+    let closed = closure(&before, &after, &noise, checked, seed);
+    let r#where = locate(campaign, &model, &corrected_field, &before, checked, &noise, seed)?;
+    let mut reports = Vec::new();
+    for candidate in &candidates {
+        let mut report = campaign.report(candidate, &tangents, base, &judged.probabilities);
+        if let Some(refined) = candidate.refined.as_ref().filter(|_| reports.len() < 3) {
+            let (_, residuals) = campaign.checked(&refined.model, &refined.spread, checked)?;
+            report.test_error = Some(residuals.mean_error());
+            report.closed_fraction =
+                Some(closure(&before, &residuals, &noise, checked, seed).fraction);
+        }
+        report.absorbed_share = absorbed(&fitted, &tangents[candidate.tangent], &spread);
+        report.ambiguous_with = (likeness.iter())
+            .filter(|(a, _, share)| a == candidate.effect.name() && *share > ALIKE)
+            .map(|(_, b, _)| b.clone())
+            .collect();
+        reports.push(report);
+    }
+    reports.sort_by(|a, b| {
+        (b.probability.total_cmp(&a.probability)).then(b.score.total_cmp(&a.score))
+    });
+    reports.extend(untestable.into_iter().map(|(effect, reason)| EffectReport {
+        effect: effect.name().to_owned(),
+        probability: 0.0,
+        score: 0.0,
+        parameters: Vec::new(),
+        joints: Vec::new(),
+        test_error: None,
+        closed_fraction: None,
+        absorbed_share: None,
+        ambiguous_with: Vec::new(),
+        testable: false,
+        reason: Some(reason),
+    }));
+    let unit = match &campaign.scene {
+        Some(scene) => scene.error_unit(),
+        None => "N m",
+    };
+    let next_experiment = next_experiment(&judged.verdict, &reports);
+    Ok(Outcome {
+        diagnosis: Diagnosis {
+            schema: 1,
+            dataset: name.to_owned(),
+            gap: Gap {
+                test_error_nominal: before.mean_error(),
+                test_error_corrected: after.mean_error(),
+                noise_floor: floor,
+                closed_fraction: closed.fraction,
+                closed_interval: closed.interval,
+                unit: unit.to_owned(),
+            },
+            r#where,
+            effects: reports,
+            verdict: judged.verdict,
+            next_experiment,
+            notes,
+        },
+        model,
+        field: corrected_field,
+        nominal: before,
+        corrected: after,
+    })
+}
+
+impl Candidate {
+    fn score(&self, base: f64) -> f64 {
+        match &self.refined {
+            Some(refined) => refined.log_evidence - base,
+            // Not fitted: it was out of reach of the best.
+            None => self.screened.min(0.0) - HOPELESS,
+        }
+    }
+}
+
+/// The best start of every effect, best first.
+fn best_starts(tangents: &[Tangent], screened: &[Screened], base: f64) -> Vec<Candidate> {
+    let mut best: Vec<Candidate> = Vec::new();
+    for s in screened {
+        let effect = &tangents[s.tangent].effect;
+        let gain = s.log_evidence - base;
+        match best.iter_mut().find(|c| c.effect.name() == effect.name()) {
+            Some(c) if c.screened >= gain => {}
+            Some(c) => (c.screened, c.tangent) = (gain, s.tangent),
+            None => best.push(Candidate {
+                effect: effect.clone(),
+                screened: gain,
+                tangent: s.tangent,
+                refined: None,
+            }),
+        }
+    }
+    best.sort_by(|a, b| b.screened.total_cmp(&a.screened));
+    best
+}
+
+fn best_of(x: &[f64]) -> usize {
+    (0..x.len())
+        .max_by(|a, b| x[*a].total_cmp(&x[*b]))
+        .unwrap_or(0)
+}
+
+impl Tangent {
+    /// Prior deviations of all parameters.
+    fn prior(&self, site: &crate::Site) -> Vec<f64> {
+        let mut sd: Vec<f64> = (self.effect.parameters(site).iter())
+            .map(|p| 0.25 * (p.bounds[1] - p.bounds[0]))
+            .collect();
+        for (&i, s) in self.amplitudes.iter().zip(&self.sd) {
+            sd[i] = *s;
+        }
+        sd
+    }
+}
+
+impl Campaign {
+    /// Where to start the fit of an effect: what screening found, or, for effects that move
+    /// surfaces by more than contact answers linearly, the best of single parameters.
+    fn start(
+        &self,
+        base: &Model,
+        tangent: &Tangent,
+        found: &Screened,
+        spread: &Spread,
+    ) -> Result<Model, GapError> {
+        let effect = &tangent.effect;
+        let parameters = effect.parameters(&self.site);
+        let mut theta = tangent.start.clone();
+        for (&i, v) in tangent.amplitudes.iter().zip(found.fit.theta.iter()) {
+            theta[i] = v.clamp(parameters[i].bounds[0], parameters[i].bounds[1]);
+        }
+        let mut starts = vec![theta];
+        if effect.acts() == Acts::Contact && self.scene.is_some() {
+            let two_sided = |p: &Parameter| {
+                p.role == Role::Amplitude && p.sequence.is_none() && p.bounds[0] < 0.0
+            };
+            for (i, p) in parameters.iter().enumerate().filter(|(_, p)| two_sided(p)) {
+                for size in EXCURSIONS.iter().flat_map(|s| [-s, *s]) {
+                    let mut theta = tangent.start.clone();
+                    theta[i] = (size * p.scale).clamp(p.bounds[0], p.bounds[1]);
+                    starts.push(theta);
+                }
+            }
+        }
+        if starts.len() == 1 {
+            return Ok(base.with(effect, &starts[0]));
+        }
+        let sd = tangent.prior(&self.site);
+        let values: Vec<f64> = (starts.par_iter())
+            .map(|theta| {
+                let fitted = self.fitted(&base.with(effect, theta), &self.train)?;
+                let cost: f64 = (tangent.amplitudes.iter())
+                    .map(|&i| 0.5 * (theta[i] / sd[i]).powi(2))
+                    .sum();
+                Ok(fitted.log_evidence(spread)? - cost)
+            })
+            .collect::<Result<_, GapError>>()?;
+        Ok(base.with(effect, &starts[best_of(&values)]))
+    }
+
+    /// The best model of two effects, one of them the best single one, if the second earns it.
+    fn second(
+        &self,
+        best: &Refined,
+        tangents: &[Tangent],
+        candidates: &[Candidate],
+        base: f64,
+    ) -> Result<Option<Refined>, GapError> {
+        let fitted = self.fitted(&best.model, &self.train)?;
+        let first = best.model.parts[0].0.name().to_owned();
+        let mut others = Vec::new();
+        for candidate in candidates {
+            let effect = &candidate.effect;
+            if effect.name() != first {
+                others.extend(self.tangents(&best.model, &fitted, &best.stiffness, effect)?);
+            }
+        }
+        let torques = fitted.predicted(&best.stiffness);
+        let screening = screen(&fitted, &torques, &others, fitted.roughness(&best.spread))?;
+        let without = log_mean_exp(&screening.nominal);
+        let mut seconds = best_starts(&others, &screening.candidates, without);
+        seconds.retain(|c| c.screened > crate::verdict::EVIDENT);
+        seconds.truncate(SECONDS);
+        let mut found: Option<Refined> = None;
+        let prior = |name: &str| {
+            tangents.iter().find(|t| t.effect.name() == name).map(|t| t.prior(&self.site))
+        };
+        for second in seconds {
+            let tangent = &others[second.tangent];
+            let fit = screening.candidates.iter().find(|s| s.tangent == second.tangent);
+            let (Some(fit), Some(mut sd)) = (fit, prior(&first)) else {
+                continue;
+            };
+            let start = self.start(&best.model, tangent, fit, &best.spread)?;
+            sd.extend(tangent.prior(&self.site));
+            let refined = self.refine(&start, &sd, &best.spread)?;
+            let gained = refined.log_evidence - best.log_evidence;
+            // Backward: the second on its own must not do as well.
+            let alone = (candidates.iter())
+                .find(|c| c.effect.name() == tangent.effect.name())
+                .map_or(f64::NEG_INFINITY, |c| c.score(base) + base);
+            let needed = crate::verdict::threshold(tangent.effect.as_ref());
+            let both = gained > needed
+                && refined.log_evidence - alone
+                    > crate::verdict::threshold(best.model.parts[0].0.as_ref());
+            if both && found.as_ref().is_none_or(|f| f.log_evidence < refined.log_evidence) {
+                found = Some(refined);
+            }
+        }
+        Ok(found)
+    }
+
+    /// The field of a model, fitted to the train sequences, and its residuals on others.
+    fn checked(
+        &self,
+        model: &Model,
+        spread: &Spread,
+        on: &[crate::Motion],
+    ) -> Result<(Vec<f64>, Residuals), GapError> {
+        let mut fitted = self.fitted(model, &self.train)?;
+        let field = self.field(&mut fitted, spread)?;
+        let residuals = self.residuals(model, &field, on)?;
+        Ok((field, residuals))
+    }
+
+    fn report(
+        &self,
+        candidate: &Candidate,
+        tangents: &[Tangent],
+        base: f64,
+        probabilities: &[(String, f64)],
+    ) -> EffectReport {
+        let effect = &tangents[candidate.tangent].effect;
+        let mut parameters = Vec::new();
+        let mut joints: Vec<String> = Vec::new();
+        if let Some(refined) = &candidate.refined {
+            let own = effect.parameters(&self.site);
+            for ((p, v), sd) in own.iter().zip(&refined.theta).zip(&refined.sd) {
+                parameters.push(Estimate {
+                    name: p.name.clone(),
+                    value: *v,
+                    std: *sd,
+                    unit: p.unit.to_owned(),
+                });
+                if let Some(j) = p.joint.filter(|_| p.role == Role::Amplitude && v.abs() > 2.0 * sd)
+                {
+                    let name = self.site.robot.joints()[j].name().to_owned();
+                    if *v != 0.0 && !joints.contains(&name) {
+                        joints.push(name);
+                    }
+                }
+            }
+        }
+        let name = effect.name();
+        EffectReport {
+            effect: name.to_owned(),
+            probability: (probabilities.iter())
+                .find(|(n, _)| n == name)
+                .map_or(0.0, |(_, p)| *p),
+            score: candidate.score(base).max(-1e3),
+            parameters,
+            joints,
+            test_error: None,
+            closed_fraction: None,
+            absorbed_share: None,
+            ambiguous_with: Vec::new(),
+            testable: true,
+            reason: None,
+        }
+    }
+}
+
+/// The share of an effect's information that the field absorbs: what is left of its tangents,
+/// beside what they would tell were the stiffness known.
+fn absorbed(fitted: &Fitted<'_>, tangent: &Tangent, spread: &Spread) -> Option<f64> {
+    let factor = fitted.parts.factor(spread).ok()?;
+    let bare = Spread {
+        point: 0.0,
+        smooth: 0.0,
+        level: 0.0,
+        ..*spread
+    };
+    let bare = fitted.parts.factor(&bare).ok()?;
+    let n = fitted.readings.len();
+    let information = |factor: &crate::Factor| {
+        let columns = &tangent.columns;
+        let mut all = Mat::from_fn(n, columns.len(), |i, k| columns[k][i] * tangent.sd[k]);
+        factor.whiten(&mut all);
+        (0..columns.len())
+            .map(|k| all.col_as_slice(k).iter().map(|v| v * v).sum::<f64>())
+            .sum::<f64>()
+    };
+    let (left, whole) = (information(&factor), information(&bare));
+    (whole > 0.0).then(|| (1.0 - left / whole).clamp(0.0, 1.0))
+}
+
+/// For every pair of fitted effects, the share of the first one's torques that the second can
+/// imitate, the field being free.
+fn likeness(
+    fitted: &Fitted<'_>,
+    tangents: &[Tangent],
+    candidates: &[Candidate],
+    spread: &Spread,
+) -> Result<Vec<(String, String, f64)>, GapError> {
+    let factor = fitted.parts.factor(spread)?;
+    let n = fitted.readings.len();
+    let finalists: Vec<&Candidate> = candidates.iter().filter(|c| c.refined.is_some()).collect();
+    // Torques of the effect as fitted, and whitened tangents around there.
+    let mut white = Vec::new();
+    for candidate in &finalists {
+        let Some(refined) = &candidate.refined else { continue };
+        let parameters = tangents[candidate.tangent].amplitudes.clone();
+        let columns = &refined.tangent;
+        let mut all = Mat::from_fn(n, columns.len() + 1, |i, k| match k {
+            0 => parameters.iter().map(|&p| columns[p][i] * refined.theta[p]).sum(),
+            k => columns[k - 1][i],
+        });
+        factor.whiten(&mut all);
+        white.push((candidate.effect.name().to_owned(), all));
+    }
+    let mut pairs = Vec::new();
+    for (a, of_a) in &white {
+        for (b, of_b) in white.iter().filter(|(b, _)| a != b) {
+            let signal = of_a.col_as_slice(0);
+            let whole: f64 = signal.iter().map(|v| v * v).sum();
+            let columns: Vec<&[f64]> = (1..of_b.ncols()).map(|k| of_b.col_as_slice(k)).collect();
+            let normal = Normal::new(signal, &columns);
+            let ridge = 1e-9 * normal.information.trace().max(f64::MIN_POSITIVE);
+            let damped = &normal.information
+                + nalgebra::DMatrix::identity(columns.len(), columns.len()) * ridge;
+            let explained = damped
+                .cholesky()
+                .map_or(0.0, |f| normal.score.dot(&f.solve(&normal.score)));
+            if whole > 0.0 {
+                pairs.push((a.clone(), b.clone(), (explained / whole).clamp(0.0, 1.0)));
+            }
+        }
+    }
+    Ok(pairs)
+}

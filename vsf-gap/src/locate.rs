@@ -1,0 +1,323 @@
+use crate::closure::Residuals;
+use crate::{Campaign, GapError, JointNoise, Model, Motion, Phase, centre};
+use crate::effect::Touch;
+use nalgebra::{Point3, Vector3};
+use rand::{RngExt, SeedableRng};
+use rand_pcg::Pcg64Mcg;
+use serde::{Deserialize, Serialize};
+
+/// Edge of the cells (m) that regions are made of, and most regions named.
+const CELL: f64 = 0.06;
+const REGIONS: usize = 5;
+/// Samples per block of the bootstrap, and its draws.
+const BLOCK: usize = 30;
+const DRAWS: usize = 200;
+
+/// The gap in one part of the recording.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct Part {
+    /// What part, under the key of its kind.
+    #[serde(flatten)]
+    pub of: Of,
+    /// Share of the energy of the gap, 0 to 1.
+    pub share: f64,
+    /// Interval of the share, 95 %.
+    pub interval: [f64; 2],
+    /// RMS residual of the nominal model beyond noise (N m or N).
+    pub excess: f64,
+}
+
+/// The part of a recording.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum Of {
+    /// Name of a joint.
+    Joint(String),
+    /// A phase of touch.
+    Phase(Phase),
+    /// Name of the link in contact, `none` in free motion.
+    Link(String),
+    /// ID of a sequence.
+    Sequence(String),
+    /// Lower and upper frequency (Hz).
+    Frequency([f64; 2]),
+}
+
+/// The gap at a place.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct Region {
+    /// Middle (m, world).
+    pub center: [f64; 3],
+    /// Radius (m).
+    pub radius: f64,
+    /// Share of the energy of the gap in contact.
+    pub share: f64,
+}
+
+/// Where the gap lies. Where effects are named, shares are those of the torques that they change;
+/// else of the residuals of the nominal model on the checked sequences.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct Where {
+    /// By joint.
+    pub joint: Vec<Part>,
+    /// By phase.
+    pub phase: Vec<Part>,
+    /// By link in contact.
+    pub link: Vec<Part>,
+    /// By sequence.
+    pub sequence: Vec<Part>,
+    /// By place.
+    pub region: Vec<Region>,
+    /// By frequency, of the residuals.
+    pub frequency: Vec<Part>,
+}
+
+/// One sample with what it belongs to.
+struct Row {
+    sequence: usize,
+    phase: Phase,
+    link: Option<usize>,
+    place: Option<Point3<f64>>,
+    /// Energy of the gap per joint.
+    energy: Vec<f64>,
+    /// Residual of the nominal model squared, less the noise, per joint; NaN never.
+    excess: Vec<f64>,
+}
+
+/// Finds where the gap lies. `model` with `field` is the corrected model, `before` the residuals of
+/// the nominal one on the sequences `checked`.
+pub(crate) fn locate(
+    campaign: &Campaign,
+    model: &Model,
+    field: &[f64],
+    before: &Residuals,
+    checked: &[Motion],
+    noise: &[JointNoise],
+    seed: u64,
+) -> Result<Where, GapError> {
+    let d = campaign.site.joints();
+    let nominal = Model::default();
+    let named = !model.parts.is_empty();
+    let all: Vec<&Motion> = match named {
+        true => campaign.train.iter().chain(&campaign.test).collect(),
+        false => checked.iter().collect(),
+    };
+    let mut rows = Vec::new();
+    let mut ids: Vec<String> = Vec::new();
+    for motion in all {
+        let own = std::slice::from_ref(motion);
+        let logs = campaign.contact_logs(&nominal, own)?;
+        let phases = campaign.phases(motion, &logs[0]);
+        let change = match named {
+            true => {
+                let with = campaign.residuals(model, field, own)?;
+                let without = campaign.residuals(&nominal, field, own)?;
+                Some((with, without))
+            }
+            false => None,
+        };
+        let tested = checked.iter().position(|m| m.id == motion.id);
+        let sequence = ids.len();
+        ids.push(motion.id.clone());
+        for row in 0..motion.len() {
+            let touch = Touch {
+                rest: &campaign.site.rest,
+                posture: &logs[0].postures[row],
+                contacts: &logs[0].contacts[row],
+            };
+            let at = centre(&touch);
+            let excess: Vec<f64> = (0..d)
+                .map(|j| match tested {
+                    Some(s) => before.rows[s][row * d + j].powi(2) - noise[j].sd.powi(2),
+                    None => 0.0,
+                })
+                .collect();
+            let energy = match &change {
+                Some((with, without)) => (0..d)
+                    .map(|j| {
+                        let k = row * d + j;
+                        (with.predicted[0][k] - without.predicted[0][k]).powi(2)
+                    })
+                    .collect(),
+                None => excess.clone(),
+            };
+            rows.push(Row {
+                sequence,
+                phase: phases[row],
+                link: at.map(|(link, _)| link),
+                place: at.map(|(_, p)| p),
+                energy,
+                excess,
+            });
+        }
+    }
+    let mut rng = Pcg64Mcg::seed_from_u64(seed);
+    let robot = &campaign.site.robot;
+    let mut parts = |ofs: Vec<Of>, member: &dyn Fn(&Row, usize) -> Option<usize>| {
+        shares(&rows, d, ofs, member, &mut rng)
+    };
+    let joint = parts(
+        robot.joints().iter().map(|j| Of::Joint(j.name().to_owned())).collect(),
+        &|_, j| Some(j),
+    );
+    let phase = parts(Phase::ALL.iter().map(|p| Of::Phase(*p)).collect(), &|row, _| {
+        Phase::ALL.iter().position(|p| *p == row.phase)
+    });
+    let links: Vec<usize> = (0..robot.link_count())
+        .filter(|l| rows.iter().any(|r| r.link == Some(*l)))
+        .collect();
+    let mut names: Vec<Of> =
+        links.iter().map(|&l| Of::Link(robot.links()[l].name().to_owned())).collect();
+    names.push(Of::Link("none".to_owned()));
+    let link = parts(names, &|row, _| match row.link {
+        Some(l) => links.iter().position(|k| *k == l),
+        None => Some(links.len()),
+    });
+    let sequence = parts(ids.into_iter().map(Of::Sequence).collect(), &|row, _| {
+        Some(row.sequence)
+    });
+    Ok(Where {
+        joint,
+        phase,
+        link,
+        sequence,
+        region: regions(&rows),
+        frequency: frequencies(before, checked),
+    })
+}
+
+/// Shares of energy by parts that samples or joints belong to.
+fn shares(
+    rows: &[Row],
+    joints: usize,
+    ofs: Vec<Of>,
+    member: &dyn Fn(&Row, usize) -> Option<usize>,
+    rng: &mut Pcg64Mcg,
+) -> Vec<Part> {
+    let blocks: Vec<Vec<f64>> = (rows.chunks(BLOCK))
+        .map(|block| {
+            let mut sums = vec![0.0; ofs.len()];
+            for row in block {
+                for j in 0..joints {
+                    if let Some(k) = member(row, j) {
+                        sums[k] += row.energy[j];
+                    }
+                }
+            }
+            sums
+        })
+        .collect();
+    let share = |picks: &mut dyn Iterator<Item = usize>| {
+        let mut sums = vec![0.0; ofs.len()];
+        for b in picks {
+            sums.iter_mut().zip(&blocks[b]).for_each(|(s, v)| *s += v);
+        }
+        sums.iter_mut().for_each(|s| *s = s.max(0.0));
+        let total: f64 = sums.iter().sum();
+        if total > 0.0 {
+            sums.iter_mut().for_each(|s| *s /= total);
+        }
+        sums
+    };
+    let whole = share(&mut (0..blocks.len()));
+    let draws: Vec<Vec<f64>> = (0..DRAWS)
+        .map(|_| {
+            let picks: Vec<usize> =
+                (0..blocks.len()).map(|_| rng.random_range(0..blocks.len())).collect();
+            share(&mut picks.into_iter())
+        })
+        .collect();
+    let mut parts: Vec<Part> = (ofs.into_iter().enumerate())
+        .map(|(k, of)| {
+            let mut drawn: Vec<f64> = draws.iter().map(|d| d[k]).collect();
+            drawn.sort_by(f64::total_cmp);
+            let (mut excess, mut count) = (0.0, 0usize);
+            for row in rows {
+                for j in (0..joints).filter(|&j| member(row, j) == Some(k)) {
+                    excess += row.excess[j];
+                    count += 1;
+                }
+            }
+            Part {
+                of,
+                share: whole[k],
+                interval: [drawn[DRAWS / 40], drawn[DRAWS - 1 - DRAWS / 40]],
+                excess: (excess / count.max(1) as f64).max(0.0).sqrt(),
+            }
+        })
+        .collect();
+    parts.sort_by(|a, b| b.share.total_cmp(&a.share));
+    parts
+}
+
+/// The cells with most of the energy in contact.
+fn regions(rows: &[Row]) -> Vec<Region> {
+    let mut cells: std::collections::BTreeMap<[i64; 3], (f64, Vector3<f64>, f64)> =
+        std::collections::BTreeMap::new();
+    let mut total = 0.0;
+    for row in rows {
+        let Some(p) = row.place else { continue };
+        let energy: f64 = row.energy.iter().sum();
+        let key = [0, 1, 2].map(|axis| (p[axis] / CELL).floor() as i64);
+        let cell = cells.entry(key).or_insert((0.0, Vector3::zeros(), 0.0));
+        cell.0 += energy;
+        cell.1 += p.coords;
+        cell.2 += 1.0;
+        total += energy;
+    }
+    let mut found: Vec<Region> = (cells.values())
+        .filter(|(energy, ..)| *energy > 0.0 && total > 0.0)
+        .map(|(energy, sum, count)| Region {
+            center: (sum / *count).into(),
+            radius: 0.5 * CELL,
+            share: (energy / total).min(1.0),
+        })
+        .collect();
+    found.sort_by(|a, b| b.share.total_cmp(&a.share));
+    found.truncate(REGIONS);
+    found
+}
+
+/// Energy of residuals by octaves: differences of means over twice as many samples each time.
+fn frequencies(before: &Residuals, motions: &[Motion]) -> Vec<Part> {
+    let d = before.joints;
+    let mut bands: Vec<([f64; 2], f64, usize)> = Vec::new();
+    for (rows, motion) in before.rows.iter().zip(motions) {
+        let Some(span) = motion.clock.last().zip(motion.clock.first()).map(|(b, a)| b - a) else {
+            continue;
+        };
+        let mut rate = (motion.len().max(2) - 1) as f64 / span.max(f64::MIN_POSITIVE);
+        let mut means = rows.clone();
+        let mut octave = 0;
+        while means.len() >= 4 * d && octave < 10 {
+            let half: Vec<Vec<f64>> = (means.chunks_exact(2 * d))
+                .map(|two| (0..d).map(|j| 0.5 * (two[j] + two[d + j])).collect())
+                .collect();
+            let energy: f64 = (means.chunks_exact(2 * d))
+                .map(|two| (0..d).map(|j| (0.5 * (two[j] - two[d + j])).powi(2)).sum::<f64>())
+                .sum::<f64>()
+                * 2.0_f64.powi(octave + 1);
+            let band = [0.25 * rate, 0.5 * rate];
+            match bands.get_mut(octave as usize) {
+                Some(b) => (b.1, b.2) = (b.1 + energy, b.2 + rows.len()),
+                None => bands.push((band, energy, rows.len())),
+            }
+            means = half.concat();
+            rate *= 0.5;
+            octave += 1;
+        }
+    }
+    let total: f64 = bands.iter().map(|b| b.1).sum();
+    bands
+        .into_iter()
+        .map(|(band, energy, count)| {
+            let share = if total > 0.0 { energy / total } else { 0.0 };
+            Part {
+                of: Of::Frequency(band),
+                share,
+                interval: [share, share],
+                excess: (energy / count.max(1) as f64).sqrt(),
+            }
+        })
+        .collect()
+}

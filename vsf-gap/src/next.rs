@@ -1,0 +1,160 @@
+use crate::diagnose::EffectReport;
+use crate::verdict::{Kind, Verdict};
+use serde::{Deserialize, Serialize};
+
+/// What to record next.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct NextExperiment {
+    /// What to do.
+    pub action: String,
+    /// What it would tell.
+    pub why: String,
+}
+
+/// An experiment and the effects that answer to it in a way of their own.
+struct Experiment {
+    action: &'static str,
+    /// Effects and how they answer: equal letters look alike.
+    answers: &'static [(&'static str, char)],
+}
+
+/// What each experiment tells apart. Effects that are not listed do not answer.
+const EXPERIMENTS: [Experiment; 9] = [
+    Experiment {
+        action: "hold the deepest point of a touch for 5 s",
+        answers: &[("stress_relaxation", 'r'), ("torque_drift", 'd'), ("viscoelastic", 'v')],
+    },
+    Experiment {
+        action: "unload as slowly as loaded, over the same path",
+        answers: &[
+            ("contact_friction", 'f'),
+            ("joint_load_friction", 'l'),
+            ("joint_coulomb_friction", 'c'),
+            ("plastic_set", 'p'),
+            ("damage_softening", 's'),
+            ("adhesion", 'a'),
+        ],
+    },
+    Experiment {
+        action: "repeat a touch at twice the speed",
+        answers: &[
+            ("viscoelastic", 'v'),
+            ("latency", 'l'),
+            ("joint_viscous_friction", 'j'),
+            ("inertia_drag", 'i'),
+            ("joint_stribeck_friction", 's'),
+            ("stress_relaxation", 'r'),
+        ],
+    },
+    Experiment {
+        action: "touch the same place again, as deep as before",
+        answers: &[
+            ("plastic_set", 'p'),
+            ("damage_softening", 'd'),
+            ("registration_offset", 'r'),
+            ("torque_drift", 't'),
+        ],
+    },
+    Experiment {
+        action: "push a known place deeper than before",
+        answers: &[
+            ("strain_stiffening", 's'),
+            ("spatial_coupling", 'c'),
+            ("joint_elasticity", 'e'),
+            ("object_base_motion", 'b'),
+            ("geometry_padding", 'g'),
+        ],
+    },
+    Experiment {
+        action: "touch a known place in another posture of the arm",
+        answers: &[
+            ("encoder_offset", 'e'),
+            ("registration_offset", 'r'),
+            ("torque_gain", 'g'),
+            ("joint_elasticity", 'k'),
+            ("anisotropy", 'a'),
+            ("object_base_motion", 'b'),
+            ("geometry_padding", 'p'),
+            ("gravity_tilt", 't'),
+            ("torque_bias", 'o'),
+            ("payload", 'w'),
+        ],
+    },
+    Experiment {
+        action: "move every joint to and fro in free air, at two speeds",
+        answers: &[
+            ("joint_coulomb_friction", 'c'),
+            ("joint_viscous_friction", 'v'),
+            ("joint_stribeck_friction", 's'),
+            ("joint_coupling", 'k'),
+            ("torque_bias", 'b'),
+            ("latency", 'l'),
+            ("inertial_error", 'i'),
+        ],
+    },
+    Experiment {
+        action: "wait 30 s in free air and read again in the same posture",
+        answers: &[("torque_drift", 'd'), ("torque_bias", 'b')],
+    },
+    Experiment {
+        action: "carry a known payload through several postures",
+        answers: &[
+            ("payload", 'p'),
+            ("gravity_tilt", 'g'),
+            ("inertial_error", 'i'),
+            ("torque_gain", 't'),
+        ],
+    },
+];
+
+/// The experiment that tells most of the surviving candidates apart, weighed by their
+/// probabilities.
+pub(crate) fn next_experiment(verdict: &Verdict, effects: &[EffectReport]) -> NextExperiment {
+    let survivors: Vec<&EffectReport> = (effects.iter())
+        .filter(|e| e.testable && verdict.effect_set_95.contains(&e.effect))
+        .collect();
+    let told = |experiment: &Experiment| {
+        let answer = |name: &str| {
+            experiment.answers.iter().find(|(n, _)| *n == name).map_or('-', |(_, a)| *a)
+        };
+        let mut sum = 0.0;
+        for (i, a) in survivors.iter().enumerate() {
+            for b in &survivors[i + 1..] {
+                if answer(&a.effect) != answer(&b.effect) {
+                    sum += a.probability * b.probability;
+                }
+            }
+        }
+        sum
+    };
+    let best = (EXPERIMENTS.iter())
+        .map(|e| (told(e), e))
+        .max_by(|a, b| a.0.total_cmp(&b.0))
+        .filter(|(told, _)| *told > 0.0);
+    let names = || {
+        let names: Vec<&str> = survivors.iter().map(|e| e.effect.as_str()).collect();
+        names.join(", ")
+    };
+    match (best, verdict.kind) {
+        (Some((_, experiment)), _) => NextExperiment {
+            action: experiment.action.to_owned(),
+            why: format!("it tells {} apart", names()),
+        },
+        (None, Kind::Unknown) => NextExperiment {
+            action: "move one joint at a time, slowly, through its range in free air".to_owned(),
+            why: "what acts is not in the catalogue; so it shows on which joint, and whether it \
+                  follows position, speed or time"
+                .to_owned(),
+        },
+        (None, Kind::NoGap) => NextExperiment {
+            action: "push, hold, unload and touch again at two speeds, deeper the second time"
+                .to_owned(),
+            why: "nothing is missing so far; this shows effects that these touches could not"
+                .to_owned(),
+        },
+        (None, _) => NextExperiment {
+            action: "repeat one touch with the corrected model, in another posture".to_owned(),
+            why: format!("it checks {} on data that the model has not seen", names()),
+        },
+    }
+}
