@@ -315,7 +315,7 @@ impl Campaign {
                 out.step(&mut compensators, &sample, &touch);
                 if !log.rigid.is_empty() {
                     let rigid = &log.rigid[row * d..][..d];
-                    out.torques.iter_mut().zip(rigid).for_each(|(t, r)| *t -= r);
+                    out.torques.iter_mut().zip(rigid).for_each(|(t, r)| *t += r);
                 }
                 visit(row, &touch, &out);
             }
