@@ -1,6 +1,8 @@
 //! Effects on rows of a recording that a test writes by hand, and the parameters that explain them.
 #![allow(dead_code, clippy::unwrap_used, clippy::panic)]
 
+pub mod campaign;
+
 use nalgebra::{DMatrix, DVector, Point3, Vector3};
 use std::sync::Arc;
 use vsf_core::{Contacts, RestPoints};
@@ -136,12 +138,24 @@ pub fn run(site: &Site, c: &mut dyn Compensator, k: f64, rows: &[Row]) -> Vec<f6
     all
 }
 
-/// Parameters that explain `data` best (Levenberg-Marquardt within the bounds), from the first
-/// start of the effect and all amplitudes a little above zero.
+/// Parameters that explain `data` best, where every point has the stiffness `k`.
 pub fn fit(site: &Site, effect: &dyn Effect, k: f64, rows: &[Row], data: &[f64]) -> Vec<f64> {
+    fit_with(site, effect, data, |theta| {
+        predict(site, effect, theta, k, rows)
+    })
+}
+
+/// Parameters with which `model` explains `data` best (Levenberg-Marquardt within the bounds), from
+/// all starts of the effect with all amplitudes a little above zero.
+pub fn fit_with(
+    site: &Site,
+    effect: &dyn Effect,
+    data: &[f64],
+    model: impl Fn(&[f64]) -> Vec<f64>,
+) -> Vec<f64> {
     let parameters = effect.parameters(site);
-    let model = |theta: &[f64]| DVector::from(predict(site, effect, theta, k, rows));
-    let data = DVector::from_column_slice(data);
+    let n = parameters.len();
+    let residual = |theta: &[f64]| DVector::from_column_slice(data) - DVector::from(model(theta));
     let mut best = (f64::INFINITY, Vec::new());
     for mut theta in effect.starts(site) {
         for (x, p) in theta.iter_mut().zip(&parameters) {
@@ -149,37 +163,46 @@ pub fn fit(site: &Site, effect: &dyn Effect, k: f64, rows: &[Row], data: &[f64])
                 *x = p.scale;
             }
         }
-        let mut residual = &data - model(&theta);
+        let mut r = residual(&theta);
         let mut damping = 1e-3;
         for _ in 0..60 {
-            let mut tangent = DMatrix::zeros(data.len(), theta.len());
+            // Columns per scale, so that the damping means the same for all.
+            let mut tangent = DMatrix::zeros(data.len(), n);
             for (i, p) in parameters.iter().enumerate() {
-                let step = 1e-4 * p.scale;
                 let mut moved = theta.clone();
-                moved[i] += step;
-                // Columns per scale, so that the damping means the same for all.
-                tangent.set_column(
-                    i,
-                    &((model(&moved) - (&data - &residual)) * (p.scale / step)),
-                );
+                moved[i] += 1e-4 * p.scale;
+                tangent.set_column(i, &((&r - residual(&moved)) * 1e4));
             }
-            let normal = tangent.transpose() * &tangent;
-            let gradient = tangent.transpose() * &residual;
-            let ridge = damping * normal.trace() / theta.len() as f64 + 1e-14;
-            let lhs = normal + DMatrix::identity(theta.len(), theta.len()) * ridge;
-            let step = lhs.cholesky().unwrap().solve(&gradient);
-            let tried: Vec<f64> = (theta.iter().zip(&parameters).zip(step.iter()))
-                .map(|((x, p), s)| (x + s * p.scale).clamp(p.bounds[0], p.bounds[1]))
-                .collect();
-            let tried_residual = &data - model(&tried);
-            if tried_residual.norm() < residual.norm() {
-                (theta, residual, damping) = (tried, tried_residual, damping * 0.2);
-            } else {
+            let normal = tangent.tr_mul(&tangent);
+            let gradient = tangent.tr_mul(&r);
+            let better = loop {
+                let ridge = damping * normal.trace() / n as f64 + 1e-14;
+                let lhs = &normal + DMatrix::identity(n, n) * ridge;
+                let step = lhs.cholesky().unwrap().solve(&gradient);
+                let tried: Vec<f64> = (theta.iter().zip(&parameters).zip(step.iter()))
+                    .map(|((x, p), s)| (x + s * p.scale).clamp(p.bounds[0], p.bounds[1]))
+                    .collect();
+                let tried_r = residual(&tried);
+                if tried_r.norm() < r.norm() {
+                    damping *= 0.2;
+                    break Some((tried, tried_r));
+                }
                 damping *= 5.0;
+                if damping > 1e6 {
+                    break None;
+                }
+            };
+            let Some((tried, tried_r)) = better else {
+                break;
+            };
+            let gained = r.norm() - tried_r.norm();
+            (theta, r) = (tried, tried_r);
+            if gained < 1e-9 * r.norm() || r.norm() < 1e-9 {
+                break;
             }
         }
-        if residual.norm() < best.0 {
-            best = (residual.norm(), theta);
+        if r.norm() < best.0 {
+            best = (r.norm(), theta);
         }
     }
     best.1

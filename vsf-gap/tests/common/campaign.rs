@@ -1,0 +1,116 @@
+//! Campaigns from rows that a test writes by hand.
+
+use nalgebra::{Isometry3, Point3, Vector3};
+use std::collections::BTreeMap;
+use vsf_data::{Attachment, Dataset, RobotRef, Sequence, Splits, Table, TorqueKind};
+use vsf_gap::{Campaign, Model};
+use vsf_pipeline::SceneOptions;
+
+/// A plate that faces down, on three linear axes; its lower face is at the joint positions.
+const PLATE: &str = "<robot name='plate'><link name='l0'/>
+    <joint name='x' type='prismatic'><axis xyz='1 0 0'/><parent link='l0'/><child link='l1'/>
+    <limit lower='-1' upper='1' effort='1' velocity='1'/></joint><link name='l1'/>
+    <joint name='y' type='prismatic'><axis xyz='0 1 0'/><parent link='l1'/><child link='l2'/>
+    <limit lower='-1' upper='1' effort='1' velocity='1'/></joint><link name='l2'/>
+    <joint name='z' type='prismatic'><axis xyz='0 0 1'/><parent link='l2'/><child link='l3'/>
+    <limit lower='-1' upper='1' effort='1' velocity='1'/></joint>
+    <link name='l3'><collision><origin xyz='0 0 0.1'/>
+    <geometry><box size='0.4 0.4 0.2'/></geometry></collision></link></robot>";
+
+/// Samples per second.
+pub const RATE: f64 = 100.0;
+
+/// Joint positions and torques of one sequence.
+pub type Rows = Vec<Reading>;
+
+/// Joint positions and torques of one sample.
+pub type Reading = (Vec<f64>, Vec<f64>);
+
+fn dataset(
+    robot: RobotRef,
+    kind: TorqueKind,
+    points: Option<&[[f64; 3]]>,
+    rows: &[Rows],
+) -> Dataset {
+    let sequence = |(id, rows): (usize, &Rows)| {
+        let table = |part: fn(&Reading) -> &Vec<f64>| {
+            let all = rows.iter().flat_map(|row| part(row).clone()).collect();
+            Table::new(part(&rows[0]).len(), all).unwrap()
+        };
+        Sequence {
+            id: id.to_string(),
+            time: (0..rows.len()).map(|k| k as f64 / RATE).collect(),
+            angles: table(|row| &row.0),
+            velocities: None,
+            torques: table(|row| &row.1),
+            touch_starts: vec![0],
+            tags: Vec::new(),
+        }
+    };
+    let sequences: Vec<_> = rows.iter().enumerate().map(sequence).collect();
+    Dataset {
+        name: "test".into(),
+        description: String::new(),
+        robot,
+        torque_kind: kind,
+        rate_hz: None,
+        gravity: Vector3::new(0.0, 0.0, -super::GRAVITY),
+        base_pose: Isometry3::identity(),
+        object_bbox: None,
+        tare_samples: 0,
+        splits: Splits {
+            train: sequences.iter().map(|s| s.id.clone()).collect(),
+            test: Vec::new(),
+        },
+        joints: None,
+        joint_types: None,
+        attachment: Attachment::Unilateral,
+        gauge_length: None,
+        rest_points: points.map(|p| p.iter().map(|p| Point3::from(*p)).collect()),
+        field: None,
+        camera: None,
+        sequences,
+        extra: BTreeMap::new(),
+    }
+}
+
+/// The plate presses rest points; contact as in the paper.
+pub fn plate(points: &[[f64; 3]], rows: &[Rows]) -> Campaign {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("plate.urdf");
+    std::fs::write(&path, PLATE).unwrap();
+    let options = SceneOptions {
+        subdivision: 1,
+        ..SceneOptions::default()
+    };
+    let dataset = dataset(
+        RobotRef::resolve("plate.urdf", folder.path()).unwrap(),
+        TorqueKind::External,
+        Some(points),
+        rows,
+    );
+    Campaign::open(&dataset, &options).unwrap()
+}
+
+/// The built-in planar arm moves in free air; its readings are those of the actuators.
+pub fn free_arm(rows: &[Rows]) -> Campaign {
+    let robot = RobotRef::resolve("planar_arm", ".".as_ref()).unwrap();
+    let dataset = dataset(robot, TorqueKind::Measured, None, rows);
+    Campaign::open(&dataset, &SceneOptions::default()).unwrap()
+}
+
+/// Torques of all sequences, train before test, where every point has the stiffness `k` (N/m).
+pub fn torques(campaign: &Campaign, model: &Model, k: f64) -> Vec<f64> {
+    let stiffness = vec![k; campaign.site.rest.len()];
+    let mut all = Vec::new();
+    let mut out = vec![0.0; campaign.site.joints()];
+    for motion in campaign.train.iter().chain(&campaign.test) {
+        let log = campaign.contact_log(model, motion).unwrap();
+        let visit = |_, touch: &vsf_gap::Touch<'_>, p: &vsf_gap::Prediction| {
+            p.apply(touch, &stiffness, &mut out);
+            all.extend_from_slice(&out);
+        };
+        campaign.predict(model, motion, &log, visit).unwrap();
+    }
+    all
+}

@@ -1,0 +1,112 @@
+//! After warm-up no effect allocates. One test alone in its process, so that no other thread
+//! allocates while it counts.
+
+#![allow(clippy::unwrap_used)]
+#![allow(unsafe_code)]
+
+mod common;
+
+use nalgebra::{Point3, Vector3};
+use std::alloc::{GlobalAlloc, Layout, System};
+use std::sync::atomic::{AtomicUsize, Ordering};
+use vsf_core::Contacts;
+use vsf_data::TorqueKind;
+use vsf_gap::effects::catalogue;
+use vsf_gap::{Sample, Touch};
+use vsf_robots::planar_arm;
+
+static CALLS: AtomicUsize = AtomicUsize::new(0);
+
+struct Counting;
+
+// SAFETY: every call is passed on to the system's allocator with its arguments as they are; the
+// counter does not allocate.
+unsafe impl GlobalAlloc for Counting {
+    unsafe fn alloc(&self, layout: Layout) -> *mut u8 {
+        CALLS.fetch_add(1, Ordering::Relaxed);
+        // SAFETY: the caller keeps the contract of `GlobalAlloc::alloc`.
+        unsafe { System.alloc(layout) }
+    }
+    unsafe fn dealloc(&self, ptr: *mut u8, layout: Layout) {
+        // SAFETY: `ptr` came from `System` with this layout.
+        unsafe { System.dealloc(ptr, layout) }
+    }
+    unsafe fn realloc(&self, ptr: *mut u8, layout: Layout, size: usize) -> *mut u8 {
+        CALLS.fetch_add(1, Ordering::Relaxed);
+        // SAFETY: `ptr` came from `System` with this layout.
+        unsafe { System.realloc(ptr, layout, size) }
+    }
+}
+
+#[global_allocator]
+static ALLOCATOR: Counting = Counting;
+
+const POINTS: u32 = 40;
+const TOUCHES: usize = 4;
+
+#[test]
+fn compensators_do_not_allocate_after_warm_up() {
+    let points: Vec<Point3<f64>> = (0..POINTS)
+        .map(|k| Point3::new(0.5 + 1e-2 * k as f64, 0.0, 0.1))
+        .collect();
+    let site = common::site(
+        planar_arm(3, 0.3, 0.03).unwrap(),
+        &points,
+        TorqueKind::Measured,
+    );
+    let link = site.robot.joints()[2].child() as u32;
+    let mut contacts = Contacts::new();
+    let mut posture = site.robot.posture();
+    let mut springs = Vec::with_capacity(POINTS as usize);
+    for effect in catalogue() {
+        let theta: Vec<f64> = effect
+            .parameters(&site)
+            .iter()
+            .map(|p| p.bounds[1])
+            .collect();
+        let mut c = effect.compensator(&site, &theta).unwrap();
+        for touch in 0..TOUCHES {
+            let before = CALLS.load(Ordering::Relaxed);
+            c.begin_sequence("1");
+            c.begin_touch();
+            for row in 0..100 {
+                let t = 0.01 * row as f64;
+                let recorded = [0.3 + t, -0.2 * t, 0.1];
+                let (qd, qdd) = ([1.0, -0.2, 0.0], [0.0; 3]);
+                contacts.clear();
+                // A band that moves over the points.
+                for p in (0..POINTS).filter(|p| p.abs_diff(row / 3) < 5) {
+                    let u = Vector3::new(0.0, 0.0, -0.02 * t);
+                    contacts.push(p, link, u, -Vector3::z()).unwrap();
+                }
+                let sample = Sample {
+                    clock: t,
+                    dt: if row > 0 { 0.01 } else { 0.0 },
+                    q: &recorded,
+                    qd: &qd,
+                    qdd: &qdd,
+                    reading: &[1.0, -1.0, 0.5],
+                    load: &[2.0, 1.0, 0.1],
+                    force_W: Vector3::x(),
+                };
+                let mut q = recorded;
+                let (mut gains, mut torques) = ([1.0; 3], [0.0; 3]);
+                c.joints(&sample, &mut q);
+                site.robot.update_posture(&q, &mut posture).unwrap();
+                let of_touch = Touch {
+                    rest: &site.rest,
+                    posture: &posture,
+                    contacts: &contacts,
+                };
+                springs.clear();
+                springs.extend_from_slice(contacts.displacements());
+                c.object_shift(&sample);
+                c.springs(&sample, &of_touch, &mut springs);
+                c.gains(&sample, &mut gains);
+                c.torques(&sample, &of_touch, &mut torques);
+            }
+            let calls = CALLS.load(Ordering::Relaxed) - before;
+            assert!(touch == 0 || calls == 0, "{}: {calls}", effect.name());
+        }
+    }
+}
