@@ -208,8 +208,8 @@ pub trait Compensator: Send {
     }
 
     /// Scales the torque of the field per joint; `gains` are 1 at first.
-    fn gains(&mut self, sample: &Sample<'_>, gains: &mut [f64]) {
-        let _ = (sample, gains);
+    fn gains(&mut self, sample: &Sample<'_>, touch: &Touch<'_>, gains: &mut [f64]) {
+        let _ = (sample, touch, gains);
     }
 
     /// Adds torques that do not depend on the stiffness (N m or N), as load of the environment.

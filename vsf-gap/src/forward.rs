@@ -338,7 +338,7 @@ impl Prediction {
         self.torques.fill(0.0);
         for c in compensators {
             c.springs(sample, touch, &mut self.springs);
-            c.gains(sample, &mut self.gains);
+            c.gains(sample, touch, &mut self.gains);
             c.torques(sample, touch, &mut self.torques);
         }
     }

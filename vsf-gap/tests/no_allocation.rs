@@ -102,7 +102,7 @@ fn compensators_do_not_allocate_after_warm_up() {
                 springs.extend_from_slice(contacts.displacements());
                 c.object_shift(&sample);
                 c.springs(&sample, &of_touch, &mut springs);
-                c.gains(&sample, &mut gains);
+                c.gains(&sample, &of_touch, &mut gains);
                 c.torques(&sample, &of_touch, &mut torques);
             }
             let calls = CALLS.load(Ordering::Relaxed) - before;

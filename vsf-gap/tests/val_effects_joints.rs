@@ -152,6 +152,7 @@ fn a_gain_and_load_friction_scale_the_torque() {
     for row in &mut rows {
         let u = Vector3::new(0.0, 0.0, -0.01 * (1.0 + (0.9 * row.clock).sin()));
         row.touched = vec![(0, u, -up)];
+        row.force = -300.0 * u;
     }
     let external = arm(External);
     let nominal = predict(

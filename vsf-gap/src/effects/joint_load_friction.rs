@@ -2,6 +2,7 @@ use super::joint::{sign, unit};
 use crate::GapError;
 use crate::effect::{Acts, Compensator, Effect, Need, Parameter, Sample, Site, Touch};
 use crate::effect::{check, per_joint};
+use crate::forward::centre;
 use vsf_data::TorqueKind;
 
 /// Dry friction in the joints that is proportional to the load of the gears: `-m_j |tau_j| sign(qd_j)`.
@@ -19,12 +20,15 @@ use vsf_data::TorqueKind;
 #[derive(Debug, Clone, Copy)]
 pub struct JointLoadFriction;
 
-/// Readings (N m or N) below which their sign is noise.
+/// Loads (N m or N) below which their sign is noise.
 const FAINT: f64 = 0.1;
 
 struct Friction {
     m: Vec<f64>,
     eps: f64,
+    /// Load of the contact (N m or N). Its sign is not that of the reading where friction is larger
+    /// than the load, but that of the force behind the readings of all joints.
+    load: Vec<f64>,
     /// The gears carry the arm, not only the contact.
     measured: bool,
 }
@@ -59,6 +63,7 @@ impl Effect for JointLoadFriction {
         Ok(Box::new(Friction {
             m: theta[..d].to_vec(),
             eps: theta[d],
+            load: vec![0.0; d],
             measured: site.torque_kind == TorqueKind::Measured,
         }))
     }
@@ -72,12 +77,18 @@ impl Effect for JointLoadFriction {
 }
 
 impl Compensator for Friction {
-    fn gains(&mut self, sample: &Sample<'_>, gains: &mut [f64]) {
-        if !self.measured {
-            for (j, gain) in gains.iter_mut().enumerate() {
-                let against = sign(sample.load[j], FAINT) * sign(sample.qd[j], self.eps);
-                *gain *= 1.0 - self.m[j] * against;
-            }
+    fn gains(&mut self, sample: &Sample<'_>, touch: &Touch<'_>, gains: &mut [f64]) {
+        if self.measured {
+            return;
+        }
+        let Some((link, p)) = centre(touch) else {
+            return;
+        };
+        let load = &mut self.load;
+        touch.posture.joint_torques(link, &p, &sample.force_W, load);
+        for (j, gain) in gains.iter_mut().enumerate() {
+            let against = sign(load[j], FAINT) * sign(sample.qd[j], self.eps);
+            *gain *= 1.0 - self.m[j] * against;
         }
     }
 

@@ -49,7 +49,7 @@ impl Effect for TorqueGain {
 }
 
 impl Compensator for Gain {
-    fn gains(&mut self, _: &Sample<'_>, gains: &mut [f64]) {
+    fn gains(&mut self, _: &Sample<'_>, _: &Touch<'_>, gains: &mut [f64]) {
         gains
             .iter_mut()
             .zip(&self.g)

@@ -40,6 +40,7 @@ pub struct Row {
     pub qdd: Vec<f64>,
     pub reading: Vec<f64>,
     pub load: Vec<f64>,
+    pub force: Vector3<f64>,
     /// Points touched by the last moving link, with displacement and normal.
     pub touched: Vec<(u32, Vector3<f64>, Vector3<f64>)>,
     /// A sequence or a touch begins.
@@ -110,7 +111,7 @@ pub fn run(site: &Site, c: &mut dyn Compensator, k: f64, rows: &[Row]) -> Vec<f6
             qdd: &row.qdd,
             reading: &row.reading,
             load: &row.load,
-            force_W: Vector3::zeros(),
+            force_W: row.force,
         };
         let mut q = row.q.clone();
         c.joints(&sample, &mut q);
@@ -123,7 +124,7 @@ pub fn run(site: &Site, c: &mut dyn Compensator, k: f64, rows: &[Row]) -> Vec<f6
         let mut springs = contacts.displacements().to_vec();
         let (mut gains, mut torques) = (vec![1.0; d], vec![0.0; d]);
         c.springs(&sample, &touch, &mut springs);
-        c.gains(&sample, &mut gains);
+        c.gains(&sample, &touch, &mut gains);
         c.torques(&sample, &touch, &mut torques);
         for ((p, u, _), s) in row.touched.iter().zip(&springs) {
             let place = site.rest.positions()[*p as usize] + u;
