@@ -126,22 +126,18 @@ fn a_tilt_turns_the_weight_of_all_links() {
     let g = Vector3::new(0.0, 0.0, -GRAVITY);
     let change = R.transpose() * g - g;
     let mass = 1000.0 * PI * RADIUS * RADIUS * LENGTH;
-    // Torques that hold the links in a gravity (x, z): minus mass times gravity times what a
-    // centre moves by.
-    let hold = |q: &[f64]| {
+    // Weight of the links in a gravity (x, z): mass times gravity times what a centre moves by.
+    let weight = |q: &[f64]| {
         let (a, b) = (q[0], q[0] + q[1]);
         let along = |angle: f64, l: f64| (-l * angle.sin()) * change.x + l * angle.cos() * change.z;
         let elbow = along(b, 0.5 * LENGTH);
         let shoulder = along(a, 0.5 * LENGTH) + along(a, LENGTH) + elbow;
-        [-mass * shoulder, -mass * elbow]
+        [mass * shoulder, mass * elbow]
     };
     let truth = [f64::NAN, tilt];
-    recovers("gravity_tilt", &arm(External), &rows, &truth, |r| {
-        hold(&r.q)
-    });
-    recovers("gravity_tilt", &arm(Measured), &rows, &truth, |r| {
-        hold(&r.q).map(|t| -t)
-    });
+    for kind in [External, Measured] {
+        recovers("gravity_tilt", &arm(kind), &rows, &truth, |r| weight(&r.q));
+    }
 }
 
 #[test]

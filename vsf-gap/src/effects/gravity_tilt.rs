@@ -3,16 +3,15 @@ use crate::GapError;
 use crate::effect::{Acts, Compensator, Effect, Need, Parameter, Sample, Site, Touch, check};
 use nalgebra::{Rotation3, Vector3};
 use std::sync::Arc;
-use vsf_data::TorqueKind;
 use vsf_robots::RobotModel;
 
 /// Gravity of another direction than assumed: a robot that is not levelled.
 ///
-/// Parameters `tilt_x` and `tilt_y` (rad), a rotation vector about the world axes with rotation `R`.
-/// Readings of the external torque were freed of the weight under `R^T g` instead of `g`, which adds
-/// `G(q; R^T g) - G(q; g)` to them; readings of the actuators are those of an arm that stands tilted
-/// by `R`, and the same comes off. Tell-tale: all joints, in proportion to how the weight of the links
-/// depends on its direction, in free motion too. A payload acts at the last link only.
+/// Parameters `tilt_x` and `tilt_y` (rad), a rotation vector about the world axes with rotation `R`:
+/// the arm stands tilted by it, so that gravity is `R^T g` where the model, and whoever freed the
+/// readings of the arm's weight, has `g`. The weight of all links changes by that difference.
+/// Tell-tale: all joints, in proportion to how the weight of the links depends on its direction, in
+/// free motion too. A payload acts at the last link only.
 ///
 /// # Reference
 /// J. M. Hollerbach, W. Khalil, M. Gautier, "Model identification", *Springer Handbook of Robotics*,
@@ -48,14 +47,8 @@ impl Effect for GravityTilt {
     fn compensator(&self, site: &Site, theta: &[f64]) -> Result<Box<dyn Compensator>, GapError> {
         check(self.name(), theta, 2)?;
         let R = Rotation3::new(Vector3::new(theta[0], theta[1], 0.0));
-        let change = R.inverse() * site.gravity - site.gravity;
-        // Torques that hold a weight are those of the weight, reversed.
-        let sign = match site.torque_kind {
-            TorqueKind::External => -1.0,
-            TorqueKind::Measured => 1.0,
-        };
         Ok(Box::new(Tilt {
-            change: change * sign,
+            change: R.inverse() * site.gravity - site.gravity,
             robot: site.robot.clone(),
         }))
     }
