@@ -10,6 +10,9 @@ use vsf_pipeline::{Scene, SceneOptions, external_torques, robot_of};
 /// Half the window (samples) of velocities and accelerations estimated from positions.
 const HALF_WINDOW: usize = 4;
 
+/// Half the window (samples) of [`Motion::smooth`]: halves white noise, hardly blunts an onset.
+const HALF_MEAN: usize = 2;
+
 /// One sequence with all that effects may depend on.
 #[derive(Debug, Clone)]
 pub struct Motion {
@@ -27,6 +30,9 @@ pub struct Motion {
     /// Readings as load of the environment on the joints (N m or N); of `measured` readings the
     /// rigid-body torques less the reading.
     pub reading: Table,
+    /// Readings averaged over a few samples around, for effects that move the links or the
+    /// object by them: noise of the posture would be noise of every contact.
+    pub smooth: Table,
     /// Load of the gears (N m or N); see [`crate::Sample::load`].
     pub load: Table,
     /// Samples of each touch.
@@ -193,8 +199,26 @@ fn motion(
         q: sequence.angles.clone(),
         qd: motion.velocities,
         qdd: motion.accelerations,
+        smooth: smoothed(&reading, sequence.touches())?,
         reading,
         load,
         touches: sequence.touches().collect(),
     })
+}
+
+/// The mean of each sample and its neighbours in the same touch.
+fn smoothed(table: &Table, touches: impl Iterator<Item = Range<usize>>) -> Result<Table, GapError> {
+    let d = table.cols();
+    let mut means = Table::new(d, vec![0.0; table.rows() * d])?;
+    for touch in touches {
+        for row in touch.clone() {
+            let from = row.saturating_sub(HALF_MEAN).max(touch.start);
+            let to = (row + HALF_MEAN + 1).min(touch.end);
+            for (j, mean) in means.data_mut()[row * d..][..d].iter_mut().enumerate() {
+                let sum: f64 = (from..to).map(|k| table[k][j]).sum();
+                *mean = sum / (to - from) as f64;
+            }
+        }
+    }
+    Ok(means)
 }

@@ -149,7 +149,8 @@ pub struct Sample<'a> {
     /// Joint accelerations (rad/s² or m/s²).
     pub qdd: &'a [f64],
     /// The reading as load of the environment on the joints (N m or N); for `measured` readings
-    /// the rigid-body torque of the model less the reading.
+    /// the rigid-body torque of the model less the reading. Of a recording, the mean over a few
+    /// samples around.
     pub reading: &'a [f64],
     /// The load that the joints' gears carry (N m or N): the reading, or for `measured` readings
     /// the rigid-body torque of the model.

@@ -152,7 +152,7 @@ impl Motion {
             q: &self.q[row],
             qd: &self.qd[row],
             qdd: &self.qdd[row],
-            reading: &self.reading[row],
+            reading: &self.smooth[row],
             load: &self.load[row],
             force_W,
         }
