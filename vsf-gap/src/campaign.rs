@@ -97,21 +97,25 @@ impl Campaign {
             duration: 1.0,
         };
         let (mut trained, mut tested) = (Vec::new(), Vec::new());
-        let mut end = 0.0_f64;
+        let mut clock: Option<Clock> = None;
         for sequence in &dataset.sequences {
             let known = |ids: &[&str]| ids.contains(&sequence.id.as_str());
             if !known(&train) && !known(&test) {
                 continue;
             }
-            let motion = motion(&site, scene.as_ref(), dataset, sequence, end)?;
-            end = motion.clock.last().copied().unwrap_or(end);
+            let now = Clock::at(clock, sequence);
+            let motion = motion(&site, scene.as_ref(), dataset, sequence, now.origin)?;
+            clock = Some(Clock {
+                end: motion.clock.last().copied().unwrap_or(now.end),
+                ..now
+            });
             site.sequences.push(sequence.id.clone());
             match known(&train) {
                 true => trained.push(motion),
                 false => tested.push(motion),
             }
         }
-        site.duration = end.max(1.0);
+        site.duration = clock.map_or(1.0, |c| c.end.max(1.0));
         if trained.is_empty() {
             return Err(GapError::TooLittle {
                 what: "train sequences",
@@ -124,6 +128,16 @@ impl Campaign {
             train: trained,
             test: tested,
         })
+    }
+
+    /// All sequences in session order.
+    pub fn session(&self) -> Vec<&Motion> {
+        let mut all: Vec<&Motion> = self.train.iter().chain(&self.test).collect();
+        all.sort_by(|a, b| {
+            let start = |m: &Motion| m.clock.first().copied().unwrap_or(0.0);
+            start(a).total_cmp(&start(b))
+        });
+        all
     }
 
     /// Why the recording does not meet a need, `None` when it does.
@@ -154,19 +168,42 @@ impl Campaign {
     }
 }
 
+/// The time stamp at which the session's clock is zero, and where the clock stands.
+#[derive(Clone, Copy)]
+struct Clock {
+    origin: f64,
+    end: f64,
+}
+
+impl Clock {
+    /// For the next sequence: time stamps that go on are the session's; those that start anew
+    /// start where the last sequence ended.
+    fn at(last: Option<Self>, sequence: &Sequence) -> Self {
+        let start = sequence.time.first().copied().unwrap_or(0.0);
+        match last {
+            Some(last) if start - last.origin >= last.end => last,
+            Some(last) => Self {
+                origin: start - last.end,
+                ..last
+            },
+            None => Self {
+                origin: start,
+                end: 0.0,
+            },
+        }
+    }
+}
+
 fn motion(
     site: &Site,
     scene: Option<&Scene>,
     dataset: &Dataset,
     sequence: &Sequence,
-    end: f64,
+    origin: f64,
 ) -> Result<Motion, GapError> {
     let motion = sequence.motion(HALF_WINDOW)?;
     let (rows, d) = (sequence.len(), sequence.width());
-    // Time stamps that go on are the session's; others start where the last sequence ended.
-    let start = sequence.time.first().copied().unwrap_or(0.0);
-    let shift = if start >= end { 0.0 } else { end - start };
-    let clock = sequence.time.iter().map(|t| t + shift).collect();
+    let clock = sequence.time.iter().map(|t| t - origin).collect();
     let mut load = Table::new(d, vec![0.0; rows * d])?;
     let reading = match site.torque_kind {
         TorqueKind::External => match scene {

@@ -1,5 +1,4 @@
 use crate::nominal::Fitted;
-use crate::windows::Windows;
 use crate::{Campaign, GapError, JointNoise, Model, Motion, Spread};
 use rand::{RngExt, SeedableRng};
 use rand_pcg::Pcg64Mcg;
@@ -88,17 +87,22 @@ impl Campaign {
         motions: &[Motion],
     ) -> Result<Residuals, GapError> {
         let joints = self.site.joints();
-        let logs = self.contact_logs(model, motions)?;
-        let samples = Windows::samples(motions, joints);
-        let tau = self.torques(model, motions, &logs, &samples, field)?;
-        let mut next = 0;
-        let predicted: Vec<Vec<f64>> = (motions.iter())
-            .map(|m| {
-                let own = next..next + m.len() * joints;
-                next = own.end;
-                tau[own].to_vec()
-            })
+        // What an effect has done to the object by then needs all that came before.
+        let session: Vec<&Motion> = match model.parts.is_empty() {
+            true => motions.iter().collect(),
+            false => self.session(),
+        };
+        let logs = self.contact_logs(model, &session)?;
+        let mut predicted: Vec<Vec<f64>> =
+            motions.iter().map(|m| vec![0.0; m.len() * joints]).collect();
+        let place: Vec<Option<usize>> = (session.iter())
+            .map(|m| motions.iter().position(|asked| asked.id == m.id))
             .collect();
+        self.predict(model, &session, &logs, |s, row, touch, prediction| {
+            if let Some(k) = place[s] {
+                prediction.apply(touch, field, &mut predicted[k][row * joints..][..joints]);
+            }
+        })?;
         let rows = (motions.iter().zip(&predicted))
             .map(|(m, p)| m.reading.data().iter().zip(p).map(|(y, p)| y - p).collect())
             .collect();

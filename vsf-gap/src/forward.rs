@@ -233,11 +233,9 @@ pub fn centre(touch: &Touch<'_>) -> Option<(usize, Point3<f64>)> {
         .zip(contacts.displacements())
         .map(place)
         .sum();
-    // The middle contact of the middle link: links come in any order, a majority vote is enough.
-    let link = contacts.links().iter().copied().max_by_key(|l| {
-        let same = contacts.links().iter().filter(|m| *m == l).count();
-        (same, *l)
-    })?;
+    let links = contacts.links().iter().copied();
+    let most = contacts.links().iter().copied().max().map_or(0, |l| l as usize + 1);
+    let link = (0..most as u32).max_by_key(|l| links.clone().filter(|m| m == l).count())?;
     Some((link as usize, Point3::from(sum / n as f64)))
 }
 
@@ -281,17 +279,18 @@ pub struct Prediction {
 }
 
 impl Campaign {
-    /// Runs springs, gains and torques of a model over a sequence whose contacts are known.
-    /// `visit` is given the row, what was touched and the prediction.
+    /// Runs springs, gains and torques of a model over sequences whose contacts are known, in
+    /// session order: what an effect does to the object lasts from one sequence to the next.
+    /// `visit` is given the sequence's index, the row, what was touched and the prediction.
     ///
     /// # Errors
     /// Parameters that an effect cannot take.
     pub fn predict(
         &self,
         model: &Model,
-        motion: &Motion,
-        log: &ContactLog,
-        mut visit: impl FnMut(usize, &Touch<'_>, &Prediction),
+        motions: &[&Motion],
+        logs: &[Arc<ContactLog>],
+        mut visit: impl FnMut(usize, usize, &Touch<'_>, &Prediction),
     ) -> Result<(), GapError> {
         let d = self.site.joints();
         let mut compensators = model.compensators(&self.site)?;
@@ -300,24 +299,26 @@ impl Campaign {
             gains: vec![1.0; d],
             torques: vec![0.0; d],
         };
-        compensators
-            .iter_mut()
-            .for_each(|c| c.begin_sequence(&motion.id));
-        for range in &motion.touches {
-            compensators.iter_mut().for_each(|c| c.begin_touch());
-            for row in range.clone() {
-                let sample = motion.sample(row, range.start, log.forces[row]);
-                let touch = Touch {
-                    rest: &self.site.rest,
-                    posture: &log.postures[row],
-                    contacts: &log.contacts[row],
-                };
-                out.step(&mut compensators, &sample, &touch);
-                if !log.rigid.is_empty() {
-                    let rigid = &log.rigid[row * d..][..d];
-                    out.torques.iter_mut().zip(rigid).for_each(|(t, r)| *t += r);
+        for (s, (motion, log)) in motions.iter().zip(logs).enumerate() {
+            compensators
+                .iter_mut()
+                .for_each(|c| c.begin_sequence(&motion.id));
+            for range in &motion.touches {
+                compensators.iter_mut().for_each(|c| c.begin_touch());
+                for row in range.clone() {
+                    let sample = motion.sample(row, range.start, log.forces[row]);
+                    let touch = Touch {
+                        rest: &self.site.rest,
+                        posture: &log.postures[row],
+                        contacts: &log.contacts[row],
+                    };
+                    out.step(&mut compensators, &sample, &touch);
+                    if !log.rigid.is_empty() {
+                        let rigid = &log.rigid[row * d..][..d];
+                        out.torques.iter_mut().zip(rigid).for_each(|(t, r)| *t += r);
+                    }
+                    visit(s, row, &touch, &out);
                 }
-                visit(row, &touch, &out);
             }
         }
         Ok(())

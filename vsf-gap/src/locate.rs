@@ -106,7 +106,7 @@ pub(crate) fn locate(
     let mut ids: Vec<String> = Vec::new();
     for motion in all {
         let own = std::slice::from_ref(motion);
-        let logs = campaign.contact_logs(&nominal, own)?;
+        let logs = campaign.contact_logs(&nominal, &[motion])?;
         let phases = campaign.phases(motion, &logs[0]);
         let change = match named {
             true => {

@@ -1,4 +1,5 @@
 use crate::{ContactLog, Motion};
+use std::sync::Arc;
 
 /// Noise of one joint's reading: first-order autoregressive.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -26,7 +27,7 @@ const STEP: f64 = 5.0;
 /// The noise of every joint, from differences of neighbouring samples: in free motion where there
 /// is enough of it, else of all samples. Differences leave out what changes slowly, whatever its
 /// cause.
-pub fn noise_floor(motions: &[Motion], logs: &[ContactLog], joints: usize) -> Vec<JointNoise> {
+pub fn noise_floor(motions: &[&Motion], logs: &[Arc<ContactLog>], joints: usize) -> Vec<JointNoise> {
     let pairs = |free: bool| -> Vec<(usize, usize, usize)> {
         let mut rows = Vec::new();
         for (s, (motion, log)) in motions.iter().zip(logs).enumerate() {

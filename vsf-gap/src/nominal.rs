@@ -4,15 +4,16 @@ use crate::windows::{Design, Windows};
 use crate::{Campaign, ContactLog, GapError, Model, Motion};
 use faer::Mat;
 use rayon::prelude::*;
+use std::sync::Arc;
 
 /// A model fitted to sequences: contacts, columns and the spread that the readings call for.
 pub struct Fitted<'a> {
     /// The model.
     pub model: Model,
     /// The sequences.
-    pub motions: &'a [Motion],
+    pub motions: Vec<&'a Motion>,
     /// Their contacts.
-    pub logs: Vec<ContactLog>,
+    pub logs: Vec<Arc<ContactLog>>,
     /// Noise of every joint.
     pub noise: Vec<JointNoise>,
     /// How samples are averaged.
@@ -45,10 +46,10 @@ impl Campaign {
     pub fn contact_logs(
         &self,
         model: &Model,
-        motions: &[Motion],
-    ) -> Result<Vec<ContactLog>, GapError> {
+        motions: &[&Motion],
+    ) -> Result<Vec<Arc<ContactLog>>, GapError> {
         (motions.par_iter())
-            .map(|m| self.contact_log(model, m))
+            .map(|m| Ok(Arc::new(self.contact_log(model, m)?)))
             .collect()
     }
 
@@ -62,10 +63,11 @@ impl Campaign {
         motions: &'a [Motion],
     ) -> Result<Fitted<'a>, GapError> {
         let d = self.site.joints();
-        let windows = Windows::new(motions, d);
-        let logs = self.contact_logs(model, motions)?;
-        let noise = noise_floor(motions, &logs, d);
-        let design = self.design(model, motions, &logs, &windows)?;
+        let motions: Vec<&Motion> = motions.iter().collect();
+        let windows = Windows::new(&motions, d);
+        let logs = self.contact_logs(model, &motions)?;
+        let noise = noise_floor(&motions, &logs, d);
+        let design = self.design(model, &motions, &logs, &windows)?;
         let readings = windows.means(|s| &motions[s].reading);
         let floor = windows.noise(&noise);
         let joint_rms: Vec<f64> = (0..d)

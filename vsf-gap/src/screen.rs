@@ -1,6 +1,6 @@
 use crate::evidence::{Fit, Normal, Spread};
 use crate::nominal::Fitted;
-use crate::{Acts, Campaign, ContactLog, Effect, GapError, Model, Parameter, Role};
+use crate::{Acts, Campaign, ContactLog, Effect, GapError, Model, Motion, Parameter, Role};
 use faer::Mat;
 use rayon::prelude::*;
 use std::sync::Arc;
@@ -141,31 +141,25 @@ impl Campaign {
         stiffness: &[f64],
         known: &[f64],
     ) -> Result<Vec<f64>, GapError> {
-        let deep = model.acts() == Acts::Contact;
-        let log = |s: usize| -> Result<ContactLog, GapError> {
-            let (motion, log) = (&fitted.motions[s], &fitted.logs[s]);
-            match deep {
-                false => Ok(log.clone()),
-                true => match self.answer(&fitted.model, model, motion, log)? {
-                    Some(answer) => Ok(answer),
-                    None => self.contact_log(model, motion),
-                },
-            }
-        };
-        let mut all = known.to_vec();
-        for s in 0..fitted.motions.len() {
-            let named = p.sequence.map(|s| &self.site.sequences[s]);
-            if named.is_some_and(|id| *id != fitted.motions[s].id) {
-                continue;
-            }
-            let own = fitted.windows.of_sequence(s);
-            let part = &fitted.motions[s..=s];
-            let torques = self.torques(model, part, &[log(s)?], &own, stiffness)?;
-            let first = fitted.windows.list.iter().position(|w| w.sequence == s);
-            let first = first.unwrap_or(0) * own.joints;
-            all[first..first + torques.len()].copy_from_slice(&torques);
+        let named = p.sequence.map(|s| &self.site.sequences[s]);
+        if named.is_some_and(|id| fitted.motions.iter().all(|m| m.id != *id)) {
+            return Ok(known.to_vec());
         }
-        Ok(all)
+        let log = |(motion, log): (&&Motion, &Arc<ContactLog>)| -> Result<_, GapError> {
+            let other = named.is_some_and(|id| *id != motion.id);
+            if other || model.acts() != Acts::Contact {
+                return Ok(log.clone());
+            }
+            Ok(Arc::new(match self.answer(&fitted.model, model, motion, log)? {
+                Some(answer) => answer,
+                None => self.contact_log(model, motion)?,
+            }))
+        };
+        let logs: Vec<Arc<ContactLog>> = (fitted.motions.iter())
+            .zip(&fitted.logs)
+            .map(log)
+            .collect::<Result<_, _>>()?;
+        self.torques(model, &fitted.motions, &logs, &fitted.windows, stiffness)
     }
 }
 

@@ -4,6 +4,7 @@ use crate::{Touch, noise::JointNoise};
 use faer::Mat;
 use nalgebra::Vector3;
 use std::ops::Range;
+use std::sync::Arc;
 use vsf_data::Table;
 
 /// Most numbers (windows times joints) that a diagnosis works with.
@@ -32,8 +33,8 @@ pub struct Windows {
 impl Windows {
     /// Cuts sequences into windows of equal length, none across two touches, so that there are not
     /// more than 1300 rows.
-    pub fn new(motions: &[Motion], joints: usize) -> Self {
-        let samples: usize = motions.iter().map(Motion::len).sum();
+    pub fn new(motions: &[&Motion], joints: usize) -> Self {
+        let samples: usize = motions.iter().map(|m| m.len()).sum();
         let size = (samples * joints).div_ceil(MOST_ROWS).max(1);
         let mut list = Vec::new();
         for (sequence, motion) in motions.iter().enumerate() {
@@ -56,40 +57,13 @@ impl Windows {
         Self { list, joints }
     }
 
-    /// Windows of one sample each.
-    pub fn samples(motions: &[Motion], joints: usize) -> Self {
-        let mut list = Vec::new();
-        for (sequence, motion) in motions.iter().enumerate() {
-            list.extend((0..motion.len()).map(|row| Window {
-                sequence,
-                rows: row..row + 1,
-                clock: motion.clock[row],
-            }));
-        }
-        Self { list, joints }
-    }
-
-    /// The windows of one sequence, as the only one.
-    #[must_use]
-    pub fn of_sequence(&self, sequence: usize) -> Self {
-        let own = self.list.iter().filter(|w| w.sequence == sequence);
-        let alone = |w: &Window| Window {
-            sequence: 0,
-            ..w.clone()
-        };
-        Self {
-            list: own.map(alone).collect(),
-            joints: self.joints,
-        }
-    }
-
     /// Number of rows.
     pub fn rows(&self) -> usize {
         self.list.len() * self.joints
     }
 
     /// For every sample of every sequence, its window.
-    fn index(&self, motions: &[Motion]) -> Vec<Vec<u32>> {
+    fn index(&self, motions: &[&Motion]) -> Vec<Vec<u32>> {
         let mut index: Vec<_> = motions.iter().map(|m| vec![0; m.len()]).collect();
         for (i, w) in self.list.iter().enumerate() {
             index[w.sequence][w.rows.clone()].fill(i as u32);
@@ -139,8 +113,8 @@ impl Campaign {
     pub fn design(
         &self,
         model: &Model,
-        motions: &[Motion],
-        logs: &[ContactLog],
+        motions: &[&Motion],
+        logs: &[Arc<ContactLog>],
         windows: &Windows,
     ) -> Result<Design, GapError> {
         let d = windows.joints;
@@ -160,22 +134,20 @@ impl Campaign {
         };
         let index = windows.index(motions);
         let mut column = vec![0.0; d];
-        for (s, (motion, log)) in motions.iter().zip(logs).enumerate() {
-            self.predict(model, motion, log, |row, touch, prediction| {
-                let i = index[s][row] as usize;
-                let share = 1.0 / windows.list[i].rows.len() as f64;
-                for (a, t) in design.a[i * d..].iter_mut().zip(&prediction.torques) {
-                    *a += share * t;
+        self.predict(model, motions, logs, |s, row, touch, prediction| {
+            let i = index[s][row] as usize;
+            let share = 1.0 / windows.list[i].rows.len() as f64;
+            for (a, t) in design.a[i * d..].iter_mut().zip(&prediction.torques) {
+                *a += share * t;
+            }
+            for (k, &p) in touch.contacts.points().iter().enumerate() {
+                prediction.column(touch, k, &mut column);
+                let entries = design.w.col_as_slice_mut(slot[p as usize] as usize);
+                for (w, c) in entries[i * d..].iter_mut().zip(&column) {
+                    *w += share * c;
                 }
-                for (k, &p) in touch.contacts.points().iter().enumerate() {
-                    prediction.column(touch, k, &mut column);
-                    let entries = design.w.col_as_slice_mut(slot[p as usize] as usize);
-                    for (w, c) in entries[i * d..].iter_mut().zip(&column) {
-                        *w += share * c;
-                    }
-                }
-            })?;
-        }
+            }
+        })?;
         Ok(design)
     }
 
@@ -186,8 +158,8 @@ impl Campaign {
     pub fn torques(
         &self,
         model: &Model,
-        motions: &[Motion],
-        logs: &[ContactLog],
+        motions: &[&Motion],
+        logs: &[Arc<ContactLog>],
         windows: &Windows,
         stiffness: &[f64],
     ) -> Result<Vec<f64>, GapError> {
@@ -195,23 +167,21 @@ impl Campaign {
         let mut out = vec![0.0; windows.rows()];
         let index = windows.index(motions);
         let mut tau = vec![0.0; d];
-        for (s, (motion, log)) in motions.iter().zip(logs).enumerate() {
-            self.predict(model, motion, log, |row, touch, prediction| {
-                let i = index[s][row] as usize;
-                let share = 1.0 / windows.list[i].rows.len() as f64;
-                prediction.apply(touch, stiffness, &mut tau);
-                for (o, t) in out[i * d..].iter_mut().zip(&tau) {
-                    *o += share * t;
-                }
-            })?;
-        }
+        self.predict(model, motions, logs, |s, row, touch, prediction| {
+            let i = index[s][row] as usize;
+            let share = 1.0 / windows.list[i].rows.len() as f64;
+            prediction.apply(touch, stiffness, &mut tau);
+            for (o, t) in out[i * d..].iter_mut().zip(&tau) {
+                *o += share * t;
+            }
+        })?;
         Ok(out)
     }
 
     /// How the joints feel a force at the contact, over windows: three columns, one per axis of
     /// the world, times the size of the force in that window. What contact leaves unexplained is of
     /// this form, whatever its cause.
-    pub fn lever(&self, logs: &[ContactLog], windows: &Windows) -> Mat<f64> {
+    pub fn lever(&self, logs: &[Arc<ContactLog>], windows: &Windows) -> Mat<f64> {
         let d = windows.joints;
         let mut lever = Mat::zeros(windows.rows(), 3);
         let mut columns = vec![Vector3::zeros(); d];
