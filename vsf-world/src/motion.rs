@@ -61,10 +61,10 @@ pub(crate) struct Trajectory {
 }
 
 /// Tip paths begin here, this far out of the object \[m\].
-const STANDOFF: f64 = 0.075;
+const STANDOFF: f64 = 0.055;
 
 /// Where free motion turns round \[m\].
-const PULLED_BACK: f64 = 0.11;
+const PULLED_BACK: f64 = 0.09;
 
 /// The object is taken to begin this far before the tip's site \[m\].
 const SKIN: f64 = 0.006;
@@ -92,10 +92,11 @@ pub(crate) fn plan(
         if (a.point - b.point).norm() < 0.08 {
             continue;
         }
+        let styles = [Style::draw(&a, rng), Style::draw(&b, rng)];
         let mut planned = Vec::new();
         for s in 0..SEQUENCES {
-            let site = if s % 2 == 0 { &a } else { &b };
-            match (0..6).find_map(|_| touch(object, base, site, protocol, rng)) {
+            let style = &styles[s % 2];
+            match (0..6).find_map(|_| touch(object, base, style, protocol, rng)) {
                 Some(t) => planned.push(t),
                 None => break,
             }
@@ -107,30 +108,50 @@ pub(crate) fn plan(
     Err(WorldError::OutOfReach { seed })
 }
 
+/// What the touches of one site have in common.
+struct Style {
+    site: Site,
+    /// Where the hand points.
+    pointing: Vector3<f64>,
+    /// Angles from which the arm reaches for it.
+    start: JointVector,
+}
+
+impl Style {
+    fn draw(site: &Site, rng: &mut Pcg64Mcg) -> Self {
+        let home: JointVector = [0.0, 0.6, 3.1, -1.9, 0.0, 1.0, 1.5];
+        let spread: JointVector = [0.8, 0.5, 1.0, 0.5, 1.0, 0.6, 3.0];
+        Self {
+            site: *site,
+            pointing: turned(&site.inward, 0.3, rng),
+            start: std::array::from_fn(|j| home[j] + rng.random_range(-spread[j]..spread[j])),
+        }
+    }
+}
+
+/// The direction turned by up to about `angle` \[rad\].
+fn turned(v: &Vector3<f64>, angle: f64, rng: &mut Pcg64Mcg) -> Vector3<f64> {
+    let axis = Vector3::from_fn(|_, _| rng.random_range(-angle..angle));
+    UnitQuaternion::from_scaled_axis(axis) * v
+}
+
 /// A push at a site from a posture that is drawn.
 fn touch(
     object: &dyn Object,
     base: &Isometry3<f64>,
-    site: &Site,
+    style: &Style,
     protocol: Protocol,
     rng: &mut Pcg64Mcg,
 ) -> Option<Trajectory> {
     let mut arm = Arm::new(*base);
-    let mut draw = |range: f64| rng.random_range(-range..range);
-    let mut around = |v: &Vector3<f64>, angle: f64| {
-        let axis = Vector3::new(draw(1.0), draw(1.0), draw(1.0));
-        UnitQuaternion::from_scaled_axis(axis * angle) * v
-    };
-    let inward = Unit::new_normalize(around(&site.inward, 0.2));
-    let pointing = Unit::new_normalize(around(&inward, 0.45));
-    let later = Unit::new_normalize(around(&pointing, 0.08));
-    let aside = around(&Vector3::x(), 3.0).cross(&inward);
-    let place = site.point + Vector3::new(draw(0.008), draw(0.008), draw(0.008));
-    let home: JointVector = [0.0, 0.6, 3.1, -1.9, 0.0, 1.0, 1.5];
-    let spread: JointVector = [0.8, 0.5, 1.0, 0.5, 1.0, 0.6, 3.0];
-    let start: JointVector = std::array::from_fn(|j| home[j] + draw(spread[j]));
-    let first = rng.random_range(0.034..0.044);
-    let second = first + rng.random_range(0.009..0.014);
+    let inward = Unit::new_normalize(turned(&style.site.inward, 0.1, rng));
+    let pointing = Unit::new_normalize(turned(&style.pointing, 0.12, rng));
+    let later = Unit::new_normalize(turned(&pointing, 0.08, rng));
+    let aside = turned(&Vector3::x(), 3.0, rng).cross(&inward);
+    let place = style.site.point + Vector3::from_fn(|_, _| rng.random_range(-0.004..0.004));
+    let start = style.start.map(|q| q + rng.random_range(-0.4..0.4));
+    let first = rng.random_range(0.036..0.043);
+    let second = first + rng.random_range(0.008..0.012);
     let deepest = if protocol == Protocol::Rich { second } else { first };
     let slide = rng.random_range(0.0..0.012);
 
@@ -189,7 +210,7 @@ fn legs(protocol: Protocol, first: f64, second: f64, rng: &mut Pcg64Mcg) -> Vec<
         seconds: seconds * rng.random_range(0.85..1.15),
     };
     let quick = leg(Phase::Free, 0.0, 1.0).seconds < 1.0;
-    let (one, two) = if quick { (1.5, 2.3) } else { (2.3, 1.5) };
+    let (one, two) = if quick { (1.7, 2.5) } else { (2.5, 1.7) };
     match protocol {
         Protocol::Rich => vec![
             leg(Phase::Free, -STANDOFF, 0.3),

@@ -21,7 +21,7 @@ const SPACING: f64 = 0.0085;
 const SWEEPS: usize = 8;
 
 /// Stiffness of a spring between neighbours over that of a mean node.
-const TIE: f64 = 0.05;
+const TIE: f64 = 0.03;
 
 #[derive(Debug, Clone, Copy)]
 struct Hold {
@@ -361,7 +361,7 @@ fn stiffness_field(body: &Body, rest: &[Point3<f64>], rng: &mut Pcg64Mcg) -> Vec
                 height * (-(p - c).norm_squared() / (2.0 * width * width)).exp()
             };
             let smooth = 0.5 + regions.iter().map(region).sum::<f64>();
-            smooth * rng.random_range(0.7..1.3)
+            smooth * rng.random_range(0.8..1.2)
         })
         .collect()
 }
