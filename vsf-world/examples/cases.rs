@@ -10,10 +10,17 @@ use vsf_world::{CaseSpec, Kind, Level, Protocol, draw_cases, generate};
 fn main() {
     let args: Vec<String> = std::env::args().skip(1).collect();
     let folder = Path::new(&args[0]);
-    let (count, seed) = (args[1].parse().expect("count"), args[2].parse().expect("seed"));
+    let (count, seed) = (
+        args[1].parse().expect("count"),
+        args[2].parse().expect("seed"),
+    );
     let mut specs = draw_cases(count, seed);
     if let Some(names) = args.get(3) {
-        let kind = if args.get(4).is_some_and(|k| k == "plant") { Kind::Plant } else { Kind::Springs };
+        let kind = if args.get(4).is_some_and(|k| k == "plant") {
+            Kind::Plant
+        } else {
+            Kind::Springs
+        };
         let names: Vec<&str> = names.split(',').collect();
         specs = (0..count)
             .map(|i| CaseSpec {
@@ -41,7 +48,10 @@ fn main() {
                         label.ratio_test,
                         label.peak_tau
                     );
-                    println!("{id} {:?} {:?} {:?}: {rest}", spec.kind, spec.level, spec.effects);
+                    println!(
+                        "{id} {:?} {:?} {:?}: {rest}",
+                        spec.kind, spec.level, spec.effects
+                    );
                     Some((id, label))
                 }
                 Err(e) => {

@@ -24,10 +24,17 @@ impl Body {
     /// A body of 0.25 to 0.4 m in front of an arm whose base is at `base`.
     pub fn draw(base: &Point3<f64>, rng: &mut Pcg64Mcg) -> Self {
         let mut within = |low: f64, high: f64| rng.random_range(low..high);
-        let center = base
-            + Vector3::new(within(0.5, 0.6), within(-0.1, 0.1), within(0.22, 0.3));
-        let radii = Vector3::new(within(0.125, 0.19), within(0.125, 0.19), within(0.115, 0.15));
-        let mut lobes = vec![Lobe { center, radii, power: within(1.9, 3.2) }];
+        let center = base + Vector3::new(within(0.5, 0.6), within(-0.1, 0.1), within(0.22, 0.3));
+        let radii = Vector3::new(
+            within(0.125, 0.19),
+            within(0.125, 0.19),
+            within(0.115, 0.15),
+        );
+        let mut lobes = vec![Lobe {
+            center,
+            radii,
+            power: within(1.9, 3.2),
+        }];
         if within(0.0, 1.0) < 0.4 {
             let out = Vector3::new(within(-0.1, 0.05), within(-0.14, 0.14), within(0.0, 0.08));
             lobes.push(Lobe {
@@ -39,7 +46,11 @@ impl Body {
         let waves = (0..3)
             .map(|_| {
                 let wave = Vector3::new(within(-1.0, 1.0), within(-1.0, 1.0), within(-1.0, 1.0));
-                (wave * 45.0, within(0.0, 6.28), within(0.02, 0.06))
+                (
+                    wave * 45.0,
+                    within(0.0, std::f64::consts::TAU),
+                    within(0.02, 0.06),
+                )
             })
             .collect();
         Self { lobes, waves }
@@ -53,7 +64,8 @@ impl Body {
             sum.powf(1.0 / l.power) - 1.0
         };
         let lowest = self.lobes.iter().map(lobe).fold(f64::INFINITY, f64::min);
-        let wave = |(k, phase, share): &(Vector3<f64>, f64, f64)| share * (k.dot(&p.coords) + phase).sin();
+        let wave =
+            |(k, phase, share): &(Vector3<f64>, f64, f64)| share * (k.dot(&p.coords) + phase).sin();
         lowest + self.waves.iter().map(wave).sum::<f64>()
     }
 
@@ -85,7 +97,13 @@ impl Body {
     pub fn normal(&self, p: &Point3<f64>) -> Vector3<f64> {
         // Wide enough to look past the waves.
         const STEP: f64 = 0.006;
-        let slope = |axis: Vector3<f64>| self.level(&(p + axis * STEP)) - self.level(&(p - axis * STEP));
-        Vector3::new(slope(Vector3::x()), slope(Vector3::y()), slope(Vector3::z())).normalize()
+        let slope =
+            |axis: Vector3<f64>| self.level(&(p + axis * STEP)) - self.level(&(p - axis * STEP));
+        Vector3::new(
+            slope(Vector3::x()),
+            slope(Vector3::y()),
+            slope(Vector3::z()),
+        )
+        .normalize()
     }
 }

@@ -134,7 +134,10 @@ struct Deck<'a> {
 
 impl<'a> Deck<'a> {
     fn new(names: &'a [&'static str]) -> Self {
-        Self { names, left: Vec::new() }
+        Self {
+            names,
+            left: Vec::new(),
+        }
     }
 
     fn next(&mut self, rng: &mut Pcg64Mcg) -> &'static str {

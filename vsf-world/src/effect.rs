@@ -60,17 +60,35 @@ pub enum Effect {
     /// A constant torque per joint.
     TorqueBias { bias: JointVector },
     /// `amplitude (1 - exp(-t / tau_s))` of the session's time, and a slow wander of its own.
-    TorqueDrift { amplitude: JointVector, tau_s: f64, wander: f64, phase: f64 },
+    TorqueDrift {
+        amplitude: JointVector,
+        tau_s: f64,
+        wander: f64,
+        phase: f64,
+    },
     /// `tau (1 + gain)`, fading for torques far above `rolloff_nm`.
     TorqueGain { gain: JointVector, rolloff_nm: f64 },
     /// `-c` of the direction, over a smooth step of `width` \[rad/s\].
-    JointCoulombFriction { c_plus: JointVector, c_minus: JointVector, width: f64 },
+    JointCoulombFriction {
+        c_plus: JointVector,
+        c_minus: JointVector,
+        width: f64,
+    },
     /// `-d |qd|^power sign(qd)`.
     JointViscousFriction { d: JointVector, power: f64 },
     /// `-c (share + (1 - share) / (1 + (qd / v_s)^2)) sign(qd)`.
-    JointStribeckFriction { c: JointVector, share: f64, v_s: f64, width: f64 },
+    JointStribeckFriction {
+        c: JointVector,
+        share: f64,
+        v_s: f64,
+        width: f64,
+    },
     /// `-m |tau|^power sign(qd)`.
-    JointLoadFriction { m: JointVector, power: f64, width: f64 },
+    JointLoadFriction {
+        m: JointVector,
+        power: f64,
+        width: f64,
+    },
     /// A mass at `center` of the last link, with its weight and inertia.
     Payload { mass: f64, center: [f64; 3] },
     /// Gravity turned by `angle` about the horizontal direction `heading` \[rad\].
@@ -78,15 +96,29 @@ pub enum Effect {
     /// Masses that the links 1 to 7 have more than they should, at `center` of the link.
     InertialError { mass: JointVector, center: [f64; 3] },
     /// Joint `to` feels `-viscous qd - coulomb sign(qd)` of joint `from`; joints from 1.
-    JointCoupling { to: usize, from: usize, viscous: f64, coulomb: f64 },
+    JointCoupling {
+        to: usize,
+        from: usize,
+        viscous: f64,
+        coulomb: f64,
+    },
     /// Recorded is `q + offset + eccentricity offset sin(q)`.
-    EncoderOffset { offset: JointVector, eccentricity: f64 },
+    EncoderOffset {
+        offset: JointVector,
+        eccentricity: f64,
+    },
     /// Links turn by `tau / k / sqrt(1 + (tau / hardening_nm)^2)`, with `1 / k` as compliance.
-    JointElasticity { compliance: JointVector, hardening_nm: f64 },
+    JointElasticity {
+        compliance: JointVector,
+        hardening_nm: f64,
+    },
     /// The torques come `delay_s` late, through two equal lags.
     Latency { delay_s: f64, lag_s: f64 },
     /// The object stands elsewhere in every sequence, turned about the vertical.
-    RegistrationOffset { per_sequence_m: Vec<[f64; 3]>, turn_rad: Vec<f64> },
+    RegistrationOffset {
+        per_sequence_m: Vec<[f64; 3]>,
+        turn_rad: Vec<f64>,
+    },
     /// Links 0 to 7 are thicker than the model says.
     GeometryPadding { padding_m: [f64; JOINTS + 1] },
     /// Friction of the surface, `log_ratio` away from what it should be: `mu exp(log_ratio)`.
@@ -95,7 +127,10 @@ pub enum Effect {
     /// as the displacement whose spring force it equals.
     Adhesion { stretch_m: f64, dwell_s: f64 },
     /// The object gives way as a whole: compliance along x, y, z, stiffer beyond `hardening_n`.
-    ObjectBaseMotion { compliance: [f64; 3], hardening_n: f64 },
+    ObjectBaseMotion {
+        compliance: [f64; 3],
+        hardening_n: f64,
+    },
     /// Force `k eta v^power v0^(1 - power)` beside the elastic one, `v0` = 0.05 m/s.
     Viscoelastic { eta_s: f64, power: f64 },
     /// Three Maxwell branches with `g` times the stiffness.
@@ -103,18 +138,30 @@ pub enum Effect {
     /// Rest places follow beyond a yield displacement, uneven over places.
     PlasticSet { yield_m: f64, hardening: f64 },
     /// Stiffness falls by `max (1 - exp(-((u_max - threshold) / scale)^1.6))`.
-    DamageSoftening { threshold_m: f64, scale_m: f64, max: f64 },
+    DamageSoftening {
+        threshold_m: f64,
+        scale_m: f64,
+        max: f64,
+    },
     /// Force `k u (1 + gain (cosh(u / length) - 1))`.
     StrainStiffening { gain: f64, length_m: f64 },
     /// Springs between neighbours are `factor` times stiffer.
     SpatialCoupling { factor: f64 },
     /// Stiffer by `1 + alpha` along fibres whose direction winds with the place.
-    Anisotropy { alpha: f64, heading: f64, winding: f64 },
+    Anisotropy {
+        alpha: f64,
+        heading: f64,
+        winding: f64,
+    },
     /// The object's matter, set in motion with a lag of 60 ms, has mass and drag.
     InertiaDrag { mass: f64, drag: f64 },
 
     /// Torque of a cable or of cogging: `amplitude sin(periods q + phase)`.
-    CableTorque { amplitude: JointVector, periods: f64, phase: f64 },
+    CableTorque {
+        amplitude: JointVector,
+        periods: f64,
+        phase: f64,
+    },
     /// The link lags within a play of the gear, on the side of the load.
     Backlash { play: JointVector },
     /// Torques come in steps.
@@ -124,11 +171,25 @@ pub enum Effect {
     /// Offsets jump once, at a time of the session.
     OffsetJump { jump: JointVector, at_s: f64 },
     /// A soft ball in the way of link `link` at its posture of deepest touch.
-    SecondObject { link: usize, stiffness: f64, reach_m: f64, bearing: f64 },
+    SecondObject {
+        link: usize,
+        stiffness: f64,
+        reach_m: f64,
+        bearing: f64,
+    },
     /// A torque of fixed frequency.
-    PeriodicDisturbance { amplitude: JointVector, frequency_hz: f64, phase: f64 },
-    /// Sensitivity falls while a joint works and recovers while it rests.
-    ThermalGain { loss: JointVector, heating: f64, cooling_s: f64 },
+    PeriodicDisturbance {
+        amplitude: JointVector,
+        frequency_hz: f64,
+        phase: f64,
+    },
+    /// Sensitivity falls while a joint works and recovers while it rests: `tau (1 - 0.9 tanh(loss
+    /// heat))`.
+    ThermalGain {
+        loss: JointVector,
+        heating: f64,
+        cooling_s: f64,
+    },
 }
 
 /// One joint or several, each with a factor of either sign or of one.
@@ -148,7 +209,11 @@ fn joints(rng: &mut impl Rng, mean: f64, signed: bool) -> JointVector {
     }
     std::array::from_fn(|j| {
         let size = mean * SHARE[j] * rng.random_range(0.6..1.4);
-        let sign = if signed && rng.random::<bool>() { -1.0 } else { 1.0 };
+        let sign = if signed && rng.random::<bool>() {
+            -1.0
+        } else {
+            1.0
+        };
         if chosen[j] { sign * size } else { 0.0 }
     })
 }
@@ -156,11 +221,25 @@ fn joints(rng: &mut impl Rng, mean: f64, signed: bool) -> JointVector {
 /// As [`joints`], without the smaller wrist.
 fn even_joints(rng: &mut impl Rng, mean: f64, signed: bool) -> JointVector {
     let v = joints(rng, mean, signed);
-    v.map(|x| if x == 0.0 { 0.0 } else { x.signum() * mean * rng.random_range(0.7..1.3) })
+    v.map(|x| {
+        if x == 0.0 {
+            0.0
+        } else {
+            x.signum() * mean * rng.random_range(0.7..1.3)
+        }
+    })
 }
 
 fn sign(rng: &mut impl Rng) -> f64 {
     if rng.random::<bool>() { 1.0 } else { -1.0 }
+}
+
+/// A vector of length 0.6 to 1.
+fn direction(rng: &mut impl Rng) -> [f64; 3] {
+    let v = place(rng, 1.0);
+    let length = v.iter().map(|x| x * x).sum::<f64>().sqrt().max(1e-6);
+    let wanted = rng.random_range(0.6..1.0);
+    v.map(|x| x * wanted / length)
 }
 
 fn place(rng: &mut impl Rng, range: f64) -> [f64; 3] {
@@ -176,7 +255,9 @@ impl Effect {
     pub fn draw(name: &str, rng: &mut impl Rng, sequences: usize) -> Result<Self, WorldError> {
         let tau = std::f64::consts::TAU;
         Ok(match name {
-            "torque_bias" => Self::TorqueBias { bias: joints(rng, 0.6, true) },
+            "torque_bias" => Self::TorqueBias {
+                bias: joints(rng, 0.6, true),
+            },
             "torque_drift" => Self::TorqueDrift {
                 amplitude: joints(rng, 0.9, true),
                 tau_s: rng.random_range(40.0..120.0),
@@ -213,7 +294,10 @@ impl Effect {
                 power: rng.random_range(0.8..1.1),
                 width: rng.random_range(0.006..0.012),
             },
-            "payload" => Self::Payload { mass: 0.1, center: place(rng, 0.09) },
+            "payload" => Self::Payload {
+                mass: 0.1,
+                center: place(rng, 0.09),
+            },
             "gravity_tilt" => Self::GravityTilt {
                 heading: rng.random_range(0.0..tau),
                 angle: 0.05 * sign(rng),
@@ -223,7 +307,10 @@ impl Effect {
                 mass[rng.random_range(2..6)] = 0.15 * sign(rng);
                 let second = rng.random_range(2..7);
                 mass[second] += 0.08 * sign(rng);
-                Self::InertialError { mass, center: place(rng, 0.08) }
+                Self::InertialError {
+                    mass,
+                    center: place(rng, 0.08),
+                }
             }
             "joint_coupling" => {
                 let to = rng.random_range(1..5);
@@ -240,7 +327,11 @@ impl Effect {
                 offset: {
                     let v = even_joints(rng, 0.02, true);
                     // A common turn of the base alone would be a place of the object.
-                    if v[1..].iter().all(|x| *x == 0.0) { [0.0, 0.02, 0.0, -0.02, 0.0, 0.0, 0.0] } else { v }
+                    if v[1..].iter().all(|x| *x == 0.0) {
+                        [0.0, 0.02, 0.0, -0.02, 0.0, 0.0, 0.0]
+                    } else {
+                        v
+                    }
                 },
                 eccentricity: rng.random_range(0.1..0.25),
             },
@@ -254,22 +345,45 @@ impl Effect {
             },
             "registration_offset" => Self::RegistrationOffset {
                 per_sequence_m: (0..sequences)
-                    .map(|s| if s == 0 { [0.0; 3] } else { place(rng, 0.008) })
+                    .map(|s| {
+                        if s == 0 {
+                            [0.0; 3]
+                        } else {
+                            direction(rng).map(|x| 0.008 * x)
+                        }
+                    })
                     .collect(),
                 turn_rad: (0..sequences)
-                    .map(|s| if s == 0 { 0.0 } else { rng.random_range(-0.02..0.02) })
+                    .map(|s| {
+                        if s == 0 {
+                            0.0
+                        } else {
+                            rng.random_range(-0.02..0.02)
+                        }
+                    })
                     .collect(),
             },
-            "geometry_padding" => Self::GeometryPadding {
-                padding_m: std::array::from_fn(|_| rng.random_range(0.0025..0.004)),
+            "geometry_padding" => {
+                let side = sign(rng);
+                Self::GeometryPadding {
+                    padding_m: std::array::from_fn(|_| side * rng.random_range(0.0025..0.004)),
+                }
+            }
+            "contact_friction" => Self::ContactFriction {
+                log_ratio: 0.5 * sign(rng),
             },
-            "contact_friction" => Self::ContactFriction { log_ratio: 1.0 },
-            "adhesion" => Self::Adhesion { stretch_m: 0.01, dwell_s: rng.random_range(0.1..0.4) },
+            "adhesion" => Self::Adhesion {
+                stretch_m: 0.01,
+                dwell_s: rng.random_range(0.1..0.4),
+            },
             "object_base_motion" => Self::ObjectBaseMotion {
                 compliance: std::array::from_fn(|_| rng.random_range(3e-4..7e-4)),
                 hardening_n: rng.random_range(40.0..80.0),
             },
-            "viscoelastic" => Self::Viscoelastic { eta_s: 0.1, power: rng.random_range(0.75..1.0) },
+            "viscoelastic" => Self::Viscoelastic {
+                eta_s: 0.1,
+                power: rng.random_range(0.75..1.0),
+            },
             "stress_relaxation" => {
                 let g: [f64; 3] = std::array::from_fn(|_| rng.random_range(0.1..0.3));
                 Self::StressRelaxation {
@@ -277,7 +391,10 @@ impl Effect {
                     tau_s: [0.15, 0.8, 4.0].map(|t| t * rng.random_range(0.7..1.4)),
                 }
             }
-            "plastic_set" => Self::PlasticSet { yield_m: 0.02, hardening: rng.random_range(0.2..0.5) },
+            "plastic_set" => Self::PlasticSet {
+                yield_m: 0.02,
+                hardening: rng.random_range(0.2..0.5),
+            },
             "damage_softening" => Self::DamageSoftening {
                 threshold_m: rng.random_range(0.003..0.008),
                 scale_m: rng.random_range(0.012..0.022),
@@ -302,12 +419,19 @@ impl Effect {
                 periods: rng.random_range(5.0..14.0),
                 phase: rng.random_range(0.0..tau),
             },
-            "backlash" => Self::Backlash { play: even_joints(rng, 0.01, false) },
-            "quantisation" => Self::Quantisation { step: even_joints(rng, 1.2, false) },
-            "saturation" => Self::Saturation { keep: even_joints(rng, 1.0, false) },
+            "backlash" => Self::Backlash {
+                play: even_joints(rng, 0.01, false),
+            },
+            "quantisation" => Self::Quantisation {
+                step: even_joints(rng, 1.2, false),
+            },
+            "saturation" => Self::Saturation {
+                keep: even_joints(rng, 1.0, false),
+            },
             "offset_jump" => Self::OffsetJump {
                 jump: joints(rng, 0.9, true),
-                at_s: 20.0 * rng.random_range(1..sequences.max(2)) as f64 + rng.random_range(1.5..6.0),
+                at_s: 20.0 * rng.random_range(1..sequences.max(2)) as f64
+                    + rng.random_range(1.5..6.0),
             },
             "second_object" => Self::SecondObject {
                 link: rng.random_range(4..6),
@@ -321,11 +445,15 @@ impl Effect {
                 phase: rng.random_range(0.0..tau),
             },
             "thermal_gain" => Self::ThermalGain {
-                loss: even_joints(rng, 0.5, false),
+                loss: even_joints(rng, 2.0, false),
                 heating: rng.random_range(0.01..0.03),
                 cooling_s: rng.random_range(30.0..60.0),
             },
-            _ => return Err(WorldError::UnknownEffect { name: name.to_owned() }),
+            _ => {
+                return Err(WorldError::UnknownEffect {
+                    name: name.to_owned(),
+                });
+            }
         })
     }
 
@@ -350,14 +478,19 @@ impl Effect {
             | Self::PeriodicDisturbance { amplitude: v, .. }
             | Self::ThermalGain { loss: v, .. }
             | Self::TorqueDrift { amplitude: v, .. } => each(v),
-            Self::JointCoulombFriction { c_plus, c_minus, .. } => {
+            Self::JointCoulombFriction {
+                c_plus, c_minus, ..
+            } => {
                 each(c_plus);
                 each(c_minus);
             }
             Self::GeometryPadding { padding_m } => each(padding_m),
             Self::ObjectBaseMotion { compliance, .. } => each(compliance),
             Self::StressRelaxation { g, .. } => each(g),
-            Self::RegistrationOffset { per_sequence_m, turn_rad } => {
+            Self::RegistrationOffset {
+                per_sequence_m,
+                turn_rad,
+            } => {
                 per_sequence_m.iter_mut().for_each(|v| each(v));
                 each(turn_rad);
             }
@@ -369,7 +502,9 @@ impl Effect {
                 *mass *= s;
                 *drag *= s;
             }
-            Self::JointCoupling { viscous, coulomb, .. } => {
+            Self::JointCoupling {
+                viscous, coulomb, ..
+            } => {
                 *viscous *= s;
                 *coulomb *= s;
             }
@@ -385,11 +520,27 @@ impl Effect {
             Self::DamageSoftening { max: x, .. } => *x = 1.0 - (1.0 - *x).powf(s),
             Self::PlasticSet { yield_m: x, .. } => *x /= s,
             Self::Saturation { keep } => {
-                keep.iter_mut().filter(|k| **k > 0.0).for_each(|k| *k = (-0.3 * s * *k).exp());
+                keep.iter_mut()
+                    .filter(|k| **k > 0.0)
+                    .for_each(|k| *k = (-0.3 * s * *k).exp());
             }
             Self::SpatialCoupling { factor } => *factor = 1.0 + (*factor - 1.0) * s,
         }
         e
+    }
+
+    /// Largest strength that is still believable.
+    pub(crate) fn strongest(&self) -> f64 {
+        match self {
+            Self::RegistrationOffset { .. } => 2.0,
+            Self::EncoderOffset { .. } => 2.5,
+            Self::GeometryPadding { .. } | Self::ContactFriction { .. } => 3.0,
+            Self::Latency { .. } | Self::ObjectBaseMotion { .. } | Self::PlasticSet { .. } => 3.0,
+            Self::JointElasticity { .. } | Self::Backlash { .. } => 3.0,
+            Self::TorqueGain { .. } | Self::JointLoadFriction { .. } | Self::Adhesion { .. } => 3.0,
+            Self::Saturation { .. } => 6.0,
+            _ => 8.0,
+        }
     }
 
     /// The name, as in [`EFFECTS`] or [`UNKNOWN_EFFECTS`].

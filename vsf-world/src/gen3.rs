@@ -79,14 +79,22 @@ pub(crate) const LINKS: [Link; JOINTS + 1] = [
         mass: 0.6781,
         com: [1e-6, -0.009432, -0.063883],
         inertia: [0.001596, 0.0, 0.0, 0.001607, 0.000256, 0.000399],
-        capsules: &[capsule([0.0, -0.006, -0.022], [0.0, -0.013, -0.101], 0.0342)],
+        capsules: &[capsule(
+            [0.0, -0.006, -0.022],
+            [0.0, -0.013, -0.101],
+            0.0342,
+        )],
     },
     Link {
         name: "SphericalWrist2_Link",
         mass: 0.6781,
         com: [1e-6, -0.045483, -0.00965],
         inertia: [0.001641, 0.0, 0.0, 0.00041, -0.000278, 0.001641],
-        capsules: &[capsule([0.0, -0.008, -0.019], [0.0, -0.091, -0.003], 0.0348)],
+        capsules: &[capsule(
+            [0.0, -0.008, -0.019],
+            [0.0, -0.091, -0.003],
+            0.0348,
+        )],
     },
     Link {
         name: "Bracelet_Link",
@@ -102,7 +110,8 @@ pub(crate) const LINKS: [Link; JOINTS + 1] = [
 ];
 
 /// Place of joint `j + 1` in the frame of link `j`, `xyz` \[m\] and `rpy` \[rad\]. It turns link
-/// `j + 1` about its z axis.
+/// `j + 1` about its z axis. Angles are rounded as in the maker's description.
+#[allow(clippy::approx_constant)]
 pub(crate) const JOINT_FRAMES: [([f64; 3], [f64; 3]); JOINTS] = [
     ([0.0, 0.0, 0.15643], [3.1416, 0.0, 0.0]),
     ([0.0, 0.005375, -0.12838], [1.5708, 0.0, 0.0]),
@@ -152,10 +161,21 @@ pub(crate) fn urdf() -> String {
         out.push_str("  </link>\n");
     }
     out.push_str("  <link name=\"EndEffector_Link\"/>\n");
-    joint(&mut out, "Fix_world", "fixed", ["world", LINKS[0].name], "0 0 0", "0 0 0", "");
+    joint(
+        &mut out,
+        "Fix_world",
+        "fixed",
+        ["world", LINKS[0].name],
+        "0 0 0",
+        "0 0 0",
+        "",
+    );
     for (j, (xyz, rpy)) in JOINT_FRAMES.iter().enumerate() {
         let (kind, range) = match LIMITS[j].is_finite() {
-            true => ("revolute", format!("lower=\"-{0}\" upper=\"{0}\" ", LIMITS[j])),
+            true => (
+                "revolute",
+                format!("lower=\"-{0}\" upper=\"{0}\" ", LIMITS[j]),
+            ),
             false => ("continuous", String::new()),
         };
         let more = format!(
@@ -173,7 +193,15 @@ pub(crate) fn urdf() -> String {
         );
     }
     let hand = [LINKS[JOINTS].name, "EndEffector_Link"];
-    joint(&mut out, "EndEffector", "fixed", hand, "0 0 -0.061525", "3.141592654 0 0", "");
+    joint(
+        &mut out,
+        "EndEffector",
+        "fixed",
+        hand,
+        "0 0 -0.061525",
+        "3.141592654 0 0",
+        "",
+    );
     out.push_str("</robot>\n");
     out
 }

@@ -71,23 +71,37 @@ impl World {
         let from = Point3::from(base.translation.vector);
         let object: Box<dyn Object> = match spec.kind {
             Kind::Springs => Box::new(Springs::draw(&from, &physics, &mut rng)?),
-            Kind::Plant => todo!(),
+            Kind::Plant => return Err(WorldError::OutOfReach { seed: spec.seed }),
         };
         let plan = plan(object.as_ref(), &base, spec.protocol, &mut rng, spec.seed)?;
-        let mut world = Self { object, base, friction, plan };
+        let mut world = Self {
+            object,
+            base,
+            friction,
+            plan,
+        };
         let peaks = peaks(&world.touch(&[], TRIAL_STRIDE));
         let mean = peaks.iter().sum::<f64>() / peaks.len() as f64;
         if mean <= 0.0 || peaks.iter().any(|p| *p < 0.15 * mean) {
             return Err(WorldError::OutOfReach { seed: spec.seed });
         }
-        world.object.scale_stiffness(rng.random_range(7.0..13.0) / mean);
+        world
+            .object
+            .scale_stiffness(rng.random_range(7.0..13.0) / mean);
         Ok(world)
     }
 
     /// Torques of the touch.
     fn touch(&mut self, effects: &[Effect], stride: usize) -> Vec<Rows> {
         let object = self.object.as_mut();
-        touch_torques(object, &self.base, self.friction, &self.plan, effects, stride)
+        touch_torques(
+            object,
+            &self.base,
+            self.friction,
+            &self.plan,
+            effects,
+            stride,
+        )
     }
 
     /// What the torque sensors say without noise, and what the world without effects causes at the
@@ -98,7 +112,9 @@ impl World {
         nominal: &[Rows],
         stride: usize,
     ) -> (Vec<Rows>, Vec<Rows>) {
-        let of_the_touch = effects.iter().any(|e| !e.is_of_the_sensor() && !e.is_what_if());
+        let of_the_touch = effects
+            .iter()
+            .any(|e| !e.is_of_the_sensor() && !e.is_what_if());
         let touched = match of_the_touch {
             true => self.touch(effects, stride),
             false => nominal.to_vec(),
@@ -125,7 +141,11 @@ impl World {
     fn recorded_angles(&self, effects: &[Effect]) -> Vec<Rows> {
         let mut recorded: Vec<Rows> = self.plan.iter().map(|t| t.q.clone()).collect();
         for effect in effects {
-            if let Effect::EncoderOffset { offset, eccentricity } = effect {
+            if let Effect::EncoderOffset {
+                offset,
+                eccentricity,
+            } = effect
+            {
                 for q in recorded.iter_mut().flatten() {
                     for (q, o) in q.iter_mut().zip(offset) {
                         *q += o * (1.0 + eccentricity * q.sin());
@@ -222,7 +242,10 @@ fn check(spec: &CaseSpec) -> Result<(), WorldError> {
     for name in &spec.effects {
         Effect::draw(name, &mut stream(0, 0), SEQUENCES)?;
         if spec.kind == Kind::Plant && name == "spatial_coupling" {
-            return Err(WorldError::NotInThisWorld { effect: name.clone(), kind: "plant" });
+            return Err(WorldError::NotInThisWorld {
+                effect: name.clone(),
+                kind: "plant",
+            });
         }
     }
     debug_assert!(spec.class() != Class::None || spec.effects.is_empty());
@@ -249,7 +272,10 @@ fn recording(
     rng: &mut Pcg64Mcg,
     dir: &Path,
 ) -> Result<Dataset, WorldError> {
-    let io = |source| WorldError::Io { path: dir.to_owned(), source };
+    let io = |source| WorldError::Io {
+        path: dir.to_owned(),
+        source,
+    };
     std::fs::create_dir_all(dir).map_err(io)?;
     std::fs::write(dir.join("robot.urdf"), gen3::urdf()).map_err(io)?;
     let table = |rows: Rows| Table::new(JOINTS, rows.into_iter().flatten().collect());
@@ -277,14 +303,20 @@ fn recording(
         description: "Pushes of a Kinova Gen3 into a soft object; joint angles, velocities and \
                       external joint torques."
             .to_owned(),
-        robot: RobotRef { given: "robot.urdf".to_owned(), path: Some(dir.join("robot.urdf")) },
+        robot: RobotRef {
+            given: "robot.urdf".to_owned(),
+            path: Some(dir.join("robot.urdf")),
+        },
         torque_kind: TorqueKind::External,
         rate_hz: Some(RATE_HZ),
         gravity: GRAVITY,
         base_pose: world.base,
         object_bbox: Some([low, high]),
         tare_samples: 0,
-        splits: Splits { train: ids(0..FIRST_TEST), test: ids(FIRST_TEST..SEQUENCES) },
+        splits: Splits {
+            train: ids(0..FIRST_TEST),
+            test: ids(FIRST_TEST..SEQUENCES),
+        },
         joints: None,
         joint_types: None,
         attachment: Default::default(),

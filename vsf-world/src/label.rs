@@ -123,7 +123,11 @@ pub(crate) fn truth_share(diff: &[Rows], plan: &[Trajectory]) -> TruthShare {
         }
     }
     let sequence = diff.chunks(1).map(|s| share(energy(s))).collect();
-    TruthShare { joint, sequence, phase }
+    TruthShare {
+        joint,
+        sequence,
+        phase,
+    }
 }
 
 /// Phases and sequences in which the mean square change is at least half of the overall one.
@@ -131,11 +135,23 @@ pub(crate) fn where_it_acts(diff: &[Rows], plan: &[Trajectory]) -> (Vec<Phase>, 
     let shares = truth_share(diff, plan);
     let rows: usize = diff.iter().map(Vec::len).sum();
     let acts = |share: f64, count: usize| share * rows as f64 >= 0.5 * count as f64 && share > 0.0;
-    let count = |p: &Phase| plan.iter().flat_map(|t| &t.phases).filter(|x| *x == p).count();
-    let phases = shares.phase.iter().filter(|(p, s)| acts(**s, count(p))).map(|(p, _)| *p);
+    let count = |p: &Phase| {
+        plan.iter()
+            .flat_map(|t| &t.phases)
+            .filter(|x| *x == p)
+            .count()
+    };
+    let phases = shares
+        .phase
+        .iter()
+        .filter(|(p, s)| acts(**s, count(p)))
+        .map(|(p, _)| *p);
     let sequences = shares.sequence.iter().enumerate();
     let sequences = sequences.filter(|(s, share)| acts(**share, diff[*s].len()));
-    (phases.collect(), sequences.map(|(s, _)| sequence_id(s)).collect())
+    (
+        phases.collect(),
+        sequences.map(|(s, _)| sequence_id(s)).collect(),
+    )
 }
 
 /// Phases with begin and end.

@@ -39,6 +39,8 @@ mod sensor;
 mod session;
 mod springs;
 mod strength;
+#[cfg(test)]
+mod tests;
 
 pub use arm::{Arm, JOINTS, JointVector, Touch};
 pub use case::{CaseSpec, Class, Kind, Level, draw_cases};

@@ -77,7 +77,7 @@ impl Element {
 
     /// True if nothing moves or pulls any more.
     pub fn is_still(&self) -> bool {
-        let still = |v: &Vector3<f64>| v.norm_squared() < 1e-12;
+        let still = |v: &Vector3<f64>| v.norm_squared() < 1e-10;
         still(&(self.u - self.set)) && still(&self.flow) && self.branches.iter().all(still)
     }
 }
@@ -87,14 +87,24 @@ impl Material {
         let mut m = Self::default();
         for effect in effects {
             match *effect {
-                Effect::StrainStiffening { gain, length_m } => m.stiffening = Some((gain, length_m)),
-                Effect::DamageSoftening { threshold_m, scale_m, max } => {
+                Effect::StrainStiffening { gain, length_m } => {
+                    m.stiffening = Some((gain, length_m))
+                }
+                Effect::DamageSoftening {
+                    threshold_m,
+                    scale_m,
+                    max,
+                } => {
                     m.damage = Some((threshold_m, scale_m, max));
                 }
                 Effect::PlasticSet { yield_m, hardening } => m.plastic = Some((yield_m, hardening)),
                 Effect::Viscoelastic { eta_s, power } => m.viscous = Some((eta_s, power)),
                 Effect::StressRelaxation { g, tau_s } => m.relaxation = Some((g, tau_s)),
-                Effect::Anisotropy { alpha, heading, winding } => {
+                Effect::Anisotropy {
+                    alpha,
+                    heading,
+                    winding,
+                } => {
                     m.fibres = Some((alpha, heading, winding));
                 }
                 Effect::InertiaDrag { mass, drag } => m.drag = Some((mass, drag)),

@@ -152,7 +152,11 @@ fn touch(
     let start = style.start.map(|q| q + rng.random_range(-0.4..0.4));
     let first = rng.random_range(0.036..0.043);
     let second = first + rng.random_range(0.008..0.012);
-    let deepest = if protocol == Protocol::Rich { second } else { first };
+    let deepest = if protocol == Protocol::Rich {
+        second
+    } else {
+        first
+    };
     let slide = rng.random_range(0.0..0.012);
 
     let from = -PULLED_BACK;
@@ -190,7 +194,8 @@ fn touch(
             q.push(at(now));
             phases.push(match leg.phase {
                 Phase::Load if now < -SKIN => Phase::Approach,
-                Phase::Unload if now < -SKIN => Phase::Free,
+                // What sticks lets go later.
+                Phase::Unload if now < -5.0 * SKIN => Phase::Free,
                 phase => phase,
             });
         }
@@ -199,7 +204,11 @@ fn touch(
     let rest = *q.last()?;
     q.resize(SAMPLES, rest);
     phases.resize(SAMPLES, Phase::Free);
-    Some(Trajectory { q, phases, depth_m: deepest })
+    Some(Trajectory {
+        q,
+        phases,
+        depth_m: deepest,
+    })
 }
 
 /// The parts of a sequence. A load comes in one sweep from outside.
@@ -244,7 +253,9 @@ fn is_clear(object: &dyn Object, arm: &mut Arm, out: &JointVector, deep: &JointV
     arm.set(deep);
     arm.capsules(&mut capsules);
     let in_object = |arm_part: bool| -> usize {
-        let parts = capsules.iter().filter(|c| (c.link < JOINTS - 1) == arm_part);
+        let parts = capsules
+            .iter()
+            .filter(|c| (c.link < JOINTS - 1) == arm_part);
         parts.map(|c| object.overlap(c)).sum()
     };
     in_object(true) == 0 && in_object(false) > 0

@@ -24,13 +24,18 @@ pub(crate) fn reach(arm: &mut Arm, start: &JointVector, goal: &Goal) -> Option<J
     for _ in 0..60 {
         arm.set(&q);
         let (error, jacobian) = linearise(arm, goal);
-        if error.fixed_rows::<3>(0).norm() < 1e-4 && error.fixed_rows::<3>(3).norm() < 1e-3 * LEVER {
-            let allowed = q.iter().zip(LIMITS).all(|(q, limit)| q.abs() < limit - 0.03);
+        if error.fixed_rows::<3>(0).norm() < 1e-4 && error.fixed_rows::<3>(3).norm() < 1e-3 * LEVER
+        {
+            let allowed = q
+                .iter()
+                .zip(LIMITS)
+                .all(|(q, limit)| q.abs() < limit - 0.03);
             return allowed.then_some(q);
         }
         let damping = 1e-6 + 1e-2 * error.norm_squared();
         let square = jacobian * jacobian.transpose() + SMatrix::<f64, 6, 6>::identity() * damping;
-        let mut step: SVector<f64, JOINTS> = jacobian.transpose() * square.cholesky()?.solve(&error);
+        let mut step: SVector<f64, JOINTS> =
+            jacobian.transpose() * square.cholesky()?.solve(&error);
         let largest = step.amax();
         if largest > 0.25 {
             step *= 0.25 / largest;
@@ -52,7 +57,11 @@ fn linearise(arm: &Arm, goal: &Goal) -> (SVector<f64, 6>, SMatrix<f64, 6, JOINTS
     let turn = pointing.cross(&goal.pointing);
     // Beyond a right angle the sine falls again; its direction is what counts.
     let angle = pointing.angle(&goal.pointing);
-    let turn = if turn.norm() > 1e-12 { turn.normalize() * angle } else { turn };
+    let turn = if turn.norm() > 1e-12 {
+        turn.normalize() * angle
+    } else {
+        turn
+    };
     error.fixed_rows_mut::<3>(3).copy_from(&(turn * LEVER));
     let mut jacobian: SMatrix<f64, 6, JOINTS> = SMatrix::zeros();
     for j in 0..JOINTS {
@@ -62,7 +71,9 @@ fn linearise(arm: &Arm, goal: &Goal) -> (SVector<f64, 6>, SMatrix<f64, 6, JOINTS
         // Turns about the pointing itself change nothing.
         let turn = axis - pointing * axis.dot(&pointing);
         jacobian.fixed_view_mut::<3, 1>(0, j).copy_from(&place);
-        jacobian.fixed_view_mut::<3, 1>(3, j).copy_from(&(turn * LEVER));
+        jacobian
+            .fixed_view_mut::<3, 1>(3, j)
+            .copy_from(&(turn * LEVER));
     }
     (error, jacobian)
 }

@@ -50,7 +50,12 @@ pub(crate) fn sense(
     let mut order: Vec<&Effect> = effects.iter().filter(|e| e.is_of_the_sensor()).collect();
     order.sort_by_key(|e| rank(e));
     for effect in order {
-        let session = Session { base, q, qd: &qd, rate };
+        let session = Session {
+            base,
+            q,
+            qd: &qd,
+            rate,
+        };
         session.apply(effect, &mut out);
     }
     out
@@ -67,7 +72,11 @@ impl Session<'_> {
     fn apply(&self, effect: &Effect, tau: &mut [Rows]) {
         match effect {
             Effect::Payload { mass, center } => {
-                let hung = Mass { link: JOINTS, center: Point3::from(*center), mass: *mass };
+                let hung = Mass {
+                    link: JOINTS,
+                    center: Point3::from(*center),
+                    mass: *mass,
+                };
                 self.hang(&[hung], tau);
             }
             Effect::InertialError { mass, center } => {
@@ -86,12 +95,19 @@ impl Session<'_> {
                     lag(rows, *lag_s * self.rate);
                 }
             }
-            Effect::ThermalGain { loss, heating, cooling_s } => {
+            Effect::ThermalGain {
+                loss,
+                heating,
+                cooling_s,
+            } => {
                 self.warm_up(loss, *heating, *cooling_s, tau);
             }
             Effect::Saturation { keep } => {
                 for j in (0..JOINTS).filter(|&j| keep[j] > 0.0) {
-                    let peak = tau.iter().flatten().fold(0.0, |m: f64, t| m.max(t[j].abs()));
+                    let peak = tau
+                        .iter()
+                        .flatten()
+                        .fold(0.0, |m: f64, t| m.max(t[j].abs()));
                     let limit = (peak * keep[j]).max(1e-9);
                     for t in tau.iter_mut().flatten() {
                         t[j] = t[j].clamp(-limit, limit);
@@ -166,7 +182,7 @@ impl Session<'_> {
             for row in rows.iter_mut() {
                 for j in 0..JOINTS {
                     heat[j] += (heating * row[j].abs() - heat[j] / cooling_s) / self.rate;
-                    row[j] *= 1.0 - loss[j] * heat[j].tanh();
+                    row[j] *= 1.0 - 0.9 * (loss[j] * heat[j]).tanh();
                 }
             }
             heat = heat.map(|h| h * (-(SESSION_STEP_S - working) / cooling_s).exp());
@@ -179,37 +195,62 @@ fn change(effect: &Effect, j: usize, q: &JointVector, qd: &JointVector, tau: f64
     let direction = |v: f64, width: f64| v / (v * v + width * width).sqrt();
     match effect {
         Effect::TorqueBias { bias } => bias[j],
-        Effect::TorqueDrift { amplitude, tau_s, wander, phase } => {
+        Effect::TorqueDrift {
+            amplitude,
+            tau_s,
+            wander,
+            phase,
+        } => {
             let slow = (0.11 * t + phase + j as f64).sin() * (0.043 * t + 2.0 * phase).cos();
             amplitude[j] * (1.0 - (-t / tau_s).exp() + wander * slow)
         }
         Effect::TorqueGain { gain, rolloff_nm } => {
             gain[j] * tau / (1.0 + (tau / rolloff_nm).powi(2)).sqrt()
         }
-        Effect::JointCoulombFriction { c_plus, c_minus, width } => {
+        Effect::JointCoulombFriction {
+            c_plus,
+            c_minus,
+            width,
+        } => {
             let c = if qd[j] > 0.0 { c_plus[j] } else { c_minus[j] };
             -c * direction(qd[j], *width)
         }
-        Effect::JointViscousFriction { d, power } => -d[j] * qd[j].abs().powf(*power) * qd[j].signum(),
-        Effect::JointStribeckFriction { c, share, v_s, width } => {
+        Effect::JointViscousFriction { d, power } => {
+            -d[j] * qd[j].abs().powf(*power) * qd[j].signum()
+        }
+        Effect::JointStribeckFriction {
+            c,
+            share,
+            v_s,
+            width,
+        } => {
             let bump = (1.0 - share) / (1.0 + (qd[j] / v_s).powi(2));
             -c[j] * (share + bump) * direction(qd[j], *width)
         }
         Effect::JointLoadFriction { m, power, width } => {
             -m[j] * tau.abs().powf(*power) * direction(qd[j], *width)
         }
-        Effect::JointCoupling { to, from, viscous, coulomb } if to - 1 == j => {
+        Effect::JointCoupling {
+            to,
+            from,
+            viscous,
+            coulomb,
+        } if to - 1 == j => {
             let v = qd[from - 1];
             -viscous * v - viscous.signum() * coulomb * direction(v, 0.01)
         }
-        Effect::CableTorque { amplitude, periods, phase } => {
-            amplitude[j] * (periods * q[j] + phase + j as f64).sin()
-        }
+        Effect::CableTorque {
+            amplitude,
+            periods,
+            phase,
+        } => amplitude[j] * (periods * q[j] + phase + j as f64).sin(),
         Effect::Quantisation { step } if step[j] > 0.0 => (tau / step[j]).round() * step[j] - tau,
         Effect::OffsetJump { jump, at_s } if t >= *at_s => jump[j],
-        Effect::PeriodicDisturbance { amplitude, frequency_hz, phase } => {
-            amplitude[j] * (std::f64::consts::TAU * frequency_hz * t + phase).sin()
-        }
+        Effect::PeriodicDisturbance {
+            amplitude,
+            frequency_hz,
+            phase,
+        } => amplitude[j] * (std::f64::consts::TAU * frequency_hz * t + phase).sin(),
         _ => 0.0,
     }
 }

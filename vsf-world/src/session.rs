@@ -54,7 +54,11 @@ fn placement(object: &dyn Object, effects: &[Effect], s: usize) -> Isometry3<f64
     let center = nalgebra::center(&low, &high).coords;
     let mut placed = Isometry3::identity();
     for effect in effects {
-        if let Effect::RegistrationOffset { per_sequence_m, turn_rad } = effect {
+        if let Effect::RegistrationOffset {
+            per_sequence_m,
+            turn_rad,
+        } = effect
+        {
             let turn = UnitQuaternion::from_scaled_axis(Vector3::z() * turn_rad[s]);
             let to = Vector3::from(per_sequence_m[s]) + center - turn * center;
             placed = Isometry3::from_parts(Translation3::from(to), turn);
@@ -101,7 +105,14 @@ impl Run<'_> {
                 c.b = frame.inverse_transform_point(&c.b);
             }
             touches.clear();
-            object.step(&Meeting { capsules: &capsules, motion: &motion, dt: self.dt }, &mut touches);
+            object.step(
+                &Meeting {
+                    capsules: &capsules,
+                    motion: &motion,
+                    dt: self.dt,
+                },
+                &mut touches,
+            );
             let mut tau = [0.0; JOINTS];
             let mut push = Vector3::zeros();
             for touch in &mut touches {
@@ -125,7 +136,10 @@ impl Run<'_> {
         let mut shift = Vector3::zeros();
         for effect in self.effects {
             match effect {
-                Effect::JointElasticity { compliance, hardening_nm } => {
+                Effect::JointElasticity {
+                    compliance,
+                    hardening_nm,
+                } => {
                     for j in 0..JOINTS {
                         let ease = (1.0 + (tau[j] / hardening_nm).powi(2)).sqrt();
                         bent[j] += compliance[j] * tau[j] / ease;
@@ -137,7 +151,10 @@ impl Run<'_> {
                         bent[j] += play[j] * (tau[j] / 0.3).tanh();
                     }
                 }
-                Effect::ObjectBaseMotion { compliance, hardening_n } => {
+                Effect::ObjectBaseMotion {
+                    compliance,
+                    hardening_n,
+                } => {
                     let ease = (1.0 + (push.norm() / hardening_n).powi(2)).sqrt();
                     shift += push.component_mul(&Vector3::from(*compliance)) / ease;
                 }
@@ -163,19 +180,35 @@ impl Ball {
     /// In the way of the link at its deepest in the last sequence.
     fn place(effect: &Effect, arm: &mut Arm, plan: &[Trajectory]) -> Option<Self> {
         const RADIUS: f64 = 0.05;
-        let Effect::SecondObject { link, stiffness, reach_m, bearing } = effect else {
+        let Effect::SecondObject {
+            link,
+            stiffness,
+            reach_m,
+            bearing,
+        } = effect
+        else {
             return None;
         };
         let sequence = plan.last()?;
-        let deepest = sequence.phases.iter().rposition(|p| *p == crate::Phase::Hold);
+        let deepest = sequence
+            .phases
+            .iter()
+            .rposition(|p| *p == crate::Phase::Hold);
         let deepest = deepest.unwrap_or(sequence.q.len() / 2);
         arm.set(&sequence.q[deepest]);
         let capsule = own_capsule(arm, *link)?;
         let axis = (capsule.b - capsule.a).normalize();
-        let side = axis.cross(&Vector3::new(bearing.cos(), bearing.sin(), 0.3)).normalize();
+        let side = axis
+            .cross(&Vector3::new(bearing.cos(), bearing.sin(), 0.3))
+            .normalize();
         let out = capsule.radius + RADIUS - reach_m;
         let center = nalgebra::center(&capsule.a, &capsule.b) + side * out;
-        Some(Self { center, radius: RADIUS, link: *link, stiffness: *stiffness })
+        Some(Self {
+            center,
+            radius: RADIUS,
+            link: *link,
+            stiffness: *stiffness,
+        })
     }
 
     fn touch(&self, arm: &Arm) -> Option<Touch> {

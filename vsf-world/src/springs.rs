@@ -53,14 +53,20 @@ impl Springs {
     ///
     /// # Errors
     /// [`WorldError::Search`].
-    pub fn draw(base: &Point3<f64>, physics: &Physics, rng: &mut Pcg64Mcg) -> Result<Self, WorldError> {
+    pub fn draw(
+        base: &Point3<f64>,
+        physics: &Physics,
+        rng: &mut Pcg64Mcg,
+    ) -> Result<Self, WorldError> {
         let body = Body::draw(base, rng);
         let rest = scatter(&body, rng);
         let stiffness = stiffness_field(&body, &rest, rng);
         let mean_stiffness = stiffness.iter().sum::<f64>() / stiffness.len().max(1) as f64;
         let coordinates: Vec<[f64; 3]> = rest.iter().map(|p| p.coords.into()).collect();
-        let tree = ImmutableKdTree::new_from_slice(&coordinates)
-            .map_err(|e| WorldError::Search { problem: e.to_string() })?;
+        let tree =
+            ImmutableKdTree::new_from_slice(&coordinates).map_err(|e| WorldError::Search {
+                problem: e.to_string(),
+            })?;
         let mut ties = Vec::new();
         let mut first_tie = vec![0];
         for (i, p) in coordinates.iter().enumerate() {
@@ -236,11 +242,10 @@ impl Object for Springs {
             let i = i as usize;
             material.commit(&mut self.elements[i], self.u[i], arm.dt);
         }
-        let (elements, holds, is_active, u) =
-            (&self.elements, &self.holds, &mut self.is_active, &self.u);
+        let (elements, holds, is_active) = (&self.elements, &self.holds, &mut self.is_active);
         self.active.retain(|&i| {
             let i = i as usize;
-            let stays = holds[i].is_some() || !elements[i].is_still() || u[i].norm() > 1e-6;
+            let stays = holds[i].is_some() || !elements[i].is_still();
             is_active[i] = stays;
             stays
         });
@@ -249,7 +254,11 @@ impl Object for Springs {
     fn recover(&mut self, seconds: f64) {
         const STEPS: usize = 20;
         let motion = Default::default();
-        let arm = Meeting { capsules: &[], motion: &motion, dt: seconds / STEPS as f64 };
+        let arm = Meeting {
+            capsules: &[],
+            motion: &motion,
+            dt: seconds / STEPS as f64,
+        };
         self.holds.fill(None);
         for _ in 0..STEPS {
             self.step(&arm, &mut Vec::new());
@@ -261,7 +270,11 @@ impl Object for Springs {
         let back = (from - center).xy();
         let heading = back.y.atan2(back.x) + rng.random_range(-1.3..1.3);
         let rise: f64 = rng.random_range(0.1..1.3);
-        let out = Vector3::new(heading.cos() * rise.cos(), heading.sin() * rise.cos(), rise.sin());
+        let out = Vector3::new(
+            heading.cos() * rise.cos(),
+            heading.sin() * rise.cos(),
+            rise.sin(),
+        );
         let aside = Vector3::new(
             rng.random_range(-0.04..0.04),
             rng.random_range(-0.04..0.04),
@@ -315,8 +328,14 @@ fn within(
     p: &[f64; 3],
     radius: f64,
 ) -> impl Iterator<Item = u32> + use<> {
-    let query = tree.query(p).within::<SquaredEuclidean<f64>>(radius * radius);
-    query.unsorted().execute().into_iter().map(|n| n.item as u32)
+    let query = tree
+        .query(p)
+        .within::<SquaredEuclidean<f64>>(radius * radius);
+    query
+        .unsorted()
+        .execute()
+        .into_iter()
+        .map(|n| n.item as u32)
 }
 
 /// Nodes of the body, irregular but nowhere much closer than their mean distance.
@@ -351,8 +370,15 @@ fn stiffness_field(body: &Body, rest: &[Point3<f64>], rng: &mut Pcg64Mcg) -> Vec
     let [low, high] = body.bounds();
     let regions: Vec<_> = (0..rng.random_range(3..6))
         .map(|_| {
-            let place = Point3::from(low.coords.zip_map(&high.coords, |a, b| rng.random_range(a..b)));
-            (place, rng.random_range(0.03..0.06), rng.random_range(1.5..4.0))
+            let place = Point3::from(
+                low.coords
+                    .zip_map(&high.coords, |a, b| rng.random_range(a..b)),
+            );
+            (
+                place,
+                rng.random_range(0.03..0.06),
+                rng.random_range(1.5..4.0),
+            )
         })
         .collect();
     rest.iter()

@@ -46,30 +46,52 @@ pub(crate) fn find_strength(
     seed: u64,
     rng: &mut Pcg64Mcg,
 ) -> Result<Found, WorldError> {
-    const DRAWS: usize = 5;
+    const DRAWS: usize = 8;
     let mut reached: f64 = 0.0;
     for _ in 0..DRAWS {
         let drawn = Effect::draw(name, rng, SEQUENCES)?;
+        let most = drawn.strongest();
         let cheap = drawn.is_of_the_sensor();
-        let s = search(1.0, target, 9, 0.03, |s| trial.change(&drawn.scaled(s), cheap).1);
+        let s = search(1.0, most, target, 9, 0.03, |s| {
+            trial.change(&drawn.scaled(s), cheap).1
+        });
         // What was found at coarse steps is set right at fine ones.
         let s = match cheap {
             true => s,
-            false => search(s, target, 4, 0.08, |s| trial.change(&drawn.scaled(s), true).1),
+            false => search(s, most, target, 4, 0.08, |s| {
+                trial.change(&drawn.scaled(s), true).1
+            }),
         };
         let effect = drawn.scaled(s);
         let (diff, ratio) = trial.change(&effect, true);
         if (band.0..=band.1).contains(&ratio) {
-            return Ok(Found { effect, strength: s, ratio, diff });
+            return Ok(Found {
+                effect,
+                strength: s,
+                ratio,
+                diff,
+            });
         }
         reached = reached.max(ratio);
     }
-    Err(WorldError::TooWeak { seed, effect: name.to_owned(), reached, wanted: target })
+    Err(WorldError::TooWeak {
+        seed,
+        effect: name.to_owned(),
+        reached,
+        wanted: target,
+    })
 }
 
-/// Strength at which `ratio` is `target`, by secants of the logarithms from `start`; the nearest of
+/// Strength up to `most` at which `ratio` is `target`, by secants of the logarithms from `start`; the nearest of
 /// `tries`, or the first within the tolerance.
-fn search(start: f64, target: f64, tries: usize, tolerance: f64, mut ratio: impl FnMut(f64) -> f64) -> f64 {
+fn search(
+    start: f64,
+    most: f64,
+    target: f64,
+    tries: usize,
+    tolerance: f64,
+    mut ratio: impl FnMut(f64) -> f64,
+) -> f64 {
     let mut s = start;
     let mut best = (f64::INFINITY, start);
     let mut last: Option<(f64, f64)> = None;
@@ -88,7 +110,10 @@ fn search(start: f64, target: f64, tries: usize, tolerance: f64, mut ratio: impl
             _ => 1.0,
         };
         last = Some((s, miss));
-        s = (s * (-miss / power).exp().clamp(0.2, 5.0)).clamp(1e-3, 1e3);
+        if s == most && miss < 0.0 {
+            break;
+        }
+        s = (s * (-miss / power).exp().clamp(0.2, 5.0)).clamp(1e-3, most);
     }
     best.1
 }
