@@ -11,6 +11,7 @@ use crate::label::{
 };
 use crate::motion::{FIRST_TEST, RATE_HZ, SEQUENCES, Trajectory, plan};
 use crate::object::{Object, Physics};
+use crate::plant::Plant;
 use crate::sensor::{GRAVITY, Rows, rates, sense};
 use crate::session::touch_torques;
 use crate::springs::{Springs, triples};
@@ -71,7 +72,7 @@ impl World {
         let from = Point3::from(base.translation.vector);
         let object: Box<dyn Object> = match spec.kind {
             Kind::Springs => Box::new(Springs::draw(&from, &physics, &mut rng)?),
-            Kind::Plant => return Err(WorldError::OutOfReach { seed: spec.seed }),
+            Kind::Plant => Box::new(Plant::draw(&from, &physics, &mut rng)),
         };
         let plan = plan(object.as_ref(), &base, spec.protocol, &mut rng, spec.seed)?;
         let mut world = Self {

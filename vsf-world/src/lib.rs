@@ -34,6 +34,8 @@ mod label;
 mod material;
 mod motion;
 mod object;
+mod plant;
+mod plant_contact;
 mod reach;
 mod sensor;
 mod session;

@@ -125,8 +125,8 @@ impl Session<'_> {
                 let (q, qd) = (&self.q[s][k], &self.qd[s][k]);
                 let within = k as f64 / self.rate;
                 let t = SESSION_STEP_S * s as f64 + within;
-                for j in 0..JOINTS {
-                    row[j] += change(effect, j, q, qd, row[j], t);
+                for (j, tau) in row.iter_mut().enumerate() {
+                    *tau += change(effect, j, q, qd, *tau, t);
                 }
             }
         }

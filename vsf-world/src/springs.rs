@@ -331,11 +331,7 @@ fn within(
     let query = tree
         .query(p)
         .within::<SquaredEuclidean<f64>>(radius * radius);
-    query
-        .unsorted()
-        .execute()
-        .into_iter()
-        .map(|n| n.item as u32)
+    query.unsorted().execute().into_iter().map(|n| n.item)
 }
 
 /// Nodes of the body, irregular but nowhere much closer than their mean distance.
