@@ -153,8 +153,9 @@ pub enum Effect {
         heading: f64,
         winding: f64,
     },
-    /// The object's matter, set in motion with a lag of 60 ms, has mass and drag.
-    InertiaDrag { mass: f64, drag: f64 },
+    /// The object's matter, set in motion with a lag of 60 ms, has mass and drag: over the mean
+    /// stiffness of its elements.
+    InertiaDrag { mass_s2: f64, drag_s: f64 },
 
     /// Torque of a cable or of cogging: `amplitude sin(periods q + phase)`.
     CableTorque {
@@ -411,8 +412,8 @@ impl Effect {
                 winding: rng.random_range(-4.0..4.0),
             },
             "inertia_drag" => Self::InertiaDrag {
-                mass: rng.random_range(0.01..0.02),
-                drag: rng.random_range(0.03..0.06),
+                mass_s2: rng.random_range(0.01..0.02),
+                drag_s: rng.random_range(0.04..0.08),
             },
             "cable_torque" => Self::CableTorque {
                 amplitude: joints(rng, 0.8, true),
@@ -498,9 +499,9 @@ impl Effect {
                 *delay_s *= s;
                 *lag_s *= s;
             }
-            Self::InertiaDrag { mass, drag } => {
-                *mass *= s;
-                *drag *= s;
+            Self::InertiaDrag { mass_s2, drag_s } => {
+                *mass_s2 *= s;
+                *drag_s *= s;
             }
             Self::JointCoupling {
                 viscous, coulomb, ..

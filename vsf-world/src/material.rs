@@ -20,6 +20,8 @@ pub(crate) struct Material {
     relaxation: Option<([f64; 3], [f64; 3])>,
     fibres: Option<(f64, f64, f64)>,
     drag: Option<(f64, f64)>,
+    /// Mean stiffness of the object \[N/m\]. Mass and drag are as that of a mean element everywhere.
+    pub typical_stiffness: f64,
 }
 
 /// What one element remembers.
@@ -107,7 +109,7 @@ impl Material {
                 } => {
                     m.fibres = Some((alpha, heading, winding));
                 }
-                Effect::InertiaDrag { mass, drag } => m.drag = Some((mass, drag)),
+                Effect::InertiaDrag { mass_s2, drag_s } => m.drag = Some((mass_s2, drag_s)),
                 _ => {}
             }
         }
@@ -175,6 +177,7 @@ impl Material {
         let mut force = -pull * e.stiffness;
         slope *= e.stiffness;
         if let Some((mass, drag)) = self.drag {
+            let (mass, drag) = (mass * self.typical_stiffness, drag * self.typical_stiffness);
             let follow = 1.0 - (-dt / ENTRAINMENT).exp();
             let change = (step / dt - e.flow) * follow;
             force -= (e.flow + change) * drag + change * (mass / dt);

@@ -13,7 +13,7 @@ use rand::RngExt;
 use rand_pcg::Pcg64Mcg;
 
 /// Lever by which a bend \[rad\] becomes the displacement \[m\] that the law of matter speaks of.
-const LEVER: f64 = 0.12;
+const LEVER: f64 = 0.5;
 
 /// Time in which a bend recovers by itself \[s\].
 const DAMPING: f64 = 0.02;
@@ -235,6 +235,9 @@ impl Plant {
 impl Object for Plant {
     fn reset(&mut self, physics: &Physics) {
         self.physics = physics.clone();
+        let stiffness = self.segments.iter().map(|s| s.element.stiffness);
+        self.physics.material.typical_stiffness =
+            stiffness.sum::<f64>() / self.segments.len() as f64;
         self.holds.clear();
         for s in &mut self.segments {
             s.bend = UnitQuaternion::identity();

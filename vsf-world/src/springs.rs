@@ -201,6 +201,7 @@ impl Springs {
 impl Object for Springs {
     fn reset(&mut self, physics: &Physics) {
         self.physics = physics.clone();
+        self.physics.material.typical_stiffness = self.mean_stiffness;
         for (e, p) in self.elements.iter_mut().zip(&self.rest) {
             e.reset();
             self.physics.material.lay_fibre(e, p);
