@@ -232,6 +232,46 @@ impl Plant {
     }
 }
 
+#[cfg(test)]
+impl Plant {
+    /// Largest torque of a joint's spring that the touches do not balance, and largest torque of a
+    /// spring \[N m\]; at rest.
+    pub(crate) fn imbalance(&self, touches: &[Touch]) -> (f64, f64) {
+        let spring = |s: &Segment| {
+            let frame = s.pose.rotation * s.bend.inverse();
+            frame * s.bend.scaled_axis() * (s.element.stiffness * LEVER * LEVER)
+        };
+        let springs: Vec<_> = self.segments.iter().map(spring).collect();
+        let mut left = springs.clone();
+        for touch in touches {
+            let on_plant = |s: &Segment| {
+                let [a, b] = s.ends(&s.pose);
+                WorldCapsule {
+                    link: 0,
+                    a,
+                    b,
+                    radius: s.radius,
+                }
+                .distance(&touch.point)
+                .0
+                .abs()
+            };
+            let nearest = (0..left.len()).min_by(|&i, &j| {
+                on_plant(&self.segments[i]).total_cmp(&on_plant(&self.segments[j]))
+            });
+            let mut next = nearest;
+            while let Some(i) = next {
+                let s = &self.segments[i];
+                let arm = touch.point.coords - s.pose.translation.vector;
+                left[i] += arm.cross(&touch.force);
+                next = s.parent;
+            }
+        }
+        let largest = |v: &[Vector3<f64>]| v.iter().map(Vector3::norm).fold(0.0, f64::max);
+        (largest(&left), largest(&springs))
+    }
+}
+
 impl Object for Plant {
     fn reset(&mut self, physics: &Physics) {
         self.physics = physics.clone();

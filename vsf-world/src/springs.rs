@@ -46,6 +46,8 @@ pub(crate) struct Springs {
     mean_stiffness: f64,
     physics: Physics,
     found: Vec<u32>,
+    /// Capsules that may touch anything in this step.
+    near: Vec<usize>,
 }
 
 impl Springs {
@@ -93,6 +95,7 @@ impl Springs {
             mean_stiffness,
             physics: physics.clone(),
             found: Vec::new(),
+            near: Vec::new(),
         })
     }
 
@@ -111,8 +114,8 @@ impl Springs {
     fn wake_touched(&mut self, capsules: &[WorldCapsule]) {
         let mut found = std::mem::take(&mut self.found);
         found.clear();
-        for c in capsules {
-            self.inside(c, &mut found);
+        for &k in &self.near {
+            self.inside(&capsules[k], &mut found);
         }
         for k in 0..self.active.len() {
             let i = self.active[k] as usize;
@@ -131,12 +134,16 @@ impl Springs {
     fn inside(&self, c: &WorldCapsule, out: &mut Vec<u32>) {
         let mid = nalgebra::center(&c.a, &c.b);
         let reach = c.radius + 0.5 * (c.b - c.a).norm();
+        let near = within(&self.tree, &mid.coords.into(), reach);
+        out.extend(near.filter(|&i| c.distance(&self.rest[i as usize]).0 < 0.0));
+    }
+
+    /// Whether a capsule reaches into the box around the body.
+    fn is_near(&self, c: &WorldCapsule) -> bool {
         let [low, high] = self.body.bounds();
-        let clear = (0..3).any(|k| mid[k] + reach < low[k] || mid[k] - reach > high[k]);
-        if !clear {
-            let near = within(&self.tree, &mid.coords.into(), reach);
-            out.extend(near.filter(|&i| c.distance(&self.rest[i as usize]).0 < 0.0));
-        }
+        // Neighbours pull nodes out of the box, but never this far.
+        let reach = c.radius + 0.02;
+        (0..3).all(|k| c.a[k].min(c.b[k]) - reach < high[k] && c.a[k].max(c.b[k]) + reach > low[k])
     }
 
     /// Force on node `i` at `u` by its spring and its neighbours.
@@ -172,7 +179,8 @@ impl Springs {
         }
         // Out of whatever capsule it is deepest in; twice for creases between two.
         for _ in 0..2 {
-            let Some((capsule, d, n)) = deepest(arm.capsules, &(self.rest[i] + u)) else {
+            let Some((capsule, d, n)) = deepest(arm.capsules, &self.near, &(self.rest[i] + u))
+            else {
                 break;
             };
             u -= n * d;
@@ -222,6 +230,10 @@ impl Object for Springs {
                 self.u[i] = carried - self.rest[i];
             }
         }
+        let mut near = std::mem::take(&mut self.near);
+        near.clear();
+        near.extend((0..arm.capsules.len()).filter(|&k| self.is_near(&arm.capsules[k])));
+        self.near = near;
         self.wake_touched(arm.capsules);
         for _ in 0..SWEEPS {
             for k in 0..self.active.len() {
@@ -308,14 +320,18 @@ impl Object for Springs {
     }
 }
 
-/// The capsule that a point is deepest in, with the signed distance and normal.
-fn deepest(capsules: &[WorldCapsule], p: &Point3<f64>) -> Option<(usize, f64, Vector3<f64>)> {
+/// The capsule of `near` that a point is deepest in, with the signed distance and normal.
+fn deepest(
+    capsules: &[WorldCapsule],
+    near: &[usize],
+    p: &Point3<f64>,
+) -> Option<(usize, f64, Vector3<f64>)> {
     // What is held lies on a surface up to rounding.
     const TOUCHING: f64 = -1e-9;
     let mut found = None;
     let mut depth = TOUCHING;
-    for (k, c) in capsules.iter().enumerate() {
-        let (d, n) = c.distance(p);
+    for &k in near {
+        let (d, n) = capsules[k].distance(p);
         if d < depth {
             depth = d;
             found = Some((k, d, n));

@@ -3,6 +3,7 @@
 use crate::arm::{Arm, JOINTS, JointVector, Touch, WorldCapsule, link_masses, weight_torques};
 use crate::effect::{EFFECTS, Effect, UNKNOWN_EFFECTS};
 use crate::object::{Meeting, Object, Physics};
+use crate::plant::Plant;
 use crate::sensor::GRAVITY;
 use crate::springs::Springs;
 use nalgebra::{Isometry3, Point3, Vector3};
@@ -80,10 +81,24 @@ fn force_on_the_arm_is_what_the_ground_gives() {
             k += 1;
         });
         most = most.max(sum.norm());
-        worst = worst.max((sum - ground).norm() / sum.norm());
+        worst = worst.max((sum - ground).norm());
     }
     assert!(most > 0.5, "{most}");
-    assert!(worst < 0.02, "{worst}");
+    assert!(worst < 0.005 * most, "{worst} of {most}");
+}
+
+/// The first plant from `seed` on that has a site for a push of seed 1.
+fn plant(seed: u64) -> Plant {
+    let physics = Physics::new(0.15, &[]);
+    let mut plants = (seed..).map(|seed| {
+        let mut rng = Pcg64Mcg::seed_from_u64(seed);
+        Plant::draw(&Point3::origin(), &physics, &mut rng)
+    });
+    let has_site = |p: &Plant| {
+        p.site(&Point3::origin(), &mut Pcg64Mcg::seed_from_u64(1))
+            .is_some()
+    };
+    plants.find(has_site).unwrap()
 }
 
 /// Notes the force of the ground at one step.
@@ -121,6 +136,53 @@ impl Object for Probe<'_> {
     }
     fn scale_stiffness(&mut self, factor: f64) {
         self.body.scale_stiffness(factor);
+    }
+}
+
+#[test]
+fn plants_balance_at_every_joint() {
+    let mut plant = plant(3);
+    let mut most: f64 = 0.0;
+    let physics = Physics::new(0.15, &[]);
+    push(&mut plant, 0.15, 1, |_, touches, _| {
+        most = most.max(touches.iter().map(|t| t.force.norm()).sum());
+    });
+    assert!(most > 0.1, "{most}");
+    // Hold still at the depth where it ends, until nothing moves any more.
+    let mut rng = Pcg64Mcg::seed_from_u64(1);
+    plant.reset(&physics);
+    let site = plant.site(&Point3::origin(), &mut rng).unwrap();
+    let a = site.point + site.inward.into_inner() * 0.01;
+    let ball = WorldCapsule {
+        link: 7,
+        a,
+        b: a + Vector3::x() * 0.01,
+        radius: 0.04,
+    };
+    let motion = [Isometry3::identity(); JOINTS + 1];
+    let mut touches = Vec::new();
+    for _ in 0..200 {
+        touches.clear();
+        plant.step(
+            &Meeting {
+                capsules: &[ball],
+                motion: &motion,
+                dt: 0.1,
+            },
+            &mut touches,
+        );
+    }
+    let (worst, largest) = plant.imbalance(&touches);
+    assert!(
+        largest > 0.01 && worst < 0.01 * largest,
+        "{worst} of {largest}"
+    );
+}
+
+#[test]
+fn plants_keep_to_the_friction_cone() {
+    for friction in [0.0, 0.15, 0.5] {
+        check_cone(&mut plant(3), friction, 1);
     }
 }
 
