@@ -10,11 +10,12 @@ use crate::label::{
     where_it_acts,
 };
 use crate::motion::{FIRST_TEST, RATE_HZ, SEQUENCES, Trajectory, plan};
+use crate::nodes::triples;
 use crate::object::{Object, Physics};
 use crate::plant::Plant;
 use crate::sensor::{GRAVITY, Rows, rates, sense};
 use crate::session::touch_torques;
-use crate::springs::{Springs, triples};
+use crate::springs::Springs;
 use crate::strength::{Trial, find_strength};
 use nalgebra::{Isometry3, Point3, Translation3, UnitQuaternion, Vector3};
 use rand::{RngExt, SeedableRng};
@@ -36,7 +37,7 @@ const GRID: f64 = 0.012;
 const TRIAL_STRIDE: usize = 4;
 
 /// An object, an arm before it, and a session of touches, all drawn from a seed.
-pub struct World {
+pub(crate) struct World {
     object: Box<dyn Object>,
     base: Isometry3<f64>,
     friction: f64,
@@ -94,7 +95,7 @@ impl World {
     }
 
     /// Torques of the touch.
-    fn touch(&mut self, effects: &[Effect], stride: usize) -> Vec<Rows> {
+    pub fn touch(&mut self, effects: &[Effect], stride: usize) -> Vec<Rows> {
         let object = self.object.as_mut();
         touch_torques(
             object,
@@ -108,7 +109,7 @@ impl World {
 
     /// What the torque sensors say without noise, and what the world without effects causes at the
     /// recorded angles. Every `stride`-th sample.
-    pub(crate) fn with_and_without(
+    pub fn with_and_without(
         &mut self,
         effects: &[Effect],
         nominal: &[Rows],

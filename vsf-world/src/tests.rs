@@ -1,7 +1,11 @@
 //! Balances that the public functions do not show.
 
 use crate::arm::{Arm, JOINTS, JointVector, Touch, WorldCapsule, link_masses, weight_torques};
+use crate::case::{CaseSpec, Kind, Level};
 use crate::effect::{EFFECTS, Effect, UNKNOWN_EFFECTS};
+use crate::generate::World;
+use crate::label::{difference, energy};
+use crate::motion::Protocol;
 use crate::object::{Meeting, Object, Physics};
 use crate::plant::Plant;
 use crate::sensor::GRAVITY;
@@ -268,4 +272,39 @@ fn effects_are_called_what_the_lists_say_and_grow() {
         assert!(json["params"].is_object());
     }
     assert!(Effect::draw("gremlins", &mut rng, 6).is_err());
+}
+
+#[test]
+fn every_effect_changes_the_torques_and_none_does_not() {
+    const STRIDE: usize = 10;
+    for kind in [Kind::Springs, Kind::Plant] {
+        let spec = CaseSpec {
+            kind,
+            protocol: Protocol::Rich,
+            effects: vec![],
+            level: Level::Clear,
+            seed: 8,
+        };
+        let mut world = World::draw(&spec).unwrap();
+        let nominal = world.touch(&[], STRIDE);
+        assert_eq!(nominal, world.touch(&[], STRIDE), "{kind:?} remembers");
+        let mut rng = Pcg64Mcg::seed_from_u64(2);
+        for name in EFFECTS.iter().chain(&UNKNOWN_EFFECTS) {
+            if kind == Kind::Plant && *name == "spatial_coupling" {
+                continue;
+            }
+            let effect = Effect::draw(name, &mut rng, 6).unwrap().scaled(1.2);
+            let (with, without) = world.with_and_without(&[effect], &nominal, STRIDE);
+            let share = energy(&difference(&with, &without)) / energy(&without);
+            assert!(
+                share.is_finite() && share > 1e-5,
+                "{kind:?} {name}: {share}"
+            );
+        }
+        assert_eq!(
+            nominal,
+            world.touch(&[], STRIDE),
+            "{kind:?} remembers effects"
+        );
+    }
 }

@@ -5,8 +5,8 @@ use std::collections::BTreeMap;
 use std::path::Path;
 use vsf_data::{Dataset, Overrides};
 use vsf_world::{
-    CaseSpec, Class, EFFECTS, JOINTS, Kind, Label, Level, Protocol, SAMPLES, SEQUENCES, WorldError,
-    draw_cases, generate,
+    CaseSpec, Class, EFFECTS, JOINTS, Kind, Label, Level, Phase, Protocol, SAMPLES, SEQUENCES,
+    WorldError, draw_cases, generate,
 };
 
 fn spec(kind: Kind, effects: &[&str], seed: u64) -> CaseSpec {
@@ -141,6 +141,33 @@ fn effects_change_the_torques_by_the_stated_share() {
             label.effects
         );
     }
+}
+
+#[test]
+fn plants_and_pairs_and_mere_pushes() {
+    let dir = tempfile::tempdir().unwrap();
+    let spec = CaseSpec {
+        protocol: Protocol::PushOnly,
+        level: Level::Subtle,
+        ..spec(Kind::Plant, &["joint_load_friction", "payload"], 31)
+    };
+    let label = generate(&spec, dir.path()).unwrap();
+    assert_eq!(label.class, Class::Pair);
+    assert!(
+        label
+            .effects
+            .iter()
+            .all(|e| (0.1..=0.2).contains(&e.ratio_alone))
+    );
+    assert!(
+        (0.1..0.4).contains(&label.ratio_test),
+        "{}",
+        label.ratio_test
+    );
+    assert_eq!(open(dir.path()).sequences.len(), SEQUENCES);
+    let phases = |s: &Vec<(Phase, f64, f64)>| s.iter().map(|p| p.0).collect::<Vec<_>>();
+    let pushed = [Phase::Approach, Phase::Load, Phase::Unload, Phase::Free];
+    assert!(label.schedule.iter().all(|s| phases(s) == pushed));
 }
 
 #[test]
