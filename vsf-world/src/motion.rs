@@ -144,12 +144,12 @@ fn touch(
     rng: &mut Pcg64Mcg,
 ) -> Option<Trajectory> {
     let mut arm = Arm::new(*base);
-    let inward = Unit::new_normalize(turned(&style.site.inward, 0.1, rng));
-    let pointing = Unit::new_normalize(turned(&style.pointing, 0.12, rng));
+    let inward = Unit::new_normalize(turned(&style.site.inward, 0.07, rng));
+    let pointing = Unit::new_normalize(turned(&style.pointing, 0.09, rng));
     let later = Unit::new_normalize(turned(&pointing, 0.08, rng));
     let aside = turned(&Vector3::x(), 3.0, rng).cross(&inward);
-    let place = style.site.point + Vector3::from_fn(|_, _| rng.random_range(-0.004..0.004));
-    let start = style.start.map(|q| q + rng.random_range(-0.4..0.4));
+    let place = style.site.point + Vector3::from_fn(|_, _| rng.random_range(-0.003..0.003));
+    let start = style.start.map(|q| q + rng.random_range(-0.3..0.3));
     let first = rng.random_range(0.036..0.043);
     let second = first + rng.random_range(0.008..0.012);
     let deepest = if protocol == Protocol::Rich {

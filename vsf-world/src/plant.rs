@@ -69,13 +69,13 @@ impl Plant {
         };
         let foot =
             base + Vector3::new(rng.random_range(0.5..0.6), rng.random_range(-0.1..0.1), 0.0);
-        let stems = rng.random_range(4..8);
+        let stems = rng.random_range(8..14);
         let lean = rng.random_range(0.1..0.4);
         for stem in 0..stems {
             let heading = std::f64::consts::TAU * (f64::from(stem) + rng.random_range(0.0..0.7))
                 / f64::from(stems);
             let out = Vector3::new(heading.cos(), heading.sin(), 0.0);
-            let place = foot + out * rng.random_range(0.015..0.06);
+            let place = foot + out * rng.random_range(0.015..0.09);
             let axis = Vector3::z().cross(&out) * (lean * rng.random_range(0.3..1.2));
             let mount = Isometry3::from_parts(
                 Translation3::from(place.coords),
@@ -123,7 +123,7 @@ impl Plant {
                 last: Isometry3::identity(),
                 rest: Isometry3::identity(),
             });
-            if side_shoots > 0 && k >= 2 && rng.random::<f64>() < 0.75 {
+            if side_shoots > 0 && k >= 2 && rng.random::<f64>() < 0.85 {
                 let heading: f64 = rng.random_range(0.0..std::f64::consts::TAU);
                 let tilt = rng.random_range(0.6..1.2);
                 let axis = Vector3::new(heading.cos(), heading.sin(), 0.0) * tilt;
@@ -131,7 +131,7 @@ impl Plant {
                     Translation3::new(0.0, 0.0, length * rng.random_range(0.5..1.0)),
                     UnitQuaternion::from_scaled_axis(axis),
                 );
-                let leafy = radius * rng.random_range(0.7..1.1);
+                let leafy = radius * rng.random_range(1.0..1.7);
                 self.shoot(
                     Some(id),
                     off,

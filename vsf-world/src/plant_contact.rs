@@ -8,7 +8,7 @@ use nalgebra::{Point3, Unit, Vector3};
 const NEAR: f64 = 0.015;
 
 /// Give of the surfaces themselves [m/N].
-const SURFACE: f64 = 2e-5;
+const SURFACE: f64 = 1.5e-4;
 
 /// Rounds over all contacts.
 const SWEEPS: usize = 25;
