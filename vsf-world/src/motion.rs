@@ -150,7 +150,7 @@ fn touch(
     let aside = turned(&Vector3::x(), 3.0, rng).cross(&inward);
     let place = style.site.point + Vector3::from_fn(|_, _| rng.random_range(-0.003..0.003));
     let start = style.start.map(|q| q + rng.random_range(-0.3..0.3));
-    let first = rng.random_range(0.036..0.043);
+    let first = style.site.depth * rng.random_range(0.92..1.08);
     let second = first + rng.random_range(0.008..0.012);
     let deepest = if protocol == Protocol::Rich {
         second

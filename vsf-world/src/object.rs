@@ -21,6 +21,8 @@ pub(crate) struct Site {
     pub point: Point3<f64>,
     /// Into the object.
     pub inward: Unit<Vector3<f64>>,
+    /// How far to push at first \[m\].
+    pub depth: f64,
 }
 
 /// How surfaces meet and matter answers.

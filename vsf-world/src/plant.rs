@@ -346,6 +346,7 @@ impl Object for Plant {
         Some(Site {
             point: mid - inward.into_inner() * s.radius,
             inward,
+            depth: 0.026,
         })
     }
 

@@ -293,7 +293,11 @@ impl Object for Springs {
         );
         let point = self.body.ray(&(center + aside + out * 0.5), &-out)?;
         let inward = Unit::new_normalize(-self.body.normal(&point));
-        Some(Site { point, inward })
+        Some(Site {
+            point,
+            inward,
+            depth: 0.04,
+        })
     }
 
     fn overlap(&self, capsule: &WorldCapsule) -> usize {
