@@ -1,6 +1,12 @@
-//! Writes drawn cases and their labels: `cases FOLDER COUNT SEED [EFFECT,EFFECT...]`.
+//! Writes drawn cases and their labels.
+//!
+//! ```sh
+//! cargo run --release -p vsf-world --example cases -- FOLDER COUNT SEED [EFFECTS [plant]]
+//! ```
 //!
 //! Every case is a folder `case_<n>`; `labels.json` holds the truth, without the oracle's torques.
+//! `EFFECTS`, such as `none,payload,latency+adhesion`, take turns instead of the drawn ones, clear and
+//! in rich sequences.
 #![allow(clippy::unwrap_used, clippy::expect_used)]
 
 use rayon::prelude::*;
@@ -9,6 +15,7 @@ use vsf_world::{CaseSpec, Kind, Level, Protocol, draw_cases, generate};
 
 fn main() {
     let args: Vec<String> = std::env::args().skip(1).collect();
+    assert!(args.len() >= 3, "FOLDER COUNT SEED [EFFECTS [plant]]");
     let folder = Path::new(&args[0]);
     let (count, seed) = (
         args[1].parse().expect("count"),

@@ -2,7 +2,7 @@
 
 use crate::WorldError;
 use crate::arm::{JOINTS, JointVector};
-use crate::case::{CaseSpec, Class, Kind};
+use crate::case::{CaseSpec, Kind};
 use crate::effect::Effect;
 use crate::gen3;
 use crate::label::{
@@ -251,7 +251,6 @@ fn check(spec: &CaseSpec) -> Result<(), WorldError> {
             });
         }
     }
-    debug_assert!(spec.class() != Class::None || spec.effects.is_empty());
     Ok(())
 }
 

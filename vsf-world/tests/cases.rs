@@ -1,6 +1,7 @@
 //! Recordings and labels of whole cases.
 #![allow(clippy::unwrap_used)]
 
+use rayon::prelude::*;
 use std::collections::BTreeMap;
 use std::path::Path;
 use vsf_data::{Dataset, Overrides};
@@ -93,16 +94,14 @@ fn none_is_noise_alone_and_the_same_seed_gives_the_same_bytes() {
 #[test]
 fn effects_change_the_torques_by_the_stated_share() {
     // One of the sensor, one of the arm, one of the angles, one of the matter, one of outside.
-    for (i, name) in [
+    let names = [
         "joint_load_friction",
         "joint_elasticity",
         "encoder_offset",
         "damage_softening",
         "cable_torque",
-    ]
-    .iter()
-    .enumerate()
-    {
+    ];
+    names.par_iter().enumerate().for_each(|(i, name)| {
         let dir = tempfile::tempdir().unwrap();
         let label = generate(&spec(Kind::Springs, &[name], 20 + i as u64), dir.path()).unwrap();
         assert!(
@@ -140,7 +139,7 @@ fn effects_change_the_torques_by_the_stated_share() {
             serde_json::from_str::<Label>(&json).unwrap().effects,
             label.effects
         );
-    }
+    });
 }
 
 #[test]
