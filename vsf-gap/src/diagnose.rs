@@ -5,7 +5,7 @@ use crate::next::{NextExperiment, next_experiment};
 use crate::nominal::Fitted;
 use crate::refine::Refined;
 use crate::screen::{Screened, Tangent, log_mean_exp, screen};
-use crate::verdict::{Hypothesis, Verdict, judge};
+use crate::verdict::{Hypothesis, Kind, Verdict, judge};
 use crate::{Acts, Campaign, Effect, GapError, Model, Parameter, Role, Spread};
 use faer::Mat;
 use rayon::prelude::*;
@@ -13,13 +13,15 @@ use serde::{Deserialize, Serialize};
 use std::sync::Arc;
 
 /// Effects that are fitted together with the field after screening.
-const FINALISTS: usize = 7;
+const FINALISTS: usize = 6;
 /// Second effects that are tried beside the best one.
 const SECONDS: usize = 2;
 /// An effect that screening puts so far below the best (nats) is no finalist.
 const HOPELESS: f64 = 400.0;
-/// Sizes of single parameters that are tried for effects that move surfaces, in scales.
-const EXCURSIONS: [f64; 2] = [1.5, 4.0];
+/// Size of single parameters that is tried for effects that move surfaces, in scales.
+const EXCURSION: f64 = 3.0;
+/// Effects that close this share of the gap explain it, however rough the rest.
+const MOSTLY: f64 = 0.5;
 /// Share of an effect's torques that another must imitate for the two to be one group.
 const ALIKE: f64 = 0.9;
 
@@ -256,6 +258,11 @@ pub fn diagnose(
         }
     }
     let closed = closure(&before, &after, &noise, checked, seed);
+    let mut verdict = judged.verdict;
+    if verdict.kind == Kind::Unknown && closed.fraction >= MOSTLY {
+        // Rough is what is left, but most of it is explained.
+        verdict.kind = Kind::Effects;
+    }
     let r#where = locate(campaign, &model, &corrected_field, &before, checked, &noise, seed)?;
     let mut reports = Vec::new();
     for candidate in &candidates {
@@ -293,7 +300,7 @@ pub fn diagnose(
         Some(scene) => scene.error_unit(),
         None => "N m",
     };
-    let next_experiment = next_experiment(&judged.verdict, &reports);
+    let next_experiment = next_experiment(&verdict, &reports);
     Ok(Outcome {
         diagnosis: Diagnosis {
             schema: 1,
@@ -308,7 +315,7 @@ pub fn diagnose(
             },
             r#where,
             effects: reports,
-            verdict: judged.verdict,
+            verdict,
             next_experiment,
             notes,
         },
@@ -391,7 +398,7 @@ impl Campaign {
                 p.role == Role::Amplitude && p.sequence.is_none() && p.bounds[0] < 0.0
             };
             for (i, p) in parameters.iter().enumerate().filter(|(_, p)| two_sided(p)) {
-                for size in EXCURSIONS.iter().flat_map(|s| [-s, *s]) {
+                for size in [-EXCURSION, EXCURSION] {
                     let mut theta = tangent.start.clone();
                     theta[i] = (size * p.scale).clamp(p.bounds[0], p.bounds[1]);
                     starts.push(theta);

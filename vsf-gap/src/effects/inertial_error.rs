@@ -12,7 +12,7 @@ use vsf_robots::RobotModel;
 ///
 /// Parameters per joint `j` and the link that it moves: `m_j` (kg), first moments `mx_j`, `my_j`,
 /// `mz_j` in the frame of the link (kg m), and `I_j` (kg m² or kg), the inertia of the rotor seen from
-/// the link. Moments of inertia of the links are left out. Some combinations never show, such as the
+/// the link. Masses are wrong by 40 % at most. Moments of inertia of the links are left out. Some combinations never show, such as the
 /// mass of a link that turns about a vertical axis: only base parameters can be identified.
 /// Tell-tale: posture and acceleration, in free motion. A payload is at the last link only.
 ///
@@ -21,6 +21,11 @@ use vsf_robots::RobotModel;
 /// IEEE Trans. Robotics and Automation 6(3), 1990, doi:10.1109/70.56655.
 #[derive(Debug, Clone, Copy)]
 pub struct InertialError;
+
+/// Largest error as a share of a link's mass, and mass (kg) and arm (m) of links that have none.
+const MOST_WRONG: f64 = 0.4;
+const LEAST_MASS: f64 = 0.1;
+const LEAST_ARM: f64 = 0.05;
 
 struct Masses {
     robot: Arc<RobotModel>,
@@ -43,16 +48,24 @@ impl Effect for InertialError {
     }
 
     fn parameters(&self, site: &Site) -> Vec<Parameter> {
+        // A description of the arm is wrong by a part of what it says, not by all of it.
         let of_link = |j: usize| {
-            let mass = Parameter::amplitude(format!("m_{}", j + 1), "kg", [-10.0, 10.0], 0.1);
-            let moment = |axis: &str| {
-                let name = format!("{axis}_{}", j + 1);
-                Parameter::amplitude(name, "kg m", [-5.0, 5.0], 0.02)
+            let link = &site.robot.links()[site.robot.joints()[j].child()];
+            let mass = MOST_WRONG * link.mass().max(LEAST_MASS);
+            let moment = mass * link.com_L().coords.norm().max(LEAST_ARM);
+            let of = |name: &str, unit, most: f64| {
+                Parameter::amplitude(format!("{name}_{}", j + 1), unit, [-most, most], 0.3 * most)
+                    .of_joint(j)
             };
-            [mass, moment("mx"), moment("my"), moment("mz")].map(|p| p.of_joint(j))
+            [
+                of("m", "kg", mass),
+                of("mx", "kg m", moment),
+                of("my", "kg m", moment),
+                of("mz", "kg m", moment),
+            ]
         };
         let links = (0..site.joints()).flat_map(of_link);
-        let rotors = per_joint(site, "I", unit(site, "kg m^2", "kg"), [-2.0, 10.0], 0.05);
+        let rotors = per_joint(site, "I", unit(site, "kg m^2", "kg"), [0.0, 10.0], 0.02);
         links.chain(rotors).collect()
     }
 
