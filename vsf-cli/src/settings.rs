@@ -152,6 +152,41 @@ enum VisionKind {
     Gp,
 }
 
+/// A way to guess untouched points.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
+pub enum Guess {
+    /// One stiffness, fading behind the seen surface
+    Level,
+    /// Regression on the 200 nearest touched points in colour and position
+    Knn,
+    /// Linear regression on colour and position
+    Ridge,
+    /// Gaussian process over colour and position
+    Gp,
+}
+
+impl Guess {
+    /// The method.
+    pub fn spec(self) -> VisionSpec {
+        VisionSpec::Regression(match self {
+            Self::Level => return VisionSpec::Level,
+            Self::Knn => RegressorSpec::Knn(KnnConfig::default()),
+            Self::Ridge => RegressorSpec::Ridge,
+            Self::Gp => RegressorSpec::GaussianProcess(GpConfig::default()),
+        })
+    }
+
+    /// Name, for reports.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Level => "level",
+            Self::Knn => "knn",
+            Self::Ridge => "ridge",
+            Self::Gp => "gp",
+        }
+    }
+}
+
 #[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
 enum EstimatorKind {
     /// The constrained optimum over all samples at once, offline
@@ -360,14 +395,13 @@ impl EstimatorSettings {
 
     /// How untouched points are guessed by what the camera sees, if they are.
     pub fn vision(&self) -> Option<VisionSpec> {
-        let regression = match self.vision? {
+        Some(match self.vision? {
             VisionKind::None => return None,
-            VisionKind::Level => return Some(VisionSpec::Level),
-            VisionKind::Knn => RegressorSpec::Knn(KnnConfig::default()),
-            VisionKind::Ridge => RegressorSpec::Ridge,
-            VisionKind::Gp => RegressorSpec::GaussianProcess(GpConfig::default()),
-        };
-        Some(VisionSpec::Regression(regression))
+            VisionKind::Level => Guess::Level.spec(),
+            VisionKind::Knn => Guess::Knn.spec(),
+            VisionKind::Ridge => Guess::Ridge.spec(),
+            VisionKind::Gp => Guess::Gp.spec(),
+        })
     }
 
     /// Name of what guesses untouched points, for reports.

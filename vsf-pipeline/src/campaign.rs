@@ -49,6 +49,11 @@ impl<'a> Campaign<'a> {
         })
     }
 
+    /// Robot, link shapes and rest points.
+    pub fn scene(&self) -> &Scene {
+        self.scene
+    }
+
     pub(crate) fn train_traces(&self) -> &[Trace] {
         &self.traces[..self.train.len()]
     }
