@@ -23,7 +23,7 @@ const PALETTE: [Rgb; 7] = [
 
 const FRAME: Rect = Rect {
     x0: 90.0,
-    y0: 160.0,
+    y0: 150.0,
     x1: 970.0,
     y1: 570.0,
 };
@@ -172,7 +172,10 @@ impl CurvePlot<'_> {
         canvas.text(self.y_label, above, Anchor::Start, Font::Label, INK);
         for (k, (curve, colour)) in self.curves.iter().zip(PALETTE).enumerate() {
             // Bars side by side stay apart.
-            let shift = 3.0 * (k as f64 - 0.5 * (self.curves.len() - 1) as f64);
+            let shift = match curve.low.is_empty() {
+                true => 0.0,
+                false => 3.0 * (k as f64 - 0.5 * (self.curves.len() - 1) as f64),
+            };
             let at = |i: usize, value: f64| {
                 let across = x.place(curve.x[i], FRAME.x0, FRAME.x1) + shift;
                 (across, y.place(value, FRAME.y1, FRAME.y0))
@@ -214,7 +217,14 @@ impl CurvePlot<'_> {
         Axis {
             lo: lo - margin,
             hi: hi + margin,
-            log: false,
+            scale: match self
+                .curves
+                .iter()
+                .all(|c| c.x.iter().all(|x| x.fract() == 0.0))
+            {
+                true => Scale::Whole,
+                false => Scale::Linear,
+            },
         }
     }
 
@@ -222,14 +232,15 @@ impl CurvePlot<'_> {
         let (lo, hi) = range(self.curves.iter().flat_map(|c| c.y));
         if self.log_y {
             let (lo, hi) = (lo / 1.6, hi * 1.6);
-            return Axis { lo, hi, log: true };
+            let scale = Scale::Log;
+            return Axis { lo, hi, scale };
         }
         let foot = lo.min(0.0);
         let margin = 0.12 * (hi - foot).max(1e-6 * hi.abs().max(1.0));
         Axis {
             lo: if lo < 0.0 { lo - margin } else { 0.0 },
             hi: hi + margin,
-            log: false,
+            scale: Scale::Linear,
         }
     }
 }
@@ -250,17 +261,26 @@ fn range<'a>(values: impl Iterator<Item = &'a f64>) -> (f64, f64) {
     })
 }
 
+/// What numbers stand along an axis.
+#[derive(PartialEq)]
+enum Scale {
+    Linear,
+    /// Linear, with whole numbers.
+    Whole,
+    Log,
+}
+
 /// The range of an axis.
 struct Axis {
     lo: f64,
     hi: f64,
-    log: bool,
+    scale: Scale,
 }
 
 impl Axis {
     /// Where a value lies between two pixels.
     fn place(&self, value: f64, from: f64, to: f64) -> f64 {
-        let share = if self.log {
+        let share = if self.scale == Scale::Log {
             // What lies below the axis may be negative.
             (value.max(SMALL) / self.lo).ln() / (self.hi / self.lo).ln()
         } else {
@@ -270,12 +290,17 @@ impl Axis {
     }
 
     fn ticks(&self, pixels: f64) -> Vec<(f64, String)> {
-        if self.log {
-            return log_ticks(self.lo, self.hi);
-        }
         let ticks = Ticks::fitting(self.lo, self.hi, pixels);
-        let labelled = |&v: &f64| (v, ticks.label(v));
-        ticks.values.iter().map(labelled).collect()
+        let values = ticks.values.iter().copied();
+        match self.scale {
+            Scale::Log => log_ticks(self.lo, self.hi),
+            Scale::Linear => values.map(|v| (v, ticks.label(v))).collect(),
+            // Steps below 1 divide it.
+            Scale::Whole => values
+                .filter(|v| (v - v.round()).abs() < 1e-6)
+                .map(|v| (v, format!("{v:.0}")))
+                .collect(),
+        }
     }
 }
 
@@ -305,6 +330,18 @@ mod tests {
         assert!(log.lo < 0.5 && log.hi > 4.0);
         let middle = (log.lo * log.hi).sqrt();
         assert!((log.place(middle, 0.0, 1.0) - 0.5).abs() < 1e-12);
+    }
+
+    #[test]
+    fn whole_places_have_whole_numbers() {
+        let curves = [Curve {
+            x: &[1.0, 2.0, 4.0],
+            y: &[1.0, 1.0, 1.0],
+            ..Curve::default()
+        }];
+        let ticks = plot(&curves, false).x_axis().ticks(900.0);
+        let labels: Vec<_> = ticks.into_iter().map(|t| t.1).collect();
+        assert_eq!(labels, ["1", "2", "3", "4"]);
     }
 
     #[test]

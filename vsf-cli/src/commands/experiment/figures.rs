@@ -133,14 +133,12 @@ impl<'a> Figures<'a> {
     }
 }
 
-/// The 99 % quantile of the stiffness of touched points, where any is stiff.
+/// The 99 % quantile of the stiffness of touched points; `None` where none has any.
 fn quantile(estimate: &Estimate) -> Option<f64> {
-    let mut values: Vec<f64> = estimate
-        .belief
-        .mean()
-        .iter()
-        .copied()
-        .filter(|k| *k > 0.0)
+    let all = estimate.belief.mean().iter().zip(&estimate.touched);
+    let mut values: Vec<f64> = all
+        .filter(|(k, t)| **t && **k > 0.0)
+        .map(|(k, _)| *k)
         .collect();
     values.sort_by(f64::total_cmp);
     values.get((0.99 * values.len() as f64) as usize).copied()
