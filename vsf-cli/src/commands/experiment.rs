@@ -65,11 +65,12 @@ impl<T> Found<T> {
 }
 
 /// Makes an experiment on recordings one after another. `of` is told the number of each as well, from
-/// 1. Fails where all of them do.
+/// 1; `keep` gets what is there after each. Fails where all recordings do.
 fn each<T>(
     paths: &[PathBuf],
     console: &Console,
     of: impl Fn(usize, &Recording, &Campaign) -> anyhow::Result<T>,
+    keep: impl Fn(&Found<T>) -> anyhow::Result<()>,
 ) -> anyhow::Result<Found<T>> {
     let open = |number: usize, path: &PathBuf| {
         let recording = Recording::open(path, &SceneSettings::default(), console)?;
@@ -88,7 +89,10 @@ fn each<T>(
     for (k, path) in paths.iter().enumerate() {
         let place = path.display().to_string();
         match open(k + 1, path) {
-            Ok(result) => found.all.push(result),
+            Ok(result) => {
+                found.all.push(result);
+                keep(&found)?;
+            }
             Err(error) => {
                 let error = match message(&error).contains(&place) {
                     true => error,

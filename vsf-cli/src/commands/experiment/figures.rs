@@ -29,11 +29,15 @@ impl<'a> Figures<'a> {
         self.written.borrow().clone()
     }
 
-    pub fn write(&self, name: &str, bytes: &[u8]) -> anyhow::Result<PathBuf> {
+    /// Writes or replaces a file of the folder.
+    pub fn write(&self, name: &str, bytes: &[u8]) -> anyhow::Result<()> {
         let path = self.folder.join(name);
         write_file(&path, bytes)?;
-        self.written.borrow_mut().push(path.clone());
-        Ok(path)
+        let mut written = self.written.borrow_mut();
+        if !written.contains(&path) {
+            written.push(path);
+        }
+        Ok(())
     }
 
     /// Fig. 4.
@@ -61,8 +65,7 @@ impl<'a> Figures<'a> {
             y_label: "time [ms]",
             log_y: true,
         };
-        self.write("update_time.svg", plot.svg()?.as_bytes())?;
-        Ok(())
+        self.write("update_time.svg", plot.svg()?.as_bytes())
     }
 
     /// Fig. 7 of a recording, where it has one.
@@ -91,8 +94,7 @@ impl<'a> Figures<'a> {
             log_y: false,
         };
         let name = format!("{}_curve.svg", file_stem(number, &entry.recording));
-        self.write(&name, plot.svg()?.as_bytes())?;
-        Ok(())
+        self.write(&name, plot.svg()?.as_bytes())
     }
 
     /// Fig. 5: the field of the train sequences by touch alone and, with a camera, with what it
@@ -103,7 +105,7 @@ impl<'a> Figures<'a> {
         recording: &Recording,
         campaign: &Campaign,
         vision: &VisionSpec,
-    ) -> anyhow::Result<Vec<PathBuf>> {
+    ) -> anyhow::Result<Vec<String>> {
         let name = &recording.dataset.name;
         let blind = campaign.blind_field()?;
         let limit = quantile(&blind);
@@ -121,7 +123,9 @@ impl<'a> Figures<'a> {
                 limit,
             };
             let png = pictures::field(&field(estimate)?, &around, view, |v| v.png())?;
-            self.write(&format!("{}_{suffix}.png", file_stem(number, name)), &png)
+            let file = format!("{}_{suffix}.png", file_stem(number, name));
+            self.write(&file, &png)?;
+            Ok::<_, anyhow::Error>(file)
         };
         let mut written = vec![draw(&blind, "blind", "touch alone")?];
         if let Some(mut seen) = campaign.vision_field(vision)? {

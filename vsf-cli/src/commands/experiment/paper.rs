@@ -1,6 +1,6 @@
 use super::figures::{Figures, file_stem};
-use super::{Failed, each, progress, table1 as first_table};
-use crate::console::{Console, create_folder, texts, write_file};
+use super::{Failed, Found, each, progress, table1 as first_table};
+use crate::console::{Console, create_folder, texts};
 use crate::exit::usage;
 use crate::recording::Recording;
 use crate::samples::{FAR_PLACES, NEAR_PLACES, ONE_PLACE};
@@ -9,7 +9,7 @@ use serde::Serialize;
 use std::path::{Path, PathBuf};
 use vsf::pipeline::{
     Campaign, MethodErrors, Overlap, OverlapShares, Table1Row, TrainedOn, UpdateSpeed, UpdateTimes,
-    table1, update_speed, update_times,
+    table1, update_speed, update_times, view_warnings,
 };
 
 #[derive(Debug, clap::Args)]
@@ -39,6 +39,9 @@ pub struct Args {
 /// What is told of one recording.
 #[derive(Serialize)]
 pub struct Entry {
+    /// Its place among those given, from 1.
+    #[serde(skip)]
+    number: usize,
     pub recording: String,
     pub unit: String,
     pub overlap: Overlap,
@@ -51,9 +54,9 @@ pub struct Entry {
     errors: Vec<MethodErrors>,
     #[serde(skip_serializing_if = "Vec::is_empty")]
     pub curve: Vec<TrainedOn>,
-    /// Pictures of the field, blind and with vision.
+    /// Files with pictures of the field, blind and with vision.
     #[serde(skip)]
-    fields: Vec<PathBuf>,
+    fields: Vec<String>,
 }
 
 #[derive(Serialize)]
@@ -63,6 +66,23 @@ struct Report<'a> {
     update_times: &'a [UpdateTimes],
     written: Vec<String>,
     failed: &'a [Failed],
+}
+
+impl<'a> Report<'a> {
+    fn of(
+        found: &'a Found<Entry>,
+        args: &Args,
+        update_times: &'a [UpdateTimes],
+        figures: &Figures,
+    ) -> Self {
+        Self {
+            recordings: &found.all,
+            vision: args.vision.name(),
+            update_times,
+            written: texts(&figures.written()),
+            failed: &found.failed,
+        }
+    }
 }
 
 pub fn run(args: &Args, console: &Console) -> anyhow::Result<()> {
@@ -79,38 +99,34 @@ pub fn run(args: &Args, console: &Console) -> anyhow::Result<()> {
             .collect::<Result<_, _>>()?,
         false => args.recordings.clone(),
     };
-    let figures = Figures::new(out);
-    let all = recordings.len();
-    let found = each(&recordings, console, |number, recording, campaign| {
-        let what = progress("experiments", number, all);
-        entry(args, &figures, number, recording, campaign, what, console)
-    })?;
     let spinner = console.spinner("timing updates");
     let update_times = update_times()?;
     spinner.finish_and_clear();
+    let figures = Figures::new(out);
     figures.update_times(&update_times)?;
-    for (k, entry) in found.all.iter().enumerate() {
-        figures.curve(k + 1, entry)?;
-    }
-
-    let tables = tables(&found.all, &update_times);
-    let report = format!(
-        "# The experiments of the paper\n\n{tables}{}",
-        figures_text(&found.all)
-    );
-    figures.write("report.md", report.as_bytes())?;
-    let mut written = figures.written();
-    written.push(out.join("report.json"));
-    let report = Report {
-        recordings: &found.all,
-        vision: args.vision.name(),
-        update_times: &update_times,
-        written: texts(&written),
-        failed: &found.failed,
+    let all = recordings.len();
+    let of = |number: usize, recording: &Recording, campaign: &Campaign| {
+        let what = progress("experiments", number, all);
+        let entry = entry(args, &figures, number, recording, campaign, what, console)?;
+        figures.curve(number, &entry)?;
+        Ok(entry)
     };
-    let json = serde_json::to_string_pretty(&report)? + "\n";
-    write_file(&out.join("report.json"), json.as_bytes())?;
-    console.json(&report)?;
+    // Whatever ends the run, there is a report of what is done.
+    let keep = |found: &Found<Entry>| {
+        let tables = tables(&found.all, &update_times);
+        let text = format!(
+            "# The experiments of the paper\n\n{tables}{}",
+            figures_text(&found.all)
+        );
+        figures.write("report.md", text.as_bytes())?;
+        let json =
+            serde_json::to_string_pretty(&Report::of(found, args, &update_times, &figures))? + "\n";
+        figures.write("report.json", json.as_bytes())
+    };
+    let found = each(&recordings, console, of, keep)?;
+    keep(&found)?;
+    console.json(&Report::of(&found, args, &update_times, &figures))?;
+    let tables = tables(&found.all, &update_times);
     console.report(format!(
         "{tables}wrote {}\n",
         out.join("report.md").display()
@@ -141,6 +157,10 @@ fn entry(
     console: &Console,
 ) -> anyhow::Result<Entry> {
     let vision = args.vision.spec();
+    if let Some(view) = recording.view()? {
+        let warnings = view_warnings(&campaign.scene().rest, &view);
+        warnings.iter().for_each(|w| console.warn(w));
+    }
     let shares = OverlapShares::of(campaign);
     let overlap = shares.overlap();
     let with_curve = overlap == Overlap::Partial && campaign.curve_lens().len() > 1;
@@ -165,6 +185,7 @@ fn entry(
     };
     bar.finish_and_clear();
     Ok(Entry {
+        number,
         recording: recording.dataset.name.clone(),
         unit: table1.unit.clone(),
         overlap,
@@ -312,18 +333,15 @@ Medians [ms] over a push of a Kinova Gen3 into a cube of 97,336 points.
 
 fn figures_text(entries: &[Entry]) -> String {
     let mut text = "![Fig. 4](update_time.svg)\n".to_owned();
-    for (k, entry) in entries.iter().enumerate() {
-        if !entry.curve.is_empty() {
-            let stem = file_stem(k + 1, &entry.recording);
-            text += &format!("\n![Fig. 7, {}]({stem}_curve.svg)\n", entry.recording);
-        }
+    for entry in entries.iter().filter(|e| !e.curve.is_empty()) {
+        let stem = file_stem(entry.number, &entry.recording);
+        text += &format!("\n![Fig. 7, {}]({stem}_curve.svg)\n", entry.recording);
     }
     text += "\n## Fig. 5: fields, by touch alone and with vision\n";
     for entry in entries {
         text += &format!("\n{}\n\n", entry.recording);
         for picture in &entry.fields {
-            let name = picture.file_name().unwrap_or_default().to_string_lossy();
-            text += &format!("![{name}]({name})\n");
+            text += &format!("![{picture}]({picture})\n");
         }
     }
     text

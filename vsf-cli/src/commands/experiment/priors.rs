@@ -33,15 +33,20 @@ struct Report<'a> {
 
 pub fn run(args: &Args, console: &Console) -> anyhow::Result<()> {
     let all = args.recordings.len();
-    let found = each(&args.recordings, console, |number, recording, campaign| {
-        let spinner = console.spinner(progress("priors", number, all));
-        let rows = compare_priors(campaign)?;
-        spinner.finish_and_clear();
-        Ok(PriorTable {
-            recording: recording.dataset.name.clone(),
-            rows,
-        })
-    })?;
+    let found = each(
+        &args.recordings,
+        console,
+        |number, recording, campaign| {
+            let spinner = console.spinner(progress("priors", number, all));
+            let rows = compare_priors(campaign)?;
+            spinner.finish_and_clear();
+            Ok(PriorTable {
+                recording: recording.dataset.name.clone(),
+                rows,
+            })
+        },
+        |_| Ok(()),
+    )?;
     console.json(&Report {
         recordings: &found.all,
         failed: &found.failed,

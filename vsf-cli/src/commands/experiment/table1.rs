@@ -25,12 +25,17 @@ struct Report<'a> {
 
 pub fn run(args: &Args, console: &Console) -> anyhow::Result<()> {
     let all = args.recordings.len();
-    let found = each(&args.recordings, console, |number, _, campaign| {
-        let spinner = console.spinner(progress("estimators", number, all));
-        let row = table1(campaign)?;
-        spinner.finish_and_clear();
-        Ok(row)
-    })?;
+    let found = each(
+        &args.recordings,
+        console,
+        |number, _, campaign| {
+            let spinner = console.spinner(progress("estimators", number, all));
+            let row = table1(campaign)?;
+            spinner.finish_and_clear();
+            Ok(row)
+        },
+        |_| Ok(()),
+    )?;
     console.json(&Report {
         rows: &found.all,
         failed: &found.failed,
