@@ -138,8 +138,9 @@ enum HyperKind {
     Likelihood,
 }
 
+/// How untouched points are guessed by what the camera sees.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
-enum VisionKind {
+pub enum VisionKind {
     /// The prior has mean zero
     None,
     /// One stiffness, fading behind the seen surface
@@ -152,38 +153,23 @@ enum VisionKind {
     Gp,
 }
 
-/// A way to guess untouched points.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
-pub enum Guess {
-    /// One stiffness, fading behind the seen surface
-    Level,
-    /// Regression on the 200 nearest touched points in colour and position
-    Knn,
-    /// Linear regression on colour and position
-    Ridge,
-    /// Gaussian process over colour and position
-    Gp,
-}
-
-impl Guess {
-    /// The method.
-    pub fn spec(self) -> VisionSpec {
-        VisionSpec::Regression(match self {
-            Self::Level => return VisionSpec::Level,
+impl VisionKind {
+    /// The method, if any.
+    pub fn spec(self) -> Option<VisionSpec> {
+        let regression = match self {
+            Self::None => return None,
+            Self::Level => return Some(VisionSpec::Level),
             Self::Knn => RegressorSpec::Knn(KnnConfig::default()),
             Self::Ridge => RegressorSpec::Ridge,
             Self::Gp => RegressorSpec::GaussianProcess(GpConfig::default()),
-        })
+        };
+        Some(VisionSpec::Regression(regression))
     }
 
     /// Name, for reports.
-    pub fn name(self) -> &'static str {
-        match self {
-            Self::Level => "level",
-            Self::Knn => "knn",
-            Self::Ridge => "ridge",
-            Self::Gp => "gp",
-        }
+    pub fn name(self) -> String {
+        self.to_possible_value()
+            .map_or_else(String::new, |v| v.get_name().to_owned())
     }
 }
 
@@ -395,20 +381,12 @@ impl EstimatorSettings {
 
     /// How untouched points are guessed by what the camera sees, if they are.
     pub fn vision(&self) -> Option<VisionSpec> {
-        Some(match self.vision? {
-            VisionKind::None => return None,
-            VisionKind::Level => Guess::Level.spec(),
-            VisionKind::Knn => Guess::Knn.spec(),
-            VisionKind::Ridge => Guess::Ridge.spec(),
-            VisionKind::Gp => Guess::Gp.spec(),
-        })
+        self.vision?.spec()
     }
 
     /// Name of what guesses untouched points, for reports.
     pub fn vision_name(&self) -> String {
-        let kind = self.vision.unwrap_or(VisionKind::None);
-        kind.to_possible_value()
-            .map_or_else(String::new, |v| v.get_name().to_owned())
+        self.vision.unwrap_or(VisionKind::None).name()
     }
 
     fn kind(&self) -> EstimatorKind {

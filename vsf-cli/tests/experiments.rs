@@ -9,7 +9,7 @@ use std::path::Path;
 use vsf::data::{CameraView, Dataset, Overrides};
 use vsf::pipeline::{
     Campaign, EstimatorSpec, HyperMethod, Method, Overlap, OverlapShares, PriorShape, Scene,
-    SceneOptions, VisionSpec, choose_hyper, estimate, evaluate, rgbd_view, view_warnings,
+    SceneOptions, choose_hyper, estimate, evaluate, rgbd_view, view_warnings,
 };
 
 fn has(text: &str, parts: &[&str]) {
@@ -158,7 +158,7 @@ fn errors_are_those_of_sequences_left_out() {
         (campaign.test_len(), campaign.curve_lens()),
         (4, vec![1, 2, 3])
     );
-    let errors = campaign.errors_after(1, &VisionSpec::Level).unwrap();
+    let errors = campaign.errors_after(1, None).unwrap();
     let blind = errors.iter().find(|e| e.method == Method::Blind).unwrap();
     for (k, found) in blind.evaluation.per_sequence.iter().enumerate() {
         // The one that follows, the first after the last.

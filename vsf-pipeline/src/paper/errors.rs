@@ -113,12 +113,12 @@ impl Campaign<'_> {
         lens
     }
 
-    /// The errors of all methods (Tables III to V), those of [`Method::Vision`] with a camera only. Prior
-    /// and noise are chosen from the train sequences of each prediction.
+    /// The errors of all methods (Tables III to V), those of [`Method::Vision`] where `vision` is given and
+    /// there is a camera. Prior and noise are chosen from the train sequences of each prediction.
     ///
     /// # Errors
     /// Train sequences that touch nothing; failures of a method.
-    pub fn errors(&self, vision: &VisionSpec) -> Result<Vec<MethodErrors>, PipelineError> {
+    pub fn errors(&self, vision: Option<&VisionSpec>) -> Result<Vec<MethodErrors>, PipelineError> {
         self.errors_after(self.train.len(), vision)
     }
 
@@ -130,10 +130,13 @@ impl Campaign<'_> {
     pub fn errors_after(
         &self,
         train_len: usize,
-        vision: &VisionSpec,
+        vision: Option<&VisionSpec>,
     ) -> Result<Vec<MethodErrors>, PipelineError> {
-        let view = self.camera.map(rgbd_view).transpose()?;
-        let view = view.as_ref().map(|view| (view, vision));
+        let view = match (self.camera, vision) {
+            (Some(camera), Some(vision)) => Some((rgbd_view(camera)?, vision)),
+            _ => None,
+        };
+        let view = view.as_ref().map(|(view, vision)| (view, *vision));
         let folds = self.folds(train_len.clamp(1, self.train.len()));
         let by_fold: Vec<_> = (folds.par_iter())
             .map(|fold| self.predictions(fold, view))
@@ -166,7 +169,7 @@ impl Campaign<'_> {
     /// As [`Campaign::errors`].
     pub fn curve(
         &self,
-        vision: &VisionSpec,
+        vision: Option<&VisionSpec>,
         done: impl Fn(),
     ) -> Result<Vec<TrainedOn>, PipelineError> {
         let trained_on = |sequences: usize| {

@@ -104,7 +104,7 @@ impl<'a> Figures<'a> {
         number: usize,
         recording: &Recording,
         campaign: &Campaign,
-        vision: &VisionSpec,
+        vision: Option<&VisionSpec>,
     ) -> anyhow::Result<Vec<String>> {
         let name = &recording.dataset.name;
         let blind = campaign.blind_field()?;
@@ -128,7 +128,9 @@ impl<'a> Figures<'a> {
             Ok::<_, anyhow::Error>(file)
         };
         let mut written = vec![draw(&blind, "blind", "touch alone")?];
-        if let Some(mut seen) = campaign.vision_field(vision)? {
+        if let Some(vision) = vision
+            && let Some(mut seen) = campaign.vision_field(vision)?
+        {
             // All points have a value: touched, guessed, or nothing there.
             seen.touched.fill(true);
             written.push(draw(&seen, "vision", "touch and vision")?);

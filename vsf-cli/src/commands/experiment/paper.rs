@@ -4,7 +4,7 @@ use crate::console::{Console, create_folder, texts};
 use crate::exit::usage;
 use crate::recording::Recording;
 use crate::samples::{FAR_PLACES, NEAR_PLACES, ONE_PLACE};
-use crate::settings::Guess;
+use crate::settings::VisionKind;
 use serde::Serialize;
 use std::path::{Path, PathBuf};
 use vsf::pipeline::{
@@ -32,8 +32,8 @@ pub struct Args {
     #[arg(long, default_value = "vsf-paper")]
     out: PathBuf,
     /// How untouched points are guessed by what the camera sees
-    #[arg(long, value_enum, default_value_t = Guess::Level)]
-    vision: Guess,
+    #[arg(long, value_enum, default_value_t = VisionKind::Level)]
+    vision: VisionKind,
 }
 
 /// What is told of one recording.
@@ -62,7 +62,7 @@ pub struct Entry {
 #[derive(Serialize)]
 struct Report<'a> {
     recordings: &'a [Entry],
-    vision: &'static str,
+    vision: String,
     update_times: &'a [UpdateTimes],
     written: Vec<String>,
     failed: &'a [Failed],
@@ -157,7 +157,9 @@ fn entry(
     console: &Console,
 ) -> anyhow::Result<Entry> {
     let vision = args.vision.spec();
-    if let Some(view) = recording.view()? {
+    if vision.is_some()
+        && let Some(view) = recording.view()?
+    {
         let warnings = view_warnings(&campaign.scene().rest, &view);
         warnings.iter().for_each(|w| console.warn(w));
     }
@@ -174,14 +176,14 @@ fn entry(
     bar.inc(1);
     let table1 = table1(campaign)?;
     bar.inc(1);
-    let fields = figures.fields(number, recording, campaign, &vision)?;
+    let fields = figures.fields(number, recording, campaign, vision.as_ref())?;
     bar.inc(1);
     let mut curve = Vec::new();
     let errors = if with_curve {
-        curve = campaign.curve(&vision, || bar.inc(1))?;
+        curve = campaign.curve(vision.as_ref(), || bar.inc(1))?;
         curve.last().map_or_else(Vec::new, |all| all.errors.clone())
     } else {
-        campaign.errors(&vision)?
+        campaign.errors(vision.as_ref())?
     };
     bar.finish_and_clear();
     Ok(Entry {
