@@ -1,6 +1,7 @@
 mod figures;
 mod paper;
 mod priors;
+mod report;
 mod table1;
 
 use crate::console::Console;

@@ -1,5 +1,6 @@
-use super::figures::{Figures, file_stem};
-use super::{Failed, Found, each, progress, table1 as first_table};
+use super::figures::Figures;
+use super::report::{figures_text, tables};
+use super::{Failed, Found, each, progress};
 use crate::console::{Console, create_folder, texts};
 use crate::exit::usage;
 use crate::recording::Recording;
@@ -12,6 +13,8 @@ use vsf::pipeline::{
     table1, update_speed, update_times, view_warnings,
 };
 
+const TITLE: &str = "# The experiments of the paper\n\n";
+
 #[derive(Debug, clap::Args)]
 #[command(after_help = "\
 Writes report.md, report.json and the figures to the folder, and prints the tables. Prior and noise are \
@@ -22,8 +25,8 @@ other one touches too, NO overlap where the median sequence has less than a quar
 other touches, else PARTIAL. Run it alone on the machine: Tables I and II and Fig. 4 tell times.
 
 JSON keys: recordings (recording, unit, overlap, shares (least_pair, with_all), train_sequences, test_sequences, \
-leave_one_out, vision, table1 (a row as in `vsf experiment table1`), update_speed (contacts, rate_hz), errors \
-(method, and the keys of `vsf evaluate`), curve (sequences, errors; PARTIAL overlap)), update_times (stage, times \
+leave_one_out, table1 (a row as in `vsf experiment table1`), update_speed (contacts, rate_hz), errors \
+(method, and the keys of `vsf evaluate`), curve (sequences, errors; PARTIAL overlap)), vision, update_times (stage, times \
 (contacts, median_ms, low_ms, high_ms)), written, failed (recording, error).")]
 pub struct Args {
     /// Recordings with train and test sequences; a small set built into the program by default
@@ -41,22 +44,22 @@ pub struct Args {
 pub struct Entry {
     /// Its place among those given, from 1.
     #[serde(skip)]
-    number: usize,
+    pub number: usize,
     pub recording: String,
     pub unit: String,
     pub overlap: Overlap,
-    shares: OverlapShares,
-    train_sequences: usize,
-    test_sequences: usize,
-    leave_one_out: bool,
-    table1: Table1Row,
-    update_speed: UpdateSpeed,
-    errors: Vec<MethodErrors>,
+    pub shares: OverlapShares,
+    pub train_sequences: usize,
+    pub test_sequences: usize,
+    pub leave_one_out: bool,
+    pub table1: Table1Row,
+    pub update_speed: UpdateSpeed,
+    pub errors: Vec<MethodErrors>,
     #[serde(skip_serializing_if = "Vec::is_empty")]
     pub curve: Vec<TrainedOn>,
     /// Files with pictures of the field, blind and with vision.
     #[serde(skip)]
-    fields: Vec<String>,
+    pub fields: Vec<String>,
 }
 
 #[derive(Serialize)]
@@ -91,7 +94,11 @@ pub fn run(args: &Args, console: &Console) -> anyhow::Result<()> {
     args.recordings
         .iter()
         .try_for_each(|r| console.keep_input(r))?;
+    console.keep_apart(&[out.join("report.json")])?;
     create_folder(out)?;
+    let figures = Figures::new(out);
+    // Tells the folder for that of a report, even if the run ends before there is one.
+    figures.write("report.md", TITLE.as_bytes())?;
     let recordings = match args.recordings.is_empty() {
         true => [ONE_PLACE, NEAR_PLACES, FAR_PLACES]
             .iter()
@@ -102,7 +109,6 @@ pub fn run(args: &Args, console: &Console) -> anyhow::Result<()> {
     let spinner = console.spinner("timing updates");
     let update_times = update_times()?;
     spinner.finish_and_clear();
-    let figures = Figures::new(out);
     figures.update_times(&update_times)?;
     let all = recordings.len();
     let of = |number: usize, recording: &Recording, campaign: &Campaign| {
@@ -201,150 +207,4 @@ fn entry(
         curve,
         fields,
     })
-}
-
-/// Tables I to V and the numbers of Figs. 4 and 7, as Markdown.
-fn tables(entries: &[Entry], update_times: &[UpdateTimes]) -> String {
-    let mut text = "\
-## Recordings
-
-Overlap is told from contacts: the share of a sequence's contacts on points that another one touches, the
-least of all pairs, and on points that any other touches, the median.
-
-| recording | overlap | least pair | with all others | train | test |
-| --- | --- | --- | --- | --- | --- |
-"
-    .to_owned();
-    for e in entries {
-        let test = match e.leave_one_out {
-            true => format!("each of {} in turn", e.test_sequences),
-            false => e.test_sequences.to_string(),
-        };
-        text += &format!(
-            "| {} | {} | {:.2} | {:.2} | {} | {test} |\n",
-            e.recording, e.overlap, e.shares.least_pair, e.shares.with_all, e.train_sequences
-        );
-    }
-    text += "\n## Table I: with and without memory replay\n\n";
-    text += &first_table::text(entries.iter().map(|e| &e.table1));
-    text += "
-## Table II: update speed
-
-Kinematics, contact and diagonal filter with 20 replays on one thread, over the samples in contact.
-
-| recording | contacts | updates a second |
-| --- | --- | --- |
-";
-    for e in entries {
-        let (contacts, rate) = (e.update_speed.contacts, e.update_speed.rate_hz);
-        text += &format!(
-            "| {} | {:.0} ± {:.0} | {:.0} ± {:.0} |\n",
-            e.recording, contacts.mean, contacts.sd, rate.mean, rate.sd
-        );
-    }
-    for (title, overlap) in [
-        ("Table III: FULL overlap", Overlap::Full),
-        ("Table IV: PARTIAL overlap", Overlap::Partial),
-        ("Table V: NO overlap", Overlap::No),
-    ] {
-        let of_table: Vec<_> = entries.iter().filter(|e| e.overlap == overlap).collect();
-        text += &errors_table(title, &of_table);
-    }
-    text += &curves(entries);
-    text + &update_time_table(update_times)
-}
-
-/// Mean and deviation of the error of every method.
-fn errors_table(title: &str, entries: &[&Entry]) -> String {
-    let Some(widest) = entries.iter().max_by_key(|e| e.errors.len()) else {
-        return String::new();
-    };
-    let methods: Vec<_> = widest.errors.iter().map(|e| e.method).collect();
-    let mut text = format!(
-        "\n## {title}\n\nMean ± standard deviation of ||tau_hat - tau|| over the samples of the test sequences.\n\n\
-         | recording |"
-    );
-    methods
-        .iter()
-        .for_each(|m| text += &format!(" {} |", m.name()));
-    text += &format!("\n| --- |{}\n", " --- |".repeat(methods.len()));
-    for entry in entries {
-        text += &format!("| {} [{}] |", entry.recording, entry.unit);
-        for method in &methods {
-            text += &match entry.errors.iter().find(|e| e.method == *method) {
-                None => " no camera |".to_owned(),
-                Some(e) => {
-                    let e = &e.evaluation;
-                    format!(" {:.2} ± {:.2} |", e.mean_error, e.sd_error)
-                }
-            };
-        }
-        text += "\n";
-    }
-    text
-}
-
-/// The numbers of Fig. 7.
-fn curves(entries: &[Entry]) -> String {
-    let mut text = String::new();
-    for entry in entries.iter().filter(|e| !e.curve.is_empty()) {
-        let methods: Vec<_> = entry.errors.iter().map(|e| e.method).collect();
-        text += &format!(
-            "\n## Fig. 7: error against the number of train sequences, {} [{}]\n\n| train sequences |",
-            entry.recording, entry.unit
-        );
-        methods
-            .iter()
-            .for_each(|m| text += &format!(" {} |", m.name()));
-        text += &format!("\n| --- |{}\n", " --- |".repeat(methods.len()));
-        for place in &entry.curve {
-            text += &format!("| {} |", place.sequences);
-            for e in &place.errors {
-                text += &format!(" {:.2} |", e.evaluation.mean_error);
-            }
-            text += "\n";
-        }
-    }
-    text
-}
-
-/// The numbers of Fig. 4.
-fn update_time_table(stages: &[UpdateTimes]) -> String {
-    let mut text = "
-## Fig. 4: time of an update against the number of contacts
-
-Medians [ms] over a push of a Kinova Gen3 into a cube of 97,336 points.
-
-| contacts |"
-        .to_owned();
-    stages
-        .iter()
-        .for_each(|s| text += &format!(" {} |", s.stage));
-    text += &format!("\n| --- |{}\n", " --- |".repeat(stages.len()));
-    let rows = stages.first().map_or(0, |s| s.times.len());
-    for row in 0..rows {
-        let contacts = stages.first().map_or(0.0, |s| s.times[row].contacts);
-        text += &format!("| {contacts:.0} |");
-        for stage in stages {
-            text += &format!(" {:.3} |", stage.times[row].median_ms);
-        }
-        text += "\n";
-    }
-    text + "\n"
-}
-
-fn figures_text(entries: &[Entry]) -> String {
-    let mut text = "![Fig. 4](update_time.svg)\n".to_owned();
-    for entry in entries.iter().filter(|e| !e.curve.is_empty()) {
-        let stem = file_stem(entry.number, &entry.recording);
-        text += &format!("\n![Fig. 7, {}]({stem}_curve.svg)\n", entry.recording);
-    }
-    text += "\n## Fig. 5: fields, by touch alone and with vision\n";
-    for entry in entries {
-        text += &format!("\n{}\n\n", entry.recording);
-        for picture in &entry.fields {
-            text += &format!("![{picture}]({picture})\n");
-        }
-    }
-    text
 }
