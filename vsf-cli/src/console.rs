@@ -3,6 +3,7 @@ use crate::interrupt::writing;
 use anyhow::Context;
 use indicatif::{ProgressBar, ProgressStyle};
 use serde::Serialize;
+use std::borrow::Cow;
 use std::cell::RefCell;
 use std::fmt::Display;
 use std::io::{ErrorKind, Write};
@@ -98,7 +99,7 @@ impl Console {
     }
 
     /// A bar of `steps` steps on standard error, drawn on terminals only.
-    pub fn bar(&self, steps: usize, what: &'static str) -> ProgressBar {
+    pub fn bar(&self, steps: usize, what: impl Into<Cow<'static, str>>) -> ProgressBar {
         if self.quiet {
             return ProgressBar::hidden();
         }
@@ -111,7 +112,7 @@ impl Console {
     }
 
     /// A spinner for work of unknown length, drawn on terminals only.
-    pub fn spinner(&self, what: &'static str) -> ProgressBar {
+    pub fn spinner(&self, what: impl Into<Cow<'static, str>>) -> ProgressBar {
         if self.quiet {
             return ProgressBar::hidden();
         }

@@ -16,6 +16,17 @@ pub fn usage(problem: impl Into<String>) -> anyhow::Error {
 
 /// Prints the error and its causes in one line and chooses the exit code.
 pub fn report(error: &anyhow::Error) -> ExitCode {
+    complain_of(error);
+    ExitCode::from(code(error))
+}
+
+/// Prints the error and its causes in one line.
+pub fn complain_of(error: &anyhow::Error) {
+    complain(format_args!("error: {}", message(error)));
+}
+
+/// The error and its causes.
+pub fn message(error: &anyhow::Error) -> String {
     let mut line = error.to_string();
     for cause in error.chain().skip(1).map(ToString::to_string) {
         // Most messages already quote their cause.
@@ -23,8 +34,7 @@ pub fn report(error: &anyhow::Error) -> ExitCode {
             line = format!("{line}: {cause}");
         }
     }
-    complain(format_args!("error: {line}"));
-    ExitCode::from(code(error))
+    line
 }
 
 fn code(error: &anyhow::Error) -> u8 {

@@ -12,6 +12,7 @@ mod interrupt;
 mod pictures;
 mod range;
 mod recording;
+mod samples;
 mod settings;
 
 use console::Console;

@@ -7,9 +7,11 @@ use std::path::{Path, PathBuf};
 use vsf::contact::CacheUse;
 use vsf::data::{DataError, Dataset, Sequence};
 use vsf::pipeline::{
-    PipelineError, Scene, SceneOptions, Trace, motion_warnings, reading_warnings, robot_of,
+    PipelineError, Scene, SceneOptions, Trace, motion_warnings, reading_warnings, rgbd_view,
+    robot_of,
 };
 use vsf::robots::{RobotError, RobotModel};
+use vsf::vision::RgbdView;
 
 /// Points of a field and of a recording may differ by rounding to f32 [m].
 const SAME_POINT: f64 = 1e-5;
@@ -214,6 +216,11 @@ impl Recording {
             }
         }
         Ok(scene)
+    }
+
+    /// What its camera saw, if it has one.
+    pub fn view(&self) -> anyhow::Result<Option<RgbdView>> {
+        Ok(self.dataset.camera.as_ref().map(rgbd_view).transpose()?)
     }
 
     /// Whether there are points to touch, own ones or those of a stored field.

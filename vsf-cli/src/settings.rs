@@ -138,8 +138,9 @@ enum HyperKind {
     Likelihood,
 }
 
+/// How untouched points are guessed by what the camera sees.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
-enum VisionKind {
+pub enum VisionKind {
     /// The prior has mean zero
     None,
     /// One stiffness, fading behind the seen surface
@@ -150,6 +151,26 @@ enum VisionKind {
     Ridge,
     /// Gaussian process over colour and position
     Gp,
+}
+
+impl VisionKind {
+    /// The method, if any.
+    pub fn spec(self) -> Option<VisionSpec> {
+        let regression = match self {
+            Self::None => return None,
+            Self::Level => return Some(VisionSpec::Level),
+            Self::Knn => RegressorSpec::Knn(KnnConfig::default()),
+            Self::Ridge => RegressorSpec::Ridge,
+            Self::Gp => RegressorSpec::GaussianProcess(GpConfig::default()),
+        };
+        Some(VisionSpec::Regression(regression))
+    }
+
+    /// Name, for reports.
+    pub fn name(self) -> String {
+        self.to_possible_value()
+            .map_or_else(String::new, |v| v.get_name().to_owned())
+    }
 }
 
 #[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
@@ -360,21 +381,12 @@ impl EstimatorSettings {
 
     /// How untouched points are guessed by what the camera sees, if they are.
     pub fn vision(&self) -> Option<VisionSpec> {
-        let regression = match self.vision? {
-            VisionKind::None => return None,
-            VisionKind::Level => return Some(VisionSpec::Level),
-            VisionKind::Knn => RegressorSpec::Knn(KnnConfig::default()),
-            VisionKind::Ridge => RegressorSpec::Ridge,
-            VisionKind::Gp => RegressorSpec::GaussianProcess(GpConfig::default()),
-        };
-        Some(VisionSpec::Regression(regression))
+        self.vision?.spec()
     }
 
     /// Name of what guesses untouched points, for reports.
     pub fn vision_name(&self) -> String {
-        let kind = self.vision.unwrap_or(VisionKind::None);
-        kind.to_possible_value()
-            .map_or_else(String::new, |v| v.get_name().to_owned())
+        self.vision.unwrap_or(VisionKind::None).name()
     }
 
     fn kind(&self) -> EstimatorKind {

@@ -4,7 +4,7 @@ use serde::Serialize;
 use std::sync::Arc;
 use std::time::Instant;
 use vsf_contact::{ContactConfig, GridOptions, StickSlip, link_sdfs};
-use vsf_core::{Belief, ContactModel, Contacts, Estimator, Noise, RestPoints, Sensor};
+use vsf_core::{Belief, ContactModel, Contacts, Estimator, Noise, RestPoints, Scalar, Sensor};
 use vsf_filter::{DiagonalKalman, MemoryReplay, ReplayConfig};
 use vsf_robots::{JointTorques, RobotModel, kinova_gen3};
 
@@ -114,29 +114,14 @@ pub fn bench(options: &BenchOptions) -> Result<BenchReport, PipelineError> {
             hint: "take at least 2 steps",
         });
     }
-    let robot = kinova_gen3()?;
-    let rest = cube(side)?;
-    let links = link_sdfs(robot.colliders(), &GridOptions::default())?.links;
-    let mut contact = StickSlip::new(links, ContactConfig::default())?;
-    let sensor = JointTorques::new(Noise::uniform(JOINTS, 1.0)?);
-    let prior = Belief::<f32>::uniform(rest.len(), 0.0, 0.1)?;
+    let mut bench = Push::new(side, options.steps)?;
+    let prior = Belief::<f32>::uniform(bench.rest.len(), 0.0, 0.1)?;
     let config = ReplayConfig {
         replays: options.replays,
         ..ReplayConfig::default()
     };
     let mut estimator = MemoryReplay::new(DiagonalKalman::new(prior), config)?;
-
-    let mut push = || {
-        estimator.begin_sequence();
-        push(
-            &robot,
-            &rest,
-            &mut contact,
-            &sensor,
-            &mut estimator,
-            options.steps,
-        )
-    };
+    let mut push = || bench.run(&mut estimator);
     push()?;
     let pushes: Vec<Vec<Step>> = (0..PUSHES).map(|_| push()).collect::<Result<_, _>>()?;
 
@@ -145,7 +130,7 @@ pub fn bench(options: &BenchOptions) -> Result<BenchReport, PipelineError> {
     let stage = |k: usize| quantiles(all().map(|s| s.ms[k]));
     let bandwidth = read_bandwidth();
     Ok(BenchReport {
-        points: rest.len(),
+        points: bench.rest.len(),
         contacts: pushes.iter().flatten().last().map_or(0, |s| s.contacts),
         bandwidth_gb_per_s: bandwidth,
         steps_per_second: 1e3 / mean(all().map(Step::total)).max(1e-9),
@@ -217,9 +202,9 @@ fn cube(side: usize) -> Result<Arc<RestPoints>, PipelineError> {
 }
 
 /// Times of one step (ms): kinematics, contact, columns, update.
-struct Step {
-    ms: [f64; 4],
-    contacts: usize,
+pub(crate) struct Step {
+    pub(crate) ms: [f64; 4],
+    pub(crate) contacts: usize,
 }
 
 impl Step {
@@ -228,43 +213,66 @@ impl Step {
     }
 }
 
-fn push(
-    robot: &RobotModel,
-    rest: &RestPoints,
-    contact: &mut StickSlip,
-    sensor: &JointTorques,
-    estimator: &mut MemoryReplay<DiagonalKalman<f32>>,
+/// The push of a Gen3 into a cube of points, which any estimator can follow.
+pub(crate) struct Push {
+    pub(crate) rest: Arc<RestPoints>,
+    robot: RobotModel,
+    contact: StickSlip,
+    sensor: JointTorques,
     steps: usize,
-) -> Result<Vec<Step>, PipelineError> {
-    let mut posture = robot.posture();
-    let mut contacts = Contacts::new();
-    let mut obs = Sensor::<f32>::blank(sensor);
-    let mut times = Vec::with_capacity(steps);
-    contact.reset();
-    for i in 0..steps {
-        let s = i as f64 / (steps - 1) as f64;
-        let q: [f64; JOINTS] = std::array::from_fn(|j| START[j] + s * (END[j] - START[j]));
-        let clock = Instant::now();
-        let mut lap = 0.0;
-        let mut split = || {
-            let now = clock.elapsed().as_secs_f64() * 1e3;
-            let took = now - lap;
-            lap = now;
-            took
-        };
-        robot.update_posture(&q, &mut posture)?;
-        let kinematics = split();
-        contact.step(rest, &posture, &mut contacts)?;
-        let touch = split();
-        sensor.observe(rest, &posture, &contacts, &[1.0; JOINTS], &mut obs)?;
-        let columns = split();
-        estimator.update(&obs)?;
-        times.push(Step {
-            ms: [kinematics, touch, columns, split()],
-            contacts: contacts.len(),
-        });
+}
+
+impl Push {
+    /// A cube of `side` points along each edge.
+    pub(crate) fn new(side: usize, steps: usize) -> Result<Self, PipelineError> {
+        let robot = kinova_gen3()?;
+        let links = link_sdfs(robot.colliders(), &GridOptions::default())?.links;
+        Ok(Self {
+            rest: cube(side)?,
+            contact: StickSlip::new(links, ContactConfig::default())?,
+            sensor: JointTorques::new(Noise::uniform(JOINTS, 1.0)?),
+            robot,
+            steps,
+        })
     }
-    Ok(times)
+
+    /// Runs the whole push as a new sequence, with constant readings.
+    pub(crate) fn run<T: Scalar>(
+        &mut self,
+        estimator: &mut dyn Estimator<Scalar = T>,
+    ) -> Result<Vec<Step>, PipelineError> {
+        let mut posture = self.robot.posture();
+        let mut contacts = Contacts::new();
+        let mut obs = Sensor::<T>::blank(&self.sensor);
+        let mut times = Vec::with_capacity(self.steps);
+        self.contact.reset();
+        estimator.begin_sequence();
+        for i in 0..self.steps {
+            let s = i as f64 / (self.steps - 1) as f64;
+            let q: [f64; JOINTS] = std::array::from_fn(|j| START[j] + s * (END[j] - START[j]));
+            let clock = Instant::now();
+            let mut lap = 0.0;
+            let mut split = || {
+                let now = clock.elapsed().as_secs_f64() * 1e3;
+                let took = now - lap;
+                lap = now;
+                took
+            };
+            self.robot.update_posture(&q, &mut posture)?;
+            let kinematics = split();
+            self.contact.step(&self.rest, &posture, &mut contacts)?;
+            let touch = split();
+            self.sensor
+                .observe(&self.rest, &posture, &contacts, &[1.0; JOINTS], &mut obs)?;
+            let columns = split();
+            estimator.update(&obs)?;
+            times.push(Step {
+                ms: [kinematics, touch, columns, split()],
+                contacts: contacts.len(),
+            });
+        }
+        Ok(times)
+    }
 }
 
 fn mean(values: impl Iterator<Item = f64>) -> f64 {

@@ -112,6 +112,15 @@ fn fits<'a>(mean: &'a [f64], trace: &'a Trace) -> impl Iterator<Item = Vec<f64>>
     })
 }
 
+/// What a field of means predicts for a sequence, without deviations.
+pub(crate) fn mean_prediction(mean: &[f64], trace: &Trace) -> SequencePrediction {
+    SequencePrediction {
+        id: trace.id.clone(),
+        mean: fits(mean, trace).collect(),
+        sd: Vec::new(),
+    }
+}
+
 /// Norm of the error of a field of means at every sample.
 pub(crate) fn sample_errors<'a>(
     mean: &'a [f64],
@@ -180,11 +189,7 @@ pub fn evaluate(
     traces: &[Trace],
 ) -> Result<Evaluation, PipelineError> {
     check_size(belief, scene)?;
-    let predictions = traces.iter().map(|t| SequencePrediction {
-        id: t.id.clone(),
-        mean: fits(belief.mean(), t).collect(),
-        sd: Vec::new(),
-    });
+    let predictions = traces.iter().map(|t| mean_prediction(belief.mean(), t));
     score(scene, traces, &predictions.collect::<Vec<_>>())
 }
 

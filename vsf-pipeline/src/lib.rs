@@ -3,22 +3,26 @@
 //! The offline side of the workspace, what the `vsf` command runs:
 //!
 //! 1. [`Scene::open`] puts robot, link shapes and rest points of a recording together.
-//! 2. [`motion_warnings`] and [`reading_warnings`] say what looks wrong with a recording.
+//! 2. [`motion_warnings`], [`reading_warnings`] and [`view_warnings`] say what looks wrong with a recording.
 //! 3. [`Scene::trace`] runs the contact model over a sequence once. Contacts never depend on the
 //!    belief, so the resulting observations serve every estimator.
 //! 4. [`choose_hyper`] picks prior and noise from the train sequences, [`estimate`] runs an
 //!    estimator over them; [`estimate_with_vision`] guesses untouched points by what a camera saw.
 //! 5. [`predict`] and [`evaluate`] compare a field with sequences; [`Baseline`]s stand beside it.
-//! 6. [`simulate`] turns a field and a joint trajectory into readings.
+//! 6. A [`Campaign`] repeats the paper's experiments on a recording: [`table1`],
+//!    [`Campaign::errors`], [`Campaign::curve`], [`update_speed`].
+//! 7. [`simulate`] turns a field and a joint trajectory into readings.
 
 #![forbid(unsafe_code)]
 
 mod baseline;
 mod bench;
+mod campaign;
 mod error;
 mod estimate;
 mod evaluate;
 mod hyper;
+mod paper;
 mod priors;
 mod readings;
 mod scene;
@@ -30,6 +34,7 @@ mod warning;
 
 pub use baseline::{Baseline, MlpConfig};
 pub use bench::{BenchOptions, BenchReport, LOADED_STEPS, Loaded, StageTimes, bench};
+pub use campaign::Campaign;
 pub use error::PipelineError;
 pub use estimate::{Estimate, EstimatorSpec, estimate, estimate_online};
 pub use evaluate::{
@@ -37,6 +42,10 @@ pub use evaluate::{
     score,
 };
 pub use hyper::{Candidate, Hyper, HyperChoice, HyperMethod, PriorShape, choose_hyper};
+pub use paper::{
+    Method, MethodErrors, Overlap, OverlapShares, Spread, TrainedOn, UpdateSpeed, UpdateTime,
+    UpdateTimes, update_speed, update_times,
+};
 pub use priors::{PriorRow, compare_priors};
 pub use readings::external_torques;
 pub use scene::{Scene, SceneOptions, reading_unit, robot_of};
@@ -44,4 +53,4 @@ pub use simulate::simulate;
 pub use table1::{Table1Cell, Table1Row, table1};
 pub use trace::Trace;
 pub use vision::{VisionCandidate, VisionEstimate, VisionSpec, estimate_with_vision, rgbd_view};
-pub use warning::{Outliers, PipelineWarning, motion_warnings, reading_warnings};
+pub use warning::{Outliers, PipelineWarning, motion_warnings, reading_warnings, view_warnings};

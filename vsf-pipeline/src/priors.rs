@@ -1,10 +1,9 @@
 use crate::estimate::batch_map;
 use crate::evaluate::{SequencePrediction, score};
 use crate::trace::with_noise;
-use crate::{Evaluation, HyperMethod, PipelineError, PriorShape, Scene, Trace, choose_hyper};
+use crate::{Campaign, Evaluation, HyperMethod, PipelineError, PriorShape, Trace, choose_hyper};
 use serde::Serialize;
 use vsf_core::{CoreError, Noise};
-use vsf_data::Dataset;
 
 /// One prior on one recording.
 #[derive(Debug, Clone, PartialEq, Serialize)]
@@ -26,11 +25,8 @@ pub struct PriorRow {
 /// noise, and predicts the test sequences.
 ///
 /// # Errors
-/// A recording without train or test sequences or contact; failures of the estimator.
-pub fn compare_priors(dataset: &Dataset, scene: &Scene) -> Result<Vec<PriorRow>, PipelineError> {
-    let traces = |sequences: Vec<_>| scene.traces(&sequences, || {});
-    let train = traces(dataset.train().collect())?;
-    let test = traces(dataset.test().collect())?;
+/// Train sequences that touch nothing; failures of the estimator.
+pub fn compare_priors(campaign: &Campaign) -> Result<Vec<PriorRow>, PipelineError> {
     let independent = PriorShape::independent();
     let smooth = |smooth_share, length| PriorShape {
         smooth_share,
@@ -51,17 +47,20 @@ pub fn compare_priors(dataset: &Dataset, scene: &Scene) -> Result<Vec<PriorRow>,
         ("smooth part 4 over 1 cm", smooth(4.0, 0.01)),
     ]
     .into_iter()
-    .map(|(name, shape)| row(scene, &train, &test, name, shape))
+    .map(|(name, shape)| row(campaign, name, shape))
     .collect()
 }
 
 fn row(
-    scene: &Scene,
-    train: &[Trace],
-    test: &[Trace],
+    campaign: &Campaign,
     name: &'static str,
     shape: PriorShape,
 ) -> Result<PriorRow, PipelineError> {
+    let (scene, train, test) = (
+        campaign.scene,
+        campaign.train_traces(),
+        campaign.test_traces(),
+    );
     let hyper = choose_hyper(&scene.rest, train, shape, HyperMethod::HeldOut)?.hyper;
     let noise = Noise::per_channel(&hyper.noise_sd)?;
     let (train, test) = (with_noise(train, &noise)?, with_noise(test, &noise)?);

@@ -1,13 +1,12 @@
 use crate::estimate::touched_points;
 use crate::evaluate::sample_errors;
 use crate::{
-    EstimatorSpec, Hyper, HyperChoice, HyperMethod, PipelineError, PriorShape, Scene, Trace,
-    choose_hyper, estimate, estimate_online, evaluate,
+    Campaign, EstimatorSpec, Hyper, PipelineError, Scene, Trace, estimate, estimate_online,
+    evaluate,
 };
 use serde::Serialize;
 use std::time::Instant;
 use vsf_core::{Belief, Noise};
-use vsf_data::Dataset;
 use vsf_filter::{DiagonalForm, Projection, ReplayConfig};
 
 /// One estimator on one recording: a cell of Table I.
@@ -52,28 +51,21 @@ pub struct Table1Row {
 /// optimum, all with the same prior and noise, chosen from the train sequences (Table I).
 ///
 /// # Errors
-/// A recording without train or test sequences or contact; failures of an estimator.
-pub fn table1(
-    dataset: &Dataset,
-    scene: &Scene,
-    shape: PriorShape,
-) -> Result<Table1Row, PipelineError> {
-    let train: Vec<_> = dataset.train().collect();
-    let test: Vec<_> = dataset.test().collect();
+/// Train sequences that touch nothing; failures of an estimator.
+pub fn table1(campaign: &Campaign) -> Result<Table1Row, PipelineError> {
+    let (scene, hyper) = (campaign.scene, campaign.hyper()?);
+    let (train, test) = (campaign.train_traces(), campaign.test_traces());
     let clock = Instant::now();
-    let train: Vec<Trace> = train
-        .into_iter()
-        .map(|s| scene.trace(s))
-        .collect::<Result<_, _>>()?;
+    for sequence in &campaign.train {
+        scene.trace(sequence)?;
+    }
     let samples: usize = train.iter().map(|t| t.observations.len()).sum();
     let contact_seconds = clock.elapsed().as_secs_f64() / samples.max(1) as f64;
-    let test = scene.traces(&test, || {})?;
-    let HyperChoice { hyper, .. } = choose_hyper(&scene.rest, &train, shape, HyperMethod::HeldOut)?;
     let run = Run {
         scene,
-        train: &train,
-        test: &test,
-        hyper: &hyper,
+        train,
+        test,
+        hyper,
         contact_seconds,
     };
     let mut cells = Vec::new();
@@ -95,15 +87,15 @@ pub fn table1(
     let zero = Belief::uniform(scene.rest.len(), 0.0, 1.0)?;
     let contacts: f64 = train.iter().map(Trace::mean_contacts).sum();
     Ok(Table1Row {
-        recording: dataset.name.clone(),
+        recording: campaign.name.to_owned(),
         unit: scene.error_unit().to_owned(),
         mean_contacts: contacts / train.len() as f64,
-        touched_points: touched_points(&train, scene.rest.len())
+        touched_points: touched_points(train, scene.rest.len())
             .iter()
             .filter(|t| **t)
             .count(),
-        zero_error: evaluate(scene, &zero, &test)?.mean_error,
-        hyper,
+        zero_error: evaluate(scene, &zero, test)?.mean_error,
+        hyper: hyper.clone(),
         cells,
     })
 }

@@ -1,10 +1,12 @@
 use crate::{Scene, Trace, reading_unit};
+use nalgebra::Point3;
 use std::f64::consts::PI;
 use std::fmt;
 use thiserror::Error;
-use vsf_core::Observation;
+use vsf_core::{Observation, RestPoints};
 use vsf_data::Sequence;
 use vsf_robots::{Joint, JointKind, RobotModel};
+use vsf_vision::{RgbdView, Sight};
 
 /// Joint limits are rounded in URDFs and met by controllers with a little overshoot (rad or m).
 const LIMIT_SLACK: f64 = 1e-3;
@@ -15,6 +17,8 @@ const MOST_BEYOND: f64 = PI;
 const MOST_EFFORT: f64 = 10.0;
 /// Tare samples that spread by more than this share of the touch itself are no rest.
 const MOST_SPREAD: f64 = 0.25;
+/// Least share of the rest points near the surface that a camera sees.
+const LEAST_NEAR: f64 = 0.01;
 
 /// Values of one joint that stand out.
 #[derive(Debug, Clone, PartialEq)]
@@ -117,6 +121,20 @@ pub enum PipelineWarning {
         /// Further sequences of that kind.
         others: usize,
     },
+    /// A camera that sees a surface where there are next to no rest points: less than 1 % of them lie
+    /// within one spacing of it.
+    #[error(
+        "camera/: {near} of {points} rest points lie within {reach:.3} m of the surface that is seen; check \
+         depth_scale, world_from_camera and the images"
+    )]
+    SurfaceElsewhere {
+        /// Rest points near the surface.
+        near: usize,
+        /// Rest points.
+        points: usize,
+        /// How near (m): the spacing of the rest points.
+        reach: f64,
+    },
 }
 
 fn more(others: usize) -> String {
@@ -182,6 +200,20 @@ pub fn reading_warnings(scene: &Scene, traces: &[Trace]) -> Vec<PipelineWarning>
     warnings.extend(tares(&|t| tare_in_contact(t, scene.tare_samples)));
     warnings.extend(tares(&|t| tare_spread(t, scene)));
     warnings
+}
+
+/// What looks wrong with a view: a surface where there are no rest points.
+pub fn view_warnings(rest: &RestPoints, view: &RgbdView) -> Vec<PipelineWarning> {
+    let (points, reach) = (rest.len(), rest.spacing());
+    let on_surface = |p: &&Point3<f64>| matches!(view.sight(p), Sight::Surface { behind, .. } if behind.abs() <= reach);
+    let near = rest.positions().iter().filter(on_surface).count();
+    let elsewhere = (near as f64) < LEAST_NEAR * points as f64;
+    let warning = PipelineWarning::SurfaceElsewhere {
+        near,
+        points,
+        reach,
+    };
+    elsewhere.then_some(warning).into_iter().collect()
 }
 
 impl PipelineWarning {

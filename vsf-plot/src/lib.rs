@@ -6,6 +6,7 @@
 //! | --- | --- | --- |
 //! | stiffness of a point cloud | [`FieldView`] | PNG, SVG |
 //! | torques, measured and predicted | [`TorquePlot`] | SVG |
+//! | curves over a common axis | [`CurvePlot`] | PNG, SVG |
 //!
 //! No system font or display is needed, and equal input gives equal bytes on every machine of
 //! the same floating point arithmetic. Input that cannot be drawn truthfully (NaN, no points,
@@ -16,6 +17,7 @@
 mod camera;
 mod canvas;
 mod colour;
+mod curves;
 mod decimate;
 mod error;
 mod field;
@@ -29,6 +31,7 @@ mod vector;
 mod wire_box;
 
 pub use colour::{ColourLimit, Rgb};
+pub use curves::{Curve, CurvePlot};
 pub use error::PlotError;
 pub use field::FieldView;
 pub use torque::{JointTrace, TorquePlot};

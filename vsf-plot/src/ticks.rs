@@ -70,6 +70,27 @@ pub(crate) fn tick_label(value: f64, step: f64, largest: f64) -> String {
     }
 }
 
+/// Values and numbers of a logarithmic axis from `lo > 0` to `hi`: powers of ten, and over a few of
+/// them 2 and 5 times each as well.
+pub(crate) fn log_ticks(lo: f64, hi: f64) -> Vec<(f64, String)> {
+    const FEW: f64 = 3.0;
+    let (first, last) = (lo.log10().floor() as i32, hi.log10().ceil() as i32);
+    let factors: &[f64] = match hi.log10() - lo.log10() <= FEW {
+        true => &[1.0, 2.0, 5.0],
+        false => &[1.0],
+    };
+    let tick = |power: i32| {
+        let decimals = (-power).clamp(0, 12) as usize;
+        let labelled = move |factor: &f64| {
+            let value = factor * 10f64.powi(power);
+            (value, format!("{value:.decimals$}"))
+        };
+        factors.iter().map(labelled)
+    };
+    let all = (first..=last).flat_map(tick);
+    all.filter(|(v, _)| (lo..=hi).contains(v)).collect()
+}
+
 /// A number with three significant digits.
 pub(crate) fn significant(value: f64) -> String {
     let size = value.abs();
@@ -110,6 +131,18 @@ mod tests {
                 assert!(t.label(v).len() < 24);
             }
         }
+    }
+
+    #[test]
+    fn logarithmic_axes() {
+        let labels = |lo, hi| {
+            log_ticks(lo, hi)
+                .into_iter()
+                .map(|t| t.1)
+                .collect::<Vec<_>>()
+        };
+        assert_eq!(labels(0.03, 3.0), ["0.05", "0.1", "0.2", "0.5", "1", "2"]);
+        assert_eq!(labels(0.5, 1e4), ["1", "10", "100", "1000", "10000"]);
     }
 
     #[test]

@@ -25,6 +25,7 @@ use vsf_core::{Belief, CoreError};
 /// let seen = Seen {
 ///     visible: vec![true; n],
 ///     behind: vec![0.0; n],
+///     in_picture: vec![true; n],
 ///     colors: (0..n).map(|i| if brown(i) { [120, 80, 40] } else { [40, 140, 40] }).collect(),
 /// };
 /// // The first half has been touched: 20 and 5 N/m.
@@ -130,7 +131,8 @@ impl Extrapolation {
         Ok(())
     }
 
-    /// The belief about points, touched or not, by what they look like and where they are.
+    /// The belief about points, touched or not, by what they look like and where they are. Points out of
+    /// the picture have mean 0 and the variance of the prior: nothing is known of them.
     ///
     /// # Errors
     /// [`VisionError::NotFitted`], lengths that differ, a belief beyond the range of numbers.
@@ -139,6 +141,7 @@ impl Extrapolation {
         let learned = self.learned.as_ref().ok_or(VisionError::NotFitted { by })?;
         let n = points.len();
         CoreError::check_len("seen points", seen.len(), n)?;
+        CoreError::check_len("picture flags", seen.in_picture.len(), n)?;
         let occupancy = seen.occupancy(self.fade)?;
         let (mut mean, mut variance) = (vec![0.0; n], vec![0.0; n]);
         for (regressor, with_colors) in [(&self.visible, true), (&self.hidden, false)] {
@@ -153,6 +156,9 @@ impl Extrapolation {
                 (mean[i], variance[i]) = occupied(k.max(0.0), v, occupancy[i]);
                 variance[i] = variance[i].max(1e-6 * learned.prior_variance);
             }
+        }
+        for i in (0..n).filter(|&i| !seen.in_picture[i]) {
+            (mean[i], variance[i]) = (0.0, learned.prior_variance);
         }
         Ok(Belief::new(mean, variance)?)
     }

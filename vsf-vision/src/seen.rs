@@ -7,9 +7,11 @@ use vsf_core::CoreError;
 pub struct Seen {
     /// Whether the point lies on the surface that the camera sees.
     pub visible: Vec<bool>,
-    /// How far behind that surface it lies (m), along the camera's z; 0 on it. Infinite where the view
-    /// says nothing, or that nothing is there: in front of the surface.
+    /// How far behind that surface it lies (m), along the camera's z; 0 on it. Infinite where nothing is
+    /// there, in front of the surface, and out of the picture.
     pub behind: Vec<f64>,
+    /// Whether the point lies in the picture; of others the view says nothing.
+    pub in_picture: Vec<bool>,
     /// Colour of the surface in front of it; black where there is none.
     pub colors: Vec<[u8; 3]>,
 }
@@ -30,7 +32,8 @@ impl Seen {
         }
         let mut seen = Self::default();
         for p in points {
-            let (behind, color) = match view.sight(p) {
+            let sight = view.sight(p);
+            let (behind, color) = match sight {
                 Sight::Surface { behind, color } if behind >= -tolerance => {
                     (behind.max(0.0), color)
                 }
@@ -39,6 +42,7 @@ impl Seen {
             };
             seen.visible.push(behind <= tolerance);
             seen.behind.push(behind);
+            seen.in_picture.push(sight != Sight::Outside);
             seen.colors.push(color);
         }
         Ok(seen)
@@ -56,7 +60,7 @@ impl Seen {
 
     /// How likely there is something at each point: 1 on the surface, falling by `1/e` for every
     /// `fade` (m, > 0) behind it. The volume that a camera cannot see into is mostly empty, the more
-    /// so the deeper.
+    /// so the deeper. 0 out of the picture, where nothing suggests that there is anything.
     ///
     /// # Errors
     /// A length that is not positive.

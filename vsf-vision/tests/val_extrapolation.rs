@@ -38,6 +38,7 @@ fn block() -> Block {
             ));
             b.seen.visible.push(z < 2);
             b.seen.behind.push(if z < 2 { 0.0 } else { depth });
+            b.seen.in_picture.push(true);
             b.seen
                 .colors
                 .push(if brown { [120, 80, 40] } else { [40, 140, 40] });
@@ -237,4 +238,29 @@ fn a_prior_learned_from_objects_is_the_same_from_its_file() {
     }
     assert!(LearnedPrior::open(folder.path().join("none")).is_err());
     assert!(LearnedPrior::fit(RegressorSpec::Ridge, &[]).is_err());
+}
+
+/// Points beside the picture are unknown, points that are seen through are empty.
+#[test]
+fn nothing_is_known_out_of_the_picture() {
+    let mut b = block();
+    let far = Point3::new(0.0, 0.0, 1.0);
+    for in_picture in [false, true] {
+        b.points.push(far);
+        b.seen.visible.push(false);
+        b.seen.behind.push(f64::INFINITY);
+        b.seen.in_picture.push(in_picture);
+        b.seen.colors.push([0; 3]);
+        b.truth.push(0.0);
+        b.touched.push(false);
+    }
+    let n = b.points.len();
+    let mut extrapolation = Extrapolation::new(Ridge::new(), Ridge::new());
+    let field = b.field();
+    let all = extrapolation
+        .extend(&b.points, &b.seen, &field, &b.touched, PRIOR)
+        .unwrap();
+    assert_eq!((all.mean()[n - 2], all.variance()[n - 2]), (0.0, PRIOR));
+    assert_eq!(all.mean()[n - 1], 0.0);
+    assert!(all.variance()[n - 1] < 1e-3 * PRIOR);
 }

@@ -5,11 +5,11 @@ use crate::recording::{Default, RecordingArgs, traces, untouched};
 use crate::settings::EstimatorSettings;
 use serde::Serialize;
 use std::path::PathBuf;
-use vsf::data::CameraView;
 use vsf::pipeline::{
     Candidate, Estimate, Hyper, HyperMethod, PipelineError, Scene, Trace, VisionCandidate,
-    VisionEstimate, choose_hyper, estimate, estimate_with_vision, rgbd_view,
+    VisionEstimate, VisionSpec, choose_hyper, estimate, estimate_with_vision, view_warnings,
 };
+use vsf::vision::RgbdView;
 
 #[derive(Debug, clap::Args)]
 #[command(after_help = "\
@@ -83,10 +83,19 @@ pub fn run(args: &Args, console: &Console) -> anyhow::Result<()> {
     settings.spec()?;
     let recording = args.recording.open(console)?;
     let sequences = recording.sequences(args.sequences.as_deref(), Default::Train)?;
+    // What is missing is told before contact takes its time.
+    let view = match settings.vision() {
+        None => None,
+        Some(vision) => Some((recording.view()?.ok_or(PipelineError::NoCamera)?, vision)),
+    };
     let scene = recording.scene(console)?;
+    if let Some((view, _)) = &view {
+        view_warnings(&scene.rest, view)
+            .iter()
+            .for_each(|w| console.warn(w));
+    }
     let traces = traces(&scene, &sequences, console)?;
-    let camera = recording.dataset.camera.as_ref();
-    let chosen = learn(&scene, camera, &traces, settings, console)?;
+    let chosen = learn(&scene, view.as_ref(), &traces, settings, console)?;
     let field = FieldFile::of_estimate(
         &scene,
         &chosen.estimate,
@@ -121,10 +130,10 @@ pub fn run(args: &Args, console: &Console) -> anyhow::Result<()> {
     console.report(text(&report, &scene))
 }
 
-/// Chooses what is not given and estimates; the camera is looked through if the settings say so.
+/// Chooses what is not given and estimates, with a view if untouched points are to be guessed by it.
 pub fn learn(
     scene: &Scene,
-    camera: Option<&CameraView>,
+    view: Option<&(RgbdView, VisionSpec)>,
     traces: &[Trace],
     settings: &EstimatorSettings,
     console: &Console,
@@ -160,13 +169,9 @@ pub fn learn(
             (hyper, name, choice.candidates)
         }
     };
-    let vision = match settings.vision() {
-        None => None,
-        Some(vision) => Some((rgbd_view(camera.ok_or(PipelineError::NoCamera)?)?, vision)),
-    };
     let bar = console.bar(traces.len(), "estimate");
     let progress = |done: usize| bar.set_position(done as u64);
-    let found = match &vision {
+    let found = match view {
         None => VisionEstimate {
             estimate: estimate(&scene.rest, traces, &spec, &hyper, progress)?,
             share: 0.0,

@@ -1,12 +1,22 @@
-use crate::console::{Console, number};
-use crate::recording::Recording;
+mod figures;
+mod paper;
+mod priors;
+mod report;
+mod table1;
+
+use crate::console::Console;
+use crate::exit::message;
+use crate::recording::{Default, Recording, traces};
 use crate::settings::SceneSettings;
 use clap::Subcommand;
 use serde::Serialize;
 use std::path::PathBuf;
-use vsf::pipeline::{PriorRow, PriorShape, Scene, Table1Row, compare_priors, table1};
+use vsf::pipeline::Campaign;
 
 #[derive(Debug, clap::Args)]
+#[command(after_help = "\
+A recording that cannot be used is left out and named at the end, with its exit code; the JSON key \
+`failed` lists such recordings (recording, error).")]
 pub struct Args {
     #[command(subcommand)]
     which: Which,
@@ -14,138 +24,100 @@ pub struct Args {
 
 #[derive(Debug, Subcommand)]
 enum Which {
+    /// All experiments of the paper's section IV: Tables I to V and Figs. 4, 5, 7, as a report
+    Paper(paper::Args),
     /// Table I: memory replay beside the exact posterior and the constrained optimum, with the same
     /// prior and noise
-    #[command(after_help = "\
-Prints a Markdown table: the error of the fit to the train sequences (the paper's figure), the error on
-the test sequences, and the rate of contact and estimator together. Run it alone on the machine.
-
-JSON keys: rows (recording, unit, mean_contacts, touched_points, hyper, zero_error, cells (estimator,
-fit_error, fit_sd, test_error, test_sd, rate_hz)).")]
-    Table1 {
-        /// Recordings with train and test sequences, one row each
-        #[arg(required = true)]
-        recordings: Vec<PathBuf>,
-    },
+    Table1(table1::Args),
     /// What each kind of prior gives: independent points, a common level, smooth parts
-    #[command(after_help = "\
-Prints a Markdown table per recording: the error on the test sequences, and the shares of single readings \
-in contact within 1 and 2 predicted standard deviations. Prior and noise are chosen for every row on the \
-train sequences; the estimator is the constrained optimum.
-
-JSON keys: recordings (recording, rows (prior, shape, prior_sd, evaluation, as in `vsf evaluate`)).")]
-    Priors {
-        /// Recordings with train and test sequences
-        #[arg(required = true)]
-        recordings: Vec<PathBuf>,
-    },
-}
-
-/// What is told of one recording.
-#[derive(Serialize)]
-struct PriorTable {
-    recording: String,
-    rows: Vec<PriorRow>,
-}
-
-#[derive(Serialize)]
-struct PriorReport {
-    recordings: Vec<PriorTable>,
-}
-
-#[derive(Serialize)]
-struct Report {
-    rows: Vec<Table1Row>,
+    Priors(priors::Args),
 }
 
 pub fn run(args: &Args, console: &Console) -> anyhow::Result<()> {
     match &args.which {
-        Which::Table1 { recordings } => {
-            let rows = each(recordings, console, |recording, scene| {
-                Ok(table1(&recording.dataset, scene, PriorShape::default())?)
-            })?;
-            let report = Report { rows };
-            console.json(&report)?;
-            console.report(text(&report.rows))
-        }
-        Which::Priors { recordings } => {
-            let recordings = each(recordings, console, |recording, scene| {
-                Ok(PriorTable {
-                    recording: recording.dataset.name.clone(),
-                    rows: compare_priors(&recording.dataset, scene)?,
-                })
-            })?;
-            let report = PriorReport { recordings };
-            console.json(&report)?;
-            console.report(report.recordings.iter().map(prior_text).collect::<String>())
-        }
+        Which::Paper(args) => paper::run(args, console),
+        Which::Table1(args) => table1::run(args, console),
+        Which::Priors(args) => priors::run(args, console),
     }
 }
 
-/// Opens the recordings one after another.
+/// What an experiment found on recordings, and the recordings on which it failed.
+struct Found<T> {
+    all: Vec<T>,
+    failures: Vec<anyhow::Error>,
+    failed: Vec<Failed>,
+}
+
+/// A recording that could not be used.
+#[derive(Serialize)]
+struct Failed {
+    recording: String,
+    error: String,
+}
+
+impl<T> Found<T> {
+    /// Errors for the recordings that failed; the tables of the others are out by now.
+    fn end(self) -> anyhow::Result<()> {
+        let mut failures = self.failures.into_iter();
+        let first = failures.next();
+        failures.for_each(|e| crate::exit::complain_of(&e));
+        first.map_or(Ok(()), Err)
+    }
+}
+
+/// Makes an experiment on recordings one after another. `of` is told the number of each as well, from
+/// 1; `keep` gets what is there after each. Fails where all recordings do.
 fn each<T>(
     paths: &[PathBuf],
     console: &Console,
-    of: impl Fn(&Recording, &Scene) -> anyhow::Result<T>,
-) -> anyhow::Result<Vec<T>> {
-    let bar = console.bar(paths.len(), "recordings");
-    let open = |path: &PathBuf| {
+    of: impl Fn(usize, &Recording, &Campaign) -> anyhow::Result<T>,
+    keep: impl Fn(&Found<T>) -> anyhow::Result<()>,
+) -> anyhow::Result<Found<T>> {
+    let open = |number: usize, path: &PathBuf| {
         let recording = Recording::open(path, &SceneSettings::default(), console)?;
-        let found = of(&recording, &recording.scene(console)?)?;
-        bar.inc(1);
-        Ok(found)
+        let mut sequences = recording.sequences(None, Default::Train)?;
+        sequences.extend(recording.sequences(None, Default::Test)?);
+        let scene = recording.scene(console)?;
+        let traces = traces(&scene, &sequences, console)?;
+        let campaign = Campaign::new(&recording.dataset, &scene, &traces)?;
+        of(number, &recording, &campaign)
     };
-    let found = paths.iter().map(open).collect();
-    bar.finish_and_clear();
-    found
-}
-
-fn prior_text(table: &PriorTable) -> String {
-    let unit = table.rows.first().map_or("", |row| &row.evaluation.unit);
-    let mut text = format!(
-        "{}\n\n| prior | test error [{unit}] | within 1 sd | within 2 sd |\n| --- | --- | --- | --- |\n",
-        table.recording
-    );
-    for row in &table.rows {
-        let e = &row.evaluation;
-        text += &format!(
-            "| {} | {} ± {} |",
-            row.prior,
-            number(e.mean_error),
-            number(e.sd_error)
-        );
-        for share in e
-            .calibration
-            .iter()
-            .flat_map(|c| [c.within_1_sigma, c.within_2_sigma])
-        {
-            text += &format!(" {:.0} % |", 100.0 * share);
-        }
-        text += "\n";
-    }
-    text + "\n"
-}
-
-fn text(rows: &[Table1Row]) -> String {
-    let names = rows.first().map_or(&[][..], |row| &row.cells);
-    let mut text = "| recording | zero |".to_owned();
-    names
-        .iter()
-        .for_each(|c| text += &format!(" {} |", c.estimator));
-    text += &format!("\n| --- | --- |{}\n", " --- |".repeat(names.len()));
-    for row in rows {
-        text += &format!("| {} | {:.2} {} |", row.recording, row.zero_error, row.unit);
-        for cell in &row.cells {
-            text += &format!(
-                " {:.2} ± {:.2} fit, {:.2} ± {:.2} test",
-                cell.fit_error, cell.fit_sd, cell.test_error, cell.test_sd
-            );
-            if let Some(rate) = cell.rate_hz {
-                text += &format!(", {rate:.0} Hz");
+    let mut found = Found {
+        all: Vec::new(),
+        failures: Vec::new(),
+        failed: Vec::new(),
+    };
+    for (k, path) in paths.iter().enumerate() {
+        let place = path.display().to_string();
+        match open(k + 1, path) {
+            Ok(result) => {
+                found.all.push(result);
+                keep(&found)?;
             }
-            text += " |";
+            Err(error) => {
+                let error = match message(&error).contains(&place) {
+                    true => error,
+                    false => error.context(place.clone()),
+                };
+                found.failed.push(Failed {
+                    recording: place,
+                    error: message(&error),
+                });
+                found.failures.push(error);
+            }
         }
-        text += "\n";
     }
-    text
+    if found.all.is_empty() {
+        found.end()?;
+        anyhow::bail!("no recording is given");
+    }
+    Ok(found)
+}
+
+/// What a bar shows while recording `number` of `all` is worked on.
+fn progress(what: &str, number: usize, all: usize) -> String {
+    match all {
+        1 => what.to_owned(),
+        _ => format!("{what}, recording {number} of {all}"),
+    }
 }

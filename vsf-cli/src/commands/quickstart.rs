@@ -1,9 +1,10 @@
 use crate::commands::estimate::{how, learn, noise_text};
 use crate::commands::evaluate::measure;
-use crate::console::{Console, create_folder, number, table, write_file};
+use crate::console::{Console, number, table, write_file};
 use crate::field_file::{FieldFile, save};
 use crate::pictures::{self, Surroundings, View};
 use crate::recording::{Default, Recording, traces};
+use crate::samples::ONE_PLACE;
 use crate::settings::{EstimatorSettings, SceneSettings};
 use serde::Serialize;
 use std::path::Path;
@@ -11,39 +12,6 @@ use std::time::Instant;
 use vsf::pipeline::{Baseline, Evaluation, evaluate, predict};
 
 const FOLDER: &str = "vsf-quickstart";
-
-macro_rules! embedded {
-    ($($file:literal),* $(,)?) => {
-        &[$(($file, include_bytes!(concat!("../../data/orange_tree/", $file)))),*]
-    };
-}
-
-/// The recording: see `data/orange_tree/README.md`.
-const RECORDING: &[(&str, &[u8])] = embedded![
-    "README.md",
-    "camera/camera.json",
-    "camera/color.png",
-    "camera/depth.png",
-    "points.npy",
-    "robot.urdf",
-    "seq_000/angles.npy",
-    "seq_000/time.npy",
-    "seq_000/torques.npy",
-    "seq_000/velocities.npy",
-    "seq_001/angles.npy",
-    "seq_001/time.npy",
-    "seq_001/torques.npy",
-    "seq_001/velocities.npy",
-    "seq_004/angles.npy",
-    "seq_004/time.npy",
-    "seq_004/torques.npy",
-    "seq_004/velocities.npy",
-    "seq_007/angles.npy",
-    "seq_007/time.npy",
-    "seq_007/torques.npy",
-    "seq_007/velocities.npy",
-    "dataset.json",
-];
 
 const HEAD: &str = "\
 A Kinova Gen3 pushes into a small orange tree. From the joint angles and torques of one push, vsf
@@ -69,7 +37,7 @@ pub fn run(console: &Console) -> anyhow::Result<()> {
     console.report(HEAD)?;
     let folder = Path::new(FOLDER);
     let dataset = folder.join("recording");
-    unpack(&dataset)?;
+    ONE_PLACE.unpack(&dataset)?;
     let recording = Recording::open(&dataset, &SceneSettings::default(), console)?;
     let train = recording.sequences(None, Default::Train)?;
     let test = recording.sequences(None, Default::Test)?;
@@ -131,17 +99,6 @@ pub fn run(console: &Console) -> anyhow::Result<()> {
     text += &errors(&ours, &zero, &knn);
     text += &tail(start.elapsed().as_secs_f64());
     console.report(text)
-}
-
-fn unpack(dataset: &Path) -> anyhow::Result<()> {
-    for (name, bytes) in RECORDING {
-        let path = dataset.join(name);
-        if let Some(parent) = path.parent() {
-            create_folder(parent)?;
-        }
-        write_file(&path, bytes)?;
-    }
-    Ok(())
 }
 
 fn errors(ours: &Evaluation, zero: &Evaluation, knn: &Evaluation) -> String {

@@ -1,0 +1,210 @@
+use super::figures::Figures;
+use super::report::{figures_text, tables};
+use super::{Failed, Found, each, progress};
+use crate::console::{Console, create_folder, texts};
+use crate::exit::usage;
+use crate::recording::Recording;
+use crate::samples::{FAR_PLACES, NEAR_PLACES, ONE_PLACE};
+use crate::settings::VisionKind;
+use serde::Serialize;
+use std::path::{Path, PathBuf};
+use vsf::pipeline::{
+    Campaign, MethodErrors, Overlap, OverlapShares, Table1Row, TrainedOn, UpdateSpeed, UpdateTimes,
+    table1, update_speed, update_times, view_warnings,
+};
+
+const TITLE: &str = "# The experiments of the paper\n\n";
+
+#[derive(Debug, clap::Args)]
+#[command(after_help = "\
+Writes report.md, report.json and the figures to the folder, and prints the tables. Prior and noise are \
+chosen from the train sequences of each prediction. Where the test split is a single sequence, every \
+sequence is the test sequence in turn. Which of Tables III to V a recording belongs to is told from its \
+contacts: FULL overlap where every sequence has at least a quarter of its contacts on points that each \
+other one touches too, NO overlap where the median sequence has less than a quarter on points that any \
+other touches, else PARTIAL. Run it alone on the machine: Tables I and II and Fig. 4 tell times.
+
+JSON keys: recordings (recording, unit, overlap, shares (least_pair, with_all), train_sequences, test_sequences, \
+leave_one_out, table1 (a row as in `vsf experiment table1`), update_speed (contacts, rate_hz), errors \
+(method, and the keys of `vsf evaluate`), curve (sequences, errors; PARTIAL overlap)), vision, update_times (stage, times \
+(contacts, median_ms, low_ms, high_ms)), written, failed (recording, error).")]
+pub struct Args {
+    /// Recordings with train and test sequences; a small set built into the program by default
+    recordings: Vec<PathBuf>,
+    /// Folder for the report and the figures: new, empty, or one of an earlier report
+    #[arg(long, default_value = "vsf-paper")]
+    out: PathBuf,
+    /// How untouched points are guessed by what the camera sees
+    #[arg(long, value_enum, default_value_t = VisionKind::Level)]
+    vision: VisionKind,
+}
+
+/// What is told of one recording.
+#[derive(Serialize)]
+pub struct Entry {
+    /// Its place among those given, from 1.
+    #[serde(skip)]
+    pub number: usize,
+    pub recording: String,
+    pub unit: String,
+    pub overlap: Overlap,
+    pub shares: OverlapShares,
+    pub train_sequences: usize,
+    pub test_sequences: usize,
+    pub leave_one_out: bool,
+    pub table1: Table1Row,
+    pub update_speed: UpdateSpeed,
+    pub errors: Vec<MethodErrors>,
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    pub curve: Vec<TrainedOn>,
+    /// Files with pictures of the field, blind and with vision.
+    #[serde(skip)]
+    pub fields: Vec<String>,
+}
+
+#[derive(Serialize)]
+struct Report<'a> {
+    recordings: &'a [Entry],
+    vision: String,
+    update_times: &'a [UpdateTimes],
+    written: Vec<String>,
+    failed: &'a [Failed],
+}
+
+impl<'a> Report<'a> {
+    fn of(
+        found: &'a Found<Entry>,
+        args: &Args,
+        update_times: &'a [UpdateTimes],
+        figures: &Figures,
+    ) -> Self {
+        Self {
+            recordings: &found.all,
+            vision: args.vision.name(),
+            update_times,
+            written: texts(&figures.written()),
+            failed: &found.failed,
+        }
+    }
+}
+
+pub fn run(args: &Args, console: &Console) -> anyhow::Result<()> {
+    let out = &args.out;
+    check_out(out)?;
+    args.recordings
+        .iter()
+        .try_for_each(|r| console.keep_input(r))?;
+    console.keep_apart(&[out.join("report.json")])?;
+    create_folder(out)?;
+    let figures = Figures::new(out);
+    // Tells the folder for that of a report, even if the run ends before there is one.
+    figures.write("report.md", TITLE.as_bytes())?;
+    let recordings = match args.recordings.is_empty() {
+        true => [ONE_PLACE, NEAR_PLACES, FAR_PLACES]
+            .iter()
+            .map(|sample| sample.unpack_into(&out.join("recordings")))
+            .collect::<Result<_, _>>()?,
+        false => args.recordings.clone(),
+    };
+    let spinner = console.spinner("timing updates");
+    let update_times = update_times()?;
+    spinner.finish_and_clear();
+    figures.update_times(&update_times)?;
+    let all = recordings.len();
+    let of = |number: usize, recording: &Recording, campaign: &Campaign| {
+        let what = progress("experiments", number, all);
+        let entry = entry(args, &figures, number, recording, campaign, what, console)?;
+        figures.curve(number, &entry)?;
+        Ok(entry)
+    };
+    // Whatever ends the run, there is a report of what is done.
+    let keep = |found: &Found<Entry>| {
+        let tables = tables(&found.all, &update_times);
+        let text = format!(
+            "# The experiments of the paper\n\n{tables}{}",
+            figures_text(&found.all)
+        );
+        figures.write("report.md", text.as_bytes())?;
+        let json =
+            serde_json::to_string_pretty(&Report::of(found, args, &update_times, &figures))? + "\n";
+        figures.write("report.json", json.as_bytes())
+    };
+    let found = each(&recordings, console, of, keep)?;
+    keep(&found)?;
+    console.json(&Report::of(&found, args, &update_times, &figures))?;
+    let tables = tables(&found.all, &update_times);
+    console.report(format!(
+        "{tables}wrote {}\n",
+        out.join("report.md").display()
+    ))?;
+    found.end()
+}
+
+fn check_out(out: &Path) -> anyhow::Result<()> {
+    let holds_more = out
+        .read_dir()
+        .is_ok_and(|mut entries| entries.next().is_some());
+    if holds_more && !out.join("report.md").is_file() && !out.join("recordings").is_dir() {
+        return Err(usage(format!(
+            "--out {} holds other files; choose a new or empty folder, or an earlier report to replace",
+            out.display()
+        )));
+    }
+    Ok(())
+}
+
+fn entry(
+    args: &Args,
+    figures: &Figures,
+    number: usize,
+    recording: &Recording,
+    campaign: &Campaign,
+    what: String,
+    console: &Console,
+) -> anyhow::Result<Entry> {
+    let vision = args.vision.spec();
+    if vision.is_some()
+        && let Some(view) = recording.view()?
+    {
+        let warnings = view_warnings(&campaign.scene().rest, &view);
+        warnings.iter().for_each(|w| console.warn(w));
+    }
+    let shares = OverlapShares::of(campaign);
+    let overlap = shares.overlap();
+    let with_curve = overlap == Overlap::Partial && campaign.curve_lens().len() > 1;
+    let steps = if with_curve {
+        campaign.curve_lens().len()
+    } else {
+        1
+    };
+    let bar = console.bar(steps + 3, what);
+    let update_speed = update_speed(campaign)?;
+    bar.inc(1);
+    let table1 = table1(campaign)?;
+    bar.inc(1);
+    let fields = figures.fields(number, recording, campaign, vision.as_ref())?;
+    bar.inc(1);
+    let mut curve = Vec::new();
+    let errors = if with_curve {
+        curve = campaign.curve(vision.as_ref(), || bar.inc(1))?;
+        curve.last().map_or_else(Vec::new, |all| all.errors.clone())
+    } else {
+        campaign.errors(vision.as_ref())?
+    };
+    bar.finish_and_clear();
+    Ok(Entry {
+        number,
+        recording: recording.dataset.name.clone(),
+        unit: table1.unit.clone(),
+        overlap,
+        shares,
+        train_sequences: campaign.train_len(),
+        test_sequences: campaign.test_len(),
+        leave_one_out: campaign.leave_one_out(),
+        table1,
+        update_speed,
+        errors,
+        curve,
+        fields,
+    })
+}

@@ -1,0 +1,110 @@
+use crate::{
+    Estimate, EstimatorSpec, Hyper, HyperMethod, PipelineError, PriorShape, Scene, Trace,
+    VisionSpec, choose_hyper, estimate, estimate_with_vision, rgbd_view,
+};
+use std::sync::OnceLock;
+use vsf_data::{CameraView, Dataset, Sequence};
+
+/// A recording on which an experiment is made: touches to learn from and touches to predict.
+pub struct Campaign<'a> {
+    pub(crate) name: &'a str,
+    pub(crate) scene: &'a Scene,
+    pub(crate) camera: Option<&'a CameraView>,
+    pub(crate) train: Vec<&'a Sequence>,
+    pub(crate) test: Vec<&'a Sequence>,
+    /// Of the train, then of the test sequences.
+    traces: &'a [Trace],
+    hyper: OnceLock<Hyper>,
+}
+
+impl<'a> Campaign<'a> {
+    /// Puts a recording together with the traces of its train sequences, followed by those of its test
+    /// sequences.
+    ///
+    /// # Errors
+    /// No train or no test sequence, or another number of traces.
+    pub fn new(
+        dataset: &'a Dataset,
+        scene: &'a Scene,
+        traces: &'a [Trace],
+    ) -> Result<Self, PipelineError> {
+        let (train, test): (Vec<_>, Vec<_>) = (dataset.train().collect(), dataset.test().collect());
+        for (what, split) in [("train", &train), ("test", &test)] {
+            if split.is_empty() {
+                return Err(PipelineError::NoSequences {
+                    what,
+                    hint: "an experiment needs a recording whose `splits` name train and test sequences",
+                });
+            }
+        }
+        vsf_core::CoreError::check_len("traces", traces.len(), train.len() + test.len())?;
+        Ok(Self {
+            name: &dataset.name,
+            scene,
+            camera: dataset.camera.as_ref(),
+            train,
+            test,
+            traces,
+            hyper: OnceLock::new(),
+        })
+    }
+
+    /// Robot, link shapes and rest points.
+    pub fn scene(&self) -> &Scene {
+        self.scene
+    }
+
+    pub(crate) fn train_traces(&self) -> &[Trace] {
+        &self.traces[..self.train.len()]
+    }
+
+    pub(crate) fn test_traces(&self) -> &[Trace] {
+        &self.traces[self.train.len()..]
+    }
+
+    /// Traces of all sequences, those to learn from first.
+    pub(crate) fn traces(&self) -> &[Trace] {
+        self.traces
+    }
+
+    /// Prior and noise, chosen from the train sequences by their held-out touches; once.
+    ///
+    /// # Errors
+    /// Train sequences that touch nothing; failures of an estimator.
+    pub fn hyper(&self) -> Result<&Hyper, PipelineError> {
+        if let Some(hyper) = self.hyper.get() {
+            return Ok(hyper);
+        }
+        let (shape, method) = (PriorShape::default(), HyperMethod::HeldOut);
+        let choice = choose_hyper(&self.scene.rest, self.train_traces(), shape, method)?;
+        Ok(self.hyper.get_or_init(|| choice.hyper))
+    }
+
+    /// The field of the train sequences, by touch alone.
+    ///
+    /// # Errors
+    /// As [`Campaign::hyper`].
+    pub fn blind_field(&self) -> Result<Estimate, PipelineError> {
+        let (rest, spec) = (&self.scene.rest, EstimatorSpec::Batch);
+        estimate(rest, self.train_traces(), &spec, self.hyper()?, |_| {})
+    }
+
+    /// The field of the train sequences with untouched points guessed from what the camera sees; `None`
+    /// without a camera, or where no touched point is seen.
+    ///
+    /// # Errors
+    /// As [`Campaign::hyper`]; images that do not fit.
+    pub fn vision_field(&self, vision: &VisionSpec) -> Result<Option<Estimate>, PipelineError> {
+        let Some(camera) = self.camera else {
+            return Ok(None);
+        };
+        let (rest, spec) = (&self.scene.rest, EstimatorSpec::Batch);
+        let (view, hyper) = (rgbd_view(camera)?, self.hyper()?);
+        let traces = self.train_traces();
+        match estimate_with_vision(rest, &view, traces, &spec, hyper, vision, |_| {}) {
+            Ok(found) => Ok(Some(found.estimate)),
+            Err(PipelineError::Unseen { .. }) => Ok(None),
+            Err(other) => Err(other),
+        }
+    }
+}

@@ -1,0 +1,83 @@
+use super::Spread;
+use crate::{Campaign, PipelineError, Scene, external_torques};
+use serde::Serialize;
+use std::time::Instant;
+use vsf_core::{Belief, Noise, Session};
+use vsf_data::Sequence;
+use vsf_filter::{DiagonalKalman, MemoryReplay, ReplayConfig};
+use vsf_robots::JointTorques;
+
+/// How fast the online estimation goes on the train sequences (a row of Table II): kinematics,
+/// contact, columns and update with 20 replays, in `f32`, on one thread.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
+pub struct UpdateSpeed {
+    /// Contacts, over the samples in contact.
+    pub contacts: Spread,
+    /// Updates a second, over the samples in contact.
+    pub rate_hz: Spread,
+}
+
+/// Times the online estimation on the train sequences of a campaign.
+///
+/// # Errors
+/// Train sequences that touch nothing; rows that robot, contact or filter cannot take.
+pub fn update_speed(campaign: &Campaign) -> Result<UpdateSpeed, PipelineError> {
+    let scene = campaign.scene;
+    // Their values make no difference to the time.
+    let prior = Belief::<f32>::uniform(scene.rest.len(), 0.0, 0.1)?;
+    let noise = Noise::uniform(scene.robot.joint_count(), 1.0)?;
+    let mut session = Session::new(
+        scene.rest.clone(),
+        scene.contact_model()?,
+        JointTorques::new(noise),
+        MemoryReplay::new(DiagonalKalman::new(prior), ReplayConfig::default())?,
+    )?;
+    let mut steps = Vec::new();
+    for sequence in &campaign.train {
+        session.begin_sequence();
+        run(scene, sequence, &mut session, &mut steps)?;
+    }
+    let in_contact = || steps.iter().filter(|s| s.contacts > 0);
+    Ok(UpdateSpeed {
+        contacts: Spread::of(in_contact().map(|s| s.contacts as f64)),
+        rate_hz: Spread::of(in_contact().map(|s| 1.0 / s.seconds.max(1e-9))),
+    })
+}
+
+struct Step {
+    contacts: usize,
+    seconds: f64,
+}
+
+type Online =
+    Session<Box<dyn vsf_core::ContactModel>, JointTorques, MemoryReplay<DiagonalKalman<f32>>>;
+
+fn run(
+    scene: &Scene,
+    sequence: &Sequence,
+    session: &mut Online,
+    steps: &mut Vec<Step>,
+) -> Result<(), PipelineError> {
+    let torques = external_torques(scene, sequence)?;
+    let mut posture = scene.robot.posture();
+    for touch in sequence.touches() {
+        session.begin_touch();
+        for row in touch {
+            let clock = Instant::now();
+            let q = &sequence.angles[row];
+            scene.robot.update_posture(q, &mut posture)?;
+            let step = session.step(&posture, &torques[row]);
+            let seconds = clock.elapsed().as_secs_f64();
+            let report = step.map_err(|source| PipelineError::Sequence {
+                id: sequence.id.clone(),
+                row,
+                source,
+            })?;
+            steps.push(Step {
+                contacts: report.contacts,
+                seconds,
+            });
+        }
+    }
+    Ok(())
+}
