@@ -161,7 +161,7 @@ impl Fitted<'_> {
             point: point * self.uniform,
             smooth: smooth * self.uniform,
             level: LEVEL * self.uniform,
-            contact: CONTACT[0],
+            contact: CONTACT[1],
             joint: JOINT[1],
         };
         if !self.touches() {
