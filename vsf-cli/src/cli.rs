@@ -1,4 +1,6 @@
-use crate::commands::{bench, estimate, evaluate, experiment, export, info, predict, simulate};
+use crate::commands::{
+    bench, diagnose, estimate, evaluate, experiment, export, info, predict, simulate,
+};
 use clap::{Parser, Subcommand};
 use std::path::PathBuf;
 
@@ -40,6 +42,8 @@ pub enum Command {
     Predict(predict::Args),
     /// Measure the prediction error of a field, or of a baseline, on the test sequences
     Evaluate(evaluate::Args),
+    /// Diagnose the sim-to-real gap: where it lies, which effect causes it, how far it closes
+    Diagnose(diagnose::Args),
     /// Replace the torques of a recording by those of a field: a synthetic recording
     Simulate(simulate::Args),
     /// Write a field as point cloud or picture, or torques as plots

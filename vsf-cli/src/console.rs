@@ -28,12 +28,7 @@ impl Console {
     /// `json`: not wanted, to standard output, or to a file, whose folder must exist.
     pub fn new(quiet: bool, json: Option<Option<PathBuf>>) -> anyhow::Result<Self> {
         if let Some(Some(path)) = &json {
-            let folder = path.parent().filter(|p| !p.as_os_str().is_empty());
-            if path.is_dir() || folder.is_some_and(|f| !f.is_dir()) {
-                let why = "--json must name a file in a folder that exists";
-                return Err(std::io::Error::new(ErrorKind::NotFound, why))
-                    .with_context(|| format!("cannot write {}", path.display()));
-            }
+            check_file("--json", path)?;
         }
         Ok(Self {
             quiet,
@@ -52,18 +47,50 @@ impl Console {
 
     /// The result for machines, if wanted, with all warnings so far.
     pub fn json(&self, result: &impl Serialize) -> anyhow::Result<()> {
-        let Some(target) = &self.json else {
-            return Ok(());
-        };
+        self.json_and(result, Vec::new())
+    }
+
+    /// [`Console::json`], and further files: all of them are written, or none.
+    pub fn json_and(
+        &self,
+        result: &impl Serialize,
+        mut files: Vec<(PathBuf, String)>,
+    ) -> anyhow::Result<()> {
         let result = WithWarnings {
             result,
             warnings: &self.warnings.borrow(),
         };
         let text = serde_json::to_string_pretty(&result).context("cannot write JSON")? + "\n";
-        match target {
-            Some(path) => write_file(path, text.as_bytes()),
-            None => print(&text),
+        if let Some(Some(path)) = &self.json {
+            files.push((path.clone(), text));
+        } else if self.json.is_some() {
+            print(&text)?;
         }
+        Ok(writing(|| vsf::data::write_files(files))?)
+    }
+
+    /// Refuses outputs, each with its flag, that are no files in folders that exist, that lie in
+    /// `input`, or that name a place twice.
+    pub fn check_outputs(&self, outputs: &[(&str, &Path)], input: &Path) -> anyhow::Result<()> {
+        let json = self
+            .json
+            .iter()
+            .flatten()
+            .map(|json| ("--json", json.as_path()));
+        let all: Vec<_> = json.chain(outputs.iter().copied()).collect();
+        for (k, &(flag, path)) in all.iter().enumerate() {
+            check_file(flag, path)?;
+            if place(path).starts_with(place(input)) {
+                let (path, input) = (path.display(), input.display());
+                return Err(usage(format!(
+                    "{flag} {path} would replace a part of {input}"
+                )));
+            }
+            if let Some((other, _)) = all[..k].iter().find(|(_, p)| place(p) == place(path)) {
+                return Err(usage(format!("{other} and {flag} name the same file")));
+            }
+        }
+        Ok(())
     }
 
     /// Refuses an output file that is the one for machines.
@@ -120,6 +147,17 @@ impl Console {
         bar.enable_steady_tick(std::time::Duration::from_millis(120));
         bar
     }
+}
+
+/// Refuses what is no file in a folder that exists.
+fn check_file(flag: &str, path: &Path) -> anyhow::Result<()> {
+    let folder = path.parent().filter(|p| !p.as_os_str().is_empty());
+    if path.is_dir() || folder.is_some_and(|f| !f.is_dir()) {
+        let why = format!("{flag} must name a file in a folder that exists");
+        return Err(std::io::Error::new(ErrorKind::NotFound, why))
+            .with_context(|| format!("cannot write {}", path.display()));
+    }
+    Ok(())
 }
 
 /// One line on standard error. That nobody reads it is no reason to stop.

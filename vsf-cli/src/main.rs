@@ -6,6 +6,8 @@ mod cli;
 mod commands;
 mod config;
 mod console;
+mod corrected;
+mod diagnosis;
 mod exit;
 mod field_file;
 mod interrupt;

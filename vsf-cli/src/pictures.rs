@@ -154,6 +154,7 @@ pub fn torques(
             measured,
             predicted,
             sigma,
+            ..JointTrace::default()
         })
         .collect();
     let contact: Vec<bool> = trace.observations.iter().map(|o| !o.is_empty()).collect();

@@ -1,11 +1,13 @@
 use crate::config::Sources;
 use crate::console::{Console, number};
+use crate::corrected::ModelArgs;
 use crate::exit::usage;
 use crate::field_file::FieldFile;
 use crate::settings::SceneSettings;
 use std::path::{Path, PathBuf};
 use vsf::contact::CacheUse;
 use vsf::data::{DataError, Dataset, Sequence};
+use vsf::gap::Campaign;
 use vsf::pipeline::{
     PipelineError, Scene, SceneOptions, Trace, motion_warnings, reading_warnings, rgbd_view,
     robot_of,
@@ -35,6 +37,8 @@ pub struct FieldArgs {
     /// The field, .npz or folder; by default the one stored in the recording
     #[arg(long)]
     pub field: Option<PathBuf>,
+    #[command(flatten)]
+    pub model: ModelArgs,
 }
 
 /// An open recording.
@@ -226,6 +230,18 @@ impl Recording {
     /// Whether there are points to touch, own ones or those of a stored field.
     pub fn has_points(&self) -> bool {
         self.dataset.rest_points.is_some() || self.dataset.field.is_some()
+    }
+
+    /// The recording as a diagnosis sees it, with warnings about its motions.
+    pub fn campaign(&self, console: &Console) -> anyhow::Result<Campaign> {
+        let campaign = match self.has_points() {
+            true => Campaign::in_scene(&self.dataset, self.scene(console)?)?,
+            false => Campaign::in_air(&self.dataset, self.robot()?)?,
+        };
+        let sequences: Vec<&Sequence> = self.dataset.sequences.iter().collect();
+        let motion = motion_warnings(&campaign.site.robot, &sequences);
+        motion.iter().for_each(|w| console.warn(w));
+        Ok(campaign)
     }
 
     /// The robot alone.

@@ -72,5 +72,5 @@ pub use npy::NpyError;
 pub use ply::{ColoredPoint, read_ply_cloud, read_ply_points};
 pub use sequence::Sequence;
 pub use signal::{Motion, differentiate, tare};
-pub use staged::write_file;
+pub use staged::{write_file, write_files};
 pub use table::Table;

@@ -14,8 +14,20 @@ use tempfile::TempPath;
 /// # Errors
 /// [`DataError::Io`]; the old file is then as it was.
 pub fn write_file(path: impl AsRef<Path>, bytes: &[u8]) -> Result<(), DataError> {
+    write_files([(path, bytes)])
+}
+
+/// [`write_file`] of several files, all of them or none.
+///
+/// # Errors
+/// [`DataError::Io`] of the first that cannot be written; all old files are then as they were.
+pub fn write_files<P: AsRef<Path>, B: AsRef<[u8]>>(
+    files: impl IntoIterator<Item = (P, B)>,
+) -> Result<(), DataError> {
     let mut staged = Staged::default();
-    staged.file(path.as_ref(), bytes)?;
+    for (path, bytes) in files {
+        staged.file(path.as_ref(), bytes.as_ref())?;
+    }
     staged.commit()
 }
 

@@ -6,6 +6,7 @@ use std::sync::Arc;
 use vsf_core::RestPoints;
 use vsf_data::{Dataset, Sequence, Table, TorqueKind, tare};
 use vsf_pipeline::{Scene, SceneOptions, external_torques, robot_of};
+use vsf_robots::RobotModel;
 
 /// Half the window (samples) of velocities and accelerations estimated from positions.
 const HALF_WINDOW: usize = 4;
@@ -70,19 +71,36 @@ impl Campaign {
     /// # Errors
     /// Robot, scene, torques or motions that cannot be read.
     pub fn open(dataset: &Dataset, options: &SceneOptions) -> Result<Self, GapError> {
-        let free = dataset.rest_points.is_none() && dataset.field.is_none();
-        let scene = match free {
-            true => None,
-            false => Some(Scene::open(dataset, options)?),
-        };
-        let robot = match &scene {
-            Some(scene) => Arc::new(scene.robot.clone()),
-            None => Arc::new(robot_of(dataset, &options.packages)?),
-        };
-        let rest = match &scene {
-            Some(scene) => scene.rest.clone(),
-            None => Arc::new(RestPoints::new(Vec::new())?),
-        };
+        match dataset.rest_points.is_none() && dataset.field.is_none() {
+            true => Self::in_air(dataset, robot_of(dataset, &options.packages)?),
+            false => Self::in_scene(dataset, Scene::open(dataset, options)?),
+        }
+    }
+
+    /// [`Campaign::open`] of a recording whose scene is at hand.
+    ///
+    /// # Errors
+    /// Torques or motions that cannot be read.
+    pub fn in_scene(dataset: &Dataset, scene: Scene) -> Result<Self, GapError> {
+        let (robot, rest) = (Arc::new(scene.robot.clone()), scene.rest.clone());
+        Self::new(dataset, robot, rest, Some(scene))
+    }
+
+    /// [`Campaign::open`] of a recording in which the arm touches nothing.
+    ///
+    /// # Errors
+    /// As [`Campaign::in_scene`].
+    pub fn in_air(dataset: &Dataset, robot: RobotModel) -> Result<Self, GapError> {
+        let rest = Arc::new(RestPoints::new(Vec::new())?);
+        Self::new(dataset, Arc::new(robot), rest, None)
+    }
+
+    fn new(
+        dataset: &Dataset,
+        robot: Arc<RobotModel>,
+        rest: Arc<RestPoints>,
+        scene: Option<Scene>,
+    ) -> Result<Self, GapError> {
         let mut train: Vec<&str> = dataset.splits.train.iter().map(String::as_str).collect();
         let mut test: Vec<&str> = dataset.splits.test.iter().map(String::as_str).collect();
         if test.is_empty() && train.len() > 1 {
@@ -116,12 +134,6 @@ impl Campaign {
             }
         }
         site.duration = clock.map_or(1.0, |c| c.end.max(1.0));
-        if trained.is_empty() {
-            return Err(GapError::TooLittle {
-                what: "train sequences",
-                problem: "there are none; give the recording a train split".to_owned(),
-            });
-        }
         Ok(Self {
             site,
             scene,

@@ -110,6 +110,8 @@ pub struct Outcome {
     pub diagnosis: Diagnosis,
     /// The corrected model; without parts when nothing is corrected.
     pub model: Model,
+    /// Standard deviations of its parameters, effect by effect.
+    pub sd: Vec<f64>,
     /// The corrected model's field per rest point (N/m).
     pub field: Vec<f64>,
     /// Residuals of the nominal model on the test sequences.
@@ -164,6 +166,12 @@ pub fn diagnose(
     seed: u64,
     mut progress: impl FnMut(Step),
 ) -> Result<Outcome, GapError> {
+    if campaign.train.is_empty() {
+        return Err(GapError::TooLittle {
+            what: "train sequences",
+            problem: "there are none; give the recording a train split".to_owned(),
+        });
+    }
     progress(Step::Nominal);
     let nominal = Model::default();
     let mut fitted = campaign.fitted(&nominal, &campaign.train)?;
@@ -192,21 +200,19 @@ pub fn diagnose(
 
     progress(Step::Finalists);
     let leader = candidates.first().map_or(0.0, |c| c.screened);
-    (candidates.par_iter_mut().enumerate()).try_for_each(|(rank, candidate)| {
+    for (rank, candidate) in candidates.iter_mut().enumerate() {
         let tangent = &tangents[candidate.tangent];
         let moves = tangent.effect.acts() == Acts::Contact;
         let near = candidate.screened > leader - HOPELESS;
-        let found = screening.candidates.iter().find(|s| s.tangent == candidate.tangent);
-        if let Some(found) = found
-            && near
-            && (rank < FINALISTS || moves && leader < HOPELESS)
-        {
-            let start = campaign.start(&nominal, tangent, found, &spread)?;
-            let sd = tangent.prior(&campaign.site);
-            candidate.refined = Some(campaign.refine(&start, &sd, &found.spread)?);
+        if near && (rank < FINALISTS || moves && leader < HOPELESS) {
+            let found = screening.candidates.iter().find(|s| s.tangent == candidate.tangent);
+            if let Some(found) = found {
+                let start = campaign.start(&nominal, tangent, found, &spread)?;
+                let sd = tangent.prior(&campaign.site);
+                candidate.refined = Some(campaign.refine(&start, &sd, &found.spread)?);
+            }
         }
-        Ok::<(), GapError>(())
-    })?;
+    }
     candidates.sort_by(|a, b| b.score(base).total_cmp(&a.score(base)));
 
     progress(Step::Pairs);
@@ -246,10 +252,14 @@ pub fn diagnose(
         notes.push("there is one sequence only: errors are those of the fit itself".to_owned());
     }
     let (mut model, mut after, mut corrected_field) = (nominal.clone(), before.clone(), field);
+    let mut sd = Vec::new();
     if let Some(chosen) = chosen {
         let (field, residuals) = campaign.checked(&chosen.model, &chosen.spread, checked)?;
         match residuals.mean_error() <= before.mean_error() {
-            true => (model, after, corrected_field) = (chosen.model.clone(), residuals, field),
+            true => {
+                (model, after, corrected_field) = (chosen.model.clone(), residuals, field);
+                sd.clone_from(&chosen.sd);
+            }
             false => notes.push(format!(
                 "with {} the test sequences are predicted worse ({:.3} instead of {:.3}): the \
                  corrected model is the nominal one",
@@ -322,6 +332,7 @@ pub fn diagnose(
             notes,
         },
         model,
+        sd,
         field: corrected_field,
         nominal: before,
         corrected: after,

@@ -2,8 +2,10 @@ use crate::effect::{Acts, Compensator, Effect, Sample, Touch};
 use crate::{Campaign, GapError, Motion, Site};
 use nalgebra::{Matrix3, Point3, Vector3};
 use std::sync::Arc;
-use vsf_core::{ContactModel, Contacts, JointScrew, Posture};
+use vsf_core::{ContactModel, Contacts, CoreError, JointScrew, Observation, Posture};
 use vsf_data::TorqueKind;
+use vsf_pipeline::Scene;
+use vsf_robots::DynamicsWorkspace;
 
 /// Effects with their parameters: a model of the recording.
 #[derive(Clone, Default)]
@@ -72,7 +74,7 @@ impl Campaign {
     /// Parameters of contact out of range, rows that contact cannot take.
     pub fn contact_log(&self, model: &Model, motion: &Motion) -> Result<ContactLog, GapError> {
         let mut compensators = model.compensators(&self.site)?;
-        let mut driver = self.contact_driver(&compensators)?;
+        let mut driver = ContactDriver::new(&self.site, self.scene.as_ref(), &compensators)?;
         let mut log = ContactLog {
             postures: Vec::with_capacity(motion.len()),
             contacts: Vec::with_capacity(motion.len()),
@@ -100,13 +102,7 @@ impl Campaign {
                 )?;
                 if rigid {
                     // Less than the recorded positions gave: (RNEA(q) - meas) as reading.
-                    let of_links = self.site.robot.inverse_dynamics(
-                        &driver.q,
-                        sample.qd,
-                        sample.qdd,
-                        &self.site.gravity,
-                        &mut workspace,
-                    )?;
+                    let of_links = driver.rigid(&self.site, &sample, &mut workspace)?;
                     let recorded = &motion.load[row];
                     log.rigid
                         .extend(recorded.iter().zip(of_links).map(|(r, l)| r - l));
@@ -117,25 +113,6 @@ impl Campaign {
             }
         }
         Ok(log)
-    }
-
-    fn contact_driver(
-        &self,
-        compensators: &[Box<dyn Compensator>],
-    ) -> Result<ContactDriver, GapError> {
-        let model = match &self.scene {
-            None => None,
-            Some(scene) => {
-                let mut config = *scene.contact();
-                compensators.iter().for_each(|c| c.contact(&mut config));
-                Some(scene.contact_model_with(config)?)
-            }
-        };
-        Ok(ContactDriver {
-            model,
-            force: Vector3::zeros(),
-            q: vec![0.0; self.site.joints()],
-        })
     }
 }
 
@@ -160,6 +137,49 @@ impl Motion {
 }
 
 impl ContactDriver {
+    /// Contact as the compensators have it; none without a scene.
+    ///
+    /// # Errors
+    /// Parameters of contact out of range.
+    pub fn new(
+        site: &Site,
+        scene: Option<&Scene>,
+        compensators: &[Box<dyn Compensator>],
+    ) -> Result<Self, GapError> {
+        let model = match scene {
+            None => None,
+            Some(scene) => {
+                let mut config = *scene.contact();
+                compensators.iter().for_each(|c| c.contact(&mut config));
+                Some(scene.contact_model_with(config)?)
+            }
+        };
+        Ok(Self {
+            model,
+            force: Vector3::zeros(),
+            q: vec![0.0; site.joints()],
+        })
+    }
+
+    /// The force (N, world) behind the last reading.
+    pub fn force(&self) -> Vector3<f64> {
+        self.force
+    }
+
+    /// The rigid-body torques (N m or N) of the links where the last step has put them.
+    ///
+    /// # Errors
+    /// Motions that the robot cannot take.
+    pub fn rigid<'w>(
+        &self,
+        site: &Site,
+        sample: &Sample<'_>,
+        workspace: &'w mut DynamicsWorkspace,
+    ) -> Result<&'w [f64], GapError> {
+        let robot = &site.robot;
+        Ok(robot.inverse_dynamics(&self.q, sample.qd, sample.qdd, &site.gravity, workspace)?)
+    }
+
     /// Forgets all contacts.
     pub fn reset(&mut self) {
         if let Some(model) = &mut self.model {
@@ -234,7 +254,12 @@ pub fn centre(touch: &Touch<'_>) -> Option<(usize, Point3<f64>)> {
         .map(place)
         .sum();
     let links = contacts.links().iter().copied();
-    let most = contacts.links().iter().copied().max().map_or(0, |l| l as usize + 1);
+    let most = contacts
+        .links()
+        .iter()
+        .copied()
+        .max()
+        .map_or(0, |l| l as usize + 1);
     let link = (0..most as u32).max_by_key(|l| links.clone().filter(|m| m == l).count())?;
     Some((link as usize, Point3::from(sum / n as f64)))
 }
@@ -294,11 +319,7 @@ impl Campaign {
     ) -> Result<(), GapError> {
         let d = self.site.joints();
         let mut compensators = model.compensators(&self.site)?;
-        let mut out = Prediction {
-            springs: Vec::new(),
-            gains: vec![1.0; d],
-            torques: vec![0.0; d],
-        };
+        let mut out = Prediction::new(d);
         for (s, (motion, log)) in motions.iter().zip(logs).enumerate() {
             compensators
                 .iter_mut()
@@ -326,7 +347,29 @@ impl Campaign {
 }
 
 impl Prediction {
-    fn step(
+    /// Of nothing yet, for a robot with this many joints.
+    pub(crate) fn new(joints: usize) -> Self {
+        Self {
+            springs: Vec::new(),
+            gains: vec![1.0; joints],
+            torques: vec![0.0; joints],
+        }
+    }
+
+    /// The columns `G W` with a reading.
+    pub(crate) fn observation(
+        &self,
+        touch: &Touch<'_>,
+        reading: &[f64],
+        obs: &mut Observation<f64>,
+    ) -> Result<(), CoreError> {
+        let points = touch.contacts.points();
+        obs.rebuild(touch.rest.len(), points, reading, |k, out| {
+            self.column(touch, k, out)
+        })
+    }
+
+    pub(crate) fn step(
         &mut self,
         compensators: &mut [Box<dyn Compensator>],
         sample: &Sample<'_>,

@@ -4,6 +4,7 @@
 #![forbid(unsafe_code)]
 
 mod campaign;
+mod corrected;
 mod diagnose;
 mod locate;
 mod next;
@@ -17,10 +18,15 @@ mod forward;
 pub use campaign::{Campaign, Motion};
 pub use effect::{Acts, Compensator, Effect, Need, Parameter, Role, Sample, Site, Touch};
 pub use error::GapError;
-pub use forward::{ContactDriver, ContactLog, Model, Prediction, centre, velocity_columns};
+pub use model_file::{EffectEntry, ModelFile};
+pub use online::Corrector;
+pub use corrected::Corrected;
+pub use forward::{ContactLog, Model, Prediction, centre, velocity_columns};
 mod evidence;
 mod nominal;
+mod model_file;
 mod noise;
+mod online;
 mod phase;
 mod refine;
 mod response;

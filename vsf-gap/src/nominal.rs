@@ -31,8 +31,8 @@ pub struct Fitted<'a> {
 }
 
 /// Roughness of contact and of joints that are tried.
-const CONTACT: [f64; 3] = [0.03, 0.1, 0.3];
-const JOINT: [f64; 3] = [0.0, 0.05, 0.2];
+const CONTACT: [f64; 4] = [0.02, 0.07, 0.2, 0.5];
+const JOINT: [f64; 4] = [0.0, 0.05, 0.15, 0.4];
 /// Spread of single points and of the smooth part, in units of the uniform stiffness.
 const POINT: [f64; 3] = [0.3, 1.0, 3.0];
 const SMOOTH: [f64; 3] = [0.3, 1.0, 3.0];
@@ -175,35 +175,7 @@ impl Fitted<'_> {
             tried.par_iter().map(|s| self.log_evidence(s)).collect();
         let found = found?;
         let best = (0..tried.len()).max_by(|a, b| found[*a].total_cmp(&found[*b]));
-        let best = best.unwrap_or(0);
-        let (mut spread, mut value) = (tried[best], found[best]);
-        // Steps of the lattice are wide: an effect that scales the field would profit from them.
-        for factor in [1.7, 1.3] {
-            let scaled = |p: f64, s: f64| Spread {
-                point: p * spread.point,
-                smooth: s * spread.smooth,
-                ..spread
-            };
-            let around: Vec<Spread> = [
-                (factor, 1.0),
-                (1.0 / factor, 1.0),
-                (1.0, factor),
-                (1.0, 1.0 / factor),
-                (factor, factor),
-                (1.0 / factor, 1.0 / factor),
-            ]
-            .map(|(p, s)| scaled(p, s))
-            .to_vec();
-            let values: Vec<f64> = (around.par_iter())
-                .map(|s| self.log_evidence(s))
-                .collect::<Result<_, GapError>>()?;
-            for (s, v) in around.into_iter().zip(values) {
-                if v > value {
-                    (spread, value) = (s, v);
-                }
-            }
-        }
-        Ok(spread)
+        Ok(tried[best.unwrap_or(0)])
     }
 
     /// That spread of the stiffness with every roughness that is tried.

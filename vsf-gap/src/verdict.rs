@@ -68,8 +68,8 @@ impl Hypothesis {
 pub(crate) fn threshold(effect: &dyn Effect) -> f64 {
     match effect.acts() {
         Acts::Torques => EVIDENT,
-        Acts::Springs => 20.0,
-        Acts::Contact => 35.0,
+        Acts::Springs => 25.0,
+        Acts::Contact => 45.0,
     }
 }
 

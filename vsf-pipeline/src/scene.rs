@@ -44,7 +44,8 @@ impl Default for SceneOptions {
     }
 }
 
-/// A robot and the points it touches: all that contact needs.
+/// A robot and the points it touches: all that contact needs. A clone shares points and link shapes.
+#[derive(Clone)]
 pub struct Scene {
     /// The robot, placed in the world.
     pub robot: RobotModel,

@@ -2,6 +2,7 @@ use crate::{PipelineError, Scene};
 use rand::SeedableRng;
 use rand_distr::{Distribution, Normal};
 use rand_pcg::Pcg64Mcg;
+use vsf_core::CoreError;
 use vsf_data::{Sequence, Table, TorqueKind};
 
 /// Replaces the readings of `sequences` by those of the field `stiffness` (N/m per rest point),
@@ -25,18 +26,11 @@ pub fn simulate(
             recording: scene.rest.len(),
         });
     }
-    vsf_core::CoreError::check_finite("stiffness", stiffness)?;
-    let range = |name, value: f64| vsf_core::CoreError::Parameter {
-        name,
-        value,
-        range: ">= 0",
-    };
+    CoreError::check_finite("stiffness", stiffness)?;
     if let Some(&k) = stiffness.iter().find(|k| **k < 0.0) {
-        return Err(range("stiffness", k).into());
+        return Err(below_zero("stiffness", k).into());
     }
-    let noise = Normal::new(0.0, noise_sd).ok().filter(|_| noise_sd >= 0.0);
-    let noise = noise.ok_or(range("noise sd", noise_sd))?;
-    let mut rng = Pcg64Mcg::seed_from_u64(seed);
+    gaussian(noise_sd)?;
     let mut workspace = scene.robot.dynamics_workspace();
     let mut simulated = Vec::with_capacity(sequences.len());
     for sequence in sequences {
@@ -51,12 +45,43 @@ pub fn simulate(
                     .gravity_torques(q, &scene.gravity, &mut workspace)?;
                 tau.iter_mut().zip(gravity).for_each(|(t, g)| *t = g - *t);
             }
-            torques.extend(tau.iter().map(|t| t + noise.sample(&mut rng)));
+            torques.extend_from_slice(&tau);
         }
         simulated.push(Sequence {
             torques: Table::new(scene.robot.joint_count(), torques)?,
             ..sequence.clone()
         });
     }
+    add_noise(&mut simulated, noise_sd, seed)?;
     Ok(simulated)
+}
+
+/// Adds independent noise of `noise_sd` to every reading, seeded: same seed, same bits.
+///
+/// # Errors
+/// A noise that is negative or not finite; the sequences are then as they were.
+pub fn add_noise(
+    sequences: &mut [Sequence],
+    noise_sd: f64,
+    seed: u64,
+) -> Result<(), PipelineError> {
+    let noise = gaussian(noise_sd)?;
+    let mut rng = Pcg64Mcg::seed_from_u64(seed);
+    for t in sequences.iter_mut().flat_map(|s| s.torques.data_mut()) {
+        *t += noise.sample(&mut rng);
+    }
+    Ok(())
+}
+
+fn gaussian(sd: f64) -> Result<Normal<f64>, PipelineError> {
+    let noise = Normal::new(0.0, sd).ok().filter(|_| sd >= 0.0);
+    Ok(noise.ok_or(below_zero("noise sd", sd))?)
+}
+
+fn below_zero(name: &'static str, value: f64) -> CoreError {
+    CoreError::Parameter {
+        name,
+        value,
+        range: ">= 0",
+    }
 }

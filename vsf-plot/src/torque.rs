@@ -11,8 +11,9 @@ const LARGE: f64 = 1e9;
 /// Most panels in one picture.
 const MAX_JOINTS: usize = 32;
 
-// Blue and orange of M. Okabe and K. Ito's palette for all colour visions (2008).
+// Blue, vermilion and orange of M. Okabe and K. Ito's palette for all colour visions (2008).
 const PREDICTED: Rgb = [0, 114, 178];
+const NOMINAL: Rgb = [213, 94, 0];
 const CONTACT: Rgb = [230, 159, 0];
 
 /// What one joint measured and what was predicted for it.
@@ -26,6 +27,9 @@ pub struct JointTrace<'a> {
     pub measured: &'a [f64],
     /// Predicted torques, one per time.
     pub predicted: &'a [f64],
+    /// What a model predicted before it was corrected, one per time, with its error in the panel's
+    /// title; or empty. `predicted` is then called corrected.
+    pub nominal: &'a [f64],
     /// Standard deviation of the prediction, one per time, >= 0, drawn as a band of ±1 sigma; or
     /// empty for no band.
     pub sigma: &'a [f64],
@@ -38,6 +42,7 @@ impl Default for JointTrace<'_> {
             unit: "N m",
             measured: &[],
             predicted: &[],
+            nominal: &[],
             sigma: &[],
         }
     }
@@ -130,10 +135,12 @@ impl TorquePlot<'_> {
             for (field, values, least) in [
                 ("measured", joint.measured, -LARGE),
                 ("predicted", joint.predicted, -LARGE),
+                ("nominal", joint.nominal, -LARGE),
                 ("sigma", joint.sigma, 0.0),
             ] {
                 let what = format!("joints[{k}].{field}");
-                if !(field == "sigma" && values.is_empty()) {
+                let optional = matches!(field, "nominal" | "sigma");
+                if !(optional && values.is_empty()) {
                     check_len(&what, values.len(), self.time.len())?;
                 }
                 check_values(&what, values.iter().copied(), least, LARGE)?;
@@ -157,9 +164,12 @@ impl TorquePlot<'_> {
     fn legend<D: DrawingBackend>(&self, root: &Area<D>) -> Drawn<D> {
         let y = 62.0;
         let banded = self.joints.iter().any(|j| !j.sigma.is_empty());
+        let corrected = self.joints.iter().any(|j| !j.nominal.is_empty());
         let entries = [
             ("measured", true, INK, 1.0),
-            ("predicted", true, PREDICTED, 1.0),
+            ("nominal model", corrected, NOMINAL, 1.0),
+            ("corrected model", corrected, PREDICTED, 1.0),
+            ("predicted", !corrected, PREDICTED, 1.0),
             ("prediction ± 1 sigma", banded, PREDICTED, BAND_ALPHA),
             ("contact", !self.contact.is_empty(), CONTACT, CONTACT_ALPHA),
         ];
@@ -188,8 +198,15 @@ impl TorquePlot<'_> {
         let (joint, (x, y)) = (&self.joints[k], grid.place(k));
         let last = grid.is_last_of_column(k);
         let unit = joint.unit;
-        let rms = significant(rms_error(joint));
-        let title = format!("{} [{unit}], RMS error {rms} {unit}", joint.name);
+        let rms = significant(rms_error(joint.measured, joint.predicted));
+        let errors = match joint.nominal {
+            [] => rms,
+            nominal => format!(
+                "{} to {rms}",
+                significant(rms_error(joint.measured, nominal))
+            ),
+        };
+        let title = format!("{} [{unit}], RMS error {errors} {unit}", joint.name);
         text(root, &title, (x + LEFT, y + 12.0), 17.0, INK)?;
 
         let below = if last { TIME_AXIS } else { 0.0 };
@@ -241,7 +258,12 @@ impl TorquePlot<'_> {
             let fill = rgb(PREDICTED).mix(BAND_ALPHA).filled();
             chart.draw_series([Polygon::new(outline, fill)])?;
         }
-        for (values, colour) in [(joint.measured, INK), (joint.predicted, PREDICTED)] {
+        let curves = [
+            (joint.measured, INK),
+            (joint.nominal, NOMINAL),
+            (joint.predicted, PREDICTED),
+        ];
+        for (values, colour) in curves.into_iter().filter(|c| !c.0.is_empty()) {
             let curve = thin_curve(self.time, values, span, columns);
             let style = rgb(colour).stroke_width(units(1.5) as u32);
             chart.draw_series(LineSeries::new(curve, style))?;
@@ -339,24 +361,24 @@ fn numbered(value: f64, (lo, hi): (f64, f64), count: f64) -> String {
     tick_label(value, (hi - lo) / count, lo.abs().max(hi.abs()))
 }
 
-fn rms_error(joint: &JointTrace<'_>) -> f64 {
-    let sum: f64 = joint
-        .measured
-        .iter()
-        .zip(joint.predicted)
-        .map(|(m, p)| (m - p).powi(2))
-        .sum();
-    (sum / joint.measured.len() as f64).sqrt()
+fn rms_error(measured: &[f64], predicted: &[f64]) -> f64 {
+    let squares = measured.iter().zip(predicted).map(|(m, p)| (m - p).powi(2));
+    (squares.sum::<f64>() / measured.len() as f64).sqrt()
 }
 
-/// The range of both curves, a little wider, and of as much of the band as half of it again.
+/// The range of all curves, a little wider, and of as much of the band as half of it again.
 fn value_range(joint: &JointTrace<'_>) -> (f64, f64) {
     let fold = |values: &mut dyn Iterator<Item = f64>| {
         values.fold((f64::INFINITY, f64::NEG_INFINITY), |m, v| {
             (m.0.min(v), m.1.max(v))
         })
     };
-    let (lo, hi) = fold(&mut joint.measured.iter().chain(joint.predicted).copied());
+    let curves = joint
+        .measured
+        .iter()
+        .chain(joint.predicted)
+        .chain(joint.nominal);
+    let (lo, hi) = fold(&mut curves.copied());
     let half = 0.5 * (hi - lo);
     let sides = joint.predicted.iter().zip(joint.sigma);
     let (low, high) = fold(&mut sides.flat_map(|(p, s)| [p - s, p + s]));
@@ -401,11 +423,6 @@ mod tests {
 
     #[test]
     fn error_over_all_samples() {
-        let joint = JointTrace {
-            measured: &[0.0, 3.0],
-            predicted: &[0.0, -1.0],
-            ..Default::default()
-        };
-        assert_eq!(rms_error(&joint), 8f64.sqrt());
+        assert_eq!(rms_error(&[0.0, 3.0], &[0.0, -1.0]), 8f64.sqrt());
     }
 }

@@ -71,6 +71,7 @@
 //! | [`vision`] | `vsf-vision` | what a camera sees, and what it says of untouched points |
 //! | [`plot`] | `vsf-plot` | pictures of fields and torques |
 //! | [`pipeline`] | `vsf-pipeline` | from a recording to a field and its errors, what the `vsf` command runs |
+//! | [`gap`] | `vsf-gap` | diagnosis of the sim-to-real gap: where it lies, which effect causes it, how far it closes |
 //!
 //! With the feature `serde` estimations are saved and restored, see [`filter`].
 //!
@@ -89,6 +90,7 @@ pub use vsf_contact as contact;
 pub use vsf_core as core;
 pub use vsf_data as data;
 pub use vsf_filter as filter;
+pub use vsf_gap as gap;
 pub use vsf_pipeline as pipeline;
 pub use vsf_plot as plot;
 pub use vsf_robots as robots;

@@ -1,4 +1,5 @@
 use crate::console::{Console, number, texts};
+use crate::corrected::ModelArgs;
 use crate::exit::usage;
 use crate::field_file::{FieldFile, FieldFormat, check_out, save};
 use crate::recording::{Default, RecordingArgs, traces, untouched};
@@ -30,6 +31,8 @@ pub struct Args {
     /// IDs of the sequences to learn from, in this order; the train split by default
     #[arg(long, value_delimiter = ',')]
     sequences: Option<Vec<String>>,
+    #[command(flatten)]
+    model: ModelArgs,
     #[command(flatten)]
     estimator: EstimatorSettings,
 }
@@ -81,6 +84,7 @@ pub fn run(args: &Args, console: &Console) -> anyhow::Result<()> {
     console.keep_apart(&args.out)?;
     let settings = &args.estimator;
     settings.spec()?;
+    let model = args.model.open(console)?;
     let recording = args.recording.open(console)?;
     let sequences = recording.sequences(args.sequences.as_deref(), Default::Train)?;
     // What is missing is told before contact takes its time.
@@ -94,7 +98,13 @@ pub fn run(args: &Args, console: &Console) -> anyhow::Result<()> {
             .iter()
             .for_each(|w| console.warn(w));
     }
-    let traces = traces(&scene, &sequences, console)?;
+    let traces = match model {
+        None => traces(&scene, &sequences, console)?,
+        Some(model) => {
+            let corrected = model.sequences(&recording, &scene, &sequences, console)?;
+            corrected.into_iter().map(|c| c.trace).collect()
+        }
+    };
     let chosen = learn(&scene, view.as_ref(), &traces, settings, console)?;
     let field = FieldFile::of_estimate(
         &scene,

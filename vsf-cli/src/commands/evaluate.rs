@@ -1,11 +1,16 @@
 use crate::console::{Console, number, table};
 use crate::exit::usage;
+use crate::field_file::FieldFile;
 use crate::range::count;
 use crate::recording::{Default, FieldArgs, Recording, traces, untouched};
 use serde::Serialize;
 use std::collections::BTreeMap;
 use vsf::data::Sequence;
-use vsf::pipeline::{Baseline, Evaluation, MlpConfig, Scene, Trace, evaluate, predict, score};
+use vsf::gap::Corrected;
+use vsf::pipeline::{
+    Baseline, Evaluation, MlpConfig, PipelineError, Scene, SequencePrediction, Trace, predict,
+    score,
+};
 
 #[derive(Debug, clap::Args)]
 #[command(after_help = "\
@@ -63,6 +68,7 @@ struct Report {
 }
 
 pub fn run(args: &Args, console: &Console) -> anyhow::Result<()> {
+    let model = args.of.model.open(console)?;
     let recording = args.of.recording.open(console)?;
     let sequences = recording.sequences(args.sequences.as_deref(), Default::Test)?;
     let given = args.of.field.as_deref();
@@ -75,25 +81,30 @@ pub fn run(args: &Args, console: &Console) -> anyhow::Result<()> {
         Some(field) => recording.scene_of(field, console)?,
         None => recording.scene(console)?,
     };
-    let traces = traces(&scene, &sequences, console)?;
+    let corrected = match &model {
+        Some(model) => Some(model.sequences(&recording, &scene, &sequences, console)?),
+        None => None,
+    };
+    let traces = match &corrected {
+        Some(corrected) => (corrected.iter().map(Corrected::recorded)).collect::<Result<_, _>>()?,
+        None => traces(&scene, &sequences, console)?,
+    };
     untouched(&scene, &traces)
         .iter()
         .for_each(|w| console.warn(w));
     let mut found = Vec::new();
     if let Some(field) = &field {
-        let belief = field.belief()?;
-        let evaluation = if field.has_deviations() {
-            let noise_sd = field.noise_sd(scene.robot.joint_count(), console)?;
-            let of = |trace| predict(&scene, &belief, &noise_sd, trace);
-            score(
-                &scene,
-                &traces,
-                &traces.iter().map(of).collect::<Result<Vec<_>, _>>()?,
-            )?
-        } else {
-            evaluate(&scene, &belief, &traces)?
+        let predictor = predictor(field, &scene, console)?;
+        let predictions = match &corrected {
+            None => traces
+                .iter()
+                .map(predictor)
+                .collect::<Result<Vec<_>, _>>()?,
+            Some(corrected) => (corrected.iter())
+                .map(|c| Ok(c.complete(predictor(&c.trace)?)))
+                .collect::<Result<Vec<_>, PipelineError>>()?,
         };
-        found.push(("field", evaluation));
+        found.push(("field", score(&scene, &traces, &predictions)?));
     }
     for &kind in &args.baseline {
         let (name, baseline) = match kind {
@@ -127,6 +138,30 @@ pub fn run(args: &Args, console: &Console) -> anyhow::Result<()> {
         baselines,
     })?;
     console.report(text)
+}
+
+/// What a field predicts of a trace, with deviations where the field has them.
+fn predictor<'a>(
+    field: &FieldFile,
+    scene: &'a Scene,
+    console: &Console,
+) -> anyhow::Result<impl Fn(&Trace) -> Result<SequencePrediction, PipelineError> + 'a> {
+    let belief = field.belief()?;
+    let channels = scene.robot.joint_count();
+    let noise_sd = match field.has_deviations() {
+        true => Some(field.noise_sd(channels, console)?),
+        false => None,
+    };
+    Ok(move |trace: &Trace| match &noise_sd {
+        Some(noise_sd) => predict(scene, &belief, noise_sd, trace),
+        None => {
+            let prediction = predict(scene, &belief, &vec![0.0; channels], trace)?;
+            Ok(SequencePrediction {
+                sd: Vec::new(),
+                ..prediction
+            })
+        }
+    })
 }
 
 /// The errors of a baseline that is fitted on the train split.

@@ -1,4 +1,5 @@
 pub mod bench;
+pub mod diagnose;
 pub mod estimate;
 pub mod evaluate;
 pub mod experiment;
@@ -19,6 +20,7 @@ pub fn run(command: &Option<Command>, console: &Console) -> anyhow::Result<()> {
         Some(Command::Estimate(args)) => estimate::run(args, console),
         Some(Command::Predict(args)) => predict::run(args, console),
         Some(Command::Evaluate(args)) => evaluate::run(args, console),
+        Some(Command::Diagnose(args)) => diagnose::run(args, console),
         Some(Command::Simulate(args)) => simulate::run(args, console),
         Some(Command::Export(args)) => export::run(args, console),
         Some(Command::Bench(args)) => bench::run(args, console),

@@ -5,12 +5,13 @@ use serde::Serialize;
 use std::borrow::Cow;
 use std::path::PathBuf;
 use vsf::data::{Dataset, Sequence, Splits, Table, TorqueKind};
-use vsf::pipeline::{SequencePrediction, predict};
+use vsf::gap::Corrected;
+use vsf::pipeline::{SequencePrediction, Trace, predict};
 
 #[derive(Debug, clap::Args)]
 #[command(after_help = "\
 DIR becomes a recording of its own: the same joint angles, and in torques.npy the predicted external \
-torques. Each sequence also gets torques_sd.npy, (T, d): the standard deviation of independent points \
+torques, those of a corrected model (--model) included. Each sequence also gets torques_sd.npy, (T, d): the standard deviation of independent points \
 plus the noise that the field was estimated with.
 
 JSON keys: out, noise_sd, sequences (sequence, samples, contact_samples).")]
@@ -40,18 +41,34 @@ struct Entry<'a> {
 }
 
 pub fn run(args: &Args, console: &Console) -> anyhow::Result<()> {
+    let model = args.of.model.open(console)?;
     let (recording, field, scene) = args.of.open_for(&args.out, console)?;
     let sequences = recording.sequences(args.sequences.as_deref(), Default::Test)?;
     let belief = field.belief()?;
     let noise_sd = field.noise_sd(scene.robot.joint_count(), console)?;
-    let traces = traces(&scene, &sequences, console)?;
+    let field = |trace: &Trace| predict(&scene, &belief, &noise_sd, trace);
+    let (traces, predictions) = match model {
+        None => {
+            let traces = traces(&scene, &sequences, console)?;
+            let predictions = traces.iter().map(field).collect::<Result<Vec<_>, _>>()?;
+            (traces, predictions)
+        }
+        Some(model) => {
+            let corrected = model.sequences(&recording, &scene, &sequences, console)?;
+            let whole = |c: &Corrected| Ok(c.complete(field(&c.trace)?));
+            let predictions = corrected
+                .iter()
+                .map(whole)
+                .collect::<anyhow::Result<Vec<_>>>()?;
+            (
+                corrected.into_iter().map(|c| c.trace).collect(),
+                predictions,
+            )
+        }
+    };
     untouched(&scene, &traces)
         .iter()
         .for_each(|w| console.warn(w));
-    let predictions = traces
-        .iter()
-        .map(|t| predict(&scene, &belief, &noise_sd, t))
-        .collect::<Result<Vec<_>, _>>()?;
 
     let predicted = sequences
         .iter()

@@ -6,12 +6,13 @@ use crate::recording::{Default, FieldArgs};
 use serde::Serialize;
 use std::borrow::Cow;
 use std::path::PathBuf;
-use vsf::pipeline::{motion_warnings, simulate};
+use vsf::pipeline::{add_noise, motion_warnings, simulate};
 
 #[derive(Debug, clap::Args)]
 #[command(after_help = "\
 The new recording has the joint angles and times of DATASET and the torques that the field gives, of \
-the same torque kind.
+the same torque kind. With a corrected model (--model) effects that follow the load take that of the field
+alone.
 
 JSON keys: out, sequences, samples, noise_sd, seed.")]
 pub struct Args {
@@ -41,19 +42,24 @@ struct Report<'a> {
 }
 
 pub fn run(args: &Args, console: &Console) -> anyhow::Result<()> {
+    let model = args.of.model.open(console)?;
     let (recording, field, scene) = args.of.open_for(&args.out, console)?;
     let sequences = recording.sequences(args.sequences.as_deref(), Default::All)?;
     let motion = motion_warnings(&scene.robot, &sequences);
     motion.iter().for_each(|w| console.warn(w));
-    let sequences: Vec<_> = sequences.into_iter().cloned().collect();
     let spinner = console.spinner("simulating");
-    let simulated = simulate(
-        &scene,
-        &field.field.stiffness,
-        &sequences,
-        args.noise_sd,
-        args.seed,
-    )?;
+    let stiffness = &field.field.stiffness;
+    let simulated = match model {
+        None => {
+            let sequences: Vec<_> = sequences.into_iter().cloned().collect();
+            simulate(&scene, stiffness, &sequences, args.noise_sd, args.seed)?
+        }
+        Some(model) => {
+            let mut exact = model.simulate(&recording.dataset, &scene, stiffness, &sequences)?;
+            add_noise(&mut exact, args.noise_sd, args.seed)?;
+            exact
+        }
+    };
     spinner.finish_and_clear();
     let dataset = subset(&recording.dataset, simulated);
     writing(|| dataset.save(&args.out))?;

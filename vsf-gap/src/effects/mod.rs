@@ -58,6 +58,7 @@ pub use torque_drift::TorqueDrift;
 pub use torque_gain::TorqueGain;
 pub use viscoelastic::Viscoelastic;
 
+use crate::GapError;
 use crate::effect::Effect;
 use std::sync::Arc;
 
@@ -92,4 +93,24 @@ pub fn catalogue() -> Vec<Arc<dyn Effect>> {
         Arc::new(Anisotropy),
         Arc::new(InertiaDrag),
     ]
+}
+
+/// The effects of the catalogue with these names, in this order.
+///
+/// # Errors
+/// [`GapError::UnknownEffect`], which lists those that there are.
+pub fn named<S: AsRef<str>>(names: &[S]) -> Result<Vec<Arc<dyn Effect>>, GapError> {
+    let all = catalogue();
+    let find = |name: &S| {
+        let name = name.as_ref();
+        let found = all.iter().find(|e| e.name() == name).cloned();
+        found.ok_or_else(|| {
+            let known: Vec<&str> = all.iter().map(|e| e.name()).collect();
+            GapError::UnknownEffect {
+                name: name.to_owned(),
+                known: known.join(", "),
+            }
+        })
+    };
+    names.iter().map(find).collect()
 }

@@ -99,18 +99,19 @@ pub fn free_arm(rows: &[Rows]) -> Campaign {
     Campaign::open(&dataset, &SceneOptions::default()).unwrap()
 }
 
-/// Torques of all sequences, train before test, where every point has the stiffness `k` (N/m).
+/// Torques of all sequences, train before test, each with a fresh object, where every point has the
+/// stiffness `k` (N/m).
 pub fn torques(campaign: &Campaign, model: &Model, k: f64) -> Vec<f64> {
     let stiffness = vec![k; campaign.site.rest.len()];
     let mut all = Vec::new();
     let mut out = vec![0.0; campaign.site.joints()];
     for motion in campaign.train.iter().chain(&campaign.test) {
-        let log = campaign.contact_log(model, motion).unwrap();
-        let visit = |_, touch: &vsf_gap::Touch<'_>, p: &vsf_gap::Prediction| {
+        let logs = campaign.contact_logs(model, &[motion]).unwrap();
+        let visit = |_, _, touch: &vsf_gap::Touch<'_>, p: &vsf_gap::Prediction| {
             p.apply(touch, &stiffness, &mut out);
             all.extend_from_slice(&out);
         };
-        campaign.predict(model, motion, &log, visit).unwrap();
+        campaign.predict(model, &[motion], &logs, visit).unwrap();
     }
     all
 }

@@ -1,0 +1,84 @@
+use crate::console::{Console, texts};
+use crate::diagnosis::{page, text};
+use crate::exit::usage;
+use crate::recording::RecordingArgs;
+use std::path::PathBuf;
+use vsf::gap::{ModelFile, Step, diagnose, effects};
+
+#[derive(Debug, clap::Args)]
+#[command(after_help = "\
+Recordings without points are those of an arm in free air; effects that a recording cannot show are listed
+as untestable. Probabilities are those of the catalogue's effects and their pairs, no gap included.
+
+JSON keys: schema, dataset, gap (test_error_nominal, test_error_corrected, noise_floor, closed_fraction,
+closed_interval, unit), where (joint, phase, link, sequence and frequency, each a list of its own key, share,
+interval and excess; region: center, radius, share), effects (effect, probability, score, parameters (name,
+value, std, unit), joints, test_error, closed_fraction, absorbed_share, ambiguous_with, testable, reason),
+verdict (effects, kind: effects, no_gap, unknown or not_diagnosable, probability, effect_set_95),
+next_experiment (action, why), notes.")]
+pub struct Args {
+    #[command(flatten)]
+    recording: RecordingArgs,
+    /// Names of the effects that may act; the whole catalogue by default
+    #[arg(long, value_delimiter = ',')]
+    effects: Option<Vec<String>>,
+    /// One page for people: verdict, torques before and after, where, effects, next experiment; .html
+    #[arg(long, value_name = "FILE", value_parser = ending("html"))]
+    html: Option<PathBuf>,
+    /// The corrected model, for `vsf estimate --model` and its like; .json
+    #[arg(long, value_name = "FILE", value_parser = ending("json"))]
+    model: Option<PathBuf>,
+    /// Seed of the intervals' bootstrap
+    #[arg(long, default_value_t = 0)]
+    seed: u64,
+}
+
+pub fn run(args: &Args, console: &Console) -> anyhow::Result<()> {
+    let candidates = match &args.effects {
+        None => effects::catalogue(),
+        Some(names) => effects::named(names).map_err(|e| usage(format!("--effects: {e}")))?,
+    };
+    let outputs = [("--html", &args.html), ("--model", &args.model)];
+    let outputs: Vec<_> = (outputs.into_iter())
+        .filter_map(|(flag, path)| Some((flag, path.as_deref()?)))
+        .collect();
+    console.check_outputs(&outputs, &args.recording.dataset)?;
+    let recording = args.recording.open(console)?;
+    let campaign = recording.campaign(console)?;
+    let name = &recording.dataset.name;
+    let bar = console.bar(Step::ALL.len(), "diagnosis");
+    let progress = |step: Step| {
+        let done = Step::ALL.iter().position(|s| *s == step);
+        bar.set_position(done.unwrap_or(0) as u64);
+    };
+    let outcome = diagnose(&campaign, name, &candidates, args.seed, progress)?;
+    bar.finish_and_clear();
+    let mut files = Vec::new();
+    if let Some(path) = &args.html {
+        files.push((path.clone(), page(&campaign, &outcome)?));
+    }
+    if let Some(path) = &args.model {
+        let model = ModelFile::new(&campaign.site, &outcome.model, &outcome.sd)?;
+        files.push((path.clone(), model.to_json()));
+    }
+    let written: Vec<PathBuf> = files.iter().map(|(path, _)| path.clone()).collect();
+    console.json_and(&outcome.diagnosis, files)?;
+    let lines: String = texts(&written)
+        .iter()
+        .map(|p| format!("wrote {p}\n"))
+        .collect();
+    console.report(text(&outcome.diagnosis) + &lines)
+}
+
+/// Paths that end so, as an output that is no other kind of file by mistake.
+fn ending(
+    ending: &'static str,
+) -> impl Fn(&str) -> Result<PathBuf, String> + Clone + Send + Sync + 'static {
+    move |text| {
+        let path = PathBuf::from(text);
+        match path.extension().is_some_and(|e| e == ending) {
+            true => Ok(path),
+            false => Err(format!("must end in .{ending}")),
+        }
+    }
+}

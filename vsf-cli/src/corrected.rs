@@ -1,0 +1,110 @@
+//! Recordings under a corrected model, as `vsf diagnose --model` writes it.
+
+use crate::console::Console;
+use crate::recording::Recording;
+use anyhow::Context;
+use std::path::PathBuf;
+use vsf::data::{Dataset, Sequence};
+use vsf::gap::{Campaign, Corrected, Model, ModelFile, effects};
+use vsf::pipeline::{Scene, Trace, motion_warnings, reading_warnings, simulate};
+
+/// The flag that takes a corrected model.
+#[derive(Debug, clap::Args)]
+pub struct ModelArgs {
+    /// A corrected model, as `vsf diagnose --model` writes it: its effects are added to contact, springs
+    /// and torques
+    #[arg(long, value_name = "FILE")]
+    model: Option<PathBuf>,
+}
+
+/// A corrected model that was read, not yet fitted to a robot.
+pub struct CorrectedModel {
+    path: PathBuf,
+    file: ModelFile,
+}
+
+impl ModelArgs {
+    /// Reads the file, if one is given.
+    pub fn open(&self, console: &Console) -> anyhow::Result<Option<CorrectedModel>> {
+        let Some(path) = self.model.clone() else {
+            return Ok(None);
+        };
+        console.keep_input(&path)?;
+        let place = || path.display().to_string();
+        let text =
+            std::fs::read_to_string(&path).with_context(|| format!("cannot read {}", place()))?;
+        let file = ModelFile::from_json(&text).with_context(place)?;
+        Ok(Some(CorrectedModel { path, file }))
+    }
+}
+
+impl CorrectedModel {
+    /// The sequences under the model, in this order, with warnings about motions and readings. Runs
+    /// over all sequences of the splits: what an effect does to the object lasts.
+    pub fn sequences(
+        &self,
+        recording: &Recording,
+        scene: &Scene,
+        sequences: &[&Sequence],
+        console: &Console,
+    ) -> anyhow::Result<Vec<Corrected>> {
+        let motion = motion_warnings(&scene.robot, sequences);
+        motion.iter().for_each(|w| console.warn(w));
+        let spinner = console.spinner("corrected model");
+        let dataset = with(&recording.dataset, sequences);
+        let campaign = Campaign::in_scene(&dataset, scene.clone())?;
+        let all = campaign.corrected(&self.at(&campaign)?)?;
+        spinner.finish_and_clear();
+        let of = |s: &&Sequence| all.iter().find(|c| c.trace.id == s.id).cloned();
+        let found: Vec<Corrected> = sequences.iter().filter_map(of).collect();
+        let traces: Vec<Trace> = found.iter().map(|c| c.trace.clone()).collect();
+        let readings = reading_warnings(scene, &traces);
+        readings.iter().for_each(|w| console.warn(w));
+        Ok(found)
+    }
+
+    /// The sequences with the torques that the model gives with a stiffness per rest point (N/m).
+    /// Effects that follow the load take that of the nominal model.
+    pub fn simulate(
+        &self,
+        dataset: &Dataset,
+        scene: &Scene,
+        stiffness: &[f64],
+        sequences: &[&Sequence],
+    ) -> anyhow::Result<Vec<Sequence>> {
+        let dataset = with(dataset, sequences);
+        let dataset = Dataset {
+            sequences: simulate(scene, stiffness, &dataset.sequences, 0.0, 0)?,
+            tare_samples: 0,
+            ..dataset
+        };
+        let campaign = Campaign::in_scene(&dataset, scene.clone())?;
+        let torques = campaign.simulated(&self.at(&campaign)?, stiffness)?;
+        let ids: Vec<String> = campaign.session().iter().map(|m| m.id.clone()).collect();
+        let of = |s: &&Sequence| {
+            let k = ids.iter().position(|id| *id == s.id)?;
+            Some(Sequence {
+                torques: torques[k].clone(),
+                ..(*s).clone()
+            })
+        };
+        Ok(sequences.iter().filter_map(of).collect())
+    }
+
+    fn at(&self, campaign: &Campaign) -> anyhow::Result<Model> {
+        let model = self.file.model(&campaign.site, &effects::catalogue());
+        model.with_context(|| self.path.display().to_string())
+    }
+}
+
+/// The recording with these sequences in a split, if they are in none.
+fn with(dataset: &Dataset, sequences: &[&Sequence]) -> Dataset {
+    let mut dataset = dataset.clone();
+    for sequence in sequences {
+        let splits = &mut dataset.splits;
+        if !splits.train.contains(&sequence.id) && !splits.test.contains(&sequence.id) {
+            splits.test.push(sequence.id.clone());
+        }
+    }
+    dataset
+}

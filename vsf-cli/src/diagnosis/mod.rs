@@ -1,0 +1,9 @@
+//! A diagnosis for people: in words, on the terminal, and as a page.
+
+mod page;
+mod text;
+mod torques;
+mod words;
+
+pub use page::page;
+pub use text::text;

@@ -1,0 +1,260 @@
+use super::torques::torques;
+use super::words::{estimate, fitted, part, percent, screened_out, untestable, verdict};
+use crate::console::number;
+use std::fmt::Write;
+use vsf::gap::{Campaign, Diagnosis, EffectReport, Kind, Outcome, Part};
+
+const STYLE: &str = include_str!("page.css");
+/// Share from which on a part is shown.
+const LEAST: f64 = 0.005;
+
+/// The diagnosis as one page that needs nothing else: no script, no network.
+pub fn page(campaign: &Campaign, outcome: &Outcome) -> anyhow::Result<String> {
+    let d = &outcome.diagnosis;
+    let name = escape(&d.dataset);
+    let mut html = format!(
+        "<!DOCTYPE html>\n<html lang=\"en\">\n<head>\n<meta charset=\"utf-8\">\n\
+         <meta http-equiv=\"Content-Security-Policy\" content=\"default-src 'none'; style-src 'unsafe-inline'\">\n\
+         <meta name=\"viewport\" content=\"width=device-width, initial-scale=1\">\n\
+         <title>Sim-to-real gap of {name}</title>\n<style>\n{STYLE}</style>\n</head>\n<body>\n\
+         <h1>Sim-to-real gap of {name}</h1>\n"
+    );
+    html += &answer(d);
+    html += &before_and_after(campaign, outcome)?;
+    html += &places(outcome);
+    html += &effects(d);
+    let next = &d.next_experiment;
+    let (action, why) = (escape(&next.action), escape(&next.why));
+    html += &format!("<h2>Next experiment</h2>\n<p><b>{action}</b>: {why}.</p>\n");
+    if !d.notes.is_empty() {
+        html += "<h2>Notes</h2>\n";
+        html += &d
+            .notes
+            .iter()
+            .map(|n| format!("<p>{}</p>\n", escape(n)))
+            .collect::<String>();
+    }
+    Ok(html + "</body>\n</html>\n")
+}
+
+fn answer(d: &Diagnosis) -> String {
+    let gap = &d.gap;
+    let unit = escape(&gap.unit);
+    let kind = match d.verdict.kind {
+        Kind::Effects => "effects",
+        Kind::NoGap => "no_gap",
+        Kind::Unknown => "unknown",
+        Kind::NotDiagnosable => "not_diagnosable",
+    };
+    let sentence = escape(&verdict(&d.verdict));
+    let [low, high] = gap.closed_interval.map(percent);
+    let numbers = [
+        (
+            "Test error, nominal",
+            format!("{} {unit}", number(gap.test_error_nominal)),
+            String::new(),
+        ),
+        (
+            "Test error, corrected",
+            format!("{} {unit}", number(gap.test_error_corrected)),
+            String::new(),
+        ),
+        (
+            "A perfect model",
+            format!("{} {unit}", number(gap.noise_floor)),
+            "noise alone".to_owned(),
+        ),
+        (
+            "Gap closed",
+            percent(gap.closed_fraction),
+            format!("95 %: {low} to {high}"),
+        ),
+    ];
+    let numbers: String = (numbers.iter())
+        .map(|(term, value, more)| {
+            format!("<div><dt>{term}</dt><dd>{value}<small>{more}</small></dd></div>\n")
+        })
+        .collect();
+    format!(
+        "<p class=\"verdict {kind}\">{sentence}</p>\n\
+         <dl class=\"numbers\">\n{numbers}</dl>\n"
+    )
+}
+
+fn before_and_after(campaign: &Campaign, outcome: &Outcome) -> anyhow::Result<String> {
+    let Some(drawn) = torques(campaign, outcome)? else {
+        return Ok(String::new());
+    };
+    let sequence = escape(&drawn.sequence);
+    let mut html = format!(
+        "<h2>Torques before and after</h2>\n<p class=\"small\">The checked sequence ({sequence}) on which \
+         the nominal model is worst; joints with the largest gap first.</p>\n<div class=\"plot\">{}</div>\n",
+        drawn.worst
+    );
+    if let Some(all) = &drawn.all {
+        html += &format!(
+            "<details><summary>All joints</summary><div class=\"plot\">{all}</div></details>\n"
+        );
+    }
+    Ok(html)
+}
+
+fn places(outcome: &Outcome) -> String {
+    let found = &outcome.diagnosis.r#where;
+    let kinds: [(&str, &[Part]); 5] = [
+        ("Joint", &found.joint),
+        ("Phase", &found.phase),
+        ("Sequence", &found.sequence),
+        ("Link in contact", &found.link),
+        ("Frequency", &found.frequency),
+    ];
+    let of = match outcome.model.parts.is_empty() {
+        true => "Shares of what the nominal model leaves unexplained.",
+        false => {
+            "Shares of the torques that the named effects change; frequency: of what the nominal \
+                  model leaves unexplained."
+        }
+    };
+    let mut html = format!(
+        "<h2>Where</h2>\n<p class=\"small\">{of} Whiskers are 95 % intervals.</p>\n<div class=\"kinds\">\n"
+    );
+    let shown = |p: &&Part| p.share >= LEAST;
+    for (kind, parts) in kinds {
+        let bars: String = (parts.iter().filter(shown))
+            .map(|p| bar(&part(&p.of), p.share, Some(p.interval)))
+            .collect();
+        html += &panel(kind, &bars);
+    }
+    if let Some(first) = found.region.first() {
+        let bars = found.region.iter().map(|r| {
+            let [x, y, z] = r.center.map(|v| format!("{v:.2}"));
+            bar(&format!("{x}, {y}, {z} m"), r.share, None)
+        });
+        let title = format!("Place in contact, within {:.0} cm", 100.0 * first.radius);
+        html += &panel(&title, &bars.collect::<String>());
+    }
+    html + "</div>\n"
+}
+
+fn panel(title: &str, bars: &str) -> String {
+    format!("<div><h3>{title}</h3>\n{bars}</div>\n")
+}
+
+/// A labelled bar of a share with its interval.
+fn bar(label: &str, share: f64, interval: Option<[f64; 2]>) -> String {
+    let x = |share: f64| 100.0 * share.clamp(0.0, 1.0);
+    let whisker = interval.filter(|[low, high]| high - low > 0.005).map_or_else(String::new, |i| {
+        let [low, high] = i.map(x);
+        format!(
+            "<line x1=\"{low:.1}%\" x2=\"{high:.1}%\" y1=\"9\" y2=\"9\" stroke=\"#1b2430\" stroke-width=\"2\"/>"
+        )
+    });
+    format!(
+        "<div class=\"bar\"><span>{}</span><svg aria-hidden=\"true\"><rect width=\"100%\" height=\"12\" y=\"3\" \
+         fill=\"#eef1f4\"/><rect width=\"{:.1}%\" height=\"12\" y=\"3\" fill=\"#56b4e9\"/>{whisker}</svg>\
+         <span>{}</span></div>\n",
+        escape(label),
+        x(share),
+        percent(share),
+    )
+}
+
+fn effects(d: &Diagnosis) -> String {
+    let mut html = "<h2>Effects</h2>\n".to_owned();
+    let rows: String = fitted(&d.effects).map(|e| row(d, e)).collect();
+    let unit = escape(&d.gap.unit);
+    if !rows.is_empty() {
+        let _ = write!(
+            html,
+            "<div class=\"wide\"><table>\n<tr><th>Effect</th><th>Probability</th><th>Score [nats]</th>\
+             <th>Test error [{unit}]</th><th>Closes</th><th>Absorbed by stiffness</th>\
+             <th class=\"words\">Joints</th><th class=\"words\">Ambiguous with</th></tr>\n{rows}</table></div>\n"
+        );
+    }
+    for e in fitted(&d.effects) {
+        let open = if d.verdict.effects.contains(&e.effect) {
+            " open"
+        } else {
+            ""
+        };
+        let list: String = (e.parameters.iter())
+            .map(|p| {
+                let value = estimate(p.value, p.std, &p.unit);
+                format!("<li><b>{}</b> {}</li>\n", escape(&p.name), escape(&value))
+            })
+            .collect();
+        let name = escape(&e.effect);
+        html += &format!(
+            "<details{open}><summary>Parameters of {name}</summary>\n<ul>\n{list}</ul></details>\n"
+        );
+    }
+    let behind: Vec<&str> = screened_out(&d.effects)
+        .map(|e| e.effect.as_str())
+        .collect();
+    if !behind.is_empty() {
+        let behind = escape(&behind.join(", "));
+        html += &format!("<p class=\"small behind\">Far behind: {behind}.</p>\n");
+    }
+    for (reason, names) in untestable(&d.effects) {
+        let (reason, names) = (escape(reason), escape(&names.join(", ")));
+        html += &format!("<p class=\"small\">Not testable, {reason}: {names}.</p>\n");
+    }
+    html
+}
+
+fn row(d: &Diagnosis, e: &EffectReport) -> String {
+    let named = d.verdict.effects.contains(&e.effect);
+    let or_none = |value: Option<String>| value.unwrap_or_else(|| "&ndash;".to_owned());
+    let class = if named { " class=\"named\"" } else { "" };
+    format!(
+        "<tr{class}><td>{}</td><td>{}</td><td>{:.0}</td><td>{}</td><td>{}</td><td>{}</td>\
+         <td class=\"words\">{}</td><td class=\"words\">{}</td></tr>\n",
+        escape(&e.effect),
+        percent(e.probability),
+        e.score,
+        or_none(e.test_error.map(number)),
+        or_none(e.closed_fraction.map(percent)),
+        or_none(e.absorbed_share.map(percent)),
+        escape(&e.joints.join(", ")),
+        escape(&e.ambiguous_with.join(", ")),
+    )
+}
+
+/// Text as HTML has it, also inside of quotes.
+fn escape(text: &str) -> String {
+    let mut out = String::with_capacity(text.len());
+    for c in text.chars() {
+        match c {
+            '&' => out += "&amp;",
+            '<' => out += "&lt;",
+            '>' => out += "&gt;",
+            '"' => out += "&quot;",
+            '\'' => out += "&#39;",
+            c => out.push(c),
+        }
+    }
+    out
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn names_are_text() {
+        let hostile = "<script>alert('x')</script>&\"";
+        let text = escape(hostile);
+        assert_eq!(
+            text,
+            "&lt;script&gt;alert(&#39;x&#39;)&lt;/script&gt;&amp;&quot;"
+        );
+        assert!(!bar(hostile, 0.5, None).contains("<script"));
+    }
+
+    #[test]
+    fn whiskers_stay_in_the_bar() {
+        let text = bar("a", 1.2, Some([-0.5, 2.0]));
+        assert!(text.contains("x1=\"0.0%\" x2=\"100.0%\""), "{text}");
+        assert!(!bar("a", 0.2, Some([0.2, 0.2])).contains("<line"));
+    }
+}

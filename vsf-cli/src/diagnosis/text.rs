@@ -1,0 +1,95 @@
+use super::words::{errors, estimate, fitted, part, percent, screened_out, untestable, verdict};
+use crate::console::{number, table};
+use vsf::gap::{Diagnosis, Part};
+
+/// Parts named of every kind, and the share below which a part is not worth a word.
+const PARTS: usize = 4;
+const LEAST: f64 = 0.05;
+
+/// The report on the terminal.
+pub fn text(diagnosis: &Diagnosis) -> String {
+    let mut text = format!("{}\n{}\n", verdict(&diagnosis.verdict), errors(diagnosis));
+    text += &effects(diagnosis);
+    text += &places(diagnosis);
+    let next = &diagnosis.next_experiment;
+    text += &format!("\nnext experiment\n  {}: {}\n", next.action, next.why);
+    for note in &diagnosis.notes {
+        text += &format!("\nnote: {note}\n");
+    }
+    text
+}
+
+fn effects(diagnosis: &Diagnosis) -> String {
+    let all = &diagnosis.effects;
+    let unit = &diagnosis.gap.unit;
+    let or_none = |value: Option<String>| value.unwrap_or_else(|| "-".to_owned());
+    let rows: Vec<Vec<String>> = fitted(all)
+        .map(|e| {
+            vec![
+                e.effect.clone(),
+                percent(e.probability),
+                format!("{:.0}", e.score),
+                or_none(e.test_error.map(number)),
+                or_none(e.closed_fraction.map(percent)),
+                or_none(e.absorbed_share.map(percent)),
+            ]
+        })
+        .collect();
+    let error = format!("test error [{unit}]");
+    let header = [
+        "effect",
+        "probability",
+        "score [nats]",
+        &error,
+        "closed",
+        "absorbed by K",
+    ];
+    let mut text = String::new();
+    if !rows.is_empty() {
+        text += "\neffects\n";
+        text += &table(&header, &rows);
+    }
+    for e in fitted(all).filter(|e| diagnosis.verdict.effects.contains(&e.effect)) {
+        text += &format!("\n{}\n", e.effect);
+        for p in &e.parameters {
+            text += &format!("  {:<8} {}\n", p.name, estimate(p.value, p.std, &p.unit));
+        }
+        if !e.ambiguous_with.is_empty() {
+            text += &format!("  not told from {}\n", e.ambiguous_with.join(", "));
+        }
+    }
+    let names: Vec<&str> = screened_out(all).map(|e| e.effect.as_str()).collect();
+    if !names.is_empty() {
+        text += &format!("\nfar behind: {}\n", names.join(", "));
+    }
+    for (reason, names) in untestable(all) {
+        text += &format!("\nnot testable, {reason}: {}\n", names.join(", "));
+    }
+    text
+}
+
+fn places(diagnosis: &Diagnosis) -> String {
+    let found = &diagnosis.r#where;
+    let mut text = "\nwhere, by share of the gap\n".to_owned();
+    let kinds: [(&str, &[Part]); 5] = [
+        ("joint", &found.joint),
+        ("phase", &found.phase),
+        ("link", &found.link),
+        ("sequence", &found.sequence),
+        ("frequency", &found.frequency),
+    ];
+    for (kind, parts) in kinds {
+        let words: Vec<String> = (parts.iter().filter(|p| p.share >= LEAST).take(PARTS))
+            .map(|p| format!("{} {}", part(&p.of), percent(p.share)))
+            .collect();
+        if !words.is_empty() {
+            text += &format!("  {kind:<10} {}\n", words.join(", "));
+        }
+    }
+    if let Some(region) = found.region.first() {
+        let [x, y, z] = region.center.map(number);
+        let share = percent(region.share);
+        text += &format!("  {:<10} {x}, {y}, {z} m {share} of contact\n", "region");
+    }
+    text
+}

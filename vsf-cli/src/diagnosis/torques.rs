@@ -1,0 +1,106 @@
+use anyhow::Context;
+use vsf::gap::{Campaign, Model, Motion, Outcome, Residuals};
+use vsf::pipeline::reading_unit;
+use vsf::plot::{JointTrace, TorquePlot};
+
+/// Torques of a checked sequence before and after, as SVG.
+pub struct Torques {
+    /// ID of the sequence: the one with the largest nominal error.
+    pub sequence: String,
+    /// The joints with the largest gap.
+    pub worst: String,
+    /// All joints, largest gap first, where there are more.
+    pub all: Option<String>,
+}
+
+/// Joints that are shown first.
+const WORST: usize = 3;
+
+/// One joint over a sequence.
+struct Curves {
+    joint: usize,
+    measured: Vec<f64>,
+    nominal: Vec<f64>,
+    corrected: Vec<f64>,
+    /// Sum of squares of the nominal residual.
+    gap: f64,
+}
+
+/// Draws the sequence on which the nominal model is worst.
+pub fn torques(campaign: &Campaign, outcome: &Outcome) -> anyhow::Result<Option<Torques>> {
+    let checked = match campaign.test.is_empty() {
+        true => &campaign.train,
+        false => &campaign.test,
+    };
+    let error = |s: &usize| {
+        let rows = &outcome.nominal.rows[*s];
+        rows.iter().map(|r| r * r).sum::<f64>() / rows.len().max(1) as f64
+    };
+    let worst = (0..checked.len()).max_by(|a, b| error(a).total_cmp(&error(b)));
+    let Some(s) = worst.filter(|s| !checked[*s].is_empty()) else {
+        return Ok(None);
+    };
+    let motion = &checked[s];
+    let joints = campaign.site.joints();
+    let of = |table: &[f64], j: usize| table.iter().skip(j).step_by(joints).copied().collect();
+    let measured = |r: &Residuals| -> Vec<f64> {
+        let pairs = r.rows[s].iter().zip(&r.predicted[s]);
+        pairs
+            .map(|(residual, predicted)| residual + predicted)
+            .collect()
+    };
+    let measured = measured(&outcome.nominal);
+    let mut curves: Vec<Curves> = (0..joints)
+        .map(|j| {
+            let gap: Vec<f64> = of(&outcome.nominal.rows[s], j);
+            Curves {
+                joint: j,
+                measured: of(&measured, j),
+                nominal: of(&outcome.nominal.predicted[s], j),
+                corrected: of(&outcome.corrected.predicted[s], j),
+                gap: gap.iter().map(|r| r * r).sum(),
+            }
+        })
+        .collect();
+    curves.sort_by(|a, b| b.gap.total_cmp(&a.gap));
+    let draw = |curves: &[Curves]| svg(campaign, motion, curves).context(motion.id.clone());
+    let all = match joints > WORST {
+        true => Some(draw(&curves)?),
+        false => None,
+    };
+    curves.truncate(WORST);
+    Ok(Some(Torques {
+        sequence: motion.id.clone(),
+        worst: draw(&curves)?,
+        all,
+    }))
+}
+
+fn svg(campaign: &Campaign, motion: &Motion, curves: &[Curves]) -> anyhow::Result<String> {
+    let log = campaign.contact_log(&Model::default(), motion)?;
+    let contact: Vec<bool> = log.contacts.iter().map(|c| !c.is_empty()).collect();
+    let start = motion.clock.first().copied().unwrap_or(0.0);
+    let time: Vec<f64> = motion.clock.iter().map(|t| t - start).collect();
+    let joints: Vec<JointTrace> = (curves.iter())
+        .map(|c| {
+            let joint = &campaign.site.robot.joints()[c.joint];
+            JointTrace {
+                name: joint.name(),
+                unit: reading_unit(joint),
+                measured: &c.measured,
+                predicted: &c.corrected,
+                nominal: &c.nominal,
+                sigma: &[],
+            }
+        })
+        .collect();
+    let title = format!("Sequence {}", motion.id);
+    let touches = contact.contains(&true);
+    Ok(TorquePlot {
+        time: &time,
+        joints: &joints,
+        contact: if touches { &contact } else { &[] },
+        title: &title,
+    }
+    .svg()?)
+}

@@ -1,0 +1,139 @@
+use crate::console::number;
+use vsf::gap::{Diagnosis, EffectReport, Kind, Of, Verdict};
+
+/// The answer in one sentence.
+pub fn verdict(verdict: &Verdict) -> String {
+    let p = percent(verdict.probability);
+    let effects = verdict.effects.join(" and ");
+    match verdict.kind {
+        Kind::Effects => {
+            let verb = if verdict.effects.len() == 1 {
+                "explains"
+            } else {
+                "explain"
+            };
+            format!("{effects} {verb} the gap (probability {p}).")
+        }
+        Kind::NoGap => format!(
+            "No gap: nothing is missing from the nominal model that this recording could show (probability {p})."
+        ),
+        Kind::Unknown if effects.is_empty() => {
+            "Unknown: something acts that is not in the catalogue.".to_owned()
+        }
+        Kind::Unknown => {
+            let verb = if verdict.effects.len() == 1 {
+                "comes"
+            } else {
+                "come"
+            };
+            format!(
+                "Unknown: something acts that is not in the catalogue; {effects} {verb} closest."
+            )
+        }
+        Kind::NotDiagnosable => format!(
+            "Not diagnosable: something acts, but this recording fits {} alike.",
+            verdict.effect_set_95.join(", ")
+        ),
+    }
+}
+
+/// The errors before and after in one sentence.
+pub fn errors(diagnosis: &Diagnosis) -> String {
+    let gap = &diagnosis.gap;
+    let unit = &gap.unit;
+    let floor = match gap.noise_floor > 0.0 {
+        true => format!(" (a perfect model: {} {unit})", number(gap.noise_floor)),
+        false => String::new(),
+    };
+    if gap.test_error_corrected == gap.test_error_nominal {
+        let error = number(gap.test_error_nominal);
+        return format!("Test error {error} {unit}{floor}; nothing is corrected.");
+    }
+    format!(
+        "Test error {} {unit} before, {} {unit} after{floor}: {} of the gap closed (95 %: {} to {}).",
+        number(gap.test_error_nominal),
+        number(gap.test_error_corrected),
+        percent(gap.closed_fraction),
+        percent(gap.closed_interval[0]),
+        percent(gap.closed_interval[1]),
+    )
+}
+
+/// A share or a probability.
+pub fn percent(share: f64) -> String {
+    format!("{:.0} %", 100.0 * share)
+}
+
+/// The part of a recording.
+pub fn part(of: &Of) -> String {
+    match of {
+        Of::Joint(name) | Of::Link(name) | Of::Sequence(name) => name.clone(),
+        Of::Phase(phase) => phase.name().to_owned(),
+        Of::Frequency(band) => {
+            let [low, high] = band.map(|hertz| {
+                let decimals = decimals(hertz);
+                format!("{hertz:.decimals$}")
+            });
+            format!("{low} to {high} Hz")
+        }
+    }
+}
+
+/// The value of a parameter with its deviation, to two digits of that, and unit. At a bound there is
+/// no deviation.
+pub fn estimate(value: f64, std: f64, unit: &str) -> String {
+    let unit = if unit == "1" {
+        String::new()
+    } else {
+        format!(" {unit}")
+    };
+    if std == 0.0 {
+        return format!("{}{unit}", number(value));
+    }
+    let decimals = decimals(std);
+    format!("{value:.decimals$} ± {std:.decimals$}{unit}")
+}
+
+/// Decimals that show two digits of a number.
+fn decimals(of: f64) -> usize {
+    (1.0 - of.log10().floor()).clamp(0.0, 9.0) as usize
+}
+
+/// The effects that were fitted together with the field, best first.
+pub fn fitted(effects: &[EffectReport]) -> impl Iterator<Item = &EffectReport> {
+    effects.iter().filter(|e| !e.parameters.is_empty())
+}
+
+/// The effects that the recording can show but that screening put out of reach.
+pub fn screened_out(effects: &[EffectReport]) -> impl Iterator<Item = &EffectReport> {
+    effects
+        .iter()
+        .filter(|e| e.testable && e.parameters.is_empty())
+}
+
+/// The effects that the recording cannot show, by reason.
+pub fn untestable(effects: &[EffectReport]) -> Vec<(&str, Vec<&str>)> {
+    let mut reasons: Vec<(&str, Vec<&str>)> = Vec::new();
+    for e in effects.iter().filter(|e| !e.testable) {
+        let reason = e.reason.as_deref().unwrap_or("not testable");
+        match reasons.iter_mut().find(|(r, _)| *r == reason) {
+            Some((_, names)) => names.push(&e.effect),
+            None => reasons.push((reason, vec![&e.effect])),
+        }
+    }
+    reasons
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn digits_follow_the_deviation() {
+        assert_eq!(estimate(0.65912, 0.0019, "N m"), "0.6591 ± 0.0019 N m");
+        assert_eq!(estimate(12.3, 4.0, "1"), "12.3 ± 4.0");
+        assert_eq!(estimate(1234.5, 200.0, "N"), "1234 ± 200 N");
+        assert_eq!(estimate(0.0, 0.0, "m"), "0 m");
+        assert_eq!(part(&Of::Frequency([0.5469, 17.5])), "0.55 to 18 Hz");
+    }
+}

@@ -1,0 +1,292 @@
+//! `vsf diagnose`, and corrected models in the other commands, end to end on small recordings.
+
+#![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
+
+mod common;
+use common::{Bench, ROWS};
+use serde_json::Value;
+use std::fs;
+use std::path::Path;
+
+/// What the sensors read beyond the touch in [`biased`] [N].
+const BIAS: [f64; 3] = [0.05, 0.0, -0.1];
+const MODEL: &str = r#"{"schema": 1, "effects": [{"effect": "torque_bias", "parameters": [
+    {"name": "b_1", "value": 0.05, "std": 0.001, "unit": "N"},
+    {"name": "b_2", "value": 0, "std": 0.001, "unit": "N"},
+    {"name": "b_3", "value": -0.1, "std": 0.001, "unit": "N"}]}]}"#;
+
+/// The numbers of a file written by the command: a header, then f64.
+fn numbers(path: &Path) -> Vec<f64> {
+    let bytes = fs::read(path).unwrap();
+    let start = 10 + usize::from(u16::from_le_bytes([bytes[8], bytes[9]]));
+    let number = |b: &[u8]| f64::from_le_bytes(b.try_into().unwrap());
+    bytes[start..].chunks_exact(8).map(number).collect()
+}
+
+/// A touched block whose sensors have a bias; `touch/` has it, `data/` and `truth/` have not.
+fn biased() -> Bench {
+    let bench = Bench::touched();
+    for id in ["a", "b", "c"] {
+        let path = bench.root.join(format!("touch/seq_{id}/torques.npy"));
+        let mut torques = numbers(&path);
+        for row in torques.chunks_exact_mut(3) {
+            row.iter_mut().zip(BIAS).for_each(|(t, b)| *t += b);
+        }
+        common::npy(&path, &[ROWS, 3], &torques);
+    }
+    fs::write(bench.root.join("model.json"), MODEL).unwrap();
+    bench
+}
+
+fn json(bench: &Bench, line: &str) -> Value {
+    serde_json::from_str(&bench.ok(line)).unwrap()
+}
+
+const FEW: &str = "--effects torque_bias,torque_gain,joint_coulomb_friction,payload";
+
+#[test]
+fn a_bias_is_named_and_corrected() {
+    let bench = biased();
+    let line = format!("diagnose touch {FEW} --json=d.json --html d.html --model m.json");
+    let text = bench.ok(&line);
+    assert!(text.contains("torque_bias explains the gap"), "{text}");
+    assert!(text.contains("next experiment"), "{text}");
+    assert!(text.contains("wrote d.html") && text.contains("wrote m.json"));
+
+    let d = fs::read_to_string(bench.root.join("d.json")).unwrap();
+    let d: Value = serde_json::from_str(&d).unwrap();
+    assert_eq!(d["schema"], 1);
+    assert_eq!(d["verdict"]["effects"], serde_json::json!(["torque_bias"]));
+    assert_eq!(d["verdict"]["kind"], "effects");
+    let found = d["effects"][0]["parameters"].as_array().unwrap();
+    for (p, truth) in found.iter().zip(BIAS) {
+        let (value, std) = (p["value"].as_f64().unwrap(), p["std"].as_f64().unwrap());
+        assert!((value - truth).abs() < 0.02, "{value} ± {std}, not {truth}");
+        assert_eq!(p["unit"], "N");
+    }
+    let number = |v: &Value| v.as_f64().unwrap();
+    let gap = &d["gap"];
+    assert!(number(&gap["test_error_corrected"]) < 0.5 * number(&gap["test_error_nominal"]));
+    assert!(number(&gap["closed_fraction"]) > 0.8);
+    assert_eq!(gap["closed_interval"].as_array().unwrap().len(), 2);
+    for (kind, key) in [
+        ("joint", "joint"),
+        ("phase", "phase"),
+        ("link", "link"),
+        ("sequence", "sequence"),
+        ("frequency", "frequency"),
+    ] {
+        let first = &d["where"][kind][0];
+        for key in [key, "share", "interval", "excess"] {
+            assert!(!first[key].is_null(), "{kind} {key}: {first}");
+        }
+    }
+    let joint = &d["where"]["joint"][0];
+    assert_eq!(joint["joint"], "z", "{joint}");
+    let untestable = d["effects"]
+        .as_array()
+        .unwrap()
+        .iter()
+        .find(|e| e["effect"] == "payload");
+    let untestable = untestable.unwrap();
+    assert_eq!(untestable["testable"], false);
+    assert!(untestable["reason"].is_string());
+    assert!(d["next_experiment"]["action"].is_string() && d["warnings"].is_array());
+
+    let page = fs::read_to_string(bench.root.join("d.html")).unwrap();
+    for part in [
+        "torque_bias explains the gap",
+        "<svg",
+        "Where",
+        "Not testable",
+        "Next experiment",
+    ] {
+        assert!(page.contains(part), "{part}");
+    }
+    for foreign in ["<script", "src=", "href=", "@import", "url("] {
+        assert!(!page.contains(foreign), "{foreign}");
+    }
+
+    // The file that was written serves the commands that read one.
+    bench.ok("estimate touch --out plain.npz");
+    bench.ok("estimate touch --out field.npz --model m.json");
+    let nominal = json(&bench, "evaluate touch --field plain.npz --json");
+    let corrected = json(
+        &bench,
+        "evaluate touch --field field.npz --model m.json --json",
+    );
+    let (nominal, corrected) = (
+        number(&nominal["mean_error"]),
+        number(&corrected["mean_error"]),
+    );
+    assert!(
+        corrected < 0.5 * nominal,
+        "{corrected} N, {nominal} N before"
+    );
+}
+
+#[test]
+fn commands_with_a_model_agree() {
+    let bench = biased();
+    // Torques are added back: readings of field and model together.
+    bench.ok("simulate data --field truth --model model.json --out exact");
+    bench.ok("simulate data --field truth --out plain");
+    let of = |folder: &str| numbers(&bench.root.join(folder).join("seq_c/torques.npy"));
+    for (row, plain) in of("exact").chunks_exact(3).zip(of("plain").chunks_exact(3)) {
+        for ((a, b), bias) in row.iter().zip(plain).zip(BIAS) {
+            assert!((a - b - bias).abs() < 1e-12);
+        }
+    }
+    bench.ok("predict exact --field truth --model model.json --out predicted");
+    for (a, b) in of("predicted").iter().zip(of("exact")) {
+        assert!((a - b).abs() < 1e-12);
+    }
+    let line = "evaluate exact --field truth --model model.json --baseline zero --json";
+    let exact = json(&bench, line);
+    assert!(exact["mean_error"].as_f64().unwrap() < 1e-12, "{exact}");
+    // Readings are those of the recording, not what the model leaves of them.
+    assert_eq!(
+        exact["zero_error"],
+        exact["baselines"]["zero"]["mean_error"]
+    );
+    assert_eq!(exact["samples"], ROWS);
+
+    // The noise of a simulation is the same with a model as without.
+    bench.ok("simulate data --field truth --model model.json --noise-sd 0.01 --out noisy");
+    bench.ok("simulate data --field truth --noise-sd 0.01 --out plain_noisy");
+    for (k, (a, b)) in of("noisy").iter().zip(of("plain_noisy")).enumerate() {
+        assert!((a - b - BIAS[k % 3]).abs() < 1e-12);
+    }
+
+    // Sequences in no split, in any order.
+    bench.ok("predict exact --field truth --model model.json --out other --sequences c,a --train b --test a");
+    assert!(bench.root.join("other/seq_c/torques_sd.npy").is_file());
+}
+
+#[test]
+fn an_arm_in_free_air() {
+    let bench = Bench::touched();
+    let folder = bench.root.join("air");
+    fs::create_dir(&folder).unwrap();
+    let metadata = r#"{"name": "<script>alert(1)</script>", "robot": "planar_arm", "rate_hz": 50,
+        "torque_kind": "measured", "splits": {"train": ["1", "2"], "test": ["3"]}}"#;
+    fs::write(folder.join("dataset.json"), metadata).unwrap();
+    const ROWS: usize = 120;
+    for id in 1..=3 {
+        let (mut angles, mut torques) = (Vec::new(), Vec::new());
+        for k in 0..ROWS {
+            let t = k as f64 / 50.0;
+            for j in 0..3 {
+                let w = 1.0 + 0.4 * f64::from(j) + 0.2 * f64::from(id);
+                angles.push((w * t).sin());
+                // An arm without weight that drags: readings are mostly viscous friction.
+                torques.push(2.0 * w * (w * t).cos());
+            }
+        }
+        let folder = folder.join(format!("seq_{id}"));
+        fs::create_dir(&folder).unwrap();
+        common::npy(&folder.join("angles.npy"), &[ROWS, 3], &angles);
+        common::npy(&folder.join("torques.npy"), &[ROWS, 3], &torques);
+    }
+    let line =
+        "diagnose air --effects joint_viscous_friction,contact_friction --html air.html --json";
+    let d = json(&bench, line);
+    let effects = d["effects"].as_array().unwrap();
+    let contact = effects
+        .iter()
+        .find(|e| e["effect"] == "contact_friction")
+        .unwrap();
+    assert_eq!(contact["testable"], false);
+    assert_eq!(d["gap"]["unit"], "N m");
+    assert_eq!(d["dataset"], "<script>alert(1)</script>");
+    // A hostile name stays text.
+    let page = fs::read_to_string(bench.root.join("air.html")).unwrap();
+    assert!(page.contains("&lt;script&gt;") && !page.contains("<script"));
+}
+
+#[test]
+fn what_is_refused() {
+    let bench = biased();
+    bench.fails(
+        "diagnose touch --effects torque_boas",
+        2,
+        &["--effects", "torque_boas", "torque_bias"],
+    );
+    bench.fails("diagnose nowhere", 1, &["nowhere"]);
+    bench.fails("diagnose touch --html report.txt", 2, &["--html", ".html"]);
+    bench.fails("diagnose touch --model model.npz", 2, &["--model", ".json"]);
+    bench.fails(
+        "diagnose touch --html none/report.html",
+        3,
+        &["none/report.html", "folder"],
+    );
+    bench.fails(
+        "diagnose touch --model touch/dataset.json",
+        2,
+        &["--model", "touch"],
+    );
+    bench.fails(
+        "diagnose touch --html touch/a.html",
+        2,
+        &["--html", "touch"],
+    );
+    bench.fails(
+        "diagnose touch --json=touch/a.json",
+        2,
+        &["--json", "touch"],
+    );
+    bench.fails(
+        "diagnose touch --model a.json --json=./a.json",
+        2,
+        &["--json", "--model", "same file"],
+    );
+    bench.fails("diagnose touch --seed x", 2, &["--seed"]);
+    bench.fails("diagnose touch --train a,b,c --test x", 2, &["--test"]);
+
+    let model = |text: &str| fs::write(bench.root.join("model.json"), text).unwrap();
+    for (text, parts) in [
+        (
+            MODEL.replace("torque_bias", "torque_boas"),
+            ["model.json", "torque_boas"],
+        ),
+        (MODEL.replace("\"N\"", "\"N m\""), ["model.json", "\"N m\""]),
+        (MODEL.replace("b_2", "b_4"), ["model.json", "b_4"]),
+        (MODEL.replace("-0.1", "NaN"), ["model.json", "line 4"]),
+        (MODEL.replace("-0.1", "-1e9"), ["model.json", "must be in"]),
+        (
+            MODEL.replace("\"schema\": 1", "\"schema\": 9"),
+            ["model.json", "schema 9"],
+        ),
+        ("{}".to_owned(), ["model.json", "schema"]),
+    ] {
+        model(&text);
+        for command in [
+            "estimate touch --model model.json",
+            "evaluate touch --field truth --model model.json",
+            "predict touch --field truth --model model.json --out out",
+            "simulate touch --field truth --model model.json --out out",
+        ] {
+            bench.fails(command, 1, &parts);
+        }
+    }
+    assert!(!bench.root.join("out").exists() && !bench.root.join("field.npz").exists());
+    bench.fails("estimate touch --model none.json", 3, &["none.json"]);
+    let json = "estimate touch --model model.json --json=./model.json";
+    bench.fails(json, 2, &["--json", "model.json"]);
+}
+
+/// Outputs are written together: where one cannot be, none is.
+#[test]
+#[cfg(unix)]
+fn outputs_are_all_or_none() {
+    let bench = biased();
+    let page = bench.root.join("d.html");
+    fs::write(&page, "kept").unwrap();
+    let mut rights = fs::metadata(&page).unwrap().permissions();
+    rights.set_readonly(true);
+    fs::set_permissions(&page, rights).unwrap();
+    let line = "diagnose touch --effects torque_bias --html d.html --model m.json --json=d.json";
+    bench.fails(line, 3, &["d.html"]);
+    assert!(!bench.root.join("m.json").exists() && !bench.root.join("d.json").exists());
+    assert_eq!(fs::read_to_string(&page).unwrap(), "kept");
+}

@@ -1,0 +1,117 @@
+use crate::{Campaign, GapError, Model};
+use std::sync::Arc;
+use vsf_core::{CoreError, Noise, Observation};
+use vsf_data::{Table, TorqueKind};
+use vsf_pipeline::{PipelineError, SequencePrediction, Trace};
+
+/// One sequence under a corrected model `tau = G W K + a`.
+#[derive(Debug, Clone)]
+pub struct Corrected {
+    /// Columns `G W`, and readings less the model's torques `a`: what the stiffness has to explain.
+    /// Its time is the clock of the session (s).
+    pub trace: Trace,
+    /// The torques `a` (N m or N), one row per sample.
+    pub torques: Table,
+}
+
+impl Campaign {
+    /// All sequences under a corrected model, in session order. Contacts and readings are those of
+    /// the diagnosis; of `measured` readings the whole rigid-body torque is removed, not the weight
+    /// alone.
+    ///
+    /// # Errors
+    /// Rows that contact cannot take, parameters that an effect cannot take.
+    pub fn corrected(&self, model: &Model) -> Result<Vec<Corrected>, GapError> {
+        let session = self.session();
+        let d = self.site.joints();
+        let unit = Noise::uniform(d, 1.0)?;
+        let logs = self.contact_logs(model, &session)?;
+        let mut observations: Vec<Vec<Observation<f64>>> = vec![Vec::new(); session.len()];
+        let mut torques: Vec<Vec<f64>> = vec![Vec::new(); session.len()];
+        let mut outcome: Result<(), PipelineError> = Ok(());
+        let mut left = vec![0.0; d];
+        self.predict(model, &session, &logs, |s, row, touch, prediction| {
+            let mut obs = Observation::new(unit.clone());
+            let pairs = session[s].reading[row].iter().zip(&prediction.torques);
+            left.iter_mut()
+                .zip(pairs)
+                .for_each(|(l, (y, a))| *l = y - a);
+            let built = prediction.observation(touch, &left, &mut obs);
+            if let (Err(source), true) = (built, outcome.is_ok()) {
+                let id = session[s].id.clone();
+                outcome = Err(PipelineError::Sequence { id, row, source });
+            }
+            observations[s].push(obs);
+            torques[s].extend_from_slice(&prediction.torques);
+        })?;
+        outcome?;
+        (session.iter().zip(observations).zip(torques))
+            .map(|((motion, observations), torques)| {
+                Ok(Corrected {
+                    trace: Trace {
+                        id: motion.id.clone(),
+                        time: motion.clock.clone(),
+                        observations,
+                        touches: motion.touches.clone(),
+                    },
+                    torques: Table::new(d, torques)?,
+                })
+            })
+            .collect()
+    }
+
+    /// The readings, of the recording's kind, that a model gives with a stiffness per rest point
+    /// (N/m): one table per sequence, in session order. Effects that follow the load take it from
+    /// the readings that the recording has.
+    ///
+    /// # Errors
+    /// As [`Campaign::corrected`]; a stiffness of another length than the rest points.
+    pub fn simulated(&self, model: &Model, stiffness: &[f64]) -> Result<Vec<Table>, GapError> {
+        CoreError::check_len("stiffness", stiffness.len(), self.site.rest.len())?;
+        let session = self.session();
+        let d = self.site.joints();
+        let logs: Vec<Arc<_>> = self.contact_logs(model, &session)?;
+        let mut readings: Vec<Vec<f64>> = vec![Vec::new(); session.len()];
+        let mut tau = vec![0.0; d];
+        self.predict(model, &session, &logs, |s, row, touch, prediction| {
+            prediction.apply(touch, stiffness, &mut tau);
+            if self.site.torque_kind == TorqueKind::Measured {
+                let rigid = &session[s].load[row];
+                tau.iter_mut().zip(rigid).for_each(|(t, r)| *t = r - *t);
+            }
+            readings[s].extend_from_slice(&tau);
+        })?;
+        (readings.into_iter())
+            .map(|rows| Ok(Table::new(d, rows)?))
+            .collect()
+    }
+}
+
+impl Corrected {
+    /// The columns with the readings as they are, the model's torques put back.
+    ///
+    /// # Errors
+    /// A sum beyond numbers.
+    pub fn recorded(&self) -> Result<Trace, GapError> {
+        let mut trace = self.trace.clone();
+        for (obs, torques) in trace.observations.iter_mut().zip(self.torques.iter()) {
+            let nominal = obs.clone();
+            let sums = nominal.reading().iter().zip(torques).map(|(y, a)| y + a);
+            let readings: Vec<f64> = sums.collect();
+            let length = nominal.points().last().map_or(0, |p| *p as usize + 1);
+            obs.rebuild_rows(length, nominal.points(), &readings, |rows| {
+                rows.copy_from_slice(nominal.rows());
+            })?;
+        }
+        Ok(trace)
+    }
+
+    /// What a field predicts from [`Corrected::trace`], with the model's torques put back.
+    #[must_use]
+    pub fn complete(&self, mut prediction: SequencePrediction) -> SequencePrediction {
+        for (mean, torques) in prediction.mean.iter_mut().zip(self.torques.iter()) {
+            mean.iter_mut().zip(torques).for_each(|(m, a)| *m += a);
+        }
+        prediction
+    }
+}

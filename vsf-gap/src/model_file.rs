@@ -1,0 +1,182 @@
+use crate::{Effect, Estimate, GapError, Model, Parameter, Site};
+use serde::{Deserialize, Serialize};
+use std::sync::Arc;
+
+/// Version of the form.
+const SCHEMA: u32 = 1;
+
+/// A corrected model as a file: JSON `{"schema": 1, "effects": [{"effect", "parameters": [{"name",
+/// "value", "std", "unit"}]}]}`.
+///
+/// It names effects and parameters, so that it holds for other recordings with the same robot. The
+/// parameters of single sequences belong to recordings with sequences of these names.
+///
+/// ```
+/// use vsf_gap::{GapError, ModelFile};
+///
+/// let text = r#"{"schema": 1, "effects": [{"effect": "latency", "parameters":
+///     [{"name": "delta", "value": 0.02, "std": 0.001, "unit": "s"}]}]}"#;
+/// let file = ModelFile::from_json(text)?;
+/// assert_eq!(file.effects[0].effect, "latency");
+/// assert_eq!(ModelFile::from_json(&file.to_json())?, file);
+/// # Ok::<(), GapError>(())
+/// ```
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct ModelFile {
+    schema: u32,
+    /// The effects, in the order in which they act; none for the nominal model.
+    pub effects: Vec<EffectEntry>,
+}
+
+/// An effect of a [`ModelFile`].
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct EffectEntry {
+    /// Its name.
+    pub effect: String,
+    /// All of its parameters, in any order.
+    pub parameters: Vec<Estimate>,
+}
+
+impl ModelFile {
+    /// A model at a site. `sd` holds the standard deviations of its parameters, effect by effect.
+    ///
+    /// # Errors
+    /// As [`ModelFile::model`]; deviations of another number than the parameters.
+    pub fn new(site: &Site, model: &Model, sd: &[f64]) -> Result<Self, GapError> {
+        let mut left = sd.iter();
+        let mut effects = Vec::new();
+        for (effect, theta) in &model.parts {
+            let own = effect.parameters(site);
+            let stds: Vec<f64> = left.by_ref().take(own.len()).copied().collect();
+            if theta.len() != own.len() || stds.len() != own.len() {
+                return Err(GapError::Parameters {
+                    effect: effect.name().to_owned(),
+                    got: theta.len().min(stds.len()),
+                    expected: own.len(),
+                });
+            }
+            let estimate = |((p, value), std): ((Parameter, &f64), f64)| Estimate {
+                name: p.name,
+                value: *value,
+                std,
+                unit: p.unit.to_owned(),
+            };
+            effects.push(EffectEntry {
+                effect: effect.name().to_owned(),
+                parameters: own.into_iter().zip(theta).zip(stds).map(estimate).collect(),
+            });
+        }
+        let file = Self {
+            schema: SCHEMA,
+            effects,
+        };
+        let known: Vec<_> = model.parts.iter().map(|(e, _)| e.clone()).collect();
+        file.model(site, &known)?;
+        Ok(file)
+    }
+
+    /// Reads JSON.
+    ///
+    /// # Errors
+    /// [`GapError::ModelFile`] for anything but JSON of this form; what the effects make of it is
+    /// left to [`ModelFile::model`].
+    pub fn from_json(text: &str) -> Result<Self, GapError> {
+        let file: Self =
+            serde_json::from_str(text).map_err(|e| GapError::ModelFile(e.to_string()))?;
+        match file.schema {
+            SCHEMA => Ok(file),
+            other => Err(GapError::ModelFile(format!(
+                "schema {other}, this version reads {SCHEMA}"
+            ))),
+        }
+    }
+
+    /// Writes JSON.
+    pub fn to_json(&self) -> String {
+        // Texts and numbers alone: nothing that JSON cannot hold.
+        serde_json::to_string_pretty(self).unwrap_or_default() + "\n"
+    }
+
+    /// The model of the file at a site, with effects out of `effects`.
+    ///
+    /// # Errors
+    /// [`GapError::UnknownEffect`] for an effect that is not among them, [`GapError::Model`] for one
+    /// that is named twice, parameters that are missing, unknown, named twice, of another unit or
+    /// out of bounds, and deviations that are negative or not finite.
+    pub fn model(&self, site: &Site, effects: &[Arc<dyn Effect>]) -> Result<Model, GapError> {
+        let mut model = Model::default();
+        for (k, entry) in self.effects.iter().enumerate() {
+            let Some(effect) = effects.iter().find(|e| e.name() == entry.effect) else {
+                let known: Vec<&str> = effects.iter().map(|e| e.name()).collect();
+                return Err(GapError::UnknownEffect {
+                    name: entry.effect.clone(),
+                    known: known.join(", "),
+                });
+            };
+            if self.effects[..k].iter().any(|e| e.effect == entry.effect) {
+                return Err(entry.wrong("is named twice".to_owned()));
+            }
+            let theta = entry.theta(&effect.parameters(site))?;
+            effect.compensator(site, &theta)?;
+            model.parts.push((effect.clone(), theta));
+        }
+        Ok(model)
+    }
+}
+
+impl EffectEntry {
+    /// The values in the order of the effect's parameters.
+    fn theta(&self, parameters: &[Parameter]) -> Result<Vec<f64>, GapError> {
+        let names = || {
+            let names: Vec<&str> = parameters.iter().map(|p| p.name.as_str()).collect();
+            names.join(", ")
+        };
+        for (k, given) in self.parameters.iter().enumerate() {
+            let name = &given.name;
+            if parameters.iter().all(|p| p.name != *name) {
+                return Err(self.wrong(format!("has no parameter {name:?}; it has {}", names())));
+            }
+            if self.parameters[..k].iter().any(|g| g.name == *name) {
+                return Err(self.wrong(format!("parameter {name:?} is named twice")));
+            }
+        }
+        (parameters.iter())
+            .map(|p| {
+                let name = &p.name;
+                let given = self.parameters.iter().find(|g| g.name == *name);
+                let given = given.ok_or_else(|| {
+                    self.wrong(format!("parameter {name:?} is missing; it has {}", names()))
+                })?;
+                let [lo, hi] = p.bounds;
+                if given.unit != p.unit {
+                    let (got, unit) = (&given.unit, p.unit);
+                    return Err(
+                        self.wrong(format!("parameter {name:?} is in {got:?}, not {unit:?}"))
+                    );
+                }
+                if !(lo..=hi).contains(&given.value) {
+                    let (value, unit) = (given.value, p.unit);
+                    return Err(self.wrong(format!(
+                        "parameter {name:?} is {value:?}; it must be in {lo:?} .. {hi:?} {unit}"
+                    )));
+                }
+                if !(given.std >= 0.0 && given.std.is_finite()) {
+                    let std = given.std;
+                    return Err(self.wrong(format!(
+                        "parameter {name:?} has the deviation {std:?}; it must be >= 0"
+                    )));
+                }
+                Ok(given.value)
+            })
+            .collect()
+    }
+
+    fn wrong(&self, problem: String) -> GapError {
+        GapError::Model {
+            effect: self.effect.clone(),
+            problem,
+        }
+    }
+}

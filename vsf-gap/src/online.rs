@@ -1,0 +1,104 @@
+use crate::forward::{ContactDriver, Model, Prediction};
+use crate::{Compensator, GapError, Sample, Site, Touch};
+use vsf_core::{Contacts, Observation, Posture};
+use vsf_data::TorqueKind;
+use vsf_pipeline::Scene;
+use vsf_robots::DynamicsWorkspace;
+
+/// A corrected model in a control loop: contact, columns and torques, sample by sample. After
+/// warm-up a step allocates nothing.
+///
+/// Fed with the samples of a recording it gives the observations of
+/// [`Campaign::corrected`](crate::Campaign::corrected), which any
+/// [`Estimator`](vsf_core::Estimator) takes.
+pub struct Corrector {
+    site: Site,
+    compensators: Vec<Box<dyn Compensator>>,
+    driver: ContactDriver,
+    posture: Posture,
+    contacts: Contacts,
+    prediction: Prediction,
+    workspace: DynamicsWorkspace,
+    left: Vec<f64>,
+}
+
+impl Corrector {
+    /// A model at a site, with the scene of its contacts unless the arm moves in free air.
+    ///
+    /// # Errors
+    /// Parameters that an effect or contact cannot take.
+    pub fn new(site: &Site, scene: Option<&Scene>, model: &Model) -> Result<Self, GapError> {
+        let compensators = model.compensators(site)?;
+        Ok(Self {
+            driver: ContactDriver::new(site, scene, &compensators)?,
+            compensators,
+            posture: site.robot.posture(),
+            contacts: Contacts::new(),
+            prediction: Prediction::new(site.joints()),
+            workspace: site.robot.dynamics_workspace(),
+            left: vec![0.0; site.joints()],
+            site: site.clone(),
+        })
+    }
+
+    /// A sequence begins, with its first touch.
+    pub fn begin_sequence(&mut self, id: &str) {
+        self.compensators
+            .iter_mut()
+            .for_each(|c| c.begin_sequence(id));
+        self.begin_touch();
+    }
+
+    /// A touch begins after motion that was not seen.
+    pub fn begin_touch(&mut self) {
+        self.driver.reset();
+        self.compensators.iter_mut().for_each(|c| c.begin_touch());
+    }
+
+    /// One sample: writes the columns `G W` and the reading less the model's torques to `obs`, and
+    /// returns those torques (N m or N). `reading` is that of this sample; [`Sample::reading`] may be
+    /// smoother. The force of the sample is found here.
+    ///
+    /// # Errors
+    /// A row that robot or contact cannot take. The observation is then empty or as before; begin a
+    /// touch to go on.
+    pub fn step(
+        &mut self,
+        sample: &Sample<'_>,
+        reading: &[f64],
+        obs: &mut Observation<f64>,
+    ) -> Result<&[f64], GapError> {
+        let known = Sample {
+            force_W: self.driver.force(),
+            ..*sample
+        };
+        let (posture, contacts) = (&mut self.posture, &mut self.contacts);
+        let compensators = &mut self.compensators;
+        self.driver
+            .step(&self.site, compensators, &known, posture, contacts)?;
+        let felt = Sample {
+            force_W: self.driver.force(),
+            ..*sample
+        };
+        let touch = Touch {
+            rest: &self.site.rest,
+            posture,
+            contacts,
+        };
+        self.prediction.step(compensators, &felt, &touch);
+        let torques = &mut self.prediction.torques;
+        if self.site.torque_kind == TorqueKind::Measured {
+            let of_links = self.driver.rigid(&self.site, sample, &mut self.workspace)?;
+            for ((t, load), rigid) in torques.iter_mut().zip(sample.load).zip(of_links) {
+                *t += load - rigid;
+            }
+        }
+        let pairs = reading.iter().zip(&*torques);
+        self.left
+            .iter_mut()
+            .zip(pairs)
+            .for_each(|(l, (y, a))| *l = y - a);
+        self.prediction.observation(&touch, &self.left, obs)?;
+        Ok(&self.prediction.torques)
+    }
+}

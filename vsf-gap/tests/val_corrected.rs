@@ -1,0 +1,273 @@
+//! A corrected model outside of a diagnosis: observations of recordings, control loops, files.
+
+#![allow(clippy::unwrap_used)]
+
+mod common;
+
+use common::campaign::{Rows, plate, free_arm, torques};
+use proptest::prelude::*;
+use vsf_core::{Noise, Observation};
+use vsf_gap::effects::catalogue;
+use vsf_gap::{Campaign, Corrector, EffectEntry, Estimate, GapError, Model, ModelFile, Role};
+
+/// A block of points under the plate.
+fn points() -> Vec<[f64; 3]> {
+    let grid = |k: usize| [0.02 * (k % 5) as f64, 0.02 * (k / 5) as f64, 0.0];
+    (0..20).map(grid).collect()
+}
+
+/// Presses to a depth (m) and back, sliding a little.
+fn press(depth: f64) -> Rows {
+    let row = |k: usize| {
+        let t = k as f64 / 60.0;
+        let z = 0.003 - depth * (std::f64::consts::PI * t).sin();
+        (vec![0.02 * t, 0.0, z], vec![0.1 * t, -0.05, 3.0 * (1.0 - t)])
+    };
+    (0..60).map(row).collect()
+}
+
+fn pressed() -> Campaign {
+    plate(&points(), &[press(0.01), press(0.02), press(0.015)])
+}
+
+fn swung() -> Campaign {
+    let row = |k: usize| {
+        let t = k as f64 / 100.0;
+        let q: Vec<f64> = (0..3).map(|j| (t * (1.0 + j as f64)).sin()).collect();
+        let tau = vec![0.5 + t, 0.2 - t, 0.1];
+        (q, tau)
+    };
+    free_arm(&[(0..80).map(row).collect()])
+}
+
+/// An effect with amplitudes of one scale each.
+fn model(campaign: &Campaign, k: usize) -> Model {
+    let effect = &catalogue()[k];
+    let mut theta = effect.starts(&campaign.site).swap_remove(0);
+    for (x, p) in theta.iter_mut().zip(effect.parameters(&campaign.site)) {
+        if p.role == Role::Amplitude {
+            *x = p.scale;
+        }
+    }
+    Model::of(effect, &theta)
+}
+
+#[test]
+fn the_nominal_model_has_the_observations_of_the_pipeline() {
+    let campaign = pressed();
+    let scene = campaign.scene.as_ref().unwrap();
+    let all = campaign.corrected(&Model::default()).unwrap();
+    for (corrected, motion) in all.iter().zip(campaign.session()) {
+        let sequence = vsf_data::Sequence {
+            id: motion.id.clone(),
+            time: motion.clock.clone(),
+            angles: motion.q.clone(),
+            velocities: None,
+            torques: motion.reading.clone(),
+            touch_starts: vec![0],
+            tags: Vec::new(),
+        };
+        let trace = scene.trace(&sequence).unwrap();
+        assert!(trace.contact_samples() > 0);
+        assert_eq!(trace.observations.len(), corrected.trace.observations.len());
+        for (a, b) in trace.observations.iter().zip(&corrected.trace.observations) {
+            assert_eq!(a.points(), b.points());
+            assert_eq!(a.reading(), b.reading());
+            for (a, b) in a.rows().iter().zip(b.rows()) {
+                assert!((a - b).abs() < 1e-12, "{a} {b}");
+            }
+        }
+        assert!(corrected.torques.data().iter().all(|a| *a == 0.0));
+    }
+}
+
+/// Columns times stiffness and the model's torques are what the diagnosis predicts, for every
+/// effect; and readings less torques with them put back are the readings.
+#[test]
+fn columns_and_torques_are_the_prediction() {
+    const K: f64 = 40.0;
+    let campaign = pressed();
+    for k in 0..catalogue().len() {
+        let model = model(&campaign, k);
+        let mut all = Vec::new();
+        // Train sequences before the test sequence: the order of `torques`.
+        let mut corrected = campaign.corrected(&model).unwrap();
+        corrected.sort_by_key(|c| campaign.test.iter().any(|m| m.id == c.trace.id));
+        let field = vec![K; campaign.site.rest.len()];
+        for c in &corrected {
+            let recorded = c.recorded().unwrap();
+            let readings = &campaign.session().iter().find(|m| m.id == c.trace.id).unwrap().reading;
+            for (row, obs) in c.trace.observations.iter().enumerate() {
+                let mut tau = vec![0.0; 3];
+                obs.apply(&field, &mut tau);
+                all.extend(tau.iter().zip(&c.torques[row]).map(|(t, a)| t + a));
+                for (a, b) in recorded.observations[row].reading().iter().zip(&readings[row]) {
+                    assert!((a - b).abs() < 1e-12);
+                }
+            }
+        }
+        let name = model.parts[0].0.name().to_owned();
+        // State that lasts goes by the session, where `torques` starts anew.
+        if ["plastic_set", "damage_softening"].contains(&name.as_str()) {
+            continue;
+        }
+        for (a, b) in all.iter().zip(torques(&campaign, &model, K)) {
+            assert!((a - b).abs() < 1e-9, "{name}: {a} {b}");
+        }
+    }
+}
+
+/// What a touch leaves behind is felt by the next sequence.
+#[test]
+fn the_state_of_the_object_lasts() {
+    let campaign = pressed();
+    let effect = common::effect("damage_softening");
+    let model = Model::of(&effect, &[0.9, 0.014, 0.002]);
+    let stiffness = vec![50.0; campaign.site.rest.len()];
+    let with = campaign.simulated(&model, &stiffness).unwrap();
+    let alone = plate(&points(), &[press(0.015)]);
+    let fresh = alone.simulated(&model, &stiffness).unwrap();
+    // The last touch alone goes not deep enough to do damage; the one before it does.
+    let peak = |t: &vsf_data::Table| t.data().iter().fold(0.0_f64, |m, v| m.max(v.abs()));
+    assert!(peak(&with[2]) < 0.5 * peak(&fresh[0]));
+}
+
+#[test]
+fn a_loop_has_the_observations_of_the_recording() {
+    for campaign in [pressed(), swung()] {
+        for k in 0..catalogue().len() {
+            let model = model(&campaign, k);
+            if model.parts[0].0.untestable(&campaign).is_some() {
+                continue;
+            }
+            let name = model.parts[0].0.name().to_owned();
+            let offline = campaign.corrected(&model).unwrap();
+            let mut online = Corrector::new(&campaign.site, campaign.scene.as_ref(), &model).unwrap();
+            let unit = Noise::uniform(campaign.site.joints(), 1.0).unwrap();
+            let mut obs = Observation::new(unit);
+            for (c, motion) in offline.iter().zip(campaign.session()) {
+                online.begin_sequence(&motion.id);
+                for row in 0..motion.len() {
+                    let sample = motion.sample(row, 0, nalgebra::Vector3::zeros());
+                    let torques = online.step(&sample, &motion.reading[row], &mut obs).unwrap();
+                    assert_eq!(torques, &c.torques[row], "{name} row {row}");
+                    let same = &c.trace.observations[row];
+                    assert_eq!(obs.points(), same.points(), "{name} row {row}");
+                    assert_eq!(obs.rows(), same.rows(), "{name} row {row}");
+                    assert_eq!(obs.reading(), same.reading(), "{name} row {row}");
+                }
+            }
+        }
+    }
+}
+
+#[test]
+fn simulated_readings_are_explained_by_their_model() {
+    for (campaign, name, theta) in [
+        (pressed(), "torque_bias", vec![0.1, -0.2, 0.3]),
+        (swung(), "joint_viscous_friction", vec![0.2, 0.1, 0.0]),
+    ] {
+        let model = Model::of(&common::effect(name), &theta);
+        let stiffness = vec![30.0; campaign.site.rest.len()];
+        let readings = campaign.simulated(&model, &stiffness).unwrap();
+        let corrected = campaign.corrected(&model).unwrap();
+        for ((table, c), motion) in readings.iter().zip(&corrected).zip(campaign.session()) {
+            for (row, obs) in c.trace.observations.iter().enumerate() {
+                let mut tau = vec![0.0; campaign.site.joints()];
+                obs.apply(&stiffness, &mut tau);
+                for j in 0..tau.len() {
+                    let load = tau[j] + c.torques[row][j];
+                    let reading = match campaign.site.torque_kind {
+                        vsf_data::TorqueKind::External => load,
+                        vsf_data::TorqueKind::Measured => motion.load[row][j] - load,
+                    };
+                    assert!((table[row][j] - reading).abs() < 1e-12);
+                }
+            }
+        }
+    }
+    let campaign = pressed();
+    assert!(campaign.simulated(&Model::default(), &[1.0]).is_err());
+}
+
+proptest! {
+    #[test]
+    fn a_file_gives_the_model_back(k in 0..27usize, share in 0.0..1.0f64, sd in 0.0..1e3f64) {
+        let campaign = pressed();
+        let effect = &catalogue()[k];
+        let parameters = effect.parameters(&campaign.site);
+        let theta: Vec<f64> = parameters.iter()
+            .map(|p| p.bounds[0] + share * (p.bounds[1] - p.bounds[0]))
+            .map(|v| if v.is_finite() { v } else { 0.0 })
+            .collect();
+        let model = Model::of(effect, &theta);
+        let file = ModelFile::new(&campaign.site, &model, &vec![sd; theta.len()]).unwrap();
+        let read = ModelFile::from_json(&file.to_json()).unwrap();
+        prop_assert_eq!(&read, &file);
+        let again = read.model(&campaign.site, &catalogue()).unwrap();
+        prop_assert_eq!(&again.parts[0].1, &theta);
+        prop_assert_eq!(again.parts[0].0.name(), effect.name());
+    }
+}
+
+/// Whatever is wrong with a file is refused with a word about it.
+#[test]
+fn files_that_are_no_models() {
+    let campaign = pressed();
+    let parameter = |name: &str, value: f64| Estimate {
+        name: name.to_owned(),
+        value,
+        std: 0.1,
+        unit: "N".to_owned(),
+    };
+    let good = |change: &dyn Fn(&mut EffectEntry)| {
+        let mut entry = EffectEntry {
+            effect: "torque_bias".to_owned(),
+            parameters: vec![parameter("b_3", 0.3), parameter("b_1", 0.1), parameter("b_2", 0.2)],
+        };
+        change(&mut entry);
+        let mut file = ModelFile::from_json(r#"{"schema": 1, "effects": []}"#).unwrap();
+        file.effects.push(entry);
+        file.model(&campaign.site, &catalogue())
+    };
+    // In any order.
+    assert_eq!(good(&|_| {}).unwrap().parts[0].1, [0.1, 0.2, 0.3]);
+    type Change = dyn Fn(&mut EffectEntry);
+    let cases: [(&Change, &str); 9] = [
+        (&|e| e.effect = "torque_boas".into(), "torque_bias"),
+        (&|e| drop(e.parameters.pop()), "\"b_2\" is missing"),
+        (&|e| e.parameters[0].name = "b_9".into(), "no parameter \"b_9\""),
+        (&|e| e.parameters[0].name = "b_1".into(), "twice"),
+        (&|e| e.parameters[0].unit = "N m".into(), "is in \"N m\", not \"N\""),
+        (&|e| e.parameters[0].value = f64::NAN, "NaN"),
+        (&|e| e.parameters[0].value = 1e9, "must be in"),
+        (&|e| e.parameters[0].std = -1.0, "must be >= 0"),
+        (&|e| e.parameters[0].std = f64::INFINITY, "must be >= 0"),
+    ];
+    for (change, part) in cases {
+        let error = good(change).err().unwrap().to_string();
+        assert!(error.contains(part), "{error}");
+    }
+    for (text, part) in [
+        ("", "EOF"),
+        ("{\"schema\": 1}", "effects"),
+        ("{\"schema\": 2, \"effects\": []}", "schema 2"),
+        ("{\"schema\": 1, \"effects\": [], \"more\": 1}", "more"),
+        ("{\"schema\": 1, \"effects\": [{\"effect\": \"latency\"}]}", "parameters"),
+        (
+            "{\"schema\": 1, \"effects\": [{\"effect\": \"latency\", \"parameters\": [{\"name\": \"delta\", \
+             \"value\": NaN, \"std\": 0, \"unit\": \"s\"}]}]}",
+            "expected",
+        ),
+    ] {
+        let error = ModelFile::from_json(text).unwrap_err();
+        assert!(matches!(error, GapError::ModelFile(_)), "{error}");
+        assert!(error.to_string().contains(part), "{error}");
+    }
+    let twice = "{\"schema\": 1, \"effects\": [
+        {\"effect\": \"latency\", \"parameters\": [{\"name\": \"delta\", \"value\": 0.01, \"std\": 0, \"unit\": \"s\"}]},
+        {\"effect\": \"latency\", \"parameters\": [{\"name\": \"delta\", \"value\": 0.01, \"std\": 0, \"unit\": \"s\"}]}]}";
+    let error = ModelFile::from_json(twice).unwrap().model(&campaign.site, &catalogue());
+    let error = error.err().unwrap().to_string();
+    assert!(error.contains("latency") && error.contains("twice"), "{error}");
+}
