@@ -4,6 +4,7 @@
 
 mod cli;
 mod commands;
+mod blind;
 mod config;
 mod console;
 mod corrected;

@@ -36,6 +36,12 @@ impl Residuals {
         norms.iter().sum::<f64>() / norms.len().max(1) as f64
     }
 
+    /// Mean squared norm over samples.
+    pub fn mean_square(&self) -> f64 {
+        let squares: Vec<f64> = self.squares().map(|(_, s)| s).collect();
+        squares.iter().sum::<f64>() / squares.len().max(1) as f64
+    }
+
     /// Sequence and squared norm of every sample.
     fn squares(&self) -> impl Iterator<Item = (usize, f64)> + '_ {
         self.rows.iter().enumerate().flat_map(|(s, rows)| {

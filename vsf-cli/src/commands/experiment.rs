@@ -1,3 +1,4 @@
+mod blind;
 mod figures;
 mod paper;
 mod priors;
@@ -31,6 +32,8 @@ enum Which {
     Table1(table1::Args),
     /// What each kind of prior gives: independent points, a common level, smooth parts
     Priors(priors::Args),
+    /// How often a diagnosis finds effects that it was not told: hidden labels from an independent world
+    Blind(blind::Args),
 }
 
 pub fn run(args: &Args, console: &Console) -> anyhow::Result<()> {
@@ -38,6 +41,7 @@ pub fn run(args: &Args, console: &Console) -> anyhow::Result<()> {
         Which::Paper(args) => paper::run(args, console),
         Which::Table1(args) => table1::run(args, console),
         Which::Priors(args) => priors::run(args, console),
+        Which::Blind(args) => blind::run(args, console),
     }
 }
 

@@ -1,0 +1,80 @@
+use crate::blind::{Case, Score, text};
+use crate::console::Console;
+use crate::range::count;
+use serde::Serialize;
+use std::path::PathBuf;
+use vsf::data::{Dataset, Overrides};
+use vsf::gap::{Campaign, diagnose, effects};
+use vsf::pipeline::SceneOptions;
+use vsf_world::{draw_cases, generate};
+
+#[derive(Debug, clap::Args)]
+#[command(after_help = "\
+Recordings come from a simulated world that shares no code with the diagnosis: own kinematics, contact,
+objects and forms of every effect. In every 20 cases 4 are without effect, 10 have one, 3 two, and 3 one that
+is not in the catalogue; 3 in 10 touch a plant, the others a soft body; 1 in 4 is subtle, 1 in 8 a mere push.
+Each is diagnosed without its label, which is opened afterwards.
+
+JSON keys: cases (case, kind, level, protocol, truth, kind_of_answer, named, top, probability_of_truth,
+effect_set_95, right_joint, right_phase, test_error_nominal, test_error_corrected, closed_fraction, oracle_closed,
+error), scores (group, and for each measure hits, of, share, interval; mean_probability, ece, set_size).")]
+pub struct Args {
+    /// Number of cases
+    #[arg(long, default_value_t = 20, value_parser = count)]
+    cases: usize,
+    /// Seed of the cases
+    #[arg(long, default_value_t = 0)]
+    seed: u64,
+    /// Folder to keep the recordings in; by default they are thrown away
+    #[arg(long, value_name = "FOLDER")]
+    keep: Option<PathBuf>,
+}
+
+#[derive(Serialize)]
+struct Report<'a> {
+    seed: u64,
+    cases: &'a [Case],
+    scores: Vec<Score>,
+}
+
+pub fn run(args: &Args, console: &Console) -> anyhow::Result<()> {
+    let scratch = tempfile::tempdir()?;
+    let folder = args.keep.clone().unwrap_or_else(|| scratch.path().to_owned());
+    let specs = draw_cases(args.cases, args.seed);
+    let bar = console.bar(specs.len(), "blind cases");
+    let catalogue = effects::catalogue();
+    let mut cases = Vec::with_capacity(specs.len());
+    for (i, spec) in specs.iter().enumerate() {
+        let id = format!("case_{i:03}");
+        let path = folder.join(&id);
+        let label = match generate(spec, &path) {
+            Ok(label) => label,
+            Err(e) => {
+                // Some draws have no strength that fits; they are no cases.
+                console.warn(format!("{id}: {e}"));
+                bar.inc(1);
+                continue;
+            }
+        };
+        let outcome = (|| {
+            let (dataset, _) = Dataset::open(&path, &Overrides::default())?;
+            let campaign = Campaign::open(&dataset, &SceneOptions::default())?;
+            let outcome = diagnose(&campaign, &id, &catalogue, args.seed, |_| {})?;
+            Ok::<_, anyhow::Error>((campaign, outcome))
+        })();
+        cases.push(match outcome {
+            Ok((campaign, outcome)) => Case::new(id, &label, &campaign, &outcome),
+            Err(e) => Case::failed(id, &label, &format!("{e:#}")),
+        });
+        bar.inc(1);
+    }
+    bar.finish_and_clear();
+    let scores = Score::all(&cases);
+    let report = text(&cases, &scores);
+    console.json(&Report {
+        seed: args.seed,
+        cases: &cases,
+        scores,
+    })?;
+    console.report(report)
+}
