@@ -1,5 +1,6 @@
+use crate::evidence::Spread;
 use crate::nominal::Fitted;
-use crate::{Campaign, GapError, JointNoise, Model, Motion, Spread};
+use crate::{Campaign, GapError, JointNoise, Model, Motion};
 use rand::{RngExt, SeedableRng};
 use rand_pcg::Pcg64Mcg;
 
@@ -22,7 +23,7 @@ pub struct Residuals {
 
 /// How far a model closes the gap of another.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Closure {
+pub(crate) struct Closure {
     /// `(G0² - G1²) / (G0² - F²)`; NaN never: 0 where the first model leaves no gap.
     pub fraction: f64,
     /// Interval that holds 95 % of block-bootstrap draws.
@@ -52,7 +53,7 @@ impl Residuals {
 }
 
 /// Mean norm of noise alone.
-pub fn noise_norm(noise: &[JointNoise]) -> f64 {
+pub(crate) fn noise_norm(noise: &[JointNoise]) -> f64 {
     let variance: f64 = noise.iter().map(|n| n.sd * n.sd).sum();
     let fourth: f64 = noise.iter().map(|n| n.sd.powi(4)).sum();
     // Mean of the root of a sum of squares, to second order.
@@ -69,7 +70,11 @@ impl Campaign {
     ///
     /// # Errors
     /// A covariance that is not positive definite.
-    pub fn field(&self, fitted: &mut Fitted<'_>, spread: &Spread) -> Result<Vec<f64>, GapError> {
+    pub(crate) fn field(
+        &self,
+        fitted: &mut Fitted<'_>,
+        spread: &Spread,
+    ) -> Result<Vec<f64>, GapError> {
         let mut field = fitted.stiffness(self, spread)?;
         for _ in 0..ROUNDS {
             if field.iter().all(|k| *k >= 0.0) {
@@ -99,8 +104,10 @@ impl Campaign {
             false => self.session(),
         };
         let logs = self.contact_logs(model, &session)?;
-        let mut predicted: Vec<Vec<f64>> =
-            motions.iter().map(|m| vec![0.0; m.len() * joints]).collect();
+        let mut predicted: Vec<Vec<f64>> = motions
+            .iter()
+            .map(|m| vec![0.0; m.len() * joints])
+            .collect();
         let place: Vec<Option<usize>> = (session.iter())
             .map(|m| motions.iter().position(|asked| asked.id == m.id))
             .collect();
@@ -121,7 +128,7 @@ impl Campaign {
 }
 
 /// The gap that `after` closes of `before`'s, with noise as the floor.
-pub fn closure(
+pub(crate) fn closure(
     before: &Residuals,
     after: &Residuals,
     noise: &[JointNoise],
@@ -150,7 +157,10 @@ pub fn closure(
     let sums: Vec<[f64; 2]> = (blocks.iter())
         .map(|range| {
             let of = |squares: &[(usize, f64)]| {
-                squares[range.clone()].iter().map(|(_, s)| s - floor).sum::<f64>()
+                squares[range.clone()]
+                    .iter()
+                    .map(|(_, s)| s - floor)
+                    .sum::<f64>()
             };
             [of(&b), of(&a)]
         })
@@ -161,19 +171,29 @@ pub fn closure(
             gap += sums[i][0];
             left += sums[i][1];
         }
-        if gap > 0.0 { ((gap - left) / gap).clamp(-10.0, 10.0) } else { 0.0 }
+        if gap > 0.0 {
+            ((gap - left) / gap).clamp(-10.0, 10.0)
+        } else {
+            0.0
+        }
     };
     let whole = fraction(&mut (0..sums.len()));
     let mut rng = Pcg64Mcg::seed_from_u64(seed);
     let mut draws: Vec<f64> = (0..DRAWS)
         .map(|_| {
-            let picks: Vec<usize> =
-                (0..sums.len()).map(|_| rng.random_range(0..sums.len())).collect();
+            let picks: Vec<usize> = (0..sums.len())
+                .map(|_| rng.random_range(0..sums.len()))
+                .collect();
             fraction(&mut picks.into_iter())
         })
         .collect();
     draws.sort_by(f64::total_cmp);
-    let at = |q: f64| draws.get((q * DRAWS as f64) as usize).copied().unwrap_or(whole);
+    let at = |q: f64| {
+        draws
+            .get((q * DRAWS as f64) as usize)
+            .copied()
+            .unwrap_or(whole)
+    };
     Closure {
         fraction: whole,
         interval: [at(0.025), at(0.975)],

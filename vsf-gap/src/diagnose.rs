@@ -1,12 +1,13 @@
 use crate::closure::{Residuals, closure, noise_norm};
 use crate::evidence::Normal;
+use crate::evidence::{Factor, Spread};
 use crate::locate::{Where, locate};
 use crate::next::{NextExperiment, next_experiment};
 use crate::nominal::Fitted;
 use crate::refine::Refined;
 use crate::screen::{Screened, Tangent, log_mean_exp, screen};
-use crate::verdict::{Hypothesis, Kind, Verdict, judge};
-use crate::{Acts, Campaign, Effect, GapError, Model, Parameter, Role, Spread};
+use crate::verdict::{EVIDENT, Hypothesis, Kind, Verdict, judge, threshold};
+use crate::{Acts, Campaign, Effect, GapError, Model, Parameter, Role};
 use faer::Mat;
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
@@ -193,7 +194,7 @@ pub fn diagnose(
         }
     }
     let torques = fitted.predicted(&field);
-    let screening = screen(&fitted, &torques, &tangents, spreads.clone())?;
+    let screening = screen(&fitted, &torques, &tangents, &spreads)?;
     let screened_base = log_mean_exp(&screening.nominal);
     let mut candidates = best_starts(&tangents, &screening.candidates, screened_base);
     let spread = spreads[best_of(&without)];
@@ -205,7 +206,10 @@ pub fn diagnose(
         let moves = tangent.effect.acts() == Acts::Contact;
         let near = candidate.screened > leader - HOPELESS;
         if near && (rank < FINALISTS || moves && leader < HOPELESS) {
-            let found = screening.candidates.iter().find(|s| s.tangent == candidate.tangent);
+            let found = screening
+                .candidates
+                .iter()
+                .find(|s| s.tangent == candidate.tangent);
             if let Some(found) = found {
                 let start = campaign.start(&nominal, tangent, found, &spread)?;
                 let sd = tangent.prior(&campaign.site);
@@ -217,10 +221,10 @@ pub fn diagnose(
 
     progress(Step::Pairs);
     let mut pair = None;
-    if let Some(best) = candidates.first().and_then(|c| c.refined.as_ref()) {
-        if best.log_evidence - base > crate::verdict::EVIDENT {
-            pair = campaign.second(best, &tangents, &candidates, base)?;
-        }
+    if let Some(best) = candidates.first().and_then(|c| c.refined.as_ref())
+        && best.log_evidence - base > EVIDENT
+    {
+        pair = campaign.second(best, &tangents, &candidates, base)?;
     }
 
     progress(Step::Check);
@@ -233,18 +237,28 @@ pub fn diagnose(
     let mut hypotheses = singles;
     hypotheses.extend(pair.as_ref().map(|p| Hypothesis::new(p, base)));
     let likeness = likeness(&fitted, &tangents, &candidates, &spread)?;
-    let judged = judge(&hypotheses, &without, &spreads, base, &likeness);
+    let judged = judge(&hypotheses, &without, &spreads);
 
     let noise = fitted.noise.clone();
     let floor = noise_norm(&noise);
     let field = campaign.field(&mut fitted, &spread)?;
-    let checked = if campaign.test.is_empty() { &campaign.train } else { &campaign.test };
+    let checked = if campaign.test.is_empty() {
+        &campaign.train
+    } else {
+        &campaign.test
+    };
     let before = campaign.residuals(&nominal, &field, checked)?;
     let chosen = match &pair {
         Some(pair) if judged.verdict.effects.len() == 2 => Some(pair),
         _ => candidates
             .iter()
-            .filter(|c| judged.verdict.effects.first().is_some_and(|e| e == c.effect.name()))
+            .filter(|c| {
+                judged
+                    .verdict
+                    .effects
+                    .first()
+                    .is_some_and(|e| e == c.effect.name())
+            })
             .find_map(|c| c.refined.as_ref()),
     };
     let mut notes = Vec::new();
@@ -275,7 +289,15 @@ pub fn diagnose(
         // Rough is what is left, but most of it is explained.
         verdict.kind = Kind::Effects;
     }
-    let r#where = locate(campaign, &model, &corrected_field, &before, checked, &noise, seed)?;
+    let r#where = locate(
+        campaign,
+        &model,
+        &corrected_field,
+        &before,
+        checked,
+        &noise,
+        seed,
+    )?;
     let mut reports = Vec::new();
     for candidate in &candidates {
         let mut report = campaign.report(candidate, &tangents, base, &judged.probabilities);
@@ -452,18 +474,24 @@ impl Campaign {
             }
         }
         let torques = fitted.predicted(&best.stiffness);
-        let screening = screen(&fitted, &torques, &others, fitted.roughness(&best.spread))?;
+        let screening = screen(&fitted, &torques, &others, &fitted.roughness(&best.spread))?;
         let without = log_mean_exp(&screening.nominal);
         let mut seconds = best_starts(&others, &screening.candidates, without);
-        seconds.retain(|c| c.screened > crate::verdict::EVIDENT);
+        seconds.retain(|c| c.screened > EVIDENT);
         seconds.truncate(SECONDS);
         let mut found: Option<Refined> = None;
         let prior = |name: &str| {
-            tangents.iter().find(|t| t.effect.name() == name).map(|t| t.prior(&self.site))
+            tangents
+                .iter()
+                .find(|t| t.effect.name() == name)
+                .map(|t| t.prior(&self.site))
         };
         for second in seconds {
             let tangent = &others[second.tangent];
-            let fit = screening.candidates.iter().find(|s| s.tangent == second.tangent);
+            let fit = screening
+                .candidates
+                .iter()
+                .find(|s| s.tangent == second.tangent);
             let (Some(fit), Some(mut sd)) = (fit, prior(&first)) else {
                 continue;
             };
@@ -475,11 +503,14 @@ impl Campaign {
             let alone = (candidates.iter())
                 .find(|c| c.effect.name() == tangent.effect.name())
                 .map_or(f64::NEG_INFINITY, |c| c.score(base) + base);
-            let needed = crate::verdict::threshold(tangent.effect.as_ref());
+            let needed = threshold(tangent.effect.as_ref());
             let both = gained > needed
-                && refined.log_evidence - alone
-                    > crate::verdict::threshold(best.model.parts[0].0.as_ref());
-            if both && found.as_ref().is_none_or(|f| f.log_evidence < refined.log_evidence) {
+                && refined.log_evidence - alone > threshold(best.model.parts[0].0.as_ref());
+            if both
+                && found
+                    .as_ref()
+                    .is_none_or(|f| f.log_evidence < refined.log_evidence)
+            {
                 found = Some(refined);
             }
         }
@@ -518,7 +549,9 @@ impl Campaign {
                     std: *sd,
                     unit: p.unit.to_owned(),
                 });
-                if let Some(j) = p.joint.filter(|_| p.role == Role::Amplitude && v.abs() > 2.0 * sd)
+                if let Some(j) = p
+                    .joint
+                    .filter(|_| p.role == Role::Amplitude && v.abs() > 2.0 * sd)
                 {
                     let name = self.site.robot.joints()[j].name().to_owned();
                     if *v != 0.0 && !joints.contains(&name) {
@@ -558,7 +591,7 @@ fn absorbed(fitted: &Fitted<'_>, tangent: &Tangent, spread: &Spread) -> Option<f
     };
     let bare = fitted.parts.factor(&bare).ok()?;
     let n = fitted.readings.len();
-    let information = |factor: &crate::Factor| {
+    let information = |factor: &Factor| {
         let columns = &tangent.columns;
         let mut all = Mat::from_fn(n, columns.len(), |i, k| columns[k][i] * tangent.sd[k]);
         factor.whiten(&mut all);
@@ -584,11 +617,16 @@ fn likeness(
     // Torques of the effect as fitted, and whitened tangents around there.
     let mut white = Vec::new();
     for candidate in &finalists {
-        let Some(refined) = &candidate.refined else { continue };
+        let Some(refined) = &candidate.refined else {
+            continue;
+        };
         let parameters = tangents[candidate.tangent].amplitudes.clone();
         let columns = &refined.tangent;
         let mut all = Mat::from_fn(n, columns.len() + 1, |i, k| match k {
-            0 => parameters.iter().map(|&p| columns[p][i] * refined.theta[p]).sum(),
+            0 => parameters
+                .iter()
+                .map(|&p| columns[p][i] * refined.theta[p])
+                .sum(),
             k => columns[k - 1][i],
         });
         factor.whiten(&mut all);

@@ -18,21 +18,21 @@ const JOINT_TIMES: [f64; 2] = [0.5, 5.0];
 
 /// Sizes of what readings vary by.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Spread {
+pub(crate) struct Spread {
     /// Standard deviation of each point's stiffness on its own (N/m).
-    pub point: f64,
+    pub(crate) point: f64,
     /// Standard deviation of the part of the stiffness that is smooth over 4 cm (N/m).
-    pub smooth: f64,
+    pub(crate) smooth: f64,
     /// Standard deviation of the common level of the stiffness (N/m).
-    pub level: f64,
+    pub(crate) level: f64,
     /// Roughness of contact: unexplained force as a share of the force.
-    pub contact: f64,
+    pub(crate) contact: f64,
     /// Roughness of joints: unexplained torque as a share of each joint's RMS torque.
-    pub joint: f64,
+    pub(crate) joint: f64,
 }
 
 /// The parts of the covariance of a design, ready to be put together for any [`Spread`].
-pub struct Parts {
+pub(crate) struct Parts {
     windows: Windows,
     noise: Vec<f64>,
     points: Mat<f64>,
@@ -43,12 +43,12 @@ pub struct Parts {
 }
 
 /// A factored covariance.
-pub struct Factor(Mat<f64>);
+pub(crate) struct Factor(Mat<f64>);
 
 impl Parts {
     /// Gathers the parts. `noise` is the variance of every row, `lever` that of
     /// [`crate::Campaign::lever`], `joint_rms` the RMS reading per joint (N m or N).
-    pub fn new(
+    pub(crate) fn new(
         design: &Design,
         rest: &[Point3<f64>],
         windows: &Windows,
@@ -82,7 +82,7 @@ impl Parts {
 
     /// The parts of another design over the same windows.
     #[must_use]
-    pub fn of(&self, design: &Design, rest: &[Point3<f64>]) -> Self {
+    pub(crate) fn of(&self, design: &Design, rest: &[Point3<f64>]) -> Self {
         Self::new(
             design,
             rest,
@@ -94,7 +94,7 @@ impl Parts {
     }
 
     /// Torques of a field of 1 N/m everywhere.
-    pub fn unit_field(&self) -> &[f64] {
+    pub(crate) fn unit_field(&self) -> &[f64] {
         &self.level
     }
 
@@ -102,7 +102,7 @@ impl Parts {
     ///
     /// # Errors
     /// A covariance that is not positive definite.
-    pub fn factor(&self, spread: &Spread) -> Result<Factor, GapError> {
+    pub(crate) fn factor(&self, spread: &Spread) -> Result<Factor, GapError> {
         let n = self.windows.rows();
         let d = self.windows.joints;
         let (point, smooth, level) = (
@@ -133,10 +133,8 @@ impl Parts {
                 let fade = |times: &[f64]| {
                     times.iter().map(|t| (-dt / t).exp()).sum::<f64>() / times.len() as f64
                 };
-                let (of_contact, of_joint) = (
-                    contact * fade(&CONTACT_TIMES),
-                    joint * fade(&JOINT_TIMES),
-                );
+                let (of_contact, of_joint) =
+                    (contact * fade(&CONTACT_TIMES), joint * fade(&JOINT_TIMES));
                 for j in 0..d {
                     let col = i * d + j;
                     let at = |axis| self.lever[(col, axis)];
@@ -195,8 +193,15 @@ fn hats(points: &[u32], rest: &[Point3<f64>]) -> Hats {
         let own: Vec<_> = (0..8)
             .map(|corner| {
                 let bit = |axis: usize| (corner >> axis) & 1;
-                let along = |axis: usize| if bit(axis) == 1 { t[axis] } else { 1.0 - t[axis] };
-                let key: [i64; 3] = std::array::from_fn(|axis| base[axis] as i64 + bit(axis) as i64);
+                let along = |axis: usize| {
+                    if bit(axis) == 1 {
+                        t[axis]
+                    } else {
+                        1.0 - t[axis]
+                    }
+                };
+                let key: [i64; 3] =
+                    std::array::from_fn(|axis| base[axis] as i64 + bit(axis) as i64);
                 (key, along(0) * along(1) * along(2))
             })
             .collect();
@@ -230,49 +235,45 @@ impl Factor {
     }
 
     /// Whitens every column in place: `L^-1 x`.
-    pub fn whiten(&self, x: &mut Mat<f64>) {
+    pub(crate) fn whiten(&self, x: &mut Mat<f64>) {
         triangular_solve::solve_lower_triangular_in_place(self.0.as_ref(), x.as_mut(), Par::Seq);
     }
 
     /// Solves `C x = b` for every column in place.
-    pub fn solve(&self, x: &mut Mat<f64>) {
+    pub(crate) fn solve(&self, x: &mut Mat<f64>) {
         self.whiten(x);
-        triangular_solve::solve_upper_triangular_in_place(
-            self.0.transpose(),
-            x.as_mut(),
-            Par::Seq,
-        );
+        triangular_solve::solve_upper_triangular_in_place(self.0.transpose(), x.as_mut(), Par::Seq);
     }
 
     /// `log det C`.
-    pub fn log_det(&self) -> f64 {
+    pub(crate) fn log_det(&self) -> f64 {
         (0..self.0.nrows()).map(|i| 2.0 * self.0[(i, i)].ln()).sum()
     }
 }
 
 /// An effect beside the rest, linear in its parameters.
 #[derive(Debug, Clone)]
-pub struct Fit {
+pub(crate) struct Fit {
     /// Log of the evidence's gain over the same model without the effect (nats).
-    pub gain: f64,
+    pub(crate) gain: f64,
     /// Parameters with the largest posterior density.
-    pub theta: DVector<f64>,
+    pub(crate) theta: DVector<f64>,
     /// Their covariance.
-    pub covariance: DMatrix<f64>,
+    pub(crate) covariance: DMatrix<f64>,
 }
 
 /// Information and score of whitened tangents (one column per parameter) for whitened readings.
 #[derive(Debug, Clone)]
-pub struct Normal {
+pub(crate) struct Normal {
     /// `T^T C^-1 T`.
-    pub information: DMatrix<f64>,
+    pub(crate) information: DMatrix<f64>,
     /// `T^T C^-1 y`.
-    pub score: DVector<f64>,
+    pub(crate) score: DVector<f64>,
 }
 
 impl Normal {
     /// Of tangents `t` and readings `y`, both whitened.
-    pub fn new(y: &[f64], t: &[&[f64]]) -> Self {
+    pub(crate) fn new(y: &[f64], t: &[&[f64]]) -> Self {
         let dot = |a: &[f64], b: &[f64]| a.iter().zip(b).map(|(a, b)| a * b).sum::<f64>();
         let mut information = DMatrix::zeros(t.len(), t.len());
         for i in 0..t.len() {
@@ -290,7 +291,7 @@ impl Normal {
     /// The evidence with the parameters integrated out under independent priors of mean zero and
     /// deviations `sd`. A parameter that would leave its bounds is held at the nearer one; a bound
     /// at zero takes it out of the model.
-    pub fn fit(&self, sd: &[f64], bounds: &[[f64; 2]]) -> Option<Fit> {
+    pub(crate) fn fit(&self, sd: &[f64], bounds: &[[f64; 2]]) -> Option<Fit> {
         let p = sd.len();
         let mut held: Vec<Option<f64>> = vec![None; p];
         loop {
@@ -301,7 +302,10 @@ impl Normal {
                 let [lo, hi] = bounds[i];
                 ((lo - fit.theta[i]).max(fit.theta[i] - hi) / sd[i]).max(0.0)
             };
-            let worst = free.iter().copied().max_by(|a, b| out(a).total_cmp(&out(b)));
+            let worst = free
+                .iter()
+                .copied()
+                .max_by(|a, b| out(a).total_cmp(&out(b)));
             match worst.filter(|i| out(i) > 0.0) {
                 Some(i) => held[i] = Some(fit.theta[i].clamp(bounds[i][0], bounds[i][1])),
                 None => return fit.gain.is_finite().then_some(fit),
@@ -324,7 +328,9 @@ impl Normal {
         let log_det: f64 = (0..n).map(|i| 2.0 * factor.l_dirty()[(i, i)].ln()).sum();
         let of_held = self.score.dot(&at_bound)
             - 0.5 * at_bound.dot(&(&self.information * &at_bound))
-            - (0..p).map(|i| 0.5 * (at_bound[i] / sd[i]).powi(2)).sum::<f64>();
+            - (0..p)
+                .map(|i| 0.5 * (at_bound[i] / sd[i]).powi(2))
+                .sum::<f64>();
         let gain = 0.5 * score.dot(&best) - 0.5 * log_det + of_held;
         let inverse = factor.inverse();
         let (mut theta, mut covariance) = (at_bound, DMatrix::zeros(p, p));
@@ -334,11 +340,15 @@ impl Normal {
                 covariance[(i, j)] = sd[i] * sd[j] * inverse[(a, b)];
             }
         }
-        Some(Fit { gain, theta, covariance })
+        Some(Fit {
+            gain,
+            theta,
+            covariance,
+        })
     }
 
     /// `log det (1 + S^1/2 I S^1/2)`, what integrating out the parameters costs twice.
-    pub fn log_det(&self, sd: &[f64]) -> f64 {
+    pub(crate) fn log_det(&self, sd: &[f64]) -> f64 {
         let p = sd.len();
         let precision = DMatrix::from_fn(p, p, |i, j| {
             sd[i] * sd[j] * self.information[(i, j)] + f64::from(u8::from(i == j))
@@ -352,11 +362,19 @@ impl Normal {
 
 /// The field's mean over touched points, given readings without the additive torques, already
 /// solved with the covariance (`C^-1 r`).
-pub fn field_mean(design: &Design, rest: &[Point3<f64>], spread: &Spread, solved: &[f64]) -> Vec<f64> {
+pub(crate) fn field_mean(
+    design: &Design,
+    rest: &[Point3<f64>],
+    spread: &Spread,
+    solved: &[f64],
+) -> Vec<f64> {
     let p = design.points.len();
     let mut back = vec![0.0; p];
     for (k, b) in back.iter_mut().enumerate() {
-        *b = (design.w.col_as_slice(k).iter()).zip(solved).map(|(w, s)| w * s).sum();
+        *b = (design.w.col_as_slice(k).iter())
+            .zip(solved)
+            .map(|(w, s)| w * s)
+            .sum();
     }
     let hats = hats(&design.points, rest);
     let mut nodes = vec![0.0; hats.nodes];
@@ -374,9 +392,16 @@ pub fn field_mean(design: &Design, rest: &[Point3<f64>], spread: &Spread, solved
 }
 
 /// `A x` of a column-major matrix.
-pub fn times(a: &Mat<f64>, x: &[f64]) -> Vec<f64> {
+pub(crate) fn times(a: &Mat<f64>, x: &[f64]) -> Vec<f64> {
     let mut out = Mat::zeros(a.nrows(), 1);
     let x = Mat::from_fn(x.len(), 1, |i, _| x[i]);
-    matmul(out.as_mut(), Accum::Replace, a.as_ref(), x.as_ref(), 1.0, Par::Seq);
+    matmul(
+        out.as_mut(),
+        Accum::Replace,
+        a.as_ref(),
+        x.as_ref(),
+        1.0,
+        Par::Seq,
+    );
     out.col_as_slice(0).to_vec()
 }

@@ -1,6 +1,6 @@
 use crate::closure::Residuals;
-use crate::{Campaign, GapError, JointNoise, Model, Motion, Phase, centre};
 use crate::effect::Touch;
+use crate::{Campaign, GapError, JointNoise, Model, Motion, Phase, centre};
 use nalgebra::{Point3, Vector3};
 use rand::{RngExt, SeedableRng};
 use rand_pcg::Pcg64Mcg;
@@ -119,7 +119,7 @@ pub(crate) fn locate(
         let tested = checked.iter().position(|m| m.id == motion.id);
         let sequence = ids.len();
         ids.push(motion.id.clone());
-        for row in 0..motion.len() {
+        for (row, &phase) in phases.iter().enumerate() {
             let touch = Touch {
                 rest: &campaign.site.rest,
                 posture: &logs[0].postures[row],
@@ -143,7 +143,7 @@ pub(crate) fn locate(
             };
             rows.push(Row {
                 sequence,
-                phase: phases[row],
+                phase,
                 link: at.map(|(link, _)| link),
                 place: at.map(|(_, p)| p),
                 energy,
@@ -157,17 +157,24 @@ pub(crate) fn locate(
         shares(&rows, d, ofs, member, &mut rng)
     };
     let joint = parts(
-        robot.joints().iter().map(|j| Of::Joint(j.name().to_owned())).collect(),
+        robot
+            .joints()
+            .iter()
+            .map(|j| Of::Joint(j.name().to_owned()))
+            .collect(),
         &|_, j| Some(j),
     );
-    let phase = parts(Phase::ALL.iter().map(|p| Of::Phase(*p)).collect(), &|row, _| {
-        Phase::ALL.iter().position(|p| *p == row.phase)
-    });
+    let phase = parts(
+        Phase::ALL.iter().map(|p| Of::Phase(*p)).collect(),
+        &|row, _| Phase::ALL.iter().position(|p| *p == row.phase),
+    );
     let links: Vec<usize> = (0..robot.link_count())
         .filter(|l| rows.iter().any(|r| r.link == Some(*l)))
         .collect();
-    let mut names: Vec<Of> =
-        links.iter().map(|&l| Of::Link(robot.links()[l].name().to_owned())).collect();
+    let mut names: Vec<Of> = links
+        .iter()
+        .map(|&l| Of::Link(robot.links()[l].name().to_owned()))
+        .collect();
     names.push(Of::Link("none".to_owned()));
     let link = parts(names, &|row, _| match row.link {
         Some(l) => links.iter().position(|k| *k == l),
@@ -222,8 +229,9 @@ fn shares(
     let whole = share(&mut (0..blocks.len()));
     let draws: Vec<Vec<f64>> = (0..DRAWS)
         .map(|_| {
-            let picks: Vec<usize> =
-                (0..blocks.len()).map(|_| rng.random_range(0..blocks.len())).collect();
+            let picks: Vec<usize> = (0..blocks.len())
+                .map(|_| rng.random_range(0..blocks.len()))
+                .collect();
             share(&mut picks.into_iter())
         })
         .collect();
@@ -283,7 +291,12 @@ fn frequencies(before: &Residuals, motions: &[Motion]) -> Vec<Part> {
     let d = before.joints;
     let mut bands: Vec<([f64; 2], f64, usize)> = Vec::new();
     for (rows, motion) in before.rows.iter().zip(motions) {
-        let Some(span) = motion.clock.last().zip(motion.clock.first()).map(|(b, a)| b - a) else {
+        let Some(span) = motion
+            .clock
+            .last()
+            .zip(motion.clock.first())
+            .map(|(b, a)| b - a)
+        else {
             continue;
         };
         let mut rate = (motion.len().max(2) - 1) as f64 / span.max(f64::MIN_POSITIVE);
@@ -294,7 +307,11 @@ fn frequencies(before: &Residuals, motions: &[Motion]) -> Vec<Part> {
                 .map(|two| (0..d).map(|j| 0.5 * (two[j] + two[d + j])).collect())
                 .collect();
             let energy: f64 = (means.chunks_exact(2 * d))
-                .map(|two| (0..d).map(|j| (0.5 * (two[j] - two[d + j])).powi(2)).sum::<f64>())
+                .map(|two| {
+                    (0..d)
+                        .map(|j| (0.5 * (two[j] - two[d + j])).powi(2))
+                        .sum::<f64>()
+                })
                 .sum::<f64>()
                 * 2.0_f64.powi(octave + 1);
             let band = [0.25 * rate, 0.5 * rate];

@@ -22,7 +22,11 @@ struct Experiment {
 const EXPERIMENTS: [Experiment; 9] = [
     Experiment {
         action: "hold the deepest point of a touch for 5 s",
-        answers: &[("stress_relaxation", 'r'), ("torque_drift", 'd'), ("viscoelastic", 'v')],
+        answers: &[
+            ("stress_relaxation", 'r'),
+            ("torque_drift", 'd'),
+            ("viscoelastic", 'v'),
+        ],
     },
     Experiment {
         action: "unload as slowly as loaded, over the same path",
@@ -115,7 +119,11 @@ pub(crate) fn next_experiment(verdict: &Verdict, effects: &[EffectReport]) -> Ne
         .collect();
     let told = |experiment: &Experiment| {
         let answer = |name: &str| {
-            experiment.answers.iter().find(|(n, _)| *n == name).map_or('-', |(_, a)| *a)
+            experiment
+                .answers
+                .iter()
+                .find(|(n, _)| *n == name)
+                .map_or('-', |(_, a)| *a)
         };
         let mut sum = 0.0;
         for (i, a) in survivors.iter().enumerate() {

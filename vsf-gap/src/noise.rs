@@ -27,7 +27,11 @@ const STEP: f64 = 5.0;
 /// The noise of every joint, from differences of neighbouring samples: in free motion where there
 /// is enough of it, else of all samples. Differences leave out what changes slowly, whatever its
 /// cause.
-pub fn noise_floor(motions: &[&Motion], logs: &[Arc<ContactLog>], joints: usize) -> Vec<JointNoise> {
+pub(crate) fn noise_floor(
+    motions: &[&Motion],
+    logs: &[Arc<ContactLog>],
+    joints: usize,
+) -> Vec<JointNoise> {
     let pairs = |free: bool| -> Vec<(usize, usize, usize)> {
         let mut rows = Vec::new();
         for (s, (motion, log)) in motions.iter().zip(logs).enumerate() {
@@ -72,7 +76,11 @@ fn joint_noise(pairs: Vec<(f64, f64)>) -> JointNoise {
     let n = kept().count().max(1) as f64;
     let variance = kept().map(|(a, b)| 0.5 * (a * a + b * b)).sum::<f64>() / n;
     let covariance = kept().map(|(a, b)| a * b).sum::<f64>() / n;
-    let ratio = if variance > 0.0 { covariance / variance } else { -0.5 };
+    let ratio = if variance > 0.0 {
+        covariance / variance
+    } else {
+        -0.5
+    };
     let correlation = (1.0 + 2.0 * ratio).clamp(0.0, 0.95);
     JointNoise {
         sd: (variance / (2.0 * (1.0 - correlation))).sqrt(),

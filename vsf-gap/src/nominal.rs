@@ -7,27 +7,25 @@ use rayon::prelude::*;
 use std::sync::Arc;
 
 /// A model fitted to sequences: contacts, columns and the spread that the readings call for.
-pub struct Fitted<'a> {
+pub(crate) struct Fitted<'a> {
     /// The model.
-    pub model: Model,
+    pub(crate) model: Model,
     /// The sequences.
-    pub motions: Vec<&'a Motion>,
+    pub(crate) motions: Vec<&'a Motion>,
     /// Their contacts.
-    pub logs: Vec<Arc<ContactLog>>,
+    pub(crate) logs: Vec<Arc<ContactLog>>,
     /// Noise of every joint.
-    pub noise: Vec<JointNoise>,
+    pub(crate) noise: Vec<JointNoise>,
     /// How samples are averaged.
-    pub windows: Windows,
+    pub(crate) windows: Windows,
     /// Columns and torques.
-    pub design: Design,
+    pub(crate) design: Design,
     /// Readings over windows.
-    pub readings: Vec<f64>,
-    /// RMS reading per joint, no less than its noise (N m or N).
-    pub joint_rms: Vec<f64>,
+    pub(crate) readings: Vec<f64>,
     /// Parts of the covariance.
-    pub parts: Parts,
+    pub(crate) parts: Parts,
     /// A stiffness (N/m) that, everywhere the same, explains the readings best.
-    pub uniform: f64,
+    pub(crate) uniform: f64,
 }
 
 /// Roughness of contact and of joints that are tried.
@@ -43,7 +41,7 @@ impl Campaign {
     ///
     /// # Errors
     /// As [`Campaign::contact_log`].
-    pub fn contact_logs(
+    pub(crate) fn contact_logs(
         &self,
         model: &Model,
         motions: &[&Motion],
@@ -57,7 +55,7 @@ impl Campaign {
     ///
     /// # Errors
     /// Rows that contact cannot take, parameters that an effect cannot take.
-    pub fn fitted<'a>(
+    pub(crate) fn fitted<'a>(
         &self,
         model: &Model,
         motions: &'a [Motion],
@@ -88,12 +86,16 @@ impl Campaign {
             &windows,
             floor,
             lever,
-            joint_rms.clone(),
+            joint_rms,
         );
         let unit = parts.unit_field();
         let squares: f64 = unit.iter().map(|u| u * u).sum();
         let along: f64 = unit.iter().zip(&readings).map(|(u, y)| u * y).sum();
-        let uniform = if squares > 0.0 { (along / squares).abs() } else { 1.0 };
+        let uniform = if squares > 0.0 {
+            (along / squares).abs()
+        } else {
+            1.0
+        };
         Ok(Fitted {
             model: model.clone(),
             motions,
@@ -102,7 +104,6 @@ impl Campaign {
             windows,
             design,
             readings,
-            joint_rms,
             parts,
             uniform,
         })
@@ -111,7 +112,7 @@ impl Campaign {
 
 impl Fitted<'_> {
     /// Takes points out of the model.
-    pub fn leave_out(&mut self, campaign: &Campaign, out: impl Fn(u32) -> bool) {
+    pub(crate) fn leave_out(&mut self, campaign: &Campaign, out: impl Fn(u32) -> bool) {
         let kept: Vec<usize> = (0..self.design.points.len())
             .filter(|&k| !out(self.design.points[k]))
             .collect();
@@ -123,12 +124,12 @@ impl Fitted<'_> {
     }
 
     /// Whether anything is touched.
-    pub fn touches(&self) -> bool {
+    pub(crate) fn touches(&self) -> bool {
         !self.design.points.is_empty()
     }
 
     /// Readings less the torques that do not depend on the stiffness.
-    pub fn rest(&self) -> Vec<f64> {
+    pub(crate) fn rest(&self) -> Vec<f64> {
         (self.readings.iter().zip(&self.design.a))
             .map(|(y, a)| y - a)
             .collect()
@@ -138,13 +139,13 @@ impl Fitted<'_> {
     ///
     /// # Errors
     /// A covariance that is not positive definite.
-    pub fn log_evidence(&self, spread: &Spread) -> Result<f64, GapError> {
+    pub(crate) fn log_evidence(&self, spread: &Spread) -> Result<f64, GapError> {
         let factor = self.parts.factor(spread)?;
         Ok(self.log_evidence_of(&factor))
     }
 
     /// The same, with the factor at hand.
-    pub fn log_evidence_of(&self, factor: &Factor) -> f64 {
+    pub(crate) fn log_evidence_of(&self, factor: &Factor) -> f64 {
         let rest = self.rest();
         let mut y = Mat::from_fn(rest.len(), 1, |i, _| rest[i]);
         factor.whiten(&mut y);
@@ -156,7 +157,7 @@ impl Fitted<'_> {
     ///
     /// # Errors
     /// A covariance that is not positive definite.
-    pub fn best_stiffness(&self) -> Result<Spread, GapError> {
+    pub(crate) fn best_stiffness(&self) -> Result<Spread, GapError> {
         let spread = |point: f64, smooth: f64| Spread {
             point: point * self.uniform,
             smooth: smooth * self.uniform,
@@ -179,8 +180,12 @@ impl Fitted<'_> {
     }
 
     /// That spread of the stiffness with every roughness that is tried.
-    pub fn roughness(&self, stiffness: &Spread) -> Vec<Spread> {
-        let contact: &[f64] = if self.touches() { &CONTACT } else { &CONTACT[..1] };
+    pub(crate) fn roughness(&self, stiffness: &Spread) -> Vec<Spread> {
+        let contact: &[f64] = if self.touches() {
+            &CONTACT
+        } else {
+            &CONTACT[..1]
+        };
         let of = |&contact: &f64| {
             JOINT.iter().map(move |&joint| Spread {
                 contact,
@@ -195,7 +200,11 @@ impl Fitted<'_> {
     ///
     /// # Errors
     /// A covariance that is not positive definite.
-    pub fn stiffness(&self, campaign: &Campaign, spread: &Spread) -> Result<Vec<f64>, GapError> {
+    pub(crate) fn stiffness(
+        &self,
+        campaign: &Campaign,
+        spread: &Spread,
+    ) -> Result<Vec<f64>, GapError> {
         let factor = self.parts.factor(spread)?;
         let rest = self.rest();
         let mut solved = Mat::from_fn(rest.len(), 1, |i, _| rest[i]);
@@ -210,13 +219,14 @@ impl Fitted<'_> {
     }
 
     /// The model's torques over windows for a stiffness per rest point.
-    pub fn predicted(&self, stiffness: &[f64]) -> Vec<f64> {
+    pub(crate) fn predicted(&self, stiffness: &[f64]) -> Vec<f64> {
         let own: Vec<f64> = (self.design.points.iter())
             .map(|&p| stiffness[p as usize])
             .collect();
         let mut tau = times(&self.design.w, &own);
-        tau.iter_mut().zip(&self.design.a).for_each(|(t, a)| *t += a);
+        tau.iter_mut()
+            .zip(&self.design.a)
+            .for_each(|(t, a)| *t += a);
         tau
     }
 }
-

@@ -69,8 +69,11 @@ impl Campaign {
                 continue;
             };
             velocity_columns(touch.posture, link, &p, &mut columns);
-            let velocity: Vector3<f64> =
-                columns.iter().zip(&motion.qd[row]).map(|(c, v)| c * *v).sum();
+            let velocity: Vector3<f64> = columns
+                .iter()
+                .zip(&motion.qd[row])
+                .map(|(c, v)| c * *v)
+                .sum();
             let push: Vector3<f64> = touch.contacts.displacements().iter().sum();
             *phase = if still(row) {
                 Phase::Hold
@@ -86,7 +89,8 @@ impl Campaign {
                 let begins = phases[row] != Phase::Free && phases[row - 1] == Phase::Free;
                 if begins {
                     let mut back = row;
-                    while back > range.start && phases[back - 1] == Phase::Free && !still(back - 1) {
+                    while back > range.start && phases[back - 1] == Phase::Free && !still(back - 1)
+                    {
                         back -= 1;
                         phases[back] = Phase::Approach;
                     }

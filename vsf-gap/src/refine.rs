@@ -13,21 +13,21 @@ const MOST_HALVINGS: usize = 2;
 const ENOUGH: f64 = 0.3;
 
 /// A model with effects whose parameters are fitted together with the field.
-pub struct Refined {
+pub(crate) struct Refined {
     /// The model.
-    pub model: Model,
+    pub(crate) model: Model,
     /// Its parameters, part after part.
-    pub theta: Vec<f64>,
+    pub(crate) theta: Vec<f64>,
     /// Their posterior deviations.
-    pub sd: Vec<f64>,
+    pub(crate) sd: Vec<f64>,
     /// Log of the evidence of the readings, roughness averaged (nats, without constants).
-    pub log_evidence: f64,
+    pub(crate) log_evidence: f64,
     /// The roughness under which it does best.
-    pub spread: Spread,
+    pub(crate) spread: Spread,
     /// Mean stiffness per rest point, not negative (N/m).
-    pub stiffness: Vec<f64>,
+    pub(crate) stiffness: Vec<f64>,
     /// Columns of the change of the torques with each parameter.
-    pub tangent: Vec<Vec<f64>>,
+    pub(crate) tangent: Vec<Vec<f64>>,
 }
 
 /// Prior of all parameters of a model.
@@ -47,7 +47,10 @@ impl Prior {
 impl Model {
     /// All parameters, part after part.
     pub fn theta(&self) -> Vec<f64> {
-        self.parts.iter().flat_map(|(_, t)| t.iter().copied()).collect()
+        self.parts
+            .iter()
+            .flat_map(|(_, t)| t.iter().copied())
+            .collect()
     }
 
     /// The same effects with other parameters.
@@ -72,7 +75,12 @@ impl Campaign {
     ///
     /// # Errors
     /// Rows that contact cannot take, a covariance that is not positive definite.
-    pub fn refine(&self, start: &Model, sd: &[f64], spread: &Spread) -> Result<Refined, GapError> {
+    pub(crate) fn refine(
+        &self,
+        start: &Model,
+        sd: &[f64],
+        spread: &Spread,
+    ) -> Result<Refined, GapError> {
         let parameters: Vec<Parameter> = (start.parts.iter())
             .flat_map(|(effect, _)| effect.parameters(&self.site))
             .collect();
@@ -108,7 +116,9 @@ impl Campaign {
                     better = Some((model, tried, gained));
                     break;
                 }
-                next.iter_mut().zip(&theta).for_each(|(n, t)| *n = 0.5 * (*n + t));
+                next.iter_mut()
+                    .zip(&theta)
+                    .for_each(|(n, t)| *n = 0.5 * (*n + t));
             }
             let Some((model, tried, gained)) = better else {
                 break;
@@ -132,7 +142,9 @@ impl Campaign {
             .map(|s| evidence(&fitted, &columns, &theta, &prior, s))
             .collect::<Result<_, GapError>>()?;
         let all: Vec<f64> = found.iter().map(|(e, _)| *e).collect();
-        let best = (0..all.len()).max_by(|a, b| all[*a].total_cmp(&all[*b])).unwrap_or(0);
+        let best = (0..all.len())
+            .max_by(|a, b| all[*a].total_cmp(&all[*b]))
+            .unwrap_or(0);
         let sd = match &found[best].1 {
             Some(fit) => fit.covariance.diagonal().map(f64::sqrt).as_slice().to_vec(),
             None => prior.sd.clone(),
@@ -152,7 +164,11 @@ impl Campaign {
     ///
     /// # Errors
     /// A covariance that is not positive definite.
-    pub fn non_negative(&self, fitted: &Fitted<'_>, spread: &Spread) -> Result<Vec<f64>, GapError> {
+    pub(crate) fn non_negative(
+        &self,
+        fitted: &Fitted<'_>,
+        spread: &Spread,
+    ) -> Result<Vec<f64>, GapError> {
         let field = fitted.stiffness(self, spread)?;
         Ok(field.into_iter().map(|k| k.max(0.0)).collect())
     }
@@ -178,11 +194,21 @@ impl Campaign {
                     self.predicted_near(&model.at(&theta), p, fitted, stiffness, &here)
                 };
                 let up = (theta[i] + step).min(hi);
-                let down = if deep || up == theta[i] { (theta[i] - step).max(lo) } else { theta[i] };
+                let down = if deep || up == theta[i] {
+                    (theta[i] - step).max(lo)
+                } else {
+                    theta[i]
+                };
                 let ahead = if up > theta[i] { at(up)? } else { here.clone() };
-                let behind = if down < theta[i] { at(down)? } else { here.clone() };
+                let behind = if down < theta[i] {
+                    at(down)?
+                } else {
+                    here.clone()
+                };
                 let width = up - down;
-                Ok((ahead.iter().zip(&behind)).map(|(a, b)| (a - b) / width).collect())
+                Ok((ahead.iter().zip(&behind))
+                    .map(|(a, b)| (a - b) / width)
+                    .collect())
             })
             .collect()
     }
@@ -211,11 +237,13 @@ fn evidence(
         k => columns[k - 2][i],
     });
     factor.whiten(&mut all);
-    let white: Vec<&[f64]> = (2..columns.len() + 2).map(|k| all.col_as_slice(k)).collect();
+    let white: Vec<&[f64]> = (2..columns.len() + 2)
+        .map(|k| all.col_as_slice(k))
+        .collect();
     let normal = Normal::new(all.col_as_slice(1), &white);
     let squares: f64 = all.col_as_slice(0).iter().map(|y| y * y).sum();
-    let log_evidence = -0.5 * (factor.log_det() + squares + normal.log_det(&prior.sd))
-        - prior.cost(theta);
+    let log_evidence =
+        -0.5 * (factor.log_det() + squares + normal.log_det(&prior.sd)) - prior.cost(theta);
     let bounds: Vec<[f64; 2]> = (prior.parameters.iter().zip(&prior.mean))
         .map(|(p, m)| [p.bounds[0] - m, p.bounds[1] - m])
         .collect();

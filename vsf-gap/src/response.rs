@@ -51,8 +51,10 @@ impl Campaign {
                     c.joints(&sample, &mut q);
                 }
                 self.site.robot.update_posture(&q, posture)?;
-                let shift: nalgebra::Vector3<f64> =
-                    compensators.iter_mut().map(|c| c.object_shift(&sample)).sum();
+                let shift: nalgebra::Vector3<f64> = compensators
+                    .iter_mut()
+                    .map(|c| c.object_shift(&sample))
+                    .sum();
                 translate(posture, &-shift);
                 if measured {
                     let of_links = self.site.robot.inverse_dynamics(

@@ -12,46 +12,44 @@ const SIZE: f64 = 0.3;
 const MOST_SCALES: f64 = 5.0;
 
 /// The change of the predicted torques with each amplitude of an effect, from the nominal model.
-pub struct Tangent {
+pub(crate) struct Tangent {
     /// The effect.
-    pub effect: Arc<dyn Effect>,
+    pub(crate) effect: Arc<dyn Effect>,
     /// All of its parameters where the tangent was taken; amplitudes are zero.
-    pub start: Vec<f64>,
+    pub(crate) start: Vec<f64>,
     /// Indices of the amplitudes among the parameters.
-    pub amplitudes: Vec<usize>,
+    pub(crate) amplitudes: Vec<usize>,
     /// Prior deviation of each amplitude.
-    pub sd: Vec<f64>,
+    pub(crate) sd: Vec<f64>,
     /// Bounds of each amplitude.
-    pub bounds: Vec<[f64; 2]>,
+    pub(crate) bounds: Vec<[f64; 2]>,
     /// One column per amplitude.
-    pub columns: Vec<Vec<f64>>,
+    pub(crate) columns: Vec<Vec<f64>>,
 }
 
 /// What screening finds about one tangent.
 #[derive(Clone)]
-pub struct Screened {
+pub(crate) struct Screened {
     /// Index of the tangent.
-    pub tangent: usize,
+    pub(crate) tangent: usize,
     /// Log evidence with the effect, roughness averaged (nats, without constants).
-    pub log_evidence: f64,
+    pub(crate) log_evidence: f64,
     /// The roughness under which it does best, among those tried.
-    pub spread: Spread,
+    pub(crate) spread: Spread,
     /// The fit there.
-    pub fit: Fit,
+    pub(crate) fit: Fit,
 }
 
 /// Evidence of the nominal model and of every candidate.
-pub struct Screening {
+pub(crate) struct Screening {
     /// Log evidence of the nominal model at each spread.
-    pub nominal: Vec<f64>,
-    /// The spreads.
-    pub spreads: Vec<Spread>,
+    pub(crate) nominal: Vec<f64>,
     /// The candidates, in the order of the tangents.
-    pub candidates: Vec<Screened>,
+    pub(crate) candidates: Vec<Screened>,
 }
 
 /// Log of the mean of exponentials.
-pub fn log_mean_exp(x: &[f64]) -> f64 {
+pub(crate) fn log_mean_exp(x: &[f64]) -> f64 {
     let top = x.iter().copied().fold(f64::NEG_INFINITY, f64::max);
     if !top.is_finite() {
         return top;
@@ -65,7 +63,7 @@ impl Campaign {
     ///
     /// # Errors
     /// Rows that contact cannot take.
-    pub fn tangents(
+    pub(crate) fn tangents(
         &self,
         base: &Model,
         fitted: &Fitted<'_>,
@@ -107,7 +105,9 @@ impl Campaign {
                     true => (at(-step)?, 2.0 * step),
                     false => (nominal.to_vec(), step),
                 };
-                Ok((ahead.iter().zip(&behind)).map(|(a, b)| (a - b) / width).collect())
+                Ok((ahead.iter().zip(&behind))
+                    .map(|(a, b)| (a - b) / width)
+                    .collect())
             })
             .collect::<Result<_, GapError>>()?;
         let size = SIZE * rms(&fitted.readings);
@@ -115,7 +115,11 @@ impl Campaign {
             .map(|(&i, column)| {
                 let widest = MOST_SCALES * parameters[i].scale;
                 let torque = rms(column);
-                if torque > 0.0 { (size / torque).min(widest) } else { widest }
+                if torque > 0.0 {
+                    (size / torque).min(widest)
+                } else {
+                    widest
+                }
             })
             .collect();
         Ok(Tangent {
@@ -150,10 +154,12 @@ impl Campaign {
             if other || model.acts() != Acts::Contact {
                 return Ok(log.clone());
             }
-            Ok(Arc::new(match self.answer(&fitted.model, model, motion, log)? {
-                Some(answer) => answer,
-                None => self.contact_log(model, motion)?,
-            }))
+            Ok(Arc::new(
+                match self.answer(&fitted.model, model, motion, log)? {
+                    Some(answer) => answer,
+                    None => self.contact_log(model, motion)?,
+                },
+            ))
         };
         let logs: Vec<Arc<ContactLog>> = (fitted.motions.iter())
             .zip(&fitted.logs)
@@ -173,7 +179,10 @@ fn take_out(all: &mut Mat<f64>, k: usize) {
     for other in 0..all.ncols() {
         let column = all.col_as_slice_mut(other);
         let share = column.iter().zip(&along).map(|(c, a)| c * a).sum::<f64>() / size;
-        column.iter_mut().zip(&along).for_each(|(c, a)| *c -= share * a);
+        column
+            .iter_mut()
+            .zip(&along)
+            .for_each(|(c, a)| *c -= share * a);
     }
 }
 
@@ -189,11 +198,11 @@ fn rms(x: &[f64]) -> f64 {
 ///
 /// # Errors
 /// A covariance that is not positive definite.
-pub fn screen(
+pub(crate) fn screen(
     fitted: &Fitted<'_>,
     field: &[f64],
     tangents: &[Tangent],
-    spreads: Vec<Spread>,
+    spreads: &[Spread],
 ) -> Result<Screening, GapError> {
     let rest = fitted.rest();
     let columns: Vec<&[f64]> = (tangents.iter())
@@ -243,7 +252,6 @@ pub fn screen(
         .collect();
     Ok(Screening {
         nominal,
-        spreads,
         candidates,
     })
 }

@@ -1,5 +1,6 @@
+use crate::evidence::Spread;
 use crate::refine::Refined;
-use crate::{Acts, Effect, Spread};
+use crate::{Acts, Effect};
 use serde::{Deserialize, Serialize};
 
 /// A gain of log evidence (nats) below which nothing is looked into further.
@@ -90,14 +91,7 @@ pub(crate) struct Judged {
 
 /// Weighs the hypotheses against each other and against no gap. `nominal` is the log evidence of
 /// the nominal model at each of `spreads`.
-pub(crate) fn judge(
-    hypotheses: &[Hypothesis],
-    nominal: &[f64],
-    spreads: &[Spread],
-    base: f64,
-    likeness: &[(String, String, f64)],
-) -> Judged {
-    let _ = (base, likeness);
+pub(crate) fn judge(hypotheses: &[Hypothesis], nominal: &[f64], spreads: &[Spread]) -> Judged {
     let weight = |h: &Hypothesis| (h.gain - h.threshold) / TEMPERATURE;
     let top = hypotheses.iter().map(weight).fold(0.0_f64, f64::max);
     let weights: Vec<f64> = hypotheses.iter().map(|h| (weight(h) - top).exp()).collect();

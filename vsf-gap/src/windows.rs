@@ -12,28 +12,28 @@ const MOST_ROWS: usize = 1300;
 
 /// Samples of one touch in a row that are averaged.
 #[derive(Debug, Clone, PartialEq)]
-pub struct Window {
+pub(crate) struct Window {
     /// Index of the sequence.
-    pub sequence: usize,
+    pub(crate) sequence: usize,
     /// Samples.
-    pub rows: Range<usize>,
+    pub(crate) rows: Range<usize>,
     /// Middle of its time in the session (s).
-    pub clock: f64,
+    pub(crate) clock: f64,
 }
 
 /// The windows of some sequences. Row `i d + j` of a vector over windows is joint `j` in window `i`.
 #[derive(Debug, Clone)]
-pub struct Windows {
+pub(crate) struct Windows {
     /// The windows in order.
-    pub list: Vec<Window>,
+    pub(crate) list: Vec<Window>,
     /// Number of joints.
-    pub joints: usize,
+    pub(crate) joints: usize,
 }
 
 impl Windows {
     /// Cuts sequences into windows of equal length, none across two touches, so that there are not
     /// more than 1300 rows.
-    pub fn new(motions: &[&Motion], joints: usize) -> Self {
+    pub(crate) fn new(motions: &[&Motion], joints: usize) -> Self {
         let samples: usize = motions.iter().map(|m| m.len()).sum();
         let size = (samples * joints).div_ceil(MOST_ROWS).max(1);
         let mut list = Vec::new();
@@ -58,7 +58,7 @@ impl Windows {
     }
 
     /// Number of rows.
-    pub fn rows(&self) -> usize {
+    pub(crate) fn rows(&self) -> usize {
         self.list.len() * self.joints
     }
 
@@ -72,7 +72,7 @@ impl Windows {
     }
 
     /// Means of a table of each sequence.
-    pub fn means<'a>(&self, tables: impl Fn(usize) -> &'a Table) -> Vec<f64> {
+    pub(crate) fn means<'a>(&self, tables: impl Fn(usize) -> &'a Table) -> Vec<f64> {
         let mut out = vec![0.0; self.rows()];
         for (w, out) in self.list.iter().zip(out.chunks_mut(self.joints)) {
             let table = tables(w.sequence);
@@ -85,7 +85,7 @@ impl Windows {
     }
 
     /// Variance of the noise of every row.
-    pub fn noise(&self, noise: &[JointNoise]) -> Vec<f64> {
+    pub(crate) fn noise(&self, noise: &[JointNoise]) -> Vec<f64> {
         let of = |w: &Window| {
             let m = w.rows.len();
             noise.iter().map(move |n| n.variance_of_mean(m))
@@ -96,13 +96,13 @@ impl Windows {
 
 /// A model over windows: `tau = W K + a`.
 #[derive(Debug, Clone)]
-pub struct Design {
+pub(crate) struct Design {
     /// Touched points, increasing.
-    pub points: Vec<u32>,
+    pub(crate) points: Vec<u32>,
     /// Columns of the touched points, rows as in [`Windows`].
-    pub w: Mat<f64>,
+    pub(crate) w: Mat<f64>,
     /// What does not depend on the stiffness.
-    pub a: Vec<f64>,
+    pub(crate) a: Vec<f64>,
 }
 
 impl Campaign {
@@ -110,7 +110,7 @@ impl Campaign {
     ///
     /// # Errors
     /// Parameters that an effect cannot take.
-    pub fn design(
+    pub(crate) fn design(
         &self,
         model: &Model,
         motions: &[&Motion],
@@ -119,7 +119,11 @@ impl Campaign {
     ) -> Result<Design, GapError> {
         let d = windows.joints;
         let mut slot = vec![u32::MAX; self.site.rest.len()];
-        for &p in logs.iter().flat_map(|l| &l.contacts).flat_map(|c| c.points()) {
+        for &p in logs
+            .iter()
+            .flat_map(|l| &l.contacts)
+            .flat_map(|c| c.points())
+        {
             slot[p as usize] = 0;
         }
         let mut points = Vec::new();
@@ -155,7 +159,7 @@ impl Campaign {
     ///
     /// # Errors
     /// Parameters that an effect cannot take.
-    pub fn torques(
+    pub(crate) fn torques(
         &self,
         model: &Model,
         motions: &[&Motion],
@@ -181,7 +185,7 @@ impl Campaign {
     /// How the joints feel a force at the contact, over windows: three columns, one per axis of
     /// the world, times the size of the force in that window. What contact leaves unexplained is of
     /// this form, whatever its cause.
-    pub fn lever(&self, logs: &[Arc<ContactLog>], windows: &Windows) -> Mat<f64> {
+    pub(crate) fn lever(&self, logs: &[Arc<ContactLog>], windows: &Windows) -> Mat<f64> {
         let d = windows.joints;
         let mut lever = Mat::zeros(windows.rows(), 3);
         let mut columns = vec![Vector3::zeros(); d];

@@ -1,0 +1,84 @@
+//! A diagnosis against recordings whose cause is known, made by a world that shares no code with it.
+#![allow(clippy::unwrap_used)]
+
+use std::path::Path;
+use std::sync::Arc;
+use vsf_data::{Dataset, Overrides};
+use vsf_gap::{Campaign, Effect, Kind, Outcome, diagnose, effects};
+use vsf_pipeline::SceneOptions;
+use vsf_world::{CaseSpec, Kind as World, Level, Protocol, generate};
+
+fn made(folder: &Path, truth: &[&str], seed: u64) -> Campaign {
+    let spec = CaseSpec {
+        kind: World::Springs,
+        protocol: Protocol::Rich,
+        effects: truth.iter().map(|e| (*e).to_owned()).collect(),
+        level: Level::Clear,
+        seed,
+    };
+    generate(&spec, folder).unwrap();
+    let (dataset, _) = Dataset::open(folder, &Overrides::default()).unwrap();
+    Campaign::open(&dataset, &SceneOptions::default()).unwrap()
+}
+
+/// Some effects of each kind, few enough for a test.
+fn some() -> Vec<Arc<dyn Effect>> {
+    let names = [
+        "torque_bias",
+        "joint_coulomb_friction",
+        "joint_viscous_friction",
+        "payload",
+        "gravity_tilt",
+        "viscoelastic",
+    ];
+    effects::named(&names.map(str::to_owned)).unwrap()
+}
+
+fn diagnosed(truth: &[&str], seed: u64) -> Outcome {
+    let folder = tempfile::tempdir().unwrap();
+    let campaign = made(folder.path(), truth, seed);
+    diagnose(&campaign, "case", &some(), 0, |_| {}).unwrap()
+}
+
+#[test]
+fn a_payload_is_named_and_the_gap_closes() {
+    let outcome = diagnosed(&["payload"], 41);
+    let d = &outcome.diagnosis;
+    assert_eq!(d.verdict.kind, Kind::Effects);
+    assert_eq!(d.verdict.effects, ["payload"]);
+    assert!(d.verdict.probability > 0.9, "{}", d.verdict.probability);
+    assert!(d.gap.test_error_corrected < d.gap.test_error_nominal);
+    assert!(d.gap.closed_interval[0] <= d.gap.closed_fraction);
+    assert!(d.gap.closed_fraction <= d.gap.closed_interval[1]);
+    assert_eq!(outcome.model.parts.len(), 1);
+}
+
+#[test]
+fn nothing_is_named_where_nothing_acts() {
+    let outcome = diagnosed(&[], 42);
+    let d = &outcome.diagnosis;
+    assert_eq!(d.verdict.kind, Kind::NoGap);
+    assert!(d.verdict.effects.is_empty() && outcome.model.parts.is_empty());
+    assert_eq!(d.gap.test_error_nominal, d.gap.test_error_corrected);
+    assert_eq!(d.gap.closed_fraction, 0.0);
+}
+
+#[test]
+fn shares_are_shares_and_the_same_seed_gives_the_same_diagnosis() {
+    let folder = tempfile::tempdir().unwrap();
+    let campaign = made(folder.path(), &["joint_viscous_friction"], 43);
+    let bias: Vec<Arc<dyn Effect>> =
+        effects::named(&["joint_viscous_friction".to_owned(), "torque_bias".to_owned()]).unwrap();
+    let run = || diagnose(&campaign, "case", &bias, 7, |_| {}).unwrap().diagnosis;
+    let d = run();
+    assert_eq!(d.verdict.effects, ["joint_viscous_friction"]);
+    for parts in [&d.r#where.joint, &d.r#where.phase, &d.r#where.sequence] {
+        let sum: f64 = parts.iter().map(|p| p.share).sum();
+        assert!((sum - 1.0).abs() < 1e-9, "{sum}");
+        let inside = |p: &vsf_gap::Part| p.interval[0] <= p.interval[1] && p.excess >= 0.0;
+        assert!(parts.iter().all(inside));
+    }
+    let json = serde_json::to_string(&d).unwrap();
+    let one = rayon::ThreadPoolBuilder::new().num_threads(1).build().unwrap();
+    assert_eq!(json, serde_json::to_string(&one.install(run)).unwrap());
+}
