@@ -3,7 +3,7 @@
 #![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
 
 mod common;
-use common::{Bench, ROWS};
+use common::Bench;
 use serde_json::Value;
 use std::fs;
 use std::path::Path;
@@ -23,9 +23,26 @@ fn numbers(path: &Path) -> Vec<f64> {
     bytes[start..].chunks_exact(8).map(number).collect()
 }
 
-/// A touched block whose sensors have a bias; `touch/` has it, `data/` and `truth/` have not.
+/// Samples of a sequence.
+const ROWS: usize = 160;
+
+/// A block that is approached, pressed and left, and whose sensors have a bias; `touch/` has it,
+/// `data/` and `truth/` have not.
 fn biased() -> Bench {
-    let bench = Bench::touched();
+    let bench = Bench::new();
+    for (id, shift) in [("a", 0.0), ("b", 0.002), ("c", 0.001)] {
+        let angles: Vec<f64> = (0..ROWS)
+            .flat_map(|k| {
+                let t = k as f64 / ROWS as f64;
+                let depth = 0.014 * (std::f64::consts::PI * t).sin().powi(2);
+                [0.018 + shift + 0.002 * t, 0.016, 0.007 - depth]
+            })
+            .collect();
+        let folder = bench.root.join("data").join(format!("seq_{id}"));
+        common::npy(&folder.join("angles.npy"), &[ROWS, 3], &angles);
+        common::npy(&folder.join("torques.npy"), &[ROWS, 3], &[0.0; 3 * ROWS]);
+    }
+    bench.ok("simulate data --field truth --out touch --noise-sd 0.002 --seed 3");
     for id in ["a", "b", "c"] {
         let path = bench.root.join(format!("touch/seq_{id}/torques.npy"));
         let mut torques = numbers(&path);
@@ -82,7 +99,7 @@ fn a_bias_is_named_and_corrected() {
         }
     }
     let joint = &d["where"]["joint"][0];
-    assert_eq!(joint["joint"], "z", "{joint}");
+    assert_eq!(joint["joint"], "stage_z", "{joint}");
     let untestable = d["effects"]
         .as_array()
         .unwrap()

@@ -4,7 +4,7 @@
 
 mod common;
 
-use common::campaign::{Rows, plate, free_arm, torques};
+use common::campaign::{Rows, free_arm, plate, torques};
 use proptest::prelude::*;
 use vsf_core::{Noise, Observation};
 use vsf_gap::effects::catalogue;
@@ -21,7 +21,10 @@ fn press(depth: f64) -> Rows {
     let row = |k: usize| {
         let t = k as f64 / 60.0;
         let z = 0.003 - depth * (std::f64::consts::PI * t).sin();
-        (vec![0.02 * t, 0.0, z], vec![0.1 * t, -0.05, 3.0 * (1.0 - t)])
+        (
+            vec![0.02 * t, 0.0, z],
+            vec![0.1 * t, -0.05, 3.0 * (1.0 - t)],
+        )
     };
     (0..60).map(row).collect()
 }
@@ -96,12 +99,21 @@ fn columns_and_torques_are_the_prediction() {
         let field = vec![K; campaign.site.rest.len()];
         for c in &corrected {
             let recorded = c.recorded().unwrap();
-            let readings = &campaign.session().iter().find(|m| m.id == c.trace.id).unwrap().reading;
+            let readings = &campaign
+                .session()
+                .iter()
+                .find(|m| m.id == c.trace.id)
+                .unwrap()
+                .reading;
             for (row, obs) in c.trace.observations.iter().enumerate() {
                 let mut tau = vec![0.0; 3];
                 obs.apply(&field, &mut tau);
                 all.extend(tau.iter().zip(&c.torques[row]).map(|(t, a)| t + a));
-                for (a, b) in recorded.observations[row].reading().iter().zip(&readings[row]) {
+                for (a, b) in recorded.observations[row]
+                    .reading()
+                    .iter()
+                    .zip(&readings[row])
+                {
                     assert!((a - b).abs() < 1e-12);
                 }
             }
@@ -142,14 +154,17 @@ fn a_loop_has_the_observations_of_the_recording() {
             }
             let name = model.parts[0].0.name().to_owned();
             let offline = campaign.corrected(&model).unwrap();
-            let mut online = Corrector::new(&campaign.site, campaign.scene.as_ref(), &model).unwrap();
+            let mut online =
+                Corrector::new(&campaign.site, campaign.scene.as_ref(), &model).unwrap();
             let unit = Noise::uniform(campaign.site.joints(), 1.0).unwrap();
             let mut obs = Observation::new(unit);
             for (c, motion) in offline.iter().zip(campaign.session()) {
                 online.begin_sequence(&motion.id);
                 for row in 0..motion.len() {
                     let sample = motion.sample(row, 0, nalgebra::Vector3::zeros());
-                    let torques = online.step(&sample, &motion.reading[row], &mut obs).unwrap();
+                    let torques = online
+                        .step(&sample, &motion.reading[row], &mut obs)
+                        .unwrap();
                     assert_eq!(torques, &c.torques[row], "{name} row {row}");
                     let same = &c.trace.observations[row];
                     assert_eq!(obs.points(), same.points(), "{name} row {row}");
@@ -223,7 +238,11 @@ fn files_that_are_no_models() {
     let good = |change: &dyn Fn(&mut EffectEntry)| {
         let mut entry = EffectEntry {
             effect: "torque_bias".to_owned(),
-            parameters: vec![parameter("b_3", 0.3), parameter("b_1", 0.1), parameter("b_2", 0.2)],
+            parameters: vec![
+                parameter("b_3", 0.3),
+                parameter("b_1", 0.1),
+                parameter("b_2", 0.2),
+            ],
         };
         change(&mut entry);
         let mut file = ModelFile::from_json(r#"{"schema": 1, "effects": []}"#).unwrap();
@@ -236,9 +255,15 @@ fn files_that_are_no_models() {
     let cases: [(&Change, &str); 9] = [
         (&|e| e.effect = "torque_boas".into(), "torque_bias"),
         (&|e| drop(e.parameters.pop()), "\"b_2\" is missing"),
-        (&|e| e.parameters[0].name = "b_9".into(), "no parameter \"b_9\""),
+        (
+            &|e| e.parameters[0].name = "b_9".into(),
+            "no parameter \"b_9\"",
+        ),
         (&|e| e.parameters[0].name = "b_1".into(), "twice"),
-        (&|e| e.parameters[0].unit = "N m".into(), "is in \"N m\", not \"N\""),
+        (
+            &|e| e.parameters[0].unit = "N m".into(),
+            "is in \"N m\", not \"N\"",
+        ),
         (&|e| e.parameters[0].value = f64::NAN, "NaN"),
         (&|e| e.parameters[0].value = 1e9, "must be in"),
         (&|e| e.parameters[0].std = -1.0, "must be >= 0"),
@@ -253,7 +278,10 @@ fn files_that_are_no_models() {
         ("{\"schema\": 1}", "effects"),
         ("{\"schema\": 2, \"effects\": []}", "schema 2"),
         ("{\"schema\": 1, \"effects\": [], \"more\": 1}", "more"),
-        ("{\"schema\": 1, \"effects\": [{\"effect\": \"latency\"}]}", "parameters"),
+        (
+            "{\"schema\": 1, \"effects\": [{\"effect\": \"latency\"}]}",
+            "parameters",
+        ),
         (
             "{\"schema\": 1, \"effects\": [{\"effect\": \"latency\", \"parameters\": [{\"name\": \"delta\", \
              \"value\": NaN, \"std\": 0, \"unit\": \"s\"}]}]}",
@@ -267,7 +295,12 @@ fn files_that_are_no_models() {
     let twice = "{\"schema\": 1, \"effects\": [
         {\"effect\": \"latency\", \"parameters\": [{\"name\": \"delta\", \"value\": 0.01, \"std\": 0, \"unit\": \"s\"}]},
         {\"effect\": \"latency\", \"parameters\": [{\"name\": \"delta\", \"value\": 0.01, \"std\": 0, \"unit\": \"s\"}]}]}";
-    let error = ModelFile::from_json(twice).unwrap().model(&campaign.site, &catalogue());
+    let error = ModelFile::from_json(twice)
+        .unwrap()
+        .model(&campaign.site, &catalogue());
     let error = error.err().unwrap().to_string();
-    assert!(error.contains("latency") && error.contains("twice"), "{error}");
+    assert!(
+        error.contains("latency") && error.contains("twice"),
+        "{error}"
+    );
 }
