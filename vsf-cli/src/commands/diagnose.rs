@@ -36,7 +36,12 @@ pub struct Args {
 pub fn run(args: &Args, console: &Console) -> anyhow::Result<()> {
     let candidates = match &args.effects {
         None => effects::catalogue(),
-        Some(names) => effects::named(names).map_err(|e| usage(format!("--effects: {e}")))?,
+        Some(names) => {
+            if let Some(k) = (1..names.len()).find(|&k| names[..k].contains(&names[k])) {
+                return Err(usage(format!("--effects names {} twice", names[k])));
+            }
+            effects::named(names).map_err(|e| usage(format!("--effects: {e}")))?
+        }
     };
     let outputs = [("--html", &args.html), ("--model", &args.model)];
     let outputs: Vec<_> = (outputs.into_iter())
