@@ -229,7 +229,11 @@ fn what_is_refused() {
         2,
         &["--effects", "torque_boas", "torque_bias"],
     );
-    bench.fails("diagnose touch --effects latency,latency", 2, &["--effects", "twice"]);
+    bench.fails(
+        "diagnose touch --effects latency,latency",
+        2,
+        &["--effects", "twice"],
+    );
     bench.fails("diagnose nowhere", 1, &["nowhere"]);
     bench.fails("diagnose touch --html report.txt", 2, &["--html", ".html"]);
     bench.fails("diagnose touch --model model.npz", 2, &["--model", ".json"]);

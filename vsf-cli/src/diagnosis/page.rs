@@ -206,7 +206,7 @@ fn left_out(d: &Diagnosis) -> String {
     }
     for (reason, names) in untestable(&d.effects) {
         let (reason, names) = (escape(reason), escape(&names.join(", ")));
-        html += &format!("<p class=\"small\">Not testable, {reason}: {names}.</p>\n");
+        html += &format!("<p class=\"small\">Not testable ({reason}): {names}.</p>\n");
     }
     html
 }

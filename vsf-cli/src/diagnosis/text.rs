@@ -64,7 +64,7 @@ fn effects(diagnosis: &Diagnosis, model: &ModelFile) -> String {
         text += &format!("\nfar behind: {}\n", names.join(", "));
     }
     for (reason, names) in untestable(all) {
-        text += &format!("\nnot testable, {reason}: {}\n", names.join(", "));
+        text += &format!("\nnot testable ({reason}): {}\n", names.join(", "));
     }
     text
 }
