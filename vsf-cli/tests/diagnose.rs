@@ -312,3 +312,35 @@ fn outputs_are_all_or_none() {
     assert!(!bench.root.join("m.json").exists() && !bench.root.join("d.json").exists());
     assert_eq!(fs::read_to_string(&page).unwrap(), "kept");
 }
+
+/// Recordings that hold next to nothing give an answer or a reason, never a panic.
+#[test]
+fn recordings_of_next_to_nothing() {
+    let bench = Bench::touched();
+    for rows in [1, 2, 5] {
+        for id in ["a", "b", "c"] {
+            let folder = bench.root.join(format!("touch/seq_{id}"));
+            let angles: Vec<f64> = (0..rows)
+                .flat_map(|k| [0.02, 0.016, -0.001 * k as f64])
+                .collect();
+            common::npy(&folder.join("angles.npy"), &[rows, 3], &angles);
+            common::npy(
+                &folder.join("torques.npy"),
+                &[rows, 3],
+                &vec![0.1; 3 * rows],
+            );
+            let _ = fs::remove_file(folder.join("time.npy"));
+        }
+        let output = bench.run("diagnose touch --rate-hz 50 --html d.html --json");
+        let error = String::from_utf8_lossy(&output.stderr);
+        assert!(!error.contains("panicked"), "{rows} rows: {error}");
+        match output.status.code() {
+            Some(0) => assert!(serde_json::from_slice::<Value>(&output.stdout).is_ok()),
+            _ => assert!(error.contains("error: "), "{rows} rows: {error}"),
+        }
+    }
+    let points: Vec<f64> = (0..480).map(|k| 1e3 + k as f64).collect();
+    common::npy(&bench.root.join("data/points.npy"), &[160, 3], &points);
+    let warning = bench.warned("diagnose data --effects torque_bias,contact_friction");
+    assert!(warning.contains("touches none of the 160"), "{warning}");
+}
