@@ -53,8 +53,8 @@ impl Case {
             / truth.len().max(1) as f64;
         let named = !d.verdict.effects.is_empty();
         let joints = campaign.site.robot.joints();
-        let true_joint = largest(&label.truth_share.joint)
-            .and_then(|j| Some(joints.get(j)?.name().to_owned()));
+        let true_joint =
+            largest(&label.truth_share.joint).and_then(|j| Some(joints.get(j)?.name().to_owned()));
         let found_joint = first(&d.r#where.joint).map(|of| match of {
             Of::Joint(name) => name.clone(),
             _ => String::new(),
@@ -92,7 +92,11 @@ impl Case {
             test_error_nominal: d.gap.test_error_nominal,
             test_error_corrected: d.gap.test_error_corrected,
             closed_fraction: d.gap.closed_fraction,
-            oracle_closed: if nominal > floor { (oracle / (nominal - floor)).min(1.0) } else { 0.0 },
+            oracle_closed: if nominal > floor {
+                (oracle / (nominal - floor)).min(1.0)
+            } else {
+                0.0
+            },
             truth,
             error: None,
         }
@@ -247,9 +251,17 @@ impl Score {
             in_set: Share::of(of(Class::Single), |c| {
                 c.truth.iter().all(|t| c.effect_set_95.contains(t))
             }),
-            set_size: mean(of(Class::Single).map(|c| c.effect_set_95.len() as f64).collect()),
-            both_of_two: Share::of(of(Class::Pair), |c| c.truth.iter().all(|t| c.named.contains(t))),
-            one_of_two: Share::of(of(Class::Pair), |c| c.truth.iter().any(|t| c.named.contains(t))),
+            set_size: mean(
+                of(Class::Single)
+                    .map(|c| c.effect_set_95.len() as f64)
+                    .collect(),
+            ),
+            both_of_two: Share::of(of(Class::Pair), |c| {
+                c.truth.iter().all(|t| c.named.contains(t))
+            }),
+            one_of_two: Share::of(of(Class::Pair), |c| {
+                c.truth.iter().any(|t| c.named.contains(t))
+            }),
             quiet_without_effect: Share::of(of(Class::None), Case::answered),
             unknown_flagged: Share::of(of(Class::Unknown), Case::answered),
             right_joint: Share::of(all().filter(|c| c.right_joint.is_some()), |c| {
@@ -312,7 +324,15 @@ pub fn text(cases: &[Case], scores: &[Score]) -> String {
         })
         .collect();
     let mut text = table(
-        &["case", "what", "truth", "diagnosis", "P(truth)", "before", "after"],
+        &[
+            "case",
+            "what",
+            "truth",
+            "diagnosis",
+            "P(truth)",
+            "before",
+            "after",
+        ],
         &rows,
     );
     text += "\nconfusion of single effects (truth: named, times)\n";
@@ -341,7 +361,10 @@ pub fn text(cases: &[Case], scores: &[Score]) -> String {
             ("corrected model no worse", s.never_worse.text()),
             ("mean probability of the truth", number(s.mean_probability)),
             ("calibration error", number(s.ece)),
-            ("closed share over the oracle's, median", number(s.closed_of_oracle)),
+            (
+                "closed share over the oracle's, median",
+                number(s.closed_of_oracle),
+            ),
         ];
         let rows: Vec<Vec<String>> = (lines.into_iter())
             .map(|(name, value)| vec![name.to_owned(), value])

@@ -2,9 +2,9 @@
 
 #![forbid(unsafe_code)]
 
+mod blind;
 mod cli;
 mod commands;
-mod blind;
 mod config;
 mod console;
 mod corrected;

@@ -232,16 +232,21 @@ impl Recording {
         self.dataset.rest_points.is_some() || self.dataset.field.is_some()
     }
 
-    /// The recording as a diagnosis sees it, with warnings about its motions.
+    /// The recording as a diagnosis sees it, with warnings about its motions and readings.
     pub fn campaign(&self, console: &Console) -> anyhow::Result<Campaign> {
-        let campaign = match self.has_points() {
-            true => Campaign::in_scene(&self.dataset, self.scene(console)?)?,
-            false => Campaign::in_air(&self.dataset, self.robot()?)?,
-        };
         let sequences: Vec<&Sequence> = self.dataset.sequences.iter().collect();
-        let motion = motion_warnings(&campaign.site.robot, &sequences);
-        motion.iter().for_each(|w| console.warn(w));
-        Ok(campaign)
+        if !self.has_points() {
+            let robot = self.robot()?;
+            let motion = motion_warnings(&robot, &sequences);
+            motion.iter().for_each(|w| console.warn(w));
+            return Ok(Campaign::in_air(&self.dataset, robot)?);
+        }
+        let scene = self.scene(console)?;
+        let traces = traces(&scene, &sequences, console)?;
+        untouched(&scene, &traces)
+            .iter()
+            .for_each(|w| console.warn(w));
+        Ok(Campaign::in_scene(&self.dataset, scene)?)
     }
 
     /// The robot alone.

@@ -3,7 +3,7 @@
 #![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
 
 mod common;
-use common::{Bench, ROWS};
+use common::Bench;
 use serde_json::Value;
 use std::fs;
 use std::path::Path;
@@ -23,9 +23,26 @@ fn numbers(path: &Path) -> Vec<f64> {
     bytes[start..].chunks_exact(8).map(number).collect()
 }
 
-/// A touched block whose sensors have a bias; `touch/` has it, `data/` and `truth/` have not.
+/// Samples of a sequence.
+const ROWS: usize = 160;
+
+/// A block that is approached, pressed and left, and whose sensors have a bias; `touch/` has it,
+/// `data/` and `truth/` have not.
 fn biased() -> Bench {
-    let bench = Bench::touched();
+    let bench = Bench::new();
+    for (id, shift) in [("a", 0.0), ("b", 0.002), ("c", 0.001)] {
+        let angles: Vec<f64> = (0..ROWS)
+            .flat_map(|k| {
+                let t = k as f64 / ROWS as f64;
+                let depth = 0.014 * (std::f64::consts::PI * t).sin().powi(2);
+                [0.018 + shift + 0.002 * t, 0.016, 0.007 - depth]
+            })
+            .collect();
+        let folder = bench.root.join("data").join(format!("seq_{id}"));
+        common::npy(&folder.join("angles.npy"), &[ROWS, 3], &angles);
+        common::npy(&folder.join("torques.npy"), &[ROWS, 3], &[0.0; 3 * ROWS]);
+    }
+    bench.ok("simulate data --field truth --out touch --noise-sd 0.002 --seed 3");
     for id in ["a", "b", "c"] {
         let path = bench.root.join(format!("touch/seq_{id}/torques.npy"));
         let mut torques = numbers(&path);
@@ -82,7 +99,7 @@ fn a_bias_is_named_and_corrected() {
         }
     }
     let joint = &d["where"]["joint"][0];
-    assert_eq!(joint["joint"], "z", "{joint}");
+    assert_eq!(joint["joint"], "stage_z", "{joint}");
     let untestable = d["effects"]
         .as_array()
         .unwrap()
@@ -212,6 +229,11 @@ fn what_is_refused() {
         2,
         &["--effects", "torque_boas", "torque_bias"],
     );
+    bench.fails(
+        "diagnose touch --effects latency,latency",
+        2,
+        &["--effects", "twice"],
+    );
     bench.fails("diagnose nowhere", 1, &["nowhere"]);
     bench.fails("diagnose touch --html report.txt", 2, &["--html", ".html"]);
     bench.fails("diagnose touch --model model.npz", 2, &["--model", ".json"]);
@@ -289,4 +311,36 @@ fn outputs_are_all_or_none() {
     bench.fails(line, 3, &["d.html"]);
     assert!(!bench.root.join("m.json").exists() && !bench.root.join("d.json").exists());
     assert_eq!(fs::read_to_string(&page).unwrap(), "kept");
+}
+
+/// Recordings that hold next to nothing give an answer or a reason, never a panic.
+#[test]
+fn recordings_of_next_to_nothing() {
+    let bench = Bench::touched();
+    for rows in [1, 2, 5] {
+        for id in ["a", "b", "c"] {
+            let folder = bench.root.join(format!("touch/seq_{id}"));
+            let angles: Vec<f64> = (0..rows)
+                .flat_map(|k| [0.02, 0.016, -0.001 * k as f64])
+                .collect();
+            common::npy(&folder.join("angles.npy"), &[rows, 3], &angles);
+            common::npy(
+                &folder.join("torques.npy"),
+                &[rows, 3],
+                &vec![0.1; 3 * rows],
+            );
+            let _ = fs::remove_file(folder.join("time.npy"));
+        }
+        let output = bench.run("diagnose touch --rate-hz 50 --html d.html --json");
+        let error = String::from_utf8_lossy(&output.stderr);
+        assert!(!error.contains("panicked"), "{rows} rows: {error}");
+        match output.status.code() {
+            Some(0) => assert!(serde_json::from_slice::<Value>(&output.stdout).is_ok()),
+            _ => assert!(error.contains("error: "), "{rows} rows: {error}"),
+        }
+    }
+    let points: Vec<f64> = (0..480).map(|k| 1e3 + k as f64).collect();
+    common::npy(&bench.root.join("data/points.npy"), &[160, 3], &points);
+    let warning = bench.warned("diagnose data --effects torque_bias,contact_friction");
+    assert!(warning.contains("touches none of the 160"), "{warning}");
 }

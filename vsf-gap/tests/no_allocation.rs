@@ -1,4 +1,4 @@
-//! After warm-up no effect allocates. One test alone in its process, so that no other thread
+//! After warm-up neither effects nor a control loop with them allocate. One test alone in its process, so that no other thread
 //! allocates while it counts.
 
 #![allow(clippy::unwrap_used)]
@@ -6,13 +6,14 @@
 
 mod common;
 
+use common::campaign::plate;
 use nalgebra::{Point3, Vector3};
 use std::alloc::{GlobalAlloc, Layout, System};
 use std::sync::atomic::{AtomicUsize, Ordering};
-use vsf_core::Contacts;
+use vsf_core::{Contacts, Noise, Observation};
 use vsf_data::TorqueKind;
 use vsf_gap::effects::catalogue;
-use vsf_gap::{Sample, Touch};
+use vsf_gap::{Corrector, Model, Sample, Touch};
 use vsf_robots::planar_arm;
 
 static CALLS: AtomicUsize = AtomicUsize::new(0);
@@ -45,7 +46,50 @@ const POINTS: u32 = 40;
 const TOUCHES: usize = 4;
 
 #[test]
-fn compensators_do_not_allocate_after_warm_up() {
+fn nothing_allocates_after_warm_up() {
+    compensators();
+    control_loop();
+}
+
+/// A loop with an effect in its model: contact, columns, torques.
+fn control_loop() {
+    let points: Vec<[f64; 3]> = (0..25)
+        .map(|k| [0.02 * (k % 5) as f64, 0.02 * (k / 5) as f64, 0.0])
+        .collect();
+    let press = |k: usize| {
+        let t = k as f64 / 60.0;
+        let z = 0.003 - 0.02 * (std::f64::consts::PI * t).sin();
+        (vec![0.02 * t, 0.0, z], vec![0.1, -0.1, 3.0 * t])
+    };
+    let campaign = plate(&points, &[(0..60).map(press).collect()]);
+    let motion = &campaign.train[0];
+    let mut obs = Observation::new(Noise::uniform(3, 1.0).unwrap());
+    for effect in catalogue() {
+        if effect.untestable(&campaign).is_some() {
+            continue;
+        }
+        let parameters = effect.parameters(&campaign.site);
+        let theta: Vec<f64> = parameters
+            .iter()
+            .map(|p| p.scale.min(p.bounds[1]))
+            .collect();
+        let model = Model::of(&effect, &theta);
+        let mut online = Corrector::new(&campaign.site, campaign.scene.as_ref(), &model).unwrap();
+        for touch in 0..TOUCHES {
+            let before = CALLS.load(Ordering::Relaxed);
+            online.begin_sequence(&motion.id);
+            for row in 0..motion.len() {
+                let sample = motion.sample(row, 0, Vector3::zeros());
+                let torques = online.step(&sample, &motion.reading[row], &mut obs);
+                assert_eq!(torques.unwrap().len(), 3);
+            }
+            let calls = CALLS.load(Ordering::Relaxed) - before;
+            assert!(touch == 0 || calls == 0, "{}: {calls}", effect.name());
+        }
+    }
+}
+
+fn compensators() {
     let points: Vec<Point3<f64>> = (0..POINTS)
         .map(|k| Point3::new(0.5 + 1e-2 * k as f64, 0.0, 0.1))
         .collect();

@@ -425,4 +425,38 @@ mod tests {
     fn error_over_all_samples() {
         assert_eq!(rms_error(&[0.0, 3.0], &[0.0, -1.0]), 8f64.sqrt());
     }
+
+    #[test]
+    fn a_correction_shows_both_errors() {
+        let joint = JointTrace {
+            name: "j",
+            measured: &[0.0, 3.0],
+            predicted: &[0.0, 2.0],
+            nominal: &[0.0, -1.0],
+            ..Default::default()
+        };
+        let plot = |joint| {
+            TorquePlot {
+                time: &[0.0, 1.0],
+                joints: &[joint],
+                ..Default::default()
+            }
+            .svg()
+        };
+        let svg = plot(joint).unwrap();
+        for part in [
+            "RMS error 2.83 to 0.707 N m",
+            "nominal model",
+            "corrected model",
+        ] {
+            assert!(svg.contains(part), "{part}");
+        }
+        assert_eq!(value_range(&joint).0, padded(-1.0, 3.0, 0.06).0);
+        let short = JointTrace {
+            nominal: &[0.0],
+            ..joint
+        };
+        let error = plot(short).unwrap_err().to_string();
+        assert!(error.contains("joints[0].nominal"), "{error}");
+    }
 }

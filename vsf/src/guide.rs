@@ -4,7 +4,8 @@
 //! 2. [`your_robot`]: URDF files, package maps, joint order, shapes.
 //! 3. [`your_parts`]: an estimator, a sensor and a contact model of your own.
 //! 4. [`filter_health`]: is the filter right about how much it knows?
-//! 5. [`from_openvsf`]: folders and fields of OpenVSF, and what differs here.
+//! 5. [`sim_to_real`]: what the model lacks, by the effects of the catalogue or your own.
+//! 6. [`from_openvsf`]: folders and fields of OpenVSF, and what differs here.
 
 #[doc = include_str!("guide/first_field.md")]
 pub mod first_field {}
@@ -17,6 +18,9 @@ pub mod your_parts {}
 
 #[doc = include_str!("guide/filter_health.md")]
 pub mod filter_health {}
+
+#[doc = include_str!("guide/sim_to_real.md")]
+pub mod sim_to_real {}
 
 #[doc = include_str!("guide/from_openvsf.md")]
 pub mod from_openvsf {}

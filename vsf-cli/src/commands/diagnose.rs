@@ -36,7 +36,12 @@ pub struct Args {
 pub fn run(args: &Args, console: &Console) -> anyhow::Result<()> {
     let candidates = match &args.effects {
         None => effects::catalogue(),
-        Some(names) => effects::named(names).map_err(|e| usage(format!("--effects: {e}")))?,
+        Some(names) => {
+            if let Some(k) = (1..names.len()).find(|&k| names[..k].contains(&names[k])) {
+                return Err(usage(format!("--effects names {} twice", names[k])));
+            }
+            effects::named(names).map_err(|e| usage(format!("--effects: {e}")))?
+        }
     };
     let outputs = [("--html", &args.html), ("--model", &args.model)];
     let outputs: Vec<_> = (outputs.into_iter())
@@ -53,12 +58,12 @@ pub fn run(args: &Args, console: &Console) -> anyhow::Result<()> {
     };
     let outcome = diagnose(&campaign, name, &candidates, args.seed, progress)?;
     bar.finish_and_clear();
+    let model = ModelFile::new(&campaign.site, &outcome.model, &outcome.sd)?;
     let mut files = Vec::new();
     if let Some(path) = &args.html {
-        files.push((path.clone(), page(&campaign, &outcome)?));
+        files.push((path.clone(), page(&campaign, &outcome, &model)?));
     }
     if let Some(path) = &args.model {
-        let model = ModelFile::new(&campaign.site, &outcome.model, &outcome.sd)?;
         files.push((path.clone(), model.to_json()));
     }
     let written: Vec<PathBuf> = files.iter().map(|(path, _)| path.clone()).collect();
@@ -67,7 +72,7 @@ pub fn run(args: &Args, console: &Console) -> anyhow::Result<()> {
         .iter()
         .map(|p| format!("wrote {p}\n"))
         .collect();
-    console.report(text(&outcome.diagnosis) + &lines)
+    console.report(text(&outcome.diagnosis, &model) + &lines)
 }
 
 /// Paths that end so, as an output that is no other kind of file by mistake.

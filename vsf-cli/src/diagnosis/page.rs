@@ -2,14 +2,14 @@ use super::torques::torques;
 use super::words::{estimate, fitted, part, percent, screened_out, untestable, verdict};
 use crate::console::number;
 use std::fmt::Write;
-use vsf::gap::{Campaign, Diagnosis, EffectReport, Kind, Outcome, Part};
+use vsf::gap::{Campaign, Diagnosis, EffectReport, Estimate, Kind, ModelFile, Outcome, Part};
 
 const STYLE: &str = include_str!("page.css");
 /// Share from which on a part is shown.
 const LEAST: f64 = 0.005;
 
 /// The diagnosis as one page that needs nothing else: no script, no network.
-pub fn page(campaign: &Campaign, outcome: &Outcome) -> anyhow::Result<String> {
+pub fn page(campaign: &Campaign, outcome: &Outcome, model: &ModelFile) -> anyhow::Result<String> {
     let d = &outcome.diagnosis;
     let name = escape(&d.dataset);
     let mut html = format!(
@@ -23,6 +23,8 @@ pub fn page(campaign: &Campaign, outcome: &Outcome) -> anyhow::Result<String> {
     html += &before_and_after(campaign, outcome)?;
     html += &places(outcome);
     html += &effects(d);
+    html += &parameters(d, model);
+    html += &left_out(d);
     let next = &d.next_experiment;
     let (action, why) = (escape(&next.action), escape(&next.why));
     html += &format!("<h2>Next experiment</h2>\n<p><b>{action}</b>: {why}.</p>\n");
@@ -46,7 +48,7 @@ fn answer(d: &Diagnosis) -> String {
         Kind::Unknown => "unknown",
         Kind::NotDiagnosable => "not_diagnosable",
     };
-    let sentence = escape(&verdict(&d.verdict));
+    let sentence = escape(&verdict(&d.verdict)).replace(" %", "&nbsp;%");
     let [low, high] = gap.closed_interval.map(percent);
     let numbers = [
         (
@@ -171,23 +173,30 @@ fn effects(d: &Diagnosis) -> String {
              <th class=\"words\">Joints</th><th class=\"words\">Ambiguous with</th></tr>\n{rows}</table></div>\n"
         );
     }
-    for e in fitted(&d.effects) {
-        let open = if d.verdict.effects.contains(&e.effect) {
-            " open"
-        } else {
-            ""
-        };
-        let list: String = (e.parameters.iter())
+    html
+}
+
+/// The corrected model, then every effect as it was fitted on its own.
+fn parameters(d: &Diagnosis, model: &ModelFile) -> String {
+    let list = |title: &str, name: &str, open: &str, parameters: &[Estimate]| {
+        let items: String = (parameters.iter())
             .map(|p| {
                 let value = estimate(p.value, p.std, &p.unit);
                 format!("<li><b>{}</b> {}</li>\n", escape(&p.name), escape(&value))
             })
             .collect();
-        let name = escape(&e.effect);
-        html += &format!(
-            "<details{open}><summary>Parameters of {name}</summary>\n<ul>\n{list}</ul></details>\n"
-        );
-    }
+        let name = escape(name);
+        format!("<details{open}><summary>{title}{name}</summary>\n<ul>\n{items}</ul></details>\n")
+    };
+    let corrected = (model.effects.iter())
+        .map(|e| list("Corrected model: ", &e.effect, " open", &e.parameters));
+    let alone = fitted(&d.effects).map(|e| list("Alone: ", &e.effect, "", &e.parameters));
+    corrected.chain(alone).collect()
+}
+
+/// Effects that were not fitted.
+fn left_out(d: &Diagnosis) -> String {
+    let mut html = String::new();
     let behind: Vec<&str> = screened_out(&d.effects)
         .map(|e| e.effect.as_str())
         .collect();
@@ -197,7 +206,7 @@ fn effects(d: &Diagnosis) -> String {
     }
     for (reason, names) in untestable(&d.effects) {
         let (reason, names) = (escape(reason), escape(&names.join(", ")));
-        html += &format!("<p class=\"small\">Not testable, {reason}: {names}.</p>\n");
+        html += &format!("<p class=\"small\">Not testable ({reason}): {names}.</p>\n");
     }
     html
 }

@@ -1,15 +1,15 @@
 use super::words::{errors, estimate, fitted, part, percent, screened_out, untestable, verdict};
 use crate::console::{number, table};
-use vsf::gap::{Diagnosis, Part};
+use vsf::gap::{Diagnosis, ModelFile, Part};
 
 /// Parts named of every kind, and the share below which a part is not worth a word.
 const PARTS: usize = 4;
 const LEAST: f64 = 0.05;
 
 /// The report on the terminal.
-pub fn text(diagnosis: &Diagnosis) -> String {
+pub fn text(diagnosis: &Diagnosis, model: &ModelFile) -> String {
     let mut text = format!("{}\n{}\n", verdict(&diagnosis.verdict), errors(diagnosis));
-    text += &effects(diagnosis);
+    text += &effects(diagnosis, model);
     text += &places(diagnosis);
     let next = &diagnosis.next_experiment;
     text += &format!("\nnext experiment\n  {}: {}\n", next.action, next.why);
@@ -19,7 +19,7 @@ pub fn text(diagnosis: &Diagnosis) -> String {
     text
 }
 
-fn effects(diagnosis: &Diagnosis) -> String {
+fn effects(diagnosis: &Diagnosis, model: &ModelFile) -> String {
     let all = &diagnosis.effects;
     let unit = &diagnosis.gap.unit;
     let or_none = |value: Option<String>| value.unwrap_or_else(|| "-".to_owned());
@@ -49,13 +49,14 @@ fn effects(diagnosis: &Diagnosis) -> String {
         text += "\neffects\n";
         text += &table(&header, &rows);
     }
-    for e in fitted(all).filter(|e| diagnosis.verdict.effects.contains(&e.effect)) {
-        text += &format!("\n{}\n", e.effect);
+    for e in fitted(all).filter(|e| !e.ambiguous_with.is_empty()) {
+        let others = e.ambiguous_with.join(", ");
+        text += &format!("  {} is not told from {others}\n", e.effect);
+    }
+    for e in &model.effects {
+        text += &format!("\ncorrected model, {}\n", e.effect);
         for p in &e.parameters {
             text += &format!("  {:<8} {}\n", p.name, estimate(p.value, p.std, &p.unit));
-        }
-        if !e.ambiguous_with.is_empty() {
-            text += &format!("  not told from {}\n", e.ambiguous_with.join(", "));
         }
     }
     let names: Vec<&str> = screened_out(all).map(|e| e.effect.as_str()).collect();
@@ -63,7 +64,7 @@ fn effects(diagnosis: &Diagnosis) -> String {
         text += &format!("\nfar behind: {}\n", names.join(", "));
     }
     for (reason, names) in untestable(all) {
-        text += &format!("\nnot testable, {reason}: {}\n", names.join(", "));
+        text += &format!("\nnot testable ({reason}): {}\n", names.join(", "));
     }
     text
 }

@@ -39,7 +39,10 @@ struct Report<'a> {
 
 pub fn run(args: &Args, console: &Console) -> anyhow::Result<()> {
     let scratch = tempfile::tempdir()?;
-    let folder = args.keep.clone().unwrap_or_else(|| scratch.path().to_owned());
+    let folder = args
+        .keep
+        .clone()
+        .unwrap_or_else(|| scratch.path().to_owned());
     let specs = draw_cases(args.cases, args.seed);
     let bar = console.bar(specs.len(), "blind cases");
     let catalogue = effects::catalogue();
