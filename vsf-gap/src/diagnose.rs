@@ -201,22 +201,21 @@ pub fn diagnose(
 
     progress(Step::Finalists);
     let leader = candidates.first().map_or(0.0, |c| c.screened);
-    for (rank, candidate) in candidates.iter_mut().enumerate() {
+    (candidates.par_iter_mut().enumerate()).try_for_each(|(rank, candidate)| {
         let tangent = &tangents[candidate.tangent];
         let moves = tangent.effect.acts() == Acts::Contact;
         let near = candidate.screened > leader - HOPELESS;
-        if near && (rank < FINALISTS || moves && leader < HOPELESS) {
-            let found = screening
-                .candidates
-                .iter()
-                .find(|s| s.tangent == candidate.tangent);
-            if let Some(found) = found {
-                let start = campaign.start(&nominal, tangent, found, &spread)?;
-                let sd = tangent.prior(&campaign.site);
-                candidate.refined = Some(campaign.refine(&start, &sd, &found.spread)?);
-            }
+        let found = (screening.candidates.iter()).find(|s| s.tangent == candidate.tangent);
+        if let Some(found) = found
+            && near
+            && (rank < FINALISTS || moves && leader < HOPELESS)
+        {
+            let start = campaign.start(&nominal, tangent, found, &spread)?;
+            let sd = tangent.prior(&campaign.site);
+            candidate.refined = Some(campaign.refine(&start, &sd, &found.spread)?);
         }
-    }
+        Ok::<(), GapError>(())
+    })?;
     candidates.sort_by(|a, b| b.score(base).total_cmp(&a.score(base)));
 
     progress(Step::Pairs);

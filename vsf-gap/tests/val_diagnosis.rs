@@ -67,9 +67,16 @@ fn nothing_is_named_where_nothing_acts() {
 fn shares_are_shares_and_the_same_seed_gives_the_same_diagnosis() {
     let folder = tempfile::tempdir().unwrap();
     let campaign = made(folder.path(), &["joint_viscous_friction"], 43);
-    let bias: Vec<Arc<dyn Effect>> =
-        effects::named(&["joint_viscous_friction".to_owned(), "torque_bias".to_owned()]).unwrap();
-    let run = || diagnose(&campaign, "case", &bias, 7, |_| {}).unwrap().diagnosis;
+    let bias: Vec<Arc<dyn Effect>> = effects::named(&[
+        "joint_viscous_friction".to_owned(),
+        "torque_bias".to_owned(),
+    ])
+    .unwrap();
+    let run = || {
+        diagnose(&campaign, "case", &bias, 7, |_| {})
+            .unwrap()
+            .diagnosis
+    };
     let d = run();
     assert_eq!(d.verdict.effects, ["joint_viscous_friction"]);
     for parts in [&d.r#where.joint, &d.r#where.phase, &d.r#where.sequence] {
@@ -79,6 +86,9 @@ fn shares_are_shares_and_the_same_seed_gives_the_same_diagnosis() {
         assert!(parts.iter().all(inside));
     }
     let json = serde_json::to_string(&d).unwrap();
-    let one = rayon::ThreadPoolBuilder::new().num_threads(1).build().unwrap();
+    let one = rayon::ThreadPoolBuilder::new()
+        .num_threads(1)
+        .build()
+        .unwrap();
     assert_eq!(json, serde_json::to_string(&one.install(run)).unwrap());
 }

@@ -33,7 +33,7 @@ impl Effect for GeometryPadding {
     }
 
     fn parameters(&self, _: &Site) -> Vec<Parameter> {
-        vec![Parameter::amplitude("padding", "m", [-8e-3, 8e-3], 1e-3)]
+        vec![Parameter::amplitude("padding", "m", [-1.5e-3, 8e-3], 1e-3)]
     }
 
     fn compensator(&self, _: &Site, theta: &[f64]) -> Result<Box<dyn Compensator>, GapError> {

@@ -1,7 +1,7 @@
 use super::joint::unit;
-use crate::GapError;
 use crate::effect::{Acts, Compensator, Effect, Need, Parameter, Sample, Site, Touch};
 use crate::effect::{check, per_joint};
+use crate::{Campaign, GapError, Motion};
 use vsf_data::TorqueKind;
 
 /// Torque sensors or drives with a wrong gain: joint `j` reads `1 + g_j` times its torque.
@@ -37,6 +37,18 @@ impl Effect for TorqueGain {
 
     fn parameters(&self, site: &Site) -> Vec<Parameter> {
         per_joint(site, "g", unit(site, "1", "1"), [-0.9, 3.0], 0.1)
+    }
+
+    fn untestable(&self, campaign: &Campaign) -> Option<String> {
+        let measured = campaign.site.torque_kind == TorqueKind::Measured;
+        let actuated = |m: &Motion| {
+            let pairs = m.load.data().iter().zip(m.reading.data());
+            pairs
+                .into_iter()
+                .any(|(load, reading)| (load - reading).abs() > 1e-9)
+        };
+        (measured && !campaign.train.iter().any(actuated))
+            .then(|| "the actuators never act: all torques are zero".to_owned())
     }
 
     fn compensator(&self, site: &Site, theta: &[f64]) -> Result<Box<dyn Compensator>, GapError> {
