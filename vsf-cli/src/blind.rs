@@ -373,3 +373,90 @@ pub fn text(cases: &[Case], scores: &[Score]) -> String {
     }
     text
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn case(class: Class, truth: &[&str], named: &[&str], kind: Kind, probability: f64) -> Case {
+        let own = |names: &[&str]| names.iter().map(|n| (*n).to_owned()).collect::<Vec<_>>();
+        Case {
+            case: String::new(),
+            kind: vsf_world::Kind::Springs,
+            level: Level::Clear,
+            protocol: Protocol::Rich,
+            class,
+            truth: own(truth),
+            kind_of_answer: Some(kind),
+            named: own(named),
+            top: own(named),
+            probability_of_truth: probability,
+            probability,
+            effect_set_95: own(named),
+            right_joint: None,
+            right_phase: None,
+            test_error_nominal: 1.0,
+            test_error_corrected: 0.5,
+            closed_fraction: 0.5,
+            oracle_closed: 1.0,
+            error: None,
+        }
+    }
+
+    #[test]
+    fn hits_are_counted_by_class() {
+        let cases = [
+            case(
+                Class::Single,
+                &["payload"],
+                &["payload"],
+                Kind::Effects,
+                0.9,
+            ),
+            case(
+                Class::Single,
+                &["payload"],
+                &["torque_bias"],
+                Kind::Effects,
+                0.6,
+            ),
+            case(
+                Class::Pair,
+                &["latency", "payload"],
+                &["payload"],
+                Kind::Effects,
+                0.9,
+            ),
+            case(Class::None, &[], &[], Kind::NoGap, 0.8),
+            case(Class::Unknown, &["backlash"], &[], Kind::Unknown, 0.7),
+        ];
+        let s = &Score::all(&cases)[0];
+        assert_eq!((s.top1.hits, s.top1.of), (1, 2));
+        assert_eq!((s.both_of_two.hits, s.one_of_two.hits), (0, 1));
+        assert_eq!(
+            (s.quiet_without_effect.hits, s.unknown_flagged.hits),
+            (1, 1)
+        );
+        assert_eq!(s.never_worse.hits, 5);
+        assert!((s.closed_of_oracle - 0.5).abs() < 1e-12);
+        // Wilson's interval of 1 in 2: 9.5 % to 90.5 %.
+        let [low, high] = s.top1.interval;
+        assert!(
+            (low - 0.0945).abs() < 1e-3 && (high - 0.9055).abs() < 1e-3,
+            "{low} {high}"
+        );
+    }
+
+    #[test]
+    fn calibration_compares_stated_and_true() {
+        let sure = |hit: bool| {
+            let named: &[&str] = if hit { &["payload"] } else { &["latency"] };
+            case(Class::Single, &["payload"], named, Kind::Effects, 0.9)
+        };
+        let cases: Vec<Case> = (0..10).map(|i| sure(i != 0)).collect();
+        let all: Vec<&Case> = cases.iter().collect();
+        assert!(calibration(&all) < 1e-9);
+        let wrong: Vec<Case> = (0..10).map(|_| sure(false)).collect();
+        assert!((calibration(&wrong.iter().collect::<Vec<_>>()) - 0.9).abs() < 1e-9);
+    }
+}
