@@ -78,17 +78,22 @@ fn gap(got: &[f64], expected: &[f64]) -> f64 {
     gaps.fold(0.0, f64::max) / size
 }
 
+/// Between updates the multipliers are corrected a bounded number of times. Over a session that
+/// keeps the mean within 1 % of the optimum; nothing bounds it after the first few readings.
+fn compare_unsettled(what: &str, prior: &FieldPrior, data: &[Observation<f64>]) {
+    let batch = BatchMap::new(prior.len(), [data]).unwrap();
+    let all: Vec<u32> = (0..prior.len() as u32).collect();
+    let mean = run(prior, data).extrapolate(&all).unwrap().mean().to_vec();
+    let off = gap(&mean, &batch.solve(prior, 1.0).unwrap().mean());
+    assert!(off < 1e-2, "{what}: off by {off:.1e} before settling");
+}
+
 /// Compares filter and batch; returns how many points are held at zero.
 fn compare(what: &str, prior: &FieldPrior, data: &[Observation<f64>]) -> usize {
     let batch = BatchMap::new(prior.len(), [data]).unwrap();
     let fit = batch.solve(prior, 1.0).unwrap();
     let all: Vec<u32> = (0..prior.len() as u32).collect();
     let mut filter = run(prior, data);
-    let unsettled = gap(filter.extrapolate(&all).unwrap().mean(), &fit.mean());
-    assert!(
-        unsettled < 1e-2,
-        "{what}: off by {unsettled:.1e} before settling"
-    );
     filter.settle();
     let residual = filter.kkt_residual();
     assert!(residual <= 1e-10, "{what}: KKT residual {residual:.1e}");
@@ -122,6 +127,7 @@ fn the_mean_is_the_batch_optimum() {
     for (d, steps) in [(1, 60), (7, 60), (19, 20), (70, 12)] {
         for (name, prior) in priors(N, 0.2) {
             let data = observations(N, &wandering(N, d, steps, 11));
+            compare_unsettled(&format!("{name} d {d}"), &prior, &data);
             let held = compare(&format!("{name} d {d}"), &prior, &data);
             assert!(held > 0, "{name} d {d}: nothing to hold at zero");
         }
@@ -159,6 +165,7 @@ fn the_mean_is_that_of_a_quadratic_program() {
     for (i, (a, b)) in filter.belief().mean().iter().zip(&expected).enumerate() {
         assert!((a - b).abs() < 1e-8, "point {i}: {a} instead of {b}");
     }
+    compare_unsettled("golden", &prior, &data);
     compare("golden", &prior, &data);
 }
 

@@ -2,6 +2,9 @@ use crate::GapError;
 use crate::effect::{Acts, Compensator, Effect, Need, Parameter, Sample, Site, Touch, check};
 use nalgebra::Vector3;
 
+/// A branch that relaxes within less (s) is a damper: `viscoelastic`.
+const SHORTEST: f64 = 0.2;
+
 /// Springs with a spring and a damper in series beside them (standard linear solid, one Maxwell
 /// branch): `K (u + g h)` with `dh/dt = du/dt - h / tau`.
 ///
@@ -43,7 +46,7 @@ impl Effect for StressRelaxation {
     fn parameters(&self, _: &Site) -> Vec<Parameter> {
         vec![
             Parameter::amplitude("g", "1", [0.0, 10.0], 0.2),
-            Parameter::shape("tau", "s", [0.03, 30.0], 0.2),
+            Parameter::shape("tau", "s", [SHORTEST, 30.0], 0.2),
         ]
     }
 
