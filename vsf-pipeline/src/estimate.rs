@@ -15,7 +15,8 @@ pub enum EstimatorSpec {
     #[default]
     Batch,
     /// The exact posterior, sample by sample ([`CovarianceFilter`]). With the default projection its
-    /// mean follows the constrained optimum over the samples so far, to 1e-5 or so of its size.
+    /// mean follows the constrained optimum over the samples so far, to 1e-5 or so of its size; over
+    /// the first few samples it may be a percent behind.
     Exact(Projection),
     /// The same from the precision matrix, eq. 5 ([`InformationFilter`]): slow, and without
     /// [`Projection::Constrained`].
