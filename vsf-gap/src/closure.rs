@@ -95,12 +95,12 @@ impl Campaign {
         &self,
         model: &Model,
         field: &[f64],
-        motions: &[Motion],
+        motions: &[&Motion],
     ) -> Result<Residuals, GapError> {
         let joints = self.site.joints();
         // What an effect has done to the object by then needs all that came before.
         let session: Vec<&Motion> = match model.parts.is_empty() {
-            true => motions.iter().collect(),
+            true => motions.to_vec(),
             false => self.session(),
         };
         let logs = self.contact_logs(model, &session)?;

@@ -5,7 +5,7 @@ use crate::locate::{Where, locate};
 use crate::next::{NextExperiment, next_experiment};
 use crate::nominal::Fitted;
 use crate::refine::Refined;
-use crate::screen::{Screened, Tangent, log_mean_exp, screen};
+use crate::screen::{Screened, Tangent, best_of, log_mean_exp, screen};
 use crate::verdict::{EVIDENT, Hypothesis, Kind, Verdict, judge, threshold};
 use crate::{Acts, Campaign, Effect, GapError, Model, Parameter, Role};
 use faer::Mat;
@@ -246,7 +246,8 @@ pub fn diagnose(
     } else {
         &campaign.test
     };
-    let before = campaign.residuals(&nominal, &field, checked)?;
+    let all: Vec<&crate::Motion> = checked.iter().collect();
+    let before = campaign.residuals(&nominal, &field, &all)?;
     let chosen = match &pair {
         Some(pair) if judged.verdict.effects.len() == 2 => Some(pair),
         _ => candidates
@@ -297,6 +298,14 @@ pub fn diagnose(
         &noise,
         seed,
     )?;
+    let bare = Spread {
+        point: 0.0,
+        smooth: 0.0,
+        level: 0.0,
+        ..spread
+    };
+    let factor = |spread: &Spread| fitted.parts.factor(spread).ok();
+    let factors = factor(&spread).zip(factor(&bare));
     let mut reports = Vec::new();
     for candidate in &candidates {
         let mut report = campaign.report(candidate, &tangents, base, &judged.probabilities);
@@ -306,7 +315,8 @@ pub fn diagnose(
             report.closed_fraction =
                 Some(closure(&before, &residuals, &noise, checked, seed).fraction);
         }
-        report.absorbed_share = absorbed(&fitted, &tangents[candidate.tangent], &spread);
+        report.absorbed_share =
+            (factors.as_ref()).and_then(|f| absorbed(f, &tangents[candidate.tangent]));
         report.ambiguous_with = (likeness.iter())
             .filter(|(a, _, share)| a == candidate.effect.name() && *share > ALIKE)
             .map(|(_, b, _)| b.clone())
@@ -389,12 +399,6 @@ fn best_starts(tangents: &[Tangent], screened: &[Screened], base: f64) -> Vec<Ca
     }
     best.sort_by(|a, b| b.screened.total_cmp(&a.screened));
     best
-}
-
-fn best_of(x: &[f64]) -> usize {
-    (0..x.len())
-        .max_by(|a, b| x[*a].total_cmp(&x[*b]))
-        .unwrap_or(0)
 }
 
 impl Tangent {
@@ -525,7 +529,8 @@ impl Campaign {
     ) -> Result<(Vec<f64>, Residuals), GapError> {
         let mut fitted = self.fitted(model, &self.train)?;
         let field = self.field(&mut fitted, spread)?;
-        let residuals = self.residuals(model, &field, on)?;
+        let on: Vec<&crate::Motion> = on.iter().collect();
+        let residuals = self.residuals(model, &field, &on)?;
         Ok((field, residuals))
     }
 
@@ -579,26 +584,21 @@ impl Campaign {
 }
 
 /// The share of an effect's information that the field absorbs: what is left of its tangents,
-/// beside what they would tell were the stiffness known.
-fn absorbed(fitted: &Fitted<'_>, tangent: &Tangent, spread: &Spread) -> Option<f64> {
-    let factor = fitted.parts.factor(spread).ok()?;
-    let bare = Spread {
-        point: 0.0,
-        smooth: 0.0,
-        level: 0.0,
-        ..*spread
-    };
-    let bare = fitted.parts.factor(&bare).ok()?;
-    let n = fitted.readings.len();
+/// beside what they would tell were the stiffness known; by the factors of both covariances.
+fn absorbed((free, known): &(Factor, Factor), tangent: &Tangent) -> Option<f64> {
+    let columns = &tangent.columns;
+    let n = columns.first().map_or(0, Vec::len);
     let information = |factor: &Factor| {
-        let columns = &tangent.columns;
         let mut all = Mat::from_fn(n, columns.len(), |i, k| columns[k][i] * tangent.sd[k]);
         factor.whiten(&mut all);
         (0..columns.len())
             .map(|k| all.col_as_slice(k).iter().map(|v| v * v).sum::<f64>())
             .sum::<f64>()
     };
-    let (left, whole) = (information(&factor), information(&bare));
+    if columns.is_empty() {
+        return None;
+    }
+    let (left, whole) = (information(free), information(known));
     (whole > 0.0).then(|| (1.0 - left / whole).clamp(0.0, 1.0))
 }
 

@@ -2,6 +2,7 @@ use crate::effect::{Acts, Compensator, Effect, Sample, Touch};
 use crate::{Campaign, GapError, Motion, Site};
 use nalgebra::{Matrix3, Point3, Vector3};
 use std::sync::Arc;
+use vsf_contact::ContactConfig;
 use vsf_core::{ContactModel, Contacts, CoreError, JointScrew, Observation, Posture};
 use vsf_data::TorqueKind;
 use vsf_pipeline::Scene;
@@ -101,11 +102,8 @@ impl Campaign {
                     &mut contacts,
                 )?;
                 if rigid {
-                    // Less than the recorded positions gave: (RNEA(q) - meas) as reading.
-                    let of_links = driver.rigid(&self.site, &sample, &mut workspace)?;
-                    let recorded = &motion.load[row];
-                    log.rigid
-                        .extend(recorded.iter().zip(of_links).map(|(r, l)| r - l));
+                    let change = rigid_change(&self.site, &driver.q, &sample, &mut workspace)?;
+                    log.rigid.extend(change);
                 }
                 log.postures.push(posture.clone());
                 log.contacts.push(contacts.clone());
@@ -148,11 +146,7 @@ impl ContactDriver {
     ) -> Result<Self, GapError> {
         let model = match scene {
             None => None,
-            Some(scene) => {
-                let mut config = *scene.contact();
-                compensators.iter().for_each(|c| c.contact(&mut config));
-                Some(scene.contact_model_with(config)?)
-            }
+            Some(scene) => Some(scene.contact_model_with(contact_config(scene, compensators))?),
         };
         Ok(Self {
             model,
@@ -166,18 +160,9 @@ impl ContactDriver {
         self.force
     }
 
-    /// The rigid-body torques (N m or N) of the links where the last step has put them.
-    ///
-    /// # Errors
-    /// Motions that the robot cannot take.
-    pub fn rigid<'w>(
-        &self,
-        site: &Site,
-        sample: &Sample<'_>,
-        workspace: &'w mut DynamicsWorkspace,
-    ) -> Result<&'w [f64], GapError> {
-        let robot = &site.robot;
-        Ok(robot.inverse_dynamics(&self.q, sample.qd, sample.qdd, &site.gravity, workspace)?)
+    /// Joint positions of the links in the last step.
+    pub fn q(&self) -> &[f64] {
+        &self.q
     }
 
     /// Forgets all contacts.
@@ -200,18 +185,7 @@ impl ContactDriver {
         posture: &mut Posture,
         contacts: &mut Contacts,
     ) -> Result<(), GapError> {
-        self.q.copy_from_slice(sample.q);
-        for c in compensators.iter_mut() {
-            c.joints(sample, &mut self.q);
-        }
-        site.robot.update_posture(&self.q, posture)?;
-        let shift: Vector3<f64> = compensators
-            .iter_mut()
-            .map(|c| c.object_shift(sample))
-            .sum();
-        if shift != Vector3::zeros() {
-            translate(posture, &-shift);
-        }
+        place(site, compensators, sample, &mut self.q, posture)?;
         if let Some(model) = &mut self.model {
             model.step(&site.rest, posture, contacts)?;
             self.force = force_behind(
@@ -227,8 +201,59 @@ impl ContactDriver {
     }
 }
 
+/// Puts the links where the compensators have them, in the frame of the object; their joint
+/// positions are written to `q`.
+///
+/// # Errors
+/// Positions that the robot cannot take.
+pub(crate) fn place(
+    site: &Site,
+    compensators: &mut [Box<dyn Compensator>],
+    sample: &Sample<'_>,
+    q: &mut [f64],
+    posture: &mut Posture,
+) -> Result<(), GapError> {
+    q.copy_from_slice(sample.q);
+    for c in compensators.iter_mut() {
+        c.joints(sample, q);
+    }
+    site.robot.update_posture(q, posture)?;
+    let shifts = compensators.iter_mut().map(|c| c.object_shift(sample));
+    let shift: Vector3<f64> = shifts.sum();
+    if shift != Vector3::zeros() {
+        translate(posture, &-shift);
+    }
+    Ok(())
+}
+
+/// What the reading of the actuators changes by (N m or N) because the links are at `q` and not
+/// where the recording has them.
+///
+/// # Errors
+/// Motions that the robot cannot take.
+pub(crate) fn rigid_change<'a>(
+    site: &Site,
+    q: &[f64],
+    sample: &Sample<'a>,
+    workspace: &'a mut DynamicsWorkspace,
+) -> Result<impl Iterator<Item = f64> + 'a, GapError> {
+    let (qd, qdd) = (sample.qd, sample.qdd);
+    let of_links = (site.robot).inverse_dynamics(q, qd, qdd, &site.gravity, workspace)?;
+    Ok(sample.load.iter().zip(of_links).map(|(r, l)| r - l))
+}
+
+/// The parameters of contact as the compensators have them.
+pub(crate) fn contact_config(
+    scene: &Scene,
+    compensators: &[Box<dyn Compensator>],
+) -> ContactConfig {
+    let mut config = *scene.contact();
+    compensators.iter().for_each(|c| c.contact(&mut config));
+    config
+}
+
 /// Moves a robot as a whole.
-pub(crate) fn translate(posture: &mut Posture, by: &Vector3<f64>) {
+fn translate(posture: &mut Posture, by: &Vector3<f64>) {
     let (_, poses, screws) = posture.parts_mut();
     for pose in poses {
         pose.translation.vector += by;

@@ -104,20 +104,18 @@ pub(crate) fn locate(
     };
     let mut rows = Vec::new();
     let mut ids: Vec<String> = Vec::new();
-    for motion in all {
-        let own = std::slice::from_ref(motion);
+    // The whole session at once: what an effect does to the object lasts.
+    let change = match named {
+        true => Some((
+            campaign.residuals(model, field, &all)?,
+            campaign.residuals(&nominal, field, &all)?,
+        )),
+        false => None,
+    };
+    for (sequence, motion) in all.into_iter().enumerate() {
         let logs = campaign.contact_logs(&nominal, &[motion])?;
         let phases = campaign.phases(motion, &logs[0]);
-        let change = match named {
-            true => {
-                let with = campaign.residuals(model, field, own)?;
-                let without = campaign.residuals(&nominal, field, own)?;
-                Some((with, without))
-            }
-            false => None,
-        };
         let tested = checked.iter().position(|m| m.id == motion.id);
-        let sequence = ids.len();
         ids.push(motion.id.clone());
         for (row, &phase) in phases.iter().enumerate() {
             let touch = Touch {
@@ -136,7 +134,7 @@ pub(crate) fn locate(
                 Some((with, without)) => (0..d)
                     .map(|j| {
                         let k = row * d + j;
-                        (with.predicted[0][k] - without.predicted[0][k]).powi(2)
+                        (with.predicted[sequence][k] - without.predicted[sequence][k]).powi(2)
                     })
                     .collect(),
                 None => excess.clone(),

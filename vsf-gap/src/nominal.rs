@@ -1,5 +1,6 @@
 use crate::evidence::{Factor, Parts, Spread, field_mean, times};
 use crate::noise::{JointNoise, noise_floor};
+use crate::screen::best_of;
 use crate::windows::{Design, Windows};
 use crate::{Campaign, ContactLog, GapError, Model, Motion};
 use faer::Mat;
@@ -175,8 +176,7 @@ impl Fitted<'_> {
         let found: Result<Vec<f64>, GapError> =
             tried.par_iter().map(|s| self.log_evidence(s)).collect();
         let found = found?;
-        let best = (0..tried.len()).max_by(|a, b| found[*a].total_cmp(&found[*b]));
-        let best = best.unwrap_or(0);
+        let best = best_of(&found);
         let (mut spread, mut value) = (tried[best], found[best]);
         // Steps of the lattice are wide: an effect that scales the field would profit from them.
         for factor in [1.7, 1.3] {

@@ -1,4 +1,4 @@
-use crate::forward::{ContactDriver, Model, Prediction};
+use crate::forward::{ContactDriver, Model, Prediction, rigid_change};
 use crate::{Compensator, GapError, Sample, Site, Touch};
 use vsf_core::{Contacts, Observation, Posture};
 use vsf_data::TorqueKind;
@@ -88,10 +88,9 @@ impl Corrector {
         self.prediction.step(compensators, &felt, &touch);
         let torques = &mut self.prediction.torques;
         if self.site.torque_kind == TorqueKind::Measured {
-            let of_links = self.driver.rigid(&self.site, sample, &mut self.workspace)?;
-            for ((t, load), rigid) in torques.iter_mut().zip(sample.load).zip(of_links) {
-                *t += load - rigid;
-            }
+            let q = self.driver.q();
+            let change = rigid_change(&self.site, q, sample, &mut self.workspace)?;
+            torques.iter_mut().zip(change).for_each(|(t, c)| *t += c);
         }
         let pairs = reading.iter().zip(&*torques);
         self.left

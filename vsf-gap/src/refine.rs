@@ -1,6 +1,6 @@
 use crate::evidence::{Fit, Normal, Spread};
 use crate::nominal::Fitted;
-use crate::screen::log_mean_exp;
+use crate::screen::{best_of, log_mean_exp};
 use crate::{Acts, Campaign, GapError, Model, Parameter, Role};
 use faer::Mat;
 use nalgebra::DVector;
@@ -142,9 +142,7 @@ impl Campaign {
             .map(|s| evidence(&fitted, &columns, &theta, &prior, s))
             .collect::<Result<_, GapError>>()?;
         let all: Vec<f64> = found.iter().map(|(e, _)| *e).collect();
-        let best = (0..all.len())
-            .max_by(|a, b| all[*a].total_cmp(&all[*b]))
-            .unwrap_or(0);
+        let best = best_of(&all);
         let sd = match &found[best].1 {
             Some(fit) => fit.covariance.diagonal().map(f64::sqrt).as_slice().to_vec(),
             None => prior.sd.clone(),

@@ -1,5 +1,5 @@
 use crate::effect::Compensator;
-use crate::forward::{Model, translate};
+use crate::forward::{Model, contact_config, place, rigid_change};
 use crate::{Campaign, ContactLog, GapError, Motion};
 use vsf_core::Contacts;
 use vsf_data::TorqueKind;
@@ -45,27 +45,11 @@ impl Campaign {
                     false => nalgebra::Vector3::zeros(),
                 };
                 let sample = motion.sample(row, touch.start, force);
-                q.copy_from_slice(sample.q);
                 let posture = &mut answer.postures[row];
-                for c in compensators.iter_mut() {
-                    c.joints(&sample, &mut q);
-                }
-                self.site.robot.update_posture(&q, posture)?;
-                let shift: nalgebra::Vector3<f64> = compensators
-                    .iter_mut()
-                    .map(|c| c.object_shift(&sample))
-                    .sum();
-                translate(posture, &-shift);
+                place(&self.site, &mut compensators, &sample, &mut q, posture)?;
                 if measured {
-                    let of_links = self.site.robot.inverse_dynamics(
-                        &q,
-                        sample.qd,
-                        sample.qdd,
-                        &self.site.gravity,
-                        &mut workspace,
-                    )?;
-                    let recorded = &motion.load[row];
-                    (answer.rigid).extend(recorded.iter().zip(of_links).map(|(r, l)| r - l));
+                    let change = rigid_change(&self.site, &q, &sample, &mut workspace)?;
+                    answer.rigid.extend(change);
                 }
                 let before = &log.contacts[row];
                 let mut contacts = Contacts::new();
@@ -92,12 +76,7 @@ impl Campaign {
         let Some(scene) = &self.scene else {
             return Some(0.0);
         };
-        let config = |compensators: &[Box<dyn Compensator>]| {
-            let mut config = *scene.contact();
-            compensators.iter().for_each(|c| c.contact(&mut config));
-            config
-        };
-        let (base, mut other) = (config(base), config(other));
+        let (base, mut other) = (contact_config(scene, base), contact_config(scene, other));
         let padding = other.padding - base.padding;
         other.padding = base.padding;
         (other == base).then_some(padding)

@@ -58,6 +58,13 @@ pub(crate) fn log_mean_exp(x: &[f64]) -> f64 {
     top + (sum / x.len() as f64).ln()
 }
 
+/// Index of the largest number; 0 without any.
+pub(crate) fn best_of(x: &[f64]) -> usize {
+    (0..x.len())
+        .max_by(|a, b| x[*a].total_cmp(&x[*b]))
+        .unwrap_or(0)
+}
+
 impl Campaign {
     /// Tangents of every start of an effect added to a model.
     ///
@@ -241,7 +248,7 @@ pub(crate) fn screen(
                 nominal[i] + gain
             };
             let all: Vec<f64> = (0..spreads.len()).map(at).collect();
-            let best = (0..spreads.len()).max_by(|a, b| all[*a].total_cmp(&all[*b]))?;
+            let best = best_of(&all);
             Some(Screened {
                 tangent: k,
                 log_evidence: log_mean_exp(&all),
