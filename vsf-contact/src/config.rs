@@ -20,6 +20,9 @@ pub struct ContactConfig {
     /// Offset added to every link's surface (m), default 0; positive makes the robot thicker,
     /// `threshold + padding` must stay > 0.
     pub padding: f64,
+    /// How far (m) a point follows a link that leaves it, >= 0, default 0: it lets go when its
+    /// displacement away from the link exceeds this. The paper has no adhesion.
+    pub adhesion: f64,
     /// Whether a step may use the threads of the current rayon pool, default false. The result is
     /// bit-equal for any number of threads; threads pay from about 10,000 contacts.
     pub parallel: bool,
@@ -33,6 +36,7 @@ impl Default for ContactConfig {
             slip_step: 1e-4,
             max_slip_iterations: 200,
             padding: 0.0,
+            adhesion: 0.0,
             parallel: false,
         }
     }
@@ -64,6 +68,7 @@ impl ContactConfig {
             ">= 0",
         )?;
         check("slip step", self.slip_step, self.slip_step > 0.0, "> 0 m")?;
+        check("adhesion", self.adhesion, self.adhesion >= 0.0, ">= 0 m")?;
         check(
             "padding",
             self.padding,

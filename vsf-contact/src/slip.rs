@@ -179,7 +179,13 @@ impl Surface<'_> {
             left -= steps as u32;
             (*a, pull) = (next, there);
         }
-        pull.normal >= 0.0
+        self.holds(pull.normal, pull.square)
+    }
+
+    /// Whether a point stays in contact whose displacement has this part along the normal and this
+    /// square: pressed, or pulled no further than it sticks.
+    pub fn holds(&self, normal: f64, square: f64) -> bool {
+        normal >= 0.0 || square <= self.config.adhesion * self.config.adhesion
     }
 }
 

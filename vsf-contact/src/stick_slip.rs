@@ -18,7 +18,8 @@ const DETACHED: u32 = u32::MAX;
 /// One step, for links in a new posture:
 ///
 /// 1. *Stick*: a point in contact is carried along by its link.
-/// 2. *Detach*: it goes back to rest when `u . n < 0`, `n` the outward normal at its place.
+/// 2. *Detach*: it goes back to rest when `u . n < 0`, `n` the outward normal at its place, and
+///    `|u|` exceeds [`ContactConfig::adhesion`], 0 unless set.
 /// 3. *Slip*: outside the friction cone it moves by `slip_step` against the tangential part of
 ///    `u` and back to the surface, again and again until it sticks, detaches or has used up
 ///    [`ContactConfig::max_slip_iterations`]. A last step is shortened so as not to pass the
@@ -137,9 +138,10 @@ impl StickSlip {
             a.slot = DETACHED;
         } else if let Some((slot, place_R)) = self.intruder(a) {
             a.slot = slot;
-            a.anchor = self.surface(slot).project(&place_R);
+            let surface = self.surface(slot);
+            a.anchor = surface.project(&place_R);
             let u_R = a.anchor.place_L - self.poses[slot as usize].to_link(p_W);
-            if u_R.dot(&a.anchor.normal_L) < 0.0 {
+            if !surface.holds(u_R.dot(&a.anchor.normal_L), u_R.norm_squared()) {
                 a.slot = DETACHED;
             }
         }

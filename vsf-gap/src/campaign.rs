@@ -50,6 +50,46 @@ impl Motion {
     pub fn is_empty(&self) -> bool {
         self.clock.is_empty()
     }
+
+    fn thinned(&self, by: usize) -> Result<Self, GapError> {
+        let (mut blocks, mut touches) = (Vec::new(), Vec::new());
+        for touch in &self.touches {
+            let first = blocks.len();
+            let starts = touch.clone().step_by(by);
+            blocks.extend(starts.map(|row| row..(row + by).min(touch.end)));
+            touches.push(first..blocks.len());
+        }
+        let means = |table: &Table| {
+            let d = table.cols();
+            let mut means = Table::new(d, vec![0.0; blocks.len() * d])?;
+            for (block, mean) in blocks.iter().zip(means.data_mut().chunks_exact_mut(d)) {
+                average(table, block.clone(), mean);
+            }
+            Ok::<Table, GapError>(means)
+        };
+        let clock = |block: &Range<usize>| {
+            self.clock[block.clone()].iter().sum::<f64>() / block.len() as f64
+        };
+        Ok(Self {
+            id: self.id.clone(),
+            clock: blocks.iter().map(clock).collect(),
+            q: means(&self.q)?,
+            qd: means(&self.qd)?,
+            qdd: means(&self.qdd)?,
+            reading: means(&self.reading)?,
+            smooth: means(&self.smooth)?,
+            load: means(&self.load)?,
+            touches,
+        })
+    }
+}
+
+/// The mean of some rows of a table.
+fn average(table: &Table, rows: Range<usize>, mean: &mut [f64]) {
+    for (j, mean) in mean.iter_mut().enumerate() {
+        let sum: f64 = rows.clone().map(|k| table[k][j]).sum();
+        *mean = sum / rows.len() as f64;
+    }
 }
 
 /// A recording as a diagnosis sees it.
@@ -150,6 +190,22 @@ impl Campaign {
             start(a).total_cmp(&start(b))
         });
         all
+    }
+
+    /// The campaign with every `by` samples of a train sequence averaged into one, none across two
+    /// touches.
+    ///
+    /// # Errors
+    /// None in practice: the tables keep their form.
+    pub(crate) fn thinned(&self, by: usize) -> Result<Self, GapError> {
+        Ok(Self {
+            site: self.site.clone(),
+            scene: self.scene.clone(),
+            train: (self.train.iter())
+                .map(|m| m.thinned(by))
+                .collect::<Result<_, _>>()?,
+            test: self.test.clone(),
+        })
     }
 
     /// Why the recording does not meet a need, `None` when it does.
@@ -263,10 +319,7 @@ fn smoothed(table: &Table, touches: impl Iterator<Item = Range<usize>>) -> Resul
         for row in touch.clone() {
             let from = row.saturating_sub(HALF_MEAN).max(touch.start);
             let to = (row + HALF_MEAN + 1).min(touch.end);
-            for (j, mean) in means.data_mut()[row * d..][..d].iter_mut().enumerate() {
-                let sum: f64 = (from..to).map(|k| table[k][j]).sum();
-                *mean = sum / (to - from) as f64;
-            }
+            average(table, from..to, &mut means.data_mut()[row * d..][..d]);
         }
     }
     Ok(means)

@@ -3,16 +3,20 @@ use crate::evidence::Normal;
 use crate::evidence::{Factor, Spread};
 use crate::locate::{Where, locate};
 use crate::next::{NextExperiment, next_experiment};
+use crate::noise::noise_floor;
 use crate::nominal::Fitted;
 use crate::refine::Refined;
 use crate::screen::{Screened, Tangent, best_of, log_mean_exp, screen};
 use crate::verdict::{EVIDENT, Hypothesis, Kind, Verdict, judge, threshold};
-use crate::{Acts, Campaign, Effect, GapError, Model, Parameter, Role};
+use crate::windows::Windows;
+use crate::{Acts, Campaign, Effect, GapError, Model, Motion, Parameter, Role};
 use faer::Mat;
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 use std::sync::Arc;
 
+/// Fewest samples of a window that contact is run through.
+const PER_WINDOW: usize = 5;
 /// Effects that are fitted together with the field after screening.
 const FINALISTS: usize = 6;
 /// Second effects that are tried beside the best one.
@@ -58,6 +62,10 @@ pub struct EffectReport {
     pub closed_fraction: Option<f64>,
     /// Share of its information that the stiffness absorbs, 0 to 1.
     pub absorbed_share: Option<f64>,
+    /// Gain
+    pub held_out: Option<[f64; 3]>,
+    /// Spread
+    pub spread: Option<[f64; 2]>,
     /// Effects that these recordings cannot tell from it.
     pub ambiguous_with: Vec<String>,
     /// Whether the recording can show it.
@@ -175,15 +183,17 @@ pub fn diagnose(
     }
     progress(Step::Nominal);
     let nominal = Model::default();
+    let samples = campaign.train.iter().map(Motion::len).sum();
+    let thinner = match campaign.test.is_empty() {
+        true => 1,
+        false => Windows::size(samples, campaign.site.joints()) / PER_WINDOW,
+    };
+    // What is fitted sees windows only; the full recording checks it.
+    let (whole, campaign) = (campaign, &campaign.thinned(thinner.max(1))?);
     let mut fitted = campaign.fitted(&nominal, &campaign.train)?;
     let stiffness = fitted.best_stiffness()?;
     let field = campaign.non_negative(&fitted, &stiffness)?;
     let spreads = fitted.roughness(&stiffness);
-    let without: Vec<f64> = (spreads.par_iter())
-        .map(|s| fitted.log_evidence(s))
-        .collect::<Result<_, _>>()?;
-    let base = log_mean_exp(&without);
-
     progress(Step::Screen);
     let mut untestable = Vec::new();
     let mut tangents: Vec<Tangent> = Vec::new();
@@ -197,7 +207,15 @@ pub fn diagnose(
     let screening = screen(&fitted, &torques, &tangents, &spreads)?;
     let screened_base = log_mean_exp(&screening.nominal);
     let mut candidates = best_starts(&tangents, &screening.candidates, screened_base);
+    let smoothest = spreads[best_of(&screening.nominal)];
+    // Stiffness is not negative, in any model that is compared.
+    let field = campaign.field(&mut fitted, &smoothest)?;
+    let without: Vec<f64> = (spreads.par_iter())
+        .map(|s| fitted.log_evidence(s))
+        .collect::<Result<_, _>>()?;
+    let base = log_mean_exp(&without);
     let spread = spreads[best_of(&without)];
+    let held = fitted.held_out(&spread)?;
 
     progress(Step::Finalists);
     let leader = candidates.first().map_or(0.0, |c| c.screened);
@@ -238,16 +256,15 @@ pub fn diagnose(
     let likeness = likeness(&fitted, &tangents, &candidates, &spread)?;
     let judged = judge(&hypotheses, &without, &spreads);
 
-    let noise = fitted.noise.clone();
-    let floor = noise_norm(&noise);
-    let field = campaign.field(&mut fitted, &spread)?;
-    let checked = if campaign.test.is_empty() {
-        &campaign.train
-    } else {
-        &campaign.test
+    let checked = match whole.test.is_empty() {
+        true => &whole.train,
+        false => &whole.test,
     };
-    let all: Vec<&crate::Motion> = checked.iter().collect();
-    let before = campaign.residuals(&nominal, &field, &all)?;
+    let all: Vec<&Motion> = checked.iter().collect();
+    let logs = whole.contact_logs(&nominal, &all)?;
+    let noise = noise_floor(&all, &logs, whole.site.joints());
+    let floor = noise_norm(&noise);
+    let before = whole.residuals(&nominal, &field, &all)?;
     let chosen = match &pair {
         Some(pair) if judged.verdict.effects.len() == 2 => Some(pair),
         _ => candidates
@@ -268,7 +285,7 @@ pub fn diagnose(
     let (mut model, mut after, mut corrected_field) = (nominal.clone(), before.clone(), field);
     let mut sd = Vec::new();
     if let Some(chosen) = chosen {
-        let (field, residuals) = campaign.checked(&chosen.model, &chosen.spread, checked)?;
+        let (field, residuals) = campaign.checked(&chosen.model, &chosen.spread, whole, &all)?;
         match residuals.mean_error() <= before.mean_error() {
             true => {
                 (model, after, corrected_field) = (chosen.model.clone(), residuals, field);
@@ -290,7 +307,7 @@ pub fn diagnose(
         verdict.kind = Kind::Effects;
     }
     let r#where = locate(
-        campaign,
+        whole,
         &model,
         &corrected_field,
         &before,
@@ -310,13 +327,21 @@ pub fn diagnose(
     for candidate in &candidates {
         let mut report = campaign.report(candidate, &tangents, base, &judged.probabilities);
         if let Some(refined) = candidate.refined.as_ref().filter(|_| reports.len() < 3) {
-            let (_, residuals) = campaign.checked(&refined.model, &refined.spread, checked)?;
+            let (_, residuals) = campaign.checked(&refined.model, &refined.spread, whole, &all)?;
             report.test_error = Some(residuals.mean_error());
             report.closed_fraction =
                 Some(closure(&before, &residuals, &noise, checked, seed).fraction);
         }
         report.absorbed_share =
             (factors.as_ref()).and_then(|f| absorbed(f, &tangents[candidate.tangent]));
+        report.held_out = candidate
+            .refined
+            .as_ref()
+            .map(|r| [r.held_out.0 - held.0, r.held_out.1, held.1]);
+        report.spread = candidate
+            .refined
+            .as_ref()
+            .map(|r| [r.spread.contact, r.spread.joint]);
         report.ambiguous_with = (likeness.iter())
             .filter(|(a, _, share)| a == candidate.effect.name() && *share > ALIKE)
             .map(|(_, b, _)| b.clone())
@@ -335,6 +360,8 @@ pub fn diagnose(
         test_error: None,
         closed_fraction: None,
         absorbed_share: None,
+        held_out: None,
+        spread: None,
         ambiguous_with: Vec::new(),
         testable: false,
         reason: Some(reason),
@@ -520,17 +547,18 @@ impl Campaign {
         Ok(found)
     }
 
-    /// The field of a model, fitted to the train sequences, and its residuals on others.
+    /// The field of a model, fitted to the train sequences, and its residuals on sequences of the
+    /// whole recording.
     fn checked(
         &self,
         model: &Model,
         spread: &Spread,
-        on: &[crate::Motion],
+        whole: &Self,
+        on: &[&Motion],
     ) -> Result<(Vec<f64>, Residuals), GapError> {
         let mut fitted = self.fitted(model, &self.train)?;
         let field = self.field(&mut fitted, spread)?;
-        let on: Vec<&crate::Motion> = on.iter().collect();
-        let residuals = self.residuals(model, &field, &on)?;
+        let residuals = whole.residuals(model, &field, on)?;
         Ok((field, residuals))
     }
 
@@ -576,6 +604,8 @@ impl Campaign {
             test_error: None,
             closed_fraction: None,
             absorbed_share: None,
+            held_out: None,
+            spread: None,
             ambiguous_with: Vec::new(),
             testable: true,
             reason: None,

@@ -22,6 +22,8 @@ pub(crate) struct Refined {
     pub(crate) sd: Vec<f64>,
     /// Log of the evidence of the readings, roughness averaged (nats, without constants).
     pub(crate) log_evidence: f64,
+    /// Log of the predictive density of every sequence given the others (nats, without constants).
+    pub(crate) held_out: (f64, f64),
     /// The roughness under which it does best.
     pub(crate) spread: Spread,
     /// Mean stiffness per rest point, not negative (N/m).
@@ -93,8 +95,8 @@ impl Campaign {
             parameters,
         };
         let mut fitted = self.fitted(start, &self.train)?;
+        let mut stiffness = self.field(&mut fitted, spread)?;
         let mut value = fitted.log_evidence(spread)? - prior.cost(&theta);
-        let mut stiffness = self.non_negative(&fitted, spread)?;
         let mut columns = self.columns(start, &fitted, &stiffness, &prior.parameters)?;
         let deep = start.acts() == Acts::Contact;
         let mut stale = false;
@@ -110,21 +112,22 @@ impl Campaign {
             let mut better = None;
             for _ in 0..=MOST_HALVINGS {
                 let model = start.at(&next);
-                let tried = self.fitted(&model, &self.train)?;
+                let mut tried = self.fitted(&model, &self.train)?;
+                let field = self.field(&mut tried, spread)?;
                 let gained = tried.log_evidence(spread)? - prior.cost(&next) - value;
                 if gained > 0.0 {
-                    better = Some((model, tried, gained));
+                    better = Some((model, tried, field, gained));
                     break;
                 }
                 next.iter_mut()
                     .zip(&theta)
                     .for_each(|(n, t)| *n = 0.5 * (*n + t));
             }
-            let Some((model, tried, gained)) = better else {
+            let Some((model, tried, field, gained)) = better else {
                 break;
             };
             (theta, fitted, value) = (next, tried, value + gained);
-            stiffness = self.non_negative(&fitted, spread)?;
+            stiffness = field;
             // Where contact has to be simulated anew for every column, they serve for two steps.
             stale = deep && k % 2 == 0;
             if !stale {
@@ -152,6 +155,7 @@ impl Campaign {
             theta,
             sd,
             log_evidence: log_mean_exp(&all),
+            held_out: fitted.held_out(&spreads[best])?,
             spread: spreads[best],
             stiffness,
             tangent: columns,

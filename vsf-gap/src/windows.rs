@@ -31,11 +31,15 @@ pub(crate) struct Windows {
 }
 
 impl Windows {
+    /// Samples per window.
+    pub(crate) fn size(samples: usize, joints: usize) -> usize {
+        (samples * joints).div_ceil(MOST_ROWS).max(1)
+    }
+
     /// Cuts sequences into windows of equal length, none across two touches, so that there are not
     /// more than 1300 rows.
     pub(crate) fn new(motions: &[&Motion], joints: usize) -> Self {
-        let samples: usize = motions.iter().map(|m| m.len()).sum();
-        let size = (samples * joints).div_ceil(MOST_ROWS).max(1);
+        let size = Self::size(motions.iter().map(|m| m.len()).sum(), joints);
         let mut list = Vec::new();
         for (sequence, motion) in motions.iter().enumerate() {
             for touch in &motion.touches {

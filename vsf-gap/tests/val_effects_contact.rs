@@ -54,6 +54,23 @@ fn spring(z: f64) -> f64 {
 }
 
 #[test]
+fn adhesion_pulls_as_contact_is_lost() {
+    let reach = 4.3e-3;
+    // Touched since the plate came down to the point, until it has pulled it too far.
+    let sticks = |t: f64| {
+        let samples = 0..=(t * RATE).round() as usize;
+        samples.fold(false, |touched, k| {
+            let up = height(k as f64 / RATE) - DELTA;
+            up < 0.0 || touched && up <= reach
+        })
+    };
+    recovers("adhesion", &[reach], 2e-2, |t, z, _| match sticks(t) {
+        true => K * (DELTA - z),
+        false => 0.0,
+    });
+}
+
+#[test]
 fn thick_links_touch_early() {
     recovers("geometry_padding", &[1.7e-3], 1e-3, |_, z, _| {
         spring(z - 1.7e-3)

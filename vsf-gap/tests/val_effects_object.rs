@@ -119,27 +119,6 @@ fn springs_stiffen() {
 }
 
 #[test]
-fn adhesion_pulls_as_contact_is_lost() {
-    let (f, range) = (0.3, 0.011);
-    let rows = pressed(3.0, |t| 0.02 - 0.015 * t);
-    let mut last = 0.0;
-    recovers("adhesion", &rows, &[f, range], |r| {
-        let z = r.q[2];
-        if z <= 0.0 {
-            last = z;
-            return -K * z;
-        }
-        // The tip carries away the place where it last touched.
-        let apart = z;
-        match apart < range {
-            true => -f * (1.0 - apart / range),
-            false => 0.0,
-        }
-    });
-    assert!(last < 0.0);
-}
-
-#[test]
 fn the_object_has_mass_and_drag() {
     let rows = pressed(3.0, |t| 0.02 * (4.0 * t).sin() + 0.005 * (9.0 * t).sin());
     recovers("inertia_drag", &rows, &[0.4, 7.0], |r| {
@@ -154,7 +133,9 @@ fn the_object_has_mass_and_drag() {
 #[test]
 fn directions_differ() {
     let (site, effect) = (stage(&[[0.0; 3]]), effect("anisotropy"));
-    let [a_t, a_x, a_y] = [0.5, -0.3, 0.8];
+    let theta = [0.5, -0.3, 0.8, 0.2, -0.1, 0.4];
+    let [a_t, xx, yy, xy, xz, yz] = theta;
+    let stiffness = [[1.0 + xx, xy, xz], [xy, 1.0 + yy, yz], [xz, yz, 1.0]];
     let mut rows = motion(2.0, RATE, |_| vec![0.0; 3]);
     let mut data = Vec::new();
     for (k, row) in rows.iter_mut().enumerate() {
@@ -169,13 +150,13 @@ fn directions_differ() {
         row.touched = vec![(0, u, n)];
         let normal = n * n.dot(&u);
         let tangential = u - normal;
-        for (axis, more) in [a_x, a_y, 0.0].into_iter().enumerate() {
-            let s = (1.0 + more) * u[axis] + a_t * tangential[axis];
-            data.push(-K * s);
+        for (row, along) in stiffness.iter().zip(tangential.iter()) {
+            let s: f64 = row.iter().zip(u.iter()).map(|(s, u)| s * u).sum();
+            data.push(-K * (s + a_t * along));
         }
     }
     let found = fit(&site, effect.as_ref(), K, &rows, &data);
-    close(effect.as_ref(), &site, &found, &[a_t, a_x, a_y], 1e-3);
+    close(effect.as_ref(), &site, &found, &theta, 1e-3);
 }
 
 #[test]

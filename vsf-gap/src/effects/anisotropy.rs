@@ -1,12 +1,13 @@
 use crate::GapError;
 use crate::effect::{Acts, Compensator, Effect, Need, Parameter, Sample, Site, Touch, check};
-use nalgebra::Vector3;
+use nalgebra::{Matrix3, Vector3};
 
-/// Springs whose stiffness depends on the direction: `K (u + a_t (u - n (n . u)) + a_x u_x + a_y u_y)`,
-/// with `n` the normal of the touching surface and `u_x`, `u_y` the parts along world x and y.
+/// Springs whose stiffness depends on the direction: `K (u + a_t (u - n (n . u)) + S u)`, with `n` the
+/// normal of the touching surface and `S` a symmetric matrix in world axes, `S_zz = 0`.
 ///
-/// Parameters `a_t`, `a_x`, `a_y` (1): what the stiffness is larger by along the surface, and along x
-/// and y compared to z. Tell-tale: the force is not along the displacement, also where nothing slips.
+/// Parameters `a_t`, `s_xx`, `s_yy`, `s_xy`, `s_xz`, `s_yz` (1): what the stiffness is larger by along
+/// the surface, and in directions of the world compared to z. Tell-tale: the force is not along the
+/// displacement, also where nothing slips.
 ///
 /// # Reference
 /// G. Picinbono, H. Delingette, N. Ayache, "Non-linear anisotropic elasticity for real-time surgery
@@ -16,7 +17,7 @@ pub struct Anisotropy;
 
 struct Directions {
     tangential: f64,
-    axes: Vector3<f64>,
+    world: Matrix3<f64>,
 }
 
 impl Effect for Anisotropy {
@@ -33,16 +34,17 @@ impl Effect for Anisotropy {
     }
 
     fn parameters(&self, _: &Site) -> Vec<Parameter> {
-        ["a_t", "a_x", "a_y"]
+        ["a_t", "s_xx", "s_yy", "s_xy", "s_xz", "s_yz"]
             .map(|name| Parameter::amplitude(name, "1", [-0.95, 10.0], 0.2))
             .to_vec()
     }
 
     fn compensator(&self, _: &Site, theta: &[f64]) -> Result<Box<dyn Compensator>, GapError> {
-        check(self.name(), theta, 3)?;
+        check(self.name(), theta, 6)?;
+        let [xx, yy, xy, xz, yz] = [theta[1], theta[2], theta[3], theta[4], theta[5]];
         Ok(Box::new(Directions {
             tangential: theta[0],
-            axes: Vector3::new(theta[1], theta[2], 0.0),
+            world: Matrix3::new(xx, xy, xz, xy, yy, yz, xz, yz, 0.0),
         }))
     }
 }
@@ -51,7 +53,7 @@ impl Compensator for Directions {
     fn springs(&mut self, _: &Sample<'_>, touch: &Touch<'_>, springs: &mut [Vector3<f64>]) {
         for (s, n) in springs.iter_mut().zip(touch.contacts.normals()) {
             let along = *s - n * n.dot(s);
-            *s += along * self.tangential + self.axes.component_mul(s);
+            *s += along * self.tangential + self.world * *s;
         }
     }
 }

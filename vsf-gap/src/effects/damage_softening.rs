@@ -40,7 +40,7 @@ impl Effect for DamageSoftening {
     fn parameters(&self, _: &Site) -> Vec<Parameter> {
         vec![
             Parameter::amplitude("d", "1", [0.0, 0.8], 0.1),
-            Parameter::shape("y", "m", [0.0, 0.05], 2e-3),
+            Parameter::shape("y", "m", [0.0, 0.02], 2e-3),
             Parameter::shape("s", "m", [8e-3, 0.1], 5e-3),
         ]
     }

@@ -38,8 +38,10 @@ impl Effect for RegistrationOffset {
     fn parameters(&self, site: &Site) -> Vec<Parameter> {
         let axis = |name| Parameter::amplitude(name, "m", [-0.05, 0.05], 4e-3);
         let common = ["dx", "dy", "dz"].map(|d| axis(d.to_owned()));
-        let own = |id: &String| ["dx", "dy", "dz"].map(|d| axis(format!("{d}_{id}")));
-        let own = site.sequences.iter().flat_map(own);
+        let own = |(s, id): (usize, &String)| {
+            ["dx", "dy", "dz"].map(|d| axis(format!("{d}_{id}")).of_sequence(s))
+        };
+        let own = site.sequences.iter().enumerate().flat_map(own);
         common.into_iter().chain(own).collect()
     }
 

@@ -3,7 +3,7 @@ use crate::effect::{Acts, Compensator, Effect, Need, Parameter, Sample, Site, To
 use nalgebra::Vector3;
 
 /// A branch that relaxes within less (s) is a damper: `viscoelastic`.
-const SHORTEST: f64 = 0.2;
+const SHORTEST: f64 = 0.5;
 
 /// Springs with a spring and a damper in series beside them (standard linear solid, one Maxwell
 /// branch): `K (u + g h)` with `dh/dt = du/dt - h / tau`.
@@ -51,7 +51,7 @@ impl Effect for StressRelaxation {
     }
 
     fn starts(&self, _: &Site) -> Vec<Vec<f64>> {
-        [0.3, 1.0, 3.0].map(|tau| vec![0.0, tau]).to_vec()
+        [0.6, 1.5, 4.0].map(|tau| vec![0.0, tau]).to_vec()
     }
 
     fn compensator(&self, site: &Site, theta: &[f64]) -> Result<Box<dyn Compensator>, GapError> {

@@ -76,6 +76,10 @@ impl Compensator for Dampers {
             let u = contacts.displacements()[k];
             if sample.dt > 0.0 {
                 springs[k] += (u - self.last[p as usize]) * (self.eta / sample.dt);
+                // A damper cannot pull: the point would leave the link.
+                if springs[k].dot(&u) < 0.0 {
+                    springs[k] = Vector3::zeros();
+                }
             }
         }
         self.forget();
