@@ -62,10 +62,8 @@ pub struct EffectReport {
     pub closed_fraction: Option<f64>,
     /// Share of its information that the stiffness absorbs, 0 to 1.
     pub absorbed_share: Option<f64>,
-    /// Gain
-    pub held_out: Option<[f64; 3]>,
-    /// Spread
-    pub spread: Option<[f64; 2]>,
+    /// What the model with it leaves unexplained; `null` where it was not fitted.
+    pub roughness: Option<Roughness>,
     /// Effects that these recordings cannot tell from it.
     pub ambiguous_with: Vec<String>,
     /// Whether the recording can show it.
@@ -73,6 +71,15 @@ pub struct EffectReport {
     /// Why not.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub reason: Option<String>,
+}
+
+/// Unexplained torques that persist, as shares of what is measured; lattice values.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+pub struct Roughness {
+    /// Of the force in contact.
+    pub contact: f64,
+    /// Of each joint's RMS torque.
+    pub joint: f64,
 }
 
 /// Errors before and after.
@@ -215,7 +222,6 @@ pub fn diagnose(
         .collect::<Result<_, _>>()?;
     let base = log_mean_exp(&without);
     let spread = spreads[best_of(&without)];
-    let held = fitted.held_out(&spread)?;
 
     progress(Step::Finalists);
     let leader = candidates.first().map_or(0.0, |c| c.screened);
@@ -334,14 +340,6 @@ pub fn diagnose(
         }
         report.absorbed_share =
             (factors.as_ref()).and_then(|f| absorbed(f, &tangents[candidate.tangent]));
-        report.held_out = candidate
-            .refined
-            .as_ref()
-            .map(|r| [r.held_out.0 - held.0, r.held_out.1, held.1]);
-        report.spread = candidate
-            .refined
-            .as_ref()
-            .map(|r| [r.spread.contact, r.spread.joint]);
         report.ambiguous_with = (likeness.iter())
             .filter(|(a, _, share)| a == candidate.effect.name() && *share > ALIKE)
             .map(|(_, b, _)| b.clone())
@@ -360,8 +358,7 @@ pub fn diagnose(
         test_error: None,
         closed_fraction: None,
         absorbed_share: None,
-        held_out: None,
-        spread: None,
+        roughness: None,
         ambiguous_with: Vec::new(),
         testable: false,
         reason: Some(reason),
@@ -443,7 +440,8 @@ impl Tangent {
 
 impl Campaign {
     /// Where to start the fit of an effect: what screening found, or, for effects that move
-    /// surfaces by more than contact answers linearly, the best of single parameters.
+    /// surfaces by more than contact answers linearly, the best of single parameters and of all
+    /// compliances together.
     fn start(
         &self,
         base: &Model,
@@ -459,14 +457,30 @@ impl Campaign {
         }
         let mut starts = vec![theta];
         if effect.acts() == Acts::Contact && self.scene.is_some() {
-            let two_sided = |p: &Parameter| {
-                p.role == Role::Amplitude && p.sequence.is_none() && p.bounds[0] < 0.0
-            };
-            for (i, p) in parameters.iter().enumerate().filter(|(_, p)| two_sided(p)) {
+            let moves = |p: &Parameter| p.role == Role::Amplitude && p.sequence.is_none();
+            let at = |p: &Parameter, size: f64| (size * p.scale).clamp(p.bounds[0], p.bounds[1]);
+            for (i, p) in parameters.iter().enumerate().filter(|(_, p)| moves(p)) {
                 for size in [-EXCURSION, EXCURSION] {
                     let mut theta = tangent.start.clone();
-                    theta[i] = (size * p.scale).clamp(p.bounds[0], p.bounds[1]);
-                    starts.push(theta);
+                    theta[i] = at(p, size);
+                    if theta[i] != 0.0 {
+                        starts.push(theta);
+                    }
+                }
+            }
+            // Compliances act together.
+            if parameters
+                .iter()
+                .filter(|p| moves(p))
+                .all(|p| p.bounds[0] == 0.0)
+            {
+                for size in [1.0, EXCURSION] {
+                    let all = parameters.iter().zip(&tangent.start);
+                    let size = |(p, t): (&Parameter, &f64)| match moves(p) {
+                        true => at(p, size),
+                        false => *t,
+                    };
+                    starts.push(all.map(size).collect());
                 }
             }
         }
@@ -476,7 +490,8 @@ impl Campaign {
         let sd = tangent.prior(&self.site);
         let values: Vec<f64> = (starts.par_iter())
             .map(|theta| {
-                let fitted = self.fitted(&base.with(effect, theta), &self.train)?;
+                let mut fitted = self.fitted(&base.with(effect, theta), &self.train)?;
+                self.field(&mut fitted, spread)?;
                 let cost: f64 = (tangent.amplitudes.iter())
                     .map(|&i| 0.5 * (theta[i] / sd[i]).powi(2))
                     .sum();
@@ -604,8 +619,10 @@ impl Campaign {
             test_error: None,
             closed_fraction: None,
             absorbed_share: None,
-            held_out: None,
-            spread: None,
+            roughness: candidate.refined.as_ref().map(|r| Roughness {
+                contact: r.spread.contact,
+                joint: r.spread.joint,
+            }),
             ambiguous_with: Vec::new(),
             testable: true,
             reason: None,

@@ -219,7 +219,7 @@ fn hats(points: &[u32], rest: &[Point3<f64>]) -> Hats {
 }
 
 impl Factor {
-    pub(crate) fn new(mut a: Mat<f64>) -> Result<Self, GapError> {
+    fn new(mut a: Mat<f64>) -> Result<Self, GapError> {
         let scratch =
             llt::factor::cholesky_in_place_scratch::<f64>(a.nrows(), Par::Seq, Default::default());
         let mut memory = MemBuffer::new(scratch);

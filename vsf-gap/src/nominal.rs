@@ -1,5 +1,5 @@
 use crate::evidence::{Factor, Parts, Spread, field_mean, times};
-use crate::noise::{JointNoise, noise_floor};
+use crate::noise::noise_floor;
 use crate::screen::best_of;
 use crate::windows::{Design, Windows};
 use crate::{Campaign, ContactLog, GapError, Model, Motion};
@@ -15,8 +15,6 @@ pub(crate) struct Fitted<'a> {
     pub(crate) motions: Vec<&'a Motion>,
     /// Their contacts.
     pub(crate) logs: Vec<Arc<ContactLog>>,
-    /// Noise of every joint.
-    pub(crate) noise: Vec<JointNoise>,
     /// How samples are averaged.
     pub(crate) windows: Windows,
     /// Columns and torques.
@@ -101,7 +99,6 @@ impl Campaign {
             model: model.clone(),
             motions,
             logs,
-            noise,
             windows,
             design,
             readings,
@@ -152,48 +149,6 @@ impl Fitted<'_> {
         factor.whiten(&mut y);
         let squares: f64 = y.col_as_slice(0).iter().map(|y| y * y).sum();
         -0.5 * (factor.log_det() + squares)
-    }
-
-    /// Log of the predictive density of every sequence given all others, summed (nats, without
-    /// constants).
-    ///
-    /// # Errors
-    /// A covariance that is not positive definite.
-    pub(crate) fn held_out(&self, spread: &Spread) -> Result<(f64, f64), GapError> {
-        let factor = self.parts.factor(spread)?;
-        let rest = self.rest();
-        let n = rest.len();
-        let mut all = Mat::from_fn(n, n + 1, |i, k| match k {
-            0 => rest[i],
-            k => f64::from(u8::from(i + 1 == k)),
-        });
-        factor.solve(&mut all);
-        let mut total = 0.0;
-        let mut error = 0.0;
-        let d = self.windows.joints;
-        for s in 0..self.motions.len() {
-            let rows: Vec<usize> = (0..n)
-                .filter(|i| self.windows.list[i / d].sequence == s)
-                .collect();
-            if rows.is_empty() {
-                continue;
-            }
-            let block = Factor::new(Mat::from_fn(rows.len(), rows.len(), |i, k| {
-                all[(rows[i], rows[k] + 1)]
-            }))?;
-            let mut y = Mat::from_fn(rows.len(), 1, |i, _| all[(rows[i], 0)]);
-            block.whiten(&mut y);
-            let squares: f64 = y.col_as_slice(0).iter().map(|y| y * y).sum();
-            total += 0.5 * (block.log_det() - squares);
-            let mut e = Mat::from_fn(rows.len(), 1, |i, _| all[(rows[i], 0)]);
-            block.solve(&mut e);
-            error += e
-                .col_as_slice(0)
-                .chunks(d)
-                .map(|e| e.iter().map(|e| e * e).sum::<f64>().sqrt())
-                .sum::<f64>();
-        }
-        Ok((total, error / self.windows.list.len() as f64))
     }
 
     /// The spread of the stiffness with the largest evidence at middling roughness.

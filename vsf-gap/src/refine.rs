@@ -22,8 +22,6 @@ pub(crate) struct Refined {
     pub(crate) sd: Vec<f64>,
     /// Log of the evidence of the readings, roughness averaged (nats, without constants).
     pub(crate) log_evidence: f64,
-    /// Log of the predictive density of every sequence given the others (nats, without constants).
-    pub(crate) held_out: (f64, f64),
     /// The roughness under which it does best.
     pub(crate) spread: Spread,
     /// Mean stiffness per rest point, not negative (N/m).
@@ -155,7 +153,6 @@ impl Campaign {
             theta,
             sd,
             log_evidence: log_mean_exp(&all),
-            held_out: fitted.held_out(&spreads[best])?,
             spread: spreads[best],
             stiffness,
             tangent: columns,

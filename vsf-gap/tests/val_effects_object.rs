@@ -5,7 +5,7 @@
 mod common;
 
 use common::{Begins, Row, close, effect, fit, motion, site};
-use nalgebra::{Point3, Vector3};
+use nalgebra::{Matrix3, Point3, Vector3};
 use vsf_data::TorqueKind::External;
 use vsf_gap::Site;
 use vsf_robots::cartesian_stage;
@@ -148,12 +148,14 @@ fn directions_differ() {
             -Vector3::z()
         };
         row.touched = vec![(0, u, n)];
-        let normal = n * n.dot(&u);
-        let tangential = u - normal;
-        for (row, along) in stiffness.iter().zip(tangential.iter()) {
-            let s: f64 = row.iter().zip(u.iter()).map(|(s, u)| s * u).sum();
-            data.push(-K * (s + a_t * along));
-        }
+        let tangential = u - n * n.dot(&u);
+        let force = stiffness * u + tangential * a_t;
+        // Friction holds no more, on this surface, than it has to hold without the effect.
+        let (pressed, aside) = (n.dot(&force), force - n * n.dot(&force));
+        let cone = tangential.norm() / n.dot(&u);
+        assert!(cone > 0.15 && pressed > 0.0);
+        let held = (cone * pressed / aside.norm()).min(1.0);
+        data.extend((n * pressed + aside * held).iter().map(|f| -K * f));
     }
     let found = fit(&site, effect.as_ref(), K, &rows, &data);
     close(effect.as_ref(), &site, &found, &theta, 1e-3);

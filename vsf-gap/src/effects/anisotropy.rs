@@ -1,9 +1,12 @@
 use crate::GapError;
 use crate::effect::{Acts, Compensator, Effect, Need, Parameter, Sample, Site, Touch, check};
 use nalgebra::{Matrix3, Vector3};
+use vsf_contact::ContactConfig;
 
 /// Springs whose stiffness depends on the direction: `K (u + a_t (u - n (n . u)) + S u)`, with `n` the
 /// normal of the touching surface and `S` a symmetric matrix in world axes, `S_zz = 0`.
+///
+/// Friction bounds the force along the surface: what exceeds its cone about `n` is left out.
 ///
 /// Parameters `a_t`, `s_xx`, `s_yy`, `s_xy`, `s_xz`, `s_yz` (1): what the stiffness is larger by along
 /// the surface, and in directions of the world compared to z. Tell-tale: the force is not along the
@@ -17,6 +20,7 @@ pub struct Anisotropy;
 
 struct Directions {
     tangential: f64,
+    friction: f64,
     world: Matrix3<f64>,
 }
 
@@ -44,6 +48,7 @@ impl Effect for Anisotropy {
         let [xx, yy, xy, xz, yz] = [theta[1], theta[2], theta[3], theta[4], theta[5]];
         Ok(Box::new(Directions {
             tangential: theta[0],
+            friction: ContactConfig::default().friction,
             world: Matrix3::new(xx, xy, xz, xy, yy, yz, xz, yz, 0.0),
         }))
     }
@@ -52,8 +57,23 @@ impl Effect for Anisotropy {
 impl Compensator for Directions {
     fn springs(&mut self, _: &Sample<'_>, touch: &Touch<'_>, springs: &mut [Vector3<f64>]) {
         for (s, n) in springs.iter_mut().zip(touch.contacts.normals()) {
-            let along = *s - n * n.dot(s);
-            *s += along * self.tangential + self.world * *s;
+            let (pressed, along) = parts(s, n);
+            let (stiffer, mut aside) = parts(&(*s + along * self.tangential + self.world * *s), n);
+            // Contact itself may be steeper, where it is the mean of several sub-points.
+            let steepest = self
+                .friction
+                .max(along.norm() / pressed.max(f64::MIN_POSITIVE));
+            let most = steepest * stiffer.max(0.0);
+            if aside.norm() > most {
+                aside *= most / aside.norm();
+            }
+            *s = n * stiffer + aside;
         }
     }
+}
+
+/// A vector's size along `n`, and the rest of it.
+fn parts(v: &Vector3<f64>, n: &Vector3<f64>) -> (f64, Vector3<f64>) {
+    let along = n.dot(v);
+    (along, v - n * along)
 }
