@@ -258,6 +258,28 @@ fn a_link_that_retreats_leaves_points_at_rest_and_may_come_back() {
 }
 
 #[test]
+fn a_sticky_point_follows_until_it_is_pulled_too_far() {
+    let config = ContactConfig {
+        adhesion: 3e-3,
+        ..ContactConfig::default()
+    };
+    let rest = points(&[[0.0, 0.0, 0.0]]);
+    let mut model = model_of(vec![Box::new(Floor)], config);
+    // The surface rises to 1 cm above the point, then falls by a millimetre a step.
+    for k in 0..=20 {
+        let height = 0.01 - 1e-3 * f64::from(k);
+        let contacts = step(&mut model, &rest, &[at(0.0, 0.0, height)]);
+        let above = height + config.threshold;
+        if above >= -config.adhesion - 1e-9 {
+            let u = contacts.displacements()[0];
+            assert_relative_eq!(u, Vector3::new(0.0, 0.0, above), epsilon = 1e-9);
+        } else {
+            assert!(contacts.is_empty(), "{above}");
+        }
+    }
+}
+
+#[test]
 fn refining_the_time_step_converges() {
     let rest = RestPoints::new(cloud(4000, 3)).unwrap();
     let last = |steps: usize| {
@@ -531,6 +553,10 @@ fn parameters_out_of_range_are_errors() {
         },
         ContactConfig {
             threshold: f64::NAN,
+            ..good
+        },
+        ContactConfig {
+            adhesion: -1e-3,
             ..good
         },
         ContactConfig {

@@ -23,8 +23,10 @@ const FINALISTS: usize = 6;
 const SECONDS: usize = 2;
 /// An effect that screening puts so far below the best (nats) is no finalist.
 const HOPELESS: f64 = 400.0;
-/// Size of single parameters that is tried for effects that move surfaces, in scales.
-const EXCURSION: f64 = 3.0;
+/// Sizes of the steps of single parameters, round by round, in the search for a start of effects that
+/// move surfaces; in scales. A step is taken for so many nats.
+const EXCURSIONS: [f64; 4] = [3.0, 3.0, 3.0, 1.0];
+const WORTHWHILE: f64 = 3.0;
 /// Effects that close this share of the gap explain it, however rough the rest.
 const MOSTLY: f64 = 0.5;
 /// Share of an effect's torques that another must imitate for the two to be one group.
@@ -425,6 +427,28 @@ fn best_starts(tangents: &[Tangent], screened: &[Screened], base: f64) -> Vec<Ca
     best
 }
 
+/// Steps of so many scales from `theta`, of every amplitude of the whole session on its own; of
+/// compliances, which cannot be negative, of all together as well.
+fn steps(parameters: &[Parameter], theta: &[f64], size: f64) -> Vec<Vec<f64>> {
+    let moves = |p: &Parameter| p.role == Role::Amplitude && p.sequence.is_none();
+    let step = |which: &dyn Fn(usize) -> bool, size: f64| -> Vec<f64> {
+        let all = parameters.iter().zip(theta).enumerate();
+        let of = |(i, (p, t)): (usize, (&Parameter, &f64))| match moves(p) && which(i) {
+            true => (t + size * p.scale).clamp(p.bounds[0], p.bounds[1]),
+            false => *t,
+        };
+        all.map(of).collect()
+    };
+    let mut steps: Vec<Vec<f64>> = (0..parameters.len())
+        .flat_map(|k| [-size, size].map(|size| step(&|i| i == k, size)))
+        .collect();
+    if (parameters.iter().filter(|p| moves(p))).all(|p| p.bounds[0] == 0.0) {
+        steps.extend([-size, size].map(|size| step(&|_| true, size)));
+    }
+    steps.retain(|s| s != theta);
+    steps
+}
+
 impl Tangent {
     /// Prior deviations of all parameters.
     fn prior(&self, site: &crate::Site) -> Vec<f64> {
@@ -440,8 +464,7 @@ impl Tangent {
 
 impl Campaign {
     /// Where to start the fit of an effect: what screening found, or, for effects that move
-    /// surfaces by more than contact answers linearly, the best of single parameters and of all
-    /// compliances together.
+    /// surfaces by more than contact answers linearly, what a search along single parameters finds.
     fn start(
         &self,
         base: &Model,
@@ -451,54 +474,42 @@ impl Campaign {
     ) -> Result<Model, GapError> {
         let effect = &tangent.effect;
         let parameters = effect.parameters(&self.site);
-        let mut theta = tangent.start.clone();
+        let mut linear = tangent.start.clone();
         for (&i, v) in tangent.amplitudes.iter().zip(found.fit.theta.iter()) {
-            theta[i] = v.clamp(parameters[i].bounds[0], parameters[i].bounds[1]);
+            linear[i] = v.clamp(parameters[i].bounds[0], parameters[i].bounds[1]);
         }
-        let mut starts = vec![theta];
-        if effect.acts() == Acts::Contact && self.scene.is_some() {
-            let moves = |p: &Parameter| p.role == Role::Amplitude && p.sequence.is_none();
-            let at = |p: &Parameter, size: f64| (size * p.scale).clamp(p.bounds[0], p.bounds[1]);
-            for (i, p) in parameters.iter().enumerate().filter(|(_, p)| moves(p)) {
-                for size in [-EXCURSION, EXCURSION] {
-                    let mut theta = tangent.start.clone();
-                    theta[i] = at(p, size);
-                    if theta[i] != 0.0 {
-                        starts.push(theta);
-                    }
-                }
-            }
-            // Compliances act together.
-            if parameters
-                .iter()
-                .filter(|p| moves(p))
-                .all(|p| p.bounds[0] == 0.0)
-            {
-                for size in [1.0, EXCURSION] {
-                    let all = parameters.iter().zip(&tangent.start);
-                    let size = |(p, t): (&Parameter, &f64)| match moves(p) {
-                        true => at(p, size),
-                        false => *t,
-                    };
-                    starts.push(all.map(size).collect());
-                }
-            }
-        }
-        if starts.len() == 1 {
-            return Ok(base.with(effect, &starts[0]));
+        if effect.acts() != Acts::Contact || self.scene.is_none() {
+            return Ok(base.with(effect, &linear));
         }
         let sd = tangent.prior(&self.site);
-        let values: Vec<f64> = (starts.par_iter())
-            .map(|theta| {
-                let mut fitted = self.fitted(&base.with(effect, theta), &self.train)?;
-                self.field(&mut fitted, spread)?;
-                let cost: f64 = (tangent.amplitudes.iter())
-                    .map(|&i| 0.5 * (theta[i] / sd[i]).powi(2))
-                    .sum();
-                Ok(fitted.log_evidence(spread)? - cost)
-            })
-            .collect::<Result<_, GapError>>()?;
-        Ok(base.with(effect, &starts[best_of(&values)]))
+        let value = |theta: &Vec<f64>| {
+            let mut fitted = self.fitted(&base.with(effect, theta), &self.train)?;
+            self.field(&mut fitted, spread)?;
+            let cost: f64 = (tangent.amplitudes.iter())
+                .map(|&i| 0.5 * (theta[i] / sd[i]).powi(2))
+                .sum();
+            Ok(fitted.log_evidence(spread)? - cost)
+        };
+        let mut best = tangent.start.clone();
+        let mut most = value(&best)?;
+        for (round, size) in EXCURSIONS.into_iter().enumerate() {
+            let mut tried = steps(&parameters, &best, size);
+            if round == 0 {
+                tried.push(linear.clone());
+            }
+            let values: Vec<f64> = (tried.par_iter())
+                .map(value)
+                .collect::<Result<_, GapError>>()?;
+            let k = best_of(&values);
+            if values.get(k).is_none_or(|v| *v < most + WORTHWHILE) {
+                if round == 0 {
+                    break;
+                }
+                continue;
+            }
+            (best, most) = (tried.swap_remove(k), values[k]);
+        }
+        Ok(base.with(effect, &best))
     }
 
     /// The best model of two effects, one of them the best single one, if the second earns it.

@@ -60,7 +60,7 @@ mod windows;
 pub use campaign::{Campaign, Motion};
 pub use closure::Residuals;
 pub use corrected::Corrected;
-pub use diagnose::{Diagnosis, EffectReport, Estimate, Gap, Outcome, Step, diagnose};
+pub use diagnose::{Diagnosis, EffectReport, Estimate, Gap, Outcome, Roughness, Step, diagnose};
 pub use effect::{Acts, Compensator, Effect, Need, Parameter, Role, Sample, Site, Touch};
 pub use error::GapError;
 pub use forward::{ContactLog, Model, Prediction, centre, velocity_columns};
