@@ -1,5 +1,5 @@
 use crate::commands::{
-    bench, diagnose, estimate, evaluate, experiment, export, info, predict, simulate,
+    bench, diagnose, estimate, evaluate, experiment, export, info, predict, simulate, view,
 };
 use clap::{Parser, Subcommand};
 use std::path::PathBuf;
@@ -48,6 +48,8 @@ pub enum Command {
     Simulate(simulate::Args),
     /// Write a field as point cloud or picture, or torques as plots
     Export(export::Args),
+    /// Write a page to look at a field and its touches from all sides, in any browser
+    View(view::Args),
     /// Time the online step on this machine: kinematics, contact, columns, update
     Bench(bench::Args),
     /// Run an experiment of the paper on recordings

@@ -60,6 +60,12 @@ impl FieldFormat {
 }
 
 impl FieldFile {
+    /// Whether a path is that of a field, not of a recording.
+    pub fn is_at(path: &Path) -> bool {
+        let named = path.extension().is_some_and(|e| e == "npz");
+        named || path.is_file() || path.join("K.npy").is_file()
+    }
+
     /// Reads an `.npz` or a folder and prints its warnings.
     pub fn open(path: &Path, console: &Console) -> anyhow::Result<Self> {
         if path.extension().is_some_and(|e| e == "ply") {

@@ -11,12 +11,14 @@ mod corrected;
 mod diagnosis;
 mod exit;
 mod field_file;
+mod html;
 mod interrupt;
 mod pictures;
 mod range;
 mod recording;
 mod samples;
 mod settings;
+mod view;
 
 use console::Console;
 use std::process::ExitCode;

@@ -1,4 +1,6 @@
-//! Ranges of the numbers that flags take. Squares and products of what they allow are finite.
+//! What the values of flags may be. Squares and products of the numbers are finite.
+
+use std::path::PathBuf;
 
 const MOST: f64 = 1e100;
 
@@ -33,4 +35,17 @@ fn ranged(text: &str, least: f64, range: &str) -> Result<f64, String> {
     let value = text.parse().ok();
     let ranged = value.filter(|v| (least..=MOST).contains(v));
     ranged.ok_or_else(|| format!("must be {range}"))
+}
+
+/// Paths that end so, as an output that is no other kind of file by mistake.
+pub fn ending(
+    ending: &'static str,
+) -> impl Fn(&str) -> Result<PathBuf, String> + Clone + Send + Sync + 'static {
+    move |text| {
+        let path = PathBuf::from(text);
+        match path.extension().is_some_and(|e| e == ending) {
+            true => Ok(path),
+            false => Err(format!("must end in .{ending}")),
+        }
+    }
 }

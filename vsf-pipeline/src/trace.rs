@@ -1,7 +1,7 @@
 use crate::{PipelineError, Scene, external_torques};
 use rayon::prelude::*;
 use std::ops::Range;
-use vsf_core::{ContactModel, Contacts, CoreError, Noise, Observation, Sensor};
+use vsf_core::{ContactModel, Contacts, CoreError, Noise, Observation, Posture, Sensor};
 use vsf_data::Sequence;
 use vsf_robots::{JointTorques, RobotError};
 
@@ -70,41 +70,54 @@ impl Scene {
     /// A row that robot, contact or sensor cannot take; it is named.
     pub fn trace(&self, sequence: &Sequence) -> Result<Trace, PipelineError> {
         let torques = external_torques(self, sequence)?;
-        let mut contact = self.contact_model()?;
         let sensor = JointTorques::new(Noise::uniform(self.robot.joint_count(), 1.0)?);
-        let mut posture = self.robot.posture();
-        let mut contacts = Contacts::new();
         let mut observations = Vec::with_capacity(sequence.len());
-        for touch in sequence.touches() {
-            contact.reset();
-            for row in touch {
-                let mut obs = sensor.blank();
-                let placed = self
-                    .robot
-                    .update_posture(&sequence.angles[row], &mut posture);
-                placed
-                    .map_err(|e| match e {
-                        RobotError::Value(e) => e,
-                        other => CoreError::Other(other.to_string()),
-                    })
-                    .and_then(|()| contact.step(&self.rest, &posture, &mut contacts))
-                    .and_then(|()| {
-                        sensor.observe(&self.rest, &posture, &contacts, &torques[row], &mut obs)
-                    })
-                    .map_err(|source: CoreError| PipelineError::Sequence {
-                        id: sequence.id.clone(),
-                        row,
-                        source,
-                    })?;
-                observations.push(obs);
-            }
-        }
+        self.follow(sequence, |row, posture, contacts| {
+            let mut obs = sensor.blank();
+            sensor.observe(&self.rest, posture, contacts, &torques[row], &mut obs)?;
+            observations.push(obs);
+            Ok(())
+        })?;
         Ok(Trace {
             id: sequence.id.clone(),
             time: sequence.time.clone(),
             observations,
             touches: sequence.touches().collect(),
         })
+    }
+
+    /// Moves the robot through a sequence and shows `visit` the row, the posture and the contacts of
+    /// every sample, in order. Contacts are forgotten where a touch begins.
+    ///
+    /// # Errors
+    /// A row that robot or contact cannot take, or that `visit` refuses; it is named.
+    pub fn follow(
+        &self,
+        sequence: &Sequence,
+        mut visit: impl FnMut(usize, &Posture, &Contacts) -> Result<(), CoreError>,
+    ) -> Result<(), PipelineError> {
+        let mut contact = self.contact_model()?;
+        let mut posture = self.robot.posture();
+        let mut contacts = Contacts::new();
+        for touch in sequence.touches() {
+            contact.reset();
+            for row in touch {
+                self.robot
+                    .update_posture(&sequence.angles[row], &mut posture)
+                    .map_err(|e| match e {
+                        RobotError::Value(e) => e,
+                        other => CoreError::Other(other.to_string()),
+                    })
+                    .and_then(|()| contact.step(&self.rest, &posture, &mut contacts))
+                    .and_then(|()| visit(row, &posture, &contacts))
+                    .map_err(|source| PipelineError::Sequence {
+                        id: sequence.id.clone(),
+                        row,
+                        source,
+                    })?;
+            }
+        }
+        Ok(())
     }
 }
 

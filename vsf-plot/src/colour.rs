@@ -27,11 +27,18 @@ const INFERNO: [Rgb; 17] = [
     [252, 255, 164],
 ];
 
-/// Colour of `t` in 0..=1: pale yellow for soft, over red, to dark violet for stiff.
+/// Colour of `t` in 0..=1: pale yellow for soft, over red, to dark violet for stiff. Values outside
+/// take the colour of the nearer end.
 ///
 /// Inferno runs backwards so that on white paper more ink means stiffer, and stops short of its
 /// ends, which are nearly white and nearly black.
-pub(crate) fn stiffness_colour(t: f64) -> Rgb {
+///
+/// ```
+/// let [soft, stiff] = [0.0, 1.0].map(vsf_plot::stiffness_colour);
+/// assert!(soft.iter().map(|&c| u32::from(c)).sum::<u32>() > 500);
+/// assert!(stiff.iter().map(|&c| u32::from(c)).sum::<u32>() < 100);
+/// ```
+pub fn stiffness_colour(t: f64) -> Rgb {
     let s = (0.95 - 0.87 * t.clamp(0.0, 1.0)) * (INFERNO.len() - 1) as f64;
     let i = (s as usize).min(INFERNO.len() - 2);
     mix(INFERNO[i], INFERNO[i + 1], s - i as f64)
@@ -61,7 +68,10 @@ impl Default for ColourLimit {
 
 impl ColourLimit {
     /// The limit \[N/m\] for these values; 1 where no value is positive.
-    pub(crate) fn resolve(self, values: impl Iterator<Item = f64>) -> Result<f64, PlotError> {
+    ///
+    /// # Errors
+    /// [`PlotError::Parameter`] for a value or a level outside its range.
+    pub fn resolve(self, values: impl Iterator<Item = f64>) -> Result<f64, PlotError> {
         match self {
             Self::Value(v) if v.is_finite() && v > 0.0 => Ok(v),
             Self::Value(value) => Err(PlotError::Parameter {

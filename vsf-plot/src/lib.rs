@@ -30,7 +30,7 @@ mod torque;
 mod vector;
 mod wire_box;
 
-pub use colour::{ColourLimit, Rgb};
+pub use colour::{ColourLimit, Rgb, stiffness_colour};
 pub use curves::{Curve, CurvePlot};
 pub use error::PlotError;
 pub use field::FieldView;

@@ -1,6 +1,7 @@
 use crate::console::{Console, texts};
 use crate::diagnosis::{page, text};
 use crate::exit::usage;
+use crate::range::ending;
 use crate::recording::RecordingArgs;
 use std::path::PathBuf;
 use vsf::gap::{ModelFile, Step, diagnose, effects};
@@ -73,17 +74,4 @@ pub fn run(args: &Args, console: &Console) -> anyhow::Result<()> {
         .map(|p| format!("wrote {p}\n"))
         .collect();
     console.report(text(&outcome.diagnosis, &model) + &lines)
-}
-
-/// Paths that end so, as an output that is no other kind of file by mistake.
-fn ending(
-    ending: &'static str,
-) -> impl Fn(&str) -> Result<PathBuf, String> + Clone + Send + Sync + 'static {
-    move |text| {
-        let path = PathBuf::from(text);
-        match path.extension().is_some_and(|e| e == ending) {
-            true => Ok(path),
-            false => Err(format!("must end in .{ending}")),
-        }
-    }
 }

@@ -59,8 +59,7 @@ pub fn run(args: &Args, console: &Console) -> anyhow::Result<()> {
     }
     args.out.iter().try_for_each(|out| check_out(out))?;
     console.keep_apart(&args.out)?;
-    let is_field = args.input.is_file() || args.input.join("K.npy").is_file();
-    let written = match (is_field, &args.torques) {
+    let written = match (FieldFile::is_at(&args.input), &args.torques) {
         (true, Some(_)) => return Err(usage("--torques needs a recording and --field")),
         (true, None) => {
             let field = FieldFile::open(&args.input, console)?;

@@ -8,6 +8,7 @@ pub mod info;
 pub mod predict;
 mod quickstart;
 pub mod simulate;
+pub mod view;
 
 use crate::cli::Command;
 use crate::console::Console;
@@ -23,6 +24,7 @@ pub fn run(command: &Option<Command>, console: &Console) -> anyhow::Result<()> {
         Some(Command::Diagnose(args)) => diagnose::run(args, console),
         Some(Command::Simulate(args)) => simulate::run(args, console),
         Some(Command::Export(args)) => export::run(args, console),
+        Some(Command::View(args)) => view::run(args, console),
         Some(Command::Bench(args)) => bench::run(args, console),
         Some(Command::Experiment(args)) => experiment::run(args, console),
     }

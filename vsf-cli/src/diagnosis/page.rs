@@ -1,6 +1,7 @@
 use super::torques::torques;
 use super::words::{estimate, fitted, part, percent, screened_out, untestable, verdict};
 use crate::console::number;
+use crate::html::{Script, document, escape};
 use std::fmt::Write;
 use vsf::gap::{Campaign, Diagnosis, EffectReport, Estimate, Kind, ModelFile, Outcome, Part};
 
@@ -11,14 +12,8 @@ const LEAST: f64 = 0.005;
 /// The diagnosis as one page that needs nothing else: no script, no network.
 pub fn page(campaign: &Campaign, outcome: &Outcome, model: &ModelFile) -> anyhow::Result<String> {
     let d = &outcome.diagnosis;
-    let name = escape(&d.dataset);
-    let mut html = format!(
-        "<!DOCTYPE html>\n<html lang=\"en\">\n<head>\n<meta charset=\"utf-8\">\n\
-         <meta http-equiv=\"Content-Security-Policy\" content=\"default-src 'none'; style-src 'unsafe-inline'\">\n\
-         <meta name=\"viewport\" content=\"width=device-width, initial-scale=1\">\n\
-         <title>Sim-to-real gap of {name}</title>\n<style>\n{STYLE}</style>\n</head>\n<body>\n\
-         <h1>Sim-to-real gap of {name}</h1>\n"
-    );
+    let title = format!("Sim-to-real gap of {}", d.dataset);
+    let mut html = format!("<h1>{}</h1>\n", escape(&title));
     html += &answer(d);
     html += &before_and_after(campaign, outcome)?;
     html += &places(outcome);
@@ -36,7 +31,7 @@ pub fn page(campaign: &Campaign, outcome: &Outcome, model: &ModelFile) -> anyhow
             .map(|n| format!("<p>{}</p>\n", escape(n)))
             .collect::<String>();
     }
-    Ok(html + "</body>\n</html>\n")
+    Ok(document(&title, STYLE, Script::None, &html))
 }
 
 fn answer(d: &Diagnosis) -> String {
@@ -229,35 +224,13 @@ fn row(d: &Diagnosis, e: &EffectReport) -> String {
     )
 }
 
-/// Text as HTML has it, also inside of quotes.
-fn escape(text: &str) -> String {
-    let mut out = String::with_capacity(text.len());
-    for c in text.chars() {
-        match c {
-            '&' => out += "&amp;",
-            '<' => out += "&lt;",
-            '>' => out += "&gt;",
-            '"' => out += "&quot;",
-            '\'' => out += "&#39;",
-            c => out.push(c),
-        }
-    }
-    out
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
 
     #[test]
     fn names_are_text() {
-        let hostile = "<script>alert('x')</script>&\"";
-        let text = escape(hostile);
-        assert_eq!(
-            text,
-            "&lt;script&gt;alert(&#39;x&#39;)&lt;/script&gt;&amp;&quot;"
-        );
-        assert!(!bar(hostile, 0.5, None).contains("<script"));
+        assert!(!bar("<script>", 0.5, None).contains("<script"));
     }
 
     #[test]

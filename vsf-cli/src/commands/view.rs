@@ -1,0 +1,129 @@
+use crate::config::Sources;
+use crate::console::{Console, texts};
+use crate::exit::usage;
+use crate::field_file::FieldFile;
+use crate::range::{ending, positive};
+use crate::recording::{Default, Recording};
+use crate::settings::SceneSettings;
+use crate::view::{Cloud, View, in_air, in_scene, page};
+use serde::Serialize;
+use std::path::PathBuf;
+use vsf::core::nalgebra::Point3;
+use vsf::pipeline::motion_warnings;
+
+#[derive(Debug, clap::Args)]
+#[command(after_help = "\
+Examples:
+  vsf view field.npz --out field.html
+  vsf view DATASET --field field.npz --out touches.html    with the robot and what it touches
+
+The page needs nothing else: no network, no graphics card. Drag turns it, the wheel or two fingers
+bring it nearer, shift and drag moves it. It shows at most 200000 points, touched ones first.
+
+JSON keys: written.")]
+pub struct Args {
+    /// A field (.npz or folder), or the folder of a recording
+    input: PathBuf,
+    /// The field, when INPUT is a recording; by default the one stored in it, or points without
+    /// values
+    #[arg(long)]
+    field: Option<PathBuf>,
+    /// The page; .html
+    #[arg(long, value_name = "FILE", value_parser = ending("html"))]
+    out: PathBuf,
+    /// IDs of the sequences to show; all by default
+    #[arg(long, value_delimiter = ',')]
+    sequences: Option<Vec<String>>,
+    /// Stiffness at the end of the colour bar [N/m], default the 99 % quantile
+    #[arg(long, allow_negative_numbers = true, value_parser = positive)]
+    full_scale: Option<f64>,
+    #[command(flatten)]
+    sources: Sources,
+    #[command(flatten)]
+    scene: SceneSettings,
+}
+
+#[derive(Serialize)]
+struct Report {
+    written: Vec<String>,
+}
+
+pub fn run(args: &Args, console: &Console) -> anyhow::Result<()> {
+    console.check_outputs(&[("--out", &args.out)], &args.input)?;
+    let html = match FieldFile::is_at(&args.input) {
+        true => of_field(args, console)?,
+        false => of_recording(args, console)?,
+    };
+    let written = texts(std::slice::from_ref(&args.out));
+    let line = format!("wrote {}\n", written.concat());
+    console.json_and(&Report { written }, vec![(args.out.clone(), html)])?;
+    console.report(line)
+}
+
+fn of_field(args: &Args, console: &Console) -> anyhow::Result<String> {
+    let given = [
+        ("--field", args.field.is_some()),
+        ("--sequences", args.sequences.is_some()),
+    ];
+    if let Some((flag, _)) = given.iter().find(|(_, given)| *given) {
+        let input = args.input.display();
+        return Err(usage(format!(
+            "{flag} needs a recording; {input} is a field"
+        )));
+    }
+    let file = FieldFile::open(&args.input, console)?;
+    let cloud = Cloud::of_field(&file, args.full_scale)?;
+    let title = args.input.file_stem().unwrap_or_default().to_string_lossy();
+    page(&View {
+        title: &title,
+        cloud: &cloud,
+        motion: None,
+    })
+}
+
+fn of_recording(args: &Args, console: &Console) -> anyhow::Result<String> {
+    let recording = Recording::open(&args.input, &args.scene, console)?;
+    let sequences = recording.sequences(args.sequences.as_deref(), Default::All)?;
+    let dataset = &recording.dataset;
+    let found = if args.field.is_some() || dataset.field.is_some() {
+        let field = recording.field(args.field.as_deref(), console)?;
+        let scene = recording.scene_of(&field, console)?;
+        Some((scene, Cloud::of_field(&field, args.full_scale)?))
+    } else if args.full_scale.is_some() {
+        return Err(usage(
+            "--full-scale needs --field: the recording stores no field",
+        ));
+    } else if recording.has_points() {
+        let scene = recording.scene(console)?;
+        let cloud = Cloud::of_points(scene.rest.positions(), Point3::origin())?;
+        Some((scene, cloud))
+    } else {
+        None
+    };
+    let warn = |robot| {
+        let warnings = motion_warnings(robot, &sequences);
+        warnings.iter().for_each(|w| console.warn(w));
+    };
+    let (cloud, motion) = match found {
+        Some((scene, cloud)) => {
+            warn(&scene.robot);
+            let bar = console.bar(sequences.len(), "contact");
+            let motion = in_scene(&scene, &sequences, &cloud, || bar.inc(1))?;
+            bar.finish_and_clear();
+            (cloud, motion)
+        }
+        None => {
+            let robot = recording.robot()?;
+            warn(&robot);
+            let base_W = Point3::from(dataset.base_pose.translation.vector);
+            let motion = in_air(&robot, &sequences, base_W)?;
+            (Cloud::of_points(&[], base_W)?, motion)
+        }
+    };
+    let (title, motion) = (&dataset.name, Some(&motion));
+    page(&View {
+        title,
+        cloud: &cloud,
+        motion,
+    })
+}
