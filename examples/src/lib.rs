@@ -1,2 +1,5 @@
-//! The studies lie beside this folder, one per file, each an example of this package:
-//! `cargo run --release -p vsf-examples --example online_session`.
+//! Parts of the studies that are more than one file.
+
+#![forbid(unsafe_code)]
+
+pub mod live;

@@ -1,0 +1,205 @@
+//! Question: can a field be learned from a stream of 1 kHz that is not perfect?
+//!
+//! A node takes lines of JSON, `{"t": 12.345, "q": [..], "tau": [..]}`, from standard input or from
+//! datagrams on this machine, feeds a session, and writes what it knows of the field as lines of JSON.
+//! Torques are those of the environment on the robot, gravity removed; `"touch": true` begins a new
+//! touch. Without a source the node feeds itself: a Kinova Gen3 pushes into a block of foam twice, sent
+//! as datagrams at 1 kHz, some of them twice, late, missing or broken.
+//!
+//! ```sh
+//! cargo run --release -p vsf-examples --example live
+//! cargo run --release -p vsf-examples --example live -- --recording my_recording --udp 127.0.0.1:9000
+//! my_driver | cargo run --release -p vsf-examples --example live -- --recording my_recording --stdin
+//! ```
+//!
+//! Answer: FILL
+//!
+//! How it works is in `examples/src/live.rs`.
+
+use clap::Parser;
+use rand::SeedableRng;
+use rand_distr::{Distribution, Normal};
+use rand_pcg::Pcg64Mcg;
+use std::error::Error;
+use std::fs::File;
+use std::io::{self, BufReader, Write};
+use std::net::{Ipv4Addr, SocketAddr, UdpSocket};
+use std::path::PathBuf;
+use std::sync::Arc;
+use std::time::{Duration, Instant};
+use vsf::contact::link_sdfs;
+use vsf::core::nalgebra::Point3;
+use vsf::data::{Dataset, Overrides};
+use vsf::pipeline::{Scene, SceneOptions};
+use vsf::prelude::*;
+use vsf::robots::kinova_gen3;
+use vsf_examples::live::{Datagrams, Lines, LiveSession, Node, Options, WhenFull, run};
+
+/// A node that estimates a field from a stream of samples.
+#[derive(Parser)]
+struct Args {
+    /// Where summaries go; standard output by default
+    out: Option<PathBuf>,
+    /// Recording whose robot and points are taken; a block before a Kinova Gen3 by default
+    #[arg(long)]
+    recording: Option<PathBuf>,
+    /// Take lines from standard input
+    #[arg(long, conflicts_with = "udp")]
+    stdin: bool,
+    /// Take datagrams at an address of this machine, such as 127.0.0.1:9000
+    #[arg(long, value_parser = loopback)]
+    udp: Option<SocketAddr>,
+    /// End after so many seconds without a datagram; never by default
+    #[arg(long, value_parser = clap::value_parser!(u32).range(1..))]
+    idle: Option<u32>,
+    /// Hold the sender of a pipe back instead of dropping samples
+    #[arg(long)]
+    wait: bool,
+    /// Rate of the samples [Hz]
+    #[arg(long, default_value_t = 1000.0)]
+    rate_hz: f64,
+    /// Summaries a second
+    #[arg(long, default_value_t = 10.0)]
+    publish_hz: f64,
+    /// Prior standard deviation of the stiffness [N/m]
+    #[arg(long, default_value_t = 30.0)]
+    prior_sd: f64,
+    /// Standard deviation of the readings [N m or N], model error included
+    #[arg(long, default_value_t = 0.05)]
+    noise_sd: f64,
+}
+
+/// The stream is not protected: it stays on this machine.
+fn loopback(text: &str) -> Result<SocketAddr, String> {
+    let address: SocketAddr = text.parse().map_err(|_| "must be ADDRESS:PORT")?;
+    match address.ip().is_loopback() {
+        true => Ok(address),
+        false => Err("must be an address of this machine, such as 127.0.0.1".to_owned()),
+    }
+}
+
+fn main() -> Result<(), Box<dyn Error>> {
+    let args = Args::parse();
+    let (robot, rest, contact) = match &args.recording {
+        Some(folder) => {
+            let (dataset, warnings) = Dataset::open(folder, &Overrides::default())?;
+            warnings.iter().for_each(|w| eprintln!("warning: {w}"));
+            let scene = Scene::open(&dataset, &SceneOptions::default())?;
+            (
+                scene.robot.clone(),
+                scene.rest.clone(),
+                scene.contact_model()?,
+            )
+        }
+        None => block_and_arm()?,
+    };
+    let sensor = JointTorques::new(Noise::uniform(robot.joint_count(), args.noise_sd)?);
+    let prior = Belief::uniform(rest.len(), 0.0, args.prior_sd)?;
+    let filter = MemoryReplay::new(DiagonalKalman::new(prior), Default::default())?;
+    let session = LiveSession::new(rest, contact, sensor, filter)?;
+    let options = Options {
+        rate_hz: args.rate_hz,
+        publish_hz: args.publish_hz,
+        when_full: match args.wait {
+            true => WhenFull::Wait,
+            false => WhenFull::DropOldest,
+        },
+        ..Options::default()
+    };
+    let node = Node::new(robot, session, options)?;
+    let mut out: Box<dyn Write> = match &args.out {
+        Some(path) => Box::new(File::create(path)?),
+        None => Box::new(io::stdout()),
+    };
+    let refuse = |number: u64, why: &str| eprintln!("line {number}: {why}");
+    if args.stdin {
+        run(node, &mut Lines(BufReader::new(io::stdin())), &mut out, &refuse)?;
+        return Ok(());
+    }
+    let socket = UdpSocket::bind(args.udp.unwrap_or((Ipv4Addr::LOCALHOST, 0).into()))?;
+    let idle = args.idle.map(|s| Duration::from_secs(s.into()));
+    socket.set_read_timeout(idle)?;
+    if args.udp.is_some() {
+        run(node, &mut Datagrams(socket), &mut out, &refuse)?;
+        return Ok(());
+    }
+    if args.recording.is_some() {
+        return Err("a recording says nothing of the stream: give --stdin or --udp".into());
+    }
+    let address = socket.local_addr()?;
+    let lines = demonstration()?;
+    let sender = std::thread::spawn(move || send(&lines, address));
+    run(node, &mut Datagrams(socket), &mut out, &refuse)?;
+    sender.join().map_err(|_| "the sender crashed")??;
+    Ok(())
+}
+
+/// Sends a line every millisecond, then the end.
+fn send(lines: &[String], to: SocketAddr) -> io::Result<()> {
+    let socket = UdpSocket::bind((Ipv4Addr::LOCALHOST, 0))?;
+    let begin = Instant::now();
+    for (k, line) in lines.iter().enumerate() {
+        let due = begin + Duration::from_millis(k as u64);
+        std::thread::sleep(due.saturating_duration_since(Instant::now()));
+        socket.send_to(line.as_bytes(), to)?;
+    }
+    socket.send_to(b"", to)?;
+    Ok(())
+}
+
+type Parts = (RobotModel, Arc<RestPoints>, Box<dyn ContactModel>);
+
+/// A Kinova Gen3 before a cube of 40 cm with 2744 points.
+fn block_and_arm() -> Result<Parts, Box<dyn Error>> {
+    let at = |from: f64, i: usize| from + 0.4 * (i as f64 + 0.5) / 14.0;
+    let block = (0..14 * 14 * 14)
+        .map(|i| Point3::new(at(0.43, i / 196), at(-0.2, i / 14 % 14), at(0.08, i % 14)));
+    let robot = kinova_gen3()?;
+    let links = link_sdfs(robot.colliders(), &Default::default())?.links;
+    let contact = StickSlip::new(links, Default::default())?;
+    Ok((
+        robot,
+        Arc::new(RestPoints::new(block.collect())?),
+        Box::new(contact),
+    ))
+}
+
+/// Two pushes of a second each as lines, with all that can go wrong on the way.
+fn demonstration() -> Result<Vec<String>, Box<dyn Error>> {
+    const START: [f64; 7] = [-0.1722, 0.7707, 3.3871, -2.0982, -0.5440, -0.3332, 0.5249];
+    const END: [f64; 7] = [-0.2159, 0.9687, 3.5203, -1.5222, -0.4679, -0.7417, 0.3624];
+    let (robot, rest, contact) = block_and_arm()?;
+    let truth = (rest.positions().iter()).map(|p| if p.y < 0.0 { 10.0 } else { 30.0 });
+    let truth = Belief::<f64>::new(truth.collect(), vec![1e-6; rest.len()])?;
+    let sensor = JointTorques::new(Noise::uniform(7, 0.05)?);
+    let mut block = Session::new(rest, contact, sensor, DiagonalKalman::new(truth))?;
+    let (noise, mut rng) = (Normal::new(0.0, 0.05)?, Pcg64Mcg::seed_from_u64(1));
+    let (mut posture, mut reading) = (robot.posture(), Prediction::default());
+    let mut lines = Vec::new();
+    for k in 0..2000 {
+        let s = (k % 1000) as f64 / 999.0;
+        let q: Vec<f64> = START
+            .iter()
+            .zip(END)
+            .map(|(a, b)| a + s * (b - a))
+            .collect();
+        if k % 1000 == 0 {
+            block.begin_touch();
+        }
+        robot.update_posture(&q, &mut posture)?;
+        block.predict(&posture, &mut reading)?;
+        let tau: Vec<f64> = (reading.mean.iter())
+            .map(|t| t + noise.sample(&mut rng))
+            .collect();
+        let (t, touch) = (0.001 * f64::from(k), k % 1000 == 0);
+        let line = format!("{{\"t\": {t}, \"q\": {q:?}, \"tau\": {tau:?}, \"touch\": {touch}}}");
+        match k {
+            300..320 => {}
+            400 => lines.push(line.replacen("\"tau\": [", "\"tau\": [NaN, ", 1)),
+            500 => lines.extend([line.clone(), line]),
+            _ => lines.push(line),
+        }
+    }
+    lines.swap(600, 601);
+    Ok(lines)
+}

@@ -1,0 +1,291 @@
+use super::{Sample, WhenFull};
+use serde::Serialize;
+use std::time::Instant;
+use vsf::core::{CoreError, Posture};
+use vsf::prelude::*;
+use vsf::robots::RobotError;
+
+/// The session of a node.
+pub type LiveSession =
+    Session<Box<dyn ContactModel>, JointTorques, MemoryReplay<DiagonalKalman<f32>>>;
+
+/// How a node takes a stream that is not perfect.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Options {
+    /// Rate of the samples \[Hz\], by which missing ones are counted; default 1000.
+    pub rate_hz: f64,
+    /// Summaries a second; default 10.
+    pub publish_hz: f64,
+    /// After a longer gap contacts are forgotten \[s\], since the path in between is not known;
+    /// default 0.1.
+    pub max_gap: f64,
+    /// A sample this much older than the last is of a clock that was set anew, not late \[s\];
+    /// default 1.
+    pub restart: f64,
+    /// Most samples that wait; default 64.
+    pub queue: usize,
+    /// What becomes of more.
+    pub when_full: WhenFull,
+}
+
+impl Default for Options {
+    fn default() -> Self {
+        Self {
+            rate_hz: 1000.0,
+            publish_hz: 10.0,
+            max_gap: 0.1,
+            restart: 1.0,
+            queue: 64,
+            when_full: WhenFull::DropOldest,
+        }
+    }
+}
+
+/// What became of the samples. `received = refused + dropped + repeated + late + used` in the end.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize)]
+pub struct Counts {
+    /// Lines.
+    pub received: u64,
+    /// Lines that were no samples, or that the session refused.
+    pub refused: u64,
+    /// Samples that the estimation was too slow for.
+    pub dropped: u64,
+    /// Samples with the time of the one before.
+    pub repeated: u64,
+    /// Samples older than the one before.
+    pub late: u64,
+    /// Samples that the belief has in it.
+    pub used: u64,
+    /// Samples that should have come between those that were used, dropped ones included.
+    pub missing: u64,
+    /// Gaps after which contacts were forgotten.
+    pub gaps: u64,
+    /// Times that the clock went back.
+    pub restarts: u64,
+}
+
+/// Stiffness of the points touched so far \[N/m\].
+#[derive(Debug, Clone, Copy, Default, PartialEq, Serialize)]
+pub struct Stiffness {
+    /// Mean of the points.
+    pub mean: f64,
+    /// Mean of their standard deviations.
+    pub sd: f64,
+    /// The stiffest.
+    pub max: f64,
+}
+
+/// What a node says of its belief.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Serialize)]
+pub struct Summary {
+    /// Time of the last sample \[s\].
+    pub t: f64,
+    /// Points touched now.
+    pub contacts: usize,
+    /// Points touched so far.
+    pub touched: usize,
+    /// Their stiffness.
+    pub stiffness: Stiffness,
+    /// Root mean square of the norm of the residuals since the last summary, before their update
+    /// \[N m\].
+    pub residual: f64,
+    /// Squared innovations over expected ones since the start; see the guide on filter health.
+    pub nis_ratio: Option<f64>,
+    /// Longest step since the last summary \[ms\].
+    pub slowest_ms: f64,
+    /// What became of the samples.
+    #[serde(flatten)]
+    pub counts: Counts,
+}
+
+/// A session that takes samples as they come.
+pub struct Node {
+    robot: RobotModel,
+    session: LiveSession,
+    options: Options,
+    posture: Posture,
+    /// Time of the last sample that was used.
+    last: Option<f64>,
+    due: Option<f64>,
+    is_due: bool,
+    touched: Vec<bool>,
+    since: Since,
+    pub(super) counts: Counts,
+}
+
+/// What was seen since the last summary.
+#[derive(Default)]
+struct Since {
+    steps: u32,
+    squares: f64,
+    slowest: f64,
+}
+
+impl Node {
+    /// A node of a robot and a session of its joint torques.
+    ///
+    /// # Errors
+    /// Rates that are not positive, a gap or a restart that is negative or not a number.
+    pub fn new(
+        robot: RobotModel,
+        session: LiveSession,
+        options: Options,
+    ) -> Result<Self, CoreError> {
+        let Options {
+            rate_hz,
+            publish_hz,
+            max_gap,
+            restart,
+            ..
+        } = options;
+        for (name, value) in [("rate", rate_hz), ("rate of summaries", publish_hz)] {
+            if !(value > 0.0 && value.is_finite()) {
+                return Err(CoreError::Parameter {
+                    name,
+                    value,
+                    range: "> 0 Hz",
+                });
+            }
+        }
+        for (name, value) in [("longest gap", max_gap), ("restart", restart)] {
+            if !(value > 0.0) {
+                return Err(CoreError::Parameter {
+                    name,
+                    value,
+                    range: "> 0 s",
+                });
+            }
+        }
+        Ok(Self {
+            posture: robot.posture(),
+            touched: vec![false; session.rest().len()],
+            last: None,
+            due: None,
+            is_due: false,
+            since: Since::default(),
+            counts: Counts::default(),
+            robot,
+            session,
+            options,
+        })
+    }
+
+    /// Joints of the robot.
+    pub fn joints(&self) -> usize {
+        self.robot.joint_count()
+    }
+
+    /// How it takes the stream.
+    pub fn options(&self) -> &Options {
+        &self.options
+    }
+
+    /// The session.
+    pub fn session(&self) -> &LiveSession {
+        &self.session
+    }
+
+    /// What became of the samples so far.
+    pub fn counts(&self) -> &Counts {
+        &self.counts
+    }
+
+    /// Takes in a sample, unless it is late or repeated, which is counted.
+    ///
+    /// # Errors
+    /// A sample that robot or session refuse; the belief is unchanged.
+    pub fn take(&mut self, sample: &Sample) -> Result<(), CoreError> {
+        CoreError::check_finite("time", &[sample.t])?;
+        let Options {
+            rate_hz,
+            max_gap,
+            restart,
+            ..
+        } = self.options;
+        let step = self.last.map_or(f64::INFINITY, |last| sample.t - last);
+        if step == 0.0 {
+            self.counts.repeated += 1;
+            return Ok(());
+        }
+        if step < 0.0 && step > -restart {
+            self.counts.late += 1;
+            return Ok(());
+        }
+        self.robot
+            .update_posture(&sample.q, &mut self.posture)
+            .map_err(|e| match e {
+                RobotError::Value(e) => e,
+                other => CoreError::Other(other.to_string()),
+            })?;
+        CoreError::check_finite("reading", &sample.tau)?;
+        let (restarted, gap) = (step < 0.0, step > max_gap && self.last.is_some());
+        if restarted {
+            self.session.begin_sequence();
+        } else if gap || sample.touch {
+            self.session.begin_touch();
+        }
+        let begin = Instant::now();
+        let report = self.session.step(&self.posture, &sample.tau)?;
+        let took = 1e3 * begin.elapsed().as_secs_f64();
+        for &point in self.session.contacts().points() {
+            self.touched[point as usize] = true;
+        }
+        if self.last.is_some() && !restarted {
+            let between = (step * rate_hz).round() - 1.0;
+            self.counts.missing = self.counts.missing.saturating_add(between.max(0.0) as u64);
+        }
+        self.counts.gaps += u64::from(gap);
+        self.counts.restarts += u64::from(restarted);
+        self.counts.used += 1;
+        self.last = Some(sample.t);
+        self.since.steps += 1;
+        self.since.squares += report.prefit * report.prefit;
+        self.since.slowest = self.since.slowest.max(took);
+        let period = 1.0 / self.options.publish_hz;
+        let due = match self.due {
+            Some(due) if !restarted => due,
+            _ => sample.t + period,
+        };
+        // The sample next to the time that is due, not the one after it.
+        self.is_due = sample.t + 0.5 / rate_hz >= due;
+        self.due = Some(match self.is_due {
+            true if due + period > sample.t => due + period,
+            true => sample.t + period,
+            false => due,
+        });
+        Ok(())
+    }
+
+    /// Whether it is time for a summary.
+    pub fn is_due(&self) -> bool {
+        self.is_due
+    }
+
+    /// What is known now; begins the next period.
+    pub fn summary(&mut self) -> Summary {
+        self.is_due = false;
+        let since = std::mem::take(&mut self.since);
+        let belief = self.session.belief();
+        let mut stiffness = Stiffness::default();
+        let mut touched = 0;
+        for (i, _) in self.touched.iter().enumerate().filter(|(_, t)| **t) {
+            let k = f64::from(belief.mean()[i]);
+            stiffness.mean += k;
+            stiffness.sd += f64::from(belief.variance()[i]).sqrt();
+            stiffness.max = stiffness.max.max(k);
+            touched += 1;
+        }
+        stiffness.mean /= f64::max(1.0, touched as f64);
+        stiffness.sd /= f64::max(1.0, touched as f64);
+        Summary {
+            t: self.last.unwrap_or(0.0),
+            contacts: self.session.contacts().len(),
+            touched,
+            stiffness,
+            residual: (since.squares / f64::from(since.steps.max(1))).sqrt(),
+            nis_ratio: self.session.health().nis_ratio(),
+            slowest_ms: since.slowest,
+            counts: self.counts,
+        }
+    }
+}

@@ -1,0 +1,97 @@
+use std::collections::VecDeque;
+use std::sync::{Condvar, Mutex, MutexGuard, PoisonError};
+
+/// What a full queue does with one more.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum WhenFull {
+    /// Drops its oldest and counts it: on a robot the newest sample says most.
+    DropOldest,
+    /// Waits until there is room, which holds the sender of a pipe back: for recordings.
+    Wait,
+}
+
+/// A queue between two threads that holds no more than it was made for.
+#[derive(Debug)]
+pub struct Queue<T> {
+    state: Mutex<State<T>>,
+    changed: Condvar,
+    capacity: usize,
+    when_full: WhenFull,
+}
+
+#[derive(Debug)]
+struct State<T> {
+    items: VecDeque<T>,
+    dropped: u64,
+    closed: bool,
+}
+
+impl<T> Queue<T> {
+    /// A queue of at most `capacity` items, at least one.
+    pub fn new(capacity: usize, when_full: WhenFull) -> Self {
+        let capacity = capacity.max(1);
+        let state = State {
+            items: VecDeque::with_capacity(capacity),
+            dropped: 0,
+            closed: false,
+        };
+        Self {
+            state: Mutex::new(state),
+            changed: Condvar::new(),
+            capacity,
+            when_full,
+        }
+    }
+
+    /// Adds an item; false, and nothing added, once the queue is closed.
+    pub fn push(&self, item: T) -> bool {
+        let mut state = self.lock();
+        while self.when_full == WhenFull::Wait
+            && state.items.len() == self.capacity
+            && !state.closed
+        {
+            state = self.wait(state);
+        }
+        if state.closed {
+            return false;
+        }
+        if state.items.len() == self.capacity {
+            state.items.pop_front();
+            state.dropped += 1;
+        }
+        state.items.push_back(item);
+        self.changed.notify_all();
+        true
+    }
+
+    /// The oldest item; waits for one. `None` once the queue is closed and empty.
+    pub fn pop(&self) -> Option<T> {
+        let mut state = self.lock();
+        while state.items.is_empty() && !state.closed {
+            state = self.wait(state);
+        }
+        let item = state.items.pop_front();
+        self.changed.notify_all();
+        item
+    }
+
+    /// No more items: those that are there can still be taken out.
+    pub fn close(&self) {
+        self.lock().closed = true;
+        self.changed.notify_all();
+    }
+
+    /// How many were dropped.
+    pub fn dropped(&self) -> u64 {
+        self.lock().dropped
+    }
+
+    // Items are whole whatever a thread that held the lock did afterwards.
+    fn lock(&self) -> MutexGuard<'_, State<T>> {
+        self.state.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    fn wait<'a>(&self, state: MutexGuard<'a, State<T>>) -> MutexGuard<'a, State<T>> {
+        (self.changed.wait(state)).unwrap_or_else(PoisonError::into_inner)
+    }
+}

@@ -1,0 +1,387 @@
+//! The node of `examples/live.rs`, on streams that are not perfect.
+
+#![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
+
+use serde_json::Value;
+use std::io::{self, Write};
+use std::net::UdpSocket;
+use std::sync::mpsc::{Receiver, Sender, channel};
+use std::sync::{Arc, Mutex};
+use std::time::Duration;
+use vsf::contact::link_sdfs;
+use vsf::core::nalgebra::Point3;
+use vsf::prelude::*;
+use vsf::robots::cartesian_stage;
+use vsf_examples::live::{
+    Counts, Datagrams, Lines, LiveSession, MAX_LINE, Node, Options, Queue, Received, Sample,
+    Source, WhenFull, run,
+};
+
+fn session() -> (RobotModel, LiveSession) {
+    let points = (0..200).map(|i| {
+        Point3::new(
+            f64::from(i % 10),
+            f64::from(i / 10 % 10),
+            -f64::from(i / 100),
+        ) * 0.005
+    });
+    let rest = Arc::new(RestPoints::new(points.collect()).unwrap());
+    let robot = cartesian_stage(0.01).unwrap();
+    let links = link_sdfs(robot.colliders(), &Default::default())
+        .unwrap()
+        .links;
+    let contact: Box<dyn ContactModel> =
+        Box::new(StickSlip::new(links, Default::default()).unwrap());
+    let sensor = JointTorques::new(Noise::uniform(3, 0.02).unwrap());
+    let prior = Belief::uniform(rest.len(), 0.0, 50.0).unwrap();
+    let filter = MemoryReplay::new(DiagonalKalman::new(prior), Default::default()).unwrap();
+    (robot, Session::new(rest, contact, sensor, filter).unwrap())
+}
+
+fn node(options: Options) -> Node {
+    let (robot, session) = session();
+    Node::new(robot, session, options).unwrap()
+}
+
+const PATIENT: Options = Options {
+    rate_hz: 100.0,
+    publish_hz: 10.0,
+    max_gap: 0.1,
+    restart: 1.0,
+    queue: 4,
+    when_full: WhenFull::Wait,
+};
+
+/// Sample `k` of a poke at 100 Hz, and its line.
+fn sample(k: u32) -> (Sample, String) {
+    let depth = 0.0001 * f64::from(k.min(80));
+    let sample = Sample {
+        t: 0.01 * f64::from(k),
+        q: vec![0.02, 0.02, -depth],
+        tau: vec![0.0, 0.0, 40.0 * depth],
+        touch: k == 0,
+    };
+    let Sample { t, q, tau, touch } = &sample;
+    let line = format!("{{\"t\": {t}, \"q\": {q:?}, \"tau\": {tau:?}, \"touch\": {touch}}}\n");
+    (sample, line)
+}
+
+type Refused = Mutex<Vec<(u64, String)>>;
+
+/// Runs a text through a node: the node, its summaries, and the lines that it refused.
+fn stream(text: &[u8], options: Options) -> (Node, Vec<Value>, Vec<(u64, String)>) {
+    let refused = Refused::default();
+    let mut out = Vec::new();
+    let note = |k: u64, why: &str| refused.lock().unwrap().push((k, why.to_owned()));
+    let node = run(node(options), &mut Lines(text), &mut out, &note).unwrap();
+    let lines = String::from_utf8(out).unwrap();
+    let summaries = lines
+        .lines()
+        .map(|l| serde_json::from_str(l).unwrap())
+        .collect();
+    let mut refused = refused.into_inner().unwrap();
+    refused.sort();
+    (node, summaries, refused)
+}
+
+#[test]
+fn a_perfect_stream_is_a_session() {
+    let text: String = (0..100).map(|k| sample(k).1).collect();
+    let (node, summaries, refused) = stream(text.as_bytes(), PATIENT);
+    let (robot, mut session) = session();
+    let mut posture = robot.posture();
+    session.begin_touch();
+    for k in 0..100 {
+        let sample = sample(k).0;
+        robot.update_posture(&sample.q, &mut posture).unwrap();
+        session.step(&posture, &sample.tau).unwrap();
+    }
+    assert!(node.session().belief() == session.belief());
+    assert!(refused.is_empty());
+    let all = Counts {
+        received: 100,
+        used: 100,
+        ..Counts::default()
+    };
+    assert_eq!(*node.counts(), all);
+
+    // One summary every tenth of a second, and the last.
+    assert_eq!(summaries.len(), 10);
+    let times: Vec<f64> = summaries.iter().map(|s| s["t"].as_f64().unwrap()).collect();
+    assert!(
+        times
+            .windows(2)
+            .take(8)
+            .all(|w| (w[1] - w[0] - 0.1).abs() < 1e-9),
+        "{times:?}"
+    );
+    let last = &summaries[9];
+    assert_eq!(
+        (&last["t"], &last["used"]),
+        (&Value::from(0.99), &Value::from(100))
+    );
+    let touched = last["touched"].as_u64().unwrap();
+    let mean = session.belief().mean();
+    let most = mean.iter().copied().fold(0.0, f32::max);
+    assert!(touched > 10 && last["contacts"].as_u64().unwrap() <= touched);
+    assert_eq!(last["stiffness"]["max"], f64::from(most));
+    assert!(last["stiffness"]["mean"].as_f64().unwrap() > 0.0);
+    assert!(last["residual"].as_f64().unwrap() < 0.1);
+}
+
+#[test]
+fn late_repeated_and_missing_samples() {
+    let order = [0, 1, 2, 2, 3, 5, 4, 6, 7, 30, 31];
+    let mut text: String = order.iter().map(|&k| sample(k).1).collect();
+    // A clock that was set anew, far ahead and then back.
+    text += &sample(0).1.replace("\"t\": 0", "\"t\": 1e300");
+    text += &sample(1).1;
+    text += &sample(2).1;
+    let (node, summaries, refused) = stream(text.as_bytes(), PATIENT);
+    assert!(refused.is_empty(), "{refused:?}");
+    let counts = node.counts();
+    assert_eq!((counts.received, counts.used), (14, 12));
+    assert_eq!((counts.repeated, counts.late), (1, 1));
+    // Sample 4, 22 between 7 and 30, and more than can be counted before 1e300 s.
+    assert_eq!(counts.missing, u64::MAX);
+    assert_eq!((counts.gaps, counts.restarts), (2, 1));
+    assert_eq!(summaries.last().unwrap()["t"], 0.02);
+    let text: String = order.iter().map(|&k| sample(k).1).collect();
+    let (node, ..) = stream(text.as_bytes(), PATIENT);
+    let expected = Counts {
+        received: 11,
+        used: 9,
+        repeated: 1,
+        late: 1,
+        missing: 23,
+        gaps: 1,
+        ..Counts::default()
+    };
+    assert_eq!(*node.counts(), expected);
+}
+
+#[test]
+fn bad_lines_are_refused_by_number_and_change_nothing() {
+    let good = |k: u32| sample(k).1;
+    let long = "1".repeat(3 * MAX_LINE) + "\n";
+    let bad: [(&str, &str); 16] = [
+        (
+            "{\"t\": 0.1, \"q\": [0, 0, 0], \"tau\": [NaN, 0, 0]}\n",
+            "expected value (column 36)",
+        ),
+        (
+            "{\"t\": 0.1, \"q\": [0, 0, 0], \"tau\": [0, Infinity, 0]}\n",
+            "expected value",
+        ),
+        (
+            "{\"t\": 0.1, \"q\": [0, 0, 1e999], \"tau\": [0, 0, 0]}\n",
+            "out of range",
+        ),
+        (
+            "{\"t\": 0.1, \"q\": [0, 0, null], \"tau\": [0, 0, 0]}\n",
+            "null",
+        ),
+        (
+            "{\"t\": null, \"q\": [0, 0, 0], \"tau\": [0, 0, 0]}\n",
+            "null",
+        ),
+        (
+            "{\"t\": 0.1, \"q\": [0, 0], \"tau\": [0, 0, 0]}\n",
+            "q has 2 numbers, the robot has 3",
+        ),
+        (
+            "{\"t\": 0.1, \"q\": [0, 0, 0], \"tau\": [0, 0, 0, 0]}\n",
+            "tau has 4 numbers",
+        ),
+        ("{\"t\": 0.1, \"q\": [0, 0, 0]}\n", "missing field `tau`"),
+        (
+            "{\"t\": 0.1, \"t\": 0.2, \"q\": [0, 0, 0], \"tau\": [0, 0, 0]}\n",
+            "duplicate field `t`",
+        ),
+        (
+            "{\"t\": 0.1, \"q\": [0, 0, 0], \"tau\": [0, 0, 0], \"touhc\": true}\n",
+            "unknown field `touhc`",
+        ),
+        ("{\"t\": 0.1, \"q\": [0, 0, 0], \"tau\": [0, 0,\n", "EOF"),
+        ("\n", "EOF"),
+        ("no json\n", "expected"),
+        (&long, "longer than 65536 bytes"),
+        // Numbers beyond any robot.
+        (
+            "{\"t\": 0.1, \"q\": [0, 0, 0], \"tau\": [0, 0, 1e300]}\n",
+            "tau[2] is 1e300, beyond 1e12",
+        ),
+        (
+            "{\"t\": 0.1, \"q\": [0, 0, 1e308], \"tau\": [0, 0, 0]}\n",
+            "q[2] is 1e308, beyond 1e6",
+        ),
+    ];
+    let mut text = good(0);
+    for (line, _) in bad {
+        text += line;
+    }
+    let mut text = text.into_bytes();
+    text.extend(b"\xff\xfe not text\n");
+    text.extend(good(1).bytes());
+    // The last line has no end.
+    text.extend(good(2).trim_end().bytes());
+    let (node, _, refused) = stream(&text, PATIENT);
+    let (clean, ..) = stream([good(0), good(1), good(2)].concat().as_bytes(), PATIENT);
+    assert!(node.session().belief() == clean.session().belief());
+    let counts = node.counts();
+    assert_eq!((counts.received, counts.used), (20, 3));
+    for ((number, why), (line, part)) in refused.iter().zip(bad) {
+        assert!(
+            why.contains(part),
+            "line {number}: {part:?} is not in {why:?}: {line:.80}"
+        );
+    }
+    let numbers: Vec<u64> = refused.iter().map(|r| r.0).collect();
+    assert_eq!(numbers, (2..=18).collect::<Vec<_>>());
+    assert_eq!(counts.refused, 17);
+}
+
+#[test]
+fn a_full_queue_drops_its_oldest_or_waits() {
+    let queue = Queue::new(4, WhenFull::DropOldest);
+    assert!((0..10).all(|k| queue.push(k)));
+    assert_eq!(queue.dropped(), 6);
+    queue.close();
+    assert!(!queue.push(10));
+    let left: Vec<i32> = std::iter::from_fn(|| queue.pop()).collect();
+    assert_eq!(left, [6, 7, 8, 9]);
+
+    let queue = Queue::new(2, WhenFull::Wait);
+    let sum: u64 = std::thread::scope(|scope| {
+        scope.spawn(|| {
+            assert!((0..1000).all(|k| queue.push(k)));
+            queue.close();
+        });
+        std::iter::from_fn(|| queue.pop()).sum()
+    });
+    assert_eq!((sum, queue.dropped()), (999 * 1000 / 2, 0));
+}
+
+/// A source that says when it has nothing more, and a sink that waits for that at its first line.
+struct Hasty<'a>(Lines<&'a [u8]>, Sender<()>);
+struct Slow(Option<Receiver<()>>, Vec<u8>);
+
+impl Source for Hasty<'_> {
+    fn receive(&mut self, line: &mut Vec<u8>) -> io::Result<Received> {
+        let received = self.0.receive(line)?;
+        if received == Received::End {
+            self.1.send(()).unwrap();
+        }
+        Ok(received)
+    }
+}
+
+impl Write for Slow {
+    fn write(&mut self, bytes: &[u8]) -> io::Result<usize> {
+        if let Some(end) = self.0.take() {
+            end.recv().unwrap();
+        }
+        self.1.write(bytes)
+    }
+
+    fn flush(&mut self) -> io::Result<()> {
+        Ok(())
+    }
+}
+
+#[test]
+fn a_slow_node_keeps_the_newest() {
+    let text: String = (0..100).map(|k| sample(k).1).collect();
+    let (end, ended) = channel();
+    let options = Options {
+        publish_hz: 1e6,
+        when_full: WhenFull::DropOldest,
+        ..PATIENT
+    };
+    let mut out = Slow(Some(ended), Vec::new());
+    let mut source = Hasty(Lines(text.as_bytes()), end);
+    let node = run(node(options), &mut source, &mut out, &|_, _| ()).unwrap();
+    let counts = node.counts();
+    // Up to two before it stands still, the last four in the end.
+    assert!((4..=6).contains(&counts.used), "{counts:?}");
+    assert_eq!(counts.received, counts.used + counts.dropped);
+    let last = String::from_utf8(out.1).unwrap();
+    assert!(
+        last.lines().last().unwrap().starts_with("{\"t\":0.99,"),
+        "{last}"
+    );
+}
+
+#[test]
+fn nobody_reads_any_more() {
+    struct Gone;
+    impl Write for Gone {
+        fn write(&mut self, _: &[u8]) -> io::Result<usize> {
+            Err(io::ErrorKind::BrokenPipe.into())
+        }
+        fn flush(&mut self) -> io::Result<()> {
+            Ok(())
+        }
+    }
+    let text: String = (0..100).map(|k| sample(k).1).collect();
+    let node = run(
+        node(PATIENT),
+        &mut Lines(text.as_bytes()),
+        &mut Gone,
+        &|_, _| (),
+    )
+    .unwrap();
+    assert!(node.counts().used < 100);
+}
+
+#[test]
+fn datagrams() {
+    let socket = UdpSocket::bind("127.0.0.1:0").unwrap();
+    socket
+        .set_read_timeout(Some(Duration::from_secs(20)))
+        .unwrap();
+    let sender = UdpSocket::bind("127.0.0.1:0").unwrap();
+    for k in 0..50 {
+        let line = sample(k).1;
+        sender
+            .send_to(line.as_bytes(), socket.local_addr().unwrap())
+            .unwrap();
+    }
+    sender.send_to(b"", socket.local_addr().unwrap()).unwrap();
+    let mut out = Vec::new();
+    let node = run(node(PATIENT), &mut Datagrams(socket), &mut out, &|_, _| ()).unwrap();
+    assert_eq!((node.counts().used, node.counts().received), (50, 50));
+
+    // Silence ends it too.
+    let socket = UdpSocket::bind("127.0.0.1:0").unwrap();
+    socket
+        .set_read_timeout(Some(Duration::from_millis(10)))
+        .unwrap();
+    let mut line = Vec::new();
+    assert_eq!(Datagrams(socket).receive(&mut line).unwrap(), Received::End);
+}
+
+#[test]
+fn options_out_of_range() {
+    for options in [
+        Options {
+            rate_hz: 0.0,
+            ..PATIENT
+        },
+        Options {
+            publish_hz: f64::NAN,
+            ..PATIENT
+        },
+        Options {
+            max_gap: -1.0,
+            ..PATIENT
+        },
+        Options {
+            restart: f64::NAN,
+            ..PATIENT
+        },
+    ] {
+        let (robot, session) = session();
+        assert!(Node::new(robot, session, options).is_err(), "{options:?}");
+    }
+}
