@@ -5,7 +5,9 @@
 //! 3. [`your_parts`]: an estimator, a sensor and a contact model of your own.
 //! 4. [`filter_health`]: is the filter right about how much it knows?
 //! 5. [`sim_to_real`]: what the model lacks, by the effects of the catalogue or your own.
-//! 6. [`from_openvsf`]: folders and fields of OpenVSF, and what differs here.
+//! 6. [`touch_protocol`]: how to touch so that effects can be told apart.
+//! 7. [`accuracy`]: how well it predicts and how fast it is, and where it ends.
+//! 8. [`from_openvsf`]: folders, fields and options of OpenVSF, and what differs here.
 
 #[doc = include_str!("guide/first_field.md")]
 pub mod first_field {}
@@ -21,6 +23,12 @@ pub mod filter_health {}
 
 #[doc = include_str!("guide/sim_to_real.md")]
 pub mod sim_to_real {}
+
+#[doc = include_str!("guide/touch_protocol.md")]
+pub mod touch_protocol {}
+
+#[doc = include_str!("guide/accuracy.md")]
+pub mod accuracy {}
 
 #[doc = include_str!("guide/from_openvsf.md")]
 pub mod from_openvsf {}
