@@ -113,7 +113,12 @@ fn main() -> Result<(), Box<dyn Error>> {
     };
     let refuse = |number: u64, why: &str| eprintln!("line {number}: {why}");
     if args.stdin {
-        run(node, &mut Lines(BufReader::new(io::stdin())), &mut out, &refuse)?;
+        run(
+            node,
+            &mut Lines(BufReader::new(io::stdin())),
+            &mut out,
+            &refuse,
+        )?;
         return Ok(());
     }
     let socket = UdpSocket::bind(args.udp.unwrap_or((Ipv4Addr::LOCALHOST, 0).into()))?;

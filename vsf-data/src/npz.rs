@@ -8,14 +8,19 @@ use zip::result::ZipError;
 use zip::write::SimpleFileOptions;
 use zip::{CompressionMethod, ZipArchive, ZipWriter};
 
-/// More than this in one entry is refused: a few bytes of zip can unpack to a full disk.
-const MAX_ENTRY: u64 = 1 << 30;
+/// More than this in all entries is refused: a few bytes of zip can unpack to more than any memory.
+const MAX_BYTES: u64 = 4 << 30;
 
 /// The entries by name, without `.npy`, and their bytes.
 pub(crate) fn read(path: &Path) -> Result<BTreeMap<String, Vec<u8>>, DataError> {
+    read_within(path, MAX_BYTES)
+}
+
+fn read_within(path: &Path, most: u64) -> Result<BTreeMap<String, Vec<u8>>, DataError> {
     let damaged = |e: ZipError| failure(path, &e);
     let mut zip = ZipArchive::new(Cursor::new(files::read(path)?)).map_err(damaged)?;
     let mut entries = BTreeMap::new();
+    let mut left = most;
     for i in 0..zip.len() {
         let mut entry = zip.by_index(i).map_err(damaged)?;
         let name = entry.name().strip_suffix(".npy").unwrap_or(entry.name());
@@ -23,14 +28,14 @@ pub(crate) fn read(path: &Path) -> Result<BTreeMap<String, Vec<u8>>, DataError> 
         let inside = path.join(entry.name());
         let mut bytes = Vec::new();
         // Nothing is reserved by the size that the archive claims.
-        let limited = (&mut entry).take(MAX_ENTRY + 1).read_to_end(&mut bytes);
+        let limited = (&mut entry).take(left + 1).read_to_end(&mut bytes);
         limited.map_err(|e| failure(&inside, &ZipError::Io(e)))?;
-        if bytes.len() as u64 > MAX_ENTRY {
-            return Err(DataError::Npz {
-                path: inside,
-                problem: format!("larger than {MAX_ENTRY} bytes"),
-            });
-        }
+        left = left
+            .checked_sub(bytes.len() as u64)
+            .ok_or_else(|| DataError::Npz {
+                path: path.to_owned(),
+                problem: format!("unpacks to more than {most} bytes"),
+            })?;
         if entries.insert(name, bytes).is_some() {
             return Err(DataError::Npz {
                 path: inside,
@@ -66,5 +71,26 @@ fn failure(path: &Path, e: &ZipError) -> DataError {
     DataError::Npz {
         path: path.to_owned(),
         problem: e.to_string(),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn entries_share_one_limit() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("a.npz");
+        let entries = ["a", "b", "c"].map(|name| (name.to_owned(), vec![0; 1000]));
+        std::fs::write(&path, encode(&path, &entries.into()).unwrap()).unwrap();
+        assert_eq!(read_within(&path, 3000).unwrap().len(), 3);
+        for most in [2999, 1500, 0] {
+            let error = read_within(&path, most).unwrap_err().to_string();
+            assert!(
+                error.contains(&format!("unpacks to more than {most}")),
+                "{error}"
+            );
+        }
     }
 }

@@ -50,6 +50,7 @@ mod capsules;
 mod description;
 mod dynamics;
 mod error;
+mod file;
 mod joint_torques;
 mod kinematics;
 mod kinova_gen3;

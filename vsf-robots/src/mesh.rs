@@ -1,9 +1,12 @@
-use crate::RobotError;
+use crate::{RobotError, file};
 use nalgebra::{Point3, Vector3};
 use std::collections::HashMap;
 use std::io::Cursor;
 use std::path::Path;
 use vsf_core::TriMesh;
+
+/// Longest file that is read [bytes]: 20 million triangles.
+const MAX_LENGTH: u64 = 1 << 30;
 
 /// Three corners of every face.
 type Corners = Vec<[Point3<f64>; 3]>;
@@ -11,14 +14,10 @@ type Corners = Vec<[Point3<f64>; 3]>;
 /// Reads an STL (binary or text) or OBJ file and scales it. Equal vertices are welded into one, as
 /// STL repeats a vertex in each of its faces; faces are kept as they are.
 pub(crate) fn load(path: &Path, scale: &Vector3<f64>) -> Result<TriMesh, RobotError> {
-    let bytes = std::fs::read(path).map_err(|source| RobotError::Read {
-        path: path.to_owned(),
-        source,
-    })?;
     let format = path.extension().unwrap_or_default().to_ascii_lowercase();
     let corners = match format.to_str() {
-        Some("stl") => stl(bytes),
-        Some("obj") => obj(&bytes),
+        Some("stl") => stl(file::read(path, MAX_LENGTH)?),
+        Some("obj") => obj(&file::read(path, MAX_LENGTH)?),
         _ => Err("unknown format; convert it to STL or OBJ".to_owned()),
     };
     corners

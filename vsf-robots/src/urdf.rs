@@ -1,13 +1,18 @@
 use crate::description::{Description, JointDescription, LinkDescription};
-use crate::{JointKind, JointLimits, RobotError, RobotModel, capsules, mesh, nesting, resource};
+use crate::{
+    JointKind, JointLimits, RobotError, RobotModel, capsules, file, mesh, nesting, resource,
+};
 use nalgebra::{Isometry3, Matrix3, UnitQuaternion, Vector3};
 use std::collections::BTreeMap;
+use std::io::{Error, ErrorKind};
 use std::path::{Path, PathBuf};
 use urdf_rs::{Geometry, JointType};
 use vsf_core::Shape;
 
 /// Far beyond any URDF, which has 4 or 5 levels.
 const MAX_NESTING: usize = 100;
+/// Longest file that is read \[bytes\], far beyond any URDF.
+const MAX_LENGTH: u64 = 64 << 20;
 
 /// What to do with `<mesh>` collision shapes.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
@@ -58,10 +63,11 @@ impl RobotModel {
         options: &UrdfOptions,
     ) -> Result<Self, RobotError> {
         let path = path.as_ref();
-        let text = std::fs::read_to_string(path).map_err(|source| RobotError::Read {
-            path: path.to_owned(),
-            source,
-        })?;
+        let text =
+            String::from_utf8(file::read(path, MAX_LENGTH)?).map_err(|_| RobotError::Read {
+                path: path.to_owned(),
+                source: Error::new(ErrorKind::InvalidData, "it is not UTF-8 text"),
+            })?;
         let dir = path.parent().unwrap_or(Path::new(""));
         read(&text, dir, options, &path.display().to_string())
     }
@@ -105,6 +111,12 @@ fn read(
     // The parser would skip macros and their links without a word.
     if text.contains("<xacro:") {
         return Err(invalid("it holds xacro macros; expand them first".into()));
+    }
+    // Entities can make a short text huge, and hide elements from the count of levels.
+    if text.contains("<!ENTITY") {
+        return Err(invalid(
+            "it declares entities; write out what they stand for".into(),
+        ));
     }
     let depth = nesting::depth(text);
     if depth > MAX_NESTING {

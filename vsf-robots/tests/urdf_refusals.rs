@@ -398,3 +398,24 @@ proptest! {
         let _ = parse(&text);
     }
 }
+
+#[test]
+fn entities_are_refused() {
+    let laughs = r#"<!DOCTYPE robot [<!ENTITY a "ha"><!ENTITY b "&a;&a;&a;&a;&a;&a;&a;&a;">]>
+        <robot name="&b;"><link name="a"/></robot>"#;
+    let error = parse(laughs).unwrap_err().to_string();
+    assert!(error.contains("entities"), "{error}");
+}
+
+/// A URDF may name any path of the machine that reads it.
+#[test]
+#[cfg(target_os = "linux")]
+fn devices_do_not_fill_the_memory() {
+    let error = RobotModel::from_urdf_file("/dev/zero", &UrdfOptions::default()).unwrap_err();
+    assert!(
+        error.to_string().contains("/dev/zero: it is longer"),
+        "{error}"
+    );
+    let error = parse(&collision(r#"<mesh filename="/dev/zero"/>"#)).unwrap_err();
+    assert!(error.to_string().contains("unknown format"), "{error}");
+}

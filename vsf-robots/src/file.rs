@@ -1,0 +1,21 @@
+use crate::RobotError;
+use std::fs::File;
+use std::io::{Error, ErrorKind, Read};
+use std::path::Path;
+
+/// The bytes of a file of at most `most` bytes. Devices go on for ever, and a robot may name any path.
+pub(crate) fn read(path: &Path, most: u64) -> Result<Vec<u8>, RobotError> {
+    let read = || {
+        let mut bytes = Vec::new();
+        File::open(path)?.take(most + 1).read_to_end(&mut bytes)?;
+        if bytes.len() as u64 > most {
+            let why = format!("it is longer than {most} bytes");
+            return Err(Error::new(ErrorKind::FileTooLarge, why));
+        }
+        Ok(bytes)
+    };
+    read().map_err(|source| RobotError::Read {
+        path: path.to_owned(),
+        source,
+    })
+}
