@@ -41,7 +41,7 @@ impl Console {
     pub fn report(&self, text: impl Display) -> anyhow::Result<()> {
         match self.quiet || self.json == Some(None) {
             true => Ok(()),
-            false => print(&text.to_string()),
+            false => print(&harmless(&text.to_string())),
         }
     }
 
@@ -162,8 +162,17 @@ fn check_file(flag: &str, path: &Path) -> anyhow::Result<()> {
 
 /// One line on standard error. That nobody reads it is no reason to stop.
 pub fn complain(text: impl Display) {
-    let line = text.to_string().replace('\n', " ");
+    let line = harmless(&text.to_string()).replace('\n', " ");
     let _ = writeln!(std::io::stderr(), "{line}");
+}
+
+/// Without the characters by which names in a file could command a terminal.
+fn harmless(text: &str) -> String {
+    let shown = |c: char| match c.is_control() && c != '\n' {
+        true => char::REPLACEMENT_CHARACTER,
+        false => c,
+    };
+    text.chars().map(shown).collect()
 }
 
 /// A reader that went away (`vsf info | head`) is no error.

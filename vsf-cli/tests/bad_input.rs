@@ -365,6 +365,29 @@ fn outputs_never_mix_with_other_files() {
 }
 
 #[test]
+fn names_do_not_command_the_terminal() {
+    let bench = Bench::new();
+    let name = r#"{"name": "a\u001b[2J\u009b31mb\r", "#;
+    bench.metadata(&METADATA.replacen('{', name, 1));
+    let shown = bench.ok(INFO);
+    assert!(
+        shown.contains("a\u{fffd}[2J\u{fffd}31mb\u{fffd}"),
+        "{shown:?}"
+    );
+    assert!(bench.ok("info data --json").contains(r"a\u001b[2J"));
+    let output = bench.run("info data --sequences \u{1b}[2J");
+    let error = String::from_utf8(output.stderr).unwrap();
+    assert!(!error.contains('\u{1b}'), "{error:?}");
+    bench.metadata(&METADATA.replace("\"c\"", r#""\u001b[2J""#));
+    let output = bench.run(INFO);
+    let error = String::from_utf8(output.stderr).unwrap();
+    assert!(
+        !output.status.success() && !error.contains('\u{1b}'),
+        "{error:?}"
+    );
+}
+
+#[test]
 fn pictures_of_what_is_not_there() {
     let bench = Bench::new();
     bench.fails(

@@ -148,7 +148,7 @@ impl Node {
             }
         }
         for (name, value) in [("longest gap", max_gap), ("restart", restart)] {
-            if !(value > 0.0) {
+            if value.is_nan() || value <= 0.0 {
                 return Err(CoreError::Parameter {
                     name,
                     value,
