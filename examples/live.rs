@@ -2,8 +2,8 @@
 //!
 //! A node takes lines of JSON, `{"t": 12.345, "q": [..], "tau": [..]}`, from standard input or from
 //! datagrams on this machine, feeds a session, and writes what it knows of the field as lines of JSON.
-//! Torques are those of the environment on the robot, gravity removed; `"touch": true` begins a new
-//! touch. Without a source the node feeds itself: a Kinova Gen3 pushes into a block of foam twice, sent
+//! Torques are those of the environment on the robot, gravity removed; where the number `"touch"` changes, a new
+//! touch begins. Without a source the node feeds itself: a Kinova Gen3 pushes into a block of foam twice, sent
 //! as datagrams at 1 kHz, some of them twice, late, missing or broken.
 //!
 //! ```sh
@@ -200,7 +200,7 @@ fn demonstration() -> Result<Vec<String>, Box<dyn Error>> {
         let tau: Vec<f64> = (reading.mean.iter())
             .map(|t| t + noise.sample(&mut rng))
             .collect();
-        let (t, touch) = (0.001 * f64::from(k), k % 1000 == 0);
+        let (t, touch) = (0.001 * f64::from(k), k / 1000);
         let line = format!("{{\"t\": {t}, \"q\": {q:?}, \"tau\": {tau:?}, \"touch\": {touch}}}");
         match k {
             300..320 => {}

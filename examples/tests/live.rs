@@ -59,7 +59,7 @@ fn sample(k: u32) -> (Sample, String) {
         t: 0.01 * f64::from(k),
         q: vec![0.02, 0.02, -depth],
         tau: vec![0.0, 0.0, 40.0 * depth],
-        touch: k == 0,
+        touch: 1,
     };
     let Sample { t, q, tau, touch } = &sample;
     let line = format!("{{\"t\": {t}, \"q\": {q:?}, \"tau\": {tau:?}, \"touch\": {touch}}}\n");
@@ -199,7 +199,7 @@ fn bad_lines_are_refused_by_number_and_change_nothing() {
             "duplicate field `t`",
         ),
         (
-            "{\"t\": 0.1, \"q\": [0, 0, 0], \"tau\": [0, 0, 0], \"touhc\": true}\n",
+            "{\"t\": 0.1, \"q\": [0, 0, 0], \"tau\": [0, 0, 0], \"touhc\": 1}\n",
             "unknown field `touhc`",
         ),
         ("{\"t\": 0.1, \"q\": [0, 0, 0], \"tau\": [0, 0,\n", "EOF"),
@@ -260,6 +260,27 @@ fn a_full_queue_drops_its_oldest_or_waits() {
         std::iter::from_fn(|| queue.pop()).sum()
     });
     assert_eq!((sum, queue.dropped()), (999 * 1000 / 2, 0));
+}
+
+/// Contact state is not shown, but the belief tells: a point that is dragged along is displaced further.
+#[test]
+fn a_new_touch_is_seen_though_its_first_samples_are_lost() {
+    let across = |k: u32, touch: u64| {
+        let x = 0.018 + 0.0005 * f64::from(k % 10);
+        format!(
+            "{{\"t\": {}, \"q\": [{x}, 0.02, -0.004], \"tau\": [0.01, 0, 0.2], \"touch\": {touch}}}\n",
+            0.01 * f64::from(k)
+        )
+    };
+    let belief = |second: u64, lost: bool| {
+        let lines = (0..20)
+            .filter(|k| !lost || *k != 10)
+            .map(|k| across(k, if k < 10 { 1 } else { second }));
+        let (node, ..) = stream(lines.collect::<String>().as_bytes(), PATIENT);
+        node.session().belief().clone()
+    };
+    assert!(belief(2, true) != belief(1, true));
+    assert!(belief(2, false) != belief(1, false));
 }
 
 /// A source that says when it has nothing more, and a sink that waits for that at its first line.

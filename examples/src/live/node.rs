@@ -104,8 +104,9 @@ pub struct Node {
     session: LiveSession,
     options: Options,
     posture: Posture,
-    /// Time of the last sample that was used.
+    /// Time of the last sample that was used, and its touch.
     last: Option<f64>,
+    touch: u64,
     due: Option<f64>,
     is_due: bool,
     touched: Vec<bool>,
@@ -160,6 +161,7 @@ impl Node {
             posture: robot.posture(),
             touched: vec![false; session.rest().len()],
             last: None,
+            touch: 0,
             due: None,
             is_due: false,
             since: Since::default(),
@@ -221,7 +223,7 @@ impl Node {
         let (restarted, gap) = (step < 0.0, step > max_gap && self.last.is_some());
         if restarted {
             self.session.begin_sequence();
-        } else if gap || sample.touch {
+        } else if gap || sample.touch != self.touch {
             self.session.begin_touch();
         }
         let begin = Instant::now();
@@ -238,6 +240,7 @@ impl Node {
         self.counts.restarts += u64::from(restarted);
         self.counts.used += 1;
         self.last = Some(sample.t);
+        self.touch = sample.touch;
         self.since.steps += 1;
         self.since.squares += report.prefit * report.prefit;
         self.since.slowest = self.since.slowest.max(took);

@@ -13,9 +13,10 @@ pub struct Sample {
     pub q: Vec<f64>,
     /// Torques of the environment on the robot, gravity removed \[N m or N\].
     pub tau: Vec<f64>,
-    /// Whether a new touch begins here: contacts are forgotten.
+    /// Number of the touch, 0 if not given: where it changes contacts are forgotten. A mark on the
+    /// first sample of a touch alone could be lost with it.
     #[serde(default)]
-    pub touch: bool,
+    pub touch: u64,
 }
 
 impl Sample {
