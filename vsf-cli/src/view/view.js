@@ -437,17 +437,21 @@ function showTrack() {
   // Begin where most is touched.
   sample = t.counts.length ? t.counts.indexOf(t.counts.reduce((a, b) => Math.max(a, b), 0)) : 0;
   $("sample").max = t.time.length - 1;
+  setPlaying(false);
   $("course-of").textContent = canTouch
     ? `Grey: touched points, at most ${t.counts.reduce((a, b) => Math.max(a, b), 0)}. Orange: norm of the external torques, at most ${number(t.loads.reduce((a, b) => Math.max(a, b), 0))} ${motion.unit}.`
     : "";
   showSample();
 }
 
+/** How many times as fast as it was: a sequence takes 20 s at most. */
+const pace = () => Math.max(1, tracks[track].time[tracks[track].time.length - 1] / 20);
+
 let before = 0, clock = 0;
 function play(now) {
   if (!playing) return;
   const t = tracks[track], end = t.time.length - 1;
-  clock += Math.min(0.2, (now - before) / 1000);
+  clock += pace() * Math.min(0.2, (now - before) / 1000);
   before = now;
   while (sample < end && t.time[sample + 1] <= clock) sample++;
   if (sample >= end) setPlaying(false);
@@ -456,7 +460,7 @@ function play(now) {
 }
 function setPlaying(on) {
   playing = on;
-  $("play").textContent = on ? "Pause" : "Play";
+  $("play").textContent = on ? "Pause" : pace() > 1.5 ? `Play ${Math.round(pace())} times as fast` : "Play";
   if (!on) return refresh(false);
   if (sample >= tracks[track].time.length - 1) sample = 0;
   clock = tracks[track].time[sample];
@@ -487,7 +491,7 @@ $("extent").textContent = cloud.total === 0 ? "No points." : `${cloud.total} poi
 for (const id of ["least", "untouched"]) $(id).addEventListener("input", showLayer);
 for (const id of ["robot", "frames", "touches"]) $(id).addEventListener("change", () => refresh(false));
 $("reset").addEventListener("click", () => { camera = start(); refresh(false); });
-$("sequence").addEventListener("change", e => { track = e.target.selectedIndex; setPlaying(false); showTrack(); });
+$("sequence").addEventListener("change", e => { track = e.target.selectedIndex; showTrack(); });
 $("sample").addEventListener("input", e => { setPlaying(false); sample = Number(e.target.value); showSample(); });
 $("play").addEventListener("click", () => setPlaying(!playing));
 window.addEventListener("resize", () => { refresh(false); if (canTouch) drawCourse(); });
