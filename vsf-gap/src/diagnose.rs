@@ -6,7 +6,7 @@ use crate::next::{NextExperiment, next_experiment};
 use crate::noise::noise_floor;
 use crate::nominal::Fitted;
 use crate::refine::Refined;
-use crate::screen::{Screened, Tangent, best_of, log_mean_exp, screen};
+use crate::screen::{MOST_SCALES, Screened, Tangent, best_of, log_mean_exp, screen};
 use crate::verdict::{EVIDENT, Hypothesis, Kind, Verdict, judge, threshold};
 use crate::windows::Windows;
 use crate::{Acts, Campaign, Effect, GapError, Model, Motion, Parameter, Role};
@@ -450,13 +450,18 @@ fn steps(parameters: &[Parameter], theta: &[f64], size: f64) -> Vec<Vec<f64>> {
 }
 
 impl Tangent {
-    /// Prior deviations of all parameters.
+    /// Prior deviations of all parameters. Screening bounds amplitudes by the torques that they cause;
+    /// of surfaces that move, torques are no measure, since contact and stiffness change with them.
     fn prior(&self, site: &crate::Site) -> Vec<f64> {
-        let mut sd: Vec<f64> = (self.effect.parameters(site).iter())
+        let parameters = self.effect.parameters(site);
+        let mut sd: Vec<f64> = (parameters.iter())
             .map(|p| 0.25 * (p.bounds[1] - p.bounds[0]))
             .collect();
         for (&i, s) in self.amplitudes.iter().zip(&self.sd) {
-            sd[i] = *s;
+            sd[i] = match self.effect.acts() {
+                Acts::Contact => MOST_SCALES * parameters[i].scale,
+                Acts::Torques | Acts::Springs => *s,
+            };
         }
         sd
     }

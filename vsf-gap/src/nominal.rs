@@ -34,6 +34,8 @@ const JOINT: [f64; 3] = [0.0, 0.05, 0.2];
 const POINT: [f64; 3] = [0.3, 1.0, 3.0];
 const SMOOTH: [f64; 3] = [0.3, 1.0, 3.0];
 const LEVEL: f64 = 3.0;
+/// A uniform stiffness that differs by less than this factor calls for no other spread.
+const RESCALE: f64 = 1.4;
 
 impl Campaign {
     /// Contacts of several sequences.
@@ -200,6 +202,29 @@ impl Fitted<'_> {
             }
         }
         Ok(spread)
+    }
+
+    /// A spread of the stiffness that was chosen for another model, or the same in proportion to this
+    /// model's own uniform stiffness: what has the larger evidence. Where contact changes much, so
+    /// does the stiffness that explains the readings.
+    ///
+    /// # Errors
+    /// A covariance that is not positive definite.
+    pub(crate) fn adapted(&self, spread: &Spread) -> Result<Spread, GapError> {
+        let ratio = LEVEL * self.uniform / spread.level;
+        if !self.touches() || (1.0 / RESCALE..RESCALE).contains(&ratio) || !(ratio > 0.0) {
+            return Ok(*spread);
+        }
+        let own = Spread {
+            point: ratio * spread.point,
+            smooth: ratio * spread.smooth,
+            level: ratio * spread.level,
+            ..*spread
+        };
+        match self.log_evidence(&own)? > self.log_evidence(spread)? {
+            true => Ok(own),
+            false => Ok(*spread),
+        }
     }
 
     /// That spread of the stiffness with every roughness that is tried.

@@ -93,6 +93,7 @@ impl Campaign {
             parameters,
         };
         let mut fitted = self.fitted(start, &self.train)?;
+        let spread = &fitted.adapted(spread)?;
         let mut stiffness = self.field(&mut fitted, spread)?;
         let mut value = fitted.log_evidence(spread)? - prior.cost(&theta);
         let mut columns = self.columns(start, &fitted, &stiffness, &prior.parameters)?;

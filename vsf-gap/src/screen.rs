@@ -9,7 +9,7 @@ use std::sync::Arc;
 /// share of the RMS reading.
 const SIZE: f64 = 0.3;
 /// Nor is it more than so many times the parameter's own scale.
-const MOST_SCALES: f64 = 5.0;
+pub(crate) const MOST_SCALES: f64 = 5.0;
 
 /// The change of the predicted torques with each amplitude of an effect, from the nominal model.
 pub(crate) struct Tangent {

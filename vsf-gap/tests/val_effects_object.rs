@@ -46,17 +46,17 @@ fn depth(row: &Row) -> f64 {
 
 #[test]
 fn a_damper_leads() {
-    // At rest at first; the derivative over a sample is its mean.
+    // At rest at first; the derivative over a sample is its mean, and the damper's spring lags it.
+    let (eta, lag) = (0.08, 0.06);
     let rows = pressed(2.0, |t| 0.02 * (3.0 * t).sin().abs() + 1e-3);
-    let mut last = 0.0;
-    recovers("viscoelastic", &rows, &[0.08], |r| {
-        let rate = if r.dt > 0.0 {
-            (depth(r) - last) / r.dt
-        } else {
-            0.0
-        };
+    let (mut last, mut rate) = (0.0, 0.0);
+    recovers("viscoelastic", &rows, &[eta, lag], |r| {
+        if r.dt > 0.0 {
+            let share = 1.0 - (-r.dt / lag).exp();
+            rate += share * ((depth(r) - last) / r.dt - rate);
+        }
         last = depth(r);
-        K * (depth(r) + 0.08 * rate)
+        (K * (depth(r) + eta * rate)).max(0.0)
     });
 }
 
@@ -135,7 +135,7 @@ fn directions_differ() {
     let (site, effect) = (stage(&[[0.0; 3]]), effect("anisotropy"));
     let theta = [0.5, -0.3, 0.8, 0.2, -0.1, 0.4];
     let [a_t, xx, yy, xy, xz, yz] = theta;
-    let stiffness = [[1.0 + xx, xy, xz], [xy, 1.0 + yy, yz], [xz, yz, 1.0]];
+    let stiffness = Matrix3::new(1.0 + xx, xy, xz, xy, 1.0 + yy, yz, xz, yz, 1.0);
     let mut rows = motion(2.0, RATE, |_| vec![0.0; 3]);
     let mut data = Vec::new();
     for (k, row) in rows.iter_mut().enumerate() {

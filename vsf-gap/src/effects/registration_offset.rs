@@ -36,10 +36,10 @@ impl Effect for RegistrationOffset {
     }
 
     fn parameters(&self, site: &Site) -> Vec<Parameter> {
-        let axis = |name| Parameter::amplitude(name, "m", [-0.05, 0.05], 4e-3);
-        let common = ["dx", "dy", "dz"].map(|d| axis(d.to_owned()));
+        let axis = |name, scale| Parameter::amplitude(name, "m", [-0.05, 0.05], scale);
+        let common = ["dx", "dy", "dz"].map(|d| axis(d.to_owned(), 4e-3));
         let own = |(s, id): (usize, &String)| {
-            ["dx", "dy", "dz"].map(|d| axis(format!("{d}_{id}")).of_sequence(s))
+            ["dx", "dy", "dz"].map(|d| axis(format!("{d}_{id}"), 2e-3).of_sequence(s))
         };
         let own = site.sequences.iter().enumerate().flat_map(own);
         common.into_iter().chain(own).collect()
