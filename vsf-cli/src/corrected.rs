@@ -24,6 +24,11 @@ pub struct CorrectedModel {
 }
 
 impl ModelArgs {
+    /// The file that is given.
+    pub fn path(&self) -> Option<&PathBuf> {
+        self.model.as_ref()
+    }
+
     /// Reads the file, if one is given.
     pub fn open(&self, console: &Console) -> anyhow::Result<Option<CorrectedModel>> {
         let Some(path) = self.model.clone() else {

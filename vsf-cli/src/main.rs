@@ -8,6 +8,7 @@ mod commands;
 mod config;
 mod console;
 mod corrected;
+mod derived;
 mod diagnosis;
 mod exit;
 mod field_file;

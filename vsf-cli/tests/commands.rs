@@ -3,7 +3,7 @@
 #![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
 
 mod common;
-use common::{Bench, vsf};
+use common::{Bench, METADATA, vsf};
 use std::fs;
 
 fn has_keys(json: &str, keys: &[&str]) {
@@ -88,6 +88,75 @@ fn round_trip() {
             fs::metadata(bench.root.join(file)).unwrap().len() > 500,
             "{file}"
         );
+    }
+}
+
+/// What is made from a recording is one of its own: it can be moved, and says where it comes from.
+#[test]
+fn made_recordings_travel() {
+    let bench = Bench::new();
+    let root = &bench.root;
+    for folder in ["robots", "lab", "data/camera"] {
+        fs::create_dir(root.join(folder)).unwrap();
+    }
+    let axes: String = [("x", "1 0 0"), ("y", "0 1 0"), ("z", "0 0 1")]
+        .iter()
+        .zip(
+            ["frame", "beam", "cart"]
+                .iter()
+                .zip(["beam", "cart", "tip"]),
+        )
+        .map(|((name, axis), (parent, child))| {
+            format!(
+                "<joint name='{name}' type='prismatic'><parent link='{parent}'/>\
+                 <child link='{child}'/><axis xyz='{axis}'/></joint>"
+            )
+        })
+        .collect();
+    let urdf = format!(
+        "<robot name='stage'><link name='frame'/><link name='beam'/><link name='cart'/>\
+         <link name='tip'><collision><origin xyz='0 0 0.01'/><geometry>\
+         <mesh filename='package://lab/tip.obj'/></geometry></collision></link>{axes}</robot>"
+    );
+    fs::write(root.join("robots/stage.urdf"), urdf).unwrap();
+    fs::write(root.join("lab/tip.obj"), common::BOX).unwrap();
+    let view = concat!(env!("CARGO_MANIFEST_DIR"), "/data/orange_tree/camera");
+    for name in ["camera.json", "color.png", "depth.png"] {
+        let to = root.join("data/camera").join(name);
+        fs::copy(format!("{view}/{name}"), to).unwrap();
+    }
+    bench.metadata(&METADATA.replace("cartesian_stage", "../robots/stage.urdf"));
+
+    bench.ok("simulate data --field truth --package lab=lab --out touch");
+    bench.ok("predict touch --field truth --out predicted");
+    fs::create_dir(root.join("away")).unwrap();
+    for made in ["touch", "predicted"] {
+        fs::rename(root.join(made), root.join("away").join(made)).unwrap();
+    }
+    for gone in ["robots", "lab", "data"] {
+        fs::remove_dir_all(root.join(gone)).unwrap();
+    }
+    for (made, name, how) in [
+        (
+            "away/touch",
+            "data, simulated",
+            "\\\"data\\\": torques simulated",
+        ),
+        (
+            "away/predicted",
+            "data, simulated, predicted",
+            "torques predicted by the stiffness field truth.",
+        ),
+    ] {
+        let json = bench.ok(&format!("info {made} --json"));
+        for part in [&format!("\"name\": \"{name}\""), how, "\"camera\": true"] {
+            assert!(json.contains(part), "{part} is not in {json}");
+        }
+        let json = bench.ok(&format!(
+            "evaluate {made} --field truth --sequences c --json"
+        ));
+        assert!(value(&json, "mean_error") < 1e-9, "{json}");
+        assert!(value(&json, "zero_error") > 1e-3, "{json}");
     }
 }
 

@@ -74,7 +74,7 @@ fn recordings_that_fail_are_named() {
         let text = String::from_utf8(output.stdout).unwrap();
         assert!(!output.status.success());
         has(&error, &["nowhere", "empty"]);
-        // The name is that of the recording it was simulated from.
+        // The name says what recording it was simulated from.
         has(&text, &["data", "| --- |"]);
         bench.fails(&format!("experiment {experiment} nowhere"), 1, &["nowhere"]);
     }

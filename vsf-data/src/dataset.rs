@@ -157,6 +157,19 @@ impl Dataset {
     /// Data that [`open`](Self::open) would refuse, [`DataError::Leftover`] for parts of another
     /// recording in the way, [`DataError::Io`] when the folder cannot be written.
     pub fn save(&self, dir: impl AsRef<Path>) -> Result<(), DataError> {
+        self.save_with(dir, &[])
+    }
+
+    /// [`save`](Self::save) with further files, such as those of the robot, by their paths in the
+    /// folder: they are written with it or not at all.
+    ///
+    /// # Errors
+    /// As [`save`](Self::save).
+    pub fn save_with(
+        &self,
+        dir: impl AsRef<Path>,
+        files: &[(PathBuf, Vec<u8>)],
+    ) -> Result<(), DataError> {
         let dir = dir.as_ref();
         self.check(dir)?;
         let mut staged = Staged::default();
@@ -175,6 +188,11 @@ impl Dataset {
         }
         if let Some(camera) = &self.camera {
             camera.stage(&dir.join(CAMERA), &mut staged)?;
+        }
+        for (name, bytes) in files {
+            let path = dir.join(name);
+            staged.folder(path.parent().unwrap_or(dir))?;
+            staged.file(&path, bytes)?;
         }
         metadata::stage(dir, self.metadata(), &self.extra, &mut staged)?;
         staged.commit()

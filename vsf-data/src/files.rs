@@ -1,7 +1,7 @@
 //! Files read as a whole, and what their arrays mean.
 
 use crate::npy::{self, NpyArray};
-use crate::{DataError, Table, write_file};
+use crate::{DataError, Table};
 use nalgebra::Point3;
 use std::fs;
 use std::io::{Error, ErrorKind};
@@ -112,12 +112,8 @@ fn shape(path: &Path, got: Vec<usize>, expected: &str) -> DataError {
 }
 
 impl Table {
-    /// Writes the table as a `.npy` file, an array of shape `(rows, cols)`.
-    ///
-    /// # Errors
-    /// A file that cannot be written.
-    pub fn save_npy(&self, path: impl AsRef<Path>) -> Result<(), DataError> {
-        let bytes = npy::encode(&[self.rows(), self.cols()], self.data());
-        write_file(path, &bytes)
+    /// The table as the bytes of a `.npy` file, an array of shape `(rows, cols)`.
+    pub fn npy(&self) -> Vec<u8> {
+        npy::encode(&[self.rows(), self.cols()], self.data())
     }
 }

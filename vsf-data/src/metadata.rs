@@ -91,12 +91,15 @@ impl RobotRef {
         })
     }
 
-    /// The text to write to a data set in `dir`: as given if that finds the same file from there,
-    /// else the absolute path.
-    fn text_in(&self, dir: &Path) -> Result<String, DataError> {
+    /// The text to write to a data set in `dir`: as given if that finds the same file from there, or
+    /// one that is written together with it, else the absolute path.
+    fn text_in(&self, dir: &Path, staged: &Staged) -> Result<String, DataError> {
         let Some(path) = &self.path else {
             return Ok(self.given.clone());
         };
+        if *path == dir.join(&self.given) && staged.holds(path) {
+            return Ok(self.given.clone());
+        }
         let failed = |e| DataError::io("read", path, e);
         let file = path.canonicalize().map_err(failed)?;
         if dir
@@ -348,7 +351,7 @@ pub(crate) fn stage(
         name: metadata.name,
         description: metadata.description,
         robot: match metadata.robot {
-            Some(robot) => Some(robot.text_in(dir)?),
+            Some(robot) => Some(robot.text_in(dir, staged)?),
             None => None,
         },
         torque_kind: metadata.torque_kind,

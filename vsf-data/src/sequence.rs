@@ -113,8 +113,7 @@ impl Sequence {
             &npy::encode(&[self.time.len()], &self.time),
         )?;
         for (name, table) in self.tables() {
-            let bytes = npy::encode(&[table.rows(), table.cols()], table.data());
-            staged.file(&folder.join(name), &bytes)?;
+            staged.file(&folder.join(name), &table.npy())?;
         }
         Ok(())
     }

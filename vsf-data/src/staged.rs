@@ -88,6 +88,12 @@ impl Staged {
         Ok(())
     }
 
+    /// Whether this file is to be written.
+    pub fn holds(&self, path: &Path) -> bool {
+        let place = path.canonicalize().unwrap_or_else(|_| path.to_owned());
+        self.files.iter().any(|(_, p)| *p == place)
+    }
+
     /// Puts all files in their places, in the order in which they were written.
     pub fn commit(mut self) -> Result<(), DataError> {
         for (file, place) in self.files.drain(..) {

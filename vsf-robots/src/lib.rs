@@ -46,6 +46,7 @@
 #![forbid(unsafe_code)]
 
 mod builtin;
+mod bundle;
 mod capsules;
 mod description;
 mod dynamics;
@@ -63,6 +64,7 @@ mod tree;
 mod urdf;
 
 pub use builtin::{BUILTIN_NAMES, builtin, cartesian_stage, planar_arm};
+pub use bundle::urdf_bundle;
 pub use dynamics::DynamicsWorkspace;
 pub use error::RobotError;
 pub use joint_torques::JointTorques;

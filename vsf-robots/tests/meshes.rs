@@ -5,7 +5,7 @@ use proptest::prelude::*;
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 use vsf_core::{Shape, TriMesh};
-use vsf_robots::{Meshes, RobotError, RobotModel, UrdfOptions};
+use vsf_robots::{Meshes, RobotError, RobotModel, UrdfOptions, urdf_bundle};
 
 fn parse(text: &str) -> Result<RobotModel, RobotError> {
     RobotModel::from_urdf_str(text, "/nowhere", &UrdfOptions::default())
@@ -203,4 +203,59 @@ proptest! {
         bytes.truncate(cut.max(n / 2));
         let _ = mesh(&file(name, &bytes), "");
     }
+}
+
+/// A robot's files in a folder of their own are the same robot, wherever its meshes lay.
+#[test]
+fn bundles_stand_alone() {
+    let scene = tempfile::tempdir().unwrap();
+    let at = |name: &str| {
+        let path = scene.path().join(name);
+        std::fs::create_dir_all(path.parent().unwrap()).unwrap();
+        path
+    };
+    let obj = |k: usize| format!("v 0 0 0\nv {k} 0 0\nv 0 {k} 0\nf 1 2 3\n");
+    let files = [
+        "robots/meshes/a.obj",
+        "robots/x/a.obj",
+        "elsewhere/a.obj",
+        "b&c.obj",
+    ];
+    for (k, name) in files.iter().enumerate() {
+        std::fs::write(at(name), obj(k + 1)).unwrap();
+    }
+    let absolute = at("b&c.obj").display().to_string().replace('&', "&amp;");
+    let addresses = [
+        "meshes/a.obj",
+        "x/a.obj",
+        "package://arm/a.obj",
+        "package://arm/a.obj",
+        &absolute,
+    ];
+    let shape =
+        |a: &&str| format!("<collision><geometry><mesh filename='{a}'/></geometry></collision>");
+    let shapes: String = addresses.iter().map(shape).collect();
+    let text = format!("<robot name=\"r\"><link name=\"shin\">{shapes}</link></robot>");
+    std::fs::write(at("robots/r.urdf"), text).unwrap();
+    let packages = BTreeMap::from([("arm".to_owned(), at("elsewhere"))]);
+    let options = UrdfOptions {
+        packages: packages.clone(),
+        ..UrdfOptions::default()
+    };
+    let robot = RobotModel::from_urdf_file(at("robots/r.urdf"), &options).unwrap();
+
+    let bundle = urdf_bundle(at("robots/r.urdf"), &packages).unwrap();
+    assert_eq!(bundle.len(), 5);
+    assert_eq!(bundle[0].0, Path::new("r.urdf"));
+    drop(scene);
+    let folder = tempfile::tempdir().unwrap();
+    std::fs::create_dir(folder.path().join("meshes")).unwrap();
+    for (name, bytes) in &bundle {
+        std::fs::write(folder.path().join(name), bytes).unwrap();
+    }
+    let urdf = folder.path().join("r.urdf");
+    let moved = RobotModel::from_urdf_file(&urdf, &UrdfOptions::default()).unwrap();
+    assert_eq!(moved.colliders(), robot.colliders());
+    // Once more, and nothing is renamed.
+    assert_eq!(urdf_bundle(&urdf, &BTreeMap::new()).unwrap(), bundle);
 }

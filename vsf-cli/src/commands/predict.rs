@@ -1,17 +1,17 @@
 use crate::console::Console;
-use crate::interrupt::writing;
+use crate::derived::{derived, save};
 use crate::recording::{Default, FieldArgs, traces, untouched};
 use serde::Serialize;
 use std::borrow::Cow;
 use std::path::PathBuf;
-use vsf::data::{Dataset, Sequence, Splits, Table, TorqueKind};
+use vsf::data::{Dataset, Sequence, Table, TorqueKind};
 use vsf::gap::Corrected;
 use vsf::pipeline::{SequencePrediction, Trace, predict};
 
 #[derive(Debug, clap::Args)]
 #[command(after_help = "\
-DIR becomes a recording of its own: the same joint angles, and in torques.npy the predicted external \
-torques, those of a corrected model (--model) included. Each sequence also gets torques_sd.npy, (T, d): the standard deviation of independent points \
+DIR becomes a recording of its own, robot and camera included: the same joint angles, and in \
+torques.npy the predicted external torques, those of a corrected model (--model) included. Each sequence also gets torques_sd.npy, (T, d): the standard deviation of independent points \
 plus the noise that the field was estimated with.
 
 JSON keys: out, noise_sd, sequences (sequence, samples, contact_samples).")]
@@ -76,23 +76,17 @@ pub fn run(args: &Args, console: &Console) -> anyhow::Result<()> {
         .map(|(s, p)| with_torques(s, p))
         .collect::<Result<Vec<_>, _>>()?;
     let dataset = Dataset {
-        description: format!(
-            "Torques predicted by a stiffness field. {}",
-            recording.dataset.description
-        ),
         torque_kind: TorqueKind::External,
         tare_samples: 0,
-        ..subset(&recording.dataset, predicted)
+        ..derived(&recording, "predicted", &args.of, predicted)
     };
-    writing(|| dataset.save(&args.out))?;
-    for p in &predictions {
-        let path = args
-            .out
-            .join(format!("seq_{}", p.id))
-            .join("torques_sd.npy");
+    let deviations = predictions.iter().map(|p| {
+        let path = PathBuf::from(format!("seq_{}/torques_sd.npy", p.id));
         let sd = Table::new(scene.robot.joint_count(), p.sd.concat())?;
-        writing(|| sd.save_npy(path))?;
-    }
+        Ok((path, sd.npy()))
+    });
+    let deviations = deviations.collect::<anyhow::Result<Vec<_>>>()?;
+    save(dataset, &recording, &args.out, deviations)?;
     let entries = traces.iter().map(|t| Entry {
         sequence: &t.id,
         samples: t.observations.len(),
@@ -114,22 +108,4 @@ fn with_torques(sequence: &Sequence, prediction: &SequencePrediction) -> anyhow:
         torques: Table::new(sequence.width(), prediction.mean.concat())?,
         ..sequence.clone()
     })
-}
-
-/// The recording with these of its sequences, without stored field and camera.
-pub fn subset(dataset: &Dataset, sequences: Vec<Sequence>) -> Dataset {
-    let kept = |ids: &[String]| {
-        let known = |id: &&String| sequences.iter().any(|s| s.id == **id);
-        ids.iter().filter(known).cloned().collect::<Vec<_>>()
-    };
-    Dataset {
-        splits: Splits {
-            train: kept(&dataset.splits.train),
-            test: kept(&dataset.splits.test),
-        },
-        field: None,
-        camera: None,
-        sequences,
-        ..dataset.clone()
-    }
 }

@@ -1,6 +1,5 @@
-use crate::commands::predict::subset;
 use crate::console::Console;
-use crate::interrupt::writing;
+use crate::derived::{derived, save};
 use crate::range::not_negative;
 use crate::recording::{Default, FieldArgs};
 use serde::Serialize;
@@ -10,8 +9,8 @@ use vsf::pipeline::{add_noise, motion_warnings, simulate};
 
 #[derive(Debug, clap::Args)]
 #[command(after_help = "\
-The new recording has the joint angles and times of DATASET and the torques that the field gives, of \
-the same torque kind. With a corrected model (--model) effects that follow the load take that of the field
+The new recording has the joint angles and times of DATASET, its points, camera and robot, and the \
+torques that the field gives, of the same torque kind. With a corrected model (--model) effects that follow the load take that of the field
 alone.
 
 JSON keys: out, sequences, samples, noise_sd, seed.")]
@@ -61,15 +60,15 @@ pub fn run(args: &Args, console: &Console) -> anyhow::Result<()> {
         }
     };
     spinner.finish_and_clear();
-    let dataset = subset(&recording.dataset, simulated);
-    writing(|| dataset.save(&args.out))?;
     let report = Report {
         out: args.out.to_string_lossy(),
-        sequences: dataset.sequences.len(),
-        samples: dataset.sequences.iter().map(|s| s.len()).sum(),
+        sequences: simulated.len(),
+        samples: simulated.iter().map(|s| s.len()).sum(),
         noise_sd: args.noise_sd,
         seed: args.seed,
     };
+    let dataset = derived(&recording, "simulated", &args.of, simulated);
+    save(dataset, &recording, &args.out, Vec::new())?;
     console.json(&report)?;
     let out = args.out.display();
     console.report(format!(

@@ -102,6 +102,12 @@ impl Bench {
 pub const METADATA: &str = r#"{"robot": "cartesian_stage", "rate_hz": 50,
     "splits": {"train": ["a", "b"], "test": ["c"]}}"#;
 
+/// A cube of 2 cm about the origin, as OBJ.
+pub const BOX: &str = "\
+    v -0.01 -0.01 -0.01\nv 0.01 -0.01 -0.01\nv 0.01 0.01 -0.01\nv -0.01 0.01 -0.01\n\
+    v -0.01 -0.01 0.01\nv 0.01 -0.01 0.01\nv 0.01 0.01 0.01\nv -0.01 0.01 0.01\n\
+    f 1 4 3 2\nf 5 6 7 8\nf 1 2 6 5\nf 2 3 7 6\nf 3 4 8 7\nf 4 1 5 8\n";
+
 fn grid() -> impl Iterator<Item = (f64, f64, f64)> {
     (0..10)
         .flat_map(|x| (0..8).flat_map(move |y| (0..2).map(move |z| (x as f64, y as f64, z as f64))))

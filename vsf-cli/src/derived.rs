@@ -1,0 +1,75 @@
+//! Recordings that are made from another one.
+
+use crate::interrupt::writing;
+use crate::recording::{FieldArgs, Recording};
+use std::path::{Path, PathBuf};
+use vsf::data::{Dataset, RobotRef, Sequence, Splits};
+use vsf::robots::urdf_bundle;
+
+/// Folder of the robot's files in a recording.
+const ROBOT: &str = "robot";
+
+/// The recording with these sequences, whose torques are `made` by a field: named after it, without
+/// stored field.
+pub fn derived(
+    recording: &Recording,
+    made: &str,
+    of: &FieldArgs,
+    sequences: Vec<Sequence>,
+) -> Dataset {
+    let dataset = &recording.dataset;
+    let kept = |ids: &[String]| {
+        let known = |id: &&String| sequences.iter().any(|s| s.id == **id);
+        ids.iter().filter(known).cloned().collect::<Vec<_>>()
+    };
+    let name = |path: &PathBuf| {
+        let name = path.file_name().unwrap_or(path.as_os_str());
+        name.to_string_lossy().into_owned()
+    };
+    let field = match &of.field {
+        Some(path) => format!("the stiffness field {}", name(path)),
+        None => "its stored stiffness field".to_owned(),
+    };
+    let model = of.model.path().map(name);
+    let model = model.map_or_else(String::new, |m| format!(" and the corrected model {m}"));
+    let description = format!(
+        "Made from the recording {:?}: torques {made} by {field}{model}. {}",
+        dataset.name, dataset.description
+    );
+    Dataset {
+        name: format!("{}, {made}", dataset.name),
+        description: description.trim_end().to_owned(),
+        splits: Splits {
+            train: kept(&dataset.splits.train),
+            test: kept(&dataset.splits.test),
+        },
+        field: None,
+        sequences,
+        ..dataset.clone()
+    }
+}
+
+/// Writes a recording made from another one to the folder `out`, with the robot's files and others:
+/// the folder can be moved. All are written or none.
+pub fn save(
+    mut dataset: Dataset,
+    from: &Recording,
+    out: &Path,
+    mut files: Vec<(PathBuf, Vec<u8>)>,
+) -> anyhow::Result<()> {
+    if let Some(path) = &dataset.robot.path {
+        let bundle = urdf_bundle(path, &from.options.packages)?;
+        let bundle = bundle
+            .into_iter()
+            .map(|(p, b)| (Path::new(ROBOT).join(p), b));
+        let bundle: Vec<_> = bundle.collect();
+        if let Some((urdf, _)) = bundle.first() {
+            dataset.robot = RobotRef {
+                given: urdf.to_string_lossy().into_owned(),
+                path: Some(out.join(urdf)),
+            };
+        }
+        files.extend(bundle);
+    }
+    Ok(writing(|| dataset.save_with(out, &files))?)
+}

@@ -1,0 +1,74 @@
+use crate::{RobotError, resource};
+use std::collections::BTreeMap;
+use std::path::{Path, PathBuf};
+use urdf_rs::Geometry;
+
+/// The files of a robot for a folder of their own, by their paths in it: first the URDF, then the
+/// meshes of its collision shapes, which it names by paths relative to itself. Read from there, it is the
+/// same robot, and `packages` are needed no more. Meshes to look at are left out.
+///
+/// `packages` are as in [`UrdfOptions::packages`](crate::UrdfOptions::packages).
+///
+/// # Errors
+/// A file that cannot be read, text that is not URDF, addresses that name no file. Messages name the
+/// file.
+pub fn urdf_bundle(
+    path: impl AsRef<Path>,
+    packages: &BTreeMap<String, PathBuf>,
+) -> Result<Vec<(PathBuf, Vec<u8>)>, RobotError> {
+    let path = path.as_ref();
+    let read = |path: &Path| {
+        std::fs::read(path).map_err(|source| RobotError::Read {
+            path: path.to_owned(),
+            source,
+        })
+    };
+    let invalid = |reason: String| RobotError::Urdf {
+        origin: path.display().to_string(),
+        reason,
+    };
+    let mut text = String::from_utf8(read(path)?).map_err(|e| invalid(e.to_string()))?;
+    let robot = urdf_rs::read_from_string(&text).map_err(|e| invalid(e.to_string()))?;
+    let shapes = robot.links.iter().flat_map(|l| &l.collision);
+    let mut addresses: Vec<&str> = shapes
+        .filter_map(|c| match &c.geometry {
+            Geometry::Mesh { filename, .. } => Some(filename.as_str()),
+            _ => None,
+        })
+        .collect();
+    addresses.sort_unstable();
+    addresses.dedup();
+
+    let dir = path.parent().unwrap_or(Path::new(""));
+    let mut meshes: Vec<(PathBuf, Vec<u8>)> = Vec::new();
+    for address in &addresses {
+        let file = resource::resolve(address, dir, packages)?;
+        let name = file.file_name().unwrap_or_default().to_string_lossy();
+        let is_free = |place: &String| {
+            let is_other = !addresses.contains(&place.as_str());
+            place == address || (is_other && meshes.iter().all(|(p, _)| *p != Path::new(place)))
+        };
+        let numbered = (1..=addresses.len()).map(|k| format!("meshes/{k}_{name}"));
+        let place = std::iter::once(format!("meshes/{name}")).chain(numbered);
+        let place = place.into_iter().find(is_free).unwrap_or_default();
+        text = renamed(&text, address, &place)
+            .ok_or_else(|| invalid(format!("the address {address:?} is not written plainly")))?;
+        meshes.push((place.into(), read(&file)?));
+    }
+    meshes.sort();
+    let name = PathBuf::from(path.file_name().unwrap_or_default());
+    let urdf = (name, text.into_bytes());
+    Ok(std::iter::once(urdf).chain(meshes).collect())
+}
+
+/// The text with another value in all attributes of this value; none if there is no such attribute.
+fn renamed(text: &str, from: &str, to: &str) -> Option<String> {
+    let escape = |s: &str| s.replace('&', "&amp;").replace('<', "&lt;");
+    let (from, to) = (escape(from), escape(to));
+    let mut renamed = text.to_owned();
+    for quote in ['"', '\''] {
+        let quoted = |s: &str| format!("{quote}{s}{quote}");
+        renamed = renamed.replace(&quoted(&from), &quoted(&to));
+    }
+    (renamed != text || from == to).then_some(renamed)
+}
