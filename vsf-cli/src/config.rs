@@ -6,6 +6,7 @@
 use crate::cli::Cli;
 use crate::exit::usage;
 use anyhow::Context;
+use clap::error::{ContextKind, ContextValue, ErrorKind};
 use clap::parser::ValueSource;
 use clap::{Arg, ArgAction, ArgMatches, Args, Command, CommandFactory, Parser, ValueEnum};
 use std::collections::BTreeMap;
@@ -62,6 +63,9 @@ impl Preset {
 }
 
 /// Reads the command line. Wrong usage of flags ends the process, as do `--help` and `--version`.
+///
+/// # Errors
+/// A configuration file that cannot be used; `--json` in front of what is no file of its own.
 pub fn parse() -> anyhow::Result<Cli> {
     let mut line: Vec<OsString> = std::env::args_os().collect();
     // What a flag must give may come from the file.
@@ -74,7 +78,35 @@ pub fn parse() -> anyhow::Result<Cli> {
         let end = line.iter().position(|a| a == "--").unwrap_or(line.len());
         line.splice(end..end, further(name, given)?);
     }
-    Ok(Cli::parse_from(line))
+    let parsed = Cli::try_parse_from(&line);
+    match swallowed(&line).filter(|word| is_missed(word, &parsed)) {
+        Some(word) => Err(usage(format!(
+            "--json takes {word:?} for the file to write; give --json last, or its file as --json=FILE"
+        ))),
+        None => parsed.map_err(|e| e.exit()),
+    }
+}
+
+/// The word that `--json` without `=` takes for its file.
+fn swallowed(line: &[OsString]) -> Option<String> {
+    let at = line.iter().position(|a| a == "--json")?;
+    let word = line.get(at + 1)?.to_string_lossy();
+    (!word.starts_with('-')).then(|| word.into_owned())
+}
+
+/// Whether that word was more likely meant as input or command: it is a folder, or one is missing.
+fn is_missed(word: &str, parsed: &Result<Cli, clap::Error>) -> bool {
+    let is_command = || Cli::command().find_subcommand(word).is_some();
+    match parsed {
+        Ok(cli) => Path::new(word).is_dir() || (cli.command.is_none() && is_command()),
+        Err(e) => match (e.kind(), e.get(ContextKind::InvalidArg)) {
+            (ErrorKind::InvalidSubcommand, _) => is_command(),
+            (ErrorKind::MissingRequiredArgument, Some(ContextValue::Strings(missing))) => {
+                missing.iter().any(|arg| arg.starts_with('<'))
+            }
+            _ => false,
+        },
+    }
 }
 
 /// The flags that preset and file add to those of command `name`.

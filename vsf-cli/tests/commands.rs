@@ -351,6 +351,34 @@ fn json_to_a_file_and_quiet() {
     );
 }
 
+/// A file name may follow `--json`; what was meant as input or command is told, and not written to.
+#[test]
+fn json_before_the_input() {
+    let bench = Bench::new();
+    for line in [
+        "info --json data",
+        "--json info data",
+        "--json info",
+        "experiment priors --json data",
+        "export --json truth --out a.ply",
+    ] {
+        bench.fails(line, 2, &["--json", "--json=FILE"]);
+    }
+    assert!(!bench.root.join("info").exists());
+    for line in [
+        "info data --json a.json",
+        "info --json=b.json data",
+        "--json c.json info data",
+    ] {
+        bench.ok(line);
+    }
+    for file in ["a.json", "b.json", "c.json"] {
+        assert!(bench.root.join(file).is_file(), "{file}");
+    }
+    // Another flag that is missing is no fault of --json.
+    bench.fails("simulate data --json d.json", 2, &["--out"]);
+}
+
 #[test]
 fn quick_start() {
     let folder = tempfile::tempdir().unwrap();
