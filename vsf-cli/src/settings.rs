@@ -58,10 +58,11 @@ pub struct SceneSettings {
     /// Friction coefficient nu_f, default 0.15
     #[arg(long, allow_negative_numbers = true, value_parser = not_negative)]
     friction: Option<f64>,
-    /// Slip step lambda_s [m], default 0.0001
+    /// Slip step lambda_s [m], default 0.0001. A finer one takes more steps for the same slip: see
+    /// --max-slip-iterations
     #[arg(long, allow_negative_numbers = true, value_parser = positive)]
     slip_step: Option<f64>,
-    /// Most slip steps of one point per sample, default 200
+    /// Most slip steps of one point per sample; by default as many as make 2 cm, 200 of 0.0001
     #[arg(long)]
     max_slip_iterations: Option<u32>,
     /// Offset added to the robot's surface [m], default 0
@@ -270,11 +271,11 @@ impl SceneSettings {
     /// How the scene is put together.
     pub fn options(&self) -> SceneOptions {
         let defaults = ContactConfig::default();
+        let defaults = defaults.with_slip_step(self.slip_step.unwrap_or(defaults.slip_step));
         SceneOptions {
             contact: ContactConfig {
                 threshold: self.threshold.unwrap_or(defaults.threshold),
                 friction: self.friction.unwrap_or(defaults.friction),
-                slip_step: self.slip_step.unwrap_or(defaults.slip_step),
                 max_slip_iterations: self
                     .max_slip_iterations
                     .unwrap_or(defaults.max_slip_iterations),

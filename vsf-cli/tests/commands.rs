@@ -460,4 +460,12 @@ fn other_contact_than_the_fields_is_a_warning() {
     assert!(warning.contains("--threshold 0.003"), "{warning}");
     let same = bench.run("evaluate touch --field field.npz --threshold 0.003");
     assert!(!String::from_utf8_lossy(&same.stderr).contains("contact"));
+
+    // A finer slip step may slip as far.
+    bench.ok("estimate touch --out fine.npz --slip-step 0.00001");
+    let warning = bench.warned("evaluate touch --field fine.npz");
+    assert!(
+        warning.contains("--slip-step 0.00001 --max-slip-iterations 2000"),
+        "{warning}"
+    );
 }

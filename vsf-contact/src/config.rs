@@ -11,6 +11,7 @@ pub struct ContactConfig {
     /// part is at most `nu_f` times its normal part.
     pub friction: f64,
     /// Slip step lambda_s (m) of one slip iteration, > 0, default 0.1 mm (paper).
+    /// [`with_slip_step`](Self::with_slip_step) changes it without changing how far a point may slip.
     pub slip_step: f64,
     /// Most slip iterations of one point in one step, >= 0, default 200 (2 cm of slip at the
     /// default step). The paper leaves it open. A point slips until it is back in the friction
@@ -43,6 +44,25 @@ impl Default for ContactConfig {
 }
 
 impl ContactConfig {
+    /// With another slip step (m), and as many iterations as let a point slip as far in one step as
+    /// before, rounded up: a finer step alone would reach [`max_slip_iterations`](Self::max_slip_iterations)
+    /// sooner, and leave points outside the friction cone.
+    ///
+    /// ```
+    /// let fine = vsf_contact::ContactConfig::default().with_slip_step(1e-5);
+    /// assert_eq!(fine.max_slip_iterations, 2000);
+    /// ```
+    #[must_use]
+    pub fn with_slip_step(self, slip_step: f64) -> Self {
+        // A millionth of an iteration is rounding.
+        let iterations = f64::from(self.max_slip_iterations) * (self.slip_step / slip_step);
+        Self {
+            slip_step,
+            max_slip_iterations: (iterations - 1e-6).ceil() as u32,
+            ..self
+        }
+    }
+
     /// Checks the ranges that the fields state.
     ///
     /// # Errors

@@ -221,6 +221,33 @@ fn slip_iterations_are_counted() {
     }
 }
 
+/// However fine the slip step, a point slips as far: back to the friction cone.
+#[test]
+fn a_finer_slip_step_converges() {
+    let rest = points(&[[0.0; 3]]);
+    let edge = ContactConfig::default().friction * 0.01;
+    for slip_step in [1e-3, 1e-4, 3e-5, 1e-5, 1e-7] {
+        let config = ContactConfig::default().with_slip_step(slip_step);
+        let reach = f64::from(config.max_slip_iterations) * slip_step;
+        assert!(
+            (0.02..0.02 + 1.001 * slip_step).contains(&(reach + 1e-12)),
+            "{reach}"
+        );
+        let mut model = model_of(vec![Box::new(Floor)], config);
+        step(&mut model, &rest, &[at(0.0, 0.0, 0.008)]);
+        let u = step(&mut model, &rest, &[at(0.02, 0.0, 0.008)]).displacements()[0];
+        assert!(
+            u.x <= edge + 1e-8 && u.x >= edge - slip_step,
+            "{slip_step}: {u}"
+        );
+    }
+    let sticky = ContactConfig {
+        max_slip_iterations: 0,
+        ..ContactConfig::default()
+    };
+    assert_eq!(sticky.with_slip_step(1e-6).max_slip_iterations, 0);
+}
+
 #[test]
 fn a_point_wedged_in_a_notch_stays() {
     // The rest place lies straight below the notch; each flank sends the point to the other one.
