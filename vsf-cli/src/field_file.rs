@@ -7,8 +7,8 @@ use vsf::data::{StiffnessField, Table};
 use vsf::pipeline::{Estimate, Hyper, Scene};
 
 const TOUCHED: &str = "touched";
-const PRIOR_SD: &str = "prior_sd";
-const NOISE_SD: &str = "noise_sd";
+pub const PRIOR_SD: &str = "prior_sd";
+pub const NOISE_SD: &str = "noise_sd";
 const CONTACT: &str = "contact";
 /// Columns of that feature, by the flags that set them.
 const CONTACT_FLAGS: [&str; 6] = [
@@ -52,7 +52,8 @@ impl FieldFormat {
             Some("svg") => Ok(Self::Svg),
             None => Ok(Self::Folder),
             Some(other) => Err(usage(format!(
-                "{}: a field is written as .npz, .ply, .png, .svg or a folder (no ending), not .{other}",
+                "{}: a field is written as .npz, .ply or a folder (no ending), and drawn by `vsf export` as \
+                 .png or .svg; not as .{other}",
                 path.display()
             ))),
         }
@@ -283,7 +284,7 @@ pub fn save(field: &StiffnessField, path: &Path) -> anyhow::Result<()> {
         FieldFormat::Png | FieldFormat::Svg => {
             let path = path.display();
             Err(usage(format!(
-                "{path}: pictures are written by `vsf export`"
+                "{path}: pictures are drawn by `vsf export`; give .npz, .ply or a folder (no ending)"
             )))
         }
     })

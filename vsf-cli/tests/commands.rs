@@ -76,6 +76,12 @@ fn round_trip() {
 
     bench.ok("export field.npz --out f.png --out f.svg --out f.ply");
     bench.ok("export touch --field field.npz --torques plots --out g.png --deviation");
+    bench.ok("export field.npz --out sd.svg --deviation");
+    for (file, quantity) in [("f.svg", "stiffness"), ("sd.svg", "standard deviation")] {
+        let svg = fs::read_to_string(bench.root.join(file)).unwrap();
+        let legend = format!("largest {quantity} along each line of sight");
+        assert!(svg.contains(&legend), "{file}");
+    }
     for file in [
         "f.png",
         "f.svg",
@@ -168,6 +174,45 @@ fn simulation_repeats_with_its_seed() {
     bench.ok("simulate data --field truth --out other --noise-sd 0.002 --seed 4");
     assert_eq!(read("touch"), read("again"));
     assert_ne!(read("touch"), read("other"));
+}
+
+/// The report says what was given and what was chosen.
+#[test]
+fn given_or_chosen() {
+    let bench = Bench::touched();
+    let prior = "prior       N(0, 50.00²) N/m, as given";
+    let noise = "N, as given";
+    let chosen = "chosen on held-out readings";
+    for (flags, prior, noise, given) in [
+        ("", chosen, chosen, "\"given\": [],"),
+        (
+            "--prior-sd 50",
+            prior,
+            "N, its ratio to prior_sd chosen on",
+            "\"prior_sd\"",
+        ),
+        (
+            "--noise-sd 0.01",
+            "N/m, its ratio to noise_sd chosen on",
+            noise,
+            "\"noise_sd\"",
+        ),
+        (
+            "--prior-sd 50 --noise-sd 0.01",
+            prior,
+            noise,
+            "\"noise_sd\"",
+        ),
+    ] {
+        let text = bench.ok(&format!("estimate touch {flags} --json=a.json"));
+        let line = |start: &str| text.lines().find(|l| l.trim().starts_with(start)).unwrap();
+        assert!(line("prior ").contains(prior), "{flags}: {text}");
+        assert!(line("noise sd").contains(noise), "{flags}: {text}");
+        let json = fs::read_to_string(bench.root.join("a.json")).unwrap();
+        let (_, list) = json.split_once("\"given\": ").unwrap();
+        let list = format!("\"given\": {}", &list[..=list.find(']').unwrap() + 1]);
+        assert!(list.contains(given), "{list}");
+    }
 }
 
 #[test]
@@ -286,7 +331,11 @@ fn usage_errors() {
     bench.fails("estimate data --config none.toml", 3, &["none.toml"]);
     bench.fails("estimate data --threshold -1", 2, &["threshold"]);
     bench.fails("estimate data --prior-sd 0 --noise-sd 1", 2, &["prior-sd"]);
-    bench.fails("estimate data --out field.txt", 2, &["field.txt"]);
+    let all = [".npz", ".ply", "folder", "`vsf export`", ".png", ".svg"];
+    for line in ["estimate data --out a.jpg", "export truth --out a.jpg"] {
+        bench.fails(line, 2, &all);
+    }
+    bench.fails("estimate data --out a.png", 2, &["export", ".npz", ".ply"]);
     bench.fails("estimate data --gravity 1,2", 2, &["gravity", "3 numbers"]);
     bench.fails("evaluate data", 2, &["--field"]);
     bench.fails("nonsense", 2, &["nonsense"]);

@@ -68,7 +68,8 @@ pub struct FieldView<'a> {
     pub robot_W: &'a [Vec<Point3<f64>>],
     /// First line of the picture. May be empty. In a PNG, characters outside Latin-1 read `?`.
     pub title: &'a str,
-    /// Caption of the colour bar, without its unit. Default "stiffness".
+    /// What the values are: caption of the colour bar, without its unit, and name of the largest value
+    /// in the legend. Default "stiffness".
     pub quantity: &'a str,
     /// Upper end of the colour bar. Default: the 99 % quantile.
     pub limit: ColourLimit,

@@ -86,7 +86,11 @@ fn legend(scene: &Scene<'_>) -> String {
     if scene.robot_W.iter().any(|line| !line.is_empty()) {
         parts.push("blue line: robot");
     }
-    parts.push("top and side view: stiffest point along each line of sight");
+    let largest = format!(
+        "top and side view: largest {} along each line of sight",
+        scene.quantity
+    );
+    parts.push(&largest);
     parts.join("  |  ")
 }
 

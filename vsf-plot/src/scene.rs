@@ -134,7 +134,7 @@ fn summary(view: &FieldView<'_>, touched: usize, drawn: usize, largest: f64) -> 
         ),
     };
     if drawn < touched {
-        text += &format!("; the stiffest {drawn} are drawn");
+        text += &format!("; the {drawn} largest are drawn");
     }
     text
 }
@@ -243,6 +243,6 @@ mod tests {
             .map(|p| (p.level * 49.0).round())
             .collect();
         assert_eq!(levels, (40..50).map(f64::from).collect::<Vec<_>>());
-        assert!(scene.summary.contains("stiffest 10"));
+        assert!(scene.summary.contains("the 10 largest"));
     }
 }

@@ -202,5 +202,5 @@ fn a_million_points() {
     assert_eq!(decode(&view.png().unwrap()).width, 1600);
     let svg = view.svg().unwrap();
     assert!(svg.len() < 5_000_000, "{} bytes", svg.len());
-    assert!(svg.contains("the stiffest 12000 are drawn"));
+    assert!(svg.contains("the 12000 largest are drawn"));
 }

@@ -1,7 +1,7 @@
 use crate::console::{Console, number, texts};
 use crate::corrected::ModelArgs;
 use crate::exit::usage;
-use crate::field_file::{FieldFile, FieldFormat, check_out, save};
+use crate::field_file::{FieldFile, FieldFormat, NOISE_SD, PRIOR_SD, check_out, save};
 use crate::recording::{Default, RecordingArgs, traces, untouched};
 use crate::settings::EstimatorSettings;
 use serde::Serialize;
@@ -17,8 +17,8 @@ use vsf::vision::RgbdView;
 The field holds points, K (mean, N/m), K_std, and the features touched, prior_sd, noise_sd and contact; \
 `vsf predict` and `vsf evaluate` warn when they are run with other contact than it was estimated with.
 
-JSON keys: estimator, prior_sd, smooth_sd, smooth_length, level_sd, noise_sd (by channel), chosen_by \
-(given, held-out or likelihood), candidates (smooth_share, signal_to_noise, error or log_evidence), sequences, samples, contact_samples, points, touched_points, mean_stiffness (over touched \
+JSON keys: estimator, prior_sd, smooth_sd, smooth_length, level_sd, noise_sd (by channel), given \
+(which of prior_sd and noise_sd), chosen_by (how the rest was: held-out, likelihood, or given), candidates (smooth_share, signal_to_noise, error or log_evidence), sequences, samples, contact_samples, points, touched_points, mean_stiffness (over touched \
 points), vision (none or a method), vision_share (of its guess, in the prior), vision_candidates (share, \
 error), nis_ratio, out.")]
 pub struct Args {
@@ -45,6 +45,7 @@ struct Report<'a> {
     smooth_length: f64,
     level_sd: f64,
     noise_sd: &'a [f64],
+    given: &'a [&'static str],
     chosen_by: &'a str,
     candidates: &'a [Candidate],
     sequences: Vec<&'a str>,
@@ -64,6 +65,9 @@ struct Report<'a> {
 pub struct Chosen {
     pub estimate: Estimate,
     pub hyper: Hyper,
+    /// Which of `prior_sd` and `noise_sd` were given.
+    pub given: Vec<&'static str>,
+    /// How the others were chosen; `given` when there are none.
     pub method: &'static str,
     pub candidates: Vec<Candidate>,
     /// Share of what the camera suggests, and those tried.
@@ -76,7 +80,7 @@ pub fn run(args: &Args, console: &Console) -> anyhow::Result<()> {
         if matches!(FieldFormat::of(out)?, FieldFormat::Png | FieldFormat::Svg) {
             let out = out.display();
             return Err(usage(format!(
-                "{out}: pictures are written by `vsf export`"
+                "{out}: pictures are drawn by `vsf export`; give .npz, .ply or a folder (no ending)"
             )));
         }
     }
@@ -122,6 +126,7 @@ pub fn run(args: &Args, console: &Console) -> anyhow::Result<()> {
         smooth_length: chosen.hyper.shape.length,
         level_sd: chosen.hyper.prior_sd * chosen.hyper.shape.level_share,
         noise_sd: &chosen.hyper.noise_sd,
+        given: &chosen.given,
         chosen_by: chosen.method,
         candidates: &chosen.candidates,
         sequences: traces.iter().map(|t| t.id.as_str()).collect(),
@@ -157,6 +162,11 @@ pub fn learn(
         Some(noise_sd) => Some(per_channel(noise_sd, scene.robot.joint_count())?),
     };
     let shape = settings.shape();
+    let flags = [
+        (PRIOR_SD, settings.prior_sd.is_some()),
+        (NOISE_SD, given.is_some()),
+    ];
+    let named = flags.into_iter().filter(|f| f.1).map(|f| f.0).collect();
     let (hyper, method, candidates) = match (settings.prior_sd, given) {
         (Some(prior_sd), Some(noise_sd)) => {
             let hyper = Hyper {
@@ -195,6 +205,7 @@ pub fn learn(
     Ok(Chosen {
         estimate: found.estimate,
         hyper,
+        given: named,
         method,
         candidates,
         vision_share: found.share,
@@ -242,7 +253,16 @@ pub fn noise_text(scene: &Scene, noise_sd: &[f64]) -> String {
     format!("{} {}", sds.join(", "), scene.error_unit())
 }
 
-/// How prior and noise were found, in words.
+/// How prior or noise were found, in words.
+fn found(what: &str, given: &[&str], method: &str) -> String {
+    match given {
+        given if given.contains(&what) => "as given".to_owned(),
+        [] => how(method).to_owned(),
+        [other, ..] => format!("its ratio to {other} {}", how(method)),
+    }
+}
+
+/// How prior and noise were chosen, in words.
 pub fn how(method: &str) -> &'static str {
     match method {
         "held-out" => "chosen on held-out readings",
@@ -266,7 +286,7 @@ fn text(report: &Report, scene: &Scene) -> String {
         "  estimator   {}\n  prior       N(0, {}²) N/m, {}\n",
         report.estimator,
         number(report.prior_sd),
-        how(report.chosen_by),
+        found(PRIOR_SD, report.given, report.chosen_by),
     );
     if report.smooth_sd > 0.0 {
         text += &format!(
@@ -286,7 +306,11 @@ fn text(report: &Report, scene: &Scene) -> String {
             number(report.vision_share),
         );
     }
-    text += &format!("  noise sd    {}\n", noise_text(scene, report.noise_sd));
+    text += &format!(
+        "  noise sd    {}, {}\n",
+        noise_text(scene, report.noise_sd),
+        found(NOISE_SD, report.given, report.chosen_by),
+    );
     text += &format!(
         "  field       {} of {} points touched, mean stiffness there {} N/m\n",
         report.touched_points,
