@@ -134,7 +134,7 @@ fn fields_of_another_recording() {
     fs::write(bench.root.join("touch/dataset.json"), named).unwrap();
     for field in ["f.npz", "folder"] {
         let line = format!("evaluate touch --field {field}");
-        warns(&bench, &line, &["recording \"data\"", "\"peach\"", field]);
+        warns(&bench, &line, &["recording \"data, simulated\"", "\"peach\"", field]);
     }
 }
 
@@ -161,4 +161,34 @@ fn grids_too_coarse_for_contact() {
         &["link \"rod\"", "contact threshold of 0.002"],
     );
     assert_eq!(bench.warned("info arm"), "");
+}
+
+/// A mesh whose faces are turned over has no inside, and one without a lid or two hardly any.
+#[test]
+fn meshes_that_are_no_bodies() {
+    let bench = Bench::new();
+    let arm = ARM.replace("<sphere radius=\"0.02\"/>", "<mesh filename=\"tip.obj\"/>");
+    let tip = |faces: &dyn Fn(&str) -> Option<String>| {
+        crate::arm(&bench, &[0.0; 3], &[1.0; 3]);
+        points(&bench);
+        let line = |l: &str| match l.strip_prefix("f ") {
+            None => Some(l.to_owned()),
+            Some(face) => faces(face),
+        };
+        let mesh: Vec<String> = common::BOX.lines().filter_map(line).collect();
+        fs::write(bench.root.join("arm/arm.urdf"), &arm).unwrap();
+        fs::write(bench.root.join("arm/tip.obj"), mesh.join("\n")).unwrap();
+    };
+    let turn = |face: &str| face.split(' ').rev().collect::<Vec<_>>().join(" ");
+    tip(&|face| Some(format!("f {face}")));
+    let whole = bench.warned("info arm");
+    assert!(!whole.contains("tip.obj"), "{whole}");
+    tip(&|face| Some(format!("f {}", turn(face))));
+    warns(
+        &bench,
+        "info arm",
+        &["tip.obj", "inside out", "normals outwards"],
+    );
+    tip(&|face| face.starts_with('1').then(|| format!("f {face}")));
+    warns(&bench, "info arm", &["tip.obj", "edges", "a guess"]);
 }

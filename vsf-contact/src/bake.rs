@@ -14,6 +14,9 @@ const FIRST_CELLS: f64 = 64.0;
 /// Number of points that the error is measured at, and how far from the surface they lie.
 const SAMPLES: usize = 20_000;
 const NEAR: f64 = 0.01;
+/// Winding number below which a point lies behind faces that are turned over; an open sheet alone
+/// comes to -1/2.
+const TURNED: f64 = -0.6;
 
 /// How meshes become grids.
 #[derive(Debug, Clone, PartialEq)]
@@ -111,6 +114,9 @@ pub struct GridError {
     pub normal_p95: f64,
     /// Share of the points whose side is sure.
     pub sure_share: f64,
+    /// Share of the points that would be inside if faces were turned over (winding number below
+    /// -0.6): 0 where all faces are counter-clockwise seen from outside, as they should be.
+    pub turned_share: f64,
 }
 
 impl GridSdf {
@@ -203,10 +209,11 @@ fn bake_values(lattice: &Lattice, exact: &MeshSdf) -> Vec<f32> {
     values
 }
 
-/// Points near the mesh whose side is sure, with the exact answer, and the share that is sure.
+/// Points near the mesh whose side is sure, with the exact answer, and shares of all points.
 struct Samples {
     points: Vec<(Point3<f64>, f64, Vector3<f64>)>,
     sure_share: f64,
+    turned_share: f64,
 }
 
 fn samples_near(exact: &MeshSdf) -> Samples {
@@ -236,16 +243,23 @@ fn samples_near(exact: &MeshSdf) -> Samples {
             a + u * (b - a) + v * (c - a) + offset * direction
         })
         .collect();
-    let points: Vec<_> = candidates
+    let windings: Vec<f64> = candidates
         .par_iter()
-        .filter(|p| !is_unsure(exact.winding_number(p)))
-        .map(|p| {
+        .map(|p| exact.winding_number(p))
+        .collect();
+    let points: Vec<_> = (candidates.par_iter().zip(&windings))
+        .filter(|(_, w)| !is_unsure(**w))
+        .map(|(p, _)| {
             let s = exact.sample(p);
             (*p, s.distance, s.normal)
         })
         .collect();
-    let sure_share = points.len() as f64 / SAMPLES as f64;
-    Samples { points, sure_share }
+    let turned = windings.iter().filter(|w| **w < TURNED).count();
+    Samples {
+        sure_share: points.len() as f64 / SAMPLES as f64,
+        turned_share: turned as f64 / SAMPLES as f64,
+        points,
+    }
 }
 
 fn measure(grid: &GridSdf, samples: &Samples) -> GridError {
@@ -277,5 +291,6 @@ fn measure(grid: &GridSdf, samples: &Samples) -> GridError {
         normal_median: at(&angles, 0.5),
         normal_p95: at(&angles, 0.95),
         sure_share: samples.sure_share,
+        turned_share: samples.turned_share,
     }
 }

@@ -10,10 +10,10 @@ use vsf_core::TriMesh;
 /// Layout of a file: magic, version, key, checksum of the payload, payload; little endian.
 const MAGIC: [u8; 8] = *b"VSFGRID\n";
 /// To be raised whenever the layout or the way grids are made changes.
-const VERSION: u32 = 1;
+const VERSION: u32 = 2;
 const HEADER: usize = 8 + 4 + 32 + 32;
 /// Numbers (8 bytes each) of the payload before the nodes.
-const NUMBERS: usize = 3 + 21;
+const NUMBERS: usize = 3 + 22;
 
 /// What happened with the cache of grids.
 #[derive(Debug, Clone, PartialEq, Eq)]
@@ -156,14 +156,15 @@ fn parse(bytes: &[u8], key: &[u8; 32], max_error: f64) -> Result<Made, Unfit> {
             normal_median: x[13],
             normal_p95: x[14],
             sure_share: x[15],
+            turned_share: x[16],
         },
         reached: x[11] <= max_error,
         openness: MeshOpenness {
-            boundary_edges: x[16] as usize,
-            edges: x[17] as usize,
-            unsure_share: x[18],
-            sheet_area: x[19],
-            sheet_spacing: x[20],
+            boundary_edges: x[17] as usize,
+            edges: x[18] as usize,
+            unsure_share: x[19],
+            sheet_area: x[20],
+            sheet_spacing: x[21],
         },
         cache: CacheUse::Hit,
     };
@@ -185,11 +186,12 @@ fn to_bytes(key: &[u8; 32], grid: &GridSdf, report: &GridReport) -> Vec<u8> {
     }
     let (origin, lower, upper) = (grid.lattice.origin, grid.lower, grid.upper);
     let (error, open) = (&report.error, &report.openness);
-    let numbers: [&[f64]; 6] = [
+    let numbers: [&[f64]; 7] = [
         &[origin.x, origin.y, origin.z, grid.lattice.spacing],
         &[lower.x, lower.y, lower.z, upper.x, upper.y, upper.z],
         &[error.rms, error.p99, error.max],
-        &[error.normal_median, error.normal_p95, error.sure_share],
+        &[error.normal_median, error.normal_p95],
+        &[error.sure_share, error.turned_share],
         &[open.boundary_edges as f64, open.edges as f64],
         &[open.unsure_share, open.sheet_area, open.sheet_spacing],
     ];

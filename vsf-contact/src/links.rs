@@ -26,6 +26,8 @@ pub struct LinkGrid {
     pub collider: usize,
     /// Index of the link.
     pub link: usize,
+    /// Name of the mesh's file, if it is known.
+    pub source: Option<String>,
     /// What the grid is worth.
     pub report: GridReport,
 }
@@ -64,6 +66,7 @@ pub fn link_sdfs(colliders: &[Collider], options: &GridOptions) -> Result<LinkSd
             grids.push(LinkGrid {
                 collider,
                 link,
+                source: mesh_S.source().map(str::to_owned),
                 report,
             });
         } else {

@@ -150,6 +150,30 @@ fn an_opening_is_closed_by_a_sheet() {
     }
 }
 
+/// Faces that are turned over are told from openings, all of them or a few.
+#[test]
+fn turned_faces_are_counted() {
+    let (vertices, faces) = cube(0.04);
+    let turned = |which: &dyn Fn(usize) -> bool| {
+        let turn = |(k, [a, b, c]): (usize, &[u32; 3])| {
+            if which(k) { [*a, *c, *b] } else { [*a, *b, *c] }
+        };
+        let faces = faces.iter().enumerate().map(turn).collect();
+        let mesh = TriMesh::new(vertices.clone(), faces).unwrap();
+        GridSdf::bake(&mesh, &coarse()).unwrap().1.error
+    };
+    let all = turned(&|_| true);
+    assert_eq!(all.sure_share, 1.0);
+    // About half of the points near the surface are inside.
+    assert!((0.4..0.5).contains(&all.turned_share), "{all:?}");
+    let few = turned(&|k| k >= 6);
+    assert!(few.turned_share > 0.01 || few.sure_share < 0.9, "{few:?}");
+    for mesh in [closed_cube(), open_cube()] {
+        let (_, report) = GridSdf::bake(&mesh, &coarse()).unwrap();
+        assert_eq!(report.error.turned_share, 0.0);
+    }
+}
+
 #[test]
 fn the_grid_is_the_same_for_any_number_of_threads() {
     let bits = |threads: usize| {

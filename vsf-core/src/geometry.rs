@@ -8,6 +8,7 @@ use nalgebra::{Isometry3, Point3, Vector3};
 pub struct TriMesh {
     vertices: Vec<Point3<f64>>,
     faces: Vec<[u32; 3]>,
+    source: Option<String>,
 }
 
 impl TriMesh {
@@ -41,7 +42,23 @@ impl TriMesh {
                 });
             }
         }
-        Ok(Self { vertices, faces })
+        Ok(Self {
+            vertices,
+            faces,
+            source: None,
+        })
+    }
+
+    /// With the name of the file that the mesh comes from, for messages.
+    #[must_use]
+    pub fn with_source(self, source: impl Into<String>) -> Self {
+        let source = Some(source.into());
+        Self { source, ..self }
+    }
+
+    /// Name of the file that the mesh comes from, if it is known.
+    pub fn source(&self) -> Option<&str> {
+        self.source.as_deref()
     }
 
     /// Vertices (m).

@@ -3,6 +3,7 @@ use nalgebra::Point3;
 use std::f64::consts::PI;
 use std::fmt;
 use thiserror::Error;
+use vsf_contact::LinkGrid;
 use vsf_core::{Observation, RestPoints};
 use vsf_data::Sequence;
 use vsf_robots::{Joint, JointKind, RobotModel};
@@ -19,6 +20,10 @@ const MOST_EFFORT: f64 = 10.0;
 const MOST_SPREAD: f64 = 0.25;
 /// Least share of the rest points near the surface that a camera sees.
 const LEAST_NEAR: f64 = 0.01;
+/// Most of the points near a mesh that may lie behind turned faces (good meshes: below 0.05 %), and
+/// whose side may be a guess.
+const MOST_TURNED: f64 = 0.005;
+const MOST_UNSURE: f64 = 0.25;
 
 /// Values of one joint that stand out.
 #[derive(Debug, Clone, PartialEq)]
@@ -135,6 +140,35 @@ pub enum PipelineWarning {
         /// How near (m): the spacing of the rest points.
         reach: f64,
     },
+    /// A mesh with faces turned over: more than 0.5 % of the points near it lie behind such faces, and
+    /// are outside of the link for contact.
+    #[error(
+        "{mesh}: faces are turned inside out, {:.1} % of the points near the mesh lie behind them; nothing \
+         touches there. Turn the normals outwards in a mesh editor", 100.0 * share
+    )]
+    TurnedFaces {
+        /// File of the mesh, or its link.
+        mesh: String,
+        /// Share of the points within 1 cm of the mesh.
+        share: f64,
+    },
+    /// A mesh with openings so wide, or faces so mixed, that more than a quarter of the points near it may be
+    /// inside or outside.
+    #[error(
+        "{mesh}: the mesh is open at {open} of {edges} edges, so that the side of {:.0} % of the points near \
+         it is a guess; close the openings in a mesh editor, or give the link a simpler shape",
+         100.0 * share
+    )]
+    OpenMesh {
+        /// File of the mesh, or its link.
+        mesh: String,
+        /// Edges whose faces do not cancel.
+        open: usize,
+        /// All edges.
+        edges: usize,
+        /// Share of the points within 1 cm of the mesh.
+        share: f64,
+    },
 }
 
 fn more(others: usize) -> String {
@@ -214,6 +248,29 @@ pub fn view_warnings(rest: &RestPoints, view: &RgbdView) -> Vec<PipelineWarning>
         reach,
     };
     elsewhere.then_some(warning).into_iter().collect()
+}
+
+/// What looks wrong with the meshes that contact uses: faces turned over, sides that are a guess.
+pub fn mesh_warnings(scene: &Scene) -> Vec<PipelineWarning> {
+    let of_grid = |grid: &LinkGrid| {
+        let link = || format!("mesh of link {:?}", scene.robot.links()[grid.link].name());
+        let mesh = || grid.source.clone().unwrap_or_else(link);
+        let (error, openness) = (&grid.report.error, &grid.report.openness);
+        let turned = error.turned_share > MOST_TURNED;
+        let unsure = 1.0 - error.sure_share;
+        let turned = turned.then(|| PipelineWarning::TurnedFaces {
+            mesh: mesh(),
+            share: error.turned_share,
+        });
+        let open = (unsure > MOST_UNSURE).then(|| PipelineWarning::OpenMesh {
+            mesh: mesh(),
+            open: openness.boundary_edges,
+            edges: openness.edges,
+            share: unsure,
+        });
+        [turned, open].into_iter().flatten()
+    };
+    scene.grids.iter().flat_map(of_grid).collect()
 }
 
 impl PipelineWarning {

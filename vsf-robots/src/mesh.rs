@@ -22,6 +22,7 @@ pub(crate) fn load(path: &Path, scale: &Vector3<f64>) -> Result<TriMesh, RobotEr
     };
     corners
         .and_then(|corners| weld(corners, scale))
+        .map(|mesh| mesh.with_source(path.display().to_string()))
         .map_err(|reason| RobotError::Mesh {
             path: path.to_owned(),
             reason,

@@ -11,7 +11,7 @@ use vsf::robots::RobotModel;
 JSON keys: name, description, robot, joints (name, unit), torque_kind, rate_hz, tare_samples, train, \
 test, points, bounds ([lower, upper] in m), stored_field, camera, sequences (sequence, \
 samples, duration_s, touches, contact_samples, mean_contacts; the last two null without points), grids \
-(link, resolution_m, error_p99_m, reached, boundary_edges, edges, unsure_share), \
+(link, mesh, resolution_m, error_p99_m, reached, boundary_edges, edges, unsure_share, turned_share), \
 links_without_inertia.")]
 pub struct Args {
     #[command(flatten)]
@@ -57,12 +57,14 @@ struct Entry {
 #[derive(Serialize)]
 struct Grid {
     link: String,
+    mesh: Option<String>,
     resolution_m: f64,
     error_p99_m: f64,
     reached: bool,
     boundary_edges: usize,
     edges: usize,
     unsure_share: f64,
+    turned_share: f64,
 }
 
 pub fn run(args: &Args, console: &Console) -> anyhow::Result<()> {
@@ -104,12 +106,14 @@ fn describe(
     };
     let grids = scene.map_or(&[][..], |s| &s.grids).iter().map(|g| Grid {
         link: robot.links()[g.link].name().to_owned(),
+        mesh: g.source.clone(),
         resolution_m: g.report.resolution,
         error_p99_m: g.report.error.p99,
         reached: g.report.reached,
         boundary_edges: g.report.openness.boundary_edges,
         edges: g.report.openness.edges,
         unsure_share: g.report.openness.unsure_share,
+        turned_share: g.report.error.turned_share,
     });
     let joint = |joint: &vsf::robots::Joint| Joint {
         name: joint.name().to_owned(),
