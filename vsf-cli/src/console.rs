@@ -235,12 +235,40 @@ pub fn number(value: f64) -> String {
     }
 }
 
-/// Where a file is or would be written, with links followed.
-fn place(path: &Path) -> PathBuf {
-    let name = path.file_name().unwrap_or_default();
-    let folder = path.parent().filter(|p| !p.as_os_str().is_empty());
-    let folder = folder.unwrap_or(Path::new("."));
-    path.canonicalize()
-        .or_else(|_| Ok::<_, std::io::Error>(folder.canonicalize()?.join(name)))
-        .unwrap_or_else(|_| path.to_owned())
+/// Refuses a folder to write to that holds a name that is `odd`; `what` may be replaced there.
+pub fn check_folder(
+    out: &Path,
+    what: &str,
+    odd: impl Fn(&[String]) -> Option<&String>,
+) -> anyhow::Result<()> {
+    let names = out.read_dir().into_iter().flatten().flatten();
+    let names = names.map(|entry| entry.file_name().to_string_lossy().into_owned());
+    let mut names: Vec<String> = names.collect();
+    names.sort_unstable();
+    match odd(&names) {
+        Some(name) => Err(usage(format!(
+            "--out {} holds other files ({name:?}); choose a new or empty folder, or {what} to replace",
+            out.display()
+        ))),
+        None => Ok(()),
+    }
+}
+
+/// In a folder that may hold anything beside one of these, the first name where none of them is.
+pub fn unmarked<'a>(names: &'a [String], marks: &[&str]) -> Option<&'a String> {
+    let is_marked = names.iter().any(|name| marks.contains(&name.as_str()));
+    names.first().filter(|_| !is_marked)
+}
+
+/// Where a file or folder is or would be, with links followed as far as it is there.
+pub fn place(path: &Path) -> PathBuf {
+    let real = |base: &Path| match base.as_os_str().is_empty() {
+        true => Path::new(".").canonicalize().ok(),
+        false => base.canonicalize().ok(),
+    };
+    let found = path.ancestors().find_map(|base| Some((real(base)?, base)));
+    let rest = |base: &Path| path.strip_prefix(base).map(Path::to_owned).ok();
+    found
+        .and_then(|(real, base)| Some(real.join(rest(base)?)))
+        .unwrap_or_else(|| path.to_owned())
 }

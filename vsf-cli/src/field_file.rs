@@ -1,4 +1,4 @@
-use crate::console::{Console, create_folder};
+use crate::console::{Console, check_folder, create_folder};
 use crate::exit::usage;
 use crate::interrupt::writing;
 use std::path::{Path, PathBuf};
@@ -262,14 +262,7 @@ pub fn check_out(out: &Path) -> anyhow::Result<()> {
     }
     let is_ours =
         |name: &str| name.starts_with('.') || name.ends_with(".npy") || name == "format.json";
-    let names = out.read_dir().into_iter().flatten().flatten();
-    let names = names.map(|entry| entry.file_name().to_string_lossy().into_owned());
-    match names.filter(|name| !is_ours(name)).min() {
-        Some(name) => Err(usage(format!(
-            "--out {path} holds {name:?}; choose a new or empty folder, or a field to replace"
-        ))),
-        None => Ok(()),
-    }
+    check_folder(out, "a field", |names| names.iter().find(|n| !is_ours(n)))
 }
 
 /// Writes a field as data: `.npz`, `.ply` or a folder.

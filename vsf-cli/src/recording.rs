@@ -1,5 +1,5 @@
 use crate::config::Sources;
-use crate::console::{Console, number};
+use crate::console::{Console, check_folder, number, place, unmarked};
 use crate::corrected::ModelArgs;
 use crate::exit::usage;
 use crate::field_file::FieldFile;
@@ -83,26 +83,15 @@ impl Recording {
     /// Refuses a folder for another recording that is this one or lies inside it, or that holds
     /// anything that is no recording.
     fn check_out(&self, out: &Path) -> anyhow::Result<()> {
-        let own = self.path.canonicalize().ok();
-        let place = out.ancestors().find_map(|a| a.canonicalize().ok());
-        if let (Some(own), Some(place)) = (own, place)
-            && place.starts_with(&own)
-        {
+        if place(out).starts_with(place(&self.path)) {
             return Err(usage(format!(
                 "--out {} lies in the recording itself; choose another folder",
                 out.display()
             )));
         }
-        let holds_more = out
-            .read_dir()
-            .is_ok_and(|mut entries| entries.next().is_some());
-        if holds_more && !out.join("dataset.json").is_file() {
-            return Err(usage(format!(
-                "--out {} holds other files; choose a new or empty folder, or a recording to replace",
-                out.display()
-            )));
-        }
-        Ok(())
+        check_folder(out, "a recording", |names| {
+            unmarked(names, &["dataset.json"])
+        })
     }
 
     /// Opens a folder and prints its warnings.

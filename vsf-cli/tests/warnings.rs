@@ -134,7 +134,11 @@ fn fields_of_another_recording() {
     fs::write(bench.root.join("touch/dataset.json"), named).unwrap();
     for field in ["f.npz", "folder"] {
         let line = format!("evaluate touch --field {field}");
-        warns(&bench, &line, &["recording \"data, simulated\"", "\"peach\"", field]);
+        warns(
+            &bench,
+            &line,
+            &["recording \"data, simulated\"", "\"peach\"", field],
+        );
     }
 }
 

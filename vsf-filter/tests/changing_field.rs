@@ -2,61 +2,26 @@
 
 #![allow(clippy::unwrap_used)]
 
+mod common;
+
+use common::Probe;
 use nalgebra::{DMatrix, DVector};
 use rand::SeedableRng;
 use rand_pcg::Pcg64Mcg;
-use std::sync::{Arc, Mutex};
-use vsf_core::{Belief, CoreError, Estimator, FilterHealth, Noise, Observation, UpdateReport};
+use vsf_core::{Belief, CoreError, Estimator, FilterHealth, Noise, Observation};
 use vsf_filter::{
     CovarianceFilter, DiagonalKalman, FieldPrior, JointEstimator, MemoryReplay, Projection,
-    ReplayConfig, ReplayVariance, Revisit,
+    ReplayConfig,
 };
 use vsf_testkit::{LinearWorld, normal};
-
-/// Notes the noise of all that is taken in.
-struct Probe(DiagonalKalman<f64>, Arc<Mutex<Vec<Noise>>>);
-
-impl Estimator for Probe {
-    type Scalar = f64;
-    fn belief(&self) -> &Belief<f64> {
-        self.0.belief()
-    }
-    fn reset(&mut self, prior: Belief<f64>) -> Result<(), CoreError> {
-        self.0.reset(prior)
-    }
-    fn update(&mut self, obs: &Observation<f64>) -> Result<UpdateReport, CoreError> {
-        self.0.update(obs)
-    }
-    fn diffuse(&mut self, variance: f64) -> Result<(), CoreError> {
-        self.0.diffuse(variance)
-    }
-    fn whitened_residual(&self) -> &[f64] {
-        self.0.whitened_residual()
-    }
-}
-
-impl Revisit for Probe {
-    fn correct(
-        &mut self,
-        obs: &Observation<f64>,
-        variance: ReplayVariance,
-    ) -> Result<UpdateReport, CoreError> {
-        self.1.lock().unwrap().push(obs.noise().clone());
-        self.0.correct(obs, variance)
-    }
-    fn belief_mut(&mut self) -> &mut Belief<f64> {
-        self.0.belief_mut()
-    }
-}
 
 /// The noise of a past reading is `R + q W W^T` with the steps since then, whenever and however
 /// often it is drawn.
 #[test]
 fn past_readings_fade_by_the_steps_since() {
     let (n, d) = (12, 3);
-    let seen = Arc::new(Mutex::new(Vec::new()));
     let prior = Belief::uniform(n, 5.0, 1.0).unwrap();
-    let probe = Probe(DiagonalKalman::new(prior.clone()), seen.clone());
+    let (probe, orders) = Probe::new(prior.clone());
     let mut filter = MemoryReplay::new(probe, ReplayConfig::default()).unwrap();
     let mut world = LinearWorld::new(n, 5.0, 1.0, 1);
     let mut observe = || {
@@ -81,7 +46,8 @@ fn past_readings_fade_by_the_steps_since() {
     filter.diffuse(5e-3).unwrap();
     filter.diffuse(1.25e-3).unwrap();
     filter.update_with(&first, &[0, 1, 0]).unwrap();
-    let noises = std::mem::take(&mut *seen.lock().unwrap());
+    let seen = std::mem::take(&mut orders.lock().unwrap().seen);
+    let noises: Vec<&Noise> = seen.iter().map(Observation::noise).collect();
     let expected = [
         (&first, 0.0),
         (&first, 0.0),
@@ -101,12 +67,8 @@ fn past_readings_fade_by_the_steps_since() {
     // A new start forgets the steps too.
     filter.reset(prior).unwrap();
     filter.update_with(&first, &[0]).unwrap();
-    assert!(
-        seen.lock()
-            .unwrap()
-            .iter()
-            .all(|noise| noise == first.noise())
-    );
+    let seen = &orders.lock().unwrap().seen;
+    assert!(seen.iter().all(|obs| obs.noise() == first.noise()));
 }
 
 #[test]

@@ -2,9 +2,12 @@
 
 #![allow(clippy::unwrap_used)]
 
+mod common;
+
+use common::{Orders, Probe};
 use std::sync::{Arc, Mutex};
-use vsf_core::{Belief, CoreError, Estimator, FilterHealth, Noise, Observation, UpdateReport};
-use vsf_filter::{DiagonalKalman, MemoryReplay, ReplayConfig, ReplayVariance, Revisit};
+use vsf_core::{Belief, CoreError, Estimator, FilterHealth, Noise, Observation};
+use vsf_filter::{DiagonalKalman, MemoryReplay, ReplayConfig, ReplayVariance};
 use vsf_testkit::LinearWorld;
 
 const N: usize = 30;
@@ -37,57 +40,15 @@ fn run(config: ReplayConfig) -> Belief<f64> {
     filter.belief().clone()
 }
 
-/// Notes what the diagonal filter takes in (the first value of the reading), and fails on demand:
-/// `fail_in` counts down to the correction that does.
-#[derive(Default)]
-struct Orders {
-    seen: Vec<f64>,
-    fail_in: Option<usize>,
-}
-
-/// The filter under orders, shared with the test because the replay owns its estimator.
-struct Probe(DiagonalKalman<f64>, Arc<Mutex<Orders>>);
-
 fn probe(config: ReplayConfig) -> (MemoryReplay<Probe>, Arc<Mutex<Orders>>) {
-    let orders = Arc::new(Mutex::new(Orders::default()));
-    let probe = Probe(DiagonalKalman::new(prior()), orders.clone());
+    let (probe, orders) = Probe::new(prior());
     (MemoryReplay::new(probe, config).unwrap(), orders)
 }
 
-impl Estimator for Probe {
-    type Scalar = f64;
-    fn belief(&self) -> &Belief<f64> {
-        self.0.belief()
-    }
-    fn reset(&mut self, prior: Belief<f64>) -> Result<(), CoreError> {
-        self.0.reset(prior)
-    }
-    fn update(&mut self, obs: &Observation<f64>) -> Result<UpdateReport, CoreError> {
-        self.0.update(obs)
-    }
-    fn whitened_residual(&self) -> &[f64] {
-        self.0.whitened_residual()
-    }
-}
-
-impl Revisit for Probe {
-    fn correct(
-        &mut self,
-        obs: &Observation<f64>,
-        variance: ReplayVariance,
-    ) -> Result<UpdateReport, CoreError> {
-        let mut orders = self.1.lock().unwrap();
-        match &mut orders.fail_in {
-            Some(0) => return Err(CoreError::Other("on demand".into())),
-            Some(calls) => *calls -= 1,
-            None => {}
-        }
-        orders.seen.push(obs.reading()[0]);
-        self.0.correct(obs, variance)
-    }
-    fn belief_mut(&mut self) -> &mut Belief<f64> {
-        self.0.belief_mut()
-    }
+/// The first value of each reading that was taken in.
+fn seen(orders: &Mutex<Orders>) -> Vec<f64> {
+    let seen = std::mem::take(&mut orders.lock().unwrap().seen);
+    seen.iter().map(|obs| obs.reading()[0]).collect()
 }
 
 #[test]
@@ -133,7 +94,7 @@ fn an_update_corrects_once_and_replays_the_past() {
     });
     for (t, obs) in sequence(8, 1).iter().enumerate() {
         filter.update(obs).unwrap();
-        let seen = std::mem::take(&mut orders.lock().unwrap().seen);
+        let seen = seen(&orders);
         assert_eq!(seen.len(), 6, "step {t}");
         assert_eq!(seen[0], obs.reading()[0]);
         assert_eq!(filter.buffered(), t + 1);
@@ -246,8 +207,7 @@ fn contents(filter: &mut MemoryReplay<Probe>, orders: &Mutex<Orders>) -> Vec<usi
     let all: Vec<usize> = (0..filter.buffered()).collect();
     let empty = Observation::new(Noise::uniform(1, 1.0).unwrap());
     filter.update_with(&empty, &all).unwrap();
-    let seen = &orders.lock().unwrap().seen;
-    seen[1..].iter().map(|&x| x as usize).collect()
+    seen(orders)[1..].iter().map(|&x| x as usize).collect()
 }
 
 /// Every part of the history has the same chance to be in a full buffer, also when observations

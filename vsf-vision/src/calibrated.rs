@@ -82,11 +82,12 @@ impl<R: Regressor> Regressor for Calibrated<R> {
         if n >= 4 * folds {
             let mut held_out = Predictions::default();
             for fold in 0..folds {
-                let part = fold * n / folds..(fold + 1) * n / folds;
-                let kept: Vec<usize> = (0..n).filter(|i| !part.contains(i)).collect();
-                let held: Vec<usize> = part.collect();
-                self.inner.fit(&samples.select(&kept)?)?;
-                let found = self.inner.predict(&samples.features().rows_of(&held)?)?;
+                let out = fold * n / folds..(fold + 1) * n / folds;
+                let kept: Vec<usize> = (0..n).filter(|i| !out.contains(i)).collect();
+                let held: Vec<usize> = out.collect();
+                let mut part = self.inner.fresh();
+                part.fit(&samples.select(&kept)?)?;
+                let found = part.predict(&samples.features().rows_of(&held)?)?;
                 held_out.mean.extend(found.mean);
                 held_out.variance.extend(found.variance);
             }
@@ -104,5 +105,13 @@ impl<R: Regressor> Regressor for Calibrated<R> {
             .iter_mut()
             .for_each(|v| *v *= self.scale);
         Ok(predictions)
+    }
+
+    fn fresh(&self) -> Box<dyn Regressor> {
+        Box::new(Calibrated {
+            inner: self.inner.fresh(),
+            folds: self.folds,
+            scale: 1.0,
+        })
     }
 }

@@ -83,7 +83,7 @@ impl Extrapolation {
     ///
     /// # Errors
     /// Lengths that differ, a length or variance that is not positive, fewer than 2 touched points,
-    /// what the regressors refuse. What was learned before is then lost.
+    /// what the regressors refuse.
     pub fn fit(
         &mut self,
         points: &[Point3<f64>],
@@ -104,7 +104,6 @@ impl Extrapolation {
             }
             .into());
         }
-        self.learned = None;
         let occupancy = seen.occupancy(self.fade)?;
         let known: Vec<usize> = (0..n)
             .filter(|&i| touched[i] && occupancy[i] >= Self::LEAST_OCCUPANCY)
@@ -118,12 +117,14 @@ impl Extrapolation {
             let (targets, noises) = of.iter().map(|i| (target(i), noise(i))).unzip();
             Samples::new(features, targets, noises)
         };
-        self.hidden.fit(&samples(&known, false)?)?;
+        let mut hidden = self.hidden.fresh();
+        hidden.fit(&samples(&known, false)?)?;
         let in_sight: Vec<usize> = known.into_iter().filter(|&i| seen.visible[i]).collect();
         let by_color = in_sight.len() >= 2;
         if by_color {
             self.visible.fit(&samples(&in_sight, true)?)?;
         }
+        self.hidden = hidden;
         self.learned = Some(Learned {
             by_color,
             prior_variance,

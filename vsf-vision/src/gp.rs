@@ -209,6 +209,13 @@ impl Regressor for GaussianProcess {
         let (mean, variance) = blocks.flat_map_iter(of_block).unzip();
         Ok(Predictions { mean, variance })
     }
+
+    fn fresh(&self) -> Box<dyn Regressor> {
+        Box::new(Self {
+            config: self.config,
+            fitted: None,
+        })
+    }
 }
 
 #[cfg(test)]

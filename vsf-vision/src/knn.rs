@@ -197,6 +197,13 @@ impl Regressor for KnnRegressor {
         let (mean, variance) = all.map_init(Vec::new, of_row).unzip();
         Ok(Predictions { mean, variance })
     }
+
+    fn fresh(&self) -> Box<dyn Regressor> {
+        Box::new(Self {
+            config: self.config,
+            fitted: None,
+        })
+    }
 }
 
 /// The median; 1 where all are 0 or there are none.

@@ -133,6 +133,9 @@ pub trait Regressor: Send + Sync {
     /// # Errors
     /// [`VisionError::NotFitted`], other columns than it learned from.
     fn predict(&self, features: &Features) -> Result<Predictions, VisionError>;
+
+    /// One of the same parameters that has not learned yet.
+    fn fresh(&self) -> Box<dyn Regressor>;
 }
 
 impl<R: Regressor + ?Sized> Regressor for Box<R> {
@@ -142,5 +145,9 @@ impl<R: Regressor + ?Sized> Regressor for Box<R> {
 
     fn predict(&self, features: &Features) -> Result<Predictions, VisionError> {
         (**self).predict(features)
+    }
+
+    fn fresh(&self) -> Box<dyn Regressor> {
+        (**self).fresh()
     }
 }

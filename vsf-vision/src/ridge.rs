@@ -135,4 +135,8 @@ impl Regressor for Ridge {
             .unzip();
         Ok(Predictions { mean, variance })
     }
+
+    fn fresh(&self) -> Box<dyn Regressor> {
+        Box::new(Self::new())
+    }
 }

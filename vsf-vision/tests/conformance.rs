@@ -5,7 +5,8 @@ use rand::{RngExt, SeedableRng};
 use rand_distr::{Distribution, StandardNormal};
 use rand_pcg::Pcg64;
 use vsf_vision::{
-    Calibrated, Features, GpConfig, KnnConfig, Regressor, RegressorSpec, Samples, VisionError,
+    Calibrated, Features, GpConfig, KnnConfig, Predictions, Regressor, RegressorSpec, Ridge,
+    Samples, VisionError,
 };
 
 fn all() -> Vec<(String, Box<dyn Regressor>)> {
@@ -166,6 +167,53 @@ fn the_same_for_any_number_of_threads() {
         })
     };
     assert_eq!(run(1), run(4));
+}
+
+/// Refuses targets of 1000.
+struct Choosy(Ridge);
+
+impl Regressor for Choosy {
+    fn fit(&mut self, samples: &Samples) -> Result<(), VisionError> {
+        match samples.targets().contains(&1000.0) {
+            true => Err(VisionError::NotFitted { by: "Choosy" }),
+            false => self.0.fit(samples),
+        }
+    }
+    fn predict(&self, features: &Features) -> Result<Predictions, VisionError> {
+        self.0.predict(features)
+    }
+    fn fresh(&self) -> Box<dyn Regressor> {
+        Box::new(Self(Ridge::new()))
+    }
+}
+
+/// What was learned before stays when a part of the samples is refused.
+#[test]
+fn a_refused_calibration_changes_nothing() {
+    let (rows, targets) = plane(100, 4);
+    let samples = |targets| Samples::new(features(&rows), targets, vec![0.0; 100]).unwrap();
+    let mut calibrated = Calibrated::new(Choosy(Ridge::new()), 5).unwrap();
+    calibrated.fit(&samples(targets.clone())).unwrap();
+    let before = calibrated.predict(&features(&rows)).unwrap();
+    // The first part is held out with the odd one, and learned without it.
+    let mut odd: Vec<f64> = targets.iter().map(|t| 3.0 * t).collect();
+    odd[0] = 1000.0;
+    assert!(calibrated.fit(&samples(odd)).is_err());
+    assert_eq!(calibrated.predict(&features(&rows)).unwrap(), before);
+}
+
+/// A fresh one has the same parameters, and nothing of what was learned.
+#[test]
+fn fresh_ones_learn_the_same() {
+    let (rows, targets) = plane(400, 1);
+    let samples = Samples::new(features(&rows), targets, vec![0.0; 400]).unwrap();
+    for (name, fitted) in fitted() {
+        let mut fresh = fitted.fresh();
+        assert!(fresh.predict(&features(&rows)).is_err(), "{name}");
+        fresh.fit(&samples).unwrap();
+        let of = |r: &dyn Regressor| r.predict(&features(&rows)).unwrap();
+        assert_eq!(of(&*fresh), of(&*fitted), "{name}");
+    }
 }
 
 #[test]

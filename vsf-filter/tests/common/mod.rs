@@ -1,9 +1,70 @@
-//! Numbers made by other software (see `golden/README.md`).
+//! What several tests need: numbers made by other software (see `golden/README.md`), an estimator
+//! that notes what it is given.
+#![allow(dead_code, reason = "each test file uses a part")]
 
 use ndarray::{Array1, Array2, Array3};
 use ndarray_npy::NpzReader;
 use std::fs::File;
-use vsf_core::{Noise, Observation};
+use std::sync::{Arc, Mutex};
+use vsf_core::{Belief, CoreError, Estimator, Noise, Observation, UpdateReport};
+use vsf_filter::{DiagonalKalman, ReplayVariance, Revisit};
+
+/// Notes what the diagonal filter takes in, and fails on demand: `fail_in` counts down to the correction
+/// that does.
+#[derive(Default)]
+pub struct Orders {
+    pub seen: Vec<Observation<f64>>,
+    pub fail_in: Option<usize>,
+}
+
+/// The filter under orders, shared with the test because the replay owns its estimator.
+pub struct Probe(DiagonalKalman<f64>, Arc<Mutex<Orders>>);
+
+impl Probe {
+    pub fn new(prior: Belief<f64>) -> (Self, Arc<Mutex<Orders>>) {
+        let orders = Arc::new(Mutex::new(Orders::default()));
+        (Self(DiagonalKalman::new(prior), orders.clone()), orders)
+    }
+}
+
+impl Estimator for Probe {
+    type Scalar = f64;
+    fn belief(&self) -> &Belief<f64> {
+        self.0.belief()
+    }
+    fn reset(&mut self, prior: Belief<f64>) -> Result<(), CoreError> {
+        self.0.reset(prior)
+    }
+    fn update(&mut self, obs: &Observation<f64>) -> Result<UpdateReport, CoreError> {
+        self.0.update(obs)
+    }
+    fn diffuse(&mut self, variance: f64) -> Result<(), CoreError> {
+        self.0.diffuse(variance)
+    }
+    fn whitened_residual(&self) -> &[f64] {
+        self.0.whitened_residual()
+    }
+}
+
+impl Revisit for Probe {
+    fn correct(
+        &mut self,
+        obs: &Observation<f64>,
+        variance: ReplayVariance,
+    ) -> Result<UpdateReport, CoreError> {
+        let mut orders = self.1.lock().unwrap();
+        match &mut orders.fail_in {
+            Some(0) => return Err(CoreError::Other("on demand".into())),
+            Some(calls) => *calls -= 1,
+            None => {}
+        }
+        orders.seen.push(obs.clone());
+        self.0.correct(obs, variance)
+    }
+    fn belief_mut(&mut self) -> &mut Belief<f64> {
+        self.0.belief_mut()
+    }
+}
 
 pub fn archive(name: &str) -> NpzReader<File> {
     let path = format!("{}/tests/golden/{name}", env!("CARGO_MANIFEST_DIR"));

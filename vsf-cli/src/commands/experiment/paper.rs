@@ -1,13 +1,12 @@
 use super::figures::Figures;
 use super::report::{figures_text, tables};
 use super::{Failed, Found, each, progress};
-use crate::console::{Console, create_folder, texts};
-use crate::exit::usage;
+use crate::console::{Console, check_folder, create_folder, texts, unmarked};
 use crate::recording::Recording;
 use crate::samples::{FAR_PLACES, NEAR_PLACES, ONE_PLACE};
 use crate::settings::VisionKind;
 use serde::Serialize;
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 use vsf::pipeline::{
     Campaign, MethodErrors, Overlap, OverlapShares, Table1Row, TrainedOn, UpdateSpeed, UpdateTimes,
     table1, update_speed, update_times, view_warnings,
@@ -90,7 +89,9 @@ impl<'a> Report<'a> {
 
 pub fn run(args: &Args, console: &Console) -> anyhow::Result<()> {
     let out = &args.out;
-    check_out(out)?;
+    check_folder(out, "an earlier report", |names| {
+        unmarked(names, &["report.md", "recordings"])
+    })?;
     args.recordings
         .iter()
         .try_for_each(|r| console.keep_input(r))?;
@@ -138,19 +139,6 @@ pub fn run(args: &Args, console: &Console) -> anyhow::Result<()> {
         out.join("report.md").display()
     ))?;
     found.end()
-}
-
-fn check_out(out: &Path) -> anyhow::Result<()> {
-    let holds_more = out
-        .read_dir()
-        .is_ok_and(|mut entries| entries.next().is_some());
-    if holds_more && !out.join("report.md").is_file() && !out.join("recordings").is_dir() {
-        return Err(usage(format!(
-            "--out {} holds other files; choose a new or empty folder, or an earlier report to replace",
-            out.display()
-        )));
-    }
-    Ok(())
 }
 
 fn entry(
