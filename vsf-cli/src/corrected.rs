@@ -5,7 +5,7 @@ use crate::recording::Recording;
 use anyhow::Context;
 use std::path::PathBuf;
 use vsf::data::{Dataset, Sequence};
-use vsf::gap::{Campaign, Corrected, Model, ModelFile, effects};
+use vsf::gap::{Campaign, Corrected, EffectEntry, Model, ModelFile, effects};
 use vsf::pipeline::{Scene, Trace, motion_warnings, reading_warnings, simulate};
 
 /// The flag that takes a corrected model.
@@ -44,6 +44,17 @@ impl ModelArgs {
 }
 
 impl CorrectedModel {
+    /// Its effects with the values of their parameters, which tell it from other models.
+    pub fn text(&self) -> String {
+        let effect = |entry: &EffectEntry| {
+            let values = entry.parameters.iter();
+            let values = values.map(|p| format!(" {}={:?} {}", p.name, p.value, p.unit));
+            entry.effect.clone() + &values.collect::<String>()
+        };
+        let effects: Vec<String> = self.file.effects.iter().map(effect).collect();
+        effects.join("; ")
+    }
+
     /// The sequences under the model, in this order, with warnings about motions and readings. Runs
     /// over all sequences of the splits: what an effect does to the object lasts.
     pub fn sequences(
@@ -99,6 +110,17 @@ impl CorrectedModel {
     fn at(&self, campaign: &Campaign) -> anyhow::Result<Model> {
         let model = self.file.model(&campaign.site, &effects::catalogue());
         model.with_context(|| self.path.display().to_string())
+    }
+}
+
+/// Names of the effects in a [`CorrectedModel::text`].
+pub fn effects_of(text: &str) -> String {
+    let names = text
+        .split("; ")
+        .filter_map(|effect| effect.split(' ').next());
+    match names.collect::<Vec<_>>().join(", ") {
+        names if names.is_empty() => "no effect".to_owned(),
+        names => names,
     }
 }
 

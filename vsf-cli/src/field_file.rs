@@ -1,4 +1,5 @@
 use crate::console::{Console, check_folder, create_folder};
+use crate::corrected::{CorrectedModel, effects_of};
 use crate::exit::usage;
 use crate::interrupt::writing;
 use std::path::{Path, PathBuf};
@@ -117,7 +118,7 @@ impl FieldFile {
         Ok(Self { path, field })
     }
 
-    /// The field of an estimate from the recording of that name.
+    /// The field of an estimate from the recording of that name, by the nominal model.
     pub fn of_estimate(
         scene: &Scene,
         estimate: &Estimate,
@@ -152,6 +153,7 @@ impl FieldFile {
             ),
             features: features.map(|(k, v)| (k.to_owned(), v)).into(),
             recording: Some(recording.to_owned()),
+            model: None,
         })
     }
 
@@ -183,6 +185,32 @@ impl FieldFile {
             console.warn(format!(
                 "{path}: the field was estimated with other contact; give {flags} to predict with it"
             ));
+        }
+    }
+
+    /// Warns where predictions run under another corrected model than the field was estimated with.
+    pub fn compare_model(&self, given: Option<&CorrectedModel>, console: &Console) {
+        let path = self.path.display();
+        let given = given.map(CorrectedModel::text);
+        // Fields of other programs do not say.
+        let is_ours = self.field.features.contains_key(CONTACT);
+        match (&self.field.model, &given) {
+            (Some(stored), None) => console.warn(format!(
+                "{path}: the field was estimated with a corrected model ({}); without --model its effects are \
+                 missing from predictions",
+                effects_of(stored)
+            )),
+            (Some(stored), Some(given)) if stored != given => console.warn(format!(
+                "{path}: the field was estimated with another corrected model ({}) than --model gives ({})",
+                effects_of(stored),
+                effects_of(given)
+            )),
+            (None, Some(given)) if is_ours => console.warn(format!(
+                "{path}: the field was estimated without the corrected model ({}); its stiffness makes up for \
+                 the same effects",
+                effects_of(given)
+            )),
+            _ => {}
         }
     }
 

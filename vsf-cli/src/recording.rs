@@ -1,6 +1,6 @@
 use crate::config::Sources;
 use crate::console::{Console, check_folder, number, place, unmarked};
-use crate::corrected::ModelArgs;
+use crate::corrected::{CorrectedModel, ModelArgs};
 use crate::exit::usage;
 use crate::field_file::FieldFile;
 use crate::settings::SceneSettings;
@@ -57,17 +57,19 @@ pub enum Default {
 }
 
 impl FieldArgs {
-    /// Opens both, to write another recording to the folder `out`.
+    /// Opens all, to write another recording to the folder `out`.
     pub fn open_for(
         &self,
         out: &Path,
         console: &Console,
-    ) -> anyhow::Result<(Recording, FieldFile, Scene)> {
+    ) -> anyhow::Result<(Recording, FieldFile, Scene, Option<CorrectedModel>)> {
+        let model = self.model.open(console)?;
         let recording = self.recording.open(console)?;
         recording.check_out(out)?;
         let field = recording.field(self.field.as_deref(), console)?;
+        field.compare_model(model.as_ref(), console);
         let scene = recording.scene_of(&field, console)?;
-        Ok((recording, field, scene))
+        Ok((recording, field, scene, model))
     }
 }
 

@@ -180,6 +180,52 @@ fn commands_with_a_model_agree() {
     assert!(bench.root.join("other/seq_c/torques_sd.npy").is_file());
 }
 
+/// A field knows the corrected model that it was estimated with.
+#[test]
+fn fields_remember_their_model() {
+    let bench = biased();
+    bench.ok("estimate touch --out plain.npz");
+    bench.ok("estimate touch --out field.npz --out folder --model model.json");
+    let other = fs::read_to_string(bench.root.join("model.json")).unwrap();
+    fs::write(bench.root.join("other.json"), other.replace("-0.1", "-0.2")).unwrap();
+    let model = "corrected model (torque_bias)";
+    for (line, part) in [
+        ("evaluate touch --field field.npz", "without --model"),
+        ("predict touch --field folder --out a", "without --model"),
+        (
+            "simulate touch --field field.npz --out b",
+            "without --model",
+        ),
+        (
+            "export touch --field field.npz --torques plots",
+            "without --model",
+        ),
+        (
+            "evaluate touch --field field.npz --model other.json",
+            "another corrected",
+        ),
+        (
+            "predict touch --field plain.npz --model model.json --out c",
+            "estimated without",
+        ),
+    ] {
+        let warning = bench.warned(line);
+        assert!(
+            warning.contains(model) && warning.contains(part),
+            "{line}: {warning}"
+        );
+    }
+    for line in [
+        "evaluate touch --field field.npz --model model.json",
+        "predict touch --field folder --model model.json --out d",
+        "evaluate touch --field plain.npz",
+        "evaluate touch --field truth --model model.json",
+    ] {
+        let warning = bench.warned(line);
+        assert!(!warning.contains("corrected"), "{line}: {warning}");
+    }
+}
+
 #[test]
 fn an_arm_in_free_air() {
     let bench = Bench::touched();

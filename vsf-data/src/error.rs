@@ -60,6 +60,14 @@ pub enum DataError {
         /// What is wrong.
         problem: String,
     },
+    /// A PCD file is damaged or has no points.
+    #[error("{}: {problem}", path.display())]
+    Pcd {
+        /// The file.
+        path: PathBuf,
+        /// What is wrong.
+        problem: String,
+    },
     /// A file is not valid JSON.
     #[error("{} line {line} column {column}: invalid JSON: {problem}", path.display())]
     Json {

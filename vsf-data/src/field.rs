@@ -14,6 +14,8 @@ const SD_UNIT: &str = "K_std_unit";
 const STANDARD_DEVIATION: &str = "standard_deviation";
 /// Name of the recording that the field was estimated from.
 const RECORDING: &str = "recording_name";
+/// Name of the mark for the corrected model.
+const MODEL: &str = "corrected_model";
 const AXIS_MODE: &str = "axis_mode";
 const ISOTROPIC: &str = "isotropic";
 /// OpenVSF's pickled dictionary.
@@ -27,7 +29,8 @@ const MARKS: &str = "format.json";
 /// or of a folder of `.npy` files, and further arrays with N rows as features. `K_std` is written
 /// as a standard deviation and marked as one (`K_std_unit` in an archive, `format.json` in a
 /// folder); a `K_std` without the mark is not used, since OpenVSF writes the variance there. The
-/// recording's name is a further mark, `recording_name`.
+/// recording's name is a further mark, `recording_name`, and so is a corrected model,
+/// `corrected_model`.
 #[derive(Debug, Clone, PartialEq)]
 pub struct StiffnessField {
     /// Rest positions `p_i` \[m\], world frame.
@@ -42,6 +45,8 @@ pub struct StiffnessField {
     pub features: BTreeMap<String, Table>,
     /// Name of the recording that the field was estimated from, if known.
     pub recording: Option<String>,
+    /// The corrected model that explained a part of the readings, in words, if there was one.
+    pub model: Option<String>,
 }
 
 #[derive(Default, Serialize, Deserialize)]
@@ -52,6 +57,8 @@ struct Marks {
     sd_unit: Option<String>,
     #[serde(rename = "recording_name")]
     recording: Option<String>,
+    #[serde(rename = "corrected_model", skip_serializing_if = "Option::is_none")]
+    model: Option<String>,
 }
 
 /// The arrays of a field before they are understood, from an archive or a folder.
@@ -100,6 +107,7 @@ impl StiffnessField {
             (AXIS_MODE, &marks.axis_mode),
             (SD_UNIT, &marks.sd_unit),
             (RECORDING, &marks.recording),
+            (MODEL, &marks.model),
         ] {
             if let Some(text) = text {
                 entries.insert(name.to_owned(), npy::encode_text(text));
@@ -113,6 +121,7 @@ impl StiffnessField {
             axis_mode: Some(ISOTROPIC.to_owned()),
             sd_unit: self.sd.as_ref().map(|_| STANDARD_DEVIATION.to_owned()),
             recording: self.recording.clone(),
+            model: self.model.clone(),
         }
     }
 
@@ -206,7 +215,9 @@ impl StiffnessField {
             }
         }
         for (name, table) in &self.features {
-            let reserved = [POINTS, STIFFNESS, SD, SD_UNIT, AXIS_MODE, RECORDING, PICKLE];
+            let reserved = [
+                POINTS, STIFFNESS, SD, SD_UNIT, AXIS_MODE, RECORDING, MODEL, PICKLE,
+            ];
             let not_a_file = name.is_empty() || name.contains(['/', '\\', '\0']);
             if not_a_file || reserved.contains(&name.as_str()) {
                 return Err(DataError::FeatureName {
@@ -244,6 +255,7 @@ impl Source {
             axis_mode: text(AXIS_MODE)?,
             sd_unit: text(SD_UNIT)?,
             recording: text(RECORDING)?,
+            model: text(MODEL)?,
         };
         Ok(Self {
             path: path.to_owned(),
@@ -332,6 +344,7 @@ impl Source {
             sd,
             features,
             recording: self.marks.recording,
+            model: self.marks.model,
         })
     }
 

@@ -7,7 +7,9 @@ use common::{Folder, golden};
 use proptest::prelude::*;
 use proptest::sample::Index;
 use std::fs;
-use vsf_data::{Dataset, Overrides, StiffnessField, read_ply_points};
+use vsf_data::{
+    Dataset, Overrides, StiffnessField, read_pcd_cloud, read_pcd_points, read_ply_points,
+};
 
 /// One way to damage a file.
 #[derive(Debug, Clone)]
@@ -170,6 +172,32 @@ proptest! {
     }
 
     #[test]
+    fn damaged_pcd_clouds_never_panic(
+        damage in damage(),
+        kind in prop::sample::select(vec!["ascii", "binary", "binary_compressed"]),
+    ) {
+        let header = format!(
+            "VERSION 0.7\nFIELDS x y z rgb\nSIZE 4 4 4 4\nTYPE F F F U\nCOUNT 1 1 1 1\n\
+             WIDTH 2\nHEIGHT 1\nPOINTS 2\nDATA {kind}\n"
+        );
+        let run = [&[31u8], &[7; 32][..]].concat();
+        let data = match kind {
+            "ascii" => b"1 2 3 4\n5 6 7 8\n".to_vec(),
+            "binary" => vec![7; 32],
+            _ => [&33u32.to_le_bytes()[..], &32u32.to_le_bytes(), &run].concat(),
+        };
+        let mut bytes = [header.as_bytes(), &data].concat();
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("a.pcd");
+        fs::write(&path, &bytes).unwrap();
+        prop_assert_eq!(read_pcd_cloud(&path).unwrap().len(), 2);
+        apply(&mut bytes, &damage);
+        fs::write(&path, &bytes).unwrap();
+        let _ = read_pcd_points(&path);
+        let _ = read_pcd_cloud(&path);
+    }
+
+    #[test]
     fn any_bytes_never_panic(bytes in prop::collection::vec(any::<u8>(), 0..200)) {
         let folder = tempfile::tempdir().unwrap();
         for magic in [&b""[..], b"\x93NUMPY\x01\x00", b"PK\x03\x04", b"ply\n"] {
@@ -177,6 +205,7 @@ proptest! {
             fs::write(&path, [magic, &bytes].concat()).unwrap();
             prop_assert!(StiffnessField::open(&path).is_err());
             prop_assert!(read_ply_points(&path).is_err());
+            prop_assert!(read_pcd_points(&path).is_err());
         }
     }
 }

@@ -11,7 +11,8 @@ use std::collections::BTreeMap;
 use std::fs;
 use vsf_data::{
     Attachment, CameraView, DataError, Dataset, JointType, Overrides, RobotRef, Sequence, Splits,
-    StiffnessField, Table, TorqueKind, read_ply_cloud, read_ply_points,
+    StiffnessField, Table, TorqueKind, read_pcd_cloud, read_pcd_points, read_ply_cloud,
+    read_ply_points,
 };
 
 /// Any finite double, subnormals and both zeros included.
@@ -49,14 +50,15 @@ fn field() -> impl Strategy<Value = StiffnessField> {
             0..3,
         );
         let sd = prop::option::of(vec(positive().prop_map(f64::abs), n));
-        let recording = prop::option::of(text());
-        (vec(point(), n), vec(number(), n), sd, features, recording).prop_map(
-            |(points, stiffness, sd, features, recording)| StiffnessField {
+        let marks = (prop::option::of(text()), prop::option::of(text()));
+        (vec(point(), n), vec(number(), n), sd, features, marks).prop_map(
+            |(points, stiffness, sd, features, (recording, model))| StiffnessField {
                 points,
                 stiffness,
                 sd,
                 features,
                 recording,
+                model,
             },
         )
     })
@@ -358,6 +360,7 @@ fn a_field_folder_is_not_mixed_with_another() {
         sd: Some(vec![1.0]),
         features: BTreeMap::new(),
         recording: None,
+        model: None,
     };
     field.save_folder(folder.path()).unwrap();
     fs::write(folder.path().join(".hidden"), "").unwrap();
@@ -395,6 +398,7 @@ fn ply_colours_follow_the_scale() {
         sd: None,
         features: BTreeMap::new(),
         recording: None,
+        model: None,
     };
     for (full_scale, top) in [
         (None, [253, 231, 37]),
@@ -451,4 +455,112 @@ fn colours_of_a_ply() {
     assert_eq!(read_ply_points(&path).unwrap(), points);
     fs::write(&path, text("uchar").replace("blue", "b")).unwrap();
     assert!(matches!(read_ply_cloud(&path), Err(DataError::Ply { .. })));
+}
+
+/// Header of a PCD file of three points with a normal, padding and colour.
+fn pcd(points: usize, data: &str) -> String {
+    format!(
+        "# .PCD v.7 - Point Cloud Data file format\nVERSION .7\nFIELDS x y z n _ rgb\n\
+         SIZE 4 4 8 2 1 4\nTYPE F F F I U F\nCOUNT 1 1 1 2 3 1\nWIDTH {points}\nHEIGHT 1\n\
+         VIEWPOINT 0 0 0 1 0 0 0\nPOINTS {points}\nDATA {data}\n"
+    )
+}
+
+/// The example of the Point Cloud Library's documentation packs colours so.
+const PACKED: f32 = 4.2108e6;
+
+/// Values of three points by field: the second one is a pixel without return.
+fn pcd_columns() -> [Vec<Vec<u8>>; 6] {
+    let f32s = |v: [f32; 3]| v.map(|v| v.to_le_bytes().to_vec()).to_vec();
+    let nan = f64::NAN;
+    [
+        f32s([0.5, f32::NAN, -1.0]),
+        f32s([1.0, f32::NAN, 0.25]),
+        [2.0, nan, 1e-3]
+            .map(|v: f64| v.to_le_bytes().to_vec())
+            .to_vec(),
+        vec![vec![1, 2, 3, 4]; 3],
+        vec![vec![9; 3]; 3],
+        f32s([PACKED, 0.0, f32::from_bits(0x00ff_0102)]),
+    ]
+}
+
+#[test]
+fn points_and_colours_of_a_pcd() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("a.pcd");
+    let positions = [Point3::new(0.5, 1.0, 2.0), Point3::new(-1.0, 0.25, 1e-3)];
+    let colors = [[128, 128, 224], [255, 1, 2]];
+    let check = |bytes: &[u8], kind: &str| {
+        fs::write(&path, bytes).unwrap();
+        assert_eq!(read_pcd_points(&path).unwrap(), positions, "{kind}");
+        let cloud = read_pcd_cloud(&path).unwrap();
+        assert!(cloud.iter().map(|p| p.color).eq(colors), "{kind}");
+        assert!(cloud.iter().map(|p| p.position).eq(positions), "{kind}");
+    };
+    let last = f32::from_bits(0x00ff_0102);
+    let ascii = format!(
+        "0.5 1 2 7 7 0 0 0 4.2108e+06\nnan nan nan 7 7 0 0 0 0\n-1 0.25 1e-3 7 7 0 0 0 {last:e}\n"
+    );
+    check((pcd(3, "ascii") + &ascii).as_bytes(), "ascii");
+    let columns = pcd_columns();
+    let rows: Vec<u8> = (0..3)
+        .flat_map(|i| columns.iter().flat_map(move |c| c[i].clone()))
+        .collect();
+    check(&[pcd(3, "binary").as_bytes(), &rows].concat(), "binary");
+    // LZF without any repetition: runs of at most 32 bytes, each after its length less 1.
+    let whole: Vec<u8> = columns.iter().flat_map(|c| c.concat()).collect();
+    let runs = whole
+        .chunks(32)
+        .flat_map(|run| [&[run.len() as u8 - 1], run].concat());
+    let packed: Vec<u8> = runs.collect();
+    let sizes = [packed.len() as u32, whole.len() as u32]
+        .map(u32::to_le_bytes)
+        .concat();
+    let header = pcd(3, "binary_compressed");
+    check(&[header.as_bytes(), &sizes, &packed].concat(), "compressed");
+}
+
+#[test]
+fn pcd_files_that_are_refused() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("a.pcd");
+    let row = "0.5 1 2 7 7 0 0 0 1\n";
+    let refused = |text: String, part: &str| {
+        fs::write(&path, text).unwrap();
+        let error = read_pcd_cloud(&path).unwrap_err().to_string();
+        assert!(error.contains("a.pcd") && error.contains(part), "{error}");
+    };
+    refused(pcd(2, "ascii") + row, "damaged");
+    refused(pcd(9, "ascii") + row, "do not fit");
+    refused(pcd(usize::MAX, "binary") + row, "do not fit");
+    refused(pcd(1, "binary_compressed") + row, "do not fit");
+    refused(
+        pcd(1, "ascii").replace("COUNT 1", "COUNT 18446744073709551615") + row,
+        "do not fit",
+    );
+    refused(
+        pcd(1, "ascii").replace("FIELDS x", "FIELDS X") + row,
+        "no field x",
+    );
+    refused(pcd(1, "ascii").replace("rgb", "label") + row, "rgb");
+    refused(pcd(1, "ascii") + &row.replace("0.5", "inf"), "row 0 x: inf");
+    refused(pcd(1, "ascii") + &row.replace("0.5", "nan"), "row 0 x: NaN");
+    refused(pcd(1, "ascii") + &row.replace("0.5", "half"), "damaged");
+    refused(
+        pcd(1, "ascii") + &row.replace("0.5 1 2", "nan nan nan"),
+        "empty",
+    );
+    refused(pcd(0, "ascii"), "empty");
+    refused("ply\n".to_owned(), "DATA");
+    // Positions can be read without colours.
+    fs::write(&path, pcd(1, "ascii").replace("rgb", "label") + row).unwrap();
+    assert_eq!(
+        read_pcd_points(&path).unwrap(),
+        [Point3::new(0.5, 1.0, 2.0)]
+    );
+    assert!(matches!(
+        read_pcd_points(folder.path().join("b.pcd")),
+        Err(DataError::Missing { .. })
+    ));
 }

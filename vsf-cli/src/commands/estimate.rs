@@ -1,11 +1,12 @@
 use crate::console::{Console, number, texts};
-use crate::corrected::ModelArgs;
+use crate::corrected::{CorrectedModel, ModelArgs};
 use crate::exit::usage;
 use crate::field_file::{FieldFile, FieldFormat, NOISE_SD, PRIOR_SD, check_out, save};
 use crate::recording::{Default, RecordingArgs, traces, untouched};
 use crate::settings::EstimatorSettings;
 use serde::Serialize;
 use std::path::PathBuf;
+use vsf::data::StiffnessField;
 use vsf::pipeline::{
     Candidate, Estimate, Hyper, HyperMethod, PipelineError, Scene, Trace, VisionCandidate,
     VisionEstimate, VisionSpec, choose_hyper, estimate, estimate_with_vision, view_warnings,
@@ -15,7 +16,8 @@ use vsf::vision::RgbdView;
 #[derive(Debug, clap::Args)]
 #[command(after_help = "\
 The field holds points, K (mean, N/m), K_std, and the features touched, prior_sd, noise_sd and contact; \
-`vsf predict` and `vsf evaluate` warn when they are run with other contact than it was estimated with.
+`vsf predict` and `vsf evaluate` warn when they are run with other contact, or another corrected model, than it \
+was estimated with.
 
 JSON keys: estimator, prior_sd, smooth_sd, smooth_length, level_sd, noise_sd (by channel), given \
 (which of prior_sd and noise_sd), chosen_by (how the rest was: held-out, likelihood, or given), candidates (smooth_share, signal_to_noise, error or log_evidence), sequences, samples, contact_samples, points, touched_points, mean_stiffness (over touched \
@@ -102,7 +104,7 @@ pub fn run(args: &Args, console: &Console) -> anyhow::Result<()> {
             .iter()
             .for_each(|w| console.warn(w));
     }
-    let traces = match model {
+    let traces = match &model {
         None => traces(&scene, &sequences, console)?,
         Some(model) => {
             let corrected = model.sequences(&recording, &scene, &sequences, console)?;
@@ -116,6 +118,10 @@ pub fn run(args: &Args, console: &Console) -> anyhow::Result<()> {
         &chosen.hyper,
         &recording.dataset.name,
     )?;
+    let field = StiffnessField {
+        model: model.as_ref().map(CorrectedModel::text),
+        ..field
+    };
     for out in &args.out {
         save(&field, out)?;
     }

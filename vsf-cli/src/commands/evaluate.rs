@@ -77,6 +77,9 @@ pub fn run(args: &Args, console: &Console) -> anyhow::Result<()> {
         true => Some(recording.field(given, console)?),
         false => None,
     };
+    if let Some(field) = &field {
+        field.compare_model(model.as_ref(), console);
+    }
     let scene = match &field {
         Some(field) => recording.scene_of(field, console)?,
         None => recording.scene(console)?,

@@ -88,6 +88,7 @@ fn from_recording(args: &Args, console: &Console) -> anyhow::Result<Vec<PathBuf>
         return Ok(written);
     };
     let sequences = recording.sequences(args.sequences.as_deref(), Default::Test)?;
+    field.compare_model(None, console);
     let belief = field.belief()?;
     let noise_sd = field.noise_sd(scene.robot.joint_count(), console)?;
     create_folder(folder)?;

@@ -41,8 +41,7 @@ struct Entry<'a> {
 }
 
 pub fn run(args: &Args, console: &Console) -> anyhow::Result<()> {
-    let model = args.of.model.open(console)?;
-    let (recording, field, scene) = args.of.open_for(&args.out, console)?;
+    let (recording, field, scene, model) = args.of.open_for(&args.out, console)?;
     let sequences = recording.sequences(args.sequences.as_deref(), Default::Test)?;
     let belief = field.belief()?;
     let noise_sd = field.noise_sd(scene.robot.joint_count(), console)?;

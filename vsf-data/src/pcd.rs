@@ -1,0 +1,162 @@
+//! Point clouds in the PCD format of the Point Cloud Library.
+
+use crate::{ColoredPoint, DataError, files};
+use nalgebra::Point3;
+use pcd_rs::{DynReader, DynRecord, Field, PcdMeta, ValueKind};
+use std::path::Path;
+
+/// LZF packs 264 bytes into 3 at best.
+const MOST_PACKED: u64 = 88;
+
+/// Reads the points `x y z` of a PCD file, ascii, binary or binary_compressed, in the units of the file
+/// (metres everywhere in this crate). Other fields are skipped. Points whose coordinates are all NaN
+/// are left out: pixels without a return, as the Point Cloud Library writes them.
+///
+/// # Errors
+/// A damaged file, no points, coordinates that are missing or not finite.
+pub fn read_pcd_points(path: impl AsRef<Path>) -> Result<Vec<Point3<f64>>, DataError> {
+    let cloud = read(path.as_ref(), false)?;
+    Ok(cloud.iter().map(|p| p.position).collect())
+}
+
+/// The points of a PCD file as [`read_pcd_points`] reads them, and their colours: the field `rgb` or
+/// `rgba`, one number of 4 bytes with 8 bits for each of red, green and blue.
+///
+/// # Errors
+/// As [`read_pcd_points`]; points without colour.
+pub fn read_pcd_cloud(path: impl AsRef<Path>) -> Result<Vec<ColoredPoint>, DataError> {
+    read(path.as_ref(), true)
+}
+
+/// Places of the fields in a record, padding left out.
+struct Places {
+    xyz: [usize; 3],
+    color: Option<usize>,
+}
+
+fn read(path: &Path, with_color: bool) -> Result<Vec<ColoredPoint>, DataError> {
+    let wrong = |problem: String| DataError::Pcd {
+        path: path.to_owned(),
+        problem,
+    };
+    let damaged = |e: pcd_rs::Error| wrong(format!("damaged PCD: {e}"));
+    let bytes = files::read(path)?;
+    let (header, kind, data) =
+        split(&bytes).ok_or_else(|| wrong("no PCD file: it has no line DATA".to_owned()))?;
+    // The kind of data does not matter to the rest of the header, but how much there may be does.
+    let plain = [header, b"DATA binary\n"].concat();
+    let meta = DynReader::from_bytes(&plain).map_err(damaged)?;
+    check_size(meta.meta(), kind, data).map_err(wrong)?;
+    let places = places(meta.meta(), with_color).map_err(wrong)?;
+
+    let mut cloud = Vec::new();
+    for record in DynReader::from_bytes(&bytes).map_err(damaged)? {
+        let DynRecord(fields) = record.map_err(damaged)?;
+        let number = |k: usize| fields.get(k).and_then(number).unwrap_or(f64::NAN);
+        let position = Point3::from(places.xyz.map(number));
+        if position.iter().all(|c| c.is_nan()) {
+            continue;
+        }
+        let color = places.color.and_then(|k| color(fields.get(k)?));
+        cloud.push(ColoredPoint {
+            position,
+            color: color.unwrap_or_default(),
+        });
+    }
+    let points: Vec<_> = cloud.iter().map(|p| p.position).collect();
+    files::check_points(path, &points)?;
+    Ok(cloud)
+}
+
+/// The header without its last line, the kind of data that this line names, and the data.
+fn split(bytes: &[u8]) -> Option<(&[u8], &str, &[u8])> {
+    let mut start = 0;
+    for line in bytes.split_inclusive(|b| *b == b'\n') {
+        let mut words = std::str::from_utf8(line).ok()?.split_ascii_whitespace();
+        if words.next().is_some_and(|w| w.eq_ignore_ascii_case("DATA")) {
+            let data = &bytes[start + line.len()..];
+            return Some((&bytes[..start], words.next().unwrap_or_default(), data));
+        }
+        start += line.len();
+    }
+    None
+}
+
+/// Refuses a header that promises more than the file holds, before memory is reserved for it.
+fn check_size(meta: &PcdMeta, kind: &str, data: &[u8]) -> Result<(), String> {
+    let length = data.len() as u64;
+    let fields = || meta.field_defs.iter();
+    let values = fields().try_fold(0u64, |sum, f| sum.checked_add(f.count));
+    let record = fields().try_fold(0u64, |sum, f| {
+        sum.checked_add(f.count.checked_mul(f.kind.byte_size() as u64)?)
+    });
+    // A number as text is a byte at least.
+    let record = if kind == "ascii" { values } else { record };
+    let needed = record.and_then(|r| r.checked_mul(meta.num_points));
+    let word = |at: usize| {
+        let word = data.get(at..at + 4).and_then(|w| w.try_into().ok());
+        word.map(u32::from_le_bytes).map_or(0, u64::from)
+    };
+    let fits = match (kind, needed) {
+        (_, None) => false,
+        ("binary_compressed", Some(needed)) => {
+            let (packed, whole) = (word(0), word(4));
+            packed <= length.saturating_sub(8)
+                && whole == needed
+                && whole <= MOST_PACKED.saturating_mul(packed)
+        }
+        (_, Some(needed)) => needed <= length,
+    };
+    match fits {
+        true => Ok(()),
+        false => Err(format!(
+            "{} points do not fit into {length} bytes of data",
+            meta.num_points
+        )),
+    }
+}
+
+fn places(meta: &PcdMeta, with_color: bool) -> Result<Places, String> {
+    let kept = || meta.field_defs.iter().filter(|f| f.name != "_");
+    let find = |name: &str| kept().position(|f| f.name == name && f.count == 1);
+    let needed = |name| find(name).ok_or_else(|| format!("no field {name} with one value a point"));
+    let color = find("rgb").or_else(|| find("rgba"));
+    let packed = |k: &usize| {
+        let kind = kept().nth(*k).map(|f| f.kind);
+        matches!(kind, Some(ValueKind::F32 | ValueKind::U32 | ValueKind::I32))
+    };
+    if with_color && !color.as_ref().is_some_and(packed) {
+        return Err("no field rgb or rgba of 4 bytes".to_owned());
+    }
+    Ok(Places {
+        xyz: [needed("x")?, needed("y")?, needed("z")?],
+        color: color.filter(packed),
+    })
+}
+
+fn number(field: &Field) -> Option<f64> {
+    Some(match field {
+        Field::I8(v) => f64::from(*v.first()?),
+        Field::I16(v) => f64::from(*v.first()?),
+        Field::I32(v) => f64::from(*v.first()?),
+        Field::I64(v) => *v.first()? as f64,
+        Field::U8(v) => f64::from(*v.first()?),
+        Field::U16(v) => f64::from(*v.first()?),
+        Field::U32(v) => f64::from(*v.first()?),
+        Field::U64(v) => *v.first()? as f64,
+        Field::F32(v) => f64::from(*v.first()?),
+        Field::F64(v) => *v.first()?,
+    })
+}
+
+/// Red, green and blue out of one number, whatever type its bits are said to be of.
+fn color(field: &Field) -> Option<[u8; 3]> {
+    let bits = match field {
+        Field::F32(v) => v.first()?.to_bits(),
+        Field::U32(v) => *v.first()?,
+        Field::I32(v) => v.first()?.cast_unsigned(),
+        _ => return None,
+    };
+    let [_, red, green, blue] = bits.to_be_bytes();
+    Some([red, green, blue])
+}
