@@ -1,5 +1,5 @@
 use crate::commands::{
-    bench, diagnose, estimate, evaluate, experiment, export, info, predict, simulate, view,
+    bench, diagnose, estimate, evaluate, experiment, export, info, learn, predict, simulate, view,
 };
 use clap::{Parser, Subcommand};
 use std::path::PathBuf;
@@ -38,6 +38,8 @@ pub enum Command {
     Info(info::Args),
     /// Estimate a stiffness field from the train sequences of a recording
     Estimate(estimate::Args),
+    /// Learn how stiff things are that look so, from the fields of several objects
+    Learn(learn::Args),
     /// Predict the torques of sequences from a field, with their standard deviations
     Predict(predict::Args),
     /// Measure the prediction error of a field, or of a baseline, on the test sequences

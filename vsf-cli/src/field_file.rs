@@ -214,6 +214,12 @@ impl FieldFile {
         }
     }
 
+    /// Standard deviation of a point's own stiffness before it was touched, if the file says.
+    pub fn prior_sd(&self) -> anyhow::Result<Option<f64>> {
+        let values = column(&self.path, &self.field, PRIOR_SD)?;
+        Ok(values.and_then(|v| v.first().copied()))
+    }
+
     /// Whether the file says all that deviations of predicted readings need.
     pub fn has_deviations(&self) -> bool {
         self.field.sd.is_some() && self.field.features.contains_key(NOISE_SD)

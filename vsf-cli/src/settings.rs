@@ -5,12 +5,13 @@ use crate::range::{finite, not_negative, positive, replays};
 use clap::builder::RangedU64ValueParser;
 use clap::{Args, ValueEnum};
 use std::path::{Path, PathBuf};
+use std::sync::Arc;
 use vsf::contact::{ContactConfig, GridOptions};
 use vsf::core::nalgebra::{Isometry3, Translation3, UnitQuaternion, Vector3};
 use vsf::data::{JointType, Overrides, RobotRef, Splits, TorqueKind};
 use vsf::filter::{DiagonalForm, Projection, ReplayConfig, ReplayVariance};
 use vsf::pipeline::{EstimatorSpec, HyperMethod, PriorShape, SceneOptions, VisionSpec};
-use vsf::vision::{GpConfig, KnnConfig, RegressorSpec};
+use vsf::vision::{GpConfig, KnnConfig, LearnedPrior, RegressorSpec};
 
 /// The recording and the contact model.
 #[derive(Debug, Clone, Default, Args)]
@@ -126,9 +127,26 @@ pub struct EstimatorSettings {
     #[arg(long)]
     hyper: Option<HyperKind>,
     /// What the recording's camera/ says about points, touched or not, as the mean of the prior;
-    /// how much of it is chosen on held-out sequences. Default none: touches alone
-    #[arg(long)]
-    vision: Option<VisionKind>,
+    /// how much of it is chosen on held-out sequences: none (default, touches alone), level (one
+    /// stiffness, fading behind the seen surface), knn, ridge or gp (regression of the touched points
+    /// on colour and position), or a FILE that `vsf learn` wrote
+    #[arg(long, value_name = "METHOD|FILE", value_parser = vision)]
+    vision: Option<Vision>,
+}
+
+/// A method by name, or what other objects teach.
+#[derive(Debug, Clone)]
+enum Vision {
+    Kind(VisionKind),
+    Learned(PathBuf),
+}
+
+fn vision(text: &str) -> Result<Vision, String> {
+    match VisionKind::from_str(text, false) {
+        Ok(kind) => Ok(Vision::Kind(kind)),
+        Err(_) if Path::new(text).is_file() => Ok(Vision::Learned(text.into())),
+        Err(_) => Err("no such file; methods are none, level, knn, ridge, gp".to_owned()),
+    }
 }
 
 #[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
@@ -381,13 +399,32 @@ impl EstimatorSettings {
     }
 
     /// How untouched points are guessed by what the camera sees, if they are.
-    pub fn vision(&self) -> Option<VisionSpec> {
-        self.vision?.spec()
+    pub fn vision(&self) -> anyhow::Result<Option<VisionSpec>> {
+        match &self.vision {
+            None => Ok(None),
+            Some(Vision::Kind(kind)) => Ok(kind.spec()),
+            Some(Vision::Learned(path)) => {
+                let learned = LearnedPrior::open(path)?;
+                Ok(Some(VisionSpec::Learned(Arc::new(learned))))
+            }
+        }
+    }
+
+    /// The file that says how untouched points are guessed.
+    pub fn vision_file(&self) -> Option<&Path> {
+        match &self.vision {
+            Some(Vision::Learned(path)) => Some(path),
+            _ => None,
+        }
     }
 
     /// Name of what guesses untouched points, for reports.
     pub fn vision_name(&self) -> String {
-        self.vision.unwrap_or(VisionKind::None).name()
+        match &self.vision {
+            None => VisionKind::None.name(),
+            Some(Vision::Kind(kind)) => kind.name(),
+            Some(Vision::Learned(path)) => path.to_string_lossy().into_owned(),
+        }
     }
 
     fn kind(&self) -> EstimatorKind {

@@ -481,6 +481,75 @@ fn the_camera_forms_the_prior() {
     }
 }
 
+/// Fields of other objects say how stiff a new one is by how it looks.
+#[test]
+fn other_objects_form_the_prior() {
+    let bench = Bench::touched();
+    let data = concat!(env!("CARGO_MANIFEST_DIR"), "/data");
+    let known = "--prior-sd 5 --noise-sd 0.5 --subdivision 1";
+    for object in ["orange_tree", "orange_tree_partial"] {
+        let few = if object == "orange_tree" {
+            "000"
+        } else {
+            "000,001"
+        };
+        bench.ok(&format!(
+            "estimate {data}/{object} {known} --sequences {few} --out {object}.npz"
+        ));
+    }
+    let objects = ["orange_tree", "orange_tree_partial"].map(|o| format!("{data}/{o}={o}.npz"));
+    let objects = objects.join(" ");
+    let new = format!("{data}/orange_tree_no");
+    let error = |vision: &str| {
+        let json = bench.ok(&format!(
+            "estimate {new} {known} --vision {vision} --out new.npz --json"
+        ));
+        assert!(
+            json.contains(&format!("\"vision\": \"{vision}\"")),
+            "{json}"
+        );
+        let tried = json.matches("\"share\":").count();
+        assert_eq!(tried, if vision == "none" { 0 } else { 3 }, "{json}");
+        let json = bench.ok(&format!(
+            "evaluate {new} --subdivision 1 --field new.npz --json"
+        ));
+        value(&json, "mean_error")
+    };
+    let blind = error("none");
+    for regressor in ["knn", "gp"] {
+        let json = bench.ok(&format!(
+            "learn {objects} --regressor {regressor} --out looks.json --json"
+        ));
+        assert_eq!(value(&json, "objects"), 2.0);
+        assert!(value(&json, "points") > 50.0, "{json}");
+        let seen = error("looks.json");
+        assert!(
+            seen < 0.9 * blind,
+            "{regressor}: {seen} N m, {blind} N m by touch"
+        );
+    }
+    // The file is an input.
+    let line = format!("estimate {data}/orange_tree_no --vision looks.json --json=./looks.json");
+    bench.fails(&line, 2, &["--json", "looks.json"]);
+    bench.fails(
+        "estimate touch --vision none.json",
+        2,
+        &["--vision", "level"],
+    );
+    fs::write(bench.root.join("cut.json"), "{").unwrap();
+    bench.fails("estimate touch --vision cut.json", 1, &["cut.json"]);
+    bench.fails("learn touch=truth --out a.json", 1, &["touch", "camera/"]);
+    let line = format!("learn {data}/orange_tree=truth --out a.json");
+    bench.fails(&line, 1, &["orange_tree"]);
+    bench.fails(
+        "learn touch=field --out touch/a.json",
+        2,
+        &["--out", "touch"],
+    );
+    bench.fails("learn --out a.json", 2, &["RECORDING"]);
+    assert!(!bench.root.join("a.json").exists());
+}
+
 /// What is read is not written over, however the path is spelled.
 #[test]
 fn json_never_replaces_an_input() {

@@ -5,13 +5,16 @@ use crate::trace::{MOST_FOLDS, split, with_noise};
 use crate::{Estimate, EstimatorSpec, Hyper, PipelineError, PriorShape, Trace};
 use rayon::prelude::*;
 use serde::Serialize;
+use std::sync::Arc;
 use vsf_core::{Belief, CoreError, Noise, RestPoints};
 use vsf_data::CameraView;
 use vsf_filter::FieldPrior;
-use vsf_vision::{Calibrated, Camera, Extrapolation, Level, RegressorSpec, RgbdView, Seen};
+use vsf_vision::{
+    Calibrated, Camera, Extrapolation, LearnedPrior, Level, RegressorSpec, RgbdView, Seen,
+};
 
 /// How the stiffness of points is guessed from what the camera sees.
-#[derive(Debug, Clone, Copy, PartialEq, Default)]
+#[derive(Debug, Clone, PartialEq, Default)]
 pub enum VisionSpec {
     /// One stiffness for all that is seen, fading behind the surface, at the level that the readings
     /// ask for ([`Level`]); the default.
@@ -20,6 +23,9 @@ pub enum VisionSpec {
     /// Regression of the touched points' stiffness on position and colour ([`Extrapolation`], section
     /// III-D), with calibrated variances.
     Regression(RegressorSpec),
+    /// What fields of other objects teach ([`LearnedPrior::stiffness`]); the touches of this one have no part
+    /// in it.
+    Learned(Arc<LearnedPrior>),
 }
 
 /// A field whose prior is what the camera and the touches suggest.
@@ -156,6 +162,9 @@ impl<'a> Guess<'a> {
                 let readings = traces.iter().map(|t| t.observations.as_slice());
                 let level = Level::fit(&shape, readings)?.mean;
                 Ok(shape.iter().map(|s| level * s).collect())
+            }
+            VisionSpec::Learned(learned) => {
+                Ok(learned.stiffness(self.rest.positions(), &self.seen)?)
             }
             VisionSpec::Regression(spec) => {
                 let sd = self.hyper.prior_sd;

@@ -1,4 +1,4 @@
-use crate::{Regressor, Samples, Seen, VisionError};
+use crate::{Features, Regressor, Samples, Seen, VisionError};
 use nalgebra::Point3;
 use vsf_core::{Belief, CoreError};
 
@@ -92,34 +92,13 @@ impl Extrapolation {
         touched: &[bool],
         prior_variance: f64,
     ) -> Result<(), VisionError> {
-        let n = points.len();
-        CoreError::check_len("seen points", seen.len(), n)?;
-        CoreError::check_len("field", field.len(), n)?;
-        CoreError::check_len("touched flags", touched.len(), n)?;
-        if !(prior_variance > 0.0 && prior_variance.is_finite()) {
-            return Err(CoreError::Parameter {
-                name: "variance of the prior",
-                value: prior_variance,
-                range: "> 0 N²/m²",
-            }
-            .into());
-        }
-        let occupancy = seen.occupancy(self.fade)?;
-        let known: Vec<usize> = (0..n)
-            .filter(|&i| touched[i] && occupancy[i] >= Self::LEAST_OCCUPANCY)
-            .collect();
-        let samples = |of: &[usize], with_colors| {
-            let target = |&i: &usize| field.mean()[i] / occupancy[i];
-            let noise = |&i: &usize| {
-                own_variance(field.variance()[i], prior_variance) / occupancy[i].powi(2)
-            };
-            let features = seen.features(points, of, with_colors)?;
-            let (targets, noises) = of.iter().map(|i| (target(i), noise(i))).unzip();
-            Samples::new(features, targets, noises)
-        };
+        let known = Known::new(points, seen, field, touched, prior_variance, self.fade)?;
+        let samples =
+            |of: &[usize], with_colors| known.samples(of, seen.features(points, of, with_colors)?);
         let mut hidden = self.hidden.fresh();
-        hidden.fit(&samples(&known, false)?)?;
-        let in_sight: Vec<usize> = known.into_iter().filter(|&i| seen.visible[i]).collect();
+        hidden.fit(&samples(&known.points, false)?)?;
+        let in_sight = known.points.iter().copied();
+        let in_sight: Vec<usize> = in_sight.filter(|&i| seen.visible[i]).collect();
         let by_color = in_sight.len() >= 2;
         if by_color {
             self.visible.fit(&samples(&in_sight, true)?)?;
@@ -184,6 +163,60 @@ impl Extrapolation {
             (mean[i], variance[i]) = (field.mean()[i], field.variance()[i]);
         }
         Ok(belief)
+    }
+}
+
+/// The touched points of a field where there is probably something, `K_i = o_i k_i`.
+pub(crate) struct Known<'a> {
+    /// Which they are.
+    pub points: Vec<usize>,
+    field: &'a Belief<f64>,
+    occupancy: Vec<f64>,
+    prior_variance: f64,
+}
+
+impl<'a> Known<'a> {
+    pub fn new(
+        points: &[Point3<f64>],
+        seen: &Seen,
+        field: &'a Belief<f64>,
+        touched: &[bool],
+        prior_variance: f64,
+        fade: f64,
+    ) -> Result<Self, VisionError> {
+        let n = points.len();
+        CoreError::check_len("seen points", seen.len(), n)?;
+        CoreError::check_len("field", field.len(), n)?;
+        CoreError::check_len("touched flags", touched.len(), n)?;
+        if !(prior_variance > 0.0 && prior_variance.is_finite()) {
+            return Err(CoreError::Parameter {
+                name: "variance of the prior",
+                value: prior_variance,
+                range: "> 0 N²/m²",
+            }
+            .into());
+        }
+        let occupancy = seen.occupancy(fade)?;
+        let points = (0..n)
+            .filter(|&i| touched[i] && occupancy[i] >= Extrapolation::LEAST_OCCUPANCY)
+            .collect();
+        Ok(Self {
+            points,
+            field,
+            occupancy,
+            prior_variance,
+        })
+    }
+
+    /// Stiffness `k_i` of what is there at the points `of`, with features of these.
+    pub fn samples(&self, of: &[usize], features: Features) -> Result<Samples, VisionError> {
+        let one = |&i: &usize| {
+            let o = self.occupancy[i];
+            let variance = own_variance(self.field.variance()[i], self.prior_variance);
+            (self.field.mean()[i] / o, variance / (o * o))
+        };
+        let (targets, variances) = of.iter().map(one).unzip();
+        Samples::new(features, targets, variances)
     }
 }
 

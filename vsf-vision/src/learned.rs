@@ -1,9 +1,12 @@
+use crate::extrapolation::Known;
 use crate::{
-    Calibrated, Features, GaussianProcess, GpConfig, KnnConfig, KnnRegressor, Predictions,
-    Regressor, Ridge, Samples, VisionError,
+    Calibrated, Extrapolation, Features, GaussianProcess, GpConfig, KnnConfig, KnnRegressor,
+    Predictions, Regressor, Ridge, Samples, Seen, VisionError,
 };
+use nalgebra::Point3;
 use serde::{Deserialize, Serialize};
 use std::path::Path;
+use vsf_core::Belief;
 
 /// A regressor by name, with its parameters.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
@@ -62,7 +65,7 @@ pub struct LearnedPrior {
     fitted: Calibrated<Box<dyn Regressor>>,
 }
 
-#[derive(Serialize, Deserialize)]
+#[derive(PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 struct Saved {
     regressor: RegressorSpec,
@@ -107,6 +110,47 @@ impl LearnedPrior {
         Ok(Self { saved, fitted })
     }
 
+    /// Samples of one object for [`fit`](Self::fit): the touched points of its field, by their
+    /// [`appearance`](Seen::appearance). `prior_variance` (N²/m²) is that of a point before it was touched.
+    /// Stiffness is that of what is there, `k_i` in `K_i = o_i k_i` with the [occupancy](Seen::occupancy) `o_i`.
+    ///
+    /// # Errors
+    /// Lengths that differ, a variance that is not positive, fewer than 2 touched points in sight or
+    /// behind what is in sight.
+    pub fn samples(
+        points: &[Point3<f64>],
+        seen: &Seen,
+        field: &Belief<f64>,
+        touched: &[bool],
+        prior_variance: f64,
+    ) -> Result<Samples, VisionError> {
+        let fade = Extrapolation::FADE;
+        let known = Known::new(points, seen, field, touched, prior_variance, fade)?;
+        known.samples(&known.points, seen.appearance(points, &known.points)?)
+    }
+
+    /// Stiffness `K_i` (N/m, >= 0) of the points of another object as it looks: 0 where there is nothing, and
+    /// out of the picture.
+    ///
+    /// # Errors
+    /// Another number of points than were seen; a prior that was learned from other features than
+    /// [`samples`](Self::samples) has.
+    pub fn stiffness(&self, points: &[Point3<f64>], seen: &Seen) -> Result<Vec<f64>, VisionError> {
+        let occupancy = seen.occupancy(Extrapolation::FADE)?;
+        let of: Vec<usize> = (0..seen.len()).filter(|&i| occupancy[i] > 0.0).collect();
+        let found = self.predict(&seen.appearance(points, &of)?)?;
+        let mut stiffness = vec![0.0; seen.len()];
+        for (i, k) in of.into_iter().zip(found.mean) {
+            stiffness[i] = occupancy[i] * k.max(0.0);
+        }
+        Ok(stiffness)
+    }
+
+    /// Number of objects it learned from, and of their points.
+    pub fn learned_from(&self) -> (usize, usize) {
+        (self.saved.objects, self.saved.targets.len())
+    }
+
     /// Mean and variance of the stiffness of points of another object. Clamp means at 0 for a
     /// [`vsf_core::Belief`].
     ///
@@ -116,14 +160,19 @@ impl LearnedPrior {
         self.fitted.predict(features)
     }
 
-    /// Writes JSON.
+    /// Samples and regressor as JSON.
+    pub fn to_json(&self) -> String {
+        // Texts and finite numbers alone: nothing that JSON cannot hold.
+        serde_json::to_string(&self.saved).unwrap_or_default()
+    }
+
+    /// Writes [`to_json`](Self::to_json).
     ///
     /// # Errors
     /// A file that cannot be written.
     pub fn save(&self, path: impl AsRef<Path>) -> Result<(), VisionError> {
         let path = path.as_ref();
-        let text = serde_json::to_vec(&self.saved).map_err(|e| wrong(path, &e))?;
-        std::fs::write(path, text).map_err(|e| wrong(path, &e))
+        std::fs::write(path, self.to_json()).map_err(|e| wrong(path, &e))
     }
 
     /// Reads what [`save`](Self::save) wrote.
@@ -136,6 +185,23 @@ impl LearnedPrior {
         let saved: Saved = serde_json::from_slice(&text).map_err(|e| wrong(path, &e))?;
         saved.features.check().map_err(|e| wrong(path, &e))?;
         Self::of(saved).map_err(|e| wrong(path, &e))
+    }
+}
+
+/// Equal when they learned from the same.
+impl PartialEq for LearnedPrior {
+    fn eq(&self, other: &Self) -> bool {
+        self.saved == other.saved
+    }
+}
+
+impl std::fmt::Debug for LearnedPrior {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.debug_struct("LearnedPrior")
+            .field("regressor", &self.saved.regressor)
+            .field("objects", &self.saved.objects)
+            .field("samples", &self.saved.targets.len())
+            .finish_non_exhaustive()
     }
 }
 

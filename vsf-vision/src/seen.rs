@@ -72,8 +72,7 @@ impl Seen {
                 range: "> 0 m",
             });
         }
-        let depth = self.behind.iter().zip(&self.visible);
-        let depth = depth.map(|(b, visible)| if *visible { 0.0 } else { *b });
+        let depth = (0..self.len()).map(|i| self.depth(i));
         // Also with an infinite `fade`.
         let occupancy = |b: f64| {
             if b.is_infinite() {
@@ -83,6 +82,37 @@ impl Seen {
             }
         };
         Ok(depth.map(occupancy).collect())
+    }
+
+    /// What the points `of` look like, by features that mean the same on every object: colour of the
+    /// surface in front of them (CIELAB), `depth` behind it (m), and `height` above the lowest of all
+    /// points (m).
+    ///
+    /// # Errors
+    /// Another number of points, one of `of` that is not there or has nothing in front of it.
+    pub fn appearance(
+        &self,
+        points: &[Point3<f64>],
+        of: &[usize],
+    ) -> Result<Features, VisionError> {
+        CoreError::check_len("seen points", self.len(), points.len())?;
+        if let Some(&index) = of.iter().find(|&&i| i >= points.len()) {
+            let (what, len) = ("seen point", points.len());
+            return Err(CoreError::OutOfRange { what, index, len }.into());
+        }
+        let lowest = points.iter().fold(f64::INFINITY, |z, p| z.min(p.z));
+        let colors: Vec<_> = of.iter().map(|&i| self.colors[i]).collect();
+        let depth: Vec<_> = of.iter().map(|&i| self.depth(i)).collect();
+        let height: Vec<_> = of.iter().map(|&i| points[i].z - lowest).collect();
+        let features = Features::new(of.len()).with_lab(&colors)?;
+        features
+            .with_column("depth", &depth)?
+            .with_column("height", &height)
+    }
+
+    /// Depth behind the surface, which points that are visible lie on.
+    fn depth(&self, i: usize) -> f64 {
+        if self.visible[i] { 0.0 } else { self.behind[i] }
     }
 
     /// Positions and colours of the points `of`, or positions alone.

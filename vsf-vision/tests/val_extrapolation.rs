@@ -1,7 +1,7 @@
 //! Fields whose untouched part is known.
 #![allow(clippy::unwrap_used)]
 
-use vsf_core::nalgebra::Point3;
+use vsf_core::nalgebra::{Point3, Vector3};
 use vsf_core::{Belief, Estimator, Noise, Observation};
 use vsf_filter::DiagonalKalman;
 use vsf_vision::{
@@ -238,6 +238,52 @@ fn a_prior_learned_from_objects_is_the_same_from_its_file() {
     }
     assert!(LearnedPrior::open(folder.path().join("none")).is_err());
     assert!(LearnedPrior::fit(RegressorSpec::Ridge, &[]).is_err());
+}
+
+/// What is stiff by its colour on two objects is so on a third, which lies elsewhere and was never touched.
+#[test]
+fn looks_carry_over_to_another_object() {
+    let mut block = block();
+    let occupancy = block.seen.occupancy(Extrapolation::FADE).unwrap();
+    for (i, k) in block.truth.iter_mut().enumerate() {
+        let is_brown = block.seen.colors[i] == [120, 80, 40];
+        *k = occupancy[i] * if is_brown { 20.0 } else { 5.0 };
+    }
+    let (points, field) = (&block.points, block.field());
+    let samples = LearnedPrior::samples(points, &block.seen, &field, &block.touched, PRIOR);
+    let samples = samples.unwrap();
+    // All touched ones but those in the deepest layer, where there is hardly anything.
+    let touched = block.touched.iter().filter(|t| **t).count();
+    assert_eq!(samples.len(), touched * 9 / 10);
+    assert_eq!(
+        samples.features().names(),
+        ["L", "a", "b", "depth", "height"]
+    );
+    let mut other = block.points.clone();
+    other
+        .iter_mut()
+        .for_each(|p| *p += Vector3::new(3.0, -1.0, 0.7));
+    let mut seen = block.seen.clone();
+    // The last row lies out of the picture.
+    for i in other.len() - 120..other.len() {
+        (seen.in_picture[i], seen.behind[i]) = (false, f64::INFINITY);
+        seen.visible[i] = false;
+    }
+    for regressor in [
+        RegressorSpec::default(),
+        RegressorSpec::Ridge,
+        RegressorSpec::GaussianProcess(Default::default()),
+    ] {
+        let prior = LearnedPrior::fit(regressor, &[samples.clone(), samples.clone()]).unwrap();
+        let found = prior.stiffness(&other, &seen).unwrap();
+        let pairs = found.iter().zip(&block.truth).take(other.len() - 120);
+        let off: Vec<f64> = pairs.map(|(k, truth)| (k - truth).abs()).collect();
+        let mean = off.iter().sum::<f64>() / off.len() as f64;
+        assert!(mean < 0.5, "{regressor:?}: {mean} N/m");
+        assert!(found[other.len() - 120..].iter().all(|k| *k == 0.0));
+        assert!(found.iter().all(|k| *k >= 0.0 && k.is_finite()));
+        assert!(prior.stiffness(&other[1..], &seen).is_err());
+    }
 }
 
 /// Points beside the picture are unknown, points that are seen through are empty.

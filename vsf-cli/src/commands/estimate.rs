@@ -21,7 +21,7 @@ was estimated with.
 
 JSON keys: estimator, prior_sd, smooth_sd, smooth_length, level_sd, noise_sd (by channel), given \
 (which of prior_sd and noise_sd), chosen_by (how the rest was: held-out, likelihood, or given), candidates (smooth_share, signal_to_noise, error or log_evidence), sequences, samples, contact_samples, points, touched_points, mean_stiffness (over touched \
-points), vision (none or a method), vision_share (of its guess, in the prior), vision_candidates (share, \
+points), vision (none, a method or a file), vision_share (of its guess, in the prior), vision_candidates (share, \
 error), nis_ratio, out.")]
 pub struct Args {
     #[command(flatten)]
@@ -94,7 +94,10 @@ pub fn run(args: &Args, console: &Console) -> anyhow::Result<()> {
     let recording = args.recording.open(console)?;
     let sequences = recording.sequences(args.sequences.as_deref(), Default::Train)?;
     // What is missing is told before contact takes its time.
-    let view = match settings.vision() {
+    if let Some(file) = settings.vision_file() {
+        console.keep_input(file)?;
+    }
+    let view = match settings.vision()? {
         None => None,
         Some(vision) => Some((recording.view()?.ok_or(PipelineError::NoCamera)?, vision)),
     };

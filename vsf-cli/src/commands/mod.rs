@@ -5,6 +5,7 @@ pub mod evaluate;
 pub mod experiment;
 pub mod export;
 pub mod info;
+pub mod learn;
 pub mod predict;
 mod quickstart;
 pub mod simulate;
@@ -19,6 +20,7 @@ pub fn run(command: &Option<Command>, console: &Console) -> anyhow::Result<()> {
         None => quickstart::run(console),
         Some(Command::Info(args)) => info::run(args, console),
         Some(Command::Estimate(args)) => estimate::run(args, console),
+        Some(Command::Learn(args)) => learn::run(args, console),
         Some(Command::Predict(args)) => predict::run(args, console),
         Some(Command::Evaluate(args)) => evaluate::run(args, console),
         Some(Command::Diagnose(args)) => diagnose::run(args, console),

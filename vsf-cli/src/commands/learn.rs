@@ -1,0 +1,131 @@
+use crate::console::{Console, write_file};
+use crate::field_file::touched;
+use crate::recording::Recording;
+use crate::settings::SceneSettings;
+use anyhow::Context;
+use serde::Serialize;
+use std::borrow::Cow;
+use std::path::PathBuf;
+use vsf::core::RestPoints;
+use vsf::pipeline::PipelineError;
+use vsf::vision::{GpConfig, KnnConfig, LearnedPrior, RegressorSpec, Samples, Seen};
+
+#[derive(Debug, clap::Args)]
+#[command(after_help = "\
+The touched points of each field are described by colour, depth behind the seen surface and height, and \
+their stiffness is learned over all objects. `vsf estimate NEW --vision FILE` takes what was learned as the \
+mean of the prior of another recording with a camera/.
+
+Example:
+  vsf learn plant_a=a.npz plant_b=b.npz --out plants.json
+  vsf estimate plant_c --vision plants.json
+
+JSON keys: out, objects, points.")]
+pub struct Args {
+    /// Recordings with a camera/, each with the field that was estimated from it; without =FIELD the one
+    /// stored in the recording
+    #[arg(required = true, value_name = "RECORDING[=FIELD]", value_parser = object)]
+    objects: Vec<Object>,
+    /// Where to write what was learned, JSON
+    #[arg(long)]
+    out: PathBuf,
+    /// How stiffness follows from looks
+    #[arg(long, value_enum, default_value = "ridge")]
+    regressor: Kind,
+}
+
+/// A recording and its field.
+#[derive(Debug, Clone)]
+struct Object {
+    recording: PathBuf,
+    field: Option<PathBuf>,
+}
+
+#[derive(Debug, Clone, Copy, PartialEq, Eq, clap::ValueEnum)]
+enum Kind {
+    /// The 200 nearest points
+    Knn,
+    /// Linear
+    Ridge,
+    /// Gaussian process
+    Gp,
+}
+
+#[derive(Serialize)]
+struct Report<'a> {
+    out: Cow<'a, str>,
+    objects: usize,
+    points: usize,
+}
+
+fn object(text: &str) -> Result<Object, String> {
+    // A folder may have = in its name.
+    let (recording, field) = match text.rsplit_once('=') {
+        Some((recording, field)) if !PathBuf::from(text).is_dir() => (recording, Some(field)),
+        _ => (text, None),
+    };
+    match recording.is_empty() || field.is_some_and(str::is_empty) {
+        true => Err("must be RECORDING or RECORDING=FIELD".to_owned()),
+        false => Ok(Object {
+            recording: recording.into(),
+            field: field.map(PathBuf::from),
+        }),
+    }
+}
+
+pub fn run(args: &Args, console: &Console) -> anyhow::Result<()> {
+    for object in &args.objects {
+        console.check_outputs(&[("--out", &args.out)], &object.recording)?;
+    }
+    let fields = args.objects.iter().filter_map(|o| o.field.as_deref());
+    for field in fields {
+        console.check_outputs(&[("--out", &args.out)], field)?;
+    }
+    let samples = |object: &Object| {
+        let place = || object.recording.display().to_string();
+        samples(object, console).with_context(place)
+    };
+    let samples: Vec<Samples> = args.objects.iter().map(samples).collect::<Result<_, _>>()?;
+    let regressor = match args.regressor {
+        Kind::Knn => RegressorSpec::Knn(KnnConfig::default()),
+        Kind::Ridge => RegressorSpec::Ridge,
+        Kind::Gp => RegressorSpec::GaussianProcess(GpConfig::default()),
+    };
+    let learned = LearnedPrior::fit(regressor, &samples)?;
+    write_file(&args.out, learned.to_json().as_bytes())?;
+    let (objects, points) = learned.learned_from();
+    let out = args.out.to_string_lossy();
+    let text = format!("learned from {points} touched points of {objects} objects\nwrote {out}\n");
+    console.json(&Report {
+        out,
+        objects,
+        points,
+    })?;
+    console.report(text)
+}
+
+/// What one object teaches.
+fn samples(object: &Object, console: &Console) -> anyhow::Result<Samples> {
+    let recording = Recording::open(&object.recording, &SceneSettings::default(), console)?;
+    let view = recording.view()?.ok_or(PipelineError::NoCamera)?;
+    let file = recording.field(object.field.as_deref(), console)?;
+    let touched = touched(&file.field);
+    let says_all = !touched.is_empty() && file.field.sd.is_some();
+    let Some(prior_sd) = file.prior_sd()?.filter(|_| says_all) else {
+        let path = file.path.display();
+        anyhow::bail!(
+            "{path}: without K_std, touched and prior_sd; give a field that `vsf estimate` wrote"
+        );
+    };
+    let rest = RestPoints::new(file.field.points.clone())?;
+    let points = rest.positions();
+    let seen = Seen::new(&view, points, 0.5 * rest.spacing())?;
+    let belief = file.belief()?;
+    Ok(LearnedPrior::samples(
+        points,
+        &seen,
+        &belief,
+        &touched,
+        prior_sd * prior_sd,
+    )?)
+}
