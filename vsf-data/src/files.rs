@@ -1,7 +1,7 @@
 //! Files read as a whole, and what their arrays mean.
 
 use crate::npy::{self, NpyArray};
-use crate::{DataError, Table};
+use crate::{DataError, Table, write_file};
 use nalgebra::Point3;
 use std::fs;
 use std::io::{Error, ErrorKind};
@@ -115,5 +115,13 @@ impl Table {
     /// The table as the bytes of a `.npy` file, an array of shape `(rows, cols)`.
     pub fn npy(&self) -> Vec<u8> {
         npy::encode(&[self.rows(), self.cols()], self.data())
+    }
+
+    /// Writes [`npy`](Self::npy).
+    ///
+    /// # Errors
+    /// A file that cannot be written.
+    pub fn save_npy(&self, path: impl AsRef<Path>) -> Result<(), DataError> {
+        write_file(path, &self.npy())
     }
 }

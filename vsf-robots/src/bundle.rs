@@ -1,4 +1,4 @@
-use crate::{RobotError, resource};
+use crate::{RobotError, file, mesh, resource, urdf};
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 use urdf_rs::Geometry;
@@ -17,18 +17,9 @@ pub fn urdf_bundle(
     packages: &BTreeMap<String, PathBuf>,
 ) -> Result<Vec<(PathBuf, Vec<u8>)>, RobotError> {
     let path = path.as_ref();
-    let read = |path: &Path| {
-        std::fs::read(path).map_err(|source| RobotError::Read {
-            path: path.to_owned(),
-            source,
-        })
-    };
-    let invalid = |reason: String| RobotError::Urdf {
-        origin: path.display().to_string(),
-        reason,
-    };
-    let mut text = String::from_utf8(read(path)?).map_err(|e| invalid(e.to_string()))?;
-    let robot = urdf_rs::read_from_string(&text).map_err(|e| invalid(e.to_string()))?;
+    let origin = path.display().to_string();
+    let mut text = urdf::text_of(path)?;
+    let robot = urdf::parse(&text, &origin)?;
     let shapes = robot.links.iter().flat_map(|l| &l.collision);
     let mut addresses: Vec<&str> = shapes
         .filter_map(|c| match &c.geometry {
@@ -42,8 +33,8 @@ pub fn urdf_bundle(
     let dir = path.parent().unwrap_or(Path::new(""));
     let mut meshes: Vec<(PathBuf, Vec<u8>)> = Vec::new();
     for address in &addresses {
-        let file = resource::resolve(address, dir, packages)?;
-        let name = file.file_name().unwrap_or_default().to_string_lossy();
+        let source = resource::resolve(address, dir, packages)?;
+        let name = source.file_name().unwrap_or_default().to_string_lossy();
         let is_free = |place: &String| {
             let is_other = !addresses.contains(&place.as_str());
             place == address || (is_other && meshes.iter().all(|(p, _)| *p != Path::new(place)))
@@ -51,14 +42,17 @@ pub fn urdf_bundle(
         let numbered = (1..=addresses.len()).map(|k| format!("meshes/{k}_{name}"));
         let place = std::iter::once(format!("meshes/{name}")).chain(numbered);
         let place = place.into_iter().find(is_free).unwrap_or_default();
-        text = renamed(&text, address, &place)
-            .ok_or_else(|| invalid(format!("the address {address:?} is not written plainly")))?;
-        meshes.push((place.into(), read(&file)?));
+        text = renamed(&text, address, &place).ok_or_else(|| RobotError::Urdf {
+            origin: origin.clone(),
+            reason: format!("the address {address:?} is not written plainly"),
+        })?;
+        let bytes = file::read(&source, mesh::MAX_LENGTH)?;
+        meshes.push((place.into(), bytes));
     }
     meshes.sort();
     let name = PathBuf::from(path.file_name().unwrap_or_default());
-    let urdf = (name, text.into_bytes());
-    Ok(std::iter::once(urdf).chain(meshes).collect())
+    meshes.insert(0, (name, text.into_bytes()));
+    Ok(meshes)
 }
 
 /// The text with another value in all attributes of this value; none if there is no such attribute.

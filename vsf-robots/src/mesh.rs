@@ -6,7 +6,7 @@ use std::path::Path;
 use vsf_core::TriMesh;
 
 /// Longest file that is read [bytes]: 20 million triangles.
-const MAX_LENGTH: u64 = 1 << 30;
+pub(crate) const MAX_LENGTH: u64 = 1 << 30;
 
 /// Three corners of every face.
 type Corners = Vec<[Point3<f64>; 3]>;

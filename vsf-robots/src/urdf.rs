@@ -63,11 +63,7 @@ impl RobotModel {
         options: &UrdfOptions,
     ) -> Result<Self, RobotError> {
         let path = path.as_ref();
-        let text =
-            String::from_utf8(file::read(path, MAX_LENGTH)?).map_err(|_| RobotError::Read {
-                path: path.to_owned(),
-                source: Error::new(ErrorKind::InvalidData, "it is not UTF-8 text"),
-            })?;
+        let text = text_of(path)?;
         let dir = path.parent().unwrap_or(Path::new(""));
         read(&text, dir, options, &path.display().to_string())
     }
@@ -98,12 +94,16 @@ impl RobotModel {
     }
 }
 
-fn read(
-    text: &str,
-    dir: &Path,
-    options: &UrdfOptions,
-    origin: &str,
-) -> Result<RobotModel, RobotError> {
+/// The text of a file.
+pub(crate) fn text_of(path: &Path) -> Result<String, RobotError> {
+    String::from_utf8(file::read(path, MAX_LENGTH)?).map_err(|_| RobotError::Read {
+        path: path.to_owned(),
+        source: Error::new(ErrorKind::InvalidData, "it is not UTF-8 text"),
+    })
+}
+
+/// What the text says; `origin` is for messages.
+pub(crate) fn parse(text: &str, origin: &str) -> Result<urdf_rs::Robot, RobotError> {
     let invalid = |reason: String| RobotError::Urdf {
         origin: origin.to_owned(),
         reason,
@@ -124,7 +124,16 @@ fn read(
             "its elements are nested {depth} deep, at most {MAX_NESTING} are read"
         )));
     }
-    let robot = urdf_rs::read_from_string(text).map_err(|e| invalid(e.to_string()))?;
+    urdf_rs::read_from_string(text).map_err(|e| invalid(e.to_string()))
+}
+
+fn read(
+    text: &str,
+    dir: &Path,
+    options: &UrdfOptions,
+    origin: &str,
+) -> Result<RobotModel, RobotError> {
+    let robot = parse(text, origin)?;
     let description = Description {
         name: robot.name,
         links: robot

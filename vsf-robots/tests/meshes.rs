@@ -247,6 +247,14 @@ fn bundles_stand_alone() {
     let bundle = urdf_bundle(at("robots/r.urdf"), &packages).unwrap();
     assert_eq!(bundle.len(), 5);
     assert_eq!(bundle[0].0, Path::new("r.urdf"));
+    // What a robot may not be, a bundle may not be either.
+    std::fs::write(
+        at("bad.urdf"),
+        "<!DOCTYPE r [<!ENTITY a 'b'>]><robot name='r'/>",
+    )
+    .unwrap();
+    let refused = urdf_bundle(at("bad.urdf"), &packages).unwrap_err();
+    assert!(refused.to_string().contains("entities"), "{refused}");
     drop(scene);
     let folder = tempfile::tempdir().unwrap();
     std::fs::create_dir(folder.path().join("meshes")).unwrap();

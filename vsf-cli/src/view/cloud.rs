@@ -179,6 +179,7 @@ mod tests {
             sd: None,
             features: Default::default(),
             recording: None,
+            model: None,
         };
         let flags = (0..1_000_000)
             .map(|i| f64::from(u8::from(i % 10 == 3)))
@@ -246,6 +247,7 @@ mod tests {
                 sd: None,
                 features: Default::default(),
                 recording: None,
+                model: None,
             };
             let error = Cloud::of_field(&FieldFile::new("f.npz".into(), field).unwrap(), None);
             format!("{:#}", error.err().unwrap())
