@@ -23,10 +23,11 @@ const FINALISTS: usize = 6;
 const SECONDS: usize = 2;
 /// An effect that screening puts so far below the best (nats) is no finalist.
 const HOPELESS: f64 = 400.0;
-/// Sizes of the steps of single parameters, round by round, in the search for a start of effects that
-/// move surfaces; in scales. A step is taken for so many nats.
-const EXCURSIONS: [f64; 4] = [3.0, 3.0, 3.0, 1.0];
-const WORTHWHILE: f64 = 3.0;
+/// Sizes of the steps of single parameters, in scales, large ones first, in the search for a start of
+/// effects that move surfaces; most rounds of it; and the nats for which a step is taken.
+const EXCURSIONS: [f64; 2] = [3.0, 1.0];
+const MOST_ROUNDS: usize = 6;
+const WORTHWHILE: f64 = 6.0;
 /// Effects that close this share of the gap explain it, however rough the rest.
 const MOSTLY: f64 = 0.5;
 /// Share of an effect's torques that another must imitate for the two to be one group.
@@ -249,18 +250,21 @@ pub fn diagnose(
     if let Some(best) = candidates.first().and_then(|c| c.refined.as_ref())
         && best.log_evidence - base > EVIDENT
     {
-        pair = campaign.second(best, &tangents, &candidates, base)?;
+        pair = campaign.second(best, &tangents, &candidates, base, spread.contact)?;
     }
 
     progress(Step::Check);
     let singles: Vec<Hypothesis> = (candidates.iter())
         .filter_map(|c| {
             let refined = c.refined.as_ref()?;
-            Some(Hypothesis::new(refined, base))
+            Some(Hypothesis::new(refined, base, spread.contact))
         })
         .collect();
     let mut hypotheses = singles;
-    hypotheses.extend(pair.as_ref().map(|p| Hypothesis::new(p, base)));
+    hypotheses.extend(
+        pair.as_ref()
+            .map(|p| Hypothesis::new(p, base, spread.contact)),
+    );
     let likeness = likeness(&fitted, &tangents, &candidates, &spread)?;
     let judged = judge(&hypotheses, &without, &spreads);
 
@@ -292,6 +296,7 @@ pub fn diagnose(
     }
     let (mut model, mut after, mut corrected_field) = (nominal.clone(), before.clone(), field);
     let mut sd = Vec::new();
+    let mut refuted = false;
     if let Some(chosen) = chosen {
         let (field, residuals) = campaign.checked(&chosen.model, &chosen.spread, whole, &all)?;
         match residuals.mean_error() <= before.mean_error() {
@@ -299,13 +304,16 @@ pub fn diagnose(
                 (model, after, corrected_field) = (chosen.model.clone(), residuals, field);
                 sd.clone_from(&chosen.sd);
             }
-            false => notes.push(format!(
-                "with {} the test sequences are predicted worse ({:.3} instead of {:.3}): the \
-                 corrected model is the nominal one",
-                judged.verdict.effects.join(" and "),
-                residuals.mean_error(),
-                before.mean_error()
-            )),
+            false => {
+                refuted = !Hypothesis::new(chosen, base, spread.contact).is_clear();
+                notes.push(format!(
+                    "with {} the test sequences are predicted worse ({:.3} instead of {:.3}): the \
+                     corrected model is the nominal one",
+                    judged.verdict.effects.join(" and "),
+                    residuals.mean_error(),
+                    before.mean_error()
+                ));
+            }
         }
     }
     let closed = closure(&before, &after, &noise, checked, seed);
@@ -313,6 +321,11 @@ pub fn diagnose(
     if verdict.kind == Kind::Unknown && closed.fraction >= MOSTLY {
         // Rough is what is left, but most of it is explained.
         verdict.kind = Kind::Effects;
+    }
+    if refuted {
+        verdict.kind = Kind::NoGap;
+        verdict.effects.clear();
+        verdict.probability = judged.none;
     }
     let r#where = locate(
         whole,
@@ -497,7 +510,8 @@ impl Campaign {
         };
         let mut best = tangent.start.clone();
         let mut most = value(&best)?;
-        for (round, size) in EXCURSIONS.into_iter().enumerate() {
+        let mut size = EXCURSIONS[0];
+        for round in 0..MOST_ROUNDS {
             let mut tried = steps(&parameters, &best, size);
             if round == 0 {
                 tried.push(linear.clone());
@@ -506,13 +520,12 @@ impl Campaign {
                 .map(value)
                 .collect::<Result<_, GapError>>()?;
             let k = best_of(&values);
-            if values.get(k).is_none_or(|v| *v < most + WORTHWHILE) {
-                if round == 0 {
-                    break;
-                }
-                continue;
+            match values.get(k) {
+                Some(v) if *v >= most + WORTHWHILE => (best, most) = (tried.swap_remove(k), *v),
+                // Nothing at all, or nothing left.
+                _ if round == 0 || size == EXCURSIONS[1] => break,
+                _ => size = EXCURSIONS[1],
             }
-            (best, most) = (tried.swap_remove(k), values[k]);
         }
         Ok(base.with(effect, &best))
     }
@@ -524,6 +537,7 @@ impl Campaign {
         tangents: &[Tangent],
         candidates: &[Candidate],
         base: f64,
+        rough: f64,
     ) -> Result<Option<Refined>, GapError> {
         let fitted = self.fitted(&best.model, &self.train)?;
         let first = best.model.parts[0].0.name().to_owned();
@@ -564,9 +578,9 @@ impl Campaign {
             let alone = (candidates.iter())
                 .find(|c| c.effect.name() == tangent.effect.name())
                 .map_or(f64::NEG_INFINITY, |c| c.score(base) + base);
-            let needed = threshold(tangent.effect.as_ref());
+            let needed = threshold(tangent.effect.as_ref(), rough);
             let both = gained > needed
-                && refined.log_evidence - alone > threshold(best.model.parts[0].0.as_ref());
+                && refined.log_evidence - alone > threshold(best.model.parts[0].0.as_ref(), rough);
             if both
                 && found
                     .as_ref()

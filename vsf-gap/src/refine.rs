@@ -8,7 +8,7 @@ use rayon::prelude::*;
 
 /// Most Gauss-Newton steps, and halvings of one.
 const MOST_STEPS: usize = 4;
-const MOST_HALVINGS: usize = 1;
+const MOST_HALVINGS: usize = 2;
 /// Steps end when the evidence grows by less (nats).
 const ENOUGH: f64 = 0.3;
 

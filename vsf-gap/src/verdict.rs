@@ -8,6 +8,10 @@ pub(crate) const EVIDENT: f64 = 12.0;
 /// Nats for one e-fold of probability. Models are never quite right, so that evidence overstates
 /// what it knows; measured as the value that makes stated probabilities come true.
 const TEMPERATURE: f64 = 10.0;
+/// Roughness of contact, and how many times more effects of contact gain from there on.
+const ROUGHNESS: [(f64, f64); 2] = [(0.1, 1.6), (0.3, 3.0)];
+/// A gain of so many thresholds is clear.
+const CLEAR: f64 = 2.0;
 /// Roughness of joints from which on something acts that the model does not have.
 const ROUGH: f64 = 0.15;
 /// A hypothesis is named when it has at least this probability.
@@ -53,40 +57,55 @@ pub(crate) struct Hypothesis {
 }
 
 impl Hypothesis {
-    pub(crate) fn new(refined: &Refined, base: f64) -> Self {
+    /// `base` is the log evidence of the nominal model, `rough` its roughness of contact.
+    pub(crate) fn new(refined: &Refined, base: f64, rough: f64) -> Self {
         let parts = &refined.model.parts;
         Self {
             effects: parts.iter().map(|(e, _)| e.name().to_owned()).collect(),
             gain: refined.log_evidence - base,
-            threshold: parts.iter().map(|(e, _)| threshold(e.as_ref())).sum(),
+            threshold: parts
+                .iter()
+                .map(|(e, _)| threshold(e.as_ref(), rough))
+                .sum(),
             spread: refined.spread,
         }
+    }
+
+    /// Whether the evidence is so clear that predicting the checked sequences no better, as when they
+    /// touch other places, does not refute it.
+    pub(crate) fn is_clear(&self) -> bool {
+        self.gain > CLEAR * self.threshold
     }
 }
 
 /// The gain of log evidence (nats) that an effect reaches where it does not act, because the
 /// nominal model is not quite right and bends to it: about the largest one in recordings without
-/// effect of worlds with other physics. Effects that reshape contact bend most.
-pub(crate) fn threshold(effect: &dyn Effect) -> f64 {
-    match effect.name() {
-        "contact_friction" | "geometry_padding" | "anisotropy" => 45.0,
-        "damage_softening" => 40.0,
-        "registration_offset" => 30.0,
-        "encoder_offset" | "strain_stiffening" => 25.0,
-        "plastic_set" => 20.0,
-        "joint_elasticity" | "spatial_coupling" => 15.0,
+/// effect of worlds with other physics. Effects that reshape contact bend most, and all that act on
+/// contact bend more where contact itself is rough.
+pub(crate) fn threshold(effect: &dyn Effect, rough: f64) -> f64 {
+    let smooth = match effect.name() {
+        "anisotropy" => 30.0,
+        "contact_friction"
+        | "geometry_padding"
+        | "damage_softening"
+        | "encoder_offset"
+        | "registration_offset" => 25.0,
+        "object_base_motion" | "joint_elasticity" => 20.0,
         _ => match effect.acts() {
-            Acts::Torques => EVIDENT,
-            Acts::Springs => 15.0,
-            Acts::Contact => 25.0,
+            Acts::Torques => return EVIDENT,
+            Acts::Springs | Acts::Contact => 15.0,
         },
-    }
+    };
+    let times = ROUGHNESS.iter().rfind(|(from, _)| rough >= *from);
+    smooth * times.map_or(1.0, |(_, times)| *times)
 }
 
 /// A verdict and the probability of every effect that was fitted.
 pub(crate) struct Judged {
     pub(crate) verdict: Verdict,
     pub(crate) probabilities: Vec<(String, f64)>,
+    /// Probability of no gap.
+    pub(crate) none: f64,
 }
 
 /// Weighs the hypotheses against each other and against no gap. `nominal` is the log evidence of
@@ -148,5 +167,6 @@ pub(crate) fn judge(hypotheses: &[Hypothesis], nominal: &[f64], spreads: &[Sprea
             effect_set_95,
         },
         probabilities,
+        none: none / total,
     }
 }
