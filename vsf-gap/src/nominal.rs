@@ -212,7 +212,7 @@ impl Fitted<'_> {
     /// A covariance that is not positive definite.
     pub(crate) fn adapted(&self, spread: &Spread) -> Result<Spread, GapError> {
         let ratio = LEVEL * self.uniform / spread.level;
-        if !self.touches() || (1.0 / RESCALE..RESCALE).contains(&ratio) || !(ratio > 0.0) {
+        if !self.touches() || (1.0 / RESCALE..RESCALE).contains(&ratio) || !ratio.is_normal() {
             return Ok(*spread);
         }
         let own = Spread {

@@ -48,7 +48,9 @@ fn depth(row: &Row) -> f64 {
 fn a_damper_leads() {
     // At rest at first; the derivative over a sample is its mean, and the damper's spring lags it.
     let (eta, lag) = (0.08, 0.06);
-    let rows = pressed(2.0, |t| 0.02 * (3.0 * t).sin().abs() + 1e-3);
+    let rows = pressed(2.0, |t| {
+        0.03 + 0.01 * (3.0 * t).sin() + 0.003 * (17.0 * t).sin()
+    });
     let (mut last, mut rate) = (0.0, 0.0);
     recovers("viscoelastic", &rows, &[eta, lag], |r| {
         if r.dt > 0.0 {
@@ -56,7 +58,7 @@ fn a_damper_leads() {
             rate += share * ((depth(r) - last) / r.dt - rate);
         }
         last = depth(r);
-        (K * (depth(r) + eta * rate)).max(0.0)
+        K * (depth(r) + eta * rate)
     });
 }
 
@@ -133,14 +135,15 @@ fn the_object_has_mass_and_drag() {
 #[test]
 fn directions_differ() {
     let (site, effect) = (stage(&[[0.0; 3]]), effect("anisotropy"));
-    let theta = [0.5, -0.3, 0.8, 0.2, -0.1, 0.4];
+    let theta = [-0.3, -0.3, 0.2, 0.1, -0.1, 0.1];
     let [a_t, xx, yy, xy, xz, yz] = theta;
     let stiffness = Matrix3::new(1.0 + xx, xy, xz, xy, 1.0 + yy, yz, xz, yz, 1.0);
     let mut rows = motion(2.0, RATE, |_| vec![0.0; 3]);
     let mut data = Vec::new();
     for (k, row) in rows.iter_mut().enumerate() {
         let t = row.clock;
-        let u = Vector3::new((3.0 * t).sin(), (5.0 * t).cos(), -1.5) * 0.01;
+        let (x, y) = (0.7 + 0.3 * (3.0 * t).sin(), 0.6 + 0.3 * (5.0 * t).cos());
+        let u = Vector3::new(x, y, -1.5) * 0.01;
         // A slanting surface, then a level one.
         let n = if k < 100 {
             Vector3::new(0.6, 0.0, -0.8)
