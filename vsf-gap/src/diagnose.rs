@@ -6,10 +6,10 @@ use crate::next::{NextExperiment, next_experiment};
 use crate::noise::noise_floor;
 use crate::nominal::Fitted;
 use crate::refine::Refined;
-use crate::screen::{MOST_SCALES, Screened, Tangent, best_of, log_mean_exp, screen};
+use crate::screen::{Screened, Tangent, best_of, log_mean_exp, screen};
 use crate::verdict::{EVIDENT, Hypothesis, Kind, Verdict, judge, threshold};
 use crate::windows::Windows;
-use crate::{Acts, Campaign, Effect, GapError, Model, Motion, Parameter, Role};
+use crate::{Acts, Campaign, Effect, GapError, Model, Motion, Role};
 use faer::Mat;
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
@@ -23,11 +23,6 @@ const FINALISTS: usize = 6;
 const SECONDS: usize = 2;
 /// An effect that screening puts so far below the best (nats) is no finalist.
 const HOPELESS: f64 = 400.0;
-/// Sizes of the steps of single parameters, in scales, large ones first, in the search for a start of
-/// effects that move surfaces; most rounds of it; and the nats for which a step is taken.
-const EXCURSIONS: [f64; 2] = [3.0, 1.0];
-const MOST_ROUNDS: usize = 6;
-const WORTHWHILE: f64 = 6.0;
 /// Effects that close this share of the gap explain it, however rough the rest.
 const MOSTLY: f64 = 0.5;
 /// Share of an effect's torques that another must imitate for the two to be one group.
@@ -440,96 +435,7 @@ fn best_starts(tangents: &[Tangent], screened: &[Screened], base: f64) -> Vec<Ca
     best
 }
 
-/// Steps of so many scales from `theta`, of every amplitude of the whole session on its own; of
-/// compliances, which cannot be negative, of all together as well.
-fn steps(parameters: &[Parameter], theta: &[f64], size: f64) -> Vec<Vec<f64>> {
-    let moves = |p: &Parameter| p.role == Role::Amplitude && p.sequence.is_none();
-    let step = |which: &dyn Fn(usize) -> bool, size: f64| -> Vec<f64> {
-        let all = parameters.iter().zip(theta).enumerate();
-        let of = |(i, (p, t)): (usize, (&Parameter, &f64))| match moves(p) && which(i) {
-            true => (t + size * p.scale).clamp(p.bounds[0], p.bounds[1]),
-            false => *t,
-        };
-        all.map(of).collect()
-    };
-    let mut steps: Vec<Vec<f64>> = (0..parameters.len())
-        .flat_map(|k| [-size, size].map(|size| step(&|i| i == k, size)))
-        .collect();
-    if (parameters.iter().filter(|p| moves(p))).all(|p| p.bounds[0] == 0.0) {
-        steps.extend([-size, size].map(|size| step(&|_| true, size)));
-    }
-    steps.retain(|s| s != theta);
-    steps
-}
-
-impl Tangent {
-    /// Prior deviations of all parameters. Screening bounds amplitudes by the torques that they cause;
-    /// of surfaces that move, torques are no measure, since contact and stiffness change with them.
-    fn prior(&self, site: &crate::Site) -> Vec<f64> {
-        let parameters = self.effect.parameters(site);
-        let mut sd: Vec<f64> = (parameters.iter())
-            .map(|p| 0.25 * (p.bounds[1] - p.bounds[0]))
-            .collect();
-        for (&i, s) in self.amplitudes.iter().zip(&self.sd) {
-            sd[i] = match self.effect.acts() {
-                Acts::Contact => MOST_SCALES * parameters[i].scale,
-                Acts::Torques | Acts::Springs => *s,
-            };
-        }
-        sd
-    }
-}
-
 impl Campaign {
-    /// Where to start the fit of an effect: what screening found, or, for effects that move
-    /// surfaces by more than contact answers linearly, what a search along single parameters finds.
-    fn start(
-        &self,
-        base: &Model,
-        tangent: &Tangent,
-        found: &Screened,
-        spread: &Spread,
-    ) -> Result<Model, GapError> {
-        let effect = &tangent.effect;
-        let parameters = effect.parameters(&self.site);
-        let mut linear = tangent.start.clone();
-        for (&i, v) in tangent.amplitudes.iter().zip(found.fit.theta.iter()) {
-            linear[i] = v.clamp(parameters[i].bounds[0], parameters[i].bounds[1]);
-        }
-        if effect.acts() != Acts::Contact || self.scene.is_none() {
-            return Ok(base.with(effect, &linear));
-        }
-        let sd = tangent.prior(&self.site);
-        let value = |theta: &Vec<f64>| {
-            let mut fitted = self.fitted(&base.with(effect, theta), &self.train)?;
-            self.field(&mut fitted, spread)?;
-            let cost: f64 = (tangent.amplitudes.iter())
-                .map(|&i| 0.5 * (theta[i] / sd[i]).powi(2))
-                .sum();
-            Ok(fitted.log_evidence(spread)? - cost)
-        };
-        let mut best = tangent.start.clone();
-        let mut most = value(&best)?;
-        let mut size = EXCURSIONS[0];
-        for round in 0..MOST_ROUNDS {
-            let mut tried = steps(&parameters, &best, size);
-            if round == 0 {
-                tried.push(linear.clone());
-            }
-            let values: Vec<f64> = (tried.par_iter())
-                .map(value)
-                .collect::<Result<_, GapError>>()?;
-            let k = best_of(&values);
-            match values.get(k) {
-                Some(v) if *v >= most + WORTHWHILE => (best, most) = (tried.swap_remove(k), *v),
-                // Nothing at all, or nothing left.
-                _ if round == 0 || size == EXCURSIONS[1] => break,
-                _ => size = EXCURSIONS[1],
-            }
-        }
-        Ok(base.with(effect, &best))
-    }
-
     /// The best model of two effects, one of them the best single one, if the second earns it.
     fn second(
         &self,

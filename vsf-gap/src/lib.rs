@@ -54,6 +54,7 @@ mod phase;
 mod refine;
 mod response;
 mod screen;
+mod start;
 mod verdict;
 mod windows;
 
