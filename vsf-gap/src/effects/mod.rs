@@ -18,6 +18,7 @@ mod joint_load_friction;
 mod joint_stribeck_friction;
 mod joint_viscous_friction;
 mod latency;
+mod memory;
 mod object_base_motion;
 mod payload;
 mod plastic_set;

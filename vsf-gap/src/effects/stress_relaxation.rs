@@ -1,3 +1,4 @@
+use super::memory::Memory;
 use crate::GapError;
 use crate::effect::{Acts, Compensator, Effect, Need, Parameter, Sample, Site, Touch, check};
 use nalgebra::Vector3;
@@ -23,11 +24,8 @@ pub struct StressRelaxation;
 struct Branches {
     g: f64,
     tau: f64,
-    /// Displacement `u` and that of the branch, `h`, of every rest point at the last sample (m).
-    state: Vec<[Vector3<f64>; 2]>,
-    /// Points touched at the last sample, and a buffer.
-    before: Vec<u32>,
-    now: Vec<([Vector3<f64>; 2], u32)>,
+    /// The extension `h` of every branch (m).
+    memory: Memory,
 }
 
 impl Effect for StressRelaxation {
@@ -59,29 +57,17 @@ impl Effect for StressRelaxation {
         Ok(Box::new(Branches {
             g: theta[0],
             tau: theta[1],
-            state: vec![[Vector3::zeros(); 2]; site.rest.len()],
-            before: Vec::new(),
-            now: Vec::new(),
+            memory: Memory::new(site.rest.len()),
         }))
-    }
-}
-
-impl Branches {
-    fn forget(&mut self) {
-        for p in self.before.drain(..) {
-            self.state[p as usize] = [Vector3::zeros(); 2];
-        }
     }
 }
 
 impl Compensator for Branches {
     fn begin_touch(&mut self) {
-        self.forget();
+        self.memory.forget();
     }
 
     fn springs(&mut self, sample: &Sample<'_>, touch: &Touch<'_>, springs: &mut [Vector3<f64>]) {
-        let contacts = touch.contacts;
-        let touched = contacts.points().iter().zip(contacts.displacements());
         let steps = sample.dt / self.tau;
         let decay = (-steps).exp();
         // Mean of the decay over the sample.
@@ -90,20 +76,9 @@ impl Compensator for Branches {
         } else {
             1.0
         };
-        self.now.clear();
-        for (s, (&p, u)) in springs.iter_mut().zip(touched) {
-            let [last, h] = self.state[p as usize];
-            let h = h * decay + (u - last) * mean;
-            self.now.push(([*u, h], p));
-            *s += h * self.g;
-            if s.dot(u) < 0.0 {
-                *s = Vector3::zeros();
-            }
-        }
-        self.forget();
-        for (state, p) in &self.now {
-            self.state[*p as usize] = *state;
-            self.before.push(*p);
-        }
+        self.memory
+            .advance(touch.contacts, springs, self.g, |last, h, u| {
+                h * decay + (u - last) * mean
+            });
     }
 }

@@ -1,3 +1,4 @@
+use super::memory::Memory;
 use crate::GapError;
 use crate::effect::{Acts, Compensator, Effect, Need, Parameter, Sample, Site, Touch, check};
 use nalgebra::Vector3;
@@ -18,28 +19,11 @@ pub struct Viscoelastic;
 /// Longest lag (s).
 const LONGEST: f64 = 0.3;
 
-/// A rest point at the previous sample.
-#[derive(Clone, Copy)]
-struct Damper {
-    /// Displacement (m).
-    u: Vector3<f64>,
-    /// Lagged rate (m/s).
-    v: Vector3<f64>,
-}
-
-const AT_REST: Damper = Damper {
-    u: Vector3::new(0.0, 0.0, 0.0),
-    v: Vector3::new(0.0, 0.0, 0.0),
-};
-
 struct Dampers {
     eta: f64,
     lag: f64,
-    state: Vec<Damper>,
-    /// Points touched at the previous sample.
-    before: Vec<u32>,
-    /// States of the points touched now.
-    now: Vec<(u32, Damper)>,
+    /// The lagged rate `v` of every point (m/s).
+    memory: Memory,
 }
 
 impl Effect for Viscoelastic {
@@ -71,51 +55,28 @@ impl Effect for Viscoelastic {
         Ok(Box::new(Dampers {
             eta: theta[0],
             lag: theta[1],
-            state: vec![AT_REST; site.rest.len()],
-            before: Vec::new(),
-            now: Vec::new(),
+            memory: Memory::new(site.rest.len()),
         }))
-    }
-}
-
-impl Dampers {
-    fn forget(&mut self) {
-        for p in self.before.drain(..) {
-            self.state[p as usize] = AT_REST;
-        }
     }
 }
 
 impl Compensator for Dampers {
     fn begin_touch(&mut self) {
-        self.forget();
+        self.memory.forget();
     }
 
     fn springs(&mut self, sample: &Sample<'_>, touch: &Touch<'_>, springs: &mut [Vector3<f64>]) {
-        let contacts = touch.contacts;
-        let touched = contacts.points().iter().zip(contacts.displacements());
         // Without a lag the exponential is zero, and the rate that of this sample.
         let kept = match self.lag > 0.0 {
             true => (-sample.dt / self.lag).exp(),
             false => 0.0,
         };
-        self.now.clear();
-        for (s, (&p, u)) in springs.iter_mut().zip(touched) {
-            let Damper { u: last, mut v } = self.state[p as usize];
-            if sample.dt > 0.0 {
-                v = v * kept + (u - last) * ((1.0 - kept) / sample.dt);
-            }
-            *s += v * self.eta;
-            // A damper cannot pull: the point would leave the link.
-            if s.dot(u) < 0.0 {
-                *s = Vector3::zeros();
-            }
-            self.now.push((p, Damper { u: *u, v }));
-        }
-        self.forget();
-        for (p, damper) in &self.now {
-            self.state[*p as usize] = *damper;
-            self.before.push(*p);
-        }
+        self.memory
+            .advance(touch.contacts, springs, self.eta, |last, v, u| {
+                match sample.dt > 0.0 {
+                    true => v * kept + (u - last) * ((1.0 - kept) / sample.dt),
+                    false => *v,
+                }
+            });
     }
 }

@@ -1,0 +1,71 @@
+//! What touched points remember from sample to sample.
+
+use nalgebra::Vector3;
+use vsf_core::Contacts;
+
+/// A point's displacement (m) and the inner variable of its material at the last sample.
+#[derive(Clone, Copy)]
+struct State {
+    u: Vector3<f64>,
+    inner: Vector3<f64>,
+}
+
+const AT_REST: State = State {
+    u: Vector3::new(0.0, 0.0, 0.0),
+    inner: Vector3::new(0.0, 0.0, 0.0),
+};
+
+/// The states of all rest points; those that are not touched are at rest.
+pub(super) struct Memory {
+    states: Vec<State>,
+    /// Points touched at the last sample.
+    before: Vec<u32>,
+    /// States of the points touched now.
+    now: Vec<(u32, State)>,
+}
+
+impl Memory {
+    /// Of so many points, all at rest.
+    pub(super) fn new(points: usize) -> Self {
+        Self {
+            states: vec![AT_REST; points],
+            before: Vec::new(),
+            now: Vec::new(),
+        }
+    }
+
+    /// Puts all points to rest.
+    pub(super) fn forget(&mut self) {
+        for p in self.before.drain(..) {
+            self.states[p as usize] = AT_REST;
+        }
+    }
+
+    /// One sample: `next` makes the inner variable of a point from its last displacement, its last
+    /// inner variable and its displacement; `gain` times it is added to the spring. A point is never
+    /// pulled: it would leave the link.
+    pub(super) fn advance(
+        &mut self,
+        contacts: &Contacts,
+        springs: &mut [Vector3<f64>],
+        gain: f64,
+        next: impl Fn(&Vector3<f64>, &Vector3<f64>, &Vector3<f64>) -> Vector3<f64>,
+    ) {
+        let touched = contacts.points().iter().zip(contacts.displacements());
+        self.now.clear();
+        for (s, (&p, u)) in springs.iter_mut().zip(touched) {
+            let last = self.states[p as usize];
+            let inner = next(&last.u, &last.inner, u);
+            *s += inner * gain;
+            if s.dot(u) < 0.0 {
+                *s = Vector3::zeros();
+            }
+            self.now.push((p, State { u: *u, inner }));
+        }
+        self.forget();
+        for (p, state) in &self.now {
+            self.states[*p as usize] = *state;
+            self.before.push(*p);
+        }
+    }
+}
