@@ -189,6 +189,13 @@ pub fn write_file(path: &Path, bytes: &[u8]) -> anyhow::Result<()> {
     Ok(writing(|| vsf::data::write_file(path, bytes))?)
 }
 
+/// The report of a command that only writes files.
+#[derive(Serialize)]
+pub struct Written {
+    /// Their paths.
+    pub written: Vec<String>,
+}
+
 /// Paths as JSON has them: Unicode.
 pub fn texts(paths: &[PathBuf]) -> Vec<String> {
     let text = |p: &PathBuf| p.to_string_lossy().into_owned();

@@ -1,5 +1,5 @@
 use crate::config::Sources;
-use crate::console::{Console, create_folder, texts, write_file};
+use crate::console::{Console, Written, create_folder, texts, write_file};
 use crate::exit::usage;
 use crate::field_file::{FieldFile, FieldFormat, check_out, save};
 use crate::pictures::{self, Surroundings, View};
@@ -7,7 +7,6 @@ use crate::range::positive;
 use crate::recording::{Default, Recording, traces};
 use crate::settings::SceneSettings;
 use anyhow::Context;
-use serde::Serialize;
 use std::path::{Path, PathBuf};
 use vsf::pipeline::predict;
 
@@ -48,11 +47,6 @@ pub struct Args {
     scene: SceneSettings,
 }
 
-#[derive(Serialize)]
-struct Report {
-    written: Vec<String>,
-}
-
 pub fn run(args: &Args, console: &Console) -> anyhow::Result<()> {
     if args.out.is_empty() && args.torques.is_none() {
         return Err(usage("nothing to write: give --out FILE or --torques DIR"));
@@ -69,7 +63,7 @@ pub fn run(args: &Args, console: &Console) -> anyhow::Result<()> {
     };
     let written = texts(&written);
     let lines: String = written.iter().map(|p| format!("wrote {p}\n")).collect();
-    console.json(&Report { written })?;
+    console.json(&Written { written })?;
     console.report(lines)
 }
 

@@ -1,12 +1,11 @@
 use crate::config::Sources;
-use crate::console::{Console, texts};
+use crate::console::{Console, Written, texts};
 use crate::exit::usage;
 use crate::field_file::FieldFile;
 use crate::range::{ending, positive};
 use crate::recording::{Default, Recording};
 use crate::settings::SceneSettings;
 use crate::view::{Cloud, View, in_air, in_scene, page};
-use serde::Serialize;
 use std::path::PathBuf;
 use vsf::core::nalgebra::Point3;
 use vsf::pipeline::motion_warnings;
@@ -43,11 +42,6 @@ pub struct Args {
     scene: SceneSettings,
 }
 
-#[derive(Serialize)]
-struct Report {
-    written: Vec<String>,
-}
-
 pub fn run(args: &Args, console: &Console) -> anyhow::Result<()> {
     console.check_outputs(&[("--out", &args.out)], &args.input)?;
     let html = match FieldFile::is_at(&args.input) {
@@ -56,7 +50,7 @@ pub fn run(args: &Args, console: &Console) -> anyhow::Result<()> {
     };
     let written = texts(std::slice::from_ref(&args.out));
     let line = format!("wrote {}\n", written.concat());
-    console.json_and(&Report { written }, vec![(args.out.clone(), html)])?;
+    console.json_and(&Written { written }, vec![(args.out.clone(), html)])?;
     console.report(line)
 }
 
