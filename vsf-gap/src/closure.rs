@@ -1,4 +1,4 @@
-use crate::evidence::Spread;
+use crate::evidence::{Factor, Spread};
 use crate::nominal::Fitted;
 use crate::{Campaign, GapError, JointNoise, Model, Motion};
 use rand::{RngExt, SeedableRng};
@@ -65,8 +65,8 @@ pub(crate) fn noise_norm(noise: &[JointNoise]) -> f64 {
 }
 
 impl Campaign {
-    /// The field of a fitted model that is not negative: points that come out negative are taken
-    /// out of the model, a few times over.
+    /// The field of a fitted model that is not negative, and the factored covariance of the readings:
+    /// points that come out negative are taken out of the model, a few times over.
     ///
     /// # Errors
     /// A covariance that is not positive definite.
@@ -74,17 +74,19 @@ impl Campaign {
         &self,
         fitted: &mut Fitted<'_>,
         spread: &Spread,
-    ) -> Result<Vec<f64>, GapError> {
-        let mut field = fitted.stiffness(self, spread)?;
+    ) -> Result<(Vec<f64>, Factor), GapError> {
+        let mut factor = fitted.parts.factor(spread)?;
+        let mut field = fitted.stiffness(self, spread, &factor);
         for _ in 0..ROUNDS {
             if field.iter().all(|k| *k >= 0.0) {
                 break;
             }
             fitted.leave_out(self, |p| field[p as usize] < 0.0);
-            field = fitted.stiffness(self, spread)?;
+            factor = fitted.parts.factor(spread)?;
+            field = fitted.stiffness(self, spread, &factor);
         }
         field.iter_mut().for_each(|k| *k = k.max(0.0));
-        Ok(field)
+        Ok((field, factor))
     }
 
     /// Residuals of a model with its field on sequences.

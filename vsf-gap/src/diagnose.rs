@@ -7,7 +7,7 @@ use crate::noise::noise_floor;
 use crate::nominal::Fitted;
 use crate::refine::Refined;
 use crate::screen::{Screened, Tangent, best_of, log_mean_exp, screen};
-use crate::verdict::{EVIDENT, Hypothesis, Kind, Verdict, judge, threshold};
+use crate::verdict::{EVIDENT, Hypothesis, Kind, Verdict, judge, needed_beside, threshold};
 use crate::windows::Windows;
 use crate::{Acts, Campaign, Effect, GapError, Model, Motion, Role};
 use faer::Mat;
@@ -214,7 +214,7 @@ pub fn diagnose(
     let mut candidates = best_starts(&tangents, &screening.candidates, screened_base);
     let smoothest = spreads[best_of(&screening.nominal)];
     // Stiffness is not negative, in any model that is compared.
-    let field = campaign.field(&mut fitted, &smoothest)?;
+    let (field, _) = campaign.field(&mut fitted, &smoothest)?;
     let without: Vec<f64> = (spreads.par_iter())
         .map(|s| fitted.log_evidence(s))
         .collect::<Result<_, _>>()?;
@@ -249,20 +249,12 @@ pub fn diagnose(
     }
 
     progress(Step::Check);
-    let singles: Vec<Hypothesis> = (candidates.iter())
-        .filter_map(|c| {
-            let refined = c.refined.as_ref()?;
-            Some(Hypothesis::new(refined, base, spread.contact))
-        })
+    let mut hypotheses: Vec<Hypothesis<'_>> = (candidates.iter())
+        .filter_map(|c| c.refined.as_ref())
+        .chain(&pair)
+        .map(|refined| Hypothesis::new(refined, base, spread.contact))
         .collect();
-    let mut hypotheses = singles;
-    hypotheses.extend(
-        pair.as_ref()
-            .map(|p| Hypothesis::new(p, base, spread.contact)),
-    );
     let likeness = likeness(&fitted, &tangents, &candidates, &spread)?;
-    let judged = judge(&hypotheses, &without, &spreads);
-
     let checked = match whole.test.is_empty() {
         true => &whole.train,
         false => &whole.test,
@@ -272,55 +264,53 @@ pub fn diagnose(
     let noise = noise_floor(&all, &logs, whole.site.joints());
     let floor = noise_norm(&noise);
     let before = whole.residuals(&nominal, &field, &all)?;
-    let chosen = match &pair {
-        Some(pair) if judged.verdict.effects.len() == 2 => Some(pair),
-        _ => candidates
-            .iter()
-            .filter(|c| {
-                judged
-                    .verdict
-                    .effects
-                    .first()
-                    .is_some_and(|e| e == c.effect.name())
-            })
-            .find_map(|c| c.refined.as_ref()),
-    };
     let mut notes = Vec::new();
     if campaign.test.is_empty() {
         notes.push("there is one sequence only: errors are those of the fit itself".to_owned());
     }
     let (mut model, mut after, mut corrected_field) = (nominal.clone(), before.clone(), field);
     let mut sd = Vec::new();
-    let mut refuted = false;
-    if let Some(chosen) = chosen {
-        let (field, residuals) = campaign.checked(&chosen.model, &chosen.spread, whole, &all)?;
-        match residuals.mean_error() <= before.mean_error() {
-            true => {
-                (model, after, corrected_field) = (chosen.model.clone(), residuals, field);
-                sd.clone_from(&chosen.sd);
-            }
-            false => {
-                refuted = !Hypothesis::new(chosen, base, spread.contact).is_clear();
-                notes.push(format!(
-                    "with {} the test sequences are predicted worse ({:.3} instead of {:.3}): the \
-                     corrected model is the nominal one",
-                    judged.verdict.effects.join(" and "),
-                    residuals.mean_error(),
-                    before.mean_error()
-                ));
-            }
+    let mut aside: Vec<String> = Vec::new();
+    // What is named has to stand the check.
+    let judged = loop {
+        let judged = judge(&hypotheses, &without, &spreads, fitted.touches());
+        let Some(i) = judged.named else { break judged };
+        let refined = hypotheses[i].refined;
+        let (field, residuals) = campaign.checked(&refined.model, &refined.spread, whole, &all)?;
+        let worse = residuals.mean_error() > before.mean_error();
+        let closed = closure(&before, &residuals, &noise, checked, seed).fraction;
+        let stands = hypotheses[i].stands(closed, worse);
+        if !worse && stands {
+            (model, after, corrected_field) = (refined.model.clone(), residuals, field);
+            sd.clone_from(&refined.sd);
+            break judged;
         }
-    }
+        let which = judged.verdict.effects.join(" and ");
+        let (now, then) = (residuals.mean_error(), before.mean_error());
+        if stands {
+            notes.push(format!(
+                "with {which} the test sequences are predicted worse ({now:.3} instead of {then:.3}): \
+                 the corrected model is the nominal one"
+            ));
+            break judged;
+        }
+        notes.push(format!(
+            "{which} fits the train sequences better, but the test sequences do not bear it out ({now:.3} \
+             instead of {then:.3}): it is left aside"
+        ));
+        aside.extend(judged.verdict.effects);
+        hypotheses.remove(i);
+    };
     let closed = closure(&before, &after, &noise, checked, seed);
     let mut verdict = judged.verdict;
+    // Not borne out is not ruled out.
+    aside.retain(|effect| !verdict.effect_set_95.contains(effect));
+    aside.sort();
+    aside.dedup();
+    verdict.effect_set_95.append(&mut aside);
     if verdict.kind == Kind::Unknown && closed.fraction >= MOSTLY {
         // Rough is what is left, but most of it is explained.
         verdict.kind = Kind::Effects;
-    }
-    if refuted {
-        verdict.kind = Kind::NoGap;
-        verdict.effects.clear();
-        verdict.probability = judged.none;
     }
     let r#where = locate(
         whole,
@@ -484,7 +474,7 @@ impl Campaign {
             let alone = (candidates.iter())
                 .find(|c| c.effect.name() == tangent.effect.name())
                 .map_or(f64::NEG_INFINITY, |c| c.score(base) + base);
-            let needed = threshold(tangent.effect.as_ref(), rough);
+            let needed = needed_beside(tangent.effect.as_ref(), best.log_evidence - base, rough);
             let both = gained > needed
                 && refined.log_evidence - alone > threshold(best.model.parts[0].0.as_ref(), rough);
             if both
@@ -508,7 +498,7 @@ impl Campaign {
         on: &[&Motion],
     ) -> Result<(Vec<f64>, Residuals), GapError> {
         let mut fitted = self.fitted(model, &self.train)?;
-        let field = self.field(&mut fitted, spread)?;
+        let (field, _) = self.field(&mut fitted, spread)?;
         let residuals = whole.residuals(model, &field, on)?;
         Ok((field, residuals))
     }

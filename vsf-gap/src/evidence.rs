@@ -56,41 +56,34 @@ impl Parts {
         lever: Mat<f64>,
         joint_rms: Vec<f64>,
     ) -> Self {
-        let n = windows.rows();
-        let hats = hats(&design.points, rest);
-        let mut smooth = Mat::zeros(n, hats.nodes);
-        for (k, node, weight) in hats.weights {
-            let from = design.w.col_as_slice(k);
-            let to = smooth.col_as_slice_mut(node);
-            to.iter_mut().zip(from).for_each(|(t, f)| *t += weight * f);
-        }
-        let mut level = vec![0.0; n];
-        for k in 0..design.points.len() {
-            let column = design.w.col_as_slice(k);
-            level.iter_mut().zip(column).for_each(|(l, w)| *l += w);
-        }
+        let (smooth, level) = common(design, rest);
         Self {
             windows: windows.clone(),
             noise,
             points: outer(&design.w),
-            smooth: outer(&smooth),
+            smooth,
             level,
             lever,
             joint_rms,
         }
     }
 
-    /// The parts of another design over the same windows.
+    /// The parts without some points: `design` holds the points that are left, `out` the columns of
+    /// those that are not.
     #[must_use]
-    pub(crate) fn of(&self, design: &Design, rest: &[Point3<f64>]) -> Self {
-        Self::new(
-            design,
-            rest,
-            &self.windows,
-            self.noise.clone(),
-            self.lever.clone(),
-            self.joint_rms.clone(),
-        )
+    pub(crate) fn without(&self, out: &Mat<f64>, design: &Design, rest: &[Point3<f64>]) -> Self {
+        let mut points = self.points.clone();
+        add_outer(&mut points, out, -1.0);
+        let (smooth, level) = common(design, rest);
+        Self {
+            windows: self.windows.clone(),
+            noise: self.noise.clone(),
+            points,
+            smooth,
+            level,
+            lever: self.lever.clone(),
+            joint_rms: self.joint_rms.clone(),
+        }
     }
 
     /// Torques of a field of 1 N/m everywhere.
@@ -156,23 +149,47 @@ impl Parts {
     }
 }
 
+/// The covariance of the torques of a field that is smooth, lower triangle, and the torques of one that
+/// is 1 N/m everywhere.
+fn common(design: &Design, rest: &[Point3<f64>]) -> (Mat<f64>, Vec<f64>) {
+    let n = design.w.nrows();
+    let hats = hats(&design.points, rest);
+    let mut smooth = Mat::zeros(n, hats.nodes);
+    for (k, node, weight) in hats.weights {
+        let from = design.w.col_as_slice(k);
+        let to = smooth.col_as_slice_mut(node);
+        to.iter_mut().zip(from).for_each(|(t, f)| *t += weight * f);
+    }
+    let mut level = vec![0.0; n];
+    for k in 0..design.points.len() {
+        let column = design.w.col_as_slice(k);
+        level.iter_mut().zip(column).for_each(|(l, w)| *l += w);
+    }
+    (outer(&smooth), level)
+}
+
 /// `A A^T`, lower triangle.
 fn outer(a: &Mat<f64>) -> Mat<f64> {
     let mut out = Mat::zeros(a.nrows(), a.nrows());
+    add_outer(&mut out, a, 1.0);
+    out
+}
+
+/// Adds `times A A^T`, lower triangle.
+fn add_outer(to: &mut Mat<f64>, a: &Mat<f64>, times: f64) {
     if a.ncols() > 0 {
         triangular::matmul(
-            out.as_mut(),
+            to.as_mut(),
             triangular::BlockStructure::TriangularLower,
-            Accum::Replace,
+            Accum::Add,
             a.as_ref(),
             triangular::BlockStructure::Rectangular,
             a.transpose(),
             triangular::BlockStructure::Rectangular,
-            1.0,
+            times,
             Par::Seq,
         );
     }
-    out
 }
 
 struct Hats {

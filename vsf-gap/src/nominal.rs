@@ -113,14 +113,15 @@ impl Campaign {
 impl Fitted<'_> {
     /// Takes points out of the model.
     pub(crate) fn leave_out(&mut self, campaign: &Campaign, out: impl Fn(u32) -> bool) {
-        let kept: Vec<usize> = (0..self.design.points.len())
-            .filter(|&k| !out(self.design.points[k]))
-            .collect();
+        let (left, kept): (Vec<usize>, Vec<usize>) =
+            (0..self.design.points.len()).partition(|&k| out(self.design.points[k]));
         let w = &self.design.w;
-        let w = Mat::from_fn(w.nrows(), kept.len(), |i, k| w[(i, kept[k])]);
+        let columns = |of: &[usize]| Mat::from_fn(w.nrows(), of.len(), |i, k| w[(i, of[k])]);
+        let (out, w) = (columns(&left), columns(&kept));
         self.design.points = kept.iter().map(|&k| self.design.points[k]).collect();
         self.design.w = w;
-        self.parts = self.parts.of(&self.design, campaign.site.rest.positions());
+        let rest = campaign.site.rest.positions();
+        self.parts = self.parts.without(&out, &self.design, rest);
     }
 
     /// Whether anything is touched.
@@ -244,16 +245,14 @@ impl Fitted<'_> {
         contact.iter().flat_map(of).collect()
     }
 
-    /// Mean stiffness per rest point, without the constraint that it is not negative.
-    ///
-    /// # Errors
-    /// A covariance that is not positive definite.
+    /// Mean stiffness per rest point, without the constraint that it is not negative; `factor` is that
+    /// of the covariance with this spread.
     pub(crate) fn stiffness(
         &self,
         campaign: &Campaign,
         spread: &Spread,
-    ) -> Result<Vec<f64>, GapError> {
-        let factor = self.parts.factor(spread)?;
+        factor: &Factor,
+    ) -> Vec<f64> {
         let rest = self.rest();
         let mut solved = Mat::from_fn(rest.len(), 1, |i, _| rest[i]);
         factor.solve(&mut solved);
@@ -263,7 +262,7 @@ impl Fitted<'_> {
         for (&p, k) in self.design.points.iter().zip(touched) {
             field[p as usize] = k;
         }
-        Ok(field)
+        field
     }
 
     /// The model's torques over windows for a stiffness per rest point.

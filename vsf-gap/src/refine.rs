@@ -1,4 +1,4 @@
-use crate::evidence::{Fit, Normal, Spread};
+use crate::evidence::{Factor, Fit, Normal, Spread};
 use crate::nominal::Fitted;
 use crate::screen::{best_of, log_mean_exp};
 use crate::{Acts, Campaign, GapError, Model, Parameter, Role};
@@ -94,13 +94,13 @@ impl Campaign {
         };
         let mut fitted = self.fitted(start, &self.train)?;
         let spread = &fitted.adapted(spread)?;
-        let mut stiffness = self.field(&mut fitted, spread)?;
-        let mut value = fitted.log_evidence(spread)? - prior.cost(&theta);
+        let (mut stiffness, mut factor) = self.field(&mut fitted, spread)?;
+        let mut value = fitted.log_evidence_of(&factor) - prior.cost(&theta);
         let mut columns = self.columns(start, &fitted, &stiffness, &prior.parameters)?;
         let deep = start.acts() == Acts::Contact;
         let mut stale = false;
         for k in 0..MOST_STEPS {
-            let (_, fit) = evidence(&fitted, &columns, &theta, &prior, spread)?;
+            let (_, fit) = evidence(&fitted, &columns, &theta, &prior, &factor);
             let Some(fit) = fit else { break };
             let mut next: Vec<f64> = (0..theta.len())
                 .map(|i| {
@@ -112,21 +112,21 @@ impl Campaign {
             for _ in 0..=MOST_HALVINGS {
                 let model = start.at(&next);
                 let mut tried = self.fitted(&model, &self.train)?;
-                let field = self.field(&mut tried, spread)?;
-                let gained = tried.log_evidence(spread)? - prior.cost(&next) - value;
+                let (field, factored) = self.field(&mut tried, spread)?;
+                let gained = tried.log_evidence_of(&factored) - prior.cost(&next) - value;
                 if gained > 0.0 {
-                    better = Some((model, tried, field, gained));
+                    better = Some((model, tried, field, factored, gained));
                     break;
                 }
                 next.iter_mut()
                     .zip(&theta)
                     .for_each(|(n, t)| *n = 0.5 * (*n + t));
             }
-            let Some((model, tried, field, gained)) = better else {
+            let Some((model, tried, field, factored, gained)) = better else {
                 break;
             };
             (theta, fitted, value) = (next, tried, value + gained);
-            stiffness = field;
+            (stiffness, factor) = (field, factored);
             // Where contact has to be simulated anew for every column, they serve for two steps.
             stale = deep && k % 2 == 0;
             if !stale {
@@ -141,7 +141,10 @@ impl Campaign {
         }
         let spreads = fitted.roughness(spread);
         let found: Vec<(f64, Option<Fit>)> = (spreads.par_iter())
-            .map(|s| evidence(&fitted, &columns, &theta, &prior, s))
+            .map(|s| {
+                let factor = fitted.parts.factor(s)?;
+                Ok(evidence(&fitted, &columns, &theta, &prior, &factor))
+            })
             .collect::<Result<_, GapError>>()?;
         let all: Vec<f64> = found.iter().map(|(e, _)| *e).collect();
         let best = best_of(&all);
@@ -169,7 +172,8 @@ impl Campaign {
         fitted: &Fitted<'_>,
         spread: &Spread,
     ) -> Result<Vec<f64>, GapError> {
-        let field = fitted.stiffness(self, spread)?;
+        let factor = fitted.parts.factor(spread)?;
+        let field = fitted.stiffness(self, spread, &factor);
         Ok(field.into_iter().map(|k| k.max(0.0)).collect())
     }
 
@@ -221,9 +225,8 @@ fn evidence(
     columns: &[Vec<f64>],
     theta: &[f64],
     prior: &Prior,
-    spread: &Spread,
-) -> Result<(f64, Option<Fit>), GapError> {
-    let factor = fitted.parts.factor(spread)?;
+    factor: &Factor,
+) -> (f64, Option<Fit>) {
     let rest = fitted.rest();
     // Readings as they would be were the parameters at their prior mean.
     let mut back = rest.clone();
@@ -247,5 +250,5 @@ fn evidence(
     let bounds: Vec<[f64; 2]> = (prior.parameters.iter().zip(&prior.mean))
         .map(|(p, m)| [p.bounds[0] - m, p.bounds[1] - m])
         .collect();
-    Ok((log_evidence, normal.fit(&prior.sd, &bounds)))
+    (log_evidence, normal.fit(&prior.sd, &bounds))
 }

@@ -50,11 +50,11 @@ impl Campaign {
         let value = |theta: &Vec<f64>| {
             let mut fitted = self.fitted(&base.with(effect, theta), &self.train)?;
             let spread = fitted.adapted(spread)?;
-            self.field(&mut fitted, &spread)?;
+            let (_, factor) = self.field(&mut fitted, &spread)?;
             let cost: f64 = (tangent.amplitudes.iter())
                 .map(|&i| 0.5 * (theta[i] / sd[i]).powi(2))
                 .sum();
-            Ok(fitted.log_evidence(&spread)? - cost)
+            Ok(fitted.log_evidence_of(&factor) - cost)
         };
         let mut best = tangent.start.clone();
         let mut most = value(&best)?;

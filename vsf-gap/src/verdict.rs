@@ -1,5 +1,6 @@
 use crate::evidence::Spread;
 use crate::refine::Refined;
+use crate::screen::best_of;
 use crate::{Acts, Effect};
 use serde::{Deserialize, Serialize};
 
@@ -7,11 +8,18 @@ use serde::{Deserialize, Serialize};
 pub(crate) const EVIDENT: f64 = 12.0;
 /// Nats for one e-fold of probability. Models are never quite right, so that evidence overstates
 /// what it knows; measured as the value that makes stated probabilities come true.
-const TEMPERATURE: f64 = 10.0;
+const TEMPERATURE: f64 = 7.0;
 /// Roughness of contact, and how many times more effects of contact gain from there on.
 const ROUGHNESS: [(f64, f64); 2] = [(0.1, 1.6), (0.3, 3.0)];
 /// A gain of so many thresholds is clear.
 const CLEAR: f64 = 2.0;
+/// Roughness of contact from which on effects that choose other contacts have to prove themselves, and
+/// the share of the gap that they have to close on the checked sequences.
+const UNSURE: f64 = 0.1;
+const PROOF: f64 = 0.4;
+/// The share of a first effect's gain that is left where its form is wrong by a third of its size: a
+/// second effect that gains less mends the form of the first.
+const MISFIT: f64 = 0.12;
 /// Roughness of joints from which on something acts that the model does not have.
 const ROUGH: f64 = 0.15;
 /// A hypothesis is named when it has at least this probability.
@@ -20,6 +28,10 @@ const NAMED: f64 = 0.3;
 const MOST_ALIKE: usize = 5;
 /// Weight of "no gap" beside one for every effect.
 const NO_GAP: f64 = 3.0;
+/// Weight, beside "no gap", of effects of contact that the evidence cannot show because the stiffness
+/// absorbs them; and where contact is so rough that its own errors hide them.
+const ABSORBED: f64 = 0.5;
+const HIDDEN: f64 = 2.0;
 
 /// What a diagnosis concludes.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
@@ -44,38 +56,72 @@ pub struct Verdict {
     pub kind: Kind,
     /// Its probability.
     pub probability: f64,
-    /// The smallest set of effects that holds the truth with 95 % probability.
+    /// The smallest set of effects that holds the truth with 95 % probability, and those that fit well
+    /// but did not stand the check on other sequences.
     pub effect_set_95: Vec<String>,
 }
 
 /// A model that was fitted, as a hypothesis.
-pub(crate) struct Hypothesis {
-    effects: Vec<String>,
+pub(crate) struct Hypothesis<'a> {
+    /// The model.
+    pub(crate) refined: &'a Refined,
     gain: f64,
     threshold: f64,
-    spread: Spread,
+    rough: f64,
 }
 
-impl Hypothesis {
+impl<'a> Hypothesis<'a> {
     /// `base` is the log evidence of the nominal model, `rough` its roughness of contact.
-    pub(crate) fn new(refined: &Refined, base: f64, rough: f64) -> Self {
+    pub(crate) fn new(refined: &'a Refined, base: f64, rough: f64) -> Self {
         let parts = &refined.model.parts;
         Self {
-            effects: parts.iter().map(|(e, _)| e.name().to_owned()).collect(),
+            refined,
             gain: refined.log_evidence - base,
             threshold: parts
                 .iter()
                 .map(|(e, _)| threshold(e.as_ref(), rough))
                 .sum(),
-            spread: refined.spread,
+            rough,
         }
     }
 
-    /// Whether the evidence is so clear that predicting the checked sequences no better, as when they
-    /// touch other places, does not refute it.
-    pub(crate) fn is_clear(&self) -> bool {
-        self.gain > CLEAR * self.threshold
+    /// Names of its effects.
+    pub(crate) fn effects(&self) -> Vec<String> {
+        let parts = &self.refined.model.parts;
+        parts.iter().map(|(e, _)| e.name().to_owned()).collect()
     }
+
+    /// Whether it stands the check on sequences that it was not fitted to, of whose gap it closes a
+    /// share; `worse` if the plain error grows. Clear evidence stands even so: the sequences may touch
+    /// other places. Where contact is rough, evidence alone is no proof of effects that choose other
+    /// contacts.
+    pub(crate) fn stands(&self, closed: f64, worse: bool) -> bool {
+        let mut parts = self.refined.model.parts.iter();
+        if self.rough >= UNSURE && parts.any(|(e, _)| chooses_contacts(e.name())) {
+            return closed >= PROOF && !worse;
+        }
+        !worse || self.gain > CLEAR * self.threshold
+    }
+}
+
+/// Whether an effect, by where surfaces are or how they stick, decides which points are touched and where
+/// to. Each such choice is another model, and the best of many gains hundreds of nats where none is right.
+fn chooses_contacts(effect: &str) -> bool {
+    matches!(
+        effect,
+        "anisotropy"
+            | "contact_friction"
+            | "encoder_offset"
+            | "geometry_padding"
+            | "joint_elasticity"
+            | "object_base_motion"
+            | "registration_offset"
+    )
+}
+
+/// The gain that a second effect needs beside a first one.
+pub(crate) fn needed_beside(second: &dyn Effect, gain_of_first: f64, rough: f64) -> f64 {
+    threshold(second, rough) + MISFIT * gain_of_first
 }
 
 /// The gain of log evidence (nats) that an effect reaches where it does not act, because the
@@ -103,22 +149,33 @@ pub(crate) fn threshold(effect: &dyn Effect, rough: f64) -> f64 {
 /// A verdict and the probability of every effect that was fitted.
 pub(crate) struct Judged {
     pub(crate) verdict: Verdict,
+    /// Index of the hypothesis that the verdict names, if any.
+    pub(crate) named: Option<usize>,
     pub(crate) probabilities: Vec<(String, f64)>,
-    /// Probability of no gap.
-    pub(crate) none: f64,
 }
 
 /// Weighs the hypotheses against each other and against no gap. `nominal` is the log evidence of
-/// the nominal model at each of `spreads`.
-pub(crate) fn judge(hypotheses: &[Hypothesis], nominal: &[f64], spreads: &[Spread]) -> Judged {
-    let weight = |h: &Hypothesis| (h.gain - h.threshold) / TEMPERATURE;
+/// the nominal model at each of `spreads`; `touched` if there is contact.
+pub(crate) fn judge(
+    hypotheses: &[Hypothesis<'_>],
+    nominal: &[f64],
+    spreads: &[Spread],
+    touched: bool,
+) -> Judged {
+    let smoothest = spreads[best_of(nominal)];
+    let weight = |h: &Hypothesis<'_>| (h.gain - h.threshold) / TEMPERATURE;
     let top = hypotheses.iter().map(weight).fold(0.0_f64, f64::max);
     let weights: Vec<f64> = hypotheses.iter().map(|h| (weight(h) - top).exp()).collect();
     let none = NO_GAP * (-top).exp();
-    let total = none + weights.iter().sum::<f64>();
+    let unseen = match (touched, smoothest.contact >= UNSURE) {
+        (true, true) => HIDDEN * none,
+        (true, false) => ABSORBED * none,
+        (false, _) => 0.0,
+    };
+    let total = none + unseen + weights.iter().sum::<f64>();
     let mut probabilities: Vec<(String, f64)> = Vec::new();
     for (h, w) in hypotheses.iter().zip(&weights) {
-        for effect in &h.effects {
+        for effect in &h.effects() {
             match probabilities.iter_mut().find(|(e, _)| e == effect) {
                 Some((_, p)) => *p += w / total,
                 None => probabilities.push((effect.clone(), w / total)),
@@ -131,34 +188,36 @@ pub(crate) fn judge(hypotheses: &[Hypothesis], nominal: &[f64], spreads: &[Sprea
     let mut order: Vec<usize> = (0..hypotheses.len()).collect();
     order.sort_by(|a, b| weights[*b].total_cmp(&weights[*a]));
     let mut effect_set_95: Vec<String> = Vec::new();
-    let mut covered = none / total;
+    let mut covered = (none + unseen) / total;
     for i in order {
         if covered >= 0.95 {
             break;
         }
         covered += weights[i] / total;
-        for effect in &hypotheses[i].effects {
-            if !effect_set_95.contains(effect) {
-                effect_set_95.push(effect.clone());
+        for effect in hypotheses[i].effects() {
+            if !effect_set_95.contains(&effect) {
+                effect_set_95.push(effect);
             }
         }
     }
-    let at = |x: &[f64]| (0..x.len()).max_by(|a, b| x[*a].total_cmp(&x[*b]));
-    let nominal_rough = at(nominal).is_some_and(|i| spreads[i].joint >= ROUGH);
-    let (kind, effects, probability) = match best {
-        Some(i) if weights[i] / total >= none / total => {
-            let (h, p) = (&hypotheses[i], weights[i] / total);
-            if h.spread.joint >= ROUGH {
-                (Kind::Unknown, h.effects.clone(), p)
+    let nominal_rough = smoothest.joint >= ROUGH;
+    let named = best.filter(|&i| weights[i] >= none);
+    let (kind, probability) = match named {
+        Some(i) => {
+            let p = weights[i] / total;
+            let kind = if hypotheses[i].refined.spread.joint >= ROUGH {
+                Kind::Unknown
             } else if p >= NAMED && effect_set_95.len() <= MOST_ALIKE {
-                (Kind::Effects, h.effects.clone(), p)
+                Kind::Effects
             } else {
-                (Kind::NotDiagnosable, h.effects.clone(), p)
-            }
+                Kind::NotDiagnosable
+            };
+            (kind, p)
         }
-        _ if nominal_rough => (Kind::Unknown, Vec::new(), none / total),
-        _ => (Kind::NoGap, Vec::new(), none / total),
+        None if nominal_rough => (Kind::Unknown, none / total),
+        None => (Kind::NoGap, none / total),
     };
+    let effects = named.map_or_else(Vec::new, |i| hypotheses[i].effects());
     Judged {
         verdict: Verdict {
             effects,
@@ -166,7 +225,7 @@ pub(crate) fn judge(hypotheses: &[Hypothesis], nominal: &[f64], spreads: &[Sprea
             probability,
             effect_set_95,
         },
+        named,
         probabilities,
-        none: none / total,
     }
 }

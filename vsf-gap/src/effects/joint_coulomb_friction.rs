@@ -3,11 +3,12 @@ use crate::GapError;
 use crate::effect::{Acts, Compensator, Effect, Need, Parameter, Sample, Site, Touch};
 use crate::effect::{check, per_joint};
 
-/// Dry friction in the joints: `-c_j tanh(qd_j / eps)`.
+/// Dry friction in the joints: `-c_j (w_j + s_j |w_j|)`, with `w_j = tanh(qd_j / eps)`.
 ///
-/// Parameters `c_<joint>` (N m or N) and the shape `eps` (rad/s or m/s), the speed at which friction
-/// has nearly its full size. Tell-tale: odd in the direction of motion, alike at all speeds and
-/// loads, there in free motion too. Motion one way only makes it a bias.
+/// Parameters `c_<joint>` (N m or N), the mean of both directions; the shapes `s_<joint>` (1, -0.5 to 0.5),
+/// by what share it is larger forwards and smaller backwards; and the shape `eps` (rad/s or m/s), the
+/// speed at which friction has nearly its full size. Tell-tale: it turns round with the direction of
+/// motion, alike at all speeds and loads, in free motion too. Motion one way only makes it a bias.
 ///
 /// # Reference
 /// B. Armstrong-Helouvry, P. Dupont, C. Canudas de Wit, "A survey of models, analysis tools and
@@ -18,6 +19,7 @@ pub struct JointCoulombFriction;
 
 struct Friction {
     c: Vec<f64>,
+    skew: Vec<f64>,
     eps: f64,
 }
 
@@ -36,29 +38,33 @@ impl Effect for JointCoulombFriction {
 
     fn parameters(&self, site: &Site) -> Vec<Parameter> {
         let mut parameters = per_joint(site, "c", unit(site, "N m", "N"), [0.0, 50.0], 0.3);
+        let skew = |j| Parameter::shape(format!("s_{}", j + 1), "1", [-0.5, 0.5], 0.1).of_joint(j);
+        parameters.extend((0..site.joints()).map(skew));
         parameters.push(Parameter::shape("eps", "rad/s", [1e-3, 0.2], 0.01));
         parameters
     }
 
     fn starts(&self, site: &Site) -> Vec<Vec<f64>> {
-        let start = |eps| [vec![0.0; site.joints()], vec![eps]].concat();
+        let start = |eps| [vec![0.0; 2 * site.joints()], vec![eps]].concat();
         [0.005, 0.03].map(start).to_vec()
     }
 
     fn compensator(&self, site: &Site, theta: &[f64]) -> Result<Box<dyn Compensator>, GapError> {
         let d = site.joints();
-        check(self.name(), theta, d + 1)?;
+        check(self.name(), theta, 2 * d + 1)?;
         Ok(Box::new(Friction {
             c: theta[..d].to_vec(),
-            eps: theta[d],
+            skew: theta[d..2 * d].to_vec(),
+            eps: theta[2 * d],
         }))
     }
 }
 
 impl Compensator for Friction {
     fn torques(&mut self, sample: &Sample<'_>, _: &Touch<'_>, tau: &mut [f64]) {
-        for ((t, c), v) in tau.iter_mut().zip(&self.c).zip(sample.qd) {
-            *t -= c * sign(*v, self.eps);
+        for (j, t) in tau.iter_mut().enumerate() {
+            let way = sign(sample.qd[j], self.eps);
+            *t -= self.c[j] * (way + self.skew[j] * way.abs());
         }
     }
 }
