@@ -4,9 +4,11 @@ use crate::{Acts, Campaign, GapError, Model, Parameter, Role, Site};
 use rayon::prelude::*;
 
 /// Sizes of the steps of single parameters, in scales, large ones first, in the search for a start of
-/// effects that move surfaces; most rounds of it; and the nats for which a step is taken.
+/// effects that move surfaces; most rounds of it; most steps of one scale that follow one that was taken,
+/// along it; and the nats for which a step is taken.
 const EXCURSIONS: [f64; 2] = [3.0, 1.0];
 const MOST_ROUNDS: usize = 6;
+const MOST_FOLLOWING: usize = 3;
 const WORTHWHILE: f64 = 6.0;
 
 impl Tangent {
@@ -69,13 +71,47 @@ impl Campaign {
                 .collect::<Result<_, GapError>>()?;
             let k = best_of(&values);
             match values.get(k) {
-                Some(v) if *v >= most + WORTHWHILE => (best, most) = (tried.swap_remove(k), *v),
+                Some(v) if *v >= most + WORTHWHILE => {
+                    let way = Way::new(&best, &tried[k], size, &parameters);
+                    (best, most) = (tried.swap_remove(k), *v);
+                    for _ in 0..MOST_FOLLOWING {
+                        let [ahead, behind] = [1.0, -1.0].map(|by| way.from(&best, by));
+                        let (a, b) = rayon::join(|| value(&ahead), || value(&behind));
+                        let (a, b) = (a?, b?);
+                        if a.max(b) < most + WORTHWHILE {
+                            break;
+                        }
+                        (best, most) = if a > b { (ahead, a) } else { (behind, b) };
+                    }
+                }
                 // Nothing at all, or nothing left.
                 _ if round == 0 || size == EXCURSIONS[1] => break,
                 _ => size = EXCURSIONS[1],
             }
         }
         Ok(base.with(effect, &best))
+    }
+}
+
+/// The direction of a step, one scale long.
+struct Way<'a> {
+    parameters: &'a [Parameter],
+    scale: Vec<f64>,
+}
+
+impl<'a> Way<'a> {
+    /// Of a step of so many scales.
+    fn new(from: &[f64], to: &[f64], scales: f64, parameters: &'a [Parameter]) -> Self {
+        let scale = to.iter().zip(from).map(|(t, f)| (t - f) / scales).collect();
+        Self { parameters, scale }
+    }
+
+    /// So many scales further, within bounds.
+    fn from(&self, theta: &[f64], by: f64) -> Vec<f64> {
+        let bounds = self.parameters.iter().map(|p| p.bounds);
+        (theta.iter().zip(&self.scale).zip(bounds))
+            .map(|((t, s), [lo, hi])| (t + by * s).clamp(lo, hi))
+            .collect()
     }
 }
 
