@@ -7,9 +7,9 @@ use crate::noise::noise_floor;
 use crate::nominal::Fitted;
 use crate::refine::Refined;
 use crate::screen::{Screened, Tangent, best_of, log_mean_exp, screen};
-use crate::verdict::{EVIDENT, Hypothesis, Kind, Verdict, judge, needed_beside, threshold};
+use crate::verdict::{EVIDENT, Hypothesis, Verdict, judge, needed_beside, threshold};
 use crate::windows::Windows;
-use crate::{Acts, Campaign, Effect, GapError, Model, Motion, Role};
+use crate::{Acts, Campaign, Effect, GapError, Model, Motion, Parameter, Role};
 use faer::Mat;
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
@@ -50,7 +50,8 @@ pub struct EffectReport {
     pub probability: f64,
     /// Gain of log evidence over the nominal model (nats).
     pub score: f64,
-    /// Its parameters; empty for effects that were not fitted.
+    /// Its parameters, in the corrected model if it is part of it; empty for effects that were not
+    /// fitted.
     pub parameters: Vec<Estimate>,
     /// Joints whose parameters are at least two deviations from zero.
     pub joints: Vec<String>,
@@ -303,15 +304,14 @@ pub fn diagnose(
     };
     let closed = closure(&before, &after, &noise, checked, seed);
     let mut verdict = judged.verdict;
+    if closed.fraction >= MOSTLY {
+        verdict.explain();
+    }
     // Not borne out is not ruled out.
     aside.retain(|effect| !verdict.effect_set_95.contains(effect));
     aside.sort();
     aside.dedup();
     verdict.effect_set_95.append(&mut aside);
-    if verdict.kind == Kind::Unknown && closed.fraction >= MOSTLY {
-        // Rough is what is left, but most of it is explained.
-        verdict.kind = Kind::Effects;
-    }
     let r#where = locate(
         whole,
         &model,
@@ -337,6 +337,16 @@ pub fn diagnose(
             report.test_error = Some(residuals.mean_error());
             report.closed_fraction =
                 Some(closure(&before, &residuals, &noise, checked, seed).fraction);
+        }
+        // Of effects that are named together, parameters are those that they have together.
+        let mut of_part = 0;
+        for (effect, theta) in &model.parts {
+            let own = of_part..of_part + theta.len();
+            of_part = own.end;
+            if effect.name() == report.effect {
+                (report.parameters, report.joints) =
+                    campaign.estimates(effect.as_ref(), theta, &sd[own]);
+            }
         }
         report.absorbed_share =
             (factors.as_ref()).and_then(|f| absorbed(f, &tangents[candidate.tangent]));
@@ -503,6 +513,34 @@ impl Campaign {
         Ok((field, residuals))
     }
 
+    /// The parameters of an effect, and the joints that they show it to act on.
+    fn estimates(
+        &self,
+        effect: &dyn Effect,
+        theta: &[f64],
+        sd: &[f64],
+    ) -> (Vec<Estimate>, Vec<String>) {
+        let own = effect.parameters(&self.site);
+        let mut joints: Vec<String> = Vec::new();
+        for ((p, v), sd) in own.iter().zip(theta).zip(sd) {
+            let shows = p.role == Role::Amplitude && *v != 0.0 && v.abs() > 2.0 * sd;
+            if let Some(j) = p.joint.filter(|_| shows) {
+                let name = self.site.robot.joints()[j].name().to_owned();
+                if !joints.contains(&name) {
+                    joints.push(name);
+                }
+            }
+        }
+        let estimate = |((p, v), sd): ((Parameter, &f64), &f64)| Estimate {
+            name: p.name,
+            value: *v,
+            std: *sd,
+            unit: p.unit.to_owned(),
+        };
+        let all = own.into_iter().zip(theta).zip(sd).map(estimate).collect();
+        (all, joints)
+    }
+
     fn report(
         &self,
         candidate: &Candidate,
@@ -511,28 +549,10 @@ impl Campaign {
         probabilities: &[(String, f64)],
     ) -> EffectReport {
         let effect = &tangents[candidate.tangent].effect;
-        let mut parameters = Vec::new();
-        let mut joints: Vec<String> = Vec::new();
-        if let Some(refined) = &candidate.refined {
-            let own = effect.parameters(&self.site);
-            for ((p, v), sd) in own.iter().zip(&refined.theta).zip(&refined.sd) {
-                parameters.push(Estimate {
-                    name: p.name.clone(),
-                    value: *v,
-                    std: *sd,
-                    unit: p.unit.to_owned(),
-                });
-                if let Some(j) = p
-                    .joint
-                    .filter(|_| p.role == Role::Amplitude && v.abs() > 2.0 * sd)
-                {
-                    let name = self.site.robot.joints()[j].name().to_owned();
-                    if *v != 0.0 && !joints.contains(&name) {
-                        joints.push(name);
-                    }
-                }
-            }
-        }
+        let (parameters, joints) = match &candidate.refined {
+            Some(refined) => self.estimates(effect.as_ref(), &refined.theta, &refined.sd),
+            None => Default::default(),
+        };
         let name = effect.name();
         EffectReport {
             effect: name.to_owned(),

@@ -351,6 +351,10 @@ impl Normal {
         let gain = 0.5 * score.dot(&best) - 0.5 * log_det + of_held;
         let inverse = factor.inverse();
         let (mut theta, mut covariance) = (at_bound, DMatrix::zeros(p, p));
+        // A bound is no certainty.
+        for i in (0..p).filter(|&i| held[i].is_some()) {
+            covariance[(i, i)] = 1.0 / (self.information[(i, i)] + 1.0 / (sd[i] * sd[i]));
+        }
         for (a, &i) in free.iter().enumerate() {
             theta[i] = sd[i] * best[a];
             for (b, &j) in free.iter().enumerate() {

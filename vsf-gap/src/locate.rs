@@ -23,7 +23,8 @@ pub struct Part {
     pub share: f64,
     /// Interval of the share, 95 %.
     pub interval: [f64; 2],
-    /// RMS residual of the nominal model beyond noise (N m or N).
+    /// RMS residual of the nominal model beyond noise on the checked sequences (N m or N); 0 where
+    /// none of them is in this part.
     pub excess: f64,
 }
 
@@ -80,8 +81,8 @@ struct Row {
     place: Option<Point3<f64>>,
     /// Energy of the gap per joint.
     energy: Vec<f64>,
-    /// Residual of the nominal model squared, less the noise, per joint; NaN never.
-    excess: Vec<f64>,
+    /// Residual of the nominal model squared, less the noise, per joint, of checked sequences.
+    excess: Option<Vec<f64>>,
 }
 
 /// Finds where the gap lies. `model` with `field` is the corrected model, `before` the residuals of
@@ -124,12 +125,9 @@ pub(crate) fn locate(
                 contacts: &logs[0].contacts[row],
             };
             let at = centre(&touch);
-            let excess: Vec<f64> = (0..d)
-                .map(|j| match tested {
-                    Some(s) => before.rows[s][row * d + j].powi(2) - noise[j].sd.powi(2),
-                    None => 0.0,
-                })
-                .collect();
+            let beyond =
+                |s: usize, j: usize| before.rows[s][row * d + j].powi(2) - noise[j].sd.powi(2);
+            let excess: Option<Vec<f64>> = tested.map(|s| (0..d).map(|j| beyond(s, j)).collect());
             let energy = match &change {
                 Some((with, without)) => (0..d)
                     .map(|j| {
@@ -137,7 +135,8 @@ pub(crate) fn locate(
                         (with.predicted[sequence][k] - without.predicted[sequence][k]).powi(2)
                     })
                     .collect(),
-                None => excess.clone(),
+                // Only checked sequences are looked at then.
+                None => excess.clone().unwrap_or_default(),
             };
             rows.push(Row {
                 sequence,
@@ -239,8 +238,9 @@ fn shares(
             drawn.sort_by(f64::total_cmp);
             let (mut excess, mut count) = (0.0, 0usize);
             for row in rows {
+                let Some(beyond) = &row.excess else { continue };
                 for j in (0..joints).filter(|&j| member(row, j) == Some(k)) {
-                    excess += row.excess[j];
+                    excess += beyond[j];
                     count += 1;
                 }
             }

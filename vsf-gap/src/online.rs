@@ -60,14 +60,26 @@ impl Corrector {
     /// smoother. The force of the sample is found here.
     ///
     /// # Errors
-    /// A row that robot or contact cannot take. The observation is then empty or as before; begin a
-    /// touch to go on.
+    /// Numbers that are not finite or not one per joint; a row that robot or contact cannot take. The
+    /// observation is then empty or as before; begin a touch to go on.
     pub fn step(
         &mut self,
         sample: &Sample<'_>,
         reading: &[f64],
         obs: &mut Observation<f64>,
     ) -> Result<&[f64], GapError> {
+        let rows = [
+            ("positions", sample.q),
+            ("velocities", sample.qd),
+            ("accelerations", sample.qdd),
+            ("smoothed reading", sample.reading),
+            ("load", sample.load),
+            ("reading", reading),
+        ];
+        for (what, row) in rows {
+            fits(what, row, self.site.joints())?;
+        }
+        fits("clock and time step", &[sample.clock, sample.dt], 2)?;
         let known = Sample {
             force_W: self.driver.force(),
             ..*sample
@@ -100,4 +112,14 @@ impl Corrector {
         self.prediction.observation(&touch, &self.left, obs)?;
         Ok(&self.prediction.torques)
     }
+}
+
+/// Checks numbers of a sample.
+fn fits(what: &'static str, row: &[f64], joints: usize) -> Result<(), GapError> {
+    let problem = match row.iter().position(|v| !v.is_finite()) {
+        _ if row.len() != joints => format!("{} numbers for {joints} joints", row.len()),
+        Some(i) => format!("number {i} is {}", row[i]),
+        None => return Ok(()),
+    };
+    Err(GapError::Sample { what, problem })
 }

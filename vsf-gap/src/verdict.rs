@@ -56,8 +56,8 @@ pub struct Verdict {
     pub kind: Kind,
     /// Its probability.
     pub probability: f64,
-    /// The smallest set of effects that holds the truth with 95 % probability, and those that fit well
-    /// but did not stand the check on other sequences.
+    /// The smallest set of effects that, if the cause is one that shows, holds it with 95 % probability;
+    /// and those that fit well but did not stand the check on other sequences.
     pub effect_set_95: Vec<String>,
 }
 
@@ -68,6 +68,22 @@ pub(crate) struct Hypothesis<'a> {
     gain: f64,
     threshold: f64,
     rough: f64,
+}
+
+impl Verdict {
+    /// Most of the gap is closed, however rough the rest: not unknown after all.
+    pub(crate) fn explain(&mut self) {
+        if self.kind == Kind::Unknown && !self.effects.is_empty() {
+            self.kind = kind_of_claim(self.probability, &self.effect_set_95);
+        }
+    }
+}
+
+fn kind_of_claim(probability: f64, effect_set_95: &[String]) -> Kind {
+    match probability >= NAMED && effect_set_95.len() <= MOST_ALIKE {
+        true => Kind::Effects,
+        false => Kind::NotDiagnosable,
+    }
 }
 
 impl<'a> Hypothesis<'a> {
@@ -205,12 +221,9 @@ pub(crate) fn judge(
     let (kind, probability) = match named {
         Some(i) => {
             let p = weights[i] / total;
-            let kind = if hypotheses[i].refined.spread.joint >= ROUGH {
-                Kind::Unknown
-            } else if p >= NAMED && effect_set_95.len() <= MOST_ALIKE {
-                Kind::Effects
-            } else {
-                Kind::NotDiagnosable
+            let kind = match hypotheses[i].refined.spread.joint >= ROUGH {
+                true => Kind::Unknown,
+                false => kind_of_claim(p, &effect_set_95),
             };
             (kind, p)
         }

@@ -177,6 +177,42 @@ fn a_loop_has_the_observations_of_the_recording() {
 }
 
 #[test]
+fn a_control_loop_refuses_samples_that_do_not_fit() {
+    for campaign in [pressed(), swung()] {
+        let model = Model::default();
+        let mut online = Corrector::new(&campaign.site, campaign.scene.as_ref(), &model).unwrap();
+        let unit = Noise::uniform(campaign.site.joints(), 1.0).unwrap();
+        let mut obs = Observation::new(unit);
+        let motion = campaign.session()[0];
+        let good = motion.sample(0, 0, nalgebra::Vector3::zeros());
+        let reading = &motion.reading[0];
+        let bad = [f64::NAN, 0.0, 0.0];
+        for row in [&reading[..2], &[], &bad] {
+            let samples = [
+                vsf_gap::Sample { q: row, ..good },
+                vsf_gap::Sample { qd: row, ..good },
+                vsf_gap::Sample { qdd: row, ..good },
+                vsf_gap::Sample { load: row, ..good },
+                vsf_gap::Sample {
+                    reading: row,
+                    ..good
+                },
+            ];
+            for sample in samples {
+                let refused = online.step(&sample, reading, &mut obs).unwrap_err();
+                assert!(matches!(refused, GapError::Sample { .. }), "{refused}");
+            }
+            let refused = online.step(&good, row, &mut obs).unwrap_err();
+            assert!(refused.to_string().contains("reading of the sample"));
+        }
+        let dt = f64::INFINITY;
+        let late = vsf_gap::Sample { dt, ..good };
+        online.step(&late, reading, &mut obs).unwrap_err();
+        online.step(&good, reading, &mut obs).unwrap();
+    }
+}
+
+#[test]
 fn simulated_readings_are_explained_by_their_model() {
     for (campaign, name, theta) in [
         (pressed(), "torque_bias", vec![0.1, -0.2, 0.3]),
