@@ -7,7 +7,7 @@ use serde::{Deserialize, Serialize};
 /// A gain of log evidence (nats) below which nothing is looked into further.
 pub(crate) const EVIDENT: f64 = 12.0;
 /// Nats for one e-fold of probability. Models are never quite right, so that evidence overstates
-/// what it knows; measured as the value that makes stated probabilities come true.
+/// what it knows; on labelled recordings, stated probabilities come about true with this one.
 const TEMPERATURE: f64 = 7.0;
 /// Roughness of contact, and how many times more effects of contact gain from there on.
 const ROUGHNESS: [(f64, f64); 2] = [(0.1, 1.6), (0.3, 3.0)];
