@@ -271,7 +271,7 @@ pub fn diagnose(
     }
     let (mut model, mut after, mut corrected_field) = (nominal.clone(), before.clone(), field);
     let mut sd = Vec::new();
-    let mut aside: Vec<String> = Vec::new();
+    let mut aside: Vec<(Vec<String>, f64)> = Vec::new();
     // What is named has to stand the check.
     let judged = loop {
         let judged = judge(&hypotheses, &without, &spreads, fitted.touches());
@@ -286,20 +286,16 @@ pub fn diagnose(
             sd.clone_from(&refined.sd);
             break judged;
         }
-        let which = judged.verdict.effects.join(" and ");
-        let (now, then) = (residuals.mean_error(), before.mean_error());
+        let now = residuals.mean_error();
         if stands {
+            let (which, then) = (judged.verdict.effects.join(" and "), before.mean_error());
             notes.push(format!(
                 "with {which} the test sequences are predicted worse ({now:.3} instead of {then:.3}): \
                  the corrected model is the nominal one"
             ));
             break judged;
         }
-        notes.push(format!(
-            "{which} fits the train sequences better, but the test sequences do not bear it out ({now:.3} \
-             instead of {then:.3}): it is left aside"
-        ));
-        aside.extend(judged.verdict.effects);
+        aside.push((judged.verdict.effects, now));
         hypotheses.remove(i);
     };
     let closed = closure(&before, &after, &noise, checked, seed);
@@ -307,11 +303,23 @@ pub fn diagnose(
     if closed.fraction >= MOSTLY {
         verdict.explain();
     }
+    if !aside.is_empty() {
+        let all = aside
+            .iter()
+            .map(|(which, error)| format!("{} ({error:.3})", which.join(" and ")));
+        notes.push(format!(
+            "left aside, since the test sequences do not bear them out enough for what they gain on the \
+             train sequences: {}; test error without them {:.3}",
+            all.collect::<Vec<_>>().join(", "),
+            before.mean_error()
+        ));
+    }
     // Not borne out is not ruled out.
-    aside.retain(|effect| !verdict.effect_set_95.contains(effect));
-    aside.sort();
-    aside.dedup();
-    verdict.effect_set_95.append(&mut aside);
+    for effect in aside.into_iter().flat_map(|(which, _)| which) {
+        if !verdict.effect_set_95.contains(&effect) {
+            verdict.effect_set_95.push(effect);
+        }
+    }
     let r#where = locate(
         whole,
         &model,

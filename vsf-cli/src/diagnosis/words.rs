@@ -1,6 +1,9 @@
 use crate::console::number;
 use vsf::gap::{Diagnosis, EffectReport, Kind, Of, Verdict};
 
+/// Test errors beyond so many noise floors are explained to the reader.
+const ROUGH: f64 = 3.0;
+
 /// The answer in one sentence.
 pub fn verdict(verdict: &Verdict) -> String {
     let p = percent(verdict.probability);
@@ -15,7 +18,7 @@ pub fn verdict(verdict: &Verdict) -> String {
             format!("{effects} {verb} the gap (probability {p}).")
         }
         Kind::NoGap => format!(
-            "No gap: nothing is missing from the nominal model that this recording could show (probability {p})."
+            "No gap: no effect is borne out by this recording (probability that none acts: {p})."
         ),
         Kind::Unknown if effects.is_empty() => {
             "Unknown: something acts that is not in the catalogue.".to_owned()
@@ -47,7 +50,16 @@ pub fn errors(diagnosis: &Diagnosis) -> String {
     };
     if gap.test_error_corrected == gap.test_error_nominal {
         let error = number(gap.test_error_nominal);
-        return format!("Test error {error} {unit}{floor}; nothing is corrected.");
+        let left = match diagnosis.verdict.kind == Kind::NoGap
+            && !diagnosis.r#where.region.is_empty()
+            && gap.test_error_nominal > ROUGH * gap.noise_floor
+        {
+            true => {
+                " What is left is places not touched before, and contact that independent points describe roughly."
+            }
+            false => "",
+        };
+        return format!("Test error {error} {unit}{floor}; nothing is corrected.{left}");
     }
     format!(
         "Test error {} {unit} before, {} {unit} after{floor}: {} of the gap closed (95 %: {} to {}).",
