@@ -161,6 +161,15 @@ impl Step {
     ];
 }
 
+/// A fitted model on sequences that it was not fitted to.
+struct Check {
+    effects: Vec<String>,
+    /// Mean error (N m or N).
+    error: f64,
+    /// Share of the gap that it closes.
+    closed: f64,
+}
+
 struct Candidate {
     effect: Arc<dyn Effect>,
     /// Gain in screening (nats).
@@ -271,42 +280,45 @@ pub fn diagnose(
     }
     let (mut model, mut after, mut corrected_field) = (nominal.clone(), before.clone(), field);
     let mut sd = Vec::new();
-    let mut aside: Vec<(Vec<String>, f64)> = Vec::new();
-    // What is named has to stand the check.
+    let mut checks: Vec<Check> = Vec::new();
+    // What is named has to stand the check: all but the last have failed it, or all if nothing is named.
     let judged = loop {
-        let judged = judge(&hypotheses, &without, &spreads, fitted.touches());
+        let judged = judge(&hypotheses, &spread, fitted.touches());
         let Some(i) = judged.named else { break judged };
         let refined = hypotheses[i].refined;
         let (field, residuals) = campaign.checked(&refined.model, &refined.spread, whole, &all)?;
-        let worse = residuals.mean_error() > before.mean_error();
+        let error = residuals.mean_error();
+        let worse = error > before.mean_error();
         let closed = closure(&before, &residuals, &noise, checked, seed).fraction;
         let stands = hypotheses[i].stands(closed, worse);
+        checks.push(Check {
+            effects: judged.verdict.effects.clone(),
+            error,
+            closed,
+        });
         if !worse && stands {
             (model, after, corrected_field) = (refined.model.clone(), residuals, field);
             sd.clone_from(&refined.sd);
             break judged;
         }
-        let now = residuals.mean_error();
         if stands {
             let (which, then) = (judged.verdict.effects.join(" and "), before.mean_error());
             notes.push(format!(
-                "with {which} the test sequences are predicted worse ({now:.3} instead of {then:.3}): \
+                "with {which} the test sequences are predicted worse ({error:.3} instead of {then:.3}): \
                  the corrected model is the nominal one"
             ));
             break judged;
         }
-        aside.push((judged.verdict.effects, now));
         hypotheses.remove(i);
     };
     let closed = closure(&before, &after, &noise, checked, seed);
+    let aside = &checks[..checks.len() - usize::from(judged.named.is_some())];
     let mut verdict = judged.verdict;
     if closed.fraction >= MOSTLY {
         verdict.explain();
     }
     if !aside.is_empty() {
-        let all = aside
-            .iter()
-            .map(|(which, error)| format!("{} ({error:.3})", which.join(" and ")));
+        let all = (aside.iter()).map(|c| format!("{} ({:.3})", c.effects.join(" and "), c.error));
         notes.push(format!(
             "left aside, since the test sequences do not bear them out enough for what they gain on the \
              train sequences: {}; test error without them {:.3}",
@@ -315,9 +327,9 @@ pub fn diagnose(
         ));
     }
     // Not borne out is not ruled out.
-    for effect in aside.into_iter().flat_map(|(which, _)| which) {
-        if !verdict.effect_set_95.contains(&effect) {
-            verdict.effect_set_95.push(effect);
+    for effect in aside.iter().flat_map(|c| &c.effects) {
+        if !verdict.effect_set_95.contains(effect) {
+            verdict.effect_set_95.push(effect.clone());
         }
     }
     let r#where = locate(
@@ -341,10 +353,19 @@ pub fn diagnose(
     for candidate in &candidates {
         let mut report = campaign.report(candidate, &tangents, base, &judged.probabilities);
         if let Some(refined) = candidate.refined.as_ref().filter(|_| reports.len() < 3) {
-            let (_, residuals) = campaign.checked(&refined.model, &refined.spread, whole, &all)?;
-            report.test_error = Some(residuals.mean_error());
-            report.closed_fraction =
-                Some(closure(&before, &residuals, &noise, checked, seed).fraction);
+            let known = checks
+                .iter()
+                .find(|c| c.effects == [report.effect.as_str()]);
+            let (error, closed) = match known {
+                Some(check) => (check.error, check.closed),
+                None => {
+                    let (_, residuals) =
+                        campaign.checked(&refined.model, &refined.spread, whole, &all)?;
+                    let closed = closure(&before, &residuals, &noise, checked, seed).fraction;
+                    (residuals.mean_error(), closed)
+                }
+            };
+            (report.test_error, report.closed_fraction) = (Some(error), Some(closed));
         }
         // Of effects that are named together, parameters are those that they have together.
         let mut of_part = 0;

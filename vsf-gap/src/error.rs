@@ -28,14 +28,6 @@ pub enum GapError {
         /// Its value.
         value: f64,
     },
-    /// A sample that does not fit the robot.
-    #[error("{what} of the sample: {problem}")]
-    Sample {
-        /// Which of its numbers.
-        what: &'static str,
-        /// What is wrong with them.
-        problem: String,
-    },
     /// A name that is not in the catalogue.
     #[error("no effect {name:?}; there are {known}")]
     UnknownEffect {

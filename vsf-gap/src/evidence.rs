@@ -68,22 +68,10 @@ impl Parts {
         }
     }
 
-    /// The parts without some points: `design` holds the points that are left, `out` the columns of
-    /// those that are not.
-    #[must_use]
-    pub(crate) fn without(&self, out: &Mat<f64>, design: &Design, rest: &[Point3<f64>]) -> Self {
-        let mut points = self.points.clone();
-        add_outer(&mut points, out, -1.0);
-        let (smooth, level) = common(design, rest);
-        Self {
-            windows: self.windows.clone(),
-            noise: self.noise.clone(),
-            points,
-            smooth,
-            level,
-            lever: self.lever.clone(),
-            joint_rms: self.joint_rms.clone(),
-        }
+    /// Takes points out: `design` holds the points that are left, `out` the columns of those that are not.
+    pub(crate) fn leave_out(&mut self, out: &Mat<f64>, design: &Design, rest: &[Point3<f64>]) {
+        add_outer(&mut self.points, out, -1.0);
+        (self.smooth, self.level) = common(design, rest);
     }
 
     /// Torques of a field of 1 N/m everywhere.
@@ -175,8 +163,8 @@ fn outer(a: &Mat<f64>) -> Mat<f64> {
     out
 }
 
-/// Adds `times A A^T`, lower triangle.
-fn add_outer(to: &mut Mat<f64>, a: &Mat<f64>, times: f64) {
+/// Adds `sign A A^T`, lower triangle.
+fn add_outer(to: &mut Mat<f64>, a: &Mat<f64>, sign: f64) {
     if a.ncols() > 0 {
         triangular::matmul(
             to.as_mut(),
@@ -186,7 +174,7 @@ fn add_outer(to: &mut Mat<f64>, a: &Mat<f64>, times: f64) {
             triangular::BlockStructure::Rectangular,
             a.transpose(),
             triangular::BlockStructure::Rectangular,
-            times,
+            sign,
             Par::Seq,
         );
     }

@@ -121,7 +121,7 @@ impl Fitted<'_> {
         self.design.points = kept.iter().map(|&k| self.design.points[k]).collect();
         self.design.w = w;
         let rest = campaign.site.rest.positions();
-        self.parts = self.parts.without(&out, &self.design, rest);
+        self.parts.leave_out(&out, &self.design, rest);
     }
 
     /// Whether anything is touched.

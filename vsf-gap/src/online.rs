@@ -1,6 +1,6 @@
 use crate::forward::{ContactDriver, Model, Prediction, rigid_change};
 use crate::{Compensator, GapError, Sample, Site, Touch};
-use vsf_core::{Contacts, Observation, Posture};
+use vsf_core::{Contacts, CoreError, Observation, Posture};
 use vsf_data::TorqueKind;
 use vsf_pipeline::Scene;
 use vsf_robots::DynamicsWorkspace;
@@ -69,17 +69,18 @@ impl Corrector {
         obs: &mut Observation<f64>,
     ) -> Result<&[f64], GapError> {
         let rows = [
-            ("positions", sample.q),
-            ("velocities", sample.qd),
-            ("accelerations", sample.qdd),
-            ("smoothed reading", sample.reading),
-            ("load", sample.load),
-            ("reading", reading),
+            ("positions of the sample", sample.q),
+            ("velocities of the sample", sample.qd),
+            ("accelerations of the sample", sample.qdd),
+            ("smoothed reading of the sample", sample.reading),
+            ("load of the sample", sample.load),
+            ("reading of the sample", reading),
         ];
         for (what, row) in rows {
-            fits(what, row, self.site.joints())?;
+            CoreError::check_len(what, row.len(), self.site.joints())?;
+            CoreError::check_finite(what, row)?;
         }
-        fits("clock and time step", &[sample.clock, sample.dt], 2)?;
+        CoreError::check_finite("clock and time step", &[sample.clock, sample.dt])?;
         let known = Sample {
             force_W: self.driver.force(),
             ..*sample
@@ -112,14 +113,4 @@ impl Corrector {
         self.prediction.observation(&touch, &self.left, obs)?;
         Ok(&self.prediction.torques)
     }
-}
-
-/// Checks numbers of a sample.
-fn fits(what: &'static str, row: &[f64], joints: usize) -> Result<(), GapError> {
-    let problem = match row.iter().position(|v| !v.is_finite()) {
-        _ if row.len() != joints => format!("{} numbers for {joints} joints", row.len()),
-        Some(i) => format!("number {i} is {}", row[i]),
-        None => return Ok(()),
-    };
-    Err(GapError::Sample { what, problem })
 }

@@ -72,10 +72,13 @@ impl Campaign {
             let k = best_of(&values);
             match values.get(k) {
                 Some(v) if *v >= most + WORTHWHILE => {
-                    let way = Way::new(&best, &tried[k], size, &parameters);
+                    let way: Vec<f64> = (tried[k].iter().zip(&best))
+                        .map(|(t, b)| (t - b) / size)
+                        .collect();
                     (best, most) = (tried.swap_remove(k), *v);
                     for _ in 0..MOST_FOLLOWING {
-                        let [ahead, behind] = [1.0, -1.0].map(|by| way.from(&best, by));
+                        let [ahead, behind] =
+                            [1.0, -1.0].map(|by| moved(&parameters, &best, &way, by));
                         let (a, b) = rayon::join(|| value(&ahead), || value(&behind));
                         let (a, b) = (a?, b?);
                         if a.max(b) < most + WORTHWHILE {
@@ -93,39 +96,24 @@ impl Campaign {
     }
 }
 
-/// The direction of a step, one scale long.
-struct Way<'a> {
-    parameters: &'a [Parameter],
-    scale: Vec<f64>,
-}
-
-impl<'a> Way<'a> {
-    /// Of a step of so many scales.
-    fn new(from: &[f64], to: &[f64], scales: f64, parameters: &'a [Parameter]) -> Self {
-        let scale = to.iter().zip(from).map(|(t, f)| (t - f) / scales).collect();
-        Self { parameters, scale }
-    }
-
-    /// So many scales further, within bounds.
-    fn from(&self, theta: &[f64], by: f64) -> Vec<f64> {
-        let bounds = self.parameters.iter().map(|p| p.bounds);
-        (theta.iter().zip(&self.scale).zip(bounds))
-            .map(|((t, s), [lo, hi])| (t + by * s).clamp(lo, hi))
-            .collect()
-    }
+/// `theta` and `by` times `way` further, within bounds.
+fn moved(parameters: &[Parameter], theta: &[f64], way: &[f64], by: f64) -> Vec<f64> {
+    (parameters.iter().zip(theta).zip(way))
+        .map(|((p, t), w)| (t + by * w).clamp(p.bounds[0], p.bounds[1]))
+        .collect()
 }
 
 /// Steps of so many scales from `theta`, of every amplitude of the whole session on its own; of
 /// compliances, which cannot be negative, of all together as well.
 fn steps(parameters: &[Parameter], theta: &[f64], size: f64) -> Vec<Vec<f64>> {
     let moves = |p: &Parameter| p.role == Role::Amplitude && p.sequence.is_none();
-    let step = |which: &dyn Fn(usize) -> bool, size: f64| -> Vec<f64> {
-        let all = parameters.iter().zip(theta).enumerate();
-        let of = |(i, (p, t)): (usize, (&Parameter, &f64))| match moves(p) && which(i) {
-            true => (t + size * p.scale).clamp(p.bounds[0], p.bounds[1]),
-            false => *t,
+    let step = |which: &dyn Fn(usize) -> bool, size: f64| {
+        let own = |(i, p): (usize, &Parameter)| match moves(p) && which(i) {
+            true => p.scale,
+            false => 0.0,
         };
-        all.map(of).collect()
+        let way: Vec<f64> = parameters.iter().enumerate().map(own).collect();
+        moved(parameters, theta, &way, size)
     };
     let mut steps: Vec<Vec<f64>> = (0..parameters.len())
         .flat_map(|k| [-size, size].map(|size| step(&|i| i == k, size)))

@@ -1,6 +1,5 @@
 use crate::evidence::Spread;
 use crate::refine::Refined;
-use crate::screen::best_of;
 use crate::{Acts, Effect};
 use serde::{Deserialize, Serialize};
 
@@ -170,20 +169,14 @@ pub(crate) struct Judged {
     pub(crate) probabilities: Vec<(String, f64)>,
 }
 
-/// Weighs the hypotheses against each other and against no gap. `nominal` is the log evidence of
-/// the nominal model at each of `spreads`; `touched` if there is contact.
-pub(crate) fn judge(
-    hypotheses: &[Hypothesis<'_>],
-    nominal: &[f64],
-    spreads: &[Spread],
-    touched: bool,
-) -> Judged {
-    let smoothest = spreads[best_of(nominal)];
+/// Weighs the hypotheses against each other and against no gap. `nominal` is the spread under which the
+/// nominal model does best; `touched` if there is contact.
+pub(crate) fn judge(hypotheses: &[Hypothesis<'_>], nominal: &Spread, touched: bool) -> Judged {
     let weight = |h: &Hypothesis<'_>| (h.gain - h.threshold) / TEMPERATURE;
     let top = hypotheses.iter().map(weight).fold(0.0_f64, f64::max);
     let weights: Vec<f64> = hypotheses.iter().map(|h| (weight(h) - top).exp()).collect();
     let none = NO_GAP * (-top).exp();
-    let unseen = match (touched, smoothest.contact >= UNSURE) {
+    let unseen = match (touched, nominal.contact >= UNSURE) {
         (true, true) => HIDDEN * none,
         (true, false) => ABSORBED * none,
         (false, _) => 0.0,
@@ -216,7 +209,6 @@ pub(crate) fn judge(
             }
         }
     }
-    let nominal_rough = smoothest.joint >= ROUGH;
     let named = best.filter(|&i| weights[i] >= none);
     let (kind, probability) = match named {
         Some(i) => {
@@ -227,7 +219,7 @@ pub(crate) fn judge(
             };
             (kind, p)
         }
-        None if nominal_rough => (Kind::Unknown, none / total),
+        None if nominal.joint >= ROUGH => (Kind::Unknown, none / total),
         None => (Kind::NoGap, none / total),
     };
     let effects = named.map_or_else(Vec::new, |i| hypotheses[i].effects());
