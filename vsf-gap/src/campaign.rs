@@ -1,5 +1,6 @@
 use crate::effect::{Need, Site};
-use crate::{GapError, effect::slides};
+use crate::noise::{JointNoise, noise_floor};
+use crate::{ContactLog, GapError, Model, effect::slides};
 use nalgebra::Vector3;
 use std::ops::Range;
 use std::sync::Arc;
@@ -102,6 +103,44 @@ pub struct Campaign {
     pub train: Vec<Motion>,
     /// Sequences that check it.
     pub test: Vec<Motion>,
+    /// Noise of every joint's reading in a sample of the train sequences.
+    pub noise: Vec<JointNoise>,
+    /// Samples at the begin of every sequence whose mean its readings are relative to.
+    pub(crate) tare: usize,
+    touched: Touched,
+}
+
+/// What the train sequences touch.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
+enum Touched {
+    Nothing,
+    /// Every point once at most.
+    Once,
+    /// Some point again after it was left.
+    Again,
+}
+
+impl Touched {
+    /// By logs of the train sequences.
+    fn of(points: usize, motions: &[&Motion], logs: &[Arc<ContactLog>]) -> Self {
+        // The last row at which each point was touched, counted over all sequences.
+        let mut last: Vec<Option<usize>> = vec![None; points];
+        let (mut touched, mut now) = (Self::Nothing, 0);
+        for (motion, log) in motions.iter().zip(logs) {
+            for touch in &motion.touches {
+                now += 1;
+                for row in touch.clone() {
+                    now += 1;
+                    for &p in log.contacts[row].points() {
+                        let again = last[p as usize].is_some_and(|before| before + 1 < now);
+                        touched = touched.max(if again { Self::Again } else { Self::Once });
+                        last[p as usize] = Some(now);
+                    }
+                }
+            }
+        }
+        touched
+    }
 }
 
 impl Campaign {
@@ -109,7 +148,7 @@ impl Campaign {
     /// move in free air. Without a test split the last train sequence checks, where there are two.
     ///
     /// # Errors
-    /// Robot, scene, torques or motions that cannot be read.
+    /// Robot, scene, torques or motions that cannot be read, rows that contact cannot take.
     pub fn open(dataset: &Dataset, options: &SceneOptions) -> Result<Self, GapError> {
         match dataset.rest_points.is_none() && dataset.field.is_none() {
             true => Self::in_air(dataset, robot_of(dataset, &options.packages)?),
@@ -120,7 +159,7 @@ impl Campaign {
     /// [`Campaign::open`] of a recording whose scene is at hand.
     ///
     /// # Errors
-    /// Torques or motions that cannot be read.
+    /// Torques or motions that cannot be read, rows that contact cannot take.
     pub fn in_scene(dataset: &Dataset, scene: Scene) -> Result<Self, GapError> {
         let (robot, rest) = (Arc::new(scene.robot.clone()), scene.rest.clone());
         Self::new(dataset, robot, rest, Some(scene))
@@ -174,12 +213,21 @@ impl Campaign {
             }
         }
         site.duration = clock.map_or(1.0, |c| c.end.max(1.0));
-        Ok(Self {
+        let mut campaign = Self {
             site,
             scene,
             train: trained,
             test: tested,
-        })
+            noise: Vec::new(),
+            tare: dataset.tare_samples,
+            touched: Touched::Nothing,
+        };
+        let motions: Vec<&Motion> = campaign.train.iter().collect();
+        let logs = campaign.contact_logs(&Model::default(), &motions)?;
+        let touched = Touched::of(campaign.site.rest.len(), &motions, &logs);
+        let noise = noise_floor(&motions, &logs, campaign.site.joints());
+        (campaign.noise, campaign.touched) = (noise, touched);
+        Ok(campaign)
     }
 
     /// All sequences in session order.
@@ -205,6 +253,9 @@ impl Campaign {
                 .map(|m| m.thinned(by))
                 .collect::<Result<_, _>>()?,
             test: self.test.clone(),
+            noise: self.noise.iter().map(|n| n.of_means(by)).collect(),
+            tare: self.tare.div_ceil(by),
+            touched: self.touched,
         })
     }
 
@@ -213,8 +264,11 @@ impl Campaign {
         let site = &self.site;
         let lack = match need {
             Need::Contact => (
-                self.scene.is_none(),
-                "nothing is touched: the recording has no points",
+                self.touched < Touched::Once,
+                match self.scene {
+                    Some(_) => "the train sequences touch no point",
+                    None => "nothing is touched: the recording has no points",
+                },
             ),
             Need::Measured => (
                 site.torque_kind != TorqueKind::Measured,
@@ -226,10 +280,8 @@ impl Campaign {
                 "no joint turns against gravity",
             ),
             Need::Retouch => (
-                self.scene.is_none()
-                    || self.train.len() + self.train.iter().map(|m| m.touches.len()).sum::<usize>()
-                        < 2,
-                "nothing is touched twice",
+                self.touched < Touched::Again,
+                "no point is touched twice in the train sequences",
             ),
         };
         lack.0.then(|| lack.1.to_owned())

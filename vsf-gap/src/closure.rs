@@ -7,7 +7,7 @@ use rand_pcg::Pcg64Mcg;
 /// Rounds of leaving out points whose stiffness came out negative.
 const ROUNDS: usize = 3;
 /// Length of a block of samples that is drawn as a whole (s), and number of draws.
-const BLOCK: f64 = 0.5;
+const BLOCK: f64 = 3.0;
 const DRAWS: usize = 400;
 
 /// Residuals of a model on sequences, per sample and joint.

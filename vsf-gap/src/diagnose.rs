@@ -1,13 +1,12 @@
 use crate::closure::{Residuals, closure, noise_norm};
-use crate::evidence::Normal;
-use crate::evidence::{Factor, Spread};
+use crate::effect::{EVIDENT, check_effect};
+use crate::evidence::{Factor, Normal, Spread};
 use crate::locate::{Where, locate};
 use crate::next::{NextExperiment, next_experiment};
-use crate::noise::noise_floor;
 use crate::nominal::Fitted;
 use crate::refine::Refined;
 use crate::screen::{Screened, Tangent, best_of, log_mean_exp, screen};
-use crate::verdict::{EVIDENT, Hypothesis, Verdict, judge, needed_beside, threshold};
+use crate::verdict::{Hypothesis, Verdict, judge, needed_beside, threshold};
 use crate::windows::Windows;
 use crate::{Acts, Campaign, Effect, GapError, Model, Motion, Parameter, Role};
 use faer::Mat;
@@ -48,7 +47,8 @@ pub struct EffectReport {
     pub effect: String,
     /// Probability that it acts.
     pub probability: f64,
-    /// Gain of log evidence over the nominal model (nats).
+    /// Gain of log evidence over the nominal model (nats); of effects that were not fitted, to first
+    /// order.
     pub score: f64,
     /// Its parameters, in the corrected model if it is part of it; empty for effects that were not
     /// fitted.
@@ -172,9 +172,9 @@ struct Check {
 
 struct Candidate {
     effect: Arc<dyn Effect>,
-    /// Gain in screening (nats).
+    /// What screening found at its best start, and the gain there (nats).
+    found: Screened,
     screened: f64,
-    tangent: usize,
     refined: Option<Refined>,
 }
 
@@ -182,7 +182,8 @@ struct Candidate {
 /// `progress` is told each step as it begins. Time: seconds to a minute; see the guide.
 ///
 /// # Errors
-/// Rows that contact cannot take, covariances that are not positive definite.
+/// No train sequence, effects whose parameters or starts cannot be, rows that contact cannot take,
+/// covariances that are not positive definite.
 pub fn diagnose(
     campaign: &Campaign,
     name: &str,
@@ -195,6 +196,9 @@ pub fn diagnose(
             what: "train sequences",
             problem: "there are none; give the recording a train split".to_owned(),
         });
+    }
+    for effect in effects {
+        check_effect(effect.as_ref(), &campaign.site)?;
     }
     progress(Step::Nominal);
     let nominal = Model::default();
@@ -234,29 +238,23 @@ pub fn diagnose(
     progress(Step::Finalists);
     let leader = candidates.first().map_or(0.0, |c| c.screened);
     (candidates.par_iter_mut().enumerate()).try_for_each(|(rank, candidate)| {
-        let tangent = &tangents[candidate.tangent];
+        let tangent = &tangents[candidate.found.tangent];
         let moves = tangent.effect.acts() == Acts::Contact;
         let near = candidate.screened > leader - HOPELESS;
-        let found = (screening.candidates.iter()).find(|s| s.tangent == candidate.tangent);
-        if let Some(found) = found
-            && near
-            && (rank < FINALISTS || moves && leader < HOPELESS)
-        {
-            let start = campaign.start(&nominal, tangent, found, &spread)?;
-            let sd = tangent.prior(&campaign.site);
-            candidate.refined = Some(campaign.refine(&start, &sd, &found.spread)?);
+        if near && (rank < FINALISTS || moves && leader < HOPELESS) {
+            candidate.refined = Some(campaign.refined(tangent, &candidate.found, &spread)?);
         }
         Ok::<(), GapError>(())
     })?;
-    candidates.sort_by(|a, b| b.score(base).total_cmp(&a.score(base)));
+    // What was not fitted was out of reach of the best.
+    candidates.sort_by(|a, b| {
+        let key = |c: &Candidate| (c.refined.is_some(), c.score(base));
+        let ((fitted_a, a), (fitted_b, b)) = (key(a), key(b));
+        fitted_b.cmp(&fitted_a).then(b.total_cmp(&a))
+    });
 
     progress(Step::Pairs);
-    let mut pair = None;
-    if let Some(best) = candidates.first().and_then(|c| c.refined.as_ref())
-        && best.log_evidence - base > EVIDENT
-    {
-        pair = campaign.second(best, &tangents, &candidates, base, spread.contact)?;
-    }
+    let pair = campaign.pair(&tangents, &mut candidates, base, &spread)?;
 
     progress(Step::Check);
     let mut hypotheses: Vec<Hypothesis<'_>> = (candidates.iter())
@@ -270,9 +268,8 @@ pub fn diagnose(
         false => &whole.test,
     };
     let all: Vec<&Motion> = checked.iter().collect();
-    let logs = whole.contact_logs(&nominal, &all)?;
-    let noise = noise_floor(&all, &logs, whole.site.joints());
-    let floor = noise_norm(&noise);
+    let noise = &whole.noise;
+    let floor = noise_norm(noise);
     let before = whole.residuals(&nominal, &field, &all)?;
     let mut notes = Vec::new();
     if campaign.test.is_empty() {
@@ -289,7 +286,7 @@ pub fn diagnose(
         let (field, residuals) = campaign.checked(&refined.model, &refined.spread, whole, &all)?;
         let error = residuals.mean_error();
         let worse = error > before.mean_error();
-        let closed = closure(&before, &residuals, &noise, checked, seed).fraction;
+        let closed = closure(&before, &residuals, noise, checked, seed).fraction;
         let stands = hypotheses[i].stands(closed, worse);
         checks.push(Check {
             effects: judged.verdict.effects.clone(),
@@ -311,7 +308,7 @@ pub fn diagnose(
         }
         hypotheses.remove(i);
     };
-    let closed = closure(&before, &after, &noise, checked, seed);
+    let closed = closure(&before, &after, noise, checked, seed);
     let aside = &checks[..checks.len() - usize::from(judged.named.is_some())];
     let mut verdict = judged.verdict;
     if closed.fraction >= MOSTLY {
@@ -338,7 +335,7 @@ pub fn diagnose(
         &corrected_field,
         &before,
         checked,
-        &noise,
+        noise,
         seed,
     )?;
     let bare = Spread {
@@ -361,7 +358,7 @@ pub fn diagnose(
                 None => {
                     let (_, residuals) =
                         campaign.checked(&refined.model, &refined.spread, whole, &all)?;
-                    let closed = closure(&before, &residuals, &noise, checked, seed).fraction;
+                    let closed = closure(&before, &residuals, noise, checked, seed).fraction;
                     (residuals.mean_error(), closed)
                 }
             };
@@ -378,16 +375,15 @@ pub fn diagnose(
             }
         }
         report.absorbed_share =
-            (factors.as_ref()).and_then(|f| absorbed(f, &tangents[candidate.tangent]));
+            (factors.as_ref()).and_then(|f| absorbed(f, &tangents[candidate.found.tangent]));
         report.ambiguous_with = (likeness.iter())
             .filter(|(a, _, share)| a == candidate.effect.name() && *share > ALIKE)
             .map(|(_, b, _)| b.clone())
             .collect();
         reports.push(report);
     }
-    reports.sort_by(|a, b| {
-        (b.probability.total_cmp(&a.probability)).then(b.score.total_cmp(&a.score))
-    });
+    // Fitted ones come before the others, best first.
+    reports.sort_by(|a, b| b.probability.total_cmp(&a.probability));
     reports.extend(untestable.into_iter().map(|(effect, reason)| EffectReport {
         effect: effect.name().to_owned(),
         probability: 0.0,
@@ -434,11 +430,11 @@ pub fn diagnose(
 }
 
 impl Candidate {
+    /// Gain of log evidence (nats); in screening if it was not fitted.
     fn score(&self, base: f64) -> f64 {
         match &self.refined {
             Some(refined) => refined.log_evidence - base,
-            // Not fitted: it was out of reach of the best.
-            None => self.screened.min(0.0) - HOPELESS,
+            None => self.screened,
         }
     }
 }
@@ -451,11 +447,11 @@ fn best_starts(tangents: &[Tangent], screened: &[Screened], base: f64) -> Vec<Ca
         let gain = s.log_evidence - base;
         match best.iter_mut().find(|c| c.effect.name() == effect.name()) {
             Some(c) if c.screened >= gain => {}
-            Some(c) => (c.screened, c.tangent) = (gain, s.tangent),
+            Some(c) => (c.screened, c.found) = (gain, s.clone()),
             None => best.push(Candidate {
                 effect: effect.clone(),
+                found: s.clone(),
                 screened: gain,
-                tangent: s.tangent,
                 refined: None,
             }),
         }
@@ -465,23 +461,42 @@ fn best_starts(tangents: &[Tangent], screened: &[Screened], base: f64) -> Vec<Ca
 }
 
 impl Campaign {
-    /// The best model of two effects, one of them the best single one, if the second earns it.
-    fn second(
+    /// The nominal model with one effect, fitted from what screening found of it.
+    fn refined(
         &self,
-        best: &Refined,
+        tangent: &Tangent,
+        found: &Screened,
+        spread: &Spread,
+    ) -> Result<Refined, GapError> {
+        let start = self.start(&Model::default(), tangent, found, spread)?;
+        self.refine(&start, &tangent.prior(&self.site), &found.spread)
+    }
+
+    /// The best model of two effects, the best single one and another, if the other earns it. Others
+    /// that it takes are fitted alone as well, if they are not yet.
+    fn pair(
+        &self,
         tangents: &[Tangent],
-        candidates: &[Candidate],
+        candidates: &mut [Candidate],
         base: f64,
-        rough: f64,
+        nominal: &Spread,
     ) -> Result<Option<Refined>, GapError> {
+        let Some((leader, rest)) = candidates.split_first_mut() else {
+            return Ok(None);
+        };
+        let first = &tangents[leader.found.tangent];
+        let Some(best) = leader
+            .refined
+            .as_ref()
+            .filter(|r| r.log_evidence - base > EVIDENT)
+        else {
+            return Ok(None);
+        };
         let fitted = self.fitted(&best.model, &self.train)?;
-        let first = best.model.parts[0].0.name().to_owned();
         let mut others = Vec::new();
-        for candidate in candidates {
+        for candidate in &*rest {
             let effect = &candidate.effect;
-            if effect.name() != first {
-                others.extend(self.tangents(&best.model, &fitted, &best.stiffness, effect)?);
-            }
+            others.extend(self.tangents(&best.model, &fitted, &best.stiffness, effect)?);
         }
         let torques = fitted.predicted(&best.stiffness);
         let screening = screen(&fitted, &torques, &others, &fitted.roughness(&best.spread))?;
@@ -490,37 +505,32 @@ impl Campaign {
         seconds.retain(|c| c.screened > EVIDENT);
         seconds.truncate(SECONDS);
         let mut found: Option<Refined> = None;
-        let prior = |name: &str| {
-            tangents
-                .iter()
-                .find(|t| t.effect.name() == name)
-                .map(|t| t.prior(&self.site))
-        };
         for second in seconds {
-            let tangent = &others[second.tangent];
-            let fit = screening
-                .candidates
-                .iter()
-                .find(|s| s.tangent == second.tangent);
-            let (Some(fit), Some(mut sd)) = (fit, prior(&first)) else {
+            let tangent = &others[second.found.tangent];
+            let start = self.start(&best.model, tangent, &second.found, &best.spread)?;
+            let prior = first.prior(&self.site).and(tangent.prior(&self.site));
+            let refined = self.refine(&start, &prior, &best.spread)?;
+            let needed = needed_beside(
+                tangent.effect.as_ref(),
+                best.log_evidence - base,
+                nominal.contact,
+            );
+            if refined.log_evidence - best.log_evidence <= needed {
                 continue;
-            };
-            let start = self.start(&best.model, tangent, fit, &best.spread)?;
-            sd.extend(tangent.prior(&self.site));
-            let refined = self.refine(&start, &sd, &best.spread)?;
-            let gained = refined.log_evidence - best.log_evidence;
+            }
             // Backward: the second on its own must not do as well.
-            let alone = (candidates.iter())
-                .find(|c| c.effect.name() == tangent.effect.name())
-                .map_or(f64::NEG_INFINITY, |c| c.score(base) + base);
-            let needed = needed_beside(tangent.effect.as_ref(), best.log_evidence - base, rough);
-            let both = gained > needed
-                && refined.log_evidence - alone > threshold(best.model.parts[0].0.as_ref(), rough);
-            if both
-                && found
-                    .as_ref()
-                    .is_none_or(|f| f.log_evidence < refined.log_evidence)
-            {
+            let name = tangent.effect.name();
+            if let Some(alone) = rest.iter_mut().find(|c| c.effect.name() == name) {
+                if alone.refined.is_none() {
+                    let tangent = &tangents[alone.found.tangent];
+                    alone.refined = Some(self.refined(tangent, &alone.found, nominal)?);
+                }
+                let gained = refined.log_evidence - base - alone.score(base);
+                if gained <= threshold(first.effect.as_ref(), nominal.contact) {
+                    continue;
+                }
+            }
+            if (found.as_ref()).is_none_or(|f| f.log_evidence < refined.log_evidence) {
                 found = Some(refined);
             }
         }
@@ -577,7 +587,7 @@ impl Campaign {
         base: f64,
         probabilities: &[(String, f64)],
     ) -> EffectReport {
-        let effect = &tangents[candidate.tangent].effect;
+        let effect = &tangents[candidate.found.tangent].effect;
         let (parameters, joints) = match &candidate.refined {
             Some(refined) => self.estimates(effect.as_ref(), &refined.theta, &refined.sd),
             None => Default::default(),
@@ -588,7 +598,7 @@ impl Campaign {
             probability: (probabilities.iter())
                 .find(|(n, _)| n == name)
                 .map_or(0.0, |(_, p)| *p),
-            score: candidate.score(base).max(-1e3),
+            score: candidate.score(base),
             parameters,
             joints,
             test_error: None,
@@ -641,7 +651,7 @@ fn likeness(
         let Some(refined) = &candidate.refined else {
             continue;
         };
-        let parameters = tangents[candidate.tangent].amplitudes.clone();
+        let parameters = tangents[candidate.found.tangent].amplitudes.clone();
         let columns = &refined.tangent;
         let mut all = Mat::from_fn(n, columns.len() + 1, |i, k| match k {
             0 => parameters

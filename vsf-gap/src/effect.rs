@@ -6,6 +6,9 @@ use vsf_core::{Contacts, Posture, RestPoints};
 use vsf_data::TorqueKind;
 use vsf_robots::RobotModel;
 
+/// A gain of log evidence (nats) below which nothing is looked into further.
+pub(crate) const EVIDENT: f64 = 12.0;
+
 /// What an effect acts on; it decides how much has to be computed anew when a parameter moves.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
 pub enum Acts {
@@ -191,6 +194,12 @@ pub trait Compensator: Send {
         let _ = (sample, q);
     }
 
+    /// Replaces joint velocities and accelerations by those behind the weight and inertia of the arm in
+    /// `measured` readings; called after [`Compensator::joints`].
+    fn motion(&mut self, sample: &Sample<'_>, qd: &mut [f64], qdd: &mut [f64]) {
+        let _ = (sample, qd, qdd);
+    }
+
     /// Changes the parameters of contact, once.
     fn contact(&self, config: &mut ContactConfig) {
         let _ = config;
@@ -251,10 +260,86 @@ pub trait Effect: Send + Sync {
     /// Parameters of another number, or that the robot cannot take.
     fn compensator(&self, site: &Site, theta: &[f64]) -> Result<Box<dyn Compensator>, GapError>;
 
+    /// About the largest gain of log evidence (nats) that it reaches in recordings where it does not act,
+    /// because the nominal model is not quite right and bends to it; it has to gain more to be named. By
+    /// default 12, or 15 if it reshapes springs or contact; those bend more easily.
+    fn null_gain(&self) -> f64 {
+        match self.acts() {
+            Acts::Torques => EVIDENT,
+            Acts::Springs | Acts::Contact => 15.0,
+        }
+    }
+
+    /// Whether, by where surfaces are or how they stick, it decides which points are touched and where to;
+    /// false by default. Each such choice is another model, and where contact is rough the best of many
+    /// gains hundreds of nats though none is right: there it has to prove itself on sequences that it was
+    /// not fitted to.
+    fn chooses_contacts(&self) -> bool {
+        false
+    }
+
     /// Why the campaign cannot show it, `None` when it can.
     fn untestable(&self, campaign: &Campaign) -> Option<String> {
         self.needs().iter().find_map(|need| campaign.lacks(*need))
     }
+}
+
+/// Checks what an effect says of its parameters at a site.
+///
+/// # Errors
+/// [`GapError::Model`] for bounds, scales, joints, sequences or starts that cannot be.
+pub(crate) fn check_effect(effect: &dyn Effect, site: &Site) -> Result<(), GapError> {
+    let wrong = |problem: String| {
+        Err(GapError::Model {
+            effect: effect.name().to_owned(),
+            problem,
+        })
+    };
+    let parameters = effect.parameters(site);
+    for (k, p) in parameters.iter().enumerate() {
+        let (name, [lo, hi]) = (&p.name, p.bounds);
+        let holds_zero = p.role == Role::Shape || lo <= 0.0 && hi > 0.0;
+        if !(lo.is_finite() && hi.is_finite() && lo < hi && holds_zero) {
+            return wrong(format!(
+                "the bounds of parameter {name:?} are {lo:?} .. {hi:?}; they must increase, and hold 0 and \
+                 more for amplitudes"
+            ));
+        }
+        if !(p.scale > 0.0 && p.scale.is_finite()) {
+            let scale = p.scale;
+            return wrong(format!(
+                "the scale of parameter {name:?} is {scale:?}; it must be > 0"
+            ));
+        }
+        if p.joint.is_some_and(|j| j >= site.joints())
+            || p.sequence.is_some_and(|s| s >= site.sequences.len())
+        {
+            return wrong(format!(
+                "parameter {name:?} is of a joint or sequence that there is not"
+            ));
+        }
+        if parameters[..k].iter().any(|q| q.name == *name) {
+            return wrong(format!("there are two parameters {name:?}"));
+        }
+    }
+    if parameters.iter().all(|p| p.role == Role::Shape) {
+        return wrong("none of its parameters is an amplitude".to_owned());
+    }
+    let starts = effect.starts(site);
+    if starts.is_empty() {
+        return wrong("it has no start".to_owned());
+    }
+    for start in starts {
+        check(effect.name(), &start, parameters.len())?;
+        let out = |(p, t): &(&Parameter, &f64)| !(p.bounds[0]..=p.bounds[1]).contains(*t);
+        if let Some((p, t)) = parameters.iter().zip(&start).find(out) {
+            let name = &p.name;
+            return wrong(format!(
+                "a start has {t:?} for parameter {name:?}, out of its bounds"
+            ));
+        }
+    }
+    Ok(())
 }
 
 /// One amplitude per joint, named `<prefix>_<joint from 1>`, with the joint's unit of torque per

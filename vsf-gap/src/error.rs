@@ -36,7 +36,8 @@ pub enum GapError {
         /// The names there are.
         known: String,
     },
-    /// A parameter that an effect does not have, or that is missing from a model.
+    /// A parameter that an effect does not have, or that is missing from a model; an effect whose own
+    /// parameters or starts cannot be.
     #[error("effect {effect}: {problem}")]
     Model {
         /// Name of the effect.

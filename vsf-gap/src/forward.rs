@@ -65,7 +65,7 @@ pub struct ContactLog {
 pub struct ContactDriver {
     model: Option<Box<dyn ContactModel>>,
     force: Vector3<f64>,
-    q: Vec<f64>,
+    links: Links,
 }
 
 impl Campaign {
@@ -102,7 +102,10 @@ impl Campaign {
                     &mut contacts,
                 )?;
                 if rigid {
-                    let change = rigid_change(&self.site, &driver.q, &sample, &mut workspace)?;
+                    let change =
+                        driver
+                            .links()
+                            .rigid_change(&self.site, &sample, &mut workspace)?;
                     log.rigid.extend(change);
                 }
                 log.postures.push(posture.clone());
@@ -151,7 +154,7 @@ impl ContactDriver {
         Ok(Self {
             model,
             force: Vector3::zeros(),
-            q: vec![0.0; site.joints()],
+            links: Links::new(site.joints()),
         })
     }
 
@@ -160,9 +163,9 @@ impl ContactDriver {
         self.force
     }
 
-    /// Joint positions of the links in the last step.
-    pub fn q(&self) -> &[f64] {
-        &self.q
+    /// Motion of the links in the last step.
+    pub(crate) fn links(&self) -> &Links {
+        &self.links
     }
 
     /// Forgets all contacts.
@@ -185,7 +188,7 @@ impl ContactDriver {
         posture: &mut Posture,
         contacts: &mut Contacts,
     ) -> Result<(), GapError> {
-        place(site, compensators, sample, &mut self.q, posture)?;
+        self.links.place(site, compensators, sample, posture)?;
         if let Some(model) = &mut self.model {
             model.step(&site.rest, posture, contacts)?;
             self.force = force_behind(
@@ -201,45 +204,65 @@ impl ContactDriver {
     }
 }
 
-/// Puts the links where the compensators have them, in the frame of the object; their joint
-/// positions are written to `q`.
-///
-/// # Errors
-/// Positions that the robot cannot take.
-pub(crate) fn place(
-    site: &Site,
-    compensators: &mut [Box<dyn Compensator>],
-    sample: &Sample<'_>,
-    q: &mut [f64],
-    posture: &mut Posture,
-) -> Result<(), GapError> {
-    q.copy_from_slice(sample.q);
-    for c in compensators.iter_mut() {
-        c.joints(sample, q);
-    }
-    site.robot.update_posture(q, posture)?;
-    let shifts = compensators.iter_mut().map(|c| c.object_shift(sample));
-    let shift: Vector3<f64> = shifts.sum();
-    if shift != Vector3::zeros() {
-        translate(posture, &-shift);
-    }
-    Ok(())
+/// Motion of the links, which is not always what the recording has.
+pub(crate) struct Links {
+    q: Vec<f64>,
+    qd: Vec<f64>,
+    qdd: Vec<f64>,
 }
 
-/// What the reading of the actuators changes by (N m or N) because the links are at `q` and not
-/// where the recording has them.
-///
-/// # Errors
-/// Motions that the robot cannot take.
-pub(crate) fn rigid_change<'a>(
-    site: &Site,
-    q: &[f64],
-    sample: &Sample<'a>,
-    workspace: &'a mut DynamicsWorkspace,
-) -> Result<impl Iterator<Item = f64> + 'a, GapError> {
-    let (qd, qdd) = (sample.qd, sample.qdd);
-    let of_links = (site.robot).inverse_dynamics(q, qd, qdd, &site.gravity, workspace)?;
-    Ok(sample.load.iter().zip(of_links).map(|(r, l)| r - l))
+impl Links {
+    /// Of a robot with this many joints.
+    pub(crate) fn new(joints: usize) -> Self {
+        Self {
+            q: vec![0.0; joints],
+            qd: vec![0.0; joints],
+            qdd: vec![0.0; joints],
+        }
+    }
+
+    /// Moves the links as the compensators have it, in the frame of the object.
+    ///
+    /// # Errors
+    /// Positions that the robot cannot take.
+    pub(crate) fn place(
+        &mut self,
+        site: &Site,
+        compensators: &mut [Box<dyn Compensator>],
+        sample: &Sample<'_>,
+        posture: &mut Posture,
+    ) -> Result<(), GapError> {
+        self.q.copy_from_slice(sample.q);
+        self.qd.copy_from_slice(sample.qd);
+        self.qdd.copy_from_slice(sample.qdd);
+        for c in compensators.iter_mut() {
+            c.joints(sample, &mut self.q);
+            c.motion(sample, &mut self.qd, &mut self.qdd);
+        }
+        site.robot.update_posture(&self.q, posture)?;
+        let shifts = compensators.iter_mut().map(|c| c.object_shift(sample));
+        let shift: Vector3<f64> = shifts.sum();
+        if shift != Vector3::zeros() {
+            translate(posture, &-shift);
+        }
+        Ok(())
+    }
+
+    /// What the reading of the actuators changes by (N m or N) because the links do not move as the
+    /// recording has it.
+    ///
+    /// # Errors
+    /// Motions that the robot cannot take.
+    pub(crate) fn rigid_change<'a>(
+        &self,
+        site: &Site,
+        sample: &Sample<'a>,
+        workspace: &'a mut DynamicsWorkspace,
+    ) -> Result<impl Iterator<Item = f64> + 'a, GapError> {
+        let (q, qd, qdd) = (&self.q, &self.qd, &self.qdd);
+        let of_links = (site.robot).inverse_dynamics(q, qd, qdd, &site.gravity, workspace)?;
+        Ok(sample.load.iter().zip(of_links).map(|(r, l)| r - l))
+    }
 }
 
 /// The parameters of contact as the compensators have them.
@@ -319,6 +342,7 @@ fn force_behind(touch: &Touch<'_>, reading: &[f64]) -> Vector3<f64> {
 }
 
 /// What a model says about one sample, given its contacts.
+#[derive(Debug, Clone)]
 pub struct Prediction {
     /// Springs of the touched points (m, world): the stiffness multiplies them.
     pub springs: Vec<Vector3<f64>>,
@@ -331,7 +355,8 @@ pub struct Prediction {
 impl Campaign {
     /// Runs springs, gains and torques of a model over sequences whose contacts are known, in
     /// session order: what an effect does to the object lasts from one sequence to the next.
-    /// `visit` is given the sequence's index, the row, what was touched and the prediction.
+    /// `visit` is given the sequence's index, the row, what was touched and the prediction. Torques are
+    /// relative to their mean over the samples of the tare, as the readings are.
     ///
     /// # Errors
     /// Parameters that an effect cannot take.
@@ -349,26 +374,47 @@ impl Campaign {
             compensators
                 .iter_mut()
                 .for_each(|c| c.begin_sequence(&motion.id));
+            let touch = |row: usize| Touch {
+                rest: &self.site.rest,
+                posture: &log.postures[row],
+                contacts: &log.contacts[row],
+            };
+            let tared = self.tare.min(motion.len());
+            let mut begin: Vec<Prediction> = Vec::with_capacity(tared);
+            let mut offset = vec![0.0; d];
             for range in &motion.touches {
                 compensators.iter_mut().for_each(|c| c.begin_touch());
                 for row in range.clone() {
                     let sample = motion.sample(row, range.start, log.forces[row]);
-                    let touch = Touch {
-                        rest: &self.site.rest,
-                        posture: &log.postures[row],
-                        contacts: &log.contacts[row],
-                    };
-                    out.step(&mut compensators, &sample, &touch);
+                    out.step(&mut compensators, &sample, &touch(row));
                     if !log.rigid.is_empty() {
                         let rigid = &log.rigid[row * d..][..d];
                         out.torques.iter_mut().zip(rigid).for_each(|(t, r)| *t += r);
                     }
-                    visit(s, row, &touch, &out);
+                    if row < tared {
+                        add(&mut offset, &out.torques, 1.0 / tared as f64);
+                        begin.push(out.clone());
+                        if row + 1 < tared {
+                            continue;
+                        }
+                        for (row, prediction) in begin.iter_mut().enumerate() {
+                            add(&mut prediction.torques, &offset, -1.0);
+                            visit(s, row, &touch(row), prediction);
+                        }
+                    } else {
+                        add(&mut out.torques, &offset, -1.0);
+                        visit(s, row, &touch(row), &out);
+                    }
                 }
             }
         }
         Ok(())
     }
+}
+
+/// `to += times x`.
+fn add(to: &mut [f64], x: &[f64], times: f64) {
+    to.iter_mut().zip(x).for_each(|(t, x)| *t += times * x);
 }
 
 impl Prediction {

@@ -1,5 +1,4 @@
 use crate::evidence::{Factor, Parts, Spread, field_mean, times};
-use crate::noise::noise_floor;
 use crate::screen::best_of;
 use crate::windows::{Design, Windows};
 use crate::{Campaign, ContactLog, GapError, Model, Motion};
@@ -65,16 +64,15 @@ impl Campaign {
         let motions: Vec<&Motion> = motions.iter().collect();
         let windows = Windows::new(&motions, d);
         let logs = self.contact_logs(model, &motions)?;
-        let noise = noise_floor(&motions, &logs, d);
         let design = self.design(model, &motions, &logs, &windows)?;
         let readings = windows.means(|s| &motions[s].reading);
-        let floor = windows.noise(&noise);
+        let floor = windows.noise(&self.noise);
         let joint_rms: Vec<f64> = (0..d)
             .map(|j| {
                 let rows = readings.iter().skip(j).step_by(d);
                 let n = windows.list.len().max(1) as f64;
                 let rms = (rows.map(|y| y * y).sum::<f64>() / n).sqrt();
-                rms.max(noise[j].sd)
+                rms.max(self.noise[j].sd)
             })
             .collect();
         // Noise that is zero by construction still has rounding.

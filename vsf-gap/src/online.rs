@@ -1,4 +1,4 @@
-use crate::forward::{ContactDriver, Model, Prediction, rigid_change};
+use crate::forward::{ContactDriver, Model, Prediction};
 use crate::{Compensator, GapError, Sample, Site, Touch};
 use vsf_core::{Contacts, CoreError, Observation, Posture};
 use vsf_data::TorqueKind;
@@ -101,8 +101,8 @@ impl Corrector {
         self.prediction.step(compensators, &felt, &touch);
         let torques = &mut self.prediction.torques;
         if self.site.torque_kind == TorqueKind::Measured {
-            let q = self.driver.q();
-            let change = rigid_change(&self.site, q, sample, &mut self.workspace)?;
+            let change =
+                (self.driver.links()).rigid_change(&self.site, sample, &mut self.workspace)?;
             torques.iter_mut().zip(change).for_each(|(t, c)| *t += c);
         }
         let pairs = reading.iter().zip(&*torques);

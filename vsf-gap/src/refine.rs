@@ -1,7 +1,7 @@
 use crate::evidence::{Factor, Fit, Normal, Spread};
 use crate::nominal::Fitted;
 use crate::screen::{best_of, log_mean_exp};
-use crate::{Acts, Campaign, GapError, Model, Parameter, Role};
+use crate::{Acts, Campaign, GapError, Model, Parameter};
 use faer::Mat;
 use nalgebra::DVector;
 use rayon::prelude::*;
@@ -31,14 +31,26 @@ pub(crate) struct Refined {
 }
 
 /// Prior of all parameters of a model.
-struct Prior {
-    parameters: Vec<Parameter>,
-    mean: Vec<f64>,
-    sd: Vec<f64>,
+pub(crate) struct Prior {
+    /// The parameters, part after part.
+    pub(crate) parameters: Vec<Parameter>,
+    /// Means: zero for amplitudes, the start of the search for shapes.
+    pub(crate) mean: Vec<f64>,
+    /// Standard deviations.
+    pub(crate) sd: Vec<f64>,
 }
 
 impl Prior {
-    fn cost(&self, theta: &[f64]) -> f64 {
+    /// That of a model with one more effect.
+    pub(crate) fn and(mut self, next: Self) -> Self {
+        self.parameters.extend(next.parameters);
+        self.mean.extend(next.mean);
+        self.sd.extend(next.sd);
+        self
+    }
+
+    /// Nats that parameters cost.
+    pub(crate) fn cost(&self, theta: &[f64]) -> f64 {
         let z = |i: usize| (theta[i] - self.mean[i]) / self.sd[i];
         (0..theta.len()).map(|i| 0.5 * z(i) * z(i)).sum()
     }
@@ -70,28 +82,17 @@ impl Model {
 
 impl Campaign {
     /// Fits the parameters of a model together with the field by Gauss-Newton steps on the
-    /// evidence, from where they are. `sd` are prior deviations of all parameters; amplitudes have
-    /// prior mean zero, shapes that of the start.
+    /// evidence, from where they are.
     ///
     /// # Errors
     /// Rows that contact cannot take, a covariance that is not positive definite.
     pub(crate) fn refine(
         &self,
         start: &Model,
-        sd: &[f64],
+        prior: &Prior,
         spread: &Spread,
     ) -> Result<Refined, GapError> {
-        let parameters: Vec<Parameter> = (start.parts.iter())
-            .flat_map(|(effect, _)| effect.parameters(&self.site))
-            .collect();
         let mut theta = start.theta();
-        let prior = Prior {
-            mean: (parameters.iter().zip(&theta))
-                .map(|(p, t)| if p.role == Role::Shape { *t } else { 0.0 })
-                .collect(),
-            sd: sd.to_vec(),
-            parameters,
-        };
         let mut fitted = self.fitted(start, &self.train)?;
         let spread = &fitted.adapted(spread)?;
         let (mut stiffness, mut factor) = self.field(&mut fitted, spread)?;
@@ -100,7 +101,7 @@ impl Campaign {
         let deep = start.acts() == Acts::Contact;
         let mut stale = false;
         for k in 0..MOST_STEPS {
-            let (_, fit) = evidence(&fitted, &columns, &theta, &prior, &factor);
+            let (_, fit) = evidence(&fitted, &columns, &theta, prior, &factor);
             let Some(fit) = fit else { break };
             let mut next: Vec<f64> = (0..theta.len())
                 .map(|i| {
@@ -143,7 +144,7 @@ impl Campaign {
         let found: Vec<(f64, Option<Fit>)> = (spreads.par_iter())
             .map(|s| {
                 let factor = fitted.parts.factor(s)?;
-                Ok(evidence(&fitted, &columns, &theta, &prior, &factor))
+                Ok(evidence(&fitted, &columns, &theta, prior, &factor))
             })
             .collect::<Result<_, GapError>>()?;
         let all: Vec<f64> = found.iter().map(|(e, _)| *e).collect();

@@ -1,5 +1,5 @@
 use crate::effect::Compensator;
-use crate::forward::{Model, contact_config, place, rigid_change};
+use crate::forward::{Links, Model, contact_config};
 use crate::{Campaign, ContactLog, GapError, Motion};
 use vsf_core::Contacts;
 use vsf_data::TorqueKind;
@@ -32,7 +32,7 @@ impl Campaign {
         };
         let measured = self.site.torque_kind == TorqueKind::Measured;
         let mut workspace = self.site.robot.dynamics_workspace();
-        let mut q = vec![0.0; self.site.joints()];
+        let mut links = Links::new(self.site.joints());
         compensators
             .iter_mut()
             .for_each(|c| c.begin_sequence(&motion.id));
@@ -46,9 +46,9 @@ impl Campaign {
                 };
                 let sample = motion.sample(row, touch.start, force);
                 let posture = &mut answer.postures[row];
-                place(&self.site, &mut compensators, &sample, &mut q, posture)?;
+                links.place(&self.site, &mut compensators, &sample, posture)?;
                 if measured {
-                    let change = rigid_change(&self.site, &q, &sample, &mut workspace)?;
+                    let change = links.rigid_change(&self.site, &sample, &mut workspace)?;
                     answer.rigid.extend(change);
                 }
                 let before = &log.contacts[row];

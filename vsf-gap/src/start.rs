@@ -1,4 +1,5 @@
 use crate::evidence::Spread;
+use crate::refine::Prior;
 use crate::screen::{MOST_SCALES, Screened, Tangent, best_of};
 use crate::{Acts, Campaign, GapError, Model, Parameter, Role, Site};
 use rayon::prelude::*;
@@ -10,22 +11,30 @@ const EXCURSIONS: [f64; 2] = [3.0, 1.0];
 const MOST_ROUNDS: usize = 6;
 const MOST_FOLLOWING: usize = 3;
 const WORTHWHILE: f64 = 6.0;
+/// Prior deviation of shapes, in scales, that is not exceeded however wide their bounds.
+const WIDEST: f64 = 50.0;
 
 impl Tangent {
-    /// Prior deviations of all parameters. Screening bounds amplitudes by the torques that they cause;
-    /// of surfaces that move, torques are no measure, since contact and stiffness change with them.
-    pub(crate) fn prior(&self, site: &Site) -> Vec<f64> {
+    /// Prior of all parameters. Screening bounds amplitudes by the torques that they cause; of
+    /// surfaces that move, torques are no measure, since contact and stiffness change with them.
+    pub(crate) fn prior(&self, site: &Site) -> Prior {
         let parameters = self.effect.parameters(site);
+        let mut mean = self.start.clone();
         let mut sd: Vec<f64> = (parameters.iter())
-            .map(|p| 0.25 * (p.bounds[1] - p.bounds[0]))
+            .map(|p| (0.25 * (p.bounds[1] - p.bounds[0])).min(WIDEST * p.scale))
             .collect();
         for (&i, s) in self.amplitudes.iter().zip(&self.sd) {
+            mean[i] = 0.0;
             sd[i] = match self.effect.acts() {
                 Acts::Contact => MOST_SCALES * parameters[i].scale,
                 Acts::Torques | Acts::Springs => *s,
             };
         }
-        sd
+        Prior {
+            parameters,
+            mean,
+            sd,
+        }
     }
 }
 
@@ -48,15 +57,12 @@ impl Campaign {
         if effect.acts() != Acts::Contact || self.scene.is_none() {
             return Ok(base.with(effect, &linear));
         }
-        let sd = tangent.prior(&self.site);
+        let prior = tangent.prior(&self.site);
         let value = |theta: &Vec<f64>| {
             let mut fitted = self.fitted(&base.with(effect, theta), &self.train)?;
             let spread = fitted.adapted(spread)?;
             let (_, factor) = self.field(&mut fitted, &spread)?;
-            let cost: f64 = (tangent.amplitudes.iter())
-                .map(|&i| 0.5 * (theta[i] / sd[i]).powi(2))
-                .sum();
-            Ok(fitted.log_evidence_of(&factor) - cost)
+            Ok(fitted.log_evidence_of(&factor) - prior.cost(theta))
         };
         let mut best = tangent.start.clone();
         let mut most = value(&best)?;

@@ -3,8 +3,6 @@ use crate::refine::Refined;
 use crate::{Acts, Effect};
 use serde::{Deserialize, Serialize};
 
-/// A gain of log evidence (nats) below which nothing is looked into further.
-pub(crate) const EVIDENT: f64 = 12.0;
 /// Nats for one e-fold of probability. Models are never quite right, so that evidence overstates
 /// what it knows; on labelled recordings, stated probabilities come about true with this one.
 const TEMPERATURE: f64 = 7.0;
@@ -112,26 +110,11 @@ impl<'a> Hypothesis<'a> {
     /// contacts.
     pub(crate) fn stands(&self, closed: f64, worse: bool) -> bool {
         let mut parts = self.refined.model.parts.iter();
-        if self.rough >= UNSURE && parts.any(|(e, _)| chooses_contacts(e.name())) {
+        if self.rough >= UNSURE && parts.any(|(e, _)| e.chooses_contacts()) {
             return closed >= PROOF && !worse;
         }
         !worse || self.gain > CLEAR * self.threshold
     }
-}
-
-/// Whether an effect, by where surfaces are or how they stick, decides which points are touched and where
-/// to. Each such choice is another model, and the best of many gains hundreds of nats where none is right.
-fn chooses_contacts(effect: &str) -> bool {
-    matches!(
-        effect,
-        "anisotropy"
-            | "contact_friction"
-            | "encoder_offset"
-            | "geometry_padding"
-            | "joint_elasticity"
-            | "object_base_motion"
-            | "registration_offset"
-    )
 }
 
 /// The gain that a second effect needs beside a first one.
@@ -139,26 +122,14 @@ pub(crate) fn needed_beside(second: &dyn Effect, gain_of_first: f64, rough: f64)
     threshold(second, rough) + MISFIT * gain_of_first
 }
 
-/// The gain of log evidence (nats) that an effect reaches where it does not act, because the
-/// nominal model is not quite right and bends to it: about the largest one in recordings without
-/// effect of worlds with other physics. Effects that reshape contact bend most, and all that act on
-/// contact bend more where contact itself is rough.
+/// The gain of log evidence (nats) that an effect needs: [`Effect::null_gain`], and for those that act on
+/// springs and contact more where contact itself is rough.
 pub(crate) fn threshold(effect: &dyn Effect, rough: f64) -> f64 {
-    let smooth = match effect.name() {
-        "anisotropy" => 30.0,
-        "contact_friction"
-        | "geometry_padding"
-        | "damage_softening"
-        | "encoder_offset"
-        | "registration_offset" => 25.0,
-        "object_base_motion" | "joint_elasticity" => 20.0,
-        _ => match effect.acts() {
-            Acts::Torques => return EVIDENT,
-            Acts::Springs | Acts::Contact => 15.0,
-        },
-    };
     let times = ROUGHNESS.iter().rfind(|(from, _)| rough >= *from);
-    smooth * times.map_or(1.0, |(_, times)| *times)
+    match effect.acts() {
+        Acts::Torques => effect.null_gain(),
+        Acts::Springs | Acts::Contact => effect.null_gain() * times.map_or(1.0, |(_, t)| *t),
+    }
 }
 
 /// A verdict and the probability of every effect that was fitted.

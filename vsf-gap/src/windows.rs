@@ -2,7 +2,7 @@ use crate::forward::{Model, velocity_columns};
 use crate::{Campaign, ContactLog, GapError, Motion, centre};
 use crate::{Touch, noise::JointNoise};
 use faer::Mat;
-use nalgebra::Vector3;
+use nalgebra::{Point3, Vector3};
 use std::ops::Range;
 use std::sync::Arc;
 use vsf_data::Table;
@@ -10,7 +10,7 @@ use vsf_data::Table;
 /// Most numbers (windows times joints) that a diagnosis works with.
 const MOST_ROWS: usize = 1300;
 
-/// Samples of one touch in a row that are averaged.
+/// Samples in a row that are averaged.
 #[derive(Debug, Clone, PartialEq)]
 pub(crate) struct Window {
     /// Index of the sequence.
@@ -36,16 +36,19 @@ impl Windows {
         (samples * joints).div_ceil(MOST_ROWS).max(1)
     }
 
-    /// Cuts sequences into windows of equal length, none across two touches, so that there are not
-    /// more than 1300 rows.
+    /// Cuts sequences into windows of about equal length, so that there are not many more than 1300
+    /// rows; none across two touches, unless there are too many of them.
     pub(crate) fn new(motions: &[&Motion], joints: usize) -> Self {
         let size = Self::size(motions.iter().map(|m| m.len()).sum(), joints);
+        let touches: usize = motions.iter().map(|m| m.touches.len()).sum();
+        let many = touches * joints > MOST_ROWS;
         let mut list = Vec::new();
         for (sequence, motion) in motions.iter().enumerate() {
-            for touch in &motion.touches {
-                let parts = touch.len().div_ceil(size).max(1);
+            let whole = [0..motion.len()];
+            for range in if many { &whole } else { &*motion.touches } {
+                let parts = range.len().div_ceil(size).max(1);
                 for k in 0..parts {
-                    let cut = |k: usize| touch.start + k * touch.len() / parts;
+                    let cut = |k: usize| range.start + k * range.len() / parts;
                     let rows = cut(k)..cut(k + 1);
                     if !rows.is_empty() {
                         let clock = motion.clock[rows.start + rows.len() / 2];
@@ -92,10 +95,18 @@ impl Windows {
     pub(crate) fn noise(&self, noise: &[JointNoise]) -> Vec<f64> {
         let of = |w: &Window| {
             let m = w.rows.len();
-            noise.iter().map(move |n| n.variance_of_mean(m))
+            noise.iter().map(move |n| n.of_means(m).sd.powi(2))
         };
         self.list.iter().flat_map(of).collect()
     }
+}
+
+/// How joints feel a force at the contact, over windows.
+pub(crate) struct Lever {
+    /// Three columns, one per axis of the world, times the size of the force in that window.
+    pub(crate) columns: Mat<f64>,
+    /// The middle of the contact in every window (m, frame of the object).
+    pub(crate) places: Vec<Option<Point3<f64>>>,
 }
 
 /// A model over windows: `tau = W K + a`.
@@ -186,14 +197,15 @@ impl Campaign {
         Ok(out)
     }
 
-    /// How the joints feel a force at the contact, over windows: three columns, one per axis of
-    /// the world, times the size of the force in that window. What contact leaves unexplained is of
+    /// How the joints feel a force at the contact, over windows. What contact leaves unexplained is of
     /// this form, whatever its cause.
-    pub(crate) fn lever(&self, logs: &[Arc<ContactLog>], windows: &Windows) -> Mat<f64> {
+    pub(crate) fn lever(&self, logs: &[Arc<ContactLog>], windows: &Windows) -> Lever {
         let d = windows.joints;
         let mut lever = Mat::zeros(windows.rows(), 3);
+        let mut places = vec![None; windows.list.len()];
         let mut columns = vec![Vector3::zeros(); d];
         for (i, w) in windows.list.iter().enumerate() {
+            let (mut sum, mut touching) = (Vector3::zeros(), 0);
             let log = &logs[w.sequence];
             let share = 1.0 / w.rows.len() as f64;
             for row in w.rows.clone() {
@@ -205,6 +217,8 @@ impl Campaign {
                 let Some((link, p)) = centre(&touch) else {
                     continue;
                 };
+                sum += p.coords;
+                touching += 1;
                 velocity_columns(touch.posture, link, &p, &mut columns);
                 let force = log.forces[row].norm();
                 for (j, v) in columns.iter().enumerate() {
@@ -213,7 +227,56 @@ impl Campaign {
                     }
                 }
             }
+            if touching > 0 {
+                places[i] = Some(Point3::from(sum / f64::from(touching)));
+            }
         }
-        lever
+        Lever {
+            columns: lever,
+            places,
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use vsf_data::Table;
+
+    /// `touches` of as many samples each, one joint.
+    fn motion(touches: usize, samples: usize) -> Motion {
+        let rows = touches * samples;
+        let table = || Table::new(1, vec![0.0; rows]).unwrap();
+        Motion {
+            id: "0".to_owned(),
+            clock: (0..rows).map(|k| 0.01 * k as f64).collect(),
+            q: table(),
+            qd: table(),
+            qdd: table(),
+            reading: table(),
+            smooth: table(),
+            load: table(),
+            touches: (0..touches)
+                .map(|t| t * samples..(t + 1) * samples)
+                .collect(),
+        }
+    }
+
+    #[test]
+    fn windows_hold_every_sample_once_however_many_touches_there_are() {
+        for (touches, samples) in [(1, 700), (3, 5000), (900, 8), (40_000, 3)] {
+            let motion = motion(touches, samples);
+            let windows = Windows::new(&[&motion], 1);
+            let mut next = 0;
+            for w in &windows.list {
+                assert_eq!(w.rows.start, next);
+                next = w.rows.end;
+            }
+            assert_eq!(next, motion.len());
+            assert!(
+                windows.rows() <= MOST_ROWS + touches.min(MOST_ROWS),
+                "{touches}"
+            );
+        }
     }
 }

@@ -3,7 +3,7 @@
 
 mod common;
 
-use common::campaign::{RATE, Rows, free_arm, plate, torques};
+use common::campaign::{RATE, Rows, free_arm, free_arm_tared, plate, torques};
 use std::sync::Arc;
 use vsf_gap::effects::catalogue;
 use vsf_gap::{
@@ -65,14 +65,17 @@ fn pressing() -> Campaign {
     plate(&points, &[rows.clone(), rows])
 }
 
-fn waving() -> Campaign {
+fn waves() -> Rows {
     let row = |k: usize| {
         let t = k as f64 / RATE;
         let q = vec![(2.0 * t).sin(), 0.3 - t, 0.5 * (4.0 * t).cos()];
         (q, vec![5.0 * (2.0 * t).cos(), 1.0, -0.2 * t])
     };
-    let rows: Rows = (0..150).map(row).collect();
-    free_arm(&[rows.clone(), rows])
+    (0..150).map(row).collect()
+}
+
+fn waving() -> Campaign {
+    free_arm(&[waves(), waves()])
 }
 
 #[test]
@@ -204,4 +207,122 @@ fn an_effect_from_outside_joins_the_model() {
     for (tau, v) in found.chunks_exact(3).zip(velocities) {
         assert!((tau[0] - (1.0 - 0.5 * v * v.abs())).abs() < 1e-12);
     }
+}
+
+/// What the tare takes off the readings it takes off the torques of an effect as well.
+#[test]
+fn val_torques_are_tared_as_readings_are() {
+    const TARE: usize = 20;
+    let (plain, tared) = (waving(), free_arm_tared(&[waves(), waves()], TARE));
+    for name in ["torque_bias", "gravity_tilt", "payload", "latency"] {
+        let effect = common::effect(name);
+        let theta: Vec<f64> = (effect.parameters(&plain.site).iter())
+            .map(|p| 0.2 * p.bounds[1].min(1.0))
+            .collect();
+        let model = Model::of(&effect, &theta);
+        let [with, without] = [&tared, &plain].map(|c| torques(c, &model, 0.0));
+        let sequence = with.len() / 2;
+        for (with, without) in with.chunks(sequence).zip(without.chunks(sequence)) {
+            for j in 0..3 {
+                let mean = (0..TARE).map(|k| without[3 * k + j]).sum::<f64>() / TARE as f64;
+                for (a, b) in with.iter().zip(without).skip(j).step_by(3) {
+                    assert!((a - (b - mean)).abs() < 1e-12, "{name}: {a} {b} {mean}");
+                }
+            }
+        }
+    }
+}
+
+/// Late readings of the actuators are those of an earlier motion, not of earlier positions alone.
+#[test]
+fn val_late_readings_have_the_dynamics_of_then() {
+    let campaign = waving();
+    let late = 7;
+    let model = Model::of(&common::effect("latency"), &[late as f64 / RATE]);
+    let found = torques(&campaign, &model, 0.0);
+    let motion = &campaign.train[0];
+    for k in late..motion.len() {
+        for j in 0..3 {
+            let change = motion.load[k][j] - motion.load[k - late][j];
+            let of = found[3 * k + j];
+            assert!((of - change).abs() < 1e-9, "{k} {j}: {of} {change}");
+        }
+    }
+}
+
+/// An effect whose parameters cannot be.
+struct Broken(Parameter, Vec<Vec<f64>>);
+
+impl Effect for Broken {
+    fn name(&self) -> &str {
+        "broken"
+    }
+
+    fn acts(&self) -> Acts {
+        Acts::Torques
+    }
+
+    fn needs(&self) -> &[Need] {
+        &[]
+    }
+
+    fn parameters(&self, _: &Site) -> Vec<Parameter> {
+        vec![self.0.clone()]
+    }
+
+    fn starts(&self, _: &Site) -> Vec<Vec<f64>> {
+        self.1.clone()
+    }
+
+    fn compensator(&self, _: &Site, theta: &[f64]) -> Result<Box<dyn Compensator>, GapError> {
+        Ok(Box::new(Drag(theta[0])))
+    }
+}
+
+#[test]
+fn effects_that_cannot_be_are_refused() {
+    let campaign = waving();
+    let good = Parameter::amplitude("k", "1", [0.0, 1.0], 0.1);
+    let of = |bounds: [f64; 2], scale: f64| Parameter::amplitude("k", "1", bounds, scale);
+    let start = vec![vec![0.0]];
+    let cases = [
+        (of([1.0, 0.0], 0.1), start.clone(), "bounds"),
+        (of([0.1, 1.0], 0.1), start.clone(), "bounds"),
+        (of([0.0, f64::NAN], 0.1), start.clone(), "bounds"),
+        (of([0.0, f64::INFINITY], 0.1), start.clone(), "bounds"),
+        (of([0.0, 1.0], 0.0), start.clone(), "scale"),
+        (good.clone().of_joint(3), start.clone(), "joint"),
+        (good.clone().of_sequence(2), start.clone(), "sequence"),
+        (
+            Parameter::shape("k", "1", [0.0, 1.0], 0.1),
+            start,
+            "amplitude",
+        ),
+        (good.clone(), vec![], "start"),
+        (good.clone(), vec![vec![]], "takes 1 parameters, got 0"),
+        (good.clone(), vec![vec![f64::NAN]], "parameter 0 is NaN"),
+        (good, vec![vec![2.0]], "out of its bounds"),
+    ];
+    for (parameter, starts, problem) in cases {
+        let effects: [Arc<dyn Effect>; 1] = [Arc::new(Broken(parameter, starts))];
+        let error = vsf_gap::diagnose(&campaign, "test", &effects, 0, |_| {}).err();
+        let text = error.unwrap().to_string();
+        assert!(text.contains("broken") && text.contains(problem), "{text}");
+    }
+}
+
+/// A plate that never comes near the points, and one that touches each of them once.
+#[test]
+fn what_is_not_touched_is_not_testable() {
+    let heights = |z: fn(f64) -> f64| -> Rows {
+        let row = |k: usize| (vec![0.0, 0.0, z(k as f64 / 50.0)], vec![0.0; 3]);
+        (0..50).map(row).collect()
+    };
+    let away = plate(&[[0.0; 3]], &[heights(|_| 0.1)]);
+    let once = plate(&[[0.0; 3]], &[heights(|t| 0.01 - 0.02 * t)]);
+    let again = plate(&[[0.0; 3]], &[heights(|t| 0.01 * (12.0 * t).cos())]);
+    let lacks = |campaign: &Campaign, need: Need| campaign.lacks(need).is_some();
+    assert!(lacks(&away, Need::Contact) && lacks(&away, Need::Retouch));
+    assert!(!lacks(&once, Need::Contact) && lacks(&once, Need::Retouch));
+    assert!(!lacks(&again, Need::Contact) && !lacks(&again, Need::Retouch));
 }

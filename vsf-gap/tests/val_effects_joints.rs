@@ -51,9 +51,9 @@ fn a_bias_is_constant() {
 #[test]
 fn a_drift_follows_the_clock() {
     let (site, rows) = (arm(External), waving());
-    recovers("torque_drift", &site, &rows, &[0.6, -0.4, 0.5], |r| {
-        let share = (1.0 - (-r.clock / 5.0).exp()) / (1.0 - (-2.0_f64).exp());
-        [0.6 * share, -0.4 * share]
+    recovers("torque_drift", &site, &rows, &[0.12, -0.08, 5.0], |r| {
+        let grown = 5.0 * (1.0 - (-r.clock / 5.0).exp());
+        [0.12 * grown, -0.08 * grown]
     });
 }
 

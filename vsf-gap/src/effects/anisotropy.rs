@@ -33,6 +33,14 @@ impl Effect for Anisotropy {
         Acts::Springs
     }
 
+    fn null_gain(&self) -> f64 {
+        30.0
+    }
+
+    fn chooses_contacts(&self) -> bool {
+        true
+    }
+
     fn needs(&self) -> &[Need] {
         &[Need::Contact]
     }

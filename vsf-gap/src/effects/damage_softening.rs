@@ -33,6 +33,10 @@ impl Effect for DamageSoftening {
         Acts::Springs
     }
 
+    fn null_gain(&self) -> f64 {
+        25.0
+    }
+
     fn needs(&self) -> &[Need] {
         &[Need::Contact, Need::Retouch]
     }

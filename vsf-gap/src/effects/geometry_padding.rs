@@ -28,6 +28,14 @@ impl Effect for GeometryPadding {
         Acts::Contact
     }
 
+    fn null_gain(&self) -> f64 {
+        25.0
+    }
+
+    fn chooses_contacts(&self) -> bool {
+        true
+    }
+
     fn needs(&self) -> &[Need] {
         &[Need::Contact]
     }

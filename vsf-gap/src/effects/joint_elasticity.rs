@@ -30,6 +30,14 @@ impl Effect for JointElasticity {
         Acts::Contact
     }
 
+    fn null_gain(&self) -> f64 {
+        20.0
+    }
+
+    fn chooses_contacts(&self) -> bool {
+        true
+    }
+
     fn needs(&self) -> &[Need] {
         &[]
     }

@@ -2,9 +2,9 @@ use crate::GapError;
 use crate::effect::{Acts, Compensator, Effect, Need, Parameter, Sample, Site, check};
 use std::collections::VecDeque;
 
-/// Readings that come late: at time `t` they are those of the posture `q(t - delta)`.
+/// Readings that come late: at time `t` they are those of posture and motion at `t - delta`.
 ///
-/// One parameter, `delta` (s). Positions between samples are interpolated linearly; before the first
+/// One parameter, `delta` (s). Motion between samples are interpolated linearly; before the first
 /// sample of a touch the arm is taken to have stood still. Tell-tale: a lag, of the arm's weight in
 /// free motion too, that is the same time at every speed; a viscous object leads.
 ///
@@ -17,10 +17,12 @@ pub struct Latency;
 struct Delay {
     delta: f64,
     clock: f64,
-    /// Times of the positions kept (s), oldest first.
+    /// Times of the samples kept (s), oldest first.
     times: VecDeque<f64>,
-    /// Positions at these times, one after the other.
-    positions: VecDeque<f64>,
+    /// Positions, velocities and accelerations at these times, one after the other.
+    kept: VecDeque<f64>,
+    /// Those at the wanted time.
+    then: Vec<f64>,
 }
 
 impl Effect for Latency {
@@ -40,13 +42,14 @@ impl Effect for Latency {
         vec![Parameter::amplitude("delta", "s", [0.0, 0.5], 0.05)]
     }
 
-    fn compensator(&self, _: &Site, theta: &[f64]) -> Result<Box<dyn Compensator>, GapError> {
+    fn compensator(&self, site: &Site, theta: &[f64]) -> Result<Box<dyn Compensator>, GapError> {
         check(self.name(), theta, 1)?;
         Ok(Box::new(Delay {
             delta: theta[0],
             clock: 0.0,
             times: VecDeque::new(),
-            positions: VecDeque::new(),
+            kept: VecDeque::new(),
+            then: vec![0.0; 3 * site.joints()],
         }))
     }
 }
@@ -54,7 +57,7 @@ impl Effect for Latency {
 impl Compensator for Delay {
     fn begin_touch(&mut self) {
         self.times.clear();
-        self.positions.clear();
+        self.kept.clear();
         self.clock = 0.0;
     }
 
@@ -64,19 +67,30 @@ impl Compensator for Delay {
         }
         self.clock += sample.dt;
         self.times.push_back(self.clock);
-        self.positions.extend(q.iter());
+        self.kept
+            .extend(q.iter().chain(sample.qd).chain(sample.qdd));
         let wanted = self.clock - self.delta;
         // Keep one sample at or before the wanted time.
         while self.times.get(1).is_some_and(|t| *t <= wanted) {
             self.times.pop_front();
-            self.positions.drain(..q.len());
+            self.kept.drain(..self.then.len());
         }
         let (t0, t1) = (self.times[0], self.times.get(1).copied());
         let share = t1.map_or(0.0, |t1| ((wanted - t0) / (t1 - t0)).clamp(0.0, 1.0));
-        for (j, x) in q.iter_mut().enumerate() {
-            let from = self.positions[j];
-            let to = *self.positions.get(j + sample.q.len()).unwrap_or(&from);
+        let width = self.then.len();
+        for (j, x) in self.then.iter_mut().enumerate() {
+            let from = self.kept[j];
+            let to = *self.kept.get(j + width).unwrap_or(&from);
             *x = from + (to - from) * share;
+        }
+        q.copy_from_slice(&self.then[..q.len()]);
+    }
+
+    fn motion(&mut self, _: &Sample<'_>, qd: &mut [f64], qdd: &mut [f64]) {
+        if self.delta > 0.0 {
+            let d = qd.len();
+            qd.copy_from_slice(&self.then[d..2 * d]);
+            qdd.copy_from_slice(&self.then[2 * d..]);
         }
     }
 }

@@ -25,6 +25,14 @@ impl Effect for ObjectBaseMotion {
         Acts::Contact
     }
 
+    fn null_gain(&self) -> f64 {
+        20.0
+    }
+
+    fn chooses_contacts(&self) -> bool {
+        true
+    }
+
     fn needs(&self) -> &[Need] {
         &[Need::Contact]
     }

@@ -3,12 +3,13 @@ use crate::GapError;
 use crate::effect::{Acts, Compensator, Effect, Need, Parameter, Sample, Site, Touch};
 use crate::effect::{check, per_joint};
 
-/// An error of the torque sensors that grows over the session:
-/// `tau_j + r_j (1 - exp(-t / T)) / (1 - exp(-D / T))` at clock `t` in a session of length `D`.
+/// An error of the torque sensors that grows over the session: `tau_j + r_j T (1 - exp(-t / T))` at
+/// clock `t`.
 ///
-/// Parameters `r_<joint>` (N m or N), the drift at the end of the session, and the shape `tau = T / D`
-/// (1): a warm-up while it is small, linear in the clock when it is large. Tell-tale: it follows the
-/// clock and nothing else, so that a posture visited twice reads differently; a bias does not.
+/// Parameters `r_<joint>` (N m/s or N/s), the drift per time at the begin of the session, and the shape
+/// `T` (s): a warm-up if it is shorter than the session, linear in the clock if it is longer. Tell-tale:
+/// it follows the clock and nothing else, so that a posture visited twice reads differently; a bias does
+/// not.
 ///
 /// # Reference
 /// J. Fraden, *Handbook of Modern Sensors*, 5th ed., 2016, chapter 3,
@@ -16,14 +17,17 @@ use crate::effect::{check, per_joint};
 #[derive(Debug, Clone, Copy)]
 pub struct TorqueDrift;
 
-/// Time constants that the search starts from: as good as linear, and a warm-up.
+/// Time constants that the search starts from, in lengths of the session: as good as linear, and a warm-up.
 const STARTS: [f64; 2] = [10.0, 0.4];
 
+/// A drift over the session (N m or N) that is looked for.
+const TYPICAL: f64 = 0.3;
+
 struct Drift {
-    at_end: Vec<f64>,
+    /// Per time (N m/s or N/s).
+    rate: Vec<f64>,
     /// Time constant (s).
     T: f64,
-    duration: f64,
 }
 
 impl Effect for TorqueDrift {
@@ -40,13 +44,14 @@ impl Effect for TorqueDrift {
     }
 
     fn parameters(&self, site: &Site) -> Vec<Parameter> {
-        let mut parameters = per_joint(site, "r", unit(site, "N m", "N"), [-50.0, 50.0], 0.3);
-        parameters.push(Parameter::shape("tau", "1", [0.05, 20.0], 0.3));
+        let units = unit(site, "N m/s", "N/s");
+        let mut parameters = per_joint(site, "r", units, [-50.0, 50.0], TYPICAL / site.duration);
+        parameters.push(Parameter::shape("T", "s", [0.1, 1e6], 0.3 * site.duration));
         parameters
     }
 
     fn starts(&self, site: &Site) -> Vec<Vec<f64>> {
-        let start = |tau| [vec![0.0; site.joints()], vec![tau]].concat();
+        let start = |T: f64| [vec![0.0; site.joints()], vec![T * site.duration]].concat();
         STARTS.map(start).to_vec()
     }
 
@@ -54,19 +59,17 @@ impl Effect for TorqueDrift {
         let d = site.joints();
         check(self.name(), theta, d + 1)?;
         Ok(Box::new(Drift {
-            at_end: theta[..d].to_vec(),
-            T: theta[d] * site.duration,
-            duration: site.duration,
+            rate: theta[..d].to_vec(),
+            T: theta[d],
         }))
     }
 }
 
 impl Compensator for Drift {
     fn torques(&mut self, sample: &Sample<'_>, _: &Touch<'_>, tau: &mut [f64]) {
-        let grown = |t: f64| -(-t / self.T).exp_m1();
-        let share = grown(sample.clock) / grown(self.duration);
+        let grown = -self.T * (-sample.clock / self.T).exp_m1();
         tau.iter_mut()
-            .zip(&self.at_end)
-            .for_each(|(t, r)| *t += r * share);
+            .zip(&self.rate)
+            .for_each(|(t, r)| *t += r * grown);
     }
 }

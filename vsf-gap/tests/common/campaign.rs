@@ -94,8 +94,16 @@ pub fn plate(points: &[[f64; 3]], rows: &[Rows]) -> Campaign {
 
 /// The built-in planar arm moves in free air; its readings are those of the actuators.
 pub fn free_arm(rows: &[Rows]) -> Campaign {
+    free_arm_tared(rows, 0)
+}
+
+/// [`free_arm`] whose readings are relative to their mean over the first samples.
+pub fn free_arm_tared(rows: &[Rows], tare_samples: usize) -> Campaign {
     let robot = RobotRef::resolve("planar_arm", ".".as_ref()).unwrap();
-    let dataset = dataset(robot, TorqueKind::Measured, None, rows);
+    let dataset = Dataset {
+        tare_samples,
+        ..dataset(robot, TorqueKind::Measured, None, rows)
+    };
     Campaign::open(&dataset, &SceneOptions::default()).unwrap()
 }
 
