@@ -2,7 +2,7 @@
 //! roughness let a reading vary, and how well an effect explains the rest.
 
 use crate::GapError;
-use crate::windows::{Design, Lever, Windows};
+use crate::windows::{Design, Windows};
 use faer::dyn_stack::{MemBuffer, MemStack};
 use faer::linalg::cholesky::llt;
 use faer::linalg::matmul::{matmul, triangular};
@@ -15,10 +15,6 @@ const CELL: f64 = 0.04;
 /// Times (s) over which the model's roughness persists: of contact, and of joints.
 const CONTACT_TIMES: [f64; 3] = [0.05, 0.3, 3.0];
 const JOINT_TIMES: [f64; 2] = [0.5, 5.0];
-/// Distance (m) over which the roughness of contact is alike, in every touch of a place: a model that is
-/// wrong there is wrong each time. Its share of that roughness.
-const PLACE: f64 = 0.02;
-const OF_PLACE: f64 = 0.5;
 
 /// Sizes of what readings vary by.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -42,7 +38,7 @@ pub(crate) struct Parts {
     points: Mat<f64>,
     smooth: Mat<f64>,
     level: Vec<f64>,
-    lever: Lever,
+    lever: Mat<f64>,
     joint_rms: Vec<f64>,
 }
 
@@ -57,7 +53,7 @@ impl Parts {
         rest: &[Point3<f64>],
         windows: &Windows,
         noise: Vec<f64>,
-        lever: Lever,
+        lever: Mat<f64>,
         joint_rms: Vec<f64>,
     ) -> Self {
         let (smooth, level) = common(design, rest);
@@ -109,38 +105,31 @@ impl Parts {
             out[col] += self.noise[col];
         }
         let (contact, joint) = (spread.contact * spread.contact, spread.joint * spread.joint);
-        let lever = &self.lever.columns;
         for (i, w) in self.windows.list.iter().enumerate() {
             for (k, v) in self.windows.list.iter().enumerate().skip(i) {
-                let dt = (v.clock - w.clock).abs();
-                let fade = |times: &[f64]| match v.sequence == w.sequence {
-                    true => times.iter().map(|t| (-dt / t).exp()).sum::<f64>() / times.len() as f64,
-                    false => 0.0,
-                };
-                let of_joint = joint * fade(&JOINT_TIMES);
-                if of_joint > 0.0 {
-                    for (j, own) in self.joint_rms.iter().enumerate() {
-                        c[(k * d + j, i * d + j)] += of_joint * own * own;
-                    }
+                if v.sequence != w.sequence {
+                    break;
                 }
-                let (Some(p), Some(q)) = (self.lever.places[i], self.lever.places[k]) else {
-                    continue;
+                let dt = (v.clock - w.clock).abs();
+                let fade = |times: &[f64]| {
+                    times.iter().map(|t| (-dt / t).exp()).sum::<f64>() / times.len() as f64
                 };
-                let near = (-0.5 * (p - q).norm_squared() / (PLACE * PLACE)).exp();
-                let alike = OF_PLACE * near + (1.0 - OF_PLACE) * fade(&CONTACT_TIMES);
-                let of_contact = contact * alike;
+                let (of_contact, of_joint) =
+                    (contact * fade(&CONTACT_TIMES), joint * fade(&JOINT_TIMES));
                 for j in 0..d {
                     let col = i * d + j;
-                    let at = |axis| lever[(col, axis)];
+                    let at = |axis| self.lever[(col, axis)];
                     let arm = [at(0), at(1), at(2)];
                     for m in 0..d {
                         let row = k * d + m;
                         if row >= col {
                             let along: f64 =
-                                (0..3).map(|axis| arm[axis] * lever[(row, axis)]).sum();
+                                (0..3).map(|axis| arm[axis] * self.lever[(row, axis)]).sum();
                             c[(row, col)] += of_contact * along;
                         }
                     }
+                    let own = self.joint_rms[j];
+                    c[(k * d + j, col)] += of_joint * own * own;
                 }
             }
         }

@@ -2,7 +2,7 @@ use crate::forward::{Model, velocity_columns};
 use crate::{Campaign, ContactLog, GapError, Motion, centre};
 use crate::{Touch, noise::JointNoise};
 use faer::Mat;
-use nalgebra::{Point3, Vector3};
+use nalgebra::Vector3;
 use std::ops::Range;
 use std::sync::Arc;
 use vsf_data::Table;
@@ -101,14 +101,6 @@ impl Windows {
     }
 }
 
-/// How joints feel a force at the contact, over windows.
-pub(crate) struct Lever {
-    /// Three columns, one per axis of the world, times the size of the force in that window.
-    pub(crate) columns: Mat<f64>,
-    /// The middle of the contact in every window (m, frame of the object).
-    pub(crate) places: Vec<Option<Point3<f64>>>,
-}
-
 /// A model over windows: `tau = W K + a`.
 #[derive(Debug, Clone)]
 pub(crate) struct Design {
@@ -197,15 +189,14 @@ impl Campaign {
         Ok(out)
     }
 
-    /// How the joints feel a force at the contact, over windows. What contact leaves unexplained is of
+    /// How the joints feel a force at the contact, over windows: three columns, one per axis of
+    /// the world, times the size of the force in that window. What contact leaves unexplained is of
     /// this form, whatever its cause.
-    pub(crate) fn lever(&self, logs: &[Arc<ContactLog>], windows: &Windows) -> Lever {
+    pub(crate) fn lever(&self, logs: &[Arc<ContactLog>], windows: &Windows) -> Mat<f64> {
         let d = windows.joints;
         let mut lever = Mat::zeros(windows.rows(), 3);
-        let mut places = vec![None; windows.list.len()];
         let mut columns = vec![Vector3::zeros(); d];
         for (i, w) in windows.list.iter().enumerate() {
-            let (mut sum, mut touching) = (Vector3::zeros(), 0);
             let log = &logs[w.sequence];
             let share = 1.0 / w.rows.len() as f64;
             for row in w.rows.clone() {
@@ -217,8 +208,6 @@ impl Campaign {
                 let Some((link, p)) = centre(&touch) else {
                     continue;
                 };
-                sum += p.coords;
-                touching += 1;
                 velocity_columns(touch.posture, link, &p, &mut columns);
                 let force = log.forces[row].norm();
                 for (j, v) in columns.iter().enumerate() {
@@ -227,14 +216,8 @@ impl Campaign {
                     }
                 }
             }
-            if touching > 0 {
-                places[i] = Some(Point3::from(sum / f64::from(touching)));
-            }
         }
-        Lever {
-            columns: lever,
-            places,
-        }
+        lever
     }
 }
 
