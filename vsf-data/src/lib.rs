@@ -57,7 +57,9 @@ mod npy;
 mod npz;
 mod pcd;
 mod ply;
+mod points;
 mod pose;
+mod ros;
 mod sequence;
 mod signal;
 mod staged;
@@ -72,6 +74,8 @@ pub use metadata::{Attachment, JointType, Overrides, RobotRef, Splits, TorqueKin
 pub use npy::NpyError;
 pub use pcd::{read_pcd_cloud, read_pcd_points};
 pub use ply::{ColoredPoint, read_ply_cloud, read_ply_points};
+pub use points::read_points;
+pub use ros::{Clock, EffortPrediction, JointLog, McapExport};
 pub use sequence::Sequence;
 pub use signal::{Motion, differentiate, tare};
 pub use staged::{write_file, write_files};
