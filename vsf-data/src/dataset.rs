@@ -296,7 +296,11 @@ impl Dataset {
     }
 }
 
-fn check_robot<'a>(dir: &Path, metadata: &'a Overrides) -> Result<&'a RobotRef, DataError> {
+/// The robot, which must be known.
+pub(crate) fn check_robot<'a>(
+    dir: &Path,
+    metadata: &'a Overrides,
+) -> Result<&'a RobotRef, DataError> {
     metadata
         .robot
         .as_ref()

@@ -3,7 +3,7 @@
 use super::joint_log::{JointLog, Sample, some};
 use super::messages::SECOND;
 use super::{times_of, times_path};
-use crate::dataset::{POINTS, Parts};
+use crate::dataset::{POINTS, Parts, check_robot};
 use crate::{DataError, DataWarning, Dataset, Overrides, Sequence, Table};
 use crate::{check, files, metadata};
 use std::collections::BTreeMap;
@@ -56,6 +56,7 @@ impl JointLog {
             metadata.touch_starts = given.touch_starts.clone();
             metadata.sequence_tags = given.sequence_tags.clone();
         }
+        check_robot(path, &metadata)?;
         if metadata.torque_kind.is_none() {
             return Err(DataError::MissingKey {
                 path: path.clone(),
@@ -160,7 +161,8 @@ impl JointLog {
         if columns.iter().all(Option::is_none) {
             let there: Vec<&String> = self.names.iter().flatten().collect();
             return Err(self.wrong(format!(
-                "no message on {} has the robot's joints {}; there are {}",
+                "no message on {} has the robot's joints {}; there are {}; should these be the same, give \
+                 their names in the messages",
                 self.topic,
                 some(joints),
                 some(&there)

@@ -339,7 +339,7 @@ impl Topics {
                 others()
             )),
             (None, _) => Some(format!(
-                "joint states on several topics, {}; name one",
+                "joint states on several topics, {}; give the topic of one",
                 some(&heard)
             )),
             (Some(topic), heard) if heard.contains(&topic) => None,

@@ -116,7 +116,7 @@ impl State {
 
     fn cdr(&self) -> Vec<u8> {
         fn align(body: &mut Vec<u8>, size: usize) {
-            while body.len() % size != 0 {
+            while !body.len().is_multiple_of(size) {
                 body.push(0);
             }
         }
