@@ -193,7 +193,7 @@ fn cut_mcap_files_are_errors() {
 #[test]
 fn huge_lengths_in_mcap_files_reserve_nothing() {
     for whole in mcap_files() {
-        for at in (0..whole.len() - 8).step_by(5) {
+        for at in (0..whole.len() - 8).step_by(11) {
             for length in [[0xff; 8], [0xff, 0xff, 0xff, 0x7f, 0, 0, 0, 0]] {
                 let mut bytes = whole.clone();
                 bytes[at..at + 8].copy_from_slice(&length);

@@ -1,16 +1,10 @@
-use super::messages::{
-    Definition, JOINT_STATE, LAST, POINT_CLOUD, SECOND, joint_state, point_cloud,
-};
+use super::container::{Output, wrong};
+use super::messages::{JOINT_STATE, LAST, POINT_CLOUD, SECOND, joint_state, point_cloud};
 use super::times_path;
 use crate::colormap::Scale;
 use crate::dataset::POINTS;
 use crate::{DataError, Dataset, Sequence, StiffnessField, Table};
 use crate::{files, metadata, npy, write_file};
-use mcap::records::MessageHeader;
-use mcap::{Attachment, McapError, WriteOptions, Writer};
-use std::borrow::Cow;
-use std::collections::BTreeMap;
-use std::io::Cursor;
 use std::path::Path;
 
 /// Stamp of the first message: 0 means "not set" to ROS.
@@ -74,8 +68,6 @@ pub struct McapExport<'a> {
     pub full_scale: Option<f64>,
 }
 
-type File = Writer<Cursor<Vec<u8>>>;
-
 impl McapExport<'_> {
     /// Writes the file as a whole.
     ///
@@ -85,25 +77,12 @@ impl McapExport<'_> {
     /// [`DataError::Mcap`] for more than 68 years or 4 GiB of points; [`DataError::Io`].
     pub fn save(&self, path: impl AsRef<Path>) -> Result<(), DataError> {
         let path = path.as_ref();
-        let failed = |e: McapError| wrong(path, &e.to_string());
-        let options = WriteOptions::new()
-            .profile("ros2")
-            .library(concat!("vsf ", env!("CARGO_PKG_VERSION")))
-            // Every reader takes it, and numbers from sensors hardly compress.
-            .compression(None);
-        let mut file = options.create(Cursor::new(Vec::new())).map_err(failed)?;
+        let mut out = Output::new(path)?;
         if let Some(recording) = self.recording {
             recording.check(path)?;
             self.check_rows(recording)?;
             for (name, bytes) in parts(path, recording)? {
-                let part = Attachment {
-                    log_time: START as u64,
-                    create_time: START as u64,
-                    name,
-                    media_type: "application/octet-stream".to_owned(),
-                    data: Cow::Owned(bytes),
-                };
-                file.attach(&part).map_err(failed)?;
+                out.attach(name, START, bytes)?;
             }
         }
         if let Some(field) = self.field {
@@ -111,32 +90,30 @@ impl McapExport<'_> {
             let scale = Scale::new(&field.stiffness, self.full_scale)?;
             let cloud = point_cloud(START, FRAME, field, scale);
             let cloud = cloud.ok_or_else(|| wrong(path, "too many points for one message"))?;
-            let topic = topic(&mut file, "/stiffness_field", &POINT_CLOUD).map_err(failed)?;
-            message(&mut file, topic, 0, START, &cloud).map_err(failed)?;
+            let topic = out.topic("/stiffness_field", &POINT_CLOUD)?;
+            out.message(topic, 0, START, &cloud)?;
         }
         if let Some(recording) = self.recording {
             let stamps = stamps(&recording.sequences)
                 .ok_or_else(|| wrong(path, "the recording is longer than 68 years"))?;
-            self.messages(&mut file, recording, &stamps)
-                .map_err(failed)?;
+            self.joint_states(&mut out, recording, &stamps)?;
         }
-        file.finish().map_err(failed)?;
-        write_file(path, file.into_inner().get_ref())
+        write_file(path, &out.finish()?)
     }
 
     /// The joint states, measured and predicted, of all samples at their stamps.
-    fn messages(
+    fn joint_states(
         &self,
-        file: &mut File,
+        out: &mut Output,
         recording: &Dataset,
         stamps: &[i64],
-    ) -> Result<(), McapError> {
-        let joints = topic(file, "/joint_states", &JOINT_STATE)?;
+    ) -> Result<(), DataError> {
+        let joints = out.topic("/joint_states", &JOINT_STATE)?;
         let predicted = match self.predictions {
             [] => None,
             _ => Some((
-                topic(file, "/predicted/joint_states", &JOINT_STATE)?,
-                topic(file, "/predicted/joint_states_sd", &JOINT_STATE)?,
+                out.topic("/predicted/joint_states", &JOINT_STATE)?,
+                out.topic("/predicted/joint_states_sd", &JOINT_STATE)?,
             )),
         };
         let state = |stamp, position: &[f64], velocity: &[f64], effort: &[f64]| {
@@ -148,11 +125,11 @@ impl McapExport<'_> {
             let s = &recording.sequences[i];
             let velocity = s.velocities.as_ref().map_or(&[][..], |v| &v[row]);
             let measured = state(stamp, &s.angles[row], velocity, &s.torques[row]);
-            message(file, joints, number, stamp, &measured)?;
+            out.message(joints, number, stamp, &measured)?;
             if let (Some((mean, sd)), Some(of)) = (predicted, self.predictions.get(i)) {
                 let effort = |table: &Table| state(stamp, &[], &[], &table[row]);
-                message(file, mean, number, stamp, &effort(&of.mean))?;
-                message(file, sd, number, stamp, &effort(&of.sd))?;
+                out.message(mean, number, stamp, &effort(&of.mean))?;
+                out.message(sd, number, stamp, &effort(&of.sd))?;
             }
         }
         Ok(())
@@ -216,32 +193,4 @@ fn stamps(sequences: &[Sequence]) -> Option<Vec<i64>> {
         start = stamps.last().map_or(START, |last| last + PAUSE);
     }
     Some(stamps)
-}
-
-fn topic(file: &mut File, name: &str, of: &Definition) -> Result<u16, McapError> {
-    let schema = file.add_schema(of.name, "ros2msg", of.text.as_bytes())?;
-    file.add_channel(schema, name, "cdr", &BTreeMap::new())
-}
-
-fn message(
-    file: &mut File,
-    channel_id: u16,
-    sequence: u32,
-    stamp: i64,
-    data: &[u8],
-) -> Result<(), McapError> {
-    let header = MessageHeader {
-        channel_id,
-        sequence,
-        log_time: stamp as u64,
-        publish_time: stamp as u64,
-    };
-    file.write_to_known_channel(&header, data)
-}
-
-fn wrong(path: &Path, problem: &str) -> DataError {
-    DataError::Mcap {
-        path: path.to_owned(),
-        problem: problem.to_owned(),
-    }
 }

@@ -1,7 +1,8 @@
 //! From joint states to a recording.
 
-use super::joint_log::{JointLog, Sample, some};
+use super::joint_log::{JointLog, Sample};
 use super::messages::SECOND;
+use super::topics::some;
 use super::{times_of, times_path};
 use crate::dataset::{POINTS, Parts, check_robot};
 use crate::{DataError, DataWarning, Dataset, Overrides, Sequence, Table};

@@ -1,8 +1,9 @@
-use super::messages::{JointState, Version, defines_joint_states};
-use super::{is_part, records};
+use super::container::{self, Record, wrong};
+use super::is_part;
+use super::messages::{JointState, Version};
+use super::topics::Topics;
 use crate::{DataError, files, natural};
-use mcap::records::Record;
-use std::collections::{BTreeMap, BTreeSet, HashMap};
+use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
 
 /// More numbers than this in one log are refused: compressed files can unpack to more than any memory.
@@ -102,18 +103,19 @@ impl JointLog {
         }
         let mut log = Self {
             files: files.clone(),
-            topic: topic.unwrap_or_default().to_owned(),
+            topic: String::new(),
             names: Vec::new(),
             samples: Vec::new(),
             parts: Vec::new(),
             held: 0,
         };
-        let mut topics = Topics::default();
+        let mut topics = Topics::new(topic);
         for (file, path) in files.iter().enumerate() {
-            log.read(file, path, topic, clock, &mut topics)?;
+            log.read(file, path, clock, &mut topics)?;
         }
-        if let Some(problem) = topics.problem(topic) {
-            return Err(log.wrong(problem));
+        match topics.done() {
+            Ok(topic) => log.topic = topic,
+            Err(problem) => return Err(log.wrong(problem)),
         }
         log.check_parts()?;
         Ok(log)
@@ -128,88 +130,50 @@ impl JointLog {
         &mut self,
         file: usize,
         path: &Path,
-        topic: Option<&str>,
         clock: Clock,
         topics: &mut Topics,
     ) -> Result<(), DataError> {
-        // IDs are those of one file.
-        topics.schemas.clear();
-        topics.channels.clear();
+        topics.begin_file();
         let mut message = 0;
-        records::read(path, |record| match record {
-            Record::Schema { header, data } => {
-                let schema = Schema {
-                    name: header.name,
-                    encoding: header.encoding,
-                    is_known: defines_joint_states(&data),
-                };
-                topics.schemas.insert(header.id, schema);
-                Ok(())
-            }
-            Record::Channel(channel) => {
-                topics.open(channel);
-                Ok(())
-            }
-            Record::Attachment { header, data, .. } => {
-                if is_part(&header.name) {
+        container::read(path, |record| {
+            match record {
+                Record::Schema { header, data } => topics.define(header, &data),
+                Record::Channel(channel) => topics.open(channel),
+                Record::Attachment { header, data, .. } if is_part(&header.name) => {
                     self.parts.push((header.name, data.into_owned()));
                 }
-                Ok(())
-            }
-            Record::Message { header, data } => {
-                let Some(channel) = topics.channels.get(&header.channel_id) else {
-                    let problem = format!(
-                        "a message is of channel {}, which is not defined",
-                        header.channel_id
-                    );
-                    return Err(DataError::Mcap {
+                Record::Message { header, data } => {
+                    let version = topics.version(header.channel_id);
+                    let version = version.map_err(|problem| wrong(path, problem))?;
+                    let Some(version) = version else {
+                        return Ok(());
+                    };
+                    let time = match clock {
+                        Clock::Header => None,
+                        Clock::Log => Some(header.log_time),
+                    };
+                    let state = decode(&data, version, time);
+                    let added = state.and_then(|state| self.push(file, message, state));
+                    added.map_err(|problem| DataError::Message {
                         path: path.to_owned(),
+                        topic: topics.chosen().to_owned(),
+                        message,
                         problem,
-                    });
-                };
-                let Some(version) = channel.version else {
-                    return Ok(());
-                };
-                let is_new = topics.heard.insert(channel.topic.clone());
-                if topic.is_none() && is_new && topics.heard.len() == 1 {
-                    self.topic = channel.topic.clone();
+                    })?;
+                    message += 1;
                 }
-                if channel.topic != self.topic {
-                    return Ok(());
-                }
-                let problem = |problem| DataError::Message {
-                    path: path.to_owned(),
-                    topic: channel.topic.clone(),
-                    message,
-                    problem,
-                };
-                let mut state = JointState::decode(&data, version).map_err(problem)?;
-                if clock == Clock::Log {
-                    let stamp = i64::try_from(header.log_time);
-                    let late = |_| problem(format!("it was logged at {} ns", header.log_time));
-                    state.stamp = stamp.map_err(late)?;
-                }
-                check_lengths(&state).map_err(problem)?;
-                self.held += OVERHEAD
-                    + [&state.position, &state.velocity, &state.effort]
-                        .map(Vec::len)
-                        .iter()
-                        .sum::<usize>();
-                if self.held > MOST {
-                    return Err(problem(
-                        "there are more numbers than a recording may have; import a part"
-                            .to_owned(),
-                    ));
-                }
-                self.push(file, message, state);
-                message += 1;
-                Ok(())
+                _ => {}
             }
-            _ => Ok(()),
+            Ok(())
         })
     }
 
-    fn push(&mut self, file: usize, message: u64, state: JointState) {
+    fn push(&mut self, file: usize, message: u64, state: JointState) -> Result<(), String> {
+        let arrays = [&state.position, &state.velocity, &state.effort];
+        self.held += OVERHEAD + arrays.map(Vec::len).iter().sum::<usize>();
+        if self.held > MOST {
+            return Err("there are more numbers than fit; import a part of the files".to_owned());
+        }
         let known = self.names.iter().position(|names| *names == state.name);
         let names = known.unwrap_or_else(|| {
             self.names.push(state.name);
@@ -224,14 +188,12 @@ impl JointLog {
             velocity: state.velocity,
             effort: state.effort,
         });
+        Ok(())
     }
 
     /// What is wrong with the files as a whole.
     pub(super) fn wrong(&self, problem: String) -> DataError {
-        DataError::Mcap {
-            path: self.files[0].clone(),
-            problem,
-        }
+        wrong(&self.files[0], problem)
     }
 
     fn check_parts(&self) -> Result<(), DataError> {
@@ -261,8 +223,14 @@ fn bag(folder: &Path) -> Result<Vec<PathBuf>, DataError> {
     }
 }
 
-/// Arrays have a number for each name, or none.
-fn check_lengths(state: &JointState) -> Result<(), String> {
+/// A joint state, at the time of logging \[ns\] if that is given; its arrays have a number for each
+/// name, or none.
+fn decode(bytes: &[u8], version: Version, logged: Option<u64>) -> Result<JointState, String> {
+    let mut state = JointState::decode(bytes, version)?;
+    if let Some(time) = logged {
+        let stamp = i64::try_from(time);
+        state.stamp = stamp.map_err(|_| format!("it was logged at {time} ns"))?;
+    }
     let arrays = [
         ("positions", &state.position),
         ("velocities", &state.velocity),
@@ -274,93 +242,6 @@ fn check_lengths(state: &JointState) -> Result<(), String> {
         .find(|(_, a)| !a.is_empty() && a.len() != names);
     match odd {
         Some((what, array)) => Err(format!("{} {what} of {names} joints", array.len())),
-        None => Ok(()),
+        None => Ok(state),
     }
-}
-
-/// What the files say about their topics.
-#[derive(Default)]
-struct Topics {
-    schemas: HashMap<u16, Schema>,
-    channels: HashMap<u16, Channel>,
-    /// Types and serialisations by topic.
-    all: BTreeMap<String, String>,
-    /// Topics that have joint states.
-    heard: BTreeSet<String>,
-}
-
-struct Schema {
-    name: String,
-    encoding: String,
-    /// Whether the layout is that of joint states, should it be called one.
-    is_known: bool,
-}
-
-struct Channel {
-    topic: String,
-    /// How its joint states are serialised; `None` for anything else.
-    version: Option<Version>,
-}
-
-impl Topics {
-    fn open(&mut self, channel: mcap::records::Channel) {
-        let (mut version, mut text) = (None, "no type".to_owned());
-        if let Some(schema) = self.schemas.get(&channel.schema_id) {
-            let encoding = &channel.message_encoding;
-            version = Version::of_joint_states(&schema.name, &schema.encoding, encoding);
-            text = format!("{} in {encoding}", schema.name);
-            if !schema.is_known && version.take().is_some() {
-                text += ", defined in another way than by ROS";
-            }
-        }
-        self.all.insert(channel.topic.clone(), text);
-        let topic = channel.topic;
-        self.channels.insert(channel.id, Channel { topic, version });
-    }
-
-    /// What keeps the files from having the joint states of a topic, by default of one alone.
-    fn problem(&self, topic: Option<&str>) -> Option<String> {
-        let heard: Vec<&str> = self.heard.iter().map(String::as_str).collect();
-        let others = || match heard.is_empty() {
-            false => format!("there are joint states on {}", some(&heard)),
-            true => {
-                let all = self
-                    .all
-                    .iter()
-                    .map(|(topic, kind)| format!("{topic} ({kind})"));
-                let all: Vec<String> = all.collect();
-                format!("there is {}", some(&all))
-            }
-        };
-        match (topic, &heard[..]) {
-            (None, [_]) => None,
-            (None, []) => Some(format!(
-                "no messages of sensor_msgs/JointState; {}",
-                others()
-            )),
-            (None, _) => Some(format!(
-                "joint states on several topics, {}; give the topic of one",
-                some(&heard)
-            )),
-            (Some(topic), heard) if heard.contains(&topic) => None,
-            (Some(topic), _) => Some(match self.all.get(topic) {
-                Some(kind) => format!(
-                    "topic {topic} ({kind}) has no messages of sensor_msgs/JointState; {}",
-                    others()
-                ),
-                None => format!("no topic {topic}; {}", others()),
-            }),
-        }
-    }
-}
-
-/// Names for a message, the first of them where there are many.
-pub(super) fn some<T: AsRef<str>>(names: &[T]) -> String {
-    const MOST: usize = 20;
-    if names.is_empty() {
-        return "nothing".to_owned();
-    }
-    let shown: Vec<&str> = names.iter().take(MOST).map(AsRef::as_ref).collect();
-    let rest = if names.len() > MOST { ", ..." } else { "" };
-    shown.join(", ") + rest
 }

@@ -4,11 +4,12 @@
 //! `dataset.json`, `points.npy` and, for each sequence in order, `seq_<ID>/time.npy`, whose length
 //! says how many joint states are its samples.
 
+mod container;
 mod export;
 mod import;
 mod joint_log;
 mod messages;
-mod records;
+mod topics;
 mod wire;
 
 pub use export::{EffortPrediction, McapExport};

@@ -1,13 +1,18 @@
-//! The records of an MCAP file, one after the other, whatever chunks and compression they are in.
+//! MCAP files: records read one after the other, whatever chunks and compression they are in, and
+//! messages and attachments written.
 
+use super::messages::Definition;
 use super::wire::Reader;
 use crate::{DataError, files};
-use mcap::McapError;
-use mcap::parse_record;
-use mcap::records::{Record, op};
+use mcap::records::{MessageHeader, op};
 use mcap::sans_io::{LinearReadEvent, LinearReader, LinearReaderOptions};
-use std::io::{BufReader, Read};
+use mcap::{Attachment, McapError, WriteOptions, Writer, parse_record};
+use std::borrow::Cow;
+use std::collections::BTreeMap;
+use std::io::{BufReader, Cursor, Read};
 use std::path::Path;
+
+pub(crate) use mcap::records::{Channel, Record, SchemaHeader};
 
 /// Longest record or chunk: memory for one is reserved by what a compressed chunk claims.
 const MOST: usize = 256 << 20;
@@ -18,10 +23,7 @@ pub(crate) fn read(
     path: &Path,
     mut visit: impl FnMut(Record) -> Result<(), DataError>,
 ) -> Result<(), DataError> {
-    let wrong = |problem: String| DataError::Mcap {
-        path: path.to_owned(),
-        problem,
-    };
+    let wrong = |problem: String| wrong(path, problem);
     let damaged = |e: McapError| wrong(in_words(e));
     let (file, mut left) = files::open(path)?;
     let mut file = BufReader::new(file);
@@ -139,5 +141,80 @@ fn in_words(e: McapError) -> String {
                 .to_owned()
         }
         other => format!("damaged MCAP: {other}"),
+    }
+}
+
+/// A file that is written, without compression: every reader takes it, and numbers from sensors hardly
+/// compress.
+pub(crate) struct Output<'a> {
+    /// For messages.
+    path: &'a Path,
+    writer: Writer<Cursor<Vec<u8>>>,
+}
+
+impl<'a> Output<'a> {
+    pub fn new(path: &'a Path) -> Result<Self, DataError> {
+        let options = WriteOptions::new()
+            .profile("ros2")
+            .library(concat!("vsf ", env!("CARGO_PKG_VERSION")))
+            .compression(None);
+        let writer = options.create(Cursor::new(Vec::new()));
+        let writer = writer.map_err(|e| wrong(path, e.to_string()))?;
+        Ok(Self { path, writer })
+    }
+
+    pub fn attach(&mut self, name: String, stamp: i64, data: Vec<u8>) -> Result<(), DataError> {
+        let attachment = Attachment {
+            log_time: stamp as u64,
+            create_time: stamp as u64,
+            name,
+            media_type: "application/octet-stream".to_owned(),
+            data: Cow::Owned(data),
+        };
+        let attached = self.writer.attach(&attachment);
+        attached.map_err(|e| wrong(self.path, e.to_string()))
+    }
+
+    /// A new topic of ROS 2 messages, for [`message`](Self::message).
+    pub fn topic(&mut self, name: &str, of: &Definition) -> Result<u16, DataError> {
+        let schema = self
+            .writer
+            .add_schema(of.name, "ros2msg", of.text.as_bytes());
+        let none = BTreeMap::new();
+        let topic = schema.and_then(|s| self.writer.add_channel(s, name, "cdr", &none));
+        topic.map_err(|e| wrong(self.path, e.to_string()))
+    }
+
+    /// A message in CDR, published and logged at its stamp \[ns\].
+    pub fn message(
+        &mut self,
+        topic: u16,
+        number: u32,
+        stamp: i64,
+        data: &[u8],
+    ) -> Result<(), DataError> {
+        let header = MessageHeader {
+            channel_id: topic,
+            sequence: number,
+            log_time: stamp as u64,
+            publish_time: stamp as u64,
+        };
+        let written = self.writer.write_to_known_channel(&header, data);
+        written.map_err(|e| wrong(self.path, e.to_string()))
+    }
+
+    /// The bytes of the file.
+    pub fn finish(mut self) -> Result<Vec<u8>, DataError> {
+        let finished = self.writer.finish();
+        finished.map_err(|e| wrong(self.path, e.to_string()))?;
+        Ok(self.writer.into_inner().into_inner())
+    }
+}
+
+/// What is wrong with a file as a whole.
+pub(crate) fn wrong(path: &Path, problem: impl Into<String>) -> DataError {
+    DataError::Mcap {
+        path: path.to_owned(),
+        problem: problem.into(),
     }
 }
