@@ -1,5 +1,6 @@
 use crate::commands::{
-    bench, diagnose, estimate, evaluate, experiment, export, info, learn, predict, simulate, view,
+    bench, diagnose, estimate, evaluate, experiment, export, import, info, learn, predict,
+    simulate, view,
 };
 use clap::{Parser, Subcommand};
 use std::path::PathBuf;
@@ -34,6 +35,8 @@ pub struct Cli {
 /// The commands.
 #[derive(Debug, Subcommand)]
 pub enum Command {
+    /// Make a recording of the joint states in MCAP files, as ROS 2 bags are
+    Import(import::Args),
     /// Describe a recording: metadata, robot, sequences, points, contact
     Info(info::Args),
     /// Estimate a stiffness field from the train sequences of a recording
@@ -48,7 +51,7 @@ pub enum Command {
     Diagnose(diagnose::Args),
     /// Replace the torques of a recording by those of a field: a synthetic recording
     Simulate(simulate::Args),
-    /// Write a field as point cloud or picture, or torques as plots
+    /// Write a field as point cloud or picture, torques as plots, or all as MCAP for Foxglove and rviz
     Export(export::Args),
     /// Write a page to look at a field and its touches from all sides, in any browser
     View(view::Args),

@@ -16,7 +16,7 @@ use std::path::{Path, PathBuf};
 use toml::de::{DeTable, DeValue};
 
 /// The structs of flags that several commands take; they stand at the top of a file.
-const SHARED: [&str; 2] = ["SceneSettings", "EstimatorSettings"];
+const SHARED: [&str; 3] = ["MetadataSettings", "ContactSettings", "EstimatorSettings"];
 /// Flags that say where parameters come from and results go, and are none themselves.
 const NO_PARAMETERS: [&str; 5] = ["config", "preset", "quiet", "json", "help"];
 

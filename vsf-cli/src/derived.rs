@@ -1,7 +1,8 @@
-//! Recordings that are made from another one.
+//! Recordings that are made from something else.
 
 use crate::interrupt::writing;
 use crate::recording::{FieldArgs, Recording};
+use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 use vsf::data::{Dataset, RobotRef, Sequence, Splits};
 use vsf::robots::urdf_bundle;
@@ -49,16 +50,16 @@ pub fn derived(
     }
 }
 
-/// Writes a recording made from another one to the folder `out`, with the robot's files and others:
-/// the folder can be moved. All are written or none.
+/// Writes a new recording to the folder `out`, with the files of its robot, which has these
+/// `packages`, and others: the folder can be moved. All are written or none.
 pub fn save(
     mut dataset: Dataset,
-    from: &Recording,
+    packages: &BTreeMap<String, PathBuf>,
     out: &Path,
     mut files: Vec<(PathBuf, Vec<u8>)>,
 ) -> anyhow::Result<()> {
     if let Some(path) = &dataset.robot.path {
-        let bundle = urdf_bundle(path, &from.options.packages)?;
+        let bundle = urdf_bundle(path, packages)?;
         let bundle = bundle
             .into_iter()
             .map(|(p, b)| (Path::new(ROBOT).join(p), b));

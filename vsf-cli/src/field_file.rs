@@ -4,7 +4,7 @@ use crate::exit::usage;
 use crate::interrupt::writing;
 use std::path::{Path, PathBuf};
 use vsf::core::Belief;
-use vsf::data::{StiffnessField, Table};
+use vsf::data::{McapExport, StiffnessField, Table};
 use vsf::pipeline::{Estimate, Hyper, Scene};
 
 const TOUCHED: &str = "touched";
@@ -38,6 +38,7 @@ pub struct FieldFile {
 pub enum FieldFormat {
     Npz,
     Ply,
+    Mcap,
     Png,
     Svg,
     Folder,
@@ -49,12 +50,13 @@ impl FieldFormat {
         match path.extension().and_then(|e| e.to_str()) {
             Some("npz") => Ok(Self::Npz),
             Some("ply") => Ok(Self::Ply),
+            Some("mcap") => Ok(Self::Mcap),
             Some("png") => Ok(Self::Png),
             Some("svg") => Ok(Self::Svg),
             None => Ok(Self::Folder),
             Some(other) => Err(usage(format!(
-                "{}: a field is written as .npz, .ply or a folder (no ending), and drawn by `vsf export` as \
-                 .png or .svg; not as .{other}",
+                "{}: a field is written as .npz, .ply, .mcap or a folder (no ending), and drawn by \
+                 `vsf export` as .png or .svg; not as .{other}",
                 path.display()
             ))),
         }
@@ -70,10 +72,10 @@ impl FieldFile {
 
     /// Reads an `.npz` or a folder and prints its warnings.
     pub fn open(path: &Path, console: &Console) -> anyhow::Result<Self> {
-        if path.extension().is_some_and(|e| e == "ply") {
+        if let Some(kind @ ("ply" | "mcap")) = path.extension().and_then(|e| e.to_str()) {
             let path = path.display();
             return Err(usage(format!(
-                "{path}: a .ply is for looking at; give the .npz or the folder"
+                "{path}: a .{kind} is for looking at; give the .npz or the folder"
             )));
         }
         let (field, warnings) = StiffnessField::open(path)?;
@@ -299,7 +301,7 @@ pub fn check_out(out: &Path) -> anyhow::Result<()> {
     check_folder(out, "a field", |names| names.iter().find(|n| !is_ours(n)))
 }
 
-/// Writes a field as data: `.npz`, `.ply` or a folder.
+/// Writes a field as data: `.npz`, `.ply`, `.mcap` or a folder.
 pub fn save(field: &StiffnessField, path: &Path) -> anyhow::Result<()> {
     if let Some(parent) = path.parent().filter(|p| !p.as_os_str().is_empty()) {
         create_folder(parent)?;
@@ -307,11 +309,18 @@ pub fn save(field: &StiffnessField, path: &Path) -> anyhow::Result<()> {
     writing(|| match FieldFormat::of(path)? {
         FieldFormat::Npz => Ok(field.save_npz(path)?),
         FieldFormat::Ply => Ok(field.save_ply(path, None)?),
+        FieldFormat::Mcap => {
+            let export = McapExport {
+                field: Some(field),
+                ..McapExport::default()
+            };
+            Ok(export.save(path)?)
+        }
         FieldFormat::Folder => Ok(field.save_folder(path)?),
         FieldFormat::Png | FieldFormat::Svg => {
             let path = path.display();
             Err(usage(format!(
-                "{path}: pictures are drawn by `vsf export`; give .npz, .ply or a folder (no ending)"
+                "{path}: pictures are drawn by `vsf export`; give .npz, .ply, .mcap or a folder (no ending)"
             )))
         }
     })

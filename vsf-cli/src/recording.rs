@@ -3,7 +3,7 @@ use crate::console::{Console, check_folder, number, place, unmarked};
 use crate::corrected::{CorrectedModel, ModelArgs};
 use crate::exit::usage;
 use crate::field_file::FieldFile;
-use crate::settings::SceneSettings;
+use crate::settings::{MetadataSettings, SceneSettings};
 use std::path::{Path, PathBuf};
 use vsf::contact::CacheUse;
 use vsf::data::{DataError, Dataset, Sequence};
@@ -91,15 +91,13 @@ impl Recording {
                 out.display()
             )));
         }
-        check_folder(out, "a recording", |names| {
-            unmarked(names, &["dataset.json"])
-        })
+        check_out(out)
     }
 
     /// Opens a folder and prints its warnings.
     pub fn open(path: &Path, settings: &SceneSettings, console: &Console) -> anyhow::Result<Self> {
-        let (dataset, warnings) =
-            Dataset::open(path, &settings.overrides()?).map_err(|e| blame(settings, e))?;
+        let (dataset, warnings) = Dataset::open(path, &settings.metadata.overrides()?)
+            .map_err(|e| blame(&settings.metadata, e))?;
         warnings.iter().for_each(|w| console.warn(w));
         Ok(Self {
             path: path.to_owned(),
@@ -259,8 +257,15 @@ impl Recording {
     }
 }
 
+/// Refuses a folder for a recording that holds anything that is no recording.
+pub fn check_out(out: &Path) -> anyhow::Result<()> {
+    check_folder(out, "a recording", |names| {
+        unmarked(names, &["dataset.json"])
+    })
+}
+
 /// A fault of the metadata, laid to the flag that set it.
-fn blame(settings: &SceneSettings, error: DataError) -> anyhow::Error {
+pub fn blame(settings: &MetadataSettings, error: DataError) -> anyhow::Error {
     let key = match &error {
         DataError::Metadata { key, .. } | DataError::UnknownSequence { key, .. } => key,
         DataError::DuplicateSequence { .. } => "splits",
@@ -278,7 +283,7 @@ fn blame(settings: &SceneSettings, error: DataError) -> anyhow::Error {
 }
 
 /// A fault of the robot, in the words of the command.
-fn explain(error: PipelineError) -> anyhow::Error {
+pub fn explain(error: PipelineError) -> anyhow::Error {
     match &error {
         PipelineError::RobotFile {
             path,

@@ -4,6 +4,7 @@ use crate::exit::usage;
 use crate::range::{finite, not_negative, positive, replays};
 use clap::builder::RangedU64ValueParser;
 use clap::{Args, ValueEnum};
+use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use vsf::contact::{ContactConfig, GridOptions};
@@ -13,10 +14,10 @@ use vsf::filter::{DiagonalForm, Projection, ReplayConfig, ReplayVariance};
 use vsf::pipeline::{EstimatorSpec, HyperMethod, PriorShape, SceneOptions, VisionSpec};
 use vsf::vision::{GpConfig, KnnConfig, LearnedPrior, RegressorSpec};
 
-/// The recording and the contact model.
+/// The recording.
 #[derive(Debug, Clone, Default, Args)]
-#[command(next_help_heading = "Recording (instead of dataset.json) and contact")]
-pub struct SceneSettings {
+#[command(next_help_heading = "Recording (instead of dataset.json)")]
+pub struct MetadataSettings {
     /// Built-in robot (kinova_gen3, cartesian_stage, planar_arm) or path of a URDF
     #[arg(long)]
     robot: Option<String>,
@@ -50,6 +51,22 @@ pub struct SceneSettings {
     /// Folder of a package:// name in the URDF; may be repeated
     #[arg(long, value_name = "NAME=PATH", value_parser = package)]
     package: Option<Vec<(String, PathBuf)>>,
+}
+
+/// The recording and the contact model. Each part is a group of its own: clap leaves the group of a
+/// struct empty that has parts.
+#[derive(Debug, Clone, Default, Args)]
+pub struct SceneSettings {
+    #[command(flatten)]
+    pub metadata: MetadataSettings,
+    #[command(flatten)]
+    contact: ContactSettings,
+}
+
+/// The contact model.
+#[derive(Debug, Clone, Default, Args)]
+#[command(next_help_heading = "Contact")]
+pub struct ContactSettings {
     /// Links that may touch; all with collision shapes by default
     #[arg(long, value_delimiter = ',')]
     links: Option<Vec<String>>,
@@ -232,7 +249,7 @@ fn numbers<const N: usize>(name: &str, given: &[f64]) -> anyhow::Result<[f64; N]
         .map_err(|_| usage(format!("--{name} takes {N} numbers, {count} given")))
 }
 
-impl SceneSettings {
+impl MetadataSettings {
     /// What goes before `dataset.json`.
     pub fn overrides(&self) -> anyhow::Result<Overrides> {
         let robot = self.robot.as_deref();
@@ -286,28 +303,36 @@ impl SceneSettings {
         is_set.then_some(flag)
     }
 
+    /// Folders of `package://` names.
+    pub fn packages(&self) -> BTreeMap<String, PathBuf> {
+        self.package.iter().flatten().cloned().collect()
+    }
+}
+
+impl SceneSettings {
     /// How the scene is put together.
     pub fn options(&self) -> SceneOptions {
+        let given = &self.contact;
         let defaults = ContactConfig::default();
-        let defaults = defaults.with_slip_step(self.slip_step.unwrap_or(defaults.slip_step));
+        let defaults = defaults.with_slip_step(given.slip_step.unwrap_or(defaults.slip_step));
         SceneOptions {
             contact: ContactConfig {
-                threshold: self.threshold.unwrap_or(defaults.threshold),
-                friction: self.friction.unwrap_or(defaults.friction),
-                max_slip_iterations: self
+                threshold: given.threshold.unwrap_or(defaults.threshold),
+                friction: given.friction.unwrap_or(defaults.friction),
+                max_slip_iterations: given
                     .max_slip_iterations
                     .unwrap_or(defaults.max_slip_iterations),
-                padding: self.padding.unwrap_or(defaults.padding),
+                padding: given.padding.unwrap_or(defaults.padding),
                 ..defaults
             },
             grid: GridOptions {
-                resolution: self.grid_resolution,
-                cache_dir: self.cache_dir.clone(),
+                resolution: given.grid_resolution,
+                cache_dir: given.cache_dir.clone(),
                 ..GridOptions::default()
             },
-            links: self.links.clone(),
-            packages: self.package.iter().flatten().cloned().collect(),
-            subdivision: self
+            links: given.links.clone(),
+            packages: self.metadata.packages(),
+            subdivision: given
                 .subdivision
                 .unwrap_or(SceneOptions::default().subdivision),
         }

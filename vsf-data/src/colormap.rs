@@ -1,3 +1,5 @@
+use crate::DataError;
+
 /// Dark violet to yellow, as bright as high: anchors of matplotlib's "viridis" (CC0).
 const ANCHORS: [[f64; 3]; 10] = [
     [68.0, 1.0, 84.0],
@@ -28,6 +30,38 @@ pub fn color(value: f64) -> [u8; 3] {
     let i = (x as usize).min(last - 1);
     let mix = |k: usize| ANCHORS[i][k] + (x - i as f64) * (ANCHORS[i + 1][k] - ANCHORS[i][k]);
     [0, 1, 2].map(|k| mix(k).round() as u8)
+}
+
+/// How the stiffness of a field is coloured.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct Scale {
+    /// Stiffness of the brightest colour [N/m]; 0 where there is none anywhere.
+    pub full: f64,
+}
+
+impl Scale {
+    /// Up to the given stiffness, by default up to the largest.
+    pub fn new(stiffness: &[f64], given: Option<f64>) -> Result<Self, DataError> {
+        if let Some(value) = given.filter(|v| !(v.is_finite() && *v > 0.0)) {
+            return Err(DataError::Argument {
+                what: "full_scale",
+                problem: format!("{value:?} must be positive and finite"),
+            });
+        }
+        let largest = stiffness.iter().copied().fold(0.0, f64::max);
+        Ok(Self {
+            full: given.unwrap_or(largest),
+        })
+    }
+
+    /// A field without stiffness anywhere is all dark.
+    pub fn color(self, stiffness: f64) -> [u8; 3] {
+        color(if self.full > 0.0 {
+            stiffness / self.full
+        } else {
+            0.0
+        })
+    }
 }
 
 #[cfg(test)]

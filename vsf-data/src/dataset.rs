@@ -59,6 +59,14 @@ pub struct Dataset {
     pub extra: BTreeMap<String, String>,
 }
 
+/// What a data set has beside its metadata.
+pub(crate) struct Parts {
+    pub sequences: Vec<Sequence>,
+    pub rest_points: Option<Vec<Point3<f64>>>,
+    pub field: Option<StiffnessField>,
+    pub camera: Option<CameraView>,
+}
+
 impl Dataset {
     /// Reads the folder `dir`. What `overrides` sets goes before what `dataset.json` says.
     ///
@@ -84,22 +92,10 @@ impl Dataset {
         check_metadata(dir, &metadata)?;
         // First of all, whether it is a recording.
         let ids = sequence_ids(dir)?;
-        let Some(robot) = metadata.robot else {
-            return Err(DataError::MissingKey {
-                path: dir.join(metadata::FILE),
-                key: "robot",
-                hint: "name a built-in robot such as kinova_gen3, or the path of a URDF",
-            });
-        };
-        let mut sequences = (ids.iter())
+        check_robot(dir, &metadata)?;
+        let sequences = (ids.iter())
             .map(|(id, folder)| Sequence::load(folder, id, metadata.rate_hz))
             .collect::<Result<Vec<_>, _>>()?;
-        for (id, starts) in metadata.touch_starts.unwrap_or_default() {
-            named(&mut sequences, dir, "touch_starts", id)?.touch_starts = starts;
-        }
-        for (id, tags) in metadata.sequence_tags.unwrap_or_default() {
-            named(&mut sequences, dir, "sequence_tags", id)?.tags = tags;
-        }
         let points = dir.join(POINTS);
         let rest_points = match files::is_there(&points) {
             true => Some(files::points(&points, files::read_npy(&points)?)?),
@@ -116,6 +112,32 @@ impl Dataset {
             let (read, more) = CameraView::open(dir.join(CAMERA))?;
             warnings.extend(more);
             camera = Some(read);
+        }
+        let parts = Parts {
+            sequences,
+            rest_points,
+            field,
+            camera,
+        };
+        let (dataset, more) = Self::assemble(dir, metadata, extra, parts)?;
+        warnings.extend(more);
+        Ok((dataset, warnings))
+    }
+
+    /// The data set of these parts, checked; messages name files below `dir`.
+    pub(crate) fn assemble(
+        dir: &Path,
+        metadata: Overrides,
+        extra: BTreeMap<String, String>,
+        parts: Parts,
+    ) -> Result<(Self, Vec<DataWarning>), DataError> {
+        let robot = check_robot(dir, &metadata)?.clone();
+        let mut sequences = parts.sequences;
+        for (id, starts) in metadata.touch_starts.unwrap_or_default() {
+            named(&mut sequences, dir, "touch_starts", id)?.touch_starts = starts;
+        }
+        for (id, tags) in metadata.sequence_tags.unwrap_or_default() {
+            named(&mut sequences, dir, "sequence_tags", id)?.tags = tags;
         }
         let dataset = Self {
             name: metadata.name.unwrap_or_else(|| folder_name(dir)),
@@ -135,14 +157,14 @@ impl Dataset {
             joint_types: metadata.joint_types,
             attachment: metadata.attachment.unwrap_or_default(),
             gauge_length: metadata.gauge_length,
-            rest_points,
-            field,
-            camera,
+            rest_points: parts.rest_points,
+            field: parts.field,
+            camera: parts.camera,
             sequences,
             extra,
         };
         dataset.check(dir)?;
-        warnings.extend(dataset.warnings(dir));
+        let warnings = dataset.warnings(dir);
         Ok((dataset, warnings))
     }
 
@@ -272,6 +294,21 @@ impl Dataset {
             gauge_length: self.gauge_length,
         }
     }
+}
+
+/// The robot, which must be known.
+pub(crate) fn check_robot<'a>(
+    dir: &Path,
+    metadata: &'a Overrides,
+) -> Result<&'a RobotRef, DataError> {
+    metadata
+        .robot
+        .as_ref()
+        .ok_or_else(|| DataError::MissingKey {
+            path: dir.join(metadata::FILE),
+            key: "robot",
+            hint: "name a built-in robot such as kinova_gen3, or the path of a URDF",
+        })
 }
 
 pub(crate) fn unknown_keys(path: PathBuf, extra: &BTreeMap<String, String>) -> Vec<DataWarning> {

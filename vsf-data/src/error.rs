@@ -68,6 +68,26 @@ pub enum DataError {
         /// What is wrong.
         problem: String,
     },
+    /// An MCAP file is damaged, does not hold what is looked for, or cannot hold what is written.
+    #[error("{}: {problem}", path.display())]
+    Mcap {
+        /// The file.
+        path: PathBuf,
+        /// What is wrong.
+        problem: String,
+    },
+    /// A message of an MCAP file cannot be a sample.
+    #[error("{} {topic} message {message}: {problem}", path.display())]
+    Message {
+        /// The file.
+        path: PathBuf,
+        /// The topic.
+        topic: String,
+        /// Which message of the topic in this file, from 0.
+        message: u64,
+        /// What is wrong.
+        problem: String,
+    },
     /// A file is not valid JSON.
     #[error("{} line {line} column {column}: invalid JSON: {problem}", path.display())]
     Json {
@@ -369,6 +389,17 @@ pub enum DataWarning {
         path: PathBuf,
         /// Their IDs.
         ids: Vec<String>,
+    },
+    /// Joint states without any of the robot's joints, as of a gripper on the same topic. They are
+    /// left out.
+    #[error("{} {topic}: {count} messages have none of the robot's joints, left out", path.display())]
+    OtherJoints {
+        /// The file.
+        path: PathBuf,
+        /// The topic.
+        topic: String,
+        /// How many.
+        count: usize,
     },
     /// A field has `K_std` without the mark that says what it is. It is not used: OpenVSF
     /// writes the variance under this name.

@@ -1,3 +1,4 @@
+use crate::colormap::Scale;
 use crate::npy::{self, NpyError};
 use crate::staged::Staged;
 use crate::{DataError, DataWarning, Table, files, json, npz, ply, write_file};
@@ -170,13 +171,7 @@ impl StiffnessField {
     ) -> Result<(), DataError> {
         let path = path.as_ref();
         self.check(path)?;
-        if let Some(value) = full_scale.filter(|v| !(v.is_finite() && *v > 0.0)) {
-            return Err(DataError::Argument {
-                what: "full_scale",
-                problem: format!("{value:?} must be positive and finite"),
-            });
-        }
-        ply::write(path, self, full_scale)
+        ply::write(path, self, Scale::new(&self.stiffness, full_scale)?)
     }
 
     fn arrays(&self) -> BTreeMap<String, Vec<u8>> {

@@ -3,28 +3,46 @@
 use crate::npy::{self, NpyArray};
 use crate::{DataError, Table, write_file};
 use nalgebra::Point3;
-use std::fs;
+use std::fs::{self, File};
 use std::io::{Error, ErrorKind};
 use std::path::{Path, PathBuf};
 
 /// [`DataError::Missing`] where nothing is; a link that leads nowhere is not nothing.
 pub(crate) fn read(path: &Path) -> Result<Vec<u8>, DataError> {
-    let failed = |source| DataError::Io {
-        action: "read",
-        path: path.to_owned(),
-        source,
-    };
+    check_kind(path)?;
+    fs::read(path).map_err(|source| unreadable(path, source))
+}
+
+/// A file to be read in parts, and its length.
+pub(crate) fn open(path: &Path) -> Result<(File, u64), DataError> {
+    check_kind(path)?;
+    let opened = File::open(path).and_then(|file| {
+        let length = file.metadata()?.len();
+        Ok((file, length))
+    });
+    opened.map_err(|source| unreadable(path, source))
+}
+
+fn check_kind(path: &Path) -> Result<(), DataError> {
     let kind = match path.metadata() {
         Ok(found) => found.file_type(),
-        Err(e) if path.is_symlink() => return Err(failed(e)),
+        Err(e) if path.is_symlink() => return Err(unreadable(path, e)),
         Err(e) => return Err(DataError::io("read", path, e)),
     };
     if !kind.is_file() && !kind.is_dir() {
         // Pipes wait and devices go on for ever.
         let why = "it is a pipe or a device; save it as a file";
-        return Err(failed(Error::new(ErrorKind::InvalidInput, why)));
+        return Err(unreadable(path, Error::new(ErrorKind::InvalidInput, why)));
     }
-    fs::read(path).map_err(failed)
+    Ok(())
+}
+
+fn unreadable(path: &Path, source: Error) -> DataError {
+    DataError::Io {
+        action: "read",
+        path: path.to_owned(),
+        source,
+    }
 }
 
 /// Whether something of that name is there, be it a link that leads nowhere.

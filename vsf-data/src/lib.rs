@@ -5,7 +5,8 @@
 //! view, and metadata in `dataset.json`. A folder of OpenVSF's `MultiModalDataset` (only
 //! `seq_*/angles.npy` and `seq_*/torques.npy`) opens with the metadata in [`Overrides`]. A
 //! [`StiffnessField`] is an `.npz` archive or a folder in OpenVSF's layout, and can be looked at
-//! as a coloured PLY cloud.
+//! as a coloured PLY cloud. [`McapExport`] writes both as ROS 2 messages, and [`JointLog`] makes a
+//! recording of the joint states in an MCAP file.
 //!
 //! ```
 //! use vsf_data::{Dataset, Overrides, RobotRef};
@@ -39,7 +40,9 @@
 //! changes nothing, and a killed process leaves every file old or new ([`write_file`]).
 //!
 //! Rejected: the `ndarray-npy` crate. It reads into one static type per call, so every dtype
-//! would be a trial, and it has no half floats; the format is one file here.
+//! would be a trial, and it has no half floats; the format is one file here. Likewise the `cdr` and
+//! `cdr-encoding` crates for ROS messages: they know neither ROS 1 nor the bytes in front of a message,
+//! and two messages of numbers and names are less than their descriptions for serde.
 
 #![forbid(unsafe_code)]
 
@@ -57,7 +60,9 @@ mod npy;
 mod npz;
 mod pcd;
 mod ply;
+mod points;
 mod pose;
+mod ros;
 mod sequence;
 mod signal;
 mod staged;
@@ -72,6 +77,8 @@ pub use metadata::{Attachment, JointType, Overrides, RobotRef, Splits, TorqueKin
 pub use npy::NpyError;
 pub use pcd::{read_pcd_cloud, read_pcd_points};
 pub use ply::{ColoredPoint, read_ply_cloud, read_ply_points};
+pub use points::read_points;
+pub use ros::{Clock, EffortPrediction, JointLog, McapExport};
 pub use sequence::Sequence;
 pub use signal::{Motion, differentiate, tare};
 pub use staged::{write_file, write_files};

@@ -302,11 +302,22 @@ pub(crate) fn read(
     given: &Overrides,
 ) -> Result<(Overrides, BTreeMap<String, String>), DataError> {
     let path = dir.join(FILE);
-    let raw: Raw = match files::read(&path) {
-        Ok(bytes) => json::parse(&path, &bytes)?,
-        Err(DataError::Missing { .. }) => Raw::default(),
-        Err(e) => return Err(e),
-    };
+    match files::read(&path) {
+        Ok(bytes) => parse(&path, &bytes, dir, given),
+        Err(DataError::Missing { .. }) => parse(&path, b"{}", dir, given),
+        Err(e) => Err(e),
+    }
+}
+
+/// Reads the bytes of `dataset.json`, below what the caller gives, and the keys it does not know.
+/// `path` is for messages, `dir` where a robot is looked for.
+pub(crate) fn parse(
+    path: &Path,
+    bytes: &[u8],
+    dir: &Path,
+    given: &Overrides,
+) -> Result<(Overrides, BTreeMap<String, String>), DataError> {
+    let raw: Raw = json::parse(path, bytes)?;
     let base_pose = raw.base_pose.map(|m| pose::from_rows(&m)).transpose();
     let metadata = Overrides {
         name: raw.name,
@@ -320,13 +331,13 @@ pub(crate) fn read(
         rate_hz: raw.rate_hz,
         gravity: raw.gravity.map(Vector3::from),
         base_pose: base_pose.map_err(|problem| DataError::Metadata {
-            path: path.clone(),
+            path: path.to_owned(),
             key: "base_pose",
             problem,
         })?,
         object_bbox: raw.object_bbox.map(|b| b.map(Point3::from)),
         tare_samples: raw.tare_samples,
-        splits: raw.splits.map(|s| s.read(&path)).transpose()?,
+        splits: raw.splits.map(|s| s.read(path)).transpose()?,
         joints: raw.joints,
         joint_types: raw.joint_types,
         touch_starts: raw.touch_starts.map(|m| m.0),
@@ -347,13 +358,24 @@ pub(crate) fn stage(
     staged: &mut Staged,
 ) -> Result<(), DataError> {
     let path = dir.join(FILE);
+    let robot = match &metadata.robot {
+        Some(robot) => robot.text_in(dir, staged)?,
+        None => String::new(),
+    };
+    staged.file(&path, &encode(&path, metadata, extra, &robot)?)
+}
+
+/// The bytes of `dataset.json` with this text for the robot; `path` is for messages.
+pub(crate) fn encode(
+    path: &Path,
+    metadata: Overrides,
+    extra: &BTreeMap<String, String>,
+    robot: &str,
+) -> Result<Vec<u8>, DataError> {
     let raw = Raw {
         name: metadata.name,
         description: metadata.description,
-        robot: match metadata.robot {
-            Some(robot) => Some(robot.text_in(dir, staged)?),
-            None => None,
-        },
+        robot: metadata.robot.map(|_| robot.to_owned()),
         torque_kind: metadata.torque_kind,
         rate_hz: metadata.rate_hz,
         gravity: metadata.gravity.map(Into::into),
@@ -369,7 +391,7 @@ pub(crate) fn stage(
             .map(|m| UniqueMap(m.into_iter().map(|(id, t)| (id, Tags::List(t))).collect())),
         attachment: metadata.attachment,
         gauge_length: metadata.gauge_length,
-        extra: json::from_text(&path, extra)?,
+        extra: json::from_text(path, extra)?,
     };
-    staged.file(&path, &json::encode(&path, &raw)?)
+    json::encode(path, &raw)
 }

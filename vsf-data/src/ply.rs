@@ -1,38 +1,32 @@
 //! Point clouds in the PLY format.
 
-use crate::{DataError, StiffnessField, color, files, write_file};
+use crate::colormap::Scale;
+use crate::{DataError, StiffnessField, files, write_file};
 use nalgebra::Point3;
 use ply_rs_bw::parser::{Parser, Reader};
 use ply_rs_bw::ply::{Property, PropertyAccess, PropertyAccessResult, PropertyType, ScalarType};
 use std::io::Cursor;
 use std::path::Path;
 
-pub(crate) fn write(
-    path: &Path,
-    field: &StiffnessField,
-    full_scale: Option<f64>,
-) -> Result<(), DataError> {
-    let largest = field.stiffness.iter().copied().fold(0.0, f64::max);
-    let scale = full_scale.unwrap_or(largest);
+pub(crate) fn write(path: &Path, field: &StiffnessField, scale: Scale) -> Result<(), DataError> {
     let sd = match field.sd {
         Some(_) => "property double sd\n",
         None => "",
     };
     let mut bytes = format!(
         "ply\nformat binary_little_endian 1.0\n\
-         comment stiffness in N/m; colour from 0 to {scale} N/m\n\
+         comment stiffness in N/m; colour from 0 to {} N/m\n\
          element vertex {}\n\
          property double x\nproperty double y\nproperty double z\n\
          property uchar red\nproperty uchar green\nproperty uchar blue\n\
          property double stiffness\n{sd}end_header\n",
+        scale.full,
         field.points.len()
     )
     .into_bytes();
     for (i, (p, &stiffness)) in field.points.iter().zip(&field.stiffness).enumerate() {
         bytes.extend([p.x, p.y, p.z].iter().flat_map(|v| v.to_le_bytes()));
-        // A field without stiffness anywhere is all dark.
-        let value = if scale > 0.0 { stiffness / scale } else { 0.0 };
-        bytes.extend(color(value));
+        bytes.extend(scale.color(stiffness));
         bytes.extend(stiffness.to_le_bytes());
         if let Some(sd) = &field.sd {
             bytes.extend(sd[i].to_le_bytes());

@@ -3,12 +3,14 @@
 
 mod common;
 
-use common::{Folder, golden};
+use common::{ARM, Folder, State, bag, golden};
 use proptest::prelude::*;
 use proptest::sample::Index;
 use std::fs;
+use std::sync::LazyLock;
 use vsf_data::{
-    Dataset, Overrides, StiffnessField, read_pcd_cloud, read_pcd_points, read_ply_points,
+    Clock, DataError, Dataset, JointLog, McapExport, Overrides, RobotRef, StiffnessField,
+    TorqueKind, read_pcd_cloud, read_pcd_points, read_ply_points,
 };
 
 /// One way to damage a file.
@@ -137,6 +139,103 @@ fn truncations_are_errors() {
     }
 }
 
+/// An export with all its parts, and a bag of ROS 2 in chunks with compression.
+fn mcap_files() -> Vec<Vec<u8>> {
+    let folder = Folder::new();
+    let path = folder.path().join("a.mcap");
+    let (dataset, _) = folder.open().unwrap();
+    let (field, _) = StiffnessField::open(golden("plain.npz")).unwrap();
+    let export = McapExport {
+        recording: Some(&dataset),
+        joints: &ARM.map(str::to_owned),
+        field: Some(&field),
+        ..McapExport::default()
+    };
+    export.save(&path).unwrap();
+    let mut files = vec![fs::read(&path).unwrap()];
+    let states: Vec<State> = (0..4).map(State::arm).collect();
+    for compression in [mcap::Compression::Zstd, mcap::Compression::Lz4] {
+        bag(&path, Some(compression), &states);
+        files.push(fs::read(&path).unwrap());
+    }
+    files
+}
+
+/// Whatever comes of a file, with all that it can give.
+fn read_mcap(bytes: &[u8]) -> Result<Dataset, DataError> {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("a.mcap");
+    fs::write(&path, bytes).unwrap();
+    let given = Overrides {
+        robot: Some(RobotRef::resolve("planar_arm", ".".as_ref()).unwrap()),
+        torque_kind: Some(TorqueKind::External),
+        ..Overrides::default()
+    };
+    let log = JointLog::open(&[&path], None, Clock::Header)?;
+    Ok(log.recording(&given, &ARM.map(str::to_owned), None)?.0)
+}
+
+#[test]
+fn cut_mcap_files_are_errors() {
+    for whole in mcap_files() {
+        read_mcap(&whole).unwrap();
+        for length in (0..whole.len()).step_by(7) {
+            let error = read_mcap(&whole[..length]).unwrap_err().to_string();
+            assert!(
+                error.contains("a.mcap: the file ends in the middle"),
+                "{length}: {error}"
+            );
+        }
+    }
+}
+
+/// Lengths beyond what the file holds, at every place where a length could stand.
+#[test]
+fn huge_lengths_in_mcap_files_reserve_nothing() {
+    for whole in mcap_files() {
+        for at in (0..whole.len() - 8).step_by(11) {
+            for length in [[0xff; 8], [0xff, 0xff, 0xff, 0x7f, 0, 0, 0, 0]] {
+                let mut bytes = whole.clone();
+                bytes[at..at + 8].copy_from_slice(&length);
+                let _ = read_mcap(&bytes);
+            }
+        }
+    }
+}
+
+/// A record of an MCAP file.
+fn record(opcode: u8, body: &[u8]) -> Vec<u8> {
+    [&[opcode][..], &(body.len() as u64).to_le_bytes(), body].concat()
+}
+
+/// What the reader of the `mcap` crate would panic on.
+#[test]
+fn records_that_contradict_themselves_are_errors() {
+    let refused = |records: &[u8]| {
+        let header = record(1, &[0; 8]);
+        let bytes = [mcap::MAGIC, &header, records].concat();
+        read_mcap(&bytes).unwrap_err().to_string()
+    };
+    // A chunk without compression, whose only record is longer than the chunk.
+    let inside = [&[5][..], &100u64.to_le_bytes()].concat();
+    let size = (inside.len() as u64).to_le_bytes();
+    let chunk = [&[0; 16][..], &size, &[0; 4], &[0; 4], &size, &inside].concat();
+    let text = refused(&[record(6, &chunk), record(0x80, &[0; 200])].concat());
+    assert!(text.contains("100 bytes are announced"), "{text}");
+    // An attachment without room for its sum.
+    let attachment = [&[0; 16][..], &[0; 4], &[0; 4], &[0; 8]].concat();
+    let text = refused(&record(9, &attachment));
+    assert!(text.contains("a.mcap"), "{text}");
+    // Names longer than the record.
+    for opcode in [3, 4, 9] {
+        let text = refused(&record(opcode, &[0xff; 40]));
+        assert!(text.contains("a.mcap"), "{text}");
+    }
+    // A message of a channel that was never defined.
+    let text = refused(&record(5, &[0; 30]));
+    assert!(text.contains("channel 0, which is not defined"), "{text}");
+}
+
 proptest! {
     #![proptest_config(ProptestConfig { failure_persistence: None, ..ProptestConfig::with_cases(1500) })]
 
@@ -198,14 +297,25 @@ proptest! {
     }
 
     #[test]
+    fn damaged_mcap_files_never_panic(file in 0..3usize, damage in damage()) {
+        static FILES: LazyLock<Vec<Vec<u8>>> = LazyLock::new(mcap_files);
+        let mut bytes = FILES[file].clone();
+        apply(&mut bytes, &damage);
+        if let Err(error) = read_mcap(&bytes) {
+            prop_assert!(error.to_string().contains("a.mcap"), "{}", error);
+        }
+    }
+
+    #[test]
     fn any_bytes_never_panic(bytes in prop::collection::vec(any::<u8>(), 0..200)) {
         let folder = tempfile::tempdir().unwrap();
-        for magic in [&b""[..], b"\x93NUMPY\x01\x00", b"PK\x03\x04", b"ply\n"] {
+        for magic in [&b""[..], b"\x93NUMPY\x01\x00", b"PK\x03\x04", b"ply\n", mcap::MAGIC] {
             let path = folder.path().join("a.npz");
             fs::write(&path, [magic, &bytes].concat()).unwrap();
             prop_assert!(StiffnessField::open(&path).is_err());
             prop_assert!(read_ply_points(&path).is_err());
             prop_assert!(read_pcd_points(&path).is_err());
+            prop_assert!(JointLog::open(&[&path], None, Clock::Header).is_err());
         }
     }
 }

@@ -10,9 +10,9 @@ use proptest::prelude::*;
 use std::collections::BTreeMap;
 use std::fs;
 use vsf_data::{
-    Attachment, CameraView, DataError, Dataset, JointType, Overrides, RobotRef, Sequence, Splits,
-    StiffnessField, Table, TorqueKind, read_pcd_cloud, read_pcd_points, read_ply_cloud,
-    read_ply_points,
+    Attachment, CameraView, Clock, DataError, Dataset, JointLog, JointType, McapExport, Overrides,
+    RobotRef, Sequence, Splits, StiffnessField, Table, TorqueKind, read_pcd_cloud, read_pcd_points,
+    read_ply_cloud, read_ply_points,
 };
 
 /// Any finite double, subnormals and both zeros included.
@@ -221,6 +221,30 @@ proptest! {
         read.save(folder.path()).unwrap();
         let names: Vec<_> = fs::read_dir(folder.path()).unwrap().collect();
         prop_assert!(names.iter().all(|e| !e.as_ref().unwrap().file_name().to_string_lossy().starts_with('.')));
+    }
+
+    #[test]
+    fn recordings_in_mcap(saved in dataset()) {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("a.mcap");
+        let joints: Vec<String> = (0..saved.width()).map(|k| format!("joint {k}")).collect();
+        let export = McapExport {
+            recording: Some(&saved),
+            joints: &joints,
+            ..McapExport::default()
+        };
+        export.save(&path).unwrap();
+        let log = JointLog::open(&[&path], None, Clock::Header).unwrap();
+        let (mut read, _) = log.recording(&Overrides::default(), &joints, None).unwrap();
+        for (a, b) in saved.sequences.iter().zip(&read.sequences) {
+            prop_assert_eq!(bits(a.angles.data()), bits(b.angles.data()));
+            prop_assert_eq!(bits(a.torques.data()), bits(b.torques.data()));
+            prop_assert_eq!(bits(&a.time), bits(&b.time));
+        }
+        prop_assert!(close(&saved.base_pose, &read.base_pose));
+        read.base_pose = saved.base_pose;
+        let expected = Dataset { field: None, camera: None, ..saved };
+        prop_assert_eq!(&expected, &read);
     }
 
     #[test]

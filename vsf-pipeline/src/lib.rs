@@ -49,7 +49,7 @@ pub use paper::{
 };
 pub use priors::{PriorRow, compare_priors};
 pub use readings::external_torques;
-pub use scene::{Scene, SceneOptions, reading_unit, robot_of};
+pub use scene::{Scene, SceneOptions, load_robot, reading_unit, robot_of};
 pub use simulate::{add_noise, simulate};
 pub use table1::{Table1Cell, Table1Row, table1};
 pub use trace::Trace;

@@ -200,7 +200,7 @@ pub fn robot_of(
     dataset: &Dataset,
     packages: &BTreeMap<String, PathBuf>,
 ) -> Result<RobotModel, PipelineError> {
-    let robot = load(&dataset.robot, dataset.joints.clone(), packages)?;
+    let robot = load_robot(&dataset.robot, dataset.joints.clone(), packages)?;
     let names: Vec<&str> = robot.joints().iter().map(|j| j.name()).collect();
     if names.is_empty() {
         return Err(PipelineError::NoJoints {
@@ -240,7 +240,12 @@ pub fn robot_of(
     Ok(robot.with_base_pose(dataset.base_pose)?)
 }
 
-fn load(
+/// A robot by name or URDF, with its joints in this order, by default that of its chain; its base is at
+/// the origin. `packages` are the folders of `package://` names in its URDF.
+///
+/// # Errors
+/// An unknown or unreadable robot.
+pub fn load_robot(
     robot: &RobotRef,
     joint_order: Option<Vec<String>>,
     packages: &BTreeMap<String, PathBuf>,

@@ -1,16 +1,20 @@
 //! Pages for the first things one wants to do. Every example on them is compiled and run.
 //!
 //! 1. [`first_field`]: from a touch recording on disk to a field, its errors and a picture.
-//! 2. [`your_robot`]: URDF files, package maps, joint order, shapes.
-//! 3. [`your_parts`]: an estimator, a sensor and a contact model of your own.
-//! 4. [`filter_health`]: is the filter right about how much it knows?
-//! 5. [`sim_to_real`]: what the model lacks, by the effects of the catalogue or your own.
-//! 6. [`touch_protocol`]: how to touch so that effects can be told apart.
-//! 7. [`accuracy`]: how well it predicts and how fast it is, and where it ends.
-//! 8. [`from_openvsf`]: folders, fields and options of OpenVSF, and what differs here.
+//! 2. [`recordings`]: your own recordings, ROS bags and other MCAP files; results in Foxglove and rviz.
+//! 3. [`your_robot`]: URDF files, package maps, joint order, shapes.
+//! 4. [`your_parts`]: an estimator, a sensor and a contact model of your own.
+//! 5. [`filter_health`]: is the filter right about how much it knows?
+//! 6. [`sim_to_real`]: what the model lacks, by the effects of the catalogue or your own.
+//! 7. [`touch_protocol`]: how to touch so that effects can be told apart.
+//! 8. [`accuracy`]: how well it predicts and how fast it is, and where it ends.
+//! 9. [`from_openvsf`]: folders, fields and options of OpenVSF, and what differs here.
 
 #[doc = include_str!("guide/first_field.md")]
 pub mod first_field {}
+
+#[doc = include_str!("guide/recordings.md")]
+pub mod recordings {}
 
 #[doc = include_str!("guide/your_robot.md")]
 pub mod your_robot {}

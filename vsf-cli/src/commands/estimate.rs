@@ -26,7 +26,7 @@ error), nis_ratio, out.")]
 pub struct Args {
     #[command(flatten)]
     recording: RecordingArgs,
-    /// Where to write the field, by ending: .npz, .ply, or a folder, which must be new, empty or a
+    /// Where to write the field, by ending: .npz, .ply, .mcap, or a folder, which must be new, empty or a
     /// field to replace; may be repeated
     #[arg(long, default_value = "field.npz")]
     out: Vec<PathBuf>,
@@ -82,7 +82,7 @@ pub fn run(args: &Args, console: &Console) -> anyhow::Result<()> {
         if matches!(FieldFormat::of(out)?, FieldFormat::Png | FieldFormat::Svg) {
             let out = out.display();
             return Err(usage(format!(
-                "{out}: pictures are drawn by `vsf export`; give .npz, .ply or a folder (no ending)"
+                "{out}: pictures are drawn by `vsf export`; give .npz, .ply, .mcap or a folder (no ending)"
             )));
         }
     }

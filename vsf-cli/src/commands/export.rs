@@ -2,13 +2,16 @@ use crate::config::Sources;
 use crate::console::{Console, Written, create_folder, texts, write_file};
 use crate::exit::usage;
 use crate::field_file::{FieldFile, FieldFormat, check_out, save};
+use crate::interrupt::writing;
 use crate::pictures::{self, Surroundings, View};
 use crate::range::positive;
 use crate::recording::{Default, Recording, traces};
 use crate::settings::SceneSettings;
 use anyhow::Context;
 use std::path::{Path, PathBuf};
-use vsf::pipeline::predict;
+use vsf::data::{EffortPrediction, McapExport, Sequence, Table, TorqueKind};
+use vsf::pipeline::{Scene, Trace, predict};
+use vsf::robots::RobotModel;
 
 #[derive(Debug, clap::Args)]
 #[command(after_help = "\
@@ -16,6 +19,9 @@ Examples:
   vsf export field.npz --out field.ply --out field.png
   vsf export DATASET --field field.npz --out field.png     with camera view and robot
   vsf export DATASET --field field.npz --torques plots/    one SVG per test sequence
+  vsf export DATASET --field field.npz --out touches.mcap  for Foxglove, PlotJuggler, ros2 bag play
+
+An .mcap file holds ROS 2 messages: /joint_states of all sequences of a recording, effort being its torques; with a field, /stiffness_field (PointCloud2, frame world: x, y, z, stiffness, sd, rgb), and of the torques that it predicts, /predicted/joint_states and their standard deviations, /predicted/joint_states_sd, both as effort and to be compared with the recorded ones (gravity and offsets as there). Stamps start at 1 s, sequences are 2 s apart. `vsf import` makes the recording of it again.
 
 JSON keys: written.")]
 pub struct Args {
@@ -24,7 +30,8 @@ pub struct Args {
     /// The field, when INPUT is a recording; by default the one stored in it
     #[arg(long)]
     field: Option<PathBuf>,
-    /// Where to write the field, by ending: .ply, .png, .svg, .npz, or a folder; may be repeated
+    /// Where to write the field, by ending: .ply, .png, .svg, .npz, .mcap, or a folder; may be
+    /// repeated. A recording goes to .mcap without a field, too
     #[arg(long)]
     out: Vec<PathBuf>,
     /// Folder for plots of measured and predicted torques, torques_<ID>.svg, with a band of one
@@ -37,8 +44,8 @@ pub struct Args {
     /// Show the standard deviation in place of the stiffness
     #[arg(long)]
     deviation: bool,
-    /// Stiffness at the end of the colour scale [N/m]; default the largest (.ply), or the 99 %
-    /// quantile (pictures)
+    /// Stiffness at the end of the colour scale [N/m]; default the largest (.ply, .mcap), or the
+    /// 99 % quantile (pictures)
     #[arg(long, allow_negative_numbers = true, value_parser = positive)]
     full_scale: Option<f64>,
     #[command(flatten)]
@@ -57,7 +64,12 @@ pub fn run(args: &Args, console: &Console) -> anyhow::Result<()> {
         (true, Some(_)) => return Err(usage("--torques needs a recording and --field")),
         (true, None) => {
             let field = FieldFile::open(&args.input, console)?;
-            write_field(args, &field, &Surroundings::default())?
+            write_field(
+                args,
+                &field,
+                &Surroundings::default(),
+                &McapExport::default(),
+            )?
         }
         (false, _) => from_recording(args, console)?,
     };
@@ -69,15 +81,41 @@ pub fn run(args: &Args, console: &Console) -> anyhow::Result<()> {
 
 fn from_recording(args: &Args, console: &Console) -> anyhow::Result<Vec<PathBuf>> {
     let recording = Recording::open(&args.input, &args.scene, console)?;
+    let dataset = &recording.dataset;
+    let is_mcap = |out: &PathBuf| FieldFormat::of(out).is_ok_and(|f| f == FieldFormat::Mcap);
+    let without_field = args.field.is_none() && dataset.field.is_none();
+    if without_field && args.torques.is_none() && args.out.iter().all(is_mcap) {
+        let joints = names(&recording.robot()?);
+        let export = McapExport {
+            recording: Some(dataset),
+            joints: &joints,
+            ..McapExport::default()
+        };
+        for out in &args.out {
+            create_parent(out)?;
+            writing(|| export.save(out))?;
+        }
+        return Ok(args.out.clone());
+    }
     let field = recording.field(args.field.as_deref(), console)?;
     let scene = recording.scene_of(&field, console)?;
     let mut around = Surroundings::default();
-    if let Some(view) = &recording.dataset.camera {
+    if let Some(view) = &dataset.camera {
         around = around.camera(view, &field.field.points);
     }
     let shown = recording.sequences(None, Default::All)?[0];
     around = around.robot(&scene, shown, &scene.trace(shown)?)?;
-    let mut written = write_field(args, &field, &around)?;
+    let (joints, mut predictions) = (names(&scene.robot), Vec::new());
+    if args.out.iter().any(is_mcap) {
+        predictions = predicted(&recording, &field, &scene, console)?;
+    }
+    let export = McapExport {
+        recording: Some(dataset),
+        joints: &joints,
+        predictions: &predictions,
+        ..McapExport::default()
+    };
+    let mut written = write_field(args, &field, &around, &export)?;
     let Some(folder) = &args.torques else {
         return Ok(written);
     };
@@ -88,7 +126,7 @@ fn from_recording(args: &Args, console: &Console) -> anyhow::Result<Vec<PathBuf>
     create_folder(folder)?;
     for trace in &traces(&scene, &sequences, console)? {
         let prediction = predict(&scene, &belief, &noise_sd, trace)?;
-        let title = format!("{}, sequence {}", recording.dataset.name, trace.id);
+        let title = format!("{}, sequence {}", dataset.name, trace.id);
         let svg = pictures::torques(&scene, trace, &prediction, &title)
             .with_context(|| format!("sequence {}", trace.id))?;
         let path = folder.join(format!("torques_{}.svg", trace.id));
@@ -102,6 +140,7 @@ fn write_field(
     args: &Args,
     file: &FieldFile,
     around: &Surroundings,
+    beside: &McapExport,
 ) -> anyhow::Result<Vec<PathBuf>> {
     let title = file.path.file_stem().unwrap_or_default().to_string_lossy();
     let view = View {
@@ -112,9 +151,7 @@ fn write_field(
     let field = &file.field;
     let picture_of = || file.path.display().to_string();
     for out in &args.out {
-        if let Some(parent) = out.parent().filter(|p| !p.as_os_str().is_empty()) {
-            create_folder(parent)?;
-        }
+        create_parent(out)?;
         match FieldFormat::of(out)? {
             FieldFormat::Png => {
                 let png = pictures::field(field, around, view, |v| v.png());
@@ -125,10 +162,63 @@ fn write_field(
                 write_file(out, svg.with_context(picture_of)?.as_bytes())?;
             }
             FieldFormat::Ply => {
-                crate::interrupt::writing(|| field.save_ply(out as &Path, args.full_scale))?;
+                writing(|| field.save_ply(out, args.full_scale))?;
+            }
+            FieldFormat::Mcap => {
+                let export = McapExport {
+                    field: Some(field),
+                    full_scale: args.full_scale,
+                    ..*beside
+                };
+                writing(|| export.save(out))?;
             }
             FieldFormat::Npz | FieldFormat::Folder => save(field, out)?,
         }
     }
     Ok(args.out.clone())
+}
+
+fn create_parent(out: &Path) -> anyhow::Result<()> {
+    match out.parent().filter(|p| !p.as_os_str().is_empty()) {
+        Some(parent) => create_folder(parent),
+        None => Ok(()),
+    }
+}
+
+fn names(robot: &RobotModel) -> Vec<String> {
+    robot.joints().iter().map(|j| j.name().to_owned()).collect()
+}
+
+/// What the field predicts the torques of the recording to be, as they were recorded: with gravity and
+/// offset where these have them.
+fn predicted(
+    recording: &Recording,
+    field: &FieldFile,
+    scene: &Scene,
+    console: &Console,
+) -> anyhow::Result<Vec<EffortPrediction>> {
+    field.compare_model(None, console);
+    let belief = field.belief()?;
+    let width = scene.robot.joint_count();
+    let noise_sd = field.noise_sd(width, console)?;
+    // tau_meas = tau_gravity - tau_ext, see the format of recordings.
+    let sign = match recording.dataset.torque_kind {
+        TorqueKind::External => 1.0,
+        TorqueKind::Measured => -1.0,
+    };
+    let sequences = recording.sequences(None, Default::All)?;
+    let traces = traces(scene, &sequences, console)?;
+    let of = |(trace, sequence): (&Trace, &&Sequence)| {
+        let prediction = predict(scene, &belief, &noise_sd, trace)?;
+        let mut mean = sequence.torques.clone();
+        let errors = prediction.mean.iter().zip(trace.readings());
+        let errors =
+            errors.flat_map(|(mean, reading)| mean.iter().zip(reading).map(|(m, r)| m - r));
+        for (torque, error) in mean.data_mut().iter_mut().zip(errors) {
+            *torque += sign * error;
+        }
+        let sd = Table::new(width, prediction.sd.concat())?;
+        Ok(EffortPrediction { mean, sd })
+    };
+    traces.iter().zip(&sequences).map(of).collect()
 }

@@ -4,6 +4,7 @@ pub mod estimate;
 pub mod evaluate;
 pub mod experiment;
 pub mod export;
+pub mod import;
 pub mod info;
 pub mod learn;
 pub mod predict;
@@ -26,6 +27,7 @@ pub fn run(command: &Option<Command>, console: &Console) -> anyhow::Result<()> {
         Some(Command::Diagnose(args)) => diagnose::run(args, console),
         Some(Command::Simulate(args)) => simulate::run(args, console),
         Some(Command::Export(args)) => export::run(args, console),
+        Some(Command::Import(args)) => import::run(args, console),
         Some(Command::View(args)) => view::run(args, console),
         Some(Command::Bench(args)) => bench::run(args, console),
         Some(Command::Experiment(args)) => experiment::run(args, console),

@@ -85,7 +85,7 @@ pub fn run(args: &Args, console: &Console) -> anyhow::Result<()> {
         Ok((path, sd.npy()))
     });
     let deviations = deviations.collect::<anyhow::Result<Vec<_>>>()?;
-    save(dataset, &recording, &args.out, deviations)?;
+    save(dataset, &recording.options.packages, &args.out, deviations)?;
     let entries = traces.iter().map(|t| Entry {
         sequence: &t.id,
         samples: t.observations.len(),

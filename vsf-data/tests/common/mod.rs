@@ -84,3 +84,120 @@ impl Folder {
         (error, text)
     }
 }
+
+/// Joints of the arm in [`bag`].
+pub const ARM: [&str; 2] = ["shoulder", "elbow"];
+
+/// `sensor_msgs/msg/JointState` as ROS 2 serialises it, written independently of the crate.
+#[derive(Debug, Clone)]
+pub struct State {
+    pub topic: &'static str,
+    /// [ns]
+    pub stamp: i64,
+    pub names: Vec<&'static str>,
+    pub position: Vec<f64>,
+    pub velocity: Vec<f64>,
+    pub effort: Vec<f64>,
+}
+
+impl State {
+    /// Of the arm, `k` hundredths of a second after time 100 s.
+    pub fn arm(k: i64) -> Self {
+        let v = k as f64;
+        Self {
+            topic: "/joint_states",
+            stamp: 100_000_000_000 + 10_000_000 * k,
+            names: ARM.to_vec(),
+            position: vec![0.1 * v, -0.1 * v],
+            velocity: vec![],
+            effort: vec![1.0 + v, 2.0 + v],
+        }
+    }
+
+    fn cdr(&self) -> Vec<u8> {
+        fn align(body: &mut Vec<u8>, size: usize) {
+            while !body.len().is_multiple_of(size) {
+                body.push(0);
+            }
+        }
+        fn length(body: &mut Vec<u8>, n: usize) {
+            align(body, 4);
+            body.extend((n as u32).to_le_bytes());
+        }
+        fn text(body: &mut Vec<u8>, text: &str) {
+            length(body, text.len() + 1);
+            body.extend(text.bytes().chain([0]));
+        }
+        let mut body = Vec::new();
+        body.extend(((self.stamp / 1_000_000_000) as i32).to_le_bytes());
+        body.extend(((self.stamp % 1_000_000_000) as u32).to_le_bytes());
+        text(&mut body, "base");
+        length(&mut body, self.names.len());
+        self.names.iter().for_each(|name| text(&mut body, name));
+        for array in [&self.position, &self.velocity, &self.effort] {
+            length(&mut body, array.len());
+            for value in array {
+                align(&mut body, 8);
+                body.extend(value.to_le_bytes());
+            }
+        }
+        [&[0, 1, 0, 0][..], &body].concat()
+    }
+}
+
+pub const DEFINITION: &str = "std_msgs/Header header\nstring[] name\nfloat64[] position\n\
+                              float64[] velocity\nfloat64[] effort\n";
+
+/// An MCAP file as rosbag2 writes it, logged a millisecond after the stamps, with another topic in it.
+pub fn bag(path: &Path, compression: Option<mcap::Compression>, states: &[State]) {
+    bag_of(
+        path,
+        compression,
+        ["sensor_msgs/msg/JointState", "ros2msg", "cdr"],
+        DEFINITION,
+        states,
+    );
+}
+
+pub fn bag_of(
+    path: &Path,
+    compression: Option<mcap::Compression>,
+    [schema, encoding, message]: [&str; 3],
+    definition: &str,
+    states: &[State],
+) {
+    let options = mcap::WriteOptions::new()
+        .profile("ros2")
+        .compression(compression);
+    let mut out = options
+        .chunk_size(Some(400))
+        .create(fs::File::create(path).unwrap())
+        .unwrap();
+    let text = out
+        .add_schema("std_msgs/msg/String", "ros2msg", b"string data")
+        .unwrap();
+    let joints = out
+        .add_schema(schema, encoding, definition.as_bytes())
+        .unwrap();
+    let none = Default::default();
+    for state in states {
+        let log = out.add_channel(text, "/rosout", "cdr", &none).unwrap();
+        let channel = out
+            .add_channel(joints, state.topic, message, &none)
+            .unwrap();
+        let log_time = (state.stamp + 1_000_000) as u64;
+        for (channel_id, data) in [
+            (log, vec![0, 1, 0, 0, 1, 0, 0, 0, 0]),
+            (channel, state.cdr()),
+        ] {
+            let header = mcap::records::MessageHeader {
+                channel_id,
+                sequence: 0,
+                log_time,
+                publish_time: log_time,
+            };
+            out.write_to_known_channel(&header, &data).unwrap();
+        }
+    }
+    out.finish().unwrap();
+}

@@ -1,0 +1,223 @@
+use crate::config::Sources;
+use crate::console::{Console, number, table};
+use crate::derived::save;
+use crate::exit::usage;
+use crate::range::{finite, positive};
+use crate::recording::{blame, check_out, explain};
+use crate::settings::MetadataSettings;
+use serde::Serialize;
+use std::path::PathBuf;
+use vsf::core::nalgebra::{Point3, Vector3};
+use vsf::data::{Clock, DataError, Dataset, JointLog, Sequence, read_points};
+use vsf::pipeline::{load_robot, motion_warnings, robot_of};
+
+/// Most points of a box.
+const MOST_POINTS: f64 = 1e7;
+
+#[derive(Debug, clap::Args)]
+#[command(after_help = "\
+Examples:
+  vsf import bag/ --robot kinova_gen3 --torque-kind measured --out DATASET
+  vsf import touch_*.mcap --robot arm.urdf --torque-kind external --points object.ply --out DATASET
+  vsf import bag/ --robot kinova_gen3 --names joint_1,joint_2,joint_3,joint_4,joint_5,joint_6,joint_7 \
+    --torque-kind measured --out DATASET
+  vsf import exported.mcap --topic /joint_states --out DATASET    what `vsf export` wrote
+
+Reads sensor_msgs/JointState of ROS 2 (CDR) or ROS 1: position, velocity if there is one, and effort as \
+torques. Joints are found by their names in the robot (or --names), whatever their order; others are ignored, \
+and so are messages with none of them. A pause (--gap) begins a new sequence, 000, 001, ...; what \
+`vsf export` wrote comes back as it was, metadata, points and sequences included.
+
+Without points the recording is one of free motion, for `vsf diagnose`.
+
+JSON keys: out, topic, joints, points, sequences (sequence, samples, duration_s).")]
+pub struct Args {
+    /// MCAP files, in the order of recording, or the folder of a ROS 2 bag
+    #[arg(required = true)]
+    files: Vec<PathBuf>,
+    /// Folder to write to: new, empty, or a recording to replace
+    #[arg(long)]
+    out: PathBuf,
+    /// Topic of the joint states; needed where there are several
+    #[arg(long)]
+    topic: Option<String>,
+    /// Names of the robot's joints in the messages, in its order, where they are not its own
+    #[arg(long, value_delimiter = ',')]
+    names: Option<Vec<String>>,
+    /// Pause that ends a sequence [s]; 1 by default, and none in what `vsf export` wrote
+    #[arg(long, allow_negative_numbers = true, value_parser = positive)]
+    gap: Option<f64>,
+    /// Take the times of logging in place of the stamps in the messages
+    #[arg(long)]
+    log_time: bool,
+    /// Rest points of the object in the world frame [m]: .ply, .pcd, .npy, or the .npz of a field
+    #[arg(long, value_name = "FILE", conflicts_with = "box")]
+    points: Option<PathBuf>,
+    /// Fill a box of the world frame with rest points: its corners x,y,z,x,y,z [m]
+    #[arg(long = "box", id = "box", value_delimiter = ',', num_args = 1, allow_hyphen_values = true,
+        value_name = "X,Y,Z,X,Y,Z", value_parser = finite)]
+    corners: Option<Vec<f64>>,
+    /// Spacing of the points in the box [m]
+    #[arg(long, requires = "box", default_value_t = 0.01, allow_negative_numbers = true,
+        value_parser = positive)]
+    spacing: f64,
+    #[command(flatten)]
+    sources: Sources,
+    #[command(flatten)]
+    metadata: MetadataSettings,
+}
+
+#[derive(Serialize)]
+struct Report {
+    out: String,
+    topic: String,
+    joints: Vec<String>,
+    points: usize,
+    sequences: Vec<Entry>,
+}
+
+#[derive(Serialize)]
+struct Entry {
+    sequence: String,
+    samples: usize,
+    duration_s: f64,
+}
+
+pub fn run(args: &Args, console: &Console) -> anyhow::Result<()> {
+    args.files.iter().try_for_each(|f| console.keep_input(f))?;
+    check_out(&args.out)?;
+    let filled = args.corners.as_ref().map(|c| Filled::new(c, args.spacing));
+    let filled = filled.transpose()?;
+    let clock = match args.log_time {
+        true => Clock::Log,
+        false => Clock::Header,
+    };
+    let spinner = console.spinner("reading joint states");
+    let log = JointLog::open(&args.files, args.topic.as_deref(), clock)?;
+    spinner.finish_and_clear();
+
+    let given = args.metadata.overrides()?;
+    let packages = args.metadata.packages();
+    let refused = |e| in_flags(&args.metadata, e);
+    let known = log.metadata(&given).map_err(refused)?;
+    let joints: Vec<String> = match &known.robot {
+        Some(robot) => {
+            let robot = load_robot(robot, known.joints.clone(), &packages).map_err(explain)?;
+            robot.joints().iter().map(|j| j.name().to_owned()).collect()
+        }
+        // Refused in what follows.
+        None => Vec::new(),
+    };
+    let names = args.names.as_ref().unwrap_or(&joints);
+    if known.robot.is_some() && names.len() != joints.len() {
+        let (count, joints) = (names.len(), joints.join(", "));
+        return Err(usage(format!(
+            "--names takes a name for each of {joints}; {count} given"
+        )));
+    }
+    let (mut dataset, warnings) = (log.recording(&given, names, args.gap)).map_err(refused)?;
+    warnings.iter().for_each(|w| console.warn(w));
+    if let Some(path) = &args.points {
+        dataset.rest_points = Some(read_points(path)?);
+    }
+    if let Some(Filled { points, corners }) = filled {
+        dataset.rest_points = Some(points);
+        dataset.object_bbox = Some(corners);
+    }
+    let robot = robot_of(&dataset, &packages).map_err(explain)?;
+    let sequences: Vec<&Sequence> = dataset.sequences.iter().collect();
+    let motion = motion_warnings(&robot, &sequences);
+    motion.iter().for_each(|w| console.warn(w));
+
+    let report = report(args, &log, joints, &dataset);
+    save(dataset, &packages, &args.out, Vec::new())?;
+    console.json(&report)?;
+    console.report(text(&report))
+}
+
+/// What the recording needs besides joint states, by the flags that give it.
+fn in_flags(settings: &MetadataSettings, error: DataError) -> anyhow::Error {
+    match &error {
+        DataError::MissingKey { key: "robot", .. } => usage(
+            "--robot is required: a built-in robot such as kinova_gen3, or the path of a URDF",
+        ),
+        DataError::MissingKey {
+            key: "torque_kind",
+            hint,
+            ..
+        } => usage(format!("--torque-kind is required: {hint}")),
+        DataError::RobotNotFound { .. } => {
+            anyhow::Error::from(error).context("give the robot by --robot")
+        }
+        _ => blame(settings, error),
+    }
+}
+
+/// Points that fill a box.
+struct Filled {
+    points: Vec<Point3<f64>>,
+    corners: [Point3<f64>; 2],
+}
+
+impl Filled {
+    /// Each point is the centre of a cube; together they are as near to the box as cubes of this size
+    /// come.
+    fn new(corners: &[f64], spacing: f64) -> anyhow::Result<Self> {
+        let [ax, ay, az, bx, by, bz] = *corners else {
+            let count = corners.len();
+            return Err(usage(format!("--box takes 6 numbers, {count} given")));
+        };
+        let (a, b) = (Point3::new(ax, ay, az), Point3::new(bx, by, bz));
+        let (lower, upper) = (a.inf(&b), a.sup(&b));
+        let counts = (upper - lower).map(|size| (size / spacing).round().max(1.0));
+        if counts.product() > MOST_POINTS {
+            return Err(usage(format!(
+                "--box with --spacing {spacing} has more than {MOST_POINTS} points"
+            )));
+        }
+        let first = lower + (upper - lower - (counts - Vector3::repeat(1.0)) * spacing) / 2.0;
+        let range = |k: usize| (0..counts[k] as usize).map(move |i| first[k] + i as f64 * spacing);
+        let points = range(0)
+            .flat_map(|x| range(1).flat_map(move |y| range(2).map(move |z| Point3::new(x, y, z))));
+        Ok(Self {
+            points: points.collect(),
+            corners: [lower, upper],
+        })
+    }
+}
+
+fn report(args: &Args, log: &JointLog, joints: Vec<String>, dataset: &Dataset) -> Report {
+    let entry = |s: &Sequence| Entry {
+        sequence: s.id.clone(),
+        samples: s.len(),
+        duration_s: s.time.last().unwrap_or(&0.0) - s.time.first().unwrap_or(&0.0),
+    };
+    Report {
+        out: args.out.to_string_lossy().into_owned(),
+        topic: log.topic().to_owned(),
+        joints,
+        points: dataset.rest_points.as_ref().map_or(0, Vec::len),
+        sequences: dataset.sequences.iter().map(entry).collect(),
+    }
+}
+
+fn text(report: &Report) -> String {
+    let rows = report.sequences.iter().map(|s| {
+        let (samples, seconds) = (s.samples.to_string(), number(s.duration_s));
+        vec![s.sequence.clone(), samples, seconds]
+    });
+    let points = match report.points {
+        0 => "no points: free motion (--points or --box for an object)".to_owned(),
+        n => format!("{n} points"),
+    };
+    format!(
+        "wrote {}: {} joints from {}, {points}\n\n{}",
+        report.out,
+        report.joints.len(),
+        report.topic,
+        table(
+            &["sequence", "samples", "seconds"],
+            &rows.collect::<Vec<_>>()
+        )
+    )
+}

@@ -1,0 +1,196 @@
+use super::container::{Output, wrong};
+use super::messages::{JOINT_STATE, LAST, POINT_CLOUD, SECOND, joint_state, point_cloud};
+use super::times_path;
+use crate::colormap::Scale;
+use crate::dataset::POINTS;
+use crate::{DataError, Dataset, Sequence, StiffnessField, Table};
+use crate::{files, metadata, npy, write_file};
+use std::path::Path;
+
+/// Stamp of the first message: 0 means "not set" to ROS.
+const START: i64 = SECOND;
+
+/// From the end of a sequence to the start of the next one: more than the gap at which an import
+/// splits, should the file lose its attachments.
+const PAUSE: i64 = 2 * SECOND;
+
+/// The frame of positions: the world of the recording.
+const FRAME: &str = "world";
+
+/// Predicted readings of a sequence.
+#[derive(Debug, Clone, PartialEq)]
+pub struct EffortPrediction {
+    /// The predicted torques \[N m\] (prismatic: forces \[N\]), `T` x `d`, to be compared with those of
+    /// the recording.
+    pub mean: Table,
+    /// Their standard deviations, `T` x `d`.
+    pub sd: Table,
+}
+
+/// An MCAP file of ROS 2 messages (CDR): a recording, what a field predicts for it, and the field.
+/// Foxglove Studio, PlotJuggler and `ros2 bag play` (for rviz) take it as it is.
+///
+/// | topic | type | what |
+/// | --- | --- | --- |
+/// | `/joint_states` | `sensor_msgs/msg/JointState` | angles \[rad\], velocities if recorded, and as effort the torques of the recording \[N m\] (prismatic: m, N) |
+/// | `/predicted/joint_states` | the same | as effort the predicted torques; nothing else |
+/// | `/predicted/joint_states_sd` | the same | as effort their standard deviations; nothing else |
+/// | `/stiffness_field` | `sensor_msgs/msg/PointCloud2` | one message, at the start: `x y z` \[m\] in the frame `world`, `stiffness` and, if known, `sd` [N/m], `rgb`; `float32` |
+///
+/// One clock runs over all sequences: it starts at 1 s, and each sequence begins 2 s after the end of
+/// the one before. Stamps are whole nanoseconds. To be read back without a loss by
+/// [`JointLog`](crate::JointLog), the file also holds, as attachments, `dataset.json`, `points.npy` and
+/// `seq_<ID>/time.npy` of the recording; of a robot that is a URDF it knows the file's name. Camera and
+/// stored field of the recording are not in it.
+///
+/// ```
+/// # use vsf_data::{McapExport, StiffnessField};
+/// # use nalgebra::Point3;
+/// # let field = StiffnessField { points: vec![Point3::origin()], stiffness: vec![9.0], sd: None,
+/// #     features: Default::default(), recording: None, model: None };
+/// # let folder = tempfile::tempdir()?;
+/// # let path = folder.path().join("field.mcap");
+/// let export = McapExport { field: Some(&field), ..McapExport::default() };
+/// export.save(&path)?;
+/// # Ok::<(), Box<dyn std::error::Error>>(())
+/// ```
+#[derive(Debug, Clone, Copy, Default)]
+pub struct McapExport<'a> {
+    /// The recording.
+    pub recording: Option<&'a Dataset>,
+    /// Names of its joints, one per column.
+    pub joints: &'a [String],
+    /// Predictions for its sequences, one each in their order, or none at all.
+    pub predictions: &'a [EffortPrediction],
+    /// The field.
+    pub field: Option<&'a StiffnessField>,
+    /// Stiffness of the brightest colour [N/m], positive; default the largest.
+    pub full_scale: Option<f64>,
+}
+
+impl McapExport<'_> {
+    /// Writes the file as a whole.
+    ///
+    /// # Errors
+    /// A recording or field that its own `save` would refuse; [`DataError::Argument`] for joints or
+    /// predictions that do not fit the recording, and a full scale that is not positive and finite;
+    /// [`DataError::Mcap`] for more than 68 years or 4 GiB of points; [`DataError::Io`].
+    pub fn save(&self, path: impl AsRef<Path>) -> Result<(), DataError> {
+        let path = path.as_ref();
+        let mut out = Output::new(path)?;
+        if let Some(recording) = self.recording {
+            recording.check(path)?;
+            self.check_rows(recording)?;
+            for (name, bytes) in parts(path, recording)? {
+                out.attach(name, START, bytes)?;
+            }
+        }
+        if let Some(field) = self.field {
+            field.check(path)?;
+            let scale = Scale::new(&field.stiffness, self.full_scale)?;
+            let cloud = point_cloud(START, FRAME, field, scale);
+            let cloud = cloud.ok_or_else(|| wrong(path, "too many points for one message"))?;
+            let topic = out.topic("/stiffness_field", &POINT_CLOUD)?;
+            out.message(topic, 0, START, &cloud)?;
+        }
+        if let Some(recording) = self.recording {
+            let stamps = stamps(&recording.sequences)
+                .ok_or_else(|| wrong(path, "the recording is longer than 68 years"))?;
+            self.joint_states(&mut out, recording, &stamps)?;
+        }
+        write_file(path, &out.finish()?)
+    }
+
+    /// The joint states, measured and predicted, of all samples at their stamps.
+    fn joint_states(
+        &self,
+        out: &mut Output,
+        recording: &Dataset,
+        stamps: &[i64],
+    ) -> Result<(), DataError> {
+        let joints = out.topic("/joint_states", &JOINT_STATE)?;
+        let predicted = match self.predictions {
+            [] => None,
+            _ => Some((
+                out.topic("/predicted/joint_states", &JOINT_STATE)?,
+                out.topic("/predicted/joint_states_sd", &JOINT_STATE)?,
+            )),
+        };
+        let state = |stamp, position: &[f64], velocity: &[f64], effort: &[f64]| {
+            joint_state(stamp, self.joints, position, velocity, effort)
+        };
+        let rows = |(i, s): (usize, &'_ Sequence)| (0..s.len()).map(move |row| (i, row));
+        let rows = recording.sequences.iter().enumerate().flat_map(rows);
+        for ((number, (i, row)), &stamp) in (0..).zip(rows).zip(stamps) {
+            let s = &recording.sequences[i];
+            let velocity = s.velocities.as_ref().map_or(&[][..], |v| &v[row]);
+            let measured = state(stamp, &s.angles[row], velocity, &s.torques[row]);
+            out.message(joints, number, stamp, &measured)?;
+            if let (Some((mean, sd)), Some(of)) = (predicted, self.predictions.get(i)) {
+                let effort = |table: &Table| state(stamp, &[], &[], &table[row]);
+                out.message(mean, number, stamp, &effort(&of.mean))?;
+                out.message(sd, number, stamp, &effort(&of.sd))?;
+            }
+        }
+        Ok(())
+    }
+
+    fn check_rows(&self, recording: &Dataset) -> Result<(), DataError> {
+        let (names, width) = (self.joints.len(), recording.width());
+        if names != width {
+            return Err(DataError::Argument {
+                what: "joints",
+                problem: format!("{names} names of {width} joints"),
+            });
+        }
+        let sizes = |table: &Table| (table.rows(), table.cols());
+        let expected = recording.sequences.iter().map(|s| sizes(&s.angles));
+        let given = |table: fn(&EffortPrediction) -> &Table| {
+            self.predictions.iter().map(move |p| sizes(table(p)))
+        };
+        let fit = given(|p| &p.mean).eq(expected.clone()) && given(|p| &p.sd).eq(expected);
+        match self.predictions.is_empty() || fit {
+            true => Ok(()),
+            false => Err(DataError::Argument {
+                what: "predictions",
+                problem: "not those of the recording's sequences".to_owned(),
+            }),
+        }
+    }
+}
+
+/// What the messages do not hold of a recording.
+fn parts(path: &Path, recording: &Dataset) -> Result<Vec<(String, Vec<u8>)>, DataError> {
+    let robot = match &recording.robot.path {
+        // Where the file lies on this machine says nothing on another one.
+        Some(urdf) => urdf.file_name().unwrap_or_default().to_string_lossy(),
+        None => recording.robot.given.as_str().into(),
+    };
+    let json = metadata::encode(path, recording.metadata(), &recording.extra, &robot)?;
+    let mut parts = vec![(metadata::FILE.to_owned(), json)];
+    if let Some(points) = &recording.rest_points {
+        let bytes = npy::encode(&[points.len(), 3], &files::coordinates(points));
+        parts.push((POINTS.to_owned(), bytes));
+    }
+    for sequence in &recording.sequences {
+        let bytes = npy::encode(&[sequence.len()], &sequence.time);
+        parts.push((times_path(&sequence.id), bytes));
+    }
+    Ok(parts)
+}
+
+/// Stamps \[ns\] of all samples on one clock; `None` beyond its end.
+fn stamps(sequences: &[Sequence]) -> Option<Vec<i64>> {
+    let mut stamps = Vec::new();
+    let mut start = START;
+    for sequence in sequences {
+        for time in &sequence.time {
+            let after = ((time - sequence.time[0]) * SECOND as f64).round();
+            // Beyond 2^63 the cast saturates.
+            let stamp = start.checked_add(after as i64).filter(|s| *s <= LAST)?;
+            stamps.push(stamp);
+        }
+        start = stamps.last().map_or(START, |last| last + PAUSE);
+    }
+    Some(stamps)
+}

@@ -1,0 +1,302 @@
+//! From joint states to a recording.
+
+use super::joint_log::{JointLog, Sample};
+use super::messages::SECOND;
+use super::topics::some;
+use super::{times_of, times_path};
+use crate::dataset::{POINTS, Parts, check_robot};
+use crate::{DataError, DataWarning, Dataset, Overrides, Sequence, Table};
+use crate::{check, files, metadata};
+use std::collections::BTreeMap;
+use std::path::{Path, PathBuf};
+
+/// Longest pause within a sequence \[s\], if nothing else is said.
+const GAP: f64 = 1.0;
+
+/// A sample, and where its arrays have the columns of the recording.
+struct Row<'a> {
+    sample: &'a Sample,
+    columns: &'a [usize],
+}
+
+impl JointLog {
+    /// What is known about the recording: what is `given` goes before what the file says. Files that
+    /// [`McapExport`](crate::McapExport) did not write say nothing.
+    ///
+    /// # Errors
+    /// Damaged metadata, a robot whose URDF is not there.
+    pub fn metadata(&self, given: &Overrides) -> Result<Overrides, DataError> {
+        Ok(self.all_metadata(given)?.0)
+    }
+
+    /// The recording with the columns `joints`, by their names in the messages, which may have them in
+    /// another order and others besides. Messages with none of these joints (a gripper on the same
+    /// topic) are left out, with a warning.
+    ///
+    /// A sequence ends where the next stamp is more than `gap` seconds away, 1 by default. The sequences
+    /// of a file that [`McapExport`](crate::McapExport) wrote are those that it names, unless a `gap` is
+    /// given. Times count from the first sample of each sequence. Velocities are taken for sequences
+    /// that have them; a sample that has none, or NaN for every joint, has no velocity. Points are those
+    /// in the file, if it holds any.
+    ///
+    /// # Errors
+    /// [`DataError::MissingKey`] without a robot or a kind of torque, neither of which joint states
+    /// tell; [`DataError::Message`] for positions or efforts that are missing or not finite, and for
+    /// stamps that do not increase; whatever [`Dataset::open`] would refuse.
+    pub fn recording(
+        &self,
+        given: &Overrides,
+        joints: &[String],
+        gap: Option<f64>,
+    ) -> Result<(Dataset, Vec<DataWarning>), DataError> {
+        let path = &self.files[0];
+        let (mut metadata, extra) = self.all_metadata(given)?;
+        if gap.is_some() {
+            // What the file says of its sequences is not of these.
+            metadata.splits = given.splits.clone();
+            metadata.touch_starts = given.touch_starts.clone();
+            metadata.sequence_tags = given.sequence_tags.clone();
+        }
+        check_robot(path, &metadata)?;
+        if metadata.torque_kind.is_none() {
+            return Err(DataError::MissingKey {
+                path: path.clone(),
+                key: "torque_kind",
+                hint: "joint states do not tell whether their efforts are `external` (of the \
+                       environment on the robot, gravity removed) or `measured` (at the actuators)",
+            });
+        }
+        if let Some(gap) = gap.filter(|gap| !(gap.is_finite() && *gap > 0.0)) {
+            return Err(DataError::Argument {
+                what: "gap",
+                problem: format!("{gap:?} must be positive and finite"),
+            });
+        }
+        check::check_metadata(path, &metadata)?;
+        let columns = self.columns(joints)?;
+        let rows = self.samples.iter().filter_map(|sample| {
+            let columns = columns[sample.names].as_deref()?;
+            Some(Row { sample, columns })
+        });
+        let rows: Vec<Row> = rows.collect();
+        let named: Vec<_> = self.times().collect();
+        let sequences = match gap {
+            None if !named.is_empty() => self.named(&named, &rows)?,
+            gap => self.split(gap.unwrap_or(GAP), &rows)?,
+        };
+        let rest_points = self
+            .part(POINTS)
+            .map(|(path, bytes)| files::points(&path, files::parse_npy(&path, bytes)?));
+        let parts = Parts {
+            sequences,
+            rest_points: rest_points.transpose()?,
+            field: None,
+            camera: None,
+        };
+        let (dataset, mut warnings) = Dataset::assemble(path, metadata, extra, parts)?;
+        let count = self.samples.len() - rows.len();
+        if count > 0 {
+            let (path, topic) = (path.clone(), self.topic.clone());
+            warnings.push(DataWarning::OtherJoints { path, topic, count });
+        }
+        Ok((dataset, warnings))
+    }
+
+    fn all_metadata(
+        &self,
+        given: &Overrides,
+    ) -> Result<(Overrides, BTreeMap<String, String>), DataError> {
+        let file = &self.files[0];
+        let folder = file.parent().unwrap_or(Path::new(""));
+        let (path, bytes) = self.part(metadata::FILE).unwrap_or((file.clone(), b"{}"));
+        let stem = file.file_stem().unwrap_or_default().to_string_lossy();
+        let (mut metadata, extra) = metadata::parse(&path, bytes, folder, given)?;
+        metadata.name.get_or_insert(stem.into_owned());
+        Ok((metadata, extra))
+    }
+
+    /// A part of the recording, with its path for messages.
+    fn part(&self, name: &str) -> Option<(PathBuf, &[u8])> {
+        let (name, bytes) = self.parts.iter().find(|(part, _)| part == name)?;
+        Some((self.files[0].join(name), bytes))
+    }
+
+    /// IDs of the sequences that the file names, and their times.
+    fn times(&self) -> impl Iterator<Item = (&str, &[u8])> {
+        (self.parts.iter()).filter_map(|(name, bytes)| Some((times_of(name)?, &bytes[..])))
+    }
+
+    fn problem(&self, sample: &Sample, problem: String) -> DataError {
+        DataError::Message {
+            path: self.files[sample.file].clone(),
+            topic: self.topic.clone(),
+            message: sample.message,
+            problem,
+        }
+    }
+
+    /// For each list of names, the place of every joint; `None` for a list without any of them.
+    fn columns(&self, joints: &[String]) -> Result<Vec<Option<Vec<usize>>>, DataError> {
+        let places = |(k, names): (usize, &Vec<String>)| {
+            let (known, missing): (Vec<_>, Vec<_>) = joints.iter().partition(|j| names.contains(j));
+            if known.is_empty() {
+                return Ok(None);
+            }
+            let twice = (known.iter()).find(|j| names.iter().filter(|n| *n == **j).count() > 1);
+            let problem = match twice {
+                Some(joint) => format!("joint {joint:?} is named twice"),
+                None if missing.is_empty() => {
+                    let place = |j: &&String| names.iter().position(|n| n == *j);
+                    return Ok(Some(known.iter().filter_map(place).collect()));
+                }
+                None => format!("no joint {}; there are {}", some(&missing), some(names)),
+            };
+            let of_list = self.samples.iter().find(|s| s.names == k);
+            Err(of_list.map_or_else(
+                || self.wrong(problem.clone()),
+                |s| self.problem(s, problem.clone()),
+            ))
+        };
+        let columns = self.names.iter().enumerate().map(places);
+        let columns = columns.collect::<Result<Vec<_>, _>>()?;
+        if columns.iter().all(Option::is_none) {
+            let there: Vec<&String> = self.names.iter().flatten().collect();
+            return Err(self.wrong(format!(
+                "no message on {} has the robot's joints {}; there are {}; should these be the same, give \
+                 their names in the messages",
+                self.topic,
+                some(joints),
+                some(&there)
+            )));
+        }
+        Ok(columns)
+    }
+
+    /// The sequences that the file names, one after the other.
+    fn named(&self, named: &[(&str, &[u8])], rows: &[Row]) -> Result<Vec<Sequence>, DataError> {
+        let mut left = rows;
+        let mut sequences = Vec::new();
+        for (id, bytes) in named {
+            let path = self.files[0].join(times_path(id));
+            let time = files::vector(&path, files::parse_npy(&path, bytes)?)?;
+            let Some((own, rest)) = left.split_at_checked(time.len()) else {
+                return Err(self.other_count(rows.len()));
+            };
+            sequences.push(self.sequence(id, time, own)?);
+            left = rest;
+        }
+        match left.is_empty() {
+            true => Ok(sequences),
+            false => Err(self.other_count(rows.len())),
+        }
+    }
+
+    fn other_count(&self, found: usize) -> DataError {
+        self.wrong(format!(
+            "{} has {found} joint states, other than the sequences attached to the file say; it was cut. \
+             Give a gap to split it by its stamps",
+            self.topic
+        ))
+    }
+
+    /// Sequences with pauses of more than `gap` seconds between them.
+    fn split(&self, gap: f64, rows: &[Row]) -> Result<Vec<Sequence>, DataError> {
+        let mut starts = vec![0];
+        for (k, pair) in rows.windows(2).enumerate() {
+            let [before, sample] = [0, 1].map(|i| pair[i].sample);
+            if sample.stamp <= before.stamp {
+                let [was, is] = [before, sample].map(|s| s.stamp as f64 / SECOND as f64);
+                return Err(self.problem(
+                    sample,
+                    format!(
+                        "stamp {is} s is not after {was} s of message {} before it, in {}; where stamps \
+                         are of no use, take the times of logging",
+                        before.message,
+                        self.files[before.file].display()
+                    ),
+                ));
+            }
+            if (sample.stamp as f64 - before.stamp as f64) > gap * SECOND as f64 {
+                starts.push(k + 1);
+            }
+        }
+        let ends = starts.iter().copied().skip(1).chain([rows.len()]);
+        let digits = (starts.len() - 1).to_string().len().max(3);
+        let sequence = |(k, (start, end)): (usize, (&usize, usize))| {
+            let own = &rows[*start..end];
+            let first = own.first().map_or(0, |row| row.sample.stamp);
+            let time = own
+                .iter()
+                .map(|row| (row.sample.stamp - first) as f64 / SECOND as f64);
+            self.sequence(&format!("{k:0digits$}"), time.collect(), own)
+        };
+        starts.iter().zip(ends).enumerate().map(sequence).collect()
+    }
+
+    fn sequence(&self, id: &str, time: Vec<f64>, rows: &[Row]) -> Result<Sequence, DataError> {
+        let width = rows.first().map_or(1, |row| row.columns.len());
+        let needed = |what: &str, array: fn(&Sample) -> &[f64], hint: &str| {
+            let mut data = Vec::with_capacity(rows.len() * width);
+            for row in rows {
+                let array = array(row.sample);
+                if array.is_empty() {
+                    return Err(self.problem(row.sample, format!("no {what}{hint}")));
+                }
+                self.append(&mut data, row, array, what)?;
+            }
+            Table::new(width, data)
+        };
+        let none = "; the driver does not report torques, or the topic is another one";
+        Ok(Sequence {
+            id: id.to_owned(),
+            time,
+            angles: needed("position", |s| &s.position, "")?,
+            velocities: self.velocities(rows, width)?,
+            torques: needed("effort", |s| &s.effort, none)?,
+            touch_starts: vec![0],
+            tags: Vec::new(),
+        })
+    }
+
+    /// Velocities, if the samples have them.
+    fn velocities(&self, rows: &[Row], width: usize) -> Result<Option<Table>, DataError> {
+        let has_any = |row: &&Row| {
+            let velocity = &row.sample.velocity;
+            !velocity.is_empty() && row.columns.iter().any(|&k| !velocity[k].is_nan())
+        };
+        let with = rows.iter().filter(has_any).count();
+        if with == 0 {
+            return Ok(None);
+        }
+        let mut data = Vec::with_capacity(rows.len() * width);
+        for row in rows {
+            if !has_any(&row) {
+                let problem = "no velocity, which other samples of the sequence have";
+                return Err(self.problem(row.sample, problem.to_owned()));
+            }
+            self.append(&mut data, row, &row.sample.velocity, "velocity")?;
+        }
+        Table::new(width, data).map(Some)
+    }
+
+    /// The columns of an array, which must be finite.
+    fn append(
+        &self,
+        data: &mut Vec<f64>,
+        row: &Row,
+        array: &[f64],
+        what: &str,
+    ) -> Result<(), DataError> {
+        for &k in row.columns {
+            if !array[k].is_finite() {
+                let joint = &self.names[row.sample.names][k];
+                return Err(self.problem(
+                    row.sample,
+                    format!("{what} of joint {joint:?} is {}", array[k]),
+                ));
+            }
+            data.push(array[k]);
+        }
+        Ok(())
+    }
+}

@@ -1,0 +1,247 @@
+use super::container::{self, Record, wrong};
+use super::is_part;
+use super::messages::{JointState, Version};
+use super::topics::Topics;
+use crate::{DataError, files, natural};
+use std::collections::BTreeSet;
+use std::path::{Path, PathBuf};
+
+/// More numbers than this in one log are refused: compressed files can unpack to more than any memory.
+const MOST: usize = 1 << 29;
+
+/// What a joint state takes beside its numbers, in numbers.
+const OVERHEAD: usize = 16;
+
+/// Which time a joint state is taken to have.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub enum Clock {
+    /// The stamp in its header: when the driver read the joints. The default.
+    #[default]
+    Header,
+    /// When it was logged, delays of transport included; for drivers that do not stamp.
+    Log,
+}
+
+/// The joint states of MCAP files, before it is known which joints make a recording.
+///
+/// Reads `sensor_msgs/JointState` as ROS 2 (CDR) and ROS 1 serialise it, from chunks with or without
+/// zstd and lz4 compression; messages of other topics are passed over one by one. Files that
+/// [`McapExport`](crate::McapExport) wrote also hold metadata, points, and the sequences with their
+/// exact times.
+///
+/// ```no_run
+/// use vsf_data::{Clock, JointLog, Overrides, RobotRef, TorqueKind};
+/// # fn main() -> Result<(), vsf_data::DataError> {
+/// let log = JointLog::open(&["bag_0.mcap"], None, Clock::Header)?;
+/// let given = Overrides {
+///     robot: Some(RobotRef::resolve("planar_arm", ".".as_ref())?),
+///     torque_kind: Some(TorqueKind::Measured),
+///     ..Overrides::default()
+/// };
+/// let joints = ["joint_1", "joint_2"].map(str::to_owned);
+/// let (recording, warnings) = log.recording(&given, &joints, None)?;
+/// recording.save("recording")?;
+/// # Ok(())
+/// # }
+/// ```
+#[derive(Debug, Clone, PartialEq)]
+pub struct JointLog {
+    /// The files, at least one, in the order in which they are read.
+    pub(super) files: Vec<PathBuf>,
+    pub(super) topic: String,
+    /// The lists of names that occur: nearly always one.
+    pub(super) names: Vec<Vec<String>>,
+    pub(super) samples: Vec<Sample>,
+    /// Parts of a recording that the messages do not hold, by their paths in its folder, in the order
+    /// of the file.
+    pub(super) parts: Vec<(String, Vec<u8>)>,
+    /// Numbers held so far.
+    held: usize,
+}
+
+/// A joint state and where it is from.
+#[derive(Debug, Clone, PartialEq)]
+pub(super) struct Sample {
+    /// Index of the file.
+    pub file: usize,
+    /// Which message of its topic in this file, from 0.
+    pub message: u64,
+    /// \[ns\]
+    pub stamp: i64,
+    /// Index of its list of names.
+    pub names: usize,
+    pub position: Vec<f64>,
+    pub velocity: Vec<f64>,
+    pub effort: Vec<f64>,
+}
+
+impl JointLog {
+    /// Reads the joint states of a `topic`, by default of the only one. A folder stands for the
+    /// `.mcap` files in it, as `ros2 bag record` leaves them, `bag_2` before `bag_10`; several files
+    /// are read as one recording that was split.
+    ///
+    /// # Errors
+    /// [`DataError::Mcap`] for a damaged file, no joint states, several topics of them, a topic of
+    /// another type or serialisation; [`DataError::Message`] for a message that cannot be read.
+    pub fn open<P: AsRef<Path>>(
+        paths: &[P],
+        topic: Option<&str>,
+        clock: Clock,
+    ) -> Result<Self, DataError> {
+        let mut files = Vec::new();
+        for path in paths.iter().map(AsRef::as_ref) {
+            match path.is_dir() {
+                true => files.extend(bag(path)?),
+                false => files.push(path.to_owned()),
+            }
+        }
+        if files.is_empty() {
+            return Err(DataError::Argument {
+                what: "paths",
+                problem: "no file".to_owned(),
+            });
+        }
+        let mut log = Self {
+            files: files.clone(),
+            topic: String::new(),
+            names: Vec::new(),
+            samples: Vec::new(),
+            parts: Vec::new(),
+            held: 0,
+        };
+        let mut topics = Topics::new(topic);
+        for (file, path) in files.iter().enumerate() {
+            log.read(file, path, clock, &mut topics)?;
+        }
+        match topics.done() {
+            Ok(topic) => log.topic = topic,
+            Err(problem) => return Err(log.wrong(problem)),
+        }
+        log.check_parts()?;
+        Ok(log)
+    }
+
+    /// The topic of the joint states.
+    pub fn topic(&self) -> &str {
+        &self.topic
+    }
+
+    fn read(
+        &mut self,
+        file: usize,
+        path: &Path,
+        clock: Clock,
+        topics: &mut Topics,
+    ) -> Result<(), DataError> {
+        topics.begin_file();
+        let mut message = 0;
+        container::read(path, |record| {
+            match record {
+                Record::Schema { header, data } => topics.define(header, &data),
+                Record::Channel(channel) => topics.open(channel),
+                Record::Attachment { header, data, .. } if is_part(&header.name) => {
+                    self.parts.push((header.name, data.into_owned()));
+                }
+                Record::Message { header, data } => {
+                    let version = topics.version(header.channel_id);
+                    let version = version.map_err(|problem| wrong(path, problem))?;
+                    let Some(version) = version else {
+                        return Ok(());
+                    };
+                    let time = match clock {
+                        Clock::Header => None,
+                        Clock::Log => Some(header.log_time),
+                    };
+                    let state = decode(&data, version, time);
+                    let added = state.and_then(|state| self.push(file, message, state));
+                    added.map_err(|problem| DataError::Message {
+                        path: path.to_owned(),
+                        topic: topics.chosen().to_owned(),
+                        message,
+                        problem,
+                    })?;
+                    message += 1;
+                }
+                _ => {}
+            }
+            Ok(())
+        })
+    }
+
+    fn push(&mut self, file: usize, message: u64, state: JointState) -> Result<(), String> {
+        let arrays = [&state.position, &state.velocity, &state.effort];
+        self.held += OVERHEAD + arrays.map(Vec::len).iter().sum::<usize>();
+        if self.held > MOST {
+            return Err("there are more numbers than fit; import a part of the files".to_owned());
+        }
+        let known = self.names.iter().position(|names| *names == state.name);
+        let names = known.unwrap_or_else(|| {
+            self.names.push(state.name);
+            self.names.len() - 1
+        });
+        self.samples.push(Sample {
+            file,
+            message,
+            stamp: state.stamp,
+            names,
+            position: state.position,
+            velocity: state.velocity,
+            effort: state.effort,
+        });
+        Ok(())
+    }
+
+    /// What is wrong with the files as a whole.
+    pub(super) fn wrong(&self, problem: String) -> DataError {
+        wrong(&self.files[0], problem)
+    }
+
+    fn check_parts(&self) -> Result<(), DataError> {
+        if self.files.len() > 1 && !self.parts.is_empty() {
+            let problem = "one of the files holds a whole recording; read each of them alone";
+            return Err(self.wrong(problem.to_owned()));
+        }
+        let mut seen = BTreeSet::new();
+        match self.parts.iter().find(|(name, _)| !seen.insert(name)) {
+            Some((name, _)) => Err(self.wrong(format!("{name} is attached twice"))),
+            None => Ok(()),
+        }
+    }
+}
+
+/// The `.mcap` files in a folder.
+fn bag(folder: &Path) -> Result<Vec<PathBuf>, DataError> {
+    let mut files = files::list(folder)?;
+    files.retain(|path| path.extension().is_some_and(|e| e == "mcap"));
+    files.sort_by(|a, b| natural::compare(&a.to_string_lossy(), &b.to_string_lossy()));
+    match files.is_empty() {
+        true => Err(DataError::Missing {
+            path: folder.join("*.mcap"),
+            what: "file",
+        }),
+        false => Ok(files),
+    }
+}
+
+/// A joint state, at the time of logging \[ns\] if that is given; its arrays have a number for each
+/// name, or none.
+fn decode(bytes: &[u8], version: Version, logged: Option<u64>) -> Result<JointState, String> {
+    let mut state = JointState::decode(bytes, version)?;
+    if let Some(time) = logged {
+        let stamp = i64::try_from(time);
+        state.stamp = stamp.map_err(|_| format!("it was logged at {time} ns"))?;
+    }
+    let arrays = [
+        ("positions", &state.position),
+        ("velocities", &state.velocity),
+        ("efforts", &state.effort),
+    ];
+    let names = state.name.len();
+    let odd = arrays
+        .into_iter()
+        .find(|(_, a)| !a.is_empty() && a.len() != names);
+    match odd {
+        Some((what, array)) => Err(format!("{} {what} of {names} joints", array.len())),
+        None => Ok(state),
+    }
+}

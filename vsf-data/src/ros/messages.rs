@@ -1,0 +1,388 @@
+//! The messages that recordings and fields are made of, and their definitions.
+
+use super::wire::{Reader, Writer};
+use crate::StiffnessField;
+use crate::colormap::Scale;
+
+/// Nanoseconds in a second.
+pub(crate) const SECOND: i64 = 1_000_000_000;
+
+/// Latest stamp: seconds are an `int32`.
+pub(crate) const LAST: i64 = i32::MAX as i64 * SECOND;
+
+/// Type of a message as ROS 2 names it, and its definition with those of its parts (`ros2msg`).
+pub(crate) struct Definition {
+    pub name: &'static str,
+    pub text: &'static str,
+}
+
+pub(crate) const JOINT_STATE: Definition = Definition {
+    name: "sensor_msgs/msg/JointState",
+    text: "\
+std_msgs/Header header
+string[] name
+float64[] position
+float64[] velocity
+float64[] effort
+================================================================================
+MSG: std_msgs/Header
+builtin_interfaces/Time stamp
+string frame_id
+================================================================================
+MSG: builtin_interfaces/Time
+int32 sec
+uint32 nanosec
+",
+};
+
+pub(crate) const POINT_CLOUD: Definition = Definition {
+    name: "sensor_msgs/msg/PointCloud2",
+    text: "\
+std_msgs/Header header
+uint32 height
+uint32 width
+sensor_msgs/PointField[] fields
+bool is_bigendian
+uint32 point_step
+uint32 row_step
+uint8[] data
+bool is_dense
+================================================================================
+MSG: sensor_msgs/PointField
+uint8 INT8 = 1
+uint8 UINT8 = 2
+uint8 INT16 = 3
+uint8 UINT16 = 4
+uint8 INT32 = 5
+uint8 UINT32 = 6
+uint8 FLOAT32 = 7
+uint8 FLOAT64 = 8
+string name
+uint32 offset
+uint8 datatype
+uint32 count
+================================================================================
+MSG: std_msgs/Header
+builtin_interfaces/Time stamp
+string frame_id
+================================================================================
+MSG: builtin_interfaces/Time
+int32 sec
+uint32 nanosec
+",
+};
+
+/// Which ROS put a message into bytes.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(crate) enum Version {
+    /// `ros1msg`
+    One,
+    /// `ros2msg` in CDR
+    Two,
+}
+
+impl Version {
+    /// Of joint states, by the names that an MCAP file gives to type, definition and message.
+    pub fn of_joint_states(schema: &str, definition: &str, message: &str) -> Option<Self> {
+        match (schema, definition, message) {
+            ("sensor_msgs/msg/JointState", "ros2msg" | "ros2idl", "cdr") => Some(Self::Two),
+            ("sensor_msgs/JointState", "ros1msg", "ros1") => Some(Self::One),
+            _ => None,
+        }
+    }
+}
+
+/// Whether a definition, where the file has one, is that of joint states: the type's name alone
+/// does not say how the bytes are laid out.
+pub(crate) fn defines_joint_states(text: &[u8]) -> bool {
+    let Ok(text) = std::str::from_utf8(text) else {
+        return false;
+    };
+    let own = text.lines().take_while(|line| !line.starts_with("==="));
+    let code = |line: &'_ str| {
+        let words = line.split('#').next().unwrap_or_default();
+        words.split_whitespace().collect::<Vec<_>>().join(" ")
+    };
+    let mut members = own.map(code).filter(|line| !line.is_empty()).peekable();
+    if members.peek().is_none() {
+        return true;
+    }
+    let expected = [
+        "string[] name",
+        "float64[] position",
+        "float64[] velocity",
+        "float64[] effort",
+    ];
+    let header = members.next().is_some_and(|m| {
+        let kind = m.strip_suffix(" header");
+        matches!(
+            kind,
+            Some("std_msgs/Header" | "std_msgs/msg/Header" | "Header")
+        )
+    });
+    header && members.eq(expected)
+}
+
+/// `sensor_msgs/JointState`: arrays with a number for each name, or none.
+#[derive(Debug, Clone, PartialEq)]
+pub(crate) struct JointState {
+    /// Nanoseconds.
+    pub stamp: i64,
+    pub name: Vec<String>,
+    pub position: Vec<f64>,
+    pub velocity: Vec<f64>,
+    pub effort: Vec<f64>,
+}
+
+impl JointState {
+    pub fn decode(bytes: &[u8], version: Version) -> Result<Self, String> {
+        let mut from = match version {
+            Version::One => Reader::packed(bytes),
+            Version::Two => Reader::cdr(bytes)?,
+        };
+        let seconds = match version {
+            Version::One => {
+                from.u32()?; // seq
+                i64::from(from.u32()?)
+            }
+            Version::Two => i64::from(from.i32()?),
+        };
+        let nanoseconds = i64::from(from.u32()?);
+        if nanoseconds >= SECOND {
+            return Err(format!("a stamp has {nanoseconds} ns beside its seconds"));
+        }
+        from.text()?; // frame_id
+        Ok(Self {
+            stamp: seconds * SECOND + nanoseconds,
+            name: from.texts()?,
+            position: from.numbers()?,
+            velocity: from.numbers()?,
+            effort: from.numbers()?,
+        })
+    }
+}
+
+/// `sensor_msgs/msg/JointState` in CDR. Arrays have a number for each name, or none.
+pub(crate) fn joint_state(
+    stamp: i64,
+    names: &[String],
+    position: &[f64],
+    velocity: &[f64],
+    effort: &[f64],
+) -> Vec<u8> {
+    let mut to = header(stamp, "");
+    to.texts(names);
+    to.numbers(position);
+    to.numbers(velocity);
+    to.numbers(effort);
+    to.done()
+}
+
+/// `sensor_msgs/msg/PointCloud2` in CDR, one `float32` each of `x y z stiffness`, `sd` if the field
+/// has it, and `rgb`, whose bits are `0x00RRGGBB`. `None` for a cloud beyond 4 GiB.
+pub(crate) fn point_cloud(
+    stamp: i64,
+    frame: &str,
+    field: &StiffnessField,
+    scale: Scale,
+) -> Option<Vec<u8>> {
+    const FLOAT32: u8 = 7;
+    let sd = field.sd.as_deref();
+    let names = ["x", "y", "z", "stiffness"].into_iter();
+    let names: Vec<_> = names.chain(sd.map(|_| "sd")).chain(["rgb"]).collect();
+    let step = 4 * names.len() as u32;
+    let width = u32::try_from(field.points.len()).ok()?;
+    let row = width.checked_mul(step)?;
+
+    let mut data = Vec::with_capacity(row as usize);
+    for (i, (p, &stiffness)) in field.points.iter().zip(&field.stiffness).enumerate() {
+        let [r, g, b] = scale.color(stiffness);
+        let numbers = [p.x, p.y, p.z, stiffness];
+        let numbers = numbers.into_iter().chain(sd.map(|sd| sd[i]));
+        data.extend(numbers.flat_map(|v| (v as f32).to_le_bytes()));
+        data.extend([b, g, r, 0]);
+    }
+
+    let mut to = header(stamp, frame);
+    to.u32(1);
+    to.u32(width);
+    to.u32(names.len() as u32);
+    for (offset, name) in (0..).step_by(4).zip(names) {
+        to.text(name);
+        to.u32(offset);
+        to.byte(FLOAT32);
+        to.u32(1);
+    }
+    to.byte(0); // is_bigendian
+    to.u32(step);
+    to.u32(row);
+    to.bytes(&data);
+    to.byte(1); // is_dense
+    Some(to.done())
+}
+
+/// Stamp from 0 to [`LAST`].
+fn header(stamp: i64, frame: &str) -> Writer {
+    let mut to = Writer::new();
+    to.i32((stamp / SECOND) as i32);
+    to.u32((stamp % SECOND) as u32);
+    to.text(frame);
+    to
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use nalgebra::Point3;
+
+    fn state() -> JointState {
+        JointState {
+            stamp: 1_500_000_000,
+            name: ["a", "bcdef"].map(str::to_owned).to_vec(),
+            position: vec![1.0, -2.0],
+            velocity: vec![],
+            effort: vec![0.5, 0.25],
+        }
+    }
+
+    /// Bytes worked out by hand: every number at a multiple of its size behind the first four bytes.
+    #[test]
+    fn val_joint_state_in_cdr() {
+        let expected = [
+            &[0, 1, 0, 0][..],
+            &[1, 0, 0, 0, 0x00, 0x65, 0xcd, 0x1d], // 1 s, 500000000 ns
+            &[1, 0, 0, 0, 0, 0, 0, 0],             // frame_id: "" and padding
+            &[2, 0, 0, 0],
+            &[2, 0, 0, 0, b'a', 0, 0, 0], // with padding
+            &[6, 0, 0, 0, b'b', b'c', b'd', b'e', b'f', 0, 0, 0],
+            &[2, 0, 0, 0, 0, 0, 0, 0], // position, with padding
+            &[0, 0, 0, 0, 0, 0, 0xf0, 0x3f],
+            &[0, 0, 0, 0, 0, 0, 0x00, 0xc0],
+            &[0, 0, 0, 0], // velocity: nothing, and no padding
+            &[2, 0, 0, 0],
+            &[0, 0, 0, 0, 0, 0, 0xe0, 0x3f],
+            &[0, 0, 0, 0, 0, 0, 0xd0, 0x3f],
+        ]
+        .concat();
+        let s = state();
+        let bytes = joint_state(s.stamp, &s.name, &s.position, &s.velocity, &s.effort);
+        assert_eq!(bytes, expected);
+        assert_eq!(JointState::decode(&bytes, Version::Two).unwrap(), s);
+        for length in 0..bytes.len() {
+            assert!(JointState::decode(&bytes[..length], Version::Two).is_err());
+        }
+    }
+
+    #[test]
+    fn val_joint_state_in_big_endian_cdr() {
+        let bytes = [
+            &[0, 0, 0, 0][..],
+            &[0, 0, 0, 1, 0x1d, 0xcd, 0x65, 0x00],
+            &[0, 0, 0, 1, 0, 0, 0, 0],
+            &[0, 0, 0, 2],
+            &[0, 0, 0, 2, b'a', 0, 0, 0],
+            &[0, 0, 0, 6, b'b', b'c', b'd', b'e', b'f', 0, 0, 0],
+            &[0, 0, 0, 2, 0, 0, 0, 0],
+            &[0x3f, 0xf0, 0, 0, 0, 0, 0, 0],
+            &[0xc0, 0x00, 0, 0, 0, 0, 0, 0],
+            &[0, 0, 0, 0],
+            &[0, 0, 0, 2],
+            &[0x3f, 0xe0, 0, 0, 0, 0, 0, 0],
+            &[0x3f, 0xd0, 0, 0, 0, 0, 0, 0],
+        ]
+        .concat();
+        assert_eq!(JointState::decode(&bytes, Version::Two).unwrap(), state());
+    }
+
+    /// ROS 1: a counter in front of the stamp, no padding, no zeros behind texts.
+    #[test]
+    fn val_joint_state_of_ros_1() {
+        let bytes = [
+            &[9, 0, 0, 0][..],
+            &[1, 0, 0, 0, 0x00, 0x65, 0xcd, 0x1d],
+            &[0, 0, 0, 0],
+            &[2, 0, 0, 0],
+            &[1, 0, 0, 0, b'a'],
+            &[5, 0, 0, 0, b'b', b'c', b'd', b'e', b'f'],
+            &[2, 0, 0, 0],
+            &[0, 0, 0, 0, 0, 0, 0xf0, 0x3f],
+            &[0, 0, 0, 0, 0, 0, 0x00, 0xc0],
+            &[0, 0, 0, 0],
+            &[2, 0, 0, 0],
+            &[0, 0, 0, 0, 0, 0, 0xe0, 0x3f],
+            &[0, 0, 0, 0, 0, 0, 0xd0, 0x3f],
+        ]
+        .concat();
+        assert_eq!(JointState::decode(&bytes, Version::One).unwrap(), state());
+    }
+
+    #[test]
+    fn val_point_cloud_in_cdr() {
+        let field = StiffnessField {
+            points: vec![Point3::new(1.0, 2.0, -0.5)],
+            stiffness: vec![3.0],
+            sd: None,
+            features: Default::default(),
+            recording: None,
+            model: None,
+        };
+        let scale = Scale::new(&field.stiffness, None).unwrap();
+        let bytes = point_cloud(SECOND, "w", &field, scale).unwrap();
+        let member = |name: [u8; 4], offset: u8| {
+            [
+                &[2, 0, 0, 0][..],
+                &name,
+                &[offset, 0, 0, 0, 7, 0, 0, 0, 1, 0, 0, 0],
+            ]
+            .concat()
+        };
+        let expected = [
+            &[0, 1, 0, 0][..],
+            &[1, 0, 0, 0, 0, 0, 0, 0],
+            &[2, 0, 0, 0, b'w', 0, 0, 0], // frame_id, with padding
+            &[1, 0, 0, 0, 1, 0, 0, 0],    // height, width
+            &[5, 0, 0, 0],
+            &member([b'x', 0, 0, 0], 0),
+            &member([b'y', 0, 0, 0], 4),
+            &member([b'z', 0, 0, 0], 8),
+            &[10, 0, 0, 0],
+            b"stiffness\0\0\0",
+            &[12, 0, 0, 0, 7, 0, 0, 0, 1, 0, 0, 0],
+            &[4, 0, 0, 0],
+            b"rgb\0",
+            &[16, 0, 0, 0, 7, 0, 0, 0, 1, 0, 0, 0],
+            &[0, 0, 0, 0],                      // is_bigendian, with padding
+            &[20, 0, 0, 0, 20, 0, 0, 0],        // point_step, row_step
+            &[20, 0, 0, 0],                     // data
+            &[0, 0, 0x80, 0x3f, 0, 0, 0, 0x40], // 1, 2
+            &[0, 0, 0, 0xbf, 0, 0, 0x40, 0x40], // -0.5, 3
+            &[37, 231, 253, 0],                 // the brightest colour, blue first
+            &[1],                               // is_dense
+        ]
+        .concat();
+        assert_eq!(bytes, expected);
+    }
+
+    #[test]
+    fn definitions_are_told_apart() {
+        let own = JOINT_STATE.text.as_bytes();
+        let ros_1 =
+            b"# comment\n\nHeader header\n\nstring[] name # of joints\nfloat64[]  position\n\
+                      float64[] velocity\nfloat64[] effort\n====\nMSG: std_msgs/Header\n";
+        for known in [own, &ros_1[..], b"", b"# nothing"] {
+            assert!(defines_joint_states(known));
+        }
+        let swapped = JOINT_STATE
+            .text
+            .replace("float64[] effort", "float32[] effort");
+        let longer = JOINT_STATE.text.replacen("====", "int8 more\n====", 1);
+        for other in [
+            swapped.as_bytes(),
+            longer.as_bytes(),
+            b"\xff",
+            b"Header header",
+        ] {
+            assert!(!defines_joint_states(other));
+        }
+    }
+}

@@ -1,0 +1,33 @@
+//! Recordings and fields as ROS messages in MCAP files.
+//!
+//! What messages do not hold is attached to the file by its path in the folder of the recording:
+//! `dataset.json`, `points.npy` and, for each sequence in order, `seq_<ID>/time.npy`, whose length
+//! says how many joint states are its samples.
+
+mod container;
+mod export;
+mod import;
+mod joint_log;
+mod messages;
+mod topics;
+mod wire;
+
+pub use export::{EffortPrediction, McapExport};
+pub use joint_log::{Clock, JointLog};
+
+use crate::dataset::POINTS;
+use crate::metadata;
+use crate::sequence::PREFIX;
+
+fn times_path(id: &str) -> String {
+    format!("{PREFIX}{id}/time.npy")
+}
+
+/// The ID of the sequence whose times are attached by this name.
+fn times_of(name: &str) -> Option<&str> {
+    name.strip_prefix(PREFIX)?.strip_suffix("/time.npy")
+}
+
+fn is_part(name: &str) -> bool {
+    name == metadata::FILE || name == POINTS || times_of(name).is_some()
+}

@@ -1,0 +1,462 @@
+//! Joint states in MCAP files of other programs.
+#![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
+
+mod common;
+
+use common::{ARM, DEFINITION, Folder, State, bag, bag_of};
+use mcap::Compression;
+use std::collections::BTreeMap;
+use std::fs;
+use std::path::Path;
+use tempfile::TempDir;
+use vsf_data::{
+    Clock, DataError, DataWarning, Dataset, EffortPrediction, JointLog, McapExport, Overrides,
+    RobotRef, Table, TorqueKind,
+};
+
+fn given() -> Overrides {
+    Overrides {
+        robot: Some(RobotRef::resolve("planar_arm", ".".as_ref()).unwrap()),
+        torque_kind: Some(TorqueKind::Measured),
+        ..Overrides::default()
+    }
+}
+
+fn arm() -> [String; 2] {
+    ARM.map(str::to_owned)
+}
+
+/// Joint states of the arm at 100 Hz, with a pause of 3 s before the last two of five.
+fn states() -> Vec<State> {
+    [0, 1, 2, 302, 303].map(State::arm).to_vec()
+}
+
+fn read(path: &Path) -> Result<(Dataset, Vec<DataWarning>), DataError> {
+    JointLog::open(&[path], None, Clock::Header)?.recording(&given(), &arm(), None)
+}
+
+/// The recording of a bag of these states, or what is wrong with it.
+fn recorded(states: &[State]) -> Result<(Dataset, Vec<DataWarning>), DataError> {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("touch.mcap");
+    bag(&path, None, states);
+    read(&path)
+}
+
+fn refused(change: impl FnOnce(&mut Vec<State>)) -> String {
+    let mut states = states();
+    change(&mut states);
+    let error = recorded(&states).unwrap_err();
+    assert!(
+        matches!(error, DataError::Message { .. } | DataError::Mcap { .. }),
+        "{error:?}"
+    );
+    error.to_string()
+}
+
+fn in_folder() -> (TempDir, std::path::PathBuf) {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("touch.mcap");
+    (folder, path)
+}
+
+#[test]
+fn pauses_end_sequences() {
+    for compression in [None, Some(Compression::Zstd), Some(Compression::Lz4)] {
+        let (_keep, path) = in_folder();
+        bag(&path, compression, &states());
+        let (dataset, warnings) = read(&path).unwrap();
+        assert_eq!(warnings, []);
+        assert_eq!(dataset.name, "touch");
+        assert_eq!(dataset.torque_kind, TorqueKind::Measured);
+        let [a, b] = &dataset.sequences[..] else {
+            panic!("{} sequences", dataset.sequences.len());
+        };
+        assert_eq!((&*a.id, &*b.id), ("000", "001"));
+        assert_eq!(
+            (&a.time[..], &b.time[..]),
+            (&[0.0, 0.01, 0.02][..], &[0.0, 0.01][..])
+        );
+        assert_eq!(&a.angles[1], [0.1, -0.1]);
+        assert_eq!(&b.torques[0], [303.0, 304.0]);
+        assert_eq!(a.velocities, None);
+        dataset.save(path.with_extension("")).unwrap();
+
+        let log = JointLog::open(&[&path], Some("/joint_states"), Clock::Log).unwrap();
+        let (whole, _) = log.recording(&given(), &arm(), Some(4.0)).unwrap();
+        assert_eq!(whole.sequences.len(), 1);
+        assert_eq!(whole.sequences[0].time, [0.0, 0.01, 0.02, 3.02, 3.03]);
+    }
+}
+
+/// A message may have its joints in another order, and others besides.
+#[test]
+fn joints_are_found_by_name() {
+    let mut states = states();
+    for state in &mut states[1..] {
+        state.names = vec!["elbow", "finger", "shoulder"];
+        let [a, b] = state.position[..] else { panic!() };
+        state.position = vec![b, 9.0, a];
+        let [a, b] = state.effort[..] else { panic!() };
+        // What is not asked for may be anything.
+        state.effort = vec![b, f64::NAN, a];
+    }
+    let plain = recorded(&self::states()).unwrap();
+    assert_eq!(recorded(&states).unwrap(), plain);
+
+    let mut gripper = State::arm(2);
+    gripper.stamp += 1;
+    gripper.names = vec!["finger"];
+    (gripper.position, gripper.effort) = (vec![0.0], vec![]);
+    states.insert(3, gripper);
+    let (dataset, warnings) = recorded(&states).unwrap();
+    assert_eq!(dataset, plain.0);
+    assert!(matches!(
+        &warnings[..],
+        [DataWarning::OtherJoints { count: 1, .. }]
+    ));
+}
+
+#[test]
+fn velocities_are_taken_where_they_are() {
+    let mut states = states();
+    for (k, state) in states.iter_mut().enumerate() {
+        state.velocity = vec![k as f64, 1.0];
+    }
+    // A controller without velocities fills in NaN.
+    states[3].velocity = vec![f64::NAN; 2];
+    states[4].velocity = vec![];
+    let (dataset, _) = recorded(&states).unwrap();
+    let velocities = |k: usize| dataset.sequences[k].velocities.as_ref();
+    assert_eq!(&velocities(0).unwrap()[2], [2.0, 1.0]);
+    assert_eq!(velocities(1), None);
+    states[1].velocity = vec![];
+    let error = recorded(&states).unwrap_err().to_string();
+    assert!(
+        error.contains("/joint_states message 1: no velocity"),
+        "{error}"
+    );
+}
+
+#[test]
+fn samples_that_cannot_be_are_named() {
+    let text = refused(|s| s[3].effort.clear());
+    assert!(
+        text.contains("touch.mcap /joint_states message 3: no effort"),
+        "{text}"
+    );
+    let text = refused(|s| s[2].position.clear());
+    assert!(text.contains("message 2: no position"), "{text}");
+    let text = refused(|s| s[1].effort[1] = f64::NAN);
+    assert!(
+        text.contains("message 1: effort of joint \"elbow\" is NaN"),
+        "{text}"
+    );
+    let text = refused(|s| s[1].position[0] = f64::INFINITY);
+    assert!(
+        text.contains("position of joint \"shoulder\" is inf"),
+        "{text}"
+    );
+    let text = refused(|s| s[4].effort.push(0.0));
+    assert!(text.contains("message 4: 3 efforts of 2 joints"), "{text}");
+    let text = refused(|s| s[2].stamp = s[1].stamp);
+    assert!(
+        text.contains("message 2: stamp 100.01 s is not after 100.01 s"),
+        "{text}"
+    );
+    let text = refused(|s| s[3].stamp = 5_000_000_000);
+    assert!(
+        text.contains("message 3: stamp 5 s is not after 100.02 s"),
+        "{text}"
+    );
+    let text = refused(|s| s[2].names = vec!["elbow", "wrist"]);
+    assert!(
+        text.contains("message 2: no joint shoulder; there are elbow, wrist"),
+        "{text}"
+    );
+    let text = refused(|s| s[0].names = vec!["elbow", "elbow"]);
+    assert!(
+        text.contains("message 0: joint \"elbow\" is named twice"),
+        "{text}"
+    );
+    let text = refused(|s| s.iter_mut().for_each(|s| s.names = vec!["x", "y"]));
+    assert!(
+        text.contains("has the robot's joints shoulder, elbow; there are x, y"),
+        "{text}"
+    );
+}
+
+#[test]
+fn several_topics_are_told_apart() {
+    let mut states = states();
+    let mut other = State::arm(2);
+    other.topic = "/filtered";
+    other.effort = vec![7.0, 8.0];
+    states.push(other);
+    let error = recorded(&states).unwrap_err().to_string();
+    assert!(
+        error.contains("several topics, /filtered, /joint_states"),
+        "{error}"
+    );
+
+    let (_keep, path) = in_folder();
+    bag(&path, None, &states);
+    let on = |topic| JointLog::open(&[&path], Some(topic), Clock::Header);
+    let (dataset, _) = on("/filtered")
+        .unwrap()
+        .recording(&given(), &arm(), None)
+        .unwrap();
+    assert_eq!(&dataset.sequences[0].torques[0], [7.0, 8.0]);
+    let error = on("/none").unwrap_err().to_string();
+    assert!(
+        error.contains("no topic /none; there are joint states on /filtered"),
+        "{error}"
+    );
+    let error = on("/rosout").unwrap_err().to_string();
+    assert!(
+        error.contains("/rosout (std_msgs/msg/String in cdr) has no"),
+        "{error}"
+    );
+}
+
+#[test]
+fn other_types_are_refused() {
+    let (_keep, path) = in_folder();
+    let swapped = DEFINITION.replace("float64[] effort", "float32[] effort");
+    let cases = [
+        (
+            ["sensor_msgs/msg/JointState", "ros2msg", "cdr"],
+            &*swapped,
+            "in another way",
+        ),
+        (
+            ["sensor_msgs/msg/JointState", "jsonschema", "json"],
+            "{}",
+            "JointState in json",
+        ),
+        (
+            ["sensor_msgs/msg/JointState", "ros2msg", "protobuf"],
+            DEFINITION,
+            "in protobuf",
+        ),
+        (
+            ["geometry_msgs/msg/Wrench", "ros2msg", "cdr"],
+            "",
+            "geometry_msgs/msg/Wrench in cdr",
+        ),
+    ];
+    for (kinds, definition, part) in cases {
+        bag_of(&path, None, kinds, definition, &states());
+        let error = read(&path).unwrap_err().to_string();
+        assert!(
+            error.contains("no messages of sensor_msgs/JointState"),
+            "{error}"
+        );
+        assert!(error.contains(part), "{error}");
+    }
+    // Bytes that are not what the type says.
+    bag_of(
+        &path,
+        None,
+        ["sensor_msgs/JointState", "ros1msg", "ros1"],
+        "",
+        &states(),
+    );
+    let error = read(&path).unwrap_err();
+    assert!(
+        matches!(error, DataError::Message { message: 0, .. }),
+        "{error:?}"
+    );
+}
+
+#[test]
+fn bags_in_several_files_are_one_recording() {
+    let folder = tempfile::tempdir().unwrap();
+    let whole = states();
+    for (name, part) in [("bag_2.mcap", &whole[..1]), ("bag_10.mcap", &whole[1..])] {
+        bag(&folder.path().join(name), None, part);
+    }
+    fs::write(folder.path().join("metadata.yaml"), "").unwrap();
+    let (mut dataset, _) = read(folder.path()).unwrap();
+    dataset.name = "touch".to_owned();
+    assert_eq!(dataset, recorded(&whole).unwrap().0);
+
+    let files = ["bag_10.mcap", "bag_2.mcap"].map(|name| folder.path().join(name));
+    let log = JointLog::open(&files, None, Clock::Header).unwrap();
+    let error = log
+        .recording(&given(), &arm(), None)
+        .unwrap_err()
+        .to_string();
+    assert!(
+        error.contains("bag_2.mcap /joint_states message 0: stamp 100 s"),
+        "{error}"
+    );
+    assert!(
+        error.contains("not after 103.03 s of message 3 before it, in"),
+        "{error}"
+    );
+
+    let empty = tempfile::tempdir().unwrap();
+    assert!(matches!(read(empty.path()), Err(DataError::Missing { .. })));
+    let none: [&Path; 0] = [];
+    let error = JointLog::open(&none, None, Clock::Header).unwrap_err();
+    assert!(matches!(error, DataError::Argument { .. }));
+}
+
+#[test]
+fn nothing_is_guessed() {
+    let (_keep, path) = in_folder();
+    bag(&path, None, &states());
+    let log = JointLog::open(&[&path], None, Clock::Header).unwrap();
+    let missing = |given: Overrides| match log.recording(&given, &arm(), None) {
+        Err(DataError::MissingKey { key, .. }) => key,
+        other => panic!("{other:?}"),
+    };
+    assert_eq!(
+        missing(Overrides {
+            robot: None,
+            ..given()
+        }),
+        "robot"
+    );
+    assert_eq!(
+        missing(Overrides {
+            torque_kind: None,
+            ..given()
+        }),
+        "torque_kind"
+    );
+}
+
+/// Stamps run on over the sequences, which pauses keep apart: without its attachments, or cut by
+/// another tool, an export is still a bag.
+#[test]
+fn exports_have_one_clock() {
+    let folder = Folder::new();
+    folder.with(r#""splits": {"train": ["2"], "test": ["10"]}"#);
+    let (dataset, _) = folder.open().unwrap();
+    let path = folder.path().join("all.mcap");
+    let zeros = Table::new(2, vec![0.5; 8]).unwrap();
+    let predictions = vec![
+        EffortPrediction {
+            mean: zeros.clone(),
+            sd: zeros
+        };
+        2
+    ];
+    let mut export = McapExport {
+        recording: Some(&dataset),
+        joints: &arm(),
+        predictions: &predictions,
+        ..McapExport::default()
+    };
+    export.save(&path).unwrap();
+
+    let bytes = fs::read(&path).unwrap();
+    let mut stamps = BTreeMap::<String, Vec<u64>>::new();
+    for message in mcap::MessageStream::new(&bytes).unwrap() {
+        let message = message.unwrap();
+        let own = stamps.entry(message.channel.topic.clone()).or_default();
+        own.push(message.log_time / 1_000_000);
+    }
+    let expected = [1000, 1010, 1020, 1030, 3030, 3040, 3050, 3060];
+    let topics = [
+        "/joint_states",
+        "/predicted/joint_states",
+        "/predicted/joint_states_sd",
+    ];
+    assert!(stamps.keys().eq(topics), "{:?}", stamps.keys());
+    assert!(stamps.values().all(|s| *s == expected), "{stamps:?}");
+
+    let log = JointLog::open(&[&path], Some("/joint_states"), Clock::Header).unwrap();
+    let (split, _) = log
+        .recording(&Overrides::default(), &arm(), Some(1.0))
+        .unwrap();
+    let tables = |d: &Dataset| {
+        d.sequences
+            .iter()
+            .map(|s| s.torques.clone())
+            .collect::<Vec<_>>()
+    };
+    assert_eq!(tables(&split), tables(&dataset));
+    assert_eq!(split.splits.train, ["000", "001"]);
+    let error = log
+        .recording(&Overrides::default(), &arm(), Some(-1.0))
+        .unwrap_err();
+    assert!(matches!(error, DataError::Argument { what: "gap", .. }));
+
+    // Names and predictions are those of the recording.
+    export.predictions = &predictions[..1];
+    assert!(matches!(
+        export.save(&path),
+        Err(DataError::Argument {
+            what: "predictions",
+            ..
+        })
+    ));
+    export.predictions = &[];
+    export.joints = &[];
+    assert!(matches!(
+        export.save(&path),
+        Err(DataError::Argument { what: "joints", .. })
+    ));
+    assert_eq!(fs::read(&path).unwrap(), bytes);
+}
+
+/// Attachments that do not fit the messages are not made to fit.
+#[test]
+fn cut_exports_are_refused() {
+    let folder = Folder::new();
+    let (mut dataset, _) = folder.open().unwrap();
+    let path = folder.path().join("all.mcap");
+    let save = |dataset: &Dataset| {
+        let joints = &arm();
+        let recording = Some(dataset);
+        McapExport {
+            recording,
+            joints,
+            ..McapExport::default()
+        }
+        .save(&path)
+        .unwrap();
+        fs::read(&path).unwrap()
+    };
+    let whole = save(&dataset);
+    dataset.sequences.pop();
+    dataset.splits.train.pop();
+    let part = save(&dataset);
+    let attachments = |bytes: &[u8]| {
+        let summary = mcap::Summary::read(bytes).unwrap().unwrap();
+        let read = |index| {
+            let mcap::Attachment { name, data, .. } = mcap::read::attachment(bytes, index).unwrap();
+            (name, data.into_owned())
+        };
+        summary
+            .attachment_indexes
+            .iter()
+            .map(read)
+            .collect::<Vec<_>>()
+    };
+    assert_eq!(attachments(&whole).len(), attachments(&part).len() + 1);
+    let mut out = mcap::Writer::new(fs::File::create(&path).unwrap()).unwrap();
+    for (name, data) in attachments(&whole) {
+        let attachment = mcap::Attachment {
+            log_time: 0,
+            create_time: 0,
+            name,
+            media_type: String::new(),
+            data: data.into(),
+        };
+        out.attach(&attachment).unwrap();
+    }
+    for message in mcap::MessageStream::new(&part).unwrap() {
+        out.write(&message.unwrap()).unwrap();
+    }
+    out.finish().unwrap();
+    drop(out);
+    let error = read(&path).unwrap_err().to_string();
+    assert!(
+        error.contains("/joint_states has 4 joint states, other than"),
+        "{error}"
+    );
+}
