@@ -39,6 +39,8 @@ pub struct Motion {
     pub load: Table,
     /// Samples of each touch.
     pub touches: Vec<Range<usize>>,
+    /// Samples at the begin to whose mean the readings are relative; 0 if they are not.
+    pub tare: usize,
 }
 
 impl Motion {
@@ -81,6 +83,7 @@ impl Motion {
             smooth: means(&self.smooth)?,
             load: means(&self.load)?,
             touches,
+            tare: blocks.iter().filter(|b| b.start < self.tare).count(),
         })
     }
 }
@@ -105,10 +108,11 @@ pub struct Campaign {
     pub test: Vec<Motion>,
     /// Noise of every joint's reading in a sample of the train sequences.
     pub noise: Vec<JointNoise>,
-    /// Samples at the begin of every sequence whose mean its readings are relative to.
-    pub(crate) tare: usize,
     touched: Touched,
 }
+
+/// A point is touched again once it was let off and pressed anew by this share of its deepest touch.
+const ANEW: f64 = 0.2;
 
 /// What the train sequences touch.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
@@ -116,27 +120,37 @@ enum Touched {
     Nothing,
     /// Every point once at most.
     Once,
-    /// Some point again after it was left.
+    /// Some point again after it was let off.
     Again,
 }
 
 impl Touched {
     /// By logs of the train sequences.
-    fn of(points: usize, motions: &[&Motion], logs: &[Arc<ContactLog>]) -> Self {
-        // The last row at which each point was touched, counted over all sequences.
-        let mut last: Vec<Option<usize>> = vec![None; points];
-        let (mut touched, mut now) = (Self::Nothing, 0);
-        for (motion, log) in motions.iter().zip(logs) {
-            for touch in &motion.touches {
-                now += 1;
-                for row in touch.clone() {
-                    now += 1;
-                    for &p in log.contacts[row].points() {
-                        let again = last[p as usize].is_some_and(|before| before + 1 < now);
-                        touched = touched.max(if again { Self::Again } else { Self::Once });
-                        last[p as usize] = Some(now);
-                    }
+    fn of(points: usize, logs: &[Arc<ContactLog>]) -> Self {
+        #[derive(Clone, Copy, Default)]
+        struct Depth {
+            most: f64,
+            least_since: f64,
+            row: usize,
+        }
+        let mut depths = vec![Depth::default(); points];
+        let mut touched = Self::Nothing;
+        for (row, contacts) in logs.iter().flat_map(|l| &l.contacts).enumerate() {
+            for (&p, u) in contacts.points().iter().zip(contacts.displacements()) {
+                let (depth, u) = (&mut depths[p as usize], u.norm());
+                if depth.row + 1 < row {
+                    depth.least_since = 0.0;
                 }
+                let let_off = depth.least_since < (1.0 - ANEW) * depth.most;
+                if let_off && u > depth.least_since + ANEW * depth.most {
+                    touched = Self::Again;
+                }
+                depth.least_since = depth.least_since.min(u);
+                if u >= depth.most {
+                    (depth.most, depth.least_since) = (u, u);
+                }
+                depth.row = row;
+                touched = touched.max(Self::Once);
             }
         }
         touched
@@ -219,12 +233,11 @@ impl Campaign {
             train: trained,
             test: tested,
             noise: Vec::new(),
-            tare: dataset.tare_samples,
             touched: Touched::Nothing,
         };
         let motions: Vec<&Motion> = campaign.train.iter().collect();
         let logs = campaign.contact_logs(&Model::default(), &motions)?;
-        let touched = Touched::of(campaign.site.rest.len(), &motions, &logs);
+        let touched = Touched::of(campaign.site.rest.len(), &logs);
         let noise = noise_floor(&motions, &logs, campaign.site.joints());
         (campaign.noise, campaign.touched) = (noise, touched);
         Ok(campaign)
@@ -246,15 +259,18 @@ impl Campaign {
     /// # Errors
     /// None in practice: the tables keep their form.
     pub(crate) fn thinned(&self, by: usize) -> Result<Self, GapError> {
+        let train: Vec<Motion> = (self.train.iter())
+            .map(|m| m.thinned(by))
+            .collect::<Result<_, _>>()?;
+        let samples = |motions: &[Motion]| motions.iter().map(Motion::len).sum::<usize>();
+        // Touches end before a block is full.
+        let by = samples(&self.train) / samples(&train).max(1);
         Ok(Self {
             site: self.site.clone(),
             scene: self.scene.clone(),
-            train: (self.train.iter())
-                .map(|m| m.thinned(by))
-                .collect::<Result<_, _>>()?,
+            train,
             test: self.test.clone(),
             noise: self.noise.iter().map(|n| n.of_means(by)).collect(),
-            tare: self.tare.div_ceil(by),
             touched: self.touched,
         })
     }
@@ -360,6 +376,7 @@ fn motion(
         reading,
         load,
         touches: sequence.touches().collect(),
+        tare: dataset.tare_samples,
     })
 }
 

@@ -6,8 +6,9 @@ use rand_pcg::Pcg64Mcg;
 
 /// Rounds of leaving out points whose stiffness came out negative.
 const ROUNDS: usize = 3;
-/// Length of a block of samples that is drawn as a whole (s), and number of draws.
+/// Length of a block of samples that is drawn as a whole (s), fewest blocks, and number of draws.
 const BLOCK: f64 = 3.0;
+const FEWEST_BLOCKS: f64 = 8.0;
 const DRAWS: usize = 400;
 
 /// Residuals of a model on sequences, per sample and joint.
@@ -140,12 +141,19 @@ pub(crate) fn closure(
     let floor: f64 = noise.iter().map(|n| n.sd * n.sd).sum();
     let (b, a): (Vec<_>, Vec<_>) = (before.squares().collect(), after.squares().collect());
     // Blocks of samples, each within a sequence.
+    let length = |m: &Motion| {
+        m.clock
+            .last()
+            .zip(m.clock.first())
+            .map_or(0.0, |(b, a)| b - a)
+    };
+    let block = BLOCK.min(motions.iter().map(length).sum::<f64>() / FEWEST_BLOCKS);
     let mut blocks = Vec::new();
     let mut first = 0;
     for motion in motions {
         let mut start = 0;
         for row in 0..motion.len() {
-            let long = motion.clock[row] - motion.clock[start] >= BLOCK;
+            let long = motion.clock[row] - motion.clock[start] >= block;
             if long || row + 1 == motion.len() {
                 blocks.push(first + start..first + row + 1);
                 start = row + 1;

@@ -197,9 +197,6 @@ pub fn diagnose(
             problem: "there are none; give the recording a train split".to_owned(),
         });
     }
-    for effect in effects {
-        check_effect(effect.as_ref(), &campaign.site)?;
-    }
     progress(Step::Nominal);
     let nominal = Model::default();
     let samples = campaign.train.iter().map(Motion::len).sum();
@@ -219,7 +216,10 @@ pub fn diagnose(
     for effect in effects {
         match effect.untestable(campaign) {
             Some(reason) => untestable.push((effect.clone(), reason)),
-            None => tangents.extend(campaign.tangents(&nominal, &fitted, &field, effect)?),
+            None => {
+                check_effect(effect.as_ref(), &campaign.site)?;
+                tangents.extend(campaign.tangents(&nominal, &fitted, &field, effect)?);
+            }
         }
     }
     let torques = fitted.predicted(&field);
@@ -246,21 +246,21 @@ pub fn diagnose(
         }
         Ok::<(), GapError>(())
     })?;
-    // What was not fitted was out of reach of the best.
-    candidates.sort_by(|a, b| {
-        let key = |c: &Candidate| (c.refined.is_some(), c.score(base));
-        let ((fitted_a, a), (fitted_b, b)) = (key(a), key(b));
-        fitted_b.cmp(&fitted_a).then(b.total_cmp(&a))
-    });
+    best_first(&mut candidates, base);
 
     progress(Step::Pairs);
     let pair = campaign.pair(&tangents, &mut candidates, base, &spread)?;
+    best_first(&mut candidates, base);
 
     progress(Step::Check);
+    let alone = |name: &str| {
+        let of = candidates.iter().find(|c| c.effect.name() == name)?;
+        Some(of.refined.as_ref()?.log_evidence - base)
+    };
     let mut hypotheses: Vec<Hypothesis<'_>> = (candidates.iter())
         .filter_map(|c| c.refined.as_ref())
         .chain(&pair)
-        .map(|refined| Hypothesis::new(refined, base, spread.contact))
+        .map(|refined| Hypothesis::new(refined, base, spread.contact, alone))
         .collect();
     let likeness = likeness(&fitted, &tangents, &candidates, &spread)?;
     let checked = match whole.test.is_empty() {
@@ -382,8 +382,10 @@ pub fn diagnose(
             .collect();
         reports.push(report);
     }
-    // Fitted ones come before the others, best first.
-    reports.sort_by(|a, b| b.probability.total_cmp(&a.probability));
+    reports.sort_by(|a, b| {
+        let fitted = |r: &EffectReport| r.roughness.is_some();
+        (fitted(b).cmp(&fitted(a))).then(b.probability.total_cmp(&a.probability))
+    });
     reports.extend(untestable.into_iter().map(|(effect, reason)| EffectReport {
         effect: effect.name().to_owned(),
         probability: 0.0,
@@ -437,6 +439,14 @@ impl Candidate {
             None => self.screened,
         }
     }
+}
+
+/// Sorts candidates by what they gain; those that were fitted come before the others.
+fn best_first(candidates: &mut [Candidate], base: f64) {
+    candidates.sort_by(|a, b| {
+        let fitted = |c: &Candidate| c.refined.is_some();
+        (fitted(b).cmp(&fitted(a))).then(b.score(base).total_cmp(&a.score(base)))
+    });
 }
 
 /// The best start of every effect, best first.

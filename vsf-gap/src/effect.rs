@@ -57,7 +57,8 @@ pub struct Parameter {
     pub sequence: Option<usize>,
     /// Amplitude or shape.
     pub role: Role,
-    /// Smallest and largest value that is physically plausible. The range of an amplitude holds 0.
+    /// Smallest and largest value that is physically plausible. The range of an amplitude holds 0, and
+    /// some of what is above it.
     pub bounds: [f64; 2],
     /// A typical size: the step of finite differences, and the spread of starting values.
     pub scale: f64,
@@ -278,9 +279,19 @@ pub trait Effect: Send + Sync {
         false
     }
 
-    /// Why the campaign cannot show it, `None` when it can.
+    /// Name of an effect of which it is a more general form, if there is one: it has to explain more than
+    /// what is wrong with the form of that one.
+    fn extends(&self) -> Option<&str> {
+        None
+    }
+
+    /// Why the campaign cannot show it, `None` when it can. An effect that chooses contacts may be why
+    /// nothing is touched.
     fn untestable(&self, campaign: &Campaign) -> Option<String> {
-        self.needs().iter().find_map(|need| campaign.lacks(*need))
+        let may_touch = self.chooses_contacts() && campaign.scene.is_some();
+        (self.needs().iter())
+            .filter(|need| !(may_touch && **need == Need::Contact))
+            .find_map(|need| campaign.lacks(*need))
     }
 }
 
@@ -331,7 +342,9 @@ pub(crate) fn check_effect(effect: &dyn Effect, site: &Site) -> Result<(), GapEr
     }
     for start in starts {
         check(effect.name(), &start, parameters.len())?;
-        let out = |(p, t): &(&Parameter, &f64)| !(p.bounds[0]..=p.bounds[1]).contains(*t);
+        let out = |(p, t): &(&Parameter, &f64)| {
+            p.role == Role::Shape && !(p.bounds[0]..=p.bounds[1]).contains(*t)
+        };
         if let Some((p, t)) = parameters.iter().zip(&start).find(out) {
             let name = &p.name;
             return wrong(format!(

@@ -379,7 +379,7 @@ impl Campaign {
                 posture: &log.postures[row],
                 contacts: &log.contacts[row],
             };
-            let tared = self.tare.min(motion.len());
+            let tared = motion.tare.min(motion.len());
             let mut begin: Vec<Prediction> = Vec::with_capacity(tared);
             let mut offset = vec![0.0; d];
             for range in &motion.touches {

@@ -1,4 +1,5 @@
 use crate::{ContactLog, Motion};
+use std::ops::Range;
 use std::sync::Arc;
 
 /// Noise of one joint's reading: first-order autoregressive.
@@ -25,8 +26,10 @@ impl JointNoise {
 
 /// Fewest free samples that speak for the noise on their own.
 const FEWEST: usize = 150;
-/// Second differences beyond so many times their median are steps of the signal, not noise.
+/// Second differences beyond so many times their median are steps of the signal, not noise; unless they
+/// are more than this share, as in readings that are quantised.
 const STEP: f64 = 5.0;
+const FEW: f64 = 0.1;
 /// The largest correlation that is told from a signal.
 const SMOOTHEST: f64 = 0.95;
 
@@ -38,22 +41,22 @@ pub(crate) fn noise_floor(
     logs: &[Arc<ContactLog>],
     joints: usize,
 ) -> Vec<JointNoise> {
-    let runs = |free: bool| -> Vec<(usize, usize)> {
-        let mut rows = Vec::new();
-        for (s, (motion, log)) in motions.iter().zip(logs).enumerate() {
-            for touch in &motion.touches {
-                for row in touch.start + 3..touch.end {
-                    if !free || (row - 3..=row).all(|r| log.contacts[r].is_empty()) {
-                        rows.push((s, row));
-                    }
-                }
-            }
-        }
-        rows
+    // Sequence and last row of every four samples in a row.
+    let of_touches = || {
+        motions.iter().enumerate().flat_map(|(s, motion)| {
+            let own = |touch: &Range<usize>| touch.start + 3..touch.end;
+            motion.touches.iter().flat_map(own).map(move |row| (s, row))
+        })
     };
-    let mut rows = runs(true);
+    let free = |&(s, row): &(usize, usize)| (row - 3..=row).all(|r| logs[s].contacts[r].is_empty());
+    let mut rows: Vec<(usize, usize)> = of_touches().filter(free).collect();
     if rows.len() < FEWEST {
-        rows = runs(false);
+        rows = of_touches().collect();
+    }
+    // Touches are shorter than that.
+    if rows.len() < FEWEST {
+        let own = |(s, motion): (usize, &&Motion)| (3..motion.len()).map(move |row| (s, row));
+        rows = motions.iter().enumerate().flat_map(own).collect();
     }
     let of_joint = |j: usize| {
         let differences = |&(s, row): &(usize, usize)| {
@@ -71,10 +74,11 @@ pub(crate) fn noise_floor(
 fn joint_noise(pairs: &[(f64, f64)]) -> JointNoise {
     let mut sizes: Vec<f64> = pairs.iter().map(|(a, _)| a.abs()).collect();
     sizes.sort_by(f64::total_cmp);
-    // Readings that mostly stay the same are quantised: their steps are their noise.
-    let limit = match sizes.get(sizes.len() / 2) {
-        Some(middle) if *middle > 0.0 => STEP * middle,
-        _ => f64::INFINITY,
+    let limit = STEP * sizes.get(sizes.len() / 2).copied().unwrap_or(0.0);
+    let beyond = sizes.len() - sizes.partition_point(|s| *s <= limit);
+    let limit = match beyond as f64 > FEW * sizes.len() as f64 {
+        true => f64::INFINITY,
+        false => limit,
     };
     let kept = || (pairs.iter()).filter(|(a, b)| a.abs() <= limit && b.abs() <= limit);
     let n = kept().count().max(1) as f64;
@@ -160,7 +164,9 @@ mod tests {
 
     #[test]
     fn quantised_readings_have_noise() {
-        let stairs: Vec<f64> = (0..300).map(|k| f64::from(k % 7 == 0)).collect();
-        assert!(found(&stairs).sd > 0.0);
+        // Steps of 0.1 under a slow motion that the model knows almost.
+        let read = |k: i32| (0.03 * f64::from(k)).round() * 0.1 - 0.0029 * f64::from(k);
+        let sd = found(&(0..3000).map(read).collect::<Vec<_>>()).sd;
+        assert!((0.1..4.0).contains(&(sd * 12.0_f64.sqrt() / 0.1)), "{sd}");
     }
 }

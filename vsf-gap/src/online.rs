@@ -10,7 +10,7 @@ use vsf_robots::DynamicsWorkspace;
 ///
 /// Fed with the samples of a recording it gives the observations of
 /// [`Campaign::corrected`](crate::Campaign::corrected), which any
-/// [`Estimator`](vsf_core::Estimator) takes.
+/// [`Estimator`](vsf_core::Estimator) takes; of a recording that is tared, after [`Corrector::tare`].
 pub struct Corrector {
     site: Site,
     compensators: Vec<Box<dyn Compensator>>,
@@ -20,6 +20,10 @@ pub struct Corrector {
     prediction: Prediction,
     workspace: DynamicsWorkspace,
     left: Vec<f64>,
+    /// Sum of the torques since the sequence began, and number of samples.
+    sum: (Vec<f64>, usize),
+    /// Torques that are taken as zero.
+    tare: Vec<f64>,
 }
 
 impl Corrector {
@@ -37,6 +41,8 @@ impl Corrector {
             prediction: Prediction::new(site.joints()),
             workspace: site.robot.dynamics_workspace(),
             left: vec![0.0; site.joints()],
+            sum: (vec![0.0; site.joints()], 0),
+            tare: vec![0.0; site.joints()],
             site: site.clone(),
         })
     }
@@ -46,7 +52,21 @@ impl Corrector {
         self.compensators
             .iter_mut()
             .for_each(|c| c.begin_sequence(id));
+        self.sum.0.fill(0.0);
+        self.sum.1 = 0;
+        self.tare.fill(0.0);
         self.begin_touch();
+    }
+
+    /// The sensors have been tared: from here on, readings are relative to their mean over the samples
+    /// since the sequence began, and so are the torques of the model.
+    pub fn tare(&mut self) {
+        let (sum, samples) = &self.sum;
+        let each = 1.0 / (*samples).max(1) as f64;
+        self.tare
+            .iter_mut()
+            .zip(sum)
+            .for_each(|(t, s)| *t = each * s);
     }
 
     /// A touch begins after motion that was not seen.
@@ -105,6 +125,16 @@ impl Corrector {
                 (self.driver.links()).rigid_change(&self.site, sample, &mut self.workspace)?;
             torques.iter_mut().zip(change).for_each(|(t, c)| *t += c);
         }
+        self.sum.1 += 1;
+        self.sum
+            .0
+            .iter_mut()
+            .zip(&*torques)
+            .for_each(|(s, t)| *s += t);
+        torques
+            .iter_mut()
+            .zip(&self.tare)
+            .for_each(|(t, o)| *t -= o);
         let pairs = reading.iter().zip(&*torques);
         self.left
             .iter_mut()

@@ -79,7 +79,16 @@ impl Campaign {
     ) -> Result<Vec<Tangent>, GapError> {
         let nominal = fitted.predicted(stiffness);
         let starts = effect.starts(&self.site);
-        (starts.into_iter())
+        let amplitude: Vec<bool> = (effect.parameters(&self.site).iter())
+            .map(|p| p.role == Role::Amplitude)
+            .collect();
+        let without = |mut start: Vec<f64>| {
+            (start.iter_mut().zip(&amplitude))
+                .filter(|(_, amplitude)| **amplitude)
+                .for_each(|(t, _)| *t = 0.0);
+            start
+        };
+        (starts.into_iter().map(without))
             .map(|start| self.tangent(base, fitted, stiffness, &nominal, effect, start))
             .collect()
     }

@@ -19,12 +19,10 @@ impl Tangent {
     /// surfaces that move, torques are no measure, since contact and stiffness change with them.
     pub(crate) fn prior(&self, site: &Site) -> Prior {
         let parameters = self.effect.parameters(site);
-        let mut mean = self.start.clone();
         let mut sd: Vec<f64> = (parameters.iter())
             .map(|p| (0.25 * (p.bounds[1] - p.bounds[0])).min(WIDEST * p.scale))
             .collect();
         for (&i, s) in self.amplitudes.iter().zip(&self.sd) {
-            mean[i] = 0.0;
             sd[i] = match self.effect.acts() {
                 Acts::Contact => MOST_SCALES * parameters[i].scale,
                 Acts::Torques | Acts::Springs => *s,
@@ -32,7 +30,7 @@ impl Tangent {
         }
         Prior {
             parameters,
-            mean,
+            mean: self.start.clone(),
             sd,
         }
     }

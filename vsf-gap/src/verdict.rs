@@ -6,16 +6,17 @@ use serde::{Deserialize, Serialize};
 /// Nats for one e-fold of probability. Models are never quite right, so that evidence overstates
 /// what it knows; on labelled recordings, stated probabilities come about true with this one.
 const TEMPERATURE: f64 = 7.0;
-/// Roughness of contact, and how many times more effects of contact gain from there on.
-const ROUGHNESS: [(f64, f64); 2] = [(0.1, 1.6), (0.3, 3.0)];
+/// Roughness of contact, and how many times more effects of contact gain from there on; those that choose
+/// contacts, and the others.
+const ROUGHNESS: [(f64, f64, f64); 2] = [(0.1, 5.0, 1.6), (0.3, 14.0, 3.0)];
 /// A gain of so many thresholds is clear.
 const CLEAR: f64 = 2.0;
 /// Roughness of contact from which on effects that choose other contacts have to prove themselves, and
 /// the share of the gap that they have to close on the checked sequences.
 const UNSURE: f64 = 0.1;
 const PROOF: f64 = 0.4;
-/// The share of a first effect's gain that is left where its form is wrong by a third of its size: a
-/// second effect that gains less mends the form of the first.
+/// The share of an effect's gain that is left where its form is wrong by a third of its size: a second
+/// effect, or a more general form, that gains less mends the form of the first.
 const MISFIT: f64 = 0.12;
 /// Roughness of joints from which on something acts that the model does not have.
 const ROUGH: f64 = 0.15;
@@ -84,15 +85,26 @@ fn kind_of_claim(probability: f64, effect_set_95: &[String]) -> Kind {
 }
 
 impl<'a> Hypothesis<'a> {
-    /// `base` is the log evidence of the nominal model, `rough` its roughness of contact.
-    pub(crate) fn new(refined: &'a Refined, base: f64, rough: f64) -> Self {
-        let parts = &refined.model.parts;
+    /// `base` is the log evidence of the nominal model, `rough` its roughness of contact, `alone` the gain
+    /// of an effect on its own, if it was fitted.
+    pub(crate) fn new(
+        refined: &'a Refined,
+        base: f64,
+        rough: f64,
+        alone: impl Fn(&str) -> Option<f64>,
+    ) -> Self {
+        let needed = |e: &dyn Effect| {
+            let of_special_case = e.extends().and_then(&alone).unwrap_or(0.0).max(0.0);
+            threshold(e, rough) + MISFIT * of_special_case
+        };
         Self {
             refined,
             gain: refined.log_evidence - base,
-            threshold: parts
+            threshold: refined
+                .model
+                .parts
                 .iter()
-                .map(|(e, _)| threshold(e.as_ref(), rough))
+                .map(|(e, _)| needed(e.as_ref()))
                 .sum(),
             rough,
         }
@@ -125,11 +137,12 @@ pub(crate) fn needed_beside(second: &dyn Effect, gain_of_first: f64, rough: f64)
 /// The gain of log evidence (nats) that an effect needs: [`Effect::null_gain`], and for those that act on
 /// springs and contact more where contact itself is rough.
 pub(crate) fn threshold(effect: &dyn Effect, rough: f64) -> f64 {
-    let times = ROUGHNESS.iter().rfind(|(from, _)| rough >= *from);
-    match effect.acts() {
-        Acts::Torques => effect.null_gain(),
-        Acts::Springs | Acts::Contact => effect.null_gain() * times.map_or(1.0, |(_, t)| *t),
-    }
+    let times = match ROUGHNESS.iter().rfind(|(from, ..)| rough >= *from) {
+        Some((_, times, _)) if effect.chooses_contacts() => *times,
+        Some((.., times)) if effect.acts() != Acts::Torques => *times,
+        _ => 1.0,
+    };
+    times * effect.null_gain()
 }
 
 /// A verdict and the probability of every effect that was fitted.

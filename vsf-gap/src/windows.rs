@@ -44,8 +44,12 @@ impl Windows {
         let many = touches * joints > MOST_ROWS;
         let mut list = Vec::new();
         for (sequence, motion) in motions.iter().enumerate() {
-            let whole = [0..motion.len()];
-            for range in if many { &whole } else { &*motion.touches } {
+            let whole = 0..motion.len();
+            let ranges = match many {
+                true => std::slice::from_ref(&whole),
+                false => &motion.touches,
+            };
+            for range in ranges {
                 let parts = range.len().div_ceil(size).max(1);
                 for k in 0..parts {
                     let cut = |k: usize| range.start + k * range.len() / parts;
@@ -239,6 +243,7 @@ mod tests {
             reading: table(),
             smooth: table(),
             load: table(),
+            tare: 0,
             touches: (0..touches)
                 .map(|t| t * samples..(t + 1) * samples)
                 .collect(),

@@ -4,7 +4,7 @@
 
 mod common;
 
-use common::campaign::{Rows, free_arm, plate, torques};
+use common::campaign::{Rows, free_arm, free_arm_tared, plate, torques};
 use proptest::prelude::*;
 use vsf_core::{Noise, Observation};
 use vsf_gap::effects::catalogue;
@@ -170,6 +170,43 @@ fn a_loop_has_the_observations_of_the_recording() {
                     assert_eq!(obs.points(), same.points(), "{name} row {row}");
                     assert_eq!(obs.rows(), same.rows(), "{name} row {row}");
                     assert_eq!(obs.reading(), same.reading(), "{name} row {row}");
+                }
+            }
+        }
+    }
+}
+
+/// A loop that tares when the recording has been tared goes on as the recording does.
+#[test]
+fn val_a_control_loop_tares_as_a_recording_does() {
+    const TARE: usize = 10;
+    let row = |k: usize| {
+        let t = k as f64 / 100.0;
+        let q: Vec<f64> = (0..3).map(|j| (t * (1.0 + j as f64)).cos()).collect();
+        (q, vec![0.5 + t, 0.2 - t, 0.1])
+    };
+    let rows: Rows = (0..60).map(row).collect();
+    let campaign = free_arm_tared(&[rows.clone(), rows], TARE);
+    for name in ["payload", "torque_drift", "latency"] {
+        let of_name = |e: &std::sync::Arc<dyn vsf_gap::Effect>| e.name() == name;
+        let k = catalogue().iter().position(of_name).unwrap();
+        let model = model(&campaign, k);
+        let mut online = Corrector::new(&campaign.site, None, &model).unwrap();
+        let unit = Noise::uniform(3, 1.0).unwrap();
+        let mut obs = Observation::new(unit);
+        let corrected = campaign.corrected(&model).unwrap();
+        for (motion, c) in campaign.session().into_iter().zip(&corrected) {
+            online.begin_sequence(&motion.id);
+            for row in 0..motion.len() {
+                if row == TARE {
+                    online.tare();
+                }
+                let sample = motion.sample(row, 0, nalgebra::Vector3::zeros());
+                let reading = &motion.reading[row];
+                let torques = online.step(&sample, reading, &mut obs).unwrap();
+                let offline = &c.torques[row];
+                for (a, b) in torques.iter().zip(offline).filter(|_| row >= TARE) {
+                    assert!((a - b).abs() < 1e-12, "{name} row {row}: {a} {b}");
                 }
             }
         }

@@ -3,7 +3,7 @@
 
 mod common;
 
-use common::campaign::{RATE, Rows, free_arm, free_arm_tared, plate, torques};
+use common::campaign::{RATE, Rows, free_arm, free_arm_tared, free_link_tared, plate, torques};
 use std::sync::Arc;
 use vsf_gap::effects::catalogue;
 use vsf_gap::{
@@ -301,7 +301,6 @@ fn effects_that_cannot_be_are_refused() {
         (good.clone(), vec![], "start"),
         (good.clone(), vec![vec![]], "takes 1 parameters, got 0"),
         (good.clone(), vec![vec![f64::NAN]], "parameter 0 is NaN"),
-        (good, vec![vec![2.0]], "out of its bounds"),
     ];
     for (parameter, starts, problem) in cases {
         let effects: [Arc<dyn Effect>; 1] = [Arc::new(Broken(parameter, starts))];
@@ -321,8 +320,39 @@ fn what_is_not_touched_is_not_testable() {
     let away = plate(&[[0.0; 3]], &[heights(|_| 0.1)]);
     let once = plate(&[[0.0; 3]], &[heights(|t| 0.01 - 0.02 * t)]);
     let again = plate(&[[0.0; 3]], &[heights(|t| 0.01 * (12.0 * t).cos())]);
+    // Let off and pressed anew without losing contact.
+    let deeper = plate(&[[0.0; 3]], &[heights(|t| -0.02 + 0.01 * (12.0 * t).cos())]);
     let lacks = |campaign: &Campaign, need: Need| campaign.lacks(need).is_some();
     assert!(lacks(&away, Need::Contact) && lacks(&away, Need::Retouch));
     assert!(!lacks(&once, Need::Contact) && lacks(&once, Need::Retouch));
     assert!(!lacks(&again, Need::Contact) && !lacks(&again, Need::Retouch));
+    assert!(!lacks(&deeper, Need::Retouch));
+    // A wrong place may be why nothing is touched.
+    let testable = |name: &str| common::effect(name).untestable(&away).is_none();
+    assert!(testable("registration_offset") && !testable("strain_stiffening"));
+}
+
+/// A gauge on one axis: whatever needs more joints is untestable, nothing fails.
+#[test]
+fn a_robot_of_one_joint_is_diagnosed() {
+    let row = |k: usize| {
+        let t = k as f64 / RATE;
+        (
+            vec![(3.0 * t).sin()],
+            vec![0.4 * (3.0 * t).cos() + 0.01 * (977.0 * t).sin()],
+        )
+    };
+    let rows: Rows = (0..200).map(row).collect();
+    let campaign = free_link_tared(&[rows.clone(), rows], 20);
+    let outcome = vsf_gap::diagnose(&campaign, "test", &catalogue(), 0, |_| {}).unwrap();
+    let reason = |name: &str| {
+        let mut all = outcome.diagnosis.effects.iter();
+        all.find(|e| e.effect == name).unwrap().reason.clone()
+    };
+    assert!(reason("joint_coupling").unwrap().contains("one joint"));
+    assert!(
+        reason("torque_bias")
+            .unwrap()
+            .contains("relative to their mean")
+    );
 }

@@ -43,6 +43,10 @@ impl Effect for InertialError {
         Acts::Torques
     }
 
+    fn extends(&self) -> Option<&str> {
+        Some("payload")
+    }
+
     fn needs(&self) -> &[Need] {
         &[Need::Measured]
     }

@@ -33,6 +33,10 @@ impl Effect for JointStribeckFriction {
         Acts::Torques
     }
 
+    fn extends(&self) -> Option<&str> {
+        Some("joint_coulomb_friction")
+    }
+
     fn needs(&self) -> &[Need] {
         &[]
     }

@@ -1,6 +1,6 @@
-use crate::GapError;
 use crate::effect::{Acts, Compensator, Effect, Need, Parameter, Sample, Site, Touch};
 use crate::effect::{check, per_joint, slides};
+use crate::{Campaign, GapError};
 
 /// A constant error of the torque sensors: `tau_j + b_j`, also in free motion.
 ///
@@ -26,6 +26,13 @@ impl Effect for TorqueBias {
 
     fn needs(&self) -> &[Need] {
         &[]
+    }
+
+    fn untestable(&self, campaign: &Campaign) -> Option<String> {
+        let tared = campaign.session().iter().all(|m| m.tare > 0);
+        tared.then(|| {
+            "the readings are relative to their mean at the begin of every sequence".into()
+        })
     }
 
     fn parameters(&self, site: &Site) -> Vec<Parameter> {

@@ -20,8 +20,10 @@ pub struct TorqueDrift;
 /// Time constants that the search starts from, in lengths of the session: as good as linear, and a warm-up.
 const STARTS: [f64; 2] = [10.0, 0.4];
 
-/// A drift over the session (N m or N) that is looked for.
-const TYPICAL: f64 = 0.3;
+/// A drift per length of the session (N m or N) that is looked for, with room for those that are over early.
+const TYPICAL: f64 = 3.0;
+/// Longest time constant (s) that is told from a line, if the session is not longer still.
+const LONGEST: f64 = 1e6;
 
 struct Drift {
     /// Per time (N m/s or N/s).
@@ -39,6 +41,10 @@ impl Effect for TorqueDrift {
         Acts::Torques
     }
 
+    fn extends(&self) -> Option<&str> {
+        Some("torque_bias")
+    }
+
     fn needs(&self) -> &[Need] {
         &[]
     }
@@ -46,7 +52,13 @@ impl Effect for TorqueDrift {
     fn parameters(&self, site: &Site) -> Vec<Parameter> {
         let units = unit(site, "N m/s", "N/s");
         let mut parameters = per_joint(site, "r", units, [-50.0, 50.0], TYPICAL / site.duration);
-        parameters.push(Parameter::shape("T", "s", [0.1, 1e6], 0.3 * site.duration));
+        let longest = LONGEST.max(100.0 * site.duration);
+        parameters.push(Parameter::shape(
+            "T",
+            "s",
+            [0.1, longest],
+            0.3 * site.duration,
+        ));
         parameters
     }
 

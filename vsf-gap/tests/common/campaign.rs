@@ -97,6 +97,16 @@ pub fn free_arm(rows: &[Rows]) -> Campaign {
     free_arm_tared(rows, 0)
 }
 
+/// An arm of one link in free air, [`free_arm_tared`] for the rest.
+pub fn free_link_tared(rows: &[Rows], tare_samples: usize) -> Campaign {
+    let robot = RobotRef::resolve("planar_arm", ".".as_ref()).unwrap();
+    let dataset = Dataset {
+        tare_samples,
+        ..dataset(robot, TorqueKind::Measured, None, rows)
+    };
+    Campaign::in_air(&dataset, vsf_robots::planar_arm(1, 0.3, 0.03).unwrap()).unwrap()
+}
+
 /// [`free_arm`] whose readings are relative to their mean over the first samples.
 pub fn free_arm_tared(rows: &[Rows], tare_samples: usize) -> Campaign {
     let robot = RobotRef::resolve("planar_arm", ".".as_ref()).unwrap();
