@@ -12,7 +12,7 @@ use std::path::Path;
 use tempfile::TempDir;
 use vsf_data::{
     Advice, Clock, DataError, DataWarning, Dataset, EffortPrediction, JointLog, McapExport,
-    Overrides, RobotRef, Table, TorqueKind,
+    Overrides, RobotRef, StiffnessField, Table, TorqueKind,
 };
 
 fn given() -> Overrides {
@@ -509,6 +509,94 @@ fn exports_have_one_clock() {
         Err(DataError::Argument { what: "joints", .. })
     ));
     assert_eq!(fs::read(&path).unwrap(), bytes);
+}
+
+/// A viewer that comes late sees the next one.
+#[test]
+fn fields_are_there_in_every_sequence() {
+    let folder = Folder::new();
+    let (dataset, _) = folder.open().unwrap();
+    let path = folder.path().join("all.mcap");
+    let points = vec![Point3::origin(); 2];
+    let mut field = StiffnessField {
+        points,
+        stiffness: vec![1.0, 2.0],
+        sd: Some(vec![0.5, 0.25]),
+        features: Default::default(),
+        recording: None,
+        model: None,
+    };
+    let clouds = |export: &McapExport| {
+        export.save(&path).unwrap();
+        let bytes = fs::read(&path).unwrap();
+        let messages = mcap::MessageStream::new(&bytes).unwrap();
+        let clouds = messages.map(Result::unwrap);
+        let clouds = clouds.filter(|m| m.channel.topic == "/stiffness_field");
+        let time = |m: mcap::Message| (m.log_time / 1_000_000, m.data.into_owned());
+        clouds.map(time).collect::<Vec<_>>()
+    };
+    let joints = arm();
+    let mut export = McapExport {
+        recording: Some(&dataset),
+        joints: &joints,
+        field: Some(&field),
+        ..McapExport::default()
+    };
+    let found = clouds(&export);
+    assert_eq!([found[0].0, found[1].0], [1000, 3030]);
+    assert_eq!(found.len(), 2);
+    export.recording = None;
+    let alone = clouds(&export);
+    assert_eq!(alone, found[..1]);
+
+    // Blue, green, red, 0 at the end of each point, the data in front of `is_dense`.
+    let colors = |cloud: &[u8]| {
+        let data = &cloud[cloud.len() - 1 - 2 * 24..];
+        [data[20], data[44]]
+    };
+    let bright = vsf_data::color(1.0)[2];
+    let dark = vsf_data::color(0.5)[2];
+    assert_eq!(colors(&alone[0].1), [dark, bright]);
+    export.deviation = true;
+    assert_eq!(colors(&clouds(&export)[0].1), [bright, dark]);
+    field.sd = None;
+    let export = McapExport {
+        field: Some(&field),
+        deviation: true,
+        ..McapExport::default()
+    };
+    assert!(matches!(
+        export.save(&path),
+        Err(DataError::Argument {
+            what: "deviation",
+            ..
+        })
+    ));
+}
+
+/// A name without an ending is not that of a built-in robot.
+#[test]
+fn robots_of_files_stay_files() {
+    let folder = Folder::new();
+    let (mut dataset, _) = folder.open().unwrap();
+    folder.write("planar_arm", b"<robot/>");
+    dataset.robot = RobotRef::resolve("./planar_arm", folder.path()).unwrap();
+    let path = folder.path().join("all.mcap");
+    let joints = arm();
+    let export = McapExport {
+        recording: Some(&dataset),
+        joints: &joints,
+        ..McapExport::default()
+    };
+    export.save(&path).unwrap();
+    let log = JointLog::open(&[&path], None, Clock::Header).unwrap();
+    let robot = log.metadata(&Overrides::default()).unwrap().robot.unwrap();
+    assert_eq!(robot.path, dataset.robot.path);
+    folder.remove("planar_arm");
+    assert!(matches!(
+        log.metadata(&Overrides::default()),
+        Err(DataError::RobotNotFound { .. })
+    ));
 }
 
 /// What a file says of its sequences is not of those split anew.
