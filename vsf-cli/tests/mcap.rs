@@ -75,10 +75,18 @@ fn exports_come_back_as_they_were() {
         assert!(read("touch") == read("back"), "{name}");
     }
 
+    let warnings = bench.warned(
+        "import plain.mcap --box 0,0,0,0.01,0.01,0.01 --spacing 0.005 --no-velocities --out boxed",
+    );
+    assert!(!warnings.contains("outside"), "{warnings}");
+
     // Predictions and field are in it, and do not hinder.
     bench.ok("estimate touch --out field.npz --out field.mcap");
     bench.ok("export touch --field field.npz --out made/all.mcap --out made/all.ply");
     bench.ok("export field.npz --out made/field.mcap --full-scale 50");
+    bench.ok("export field.npz --out made/sd.mcap --deviation");
+    let read = |name| fs::read(root.join("made").join(name)).unwrap();
+    assert!(read("field.mcap") != read("sd.mcap"));
     assert!(fs::metadata(root.join("made/field.mcap")).unwrap().len() > 160 * 24);
     bench.ok("predict touch --field field.npz --sequences a,b,c --out predicted");
     let all = root.join("made/all.mcap");
@@ -100,7 +108,11 @@ fn exports_come_back_as_they_were() {
     bench.fails(
         "import made/all.mcap --out again",
         1,
-        &["several topics", "/predicted/joint_states,"],
+        &[
+            "several topics",
+            "/predicted/joint_states,",
+            "choose one by --topic",
+        ],
     );
     bench.ok("import made/all.mcap --topic /joint_states --out again");
     let json = |folder| bench.ok(&format!("evaluate {folder} --field field.npz --json"));
@@ -204,13 +216,31 @@ fn what_is_missing_is_said() {
         1,
         &[
             "bag.mcap: no message on /joint_states has the robot's joints",
-            "their names in the messages",
+            "their names in the messages by --names",
         ],
     );
     bench.fails(
         &format!("import bag.mcap --names x {known}"),
         2,
         &["--names takes a name for each of ", "1 given"],
+    );
+    for (names, part) in [
+        ("x,x,y", "\"x\" is there twice"),
+        ("x,,y", "a name is empty"),
+    ] {
+        let line = format!("import bag.mcap --names {names} {known}");
+        bench.fails(&line, 2, &["--names: ", part]);
+    }
+    bench.fails(
+        &format!("import bag.mcap --points touch/points.npy --json=touch/points.npy {known}"),
+        2,
+        &["--json", "touch/points.npy"],
+    );
+    fs::copy(root.join("bag.mcap"), root.join("bag_2.mcap")).unwrap();
+    bench.fails(
+        &format!("import bag.mcap bag_2.mcap {known}"),
+        1,
+        &["in the order given"],
     );
     let cases = [
         ("import none.mcap", 1, "none.mcap: no such file"),
@@ -263,6 +293,18 @@ fn what_is_missing_is_said() {
         "export touch --out x.mcap --torques plots",
         2,
         &["--field is required"],
+    );
+    for flag in ["--deviation", "--full-scale 9"] {
+        bench.fails(
+            &format!("export touch --out x.mcap {flag}"),
+            2,
+            &["--deviation and --full-scale are of a field", "--field"],
+        );
+    }
+    bench.fails(
+        "export truth --out x.mcap --deviation",
+        1,
+        &["truth: the field has no standard deviation"],
     );
     bench.fails("estimate field.mcap", 1, &["no such data set folder"]);
     bench.fails(

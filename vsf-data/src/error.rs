@@ -1,6 +1,6 @@
 use crate::npy::NpyError;
-use std::io;
 use std::path::PathBuf;
+use std::{fmt, io};
 use thiserror::Error;
 
 /// What is wrong with a recording or a field on disk, or with data that is to be written.
@@ -87,6 +87,14 @@ pub enum DataError {
         message: u64,
         /// What is wrong.
         problem: String,
+    },
+    /// Joint states that can be read if something else is asked for.
+    #[error("{error}; {advice}")]
+    Advised {
+        /// What is wrong: [`DataError::Mcap`] or [`DataError::Message`].
+        error: Box<DataError>,
+        /// What may help.
+        advice: Advice,
     },
     /// A file is not valid JSON.
     #[error("{} line {line} column {column}: invalid JSON: {problem}", path.display())]
@@ -336,7 +344,41 @@ pub enum DataError {
     },
 }
 
+/// What may help against a [`DataError::Advised`], by what [`JointLog`](crate::JointLog) takes.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[non_exhaustive]
+pub enum Advice {
+    /// The `topic` of [`JointLog::open`](crate::JointLog::open).
+    Topic,
+    /// The `joints` of [`JointLog::recording`](crate::JointLog::recording).
+    Names,
+    /// The `gap` of [`JointLog::recording`](crate::JointLog::recording).
+    Gap,
+    /// [`Clock::Log`](crate::Clock::Log).
+    LogTime,
+    /// [`JointLog::without_velocities`](crate::JointLog::without_velocities).
+    NoVelocities,
+}
+
+impl fmt::Display for Advice {
+    fn fmt(&self, f: &mut fmt::Formatter) -> fmt::Result {
+        f.write_str(match self {
+            Self::Topic => "give the topic of one",
+            Self::Names => "should these be the same, give their names in the messages",
+            Self::Gap => "give a gap to split it by its stamps",
+            Self::LogTime => "where stamps are of no use, take the times of logging",
+            Self::NoVelocities => "the velocities may be left out",
+        })
+    }
+}
+
 impl DataError {
+    /// The same with advice.
+    pub(crate) fn advise(self, advice: Advice) -> Self {
+        let error = Box::new(self);
+        Self::Advised { error, advice }
+    }
+
     /// Turns an error of the operating system into [`DataError::Missing`] or [`DataError::Io`].
     pub(crate) fn io(action: &'static str, path: impl Into<PathBuf>, source: io::Error) -> Self {
         let path = path.into();
@@ -400,6 +442,17 @@ pub enum DataWarning {
         topic: String,
         /// How many.
         count: usize,
+    },
+    /// Contact-free samples at the start of the sequences that a file names say nothing about those
+    /// split by a gap.
+    #[error(
+        "{}: tare_samples = {tare_samples} is of the sequences attached to the file, left out", path.display()
+    )]
+    TareSamplesLeftOut {
+        /// The file.
+        path: PathBuf,
+        /// What it says.
+        tare_samples: usize,
     },
     /// A field has `K_std` without the mark that says what it is. It is not used: OpenVSF
     /// writes the variance under this name.

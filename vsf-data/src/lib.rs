@@ -71,7 +71,7 @@ mod table;
 pub use camera::CameraView;
 pub use colormap::color;
 pub use dataset::Dataset;
-pub use error::{DataError, DataWarning};
+pub use error::{Advice, DataError, DataWarning};
 pub use field::StiffnessField;
 pub use metadata::{Attachment, JointType, Overrides, RobotRef, Splits, TorqueKind};
 pub use npy::NpyError;

@@ -236,6 +236,27 @@ fn records_that_contradict_themselves_are_errors() {
     assert!(text.contains("channel 0, which is not defined"), "{text}");
 }
 
+/// Attachments are of a file, never of a chunk, which could unpack to any number of them.
+#[test]
+fn attachments_in_chunks_are_not_kept() {
+    let name = b"points.npy";
+    let length = (name.len() as u32).to_le_bytes();
+    let attachment = [&[0; 16][..], &length, name, &[0; 4], &[0; 8], &[0; 4]].concat();
+    let inside = record(9, &attachment);
+    let size = (inside.len() as u64).to_le_bytes();
+    let chunk = [&[0; 16][..], &size, &[0; 4], &[0; 4], &size, &inside].concat();
+    // Behind the header of a bag.
+    let bag = &mcap_files()[1];
+    let length = u64::from_le_bytes(bag[9..17].try_into().unwrap());
+    let with = |more: &[u8]| {
+        let (header, rest) = bag.split_at(17 + length as usize);
+        read_mcap(&[header, more, rest].concat())
+    };
+    assert_eq!(with(&record(6, &chunk)).unwrap().rest_points, None);
+    let error = with(&inside).unwrap_err().to_string();
+    assert!(error.contains("points.npy"), "{error}");
+}
+
 proptest! {
     #![proptest_config(ProptestConfig { failure_persistence: None, ..ProptestConfig::with_cases(1500) })]
 

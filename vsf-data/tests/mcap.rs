@@ -5,13 +5,14 @@ mod common;
 
 use common::{ARM, DEFINITION, Folder, State, bag, bag_of};
 use mcap::Compression;
+use nalgebra::Point3;
 use std::collections::BTreeMap;
 use std::fs;
 use std::path::Path;
 use tempfile::TempDir;
 use vsf_data::{
-    Clock, DataError, DataWarning, Dataset, EffortPrediction, JointLog, McapExport, Overrides,
-    RobotRef, Table, TorqueKind,
+    Advice, Clock, DataError, DataWarning, Dataset, EffortPrediction, JointLog, McapExport,
+    Overrides, RobotRef, StiffnessField, Table, TorqueKind,
 };
 
 fn given() -> Overrides {
@@ -48,7 +49,10 @@ fn refused(change: impl FnOnce(&mut Vec<State>)) -> String {
     change(&mut states);
     let error = recorded(&states).unwrap_err();
     assert!(
-        matches!(error, DataError::Message { .. } | DataError::Mcap { .. }),
+        matches!(
+            error,
+            DataError::Message { .. } | DataError::Mcap { .. } | DataError::Advised { .. }
+        ),
         "{error:?}"
     );
     error.to_string()
@@ -136,6 +140,27 @@ fn velocities_are_taken_where_they_are() {
         error.contains("/joint_states message 1: no velocity"),
         "{error}"
     );
+
+    // There is a way round.
+    states[1].velocity = vec![f64::NAN, 1.0];
+    let (_keep, path) = in_folder();
+    bag(&path, None, &states);
+    let log = JointLog::open(&[&path], None, Clock::Header).unwrap();
+    let error = log.recording(&given(), &arm(), None).unwrap_err();
+    assert!(
+        matches!(
+            error,
+            DataError::Advised {
+                advice: Advice::NoVelocities,
+                ..
+            }
+        ),
+        "{error:?}"
+    );
+    let (dataset, _) = (log.without_velocities())
+        .recording(&given(), &arm(), None)
+        .unwrap();
+    assert!(dataset.sequences.iter().all(|s| s.velocities.is_none()));
 }
 
 #[test]
@@ -295,12 +320,94 @@ fn bags_in_several_files_are_one_recording() {
         error.contains("not after 103.03 s of message 3 before it, in"),
         "{error}"
     );
+    assert!(
+        error.ends_with("read in the order given and must follow one another in time"),
+        "{error}"
+    );
 
     let empty = tempfile::tempdir().unwrap();
     assert!(matches!(read(empty.path()), Err(DataError::Missing { .. })));
     let none: [&Path; 0] = [];
     let error = JointLog::open(&none, None, Clock::Header).unwrap_err();
     assert!(matches!(error, DataError::Argument { .. }));
+}
+
+/// Only stamps of one file are worth replacing, and only once.
+#[test]
+fn advice_is_of_use() {
+    let (_keep, path) = in_folder();
+    let mut states = states();
+    states[2].stamp = states[1].stamp;
+    bag(&path, None, &states);
+    let error = |clock| {
+        let log = JointLog::open(&[&path], None, clock).unwrap();
+        log.recording(&given(), &arm(), None).unwrap_err()
+    };
+    let advised = error(Clock::Header);
+    assert!(
+        matches!(
+            advised,
+            DataError::Advised {
+                advice: Advice::LogTime,
+                ..
+            }
+        ),
+        "{advised:?}"
+    );
+    let plain = error(Clock::Log);
+    assert!(matches!(plain, DataError::Message { .. }), "{plain:?}");
+    assert!(plain.to_string().contains("time of logging 100.011 s"));
+}
+
+#[test]
+fn joints_are_named_once() {
+    let (_keep, path) = in_folder();
+    bag(&path, None, &states());
+    let log = JointLog::open(&[&path], None, Clock::Header).unwrap();
+    for (names, part) in [
+        (["elbow", "elbow"], "\"elbow\" is there twice"),
+        (["elbow", ""], "a name is empty"),
+    ] {
+        let error = log.recording(&given(), &names.map(str::to_owned), None);
+        let error = error.unwrap_err();
+        assert!(
+            matches!(error, DataError::Argument { what: "joints", .. }),
+            "{error:?}"
+        );
+        assert!(error.to_string().contains(part), "{error}");
+    }
+}
+
+/// Compression of rosbag2's own, which other programs do not read either.
+#[test]
+fn bags_that_rosbag2_compressed_are_recognised() {
+    const ZSTD: [u8; 4] = [0x28, 0xb5, 0x2f, 0xfd];
+    let (folder, path) = in_folder();
+    let compressed = folder.path().join("bag_0.mcap.zstd");
+    fs::write(&compressed, [&ZSTD[..], &[0; 40]].concat()).unwrap();
+    for place in [folder.path(), &compressed] {
+        let error = read(place).unwrap_err().to_string();
+        assert!(error.contains("bag_0.mcap.zstd: compressed"), "{error}");
+        assert!(error.contains("zstd -d"), "{error}");
+    }
+    // Unpacked beside it.
+    bag(&path, None, &states());
+    read(folder.path()).unwrap();
+
+    let bytes = fs::read(&path).unwrap();
+    let mut out = mcap::Writer::new(fs::File::create(&path).unwrap()).unwrap();
+    for message in mcap::MessageStream::new(&bytes).unwrap() {
+        let mut message = message.unwrap();
+        message.data = [&ZSTD[..], &message.data].concat().into();
+        out.write(&message).unwrap();
+    }
+    out.finish().unwrap();
+    let error = read(&path).unwrap_err().to_string();
+    assert!(
+        error.contains("message 0: compressed by rosbag2"),
+        "{error}"
+    );
+    assert!(error.contains("ros2 bag convert"), "{error}");
 }
 
 #[test]
@@ -369,7 +476,7 @@ fn exports_have_one_clock() {
     assert!(stamps.values().all(|s| *s == expected), "{stamps:?}");
 
     let log = JointLog::open(&[&path], Some("/joint_states"), Clock::Header).unwrap();
-    let (split, _) = log
+    let (split, warnings) = log
         .recording(&Overrides::default(), &arm(), Some(1.0))
         .unwrap();
     let tables = |d: &Dataset| {
@@ -379,6 +486,7 @@ fn exports_have_one_clock() {
             .collect::<Vec<_>>()
     };
     assert_eq!(tables(&split), tables(&dataset));
+    assert_eq!(warnings, []);
     assert_eq!(split.splits.train, ["000", "001"]);
     let error = log
         .recording(&Overrides::default(), &arm(), Some(-1.0))
@@ -401,6 +509,146 @@ fn exports_have_one_clock() {
         Err(DataError::Argument { what: "joints", .. })
     ));
     assert_eq!(fs::read(&path).unwrap(), bytes);
+}
+
+/// A viewer that comes late sees the next one.
+#[test]
+fn fields_are_there_in_every_sequence() {
+    let folder = Folder::new();
+    let (dataset, _) = folder.open().unwrap();
+    let path = folder.path().join("all.mcap");
+    let points = vec![Point3::origin(); 2];
+    let mut field = StiffnessField {
+        points,
+        stiffness: vec![1.0, 2.0],
+        sd: Some(vec![0.5, 0.25]),
+        features: Default::default(),
+        recording: None,
+        model: None,
+    };
+    let clouds = |export: &McapExport| {
+        export.save(&path).unwrap();
+        let bytes = fs::read(&path).unwrap();
+        let messages = mcap::MessageStream::new(&bytes).unwrap();
+        let clouds = messages.map(Result::unwrap);
+        let clouds = clouds.filter(|m| m.channel.topic == "/stiffness_field");
+        let time = |m: mcap::Message| (m.log_time / 1_000_000, m.data.into_owned());
+        clouds.map(time).collect::<Vec<_>>()
+    };
+    let joints = arm();
+    let mut export = McapExport {
+        recording: Some(&dataset),
+        joints: &joints,
+        field: Some(&field),
+        ..McapExport::default()
+    };
+    let found = clouds(&export);
+    assert_eq!([found[0].0, found[1].0], [1000, 3030]);
+    assert_eq!(found.len(), 2);
+    export.recording = None;
+    let alone = clouds(&export);
+    assert_eq!(alone, found[..1]);
+
+    // Blue, green, red, 0 at the end of each point, the data in front of `is_dense`.
+    let colors = |cloud: &[u8]| {
+        let data = &cloud[cloud.len() - 1 - 2 * 24..];
+        [data[20], data[44]]
+    };
+    let bright = vsf_data::color(1.0)[2];
+    let dark = vsf_data::color(0.5)[2];
+    assert_eq!(colors(&alone[0].1), [dark, bright]);
+    export.deviation = true;
+    assert_eq!(colors(&clouds(&export)[0].1), [bright, dark]);
+    field.sd = None;
+    let export = McapExport {
+        field: Some(&field),
+        deviation: true,
+        ..McapExport::default()
+    };
+    assert!(matches!(
+        export.save(&path),
+        Err(DataError::Argument {
+            what: "deviation",
+            ..
+        })
+    ));
+}
+
+/// A name without an ending is not that of a built-in robot.
+#[test]
+fn robots_of_files_stay_files() {
+    let folder = Folder::new();
+    let (mut dataset, _) = folder.open().unwrap();
+    folder.write("planar_arm", b"<robot/>");
+    dataset.robot = RobotRef::resolve("./planar_arm", folder.path()).unwrap();
+    let path = folder.path().join("all.mcap");
+    let joints = arm();
+    let export = McapExport {
+        recording: Some(&dataset),
+        joints: &joints,
+        ..McapExport::default()
+    };
+    export.save(&path).unwrap();
+    let log = JointLog::open(&[&path], None, Clock::Header).unwrap();
+    let robot = log.metadata(&Overrides::default()).unwrap().robot.unwrap();
+    assert_eq!(robot.path, dataset.robot.path);
+    folder.remove("planar_arm");
+    assert!(matches!(
+        log.metadata(&Overrides::default()),
+        Err(DataError::RobotNotFound { .. })
+    ));
+}
+
+/// What a file says of its sequences is not of those split anew.
+#[test]
+fn gaps_leave_out_what_is_of_other_sequences() {
+    let folder = Folder::new();
+    folder.with(r#""tare_samples": 2, "object_bbox": [[0, 0, 0], [1, 1, 1]]"#);
+    let (dataset, _) = folder.open().unwrap();
+    let path = folder.path().join("all.mcap");
+    let joints = &arm();
+    let recording = Some(&dataset);
+    let export = McapExport {
+        recording,
+        joints,
+        ..McapExport::default()
+    };
+    export.save(&path).unwrap();
+    let log = JointLog::open(&[&path], None, Clock::Header).unwrap();
+    let tare = |given: Overrides, gap| {
+        let (dataset, warnings) = log.recording(&given, &arm(), gap).unwrap();
+        (dataset.tare_samples, warnings)
+    };
+    assert_eq!(tare(Overrides::default(), None), (2, vec![]));
+    let given = Overrides {
+        tare_samples: Some(1),
+        ..Overrides::default()
+    };
+    assert_eq!(tare(given, Some(1.0)), (1, vec![]));
+    let (samples, warnings) = tare(Overrides::default(), Some(1.0));
+    assert_eq!(samples, 0);
+    assert!(
+        matches!(
+            warnings[..],
+            [DataWarning::TareSamplesLeftOut {
+                tare_samples: 2,
+                ..
+            }]
+        ),
+        "{warnings:?}"
+    );
+
+    // Other points are compared with the box.
+    let log = log.with_points(vec![Point3::new(0.5, 0.5, 2.0)]);
+    let (dataset, warnings) = log.recording(&Overrides::default(), &arm(), None).unwrap();
+    assert_eq!(dataset.rest_points, Some(vec![Point3::new(0.5, 0.5, 2.0)]));
+    assert!(
+        matches!(
+            warnings[..],
+            [DataWarning::PointsOutsideBox { count: 1, .. }]
+        ),
+        "{warnings:?}"
+    );
 }
 
 /// Attachments that do not fit the messages are not made to fit.

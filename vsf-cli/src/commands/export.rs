@@ -21,7 +21,7 @@ Examples:
   vsf export DATASET --field field.npz --torques plots/    one SVG per test sequence
   vsf export DATASET --field field.npz --out touches.mcap  for Foxglove, PlotJuggler, ros2 bag play
 
-An .mcap file holds ROS 2 messages: /joint_states of all sequences of a recording, effort being its torques; with a field, /stiffness_field (PointCloud2, frame world: x, y, z, stiffness, sd, rgb), and of the torques that it predicts, /predicted/joint_states and their standard deviations, /predicted/joint_states_sd, both as effort and to be compared with the recorded ones (gravity and offsets as there). Stamps start at 1 s, sequences are 2 s apart. `vsf import` makes the recording of it again.
+An .mcap file holds ROS 2 messages: /joint_states of all sequences of a recording, effort being its torques; with a field, /stiffness_field (PointCloud2, frame world: x, y, z, stiffness, sd, rgb) at the start of each of them, and of the torques that it predicts, /predicted/joint_states and their standard deviations, /predicted/joint_states_sd, both as effort and to be compared with the recorded ones (gravity and offsets as there). Stamps start at 1 s, sequences are 2 s apart. `vsf import` makes the recording of it again.
 
 JSON keys: written.")]
 pub struct Args {
@@ -41,10 +41,10 @@ pub struct Args {
     /// IDs of the sequences to plot; the test split by default
     #[arg(long, value_delimiter = ',')]
     sequences: Option<Vec<String>>,
-    /// Show the standard deviation in place of the stiffness
+    /// Show the standard deviation in place of the stiffness (pictures, .mcap)
     #[arg(long)]
     deviation: bool,
-    /// Stiffness at the end of the colour scale [N/m]; default the largest (.ply, .mcap), or the
+    /// Stiffness, or deviation, at the end of the colour scale [N/m]; default the largest (.ply, .mcap), or the
     /// 99 % quantile (pictures)
     #[arg(long, allow_negative_numbers = true, value_parser = positive)]
     full_scale: Option<f64>,
@@ -85,6 +85,11 @@ fn from_recording(args: &Args, console: &Console) -> anyhow::Result<Vec<PathBuf>
     let is_mcap = |out: &PathBuf| FieldFormat::of(out).is_ok_and(|f| f == FieldFormat::Mcap);
     let without_field = args.field.is_none() && dataset.field.is_none();
     if without_field && args.torques.is_none() && args.out.iter().all(is_mcap) {
+        if args.deviation || args.full_scale.is_some() {
+            return Err(usage(
+                "--deviation and --full-scale are of a field; give it by --field",
+            ));
+        }
         let joints = names(&recording.robot()?);
         let export = McapExport {
             recording: Some(dataset),
@@ -165,8 +170,13 @@ fn write_field(
                 writing(|| field.save_ply(out, args.full_scale))?;
             }
             FieldFormat::Mcap => {
+                if args.deviation && field.sd.is_none() {
+                    let problem = "the field has no standard deviation (K_std)";
+                    return Err(anyhow::anyhow!("{}: {problem}", picture_of()));
+                }
                 let export = McapExport {
                     field: Some(field),
+                    deviation: args.deviation,
                     full_scale: args.full_scale,
                     ..*beside
                 };

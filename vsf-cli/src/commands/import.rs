@@ -8,7 +8,7 @@ use crate::settings::MetadataSettings;
 use serde::Serialize;
 use std::path::PathBuf;
 use vsf::core::nalgebra::{Point3, Vector3};
-use vsf::data::{Clock, DataError, Dataset, JointLog, Sequence, read_points};
+use vsf::data::{Advice, Clock, DataError, Dataset, JointLog, Sequence, read_points};
 use vsf::pipeline::{load_robot, motion_warnings, robot_of};
 
 /// Most points of a box.
@@ -50,6 +50,9 @@ pub struct Args {
     /// Take the times of logging in place of the stamps in the messages
     #[arg(long)]
     log_time: bool,
+    /// Leave out the velocities of the messages, which not all of them may have
+    #[arg(long)]
+    no_velocities: bool,
     /// Rest points of the object in the world frame [m]: .ply, .pcd, .npy, or the .npz of a field
     #[arg(long, value_name = "FILE", conflicts_with = "box")]
     points: Option<PathBuf>,
@@ -84,7 +87,8 @@ struct Entry {
 }
 
 pub fn run(args: &Args, console: &Console) -> anyhow::Result<()> {
-    args.files.iter().try_for_each(|f| console.keep_input(f))?;
+    let mut inputs = args.files.iter().chain(&args.points);
+    inputs.try_for_each(|f| console.keep_input(f))?;
     check_out(&args.out)?;
     let filled = args.corners.as_ref().map(|c| Filled::new(c, args.spacing));
     let filled = filled.transpose()?;
@@ -93,12 +97,23 @@ pub fn run(args: &Args, console: &Console) -> anyhow::Result<()> {
         false => Clock::Header,
     };
     let spinner = console.spinner("reading joint states");
-    let log = JointLog::open(&args.files, args.topic.as_deref(), clock)?;
+    let refused = |e| in_flags(args, e);
+    let log = JointLog::open(&args.files, args.topic.as_deref(), clock);
+    let mut log = log.map_err(refused)?;
     spinner.finish_and_clear();
+    if args.no_velocities {
+        log = log.without_velocities();
+    }
 
-    let given = args.metadata.overrides()?;
+    let mut given = args.metadata.overrides()?;
+    if let Some(path) = &args.points {
+        log = log.with_points(read_points(path)?);
+    }
+    if let Some(Filled { points, corners }) = filled {
+        log = log.with_points(points);
+        given.object_bbox = Some(corners);
+    }
     let packages = args.metadata.packages();
-    let refused = |e| in_flags(&args.metadata, e);
     let known = log.metadata(&given).map_err(refused)?;
     let joints: Vec<String> = match &known.robot {
         Some(robot) => {
@@ -115,15 +130,8 @@ pub fn run(args: &Args, console: &Console) -> anyhow::Result<()> {
             "--names takes a name for each of {joints}; {count} given"
         )));
     }
-    let (mut dataset, warnings) = (log.recording(&given, names, args.gap)).map_err(refused)?;
+    let (dataset, warnings) = (log.recording(&given, names, args.gap)).map_err(refused)?;
     warnings.iter().for_each(|w| console.warn(w));
-    if let Some(path) = &args.points {
-        dataset.rest_points = Some(read_points(path)?);
-    }
-    if let Some(Filled { points, corners }) = filled {
-        dataset.rest_points = Some(points);
-        dataset.object_bbox = Some(corners);
-    }
     let robot = robot_of(&dataset, &packages).map_err(explain)?;
     let sequences: Vec<&Sequence> = dataset.sequences.iter().collect();
     let motion = motion_warnings(&robot, &sequences);
@@ -135,8 +143,8 @@ pub fn run(args: &Args, console: &Console) -> anyhow::Result<()> {
     console.report(text(&report))
 }
 
-/// What the recording needs besides joint states, by the flags that give it.
-fn in_flags(settings: &MetadataSettings, error: DataError) -> anyhow::Error {
+/// What the recording needs besides joint states, and what may help, by the flags that give it.
+fn in_flags(args: &Args, error: DataError) -> anyhow::Error {
     match &error {
         DataError::MissingKey { key: "robot", .. } => usage(
             "--robot is required: a built-in robot such as kinova_gen3, or the path of a URDF",
@@ -149,7 +157,26 @@ fn in_flags(settings: &MetadataSettings, error: DataError) -> anyhow::Error {
         DataError::RobotNotFound { .. } => {
             anyhow::Error::from(error).context("give the robot by --robot")
         }
-        _ => blame(settings, error),
+        DataError::Argument {
+            what: "joints",
+            problem,
+        } => usage(format!("--names: {problem}")),
+        DataError::Advised { error, advice } => {
+            let flag = match advice {
+                Advice::Topic => "choose one by --topic",
+                Advice::Names => {
+                    "should these be the same, give their names in the messages by --names"
+                }
+                Advice::Gap => "split it by its stamps with --gap",
+                Advice::LogTime => {
+                    "where stamps are of no use, take the times of logging by --log-time"
+                }
+                Advice::NoVelocities => "leave out all velocities by --no-velocities",
+                other => return anyhow::anyhow!("{error}; {other}"),
+            };
+            anyhow::anyhow!("{error}; {flag}")
+        }
+        _ => blame(&args.metadata, error),
     }
 }
 

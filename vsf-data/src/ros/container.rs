@@ -9,13 +9,16 @@ use mcap::sans_io::{LinearReadEvent, LinearReader, LinearReaderOptions};
 use mcap::{Attachment, McapError, WriteOptions, Writer, parse_record};
 use std::borrow::Cow;
 use std::collections::BTreeMap;
-use std::io::{BufReader, Cursor, Read};
+use std::io::{BufRead, BufReader, Cursor, Read};
 use std::path::Path;
 
 pub(crate) use mcap::records::{Channel, Record, SchemaHeader};
 
 /// Longest record or chunk: memory for one is reserved by what a compressed chunk claims.
 const MOST: usize = 256 << 20;
+
+/// The start of what zstd compressed.
+pub(crate) const ZSTD: [u8; 4] = [0x28, 0xb5, 0x2f, 0xfd];
 
 /// Shows `visit` the schemas, channels, messages and attachments of a file, in its order. The file
 /// may be larger than memory: one record or chunk is held at a time.
@@ -27,6 +30,14 @@ pub(crate) fn read(
     let damaged = |e: McapError| wrong(in_words(e));
     let (file, mut left) = files::open(path)?;
     let mut file = BufReader::new(file);
+    let start = file
+        .fill_buf()
+        .map_err(|e| DataError::io("read", path, e))?;
+    if start.starts_with(&ZSTD) {
+        let problem =
+            "compressed as a whole, as by rosbag2 (compression mode file); `zstd -d` unpacks it";
+        return Err(wrong(problem.to_owned()));
+    }
     let options = LinearReaderOptions::default()
         .with_emit_chunks(true)
         .with_record_length_limit(MOST);
@@ -50,6 +61,8 @@ pub(crate) fn read(
                     match event.map_err(damaged)? {
                         // All of the chunk is there already.
                         LinearReadEvent::ReadRequest(_) => inside.notify_read(0),
+                        // Not where one may be: they are of a file, not of a chunk.
+                        LinearReadEvent::Record { opcode, .. } if opcode == op::ATTACHMENT => {}
                         LinearReadEvent::Record { opcode, data } => {
                             one(opcode, data, &mut visit, damaged)?;
                         }

@@ -35,7 +35,7 @@ pub struct EffortPrediction {
 /// | `/joint_states` | `sensor_msgs/msg/JointState` | angles \[rad\], velocities if recorded, and as effort the torques of the recording \[N m\] (prismatic: m, N) |
 /// | `/predicted/joint_states` | the same | as effort the predicted torques; nothing else |
 /// | `/predicted/joint_states_sd` | the same | as effort their standard deviations; nothing else |
-/// | `/stiffness_field` | `sensor_msgs/msg/PointCloud2` | one message, at the start: `x y z` \[m\] in the frame `world`, `stiffness` and, if known, `sd` [N/m], `rgb`; `float32` |
+/// | `/stiffness_field` | `sensor_msgs/msg/PointCloud2` | the same cloud at the start of every sequence: `x y z` \[m\] in the frame `world`, `stiffness` and, if known, `sd` [N/m], `rgb`; `float32` |
 ///
 /// One clock runs over all sequences: it starts at 1 s, and each sequence begins 2 s after the end of
 /// the one before. Stamps are whole nanoseconds. To be read back without a loss by
@@ -64,7 +64,9 @@ pub struct McapExport<'a> {
     pub predictions: &'a [EffortPrediction],
     /// The field.
     pub field: Option<&'a StiffnessField>,
-    /// Stiffness of the brightest colour [N/m], positive; default the largest.
+    /// Colour the field by its standard deviation in place of its stiffness.
+    pub deviation: bool,
+    /// Stiffness, or deviation, of the brightest colour [N/m], positive; default the largest.
     pub full_scale: Option<f64>,
 }
 
@@ -73,7 +75,8 @@ impl McapExport<'_> {
     ///
     /// # Errors
     /// A recording or field that its own `save` would refuse; [`DataError::Argument`] for joints or
-    /// predictions that do not fit the recording, and a full scale that is not positive and finite;
+    /// predictions that do not fit the recording, a full scale that is not positive and finite, and for
+    /// the deviation of a field without one;
     /// [`DataError::Mcap`] for more than 68 years or 4 GiB of points; [`DataError::Io`].
     pub fn save(&self, path: impl AsRef<Path>) -> Result<(), DataError> {
         let path = path.as_ref();
@@ -87,26 +90,54 @@ impl McapExport<'_> {
         }
         if let Some(field) = self.field {
             field.check(path)?;
-            let scale = Scale::new(&field.stiffness, self.full_scale)?;
-            let cloud = point_cloud(START, FRAME, field, scale);
-            let cloud = cloud.ok_or_else(|| wrong(path, "too many points for one message"))?;
-            let topic = out.topic("/stiffness_field", &POINT_CLOUD)?;
-            out.message(topic, 0, START, &cloud)?;
         }
-        if let Some(recording) = self.recording {
-            let stamps = stamps(&recording.sequences)
-                .ok_or_else(|| wrong(path, "the recording is longer than 68 years"))?;
-            self.joint_states(&mut out, recording, &stamps)?;
+        let clouds = match self.field {
+            Some(_) => Some(out.topic("/stiffness_field", &POINT_CLOUD)?),
+            None => None,
+        };
+        // A viewer that listens late, as rviz does to `ros2 bag play`, has the next one.
+        let cloud = |out: &mut Output, number, stamp| match (self.field, clouds) {
+            (Some(field), Some(topic)) => {
+                out.message(topic, number, stamp, &self.cloud(path, stamp, field)?)
+            }
+            _ => Ok(()),
+        };
+        match self.recording {
+            Some(recording) => {
+                let stamps = stamps(&recording.sequences)
+                    .ok_or_else(|| wrong(path, "the recording is longer than 68 years"))?;
+                self.joint_states(&mut out, recording, &stamps, cloud)?;
+            }
+            None => cloud(&mut out, 0, START)?,
         }
         write_file(path, &out.finish()?)
     }
 
-    /// The joint states, measured and predicted, of all samples at their stamps.
+    /// The message of a field.
+    fn cloud(&self, path: &Path, stamp: i64, field: &StiffnessField) -> Result<Vec<u8>, DataError> {
+        let values = match (self.deviation, &field.sd) {
+            (false, _) => &field.stiffness,
+            (true, Some(sd)) => sd,
+            (true, None) => {
+                return Err(DataError::Argument {
+                    what: "deviation",
+                    problem: "the field has no standard deviation (K_std)".to_owned(),
+                });
+            }
+        };
+        let scale = Scale::new(values, self.full_scale)?;
+        let cloud = point_cloud(stamp, FRAME, field, values, scale);
+        cloud.ok_or_else(|| wrong(path, "too many points for one message"))
+    }
+
+    /// The joint states, measured and predicted, of all samples at their stamps, and a `cloud` of this
+    /// number and stamp where a sequence starts.
     fn joint_states(
         &self,
         out: &mut Output,
         recording: &Dataset,
         stamps: &[i64],
+        cloud: impl Fn(&mut Output, u32, i64) -> Result<(), DataError>,
     ) -> Result<(), DataError> {
         let joints = out.topic("/joint_states", &JOINT_STATE)?;
         let predicted = match self.predictions {
@@ -122,6 +153,9 @@ impl McapExport<'_> {
         let rows = |(i, s): (usize, &'_ Sequence)| (0..s.len()).map(move |row| (i, row));
         let rows = recording.sequences.iter().enumerate().flat_map(rows);
         for ((number, (i, row)), &stamp) in (0..).zip(rows).zip(stamps) {
+            if row == 0 {
+                cloud(out, i as u32, stamp)?;
+            }
             let s = &recording.sequences[i];
             let velocity = s.velocities.as_ref().map_or(&[][..], |v| &v[row]);
             let measured = state(stamp, &s.angles[row], velocity, &s.torques[row]);
@@ -162,9 +196,13 @@ impl McapExport<'_> {
 /// What the messages do not hold of a recording.
 fn parts(path: &Path, recording: &Dataset) -> Result<Vec<(String, Vec<u8>)>, DataError> {
     let robot = match &recording.robot.path {
-        // Where the file lies on this machine says nothing on another one.
-        Some(urdf) => urdf.file_name().unwrap_or_default().to_string_lossy(),
-        None => recording.robot.given.as_str().into(),
+        // Where the file lies on this machine says nothing on another one; that it is one is told by
+        // the slash.
+        Some(urdf) => {
+            let name = urdf.file_name().unwrap_or_default();
+            format!("./{}", name.to_string_lossy())
+        }
+        None => recording.robot.given.clone(),
     };
     let json = metadata::encode(path, recording.metadata(), &recording.extra, &robot)?;
     let mut parts = vec![(metadata::FILE.to_owned(), json)];

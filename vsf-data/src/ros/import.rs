@@ -5,9 +5,9 @@ use super::messages::SECOND;
 use super::topics::some;
 use super::{times_of, times_path};
 use crate::dataset::{POINTS, Parts, check_robot};
-use crate::{DataError, DataWarning, Dataset, Overrides, Sequence, Table};
+use crate::{Advice, Clock, DataError, DataWarning, Dataset, Overrides, Sequence, Table};
 use crate::{check, files, metadata};
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 use std::path::{Path, PathBuf};
 
 /// Longest pause within a sequence \[s\], if nothing else is said.
@@ -35,14 +35,17 @@ impl JointLog {
     ///
     /// A sequence ends where the next stamp is more than `gap` seconds away, 1 by default. The sequences
     /// of a file that [`McapExport`](crate::McapExport) wrote are those that it names, unless a `gap` is
-    /// given. Times count from the first sample of each sequence. Velocities are taken for sequences
+    /// given, when what the file says of their splits, touches, tags and contact-free samples is left out,
+    /// too. Times count from the first sample of each sequence. Velocities are taken for sequences
     /// that have them; a sample that has none, or NaN for every joint, has no velocity. Points are those
     /// in the file, if it holds any.
     ///
     /// # Errors
     /// [`DataError::MissingKey`] without a robot or a kind of torque, neither of which joint states
-    /// tell; [`DataError::Message`] for positions or efforts that are missing or not finite, and for
-    /// stamps that do not increase; whatever [`Dataset::open`] would refuse.
+    /// tell; [`DataError::Argument`] for joints that are empty or there twice; [`DataError::Message`] for
+    /// positions or efforts that are missing or not finite; [`DataError::Message`] or
+    /// [`DataError::Advised`] for stamps that do not increase, velocities of which some are missing or
+    /// not finite, joints that no message has, and sequences that were cut; whatever [`Dataset::open`] would refuse.
     pub fn recording(
         &self,
         given: &Overrides,
@@ -51,11 +54,14 @@ impl JointLog {
     ) -> Result<(Dataset, Vec<DataWarning>), DataError> {
         let path = &self.files[0];
         let (mut metadata, extra) = self.all_metadata(given)?;
+        let mut left_out = None;
         if gap.is_some() {
             // What the file says of its sequences is not of these.
             metadata.splits = given.splits.clone();
             metadata.touch_starts = given.touch_starts.clone();
             metadata.sequence_tags = given.sequence_tags.clone();
+            let known = std::mem::replace(&mut metadata.tare_samples, given.tare_samples);
+            left_out = known.filter(|&k| k > 0 && given.tare_samples.is_none());
         }
         check_robot(path, &metadata)?;
         if metadata.torque_kind.is_none() {
@@ -72,6 +78,17 @@ impl JointLog {
                 problem: format!("{gap:?} must be positive and finite"),
             });
         }
+        let mut seen = BTreeSet::new();
+        if let Some(joint) = (joints.iter()).find(|j| j.is_empty() || !seen.insert(*j)) {
+            let problem = match joint.is_empty() {
+                true => "a name is empty".to_owned(),
+                false => format!("{joint:?} is there twice"),
+            };
+            return Err(DataError::Argument {
+                what: "joints",
+                problem,
+            });
+        }
         check::check_metadata(path, &metadata)?;
         let columns = self.columns(joints)?;
         let rows = self.samples.iter().filter_map(|sample| {
@@ -84,16 +101,25 @@ impl JointLog {
             None if !named.is_empty() => self.named(&named, &rows)?,
             gap => self.split(gap.unwrap_or(GAP), &rows)?,
         };
-        let rest_points = self
-            .part(POINTS)
-            .map(|(path, bytes)| files::points(&path, files::parse_npy(&path, bytes)?));
+        let attached = || {
+            let (path, bytes) = self.part(POINTS)?;
+            Some(files::parse_npy(&path, bytes).and_then(|array| files::points(&path, array)))
+        };
+        let rest_points = match &self.points {
+            Some(points) => Some(points.clone()),
+            None => attached().transpose()?,
+        };
         let parts = Parts {
             sequences,
-            rest_points: rest_points.transpose()?,
+            rest_points,
             field: None,
             camera: None,
         };
         let (dataset, mut warnings) = Dataset::assemble(path, metadata, extra, parts)?;
+        if let Some(tare_samples) = left_out {
+            let path = path.clone();
+            warnings.push(DataWarning::TareSamplesLeftOut { path, tare_samples });
+        }
         let count = self.samples.len() - rows.len();
         if count > 0 {
             let (path, topic) = (path.clone(), self.topic.clone());
@@ -161,13 +187,13 @@ impl JointLog {
         let columns = columns.collect::<Result<Vec<_>, _>>()?;
         if columns.iter().all(Option::is_none) {
             let there: Vec<&String> = self.names.iter().flatten().collect();
-            return Err(self.wrong(format!(
-                "no message on {} has the robot's joints {}; there are {}; should these be the same, give \
-                 their names in the messages",
+            let error = self.wrong(format!(
+                "no message on {} has the robot's joints {}; there are {}",
                 self.topic,
                 some(joints),
                 some(&there)
-            )));
+            ));
+            return Err(error.advise(Advice::Names));
         }
         Ok(columns)
     }
@@ -192,11 +218,11 @@ impl JointLog {
     }
 
     fn other_count(&self, found: usize) -> DataError {
-        self.wrong(format!(
-            "{} has {found} joint states, other than the sequences attached to the file say; it was cut. \
-             Give a gap to split it by its stamps",
+        let error = self.wrong(format!(
+            "{} has {found} joint states, other than the sequences attached to the file say: it was cut",
             self.topic
-        ))
+        ));
+        error.advise(Advice::Gap)
     }
 
     /// Sequences with pauses of more than `gap` seconds between them.
@@ -205,16 +231,7 @@ impl JointLog {
         for (k, pair) in rows.windows(2).enumerate() {
             let [before, sample] = [0, 1].map(|i| pair[i].sample);
             if sample.stamp <= before.stamp {
-                let [was, is] = [before, sample].map(|s| s.stamp as f64 / SECOND as f64);
-                return Err(self.problem(
-                    sample,
-                    format!(
-                        "stamp {is} s is not after {was} s of message {} before it, in {}; where stamps \
-                         are of no use, take the times of logging",
-                        before.message,
-                        self.files[before.file].display()
-                    ),
-                ));
+                return Err(self.disorder(before, sample));
             }
             if (sample.stamp as f64 - before.stamp as f64) > gap * SECOND as f64 {
                 starts.push(k + 1);
@@ -231,6 +248,29 @@ impl JointLog {
             self.sequence(&format!("{k:0digits$}"), time.collect(), own)
         };
         starts.iter().zip(ends).enumerate().map(sequence).collect()
+    }
+
+    /// A sample that is not after the one before it.
+    fn disorder(&self, before: &Sample, sample: &Sample) -> DataError {
+        let [was, is] = [before, sample].map(|s| s.stamp as f64 / SECOND as f64);
+        let stamp = match self.clock {
+            Clock::Header => "stamp",
+            Clock::Log => "time of logging",
+        };
+        let mut problem = format!(
+            "{stamp} {is} s is not after {was} s of message {} before it, in {}",
+            before.message,
+            self.files[before.file].display()
+        );
+        if before.file != sample.file {
+            problem += "; files are read in the order given and must follow one another in time";
+            return self.problem(sample, problem);
+        }
+        let error = self.problem(sample, problem);
+        match self.clock {
+            Clock::Header => error.advise(Advice::LogTime),
+            Clock::Log => error,
+        }
     }
 
     fn sequence(&self, id: &str, time: Vec<f64>, rows: &[Row]) -> Result<Sequence, DataError> {
@@ -272,9 +312,11 @@ impl JointLog {
         for row in rows {
             if !has_any(&row) {
                 let problem = "no velocity, which other samples of the sequence have";
-                return Err(self.problem(row.sample, problem.to_owned()));
+                let error = self.problem(row.sample, problem.to_owned());
+                return Err(error.advise(Advice::NoVelocities));
             }
-            self.append(&mut data, row, &row.sample.velocity, "velocity")?;
+            let added = self.append(&mut data, row, &row.sample.velocity, "velocity");
+            added.map_err(|error| error.advise(Advice::NoVelocities))?;
         }
         Table::new(width, data).map(Some)
     }

@@ -179,11 +179,12 @@ pub(crate) fn joint_state(
 }
 
 /// `sensor_msgs/msg/PointCloud2` in CDR, one `float32` each of `x y z stiffness`, `sd` if the field
-/// has it, and `rgb`, whose bits are `0x00RRGGBB`. `None` for a cloud beyond 4 GiB.
+/// has it, and `rgb`, the colours of `values`, whose bits are `0x00RRGGBB`. `None` for a cloud beyond 4 GiB.
 pub(crate) fn point_cloud(
     stamp: i64,
     frame: &str,
     field: &StiffnessField,
+    values: &[f64],
     scale: Scale,
 ) -> Option<Vec<u8>> {
     const FLOAT32: u8 = 7;
@@ -196,7 +197,7 @@ pub(crate) fn point_cloud(
 
     let mut data = Vec::with_capacity(row as usize);
     for (i, (p, &stiffness)) in field.points.iter().zip(&field.stiffness).enumerate() {
-        let [r, g, b] = scale.color(stiffness);
+        let [r, g, b] = scale.color(values[i]);
         let numbers = [p.x, p.y, p.z, stiffness];
         let numbers = numbers.into_iter().chain(sd.map(|sd| sd[i]));
         data.extend(numbers.flat_map(|v| (v as f32).to_le_bytes()));
@@ -327,7 +328,7 @@ mod tests {
             model: None,
         };
         let scale = Scale::new(&field.stiffness, None).unwrap();
-        let bytes = point_cloud(SECOND, "w", &field, scale).unwrap();
+        let bytes = point_cloud(SECOND, "w", &field, &field.stiffness, scale).unwrap();
         let member = |name: [u8; 4], offset: u8| {
             [
                 &[2, 0, 0, 0][..],

@@ -1,6 +1,10 @@
 use super::container::{self, SchemaHeader};
 use super::messages::{Version, defines_joint_states};
+use crate::Advice;
 use std::collections::{BTreeMap, HashMap};
+
+/// What a type or channel takes beside its texts, in bytes.
+const OVERHEAD: usize = 256;
 
 /// What the files say about their topics, and which one is listened to.
 #[derive(Default)]
@@ -15,6 +19,7 @@ pub(super) struct Topics {
     heard: Vec<String>,
 }
 
+#[derive(PartialEq)]
 struct Schema {
     name: String,
     encoding: String,
@@ -22,6 +27,7 @@ struct Schema {
     is_known: bool,
 }
 
+#[derive(PartialEq)]
 struct Channel {
     topic: String,
     /// How its joint states are serialised; `None` for anything else.
@@ -42,16 +48,23 @@ impl Topics {
         self.channels.clear();
     }
 
-    pub fn define(&mut self, header: SchemaHeader, definition: &[u8]) {
+    /// The bytes that are kept of a type, none if it is known.
+    pub fn define(&mut self, header: SchemaHeader, definition: &[u8]) -> usize {
         let schema = Schema {
             name: header.name,
             encoding: header.encoding,
             is_known: defines_joint_states(definition),
         };
+        if self.schemas.get(&header.id) == Some(&schema) {
+            return 0;
+        }
+        let size = OVERHEAD + schema.name.len() + schema.encoding.len();
         self.schemas.insert(header.id, schema);
+        size
     }
 
-    pub fn open(&mut self, channel: container::Channel) {
+    /// The bytes that are kept of a channel, none if it is known.
+    pub fn open(&mut self, channel: container::Channel) -> usize {
         let (mut version, mut text) = (None, "no type".to_owned());
         if let Some(schema) = self.schemas.get(&channel.schema_id) {
             let encoding = &channel.message_encoding;
@@ -61,9 +74,16 @@ impl Topics {
                 text += ", defined in another way than by ROS";
             }
         }
+        let (id, topic) = (channel.id, channel.topic);
+        let channel = Channel { topic, version };
+        if self.channels.get(&id) == Some(&channel) && self.all.get(&channel.topic) == Some(&text) {
+            return 0;
+        }
+        // Also of those that have joint states.
+        let size = OVERHEAD + 3 * channel.topic.len() + text.len();
         self.all.insert(channel.topic.clone(), text);
-        let topic = channel.topic;
-        self.channels.insert(channel.id, Channel { topic, version });
+        self.channels.insert(id, channel);
+        size
     }
 
     /// How a message of this channel is serialised, if it is a joint state of the chosen topic.
@@ -89,7 +109,7 @@ impl Topics {
     }
 
     /// The topic of the joint states, or what keeps the files from having one.
-    pub fn done(mut self) -> Result<String, String> {
+    pub fn done(mut self) -> Result<String, (String, Option<Advice>)> {
         self.heard.sort();
         let others = match &self.heard[..] {
             [] => {
@@ -103,18 +123,24 @@ impl Topics {
         };
         match (self.wanted, &self.heard[..]) {
             (None, [only]) => Ok(only.clone()),
-            (None, []) => Err(format!("no messages of sensor_msgs/JointState; {others}")),
-            (None, heard) => Err(format!(
-                "joint states on several topics, {}; give the topic of one",
-                some(heard)
-            )),
+            (None, []) => {
+                let problem = format!("no messages of sensor_msgs/JointState; {others}");
+                Err((problem, None))
+            }
+            (None, heard) => {
+                let problem = format!("joint states on several topics, {}", some(heard));
+                Err((problem, Some(Advice::Topic)))
+            }
             (Some(topic), heard) if heard.contains(&topic) => Ok(topic),
-            (Some(topic), _) => Err(match self.all.get(&topic) {
-                Some(kind) => format!(
-                    "topic {topic} ({kind}) has no messages of sensor_msgs/JointState; {others}"
-                ),
-                None => format!("no topic {topic}; {others}"),
-            }),
+            (Some(topic), _) => {
+                let problem = match self.all.get(&topic) {
+                    Some(kind) => format!(
+                        "topic {topic} ({kind}) has no messages of sensor_msgs/JointState; {others}"
+                    ),
+                    None => format!("no topic {topic}; {others}"),
+                };
+                Err((problem, None))
+            }
         }
     }
 }

@@ -95,13 +95,21 @@ impl<'a> Reader<'a> {
     /// A sequence of texts.
     pub fn texts(&mut self) -> Result<Vec<String>, String> {
         let count = self.count(4)?;
-        (0..count).map(|_| self.text()).collect()
+        let mut texts = Vec::with_capacity(count);
+        for _ in 0..count {
+            texts.push(self.text()?);
+        }
+        Ok(texts)
     }
 
     /// A sequence of `float64`.
     pub fn numbers(&mut self) -> Result<Vec<f64>, String> {
         let count = self.count(8)?;
-        (0..count).map(|_| self.f64()).collect()
+        let mut numbers = Vec::with_capacity(count);
+        for _ in 0..count {
+            numbers.push(self.f64()?);
+        }
+        Ok(numbers)
     }
 
     /// The length of a sequence whose elements take `size` bytes at least: never more of them than
