@@ -9,7 +9,7 @@
 //! ```
 //!
 //! Answer: the second push is predicted from the first. The residual before the update, with the
-//! hand at its deepest, falls from 0.35 N m (of 2.99) to 0.23 N m (of 2.89). The ratio of 1.55 between the
+//! hand at its deepest, falls from 0.23 N m (of 3.15) to 0.12 N m (of 3.05). The ratio of 1.46 between the
 //! found and the expected squared residuals says that the filter is overconfident: it ignores
 //! that points touched together are correlated.
 

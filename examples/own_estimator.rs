@@ -8,8 +8,8 @@
 //! cargo run --release -p vsf-examples --example own_estimator
 //! ```
 //!
-//! Answer: a force error of 0.035 N without replay against 0.015 N for the full covariance; 20
-//! replays bring the diagonal filter to 0.017 N, and its error of stiffness from 21.2 to 19.4 N/m
+//! Answer: a force error of 0.035 N without replay against 0.014 N for the full covariance; 20
+//! replays bring the diagonal filter to 0.017 N, and its error of stiffness from 21.2 to 19.3 N/m
 //! against 19.3 N/m, at a cost that is linear in the number of touched points.
 
 use std::error::Error;

@@ -386,6 +386,22 @@ fn json_to_a_file_and_quiet() {
         ],
     );
     assert_eq!(bench.ok("info data --quiet"), "");
+    let json = bench.ok("bench --points 1000 --replay 1 --soak 0.002 --json");
+    has_keys(
+        &json,
+        &[
+            "rate_hz",
+            "steps",
+            "late",
+            "resident_start_mb",
+            "resident_end_mb",
+            "tenths",
+            "p99_ms",
+            "max_ms",
+            "resident_mb",
+        ],
+    );
+    bench.fails("bench --soak 1 --steps 4", 2, &["--soak", "--steps"]);
     let json = bench.ok("bench --points 1000 --steps 4 --json");
     has_keys(
         &json,

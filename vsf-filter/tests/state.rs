@@ -229,6 +229,36 @@ fn dense_states_that_cannot_be_are_refused() {
     }
 }
 
+/// A covariance that is none has no constrained mean to find: the filter says so or keeps a field.
+#[test]
+fn indefinite_states_leave_a_belief() {
+    let mut filter = saved_dense();
+    let mut obs = Observation::new(Noise::uniform(1, 0.5).unwrap());
+    obs.rebuild(4, &[0, 1, 2, 3], &[-1.0], |k, w| w[0] = 1.0 + k as f64)
+        .unwrap();
+    filter.update(&obs).unwrap();
+    let good = serde_json::to_value(filter).unwrap();
+    // What two points have in common, in a rank that others have no part in.
+    for (k, value) in (0..8 * 8).flat_map(|k| [(k, 3.0), (k, 1e3)]) {
+        let (one, other) = (k / 8, k % 8);
+        let mut state = good.clone();
+        *state.pointer_mut(&format!("/ranks/{one}")).unwrap() = json!(value);
+        *state.pointer_mut(&format!("/ranks/{other}")).unwrap() = json!(-value);
+        let mut filter: CovarianceFilter<f64> = serde_json::from_value(state).unwrap();
+        for (point, reading) in [(0, -9.0), (3, 3.0), (1, -9.0)] {
+            obs.rebuild(4, &[point], &[reading], |_, w| w[0] = 1.0)
+                .unwrap();
+            let before = filter.belief().clone();
+            if filter.update(&obs).is_err() {
+                assert_eq!(*filter.belief(), before, "{one} {other} {value}");
+            }
+            let belief = filter.belief();
+            Belief::new(belief.mean().to_vec(), belief.variance().to_vec())
+                .unwrap_or_else(|e| panic!("{one} {other} {value}: {e}"));
+        }
+    }
+}
+
 type Replay<T> = RobustNoise<MemoryReplay<DiagonalKalman<T>>>;
 
 /// An estimator that remembers readings of a field that has moved.

@@ -4,7 +4,10 @@ use serde::Serialize;
 use std::sync::Arc;
 use std::time::Instant;
 use vsf_contact::{ContactConfig, GridOptions, StickSlip, link_sdfs};
-use vsf_core::{Belief, ContactModel, Contacts, Estimator, Noise, RestPoints, Scalar, Sensor};
+use vsf_core::{
+    Belief, ContactModel, Contacts, Estimator, Noise, Observation, Posture, RestPoints, Scalar,
+    Sensor,
+};
 use vsf_filter::{DiagonalKalman, MemoryReplay, ReplayConfig};
 use vsf_robots::{JointTorques, RobotModel, kinova_gen3};
 
@@ -87,7 +90,7 @@ pub struct BenchReport {
 
 /// Postures at the start and the end of the push: the tool of a Gen3, pointing down, moves 16 cm
 /// forward into the cube.
-const JOINTS: usize = 7;
+pub(crate) const JOINTS: usize = 7;
 const START: [f64; JOINTS] = [-0.1722, 0.7707, 3.3871, -2.0982, -0.5440, -0.3332, 0.5249];
 const END: [f64; JOINTS] = [-0.2159, 0.9687, 3.5203, -1.5222, -0.4679, -0.7417, 0.3624];
 /// The cube is of such a size that the end of the push has about 4100 contacts at 100,000 points.
@@ -208,9 +211,16 @@ pub(crate) struct Step {
 }
 
 impl Step {
-    fn total(&self) -> f64 {
+    pub(crate) fn total(&self) -> f64 {
         self.ms.iter().sum()
     }
+}
+
+/// What a step reads and writes.
+pub(crate) struct Buffers<T: Scalar> {
+    posture: Posture,
+    contacts: Contacts,
+    pub(crate) obs: Observation<T>,
 }
 
 /// The push of a Gen3 into a cube of points, which any estimator can follow.
@@ -236,42 +246,65 @@ impl Push {
         })
     }
 
+    /// What a step of any estimator with this number works in.
+    pub(crate) fn buffers<T: Scalar>(&self) -> Buffers<T> {
+        Buffers {
+            posture: self.robot.posture(),
+            contacts: Contacts::new(),
+            obs: self.sensor.blank(),
+        }
+    }
+
     /// Runs the whole push as a new sequence, with constant readings.
     pub(crate) fn run<T: Scalar>(
         &mut self,
         estimator: &mut dyn Estimator<Scalar = T>,
     ) -> Result<Vec<Step>, PipelineError> {
-        let mut posture = self.robot.posture();
-        let mut contacts = Contacts::new();
-        let mut obs = Sensor::<T>::blank(&self.sensor);
-        let mut times = Vec::with_capacity(self.steps);
+        let mut buffers = self.buffers();
         self.contact.reset();
         estimator.begin_sequence();
-        for i in 0..self.steps {
-            let s = i as f64 / (self.steps - 1) as f64;
-            let q: [f64; JOINTS] = std::array::from_fn(|j| START[j] + s * (END[j] - START[j]));
-            let clock = Instant::now();
-            let mut lap = 0.0;
-            let mut split = || {
-                let now = clock.elapsed().as_secs_f64() * 1e3;
-                let took = now - lap;
-                lap = now;
-                took
-            };
-            self.robot.update_posture(&q, &mut posture)?;
-            let kinematics = split();
-            self.contact.step(&self.rest, &posture, &mut contacts)?;
-            let touch = split();
-            self.sensor
-                .observe(&self.rest, &posture, &contacts, &[1.0; JOINTS], &mut obs)?;
-            let columns = split();
-            estimator.update(&obs)?;
-            times.push(Step {
-                ms: [kinematics, touch, columns, split()],
-                contacts: contacts.len(),
-            });
-        }
-        Ok(times)
+        (0..self.steps)
+            .map(|i| {
+                let share = i as f64 / (self.steps - 1) as f64;
+                self.step(share, &[1.0; JOINTS], estimator, &mut buffers)
+            })
+            .collect()
+    }
+
+    /// Moves on to this share of the push, 0 to 1.
+    pub(crate) fn step<T: Scalar>(
+        &mut self,
+        share: f64,
+        reading: &[f64; JOINTS],
+        estimator: &mut dyn Estimator<Scalar = T>,
+        buffers: &mut Buffers<T>,
+    ) -> Result<Step, PipelineError> {
+        let Buffers {
+            posture,
+            contacts,
+            obs,
+        } = buffers;
+        let q: [f64; JOINTS] = std::array::from_fn(|j| START[j] + share * (END[j] - START[j]));
+        let clock = Instant::now();
+        let mut lap = 0.0;
+        let mut split = || {
+            let now = clock.elapsed().as_secs_f64() * 1e3;
+            let took = now - lap;
+            lap = now;
+            took
+        };
+        self.robot.update_posture(&q, posture)?;
+        let kinematics = split();
+        self.contact.step(&self.rest, posture, contacts)?;
+        let touch = split();
+        self.sensor
+            .observe(&self.rest, posture, contacts, reading, obs)?;
+        let columns = split();
+        estimator.update(obs)?;
+        Ok(Step {
+            ms: [kinematics, touch, columns, split()],
+            contacts: contacts.len(),
+        })
     }
 }
 
@@ -280,7 +313,7 @@ fn mean(values: impl Iterator<Item = f64>) -> f64 {
     sum / count.max(1) as f64
 }
 
-fn quantiles(values: impl Iterator<Item = f64>) -> StageTimes {
+pub(crate) fn quantiles(values: impl Iterator<Item = f64>) -> StageTimes {
     let mut values: Vec<f64> = values.collect();
     values.sort_by(f64::total_cmp);
     let at = |share: f64| {

@@ -79,7 +79,7 @@ impl<R: Regressor> Regressor for Calibrated<R> {
     fn fit(&mut self, samples: &Samples) -> Result<(), VisionError> {
         let (n, folds) = (samples.len(), self.folds);
         let mut scale = 1.0;
-        if n >= 4 * folds {
+        if folds <= n / 4 {
             let mut held_out = Predictions::default();
             for fold in 0..folds {
                 let out = fold * n / folds..(fold + 1) * n / folds;

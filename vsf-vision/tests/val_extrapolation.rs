@@ -236,6 +236,12 @@ fn a_prior_learned_from_objects_is_the_same_from_its_file() {
             Err(VisionError::File { .. })
         ));
     }
+    // More objects than there are samples: too few of each to hold out.
+    let text = text.replacen("\"objects\":3", "\"objects\":4611686018427387904", 1);
+    assert!(text.contains("4611686018427387904"));
+    std::fs::write(&path, text).unwrap();
+    let found = LearnedPrior::open(&path).unwrap().predict(&asked).unwrap();
+    assert!(found.mean[0] > found.mean[1] + 2.0);
     assert!(LearnedPrior::open(folder.path().join("none")).is_err());
     assert!(LearnedPrior::fit(RegressorSpec::Ridge, &[]).is_err());
 }

@@ -1,13 +1,18 @@
 use crate::console::{Console, number, table};
-use crate::range::replays;
-use vsf::pipeline::{BenchOptions, BenchReport, LOADED_STEPS, bench};
+use crate::range::{positive, replays};
+use vsf::pipeline::{
+    BenchOptions, BenchReport, LOADED_STEPS, SoakOptions, SoakReport, SoakTenth, bench, soak,
+};
 
 #[derive(Debug, clap::Args)]
 #[command(after_help = "\
 JSON keys: points, contacts, steps_per_second, median_ms, p99_ms, and per stage (kinematics, contact, \
 columns, update) median_ms and p99_ms; bandwidth_gb_per_s, at which one thread reads memory; loaded, the last 20 \
 steps of the push: contacts, steps_per_second, median_ms, contact_ms, update_ms, update_bytes, \
-update_over_read.")]
+update_over_read.
+With --soak: points, rate_hz, steps, late (steps that had not ended when the next sample was due), \
+resident_start_mb and resident_end_mb (memory of the process), and tenths of the run: steps, contacts, median_ms, \
+p99_ms, max_ms, resident_mb.")]
 pub struct Args {
     /// Rest points, rounded to a cube number, up to 50 million
     #[arg(long, default_value_t = BenchOptions::default().points as u64,
@@ -20,11 +25,24 @@ pub struct Args {
     /// Replays per update
     #[arg(long, default_value_t = BenchOptions::default().replays, value_parser = replays)]
     replay: usize,
+    /// Run at 1 kHz for so long instead, pushing to and fro [min]: does the step stay quick, and the memory flat?
+    #[arg(long, value_name = "MINUTES", value_parser = positive, conflicts_with = "steps")]
+    soak: Option<f64>,
 }
 
 /// Needs no data: a Kinova Gen3 pushes into a cube of points.
 pub fn run(args: &Args, console: &Console) -> anyhow::Result<()> {
     let spinner = console.spinner("pushing");
+    if let Some(minutes) = args.soak {
+        let report = soak(&SoakOptions {
+            points: args.points as usize,
+            replays: args.replay,
+            seconds: 60.0 * minutes,
+        })?;
+        spinner.finish_and_clear();
+        console.json(&report)?;
+        return console.report(soak_text(&report, args.replay));
+    }
     let report = bench(&BenchOptions {
         points: args.points as usize,
         steps: args.steps as usize,
@@ -60,5 +78,43 @@ fn text(report: &BenchReport, replays: usize) -> String {
         loaded.update_over_read,
         loaded.update_bytes * 1e-6,
         report.bandwidth_gb_per_s,
+    )
+}
+
+fn soak_text(report: &SoakReport, replays: usize) -> String {
+    let memory = |mb: Option<f64>| mb.map_or("unknown".to_owned(), |mb| format!("{mb:.0}"));
+    let row = |(k, t): (usize, &SoakTenth)| {
+        vec![
+            format!("{}", k + 1),
+            t.steps.to_string(),
+            t.contacts.to_string(),
+            number(t.median_ms),
+            number(t.p99_ms),
+            number(t.max_ms),
+            memory(t.resident_mb),
+        ]
+    };
+    let rows: Vec<_> = report.tenths.iter().enumerate().map(row).collect();
+    format!(
+        "{} rest points, {replays} replays per update, {:.0} samples a second due: {} steps, {} of them late\n{}\
+         resident memory {} MB before the first step, {} MB after the last\n",
+        report.points,
+        report.rate_hz,
+        report.steps,
+        report.late,
+        table(
+            &[
+                "tenth",
+                "steps",
+                "contacts",
+                "median ms",
+                "p99 ms",
+                "max ms",
+                "resident MB"
+            ],
+            &rows
+        ),
+        memory(report.resident_start_mb),
+        memory(report.resident_end_mb),
     )
 }

@@ -41,8 +41,10 @@ pub(super) struct Mode<T> {
     unit: Vec<Vector<T>>,
     len: usize,
     residual: f64,
-    /// `x` after a reading.
+    /// `x` after a reading, or before a descent.
     next: Vec<Vector<T>>,
+    /// `lambda` before a descent.
+    before: Vec<Vector<T>>,
     tile: Vec<Square<T>>,
     inner: Vec<Octet<T>>,
 }
@@ -57,6 +59,7 @@ impl<T: Scalar> Mode<T> {
             len: 0,
             residual: 0.0,
             next: Vec::new(),
+            before: Vec::new(),
             tile: Vec::new(),
             inner: Vec::new(),
         }
@@ -121,8 +124,7 @@ impl<T: Scalar> Mode<T> {
         self.next.clone_from(&self.x);
         let x = &mut self.next;
         dispatch(Shift { gain, shift, x });
-        let finite = |octet: &Octet<T>| octet.0.iter().all(|x| x.is_finite());
-        self.next.iter().flatten().all(finite)
+        all_finite(&self.next)
     }
 
     /// Takes what was prepared, with new variances.
@@ -144,6 +146,18 @@ impl<T: Scalar> Mode<T> {
     }
 
     fn descend(&mut self, covariance: &Tiles<T>, tolerance: f64, blocks: usize) {
+        self.next.clone_from(&self.x);
+        self.before.clone_from(&self.lambda);
+        self.sweep(covariance, tolerance, blocks);
+        if !(all_finite(&self.x) && all_finite(&self.lambda)) {
+            // A covariance that is none, by rounding or by a broken state, has no mode to descend to.
+            std::mem::swap(&mut self.x, &mut self.next);
+            std::mem::swap(&mut self.lambda, &mut self.before);
+            self.measure();
+        }
+    }
+
+    fn sweep(&mut self, covariance: &Tiles<T>, tolerance: f64, blocks: usize) {
         let tolerance = tolerance.max(ROUNDINGS * T::EPSILON.to_f64());
         for _ in 0..blocks {
             let worst = self.worst();
@@ -196,6 +210,11 @@ impl<T: Scalar> Mode<T> {
         self.residual = largest.to_f64().sqrt();
         worst
     }
+}
+
+fn all_finite<T: Scalar>(values: &[Vector<T>]) -> bool {
+    let finite = |octet: &Octet<T>| octet.0.iter().all(|x| x.is_finite());
+    values.iter().flatten().all(finite)
 }
 
 fn at<T: Scalar>(values: &[Vector<T>], slot: usize) -> T {

@@ -1,0 +1,75 @@
+//! A corrected model in a control loop in which anything may come.
+#![no_main]
+
+use libfuzzer_sys::arbitrary::{Result, Unstructured};
+use libfuzzer_sys::fuzz_target;
+use std::sync::{Arc, LazyLock};
+use vsf::core::nalgebra::Vector3;
+use vsf::core::{Noise, Observation};
+use vsf::data::TorqueKind;
+use vsf::gap::effects::catalogue;
+use vsf::gap::{Corrector, Effect, Model, Sample, Site};
+use vsf::pipeline::{Scene, SceneOptions};
+use vsf_fuzz::{JOINTS, number, recording, row, site};
+
+struct World {
+    site: Site,
+    scene: Scene,
+    effects: Vec<Arc<dyn Effect>>,
+}
+
+static WORLD: LazyLock<World> = LazyLock::new(|| World {
+    site: site(),
+    scene: Scene::open(&recording(), &SceneOptions::default()).expect("a scene"),
+    effects: catalogue(),
+});
+
+fn run(u: &mut Unstructured<'_>) -> Result<()> {
+    let effect = u.choose(&WORLD.effects)?;
+    let mut site = WORLD.site.clone();
+    if u.arbitrary()? {
+        site.torque_kind = TorqueKind::Measured;
+    }
+    let mut theta = Vec::new();
+    for p in effect.parameters(&site) {
+        let [low, high] = p.bounds;
+        theta.push(match u.arbitrary::<u8>()? {
+            0 => number(u)?,
+            share => low + (high - low) * f64::from(share) / 255.0,
+        });
+    }
+    let scene = u.arbitrary::<bool>()?.then_some(&WORLD.scene);
+    let Ok(mut corrector) = Corrector::new(&site, scene, &Model::of(effect, &theta)) else {
+        return Ok(());
+    };
+    let mut obs = Observation::new(Noise::uniform(JOINTS, 0.1).expect("noise"));
+    corrector.begin_sequence("1");
+    while !u.is_empty() {
+        match u.arbitrary::<u8>()? {
+            0 => corrector.begin_sequence("2"),
+            1 => corrector.begin_touch(),
+            _ => {
+                let sample = Sample {
+                    clock: number(u)?,
+                    dt: number(u)?,
+                    q: &row(u, JOINTS)?,
+                    qd: &row(u, JOINTS)?,
+                    qdd: &row(u, JOINTS)?,
+                    reading: &row(u, JOINTS)?,
+                    load: &row(u, JOINTS)?,
+                    force_W: Vector3::new(number(u)?, 0.0, number(u)?),
+                };
+                let reading = row(u, JOINTS)?;
+                if let Ok(torques) = corrector.step(&sample, &reading, &mut obs) {
+                    assert!(torques.iter().all(|t| t.is_finite()));
+                    assert!(obs.rows().iter().all(|w| w.is_finite()));
+                }
+            }
+        }
+    }
+    Ok(())
+}
+
+fuzz_target!(|data: &[u8]| {
+    let _ = run(&mut Unstructured::new(data));
+});

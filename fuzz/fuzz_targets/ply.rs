@@ -1,0 +1,12 @@
+//! Any bytes as a point cloud in the PLY format.
+#![no_main]
+
+use libfuzzer_sys::fuzz_target;
+use vsf::data::{read_ply_cloud, read_ply_points};
+use vsf_fuzz::file;
+
+fuzz_target!(|data: &[u8]| {
+    let path = file("a.ply", data);
+    let _ = read_ply_cloud(&path);
+    let _ = read_ply_points(&path);
+});

@@ -1,0 +1,79 @@
+//! Outputs are whole, whatever stops the command while it writes them.
+#![cfg(unix)]
+#![allow(clippy::unwrap_used)]
+
+mod common;
+
+use common::Bench;
+use std::fs;
+use std::process::{Command, Output};
+
+/// Runs a command that may write no file of more than 1 KiB. The system kills it when it does, or refuses
+/// to write as a full disk does, where `refuse` says so.
+fn limited(bench: &Bench, line: &str, refuse: bool) -> Output {
+    let trap = if refuse { "trap '' XFSZ;" } else { "" };
+    Command::new("sh")
+        .arg("-c")
+        .arg(format!(
+            "{trap} ulimit -c 0; ulimit -f 1; exec \"$0\" {line}"
+        ))
+        .arg(env!("CARGO_BIN_EXE_vsf"))
+        .current_dir(&bench.root)
+        .output()
+        .unwrap()
+}
+
+/// Names in the folder, less those of files that were being written.
+fn names(bench: &Bench) -> Vec<String> {
+    let entries = fs::read_dir(&bench.root).unwrap();
+    let mut names: Vec<String> = entries
+        .map(|e| e.unwrap().file_name().into_string().unwrap())
+        .filter(|n| !n.ends_with(".part"))
+        .collect();
+    names.sort();
+    names
+}
+
+#[test]
+fn killed_or_out_of_space_while_writing() {
+    let bench = Bench::touched();
+    bench.ok("estimate touch --prior-sd 10 --noise-sd 1 --out kept.npz");
+    let whole = fs::read(bench.root.join("kept.npz")).unwrap();
+    assert!(whole.len() > 1024);
+    let before = names(&bench);
+    for line in [
+        "estimate touch --prior-sd 20 --noise-sd 1 --out kept.npz",
+        "estimate touch --prior-sd 20 --noise-sd 1 --out new.npz",
+        "simulate data --field truth --out recording",
+        "export kept.npz --out picture.png --out cloud.ply",
+    ] {
+        let refused = limited(&bench, line, true);
+        let error = String::from_utf8_lossy(&refused.stderr);
+        assert_eq!(refused.status.code(), Some(3), "{line}: {error}");
+        assert!(error.contains("error: "), "{line}: {error}");
+        assert_eq!(names(&bench), before, "{line}");
+        let killed = limited(&bench, line, false);
+        assert_eq!(killed.status.code(), None, "{line}");
+        // Of a folder that did not exist the killed command may leave the beginnings.
+        let _ = fs::remove_dir_all(bench.root.join("recording/seq_a"));
+        let _ = fs::remove_dir(bench.root.join("recording"));
+        assert_eq!(names(&bench), before, "{line}");
+        assert_eq!(
+            fs::read(bench.root.join("kept.npz")).unwrap(),
+            whole,
+            "{line}"
+        );
+    }
+    bench.ok("estimate touch --prior-sd 20 --noise-sd 1 --out kept.npz");
+    assert_ne!(fs::read(bench.root.join("kept.npz")).unwrap(), whole);
+}
+
+#[cfg(target_os = "linux")]
+#[test]
+fn a_full_device() {
+    let bench = Bench::touched();
+    let link = bench.root.join("full.npz");
+    std::os::unix::fs::symlink("/dev/full", link).unwrap();
+    let line = "estimate touch --prior-sd 10 --noise-sd 1 --out full.npz";
+    bench.fails(line, 3, &["full.npz", "No space"]);
+}
