@@ -165,7 +165,7 @@ mod tests {
     #[test]
     fn quantised_readings_have_noise() {
         // Steps of 0.1 under a slow motion that the model knows almost.
-        let read = |k: i32| (0.03 * f64::from(k)).round() * 0.1 - 0.0029 * f64::from(k);
+        let read = |k: i32| (0.1 * f64::from(k)).round() * 0.1 - 0.0099 * f64::from(k);
         let sd = found(&(0..3000).map(read).collect::<Vec<_>>()).sd;
         assert!((0.1..4.0).contains(&(sd * 12.0_f64.sqrt() / 0.1)), "{sd}");
     }
