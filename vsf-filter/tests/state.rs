@@ -389,6 +389,7 @@ fn states_that_cannot_be_are_refused() {
         ),
         ("/weights/0".into(), json!(1.5), "in (0, 1]"),
         ("/downweighted".into(), json!(1000), "at most all readings"),
+        ("/readings".into(), json!(u64::MAX), "at most 2^50"),
     ] {
         let error = refused(&at, value);
         assert!(error.contains(says), "{at}: {error}");

@@ -6,10 +6,13 @@ use std::fs;
 use std::path::Path;
 use vsf::contact::GridSdf;
 use vsf::core::{Belief, Estimator, Noise, Observation};
+use vsf::data::McapExport;
 use vsf::gap::effects::catalogue;
 use vsf::gap::{Model, ModelFile};
 use vsf::vision::{Features, GpConfig, KnnConfig, LearnedPrior, RegressorSpec, Samples};
-use vsf_fuzz::{Dense, Plain, RECORDED, field, recording, replay, scratch, site, tetrahedron};
+use vsf_fuzz::{
+    Dense, JOINTS, Plain, RECORDED, field, recording, replay, scratch, site, tetrahedron,
+};
 
 type Result = std::result::Result<(), Box<dyn Error>>;
 
@@ -62,7 +65,16 @@ fn recordings() -> Result {
             &[&[which as u8], &bytes[..]].concat(),
         )?;
     }
-    seed("field", "1", &fs::read(folder.join("vsf.npz"))?)
+    seed("field", "1", &fs::read(folder.join("vsf.npz"))?)?;
+    let bag = scratch().join("recording.mcap");
+    let joints: Vec<String> = (1..=JOINTS).map(|j| format!("joint_{j}")).collect();
+    McapExport {
+        recording: Some(&recording()),
+        joints: &joints,
+        ..McapExport::default()
+    }
+    .save(&bag)?;
+    seed("mcap", "1", &fs::read(bag)?)
 }
 
 fn clouds() -> Result {

@@ -2,6 +2,9 @@ use super::{RobustLoss, RobustNoise};
 use serde::Deserialize;
 use vsf_core::{CoreError, Estimator};
 
+/// No filter counts as far as that.
+const MOST_READINGS: u64 = 1 << 50;
+
 /// What is saved of a [`RobustNoise`].
 #[derive(Deserialize)]
 #[serde(rename = "RobustNoise")]
@@ -22,6 +25,13 @@ impl<E: Estimator> TryFrom<RobustParts<E>> for RobustNoise<E> {
                 name: "robust weight",
                 value,
                 range: "in (0, 1]",
+            });
+        }
+        if parts.readings > MOST_READINGS {
+            return Err(CoreError::Parameter {
+                name: "readings",
+                value: parts.readings as f64,
+                range: "at most 2^50",
             });
         }
         if parts.downweighted > parts.readings {
