@@ -79,16 +79,7 @@ impl Campaign {
     ) -> Result<Vec<Tangent>, GapError> {
         let nominal = fitted.predicted(stiffness);
         let starts = effect.starts(&self.site);
-        let amplitude: Vec<bool> = (effect.parameters(&self.site).iter())
-            .map(|p| p.role == Role::Amplitude)
-            .collect();
-        let without = |mut start: Vec<f64>| {
-            (start.iter_mut().zip(&amplitude))
-                .filter(|(_, amplitude)| **amplitude)
-                .for_each(|(t, _)| *t = 0.0);
-            start
-        };
-        (starts.into_iter().map(without))
+        (starts.into_iter())
             .map(|start| self.tangent(base, fitted, stiffness, &nominal, effect, start))
             .collect()
     }
@@ -100,12 +91,13 @@ impl Campaign {
         stiffness: &[f64],
         nominal: &[f64],
         effect: &Arc<dyn Effect>,
-        start: Vec<f64>,
+        mut start: Vec<f64>,
     ) -> Result<Tangent, GapError> {
         let parameters = effect.parameters(&self.site);
         let amplitudes: Vec<usize> = (0..parameters.len())
             .filter(|&i| parameters[i].role == Role::Amplitude)
             .collect();
+        amplitudes.iter().for_each(|&i| start[i] = 0.0);
         let columns: Vec<Vec<f64>> = (amplitudes.par_iter())
             .map(|&i| {
                 let p = &parameters[i];
