@@ -236,16 +236,23 @@ pub fn diagnose(
     let spread = spreads[best_of(&without)];
 
     progress(Step::Finalists);
-    let leader = candidates.first().map_or(0.0, |c| c.screened);
-    (candidates.par_iter_mut().enumerate()).try_for_each(|(rank, candidate)| {
+    // What screening promises most may come to nothing: the others are measured against what it keeps.
+    let refine = |candidate: &mut Candidate| {
         let tangent = &tangents[candidate.found.tangent];
-        let moves = tangent.effect.acts() == Acts::Contact;
-        let near = candidate.screened > leader - HOPELESS;
-        if near && (rank < FINALISTS || moves && leader < HOPELESS) {
-            candidate.refined = Some(campaign.refined(tangent, &candidate.found, &spread)?);
-        }
-        Ok::<(), GapError>(())
-    })?;
+        candidate.refined = Some(campaign.refined(tangent, &candidate.found, &spread)?);
+        Ok::<f64, GapError>(candidate.score(base))
+    };
+    if let Some((first, others)) = candidates.split_first_mut() {
+        let leader = refine(first)?;
+        (others.par_iter_mut().enumerate()).try_for_each(|(rank, candidate)| {
+            let moves = candidate.effect.acts() == Acts::Contact;
+            let near = candidate.screened > leader - HOPELESS;
+            if near && (rank + 1 < FINALISTS || moves && leader < HOPELESS) {
+                refine(candidate)?;
+            }
+            Ok::<(), GapError>(())
+        })?;
+    }
     best_first(&mut candidates, base);
 
     progress(Step::Pairs);
@@ -282,7 +289,12 @@ pub fn diagnose(
     let judged = loop {
         let judged = judge(&hypotheses, &spread, fitted.touches());
         let Some(i) = judged.named else { break judged };
-        let refined = hypotheses[i].refined;
+        let mut refined = hypotheses[i].refined;
+        let settled;
+        if !fitted.touches() && refined.spread.joint > 0.0 {
+            settled = campaign.settled(refined)?;
+            refined = &settled;
+        }
         let (field, residuals) = campaign.checked(&refined.model, &refined.spread, whole, &all)?;
         let error = residuals.mean_error();
         let worse = error > before.mean_error();
@@ -479,7 +491,7 @@ impl Campaign {
         spread: &Spread,
     ) -> Result<Refined, GapError> {
         let start = self.start(&Model::default(), tangent, found, spread)?;
-        self.refine(&start, &tangent.prior(&self.site), &found.spread)
+        self.refine(&start, tangent.prior(&self.site), &found.spread)
     }
 
     /// The best model of two effects, the best single one and another, if the other earns it. Others
@@ -519,7 +531,7 @@ impl Campaign {
             let tangent = &others[second.found.tangent];
             let start = self.start(&best.model, tangent, &second.found, &best.spread)?;
             let prior = first.prior(&self.site).and(tangent.prior(&self.site));
-            let refined = self.refine(&start, &prior, &best.spread)?;
+            let refined = self.refine(&start, prior, &best.spread)?;
             let needed = needed_beside(
                 tangent.effect.as_ref(),
                 best.log_evidence - base,

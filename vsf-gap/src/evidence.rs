@@ -29,6 +29,8 @@ pub(crate) struct Spread {
     pub(crate) contact: f64,
     /// Roughness of joints: unexplained torque as a share of each joint's RMS torque.
     pub(crate) joint: f64,
+    /// The same of what does not persist from window to window.
+    pub(crate) white: f64,
 }
 
 /// The parts of the covariance of a design, ready to be put together for any [`Spread`].
@@ -104,7 +106,7 @@ impl Parts {
             }
             out[col] += self.noise[col];
         }
-        let (contact, joint) = (spread.contact * spread.contact, spread.joint * spread.joint);
+        let [contact, joint, white] = [spread.contact, spread.joint, spread.white].map(|s| s * s);
         for (i, w) in self.windows.list.iter().enumerate() {
             for (k, v) in self.windows.list.iter().enumerate().skip(i) {
                 if v.sequence != w.sequence {
@@ -128,8 +130,8 @@ impl Parts {
                             c[(row, col)] += of_contact * along;
                         }
                     }
-                    let own = self.joint_rms[j];
-                    c[(k * d + j, col)] += of_joint * own * own;
+                    let own = of_joint + if k == i { white } else { 0.0 };
+                    c[(k * d + j, col)] += own * self.joint_rms[j] * self.joint_rms[j];
                 }
             }
         }

@@ -163,6 +163,7 @@ impl Fitted<'_> {
             level: LEVEL * self.uniform,
             contact: CONTACT[1],
             joint: JOINT[1],
+            white: 0.0,
         };
         if !self.touches() {
             return Ok(spread(1.0, 1.0));

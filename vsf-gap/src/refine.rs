@@ -18,6 +18,8 @@ pub(crate) struct Refined {
     pub(crate) model: Model,
     /// Its parameters, part after part.
     pub(crate) theta: Vec<f64>,
+    /// Their prior.
+    pub(crate) prior: Prior,
     /// Their posterior deviations.
     pub(crate) sd: Vec<f64>,
     /// Log of the evidence of the readings, roughness averaged (nats, without constants).
@@ -31,6 +33,7 @@ pub(crate) struct Refined {
 }
 
 /// Prior of all parameters of a model.
+#[derive(Clone)]
 pub(crate) struct Prior {
     /// The parameters, part after part.
     pub(crate) parameters: Vec<Parameter>,
@@ -89,7 +92,7 @@ impl Campaign {
     pub(crate) fn refine(
         &self,
         start: &Model,
-        prior: &Prior,
+        prior: Prior,
         spread: &Spread,
     ) -> Result<Refined, GapError> {
         let mut theta = start.theta();
@@ -101,7 +104,7 @@ impl Campaign {
         let deep = start.acts() == Acts::Contact;
         let mut stale = false;
         for k in 0..MOST_STEPS {
-            let (_, fit) = evidence(&fitted, &columns, &theta, prior, &factor);
+            let (_, fit) = evidence(&fitted, &columns, &theta, &prior, &factor);
             let Some(fit) = fit else { break };
             let mut next: Vec<f64> = (0..theta.len())
                 .map(|i| {
@@ -144,7 +147,7 @@ impl Campaign {
         let found: Vec<(f64, Option<Fit>)> = (spreads.par_iter())
             .map(|s| {
                 let factor = fitted.parts.factor(s)?;
-                Ok(evidence(&fitted, &columns, &theta, prior, &factor))
+                Ok(evidence(&fitted, &columns, &theta, &prior, &factor))
             })
             .collect::<Result<_, GapError>>()?;
         let all: Vec<f64> = found.iter().map(|(e, _)| *e).collect();
@@ -156,12 +159,28 @@ impl Campaign {
         Ok(Refined {
             model: start.at(&theta),
             theta,
+            prior,
             sd,
             log_evidence: log_mean_exp(&all),
             spread: spreads[best],
             stiffness,
             tangent: columns,
         })
+    }
+
+    /// A fitted model with the parameters that predict readings best, whatever persists in what it leaves.
+    /// Weights that know how errors persist look at quick changes; there, the forms of effects are at their
+    /// worst.
+    ///
+    /// # Errors
+    /// As [`Campaign::refine`].
+    pub(crate) fn settled(&self, refined: &Refined) -> Result<Refined, GapError> {
+        let spread = Spread {
+            joint: 0.0,
+            white: refined.spread.joint,
+            ..refined.spread
+        };
+        self.refine(&refined.model, refined.prior.clone(), &spread)
     }
 
     /// The field of a fitted model, without negative stiffness.

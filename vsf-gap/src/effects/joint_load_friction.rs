@@ -8,8 +8,9 @@ use vsf_data::TorqueKind;
 /// Dry friction in the joints that is proportional to the load of the gears: `-m_j |tau_j| sign(qd_j)`.
 ///
 /// Parameters `m_<joint>` (1) and the shape `eps` (rad/s or m/s), the speed at which friction has
-/// nearly its full size. The load is that of the contact, for readings of the actuators that of the
-/// arm's weight and motion. Tell-tale: nothing in free motion without weight, and a loop between
+/// nearly its full size. The load is that of the contact; for readings of the actuators it is what the gears
+/// transmit, the smaller of the reading and the torque of the arm's weight and motion, and nothing where the
+/// two are of opposite sign: a motor that is off carries nothing. Tell-tale: nothing in free motion without weight, and a loop between
 /// pressing and letting go that each joint has for itself; friction on the object's surface acts on
 /// all joints at once.
 ///
@@ -95,7 +96,12 @@ impl Compensator for Friction {
     fn torques(&mut self, sample: &Sample<'_>, _: &Touch<'_>, tau: &mut [f64]) {
         if self.measured {
             for (j, t) in tau.iter_mut().enumerate() {
-                *t -= self.m[j] * sample.load[j].abs() * sign(sample.qd[j], self.eps);
+                let (arm, motor) = (sample.load[j], sample.load[j] - sample.reading[j]);
+                let transmitted = match arm * motor > 0.0 {
+                    true => arm.abs().min(motor.abs()),
+                    false => 0.0,
+                };
+                *t -= self.m[j] * transmitted * sign(sample.qd[j], self.eps);
             }
         }
     }
