@@ -3,8 +3,8 @@ use crate::UpdateReport;
 /// Running statistics of a filter's innovations: is it consistent with what it claims to know?
 ///
 /// An exact filter whose prior and noise are right has a mean normalised innovation squared (NIS)
-/// equal to the number of channels. A diagonal filter leaves out correlations and lies above it. Above the interval it is overconfident (or the model is wrong),
-/// below it is too cautious.
+/// equal to the number of channels. Above the interval it is overconfident (or the model is wrong), below
+/// it is too cautious.
 ///
 /// # Reference
 /// Bar-Shalom, Li, Kirubarajan, *Estimation with Applications to Tracking and Navigation*, 2001,

@@ -5,22 +5,37 @@ use vsf_core::{
     Belief, CoreError, Estimator, Observation, Prediction, Scalar, SymmetricFactor, UpdateReport,
 };
 
-/// How [`DiagonalKalman`] corrects the means. The variances follow eq. 7 in all forms,
-/// `1/v' = 1/v + w^T R^-1 w`.
+/// How [`DiagonalKalman`] takes in an observation.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub enum DiagonalForm {
-    /// The Kalman gain of independent points, `v W^T (W v W^T + R)^-1`: the exact posterior mean
-    /// of one observation. It spreads the residual over the points and cannot overshoot.
+    /// With `S = W v W^T + R`, the gain `v W^T S^-1`: the exact posterior mean of one observation. The
+    /// variances lie between eq. 7's and the exact ones of one observation: with
+    /// `h = w^T (R + c W v W^T)^-1 w`, `v' = v (1 - c v h) / (1 + (1 - c) v h)`, c = 0.05.
+    ///
+    /// With c = 0, eq. 7, a point learns as if all others were known; where readings are more precise than
+    /// the prior by a thousand times, the means then diverge. With c = 1, the exact variances, the filter
+    /// forgets, for want of correlations, what it was told of the points together, and follows every
+    /// reading, also those that contradict each other.
     #[default]
     Innovation,
-    /// The same with the variances after the update in the gain, a more careful step
+    /// Variances by eq. 7, `1/v' = 1/v + w^T R^-1 w`, and these in the gain: a more careful step
     /// (OpenVSF's form).
     InnovationUpdated,
     /// Eq. 7 as printed, gain `v' W^T R^-1`: every point is corrected by the whole residual.
     /// It diverges when an eigenvalue of `W v' W^T R^-1` exceeds 2: stable for the paper's prior
     /// (sd 0.1 N/m, sigma_tau 1 N m), not in general.
     Printed,
+}
+
+impl DiagonalForm {
+    /// How much of the uncertainty of the other points counts when a point learns: c.
+    fn others(self) -> f64 {
+        match self {
+            Self::Innovation => 0.05,
+            Self::InnovationUpdated | Self::Printed => 0.0,
+        }
+    }
 }
 
 /// Projected diagonal Kalman filter: one independent Gaussian per point (eq. 6-7).
@@ -52,6 +67,7 @@ struct Scratch<T> {
     residual: Vec<f64>,
     whitened: Vec<f64>,
     gain: Vec<f64>,
+    blend: Vec<f64>,
     whitener: Vec<f64>,
     factor: SymmetricFactor,
     log_det: f64,
@@ -85,21 +101,30 @@ impl<T: Scalar> Scratch<T> {
         let d = obs.dim();
         self.moments.resize((d + 1) * d, 0.0);
         kernel::moments(obs, &self.mean, &self.variance, &mut self.moments);
+        let noise = obs.noise().covariance();
         let (covariance, predicted) = self.moments.split_at_mut(d * d);
-        for (s, r) in covariance.iter_mut().zip(obs.noise().covariance()) {
-            *s += r;
-        }
+        covariance.iter_mut().zip(noise).for_each(|(s, r)| *s += r);
         self.residual.clear();
         let pairs = obs.reading().iter().zip(&*predicted);
         self.residual.extend(pairs.map(|(t, p)| t.to_f64() - p));
         CoreError::check_finite("residual", &self.residual)?;
+        let factored = self.factor.factor("innovation covariance", d, covariance);
+        if !matches!(factored, Err(CoreError::NotPositiveDefinite { .. })) {
+            return factored;
+        }
+        // Noise so small drowns in the rounding of sums in single precision.
+        kernel::double_covariance(obs, &self.variance, covariance);
+        covariance.iter_mut().zip(noise).for_each(|(s, r)| *s += r);
         self.factor.factor("innovation covariance", d, covariance)
     }
 
-    fn shrink(&mut self, obs: &Observation<T>) -> Result<(), CoreError> {
-        let d = obs.dim();
-        self.factor
-            .factor("noise covariance", d, obs.noise().covariance())?;
+    /// New variances; the innovation covariance is at hand.
+    fn shrink(&mut self, obs: &Observation<T>, form: DiagonalForm) -> Result<(), CoreError> {
+        let (d, c) = (obs.dim(), form.others());
+        let pairs = obs.noise().covariance().iter().zip(&self.moments);
+        self.blend.clear();
+        self.blend.extend(pairs.map(|(r, s)| (1.0 - c) * r + c * s));
+        self.factor.factor("noise covariance", d, &self.blend)?;
         self.whitener.resize(d * d, 0.0);
         self.gain.resize(d, 0.0);
         for j in 0..d {
@@ -110,7 +135,7 @@ impl<T: Scalar> Scratch<T> {
                 self.whitener[i * d + j] = self.gain[i];
             }
         }
-        kernel::shrink(obs, &self.whitener, &mut self.variance);
+        kernel::shrink(obs, &self.whitener, c, &mut self.variance);
         if kernel::all_positive(&self.variance) {
             Ok(())
         } else {
@@ -136,7 +161,7 @@ impl<T: Scalar> Scratch<T> {
             self.shift(obs);
         }
         if mode == ReplayVariance::Shrink {
-            self.shrink(obs)?;
+            self.shrink(obs, form)?;
         }
         match form {
             DiagonalForm::Innovation => {}

@@ -60,12 +60,35 @@ pub(crate) fn shift<T: Scalar>(obs: &Observation<T>, gain: &[f64], variance: &[T
     });
 }
 
-/// `v / (1 + v w^T R^-1 w)` per contact (eq. 7, first line), in place. `whitener` is the row-major
-/// inverse `L^-1` of the Cholesky factor of R.
-pub(crate) fn shrink<T: Scalar>(obs: &Observation<T>, whitener: &[f64], variance: &mut [T]) {
+/// `W diag(variance) W^T` (lower triangle, rows of `d`), summed in double precision, one contact after
+/// the other.
+pub(crate) fn double_covariance<T: Scalar>(
+    obs: &Observation<T>,
+    variance: &[T],
+    covariance: &mut [f64],
+) {
+    let d = obs.dim();
+    for i in 0..d {
+        for j in 0..=i {
+            let terms = obs.row(i).iter().zip(obs.row(j)).zip(variance);
+            let sum = terms.map(|((a, b), v)| a.to_f64() * b.to_f64() * v.to_f64());
+            covariance[i * d + j] = sum.sum();
+        }
+    }
+}
+
+/// `v (1 - c v h) / (1 + (1 - c) v h)` with `h = w^T A^-1 w` per contact, in place: eq. 7, first line, for
+/// c = 0 and A = R. `whitener` is the row-major inverse `L^-1` of the Cholesky factor of A.
+pub(crate) fn shrink<T: Scalar>(
+    obs: &Observation<T>,
+    whitener: &[f64],
+    c: f64,
+    variance: &mut [T],
+) {
     T::run::<Passes>(Pass::Shrink {
         obs,
         whitener,
+        c,
         variance,
     });
 }
@@ -97,6 +120,7 @@ enum Pass<'a, T: Scalar> {
     Shrink {
         obs: &'a Observation<T>,
         whitener: &'a [f64],
+        c: f64,
         variance: &'a mut [T],
     },
 }
@@ -142,8 +166,9 @@ impl<T: Lanes> WithSimd for Pass<'_, T> {
             Pass::Shrink {
                 obs,
                 whitener,
+                c,
                 variance,
-            } => add_precision(obs, whitener, variance),
+            } => shrink_blocks(obs, whitener, c, variance),
         }
     }
 }
@@ -293,7 +318,7 @@ fn add_gain<T: Scalar>(obs: &Observation<T>, gain: &[f64], variance: &[T], mean:
 }
 
 #[inline(always)]
-fn add_precision<T: Scalar>(obs: &Observation<T>, whitener: &[f64], variance: &mut [T]) {
+fn shrink_blocks<T: Scalar>(obs: &Observation<T>, whitener: &[f64], c: f64, variance: &mut [T]) {
     let (n, d) = (obs.len(), obs.dim());
     let (mut gained, mut white) = ([T::ZERO; BLOCK], [T::ZERO; BLOCK]);
     for start in (0..n).step_by(BLOCK) {
@@ -314,8 +339,13 @@ fn add_precision<T: Scalar>(obs: &Observation<T>, whitener: &[f64], variance: &m
                 *g += x * x;
             }
         }
+        let (c, rest) = (T::from_f64(c), T::from_f64(1.0 - c));
         for (v, &g) in variance[start..end].iter_mut().zip(&*gained) {
-            *v = *v / (T::ONE + *v * g);
+            let learned = *v * g;
+            let left = T::ONE - c * learned;
+            // What rounding makes of nothing; NaN stays.
+            let left = if left < T::EPSILON { T::EPSILON } else { left };
+            *v = *v * left / (T::ONE + rest * learned);
         }
     }
 }

@@ -5,7 +5,7 @@
 use nalgebra::{DMatrix, DVector};
 use rand::SeedableRng;
 use rand_pcg::Pcg64Mcg;
-use vsf_core::{Belief, Estimator, FilterHealth, Noise, Observation};
+use vsf_core::{Belief, Estimator, FilterHealth, Noise, Observation, Scalar};
 use vsf_filter::{DiagonalForm, DiagonalKalman};
 use vsf_testkit::{LinearWorld, normal};
 
@@ -87,9 +87,9 @@ fn one_point_is_the_scalar_kalman_filter() {
     }
 }
 
-/// After one observation the default form has the exact posterior mean
-/// `(P^-1 + W^T R^-1 W)^-1 (P^-1 m + W^T R^-1 tau)`, correlated noise included, and the variances
-/// are the inverses of that matrix's diagonal.
+/// After one observation the default form has the exact posterior mean `(P^-1 + W^T R^-1 W)^-1 (P^-1 m + W^T R^-1 tau)`, correlated noise included. The variances of
+/// eq. 7 are the inverses of the precision's diagonal, too small; its own are between these and the exact
+/// ones, the diagonal of the precision's inverse.
 #[test]
 fn one_observation_gives_the_exact_posterior_mean() {
     let (n, d) = (23, 4);
@@ -118,18 +118,63 @@ fn one_observation_gives_the_exact_posterior_mean() {
     let rhs = mean.component_div(&variance)
         + w.transpose() * &r_inv * DVector::from_column_slice(&reading.tau);
     let exact = precision.clone().lu().solve(&rhs).unwrap();
+    let covariance = precision.clone().try_inverse().unwrap();
 
     let prior = Belief::new(mean.as_slice().to_vec(), variance.as_slice().to_vec()).unwrap();
-    let mut filter = DiagonalKalman::new(prior);
-    filter.update(&obs).unwrap();
-    for i in 0..n {
-        let (got, want) = (filter.belief().mean()[i], exact[i]);
-        assert!((got - want).abs() < 1e-11, "mean {i}: {got}, exact {want}");
-        let (got, want) = (filter.belief().variance()[i], 1.0 / precision[(i, i)]);
-        assert!(
-            (got - want).abs() < 1e-13,
-            "variance {i}: {got}, exact {want}"
-        );
+    for form in FORMS {
+        let mut filter = DiagonalKalman::with_form(prior.clone(), form);
+        filter.update(&obs).unwrap();
+        let belief = filter.belief();
+        for i in 0..n {
+            let (mean, variance) = (belief.mean()[i], belief.variance()[i]);
+            let (eq7, whole) = (1.0 / precision[(i, i)], covariance[(i, i)]);
+            if form == DiagonalForm::Innovation {
+                assert!((mean - exact[i]).abs() < 1e-11, "mean {i}: {mean}");
+                assert!(eq7 < variance && variance < whole, "variance {i}");
+            } else {
+                assert!((variance - eq7).abs() < 1e-13, "{form:?}, variance {i}");
+            }
+        }
+    }
+}
+
+/// Points of 1e6 N/m that are pressed one after the other, deeper and deeper, and read to 0.01 N m: the
+/// first readings say little about each of them, and the filter knows it.
+#[test]
+fn readings_much_more_precise_than_the_prior_do_not_make_it_diverge() {
+    fn error<T: Scalar>(sd: f64) -> f64 {
+        let (n, d) = (120, 7);
+        let mut world = LinearWorld::new(n, 1e6, 3e5, 4);
+        let columns: Vec<_> = world.reading(n, n, d, 0.3, 0.0).columns;
+        let truth = world.stiffness.clone();
+        let mut filter = DiagonalKalman::<T>::new(Belief::uniform(n, 0.0, 1.5e6).unwrap());
+        let mut obs = Observation::<T>::new(Noise::uniform(d, sd).unwrap());
+        let (mut worst, mut largest) = (0.0_f64, 0.0_f64);
+        for push in 0..2 {
+            for step in 1..=60 {
+                let touched: Vec<u32> = (0..2 * step).collect();
+                let depth = |p: u32| 0.02 * f64::from(2 * step - p) / 120.0;
+                let w = |p: u32, i: usize| depth(p) * columns[p as usize][i];
+                let tau: Vec<f64> = (0..d)
+                    .map(|i| touched.iter().map(|&p| w(p, i) * truth[p as usize]).sum())
+                    .collect();
+                obs.rebuild(n, &touched, &tau, |k, c| {
+                    (0..d).for_each(|i| c[i] = w(touched[k], i));
+                })
+                .unwrap();
+                let report = filter.update(&obs).unwrap();
+                largest = largest.max(tau.iter().map(|t| t * t).sum::<f64>().sqrt());
+                if push == 1 {
+                    worst = worst.max(report.prefit);
+                }
+            }
+        }
+        worst / largest
+    }
+    for sd in [1.0, 0.01, 1e-4] {
+        let (single, double) = (error::<f32>(sd), error::<f64>(sd));
+        eprintln!("noise {sd}: f32 {single:.2e}, f64 {double:.2e} of the largest torque");
+        assert!(single < 0.01 && double < 1e-3, "{sd}: {single}, {double}");
     }
 }
 
