@@ -1,7 +1,7 @@
 //! What the format promises about a data set, checked on the way in and on the way out.
 
 use crate::dataset::{CAMERA, FIELD, POINTS, sequence_ids_or_none, stored_field};
-use crate::{DataError, DataWarning, Dataset, Overrides, Sequence, Splits};
+use crate::{Attachment, DataError, DataWarning, Dataset, Overrides, Sequence, Splits};
 use crate::{files, metadata, pose};
 use nalgebra::Point3;
 use std::collections::{BTreeMap, BTreeSet};
@@ -101,6 +101,19 @@ impl Dataset {
 
     pub(crate) fn warnings(&self, dir: &Path) -> Vec<DataWarning> {
         let mut warnings = Vec::new();
+        let clamped = [
+            ("attachment", self.attachment == Attachment::Bilateral),
+            ("gauge_length", self.gauge_length.is_some()),
+        ];
+        let keys: Vec<_> = (clamped.into_iter())
+            .filter_map(|(key, given)| given.then_some(key))
+            .collect();
+        if !keys.is_empty() {
+            warnings.push(DataWarning::ClampedSpecimen {
+                path: dir.join(metadata::FILE),
+                keys,
+            });
+        }
         if let (Some(points), Some([lo, hi])) = (&self.rest_points, &self.object_bbox) {
             let outside = |p: &&Point3<f64>| {
                 (0..3).any(|k| p[k] < lo[k] - BOX_SLACK || p[k] > hi[k] + BOX_SLACK)

@@ -406,6 +406,18 @@ pub enum DataWarning {
         /// The keys.
         keys: Vec<String>,
     },
+    /// `dataset.json` tells of a clamped specimen, which also pulls. The keys are kept; no model in
+    /// this workspace follows them.
+    #[error(
+        "{}: a clamped specimen is taken as one that is pushed; these keys have no effect: {}",
+        path.display(), keys.join(", ")
+    )]
+    ClampedSpecimen {
+        /// The file.
+        path: PathBuf,
+        /// The keys, `attachment` or `gauge_length`.
+        keys: Vec<&'static str>,
+    },
     /// Rest points lie outside the box of the object (by more than a micrometre).
     #[error("{}: {count} of {total} points lie outside object_bbox", path.display())]
     PointsOutsideBox {

@@ -13,6 +13,21 @@ pub(crate) fn read(path: &Path) -> Result<Vec<u8>, DataError> {
     fs::read(path).map_err(|source| unreadable(path, source))
 }
 
+/// The text of a file. Pipes and devices are refused: they wait, or go on for ever.
+///
+/// # Errors
+/// [`DataError::Missing`]; [`DataError::Io`], also for what is not UTF-8.
+pub fn read_text(path: impl AsRef<Path>) -> Result<String, DataError> {
+    let path = path.as_ref();
+    let not_text = |_| {
+        unreadable(
+            path,
+            Error::new(ErrorKind::InvalidData, "it is not UTF-8 text"),
+        )
+    };
+    String::from_utf8(read(path)?).map_err(not_text)
+}
+
 /// A file to be read in parts, and its length.
 pub(crate) fn open(path: &Path) -> Result<(File, u64), DataError> {
     check_kind(path)?;

@@ -73,6 +73,7 @@ pub use colormap::color;
 pub use dataset::Dataset;
 pub use error::{Advice, DataError, DataWarning};
 pub use field::StiffnessField;
+pub use files::read_text;
 pub use metadata::{Attachment, JointType, Overrides, RobotRef, Splits, TorqueKind};
 pub use npy::NpyError;
 pub use pcd::{read_pcd_cloud, read_pcd_points};

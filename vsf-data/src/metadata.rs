@@ -39,7 +39,8 @@ pub enum Attachment {
     /// Contact only pushes. The default.
     #[default]
     Unilateral,
-    /// A clamped specimen, which also pulls.
+    /// A clamped specimen, which also pulls. It is kept, and no model in this workspace follows it
+    /// ([`DataWarning::ClampedSpecimen`](crate::DataWarning::ClampedSpecimen)).
     Bilateral,
 }
 

@@ -40,6 +40,14 @@ pub enum NpyError {
         "dtype {0:?} is not supported, expected float (f2, f4, f8) or integer (i1 to i8, u1 to u8)"
     )]
     Dtype(String),
+    /// Not one text, where a text is expected.
+    #[error("dtype {dtype:?} with shape {shape:?}, expected one text (U), such as np.array(\"a\")")]
+    Text {
+        /// The dtype there.
+        dtype: String,
+        /// The shape there; that of one text is `[]`.
+        shape: Vec<usize>,
+    },
     /// A shape that no memory could hold, or too many dimensions.
     #[error("absurd shape {0:?}")]
     Shape(Vec<usize>),
@@ -118,7 +126,10 @@ pub(crate) fn parse(bytes: &[u8]) -> Result<NpyArray, NpyError> {
 pub(crate) fn parse_text(bytes: &[u8]) -> Result<String, NpyError> {
     let header = parse_header(bytes)?;
     if !matches!(header.dtype, Dtype::Text(_)) || header.shape.iter().product::<usize>() != 1 {
-        return Err(NpyError::Dtype(header.descr));
+        return Err(NpyError::Text {
+            dtype: header.descr,
+            shape: header.shape,
+        });
     }
     let codes = header.data.chunks_exact(4).map(|c| little_endian(c) as u32);
     let text: String = codes
@@ -375,5 +386,18 @@ impl<'a> Cursor<'a> {
                 "one of descr, fortran_order, shape is missing",
             )),
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn texts() {
+        assert_eq!(parse_text(&encode_text("\u{fc}")), Ok("\u{fc}".to_owned()));
+        let error = parse_text(&encode(&[2], &[1.0, 2.0])).unwrap_err();
+        let text = "dtype \"<f8\" with shape [2], expected one text";
+        assert!(error.to_string().starts_with(text), "{error}");
     }
 }

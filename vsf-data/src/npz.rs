@@ -1,7 +1,8 @@
 //! `.npz` archives: zip files whose entries are `.npy` files.
 
 use crate::{DataError, files};
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
+use std::error::Error;
 use std::io::{Cursor, Read, Write};
 use std::path::Path;
 use zip::result::ZipError;
@@ -18,7 +19,16 @@ pub(crate) fn read(path: &Path) -> Result<BTreeMap<String, Vec<u8>>, DataError> 
 
 fn read_within(path: &Path, most: u64) -> Result<BTreeMap<String, Vec<u8>>, DataError> {
     let damaged = |e: ZipError| failure(path, &e);
-    let mut zip = ZipArchive::new(Cursor::new(files::read(path)?)).map_err(damaged)?;
+    let bytes = files::read(path)?;
+    let mut zip = ZipArchive::new(Cursor::new(&bytes)).map_err(damaged)?;
+    let directory = bytes.get(zip.central_directory_start() as usize..);
+    let twice = |name: &str| DataError::Npz {
+        path: path.join(name),
+        problem: "the entry occurs twice".to_owned(),
+    };
+    if let Some(name) = repeated(directory.unwrap_or_default()) {
+        return Err(twice(&name));
+    }
     let mut entries = BTreeMap::new();
     let mut left = most;
     for i in 0..zip.len() {
@@ -36,14 +46,31 @@ fn read_within(path: &Path, most: u64) -> Result<BTreeMap<String, Vec<u8>>, Data
                 path: path.to_owned(),
                 problem: format!("unpacks to more than {most} bytes"),
             })?;
+        // Both with the ending and without.
         if entries.insert(name, bytes).is_some() {
-            return Err(DataError::Npz {
-                path: inside,
-                problem: "the entry occurs twice".to_owned(),
-            });
+            return Err(twice(entry.name()));
         }
     }
     Ok(entries)
+}
+
+/// A name that occurs twice in the central directory, of which the `zip` crate (6.0) keeps the last
+/// entry alone.
+fn repeated(mut directory: &[u8]) -> Option<String> {
+    const HEADER: usize = 46;
+    let mut names = BTreeSet::new();
+    while let Some((header, rest)) = directory.split_first_chunk::<HEADER>()
+        && header.starts_with(b"PK\x01\x02")
+    {
+        let [name, extra, comment] =
+            [28, 30, 32].map(|at| usize::from(u16::from_le_bytes([header[at], header[at + 1]])));
+        let (name, rest) = rest.split_at_checked(name)?;
+        if !names.insert(name) {
+            return Some(String::from_utf8_lossy(name).into_owned());
+        }
+        directory = rest.get(extra + comment..)?;
+    }
+    None
 }
 
 /// The archive of the entries, stored as `numpy.savez` does; `.npy` is added to the names. `path` is
@@ -70,13 +97,42 @@ pub(crate) fn encode(
 fn failure(path: &Path, e: &ZipError) -> DataError {
     DataError::Npz {
         path: path.to_owned(),
-        problem: e.to_string(),
+        // The cause of an error in reading says more than that there is one.
+        problem: e
+            .source()
+            .map_or_else(|| e.to_string(), ToString::to_string),
     }
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn damage_is_told() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("a.npz");
+        let entries = ["aa", "ab"].map(|name| (name.to_owned(), vec![7; 100]));
+        let whole = encode(&path, &entries.into()).unwrap();
+        let refused = |bytes: &[u8], part: &str| {
+            std::fs::write(&path, bytes).unwrap();
+            let error = read(&path).unwrap_err().to_string();
+            assert!(error.contains(part), "{error}");
+        };
+        let mut flipped = whole.clone();
+        let data = whole.windows(100).position(|w| w == [7; 100]).unwrap();
+        flipped[data] ^= 1;
+        refused(&flipped, "checksum");
+        // Both places where an archive names its second entry.
+        let mut doubled = whole;
+        while let Some(at) = doubled.windows(6).position(|w| w == b"ab.npy") {
+            doubled[at + 1] = b'a';
+        }
+        refused(
+            &doubled,
+            "aa.npy: not a readable .npz (zip) archive: the entry occurs twice",
+        );
+    }
 
     #[test]
     fn entries_share_one_limit() {

@@ -387,6 +387,14 @@ fn warnings_name_what_was_seen() {
     assert_eq!(warnings.len(), 3);
 
     let folder = Folder::new();
+    folder.with(r#""attachment": "bilateral", "gauge_length": 0.1"#);
+    let (_, warnings) = folder.open().unwrap();
+    assert!(
+        matches!(&warnings[..], [DataWarning::ClampedSpecimen { keys, .. }]
+            if keys == &["attachment", "gauge_length"])
+    );
+
+    let folder = Folder::new();
     folder.write("seq_10/torques.npy", &f8("(4, 2)", &[0.0; 8]));
     let (_, warnings) = folder.open().unwrap();
     assert!(matches!(&warnings[..], [DataWarning::ZeroTorques { ids, .. }] if ids == &["10"]));
