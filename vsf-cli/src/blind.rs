@@ -48,9 +48,8 @@ impl Case {
             .collect();
         let of_truth = (d.effects.iter())
             .filter(|e| truth.contains(&e.effect))
-            .map(|e| e.probability)
-            .sum::<f64>()
-            / truth.len().max(1) as f64;
+            .map(|e| e.probability);
+        let of_truth = sum(of_truth) / truth.len().max(1) as f64;
         let named = !d.verdict.effects.is_empty();
         let joints = campaign.site.robot.joints();
         let true_joint =
@@ -127,6 +126,11 @@ impl Case {
         }
     }
 
+    /// Whether its diagnosis came to an end.
+    pub fn is_diagnosed(&self) -> bool {
+        self.error.is_none()
+    }
+
     fn answered(&self) -> bool {
         match self.class {
             Class::None => self.kind_of_answer == Some(Kind::NoGap),
@@ -150,6 +154,11 @@ fn largest(shares: &[f64]) -> Option<usize> {
 
 fn first(parts: &[Part]) -> Option<&Of> {
     parts.first().map(|p| &p.of)
+}
+
+/// The sum, of nothing too: 0, where that of the iterator is -0.
+fn sum(values: impl Iterator<Item = f64>) -> f64 {
+    values.fold(0.0, |sum, value| sum + value)
 }
 
 /// Hits out of some cases, with Wilson's interval of 95 %.
@@ -238,7 +247,7 @@ impl Score {
         };
         let all = || cases.iter().filter(|c| member(c));
         let among = |c: &Case, k: usize| c.top.iter().take(k).any(|e| c.truth.contains(e));
-        let mean = |x: Vec<f64>| x.iter().sum::<f64>() / x.len().max(1) as f64;
+        let mean = |x: Vec<f64>| sum(x.iter().copied()) / x.len().max(1) as f64;
         let mut closed: Vec<f64> = of(Class::Single)
             .filter(|c| c.answered() && c.oracle_closed > 0.05)
             .map(|c| c.closed_fraction / c.oracle_closed)
@@ -445,6 +454,15 @@ mod tests {
             (low - 0.0945).abs() < 1e-3 && (high - 0.9055).abs() < 1e-3,
             "{low} {high}"
         );
+    }
+
+    /// Not -0, which no reader expects.
+    #[test]
+    fn no_cases_give_zero() {
+        let s = &Score::all(&[])[0];
+        for value in [s.set_size, s.mean_probability, s.ece, s.closed_of_oracle] {
+            assert_eq!(value.to_bits(), 0.0f64.to_bits());
+        }
     }
 
     #[test]

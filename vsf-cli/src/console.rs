@@ -242,19 +242,24 @@ pub fn number(value: f64) -> String {
     }
 }
 
-/// Refuses a folder to write to that holds a name that is `odd`; `what` may be replaced there.
+/// Refuses a folder to write to that is none, or holds a name that is `odd`; `what` may be replaced
+/// there.
 pub fn check_folder(
+    flag: &str,
     out: &Path,
     what: &str,
     odd: impl Fn(&[String]) -> Option<&String>,
 ) -> anyhow::Result<()> {
+    if out.exists() && !out.is_dir() {
+        return Err(usage(format!("{flag} {}: it is no folder", out.display())));
+    }
     let names = out.read_dir().into_iter().flatten().flatten();
     let names = names.map(|entry| entry.file_name().to_string_lossy().into_owned());
     let mut names: Vec<String> = names.collect();
     names.sort_unstable();
     match odd(&names) {
         Some(name) => Err(usage(format!(
-            "--out {} holds other files ({name:?}); choose a new or empty folder, or {what} to replace",
+            "{flag} {} holds other files ({name:?}); choose a new or empty folder, or {what} to replace",
             out.display()
         ))),
         None => Ok(()),

@@ -298,7 +298,9 @@ pub fn check_out(out: &Path) -> anyhow::Result<()> {
     }
     let is_ours =
         |name: &str| name.starts_with('.') || name.ends_with(".npy") || name == "format.json";
-    check_folder(out, "a field", |names| names.iter().find(|n| !is_ours(n)))
+    check_folder("--out", out, "a field", |names| {
+        names.iter().find(|n| !is_ours(n))
+    })
 }
 
 /// Writes a field as data: `.npz`, `.ply`, `.mcap` or a folder.

@@ -259,7 +259,7 @@ impl Recording {
 
 /// Refuses a folder for a recording that holds anything that is no recording.
 pub fn check_out(out: &Path) -> anyhow::Result<()> {
-    check_folder(out, "a recording", |names| {
+    check_folder("--out", out, "a recording", |names| {
         unmarked(names, &["dataset.json"])
     })
 }

@@ -64,6 +64,27 @@ fn the_paper_in_one_report() {
     bench.fails("experiment paper touch --out mine", 2, &["--out", "mine"]);
 }
 
+/// An earlier report outlives a run that comes to nothing.
+#[test]
+fn reports_are_kept_until_there_is_another() {
+    let bench = Bench::new();
+    fs::create_dir(bench.root.join("report")).unwrap();
+    fs::write(bench.root.join("report/report.md"), "earlier").unwrap();
+    bench.fails("experiment paper nowhere --out report", 1, &["nowhere"]);
+    let names = fs::read_dir(bench.root.join("report")).unwrap().count();
+    let report = fs::read(bench.root.join("report/report.md")).unwrap();
+    assert_eq!((names, &report[..]), (1, &b"earlier"[..]));
+}
+
+#[test]
+fn folders_of_blind_cases_are_checked() {
+    let bench = Bench::new();
+    let keep = |folder: &str| format!("experiment blind --cases 1 --keep {folder}");
+    bench.fails(&keep("data"), 2, &["--keep data", "other files"]);
+    bench.fails(&keep("data/points.npy"), 2, &["--keep", "no folder"]);
+    bench.fails(&keep("data/points.npy/x"), 3, &["points.npy/x"]);
+}
+
 #[test]
 fn recordings_that_fail_are_named() {
     let bench = Bench::touched();

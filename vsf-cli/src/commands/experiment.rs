@@ -11,7 +11,7 @@ use crate::recording::{Default, Recording, traces};
 use crate::settings::SceneSettings;
 use clap::Subcommand;
 use serde::Serialize;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use vsf::pipeline::Campaign;
 
 #[derive(Debug, clap::Args)]
@@ -60,6 +60,28 @@ struct Failed {
 }
 
 impl<T> Found<T> {
+    fn fail(&mut self, path: &Path, error: anyhow::Error) {
+        let place = path.display().to_string();
+        let error = match message(&error).contains(&place) {
+            true => error,
+            false => error.context(place.clone()),
+        };
+        self.failed.push(Failed {
+            recording: place,
+            error: message(&error),
+        });
+        self.failures.push(error);
+    }
+
+    /// Fails where nothing was found.
+    fn checked(self) -> anyhow::Result<Self> {
+        if self.all.is_empty() {
+            self.end()?;
+            anyhow::bail!("no recording is given");
+        }
+        Ok(self)
+    }
+
     /// Errors for the recordings that failed; the tables of the others are out by now.
     fn end(self) -> anyhow::Result<()> {
         let mut failures = self.failures.into_iter();
@@ -69,53 +91,54 @@ impl<T> Found<T> {
     }
 }
 
-/// Makes an experiment on recordings one after another. `of` is told the number of each as well, from
-/// 1; `keep` gets what is there after each. Fails where all recordings do.
-fn each<T>(
-    paths: &[PathBuf],
-    console: &Console,
-    of: impl Fn(usize, &Recording, &Campaign) -> anyhow::Result<T>,
-    keep: impl Fn(&Found<T>) -> anyhow::Result<()>,
-) -> anyhow::Result<Found<T>> {
-    let open = |number: usize, path: &PathBuf| {
-        let recording = Recording::open(path, &SceneSettings::default(), console)?;
-        let mut sequences = recording.sequences(None, Default::Train)?;
-        sequences.extend(recording.sequences(None, Default::Test)?);
-        let scene = recording.scene(console)?;
-        let traces = traces(&scene, &sequences, console)?;
-        let campaign = Campaign::new(&recording.dataset, &scene, &traces)?;
-        of(number, &recording, &campaign)
-    };
+/// Opens recordings, each with its number, from 1. Fails where none can be opened.
+fn open(paths: &[PathBuf], console: &Console) -> anyhow::Result<Found<(usize, Recording)>> {
+    paths.iter().try_for_each(|p| console.keep_input(p))?;
     let mut found = Found {
         all: Vec::new(),
         failures: Vec::new(),
         failed: Vec::new(),
     };
     for (k, path) in paths.iter().enumerate() {
-        let place = path.display().to_string();
-        match open(k + 1, path) {
+        match Recording::open(path, &SceneSettings::default(), console) {
+            Ok(recording) => found.all.push((k + 1, recording)),
+            Err(error) => found.fail(path, error),
+        }
+    }
+    found.checked()
+}
+
+/// Makes an experiment on open recordings one after another. `of` is told the number of each as well;
+/// `keep` gets what is there after each. Fails where all recordings do.
+fn each<T>(
+    opened: Found<(usize, Recording)>,
+    console: &Console,
+    of: impl Fn(usize, &Recording, &Campaign) -> anyhow::Result<T>,
+    keep: impl Fn(&Found<T>) -> anyhow::Result<()>,
+) -> anyhow::Result<Found<T>> {
+    let run = |number: usize, recording: &Recording| {
+        let mut sequences = recording.sequences(None, Default::Train)?;
+        sequences.extend(recording.sequences(None, Default::Test)?);
+        let scene = recording.scene(console)?;
+        let traces = traces(&scene, &sequences, console)?;
+        let campaign = Campaign::new(&recording.dataset, &scene, &traces)?;
+        of(number, recording, &campaign)
+    };
+    let mut found = Found {
+        all: Vec::new(),
+        failures: opened.failures,
+        failed: opened.failed,
+    };
+    for (number, recording) in opened.all {
+        match run(number, &recording) {
             Ok(result) => {
                 found.all.push(result);
                 keep(&found)?;
             }
-            Err(error) => {
-                let error = match message(&error).contains(&place) {
-                    true => error,
-                    false => error.context(place.clone()),
-                };
-                found.failed.push(Failed {
-                    recording: place,
-                    error: message(&error),
-                });
-                found.failures.push(error);
-            }
+            Err(error) => found.fail(&recording.path, error),
         }
     }
-    if found.all.is_empty() {
-        found.end()?;
-        anyhow::bail!("no recording is given");
-    }
-    Ok(found)
+    found.checked()
 }
 
 /// What a bar shows while recording `number` of `all` is worked on.

@@ -1,12 +1,15 @@
 use crate::blind::{Case, Score, text};
-use crate::console::Console;
-use crate::range::count;
+use crate::console::{Console, check_folder, create_folder};
+use clap::builder::RangedU64ValueParser;
 use serde::Serialize;
 use std::path::PathBuf;
 use vsf::data::{Dataset, Overrides};
 use vsf::gap::{Campaign, diagnose, effects};
 use vsf::pipeline::SceneOptions;
-use vsf_world::{draw_cases, generate};
+use vsf_world::{WorldError, draw_cases, generate};
+
+/// What names of cases begin with.
+const CASE: &str = "case_";
 
 #[derive(Debug, clap::Args)]
 #[command(after_help = "\
@@ -19,13 +22,14 @@ JSON keys: cases (case, kind, level, protocol, truth, kind_of_answer, named, top
 effect_set_95, right_joint, right_phase, test_error_nominal, test_error_corrected, closed_fraction, oracle_closed,
 error), scores (group, and for each measure hits, of, share, interval; mean_probability, ece, set_size).")]
 pub struct Args {
-    /// Number of cases
-    #[arg(long, default_value_t = 20, value_parser = count)]
+    /// Number of cases, 1 to 10000
+    #[arg(long, default_value_t = 20,
+          value_parser = RangedU64ValueParser::<usize>::new().range(1..=10_000))]
     cases: usize,
     /// Seed of the cases
     #[arg(long, default_value_t = 0)]
     seed: u64,
-    /// Folder to keep the recordings in; by default they are thrown away
+    /// Folder to keep the recordings in: new, empty, or with earlier cases; by default they are thrown away
     #[arg(long, value_name = "FOLDER")]
     keep: Option<PathBuf>,
 }
@@ -39,19 +43,21 @@ struct Report<'a> {
 
 pub fn run(args: &Args, console: &Console) -> anyhow::Result<()> {
     let scratch = tempfile::tempdir()?;
-    let folder = args
-        .keep
-        .clone()
-        .unwrap_or_else(|| scratch.path().to_owned());
+    let folder = args.keep.as_deref().unwrap_or(scratch.path());
+    check_folder("--keep", folder, "earlier cases", |names| {
+        names.iter().find(|name| !name.starts_with(CASE))
+    })?;
+    create_folder(folder)?;
     let specs = draw_cases(args.cases, args.seed);
     let bar = console.bar(specs.len(), "blind cases");
     let catalogue = effects::catalogue();
     let mut cases = Vec::with_capacity(specs.len());
     for (i, spec) in specs.iter().enumerate() {
-        let id = format!("case_{i:03}");
+        let id = format!("{CASE}{i:03}");
         let path = folder.join(&id);
         let label = match generate(spec, &path) {
             Ok(label) => label,
+            Err(e @ (WorldError::Io { .. } | WorldError::Data(_))) => return Err(e.into()),
             Err(e) => {
                 // Some draws have no strength that fits; they are no cases.
                 console.warn(format!("{id}: {e}"));
@@ -79,5 +85,9 @@ pub fn run(args: &Args, console: &Console) -> anyhow::Result<()> {
         cases: &cases,
         scores,
     })?;
-    console.report(report)
+    console.report(report)?;
+    match cases.iter().any(Case::is_diagnosed) {
+        true => Ok(()),
+        false => anyhow::bail!("no case could be diagnosed"),
+    }
 }

@@ -18,6 +18,9 @@ pub struct Figures<'a> {
 }
 
 impl<'a> Figures<'a> {
+    /// Name of Fig. 4.
+    pub const UPDATE_TIMES: &'static str = "update_time.svg";
+
     pub fn new(folder: &'a Path) -> Self {
         Self {
             folder,
@@ -65,7 +68,7 @@ impl<'a> Figures<'a> {
             y_label: "time [ms]",
             log_y: true,
         };
-        self.write("update_time.svg", plot.svg()?.as_bytes())
+        self.write(Self::UPDATE_TIMES, plot.svg()?.as_bytes())
     }
 
     /// Fig. 7 of a recording, where it has one.

@@ -1,6 +1,6 @@
 use super::figures::Figures;
 use super::report::{figures_text, tables};
-use super::{Failed, Found, each, progress};
+use super::{Failed, Found, each, open, progress};
 use crate::console::{Console, check_folder, create_folder, texts, unmarked};
 use crate::recording::Recording;
 use crate::samples::{FAR_PLACES, NEAR_PLACES, ONE_PLACE};
@@ -11,8 +11,6 @@ use vsf::pipeline::{
     Campaign, MethodErrors, Overlap, OverlapShares, Table1Row, TrainedOn, UpdateSpeed, UpdateTimes,
     table1, update_speed, update_times, view_warnings,
 };
-
-const TITLE: &str = "# The experiments of the paper\n\n";
 
 #[derive(Debug, clap::Args)]
 #[command(after_help = "\
@@ -89,17 +87,10 @@ impl<'a> Report<'a> {
 
 pub fn run(args: &Args, console: &Console) -> anyhow::Result<()> {
     let out = &args.out;
-    check_folder(out, "an earlier report", |names| {
-        unmarked(names, &["report.md", "recordings"])
+    check_folder("--out", out, "an earlier report", |names| {
+        unmarked(names, &["report.md", "recordings", Figures::UPDATE_TIMES])
     })?;
-    args.recordings
-        .iter()
-        .try_for_each(|r| console.keep_input(r))?;
     console.keep_apart(&[out.join("report.json")])?;
-    create_folder(out)?;
-    let figures = Figures::new(out);
-    // Tells the folder for that of a report, even if the run ends before there is one.
-    figures.write("report.md", TITLE.as_bytes())?;
     let recordings = match args.recordings.is_empty() {
         true => [ONE_PLACE, NEAR_PLACES, FAR_PLACES]
             .iter()
@@ -107,11 +98,15 @@ pub fn run(args: &Args, console: &Console) -> anyhow::Result<()> {
             .collect::<Result<_, _>>()?,
         false => args.recordings.clone(),
     };
+    let all = recordings.len();
+    let opened = open(&recordings, console)?;
     let spinner = console.spinner("timing updates");
     let update_times = update_times()?;
     spinner.finish_and_clear();
+    create_folder(out)?;
+    let figures = Figures::new(out);
+    // First of all: it tells the folder for that of a report, should the run end before there is one.
     figures.update_times(&update_times)?;
-    let all = recordings.len();
     let of = |number: usize, recording: &Recording, campaign: &Campaign| {
         let what = progress("experiments", number, all);
         let entry = entry(args, &figures, number, recording, campaign, what, console)?;
@@ -130,7 +125,7 @@ pub fn run(args: &Args, console: &Console) -> anyhow::Result<()> {
             serde_json::to_string_pretty(&Report::of(found, args, &update_times, &figures))? + "\n";
         figures.write("report.json", json.as_bytes())
     };
-    let found = each(&recordings, console, of, keep)?;
+    let found = each(opened, console, of, keep)?;
     keep(&found)?;
     console.json(&Report::of(&found, args, &update_times, &figures))?;
     let tables = tables(&found.all, &update_times);

@@ -1,4 +1,4 @@
-use super::{Failed, each, progress};
+use super::{Failed, each, open, progress};
 use crate::console::{Console, number};
 use serde::Serialize;
 use std::path::PathBuf;
@@ -34,7 +34,7 @@ struct Report<'a> {
 pub fn run(args: &Args, console: &Console) -> anyhow::Result<()> {
     let all = args.recordings.len();
     let found = each(
-        &args.recordings,
+        open(&args.recordings, console)?,
         console,
         |number, recording, campaign| {
             let spinner = console.spinner(progress("priors", number, all));

@@ -1,6 +1,6 @@
 //! The report of `vsf experiment paper` as Markdown.
 
-use super::figures::file_stem;
+use super::figures::{Figures, file_stem};
 use super::paper::Entry;
 use super::table1;
 use vsf::pipeline::{Overlap, UpdateTimes};
@@ -137,7 +137,7 @@ Medians [ms] over a push of a Kinova Gen3 into a cube of 97,336 points.
 
 /// Links to the figures.
 pub fn figures_text(entries: &[Entry]) -> String {
-    let mut text = "![Fig. 4](update_time.svg)\n".to_owned();
+    let mut text = format!("![Fig. 4]({})\n", Figures::UPDATE_TIMES);
     for entry in entries.iter().filter(|e| !e.curve.is_empty()) {
         let stem = file_stem(entry.number, &entry.recording);
         text += &format!("\n![Fig. 7, {}]({stem}_curve.svg)\n", entry.recording);

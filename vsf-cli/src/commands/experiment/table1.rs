@@ -1,4 +1,4 @@
-use super::{Failed, each, progress};
+use super::{Failed, each, open, progress};
 use crate::console::Console;
 use serde::Serialize;
 use std::path::PathBuf;
@@ -26,7 +26,7 @@ struct Report<'a> {
 pub fn run(args: &Args, console: &Console) -> anyhow::Result<()> {
     let all = args.recordings.len();
     let found = each(
-        &args.recordings,
+        open(&args.recordings, console)?,
         console,
         |number, _, campaign| {
             let spinner = console.spinner(progress("estimators", number, all));
