@@ -158,8 +158,11 @@ pub fn torques(
         })
         .collect();
     let contact: Vec<bool> = trace.observations.iter().map(|o| !o.is_empty()).collect();
+    // Stamps may count from anywhere.
+    let start = trace.time.first().copied().unwrap_or(0.0);
+    let time: Vec<f64> = trace.time.iter().map(|t| t - start).collect();
     Ok(TorquePlot {
-        time: &trace.time,
+        time: &time,
         joints: &joints,
         contact: &contact,
         title,

@@ -1,22 +1,29 @@
 //! What the values of flags may be. Squares and products of the numbers are finite.
 
+use std::ops::RangeInclusive;
 use std::path::PathBuf;
 
 const MOST: f64 = 1e100;
 
 /// A number > 0.
 pub fn positive(text: &str) -> Result<f64, String> {
-    ranged(text, 1.0 / MOST, "a number > 0 and at most 1e100")
+    let range = 1.0 / MOST..=MOST;
+    ranged(text, range, "a number > 0, from 1e-100 to 1e100")
 }
 
 /// A number >= 0.
 pub fn not_negative(text: &str) -> Result<f64, String> {
-    ranged(text, 0.0, "a number >= 0 and at most 1e100")
+    ranged(text, 0.0..=MOST, "a number >= 0 and at most 1e100")
 }
 
 /// A number of either sign.
 pub fn finite(text: &str) -> Result<f64, String> {
-    ranged(text, -MOST, "a number of at most 1e100 in magnitude")
+    ranged(text, -MOST..=MOST, "a number of at most 1e100 in magnitude")
+}
+
+/// Spacing of a grid over a part of a robot [m].
+pub fn spacing(text: &str) -> Result<f64, String> {
+    ranged(text, 1e-6..=1.0, "a number from 1e-6 to 1 m")
 }
 
 /// Replays per update; each costs as much as an update.
@@ -31,10 +38,9 @@ pub fn count(text: &str) -> Result<usize, String> {
     value.ok_or_else(|| "must be a whole number >= 1".to_owned())
 }
 
-fn ranged(text: &str, least: f64, range: &str) -> Result<f64, String> {
-    let value = text.parse().ok();
-    let ranged = value.filter(|v| (least..=MOST).contains(v));
-    ranged.ok_or_else(|| format!("must be {range}"))
+fn ranged(text: &str, range: RangeInclusive<f64>, words: &str) -> Result<f64, String> {
+    let value = text.parse().ok().filter(|v| range.contains(v));
+    value.ok_or_else(|| format!("must be {words}"))
 }
 
 /// Paths that end so, as an output that is no other kind of file by mistake.

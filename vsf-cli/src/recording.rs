@@ -5,7 +5,7 @@ use crate::exit::usage;
 use crate::field_file::FieldFile;
 use crate::settings::{MetadataSettings, SceneSettings};
 use std::path::{Path, PathBuf};
-use vsf::contact::CacheUse;
+use vsf::contact::{CacheUse, ContactError};
 use vsf::data::{DataError, Dataset, Sequence};
 use vsf::gap::Campaign;
 use vsf::pipeline::{
@@ -200,9 +200,13 @@ impl Recording {
             }
             let (error, threshold) = (grid.report.error.p99, scene.contact().threshold);
             if error > threshold {
+                let advice = match self.options.grid.resolution {
+                    None => "are its units metres? If so, give --grid-resolution",
+                    Some(_) => "give a finer --grid-resolution, or none",
+                };
                 console.warn(format!(
                     "link {:?}: the distance grid of its mesh is off by {} m (99 %), more than the \
-                     contact threshold of {} m; are its units metres? If so, give --grid-resolution",
+                     contact threshold of {} m; {advice}",
                     scene.robot.links()[grid.link].name(),
                     number(error),
                     number(threshold),
@@ -292,6 +296,21 @@ pub fn explain(error: PipelineError) -> anyhow::Error {
             "{}: {uri:?} needs the folder of package {package:?}; give it by --package {package}=PATH",
             path.display()
         ),
+        PipelineError::Robot(e @ RobotError::UnknownLink { .. }) => usage(format!("--links: {e}")),
+        // The automatic spacing never needs so many.
+        PipelineError::LinkShape {
+            link,
+            source:
+                ContactError::GridTooLarge {
+                    resolution,
+                    nodes,
+                    max,
+                },
+            ..
+        } => usage(format!(
+            "--grid-resolution: at {resolution} m the mesh of link {link:?} needs {nodes} nodes, more than \
+             {max}; give a coarser one, or none"
+        )),
         _ => error.into(),
     }
 }

@@ -1,7 +1,7 @@
 //! Parameters shared by the commands, as flags over the library's defaults.
 
 use crate::exit::usage;
-use crate::range::{finite, not_negative, positive, replays};
+use crate::range::{finite, not_negative, positive, replays, spacing};
 use clap::builder::RangedU64ValueParser;
 use clap::{Args, ValueEnum};
 use std::collections::BTreeMap;
@@ -90,8 +90,8 @@ pub struct ContactSettings {
     /// the rest points alone, as the paper does, at an eighth of the cost
     #[arg(long, value_parser = RangedU64ValueParser::<usize>::new().range(1..=8))]
     subdivision: Option<usize>,
-    /// Spacing of the distance grids of meshes [m]; chosen for an error of 0.5 mm by default
-    #[arg(long, allow_negative_numbers = true, value_parser = positive)]
+    /// Spacing of the distance grids of meshes [m], 1e-6 to 1; chosen for an error of 0.5 mm by default
+    #[arg(long, allow_negative_numbers = true, value_parser = spacing)]
     grid_resolution: Option<f64>,
     /// Folder that keeps finished distance grids
     #[arg(long)]
@@ -292,7 +292,9 @@ impl MetadataSettings {
     pub fn flag(&self, key: &str) -> Option<&'static str> {
         let (is_set, flag) = match key {
             "joints" => (self.joints.is_some(), "--joints"),
-            "joint_types" => (self.joint_types.is_some(), "--joint-types"),
+            "joint_types" if self.joint_types.is_some() => (true, "--joint-types"),
+            // Types of the file do not fit joints of the flag.
+            "joint_types" => (self.joints.is_some(), "--joints"),
             "tare_samples" => (self.tare_samples.is_some(), "--tare-samples"),
             "splits" => (
                 self.train.is_some() || self.test.is_some(),
@@ -350,14 +352,14 @@ impl EstimatorSettings {
         use EstimatorKind::{Batch, Diagonal, Exact, Information, Printed, Replay, Updated};
         let kind = self.kind();
         if !matches!(kind, Replay | Printed | Updated) && self.replay.is_some_and(|r| r > 0) {
-            return Err(self.without("replay", "replay"));
+            return Err(self.without("--replay", "replay", "replay"));
         }
         if !matches!(kind, Exact | Information) && self.projection.is_some() {
-            return Err(self.without("projection", "exact"));
+            return Err(self.without("--projection", "projection", "exact"));
         }
         let projection = match self.projection {
             Some(ProjectionKind::Constrained) if kind == Information => {
-                return Err(self.without("constrained projection", "exact"));
+                return Err(self.without("--projection", "constrained projection", "exact"));
             }
             None if kind == Information => Projection::OutputOnly,
             None | Some(ProjectionKind::Constrained) => Projection::Constrained,
@@ -380,10 +382,10 @@ impl EstimatorSettings {
         })
     }
 
-    fn without(&self, feature: &str, other: &str) -> anyhow::Error {
+    fn without(&self, flag: &str, feature: &str, other: &str) -> anyhow::Error {
         let name = self.name();
         usage(format!(
-            "the estimator `{name}` has no {feature}; choose `{other}`"
+            "{flag}: the estimator `{name}` has no {feature}; choose `{other}`"
         ))
     }
 

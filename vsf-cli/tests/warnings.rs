@@ -87,7 +87,7 @@ fn silent_torques() {
     assert!(warnings.contains("all zero"), "{json}");
     // Every result has the list.
     for line in [
-        "bench --points 8 --steps 2 --json",
+        "bench --points 1000 --steps 2 --json",
         "export truth --out a.ply --json",
     ] {
         assert!(bench.ok(line).contains("\"warnings\": []"), "{line}");
@@ -162,7 +162,16 @@ fn grids_too_coarse_for_contact() {
     warns(
         &bench,
         "info arm --grid-resolution 0.03",
-        &["link \"rod\"", "contact threshold of 0.002"],
+        &[
+            "link \"rod\"",
+            "contact threshold of 0.002",
+            "a finer --grid-resolution",
+        ],
+    );
+    bench.fails(
+        "info arm --grid-resolution 1e-5",
+        2,
+        &["--grid-resolution", "\"rod\"", "a coarser one"],
     );
     assert_eq!(bench.warned("info arm"), "");
 }

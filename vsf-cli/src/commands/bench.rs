@@ -1,4 +1,5 @@
 use crate::console::{Console, number, table};
+use crate::exit::usage;
 use crate::range::{positive, replays};
 use vsf::pipeline::{
     BenchOptions, BenchReport, LOADED_STEPS, SoakOptions, SoakReport, SoakTenth, bench, soak,
@@ -49,6 +50,12 @@ pub fn run(args: &Args, console: &Console) -> anyhow::Result<()> {
         replays: args.replay,
     })?;
     spinner.finish_and_clear();
+    if report.contacts == 0 {
+        let points = report.points;
+        return Err(usage(format!(
+            "--points {points}: the push ends without contact, there is nothing to time; take more"
+        )));
+    }
     console.json(&report)?;
     console.report(text(&report, args.replay))
 }

@@ -3,6 +3,7 @@ use crate::exit::usage;
 use crate::field_file::FieldFile;
 use crate::range::count;
 use crate::recording::{Default, FieldArgs, Recording, traces, untouched};
+use clap::builder::RangedU64ValueParser;
 use serde::Serialize;
 use std::collections::BTreeMap;
 use vsf::data::Sequence;
@@ -34,9 +35,10 @@ pub struct Args {
     /// Neighbours of the knn baseline
     #[arg(long, default_value_t = 50, value_parser = count)]
     neighbours: usize,
-    /// Units of each hidden layer of the mlp baseline; by default the best of the paper's sizes on
+    /// Units of each hidden layer of the mlp baseline, 1 to 4096; by default the best of the paper's sizes on
     /// samples held out
-    #[arg(long, value_delimiter = ',', value_parser = count)]
+    #[arg(long, value_delimiter = ',',
+          value_parser = RangedU64ValueParser::<usize>::new().range(1..=4096))]
     hidden: Option<Vec<usize>>,
     /// Seed of the mlp baseline
     #[arg(long, default_value_t = 0)]
