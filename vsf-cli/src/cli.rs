@@ -26,7 +26,7 @@ pub struct Cli {
     /// No report and no progress bars; errors, warnings and --json remain
     #[arg(long, short, global = true)]
     pub quiet: bool,
-    /// Machine-readable results to FILE, or to standard output in place of the report. Give it
+    /// Machine-readable results to FILE, or (also by -) to standard output in place of the report. Give it
     /// last, or as --json=FILE. Every result has the key `warnings`, a list of texts
     #[arg(long, global = true, value_name = "FILE", num_args = 0..=1)]
     pub json: Option<Option<PathBuf>>,

@@ -4,8 +4,8 @@
 //! checks holds for them too.
 
 use crate::cli::Cli;
+use crate::console::{Console, read_text};
 use crate::exit::usage;
-use anyhow::Context;
 use clap::error::{ContextKind, ContextValue, ErrorKind};
 use clap::parser::ValueSource;
 use clap::{Arg, ArgAction, ArgMatches, Args, Command, CommandFactory, Parser, ValueEnum};
@@ -35,6 +35,29 @@ pub struct Sources {
     preset: Option<Preset>,
 }
 
+impl Sources {
+    /// Refuses an output for machines in the place of the file.
+    pub fn keep(&self, console: &Console) -> anyhow::Result<()> {
+        (self.config.iter()).try_for_each(|file| console.keep_input(file))
+    }
+}
+
+/// Where flags come from that are not on the command line, by their names.
+#[derive(Debug, Default)]
+pub struct Origins(BTreeMap<String, String>);
+
+impl Origins {
+    /// The error, with the place of the flag whose fault it is by its first word.
+    pub fn locate(&self, error: anyhow::Error) -> anyhow::Error {
+        let text = error.to_string();
+        let flag = text.split(|c: char| c != '-' && !c.is_ascii_alphanumeric());
+        match flag.take(1).find_map(|flag| self.0.get(flag)) {
+            Some(place) => error.context(place.clone()),
+            None => error,
+        }
+    }
+}
+
 #[derive(Debug, Clone, Copy, ValueEnum)]
 enum Preset {
     /// All values of the paper: prior N(0, 0.1²), noise sd 1, eq. 7 and Alg. 1 as printed (20
@@ -44,6 +67,11 @@ enum Preset {
 }
 
 impl Preset {
+    fn place(self) -> String {
+        let name = self.to_possible_value();
+        name.map_or_else(String::new, |v| format!("--preset {}", v.get_name()))
+    }
+
     fn values(self) -> [(&'static str, &'static str); 11] {
         let Self::Paper = self;
         [
@@ -62,12 +90,13 @@ impl Preset {
     }
 }
 
-/// Reads the command line. Wrong usage of flags ends the process, as do `--help` and `--version`.
+/// Reads the command line, and says where flags come from that are not on it. Wrong usage of flags ends the process, as do `--help` and `--version`.
 ///
 /// # Errors
 /// A configuration file that cannot be used; `--json` in front of what is no file of its own.
-pub fn parse() -> anyhow::Result<Cli> {
+pub fn parse() -> anyhow::Result<(Cli, Origins)> {
     let mut line: Vec<OsString> = std::env::args_os().collect();
+    let mut origins = Origins::default();
     // What a flag must give may come from the file.
     let lenient = Cli::command()
         .mut_subcommands(|command| command.mut_args(|arg| arg.required(false)))
@@ -76,14 +105,17 @@ pub fn parse() -> anyhow::Result<Cli> {
         && let Some((name, given)) = matches.subcommand()
     {
         let end = line.iter().position(|a| a == "--").unwrap_or(line.len());
-        line.splice(end..end, further(name, given)?);
+        for further in further(name, given)? {
+            origins.0.insert(further.flag, further.place);
+            line.splice(end..end, further.words);
+        }
     }
     let parsed = Cli::try_parse_from(&line);
     match swallowed(&line).filter(|word| is_missed(word, &parsed)) {
         Some(word) => Err(usage(format!(
             "--json takes {word:?} for the file to write; give --json last, or its file as --json=FILE"
         ))),
-        None => parsed.map_err(|e| e.exit()),
+        None => parsed.map(|cli| (cli, origins)).map_err(|e| e.exit()),
     }
 }
 
@@ -109,38 +141,64 @@ fn is_missed(word: &str, parsed: &Result<Cli, clap::Error>) -> bool {
     }
 }
 
+/// A flag that preset or file add.
+struct Further {
+    flag: String,
+    /// The words of the line that give it.
+    words: Vec<OsString>,
+    /// Where it stands.
+    place: String,
+}
+
+impl Further {
+    /// The flag of `arg` with these values, checked.
+    fn new(
+        arg: &Arg,
+        values: impl IntoIterator<Item = String>,
+        place: String,
+    ) -> anyhow::Result<Self> {
+        Ok(Self {
+            flag: format!("--{}", arg.get_long().unwrap_or_default()),
+            words: flags(arg, values)?,
+            place,
+        })
+    }
+}
+
 /// The flags that preset and file add to those of command `name`.
-fn further(name: &str, given: &ArgMatches) -> anyhow::Result<Vec<OsString>> {
+fn further(name: &str, given: &ArgMatches) -> anyhow::Result<Vec<Further>> {
     let mut all = Cli::command();
     all.build();
     let none = || Command::new("");
     let command = all.find_subcommand(name).cloned().unwrap_or_else(none);
     let path = |id| given.try_get_one::<PathBuf>(id).ok().flatten();
     let preset = given.try_get_one::<Preset>("preset").ok().flatten();
-    let mut values: BTreeMap<&str, Vec<OsString>> = BTreeMap::new();
-    for (key, value) in preset.iter().flat_map(|p| p.values()) {
-        if let Some(arg) = find(shared(&command), key) {
-            values.insert(arg.get_id().as_str(), flags(arg, [value.to_owned()])?);
+    let mut values: BTreeMap<&str, Further> = BTreeMap::new();
+    if let Some(preset) = preset {
+        for (key, value) in preset.values() {
+            if let Some(arg) = find(shared(&command), key) {
+                let further = Further::new(arg, [value.to_owned()], preset.place())?;
+                values.insert(arg.get_id().as_str(), further);
+            }
         }
     }
     if let Some(path) = path("config") {
-        let text = std::fs::read_to_string(path)
-            .with_context(|| format!("cannot read {}", path.display()))?;
+        let text = read_text(path)?;
         let file = File { path, text: &text };
-        for (own, key, flags) in file.read(&all)? {
+        for (own, key, further) in file.read(&all)? {
             let place = match own {
                 None => find(shared(&command), &key),
                 Some(own) if own == name => find(parameters(&command), &key),
                 Some(_) => None,
             };
             if let Some(arg) = place {
-                values.insert(arg.get_id().as_str(), flags);
+                values.insert(arg.get_id().as_str(), further);
             }
         }
     }
     let by_hand = |id: &str| given.value_source(id) == Some(ValueSource::CommandLine);
     values.retain(|id, _| !by_hand(id));
-    Ok(values.into_values().flatten().collect())
+    Ok(values.into_values().collect())
 }
 
 /// The parameters of a command, those that it shares with others included.
@@ -194,8 +252,8 @@ struct File<'a> {
     text: &'a str,
 }
 
-/// A command (none: at the top), a key, and its value as flags.
-type Entry = (Option<String>, String, Vec<OsString>);
+/// A command (none: at the top), a key, and its value as a flag.
+type Entry = (Option<String>, String, Further);
 
 impl File<'_> {
     /// All entries, each checked; those at the top come first.
@@ -210,8 +268,8 @@ impl File<'_> {
         for (key, value) in table.get_ref() {
             let DeValue::Table(inner) = value.get_ref() else {
                 let args: Vec<&Arg> = takers().flat_map(shared).collect();
-                let flags = self.entry(&args, key, value)?;
-                top.push((None, key.get_ref().to_string(), flags));
+                let further = self.entry(&args, key, value)?;
+                top.push((None, key.get_ref().to_string(), further));
                 continue;
             };
             let Some(command) = takers().find(|c| c.get_name() == key.get_ref()) else {
@@ -234,13 +292,13 @@ impl File<'_> {
         Ok(top)
     }
 
-    /// One entry as flags of the one of `args` that it names.
+    /// One entry as a flag of the one of `args` that it names.
     fn entry(
         &self,
         args: &[&Arg],
         key: &toml::Spanned<std::borrow::Cow<str>>,
         value: &toml::Spanned<DeValue>,
-    ) -> anyhow::Result<Vec<OsString>> {
+    ) -> anyhow::Result<Further> {
         let name = key.get_ref();
         let Some(arg) = find(args.iter().copied(), name) else {
             let mut known: Vec<&str> = args.iter().filter_map(|a| a.get_long()).collect();
@@ -255,13 +313,18 @@ impl File<'_> {
             let problem = "takes a number, a text, true or false, or a list that is not empty";
             self.wrong(value.span(), &format!("{name} {problem}"))
         })?;
-        flags(arg, texts).map_err(|e| self.wrong(value.span(), &e.to_string()))
+        Further::new(arg, texts, self.place(value.span()))
+            .map_err(|e| self.wrong(value.span(), &e.to_string()))
     }
 
     fn wrong(&self, span: Range<usize>, problem: &str) -> anyhow::Error {
+        usage(format!("{}: {problem}", self.place(span)))
+    }
+
+    fn place(&self, span: Range<usize>) -> String {
         let before = self.text.get(..span.start).unwrap_or_default();
         let line = before.matches('\n').count() + 1;
-        usage(format!("{} line {line}: {problem}", self.path.display()))
+        format!("{} line {line}", self.path.display())
     }
 }
 

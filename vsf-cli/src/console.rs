@@ -25,8 +25,9 @@ struct WithWarnings<'a, T: Serialize> {
 }
 
 impl Console {
-    /// `json`: not wanted, to standard output, or to a file, whose folder must exist.
+    /// `json`: not wanted, to standard output (also by `-`), or to a file, whose folder must exist.
     pub fn new(quiet: bool, json: Option<Option<PathBuf>>) -> anyhow::Result<Self> {
+        let json = json.map(|to| to.filter(|path| path.as_os_str() != "-"));
         if let Some(Some(path)) = &json {
             check_file("--json", path)?;
         }
@@ -93,13 +94,19 @@ impl Console {
         Ok(())
     }
 
-    /// Refuses an output file that is the one for machines.
-    pub fn keep_apart(&self, out: &[PathBuf]) -> anyhow::Result<()> {
-        match &self.json {
-            Some(Some(json)) if out.iter().any(|out| place(out) == place(json)) => {
-                Err(usage("--json and --out name the same file"))
-            }
-            _ => Ok(()),
+    /// Refuses an output for machines that is another output, or lies in it.
+    pub fn keep_apart(&self, out: &[impl AsRef<Path>]) -> anyhow::Result<()> {
+        let Some(Some(json)) = &self.json else {
+            return Ok(());
+        };
+        let holds = |out: &&Path| place(json).starts_with(place(out));
+        match out.iter().map(AsRef::as_ref).find(holds) {
+            Some(out) => Err(usage(format!(
+                "--json {} would replace --out {} or a part of it",
+                json.display(),
+                out.display()
+            ))),
+            None => Ok(()),
         }
     }
 
@@ -182,6 +189,12 @@ fn print(text: &str) -> anyhow::Result<()> {
         Err(e) if e.kind() == ErrorKind::BrokenPipe => Ok(()),
         done => done.context("cannot write to standard output"),
     }
+}
+
+/// The text of a file that a flag names.
+pub fn read_text(path: &Path) -> anyhow::Result<String> {
+    // As one that cannot be read even where it is missing: it is no part of a recording.
+    Ok(vsf::data::read_text(path).map_err(std::io::Error::other)?)
 }
 
 /// Replaces a file as a whole; an interruption waits for it.

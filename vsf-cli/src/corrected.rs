@@ -1,6 +1,6 @@
 //! Recordings under a corrected model, as `vsf diagnose --model` writes it.
 
-use crate::console::Console;
+use crate::console::{Console, read_text};
 use crate::recording::Recording;
 use anyhow::Context;
 use std::path::PathBuf;
@@ -36,8 +36,7 @@ impl ModelArgs {
         };
         console.keep_input(&path)?;
         let place = || path.display().to_string();
-        let text =
-            std::fs::read_to_string(&path).with_context(|| format!("cannot read {}", place()))?;
+        let text = read_text(&path)?;
         let file = ModelFile::from_json(&text).with_context(place)?;
         Ok(Some(CorrectedModel { path, file }))
     }

@@ -70,7 +70,7 @@ impl FieldFile {
         named || path.is_file() || path.join("K.npy").is_file()
     }
 
-    /// Reads an `.npz` or a folder and prints its warnings.
+    /// Reads an `.npz` or a folder, which `--json` must not name, and prints its warnings.
     pub fn open(path: &Path, console: &Console) -> anyhow::Result<Self> {
         if let Some(kind @ ("ply" | "mcap")) = path.extension().and_then(|e| e.to_str()) {
             let path = path.display();
@@ -78,6 +78,7 @@ impl FieldFile {
                 "{path}: a .{kind} is for looking at; give the .npz or the folder"
             )));
         }
+        console.keep_input(path)?;
         let (field, warnings) = StiffnessField::open(path)?;
         warnings.iter().for_each(|w| console.warn(w));
         Self::new(path.to_owned(), field)

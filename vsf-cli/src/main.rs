@@ -32,7 +32,8 @@ fn main() -> ExitCode {
 }
 
 fn run() -> anyhow::Result<()> {
-    let cli = config::parse()?;
+    let (cli, origins) = config::parse()?;
     interrupt::install()?;
-    commands::run(&cli.command, &Console::new(cli.quiet, cli.json)?)
+    let console = Console::new(cli.quiet, cli.json)?;
+    commands::run(&cli.command, &console).map_err(|e| origins.locate(e))
 }

@@ -6,7 +6,7 @@ use crate::field_file::FieldFile;
 use crate::settings::{MetadataSettings, SceneSettings};
 use std::path::{Path, PathBuf};
 use vsf::contact::{CacheUse, ContactError};
-use vsf::data::{DataError, Dataset, Sequence};
+use vsf::data::{DataError, Dataset, RobotRef, Sequence};
 use vsf::gap::Campaign;
 use vsf::pipeline::{
     PipelineError, Scene, SceneOptions, Trace, mesh_warnings, motion_warnings, reading_warnings,
@@ -63,6 +63,7 @@ impl FieldArgs {
         out: &Path,
         console: &Console,
     ) -> anyhow::Result<(Recording, FieldFile, Scene, Option<CorrectedModel>)> {
+        console.keep_apart(&[out])?;
         let model = self.model.open(console)?;
         let recording = self.recording.open(console)?;
         recording.check_out(out)?;
@@ -76,7 +77,7 @@ impl FieldArgs {
 impl RecordingArgs {
     /// Opens the recording and prints its warnings.
     pub fn open(&self, console: &Console) -> anyhow::Result<Recording> {
-        console.keep_input(&self.dataset)?;
+        self.sources.keep(console)?;
         Recording::open(&self.dataset, &self.scene, console)
     }
 }
@@ -94,10 +95,12 @@ impl Recording {
         check_out(out)
     }
 
-    /// Opens a folder and prints its warnings.
+    /// Opens a folder, of which `--json` must not name a part, and prints its warnings.
     pub fn open(path: &Path, settings: &SceneSettings, console: &Console) -> anyhow::Result<Self> {
+        console.keep_input(path)?;
         let (dataset, warnings) = Dataset::open(path, &settings.metadata.overrides()?)
             .map_err(|e| blame(&settings.metadata, e))?;
+        keep_robot(Some(&dataset.robot), console)?;
         warnings.iter().for_each(|w| console.warn(w));
         Ok(Self {
             path: path.to_owned(),
@@ -127,7 +130,9 @@ impl Recording {
                 };
                 dataset.sequence(id).ok_or_else(|| {
                     let (path, known) = (self.path.display(), known().join(", "));
-                    anyhow::anyhow!("{path}: no sequence {id:?}; there are {known}")
+                    usage(format!(
+                        "--sequences: {path} has no sequence {id:?}; there are {known}"
+                    ))
                 })
             };
             return ids.iter().enumerate().map(find).collect();
@@ -251,10 +256,7 @@ impl Recording {
     /// The given field, or the one stored in the recording.
     pub fn field(&self, given: Option<&Path>, console: &Console) -> anyhow::Result<FieldFile> {
         match (given, &self.dataset.field) {
-            (Some(path), _) => {
-                console.keep_input(path)?;
-                FieldFile::open(path, console)
-            }
+            (Some(path), _) => FieldFile::open(path, console),
             (None, Some(field)) => FieldFile::new(self.path.clone(), field.clone()),
             (None, None) => Err(usage("--field is required: the recording stores no field")),
         }
@@ -266,6 +268,25 @@ pub fn check_out(out: &Path) -> anyhow::Result<()> {
     check_folder("--out", out, "a recording", |names| {
         unmarked(names, &["dataset.json"])
     })
+}
+
+/// Refuses an output for machines in the place of a robot's file.
+pub fn keep_robot(robot: Option<&RobotRef>, console: &Console) -> anyhow::Result<()> {
+    let urdf = robot.and_then(|robot| robot.path.as_deref());
+    urdf.map_or(Ok(()), |urdf| console.keep_input(urdf))
+}
+
+/// Refuses flags that are of recordings where the input is a field.
+pub fn needs_recording(input: &Path, flags: &[(&str, bool)]) -> anyhow::Result<()> {
+    match flags.iter().find(|(_, given)| *given) {
+        Some((flag, _)) => {
+            let input = input.display();
+            Err(usage(format!(
+                "{flag} needs a recording; {input} is a field"
+            )))
+        }
+        None => Ok(()),
+    }
 }
 
 /// A fault of the metadata, laid to the flag that set it.

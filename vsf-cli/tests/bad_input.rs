@@ -124,6 +124,14 @@ fn flags_are_blamed_for_what_they_set() {
     );
     bench.fails("info data --train a,a", 2, &["--train", "twice"]);
     bench.fails("info data --test x", 2, &["--test", "\"x\""]);
+    bench.fails("info data --links nope", 2, &["--links", "nope", "link_3"]);
+    let types = r#""joint_types": ["prismatic", "prismatic", "prismatic"], "rate_hz""#;
+    bench.metadata(&METADATA.replace("\"rate_hz\"", types));
+    bench.fails(
+        "info data --joints a",
+        2,
+        &["--joints", "3 types for 1 joints"],
+    );
 }
 
 #[test]
@@ -239,7 +247,11 @@ fn splits_and_ids() {
     bench.fails(INFO, 1, &["dataset.json", "\"x\"", "seq_x"]);
     bench.metadata(r#"{"robot": "cartesian_stage", "rate_hz": 50}"#);
     bench.fails("evaluate data --field truth", 1, &["test split is empty"]);
-    bench.fails("estimate data --sequences a,zz", 1, &["\"zz\"", "a, b, c"]);
+    bench.fails(
+        "estimate data --sequences a,zz",
+        2,
+        &["--sequences", "\"zz\"", "a, b, c"],
+    );
     bench.metadata("{ nonsense");
     bench.fails(INFO, 1, &["dataset.json line 1"]);
     bench.metadata(&format!("\u{feff}{METADATA}"));
@@ -439,6 +451,13 @@ fn links_and_pipes() {
     let made = Command::new("mkfifo").arg(at("seq_a/torques.npy")).status();
     assert!(made.unwrap().success());
     bench.fails(INFO, 3, &["seq_a/torques.npy", "pipe"]);
+    for flags in ["--config /dev/zero", "--model /dev/zero"] {
+        bench.fails(
+            &format!("estimate data {flags}"),
+            3,
+            &["/dev/zero", "device"],
+        );
+    }
 }
 
 #[cfg(unix)]

@@ -5,6 +5,7 @@
 mod common;
 use common::{Bench, METADATA, vsf};
 use std::fs;
+use std::path::Path;
 
 fn has_keys(json: &str, keys: &[&str]) {
     for key in keys {
@@ -278,6 +279,9 @@ fn files_set_what_flags_set() {
         ),
         ("threshold = nan", ["line 1", "number > 0"]),
         ("links = []", ["links", "not empty"]),
+        // What only the command can tell.
+        ("\ngravity = [0, 0]", ["line 2", "--gravity takes 3"]),
+        ("links = \"nope\"", ["line 1", "--links: no link 'nope'"]),
         ("threshold = [1, 2]", ["line 1", "--threshold"]),
         ("[export]\ndeviation = 3", ["line 2", "--deviation"]),
         ("threshold = 1\nthreshold = 2", ["line 2", "duplicate"]),
@@ -303,6 +307,13 @@ fn numbers_out_of_range_name_their_flag() {
         ("info data --padding=-1", "padding"),
         ("info data --subdivision=9", "--subdivision"),
         ("info data --grid-resolution=0", "--grid-resolution"),
+        ("info data --grid-resolution=1e90", "--grid-resolution"),
+        ("info data --threshold=1e-300", "from 1e-100 to 1e100"),
+        (
+            "evaluate data --baseline=mlp --hidden=18446744073709551615",
+            "--hidden",
+        ),
+        ("experiment blind --cases=18446744073709551615", "--cases"),
         ("estimate data --prior-sd=1e200", "--prior-sd"),
         ("evaluate data --neighbours=0", "--neighbours"),
         ("estimate data --replay=99999999999", "--replay"),
@@ -352,6 +363,20 @@ fn usage_errors() {
         2,
         &["--json", "--out"],
     );
+    bench.fails(
+        "estimate data --preset paper --estimator batch",
+        2,
+        &["--preset paper: --replay"],
+    );
+    for flag in ["--sequences a", "--field truth", "--torques x"] {
+        let line = format!("export truth --out a.ply {flag}");
+        bench.fails(&line, 2, &["needs a recording", "truth"]);
+    }
+    bench.fails(
+        "export data --out a.mcap --sequences a",
+        2,
+        &["--sequences", "--torques"],
+    );
     bench.fails("simulate data --out data", 2, &["the recording itself"]);
     bench.fails("simulate data --out data/seq_1", 2, &["data/seq_1"]);
     bench.fails("estimate data --noise-sd=-1", 2, &["--noise-sd"]);
@@ -386,6 +411,8 @@ fn json_to_a_file_and_quiet() {
         ],
     );
     assert_eq!(bench.ok("info data --quiet"), "");
+    assert_eq!(bench.ok("info data --json=-"), json);
+    assert!(!bench.root.join("-").exists());
     let json = bench.ok("bench --points 1000 --replay 1 --soak 0.002 --json");
     has_keys(
         &json,
@@ -402,6 +429,11 @@ fn json_to_a_file_and_quiet() {
         ],
     );
     bench.fails("bench --soak 1 --steps 4", 2, &["--soak", "--steps"]);
+    bench.fails(
+        "bench --points 1 --steps 4",
+        2,
+        &["--points 1", "without contact"],
+    );
     let json = bench.ok("bench --points 1000 --steps 4 --json");
     has_keys(
         &json,
@@ -582,6 +614,46 @@ fn json_never_replaces_an_input() {
     }
     assert!(fs::read(bench.root.join("field.npz")).unwrap() == before);
     bench.ok("info touch");
+
+    fs::write(bench.root.join("c.toml"), "threshold = 0.002\n").unwrap();
+    let urdf = Path::new(env!("CARGO_MANIFEST_DIR")).join("data/orange_tree/robot.urdf");
+    fs::copy(urdf, bench.root.join("r.urdf")).unwrap();
+    for (line, kept) in [
+        ("info touch --config c.toml --json=c.toml", "c.toml"),
+        (
+            "view touch --config c.toml --out v.html --json=c.toml",
+            "c.toml",
+        ),
+        ("info touch --robot r.urdf --json=./r.urdf", "r.urdf"),
+        ("export field.npz --out f.ply --json=field.npz", "field.npz"),
+        (
+            "experiment table1 nowhere touch --json=touch/dataset.json",
+            "touch",
+        ),
+    ] {
+        bench.fails(line, 2, &["--json", "would replace a part of", kept]);
+    }
+    // Nor what is written beside it, which is told before the work.
+    for command in ["predict", "simulate"] {
+        let line = format!("{command} touch --field field.npz --out p9 --json=p9");
+        bench.fails(&line, 2, &["--json p9", "--out p9"]);
+        assert!(!bench.root.join("p9").exists());
+    }
+}
+
+/// Stamps may be those of a clock.
+#[test]
+fn torques_of_any_time_are_drawn() {
+    let bench = Bench::touched();
+    let time: Vec<f64> = (0..common::ROWS).map(|k| 1.7e9 + 0.02 * k as f64).collect();
+    common::npy(
+        &bench.root.join("touch/seq_c/time.npy"),
+        &[common::ROWS],
+        &time,
+    );
+    bench.ok("export touch --field truth --torques plots");
+    let svg = fs::read_to_string(bench.root.join("plots/torques_c.svg")).unwrap();
+    assert!(svg.contains("0.4") && !svg.contains("1700000000"));
 }
 
 /// A field knows the contact that it was estimated with.

@@ -308,6 +308,12 @@ fn what_is_refused() {
         2,
         &["--json", "--model", "same file"],
     );
+    fs::write(bench.root.join("mine.json"), "{}").unwrap();
+    bench.fails(
+        "diagnose touch --model mine.json",
+        2,
+        &["--model mine.json", "something else"],
+    );
     bench.fails("diagnose touch --seed x", 2, &["--seed"]);
     bench.fails("diagnose touch --train a,b,c --test x", 2, &["--test"]);
 

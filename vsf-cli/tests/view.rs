@@ -200,7 +200,7 @@ fn what_is_refused() {
     refused("view truth --sequences a --out a.html", 2, &["--sequences"]);
     refused(
         "view data --sequences a,zz --out a.html",
-        1,
+        2,
         &["\"zz\"", "a, b, c"],
     );
     refused(

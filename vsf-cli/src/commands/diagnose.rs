@@ -1,4 +1,4 @@
-use crate::console::{Console, texts};
+use crate::console::{Console, read_text, texts};
 use crate::diagnosis::{page, text};
 use crate::exit::usage;
 use crate::range::ending;
@@ -49,6 +49,15 @@ pub fn run(args: &Args, console: &Console) -> anyhow::Result<()> {
         .filter_map(|(flag, path)| Some((flag, path.as_deref()?)))
         .collect();
     console.check_outputs(&outputs, &args.recording.dataset)?;
+    if let Some(path) = args.model.as_deref().filter(|path| path.is_file()) {
+        let earlier = read_text(path)?;
+        ModelFile::from_json(&earlier).map_err(|_| {
+            let path = path.display();
+            usage(format!(
+                "--model {path} holds something else; choose a new file, or a corrected model to replace"
+            ))
+        })?;
+    }
     let recording = args.recording.open(console)?;
     let campaign = recording.campaign(console)?;
     let name = &recording.dataset.name;

@@ -5,7 +5,7 @@ use crate::field_file::{FieldFile, FieldFormat, check_out, save};
 use crate::interrupt::writing;
 use crate::pictures::{self, Surroundings, View};
 use crate::range::positive;
-use crate::recording::{Default, Recording, traces};
+use crate::recording::{Default, Recording, needs_recording, traces};
 use crate::settings::SceneSettings;
 use anyhow::Context;
 use std::path::{Path, PathBuf};
@@ -59,10 +59,16 @@ pub fn run(args: &Args, console: &Console) -> anyhow::Result<()> {
         return Err(usage("nothing to write: give --out FILE or --torques DIR"));
     }
     args.out.iter().try_for_each(|out| check_out(out))?;
+    args.sources.keep(console)?;
     console.keep_apart(&args.out)?;
-    let written = match (FieldFile::is_at(&args.input), &args.torques) {
-        (true, Some(_)) => return Err(usage("--torques needs a recording and --field")),
-        (true, None) => {
+    let written = match FieldFile::is_at(&args.input) {
+        true => {
+            let given = [
+                ("--field", args.field.is_some()),
+                ("--torques", args.torques.is_some()),
+                ("--sequences", args.sequences.is_some()),
+            ];
+            needs_recording(&args.input, &given)?;
             let field = FieldFile::open(&args.input, console)?;
             write_field(
                 args,
@@ -71,7 +77,7 @@ pub fn run(args: &Args, console: &Console) -> anyhow::Result<()> {
                 &McapExport::default(),
             )?
         }
-        (false, _) => from_recording(args, console)?,
+        false => from_recording(args, console)?,
     };
     let written = texts(&written);
     let lines: String = written.iter().map(|p| format!("wrote {p}\n")).collect();
@@ -80,6 +86,9 @@ pub fn run(args: &Args, console: &Console) -> anyhow::Result<()> {
 }
 
 fn from_recording(args: &Args, console: &Console) -> anyhow::Result<Vec<PathBuf>> {
+    if args.sequences.is_some() && args.torques.is_none() {
+        return Err(usage("--sequences are those to plot; give --torques DIR"));
+    }
     let recording = Recording::open(&args.input, &args.scene, console)?;
     let dataset = &recording.dataset;
     let is_mcap = |out: &PathBuf| FieldFormat::of(out).is_ok_and(|f| f == FieldFormat::Mcap);

@@ -3,7 +3,7 @@ use crate::console::{Console, number, table};
 use crate::derived::save;
 use crate::exit::usage;
 use crate::range::{finite, positive};
-use crate::recording::{blame, check_out, explain};
+use crate::recording::{blame, check_out, explain, keep_robot};
 use crate::settings::MetadataSettings;
 use serde::Serialize;
 use std::path::PathBuf;
@@ -89,6 +89,8 @@ struct Entry {
 pub fn run(args: &Args, console: &Console) -> anyhow::Result<()> {
     let mut inputs = args.files.iter().chain(&args.points);
     inputs.try_for_each(|f| console.keep_input(f))?;
+    args.sources.keep(console)?;
+    console.keep_apart(&[&args.out])?;
     check_out(&args.out)?;
     let filled = args.corners.as_ref().map(|c| Filled::new(c, args.spacing));
     let filled = filled.transpose()?;
@@ -113,6 +115,7 @@ pub fn run(args: &Args, console: &Console) -> anyhow::Result<()> {
         log = log.with_points(points);
         given.object_bbox = Some(corners);
     }
+    keep_robot(given.robot.as_ref(), console)?;
     let packages = args.metadata.packages();
     let known = log.metadata(&given).map_err(refused)?;
     let joints: Vec<String> = match &known.robot {

@@ -3,7 +3,7 @@ use crate::console::{Console, Written, texts};
 use crate::exit::usage;
 use crate::field_file::FieldFile;
 use crate::range::{ending, positive};
-use crate::recording::{Default, Recording};
+use crate::recording::{Default, Recording, needs_recording};
 use crate::settings::SceneSettings;
 use crate::view::{Cloud, View, in_air, in_scene, page};
 use std::path::PathBuf;
@@ -43,6 +43,7 @@ pub struct Args {
 }
 
 pub fn run(args: &Args, console: &Console) -> anyhow::Result<()> {
+    args.sources.keep(console)?;
     console.check_outputs(&[("--out", &args.out)], &args.input)?;
     let html = match FieldFile::is_at(&args.input) {
         true => of_field(args, console)?,
@@ -59,12 +60,7 @@ fn of_field(args: &Args, console: &Console) -> anyhow::Result<String> {
         ("--field", args.field.is_some()),
         ("--sequences", args.sequences.is_some()),
     ];
-    if let Some((flag, _)) = given.iter().find(|(_, given)| *given) {
-        let input = args.input.display();
-        return Err(usage(format!(
-            "{flag} needs a recording; {input} is a field"
-        )));
-    }
+    needs_recording(&args.input, &given)?;
     let file = FieldFile::open(&args.input, console)?;
     let cloud = Cloud::of_field(&file, args.full_scale)?;
     let title = args.input.file_stem().unwrap_or_default().to_string_lossy();
