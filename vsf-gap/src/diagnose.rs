@@ -6,7 +6,7 @@ use crate::next::{NextExperiment, next_experiment};
 use crate::nominal::Fitted;
 use crate::refine::Refined;
 use crate::screen::{Screened, Tangent, best_of, log_mean_exp, screen};
-use crate::verdict::{Hypothesis, Verdict, judge, needed_beside, threshold};
+use crate::verdict::{Hypothesis, Nominal, Verdict, judge, needed_beside, threshold};
 use crate::windows::Windows;
 use crate::{Acts, Campaign, Effect, GapError, Model, Motion, Parameter, Role};
 use faer::Mat;
@@ -24,6 +24,8 @@ const SECONDS: usize = 2;
 const HOPELESS: f64 = 400.0;
 /// Effects that close this share of the gap explain it, however rough the rest.
 const MOSTLY: f64 = 0.5;
+/// A model whose error is no more than this many times that of a perfect one leaves no gap.
+const PERFECT: f64 = 1.1;
 /// Share of an effect's torques that another must imitate for the two to be one group.
 const ALIKE: f64 = 0.9;
 
@@ -282,12 +284,18 @@ pub fn diagnose(
     if campaign.test.is_empty() {
         notes.push("there is one sequence only: errors are those of the fit itself".to_owned());
     }
+    let nominally = Nominal {
+        spread,
+        touches: fitted.touches(),
+        left: unexplained(&fitted, &field),
+        perfect: before.mean_error() <= PERFECT * floor,
+    };
     let (mut model, mut after, mut corrected_field) = (nominal.clone(), before.clone(), field);
     let mut sd = Vec::new();
     let mut checks: Vec<Check> = Vec::new();
     // What is named has to stand the check: all but the last have failed it, or all if nothing is named.
     let judged = loop {
-        let judged = judge(&hypotheses, &spread, fitted.touches());
+        let judged = judge(&hypotheses, &nominally);
         let Some(i) = judged.named else { break judged };
         let mut refined = hypotheses[i].refined;
         let settled;
@@ -323,6 +331,13 @@ pub fn diagnose(
     let closed = closure(&before, &after, noise, checked, seed);
     let aside = &checks[..checks.len() - usize::from(judged.named.is_some())];
     let mut verdict = judged.verdict;
+    if verdict.effects.is_empty() && nominally.contradicts() {
+        notes.push(format!(
+            "no stiffness explains what is felt in contact: the best one leaves {:.0} % of its energy; check \
+             the sign and the unit of the torques, base_pose and points",
+            100.0 * nominally.left
+        ));
+    }
     if closed.fraction >= MOSTLY {
         verdict.explain();
     }
@@ -635,6 +650,16 @@ impl Campaign {
             reason: None,
         }
     }
+}
+
+/// Share of the energy of the readings that a field leaves.
+fn unexplained(fitted: &Fitted<'_>, field: &[f64]) -> f64 {
+    let energy = |x: &[f64]| x.iter().map(|x| x * x).sum::<f64>();
+    let predicted = fitted.predicted(field);
+    let left: Vec<f64> = (fitted.readings.iter().zip(&predicted))
+        .map(|(y, p)| y - p)
+        .collect();
+    energy(&left) / energy(&fitted.readings).max(f64::MIN_POSITIVE)
 }
 
 /// The share of an effect's information that the field absorbs: what is left of its tangents,

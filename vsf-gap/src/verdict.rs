@@ -20,6 +20,8 @@ const PROOF: f64 = 0.4;
 const MISFIT: f64 = 0.12;
 /// Roughness of joints from which on something acts that the model does not have.
 const ROUGH: f64 = 0.15;
+/// A nominal model that leaves more of the energy of what is felt in contact has failed.
+const FAILED: f64 = 0.5;
 /// A hypothesis is named when it has at least this probability.
 const NAMED: f64 = 0.3;
 /// An answer of more effects than this is none.
@@ -145,6 +147,33 @@ pub(crate) fn threshold(effect: &dyn Effect, rough: f64) -> f64 {
     times * effect.null_gain()
 }
 
+/// How the nominal model does.
+pub(crate) struct Nominal {
+    /// The spread under which it does best.
+    pub(crate) spread: Spread,
+    /// Whether there is contact.
+    pub(crate) touches: bool,
+    /// Share of the energy of the train readings that it leaves.
+    pub(crate) left: f64,
+    /// Whether it predicts the checked sequences to within noise.
+    pub(crate) perfect: bool,
+}
+
+impl Nominal {
+    /// What to say when no effect is named.
+    fn kind(&self) -> Kind {
+        match self.contradicts() || self.spread.joint >= ROUGH && !self.perfect {
+            true => Kind::Unknown,
+            false => Kind::NoGap,
+        }
+    }
+
+    /// Whether no stiffness explains what is felt in contact.
+    pub(crate) fn contradicts(&self) -> bool {
+        self.touches && self.left > FAILED && !self.perfect
+    }
+}
+
 /// A verdict and the probability of every effect that was fitted.
 pub(crate) struct Judged {
     pub(crate) verdict: Verdict,
@@ -153,14 +182,13 @@ pub(crate) struct Judged {
     pub(crate) probabilities: Vec<(String, f64)>,
 }
 
-/// Weighs the hypotheses against each other and against no gap. `nominal` is the spread under which the
-/// nominal model does best; `touched` if there is contact.
-pub(crate) fn judge(hypotheses: &[Hypothesis<'_>], nominal: &Spread, touched: bool) -> Judged {
+/// Weighs the hypotheses against each other and against no gap.
+pub(crate) fn judge(hypotheses: &[Hypothesis<'_>], nominal: &Nominal) -> Judged {
     let weight = |h: &Hypothesis<'_>| (h.gain - h.threshold) / TEMPERATURE;
     let top = hypotheses.iter().map(weight).fold(0.0_f64, f64::max);
     let weights: Vec<f64> = hypotheses.iter().map(|h| (weight(h) - top).exp()).collect();
     let none = NO_GAP * (-top).exp();
-    let unseen = match (touched, nominal.contact >= UNSURE) {
+    let unseen = match (nominal.touches, nominal.spread.contact >= UNSURE) {
         (true, true) => HIDDEN * none,
         (true, false) => ABSORBED * none,
         (false, _) => 0.0,
@@ -203,8 +231,7 @@ pub(crate) fn judge(hypotheses: &[Hypothesis<'_>], nominal: &Spread, touched: bo
             };
             (kind, p)
         }
-        None if nominal.joint >= ROUGH => (Kind::Unknown, none / total),
-        None => (Kind::NoGap, none / total),
+        None => (nominal.kind(), none / total),
     };
     let effects = named.map_or_else(Vec::new, |i| hypotheses[i].effects());
     Judged {

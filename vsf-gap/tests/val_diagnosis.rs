@@ -63,6 +63,28 @@ fn nothing_is_named_where_nothing_acts() {
     assert_eq!(d.gap.closed_fraction, 0.0);
 }
 
+/// No spring pushes the other way, and zero is predicted by no spring at all.
+#[test]
+fn torques_of_the_wrong_sign_are_a_gap_and_zeros_are_none() {
+    let folder = tempfile::tempdir().unwrap();
+    made(folder.path(), &[], 42);
+    let (dataset, _) = Dataset::open(folder.path(), &Overrides::default()).unwrap();
+    let scaled = |by: f64| {
+        let mut dataset = dataset.clone();
+        let torques = dataset.sequences.iter_mut().map(|s| &mut s.torques);
+        torques.for_each(|t| t.data_mut().iter_mut().for_each(|t| *t *= by));
+        let campaign = Campaign::open(&dataset, &SceneOptions::default()).unwrap();
+        let bias = effects::named(&["torque_bias".to_owned()]).unwrap();
+        diagnose(&campaign, "case", &bias, 0, |_| {})
+            .unwrap()
+            .diagnosis
+    };
+    let wrong = scaled(-1.0);
+    assert_eq!(wrong.verdict.kind, Kind::Unknown);
+    assert!(wrong.notes.iter().any(|n| n.contains("sign")));
+    assert_eq!(scaled(0.0).verdict.kind, Kind::NoGap);
+}
+
 #[test]
 fn shares_are_shares_and_the_same_seed_gives_the_same_diagnosis() {
     let folder = tempfile::tempdir().unwrap();
