@@ -4,6 +4,7 @@ use crate::{
 };
 use std::sync::OnceLock;
 use vsf_data::{CameraView, Dataset, Sequence};
+use vsf_vision::VisionError;
 
 /// A recording on which an experiment is made: touches to learn from and touches to predict.
 pub struct Campaign<'a> {
@@ -103,7 +104,7 @@ impl<'a> Campaign<'a> {
         let traces = self.train_traces();
         match estimate_with_vision(rest, &view, traces, &spec, hyper, vision, |_| {}) {
             Ok(found) => Ok(Some(found.estimate)),
-            Err(PipelineError::Unseen { .. }) => Ok(None),
+            Err(PipelineError::Vision(VisionError::Unseen { .. })) => Ok(None),
             Err(other) => Err(other),
         }
     }

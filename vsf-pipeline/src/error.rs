@@ -40,21 +40,13 @@ pub enum PipelineError {
     /// Numbers that do not fit.
     #[error(transparent)]
     Core(#[from] CoreError),
-    /// What the camera saw cannot be used, or a regressor cannot learn from its samples.
+    /// What the camera saw cannot be used, is not what was touched, or a regressor cannot learn from its
+    /// samples.
     #[error(transparent)]
     Vision(#[from] VisionError),
     /// There is no view to extrapolate by.
     #[error("the recording has no camera/ (color.png, depth.png, camera.json) to extrapolate by")]
     NoCamera,
-    /// What is touched is not what the camera sees.
-    #[error(
-        "camera/: of the {touched} touched points fewer than 2 lie on or shortly behind the surface that is \
-         seen; check world_from_camera, depth_scale and the images"
-    )]
-    Unseen {
-        /// Touched points.
-        touched: usize,
-    },
     /// Something about sequence `id`.
     #[error("sequence {id} row {row}: {source}")]
     Sequence {

@@ -11,6 +11,7 @@ use vsf_data::CameraView;
 use vsf_filter::FieldPrior;
 use vsf_vision::{
     Calibrated, Camera, Extrapolation, LearnedPrior, Level, RegressorSpec, RgbdView, Seen,
+    VisionError,
 };
 
 /// How the stiffness of points is guessed from what the camera sees.
@@ -35,7 +36,7 @@ pub struct VisionEstimate {
     pub estimate: Estimate,
     /// How much of the guess the prior takes over, 0 to 1.
     pub share: f64,
-    /// Shares that were tried; none with a single sequence.
+    /// Shares that were tried; none with a single touch.
     pub candidates: Vec<VisionCandidate>,
 }
 
@@ -102,26 +103,26 @@ pub fn estimate_with_vision(
     progress: impl FnMut(usize),
 ) -> Result<VisionEstimate, PipelineError> {
     let noise = Noise::per_channel(&hyper.noise_sd)?;
-    let candidates = if traces.len() < 2 {
-        Vec::new()
-    } else {
-        let (rest, traces) = touched_alone(rest, traces, &noise)?;
-        Guess::new(&rest, view, hyper, vision)?.candidates(&traces)?
+    let traces = with_noise(traces, &noise)?;
+    let guess = Guess {
+        rest,
+        seen: Seen::new(view, rest.positions(), 0.5 * rest.spacing())?,
+        hyper,
+        vision,
     };
+    let seen = guess.touched_and_seen(&traces)?;
+    if seen < LEAST_SEEN {
+        let touched = touched_points(&traces, rest.len());
+        let touched = touched.iter().filter(|t| **t).count();
+        return Err(VisionError::Unseen { touched, seen }.into());
+    }
+    let candidates = guess.candidates(&traces, &noise)?;
     let from_rule = |c: &VisionCandidate| (c.share - RULE).abs();
     let best = candidates.iter().min_by(|a, b| {
         let by_error = a.error.total_cmp(&b.error);
         by_error.then(from_rule(a).total_cmp(&from_rule(b)))
     });
     let share = best.map_or(RULE, |c| c.share);
-    let traces = with_noise(traces, &noise)?;
-    let guess = Guess::new(rest, view, hyper, vision)?;
-    if guess.touched_and_seen(&traces)? < LEAST_SEEN {
-        let touched = touched_points(&traces, rest.len());
-        return Err(PipelineError::Unseen {
-            touched: touched.iter().filter(|t| **t).count(),
-        });
-    }
     let prior = guess.prior(&guess.means(&traces)?, share)?;
     Ok(VisionEstimate {
         estimate: run(spec, prior, &traces, progress)?,
@@ -138,22 +139,7 @@ struct Guess<'a> {
     vision: &'a VisionSpec,
 }
 
-impl<'a> Guess<'a> {
-    fn new(
-        rest: &'a RestPoints,
-        view: &RgbdView,
-        hyper: &'a Hyper,
-        vision: &'a VisionSpec,
-    ) -> Result<Self, PipelineError> {
-        let seen = Seen::new(view, rest.positions(), 0.5 * rest.spacing())?;
-        Ok(Self {
-            rest,
-            seen,
-            hyper,
-            vision,
-        })
-    }
-
+impl Guess<'_> {
     /// Stiffness of all points as traces with noise suggest it.
     fn means(&self, traces: &[Trace]) -> Result<Vec<f64>, PipelineError> {
         match self.vision {
@@ -163,9 +149,7 @@ impl<'a> Guess<'a> {
                 let level = Level::fit(&shape, readings)?.mean;
                 Ok(shape.iter().map(|s| level * s).collect())
             }
-            VisionSpec::Learned(learned) => {
-                Ok(learned.stiffness(self.rest.positions(), &self.seen)?)
-            }
+            VisionSpec::Learned(learned) => Ok(learned.stiffness(&self.seen)?),
             VisionSpec::Regression(spec) => {
                 let sd = self.hyper.prior_sd;
                 // Each point speaks for itself: what neighbours share is for the regressor to find.
@@ -190,10 +174,26 @@ impl<'a> Guess<'a> {
         shape.prior_about(self.rest, *prior_sd, means)
     }
 
-    /// Errors of all shares on held-out traces.
-    fn candidates(&self, traces: &[Trace]) -> Result<Vec<VisionCandidate>, PipelineError> {
-        let folds = traces.len().min(MOST_FOLDS);
-        let of_fold = |fold| self.held_out(traces, fold, folds);
+    /// Errors of all shares on held-out touches; none with a single touch.
+    fn candidates(
+        &self,
+        traces: &[Trace],
+        noise: &Noise,
+    ) -> Result<Vec<VisionCandidate>, PipelineError> {
+        let (rest, touches) = touched_alone(self.rest, traces, noise)?;
+        if touches.len() < 2 {
+            return Ok(Vec::new());
+        }
+        let touched = touched_points(traces, self.rest.len());
+        let touched: Vec<usize> = (0..touched.len()).filter(|&i| touched[i]).collect();
+        // They look as they do among all points.
+        let alone = Guess {
+            rest: &rest,
+            seen: self.seen.select(&touched)?,
+            ..*self
+        };
+        let folds = touches.len().min(MOST_FOLDS);
+        let of_fold = |fold| alone.held_out(&touches, fold, folds);
         let errors: Vec<Option<[f64; SHARES.len()]>> = (0..folds)
             .into_par_iter()
             .map(of_fold)

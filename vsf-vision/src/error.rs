@@ -33,6 +33,18 @@ pub enum VisionError {
         /// How many it takes.
         least: usize,
     },
+    /// What is touched is not what the camera sees.
+    #[error(
+        "camera/: of the {touched} touched points {seen} lie on or shortly behind the surface that is seen, at \
+         least 2 are needed; check world_from_camera, depth_scale and the images, and that the field is of this \
+         recording"
+    )]
+    Unseen {
+        /// Touched points.
+        touched: usize,
+        /// Those where something is probably seen.
+        seen: usize,
+    },
     /// A model cannot be read or written.
     #[error("{}: {problem}", path.display())]
     File {

@@ -27,6 +27,7 @@ use vsf_core::{Belief, CoreError};
 ///     behind: vec![0.0; n],
 ///     in_picture: vec![true; n],
 ///     colors: (0..n).map(|i| if brown(i) { [120, 80, 40] } else { [40, 140, 40] }).collect(),
+///     heights: vec![0.0; n],
 /// };
 /// // The first half has been touched: 20 and 5 N/m.
 /// let touched: Vec<bool> = (0..n).map(|i| i < n / 2).collect();
@@ -78,12 +79,13 @@ impl Extrapolation {
     }
 
     /// Learns from the touched points of a field. `prior_variance` (N²/m²) is that of a point before
-    /// it was touched; how far a touch has lowered it says how much the point has to tell. With
-    /// fewer than 2 touched points in sight, visible points are taken by position, as hidden ones.
+    /// it was touched, about mean 0; how far a touch has lowered it says how much the point has to tell, and
+    /// how far its mean was held back. With fewer than 2 touched points in sight, visible points are taken by
+    /// position, as hidden ones.
     ///
     /// # Errors
-    /// Lengths that differ, a length or variance that is not positive, fewer than 2 touched points,
-    /// what the regressors refuse.
+    /// Lengths that differ, a length or variance that is not positive, fewer than 2 touched points on or
+    /// shortly behind the seen surface, what the regressors refuse.
     pub fn fit(
         &mut self,
         points: &[Point3<f64>],
@@ -92,7 +94,8 @@ impl Extrapolation {
         touched: &[bool],
         prior_variance: f64,
     ) -> Result<(), VisionError> {
-        let known = Known::new(points, seen, field, touched, prior_variance, self.fade)?;
+        CoreError::check_len("seen points", seen.len(), points.len())?;
+        let known = Known::new(seen, field, touched, prior_variance, self.fade)?;
         let samples =
             |of: &[usize], with_colors| known.samples(of, seen.features(points, of, with_colors)?);
         let mut hidden = self.hidden.fresh();
@@ -166,6 +169,9 @@ impl Extrapolation {
     }
 }
 
+/// Least number of points to learn from.
+const LEAST: usize = 2;
+
 /// The touched points of a field where there is probably something, `K_i = o_i k_i`.
 pub(crate) struct Known<'a> {
     /// Which they are.
@@ -177,15 +183,13 @@ pub(crate) struct Known<'a> {
 
 impl<'a> Known<'a> {
     pub fn new(
-        points: &[Point3<f64>],
         seen: &Seen,
         field: &'a Belief<f64>,
         touched: &[bool],
         prior_variance: f64,
         fade: f64,
     ) -> Result<Self, VisionError> {
-        let n = points.len();
-        CoreError::check_len("seen points", seen.len(), n)?;
+        let n = seen.len();
         CoreError::check_len("field", field.len(), n)?;
         CoreError::check_len("touched flags", touched.len(), n)?;
         if !(prior_variance > 0.0 && prior_variance.is_finite()) {
@@ -197,11 +201,17 @@ impl<'a> Known<'a> {
             .into());
         }
         let occupancy = seen.occupancy(fade)?;
-        let points = (0..n)
-            .filter(|&i| touched[i] && occupancy[i] >= Extrapolation::LEAST_OCCUPANCY)
-            .collect();
+        let in_sight =
+            (0..n).filter(|&i| touched[i] && occupancy[i] >= Extrapolation::LEAST_OCCUPANCY);
+        let in_sight: Vec<usize> = in_sight.collect();
+        if in_sight.len() < LEAST {
+            return Err(VisionError::Unseen {
+                touched: touched.iter().filter(|t| **t).count(),
+                seen: in_sight.len(),
+            });
+        }
         Ok(Self {
-            points,
+            points: in_sight,
             field,
             occupancy,
             prior_variance,

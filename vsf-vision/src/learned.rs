@@ -3,7 +3,6 @@ use crate::{
     Calibrated, Extrapolation, Features, GaussianProcess, GpConfig, KnnConfig, KnnRegressor,
     Predictions, Regressor, Ridge, Samples, Seen, VisionError,
 };
-use nalgebra::Point3;
 use serde::{Deserialize, Serialize};
 use std::path::Path;
 use vsf_core::Belief;
@@ -111,34 +110,33 @@ impl LearnedPrior {
     }
 
     /// Samples of one object for [`fit`](Self::fit): the touched points of its field, by their
-    /// [`appearance`](Seen::appearance). `prior_variance` (N²/m²) is that of a point before it was touched.
-    /// Stiffness is that of what is there, `k_i` in `K_i = o_i k_i` with the [occupancy](Seen::occupancy) `o_i`.
+    /// [`appearance`](Seen::appearance). `prior_variance` (N²/m²) is that of a point before it was touched,
+    /// about mean 0. Stiffness is that of what is there, `k_i` in `K_i = o_i k_i` with the
+    /// [occupancy](Seen::occupancy) `o_i`.
     ///
     /// # Errors
     /// Lengths that differ, a variance that is not positive, fewer than 2 touched points in sight or
     /// behind what is in sight.
     pub fn samples(
-        points: &[Point3<f64>],
         seen: &Seen,
         field: &Belief<f64>,
         touched: &[bool],
         prior_variance: f64,
     ) -> Result<Samples, VisionError> {
         let fade = Extrapolation::FADE;
-        let known = Known::new(points, seen, field, touched, prior_variance, fade)?;
-        known.samples(&known.points, seen.appearance(points, &known.points)?)
+        let known = Known::new(seen, field, touched, prior_variance, fade)?;
+        known.samples(&known.points, seen.appearance(&known.points)?)
     }
 
     /// Stiffness `K_i` (N/m, >= 0) of the points of another object as it looks: 0 where there is nothing, and
     /// out of the picture.
     ///
     /// # Errors
-    /// Another number of points than were seen; a prior that was learned from other features than
-    /// [`samples`](Self::samples) has.
-    pub fn stiffness(&self, points: &[Point3<f64>], seen: &Seen) -> Result<Vec<f64>, VisionError> {
+    /// A prior that was learned from other features than [`samples`](Self::samples) has.
+    pub fn stiffness(&self, seen: &Seen) -> Result<Vec<f64>, VisionError> {
         let occupancy = seen.occupancy(Extrapolation::FADE)?;
         let of: Vec<usize> = (0..seen.len()).filter(|&i| occupancy[i] > 0.0).collect();
-        let found = self.predict(&seen.appearance(points, &of)?)?;
+        let found = self.predict(&seen.appearance(&of)?)?;
         let mut stiffness = vec![0.0; seen.len()];
         for (i, k) in of.into_iter().zip(found.mean) {
             stiffness[i] = occupancy[i] * k.max(0.0);

@@ -14,6 +14,8 @@ pub struct Seen {
     pub in_picture: Vec<bool>,
     /// Colour of the surface in front of it; black where there is none.
     pub colors: Vec<[u8; 3]>,
+    /// How high it lies above the lowest of the points that were looked at (m).
+    pub heights: Vec<f64>,
 }
 
 impl Seen {
@@ -31,6 +33,7 @@ impl Seen {
             });
         }
         let mut seen = Self::default();
+        let lowest = points.iter().fold(f64::INFINITY, |z, p| z.min(p.z));
         for p in points {
             let sight = view.sight(p);
             let (behind, color) = match sight {
@@ -44,8 +47,24 @@ impl Seen {
             seen.behind.push(behind);
             seen.in_picture.push(sight != Sight::Outside);
             seen.colors.push(color);
+            seen.heights.push(p.z - lowest);
         }
         Ok(seen)
+    }
+
+    /// What is said about the points `of` alone, in that order.
+    ///
+    /// # Errors
+    /// A point that is not there.
+    pub fn select(&self, of: &[usize]) -> Result<Self, CoreError> {
+        self.check(of)?;
+        Ok(Self {
+            visible: of.iter().map(|&i| self.visible[i]).collect(),
+            behind: of.iter().map(|&i| self.behind[i]).collect(),
+            in_picture: of.iter().map(|&i| self.in_picture[i]).collect(),
+            colors: of.iter().map(|&i| self.colors[i]).collect(),
+            heights: of.iter().map(|&i| self.heights[i]).collect(),
+        })
     }
 
     /// Number of points.
@@ -89,25 +108,28 @@ impl Seen {
     /// points (m).
     ///
     /// # Errors
-    /// Another number of points, one of `of` that is not there or has nothing in front of it.
-    pub fn appearance(
-        &self,
-        points: &[Point3<f64>],
-        of: &[usize],
-    ) -> Result<Features, VisionError> {
-        CoreError::check_len("seen points", self.len(), points.len())?;
-        if let Some(&index) = of.iter().find(|&&i| i >= points.len()) {
-            let (what, len) = ("seen point", points.len());
-            return Err(CoreError::OutOfRange { what, index, len }.into());
-        }
-        let lowest = points.iter().fold(f64::INFINITY, |z, p| z.min(p.z));
+    /// One of `of` that is not there or has nothing in front of it.
+    pub fn appearance(&self, of: &[usize]) -> Result<Features, VisionError> {
+        self.check(of)?;
         let colors: Vec<_> = of.iter().map(|&i| self.colors[i]).collect();
         let depth: Vec<_> = of.iter().map(|&i| self.depth(i)).collect();
-        let height: Vec<_> = of.iter().map(|&i| points[i].z - lowest).collect();
+        let height: Vec<_> = of.iter().map(|&i| self.heights[i]).collect();
         let features = Features::new(of.len()).with_lab(&colors)?;
         features
             .with_column("depth", &depth)?
             .with_column("height", &height)
+    }
+
+    fn check(&self, of: &[usize]) -> Result<(), CoreError> {
+        let len = self.len();
+        match of.iter().find(|&&i| i >= len) {
+            None => Ok(()),
+            Some(&index) => Err(CoreError::OutOfRange {
+                what: "seen point",
+                index,
+                len,
+            }),
+        }
     }
 
     /// Depth behind the surface, which points that are visible lie on.

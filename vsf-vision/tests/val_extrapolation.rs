@@ -1,7 +1,7 @@
 //! Fields whose untouched part is known.
 #![allow(clippy::unwrap_used)]
 
-use vsf_core::nalgebra::{Point3, Vector3};
+use vsf_core::nalgebra::Point3;
 use vsf_core::{Belief, Estimator, Noise, Observation};
 use vsf_filter::DiagonalKalman;
 use vsf_vision::{
@@ -42,6 +42,7 @@ fn block() -> Block {
             b.seen
                 .colors
                 .push(if brown { [120, 80, 40] } else { [40, 140, 40] });
+            b.seen.heights.push(0.09 - depth);
             let full = if brown { 20.0 } else { 5.0 };
             b.truth.push(if z < 6 { full } else { 0.0 });
             b.touched.push(x < 12);
@@ -166,7 +167,14 @@ fn extrapolation_says_what_is_wrong() {
     let mut fit = |touched: &[bool], prior: f64| {
         ridge.fit(&block.points, &block.seen, &field, touched, prior)
     };
-    assert!(matches!(fit(&none, PRIOR), Err(VisionError::TooFew { .. })));
+    let unseen = fit(&none, PRIOR);
+    assert!(matches!(
+        unseen,
+        Err(VisionError::Unseen {
+            touched: 0,
+            seen: 0
+        })
+    ));
     assert!(fit(&none[1..], PRIOR).is_err());
     assert!(fit(&block.touched, 0.0).is_err());
     assert!(fit(&block.touched, f64::NAN).is_err());
@@ -246,7 +254,7 @@ fn a_prior_learned_from_objects_is_the_same_from_its_file() {
     assert!(LearnedPrior::fit(RegressorSpec::Ridge, &[]).is_err());
 }
 
-/// What is stiff by its colour on two objects is so on a third, which lies elsewhere and was never touched.
+/// What is stiff by its colour on two objects is so on a third, which was never touched.
 #[test]
 fn looks_carry_over_to_another_object() {
     let mut block = block();
@@ -255,8 +263,8 @@ fn looks_carry_over_to_another_object() {
         let is_brown = block.seen.colors[i] == [120, 80, 40];
         *k = occupancy[i] * if is_brown { 20.0 } else { 5.0 };
     }
-    let (points, field) = (&block.points, block.field());
-    let samples = LearnedPrior::samples(points, &block.seen, &field, &block.touched, PRIOR);
+    let field = block.field();
+    let samples = LearnedPrior::samples(&block.seen, &field, &block.touched, PRIOR);
     let samples = samples.unwrap();
     // All touched ones but those in the deepest layer, where there is hardly anything.
     let touched = block.touched.iter().filter(|t| **t).count();
@@ -265,13 +273,10 @@ fn looks_carry_over_to_another_object() {
         samples.features().names(),
         ["L", "a", "b", "depth", "height"]
     );
-    let mut other = block.points.clone();
-    other
-        .iter_mut()
-        .for_each(|p| *p += Vector3::new(3.0, -1.0, 0.7));
     let mut seen = block.seen.clone();
+    let n = seen.len();
     // The last row lies out of the picture.
-    for i in other.len() - 120..other.len() {
+    for i in n - 120..n {
         (seen.in_picture[i], seen.behind[i]) = (false, f64::INFINITY);
         seen.visible[i] = false;
     }
@@ -281,15 +286,25 @@ fn looks_carry_over_to_another_object() {
         RegressorSpec::GaussianProcess(Default::default()),
     ] {
         let prior = LearnedPrior::fit(regressor, &[samples.clone(), samples.clone()]).unwrap();
-        let found = prior.stiffness(&other, &seen).unwrap();
-        let pairs = found.iter().zip(&block.truth).take(other.len() - 120);
+        let found = prior.stiffness(&seen).unwrap();
+        let pairs = found.iter().zip(&block.truth).take(n - 120);
         let off: Vec<f64> = pairs.map(|(k, truth)| (k - truth).abs()).collect();
         let mean = off.iter().sum::<f64>() / off.len() as f64;
         assert!(mean < 0.5, "{regressor:?}: {mean} N/m");
-        assert!(found[other.len() - 120..].iter().all(|k| *k == 0.0));
+        assert!(found[n - 120..].iter().all(|k| *k == 0.0));
         assert!(found.iter().all(|k| *k >= 0.0 && k.is_finite()));
-        assert!(prior.stiffness(&other[1..], &seen).is_err());
     }
+}
+
+/// A part of what is seen keeps its heights above the lowest of all points.
+#[test]
+fn a_part_looks_as_it_does_in_the_whole() {
+    let block = block();
+    let part = block.seen.select(&[7, 3, 120]).unwrap();
+    let alone = part.appearance(&[0, 1, 2]).unwrap();
+    let whole = block.seen.appearance(&[7, 3, 120]).unwrap();
+    assert_eq!(alone, whole);
+    assert!(block.seen.select(&[block.points.len()]).is_err());
 }
 
 /// Points beside the picture are unknown, points that are seen through are empty.
@@ -303,6 +318,7 @@ fn nothing_is_known_out_of_the_picture() {
         b.seen.behind.push(f64::INFINITY);
         b.seen.in_picture.push(in_picture);
         b.seen.colors.push([0; 3]);
+        b.seen.heights.push(1.09);
         b.truth.push(0.0);
         b.touched.push(false);
     }

@@ -122,7 +122,6 @@ fn samples(object: &Object, console: &Console) -> anyhow::Result<Samples> {
     let seen = Seen::new(&view, points, 0.5 * rest.spacing())?;
     let belief = file.belief()?;
     Ok(LearnedPrior::samples(
-        points,
         &seen,
         &belief,
         &touched,

@@ -7,7 +7,7 @@ use crate::{
 use rayon::prelude::*;
 use serde::Serialize;
 use vsf_data::Sequence;
-use vsf_vision::RgbdView;
+use vsf_vision::{RgbdView, VisionError};
 
 /// What predicts torques in Tables III to V.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
@@ -224,7 +224,7 @@ impl Campaign<'_> {
                 Method::Vision,
                 match seen {
                     Ok(seen) => by_field(seen.estimate.belief.mean()),
-                    Err(PipelineError::Unseen { .. }) => blind.clone(),
+                    Err(PipelineError::Vision(VisionError::Unseen { .. })) => blind.clone(),
                     Err(other) => return Err(other),
                 },
             ));
