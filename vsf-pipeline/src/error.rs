@@ -156,4 +156,16 @@ pub enum PipelineError {
         /// Number of rest points.
         points: usize,
     },
+    /// The robot touched points, and no contact bears on a joint.
+    #[error(
+        "the robot touches {touched} of the rest points in the {what} sequences, but springs there give no torque \
+         at any joint: they push along the joints' axes or through them; check base_pose and the joints, or \
+         touch elsewhere"
+    )]
+    NoTorque {
+        /// `train` or the like.
+        what: &'static str,
+        /// Points that are touched.
+        touched: usize,
+    },
 }

@@ -20,6 +20,18 @@ pub struct Hyper {
     pub noise_sd: Vec<f64>,
 }
 
+impl Hyper {
+    /// Standard deviation of the stiffness of a point (N/m), all parts of the prior together.
+    pub fn point_sd(&self) -> f64 {
+        let PriorShape {
+            smooth_share,
+            level_share,
+            ..
+        } = self.shape;
+        self.prior_sd * (1.0 + smooth_share.powi(2) + level_share.powi(2)).sqrt()
+    }
+}
+
 /// The smooth part of the prior: neighbouring points of a real object are alike. Estimators that
 /// keep no correlations see its variance only.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
@@ -159,9 +171,18 @@ pub fn choose_hyper(
 ) -> Result<HyperChoice, PipelineError> {
     let problem = Problem::new(rest, traces, shape)?;
     match method {
-        HyperMethod::HeldOut => held_out::choose(problem),
+        HyperMethod::HeldOut => held_out::choose(problem, true),
         HyperMethod::Likelihood => likelihood::choose(&problem),
     }
+}
+
+/// Prior and noise by [`HyperMethod::HeldOut`] for a prior of this shape and no other.
+pub(crate) fn hyper_of_shape(
+    rest: &RestPoints,
+    traces: &[Trace],
+    shape: PriorShape,
+) -> Result<Hyper, PipelineError> {
+    Ok(held_out::choose(Problem::new(rest, traces, shape)?, false)?.hyper)
 }
 
 /// The problem with noise of the right shape and, for now, level 1, a trace per touch, and without
@@ -179,10 +200,15 @@ struct Problem {
 
 impl Problem {
     fn new(rest: &RestPoints, traces: &[Trace], shape: PriorShape) -> Result<Self, PipelineError> {
-        let found = channel_scales(traces).and_then(|c| Some((typical_signal(traces, &c)?, c)));
-        let (typical, channels) = found.ok_or(PipelineError::NoContact {
-            what: "train",
+        let what = "train";
+        let channels = channel_scales(traces).ok_or(PipelineError::NoContact {
+            what,
             points: rest.len(),
+        })?;
+        let typical = typical_signal(traces, &channels).ok_or_else(|| {
+            let touched = touched_points(traces, rest.len());
+            let touched = touched.iter().filter(|t| **t).count();
+            PipelineError::NoTorque { what, touched }
         })?;
         let rule = (INDEPENDENT / readings_per_point(traces, rest.len())).sqrt();
         let noise = Noise::per_channel(&channels)?;
@@ -326,5 +352,97 @@ fn readings_per_point(traces: &[Trace], field_len: usize) -> f64 {
         1.0
     } else {
         *counts.select_nth_unstable(middle).1 as f64
+    }
+}
+
+#[cfg(test)]
+#[allow(clippy::unwrap_used)]
+mod tests {
+    use super::*;
+    use nalgebra::Point3;
+
+    const POINTS: usize = 12;
+
+    fn rest() -> RestPoints {
+        let at = |i: usize| Point3::new(0.01 * i as f64, 0.0, 0.0);
+        RestPoints::new((0..POINTS).map(at).collect()).unwrap()
+    }
+
+    /// Four touches of every point, one at a time, each by `bears` on the only joint.
+    fn touches(bears: f64) -> Vec<Trace> {
+        let touch = |id: usize| {
+            let reading = |p: usize| {
+                // Stiff and soft in turn, and a little noise.
+                let stiffness = if p.is_multiple_of(2) { 40.0 } else { 1.0 };
+                let noise = if (p + id).is_multiple_of(3) {
+                    0.3
+                } else {
+                    -0.2
+                };
+                let mut obs = Observation::new(Noise::uniform(1, 1.0).unwrap());
+                let tau = [bears * stiffness + noise];
+                obs.rebuild(POINTS, &[p as u32], &tau, |_, w| w[0] = bears)
+                    .unwrap();
+                obs
+            };
+            Trace {
+                id: id.to_string(),
+                time: (0..POINTS).map(|k| k as f64).collect(),
+                observations: (0..POINTS).map(reading).collect(),
+                touches: std::iter::once(0..POINTS).collect(),
+            }
+        };
+        (0..4).map(touch).collect()
+    }
+
+    /// A row of a comparison of priors is that prior's, however badly it does.
+    #[test]
+    fn one_shape_is_not_compared_with_others() {
+        let smooth = PriorShape {
+            smooth_share: 30.0,
+            length: 1.0,
+            ..PriorShape::default()
+        };
+        let free = choose_hyper(&rest(), &touches(0.1), smooth, HyperMethod::HeldOut).unwrap();
+        assert_eq!(free.hyper.shape.smooth_share, 0.0);
+        let bound = hyper_of_shape(&rest(), &touches(0.1), smooth).unwrap();
+        assert_eq!(bound.shape, smooth);
+    }
+
+    #[test]
+    fn contacts_without_torque_are_told_from_none() {
+        let why = |traces: &[Trace]| {
+            let (shape, method) = (PriorShape::default(), HyperMethod::HeldOut);
+            choose_hyper(&rest(), traces, shape, method).unwrap_err()
+        };
+        assert!(matches!(why(&[]), PipelineError::NoContact { .. }));
+        let error = why(&touches(0.0));
+        assert!(
+            matches!(
+                error,
+                PipelineError::NoTorque {
+                    touched: POINTS,
+                    ..
+                }
+            ),
+            "{error}"
+        );
+    }
+
+    /// As the prior of a point has it.
+    #[test]
+    fn sd_of_a_point_has_all_parts() {
+        let hyper = Hyper {
+            prior_sd: 7.0,
+            shape: PriorShape {
+                smooth_share: 0.5,
+                level_share: 2.0,
+                ..PriorShape::default()
+            },
+            noise_sd: vec![1.0],
+        };
+        let prior = hyper.shape.prior(&rest(), hyper.prior_sd).unwrap();
+        let variance = prior.marginals().unwrap().variance()[3];
+        assert!((hyper.point_sd().powi(2) / variance - 1.0).abs() < 1e-9);
     }
 }

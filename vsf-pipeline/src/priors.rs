@@ -1,7 +1,8 @@
 use crate::estimate::batch_map;
 use crate::evaluate::{SequencePrediction, score};
+use crate::hyper::hyper_of_shape;
 use crate::trace::with_noise;
-use crate::{Campaign, Evaluation, HyperMethod, PipelineError, PriorShape, Trace, choose_hyper};
+use crate::{Campaign, Evaluation, PipelineError, PriorShape, Trace};
 use serde::Serialize;
 use vsf_core::{CoreError, Noise};
 
@@ -21,8 +22,8 @@ pub struct PriorRow {
 
 /// What each prior gives on a recording: independent points as in the paper, a level common to all
 /// points beside each one's own (homogeneous plus heterogeneous), and smooth parts of several sizes.
-/// Each is fitted to the train sequences by the constrained optimum with its own choice of prior and
-/// noise, and predicts the test sequences.
+/// Each is fitted to the train sequences by the constrained optimum with prior and noise chosen for its
+/// shape alone, and predicts the test sequences.
 ///
 /// # Errors
 /// Train sequences that touch nothing; failures of the estimator.
@@ -61,7 +62,7 @@ fn row(
         campaign.train_traces(),
         campaign.test_traces(),
     );
-    let hyper = choose_hyper(&scene.rest, train, shape, HyperMethod::HeldOut)?.hyper;
+    let hyper = hyper_of_shape(&scene.rest, train, shape)?;
     let noise = Noise::per_channel(&hyper.noise_sd)?;
     let (train, test) = (with_noise(train, &noise)?, with_noise(test, &noise)?);
     let batch = batch_map(&train, scene.rest.len())?;
@@ -82,7 +83,7 @@ fn row(
     let predictions: Vec<_> = test.iter().map(predict).collect::<Result<_, CoreError>>()?;
     Ok(PriorRow {
         prior: name,
-        shape: hyper.shape,
+        shape,
         prior_sd: hyper.prior_sd,
         evaluation: score(scene, &test, &predictions)?,
     })

@@ -9,20 +9,26 @@ const LEAVE_ONE_OUT_POINTS: usize = 1500;
 /// Contiguous parts of a touch that are held out where touches have no points in common.
 const QUARTERS: usize = 4;
 
-/// Chooses by [`super::HyperMethod::HeldOut`].
-pub fn choose(mut problem: Problem) -> Result<HyperChoice, PipelineError> {
+/// Chooses by [`super::HyperMethod::HeldOut`], among priors without the smooth part too if shapes are compared.
+pub fn choose(mut problem: Problem, compare_shapes: bool) -> Result<HyperChoice, PipelineError> {
     let mut folds = problem.touches.len().min(MOST_FOLDS);
     if !folds_share_points(&problem.touches, folds, problem.rest.len()) {
         problem.touches = problem.touches.iter().flat_map(quarters).collect();
         folds = QUARTERS;
     }
-    Choice { problem, folds }.run()
+    let choice = Choice {
+        problem,
+        folds,
+        compare_shapes,
+    };
+    choice.run()
 }
 
 /// Fold `k` holds out every `folds`-th trace from the `k`-th on.
 struct Choice {
     problem: Problem,
     folds: usize,
+    compare_shapes: bool,
 }
 
 /// Errors of one held-out part of the train sequences.
@@ -48,7 +54,7 @@ impl Choice {
     fn held_out_errors(&self) -> Result<HeldOutErrors, PipelineError> {
         let exact = self.problem.rest.len() <= LEAVE_ONE_OUT_POINTS;
         // The online filter knows no correlations.
-        let priors = self.problem.candidates(exact);
+        let priors = self.problem.candidates(exact && self.compare_shapes);
         let folds = (0..self.folds)
             .into_par_iter()
             .map(|fold| self.held_out(fold, exact, &priors))
