@@ -14,7 +14,7 @@ use vsf_robots::{JointTorques, RobotModel, kinova_gen3};
 /// What [`bench()`] runs.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct BenchOptions {
-    /// Number of rest points in a cube of 0.4 m, default 100,000. It is rounded to a cube number.
+    /// Number of rest points in a cube of 0.33 m, default 100,000. It is rounded to a cube number.
     pub points: usize,
     /// Steps of the push, default 150; at least 2.
     pub steps: usize,

@@ -13,7 +13,7 @@ use vsf_filter::{DiagonalKalman, MemoryReplay, ReplayConfig};
 /// What [`soak()`] runs.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct SoakOptions {
-    /// Number of rest points in a cube of 0.4 m, default 100,000. It is rounded to a cube number.
+    /// Number of rest points in a cube of 0.33 m, default 100,000. It is rounded to a cube number.
     pub points: usize,
     /// Replays per update, default 20.
     pub replays: usize,
