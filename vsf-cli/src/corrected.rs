@@ -73,7 +73,7 @@ impl CorrectedModel {
         let of = |s: &&Sequence| all.iter().find(|c| c.trace.id == s.id).cloned();
         let found: Vec<Corrected> = sequences.iter().filter_map(of).collect();
         let traces: Vec<Trace> = found.iter().map(|c| c.trace.clone()).collect();
-        let readings = reading_warnings(scene, &traces);
+        let readings = reading_warnings(scene, sequences, &traces);
         readings.iter().for_each(|w| console.warn(w));
         Ok(found)
     }

@@ -347,7 +347,7 @@ pub fn traces(
     let bar = console.bar(sequences.len(), "contact");
     let traces = scene.traces(sequences, || bar.inc(1))?;
     bar.finish_and_clear();
-    let readings = reading_warnings(scene, &traces);
+    let readings = reading_warnings(scene, sequences, &traces);
     readings.iter().for_each(|w| console.warn(w));
     Ok(traces)
 }

@@ -4,7 +4,7 @@
 //!
 //! 1. [`Scene::open`] puts robot, link shapes and rest points of a recording together.
 //! 2. [`mesh_warnings`], [`motion_warnings`], [`reading_warnings`] and [`view_warnings`] say what looks wrong
-//!    with a recording.
+//!    with a recording, [`health_warnings`] what does with an online estimation.
 //! 3. [`Scene::trace`] runs the contact model over a sequence once. Contacts never depend on the
 //!    belief, so the resulting observations serve every estimator.
 //! 4. [`choose_hyper`] picks prior and noise from the train sequences, [`estimate`] runs an
@@ -57,5 +57,6 @@ pub use table1::{Table1Cell, Table1Row, table1};
 pub use trace::Trace;
 pub use vision::{VisionCandidate, VisionEstimate, VisionSpec, estimate_with_vision, rgbd_view};
 pub use warning::{
-    Outliers, PipelineWarning, mesh_warnings, motion_warnings, reading_warnings, view_warnings,
+    Outliers, PipelineWarning, health_warnings, mesh_warnings, motion_warnings, reading_warnings,
+    view_warnings,
 };

@@ -1,11 +1,16 @@
-use crate::{Scene, Trace, reading_unit};
+mod readings;
+mod velocities;
+
+pub use readings::reading_warnings;
+
+use crate::Scene;
 use nalgebra::Point3;
 use std::f64::consts::PI;
 use std::fmt;
 use thiserror::Error;
 use vsf_contact::LinkGrid;
-use vsf_core::{Observation, RestPoints};
-use vsf_data::Sequence;
+use vsf_core::{FilterHealth, RestPoints};
+use vsf_data::{Sequence, TorqueKind};
 use vsf_robots::{Joint, JointKind, RobotModel};
 use vsf_vision::{RgbdView, Sight};
 
@@ -14,16 +19,14 @@ const LIMIT_SLACK: f64 = 1e-3;
 /// No joint that counts in radians turns further than this from zero, or from its limits.
 const MOST_TURNS: f64 = 4.0 * PI;
 const MOST_BEYOND: f64 = PI;
-/// Readings above so many times what the joint can bear are of another unit.
-const MOST_EFFORT: f64 = 10.0;
-/// Tare samples that spread by more than this share of the touch itself are no rest.
-const MOST_SPREAD: f64 = 0.25;
 /// Least share of the rest points near the surface that a camera sees.
 const LEAST_NEAR: f64 = 0.01;
 /// Most of the points near a mesh that may lie behind turned faces (good meshes: below 0.05 %), and
 /// whose side may be a guess.
 const MOST_TURNED: f64 = 0.005;
 const MOST_UNSURE: f64 = 0.25;
+/// NIS per channel beyond which a filter knows nothing of its errors: diagonal filters reach 3 on good data.
+const MOST_NIS: f64 = 30.0;
 
 /// Values of one joint that stand out.
 #[derive(Debug, Clone, PartialEq)]
@@ -91,10 +94,55 @@ pub enum PipelineWarning {
         /// Where.
         outliers: Outliers,
     },
+    /// Velocities beyond 1.5 times, or below 1/1.5 of, what positions and time stamps say.
+    #[error(
+        "velocities of joint {joint} are {factor:.3} times the change of its positions over time{}; {}",
+        more(*others, "joint"), velocities::cause(*factor)
+    )]
+    Velocities {
+        /// Name of the first such joint.
+        joint: String,
+        /// Median ratio over its moves.
+        factor: f64,
+        /// Further joints of that kind.
+        others: usize,
+    },
+    /// Readings in contact that go against what springs give, whatever their stiffness.
+    #[error(
+        "torques in contact are opposite to those of springs (correlation {correlation:.2} with one stiffness \
+         everywhere): they look as if of the robot on the object; check their sign"
+    )]
+    OppositeTorques {
+        /// With the torques of 1 N/m at every point, -1 to 1.
+        correlation: f64,
+    },
+    /// Readings that are the torques of gravity where nothing is touched.
+    #[error(
+        "where nothing is touched the readings, taken as torque_kind {}, leave {size:.2} times the torques of \
+         gravity (correlation {correlation:.2}); check whether they are {}", kind(*given), kind(other(*given))
+    )]
+    GravityLeft {
+        /// What the recording says that they are.
+        given: TorqueKind,
+        /// What is left per torque of gravity.
+        size: f64,
+        /// With the torques of gravity.
+        correlation: f64,
+    },
+    /// An online estimator whose innovations are far beyond what it expects: more than 30 times in their
+    /// mean square.
+    #[error(
+        "the squared errors of one-step predictions are {ratio:.0} times what prior and noise allow; do not trust \
+         predictions of this field: give a larger noise sd or a smaller prior sd, or let both be chosen"
+    )]
+    Overconfident {
+        /// [`FilterHealth::nis_ratio`].
+        ratio: f64,
+    },
     /// Samples that tare the sensor, and touch.
     #[error(
         "sequence {sequence}: {count} of its {tare_samples} tare samples are in contact, the first in \
-         row {row}; what they feel is taken off the whole sequence{}", more(*others)
+         row {row}; what they feel is taken off the whole sequence{}", more(*others, "sequence")
     )]
     TareInContact {
         /// The first such sequence.
@@ -112,7 +160,7 @@ pub enum PipelineWarning {
     /// same sequence reads in contact.
     #[error(
         "sequence {sequence}: readings of its tare samples spread by {spread:.3} {unit} (sd), against \
-         {touch:.3} {unit} (rms) in contact; they should be at rest and free{}", more(*others)
+         {touch:.3} {unit} (rms) in contact; they should be at rest and free{}", more(*others, "sequence")
     )]
     TareSpread {
         /// The first such sequence.
@@ -171,15 +219,30 @@ pub enum PipelineWarning {
     },
 }
 
-fn more(others: usize) -> String {
+fn more(others: usize, what: &str) -> String {
     match others {
         0 => String::new(),
-        1 => "; so it is in 1 more sequence".to_owned(),
-        n => format!("; so it is in {n} more sequences"),
+        1 => format!("; so it is in 1 more {what}"),
+        n => format!("; so it is in {n} more {what}s"),
     }
 }
 
-/// What looks wrong with the joint positions: degrees, positions outside the robot's limits.
+fn kind(of: TorqueKind) -> &'static str {
+    match of {
+        TorqueKind::External => "external",
+        TorqueKind::Measured => "measured",
+    }
+}
+
+fn other(than: TorqueKind) -> TorqueKind {
+    match than {
+        TorqueKind::External => TorqueKind::Measured,
+        TorqueKind::Measured => TorqueKind::External,
+    }
+}
+
+/// What looks wrong with the joint positions and velocities: degrees, positions outside the robot's limits,
+/// velocities that are not how fast positions change.
 pub fn motion_warnings(robot: &RobotModel, sequences: &[&Sequence]) -> Vec<PipelineWarning> {
     let rows: Vec<Rows> = (sequences.iter())
         .map(|s| (s.id.as_str(), s.angles.iter().collect()))
@@ -202,38 +265,16 @@ pub fn motion_warnings(robot: &RobotModel, sequences: &[&Sequence]) -> Vec<Pipel
             outliers: outliers(joint, j, &rows, beyond(joint, LIMIT_SLACK))?,
         })
     };
-    robot
-        .joints()
-        .iter()
-        .enumerate()
-        .filter_map(of_joint)
-        .collect()
+    let joints = robot.joints().iter().enumerate();
+    let velocities = velocities::warning(robot, sequences);
+    joints.filter_map(of_joint).chain(velocities).collect()
 }
 
-/// What looks wrong with the readings: torques of another unit, tare samples that are no rest.
-pub fn reading_warnings(scene: &Scene, traces: &[Trace]) -> Vec<PipelineWarning> {
-    let rows: Vec<Rows> = (traces.iter())
-        .map(|t| (t.id.as_str(), t.readings().collect()))
-        .collect();
-    let of_joint = |(j, joint): (usize, &Joint)| {
-        let effort = joint.limits().effort;
-        let strong = |tau: f64| tau.abs() > MOST_EFFORT * effort;
-        Some(PipelineWarning::BeyondEffort {
-            effort,
-            unit: reading_unit(joint),
-            outliers: outliers(joint, j, &rows, strong)?,
-        })
-    };
-    let joints = scene.robot.joints().iter().enumerate();
-    let mut warnings: Vec<_> = joints.filter_map(of_joint).collect();
-    let tares = |of: &dyn Fn(&Trace) -> Option<PipelineWarning>| {
-        let mut found = traces.iter().filter_map(of);
-        let first = found.next();
-        first.map(|w| w.and_others(found.count()))
-    };
-    warnings.extend(tares(&|t| tare_in_contact(t, scene.tare_samples)));
-    warnings.extend(tares(&|t| tare_spread(t, scene)));
-    warnings
+/// What looks wrong with an online estimation: errors far beyond those it expects.
+pub fn health_warnings(health: &FilterHealth) -> Vec<PipelineWarning> {
+    let ratio = health.nis_ratio().filter(|ratio| *ratio > MOST_NIS);
+    let warning = |ratio| PipelineWarning::Overconfident { ratio };
+    ratio.map(warning).into_iter().collect()
 }
 
 /// What looks wrong with a view: a surface where there are no rest points.
@@ -311,34 +352,4 @@ fn outliers(
         }
     }
     found.map(|found| Outliers { total, ..found })
-}
-
-fn tare_in_contact(trace: &Trace, tare_samples: usize) -> Option<PipelineWarning> {
-    let tare = trace.observations.iter().take(tare_samples);
-    let mut touching = tare.enumerate().filter(|(_, o)| !o.is_empty());
-    let (row, _) = touching.next()?;
-    Some(PipelineWarning::TareInContact {
-        sequence: trace.id.clone(),
-        count: 1 + touching.count(),
-        tare_samples,
-        row,
-        others: 0,
-    })
-}
-
-fn tare_spread(trace: &Trace, scene: &Scene) -> Option<PipelineWarning> {
-    // Readings are tared: their mean over these samples is zero.
-    let rms = |squares: f64, count: usize| (squares / count.max(1) as f64).sqrt();
-    let square = |o: &Observation<f64>| o.reading().iter().map(|t| t * t).sum::<f64>();
-    let tare = || trace.observations.iter().take(scene.tare_samples);
-    let touch = || trace.observations.iter().filter(|o| !o.is_empty());
-    let spread = rms(tare().map(square).sum(), tare().count());
-    let touch = rms(touch().map(square).sum(), touch().count());
-    (touch > 0.0 && spread > MOST_SPREAD * touch).then(|| PipelineWarning::TareSpread {
-        sequence: trace.id.clone(),
-        spread,
-        touch,
-        unit: scene.error_unit(),
-        others: 0,
-    })
 }

@@ -9,13 +9,15 @@ use std::path::PathBuf;
 use vsf::data::StiffnessField;
 use vsf::pipeline::{
     Candidate, Estimate, Hyper, HyperMethod, PipelineError, Scene, Trace, VisionCandidate,
-    VisionEstimate, VisionSpec, choose_hyper, estimate, estimate_with_vision, view_warnings,
+    VisionEstimate, VisionSpec, choose_hyper, estimate, estimate_with_vision, health_warnings,
+    view_warnings,
 };
 use vsf::vision::RgbdView;
 
 #[derive(Debug, clap::Args)]
 #[command(after_help = "\
-The field holds points, K (mean, N/m), K_std, and the features touched, prior_sd, noise_sd and contact; \
+The field holds points, K (mean, N/m), K_std, and the features touched, prior_sd (all parts of the prior \
+together), noise_sd and contact; \
 `vsf predict` and `vsf evaluate` warn when they are run with other contact, or another corrected model, than it \
 was estimated with.
 
@@ -115,6 +117,8 @@ pub fn run(args: &Args, console: &Console) -> anyhow::Result<()> {
         }
     };
     let chosen = learn(&scene, view.as_ref(), &traces, settings, console)?;
+    let health = health_warnings(&chosen.estimate.health);
+    health.iter().for_each(|w| console.warn(w));
     let field = FieldFile::of_estimate(
         &scene,
         &chosen.estimate,

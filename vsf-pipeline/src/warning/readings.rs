@@ -1,0 +1,155 @@
+use super::{PipelineWarning, Rows, outliers};
+use crate::{Scene, Trace, reading_unit};
+use vsf_core::Observation;
+use vsf_data::{Sequence, tare};
+use vsf_robots::Joint;
+
+/// Readings above so many times what the joint can bear are of another unit.
+const MOST_EFFORT: f64 = 10.0;
+/// Tare samples that spread by more than this share of the touch itself are no rest.
+const MOST_SPREAD: f64 = 0.25;
+/// Readings in contact that are less like those of springs are of the other sign.
+const LEAST_CORRELATION: f64 = -0.5;
+/// Readings in the air that are at least so much like the torques of gravity, and within a factor of their
+/// size, are these. A payload is like them too, but smaller.
+const GRAVITY_CORRELATION: f64 = 0.95;
+const GRAVITY_SIZE: std::ops::RangeInclusive<f64> = 0.8..=1.25;
+
+/// What looks wrong with the readings: torques of another unit, of the other sign, with gravity left in them,
+/// tare samples that are no rest. `traces` are those of `sequences`, in their order.
+pub fn reading_warnings(
+    scene: &Scene,
+    sequences: &[&Sequence],
+    traces: &[Trace],
+) -> Vec<PipelineWarning> {
+    let rows: Vec<Rows> = (traces.iter())
+        .map(|t| (t.id.as_str(), t.readings().collect()))
+        .collect();
+    let of_joint = |(j, joint): (usize, &Joint)| {
+        let effort = joint.limits().effort;
+        let strong = |tau: f64| tau.abs() > MOST_EFFORT * effort;
+        Some(PipelineWarning::BeyondEffort {
+            effort,
+            unit: reading_unit(joint),
+            outliers: outliers(joint, j, &rows, strong)?,
+        })
+    };
+    let joints = scene.robot.joints().iter().enumerate();
+    let mut warnings: Vec<_> = joints.filter_map(of_joint).collect();
+    let tares = |of: &dyn Fn(&Trace) -> Option<PipelineWarning>| {
+        let mut found = traces.iter().filter_map(of);
+        let first = found.next();
+        first.map(|w| w.and_others(found.count()))
+    };
+    warnings.extend(tares(&|t| tare_in_contact(t, scene.tare_samples)));
+    warnings.extend(tares(&|t| tare_spread(t, scene)));
+    // Gravity that is left may turn readings round.
+    warnings.extend(gravity_left(scene, sequences, traces).or_else(|| opposite(scene, traces)));
+    warnings
+}
+
+fn tare_in_contact(trace: &Trace, tare_samples: usize) -> Option<PipelineWarning> {
+    let tare = trace.observations.iter().take(tare_samples);
+    let mut touching = tare.enumerate().filter(|(_, o)| !o.is_empty());
+    let (row, _) = touching.next()?;
+    Some(PipelineWarning::TareInContact {
+        sequence: trace.id.clone(),
+        count: 1 + touching.count(),
+        tare_samples,
+        row,
+        others: 0,
+    })
+}
+
+fn tare_spread(trace: &Trace, scene: &Scene) -> Option<PipelineWarning> {
+    // Readings are tared: their mean over these samples is zero.
+    let rms = |squares: f64, count: usize| (squares / count.max(1) as f64).sqrt();
+    let square = |o: &Observation<f64>| o.reading().iter().map(|t| t * t).sum::<f64>();
+    let tare = || trace.observations.iter().take(scene.tare_samples);
+    let touch = || trace.observations.iter().filter(|o| !o.is_empty());
+    let spread = rms(tare().map(square).sum(), tare().count());
+    let touch = rms(touch().map(square).sum(), touch().count());
+    (touch > 0.0 && spread > MOST_SPREAD * touch).then(|| PipelineWarning::TareSpread {
+        sequence: trace.id.clone(),
+        spread,
+        touch,
+        unit: scene.error_unit(),
+        others: 0,
+    })
+}
+
+/// Inner products of readings with what they are compared to.
+#[derive(Default)]
+struct Likeness {
+    readings: f64,
+    both: f64,
+    others: f64,
+}
+
+impl Likeness {
+    fn add(&mut self, reading: f64, other: f64) {
+        self.readings += reading * reading;
+        self.both += reading * other;
+        self.others += other * other;
+    }
+
+    /// Cosine of the angle between them, NaN where one is zero.
+    fn correlation(&self) -> f64 {
+        self.both / (self.readings * self.others).sqrt()
+    }
+}
+
+/// Any stiffness gives torques that are, by and large, like those of the same stiffness everywhere.
+fn opposite(scene: &Scene, traces: &[Trace]) -> Option<PipelineWarning> {
+    let uniform = vec![1.0; scene.rest.len()];
+    let mut likeness = Likeness::default();
+    let observations = traces.iter().flat_map(|t| &t.observations);
+    for obs in observations.filter(|o| !o.is_empty()) {
+        let mut springs = vec![0.0; obs.dim()];
+        obs.apply(&uniform, &mut springs);
+        let pairs = obs.reading().iter().zip(springs);
+        pairs.for_each(|(tau, spring)| likeness.add(*tau, spring));
+    }
+    let correlation = likeness.correlation();
+    let opposite = correlation < LEAST_CORRELATION;
+    opposite.then_some(PipelineWarning::OppositeTorques { correlation })
+}
+
+fn gravity_left(
+    scene: &Scene,
+    sequences: &[&Sequence],
+    traces: &[Trace],
+) -> Option<PipelineWarning> {
+    let mut workspace = scene.robot.dynamics_workspace();
+    let mut likeness = Likeness::default();
+    for (sequence, trace) in sequences.iter().zip(traces) {
+        let mut gravity = sequence.angles.clone();
+        let cols = gravity.cols();
+        for (row, q) in gravity
+            .data_mut()
+            .chunks_mut(cols)
+            .zip(sequence.angles.iter())
+        {
+            // Angles that a trace was made of can be taken.
+            let torques = scene
+                .robot
+                .gravity_torques(q, &scene.gravity, &mut workspace);
+            row.copy_from_slice(torques.ok()?);
+        }
+        if scene.tare_samples > 0 {
+            gravity = tare(&gravity, scene.tare_samples).ok()?;
+        }
+        let rows = trace.observations.iter().zip(gravity.iter());
+        for (obs, gravity) in rows.filter(|(o, _)| o.is_empty()) {
+            let pairs = obs.reading().iter().zip(gravity);
+            pairs.for_each(|(tau, g)| likeness.add(*tau, *g));
+        }
+    }
+    let (size, correlation) = (likeness.both / likeness.others, likeness.correlation());
+    let left = correlation > GRAVITY_CORRELATION && GRAVITY_SIZE.contains(&size);
+    left.then_some(PipelineWarning::GravityLeft {
+        given: scene.torque_kind,
+        size,
+        correlation,
+    })
+}

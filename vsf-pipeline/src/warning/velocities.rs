@@ -1,0 +1,90 @@
+use super::PipelineWarning;
+use vsf_data::Sequence;
+use vsf_robots::RobotModel;
+
+/// Parts that a touch is cut into to compare them.
+const PARTS: usize = 20;
+/// Moves count from half of the longest one of their joint on, and from this on (rad or m).
+const LEAST_MOVE: f64 = 1e-3;
+/// Fewer moves say nothing.
+const LEAST_MOVES: usize = 3;
+/// Most that velocities may be of what they should be, or that of them.
+const MOST: f64 = 1.5;
+
+/// Velocities that are not how fast positions change.
+pub fn warning(robot: &RobotModel, sequences: &[&Sequence]) -> Option<PipelineWarning> {
+    let odd = |(j, joint): (usize, &vsf_robots::Joint)| {
+        let factor = factor(sequences, j)?;
+        let is_odd = !(1.0 / MOST..=MOST).contains(&factor);
+        is_odd.then(|| (joint.name().to_owned(), factor))
+    };
+    let mut found = robot.joints().iter().enumerate().filter_map(odd);
+    let (joint, factor) = found.next()?;
+    Some(PipelineWarning::Velocities {
+        joint,
+        factor,
+        others: found.count(),
+    })
+}
+
+/// What such a factor is likely to come from.
+pub fn cause(factor: f64) -> &'static str {
+    let is = |other: f64| (factor / other - 1.0).abs() < 0.1;
+    let degree = 1f64.to_radians();
+    match () {
+        () if is(degree.recip()) => "they look like degrees a second and must be in rad/s",
+        () if is(degree) => "positions look like degrees and must be in radians",
+        () if is(1e3) => {
+            "time stamps look like milliseconds and must be in seconds (or sliding joints are in mm/s)"
+        }
+        () if is(1e-3) => {
+            "they look like those of a millisecond (or the sample rate is 1000 times too high)"
+        }
+        () if is(-1.0) => "their sign is that of the way back",
+        () => "check their unit and order, the time stamps and the sample rate",
+    }
+}
+
+/// Median over the longer moves of joint `j` of the integral of its velocity per change of its position.
+fn factor(sequences: &[&Sequence], j: usize) -> Option<f64> {
+    let moves: Vec<_> = sequences.iter().flat_map(|s| moves(s, j)).collect();
+    let longest = moves
+        .iter()
+        .fold(0.0, |most: f64, (way, _)| most.max(way.abs()));
+    let least = LEAST_MOVE.max(0.5 * longest);
+    let long = moves.iter().filter(|(way, _)| way.abs() >= least);
+    let mut factors: Vec<f64> = long.map(|(way, integral)| integral / way).collect();
+    let middle = factors.len() / 2;
+    (factors.len() >= LEAST_MOVES)
+        .then(|| *factors.select_nth_unstable_by(middle, f64::total_cmp).1)
+}
+
+/// Changes of the position of joint `j` in the parts of all touches, and the integrals of its velocity. Parts
+/// of several samples, where there are many, are above the rounding of encoders.
+fn moves(sequence: &Sequence, j: usize) -> Vec<(f64, f64)> {
+    let Some(velocities) = &sequence.velocities else {
+        return Vec::new();
+    };
+    let (angles, time) = (&sequence.angles, &sequence.time);
+    if j >= angles.cols().min(velocities.cols()) {
+        return Vec::new();
+    }
+    let of_touch = |touch: std::ops::Range<usize>| {
+        let rows = (touch.len() / PARTS).max(1);
+        let starts = touch.clone().step_by(rows);
+        starts
+            .take_while(move |start| start + rows < touch.end)
+            .map(move |start| {
+                let end = start + rows;
+                let step = |k: usize| {
+                    let mean = 0.5 * (velocities[k][j] + velocities[k + 1][j]);
+                    mean * (time[k + 1] - time[k])
+                };
+                (
+                    angles[end][j] - angles[start][j],
+                    (start..end).map(step).sum(),
+                )
+            })
+    };
+    sequence.touches().flat_map(of_touch).collect()
+}

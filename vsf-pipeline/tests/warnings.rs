@@ -1,0 +1,229 @@
+//! Recordings with one thing wrong each, and the warning of it.
+#![allow(clippy::unwrap_used)]
+
+use nalgebra::{Isometry3, Point3, Vector3};
+use std::collections::BTreeMap;
+use vsf_core::{FilterHealth, UpdateReport};
+use vsf_data::{Attachment, Dataset, RobotRef, Sequence, Splits, Table, TorqueKind};
+use vsf_pipeline::{
+    PipelineWarning, Scene, SceneOptions, health_warnings, motion_warnings, reading_warnings,
+    simulate,
+};
+
+const ROWS: usize = 61;
+const SECONDS: f64 = 3.0;
+
+/// An arm of three links along x that swings up into a block above its end and back, by the first joint;
+/// the second one moves a little, the third hardly. Velocities are right, torques zero.
+fn swing() -> Sequence {
+    let (mut angles, mut velocities) = (Vec::new(), Vec::new());
+    let time: Vec<f64> = (0..ROWS)
+        .map(|k| SECONDS * k as f64 / (ROWS - 1) as f64)
+        .collect();
+    let pace = std::f64::consts::TAU / SECONDS;
+    for (k, t) in time.iter().enumerate() {
+        let (sin, cos) = (pace * t).sin_cos();
+        // An encoder that cannot make up its mind.
+        let jitter = if k.is_multiple_of(2) { 1e-4 } else { 0.0 };
+        angles.extend([-0.115 - 0.185 * cos, 0.02 * cos, jitter]);
+        velocities.extend([0.185 * pace * sin, -0.02 * pace * sin, 0.0]);
+    }
+    Sequence {
+        id: "0".to_owned(),
+        time,
+        angles: Table::new(3, angles).unwrap(),
+        velocities: Some(Table::new(3, velocities).unwrap()),
+        torques: Table::new(3, vec![0.0; 3 * ROWS]).unwrap(),
+        touch_starts: vec![0],
+        tags: Vec::new(),
+    }
+}
+
+fn scene(torque_kind: TorqueKind, tare_samples: usize) -> Scene {
+    let block = (0..100).map(|i| {
+        let at = |from: f64, k: usize| from + 0.015 * k as f64;
+        Point3::new(at(0.75, i % 5), at(-0.02, i / 25), at(0.045, i / 5 % 5))
+    });
+    let dataset = Dataset {
+        name: String::new(),
+        description: String::new(),
+        robot: RobotRef::resolve("planar_arm", ".".as_ref()).unwrap(),
+        torque_kind,
+        rate_hz: None,
+        gravity: Vector3::new(0.0, 0.0, -9.81),
+        base_pose: Isometry3::identity(),
+        object_bbox: None,
+        tare_samples,
+        splits: Splits {
+            train: Vec::new(),
+            test: Vec::new(),
+        },
+        joints: None,
+        joint_types: None,
+        attachment: Attachment::default(),
+        gauge_length: None,
+        rest_points: Some(block.collect()),
+        field: None,
+        camera: None,
+        sequences: vec![swing()],
+        extra: BTreeMap::new(),
+    };
+    Scene::open(&dataset, &SceneOptions::default()).unwrap()
+}
+
+/// The swing with the readings of an uneven block, as they are recorded.
+fn touch(recorded: &Scene) -> Sequence {
+    let stiffness: Vec<f64> = (0..100).map(|i| 50.0 * f64::from(i % 7)).collect();
+    let mut found = simulate(recorded, &stiffness, &[swing()], 0.02, 1).unwrap();
+    found.remove(0)
+}
+
+fn warned(taken: &Scene, sequence: &Sequence) -> Vec<PipelineWarning> {
+    let traces = [taken.trace(sequence).unwrap()];
+    let in_contact = traces[0].contact_samples();
+    assert!((5..ROWS / 2).contains(&in_contact), "{in_contact}");
+    reading_warnings(taken, &[sequence], &traces)
+}
+
+fn scaled(table: &Table, factor: f64) -> Table {
+    let data = table.data().iter().map(|v| factor * v);
+    Table::new(table.cols(), data.collect()).unwrap()
+}
+
+#[test]
+fn right_readings_are_not_warned_of() {
+    for kind in [TorqueKind::External, TorqueKind::Measured] {
+        for tare_samples in [0, 5] {
+            let scene = scene(kind, tare_samples);
+            assert_eq!(warned(&scene, &touch(&scene)), []);
+        }
+    }
+}
+
+#[test]
+fn torques_of_the_robot_on_the_object() {
+    let scene = scene(TorqueKind::External, 0);
+    let right = touch(&scene);
+    let turned = Sequence {
+        torques: scaled(&right.torques, -1.0),
+        ..right
+    };
+    let warnings = warned(&scene, &turned);
+    assert!(
+        matches!(warnings[..], [PipelineWarning::OppositeTorques { correlation }] if correlation < -0.8),
+        "{warnings:?}"
+    );
+    assert!(warnings[0].to_string().contains("check their sign"));
+}
+
+#[test]
+fn torques_of_the_other_kind() {
+    let (external, measured) = (TorqueKind::External, TorqueKind::Measured);
+    for (was, taken) in [(external, measured), (measured, external)] {
+        for tare_samples in [0, 5] {
+            let taken = scene(taken, tare_samples);
+            let warnings = warned(&taken, &touch(&scene(was, 0)));
+            let found = warnings
+                .iter()
+                .find(|w| matches!(w, PipelineWarning::GravityLeft { size, .. } if (size - 1.0).abs() < 0.05));
+            let text = found.unwrap().to_string();
+            let asks = match was {
+                TorqueKind::External => "check whether they are external",
+                TorqueKind::Measured => "check whether they are measured",
+            };
+            assert!(text.ends_with(asks), "{text}");
+        }
+    }
+}
+
+/// A payload that is not in the model weighs like the arm, but less.
+#[test]
+fn a_payload_is_no_gravity_left() {
+    let (external, measured) = (
+        scene(TorqueKind::External, 0),
+        scene(TorqueKind::Measured, 0),
+    );
+    let gravity = touch(&measured);
+    let loaded = Sequence {
+        torques: scaled(&gravity.torques, 0.4),
+        ..gravity
+    };
+    let warnings = warned(&external, &loaded);
+    let left = |w: &PipelineWarning| matches!(w, PipelineWarning::GravityLeft { .. });
+    assert!(!warnings.iter().any(left), "{warnings:?}");
+}
+
+#[test]
+fn velocities_of_another_unit() {
+    let (robot, right) = (scene(TorqueKind::External, 0).robot, swing());
+    assert_eq!(motion_warnings(&robot, &[&right]), []);
+    let velocities = |factor: f64| Sequence {
+        velocities: right.velocities.as_ref().map(|v| scaled(v, factor)),
+        ..right.clone()
+    };
+    let in_ms = Sequence {
+        time: right.time.iter().map(|t| 1e3 * t).collect(),
+        ..right.clone()
+    };
+    for (sequence, expected, cause) in [
+        (velocities(1f64.to_degrees()), 57.3, "degrees a second"),
+        (in_ms, 1e3, "milliseconds"),
+        (velocities(1e-3), 1e-3, "millisecond"),
+        (velocities(-1.0), -1.0, "sign"),
+        (velocities(0.0), 0.0, "unit and order"),
+    ] {
+        let warnings = motion_warnings(&robot, &[&sequence]);
+        let [
+            PipelineWarning::Velocities {
+                factor, others: 1, ..
+            },
+        ] = &warnings[..]
+        else {
+            panic!("{expected}: {warnings:?}");
+        };
+        assert!(
+            (factor - expected).abs() <= 0.01 * f64::abs(expected),
+            "{factor}"
+        );
+        let text = warnings[0].to_string();
+        assert!(
+            text.contains(cause) && text.contains("1 more joint"),
+            "{text}"
+        );
+    }
+}
+
+/// Where a recording goes from one touch to the next, the arm jumps.
+#[test]
+fn jumps_between_touches_are_no_moves() {
+    let robot = scene(TorqueKind::External, 0).robot;
+    let mut sequence = swing();
+    let jump = 3 * ROWS / 2;
+    sequence.angles.data_mut()[jump / 3 * 3..]
+        .iter_mut()
+        .for_each(|q| *q += 1.0);
+    sequence.touch_starts = vec![0, jump / 3];
+    assert_eq!(motion_warnings(&robot, &[&sequence]), []);
+}
+
+#[test]
+fn estimators_that_are_far_too_sure() {
+    let after = |ratio: f64| {
+        let mut health = FilterHealth::default();
+        for _ in 0..10 {
+            health.record(&UpdateReport {
+                dof: 7,
+                nis: 7.0 * ratio,
+                ..UpdateReport::default()
+            });
+        }
+        health_warnings(&health)
+    };
+    assert_eq!(health_warnings(&FilterHealth::default()), []);
+    assert_eq!(after(3.0), []);
+    let warnings = after(400.0);
+    assert!(
+        matches!(warnings[..], [PipelineWarning::Overconfident { ratio }] if (ratio - 400.0).abs() < 1e-9)
+    );
+    assert!(warnings[0].to_string().contains("larger noise sd"));
+}
