@@ -169,13 +169,10 @@ impl Extrapolation {
     }
 }
 
-/// Points of whose variance the touches took a smaller share than this tell nothing.
-const LEAST_TOLD: f64 = 1e-6;
 /// Least number of points to learn from.
 const LEAST: usize = 2;
 
-/// The touched points of a field where there is probably something, `K_i = o_i k_i`, and whose readings
-/// tell how stiff it is.
+/// The touched points of a field where there is probably something, `K_i = o_i k_i`.
 pub(crate) struct Known<'a> {
     /// Which they are.
     pub points: Vec<usize>,
@@ -213,40 +210,33 @@ impl<'a> Known<'a> {
                 seen: in_sight.len(),
             });
         }
-        let mut known = Self {
+        Ok(Self {
             points: in_sight,
             field,
             occupancy,
             prior_variance,
-        };
-        let told = known.points.iter().copied();
-        known.points = told.filter(|&i| known.told(i) >= LEAST_TOLD).collect();
-        match known.points.len() {
-            got if got < LEAST => Err(VisionError::TooFew {
-                what: "touched points in sight of whose stiffness the readings tell anything",
-                got,
-                least: LEAST,
-            }),
-            _ => Ok(known),
-        }
+        })
     }
 
-    /// Share of the prior's variance that the touches took off point `i`.
-    fn told(&self, i: usize) -> f64 {
-        1.0 - self.field.variance()[i] / self.prior_variance
-    }
-
-    /// Stiffness `k_i` of what is there at the points `of`, as the touches alone tell it, with features of
-    /// these. The prior `N(0, p)` leaves the share `1 - V/p` of that stiffness in a mean with variance `V`,
-    /// and `1/V - 1/p` is the precision without it.
+    /// Stiffness `k_i` of what is there at the points `of`, with features of these.
     pub fn samples(&self, of: &[usize], features: Features) -> Result<Samples, VisionError> {
         let one = |&i: &usize| {
-            let (o, told) = (self.occupancy[i], self.told(i));
-            let (mean, variance) = (self.field.mean()[i], self.field.variance()[i]);
-            (mean / told / o, variance / told / (o * o))
+            let o = self.occupancy[i];
+            let variance = own_variance(self.field.variance()[i], self.prior_variance);
+            (self.field.mean()[i] / o, variance / (o * o))
         };
         let (targets, variances) = of.iter().map(one).unzip();
         Samples::new(features, targets, variances)
+    }
+}
+
+/// Variance that the touches alone leave: `1 / (1/posterior - 1/prior)`, at most 1e6 times the
+/// prior's.
+fn own_variance(posterior: f64, prior: f64) -> f64 {
+    let most = 1e6 * prior;
+    match 1.0 / posterior - 1.0 / prior {
+        precision if precision * most > 1.0 => 1.0 / precision,
+        _ => most,
     }
 }
 
