@@ -133,7 +133,7 @@ impl FieldFile {
         let touched = estimate.touched.iter().map(|&t| f64::from(u8::from(t)));
         let features = [
             (TOUCHED, column(touched.collect())?),
-            (PRIOR_SD, column(vec![hyper.prior_sd; n])?),
+            (PRIOR_SD, column(vec![hyper.point_sd(); n])?),
             (
                 NOISE_SD,
                 Table::new(hyper.noise_sd.len(), hyper.noise_sd.repeat(n))?,
@@ -217,7 +217,8 @@ impl FieldFile {
         }
     }
 
-    /// Standard deviation of a point's own stiffness before it was touched, if the file says.
+    /// Standard deviation of the stiffness of a point before it was touched, all parts of the prior
+    /// together, if the file says.
     pub fn prior_sd(&self) -> anyhow::Result<Option<f64>> {
         let values = column(&self.path, &self.field, PRIOR_SD)?;
         Ok(values.and_then(|v| v.first().copied()))

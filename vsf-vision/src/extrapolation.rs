@@ -79,9 +79,8 @@ impl Extrapolation {
     }
 
     /// Learns from the touched points of a field. `prior_variance` (N²/m²) is that of a point before
-    /// it was touched, about mean 0; how far a touch has lowered it says how much the point has to tell, and
-    /// how far its mean was held back. With fewer than 2 touched points in sight, visible points are taken by
-    /// position, as hidden ones.
+    /// it was touched; how far a touch has lowered it says how much the point has to tell. With
+    /// fewer than 2 touched points in sight, visible points are taken by position, as hidden ones.
     ///
     /// # Errors
     /// Lengths that differ, a length or variance that is not positive, fewer than 2 touched points on or
@@ -169,10 +168,13 @@ impl Extrapolation {
     }
 }
 
+/// Points of whose variance the touches took a smaller share than this tell nothing.
+const LEAST_TOLD: f64 = 1e-6;
 /// Least number of points to learn from.
 const LEAST: usize = 2;
 
-/// The touched points of a field where there is probably something, `K_i = o_i k_i`.
+/// The touched points of a field where there is probably something, `K_i = o_i k_i`, and whose readings
+/// tell how stiff it is.
 pub(crate) struct Known<'a> {
     /// Which they are.
     pub points: Vec<usize>,
@@ -210,33 +212,42 @@ impl<'a> Known<'a> {
                 seen: in_sight.len(),
             });
         }
-        Ok(Self {
+        let mut known = Self {
             points: in_sight,
             field,
             occupancy,
             prior_variance,
-        })
+        };
+        let told = known.points.iter().copied();
+        known.points = told.filter(|&i| known.told(i) >= LEAST_TOLD).collect();
+        match known.points.len() {
+            got if got < LEAST => Err(VisionError::TooFew {
+                what: "touched points in sight of whose stiffness the readings tell anything",
+                got,
+                least: LEAST,
+            }),
+            _ => Ok(known),
+        }
     }
 
-    /// Stiffness `k_i` of what is there at the points `of`, with features of these.
+    /// Share of the prior's variance that the touches took off point `i`.
+    fn told(&self, i: usize) -> f64 {
+        1.0 - self.field.variance()[i] / self.prior_variance
+    }
+
+    /// Stiffness `k_i` of what is there at the points `of`, with features of these. A mean with variance `V`
+    /// under a prior with variance `p` counts as `1 - V/p` readings: points that are touched together share
+    /// what a reading tells, and `n` of them count as one. For the same reason the mean is taken as it is:
+    /// `m / (1 - V/p)`, what the readings say without the prior if a point is taken by itself, makes each of
+    /// them answer for all.
     pub fn samples(&self, of: &[usize], features: Features) -> Result<Samples, VisionError> {
         let one = |&i: &usize| {
-            let o = self.occupancy[i];
-            let variance = own_variance(self.field.variance()[i], self.prior_variance);
+            let (o, told) = (self.occupancy[i], self.told(i));
+            let variance = self.field.variance()[i] / told;
             (self.field.mean()[i] / o, variance / (o * o))
         };
         let (targets, variances) = of.iter().map(one).unzip();
         Samples::new(features, targets, variances)
-    }
-}
-
-/// Variance that the touches alone leave: `1 / (1/posterior - 1/prior)`, at most 1e6 times the
-/// prior's.
-fn own_variance(posterior: f64, prior: f64) -> f64 {
-    let most = 1e6 * prior;
-    match 1.0 / posterior - 1.0 / prior {
-        precision if precision * most > 1.0 => 1.0 / precision,
-        _ => most,
     }
 }
 

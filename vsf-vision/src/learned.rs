@@ -111,7 +111,7 @@ impl LearnedPrior {
 
     /// Samples of one object for [`fit`](Self::fit): the touched points of its field, by their
     /// [`appearance`](Seen::appearance). `prior_variance` (N²/m²) is that of a point before it was touched,
-    /// about mean 0. Stiffness is that of what is there, `k_i` in `K_i = o_i k_i` with the
+    /// all parts of the prior together. Stiffness is that of what is there, `k_i` in `K_i = o_i k_i` with the
     /// [occupancy](Seen::occupancy) `o_i`.
     ///
     /// # Errors

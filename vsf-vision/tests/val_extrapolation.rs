@@ -175,6 +175,11 @@ fn extrapolation_says_what_is_wrong() {
             seen: 0
         })
     ));
+    // Touches that told nothing.
+    assert!(matches!(
+        fit(&block.touched, 1.0),
+        Err(VisionError::TooFew { .. })
+    ));
     assert!(fit(&none[1..], PRIOR).is_err());
     assert!(fit(&block.touched, 0.0).is_err());
     assert!(fit(&block.touched, f64::NAN).is_err());
@@ -294,6 +299,30 @@ fn looks_carry_over_to_another_object() {
         assert!(found[n - 120..].iter().all(|k| *k == 0.0));
         assert!(found.iter().all(|k| *k >= 0.0 && k.is_finite()));
     }
+}
+
+/// Four points that are only ever touched together, each of 20 N/m: the posterior of independent points after an
+/// exact reading of their sum. Each is a sample of 20 N/m, and together they count as one reading does; so does
+/// a point that is touched alone.
+#[test]
+fn points_touched_together_count_as_one() {
+    let (k, together) = (20.0, 4.0);
+    let shared = PRIOR * (1.0 - 1.0 / together);
+    let alone = 1e-6 * PRIOR;
+    let variance = vec![shared, shared, shared, shared, alone];
+    let field = Belief::new(vec![k; 5], variance).unwrap();
+    let seen = Seen {
+        visible: vec![true; 5],
+        behind: vec![0.0; 5],
+        in_picture: vec![true; 5],
+        colors: vec![[90; 3]; 5],
+        heights: vec![0.0, 0.1, 0.2, 0.3, 0.4],
+    };
+    let found = LearnedPrior::samples(&seen, &field, &[true; 5], PRIOR).unwrap();
+    assert_eq!(found.targets(), [k; 5]);
+    let weight: f64 = found.variances()[..4].iter().map(|v| shared / v).sum();
+    assert!((weight - 1.0).abs() < 1e-9, "{weight}");
+    assert!((found.variances()[4] / alone - 1.0).abs() < 1e-5);
 }
 
 /// A part of what is seen keeps its heights above the lowest of all points.
