@@ -18,9 +18,9 @@ use vsf_vision::{GaussianProcess, GpConfig, KnnConfig, KnnRegressor, Width};
 /// paper says "center position" and "rotation axis" and nothing more.
 ///
 /// Each is scaled to mean 0 and standard deviation 1 over the train samples. Those that hardly change
-/// there are left out, with less than 1 % of the deviation of the one in `q`, `r` or `k` that changes most,
-/// or in `r` and `k` of less than 1e-4 (m or 1): a hand that keeps its direction has an axis of rounding
-/// errors, which scaling would make as large as all else.
+/// there are left out, with less than 1 % of the deviation (rad, m or 1) of the one that changes
+/// most: a hand that keeps its direction has an axis of rounding errors, which scaling would make as
+/// large as all else.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub enum Baseline {
     /// No torque at all.

@@ -18,10 +18,8 @@ pub struct Known {
     chosen: Vec<bool>,
 }
 
-/// Features with less than this share of the greatest deviation among those of their kind are left out.
-const LEAST_SHARE: f64 = 0.01;
-/// So are places (m) and directions that deviate less: no arm holds its hand more still.
-const LEAST_DEVIATION: f64 = 1e-4;
+/// Features with less than this share of the greatest deviation are left out.
+const LEAST_DEVIATION: f64 = 0.01;
 
 impl Known {
     pub fn new(scene: &Scene, train: &[&Sequence]) -> Result<Self, PipelineError> {
@@ -42,7 +40,10 @@ impl Known {
         let joints = scene.robot.joint_count();
         CoreError::check_len("train readings", readings.len(), joints * start)?;
         let columns = columns(&scene.robot, train)?;
-        let chosen = chosen(&columns, joints);
+        let deviations: Vec<f64> = columns.iter().map(|c| deviation(c)).collect();
+        let greatest = deviations.iter().copied().fold(0.0, f64::max);
+        let moves = |sd: &f64| *sd >= LEAST_DEVIATION * greatest;
+        let chosen: Vec<bool> = deviations.iter().map(moves).collect();
         Ok(Self {
             features: table(&columns, &chosen)?,
             torques: DMatrix::from_vec(joints, start, readings),
@@ -59,21 +60,6 @@ impl Known {
     ) -> Result<Features, PipelineError> {
         table(&columns(robot, sequences)?, &self.chosen)
     }
-}
-
-/// Which columns move. Angles, places and directions have no unit in common: `q`, `r` and `k` are each
-/// compared among themselves.
-fn chosen(columns: &[Vec<f64>], joints: usize) -> Vec<bool> {
-    let (q, rest) = columns.split_at(joints);
-    let (r, k) = rest.split_at(3);
-    let moving = |(kind, least): (&[Vec<f64>], f64)| {
-        let deviations: Vec<f64> = kind.iter().map(|c| deviation(c)).collect();
-        let greatest = deviations.iter().copied().fold(0.0, f64::max);
-        let least = least.max(LEAST_SHARE * greatest);
-        deviations.into_iter().map(move |sd| sd >= least)
-    };
-    let kinds = [(q, 0.0), (r, LEAST_DEVIATION), (k, LEAST_DEVIATION)];
-    kinds.into_iter().flat_map(moving).collect()
 }
 
 fn deviation(values: &[f64]) -> f64 {
@@ -167,16 +153,6 @@ mod tests {
         assert_eq!(&flat[..7], &bent);
         assert!((flat[7].abs() - (1.187 - 0.2848)).abs() < 2e-3, "{flat:?}");
         assert!((flat[10].abs() - 1.0).abs() < 1e-9, "{flat:?}");
-    }
-
-    /// A hand that turns far and goes to and fro by a millimetre: its way counts, and the axis that only
-    /// rounding moves does not.
-    #[test]
-    fn features_are_compared_with_their_kind() {
-        let wave = |size: f64| (0..8).map(|i| size * (f64::from(i) - 3.5)).collect();
-        let columns = [1.0, 1e-3, 1e-3, 1e-3, 1e-6, 1e-16, 1e-7, 0.0].map(wave);
-        let expected = [true, false, true, true, false, false, false, false];
-        assert_eq!(chosen(&columns, 2), expected);
     }
 
     #[test]
