@@ -102,7 +102,9 @@ fn tare_samples_that_are_no_rest() {
         |away: usize| -> Vec<f64> { (0..20).map(|k| if k < away { 0.5 } else { 0.0 }).collect() };
     let torques = |noise: f64| -> Vec<f64> {
         let wave = |k: usize| if k.is_multiple_of(2) { noise } else { -noise };
-        (0..20).map(|k| if k < 8 { wave(k) } else { -4.0 }).collect()
+        (0..20)
+            .map(|k| if k < 8 { wave(k) } else { -4.0 })
+            .collect()
     };
     arm(&bench, &angles(8), &torques(0.1));
     points(&bench);

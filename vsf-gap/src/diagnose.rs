@@ -258,8 +258,14 @@ pub fn diagnose(
     best_first(&mut candidates, base);
 
     progress(Step::Pairs);
-    let pair = campaign.pair(&tangents, &mut candidates, base, &spread)?;
+    let mut pair = campaign.pair(&tangents, &mut candidates, base, &spread)?;
     best_first(&mut candidates, base);
+    if !fitted.touches() {
+        let models = candidates.iter_mut().filter_map(|c| c.refined.as_mut());
+        for refined in models.chain(&mut pair) {
+            campaign.settle(refined)?;
+        }
+    }
 
     progress(Step::Check);
     let alone = |name: &str| {
@@ -297,12 +303,7 @@ pub fn diagnose(
     let judged = loop {
         let judged = judge(&hypotheses, &nominally);
         let Some(i) = judged.named else { break judged };
-        let mut refined = hypotheses[i].refined;
-        let settled;
-        if !fitted.touches() && refined.spread.joint > 0.0 {
-            settled = campaign.settled(refined)?;
-            refined = &settled;
-        }
+        let refined = hypotheses[i].refined;
         let (field, residuals) = campaign.checked(&refined.model, &refined.spread, whole, &all)?;
         let error = residuals.mean_error();
         let worse = error > before.mean_error();

@@ -168,19 +168,27 @@ impl Campaign {
         })
     }
 
-    /// A fitted model with the parameters that predict readings best, whatever persists in what it leaves.
+    /// Gives a fitted model the parameters that predict readings best, whatever persists in what it leaves.
     /// Weights that know how errors persist look at quick changes; there, the forms of effects are at their
-    /// worst.
+    /// worst. Its evidence stays.
     ///
     /// # Errors
     /// As [`Campaign::refine`].
-    pub(crate) fn settled(&self, refined: &Refined) -> Result<Refined, GapError> {
+    pub(crate) fn settle(&self, refined: &mut Refined) -> Result<(), GapError> {
+        if refined.spread.joint == 0.0 {
+            return Ok(());
+        }
         let spread = Spread {
             joint: 0.0,
             white: refined.spread.joint,
             ..refined.spread
         };
-        self.refine(&refined.model, refined.prior.clone(), &spread)
+        *refined = Refined {
+            log_evidence: refined.log_evidence,
+            spread: refined.spread,
+            ..self.refine(&refined.model, refined.prior.clone(), &spread)?
+        };
+        Ok(())
     }
 
     /// The field of a fitted model, without negative stiffness.
