@@ -1,15 +1,10 @@
+use crate::bootstrap::Bootstrap;
 use crate::evidence::{Factor, Spread};
 use crate::nominal::Fitted;
 use crate::{Campaign, GapError, JointNoise, Model, Motion};
-use rand::{RngExt, SeedableRng};
-use rand_pcg::Pcg64Mcg;
 
 /// Rounds of leaving out points whose stiffness came out negative.
 const ROUNDS: usize = 3;
-/// Length of a block of samples that is drawn as a whole (s), fewest blocks, and number of draws.
-const BLOCK: f64 = 3.0;
-const FEWEST_BLOCKS: f64 = 8.0;
-const DRAWS: usize = 400;
 
 /// Residuals of a model on sequences, per sample and joint.
 #[derive(Debug, Clone)]
@@ -34,22 +29,20 @@ pub(crate) struct Closure {
 impl Residuals {
     /// Mean norm over samples.
     pub fn mean_error(&self) -> f64 {
-        let norms: Vec<f64> = self.squares().map(|(_, s)| s.sqrt()).collect();
+        let norms: Vec<f64> = self.squares().map(f64::sqrt).collect();
         norms.iter().sum::<f64>() / norms.len().max(1) as f64
     }
 
     /// Mean squared norm over samples.
     pub fn mean_square(&self) -> f64 {
-        let squares: Vec<f64> = self.squares().map(|(_, s)| s).collect();
+        let squares: Vec<f64> = self.squares().collect();
         squares.iter().sum::<f64>() / squares.len().max(1) as f64
     }
 
-    /// Sequence and squared norm of every sample.
-    fn squares(&self) -> impl Iterator<Item = (usize, f64)> + '_ {
-        self.rows.iter().enumerate().flat_map(|(s, rows)| {
-            rows.chunks_exact(self.joints)
-                .map(move |r| (s, r.iter().map(|v| v * v).sum::<f64>()))
-        })
+    /// Squared norm of every sample.
+    fn squares(&self) -> impl Iterator<Item = f64> + '_ {
+        let samples = (self.rows.iter()).flat_map(|rows| rows.chunks_exact(self.joints));
+        samples.map(|r| r.iter().map(|v| v * v).sum())
     }
 }
 
@@ -139,73 +132,23 @@ pub(crate) fn closure(
     seed: u64,
 ) -> Closure {
     let floor: f64 = noise.iter().map(|n| n.sd * n.sd).sum();
-    let (b, a): (Vec<_>, Vec<_>) = (before.squares().collect(), after.squares().collect());
-    // Blocks of samples, each within a sequence.
-    let length = |m: &Motion| {
-        m.clock
-            .last()
-            .zip(m.clock.first())
-            .map_or(0.0, |(b, a)| b - a)
+    let (before, after): (Vec<f64>, Vec<f64>) =
+        (before.squares().collect(), after.squares().collect());
+    let fraction = |sums: &[f64]| {
+        let (gap, left) = (sums[0], sums[1]);
+        vec![match gap > 0.0 {
+            true => ((gap - left) / gap).clamp(-10.0, 10.0),
+            false => 0.0,
+        }]
     };
-    let block = BLOCK.min(motions.iter().map(length).sum::<f64>() / FEWEST_BLOCKS);
-    let mut blocks = Vec::new();
-    let mut first = 0;
-    for motion in motions {
-        let mut start = 0;
-        for row in 0..motion.len() {
-            let long = motion.clock[row] - motion.clock[start] >= block;
-            if long || row + 1 == motion.len() {
-                blocks.push(first + start..first + row + 1);
-                start = row + 1;
-                if start >= motion.len() {
-                    break;
-                }
-            }
-        }
-        first += motion.len();
-    }
-    let sums: Vec<[f64; 2]> = (blocks.iter())
-        .map(|range| {
-            let of = |squares: &[(usize, f64)]| {
-                squares[range.clone()]
-                    .iter()
-                    .map(|(_, s)| s - floor)
-                    .sum::<f64>()
-            };
-            [of(&b), of(&a)]
-        })
-        .collect();
-    let fraction = |chosen: &mut dyn Iterator<Item = usize>| {
-        let (mut gap, mut left) = (0.0, 0.0);
-        for i in chosen {
-            gap += sums[i][0];
-            left += sums[i][1];
-        }
-        if gap > 0.0 {
-            ((gap - left) / gap).clamp(-10.0, 10.0)
-        } else {
-            0.0
-        }
+    let add = |sample: usize, sums: &mut [f64]| {
+        sums[0] += before[sample] - floor;
+        sums[1] += after[sample] - floor;
     };
-    let whole = fraction(&mut (0..sums.len()));
-    let mut rng = Pcg64Mcg::seed_from_u64(seed);
-    let mut draws: Vec<f64> = (0..DRAWS)
-        .map(|_| {
-            let picks: Vec<usize> = (0..sums.len())
-                .map(|_| rng.random_range(0..sums.len()))
-                .collect();
-            fraction(&mut picks.into_iter())
-        })
-        .collect();
-    draws.sort_by(f64::total_cmp);
-    let at = |q: f64| {
-        draws
-            .get((q * DRAWS as f64) as usize)
-            .copied()
-            .unwrap_or(whole)
-    };
+    let motions: Vec<&Motion> = motions.iter().collect();
+    let (whole, intervals) = Bootstrap::new(&motions, seed).intervals(2, add, fraction);
     Closure {
-        fraction: whole,
-        interval: [at(0.025), at(0.975)],
+        fraction: whole[0],
+        interval: intervals[0],
     }
 }

@@ -36,6 +36,7 @@
 
 #![forbid(unsafe_code)]
 
+mod bootstrap;
 mod campaign;
 mod closure;
 mod corrected;

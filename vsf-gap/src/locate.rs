@@ -1,17 +1,13 @@
+use crate::bootstrap::Bootstrap;
 use crate::closure::Residuals;
 use crate::effect::Touch;
 use crate::{Campaign, GapError, JointNoise, Model, Motion, Phase, centre};
 use nalgebra::{Point3, Vector3};
-use rand::{RngExt, SeedableRng};
-use rand_pcg::Pcg64Mcg;
 use serde::{Deserialize, Serialize};
 
 /// Edge of the cells (m) that regions are made of, and most regions named.
 const CELL: f64 = 0.06;
 const REGIONS: usize = 5;
-/// Samples per block of the bootstrap, and its draws.
-const BLOCK: usize = 30;
-const DRAWS: usize = 200;
 
 /// The gap in one part of the recording.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -113,7 +109,7 @@ pub(crate) fn locate(
         )),
         false => None,
     };
-    for (sequence, motion) in all.into_iter().enumerate() {
+    for (sequence, motion) in all.iter().copied().enumerate() {
         let logs = campaign.contact_logs(&nominal, &[motion])?;
         let phases = campaign.phases(motion, &logs[0]);
         let tested = checked.iter().position(|m| m.id == motion.id);
@@ -148,10 +144,10 @@ pub(crate) fn locate(
             });
         }
     }
-    let mut rng = Pcg64Mcg::seed_from_u64(seed);
+    let mut bootstrap = Bootstrap::new(&all, seed);
     let robot = &campaign.site.robot;
     let mut parts = |ofs: Vec<Of>, member: &dyn Fn(&Row, usize) -> Option<usize>| {
-        shares(&rows, d, ofs, member, &mut rng)
+        shares(&rows, d, ofs, member, &mut bootstrap)
     };
     let joint = parts(
         robot
@@ -196,46 +192,24 @@ fn shares(
     joints: usize,
     ofs: Vec<Of>,
     member: &dyn Fn(&Row, usize) -> Option<usize>,
-    rng: &mut Pcg64Mcg,
+    bootstrap: &mut Bootstrap,
 ) -> Vec<Part> {
-    let blocks: Vec<Vec<f64>> = (rows.chunks(BLOCK))
-        .map(|block| {
-            let mut sums = vec![0.0; ofs.len()];
-            for row in block {
-                for j in 0..joints {
-                    if let Some(k) = member(row, j) {
-                        sums[k] += row.energy[j];
-                    }
-                }
+    let add = |sample: usize, sums: &mut [f64]| {
+        let row = &rows[sample];
+        for j in 0..joints {
+            if let Some(k) = member(row, j) {
+                sums[k] += row.energy[j];
             }
-            sums
-        })
-        .collect();
-    let share = |picks: &mut dyn Iterator<Item = usize>| {
-        let mut sums = vec![0.0; ofs.len()];
-        for b in picks {
-            sums.iter_mut().zip(&blocks[b]).for_each(|(s, v)| *s += v);
         }
-        sums.iter_mut().for_each(|s| *s = s.max(0.0));
-        let total: f64 = sums.iter().sum();
-        if total > 0.0 {
-            sums.iter_mut().for_each(|s| *s /= total);
-        }
-        sums
     };
-    let whole = share(&mut (0..blocks.len()));
-    let draws: Vec<Vec<f64>> = (0..DRAWS)
-        .map(|_| {
-            let picks: Vec<usize> = (0..blocks.len())
-                .map(|_| rng.random_range(0..blocks.len()))
-                .collect();
-            share(&mut picks.into_iter())
-        })
-        .collect();
+    let share = |sums: &[f64]| {
+        let total: f64 = sums.iter().map(|s| s.max(0.0)).sum();
+        let of_total = |s: &f64| if total > 0.0 { s.max(0.0) / total } else { 0.0 };
+        sums.iter().map(of_total).collect()
+    };
+    let (whole, intervals) = bootstrap.intervals(ofs.len(), add, share);
     let mut parts: Vec<Part> = (ofs.into_iter().enumerate())
         .map(|(k, of)| {
-            let mut drawn: Vec<f64> = draws.iter().map(|d| d[k]).collect();
-            drawn.sort_by(f64::total_cmp);
             let (mut excess, mut count) = (0.0, 0usize);
             for row in rows {
                 let Some(beyond) = &row.excess else { continue };
@@ -247,7 +221,7 @@ fn shares(
             Part {
                 of,
                 share: whole[k],
-                interval: [drawn[DRAWS / 40], drawn[DRAWS - 1 - DRAWS / 40]],
+                interval: intervals[k],
                 excess: (excess / count.max(1) as f64).max(0.0).sqrt(),
             }
         })
