@@ -209,6 +209,7 @@ fn dense_states_that_cannot_be_are_refused() {
         ("/points", json!([0, 0]), "twice"),
         ("/points/1", json!(4), "out of range"),
         ("/link", json!([]), "link"),
+        ("/link/0", json!(-1.0), "common level"),
         ("/mean", json!([1.0]), "means"),
         ("/variance/0", json!(-1.0), "positive definite"),
         ("/mode/0/1", json!(-1.0), "multiplier"),

@@ -102,9 +102,9 @@ pub(super) fn minimise(problem: &dyn Quadratic) -> Result<Optimum, CoreError> {
         }
     }
     // Only rounding can make the exchanges go round in circles.
-    Err(CoreError::NotPositiveDefinite {
-        what: "normal equations",
-        pivot: 0,
-        value: f64::NAN,
-    })
+    Err(CoreError::Other(
+        "the points at zero of the batch optimum did not settle: prior and noise are further apart than numbers \
+         of 64 bits can tell; give a larger noise sd or a smaller prior sd"
+            .into(),
+    ))
 }

@@ -114,7 +114,16 @@ impl<T: Scalar> TryFrom<Parts<T>> for CovarianceFilter<T> {
         let entry = |i: usize, j: usize| parts.link[i * (i + 1) / 2 + j];
         match &mut touched.link {
             Link::Nothing => {}
-            Link::Level { precision, .. } => *precision = parts.link[0],
+            Link::Level { precision, .. } => {
+                if parts.link[0] < 0.0 {
+                    return Err(CoreError::Parameter {
+                        name: "precision of the common level",
+                        value: parts.link[0],
+                        range: ">= 0",
+                    });
+                }
+                *precision = parts.link[0];
+            }
             Link::Field { root } => {
                 let capacity = n.next_power_of_two();
                 root.reserve(capacity, capacity);
