@@ -258,7 +258,10 @@ impl Recording {
         match (given, &self.dataset.field) {
             (Some(path), _) => FieldFile::open(path, console),
             (None, Some(field)) => FieldFile::new(self.path.clone(), field.clone()),
-            (None, None) => Err(usage("--field is required: the recording stores no field")),
+            (None, None) => Err(usage(
+                "--field is required: the recording stores no field; `vsf estimate` makes one of a recording \
+                 with points",
+            )),
         }
     }
 }

@@ -42,10 +42,10 @@ pub struct MetadataSettings {
     /// Types of the columns: revolute or prismatic
     #[arg(long, value_delimiter = ',', value_parser = ["revolute", "prismatic"])]
     joint_types: Option<Vec<String>>,
-    /// IDs of the train split; with --test or alone
+    /// IDs of the train split; without --test nothing tests
     #[arg(long, value_delimiter = ',')]
     train: Option<Vec<String>>,
-    /// IDs of the test split; with --train or alone
+    /// IDs of the test split; without --train nothing trains
     #[arg(long, value_delimiter = ',')]
     test: Option<Vec<String>>,
     /// Folder of a package:// name in the URDF; may be repeated

@@ -108,6 +108,8 @@ pub struct Campaign {
     pub test: Vec<Motion>,
     /// Noise of every joint's reading in a sample of the train sequences.
     pub noise: Vec<JointNoise>,
+    /// Whether the last train sequence checks, for want of a test split.
+    pub(crate) held_out: bool,
     touched: Touched,
 }
 
@@ -196,7 +198,8 @@ impl Campaign {
     ) -> Result<Self, GapError> {
         let mut train: Vec<&str> = dataset.splits.train.iter().map(String::as_str).collect();
         let mut test: Vec<&str> = dataset.splits.test.iter().map(String::as_str).collect();
-        if test.is_empty() && train.len() > 1 {
+        let held_out = test.is_empty() && train.len() > 1;
+        if held_out {
             test.extend(train.pop());
         }
         let mut site = Site {
@@ -233,6 +236,7 @@ impl Campaign {
             train: trained,
             test: tested,
             noise: Vec::new(),
+            held_out,
             touched: Touched::Nothing,
         };
         let motions: Vec<&Motion> = campaign.train.iter().collect();
@@ -271,6 +275,7 @@ impl Campaign {
             train,
             test: self.test.clone(),
             noise: self.noise.iter().map(|n| n.of_means(by)).collect(),
+            held_out: self.held_out,
             touched: self.touched,
         })
     }

@@ -290,6 +290,12 @@ pub fn diagnose(
     if campaign.test.is_empty() {
         notes.push("there is one sequence only: errors are those of the fit itself".to_owned());
     }
+    if let Some(last) = campaign.test.first().filter(|_| campaign.held_out) {
+        notes.push(format!(
+            "there is no test split: sequence {} is held out",
+            last.id
+        ));
+    }
     let nominally = Nominal {
         spread,
         touches: fitted.touches(),

@@ -117,6 +117,8 @@ pub(crate) fn next_experiment(verdict: &Verdict, effects: &[EffectReport]) -> Ne
     let survivors: Vec<&EffectReport> = (effects.iter())
         .filter(|e| e.testable && verdict.effect_set_95.contains(&e.effect))
         .collect();
+    // Effects that are named together are no rivals.
+    let named = |e: &EffectReport| verdict.effects.contains(&e.effect);
     let told = |experiment: &Experiment| {
         let answer = |name: &str| {
             experiment
@@ -128,7 +130,7 @@ pub(crate) fn next_experiment(verdict: &Verdict, effects: &[EffectReport]) -> Ne
         let mut sum = 0.0;
         for (i, a) in survivors.iter().enumerate() {
             for b in &survivors[i + 1..] {
-                if answer(&a.effect) != answer(&b.effect) {
+                if answer(&a.effect) != answer(&b.effect) && !(named(a) && named(b)) {
                     sum += a.probability * b.probability;
                 }
             }
@@ -161,7 +163,7 @@ pub(crate) fn next_experiment(verdict: &Verdict, effects: &[EffectReport]) -> Ne
                 .to_owned(),
         },
         (None, _) => NextExperiment {
-            action: "repeat one touch with the corrected model, in another posture".to_owned(),
+            action: "repeat one touch, or a motion in free air, in other postures".to_owned(),
             why: format!("it checks {} on data that the model has not seen", names()),
         },
     }

@@ -43,7 +43,7 @@ fn answer(d: &Diagnosis) -> String {
         Kind::Unknown => "unknown",
         Kind::NotDiagnosable => "not_diagnosable",
     };
-    let sentence = escape(&verdict(&d.verdict)).replace(" %", "&nbsp;%");
+    let sentence = escape(&verdict(d)).replace(" %", "&nbsp;%");
     let [low, high] = gap.closed_interval.map(percent);
     let numbers = [
         (

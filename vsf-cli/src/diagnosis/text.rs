@@ -8,7 +8,7 @@ const LEAST: f64 = 0.05;
 
 /// The report on the terminal.
 pub fn text(diagnosis: &Diagnosis, model: &ModelFile) -> String {
-    let mut text = format!("{}\n{}\n", verdict(&diagnosis.verdict), errors(diagnosis));
+    let mut text = format!("{}\n{}\n", verdict(diagnosis), errors(diagnosis));
     text += &effects(diagnosis, model);
     text += &places(diagnosis);
     let next = &diagnosis.next_experiment;

@@ -1,14 +1,19 @@
 use crate::console::number;
-use vsf::gap::{Diagnosis, EffectReport, Kind, Of, Verdict};
+use vsf::gap::{Diagnosis, EffectReport, Kind, Of};
 
 /// Test errors beyond so many noise floors are explained to the reader.
 const ROUGH: f64 = 3.0;
 
 /// The answer in one sentence.
-pub fn verdict(verdict: &Verdict) -> String {
+pub fn verdict(diagnosis: &Diagnosis) -> String {
+    let Diagnosis { verdict, gap, .. } = diagnosis;
     let p = percent(verdict.probability);
     let effects = verdict.effects.join(" and ");
     match verdict.kind {
+        // With effects named, errors that stay are those of a model that was dropped.
+        Kind::Effects if gap.test_error_corrected == gap.test_error_nominal => format!(
+            "{effects} fits best (probability {p}), but with it the test sequences are predicted worse."
+        ),
         Kind::Effects => {
             let verb = if verdict.effects.len() == 1 {
                 "explains"
