@@ -8,11 +8,10 @@ use vsf_data::TorqueKind;
 /// Dry friction in the joints that is proportional to the load of the gears: `-m_j |tau_j| sign(qd_j)`.
 ///
 /// Parameters `m_<joint>` (1) and the shape `eps` (rad/s or m/s), the speed at which friction has
-/// nearly its full size. The load is that of the contact; for readings of the actuators it is what the gears
-/// transmit, the smaller of the reading and the torque of the arm's weight and motion, and nothing where the
-/// two are of opposite sign: a motor that is off carries nothing. Tell-tale: nothing in free motion without weight, and a loop between
-/// pressing and letting go that each joint has for itself; friction on the object's surface acts on
-/// all joints at once.
+/// nearly its full size. The load is that of the contact; for readings of the actuators it is that of the
+/// arm's weight and motion, unless the motor is off: then friction alone stands against these, and they would
+/// be explained by themselves. Tell-tale: nothing in free motion without weight, and a loop between pressing
+/// and letting go that each joint has for itself; friction on the object's surface acts on all joints at once.
 ///
 /// # Reference
 /// A. C. Bittencourt, S. Gunnarsson, "Static friction in a robot joint: modeling and identification of
@@ -23,6 +22,9 @@ pub struct JointLoadFriction;
 
 /// Loads (N m or N) below which their sign is noise.
 const FAINT: f64 = 0.1;
+
+/// A motor whose torque is a smaller share of the arm's is off.
+const OFF: f64 = 0.01;
 
 struct Friction {
     m: Vec<f64>,
@@ -97,11 +99,9 @@ impl Compensator for Friction {
         if self.measured {
             for (j, t) in tau.iter_mut().enumerate() {
                 let (arm, motor) = (sample.load[j], sample.load[j] - sample.reading[j]);
-                let transmitted = match arm * motor > 0.0 {
-                    true => arm.abs().min(motor.abs()),
-                    false => 0.0,
-                };
-                *t -= self.m[j] * transmitted * sign(sample.qd[j], self.eps);
+                if motor.abs() > OFF * arm.abs() {
+                    *t -= self.m[j] * arm.abs() * sign(sample.qd[j], self.eps);
+                }
             }
         }
     }
