@@ -23,8 +23,8 @@ pub struct JointLoadFriction;
 /// Loads (N m or N) below which their sign is noise.
 const FAINT: f64 = 0.1;
 
-/// A motor whose torque is a smaller share of the arm's is off.
-const OFF: f64 = 0.01;
+/// A motor whose torque is a smaller share of the arm's is off; readings are averaged over a few samples.
+const OFF: f64 = 0.1;
 
 struct Friction {
     m: Vec<f64>,
