@@ -90,7 +90,8 @@ impl Preset {
     }
 }
 
-/// Reads the command line, and says where flags come from that are not on it. Wrong usage of flags ends the process, as do `--help` and `--version`.
+/// Reads the command line, and says where flags come from that are not on it. Wrong usage of flags ends
+/// the process, as do `--help` and `--version`.
 ///
 /// # Errors
 /// A configuration file that cannot be used; `--json` in front of what is no file of its own.

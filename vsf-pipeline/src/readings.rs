@@ -24,23 +24,28 @@ pub fn external_torques(scene: &Scene, sequence: &Sequence) -> Result<Table, Pip
         });
     }
     if scene.torque_kind == TorqueKind::Measured {
-        let mut workspace = scene.robot.dynamics_workspace();
-        let cols = torques.cols();
-        for (row, q) in torques
-            .data_mut()
-            .chunks_mut(cols)
-            .zip(sequence.angles.iter())
-        {
-            let gravity = scene
-                .robot
-                .gravity_torques(q, &scene.gravity, &mut workspace)?;
-            for (tau, g) in row.iter_mut().zip(gravity) {
-                *tau = g - *tau;
-            }
-        }
+        let gravity = gravity_torques(scene, sequence)?;
+        let pairs = torques.data_mut().iter_mut().zip(gravity.data());
+        pairs.for_each(|(tau, g)| *tau = g - *tau);
     }
     if scene.tare_samples > 0 {
         torques = tare(&torques, scene.tare_samples)?;
+    }
+    Ok(torques)
+}
+
+/// Torques that hold the arm against gravity, for every sample of a sequence.
+///
+/// # Errors
+/// Angles that the robot cannot take.
+pub(crate) fn gravity_torques(scene: &Scene, sequence: &Sequence) -> Result<Table, PipelineError> {
+    let mut workspace = scene.robot.dynamics_workspace();
+    let mut torques = sequence.angles.clone();
+    let cols = torques.cols();
+    let rows = torques.data_mut().chunks_mut(cols);
+    for (row, q) in rows.zip(sequence.angles.iter()) {
+        let gravity = (scene.robot).gravity_torques(q, &scene.gravity, &mut workspace)?;
+        row.copy_from_slice(gravity);
     }
     Ok(torques)
 }

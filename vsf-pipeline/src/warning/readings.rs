@@ -1,4 +1,5 @@
 use super::{PipelineWarning, Rows, outliers};
+use crate::readings::gravity_torques;
 use crate::{Scene, Trace, reading_unit};
 use vsf_core::Observation;
 use vsf_data::{Sequence, tare};
@@ -120,22 +121,10 @@ fn gravity_left(
     sequences: &[&Sequence],
     traces: &[Trace],
 ) -> Option<PipelineWarning> {
-    let mut workspace = scene.robot.dynamics_workspace();
     let mut likeness = Likeness::default();
     for (sequence, trace) in sequences.iter().zip(traces) {
-        let mut gravity = sequence.angles.clone();
-        let cols = gravity.cols();
-        for (row, q) in gravity
-            .data_mut()
-            .chunks_mut(cols)
-            .zip(sequence.angles.iter())
-        {
-            // Angles that a trace was made of can be taken.
-            let torques = scene
-                .robot
-                .gravity_torques(q, &scene.gravity, &mut workspace);
-            row.copy_from_slice(torques.ok()?);
-        }
+        // Angles that a trace was made of can be taken.
+        let mut gravity = gravity_torques(scene, sequence).ok()?;
         if scene.tare_samples > 0 {
             gravity = tare(&gravity, scene.tare_samples).ok()?;
         }
