@@ -1,6 +1,6 @@
 use crate::{PipelineError, Scene, Trace};
 use serde::Serialize;
-use vsf_core::{Belief, Observation};
+use vsf_core::{Belief, Observation, Prediction};
 
 /// Prediction error over sequences: the paper's metric `||tau_hat - tau||_2` over time steps.
 #[derive(Debug, Clone, PartialEq, Serialize)]
@@ -164,19 +164,38 @@ pub fn predict(
     check_size(belief, scene)?;
     let channels = scene.robot.joint_count();
     vsf_core::CoreError::check_len("noise sd", noise_sd.len(), channels)?;
-    let spread = |obs: &Observation<f64>, i: usize| {
+    let (mut mean, mut sd) = (Vec::new(), Vec::new());
+    for obs in &trace.observations {
+        let prediction = predict_independent(belief, noise_sd, obs);
+        mean.push(prediction.mean);
+        sd.push(prediction.sd);
+    }
+    Ok(SequencePrediction {
+        id: trace.id.clone(),
+        mean,
+        sd,
+    })
+}
+
+/// One reading of independent points, with noise of a standard deviation per channel.
+pub(crate) fn predict_independent(
+    belief: &Belief<f64>,
+    noise_sd: &[f64],
+    obs: &Observation<f64>,
+) -> Prediction {
+    let mut mean = vec![0.0; obs.dim()];
+    obs.apply(belief.mean(), &mut mean);
+    let spread = |(i, noise): (usize, &f64)| {
         let terms = obs.row(i).iter().zip(obs.points());
         let field: f64 = terms
             .map(|(w, &p)| w * w * belief.variance()[p as usize])
             .sum();
-        (field + noise_sd[i] * noise_sd[i]).sqrt()
+        (field + noise * noise).sqrt()
     };
-    let spreads = |obs| (0..channels).map(|i| spread(obs, i)).collect();
-    Ok(SequencePrediction {
-        id: trace.id.clone(),
-        mean: fits(belief.mean(), trace).collect(),
-        sd: trace.observations.iter().map(spreads).collect(),
-    })
+    Prediction {
+        mean,
+        sd: noise_sd.iter().enumerate().map(spread).collect(),
+    }
 }
 
 /// Errors of a field on sequences it was not estimated from (or on any others).

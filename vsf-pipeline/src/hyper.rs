@@ -111,7 +111,8 @@ pub enum HyperMethod {
     ///   the online filter. Of all priors whose error lies within one standard error of the best
     ///   one's, the one nearest to the rule is taken (L. Breiman et al., *Classification and
     ///   Regression Trees*, 1984, section 3.4.3).
-    /// - *Level*: the RMS of what is left unexplained of what was held out.
+    /// - *Level*: so that what is left unexplained of what was held out is as large as predicted, the
+    ///   uncertainty of the field taken in.
     #[default]
     HeldOut,
     /// By the marginal likelihood of all readings ([`vsf_filter::BatchMap::best_level`]), over the
@@ -360,6 +361,9 @@ fn readings_per_point(traces: &[Trace], field_len: usize) -> f64 {
 mod tests {
     use super::*;
     use nalgebra::Point3;
+    use rand::{RngExt, SeedableRng};
+    use rand_distr::{Distribution, Normal};
+    use rand_pcg::Pcg64Mcg;
 
     const POINTS: usize = 12;
 
@@ -393,6 +397,37 @@ mod tests {
             }
         };
         (0..4).map(touch).collect()
+    }
+
+    /// What the field is uncertain by is no noise.
+    #[test]
+    fn val_noise_of_a_right_model() {
+        const MANY: usize = 300;
+        let mut rng = Pcg64Mcg::seed_from_u64(5);
+        let field: Vec<f64> = (0..MANY).map(|_| rng.random_range(0.0..40.0)).collect();
+        let noise = Normal::new(0.0, 0.5).unwrap();
+        let mut reading = |p: usize| {
+            let mut obs = Observation::new(Noise::uniform(1, 1.0).unwrap());
+            let tau = [0.1 * field[p] + noise.sample(&mut rng)];
+            obs.rebuild(MANY, &[p as u32], &tau, |_, w| w[0] = 0.1)
+                .unwrap();
+            obs
+        };
+        let traces: Vec<Trace> = (0..3)
+            .map(|id: usize| Trace {
+                id: id.to_string(),
+                time: (0..MANY).map(|k| k as f64).collect(),
+                observations: (0..MANY).map(&mut reading).collect(),
+                touches: std::iter::once(0..MANY).collect(),
+            })
+            .collect();
+        let at = |i: usize| Point3::new(0.01 * i as f64, 0.0, 0.0);
+        let rest = RestPoints::new((0..MANY).map(at).collect()).unwrap();
+        for shape in [PriorShape::independent(), PriorShape::default()] {
+            let choice = choose_hyper(&rest, &traces, shape, HyperMethod::HeldOut).unwrap();
+            let sd = choice.hyper.noise_sd[0];
+            assert!((sd / 0.5 - 1.0).abs() < 0.05, "{sd}");
+        }
     }
 
     /// A row of a comparison of priors is that prior's, however badly it does.

@@ -1,8 +1,11 @@
 use super::{Candidate, HyperChoice, PriorShape, Problem};
 use crate::estimate::{batch_map, run, touched_points};
+use crate::evaluate::{predict_independent, sample_errors};
 use crate::trace::{MOST_FOLDS, split};
 use crate::{EstimatorSpec, PipelineError, Trace};
 use rayon::prelude::*;
+use vsf_core::{Belief, CoreError, Observation, Prediction};
+use vsf_filter::BatchFit;
 
 /// With more touched points than this, held-out readings are predicted by the online filter.
 const LEAVE_ONE_OUT_POINTS: usize = 1500;
@@ -31,19 +34,23 @@ struct Choice {
     compare_shapes: bool,
 }
 
-/// Errors of one held-out part of the train sequences.
-struct HeldOut {
-    /// Mean error norm, in units of the recording.
-    error: f64,
-    /// Sum of the mean squares of the whitened errors, and their number.
-    squares: f64,
-    count: usize,
+/// What the touches that are kept say of the field.
+enum Posterior<'a> {
+    Optimum(BatchFit<'a>),
+    /// Knows no correlations.
+    Online(Belief<f64>),
 }
 
 impl Choice {
     fn run(&self) -> Result<HyperChoice, PipelineError> {
-        let errors = self.held_out_errors()?;
-        let (chosen, level) = errors.nearest_to_rule();
+        let exact = self.problem.rest.len() <= LEAVE_ONE_OUT_POINTS;
+        let priors = (self.problem).candidates(exact && self.compare_shapes);
+        let folds = self.held_out(exact, &priors, |posterior, held, _| {
+            Ok(mean_error(&posterior.mean(), held))
+        })?;
+        let errors = HeldOutErrors { priors, folds };
+        let chosen = errors.nearest_to_rule();
+        let level = self.level(exact, chosen)?;
         Ok(HyperChoice {
             // A perfect fit would ask for zero noise.
             hyper: self.problem.hyper(chosen, level.sqrt().max(1e-9)),
@@ -51,88 +58,104 @@ impl Choice {
         })
     }
 
-    fn held_out_errors(&self) -> Result<HeldOutErrors, PipelineError> {
-        let exact = self.problem.rest.len() <= LEAVE_ONE_OUT_POINTS;
-        // The online filter knows no correlations.
-        let priors = self.problem.candidates(exact && self.compare_shapes);
-        let folds = (0..self.folds)
-            .into_par_iter()
-            .map(|fold| self.held_out(fold, exact, &priors))
-            .collect::<Result<_, _>>()?;
-        Ok(HeldOutErrors { priors, folds })
-    }
-
-    /// Every candidate's errors on a fold, from the other folds.
-    fn held_out(
+    /// For every fold and every prior, `of` the posterior of what is kept, the traces that are held
+    /// out, and the points that the others touch.
+    fn held_out<T: Send>(
         &self,
-        fold: usize,
         exact: bool,
         priors: &[(PriorShape, f64)],
-    ) -> Result<Vec<HeldOut>, PipelineError> {
-        let (kept, held) = split(&self.problem.touches, fold, self.folds);
-        let kept: Vec<Trace> = kept.into_iter().cloned().collect();
-        let field_len = self.problem.rest.len();
-        let known = touched_points(&kept, field_len);
-        let batch = exact.then(|| batch_map(&kept, field_len)).transpose()?;
-        let of_prior = |candidate: &(PriorShape, f64)| {
-            let prior = self.problem.prior(candidate)?;
-            let mean = match &batch {
-                Some(batch) => batch.solve(&prior, 1.0)?.mean(),
-                None => {
-                    let pass = run(&EstimatorSpec::replay(), prior, &kept, |_| {})?;
-                    pass.belief.mean().to_vec()
-                }
+        of: impl Fn(&Posterior<'_>, &[&Trace], &[bool]) -> Result<T, PipelineError> + Sync,
+    ) -> Result<Vec<Vec<T>>, PipelineError> {
+        let fold = |fold: usize| {
+            let (kept, held) = split(&self.problem.touches, fold, self.folds);
+            let kept: Vec<Trace> = kept.into_iter().cloned().collect();
+            let field_len = self.problem.rest.len();
+            let known = touched_points(&kept, field_len);
+            let batch = exact.then(|| batch_map(&kept, field_len)).transpose()?;
+            let of_prior = |candidate: &(PriorShape, f64)| {
+                let prior = self.problem.prior(candidate)?;
+                let posterior = match &batch {
+                    Some(batch) => Posterior::Optimum(batch.solve(&prior, 1.0)?),
+                    None => {
+                        let pass = run(&EstimatorSpec::replay(), prior, &kept, |_| {})?;
+                        Posterior::Online(pass.belief)
+                    }
+                };
+                of(&posterior, &held, &known)
             };
-            Ok(self.errors(&mean, &held, &known))
+            priors.iter().map(of_prior).collect()
         };
-        priors.iter().map(of_prior).collect()
+        (0..self.folds).into_par_iter().map(fold).collect()
     }
 
-    /// Errors over all samples; the level over those that touch a known point.
-    fn errors(&self, mean: &[f64], held: &[&Trace], known: &[bool]) -> HeldOut {
-        let channels = &self.problem.channels;
-        let (mut error, mut samples, mut squares, mut count) = (0.0, 0usize, 0.0, 0usize);
-        let mut fit = vec![0.0; channels.len()];
-        for obs in held.iter().flat_map(|t| &t.observations) {
-            obs.apply(mean, &mut fit);
-            let residuals = fit.iter().zip(obs.reading()).map(|(f, tau)| tau - f);
-            let (mut norm, mut white) = (0.0, 0.0);
-            for (r, scale) in residuals.zip(channels) {
-                norm += r * r;
-                white += (r / scale).powi(2);
+    /// By how much the variances of noise and prior are too small: what held-out readings that touch a
+    /// known point leave, squared, per variance predicted for it. Where none does nothing is known but
+    /// the scale.
+    fn level(&self, exact: bool, chosen: (PriorShape, f64)) -> Result<f64, PipelineError> {
+        let folds = self.held_out(exact, &[chosen], |posterior, held, known| {
+            let (mut squares, mut count) = (0.0, 0usize);
+            let observations = held.iter().flat_map(|t| &t.observations);
+            for obs in observations.filter(|o| o.points().iter().any(|&p| known[p as usize])) {
+                let Prediction { mean, sd } = posterior.predict(obs, &self.problem.channels)?;
+                let left = obs.reading().iter().zip(&mean).zip(&sd);
+                squares += left
+                    .map(|((tau, mean), sd)| ((tau - mean) / sd).powi(2))
+                    .sum::<f64>();
+                count += obs.dim();
             }
-            error += norm.sqrt();
-            samples += 1;
-            if obs.points().iter().any(|&p| known[p as usize]) {
-                squares += white / channels.len() as f64;
-                count += 1;
-            }
-        }
-        HeldOut {
-            error: error / samples.max(1) as f64,
-            squares,
-            count,
+            Ok((squares, count))
+        })?;
+        let all = || folds.iter().flatten();
+        let count: usize = all().map(|(_, count)| count).sum();
+        let squares: f64 = all().map(|(squares, _)| squares).sum();
+        Ok(if count > 0 {
+            squares / count as f64
+        } else {
+            1.0
+        })
+    }
+}
+
+impl Posterior<'_> {
+    fn mean(&self) -> Vec<f64> {
+        match self {
+            Self::Optimum(fit) => fit.mean(),
+            Self::Online(belief) => belief.mean().to_vec(),
         }
     }
+
+    fn predict(&self, obs: &Observation<f64>, noise_sd: &[f64]) -> Result<Prediction, CoreError> {
+        match self {
+            Self::Optimum(fit) => fit.predict(obs),
+            Self::Online(belief) => Ok(predict_independent(belief, noise_sd, obs)),
+        }
+    }
+}
+
+/// Mean norm of the errors of a field over all samples.
+fn mean_error(mean: &[f64], held: &[&Trace]) -> f64 {
+    let errors = held.iter().flat_map(|trace| sample_errors(mean, trace));
+    let (sum, count) = errors.fold((0.0, 0usize), |(sum, n), error| (sum + error, n + 1));
+    sum / count.max(1) as f64
 }
 
 /// What every prior does on every held-out part.
 struct HeldOutErrors {
     /// Shapes and powers.
     priors: Vec<(PriorShape, f64)>,
-    /// One entry per prior in every fold.
-    folds: Vec<Vec<HeldOut>>,
+    /// The mean error norm of every prior in every fold, in units of the recording.
+    folds: Vec<Vec<f64>>,
 }
 
 impl HeldOutErrors {
-    fn mean(&self, prior: usize, of: impl Fn(&HeldOut) -> f64) -> f64 {
-        self.folds.iter().map(|f| of(&f[prior])).sum::<f64>() / self.folds.len() as f64
+    fn mean(&self, prior: usize) -> f64 {
+        self.folds.iter().map(|f| f[prior]).sum::<f64>() / self.folds.len() as f64
     }
 
     /// The prior nearest to the rule among those no worse than the best by more than one standard
-    /// error, and its mean square whitened error.
-    fn nearest_to_rule(&self) -> ((PriorShape, f64), f64) {
-        let error = |k: &usize| self.mean(*k, |h| h.error);
+    /// error.
+    fn nearest_to_rule(&self) -> (PriorShape, f64) {
+        let error = |k: &usize| self.mean(*k);
         let all = 0..self.priors.len();
         let best = all.clone().min_by(|a, b| error(a).total_cmp(&error(b)));
         let best = best.unwrap_or(0);
@@ -140,21 +163,12 @@ impl HeldOutErrors {
         let distance = |k: &usize| self.priors[*k].1.abs();
         // Of equals the first: the one with a smooth part.
         let chosen = as_good.min_by(|a, b| distance(a).total_cmp(&distance(b)));
-        let chosen = chosen.unwrap_or(best);
-        let sum = |of: fn(&HeldOut) -> f64| self.folds.iter().map(|f| of(&f[chosen])).sum::<f64>();
-        let count = sum(|h| h.count as f64);
-        // Where no held-out sample touches a known point nothing is known but the scale.
-        let level = if count > 0.0 {
-            sum(|h| h.squares) / count
-        } else {
-            1.0
-        };
-        (self.priors[chosen], level)
+        self.priors[chosen.unwrap_or(best)]
     }
 
     /// Whether the errors of one prior exceed those of another by more than one standard error.
     fn is_worse(&self, prior: usize, other: usize) -> bool {
-        let excess = |fold: &Vec<HeldOut>| fold[prior].error - fold[other].error;
+        let excess = |fold: &Vec<f64>| fold[prior] - fold[other];
         let n = self.folds.len() as f64;
         let mean = self.folds.iter().map(excess).sum::<f64>() / n;
         let squares = self.folds.iter().map(|f| (excess(f) - mean).powi(2));
@@ -166,7 +180,7 @@ impl HeldOutErrors {
         let candidate = |(k, (shape, power)): (usize, &(PriorShape, f64))| Candidate {
             smooth_share: shape.smooth_share,
             signal_to_noise: problem.signal_to_noise(*power),
-            error: Some(self.mean(k, |h| h.error)),
+            error: Some(self.mean(k)),
             log_evidence: None,
         };
         self.priors.iter().enumerate().map(candidate).collect()
