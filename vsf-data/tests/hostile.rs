@@ -226,11 +226,15 @@ fn records_that_contradict_themselves_are_errors() {
     let attachment = [&[0; 16][..], &[0; 4], &[0; 4], &[0; 8]].concat();
     let text = refused(&record(9, &attachment));
     assert!(text.contains("a.mcap"), "{text}");
-    // Names longer than the record.
+    // Names longer than the record, for which no memory is reserved.
     for opcode in [3, 4, 9] {
         let text = refused(&record(opcode, &[0xff; 40]));
-        assert!(text.contains("a.mcap"), "{text}");
+        assert!(text.contains("4294967295 bytes are announced"), "{text}");
     }
+    // Metadata of a channel that reach beyond it.
+    let channel = [&[0; 4][..], &[0; 4], &[0; 4], &9u32.to_le_bytes(), &[0; 8]].concat();
+    let text = refused(&record(4, &channel));
+    assert!(text.contains("9 bytes are announced"), "{text}");
     // A message of a channel that was never defined.
     let text = refused(&record(5, &[0; 30]));
     assert!(text.contains("channel 0, which is not defined"), "{text}");

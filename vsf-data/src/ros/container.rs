@@ -64,12 +64,12 @@ pub(crate) fn read(
                         // Not where one may be: they are of a file, not of a chunk.
                         LinearReadEvent::Record { opcode, .. } if opcode == op::ATTACHMENT => {}
                         LinearReadEvent::Record { opcode, data } => {
-                            one(opcode, data, &mut visit, damaged)?;
+                            one(opcode, data, &mut visit, wrong)?;
                         }
                     }
                 }
             }
-            LinearReadEvent::Record { opcode, data } => one(opcode, data, &mut visit, damaged)?,
+            LinearReadEvent::Record { opcode, data } => one(opcode, data, &mut visit, wrong)?,
         }
     }
     Ok(())
@@ -79,12 +79,12 @@ fn one(
     opcode: u8,
     data: &[u8],
     visit: &mut impl FnMut(Record) -> Result<(), DataError>,
-    damaged: impl Fn(McapError) -> DataError,
+    wrong: impl Fn(String) -> DataError,
 ) -> Result<(), DataError> {
     match opcode {
-        op::ATTACHMENT if !holds_attachment(data) => Err(damaged(McapError::UnexpectedEof)),
         op::SCHEMA | op::CHANNEL | op::MESSAGE | op::ATTACHMENT => {
-            visit(parse_record(opcode, data).map_err(damaged)?)
+            check_lengths(opcode, data).map_err(&wrong)?;
+            visit(parse_record(opcode, data).map_err(|e| wrong(in_words(e)))?)
         }
         _ => Ok(()),
     }
@@ -124,18 +124,38 @@ fn check_chunk(data: &[u8]) -> Result<(), String> {
     Ok(())
 }
 
-/// Whether an attachment has a place for its sum, which the `mcap` crate (0.26) takes for granted.
-fn holds_attachment(data: &[u8]) -> bool {
+/// Refuses a record that announces more than it holds: the `mcap` crate (0.26) reserves memory for
+/// texts of any length, and takes the place of an attachment's sum for granted.
+fn check_lengths(opcode: u8, data: &[u8]) -> Result<(), String> {
     let mut from = Reader::packed(data);
-    let mut skip = || {
-        from.bytes(8 + 8)?; // times of logging and creation
-        from.text()?;
-        from.text()?;
-        let size = length(&mut from)?;
-        from.bytes(size)?;
-        from.bytes(4).map(drop)
+    let mut skip = || match opcode {
+        op::SCHEMA => {
+            from.bytes(2)?; // number
+            from.text()?;
+            from.text().map(drop)
+        }
+        op::CHANNEL => {
+            from.bytes(2 + 2)?; // numbers of channel and schema
+            from.text()?;
+            from.text()?;
+            let size = from.u32()?;
+            let mut metadata = Reader::packed(from.bytes(size as usize)?);
+            while metadata.left() > 0 {
+                metadata.text()?;
+            }
+            Ok(())
+        }
+        op::ATTACHMENT => {
+            from.bytes(8 + 8)?; // times of logging and creation
+            from.text()?;
+            from.text()?;
+            let size = length(&mut from)?;
+            from.bytes(size)?;
+            from.bytes(4).map(drop) // sum
+        }
+        _ => Ok(()),
     };
-    skip().is_ok()
+    skip().map_err(|problem| format!("damaged MCAP: a record of kind {opcode}: {problem}"))
 }
 
 fn length(from: &mut Reader) -> Result<usize, String> {
