@@ -11,7 +11,7 @@ use vsf::contact::GridOptions;
 use vsf::core::nalgebra::{Isometry3, Point3, Vector3};
 use vsf::core::{Belief, CoreError, RestPoints, TriMesh};
 use vsf::data::{
-    Attachment, CameraView, Dataset, RobotRef, Sequence, Splits, StiffnessField, Table, TorqueKind,
+    CameraView, Dataset, RobotRef, Sequence, Splits, StiffnessField, Table, TorqueKind,
 };
 use vsf::filter::{
     CovarianceFilter, DiagonalKalman, MemoryReplay, ReplayConfig, RobustLoss, RobustNoise,
@@ -76,33 +76,23 @@ pub fn points() -> Vec<Point3<f64>> {
 pub fn recording() -> Dataset {
     let angles: Vec<f64> = (0..JOINTS * 6).map(|i| 0.01 * i as f64).collect();
     let table = Table::new(JOINTS, angles).expect("full rows");
+    let time: Vec<f64> = (0..6).map(|k| 0.1 * f64::from(k)).collect();
     let sequence = |id: &str| Sequence {
-        id: id.to_owned(),
-        time: (0..6).map(|k| 0.1 * f64::from(k)).collect(),
-        angles: table.clone(),
         velocities: Some(table.clone()),
-        torques: table.clone(),
         touch_starts: vec![0, 3],
         tags: vec!["loaded".to_owned()],
+        ..Sequence::new(id, time.clone(), table.clone(), table.clone())
     };
+    let robot = RobotRef::resolve("planar_arm", Path::new(".")).expect("a built-in robot");
     Dataset {
         name: "small".to_owned(),
-        description: String::new(),
-        robot: RobotRef::resolve("planar_arm", Path::new(".")).expect("a built-in robot"),
-        torque_kind: TorqueKind::External,
         rate_hz: Some(10.0),
-        gravity: Vector3::new(0.0, 0.0, -9.81),
-        base_pose: Isometry3::identity(),
         object_bbox: Some([Point3::new(0.0, -1.0, -1.0), Point3::new(2.0, 1.0, 1.0)]),
         tare_samples: 1,
         splits: Splits {
             train: vec!["1".to_owned()],
             test: vec!["2".to_owned()],
         },
-        joints: None,
-        joint_types: None,
-        attachment: Attachment::Unilateral,
-        gauge_length: None,
         rest_points: Some(points()),
         field: Some(field()),
         camera: Some(CameraView {
@@ -118,8 +108,7 @@ pub fn recording() -> Dataset {
             X_WC: Isometry3::identity(),
             extra: Default::default(),
         }),
-        sequences: vec![sequence("1"), sequence("2")],
-        extra: Default::default(),
+        ..Dataset::new(robot, vec![sequence("1"), sequence("2")])
     }
 }
 

@@ -11,6 +11,8 @@ use std::path::{Path, PathBuf};
 pub(crate) const POINTS: &str = "points.npy";
 pub(crate) const FIELD: &str = "vsf.npz";
 pub(crate) const CAMERA: &str = "camera";
+/// Gravity [m/s^2].
+const EARTH: Vector3<f64> = Vector3::new(0.0, 0.0, -9.81);
 
 /// One recording campaign of one object: a folder of touch sequences with its metadata.
 ///
@@ -68,6 +70,50 @@ pub(crate) struct Parts {
 }
 
 impl Dataset {
+    /// A recording in which all sequences train and all else is at its default: external torques of a
+    /// robot at the origin of the world, nothing known of the object.
+    ///
+    /// ```
+    /// use vsf_data::{Dataset, RobotRef, Sequence, Table, TorqueKind};
+    ///
+    /// let angles = Table::new(3, vec![0.1, 0.2, 0.3, 0.1, 0.2, 0.4])?;
+    /// let torques = Table::new(3, vec![0.0, 0.0, 0.0, 0.1, 0.0, 0.2])?;
+    /// let touch = Sequence::new("first", vec![0.0, 0.01], angles, torques);
+    /// let robot = RobotRef::resolve("planar_arm", ".".as_ref())?;
+    /// let recording = Dataset {
+    ///     torque_kind: TorqueKind::Measured,
+    ///     ..Dataset::new(robot, vec![touch])
+    /// };
+    /// assert_eq!(recording.splits.train, ["first"]);
+    /// # Ok::<(), vsf_data::DataError>(())
+    /// ```
+    pub fn new(robot: RobotRef, sequences: Vec<Sequence>) -> Self {
+        Self {
+            name: String::new(),
+            description: String::new(),
+            robot,
+            torque_kind: TorqueKind::default(),
+            rate_hz: None,
+            gravity: EARTH,
+            base_pose: Isometry3::identity(),
+            object_bbox: None,
+            tare_samples: 0,
+            splits: Splits {
+                train: sequences.iter().map(|s| s.id.clone()).collect(),
+                test: Vec::new(),
+            },
+            joints: None,
+            joint_types: None,
+            attachment: Attachment::default(),
+            gauge_length: None,
+            rest_points: None,
+            field: None,
+            camera: None,
+            sequences,
+            extra: BTreeMap::new(),
+        }
+    }
+
     /// Reads the folder `dir`. What `overrides` sets goes before what `dataset.json` says.
     ///
     /// Nothing is repaired, shortened or filled in: a folder that is not as the format says is an
@@ -145,7 +191,7 @@ impl Dataset {
             robot,
             torque_kind: metadata.torque_kind.unwrap_or_default(),
             rate_hz: metadata.rate_hz,
-            gravity: metadata.gravity.unwrap_or(Vector3::new(0.0, 0.0, -9.81)),
+            gravity: metadata.gravity.unwrap_or(EARTH),
             base_pose: metadata.base_pose.unwrap_or_default(),
             object_bbox: metadata.object_bbox,
             tare_samples: metadata.tare_samples.unwrap_or_default(),

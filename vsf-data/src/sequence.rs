@@ -28,6 +28,19 @@ pub struct Sequence {
 }
 
 impl Sequence {
+    /// One touch without velocities and tags.
+    pub fn new(id: impl Into<String>, time: Vec<f64>, angles: Table, torques: Table) -> Self {
+        Self {
+            id: id.into(),
+            time,
+            angles,
+            velocities: None,
+            torques,
+            touch_starts: vec![0],
+            tags: Vec::new(),
+        }
+    }
+
     /// Number of samples `T`.
     pub fn len(&self) -> usize {
         self.angles.rows()

@@ -6,11 +6,10 @@ use std::ops::Range;
 use std::sync::Arc;
 use vsf_core::RestPoints;
 use vsf_data::{Dataset, Sequence, Table, TorqueKind, tare};
-use vsf_pipeline::{Scene, SceneOptions, external_torques, robot_of};
+use vsf_pipeline::{
+    Scene, SceneOptions, external_torques, motion_of, rigid_body_torques, robot_of,
+};
 use vsf_robots::RobotModel;
-
-/// Half the window (samples) of velocities and accelerations estimated from positions.
-const HALF_WINDOW: usize = 4;
 
 /// Half the window (samples) of [`Motion::smooth`]: halves white noise, hardly blunts an onset.
 const HALF_MEAN: usize = 2;
@@ -342,35 +341,24 @@ fn motion(
     sequence: &Sequence,
     origin: f64,
 ) -> Result<Motion, GapError> {
-    let motion = sequence.motion(HALF_WINDOW)?;
-    let (rows, d) = (sequence.len(), sequence.width());
+    let motion = motion_of(sequence)?;
     let clock = sequence.time.iter().map(|t| t - origin).collect();
-    let mut load = Table::new(d, vec![0.0; rows * d])?;
-    let reading = match site.torque_kind {
-        TorqueKind::External => match scene {
-            Some(scene) => external_torques(scene, sequence)?,
-            None => tare(&sequence.torques, dataset.tare_samples)?,
-        },
+    let (reading, load) = match site.torque_kind {
+        TorqueKind::External => {
+            let reading = match scene {
+                Some(scene) => external_torques(scene, sequence)?,
+                None => tare(&sequence.torques, dataset.tare_samples)?,
+            };
+            (reading.clone(), reading)
+        }
         TorqueKind::Measured => {
-            let mut workspace = site.robot.dynamics_workspace();
-            let mut external = Vec::with_capacity(rows * d);
-            for row in 0..rows {
-                let rigid = site.robot.inverse_dynamics(
-                    &sequence.angles[row],
-                    &motion.velocities[row],
-                    &motion.accelerations[row],
-                    &site.gravity,
-                    &mut workspace,
-                )?;
-                load.data_mut()[row * d..][..d].copy_from_slice(rigid);
-                external.extend(rigid.iter().zip(&sequence.torques[row]).map(|(r, t)| r - t));
-            }
-            tare(&Table::new(d, external)?, dataset.tare_samples)?
+            let load = rigid_body_torques(&site.robot, &site.gravity, sequence, &motion)?;
+            let mut external = load.clone();
+            let pairs = external.data_mut().iter_mut().zip(sequence.torques.data());
+            pairs.for_each(|(left, torque)| *left -= torque);
+            (tare(&external, dataset.tare_samples)?, load)
         }
     };
-    if site.torque_kind == TorqueKind::External {
-        load = reading.clone();
-    }
     Ok(Motion {
         id: sequence.id.clone(),
         clock,

@@ -16,8 +16,7 @@ pub struct Corrected {
 
 impl Campaign {
     /// All sequences under a corrected model, in session order. Contacts and readings are those of
-    /// the diagnosis; of `measured` readings the whole rigid-body torque is removed, not the weight
-    /// alone.
+    /// the diagnosis.
     ///
     /// # Errors
     /// Rows that contact cannot take, parameters that an effect cannot take.

@@ -61,15 +61,9 @@ fn the_nominal_model_has_the_observations_of_the_pipeline() {
     let scene = campaign.scene.as_ref().unwrap();
     let all = campaign.corrected(&Model::default()).unwrap();
     for (corrected, motion) in all.iter().zip(campaign.session()) {
-        let sequence = vsf_data::Sequence {
-            id: motion.id.clone(),
-            time: motion.clock.clone(),
-            angles: motion.q.clone(),
-            velocities: None,
-            torques: motion.reading.clone(),
-            touch_starts: vec![0],
-            tags: Vec::new(),
-        };
+        let (time, angles) = (motion.clock.clone(), motion.q.clone());
+        let sequence =
+            vsf_data::Sequence::new(motion.id.as_str(), time, angles, motion.reading.clone());
         let trace = scene.trace(&sequence).unwrap();
         assert!(trace.contact_samples() > 0);
         assert_eq!(trace.observations.len(), corrected.trace.observations.len());

@@ -1,16 +1,24 @@
 use crate::{PipelineError, Scene};
-use vsf_data::{Sequence, Table, TorqueKind, tare};
+use nalgebra::Vector3;
+use vsf_data::{Motion, Sequence, Table, TorqueKind, tare};
+use vsf_robots::RobotModel;
 
 /// Largest torque that is taken (N m or N): beyond any robot, and far from where squares overflow.
 const MOST: f64 = 1e12;
+/// Half the window over which velocities and accelerations are estimated: this long (s), and at least
+/// so many samples. Shorter ones would make noise of rounded angles, longer ones blunt the motion.
+const HALF_WINDOW: f64 = 0.0125;
+const LEAST_HALF_WINDOW: usize = 4;
 
-/// The external joint torques of a sequence: what touch adds, with gravity removed and tared.
+/// The external joint torques of a sequence: what touch adds, with the rigid body removed and tared.
 ///
-/// Measured torques become `tau_ext = g(q) - tau_meas` (quasi-static motion). Taring subtracts
-/// the mean of the first [`Scene::tare_samples`] external torques, where nothing is touched.
+/// Measured torques become `tau_ext = M(q) qdd + C(q, qd) qd + g(q) - tau_meas`, with the motion of
+/// [`motion_of`]. Taring subtracts the mean of the first [`Scene::tare_samples`] external torques,
+/// where nothing is touched.
 ///
 /// # Errors
-/// Torques beyond 1e12 N m, angles that the robot cannot take, or more tare samples than rows.
+/// Torques beyond 1e12 N m, angles that the robot cannot take, or more tare samples than rows; of
+/// measured torques a touch of one sample, whose motion is not known.
 pub fn external_torques(scene: &Scene, sequence: &Sequence) -> Result<Table, PipelineError> {
     let mut torques = sequence.torques.clone();
     if let Some(k) = torques.data().iter().position(|v| v.abs() > MOST) {
@@ -24,9 +32,10 @@ pub fn external_torques(scene: &Scene, sequence: &Sequence) -> Result<Table, Pip
         });
     }
     if scene.torque_kind == TorqueKind::Measured {
-        let gravity = gravity_torques(scene, sequence)?;
-        let pairs = torques.data_mut().iter_mut().zip(gravity.data());
-        pairs.for_each(|(tau, g)| *tau = g - *tau);
+        let motion = motion_of(sequence)?;
+        let rigid = rigid_body_torques(&scene.robot, &scene.gravity, sequence, &motion)?;
+        let pairs = torques.data_mut().iter_mut().zip(rigid.data());
+        pairs.for_each(|(tau, r)| *tau = r - *tau);
     }
     if scene.tare_samples > 0 {
         torques = tare(&torques, scene.tare_samples)?;
@@ -34,18 +43,39 @@ pub fn external_torques(scene: &Scene, sequence: &Sequence) -> Result<Table, Pip
     Ok(torques)
 }
 
-/// Torques that hold the arm against gravity, for every sample of a sequence.
+/// Velocities, as recorded or estimated from the angles, and accelerations of a sequence, over windows
+/// of 0.025 s or of nine samples, whichever is longer.
 ///
 /// # Errors
-/// Angles that the robot cannot take.
-pub(crate) fn gravity_torques(scene: &Scene, sequence: &Sequence) -> Result<Table, PipelineError> {
-    let mut workspace = scene.robot.dynamics_workspace();
-    let mut torques = sequence.angles.clone();
-    let cols = torques.cols();
-    let rows = torques.data_mut().chunks_mut(cols);
-    for (row, q) in rows.zip(sequence.angles.iter()) {
-        let gravity = (scene.robot).gravity_torques(q, &scene.gravity, &mut workspace)?;
-        row.copy_from_slice(gravity);
+/// As [`Sequence::motion`].
+pub fn motion_of(sequence: &Sequence) -> Result<Motion, PipelineError> {
+    let steps = sequence.len().saturating_sub(1).max(1) as f64;
+    let lasts = match (sequence.time.first(), sequence.time.last()) {
+        (Some(first), Some(last)) => last - first,
+        _ => 0.0,
+    };
+    let samples = (HALF_WINDOW * steps / lasts).round();
+    // As a cast does: without a duration, all samples there are.
+    Ok(sequence.motion((samples as usize).max(LEAST_HALF_WINDOW))?)
+}
+
+/// What the arm itself needs to move as a sequence does: `M(q) qdd + C(q, qd) qd + g(q)` (N m or N), one
+/// row per sample. `gravity` is in the world frame (m/s²).
+///
+/// # Errors
+/// Angles or motions that the robot cannot take.
+pub fn rigid_body_torques(
+    robot: &RobotModel,
+    gravity: &Vector3<f64>,
+    sequence: &Sequence,
+    motion: &Motion,
+) -> Result<Table, PipelineError> {
+    let mut workspace = robot.dynamics_workspace();
+    let mut torques = Vec::with_capacity(sequence.angles.data().len());
+    for (row, q) in sequence.angles.iter().enumerate() {
+        let (qd, qdd) = (&motion.velocities[row], &motion.accelerations[row]);
+        let rigid = robot.inverse_dynamics(q, qd, qdd, gravity, &mut workspace)?;
+        torques.extend_from_slice(rigid);
     }
-    Ok(torques)
+    Ok(Table::new(sequence.angles.cols(), torques)?)
 }

@@ -1,4 +1,4 @@
-use crate::{PipelineError, Scene};
+use crate::{PipelineError, Scene, motion_of, rigid_body_torques};
 use rand::SeedableRng;
 use rand_distr::{Distribution, Normal};
 use rand_pcg::Pcg64Mcg;
@@ -8,7 +8,8 @@ use vsf_data::{Sequence, Table, TorqueKind};
 /// Replaces the readings of `sequences` by those of the field `stiffness` (N/m per rest point),
 /// with independent noise of `noise_sd` per channel, seeded: same seed, same bits.
 ///
-/// Torques are external; for a scene of measured torques they are `g(q) - tau_ext`.
+/// Torques are external; for a scene of measured torques they are what the arm needs to
+/// move ([`crate::rigid_body_torques`]) less that.
 ///
 /// # Errors
 /// A field of another size, stiffness that is negative or not finite, a noise that is negative
@@ -31,21 +32,20 @@ pub fn simulate(
         return Err(below_zero("stiffness", k).into());
     }
     gaussian(noise_sd)?;
-    let mut workspace = scene.robot.dynamics_workspace();
     let mut simulated = Vec::with_capacity(sequences.len());
     for sequence in sequences {
         let trace = scene.trace(sequence)?;
         let mut torques = Vec::with_capacity(sequence.torques.data().len());
         let mut tau = vec![0.0; scene.robot.joint_count()];
-        for (obs, q) in trace.observations.iter().zip(sequence.angles.iter()) {
+        for obs in &trace.observations {
             obs.apply(stiffness, &mut tau);
-            if scene.torque_kind == TorqueKind::Measured {
-                let gravity = scene
-                    .robot
-                    .gravity_torques(q, &scene.gravity, &mut workspace)?;
-                tau.iter_mut().zip(gravity).for_each(|(t, g)| *t = g - *t);
-            }
             torques.extend_from_slice(&tau);
+        }
+        if scene.torque_kind == TorqueKind::Measured {
+            let motion = motion_of(sequence)?;
+            let rigid = rigid_body_torques(&scene.robot, &scene.gravity, sequence, &motion)?;
+            let pairs = torques.iter_mut().zip(rigid.data());
+            pairs.for_each(|(tau, r)| *tau = r - *tau);
         }
         simulated.push(Sequence {
             torques: Table::new(scene.robot.joint_count(), torques)?,

@@ -116,7 +116,7 @@ pub enum PipelineWarning {
         /// With the torques of 1 N/m at every point, -1 to 1.
         correlation: f64,
     },
-    /// Readings that are the torques of gravity where nothing is touched.
+    /// Readings that are the torques of gravity and of the arm's own motion where nothing is touched.
     #[error(
         "where nothing is touched the readings, taken as torque_kind {}, leave {size:.2} times the torques of \
          gravity (correlation {correlation:.2}); check whether they are {}", kind(*given), kind(other(*given))

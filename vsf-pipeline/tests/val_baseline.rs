@@ -1,10 +1,9 @@
 //! Baselines on torques that are a known function of the posture.
 #![allow(clippy::unwrap_used)]
 
-use nalgebra::{Isometry3, Point3, Vector3};
-use std::collections::BTreeMap;
+use nalgebra::{Point3, Vector3};
 use vsf_core::CoreError;
-use vsf_data::{Attachment, Dataset, RobotRef, Sequence, Splits, Table, TorqueKind};
+use vsf_data::{Dataset, RobotRef, Sequence, Table};
 use vsf_pipeline::{
     Baseline, MlpConfig, PipelineError, Scene, SceneOptions, SequencePrediction, Trace, score,
 };
@@ -38,44 +37,19 @@ fn push(at: f64) -> Sequence {
         angles.extend(q);
         torques.extend(tau);
     }
-    Sequence {
-        id: at.to_string(),
-        time: (0..ROWS).map(|k| k as f64).collect(),
-        angles: Table::new(7, angles).unwrap(),
-        velocities: None,
-        torques: Table::new(7, torques).unwrap(),
-        touch_starts: vec![0],
-        tags: Vec::new(),
-    }
+    let time = (0..ROWS).map(|k| k as f64).collect();
+    let table = |data: Vec<f64>| Table::new(7, data).unwrap();
+    Sequence::new(at.to_string(), time, table(angles), table(torques))
 }
 
 /// Pushes 0 to 6 train, others between them test; the points are out of reach.
 fn recording() -> (Scene, Vec<Sequence>, Vec<Sequence>) {
     let train: Vec<Sequence> = (0..7).map(|k| push(f64::from(k))).collect();
     let test = vec![push(2.5), push(4.3)];
+    let robot = RobotRef::resolve("kinova_gen3", ".".as_ref()).unwrap();
     let dataset = Dataset {
-        name: String::new(),
-        description: String::new(),
-        robot: RobotRef::resolve("kinova_gen3", ".".as_ref()).unwrap(),
-        torque_kind: TorqueKind::External,
-        rate_hz: None,
-        gravity: Vector3::zeros(),
-        base_pose: Isometry3::identity(),
-        object_bbox: None,
-        tare_samples: 0,
-        splits: Splits {
-            train: Vec::new(),
-            test: Vec::new(),
-        },
-        joints: None,
-        joint_types: None,
-        attachment: Attachment::default(),
-        gauge_length: None,
         rest_points: Some(vec![Point3::new(9.0, 0.0, 0.0)]),
-        field: None,
-        camera: None,
-        sequences: train.clone(),
-        extra: BTreeMap::new(),
+        ..Dataset::new(robot, train.clone())
     };
     let scene = Scene::open(&dataset, &SceneOptions::default()).unwrap();
     (scene, train, test)

@@ -1,10 +1,9 @@
 //! Recordings with one thing wrong each, and the warning of it.
 #![allow(clippy::unwrap_used)]
 
-use nalgebra::{Isometry3, Point3, Vector3};
-use std::collections::BTreeMap;
+use nalgebra::Point3;
 use vsf_core::{FilterHealth, UpdateReport};
-use vsf_data::{Attachment, Dataset, RobotRef, Sequence, Splits, Table, TorqueKind};
+use vsf_data::{Dataset, RobotRef, Sequence, Table, TorqueKind};
 use vsf_pipeline::{
     PipelineWarning, Scene, SceneOptions, health_warnings, motion_warnings, reading_warnings,
     simulate,
@@ -28,14 +27,10 @@ fn swing() -> Sequence {
         angles.extend([-0.115 - 0.185 * cos, 0.02 * cos, jitter]);
         velocities.extend([0.185 * pace * sin, -0.02 * pace * sin, 0.0]);
     }
+    let table = |data: Vec<f64>| Table::new(3, data).unwrap();
     Sequence {
-        id: "0".to_owned(),
-        time,
-        angles: Table::new(3, angles).unwrap(),
-        velocities: Some(Table::new(3, velocities).unwrap()),
-        torques: Table::new(3, vec![0.0; 3 * ROWS]).unwrap(),
-        touch_starts: vec![0],
-        tags: Vec::new(),
+        velocities: Some(table(velocities)),
+        ..Sequence::new("0", time, table(angles), table(vec![0.0; 3 * ROWS]))
     }
 }
 
@@ -44,29 +39,12 @@ fn scene(torque_kind: TorqueKind, tare_samples: usize) -> Scene {
         let at = |from: f64, k: usize| from + 0.015 * k as f64;
         Point3::new(at(0.75, i % 5), at(-0.02, i / 25), at(0.045, i / 5 % 5))
     });
+    let robot = RobotRef::resolve("planar_arm", ".".as_ref()).unwrap();
     let dataset = Dataset {
-        name: String::new(),
-        description: String::new(),
-        robot: RobotRef::resolve("planar_arm", ".".as_ref()).unwrap(),
         torque_kind,
-        rate_hz: None,
-        gravity: Vector3::new(0.0, 0.0, -9.81),
-        base_pose: Isometry3::identity(),
-        object_bbox: None,
         tare_samples,
-        splits: Splits {
-            train: Vec::new(),
-            test: Vec::new(),
-        },
-        joints: None,
-        joint_types: None,
-        attachment: Attachment::default(),
-        gauge_length: None,
         rest_points: Some(block.collect()),
-        field: None,
-        camera: None,
-        sequences: vec![swing()],
-        extra: BTreeMap::new(),
+        ..Dataset::new(robot, vec![swing()])
     };
     Scene::open(&dataset, &SceneOptions::default()).unwrap()
 }

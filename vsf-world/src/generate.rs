@@ -22,7 +22,7 @@ use rand::{RngExt, SeedableRng};
 use rand_distr::{Distribution, StandardNormal};
 use rand_pcg::Pcg64Mcg;
 use std::path::Path;
-use vsf_data::{Dataset, RobotRef, Sequence, Splits, Table, TorqueKind};
+use vsf_data::{Dataset, RobotRef, Sequence, Splits, Table};
 
 /// Standard deviation of the torque noise of a joint \[N m\].
 const NOISE_NM: f64 = 0.05;
@@ -292,14 +292,12 @@ fn recording(
     for (s, q) in world.recorded_angles(effects).into_iter().enumerate() {
         let velocities = rates(&q, RATE_HZ);
         let rounded = |row: JointVector| row.map(|x| (x / ANGLE_STEP).round() * ANGLE_STEP);
+        let time = (0..q.len()).map(|k| k as f64 / RATE_HZ).collect();
+        let angles = table(q.into_iter().map(rounded).collect())?;
+        let torques = table(noisy(&tau[s], noise_ar1, rng))?;
         sequences.push(Sequence {
-            id: sequence_id(s),
-            time: (0..q.len()).map(|k| k as f64 / RATE_HZ).collect(),
-            angles: table(q.into_iter().map(rounded).collect())?,
             velocities: Some(table(velocities)?),
-            torques: table(noisy(&tau[s], noise_ar1, rng))?,
-            touch_starts: vec![0],
-            tags: Vec::new(),
+            ..Sequence::new(sequence_id(s), time, angles, torques)
         });
     }
     let points = grid(world.object.as_ref());
@@ -307,34 +305,25 @@ fn recording(
     let high = points.iter().fold(points[0], |a, b| a.sup(b));
     let ids = |range: std::ops::Range<usize>| range.map(sequence_id).collect();
     let name = dir.file_name().map(|n| n.to_string_lossy().into_owned());
+    let robot = RobotRef {
+        given: "robot.urdf".to_owned(),
+        path: Some(dir.join("robot.urdf")),
+    };
     Ok(Dataset {
         name: name.unwrap_or_default(),
         description: "Pushes of a Kinova Gen3 into a soft object; joint angles, velocities and \
                       external joint torques."
             .to_owned(),
-        robot: RobotRef {
-            given: "robot.urdf".to_owned(),
-            path: Some(dir.join("robot.urdf")),
-        },
-        torque_kind: TorqueKind::External,
         rate_hz: Some(RATE_HZ),
         gravity: GRAVITY,
         base_pose: world.base,
         object_bbox: Some([low, high]),
-        tare_samples: 0,
         splits: Splits {
             train: ids(0..FIRST_TEST),
             test: ids(FIRST_TEST..SEQUENCES),
         },
-        joints: None,
-        joint_types: None,
-        attachment: Default::default(),
-        gauge_length: None,
         rest_points: Some(points),
-        field: None,
-        camera: None,
-        sequences,
-        extra: Default::default(),
+        ..Dataset::new(robot, sequences)
     })
 }
 

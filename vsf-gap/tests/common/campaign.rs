@@ -1,8 +1,7 @@
 //! Campaigns from rows that a test writes by hand.
 
-use nalgebra::{Isometry3, Point3, Vector3};
-use std::collections::BTreeMap;
-use vsf_data::{Attachment, Dataset, RobotRef, Sequence, Splits, Table, TorqueKind};
+use nalgebra::{Point3, Vector3};
+use vsf_data::{Dataset, RobotRef, Sequence, Table, TorqueKind};
 use vsf_gap::{Campaign, Model};
 use vsf_pipeline::SceneOptions;
 
@@ -37,40 +36,20 @@ fn dataset(
             let all = rows.iter().flat_map(|row| part(row).clone()).collect();
             Table::new(part(&rows[0]).len(), all).unwrap()
         };
-        Sequence {
-            id: id.to_string(),
-            time: (0..rows.len()).map(|k| k as f64 / RATE).collect(),
-            angles: table(|row| &row.0),
-            velocities: None,
-            torques: table(|row| &row.1),
-            touch_starts: vec![0],
-            tags: Vec::new(),
-        }
+        let time = (0..rows.len()).map(|k| k as f64 / RATE).collect();
+        Sequence::new(
+            id.to_string(),
+            time,
+            table(|row| &row.0),
+            table(|row| &row.1),
+        )
     };
     let sequences: Vec<_> = rows.iter().enumerate().map(sequence).collect();
     Dataset {
-        name: "test".into(),
-        description: String::new(),
-        robot,
         torque_kind: kind,
-        rate_hz: None,
         gravity: Vector3::new(0.0, 0.0, -super::GRAVITY),
-        base_pose: Isometry3::identity(),
-        object_bbox: None,
-        tare_samples: 0,
-        splits: Splits {
-            train: sequences.iter().map(|s| s.id.clone()).collect(),
-            test: Vec::new(),
-        },
-        joints: None,
-        joint_types: None,
-        attachment: Attachment::Unilateral,
-        gauge_length: None,
         rest_points: points.map(|p| p.iter().map(|p| Point3::from(*p)).collect()),
-        field: None,
-        camera: None,
-        sequences,
-        extra: BTreeMap::new(),
+        ..Dataset::new(robot, sequences)
     }
 }
 

@@ -122,15 +122,8 @@ mod tests {
 
     fn at(rows: &[&[f64]]) -> Sequence {
         let table = Table::new(rows[0].len(), rows.concat()).unwrap();
-        Sequence {
-            id: "0".to_owned(),
-            time: (0..rows.len()).map(|i| i as f64).collect(),
-            angles: table.clone(),
-            velocities: None,
-            torques: table,
-            touch_starts: vec![0],
-            tags: Vec::new(),
-        }
+        let time = (0..rows.len()).map(|i| i as f64).collect();
+        Sequence::new("0", time, table.clone(), table)
     }
 
     fn rows(robot: &RobotModel, sequence: &Sequence) -> Vec<Vec<f64>> {

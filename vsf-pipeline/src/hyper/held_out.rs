@@ -36,7 +36,7 @@ struct Choice {
 
 /// What the touches that are kept say of the field.
 enum Posterior<'a> {
-    Optimum(BatchFit<'a>),
+    Optimum(Box<BatchFit<'a>>),
     /// Knows no correlations.
     Online(Belief<f64>),
 }
@@ -75,7 +75,7 @@ impl Choice {
             let of_prior = |candidate: &(PriorShape, f64)| {
                 let prior = self.problem.prior(candidate)?;
                 let posterior = match &batch {
-                    Some(batch) => Posterior::Optimum(batch.solve(&prior, 1.0)?),
+                    Some(batch) => Posterior::Optimum(Box::new(batch.solve(&prior, 1.0)?)),
                     None => {
                         let pass = run(&EstimatorSpec::replay(), prior, &kept, |_| {})?;
                         Posterior::Online(pass.belief)

@@ -1,6 +1,5 @@
 use super::{PipelineWarning, Rows, outliers};
-use crate::readings::gravity_torques;
-use crate::{Scene, Trace, reading_unit};
+use crate::{Scene, Trace, motion_of, reading_unit, rigid_body_torques};
 use vsf_core::Observation;
 use vsf_data::{Sequence, tare};
 use vsf_robots::Joint;
@@ -124,14 +123,15 @@ fn gravity_left(
     let mut likeness = Likeness::default();
     for (sequence, trace) in sequences.iter().zip(traces) {
         // Angles that a trace was made of can be taken.
-        let mut gravity = gravity_torques(scene, sequence).ok()?;
+        let motion = motion_of(sequence).ok()?;
+        let mut rigid = rigid_body_torques(&scene.robot, &scene.gravity, sequence, &motion).ok()?;
         if scene.tare_samples > 0 {
-            gravity = tare(&gravity, scene.tare_samples).ok()?;
+            rigid = tare(&rigid, scene.tare_samples).ok()?;
         }
-        let rows = trace.observations.iter().zip(gravity.iter());
-        for (obs, gravity) in rows.filter(|(o, _)| o.is_empty()) {
-            let pairs = obs.reading().iter().zip(gravity);
-            pairs.for_each(|(tau, g)| likeness.add(*tau, *g));
+        let rows = trace.observations.iter().zip(rigid.iter());
+        for (obs, rigid) in rows.filter(|(o, _)| o.is_empty()) {
+            let pairs = obs.reading().iter().zip(rigid);
+            pairs.for_each(|(tau, r)| likeness.add(*tau, *r));
         }
     }
     let (size, correlation) = (likeness.both / likeness.others, likeness.correlation());

@@ -1,0 +1,67 @@
+//! Readings at the actuators of an arm whose motion is known.
+#![allow(clippy::unwrap_used)]
+
+use nalgebra::{Point3, Vector3};
+use vsf_data::{Dataset, RobotRef, Sequence, Table, TorqueKind};
+use vsf_pipeline::{Scene, SceneOptions, external_torques};
+use vsf_robots::planar_arm;
+
+/// What the joints feel besides.
+const TOUCH: [f64; 3] = [0.4, -0.3, 0.2];
+
+/// Two seconds of a swing at `rate` samples a second; angles as an encoder of 1e-5 rad gives them.
+fn swing(rate: f64) -> Sequence {
+    let robot = planar_arm(3, 0.3, 0.03).unwrap();
+    let mut workspace = robot.dynamics_workspace();
+    let gravity = Vector3::new(0.0, 0.0, -9.81);
+    let (mut angles, mut torques) = (Vec::new(), Vec::new());
+    let time: Vec<f64> = (0..(2.0 * rate) as usize)
+        .map(|k| k as f64 / rate)
+        .collect();
+    for t in &time {
+        // Half a turn to and fro, once a second.
+        let pace = std::f64::consts::TAU;
+        let (sin, cos) = (pace * t).sin_cos();
+        let q = [0.8 * sin, 0.5 * cos, -0.3 * sin];
+        let qd = [0.8 * pace * cos, -0.5 * pace * sin, -0.3 * pace * cos];
+        let qdd = q.map(|q| -pace * pace * q);
+        let rigid = robot
+            .inverse_dynamics(&q, &qd, &qdd, &gravity, &mut workspace)
+            .unwrap();
+        angles.extend(q.map(|q| (q * 1e5).round() / 1e5));
+        torques.extend(rigid.iter().zip(TOUCH).map(|(r, touch)| r - touch));
+    }
+    let table = |data: Vec<f64>| Table::new(3, data).unwrap();
+    Sequence::new("0", time, table(angles), table(torques))
+}
+
+/// Neither weight nor inertia is left, at any sample rate.
+#[test]
+fn what_the_arm_needs_to_move_is_taken_off() {
+    for rate in [100.0, 1000.0] {
+        let sequence = swing(rate);
+        let robot = RobotRef::resolve("planar_arm", ".".as_ref()).unwrap();
+        let dataset = Dataset {
+            torque_kind: TorqueKind::Measured,
+            rest_points: Some(vec![Point3::new(9.0, 0.0, 0.0)]),
+            ..Dataset::new(robot, vec![sequence.clone()])
+        };
+        let scene = Scene::open(&dataset, &SceneOptions::default()).unwrap();
+        let external = external_torques(&scene, &sequence).unwrap();
+        let mut workspace = scene.robot.dynamics_workspace();
+        let (mut left, mut inertia) = (0.0_f64, 0.0_f64);
+        // A derivative at the ends is extrapolated.
+        for row in sequence.len() / 20..sequence.len() * 19 / 20 {
+            let q = &sequence.angles[row];
+            let hold = (scene.robot)
+                .gravity_torques(q, &scene.gravity, &mut workspace)
+                .unwrap();
+            for j in 0..3 {
+                let reading = sequence.torques[row][j] + TOUCH[j];
+                inertia = inertia.max((reading - hold[j]).abs());
+                left = left.max((external[row][j] - TOUCH[j]).abs());
+            }
+        }
+        assert!(left < 0.02 * inertia, "{left} of {inertia} at {rate} Hz");
+    }
+}
