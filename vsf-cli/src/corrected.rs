@@ -1,12 +1,14 @@
 //! Recordings under a corrected model, as `vsf diagnose --model` writes it.
 
 use crate::console::{Console, read_text};
-use crate::recording::Recording;
+use crate::recording::{Recording, traces, untouched};
 use anyhow::Context;
 use std::path::PathBuf;
 use vsf::data::{Dataset, Sequence};
 use vsf::gap::{Campaign, Corrected, EffectEntry, Model, ModelFile, effects};
-use vsf::pipeline::{Scene, Trace, motion_warnings, reading_warnings, simulate};
+use vsf::pipeline::{
+    PipelineError, Scene, SequencePrediction, Trace, motion_warnings, reading_warnings, simulate,
+};
 
 /// The flag that takes a corrected model.
 #[derive(Debug, clap::Args)]
@@ -15,6 +17,53 @@ pub struct ModelArgs {
     /// and torques
     #[arg(long, value_name = "FILE")]
     model: Option<PathBuf>,
+}
+
+/// Sequences with what they touch, under a corrected model if there is one.
+pub struct Modelled {
+    /// With the readings as they are.
+    pub traces: Vec<Trace>,
+    corrected: Option<Vec<Corrected>>,
+}
+
+impl Modelled {
+    /// The sequences in this order, with warnings about motions, readings and contact.
+    pub fn new(
+        model: Option<&CorrectedModel>,
+        recording: &Recording,
+        scene: &Scene,
+        sequences: &[&Sequence],
+        console: &Console,
+    ) -> anyhow::Result<Self> {
+        let corrected = match model {
+            Some(model) => Some(model.sequences(recording, scene, sequences, console)?),
+            None => None,
+        };
+        let traces = match &corrected {
+            Some(all) => all
+                .iter()
+                .map(Corrected::recorded)
+                .collect::<Result<_, _>>()?,
+            None => traces(scene, sequences, console)?,
+        };
+        if let Some(warning) = untouched(scene, &traces) {
+            console.warn(warning);
+        }
+        Ok(Self { traces, corrected })
+    }
+
+    /// What a field predicts of the sequences, by `of_field`, and the model with it.
+    pub fn predict(
+        &self,
+        of_field: impl Fn(&Trace) -> Result<SequencePrediction, PipelineError>,
+    ) -> Result<Vec<SequencePrediction>, PipelineError> {
+        match &self.corrected {
+            None => self.traces.iter().map(of_field).collect(),
+            Some(all) => (all.iter())
+                .map(|c| Ok(c.complete(of_field(&c.trace)?)))
+                .collect(),
+        }
+    }
 }
 
 /// A corrected model that was read, not yet fitted to a robot.

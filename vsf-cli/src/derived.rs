@@ -28,14 +28,16 @@ pub fn derived(
         name.to_string_lossy().into_owned()
     };
     let field = match &of.field {
-        Some(path) => format!("the stiffness field {}", name(path)),
-        None => "its stored stiffness field".to_owned(),
+        Some(path) => Some(format!("the stiffness field {}", name(path))),
+        None => (recording.has_points()).then(|| "its stored stiffness field".to_owned()),
     };
-    let model = of.model.path().map(name);
-    let model = model.map_or_else(String::new, |m| format!(" and the corrected model {m}"));
+    let model = (of.model.path()).map(|path| format!("the corrected model {}", name(path)));
+    let by: Vec<String> = field.into_iter().chain(model).collect();
     let description = format!(
-        "Made from the recording {:?}: torques {made} by {field}{model}. {}",
-        dataset.name, dataset.description
+        "Made from the recording {:?}: torques {made} by {}. {}",
+        dataset.name,
+        by.join(" and "),
+        dataset.description
     );
     Dataset {
         name: format!("{}, {made}", dataset.name),

@@ -6,7 +6,7 @@ use crate::field_file::FieldFile;
 use crate::settings::{MetadataSettings, SceneSettings};
 use std::path::{Path, PathBuf};
 use vsf::contact::{CacheUse, ContactError};
-use vsf::data::{DataError, Dataset, RobotRef, Sequence};
+use vsf::data::{DataError, Dataset, RobotRef, Sequence, StiffnessField};
 use vsf::gap::Campaign;
 use vsf::pipeline::{
     PipelineError, Scene, SceneOptions, Trace, mesh_warnings, motion_warnings, reading_warnings,
@@ -67,9 +67,8 @@ impl FieldArgs {
         let model = self.model.open(console)?;
         let recording = self.recording.open(console)?;
         recording.check_out(out)?;
-        let field = recording.field(self.field.as_deref(), console)?;
-        field.compare_model(model.as_ref(), console);
-        let scene = recording.scene_of(&field, console)?;
+        let given = self.field.as_deref();
+        let (field, scene) = recording.field_and_scene(given, model.as_ref(), console)?;
         Ok((recording, field, scene, model))
     }
 }
@@ -157,6 +156,32 @@ impl Recording {
         self.scene_by(console, Scene::open)
     }
 
+    /// The scene of the recording alone, without points if it has none.
+    pub fn scene_or_air(&self, console: &Console) -> anyhow::Result<Scene> {
+        match self.has_points() {
+            true => self.scene(console),
+            false => Ok(Scene::in_air(&self.dataset, self.robot()?)?),
+        }
+    }
+
+    /// The given field, or the one stored in the recording, and its scene. Of a recording without points
+    /// a model says all: there is nothing that a field could be of.
+    pub fn field_and_scene(
+        &self,
+        given: Option<&Path>,
+        model: Option<&CorrectedModel>,
+        console: &Console,
+    ) -> anyhow::Result<(FieldFile, Scene)> {
+        if given.is_none() && model.is_some() && !self.has_points() {
+            let nothing = FieldFile::new(self.path.clone(), StiffnessField::default())?;
+            return Ok((nothing, self.scene_or_air(console)?));
+        }
+        let field = self.field(given, console)?;
+        field.compare_model(model, console);
+        let scene = self.scene_of(&field, console)?;
+        Ok((field, scene))
+    }
+
     /// The scene of a field in this recording: the recording's points must be the field's; without
     /// own points it takes the field's.
     pub fn scene_of(&self, field: &FieldFile, console: &Console) -> anyhow::Result<Scene> {
@@ -234,13 +259,7 @@ impl Recording {
     /// The recording as a diagnosis sees it, with warnings about its motions and readings.
     pub fn campaign(&self, console: &Console) -> anyhow::Result<Campaign> {
         let sequences: Vec<&Sequence> = self.dataset.sequences.iter().collect();
-        if !self.has_points() {
-            let robot = self.robot()?;
-            let motion = motion_warnings(&robot, &sequences);
-            motion.iter().for_each(|w| console.warn(w));
-            return Ok(Campaign::in_air(&self.dataset, robot)?);
-        }
-        let scene = self.scene(console)?;
+        let scene = self.scene_or_air(console)?;
         let traces = traces(&scene, &sequences, console)?;
         untouched(&scene, &traces)
             .iter()
@@ -260,7 +279,7 @@ impl Recording {
             (None, Some(field)) => FieldFile::new(self.path.clone(), field.clone()),
             (None, None) => Err(usage(
                 "--field is required: the recording stores no field; `vsf estimate` makes one of a recording \
-                 with points",
+                 with points, and one without takes --model",
             )),
         }
     }
@@ -355,10 +374,10 @@ pub fn traces(
     Ok(traces)
 }
 
-/// That the robot touches nothing, in words.
+/// That the robot touches nothing though there are points, in words.
 pub fn untouched(scene: &Scene, traces: &[Trace]) -> Option<PipelineError> {
     let touching = traces.iter().any(|t| t.contact_samples() > 0);
-    (!touching).then(|| PipelineError::NoContact {
+    (!touching && !scene.rest.is_empty()).then(|| PipelineError::NoContact {
         what: "chosen",
         points: scene.rest.len(),
     })

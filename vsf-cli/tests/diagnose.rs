@@ -220,6 +220,7 @@ fn fields_remember_their_model() {
         "predict touch --field folder --model model.json --out d",
         "evaluate touch --field plain.npz",
         "evaluate touch --field truth --model model.json",
+        "export touch --field field.npz --model model.json --torques plots --out touch.mcap",
     ] {
         let warning = bench.warned(line);
         assert!(!warning.contains("corrected"), "{line}: {warning}");
@@ -251,8 +252,7 @@ fn an_arm_in_free_air() {
         common::npy(&folder.join("angles.npy"), &[ROWS, 3], &angles);
         common::npy(&folder.join("torques.npy"), &[ROWS, 3], &torques);
     }
-    let line =
-        "diagnose air --effects joint_viscous_friction,contact_friction --html air.html --json";
+    let line = "diagnose air --effects joint_viscous_friction,contact_friction --html air.html --model air.json --json";
     let d = json(&bench, line);
     let effects = d["effects"].as_array().unwrap();
     let contact = effects
@@ -265,6 +265,36 @@ fn an_arm_in_free_air() {
     // A hostile name stays text.
     let page = fs::read_to_string(bench.root.join("air.html")).unwrap();
     assert!(page.contains("&lt;script&gt;") && !page.contains("<script"));
+
+    // The model predicts what the diagnosis says, without a field.
+    let after = d["gap"]["test_error_corrected"].as_f64().unwrap();
+    assert!(after < d["gap"]["test_error_nominal"].as_f64().unwrap());
+    let model = "--model air.json";
+    let evaluated = json(
+        &bench,
+        &format!("evaluate air {model} --baseline zero --json"),
+    );
+    assert_eq!(evaluated["predictor"], "model");
+    assert!((evaluated["mean_error"].as_f64().unwrap() - after).abs() < 1e-9);
+    assert!(
+        evaluated["baselines"]["zero"]["mean_error"]
+            .as_f64()
+            .unwrap()
+            > after
+    );
+    json(&bench, "evaluate air --baseline knn --neighbours 5 --json");
+    bench.ok(&format!("simulate air {model} --out simulated"));
+    let again = json(&bench, &format!("evaluate simulated {model} --json"));
+    assert!(again["mean_error"].as_f64().unwrap() < 1e-9, "{again}");
+    bench.ok(&format!("predict air {model} --out predicted"));
+    assert!(bench.root.join("predicted/seq_3/torques.npy").is_file());
+    bench.ok(&format!(
+        "export air {model} --torques plots --out air.mcap"
+    ));
+    assert!(bench.root.join("plots/torques_3.svg").is_file());
+    let drawn = format!("export air {model} --out air.png");
+    bench.fails(&drawn, 2, &["air.png: a recording without points"]);
+    bench.fails("evaluate air", 2, &["one without takes --model"]);
 }
 
 #[test]

@@ -32,7 +32,7 @@ const MARKS: &str = "format.json";
 /// folder); a `K_std` without the mark is not used, since OpenVSF writes the variance there. The
 /// recording's name is a further mark, `recording_name`, and so is a corrected model,
 /// `corrected_model`.
-#[derive(Debug, Clone, PartialEq)]
+#[derive(Debug, Clone, PartialEq, Default)]
 pub struct StiffnessField {
     /// Rest positions `p_i` \[m\], world frame.
     pub points: Vec<Point3<f64>>,

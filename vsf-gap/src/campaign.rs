@@ -4,12 +4,10 @@ use crate::{ContactLog, GapError, Model, effect::slides};
 use nalgebra::Vector3;
 use std::ops::Range;
 use std::sync::Arc;
-use vsf_core::RestPoints;
-use vsf_data::{Dataset, Sequence, Table, TorqueKind, tare};
+use vsf_data::{Dataset, Sequence, Table, TorqueKind};
 use vsf_pipeline::{
     Scene, SceneOptions, external_torques, motion_of, rigid_body_torques, robot_of,
 };
-use vsf_robots::RobotModel;
 
 /// Half the window (samples) of [`Motion::smooth`]: halves white noise, hardly blunts an onset.
 const HALF_MEAN: usize = 2;
@@ -99,8 +97,8 @@ fn average(table: &Table, rows: Range<usize>, mean: &mut [f64]) {
 pub struct Campaign {
     /// Robot and object.
     pub site: Site,
-    /// Contact, unless the arm moves in free air.
-    pub scene: Option<Scene>,
+    /// Contact; of an arm in free air, with nothing.
+    pub scene: Scene,
     /// Sequences that the model is fitted to, in session order.
     pub train: Vec<Motion>,
     /// Sequences that check it.
@@ -165,10 +163,11 @@ impl Campaign {
     /// # Errors
     /// Robot, scene, torques or motions that cannot be read, rows that contact cannot take.
     pub fn open(dataset: &Dataset, options: &SceneOptions) -> Result<Self, GapError> {
-        match dataset.rest_points.is_none() && dataset.field.is_none() {
-            true => Self::in_air(dataset, robot_of(dataset, &options.packages)?),
-            false => Self::in_scene(dataset, Scene::open(dataset, options)?),
-        }
+        let scene = match dataset.rest_points.is_none() && dataset.field.is_none() {
+            true => Scene::in_air(dataset, robot_of(dataset, &options.packages)?)?,
+            false => Scene::open(dataset, options)?,
+        };
+        Self::in_scene(dataset, scene)
     }
 
     /// [`Campaign::open`] of a recording whose scene is at hand.
@@ -176,25 +175,6 @@ impl Campaign {
     /// # Errors
     /// Torques or motions that cannot be read, rows that contact cannot take.
     pub fn in_scene(dataset: &Dataset, scene: Scene) -> Result<Self, GapError> {
-        let (robot, rest) = (Arc::new(scene.robot.clone()), scene.rest.clone());
-        Self::new(dataset, robot, rest, Some(scene))
-    }
-
-    /// [`Campaign::open`] of a recording in which the arm touches nothing.
-    ///
-    /// # Errors
-    /// As [`Campaign::in_scene`].
-    pub fn in_air(dataset: &Dataset, robot: RobotModel) -> Result<Self, GapError> {
-        let rest = Arc::new(RestPoints::new(Vec::new())?);
-        Self::new(dataset, Arc::new(robot), rest, None)
-    }
-
-    fn new(
-        dataset: &Dataset,
-        robot: Arc<RobotModel>,
-        rest: Arc<RestPoints>,
-        scene: Option<Scene>,
-    ) -> Result<Self, GapError> {
         let mut train: Vec<&str> = dataset.splits.train.iter().map(String::as_str).collect();
         let mut test: Vec<&str> = dataset.splits.test.iter().map(String::as_str).collect();
         let held_out = test.is_empty() && train.len() > 1;
@@ -202,10 +182,10 @@ impl Campaign {
             test.extend(train.pop());
         }
         let mut site = Site {
-            robot,
-            rest,
-            gravity: dataset.gravity,
-            torque_kind: dataset.torque_kind,
+            robot: Arc::new(scene.robot.clone()),
+            rest: scene.rest.clone(),
+            gravity: scene.gravity,
+            torque_kind: scene.torque_kind,
             sequences: Vec::new(),
             duration: 1.0,
         };
@@ -217,7 +197,7 @@ impl Campaign {
                 continue;
             }
             let now = Clock::at(clock, sequence);
-            let motion = motion(&site, scene.as_ref(), dataset, sequence, now.origin)?;
+            let motion = motion(&scene, sequence, now.origin)?;
             clock = Some(Clock {
                 end: motion.clock.last().copied().unwrap_or(now.end),
                 ..now
@@ -285,9 +265,9 @@ impl Campaign {
         let lack = match need {
             Need::Contact => (
                 self.touched < Touched::Once,
-                match self.scene {
-                    Some(_) => "the train sequences touch no point",
-                    None => "nothing is touched: the recording has no points",
+                match site.rest.is_empty() {
+                    true => "nothing is touched: the recording has no points",
+                    false => "the train sequences touch no point",
                 },
             ),
             Need::Measured => (
@@ -334,29 +314,14 @@ impl Clock {
     }
 }
 
-fn motion(
-    site: &Site,
-    scene: Option<&Scene>,
-    dataset: &Dataset,
-    sequence: &Sequence,
-    origin: f64,
-) -> Result<Motion, GapError> {
+fn motion(scene: &Scene, sequence: &Sequence, origin: f64) -> Result<Motion, GapError> {
     let motion = motion_of(sequence)?;
     let clock = sequence.time.iter().map(|t| t - origin).collect();
-    let (reading, load) = match site.torque_kind {
-        TorqueKind::External => {
-            let reading = match scene {
-                Some(scene) => external_torques(scene, sequence)?,
-                None => tare(&sequence.torques, dataset.tare_samples)?,
-            };
-            (reading.clone(), reading)
-        }
+    let reading = external_torques(scene, sequence)?;
+    let load = match scene.torque_kind {
+        TorqueKind::External => reading.clone(),
         TorqueKind::Measured => {
-            let load = rigid_body_torques(&site.robot, &site.gravity, sequence, &motion)?;
-            let mut external = load.clone();
-            let pairs = external.data_mut().iter_mut().zip(sequence.torques.data());
-            pairs.for_each(|(left, torque)| *left -= torque);
-            (tare(&external, dataset.tare_samples)?, load)
+            rigid_body_torques(&scene.robot, &scene.gravity, sequence, &motion)?
         }
     };
     Ok(Motion {
@@ -369,7 +334,7 @@ fn motion(
         reading,
         load,
         touches: sequence.touches().collect(),
-        tare: dataset.tare_samples,
+        tare: scene.tare_samples,
     })
 }
 

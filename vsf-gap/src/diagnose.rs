@@ -434,10 +434,6 @@ pub fn diagnose(
         testable: false,
         reason: Some(reason),
     }));
-    let unit = match &campaign.scene {
-        Some(scene) => scene.error_unit(),
-        None => "N m",
-    };
     let next_experiment = next_experiment(&verdict, &reports);
     Ok(Outcome {
         diagnosis: Diagnosis {
@@ -449,7 +445,7 @@ pub fn diagnose(
                 noise_floor: floor,
                 closed_fraction: closed.fraction,
                 closed_interval: closed.interval,
-                unit: unit.to_owned(),
+                unit: campaign.scene.error_unit().to_owned(),
             },
             r#where,
             effects: reports,

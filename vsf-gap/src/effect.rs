@@ -288,7 +288,7 @@ pub trait Effect: Send + Sync {
     /// Why the campaign cannot show it, `None` when it can. An effect that chooses contacts may be why
     /// nothing is touched.
     fn untestable(&self, campaign: &Campaign) -> Option<String> {
-        let may_touch = self.chooses_contacts() && campaign.scene.is_some();
+        let may_touch = self.chooses_contacts() && !campaign.site.rest.is_empty();
         (self.needs().iter())
             .filter(|need| !(may_touch && **need == Need::Contact))
             .find_map(|need| campaign.lacks(*need))

@@ -63,7 +63,7 @@ pub struct ContactLog {
 
 /// The contact of one robot with one object, step by step, as a model has it.
 pub struct ContactDriver {
-    model: Option<Box<dyn ContactModel>>,
+    model: Box<dyn ContactModel>,
     force: Vector3<f64>,
     links: Links,
 }
@@ -75,7 +75,7 @@ impl Campaign {
     /// Parameters of contact out of range, rows that contact cannot take.
     pub fn contact_log(&self, model: &Model, motion: &Motion) -> Result<ContactLog, GapError> {
         let mut compensators = model.compensators(&self.site)?;
-        let mut driver = ContactDriver::new(&self.site, self.scene.as_ref(), &compensators)?;
+        let mut driver = ContactDriver::new(&self.site, &self.scene, &compensators)?;
         let mut log = ContactLog {
             postures: Vec::with_capacity(motion.len()),
             contacts: Vec::with_capacity(motion.len()),
@@ -138,21 +138,17 @@ impl Motion {
 }
 
 impl ContactDriver {
-    /// Contact as the compensators have it; none without a scene.
+    /// Contact as the compensators have it.
     ///
     /// # Errors
     /// Parameters of contact out of range.
     pub fn new(
         site: &Site,
-        scene: Option<&Scene>,
+        scene: &Scene,
         compensators: &[Box<dyn Compensator>],
     ) -> Result<Self, GapError> {
-        let model = match scene {
-            None => None,
-            Some(scene) => Some(scene.contact_model_with(contact_config(scene, compensators))?),
-        };
         Ok(Self {
-            model,
+            model: scene.contact_model_with(contact_config(scene, compensators))?,
             force: Vector3::zeros(),
             links: Links::new(site.joints()),
         })
@@ -170,9 +166,7 @@ impl ContactDriver {
 
     /// Forgets all contacts.
     pub fn reset(&mut self) {
-        if let Some(model) = &mut self.model {
-            model.reset();
-        }
+        self.model.reset();
         self.force = Vector3::zeros();
     }
 
@@ -189,17 +183,13 @@ impl ContactDriver {
         contacts: &mut Contacts,
     ) -> Result<(), GapError> {
         self.links.place(site, compensators, sample, posture)?;
-        if let Some(model) = &mut self.model {
-            model.step(&site.rest, posture, contacts)?;
-            self.force = force_behind(
-                &Touch {
-                    rest: &site.rest,
-                    posture,
-                    contacts,
-                },
-                sample.reading,
-            );
-        }
+        self.model.step(&site.rest, posture, contacts)?;
+        let touch = Touch {
+            rest: &site.rest,
+            posture,
+            contacts,
+        };
+        self.force = force_behind(&touch, sample.reading);
         Ok(())
     }
 }

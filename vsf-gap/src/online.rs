@@ -27,11 +27,11 @@ pub struct Corrector {
 }
 
 impl Corrector {
-    /// A model at a site, with the scene of its contacts unless the arm moves in free air.
+    /// A model at a site, with the scene of its contacts.
     ///
     /// # Errors
     /// Parameters that an effect or contact cannot take.
-    pub fn new(site: &Site, scene: Option<&Scene>, model: &Model) -> Result<Self, GapError> {
+    pub fn new(site: &Site, scene: &Scene, model: &Model) -> Result<Self, GapError> {
         let compensators = model.compensators(site)?;
         Ok(Self {
             driver: ContactDriver::new(site, scene, &compensators)?,

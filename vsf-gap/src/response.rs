@@ -73,10 +73,7 @@ impl Campaign {
         base: &[Box<dyn Compensator>],
         other: &[Box<dyn Compensator>],
     ) -> Option<f64> {
-        let Some(scene) = &self.scene else {
-            return Some(0.0);
-        };
-        let (base, mut other) = (contact_config(scene, base), contact_config(scene, other));
+        let [base, mut other] = [base, other].map(|c| contact_config(&self.scene, c));
         let padding = other.padding - base.padding;
         other.padding = base.padding;
         (other == base).then_some(padding)

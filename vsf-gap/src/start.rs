@@ -52,7 +52,7 @@ impl Campaign {
         for (&i, v) in tangent.amplitudes.iter().zip(found.fit.theta.iter()) {
             linear[i] = v.clamp(parameters[i].bounds[0], parameters[i].bounds[1]);
         }
-        if effect.acts() != Acts::Contact || self.scene.is_none() {
+        if effect.acts() != Acts::Contact || self.site.rest.is_empty() {
             return Ok(base.with(effect, &linear));
         }
         let prior = tangent.prior(&self.site);

@@ -76,7 +76,7 @@ fn control_loop() {
             .map(|p| p.scale.min(p.bounds[1]))
             .collect();
         let model = Model::of(&effect, &theta);
-        let mut online = Corrector::new(&campaign.site, campaign.scene.as_ref(), &model).unwrap();
+        let mut online = Corrector::new(&campaign.site, &campaign.scene, &model).unwrap();
         for touch in 0..TOUCHES {
             let before = CALLS.get();
             online.begin_sequence(&motion.id);

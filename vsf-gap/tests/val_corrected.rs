@@ -58,7 +58,7 @@ fn model(campaign: &Campaign, k: usize) -> Model {
 #[test]
 fn the_nominal_model_has_the_observations_of_the_pipeline() {
     let campaign = pressed();
-    let scene = campaign.scene.as_ref().unwrap();
+    let scene = &campaign.scene;
     let all = campaign.corrected(&Model::default()).unwrap();
     for (corrected, motion) in all.iter().zip(campaign.session()) {
         let (time, angles) = (motion.clock.clone(), motion.q.clone());
@@ -148,8 +148,7 @@ fn a_loop_has_the_observations_of_the_recording() {
             }
             let name = model.parts[0].0.name().to_owned();
             let offline = campaign.corrected(&model).unwrap();
-            let mut online =
-                Corrector::new(&campaign.site, campaign.scene.as_ref(), &model).unwrap();
+            let mut online = Corrector::new(&campaign.site, &campaign.scene, &model).unwrap();
             let unit = Noise::uniform(campaign.site.joints(), 1.0).unwrap();
             let mut obs = Observation::new(unit);
             for (c, motion) in offline.iter().zip(campaign.session()) {
@@ -185,7 +184,7 @@ fn val_a_control_loop_tares_as_a_recording_does() {
         let of_name = |e: &std::sync::Arc<dyn vsf_gap::Effect>| e.name() == name;
         let k = catalogue().iter().position(of_name).unwrap();
         let model = model(&campaign, k);
-        let mut online = Corrector::new(&campaign.site, None, &model).unwrap();
+        let mut online = Corrector::new(&campaign.site, &campaign.scene, &model).unwrap();
         let unit = Noise::uniform(3, 1.0).unwrap();
         let mut obs = Observation::new(unit);
         let corrected = campaign.corrected(&model).unwrap();
@@ -211,7 +210,7 @@ fn val_a_control_loop_tares_as_a_recording_does() {
 fn a_control_loop_refuses_samples_that_do_not_fit() {
     for campaign in [pressed(), swung()] {
         let model = Model::default();
-        let mut online = Corrector::new(&campaign.site, campaign.scene.as_ref(), &model).unwrap();
+        let mut online = Corrector::new(&campaign.site, &campaign.scene, &model).unwrap();
         let unit = Noise::uniform(campaign.site.joints(), 1.0).unwrap();
         let mut obs = Observation::new(unit);
         let motion = campaign.session()[0];

@@ -44,7 +44,8 @@ impl Default for SceneOptions {
     }
 }
 
-/// A robot and the points it touches: all that contact needs. A clone shares points and link shapes.
+/// A robot and the points it touches, none in free air: all that contact needs. A clone shares points and
+/// link shapes.
 #[derive(Clone)]
 pub struct Scene {
     /// The robot, placed in the world.
@@ -126,6 +127,26 @@ impl Scene {
         })
     }
 
+    /// The scene of a recording in which the arm moves in free air: without points, and without the
+    /// shapes of its links. `robot` is that of [`robot_of`].
+    ///
+    /// # Errors
+    /// None in practice: no points are as good as any.
+    pub fn in_air(dataset: &Dataset, robot: RobotModel) -> Result<Self, PipelineError> {
+        let options = SceneOptions::default();
+        Ok(Self {
+            robot,
+            rest: Arc::new(RestPoints::new(Vec::new())?),
+            gravity: dataset.gravity,
+            torque_kind: dataset.torque_kind,
+            tare_samples: dataset.tare_samples,
+            grids: Vec::new(),
+            links: Arc::new([]),
+            contact: options.contact,
+            subdivision: options.subdivision,
+        })
+    }
+
     /// A fresh contact model of this scene; the link shapes are shared.
     ///
     /// # Errors
@@ -190,9 +211,8 @@ pub fn reading_unit(joint: &Joint) -> &'static str {
     }
 }
 
-/// The robot of a recording, checked against the recording's joints and placed in the world; for
-/// recordings of free motion, which have no [`Scene`]. `packages` are the folders of `package://`
-/// names in its URDF.
+/// The robot of a recording, checked against the recording's joints and placed in the world.
+/// `packages` are the folders of `package://` names in its URDF.
 ///
 /// # Errors
 /// An unknown or unreadable robot, joints that contradict the recording.

@@ -1,13 +1,13 @@
 use crate::console::{Console, number, table};
+use crate::corrected::Modelled;
 use crate::exit::usage;
 use crate::field_file::FieldFile;
 use crate::range::count;
-use crate::recording::{Default, FieldArgs, Recording, traces, untouched};
+use crate::recording::{Default, FieldArgs, Recording};
 use clap::builder::RangedU64ValueParser;
 use serde::Serialize;
 use std::collections::BTreeMap;
 use vsf::data::Sequence;
-use vsf::gap::Corrected;
 use vsf::pipeline::{
     Baseline, Evaluation, MlpConfig, PipelineError, Scene, SequencePrediction, Trace, predict,
     score,
@@ -17,7 +17,9 @@ use vsf::pipeline::{
 #[command(after_help = "\
 The error is the paper's metric, the norm ||tau_hat - tau|| over the joints at every sample.
 
-JSON keys: predictor (field, zero, knn, mlp or gp), mean_error, sd_error, samples, unit (N m or N), zero_error \
+A recording without points, of an arm in free air, has no field: give --model, or --baseline.
+
+JSON keys: predictor (field, model, zero, knn, mlp or gp), mean_error, sd_error, samples, unit (N m or N), zero_error \
 (mean norm of the readings), per_sequence (sequence, mean_error, sd_error, samples, zero_error, \
 contact_samples, mean_contacts), per_joint (joint, unit, mean_abs_error, rms_error), calibration (within_1_sigma, within_2_sigma: \
 shares of single readings in contact; of predictors with deviations), and with a field and --baseline: baselines, an object of the same keys by name.")]
@@ -74,42 +76,21 @@ pub fn run(args: &Args, console: &Console) -> anyhow::Result<()> {
     let recording = args.of.recording.open(console)?;
     let sequences = recording.sequences(args.sequences.as_deref(), Default::Test)?;
     let given = args.of.field.as_deref();
-    let with_field = given.is_some() || args.baseline.is_empty();
-    let field = match with_field {
-        true => Some(recording.field(given, console)?),
-        false => None,
+    let in_air = given.is_none() && !recording.has_points();
+    let (field, scene) = match given.is_some() || args.baseline.is_empty() || model.is_some() {
+        true => {
+            let (field, scene) = recording.field_and_scene(given, model.as_ref(), console)?;
+            (Some(field), scene)
+        }
+        false => (None, recording.scene_or_air(console)?),
     };
-    if let Some(field) = &field {
-        field.compare_model(model.as_ref(), console);
-    }
-    let scene = match &field {
-        Some(field) => recording.scene_of(field, console)?,
-        None => recording.scene(console)?,
-    };
-    let corrected = match &model {
-        Some(model) => Some(model.sequences(&recording, &scene, &sequences, console)?),
-        None => None,
-    };
-    let traces = match &corrected {
-        Some(corrected) => (corrected.iter().map(Corrected::recorded)).collect::<Result<_, _>>()?,
-        None => traces(&scene, &sequences, console)?,
-    };
-    untouched(&scene, &traces)
-        .iter()
-        .for_each(|w| console.warn(w));
+    let modelled = Modelled::new(model.as_ref(), &recording, &scene, &sequences, console)?;
+    let traces = &modelled.traces;
     let mut found = Vec::new();
     if let Some(field) = &field {
-        let predictor = predictor(field, &scene, console)?;
-        let predictions = match &corrected {
-            None => traces
-                .iter()
-                .map(predictor)
-                .collect::<Result<Vec<_>, _>>()?,
-            Some(corrected) => (corrected.iter())
-                .map(|c| Ok(c.complete(predictor(&c.trace)?)))
-                .collect::<Result<Vec<_>, PipelineError>>()?,
-        };
-        found.push(("field", score(&scene, &traces, &predictions)?));
+        let predictions = modelled.predict(predictor(field, &scene, console)?)?;
+        let name = if in_air { "model" } else { "field" };
+        found.push((name, score(&scene, traces, &predictions)?));
     }
     for &kind in &args.baseline {
         let (name, baseline) = match kind {
@@ -126,7 +107,7 @@ pub fn run(args: &Args, console: &Console) -> anyhow::Result<()> {
         };
         if found.iter().all(|(n, _)| *n != name) {
             let spinner = console.spinner("learning a baseline");
-            let measured = measure(&baseline, &recording, &scene, &sequences, &traces)?;
+            let measured = measure(&baseline, &recording, &scene, &sequences, traces)?;
             spinner.finish_and_clear();
             found.push((name, measured));
         }

@@ -1,16 +1,17 @@
 use crate::config::Sources;
 use crate::console::{Console, Written, create_folder, texts, write_file};
+use crate::corrected::{CorrectedModel, ModelArgs, Modelled};
 use crate::exit::usage;
 use crate::field_file::{FieldFile, FieldFormat, check_out, save};
 use crate::interrupt::writing;
 use crate::pictures::{self, Surroundings, View};
 use crate::range::positive;
-use crate::recording::{Default, Recording, needs_recording, traces};
+use crate::recording::{Default, Recording, needs_recording};
 use crate::settings::SceneSettings;
 use anyhow::Context;
 use std::path::{Path, PathBuf};
 use vsf::data::{EffortPrediction, McapExport, Sequence, Table, TorqueKind};
-use vsf::pipeline::{Scene, Trace, predict};
+use vsf::pipeline::{Scene, SequencePrediction, Trace, predict};
 use vsf::robots::RobotModel;
 
 #[derive(Debug, clap::Args)]
@@ -20,6 +21,8 @@ Examples:
   vsf export DATASET --field field.npz --out field.png     with camera view and robot
   vsf export DATASET --field field.npz --torques plots/    one SVG per test sequence
   vsf export DATASET --field field.npz --out touches.mcap  for Foxglove, PlotJuggler, ros2 bag play
+
+With a corrected model (--model) predicted torques have its effects in them; in free air it alone predicts.
 
 An .mcap file holds ROS 2 messages: /joint_states of all sequences of a recording, effort being its torques; with a field, /stiffness_field (PointCloud2, frame world: x, y, z, stiffness, sd, rgb) at the start of each of them, and of the torques that it predicts, /predicted/joint_states and their standard deviations, /predicted/joint_states_sd, both as effort and to be compared with the recorded ones (gravity and offsets as there). Stamps start at 1 s, sequences are 2 s apart. `vsf import` makes the recording of it again.
 
@@ -49,6 +52,8 @@ pub struct Args {
     #[arg(long, allow_negative_numbers = true, value_parser = positive)]
     full_scale: Option<f64>,
     #[command(flatten)]
+    model: ModelArgs,
+    #[command(flatten)]
     sources: Sources,
     #[command(flatten)]
     scene: SceneSettings,
@@ -67,6 +72,7 @@ pub fn run(args: &Args, console: &Console) -> anyhow::Result<()> {
                 ("--field", args.field.is_some()),
                 ("--torques", args.torques.is_some()),
                 ("--sequences", args.sequences.is_some()),
+                ("--model", args.model.path().is_some()),
             ];
             needs_recording(&args.input, &given)?;
             let field = FieldFile::open(&args.input, console)?;
@@ -93,7 +99,8 @@ fn from_recording(args: &Args, console: &Console) -> anyhow::Result<Vec<PathBuf>
     let dataset = &recording.dataset;
     let is_mcap = |out: &PathBuf| FieldFormat::of(out).is_ok_and(|f| f == FieldFormat::Mcap);
     let without_field = args.field.is_none() && dataset.field.is_none();
-    if without_field && args.torques.is_none() && args.out.iter().all(is_mcap) {
+    let alone = without_field && args.model.path().is_none() && args.torques.is_none();
+    if alone && args.out.iter().all(is_mcap) {
         if args.deviation || args.full_scale.is_some() {
             return Err(usage(
                 "--deviation and --full-scale are of a field; give it by --field",
@@ -111,8 +118,16 @@ fn from_recording(args: &Args, console: &Console) -> anyhow::Result<Vec<PathBuf>
         }
         return Ok(args.out.clone());
     }
-    let field = recording.field(args.field.as_deref(), console)?;
-    let scene = recording.scene_of(&field, console)?;
+    let model = args.model.open(console)?;
+    let given = args.field.as_deref();
+    let (field, scene) = recording.field_and_scene(given, model.as_ref(), console)?;
+    if let Some(out) = (args.out.iter()).find(|o| field.field.points.is_empty() && !is_mcap(o)) {
+        return Err(usage(format!(
+            "{}: a recording without points has no field to draw; --out takes .mcap, --torques a folder of \
+             plots",
+            out.display()
+        )));
+    }
     let mut around = Surroundings::default();
     if let Some(view) = &dataset.camera {
         around = around.camera(view, &field.field.points);
@@ -121,7 +136,7 @@ fn from_recording(args: &Args, console: &Console) -> anyhow::Result<Vec<PathBuf>
     around = around.robot(&scene, shown, &scene.trace(shown)?)?;
     let (joints, mut predictions) = (names(&scene.robot), Vec::new());
     if args.out.iter().any(is_mcap) {
-        predictions = predicted(&recording, &field, &scene, console)?;
+        predictions = efforts(&recording, &field, &scene, model.as_ref(), console)?;
     }
     let export = McapExport {
         recording: Some(dataset),
@@ -134,14 +149,18 @@ fn from_recording(args: &Args, console: &Console) -> anyhow::Result<Vec<PathBuf>
         return Ok(written);
     };
     let sequences = recording.sequences(args.sequences.as_deref(), Default::Test)?;
-    field.compare_model(None, console);
-    let belief = field.belief()?;
-    let noise_sd = field.noise_sd(scene.robot.joint_count(), console)?;
+    let (modelled, predictions) = predicted(
+        &recording,
+        &field,
+        &scene,
+        model.as_ref(),
+        &sequences,
+        console,
+    )?;
     create_folder(folder)?;
-    for trace in &traces(&scene, &sequences, console)? {
-        let prediction = predict(&scene, &belief, &noise_sd, trace)?;
+    for (trace, prediction) in modelled.traces.iter().zip(&predictions) {
         let title = format!("{}, sequence {}", dataset.name, trace.id);
-        let svg = pictures::torques(&scene, trace, &prediction, &title)
+        let svg = pictures::torques(&scene, trace, prediction, &title)
             .with_context(|| format!("sequence {}", trace.id))?;
         let path = folder.join(format!("torques_{}.svg", trace.id));
         write_file(&path, svg.as_bytes())?;
@@ -184,7 +203,7 @@ fn write_field(
                     return Err(anyhow::anyhow!("{}: {problem}", picture_of()));
                 }
                 let export = McapExport {
-                    field: Some(field),
+                    field: (!field.points.is_empty()).then_some(field),
                     deviation: args.deviation,
                     full_scale: args.full_scale,
                     ..*beside
@@ -208,27 +227,40 @@ fn names(robot: &RobotModel) -> Vec<String> {
     robot.joints().iter().map(|j| j.name().to_owned()).collect()
 }
 
-/// What the field predicts the torques of the recording to be, as they were recorded: with gravity and
-/// offset where these have them.
+/// What field and model predict of some sequences.
 fn predicted(
     recording: &Recording,
     field: &FieldFile,
     scene: &Scene,
+    model: Option<&CorrectedModel>,
+    sequences: &[&Sequence],
+    console: &Console,
+) -> anyhow::Result<(Modelled, Vec<SequencePrediction>)> {
+    let belief = field.belief()?;
+    let noise_sd = field.noise_sd(scene.robot.joint_count(), console)?;
+    let modelled = Modelled::new(model, recording, scene, sequences, console)?;
+    let predictions = modelled.predict(|trace| predict(scene, &belief, &noise_sd, trace))?;
+    Ok((modelled, predictions))
+}
+
+/// What they predict the torques of the whole recording to be, as they were recorded: with gravity and
+/// offset where these have them.
+fn efforts(
+    recording: &Recording,
+    field: &FieldFile,
+    scene: &Scene,
+    model: Option<&CorrectedModel>,
     console: &Console,
 ) -> anyhow::Result<Vec<EffortPrediction>> {
-    field.compare_model(None, console);
-    let belief = field.belief()?;
-    let width = scene.robot.joint_count();
-    let noise_sd = field.noise_sd(width, console)?;
-    // tau_meas = tau_gravity - tau_ext, see the format of recordings.
+    // tau_meas = tau_rigid - tau_ext, see the format of recordings.
     let sign = match recording.dataset.torque_kind {
         TorqueKind::External => 1.0,
         TorqueKind::Measured => -1.0,
     };
     let sequences = recording.sequences(None, Default::All)?;
-    let traces = traces(scene, &sequences, console)?;
-    let of = |(trace, sequence): (&Trace, &&Sequence)| {
-        let prediction = predict(scene, &belief, &noise_sd, trace)?;
+    let (modelled, predictions) = predicted(recording, field, scene, model, &sequences, console)?;
+    let traces = modelled.traces.iter().zip(&predictions);
+    let of = |((trace, prediction), sequence): ((&Trace, &SequencePrediction), &&Sequence)| {
         let mut mean = sequence.torques.clone();
         let errors = prediction.mean.iter().zip(trace.readings());
         let errors =
@@ -236,8 +268,8 @@ fn predicted(
         for (torque, error) in mean.data_mut().iter_mut().zip(errors) {
             *torque += sign * error;
         }
-        let sd = Table::new(width, prediction.sd.concat())?;
+        let sd = Table::new(scene.robot.joint_count(), prediction.sd.concat())?;
         Ok(EffortPrediction { mean, sd })
     };
-    traces.iter().zip(&sequences).map(of).collect()
+    traces.zip(&sequences).map(of).collect()
 }

@@ -1,12 +1,12 @@
 use crate::console::Console;
+use crate::corrected::Modelled;
 use crate::derived::{derived, save};
-use crate::recording::{Default, FieldArgs, traces, untouched};
+use crate::recording::{Default, FieldArgs};
 use serde::Serialize;
 use std::borrow::Cow;
 use std::path::PathBuf;
 use vsf::data::{Dataset, Sequence, Table, TorqueKind};
-use vsf::gap::Corrected;
-use vsf::pipeline::{SequencePrediction, Trace, predict};
+use vsf::pipeline::{SequencePrediction, predict};
 
 #[derive(Debug, clap::Args)]
 #[command(after_help = "\
@@ -45,29 +45,8 @@ pub fn run(args: &Args, console: &Console) -> anyhow::Result<()> {
     let sequences = recording.sequences(args.sequences.as_deref(), Default::Test)?;
     let belief = field.belief()?;
     let noise_sd = field.noise_sd(scene.robot.joint_count(), console)?;
-    let field = |trace: &Trace| predict(&scene, &belief, &noise_sd, trace);
-    let (traces, predictions) = match model {
-        None => {
-            let traces = traces(&scene, &sequences, console)?;
-            let predictions = traces.iter().map(field).collect::<Result<Vec<_>, _>>()?;
-            (traces, predictions)
-        }
-        Some(model) => {
-            let corrected = model.sequences(&recording, &scene, &sequences, console)?;
-            let whole = |c: &Corrected| Ok(c.complete(field(&c.trace)?));
-            let predictions = corrected
-                .iter()
-                .map(whole)
-                .collect::<anyhow::Result<Vec<_>>>()?;
-            (
-                corrected.into_iter().map(|c| c.trace).collect(),
-                predictions,
-            )
-        }
-    };
-    untouched(&scene, &traces)
-        .iter()
-        .for_each(|w| console.warn(w));
+    let modelled = Modelled::new(model.as_ref(), &recording, &scene, &sequences, console)?;
+    let predictions = modelled.predict(|trace| predict(&scene, &belief, &noise_sd, trace))?;
 
     let predicted = sequences
         .iter()
@@ -86,7 +65,7 @@ pub fn run(args: &Args, console: &Console) -> anyhow::Result<()> {
     });
     let deviations = deviations.collect::<anyhow::Result<Vec<_>>>()?;
     save(dataset, &recording.options.packages, &args.out, deviations)?;
-    let entries = traces.iter().map(|t| Entry {
+    let entries = modelled.traces.iter().map(|t| Entry {
         sequence: &t.id,
         samples: t.observations.len(),
         contact_samples: t.contact_samples(),
@@ -96,7 +75,7 @@ pub fn run(args: &Args, console: &Console) -> anyhow::Result<()> {
         noise_sd,
         sequences: entries.collect(),
     })?;
-    let (count, out) = (traces.len(), args.out.display());
+    let (count, out) = (predictions.len(), args.out.display());
     console.report(format!(
         "wrote {out}: torques.npy and torques_sd.npy of {count} sequences\n"
     ))

@@ -3,7 +3,7 @@
 use nalgebra::{Point3, Vector3};
 use vsf_data::{Dataset, RobotRef, Sequence, Table, TorqueKind};
 use vsf_gap::{Campaign, Model};
-use vsf_pipeline::SceneOptions;
+use vsf_pipeline::{Scene, SceneOptions};
 
 /// A plate that faces down, on three linear axes; its lower face is at the joint positions.
 const PLATE: &str = "<robot name='plate'><link name='l0'/>
@@ -83,7 +83,8 @@ pub fn free_link_tared(rows: &[Rows], tare_samples: usize) -> Campaign {
         tare_samples,
         ..dataset(robot, TorqueKind::Measured, None, rows)
     };
-    Campaign::in_air(&dataset, vsf_robots::planar_arm(1, 0.3, 0.03).unwrap()).unwrap()
+    let robot = vsf_robots::planar_arm(1, 0.3, 0.03).unwrap();
+    Campaign::in_scene(&dataset, Scene::in_air(&dataset, robot).unwrap()).unwrap()
 }
 
 /// [`free_arm`] whose readings are relative to their mean over the first samples.
