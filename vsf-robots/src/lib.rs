@@ -58,8 +58,8 @@ mod kinova_gen3;
 mod kinova_gen3_shapes;
 mod mesh;
 mod model;
-mod nesting;
 mod resource;
+mod tags;
 mod tree;
 mod urdf;
 

@@ -1,7 +1,5 @@
 use crate::description::{Description, JointDescription, LinkDescription};
-use crate::{
-    JointKind, JointLimits, RobotError, RobotModel, capsules, file, mesh, nesting, resource,
-};
+use crate::{JointKind, JointLimits, RobotError, RobotModel, capsules, file, mesh, resource, tags};
 use nalgebra::{Isometry3, Matrix3, UnitQuaternion, Vector3};
 use std::collections::BTreeMap;
 use std::io::{Error, ErrorKind};
@@ -118,7 +116,12 @@ pub(crate) fn parse(text: &str, origin: &str) -> Result<urdf_rs::Robot, RobotErr
             "it declares entities; write out what they stand for".into(),
         ));
     }
-    let depth = nesting::depth(text);
+    if tags::empty_prefix(text) {
+        return Err(invalid(
+            "a name in it begins with ':'; give it a prefix, or none".into(),
+        ));
+    }
+    let depth = tags::depth(text);
     if depth > MAX_NESTING {
         return Err(invalid(format!(
             "its elements are nested {depth} deep, at most {MAX_NESTING} are read"

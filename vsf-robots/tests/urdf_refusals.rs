@@ -419,3 +419,16 @@ fn devices_do_not_fill_the_memory() {
     let error = parse(&collision(r#"<mesh filename="/dev/zero"/>"#)).unwrap_err();
     assert!(error.to_string().contains("unknown format"), "{error}");
 }
+
+/// The parser panics where it writes such a name again.
+#[test]
+fn names_with_an_empty_prefix_are_refused() {
+    for text in [
+        "<robot name='a' xmlns='u' :b='1'/>",
+        "<robot name='a' xmlns='u'><:b/></robot>",
+    ] {
+        let error = RobotModel::from_urdf_str(text, ".", &UrdfOptions::default());
+        let error = error.unwrap_err().to_string();
+        assert!(error.contains("begins with ':'"), "{error}");
+    }
+}

@@ -1,0 +1,108 @@
+//! What the tags of an XML text ask of the parser, which has no answer to all of it.
+
+/// How deep the elements are nested. The parser recurses, and a text nested deep enough would exhaust
+/// its stack, which is not an error one can catch.
+pub(crate) fn depth(text: &str) -> usize {
+    let (mut depth, mut deepest) = (0usize, 0);
+    for tag in tags(text) {
+        if tag.starts_with("</") {
+            depth = depth.saturating_sub(1);
+        } else if !(tag.starts_with("<?") || tag.starts_with("<!") || tag.ends_with("/>")) {
+            depth += 1;
+            deepest = deepest.max(depth);
+        }
+    }
+    deepest
+}
+
+/// Whether a name has an empty prefix (`:name`). The parser takes it for one in the default namespace, and
+/// panics where it writes it again.
+pub(crate) fn empty_prefix(text: &str) -> bool {
+    tags(text).any(|tag| {
+        let (mut quote, mut before) = (None, ' ');
+        tag.chars().any(|c| {
+            let is_begin = matches!(before, '<' | '/' | '"' | '\'') || before.is_whitespace();
+            let begins = quote.is_none() && is_begin && c == ':';
+            match quote {
+                Some(q) if c == q => quote = None,
+                None if c == '"' || c == '\'' => quote = Some(c),
+                _ => {}
+            }
+            before = c;
+            begins
+        })
+    })
+}
+
+/// The tags in order, without comments and character data.
+fn tags(text: &str) -> impl Iterator<Item = &str> {
+    let mut rest = text;
+    std::iter::from_fn(move || {
+        loop {
+            rest = &rest[rest.find('<')?..];
+            let until = |end: &str| rest.find(end).map_or(rest.len(), |at| at + end.len());
+            if rest.starts_with("<!--") {
+                rest = &rest[until("-->")..];
+            } else if rest.starts_with("<![CDATA[") {
+                rest = &rest[until("]]>")..];
+            } else {
+                let (tag, after) = rest.split_at(tag_length(rest));
+                rest = after;
+                return Some(tag);
+            }
+        }
+    })
+}
+
+/// Length of the tag that `text` begins with; a `>` in quotes does not end it.
+fn tag_length(text: &str) -> usize {
+    let mut quote = None;
+    for (at, c) in text.char_indices() {
+        match quote {
+            Some(q) if c == q => quote = None,
+            None if c == '>' => return at + 1,
+            None if c == '"' || c == '\'' => quote = Some(c),
+            _ => {}
+        }
+    }
+    text.len()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn only_open_elements_count() {
+        assert_eq!(depth(""), 0);
+        assert_eq!(
+            depth("<?xml?><!DOCTYPE x><a><b/><c d='>'><e/></c><f/></a>"),
+            2
+        );
+        assert_eq!(depth("<a><!-- <b><c><d> --><![CDATA[<b><c>]]></a>"), 1);
+        assert_eq!(depth("<a b=\"/>\"><a b='\">'><a></a></a></a>"), 3);
+        assert_eq!(depth("</a></a><a"), 1);
+        assert_eq!(depth("<é><\"ü"), 2);
+    }
+
+    #[test]
+    fn prefixes_are_of_names() {
+        for text in [
+            "<a :b='1'/>",
+            "<:a/>",
+            "</:a>",
+            "<a\n:b='1'>",
+            "<a c='1':b='1'>",
+        ] {
+            assert!(empty_prefix(text), "{text}");
+        }
+        for text in [
+            "<a x:b='1'/>",
+            "<a b=' :c'/>",
+            "<a> :b </a>",
+            "<!-- <:a/> -->",
+        ] {
+            assert!(!empty_prefix(text), "{text}");
+        }
+    }
+}
