@@ -27,15 +27,20 @@ struct Arm {
 
 impl Arm {
     fn new(joints: usize) -> Self {
-        let robot = planar_arm(joints, 0.9 / joints as f64, 0.03).unwrap();
-        let links = link_sdfs(robot.colliders(), &Default::default()).unwrap();
         let block = (0..100).map(|i| {
             let at = |from: f64, k: usize| from + 0.015 * k as f64;
             Point3::new(at(0.75, i % 5), at(-0.02, i / 25), at(0.045, i / 5 % 5))
         });
+        Self::at(joints, block.collect())
+    }
+
+    /// With these points in place of the block.
+    fn at(joints: usize, points: Vec<Point3<f64>>) -> Self {
+        let robot = planar_arm(joints, 0.9 / joints as f64, 0.03).unwrap();
+        let links = link_sdfs(robot.colliders(), &Default::default()).unwrap();
         Self {
             contact: StickSlip::new(links.links, ContactConfig::default()).unwrap(),
-            rest: Arc::new(RestPoints::new(block.collect()).unwrap()),
+            rest: Arc::new(RestPoints::new(points).unwrap()),
             robot,
         }
     }
@@ -142,6 +147,38 @@ fn arms_of_one_joint_and_of_many() {
             assert!(error < 0.05, "{joints} joints, {name}: {error}");
         }
     }
+}
+
+#[test]
+fn no_points() {
+    let arm = Arm::at(3, Vec::new());
+    for (name, mut session) in arm.sessions(5.0, 30.0, NOISE_SD) {
+        arm.push(&mut session, &vec![vec![0.1; 3]; STEPS], |_| 1);
+        assert!(session.belief().is_empty(), "{name}");
+        assert_eq!(peak(&arm.predicted(&mut session, DEEPEST)), 0.0, "{name}");
+    }
+}
+
+/// What is far away changes nothing, however much of it there is.
+#[test]
+fn ten_million_points() {
+    let near = Arm::new(3);
+    let mut points = near.rest.positions().to_vec();
+    let at = |k: usize| 0.01 * k as f64;
+    points.extend(
+        (0..10_000_000)
+            .map(|i| Point3::new(1.0 + at(i % 200), at(i / 200 % 200), 1.0 + at(i / 40_000))),
+    );
+    let far = Arm::at(3, points);
+    let truth = near.torques(20.0, DEEPEST);
+    let [expected, found] = [near, far].map(|arm| {
+        let prior = Belief::<f64>::uniform(arm.rest.len(), 0.0, 30.0).unwrap();
+        let replay = MemoryReplay::new(DiagonalKalman::new(prior), Default::default()).unwrap();
+        let mut session = arm.session(Box::new(replay), NOISE_SD);
+        arm.push(&mut session, &truth, |_| 1);
+        arm.predicted(&mut session, DEEPEST)
+    });
+    assert_eq!(expected, found);
 }
 
 #[test]
