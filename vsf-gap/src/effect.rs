@@ -280,9 +280,16 @@ pub trait Effect: Send + Sync {
     }
 
     /// Name of an effect of which it is a more general form, if there is one: it has to explain more than
-    /// what is wrong with the form of that one.
+    /// what is wrong with the form of that one, or to show what it adds to it ([`Effect::exceeds`]).
     fn extends(&self) -> Option<&str> {
         None
+    }
+
+    /// Whether fitted parameters `theta`, of standard deviations `sd`, show beyond doubt what it adds to the
+    /// effect that it [extends](Effect::extends): by several deviations, and by too much for a mere fault in
+    /// the form of that one. Never, by default.
+    fn exceeds(&self, _theta: &[f64], _sd: &[f64]) -> bool {
+        false
     }
 
     /// Why the campaign cannot show it, `None` when it can. An effect that chooses contacts may be why

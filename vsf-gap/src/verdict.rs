@@ -2,6 +2,7 @@ use crate::evidence::Spread;
 use crate::refine::Refined;
 use crate::{Acts, Effect};
 use serde::{Deserialize, Serialize};
+use std::sync::Arc;
 
 /// Nats for one e-fold of probability. Models are never quite right, so that evidence overstates
 /// what it knows; on labelled recordings, stated probabilities come about true with this one.
@@ -95,19 +96,20 @@ impl<'a> Hypothesis<'a> {
         rough: f64,
         alone: impl Fn(&str) -> Option<f64>,
     ) -> Self {
-        let needed = |e: &dyn Effect| {
-            let of_special_case = e.extends().and_then(&alone).unwrap_or(0.0).max(0.0);
-            threshold(e, rough) + MISFIT * of_special_case
+        let mut of_part = 0;
+        let mut needed = |(e, theta): &(Arc<dyn Effect>, Vec<f64>)| {
+            let own = of_part..of_part + theta.len();
+            of_part = own.end;
+            let of_special_case = match e.exceeds(theta, &refined.sd[own]) {
+                true => 0.0,
+                false => e.extends().and_then(&alone).unwrap_or(0.0).max(0.0),
+            };
+            threshold(e.as_ref(), rough) + MISFIT * of_special_case
         };
         Self {
             refined,
             gain: refined.log_evidence - base,
-            threshold: refined
-                .model
-                .parts
-                .iter()
-                .map(|(e, _)| needed(e.as_ref()))
-                .sum(),
+            threshold: refined.model.parts.iter().map(&mut needed).sum(),
             rough,
         }
     }
@@ -120,14 +122,15 @@ impl<'a> Hypothesis<'a> {
 
     /// Whether it stands the check on sequences that it was not fitted to, of whose gap it closes a
     /// share; `worse` if the plain error grows. Clear evidence stands even so: the sequences may touch
-    /// other places. Where contact is rough, evidence alone is no proof of effects that choose other
-    /// contacts.
+    /// other places. It is no proof of effects that choose other contacts; where contact is rough, these
+    /// have to close much of the gap.
     pub(crate) fn stands(&self, closed: f64, worse: bool) -> bool {
         let mut parts = self.refined.model.parts.iter();
-        if self.rough >= UNSURE && parts.any(|(e, _)| e.chooses_contacts()) {
-            return closed >= PROOF && !worse;
+        match parts.any(|(e, _)| e.chooses_contacts()) {
+            true if self.rough >= UNSURE => closed >= PROOF && !worse,
+            true => !worse,
+            false => !worse || self.gain > CLEAR * self.threshold,
         }
-        !worse || self.gain > CLEAR * self.threshold
     }
 }
 

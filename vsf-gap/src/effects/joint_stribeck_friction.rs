@@ -17,6 +17,11 @@ use crate::effect::{check, per_joint};
 #[derive(Debug, Clone, Copy)]
 pub struct JointStribeckFriction;
 
+/// Excess of slow motion, per friction in fast motion and per its standard deviation, that is no fault in
+/// the form of Coulomb friction.
+const LARGE: f64 = 1.0 / 3.0;
+const SURE: f64 = 4.0;
+
 struct Friction {
     c: Vec<f64>,
     excess: Vec<f64>,
@@ -35,6 +40,13 @@ impl Effect for JointStribeckFriction {
 
     fn extends(&self) -> Option<&str> {
         Some("joint_coulomb_friction")
+    }
+
+    /// A joint in which slow motion adds more than a third, without doubt.
+    fn exceeds(&self, theta: &[f64], sd: &[f64]) -> bool {
+        let d = (theta.len() / 2).saturating_sub(1);
+        let mut of_joints = theta.iter().zip(theta.iter().zip(sd).skip(d)).take(d);
+        of_joints.any(|(c, (excess, sd))| *excess > LARGE * c && *excess > SURE * sd)
     }
 
     fn needs(&self) -> &[Need] {
@@ -74,5 +86,26 @@ impl Compensator for Friction {
             let slow = (-(v / self.vs).powi(2)).exp();
             *t -= (self.c[j] + self.excess[j] * slow) * sign(v, self.eps);
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn more_than_coulomb_friction() {
+        // c of two joints, e of two joints, vs, eps.
+        let sd = [0.1, 0.1, 0.1, 0.1, 0.01, 0.001];
+        let exceeds = |e: [f64; 2]| {
+            let theta = [0.0, 2.0, e[0], e[1], 0.05, 0.005];
+            JointStribeckFriction.exceeds(&theta, &sd)
+        };
+        assert!(!exceeds([0.0, 0.0]));
+        assert!(!exceeds([0.3, 0.0]), "not sure");
+        assert!(!exceeds([0.0, 0.6]), "not large");
+        assert!(exceeds([0.0, 0.8]));
+        assert!(exceeds([0.5, 0.0]));
+        assert!(!JointStribeckFriction.exceeds(&[], &[]));
     }
 }
