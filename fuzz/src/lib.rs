@@ -137,6 +137,7 @@ pub fn field() -> StiffnessField {
         stiffness: numbers,
         features: [("height".to_owned(), column)].into(),
         recording: Some("small".to_owned()),
+        learned_from: Some("1".to_owned()),
         model: Some("latency".to_owned()),
     }
 }

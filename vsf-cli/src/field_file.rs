@@ -4,7 +4,7 @@ use crate::exit::usage;
 use crate::interrupt::writing;
 use std::path::{Path, PathBuf};
 use vsf::core::Belief;
-use vsf::data::{McapExport, StiffnessField, Table};
+use vsf::data::{McapExport, Sequence, StiffnessField, Table};
 use vsf::pipeline::{Estimate, Hyper, Scene};
 
 const TOUCHED: &str = "touched";
@@ -156,6 +156,7 @@ impl FieldFile {
             ),
             features: features.map(|(k, v)| (k.to_owned(), v)).into(),
             recording: Some(recording.to_owned()),
+            learned_from: None,
             model: None,
         })
     }
@@ -214,6 +215,25 @@ impl FieldFile {
                 effects_of(given)
             )),
             _ => {}
+        }
+    }
+
+    /// Warns where the field has learned from sequences of `recording` that it is to predict.
+    pub fn compare_sequences(&self, recording: &str, sequences: &[&Sequence], console: &Console) {
+        let same = self.field.recording.as_deref() == Some(recording);
+        let Some(learned_from) = self.field.learned_from.as_ref().filter(|_| same) else {
+            return;
+        };
+        let known = |id: &&str| learned_from.lines().any(|l| l == *id);
+        let ids = sequences.iter().map(|s| s.id.as_str());
+        let again: Vec<&str> = ids.filter(known).collect();
+        if !again.is_empty() {
+            console.warn(format!(
+                "{}: the field has learned from sequences that it predicts ({}): errors there are those of a \
+                 fit",
+                self.path.display(),
+                again.join(", ")
+            ));
         }
     }
 

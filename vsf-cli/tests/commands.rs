@@ -675,3 +675,21 @@ fn other_contact_than_the_fields_is_a_warning() {
         "{warning}"
     );
 }
+
+/// Errors on touches that a field has learned from are no predictions.
+#[test]
+fn fields_that_know_what_they_predict() {
+    let bench = Bench::touched();
+    bench.ok("estimate touch --sequences c,a --out all.npz");
+    bench.ok("estimate touch --out folder");
+    let warning = bench.warned("evaluate touch --field all.npz");
+    assert!(warning.contains("that it predicts (c)"), "{warning}");
+    for line in [
+        "evaluate touch --field folder",
+        "evaluate touch --field all.npz --sequences b",
+        "evaluate touch --field truth",
+    ] {
+        let warning = bench.warned(line);
+        assert!(!warning.contains("has learned from"), "{line}: {warning}");
+    }
+}

@@ -15,6 +15,8 @@ const SD_UNIT: &str = "K_std_unit";
 const STANDARD_DEVIATION: &str = "standard_deviation";
 /// Name of the recording that the field was estimated from.
 const RECORDING: &str = "recording_name";
+/// IDs of its sequences that the field has learned from.
+const LEARNED_FROM: &str = "learned_from";
 /// Name of the mark for the corrected model.
 const MODEL: &str = "corrected_model";
 const AXIS_MODE: &str = "axis_mode";
@@ -30,8 +32,8 @@ const MARKS: &str = "format.json";
 /// or of a folder of `.npy` files, and further arrays with N rows as features. `K_std` is written
 /// as a standard deviation and marked as one (`K_std_unit` in an archive, `format.json` in a
 /// folder); a `K_std` without the mark is not used, since OpenVSF writes the variance there. The
-/// recording's name is a further mark, `recording_name`, and so is a corrected model,
-/// `corrected_model`.
+/// recording's name is a further mark, `recording_name`, and so are the sequences that the field has
+/// learned from, `learned_from`, and a corrected model, `corrected_model`.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct StiffnessField {
     /// Rest positions `p_i` \[m\], world frame.
@@ -46,6 +48,8 @@ pub struct StiffnessField {
     pub features: BTreeMap<String, Table>,
     /// Name of the recording that the field was estimated from, if known.
     pub recording: Option<String>,
+    /// IDs of that recording's sequences that it has learned from, one a line, if known.
+    pub learned_from: Option<String>,
     /// The corrected model that explained a part of the readings, in words, if there was one.
     pub model: Option<String>,
 }
@@ -58,6 +62,8 @@ struct Marks {
     sd_unit: Option<String>,
     #[serde(rename = "recording_name")]
     recording: Option<String>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    learned_from: Option<String>,
     #[serde(rename = "corrected_model", skip_serializing_if = "Option::is_none")]
     model: Option<String>,
 }
@@ -108,6 +114,7 @@ impl StiffnessField {
             (AXIS_MODE, &marks.axis_mode),
             (SD_UNIT, &marks.sd_unit),
             (RECORDING, &marks.recording),
+            (LEARNED_FROM, &marks.learned_from),
             (MODEL, &marks.model),
         ] {
             if let Some(text) = text {
@@ -122,6 +129,7 @@ impl StiffnessField {
             axis_mode: Some(ISOTROPIC.to_owned()),
             sd_unit: self.sd.as_ref().map(|_| STANDARD_DEVIATION.to_owned()),
             recording: self.recording.clone(),
+            learned_from: self.learned_from.clone(),
             model: self.model.clone(),
         }
     }
@@ -211,7 +219,15 @@ impl StiffnessField {
         }
         for (name, table) in &self.features {
             let reserved = [
-                POINTS, STIFFNESS, SD, SD_UNIT, AXIS_MODE, RECORDING, MODEL, PICKLE,
+                POINTS,
+                STIFFNESS,
+                SD,
+                SD_UNIT,
+                AXIS_MODE,
+                RECORDING,
+                LEARNED_FROM,
+                MODEL,
+                PICKLE,
             ];
             let not_a_file = name.is_empty() || name.contains(['/', '\\', '\0']);
             if not_a_file || reserved.contains(&name.as_str()) {
@@ -250,6 +266,7 @@ impl Source {
             axis_mode: text(AXIS_MODE)?,
             sd_unit: text(SD_UNIT)?,
             recording: text(RECORDING)?,
+            learned_from: text(LEARNED_FROM)?,
             model: text(MODEL)?,
         };
         Ok(Self {
@@ -339,6 +356,7 @@ impl Source {
             sd,
             features,
             recording: self.marks.recording,
+            learned_from: self.marks.learned_from,
             model: self.marks.model,
         })
     }

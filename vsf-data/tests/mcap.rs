@@ -522,9 +522,7 @@ fn fields_are_there_in_every_sequence() {
         points,
         stiffness: vec![1.0, 2.0],
         sd: Some(vec![0.5, 0.25]),
-        features: Default::default(),
-        recording: None,
-        model: None,
+        ..StiffnessField::default()
     };
     let clouds = |export: &McapExport| {
         export.save(&path).unwrap();

@@ -50,14 +50,15 @@ fn field() -> impl Strategy<Value = StiffnessField> {
             0..3,
         );
         let sd = prop::option::of(vec(positive().prop_map(f64::abs), n));
-        let marks = (prop::option::of(text()), prop::option::of(text()));
+        let marks = [(); 3].map(|()| prop::option::of(text()));
         (vec(point(), n), vec(number(), n), sd, features, marks).prop_map(
-            |(points, stiffness, sd, features, (recording, model))| StiffnessField {
+            |(points, stiffness, sd, features, [recording, learned_from, model])| StiffnessField {
                 points,
                 stiffness,
                 sd,
                 features,
                 recording,
+                learned_from,
                 model,
             },
         )
@@ -382,9 +383,7 @@ fn a_field_folder_is_not_mixed_with_another() {
         points: vec![Point3::origin()],
         stiffness: vec![5.0],
         sd: Some(vec![1.0]),
-        features: BTreeMap::new(),
-        recording: None,
-        model: None,
+        ..StiffnessField::default()
     };
     field.save_folder(folder.path()).unwrap();
     fs::write(folder.path().join(".hidden"), "").unwrap();
@@ -419,10 +418,7 @@ fn ply_colours_follow_the_scale() {
     let field = StiffnessField {
         points: vec![Point3::new(1.0, 2.0, 3.0), Point3::origin()],
         stiffness: vec![0.0, 500.0],
-        sd: None,
-        features: BTreeMap::new(),
-        recording: None,
-        model: None,
+        ..StiffnessField::default()
     };
     for (full_scale, top) in [
         (None, [253, 231, 37]),

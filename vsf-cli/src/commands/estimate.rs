@@ -125,7 +125,9 @@ pub fn run(args: &Args, console: &Console) -> anyhow::Result<()> {
         &chosen.hyper,
         &recording.dataset.name,
     )?;
+    let ids: Vec<&str> = traces.iter().map(|t| t.id.as_str()).collect();
     let field = StiffnessField {
+        learned_from: Some(ids.join("\n")),
         model: model.as_ref().map(CorrectedModel::text),
         ..field
     };

@@ -88,6 +88,7 @@ pub fn run(args: &Args, console: &Console) -> anyhow::Result<()> {
     let traces = &modelled.traces;
     let mut found = Vec::new();
     if let Some(field) = &field {
+        field.compare_sequences(&recording.dataset.name, &sequences, console);
         let predictions = modelled.predict(predictor(field, &scene, console)?)?;
         let name = if in_air { "model" } else { "field" };
         found.push((name, score(&scene, traces, &predictions)?));

@@ -176,10 +176,7 @@ mod tests {
         let mut field = StiffnessField {
             stiffness: vec![1.0; points.len()],
             points,
-            sd: None,
-            features: Default::default(),
-            recording: None,
-            model: None,
+            ..StiffnessField::default()
         };
         let flags = (0..1_000_000)
             .map(|i| f64::from(u8::from(i % 10 == 3)))
@@ -244,10 +241,7 @@ mod tests {
             let field = StiffnessField {
                 points: vec![Point3::new(x, 0.0, 0.0)],
                 stiffness: vec![k],
-                sd: None,
-                features: Default::default(),
-                recording: None,
-                model: None,
+                ..StiffnessField::default()
             };
             let error = Cloud::of_field(&FieldFile::new("f.npz".into(), field).unwrap(), None);
             format!("{:#}", error.err().unwrap())

@@ -46,8 +46,8 @@ pub struct EffortPrediction {
 /// ```
 /// # use vsf_data::{McapExport, StiffnessField};
 /// # use nalgebra::Point3;
-/// # let field = StiffnessField { points: vec![Point3::origin()], stiffness: vec![9.0], sd: None,
-/// #     features: Default::default(), recording: None, model: None };
+/// # let field = StiffnessField { points: vec![Point3::origin()], stiffness: vec![9.0],
+/// #     ..StiffnessField::default() };
 /// # let folder = tempfile::tempdir()?;
 /// # let path = folder.path().join("field.mcap");
 /// let export = McapExport { field: Some(&field), ..McapExport::default() };

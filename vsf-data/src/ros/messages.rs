@@ -322,10 +322,7 @@ mod tests {
         let field = StiffnessField {
             points: vec![Point3::new(1.0, 2.0, -0.5)],
             stiffness: vec![3.0],
-            sd: None,
-            features: Default::default(),
-            recording: None,
-            model: None,
+            ..StiffnessField::default()
         };
         let scale = Scale::new(&field.stiffness, None).unwrap();
         let bytes = point_cloud(SECOND, "w", &field, &field.stiffness, scale).unwrap();
