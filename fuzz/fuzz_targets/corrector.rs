@@ -15,12 +15,14 @@ use vsf_fuzz::{JOINTS, number, recording, row, site};
 struct World {
     site: Site,
     scene: Scene,
+    air: Scene,
     effects: Vec<Arc<dyn Effect>>,
 }
 
 static WORLD: LazyLock<World> = LazyLock::new(|| World {
     site: site(),
     scene: Scene::open(&recording(), &SceneOptions::default()).expect("a scene"),
+    air: Scene::in_air(&recording(), (*site().robot).clone()).expect("no points"),
     effects: catalogue(),
 });
 
@@ -38,7 +40,11 @@ fn run(u: &mut Unstructured<'_>) -> Result<()> {
             share => low + (high - low) * f64::from(share) / 255.0,
         });
     }
-    let scene = u.arbitrary::<bool>()?.then_some(&WORLD.scene);
+    let scene = if u.arbitrary()? {
+        &WORLD.scene
+    } else {
+        &WORLD.air
+    };
     let Ok(mut corrector) = Corrector::new(&site, scene, &Model::of(effect, &theta)) else {
         return Ok(());
     };
