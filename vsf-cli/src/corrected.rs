@@ -24,6 +24,7 @@ pub struct Modelled {
     /// With the readings as they are.
     pub traces: Vec<Trace>,
     corrected: Option<Vec<Corrected>>,
+    in_air: bool,
 }
 
 impl Modelled {
@@ -49,20 +50,29 @@ impl Modelled {
         if let Some(warning) = untouched(scene, &traces) {
             console.warn(warning);
         }
-        Ok(Self { traces, corrected })
+        Ok(Self {
+            traces,
+            corrected,
+            in_air: scene.rest.is_empty(),
+        })
     }
 
-    /// What a field predicts of the sequences, by `of_field`, and the model with it.
+    /// What a field predicts of the sequences, by `of_field`, and the model with it. In free air nothing says
+    /// how sure a model is: predictions have no deviations.
     pub fn predict(
         &self,
         of_field: impl Fn(&Trace) -> Result<SequencePrediction, PipelineError>,
     ) -> Result<Vec<SequencePrediction>, PipelineError> {
-        match &self.corrected {
-            None => self.traces.iter().map(of_field).collect(),
+        let mut predictions: Vec<SequencePrediction> = match &self.corrected {
+            None => self.traces.iter().map(of_field).collect::<Result<_, _>>()?,
             Some(all) => (all.iter())
                 .map(|c| Ok(c.complete(of_field(&c.trace)?)))
-                .collect(),
+                .collect::<Result<_, PipelineError>>()?,
+        };
+        if self.in_air {
+            predictions.iter_mut().for_each(|p| p.sd.clear());
         }
+        Ok(predictions)
     }
 }
 
@@ -139,10 +149,12 @@ impl CorrectedModel {
         let dataset = with(dataset, sequences);
         let dataset = Dataset {
             sequences: simulate(scene, stiffness, &dataset.sequences, 0.0, 0)?,
-            tare_samples: 0,
             ..dataset
         };
-        let campaign = Campaign::in_scene(&dataset, scene.clone())?;
+        // What is written is not tared: that is done where it is read.
+        let mut scene = scene.clone();
+        scene.tare_samples = 0;
+        let campaign = Campaign::in_scene(&dataset, scene)?;
         let torques = campaign.simulated(&self.at(&campaign)?, stiffness)?;
         let ids: Vec<String> = campaign.session().iter().map(|m| m.id.clone()).collect();
         let of = |s: &&Sequence| {

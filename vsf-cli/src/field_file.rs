@@ -253,7 +253,7 @@ impl FieldFile {
     /// not say.
     pub fn noise_sd(&self, channels: usize, console: &Console) -> anyhow::Result<Vec<f64>> {
         let stored = self.field.features.get(NOISE_SD);
-        if !self.has_deviations() {
+        if !self.has_deviations() && !self.field.points.is_empty() {
             let path = self.path.display();
             console.warn(format!(
                 "{path}: without K_std and the feature noise_sd, deviations leave that part out"

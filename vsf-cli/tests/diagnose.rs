@@ -175,6 +175,17 @@ fn commands_with_a_model_agree() {
         assert!((a - b - BIAS[k % 3]).abs() < 1e-12);
     }
 
+    // Offsets are not tared away before anything is written.
+    bench.ok("simulate data --field truth --model model.json --tare-samples 9 --out tared");
+    assert_eq!(of("tared"), of("exact"));
+
+    // Baselines alone need no field.
+    let baseline = json(
+        &bench,
+        "evaluate touch --model model.json --baseline zero --json",
+    );
+    assert_eq!(baseline["predictor"], "zero");
+
     // Sequences in no split, in any order.
     bench.ok("predict exact --field truth --model model.json --out other --sequences c,a --train b --test a");
     assert!(bench.root.join("other/seq_c/torques_sd.npy").is_file());
@@ -288,6 +299,8 @@ fn an_arm_in_free_air() {
     assert!(again["mean_error"].as_f64().unwrap() < 1e-9, "{again}");
     bench.ok(&format!("predict air {model} --out predicted"));
     assert!(bench.root.join("predicted/seq_3/torques.npy").is_file());
+    // Nothing says how sure it is.
+    assert!(!bench.root.join("predicted/seq_3/torques_sd.npy").exists());
     bench.ok(&format!(
         "export air {model} --torques plots --out air.mcap"
     ));

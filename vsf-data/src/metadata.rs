@@ -18,7 +18,7 @@ pub enum TorqueKind {
     /// already removed. The default.
     #[default]
     External,
-    /// The actuator-side reading, `tau_meas = tau_gravity(q) - tau_ext` in quasi-static motion.
+    /// The actuator-side reading, `tau_meas = M(q) qdd + C(q, qd) qd + g(q) - tau_ext`.
     Measured,
 }
 

@@ -66,34 +66,38 @@ pub fn tare(torques: &Table, samples: usize) -> Result<Table, DataError> {
 /// # Ok::<(), vsf_data::DataError>(())
 /// ```
 pub fn differentiate(time: &[f64], values: &Table, half_window: usize) -> Result<Table, DataError> {
-    derivative(time, values, half_window, std::iter::once(0..values.rows()))
+    let all = std::iter::once(0..values.rows());
+    derivative(time, values, half_window, all, None)
 }
 
 impl Sequence {
     /// Velocities as recorded, or estimated from the angles; accelerations estimated from the
     /// velocities. Both with [`differentiate`], touch by touch, since nothing is known between
-    /// two touches.
+    /// two touches. A touch of one sample whose velocity is recorded has no acceleration.
     ///
     /// # Errors
-    /// As [`differentiate`]; in particular a touch of one sample.
+    /// As [`differentiate`]; in particular a touch of one sample without recorded velocities.
     pub fn motion(&self, half_window: usize) -> Result<Motion, DataError> {
-        let slope = |table| derivative(&self.time, table, half_window, self.touches());
-        let velocities = match &self.velocities {
-            Some(recorded) => recorded.clone(),
-            None => slope(&self.angles)?,
+        let slope =
+            |table, of_one| derivative(&self.time, table, half_window, self.touches(), of_one);
+        let (velocities, of_one) = match &self.velocities {
+            Some(recorded) => (recorded.clone(), Some(0.0)),
+            None => (slope(&self.angles, None)?, None),
         };
         Ok(Motion {
-            accelerations: slope(&velocities)?,
+            accelerations: slope(&velocities, of_one)?,
             velocities,
         })
     }
 }
 
+/// Slopes within each range; `of_one` is that of a range of one sample, if it may have any.
 fn derivative(
     time: &[f64],
     values: &Table,
     half_window: usize,
     ranges: impl Iterator<Item = Range<usize>>,
+    of_one: Option<f64>,
 ) -> Result<Table, DataError> {
     let wrong = |what, problem: String| Err(DataError::Argument { what, problem });
     if half_window == 0 {
@@ -114,6 +118,10 @@ fn derivative(
     }
     let mut slopes = Vec::with_capacity(values.data().len());
     for range in ranges {
+        if let (Some(slope), 1) = (of_one, range.len()) {
+            slopes.extend(vec![slope; values.cols()]);
+            continue;
+        }
         if range.len() < 2 || range.end > time.len() {
             let problem = format!("rows {range:?}: a derivative needs at least two samples");
             return wrong("values", problem);

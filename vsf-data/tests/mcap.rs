@@ -447,7 +447,7 @@ fn exports_have_one_clock() {
     let predictions = vec![
         EffortPrediction {
             mean: zeros.clone(),
-            sd: zeros
+            sd: Some(zeros)
         };
         2
     ];

@@ -272,9 +272,9 @@ pub trait Effect: Send + Sync {
     }
 
     /// Whether, by where surfaces are or how they stick, it decides which points are touched and where to;
-    /// false by default. Each such choice is another model, and where contact is rough the best of many
-    /// gains hundreds of nats though none is right: there it has to prove itself on sequences that it was
-    /// not fitted to.
+    /// false by default. Each such choice is another model: one that predicts other sequences worse is not
+    /// named. Where contact is rough the best of many gains hundreds of nats though none is right: there it
+    /// has to close much of the gap on them.
     fn chooses_contacts(&self) -> bool {
         false
     }
@@ -285,10 +285,10 @@ pub trait Effect: Send + Sync {
         None
     }
 
-    /// Whether fitted parameters `theta`, of standard deviations `sd`, show beyond doubt what it adds to the
-    /// effect that it [extends](Effect::extends): by several deviations, and by too much for a mere fault in
-    /// the form of that one. Never, by default.
-    fn exceeds(&self, _theta: &[f64], _sd: &[f64]) -> bool {
+    /// Whether fitted parameters `theta`, of standard deviations `sd` now and `prior_sd` before, show beyond
+    /// doubt what it adds to the effect that it [extends](Effect::extends): by several deviations, by too
+    /// much for a mere fault in the form of that one, and by what the data say. Never, by default.
+    fn exceeds(&self, _theta: &[f64], _sd: &[f64], _prior_sd: &[f64]) -> bool {
         false
     }
 

@@ -100,10 +100,11 @@ impl<'a> Hypothesis<'a> {
         let mut needed = |(e, theta): &(Arc<dyn Effect>, Vec<f64>)| {
             let own = of_part..of_part + theta.len();
             of_part = own.end;
-            let of_special_case = match e.exceeds(theta, &refined.sd[own]) {
-                true => 0.0,
-                false => e.extends().and_then(&alone).unwrap_or(0.0).max(0.0),
-            };
+            let of_special_case =
+                match e.exceeds(theta, &refined.sd[own.clone()], &refined.prior.sd[own]) {
+                    true => 0.0,
+                    false => e.extends().and_then(&alone).unwrap_or(0.0).max(0.0),
+                };
             threshold(e.as_ref(), rough) + MISFIT * of_special_case
         };
         Self {

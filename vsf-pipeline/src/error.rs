@@ -57,6 +57,17 @@ pub enum PipelineError {
         /// What is wrong there.
         source: CoreError,
     },
+    /// How fast the arm moves cannot be told.
+    #[error(
+        "sequence {id}: velocities and accelerations cannot be estimated ({source}); record velocities \
+         (velocities.npy), zeros for poses in which the arm rests"
+    )]
+    Motion {
+        /// The sequence.
+        id: String,
+        /// What is wrong.
+        source: DataError,
+    },
     /// A reading that no sensor gives, and whose square endangers the arithmetic.
     #[error(
         "sequence {id} row {row} joint {joint}: a torque of {value:?} {unit}; at most {most:e} is \

@@ -1,5 +1,6 @@
 use crate::{PipelineError, Scene};
 use nalgebra::Vector3;
+use vsf_core::CoreError;
 use vsf_data::{Motion, Sequence, Table, TorqueKind, tare};
 use vsf_robots::RobotModel;
 
@@ -18,7 +19,7 @@ const LEAST_HALF_WINDOW: usize = 4;
 ///
 /// # Errors
 /// Torques beyond 1e12 N m, angles that the robot cannot take, or more tare samples than rows; of
-/// measured torques a touch of one sample, whose motion is not known.
+/// measured torques without recorded velocities a touch of one sample, whose motion is not known.
 pub fn external_torques(scene: &Scene, sequence: &Sequence) -> Result<Table, PipelineError> {
     let mut torques = sequence.torques.clone();
     if let Some(k) = torques.data().iter().position(|v| v.abs() > MOST) {
@@ -49,27 +50,34 @@ pub fn external_torques(scene: &Scene, sequence: &Sequence) -> Result<Table, Pip
 /// # Errors
 /// As [`Sequence::motion`].
 pub fn motion_of(sequence: &Sequence) -> Result<Motion, PipelineError> {
-    let steps = sequence.len().saturating_sub(1).max(1) as f64;
-    let lasts = match (sequence.time.first(), sequence.time.last()) {
-        (Some(first), Some(last)) => last - first,
-        _ => 0.0,
+    let mut steps: Vec<f64> = sequence.time.windows(2).map(|t| t[1] - t[0]).collect();
+    let middle = steps.len() / 2;
+    let samples = match steps.is_empty() {
+        true => 0.0,
+        // Touches may be far apart.
+        false => (HALF_WINDOW / *steps.select_nth_unstable_by(middle, f64::total_cmp).1).round(),
     };
-    let samples = (HALF_WINDOW * steps / lasts).round();
-    // As a cast does: without a duration, all samples there are.
-    Ok(sequence.motion((samples as usize).max(LEAST_HALF_WINDOW))?)
+    let motion = sequence.motion((samples as usize).max(LEAST_HALF_WINDOW));
+    motion.map_err(|source| PipelineError::Motion {
+        id: sequence.id.clone(),
+        source,
+    })
 }
 
 /// What the arm itself needs to move as a sequence does: `M(q) qdd + C(q, qd) qd + g(q)` (N m or N), one
 /// row per sample. `gravity` is in the world frame (m/s²).
 ///
 /// # Errors
-/// Angles or motions that the robot cannot take.
+/// Angles or motions that the robot cannot take, a motion of another length than the sequence.
 pub fn rigid_body_torques(
     robot: &RobotModel,
     gravity: &Vector3<f64>,
     sequence: &Sequence,
     motion: &Motion,
 ) -> Result<Table, PipelineError> {
+    for table in [&motion.velocities, &motion.accelerations] {
+        CoreError::check_len("rows of the motion", table.rows(), sequence.len())?;
+    }
     let mut workspace = robot.dynamics_workspace();
     let mut torques = Vec::with_capacity(sequence.angles.data().len());
     for (row, q) in sequence.angles.iter().enumerate() {

@@ -119,14 +119,14 @@ pub enum PipelineWarning {
     /// Readings that are the torques of gravity and of the arm's own motion where nothing is touched.
     #[error(
         "where nothing is touched the readings, taken as torque_kind {}, leave {size:.2} times the torques of \
-         gravity (correlation {correlation:.2}); check whether they are {}", kind(*given), kind(other(*given))
+         weight and motion of the arm (correlation {correlation:.2}); check whether they are {}", kind(*given), kind(other(*given))
     )]
     GravityLeft {
         /// What the recording says that they are.
         given: TorqueKind,
-        /// What is left per torque of gravity.
+        /// What is left per torque that the arm itself needs.
         size: f64,
-        /// With the torques of gravity.
+        /// With those torques.
         correlation: f64,
     },
     /// An online estimator whose innovations are far beyond what it expects: more than 30 times in their

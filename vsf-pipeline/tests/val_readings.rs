@@ -3,7 +3,7 @@
 
 use nalgebra::{Point3, Vector3};
 use vsf_data::{Dataset, RobotRef, Sequence, Table, TorqueKind};
-use vsf_pipeline::{Scene, SceneOptions, external_torques};
+use vsf_pipeline::{Scene, SceneOptions, external_torques, motion_of, rigid_body_torques};
 use vsf_robots::planar_arm;
 
 /// What the joints feel besides.
@@ -35,18 +35,74 @@ fn swing(rate: f64) -> Sequence {
     Sequence::new("0", time, table(angles), table(torques))
 }
 
+fn scene(sequence: &Sequence) -> Scene {
+    let robot = RobotRef::resolve("planar_arm", ".".as_ref()).unwrap();
+    let dataset = Dataset {
+        torque_kind: TorqueKind::Measured,
+        rest_points: Some(vec![Point3::new(9.0, 0.0, 0.0)]),
+        ..Dataset::new(robot, vec![sequence.clone()])
+    };
+    Scene::open(&dataset, &SceneOptions::default()).unwrap()
+}
+
+/// Poses in which the arm rests, each a touch of its own.
+#[test]
+fn poses_are_held_by_gravity() {
+    let swing = swing(5.0);
+    let mut poses = Sequence {
+        touch_starts: (0..swing.len()).collect(),
+        ..swing
+    };
+    let scene = scene(&poses);
+    let error = external_torques(&scene, &poses).unwrap_err().to_string();
+    assert!(
+        error.contains("sequence 0") && error.contains("velocities.npy"),
+        "{error}"
+    );
+    let still = vec![0.0; poses.angles.data().len()];
+    poses.velocities = Some(Table::new(3, still).unwrap());
+    let external = external_torques(&scene, &poses).unwrap();
+    let mut workspace = scene.robot.dynamics_workspace();
+    for row in 0..poses.len() {
+        let q = &poses.angles[row];
+        let hold = (scene.robot)
+            .gravity_torques(q, &scene.gravity, &mut workspace)
+            .unwrap();
+        for j in 0..3 {
+            assert_eq!(external[row][j], hold[j] - poses.torques[row][j]);
+        }
+    }
+}
+
+/// Windows are as long as samples are dense, however long the arm rests between touches.
+#[test]
+fn pauses_do_not_change_the_motion() {
+    let steady = swing(1000.0);
+    let half = steady.len() / 2;
+    let late = |(k, t): (usize, &f64)| if k < half { *t } else { t + 60.0 };
+    let paused = Sequence {
+        time: steady.time.iter().enumerate().map(late).collect(),
+        touch_starts: vec![0, half],
+        ..steady.clone()
+    };
+    let parted = Sequence {
+        touch_starts: vec![0, half],
+        ..steady
+    };
+    let [a, b] = [&paused, &parted].map(|s| motion_of(s).unwrap());
+    for (a, b) in a.accelerations.data().iter().zip(b.accelerations.data()) {
+        assert!((a - b).abs() < 1e-6 * (1.0 + b.abs()), "{a} {b}");
+    }
+    let short = motion_of(&swing(10.0)).unwrap();
+    assert!(rigid_body_torques(&scene(&parted).robot, &Vector3::zeros(), &parted, &short).is_err());
+}
+
 /// Neither weight nor inertia is left, at any sample rate.
 #[test]
 fn what_the_arm_needs_to_move_is_taken_off() {
     for rate in [100.0, 1000.0] {
         let sequence = swing(rate);
-        let robot = RobotRef::resolve("planar_arm", ".".as_ref()).unwrap();
-        let dataset = Dataset {
-            torque_kind: TorqueKind::Measured,
-            rest_points: Some(vec![Point3::new(9.0, 0.0, 0.0)]),
-            ..Dataset::new(robot, vec![sequence.clone()])
-        };
-        let scene = Scene::open(&dataset, &SceneOptions::default()).unwrap();
+        let scene = scene(&sequence);
         let external = external_torques(&scene, &sequence).unwrap();
         let mut workspace = scene.robot.dynamics_workspace();
         let (mut left, mut inertia) = (0.0_f64, 0.0_f64);

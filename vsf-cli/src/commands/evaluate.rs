@@ -77,7 +77,8 @@ pub fn run(args: &Args, console: &Console) -> anyhow::Result<()> {
     let sequences = recording.sequences(args.sequences.as_deref(), Default::Test)?;
     let given = args.of.field.as_deref();
     let in_air = given.is_none() && !recording.has_points();
-    let (field, scene) = match given.is_some() || args.baseline.is_empty() || model.is_some() {
+    let by_model = in_air && model.is_some();
+    let (field, scene) = match given.is_some() || args.baseline.is_empty() || by_model {
         true => {
             let (field, scene) = recording.field_and_scene(given, model.as_ref(), console)?;
             (Some(field), scene)

@@ -268,7 +268,10 @@ fn efforts(
         for (torque, error) in mean.data_mut().iter_mut().zip(errors) {
             *torque += sign * error;
         }
-        let sd = Table::new(scene.robot.joint_count(), prediction.sd.concat())?;
+        let sd = match prediction.sd.is_empty() {
+            true => None,
+            false => Some(Table::new(mean.cols(), prediction.sd.concat())?),
+        };
         Ok(EffortPrediction { mean, sd })
     };
     traces.zip(&sequences).map(of).collect()

@@ -3,7 +3,7 @@ use crate::recording::{Default, Recording, RecordingArgs, traces, untouched};
 use serde::Serialize;
 use vsf::core::nalgebra::Point3;
 use vsf::data::TorqueKind;
-use vsf::pipeline::{Scene, Trace, motion_warnings, reading_unit};
+use vsf::pipeline::{Scene, Trace, reading_unit};
 use vsf::robots::RobotModel;
 
 #[derive(Debug, clap::Args)]
@@ -70,19 +70,15 @@ struct Grid {
 pub fn run(args: &Args, console: &Console) -> anyhow::Result<()> {
     let recording = args.recording.open(console)?;
     let sequences = recording.sequences(None, Default::All)?;
+    let scene = recording.scene_or_air(console)?;
+    let traces = traces(&scene, &sequences, console)?;
+    untouched(&scene, &traces)
+        .iter()
+        .for_each(|w| console.warn(w));
     // A recording of free motion has no points, and nothing can be said about contact.
-    let report = if recording.has_points() {
-        let scene = recording.scene(console)?;
-        let traces = traces(&scene, &sequences, console)?;
-        untouched(&scene, &traces)
-            .iter()
-            .for_each(|w| console.warn(w));
-        describe(&recording, &scene.robot, Some(&scene), &traces)
-    } else {
-        let robot = recording.robot()?;
-        let motion = motion_warnings(&robot, &sequences);
-        motion.iter().for_each(|w| console.warn(w));
-        describe(&recording, &robot, None, &[])
+    let report = match recording.has_points() {
+        true => describe(&recording, &scene.robot, Some(&scene), &traces),
+        false => describe(&recording, &scene.robot, None, &[]),
     };
     console.json(&report)?;
     console.report(text(&report))

@@ -12,7 +12,7 @@ use vsf::pipeline::{SequencePrediction, predict};
 #[command(after_help = "\
 DIR becomes a recording of its own, robot and camera included: the same joint angles, and in \
 torques.npy the predicted external torques, those of a corrected model (--model) included. Each sequence also gets torques_sd.npy, (T, d): the standard deviation of independent points \
-plus the noise that the field was estimated with.
+plus the noise that the field was estimated with; not in free air, where a model alone predicts.
 
 JSON keys: out, noise_sd, sequences (sequence, samples, contact_samples).")]
 pub struct Args {
@@ -58,7 +58,7 @@ pub fn run(args: &Args, console: &Console) -> anyhow::Result<()> {
         tare_samples: 0,
         ..derived(&recording, "predicted", &args.of, predicted)
     };
-    let deviations = predictions.iter().map(|p| {
+    let deviations = predictions.iter().filter(|p| !p.sd.is_empty()).map(|p| {
         let path = PathBuf::from(format!("seq_{}/torques_sd.npy", p.id));
         let sd = Table::new(scene.robot.joint_count(), p.sd.concat())?;
         Ok((path, sd.npy()))
@@ -76,9 +76,11 @@ pub fn run(args: &Args, console: &Console) -> anyhow::Result<()> {
         sequences: entries.collect(),
     })?;
     let (count, out) = (predictions.len(), args.out.display());
-    console.report(format!(
-        "wrote {out}: torques.npy and torques_sd.npy of {count} sequences\n"
-    ))
+    let files = match scene.rest.is_empty() {
+        true => "torques.npy",
+        false => "torques.npy and torques_sd.npy",
+    };
+    console.report(format!("wrote {out}: {files} of {count} sequences\n"))
 }
 
 fn with_torques(sequence: &Sequence, prediction: &SequencePrediction) -> anyhow::Result<Sequence> {

@@ -23,8 +23,8 @@ pub struct EffortPrediction {
     /// The predicted torques \[N m\] (prismatic: forces \[N\]), `T` x `d`, to be compared with those of
     /// the recording.
     pub mean: Table,
-    /// Their standard deviations, `T` x `d`.
-    pub sd: Table,
+    /// Their standard deviations, `T` x `d`, if the predictor has some.
+    pub sd: Option<Table>,
 }
 
 /// An MCAP file of ROS 2 messages (CDR): a recording, what a field predicts for it, and the field.
@@ -163,7 +163,9 @@ impl McapExport<'_> {
             if let (Some((mean, sd)), Some(of)) = (predicted, self.predictions.get(i)) {
                 let effort = |table: &Table| state(stamp, &[], &[], &table[row]);
                 out.message(mean, number, stamp, &effort(&of.mean))?;
-                out.message(sd, number, stamp, &effort(&of.sd))?;
+                if let Some(table) = &of.sd {
+                    out.message(sd, number, stamp, &effort(table))?;
+                }
             }
         }
         Ok(())
@@ -179,10 +181,15 @@ impl McapExport<'_> {
         }
         let sizes = |table: &Table| (table.rows(), table.cols());
         let expected = recording.sequences.iter().map(|s| sizes(&s.angles));
-        let given = |table: fn(&EffortPrediction) -> &Table| {
-            self.predictions.iter().map(move |p| sizes(table(p)))
+        let fits = |p: &EffortPrediction, expected: (usize, usize)| {
+            sizes(&p.mean) == expected && p.sd.as_ref().is_none_or(|sd| sizes(sd) == expected)
         };
-        let fit = given(|p| &p.mean).eq(expected.clone()) && given(|p| &p.sd).eq(expected);
+        let fit = self.predictions.len() == recording.sequences.len()
+            && self
+                .predictions
+                .iter()
+                .zip(expected)
+                .all(|(p, e)| fits(p, e));
         match self.predictions.is_empty() || fit {
             true => Ok(()),
             false => Err(DataError::Argument {

@@ -21,6 +21,8 @@ pub struct JointStribeckFriction;
 /// the form of Coulomb friction.
 const LARGE: f64 = 1.0 / 3.0;
 const SURE: f64 = 4.0;
+/// Standard deviation of an excess that the data tell, per that of its prior.
+const TOLD: f64 = 0.5;
 
 struct Friction {
     c: Vec<f64>,
@@ -42,11 +44,18 @@ impl Effect for JointStribeckFriction {
         Some("joint_coulomb_friction")
     }
 
-    /// A joint in which slow motion adds more than a third, without doubt.
-    fn exceeds(&self, theta: &[f64], sd: &[f64]) -> bool {
+    /// A joint in which slow motion adds more than a third, without doubt. Where all motion is slow the data
+    /// cannot tell excess from the rest, which leaves its deviation near that of the prior.
+    fn exceeds(&self, theta: &[f64], sd: &[f64], prior_sd: &[f64]) -> bool {
         let d = (theta.len() / 2).saturating_sub(1);
-        let mut of_joints = theta.iter().zip(theta.iter().zip(sd).skip(d)).take(d);
-        of_joints.any(|(c, (excess, sd))| *excess > LARGE * c && *excess > SURE * sd)
+        let excess = theta.iter().zip(sd.iter().zip(prior_sd)).skip(d);
+        theta
+            .iter()
+            .zip(excess)
+            .take(d)
+            .any(|(c, (excess, (sd, prior)))| {
+                *excess > LARGE * c && *excess > SURE * sd && *sd < TOLD * prior
+            })
     }
 
     fn needs(&self) -> &[Need] {
@@ -97,15 +106,16 @@ mod tests {
     fn more_than_coulomb_friction() {
         // c of two joints, e of two joints, vs, eps.
         let sd = [0.1, 0.1, 0.1, 0.1, 0.01, 0.001];
-        let exceeds = |e: [f64; 2]| {
+        let exceeds = |e: [f64; 2], prior: f64| {
             let theta = [0.0, 2.0, e[0], e[1], 0.05, 0.005];
-            JointStribeckFriction.exceeds(&theta, &sd)
+            JointStribeckFriction.exceeds(&theta, &sd, &[prior; 6])
         };
-        assert!(!exceeds([0.0, 0.0]));
-        assert!(!exceeds([0.3, 0.0]), "not sure");
-        assert!(!exceeds([0.0, 0.6]), "not large");
-        assert!(exceeds([0.0, 0.8]));
-        assert!(exceeds([0.5, 0.0]));
-        assert!(!JointStribeckFriction.exceeds(&[], &[]));
+        assert!(!exceeds([0.0, 0.0], 1.0));
+        assert!(!exceeds([0.3, 0.0], 1.0), "not sure");
+        assert!(!exceeds([0.0, 0.6], 1.0), "not large");
+        assert!(!exceeds([0.0, 0.8], 0.15), "not told by the data");
+        assert!(exceeds([0.0, 0.8], 1.0));
+        assert!(exceeds([0.5, 0.0], 1.0));
+        assert!(!JointStribeckFriction.exceeds(&[], &[], &[]));
     }
 }

@@ -1,7 +1,7 @@
 use super::{PipelineWarning, Rows, outliers};
 use crate::{Scene, Trace, motion_of, reading_unit, rigid_body_torques};
 use vsf_core::Observation;
-use vsf_data::{Sequence, tare};
+use vsf_data::{Motion, Sequence, tare};
 use vsf_robots::Joint;
 
 /// Readings above so many times what the joint can bear are of another unit.
@@ -122,8 +122,16 @@ fn gravity_left(
 ) -> Option<PipelineWarning> {
     let mut likeness = Likeness::default();
     for (sequence, trace) in sequences.iter().zip(traces) {
+        // Where the motion is not known, the weight is nearly all.
+        let motion = motion_of(sequence).unwrap_or_else(|_| {
+            let mut still = sequence.angles.clone();
+            still.data_mut().fill(0.0);
+            Motion {
+                velocities: still.clone(),
+                accelerations: still,
+            }
+        });
         // Angles that a trace was made of can be taken.
-        let motion = motion_of(sequence).ok()?;
         let mut rigid = rigid_body_torques(&scene.robot, &scene.gravity, sequence, &motion).ok()?;
         if scene.tare_samples > 0 {
             rigid = tare(&rigid, scene.tare_samples).ok()?;
