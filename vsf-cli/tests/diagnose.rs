@@ -179,6 +179,11 @@ fn commands_with_a_model_agree() {
     bench.ok("simulate data --field truth --model model.json --tare-samples 9 --out tared");
     assert_eq!(of("tared"), of("exact"));
 
+    // Predictions of tared readings are as these are.
+    bench.ok("predict touch --field truth --model model.json --tare-samples 9 --out like");
+    let line = "evaluate like --field truth --model model.json --json";
+    assert!(json(&bench, line)["mean_error"].as_f64().unwrap() < 1e-12);
+
     // Baselines alone need no field.
     let baseline = json(
         &bench,

@@ -98,6 +98,9 @@ pub struct Gap {
     pub closed_interval: [f64; 2],
     /// Unit of the errors.
     pub unit: String,
+    /// Effects of the corrected model; none where nothing is corrected.
+    #[serde(default)]
+    pub corrected_by: Vec<String>,
 }
 
 /// A diagnosis, as `vsf diagnose --json` writes it.
@@ -446,6 +449,9 @@ pub fn diagnose(
                 closed_fraction: closed.fraction,
                 closed_interval: closed.interval,
                 unit: campaign.scene.error_unit().to_owned(),
+                corrected_by: (model.parts.iter())
+                    .map(|(effect, _)| effect.name().to_owned())
+                    .collect(),
             },
             r#where,
             effects: reports,

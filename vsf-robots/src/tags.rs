@@ -15,23 +15,32 @@ pub(crate) fn depth(text: &str) -> usize {
     deepest
 }
 
-/// Whether a name has an empty prefix (`:name`). The parser takes it for one in the default namespace, and
-/// panics where it writes it again.
-pub(crate) fn empty_prefix(text: &str) -> bool {
+/// Whether a name has an empty prefix (`:name`), or the prefix `xmlns` is declared anew. The parser panics
+/// where it writes such names again.
+pub(crate) fn bad_prefix(text: &str) -> bool {
     tags(text).any(|tag| {
-        let (mut quote, mut before) = (None, ' ');
-        tag.chars().any(|c| {
-            let is_begin = matches!(before, '<' | '/' | '"' | '\'') || before.is_whitespace();
-            let begins = quote.is_none() && is_begin && c == ':';
-            match quote {
-                Some(q) if c == q => quote = None,
-                None if c == '"' || c == '\'' => quote = Some(c),
-                _ => {}
-            }
-            before = c;
-            begins
-        })
+        let bare = without_values(tag);
+        let begins = |before: char| matches!(before, '<' | '/') || before.is_whitespace();
+        let mut pairs = bare.chars().zip(bare.chars().skip(1));
+        bare.contains("xmlns:xmlns") || pairs.any(|(before, c)| c == ':' && begins(before))
     })
+}
+
+/// A tag with blanks in place of the values in quotes.
+fn without_values(tag: &str) -> String {
+    let mut quote = None;
+    let kept = tag.chars().map(|c| match quote {
+        Some(q) => {
+            quote = Some(q).filter(|q| *q != c);
+            ' '
+        }
+        None if c == '"' || c == '\'' => {
+            quote = Some(c);
+            ' '
+        }
+        None => c,
+    });
+    kept.collect()
 }
 
 /// The tags in order, without comments and character data.
@@ -93,8 +102,9 @@ mod tests {
             "</:a>",
             "<a\n:b='1'>",
             "<a c='1':b='1'>",
+            "<a xmlns:xmlns='u'/>",
         ] {
-            assert!(empty_prefix(text), "{text}");
+            assert!(bad_prefix(text), "{text}");
         }
         for text in [
             "<a x:b='1'/>",
@@ -102,7 +112,7 @@ mod tests {
             "<a> :b </a>",
             "<!-- <:a/> -->",
         ] {
-            assert!(!empty_prefix(text), "{text}");
+            assert!(!bad_prefix(text), "{text}");
         }
     }
 }

@@ -116,9 +116,9 @@ pub(crate) fn parse(text: &str, origin: &str) -> Result<urdf_rs::Robot, RobotErr
             "it declares entities; write out what they stand for".into(),
         ));
     }
-    if tags::empty_prefix(text) {
+    if tags::bad_prefix(text) {
         return Err(invalid(
-            "a name in it begins with ':'; give it a prefix, or none".into(),
+            "a name in it begins with ':', or it declares the prefix xmlns; neither is XML".into(),
         ));
     }
     let depth = tags::depth(text);

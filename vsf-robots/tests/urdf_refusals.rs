@@ -422,10 +422,11 @@ fn devices_do_not_fill_the_memory() {
 
 /// The parser panics where it writes such a name again.
 #[test]
-fn names_with_an_empty_prefix_are_refused() {
+fn prefixes_that_are_none_are_refused() {
     for text in [
         "<robot name='a' xmlns='u' :b='1'/>",
         "<robot name='a' xmlns='u'><:b/></robot>",
+        "<robot name='a' xmlns:xmlns='u'/>",
     ] {
         let error = RobotModel::from_urdf_str(text, ".", &UrdfOptions::default());
         let error = error.unwrap_err().to_string();

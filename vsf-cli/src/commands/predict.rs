@@ -14,6 +14,9 @@ DIR becomes a recording of its own, robot and camera included: the same joint an
 torques.npy the predicted external torques, those of a corrected model (--model) included. Each sequence also gets torques_sd.npy, (T, d): the standard deviation of independent points \
 plus the noise that the field was estimated with; not in free air, where a model alone predicts.
 
+To be read as the recording's own readings are, and by the same model again, take `vsf simulate`: external torques \
+leave out the weight that some effects act on, and effects that last from one sequence to the next need all of them.
+
 JSON keys: out, noise_sd, sequences (sequence, samples, contact_samples).")]
 pub struct Args {
     #[command(flatten)]
@@ -55,7 +58,6 @@ pub fn run(args: &Args, console: &Console) -> anyhow::Result<()> {
         .collect::<Result<Vec<_>, _>>()?;
     let dataset = Dataset {
         torque_kind: TorqueKind::External,
-        tare_samples: 0,
         ..derived(&recording, "predicted", &args.of, predicted)
     };
     let deviations = predictions.iter().filter(|p| !p.sd.is_empty()).map(|p| {

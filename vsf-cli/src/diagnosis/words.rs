@@ -10,9 +10,11 @@ pub fn verdict(diagnosis: &Diagnosis) -> String {
     let p = percent(verdict.probability);
     let effects = verdict.effects.join(" and ");
     match verdict.kind {
-        // With effects named, errors that stay are those of a model that was dropped.
-        Kind::Effects if gap.test_error_corrected == gap.test_error_nominal => format!(
+        Kind::Effects if gap.corrected_by.is_empty() => format!(
             "{effects} fits best (probability {p}), but with it the test sequences are predicted worse."
+        ),
+        Kind::Effects if gap.test_error_corrected == gap.test_error_nominal => format!(
+            "{effects} fits best (probability {p}); the test sequences do not show it: their errors stay the same."
         ),
         Kind::Effects => {
             let verb = if verdict.effects.len() == 1 {
@@ -53,7 +55,7 @@ pub fn errors(diagnosis: &Diagnosis) -> String {
         true => format!(" (a perfect model: {} {unit})", number(gap.noise_floor)),
         false => String::new(),
     };
-    if gap.test_error_corrected == gap.test_error_nominal {
+    if gap.corrected_by.is_empty() {
         let error = number(gap.test_error_nominal);
         let left = match diagnosis.verdict.kind == Kind::NoGap
             && !diagnosis.r#where.region.is_empty()
