@@ -11,8 +11,8 @@ use vsf::gap::{ModelFile, Step, diagnose, effects};
 Recordings without points are those of an arm in free air; effects that a recording cannot show are listed
 as untestable. Probabilities are those of the catalogue's effects and their pairs, no gap included.
 
-JSON keys: schema, dataset, gap (test_error_nominal, test_error_corrected, noise_floor, closed_fraction,
-closed_interval, unit, corrected_by), where (joint, phase, link, sequence and frequency, each a list of its own key, share,
+JSON keys: schema, dataset, gap (test_error_nominal, test_error_corrected, noise_floor, closed_fraction: share of
+the squared errors beyond noise, closed_interval, unit, corrected_by), where (joint, phase, link, sequence and frequency, each a list of its own key, share,
 interval and excess; region: center, radius, share), effects (effect, probability, score, parameters (name,
 value, std, unit), joints, test_error, closed_fraction, absorbed_share, ambiguous_with, testable, reason),
 verdict (effects, kind: effects, no_gap, unknown or not_diagnosable, probability, effect_set_95),
