@@ -1,5 +1,5 @@
 use crate::commands::{
-    bench, diagnose, estimate, evaluate, experiment, export, import, info, learn, predict,
+    bench, diagnose, estimate, evaluate, experiment, export, import, info, learn, points, predict,
     simulate, view,
 };
 use clap::{Parser, Subcommand};
@@ -39,6 +39,8 @@ pub enum Command {
     Import(import::Args),
     /// Describe a recording: metadata, robot, sequences, points, contact
     Info(info::Args),
+    /// Make the rest points of an object from what a depth camera saw of it
+    Points(points::Args),
     /// Estimate a stiffness field from the train sequences of a recording
     Estimate(estimate::Args),
     /// Learn how stiff things are that look so, from the fields of several objects

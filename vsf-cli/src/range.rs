@@ -1,7 +1,9 @@
 //! What the values of flags may be. Squares and products of the numbers are finite.
 
+use crate::exit::usage;
 use std::ops::RangeInclusive;
 use std::path::PathBuf;
+use vsf::core::nalgebra::Point3;
 
 const MOST: f64 = 1e100;
 
@@ -54,4 +56,14 @@ pub fn ending(
             false => Err(format!("must end in .{ending}")),
         }
     }
+}
+
+/// Lower and upper corner of a box (m), of the six numbers of `--box`.
+pub fn corners(given: &[f64]) -> anyhow::Result<[Point3<f64>; 2]> {
+    let [ax, ay, az, bx, by, bz] = *given else {
+        let count = given.len();
+        return Err(usage(format!("--box takes 6 numbers, {count} given")));
+    };
+    let (a, b) = (Point3::new(ax, ay, az), Point3::new(bx, by, bz));
+    Ok([a.inf(&b), a.sup(&b)])
 }

@@ -2,7 +2,7 @@ use crate::config::Sources;
 use crate::console::{Console, number, table};
 use crate::derived::save;
 use crate::exit::usage;
-use crate::range::{finite, positive};
+use crate::range::{self, finite, positive};
 use crate::recording::{blame, check_out, explain, keep_robot};
 use crate::settings::MetadataSettings;
 use serde::Serialize;
@@ -193,12 +193,7 @@ impl Filled {
     /// Each point is the centre of a cube; together they are as near to the box as cubes of this size
     /// come.
     fn new(corners: &[f64], spacing: f64) -> anyhow::Result<Self> {
-        let [ax, ay, az, bx, by, bz] = *corners else {
-            let count = corners.len();
-            return Err(usage(format!("--box takes 6 numbers, {count} given")));
-        };
-        let (a, b) = (Point3::new(ax, ay, az), Point3::new(bx, by, bz));
-        let (lower, upper) = (a.inf(&b), a.sup(&b));
+        let [lower, upper] = range::corners(corners)?;
         let counts = (upper - lower).map(|size| (size / spacing).round().max(1.0));
         if counts.product() > MOST_POINTS {
             return Err(usage(format!(

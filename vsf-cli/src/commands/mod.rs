@@ -7,6 +7,7 @@ pub mod export;
 pub mod import;
 pub mod info;
 pub mod learn;
+pub mod points;
 pub mod predict;
 mod quickstart;
 pub mod simulate;
@@ -20,6 +21,7 @@ pub fn run(command: &Option<Command>, console: &Console) -> anyhow::Result<()> {
     match command {
         None => quickstart::run(console),
         Some(Command::Info(args)) => info::run(args, console),
+        Some(Command::Points(args)) => points::run(args, console),
         Some(Command::Estimate(args)) => estimate::run(args, console),
         Some(Command::Learn(args)) => learn::run(args, console),
         Some(Command::Predict(args)) => predict::run(args, console),
