@@ -195,7 +195,7 @@ impl FieldFile {
     /// Warns where predictions run under another corrected model than the field was estimated with.
     pub fn compare_model(&self, given: Option<&CorrectedModel>, console: &Console) {
         let path = self.path.display();
-        let given = given.map(CorrectedModel::text);
+        let given = given.map(CorrectedModel::text).filter(|t| !t.is_empty());
         // Fields of other programs do not say.
         let is_ours = self.field.features.contains_key(CONTACT);
         match (&self.field.model, &given) {

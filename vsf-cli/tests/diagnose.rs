@@ -204,6 +204,20 @@ fn fields_remember_their_model() {
     bench.ok("estimate touch --out field.npz --out folder --model model.json");
     let other = fs::read_to_string(bench.root.join("model.json")).unwrap();
     fs::write(bench.root.join("other.json"), other.replace("-0.1", "-0.2")).unwrap();
+    // One without effects is the nominal one.
+    fs::write(
+        bench.root.join("none.json"),
+        r#"{"schema": 1, "effects": []}"#,
+    )
+    .unwrap();
+    bench.ok("estimate touch --out none.npz --model none.json");
+    for line in [
+        "evaluate touch --field none.npz",
+        "evaluate touch --field plain.npz --model none.json",
+    ] {
+        let warning = bench.warned(line);
+        assert!(!warning.contains("corrected"), "{line}: {warning}");
+    }
     let model = "corrected model (torque_bias)";
     for (line, part) in [
         ("evaluate touch --field field.npz", "without --model"),

@@ -128,7 +128,8 @@ pub fn run(args: &Args, console: &Console) -> anyhow::Result<()> {
     let ids: Vec<&str> = traces.iter().map(|t| t.id.as_str()).collect();
     let field = StiffnessField {
         learned_from: Some(ids.join("\n")),
-        model: model.as_ref().map(CorrectedModel::text),
+        // A model without effects is the nominal one.
+        model: (model.as_ref().map(CorrectedModel::text)).filter(|text| !text.is_empty()),
         ..field
     };
     for out in &args.out {
