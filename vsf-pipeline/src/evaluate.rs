@@ -1,6 +1,6 @@
 use crate::{PipelineError, Scene, Trace};
 use serde::Serialize;
-use vsf_core::{Belief, Observation, Prediction};
+use vsf_core::{Belief, CoreError, Observation, Prediction};
 
 /// Prediction error over sequences: the paper's metric `||tau_hat - tau||_2` over time steps.
 #[derive(Debug, Clone, PartialEq, Serialize)]
@@ -163,10 +163,18 @@ pub fn predict(
 ) -> Result<SequencePrediction, PipelineError> {
     check_size(belief, scene)?;
     let channels = scene.robot.joint_count();
-    vsf_core::CoreError::check_len("noise sd", noise_sd.len(), channels)?;
+    CoreError::check_len("noise sd", noise_sd.len(), channels)?;
+    sequence_prediction(trace, |obs| Ok(predict_independent(belief, noise_sd, obs)))
+}
+
+/// What `of` predicts of every observation of a trace.
+pub(crate) fn sequence_prediction(
+    trace: &Trace,
+    of: impl Fn(&Observation<f64>) -> Result<Prediction, CoreError>,
+) -> Result<SequencePrediction, PipelineError> {
     let (mut mean, mut sd) = (Vec::new(), Vec::new());
     for obs in &trace.observations {
-        let prediction = predict_independent(belief, noise_sd, obs);
+        let prediction = of(obs)?;
         mean.push(prediction.mean);
         sd.push(prediction.sd);
     }
@@ -221,14 +229,14 @@ pub fn score(
     traces: &[Trace],
     predictions: &[SequencePrediction],
 ) -> Result<Evaluation, PipelineError> {
-    vsf_core::CoreError::check_len("predictions", predictions.len(), traces.len())?;
+    CoreError::check_len("predictions", predictions.len(), traces.len())?;
     let joints = scene.robot.joint_count();
     let (mut absolute, mut squared) = (vec![0.0; joints], vec![0.0; joints]);
     let mut all = Moments::default();
     let mut per_sequence = Vec::new();
     for (trace, prediction) in traces.iter().zip(predictions) {
         let rows = trace.observations.len();
-        vsf_core::CoreError::check_len("predicted rows", prediction.mean.len(), rows)?;
+        CoreError::check_len("predicted rows", prediction.mean.len(), rows)?;
         let mut own = Moments::default();
         for (obs, fit) in trace.observations.iter().zip(&prediction.mean) {
             own.add(

@@ -1,10 +1,10 @@
 use crate::estimate::batch_map;
-use crate::evaluate::{SequencePrediction, score};
+use crate::evaluate::{score, sequence_prediction};
 use crate::hyper::hyper_of_shape;
 use crate::trace::with_noise;
 use crate::{Campaign, Evaluation, PipelineError, PriorShape, Trace};
 use serde::Serialize;
-use vsf_core::{CoreError, Noise};
+use vsf_core::Noise;
 
 /// One prior on one recording.
 #[derive(Debug, Clone, PartialEq, Serialize)]
@@ -67,20 +67,8 @@ fn row(
     let (train, test) = (with_noise(train, &noise)?, with_noise(test, &noise)?);
     let batch = batch_map(&train, scene.rest.len())?;
     let fit = batch.solve(&shape.prior(&scene.rest, hyper.prior_sd)?, 1.0)?;
-    let predict = |trace: &Trace| {
-        let (mut mean, mut sd) = (Vec::new(), Vec::new());
-        for obs in &trace.observations {
-            let prediction = fit.predict(obs)?;
-            mean.push(prediction.mean);
-            sd.push(prediction.sd);
-        }
-        Ok(SequencePrediction {
-            id: trace.id.clone(),
-            mean,
-            sd,
-        })
-    };
-    let predictions: Vec<_> = test.iter().map(predict).collect::<Result<_, CoreError>>()?;
+    let predict = |trace: &Trace| sequence_prediction(trace, |obs| fit.predict(obs));
+    let predictions: Vec<_> = test.iter().map(predict).collect::<Result<_, _>>()?;
     Ok(PriorRow {
         prior: name,
         shape,
