@@ -4,48 +4,27 @@
 mod common;
 use common::Bench;
 use serde_json::Value;
-use std::fs;
 use std::path::Path;
+use vsf::core::RestPoints;
+use vsf::core::nalgebra::{Point3, Vector3, distance};
+use vsf::data::read_points;
 
 /// A plant with a camera/, whose points.npy was made by another program: the seen surface 8 mm apart and
 /// what lies behind it on a grid of 1 cm.
 const PLANT: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/data/orange_tree");
 
-fn points(path: &Path) -> Vec<[f64; 3]> {
-    let bytes = fs::read(path).unwrap();
-    let start = 10 + usize::from(u16::from_le_bytes([bytes[8], bytes[9]]));
-    let header = String::from_utf8_lossy(&bytes[..start]).into_owned();
-    let numbers: Vec<f64> = match header.contains("<f4") {
-        true => (bytes[start..].chunks_exact(4))
-            .map(|b| f64::from(f32::from_le_bytes(b.try_into().unwrap())))
-            .collect(),
-        false => (bytes[start..].chunks_exact(8))
-            .map(|b| f64::from_le_bytes(b.try_into().unwrap()))
-            .collect(),
-    };
-    numbers
-        .chunks_exact(3)
-        .map(|p| p.try_into().unwrap())
-        .collect()
-}
-
-/// Share of the points `of` with one of `among` within a cube's half diagonal.
-fn covered(of: &[[f64; 3]], among: &[[f64; 3]]) -> f64 {
-    const CELL: f64 = 0.01;
-    let cell = |p: &[f64; 3]| p.map(|x| (x / CELL).floor() as i64);
-    let mut near: std::collections::HashMap<[i64; 3], Vec<[f64; 3]>> = Default::default();
-    among
-        .iter()
-        .for_each(|p| near.entry(cell(p)).or_default().push(*p));
-    let is_near = |p: &&[f64; 3]| {
-        let [x, y, z] = cell(p);
-        let around =
-            (-1..2).flat_map(|i| (-1..2).flat_map(move |j| (-1..2).map(move |k| [i, j, k])));
-        let cells = around.filter_map(|[i, j, k]| near.get(&[x + i, y + j, z + k]));
-        let distance = |q: &[f64; 3]| p.iter().zip(q).map(|(a, b)| (a - b).powi(2)).sum::<f64>();
-        cells
-            .flatten()
-            .any(|q| distance(q).sqrt() < 0.5 * 3f64.sqrt() * CELL)
+/// Share of the points `of` with one of `among` within half the diagonal of a cube of 1 cm.
+fn covered(of: &[Point3<f64>], among: &[Point3<f64>]) -> f64 {
+    let reach = 0.5 * 3f64.sqrt() * 0.01;
+    let half = Vector3::repeat(reach);
+    let among = RestPoints::new(among.to_vec()).unwrap();
+    let is_near = |p: &&Point3<f64>| {
+        let mut near = false;
+        among.for_cells_in(&(*p - half), &(*p + half), |cell| {
+            let at = |&k: &u32| distance(&among.positions()[k as usize], p) < reach;
+            near |= cell.points.iter().any(at);
+        });
+        near
     };
     of.iter().filter(is_near).count() as f64 / of.len() as f64
 }
@@ -55,11 +34,11 @@ fn val_points_of_another_program() {
     let bench = Bench::new();
     let report: Value =
         serde_json::from_str(&bench.ok(&format!("points {PLANT} --out p.npy --json"))).unwrap();
-    let made = points(&bench.root.join("p.npy"));
+    let made = read_points(bench.root.join("p.npy")).unwrap();
     assert_eq!(report["points"], made.len());
     let part = |key: &str| report[key].as_u64().unwrap();
     assert_eq!(part("surface") + part("occluded"), made.len() as u64);
-    let theirs = points(&Path::new(PLANT).join("points.npy"));
+    let theirs = read_points(Path::new(PLANT).join("points.npy")).unwrap();
     let (ours, theirs) = (covered(&theirs, &made), covered(&made, &theirs));
     assert!(ours > 0.98 && theirs > 0.98, "{ours} {theirs}");
 }

@@ -11,8 +11,6 @@ use std::path::{Path, PathBuf};
 pub(crate) const POINTS: &str = "points.npy";
 pub(crate) const FIELD: &str = "vsf.npz";
 pub(crate) const CAMERA: &str = "camera";
-/// Gravity [m/s^2].
-const EARTH: Vector3<f64> = Vector3::new(0.0, 0.0, -9.81);
 
 /// One recording campaign of one object: a folder of touch sequences with its metadata.
 ///
@@ -94,7 +92,7 @@ impl Dataset {
             robot,
             torque_kind: TorqueKind::default(),
             rate_hz: None,
-            gravity: EARTH,
+            gravity: Vector3::new(0.0, 0.0, -9.81),
             base_pose: Isometry3::identity(),
             object_bbox: None,
             tare_samples: 0,
@@ -185,20 +183,17 @@ impl Dataset {
         for (id, tags) in metadata.sequence_tags.unwrap_or_default() {
             named(&mut sequences, dir, "sequence_tags", id)?.tags = tags;
         }
+        let plain = Self::new(robot, sequences);
         let dataset = Self {
             name: metadata.name.unwrap_or_else(|| folder_name(dir)),
             description: metadata.description.unwrap_or_default(),
-            robot,
             torque_kind: metadata.torque_kind.unwrap_or_default(),
             rate_hz: metadata.rate_hz,
-            gravity: metadata.gravity.unwrap_or(EARTH),
+            gravity: metadata.gravity.unwrap_or(plain.gravity),
             base_pose: metadata.base_pose.unwrap_or_default(),
             object_bbox: metadata.object_bbox,
             tare_samples: metadata.tare_samples.unwrap_or_default(),
-            splits: metadata.splits.unwrap_or_else(|| Splits {
-                train: sequences.iter().map(|s| s.id.clone()).collect(),
-                test: Vec::new(),
-            }),
+            splits: metadata.splits.unwrap_or(plain.splits),
             joints: metadata.joints,
             joint_types: metadata.joint_types,
             attachment: metadata.attachment.unwrap_or_default(),
@@ -206,8 +201,8 @@ impl Dataset {
             rest_points: parts.rest_points,
             field: parts.field,
             camera: parts.camera,
-            sequences,
             extra,
+            ..plain
         };
         dataset.check(dir)?;
         let warnings = dataset.warnings(dir);

@@ -19,28 +19,24 @@ pub(crate) fn depth(text: &str) -> usize {
 /// where it writes such names again.
 pub(crate) fn bad_prefix(text: &str) -> bool {
     tags(text).any(|tag| {
-        let bare = without_values(tag);
+        let bare: String = without_values(tag).map(|(_, c)| c).collect();
         let begins = |before: char| matches!(before, '<' | '/') || before.is_whitespace();
         let mut pairs = bare.chars().zip(bare.chars().skip(1));
         bare.contains("xmlns:xmlns") || pairs.any(|(before, c)| c == ':' && begins(before))
     })
 }
 
-/// A tag with blanks in place of the values in quotes.
-fn without_values(tag: &str) -> String {
+/// The characters of a text that begins outside of quotes, each with its place; blanks for values in quotes.
+fn without_values(text: &str) -> impl Iterator<Item = (usize, char)> {
     let mut quote = None;
-    let kept = tag.chars().map(|c| match quote {
-        Some(q) => {
-            quote = Some(q).filter(|q| *q != c);
-            ' '
+    text.char_indices().map(move |(at, c)| {
+        match quote {
+            Some(q) => quote = Some(q).filter(|q| *q != c),
+            None if c == '"' || c == '\'' => quote = Some(c),
+            None => return (at, c),
         }
-        None if c == '"' || c == '\'' => {
-            quote = Some(c);
-            ' '
-        }
-        None => c,
-    });
-    kept.collect()
+        (at, ' ')
+    })
 }
 
 /// The tags in order, without comments and character data.
@@ -65,16 +61,8 @@ fn tags(text: &str) -> impl Iterator<Item = &str> {
 
 /// Length of the tag that `text` begins with; a `>` in quotes does not end it.
 fn tag_length(text: &str) -> usize {
-    let mut quote = None;
-    for (at, c) in text.char_indices() {
-        match quote {
-            Some(q) if c == q => quote = None,
-            None if c == '>' => return at + 1,
-            None if c == '"' || c == '\'' => quote = Some(c),
-            _ => {}
-        }
-    }
-    text.len()
+    let end = without_values(text).find(|(_, c)| *c == '>');
+    end.map_or(text.len(), |(at, _)| at + 1)
 }
 
 #[cfg(test)]
