@@ -21,7 +21,7 @@ Examples:
   vsf import touch_*.mcap --robot arm.urdf --torque-kind external --points object.ply --out DATASET
   vsf import bag/ --robot kinova_gen3 --names joint_1,joint_2,joint_3,joint_4,joint_5,joint_6,joint_7 \
     --torque-kind measured --out DATASET
-  vsf import exported.mcap --topic /joint_states --out DATASET    what `vsf export` wrote
+  vsf import exported.mcap --out DATASET                what `vsf export` wrote
 
 Reads sensor_msgs/JointState of ROS 2 (CDR) or ROS 1: position, velocity if there is one, and effort as \
 torques. Joints are found by their names in the robot (or --names), whatever their order; others are ignored, \
@@ -38,7 +38,7 @@ pub struct Args {
     /// Folder to write to: new, empty, or a recording to replace
     #[arg(long)]
     out: PathBuf,
-    /// Topic of the joint states; needed where there are several
+    /// Topic of the joint states; needed where there are several, unless `vsf export` wrote them
     #[arg(long)]
     topic: Option<String>,
     /// Names of the robot's joints in the messages, in its order, where they are not its own

@@ -1,6 +1,6 @@
 use super::container::{Output, wrong};
 use super::messages::{JOINT_STATE, LAST, POINT_CLOUD, SECOND, joint_state, point_cloud};
-use super::times_path;
+use super::{RECORDED, times_path};
 use crate::colormap::Scale;
 use crate::dataset::POINTS;
 use crate::{DataError, Dataset, Sequence, StiffnessField, Table};
@@ -139,14 +139,14 @@ impl McapExport<'_> {
         stamps: &[i64],
         cloud: impl Fn(&mut Output, u32, i64) -> Result<(), DataError>,
     ) -> Result<(), DataError> {
-        let joints = out.topic("/joint_states", &JOINT_STATE)?;
-        let predicted = match self.predictions {
-            [] => None,
-            _ => Some((
-                out.topic("/predicted/joint_states", &JOINT_STATE)?,
-                out.topic("/predicted/joint_states_sd", &JOINT_STATE)?,
-            )),
+        let joints = out.topic(RECORDED, &JOINT_STATE)?;
+        let mut topic_of = |name, is_told: bool| -> Result<_, DataError> {
+            is_told.then(|| out.topic(name, &JOINT_STATE)).transpose()
         };
+        let predictions = self.predictions;
+        let mean = topic_of("/predicted/joint_states", !predictions.is_empty())?;
+        let has_sd = predictions.iter().any(|p| p.sd.is_some());
+        let sd = topic_of("/predicted/joint_states_sd", has_sd)?;
         let state = |stamp, position: &[f64], velocity: &[f64], effort: &[f64]| {
             joint_state(stamp, self.joints, position, velocity, effort)
         };
@@ -160,11 +160,15 @@ impl McapExport<'_> {
             let velocity = s.velocities.as_ref().map_or(&[][..], |v| &v[row]);
             let measured = state(stamp, &s.angles[row], velocity, &s.torques[row]);
             out.message(joints, number, stamp, &measured)?;
-            if let (Some((mean, sd)), Some(of)) = (predicted, self.predictions.get(i)) {
-                let effort = |table: &Table| state(stamp, &[], &[], &table[row]);
-                out.message(mean, number, stamp, &effort(&of.mean))?;
-                if let Some(table) = &of.sd {
-                    out.message(sd, number, stamp, &effort(table))?;
+            let of = predictions.get(i);
+            let tables = [
+                (mean, of.map(|p| &p.mean)),
+                (sd, of.and_then(|p| p.sd.as_ref())),
+            ];
+            for (topic, table) in tables {
+                if let (Some(topic), Some(table)) = (topic, table) {
+                    let effort = state(stamp, &[], &[], &table[row]);
+                    out.message(topic, number, stamp, &effort)?;
                 }
             }
         }

@@ -2,7 +2,7 @@ use super::container::{self, Record, ZSTD, wrong};
 use super::is_part;
 use super::messages::{JointState, Version};
 use super::topics::Topics;
-use crate::{DataError, files, natural};
+use crate::{DataError, files, metadata, natural};
 use nalgebra::Point3;
 use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
@@ -83,7 +83,8 @@ pub(super) struct Sample {
 }
 
 impl JointLog {
-    /// Reads the joint states of a `topic`, by default of the only one. A folder stands for the
+    /// Reads the joint states of a `topic`, by default of the only one, and of `/joint_states` in files
+    /// that [`McapExport`](crate::McapExport) wrote. A folder stands for the
     /// `.mcap` files in it, as `ros2 bag record` leaves them, `bag_2` before `bag_10`; several files
     /// are read as one recording that was split.
     ///
@@ -124,7 +125,8 @@ impl JointLog {
         for (file, path) in files.iter().enumerate() {
             log.read(file, path, &mut topics)?;
         }
-        match topics.done() {
+        let exported = log.parts.iter().any(|(name, _)| name == metadata::FILE);
+        match topics.done(exported) {
             Ok(topic) => log.topic = topic,
             Err((problem, None)) => return Err(log.wrong(problem)),
             Err((problem, Some(advice))) => return Err(log.wrong(problem).advise(advice)),

@@ -19,6 +19,9 @@ use crate::dataset::POINTS;
 use crate::metadata;
 use crate::sequence::PREFIX;
 
+/// The topic of what was recorded, in files that [`McapExport`] wrote.
+const RECORDED: &str = "/joint_states";
+
 fn times_path(id: &str) -> String {
     format!("{PREFIX}{id}/time.npy")
 }

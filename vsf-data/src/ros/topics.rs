@@ -1,3 +1,4 @@
+use super::RECORDED;
 use super::container::{self, SchemaHeader};
 use super::messages::{Version, defines_joint_states};
 use crate::Advice;
@@ -108,8 +109,12 @@ impl Topics {
         self.wanted.as_ref().or_else(first).map_or("", |t| t)
     }
 
-    /// The topic of the joint states, or what keeps the files from having one.
-    pub fn done(mut self) -> Result<String, (String, Option<Advice>)> {
+    /// The topic of the joint states, or what keeps the files from having one. `exported`: whether
+    /// [`McapExport`](crate::McapExport) wrote them, which puts predictions on other topics.
+    pub fn done(mut self, exported: bool) -> Result<String, (String, Option<Advice>)> {
+        if exported && self.wanted.is_none() && self.chosen() == RECORDED {
+            return Ok(RECORDED.to_owned());
+        }
         self.heard.sort();
         let others = match &self.heard[..] {
             [] => {
