@@ -8,9 +8,10 @@ use std::path::PathBuf;
 const EXIT_CODES: &str = "\
 Exit codes:
   0    done
-  1    a recording, field or robot cannot be used; the message names file, sequence and row
+  1    a recording, field, robot or other input is missing or cannot be used; the message names file,
+       sequence and row
   2    wrong usage: a flag, a configuration file, or a parameter out of range
-  3    a file cannot be read or written
+  3    the system refuses to read or write a file
   130  interrupted (Ctrl-C); files already written are whole, a second Ctrl-C stops at once";
 
 /// Stiffness fields of soft objects from a robot arm's joint angles and torques.

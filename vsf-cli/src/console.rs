@@ -193,8 +193,7 @@ fn print(text: &str) -> anyhow::Result<()> {
 
 /// The text of a file that a flag names.
 pub fn read_text(path: &Path) -> anyhow::Result<String> {
-    // As one that cannot be read even where it is missing: it is no part of a recording.
-    Ok(vsf::data::read_text(path).map_err(std::io::Error::other)?)
+    Ok(vsf::data::read_text(path)?)
 }
 
 /// Replaces a file as a whole; an interruption waits for it.

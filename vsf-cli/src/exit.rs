@@ -29,8 +29,10 @@ pub fn complain_of(error: &anyhow::Error) {
 pub fn message(error: &anyhow::Error) -> String {
     let mut line = error.to_string();
     for cause in error.chain().skip(1).map(ToString::to_string) {
-        // Most messages already quote their cause.
-        if !line.contains(&cause) {
+        // Many messages already quote their cause, and some causes already name the place.
+        if cause.starts_with(&format!("{line}: ")) {
+            line = cause;
+        } else if !line.contains(&cause) {
             line = format!("{line}: {cause}");
         }
     }

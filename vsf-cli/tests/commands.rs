@@ -339,7 +339,16 @@ fn usage_errors() {
     );
     fs::write(bench.root.join("bad.toml"), "\nthreshold = \"wide\"\n").unwrap();
     bench.fails("estimate data --config bad.toml", 2, &["bad.toml line 2"]);
-    bench.fails("estimate data --config none.toml", 3, &["none.toml"]);
+    bench.fails(
+        "estimate data --config none.toml",
+        1,
+        &["none.toml", "no such"],
+    );
+    bench.fails(
+        "estimate data --model none.json",
+        1,
+        &["none.json", "no such"],
+    );
     bench.fails("estimate data --threshold -1", 2, &["threshold"]);
     bench.fails("estimate data --prior-sd 0 --noise-sd 1", 2, &["prior-sd"]);
     let all = [".npz", ".ply", "folder", "`vsf export`", ".png", ".svg"];
@@ -594,6 +603,8 @@ fn other_objects_form_the_prior() {
         2,
         &["--out", "touch"],
     );
+    let nowhere = "error: nowhere: no such data set folder";
+    bench.fails("learn nowhere=truth --out a.json", 1, &[nowhere]);
     bench.fails("learn --out a.json", 2, &["RECORDING"]);
     assert!(!bench.root.join("a.json").exists());
 }

@@ -175,9 +175,10 @@ fn write_field(
     around: &Surroundings,
     beside: &McapExport,
 ) -> anyhow::Result<Vec<PathBuf>> {
-    let title = file.path.file_stem().unwrap_or_default().to_string_lossy();
+    let stem = file.path.file_stem().unwrap_or_default().to_string_lossy();
+    let title = beside.recording.map_or(&*stem, |dataset| &dataset.name);
     let view = View {
-        title: &title,
+        title,
         deviation: args.deviation,
         limit: args.full_scale,
     };
