@@ -149,6 +149,7 @@ pub fn site() -> Site {
         rest: Arc::new(RestPoints::new(points()).expect("points")),
         gravity: Vector3::new(0.0, 0.0, -9.81),
         torque_kind: TorqueKind::External,
+        friction: 0.15,
         sequences: vec!["1".to_owned(), "2".to_owned()],
         duration: 10.0,
     }

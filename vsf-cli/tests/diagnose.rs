@@ -393,6 +393,10 @@ fn what_is_refused() {
             MODEL.replace("\"schema\": 1", "\"schema\": 9"),
             ["model.json", "schema 9"],
         ),
+        (
+            MODEL.replace("\"schema\": 1", "\"schema\": 1, \"joints\": [\"a\"]"),
+            ["model.json", "with the joints a; here they are"],
+        ),
         ("{}".to_owned(), ["model.json", "schema"]),
     ] {
         model(&text);
@@ -406,7 +410,11 @@ fn what_is_refused() {
         }
     }
     assert!(!bench.root.join("out").exists() && !bench.root.join("field.npz").exists());
-    bench.fails("estimate touch --model none.json", 3, &["none.json"]);
+    bench.fails(
+        "estimate touch --model none.json",
+        1,
+        &["none.json", "no such"],
+    );
     let json = "estimate touch --model model.json --json=./model.json";
     bench.fails(json, 2, &["--json", "model.json"]);
 }

@@ -186,6 +186,7 @@ impl Campaign {
             rest: scene.rest.clone(),
             gravity: scene.gravity,
             torque_kind: scene.torque_kind,
+            friction: scene.contact().friction,
             sequences: Vec::new(),
             duration: 1.0,
         };
@@ -269,10 +270,6 @@ impl Campaign {
                     true => "nothing is touched: the recording has no points",
                     false => "the train sequences touch no point",
                 },
-            ),
-            Need::Measured => (
-                site.torque_kind != TorqueKind::Measured,
-                "the readings leave out the motion of the arm itself (torque_kind external)",
             ),
             Need::Joints => (site.joints() < 2, "the robot has one joint"),
             Need::Weight => (

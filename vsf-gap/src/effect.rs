@@ -27,8 +27,6 @@ pub enum Need {
     Contact,
     /// A joint that turns against gravity: without one, weight never shows.
     Weight,
-    /// Readings of the actuators (`measured`), which contain the motion of the arm itself.
-    Measured,
     /// At least two moving joints.
     Joints,
     /// At least two touches of the same points.
@@ -126,6 +124,8 @@ pub struct Site {
     pub gravity: Vector3<f64>,
     /// What the readings are.
     pub torque_kind: TorqueKind,
+    /// Nominal friction coefficient between robot and object, >= 0.
+    pub friction: f64,
     /// IDs of the sequences that the effect may speak of by name, in session order.
     pub sequences: Vec<String>,
     /// Length of the session (s), at least 1.
@@ -234,6 +234,9 @@ pub trait Compensator: Send {
 pub trait Effect: Send + Sync {
     /// Its name in the catalogue.
     fn name(&self) -> &str;
+
+    /// What it is, in one phrase that names its parameters, for people who read a diagnosis.
+    fn summary(&self) -> &str;
 
     /// What it acts on.
     fn acts(&self) -> Acts;

@@ -45,8 +45,8 @@ pub enum GapError {
         /// What is wrong.
         problem: String,
     },
-    /// A file of a corrected model that is no such file.
-    #[error("no corrected model: {0}")]
+    /// A file of a corrected model that is no such file, or one of another robot.
+    #[error("corrected model: {0}")]
     ModelFile(String),
     /// Too little data for a diagnosis.
     #[error("{what}: {problem}")]

@@ -20,7 +20,7 @@
 //! 5. A second effect is added if it earns its place, and the first is kept only if the second does
 //!    not do as well alone.
 //! 6. **Verdict**: evidence beyond what the effect gains where nothing acts, as probabilities. Something
-//!    rough that no effect explains is *unknown*; several effects that fit alike are *not diagnosable*.
+//!    rough that no effect explains, or that remains in free motion, is *unknown*; several effects that fit alike are *not diagnosable*.
 //! 7. **How far** is measured on the test sequences, with field and effect fitted to train. A corrected
 //!    model that predicts them worse is not given out.
 //!
@@ -36,6 +36,7 @@
 
 #![forbid(unsafe_code)]
 
+mod alike;
 mod bootstrap;
 mod campaign;
 mod closure;
@@ -54,16 +55,19 @@ mod nominal;
 mod online;
 mod phase;
 mod refine;
+mod report;
 mod response;
 mod screen;
+mod search;
 mod start;
+mod trial;
 mod verdict;
 mod windows;
 
 pub use campaign::{Campaign, Motion};
 pub use closure::Residuals;
 pub use corrected::Corrected;
-pub use diagnose::{Diagnosis, EffectReport, Estimate, Gap, Outcome, Roughness, Step, diagnose};
+pub use diagnose::{Step, diagnose};
 pub use effect::{Acts, Compensator, Effect, Need, Parameter, Role, Sample, Site, Touch};
 pub use error::GapError;
 pub use forward::{ContactLog, Model, Prediction, centre, velocity_columns};
@@ -73,4 +77,5 @@ pub use next::NextExperiment;
 pub use noise::JointNoise;
 pub use online::Corrector;
 pub use phase::Phase;
+pub use report::{Diagnosis, EffectReport, Estimate, Gap, Outcome, Roughness};
 pub use verdict::{Kind, Verdict};

@@ -5,11 +5,12 @@ use std::sync::Arc;
 /// Version of the form.
 const SCHEMA: u32 = 1;
 
-/// A corrected model as a file: JSON `{"schema": 1, "effects": [{"effect", "parameters": [{"name",
-/// "value", "std", "unit"}]}]}`.
+/// A corrected model as a file: JSON `{"schema": 1, "joints": [..], "effects": [{"effect", "parameters":
+/// [{"name", "value", "std", "unit"}]}]}`.
 ///
-/// It names effects and parameters, so that it holds for other recordings with the same robot. The
-/// parameters of single sequences belong to recordings with sequences of these names.
+/// It names effects and parameters, so that it holds for other recordings with the same robot, which it
+/// knows by the names of its joints; without `joints` it is taken for any. The parameters of single
+/// sequences belong to recordings with sequences of these names.
 ///
 /// ```
 /// use vsf_gap::{GapError, ModelFile};
@@ -25,6 +26,9 @@ const SCHEMA: u32 = 1;
 #[serde(deny_unknown_fields)]
 pub struct ModelFile {
     schema: u32,
+    /// Names of the robot's joints, in order; none if they are not known.
+    #[serde(default)]
+    pub joints: Vec<String>,
     /// The effects, in the order in which they act; none for the nominal model.
     pub effects: Vec<EffectEntry>,
 }
@@ -70,6 +74,7 @@ impl ModelFile {
         }
         let file = Self {
             schema: SCHEMA,
+            joints: joints(site),
             effects,
         };
         let known: Vec<_> = model.parts.iter().map(|(e, _)| e.clone()).collect();
@@ -102,10 +107,19 @@ impl ModelFile {
     /// The model of the file at a site, with effects out of `effects`.
     ///
     /// # Errors
+    /// [`GapError::ModelFile`] for a robot with other joints;
     /// [`GapError::UnknownEffect`] for an effect that is not among them, [`GapError::Model`] for one
     /// that is named twice, parameters that are missing, unknown, named twice, of another unit or
     /// out of bounds, and deviations that are negative or not finite.
     pub fn model(&self, site: &Site, effects: &[Arc<dyn Effect>]) -> Result<Model, GapError> {
+        let there = joints(site);
+        if !self.joints.is_empty() && self.joints != there {
+            let (own, there) = (self.joints.join(", "), there.join(", "));
+            return Err(GapError::ModelFile(format!(
+                "it is of a robot with the joints {own}; here they are {there}. Should the robot be the same, \
+                 take `joints` out of the file"
+            )));
+        }
         let mut model = Model::default();
         for (k, entry) in self.effects.iter().enumerate() {
             let Some(effect) = effects.iter().find(|e| e.name() == entry.effect) else {
@@ -124,6 +138,11 @@ impl ModelFile {
         }
         Ok(model)
     }
+}
+
+fn joints(site: &Site) -> Vec<String> {
+    let joints = site.robot.joints().iter();
+    joints.map(|j| j.name().to_owned()).collect()
 }
 
 impl EffectEntry {

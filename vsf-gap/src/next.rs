@@ -1,4 +1,4 @@
-use crate::diagnose::EffectReport;
+use crate::report::EffectReport;
 use crate::verdict::{Kind, Verdict};
 use serde::{Deserialize, Serialize};
 

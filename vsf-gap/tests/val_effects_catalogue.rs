@@ -172,6 +172,10 @@ impl Effect for AirDrag {
         "air_drag"
     }
 
+    fn summary(&self) -> &str {
+        "the air resists the first joint by `k`"
+    }
+
     fn acts(&self) -> Acts {
         Acts::Torques
     }
@@ -256,6 +260,10 @@ struct Broken(Parameter, Vec<Vec<f64>>);
 impl Effect for Broken {
     fn name(&self) -> &str {
         "broken"
+    }
+
+    fn summary(&self) -> &str {
+        "an effect that cannot be"
     }
 
     fn acts(&self) -> Acts {

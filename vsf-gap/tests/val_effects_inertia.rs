@@ -5,7 +5,7 @@ mod common;
 
 use common::{Row, effect, motion, predict, site};
 use nalgebra::Vector3;
-use vsf_data::TorqueKind::Measured;
+use vsf_data::TorqueKind::{External, Measured};
 use vsf_gap::Site;
 use vsf_robots::{RobotModel, UrdfOptions};
 
@@ -96,6 +96,28 @@ fn masses_and_moments_are_those_of_inverse_dynamics() {
         if link == 3 {
             agree(&site, "payload", &theta[12..16], &rows, &more);
         }
+    }
+}
+
+/// What is left in readings that were freed of a wrong weight is the weight alone, however fast the arm moves.
+#[test]
+fn masses_weigh_on_external_readings() {
+    let rows = moving();
+    let resting: Vec<Row> = (rows.iter().cloned())
+        .map(|row| Row {
+            qd: vec![0.0; 4],
+            qdd: vec![0.0; 4],
+            ..row
+        })
+        .collect();
+    let light = dynamics(&arm(None), &resting);
+    let site = site(arm(None), &[], External);
+    for link in 0..4 {
+        let heavy = dynamics(&arm(Some((link, [0.0; 3]))), &resting);
+        let more: Vec<f64> = heavy.iter().zip(&light).map(|(h, l)| h - l).collect();
+        let mut theta = vec![0.0; 16];
+        theta[4 * link] = 2.0;
+        agree(&site, "inertial_error", &theta, &rows, &more);
     }
 }
 

@@ -3,8 +3,10 @@ use crate::diagnosis::{page, text};
 use crate::exit::usage;
 use crate::range::ending;
 use crate::recording::RecordingArgs;
+use clap::builder::{PossibleValue, PossibleValuesParser};
 use std::path::PathBuf;
-use vsf::gap::{ModelFile, Step, diagnose, effects};
+use std::sync::Arc;
+use vsf::gap::{Effect, ModelFile, Step, diagnose, effects};
 
 #[derive(Debug, clap::Args)]
 #[command(after_help = "\
@@ -15,7 +17,7 @@ model; those of the fields of `vsf estimate` differ a little.
 
 JSON keys: schema, dataset, gap (test_error_nominal, test_error_corrected, noise_floor, closed_fraction: share of
 the squared errors beyond noise, closed_interval, unit, corrected_by), where (joint, phase, link, sequence and frequency, each a list of its own key, share,
-interval and excess; region: center, radius, share), effects (effect, probability, score, parameters (name,
+interval and excess; region: center, radius, share), effects (effect, summary, probability, score, parameters (name,
 value, std, unit), joints, test_error, closed_fraction, absorbed_share, ambiguous_with, testable, reason),
 verdict (effects, kind: effects, no_gap, unknown or not_diagnosable, probability, effect_set_95),
 next_experiment (action, why), notes.")]
@@ -23,7 +25,7 @@ pub struct Args {
     #[command(flatten)]
     recording: RecordingArgs,
     /// Names of the effects that may act; the whole catalogue by default
-    #[arg(long, value_delimiter = ',')]
+    #[arg(long, value_delimiter = ',', value_parser = PossibleValuesParser::new(known()))]
     effects: Option<Vec<String>>,
     /// One page for people: verdict, torques before and after, where, effects, next experiment; .html
     #[arg(long, value_name = "FILE", value_parser = ending("html"))]
@@ -34,6 +36,14 @@ pub struct Args {
     /// Seed of the intervals' bootstrap
     #[arg(long, default_value_t = 0)]
     seed: u64,
+}
+
+/// The effects by name, each with what it is.
+fn known() -> impl Iterator<Item = PossibleValue> {
+    let value = |e: Arc<dyn Effect>| {
+        PossibleValue::new(e.name().to_owned()).help(e.summary().replace('`', ""))
+    };
+    effects::catalogue().into_iter().map(value)
 }
 
 pub fn run(args: &Args, console: &Console) -> anyhow::Result<()> {

@@ -1,5 +1,5 @@
 use super::torques::torques;
-use super::words::{estimate, fitted, part, percent, screened_out, untestable, verdict};
+use super::words::{estimate, fitted, part, percent, screened_out, summary, untestable, verdict};
 use crate::console::number;
 use crate::html::{Script, document, escape};
 use std::fmt::Write;
@@ -180,8 +180,11 @@ fn parameters(d: &Diagnosis, model: &ModelFile) -> String {
                 format!("<li><b>{}</b> {}</li>\n", escape(&p.name), escape(&value))
             })
             .collect();
-        let name = escape(name);
-        format!("<details{open}><summary>{title}{name}</summary>\n<ul>\n{items}</ul></details>\n")
+        let (name, what) = (escape(name), escape(summary(&d.effects, name)));
+        format!(
+            "<details{open}><summary>{title}{name}</summary>\n<p class=\"small\">{what}</p>\n\
+             <ul>\n{items}</ul></details>\n"
+        )
     };
     let corrected = (model.effects.iter())
         .map(|e| list("Corrected model: ", &e.effect, " open", &e.parameters));

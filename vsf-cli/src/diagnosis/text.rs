@@ -1,4 +1,6 @@
-use super::words::{errors, estimate, fitted, part, percent, screened_out, untestable, verdict};
+use super::words::{
+    errors, estimate, fitted, part, percent, screened_out, summary, untestable, verdict,
+};
 use crate::console::{number, table};
 use vsf::gap::{Diagnosis, ModelFile, Part};
 
@@ -54,7 +56,11 @@ fn effects(diagnosis: &Diagnosis, model: &ModelFile) -> String {
         text += &format!("  {} is not told from {others}\n", e.effect);
     }
     for e in &model.effects {
-        text += &format!("\ncorrected model, {}\n", e.effect);
+        text += &format!(
+            "\ncorrected model, {}: {}\n",
+            e.effect,
+            summary(all, &e.effect)
+        );
         for p in &e.parameters {
             text += &format!("  {:<8} {}\n", p.name, estimate(p.value, p.std, &p.unit));
         }

@@ -118,6 +118,12 @@ fn decimals(of: f64) -> usize {
     (1.0 - of.log10().floor()).clamp(0.0, 9.0) as usize
 }
 
+/// What an effect is.
+pub fn summary<'a>(effects: &'a [EffectReport], name: &str) -> &'a str {
+    let of = effects.iter().find(|e| e.effect == name);
+    of.map_or("", |e| &e.summary)
+}
+
 /// The effects that were fitted together with the field, best first.
 pub fn fitted(effects: &[EffectReport]) -> impl Iterator<Item = &EffectReport> {
     effects.iter().filter(|e| !e.parameters.is_empty())

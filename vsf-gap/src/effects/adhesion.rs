@@ -22,6 +22,10 @@ impl Effect for Adhesion {
         "adhesion"
     }
 
+    fn summary(&self) -> &str {
+        "points stick to the robot as it leaves, until pulled by `reach`"
+    }
+
     fn acts(&self) -> Acts {
         Acts::Contact
     }

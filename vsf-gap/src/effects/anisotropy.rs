@@ -1,7 +1,6 @@
 use crate::GapError;
 use crate::effect::{Acts, Compensator, Effect, Need, Parameter, Sample, Site, Touch, check};
 use nalgebra::{Matrix3, Vector3};
-use vsf_contact::ContactConfig;
 
 /// Springs whose stiffness depends on the direction: `K (u + a_t (u - n (n . u)) + S u)`, with `n` the
 /// normal of the touching surface and `S` a symmetric matrix in world axes, `S_zz = 0`.
@@ -29,6 +28,10 @@ impl Effect for Anisotropy {
         "anisotropy"
     }
 
+    fn summary(&self) -> &str {
+        "stiffness depends on the direction: larger by `a_t` along the surface, by `s_..` along world axes compared to z"
+    }
+
     fn acts(&self) -> Acts {
         Acts::Springs
     }
@@ -51,12 +54,12 @@ impl Effect for Anisotropy {
             .to_vec()
     }
 
-    fn compensator(&self, _: &Site, theta: &[f64]) -> Result<Box<dyn Compensator>, GapError> {
+    fn compensator(&self, site: &Site, theta: &[f64]) -> Result<Box<dyn Compensator>, GapError> {
         check(self.name(), theta, 6)?;
         let [xx, yy, xy, xz, yz] = [theta[1], theta[2], theta[3], theta[4], theta[5]];
         Ok(Box::new(Directions {
             tangential: theta[0],
-            friction: ContactConfig::default().friction,
+            friction: site.friction,
             world: Matrix3::new(xx, xy, xz, xy, yy, yz, xz, yz, 0.0),
         }))
     }

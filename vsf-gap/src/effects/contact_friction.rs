@@ -12,11 +12,18 @@ use vsf_contact::ContactConfig;
 #[derive(Debug, Clone, Copy)]
 pub struct ContactFriction;
 
+/// The largest coefficient that is looked for, where the nominal one is not near it.
+const MOST: f64 = 1.5;
+
 struct Coefficient(f64);
 
 impl Effect for ContactFriction {
     fn name(&self) -> &str {
         "contact_friction"
+    }
+
+    fn summary(&self) -> &str {
+        "friction between robot and object is larger by `d_mu` than assumed"
     }
 
     fn acts(&self) -> Acts {
@@ -35,9 +42,8 @@ impl Effect for ContactFriction {
         &[Need::Contact]
     }
 
-    fn parameters(&self, _: &Site) -> Vec<Parameter> {
-        let nominal = ContactConfig::default().friction;
-        let bounds = [-nominal, 1.5 - nominal];
+    fn parameters(&self, site: &Site) -> Vec<Parameter> {
+        let bounds = [-site.friction, (MOST - site.friction).max(MOST / 3.0)];
         vec![Parameter::amplitude("d_mu", "1", bounds, 0.1)]
     }
 

@@ -29,6 +29,10 @@ impl Effect for DamageSoftening {
         "damage_softening"
     }
 
+    fn summary(&self) -> &str {
+        "springs pressed beyond `y` soften for good, by the share `d` over a further `s`"
+    }
+
     fn acts(&self) -> Acts {
         Acts::Springs
     }

@@ -20,6 +20,10 @@ impl Effect for EncoderOffset {
         "encoder_offset"
     }
 
+    fn summary(&self) -> &str {
+        "joint encoders are off by the constants `o_<joint>`"
+    }
+
     fn acts(&self) -> Acts {
         Acts::Contact
     }

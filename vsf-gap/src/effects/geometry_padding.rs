@@ -24,6 +24,10 @@ impl Effect for GeometryPadding {
         "geometry_padding"
     }
 
+    fn summary(&self) -> &str {
+        "links are thicker than their model by `padding`"
+    }
+
     fn acts(&self) -> Acts {
         Acts::Contact
     }

@@ -30,6 +30,10 @@ impl Effect for GravityTilt {
         "gravity_tilt"
     }
 
+    fn summary(&self) -> &str {
+        "the arm stands tilted by `tilt_x`, `tilt_y` about world axes"
+    }
+
     fn acts(&self) -> Acts {
         Acts::Torques
     }

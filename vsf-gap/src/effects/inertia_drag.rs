@@ -26,6 +26,10 @@ impl Effect for InertiaDrag {
         "inertia_drag"
     }
 
+    fn summary(&self) -> &str {
+        "the object resists moving along by its mass `m` and drag `c`"
+    }
+
     fn acts(&self) -> Acts {
         Acts::Torques
     }

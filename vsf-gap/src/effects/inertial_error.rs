@@ -1,19 +1,22 @@
 use super::body::{Body, RigidMotion};
 use super::joint::unit;
-use crate::GapError;
 use crate::effect::{Acts, Compensator, Effect, Need, Parameter, Sample, Site, Touch};
 use crate::effect::{check, per_joint};
+use crate::{Campaign, GapError};
 use nalgebra::Vector3;
 use std::sync::Arc;
+use vsf_data::TorqueKind;
 use vsf_robots::RobotModel;
 
 /// Wrong masses of the arm: every link has more mass, with its first moments, and every joint a rotor
 /// whose inertia the model leaves out.
 ///
 /// Parameters per joint `j` and the link that it moves: `m_j` (kg), first moments `mx_j`, `my_j`,
-/// `mz_j` in the frame of the link (kg m), and `I_j` (kg m² or kg), the inertia of the rotor seen from
-/// the link. Masses are wrong by 40 % at most. Moments of inertia of the links are left out. Some combinations never show, such as the
-/// mass of a link that turns about a vertical axis: only base parameters can be identified.
+/// `mz_j` in the frame of the link (kg m), and, where the readings are those of the actuators, `I_j`
+/// (kg m² or kg), the inertia of the rotor seen from the link. Of `external` readings, which somebody has
+/// freed of the weight that he took the arm to have, the wrong weight remains; inertia is left out there.
+/// Masses are wrong by 40 % at most. Moments of inertia of the links are left out. Some combinations never
+/// show, such as the mass of a link that turns about a vertical axis: only base parameters can be identified.
 /// Tell-tale: posture and acceleration, in free motion. A payload is at the last link only.
 ///
 /// # Reference
@@ -32,6 +35,12 @@ struct Masses {
     gravity: Vector3<f64>,
     links: Vec<Body>,
     rotors: Vec<f64>,
+    /// Whether the readings have the motion of the arm in them.
+    moves: bool,
+}
+
+fn moves(site: &Site) -> bool {
+    site.torque_kind == TorqueKind::Measured
 }
 
 impl Effect for InertialError {
@@ -39,8 +48,17 @@ impl Effect for InertialError {
         "inertial_error"
     }
 
+    fn summary(&self) -> &str {
+        "links have more mass, by `m_<joint>` with first moments `mx_`, `my_`, `mz_`, and joints the rotor inertia `I_`"
+    }
+
     fn acts(&self) -> Acts {
         Acts::Torques
+    }
+
+    /// Its many parameters bend to all that changes slowly with posture.
+    fn null_gain(&self) -> f64 {
+        25.0
     }
 
     fn extends(&self) -> Option<&str> {
@@ -48,7 +66,15 @@ impl Effect for InertialError {
     }
 
     fn needs(&self) -> &[Need] {
-        &[Need::Measured]
+        &[]
+    }
+
+    /// Without the motion of the arm, weight alone tells.
+    fn untestable(&self, campaign: &Campaign) -> Option<String> {
+        match campaign.site.torque_kind {
+            TorqueKind::Measured => None,
+            TorqueKind::External => campaign.lacks(Need::Weight),
+        }
     }
 
     fn parameters(&self, site: &Site) -> Vec<Parameter> {
@@ -68,19 +94,24 @@ impl Effect for InertialError {
                 of("mz", "kg m", moment),
             ]
         };
-        let links = (0..site.joints()).flat_map(of_link);
-        let rotors = per_joint(site, "I", unit(site, "kg m^2", "kg"), [0.0, 10.0], 0.02);
-        links.chain(rotors).collect()
+        let mut parameters: Vec<Parameter> = (0..site.joints()).flat_map(of_link).collect();
+        if moves(site) {
+            let unit = unit(site, "kg m^2", "kg");
+            parameters.extend(per_joint(site, "I", unit, [0.0, 10.0], 0.02));
+        }
+        parameters
     }
 
     fn compensator(&self, site: &Site, theta: &[f64]) -> Result<Box<dyn Compensator>, GapError> {
-        let d = site.joints();
-        check(self.name(), theta, 5 * d)?;
+        let (d, moves) = (site.joints(), moves(site));
+        check(self.name(), theta, if moves { 5 * d } else { 4 * d })?;
+        let (links, rotors) = theta.split_at(4 * d);
         Ok(Box::new(Masses {
             robot: site.robot.clone(),
             gravity: site.gravity,
-            links: theta[..4 * d].chunks_exact(4).map(Body::new).collect(),
-            rotors: theta[4 * d..].to_vec(),
+            links: links.chunks_exact(4).map(Body::new).collect(),
+            rotors: rotors.to_vec(),
+            moves,
         }))
     }
 }
@@ -89,7 +120,10 @@ impl Compensator for Masses {
     fn torques(&mut self, sample: &Sample<'_>, touch: &Touch<'_>, tau: &mut [f64]) {
         let posture = touch.posture;
         for (joint, body) in self.robot.joints().iter().zip(&self.links) {
-            let motion = RigidMotion::of(posture, joint.child(), sample.qd, sample.qdd);
+            let motion = match self.moves {
+                true => RigidMotion::of(posture, joint.child(), sample.qd, sample.qdd),
+                false => RigidMotion::rest(),
+            };
             body.load(posture, joint.child(), &self.gravity, &motion, tau);
         }
         for ((t, rotor), a) in tau.iter_mut().zip(&self.rotors).zip(sample.qdd) {

@@ -28,6 +28,10 @@ impl Effect for JointCoulombFriction {
         "joint_coulomb_friction"
     }
 
+    fn summary(&self) -> &str {
+        "dry friction `c_<joint>` against the motion, larger forwards by the share `s_<joint>`, full from the speed `eps` on"
+    }
+
     fn acts(&self) -> Acts {
         Acts::Torques
     }

@@ -36,6 +36,10 @@ impl Effect for JointCoupling {
         "joint_coupling"
     }
 
+    fn summary(&self) -> &str {
+        "the motion of a neighbouring joint k drags joint j: dry friction `c_j_k`, viscous `d_j_k`"
+    }
+
     fn acts(&self) -> Acts {
         Acts::Torques
     }

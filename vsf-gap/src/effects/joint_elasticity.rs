@@ -26,6 +26,10 @@ impl Effect for JointElasticity {
         "joint_elasticity"
     }
 
+    fn summary(&self) -> &str {
+        "gears give way under load by the compliances `c_<joint>`"
+    }
+
     fn acts(&self) -> Acts {
         Acts::Contact
     }

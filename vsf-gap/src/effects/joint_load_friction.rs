@@ -41,6 +41,10 @@ impl Effect for JointLoadFriction {
         "joint_load_friction"
     }
 
+    fn summary(&self) -> &str {
+        "dry friction in proportion to the load, by the shares `m_<joint>`"
+    }
+
     fn acts(&self) -> Acts {
         Acts::Torques
     }

@@ -36,6 +36,10 @@ impl Effect for JointStribeckFriction {
         "joint_stribeck_friction"
     }
 
+    fn summary(&self) -> &str {
+        "dry friction `c_<joint>` that is larger by `e_<joint>` in motion slower than `vs`"
+    }
+
     fn acts(&self) -> Acts {
         Acts::Torques
     }

@@ -22,6 +22,10 @@ impl Effect for JointViscousFriction {
         "joint_viscous_friction"
     }
 
+    fn summary(&self) -> &str {
+        "friction `d_<joint>` in proportion to the speed of the joint"
+    }
+
     fn acts(&self) -> Acts {
         Acts::Torques
     }

@@ -30,6 +30,10 @@ impl Effect for Latency {
         "latency"
     }
 
+    fn summary(&self) -> &str {
+        "torques are read late by `delta`"
+    }
+
     fn acts(&self) -> Acts {
         Acts::Contact
     }

@@ -21,6 +21,10 @@ impl Effect for ObjectBaseMotion {
         "object_base_motion"
     }
 
+    fn summary(&self) -> &str {
+        "the object gives way as a whole, by `c_x`, `c_y`, `c_z` times the force"
+    }
+
     fn acts(&self) -> Acts {
         Acts::Contact
     }

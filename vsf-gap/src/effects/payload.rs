@@ -30,6 +30,10 @@ impl Effect for Payload {
         "payload"
     }
 
+    fn summary(&self) -> &str {
+        "the last link carries a mass `m` with first moments `mx`, `my`, `mz`"
+    }
+
     fn acts(&self) -> Acts {
         Acts::Torques
     }

@@ -27,6 +27,10 @@ impl Effect for PlasticSet {
         "plastic_set"
     }
 
+    fn summary(&self) -> &str {
+        "springs pressed beyond `y` stay compressed by the share `a` of the excess"
+    }
+
     fn acts(&self) -> Acts {
         Acts::Springs
     }

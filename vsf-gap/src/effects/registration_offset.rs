@@ -27,6 +27,10 @@ impl Effect for RegistrationOffset {
         "registration_offset"
     }
 
+    fn summary(&self) -> &str {
+        "the object lies elsewhere, by `dx`, `dy`, `dz`, and in a sequence by `dx_<sequence>`, ... more"
+    }
+
     fn acts(&self) -> Acts {
         Acts::Contact
     }

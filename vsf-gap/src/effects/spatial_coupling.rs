@@ -34,6 +34,10 @@ impl Effect for SpatialCoupling {
         "spatial_coupling"
     }
 
+    fn summary(&self) -> &str {
+        "neighbouring points hold each other by springs `kappa`"
+    }
+
     fn acts(&self) -> Acts {
         Acts::Torques
     }

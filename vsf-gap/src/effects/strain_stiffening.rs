@@ -27,6 +27,10 @@ impl Effect for StrainStiffening {
         "strain_stiffening"
     }
 
+    fn summary(&self) -> &str {
+        "springs stiffen as they are compressed, by `beta` times the `n`-th power of the displacement"
+    }
+
     fn acts(&self) -> Acts {
         Acts::Springs
     }

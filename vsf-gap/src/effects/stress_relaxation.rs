@@ -33,6 +33,10 @@ impl Effect for StressRelaxation {
         "stress_relaxation"
     }
 
+    fn summary(&self) -> &str {
+        "a share `g` of the stiffness relaxes within the time `tau`"
+    }
+
     fn acts(&self) -> Acts {
         Acts::Springs
     }

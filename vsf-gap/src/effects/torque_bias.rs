@@ -20,6 +20,10 @@ impl Effect for TorqueBias {
         "torque_bias"
     }
 
+    fn summary(&self) -> &str {
+        "torque sensors are off by the constants `b_<joint>`"
+    }
+
     fn acts(&self) -> Acts {
         Acts::Torques
     }

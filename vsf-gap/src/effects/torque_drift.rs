@@ -37,6 +37,10 @@ impl Effect for TorqueDrift {
         "torque_drift"
     }
 
+    fn summary(&self) -> &str {
+        "torque sensors drift at the rates `r_<joint>`, which fade over the time `T`"
+    }
+
     fn acts(&self) -> Acts {
         Acts::Torques
     }

@@ -27,6 +27,10 @@ impl Effect for TorqueGain {
         "torque_gain"
     }
 
+    fn summary(&self) -> &str {
+        "torques are read too large by the shares `g_<joint>`"
+    }
+
     fn acts(&self) -> Acts {
         Acts::Torques
     }

@@ -31,6 +31,10 @@ impl Effect for Viscoelastic {
         "viscoelastic"
     }
 
+    fn summary(&self) -> &str {
+        "springs resist the speed of indentation, by the time `eta`, smoothed over `lag`"
+    }
+
     fn acts(&self) -> Acts {
         Acts::Springs
     }

@@ -25,6 +25,7 @@ pub fn site(robot: RobotModel, points: &[Point3<f64>], torque_kind: TorqueKind) 
         rest: Arc::new(RestPoints::new(points.to_vec()).unwrap()),
         gravity: Vector3::new(0.0, 0.0, -GRAVITY),
         torque_kind,
+        friction: 0.15,
         sequences: vec!["0".into(), "1".into()],
         duration: 10.0,
     }

@@ -1,0 +1,212 @@
+//! What a diagnosis says, and its JSON.
+
+use crate::closure::Residuals;
+use crate::locate::Where;
+use crate::next::NextExperiment;
+use crate::refine::Refined;
+use crate::search::Candidate;
+use crate::verdict::Verdict;
+use crate::{Campaign, Effect, Model, Parameter, Role};
+use serde::{Deserialize, Serialize};
+
+/// A parameter of an effect, estimated.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct Estimate {
+    /// Name of the parameter.
+    pub name: String,
+    /// Its value.
+    pub value: f64,
+    /// Its standard deviation.
+    pub std: f64,
+    /// Its unit.
+    pub unit: String,
+}
+
+/// What the diagnosis says about one effect.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct EffectReport {
+    /// Its name.
+    pub effect: String,
+    /// What it is, and what its parameters are, in one phrase.
+    #[serde(default)]
+    pub summary: String,
+    /// Probability that it acts.
+    pub probability: f64,
+    /// Gain of log evidence over the nominal model (nats); of effects that were not fitted, to first
+    /// order.
+    pub score: f64,
+    /// Its parameters, in the corrected model if it is part of it; empty for effects that were not
+    /// fitted.
+    pub parameters: Vec<Estimate>,
+    /// Joints whose parameters are at least two deviations from zero.
+    pub joints: Vec<String>,
+    /// Mean error of the test sequences with it, `null` where it was not fitted (N m or N).
+    pub test_error: Option<f64>,
+    /// Share of the gap that it closes on the test sequences.
+    pub closed_fraction: Option<f64>,
+    /// Share of its information that the stiffness absorbs, 0 to 1.
+    pub absorbed_share: Option<f64>,
+    /// What the model with it leaves unexplained; `null` where it was not fitted.
+    pub roughness: Option<Roughness>,
+    /// Effects that these recordings cannot tell from it.
+    pub ambiguous_with: Vec<String>,
+    /// Whether the recording can show it.
+    pub testable: bool,
+    /// Why not.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub reason: Option<String>,
+}
+
+/// Unexplained torques that persist, as shares of what is measured; lattice values.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+pub struct Roughness {
+    /// Of the force in contact.
+    pub contact: f64,
+    /// Of each joint's RMS torque.
+    pub joint: f64,
+}
+
+/// Errors before and after.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct Gap {
+    /// Mean error of the nominal model on the test sequences (N m or N).
+    pub test_error_nominal: f64,
+    /// That of the corrected model.
+    pub test_error_corrected: f64,
+    /// Mean error of a perfect model.
+    pub noise_floor: f64,
+    /// Share of the gap that the corrected model closes.
+    pub closed_fraction: f64,
+    /// Interval of that share, 95 %.
+    pub closed_interval: [f64; 2],
+    /// Unit of the errors.
+    pub unit: String,
+    /// Effects of the corrected model; none where nothing is corrected.
+    #[serde(default)]
+    pub corrected_by: Vec<String>,
+}
+
+/// A diagnosis, as `vsf diagnose --json` writes it.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct Diagnosis {
+    /// Version of this form, 1.
+    pub schema: u32,
+    /// Name of the recording.
+    pub dataset: String,
+    /// How far.
+    pub gap: Gap,
+    /// Where.
+    pub r#where: Where,
+    /// Which: all of the catalogue, best first.
+    pub effects: Vec<EffectReport>,
+    /// The answer.
+    pub verdict: Verdict,
+    /// What to record next.
+    pub next_experiment: NextExperiment,
+    /// What a reader should know.
+    pub notes: Vec<String>,
+}
+
+/// A diagnosis and what it rests on.
+pub struct Outcome {
+    /// The diagnosis.
+    pub diagnosis: Diagnosis,
+    /// The corrected model; without parts when nothing is corrected.
+    pub model: Model,
+    /// Standard deviations of its parameters, effect by effect.
+    pub sd: Vec<f64>,
+    /// The corrected model's field per rest point (N/m).
+    pub field: Vec<f64>,
+    /// Residuals of the nominal model on the test sequences.
+    pub nominal: Residuals,
+    /// Residuals of the corrected model there.
+    pub corrected: Residuals,
+}
+
+impl EffectReport {
+    /// Of an effect that the search looked at: what it gains over the log evidence `base`.
+    pub(crate) fn of(
+        campaign: &Campaign,
+        candidate: &Candidate,
+        base: f64,
+        probabilities: &[(String, f64)],
+    ) -> Self {
+        let effect = candidate.effect.as_ref();
+        let mut report = Self {
+            probability: (probabilities.iter())
+                .find(|(name, _)| name == effect.name())
+                .map_or(0.0, |(_, p)| *p),
+            score: candidate.score(base),
+            ..Self::empty(effect)
+        };
+        if let Some(refined) = &candidate.refined {
+            report.estimate(campaign, effect, &refined.theta, &refined.sd);
+            report.roughness = Some(Roughness {
+                contact: refined.spread.contact,
+                joint: refined.spread.joint,
+            });
+        }
+        report
+    }
+
+    /// Of an effect that the recording cannot show.
+    pub(crate) fn untestable(effect: &dyn Effect, reason: &str) -> Self {
+        Self {
+            testable: false,
+            reason: Some(reason.to_owned()),
+            ..Self::empty(effect)
+        }
+    }
+
+    fn empty(effect: &dyn Effect) -> Self {
+        Self {
+            effect: effect.name().to_owned(),
+            summary: effect.summary().to_owned(),
+            probability: 0.0,
+            score: 0.0,
+            parameters: Vec::new(),
+            joints: Vec::new(),
+            test_error: None,
+            closed_fraction: None,
+            absorbed_share: None,
+            roughness: None,
+            ambiguous_with: Vec::new(),
+            testable: true,
+            reason: None,
+        }
+    }
+
+    /// Of effects that are named together, parameters are those that they have together.
+    pub(crate) fn together(&mut self, campaign: &Campaign, named: &Refined) {
+        let mut of_part = 0;
+        for (effect, theta) in &named.model.parts {
+            let own = of_part..of_part + theta.len();
+            of_part = own.end;
+            if effect.name() == self.effect {
+                self.estimate(campaign, effect.as_ref(), theta, &named.sd[own]);
+            }
+        }
+    }
+
+    /// Takes parameters, and the joints that they show the effect to act on.
+    fn estimate(&mut self, campaign: &Campaign, effect: &dyn Effect, theta: &[f64], sd: &[f64]) {
+        let own = effect.parameters(&campaign.site);
+        self.joints.clear();
+        for ((p, v), sd) in own.iter().zip(theta).zip(sd) {
+            let shows = p.role == Role::Amplitude && *v != 0.0 && v.abs() > 2.0 * sd;
+            if let Some(j) = p.joint.filter(|_| shows) {
+                let name = campaign.site.robot.joints()[j].name().to_owned();
+                if !self.joints.contains(&name) {
+                    self.joints.push(name);
+                }
+            }
+        }
+        let estimate = |((p, v), sd): ((Parameter, &f64), &f64)| Estimate {
+            name: p.name,
+            value: *v,
+            std: *sd,
+            unit: p.unit.to_owned(),
+        };
+        self.parameters = own.into_iter().zip(theta).zip(sd).map(estimate).collect();
+    }
+}

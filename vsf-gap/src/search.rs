@@ -1,0 +1,285 @@
+//! The search on the train sequences: screening, finalists that are fitted with the field, pairs.
+
+use crate::diagnose::Step;
+use crate::effect::{EVIDENT, check_effect};
+use crate::evidence::Spread;
+use crate::nominal::Fitted;
+use crate::refine::Refined;
+use crate::screen::{Screened, Tangent, best_of, log_mean_exp, screen};
+use crate::verdict::{Hypothesis, needed_beside, threshold};
+use crate::{Acts, Campaign, Effect, GapError, Model};
+use rayon::prelude::*;
+use std::sync::Arc;
+
+/// Effects that are fitted together with the field after screening.
+const FINALISTS: usize = 6;
+/// Second effects that are tried beside the best one.
+const SECONDS: usize = 2;
+/// An effect that screening puts so far below the best (nats) is no finalist.
+const HOPELESS: f64 = 400.0;
+
+/// What the search found.
+pub(crate) struct Search<'a> {
+    /// The nominal model, fitted.
+    pub(crate) nominal: Fitted<'a>,
+    /// Its stiffness per rest point (N/m), not negative.
+    pub(crate) field: Vec<f64>,
+    /// The spread that suits it best.
+    pub(crate) spread: Spread,
+    /// The log evidence of the nominal model (nats, without constants).
+    pub(crate) base: f64,
+    /// The effects that the recording can show, best first.
+    pub(crate) candidates: Vec<Candidate>,
+    /// The best model of two of them, if the second earned it.
+    pub(crate) pair: Option<Refined>,
+    /// The effects that it cannot show, and why.
+    pub(crate) untestable: Vec<(Arc<dyn Effect>, String)>,
+    /// The changes that effects make at their starts.
+    pub(crate) tangents: Vec<Tangent>,
+}
+
+/// An effect, as far as the search came with it.
+pub(crate) struct Candidate {
+    pub(crate) effect: Arc<dyn Effect>,
+    /// What screening found at its best start, and the gain there (nats).
+    pub(crate) found: Screened,
+    screened: f64,
+    /// The model with it alone, if it was fitted.
+    pub(crate) refined: Option<Refined>,
+}
+
+impl Candidate {
+    /// Gain of log evidence (nats); in screening if it was not fitted.
+    pub(crate) fn score(&self, base: f64) -> f64 {
+        match &self.refined {
+            Some(refined) => refined.log_evidence - base,
+            None => self.screened,
+        }
+    }
+}
+
+impl Search<'_> {
+    /// All models that were fitted.
+    pub(crate) fn hypotheses(&self) -> Vec<Hypothesis<'_>> {
+        let alone = |name: &str| {
+            let of = self.candidates.iter().find(|c| c.effect.name() == name)?;
+            Some(of.refined.as_ref()?.log_evidence - self.base)
+        };
+        let single = self.candidates.iter().filter_map(|c| c.refined.as_ref());
+        (single.chain(&self.pair))
+            .map(|refined| Hypothesis::new(refined, self.base, self.spread.contact, alone))
+            .collect()
+    }
+
+    /// Share of the energy of the readings that the nominal model leaves.
+    pub(crate) fn unexplained(&self) -> f64 {
+        let energy = |x: &[f64]| x.iter().map(|x| x * x).sum::<f64>();
+        let predicted = self.nominal.predicted(&self.field);
+        let left: Vec<f64> = (self.nominal.readings.iter().zip(&predicted))
+            .map(|(y, p)| y - p)
+            .collect();
+        energy(&left) / energy(&self.nominal.readings).max(f64::MIN_POSITIVE)
+    }
+}
+
+/// Sorts candidates by what they gain; those that were fitted come before the others.
+fn best_first(candidates: &mut [Candidate], base: f64) {
+    candidates.sort_by(|a, b| {
+        let fitted = |c: &Candidate| c.refined.is_some();
+        (fitted(b).cmp(&fitted(a))).then(b.score(base).total_cmp(&a.score(base)))
+    });
+}
+
+/// The best start of every effect, best first.
+fn best_starts(tangents: &[Tangent], screened: &[Screened], base: f64) -> Vec<Candidate> {
+    let mut best: Vec<Candidate> = Vec::new();
+    for s in screened {
+        let effect = &tangents[s.tangent].effect;
+        let gain = s.log_evidence - base;
+        match best.iter_mut().find(|c| c.effect.name() == effect.name()) {
+            Some(c) if c.screened >= gain => {}
+            Some(c) => (c.screened, c.found) = (gain, s.clone()),
+            None => best.push(Candidate {
+                effect: effect.clone(),
+                found: s.clone(),
+                screened: gain,
+                refined: None,
+            }),
+        }
+    }
+    best.sort_by(|a, b| b.screened.total_cmp(&a.screened));
+    best
+}
+
+impl Campaign {
+    /// Searches the effects for what explains the train sequences.
+    ///
+    /// # Errors
+    /// Effects whose parameters or starts cannot be, rows that contact cannot take, covariances that
+    /// are not positive definite.
+    pub(crate) fn search(
+        &self,
+        effects: &[Arc<dyn Effect>],
+        progress: &mut impl FnMut(Step),
+    ) -> Result<Search<'_>, GapError> {
+        progress(Step::Nominal);
+        let model = Model::default();
+        let mut nominal = self.fitted(&model, &self.train)?;
+        let stiffness = nominal.best_stiffness()?;
+        let field = self.non_negative(&nominal, &stiffness)?;
+        let spreads = nominal.roughness(&stiffness);
+
+        progress(Step::Screen);
+        let mut untestable = Vec::new();
+        let mut tangents: Vec<Tangent> = Vec::new();
+        for effect in effects {
+            match effect.untestable(self) {
+                Some(reason) => untestable.push((effect.clone(), reason)),
+                None => {
+                    check_effect(effect.as_ref(), &self.site)?;
+                    tangents.extend(self.tangents(&model, &nominal, &field, effect)?);
+                }
+            }
+        }
+        let torques = nominal.predicted(&field);
+        let screening = screen(&nominal, &torques, &tangents, &spreads)?;
+        let screened_base = log_mean_exp(&screening.nominal);
+        let mut candidates = best_starts(&tangents, &screening.candidates, screened_base);
+        let smoothest = spreads[best_of(&screening.nominal)];
+        // Stiffness is not negative, in any model that is compared.
+        let (field, _) = self.field(&mut nominal, &smoothest)?;
+        let without: Vec<f64> = (spreads.par_iter())
+            .map(|s| nominal.log_evidence(s))
+            .collect::<Result<_, _>>()?;
+        let base = log_mean_exp(&without);
+        let spread = spreads[best_of(&without)];
+
+        progress(Step::Finalists);
+        self.finalists(&tangents, &mut candidates, base, &spread)?;
+
+        progress(Step::Pairs);
+        let mut pair = self.pair(&tangents, &mut candidates, base, &spread)?;
+        best_first(&mut candidates, base);
+        if !nominal.touches() {
+            let models = candidates.iter_mut().filter_map(|c| c.refined.as_mut());
+            for refined in models.chain(&mut pair) {
+                self.settle(refined)?;
+            }
+        }
+        Ok(Search {
+            nominal,
+            field,
+            spread,
+            base,
+            candidates,
+            pair,
+            untestable,
+            tangents,
+        })
+    }
+
+    /// Fits the candidates that promise most, and sorts all.
+    fn finalists(
+        &self,
+        tangents: &[Tangent],
+        candidates: &mut [Candidate],
+        base: f64,
+        spread: &Spread,
+    ) -> Result<(), GapError> {
+        let refine = |candidate: &mut Candidate| {
+            let tangent = &tangents[candidate.found.tangent];
+            candidate.refined = Some(self.refined(tangent, &candidate.found, spread)?);
+            Ok::<f64, GapError>(candidate.score(base))
+        };
+        // What screening promises most may come to nothing: the others are measured against what it keeps.
+        if let Some((first, others)) = candidates.split_first_mut() {
+            let leader = refine(first)?;
+            (others.par_iter_mut().enumerate()).try_for_each(|(rank, candidate)| {
+                let moves = candidate.effect.acts() == Acts::Contact;
+                let near = candidate.screened > leader - HOPELESS;
+                if near && (rank + 1 < FINALISTS || moves && leader < HOPELESS) {
+                    refine(candidate)?;
+                }
+                Ok::<(), GapError>(())
+            })?;
+        }
+        best_first(candidates, base);
+        Ok(())
+    }
+
+    /// The nominal model with one effect, fitted from what screening found of it.
+    fn refined(
+        &self,
+        tangent: &Tangent,
+        found: &Screened,
+        spread: &Spread,
+    ) -> Result<Refined, GapError> {
+        let start = self.start(&Model::default(), tangent, found, spread)?;
+        self.refine(&start, tangent.prior(&self.site), &found.spread)
+    }
+
+    /// The best model of two effects, the best single one and another, if the other earns it. Others
+    /// that it takes are fitted alone as well, if they are not yet.
+    fn pair(
+        &self,
+        tangents: &[Tangent],
+        candidates: &mut [Candidate],
+        base: f64,
+        nominal: &Spread,
+    ) -> Result<Option<Refined>, GapError> {
+        let Some((leader, rest)) = candidates.split_first_mut() else {
+            return Ok(None);
+        };
+        let first = &tangents[leader.found.tangent];
+        let Some(best) = leader
+            .refined
+            .as_ref()
+            .filter(|r| r.log_evidence - base > EVIDENT)
+        else {
+            return Ok(None);
+        };
+        let fitted = self.fitted(&best.model, &self.train)?;
+        let mut others = Vec::new();
+        for candidate in &*rest {
+            let effect = &candidate.effect;
+            others.extend(self.tangents(&best.model, &fitted, &best.stiffness, effect)?);
+        }
+        let torques = fitted.predicted(&best.stiffness);
+        let screening = screen(&fitted, &torques, &others, &fitted.roughness(&best.spread))?;
+        let without = log_mean_exp(&screening.nominal);
+        let mut seconds = best_starts(&others, &screening.candidates, without);
+        seconds.retain(|c| c.screened > EVIDENT);
+        seconds.truncate(SECONDS);
+        let mut found: Option<Refined> = None;
+        for second in seconds {
+            let tangent = &others[second.found.tangent];
+            let start = self.start(&best.model, tangent, &second.found, &best.spread)?;
+            let prior = first.prior(&self.site).and(tangent.prior(&self.site));
+            let refined = self.refine(&start, prior, &best.spread)?;
+            let needed = needed_beside(
+                tangent.effect.as_ref(),
+                best.log_evidence - base,
+                nominal.contact,
+            );
+            if refined.log_evidence - best.log_evidence <= needed {
+                continue;
+            }
+            // Backward: the second on its own must not do as well.
+            let name = tangent.effect.name();
+            if let Some(alone) = rest.iter_mut().find(|c| c.effect.name() == name) {
+                if alone.refined.is_none() {
+                    let tangent = &tangents[alone.found.tangent];
+                    alone.refined = Some(self.refined(tangent, &alone.found, nominal)?);
+                }
+                let gained = refined.log_evidence - base - alone.score(base);
+                if gained <= threshold(first.effect.as_ref(), nominal.contact) {
+                    continue;
+                }
+            }
+            if (found.as_ref()).is_none_or(|f| f.log_evidence < refined.log_evidence) {
+                found = Some(refined);
+            }
+        }
+        Ok(found)
+    }
+}

@@ -1,0 +1,207 @@
+//! The trial on the sequences that took no part in the choice: what is named has to stand it.
+
+use crate::closure::{Closure, Residuals, closure, noise_norm};
+use crate::effect::Need;
+use crate::refine::Refined;
+use crate::verdict::{Hypothesis, Judged, Nominal, judge};
+use crate::{Campaign, ContactLog, GapError, Model, Motion};
+use std::ops::Range;
+use std::sync::Arc;
+
+/// Samples of a block of free motion.
+const BLOCK: usize = 16;
+/// What is left in free motion is noticed from so many times the noise of a sample on, and is unexplained if
+/// it is more than this share of what the nominal model leaves.
+const NOTICED: f64 = 0.5;
+const REMAINS: f64 = 0.5;
+
+/// The sequences that check models, and what the nominal one leaves there.
+pub(crate) struct Trial<'a> {
+    whole: &'a Campaign,
+    /// What models are fitted to.
+    thinned: &'a Campaign,
+    /// The test sequences; of a single sequence, that one.
+    pub(crate) sequences: &'a [Motion],
+    pub(crate) before: Residuals,
+    /// Blocks of samples in which nothing is touched: index of the sequence, rows.
+    free: Vec<(usize, Range<usize>)>,
+    seed: u64,
+}
+
+/// A model on these sequences.
+pub(crate) struct Checked {
+    /// Its field per rest point (N/m), fitted to the train sequences.
+    pub(crate) field: Vec<f64>,
+    pub(crate) residuals: Residuals,
+    pub(crate) closure: Closure,
+}
+
+/// A model that was up to be named.
+pub(crate) struct Tried {
+    pub(crate) effects: Vec<String>,
+    /// Mean error (N m or N).
+    pub(crate) error: f64,
+    /// Share of the gap that it closes.
+    pub(crate) closed: f64,
+}
+
+/// What the trial leaves.
+pub(crate) struct Conclusion<'a> {
+    pub(crate) judged: Judged,
+    /// The named model, if it predicts no worse than the nominal one.
+    pub(crate) corrected: Option<(&'a Refined, Checked)>,
+    /// The models that were tried.
+    pub(crate) tried: Vec<Tried>,
+    /// What is left in free motion (N m or N), where the named model, or the nominal one, does not explain
+    /// it.
+    pub(crate) unexplained: Option<f64>,
+}
+
+/// Samples in a row in which nothing is touched.
+fn free_blocks(logs: &[Arc<ContactLog>]) -> Vec<(usize, Range<usize>)> {
+    let mut blocks = Vec::new();
+    for (sequence, log) in logs.iter().enumerate() {
+        let mut first = 0;
+        for (row, contacts) in log.contacts.iter().enumerate() {
+            if !contacts.is_empty() {
+                first = row + 1;
+            } else if row + 1 - first == BLOCK {
+                blocks.push((sequence, first..row + 1));
+                first = row + 1;
+            }
+        }
+    }
+    blocks
+}
+
+impl Conclusion<'_> {
+    /// The models that did not stand the trial.
+    pub(crate) fn aside(&self) -> &[Tried] {
+        &self.tried[..self.tried.len() - usize::from(self.judged.named.is_some())]
+    }
+}
+
+impl<'a> Trial<'a> {
+    /// `field` is that of the nominal model.
+    ///
+    /// # Errors
+    /// Rows that contact cannot take.
+    pub(crate) fn new(
+        whole: &'a Campaign,
+        thinned: &'a Campaign,
+        field: &[f64],
+        seed: u64,
+    ) -> Result<Self, GapError> {
+        let sequences = match whole.test.is_empty() {
+            true => &whole.train,
+            false => &whole.test,
+        };
+        let all: Vec<&Motion> = sequences.iter().collect();
+        let nominal = Model::default();
+        // Of an arm that touches nothing, motion is all that there is to explain.
+        let free = match thinned.lacks(Need::Contact) {
+            Some(_) => Vec::new(),
+            None => free_blocks(&whole.contact_logs(&nominal, &all)?),
+        };
+        Ok(Self {
+            whole,
+            thinned,
+            sequences,
+            before: whole.residuals(&nominal, field, &all)?,
+            free,
+            seed,
+        })
+    }
+
+    /// How far residuals close the gap of the nominal model.
+    pub(crate) fn closure(&self, after: &Residuals) -> Closure {
+        let noise = &self.whole.noise;
+        closure(&self.before, after, noise, self.sequences, self.seed)
+    }
+
+    /// A model, with the field that the train sequences give it.
+    ///
+    /// # Errors
+    /// Rows that contact cannot take, a covariance that is not positive definite.
+    pub(crate) fn of(&self, refined: &Refined) -> Result<Checked, GapError> {
+        let thinned = self.thinned;
+        let mut fitted = thinned.fitted(&refined.model, &thinned.train)?;
+        let (field, _) = thinned.field(&mut fitted, &refined.spread)?;
+        let all: Vec<&Motion> = self.sequences.iter().collect();
+        let residuals = self.whole.residuals(&refined.model, &field, &all)?;
+        Ok(Checked {
+            closure: self.closure(&residuals),
+            field,
+            residuals,
+        })
+    }
+
+    /// RMS (N m or N) of what persists of residuals in free motion, beyond noise; 0 where there is none.
+    /// The median block counts: a few are not free, where contact begins earlier than the model has it.
+    fn left_in_free_motion(&self, residuals: &Residuals) -> f64 {
+        let d = residuals.joints;
+        let mut squares: Vec<f64> = (self.free.iter())
+            .map(|(sequence, rows)| {
+                let rows = &residuals.rows[*sequence][rows.start * d..rows.end * d];
+                let mean = |j: usize| rows.iter().skip(j).step_by(d).sum::<f64>() / BLOCK as f64;
+                (0..d).map(|j| mean(j).powi(2)).sum()
+            })
+            .collect();
+        squares.sort_by(f64::total_cmp);
+        let median = squares.get(squares.len() / 2).copied().unwrap_or(0.0);
+        let noise = self.whole.noise.iter().map(|n| n.of_means(BLOCK).sd);
+        (median - noise.map(|sd| sd * sd).sum::<f64>())
+            .max(0.0)
+            .sqrt()
+    }
+
+    /// What a model, `None` for the nominal one, leaves in free motion (N m or N), if it is much: beyond
+    /// noise, and most of what the nominal model leaves there.
+    fn unexplained(&self, checked: Option<&Checked>) -> Option<f64> {
+        let before = self.left_in_free_motion(&self.before);
+        let after = checked.map_or(before, |c| self.left_in_free_motion(&c.residuals));
+        let noise = noise_norm(&self.whole.noise);
+        (after > NOTICED * noise && after > REMAINS * before).then_some(after)
+    }
+
+    /// Judges the hypotheses, and leaves aside the best one as long as it does not stand.
+    ///
+    /// # Errors
+    /// As [`Trial::of`].
+    pub(crate) fn judge<'h>(
+        &self,
+        mut hypotheses: Vec<Hypothesis<'h>>,
+        nominal: &Nominal,
+    ) -> Result<Conclusion<'h>, GapError> {
+        let mut tried = Vec::new();
+        loop {
+            let judged = judge(&hypotheses, nominal);
+            let Some(i) = judged.named else {
+                return Ok(Conclusion {
+                    judged,
+                    corrected: None,
+                    tried,
+                    unexplained: self.unexplained(None),
+                });
+            };
+            let refined = hypotheses[i].refined;
+            let checked = self.of(refined)?;
+            let (error, closed) = (checked.residuals.mean_error(), checked.closure.fraction);
+            let worse = error > self.before.mean_error();
+            tried.push(Tried {
+                effects: judged.verdict.effects.clone(),
+                error,
+                closed,
+            });
+            if hypotheses[i].stands(closed, worse) {
+                return Ok(Conclusion {
+                    judged,
+                    unexplained: self.unexplained(Some(&checked)),
+                    corrected: (!worse).then_some((refined, checked)),
+                    tried,
+                });
+            }
+            hypotheses.remove(i);
+        }
+    }
+}
