@@ -1,4 +1,5 @@
 use crate::console::complain;
+use std::io;
 use std::process::ExitCode;
 use vsf::contact::ContactError;
 use vsf::core::CoreError;
@@ -42,11 +43,17 @@ pub fn message(error: &anyhow::Error) -> String {
 fn code(error: &anyhow::Error) -> u8 {
     if error.chain().any(|e| e.is::<Usage>() || is_parameter(e)) {
         2
-    } else if error.chain().any(|e| e.is::<std::io::Error>()) {
+    } else if error.chain().any(is_refusal) {
         3
     } else {
         1
     }
+}
+
+/// Of the system; text that is no text is the input's own fault.
+fn is_refusal(error: &(dyn std::error::Error + 'static)) -> bool {
+    let refused = |e: &io::Error| e.kind() != io::ErrorKind::InvalidData;
+    error.downcast_ref().is_some_and(refused)
 }
 
 fn is_parameter(error: &(dyn std::error::Error + 'static)) -> bool {

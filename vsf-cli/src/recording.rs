@@ -32,13 +32,13 @@ pub struct RecordingArgs {
 /// A recording and a field of its points.
 #[derive(Debug, clap::Args)]
 pub struct FieldArgs {
-    #[command(flatten)]
-    pub recording: RecordingArgs,
     /// The field, .npz or folder; by default the one stored in the recording
     #[arg(long)]
     pub field: Option<PathBuf>,
     #[command(flatten)]
     pub model: ModelArgs,
+    #[command(flatten)]
+    pub recording: RecordingArgs,
 }
 
 /// An open recording.

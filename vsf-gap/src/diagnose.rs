@@ -4,7 +4,7 @@ use crate::locate::locate;
 use crate::next::next_experiment;
 use crate::report::{Diagnosis, EffectReport, Gap, Outcome};
 use crate::search::Search;
-use crate::trial::{Conclusion, Trial};
+use crate::trial::{Checked, Conclusion, Trial};
 use crate::verdict::{Kind, Nominal};
 use crate::windows::Windows;
 use crate::{Campaign, Effect, GapError, Model, Motion};
@@ -79,7 +79,7 @@ pub fn diagnose(
     let nominal = Nominal {
         spread: search.spread,
         touches: search.nominal.touches(),
-        left: search.unexplained(),
+        left: search.energy_left(),
         perfect: trial.before.mean_error() <= PERFECT * noise_floor,
     };
     let conclusion = trial.judge(search.hypotheses(), &nominal)?;
@@ -90,23 +90,25 @@ pub fn diagnose(
         .collect();
     let mut verdict = conclusion.judged.verdict;
     let before = trial.before.clone();
-    let (model, sd, field, after) = match conclusion.corrected {
-        Some((refined, checked)) => (
-            refined.model.clone(),
-            refined.sd.clone(),
-            checked.field,
-            checked.residuals,
-        ),
+    let (model, sd, corrected) = match conclusion.corrected {
+        Some((refined, checked)) => (refined.model.clone(), refined.sd.clone(), checked),
         None => {
-            let field = search.field.clone();
-            (Model::default(), Vec::new(), field, before.clone())
+            let unchanged = Checked {
+                field: search.field.clone(),
+                closure: trial.closure(&before),
+                residuals: before.clone(),
+            };
+            (Model::default(), Vec::new(), unchanged)
         }
     };
-    let closed = trial.closure(&after);
+    let Checked {
+        field,
+        residuals: after,
+        closure: closed,
+    } = corrected;
     if closed.fraction >= MOSTLY {
         verdict.explain();
-    }
-    if conclusion.unexplained.is_some() {
+    } else if conclusion.left_free.is_some() {
         verdict.kind = Kind::Unknown;
     }
     // Not borne out is not ruled out.
@@ -223,10 +225,11 @@ fn notes(
             100.0 * nominal.left
         ));
     }
-    if let Some(left) = conclusion.unexplained {
+    if let Some(left) = conclusion.left_free {
         let unit = campaign.scene.error_unit();
         notes.push(format!(
-            "in free motion {left:.3} {unit} remain that neither stiffness nor a named effect explains"
+            "in free motion {left:.3} {unit} persist on the test sequences, which no stiffness explains and no named \
+             effect takes away"
         ));
     }
     let aside = (conclusion.aside().iter())

@@ -114,7 +114,7 @@ impl ModelFile {
     pub fn model(&self, site: &Site, effects: &[Arc<dyn Effect>]) -> Result<Model, GapError> {
         let there = joints(site);
         if !self.joints.is_empty() && self.joints != there {
-            let (own, there) = (self.joints.join(", "), there.join(", "));
+            let (own, there) = (listed(&self.joints), listed(&there));
             return Err(GapError::ModelFile(format!(
                 "it is of a robot with the joints {own}; here they are {there}. Should the robot be the same, \
                  take `joints` out of the file"
@@ -138,6 +138,16 @@ impl ModelFile {
         }
         Ok(model)
     }
+}
+
+/// Names for a message, the first of them where there are many, shortened where they are long.
+fn listed(names: &[String]) -> String {
+    const MOST: usize = 12;
+    const LONGEST: usize = 40;
+    let short = |name: &String| name.chars().take(LONGEST).collect::<String>();
+    let shown: Vec<String> = names.iter().take(MOST).map(short).collect();
+    let rest = if names.len() > MOST { ", ..." } else { "" };
+    shown.join(", ") + rest
 }
 
 fn joints(site: &Site) -> Vec<String> {

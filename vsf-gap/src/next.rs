@@ -152,7 +152,7 @@ pub(crate) fn next_experiment(verdict: &Verdict, effects: &[EffectReport]) -> Ne
         },
         (None, Kind::Unknown) => NextExperiment {
             action: "move one joint at a time, slowly, through its range in free air".to_owned(),
-            why: "what acts is not in the catalogue; so it shows on which joint, and whether it \
+            why: "none of the effects looked for explains it; so it shows on which joint, and whether it \
                   follows position, speed or time"
                 .to_owned(),
         },

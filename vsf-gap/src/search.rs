@@ -72,7 +72,7 @@ impl Search<'_> {
     }
 
     /// Share of the energy of the readings that the nominal model leaves.
-    pub(crate) fn unexplained(&self) -> f64 {
+    pub(crate) fn energy_left(&self) -> f64 {
         let energy = |x: &[f64]| x.iter().map(|x| x * x).sum::<f64>();
         let predicted = self.nominal.predicted(&self.field);
         let left: Vec<f64> = (self.nominal.readings.iter().zip(&predicted))

@@ -10,10 +10,16 @@ use std::sync::Arc;
 
 /// Samples of a block of free motion.
 const BLOCK: usize = 16;
-/// What is left in free motion is noticed from so many times the noise of a sample on, and is unexplained if
-/// it is more than this share of what the nominal model leaves.
+/// Fewest blocks whose median tells noise from more.
+const FEWEST: usize = 8;
+/// What is left in free motion is noticed from so many times the noise of a sample on, and from this share of
+/// the readings' RMS on; it remains if it is more than this share, half of the energy, of what the nominal
+/// model leaves.
 const NOTICED: f64 = 0.5;
-const REMAINS: f64 = 0.5;
+const LEAST: f64 = 0.01;
+const REMAINS: f64 = 0.7;
+/// By so many standard deviations the tare may be off.
+const TARE: f64 = 3.0;
 
 /// The sequences that check models, and what the nominal one leaves there.
 pub(crate) struct Trial<'a> {
@@ -52,22 +58,23 @@ pub(crate) struct Conclusion<'a> {
     pub(crate) corrected: Option<(&'a Refined, Checked)>,
     /// The models that were tried.
     pub(crate) tried: Vec<Tried>,
-    /// What is left in free motion (N m or N), where the named model, or the nominal one, does not explain
-    /// it.
-    pub(crate) unexplained: Option<f64>,
+    /// What is left in free motion (N m or N), where the named model, or the nominal one, leaves much.
+    pub(crate) left_free: Option<f64>,
 }
 
-/// Samples in a row in which nothing is touched.
-fn free_blocks(logs: &[Arc<ContactLog>]) -> Vec<(usize, Range<usize>)> {
+/// Samples in a row of one touch, after the tare, in which the nominal model touches nothing.
+fn free_blocks(sequences: &[Motion], logs: &[Arc<ContactLog>]) -> Vec<(usize, Range<usize>)> {
     let mut blocks = Vec::new();
-    for (sequence, log) in logs.iter().enumerate() {
-        let mut first = 0;
-        for (row, contacts) in log.contacts.iter().enumerate() {
-            if !contacts.is_empty() {
-                first = row + 1;
-            } else if row + 1 - first == BLOCK {
-                blocks.push((sequence, first..row + 1));
-                first = row + 1;
+    for (k, (motion, log)) in sequences.iter().zip(logs).enumerate() {
+        for touch in &motion.touches {
+            let mut first = touch.start.max(motion.tare);
+            for row in first..touch.end {
+                if !log.contacts[row].is_empty() {
+                    first = row + 1;
+                } else if row + 1 - first == BLOCK {
+                    blocks.push((k, first..row + 1));
+                    first = row + 1;
+                }
             }
         }
     }
@@ -101,7 +108,7 @@ impl<'a> Trial<'a> {
         // Of an arm that touches nothing, motion is all that there is to explain.
         let free = match thinned.lacks(Need::Contact) {
             Some(_) => Vec::new(),
-            None => free_blocks(&whole.contact_logs(&nominal, &all)?),
+            None => free_blocks(sequences, &whole.contact_logs(&nominal, &all)?),
         };
         Ok(Self {
             whole,
@@ -136,9 +143,10 @@ impl<'a> Trial<'a> {
         })
     }
 
-    /// RMS (N m or N) of what persists of residuals in free motion, beyond noise; 0 where there is none.
-    /// The median block counts: a few are not free, where contact begins earlier than the model has it.
-    fn left_in_free_motion(&self, residuals: &Residuals) -> f64 {
+    /// Size (N m or N) of what persists of residuals in free motion, beyond noise: the root of the median
+    /// square of blocks, since a few are not free where contact begins earlier than the model has it. 0 where
+    /// blocks are few.
+    fn left_free(&self, residuals: &Residuals) -> f64 {
         let d = residuals.joints;
         let mut squares: Vec<f64> = (self.free.iter())
             .map(|(sequence, rows)| {
@@ -147,21 +155,38 @@ impl<'a> Trial<'a> {
                 (0..d).map(|j| mean(j).powi(2)).sum()
             })
             .collect();
+        if squares.len() < FEWEST {
+            return 0.0;
+        }
         squares.sort_by(f64::total_cmp);
-        let median = squares.get(squares.len() / 2).copied().unwrap_or(0.0);
-        let noise = self.whole.noise.iter().map(|n| n.of_means(BLOCK).sd);
-        (median - noise.map(|sd| sd * sd).sum::<f64>())
-            .max(0.0)
-            .sqrt()
+        let of_means = |m: usize| -> f64 {
+            let noise = self.whole.noise.iter().map(|n| n.of_means(m).sd);
+            noise.map(|sd| sd * sd).sum()
+        };
+        let mut noise = of_means(BLOCK);
+        // What the tare took for zero is off by its own noise, in all blocks alike.
+        if let Some(tare) = self
+            .sequences
+            .iter()
+            .map(|m| m.tare)
+            .filter(|t| *t > 0)
+            .min()
+        {
+            noise += TARE * TARE * of_means(tare);
+        }
+        (squares[squares.len() / 2] - noise).max(0.0).sqrt()
     }
 
     /// What a model, `None` for the nominal one, leaves in free motion (N m or N), if it is much: beyond
-    /// noise, and most of what the nominal model leaves there.
-    fn unexplained(&self, checked: Option<&Checked>) -> Option<f64> {
-        let before = self.left_in_free_motion(&self.before);
-        let after = checked.map_or(before, |c| self.left_in_free_motion(&c.residuals));
-        let noise = noise_norm(&self.whole.noise);
-        (after > NOTICED * noise && after > REMAINS * before).then_some(after)
+    /// noise, and most of what the nominal model leaves there. A model that predicts worse may leave more.
+    fn much_left_free(&self, checked: Option<&Checked>) -> Option<f64> {
+        let before = self.left_free(&self.before);
+        let after = checked.map_or(before, |c| self.left_free(&c.residuals).min(before));
+        let readings = self.sequences.iter().flat_map(|m| m.reading.data());
+        let samples = self.sequences.iter().map(Motion::len).sum::<usize>().max(1) as f64;
+        let rms = (readings.map(|v| v * v).sum::<f64>() / samples).sqrt();
+        let noticed = (NOTICED * noise_norm(&self.whole.noise)).max(LEAST * rms);
+        (after > noticed && after > REMAINS * before).then_some(after)
     }
 
     /// Judges the hypotheses, and leaves aside the best one as long as it does not stand.
@@ -173,6 +198,10 @@ impl<'a> Trial<'a> {
         mut hypotheses: Vec<Hypothesis<'h>>,
         nominal: &Nominal,
     ) -> Result<Conclusion<'h>, GapError> {
+        let of_nominal = match nominal.perfect {
+            true => None,
+            false => self.much_left_free(None),
+        };
         let mut tried = Vec::new();
         loop {
             let judged = judge(&hypotheses, nominal);
@@ -181,7 +210,7 @@ impl<'a> Trial<'a> {
                     judged,
                     corrected: None,
                     tried,
-                    unexplained: self.unexplained(None),
+                    left_free: of_nominal,
                 });
             };
             let refined = hypotheses[i].refined;
@@ -196,7 +225,7 @@ impl<'a> Trial<'a> {
             if hypotheses[i].stands(closed, worse) {
                 return Ok(Conclusion {
                     judged,
-                    unexplained: self.unexplained(Some(&checked)),
+                    left_free: of_nominal.and_then(|_| self.much_left_free(Some(&checked))),
                     corrected: (!worse).then_some((refined, checked)),
                     tried,
                 });

@@ -42,7 +42,7 @@ pub enum Kind {
     Effects,
     /// Nothing is missing from the nominal model that these data could show.
     NoGap,
-    /// Something acts that is not in the catalogue.
+    /// Something acts that no effect explains, or none that the train sequences show.
     Unknown,
     /// Something acts, but these data fit too many effects alike.
     NotDiagnosable,

@@ -85,34 +85,37 @@ fn torques_of_the_wrong_sign_are_a_gap_and_zeros_are_none() {
     assert_eq!(scaled(0.0).verdict.kind, Kind::NoGap);
 }
 
-/// A sensor that is knocked off before the test sequences: nothing that was fitted can know.
+/// A sensor that is knocked off before the test sequences: nothing that was fitted can know. What the tare
+/// of noisy sensors is off by is no such thing.
 #[test]
 fn what_is_left_in_free_motion_is_unknown() {
     let folder = tempfile::tempdir().unwrap();
     made(folder.path(), &[], 42);
     let (mut dataset, _) = Dataset::open(folder.path(), &Overrides::default()).unwrap();
-    let test = dataset.splits.test.clone();
-    let tested = dataset
-        .sequences
-        .iter_mut()
-        .filter(|s| test.contains(&s.id));
-    for torques in tested.map(|s| &mut s.torques) {
-        let joints = torques.cols();
-        let second = torques.data_mut().iter_mut().skip(1).step_by(joints);
-        second.for_each(|t| *t += 0.4);
-    }
-    let campaign = Campaign::open(&dataset, &SceneOptions::default()).unwrap();
     let few = effects::named(&["torque_bias", "viscoelastic"]).unwrap();
-    let outcome = diagnose(&campaign, "case", &few, 0, |_| {}).unwrap();
-    let d = &outcome.diagnosis;
-    assert_eq!(d.verdict.kind, Kind::Unknown);
-    let words: Vec<&str> = d.notes[0].split(' ').collect();
+    let verdict = |dataset: &Dataset| {
+        let campaign = Campaign::open(dataset, &SceneOptions::default()).unwrap();
+        let outcome = diagnose(&campaign, "case", &few, 0, |_| {}).unwrap();
+        (outcome.diagnosis.verdict.kind, outcome.diagnosis.notes)
+    };
+    dataset.tare_samples = 10;
+    assert_eq!(verdict(&dataset).0, Kind::NoGap);
+
+    dataset.tare_samples = 0;
+    let test = dataset.splits.test.clone();
+    for sequence in &mut dataset.sequences {
+        if test.contains(&sequence.id) {
+            let joints = sequence.torques.cols();
+            let torques = sequence.torques.data_mut().iter_mut();
+            torques.skip(1).step_by(joints).for_each(|t| *t += 0.4);
+        }
+    }
+    let (kind, notes) = verdict(&dataset);
+    assert_eq!(kind, Kind::Unknown);
+    let words: Vec<&str> = notes[0].split(' ').collect();
     assert_eq!(words[..3], ["in", "free", "motion"]);
-    assert!(
-        (words[3].parse::<f64>().unwrap() - 0.4).abs() < 0.01,
-        "{}",
-        words[3]
-    );
+    let left: f64 = words[3].parse().unwrap();
+    assert!((left - 0.4).abs() < 0.01, "{left}");
 }
 
 #[test]

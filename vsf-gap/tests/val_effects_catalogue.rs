@@ -41,6 +41,24 @@ const NAMES: [&str; 27] = [
     "inertia_drag",
 ];
 
+/// People read what an effect is, and what its parameters are called.
+#[test]
+fn summaries_name_all_parameters() {
+    let site = pressing().site;
+    for effect in catalogue() {
+        let summary = effect.summary();
+        for p in effect.parameters(&site) {
+            let first = p.name.split('_').next().unwrap();
+            assert!(
+                summary.contains(&format!("`{first}")),
+                "{}: {} is not in {summary:?}",
+                effect.name(),
+                p.name
+            );
+        }
+    }
+}
+
 /// The plate presses a few points twice and drags them along.
 fn pressing() -> Campaign {
     let row = |k: usize| {

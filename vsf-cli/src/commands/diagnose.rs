@@ -1,5 +1,5 @@
 use crate::console::{Console, read_text, texts};
-use crate::diagnosis::{page, text};
+use crate::diagnosis::{page, plain, text};
 use crate::exit::usage;
 use crate::range::ending;
 use crate::recording::RecordingArgs;
@@ -10,6 +10,13 @@ use vsf::gap::{Effect, ModelFile, Step, diagnose, effects};
 
 #[derive(Debug, clap::Args)]
 #[command(after_help = "\
+Example:
+  vsf diagnose DATASET --effects payload,latency --html report.html --model corrected.json
+
+In the report, `score` is the gain of log evidence over the model without effects, `closed` the share of the gap on
+the test sequences, `absorbed by K` how much of the effect the stiffness takes. Parameters of joints are numbered
+by their columns, from 1.
+
 Recordings without points are those of an arm in free air; effects that a recording cannot show are listed
 as untestable. Probabilities are those of the catalogue's effects and their pairs, no gap included. With contact,
 errors are those of a field that the diagnosis fits to windows of the train sequences, in the same way for every
@@ -22,8 +29,6 @@ value, std, unit), joints, test_error, closed_fraction, absorbed_share, ambiguou
 verdict (effects, kind: effects, no_gap, unknown or not_diagnosable, probability, effect_set_95),
 next_experiment (action, why), notes.")]
 pub struct Args {
-    #[command(flatten)]
-    recording: RecordingArgs,
     /// Names of the effects that may act; the whole catalogue by default
     #[arg(long, value_delimiter = ',', value_parser = PossibleValuesParser::new(known()))]
     effects: Option<Vec<String>>,
@@ -36,13 +41,14 @@ pub struct Args {
     /// Seed of the intervals' bootstrap
     #[arg(long, default_value_t = 0)]
     seed: u64,
+    #[command(flatten)]
+    recording: RecordingArgs,
 }
 
 /// The effects by name, each with what it is.
 fn known() -> impl Iterator<Item = PossibleValue> {
-    let value = |e: Arc<dyn Effect>| {
-        PossibleValue::new(e.name().to_owned()).help(e.summary().replace('`', ""))
-    };
+    let value =
+        |e: Arc<dyn Effect>| PossibleValue::new(e.name().to_owned()).help(plain(e.summary()));
     effects::catalogue().into_iter().map(value)
 }
 
@@ -53,7 +59,7 @@ pub fn run(args: &Args, console: &Console) -> anyhow::Result<()> {
             if let Some(k) = (1..names.len()).find(|&k| names[..k].contains(&names[k])) {
                 return Err(usage(format!("--effects names {} twice", names[k])));
             }
-            effects::named(names).map_err(|e| usage(format!("--effects: {e}")))?
+            effects::named(names)?
         }
     };
     let outputs = [("--html", &args.html), ("--model", &args.model)];

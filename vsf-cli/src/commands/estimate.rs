@@ -26,8 +26,6 @@ JSON keys: estimator, prior_sd, smooth_sd, smooth_length, level_sd, noise_sd (by
 points), vision (none, a method or a file), vision_share (of its guess, in the prior), vision_candidates (share, \
 error), nis_ratio, out.")]
 pub struct Args {
-    #[command(flatten)]
-    recording: RecordingArgs,
     /// Where to write the field, by ending: .npz, .ply, .mcap, or a folder, which must be new, empty or a
     /// field to replace; may be repeated
     #[arg(long, default_value = "field.npz")]
@@ -37,6 +35,8 @@ pub struct Args {
     sequences: Option<Vec<String>>,
     #[command(flatten)]
     model: ModelArgs,
+    #[command(flatten)]
+    recording: RecordingArgs,
     #[command(flatten)]
     estimator: EstimatorSettings,
 }

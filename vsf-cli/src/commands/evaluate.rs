@@ -24,8 +24,6 @@ JSON keys: predictor (field, model, zero, knn, mlp or gp), mean_error, sd_error,
 contact_samples, mean_contacts), per_joint (joint, unit, mean_abs_error, rms_error), calibration (within_1_sigma, within_2_sigma: \
 shares of single readings in contact; of predictors with deviations), and with a field and --baseline: baselines, an object of the same keys by name.")]
 pub struct Args {
-    #[command(flatten)]
-    of: FieldArgs,
     /// IDs of the sequences to predict; the test split by default
     #[arg(long, value_delimiter = ',')]
     sequences: Option<Vec<String>>,
@@ -48,6 +46,8 @@ pub struct Args {
     /// Train samples that the gp baseline takes at most, evenly spread
     #[arg(long, default_value_t = 1500, value_parser = count)]
     gp_samples: usize,
+    #[command(flatten)]
+    of: FieldArgs,
 }
 
 #[derive(Debug, Clone, Copy, PartialEq, Eq, clap::ValueEnum)]

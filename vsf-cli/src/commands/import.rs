@@ -21,12 +21,13 @@ Examples:
   vsf import touch_*.mcap --robot arm.urdf --torque-kind external --points object.ply --out DATASET
   vsf import bag/ --robot kinova_gen3 --names joint_1,joint_2,joint_3,joint_4,joint_5,joint_6,joint_7 \
     --torque-kind measured --out DATASET
-  vsf import exported.mcap --out DATASET                what `vsf export` wrote
+  vsf import exported.mcap --robot arm.urdf --out DATASET   what `vsf export` wrote; built-in robots are known
 
 Reads sensor_msgs/JointState of ROS 2 (CDR) or ROS 1: position, velocity if there is one, and effort as \
 torques. Joints are found by their names in the robot (or --names), whatever their order; others are ignored, \
 and so are messages with none of them. A pause (--gap) begins a new sequence, 000, 001, ...; what \
-`vsf export` wrote comes back as it was, metadata, points and sequences included.
+`vsf export` wrote comes back with its metadata, points and sequences; the camera and the URDF of a robot (--robot) \
+are not in it.
 
 Without points the recording is one of free motion, for `vsf diagnose`.
 

@@ -19,14 +19,14 @@ leave out the weight that some effects act on, and effects that last from one se
 
 JSON keys: out, noise_sd, sequences (sequence, samples, contact_samples).")]
 pub struct Args {
-    #[command(flatten)]
-    of: FieldArgs,
     /// IDs of the sequences to predict; the test split by default
     #[arg(long, value_delimiter = ',')]
     sequences: Option<Vec<String>>,
     /// Folder to write to: new, empty, or a recording to replace
     #[arg(long)]
     out: PathBuf,
+    #[command(flatten)]
+    of: FieldArgs,
 }
 
 #[derive(Serialize)]

@@ -15,8 +15,6 @@ alone.
 
 JSON keys: out, sequences, samples, noise_sd, seed.")]
 pub struct Args {
-    #[command(flatten)]
-    of: FieldArgs,
     /// IDs of the sequences to take; all by default
     #[arg(long, value_delimiter = ',')]
     sequences: Option<Vec<String>>,
@@ -29,6 +27,8 @@ pub struct Args {
     /// Seed of the noise: same seed, same readings
     #[arg(long, default_value_t = 0)]
     seed: u64,
+    #[command(flatten)]
+    of: FieldArgs,
 }
 
 #[derive(Serialize)]

@@ -7,3 +7,4 @@ mod words;
 
 pub use page::page;
 pub use text::text;
+pub use words::plain;

@@ -180,7 +180,7 @@ fn parameters(d: &Diagnosis, model: &ModelFile) -> String {
                 format!("<li><b>{}</b> {}</li>\n", escape(&p.name), escape(&value))
             })
             .collect();
-        let (name, what) = (escape(name), escape(summary(&d.effects, name)));
+        let (name, what) = (escape(name), escape(&summary(&d.effects, name)));
         format!(
             "<details{open}><summary>{title}{name}</summary>\n<p class=\"small\">{what}</p>\n\
              <ul>\n{items}</ul></details>\n"

@@ -28,7 +28,7 @@ pub fn verdict(diagnosis: &Diagnosis) -> String {
             "No gap: no effect is borne out by this recording (probability that none acts: {p})."
         ),
         Kind::Unknown if effects.is_empty() => {
-            "Unknown: something acts that is not in the catalogue.".to_owned()
+            "Unknown: something acts that none of the effects looked for explains.".to_owned()
         }
         Kind::Unknown => {
             let verb = if verdict.effects.len() == 1 {
@@ -37,7 +37,7 @@ pub fn verdict(diagnosis: &Diagnosis) -> String {
                 "come"
             };
             format!(
-                "Unknown: something acts that is not in the catalogue; {effects} {verb} closest."
+                "Unknown: something acts that none of the effects looked for explains; {effects} {verb} closest."
             )
         }
         Kind::NotDiagnosable => format!(
@@ -119,9 +119,14 @@ fn decimals(of: f64) -> usize {
 }
 
 /// What an effect is.
-pub fn summary<'a>(effects: &'a [EffectReport], name: &str) -> &'a str {
+pub fn summary(effects: &[EffectReport], name: &str) -> String {
     let of = effects.iter().find(|e| e.effect == name);
-    of.map_or("", |e| &e.summary)
+    of.map_or_else(String::new, |e| plain(&e.summary))
+}
+
+/// A text without the marks of code.
+pub fn plain(text: &str) -> String {
+    text.replace('`', "")
 }
 
 /// The effects that were fitted together with the field, best first.

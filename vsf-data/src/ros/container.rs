@@ -72,7 +72,12 @@ pub(crate) fn read(
             LinearReadEvent::Record { opcode, data } => one(opcode, data, &mut visit, wrong)?,
         }
     }
-    Ok(())
+    match left {
+        0 => Ok(()),
+        left => Err(wrong(format!(
+            "{left} bytes after its end; several recordings are imported file by file"
+        ))),
+    }
 }
 
 fn one(

@@ -21,7 +21,7 @@ impl Effect for EncoderOffset {
     }
 
     fn summary(&self) -> &str {
-        "joint encoders are off by the constants `o_<joint>`"
+        "links are ahead of their encoders by the constants `o_<joint>`"
     }
 
     fn acts(&self) -> Acts {

@@ -49,7 +49,7 @@ impl Effect for InertialError {
     }
 
     fn summary(&self) -> &str {
-        "links have more mass, by `m_<joint>` with first moments `mx_`, `my_`, `mz_`, and joints the rotor inertia `I_`"
+        "links have more mass, by `m_<joint>` with first moments `mx_`, `my_`, `mz_`, and, in torques at the actuators, joints the rotor inertia `I_`"
     }
 
     fn acts(&self) -> Acts {

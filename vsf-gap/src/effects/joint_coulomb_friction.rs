@@ -29,7 +29,7 @@ impl Effect for JointCoulombFriction {
     }
 
     fn summary(&self) -> &str {
-        "dry friction `c_<joint>` against the motion, larger forwards by the share `s_<joint>`, full from the speed `eps` on"
+        "dry friction `c_<joint>` against the motion, larger forwards by the share `s_<joint>`, nearly full from the speed `eps` on"
     }
 
     fn acts(&self) -> Acts {

@@ -37,7 +37,7 @@ impl Effect for JointCoupling {
     }
 
     fn summary(&self) -> &str {
-        "the motion of a neighbouring joint k drags joint j: dry friction `c_j_k`, viscous `d_j_k`"
+        "the motion of a neighbouring joint k drags joint j: dry friction `c_j_k`, nearly full from the speed `eps` on, viscous `d_j_k`"
     }
 
     fn acts(&self) -> Acts {

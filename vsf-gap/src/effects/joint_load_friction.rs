@@ -42,7 +42,7 @@ impl Effect for JointLoadFriction {
     }
 
     fn summary(&self) -> &str {
-        "dry friction in proportion to the load, by the shares `m_<joint>`"
+        "dry friction in proportion to the load, by the shares `m_<joint>`, nearly full from the speed `eps` on"
     }
 
     fn acts(&self) -> Acts {

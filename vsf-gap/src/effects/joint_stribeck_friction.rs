@@ -37,7 +37,7 @@ impl Effect for JointStribeckFriction {
     }
 
     fn summary(&self) -> &str {
-        "dry friction `c_<joint>` that is larger by `e_<joint>` in motion slower than `vs`"
+        "dry friction `c_<joint>` that is larger by `e_<joint>` in motion slower than `vs`, and sets in at the speed `eps`"
     }
 
     fn acts(&self) -> Acts {

@@ -28,7 +28,7 @@ impl Effect for StrainStiffening {
     }
 
     fn summary(&self) -> &str {
-        "springs stiffen as they are compressed, by `beta` times the `n`-th power of the displacement"
+        "springs stiffen as they are compressed by u, by the share `beta` u^2; with the power `n` in place of 2, alike at 3 cm"
     }
 
     fn acts(&self) -> Acts {

@@ -34,7 +34,7 @@ impl Effect for StressRelaxation {
     }
 
     fn summary(&self) -> &str {
-        "a share `g` of the stiffness relaxes within the time `tau`"
+        "beside each spring is a branch of `g` times its stiffness that relaxes within the time `tau`"
     }
 
     fn acts(&self) -> Acts {
