@@ -67,8 +67,9 @@ fn free_blocks(sequences: &[Motion], logs: &[Arc<ContactLog>]) -> Vec<(usize, Ra
     let mut blocks = Vec::new();
     for (k, (motion, log)) in sequences.iter().zip(logs).enumerate() {
         for touch in &motion.touches {
-            let mut first = touch.start.max(motion.tare);
-            for row in first..touch.end {
+            let begin = touch.start.max(motion.tare);
+            let mut first = begin;
+            for row in begin..touch.end {
                 if !log.contacts[row].is_empty() {
                     first = row + 1;
                 } else if row + 1 - first == BLOCK {
