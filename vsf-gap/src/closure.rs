@@ -1,7 +1,8 @@
 use crate::bootstrap::Bootstrap;
 use crate::evidence::{Factor, Spread};
 use crate::nominal::Fitted;
-use crate::{Campaign, GapError, JointNoise, Model, Motion};
+use crate::{Campaign, ContactLog, GapError, JointNoise, Model, Motion};
+use std::sync::Arc;
 
 /// Rounds of leaving out points whose stiffness came out negative.
 const ROUNDS: usize = 3;
@@ -93,13 +94,28 @@ impl Campaign {
         field: &[f64],
         motions: &[&Motion],
     ) -> Result<Residuals, GapError> {
-        let joints = self.site.joints();
         // What an effect has done to the object by then needs all that came before.
         let session: Vec<&Motion> = match model.parts.is_empty() {
             true => motions.to_vec(),
             false => self.session(),
         };
         let logs = self.contact_logs(model, &session)?;
+        self.residuals_in(model, field, motions, &session, &logs)
+    }
+
+    /// The same, with the contact of the session at hand.
+    ///
+    /// # Errors
+    /// Parameters that an effect cannot take.
+    pub(crate) fn residuals_in(
+        &self,
+        model: &Model,
+        field: &[f64],
+        motions: &[&Motion],
+        session: &[&Motion],
+        logs: &[Arc<ContactLog>],
+    ) -> Result<Residuals, GapError> {
+        let joints = self.site.joints();
         let mut predicted: Vec<Vec<f64>> = motions
             .iter()
             .map(|m| vec![0.0; m.len() * joints])
@@ -107,7 +123,7 @@ impl Campaign {
         let place: Vec<Option<usize>> = (session.iter())
             .map(|m| motions.iter().position(|asked| asked.id == m.id))
             .collect();
-        self.predict(model, &session, &logs, |s, row, touch, prediction| {
+        self.predict(model, session, logs, |s, row, touch, prediction| {
             if let Some(k) = place[s] {
                 prediction.apply(touch, field, &mut predicted[k][row * joints..][..joints]);
             }

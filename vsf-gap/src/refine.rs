@@ -1,10 +1,12 @@
 use crate::evidence::{Factor, Fit, Normal, Spread};
 use crate::nominal::Fitted;
 use crate::screen::{best_of, log_mean_exp};
-use crate::{Acts, Campaign, GapError, Model, Parameter};
+use crate::{Acts, Campaign, Effect, GapError, Model, Parameter};
 use faer::Mat;
 use nalgebra::DVector;
 use rayon::prelude::*;
+use std::ops::Range;
+use std::sync::Arc;
 
 /// Most Gauss-Newton steps, and halvings of one.
 const MOST_STEPS: usize = 4;
@@ -68,16 +70,21 @@ impl Model {
             .collect()
     }
 
+    /// The effects, and where the parameters of each are among all.
+    pub(crate) fn places(&self) -> impl Iterator<Item = (&Arc<dyn Effect>, Range<usize>)> {
+        let mut next = 0;
+        self.parts.iter().map(move |(effect, theta)| {
+            let own = next..next + theta.len();
+            next = own.end;
+            (effect, own)
+        })
+    }
+
     /// The same effects with other parameters.
     #[must_use]
     pub fn at(&self, theta: &[f64]) -> Self {
-        let mut next = 0;
-        let parts = (self.parts.iter())
-            .map(|(effect, own)| {
-                let own = next..next + own.len();
-                next = own.end;
-                (effect.clone(), theta[own].to_vec())
-            })
+        let parts = (self.places())
+            .map(|(effect, own)| (effect.clone(), theta[own].to_vec()))
             .collect();
         Self { parts }
     }

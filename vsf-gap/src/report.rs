@@ -178,12 +178,10 @@ impl EffectReport {
 
     /// Of effects that are named together, parameters are those that they have together.
     pub(crate) fn together(&mut self, campaign: &Campaign, named: &Refined) {
-        let mut of_part = 0;
-        for (effect, theta) in &named.model.parts {
-            let own = of_part..of_part + theta.len();
-            of_part = own.end;
+        for (effect, own) in named.model.places() {
             if effect.name() == self.effect {
-                self.estimate(campaign, effect.as_ref(), theta, &named.sd[own]);
+                let (theta, sd) = (&named.theta[own.clone()], &named.sd[own]);
+                self.estimate(campaign, effect.as_ref(), theta, sd);
             }
         }
     }

@@ -106,16 +106,17 @@ impl<'a> Trial<'a> {
         };
         let all: Vec<&Motion> = sequences.iter().collect();
         let nominal = Model::default();
+        let logs = whole.contact_logs(&nominal, &all)?;
         // Of an arm that touches nothing, motion is all that there is to explain.
         let free = match thinned.lacks(Need::Contact) {
             Some(_) => Vec::new(),
-            None => free_blocks(sequences, &whole.contact_logs(&nominal, &all)?),
+            None => free_blocks(sequences, &logs),
         };
         Ok(Self {
             whole,
             thinned,
             sequences,
-            before: whole.residuals(&nominal, field, &all)?,
+            before: whole.residuals_in(&nominal, field, &all, &all, &logs)?,
             free,
             seed,
         })
@@ -166,28 +167,19 @@ impl<'a> Trial<'a> {
         };
         let mut noise = of_means(BLOCK);
         // What the tare took for zero is off by its own noise, in all blocks alike.
-        if let Some(tare) = self
-            .sequences
-            .iter()
-            .map(|m| m.tare)
-            .filter(|t| *t > 0)
-            .min()
-        {
+        let tares = self.sequences.iter().map(|m| m.tare);
+        if let Some(tare) = tares.filter(|t| *t > 0).min() {
             noise += TARE * TARE * of_means(tare);
         }
         (squares[squares.len() / 2] - noise).max(0.0).sqrt()
     }
 
-    /// What a model, `None` for the nominal one, leaves in free motion (N m or N), if it is much: beyond
-    /// noise, and most of what the nominal model leaves there. A model that predicts worse may leave more.
-    fn much_left_free(&self, checked: Option<&Checked>) -> Option<f64> {
-        let before = self.left_free(&self.before);
-        let after = checked.map_or(before, |c| self.left_free(&c.residuals).min(before));
+    /// From which size on (N m or N) what is left in free motion is much.
+    fn noticed(&self) -> f64 {
         let readings = self.sequences.iter().flat_map(|m| m.reading.data());
         let samples = self.sequences.iter().map(Motion::len).sum::<usize>().max(1) as f64;
         let rms = (readings.map(|v| v * v).sum::<f64>() / samples).sqrt();
-        let noticed = (NOTICED * noise_norm(&self.whole.noise)).max(LEAST * rms);
-        (after > noticed && after > REMAINS * before).then_some(after)
+        (NOTICED * noise_norm(&self.whole.noise)).max(LEAST * rms)
     }
 
     /// Judges the hypotheses, and leaves aside the best one as long as it does not stand.
@@ -199,10 +191,12 @@ impl<'a> Trial<'a> {
         mut hypotheses: Vec<Hypothesis<'h>>,
         nominal: &Nominal,
     ) -> Result<Conclusion<'h>, GapError> {
-        let of_nominal = match nominal.perfect {
-            true => None,
-            false => self.much_left_free(None),
+        let before = match nominal.perfect {
+            true => 0.0,
+            false => self.left_free(&self.before),
         };
+        let noticed = self.noticed();
+        let much = |after: f64| (after > noticed && after > REMAINS * before).then_some(after);
         let mut tried = Vec::new();
         loop {
             let judged = judge(&hypotheses, nominal);
@@ -211,7 +205,7 @@ impl<'a> Trial<'a> {
                     judged,
                     corrected: None,
                     tried,
-                    left_free: of_nominal,
+                    left_free: much(before),
                 });
             };
             let refined = hypotheses[i].refined;
@@ -226,7 +220,8 @@ impl<'a> Trial<'a> {
             if hypotheses[i].stands(closed, worse) {
                 return Ok(Conclusion {
                     judged,
-                    left_free: of_nominal.and_then(|_| self.much_left_free(Some(&checked))),
+                    // A model that predicts worse may leave more.
+                    left_free: much(self.left_free(&checked.residuals).min(before)),
                     corrected: (!worse).then_some((refined, checked)),
                     tried,
                 });

@@ -2,6 +2,7 @@ use crate::evidence::Spread;
 use crate::refine::Refined;
 use crate::{Acts, Effect};
 use serde::{Deserialize, Serialize};
+use std::ops::Range;
 use std::sync::Arc;
 
 /// Nats for one e-fold of probability. Models are never quite right, so that evidence overstates
@@ -96,21 +97,19 @@ impl<'a> Hypothesis<'a> {
         rough: f64,
         alone: impl Fn(&str) -> Option<f64>,
     ) -> Self {
-        let mut of_part = 0;
-        let mut needed = |(e, theta): &(Arc<dyn Effect>, Vec<f64>)| {
-            let own = of_part..of_part + theta.len();
-            of_part = own.end;
-            let of_special_case =
-                match e.exceeds(theta, &refined.sd[own.clone()], &refined.prior.sd[own]) {
-                    true => 0.0,
-                    false => e.extends().and_then(&alone).unwrap_or(0.0).max(0.0),
-                };
+        let needed = |(e, own): (&Arc<dyn Effect>, Range<usize>)| {
+            let [theta, sd, prior_sd] =
+                [&refined.theta, &refined.sd, &refined.prior.sd].map(|of| &of[own.clone()]);
+            let of_special_case = match e.exceeds(theta, sd, prior_sd) {
+                true => 0.0,
+                false => e.extends().and_then(&alone).unwrap_or(0.0).max(0.0),
+            };
             threshold(e.as_ref(), rough) + MISFIT * of_special_case
         };
         Self {
             refined,
             gain: refined.log_evidence - base,
-            threshold: refined.model.parts.iter().map(&mut needed).sum(),
+            threshold: refined.model.places().map(needed).sum(),
             rough,
         }
     }

@@ -1,7 +1,9 @@
 //! Rigid motion of links, and the weight and inertia of what moves with them.
 
+use crate::Sample;
 use nalgebra::{Point3, Vector3};
 use vsf_core::Posture;
+use vsf_data::TorqueKind;
 
 /// Velocity and acceleration of a link, its linear parts those of its point at the world origin.
 pub(super) struct RigidMotion {
@@ -15,13 +17,26 @@ pub(super) struct RigidMotion {
 
 impl RigidMotion {
     /// Of a link that stands still.
-    pub(super) fn rest() -> Self {
+    fn rest() -> Self {
         let zero = Vector3::zeros();
         Self {
             w: zero,
             v: zero,
             dw: zero,
             dv: zero,
+        }
+    }
+
+    /// Of `link` as far as readings of this kind have it in them: external ones are freed of motion.
+    pub(super) fn in_readings(
+        kind: TorqueKind,
+        posture: &Posture,
+        link: usize,
+        sample: &Sample<'_>,
+    ) -> Self {
+        match kind {
+            TorqueKind::Measured => Self::of(posture, link, sample.qd, sample.qdd),
+            TorqueKind::External => Self::rest(),
         }
     }
 

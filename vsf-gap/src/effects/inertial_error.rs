@@ -35,12 +35,7 @@ struct Masses {
     gravity: Vector3<f64>,
     links: Vec<Body>,
     rotors: Vec<f64>,
-    /// Whether the readings have the motion of the arm in them.
-    moves: bool,
-}
-
-fn moves(site: &Site) -> bool {
-    site.torque_kind == TorqueKind::Measured
+    torque_kind: TorqueKind,
 }
 
 impl Effect for InertialError {
@@ -95,7 +90,7 @@ impl Effect for InertialError {
             ]
         };
         let mut parameters: Vec<Parameter> = (0..site.joints()).flat_map(of_link).collect();
-        if moves(site) {
+        if site.torque_kind == TorqueKind::Measured {
             let unit = unit(site, "kg m^2", "kg");
             parameters.extend(per_joint(site, "I", unit, [0.0, 10.0], 0.02));
         }
@@ -103,15 +98,14 @@ impl Effect for InertialError {
     }
 
     fn compensator(&self, site: &Site, theta: &[f64]) -> Result<Box<dyn Compensator>, GapError> {
-        let (d, moves) = (site.joints(), moves(site));
-        check(self.name(), theta, if moves { 5 * d } else { 4 * d })?;
-        let (links, rotors) = theta.split_at(4 * d);
+        check(self.name(), theta, self.parameters(site).len())?;
+        let (links, rotors) = theta.split_at(4 * site.joints());
         Ok(Box::new(Masses {
             robot: site.robot.clone(),
             gravity: site.gravity,
             links: links.chunks_exact(4).map(Body::new).collect(),
             rotors: rotors.to_vec(),
-            moves,
+            torque_kind: site.torque_kind,
         }))
     }
 }
@@ -120,11 +114,9 @@ impl Compensator for Masses {
     fn torques(&mut self, sample: &Sample<'_>, touch: &Touch<'_>, tau: &mut [f64]) {
         let posture = touch.posture;
         for (joint, body) in self.robot.joints().iter().zip(&self.links) {
-            let motion = match self.moves {
-                true => RigidMotion::of(posture, joint.child(), sample.qd, sample.qdd),
-                false => RigidMotion::rest(),
-            };
-            body.load(posture, joint.child(), &self.gravity, &motion, tau);
+            let link = joint.child();
+            let motion = RigidMotion::in_readings(self.torque_kind, posture, link, sample);
+            body.load(posture, link, &self.gravity, &motion, tau);
         }
         for ((t, rotor), a) in tau.iter_mut().zip(&self.rotors).zip(sample.qdd) {
             *t -= rotor * a;

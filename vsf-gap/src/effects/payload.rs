@@ -21,8 +21,7 @@ struct Carried {
     body: Body,
     link: usize,
     gravity: Vector3<f64>,
-    /// The readings hold the motion of the arm.
-    moves: bool,
+    torque_kind: TorqueKind,
 }
 
 impl Effect for Payload {
@@ -56,7 +55,7 @@ impl Effect for Payload {
             body: Body::new(theta),
             link,
             gravity: site.gravity,
-            moves: site.torque_kind == TorqueKind::Measured,
+            torque_kind: site.torque_kind,
         }))
     }
 }
@@ -64,10 +63,7 @@ impl Effect for Payload {
 impl Compensator for Carried {
     fn torques(&mut self, sample: &Sample<'_>, touch: &Touch<'_>, tau: &mut [f64]) {
         let (posture, link) = (touch.posture, self.link);
-        let motion = match self.moves {
-            true => RigidMotion::of(posture, link, sample.qd, sample.qdd),
-            false => RigidMotion::rest(),
-        };
+        let motion = RigidMotion::in_readings(self.torque_kind, posture, link, sample);
         self.body.load(posture, link, &self.gravity, &motion, tau);
     }
 }
