@@ -4,6 +4,7 @@ use crate::{ContactLog, GapError, Model, effect::slides};
 use nalgebra::Vector3;
 use std::ops::Range;
 use std::sync::Arc;
+use vsf_core::Contacts;
 use vsf_data::{Dataset, Sequence, Table, TorqueKind};
 use vsf_pipeline::{
     Scene, SceneOptions, external_torques, motion_of, rigid_body_torques, robot_of,
@@ -108,6 +109,8 @@ pub struct Campaign {
     /// Whether the last train sequence checks, for want of a test split.
     pub(crate) held_out: bool,
     touched: Touched,
+    /// Whether the train sequences hold samples in which nothing is touched.
+    moves_free: bool,
 }
 
 /// A point is touched again once it was let off and pressed anew by this share of its deepest touch.
@@ -218,12 +221,15 @@ impl Campaign {
             noise: Vec::new(),
             held_out,
             touched: Touched::Nothing,
+            moves_free: false,
         };
         let motions: Vec<&Motion> = campaign.train.iter().collect();
         let logs = campaign.contact_logs(&Model::default(), &motions)?;
         let touched = Touched::of(campaign.site.rest.len(), &logs);
         let noise = noise_floor(&motions, &logs, campaign.site.joints());
+        let moves_free = (logs.iter().flat_map(|l| &l.contacts)).any(Contacts::is_empty);
         (campaign.noise, campaign.touched) = (noise, touched);
+        campaign.moves_free = moves_free;
         Ok(campaign)
     }
 
@@ -257,6 +263,7 @@ impl Campaign {
             noise: self.noise.iter().map(|n| n.of_means(by)).collect(),
             held_out: self.held_out,
             touched: self.touched,
+            moves_free: self.moves_free,
         })
     }
 
@@ -279,6 +286,10 @@ impl Campaign {
             Need::Retouch => (
                 self.touched < Touched::Again,
                 "no point is touched twice in the train sequences",
+            ),
+            Need::FreeMotion => (
+                site.joints() < 2 && !self.moves_free,
+                "the only joint is in contact all the time in the train sequences",
             ),
         };
         lack.0.then(|| lack.1.to_owned())

@@ -2,12 +2,13 @@ use crate::alike::Likeness;
 use crate::closure::noise_norm;
 use crate::locate::locate;
 use crate::next::next_experiment;
-use crate::report::{Diagnosis, EffectReport, Gap, Outcome};
+use crate::plain::Plain;
+use crate::report::{Diagnosis, EffectReport, Gap, Outcome, STIFFNESS_FIELD};
 use crate::search::Search;
 use crate::trial::{Checked, Conclusion, Trial};
 use crate::verdict::{Kind, Nominal};
 use crate::windows::Windows;
-use crate::{Campaign, Effect, GapError, Model, Motion};
+use crate::{Campaign, Effect, GapError, Model, Motion, Parameter};
 use std::sync::Arc;
 
 /// Fewest samples of a window that contact is run through.
@@ -16,6 +17,8 @@ const PER_WINDOW: usize = 5;
 const CHECKED: usize = 3;
 /// Effects that close this share of the gap explain it, however rough the rest.
 const MOSTLY: f64 = 0.5;
+/// From this share of its information on, that the stiffness absorbs, an effect may be what the field shows.
+const ABSORBED: f64 = 0.95;
 /// A model whose error is no more than this many times that of a perfect one leaves no gap.
 const PERFECT: f64 = 1.1;
 
@@ -79,12 +82,34 @@ pub fn diagnose(
     let nominal = Nominal {
         spread: search.spread,
         touches: search.nominal.touches(),
-        left: search.energy_left(),
+        left: search.share_left(),
         perfect: trial.before.mean_error() <= PERFECT * noise_floor,
     };
-    let conclusion = trial.judge(search.hypotheses(), &nominal)?;
-    let effects = reports(&thinned, &search, &trial, &conclusion)?;
-    let notes = notes(campaign, &trial, &conclusion, &nominal);
+    let mut conclusion = trial.judge(search.hypotheses(), &nominal)?;
+    let mut notes = notes(campaign, &trial, &conclusion, &nominal);
+    let likeness = Likeness::new(&search)?;
+    let in_field = in_field(&search, &likeness);
+    notes.extend(
+        in_field
+            .first()
+            .map(|(plain, share)| told(campaign, plain, *share)),
+    );
+    let named = conclusion.corrected.as_ref();
+    let explained = named.is_some_and(|(_, c)| c.closure.fraction >= MOSTLY);
+    let unknown = conclusion.judged.verdict.kind == Kind::Unknown;
+    if !(in_field.is_empty() || explained || unknown) {
+        let names = in_field.iter().map(|(p, _)| p.effect.name().to_owned());
+        conclusion.or_field(names.collect());
+    }
+    let mut effects = reports(&thinned, &search, &likeness, &trial, &conclusion)?;
+    for report in &mut effects {
+        if in_field
+            .iter()
+            .any(|(p, _)| p.effect.name() == report.effect)
+        {
+            report.ambiguous_with.push(STIFFNESS_FIELD.to_owned());
+        }
+    }
     let aside: Vec<String> = (conclusion.aside().iter())
         .flat_map(|t| t.effects.iter().cloned())
         .collect();
@@ -152,10 +177,10 @@ pub fn diagnose(
 fn reports(
     campaign: &Campaign,
     search: &Search<'_>,
+    likeness: &Likeness<'_>,
     trial: &Trial<'_>,
     conclusion: &Conclusion<'_>,
 ) -> Result<Vec<EffectReport>, GapError> {
-    let likeness = Likeness::new(search)?;
     let probabilities = &conclusion.judged.probabilities;
     let mut reports = Vec::new();
     for candidate in &search.candidates {
@@ -184,11 +209,50 @@ fn reports(
     }
     reports.sort_by(|a, b| {
         let fitted = |r: &EffectReport| r.roughness.is_some();
-        (fitted(b).cmp(&fitted(a))).then(b.probability.total_cmp(&a.probability))
+        (b.probability.total_cmp(&a.probability)).then(fitted(b).cmp(&fitted(a)))
     });
     let untestable = search.untestable.iter();
     reports.extend(untestable.map(|(e, reason)| EffectReport::untestable(e.as_ref(), reason)));
     Ok(reports)
+}
+
+/// The effects that explain with one stiffness everywhere what the field explains, and absorbs; and the share
+/// that they explain.
+fn in_field<'s>(search: &'s Search<'_>, likeness: &Likeness<'_>) -> Vec<(&'s Plain, f64)> {
+    let mut found = search.plainly.instead_of_field(search.left());
+    found.retain(|(plain, _)| {
+        let mut candidates = search.candidates.iter();
+        let own = candidates.find(|c| c.effect.name() == plain.effect.name());
+        let absorbed = own.and_then(|c| likeness.absorbed(c));
+        absorbed.is_some_and(|share| share >= ABSORBED)
+    });
+    found
+}
+
+/// A note of that.
+fn told(campaign: &Campaign, plain: &Plain, share: f64) -> String {
+    let value = |(p, v): (Parameter, &f64)| {
+        let unit = if p.unit == "1" {
+            String::new()
+        } else {
+            format!(" {}", p.unit)
+        };
+        format!("{} {v:.3e}{unit}", p.name)
+    };
+    let parameters = plain.effect.parameters(&campaign.site);
+    let theta: Vec<String> = parameters
+        .into_iter()
+        .zip(&plain.theta)
+        .map(value)
+        .collect();
+    format!(
+        "one stiffness everywhere ({:.3} N/m) and {} ({}) explain {:.0} % of what a stiffness that differs from place \
+         to place explains beyond a uniform one: these recordings do not tell the one from the other",
+        plain.stiffness,
+        plain.effect.name(),
+        theta.join(", "),
+        100.0 * share
+    )
 }
 
 /// What a reader should know.

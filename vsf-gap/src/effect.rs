@@ -31,6 +31,9 @@ pub enum Need {
     Joints,
     /// At least two touches of the same points.
     Retouch,
+    /// Motion in which nothing is touched, or joints that one contact does not push alike: to a single
+    /// joint that touches all the time, a constant torque is a surface that lies elsewhere.
+    FreeMotion,
 }
 
 /// Whether the prediction depends on a parameter from zero on, or only gives an effect its form.

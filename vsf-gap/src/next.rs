@@ -1,4 +1,4 @@
-use crate::report::EffectReport;
+use crate::report::{EffectReport, STIFFNESS_FIELD};
 use crate::verdict::{Kind, Verdict};
 use serde::{Deserialize, Serialize};
 
@@ -141,6 +141,18 @@ pub(crate) fn next_experiment(verdict: &Verdict, effects: &[EffectReport]) -> Ne
         .map(|e| (told(e), e))
         .max_by(|a, b| a.0.total_cmp(&b.0))
         .filter(|(told, _)| *told > 0.0);
+    let in_field =
+        |e: &&EffectReport| named(e) && e.ambiguous_with.iter().any(|w| w == STIFFNESS_FIELD);
+    let undecided = verdict.kind == Kind::NotDiagnosable;
+    if let Some(effect) = effects.iter().find(in_field).filter(|_| undecided) {
+        return NextExperiment {
+            action: "touch the same object from another side, as deep".to_owned(),
+            why: format!(
+                "{} comes along, a stiffness that differs from place to place stays where it is",
+                effect.effect
+            ),
+        };
+    }
     let names = || {
         let names: Vec<&str> = survivors.iter().map(|e| e.effect.as_str()).collect();
         names.join(", ")

@@ -33,6 +33,10 @@ const JOINT: [f64; 3] = [0.0, 0.05, 0.2];
 const POINT: [f64; 3] = [0.3, 1.0, 3.0];
 const SMOOTH: [f64; 3] = [0.3, 1.0, 3.0];
 const LEVEL: f64 = 3.0;
+/// Factors by which both are raised further where the largest suits best, as where a few layers are a
+/// hundred times as stiff as the rest; most times that they are.
+const RAISE: f64 = 3.0;
+const MOST_RAISED: usize = 4;
 /// A uniform stiffness that differs by less than this factor calls for no other spread.
 const RESCALE: f64 = 1.4;
 
@@ -176,32 +180,60 @@ impl Fitted<'_> {
             tried.par_iter().map(|s| self.log_evidence(s)).collect();
         let found = found?;
         let best = best_of(&found);
-        let (mut spread, mut value) = (tried[best], found[best]);
-        // Steps of the lattice are wide: an effect that scales the field would profit from them.
-        for factor in [1.7, 1.3] {
-            let around = [
-                (factor, 1.0),
-                (1.0 / factor, 1.0),
-                (1.0, factor),
-                (1.0, 1.0 / factor),
-                (factor, factor),
-                (1.0 / factor, 1.0 / factor),
-            ]
-            .map(|(point, smooth)| Spread {
-                point: point * spread.point,
-                smooth: smooth * spread.smooth,
-                ..spread
-            });
-            let values: Vec<f64> = (around.par_iter())
-                .map(|s| self.log_evidence(s))
-                .collect::<Result<_, GapError>>()?;
-            for (s, v) in around.into_iter().zip(values) {
-                if v > value {
-                    (spread, value) = (s, v);
-                }
+        let mut best = (tried[best], found[best]);
+        for _ in 0..MOST_RAISED {
+            let value = best.1;
+            let up = [(RAISE, 1.0), (1.0, RAISE), (RAISE, RAISE)];
+            let largest = [(best.0.point, POINT[2]), (best.0.smooth, SMOOTH[2])];
+            if (largest.iter()).any(|(own, most)| *own >= most * self.uniform) {
+                best = self.better(best, &up)?;
+            }
+            if best.1 == value {
+                break;
             }
         }
-        Ok(spread)
+        // Steps of the lattice are wide: an effect that scales the field would profit from them.
+        for factor in [1.7, 1.3] {
+            let less = 1.0 / factor;
+            let around = [
+                (factor, 1.0),
+                (less, 1.0),
+                (1.0, factor),
+                (1.0, less),
+                (factor, factor),
+                (less, less),
+            ];
+            best = self.better(best, &around)?;
+        }
+        Ok(best.0)
+    }
+
+    /// The spread with the largest evidence among one, whose evidence is known, and those with its parts of
+    /// single points and of the smooth field times pairs of factors.
+    ///
+    /// # Errors
+    /// A covariance that is not positive definite.
+    fn better(
+        &self,
+        (spread, value): (Spread, f64),
+        factors: &[(f64, f64)],
+    ) -> Result<(Spread, f64), GapError> {
+        let found: Vec<(Spread, f64)> = (factors.par_iter())
+            .map(|(point, smooth)| {
+                let spread = Spread {
+                    point: point * spread.point,
+                    smooth: smooth * spread.smooth,
+                    ..spread
+                };
+                Ok((spread, self.log_evidence(&spread)?))
+            })
+            .collect::<Result<_, GapError>>()?;
+        Ok((found.into_iter()).fold(
+            (spread, value),
+            |best, next| {
+                if next.1 > best.1 { next } else { best }
+            },
+        ))
     }
 
     /// A spread of the stiffness that was chosen for another model, or the same in proportion to this

@@ -9,6 +9,9 @@ use crate::verdict::Verdict;
 use crate::{Campaign, Effect, Model, Parameter, Role};
 use serde::{Deserialize, Serialize};
 
+/// Stands for the stiffness field among what effects are not told from.
+pub const STIFFNESS_FIELD: &str = "stiffness_field";
+
 /// A parameter of an effect, estimated.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Estimate {
@@ -48,7 +51,8 @@ pub struct EffectReport {
     pub absorbed_share: Option<f64>,
     /// What the model with it leaves unexplained; `null` where it was not fitted.
     pub roughness: Option<Roughness>,
-    /// Effects that these recordings cannot tell from it.
+    /// What these recordings cannot tell from it: effects, and [`STIFFNESS_FIELD`] where it explains, with one
+    /// stiffness everywhere, what a field explains that differs from place to place.
     pub ambiguous_with: Vec<String>,
     /// Whether the recording can show it.
     pub testable: bool,

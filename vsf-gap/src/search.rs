@@ -4,6 +4,7 @@ use crate::diagnose::Step;
 use crate::effect::{EVIDENT, check_effect};
 use crate::evidence::Spread;
 use crate::nominal::Fitted;
+use crate::plain::Plainly;
 use crate::refine::Refined;
 use crate::screen::{Screened, Tangent, best_of, log_mean_exp, screen};
 use crate::verdict::{Hypothesis, needed_beside, threshold};
@@ -28,6 +29,8 @@ pub(crate) struct Search<'a> {
     pub(crate) spread: Spread,
     /// The log evidence of the nominal model (nats, without constants).
     pub(crate) base: f64,
+    /// One stiffness everywhere, alone and with effects.
+    pub(crate) plainly: Plainly,
     /// The effects that the recording can show, best first.
     pub(crate) candidates: Vec<Candidate>,
     /// The best model of two of them, if the second earned it.
@@ -71,14 +74,17 @@ impl Search<'_> {
             .collect()
     }
 
-    /// Share of the energy of the readings that the nominal model leaves.
-    pub(crate) fn energy_left(&self) -> f64 {
-        let energy = |x: &[f64]| x.iter().map(|x| x * x).sum::<f64>();
+    /// The energy of the readings over windows that the nominal model leaves.
+    pub(crate) fn left(&self) -> f64 {
         let predicted = self.nominal.predicted(&self.field);
-        let left: Vec<f64> = (self.nominal.readings.iter().zip(&predicted))
-            .map(|(y, p)| y - p)
-            .collect();
-        energy(&left) / energy(&self.nominal.readings).max(f64::MIN_POSITIVE)
+        let readings = self.nominal.readings.iter();
+        readings.zip(&predicted).map(|(y, p)| (y - p).powi(2)).sum()
+    }
+
+    /// The share of their energy that it leaves.
+    pub(crate) fn share_left(&self) -> f64 {
+        let energy: f64 = self.nominal.readings.iter().map(|y| y * y).sum();
+        self.left() / energy.max(f64::MIN_POSITIVE)
     }
 }
 
@@ -145,6 +151,8 @@ impl Campaign {
         let screening = screen(&nominal, &torques, &tangents, &spreads)?;
         let screened_base = log_mean_exp(&screening.nominal);
         let mut candidates = best_starts(&tangents, &screening.candidates, screened_base);
+        let shown = candidates.iter().map(|c| &c.effect);
+        let plainly = self.plainly(&nominal, shown)?;
         let smoothest = spreads[best_of(&screening.nominal)];
         // Stiffness is not negative, in any model that is compared.
         let (field, _) = self.field(&mut nominal, &smoothest)?;
@@ -171,6 +179,7 @@ impl Campaign {
             field,
             spread,
             base,
+            plainly,
             candidates,
             pair,
             untestable,

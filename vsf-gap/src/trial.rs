@@ -87,6 +87,12 @@ impl Conclusion<'_> {
     pub(crate) fn aside(&self) -> &[Tried] {
         &self.tried[..self.tried.len() - usize::from(self.judged.named.is_some())]
     }
+
+    /// Leaves undecided what the field shows: itself, or effects that it imitates. Nothing is corrected.
+    pub(crate) fn or_field(&mut self, effects: Vec<String>) {
+        self.judged.or_field(effects);
+        self.corrected = None;
+    }
 }
 
 impl<'a> Trial<'a> {

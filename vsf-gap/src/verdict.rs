@@ -185,6 +185,25 @@ pub(crate) struct Judged {
     pub(crate) probabilities: Vec<(String, f64)>,
 }
 
+impl Judged {
+    /// Leaves undecided which of some effects, or the field that imitates them, is the cause; all are equally
+    /// likely.
+    pub(crate) fn or_field(&mut self, effects: Vec<String>) {
+        let p = 1.0 / (1 + effects.len()) as f64;
+        let verdict = &mut self.verdict;
+        verdict.effect_set_95.retain(|e| !effects.contains(e));
+        verdict.effect_set_95.splice(..0, effects.iter().cloned());
+        (verdict.kind, verdict.probability) = (Kind::NotDiagnosable, p);
+        for effect in &effects {
+            match self.probabilities.iter_mut().find(|(e, _)| e == effect) {
+                Some((_, known)) => *known = known.max(p),
+                None => self.probabilities.push((effect.clone(), p)),
+            }
+        }
+        verdict.effects = effects;
+    }
+}
+
 /// Weighs the hypotheses against each other and against no gap.
 pub(crate) fn judge(hypotheses: &[Hypothesis<'_>], nominal: &Nominal) -> Judged {
     let weight = |h: &Hypothesis<'_>| (h.gain - h.threshold) / TEMPERATURE;

@@ -1,5 +1,5 @@
 use crate::console::number;
-use vsf::gap::{Diagnosis, EffectReport, Kind, Of};
+use vsf::gap::{Diagnosis, EffectReport, Kind, Of, STIFFNESS_FIELD};
 
 /// Test errors beyond so many noise floors are explained to the reader.
 const ROUGH: f64 = 3.0;
@@ -40,11 +40,21 @@ pub fn verdict(diagnosis: &Diagnosis) -> String {
                 "Unknown: something acts that none of the effects looked for explains; {effects} {verb} closest."
             )
         }
+        Kind::NotDiagnosable if like_field(diagnosis) => format!(
+            "Not diagnosable: {effects}, or an object whose stiffness differs from place to place; this recording does not tell."
+        ),
         Kind::NotDiagnosable => format!(
             "Not diagnosable: something acts, but this recording fits {} alike.",
             verdict.effect_set_95.join(", ")
         ),
     }
+}
+
+/// Whether the effects named may be what the field shows.
+fn like_field(diagnosis: &Diagnosis) -> bool {
+    let named = |e: &&EffectReport| diagnosis.verdict.effects.contains(&e.effect);
+    let mut named = diagnosis.effects.iter().filter(named).peekable();
+    named.peek().is_some() && named.all(|e| e.ambiguous_with.iter().any(|w| w == STIFFNESS_FIELD))
 }
 
 /// The errors before and after in one sentence.

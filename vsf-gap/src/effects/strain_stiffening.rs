@@ -41,13 +41,13 @@ impl Effect for StrainStiffening {
 
     fn parameters(&self, _: &Site) -> Vec<Parameter> {
         vec![
-            Parameter::amplitude("beta", "1/m^2", [0.0, 2e4], 200.0),
+            Parameter::amplitude("beta", "1/m^2", [0.0, 1e5], 200.0),
             Parameter::shape("n", "1", [1.0, 4.0], 0.3),
         ]
     }
 
     fn starts(&self, _: &Site) -> Vec<Vec<f64>> {
-        [2.0, 1.0].map(|n| vec![0.0, n]).to_vec()
+        [2.0, 1.0, 4.0].map(|n| vec![0.0, n]).to_vec()
     }
 
     fn compensator(&self, _: &Site, theta: &[f64]) -> Result<Box<dyn Compensator>, GapError> {

@@ -29,14 +29,13 @@ impl Effect for TorqueBias {
     }
 
     fn needs(&self) -> &[Need] {
-        &[]
+        &[Need::FreeMotion]
     }
 
     fn untestable(&self, campaign: &Campaign) -> Option<String> {
         let tared = campaign.session().iter().all(|m| m.tare > 0);
-        tared.then(|| {
-            "the readings are relative to their mean at the begin of every sequence".into()
-        })
+        let lost = "the readings are relative to their mean at the begin of every sequence";
+        (tared.then(|| lost.to_owned())).or_else(|| campaign.lacks(Need::FreeMotion))
     }
 
     fn parameters(&self, site: &Site) -> Vec<Parameter> {

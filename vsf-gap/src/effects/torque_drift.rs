@@ -50,7 +50,7 @@ impl Effect for TorqueDrift {
     }
 
     fn needs(&self) -> &[Need] {
-        &[]
+        &[Need::FreeMotion]
     }
 
     fn parameters(&self, site: &Site) -> Vec<Parameter> {
