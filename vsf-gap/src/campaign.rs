@@ -108,9 +108,9 @@ pub struct Campaign {
     pub noise: Vec<JointNoise>,
     /// Whether the last train sequence checks, for want of a test split.
     pub(crate) held_out: bool,
-    touched: Touched,
+    pub(crate) touched: Touched,
     /// Whether the train sequences hold samples in which nothing is touched.
-    moves_free: bool,
+    pub(crate) moves_free: bool,
 }
 
 /// A point is touched again once it was let off and pressed anew by this share of its deepest touch.
@@ -118,7 +118,7 @@ const ANEW: f64 = 0.2;
 
 /// What the train sequences touch.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
-enum Touched {
+pub(crate) enum Touched {
     Nothing,
     /// Every point once at most.
     Once,

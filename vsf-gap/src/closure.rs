@@ -121,7 +121,7 @@ impl Campaign {
             .map(|m| vec![0.0; m.len() * joints])
             .collect();
         let place: Vec<Option<usize>> = (session.iter())
-            .map(|m| motions.iter().position(|asked| asked.id == m.id))
+            .map(|m| motions.iter().position(|asked| asked.is(m)))
             .collect();
         self.predict(model, session, logs, |s, row, touch, prediction| {
             if let Some(k) = place[s] {

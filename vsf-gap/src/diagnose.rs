@@ -1,22 +1,22 @@
 use crate::alike::Likeness;
 use crate::closure::noise_norm;
+use crate::halves::of_sequences;
 use crate::locate::locate;
 use crate::next::next_experiment;
+use crate::notes::{notes, told};
 use crate::plain::Plain;
-use crate::report::{Diagnosis, EffectReport, Gap, Outcome, STIFFNESS_FIELD};
+use crate::report::{Diagnosis, EffectReport, Gap, MOSTLY, Outcome, STIFFNESS_FIELD};
 use crate::search::Search;
 use crate::trial::{Checked, Conclusion, Trial};
 use crate::verdict::{Kind, Nominal};
 use crate::windows::Windows;
-use crate::{Campaign, Effect, GapError, Model, Motion, Parameter};
+use crate::{Campaign, Effect, GapError, Model, Motion};
 use std::sync::Arc;
 
 /// Fewest samples of a window that contact is run through.
 const PER_WINDOW: usize = 5;
 /// Effects of which it is told how they do on the test sequences.
 const CHECKED: usize = 3;
-/// Effects that close this share of the gap explain it, however rough the rest.
-const MOSTLY: f64 = 0.5;
 /// From this share of its information on, that the stiffness absorbs, an effect may be what the field shows.
 const ABSORBED: f64 = 0.95;
 /// A model whose error is no more than this many times that of a perfect one leaves no gap.
@@ -35,16 +35,19 @@ pub enum Step {
     Pairs,
     /// Models are checked on the test sequences.
     Check,
+    /// What differs from sequence to sequence is looked for with half of every test sequence.
+    Halves,
 }
 
 impl Step {
     /// All steps in order.
-    pub const ALL: [Self; 5] = [
+    pub const ALL: [Self; 6] = [
         Self::Nominal,
         Self::Screen,
         Self::Finalists,
         Self::Pairs,
         Self::Check,
+        Self::Halves,
     ];
 }
 
@@ -61,6 +64,31 @@ pub fn diagnose(
     seed: u64,
     mut progress: impl FnMut(Step),
 ) -> Result<Outcome, GapError> {
+    let first = attempt(campaign, name, effects, seed, &mut progress)?;
+    let verdict = &first.diagnosis.verdict;
+    let own = of_sequences(campaign, effects);
+    if own.is_empty() || first.explains() || verdict.kind == Kind::Unknown {
+        return Ok(first);
+    }
+    progress(Step::Halves);
+    let Some(halved) = campaign.halved()? else {
+        return Ok(first);
+    };
+    let second = attempt(&halved, name, &own, seed, &mut |_| {})?;
+    match second.diagnosis.verdict.kind == Kind::Effects && second.explains() {
+        true => Ok(second.in_place_of(first)),
+        false => Ok(first),
+    }
+}
+
+/// The diagnosis of a campaign as it is split.
+fn attempt(
+    campaign: &Campaign,
+    name: &str,
+    effects: &[Arc<dyn Effect>],
+    seed: u64,
+    progress: &mut impl FnMut(Step),
+) -> Result<Outcome, GapError> {
     if campaign.train.is_empty() {
         return Err(GapError::TooLittle {
             what: "train sequences",
@@ -74,7 +102,7 @@ pub fn diagnose(
     };
     // What is fitted sees windows only; the full recording checks it.
     let thinned = campaign.thinned(by.max(1))?;
-    let search = thinned.search(effects, &mut progress)?;
+    let search = thinned.search(effects, progress)?;
 
     progress(Step::Check);
     let trial = Trial::new(campaign, &thinned, &search.field, seed)?;
@@ -168,6 +196,7 @@ pub fn diagnose(
         model,
         sd,
         field,
+        checked: checked.to_vec(),
         nominal: before,
         corrected: after,
     })
@@ -227,84 +256,4 @@ fn in_field<'s>(search: &'s Search<'_>, likeness: &Likeness<'_>) -> Vec<(&'s Pla
         absorbed.is_some_and(|share| share >= ABSORBED)
     });
     found
-}
-
-/// A note of that.
-fn told(campaign: &Campaign, plain: &Plain, share: f64) -> String {
-    let value = |(p, v): (Parameter, &f64)| {
-        let unit = if p.unit == "1" {
-            String::new()
-        } else {
-            format!(" {}", p.unit)
-        };
-        format!("{} {v:.3e}{unit}", p.name)
-    };
-    let parameters = plain.effect.parameters(&campaign.site);
-    let theta: Vec<String> = parameters
-        .into_iter()
-        .zip(&plain.theta)
-        .map(value)
-        .collect();
-    format!(
-        "one stiffness everywhere ({:.3} N/m) and {} ({}) explain {:.0} % of what a stiffness that differs from place \
-         to place explains beyond a uniform one: these recordings do not tell the one from the other",
-        plain.stiffness,
-        plain.effect.name(),
-        theta.join(", "),
-        100.0 * share
-    )
-}
-
-/// What a reader should know.
-fn notes(
-    campaign: &Campaign,
-    trial: &Trial<'_>,
-    conclusion: &Conclusion<'_>,
-    nominal: &Nominal,
-) -> Vec<String> {
-    let mut notes = Vec::new();
-    if campaign.test.is_empty() {
-        notes.push("there is one sequence only: errors are those of the fit itself".to_owned());
-    }
-    if let Some(last) = campaign.test.first().filter(|_| campaign.held_out) {
-        notes.push(format!(
-            "there is no test split: sequence {} is held out",
-            last.id
-        ));
-    }
-    let before = trial.before.mean_error();
-    let verdict = &conclusion.judged.verdict;
-    if conclusion.judged.named.is_some() && conclusion.corrected.is_none() {
-        let which = verdict.effects.join(" and ");
-        let error = conclusion.tried.last().map_or(before, |t| t.error);
-        notes.push(format!(
-            "with {which} the test sequences are predicted worse ({error:.3} instead of {before:.3}): \
-             the corrected model is the nominal one"
-        ));
-    }
-    if verdict.effects.is_empty() && nominal.contradicts() {
-        notes.push(format!(
-            "no stiffness explains what is felt in contact: the best one leaves {:.0} % of its energy; check \
-             the sign and the unit of the torques, base_pose and points",
-            100.0 * nominal.left
-        ));
-    }
-    if let Some(left) = conclusion.left_free {
-        let unit = campaign.scene.error_unit();
-        notes.push(format!(
-            "in free motion {left:.3} {unit} persist on the test sequences, which no stiffness explains and no named \
-             effect takes away"
-        ));
-    }
-    let aside = (conclusion.aside().iter())
-        .map(|t| format!("{} ({:.3})", t.effects.join(" and "), t.error));
-    let aside: Vec<String> = aside.collect();
-    if !aside.is_empty() {
-        notes.push(format!(
-            "left aside, since the test sequences do not bear them out enough for what they gain on the \
-             train sequences: {}; test error without them {before:.3}",
-            aside.join(", ")
-        ));
-    }
-    notes
 }

@@ -112,8 +112,12 @@ pub(crate) fn locate(
     for (sequence, motion) in all.iter().copied().enumerate() {
         let logs = campaign.contact_logs(&nominal, &[motion])?;
         let phases = campaign.phases(motion, &logs[0]);
-        let tested = checked.iter().position(|m| m.id == motion.id);
-        ids.push(motion.id.clone());
+        let tested = checked.iter().position(|m| m.is(motion));
+        // Parts of one sequence are one.
+        let of = (ids.iter().position(|id| *id == motion.id)).unwrap_or_else(|| {
+            ids.push(motion.id.clone());
+            ids.len() - 1
+        });
         for (row, &phase) in phases.iter().enumerate() {
             let touch = Touch {
                 rest: &campaign.site.rest,
@@ -135,7 +139,7 @@ pub(crate) fn locate(
                 None => excess.clone().unwrap_or_default(),
             };
             rows.push(Row {
-                sequence,
+                sequence: of,
                 phase,
                 link: at.map(|(link, _)| link),
                 place: at.map(|(_, p)| p),

@@ -27,8 +27,8 @@ pub(crate) struct Fitted<'a> {
 }
 
 /// Roughness of contact and of joints that are tried.
-const CONTACT: [f64; 3] = [0.03, 0.1, 0.3];
-const JOINT: [f64; 3] = [0.0, 0.05, 0.2];
+pub(crate) const CONTACT: [f64; 3] = [0.03, 0.1, 0.3];
+pub(crate) const JOINT: [f64; 3] = [0.0, 0.05, 0.2];
 /// Spread of single points and of the smooth part, in units of the uniform stiffness.
 const POINT: [f64; 3] = [0.3, 1.0, 3.0];
 const SMOOTH: [f64; 3] = [0.3, 1.0, 3.0];
@@ -37,6 +37,8 @@ const LEVEL: f64 = 3.0;
 /// hundred times as stiff as the rest; most times that they are.
 const RAISE: f64 = 3.0;
 const MOST_RAISED: usize = 4;
+/// Nats for which a spread is raised further.
+const WORTHWHILE: f64 = 1.0;
 /// A uniform stiffness that differs by less than this factor calls for no other spread.
 const RESCALE: f64 = 1.4;
 
@@ -156,17 +158,17 @@ impl Fitted<'_> {
         -0.5 * (factor.log_det() + squares)
     }
 
-    /// The spread of the stiffness with the largest evidence at middling roughness.
+    /// The spread of the stiffness with the largest evidence, given the roughness of contact and of joints.
     ///
     /// # Errors
     /// A covariance that is not positive definite.
-    pub(crate) fn best_stiffness(&self) -> Result<Spread, GapError> {
+    pub(crate) fn best_stiffness(&self, contact: f64, joint: f64) -> Result<Spread, GapError> {
         let spread = |point: f64, smooth: f64| Spread {
             point: point * self.uniform,
             smooth: smooth * self.uniform,
             level: LEVEL * self.uniform,
-            contact: CONTACT[1],
-            joint: JOINT[1],
+            contact,
+            joint,
             white: 0.0,
         };
         if !self.touches() {
@@ -181,17 +183,6 @@ impl Fitted<'_> {
         let found = found?;
         let best = best_of(&found);
         let mut best = (tried[best], found[best]);
-        for _ in 0..MOST_RAISED {
-            let value = best.1;
-            let up = [(RAISE, 1.0), (1.0, RAISE), (RAISE, RAISE)];
-            let largest = [(best.0.point, POINT[2]), (best.0.smooth, SMOOTH[2])];
-            if (largest.iter()).any(|(own, most)| *own >= most * self.uniform) {
-                best = self.better(best, &up)?;
-            }
-            if best.1 == value {
-                break;
-            }
-        }
         // Steps of the lattice are wide: an effect that scales the field would profit from them.
         for factor in [1.7, 1.3] {
             let less = 1.0 / factor;
@@ -204,6 +195,28 @@ impl Fitted<'_> {
                 (less, less),
             ];
             best = self.better(best, &around)?;
+        }
+        Ok(best.0)
+    }
+
+    /// A spread of the stiffness that suits best within the lattice, or a larger one where it lies at its
+    /// upper edge.
+    ///
+    /// # Errors
+    /// A covariance that is not positive definite.
+    pub(crate) fn raised(&self, spread: &Spread) -> Result<Spread, GapError> {
+        let largest = [(spread.point, POINT[2]), (spread.smooth, SMOOTH[2])];
+        let inside = |(own, most): &(f64, f64)| *own < most * self.uniform;
+        if !self.touches() || largest.iter().all(inside) {
+            return Ok(*spread);
+        }
+        let mut best = (*spread, self.log_evidence(spread)?);
+        for _ in 0..MOST_RAISED {
+            let value = best.1;
+            best = self.better(best, &[(RAISE, 1.0), (1.0, RAISE), (RAISE, RAISE)])?;
+            if best.1 < value + WORTHWHILE {
+                break;
+            }
         }
         Ok(best.0)
     }

@@ -175,6 +175,33 @@ impl Campaign {
         })
     }
 
+    /// A fitted model once more, with the spread of the stiffness that suits it best, if that does better: the
+    /// one of the nominal model makes up for what it lacks. Also from where the first fit started, since that
+    /// spread may have led it astray.
+    ///
+    /// # Errors
+    /// As [`Campaign::refine`].
+    pub(crate) fn with_own_spread(
+        &self,
+        refined: Refined,
+        start: &Model,
+    ) -> Result<Refined, GapError> {
+        let fitted = self.fitted(&refined.model, &self.train)?;
+        if !fitted.touches() {
+            return Ok(refined);
+        }
+        let own = fitted.best_stiffness(refined.spread.contact, refined.spread.joint)?;
+        let own = fitted.raised(&own)?;
+        let mut best = refined;
+        for from in [best.model.clone(), start.clone()] {
+            let again = self.refine(&from, best.prior.clone(), &own)?;
+            if again.log_evidence > best.log_evidence {
+                best = again;
+            }
+        }
+        Ok(best)
+    }
+
     /// Gives a fitted model the parameters that predict readings best, whatever persists in what it leaves.
     /// Weights that know how errors persist look at quick changes; there, the forms of effects are at their
     /// worst. Its evidence stays.

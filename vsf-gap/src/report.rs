@@ -6,11 +6,14 @@ use crate::next::NextExperiment;
 use crate::refine::Refined;
 use crate::search::Candidate;
 use crate::verdict::Verdict;
-use crate::{Campaign, Effect, Model, Parameter, Role};
+use crate::{Campaign, Effect, Model, Motion, Parameter, Role};
 use serde::{Deserialize, Serialize};
 
 /// Stands for the stiffness field among what effects are not told from.
 pub const STIFFNESS_FIELD: &str = "stiffness_field";
+
+/// Effects that close this share of the gap explain it, however rough the rest.
+pub(crate) const MOSTLY: f64 = 0.5;
 
 /// A parameter of an effect, estimated.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -121,10 +124,34 @@ pub struct Outcome {
     pub sd: Vec<f64>,
     /// The corrected model's field per rest point (N/m).
     pub field: Vec<f64>,
-    /// Residuals of the nominal model on the test sequences.
+    /// The sequences that check the models: those of the test split, or what of them was not fitted to.
+    pub checked: Vec<Motion>,
+    /// Residuals of the nominal model there.
     pub nominal: Residuals,
     /// Residuals of the corrected model there.
     pub corrected: Residuals,
+}
+
+impl Outcome {
+    /// Whether its corrected model closes most of the gap.
+    pub(crate) fn explains(&self) -> bool {
+        self.diagnosis.gap.closed_fraction >= MOSTLY
+    }
+
+    /// What halves of the test sequences show, instead of what whole ones did not, with the other effects.
+    pub(crate) fn in_place_of(mut self, whole: Self) -> Self {
+        let d = &mut self.diagnosis;
+        let mut others = whole.diagnosis.effects;
+        others.retain(|e| d.effects.iter().all(|own| own.effect != e.effect));
+        others.iter_mut().for_each(|e| e.probability = 0.0);
+        d.effects.extend(others);
+        d.notes.push(format!(
+            "{} differs from sequence to sequence: it is fitted to the first half of every test sequence as well; \
+             errors, and what is closed, are those of the second halves, of other effects those of whole sequences",
+            d.verdict.effects.join(" and ")
+        ));
+        self
+    }
 }
 
 impl EffectReport {

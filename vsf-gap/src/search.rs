@@ -3,7 +3,7 @@
 use crate::diagnose::Step;
 use crate::effect::{EVIDENT, check_effect};
 use crate::evidence::Spread;
-use crate::nominal::Fitted;
+use crate::nominal::{CONTACT, Fitted, JOINT};
 use crate::plain::Plainly;
 use crate::refine::Refined;
 use crate::screen::{Screened, Tangent, best_of, log_mean_exp, screen};
@@ -16,6 +16,8 @@ use std::sync::Arc;
 const FINALISTS: usize = 6;
 /// Second effects that are tried beside the best one.
 const SECONDS: usize = 2;
+/// From this gain on (nats) an effect explains so much that the stiffness may vary less than it seemed.
+const MUCH: f64 = 50.0;
 /// An effect that screening puts so far below the best (nats) is no finalist.
 const HOPELESS: f64 = 400.0;
 
@@ -51,6 +53,17 @@ pub(crate) struct Candidate {
     pub(crate) refined: Option<Refined>,
 }
 
+/// What effects are measured against.
+struct Standard {
+    /// Log evidence of the nominal model.
+    base: f64,
+    /// The spread that suits it best, within the lattice of the stiffness.
+    spread: Spread,
+    /// From this gain on (nats) an effect gets a spread of its own. All do where that of the nominal model lies
+    /// beyond the lattice.
+    much: f64,
+}
+
 impl Candidate {
     /// Gain of log evidence (nats); in screening if it was not fitted.
     pub(crate) fn score(&self, base: f64) -> f64 {
@@ -70,7 +83,11 @@ impl Search<'_> {
         };
         let single = self.candidates.iter().filter_map(|c| c.refined.as_ref());
         (single.chain(&self.pair))
-            .map(|refined| Hypothesis::new(refined, self.base, self.spread.contact, alone))
+            .map(|refined| {
+                // Roughness that the effects take away is not the contact's own.
+                let rough = self.spread.contact.min(refined.spread.contact);
+                Hypothesis::new(refined, self.base, rough, alone)
+            })
             .collect()
     }
 
@@ -131,7 +148,7 @@ impl Campaign {
         progress(Step::Nominal);
         let model = Model::default();
         let mut nominal = self.fitted(&model, &self.train)?;
-        let stiffness = nominal.best_stiffness()?;
+        let stiffness = nominal.best_stiffness(CONTACT[1], JOINT[1])?;
         let field = self.non_negative(&nominal, &stiffness)?;
         let spreads = nominal.roughness(&stiffness);
 
@@ -154,8 +171,10 @@ impl Campaign {
         let shown = candidates.iter().map(|c| &c.effect);
         let plainly = self.plainly(&nominal, shown)?;
         let smoothest = spreads[best_of(&screening.nominal)];
+        let raised = nominal.raised(&smoothest)?;
+        let spreads = nominal.roughness(&raised);
         // Stiffness is not negative, in any model that is compared.
-        let (field, _) = self.field(&mut nominal, &smoothest)?;
+        let (field, _) = self.field(&mut nominal, &raised)?;
         let without: Vec<f64> = (spreads.par_iter())
             .map(|s| nominal.log_evidence(s))
             .collect::<Result<_, _>>()?;
@@ -163,10 +182,22 @@ impl Campaign {
         let spread = spreads[best_of(&without)];
 
         progress(Step::Finalists);
-        self.finalists(&tangents, &mut candidates, base, &spread)?;
+        let standard = Standard {
+            base,
+            spread: Spread {
+                contact: spread.contact,
+                joint: spread.joint,
+                ..smoothest
+            },
+            much: match raised == smoothest {
+                true => MUCH,
+                false => f64::NEG_INFINITY,
+            },
+        };
+        self.finalists(&tangents, &mut candidates, &standard)?;
 
         progress(Step::Pairs);
-        let mut pair = self.pair(&tangents, &mut candidates, base, &spread)?;
+        let mut pair = self.pair(&tangents, &mut candidates, &standard)?;
         best_first(&mut candidates, base);
         if !nominal.touches() {
             let models = candidates.iter_mut().filter_map(|c| c.refined.as_mut());
@@ -192,12 +223,12 @@ impl Campaign {
         &self,
         tangents: &[Tangent],
         candidates: &mut [Candidate],
-        base: f64,
-        spread: &Spread,
+        standard: &Standard,
     ) -> Result<(), GapError> {
+        let base = standard.base;
         let refine = |candidate: &mut Candidate| {
             let tangent = &tangents[candidate.found.tangent];
-            candidate.refined = Some(self.refined(tangent, &candidate.found, spread)?);
+            candidate.refined = Some(self.refined(tangent, &candidate.found, standard)?);
             Ok::<f64, GapError>(candidate.score(base))
         };
         // What screening promises most may come to nothing: the others are measured against what it keeps.
@@ -221,10 +252,14 @@ impl Campaign {
         &self,
         tangent: &Tangent,
         found: &Screened,
-        spread: &Spread,
+        standard: &Standard,
     ) -> Result<Refined, GapError> {
-        let start = self.start(&Model::default(), tangent, found, spread)?;
-        self.refine(&start, tangent.prior(&self.site), &found.spread)
+        let start = self.start(&Model::default(), tangent, found, &standard.spread)?;
+        let refined = self.refine(&start, tangent.prior(&self.site), &found.spread)?;
+        match refined.log_evidence - standard.base > standard.much {
+            true => self.with_own_spread(refined, &start),
+            false => Ok(refined),
+        }
     }
 
     /// The best model of two effects, the best single one and another, if the other earns it. Others
@@ -233,9 +268,9 @@ impl Campaign {
         &self,
         tangents: &[Tangent],
         candidates: &mut [Candidate],
-        base: f64,
-        nominal: &Spread,
+        standard: &Standard,
     ) -> Result<Option<Refined>, GapError> {
+        let (base, rough) = (standard.base, standard.spread.contact);
         let Some((leader, rest)) = candidates.split_first_mut() else {
             return Ok(None);
         };
@@ -265,11 +300,7 @@ impl Campaign {
             let start = self.start(&best.model, tangent, &second.found, &best.spread)?;
             let prior = first.prior(&self.site).and(tangent.prior(&self.site));
             let refined = self.refine(&start, prior, &best.spread)?;
-            let needed = needed_beside(
-                tangent.effect.as_ref(),
-                best.log_evidence - base,
-                nominal.contact,
-            );
+            let needed = needed_beside(tangent.effect.as_ref(), best.log_evidence - base, rough);
             if refined.log_evidence - best.log_evidence <= needed {
                 continue;
             }
@@ -278,10 +309,10 @@ impl Campaign {
             if let Some(alone) = rest.iter_mut().find(|c| c.effect.name() == name) {
                 if alone.refined.is_none() {
                     let tangent = &tangents[alone.found.tangent];
-                    alone.refined = Some(self.refined(tangent, &alone.found, nominal)?);
+                    alone.refined = Some(self.refined(tangent, &alone.found, standard)?);
                 }
                 let gained = refined.log_evidence - base - alone.score(base);
-                if gained <= threshold(first.effect.as_ref(), nominal.contact) {
+                if gained <= threshold(first.effect.as_ref(), rough) {
                     continue;
                 }
             }

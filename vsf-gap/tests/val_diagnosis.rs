@@ -118,6 +118,30 @@ fn what_is_left_in_free_motion_is_unknown() {
     assert!((left - 0.4).abs() < 0.01, "{left}");
 }
 
+/// An object that lies elsewhere in every sequence shows where sequences touch the same places, the test
+/// sequences among them.
+#[test]
+fn an_object_that_is_put_back_elsewhere_shows_on_halves_of_the_test_sequences() {
+    let folder = tempfile::tempdir().unwrap();
+    let campaign = made(folder.path(), &["registration_offset"], 41);
+    let registration = effects::named(&["registration_offset"]).unwrap();
+    let outcome = diagnose(&campaign, "case", &registration, 0, |_| {}).unwrap();
+    let d = &outcome.diagnosis;
+    assert_eq!(d.verdict.kind, Kind::Effects);
+    assert_eq!(d.verdict.effects, ["registration_offset"]);
+    assert!(
+        d.gap.closed_interval[0] > 0.4,
+        "{:?}",
+        d.gap.closed_interval
+    );
+    assert!(d.notes.iter().any(|n| n.contains("second halves")));
+    let of_checked = outcome.checked.iter().zip(&outcome.nominal.rows);
+    for (motion, residuals) in of_checked {
+        assert!(motion.len() < 700 && residuals.len() == 7 * motion.len());
+    }
+    assert_eq!(d.r#where.sequence.len(), 6);
+}
+
 #[test]
 fn shares_are_shares_and_the_same_seed_gives_the_same_diagnosis() {
     let folder = tempfile::tempdir().unwrap();

@@ -28,10 +28,7 @@ struct Curves {
 
 /// Draws the sequence on which the nominal model is worst.
 pub fn torques(campaign: &Campaign, outcome: &Outcome) -> anyhow::Result<Option<Torques>> {
-    let checked = match campaign.test.is_empty() {
-        true => &campaign.train,
-        false => &campaign.test,
-    };
+    let checked = &outcome.checked;
     let error = |s: &usize| {
         let rows = &outcome.nominal.rows[*s];
         rows.iter().map(|r| r * r).sum::<f64>() / rows.len().max(1) as f64

@@ -1,0 +1,177 @@
+//! Test sequences cut in two. What is different in every sequence, such as where the object lies, shows where
+//! sequences touch the same places, and can be checked only on the sequence that it was fitted to.
+
+use crate::{Acts, Campaign, ContactLog, Effect, GapError, Model, Motion};
+use std::ops::Range;
+use std::sync::Arc;
+use vsf_data::Table;
+
+/// Share of the samples in contact that each part of a sequence holds at least.
+const LEAST: f64 = 0.25;
+
+/// The effects that move contacts in every sequence by parameters of its own.
+pub(crate) fn of_sequences(
+    campaign: &Campaign,
+    effects: &[Arc<dyn Effect>],
+) -> Vec<Arc<dyn Effect>> {
+    let own = |e: &&Arc<dyn Effect>| {
+        let mut parameters = e.parameters(&campaign.site).into_iter();
+        e.acts() == Acts::Contact && parameters.any(|p| p.sequence.is_some())
+    };
+    effects.iter().filter(own).cloned().collect()
+}
+
+impl Campaign {
+    /// The campaign with the first halves of its test sequences among the train sequences; the second halves
+    /// test. `None` where no test sequence lets go of the object in between.
+    ///
+    /// # Errors
+    /// Rows that contact cannot take.
+    pub(crate) fn halved(&self) -> Result<Option<Self>, GapError> {
+        let tested: Vec<&Motion> = self.test.iter().collect();
+        let logs = self.contact_logs(&Model::default(), &tested)?;
+        let (mut train, mut test) = (self.train.clone(), Vec::new());
+        for (motion, log) in tested.into_iter().zip(&logs) {
+            if let Some(row) = middle(motion, log) {
+                train.push(motion.part(0..row)?);
+                test.push(motion.part(row..motion.len())?);
+            }
+        }
+        let halved = Self {
+            site: self.site.clone(),
+            scene: self.scene.clone(),
+            train,
+            test,
+            noise: self.noise.clone(),
+            held_out: self.held_out,
+            touched: self.touched,
+            moves_free: self.moves_free,
+        };
+        Ok((!halved.test.is_empty()).then_some(halved))
+    }
+}
+
+/// The row nearest to the middle of the contact at which nothing is touched, or a touch begins.
+fn middle(motion: &Motion, log: &ContactLog) -> Option<usize> {
+    let touching = |row: usize| !log.contacts[row].is_empty();
+    let all = (0..motion.len()).filter(|row| touching(*row)).count();
+    let mut before = 0;
+    let mut best: Option<(f64, usize)> = None;
+    for row in 0..motion.len() {
+        let share = before as f64 / all.max(1) as f64;
+        let off = (share - 0.5).abs();
+        let free = !touching(row) || motion.touches.iter().any(|t| t.start == row);
+        if free && off <= 0.5 - LEAST && best.is_none_or(|(least, _)| off < least) {
+            best = Some((off, row));
+        }
+        before += usize::from(touching(row));
+    }
+    best.map(|(_, row)| row)
+}
+
+impl Motion {
+    /// Some rows in a row. The tare stays with the first.
+    fn part(&self, rows: Range<usize>) -> Result<Self, GapError> {
+        let cut = |table: &Table| {
+            let d = table.cols();
+            Table::new(d, table.data()[rows.start * d..rows.end * d].to_vec())
+        };
+        let inside = |t: &Range<usize>| {
+            let (start, end) = (t.start.max(rows.start), t.end.min(rows.end));
+            (start < end).then(|| start - rows.start..end - rows.start)
+        };
+        Ok(Self {
+            id: self.id.clone(),
+            clock: self.clock[rows.clone()].to_vec(),
+            q: cut(&self.q)?,
+            qd: cut(&self.qd)?,
+            qdd: cut(&self.qdd)?,
+            reading: cut(&self.reading)?,
+            smooth: cut(&self.smooth)?,
+            load: cut(&self.load)?,
+            touches: self.touches.iter().filter_map(inside).collect(),
+            tare: self.tare.saturating_sub(rows.start).min(rows.len()),
+        })
+    }
+
+    /// Whether it is the same part of the same sequence.
+    pub(crate) fn is(&self, other: &Self) -> bool {
+        self.id == other.id && self.clock.first() == other.clock.first()
+    }
+}
+
+#[cfg(test)]
+#[allow(clippy::unwrap_used)]
+mod tests {
+    use super::*;
+    use nalgebra::Vector3;
+    use vsf_core::Contacts;
+
+    /// A sequence of one joint; touched where `contact` says.
+    fn sequence(contact: &[bool], touches: Vec<Range<usize>>) -> (Motion, ContactLog) {
+        let n = contact.len();
+        let table = || Table::new(1, (0..n).map(|k| k as f64).collect()).unwrap();
+        let motion = Motion {
+            id: "a".to_owned(),
+            clock: (0..n).map(|k| 0.1 * k as f64).collect(),
+            q: table(),
+            qd: table(),
+            qdd: table(),
+            reading: table(),
+            smooth: table(),
+            load: table(),
+            touches,
+            tare: 2,
+        };
+        let contacts = contact.iter().map(|touched| {
+            let mut contacts = Contacts::new();
+            if *touched {
+                contacts.push(0, 0, Vector3::zeros(), Vector3::z()).unwrap();
+            }
+            contacts
+        });
+        let log = ContactLog {
+            postures: Vec::new(),
+            contacts: contacts.collect(),
+            forces: Vec::new(),
+            rigid: Vec::new(),
+        };
+        (motion, log)
+    }
+
+    fn pattern(text: &str) -> Vec<bool> {
+        text.chars().map(|c| c == '#').collect()
+    }
+
+    #[test]
+    fn sequences_are_cut_where_nothing_is_touched_near_the_middle_of_contact() {
+        let cut = |text: &str| {
+            let contact = pattern(text);
+            let (motion, log) = sequence(&contact, vec![0..contact.len()]);
+            middle(&motion, &log)
+        };
+        assert_eq!(cut("..###..####."), Some(5));
+        assert_eq!(cut("..#######.."), None);
+        assert_eq!(cut("#.##########"), None);
+        assert_eq!(cut("......"), None);
+        assert_eq!(cut(""), None);
+        let (motion, log) = sequence(&pattern("######"), vec![0..3, 3..6]);
+        assert_eq!(middle(&motion, &log), Some(3));
+    }
+
+    #[test]
+    fn parts_hold_their_rows_and_touches() {
+        let (motion, _) = sequence(&pattern("..##..##"), vec![0..3, 3..8]);
+        let [first, second] = [0..5, 5..8].map(|rows| motion.part(rows).unwrap());
+        assert_eq!((first.len(), second.len()), (5, 3));
+        assert_eq!(
+            (first.touches, second.touches),
+            (vec![0..3, 3..5], vec![0..3])
+        );
+        assert_eq!((first.tare, second.tare), (2, 0));
+        assert_eq!(second.q.data(), [5.0, 6.0, 7.0]);
+        assert_eq!(second.clock, motion.clock[5..]);
+        let [first, second] = [0..5, 5..8].map(|rows| motion.part(rows).unwrap().is(&motion));
+        assert!(first && !second);
+    }
+}

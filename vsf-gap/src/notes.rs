@@ -1,0 +1,86 @@
+//! What a reader of a diagnosis should know, in sentences.
+
+use crate::plain::Plain;
+use crate::trial::{Conclusion, Trial};
+use crate::verdict::Nominal;
+use crate::{Campaign, Parameter};
+
+/// That an effect with one stiffness everywhere explains a share of what the field does.
+pub(crate) fn told(campaign: &Campaign, plain: &Plain, share: f64) -> String {
+    let value = |(p, v): (Parameter, &f64)| {
+        let unit = if p.unit == "1" {
+            String::new()
+        } else {
+            format!(" {}", p.unit)
+        };
+        format!("{} {v:.3e}{unit}", p.name)
+    };
+    let parameters = plain.effect.parameters(&campaign.site);
+    let theta: Vec<String> = parameters
+        .into_iter()
+        .zip(&plain.theta)
+        .map(value)
+        .collect();
+    format!(
+        "one stiffness everywhere ({:.3} N/m) and {} ({}) explain {:.0} % of what a stiffness that differs from place \
+         to place explains beyond a uniform one: these recordings do not tell the one from the other",
+        plain.stiffness,
+        plain.effect.name(),
+        theta.join(", "),
+        100.0 * share
+    )
+}
+
+/// What the search and the trial left to say.
+pub(crate) fn notes(
+    campaign: &Campaign,
+    trial: &Trial<'_>,
+    conclusion: &Conclusion<'_>,
+    nominal: &Nominal,
+) -> Vec<String> {
+    let mut notes = Vec::new();
+    if campaign.test.is_empty() {
+        notes.push("there is one sequence only: errors are those of the fit itself".to_owned());
+    }
+    if let Some(last) = campaign.test.first().filter(|_| campaign.held_out) {
+        notes.push(format!(
+            "there is no test split: sequence {} is held out",
+            last.id
+        ));
+    }
+    let before = trial.before.mean_error();
+    let verdict = &conclusion.judged.verdict;
+    if conclusion.judged.named.is_some() && conclusion.corrected.is_none() {
+        let which = verdict.effects.join(" and ");
+        let error = conclusion.tried.last().map_or(before, |t| t.error);
+        notes.push(format!(
+            "with {which} the test sequences are predicted worse ({error:.3} instead of {before:.3}): \
+             the corrected model is the nominal one"
+        ));
+    }
+    if verdict.effects.is_empty() && nominal.contradicts() {
+        notes.push(format!(
+            "no stiffness explains what is felt in contact: the best one leaves {:.0} % of its energy; check \
+             the sign and the unit of the torques, base_pose and points",
+            100.0 * nominal.left
+        ));
+    }
+    if let Some(left) = conclusion.left_free {
+        let unit = campaign.scene.error_unit();
+        notes.push(format!(
+            "in free motion {left:.3} {unit} persist on the test sequences, which no stiffness explains and no named \
+             effect takes away"
+        ));
+    }
+    let aside = (conclusion.aside().iter())
+        .map(|t| format!("{} ({:.3})", t.effects.join(" and "), t.error));
+    let aside: Vec<String> = aside.collect();
+    if !aside.is_empty() {
+        notes.push(format!(
+            "left aside, since the test sequences do not bear them out enough for what they gain on the \
+             train sequences: {}; test error without them {before:.3}",
+            aside.join(", ")
+        ));
+    }
+    notes
+}
