@@ -4,7 +4,6 @@ use crate::{ContactLog, GapError, Model, effect::slides};
 use nalgebra::Vector3;
 use std::ops::Range;
 use std::sync::Arc;
-use vsf_core::Contacts;
 use vsf_data::{Dataset, Sequence, Table, TorqueKind};
 use vsf_pipeline::{
     Scene, SceneOptions, external_torques, motion_of, rigid_body_torques, robot_of,
@@ -109,12 +108,15 @@ pub struct Campaign {
     /// Whether the last train sequence checks, for want of a test split.
     pub(crate) held_out: bool,
     pub(crate) touched: Touched,
-    /// Whether the train sequences hold samples in which nothing is touched.
+    /// Whether the train sequences hold free motion.
     pub(crate) moves_free: bool,
 }
 
 /// A point is touched again once it was let off and pressed anew by this share of its deepest touch.
 const ANEW: f64 = 0.2;
+
+/// Samples without contact that are free motion.
+const FREE: usize = 16;
 
 /// What the train sequences touch.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
@@ -227,7 +229,8 @@ impl Campaign {
         let logs = campaign.contact_logs(&Model::default(), &motions)?;
         let touched = Touched::of(campaign.site.rest.len(), &logs);
         let noise = noise_floor(&motions, &logs, campaign.site.joints());
-        let moves_free = (logs.iter().flat_map(|l| &l.contacts)).any(Contacts::is_empty);
+        let free = (logs.iter().flat_map(|l| &l.contacts)).filter(|c| c.is_empty());
+        let moves_free = free.count() >= FREE;
         (campaign.noise, campaign.touched) = (noise, touched);
         campaign.moves_free = moves_free;
         Ok(campaign)
@@ -236,10 +239,7 @@ impl Campaign {
     /// All sequences in session order.
     pub fn session(&self) -> Vec<&Motion> {
         let mut all: Vec<&Motion> = self.train.iter().chain(&self.test).collect();
-        all.sort_by(|a, b| {
-            let start = |m: &Motion| m.clock.first().copied().unwrap_or(0.0);
-            start(a).total_cmp(&start(b))
-        });
+        all.sort_by(|a, b| a.begin().total_cmp(&b.begin()));
         all
     }
 

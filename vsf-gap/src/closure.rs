@@ -120,12 +120,23 @@ impl Campaign {
             .iter()
             .map(|m| vec![0.0; m.len() * joints])
             .collect();
-        let place: Vec<Option<usize>> = (session.iter())
-            .map(|m| motions.iter().position(|asked| asked.is(m)))
-            .collect();
+        // What is asked for may be a part of a sequence of the session.
+        let mut places = vec![Vec::new(); session.len()];
+        for (k, asked) in motions.iter().enumerate() {
+            let found = session.iter().enumerate().find_map(|(s, m)| {
+                let first = (m.clock.iter()).position(|t| *t == asked.begin())?;
+                let inside = m.id == asked.id && first + asked.len() <= m.len();
+                inside.then_some((s, first))
+            });
+            let Some((s, first)) = found.filter(|_| !asked.is_empty()) else {
+                continue;
+            };
+            places[s].push((k, first..first + asked.len()));
+        }
         self.predict(model, session, logs, |s, row, touch, prediction| {
-            if let Some(k) = place[s] {
-                prediction.apply(touch, field, &mut predicted[k][row * joints..][..joints]);
+            for (k, rows) in places[s].iter().filter(|(_, rows)| rows.contains(&row)) {
+                let own = (row - rows.start) * joints;
+                prediction.apply(touch, field, &mut predicted[*k][own..][..joints]);
             }
         })?;
         let rows = (motions.iter().zip(&predicted))

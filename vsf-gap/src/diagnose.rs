@@ -5,7 +5,7 @@ use crate::locate::locate;
 use crate::next::next_experiment;
 use crate::notes::{notes, told};
 use crate::plain::Plain;
-use crate::report::{Diagnosis, EffectReport, Gap, MOSTLY, Outcome, STIFFNESS_FIELD};
+use crate::report::{Diagnosis, EffectReport, Gap, MOSTLY, Outcome, STIFFNESS_FIELD, is_perfect};
 use crate::search::Search;
 use crate::trial::{Checked, Conclusion, Trial};
 use crate::verdict::{Kind, Nominal};
@@ -18,9 +18,7 @@ const PER_WINDOW: usize = 5;
 /// Effects of which it is told how they do on the test sequences.
 const CHECKED: usize = 3;
 /// From this share of its information on, that the stiffness absorbs, an effect may be what the field shows.
-const ABSORBED: f64 = 0.95;
-/// A model whose error is no more than this many times that of a perfect one leaves no gap.
-const PERFECT: f64 = 1.1;
+const TAKEN_UP: f64 = 0.95;
 
 /// One step of a diagnosis, for progress reports.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -64,21 +62,35 @@ pub fn diagnose(
     seed: u64,
     mut progress: impl FnMut(Step),
 ) -> Result<Outcome, GapError> {
-    let first = attempt(campaign, name, effects, seed, &mut progress)?;
-    let verdict = &first.diagnosis.verdict;
+    let first = attempt(campaign, name, effects, seed, Split::Whole, &mut progress)?;
     let own = of_sequences(campaign, effects);
-    if own.is_empty() || first.explains() || verdict.kind == Kind::Unknown {
+    if own.is_empty() || !first.is_open() {
         return Ok(first);
     }
     progress(Step::Halves);
     let Some(halved) = campaign.halved()? else {
         return Ok(first);
     };
-    let second = attempt(&halved, name, &own, seed, &mut |_| {})?;
-    match second.diagnosis.verdict.kind == Kind::Effects && second.explains() {
+    // What was named without explaining much competes, or belongs to it.
+    let named = &first.diagnosis.verdict.effects;
+    let rivals = effects.iter().filter(|e| {
+        named.iter().any(|n| n == e.name()) && own.iter().all(|o| o.name() != e.name())
+    });
+    let candidates: Vec<Arc<dyn Effect>> = own.iter().chain(rivals).cloned().collect();
+    let second = attempt(&halved, name, &candidates, seed, Split::Halves, &mut |_| {})?;
+    match second.shows(&own) {
         true => Ok(second.in_place_of(first)),
         false => Ok(first),
     }
+}
+
+/// How a campaign is split.
+#[derive(Clone, Copy, PartialEq)]
+enum Split {
+    /// As the recording has it.
+    Whole,
+    /// With halves of test sequences among the train sequences. Only what closes most of the gap counts then.
+    Halves,
 }
 
 /// The diagnosis of a campaign as it is split.
@@ -87,6 +99,7 @@ fn attempt(
     name: &str,
     effects: &[Arc<dyn Effect>],
     seed: u64,
+    split: Split,
     progress: &mut impl FnMut(Step),
 ) -> Result<Outcome, GapError> {
     if campaign.train.is_empty() {
@@ -111,32 +124,31 @@ fn attempt(
         spread: search.spread,
         touches: search.nominal.touches(),
         left: search.share_left(),
-        perfect: trial.before.mean_error() <= PERFECT * noise_floor,
+        perfect: is_perfect(trial.before.mean_error(), noise_floor),
     };
-    let mut conclusion = trial.judge(search.hypotheses(), &nominal)?;
-    let mut notes = notes(campaign, &trial, &conclusion, &nominal);
+    let hypotheses = search.hypotheses(split == Split::Halves);
+    let mut conclusion = trial.judge(hypotheses, &nominal)?;
     let likeness = Likeness::new(&search)?;
-    let in_field = in_field(&search, &likeness);
-    notes.extend(
-        in_field
-            .first()
-            .map(|(plain, share)| told(campaign, plain, *share)),
-    );
-    let named = conclusion.corrected.as_ref();
-    let explained = named.is_some_and(|(_, c)| c.closure.fraction >= MOSTLY);
-    let unknown = conclusion.judged.verdict.kind == Kind::Unknown;
-    if !(in_field.is_empty() || explained || unknown) {
+    let in_field = match nominal.perfect {
+        true => Vec::new(),
+        false => in_field(&thinned, &search, &likeness)?,
+    };
+    let undecided = !in_field.is_empty() && conclusion.leaves_field();
+    if undecided {
         let names = in_field.iter().map(|(p, _)| p.effect.name().to_owned());
         conclusion.or_field(names.collect());
     }
+    let mut notes = notes(campaign, &trial, &conclusion, &nominal);
+    if let Some((plain, share)) = in_field.first().filter(|_| undecided) {
+        notes.push(told(campaign, plain, *share));
+    }
     let mut effects = reports(&thinned, &search, &likeness, &trial, &conclusion)?;
-    for report in &mut effects {
-        if in_field
-            .iter()
-            .any(|(p, _)| p.effect.name() == report.effect)
-        {
-            report.ambiguous_with.push(STIFFNESS_FIELD.to_owned());
-        }
+    let is_like_field = |e: &&mut EffectReport| {
+        let names = in_field.iter().map(|(p, _)| p.effect.name());
+        names.into_iter().any(|name| name == e.effect)
+    };
+    for report in effects.iter_mut().filter(is_like_field) {
+        report.ambiguous_with.push(STIFFNESS_FIELD.to_owned());
     }
     let aside: Vec<String> = (conclusion.aside().iter())
         .flat_map(|t| t.effects.iter().cloned())
@@ -247,13 +259,18 @@ fn reports(
 
 /// The effects that explain with one stiffness everywhere what the field explains, and absorbs; and the share
 /// that they explain.
-fn in_field<'s>(search: &'s Search<'_>, likeness: &Likeness<'_>) -> Vec<(&'s Plain, f64)> {
-    let mut found = search.plainly.instead_of_field(search.left());
+fn in_field<'s>(
+    campaign: &Campaign,
+    search: &'s Search<'_>,
+    likeness: &Likeness<'_>,
+) -> Result<Vec<(&'s Plain, f64)>, GapError> {
+    let free = search.left();
+    let mut found = search.plainly.instead_of_field(campaign, free)?;
     found.retain(|(plain, _)| {
         let mut candidates = search.candidates.iter();
         let own = candidates.find(|c| c.effect.name() == plain.effect.name());
         let absorbed = own.and_then(|c| likeness.absorbed(c));
-        absorbed.is_some_and(|share| share >= ABSORBED)
+        absorbed.is_some_and(|share| share >= TAKEN_UP)
     });
-    found
+    Ok(found)
 }

@@ -31,8 +31,8 @@ pub enum Need {
     Joints,
     /// At least two touches of the same points.
     Retouch,
-    /// Motion in which nothing is touched, or joints that one contact does not push alike: to a single
-    /// joint that touches all the time, a constant torque is a surface that lies elsewhere.
+    /// Motion in which nothing is touched, or at least two joints: to a single joint that touches all the time,
+    /// a constant torque is a surface that lies elsewhere.
     FreeMotion,
 }
 

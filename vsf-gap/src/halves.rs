@@ -23,7 +23,8 @@ pub(crate) fn of_sequences(
 
 impl Campaign {
     /// The campaign with the first halves of its test sequences among the train sequences; the second halves
-    /// test. `None` where no test sequence lets go of the object in between.
+    /// test. Left out are test sequences that do not let go of the object in between, or whose readings are
+    /// relative to their begin, which a second half does not have. `None` where all are.
     ///
     /// # Errors
     /// Rows that contact cannot take.
@@ -32,18 +33,19 @@ impl Campaign {
         let logs = self.contact_logs(&Model::default(), &tested)?;
         let (mut train, mut test) = (self.train.clone(), Vec::new());
         for (motion, log) in tested.into_iter().zip(&logs) {
-            if let Some(row) = middle(motion, log) {
+            if let Some(row) = middle(motion, log).filter(|_| motion.tare == 0) {
                 train.push(motion.part(0..row)?);
                 test.push(motion.part(row..motion.len())?);
             }
         }
+        train.sort_by(|a, b| a.begin().total_cmp(&b.begin()));
         let halved = Self {
             site: self.site.clone(),
             scene: self.scene.clone(),
             train,
             test,
             noise: self.noise.clone(),
-            held_out: self.held_out,
+            held_out: false,
             touched: self.touched,
             moves_free: self.moves_free,
         };
@@ -51,26 +53,37 @@ impl Campaign {
     }
 }
 
-/// The row nearest to the middle of the contact at which nothing is touched, or a touch begins.
+/// The row in the middle of the free motion, or the begin of a touch, that is nearest to the middle of the
+/// contact.
 fn middle(motion: &Motion, log: &ContactLog) -> Option<usize> {
     let touching = |row: usize| !log.contacts[row].is_empty();
     let all = (0..motion.len()).filter(|row| touching(*row)).count();
+    let mut begins = vec![false; motion.len()];
+    let nonempty = motion.touches.iter().filter(|t| !t.is_empty());
+    nonempty.for_each(|t| begins[t.start] = true);
     let mut before = 0;
-    let mut best: Option<(f64, usize)> = None;
-    for row in 0..motion.len() {
-        let share = before as f64 / all.max(1) as f64;
-        let off = (share - 0.5).abs();
-        let free = !touching(row) || motion.touches.iter().any(|t| t.start == row);
-        if free && off <= 0.5 - LEAST && best.is_none_or(|(least, _)| off < least) {
-            best = Some((off, row));
+    let mut best: Option<(f64, Range<usize>)> = None;
+    for (row, begins) in begins.into_iter().enumerate() {
+        let off = (before as f64 / all.max(1) as f64 - 0.5).abs();
+        if (begins || !touching(row)) && off <= 0.5 - LEAST {
+            match &mut best {
+                Some((least, rows)) if off == *least => rows.end = row + 1,
+                Some((least, _)) if off > *least => {}
+                _ => best = Some((off, row..row + 1)),
+            }
         }
         before += usize::from(touching(row));
     }
-    best.map(|(_, row)| row)
+    best.map(|(_, rows)| rows.start + rows.len() / 2)
 }
 
 impl Motion {
-    /// Some rows in a row. The tare stays with the first.
+    /// When it begins, by the session's clock (s).
+    pub(crate) fn begin(&self) -> f64 {
+        self.clock.first().copied().unwrap_or(0.0)
+    }
+
+    /// A part of it.
     fn part(&self, rows: Range<usize>) -> Result<Self, GapError> {
         let cut = |table: &Table| {
             let d = table.cols();
@@ -96,12 +109,12 @@ impl Motion {
 
     /// Whether it is the same part of the same sequence.
     pub(crate) fn is(&self, other: &Self) -> bool {
-        self.id == other.id && self.clock.first() == other.clock.first()
+        self.id == other.id && self.begin() == other.begin()
     }
 }
 
 #[cfg(test)]
-#[allow(clippy::unwrap_used)]
+#[allow(clippy::unwrap_used, clippy::single_range_in_vec_init)]
 mod tests {
     use super::*;
     use nalgebra::Vector3;
@@ -150,7 +163,7 @@ mod tests {
             let (motion, log) = sequence(&contact, vec![0..contact.len()]);
             middle(&motion, &log)
         };
-        assert_eq!(cut("..###..####."), Some(5));
+        assert_eq!(cut("..###...####."), Some(6));
         assert_eq!(cut("..#######.."), None);
         assert_eq!(cut("#.##########"), None);
         assert_eq!(cut("......"), None);

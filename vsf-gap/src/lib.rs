@@ -16,13 +16,19 @@
 //!    of 30 % of the torque. Roughness is averaged over, so that an effect must explain better than
 //!    "something rough acts here".
 //! 4. **Finalists** are fitted together with the field by Gauss-Newton steps on the evidence, contacts
-//!    simulated anew, from several starts where an effect moves surfaces.
+//!    simulated anew, from several starts where an effect moves surfaces. Those that explain much get a
+//!    spread of the stiffness of their own: that of the nominal model makes up for what it lacks.
 //! 5. A second effect is added if it earns its place, and the first is kept only if the second does
 //!    not do as well alone.
 //! 6. **Verdict**: evidence beyond what the effect gains where nothing acts, as probabilities. Something
-//!    rough that no effect explains, or that remains in free motion, is *unknown*; several effects that fit alike are *not diagnosable*.
+//!    rough that no effect explains, or that remains in free motion, is *unknown*; several effects that fit
+//!    alike are *not diagnosable*, and so is one that with a single stiffness everywhere explains what the
+//!    field shows, as stiffening does of an object that grows stiff with depth.
 //! 7. **How far** is measured on the test sequences, with field and effect fitted to train. A corrected
 //!    model that predicts them worse is not given out.
+//! 8. What differs from sequence to sequence, as the place of an object that is put back, shows where
+//!    sequences touch the same places and cannot be known of others: if nothing else explains most of the gap,
+//!    it is fitted with the first half of every test sequence, and checked on the second halves.
 //!
 //! [`diagnose`] runs all of it. Time is dominated by the contact that effects change, some hundred runs
 //! over the train sequences, and by some hundred factorisations of at most 1300 rows.

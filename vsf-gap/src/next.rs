@@ -1,4 +1,4 @@
-use crate::report::{EffectReport, STIFFNESS_FIELD};
+use crate::report::EffectReport;
 use crate::verdict::{Kind, Verdict};
 use serde::{Deserialize, Serialize};
 
@@ -141,8 +141,7 @@ pub(crate) fn next_experiment(verdict: &Verdict, effects: &[EffectReport]) -> Ne
         .map(|e| (told(e), e))
         .max_by(|a, b| a.0.total_cmp(&b.0))
         .filter(|(told, _)| *told > 0.0);
-    let in_field =
-        |e: &&EffectReport| named(e) && e.ambiguous_with.iter().any(|w| w == STIFFNESS_FIELD);
+    let in_field = |e: &&EffectReport| named(e) && e.is_like_field();
     let undecided = verdict.kind == Kind::NotDiagnosable;
     if let Some(effect) = effects.iter().find(in_field).filter(|_| undecided) {
         return NextExperiment {

@@ -37,8 +37,8 @@ const LEVEL: f64 = 3.0;
 /// hundred times as stiff as the rest; most times that they are.
 const RAISE: f64 = 3.0;
 const MOST_RAISED: usize = 4;
-/// Nats for which a spread is raised further.
-const WORTHWHILE: f64 = 1.0;
+/// Nats for which a spread is raised once more.
+const WORTH_RAISING: f64 = 1.0;
 /// A uniform stiffness that differs by less than this factor calls for no other spread.
 const RESCALE: f64 = 1.4;
 
@@ -214,7 +214,7 @@ impl Fitted<'_> {
         for _ in 0..MOST_RAISED {
             let value = best.1;
             best = self.better(best, &[(RAISE, 1.0), (1.0, RAISE), (RAISE, RAISE)])?;
-            if best.1 < value + WORTHWHILE {
+            if best.1 < value + WORTH_RAISING {
                 break;
             }
         }

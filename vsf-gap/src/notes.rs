@@ -8,12 +8,14 @@ use crate::{Campaign, Parameter};
 /// That an effect with one stiffness everywhere explains a share of what the field does.
 pub(crate) fn told(campaign: &Campaign, plain: &Plain, share: f64) -> String {
     let value = |(p, v): (Parameter, &f64)| {
-        let unit = if p.unit == "1" {
-            String::new()
-        } else {
-            format!(" {}", p.unit)
+        let number = match *v == 0.0 || (1e-2..1e4).contains(&v.abs()) {
+            true => format!("{v:.3}"),
+            false => format!("{v:.3e}"),
         };
-        format!("{} {v:.3e}{unit}", p.name)
+        match p.unit {
+            "1" => format!("{} {number}", p.name),
+            unit => format!("{} {number} {unit}", p.name),
+        }
     };
     let parameters = plain.effect.parameters(&campaign.site);
     let theta: Vec<String> = parameters

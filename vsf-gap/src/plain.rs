@@ -33,17 +33,43 @@ pub(crate) struct Plainly {
 impl Plainly {
     /// The effects that explain as much as a free stiffness does, which leaves the energy `free`, and the
     /// share that they explain of what it explains beyond a uniform one; best first.
-    pub(crate) fn instead_of_field(&self, free: f64) -> Vec<(&Plain, f64)> {
+    ///
+    /// # Errors
+    /// Parameters that an effect cannot take.
+    pub(crate) fn instead_of_field(
+        &self,
+        campaign: &Campaign,
+        free: f64,
+    ) -> Result<Vec<(&Plain, f64)>, GapError> {
         let explained = self.alone - free;
-        if explained < CALLED_FOR * self.alone {
-            return Vec::new();
+        let mut same = Vec::new();
+        if explained < CALLED_FOR * self.alone || explained <= 0.0 {
+            return Ok(same);
         }
-        let share = |p: &Plain| (self.alone - p.left) / explained;
-        let mut same: Vec<(&Plain, f64)> = self.with.iter().map(|p| (p, share(p))).collect();
-        same.retain(|(_, share)| *share >= SAME);
+        let share = |left: f64| (self.alone - left) / explained;
+        for plain in self.with.iter().filter(|p| share(p.left) >= SAME) {
+            // Springs need not be linear in the parameters.
+            let model = Model::of(&plain.effect, &plain.theta);
+            let fitted = campaign.fitted(&model, &campaign.train)?;
+            let field = vec![1.0; campaign.site.rest.len()];
+            let rest = DVector::from_vec(fitted.rest());
+            let additive = &rest - DVector::from_column_slice(&fitted.readings);
+            let unit = DVector::from_vec(fitted.predicted(&field)) + additive;
+            let (_, left) = scaled(&unit, &rest);
+            if share(left) >= SAME {
+                same.push((plain, share(left)));
+            }
+        }
         same.sort_by(|a, b| b.1.total_cmp(&a.1));
-        same
+        Ok(same)
     }
+}
+
+/// The factor, not negative, that brings torques closest to the readings, and the energy that it leaves.
+fn scaled(torques: &DVector<f64>, readings: &DVector<f64>) -> (f64, f64) {
+    let factor = torques.dot(readings) / torques.norm_squared();
+    let factor = if factor > 0.0 { factor } else { 0.0 };
+    (factor, (readings - torques * factor).norm_squared())
 }
 
 impl Campaign {
@@ -61,7 +87,6 @@ impl Campaign {
         let readings = DVector::from_column_slice(&nominal.readings);
         let mut with: Vec<Plain> = Vec::new();
         for effect in effects.filter(|e| e.acts() == Acts::Springs) {
-            let parameters = effect.parameters(&self.site);
             let mut best: Option<Plain> = None;
             for tangent in self.tangents(&Model::default(), nominal, &field, effect)? {
                 let columns = (tangent.columns.iter()).map(|c| DVector::from_column_slice(c));
@@ -72,22 +97,20 @@ impl Campaign {
                     continue;
                 };
                 let fit = normal.solve(&(all.transpose() * &readings));
-                if fit[0] <= 0.0 {
-                    continue;
-                }
                 let mut theta = tangent.start.clone();
                 let mut predicted = unit.clone();
                 for (k, (&i, column)) in tangent.amplitudes.iter().zip(&columns).enumerate() {
-                    let [lo, hi] = parameters[i].bounds;
-                    theta[i] = (fit[k + 1] / fit[0]).clamp(lo, hi);
+                    let [lo, hi] = tangent.bounds[k];
+                    // Of an effect alone, without stiffness, there is never too much.
+                    theta[i] = match fit[0] > 0.0 {
+                        true => (fit[k + 1] / fit[0]).clamp(lo, hi),
+                        false if fit[k + 1] > 0.0 => hi,
+                        false => lo,
+                    };
                     predicted += column * theta[i];
                 }
-                let stiffness = predicted.dot(&readings) / predicted.norm_squared();
-                if !stiffness.is_finite() {
-                    continue;
-                }
-                let left = (&readings - predicted * stiffness).norm_squared();
-                if best.as_ref().is_none_or(|b| left < b.left) {
+                let (stiffness, left) = scaled(&predicted, &readings);
+                if stiffness > 0.0 && best.as_ref().is_none_or(|b| left < b.left) {
                     best = Some(Plain {
                         effect: effect.clone(),
                         theta,
@@ -98,9 +121,8 @@ impl Campaign {
             }
             with.extend(best);
         }
-        let scale = unit.dot(&readings) / unit.norm_squared().max(f64::MIN_POSITIVE);
         Ok(Plainly {
-            alone: (&readings - unit * scale).norm_squared(),
+            alone: scaled(&unit, &readings).1,
             with,
         })
     }

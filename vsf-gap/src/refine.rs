@@ -193,7 +193,12 @@ impl Campaign {
         let own = fitted.best_stiffness(refined.spread.contact, refined.spread.joint)?;
         let own = fitted.raised(&own)?;
         let mut best = refined;
-        for from in [best.model.clone(), start.clone()] {
+        let mut from = vec![best.model.clone()];
+        // Surfaces were searched for a start, which takes long.
+        if start.acts() != Acts::Contact {
+            from.push(start.clone());
+        }
+        for from in from {
             let again = self.refine(&from, best.prior.clone(), &own)?;
             if again.log_evidence > best.log_evidence {
                 best = again;

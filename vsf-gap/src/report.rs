@@ -5,15 +5,18 @@ use crate::locate::Where;
 use crate::next::NextExperiment;
 use crate::refine::Refined;
 use crate::search::Candidate;
-use crate::verdict::Verdict;
+use crate::verdict::{Kind, Verdict};
 use crate::{Campaign, Effect, Model, Motion, Parameter, Role};
 use serde::{Deserialize, Serialize};
+use std::sync::Arc;
 
 /// Stands for the stiffness field among what effects are not told from.
 pub const STIFFNESS_FIELD: &str = "stiffness_field";
 
 /// Effects that close this share of the gap explain it, however rough the rest.
 pub(crate) const MOSTLY: f64 = 0.5;
+/// A model whose error is no more than this many times that of a perfect one leaves no gap.
+const PERFECT: f64 = 1.1;
 
 /// A parameter of an effect, estimated.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -132,10 +135,27 @@ pub struct Outcome {
     pub corrected: Residuals,
 }
 
+/// Whether a model with this mean error leaves no gap, `noise_floor` being that of a perfect one.
+pub(crate) fn is_perfect(error: f64, noise_floor: f64) -> bool {
+    error <= PERFECT * noise_floor
+}
+
 impl Outcome {
-    /// Whether its corrected model closes most of the gap.
-    pub(crate) fn explains(&self) -> bool {
-        self.diagnosis.gap.closed_fraction >= MOSTLY
+    /// Whether a gap is left, of which it is not said that nothing known explains it.
+    pub(crate) fn is_open(&self) -> bool {
+        let gap = &self.diagnosis.gap;
+        let perfect = is_perfect(gap.test_error_nominal, gap.noise_floor);
+        !perfect && gap.closed_fraction < MOSTLY && self.diagnosis.verdict.kind != Kind::Unknown
+    }
+
+    /// Whether some of these effects are named, and the corrected model closes most of the gap.
+    pub(crate) fn shows(&self, effects: &[Arc<dyn Effect>]) -> bool {
+        let Diagnosis { verdict, gap, .. } = &self.diagnosis;
+        let named = effects
+            .iter()
+            .any(|e| gap.corrected_by.iter().any(|n| n == e.name()));
+        let closes = gap.closed_fraction >= MOSTLY && gap.closed_interval[0] > 0.0;
+        verdict.kind == Kind::Effects && named && closes
     }
 
     /// What halves of the test sequences show, instead of what whole ones did not, with the other effects.
@@ -143,11 +163,13 @@ impl Outcome {
         let d = &mut self.diagnosis;
         let mut others = whole.diagnosis.effects;
         others.retain(|e| d.effects.iter().all(|own| own.effect != e.effect));
-        others.iter_mut().for_each(|e| e.probability = 0.0);
+        let left = 1.0 - d.verdict.probability;
+        others.iter_mut().for_each(|e| e.probability *= left);
         d.effects.extend(others);
         d.notes.push(format!(
-            "{} differs from sequence to sequence: it is fitted to the first half of every test sequence as well; \
-             errors, and what is closed, are those of the second halves, of other effects those of whole sequences",
+            "with {} the first halves of the test sequences are fitted, too: where the object lies in a sequence, no other \
+             sequence tells. Errors, and what is closed, are those of the second halves, of effects that are not named \
+             those of whole sequences",
             d.verdict.effects.join(" and ")
         ));
         self
@@ -155,6 +177,11 @@ impl Outcome {
 }
 
 impl EffectReport {
+    /// Whether it may be what the stiffness field shows.
+    pub fn is_like_field(&self) -> bool {
+        self.ambiguous_with.iter().any(|w| w == STIFFNESS_FIELD)
+    }
+
     /// Of an effect that the search looked at: what it gains over the log evidence `base`.
     pub(crate) fn of(
         campaign: &Campaign,

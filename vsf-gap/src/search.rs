@@ -59,8 +59,7 @@ struct Standard {
     base: f64,
     /// The spread that suits it best, within the lattice of the stiffness.
     spread: Spread,
-    /// From this gain on (nats) an effect gets a spread of its own. All do where that of the nominal model lies
-    /// beyond the lattice.
+    /// From this log evidence on an effect gets a spread of its own.
     much: f64,
 }
 
@@ -75,8 +74,9 @@ impl Candidate {
 }
 
 impl Search<'_> {
-    /// All models that were fitted.
-    pub(crate) fn hypotheses(&self) -> Vec<Hypothesis<'_>> {
+    /// All models that were fitted. `proven` if a trial will demand that they close most of the gap: roughness
+    /// that effects take away does not count against them then.
+    pub(crate) fn hypotheses(&self, proven: bool) -> Vec<Hypothesis<'_>> {
         let alone = |name: &str| {
             let of = self.candidates.iter().find(|c| c.effect.name() == name)?;
             Some(of.refined.as_ref()?.log_evidence - self.base)
@@ -84,8 +84,10 @@ impl Search<'_> {
         let single = self.candidates.iter().filter_map(|c| c.refined.as_ref());
         (single.chain(&self.pair))
             .map(|refined| {
-                // Roughness that the effects take away is not the contact's own.
-                let rough = self.spread.contact.min(refined.spread.contact);
+                let rough = match proven {
+                    true => self.spread.contact.min(refined.spread.contact),
+                    false => self.spread.contact,
+                };
                 Hypothesis::new(refined, self.base, rough, alone)
             })
             .collect()
@@ -189,10 +191,12 @@ impl Campaign {
                 joint: spread.joint,
                 ..smoothest
             },
-            much: match raised == smoothest {
-                true => MUCH,
-                false => f64::NEG_INFINITY,
-            },
+            much: MUCH
+                + if raised == smoothest {
+                    base
+                } else {
+                    screened_base
+                },
         };
         self.finalists(&tangents, &mut candidates, &standard)?;
 
@@ -256,7 +260,7 @@ impl Campaign {
     ) -> Result<Refined, GapError> {
         let start = self.start(&Model::default(), tangent, found, &standard.spread)?;
         let refined = self.refine(&start, tangent.prior(&self.site), &found.spread)?;
-        match refined.log_evidence - standard.base > standard.much {
+        match refined.log_evidence > standard.much {
             true => self.with_own_spread(refined, &start),
             false => Ok(refined),
         }

@@ -3,8 +3,9 @@
 use crate::closure::{Closure, Residuals, closure, noise_norm};
 use crate::effect::Need;
 use crate::refine::Refined;
-use crate::verdict::{Hypothesis, Judged, Nominal, judge};
-use crate::{Campaign, ContactLog, GapError, Model, Motion};
+use crate::report::MOSTLY;
+use crate::verdict::{Hypothesis, Judged, Kind, Nominal, judge};
+use crate::{Acts, Campaign, ContactLog, GapError, Model, Motion};
 use std::ops::Range;
 use std::sync::Arc;
 
@@ -86,6 +87,16 @@ impl Conclusion<'_> {
     /// The models that did not stand the trial.
     pub(crate) fn aside(&self) -> &[Tried] {
         &self.tried[..self.tried.len() - usize::from(self.judged.named.is_some())]
+    }
+
+    /// Whether what the field shows is left to explain: sensors and joints have no part in it, a model that
+    /// explains most of the gap leaves none, and what is unknown is so.
+    pub(crate) fn leaves_field(&self) -> bool {
+        let explained = |(refined, checked): &(&Refined, Checked)| {
+            checked.closure.fraction >= MOSTLY || refined.model.acts() == Acts::Torques
+        };
+        let unknown = self.judged.verdict.kind == Kind::Unknown || self.left_free.is_some();
+        !unknown && !self.corrected.as_ref().is_some_and(explained)
     }
 
     /// Leaves undecided what the field shows: itself, or effects that it imitates. Nothing is corrected.

@@ -45,7 +45,8 @@ pub enum Kind {
     NoGap,
     /// Something acts that no effect explains, or none that the train sequences show.
     Unknown,
-    /// Something acts, but these data fit too many effects alike.
+    /// Something acts, but these data fit too many effects alike, or an effect as well as a field that differs
+    /// from place to place.
     NotDiagnosable,
 }
 
@@ -186,21 +187,19 @@ pub(crate) struct Judged {
 }
 
 impl Judged {
-    /// Leaves undecided which of some effects, or the field that imitates them, is the cause; all are equally
-    /// likely.
+    /// Leaves undecided which of some effects, best first, or the field that imitates them, is the cause: all are
+    /// equally likely, and the best one is named. Other effects may act beside it.
     pub(crate) fn or_field(&mut self, effects: Vec<String>) {
         let p = 1.0 / (1 + effects.len()) as f64;
+        self.named = None;
+        self.probabilities.retain(|(e, _)| !effects.contains(e));
+        self.probabilities
+            .extend(effects.iter().map(|e| (e.clone(), p)));
         let verdict = &mut self.verdict;
         verdict.effect_set_95.retain(|e| !effects.contains(e));
         verdict.effect_set_95.splice(..0, effects.iter().cloned());
+        verdict.effects = effects.into_iter().take(1).collect();
         (verdict.kind, verdict.probability) = (Kind::NotDiagnosable, p);
-        for effect in &effects {
-            match self.probabilities.iter_mut().find(|(e, _)| e == effect) {
-                Some((_, known)) => *known = known.max(p),
-                None => self.probabilities.push((effect.clone(), p)),
-            }
-        }
-        verdict.effects = effects;
     }
 }
 

@@ -1,5 +1,5 @@
 use crate::console::number;
-use vsf::gap::{Diagnosis, EffectReport, Kind, Of, STIFFNESS_FIELD};
+use vsf::gap::{Diagnosis, EffectReport, Kind, Of};
 
 /// Test errors beyond so many noise floors are explained to the reader.
 const ROUGH: f64 = 3.0;
@@ -54,7 +54,7 @@ pub fn verdict(diagnosis: &Diagnosis) -> String {
 fn like_field(diagnosis: &Diagnosis) -> bool {
     let named = |e: &&EffectReport| diagnosis.verdict.effects.contains(&e.effect);
     let mut named = diagnosis.effects.iter().filter(named).peekable();
-    named.peek().is_some() && named.all(|e| e.ambiguous_with.iter().any(|w| w == STIFFNESS_FIELD))
+    named.peek().is_some() && named.all(EffectReport::is_like_field)
 }
 
 /// The errors before and after in one sentence.
@@ -141,14 +141,17 @@ pub fn plain(text: &str) -> String {
 
 /// The effects that were fitted together with the field, best first.
 pub fn fitted(effects: &[EffectReport]) -> impl Iterator<Item = &EffectReport> {
-    effects.iter().filter(|e| !e.parameters.is_empty())
+    effects.iter().filter(|e| is_shown(e))
+}
+
+/// Whether an effect was fitted, or may be what the field shows.
+fn is_shown(e: &EffectReport) -> bool {
+    !e.parameters.is_empty() || e.is_like_field()
 }
 
 /// The effects that the recording can show but that screening put out of reach.
 pub fn screened_out(effects: &[EffectReport]) -> impl Iterator<Item = &EffectReport> {
-    effects
-        .iter()
-        .filter(|e| e.testable && e.parameters.is_empty())
+    effects.iter().filter(|e| e.testable && !is_shown(e))
 }
 
 /// The effects that the recording cannot show, by reason.
