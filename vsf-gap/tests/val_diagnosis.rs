@@ -123,7 +123,7 @@ fn what_is_left_in_free_motion_is_unknown() {
 #[test]
 fn an_object_that_is_put_back_elsewhere_shows_on_halves_of_the_test_sequences() {
     let folder = tempfile::tempdir().unwrap();
-    let campaign = made(folder.path(), &["registration_offset"], 41);
+    let campaign = made(folder.path(), &["registration_offset"], 44);
     let registration = effects::named(&["registration_offset"]).unwrap();
     let outcome = diagnose(&campaign, "case", &registration, 0, |_| {}).unwrap();
     let d = &outcome.diagnosis;
