@@ -70,18 +70,78 @@ impl Motion {
         let clock = |block: &Range<usize>| {
             self.clock[block.clone()].iter().sum::<f64>() / block.len() as f64
         };
+        let tare = blocks.iter().filter(|b| b.start < self.tare).count();
+        self.with_rows(blocks.iter().map(clock).collect(), touches, tare, means)
+    }
+
+    /// A part of the sequence.
+    ///
+    /// # Errors
+    /// None in practice: the tables keep their form.
+    pub(crate) fn part(&self, rows: Range<usize>) -> Result<Self, GapError> {
+        let cut = |table: &Table| {
+            let d = table.cols();
+            let own = table.data()[rows.start * d..rows.end * d].to_vec();
+            Ok(Table::new(d, own)?)
+        };
+        let inside = |t: &Range<usize>| {
+            let (start, end) = (t.start.max(rows.start), t.end.min(rows.end));
+            (start < end).then(|| start - rows.start..end - rows.start)
+        };
+        let touches = self.touches.iter().filter_map(inside).collect();
+        let tare = self.tare.saturating_sub(rows.start).min(rows.len());
+        self.with_rows(self.clock[rows.clone()].to_vec(), touches, tare, cut)
+    }
+
+    /// The same sequence with other rows, which `rows` makes of those of every table.
+    fn with_rows(
+        &self,
+        clock: Vec<f64>,
+        touches: Vec<Range<usize>>,
+        tare: usize,
+        rows: impl Fn(&Table) -> Result<Table, GapError>,
+    ) -> Result<Self, GapError> {
         Ok(Self {
             id: self.id.clone(),
-            clock: blocks.iter().map(clock).collect(),
-            q: means(&self.q)?,
-            qd: means(&self.qd)?,
-            qdd: means(&self.qdd)?,
-            reading: means(&self.reading)?,
-            smooth: means(&self.smooth)?,
-            load: means(&self.load)?,
+            clock,
+            q: rows(&self.q)?,
+            qd: rows(&self.qd)?,
+            qdd: rows(&self.qdd)?,
+            reading: rows(&self.reading)?,
+            smooth: rows(&self.smooth)?,
+            load: rows(&self.load)?,
             touches,
-            tare: blocks.iter().filter(|b| b.start < self.tare).count(),
+            tare,
         })
+    }
+
+    /// When it begins, by the session's clock (s).
+    pub(crate) fn begin(&self) -> f64 {
+        self.clock.first().copied().unwrap_or(0.0)
+    }
+
+    /// Whether it is the same part of the same sequence.
+    pub(crate) fn is(&self, other: &Self) -> bool {
+        self.id == other.id && self.begin() == other.begin()
+    }
+
+    /// A sequence of one joint, ten samples a second, whose tables count its rows.
+    #[cfg(test)]
+    #[allow(clippy::unwrap_used)]
+    pub(crate) fn counting(rows: usize, touches: Vec<Range<usize>>) -> Self {
+        let table = || Table::new(1, (0..rows).map(|k| k as f64).collect()).unwrap();
+        Self {
+            id: "0".to_owned(),
+            clock: (0..rows).map(|k| 0.1 * k as f64).collect(),
+            q: table(),
+            qd: table(),
+            qdd: table(),
+            reading: table(),
+            smooth: table(),
+            load: table(),
+            touches,
+            tare: 0,
+        }
     }
 }
 
@@ -107,9 +167,9 @@ pub struct Campaign {
     pub noise: Vec<JointNoise>,
     /// Whether the last train sequence checks, for want of a test split.
     pub(crate) held_out: bool,
-    pub(crate) touched: Touched,
+    touched: Touched,
     /// Whether the train sequences hold free motion.
-    pub(crate) moves_free: bool,
+    moves_free: bool,
 }
 
 /// A point is touched again once it was let off and pressed anew by this share of its deepest touch.
@@ -120,7 +180,7 @@ const FREE: usize = 16;
 
 /// What the train sequences touch.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
-pub(crate) enum Touched {
+enum Touched {
     Nothing,
     /// Every point once at most.
     Once,
@@ -256,15 +316,21 @@ impl Campaign {
         // Touches end before a block is full.
         let by = samples(&self.train) / samples(&train).max(1);
         Ok(Self {
+            noise: self.noise.iter().map(|n| n.of_means(by)).collect(),
+            ..self.with_sequences(train, self.test.clone())
+        })
+    }
+
+    /// The same campaign with its sequences made into others.
+    pub(crate) fn with_sequences(&self, train: Vec<Motion>, test: Vec<Motion>) -> Self {
+        Self {
             site: self.site.clone(),
             scene: self.scene.clone(),
             train,
-            test: self.test.clone(),
-            noise: self.noise.iter().map(|n| n.of_means(by)).collect(),
-            held_out: self.held_out,
-            touched: self.touched,
-            moves_free: self.moves_free,
-        })
+            test,
+            noise: self.noise.clone(),
+            ..*self
+        }
     }
 
     /// Why the recording does not meet a need, `None` when it does.

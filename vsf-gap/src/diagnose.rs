@@ -1,6 +1,6 @@
 use crate::alike::Likeness;
 use crate::closure::noise_norm;
-use crate::halves::of_sequences;
+use crate::halves::is_of_sequences;
 use crate::locate::locate;
 use crate::next::next_experiment;
 use crate::notes::{notes, told};
@@ -63,8 +63,8 @@ pub fn diagnose(
     mut progress: impl FnMut(Step),
 ) -> Result<Outcome, GapError> {
     let first = attempt(campaign, name, effects, seed, Split::Whole, &mut progress)?;
-    let own = of_sequences(campaign, effects);
-    if own.is_empty() || !first.is_open() {
+    let own = |e: &Arc<dyn Effect>| is_of_sequences(e.as_ref(), campaign);
+    if !first.is_open() || !effects.iter().any(own) {
         return Ok(first);
     }
     progress(Step::Halves);
@@ -73,12 +73,10 @@ pub fn diagnose(
     };
     // What was named without explaining much competes, or belongs to it.
     let named = &first.diagnosis.verdict.effects;
-    let rivals = effects.iter().filter(|e| {
-        named.iter().any(|n| n == e.name()) && own.iter().all(|o| o.name() != e.name())
-    });
-    let candidates: Vec<Arc<dyn Effect>> = own.iter().chain(rivals).cloned().collect();
+    let stays = |e: &&Arc<dyn Effect>| own(e) || named.iter().any(|n| n == e.name());
+    let candidates: Vec<Arc<dyn Effect>> = effects.iter().filter(stays).cloned().collect();
     let second = attempt(&halved, name, &candidates, seed, Split::Halves, &mut |_| {})?;
-    match second.shows(&own) {
+    match second.explains() && second.model.parts.iter().any(|(e, _)| own(e)) {
         true => Ok(second.in_place_of(first)),
         false => Ok(first),
     }
@@ -142,14 +140,7 @@ fn attempt(
     if let Some((plain, share)) = in_field.first().filter(|_| undecided) {
         notes.push(told(campaign, plain, *share));
     }
-    let mut effects = reports(&thinned, &search, &likeness, &trial, &conclusion)?;
-    let is_like_field = |e: &&mut EffectReport| {
-        let names = in_field.iter().map(|(p, _)| p.effect.name());
-        names.into_iter().any(|name| name == e.effect)
-    };
-    for report in effects.iter_mut().filter(is_like_field) {
-        report.ambiguous_with.push(STIFFNESS_FIELD.to_owned());
-    }
+    let effects = reports(&thinned, &search, &likeness, &in_field, &trial, &conclusion)?;
     let aside: Vec<String> = (conclusion.aside().iter())
         .flat_map(|t| t.effects.iter().cloned())
         .collect();
@@ -219,6 +210,7 @@ fn reports(
     campaign: &Campaign,
     search: &Search<'_>,
     likeness: &Likeness<'_>,
+    in_field: &[(&Plain, f64)],
     trial: &Trial<'_>,
     conclusion: &Conclusion<'_>,
 ) -> Result<Vec<EffectReport>, GapError> {
@@ -246,6 +238,12 @@ fn reports(
         }
         report.absorbed_share = likeness.absorbed(candidate);
         report.ambiguous_with = likeness.ambiguous_with(&report.effect);
+        if in_field
+            .iter()
+            .any(|(p, _)| p.effect.name() == report.effect)
+        {
+            report.ambiguous_with.push(STIFFNESS_FIELD.to_owned());
+        }
         reports.push(report);
     }
     reports.sort_by(|a, b| {
@@ -265,7 +263,9 @@ fn in_field<'s>(
     likeness: &Likeness<'_>,
 ) -> Result<Vec<(&'s Plain, f64)>, GapError> {
     let free = search.left();
-    let mut found = search.plainly.instead_of_field(campaign, free)?;
+    let mut found = search
+        .plainly
+        .instead_of_field(campaign, &search.nominal, free)?;
     found.retain(|(plain, _)| {
         let mut candidates = search.candidates.iter();
         let own = candidates.find(|c| c.effect.name() == plain.effect.name());

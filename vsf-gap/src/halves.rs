@@ -3,22 +3,14 @@
 
 use crate::{Acts, Campaign, ContactLog, Effect, GapError, Model, Motion};
 use std::ops::Range;
-use std::sync::Arc;
-use vsf_data::Table;
 
 /// Share of the samples in contact that each part of a sequence holds at least.
 const LEAST: f64 = 0.25;
 
-/// The effects that move contacts in every sequence by parameters of its own.
-pub(crate) fn of_sequences(
-    campaign: &Campaign,
-    effects: &[Arc<dyn Effect>],
-) -> Vec<Arc<dyn Effect>> {
-    let own = |e: &&Arc<dyn Effect>| {
-        let mut parameters = e.parameters(&campaign.site).into_iter();
-        e.acts() == Acts::Contact && parameters.any(|p| p.sequence.is_some())
-    };
-    effects.iter().filter(own).cloned().collect()
+/// Whether an effect moves contacts in every sequence by parameters of its own.
+pub(crate) fn is_of_sequences(effect: &dyn Effect, campaign: &Campaign) -> bool {
+    let mut parameters = effect.parameters(&campaign.site).into_iter();
+    effect.acts() == Acts::Contact && parameters.any(|p| p.sequence.is_some())
 }
 
 impl Campaign {
@@ -39,16 +31,8 @@ impl Campaign {
             }
         }
         train.sort_by(|a, b| a.begin().total_cmp(&b.begin()));
-        let halved = Self {
-            site: self.site.clone(),
-            scene: self.scene.clone(),
-            train,
-            test,
-            noise: self.noise.clone(),
-            held_out: false,
-            touched: self.touched,
-            moves_free: self.moves_free,
-        };
+        let mut halved = self.with_sequences(train, test);
+        halved.held_out = false;
         Ok((!halved.test.is_empty()).then_some(halved))
     }
 }
@@ -77,42 +61,6 @@ fn middle(motion: &Motion, log: &ContactLog) -> Option<usize> {
     best.map(|(_, rows)| rows.start + rows.len() / 2)
 }
 
-impl Motion {
-    /// When it begins, by the session's clock (s).
-    pub(crate) fn begin(&self) -> f64 {
-        self.clock.first().copied().unwrap_or(0.0)
-    }
-
-    /// A part of it.
-    fn part(&self, rows: Range<usize>) -> Result<Self, GapError> {
-        let cut = |table: &Table| {
-            let d = table.cols();
-            Table::new(d, table.data()[rows.start * d..rows.end * d].to_vec())
-        };
-        let inside = |t: &Range<usize>| {
-            let (start, end) = (t.start.max(rows.start), t.end.min(rows.end));
-            (start < end).then(|| start - rows.start..end - rows.start)
-        };
-        Ok(Self {
-            id: self.id.clone(),
-            clock: self.clock[rows.clone()].to_vec(),
-            q: cut(&self.q)?,
-            qd: cut(&self.qd)?,
-            qdd: cut(&self.qdd)?,
-            reading: cut(&self.reading)?,
-            smooth: cut(&self.smooth)?,
-            load: cut(&self.load)?,
-            touches: self.touches.iter().filter_map(inside).collect(),
-            tare: self.tare.saturating_sub(rows.start).min(rows.len()),
-        })
-    }
-
-    /// Whether it is the same part of the same sequence.
-    pub(crate) fn is(&self, other: &Self) -> bool {
-        self.id == other.id && self.begin() == other.begin()
-    }
-}
-
 #[cfg(test)]
 #[allow(clippy::unwrap_used, clippy::single_range_in_vec_init)]
 mod tests {
@@ -122,19 +70,9 @@ mod tests {
 
     /// A sequence of one joint; touched where `contact` says.
     fn sequence(contact: &[bool], touches: Vec<Range<usize>>) -> (Motion, ContactLog) {
-        let n = contact.len();
-        let table = || Table::new(1, (0..n).map(|k| k as f64).collect()).unwrap();
         let motion = Motion {
-            id: "a".to_owned(),
-            clock: (0..n).map(|k| 0.1 * k as f64).collect(),
-            q: table(),
-            qd: table(),
-            qdd: table(),
-            reading: table(),
-            smooth: table(),
-            load: table(),
-            touches,
             tare: 2,
+            ..Motion::counting(contact.len(), touches)
         };
         let contacts = contact.iter().map(|touched| {
             let mut contacts = Contacts::new();

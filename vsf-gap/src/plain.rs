@@ -32,13 +32,15 @@ pub(crate) struct Plainly {
 
 impl Plainly {
     /// The effects that explain as much as a free stiffness does, which leaves the energy `free`, and the
-    /// share that they explain of what it explains beyond a uniform one; best first.
+    /// share that they explain of what it explains beyond a uniform one; best first. `nominal` is the model that
+    /// was fitted.
     ///
     /// # Errors
     /// Parameters that an effect cannot take.
     pub(crate) fn instead_of_field(
         &self,
         campaign: &Campaign,
+        nominal: &Fitted<'_>,
         free: f64,
     ) -> Result<Vec<(&Plain, f64)>, GapError> {
         let explained = self.alone - free;
@@ -50,11 +52,20 @@ impl Plainly {
         for plain in self.with.iter().filter(|p| share(p.left) >= SAME) {
             // Springs need not be linear in the parameters.
             let model = Model::of(&plain.effect, &plain.theta);
-            let fitted = campaign.fitted(&model, &campaign.train)?;
-            let field = vec![1.0; campaign.site.rest.len()];
-            let rest = DVector::from_vec(fitted.rest());
-            let additive = &rest - DVector::from_column_slice(&fitted.readings);
-            let unit = DVector::from_vec(fitted.predicted(&field)) + additive;
+            let torques = |stiffness: f64| {
+                let field = vec![stiffness; campaign.site.rest.len()];
+                let Fitted {
+                    motions,
+                    logs,
+                    windows,
+                    ..
+                } = nominal;
+                let torques = campaign.torques(&model, motions, logs, windows, &field)?;
+                Ok::<_, GapError>(DVector::from_vec(torques))
+            };
+            let additive = torques(0.0)?;
+            let unit = torques(1.0)? - &additive;
+            let rest = DVector::from_column_slice(&nominal.readings) - additive;
             let (_, left) = scaled(&unit, &rest);
             if share(left) >= SAME {
                 same.push((plain, share(left)));
@@ -83,7 +94,7 @@ impl Campaign {
         effects: impl Iterator<Item = &'e Arc<dyn Effect>>,
     ) -> Result<Plainly, GapError> {
         let field = vec![1.0; self.site.rest.len()];
-        let unit = DVector::from_vec(nominal.predicted(&field));
+        let unit = DVector::from_column_slice(nominal.parts.unit_field());
         let readings = DVector::from_column_slice(&nominal.readings);
         let mut with: Vec<Plain> = Vec::new();
         for effect in effects.filter(|e| e.acts() == Acts::Springs) {

@@ -8,7 +8,6 @@ use crate::search::Candidate;
 use crate::verdict::{Kind, Verdict};
 use crate::{Campaign, Effect, Model, Motion, Parameter, Role};
 use serde::{Deserialize, Serialize};
-use std::sync::Arc;
 
 /// Stands for the stiffness field among what effects are not told from.
 pub const STIFFNESS_FIELD: &str = "stiffness_field";
@@ -148,14 +147,11 @@ impl Outcome {
         !perfect && gap.closed_fraction < MOSTLY && self.diagnosis.verdict.kind != Kind::Unknown
     }
 
-    /// Whether some of these effects are named, and the corrected model closes most of the gap.
-    pub(crate) fn shows(&self, effects: &[Arc<dyn Effect>]) -> bool {
+    /// Whether effects are named, and the corrected model surely closes, and closes most of, the gap.
+    pub(crate) fn explains(&self) -> bool {
         let Diagnosis { verdict, gap, .. } = &self.diagnosis;
-        let named = effects
-            .iter()
-            .any(|e| gap.corrected_by.iter().any(|n| n == e.name()));
         let closes = gap.closed_fraction >= MOSTLY && gap.closed_interval[0] > 0.0;
-        verdict.kind == Kind::Effects && named && closes
+        verdict.kind == Kind::Effects && closes
     }
 
     /// What halves of the test sequences show, instead of what whole ones did not, with the other effects.

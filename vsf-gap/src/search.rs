@@ -184,6 +184,11 @@ impl Campaign {
         let spread = spreads[best_of(&without)];
 
         progress(Step::Finalists);
+        // Effects are fitted within the lattice first: so is what they are measured against.
+        let nominal_there = match raised == smoothest {
+            true => base,
+            false => screened_base,
+        };
         let standard = Standard {
             base,
             spread: Spread {
@@ -191,12 +196,7 @@ impl Campaign {
                 joint: spread.joint,
                 ..smoothest
             },
-            much: MUCH
-                + if raised == smoothest {
-                    base
-                } else {
-                    screened_base
-                },
+            much: MUCH + nominal_there,
         };
         self.finalists(&tangents, &mut candidates, &standard)?;
 

@@ -228,32 +228,12 @@ impl Campaign {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use vsf_data::Table;
-
-    /// `touches` of as many samples each, one joint.
-    fn motion(touches: usize, samples: usize) -> Motion {
-        let rows = touches * samples;
-        let table = || Table::new(1, vec![0.0; rows]).unwrap();
-        Motion {
-            id: "0".to_owned(),
-            clock: (0..rows).map(|k| 0.01 * k as f64).collect(),
-            q: table(),
-            qd: table(),
-            qdd: table(),
-            reading: table(),
-            smooth: table(),
-            load: table(),
-            tare: 0,
-            touches: (0..touches)
-                .map(|t| t * samples..(t + 1) * samples)
-                .collect(),
-        }
-    }
 
     #[test]
     fn windows_hold_every_sample_once_however_many_touches_there_are() {
         for (touches, samples) in [(1, 700), (3, 5000), (900, 8), (40_000, 3)] {
-            let motion = motion(touches, samples);
+            let ranges = (0..touches).map(|t| t * samples..(t + 1) * samples);
+            let motion = Motion::counting(touches * samples, ranges.collect());
             let windows = Windows::new(&[&motion], 1);
             let mut next = 0;
             for w in &windows.list {
