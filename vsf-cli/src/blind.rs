@@ -142,7 +142,7 @@ impl Case {
 
 /// Mean square of what the effects change on the test sequences: the part of the gap that is theirs.
 fn oracle_square(label: &Label, campaign: &Campaign) -> f64 {
-    let rows: usize = campaign.test.iter().map(|m| m.len()).sum();
+    let rows: usize = campaign.test().iter().map(|m| m.len()).sum();
     label.diff_energy_test / rows.max(1) as f64
 }
 

@@ -1,37 +1,22 @@
 use nalgebra::{Point3, Vector3};
+use std::sync::Arc;
 use vsf_core::{ContactModel, Contacts, CoreError, Posture, RestPoints};
 
-/// Contact of cells: every rest point stands for a cube of the object, sampled by sub-points.
-///
-/// Rest points are often a centimetre apart while a push is a few: with points alone, contact
-/// comes and goes in jumps of whole cells. Here the inner model moves `per_axis³` sub-points per
-/// cube, and the cube's displacement is their mean; cubes touched in part count in part. A cube's
-/// stiffness is that of all of its sub-points together.
-///
-/// The mean displacement acts at the displaced centre of the cube: moments are off by at most the
-/// force times the sub-points' offset from the centre. The link of a cube is that of the sub-point that is displaced most. Cost is that of the inner
-/// model on `per_axis³` times the points.
+/// Cubes around rest points, each sampled by sub-points. A clone shares them.
 #[derive(Debug, Clone)]
-pub struct CellContact<C> {
-    inner: C,
-    fine: RestPoints,
+pub struct Cells {
+    fine: Arc<RestPoints>,
     per_cell: usize,
-    cells: usize,
-    contacts: Contacts,
+    count: usize,
 }
 
-impl<C: ContactModel> CellContact<C> {
+impl Cells {
     /// Cubes of edge `spacing` (m, > 0) around the rest points, with `per_axis` sub-points along
     /// each edge (1 to 8), evenly spread and symmetric about the rest point.
     ///
     /// # Errors
     /// A parameter out of range, or more sub-points than [`RestPoints`] holds.
-    pub fn new(
-        inner: C,
-        rest: &RestPoints,
-        spacing: f64,
-        per_axis: usize,
-    ) -> Result<Self, CoreError> {
+    pub fn new(rest: &RestPoints, spacing: f64, per_axis: usize) -> Result<Self, CoreError> {
         if !(spacing > 0.0 && spacing.is_finite()) {
             return Err(CoreError::Parameter {
                 name: "cell edge",
@@ -60,12 +45,38 @@ impl<C: ContactModel> CellContact<C> {
             })
             .collect();
         Ok(Self {
-            inner,
-            fine: RestPoints::new(fine)?,
+            fine: Arc::new(RestPoints::new(fine)?),
             per_cell: per_axis.pow(3),
-            cells: rest.len(),
-            contacts: Contacts::new(),
+            count: rest.len(),
         })
+    }
+}
+
+/// Contact of cells: every rest point stands for a cube of the object, sampled by sub-points.
+///
+/// Rest points are often a centimetre apart while a push is a few: with points alone, contact
+/// comes and goes in jumps of whole cells. Here the inner model moves the sub-points, and the
+/// cube's displacement is their mean; cubes touched in part count in part. A cube's
+/// stiffness is that of all of its sub-points together.
+///
+/// The mean displacement acts at the displaced centre of the cube: moments are off by at most the
+/// force times the sub-points' offset from the centre. The link of a cube is that of the sub-point
+/// that is displaced most. Cost is that of the inner model on all sub-points.
+#[derive(Debug, Clone)]
+pub struct CellContact<C> {
+    inner: C,
+    cells: Cells,
+    contacts: Contacts,
+}
+
+impl<C: ContactModel> CellContact<C> {
+    /// Contact of `cells` by a model that moves their sub-points.
+    pub fn new(inner: C, cells: Cells) -> Self {
+        Self {
+            inner,
+            cells,
+            contacts: Contacts::new(),
+        }
     }
 
     /// The mean displacement of the sub-points `range` of one cell.
@@ -83,8 +94,8 @@ impl<C: ContactModel> CellContact<C> {
         let normal = n_W
             .try_normalize(1e-12)
             .unwrap_or(self.contacts.normals()[range.start]);
-        let cell = self.contacts.points()[range.start] as usize / self.per_cell;
-        out.push(cell as u32, link, u_W / self.per_cell as f64, normal)
+        let cell = self.contacts.points()[range.start] as usize / self.cells.per_cell;
+        out.push(cell as u32, link, u_W / self.cells.per_cell as f64, normal)
     }
 }
 
@@ -100,10 +111,11 @@ impl<C: ContactModel> ContactModel for CellContact<C> {
         posture: &Posture,
         out: &mut Contacts,
     ) -> Result<(), CoreError> {
-        CoreError::check_len("rest points", rest.len(), self.cells)?;
-        self.inner.step(&self.fine, posture, &mut self.contacts)?;
+        CoreError::check_len("rest points", rest.len(), self.cells.count)?;
+        self.inner
+            .step(&self.cells.fine, posture, &mut self.contacts)?;
         out.clear();
-        let cell = |k: usize| self.contacts.points()[k] as usize / self.per_cell;
+        let cell = |k: usize| self.contacts.points()[k] as usize / self.cells.per_cell;
         let mut start = 0;
         for k in 1..=self.contacts.len() {
             if k == self.contacts.len() || cell(k) != cell(start) {

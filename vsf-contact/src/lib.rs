@@ -34,7 +34,7 @@ mod winding;
 
 pub use bake::{GridError, GridOptions, GridReport};
 pub use cache::CacheUse;
-pub use cells::CellContact;
+pub use cells::{CellContact, Cells};
 pub use config::ContactConfig;
 pub use error::ContactError;
 pub use grid_sdf::GridSdf;

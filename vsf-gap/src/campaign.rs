@@ -1,9 +1,10 @@
 use crate::effect::{Need, Site};
 use crate::noise::{JointNoise, noise_floor};
-use crate::{ContactLog, GapError, Model, effect::slides};
+use crate::{Acts, ContactLog, GapError, Model, effect::slides};
 use nalgebra::Vector3;
+use rayon::prelude::*;
 use std::ops::Range;
-use std::sync::Arc;
+use std::sync::{Arc, OnceLock};
 use vsf_data::{Dataset, Sequence, Table, TorqueKind};
 use vsf_pipeline::{
     Scene, SceneOptions, external_torques, motion_of, rigid_body_torques, robot_of,
@@ -160,9 +161,9 @@ pub struct Campaign {
     /// Contact; of an arm in free air, with nothing.
     pub scene: Scene,
     /// Sequences that the model is fitted to, in session order.
-    pub train: Vec<Motion>,
+    pub(crate) train: Vec<Motion>,
     /// Sequences that check it.
-    pub test: Vec<Motion>,
+    pub(crate) test: Vec<Motion>,
     /// Noise of every joint's reading in a sample of the train sequences.
     pub noise: Vec<JointNoise>,
     /// Whether the last train sequence checks, for want of a test split.
@@ -170,6 +171,8 @@ pub struct Campaign {
     touched: Touched,
     /// Whether the train sequences hold free motion.
     moves_free: bool,
+    /// Contacts of the nominal model, of train and test sequences; empty until they are asked for.
+    contacts: Vec<OnceLock<Arc<ContactLog>>>,
 }
 
 /// A point is touched again once it was let off and pressed anew by this share of its deepest touch.
@@ -278,6 +281,7 @@ impl Campaign {
         let mut campaign = Self {
             site,
             scene,
+            contacts: vec![OnceLock::new(); trained.len() + tested.len()],
             train: trained,
             test: tested,
             noise: Vec::new(),
@@ -294,6 +298,46 @@ impl Campaign {
         (campaign.noise, campaign.touched) = (noise, touched);
         campaign.moves_free = moves_free;
         Ok(campaign)
+    }
+
+    /// The sequences that the model is fitted to, in session order.
+    pub fn train(&self) -> &[Motion] {
+        &self.train
+    }
+
+    /// The sequences that check it.
+    pub fn test(&self) -> &[Motion] {
+        &self.test
+    }
+
+    /// Contacts of several sequences. Models whose effects leave contacts as they are share those of the
+    /// nominal model.
+    ///
+    /// # Errors
+    /// As [`Campaign::contact_log`].
+    pub fn contact_logs(
+        &self,
+        model: &Model,
+        motions: &[&Motion],
+    ) -> Result<Vec<Arc<ContactLog>>, GapError> {
+        let log = |motion: &&Motion| {
+            let run = || Ok(Arc::new(self.contact_log(model, motion)?));
+            let own = self.train.iter().chain(&self.test);
+            let known = own
+                .zip(&self.contacts)
+                .find(|(m, _)| std::ptr::eq(*m, *motion));
+            match known.filter(|_| model.acts() != Acts::Contact) {
+                None => run(),
+                Some((_, contacts)) => match contacts.get() {
+                    None => {
+                        let log = run()?;
+                        Ok(contacts.get_or_init(|| log).clone())
+                    }
+                    Some(log) => Ok(log.clone()),
+                },
+            }
+        };
+        motions.par_iter().map(log).collect()
     }
 
     /// All sequences in session order.
@@ -326,6 +370,7 @@ impl Campaign {
         Self {
             site: self.site.clone(),
             scene: self.scene.clone(),
+            contacts: vec![OnceLock::new(); train.len() + test.len()],
             train,
             test,
             noise: self.noise.clone(),

@@ -43,20 +43,6 @@ const WORTH_RAISING: f64 = 1.0;
 const RESCALE: f64 = 1.4;
 
 impl Campaign {
-    /// Contacts of several sequences.
-    ///
-    /// # Errors
-    /// As [`Campaign::contact_log`].
-    pub fn contact_logs(
-        &self,
-        model: &Model,
-        motions: &[&Motion],
-    ) -> Result<Vec<Arc<ContactLog>>, GapError> {
-        (motions.par_iter())
-            .map(|m| Ok(Arc::new(self.contact_log(model, m)?)))
-            .collect()
-    }
-
     /// Contacts, columns and covariance of a model over sequences.
     ///
     /// # Errors

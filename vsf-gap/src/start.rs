@@ -64,31 +64,40 @@ impl Campaign {
         };
         let mut best = tangent.start.clone();
         let mut most = value(&best)?;
+        let mut seen = vec![best.clone()];
+        // The best of some that have not been tried: those that have are not worth a step.
+        let mut best_new = |thetas: Vec<Vec<f64>>| -> Result<Option<(Vec<f64>, f64)>, GapError> {
+            let from = seen.len();
+            for theta in thetas {
+                if !seen.contains(&theta) {
+                    seen.push(theta);
+                }
+            }
+            let values: Vec<f64> = (seen[from..].par_iter())
+                .map(value)
+                .collect::<Result<_, GapError>>()?;
+            let k = best_of(&values);
+            Ok(values.get(k).map(|v| (seen[from + k].clone(), *v)))
+        };
         let mut size = EXCURSIONS[0];
         for round in 0..MOST_ROUNDS {
             let mut tried = steps(&parameters, &best, size);
             if round == 0 {
                 tried.push(linear.clone());
             }
-            let values: Vec<f64> = (tried.par_iter())
-                .map(value)
-                .collect::<Result<_, GapError>>()?;
-            let k = best_of(&values);
-            match values.get(k) {
-                Some(v) if *v >= most + WORTHWHILE => {
-                    let way: Vec<f64> = (tried[k].iter().zip(&best))
+            let worthwhile = |(_, value): &(Vec<f64>, f64), most: f64| *value >= most + WORTHWHILE;
+            match best_new(tried)?.filter(|next| worthwhile(next, most)) {
+                Some((next, value)) => {
+                    let way: Vec<f64> = (next.iter().zip(&best))
                         .map(|(t, b)| (t - b) / size)
                         .collect();
-                    (best, most) = (tried.swap_remove(k), *v);
+                    (best, most) = (next, value);
                     for _ in 0..MOST_FOLLOWING {
-                        let [ahead, behind] =
-                            [1.0, -1.0].map(|by| moved(&parameters, &best, &way, by));
-                        let (a, b) = rayon::join(|| value(&ahead), || value(&behind));
-                        let (a, b) = (a?, b?);
-                        if a.max(b) < most + WORTHWHILE {
-                            break;
+                        let around = [1.0, -1.0].map(|by| moved(&parameters, &best, &way, by));
+                        match best_new(around.into())?.filter(|next| worthwhile(next, most)) {
+                            Some(next) => (best, most) = next,
+                            None => break,
                         }
-                        (best, most) = if a > b { (ahead, a) } else { (behind, b) };
                     }
                 }
                 // Nothing at all, or nothing left.
@@ -125,6 +134,5 @@ fn steps(parameters: &[Parameter], theta: &[f64], size: f64) -> Vec<Vec<f64>> {
     if (parameters.iter().filter(|p| moves(p))).all(|p| p.bounds[0] == 0.0) {
         steps.extend([-size, size].map(|size| step(&|_| true, size)));
     }
-    steps.retain(|s| s != theta);
     steps
 }

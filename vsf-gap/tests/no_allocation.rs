@@ -64,7 +64,7 @@ fn control_loop() {
         (vec![0.02 * t, 0.0, z], vec![0.1, -0.1, 3.0 * t])
     };
     let campaign = plate(&points, &[(0..60).map(press).collect()]);
-    let motion = &campaign.train[0];
+    let motion = &campaign.train()[0];
     let mut obs = Observation::new(Noise::uniform(3, 1.0).unwrap());
     for effect in catalogue() {
         if effect.untestable(&campaign).is_some() {

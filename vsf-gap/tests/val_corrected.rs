@@ -89,7 +89,7 @@ fn columns_and_torques_are_the_prediction() {
         let mut all = Vec::new();
         // Train sequences before the test sequence: the order of `torques`.
         let mut corrected = campaign.corrected(&model).unwrap();
-        corrected.sort_by_key(|c| campaign.test.iter().any(|m| m.id == c.trace.id));
+        corrected.sort_by_key(|c| campaign.test().iter().any(|m| m.id == c.trace.id));
         let field = vec![K; campaign.site.rest.len()];
         for c in &corrected {
             let recorded = c.recorded().unwrap();

@@ -224,7 +224,7 @@ fn an_effect_from_outside_joins_the_model() {
     let bias = catalogue().swap_remove(0);
     let model = Model::of(&drag, &[0.5]).with(&bias, &[1.0, 0.0, 0.0]);
     let found = torques(&campaign, &model, 0.0);
-    let motions = campaign.train.iter().chain(&campaign.test);
+    let motions = campaign.train().iter().chain(campaign.test());
     let velocities = motions.flat_map(|m| m.qd.iter().map(|row| row[0]));
     for (tau, v) in found.chunks_exact(3).zip(velocities) {
         assert!((tau[0] - (1.0 - 0.5 * v * v.abs())).abs() < 1e-12);
@@ -262,7 +262,7 @@ fn val_late_readings_have_the_dynamics_of_then() {
     let late = 7;
     let model = Model::of(&common::effect("latency"), &[late as f64 / RATE]);
     let found = torques(&campaign, &model, 0.0);
-    let motion = &campaign.train[0];
+    let motion = &campaign.train()[0];
     for k in late..motion.len() {
         for j in 0..3 {
             let change = motion.load[k][j] - motion.load[k - late][j];

@@ -190,7 +190,7 @@ fn actuators_carry_the_weight_of_where_the_links_are() {
     let still = free_arm(std::slice::from_ref(&rows));
     // Readings of actuators that hold the links at the true angles.
     let mut workspace = still.site.robot.dynamics_workspace();
-    let recorded = &still.train[0];
+    let recorded = &still.train()[0];
     let read = |k: usize| {
         let q: Vec<f64> = motion(k).iter().zip(offset).map(|(q, o)| q + o).collect();
         let (qd, qdd, g) = (&recorded.qd[k], &recorded.qdd[k], &still.site.gravity);
@@ -201,7 +201,7 @@ fn actuators_carry_the_weight_of_where_the_links_are() {
         (motion(k), tau.unwrap().to_vec())
     };
     let campaign = free_arm(&[(0..200).map(read).collect()]);
-    let data = campaign.train[0].reading.data();
+    let data = campaign.train()[0].reading.data();
     let found = recovered("encoder_offset", &campaign, data);
     let effect = effect("encoder_offset");
     close(effect.as_ref(), &campaign.site, &found, &offset, 1e-3);

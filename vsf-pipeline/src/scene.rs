@@ -4,7 +4,8 @@ use std::collections::BTreeMap;
 use std::path::PathBuf;
 use std::sync::Arc;
 use vsf_contact::{
-    CellContact, ContactConfig, ContactError, GridOptions, LinkGrid, LinkSdf, StickSlip, link_sdfs,
+    CellContact, Cells, ContactConfig, ContactError, GridOptions, LinkGrid, LinkSdf, StickSlip,
+    link_sdfs,
 };
 use vsf_core::{ContactModel, RestPoints};
 use vsf_data::{Dataset, JointType, RobotRef, TorqueKind};
@@ -63,6 +64,8 @@ pub struct Scene {
     links: Arc<[LinkSdf]>,
     contact: ContactConfig,
     subdivision: usize,
+    /// What the points stand for; `None` where they are moved alone.
+    cells: Option<Cells>,
 }
 
 impl Scene {
@@ -114,9 +117,15 @@ impl Scene {
             },
             other => other.into(),
         })?;
+        let rest = Arc::new(RestPoints::new(points)?);
+        let spacing = rest.spacing();
+        let cells = match options.subdivision == 1 || spacing == 0.0 {
+            true => None,
+            false => Some(Cells::new(&rest, spacing, options.subdivision)?),
+        };
         Ok(Self {
             robot,
-            rest: Arc::new(RestPoints::new(points)?),
+            rest,
             gravity: dataset.gravity,
             torque_kind: dataset.torque_kind,
             tare_samples: dataset.tare_samples,
@@ -124,6 +133,7 @@ impl Scene {
             links: shapes.links.into(),
             contact: options.contact,
             subdivision: options.subdivision,
+            cells,
         })
     }
 
@@ -144,13 +154,14 @@ impl Scene {
             links: Arc::new([]),
             contact: options.contact,
             subdivision: options.subdivision,
+            cells: None,
         })
     }
 
-    /// A fresh contact model of this scene; the link shapes are shared.
+    /// A fresh contact model of this scene; link shapes and sub-points are shared.
     ///
     /// # Errors
-    /// A subdivision out of range.
+    /// None in practice: the parameters have been checked.
     pub fn contact_model(&self) -> Result<Box<dyn ContactModel>, PipelineError> {
         self.contact_model_with(self.contact)
     }
@@ -158,22 +169,15 @@ impl Scene {
     /// [`Scene::contact_model`] with other parameters of contact.
     ///
     /// # Errors
-    /// Parameters or a subdivision out of range.
+    /// Parameters out of range.
     pub fn contact_model_with(
         &self,
         contact: ContactConfig,
     ) -> Result<Box<dyn ContactModel>, PipelineError> {
         let points = StickSlip::new(self.links.clone(), contact)?;
-        let spacing = self.rest.spacing();
-        Ok(if self.subdivision == 1 || spacing == 0.0 {
-            Box::new(points)
-        } else {
-            Box::new(CellContact::new(
-                points,
-                &self.rest,
-                spacing,
-                self.subdivision,
-            )?)
+        Ok(match &self.cells {
+            None => Box::new(points),
+            Some(cells) => Box::new(CellContact::new(points, cells.clone())),
         })
     }
 
