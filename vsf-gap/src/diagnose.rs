@@ -112,11 +112,12 @@ fn attempt(
         false => Windows::size(samples, campaign.site.joints()) / PER_WINDOW,
     };
     // What is fitted sees windows only; the full recording checks it.
-    let thinned = campaign.thinned(by.max(1))?;
+    let fewer = (by > 1).then(|| campaign.thinned(by)).transpose()?;
+    let thinned = fewer.as_ref().unwrap_or(campaign);
     let search = thinned.search(effects, progress)?;
 
     progress(Step::Check);
-    let trial = Trial::new(campaign, &thinned, &search.field, seed)?;
+    let trial = Trial::new(campaign, thinned, &search.field, seed)?;
     let noise_floor = noise_norm(&campaign.noise);
     let nominal = Nominal {
         spread: search.spread,
@@ -129,7 +130,7 @@ fn attempt(
     let likeness = Likeness::new(&search)?;
     let in_field = match nominal.perfect {
         true => Vec::new(),
-        false => in_field(&thinned, &search, &likeness)?,
+        false => in_field(thinned, &search, &likeness)?,
     };
     let undecided = !in_field.is_empty() && conclusion.leaves_field();
     if undecided {
@@ -140,7 +141,7 @@ fn attempt(
     if let Some((plain, share)) = in_field.first().filter(|_| undecided) {
         notes.push(told(campaign, plain, *share));
     }
-    let effects = reports(&thinned, &search, &likeness, &in_field, &trial, &conclusion)?;
+    let effects = reports(thinned, &search, &likeness, &in_field, &trial, &conclusion)?;
     let aside: Vec<String> = (conclusion.aside().iter())
         .flat_map(|t| t.effects.iter().cloned())
         .collect();

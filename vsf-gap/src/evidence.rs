@@ -5,7 +5,7 @@ use crate::GapError;
 use crate::windows::{Design, Windows};
 use faer::dyn_stack::{MemBuffer, MemStack};
 use faer::linalg::cholesky::llt;
-use faer::linalg::matmul::{matmul, triangular};
+use faer::linalg::matmul::matmul;
 use faer::linalg::triangular_solve;
 use faer::{Accum, Mat, Par};
 use nalgebra::{DMatrix, DVector, Point3};
@@ -158,24 +158,38 @@ fn common(design: &Design, rest: &[Point3<f64>]) -> (Mat<f64>, Vec<f64>) {
     (outer(&smooth), level)
 }
 
-/// `A A^T`, lower triangle.
+/// `A A^T`; above the diagonal it is not complete.
 fn outer(a: &Mat<f64>) -> Mat<f64> {
     let mut out = Mat::zeros(a.nrows(), a.nrows());
     add_outer(&mut out, a, 1.0);
     out
 }
 
-/// Adds `sign A A^T`, lower triangle.
+/// Rows of a band in [`add_outer`].
+const BAND: usize = 64;
+
+/// Adds `sign A A^T` on and below the diagonal. Neighbouring rows touch the same few points: of each band of rows
+/// only the columns count that are not zero there.
 fn add_outer(to: &mut Mat<f64>, a: &Mat<f64>, sign: f64) {
-    if a.ncols() > 0 {
-        triangular::matmul(
-            to.as_mut(),
-            triangular::BlockStructure::TriangularLower,
+    let n = a.nrows();
+    for start in (0..n).step_by(BAND) {
+        let band = start..(start + BAND).min(n);
+        let columns = (0..a.ncols()).map(|k| a.col_as_slice(k));
+        let touched: Vec<&[f64]> = columns
+            .filter(|c| c[band.clone()].iter().any(|v| *v != 0.0))
+            .collect();
+        if touched.is_empty() {
+            continue;
+        }
+        let mut below = Mat::zeros(n - start, touched.len());
+        for (k, column) in touched.iter().enumerate() {
+            below.col_as_slice_mut(k).copy_from_slice(&column[start..]);
+        }
+        matmul(
+            to.submatrix_mut(start, start, n - start, band.len()),
             Accum::Add,
-            a.as_ref(),
-            triangular::BlockStructure::Rectangular,
-            a.transpose(),
-            triangular::BlockStructure::Rectangular,
+            &below,
+            below.subrows(0, band.len()).transpose(),
             sign,
             Par::Seq,
         );
