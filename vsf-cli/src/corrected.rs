@@ -127,8 +127,18 @@ impl CorrectedModel {
         let spinner = console.spinner("corrected model");
         let dataset = with(&recording.dataset, sequences);
         let campaign = Campaign::in_scene(&dataset, scene.clone())?;
-        let all = campaign.corrected(&self.at(&campaign)?)?;
+        let model = self.at(&campaign)?;
+        let all = campaign.corrected(&model)?;
         spinner.finish_and_clear();
+        let seen = seen(&campaign, &model);
+        if !seen.is_empty() {
+            console.warn(format_args!(
+                "{}: has parameters of the test sequences {}, which were learned from their own readings: errors \
+                 are smaller there than they would be on new ones",
+                self.path.display(),
+                seen.join(", ")
+            ));
+        }
         let of = |s: &&Sequence| all.iter().find(|c| c.trace.id == s.id).cloned();
         let found: Vec<Corrected> = sequences.iter().filter_map(of).collect();
         let traces: Vec<Trace> = found.iter().map(|c| c.trace.clone()).collect();
@@ -171,6 +181,22 @@ impl CorrectedModel {
         let model = self.file.model(&campaign.site, &effects::catalogue());
         model.with_context(|| self.path.display().to_string())
     }
+}
+
+/// The test sequences that a model has parameters of: a diagnosis learns them from halves of their readings.
+fn seen<'a>(campaign: &'a Campaign, model: &Model) -> Vec<&'a str> {
+    let sequences = &campaign.site.sequences;
+    let mut seen = vec![false; sequences.len()];
+    for (effect, theta) in &model.parts {
+        for (p, value) in effect.parameters(&campaign.site).iter().zip(theta) {
+            if let Some(s) = p.sequence.filter(|_| *value != 0.0) {
+                seen[s] = true;
+            }
+        }
+    }
+    let tested = |id: &&str| campaign.test().iter().any(|m| m.id == *id);
+    let ids = sequences.iter().zip(seen).filter(|(_, seen)| *seen);
+    ids.map(|(id, _)| id.as_str()).filter(tested).collect()
 }
 
 /// Names of the effects in a [`CorrectedModel::text`].

@@ -207,3 +207,36 @@ fn meshes_that_are_no_bodies() {
     tip(&|face| face.starts_with('1').then(|| format!("f {face}")));
     warns(&bench, "info arm", &["tip.obj", "edges", "a guess"]);
 }
+
+/// Where the object lay in a test sequence is learned from its readings alone.
+#[test]
+fn models_that_have_seen_test_sequences() {
+    let bench = Bench::touched();
+    let model = |of: &str| {
+        let names = ["dx", "dy", "dz"].into_iter();
+        let all = ["", "_a", "_b", "_c"].map(|id| names.clone().map(move |n| format!("{n}{id}")));
+        let parameter = |name: String| {
+            let value = if name == of { 0.001 } else { 0.0 };
+            format!(r#"{{"name": "{name}", "value": {value}, "std": 0.0, "unit": "m"}}"#)
+        };
+        let parameters: Vec<String> = all.into_iter().flatten().map(parameter).collect();
+        let effect = format!(
+            r#"{{"schema": 1, "effects": [{{"effect": "registration_offset", "parameters": [{}]}}]}}"#,
+            parameters.join(", ")
+        );
+        fs::write(bench.root.join("model.json"), effect).unwrap();
+    };
+    let line = "evaluate touch --field truth --model model.json";
+    model("dz_c");
+    warns(
+        &bench,
+        line,
+        &["model.json", "test sequences c", "own readings"],
+    );
+    // Of train sequences nobody expects otherwise, and what holds for all was not learned there.
+    for of in ["dz_b", "dz"] {
+        model(of);
+        let text = bench.warned(line);
+        assert!(!text.contains("own readings"), "{text}");
+    }
+}

@@ -3,6 +3,7 @@ use crate::evidence::{Factor, Spread};
 use crate::nominal::Fitted;
 use crate::{Campaign, ContactLog, GapError, JointNoise, Model, Motion};
 use std::sync::Arc;
+use vsf_core::CoreError;
 
 /// Rounds of leaving out points whose stiffness came out negative.
 const ROUNDS: usize = 3;
@@ -84,16 +85,19 @@ impl Campaign {
         Ok((field, factor))
     }
 
-    /// Residuals of a model with its field on sequences.
+    /// Residuals of a model with its field (N/m, one value per rest point) on sequences of the session or
+    /// parts of them.
     ///
     /// # Errors
-    /// Rows that contact cannot take.
+    /// A field of another length than the rest points, a sequence that the session does not hold, rows
+    /// that contact cannot take.
     pub fn residuals(
         &self,
         model: &Model,
         field: &[f64],
         motions: &[&Motion],
     ) -> Result<Residuals, GapError> {
+        CoreError::check_len("stiffness", field.len(), self.site.rest.len())?;
         // What an effect has done to the object by then needs all that came before.
         let session: Vec<&Motion> = match model.parts.is_empty() {
             true => motions.to_vec(),
@@ -106,7 +110,7 @@ impl Campaign {
     /// The same, with the contact of the session at hand.
     ///
     /// # Errors
-    /// Parameters that an effect cannot take.
+    /// A sequence that the session does not hold, parameters that an effect cannot take.
     pub(crate) fn residuals_in(
         &self,
         model: &Model,
@@ -122,15 +126,15 @@ impl Campaign {
             .collect();
         // What is asked for may be a part of a sequence of the session.
         let mut places = vec![Vec::new(); session.len()];
-        for (k, asked) in motions.iter().enumerate() {
+        for (k, asked) in motions.iter().enumerate().filter(|(_, m)| !m.is_empty()) {
             let found = session.iter().enumerate().find_map(|(s, m)| {
                 let first = (m.clock.iter()).position(|t| *t == asked.begin())?;
                 let inside = m.id == asked.id && first + asked.len() <= m.len();
                 inside.then_some((s, first))
             });
-            let Some((s, first)) = found.filter(|_| !asked.is_empty()) else {
-                continue;
-            };
+            let (s, first) = found.ok_or_else(|| GapError::UnknownSequence {
+                id: asked.id.clone(),
+            })?;
             places[s].push((k, first..first + asked.len()));
         }
         self.predict(model, session, logs, |s, row, touch, prediction| {

@@ -56,6 +56,12 @@ pub enum GapError {
         /// How much there is, and what to do.
         problem: String,
     },
+    /// A sequence that the session of a campaign does not hold.
+    #[error("sequence {id:?} is no part of the session; take those of Campaign::session")]
+    UnknownSequence {
+        /// Its ID.
+        id: String,
+    },
     /// A covariance that is not positive definite, an overflow.
     #[error("numerical failure in {0}")]
     Numerical(&'static str),

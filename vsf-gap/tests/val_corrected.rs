@@ -6,9 +6,10 @@ mod common;
 
 use common::campaign::{Rows, free_arm, free_arm_tared, plate, torques};
 use proptest::prelude::*;
+use std::sync::Arc;
 use vsf_core::{Noise, Observation};
 use vsf_gap::effects::catalogue;
-use vsf_gap::{Campaign, Corrector, EffectEntry, Estimate, GapError, Model, ModelFile, Role};
+use vsf_gap::{Acts, Campaign, Corrector, EffectEntry, Estimate, GapError, Model, ModelFile, Role};
 
 /// A block of points under the plate.
 fn points() -> Vec<[f64; 3]> {
@@ -181,7 +182,7 @@ fn val_a_control_loop_tares_as_a_recording_does() {
     let rows: Rows = (0..60).map(row).collect();
     let campaign = free_arm_tared(&[rows.clone(), rows], TARE);
     for name in ["payload", "torque_drift", "latency"] {
-        let of_name = |e: &std::sync::Arc<dyn vsf_gap::Effect>| e.name() == name;
+        let of_name = |e: &Arc<dyn vsf_gap::Effect>| e.name() == name;
         let k = catalogue().iter().position(of_name).unwrap();
         let model = model(&campaign, k);
         let mut online = Corrector::new(&campaign.site, &campaign.scene, &model).unwrap();
@@ -370,4 +371,42 @@ fn files_that_are_no_models() {
         error.contains("latency") && error.contains("twice"),
         "{error}"
     );
+}
+
+#[test]
+fn residuals_are_of_the_session_and_of_a_field_of_its_points() {
+    let campaign = pressed();
+    let field = vec![100.0; campaign.site.rest.len()];
+    let model = model(&campaign, 0);
+    let mut foreign = campaign.train()[0].clone();
+    foreign.id = "elsewhere".to_owned();
+    let unknown = campaign.residuals(&model, &field, &[&foreign]);
+    assert!(matches!(unknown, Err(GapError::UnknownSequence { id }) if id == "elsewhere"));
+    let short = campaign.residuals(&model, &field[1..], &campaign.session());
+    assert!(matches!(short, Err(GapError::Core(_))));
+}
+
+#[test]
+fn effects_that_leave_contacts_as_they_are_share_those_of_the_nominal_model() {
+    let campaign = pressed();
+    let session = campaign.session();
+    let nominal = campaign.contact_logs(&Model::default(), &session).unwrap();
+    for k in 0..catalogue().len() {
+        let model = model(&campaign, k);
+        let name = model.parts[0].0.name();
+        let shared = campaign.contact_logs(&model, &session).unwrap();
+        for ((nominal, shared), motion) in nominal.iter().zip(&shared).zip(&session) {
+            if model.acts() == Acts::Contact {
+                assert!(!Arc::ptr_eq(nominal, shared), "{name}");
+                continue;
+            }
+            assert!(Arc::ptr_eq(nominal, shared), "{name}");
+            let own = campaign.contact_log(&model, motion).unwrap();
+            for (row, (n, o)) in nominal.contacts.iter().zip(&own.contacts).enumerate() {
+                assert_eq!(n.points(), o.points(), "{name}, row {row}");
+                assert_eq!(n.displacements(), o.displacements(), "{name}, row {row}");
+            }
+            assert_eq!(nominal.forces, own.forces, "{name}");
+        }
+    }
 }
