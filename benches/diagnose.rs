@@ -2,8 +2,9 @@
 //! which a soft body of some thousand points is touched, and the same with each point as several, 50,000
 //! altogether.
 //!
-//! `cargo bench -p vsf-benches --bench diagnose`, once, since it takes minutes; with `-- --test` a few effects
-//! only, with the points as they are.
+//! `cargo bench -p vsf-benches --bench diagnose`, once, since it takes minutes; in tests a few effects only, with
+//! the points as they are. The memory is the most that the process has had, the making of the recording
+//! included.
 
 use std::error::Error;
 use std::time::Instant;
@@ -16,7 +17,8 @@ use vsf_world::{CaseSpec, Kind, Level, Protocol, generate};
 const FINE: usize = 50_000;
 
 fn main() -> Result<(), Box<dyn Error>> {
-    let is_test = std::env::args().any(|a| a == "--test");
+    let has = |flag: &str| std::env::args().any(|a| a == flag);
+    let is_test = has("--test") || !has("--bench");
     let spec = CaseSpec {
         kind: Kind::Springs,
         protocol: Protocol::Rich,
@@ -34,7 +36,7 @@ fn main() -> Result<(), Box<dyn Error>> {
     let samples: Vec<usize> = dataset.sequences.iter().map(|s| s.len()).collect();
     println!("samples of the sequences: {samples:?}");
     println!("  points  seconds  peak memory [MB]  verdict");
-    let mut run = |dataset: &Dataset| -> Result<(), Box<dyn Error>> {
+    let run = |dataset: &Dataset| -> Result<(), Box<dyn Error>> {
         let clock = Instant::now();
         let campaign = Campaign::open(dataset, &SceneOptions::default())?;
         let verdict = diagnose(&campaign, "bench", &catalogue, 0, |_| {})?

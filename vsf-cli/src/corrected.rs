@@ -130,11 +130,15 @@ impl CorrectedModel {
         let model = self.at(&campaign)?;
         let all = campaign.corrected(&model)?;
         spinner.finish_and_clear();
-        let seen = seen(&campaign, &model);
+        let tested = |id: &&str| recording.dataset.splits.test.iter().any(|t| t == id);
+        let seen: Vec<&str> = own_parameters(&campaign, &model)
+            .filter(|id| sequences.iter().any(|s| s.id == *id))
+            .filter(tested)
+            .collect();
         if !seen.is_empty() {
             console.warn(format_args!(
-                "{}: has parameters of the test sequences {}, which were learned from their own readings: errors \
-                 are smaller there than they would be on new ones",
+                "{}: has parameters of their own for the test sequences {}; a diagnosis learns these from \
+                 readings there, so that errors are smaller than on new sequences",
                 self.path.display(),
                 seen.join(", ")
             ));
@@ -183,20 +187,19 @@ impl CorrectedModel {
     }
 }
 
-/// The test sequences that a model has parameters of: a diagnosis learns them from halves of their readings.
-fn seen<'a>(campaign: &'a Campaign, model: &Model) -> Vec<&'a str> {
+/// The sequences that a model has parameters for which are not zero.
+fn own_parameters<'a>(campaign: &'a Campaign, model: &Model) -> impl Iterator<Item = &'a str> {
     let sequences = &campaign.site.sequences;
-    let mut seen = vec![false; sequences.len()];
+    let mut own = vec![false; sequences.len()];
     for (effect, theta) in &model.parts {
         for (p, value) in effect.parameters(&campaign.site).iter().zip(theta) {
             if let Some(s) = p.sequence.filter(|_| *value != 0.0) {
-                seen[s] = true;
+                own[s] = true;
             }
         }
     }
-    let tested = |id: &&str| campaign.test().iter().any(|m| m.id == *id);
-    let ids = sequences.iter().zip(seen).filter(|(_, seen)| *seen);
-    ids.map(|(id, _)| id.as_str()).filter(tested).collect()
+    let all = sequences.iter().zip(own);
+    all.filter_map(|(id, own)| own.then_some(id.as_str()))
 }
 
 /// Names of the effects in a [`CorrectedModel::text`].

@@ -5,7 +5,7 @@
 //! | [`Sdf`] | signed distance and normal of a body: [`ShapeSdf`] in closed form, [`MeshSdf`] exact, [`GridSdf`] baked, [`UnionSdf`] of several |
 //! | [`link_sdfs`] | the shapes of a robot's links, from its colliders |
 //! | [`StickSlip`] | section III-B-a of the paper: points stick, slip, detach |
-//! | [`CellContact`] | the same with cubes instead of points |
+//! | [`CellContact`] | the same with cubes instead of points, [`Cells`] |
 //!
 //! Both models implement [`vsf_core::ContactModel`] and never read a belief.
 

@@ -311,7 +311,7 @@ impl Campaign {
     }
 
     /// Contacts of several sequences. Models whose effects leave contacts as they are share those of the
-    /// nominal model.
+    /// nominal model, where the sequences are this campaign's own, not clones.
     ///
     /// # Errors
     /// As [`Campaign::contact_log`].

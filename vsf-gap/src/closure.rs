@@ -99,10 +99,7 @@ impl Campaign {
     ) -> Result<Residuals, GapError> {
         CoreError::check_len("stiffness", field.len(), self.site.rest.len())?;
         // What an effect has done to the object by then needs all that came before.
-        let session: Vec<&Motion> = match model.parts.is_empty() {
-            true => motions.to_vec(),
-            false => self.session(),
-        };
+        let session = self.session();
         let logs = self.contact_logs(model, &session)?;
         self.residuals_in(model, field, motions, &session, &logs)
     }

@@ -16,7 +16,9 @@ pub enum Acts {
     Torques,
     /// Changes the springs of the touched points; contacts stay.
     Springs,
-    /// Changes joint positions, the object's place or the contact model: contacts change.
+    /// Changes joint positions or their motion, the object's place or the contact model: contacts change.
+    /// [`Compensator::joints`], `motion`, `contact` and `object_shift` are for these effects alone: contact
+    /// is not run again for others.
     Contact,
 }
 

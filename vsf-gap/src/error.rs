@@ -57,7 +57,9 @@ pub enum GapError {
         problem: String,
     },
     /// A sequence that the session of a campaign does not hold.
-    #[error("sequence {id:?} is no part of the session; take those of Campaign::session")]
+    #[error(
+        "sequence {id:?} is no part of the session; take those of Campaign::session or parts of them"
+    )]
     UnknownSequence {
         /// Its ID.
         id: String,

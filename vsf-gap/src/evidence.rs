@@ -430,3 +430,37 @@ pub(crate) fn times(a: &Mat<f64>, x: &[f64]) -> Vec<f64> {
     );
     out.col_as_slice(0).to_vec()
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Columns that are zero but for some rows, as of points that are touched for a while.
+    fn sparse(rows: usize, columns: usize) -> Mat<f64> {
+        Mat::from_fn(rows, columns, |i, k| {
+            let from = 37 * k % rows;
+            let inside = (from..from + 5 + k).contains(&i) && !(64..128).contains(&i);
+            if inside {
+                (i as f64 - 2.0 * k as f64).sin()
+            } else {
+                0.0
+            }
+        })
+    }
+
+    #[test]
+    fn bands_add_up_to_the_outer_product() {
+        for (rows, columns) in [(0, 0), (5, 0), (63, 4), (150, 30), (192, 7)] {
+            let a = sparse(rows, columns);
+            let mut found = Mat::from_fn(rows, rows, |i, j| (i + j) as f64);
+            add_outer(&mut found, &a, -1.0);
+            for i in 0..rows {
+                for j in 0..=i {
+                    let product: f64 = (0..columns).map(|k| a[(i, k)] * a[(j, k)]).sum();
+                    let expected = (i + j) as f64 - product;
+                    assert!((found[(i, j)] - expected).abs() < 1e-11, "{rows}: {i}, {j}");
+                }
+            }
+        }
+    }
+}

@@ -138,3 +138,24 @@ impl Campaign {
         })
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn stiffness_is_scaled_to_the_readings_and_never_negative() {
+        let torques = DVector::from_column_slice(&[1.0, 2.0, 0.0]);
+        // What is at right angles to the torques is left.
+        let readings = DVector::from_column_slice(&[3.0, 6.0, 5.0]);
+        let (factor, left) = scaled(&torques, &readings);
+        assert!((factor - 3.0).abs() < 1e-12 && (left - 25.0).abs() < 1e-12);
+        assert_eq!(
+            scaled(&torques, &-&readings),
+            (0.0, readings.norm_squared())
+        );
+        // Nothing is touched.
+        let nothing = DVector::zeros(3);
+        assert_eq!(scaled(&nothing, &readings), (0.0, readings.norm_squared()));
+    }
+}

@@ -51,7 +51,7 @@ impl Default for SceneOptions {
 pub struct Scene {
     /// The robot, placed in the world.
     pub robot: RobotModel,
-    /// The rest points.
+    /// The rest points. Contact moves sub-points that were made of them: a scene with others is made anew.
     pub rest: Arc<RestPoints>,
     /// Gravity (m/s²), world frame.
     pub gravity: Vector3<f64>,
@@ -95,6 +95,12 @@ impl Scene {
             return Err(PipelineError::NoPoints);
         }
         options.contact.validate()?;
+        let rest = Arc::new(RestPoints::new(points)?);
+        let spacing = rest.spacing();
+        let cells = match options.subdivision == 1 || spacing == 0.0 {
+            true => None,
+            false => Some(Cells::new(&rest, spacing, options.subdivision)?),
+        };
         let robot = robot_of(dataset, &options.packages)?;
         let chosen = chosen_links(&robot, options.links.as_deref())?;
         let colliders: Vec<_> = robot
@@ -117,12 +123,6 @@ impl Scene {
             },
             other => other.into(),
         })?;
-        let rest = Arc::new(RestPoints::new(points)?);
-        let spacing = rest.spacing();
-        let cells = match options.subdivision == 1 || spacing == 0.0 {
-            true => None,
-            false => Some(Cells::new(&rest, spacing, options.subdivision)?),
-        };
         Ok(Self {
             robot,
             rest,
