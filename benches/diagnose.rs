@@ -11,7 +11,7 @@ use std::time::Instant;
 use vsf::core::nalgebra::{Point3, Vector3};
 use vsf::data::{Dataset, Overrides};
 use vsf::gap::{Campaign, diagnose, effects};
-use vsf::pipeline::SceneOptions;
+use vsf::pipeline::{ProcessMemory, SceneOptions};
 use vsf_world::{CaseSpec, Kind, Level, Protocol, generate};
 
 const FINE: usize = 50_000;
@@ -44,7 +44,8 @@ fn main() -> Result<(), Box<dyn Error>> {
             .verdict;
         let seconds = clock.elapsed().as_secs_f64();
         let points = campaign.site.rest.len();
-        let memory = peak_memory().map_or("unknown".to_owned(), |mb| format!("{mb:.0}"));
+        let memory = ProcessMemory::now();
+        let memory = memory.map_or("unknown".to_owned(), |m| format!("{:.0}", m.peak_mb));
         println!(
             "{points:>8}  {seconds:>7.1}  {memory:>16}  {:?}",
             verdict.effects
@@ -73,12 +74,4 @@ fn finer(points: &[Point3<f64>]) -> Vec<Point3<f64>> {
     fine.sort_by(|a, b| from_middle(a).total_cmp(&from_middle(b)));
     fine.truncate(FINE);
     fine
-}
-
-/// Of this process (MB), where the system tells.
-fn peak_memory() -> Option<f64> {
-    let status = std::fs::read_to_string("/proc/self/status").ok()?;
-    let line = status.lines().find_map(|l| l.strip_prefix("VmHWM:"))?;
-    let kilobytes: f64 = line.trim().strip_suffix("kB")?.trim().parse().ok()?;
-    Some(kilobytes / 1e3)
 }

@@ -130,10 +130,9 @@ impl CorrectedModel {
         let model = self.at(&campaign)?;
         let all = campaign.corrected(&model)?;
         spinner.finish_and_clear();
-        let tested = |id: &&str| recording.dataset.splits.test.iter().any(|t| t == id);
-        let seen: Vec<&str> = own_parameters(&campaign, &model)
-            .filter(|id| sequences.iter().any(|s| s.id == *id))
-            .filter(tested)
+        let tested = &recording.dataset.splits.test;
+        let seen: Vec<&str> = (sequences.iter().map(|s| s.id.as_str()))
+            .filter(|id| tested.iter().any(|t| t == id) && knows(&model, &campaign, id))
             .collect();
         if !seen.is_empty() {
             console.warn(format_args!(
@@ -187,19 +186,14 @@ impl CorrectedModel {
     }
 }
 
-/// The sequences that a model has parameters for which are not zero.
-fn own_parameters<'a>(campaign: &'a Campaign, model: &Model) -> impl Iterator<Item = &'a str> {
-    let sequences = &campaign.site.sequences;
-    let mut own = vec![false; sequences.len()];
-    for (effect, theta) in &model.parts {
-        for (p, value) in effect.parameters(&campaign.site).iter().zip(theta) {
-            if let Some(s) = p.sequence.filter(|_| *value != 0.0) {
-                own[s] = true;
-            }
-        }
-    }
-    let all = sequences.iter().zip(own);
-    all.filter_map(|(id, own)| own.then_some(id.as_str()))
+/// Whether a model has parameters for a sequence of its own that are not zero.
+fn knows(model: &Model, campaign: &Campaign, id: &str) -> bool {
+    let of = |s: usize| campaign.site.sequences[s] == id;
+    model.parts.iter().any(|(effect, theta)| {
+        let parameters = effect.parameters(&campaign.site);
+        let mut pairs = parameters.iter().zip(theta);
+        pairs.any(|(p, value)| p.sequence.is_some_and(of) && *value != 0.0)
+    })
 }
 
 /// Names of the effects in a [`CorrectedModel::text`].

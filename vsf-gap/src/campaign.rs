@@ -320,22 +320,18 @@ impl Campaign {
         model: &Model,
         motions: &[&Motion],
     ) -> Result<Vec<Arc<ContactLog>>, GapError> {
+        let is_nominal = model.acts() != Acts::Contact;
         let log = |motion: &&Motion| {
-            let run = || Ok(Arc::new(self.contact_log(model, motion)?));
-            let own = self.train.iter().chain(&self.test);
-            let known = own
-                .zip(&self.contacts)
-                .find(|(m, _)| std::ptr::eq(*m, *motion));
-            match known.filter(|_| model.acts() != Acts::Contact) {
-                None => run(),
-                Some((_, contacts)) => match contacts.get() {
-                    None => {
-                        let log = run()?;
-                        Ok(contacts.get_or_init(|| log).clone())
-                    }
-                    Some(log) => Ok(log.clone()),
-                },
+            let mut own = self.train.iter().chain(&self.test).zip(&self.contacts);
+            let shared = own.find(|(m, _)| is_nominal && std::ptr::eq(*m, *motion));
+            if let Some(log) = shared.and_then(|(_, contacts)| contacts.get()) {
+                return Ok(log.clone());
             }
+            let log = Arc::new(self.contact_log(model, motion)?);
+            Ok(match shared {
+                Some((_, contacts)) => contacts.get_or_init(|| log).clone(),
+                None => log,
+            })
         };
         motions.par_iter().map(log).collect()
     }

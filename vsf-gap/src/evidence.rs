@@ -15,6 +15,8 @@ const CELL: f64 = 0.04;
 /// Times (s) over which the model's roughness persists: of contact, and of joints.
 const CONTACT_TIMES: [f64; 3] = [0.05, 0.3, 3.0];
 const JOINT_TIMES: [f64; 2] = [0.5, 5.0];
+/// Rows of a band in [`add_outer`].
+const BAND: usize = 64;
 
 /// Sizes of what readings vary by.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -164,9 +166,6 @@ fn outer(a: &Mat<f64>) -> Mat<f64> {
     add_outer(&mut out, a, 1.0);
     out
 }
-
-/// Rows of a band in [`add_outer`].
-const BAND: usize = 64;
 
 /// Adds `sign A A^T` on and below the diagonal. Neighbouring rows touch the same few points: of each band of rows
 /// only the columns count that are not zero there.

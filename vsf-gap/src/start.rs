@@ -65,8 +65,8 @@ impl Campaign {
         let mut best = tangent.start.clone();
         let mut most = value(&best)?;
         let mut seen = vec![best.clone()];
-        // The best of some that have not been tried: those that have are not worth a step.
-        let mut best_new = |thetas: Vec<Vec<f64>>| -> Result<Option<(Vec<f64>, f64)>, GapError> {
+        // The best of some, if it is worth a step; those that were tried before are not.
+        let mut better = |thetas: Vec<Vec<f64>>, most: f64| -> Result<_, GapError> {
             let from = seen.len();
             for theta in thetas {
                 if !seen.contains(&theta) {
@@ -77,7 +77,8 @@ impl Campaign {
                 .map(value)
                 .collect::<Result<_, GapError>>()?;
             let k = best_of(&values);
-            Ok(values.get(k).map(|v| (seen[from + k].clone(), *v)))
+            let worthwhile = values.get(k).filter(|v| **v >= most + WORTHWHILE);
+            Ok(worthwhile.map(|v| (seen[from + k].clone(), *v)))
         };
         let mut size = EXCURSIONS[0];
         for round in 0..MOST_ROUNDS {
@@ -85,8 +86,7 @@ impl Campaign {
             if round == 0 {
                 tried.push(linear.clone());
             }
-            let worthwhile = |(_, value): &(Vec<f64>, f64), most: f64| *value >= most + WORTHWHILE;
-            match best_new(tried)?.filter(|next| worthwhile(next, most)) {
+            match better(tried, most)? {
                 Some((next, value)) => {
                     let way: Vec<f64> = (next.iter().zip(&best))
                         .map(|(t, b)| (t - b) / size)
@@ -94,7 +94,7 @@ impl Campaign {
                     (best, most) = (next, value);
                     for _ in 0..MOST_FOLLOWING {
                         let around = [1.0, -1.0].map(|by| moved(&parameters, &best, &way, by));
-                        match best_new(around.into())?.filter(|next| worthwhile(next, most)) {
+                        match better(around.into(), most)? {
                             Some(next) => (best, most) = next,
                             None => break,
                         }

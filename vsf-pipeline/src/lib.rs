@@ -23,6 +23,7 @@ mod error;
 mod estimate;
 mod evaluate;
 mod hyper;
+mod memory;
 mod paper;
 mod priors;
 mod readings;
@@ -44,6 +45,7 @@ pub use evaluate::{
     score,
 };
 pub use hyper::{Candidate, Hyper, HyperChoice, HyperMethod, PriorShape, choose_hyper};
+pub use memory::ProcessMemory;
 pub use paper::{
     Method, MethodErrors, Overlap, OverlapShares, Spread, TrainedOn, UpdateSpeed, UpdateTime,
     UpdateTimes, update_speed, update_times,

@@ -1,5 +1,5 @@
-use crate::PipelineError;
 use crate::bench::{JOINTS, Push, quantiles};
+use crate::{PipelineError, ProcessMemory};
 use rand::SeedableRng;
 use rand_distr::{Distribution, StandardNormal};
 use rand_pcg::Pcg64Mcg;
@@ -154,12 +154,8 @@ pub fn soak(options: &SoakOptions) -> Result<SoakReport, PipelineError> {
     })
 }
 
-/// Memory of this process that is not swapped out, as Linux tells it.
 fn resident_mb() -> Option<f64> {
-    let status = std::fs::read_to_string("/proc/self/status").ok()?;
-    let line = status.lines().find_map(|l| l.strip_prefix("VmRSS:"))?;
-    let kib: f64 = line.trim().strip_suffix("kB")?.trim().parse().ok()?;
-    Some(kib * 1024.0 * 1e-6)
+    Some(ProcessMemory::now()?.resident_mb)
 }
 
 #[cfg(test)]
