@@ -43,7 +43,7 @@ fn main() -> Result<(), Box<dyn Error>> {
             .diagnosis
             .verdict;
         let seconds = clock.elapsed().as_secs_f64();
-        let points = campaign.site.rest.len();
+        let points = campaign.site().rest.len();
         let memory = ProcessMemory::now();
         let memory = memory.map_or("unknown".to_owned(), |m| format!("{:.0}", m.peak_mb));
         println!(

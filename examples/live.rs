@@ -90,8 +90,8 @@ fn main() -> Result<(), Box<dyn Error>> {
             warnings.iter().for_each(|w| eprintln!("warning: {w}"));
             let scene = Scene::open(&dataset, &SceneOptions::default())?;
             (
-                scene.robot.clone(),
-                scene.rest.clone(),
+                scene.robot().clone(),
+                scene.rest().clone(),
                 scene.contact_model()?,
             )
         }

@@ -51,7 +51,7 @@ impl Case {
             .map(|e| e.probability);
         let of_truth = sum(of_truth) / truth.len().max(1) as f64;
         let named = !d.verdict.effects.is_empty();
-        let joints = campaign.site.robot.joints();
+        let joints = campaign.site().robot.joints();
         let true_joint =
             largest(&label.truth_share.joint).and_then(|j| Some(joints.get(j)?.name().to_owned()));
         let found_joint = first(&d.r#where.joint).map(|of| match of {

@@ -53,7 +53,7 @@ impl Modelled {
         Ok(Self {
             traces,
             corrected,
-            in_air: scene.rest.is_empty(),
+            in_air: scene.rest().is_empty(),
         })
     }
 
@@ -122,7 +122,7 @@ impl CorrectedModel {
         sequences: &[&Sequence],
         console: &Console,
     ) -> anyhow::Result<Vec<Corrected>> {
-        let motion = motion_warnings(&scene.robot, sequences);
+        let motion = motion_warnings(scene.robot(), sequences);
         motion.iter().for_each(|w| console.warn(w));
         let spinner = console.spinner("corrected model");
         let dataset = with(&recording.dataset, sequences);
@@ -165,9 +165,7 @@ impl CorrectedModel {
             ..dataset
         };
         // What is written is not tared: that is done where it is read.
-        let mut scene = scene.clone();
-        scene.tare_samples = 0;
-        let campaign = Campaign::in_scene(&dataset, scene)?;
+        let campaign = Campaign::in_scene(&dataset, scene.clone().tared())?;
         let torques = campaign.simulated(&self.at(&campaign)?, stiffness)?;
         let ids: Vec<String> = campaign.session().iter().map(|m| m.id.clone()).collect();
         let of = |s: &&Sequence| {
@@ -181,16 +179,16 @@ impl CorrectedModel {
     }
 
     fn at(&self, campaign: &Campaign) -> anyhow::Result<Model> {
-        let model = self.file.model(&campaign.site, &effects::catalogue());
+        let model = self.file.model(campaign.site(), &effects::catalogue());
         model.with_context(|| self.path.display().to_string())
     }
 }
 
 /// Whether a model has parameters for a sequence of its own that are not zero.
 fn knows(model: &Model, campaign: &Campaign, id: &str) -> bool {
-    let of = |s: usize| campaign.site.sequences[s] == id;
+    let of = |s: usize| campaign.site().sequences[s] == id;
     model.parts.iter().any(|(effect, theta)| {
-        let parameters = effect.parameters(&campaign.site);
+        let parameters = effect.parameters(campaign.site());
         let mut pairs = parameters.iter().zip(theta);
         pairs.any(|(p, value)| p.sequence.is_some_and(of) && *value != 0.0)
     })

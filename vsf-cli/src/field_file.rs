@@ -129,7 +129,7 @@ impl FieldFile {
         recording: &str,
     ) -> anyhow::Result<StiffnessField> {
         let column = |values: Vec<f64>| Table::new(1, values);
-        let n = scene.rest.len();
+        let n = scene.rest().len();
         let touched = estimate.touched.iter().map(|&t| f64::from(u8::from(t)));
         let features = [
             (TOUCHED, column(touched.collect())?),
@@ -144,7 +144,7 @@ impl FieldFile {
             ),
         ];
         Ok(StiffnessField {
-            points: scene.rest.positions().to_vec(),
+            points: scene.rest().positions().to_vec(),
             stiffness: estimate.belief.mean().to_vec(),
             sd: Some(
                 estimate

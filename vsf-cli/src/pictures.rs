@@ -63,13 +63,13 @@ impl Surroundings {
         let Some((row, _)) = busiest else {
             return Ok(self);
         };
-        let mut posture = scene.robot.posture();
+        let mut posture = scene.robot().posture();
         scene
-            .robot
+            .robot()
             .update_posture(&sequence.angles[row], &mut posture)?;
         let origin = |link: usize| Point3::from(posture.link_poses()[link].translation.vector);
         self.robot_W = scene
-            .robot
+            .robot()
             .links()
             .iter()
             .enumerate()
@@ -132,7 +132,7 @@ pub fn torques(
     title: &str,
 ) -> anyhow::Result<String> {
     let column = |rows: &[Vec<f64>], j: usize| rows.iter().map(|r| r[j]).collect::<Vec<_>>();
-    let columns: Vec<_> = (0..scene.robot.joint_count())
+    let columns: Vec<_> = (0..scene.robot().joint_count())
         .map(|j| {
             let measured: Vec<f64> = trace.observations.iter().map(|o| o.reading()[j]).collect();
             (
@@ -143,7 +143,7 @@ pub fn torques(
         })
         .collect();
     let joints: Vec<JointTrace> = scene
-        .robot
+        .robot()
         .joints()
         .iter()
         .enumerate()

@@ -224,7 +224,7 @@ impl Recording {
         let scene = open(&self.dataset, &self.options).map_err(explain)?;
         spinner.finish_and_clear();
         mesh_warnings(&scene).iter().for_each(|w| console.warn(w));
-        for grid in &scene.grids {
+        for grid in scene.grids() {
             if let CacheUse::NotStored(why) = &grid.report.cache {
                 console.warn(format!("grid not cached: {why}"));
             }
@@ -237,7 +237,7 @@ impl Recording {
                 console.warn(format!(
                     "link {:?}: the distance grid of its mesh is off by {} m (99 %), more than the \
                      contact threshold of {} m; {advice}",
-                    scene.robot.links()[grid.link].name(),
+                    scene.robot().links()[grid.link].name(),
                     number(error),
                     number(threshold),
                 ));
@@ -364,7 +364,7 @@ pub fn traces(
     sequences: &[&Sequence],
     console: &Console,
 ) -> anyhow::Result<Vec<Trace>> {
-    let motion = motion_warnings(&scene.robot, sequences);
+    let motion = motion_warnings(scene.robot(), sequences);
     motion.iter().for_each(|w| console.warn(w));
     let bar = console.bar(sequences.len(), "contact");
     let traces = scene.traces(sequences, || bar.inc(1))?;
@@ -377,8 +377,8 @@ pub fn traces(
 /// That the robot touches nothing though there are points, in words.
 pub fn untouched(scene: &Scene, traces: &[Trace]) -> Option<PipelineError> {
     let touching = traces.iter().any(|t| t.contact_samples() > 0);
-    (!touching && !scene.rest.is_empty()).then(|| PipelineError::NoContact {
+    (!touching && !scene.rest().is_empty()).then(|| PipelineError::NoContact {
         what: "chosen",
-        points: scene.rest.len(),
+        points: scene.rest().len(),
     })
 }

@@ -129,7 +129,7 @@ fn a_surface_that_is_elsewhere() {
     let mut camera = dataset.camera.clone().unwrap();
     let warned = |camera: &CameraView| {
         let view = rgbd_view(camera).unwrap();
-        view_warnings(&scene.rest, &view)
+        view_warnings(scene.rest(), &view)
     };
     assert_eq!(warned(&camera), []);
     for factor in [0.1, 10.0] {
@@ -185,10 +185,10 @@ fn errors_are_those_of_sequences_left_out() {
         // The one that follows, the first after the last.
         let train = [traces[(k + 1) % traces.len()].clone()];
         let shape = PriorShape::default();
-        let hyper = choose_hyper(&scene.rest, &train, shape, HyperMethod::HeldOut)
+        let hyper = choose_hyper(scene.rest(), &train, shape, HyperMethod::HeldOut)
             .unwrap()
             .hyper;
-        let field = estimate(&scene.rest, &train, &EstimatorSpec::Batch, &hyper, |_| {}).unwrap();
+        let field = estimate(scene.rest(), &train, &EstimatorSpec::Batch, &hyper, |_| {}).unwrap();
         let alone = evaluate(&scene, &field.belief, &traces[k..=k]).unwrap();
         assert_eq!(found.sequence, traces[k].id);
         assert_eq!(found.mean_error, alone.mean_error);

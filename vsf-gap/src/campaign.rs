@@ -156,16 +156,13 @@ fn average(table: &Table, rows: Range<usize>, mean: &mut [f64]) {
 
 /// A recording as a diagnosis sees it.
 pub struct Campaign {
-    /// Robot and object.
-    pub site: Site,
-    /// Contact; of an arm in free air, with nothing.
-    pub scene: Scene,
+    pub(crate) site: Site,
+    pub(crate) scene: Scene,
     /// Sequences that the model is fitted to, in session order.
     pub(crate) train: Vec<Motion>,
     /// Sequences that check it.
     pub(crate) test: Vec<Motion>,
-    /// Noise of every joint's reading in a sample of the train sequences.
-    pub noise: Vec<JointNoise>,
+    pub(crate) noise: Vec<JointNoise>,
     /// Whether the last train sequence checks, for want of a test split.
     pub(crate) held_out: bool,
     touched: Touched,
@@ -250,10 +247,10 @@ impl Campaign {
             test.extend(train.pop());
         }
         let mut site = Site {
-            robot: Arc::new(scene.robot.clone()),
-            rest: scene.rest.clone(),
-            gravity: scene.gravity,
-            torque_kind: scene.torque_kind,
+            robot: Arc::new(scene.robot().clone()),
+            rest: scene.rest().clone(),
+            gravity: scene.gravity(),
+            torque_kind: scene.torque_kind(),
             friction: scene.contact().friction,
             sequences: Vec::new(),
             duration: 1.0,
@@ -298,6 +295,21 @@ impl Campaign {
         (campaign.noise, campaign.touched) = (noise, touched);
         campaign.moves_free = moves_free;
         Ok(campaign)
+    }
+
+    /// Robot and object.
+    pub fn site(&self) -> &Site {
+        &self.site
+    }
+
+    /// Contact; of an arm in free air, with nothing.
+    pub fn scene(&self) -> &Scene {
+        &self.scene
+    }
+
+    /// Noise of every joint's reading in a sample of the train sequences.
+    pub fn noise(&self) -> &[JointNoise] {
+        &self.noise
     }
 
     /// The sequences that the model is fitted to, in session order.
@@ -433,10 +445,10 @@ fn motion(scene: &Scene, sequence: &Sequence, origin: f64) -> Result<Motion, Gap
     let motion = motion_of(sequence)?;
     let clock = sequence.time.iter().map(|t| t - origin).collect();
     let reading = external_torques(scene, sequence)?;
-    let load = match scene.torque_kind {
+    let load = match scene.torque_kind() {
         TorqueKind::External => reading.clone(),
         TorqueKind::Measured => {
-            rigid_body_torques(&scene.robot, &scene.gravity, sequence, &motion)?
+            rigid_body_torques(scene.robot(), &scene.gravity(), sequence, &motion)?
         }
     };
     Ok(Motion {
@@ -449,7 +461,7 @@ fn motion(scene: &Scene, sequence: &Sequence, origin: f64) -> Result<Motion, Gap
         reading,
         load,
         touches: sequence.touches().collect(),
-        tare: scene.tare_samples,
+        tare: scene.tare_samples(),
     })
 }
 

@@ -70,13 +70,13 @@ fn control_loop() {
         if effect.untestable(&campaign).is_some() {
             continue;
         }
-        let parameters = effect.parameters(&campaign.site);
+        let parameters = effect.parameters(campaign.site());
         let theta: Vec<f64> = parameters
             .iter()
             .map(|p| p.scale.min(p.bounds[1]))
             .collect();
         let model = Model::of(&effect, &theta);
-        let mut online = Corrector::new(&campaign.site, &campaign.scene, &model).unwrap();
+        let mut online = Corrector::new(campaign.site(), campaign.scene(), &model).unwrap();
         for touch in 0..TOUCHES {
             let before = CALLS.get();
             online.begin_sequence(&motion.id);

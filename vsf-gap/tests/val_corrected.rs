@@ -47,8 +47,8 @@ fn swung() -> Campaign {
 /// An effect with amplitudes of one scale each.
 fn model(campaign: &Campaign, k: usize) -> Model {
     let effect = &catalogue()[k];
-    let mut theta = effect.starts(&campaign.site).swap_remove(0);
-    for (x, p) in theta.iter_mut().zip(effect.parameters(&campaign.site)) {
+    let mut theta = effect.starts(campaign.site()).swap_remove(0);
+    for (x, p) in theta.iter_mut().zip(effect.parameters(campaign.site())) {
         if p.role == Role::Amplitude {
             *x = p.scale;
         }
@@ -59,7 +59,7 @@ fn model(campaign: &Campaign, k: usize) -> Model {
 #[test]
 fn the_nominal_model_has_the_observations_of_the_pipeline() {
     let campaign = pressed();
-    let scene = &campaign.scene;
+    let scene = campaign.scene();
     let all = campaign.corrected(&Model::default()).unwrap();
     for (corrected, motion) in all.iter().zip(campaign.session()) {
         let (time, angles) = (motion.clock.clone(), motion.q.clone());
@@ -91,7 +91,7 @@ fn columns_and_torques_are_the_prediction() {
         // Train sequences before the test sequence: the order of `torques`.
         let mut corrected = campaign.corrected(&model).unwrap();
         corrected.sort_by_key(|c| campaign.test().iter().any(|m| m.id == c.trace.id));
-        let field = vec![K; campaign.site.rest.len()];
+        let field = vec![K; campaign.site().rest.len()];
         for c in &corrected {
             let recorded = c.recorded().unwrap();
             let readings = &campaign
@@ -130,7 +130,7 @@ fn the_state_of_the_object_lasts() {
     let campaign = pressed();
     let effect = common::effect("damage_softening");
     let model = Model::of(&effect, &[0.9, 0.014, 0.002]);
-    let stiffness = vec![50.0; campaign.site.rest.len()];
+    let stiffness = vec![50.0; campaign.site().rest.len()];
     let with = campaign.simulated(&model, &stiffness).unwrap();
     let alone = plate(&points(), &[press(0.015)]);
     let fresh = alone.simulated(&model, &stiffness).unwrap();
@@ -149,8 +149,8 @@ fn a_loop_has_the_observations_of_the_recording() {
             }
             let name = model.parts[0].0.name().to_owned();
             let offline = campaign.corrected(&model).unwrap();
-            let mut online = Corrector::new(&campaign.site, &campaign.scene, &model).unwrap();
-            let unit = Noise::uniform(campaign.site.joints(), 1.0).unwrap();
+            let mut online = Corrector::new(campaign.site(), campaign.scene(), &model).unwrap();
+            let unit = Noise::uniform(campaign.site().joints(), 1.0).unwrap();
             let mut obs = Observation::new(unit);
             for (c, motion) in offline.iter().zip(campaign.session()) {
                 online.begin_sequence(&motion.id);
@@ -185,7 +185,7 @@ fn val_a_control_loop_tares_as_a_recording_does() {
         let of_name = |e: &Arc<dyn vsf_gap::Effect>| e.name() == name;
         let k = catalogue().iter().position(of_name).unwrap();
         let model = model(&campaign, k);
-        let mut online = Corrector::new(&campaign.site, &campaign.scene, &model).unwrap();
+        let mut online = Corrector::new(campaign.site(), campaign.scene(), &model).unwrap();
         let unit = Noise::uniform(3, 1.0).unwrap();
         let mut obs = Observation::new(unit);
         let corrected = campaign.corrected(&model).unwrap();
@@ -211,8 +211,8 @@ fn val_a_control_loop_tares_as_a_recording_does() {
 fn a_control_loop_refuses_samples_that_do_not_fit() {
     for campaign in [pressed(), swung()] {
         let model = Model::default();
-        let mut online = Corrector::new(&campaign.site, &campaign.scene, &model).unwrap();
-        let unit = Noise::uniform(campaign.site.joints(), 1.0).unwrap();
+        let mut online = Corrector::new(campaign.site(), campaign.scene(), &model).unwrap();
+        let unit = Noise::uniform(campaign.site().joints(), 1.0).unwrap();
         let mut obs = Observation::new(unit);
         let motion = campaign.session()[0];
         let good = motion.sample(0, 0, nalgebra::Vector3::zeros());
@@ -251,16 +251,16 @@ fn simulated_readings_are_explained_by_their_model() {
         (swung(), "joint_viscous_friction", vec![0.2, 0.1, 0.0]),
     ] {
         let model = Model::of(&common::effect(name), &theta);
-        let stiffness = vec![30.0; campaign.site.rest.len()];
+        let stiffness = vec![30.0; campaign.site().rest.len()];
         let readings = campaign.simulated(&model, &stiffness).unwrap();
         let corrected = campaign.corrected(&model).unwrap();
         for ((table, c), motion) in readings.iter().zip(&corrected).zip(campaign.session()) {
             for (row, obs) in c.trace.observations.iter().enumerate() {
-                let mut tau = vec![0.0; campaign.site.joints()];
+                let mut tau = vec![0.0; campaign.site().joints()];
                 obs.apply(&stiffness, &mut tau);
                 for j in 0..tau.len() {
                     let load = tau[j] + c.torques[row][j];
-                    let reading = match campaign.site.torque_kind {
+                    let reading = match campaign.site().torque_kind {
                         vsf_data::TorqueKind::External => load,
                         vsf_data::TorqueKind::Measured => motion.load[row][j] - load,
                     };
@@ -278,16 +278,16 @@ proptest! {
     fn a_file_gives_the_model_back(k in 0..27usize, share in 0.0..1.0f64, sd in 0.0..1e3f64) {
         let campaign = pressed();
         let effect = &catalogue()[k];
-        let parameters = effect.parameters(&campaign.site);
+        let parameters = effect.parameters(campaign.site());
         let theta: Vec<f64> = parameters.iter()
             .map(|p| p.bounds[0] + share * (p.bounds[1] - p.bounds[0]))
             .map(|v| if v.is_finite() { v } else { 0.0 })
             .collect();
         let model = Model::of(effect, &theta);
-        let file = ModelFile::new(&campaign.site, &model, &vec![sd; theta.len()]).unwrap();
+        let file = ModelFile::new(campaign.site(), &model, &vec![sd; theta.len()]).unwrap();
         let read = ModelFile::from_json(&file.to_json()).unwrap();
         prop_assert_eq!(&read, &file);
-        let again = read.model(&campaign.site, &catalogue()).unwrap();
+        let again = read.model(campaign.site(), &catalogue()).unwrap();
         prop_assert_eq!(&again.parts[0].1, &theta);
         prop_assert_eq!(again.parts[0].0.name(), effect.name());
     }
@@ -315,7 +315,7 @@ fn files_that_are_no_models() {
         change(&mut entry);
         let mut file = ModelFile::from_json(r#"{"schema": 1, "effects": []}"#).unwrap();
         file.effects.push(entry);
-        file.model(&campaign.site, &catalogue())
+        file.model(campaign.site(), &catalogue())
     };
     // In any order.
     assert_eq!(good(&|_| {}).unwrap().parts[0].1, [0.1, 0.2, 0.3]);
@@ -365,7 +365,7 @@ fn files_that_are_no_models() {
         {\"effect\": \"latency\", \"parameters\": [{\"name\": \"delta\", \"value\": 0.01, \"std\": 0, \"unit\": \"s\"}]}]}";
     let error = ModelFile::from_json(twice)
         .unwrap()
-        .model(&campaign.site, &catalogue());
+        .model(campaign.site(), &catalogue());
     let error = error.err().unwrap().to_string();
     assert!(
         error.contains("latency") && error.contains("twice"),
@@ -376,7 +376,7 @@ fn files_that_are_no_models() {
 #[test]
 fn residuals_are_of_the_session_and_of_a_field_of_its_points() {
     let campaign = pressed();
-    let field = vec![100.0; campaign.site.rest.len()];
+    let field = vec![100.0; campaign.site().rest.len()];
     let model = model(&campaign, 0);
     let mut foreign = campaign.train()[0].clone();
     foreign.id = "elsewhere".to_owned();

@@ -44,7 +44,7 @@ const NAMES: [&str; 27] = [
 /// People read what an effect is, and what its parameters are called.
 #[test]
 fn summaries_name_all_parameters() {
-    let site = pressing().site;
+    let site = pressing().site().clone();
     for effect in catalogue() {
         let summary = effect.summary();
         for p in effect.parameters(&site) {
@@ -107,7 +107,7 @@ fn amplitudes_at_zero_change_nothing() {
     for campaign in [pressing(), waving()] {
         let nominal = torques(&campaign, &Model::default(), 300.0);
         for effect in catalogue() {
-            for start in effect.starts(&campaign.site) {
+            for start in effect.starts(campaign.site()) {
                 let found = torques(&campaign, &Model::of(&effect, &start), 300.0);
                 assert_eq!(found, nominal, "{}", effect.name());
             }
@@ -119,8 +119,8 @@ fn amplitudes_at_zero_change_nothing() {
 fn parameters_are_well_formed() {
     for campaign in [pressing(), waving()] {
         for effect in catalogue() {
-            let parameters = effect.parameters(&campaign.site);
-            let starts = effect.starts(&campaign.site);
+            let parameters = effect.parameters(campaign.site());
+            let starts = effect.starts(campaign.site());
             assert!(
                 !parameters.is_empty() && !starts.is_empty(),
                 "{}",
@@ -142,7 +142,7 @@ fn parameters_are_well_formed() {
                     assert!(low <= start[i] && start[i] <= high, "{what}");
                 }
             }
-            let site = &campaign.site;
+            let site = campaign.site();
             let wrong = vec![0.0; parameters.len() + 1];
             assert!(
                 effect.compensator(site, &wrong).is_err(),
@@ -160,7 +160,7 @@ fn parameters_are_well_formed() {
 fn corners_of_the_bounds_are_finite() {
     for campaign in [pressing(), waving()] {
         for effect in catalogue() {
-            let parameters = effect.parameters(&campaign.site);
+            let parameters = effect.parameters(campaign.site());
             let lowest: Vec<f64> = parameters.iter().map(|p| p.bounds[0]).collect();
             let highest: Vec<f64> = parameters.iter().map(|p| p.bounds[1]).collect();
             // Large amplitudes with shapes at either end.
@@ -238,7 +238,7 @@ fn val_torques_are_tared_as_readings_are() {
     let (plain, tared) = (waving(), free_arm_tared(&[waves(), waves()], TARE));
     for name in ["torque_bias", "gravity_tilt", "payload", "latency"] {
         let effect = common::effect(name);
-        let theta: Vec<f64> = (effect.parameters(&plain.site).iter())
+        let theta: Vec<f64> = (effect.parameters(plain.site()).iter())
             .map(|p| 0.2 * p.bounds[1].min(1.0))
             .collect();
         let model = Model::of(&effect, &theta);

@@ -33,7 +33,7 @@ fn pressing(force: impl Fn(f64, f64, usize) -> f64) -> (Campaign, Vec<f64>) {
 fn recovered(name: &str, campaign: &Campaign, data: &[f64]) -> Vec<f64> {
     let effect = effect(name);
     let model = |theta: &[f64]| torques(campaign, &Model::of(&effect, theta), K);
-    fit_with(&campaign.site, effect.as_ref(), data, model)
+    fit_with(campaign.site(), effect.as_ref(), data, model)
 }
 
 fn recovers(name: &str, truth: &[f64], tolerance: f64, force: impl Fn(f64, f64, usize) -> f64) {
@@ -41,7 +41,7 @@ fn recovers(name: &str, truth: &[f64], tolerance: f64, force: impl Fn(f64, f64, 
     let found = recovered(name, &campaign, &data);
     close(
         effect(name).as_ref(),
-        &campaign.site,
+        campaign.site(),
         &found,
         truth,
         tolerance,
@@ -189,13 +189,13 @@ fn actuators_carry_the_weight_of_where_the_links_are() {
     let rows: Rows = (0..200).map(|k| (motion(k), vec![0.0; 3])).collect();
     let still = free_arm(std::slice::from_ref(&rows));
     // Readings of actuators that hold the links at the true angles.
-    let mut workspace = still.site.robot.dynamics_workspace();
+    let mut workspace = still.site().robot.dynamics_workspace();
     let recorded = &still.train()[0];
     let read = |k: usize| {
         let q: Vec<f64> = motion(k).iter().zip(offset).map(|(q, o)| q + o).collect();
-        let (qd, qdd, g) = (&recorded.qd[k], &recorded.qdd[k], &still.site.gravity);
+        let (qd, qdd, g) = (&recorded.qd[k], &recorded.qdd[k], &still.site().gravity);
         let tau = still
-            .site
+            .site()
             .robot
             .inverse_dynamics(&q, qd, qdd, g, &mut workspace);
         (motion(k), tau.unwrap().to_vec())
@@ -204,5 +204,5 @@ fn actuators_carry_the_weight_of_where_the_links_are() {
     let data = campaign.train()[0].reading.data();
     let found = recovered("encoder_offset", &campaign, data);
     let effect = effect("encoder_offset");
-    close(effect.as_ref(), &campaign.site, &found, &offset, 1e-3);
+    close(effect.as_ref(), campaign.site(), &found, &offset, 1e-3);
 }

@@ -65,14 +65,14 @@ impl Baseline {
     ) -> Result<Vec<SequencePrediction>, PipelineError> {
         let learn = || {
             let known = Known::new(scene, train)?;
-            let queries = known.features_of(&scene.robot, test)?;
+            let queries = known.features_of(scene.robot(), test)?;
             Ok::<_, PipelineError>((known, queries))
         };
         let all = match self {
             Self::Zero => {
                 let samples = test.iter().map(|s| s.len()).sum();
                 Predicted {
-                    mean: vec![vec![0.0; scene.robot.joint_count()]; samples],
+                    mean: vec![vec![0.0; scene.robot().joint_count()]; samples],
                     sd: Vec::new(),
                 }
             }

@@ -77,7 +77,7 @@ impl<'a> Campaign<'a> {
             return Ok(hyper);
         }
         let (shape, method) = (PriorShape::default(), HyperMethod::HeldOut);
-        let choice = choose_hyper(&self.scene.rest, self.train_traces(), shape, method)?;
+        let choice = choose_hyper(self.scene.rest(), self.train_traces(), shape, method)?;
         Ok(self.hyper.get_or_init(|| choice.hyper))
     }
 
@@ -86,7 +86,7 @@ impl<'a> Campaign<'a> {
     /// # Errors
     /// As [`Campaign::hyper`].
     pub fn blind_field(&self) -> Result<Estimate, PipelineError> {
-        let (rest, spec) = (&self.scene.rest, EstimatorSpec::Batch);
+        let (rest, spec) = (self.scene.rest(), EstimatorSpec::Batch);
         estimate(rest, self.train_traces(), &spec, self.hyper()?, |_| {})
     }
 
@@ -99,7 +99,7 @@ impl<'a> Campaign<'a> {
         let Some(camera) = self.camera else {
             return Ok(None);
         };
-        let (rest, spec) = (&self.scene.rest, EstimatorSpec::Batch);
+        let (rest, spec) = (self.scene.rest(), EstimatorSpec::Batch);
         let (view, hyper) = (rgbd_view(camera)?, self.hyper()?);
         let traces = self.train_traces();
         match estimate_with_vision(rest, &view, traces, &spec, hyper, vision, |_| {}) {

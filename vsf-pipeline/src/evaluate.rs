@@ -140,12 +140,12 @@ fn distance(a: &[f64], b: &[f64]) -> f64 {
 }
 
 fn check_size(belief: &Belief<f64>, scene: &Scene) -> Result<(), PipelineError> {
-    if belief.len() == scene.rest.len() {
+    if belief.len() == scene.rest().len() {
         Ok(())
     } else {
         Err(PipelineError::FieldSize {
             field: belief.len(),
-            recording: scene.rest.len(),
+            recording: scene.rest().len(),
         })
     }
 }
@@ -162,7 +162,7 @@ pub fn predict(
     trace: &Trace,
 ) -> Result<SequencePrediction, PipelineError> {
     check_size(belief, scene)?;
-    let channels = scene.robot.joint_count();
+    let channels = scene.robot().joint_count();
     CoreError::check_len("noise sd", noise_sd.len(), channels)?;
     sequence_prediction(trace, |obs| Ok(predict_independent(belief, noise_sd, obs)))
 }
@@ -230,7 +230,7 @@ pub fn score(
     predictions: &[SequencePrediction],
 ) -> Result<Evaluation, PipelineError> {
     CoreError::check_len("predictions", predictions.len(), traces.len())?;
-    let joints = scene.robot.joint_count();
+    let joints = scene.robot().joint_count();
     let (mut absolute, mut squared) = (vec![0.0; joints], vec![0.0; joints]);
     let mut all = Moments::default();
     let mut per_sequence = Vec::new();
@@ -267,7 +267,7 @@ pub fn score(
     }
     let n = all.count as f64;
     let per_joint = scene
-        .robot
+        .robot()
         .joints()
         .iter()
         .enumerate()

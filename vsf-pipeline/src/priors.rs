@@ -58,15 +58,15 @@ fn row(
     shape: PriorShape,
 ) -> Result<PriorRow, PipelineError> {
     let (scene, train, test) = (
-        campaign.scene,
+        campaign.scene(),
         campaign.train_traces(),
         campaign.test_traces(),
     );
-    let hyper = hyper_of_shape(&scene.rest, train, shape)?;
+    let hyper = hyper_of_shape(scene.rest(), train, shape)?;
     let noise = Noise::per_channel(&hyper.noise_sd)?;
     let (train, test) = (with_noise(train, &noise)?, with_noise(test, &noise)?);
-    let batch = batch_map(&train, scene.rest.len())?;
-    let fit = batch.solve(&shape.prior(&scene.rest, hyper.prior_sd)?, 1.0)?;
+    let batch = batch_map(&train, scene.rest().len())?;
+    let fit = batch.solve(&shape.prior(scene.rest(), hyper.prior_sd)?, 1.0)?;
     let predict = |trace: &Trace| sequence_prediction(trace, |obs| fit.predict(obs));
     let predictions: Vec<_> = test.iter().map(predict).collect::<Result<_, _>>()?;
     Ok(PriorRow {

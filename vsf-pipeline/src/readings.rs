@@ -32,14 +32,14 @@ pub fn external_torques(scene: &Scene, sequence: &Sequence) -> Result<Table, Pip
             most: MOST,
         });
     }
-    if scene.torque_kind == TorqueKind::Measured {
+    if scene.torque_kind() == TorqueKind::Measured {
         let motion = motion_of(sequence)?;
-        let rigid = rigid_body_torques(&scene.robot, &scene.gravity, sequence, &motion)?;
+        let rigid = rigid_body_torques(scene.robot(), &scene.gravity(), sequence, &motion)?;
         let pairs = torques.data_mut().iter_mut().zip(rigid.data());
         pairs.for_each(|(tau, r)| *tau = r - *tau);
     }
-    if scene.tare_samples > 0 {
-        torques = tare(&torques, scene.tare_samples)?;
+    if scene.tare_samples() > 0 {
+        torques = tare(&torques, scene.tare_samples())?;
     }
     Ok(torques)
 }

@@ -49,18 +49,12 @@ impl Default for SceneOptions {
 /// link shapes.
 #[derive(Clone)]
 pub struct Scene {
-    /// The robot, placed in the world.
-    pub robot: RobotModel,
-    /// The rest points. Contact moves sub-points that were made of them: a scene with others is made anew.
-    pub rest: Arc<RestPoints>,
-    /// Gravity (m/s²), world frame.
-    pub gravity: Vector3<f64>,
-    /// What torques of the recording mean.
-    pub torque_kind: TorqueKind,
-    /// Samples at the start of each sequence that tare the sensor.
-    pub tare_samples: usize,
-    /// Quality of the distance grids baked from meshes.
-    pub grids: Vec<LinkGrid>,
+    robot: RobotModel,
+    rest: Arc<RestPoints>,
+    gravity: Vector3<f64>,
+    torque_kind: TorqueKind,
+    tare_samples: usize,
+    grids: Vec<LinkGrid>,
     links: Arc<[LinkSdf]>,
     contact: ContactConfig,
     subdivision: usize,
@@ -156,6 +150,45 @@ impl Scene {
             subdivision: options.subdivision,
             cells: None,
         })
+    }
+
+    /// The same scene, whose readings need no tare.
+    #[must_use]
+    pub fn tared(self) -> Self {
+        Self {
+            tare_samples: 0,
+            ..self
+        }
+    }
+
+    /// The robot, placed in the world.
+    pub fn robot(&self) -> &RobotModel {
+        &self.robot
+    }
+
+    /// The rest points.
+    pub fn rest(&self) -> &Arc<RestPoints> {
+        &self.rest
+    }
+
+    /// Gravity (m/s²), world frame.
+    pub fn gravity(&self) -> Vector3<f64> {
+        self.gravity
+    }
+
+    /// What torques of the recording mean.
+    pub fn torque_kind(&self) -> TorqueKind {
+        self.torque_kind
+    }
+
+    /// Samples at the start of each sequence that tare the sensor.
+    pub fn tare_samples(&self) -> usize {
+        self.tare_samples
+    }
+
+    /// Quality of the distance grids baked from meshes.
+    pub fn grids(&self) -> &[LinkGrid] {
+        &self.grids
     }
 
     /// A fresh contact model of this scene; link shapes and sub-points are shared.

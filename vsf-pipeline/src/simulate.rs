@@ -21,10 +21,10 @@ pub fn simulate(
     noise_sd: f64,
     seed: u64,
 ) -> Result<Vec<Sequence>, PipelineError> {
-    if stiffness.len() != scene.rest.len() {
+    if stiffness.len() != scene.rest().len() {
         return Err(PipelineError::FieldSize {
             field: stiffness.len(),
-            recording: scene.rest.len(),
+            recording: scene.rest().len(),
         });
     }
     CoreError::check_finite("stiffness", stiffness)?;
@@ -36,19 +36,19 @@ pub fn simulate(
     for sequence in sequences {
         let trace = scene.trace(sequence)?;
         let mut torques = Vec::with_capacity(sequence.torques.data().len());
-        let mut tau = vec![0.0; scene.robot.joint_count()];
+        let mut tau = vec![0.0; scene.robot().joint_count()];
         for obs in &trace.observations {
             obs.apply(stiffness, &mut tau);
             torques.extend_from_slice(&tau);
         }
-        if scene.torque_kind == TorqueKind::Measured {
+        if scene.torque_kind() == TorqueKind::Measured {
             let motion = motion_of(sequence)?;
-            let rigid = rigid_body_torques(&scene.robot, &scene.gravity, sequence, &motion)?;
+            let rigid = rigid_body_torques(scene.robot(), &scene.gravity(), sequence, &motion)?;
             let pairs = torques.iter_mut().zip(rigid.data());
             pairs.for_each(|(tau, r)| *tau = r - *tau);
         }
         simulated.push(Sequence {
-            torques: Table::new(scene.robot.joint_count(), torques)?,
+            torques: Table::new(scene.robot().joint_count(), torques)?,
             ..sequence.clone()
         });
     }

@@ -53,7 +53,7 @@ pub struct Table1Row {
 /// # Errors
 /// Train sequences that touch nothing; failures of an estimator.
 pub fn table1(campaign: &Campaign) -> Result<Table1Row, PipelineError> {
-    let (scene, hyper) = (campaign.scene, campaign.hyper()?);
+    let (scene, hyper) = (campaign.scene(), campaign.hyper()?);
     let (train, test) = (campaign.train_traces(), campaign.test_traces());
     let clock = Instant::now();
     for sequence in &campaign.train {
@@ -84,13 +84,13 @@ pub fn table1(campaign: &Campaign) -> Result<Table1Row, PipelineError> {
         &EstimatorSpec::Exact(Projection::default()),
     )?);
     cells.push(run.batch()?);
-    let zero = Belief::uniform(scene.rest.len(), 0.0, 1.0)?;
+    let zero = Belief::uniform(scene.rest().len(), 0.0, 1.0)?;
     let contacts: f64 = train.iter().map(Trace::mean_contacts).sum();
     Ok(Table1Row {
         recording: campaign.name.to_owned(),
         unit: scene.error_unit().to_owned(),
         mean_contacts: contacts / train.len() as f64,
-        touched_points: touched_points(train, scene.rest.len())
+        touched_points: touched_points(train, scene.rest().len())
             .iter()
             .filter(|t| **t)
             .count(),
@@ -113,7 +113,7 @@ impl Run<'_> {
         let prior = self
             .hyper
             .shape
-            .prior(&self.scene.rest, self.hyper.prior_sd)?;
+            .prior(self.scene.rest(), self.hyper.prior_sd)?;
         let noise = Noise::per_channel(&self.hyper.noise_sd)?;
         let Some(mut estimator) = spec.build(prior)? else {
             return self.batch();
@@ -134,7 +134,7 @@ impl Run<'_> {
     fn batch(&self) -> Result<Table1Cell, PipelineError> {
         let scene = self.scene;
         let field = estimate(
-            &scene.rest,
+            scene.rest(),
             self.train,
             &EstimatorSpec::Batch,
             self.hyper,

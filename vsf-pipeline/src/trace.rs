@@ -70,11 +70,11 @@ impl Scene {
     /// A row that robot, contact or sensor cannot take; it is named.
     pub fn trace(&self, sequence: &Sequence) -> Result<Trace, PipelineError> {
         let torques = external_torques(self, sequence)?;
-        let sensor = JointTorques::new(Noise::uniform(self.robot.joint_count(), 1.0)?);
+        let sensor = JointTorques::new(Noise::uniform(self.robot().joint_count(), 1.0)?);
         let mut observations = Vec::with_capacity(sequence.len());
         self.follow(sequence, |row, posture, contacts| {
             let mut obs = sensor.blank();
-            sensor.observe(&self.rest, posture, contacts, &torques[row], &mut obs)?;
+            sensor.observe(self.rest(), posture, contacts, &torques[row], &mut obs)?;
             observations.push(obs);
             Ok(())
         })?;
@@ -97,18 +97,18 @@ impl Scene {
         mut visit: impl FnMut(usize, &Posture, &Contacts) -> Result<(), CoreError>,
     ) -> Result<(), PipelineError> {
         let mut contact = self.contact_model()?;
-        let mut posture = self.robot.posture();
+        let mut posture = self.robot().posture();
         let mut contacts = Contacts::new();
         for touch in sequence.touches() {
             contact.reset();
             for row in touch {
-                self.robot
+                self.robot()
                     .update_posture(&sequence.angles[row], &mut posture)
                     .map_err(|e| match e {
                         RobotError::Value(e) => e,
                         other => CoreError::Other(other.to_string()),
                     })
-                    .and_then(|()| contact.step(&self.rest, &posture, &mut contacts))
+                    .and_then(|()| contact.step(self.rest(), &posture, &mut contacts))
                     .and_then(|()| visit(row, &posture, &contacts))
                     .map_err(|source| PipelineError::Sequence {
                         id: sequence.id.clone(),

@@ -294,7 +294,7 @@ pub fn view_warnings(rest: &RestPoints, view: &RgbdView) -> Vec<PipelineWarning>
 /// What looks wrong with the meshes that contact uses: faces turned over, sides that are a guess.
 pub fn mesh_warnings(scene: &Scene) -> Vec<PipelineWarning> {
     let of_grid = |grid: &LinkGrid| {
-        let link = || format!("mesh of link {:?}", scene.robot.links()[grid.link].name());
+        let link = || format!("mesh of link {:?}", scene.robot().links()[grid.link].name());
         let mesh = || grid.source.clone().unwrap_or_else(link);
         let (error, openness) = (&grid.report.error, &grid.report.openness);
         let turned = error.turned_share > MOST_TURNED;
@@ -311,7 +311,7 @@ pub fn mesh_warnings(scene: &Scene) -> Vec<PipelineWarning> {
         });
         [turned, open].into_iter().flatten()
     };
-    scene.grids.iter().flat_map(of_grid).collect()
+    scene.grids().iter().flat_map(of_grid).collect()
 }
 
 impl PipelineWarning {

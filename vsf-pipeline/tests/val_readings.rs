@@ -62,11 +62,11 @@ fn poses_are_held_by_gravity() {
     let still = vec![0.0; poses.angles.data().len()];
     poses.velocities = Some(Table::new(3, still).unwrap());
     let external = external_torques(&scene, &poses).unwrap();
-    let mut workspace = scene.robot.dynamics_workspace();
+    let mut workspace = scene.robot().dynamics_workspace();
     for row in 0..poses.len() {
         let q = &poses.angles[row];
-        let hold = (scene.robot)
-            .gravity_torques(q, &scene.gravity, &mut workspace)
+        let hold = (scene.robot())
+            .gravity_torques(q, &scene.gravity(), &mut workspace)
             .unwrap();
         for j in 0..3 {
             assert_eq!(external[row][j], hold[j] - poses.torques[row][j]);
@@ -94,7 +94,9 @@ fn pauses_do_not_change_the_motion() {
         assert!((a - b).abs() < 1e-6 * (1.0 + b.abs()), "{a} {b}");
     }
     let short = motion_of(&swing(10.0)).unwrap();
-    assert!(rigid_body_torques(&scene(&parted).robot, &Vector3::zeros(), &parted, &short).is_err());
+    assert!(
+        rigid_body_torques(scene(&parted).robot(), &Vector3::zeros(), &parted, &short).is_err()
+    );
 }
 
 /// Neither weight nor inertia is left, at any sample rate.
@@ -104,13 +106,13 @@ fn what_the_arm_needs_to_move_is_taken_off() {
         let sequence = swing(rate);
         let scene = scene(&sequence);
         let external = external_torques(&scene, &sequence).unwrap();
-        let mut workspace = scene.robot.dynamics_workspace();
+        let mut workspace = scene.robot().dynamics_workspace();
         let (mut left, mut inertia) = (0.0_f64, 0.0_f64);
         // A derivative at the ends is extrapolated.
         for row in sequence.len() / 20..sequence.len() * 19 / 20 {
             let q = &sequence.angles[row];
-            let hold = (scene.robot)
-                .gravity_torques(q, &scene.gravity, &mut workspace)
+            let hold = (scene.robot())
+                .gravity_torques(q, &scene.gravity(), &mut workspace)
                 .unwrap();
             for j in 0..3 {
                 let reading = sequence.torques[row][j] + TOUCH[j];

@@ -133,8 +133,9 @@ fn a_payload_is_no_gravity_left() {
 
 #[test]
 fn velocities_of_another_unit() {
-    let (robot, right) = (scene(TorqueKind::External, 0).robot, swing());
-    assert_eq!(motion_warnings(&robot, &[&right]), []);
+    let (scene, right) = (scene(TorqueKind::External, 0), swing());
+    let robot = scene.robot();
+    assert_eq!(motion_warnings(robot, &[&right]), []);
     let velocities = |factor: f64| Sequence {
         velocities: right.velocities.as_ref().map(|v| scaled(v, factor)),
         ..right.clone()
@@ -150,7 +151,7 @@ fn velocities_of_another_unit() {
         (velocities(-1.0), -1.0, "sign"),
         (velocities(0.0), 0.0, "unit and order"),
     ] {
-        let warnings = motion_warnings(&robot, &[&sequence]);
+        let warnings = motion_warnings(robot, &[&sequence]);
         let [
             PipelineWarning::Velocities {
                 factor, others: 1, ..
@@ -174,14 +175,15 @@ fn velocities_of_another_unit() {
 /// Where a recording goes from one touch to the next, the arm jumps.
 #[test]
 fn jumps_between_touches_are_no_moves() {
-    let robot = scene(TorqueKind::External, 0).robot;
+    let scene = scene(TorqueKind::External, 0);
+    let robot = scene.robot();
     let mut sequence = swing();
     let jump = 3 * ROWS / 2;
     sequence.angles.data_mut()[jump / 3 * 3..]
         .iter_mut()
         .for_each(|q| *q += 1.0);
     sequence.touch_starts = vec![0, jump / 3];
-    assert_eq!(motion_warnings(&robot, &[&sequence]), []);
+    assert_eq!(motion_warnings(robot, &[&sequence]), []);
 }
 
 #[test]

@@ -105,7 +105,7 @@ pub fn run(args: &Args, console: &Console) -> anyhow::Result<()> {
     };
     let scene = recording.scene(console)?;
     if let Some((view, _)) = &view {
-        view_warnings(&scene.rest, view)
+        view_warnings(scene.rest(), view)
             .iter()
             .for_each(|w| console.warn(w));
     }
@@ -148,7 +148,7 @@ pub fn run(args: &Args, console: &Console) -> anyhow::Result<()> {
         sequences: traces.iter().map(|t| t.id.as_str()).collect(),
         samples: traces.iter().map(|t| t.observations.len()).sum(),
         contact_samples: traces.iter().map(Trace::contact_samples).sum(),
-        points: scene.rest.len(),
+        points: scene.rest().len(),
         touched_points: chosen.estimate.touched.iter().filter(|t| **t).count(),
         mean_stiffness: mean_stiffness(&chosen.estimate),
         vision: settings.vision_name(),
@@ -175,7 +175,7 @@ pub fn learn(
     let spec = settings.spec()?;
     let given = match &settings.noise_sd {
         None => None,
-        Some(noise_sd) => Some(per_channel(noise_sd, scene.robot.joint_count())?),
+        Some(noise_sd) => Some(per_channel(noise_sd, scene.robot().joint_count())?),
     };
     let shape = settings.shape();
     let flags = [
@@ -195,7 +195,7 @@ pub fn learn(
         (prior_sd, noise_sd) => {
             let spinner = console.spinner("choosing prior and noise");
             let by = settings.method();
-            let choice = choose_hyper(&scene.rest, traces, shape, by)?;
+            let choice = choose_hyper(scene.rest(), traces, shape, by)?;
             spinner.finish_and_clear();
             let hyper = rescaled(choice.hyper, prior_sd, noise_sd);
             let name = match by {
@@ -209,12 +209,12 @@ pub fn learn(
     let progress = |done: usize| bar.set_position(done as u64);
     let found = match view {
         None => VisionEstimate {
-            estimate: estimate(&scene.rest, traces, &spec, &hyper, progress)?,
+            estimate: estimate(scene.rest(), traces, &spec, &hyper, progress)?,
             share: 0.0,
             candidates: Vec::new(),
         },
         Some((view, vision)) => {
-            estimate_with_vision(&scene.rest, view, traces, &spec, &hyper, vision, progress)?
+            estimate_with_vision(scene.rest(), view, traces, &spec, &hyper, vision, progress)?
         }
     };
     bar.finish_and_clear();

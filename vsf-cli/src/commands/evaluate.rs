@@ -135,7 +135,7 @@ fn predictor<'a>(
     console: &Console,
 ) -> anyhow::Result<impl Fn(&Trace) -> Result<SequencePrediction, PipelineError> + 'a> {
     let belief = field.belief()?;
-    let channels = scene.robot.joint_count();
+    let channels = scene.robot().joint_count();
     let noise_sd = match field.has_deviations() {
         true => Some(field.noise_sd(channels, console)?),
         false => None,

@@ -134,7 +134,7 @@ fn from_recording(args: &Args, console: &Console) -> anyhow::Result<Vec<PathBuf>
     }
     let shown = recording.sequences(None, Default::All)?[0];
     around = around.robot(&scene, shown, &scene.trace(shown)?)?;
-    let (joints, mut predictions) = (names(&scene.robot), Vec::new());
+    let (joints, mut predictions) = (names(scene.robot()), Vec::new());
     if args.out.iter().any(is_mcap) {
         predictions = efforts(&recording, &field, &scene, model.as_ref(), console)?;
     }
@@ -238,7 +238,7 @@ fn predicted(
     console: &Console,
 ) -> anyhow::Result<(Modelled, Vec<SequencePrediction>)> {
     let belief = field.belief()?;
-    let noise_sd = field.noise_sd(scene.robot.joint_count(), console)?;
+    let noise_sd = field.noise_sd(scene.robot().joint_count(), console)?;
     let modelled = Modelled::new(model, recording, scene, sequences, console)?;
     let predictions = modelled.predict(|trace| predict(scene, &belief, &noise_sd, trace))?;
     Ok((modelled, predictions))

@@ -77,8 +77,8 @@ pub fn run(args: &Args, console: &Console) -> anyhow::Result<()> {
         .for_each(|w| console.warn(w));
     // A recording of free motion has no points, and nothing can be said about contact.
     let report = match recording.has_points() {
-        true => describe(&recording, &scene.robot, Some(&scene), &traces),
-        false => describe(&recording, &scene.robot, None, &[]),
+        true => describe(&recording, scene.robot(), Some(&scene), &traces),
+        false => describe(&recording, scene.robot(), None, &[]),
     };
     console.json(&report)?;
     console.report(text(&report))
@@ -91,7 +91,7 @@ fn describe(
     traces: &[Trace],
 ) -> Report {
     let dataset = recording.dataset.clone();
-    let points = scene.map_or(&[][..], |s| s.rest.positions());
+    let points = scene.map_or(&[][..], |s| s.rest().positions());
     let entry = |(k, s): (usize, &vsf::data::Sequence)| Entry {
         sequence: s.id.clone(),
         samples: s.len(),
@@ -100,7 +100,7 @@ fn describe(
         contact_samples: traces.get(k).map(Trace::contact_samples),
         mean_contacts: traces.get(k).map(Trace::mean_contacts),
     };
-    let grids = scene.map_or(&[][..], |s| &s.grids).iter().map(|g| Grid {
+    let grids = scene.map_or(&[][..], Scene::grids).iter().map(|g| Grid {
         link: robot.links()[g.link].name().to_owned(),
         mesh: g.source.clone(),
         resolution_m: g.report.resolution,

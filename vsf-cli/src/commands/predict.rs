@@ -47,7 +47,7 @@ pub fn run(args: &Args, console: &Console) -> anyhow::Result<()> {
     let (recording, field, scene, model) = args.of.open_for(&args.out, console)?;
     let sequences = recording.sequences(args.sequences.as_deref(), Default::Test)?;
     let belief = field.belief()?;
-    let noise_sd = field.noise_sd(scene.robot.joint_count(), console)?;
+    let noise_sd = field.noise_sd(scene.robot().joint_count(), console)?;
     let modelled = Modelled::new(model.as_ref(), &recording, &scene, &sequences, console)?;
     let predictions = modelled.predict(|trace| predict(&scene, &belief, &noise_sd, trace))?;
 
@@ -62,7 +62,7 @@ pub fn run(args: &Args, console: &Console) -> anyhow::Result<()> {
     };
     let deviations = predictions.iter().filter(|p| !p.sd.is_empty()).map(|p| {
         let path = PathBuf::from(format!("seq_{}/torques_sd.npy", p.id));
-        let sd = Table::new(scene.robot.joint_count(), p.sd.concat())?;
+        let sd = Table::new(scene.robot().joint_count(), p.sd.concat())?;
         Ok((path, sd.npy()))
     });
     let deviations = deviations.collect::<anyhow::Result<Vec<_>>>()?;
@@ -78,7 +78,7 @@ pub fn run(args: &Args, console: &Console) -> anyhow::Result<()> {
         sequences: entries.collect(),
     })?;
     let (count, out) = (predictions.len(), args.out.display());
-    let files = match scene.rest.is_empty() {
+    let files = match scene.rest().is_empty() {
         true => "torques.npy",
         false => "torques.npy and torques_sd.npy",
     };

@@ -91,7 +91,7 @@ pub fn run(console: &Console) -> anyhow::Result<()> {
     })?;
     let mut text = format!(
         "{touched_points} of {} points were touched; prior N(0, {}²) N/m and noise sd {},\n{}.\n\n",
-        scene.rest.len(),
+        scene.rest().len(),
         number(hyper.prior_sd),
         noise_text(&scene, &hyper.noise_sd),
         how(chosen.method),

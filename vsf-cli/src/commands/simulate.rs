@@ -43,7 +43,7 @@ struct Report<'a> {
 pub fn run(args: &Args, console: &Console) -> anyhow::Result<()> {
     let (recording, field, scene, model) = args.of.open_for(&args.out, console)?;
     let sequences = recording.sequences(args.sequences.as_deref(), Default::All)?;
-    let motion = motion_warnings(&scene.robot, &sequences);
+    let motion = motion_warnings(scene.robot(), &sequences);
     motion.iter().for_each(|w| console.warn(w));
     let spinner = console.spinner("simulating");
     let stiffness = &field.field.stiffness;

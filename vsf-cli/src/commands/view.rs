@@ -85,7 +85,7 @@ fn of_recording(args: &Args, console: &Console) -> anyhow::Result<String> {
         ));
     } else if recording.has_points() {
         let scene = recording.scene(console)?;
-        let cloud = Cloud::of_points(scene.rest.positions(), Point3::origin())?;
+        let cloud = Cloud::of_points(scene.rest().positions(), Point3::origin())?;
         Some((scene, cloud))
     } else {
         None
@@ -96,7 +96,7 @@ fn of_recording(args: &Args, console: &Console) -> anyhow::Result<String> {
     };
     let (cloud, motion) = match found {
         Some((scene, cloud)) => {
-            warn(&scene.robot);
+            warn(scene.robot());
             let bar = console.bar(sequences.len(), "contact");
             let motion = in_scene(&scene, &sequences, &cloud, || bar.inc(1))?;
             bar.finish_and_clear();

@@ -38,7 +38,7 @@ pub fn torques(campaign: &Campaign, outcome: &Outcome) -> anyhow::Result<Option<
         return Ok(None);
     };
     let motion = &checked[s];
-    let joints = campaign.site.joints();
+    let joints = campaign.site().joints();
     let of = |table: &[f64], j: usize| table.iter().skip(j).step_by(joints).copied().collect();
     let measured = |r: &Residuals| -> Vec<f64> {
         let pairs = r.rows[s].iter().zip(&r.predicted[s]);
@@ -80,7 +80,7 @@ fn svg(campaign: &Campaign, motion: &Motion, curves: &[Curves]) -> anyhow::Resul
     let time: Vec<f64> = motion.clock.iter().map(|t| t - start).collect();
     let joints: Vec<JointTrace> = (curves.iter())
         .map(|c| {
-            let joint = &campaign.site.robot.joints()[c.joint];
+            let joint = &campaign.site().robot.joints()[c.joint];
             JointTrace {
                 name: joint.name(),
                 unit: reading_unit(joint),

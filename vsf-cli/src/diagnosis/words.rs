@@ -9,37 +9,25 @@ pub fn verdict(diagnosis: &Diagnosis) -> String {
     let Diagnosis { verdict, gap, .. } = diagnosis;
     let p = percent(verdict.probability);
     let effects = verdict.effects.join(" and ");
+    // Ending of a verb whose subject these are.
+    let s = if verdict.effects.len() == 1 { "s" } else { "" };
     match verdict.kind {
         Kind::Effects if gap.corrected_by.is_empty() => format!(
-            "{effects} fits best (probability {p}), but with it the test sequences are predicted worse."
+            "{effects} fit{s} best (probability {p}), but with it the test sequences are predicted worse."
         ),
         Kind::Effects if gap.test_error_corrected == gap.test_error_nominal => format!(
-            "{effects} fits best (probability {p}); the test sequences do not show it: their errors stay the same."
+            "{effects} fit{s} best (probability {p}); the test sequences do not show it: their errors stay the same."
         ),
-        Kind::Effects => {
-            let verb = if verdict.effects.len() == 1 {
-                "explains"
-            } else {
-                "explain"
-            };
-            format!("{effects} {verb} the gap (probability {p}).")
-        }
+        Kind::Effects => format!("{effects} explain{s} the gap (probability {p})."),
         Kind::NoGap => format!(
             "No gap: no effect is borne out by this recording (probability that none acts: {p})."
         ),
         Kind::Unknown if effects.is_empty() => {
             "Unknown: something acts that none of the effects looked for explains.".to_owned()
         }
-        Kind::Unknown => {
-            let verb = if verdict.effects.len() == 1 {
-                "comes"
-            } else {
-                "come"
-            };
-            format!(
-                "Unknown: something acts that none of the effects looked for explains; {effects} {verb} closest."
-            )
-        }
+        Kind::Unknown => format!(
+            "Unknown: something acts that none of the effects looked for explains; {effects} come{s} closest."
+        ),
         Kind::NotDiagnosable if like_field(diagnosis) => format!(
             "Not diagnosable: {effects}, or an object whose stiffness differs from place to place; this recording does not tell."
         ),

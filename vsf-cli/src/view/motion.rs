@@ -69,7 +69,7 @@ pub fn in_scene(
     cloud: &Cloud,
     done: impl Fn(),
 ) -> anyhow::Result<Motion> {
-    let every = every(&scene.robot, sequences);
+    let every = every(scene.robot(), sequences);
     let mut all = Vec::new();
     for &sequence in sequences {
         let torques = external_torques(scene, sequence)?;
@@ -77,7 +77,7 @@ pub fn in_scene(
         let norm = |row: &[f64]| row.iter().map(|t| t * t).sum::<f64>().sqrt();
         scene.follow(sequence, |row, posture, contacts| {
             if row % every == 0 {
-                frames.push(&scene.robot, posture, cloud.origin_W)?;
+                frames.push(scene.robot(), posture, cloud.origin_W)?;
                 frames.time.push(sequence.time[row]);
                 frames.touch(contacts, cloud);
                 frames.loads.push(norm(&torques[row]));
@@ -96,7 +96,7 @@ pub fn in_scene(
     let further = contacts.div_ceil(CONTACTS).max(1);
     all.iter_mut().for_each(|f| f.thin(further));
     let unit = scene.error_unit();
-    Motion::new(&scene.robot, sequences, all, every * further, unit)
+    Motion::new(scene.robot(), sequences, all, every * further, unit)
 }
 
 /// The robot alone.

@@ -100,9 +100,9 @@ pub fn free_arm_tared(rows: &[Rows], tare_samples: usize) -> Campaign {
 /// Torques of all sequences, train before test, each with a fresh object, where every point has the
 /// stiffness `k` (N/m).
 pub fn torques(campaign: &Campaign, model: &Model, k: f64) -> Vec<f64> {
-    let stiffness = vec![k; campaign.site.rest.len()];
+    let stiffness = vec![k; campaign.site().rest.len()];
     let mut all = Vec::new();
-    let mut out = vec![0.0; campaign.site.joints()];
+    let mut out = vec![0.0; campaign.site().joints()];
     for motion in campaign.train().iter().chain(campaign.test()) {
         let logs = campaign.contact_logs(model, &[motion]).unwrap();
         let visit = |_, _, touch: &vsf_gap::Touch<'_>, p: &vsf_gap::Prediction| {

@@ -37,9 +37,9 @@ impl Known {
             touches.extend(sequence.touches().map(|t| start + t.start..start + t.end));
             start += sequence.len();
         }
-        let joints = scene.robot.joint_count();
+        let joints = scene.robot().joint_count();
         CoreError::check_len("train readings", readings.len(), joints * start)?;
-        let columns = columns(&scene.robot, train)?;
+        let columns = columns(scene.robot(), train)?;
         let deviations: Vec<f64> = columns.iter().map(|c| deviation(c)).collect();
         let greatest = deviations.iter().copied().fold(0.0, f64::max);
         let moves = |sd: &f64| *sd >= LEAST_DEVIATION * greatest;

@@ -200,7 +200,7 @@ impl Campaign<'_> {
         fold: &Fold,
         view: Option<(&RgbdView, &VisionSpec)>,
     ) -> Result<Vec<(Method, Vec<SequencePrediction>)>, PipelineError> {
-        let (scene, rest) = (self.scene, &self.scene.rest);
+        let (scene, rest) = (self.scene, self.scene.rest());
         let traces = |of: &[usize]| of.iter().map(|&k| self.traces()[k].clone()).collect();
         let (train, test): (Vec<Trace>, Vec<Trace>) = (traces(&fold.train), traces(&fold.test));
         let sequences =

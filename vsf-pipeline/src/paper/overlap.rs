@@ -42,7 +42,7 @@ pub struct OverlapShares {
 impl OverlapShares {
     /// Shares of the sequences of a campaign.
     pub fn of(campaign: &Campaign) -> Self {
-        Self::between(campaign.traces(), campaign.scene.rest.len())
+        Self::between(campaign.traces(), campaign.scene().rest().len())
     }
 
     fn between(traces: &[Trace], field_len: usize) -> Self {

@@ -22,12 +22,12 @@ pub struct UpdateSpeed {
 /// # Errors
 /// Train sequences that touch nothing; rows that robot, contact or filter cannot take.
 pub fn update_speed(campaign: &Campaign) -> Result<UpdateSpeed, PipelineError> {
-    let scene = campaign.scene;
+    let scene = campaign.scene();
     // Their values make no difference to the time.
-    let prior = Belief::<f32>::uniform(scene.rest.len(), 0.0, 0.1)?;
-    let noise = Noise::uniform(scene.robot.joint_count(), 1.0)?;
+    let prior = Belief::<f32>::uniform(scene.rest().len(), 0.0, 0.1)?;
+    let noise = Noise::uniform(scene.robot().joint_count(), 1.0)?;
     let mut session = Session::new(
-        scene.rest.clone(),
+        scene.rest().clone(),
         scene.contact_model()?,
         JointTorques::new(noise),
         MemoryReplay::new(DiagonalKalman::new(prior), ReplayConfig::default())?,
@@ -67,13 +67,13 @@ fn run(
 ) -> Result<Vec<Step>, PipelineError> {
     let mut steps = Vec::new();
     let torques = external_torques(scene, sequence)?;
-    let mut posture = scene.robot.posture();
+    let mut posture = scene.robot().posture();
     for touch in sequence.touches() {
         session.begin_touch();
         for row in touch {
             let clock = Instant::now();
             let q = &sequence.angles[row];
-            scene.robot.update_posture(q, &mut posture)?;
+            scene.robot().update_posture(q, &mut posture)?;
             let step = session.step(&posture, &torques[row]);
             let seconds = clock.elapsed().as_secs_f64();
             let report = step.map_err(|source| PipelineError::Sequence {

@@ -34,14 +34,14 @@ pub fn reading_warnings(
             outliers: outliers(joint, j, &rows, strong)?,
         })
     };
-    let joints = scene.robot.joints().iter().enumerate();
+    let joints = scene.robot().joints().iter().enumerate();
     let mut warnings: Vec<_> = joints.filter_map(of_joint).collect();
     let tares = |of: &dyn Fn(&Trace) -> Option<PipelineWarning>| {
         let mut found = traces.iter().filter_map(of);
         let first = found.next();
         first.map(|w| w.and_others(found.count()))
     };
-    warnings.extend(tares(&|t| tare_in_contact(t, scene.tare_samples)));
+    warnings.extend(tares(&|t| tare_in_contact(t, scene.tare_samples())));
     warnings.extend(tares(&|t| tare_spread(t, scene)));
     // Gravity that is left may turn readings round.
     warnings.extend(gravity_left(scene, sequences, traces).or_else(|| opposite(scene, traces)));
@@ -65,7 +65,7 @@ fn tare_spread(trace: &Trace, scene: &Scene) -> Option<PipelineWarning> {
     // Readings are tared: their mean over these samples is zero.
     let rms = |squares: f64, count: usize| (squares / count.max(1) as f64).sqrt();
     let square = |o: &Observation<f64>| o.reading().iter().map(|t| t * t).sum::<f64>();
-    let tare = || trace.observations.iter().take(scene.tare_samples);
+    let tare = || trace.observations.iter().take(scene.tare_samples());
     let touch = || trace.observations.iter().filter(|o| !o.is_empty());
     let spread = rms(tare().map(square).sum(), tare().count());
     let touch = rms(touch().map(square).sum(), touch().count());
@@ -101,7 +101,7 @@ impl Likeness {
 
 /// Any stiffness gives torques that are, by and large, like those of the same stiffness everywhere.
 fn opposite(scene: &Scene, traces: &[Trace]) -> Option<PipelineWarning> {
-    let uniform = vec![1.0; scene.rest.len()];
+    let uniform = vec![1.0; scene.rest().len()];
     let mut likeness = Likeness::default();
     let observations = traces.iter().flat_map(|t| &t.observations);
     for obs in observations.filter(|o| !o.is_empty()) {
@@ -132,9 +132,10 @@ fn gravity_left(
             }
         });
         // Angles that a trace was made of can be taken.
-        let mut rigid = rigid_body_torques(&scene.robot, &scene.gravity, sequence, &motion).ok()?;
-        if scene.tare_samples > 0 {
-            rigid = tare(&rigid, scene.tare_samples).ok()?;
+        let mut rigid =
+            rigid_body_torques(scene.robot(), &scene.gravity(), sequence, &motion).ok()?;
+        if scene.tare_samples() > 0 {
+            rigid = tare(&rigid, scene.tare_samples()).ok()?;
         }
         let rows = trace.observations.iter().zip(rigid.iter());
         for (obs, rigid) in rows.filter(|(o, _)| o.is_empty()) {
@@ -145,7 +146,7 @@ fn gravity_left(
     let (size, correlation) = (likeness.both / likeness.others, likeness.correlation());
     let left = correlation > GRAVITY_CORRELATION && GRAVITY_SIZE.contains(&size);
     left.then_some(PipelineWarning::GravityLeft {
-        given: scene.torque_kind,
+        given: scene.torque_kind(),
         size,
         correlation,
     })

@@ -114,7 +114,7 @@ impl<'a> Figures<'a> {
         let limit = quantile(&blind);
         let mut around = Surroundings::default();
         if let Some(view) = &recording.dataset.camera {
-            around = around.camera(view, campaign.scene().rest.positions());
+            around = around.camera(view, campaign.scene().rest().positions());
         }
         let field = |estimate: &Estimate| -> anyhow::Result<StiffnessField> {
             FieldFile::of_estimate(campaign.scene(), estimate, campaign.hyper()?, name)

@@ -149,7 +149,7 @@ fn entry(
     if vision.is_some()
         && let Some(view) = recording.view()?
     {
-        let warnings = view_warnings(&campaign.scene().rest, &view);
+        let warnings = view_warnings(campaign.scene().rest(), &view);
         warnings.iter().for_each(|w| console.warn(w));
     }
     let shares = OverlapShares::of(campaign);
