@@ -150,7 +150,8 @@ impl CorrectedModel {
         Ok(found)
     }
 
-    /// The sequences with the torques that the model gives with a stiffness per rest point (N/m).
+    /// The sequences, whose contacts are `traces`, with the torques that the model gives with a stiffness per
+    /// rest point (N/m).
     /// Effects that follow the load take that of the nominal model.
     pub fn simulate(
         &self,
@@ -158,11 +159,11 @@ impl CorrectedModel {
         scene: &Scene,
         stiffness: &[f64],
         sequences: &[&Sequence],
+        traces: &[Trace],
     ) -> anyhow::Result<Vec<Sequence>> {
-        let dataset = with(dataset, sequences);
         let dataset = Dataset {
-            sequences: simulate(scene, stiffness, &dataset.sequences, 0.0, 0)?,
-            ..dataset
+            sequences: simulate(scene, stiffness, sequences, traces)?,
+            ..with(dataset, sequences)
         };
         // What is written is not tared: that is done where it is read.
         let campaign = Campaign::in_scene(&dataset, scene.clone().tared())?;

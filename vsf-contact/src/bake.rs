@@ -18,6 +18,9 @@ const NEAR: f64 = 0.01;
 /// comes to -1/2.
 const TURNED: f64 = -0.6;
 
+/// Largest margin of a grid (m).
+const MAX_MARGIN: f64 = 1000.0;
+
 /// How meshes become grids.
 #[derive(Debug, Clone, PartialEq)]
 pub struct GridOptions {
@@ -26,7 +29,7 @@ pub struct GridOptions {
     pub resolution: Option<f64>,
     /// Goal of the automatic resolution \[m\], > 0, default 0.5 mm.
     pub max_error: f64,
-    /// How far the grid reaches beyond the body \[m\], > 0, default 15 mm. Farther out the distance
+    /// How far the grid reaches beyond the body \[m\], > 0, at most 1000, default 15 mm. Farther out the distance
     /// is a lower bound, see [`GridSdf`].
     pub margin: f64,
     /// Most nodes of one grid (4 bytes each), >= 64, default 4 million: about
@@ -68,6 +71,13 @@ impl GridOptions {
         positive("grid resolution", self.resolution.unwrap_or(1.0))?;
         positive("grid max_error", self.max_error)?;
         positive("grid margin", self.margin)?;
+        if self.margin > MAX_MARGIN {
+            return Err(CoreError::Parameter {
+                name: "grid margin",
+                value: self.margin,
+                range: "at most 1000 m",
+            });
+        }
         if self.max_nodes < 64 {
             let value = self.max_nodes as f64;
             return Err(CoreError::Parameter {

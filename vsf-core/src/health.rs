@@ -32,7 +32,7 @@ impl FilterHealth {
     /// Takes in one update. Updates without contacts count too: they show the noise alone.
     pub fn record(&mut self, report: &UpdateReport) {
         self.updates += 1;
-        self.dof += report.dof;
+        self.dof = self.dof.saturating_add(report.dof);
         self.nis += report.nis;
         self.prefit_squared += report.prefit * report.prefit;
         self.postfit_squared += report.postfit * report.postfit;

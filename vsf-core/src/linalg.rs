@@ -25,7 +25,7 @@ impl SymmetricFactor {
     /// [`CoreError::Length`] for a wrong size, [`CoreError::NotPositiveDefinite`] otherwise; the
     /// factor is then unusable until the next success.
     pub fn factor(&mut self, what: &'static str, dim: usize, a: &[f64]) -> Result<(), CoreError> {
-        CoreError::check_len(what, a.len(), dim * dim)?;
+        CoreError::check_len(what, a.len(), dim.saturating_mul(dim))?;
         self.dim = dim;
         self.lower.clear();
         self.lower.extend_from_slice(a);

@@ -136,11 +136,15 @@ impl<T: Scalar> Observation<T> {
         }
         self.points.clear();
         self.points.extend_from_slice(points);
-        for (to, &from) in self.reading.iter_mut().zip(reading) {
+        let mut squares = 0.0;
+        for (i, (to, &from)) in self.reading.iter_mut().zip(reading).enumerate() {
             *to = T::from_f64(from);
-            if !to.is_finite() {
-                return Err(CoreError::Overflow { what: "reading" });
-            }
+            let sd = self.noise.covariance()[i * d + i].sqrt();
+            squares += (to.to_f64() / sd).powi(2);
+        }
+        // Norms and likelihoods square it.
+        if !squares.is_finite() {
+            return Err(CoreError::Overflow { what: "reading" });
         }
         self.rows.resize(d * points.len(), T::ZERO);
         Ok(())

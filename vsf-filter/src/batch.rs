@@ -113,6 +113,18 @@ fn finite_evidence(log_evidence: f64) -> Result<f64, CoreError> {
     }
 }
 
+/// Refuses a matrix of `n` points by as many numbers each that is too large.
+fn check_entries(n: usize, each: usize, what: &'static str) -> Result<(), CoreError> {
+    match n.saturating_mul(each) > MAX_ENTRIES {
+        true => Err(CoreError::TooMany {
+            what,
+            got: n,
+            max: MAX_ENTRIES / each,
+        }),
+        false => Ok(()),
+    }
+}
+
 impl<'a> BatchMap<'a> {
     /// Takes in the observations of all sequences, of a field of `field_len` points. What is one
     /// sequence is left out as a whole by [`BatchFit::leave_one_out`]. Observations without
@@ -152,14 +164,7 @@ impl<'a> BatchMap<'a> {
             rows += own;
         }
         let by_rows = POINTS_PER_ROW * rows <= n;
-        let entries = n.saturating_mul(if by_rows { rows } else { n });
-        if entries > MAX_ENTRIES {
-            return Err(CoreError::TooMany {
-                what: "touched points",
-                got: n,
-                max: MAX_ENTRIES / (entries / n),
-            });
-        }
+        check_entries(n, if by_rows { rows } else { n }, "touched points")?;
         let store = if by_rows {
             let touching: Vec<_> = all().filter(|o| !o.is_empty()).collect();
             let w = panel(&touching, &slot, n)?.transpose().to_owned();
@@ -199,8 +204,8 @@ impl<'a> BatchMap<'a> {
     /// points' covariance is inverted, `O(n³)` time.
     ///
     /// # Errors
-    /// A prior of another size than the field, a noise scale that is not positive and finite,
-    /// normal equations that are not positive definite to rounding, an overflow.
+    /// A prior of another size than the field or that correlates more than 32768 touched points, a noise
+    /// scale that is not positive and finite, normal equations that are not positive definite to rounding, an overflow.
     pub fn solve(&self, prior: &FieldPrior, noise_scale: f64) -> Result<BatchFit<'_>, CoreError> {
         let precision = self.check(prior, noise_scale)?;
         let problem = self.problem(prior, &precision, noise_scale)?;
@@ -288,6 +293,10 @@ impl<'a> BatchMap<'a> {
                 value: noise_scale,
                 range: "> 0 and finite, its square too",
             });
+        }
+        if !prior.is_independent() {
+            let n = self.points.len();
+            check_entries(n, n, "touched points under a prior that correlates them")?;
         }
         Precision::new(prior, &self.points)
     }

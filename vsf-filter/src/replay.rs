@@ -45,11 +45,14 @@ pub trait Revisit: Estimator {
     fn belief_mut(&mut self) -> &mut Belief<Self::Scalar>;
 }
 
+/// More replays than any control loop has time for.
+const MOST_REPLAYS: usize = 1_000_000;
+
 /// Parameters of [`MemoryReplay`].
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct ReplayConfig {
-    /// Past observations replayed after every update, T_replay; default 20 (paper).
+    /// Past observations replayed after every update, T_replay, up to a million; default 20 (paper).
     pub replays: usize,
     /// Variances under replay; default [`ReplayVariance::Keep`].
     pub variance: ReplayVariance,
@@ -152,8 +155,15 @@ impl<E: Revisit> MemoryReplay<E> {
     /// Wraps an estimator.
     ///
     /// # Errors
-    /// A byte budget of zero with replays wanted.
+    /// A byte budget of zero with replays wanted, more than a million replays.
     pub fn new(inner: E, config: ReplayConfig) -> Result<Self, CoreError> {
+        if config.replays > MOST_REPLAYS {
+            return Err(CoreError::TooMany {
+                what: "replays",
+                got: config.replays,
+                max: MOST_REPLAYS,
+            });
+        }
         if config.replays > 0 && config.byte_budget == 0 {
             return Err(CoreError::Parameter {
                 name: "replay byte budget",

@@ -39,6 +39,7 @@ pub(crate) struct Spread {
 pub(crate) struct Parts {
     windows: Windows,
     noise: Vec<f64>,
+    zeros: Vec<f64>,
     points: Mat<f64>,
     smooth: Mat<f64>,
     level: Vec<f64>,
@@ -50,13 +51,14 @@ pub(crate) struct Parts {
 pub(crate) struct Factor(Mat<f64>);
 
 impl Parts {
-    /// Gathers the parts. `noise` is the variance of every row, `lever` that of
-    /// [`crate::Campaign::lever`], `joint_rms` the RMS reading per joint (N m or N).
+    /// Gathers the parts. `noise` is the variance of every row, `zeros` that of its zero
+    /// ([`Windows::zeros`]), `lever` that of [`crate::Campaign::lever`], `joint_rms` the RMS reading per joint (N m or N).
     pub(crate) fn new(
         design: &Design,
         rest: &[Point3<f64>],
         windows: &Windows,
         noise: Vec<f64>,
+        zeros: Vec<f64>,
         lever: Mat<f64>,
         joint_rms: Vec<f64>,
     ) -> Self {
@@ -64,6 +66,7 @@ impl Parts {
         Self {
             windows: windows.clone(),
             noise,
+            zeros,
             points: outer(&design.w),
             smooth,
             level,
@@ -133,7 +136,8 @@ impl Parts {
                         }
                     }
                     let own = of_joint + if k == i { white } else { 0.0 };
-                    c[(k * d + j, col)] += own * self.joint_rms[j] * self.joint_rms[j];
+                    c[(k * d + j, col)] +=
+                        own * self.joint_rms[j] * self.joint_rms[j] + self.zeros[col];
                 }
             }
         }

@@ -33,45 +33,94 @@ const FEW: f64 = 0.1;
 /// The largest correlation that is told from a signal.
 const SMOOTHEST: f64 = 0.95;
 
-/// The noise of every joint, from second differences of neighbouring samples: in free motion where
-/// there is enough of it, else of all samples. Second differences leave out what is smooth, whatever its
-/// cause.
+/// Orders of the differences that noise is read from. Those of a higher order leave out more of what is
+/// smooth, and tell less of noise that is smooth itself. All even.
+const ORDERS: [usize; 3] = [2, 4, 6];
+/// Noise below this share of what second differences take for it is none.
+const FILTERED: f64 = 0.01;
+/// Samples that two differences of the highest order in a row span.
+const SPAN: usize = ORDERS[2] + 2;
+
+/// The noise of every joint, from differences of neighbouring samples: in free motion where there is
+/// enough of it, else of all samples. Differences leave out what is smooth, whatever its cause. Second
+/// ones do, as a rule; where what they leave is smoother than noise, such as a hum or friction that
+/// turns over again and again, those of a higher order are taken.
 pub(crate) fn noise_floor(
     motions: &[&Motion],
     logs: &[Arc<ContactLog>],
     joints: usize,
 ) -> Vec<JointNoise> {
-    // Sequence and last row of every four samples in a row.
+    // Sequence and last row of every few samples in a row.
     let of_touches = || {
         motions.iter().enumerate().flat_map(|(s, motion)| {
-            let own = |touch: &Range<usize>| touch.start + 3..touch.end;
+            let own = |touch: &Range<usize>| touch.start + SPAN - 1..touch.end;
             motion.touches.iter().flat_map(own).map(move |row| (s, row))
         })
     };
-    let free = |&(s, row): &(usize, usize)| (row - 3..=row).all(|r| logs[s].contacts[r].is_empty());
+    let free =
+        |&(s, row): &(usize, usize)| (row + 1 - SPAN..=row).all(|r| logs[s].contacts[r].is_empty());
     let mut rows: Vec<(usize, usize)> = of_touches().filter(free).collect();
     if rows.len() < FEWEST {
         rows = of_touches().collect();
     }
     // Touches are shorter than that.
     if rows.len() < FEWEST {
-        let own = |(s, motion): (usize, &&Motion)| (3..motion.len()).map(move |row| (s, row));
+        let own =
+            |(s, motion): (usize, &&Motion)| (SPAN - 1..motion.len()).map(move |row| (s, row));
         rows = motions.iter().enumerate().flat_map(own).collect();
     }
     let of_joint = |j: usize| {
-        let differences = |&(s, row): &(usize, usize)| {
-            let r = |back: usize| motions[s].reading[row - back][j];
-            (r(3) - 2.0 * r(2) + r(1), r(2) - 2.0 * r(1) + r(0))
-        };
-        joint_noise(&rows.iter().map(differences).collect::<Vec<_>>())
+        joint_noise(|order| {
+            let weights = binomials(order);
+            let difference = |s: usize, row: usize| -> f64 {
+                let at = |(back, w): (usize, &f64)| w * motions[s].reading[row - back][j];
+                weights.iter().enumerate().map(at).sum()
+            };
+            let pair = |&(s, row): &(usize, usize)| (difference(s, row - 1), difference(s, row));
+            rows.iter().map(pair).collect()
+        })
     };
     (0..joints).map(of_joint).collect()
 }
 
-/// Variance and correlation from pairs of second differences in a row: those of AR(1) noise have
-/// variance `2 s² (1 - c) (3 - c)` and covariance `-s² (1 - c) (4 - 3 c + c²)`, so that their
-/// correlation `r` tells `c` by `c² - (3 + 2 r) c + 4 + 6 r = 0`.
-fn joint_noise(pairs: &[(f64, f64)]) -> JointNoise {
+/// Weights of the samples, the last one first, in a difference of this order.
+fn binomials(order: usize) -> Vec<f64> {
+    let mut weights = vec![1.0];
+    for _ in 0..order {
+        weights.push(0.0);
+        for k in (1..weights.len()).rev() {
+            weights[k] -= weights[k - 1];
+        }
+    }
+    weights
+}
+
+/// From the pairs of differences in a row, by their order: the lowest one whose correlation is one of
+/// AR(1) noise. Without one, or where next to nothing is left, noise itself is smooth, as in readings that were
+/// filtered: then second differences bound it.
+fn joint_noise(pairs: impl Fn(usize) -> Vec<(f64, f64)>) -> JointNoise {
+    let of_order = |order: usize| {
+        let (variance, covariance) = moments(&pairs(order));
+        let correlation = match variance > 0.0 {
+            true => correlation(order, covariance / variance),
+            false => 0.0,
+        };
+        JointNoise {
+            sd: (variance / unit_moments(order, correlation).0).sqrt(),
+            correlation,
+        }
+    };
+    let bound = of_order(ORDERS[0]);
+    if bound.correlation < SMOOTHEST {
+        return bound;
+    }
+    let is_noise = |n: &JointNoise| n.correlation < SMOOTHEST && n.sd > FILTERED * bound.sd;
+    let mut others = ORDERS[1..].iter().map(|order| of_order(*order));
+    others.find(is_noise).unwrap_or(bound)
+}
+
+/// Variance of differences and covariance of two in a row, without steps of the signal.
+fn moments(pairs: &[(f64, f64)]) -> (f64, f64) {
     let mut sizes: Vec<f64> = pairs.iter().map(|(a, _)| a.abs()).collect();
     sizes.sort_by(f64::total_cmp);
     let limit = STEP * sizes.get(sizes.len() / 2).copied().unwrap_or(0.0);
@@ -84,20 +133,43 @@ fn joint_noise(pairs: &[(f64, f64)]) -> JointNoise {
     let n = kept().count().max(1) as f64;
     let variance = kept().map(|(a, b)| 0.5 * (a * a + b * b)).sum::<f64>() / n;
     let covariance = kept().map(|(a, b)| a * b).sum::<f64>() / n;
-    if variance == 0.0 {
-        return JointNoise {
-            sd: 0.0,
-            correlation: 0.0,
+    (variance, covariance)
+}
+
+/// The same of AR(1) noise of variance 1 and this correlation.
+fn unit_moments(order: usize, correlation: f64) -> (f64, f64) {
+    let weights = binomials(2 * order);
+    // What a difference and its shifted self have in common are, for even orders, the weights of twice the
+    // order.
+    let moment = |lag: isize| -> f64 {
+        let of = |(k, w): (usize, &f64)| {
+            let apart = (k as isize - order as isize - lag).unsigned_abs();
+            w * correlation.powi(apart as i32)
         };
+        weights.iter().enumerate().map(of).sum()
+    };
+    (moment(0), moment(1))
+}
+
+/// The correlation of AR(1) noise, at most [`SMOOTHEST`], of which differences in a row have the
+/// correlation `r`: that grows with it.
+fn correlation(order: usize, r: f64) -> f64 {
+    let of = |c: f64| {
+        let (variance, covariance) = unit_moments(order, c);
+        covariance / variance
+    };
+    if r >= of(SMOOTHEST) {
+        return SMOOTHEST;
     }
-    let r = covariance / variance;
-    let (half, product) = (1.5 + r, 4.0 + 6.0 * r);
-    let root = (half * half - product).max(0.0).sqrt();
-    let c = (half - root).clamp(0.0, SMOOTHEST);
-    JointNoise {
-        sd: (variance / (2.0 * (1.0 - c) * (3.0 - c))).sqrt(),
-        correlation: c,
+    let (mut low, mut high) = (0.0, SMOOTHEST);
+    for _ in 0..40 {
+        let middle = 0.5 * (low + high);
+        match of(middle) < r {
+            true => low = middle,
+            false => high = middle,
+        }
     }
+    low
 }
 
 #[cfg(test)]
@@ -123,11 +195,14 @@ mod tests {
     }
 
     fn found(r: &[f64]) -> JointNoise {
-        let second = |k: usize| r[k] - 2.0 * r[k + 1] + r[k + 2];
-        let pairs: Vec<_> = (0..r.len() - 3)
-            .map(|k| (second(k), second(k + 1)))
-            .collect();
-        joint_noise(&pairs)
+        joint_noise(|order| {
+            let weights = binomials(order);
+            let difference =
+                |k: usize| -> f64 { weights.iter().zip(&r[k..]).map(|(w, r)| w * r).sum() };
+            (0..r.len() - SPAN)
+                .map(|k| (difference(k), difference(k + 1)))
+                .collect()
+        })
     }
 
     proptest! {
@@ -141,6 +216,31 @@ mod tests {
             prop_assert!((of.correlation - c).abs() < 0.25, "{of:?}");
             let (true_mean, mean) = (noise.of_means(20).sd, of.of_means(20).sd);
             prop_assert!((0.6..1.6).contains(&(mean / true_mean)), "{of:?}");
+        }
+    }
+
+    /// A hum of 6 Hz in readings at 70 Hz, twenty times as large as the noise.
+    #[test]
+    fn val_noise_is_found_under_a_hum() {
+        let noise = JointNoise {
+            sd: 0.05,
+            correlation: 0.3,
+        };
+        let hum = |t: f64| (std::f64::consts::TAU * 6.0 / 0.7 * t).sin();
+        let of = found(&readings(noise, 2, hum));
+        assert!((of.sd / 0.05 - 1.0).abs() < 0.1, "{of:?}");
+        assert!((of.correlation - 0.3).abs() < 0.1, "{of:?}");
+    }
+
+    /// By the closed form for second differences: variance `2 s² (1 - c) (3 - c)`, covariance
+    /// `-s² (1 - c) (4 - 3 c + c²)`.
+    #[test]
+    fn val_moments_of_second_differences() {
+        for c in [0.0, 0.3, 0.9] {
+            let (variance, covariance) = unit_moments(2, c);
+            assert!((variance - 2.0 * (1.0 - c) * (3.0 - c)).abs() < 1e-12);
+            assert!((covariance + (1.0 - c) * (4.0 - 3.0 * c + c * c)).abs() < 1e-12);
+            assert!((correlation(2, covariance / variance) - c).abs() < 1e-9);
         }
     }
 
@@ -161,6 +261,23 @@ mod tests {
             (of.correlation - covariance / variance).abs() < 0.1,
             "{of:?}"
         );
+    }
+
+    /// A triangle of means has no noise that differences of a high order would see.
+    #[test]
+    fn filtered_readings_have_noise() {
+        let noise = JointNoise {
+            sd: 0.05,
+            correlation: 0.0,
+        };
+        let r = readings(noise, 3, |_| 0.0);
+        let mean = |r: &[f64]| -> Vec<f64> {
+            r.windows(8).map(|w| w.iter().sum::<f64>() / 8.0).collect()
+        };
+        let r = mean(&mean(&mean(&r)));
+        let sd = (r.iter().map(|v| v * v).sum::<f64>() / r.len() as f64).sqrt();
+        let of = found(&r);
+        assert!((0.1..10.0).contains(&(of.sd / sd)), "{of:?} of {sd}");
     }
 
     #[test]

@@ -76,6 +76,7 @@ impl Campaign {
             self.site.rest.positions(),
             &windows,
             floor,
+            windows.zeros(&motions, &self.noise),
             lever,
             joint_rms,
         );

@@ -103,6 +103,19 @@ impl Windows {
         };
         self.list.iter().flat_map(of).collect()
     }
+
+    /// Variance by which the zero of every row is off: what a tare took for it has noise of its own. It is one
+    /// error per joint and sequence.
+    pub(crate) fn zeros(&self, motions: &[&Motion], noise: &[JointNoise]) -> Vec<f64> {
+        let of = |w: &Window| {
+            let tare = motions[w.sequence].tare;
+            noise.iter().map(move |n| match tare {
+                0 => 0.0,
+                tare => n.of_means(tare).sd.powi(2),
+            })
+        };
+        self.list.iter().flat_map(of).collect()
+    }
 }
 
 /// A model over windows: `tau = W K + a`.

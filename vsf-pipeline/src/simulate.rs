@@ -1,25 +1,24 @@
-use crate::{PipelineError, Scene, motion_of, rigid_body_torques};
+use crate::{PipelineError, Scene, Trace, motion_of, rigid_body_torques};
 use rand::SeedableRng;
 use rand_distr::{Distribution, Normal};
 use rand_pcg::Pcg64Mcg;
 use vsf_core::CoreError;
 use vsf_data::{Sequence, Table, TorqueKind};
 
-/// Replaces the readings of `sequences` by those of the field `stiffness` (N/m per rest point),
-/// with independent noise of `noise_sd` per channel, seeded: same seed, same bits.
+/// The `sequences` with the readings that the field `stiffness` (N/m per rest point) gives, without noise
+/// ([`add_noise`]). `traces` are their contacts ([`Scene::traces`]).
 ///
 /// Torques are external; for a scene of measured torques they are what the arm needs to
 /// move ([`crate::rigid_body_torques`]) less that.
 ///
 /// # Errors
-/// A field of another size, stiffness that is negative or not finite, a noise that is negative
-/// or not finite, rows that contact cannot take.
+/// A field of another size, stiffness that is negative or not finite, traces that are not of the
+/// sequences.
 pub fn simulate(
     scene: &Scene,
     stiffness: &[f64],
-    sequences: &[Sequence],
-    noise_sd: f64,
-    seed: u64,
+    sequences: &[&Sequence],
+    traces: &[Trace],
 ) -> Result<Vec<Sequence>, PipelineError> {
     if stiffness.len() != scene.rest().len() {
         return Err(PipelineError::FieldSize {
@@ -31,13 +30,16 @@ pub fn simulate(
     if let Some(&k) = stiffness.iter().find(|k| **k < 0.0) {
         return Err(below_zero("stiffness", k).into());
     }
-    gaussian(noise_sd)?;
+    CoreError::check_len("traces", traces.len(), sequences.len())?;
+    let joints = scene.robot().joint_count();
     let mut simulated = Vec::with_capacity(sequences.len());
-    for sequence in sequences {
-        let trace = scene.trace(sequence)?;
+    for (sequence, trace) in sequences.iter().zip(traces) {
+        CoreError::check_len("trace", trace.observations.len(), sequence.len())?;
         let mut torques = Vec::with_capacity(sequence.torques.data().len());
-        let mut tau = vec![0.0; scene.robot().joint_count()];
+        let mut tau = vec![0.0; joints];
         for obs in &trace.observations {
+            CoreError::check_len("joints of a trace", obs.dim(), joints)?;
+            obs.check_fits(stiffness.len())?;
             obs.apply(stiffness, &mut tau);
             torques.extend_from_slice(&tau);
         }
@@ -48,11 +50,10 @@ pub fn simulate(
             pairs.for_each(|(tau, r)| *tau = r - *tau);
         }
         simulated.push(Sequence {
-            torques: Table::new(scene.robot().joint_count(), torques)?,
-            ..sequence.clone()
+            torques: Table::new(joints, torques)?,
+            ..(*sequence).clone()
         });
     }
-    add_noise(&mut simulated, noise_sd, seed)?;
     Ok(simulated)
 }
 

@@ -5,7 +5,7 @@ use nalgebra::Point3;
 use vsf_core::{FilterHealth, UpdateReport};
 use vsf_data::{Dataset, RobotRef, Sequence, Table, TorqueKind};
 use vsf_pipeline::{
-    PipelineWarning, Scene, SceneOptions, health_warnings, motion_warnings, reading_warnings,
+    PipelineWarning, Scene, SceneOptions, add_noise, health_warnings, motion_warnings, reading_warnings,
     simulate,
 };
 
@@ -52,7 +52,9 @@ fn scene(torque_kind: TorqueKind, tare_samples: usize) -> Scene {
 /// The swing with the readings of an uneven block, as they are recorded.
 fn touch(recorded: &Scene) -> Sequence {
     let stiffness: Vec<f64> = (0..100).map(|i| 50.0 * f64::from(i % 7)).collect();
-    let mut found = simulate(recorded, &stiffness, &[swing()], 0.02, 1).unwrap();
+    let traces = [recorded.trace(&swing()).unwrap()];
+    let mut found = simulate(recorded, &stiffness, &[&swing()], &traces).unwrap();
+    add_noise(&mut found, 0.02, 1).unwrap();
     found.remove(0)
 }
 

@@ -131,7 +131,9 @@ impl Fitted {
         let around = |&i: &usize| {
             let mut found = Vec::new();
             let row = &rows[i * width..(i + 1) * width];
-            fitted.tree.nearest(row, config.neighbours + 1, &mut found);
+            fitted
+                .tree
+                .nearest(row, config.neighbours.saturating_add(1), &mut found);
             // Without the sample itself, or one at the same place.
             let own = found.iter().position(|n| n.index == i).unwrap_or(0);
             found.remove(own);

@@ -1,5 +1,7 @@
-use crate::console::{Console, write_file};
-use crate::field_file::touched;
+use crate::console::{Console, place, write_file};
+use crate::exit::usage;
+use crate::field_file::{FieldFile, touched};
+use crate::range::ending;
 use crate::recording::Recording;
 use crate::settings::SceneSettings;
 use anyhow::Context;
@@ -26,8 +28,8 @@ pub struct Args {
     /// stored in the recording
     #[arg(required = true, value_name = "RECORDING[=FIELD]", value_parser = object)]
     objects: Vec<Object>,
-    /// Where to write what was learned, JSON
-    #[arg(long)]
+    /// Where to write what was learned, ends in .json
+    #[arg(long, value_name = "FILE", value_parser = ending("json"))]
     out: PathBuf,
     /// How stiffness follows from looks
     #[arg(long, value_enum, default_value = "ridge")]
@@ -74,7 +76,12 @@ fn object(text: &str) -> Result<Object, String> {
 }
 
 pub fn run(args: &Args, console: &Console) -> anyhow::Result<()> {
-    for object in &args.objects {
+    for (k, object) in args.objects.iter().enumerate() {
+        let recording = place(&object.recording);
+        if args.objects[..k].iter().any(|o| place(&o.recording) == recording) {
+            let name = object.recording.display();
+            return Err(usage(format!("{name} is given twice")));
+        }
         console.check_outputs(&[("--out", &args.out)], &object.recording)?;
     }
     let fields = args.objects.iter().filter_map(|o| o.field.as_deref());
@@ -108,7 +115,25 @@ pub fn run(args: &Args, console: &Console) -> anyhow::Result<()> {
 fn samples(object: &Object, console: &Console) -> anyhow::Result<Samples> {
     let recording = Recording::open(&object.recording, &SceneSettings::default(), console)?;
     let view = recording.view()?.ok_or(PipelineError::NoCamera)?;
-    let file = recording.field(object.field.as_deref(), console)?;
+    let file = match (&object.field, &recording.dataset.field) {
+        (Some(path), _) => FieldFile::open(path, console)?,
+        (None, Some(field)) => FieldFile::new(object.recording.clone(), field.clone())?,
+        (None, None) => {
+            let name = object.recording.display();
+            return Err(usage(format!(
+                "{name}=FIELD is required: the recording stores no field; `vsf estimate` makes one"
+            )));
+        }
+    };
+    if let Some(points) = &recording.dataset.rest_points
+        && points.len() != file.field.points.len()
+    {
+        return Err(PipelineError::FieldSize {
+            field: file.field.points.len(),
+            recording: points.len(),
+        }
+        .into());
+    }
     let touched = touched(&file.field);
     let says_all = !touched.is_empty() && file.field.sd.is_some();
     let Some(prior_sd) = file.prior_sd()?.filter(|_| says_all) else {

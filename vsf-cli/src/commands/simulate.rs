@@ -1,7 +1,7 @@
 use crate::console::Console;
 use crate::derived::{derived, save};
 use crate::range::not_negative;
-use crate::recording::{Default, FieldArgs};
+use crate::recording::{Default, FieldArgs, untouched};
 use serde::Serialize;
 use std::borrow::Cow;
 use std::path::PathBuf;
@@ -47,17 +47,17 @@ pub fn run(args: &Args, console: &Console) -> anyhow::Result<()> {
     motion.iter().for_each(|w| console.warn(w));
     let spinner = console.spinner("simulating");
     let stiffness = &field.field.stiffness;
-    let simulated = match model {
-        None => {
-            let sequences: Vec<_> = sequences.into_iter().cloned().collect();
-            simulate(&scene, stiffness, &sequences, args.noise_sd, args.seed)?
-        }
+    let traces = scene.traces(&sequences, || {})?;
+    if let Some(warning) = untouched(&scene, &traces) {
+        console.warn(warning);
+    }
+    let mut simulated = match model {
+        None => simulate(&scene, stiffness, &sequences, &traces)?,
         Some(model) => {
-            let mut exact = model.simulate(&recording.dataset, &scene, stiffness, &sequences)?;
-            add_noise(&mut exact, args.noise_sd, args.seed)?;
-            exact
+            model.simulate(&recording.dataset, &scene, stiffness, &sequences, &traces)?
         }
     };
+    add_noise(&mut simulated, args.noise_sd, args.seed)?;
     spinner.finish_and_clear();
     let report = Report {
         out: args.out.to_string_lossy(),

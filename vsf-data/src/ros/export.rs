@@ -126,6 +126,15 @@ impl McapExport<'_> {
             }
         };
         let scale = Scale::new(values, self.full_scale)?;
+        let sd = field.sd.as_deref().unwrap_or_default();
+        for (i, p) in field.points.iter().enumerate() {
+            let numbers = [p.x, p.y, p.z, field.stiffness[i]];
+            let numbers = numbers.iter().chain(sd.get(i));
+            if let Some(large) = numbers.copied().find(|v| !(*v as f32).is_finite()) {
+                let problem = format!("row {i} of the field holds {large:e}: too large for float32");
+                return Err(wrong(path, problem));
+            }
+        }
         let cloud = point_cloud(stamp, FRAME, field, values, scale);
         cloud.ok_or_else(|| wrong(path, "too many points for one message"))
     }
