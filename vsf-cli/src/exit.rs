@@ -50,9 +50,10 @@ fn code(error: &anyhow::Error) -> u8 {
     }
 }
 
-/// Of the system; text that is no text is the input's own fault.
+/// Of the system; text that is no text, and a file that is named but not there, are the input's own fault.
 fn is_refusal(error: &(dyn std::error::Error + 'static)) -> bool {
-    let refused = |e: &io::Error| e.kind() != io::ErrorKind::InvalidData;
+    use io::ErrorKind::{InvalidData, NotFound};
+    let refused = |e: &io::Error| !matches!(e.kind(), InvalidData | NotFound);
     error.downcast_ref().is_some_and(refused)
 }
 

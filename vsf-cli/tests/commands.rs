@@ -168,6 +168,28 @@ fn made_recordings_travel() {
 }
 
 #[test]
+fn a_simulation_that_touches_nothing_is_warned_of() {
+    let bench = Bench::new();
+    let far = bench.warned("simulate data --field truth --base-pose 5,0,0,0,0,0 --out far");
+    assert!(far.contains("touches none of the"), "{far}");
+    let near = bench.warned("simulate data --field truth --out near");
+    assert!(!near.contains("touches none"), "{near}");
+}
+
+/// More neighbours than there are samples are all of them.
+#[test]
+fn neighbours_without_end() {
+    let bench = Bench::touched();
+    let errors = ["1000000", "18446744073709551615"].map(|n| {
+        let json = bench.ok(&format!(
+            "evaluate touch --baseline knn --neighbours {n} --json"
+        ));
+        value(&json, "mean_error")
+    });
+    assert_eq!(errors[0], errors[1]);
+}
+
+#[test]
 fn simulation_repeats_with_its_seed() {
     let bench = Bench::touched();
     let read = |folder: &str| fs::read(bench.root.join(folder).join("seq_a/torques.npy")).unwrap();
@@ -597,7 +619,18 @@ fn other_objects_form_the_prior() {
     bench.fails("estimate touch --vision cut.json", 1, &["cut.json"]);
     bench.fails("learn touch=truth --out a.json", 1, &["touch", "camera/"]);
     let line = format!("learn {data}/orange_tree=truth --out a.json");
-    bench.fails(&line, 1, &["orange_tree"]);
+    bench.fails(&line, 1, &["orange_tree", "the recording"]);
+    bench.fails(
+        "learn touch=truth touch=field --out a.json",
+        2,
+        &["touch is given twice"],
+    );
+    bench.fails("learn data=truth --out a.npy", 2, &["--out", ".json"]);
+    bench.fails(
+        &format!("learn {data}/orange_tree --out a.json"),
+        2,
+        &["orange_tree=FIELD is required"],
+    );
     bench.fails(
         "learn touch=field --out touch/a.json",
         2,

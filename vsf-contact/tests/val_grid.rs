@@ -206,6 +206,12 @@ fn what_cannot_be_gridded_is_refused() {
         matches!(error, ContactError::GridTooLarge { .. }),
         "{error}"
     );
+    let wide = GridOptions {
+        margin: 1e300,
+        max_nodes: 5000,
+        ..Default::default()
+    };
+    assert!(GridSdf::bake(&closed_cube(), &wide).is_err());
 }
 
 #[test]

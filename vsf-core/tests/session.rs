@@ -161,6 +161,11 @@ fn observations_are_checked_on_building() {
         obs.rebuild(3, &[0], &[1.0], |_, w| w[0] = 1e300).is_err(),
         "beyond f32"
     );
+    let mut obs = Observation::<f64>::new(Noise::uniform(1, 0.1).unwrap());
+    assert!(
+        obs.rebuild(3, &[0], &[1e160], one).is_err(),
+        "its square overflows"
+    );
 }
 
 #[test]

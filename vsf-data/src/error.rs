@@ -182,6 +182,16 @@ pub enum DataError {
         /// The offending value.
         value: f64,
     },
+    /// A time stamp that no clock shows.
+    #[error("{} row {row}: time {value:e} s is beyond 1e12 s (30,000 years); stamps are seconds", path.display())]
+    FarTime {
+        /// The file.
+        path: PathBuf,
+        /// Row, from 0.
+        row: usize,
+        /// The offending value \[s\].
+        value: f64,
+    },
     /// Time stamps do not increase.
     #[error("{} row {row}: time {value:?} s is not after {previous:?} s of the row before", path.display())]
     TimeOrder {

@@ -6,12 +6,15 @@ use std::path::{Path, PathBuf};
 /// What the folder of a sequence begins with.
 pub(crate) const PREFIX: &str = "seq_";
 
+/// The latest time stamp that is taken (s), before and after the clock's zero.
+const LATEST: f64 = 1e12;
+
 /// One touch sequence: `T` samples of `d` joints.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Sequence {
     /// The ID; its folder is `seq_<ID>`.
     pub id: String,
-    /// Time stamps \[s\], strictly increasing, length `T`.
+    /// Time stamps \[s\], strictly increasing, within 1e12 s of zero, length `T`.
     pub time: Vec<f64>,
     /// Joint angles \[rad\] (prismatic: positions \[m\]), `T` x `d`.
     pub angles: Table,
@@ -199,6 +202,13 @@ impl Sequence {
                 path,
                 row,
                 column: String::new(),
+                value: self.time[row],
+            });
+        }
+        if let Some(row) = self.time.iter().position(|t| t.abs() > LATEST) {
+            return Err(DataError::FarTime {
+                path,
+                row,
                 value: self.time[row],
             });
         }

@@ -126,6 +126,11 @@ fn numbers_that_are_not_finite() {
         DataError::TimeOrder { .. },
         "seq_2/time.npy row 2: time 1.0 s is not after 1.0 s"
     );
+    refused!(
+        |f: &Folder| f.write("seq_2/time.npy", &f8("(4,)", &[0.0, 1.0, 2.0, 1e300])),
+        DataError::FarTime { .. },
+        "seq_2/time.npy row 3: time 1e300 s is beyond"
+    );
 }
 
 #[test]

@@ -64,6 +64,30 @@ fn in_folder() -> (TempDir, std::path::PathBuf) {
     (folder, path)
 }
 
+/// Messages hold float32.
+#[test]
+fn a_field_too_large_for_a_message_is_refused() {
+    let (_keep, path) = in_folder();
+    let mut field = StiffnessField {
+        points: vec![Point3::origin(); 2],
+        stiffness: vec![1.0, 1e39],
+        ..StiffnessField::default()
+    };
+    for far in [false, true] {
+        if far {
+            field.stiffness[1] = 1.0;
+            field.points[1].x = -1e39;
+        }
+        let export = McapExport {
+            field: Some(&field),
+            ..McapExport::default()
+        };
+        let error = export.save(&path).unwrap_err().to_string();
+        assert!(error.contains("row 1"), "{error}");
+        assert!(!path.exists());
+    }
+}
+
 #[test]
 fn pauses_end_sequences() {
     for compression in [None, Some(Compression::Zstd), Some(Compression::Lz4)] {

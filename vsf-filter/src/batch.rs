@@ -119,7 +119,10 @@ fn check_entries(n: usize, each: usize, what: &'static str) -> Result<(), CoreEr
         true => Err(CoreError::TooMany {
             what,
             got: n,
-            max: MAX_ENTRIES / each,
+            max: match each == n {
+                true => MAX_ENTRIES.isqrt(),
+                false => MAX_ENTRIES / each,
+            },
         }),
         false => Ok(()),
     }

@@ -424,6 +424,28 @@ fn bad_input_is_refused() {
     ));
 }
 
+/// One reading of many points is little for independent ones; a prior that correlates them is a matrix.
+#[test]
+fn too_many_points_for_a_matrix_are_refused() {
+    let n = 40_000;
+    let points: Vec<u32> = (0..n as u32).collect();
+    let mut obs = Observation::new(Noise::uniform(1, 1.0).unwrap());
+    obs.rebuild(n, &points, &[1.0], |_, w| w[0] = 1.0).unwrap();
+    let sequence = [obs];
+    let batch = BatchMap::new(n, [&sequence[..]]).unwrap();
+    let independent = FieldPrior::from(Belief::<f64>::uniform(n, 0.0, 1.0).unwrap());
+    assert!(batch.solve(&independent, 1.0).is_ok());
+    let common = independent.with_level(1.0).unwrap();
+    assert!(matches!(
+        batch.solve(&common, 1.0),
+        Err(CoreError::TooMany {
+            got: 40_000,
+            max: 32_768,
+            ..
+        })
+    ));
+}
+
 /// Without observations, or without contacts, the prior stays.
 #[test]
 fn nothing_seen_is_the_prior() {

@@ -5,6 +5,7 @@ use nalgebra::Vector3;
 use rayon::prelude::*;
 use std::ops::Range;
 use std::sync::{Arc, OnceLock};
+use vsf_core::CoreError;
 use vsf_data::{Dataset, Sequence, Table, TorqueKind};
 use vsf_pipeline::{
     Scene, SceneOptions, external_torques, motion_of, rigid_body_torques, robot_of,
@@ -50,6 +51,29 @@ impl Motion {
     /// True without samples.
     pub fn is_empty(&self) -> bool {
         self.clock.is_empty()
+    }
+
+    /// Checks that it is one of `joints` joints: every table with a row for each sample, the touches one
+    /// behind the other over all samples.
+    pub(crate) fn check(&self, joints: usize) -> Result<(), CoreError> {
+        let n = self.len();
+        for table in [
+            &self.q,
+            &self.qd,
+            &self.qdd,
+            &self.reading,
+            &self.smooth,
+            &self.load,
+        ] {
+            CoreError::check_len("joints of a motion", table.cols(), joints)?;
+            CoreError::check_len("rows of a motion", table.rows(), n)?;
+        }
+        let mut end = 0;
+        for touch in &self.touches {
+            CoreError::check_len("samples before a touch", touch.start, end)?;
+            end = touch.end.max(touch.start);
+        }
+        CoreError::check_len("samples of all touches", end, n)
     }
 
     fn thinned(&self, by: usize) -> Result<Self, GapError> {

@@ -43,7 +43,7 @@ impl Residuals {
 
     /// Squared norm of every sample.
     fn squares(&self) -> impl Iterator<Item = f64> + '_ {
-        let samples = (self.rows.iter()).flat_map(|rows| rows.chunks_exact(self.joints));
+        let samples = (self.rows.iter()).flat_map(|rows| rows.chunks_exact(self.joints.max(1)));
         samples.map(|r| r.iter().map(|v| v * v).sum())
     }
 }
@@ -89,7 +89,7 @@ impl Campaign {
     /// parts of them.
     ///
     /// # Errors
-    /// A field of another length than the rest points, a sequence that the session does not hold, rows
+    /// A field of another length than the rest points or that is not finite, a sequence that the session does not hold, rows
     /// that contact cannot take.
     pub fn residuals(
         &self,
@@ -98,6 +98,10 @@ impl Campaign {
         motions: &[&Motion],
     ) -> Result<Residuals, GapError> {
         CoreError::check_len("stiffness", field.len(), self.site.rest.len())?;
+        CoreError::check_finite("stiffness", field)?;
+        motions
+            .iter()
+            .try_for_each(|m| m.check(self.site.joints()))?;
         // What an effect has done to the object by then needs all that came before.
         let session = self.session();
         let logs = self.contact_logs(model, &session)?;

@@ -64,9 +64,10 @@ impl Campaign {
     /// the readings that the recording has.
     ///
     /// # Errors
-    /// As [`Campaign::corrected`]; a stiffness of another length than the rest points.
+    /// As [`Campaign::corrected`]; a stiffness of another length than the rest points or that is not finite.
     pub fn simulated(&self, model: &Model, stiffness: &[f64]) -> Result<Vec<Table>, GapError> {
         CoreError::check_len("stiffness", stiffness.len(), self.site.rest.len())?;
+        CoreError::check_finite("stiffness", stiffness)?;
         let session = self.session();
         let d = self.site.joints();
         let logs: Vec<Arc<_>> = self.contact_logs(model, &session)?;

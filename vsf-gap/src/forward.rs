@@ -61,6 +61,15 @@ pub struct ContactLog {
     pub rigid: Vec<f64>,
 }
 
+impl ContactLog {
+    /// Checks that it has a row for every sample.
+    pub(crate) fn check(&self, motion: &Motion) -> Result<(), CoreError> {
+        let rows = [self.postures.len(), self.contacts.len(), self.forces.len()];
+        let mut rows = rows.into_iter();
+        rows.try_for_each(|n| CoreError::check_len("contacts of a sequence", n, motion.len()))
+    }
+}
+
 /// The contact of one robot with one object, step by step, as a model has it.
 pub struct ContactDriver {
     model: Box<dyn ContactModel>,
@@ -72,8 +81,10 @@ impl Campaign {
     /// Runs contact over a sequence.
     ///
     /// # Errors
-    /// Parameters of contact out of range, rows that contact cannot take.
+    /// A motion of other joints or whose parts differ in length, parameters of contact out of range, rows
+    /// that contact cannot take.
     pub fn contact_log(&self, model: &Model, motion: &Motion) -> Result<ContactLog, GapError> {
+        motion.check(self.site.joints())?;
         let mut compensators = model.compensators(&self.site)?;
         let mut driver = ContactDriver::new(&self.site, &self.scene, &compensators)?;
         let mut log = ContactLog {
@@ -119,6 +130,9 @@ impl Campaign {
 
 impl Motion {
     /// A sample of a touch that began at row `first`.
+    ///
+    /// # Panics
+    /// If there is no such row.
     pub fn sample(&self, row: usize, first: usize, force_W: Vector3<f64>) -> Sample<'_> {
         let dt = match row > first {
             true => self.clock[row] - self.clock[row - 1],
@@ -280,6 +294,9 @@ fn translate(posture: &mut Posture, by: &Vector3<f64>) {
 }
 
 /// The middle of the contact, and the link with most of the touched points.
+///
+/// # Panics
+/// If a touched point is none of the rest points.
 pub fn centre(touch: &Touch<'_>) -> Option<(usize, Point3<f64>)> {
     let contacts = touch.contacts;
     let n = contacts.len();
@@ -304,7 +321,12 @@ pub fn centre(touch: &Touch<'_>) -> Option<(usize, Point3<f64>)> {
 
 /// The columns of the Jacobian of a point on a link: the velocity (m per unit of joint speed) that
 /// each joint gives it.
-pub fn velocity_columns(posture: &Posture, link: usize, p: &Point3<f64>, out: &mut [Vector3<f64>]) {
+pub(crate) fn velocity_columns(
+    posture: &Posture,
+    link: usize,
+    p: &Point3<f64>,
+    out: &mut [Vector3<f64>],
+) {
     out.fill(Vector3::zeros());
     for &j in posture.chains().chain(link) {
         let s = &posture.screws()[j as usize];
@@ -349,7 +371,7 @@ impl Campaign {
     /// relative to their mean over the samples of the tare, as the readings are.
     ///
     /// # Errors
-    /// Parameters that an effect cannot take.
+    /// Parameters that an effect cannot take, contacts that are not of the sequences.
     pub fn predict(
         &self,
         model: &Model,
@@ -358,6 +380,11 @@ impl Campaign {
         mut visit: impl FnMut(usize, usize, &Touch<'_>, &Prediction),
     ) -> Result<(), GapError> {
         let d = self.site.joints();
+        CoreError::check_len("contacts of sequences", logs.len(), motions.len())?;
+        for (motion, log) in motions.iter().zip(logs) {
+            motion.check(d)?;
+            log.check(motion)?;
+        }
         let mut compensators = model.compensators(&self.site)?;
         let mut out = Prediction::new(d);
         for (s, (motion, log)) in motions.iter().zip(logs).enumerate() {
@@ -449,6 +476,9 @@ impl Prediction {
     }
 
     /// The column `-G J(q, p + u)^T s` of contact `k`, written to `out`.
+    ///
+    /// # Panics
+    /// If there is no such contact, or it is none of the rest points.
     pub fn column(&self, touch: &Touch<'_>, k: usize, out: &mut [f64]) {
         let contacts = touch.contacts;
         let point = contacts.points()[k] as usize;
@@ -461,6 +491,9 @@ impl Prediction {
     }
 
     /// The torques `G W K + a` of a stiffness per rest point, written to `out`.
+    ///
+    /// # Panics
+    /// If a touched point is none of the rest points or has no stiffness, or `out` is not one torque per joint.
     pub fn apply(&self, touch: &Touch<'_>, stiffness: &[f64], out: &mut [f64]) {
         let d = self.gains.len();
         out.copy_from_slice(&self.torques);

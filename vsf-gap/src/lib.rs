@@ -79,7 +79,7 @@ pub use corrected::Corrected;
 pub use diagnose::{Step, diagnose};
 pub use effect::{Acts, Compensator, Effect, Need, Parameter, Role, Sample, Site, Touch};
 pub use error::GapError;
-pub use forward::{ContactLog, Model, Prediction, centre, velocity_columns};
+pub use forward::{ContactLog, Model, Prediction, centre};
 pub use locate::{Of, Part, Region, Where};
 pub use model_file::{EffectEntry, ModelFile};
 pub use next::NextExperiment;

@@ -271,9 +271,8 @@ mod tests {
             correlation: 0.0,
         };
         let r = readings(noise, 3, |_| 0.0);
-        let mean = |r: &[f64]| -> Vec<f64> {
-            r.windows(8).map(|w| w.iter().sum::<f64>() / 8.0).collect()
-        };
+        let mean =
+            |r: &[f64]| -> Vec<f64> { r.windows(8).map(|w| w.iter().sum::<f64>() / 8.0).collect() };
         let r = mean(&mean(&mean(&r)));
         let sd = (r.iter().map(|v| v * v).sum::<f64>() / r.len() as f64).sqrt();
         let of = found(&r);

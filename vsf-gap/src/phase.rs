@@ -46,7 +46,10 @@ impl Phase {
 const STILL: f64 = 0.08;
 
 impl Campaign {
-    /// The phase of every sample of a sequence.
+    /// The phase of every sample of a sequence, `log` its contacts.
+    ///
+    /// # Panics
+    /// If these are contacts of another sequence.
     pub fn phases(&self, motion: &Motion, log: &ContactLog) -> Vec<Phase> {
         let speed: Vec<f64> = motion
             .qd

@@ -384,6 +384,44 @@ fn residuals_are_of_the_session_and_of_a_field_of_its_points() {
     assert!(matches!(unknown, Err(GapError::UnknownSequence { id }) if id == "elsewhere"));
     let short = campaign.residuals(&model, &field[1..], &campaign.session());
     assert!(matches!(short, Err(GapError::Core(_))));
+    let nan = vec![f64::NAN; field.len()];
+    assert!(matches!(
+        campaign.residuals(&model, &nan, &campaign.session()),
+        Err(GapError::Core(_))
+    ));
+    assert!(matches!(
+        campaign.simulated(&model, &nan),
+        Err(GapError::Core(_))
+    ));
+}
+
+#[test]
+fn motions_and_contacts_that_do_not_belong_together_are_refused() {
+    let campaign = pressed();
+    let nominal = Model::default();
+    let motion = &campaign.train()[0];
+    let mut short = motion.clone();
+    short.clock.pop();
+    let mut beyond = motion.clone();
+    beyond.touches = vec![0..1000];
+    let mut wide = motion.clone();
+    wide.q = vsf_data::Table::new(2, vec![0.0; 2 * motion.len()]).unwrap();
+    for motion in [&short, &beyond, &wide] {
+        let log = campaign.contact_log(&nominal, motion);
+        assert!(matches!(log, Err(GapError::Core(_))));
+        let residuals =
+            campaign.residuals(&nominal, &vec![1.0; campaign.site().rest.len()], &[motion]);
+        assert!(matches!(residuals, Err(GapError::Core(_))));
+    }
+    let mut log = campaign.contact_log(&nominal, motion).unwrap();
+    log.contacts.pop();
+    let predicted = campaign.predict(&nominal, &[motion], &[Arc::new(log)], |_, _, _, _| ());
+    assert!(matches!(predicted, Err(GapError::Core(_))));
+    assert!(
+        campaign
+            .predict(&nominal, &[motion], &[], |_, _, _, _| ())
+            .is_err()
+    );
 }
 
 #[test]

@@ -120,6 +120,29 @@ fn what_is_left_in_free_motion_is_unknown() {
 
 /// An object that lies elsewhere in every sequence shows where sequences touch the same places, the test
 /// sequences among them.
+/// The mean of a few noisy samples is no exact zero: taking it for one looked like a drift.
+#[test]
+fn what_a_tare_leaves_is_no_drift() {
+    let folder = tempfile::tempdir().unwrap();
+    made(folder.path(), &[], 42);
+    let (mut dataset, _) = Dataset::open(folder.path(), &Overrides::default()).unwrap();
+    dataset.tare_samples = 4;
+    let campaign = Campaign::open(&dataset, &SceneOptions::default()).unwrap();
+    let drifts = effects::named(&["torque_drift", "torque_bias"].map(str::to_owned)).unwrap();
+    let d = diagnose(&campaign, "case", &drifts, 0, |_| {})
+        .unwrap()
+        .diagnosis;
+    assert_eq!(d.verdict.kind, Kind::NoGap);
+    for effect in &d.effects {
+        assert!(
+            effect.score < 0.0,
+            "{}: {} nats",
+            effect.effect,
+            effect.score
+        );
+    }
+}
+
 #[test]
 fn an_object_that_is_put_back_elsewhere_shows_on_halves_of_the_test_sequences() {
     let folder = tempfile::tempdir().unwrap();

@@ -96,8 +96,8 @@ pub enum PipelineWarning {
     },
     /// Velocities beyond 1.5 times, or below 1/1.5 of, what positions and time stamps say.
     #[error(
-        "velocities of joint {joint} are {factor:.3} times the change of its positions over time{}; {}",
-        more(*others, "joint"), velocities::cause(*factor)
+        "velocities of joint {joint} are {} times the change of its positions over time{}; {}",
+        times(*factor), more(*others, "joint"), velocities::cause(*factor)
     )]
     Velocities {
         /// Name of the first such joint.
@@ -217,6 +217,14 @@ pub enum PipelineWarning {
         /// Share of the points within 1 cm of the mesh.
         share: f64,
     },
+}
+
+/// A factor, however large.
+fn times(factor: f64) -> String {
+    match factor < 1e6 {
+        true => format!("{factor:.3}"),
+        false => format!("{factor:.1e}"),
+    }
 }
 
 fn more(others: usize, what: &str) -> String {

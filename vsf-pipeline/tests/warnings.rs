@@ -5,8 +5,8 @@ use nalgebra::Point3;
 use vsf_core::{FilterHealth, UpdateReport};
 use vsf_data::{Dataset, RobotRef, Sequence, Table, TorqueKind};
 use vsf_pipeline::{
-    PipelineWarning, Scene, SceneOptions, add_noise, health_warnings, motion_warnings, reading_warnings,
-    simulate,
+    PipelineWarning, Scene, SceneOptions, add_noise, health_warnings, motion_warnings,
+    reading_warnings, simulate,
 };
 
 const ROWS: usize = 61;

@@ -78,7 +78,10 @@ fn object(text: &str) -> Result<Object, String> {
 pub fn run(args: &Args, console: &Console) -> anyhow::Result<()> {
     for (k, object) in args.objects.iter().enumerate() {
         let recording = place(&object.recording);
-        if args.objects[..k].iter().any(|o| place(&o.recording) == recording) {
+        if args.objects[..k]
+            .iter()
+            .any(|o| place(&o.recording) == recording)
+        {
             let name = object.recording.display();
             return Err(usage(format!("{name} is given twice")));
         }

@@ -131,7 +131,8 @@ impl McapExport<'_> {
             let numbers = [p.x, p.y, p.z, field.stiffness[i]];
             let numbers = numbers.iter().chain(sd.get(i));
             if let Some(large) = numbers.copied().find(|v| !(*v as f32).is_finite()) {
-                let problem = format!("row {i} of the field holds {large:e}: too large for float32");
+                let problem =
+                    format!("row {i} of the field holds {large:e}: too large for float32");
                 return Err(wrong(path, problem));
             }
         }

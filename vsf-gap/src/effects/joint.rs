@@ -12,6 +12,16 @@ pub(super) fn unit(
     move |j| if slides(site, j) { sliding } else { turning }
 }
 
+/// Unit of a speed that all joints share.
+pub(super) fn speed_unit(site: &Site) -> &'static str {
+    let sliding = (0..site.joints()).filter(|&j| slides(site, j)).count();
+    match sliding {
+        0 => "rad/s",
+        n if n == site.joints() => "m/s",
+        _ => "rad/s or m/s",
+    }
+}
+
 /// The sign of a velocity, smooth within `eps`: dry friction without a jump at rest.
 pub(super) fn sign(velocity: f64, eps: f64) -> f64 {
     (velocity / eps).tanh()

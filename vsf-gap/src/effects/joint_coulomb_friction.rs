@@ -1,4 +1,4 @@
-use super::joint::{sign, unit};
+use super::joint::{sign, speed_unit, unit};
 use crate::GapError;
 use crate::effect::{Acts, Compensator, Effect, Need, Parameter, Sample, Site, Touch};
 use crate::effect::{check, per_joint};
@@ -44,7 +44,7 @@ impl Effect for JointCoulombFriction {
         let mut parameters = per_joint(site, "c", unit(site, "N m", "N"), [0.0, 50.0], 0.3);
         let skew = |j| Parameter::shape(format!("s_{}", j + 1), "1", [-0.5, 0.5], 0.1).of_joint(j);
         parameters.extend((0..site.joints()).map(skew));
-        parameters.push(Parameter::shape("eps", "rad/s", [1e-3, 0.2], 0.01));
+        parameters.push(Parameter::shape("eps", speed_unit(site), [1e-3, 0.2], 0.01));
         parameters
     }
 

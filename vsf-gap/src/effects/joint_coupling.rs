@@ -1,4 +1,4 @@
-use super::joint::{sign, unit};
+use super::joint::{sign, speed_unit, unit};
 use crate::GapError;
 use crate::effect::{Acts, Compensator, Effect, Need, Parameter, Sample, Site, Touch, check};
 
@@ -57,7 +57,7 @@ impl Effect for JointCoupling {
             [c.of_joint(j), d.of_joint(j)]
         };
         let mut parameters: Vec<_> = pairs(site).flat_map(of_pair).collect();
-        parameters.push(Parameter::shape("eps", "rad/s", [1e-3, 0.2], 0.01));
+        parameters.push(Parameter::shape("eps", speed_unit(site), [1e-3, 0.2], 0.01));
         parameters
     }
 

@@ -1,4 +1,4 @@
-use super::joint::{sign, unit};
+use super::joint::{sign, speed_unit, unit};
 use crate::GapError;
 use crate::effect::{Acts, Compensator, Effect, Need, Parameter, Sample, Site, Touch};
 use crate::effect::{check, per_joint};
@@ -55,7 +55,7 @@ impl Effect for JointLoadFriction {
 
     fn parameters(&self, site: &Site) -> Vec<Parameter> {
         let mut parameters = per_joint(site, "m", unit(site, "1", "1"), [0.0, 3.0], 0.1);
-        parameters.push(Parameter::shape("eps", "rad/s", [1e-3, 0.2], 0.01));
+        parameters.push(Parameter::shape("eps", speed_unit(site), [1e-3, 0.2], 0.01));
         parameters
     }
 

@@ -1,4 +1,4 @@
-use super::joint::{sign, unit};
+use super::joint::{sign, speed_unit, unit};
 use crate::GapError;
 use crate::effect::{Acts, Compensator, Effect, Need, Parameter, Sample, Site, Touch};
 use crate::effect::{check, per_joint};
@@ -70,8 +70,8 @@ impl Effect for JointStribeckFriction {
         let unit = unit(site, "N m", "N");
         let mut parameters = per_joint(site, "c", &unit, [0.0, 50.0], 0.3);
         parameters.extend(per_joint(site, "e", &unit, [0.0, 50.0], 0.3));
-        parameters.push(Parameter::shape("vs", "rad/s", [5e-3, 0.5], 0.02));
-        parameters.push(Parameter::shape("eps", "rad/s", [1e-3, 0.1], 5e-3));
+        parameters.push(Parameter::shape("vs", speed_unit(site), [5e-3, 0.5], 0.02));
+        parameters.push(Parameter::shape("eps", speed_unit(site), [1e-3, 0.1], 5e-3));
         parameters
     }
 

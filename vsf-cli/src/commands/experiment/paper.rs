@@ -100,10 +100,10 @@ pub fn run(args: &Args, console: &Console) -> anyhow::Result<()> {
     };
     let all = recordings.len();
     let opened = open(&recordings, console)?;
+    create_folder(out)?;
     let spinner = console.spinner("timing updates");
     let update_times = update_times()?;
     spinner.finish_and_clear();
-    create_folder(out)?;
     let figures = Figures::new(out);
     // First of all: it tells the folder for that of a report, should the run end before there is one.
     figures.update_times(&update_times)?;
