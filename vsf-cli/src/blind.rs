@@ -208,7 +208,7 @@ pub struct Score {
     top1: Share,
     top2: Share,
     in_set: Share,
-    set_size: f64,
+    set_size: Option<f64>,
     both_of_two: Share,
     one_of_two: Share,
     quiet_without_effect: Share,
@@ -216,11 +216,11 @@ pub struct Score {
     right_joint: Share,
     right_phase: Share,
     never_worse: Share,
-    mean_probability: f64,
+    mean_probability: Option<f64>,
     /// Expected calibration error of the verdict's probability, five bins.
-    ece: f64,
+    ece: Option<f64>,
     /// Median of closed fraction over the oracle's, single effects that were named right.
-    closed_of_oracle: f64,
+    closed_of_oracle: Option<f64>,
 }
 
 impl Score {
@@ -247,7 +247,7 @@ impl Score {
         };
         let all = || cases.iter().filter(|c| member(c));
         let among = |c: &Case, k: usize| c.top.iter().take(k).any(|e| c.truth.contains(e));
-        let mean = |x: Vec<f64>| sum(x.iter().copied()) / x.len().max(1) as f64;
+        let mean = |x: Vec<f64>| (!x.is_empty()).then(|| sum(x.iter().copied()) / x.len() as f64);
         let mut closed: Vec<f64> = of(Class::Single)
             .filter(|c| c.answered() && c.oracle_closed > 0.05)
             .map(|c| c.closed_fraction / c.oracle_closed)
@@ -284,13 +284,13 @@ impl Score {
             }),
             mean_probability: mean(of(Class::Single).map(|c| c.probability_of_truth).collect()),
             ece: calibration(&all().collect::<Vec<_>>()),
-            closed_of_oracle: closed.get(closed.len() / 2).copied().unwrap_or(0.0),
+            closed_of_oracle: closed.get(closed.len() / 2).copied(),
         }
     }
 }
 
-/// Mean gap between stated probability and share of right answers, over five bins.
-fn calibration(cases: &[&Case]) -> f64 {
+/// Mean gap between stated probability and share of right answers, over five bins; `None` without cases.
+fn calibration(cases: &[&Case]) -> Option<f64> {
     let bins = 5;
     let mut error = 0.0;
     for bin in 0..bins {
@@ -304,11 +304,12 @@ fn calibration(cases: &[&Case]) -> f64 {
             error += (stated - right).abs();
         }
     }
-    error / cases.len().max(1) as f64
+    (!cases.is_empty()).then(|| error / cases.len() as f64)
 }
 
 /// The report for people.
 pub fn text(cases: &[Case], scores: &[Score]) -> String {
+    let or_none = |value: Option<f64>| value.map_or_else(|| "-".to_owned(), number);
     let join = |names: &[String]| match names {
         [] => "-".to_owned(),
         names => names.join(" + "),
@@ -360,7 +361,7 @@ pub fn text(cases: &[Case], scores: &[Score]) -> String {
             ("single effect, likeliest", s.top1.text()),
             ("single effect, of the two likeliest", s.top2.text()),
             ("truth in the 95 % set", s.in_set.text()),
-            ("mean size of that set", number(s.set_size)),
+            ("mean size of that set", or_none(s.set_size)),
             ("both of two effects", s.both_of_two.text()),
             ("one of two effects", s.one_of_two.text()),
             ("quiet without effect", s.quiet_without_effect.text()),
@@ -368,11 +369,11 @@ pub fn text(cases: &[Case], scores: &[Score]) -> String {
             ("right joint", s.right_joint.text()),
             ("right phase", s.right_phase.text()),
             ("corrected model no worse", s.never_worse.text()),
-            ("mean probability of the truth", number(s.mean_probability)),
-            ("calibration error", number(s.ece)),
+            ("mean probability of the truth", or_none(s.mean_probability)),
+            ("calibration error", or_none(s.ece)),
             (
                 "closed share over the oracle's, median",
-                number(s.closed_of_oracle),
+                or_none(s.closed_of_oracle),
             ),
         ];
         let rows: Vec<Vec<String>> = (lines.into_iter())

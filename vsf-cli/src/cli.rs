@@ -60,6 +60,6 @@ pub enum Command {
     View(view::Args),
     /// Time the online step on this machine: kinematics, contact, columns, update
     Bench(bench::Args),
-    /// Run an experiment of the paper on recordings
+    /// Run the paper's experiments on recordings, or a blind test of the diagnosis
     Experiment(experiment::Args),
 }

@@ -38,8 +38,6 @@ const SMOOTHEST: f64 = 0.95;
 const ORDERS: [usize; 3] = [2, 4, 6];
 /// Noise below this share of what second differences take for it is none.
 const FILTERED: f64 = 0.01;
-/// Samples that two differences of the highest order in a row span.
-const SPAN: usize = ORDERS[2] + 2;
 
 /// The noise of every joint, from differences of neighbouring samples: in free motion where there is
 /// enough of it, else of all samples. Differences leave out what is smooth, whatever its cause. Second
@@ -50,25 +48,6 @@ pub(crate) fn noise_floor(
     logs: &[Arc<ContactLog>],
     joints: usize,
 ) -> Vec<JointNoise> {
-    // Sequence and last row of every few samples in a row.
-    let of_touches = || {
-        motions.iter().enumerate().flat_map(|(s, motion)| {
-            let own = |touch: &Range<usize>| touch.start + SPAN - 1..touch.end;
-            motion.touches.iter().flat_map(own).map(move |row| (s, row))
-        })
-    };
-    let free =
-        |&(s, row): &(usize, usize)| (row + 1 - SPAN..=row).all(|r| logs[s].contacts[r].is_empty());
-    let mut rows: Vec<(usize, usize)> = of_touches().filter(free).collect();
-    if rows.len() < FEWEST {
-        rows = of_touches().collect();
-    }
-    // Touches are shorter than that.
-    if rows.len() < FEWEST {
-        let own =
-            |(s, motion): (usize, &&Motion)| (SPAN - 1..motion.len()).map(move |row| (s, row));
-        rows = motions.iter().enumerate().flat_map(own).collect();
-    }
     let of_joint = |j: usize| {
         joint_noise(|order| {
             let weights = binomials(order);
@@ -76,11 +55,38 @@ pub(crate) fn noise_floor(
                 let at = |(back, w): (usize, &f64)| w * motions[s].reading[row - back][j];
                 weights.iter().enumerate().map(at).sum()
             };
-            let pair = |&(s, row): &(usize, usize)| (difference(s, row - 1), difference(s, row));
-            rows.iter().map(pair).collect()
+            let pair = |(s, row): (usize, usize)| (difference(s, row - 1), difference(s, row));
+            runs(motions, logs, order + 2)
+                .into_iter()
+                .map(pair)
+                .collect()
         })
     };
     (0..joints).map(of_joint).collect()
+}
+
+/// Sequence and last row of all samples in a row, so many, that speak for the noise.
+fn runs(motions: &[&Motion], logs: &[Arc<ContactLog>], length: usize) -> Vec<(usize, usize)> {
+    let of_touches = || {
+        motions.iter().enumerate().flat_map(move |(s, motion)| {
+            let own = move |touch: &Range<usize>| touch.start + length - 1..touch.end;
+            motion.touches.iter().flat_map(own).map(move |row| (s, row))
+        })
+    };
+    let free = |&(s, row): &(usize, usize)| {
+        (row + 1 - length..=row).all(|r| logs[s].contacts[r].is_empty())
+    };
+    let mut rows: Vec<(usize, usize)> = of_touches().filter(free).collect();
+    if rows.len() < FEWEST {
+        rows = of_touches().collect();
+    }
+    // Touches are shorter than that.
+    if rows.len() < FEWEST {
+        let own =
+            |(s, motion): (usize, &&Motion)| (length - 1..motion.len()).map(move |row| (s, row));
+        rows = motions.iter().enumerate().flat_map(own).collect();
+    }
+    rows
 }
 
 /// Weights of the samples, the last one first, in a difference of this order.
@@ -199,7 +205,7 @@ mod tests {
             let weights = binomials(order);
             let difference =
                 |k: usize| -> f64 { weights.iter().zip(&r[k..]).map(|(w, r)| w * r).sum() };
-            (0..r.len() - SPAN)
+            (0..r.len() - order - 1)
                 .map(|k| (difference(k), difference(k + 1)))
                 .collect()
         })

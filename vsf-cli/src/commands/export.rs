@@ -176,7 +176,8 @@ fn write_field(
     beside: &McapExport,
 ) -> anyhow::Result<Vec<PathBuf>> {
     let stem = file.path.file_stem().unwrap_or_default().to_string_lossy();
-    let title = beside.recording.map_or(&*stem, |dataset| &dataset.name);
+    let own = file.field.recording.as_deref().unwrap_or(&stem);
+    let title = beside.recording.map_or(own, |dataset| &dataset.name);
     let view = View {
         title,
         deviation: args.deviation,

@@ -105,7 +105,9 @@ pub fn run(args: &Args, console: &Console) -> anyhow::Result<()> {
     write_file(&args.out, learned.to_json().as_bytes())?;
     let (objects, points) = learned.learned_from();
     let out = args.out.to_string_lossy();
-    let text = format!("learned from {points} touched points of {objects} objects\nwrote {out}\n");
+    let s = if objects == 1 { "" } else { "s" };
+    let text =
+        format!("learned from {points} touched points of {objects} object{s}\nwrote {out}\n");
     console.json(&Report {
         out,
         objects,

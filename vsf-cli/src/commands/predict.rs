@@ -82,7 +82,8 @@ pub fn run(args: &Args, console: &Console) -> anyhow::Result<()> {
         true => "torques.npy",
         false => "torques.npy and torques_sd.npy",
     };
-    console.report(format!("wrote {out}: {files} of {count} sequences\n"))
+    let s = if count == 1 { "" } else { "s" };
+    console.report(format!("wrote {out}: {files} of {count} sequence{s}\n"))
 }
 
 fn with_torques(sequence: &Sequence, prediction: &SequencePrediction) -> anyhow::Result<Sequence> {

@@ -14,8 +14,9 @@ use vsf::pipeline::{Baseline, Evaluation, evaluate, predict};
 const FOLDER: &str = "vsf-quickstart";
 
 const HEAD: &str = "\
-A Kinova Gen3 pushes into a small orange tree. From the joint angles and torques of one push, vsf
-estimates how stiff the tree is at every point, then predicts the torques of three other pushes.
+A Kinova Gen3 pushes into a small orange tree (simulated, by a rigid-body engine that knows no
+springs). From the joint angles and torques of one push, vsf estimates how stiff the tree is at
+every point, then predicts the torques of three other pushes.
 
 ";
 

@@ -1,5 +1,7 @@
 use super::torques::torques;
-use super::words::{estimate, fitted, part, percent, screened_out, summary, untestable, verdict};
+use super::words::{
+    estimate, fitted, fixed, part, percent, screened_out, summary, untestable, verdict,
+};
 use crate::console::number;
 use crate::html::{Script, document, escape};
 use std::fmt::Write;
@@ -37,7 +39,10 @@ pub fn page(campaign: &Campaign, outcome: &Outcome, model: &ModelFile) -> anyhow
 fn answer(d: &Diagnosis) -> String {
     let gap = &d.gap;
     let unit = escape(&gap.unit);
+    let corrects = !gap.corrected_by.is_empty();
     let kind = match d.verdict.kind {
+        // Named, but not borne out by the test sequences.
+        Kind::Effects if !corrects => "unproven",
         Kind::Effects => "effects",
         Kind::NoGap => "no_gap",
         Kind::Unknown => "unknown",
@@ -45,28 +50,40 @@ fn answer(d: &Diagnosis) -> String {
     };
     let sentence = escape(&verdict(d)).replace(" %", "&nbsp;%");
     let [low, high] = gap.closed_interval.map(percent);
-    let numbers = [
-        (
-            "Test error, nominal",
-            format!("{} {unit}", number(gap.test_error_nominal)),
-            String::new(),
-        ),
-        (
-            "Test error, corrected",
-            format!("{} {unit}", number(gap.test_error_corrected)),
-            String::new(),
-        ),
-        (
-            "A perfect model",
-            format!("{} {unit}", number(gap.noise_floor)),
-            "noise alone".to_owned(),
-        ),
-        (
-            "Gap closed",
-            percent(gap.closed_fraction),
-            format!("95 %: {low} to {high}"),
-        ),
-    ];
+    let error = |value: f64| format!("{} {unit}", number(value));
+    let floor = (
+        "A perfect model",
+        error(gap.noise_floor),
+        "noise alone".to_owned(),
+    );
+    let numbers = match corrects {
+        true => vec![
+            (
+                "Test error, nominal",
+                error(gap.test_error_nominal),
+                String::new(),
+            ),
+            (
+                "Test error, corrected",
+                error(gap.test_error_corrected),
+                String::new(),
+            ),
+            floor,
+            (
+                "Gap closed",
+                percent(gap.closed_fraction),
+                format!("95 %: {low} to {high}"),
+            ),
+        ],
+        false => vec![
+            (
+                "Test error",
+                error(gap.test_error_nominal),
+                "nothing is corrected".to_owned(),
+            ),
+            floor,
+        ],
+    };
     let numbers: String = (numbers.iter())
         .map(|(term, value, more)| {
             format!("<div><dt>{term}</dt><dd>{value}<small>{more}</small></dd></div>\n")
@@ -83,8 +100,12 @@ fn before_and_after(campaign: &Campaign, outcome: &Outcome) -> anyhow::Result<St
         return Ok(String::new());
     };
     let sequence = escape(&drawn.sequence);
+    let title = match outcome.model.parts.is_empty() {
+        true => "Torques of the nominal model",
+        false => "Torques before and after",
+    };
     let mut html = format!(
-        "<h2>Torques before and after</h2>\n<p class=\"small\">The checked sequence ({sequence}) on which \
+        "<h2>{title}</h2>\n<p class=\"small\">The checked sequence ({sequence}) on which \
          the nominal model is worst; joints with the largest gap first.</p>\n<div class=\"plot\">{}</div>\n",
         drawn.worst
     );
@@ -124,7 +145,7 @@ fn places(outcome: &Outcome) -> String {
     }
     if let Some(first) = found.region.first() {
         let bars = found.region.iter().map(|r| {
-            let [x, y, z] = r.center.map(|v| format!("{v:.2}"));
+            let [x, y, z] = r.center.map(|v| fixed(v, 3));
             bar(&format!("{x}, {y}, {z} m"), r.share, None)
         });
         let title = format!("Place in contact, within {:.0} cm", 100.0 * first.radius);
@@ -214,11 +235,11 @@ fn row(d: &Diagnosis, e: &EffectReport) -> String {
     let or_none = |value: Option<String>| value.unwrap_or_else(|| "&ndash;".to_owned());
     let class = if named { " class=\"named\"" } else { "" };
     format!(
-        "<tr{class}><td>{}</td><td>{}</td><td>{:.0}</td><td>{}</td><td>{}</td><td>{}</td>\
+        "<tr{class}><td>{}</td><td>{}</td><td>{}</td><td>{}</td><td>{}</td><td>{}</td>\
          <td class=\"words\">{}</td><td class=\"words\">{}</td></tr>\n",
         escape(&e.effect),
         percent(e.probability),
-        e.score,
+        fixed(e.score, 0),
         or_none(e.test_error.map(number)),
         or_none(e.closed_fraction.map(percent)),
         or_none(e.absorbed_share.map(percent)),

@@ -1,5 +1,5 @@
 use super::words::{
-    errors, estimate, fitted, part, percent, screened_out, summary, untestable, verdict,
+    errors, estimate, fitted, fixed, part, percent, screened_out, summary, untestable, verdict,
 };
 use crate::console::{number, table};
 use vsf::gap::{Diagnosis, ModelFile, Part};
@@ -30,7 +30,7 @@ fn effects(diagnosis: &Diagnosis, model: &ModelFile) -> String {
             vec![
                 e.effect.clone(),
                 percent(e.probability),
-                format!("{:.0}", e.score),
+                fixed(e.score, 0),
                 or_none(e.test_error.map(number)),
                 or_none(e.closed_fraction.map(percent)),
                 or_none(e.absorbed_share.map(percent)),
@@ -75,6 +75,14 @@ fn effects(diagnosis: &Diagnosis, model: &ModelFile) -> String {
     text
 }
 
+/// The parts with the largest shares, in their own order.
+fn largest(parts: &[Part]) -> Vec<&Part> {
+    let mut shares: Vec<f64> = parts.iter().map(|p| p.share).collect();
+    shares.sort_by(|a, b| b.total_cmp(a));
+    let least = shares.get(PARTS - 1).map_or(LEAST, |s| s.max(LEAST));
+    parts.iter().filter(|p| p.share >= least).collect()
+}
+
 fn places(diagnosis: &Diagnosis) -> String {
     let found = &diagnosis.r#where;
     let mut text = "\nwhere, by share of the gap\n".to_owned();
@@ -86,7 +94,7 @@ fn places(diagnosis: &Diagnosis) -> String {
         ("frequency", &found.frequency),
     ];
     for (kind, parts) in kinds {
-        let words: Vec<String> = (parts.iter().filter(|p| p.share >= LEAST).take(PARTS))
+        let words: Vec<String> = (largest(parts).into_iter())
             .map(|p| format!("{} {}", part(&p.of), percent(p.share)))
             .collect();
         if !words.is_empty() {

@@ -60,7 +60,9 @@ pub fn torques(campaign: &Campaign, outcome: &Outcome) -> anyhow::Result<Option<
         })
         .collect();
     curves.sort_by(|a, b| b.gap.total_cmp(&a.gap));
-    let draw = |curves: &[Curves]| svg(campaign, motion, curves).context(motion.id.clone());
+    let corrects = !outcome.model.parts.is_empty();
+    let draw =
+        |curves: &[Curves]| svg(campaign, motion, curves, corrects).context(motion.id.clone());
     let all = match joints > WORST {
         true => Some(draw(&curves)?),
         false => None,
@@ -73,7 +75,13 @@ pub fn torques(campaign: &Campaign, outcome: &Outcome) -> anyhow::Result<Option<
     }))
 }
 
-fn svg(campaign: &Campaign, motion: &Motion, curves: &[Curves]) -> anyhow::Result<String> {
+/// Without a correction (`corrects`), the nominal model is the one that predicts.
+fn svg(
+    campaign: &Campaign,
+    motion: &Motion,
+    curves: &[Curves],
+    corrects: bool,
+) -> anyhow::Result<String> {
     let log = campaign.contact_log(&Model::default(), motion)?;
     let contact: Vec<bool> = log.contacts.iter().map(|c| !c.is_empty()).collect();
     let start = motion.clock.first().copied().unwrap_or(0.0);
@@ -86,7 +94,7 @@ fn svg(campaign: &Campaign, motion: &Motion, curves: &[Curves]) -> anyhow::Resul
                 unit: reading_unit(joint),
                 measured: &c.measured,
                 predicted: &c.corrected,
-                nominal: &c.nominal,
+                nominal: if corrects { &c.nominal } else { &[] },
                 sigma: &[],
             }
         })

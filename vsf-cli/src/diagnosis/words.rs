@@ -78,7 +78,16 @@ pub fn errors(diagnosis: &Diagnosis) -> String {
 
 /// A share or a probability.
 pub fn percent(share: f64) -> String {
-    format!("{:.0} %", 100.0 * share)
+    format!("{} %", fixed(100.0 * share, 0))
+}
+
+/// A number with so many decimals; what is rounded to zero has no sign.
+pub fn fixed(value: f64, decimals: usize) -> String {
+    let text = format!("{value:.decimals$}");
+    match text.strip_prefix('-') {
+        Some(zero) if zero.bytes().all(|b| b == b'0' || b == b'.') => zero.to_owned(),
+        _ => text,
+    }
 }
 
 /// The part of a recording.
@@ -108,7 +117,7 @@ pub fn estimate(value: f64, std: f64, unit: &str) -> String {
         return format!("{}{unit}", number(value));
     }
     let decimals = decimals(std);
-    format!("{value:.decimals$} ± {std:.decimals$}{unit}")
+    format!("{} ± {std:.decimals$}{unit}", fixed(value, decimals))
 }
 
 /// Decimals that show two digits of a number.
@@ -165,6 +174,9 @@ mod tests {
         assert_eq!(estimate(12.3, 4.0, "1"), "12.3 ± 4.0");
         assert_eq!(estimate(1234.5, 200.0, "N"), "1234 ± 200 N");
         assert_eq!(estimate(0.0, 0.0, "m"), "0 m");
+        assert_eq!(estimate(-0.001, 0.05, "1"), "0.000 ± 0.050");
+        assert_eq!(percent(-0.001), "0 %");
+        assert_eq!(percent(-0.01), "-1 %");
         assert_eq!(part(&Of::Frequency([0.5469, 17.5])), "0.55 to 18 Hz");
     }
 }

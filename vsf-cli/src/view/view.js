@@ -434,8 +434,8 @@ function showSample() {
 
 function showTrack() {
   const t = tracks[track];
-  // Begin where most is touched.
-  sample = t.counts.length ? t.counts.indexOf(t.counts.reduce((a, b) => Math.max(a, b), 0)) : 0;
+  // Begin where most is touched, but with a field before anything is: the field is what to see.
+  sample = t.counts.length && layers.length === 0 ? t.counts.indexOf(t.counts.reduce((a, b) => Math.max(a, b), 0)) : 0;
   $("sample").max = t.time.length - 1;
   setPlaying(false);
   $("course-of").textContent = canTouch
@@ -482,6 +482,8 @@ $("course").hidden = !canTouch;
 $("layers").hidden = layers.length < 2;
 $("least-of").hidden = layers.length === 0;
 $("untouched-of").hidden = touched === null || layers.length === 0;
+// Points that nothing is known of would stand before those that were touched.
+if (touched !== null && layers.length > 0) $("untouched").value = "hidden";
 $("robot-of").hidden = surfaces.length === 0;
 $("frames").checked = surfaces.length === 0;
 $("gradient").style.background = `linear-gradient(to right, ${data.palette.map(c => `rgb(${c})`)})`;
