@@ -1,17 +1,18 @@
 //! What a reader of a diagnosis should know, in sentences.
 
+use crate::closure::noise_norm;
 use crate::plain::Plain;
 use crate::trial::{Conclusion, Trial};
 use crate::verdict::Nominal;
 use crate::{Campaign, Parameter};
 
+/// An error below this share of the noise shows that noise was taken for larger than it is.
+const BELOW: f64 = 0.7;
+
 /// That an effect with one stiffness everywhere explains a share of what the field does.
 pub(crate) fn told(campaign: &Campaign, plain: &Plain, share: f64) -> String {
     let value = |(p, v): (Parameter, &f64)| {
-        let number = match *v == 0.0 || (1e-2..1e4).contains(&v.abs()) {
-            true => format!("{v:.3}"),
-            false => format!("{v:.3e}"),
-        };
+        let number = number(*v);
         match p.unit {
             "1" => format!("{} {number}", p.name),
             unit => format!("{} {number} {unit}", p.name),
@@ -31,6 +32,15 @@ pub(crate) fn told(campaign: &Campaign, plain: &Plain, share: f64) -> String {
         theta.join(", "),
         100.0 * share
     )
+}
+
+/// A number in a sentence, to three digits at least.
+fn number(v: f64) -> String {
+    match v.abs() {
+        size if size == 0.0 || (1.0..1e4).contains(&size) => format!("{v:.3}"),
+        size if (1e-3..1.0).contains(&size) => format!("{v:.5}"),
+        _ => format!("{v:.3e}"),
+    }
 }
 
 /// What the search and the trial left to say.
@@ -56,8 +66,10 @@ pub(crate) fn notes(
         let which = verdict.effects.join(" and ");
         let error = conclusion.tried.last().map_or(before, |t| t.error);
         notes.push(format!(
-            "with {which} the test sequences are predicted worse ({error:.3} instead of {before:.3}): \
-             the corrected model is the nominal one"
+            "with {which} the test sequences are predicted worse ({} instead of {}): the corrected model is \
+             the nominal one",
+            number(error),
+            number(before)
         ));
     }
     if verdict.effects.is_empty() && nominal.contradicts() {
@@ -70,18 +82,30 @@ pub(crate) fn notes(
     if let Some(left) = conclusion.left_free {
         let unit = campaign.scene.error_unit();
         notes.push(format!(
-            "in free motion {left:.3} {unit} persist on the test sequences, which no stiffness explains and no named \
-             effect takes away"
+            "in free motion {} {unit} persist on the test sequences, which no stiffness explains and no named \
+             effect takes away",
+            number(left)
         ));
     }
     let aside = (conclusion.aside().iter())
-        .map(|t| format!("{} ({:.3})", t.effects.join(" and "), t.error));
+        .map(|t| format!("{} ({})", t.effects.join(" and "), number(t.error)));
     let aside: Vec<String> = aside.collect();
     if !aside.is_empty() {
         notes.push(format!(
             "left aside, since the test sequences do not bear them out enough for what they gain on the \
-             train sequences: {}; test error without them {before:.3}",
-            aside.join(", ")
+             train sequences: {}; test error without them {}",
+            aside.join(", "),
+            number(before)
+        ));
+    }
+    let error = (conclusion.corrected.as_ref()).map_or(before, |(_, c)| c.residuals.mean_error());
+    let floor = noise_norm(&campaign.noise);
+    if error < BELOW * floor {
+        notes.push(format!(
+            "what is taken for noise ({}) is more than the error ({}): readings change too quickly from sample to \
+             sample to tell it, and shares of the gap are too large; record some hundred samples in free motion",
+            number(floor),
+            number(error)
         ));
     }
     notes

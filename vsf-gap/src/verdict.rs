@@ -188,11 +188,13 @@ pub(crate) struct Judged {
 
 impl Judged {
     /// Leaves undecided which of some effects, best first, or the field that imitates them, is the cause: all are
-    /// equally likely, and the best one is named. Other effects may act beside it.
+    /// equally likely, and the best one is named. Other effects may act beside the field.
     pub(crate) fn or_field(&mut self, effects: Vec<String>) {
         let p = 1.0 / (1 + effects.len()) as f64;
         self.named = None;
         self.probabilities.retain(|(e, _)| !effects.contains(e));
+        // If it is the field, they are as likely as before.
+        self.probabilities.iter_mut().for_each(|(_, q)| *q *= p);
         self.probabilities
             .extend(effects.iter().map(|e| (e.clone(), p)));
         let verdict = &mut self.verdict;
