@@ -70,7 +70,7 @@ pub struct ContactSettings {
     /// Links that may touch; all with collision shapes by default
     #[arg(long, value_delimiter = ',')]
     links: Option<Vec<String>>,
-    /// Contact threshold delta [m], default 0.002
+    /// Contact threshold delta [m]: points are touched from so far before the surface on; default 0.002
     #[arg(long, allow_negative_numbers = true, value_parser = positive)]
     threshold: Option<f64>,
     /// Friction coefficient nu_f, default 0.15

@@ -4,7 +4,7 @@
 #![allow(clippy::unwrap_used)]
 
 use rayon::ThreadPoolBuilder;
-use vsf_core::{Belief, CoreError, Estimator, Observation, Scalar};
+use vsf_core::{Belief, CoreError, Estimator, Noise, Observation, Scalar};
 use vsf_filter::{CovarianceFilter, InformationFilter, JointEstimator, Projection};
 use vsf_testkit::{EstimatorOptions, LinearWorld, check_estimator};
 
@@ -38,6 +38,27 @@ fn conforms_f32() {
 #[test]
 fn conforms_f64() {
     conforms::<f64>();
+}
+
+#[test]
+fn more_points_than_a_matrix_holds_are_refused() {
+    let n = 40_000;
+    let points: Vec<u32> = (0..n as u32).collect();
+    let mut obs = Observation::new(Noise::uniform(1, 1.0).unwrap());
+    obs.rebuild(n, &points, &[1.0], |_, w| w[0] = 1.0).unwrap();
+    let prior = Belief::<f64>::uniform(n, 0.0, 1.0).unwrap();
+    let filters: [Box<dyn Estimator<Scalar = f64>>; 2] = [
+        Box::new(CovarianceFilter::new(prior.clone()).unwrap()),
+        Box::new(InformationFilter::new(prior.clone()).unwrap()),
+    ];
+    for mut filter in filters {
+        let error = filter.update(&obs).unwrap_err();
+        assert!(
+            matches!(error, CoreError::TooMany { max: 32_768, .. }),
+            "{error}"
+        );
+        assert_eq!(filter.belief(), &prior);
+    }
 }
 
 /// Updates of `n` points of which most are touched at once, after all were touched.

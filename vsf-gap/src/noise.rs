@@ -91,14 +91,13 @@ fn runs(motions: &[&Motion], logs: &[Arc<ContactLog>], length: usize) -> Vec<(us
 
 /// Weights of the samples, the last one first, in a difference of this order.
 fn binomials(order: usize) -> Vec<f64> {
-    let mut weights = vec![1.0];
-    for _ in 0..order {
-        weights.push(0.0);
-        for k in (1..weights.len()).rev() {
-            weights[k] -= weights[k - 1];
-        }
-    }
-    weights
+    let mut next = 1.0;
+    let weight = |k: usize| {
+        let weight = next;
+        next = -weight * (order - k) as f64 / (k + 1) as f64;
+        weight
+    };
+    (0..=order).map(weight).collect()
 }
 
 /// From the pairs of differences in a row, by their order: the lowest one whose correlation is one of

@@ -403,7 +403,7 @@ fn motions_and_contacts_that_do_not_belong_together_are_refused() {
     let mut short = motion.clone();
     short.clock.pop();
     let mut beyond = motion.clone();
-    beyond.touches = vec![0..1000];
+    beyond.touches[0].end = 1000;
     let mut wide = motion.clone();
     wide.q = vsf_data::Table::new(2, vec![0.0; 2 * motion.len()]).unwrap();
     for motion in [&short, &beyond, &wide] {

@@ -65,6 +65,9 @@ use vsf_core::{Belief, CoreError, Estimator, Observation, Prediction, Scalar, Up
 /// posterior itself comes down to that, in a very wide prior, it is lost: updates then end with
 /// [`CoreError::NotPositiveDefinite`] and leave the belief as it was. Take `f64` there.
 ///
+/// At most 32768 points can be touched: an update that touches more is refused with
+/// [`CoreError::TooMany`].
+///
 /// The same bits come out for any number of threads (of the rayon pool that `update` runs in);
 /// processors without fused multiply-add round the last bits otherwise. On one thread an update
 /// that touches no new point does not allocate.

@@ -6,6 +6,9 @@ use vsf_core::CoreError;
 /// No slot.
 const UNTOUCHED: u32 = u32::MAX;
 
+/// Most touched points: their covariance holds 2^30 numbers.
+const MOST: usize = 1 << 15;
+
 /// The touched points of a dense filter, numbered by *slots* in the order of their first touch,
 /// and what the prior says of other points given these.
 #[derive(Debug, Clone)]
@@ -105,6 +108,14 @@ impl Touched {
         }
         unseen.sort_unstable();
         unseen.dedup();
+        let all = self.len() + unseen.len();
+        if all > MOST {
+            return Err(CoreError::TooMany {
+                what: "touched points of a dense filter",
+                got: all,
+                max: MOST,
+            });
+        }
         Ok(unseen)
     }
 

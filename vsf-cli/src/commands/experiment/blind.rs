@@ -20,7 +20,8 @@ Each is diagnosed without its label, which is opened afterwards.
 
 JSON keys: cases (case, kind, level, protocol, truth, kind_of_answer, named, top, probability_of_truth,
 effect_set_95, right_joint, right_phase, test_error_nominal, test_error_corrected, closed_fraction, oracle_closed,
-error), scores (group, and for each measure hits, of, share, interval; mean_probability, ece, set_size).")]
+error), scores (group, and for each measure hits, of, share, interval; mean_probability, ece, set_size,
+closed_of_oracle, null where there is no case).")]
 pub struct Args {
     /// Number of cases, 1 to 10000
     #[arg(long, default_value_t = 20,
