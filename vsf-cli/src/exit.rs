@@ -4,6 +4,7 @@ use std::process::ExitCode;
 use vsf::contact::ContactError;
 use vsf::core::CoreError;
 use vsf::pipeline::PipelineError;
+use vsf::robots::RobotError;
 
 /// A wish that cannot be met as it was put, in one line.
 #[derive(Debug, thiserror::Error)]
@@ -43,18 +44,27 @@ pub fn message(error: &anyhow::Error) -> String {
 fn code(error: &anyhow::Error) -> u8 {
     if error.chain().any(|e| e.is::<Usage>() || is_parameter(e)) {
         2
-    } else if error.chain().any(is_refusal) {
+    } else if error.chain().any(is_refusal) && !error.chain().any(is_missing) {
         3
     } else {
         1
     }
 }
 
-/// Of the system; text that is no text, and a file that is named but not there, are the input's own fault.
+/// Of the system; text that is no text is the input's own fault.
 fn is_refusal(error: &(dyn std::error::Error + 'static)) -> bool {
-    use io::ErrorKind::{InvalidData, NotFound};
-    let refused = |e: &io::Error| !matches!(e.kind(), InvalidData | NotFound);
+    let refused = |e: &io::Error| e.kind() != io::ErrorKind::InvalidData;
     error.downcast_ref().is_some_and(refused)
+}
+
+/// A file that a robot names and that is not there, such as a mesh.
+fn is_missing(error: &(dyn std::error::Error + 'static)) -> bool {
+    match error.downcast_ref() {
+        Some(PipelineError::Robot(RobotError::Read { source, .. })) => {
+            source.kind() == io::ErrorKind::NotFound
+        }
+        _ => false,
+    }
 }
 
 fn is_parameter(error: &(dyn std::error::Error + 'static)) -> bool {
