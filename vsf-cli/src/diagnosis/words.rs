@@ -174,7 +174,7 @@ mod tests {
         assert_eq!(estimate(12.3, 4.0, "1"), "12.3 ± 4.0");
         assert_eq!(estimate(1234.5, 200.0, "N"), "1234 ± 200 N");
         assert_eq!(estimate(0.0, 0.0, "m"), "0 m");
-        assert_eq!(estimate(-0.001, 0.05, "1"), "0.000 ± 0.050");
+        assert_eq!(estimate(-0.0001, 0.05, "1"), "0.000 ± 0.050");
         assert_eq!(percent(-0.001), "0 %");
         assert_eq!(percent(-0.01), "-1 %");
         assert_eq!(part(&Of::Frequency([0.5469, 17.5])), "0.55 to 18 Hz");
