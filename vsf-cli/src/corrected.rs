@@ -150,8 +150,7 @@ impl CorrectedModel {
         Ok(found)
     }
 
-    /// The sequences, whose contacts are `traces`, with the torques that the model gives with a stiffness per
-    /// rest point (N/m).
+    /// The sequences with the torques that the model gives with a stiffness per rest point (N/m).
     /// Effects that follow the load take that of the nominal model.
     pub fn simulate(
         &self,
@@ -159,11 +158,14 @@ impl CorrectedModel {
         scene: &Scene,
         stiffness: &[f64],
         sequences: &[&Sequence],
-        traces: &[Trace],
     ) -> anyhow::Result<Vec<Sequence>> {
+        // All of them: what effects do to the object lasts from one to the next.
+        let dataset = with(dataset, sequences);
+        let all: Vec<&Sequence> = dataset.sequences.iter().collect();
+        let simulated = simulate(scene, stiffness, &all, &scene.traces(&all, || {})?)?;
         let dataset = Dataset {
-            sequences: simulate(scene, stiffness, sequences, traces)?,
-            ..with(dataset, sequences)
+            sequences: simulated,
+            ..dataset
         };
         // What is written is not tared: that is done where it is read.
         let campaign = Campaign::in_scene(&dataset, scene.clone().tared())?;

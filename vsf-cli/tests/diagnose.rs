@@ -142,6 +142,30 @@ fn a_bias_is_named_and_corrected() {
     );
 }
 
+/// A drift goes on from sequence to sequence, also where only the last one is asked for.
+#[test]
+fn a_part_of_a_simulation_is_that_of_the_whole() {
+    let bench = biased();
+    let rate =
+        |j: usize| format!(r#"{{"name": "r_{j}", "value": 0.01, "std": 0.001, "unit": "N/s"}}"#);
+    let rates: Vec<String> = (1..=3).map(rate).collect();
+    let drift = format!(
+        r#"{{"schema": 1, "effects": [{{"effect": "torque_drift", "parameters": [{},
+        {{"name": "T", "value": 3, "std": 0.1, "unit": "s"}}]}}]}}"#,
+        rates.join(", ")
+    );
+    fs::write(bench.root.join("drift.json"), drift).unwrap();
+    let of = |sequences: &str, out: &str| {
+        bench.ok(&format!(
+            "simulate data --field truth --model drift.json {sequences} --out {out}"
+        ));
+        numbers(&bench.root.join(out).join("seq_c/torques.npy"))
+    };
+    let whole = of("", "whole");
+    assert_eq!(of("--sequences c", "part"), whole);
+    assert_eq!(of("--sequences c,a", "turned"), whole);
+}
+
 #[test]
 fn commands_with_a_model_agree() {
     let bench = biased();

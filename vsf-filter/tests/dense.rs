@@ -46,18 +46,23 @@ fn more_points_than_a_matrix_holds_are_refused() {
     let points: Vec<u32> = (0..n as u32).collect();
     let mut obs = Observation::new(Noise::uniform(1, 1.0).unwrap());
     obs.rebuild(n, &points, &[1.0], |_, w| w[0] = 1.0).unwrap();
+    let mut one = Observation::new(Noise::uniform(1, 1.0).unwrap());
+    one.rebuild(n, &[7], &[1.0], |_, w| w[0] = 1.0).unwrap();
     let prior = Belief::<f64>::uniform(n, 0.0, 1.0).unwrap();
-    let filters: [Box<dyn Estimator<Scalar = f64>>; 2] = [
+    let filters: [Box<dyn JointEstimator<Scalar = f64>>; 2] = [
         Box::new(CovarianceFilter::new(prior.clone()).unwrap()),
-        Box::new(InformationFilter::new(prior.clone()).unwrap()),
+        Box::new(InformationFilter::new(prior).unwrap()),
     ];
     for mut filter in filters {
+        filter.update(&one).unwrap();
+        let before = filter.belief().clone();
         let error = filter.update(&obs).unwrap_err();
         assert!(
             matches!(error, CoreError::TooMany { max: 32_768, .. }),
             "{error}"
         );
-        assert_eq!(filter.belief(), &prior);
+        assert_eq!(filter.belief(), &before);
+        assert_eq!(filter.extrapolate(&points).unwrap().len(), n);
     }
 }
 

@@ -51,7 +51,7 @@ pub(crate) struct Parts {
 pub(crate) struct Factor(Mat<f64>);
 
 impl Parts {
-    /// Gathers the parts. `noise` is the variance of every row, `zeros` that of its zero
+    /// Gathers the parts. `noise` is the variance of every row, `zeros` how far its zero is off
     /// ([`Windows::zeros`]), `lever` that of [`crate::Campaign::lever`], `joint_rms` the RMS reading per joint (N m or N).
     pub(crate) fn new(
         design: &Design,
@@ -136,8 +136,9 @@ impl Parts {
                         }
                     }
                     let own = of_joint + if k == i { white } else { 0.0 };
-                    c[(k * d + j, col)] +=
-                        own * self.joint_rms[j] * self.joint_rms[j] + self.zeros[col];
+                    let row = k * d + j;
+                    c[(row, col)] += own * self.joint_rms[j] * self.joint_rms[j]
+                        + self.zeros[row] * self.zeros[col];
                 }
             }
         }

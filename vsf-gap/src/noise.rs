@@ -1,5 +1,4 @@
 use crate::{ContactLog, Motion};
-use std::ops::Range;
 use std::sync::Arc;
 
 /// Noise of one joint's reading: first-order autoregressive.
@@ -48,6 +47,7 @@ pub(crate) fn noise_floor(
     logs: &[Arc<ContactLog>],
     joints: usize,
 ) -> Vec<JointNoise> {
+    let source = Source::of(motions, logs);
     let of_joint = |j: usize| {
         joint_noise(|order| {
             let weights = binomials(order);
@@ -56,37 +56,54 @@ pub(crate) fn noise_floor(
                 weights.iter().enumerate().map(at).sum()
             };
             let pair = |(s, row): (usize, usize)| (difference(s, row - 1), difference(s, row));
-            runs(motions, logs, order + 2)
-                .into_iter()
-                .map(pair)
-                .collect()
+            let runs = source.runs(motions, logs, order + 2);
+            runs.into_iter().map(pair).collect()
         })
     };
     (0..joints).map(of_joint).collect()
 }
 
-/// Sequence and last row of all samples in a row, so many, that speak for the noise.
-fn runs(motions: &[&Motion], logs: &[Arc<ContactLog>], length: usize) -> Vec<(usize, usize)> {
-    let of_touches = || {
-        motions.iter().enumerate().flat_map(move |(s, motion)| {
-            let own = move |touch: &Range<usize>| touch.start + length - 1..touch.end;
-            motion.touches.iter().flat_map(own).map(move |row| (s, row))
-        })
-    };
-    let free = |&(s, row): &(usize, usize)| {
-        (row + 1 - length..=row).all(|r| logs[s].contacts[r].is_empty())
-    };
-    let mut rows: Vec<(usize, usize)> = of_touches().filter(free).collect();
-    if rows.len() < FEWEST {
-        rows = of_touches().collect();
+/// Where noise is read from.
+#[derive(Clone, Copy)]
+enum Source {
+    Free,
+    Touches,
+    /// Across touches, where these are short.
+    Sequences,
+}
+
+impl Source {
+    /// Free motion where second differences find enough of it, else all touches.
+    fn of(motions: &[&Motion], logs: &[Arc<ContactLog>]) -> Self {
+        let enough = |source: &Self| source.runs(motions, logs, ORDERS[0] + 2).len() >= FEWEST;
+        let mut sources = [Self::Free, Self::Touches].into_iter();
+        sources.find(enough).unwrap_or(Self::Sequences)
     }
-    // Touches are shorter than that.
-    if rows.len() < FEWEST {
-        let own =
-            |(s, motion): (usize, &&Motion)| (length - 1..motion.len()).map(move |row| (s, row));
-        rows = motions.iter().enumerate().flat_map(own).collect();
+
+    /// Sequence and last row of all samples in a row, so many.
+    fn runs(
+        self,
+        motions: &[&Motion],
+        logs: &[Arc<ContactLog>],
+        length: usize,
+    ) -> Vec<(usize, usize)> {
+        let free =
+            |s: usize, row: usize| (row + 1 - length..=row).all(|r| logs[s].contacts[r].is_empty());
+        let mut rows = Vec::new();
+        for (s, motion) in motions.iter().enumerate() {
+            let whole = 0..motion.len();
+            let ranges = match self {
+                Self::Sequences => std::slice::from_ref(&whole),
+                _ => &motion.touches,
+            };
+            for range in ranges {
+                let own = (range.start + length - 1..range.end)
+                    .filter(|&row| !matches!(self, Self::Free) || free(s, row));
+                rows.extend(own.map(|row| (s, row)));
+            }
+        }
+        rows
     }
-    rows
 }
 
 /// Weights of the samples, the last one first, in a difference of this order.
@@ -104,10 +121,17 @@ fn binomials(order: usize) -> Vec<f64> {
 /// AR(1) noise. Without one, or where next to nothing is left, noise itself is smooth, as in readings that were
 /// filtered: then second differences bound it.
 fn joint_noise(pairs: impl Fn(usize) -> Vec<(f64, f64)>) -> JointNoise {
-    let of_order = |order: usize| {
-        let (variance, covariance) = moments(&pairs(order));
+    // Their correlation, known from `n` pairs to within about `1 / sqrt(n)`, is to lie below that of the smoothest
+    // noise by `margins` of these.
+    let of_order = |order: usize, margins: f64| {
+        let pairs = pairs(order);
+        let (variance, covariance) = moments(&pairs);
+        let margin = margins / (pairs.len().max(1) as f64).sqrt();
         let correlation = match variance > 0.0 {
-            true => correlation(order, covariance / variance),
+            true => match correlation(order, covariance / variance + margin) < SMOOTHEST {
+                true => correlation(order, covariance / variance),
+                false => SMOOTHEST,
+            },
             false => 0.0,
         };
         JointNoise {
@@ -115,12 +139,12 @@ fn joint_noise(pairs: impl Fn(usize) -> Vec<(f64, f64)>) -> JointNoise {
             correlation,
         }
     };
-    let bound = of_order(ORDERS[0]);
+    let bound = of_order(ORDERS[0], 0.0);
     if bound.correlation < SMOOTHEST {
         return bound;
     }
     let is_noise = |n: &JointNoise| n.correlation < SMOOTHEST && n.sd > FILTERED * bound.sd;
-    let mut others = ORDERS[1..].iter().map(|order| of_order(*order));
+    let mut others = ORDERS[1..].iter().map(|order| of_order(*order, 1.0));
     others.find(is_noise).unwrap_or(bound)
 }
 

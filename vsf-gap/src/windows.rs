@@ -104,14 +104,16 @@ impl Windows {
         self.list.iter().flat_map(of).collect()
     }
 
-    /// Variance by which the zero of every row is off: what a tare took for it has noise of its own. It is one
-    /// error per joint and sequence.
+    /// By how much (standard deviation) what a tare took for zero shifts every row: the noise of its mean, one
+    /// error per joint and sequence. Samples of the tare itself have no mean.
     pub(crate) fn zeros(&self, motions: &[&Motion], noise: &[JointNoise]) -> Vec<f64> {
         let of = |w: &Window| {
             let tare = motions[w.sequence].tare;
+            let inside = tare.clamp(w.rows.start, w.rows.end) - w.rows.start;
+            let outside = 1.0 - inside as f64 / w.rows.len() as f64;
             noise.iter().map(move |n| match tare {
                 0 => 0.0,
-                tare => n.of_means(tare).sd.powi(2),
+                tare => outside * n.of_means(tare).sd,
             })
         };
         self.list.iter().flat_map(of).collect()

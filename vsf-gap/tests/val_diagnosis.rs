@@ -118,8 +118,6 @@ fn what_is_left_in_free_motion_is_unknown() {
     assert!((left - 0.4).abs() < 0.01, "{left}");
 }
 
-/// An object that lies elsewhere in every sequence shows where sequences touch the same places, the test
-/// sequences among them.
 /// The mean of a few noisy samples is no exact zero: taking it for one looked like a drift.
 #[test]
 fn what_a_tare_leaves_is_no_drift() {
@@ -143,6 +141,8 @@ fn what_a_tare_leaves_is_no_drift() {
     }
 }
 
+/// An object that lies elsewhere in every sequence shows where sequences touch the same places, the test
+/// sequences among them.
 #[test]
 fn an_object_that_is_put_back_elsewhere_shows_on_halves_of_the_test_sequences() {
     let folder = tempfile::tempdir().unwrap();

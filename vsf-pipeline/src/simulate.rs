@@ -12,8 +12,8 @@ use vsf_data::{Sequence, Table, TorqueKind};
 /// move ([`crate::rigid_body_torques`]) less that.
 ///
 /// # Errors
-/// A field of another size, stiffness that is negative or not finite, traces that are not of the
-/// sequences.
+/// A field of another size, stiffness that is negative or not finite, traces of other lengths than the
+/// sequences, measured torques whose motion is not known ([`motion_of`]).
 pub fn simulate(
     scene: &Scene,
     stiffness: &[f64],

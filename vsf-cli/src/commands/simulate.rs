@@ -53,9 +53,7 @@ pub fn run(args: &Args, console: &Console) -> anyhow::Result<()> {
     }
     let mut simulated = match model {
         None => simulate(&scene, stiffness, &sequences, &traces)?,
-        Some(model) => {
-            model.simulate(&recording.dataset, &scene, stiffness, &sequences, &traces)?
-        }
+        Some(model) => model.simulate(&recording.dataset, &scene, stiffness, &sequences)?,
     };
     add_noise(&mut simulated, args.noise_sd, args.seed)?;
     spinner.finish_and_clear();

@@ -9,11 +9,14 @@ pub fn verdict(diagnosis: &Diagnosis) -> String {
     let Diagnosis { verdict, gap, .. } = diagnosis;
     let p = percent(verdict.probability);
     let effects = verdict.effects.join(" and ");
-    // Ending of a verb whose subject these are.
-    let s = if verdict.effects.len() == 1 { "s" } else { "" };
+    // Ending of a verb whose subject these are, and what stands for them.
+    let (s, them) = match verdict.effects.len() {
+        1 => ("s", "it"),
+        _ => ("", "them"),
+    };
     match verdict.kind {
         Kind::Effects if gap.corrected_by.is_empty() => format!(
-            "{effects} fit{s} best (probability {p}), but with it the test sequences are predicted worse."
+            "{effects} fit{s} best (probability {p}), but with {them} the test sequences are predicted worse."
         ),
         Kind::Effects if gap.test_error_corrected == gap.test_error_nominal => format!(
             "{effects} fit{s} best (probability {p}); the test sequences do not show it: their errors stay the same."

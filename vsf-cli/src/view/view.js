@@ -483,7 +483,7 @@ $("layers").hidden = layers.length < 2;
 $("least-of").hidden = layers.length === 0;
 $("untouched-of").hidden = touched === null || layers.length === 0;
 // Points that nothing is known of would stand before those that were touched.
-if (touched !== null && layers.length > 0) $("untouched").value = "hidden";
+if (touched !== null && touched.some(v => v === 1) && layers.length > 0) $("untouched").value = "hidden";
 $("robot-of").hidden = surfaces.length === 0;
 $("frames").checked = surfaces.length === 0;
 $("gradient").style.background = `linear-gradient(to right, ${data.palette.map(c => `rgb(${c})`)})`;

@@ -19,7 +19,7 @@ use vsf_core::{
 /// cannot make it lose its definiteness. All is computed in `f64`, `T` is the type of
 /// observations and belief. An update allocates.
 ///
-/// Priors and untouched points are as in [`crate::CovarianceFilter`]. Points touched for the first
+/// At most 32768 points can be touched. Priors and untouched points are as in [`crate::CovarianceFilter`]. Points touched for the first
 /// time under a correlated prior cost `O(n³)` too. With [`Projection::OutputOnly`], the default
 /// here, [`Estimator::predict`], `prefit` and `nis` are those of the Gaussian itself and `postfit` is
 /// of the belief.
@@ -110,6 +110,7 @@ impl<T: Scalar> InformationFilter<T> {
         if unseen.is_empty() {
             return Ok(());
         }
+        self.touched.check_room(unseen.len())?;
         let conditional = self.touched.condition(&unseen)?;
         let Conditional { onto, share, .. } = &conditional;
         let gain = product(onto.as_ref(), share.transpose());

@@ -90,6 +90,19 @@ impl Touched {
         (slot != UNTOUCHED).then_some(slot as usize)
     }
 
+    /// Whether there is room for so many new points.
+    pub(super) fn check_room(&self, new: usize) -> Result<(), CoreError> {
+        let all = self.len() + new;
+        match all > MOST {
+            true => Err(CoreError::TooMany {
+                what: "touched points of a dense filter",
+                got: all,
+                max: MOST,
+            }),
+            false => Ok(()),
+        }
+    }
+
     /// Those of `points` that were never touched, each once, increasing.
     pub(super) fn unseen(&self, points: &[u32]) -> Result<Vec<u32>, CoreError> {
         let mut unseen = Vec::new();
@@ -108,14 +121,6 @@ impl Touched {
         }
         unseen.sort_unstable();
         unseen.dedup();
-        let all = self.len() + unseen.len();
-        if all > MOST {
-            return Err(CoreError::TooMany {
-                what: "touched points of a dense filter",
-                got: all,
-                max: MOST,
-            });
-        }
         Ok(unseen)
     }
 

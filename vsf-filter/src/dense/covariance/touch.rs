@@ -14,6 +14,7 @@ impl<T: Scalar> CovarianceFilter<T> {
             return Ok(());
         }
         let unseen = self.touched.unseen(points)?;
+        self.touched.check_room(unseen.len())?;
         unseen
             .chunks(CHUNK)
             .try_for_each(|chunk| self.append(chunk))
