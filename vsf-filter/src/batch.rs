@@ -12,6 +12,7 @@ pub use fit::BatchFit;
 pub use held_out::HeldOut;
 
 use crate::FieldPrior;
+use crate::limit::check_entries;
 use equations::{NONE, Whitener, gram, panel, project};
 use faer::Mat;
 use points::ByPoints;
@@ -23,8 +24,6 @@ use std::f64::consts::TAU;
 use std::ops::Range;
 use vsf_core::{CoreError, Observation};
 
-/// Most numbers in a matrix (8.6 GB).
-const MAX_ENTRIES: usize = 1 << 30;
 /// The problem is solved by rows when there are this many times more touched points.
 const POINTS_PER_ROW: usize = 3;
 
@@ -110,21 +109,6 @@ fn finite_evidence(log_evidence: f64) -> Result<f64, CoreError> {
         Err(CoreError::Overflow {
             what: "log evidence",
         })
-    }
-}
-
-/// Refuses a matrix of `n` points by as many numbers each that is too large.
-fn check_entries(n: usize, each: usize, what: &'static str) -> Result<(), CoreError> {
-    match n.saturating_mul(each) > MAX_ENTRIES {
-        true => Err(CoreError::TooMany {
-            what,
-            got: n,
-            max: match each == n {
-                true => MAX_ENTRIES.isqrt(),
-                false => MAX_ENTRIES / each,
-            },
-        }),
-        false => Ok(()),
     }
 }
 

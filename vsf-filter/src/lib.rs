@@ -70,6 +70,7 @@ mod dense;
 mod diagonal;
 mod kernel;
 mod lanes;
+mod limit;
 mod prior;
 mod replay;
 mod reservoir;

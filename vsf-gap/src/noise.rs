@@ -128,10 +128,7 @@ fn joint_noise(pairs: impl Fn(usize) -> Vec<(f64, f64)>) -> JointNoise {
         let (variance, covariance) = moments(&pairs);
         let margin = margins / (pairs.len().max(1) as f64).sqrt();
         let correlation = match variance > 0.0 {
-            true => match correlation(order, covariance / variance + margin) < SMOOTHEST {
-                true => correlation(order, covariance / variance),
-                false => SMOOTHEST,
-            },
+            true => correlation(order, covariance / variance, margin),
             false => 0.0,
         };
         JointNoise {
@@ -180,14 +177,14 @@ fn unit_moments(order: usize, correlation: f64) -> (f64, f64) {
     (moment(0), moment(1))
 }
 
-/// The correlation of AR(1) noise, at most [`SMOOTHEST`], of which differences in a row have the
-/// correlation `r`: that grows with it.
-fn correlation(order: usize, r: f64) -> f64 {
+/// The correlation of AR(1) noise of which differences in a row have the correlation `r`, which grows with it;
+/// [`SMOOTHEST`] unless `r` is below that of such noise by `margin`.
+fn correlation(order: usize, r: f64, margin: f64) -> f64 {
     let of = |c: f64| {
         let (variance, covariance) = unit_moments(order, c);
         covariance / variance
     };
-    if r >= of(SMOOTHEST) {
+    if r + margin >= of(SMOOTHEST) {
         return SMOOTHEST;
     }
     let (mut low, mut high) = (0.0, SMOOTHEST);
@@ -269,7 +266,7 @@ mod tests {
             let (variance, covariance) = unit_moments(2, c);
             assert!((variance - 2.0 * (1.0 - c) * (3.0 - c)).abs() < 1e-12);
             assert!((covariance + (1.0 - c) * (4.0 - 3.0 * c + c * c)).abs() < 1e-12);
-            assert!((correlation(2, covariance / variance) - c).abs() < 1e-9);
+            assert!((correlation(2, covariance / variance, 0.0) - c).abs() < 1e-9);
         }
     }
 

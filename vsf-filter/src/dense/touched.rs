@@ -1,13 +1,11 @@
 use super::algebra::{add_product, cholesky, solve_lower, solve_lower_transposed};
+use crate::limit::check_entries;
 use crate::prior::FieldPrior;
 use faer::{Mat, MatRef};
 use vsf_core::CoreError;
 
 /// No slot.
 const UNTOUCHED: u32 = u32::MAX;
-
-/// Most touched points: their covariance holds 2^30 numbers.
-const MOST: usize = 1 << 15;
 
 /// The touched points of a dense filter, numbered by *slots* in the order of their first touch,
 /// and what the prior says of other points given these.
@@ -93,14 +91,7 @@ impl Touched {
     /// Whether there is room for so many new points.
     pub(super) fn check_room(&self, new: usize) -> Result<(), CoreError> {
         let all = self.len() + new;
-        match all > MOST {
-            true => Err(CoreError::TooMany {
-                what: "touched points of a dense filter",
-                got: all,
-                max: MOST,
-            }),
-            false => Ok(()),
-        }
+        check_entries(all, all, "touched points of a dense filter")
     }
 
     /// Those of `points` that were never touched, each once, increasing.
