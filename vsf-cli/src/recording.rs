@@ -182,9 +182,8 @@ impl Recording {
         Ok((field, scene))
     }
 
-    /// The scene of a field in this recording: the recording's points must be the field's; without
-    /// own points it takes the field's.
-    pub fn scene_of(&self, field: &FieldFile, console: &Console) -> anyhow::Result<Scene> {
+    /// Checks that a field is of the recording's points, if it has own ones, and warns of another recording's.
+    pub fn check_field(&self, field: &FieldFile, console: &Console) -> anyhow::Result<()> {
         let points = &field.field.points;
         let place = field.path.display();
         if let Some(own) = &self.dataset.rest_points {
@@ -208,6 +207,14 @@ impl Recording {
                 "{place}: the field was estimated from the recording {other:?}, this one is {name:?}"
             ));
         }
+        Ok(())
+    }
+
+    /// The scene of a field in this recording, [checked](Recording::check_field): without own points it takes
+    /// the field's.
+    pub fn scene_of(&self, field: &FieldFile, console: &Console) -> anyhow::Result<Scene> {
+        self.check_field(field, console)?;
+        let points = &field.field.points;
         let scene = self.scene_by(console, |dataset, options| {
             Scene::with_points(dataset, points.clone(), options)
         })?;
@@ -274,13 +281,24 @@ impl Recording {
 
     /// The given field, or the one stored in the recording.
     pub fn field(&self, given: Option<&Path>, console: &Console) -> anyhow::Result<FieldFile> {
-        match (given, &self.dataset.field) {
-            (Some(path), _) => FieldFile::open(path, console),
-            (None, Some(field)) => FieldFile::new(self.path.clone(), field.clone()),
-            (None, None) => Err(usage(
+        self.stored_or(given, console)?.ok_or_else(|| {
+            usage(
                 "--field is required: the recording stores no field; `vsf estimate` makes one of a recording \
                  with points, and one without takes --model",
-            )),
+            )
+        })
+    }
+
+    /// The same, if there is one.
+    pub fn stored_or(
+        &self,
+        given: Option<&Path>,
+        console: &Console,
+    ) -> anyhow::Result<Option<FieldFile>> {
+        match (given, &self.dataset.field) {
+            (Some(path), _) => FieldFile::open(path, console).map(Some),
+            (None, Some(field)) => FieldFile::new(self.path.clone(), field.clone()).map(Some),
+            (None, None) => Ok(None),
         }
     }
 }

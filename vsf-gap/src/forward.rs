@@ -62,11 +62,29 @@ pub struct ContactLog {
 }
 
 impl ContactLog {
-    /// Checks that it has a row for every sample.
-    pub(crate) fn check(&self, motion: &Motion) -> Result<(), CoreError> {
-        let rows = [self.postures.len(), self.contacts.len(), self.forces.len()];
-        let mut rows = rows.into_iter();
-        rows.try_for_each(|n| CoreError::check_len("contacts of a sequence", n, motion.len()))
+    /// Checks that it has a row for every sample, of the site's robot and points.
+    pub(crate) fn check(&self, site: &Site, motion: &Motion) -> Result<(), CoreError> {
+        let (n, d) = (motion.len(), site.joints());
+        for rows in [self.postures.len(), self.contacts.len(), self.forces.len()] {
+            CoreError::check_len("contacts of a sequence", rows, n)?;
+        }
+        if !self.rigid.is_empty() {
+            CoreError::check_len("rigid-body torques of a sequence", self.rigid.len(), n * d)?;
+        }
+        let (links, points) = (site.robot.link_count(), site.rest.len());
+        for posture in &self.postures {
+            CoreError::check_len("joints of a posture", posture.screws().len(), d)?;
+            CoreError::check_len("links of a posture", posture.link_poses().len(), links)?;
+        }
+        let within = |what, index: Option<&u32>, len| match index.map(|i| *i as usize) {
+            Some(index) if index >= len => Err(CoreError::OutOfRange { what, index, len }),
+            _ => Ok(()),
+        };
+        // Points increase.
+        self.contacts.iter().try_for_each(|contacts| {
+            within("touched point", contacts.points().last(), points)?;
+            within("touching link", contacts.links().iter().max(), links)
+        })
     }
 }
 
@@ -383,7 +401,7 @@ impl Campaign {
         CoreError::check_len("contacts of sequences", logs.len(), motions.len())?;
         for (motion, log) in motions.iter().zip(logs) {
             motion.check(d)?;
-            log.check(motion)?;
+            log.check(&self.site, motion)?;
         }
         let mut compensators = model.compensators(&self.site)?;
         let mut out = Prediction::new(d);

@@ -111,7 +111,7 @@ pub(crate) fn locate(
     };
     for (sequence, motion) in all.iter().copied().enumerate() {
         let logs = campaign.contact_logs(&nominal, &[motion])?;
-        let phases = campaign.phases(motion, &logs[0]);
+        let phases = campaign.phases(motion, &logs[0])?;
         let tested = checked.iter().position(|m| m.is(motion));
         // Parts of one sequence are one.
         let of = (ids.iter().position(|id| *id == motion.id)).unwrap_or_else(|| {

@@ -99,14 +99,36 @@ pub(crate) fn notes(
         ));
     }
     let error = (conclusion.corrected.as_ref()).map_or(before, |(_, c)| c.residuals.mean_error());
-    let floor = noise_norm(&campaign.noise);
-    if error < BELOW * floor {
-        notes.push(format!(
-            "what is taken for noise ({}) is more than the error ({}): readings change too quickly from sample to \
-             sample to tell it, and shares of the gap are too large; record some hundred samples in free motion",
-            number(floor),
-            number(error)
-        ));
+    // Of the fit itself, errors are below the noise.
+    if !campaign.test.is_empty() {
+        let floor = noise_norm(&campaign.noise);
+        notes.extend(overstated(floor, error, campaign.scene.error_unit()));
     }
     notes
+}
+
+/// That noise is taken for more than the error that is left (in `unit` both), where it is.
+fn overstated(noise: f64, error: f64, unit: &str) -> Option<String> {
+    (error < BELOW * noise).then(|| {
+        format!(
+            "what is taken for noise ({} {unit}) is more than the error ({} {unit}): readings change too quickly \
+             from sample to sample to tell it, and shares of the gap are too large; some hundred samples at rest \
+             or in slow free motion would tell",
+            number(noise),
+            number(error)
+        )
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn noise_is_overstated_where_less_error_is_left() {
+        assert_eq!(overstated(0.1, 0.1, "N"), None);
+        assert_eq!(overstated(0.0, 0.0, "N"), None);
+        let note = overstated(24.0, 3.0, "N").unwrap_or_default();
+        assert!(note.contains("24.000 N") && note.contains("3.000 N"), "{note}");
+    }
 }

@@ -1,6 +1,6 @@
 use crate::effect::Touch;
 use crate::forward::velocity_columns;
-use crate::{Campaign, ContactLog, Motion, centre};
+use crate::{Campaign, ContactLog, GapError, Motion, centre};
 use nalgebra::Vector3;
 use serde::{Deserialize, Serialize};
 
@@ -48,9 +48,12 @@ const STILL: f64 = 0.08;
 impl Campaign {
     /// The phase of every sample of a sequence, `log` its contacts.
     ///
-    /// # Panics
-    /// If these are contacts of another sequence.
-    pub fn phases(&self, motion: &Motion, log: &ContactLog) -> Vec<Phase> {
+    /// # Errors
+    /// A motion of other joints or whose parts differ in length, contacts that are not of this sequence and
+    /// site.
+    pub fn phases(&self, motion: &Motion, log: &ContactLog) -> Result<Vec<Phase>, GapError> {
+        motion.check(self.site.joints())?;
+        log.check(&self.site, motion)?;
         let speed: Vec<f64> = motion
             .qd
             .iter()
@@ -100,6 +103,6 @@ impl Campaign {
                 }
             }
         }
-        phases
+        Ok(phases)
     }
 }

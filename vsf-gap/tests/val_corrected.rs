@@ -7,7 +7,8 @@ mod common;
 use common::campaign::{Rows, free_arm, free_arm_tared, plate, torques};
 use proptest::prelude::*;
 use std::sync::Arc;
-use vsf_core::{Noise, Observation};
+use nalgebra::Vector3;
+use vsf_core::{Contacts, Noise, Observation};
 use vsf_gap::effects::catalogue;
 use vsf_gap::{Acts, Campaign, Corrector, EffectEntry, Estimate, GapError, Model, ModelFile, Role};
 
@@ -155,7 +156,7 @@ fn a_loop_has_the_observations_of_the_recording() {
             for (c, motion) in offline.iter().zip(campaign.session()) {
                 online.begin_sequence(&motion.id);
                 for row in 0..motion.len() {
-                    let sample = motion.sample(row, 0, nalgebra::Vector3::zeros());
+                    let sample = motion.sample(row, 0, Vector3::zeros());
                     let torques = online
                         .step(&sample, &motion.reading[row], &mut obs)
                         .unwrap();
@@ -195,7 +196,7 @@ fn val_a_control_loop_tares_as_a_recording_does() {
                 if row == TARE {
                     online.tare();
                 }
-                let sample = motion.sample(row, 0, nalgebra::Vector3::zeros());
+                let sample = motion.sample(row, 0, Vector3::zeros());
                 let reading = &motion.reading[row];
                 let torques = online.step(&sample, reading, &mut obs).unwrap();
                 let offline = &c.torques[row];
@@ -215,7 +216,7 @@ fn a_control_loop_refuses_samples_that_do_not_fit() {
         let unit = Noise::uniform(campaign.site().joints(), 1.0).unwrap();
         let mut obs = Observation::new(unit);
         let motion = campaign.session()[0];
-        let good = motion.sample(0, 0, nalgebra::Vector3::zeros());
+        let good = motion.sample(0, 0, Vector3::zeros());
         let reading = &motion.reading[0];
         let bad = [f64::NAN, 0.0, 0.0];
         for row in [&reading[..2], &[], &bad] {
@@ -413,10 +414,27 @@ fn motions_and_contacts_that_do_not_belong_together_are_refused() {
             campaign.residuals(&nominal, &vec![1.0; campaign.site().rest.len()], &[motion]);
         assert!(matches!(residuals, Err(GapError::Core(_))));
     }
-    let mut log = campaign.contact_log(&nominal, motion).unwrap();
-    log.contacts.pop();
-    let predicted = campaign.predict(&nominal, &[motion], &[Arc::new(log)], |_, _, _, _| ());
-    assert!(matches!(predicted, Err(GapError::Core(_))));
+    let log = campaign.contact_log(&nominal, motion).unwrap();
+    let at = log.contacts.iter().position(|c| !c.is_empty()).unwrap();
+    let (mut fewer, mut rigid, mut point, mut link) =
+        (log.clone(), log.clone(), log.clone(), log.clone());
+    fewer.contacts.pop();
+    rigid.rigid.push(0.0);
+    let touched = |point, link| {
+        let mut contacts = Contacts::new();
+        let (u, n) = (Vector3::zeros(), Vector3::z());
+        contacts.push(point, link, u, n).unwrap();
+        contacts
+    };
+    point.contacts[at] = touched(campaign.site().rest.len() as u32, 0);
+    link.contacts[at] = touched(0, campaign.site().robot.link_count() as u32);
+    for log in [fewer, rigid, point, link] {
+        let phases = campaign.phases(motion, &log);
+        assert!(matches!(phases, Err(GapError::Core(_))));
+        let predicted = campaign.predict(&nominal, &[motion], &[Arc::new(log)], |_, _, _, _| ());
+        assert!(matches!(predicted, Err(GapError::Core(_))));
+    }
+    assert_eq!(campaign.phases(motion, &log).unwrap().len(), motion.len());
     assert!(
         campaign
             .predict(&nominal, &[motion], &[], |_, _, _, _| ())

@@ -120,25 +120,14 @@ pub fn run(args: &Args, console: &Console) -> anyhow::Result<()> {
 fn samples(object: &Object, console: &Console) -> anyhow::Result<Samples> {
     let recording = Recording::open(&object.recording, &SceneSettings::default(), console)?;
     let view = recording.view()?.ok_or(PipelineError::NoCamera)?;
-    let file = match (&object.field, &recording.dataset.field) {
-        (Some(path), _) => FieldFile::open(path, console)?,
-        (None, Some(field)) => FieldFile::new(object.recording.clone(), field.clone())?,
-        (None, None) => {
-            let name = object.recording.display();
-            return Err(usage(format!(
-                "{name}=FIELD is required: the recording stores no field; `vsf estimate` makes one"
-            )));
-        }
-    };
-    if let Some(points) = &recording.dataset.rest_points
-        && points.len() != file.field.points.len()
-    {
-        return Err(PipelineError::FieldSize {
-            field: file.field.points.len(),
-            recording: points.len(),
-        }
-        .into());
-    }
+    let given = object.field.as_deref();
+    let file = recording.stored_or(given, console)?.ok_or_else(|| {
+        let name = object.recording.display();
+        usage(format!(
+            "{name}=FIELD is required: the recording stores no field; `vsf estimate` makes one"
+        ))
+    })?;
+    recording.check_field(&file, console)?;
     let touched = touched(&file.field);
     let says_all = !touched.is_empty() && file.field.sd.is_some();
     let Some(prior_sd) = file.prior_sd()?.filter(|_| says_all) else {
