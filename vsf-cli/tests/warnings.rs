@@ -10,7 +10,7 @@ use std::fs;
 const ARM: &str = r#"<robot name="arm"><link name="base"/><link name="rod"><collision>
     <origin xyz="0.3 0 0"/><geometry><sphere radius="0.02"/></geometry></collision></link>
     <joint name="hinge" type="revolute"><parent link="base"/><child link="rod"/><axis xyz="0 0 1"/>
-    <limit lower="-1.5" upper="1.5" effort="20" velocity="1"/></joint></robot>"#;
+    <limit lower="-1.5" upper="1.5" effort="20" velocity="5"/></joint></robot>"#;
 
 /// A recording of the arm with these angles and torques, in `arm/`.
 fn arm(bench: &Bench, angles: &[f64], torques: &[f64]) {
@@ -62,8 +62,10 @@ fn angles_outside_the_limits() {
     arm(&bench, &[1.5005, 1.6, 1.7, 0.0], &[1.0; 4]);
     let parts = ["-1.5 .. 1.5 rad", "hinge: 2 of 4", "row 1 with 1.6"];
     warns(&bench, "info arm", &parts);
-    arm(&bench, &[1.5005, -1.5005], &[1.0; 2]);
-    assert_eq!(bench.warned("info arm"), "");
+    for close in [1.5005, -1.5005] {
+        arm(&bench, &[close; 2], &[1.0; 2]);
+        assert_eq!(bench.warned("info arm"), "");
+    }
 }
 
 #[test]
@@ -245,4 +247,32 @@ fn models_that_have_seen_test_sequences() {
         model(of);
         quiet(line);
     }
+}
+
+#[test]
+fn positions_that_jump() {
+    let bench = Bench::new();
+    arm(&bench, &[-0.9, -0.8, 0.9, 0.95], &[1.0; 4]);
+    let parts = ["limit of 5.0 rad/s", "joint hinge: 1 of 4", "row 2"];
+    warns(&bench, "info arm", &parts);
+    // Between two touches the arm may have gone anywhere.
+    let metadata = r#"{"robot": "arm.urdf", "rate_hz": 10, "touch_starts": {"0": [0, 2]}}"#;
+    fs::write(bench.root.join("arm/dataset.json"), metadata).unwrap();
+    assert!(!bench.warned("info arm").contains("as fast as"));
+}
+
+#[test]
+fn fields_worse_than_none() {
+    let bench = Bench::touched();
+    let stiff = bench.root.join("stiff");
+    fs::create_dir(&stiff).unwrap();
+    let points = bench.root.join("truth/points.npy");
+    fs::copy(&points, stiff.join("points.npy")).unwrap();
+    let n = fs::metadata(bench.root.join("truth/K.npy")).unwrap().len();
+    let n = (n as usize - 128) / 8;
+    npy(&stiff.join("K.npy"), &[n], &vec![500.0; n]);
+    let parts = ["not below that of zero torque", "units"];
+    warns(&bench, "evaluate touch --field stiff", &parts);
+    let good = bench.warned("evaluate touch --field truth");
+    assert!(!good.contains("zero torque"), "{good}");
 }

@@ -92,7 +92,17 @@ pub fn run(args: &Args, console: &Console) -> anyhow::Result<()> {
         field.compare_sequences(&recording.dataset.name, &sequences, console);
         let predictions = modelled.predict(predictor(field, &scene, console)?)?;
         let name = if in_air { "model" } else { "field" };
-        found.push((name, score(&scene, traces, &predictions)?));
+        let errors = score(&scene, traces, &predictions)?;
+        if errors.mean_error >= errors.zero_error && errors.zero_error > 0.0 {
+            console.warn(format!(
+                "the {name}'s error, {} {unit}, is not below that of zero torque, {} {unit}: these touches are of \
+                 places that it has not learned from, or units, signs or parameters of contact are wrong",
+                number(errors.mean_error),
+                number(errors.zero_error),
+                unit = errors.unit,
+            ));
+        }
+        found.push((name, errors));
     }
     for &kind in &args.baseline {
         let (name, baseline) = match kind {

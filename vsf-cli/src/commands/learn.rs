@@ -1,6 +1,6 @@
 use crate::console::{Console, place, write_file};
 use crate::exit::usage;
-use crate::field_file::{FieldFile, touched};
+use crate::field_file::touched;
 use crate::range::ending;
 use crate::recording::Recording;
 use crate::settings::SceneSettings;
