@@ -154,6 +154,7 @@ fn attempt(
                 field: search.field.clone(),
                 closure: trial.closure(&before),
                 residuals: before.clone(),
+                persistence: 0.0,
             };
             (Model::default(), Vec::new(), unchanged)
         }
@@ -162,8 +163,11 @@ fn attempt(
         field,
         residuals: after,
         closure: closed,
+        ..
     } = corrected;
-    if closed.fraction >= MOSTLY {
+    if conclusion.persistence.is_some() {
+        verdict.kind = Kind::Unknown;
+    } else if closed.fraction >= MOSTLY {
         verdict.explain();
     } else if conclusion.left_free.is_some() {
         verdict.kind = Kind::Unknown;

@@ -21,9 +21,10 @@
 //! 5. A second effect is added if it earns its place, and the first is kept only if the second does
 //!    not do as well alone.
 //! 6. **Verdict**: evidence beyond what the effect gains where nothing acts, as probabilities. Something
-//!    rough that no effect explains, or that remains in free motion, is *unknown*; several effects that fit
-//!    alike are *not diagnosable*, and so is one that with a single stiffness everywhere explains what the
-//!    field shows, as stiffening does of an object that grows stiff with depth.
+//!    rough that no effect explains, or that remains in free motion, is *unknown*, and so is a cause whose
+//!    model leaves innovations that are not white; several effects that fit alike are *not diagnosable*, and
+//!    so is one that with a single stiffness everywhere explains what the field shows, as stiffening does of
+//!    an object that grows stiff with depth.
 //! 7. **How far** is measured on the test sequences, with field and effect fitted to train. A corrected
 //!    model that predicts them worse is not given out.
 //! 8. What differs from sequence to sequence, as the place of an object that is put back, shows where

@@ -138,11 +138,27 @@ impl Fitted<'_> {
 
     /// The same, with the factor at hand.
     pub(crate) fn log_evidence_of(&self, factor: &Factor) -> f64 {
+        let squares: f64 = self.innovations(factor).iter().map(|y| y * y).sum();
+        -0.5 * (factor.log_det() + squares)
+    }
+
+    /// What every reading adds to what those before it tell, in its standard deviations: white and of variance 1
+    /// if the model is right.
+    fn innovations(&self, factor: &Factor) -> Vec<f64> {
         let rest = self.rest();
         let mut y = Mat::from_fn(rest.len(), 1, |i, _| rest[i]);
         factor.whiten(&mut y);
-        let squares: f64 = y.col_as_slice(0).iter().map(|y| y * y).sum();
-        -0.5 * (factor.log_det() + squares)
+        y.col_as_slice(0).to_vec()
+    }
+
+    /// How far innovations persist: their correlation from window to window, over all joints; about 0 if the model
+    /// is right.
+    pub(crate) fn persistence(&self, factor: &Factor) -> f64 {
+        let innovations = self.innovations(factor);
+        let next = innovations.iter().skip(self.windows.joints);
+        let along: f64 = innovations.iter().zip(next).map(|(a, b)| a * b).sum();
+        let squares: f64 = innovations.iter().map(|v| v * v).sum();
+        along / squares.max(f64::MIN_POSITIVE)
     }
 
     /// The spread of the stiffness with the largest evidence, given the roughness of contact and of joints.

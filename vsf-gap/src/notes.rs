@@ -87,6 +87,13 @@ pub(crate) fn notes(
             number(left)
         ));
     }
+    if let Some(persistence) = conclusion.persistence {
+        notes.push(format!(
+            "what {} leaves unexplained lasts, with a correlation of {persistence:.2} from one stretch of samples to \
+             the next: something else acts, beside it or in its place",
+            verdict.effects.join(" and ")
+        ));
+    }
     let aside = (conclusion.aside().iter())
         .map(|t| format!("{} ({})", t.effects.join(" and "), number(t.error)));
     let aside: Vec<String> = aside.collect();
@@ -129,6 +136,9 @@ mod tests {
         assert_eq!(overstated(0.1, 0.1, "N"), None);
         assert_eq!(overstated(0.0, 0.0, "N"), None);
         let note = overstated(24.0, 3.0, "N").unwrap_or_default();
-        assert!(note.contains("24.000 N") && note.contains("3.000 N"), "{note}");
+        assert!(
+            note.contains("24.000 N") && note.contains("3.000 N"),
+            "{note}"
+        );
     }
 }

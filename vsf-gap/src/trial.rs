@@ -19,6 +19,11 @@ const FEWEST: usize = 8;
 const NOTICED: f64 = 0.5;
 const LEAST: f64 = 0.01;
 const REMAINS: f64 = 0.7;
+/// Correlation of innovations from window to window from which on something acts that the model does not have:
+/// of models that were right it was 0.27 at most. Unless they close nearly all of the gap, or nothing is touched:
+/// then the form of friction is what is left.
+const PERSISTENT: f64 = 0.35;
+const NEARLY: f64 = 0.9;
 /// By so many standard deviations the tare may be off.
 const TARE: f64 = 3.0;
 
@@ -41,6 +46,8 @@ pub(crate) struct Checked {
     pub(crate) field: Vec<f64>,
     pub(crate) residuals: Residuals,
     pub(crate) closure: Closure,
+    /// How far innovations on the train sequences persist ([`Fitted::persistence`](crate::nominal::Fitted)).
+    pub(crate) persistence: f64,
 }
 
 /// A model that was up to be named.
@@ -61,6 +68,8 @@ pub(crate) struct Conclusion<'a> {
     pub(crate) tried: Vec<Tried>,
     /// What is left in free motion (N m or N), where the named model, or the nominal one, leaves much.
     pub(crate) left_free: Option<f64>,
+    /// How far the innovations of the named model persist, where they persist too far for it to be all.
+    pub(crate) persistence: Option<f64>,
 }
 
 /// Samples in a row of one touch, after the tare, in which the nominal model touches nothing.
@@ -95,7 +104,9 @@ impl Conclusion<'_> {
         let explained = |(refined, checked): &(&Refined, Checked)| {
             checked.closure.fraction >= MOSTLY || refined.model.acts() == Acts::Torques
         };
-        let unknown = self.judged.verdict.kind == Kind::Unknown || self.left_free.is_some();
+        let unknown = self.judged.verdict.kind == Kind::Unknown
+            || self.left_free.is_some()
+            || self.persistence.is_some();
         !unknown && !self.corrected.as_ref().is_some_and(explained)
     }
 
@@ -152,11 +163,12 @@ impl<'a> Trial<'a> {
     pub(crate) fn of(&self, refined: &Refined) -> Result<Checked, GapError> {
         let thinned = self.thinned;
         let mut fitted = thinned.fitted(&refined.model, &thinned.train)?;
-        let (field, _) = thinned.field(&mut fitted, &refined.spread)?;
+        let (field, factor) = thinned.field(&mut fitted, &refined.spread)?;
         let all: Vec<&Motion> = self.sequences.iter().collect();
         let residuals = self.whole.residuals(&refined.model, &field, &all)?;
         Ok(Checked {
             closure: self.closure(&residuals),
+            persistence: fitted.persistence(&factor),
             field,
             residuals,
         })
@@ -223,6 +235,7 @@ impl<'a> Trial<'a> {
                     corrected: None,
                     tried,
                     left_free: much(before),
+                    persistence: None,
                 });
             };
             let refined = hypotheses[i].refined;
@@ -237,6 +250,8 @@ impl<'a> Trial<'a> {
             if hypotheses[i].stands(closed, worse) {
                 return Ok(Conclusion {
                     judged,
+                    persistence: Some(checked.persistence)
+                        .filter(|p| nominal.touches && *p > PERSISTENT && closed < NEARLY),
                     // A model that predicts worse may leave more.
                     left_free: much(self.left_free(&checked.residuals).min(before)),
                     corrected: (!worse).then_some((refined, checked)),

@@ -268,3 +268,44 @@ pub(crate) fn judge(hypotheses: &[Hypothesis<'_>], nominal: &Nominal) -> Judged 
         probabilities,
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn what_the_field_imitates_is_as_likely_as_the_field() {
+        let names = |of: &[&str]| of.iter().map(|e| (*e).to_owned()).collect::<Vec<_>>();
+        let mut judged = Judged {
+            verdict: Verdict {
+                effects: names(&["adhesion"]),
+                kind: Kind::Effects,
+                probability: 0.9,
+                effect_set_95: names(&["adhesion", "strain_stiffening"]),
+            },
+            named: Some(0),
+            probabilities: vec![
+                ("adhesion".to_owned(), 0.9),
+                ("strain_stiffening".to_owned(), 0.06),
+            ],
+        };
+        judged.or_field(names(&["strain_stiffening", "plastic_set"]));
+        let third = 1.0 / 3.0;
+        assert_eq!(
+            judged.verdict,
+            Verdict {
+                effects: names(&["strain_stiffening"]),
+                kind: Kind::NotDiagnosable,
+                probability: third,
+                effect_set_95: names(&["strain_stiffening", "plastic_set", "adhesion"]),
+            }
+        );
+        assert_eq!(judged.named, None);
+        // Beside the field, others are as likely as they were.
+        let of = |name: &str| judged.probabilities.iter().find(|(e, _)| e == name);
+        let close = |name: &str, p: f64| of(name).is_some_and(|(_, q)| (q - p).abs() < 1e-12);
+        assert!(close("strain_stiffening", third) && close("plastic_set", third));
+        assert!(close("adhesion", 0.9 * third));
+        assert_eq!(judged.probabilities.len(), 3);
+    }
+}

@@ -5,9 +5,9 @@
 mod common;
 
 use common::campaign::{Rows, free_arm, free_arm_tared, plate, torques};
+use nalgebra::Vector3;
 use proptest::prelude::*;
 use std::sync::Arc;
-use nalgebra::Vector3;
 use vsf_core::{Contacts, Noise, Observation};
 use vsf_gap::effects::catalogue;
 use vsf_gap::{Acts, Campaign, Corrector, EffectEntry, Estimate, GapError, Model, ModelFile, Role};
