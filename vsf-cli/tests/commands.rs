@@ -3,7 +3,7 @@
 #![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
 
 mod common;
-use common::{Bench, METADATA, vsf};
+use common::{Bench, METADATA, npy, vsf};
 use std::fs;
 use std::path::Path;
 
@@ -620,6 +620,19 @@ fn other_objects_form_the_prior() {
     bench.fails("learn touch=truth --out a.json", 1, &["touch", "camera/"]);
     let line = format!("learn {data}/orange_tree=truth --out a.json");
     bench.fails(&line, 1, &["orange_tree", "the recording"]);
+    let (own, other) = (
+        format!("{data}/orange_tree/points.npy"),
+        bench.root.join("other"),
+    );
+    fs::create_dir(&other).unwrap();
+    let mut points = fs::read(own).unwrap();
+    let n = (points.len() - 128) / 12;
+    let last = points.len() - 4;
+    points[last..].copy_from_slice(&9.0_f32.to_le_bytes());
+    fs::write(other.join("points.npy"), points).unwrap();
+    npy(&other.join("K.npy"), &[n], &vec![1.0; n]);
+    let line = format!("learn {data}/orange_tree=other --out a.json");
+    bench.fails(&line, 1, &["other", "belongs to other points"]);
     bench.fails(
         "learn touch=truth touch=field --out a.json",
         2,
@@ -690,7 +703,7 @@ fn json_never_replaces_an_input() {
 fn torques_of_any_time_are_drawn() {
     let bench = Bench::touched();
     let time: Vec<f64> = (0..common::ROWS).map(|k| 1.7e9 + 0.02 * k as f64).collect();
-    common::npy(
+    npy(
         &bench.root.join("touch/seq_c/time.npy"),
         &[common::ROWS],
         &time,

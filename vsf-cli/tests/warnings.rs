@@ -253,7 +253,7 @@ fn models_that_have_seen_test_sequences() {
 fn positions_that_jump() {
     let bench = Bench::new();
     arm(&bench, &[-0.9, -0.8, 0.9, 0.95], &[1.0; 4]);
-    let parts = ["limit of 5.0 rad/s", "joint hinge: 1 of 4", "row 2"];
+    let parts = ["from -0.8 to 0.9 rad", "limit of 5.0 rad/s", "row 2"];
     warns(&bench, "info arm", &parts);
     // Between two touches the arm may have gone anywhere.
     let metadata = r#"{"robot": "arm.urdf", "rate_hz": 10, "touch_starts": {"0": [0, 2]}}"#;

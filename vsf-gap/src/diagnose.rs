@@ -165,11 +165,14 @@ fn attempt(
         closure: closed,
         ..
     } = corrected;
-    if conclusion.persistence.is_some() {
-        verdict.kind = Kind::Unknown;
-    } else if closed.fraction >= MOSTLY {
+    if closed.fraction >= MOSTLY {
         verdict.explain();
     } else if conclusion.left_free.is_some() {
+        verdict.kind = Kind::Unknown;
+    }
+    // However much is closed: something else acts, too.
+    let lasting = conclusion.persistence.is_some() && verdict.kind != Kind::Unknown;
+    if lasting {
         verdict.kind = Kind::Unknown;
     }
     // Not borne out is not ruled out.
@@ -207,6 +210,7 @@ fn attempt(
         checked: checked.to_vec(),
         nominal: before,
         corrected: after,
+        lasting,
     })
 }
 

@@ -151,14 +151,27 @@ impl Fitted<'_> {
         y.col_as_slice(0).to_vec()
     }
 
-    /// How far innovations persist: their correlation from window to window, over all joints; about 0 if the model
-    /// is right.
-    pub(crate) fn persistence(&self, factor: &Factor) -> f64 {
-        let innovations = self.innovations(factor);
-        let next = innovations.iter().skip(self.windows.joints);
-        let along: f64 = innovations.iter().zip(next).map(|(a, b)| a * b).sum();
-        let squares: f64 = innovations.iter().map(|v| v * v).sum();
-        along / squares.max(f64::MIN_POSITIVE)
+    /// How far innovations persist: their correlation from window to window of a touch, over all joints, beyond
+    /// that of the noise. About 0 if the model is right; less than three deviations of what white ones have
+    /// count as 0.
+    pub(crate) fn persistence(&self, campaign: &Campaign, factor: &Factor) -> f64 {
+        let list = &self.windows.list;
+        let begins = |s: usize, row: usize| self.motions[s].touches.iter().any(|t| t.start == row);
+        let goes_on = |i: usize| {
+            list[i].sequence == list[i - 1].sequence
+                && !begins(list[i].sequence, list[i].rows.start)
+        };
+        let follows: Vec<bool> = (0..list.len()).map(|i| i > 0 && goes_on(i)).collect();
+        let samples: usize = list.iter().map(|w| w.rows.len()).sum();
+        let size = (samples / list.len().max(1)).max(1);
+        let of_noise = campaign.noise.iter().map(|n| n.of_means(size).correlation);
+        let correlation = correlation(&self.innovations(factor), self.windows.joints, &follows)
+            - of_noise.fold(0.0, f64::max);
+        let pairs = follows.iter().filter(|f| **f).count() * self.windows.joints;
+        match correlation > 3.0 / (pairs as f64).sqrt() {
+            true => correlation,
+            false => 0.0,
+        }
     }
 
     /// The spread of the stiffness with the largest evidence, given the roughness of contact and of joints.
@@ -322,5 +335,50 @@ impl Fitted<'_> {
             .zip(&self.design.a)
             .for_each(|(t, a)| *t += a);
         tau
+    }
+}
+
+/// Correlation of the values of every window with those of the one before it, of those that follow one; `joints`
+/// values a window.
+fn correlation(values: &[f64], joints: usize, follows: &[bool]) -> f64 {
+    let (mut along, mut squares) = (0.0, 0.0);
+    for i in (1..follows.len()).filter(|i| follows[*i]) {
+        for (a, b) in (i * joints..(i + 1) * joints).map(|k| (values[k - joints], values[k])) {
+            along += a * b;
+            squares += 0.5 * (a * a + b * b);
+        }
+    }
+    if squares > 0.0 { along / squares } else { 0.0 }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use rand::{RngExt, SeedableRng};
+    use rand_pcg::Pcg64Mcg;
+
+    #[test]
+    fn correlation_is_that_of_windows_that_follow_each_other() {
+        let mut rng = Pcg64Mcg::seed_from_u64(5);
+        let (windows, joints) = (20_000, 2);
+        for phi in [0.0, 0.3, 0.8] {
+            let mut values: Vec<f64> = Vec::new();
+            for k in 0..windows * joints {
+                // Every tenth window begins afresh.
+                let fresh = k < joints || k / joints % 10 == 0;
+                let before = if fresh { 0.0 } else { phi * values[k - joints] };
+                let spread = if fresh {
+                    (1.0 - phi * phi).powf(-0.5)
+                } else {
+                    1.0
+                };
+                values.push(before + spread * rng.random_range(-1.0..1.0));
+            }
+            let follows: Vec<bool> = (0..windows).map(|i| i % 10 != 0).collect();
+            let found = correlation(&values, joints, &follows);
+            assert!((found - phi).abs() < 0.02, "{found} of {phi}");
+        }
+        assert_eq!(correlation(&[], 3, &[]), 0.0);
+        assert_eq!(correlation(&[0.0; 4], 2, &[false, true]), 0.0);
     }
 }

@@ -132,6 +132,8 @@ pub struct Outcome {
     pub nominal: Residuals,
     /// Residuals of the corrected model there.
     pub corrected: Residuals,
+    /// Whether the cause is unknown since what the named effects leave lasts, and for no other reason.
+    pub(crate) lasting: bool,
 }
 
 /// Whether a model with this mean error leaves no gap, `noise_floor` being that of a perfect one.
@@ -144,7 +146,8 @@ impl Outcome {
     pub(crate) fn is_open(&self) -> bool {
         let gap = &self.diagnosis.gap;
         let perfect = is_perfect(gap.test_error_nominal, gap.noise_floor);
-        !perfect && gap.closed_fraction < MOSTLY && self.diagnosis.verdict.kind != Kind::Unknown
+        let unknown = self.diagnosis.verdict.kind == Kind::Unknown && !self.lasting;
+        !perfect && gap.closed_fraction < MOSTLY && !unknown
     }
 
     /// Whether effects are named, and the corrected model surely closes, and closes most of, the gap.

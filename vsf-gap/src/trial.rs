@@ -168,7 +168,7 @@ impl<'a> Trial<'a> {
         let residuals = self.whole.residuals(&refined.model, &field, &all)?;
         Ok(Checked {
             closure: self.closure(&residuals),
-            persistence: fitted.persistence(&factor),
+            persistence: fitted.persistence(thinned, &factor),
             field,
             residuals,
         })
@@ -251,7 +251,8 @@ impl<'a> Trial<'a> {
                 return Ok(Conclusion {
                     judged,
                     persistence: Some(checked.persistence)
-                        .filter(|p| nominal.touches && *p > PERSISTENT && closed < NEARLY),
+                        .filter(|p| *p > PERSISTENT && closed < NEARLY)
+                        .filter(|_| nominal.touches && !nominal.perfect),
                     // A model that predicts worse may leave more.
                     left_free: much(self.left_free(&checked.residuals).min(before)),
                     corrected: (!worse).then_some((refined, checked)),

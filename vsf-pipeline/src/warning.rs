@@ -1,3 +1,4 @@
+mod jumps;
 mod readings;
 mod velocities;
 
@@ -19,9 +20,6 @@ const LIMIT_SLACK: f64 = 1e-3;
 /// No joint that counts in radians turns further than this from zero, or from its limits.
 const MOST_TURNS: f64 = 4.0 * PI;
 const MOST_BEYOND: f64 = PI;
-/// Times a joint's velocity limit beyond which a change of position is none that the robot made: noise of
-/// encoders stays below.
-const MOST_SPEED: f64 = 3.0;
 /// Least share of the rest points near the surface that a camera sees.
 const LEAST_NEAR: f64 = 0.01;
 /// Most of the points near a mesh that may lie behind turned faces (good meshes: below 0.05 %), and
@@ -44,7 +42,7 @@ pub struct Outliers {
     pub sequence: String,
     /// Its row, from 0.
     pub row: usize,
-    /// Its value (rad, m, rad/s, m/s, N m or N).
+    /// Its value (rad, m, N m or N).
     pub value: f64,
 }
 
@@ -87,16 +85,28 @@ pub enum PipelineWarning {
     },
     /// Positions that change, within a touch, at more than three times the joint's velocity limit.
     #[error(
-        "more than three times as fast as the robot's limit of {limit:?} {unit}, check time stamps and missing \
-         samples: {outliers}"
+        "joint {joint} goes from {from:?} to {to:?} {unit} in one sample, sequence {sequence} row {row}, more than three \
+         times as fast as the robot's limit of {limit:?} {unit}/s{}; check time stamps, missing samples and angles that \
+         wrap around",
+        more(*others, "joint")
     )]
     Jumps {
-        /// The limit.
+        /// Name of the first such joint.
+        joint: String,
+        /// Its limit.
         limit: f64,
-        /// `rad/s` or `m/s`.
+        /// `rad` or `m`.
         unit: &'static str,
-        /// Where; values are speeds.
-        outliers: Outliers,
+        /// Sequence of its first jump.
+        sequence: String,
+        /// The row it leads to, from 0.
+        row: usize,
+        /// Position before.
+        from: f64,
+        /// Position after.
+        to: f64,
+        /// Further joints of that kind.
+        others: usize,
     },
     /// External torques of more than ten times the joint's effort limit.
     #[error(
@@ -275,51 +285,27 @@ pub fn motion_warnings(robot: &RobotModel, sequences: &[&Sequence]) -> Vec<Pipel
         let (lower, upper) = (joint.limits().lower - slack, joint.limits().upper + slack);
         move |q: f64| !(lower..=upper).contains(&q)
     };
-    let speeds: Vec<Vec<Vec<f64>>> = sequences.iter().map(|s| speeds(s)).collect();
-    let speeds: Vec<Rows> = (rows.iter().zip(&speeds))
-        .map(|((id, _), speeds)| (*id, speeds.iter().map(Vec::as_slice).collect()))
-        .collect();
     let of_joint = |(j, joint): (usize, &Joint)| {
         let turns = joint.kind() != JointKind::Prismatic;
         let far = beyond(joint, MOST_BEYOND);
         if turns && let Some(found) = outliers(joint, j, &rows, |q| q.abs() > MOST_TURNS || far(q))
         {
-            return [Some(PipelineWarning::Degrees(found)), None];
+            return Some(PipelineWarning::Degrees(found));
         }
-        let outside = outliers(joint, j, &rows, beyond(joint, LIMIT_SLACK));
-        let limit = joint.limits().velocity;
-        let jumps = outliers(joint, j, &speeds, |v| v > MOST_SPEED * limit);
-        [
-            outside.map(|outliers| PipelineWarning::OutsideLimits {
-                lower: joint.limits().lower,
-                upper: joint.limits().upper,
-                unit: if turns { "rad" } else { "m" },
-                outliers,
-            }),
-            jumps.map(|outliers| PipelineWarning::Jumps {
-                limit,
-                unit: if turns { "rad/s" } else { "m/s" },
-                outliers,
-            }),
-        ]
+        Some(PipelineWarning::OutsideLimits {
+            lower: joint.limits().lower,
+            upper: joint.limits().upper,
+            unit: if turns { "rad" } else { "m" },
+            outliers: outliers(joint, j, &rows, beyond(joint, LIMIT_SLACK))?,
+        })
     };
     let joints = robot.joints().iter().enumerate();
-    let velocities = velocities::warning(robot, sequences);
-    let of_joints = joints.flat_map(of_joint).flatten();
-    of_joints.chain(velocities).collect()
-}
-
-/// How fast each joint comes to each row (rad/s or m/s), 0 where a touch begins.
-fn speeds(sequence: &Sequence) -> Vec<Vec<f64>> {
-    let mut speeds = vec![vec![0.0; sequence.width()]; sequence.len()];
-    for row in sequence.touches().flat_map(|touch| touch.skip(1)) {
-        let dt = sequence.time[row] - sequence.time[row - 1];
-        let [before, now] = [row - 1, row].map(|row| &sequence.angles[row]);
-        for (v, (a, b)) in speeds[row].iter_mut().zip(before.iter().zip(now)) {
-            *v = (b - a).abs() / dt;
-        }
+    let mut found: Vec<PipelineWarning> = joints.filter_map(of_joint).collect();
+    if !(found.iter()).any(|w| matches!(w, PipelineWarning::Degrees(_))) {
+        found.extend(jumps::warning(robot, sequences));
     }
-    speeds
+    found.extend(velocities::warning(robot, sequences));
+    found
 }
 
 /// What looks wrong with an online estimation: errors far beyond those it expects.

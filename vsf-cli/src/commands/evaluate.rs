@@ -93,10 +93,11 @@ pub fn run(args: &Args, console: &Console) -> anyhow::Result<()> {
         let predictions = modelled.predict(predictor(field, &scene, console)?)?;
         let name = if in_air { "model" } else { "field" };
         let errors = score(&scene, traces, &predictions)?;
-        if errors.mean_error >= errors.zero_error && errors.zero_error > 0.0 {
+        let touches = errors.per_sequence.iter().any(|s| s.contact_samples > 0);
+        if touches && errors.mean_error >= errors.zero_error {
             console.warn(format!(
-                "the {name}'s error, {} {unit}, is not below that of zero torque, {} {unit}: these touches are of \
-                 places that it has not learned from, or units, signs or parameters of contact are wrong",
+                "the field's error, {} {unit}, is not below that of zero torque, {} {unit}: these touches are of places \
+                 that it has not learned from, or units, signs or parameters of contact are wrong",
                 number(errors.mean_error),
                 number(errors.zero_error),
                 unit = errors.unit,

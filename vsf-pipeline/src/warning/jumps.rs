@@ -1,0 +1,61 @@
+use super::PipelineWarning;
+use vsf_data::Sequence;
+use vsf_robots::{Joint, JointKind, RobotModel};
+
+/// Times a joint's velocity limit beyond which a change of position is none that the robot made.
+const MOST_SPEED: f64 = 3.0;
+/// Changes count from this on (rad or m): encoders of fast controllers count in steps.
+const LEAST_JUMP: f64 = 0.01;
+
+/// Positions that change, within a touch, faster than the robot can.
+pub fn warning<'r>(robot: &'r RobotModel, sequences: &[&Sequence]) -> Option<PipelineWarning> {
+    let ticks: Vec<f64> = sequences.iter().map(|s| tick(s)).collect();
+    let jump = |(j, joint): (usize, &'r Joint)| {
+        let limit = joint.limits().velocity;
+        let (sequence, row) = (sequences.iter().zip(&ticks)).find_map(|(s, tick)| {
+            let far = |row: &usize| {
+                let way = (s.angles[*row][j] - s.angles[row - 1][j]).abs();
+                // Stamps of single samples jitter.
+                let dt = (s.time[*row] - s.time[row - 1]).max(*tick);
+                way > LEAST_JUMP && way > MOST_SPEED * limit * dt
+            };
+            moves(s, j).find(far).map(|row| (*s, row))
+        })?;
+        Some((joint, j, sequence, row))
+    };
+    let mut found = robot.joints().iter().enumerate().filter_map(jump);
+    let (joint, j, sequence, row) = found.next()?;
+    Some(PipelineWarning::Jumps {
+        joint: joint.name().to_owned(),
+        limit: joint.limits().velocity,
+        unit: match joint.kind() {
+            JointKind::Prismatic => "m",
+            _ => "rad",
+        },
+        sequence: sequence.id.clone(),
+        row,
+        from: sequence.angles[row - 1][j],
+        to: sequence.angles[row][j],
+        others: found.count(),
+    })
+}
+
+/// The rows of a sequence that go on from the one before them, if it has time stamps and joint `j`.
+fn moves(sequence: &Sequence, j: usize) -> impl Iterator<Item = usize> {
+    let n = match j < sequence.width() {
+        true => sequence.time.len().min(sequence.len()),
+        false => 0,
+    };
+    let rows = sequence.touches().flat_map(|touch| touch.skip(1));
+    rows.filter(move |row| *row < n)
+}
+
+/// Median time between samples (s).
+fn tick(sequence: &Sequence) -> f64 {
+    let mut steps: Vec<f64> = sequence.time.windows(2).map(|t| t[1] - t[0]).collect();
+    let middle = steps.len() / 2;
+    match steps.is_empty() {
+        true => 0.0,
+        false => *steps.select_nth_unstable_by(middle, f64::total_cmp).1,
+    }
+}
