@@ -432,7 +432,7 @@ impl Campaign {
             ),
             Need::FreeMotion => (
                 site.joints() < 2 && !self.moves_free,
-                "the only joint is in contact all the time in the train sequences",
+                "the only joint has fewer than 16 samples of free motion in the train sequences",
             ),
         };
         lack.0.then(|| lack.1.to_owned())

@@ -74,7 +74,7 @@ pub(crate) struct Hypothesis<'a> {
 }
 
 impl Verdict {
-    /// Most of the gap is closed, however rough the rest: not unknown after all.
+    /// Most of the gap is closed, however rough the rest: not unknown for being rough.
     pub(crate) fn explain(&mut self) {
         if self.kind == Kind::Unknown && !self.effects.is_empty() {
             self.kind = kind_of_claim(self.probability, &self.effect_set_95);

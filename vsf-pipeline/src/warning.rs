@@ -86,8 +86,8 @@ pub enum PipelineWarning {
     /// Positions that change, within a touch, at more than three times the joint's velocity limit.
     #[error(
         "joint {joint} goes from {from:?} to {to:?} {unit} in one sample, sequence {sequence} row {row}, more than three \
-         times as fast as the robot's limit of {limit:?} {unit}/s{}; check time stamps, missing samples and angles that \
-         wrap around",
+         times as fast as the robot's limit of {limit:?} {unit}/s{}; check units, time stamps, missing samples and \
+         angles that wrap around",
         more(*others, "joint")
     )]
     Jumps {
