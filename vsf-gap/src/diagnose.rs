@@ -7,7 +7,7 @@ use crate::notes::{notes, told};
 use crate::plain::Plain;
 use crate::report::{Diagnosis, EffectReport, Gap, MOSTLY, Outcome, STIFFNESS_FIELD, is_perfect};
 use crate::search::Search;
-use crate::trial::{Checked, Conclusion, Trial};
+use crate::trial::{Conclusion, Trial};
 use crate::verdict::{Kind, Nominal};
 use crate::windows::Windows;
 use crate::{Campaign, Effect, GapError, Model, Motion};
@@ -147,24 +147,22 @@ fn attempt(
         .collect();
     let mut verdict = conclusion.judged.verdict;
     let before = trial.before.clone();
-    let (model, sd, corrected) = match conclusion.corrected {
-        Some((refined, checked)) => (refined.model.clone(), refined.sd.clone(), checked),
-        None => {
-            let unchanged = Checked {
-                field: search.field.clone(),
-                closure: trial.closure(&before),
-                residuals: before.clone(),
-                persistence: 0.0,
-            };
-            (Model::default(), Vec::new(), unchanged)
-        }
+    let (model, sd, field, after, closed) = match conclusion.corrected {
+        Some((refined, checked)) => (
+            refined.model.clone(),
+            refined.sd.clone(),
+            checked.field,
+            checked.residuals,
+            checked.closure,
+        ),
+        None => (
+            Model::default(),
+            Vec::new(),
+            search.field.clone(),
+            before.clone(),
+            trial.closure(&before),
+        ),
     };
-    let Checked {
-        field,
-        residuals: after,
-        closure: closed,
-        ..
-    } = corrected;
     if closed.fraction >= MOSTLY {
         verdict.explain();
     } else if conclusion.left_free.is_some() {

@@ -2,6 +2,7 @@ mod held_out;
 mod likelihood;
 
 use crate::estimate::touched_points;
+use crate::median::median;
 use crate::{PipelineError, Trace};
 use serde::Serialize;
 use std::ops::Range;
@@ -330,15 +331,13 @@ fn typical_signal(traces: &[Trace], channels: &[f64]) -> Option<f64> {
         };
         ((0..o.dim()).map(white).sum::<f64>() / o.dim() as f64).sqrt()
     };
-    let mut norms: Vec<f64> = traces
+    let norms = traces
         .iter()
         .flat_map(|t| &t.observations)
         .filter(|o| !o.is_empty())
         .map(norm)
-        .filter(|n| *n > 0.0)
-        .collect();
-    let middle = norms.len() / 2;
-    (!norms.is_empty()).then(|| *norms.select_nth_unstable_by(middle, f64::total_cmp).1)
+        .filter(|n| *n > 0.0);
+    median(norms.collect())
 }
 
 /// Median over the touched points of the number of readings that a point takes part in.

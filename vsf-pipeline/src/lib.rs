@@ -23,6 +23,7 @@ mod error;
 mod estimate;
 mod evaluate;
 mod hyper;
+mod median;
 mod memory;
 mod paper;
 mod priors;

@@ -295,7 +295,7 @@ pub fn motion_warnings(robot: &RobotModel, sequences: &[&Sequence]) -> Vec<Pipel
         Some(PipelineWarning::OutsideLimits {
             lower: joint.limits().lower,
             upper: joint.limits().upper,
-            unit: if turns { "rad" } else { "m" },
+            unit: unit(joint),
             outliers: outliers(joint, j, &rows, beyond(joint, LIMIT_SLACK))?,
         })
     };
@@ -306,6 +306,14 @@ pub fn motion_warnings(robot: &RobotModel, sequences: &[&Sequence]) -> Vec<Pipel
     }
     found.extend(velocities::warning(robot, sequences));
     found
+}
+
+/// Unit of a joint's positions.
+fn unit(joint: &Joint) -> &'static str {
+    match joint.kind() {
+        JointKind::Prismatic => "m",
+        _ => "rad",
+    }
 }
 
 /// What looks wrong with an online estimation: errors far beyond those it expects.

@@ -1,6 +1,7 @@
-use super::PipelineWarning;
+use super::{PipelineWarning, unit};
+use crate::median::median;
 use vsf_data::Sequence;
-use vsf_robots::{Joint, JointKind, RobotModel};
+use vsf_robots::{Joint, RobotModel};
 
 /// Times a joint's velocity limit beyond which a change of position is none that the robot made.
 const MOST_SPEED: f64 = 3.0;
@@ -9,7 +10,12 @@ const LEAST_JUMP: f64 = 0.01;
 
 /// Positions that change, within a touch, faster than the robot can.
 pub fn warning<'r>(robot: &'r RobotModel, sequences: &[&Sequence]) -> Option<PipelineWarning> {
-    let ticks: Vec<f64> = sequences.iter().map(|s| tick(s)).collect();
+    // Median time between samples (s).
+    let tick = |s: &&Sequence| {
+        let steps = s.time.windows(2).map(|t| t[1] - t[0]);
+        median(steps.collect()).unwrap_or(0.0)
+    };
+    let ticks: Vec<f64> = sequences.iter().map(tick).collect();
     let jump = |(j, joint): (usize, &'r Joint)| {
         let limit = joint.limits().velocity;
         let (sequence, row) = (sequences.iter().zip(&ticks)).find_map(|(s, tick)| {
@@ -28,10 +34,7 @@ pub fn warning<'r>(robot: &'r RobotModel, sequences: &[&Sequence]) -> Option<Pip
     Some(PipelineWarning::Jumps {
         joint: joint.name().to_owned(),
         limit: joint.limits().velocity,
-        unit: match joint.kind() {
-            JointKind::Prismatic => "m",
-            _ => "rad",
-        },
+        unit: unit(joint),
         sequence: sequence.id.clone(),
         row,
         from: sequence.angles[row - 1][j],
@@ -48,14 +51,4 @@ fn moves(sequence: &Sequence, j: usize) -> impl Iterator<Item = usize> {
     };
     let rows = sequence.touches().flat_map(|touch| touch.skip(1));
     rows.filter(move |row| *row < n)
-}
-
-/// Median time between samples (s).
-fn tick(sequence: &Sequence) -> f64 {
-    let mut steps: Vec<f64> = sequence.time.windows(2).map(|t| t[1] - t[0]).collect();
-    let middle = steps.len() / 2;
-    match steps.is_empty() {
-        true => 0.0,
-        false => *steps.select_nth_unstable_by(middle, f64::total_cmp).1,
-    }
 }

@@ -1,4 +1,5 @@
 use super::PipelineWarning;
+use crate::median::median;
 use vsf_data::Sequence;
 use vsf_robots::RobotModel;
 
@@ -53,10 +54,11 @@ fn factor(sequences: &[&Sequence], j: usize) -> Option<f64> {
         .fold(0.0, |most: f64, (way, _)| most.max(way.abs()));
     let least = LEAST_MOVE.max(0.5 * longest);
     let long = moves.iter().filter(|(way, _)| way.abs() >= least);
-    let mut factors: Vec<f64> = long.map(|(way, integral)| integral / way).collect();
-    let middle = factors.len() / 2;
-    (factors.len() >= LEAST_MOVES)
-        .then(|| *factors.select_nth_unstable_by(middle, f64::total_cmp).1)
+    let factors: Vec<f64> = long.map(|(way, integral)| integral / way).collect();
+    match factors.len() >= LEAST_MOVES {
+        true => median(factors),
+        false => None,
+    }
 }
 
 /// Changes of the position of joint `j` in the parts of all touches, and the integrals of its velocity. Parts
