@@ -8,7 +8,7 @@ use std::sync::{Arc, OnceLock};
 use vsf_core::CoreError;
 use vsf_data::{Dataset, Sequence, Table, TorqueKind};
 use vsf_pipeline::{
-    Scene, SceneOptions, external_torques, motion_of, rigid_body_torques, robot_of,
+    Scene, SceneOptions, external_torques, motion_of, rigid_body_torques, robot_of, unwound,
 };
 
 /// Half the window (samples) of [`Motion::smooth`]: halves white noise, hardly blunts an onset.
@@ -22,7 +22,7 @@ pub struct Motion {
     /// Time since the session began (s). Sequences whose time stamps start anew are laid one
     /// behind the other.
     pub clock: Vec<f64>,
-    /// Joint positions (rad or m), one row per sample.
+    /// Joint positions (rad or m), one row per sample; continuous joints turn on beyond a turn.
     pub q: Table,
     /// Joint velocities (rad/s or m/s).
     pub qd: Table,
@@ -466,7 +466,7 @@ impl Clock {
 }
 
 fn motion(scene: &Scene, sequence: &Sequence, origin: f64) -> Result<Motion, GapError> {
-    let motion = motion_of(sequence)?;
+    let motion = motion_of(scene.robot(), sequence)?;
     let clock = sequence.time.iter().map(|t| t - origin).collect();
     let reading = external_torques(scene, sequence)?;
     let load = match scene.torque_kind() {
@@ -478,7 +478,7 @@ fn motion(scene: &Scene, sequence: &Sequence, origin: f64) -> Result<Motion, Gap
     Ok(Motion {
         id: sequence.id.clone(),
         clock,
-        q: sequence.angles.clone(),
+        q: unwound(scene.robot(), sequence).into_owned().angles,
         qd: motion.velocities,
         qdd: motion.accelerations,
         smooth: smoothed(&reading, sequence.touches())?,

@@ -8,13 +8,18 @@ use crate::plain::Plain;
 use crate::report::{Diagnosis, EffectReport, Gap, MOSTLY, Outcome, STIFFNESS_FIELD, is_perfect};
 use crate::search::Search;
 use crate::trial::{Conclusion, Trial};
-use crate::verdict::{Kind, Nominal};
+use crate::verdict::{Judged, Kind, Nominal};
 use crate::windows::Windows;
 use crate::{Campaign, Effect, GapError, Model, Motion};
 use std::sync::Arc;
 
 /// Fewest samples of a window that contact is run through.
 const PER_WINDOW: usize = 5;
+/// Samples in a row that noise is read from, and how many such runs tell it.
+const SHORTEST_RUN: usize = 4;
+const FEWEST_RUNS: usize = 8;
+/// A joint that moves by less (rad or m) stands still.
+const STILL: f64 = 1e-3;
 /// Effects of which it is told how they do on the test sequences.
 const CHECKED: usize = 3;
 /// From this share of its information on, that the stiffness absorbs, an effect may be what the field shows.
@@ -82,6 +87,38 @@ pub fn diagnose(
     }
 }
 
+/// Checks that the train sequences tell noise from a gap, and a gap from a constant.
+fn enough(campaign: &Campaign) -> Result<(), GapError> {
+    let runs: usize = (campaign.train.iter())
+        .map(|m| (m.len() + 1).saturating_sub(SHORTEST_RUN))
+        .sum();
+    if runs < FEWEST_RUNS {
+        return Err(GapError::TooLittle {
+            what: "train samples",
+            problem: format!(
+                "noise is read from {SHORTEST_RUN} samples in a row, of which there are {runs} in the train sequences \
+                 and {FEWEST_RUNS} are needed; record longer sequences"
+            ),
+        });
+    }
+    let rows = || campaign.train.iter().flat_map(|m| m.q.iter());
+    let range = |j: usize| {
+        let (low, high) = rows().fold((f64::MAX, f64::MIN), |(low, high), q| {
+            (low.min(q[j]), high.max(q[j]))
+        });
+        high - low
+    };
+    if (0..campaign.site.joints()).all(|j| range(j) < STILL) {
+        return Err(GapError::TooLittle {
+            what: "motion in the train sequences",
+            problem: format!(
+                "no joint moves by {STILL} rad (or m), so that any constant explains the readings; record other postures"
+            ),
+        });
+    }
+    Ok(())
+}
+
 /// How a campaign is split.
 #[derive(Clone, Copy, PartialEq)]
 enum Split {
@@ -106,6 +143,7 @@ fn attempt(
             problem: "there are none; give the recording a train split".to_owned(),
         });
     }
+    enough(campaign)?;
     let samples = campaign.train.iter().map(Motion::len).sum();
     let by = match campaign.test.is_empty() {
         true => 1,
@@ -123,6 +161,7 @@ fn attempt(
         spread: search.spread,
         touches: search.nominal.touches(),
         left: search.share_left(),
+        likeness: search.nominal.likeness,
         perfect: is_perfect(trial.before.mean_error(), noise_floor),
     };
     let hypotheses = search.hypotheses(split == Split::Halves);
@@ -145,7 +184,11 @@ fn attempt(
     let aside: Vec<String> = (conclusion.aside().iter())
         .flat_map(|t| t.effects.iter().cloned())
         .collect();
-    let mut verdict = conclusion.judged.verdict;
+    let Judged {
+        mut verdict,
+        unseen,
+        ..
+    } = conclusion.judged;
     let before = trial.before.clone();
     let (model, sd, field, after, closed) = match conclusion.corrected {
         Some((refined, checked)) => (
@@ -172,6 +215,10 @@ fn attempt(
     let lasting = conclusion.persistence.is_some() && verdict.kind != Kind::Unknown;
     if lasting {
         verdict.kind = Kind::Unknown;
+    }
+    // An effect that does not show, or one that is not looked for.
+    if verdict.kind == Kind::Unknown && verdict.effects.is_empty() {
+        verdict.probability += unseen;
     }
     // Not borne out is not ruled out.
     for effect in aside {

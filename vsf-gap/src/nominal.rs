@@ -24,6 +24,8 @@ pub(crate) struct Fitted<'a> {
     pub(crate) parts: Parts,
     /// A stiffness (N/m) that, everywhere the same, explains the readings best.
     pub(crate) uniform: f64,
+    /// Correlation of the readings with what it gives, -1 to 1.
+    pub(crate) likeness: f64,
 }
 
 /// Roughness of contact and of joints that are tried.
@@ -88,6 +90,9 @@ impl Campaign {
         } else {
             1.0
         };
+        let energy: f64 = readings.iter().map(|y| y * y).sum();
+        let product = (squares * energy).sqrt();
+        let likeness = if product > 0.0 { along / product } else { 0.0 };
         Ok(Fitted {
             model: model.clone(),
             motions,
@@ -97,6 +102,7 @@ impl Campaign {
             readings,
             parts,
             uniform,
+            likeness,
         })
     }
 }

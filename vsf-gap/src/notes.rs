@@ -3,11 +3,14 @@
 use crate::closure::noise_norm;
 use crate::plain::Plain;
 use crate::trial::{Conclusion, Trial};
-use crate::verdict::Nominal;
+use crate::verdict::{Kind, Nominal};
 use crate::{Campaign, Parameter};
 
 /// An error below this share of the noise shows that noise was taken for larger than it is.
 const BELOW: f64 = 0.7;
+
+/// From this probability on, effects that cannot show are told of.
+const TOLD: f64 = 0.05;
 
 /// That an effect with one stiffness everywhere explains a share of what the field does.
 pub(crate) fn told(campaign: &Campaign, plain: &Plain, share: f64) -> String {
@@ -73,10 +76,27 @@ pub(crate) fn notes(
         ));
     }
     if verdict.effects.is_empty() && nominal.contradicts() {
+        let how = match nominal.opposes() {
+            true => format!(
+                "by and large it is opposite to what springs give (correlation {:.2})",
+                nominal.likeness
+            ),
+            false => format!(
+                "the best one leaves {:.0} % of its energy",
+                100.0 * nominal.left
+            ),
+        };
         notes.push(format!(
-            "no stiffness explains what is felt in contact: the best one leaves {:.0} % of its energy; check \
-             the sign and the unit of the torques, base_pose and points",
-            100.0 * nominal.left
+            "no stiffness explains what is felt in contact: {how}; check the sign and the unit of the torques, \
+             base_pose and points"
+        ));
+    }
+    let unseen = conclusion.judged.unseen;
+    if verdict.kind == Kind::NoGap && conclusion.left_free.is_none() && unseen >= TOLD {
+        notes.push(format!(
+            "an effect of contact or material may act that the stiffness takes up, so that it does not show here \
+             (probability {:.0} %)",
+            100.0 * unseen
         ));
     }
     if let Some(left) = conclusion.left_free {

@@ -24,6 +24,8 @@ const MISFIT: f64 = 0.12;
 const ROUGH: f64 = 0.15;
 /// A nominal model that leaves more of the energy of what is felt in contact has failed.
 const FAILED: f64 = 0.5;
+/// Readings that are less like those of springs go against them, whatever little of them a field explains.
+const OPPOSED: f64 = -0.5;
 /// A hypothesis is named when it has at least this probability.
 const NAMED: f64 = 0.3;
 /// An answer of more effects than this is none.
@@ -57,7 +59,7 @@ pub struct Verdict {
     pub effects: Vec<String>,
     /// What kind of answer it is.
     pub kind: Kind,
-    /// Its probability.
+    /// Its probability; of unknown without effects, that none of those looked for is the cause.
     pub probability: f64,
     /// The smallest set of effects that, if the cause is one that shows, holds it with 95 % probability;
     /// and those that fit well but did not stand the check on other sequences.
@@ -159,6 +161,8 @@ pub(crate) struct Nominal {
     pub(crate) touches: bool,
     /// Share of the energy of the train readings that it leaves.
     pub(crate) left: f64,
+    /// Correlation of the train readings with those of one stiffness everywhere.
+    pub(crate) likeness: f64,
     /// Whether it predicts the checked sequences to within noise.
     pub(crate) perfect: bool,
 }
@@ -174,7 +178,12 @@ impl Nominal {
 
     /// Whether no stiffness explains what is felt in contact.
     pub(crate) fn contradicts(&self) -> bool {
-        self.touches && self.left > FAILED && !self.perfect
+        self.touches && !self.perfect && (self.left > FAILED || self.opposes())
+    }
+
+    /// Whether what is felt is opposite to what springs give.
+    pub(crate) fn opposes(&self) -> bool {
+        self.likeness < OPPOSED
     }
 }
 
@@ -184,6 +193,8 @@ pub(crate) struct Judged {
     /// Index of the hypothesis that the verdict names, if any.
     pub(crate) named: Option<usize>,
     pub(crate) probabilities: Vec<(String, f64)>,
+    /// That of effects of contact and material which the stiffness takes up.
+    pub(crate) unseen: f64,
 }
 
 impl Judged {
@@ -266,12 +277,36 @@ pub(crate) fn judge(hypotheses: &[Hypothesis<'_>], nominal: &Nominal) -> Judged 
         },
         named,
         probabilities,
+        unseen: unseen / total,
     }
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    /// A field that differs from place to place explains some of anything.
+    #[test]
+    fn readings_opposite_to_springs_are_no_absence_of_a_gap() {
+        let of = |likeness: f64, left: f64, perfect: bool| Nominal {
+            spread: Spread {
+                point: 1.0,
+                smooth: 1.0,
+                level: 1.0,
+                contact: 0.0,
+                joint: 0.0,
+                white: 0.0,
+            },
+            touches: true,
+            left,
+            likeness,
+            perfect,
+        };
+        assert_eq!(of(0.9, 0.4, false).kind(), Kind::NoGap);
+        assert_eq!(of(-0.7, 0.4, false).kind(), Kind::Unknown);
+        assert_eq!(of(-0.7, 0.4, true).kind(), Kind::NoGap);
+        assert_eq!(of(0.9, 0.6, false).kind(), Kind::Unknown);
+    }
 
     #[test]
     fn what_the_field_imitates_is_as_likely_as_the_field() {
@@ -288,6 +323,7 @@ mod tests {
                 ("adhesion".to_owned(), 0.9),
                 ("strain_stiffening".to_owned(), 0.06),
             ],
+            unseen: 0.0,
         };
         judged.or_field(names(&["strain_stiffening", "plastic_set"]));
         let third = 1.0 / 3.0;

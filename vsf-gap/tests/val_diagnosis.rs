@@ -1,6 +1,9 @@
 //! A diagnosis against recordings whose cause is known, made by a world that shares no code with it.
 #![allow(clippy::unwrap_used)]
 
+mod common;
+
+use common::campaign::{Rows, free_arm};
 use std::path::Path;
 use std::sync::Arc;
 use vsf_data::{Dataset, Overrides};
@@ -83,6 +86,31 @@ fn torques_of_the_wrong_sign_are_a_gap_and_zeros_are_none() {
     assert_eq!(wrong.verdict.kind, Kind::Unknown);
     assert!(wrong.notes.iter().any(|n| n.contains("sign")));
     assert_eq!(scaled(0.0).verdict.kind, Kind::NoGap);
+}
+
+/// Three samples in a row have one difference of second order: noise cannot be told from a gap.
+#[test]
+fn handfuls_of_samples_and_arms_that_rest_tell_nothing() {
+    let sequence = |rows: usize, way: f64| -> Rows {
+        (0..rows)
+            .map(|k| {
+                (
+                    vec![way * k as f64, 0.0, 0.0],
+                    vec![0.1 * (k % 2) as f64, 0.0, 0.2],
+                )
+            })
+            .collect()
+    };
+    let refused = |rows: usize, way: f64| {
+        let campaign = free_arm(&vec![sequence(rows, way); 3]);
+        let outcome = diagnose(&campaign, "case", &some(), 0, |_| {});
+        outcome.map(|_| ()).map_err(|e| e.to_string())
+    };
+    let short = refused(3, 0.1).unwrap_err();
+    assert!(short.contains("samples in a row"), "{short}");
+    let still = refused(50, 0.0).unwrap_err();
+    assert!(still.contains("no joint moves"), "{still}");
+    assert_eq!(refused(50, 0.01), Ok(()));
 }
 
 /// Gains that drift with the warmth of the arm are none of one size: what those leave lasts.

@@ -4,12 +4,16 @@
 mod common;
 
 use common::campaign::{RATE, Rows, free_arm, free_arm_tared, free_link_tared, plate, torques};
+use nalgebra::Vector3;
+use std::f64::consts::{PI, TAU};
 use std::sync::Arc;
+use vsf_data::TorqueKind;
 use vsf_gap::effects::catalogue;
 use vsf_gap::{
     Acts, Campaign, Compensator, Effect, GapError, Model, Need, Parameter, Role, Sample, Site,
     Touch,
 };
+use vsf_robots::kinova_gen3;
 
 const NAMES: [&str; 27] = [
     "torque_bias",
@@ -268,6 +272,39 @@ fn val_late_readings_have_the_dynamics_of_then() {
             let change = motion.load[k][j] - motion.load[k - late][j];
             let of = found[3 * k + j];
             assert!((of - change).abs() < 1e-9, "{k} {j}: {of} {change}");
+        }
+    }
+}
+
+/// The first joint of a Gen3 turns on past half a turn, where its encoder begins anew: what comes late is between
+/// two samples, not a turn away.
+#[test]
+fn late_readings_of_a_joint_that_turns_on() {
+    let site = common::site(kinova_gen3().unwrap(), &[], TorqueKind::External);
+    let (dt, late) = (0.01, 0.025);
+    let mut delay = common::effect("latency")
+        .compensator(&site, &[late])
+        .unwrap();
+    delay.begin_touch();
+    let zeros = [0.0; 7];
+    for k in 0..60 {
+        let turn = 3.0 + f64::from(k) * dt;
+        let mut q = zeros;
+        q[0] = (turn + PI).rem_euclid(TAU) - PI;
+        let sample = Sample {
+            clock: f64::from(k) * dt,
+            dt,
+            q: &q.clone(),
+            qd: &zeros,
+            qdd: &zeros,
+            reading: &zeros,
+            load: &zeros,
+            force_W: Vector3::zeros(),
+        };
+        delay.joints(&sample, &mut q);
+        if k > 3 {
+            let off = (q[0] - (turn - late)) / TAU;
+            assert!((off - off.round()).abs() < 1e-9, "{k}: {q:?}");
         }
     }
 }

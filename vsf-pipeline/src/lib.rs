@@ -52,7 +52,7 @@ pub use paper::{
     UpdateTimes, update_speed, update_times,
 };
 pub use priors::{PriorRow, compare_priors};
-pub use readings::{external_torques, motion_of, rigid_body_torques};
+pub use readings::{external_torques, motion_of, rigid_body_torques, unwound};
 pub use scene::{Scene, SceneOptions, load_robot, reading_unit, robot_of};
 pub use simulate::{add_noise, simulate};
 pub use soak::{SoakOptions, SoakReport, SoakTenth, soak};

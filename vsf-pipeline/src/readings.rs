@@ -1,5 +1,7 @@
 use crate::{PipelineError, Scene};
 use nalgebra::Vector3;
+use std::borrow::Cow;
+use std::f64::consts::TAU;
 use vsf_core::CoreError;
 use vsf_data::{Motion, Sequence, Table, TorqueKind, tare};
 use vsf_robots::RobotModel;
@@ -33,7 +35,7 @@ pub fn external_torques(scene: &Scene, sequence: &Sequence) -> Result<Table, Pip
         });
     }
     if scene.torque_kind() == TorqueKind::Measured {
-        let motion = motion_of(sequence)?;
+        let motion = motion_of(scene.robot(), sequence)?;
         let rigid = rigid_body_torques(scene.robot(), &scene.gravity(), sequence, &motion)?;
         let pairs = torques.data_mut().iter_mut().zip(rigid.data());
         pairs.for_each(|(tau, r)| *tau = r - *tau);
@@ -44,12 +46,31 @@ pub fn external_torques(scene: &Scene, sequence: &Sequence) -> Result<Table, Pip
     Ok(torques)
 }
 
+/// The sequence with continuous joints that turn on where their encoders begin anew: no position is further than
+/// half a turn from the one before it. The robot stands as it does in the sequence.
+pub fn unwound<'s>(robot: &RobotModel, sequence: &'s Sequence) -> Cow<'s, Sequence> {
+    let mut unwound = Cow::Borrowed(sequence);
+    for (j, joint) in robot.joints().iter().enumerate().take(sequence.width()) {
+        let mut turns = 0.0;
+        for row in 1..sequence.len() {
+            let [from, to] = [row - 1, row].map(|row| sequence.angles[row][j]);
+            turns += (joint.change(from, to) - (to - from)) / TAU;
+            let turned = TAU * f64::round(turns);
+            if turned != 0.0 {
+                let width = sequence.width();
+                unwound.to_mut().angles.data_mut()[row * width + j] += turned;
+            }
+        }
+    }
+    unwound
+}
+
 /// Velocities, as recorded or estimated from the angles, and accelerations of a sequence, over windows
-/// of 0.025 s or of nine samples, whichever is longer.
+/// of 0.025 s or of nine samples, whichever is longer. Angles are taken as [`unwound`].
 ///
 /// # Errors
 /// As [`Sequence::motion`].
-pub fn motion_of(sequence: &Sequence) -> Result<Motion, PipelineError> {
+pub fn motion_of(robot: &RobotModel, sequence: &Sequence) -> Result<Motion, PipelineError> {
     let mut steps: Vec<f64> = sequence.time.windows(2).map(|t| t[1] - t[0]).collect();
     let middle = steps.len() / 2;
     let samples = match steps.is_empty() {
@@ -57,7 +78,7 @@ pub fn motion_of(sequence: &Sequence) -> Result<Motion, PipelineError> {
         // Touches may be far apart.
         false => (HALF_WINDOW / *steps.select_nth_unstable_by(middle, f64::total_cmp).1).round(),
     };
-    let motion = sequence.motion((samples as usize).max(LEAST_HALF_WINDOW));
+    let motion = unwound(robot, sequence).motion((samples as usize).max(LEAST_HALF_WINDOW));
     motion.map_err(|source| PipelineError::Motion {
         id: sequence.id.clone(),
         source,

@@ -44,7 +44,7 @@ pub fn simulate(
             torques.extend_from_slice(&tau);
         }
         if scene.torque_kind() == TorqueKind::Measured {
-            let motion = motion_of(sequence)?;
+            let motion = motion_of(scene.robot(), sequence)?;
             let rigid = rigid_body_torques(scene.robot(), &scene.gravity(), sequence, &motion)?;
             let pairs = torques.iter_mut().zip(rigid.data());
             pairs.for_each(|(tau, r)| *tau = r - *tau);

@@ -4,7 +4,7 @@ mod velocities;
 
 pub use readings::reading_warnings;
 
-use crate::Scene;
+use crate::{Scene, unwound};
 use nalgebra::Point3;
 use std::f64::consts::PI;
 use std::fmt;
@@ -304,7 +304,8 @@ pub fn motion_warnings(robot: &RobotModel, sequences: &[&Sequence]) -> Vec<Pipel
     if !(found.iter()).any(|w| matches!(w, PipelineWarning::Degrees(_))) {
         found.extend(jumps::warning(robot, sequences));
     }
-    found.extend(velocities::warning(robot, sequences));
+    let unwound: Vec<_> = sequences.iter().map(|s| unwound(robot, s)).collect();
+    found.extend(velocities::warning(robot, &unwound));
     found
 }
 

@@ -2,16 +2,24 @@
 #![allow(clippy::unwrap_used)]
 
 use nalgebra::{Point3, Vector3};
+use std::borrow::Cow;
+use std::f64::consts::{PI, TAU};
 use vsf_data::{Dataset, RobotRef, Sequence, Table, TorqueKind};
-use vsf_pipeline::{Scene, SceneOptions, external_torques, motion_of, rigid_body_torques};
-use vsf_robots::planar_arm;
+use vsf_pipeline::{
+    Scene, SceneOptions, external_torques, motion_of, motion_warnings, rigid_body_torques, unwound,
+};
+use vsf_robots::{RobotModel, kinova_gen3, planar_arm};
 
 /// What the joints feel besides.
 const TOUCH: [f64; 3] = [0.4, -0.3, 0.2];
 
+fn planar() -> RobotModel {
+    planar_arm(3, 0.3, 0.03).unwrap()
+}
+
 /// Two seconds of a swing at `rate` samples a second; angles as an encoder of 1e-5 rad gives them.
 fn swing(rate: f64) -> Sequence {
-    let robot = planar_arm(3, 0.3, 0.03).unwrap();
+    let robot = planar();
     let mut workspace = robot.dynamics_workspace();
     let gravity = Vector3::new(0.0, 0.0, -9.81);
     let (mut angles, mut torques) = (Vec::new(), Vec::new());
@@ -20,7 +28,7 @@ fn swing(rate: f64) -> Sequence {
         .collect();
     for t in &time {
         // Half a turn to and fro, once a second.
-        let pace = std::f64::consts::TAU;
+        let pace = TAU;
         let (sin, cos) = (pace * t).sin_cos();
         let q = [0.8 * sin, 0.5 * cos, -0.3 * sin];
         let qd = [0.8 * pace * cos, -0.5 * pace * sin, -0.3 * pace * cos];
@@ -89,11 +97,11 @@ fn pauses_do_not_change_the_motion() {
         touch_starts: vec![0, half],
         ..steady
     };
-    let [a, b] = [&paused, &parted].map(|s| motion_of(s).unwrap());
+    let [a, b] = [&paused, &parted].map(|s| motion_of(&planar(), s).unwrap());
     for (a, b) in a.accelerations.data().iter().zip(b.accelerations.data()) {
         assert!((a - b).abs() < 1e-6 * (1.0 + b.abs()), "{a} {b}");
     }
-    let short = motion_of(&swing(10.0)).unwrap();
+    let short = motion_of(&planar(), &swing(10.0)).unwrap();
     assert!(
         rigid_body_torques(scene(&parted).robot(), &Vector3::zeros(), &parted, &short).is_err()
     );
@@ -122,4 +130,37 @@ fn what_the_arm_needs_to_move_is_taken_off() {
         }
         assert!(left < 0.02 * inertia, "{left} of {inertia} at {rate} Hz");
     }
+}
+
+/// The first joint of a Gen3 turns on and on, and its encoder begins anew at half a turn.
+#[test]
+fn a_continuous_joint_turns_on_where_its_encoder_begins_anew() {
+    let robot = kinova_gen3().unwrap();
+    let (rate, pace) = (100.0, 1.3);
+    let time: Vec<f64> = (0..800).map(|k| f64::from(k) / rate).collect();
+    let posture = |turn: f64| [turn, 0.5, turn - 3.0, -1.2, 0.3, 0.8, -0.2];
+    let recorded = |at: fn(f64) -> f64| {
+        let angles = time.iter().flat_map(|t| posture(at(pace * t))).collect();
+        let torques = vec![0.0; 7 * time.len()];
+        let table = |data: Vec<f64>| Table::new(7, data).unwrap();
+        Sequence::new("0", time.clone(), table(angles), table(torques))
+    };
+    let on = recorded(|turn| turn);
+    let anew = recorded(|turn| (turn + PI).rem_euclid(TAU) - PI);
+    assert!(matches!(unwound(&robot, &on), Cow::Borrowed(_)));
+    let unwound = unwound(&robot, &anew);
+    for (a, b) in unwound.angles.data().iter().zip(on.angles.data()) {
+        assert!((a - b).abs() < 1e-12, "{a} {b}");
+    }
+    let [a, b] = [&anew, &on].map(|s| motion_of(&robot, s).unwrap());
+    for (row, (a, b)) in a.velocities.iter().zip(b.velocities.iter()).enumerate() {
+        assert!((a[0] - pace).abs() < 1e-9, "row {row}: {a:?} {b:?}");
+    }
+    assert_eq!(motion_warnings(&robot, &[&anew]), []);
+    // Recorded velocities are found to fit.
+    let told = Sequence {
+        velocities: Some(b.velocities),
+        ..anew
+    };
+    assert_eq!(motion_warnings(&robot, &[&told]), []);
 }

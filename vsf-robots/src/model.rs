@@ -1,5 +1,6 @@
 use crate::RobotError;
 use nalgebra::{Isometry3, Matrix3, Point3, Unit, Vector3};
+use std::f64::consts::TAU;
 use std::sync::Arc;
 use vsf_core::{Collider, LinkChains};
 
@@ -65,6 +66,16 @@ impl Joint {
     /// Its limits.
     pub fn limits(&self) -> &JointLimits {
         &self.limits
+    }
+
+    /// The change of its position from one to another (rad or m). A continuous joint is after a whole turn
+    /// where it was before: of it, the change within half a turn.
+    pub fn change(&self, from: f64, to: f64) -> f64 {
+        let change = to - from;
+        match self.kind {
+            JointKind::Continuous => change - TAU * (change / TAU).round(),
+            JointKind::Revolute | JointKind::Prismatic => change,
+        }
     }
 }
 

@@ -1,10 +1,12 @@
 use crate::GapError;
 use crate::effect::{Acts, Compensator, Effect, Need, Parameter, Sample, Site, check};
 use std::collections::VecDeque;
+use std::sync::Arc;
+use vsf_robots::RobotModel;
 
 /// Readings that come late: at time `t` they are those of posture and motion at `t - delta`.
 ///
-/// One parameter, `delta` (s). Motion between samples is interpolated linearly; before the first
+/// One parameter, `delta` (s). Motion between samples is interpolated linearly, of continuous joints the shorter way round; before the first
 /// sample of a touch it is taken to have been that of the sample. Tell-tale: a lag, of the arm's weight in
 /// free motion too, that is the same time at every speed; a viscous object leads.
 ///
@@ -15,6 +17,7 @@ use std::collections::VecDeque;
 pub struct Latency;
 
 struct Delay {
+    robot: Arc<RobotModel>,
     delta: f64,
     clock: f64,
     /// Times of the samples kept (s), oldest first.
@@ -49,6 +52,7 @@ impl Effect for Latency {
     fn compensator(&self, site: &Site, theta: &[f64]) -> Result<Box<dyn Compensator>, GapError> {
         check(self.name(), theta, 1)?;
         Ok(Box::new(Delay {
+            robot: site.robot.clone(),
             delta: theta[0],
             clock: 0.0,
             times: VecDeque::new(),
@@ -85,7 +89,11 @@ impl Compensator for Delay {
         for (j, x) in self.then.iter_mut().enumerate() {
             let from = self.kept[j];
             let to = *self.kept.get(j + width).unwrap_or(&from);
-            *x = from + (to - from) * share;
+            let change = match self.robot.joints().get(j) {
+                Some(joint) => joint.change(from, to),
+                None => to - from,
+            };
+            *x = from + change * share;
         }
         q.copy_from_slice(&self.then[..q.len()]);
     }

@@ -20,7 +20,7 @@ pub fn warning<'r>(robot: &'r RobotModel, sequences: &[&Sequence]) -> Option<Pip
         let limit = joint.limits().velocity;
         let (sequence, row) = (sequences.iter().zip(&ticks)).find_map(|(s, tick)| {
             let far = |row: &usize| {
-                let way = (s.angles[*row][j] - s.angles[row - 1][j]).abs();
+                let way = joint.change(s.angles[row - 1][j], s.angles[*row][j]).abs();
                 // Stamps of single samples jitter.
                 let dt = (s.time[*row] - s.time[row - 1]).max(*tick);
                 way > LEAST_JUMP && way > MOST_SPEED * limit * dt

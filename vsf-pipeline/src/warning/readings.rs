@@ -123,7 +123,7 @@ fn gravity_left(
     let mut likeness = Likeness::default();
     for (sequence, trace) in sequences.iter().zip(traces) {
         // Where the motion is not known, the weight is nearly all.
-        let motion = motion_of(sequence).unwrap_or_else(|_| {
+        let motion = motion_of(scene.robot(), sequence).unwrap_or_else(|_| {
             let mut still = sequence.angles.clone();
             still.data_mut().fill(0.0);
             Motion {

@@ -1,5 +1,6 @@
 use super::PipelineWarning;
 use crate::median::median;
+use std::borrow::Cow;
 use vsf_data::Sequence;
 use vsf_robots::RobotModel;
 
@@ -13,7 +14,7 @@ const LEAST_MOVES: usize = 3;
 const MOST: f64 = 1.5;
 
 /// Velocities that are not how fast positions change.
-pub fn warning(robot: &RobotModel, sequences: &[&Sequence]) -> Option<PipelineWarning> {
+pub fn warning(robot: &RobotModel, sequences: &[Cow<'_, Sequence>]) -> Option<PipelineWarning> {
     let odd = |(j, joint): (usize, &vsf_robots::Joint)| {
         let factor = factor(sequences, j)?;
         let is_odd = !(1.0 / MOST..=MOST).contains(&factor);
@@ -47,7 +48,7 @@ pub fn cause(factor: f64) -> &'static str {
 }
 
 /// Median over the longer moves of joint `j` of the integral of its velocity per change of its position.
-fn factor(sequences: &[&Sequence], j: usize) -> Option<f64> {
+fn factor(sequences: &[Cow<'_, Sequence>], j: usize) -> Option<f64> {
     let moves: Vec<_> = sequences.iter().flat_map(|s| moves(s, j)).collect();
     let longest = moves
         .iter()
