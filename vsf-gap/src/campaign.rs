@@ -53,9 +53,9 @@ impl Motion {
         self.clock.is_empty()
     }
 
-    /// Checks that it is one of `joints` joints: every table with a row for each sample, the touches one
-    /// behind the other over all samples.
-    pub(crate) fn check(&self, joints: usize) -> Result<(), CoreError> {
+    /// Checks that it is one of `joints` joints: every table with a row of finite numbers for each sample, the
+    /// touches one behind the other over all samples, each forwards in time.
+    pub(crate) fn check(&self, joints: usize) -> Result<(), GapError> {
         let n = self.len();
         for table in [
             &self.q,
@@ -67,13 +67,23 @@ impl Motion {
         ] {
             CoreError::check_len("joints of a motion", table.cols(), joints)?;
             CoreError::check_len("rows of a motion", table.rows(), n)?;
+            CoreError::check_finite("motion", table.data())?;
         }
+        CoreError::check_finite("clock of a motion", &self.clock)?;
         let mut end = 0;
         for touch in &self.touches {
             CoreError::check_len("samples before a touch", touch.start, end)?;
             end = touch.end.max(touch.start);
         }
-        CoreError::check_len("samples of all touches", end, n)
+        CoreError::check_len("samples of all touches", end, n)?;
+        let steps = |touch: &Range<usize>| self.clock[touch.clone()].windows(2);
+        let back = (self.touches.iter()).find_map(|t| steps(t).find(|c| c[1] < c[0]));
+        match back {
+            Some(clock) => Err(GapError::TimeBackwards {
+                dt: clock[1] - clock[0],
+            }),
+            None => Ok(()),
+        }
     }
 
     fn thinned(&self, by: usize) -> Result<Self, GapError> {

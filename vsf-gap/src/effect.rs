@@ -1,4 +1,4 @@
-use crate::{Campaign, GapError};
+use crate::{Campaign, GapError, STIFFNESS_FIELD};
 use nalgebra::Vector3;
 use std::sync::Arc;
 use vsf_contact::ContactConfig;
@@ -9,7 +9,9 @@ use vsf_robots::RobotModel;
 /// A gain of log evidence (nats) below which nothing is looked into further.
 pub(crate) const EVIDENT: f64 = 12.0;
 
-/// What an effect acts on; it decides how much has to be computed anew when a parameter moves.
+/// What an effect acts on; it decides how much has to be computed anew when a parameter moves. Methods of its
+/// [`Compensator`] that reach deeper are not called: `springs` is for effects on springs and contact, `joints`,
+/// `motion`, `contact` and `object_shift` for those on contact alone.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
 pub enum Acts {
     /// Adds torques, or scales those of the field: contacts and springs stay.
@@ -17,8 +19,6 @@ pub enum Acts {
     /// Changes the springs of the touched points; contacts stay.
     Springs,
     /// Changes joint positions or their motion, the object's place or the contact model: contacts change.
-    /// [`Compensator::joints`], `motion`, `contact` and `object_shift` are for these effects alone: contact
-    /// is not run again for others.
     Contact,
 }
 
@@ -310,10 +310,10 @@ pub trait Effect: Send + Sync {
     }
 }
 
-/// Checks what an effect says of its parameters at a site.
+/// Checks what an effect says of itself and of its parameters at a site.
 ///
 /// # Errors
-/// [`GapError::Model`] for bounds, scales, joints, sequences or starts that cannot be.
+/// [`GapError::Model`] for names, needed gains, bounds, scales, joints, sequences or starts that cannot be.
 pub(crate) fn check_effect(effect: &dyn Effect, site: &Site) -> Result<(), GapError> {
     let wrong = |problem: String| {
         Err(GapError::Model {
@@ -321,6 +321,15 @@ pub(crate) fn check_effect(effect: &dyn Effect, site: &Site) -> Result<(), GapEr
             problem,
         })
     };
+    if effect.name().is_empty() || effect.name() == STIFFNESS_FIELD {
+        return wrong("its name is empty, or that of the field; give it another".to_owned());
+    }
+    let null_gain = effect.null_gain();
+    if !(null_gain.is_finite() && null_gain >= 0.0) {
+        return wrong(format!(
+            "its null gain is {null_gain:?}; it must be >= 0 and finite"
+        ));
+    }
     let parameters = effect.parameters(site);
     for (k, p) in parameters.iter().enumerate() {
         let (name, [lo, hi]) = (&p.name, p.bounds);

@@ -56,6 +56,12 @@ pub enum GapError {
         /// How much there is, and what to do.
         problem: String,
     },
+    /// A sample that is earlier than the one before it.
+    #[error("the time step is {dt:?} s; samples go forwards in time, a touch begins with 0")]
+    TimeBackwards {
+        /// The time step (s).
+        dt: f64,
+    },
     /// A sequence that the session of a campaign does not hold.
     #[error(
         "sequence {id:?} is no part of the session; take those of Campaign::session or parts of them"

@@ -1,4 +1,4 @@
-use crate::effect::{Acts, Compensator, Effect, Sample, Touch};
+use crate::effect::{Acts, Compensator, Effect, Sample, Touch, check};
 use crate::{Campaign, GapError, Motion, Site};
 use nalgebra::{Matrix3, Point3, Vector3};
 use std::sync::Arc;
@@ -40,10 +40,85 @@ impl Model {
     /// The compensators, in order.
     ///
     /// # Errors
-    /// Parameters that an effect cannot take.
+    /// Parameters of another number, not finite, or that an effect cannot take.
     pub fn compensators(&self, site: &Site) -> Result<Vec<Box<dyn Compensator>>, GapError> {
-        let make = |(effect, theta): &(Arc<dyn Effect>, Vec<f64>)| effect.compensator(site, theta);
+        let make = |(effect, theta): &(Arc<dyn Effect>, Vec<f64>)| {
+            check(effect.name(), theta, effect.parameters(site).len())?;
+            Ok(Box::new(Declared {
+                acts: effect.acts(),
+                inner: effect.compensator(site, theta)?,
+            }) as Box<dyn Compensator>)
+        };
         self.parts.iter().map(make).collect()
+    }
+
+    /// The names of its effects, in one text.
+    fn name(&self) -> String {
+        let names: Vec<&str> = self.parts.iter().map(|(e, _)| e.name()).collect();
+        names.join(" and ")
+    }
+}
+
+impl std::fmt::Debug for Model {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        let parts = self.parts.iter().map(|(e, theta)| (e.name(), theta));
+        f.debug_map().entries(parts).finish()
+    }
+}
+
+/// A compensator that does no more than its effect says it [acts](Effect::acts) on: contacts are shared between
+/// models by that.
+struct Declared {
+    acts: Acts,
+    inner: Box<dyn Compensator>,
+}
+
+impl Compensator for Declared {
+    fn begin_sequence(&mut self, sequence: &str) {
+        self.inner.begin_sequence(sequence);
+    }
+
+    fn begin_touch(&mut self) {
+        self.inner.begin_touch();
+    }
+
+    fn joints(&mut self, sample: &Sample<'_>, q: &mut [f64]) {
+        if self.acts == Acts::Contact {
+            self.inner.joints(sample, q);
+        }
+    }
+
+    fn motion(&mut self, sample: &Sample<'_>, qd: &mut [f64], qdd: &mut [f64]) {
+        if self.acts == Acts::Contact {
+            self.inner.motion(sample, qd, qdd);
+        }
+    }
+
+    fn contact(&self, config: &mut ContactConfig) {
+        if self.acts == Acts::Contact {
+            self.inner.contact(config);
+        }
+    }
+
+    fn object_shift(&mut self, sample: &Sample<'_>) -> Vector3<f64> {
+        match self.acts {
+            Acts::Contact => self.inner.object_shift(sample),
+            Acts::Springs | Acts::Torques => Vector3::zeros(),
+        }
+    }
+
+    fn springs(&mut self, sample: &Sample<'_>, touch: &Touch<'_>, springs: &mut [Vector3<f64>]) {
+        if self.acts >= Acts::Springs {
+            self.inner.springs(sample, touch, springs);
+        }
+    }
+
+    fn gains(&mut self, sample: &Sample<'_>, touch: &Touch<'_>, gains: &mut [f64]) {
+        self.inner.gains(sample, touch, gains);
+    }
+
+    fn torques(&mut self, sample: &Sample<'_>, touch: &Touch<'_>, tau: &mut [f64]) {
+        self.inner.torques(sample, touch, tau);
     }
 }
 
@@ -389,7 +464,8 @@ impl Campaign {
     /// relative to their mean over the samples of the tare, as the readings are.
     ///
     /// # Errors
-    /// Parameters that an effect cannot take, contacts that are not of the sequences.
+    /// Parameters that an effect cannot take, contacts that are not of the sequences, effects whose springs, gains or
+    /// torques are not finite.
     pub fn predict(
         &self,
         model: &Model,
@@ -421,7 +497,11 @@ impl Campaign {
                 compensators.iter_mut().for_each(|c| c.begin_touch());
                 for row in range.clone() {
                     let sample = motion.sample(row, range.start, log.forces[row]);
-                    out.step(&mut compensators, &sample, &touch(row));
+                    out.step(&mut compensators, &sample, &touch(row))
+                        .map_err(|e| GapError::Model {
+                            effect: model.name(),
+                            problem: format!("sequence {} row {row}: {e}", motion.id),
+                        })?;
                     if !log.rigid.is_empty() {
                         let rigid = &log.rigid[row * d..][..d];
                         out.torques.iter_mut().zip(rigid).for_each(|(t, r)| *t += r);
@@ -475,12 +555,16 @@ impl Prediction {
         })
     }
 
+    /// Asks the compensators.
+    ///
+    /// # Errors
+    /// What they answer is not finite.
     pub(crate) fn step(
         &mut self,
         compensators: &mut [Box<dyn Compensator>],
         sample: &Sample<'_>,
         touch: &Touch<'_>,
-    ) {
+    ) -> Result<(), CoreError> {
         self.springs.clear();
         self.springs
             .extend_from_slice(touch.contacts.displacements());
@@ -491,6 +575,10 @@ impl Prediction {
             c.gains(sample, touch, &mut self.gains);
             c.torques(sample, touch, &mut self.torques);
         }
+        CoreError::check_finite("gains of the model", &self.gains)?;
+        CoreError::check_finite("torques of the model", &self.torques)?;
+        (self.springs.iter())
+            .try_for_each(|s| CoreError::check_finite("springs of the model", s.as_slice()))
     }
 
     /// The column `-G J(q, p + u)^T s` of contact `k`, written to `out`.

@@ -80,7 +80,7 @@ impl Corrector {
     /// smoother. The force of the sample is found here.
     ///
     /// # Errors
-    /// Numbers that are not finite or not one per joint; a row that robot or contact cannot take. The
+    /// Numbers that are not finite or not one per joint, a time step below zero; effects whose answers are not finite; a row that robot or contact cannot take. The
     /// observation is then empty or as before; begin a touch to go on.
     pub fn step(
         &mut self,
@@ -101,6 +101,9 @@ impl Corrector {
             CoreError::check_finite(what, row)?;
         }
         CoreError::check_finite("clock and time step", &[sample.clock, sample.dt])?;
+        if sample.dt < 0.0 {
+            return Err(GapError::TimeBackwards { dt: sample.dt });
+        }
         let known = Sample {
             force_W: self.driver.force(),
             ..*sample
@@ -118,19 +121,13 @@ impl Corrector {
             posture,
             contacts,
         };
-        self.prediction.step(compensators, &felt, &touch);
+        self.prediction.step(compensators, &felt, &touch)?;
         let torques = &mut self.prediction.torques;
         if self.site.torque_kind == TorqueKind::Measured {
             let change =
                 (self.driver.links()).rigid_change(&self.site, sample, &mut self.workspace)?;
             torques.iter_mut().zip(change).for_each(|(t, c)| *t += c);
         }
-        self.sum.1 += 1;
-        self.sum
-            .0
-            .iter_mut()
-            .zip(&*torques)
-            .for_each(|(s, t)| *s += t);
         torques
             .iter_mut()
             .zip(&self.tare)
@@ -141,6 +138,10 @@ impl Corrector {
             .zip(pairs)
             .for_each(|(l, (y, a))| *l = y - a);
         self.prediction.observation(&touch, &self.left, obs)?;
+        // A step that failed is not part of the tare.
+        self.sum.1 += 1;
+        let untared = self.prediction.torques.iter().zip(&self.tare);
+        (self.sum.0.iter_mut().zip(untared)).for_each(|(s, (t, o))| *s += t + o);
         Ok(&self.prediction.torques)
     }
 }

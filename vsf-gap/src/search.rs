@@ -157,7 +157,14 @@ impl Campaign {
         progress(Step::Screen);
         let mut untestable = Vec::new();
         let mut tangents: Vec<Tangent> = Vec::new();
-        for effect in effects {
+        for (k, effect) in effects.iter().enumerate() {
+            if effects[..k].iter().any(|e| e.name() == effect.name()) {
+                return Err(GapError::Model {
+                    effect: effect.name().to_owned(),
+                    problem: "there are two effects of this name; rename one, or leave it out"
+                        .to_owned(),
+                });
+            }
             match effect.untestable(self) {
                 Some(reason) => untestable.push((effect.clone(), reason)),
                 None => {
