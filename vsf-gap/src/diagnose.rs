@@ -7,7 +7,7 @@ use crate::notes::{notes, told};
 use crate::plain::Plain;
 use crate::report::{Diagnosis, EffectReport, Gap, MOSTLY, Outcome, STIFFNESS_FIELD, is_perfect};
 use crate::search::Search;
-use crate::trial::{Conclusion, Trial};
+use crate::trial::{Conclusion, NEARLY, Trial};
 use crate::verdict::{Judged, Kind, Nominal};
 use crate::windows::Windows;
 use crate::{Campaign, Effect, GapError, Model, Motion};
@@ -22,6 +22,8 @@ const FEWEST_RUNS: usize = 8;
 const STILL: f64 = 1e-3;
 /// Effects of which it is told how they do on the test sequences.
 const CHECKED: usize = 3;
+/// A model whose error is more than so many times that of a perfect one is far from it.
+const FAR: f64 = 3.0;
 /// From this share of its information on, that the stiffness absorbs, an effect may be what the field shows.
 const TAKEN_UP: f64 = 0.95;
 
@@ -164,7 +166,11 @@ fn attempt(
         likeness: search.nominal.likeness,
         perfect: is_perfect(trial.before.mean_error(), noise_floor),
     };
-    let hypotheses = search.hypotheses(split == Split::Halves);
+    let hypotheses =
+        search.hypotheses(split == Split::Halves, |pair| match search.first_of(pair) {
+            Some(first) if !pair.earned => trial.completes(first, &pair.refined),
+            _ => Ok(pair.earned),
+        })?;
     let mut conclusion = trial.judge(hypotheses, &nominal)?;
     let likeness = Likeness::new(&search)?;
     let in_field = match nominal.perfect {
@@ -189,6 +195,7 @@ fn attempt(
         unseen,
         ..
     } = conclusion.judged;
+    let stopped = (conclusion.corrected.as_ref()).is_some_and(|(r, _)| !r.at_bounds().is_empty());
     let before = trial.before.clone();
     let (model, sd, field, after, closed) = match conclusion.corrected {
         Some((refined, checked)) => (
@@ -213,7 +220,8 @@ fn attempt(
     }
     // However much is closed: something else acts, too.
     let lasting = conclusion.persistence.is_some() && verdict.kind != Kind::Unknown;
-    if lasting {
+    let far = closed.fraction < NEARLY || after.mean_error() > FAR * noise_floor;
+    if lasting || stopped && far {
         verdict.kind = Kind::Unknown;
     }
     // An effect that does not show, or one that is not looked for.

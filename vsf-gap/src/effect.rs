@@ -142,6 +142,15 @@ impl Site {
     pub fn joints(&self) -> usize {
         self.robot.joint_count()
     }
+
+    /// What an error of a torque sensor by 1 does to [`Sample::reading`]: readings of the actuators are taken off what
+    /// the rigid body needs.
+    pub(crate) fn sensor_sign(&self) -> f64 {
+        match self.torque_kind {
+            TorqueKind::External => 1.0,
+            TorqueKind::Measured => -1.0,
+        }
+    }
 }
 
 /// One sample of a recording, as compensators see it, in time order.

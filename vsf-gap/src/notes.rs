@@ -107,6 +107,18 @@ pub(crate) fn notes(
             number(left)
         ));
     }
+    let stopped = conclusion
+        .corrected
+        .as_ref()
+        .map(|(refined, _)| refined.at_bounds());
+    if let Some(stopped) = stopped.filter(|s| !s.is_empty()) {
+        notes.push(format!(
+            "{} end at a bound of what is plausible: {} may stand for what is not looked for, such as torques of \
+             another sign, unit or order",
+            stopped.join(", "),
+            verdict.effects.join(" and ")
+        ));
+    }
     if let Some(persistence) = conclusion.persistence {
         notes.push(format!(
             "what {} leaves unexplained lasts, with a correlation of {persistence:.2} from one stretch of samples to \

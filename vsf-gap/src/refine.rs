@@ -1,7 +1,7 @@
 use crate::evidence::{Factor, Fit, Normal, Spread};
 use crate::nominal::Fitted;
 use crate::screen::{best_of, log_mean_exp};
-use crate::{Acts, Campaign, Effect, GapError, Model, Parameter};
+use crate::{Acts, Campaign, Effect, GapError, Model, Parameter, Role};
 use faer::Mat;
 use nalgebra::DVector;
 use rayon::prelude::*;
@@ -32,6 +32,26 @@ pub(crate) struct Refined {
     pub(crate) stiffness: Vec<f64>,
     /// Columns of the change of the torques with each parameter.
     pub(crate) tangent: Vec<Vec<f64>>,
+}
+
+/// A parameter that is this near to a bound, as a share of the way between both, was stopped there.
+const NEAR_BOUND: f64 = 1e-3;
+/// Many deviations away from zero, it is there because the data want it.
+const WANTED: f64 = 5.0;
+
+impl Refined {
+    /// Names of the amplitudes that the data press against a bound of what is plausible.
+    pub(crate) fn at_bounds(&self) -> Vec<&str> {
+        let values = self.theta.iter().zip(&self.sd);
+        let stopped = |(p, (t, sd)): &(&Parameter, (&f64, &f64))| {
+            let [low, high] = p.bounds;
+            let away = (*t - low).min(high - *t);
+            let pressed = away <= NEAR_BOUND * (high - low) && t.abs() > WANTED * **sd;
+            p.role == Role::Amplitude && pressed
+        };
+        let parameters = self.prior.parameters.iter().zip(values).filter(stopped);
+        parameters.map(|(p, _)| p.name.as_str()).collect()
+    }
 }
 
 /// Prior of all parameters of a model.

@@ -184,7 +184,8 @@ fn take_out(all: &mut Mat<f64>, k: usize) {
     if size == 0.0 {
         return;
     }
-    for other in 0..all.ncols() {
+    // Those before it that were taken out are orthogonal to it.
+    for other in (0..all.ncols()).filter(|other| *other == 0 || *other >= k) {
         let column = all.col_as_slice_mut(other);
         let share = column.iter().zip(&along).map(|(c, a)| c * a).sum::<f64>() / size;
         column
@@ -198,38 +199,36 @@ fn rms(x: &[f64]) -> f64 {
     (x.iter().map(|x| x * x).sum::<f64>() / x.len().max(1) as f64).sqrt()
 }
 
-/// The evidence of every tangent, at all spreads. `field` are the torques of the field that the
-/// tangents were taken at.
+/// The evidence of every tangent, at all spreads. `free` are the torques of the field that the tangents were taken
+/// at, and their changes with what else was fitted.
 ///
-/// That field was fitted to the same readings: a tangent that resembles its torques explains them
-/// for free. The torques of the field are therefore free in every model, the nominal one too.
+/// These were fitted to the same readings: a tangent that resembles their torques explains them for free, and one
+/// whose part they took would explain nothing. They are therefore free in every model, the nominal one too.
 ///
 /// # Errors
 /// A covariance that is not positive definite.
 pub(crate) fn screen(
     fitted: &Fitted<'_>,
-    field: &[f64],
+    free: &[&[f64]],
     tangents: &[Tangent],
     spreads: &[Spread],
 ) -> Result<Screening, GapError> {
     let rest = fitted.rest();
-    let columns: Vec<&[f64]> = (tangents.iter())
-        .flat_map(|t| t.columns.iter().map(Vec::as_slice))
+    let own = tangents.iter().flat_map(|t| &t.columns).map(Vec::as_slice);
+    let columns: Vec<&[f64]> = (std::iter::once(rest.as_slice()))
+        .chain(free.iter().copied())
+        .chain(own)
         .collect();
     let found: Vec<(f64, Vec<Option<Fit>>)> = (spreads.par_iter())
         .map(|spread| {
             let factor = fitted.parts.factor(spread)?;
-            let mut all = Mat::from_fn(rest.len(), columns.len() + 2, |i, k| match k {
-                0 => rest[i],
-                1 => field[i],
-                k => columns[k - 2][i],
-            });
+            let mut all = Mat::from_fn(rest.len(), columns.len(), |i, k| columns[k][i]);
             factor.whiten(&mut all);
-            take_out(&mut all, 1);
+            (1..=free.len()).for_each(|k| take_out(&mut all, k));
             let y = all.col_as_slice(0);
             let squares: f64 = y.iter().map(|y| y * y).sum();
             let nominal = -0.5 * (factor.log_det() + squares);
-            let mut next = 2;
+            let mut next = 1 + free.len();
             let fits = (tangents.iter())
                 .map(|t| {
                     let own = next..next + t.columns.len();

@@ -35,12 +35,20 @@ pub(crate) struct Search<'a> {
     pub(crate) plainly: Plainly,
     /// The effects that the recording can show, best first.
     pub(crate) candidates: Vec<Candidate>,
-    /// The best model of two of them, if the second earned it.
-    pub(crate) pair: Option<Refined>,
+    /// The best model of two of them.
+    pub(crate) pair: Option<Pair>,
     /// The effects that it cannot show, and why.
     pub(crate) untestable: Vec<(Arc<dyn Effect>, String)>,
     /// The changes that effects make at their starts.
     pub(crate) tangents: Vec<Tangent>,
+}
+
+/// The best single effect and another one.
+pub(crate) struct Pair {
+    pub(crate) refined: Refined,
+    /// Whether the second gains more than what may be wrong with the form of the first. Else it has to explain
+    /// nearly all that the first one leaves.
+    pub(crate) earned: bool,
 }
 
 /// An effect, as far as the search came with it.
@@ -74,15 +82,23 @@ impl Candidate {
 }
 
 impl Search<'_> {
-    /// All models that were fitted. `proven` if a trial will demand that they close most of the gap: roughness
-    /// that effects take away does not count against them then.
-    pub(crate) fn hypotheses(&self, proven: bool) -> Vec<Hypothesis<'_>> {
+    /// All models that were fitted, a pair if it `is_one`. `proven` if a trial will demand that they close most of
+    /// the gap: roughness that effects take away does not count against them then.
+    pub(crate) fn hypotheses(
+        &self,
+        proven: bool,
+        is_one: impl FnOnce(&Pair) -> Result<bool, GapError>,
+    ) -> Result<Vec<Hypothesis<'_>>, GapError> {
+        let pair = match &self.pair {
+            Some(pair) => is_one(pair)?.then_some(&pair.refined),
+            None => None,
+        };
         let alone = |name: &str| {
             let of = self.candidates.iter().find(|c| c.effect.name() == name)?;
             Some(of.refined.as_ref()?.log_evidence - self.base)
         };
         let single = self.candidates.iter().filter_map(|c| c.refined.as_ref());
-        (single.chain(&self.pair))
+        Ok((single.chain(pair))
             .map(|refined| {
                 let rough = match proven {
                     true => self.spread.contact.min(refined.spread.contact),
@@ -90,7 +106,17 @@ impl Search<'_> {
                 };
                 Hypothesis::new(refined, self.base, rough, alone)
             })
-            .collect()
+            .collect())
+    }
+
+    /// The model of the first effect of a pair alone.
+    pub(crate) fn first_of(&self, pair: &Pair) -> Option<&Refined> {
+        let (first, _) = pair.refined.model.parts.first()?;
+        let own = self
+            .candidates
+            .iter()
+            .find(|c| c.effect.name() == first.name())?;
+        own.refined.as_ref()
     }
 
     /// The energy of the readings over windows that the nominal model leaves.
@@ -174,7 +200,7 @@ impl Campaign {
             }
         }
         let torques = nominal.predicted(&field);
-        let screening = screen(&nominal, &torques, &tangents, &spreads)?;
+        let screening = screen(&nominal, &[&torques], &tangents, &spreads)?;
         let screened_base = log_mean_exp(&screening.nominal);
         let mut candidates = best_starts(&tangents, &screening.candidates, screened_base);
         let shown = candidates.iter().map(|c| &c.effect);
@@ -212,7 +238,7 @@ impl Campaign {
         best_first(&mut candidates, base);
         if !nominal.touches() {
             let models = candidates.iter_mut().filter_map(|c| c.refined.as_mut());
-            for refined in models.chain(&mut pair) {
+            for refined in models.chain(pair.as_mut().map(|p| &mut p.refined)) {
                 self.settle(refined)?;
             }
         }
@@ -273,14 +299,14 @@ impl Campaign {
         }
     }
 
-    /// The best model of two effects, the best single one and another, if the other earns it. Others
-    /// that it takes are fitted alone as well, if they are not yet.
+    /// The best model of two effects, the best single one and another; one whose second effect earns it, if there
+    /// is one. Others that it takes are fitted alone as well, if they are not yet.
     fn pair(
         &self,
         tangents: &[Tangent],
         candidates: &mut [Candidate],
         standard: &Standard,
-    ) -> Result<Option<Refined>, GapError> {
+    ) -> Result<Option<Pair>, GapError> {
         let (base, rough) = (standard.base, standard.spread.contact);
         let Some((leader, rest)) = candidates.split_first_mut() else {
             return Ok(None);
@@ -300,21 +326,27 @@ impl Campaign {
             others.extend(self.tangents(&best.model, &fitted, &best.stiffness, effect)?);
         }
         let torques = fitted.predicted(&best.stiffness);
-        let screening = screen(&fitted, &torques, &others, &fitted.roughness(&best.spread))?;
+        let free: Vec<&[f64]> = (std::iter::once(&torques))
+            .chain(&best.tangent)
+            .map(Vec::as_slice)
+            .collect();
+        let screening = screen(&fitted, &free, &others, &fitted.roughness(&best.spread))?;
         let without = log_mean_exp(&screening.nominal);
         let mut seconds = best_starts(&others, &screening.candidates, without);
         seconds.retain(|c| c.screened > EVIDENT);
         seconds.truncate(SECONDS);
-        let mut found: Option<Refined> = None;
+        let mut found: Option<Pair> = None;
         for second in seconds {
             let tangent = &others[second.found.tangent];
             let start = self.start(&best.model, tangent, &second.found, &best.spread)?;
             let prior = first.prior(&self.site).and(tangent.prior(&self.site));
             let refined = self.refine(&start, prior, &best.spread)?;
-            let needed = needed_beside(tangent.effect.as_ref(), best.log_evidence - base, rough);
-            if refined.log_evidence - best.log_evidence <= needed {
+            let gained = refined.log_evidence - best.log_evidence;
+            if gained <= threshold(tangent.effect.as_ref(), rough) {
                 continue;
             }
+            let needed = needed_beside(tangent.effect.as_ref(), best.log_evidence - base, rough);
+            let earned = gained > needed;
             // Backward: the second on its own must not do as well.
             let name = tangent.effect.name();
             if let Some(alone) = rest.iter_mut().find(|c| c.effect.name() == name) {
@@ -327,8 +359,10 @@ impl Campaign {
                     continue;
                 }
             }
-            if (found.as_ref()).is_none_or(|f| f.log_evidence < refined.log_evidence) {
-                found = Some(refined);
+            let rank = |earned: bool, refined: &Refined| (earned, refined.log_evidence);
+            if (found.as_ref()).is_none_or(|f| rank(f.earned, &f.refined) < rank(earned, &refined))
+            {
+                found = Some(Pair { refined, earned });
             }
         }
         Ok(found)

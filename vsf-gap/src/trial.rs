@@ -3,7 +3,7 @@
 use crate::closure::{Closure, Residuals, closure, noise_norm};
 use crate::effect::Need;
 use crate::refine::Refined;
-use crate::report::MOSTLY;
+use crate::report::{MOSTLY, is_perfect};
 use crate::verdict::{Hypothesis, Judged, Kind, Nominal, judge};
 use crate::{Acts, Campaign, ContactLog, GapError, Model, Motion};
 use std::ops::Range;
@@ -23,7 +23,9 @@ const REMAINS: f64 = 0.7;
 /// of models that were right it was 0.27 at most. Unless they close nearly all of the gap, or nothing is touched:
 /// then the form of friction is what is left.
 const PERSISTENT: f64 = 0.35;
-const NEARLY: f64 = 0.9;
+pub(crate) const NEARLY: f64 = 0.9;
+/// The share of what one effect leaves that a second one has to take where it gains little beside the first.
+const COMPLETE: f64 = 0.8;
 /// By so many standard deviations the tare may be off.
 const TARE: f64 = 3.0;
 
@@ -172,6 +174,21 @@ impl<'a> Trial<'a> {
             field,
             residuals,
         })
+    }
+
+    /// Whether a second effect takes nearly all that the first one leaves: what is wrong with the form of the first
+    /// is nothing that another one would mend so well.
+    ///
+    /// # Errors
+    /// As [`Trial::of`].
+    pub(crate) fn completes(&self, first: &Refined, both: &Refined) -> Result<bool, GapError> {
+        let first = self.of(first)?;
+        if is_perfect(first.residuals.mean_error(), noise_norm(&self.whole.noise)) {
+            return Ok(false);
+        }
+        let left = 1.0 - first.closure.fraction;
+        let both = self.of(both)?;
+        Ok(1.0 - both.closure.fraction < (1.0 - COMPLETE) * left)
     }
 
     /// Size (N m or N) of what persists of residuals in free motion, beyond noise: the root of the median

@@ -145,7 +145,8 @@ pub enum PipelineWarning {
     /// Readings that are the torques of gravity and of the arm's own motion where nothing is touched.
     #[error(
         "where nothing is touched the readings, taken as torque_kind {}, leave {size:.2} times the torques of \
-         weight and motion of the arm (correlation {correlation:.2}); check whether they are {}", kind(*given), kind(other(*given))
+         weight and motion of the arm (correlation {correlation:.2}); check whether they are {}, their unit, and gravity \
+         in the frame of the robot's base", kind(*given), kind(other(*given))
     )]
     GravityLeft {
         /// What the recording says that they are.
@@ -154,6 +155,24 @@ pub enum PipelineWarning {
         size: f64,
         /// With those torques.
         correlation: f64,
+    },
+    /// Readings of the actuators that leave twice the torques of weight and motion where nothing is touched.
+    #[error(
+        "where nothing is touched the readings leave {size:.2} times the torques of weight and motion of the arm, as \
+         if of the arm on its actuators; check their sign"
+    )]
+    GravityTwice {
+        /// What is left per torque that the arm itself needs.
+        size: f64,
+    },
+    /// Links without inertia, of an arm whose own torques are taken off the readings.
+    #[error(
+        "links without <inertial> count as weightless, and torque_kind measured needs their weight: {links}; give \
+         them mass and inertia in the URDF"
+    )]
+    Weightless {
+        /// Their names.
+        links: String,
     },
     /// An online estimator whose innovations are far beyond what it expects: more than 30 times in their
     /// mean square.

@@ -2,7 +2,7 @@ use crate::effect::{Acts, Compensator, Effect, Need, Parameter, Sample, Site, To
 use crate::effect::{check, per_joint, slides};
 use crate::{Campaign, GapError};
 
-/// A constant error of the torque sensors: `tau_j + b_j`, also in free motion.
+/// A constant error of the torque sensors: joint `j` reads `b_j` more than its torque, also in free motion.
 ///
 /// Parameters `b_<joint>` (N m or N). Tell-tale: it neither depends on posture nor on motion; an
 /// unmodelled weight changes with the posture.
@@ -13,6 +13,7 @@ use crate::{Campaign, GapError};
 #[derive(Debug, Clone, Copy)]
 pub struct TorqueBias;
 
+/// Per joint, on the load of the environment (N m or N).
 struct Bias(Vec<f64>);
 
 impl Effect for TorqueBias {
@@ -45,7 +46,8 @@ impl Effect for TorqueBias {
 
     fn compensator(&self, site: &Site, theta: &[f64]) -> Result<Box<dyn Compensator>, GapError> {
         check(self.name(), theta, site.joints())?;
-        Ok(Box::new(Bias(theta.to_vec())))
+        let sign = site.sensor_sign();
+        Ok(Box::new(Bias(theta.iter().map(|b| sign * b).collect())))
     }
 }
 

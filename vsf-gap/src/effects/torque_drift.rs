@@ -3,8 +3,8 @@ use crate::GapError;
 use crate::effect::{Acts, Compensator, Effect, Need, Parameter, Sample, Site, Touch};
 use crate::effect::{check, per_joint};
 
-/// An error of the torque sensors that grows over the session: `tau_j + r_j T (1 - exp(-t / T))` at
-/// clock `t`.
+/// An error of the torque sensors that grows over the session: joint `j` reads `r_j T (1 - exp(-t / T))` more than
+/// its torque at clock `t`.
 ///
 /// Parameters `r_<joint>` (N m/s or N/s), the drift per time at the begin of the session, and the shape
 /// `T` (s): a warm-up if it is shorter than the session, linear in the clock if it is longer. Tell-tale:
@@ -26,7 +26,7 @@ const TYPICAL: f64 = 3.0;
 const LONGEST: f64 = 1e6;
 
 struct Drift {
-    /// Per time (N m/s or N/s).
+    /// Per joint, on the load of the environment per time (N m/s or N/s).
     rate: Vec<f64>,
     /// Time constant (s).
     T: f64,
@@ -75,7 +75,7 @@ impl Effect for TorqueDrift {
         let d = site.joints();
         check(self.name(), theta, d + 1)?;
         Ok(Box::new(Drift {
-            rate: theta[..d].to_vec(),
+            rate: theta[..d].iter().map(|r| site.sensor_sign() * r).collect(),
             T: theta[d],
         }))
     }

@@ -1,7 +1,7 @@
 use super::{PipelineWarning, Rows, outliers};
 use crate::{Scene, Trace, motion_of, reading_unit, rigid_body_torques};
 use vsf_core::Observation;
-use vsf_data::{Motion, Sequence, tare};
+use vsf_data::{Motion, Sequence, TorqueKind, tare};
 use vsf_robots::Joint;
 
 /// Readings above so many times what the joint can bear are of another unit.
@@ -14,6 +14,8 @@ const LEAST_CORRELATION: f64 = -0.5;
 /// size, are these. A payload is like them too, but smaller.
 const GRAVITY_CORRELATION: f64 = 0.95;
 const GRAVITY_SIZE: std::ops::RangeInclusive<f64> = 0.8..=1.25;
+/// Readings of the actuators of the other sign leave twice the torques of gravity.
+const TWICE: std::ops::RangeInclusive<f64> = 1.6..=2.5;
 
 /// What looks wrong with the readings: torques of another unit, of the other sign, with gravity left in them,
 /// tare samples that are no rest. `traces` are those of `sequences`, in their order.
@@ -36,6 +38,7 @@ pub fn reading_warnings(
     };
     let joints = scene.robot().joints().iter().enumerate();
     let mut warnings: Vec<_> = joints.filter_map(of_joint).collect();
+    warnings.extend(weightless(scene));
     let tares = |of: &dyn Fn(&Trace) -> Option<PipelineWarning>| {
         let mut found = traces.iter().filter_map(of);
         let first = found.next();
@@ -46,6 +49,21 @@ pub fn reading_warnings(
     // Gravity that is left may turn readings round.
     warnings.extend(gravity_left(scene, sequences, traces).or_else(|| opposite(scene, traces)));
     warnings
+}
+
+/// Bodies without mass, where their weight is needed; frames have no shape.
+fn weightless(scene: &Scene) -> Option<PipelineWarning> {
+    let robot = scene.robot();
+    let colliders = robot.colliders();
+    let is_body = |name: &str| (colliders.iter()).any(|c| robot.links()[c.link].name() == name);
+    let links: Vec<&str> = (robot.links_without_inertia())
+        .map(|link| link.name())
+        .filter(|name| is_body(name))
+        .collect();
+    let needed = scene.torque_kind() == TorqueKind::Measured && !links.is_empty();
+    needed.then(|| PipelineWarning::Weightless {
+        links: links.join(", "),
+    })
 }
 
 fn tare_in_contact(trace: &Trace, tare_samples: usize) -> Option<PipelineWarning> {
@@ -144,10 +162,16 @@ fn gravity_left(
         }
     }
     let (size, correlation) = (likeness.both / likeness.others, likeness.correlation());
-    let left = correlation > GRAVITY_CORRELATION && GRAVITY_SIZE.contains(&size);
-    left.then_some(PipelineWarning::GravityLeft {
-        given: scene.torque_kind(),
-        size,
-        correlation,
-    })
+    let given = scene.torque_kind();
+    match correlation > GRAVITY_CORRELATION {
+        true if GRAVITY_SIZE.contains(&size) => Some(PipelineWarning::GravityLeft {
+            given,
+            size,
+            correlation,
+        }),
+        true if given == TorqueKind::Measured && TWICE.contains(&size) => {
+            Some(PipelineWarning::GravityTwice { size })
+        }
+        _ => None,
+    }
 }
