@@ -3,11 +3,15 @@
 
 mod common;
 
-use common::campaign::{Rows, free_arm};
+use common::campaign::{RATE, Rows, free_arm};
+use rand::SeedableRng;
+use rand_distr::{Distribution, StandardNormal};
+use rand_pcg::Pcg64Mcg;
+use std::f64::consts::TAU;
 use std::path::Path;
 use std::sync::Arc;
 use vsf_data::{Dataset, Overrides};
-use vsf_gap::{Campaign, Effect, Kind, Outcome, diagnose, effects};
+use vsf_gap::{Acts, Campaign, Effect, Kind, Outcome, diagnose, effects};
 use vsf_pipeline::SceneOptions;
 use vsf_world::{CaseSpec, Kind as World, Level, Protocol, generate};
 
@@ -111,6 +115,92 @@ fn handfuls_of_samples_and_arms_that_rest_tell_nothing() {
     let still = refused(50, 0.0).unwrap_err();
     assert!(still.contains("no joint moves"), "{still}");
     assert_eq!(refused(50, 0.01), Ok(()));
+}
+
+/// A planar arm of three joints that swings in free air; `felt` makes the readings of the actuators (N m) of what it
+/// takes to move it and of the velocities (rad/s). Noise of 0.02 N m.
+fn swinging(felt: impl Fn([f64; 3], [f64; 3]) -> [f64; 3]) -> Campaign {
+    let robot = vsf_robots::planar_arm(3, 0.3, 0.03).unwrap();
+    let mut workspace = robot.dynamics_workspace();
+    let gravity = nalgebra::Vector3::new(0.0, 0.0, -common::GRAVITY);
+    let mut rng = Pcg64Mcg::seed_from_u64(7);
+    let mut sequence = |s: u32| -> Rows {
+        let mut row = |k: u32| {
+            let t = f64::from(k) / RATE;
+            let phase = |j: usize| (0.5 + 0.3 * j as f64) * TAU * t + f64::from(s) + j as f64;
+            let pace = |j: usize| (0.5 + 0.3 * j as f64) * TAU;
+            let q = [0, 1, 2].map(|j| 0.2 + 0.6 * phase(j).sin());
+            let qd = [0, 1, 2].map(|j| 0.6 * pace(j) * phase(j).cos());
+            let qdd = [0, 1, 2].map(|j| -0.6 * pace(j).powi(2) * phase(j).sin());
+            let rigid = robot
+                .inverse_dynamics(&q, &qd, &qdd, &gravity, &mut workspace)
+                .unwrap();
+            let mut noise = || -> f64 { StandardNormal.sample(&mut rng) };
+            let tau = felt([rigid[0], rigid[1], rigid[2]], qd);
+            (q.to_vec(), tau.map(|t| t + 0.02 * noise()).to_vec())
+        };
+        (0..300).map(&mut row).collect()
+    };
+    free_arm(&[0, 1, 2, 3].map(&mut sequence))
+}
+
+fn named_in_air(campaign: &Campaign) -> vsf_gap::Diagnosis {
+    let free: Vec<_> = (effects::catalogue().into_iter())
+        .filter(|e| e.acts() == Acts::Torques)
+        .collect();
+    let outcome = diagnose(campaign, "case", &free, 0, |_| {}).unwrap();
+    outcome.diagnosis
+}
+
+/// Alone, the bias takes the mean of what the gain adds: with the gain beside it, it has to give that back.
+#[test]
+fn a_gain_beside_a_bias_is_named() {
+    let d = named_in_air(&swinging(|tau, _| [1.1 * tau[0], tau[1] + 0.3, tau[2]]));
+    let mut named = d.verdict.effects.clone();
+    named.sort();
+    assert_eq!(named, ["torque_bias", "torque_gain"], "{:?}", d.verdict);
+    assert_eq!(d.verdict.kind, Kind::Effects);
+    let of = |effect: &str, name: &str| {
+        let own = d.effects.iter().find(|e| e.effect == effect).unwrap();
+        own.parameters
+            .iter()
+            .find(|p| p.name == name)
+            .unwrap()
+            .value
+    };
+    let (g, b) = (of("torque_gain", "g_1"), of("torque_bias", "b_2"));
+    assert!((g - 0.1).abs() < 0.02 && (b - 0.3).abs() < 0.03, "{g} {b}");
+}
+
+/// Friction that is larger one way takes some of a constant, which is small beside it.
+#[test]
+fn a_bias_beside_friction_is_named() {
+    let friction = |v: f64| (v / 0.01).tanh();
+    let d = named_in_air(&swinging(|tau, v| {
+        [
+            tau[0] + friction(v[0]),
+            tau[1] + 0.5 * friction(v[1]),
+            tau[2] + 0.2 * friction(v[2]) + 0.15,
+        ]
+    }));
+    assert!(
+        d.verdict.effects.iter().any(|e| e == "torque_bias"),
+        "{:?}",
+        d.verdict
+    );
+    assert!(
+        d.gap.test_error_corrected < 1.5 * d.gap.noise_floor,
+        "{:?}",
+        d.gap
+    );
+}
+
+/// The gain that would turn them round is none that a sensor has.
+#[test]
+fn actuators_of_the_wrong_sign_are_unknown() {
+    let d = named_in_air(&swinging(|tau, _| tau.map(|t| -t)));
+    assert_eq!(d.verdict.kind, Kind::Unknown, "{:?}", d.verdict);
+    assert!(d.notes.iter().any(|n| n.contains("bound")), "{:?}", d.notes);
 }
 
 /// Gains that drift with the warmth of the arm are none of one size: what those leave lasts.

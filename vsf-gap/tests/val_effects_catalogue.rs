@@ -231,7 +231,8 @@ fn an_effect_from_outside_joins_the_model() {
     let motions = campaign.train().iter().chain(campaign.test());
     let velocities = motions.flat_map(|m| m.qd.iter().map(|row| row[0]));
     for (tau, v) in found.chunks_exact(3).zip(velocities) {
-        assert!((tau[0] - (1.0 - 0.5 * v * v.abs())).abs() < 1e-12);
+        // The bias of an actuator's reading.
+        assert!((tau[0] - (-1.0 - 0.5 * v * v.abs())).abs() < 1e-12);
     }
 }
 
@@ -371,6 +372,106 @@ fn effects_that_cannot_be_are_refused() {
         let text = error.unwrap().to_string();
         assert!(text.contains("broken") && text.contains(problem), "{text}");
     }
+}
+
+/// An effect that is not what it says.
+struct Odd {
+    name: &'static str,
+    null_gain: f64,
+    torque: f64,
+}
+
+impl Effect for Odd {
+    fn name(&self) -> &str {
+        self.name
+    }
+
+    fn summary(&self) -> &str {
+        "an effect that is not what it says"
+    }
+
+    fn acts(&self) -> Acts {
+        Acts::Torques
+    }
+
+    fn needs(&self) -> &[Need] {
+        &[]
+    }
+
+    fn parameters(&self, _: &Site) -> Vec<Parameter> {
+        vec![Parameter::amplitude("k", "1", [0.0, 1.0], 0.1)]
+    }
+
+    fn compensator(&self, _: &Site, theta: &[f64]) -> Result<Box<dyn Compensator>, GapError> {
+        // Panics without parameters: the model has to check their number.
+        Ok(Box::new(Moves(self.torque * theta[0])))
+    }
+
+    fn null_gain(&self) -> f64 {
+        self.null_gain
+    }
+}
+
+/// Moves joints, which effects on torques do not.
+struct Moves(f64);
+
+impl Compensator for Moves {
+    fn joints(&mut self, _: &Sample<'_>, q: &mut [f64]) {
+        q[0] += 0.1;
+    }
+
+    fn torques(&mut self, _: &Sample<'_>, _: &Touch<'_>, tau: &mut [f64]) {
+        tau[0] += self.0;
+    }
+}
+
+fn odd(name: &'static str, null_gain: f64, torque: f64) -> Arc<dyn Effect> {
+    Arc::new(Odd {
+        name,
+        null_gain,
+        torque,
+    })
+}
+
+#[test]
+fn effects_that_are_not_what_they_say_are_refused() {
+    let campaign = waving();
+    let bias = || common::effect("torque_bias");
+    for (effects, problem) in [
+        (vec![bias(), odd("torque_bias", 12.0, 1.0)], "two effects"),
+        (vec![odd("", 12.0, 1.0)], "name"),
+        (vec![odd("stiffness_field", 12.0, 1.0)], "name"),
+        (vec![odd("odd", f64::NAN, 1.0)], "null gain"),
+        (vec![odd("odd", f64::NEG_INFINITY, 1.0)], "null gain"),
+        (
+            vec![bias(), odd("odd", 12.0, f64::NAN)],
+            "effect odd: sequence",
+        ),
+        (vec![odd("odd", 12.0, f64::INFINITY)], "not finite"),
+    ] {
+        let error = vsf_gap::diagnose(&campaign, "test", &effects, 0, |_| {}).err();
+        let text = error.unwrap().to_string();
+        assert!(
+            text.contains(problem) || problem == "not finite" && text.contains("inf"),
+            "{text}"
+        );
+    }
+    let few = Model::of(&odd("odd", 12.0, 1.0), &[]);
+    let error = few.compensators(campaign.site()).err().unwrap().to_string();
+    assert!(error.contains("takes 1 parameters, got 0"), "{error}");
+}
+
+/// An effect on torques that moves joints does so nowhere: contacts are those of the nominal model.
+#[test]
+fn effects_reach_no_deeper_than_they_say() {
+    let campaign = waving();
+    let model = Model::of(&odd("odd", 12.0, 1.0), &[0.5]);
+    let motion = &campaign.train()[0];
+    let [with, without] = [&model, &Model::default()].map(|m| {
+        let log = campaign.contact_log(m, motion).unwrap();
+        log.postures[0].link_poses().to_vec()
+    });
+    assert_eq!(with, without);
 }
 
 /// A plate that never comes near the points, and one that touches each of them once.

@@ -57,6 +57,17 @@ fn a_drift_follows_the_clock() {
     });
 }
 
+/// What an actuator reads too much, the object seems to push too little.
+#[test]
+fn errors_of_actuator_readings_have_the_sign_of_the_sensor() {
+    let (site, rows) = (arm(Measured), waving());
+    recovers("torque_bias", &site, &rows, &[0.7, -1.2], |_| [-0.7, 1.2]);
+    recovers("torque_drift", &site, &rows, &[0.12, -0.08, 5.0], |r| {
+        let grown = 5.0 * (1.0 - (-r.clock / 5.0).exp());
+        [-0.12 * grown, 0.08 * grown]
+    });
+}
+
 #[test]
 fn friction_follows_the_velocity() {
     let (site, rows) = (arm(External), waving());
