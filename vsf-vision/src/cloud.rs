@@ -27,7 +27,7 @@ impl PointCloud {
     ///
     /// # Errors
     /// A size that is not positive and finite, so small a size that cubes cannot be counted, a
-    /// coordinate that is not finite.
+    /// coordinate that is not finite, another number of colours than points.
     pub fn downsampled(&self, size: f64) -> Result<Self, CoreError> {
         if !(size > 0.0 && size.is_finite()) {
             return Err(CoreError::Parameter {
@@ -36,6 +36,7 @@ impl PointCloud {
                 range: "> 0 m",
             });
         }
+        self.check()?;
         let mut cubes: BTreeMap<[i64; 3], (Vector3<f64>, [u32; 3], u32)> = BTreeMap::new();
         for (index, (p, c)) in self.positions.iter().zip(&self.colors).enumerate() {
             if let Some(&value) = p.iter().find(|x| !(**x / size).is_finite()) {
@@ -62,11 +63,16 @@ impl PointCloud {
     /// The points of which `keep` is true.
     ///
     /// # Errors
-    /// Another number of flags than points.
+    /// Another number of flags or colours than points.
     pub fn filtered(&self, keep: &[bool]) -> Result<Self, CoreError> {
+        self.check()?;
         CoreError::check_len("flags", keep.len(), self.len())?;
         let all = self.positions.iter().zip(&self.colors).zip(keep);
         let (positions, colors) = all.filter(|(_, k)| **k).map(|((p, c), _)| (*p, *c)).unzip();
         Ok(Self { positions, colors })
+    }
+
+    fn check(&self) -> Result<(), CoreError> {
+        CoreError::check_len("colours", self.colors.len(), self.len())
     }
 }

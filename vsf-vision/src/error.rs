@@ -23,6 +23,12 @@ pub enum VisionError {
         /// Names of the columns given.
         got: Vec<String>,
     },
+    /// Two features of the same name.
+    #[error("two features are named {name:?}")]
+    Duplicate {
+        /// The name.
+        name: String,
+    },
     /// Too little to learn from.
     #[error("{got} {what}, at least {least} are needed")]
     TooFew {

@@ -1,9 +1,11 @@
+use crate::neighbors::check_reach;
 use crate::{VisionError, lab};
 use nalgebra::{Point3, Vector3};
 use serde::{Deserialize, Serialize};
+use std::collections::HashSet;
 use vsf_core::CoreError;
 
-/// Named features of points: one row per point, all numbers finite.
+/// Named features of points: one row per point, all numbers finite, every name once.
 ///
 /// Columns are added one after the other; any array of one number per point is a feature.
 ///
@@ -20,11 +22,41 @@ use vsf_core::CoreError;
 /// # Ok::<(), vsf_vision::VisionError>(())
 /// ```
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(try_from = "FeaturesParts")]
 pub struct Features {
     names: Vec<String>,
     len: usize,
     /// Row by row.
     data: Vec<f64>,
+}
+
+/// What is read in obeys the rules of the constructors.
+#[derive(Deserialize)]
+#[serde(rename = "Features")]
+struct FeaturesParts {
+    names: Vec<String>,
+    len: usize,
+    data: Vec<f64>,
+}
+
+impl TryFrom<FeaturesParts> for Features {
+    type Error = VisionError;
+
+    fn try_from(parts: FeaturesParts) -> Result<Self, VisionError> {
+        let FeaturesParts { names, len, data } = parts;
+        check_unique(&names)?;
+        CoreError::check_len("features", data.len(), len.saturating_mul(names.len()))?;
+        CoreError::check_finite("features", &data)?;
+        Ok(Self { names, len, data })
+    }
+}
+
+fn check_unique(names: &[String]) -> Result<(), VisionError> {
+    let mut seen = HashSet::with_capacity(names.len());
+    match names.iter().find(|name| !seen.insert(*name)) {
+        None => Ok(()),
+        Some(name) => Err(VisionError::Duplicate { name: name.clone() }),
+    }
 }
 
 impl Features {
@@ -40,7 +72,7 @@ impl Features {
     /// Adds a column of one number per point.
     ///
     /// # Errors
-    /// Another number of values than rows, a value that is not finite.
+    /// Another number of values than rows, a value that is not finite, a name that is taken.
     pub fn with_column(self, name: &str, values: &[f64]) -> Result<Self, VisionError> {
         let rows = values.iter().map(|v| [*v]);
         self.with([name], rows)
@@ -100,6 +132,7 @@ impl Features {
         }
         let mut all = self.names;
         all.extend(names.map(str::to_owned));
+        check_unique(&all)?;
         Ok(Self {
             names: all,
             len: self.len,
@@ -130,11 +163,16 @@ impl Features {
     /// Puts the rows of another table with the same columns below these.
     ///
     /// # Errors
-    /// Other columns.
+    /// Other columns, more rows than can be counted.
     pub fn extend(&mut self, other: &Self) -> Result<(), VisionError> {
         other.check_names(&self.names)?;
+        let len = self.len.checked_add(other.len).ok_or(CoreError::TooMany {
+            what: "rows of features",
+            got: usize::MAX,
+            max: isize::MAX as usize,
+        })?;
         self.data.extend_from_slice(&other.data);
-        self.len += other.len;
+        self.len = len;
         Ok(())
     }
 
@@ -169,13 +207,6 @@ impl Features {
     /// All numbers, row by row.
     pub fn data(&self) -> &[f64] {
         &self.data
-    }
-
-    /// Checks what was read from a file.
-    pub(crate) fn check(&self) -> Result<(), VisionError> {
-        let numbers = self.len.saturating_mul(self.width());
-        CoreError::check_len("features", self.data.len(), numbers)?;
-        Ok(CoreError::check_finite("features", &self.data)?)
     }
 
     /// Checks that the columns are those that a model knows.
@@ -242,13 +273,15 @@ impl Scaler {
     /// Scaled rows, one after the other.
     ///
     /// # Errors
-    /// Other columns than it was learned from.
+    /// Other columns than it was learned from, numbers so far from these that squares would overflow.
     pub fn apply(&self, features: &Features) -> Result<Vec<f64>, VisionError> {
         features.check_names(&self.names)?;
         let columns = self.mean.iter().zip(&self.factor).cycle();
         let scaled = features.data().iter().zip(columns);
-        Ok(scaled
+        let scaled: Vec<f64> = scaled
             .map(|(v, (mean, factor))| (v - mean) * factor)
-            .collect())
+            .collect();
+        check_reach("feature, in standard deviations of those learned", &scaled)?;
+        Ok(scaled)
     }
 }

@@ -181,7 +181,6 @@ impl LearnedPrior {
         let path = path.as_ref();
         let text = std::fs::read(path).map_err(|e| wrong(path, &e))?;
         let saved: Saved = serde_json::from_slice(&text).map_err(|e| wrong(path, &e))?;
-        saved.features.check().map_err(|e| wrong(path, &e))?;
         Self::of(saved).map_err(|e| wrong(path, &e))
     }
 }

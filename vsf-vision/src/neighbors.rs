@@ -1,15 +1,34 @@
 use crate::VisionError;
 use kiddo::{ImmutableKdTree, SquaredEuclidean};
 use std::num::NonZeroUsize;
+use std::sync::Arc;
 use vsf_core::CoreError;
 
 /// Exact nearest neighbours among rows of numbers, by squared Euclidean distance.
 ///
 /// A k-d tree up to 12 dimensions. Beyond, where trees help little, every row is looked at: a query
 /// costs `O(rows x dimensions)`.
+#[derive(Clone)]
 pub struct Neighbors {
-    search: Box<dyn Search>,
+    search: Arc<dyn Search>,
+    dimensions: usize,
     len: usize,
+}
+
+/// Numbers beyond have squares whose sums may overflow.
+const REACH: f64 = 1e100;
+
+/// Checks that squared distances between numbers like these are finite.
+pub(crate) fn check_reach(name: &'static str, values: &[f64]) -> Result<(), CoreError> {
+    CoreError::check_finite(name, values)?;
+    match values.iter().find(|v| v.abs() > REACH) {
+        None => Ok(()),
+        Some(&value) => Err(CoreError::Parameter {
+            name,
+            value,
+            range: "-1e100 to 1e100",
+        }),
+    }
 }
 
 /// A neighbour.
@@ -45,7 +64,6 @@ struct Exhaustive(Vec<f64>, usize);
 
 impl Search for Exhaustive {
     fn nearest(&self, query: &[f64], k: NonZeroUsize, out: &mut Vec<Neighbor>) {
-        assert_eq!(query.len(), self.1, "dimensions of a query");
         let squared = |row: &[f64]| row.iter().zip(query).map(|(a, b)| (a - b) * (a - b)).sum();
         let rows = self.0.chunks_exact(self.1).map(squared).enumerate();
         out.extend(rows.map(|(index, squared)| Neighbor { index, squared }));
@@ -58,20 +76,20 @@ impl Search for Exhaustive {
     }
 }
 
-fn build<const D: usize>(rows: &[f64]) -> Result<Box<dyn Search>, CoreError> {
+fn build<const D: usize>(rows: &[f64]) -> Result<Arc<dyn Search>, CoreError> {
     let (points, _) = rows.as_chunks::<D>();
     let tree = ImmutableKdTree::new_from_slice(points)
         .map_err(|e| CoreError::Other(format!("nearest-neighbour tree: {e}")))?;
-    Ok(Box::new(Tree(tree)))
+    Ok(Arc::new(Tree(tree)))
 }
 
 impl Neighbors {
-    /// Searches rows of `dimensions` finite numbers each, at least 1.
+    /// Searches rows of `dimensions` numbers each, at least 1, from -1e100 to 1e100.
     ///
     /// # Errors
-    /// No rows, rows that are not full, a number that is not finite.
+    /// No rows, rows that are not full, a number out of range.
     pub fn new(rows: &[f64], dimensions: usize) -> Result<Self, VisionError> {
-        CoreError::check_finite("rows to search", rows)?;
+        check_reach("rows to search", rows)?;
         let len = rows.len() / dimensions.max(1);
         if len == 0 {
             return Err(VisionError::TooFew {
@@ -102,9 +120,13 @@ impl Neighbors {
             10 => build::<10>(rows)?,
             11 => build::<11>(rows)?,
             12 => build::<12>(rows)?,
-            _ => Box::new(Exhaustive(rows.to_vec(), dimensions)),
+            _ => Arc::new(Exhaustive(rows.to_vec(), dimensions)),
         };
-        Ok(Self { search, len })
+        Ok(Self {
+            search,
+            dimensions,
+            len,
+        })
     }
 
     /// Number of rows.
@@ -118,14 +140,26 @@ impl Neighbors {
     }
 
     /// Puts the `k` rows nearest to `query` into `out`, nearest first; all rows where there are
-    /// fewer. Of rows equally far, any may be left out.
+    /// fewer. Of rows equally far, any may be left out. Nothing is near a query with a number that is
+    /// NaN or beyond the range of the rows.
     ///
     /// # Panics
     /// If `query` has another dimension than the rows.
     pub fn nearest(&self, query: &[f64], k: usize, out: &mut Vec<Neighbor>) {
+        assert_eq!(query.len(), self.dimensions, "dimensions of a query");
         out.clear();
-        if let Some(k) = NonZeroUsize::new(k.min(self.len)) {
+        let near = query.iter().all(|x| x.abs() <= REACH);
+        if let Some(k) = NonZeroUsize::new(k.min(self.len)).filter(|_| near) {
             self.search.nearest(query, k, out);
         }
+    }
+}
+
+impl std::fmt::Debug for Neighbors {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.debug_struct("Neighbors")
+            .field("dimensions", &self.dimensions)
+            .field("len", &self.len)
+            .finish_non_exhaustive()
     }
 }

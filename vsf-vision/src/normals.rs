@@ -1,4 +1,4 @@
-use crate::neighbors::Neighbors;
+use crate::neighbors::{Neighbors, check_reach};
 use crate::{PointCloud, VisionError};
 use nalgebra::{Matrix3, Point3, SymmetricEigen, Vector3};
 use rayon::prelude::*;
@@ -6,19 +6,21 @@ use vsf_core::CoreError;
 
 impl PointCloud {
     /// Unit normals of the surface that the points lie on: the direction in which the `k` nearest
-    /// points (the point among them, at least 3, commonly 20) spread least, turned towards the
-    /// camera at `eye`.
+    /// points (the point among them, at least 3, commonly 20; all where there are fewer) spread
+    /// least, turned towards the camera at `eye`.
     ///
     /// Points whose neighbours all coincide get the direction to the camera.
     ///
     /// # Errors
-    /// Fewer than 3 points or neighbours, a coordinate that is not finite.
+    /// Fewer than 3 points or neighbours, a coordinate that is not within -1e100 to 1e100 m.
     ///
     /// # Reference
     /// H. Hoppe et al., *Surface reconstruction from unorganized points*, SIGGRAPH 1992,
     /// doi:10.1145/133994.134011, section 3.1.
     pub fn normals(&self, k: usize, eye: &Point3<f64>) -> Result<Vec<Vector3<f64>>, VisionError> {
-        let tree = self.tree(k, 3)?;
+        let tree = self.tree(3, k, 3)?;
+        check_reach("eye", eye.coords.as_slice())?;
+        let k = k.min(self.len());
         let of_point = |p: &Point3<f64>| {
             let mut found = Vec::with_capacity(k);
             tree.nearest(p.coords.as_slice(), k, &mut found);
@@ -40,17 +42,18 @@ impl PointCloud {
     }
 
     /// Which points are no outliers: the mean distance of a point to its `k` nearest others (at
-    /// least 1, commonly 20) exceeds the mean of that over all points by no more than `ratio`
-    /// (commonly 2) standard deviations.
+    /// least 1, commonly 20; all where there are fewer) exceeds the mean of that over all points by
+    /// no more than `ratio` (commonly 2) standard deviations.
     ///
     /// # Errors
-    /// Too few points or neighbours, a ratio that is not positive, a coordinate that is not finite.
+    /// Fewer than 2 points, no neighbours, a ratio that is not positive and finite, a coordinate
+    /// that is not within -1e100 to 1e100 m.
     ///
     /// # Reference
     /// R. B. Rusu et al., *Towards 3D point cloud based object maps for household environments*,
     /// Robotics and Autonomous Systems 56, 2008, doi:10.1016/j.robot.2008.08.005, section 3.
     pub fn inliers(&self, k: usize, ratio: f64) -> Result<Vec<bool>, VisionError> {
-        if ratio.is_nan() || ratio <= 0.0 {
+        if !(ratio > 0.0 && ratio.is_finite()) {
             return Err(CoreError::Parameter {
                 name: "outlier ratio",
                 value: ratio,
@@ -58,10 +61,11 @@ impl PointCloud {
             }
             .into());
         }
-        let tree = self.tree(k.saturating_add(1), 2)?;
+        let tree = self.tree(2, k, 1)?;
+        let among = k.saturating_add(1).min(self.len());
         let of_point = |p: &Point3<f64>| {
-            let mut found = Vec::with_capacity(k + 1);
-            tree.nearest(p.coords.as_slice(), k + 1, &mut found);
+            let mut found = Vec::with_capacity(among);
+            tree.nearest(p.coords.as_slice(), among, &mut found);
             let sum: f64 = found.iter().map(|n| n.squared.sqrt()).sum();
             // The nearest is the point itself, or one at the same place.
             sum / (found.len() - 1) as f64
@@ -74,8 +78,12 @@ impl PointCloud {
         Ok(distances.iter().map(|d| *d <= most).collect())
     }
 
-    fn tree(&self, k: usize, least: usize) -> Result<Neighbors, VisionError> {
-        for (what, got) in [("points", self.len()), ("neighbours", k)] {
+    /// For `k` neighbours each, where there are at least so many points and neighbours.
+    fn tree(&self, points: usize, k: usize, neighbours: usize) -> Result<Neighbors, VisionError> {
+        for (what, got, least) in [
+            ("points", self.len(), points),
+            ("neighbours", k, neighbours),
+        ] {
             if got < least {
                 return Err(VisionError::TooFew { what, got, least });
             }
@@ -83,6 +91,7 @@ impl PointCloud {
         let rows: Vec<f64> = (self.positions.iter())
             .flat_map(|p| [p.x, p.y, p.z])
             .collect();
+        check_reach("coordinate of the point cloud", &rows)?;
         Neighbors::new(&rows, 3)
     }
 }

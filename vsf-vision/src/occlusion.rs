@@ -39,11 +39,17 @@ impl OcclusionGrid {
     /// No cells along an edge, or more than 2^30 in all.
     pub fn new(view: &RgbdView, bounds: &Bounds, dims: [usize; 3]) -> Result<Self, CoreError> {
         const MAX: usize = 1 << 30;
-        let count = dims.iter().try_fold(1usize, |a, d| a.checked_mul(*d));
-        let got = count.unwrap_or(usize::MAX);
-        if got == 0 || got > MAX {
+        if dims.contains(&0) {
+            return Err(CoreError::Parameter {
+                name: "cells along an edge",
+                value: 0.0,
+                range: ">= 1",
+            });
+        }
+        let got = dims.iter().fold(1usize, |a, d| a.saturating_mul(*d));
+        if got > MAX {
             return Err(CoreError::TooMany {
-                what: "cells (at least 1 along each edge)",
+                what: "cells",
                 got,
                 max: MAX,
             });

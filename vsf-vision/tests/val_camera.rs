@@ -247,6 +247,55 @@ fn refuses_images_and_cameras_that_do_not_fit() {
     ));
     assert!(few.inliers(0, 1.0).is_err() && few.inliers(1, f64::NAN).is_err());
     assert!(few.inliers(5, 1.0).is_ok());
+    assert!(few.inliers(1, f64::INFINITY).is_err());
+    let none = few.inliers(0, 2.0).unwrap_err();
+    assert_eq!(none.to_string(), "0 neighbours, at least 1 are needed");
+}
+
+#[test]
+fn more_neighbours_than_points_are_all_points() {
+    let cloud = view(sphere).cloud(&around_sphere());
+    let cloud = cloud.downsampled(0.05).unwrap();
+    let eye = Point3::new(0.0, 0.0, 1.0);
+    let all = cloud.normals(cloud.len(), &eye).unwrap();
+    let kept = cloud.inliers(cloud.len() - 1, 2.0).unwrap();
+    for k in [1 << 40, usize::MAX] {
+        assert_eq!(cloud.normals(k, &eye).unwrap(), all);
+        assert_eq!(cloud.inliers(k, 2.0).unwrap(), kept);
+    }
+}
+
+#[test]
+fn refuses_clouds_that_are_none() {
+    let eye = Point3::new(0.0, 0.0, 1.0);
+    let at = |x: f64| Point3::new(x, -x, 0.5 * x);
+    let cloud = |scale: f64| PointCloud {
+        positions: (1..6).map(|i| at(scale * f64::from(i))).collect(),
+        colors: vec![[0; 3]; 5],
+    };
+    for wrong in [1e200, f64::NAN] {
+        assert!(cloud(wrong).normals(3, &eye).is_err());
+        assert!(cloud(wrong).inliers(3, 2.0).is_err());
+        assert!(cloud(1.0).normals(3, &at(wrong)).is_err());
+    }
+    let normals = cloud(1.0).normals(3, &at(1e99)).unwrap();
+    assert!(normals.iter().all(|n| (n.norm() - 1.0).abs() < 1e-9));
+    let mut bare = cloud(1.0);
+    bare.colors.truncate(2);
+    let expected = "colours has length 2, expected 5";
+    for lost in [bare.filtered(&[true; 5]), bare.downsampled(0.1)] {
+        assert_eq!(lost.unwrap_err().to_string(), expected);
+    }
+}
+
+#[test]
+fn a_grid_has_cells_along_every_edge() {
+    let grid = |dims| OcclusionGrid::new(&view(sphere), &around_sphere(), dims).unwrap_err();
+    let flat = grid([0, 1, 1]).to_string();
+    assert_eq!(flat, "cells along an edge = 0.0 is out of range: >= 1");
+    let huge = grid([usize::MAX; 3]).to_string();
+    assert!(huge.ends_with("are more than the supported 1073741824"));
+    assert_eq!(grid([0, usize::MAX, 2]).to_string(), flat);
 }
 
 /// Values of B. Lindbloom's CIE colour calculator (sRGB, D65), to its rounding.

@@ -83,4 +83,24 @@ fn refuses() {
     assert!(Neighbors::new(&[0.0; 26], 0).is_err());
     assert!(Neighbors::new(&[0.0, f64::NAN, 0.0], 3).is_err());
     assert!(Neighbors::new(&[0.0; 4], 3).is_err());
+    assert!(Neighbors::new(&[0.0, 1e200], 1).is_err());
+}
+
+/// In a tree as among rows that are looked at one by one.
+#[test]
+fn nothing_is_near_a_query_out_of_range() {
+    for dim in [2, 13] {
+        let tree = Neighbors::new(&vec![1.0; 5 * dim], dim).unwrap();
+        for far in [f64::NAN, f64::INFINITY, -1e200] {
+            let mut query = vec![0.0; dim];
+            query[0] = far;
+            let mut found = Vec::new();
+            tree.nearest(&query, 2, &mut found);
+            assert!(found.is_empty(), "{far}: {found:?}");
+        }
+        let mut found = Vec::new();
+        tree.nearest(&vec![1e100; dim], 9, &mut found);
+        assert_eq!(found.len(), 5);
+        assert!(found.iter().all(|n| n.squared.is_finite()));
+    }
 }
