@@ -55,9 +55,10 @@ impl Seen {
     /// What is said about the points `of` alone, in that order.
     ///
     /// # Errors
-    /// A point that is not there.
+    /// A point that is not there, as [`check`](Self::check).
     pub fn select(&self, of: &[usize]) -> Result<Self, CoreError> {
-        self.check(of)?;
+        self.check()?;
+        self.check_points(of)?;
         Ok(Self {
             visible: of.iter().map(|&i| self.visible[i]).collect(),
             behind: of.iter().map(|&i| self.behind[i]).collect(),
@@ -65,6 +66,29 @@ impl Seen {
             colors: of.iter().map(|&i| self.colors[i]).collect(),
             heights: of.iter().map(|&i| self.heights[i]).collect(),
         })
+    }
+
+    /// Checks that something is said of every point, and that no point lies before the surface.
+    ///
+    /// # Errors
+    /// Lengths that differ, a depth behind the surface that is negative or NaN.
+    pub fn check(&self) -> Result<(), CoreError> {
+        for (what, got) in [
+            ("depths behind the surface", self.behind.len()),
+            ("picture flags", self.in_picture.len()),
+            ("colours", self.colors.len()),
+            ("heights", self.heights.len()),
+        ] {
+            CoreError::check_len(what, got, self.len())?;
+        }
+        match self.behind.iter().find(|b| b.is_nan() || **b < 0.0) {
+            None => Ok(()),
+            Some(&value) => Err(CoreError::Parameter {
+                name: "depth behind the surface",
+                value,
+                range: ">= 0 m",
+            }),
+        }
     }
 
     /// Number of points.
@@ -82,7 +106,7 @@ impl Seen {
     /// so the deeper. 0 out of the picture, where nothing suggests that there is anything.
     ///
     /// # Errors
-    /// A length that is not positive.
+    /// A length that is not positive, as [`check`](Self::check).
     pub fn occupancy(&self, fade: f64) -> Result<Vec<f64>, CoreError> {
         if fade.is_nan() || fade <= 0.0 {
             return Err(CoreError::Parameter {
@@ -91,6 +115,7 @@ impl Seen {
                 range: "> 0 m",
             });
         }
+        self.check()?;
         let depth = (0..self.len()).map(|i| self.depth(i));
         // Also with an infinite `fade`.
         let occupancy = |b: f64| {
@@ -108,9 +133,10 @@ impl Seen {
     /// points (m).
     ///
     /// # Errors
-    /// One of `of` that is not there or has nothing in front of it.
+    /// One of `of` that is not there or has nothing in front of it, as [`check`](Self::check).
     pub fn appearance(&self, of: &[usize]) -> Result<Features, VisionError> {
-        self.check(of)?;
+        self.check()?;
+        self.check_points(of)?;
         let colors: Vec<_> = of.iter().map(|&i| self.colors[i]).collect();
         let depth: Vec<_> = of.iter().map(|&i| self.depth(i)).collect();
         let height: Vec<_> = of.iter().map(|&i| self.heights[i]).collect();
@@ -120,7 +146,7 @@ impl Seen {
             .with_column("height", &height)
     }
 
-    fn check(&self, of: &[usize]) -> Result<(), CoreError> {
+    fn check_points(&self, of: &[usize]) -> Result<(), CoreError> {
         let len = self.len();
         match of.iter().find(|&&i| i >= len) {
             None => Ok(()),
