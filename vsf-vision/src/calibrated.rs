@@ -7,6 +7,7 @@ use vsf_core::CoreError;
 /// Samples are held out in `folds` contiguous parts of their order: order them by what should be
 /// held out together, such as the touch that they come from. Touches close to each other flatter a
 /// regressor that is to extrapolate far.
+#[derive(Clone)]
 pub struct Calibrated<R> {
     inner: R,
     folds: usize,
@@ -19,17 +20,19 @@ pub struct Calibrated<R> {
 /// scatter less than their errors say, and residuals can't show that a prediction is better than it says.
 ///
 /// # Errors
-/// Lengths that differ.
+/// What [`Predictions::check`] refuses, squares of residuals beyond the range of numbers.
 pub fn variance_scale(predicted: &Predictions, held_out: &Samples) -> Result<f64, CoreError> {
-    CoreError::check_len("predictions", predicted.mean.len(), held_out.len())?;
-    let pairs = predicted.mean.iter().zip(&predicted.variance);
-    let truth = held_out.targets().iter().zip(held_out.variances());
-    let terms: Vec<(f64, f64, f64)> = (pairs.zip(truth))
-        .map(|((mean, variance), (y, v))| ((y - mean).powi(2), *variance, *v))
-        .collect();
+    predicted.check(held_out.len())?;
+    let pairs = predicted.mean.iter().zip(held_out.targets());
+    let squares: Vec<f64> = pairs.map(|(mean, y)| (y - mean).powi(2)).collect();
+    CoreError::check_finite("squares of held-out residuals", &squares)?;
+    let variances = || predicted.variance.iter().zip(held_out.variances());
     let excess = |scale: f64| {
-        let sum: f64 = terms.iter().map(|(r, s, v)| r / (scale * s + v)).sum();
-        sum / terms.len() as f64 - 1.0
+        let terms = squares.iter().zip(variances());
+        // 0 / 0, where a prediction is sure and right, is nothing beyond the variance.
+        let terms = terms.filter(|(r, _)| **r > 0.0);
+        let sum: f64 = terms.map(|(r, (s, v))| r / (scale * s + v)).sum();
+        sum / squares.len() as f64 - 1.0
     };
     // The sum falls with the scale: bisect its logarithm.
     if excess(1.0) <= 0.0 {
@@ -73,6 +76,15 @@ impl<R: Regressor> Calibrated<R> {
     }
 }
 
+impl<R> std::fmt::Debug for Calibrated<R> {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.debug_struct("Calibrated")
+            .field("folds", &self.folds)
+            .field("scale", &self.scale)
+            .finish_non_exhaustive()
+    }
+}
+
 impl<R: Regressor> Regressor for Calibrated<R> {
     /// Fits once per part and once on all. With fewer than four samples per part the variances stay
     /// as they are.
@@ -88,6 +100,7 @@ impl<R: Regressor> Regressor for Calibrated<R> {
                 let mut part = self.inner.fresh();
                 part.fit(&samples.select(&kept)?)?;
                 let found = part.predict(&samples.features().rows_of(&held)?)?;
+                found.check(held.len())?;
                 held_out.mean.extend(found.mean);
                 held_out.variance.extend(found.variance);
             }
@@ -104,6 +117,7 @@ impl<R: Regressor> Regressor for Calibrated<R> {
             .variance
             .iter_mut()
             .for_each(|v| *v *= self.scale);
+        predictions.check(features.len())?;
         Ok(predictions)
     }
 

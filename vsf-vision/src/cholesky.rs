@@ -10,6 +10,7 @@ use faer::{Mat, Par, Spec};
 use vsf_core::CoreError;
 
 /// `A = L L^T`.
+#[derive(Clone)]
 pub(crate) struct Cholesky(Mat<f64>);
 
 impl Cholesky {

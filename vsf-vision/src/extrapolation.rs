@@ -50,6 +50,7 @@ pub struct Extrapolation {
 }
 
 /// What the regressors have learned from.
+#[derive(Debug)]
 struct Learned {
     /// Whether visible points have a regressor of their own.
     by_color: bool,
@@ -83,8 +84,9 @@ impl Extrapolation {
     /// fewer than 2 touched points in sight, visible points are taken by position, as hidden ones.
     ///
     /// # Errors
-    /// Lengths that differ, a length or variance that is not positive, fewer than 2 touched points on or
-    /// shortly behind the seen surface, what the regressors refuse.
+    /// Lengths that differ, a view as [`Seen::check`] refuses it, a length or variance that is not
+    /// positive, fewer than 2 touched points on or shortly behind the seen surface, what the regressors
+    /// refuse.
     pub fn fit(
         &mut self,
         points: &[Point3<f64>],
@@ -117,13 +119,14 @@ impl Extrapolation {
     /// the picture have mean 0 and the variance of the prior: nothing is known of them.
     ///
     /// # Errors
-    /// [`VisionError::NotFitted`], lengths that differ, a belief beyond the range of numbers.
+    /// [`VisionError::NotFitted`], lengths that differ, a view as [`Seen::check`] refuses it,
+    /// predictions as [`Predictions::check`](crate::Predictions::check) refuses them, a belief beyond
+    /// the range of numbers.
     pub fn predict(&self, points: &[Point3<f64>], seen: &Seen) -> Result<Belief<f64>, VisionError> {
         let by = "Extrapolation";
         let learned = self.learned.as_ref().ok_or(VisionError::NotFitted { by })?;
         let n = points.len();
         CoreError::check_len("seen points", seen.len(), n)?;
-        CoreError::check_len("picture flags", seen.in_picture.len(), n)?;
         let occupancy = seen.occupancy(self.fade)?;
         let (mut mean, mut variance) = (vec![0.0; n], vec![0.0; n]);
         for (regressor, with_colors) in [(&self.visible, true), (&self.hidden, false)] {
@@ -134,9 +137,14 @@ impl Extrapolation {
                 continue;
             }
             let found = regressor.predict(&seen.features(points, &of, with_colors)?)?;
+            found.check(of.len())?;
             for ((&i, k), v) in of.iter().zip(found.mean).zip(found.variance) {
                 (mean[i], variance[i]) = occupied(k.max(0.0), v, occupancy[i]);
-                variance[i] = variance[i].max(1e-6 * learned.prior_variance);
+                let least = 1e-6 * learned.prior_variance;
+                // `max` would take NaN, of squares that overflow, for the least.
+                if variance[i] < least {
+                    variance[i] = least;
+                }
             }
         }
         for i in (0..n).filter(|&i| !seen.in_picture[i]) {
@@ -149,7 +157,7 @@ impl Extrapolation {
     /// as predicted.
     ///
     /// # Errors
-    /// As [`fit`](Self::fit).
+    /// As [`fit`](Self::fit) and [`predict`](Self::predict).
     pub fn extend(
         &mut self,
         points: &[Point3<f64>],
@@ -165,6 +173,15 @@ impl Extrapolation {
             (mean[i], variance[i]) = (field.mean()[i], field.variance()[i]);
         }
         Ok(belief)
+    }
+}
+
+impl std::fmt::Debug for Extrapolation {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.debug_struct("Extrapolation")
+            .field("fade", &self.fade)
+            .field("learned", &self.learned)
+            .finish_non_exhaustive()
     }
 }
 

@@ -11,13 +11,18 @@ use vsf_core::CoreError;
 /// `s²`, `l` and `eta²` maximise the marginal likelihood (pattern search in their logarithms, on at
 /// most 300 samples evenly spread over the order given).
 ///
+/// The mean of all targets is itself uncertain, by what their variances and the kernel leave open: a
+/// prediction is so too, by the part that no sample near it makes up for. So it is by what the likelihood
+/// finds too little in `s²` and `eta²` to make up the variance of all targets, as it does with vague ones:
+/// far from the samples there is no less than that.
+///
 /// Takes `O(m³)` time once and `O(m²)` per prediction for `m` samples; above
 /// [`GpConfig::max_samples`] an even choice of them is used.
 ///
 /// # Reference
 /// C. E. Rasmussen, C. K. I. Williams, *Gaussian Processes for Machine Learning*, MIT Press 2006,
-/// sections 2.2, 4.2.1 and 5.4.1.
-#[derive(Default)]
+/// sections 2.2, 2.7, 4.2.1 and 5.4.1.
+#[derive(Clone, Default)]
 pub struct GaussianProcess {
     config: GpConfig,
     fitted: Option<Fitted>,
@@ -60,6 +65,8 @@ struct Data {
     width: usize,
     targets: Vec<f64>,
     variances: Vec<f64>,
+    /// Shares of the targets in their mean.
+    shares: Vec<f64>,
 }
 
 impl Data {
@@ -76,8 +83,22 @@ impl Data {
             rows: picks.clone().flat_map(|i| self.row(i).to_vec()).collect(),
             width: self.width,
             targets: picks.clone().map(|i| self.targets[i]).collect(),
-            variances: picks.map(|i| self.variances[i]).collect(),
+            variances: picks.clone().map(|i| self.variances[i]).collect(),
+            shares: picks.map(|i| self.shares[i]).collect(),
         }
+    }
+
+    /// Variance of the mean of the targets.
+    fn of_mean(&self, kernel: &Kernel) -> f64 {
+        let mut sum = 0.0;
+        for (i, (w, v)) in self.shares.iter().zip(&self.variances).enumerate() {
+            sum += w * w * (kernel.0[2] + v);
+            for (j, other) in self.shares.iter().enumerate() {
+                sum += w * other * kernel.smooth(self.row(i), self.row(j));
+            }
+        }
+        let total: f64 = self.shares.iter().sum();
+        sum / (total * total)
     }
 
     fn factor(&self, kernel: &Kernel) -> Result<Cholesky, CoreError> {
@@ -132,13 +153,18 @@ impl Data {
     }
 }
 
+#[derive(Clone)]
 struct Fitted {
     scaler: Scaler,
     mean: f64,
+    /// Variance of a target's expectation about `mean`, beyond the kernel's.
+    of_mean: f64,
     data: Data,
     kernel: Kernel,
     factor: Cholesky,
     weights: Vec<f64>,
+    /// Weights with all targets 1.
+    ones: Vec<f64>,
 }
 
 impl GaussianProcess {
@@ -165,24 +191,30 @@ impl GaussianProcess {
 impl Regressor for GaussianProcess {
     fn fit(&mut self, samples: &Samples) -> Result<(), VisionError> {
         let scaler = Scaler::of(samples.features())?;
-        let (mean, total) = samples.spread();
+        let (mean, total, shares) = samples.weighed();
         let data = Data {
             rows: scaler.apply(samples.features())?,
             width: samples.features().width(),
             targets: samples.targets().iter().map(|y| y - mean).collect(),
             variances: samples.variances().to_vec(),
+            shares,
         }
         .thinned(self.config.max_samples);
         let kernel = data.thinned(LIKELIHOOD_SAMPLES).likeliest(total)?;
         let factor = data.factor(&kernel)?;
         let weights = factor.solve(&data.targets);
+        let ones = factor.solve(&vec![1.0; data.targets.len()]);
+        let [smooth, _, scatter] = kernel.0;
+        let missing = (total - smooth - scatter).max(0.0);
         self.fitted = Some(Fitted {
             scaler,
             mean,
+            of_mean: data.of_mean(&kernel) + missing,
             data,
             kernel,
             factor,
             weights,
+            ones,
         });
         Ok(())
     }
@@ -198,16 +230,23 @@ impl Regressor for GaussianProcess {
             let link = |i: usize, j: usize| kernel.smooth(data.row(i), queries[j]);
             let known = fitted.factor.whitened_squares(queries.len(), link);
             let of_query = |(j, known): (usize, &f64)| {
-                let trend = fitted.weights.iter().enumerate();
-                let trend: f64 = trend.map(|(i, w)| w * link(i, j)).sum();
-                let doubt = (kernel.0[0] - known).max(0.0);
+                // `left` is the part of the mean that the samples do not make up for.
+                let (mut trend, mut left) = (0.0, 1.0);
+                for (i, (w, one)) in fitted.weights.iter().zip(&fitted.ones).enumerate() {
+                    let link = link(i, j);
+                    trend += w * link;
+                    left -= one * link;
+                }
+                let doubt = (kernel.0[0] - known).max(0.0) + left * left * fitted.of_mean;
                 (fitted.mean + trend, doubt + kernel.0[2])
             };
             known.iter().enumerate().map(of_query).collect::<Vec<_>>()
         };
         let blocks = rows.par_chunks(BLOCK * width);
         let (mean, variance) = blocks.flat_map_iter(of_block).unzip();
-        Ok(Predictions { mean, variance })
+        let predictions = Predictions { mean, variance };
+        predictions.check(features.len())?;
+        Ok(predictions)
     }
 
     fn fresh(&self) -> Box<dyn Regressor> {
@@ -215,6 +254,15 @@ impl Regressor for GaussianProcess {
             config: self.config,
             fitted: None,
         })
+    }
+}
+
+impl std::fmt::Debug for GaussianProcess {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.debug_struct("GaussianProcess")
+            .field("config", &self.config)
+            .field("is_fitted", &self.fitted.is_some())
+            .finish()
     }
 }
 
@@ -264,7 +312,8 @@ mod tests {
         })
     }
 
-    /// Rasmussen and Williams, equations 2.25 and 2.26, with an explicit inverse.
+    /// Rasmussen and Williams, equations 2.25 and 2.26, with an explicit inverse; and the variance of
+    /// what is predicted as a sum over all targets, whose mean has a part in it, less the value.
     #[test]
     fn predicts_as_the_closed_form() {
         let samples = samples();
@@ -284,7 +333,14 @@ mod tests {
             let link = DVector::from_fn(40, link);
             let mean = fitted.mean + link.dot(&(&inverse * &y));
             let [smooth, _, scatter] = fitted.kernel.0;
-            let variance = smooth + scatter - link.dot(&(&inverse * &link));
+            let shares = DVector::from_vec(fitted.data.shares.clone());
+            let solved = &inverse * &link;
+            let sum = &solved + (1.0 - solved.sum()) * shares;
+            let of_sum = sum.dot(&(covariance(&fitted) * &sum));
+            let missing = (samples.spread().1 - smooth - scatter).max(0.0);
+            let variance = smooth + scatter - 2.0 * sum.dot(&link)
+                + of_sum
+                + (1.0 - solved.sum()).powi(2) * missing;
             assert!((found.mean[j] - mean).abs() < 1e-8, "{j}");
             assert!((found.variance[j] - variance).abs() < 1e-8, "{j}");
         }

@@ -12,7 +12,8 @@ use vsf_core::CoreError;
 /// `y_j ~ N(f, (eta² + v_j) exp(r_j² / 2h²))`, with `v_j` the variance of the target and `eta²` the
 /// scatter among neighbours, measured at the samples themselves. With the prior that `f` scatters
 /// about the mean of all targets as they do, `f` is the RBF-weighted mean near the samples; far
-/// from all of them the mean of all targets and their variance are left.
+/// from all of them the mean of all targets and their variance are left, with the variance of that
+/// mean.
 ///
 /// Exact neighbours; a query costs some microseconds for thousands of samples. Queries are spread
 /// over the threads of the current rayon pool.
@@ -20,7 +21,7 @@ use vsf_core::CoreError;
 /// # Reference
 /// S. Yao, K. Hauser, section III-D (k = 200, RBF weights); E. A. Nadaraya, *On estimating
 /// regression*, Theory of Probability and its Applications 9, 1964, doi:10.1137/1109020.
-#[derive(Default)]
+#[derive(Clone, Default)]
 pub struct KnnRegressor {
     config: KnnConfig,
     fitted: Option<Fitted>,
@@ -62,6 +63,7 @@ impl Default for KnnConfig {
 /// Samples at which width and scatter are measured, at most.
 const PROBES: usize = 1000;
 
+#[derive(Clone)]
 struct Fitted {
     scaler: Scaler,
     tree: Neighbors,
@@ -70,8 +72,9 @@ struct Fitted {
     targets: Vec<f64>,
     variances: Vec<f64>,
     width: f64,
-    /// Mean of all targets, variance of `f` about it, scatter of a value about `f`.
+    /// Mean of all targets, its variance, variance of `f` about it, scatter of a value about `f`.
     mean: f64,
+    of_mean: f64,
     between: f64,
     within: f64,
 }
@@ -112,7 +115,9 @@ impl Fitted {
         let scaler = Scaler::of(samples.features())?;
         let rows = scaler.apply(samples.features())?;
         let width = samples.features().width();
-        let (mean, total) = samples.spread();
+        let (mean, total, shares) = samples.weighed();
+        let errors = shares.iter().zip(samples.variances());
+        let of_mean = errors.map(|(w, v)| w * w * (total + v)).sum();
         let mut fitted = Self {
             scaler,
             tree: Neighbors::new(&rows, width)?,
@@ -122,6 +127,7 @@ impl Fitted {
             variances: samples.variances().to_vec(),
             width: 1.0,
             mean,
+            of_mean,
             between: total,
             within: 0.5 * total,
         };
@@ -176,7 +182,9 @@ impl Fitted {
         } else {
             sum / weights
         };
-        (mean, 1.0 / precision)
+        // The part that the mean of all targets has in `f`.
+        let part = 1.0 / (self.between * precision);
+        (mean, 1.0 / precision + part * part * self.of_mean)
     }
 }
 
@@ -197,7 +205,9 @@ impl Regressor for KnnRegressor {
         };
         let all = rows.par_chunks(features.width().max(1));
         let (mean, variance) = all.map_init(Vec::new, of_row).unzip();
-        Ok(Predictions { mean, variance })
+        let predictions = Predictions { mean, variance };
+        predictions.check(features.len())?;
+        Ok(predictions)
     }
 
     fn fresh(&self) -> Box<dyn Regressor> {
@@ -205,6 +215,15 @@ impl Regressor for KnnRegressor {
             config: self.config,
             fitted: None,
         })
+    }
+}
+
+impl std::fmt::Debug for KnnRegressor {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.debug_struct("KnnRegressor")
+            .field("config", &self.config)
+            .field("is_fitted", &self.fitted.is_some())
+            .finish()
     }
 }
 

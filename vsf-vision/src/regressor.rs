@@ -13,8 +13,8 @@ impl Samples {
     /// Features with one target each and the variance of its error (>= 0).
     ///
     /// # Errors
-    /// Lengths that differ, targets or variances that are not finite, negative variances, fewer
-    /// than 2 samples, no feature.
+    /// Lengths that differ, targets or variances that are not finite or whose spread overflows,
+    /// negative variances, fewer than 2 samples, no feature.
     pub fn new(
         features: Features,
         targets: Vec<f64>,
@@ -40,11 +40,14 @@ impl Samples {
                 return Err(VisionError::TooFew { what, got, least });
             }
         }
-        Ok(Self {
+        let samples = Self {
             features,
             targets,
             variances,
-        })
+        };
+        let (mean, variance) = samples.spread();
+        CoreError::check_finite("mean and variance of the targets", &[mean, variance])?;
+        Ok(samples)
     }
 
     /// Features, one row per sample.
@@ -85,6 +88,12 @@ impl Samples {
     /// Mean and variance of the targets, each counted by how well it is known: the weight of a
     /// sample is `1 / (spread + variance)`, with the plain variance of all targets as `spread`.
     pub fn spread(&self) -> (f64, f64) {
+        let (mean, variance, _) = self.weighed();
+        (mean, variance)
+    }
+
+    /// [`spread`](Self::spread), and the share of each sample in the mean.
+    pub(crate) fn weighed(&self) -> (f64, f64, Vec<f64>) {
         let n = self.len() as f64;
         let plain = self.targets.iter().sum::<f64>() / n;
         let spread = self
@@ -102,7 +111,8 @@ impl Samples {
             .map(|(y, v)| weight(*v) * (y - mean).powi(2))
             .sum::<f64>()
             / total;
-        (mean, variance.max(floor))
+        let shares = self.variances.iter().map(|v| weight(*v) / total);
+        (mean, variance.max(floor), shares.collect())
     }
 }
 
@@ -115,8 +125,33 @@ pub struct Predictions {
     pub variance: Vec<f64>,
 }
 
+impl Predictions {
+    /// Checks the answer to `rows` rows of features.
+    ///
+    /// # Errors
+    /// Another number of means or variances, one that is not finite, a negative variance.
+    pub fn check(&self, rows: usize) -> Result<(), CoreError> {
+        for (what, values) in [
+            ("predicted mean", &self.mean),
+            ("predicted variance", &self.variance),
+        ] {
+            CoreError::check_len(what, values.len(), rows)?;
+            CoreError::check_finite(what, values)?;
+        }
+        match self.variance.iter().find(|v| **v < 0.0) {
+            None => Ok(()),
+            Some(&value) => Err(CoreError::Parameter {
+                name: "predicted variance",
+                value,
+                range: ">= 0",
+            }),
+        }
+    }
+}
+
 /// Learns numbers from features, with an honest variance: it grows with the distance from what was
-/// learned, to that of all targets or beyond.
+/// learned, to that of all targets or beyond, and counts what their own variances leave open about
+/// their mean.
 ///
 /// Dyn-safe, so that a program chooses at run time; `Box<dyn Regressor>` is a regressor.
 /// Implementations give the same result for any number of threads, and leave their state alone on
@@ -131,7 +166,8 @@ pub trait Regressor: Send + Sync {
     /// Predicts one value per row.
     ///
     /// # Errors
-    /// [`VisionError::NotFitted`], other columns than it learned from.
+    /// [`VisionError::NotFitted`], other columns than it learned from, features so far from these
+    /// that a prediction would overflow ([`Predictions::check`]).
     fn predict(&self, features: &Features) -> Result<Predictions, VisionError>;
 
     /// One of the same parameters that has not learned yet.

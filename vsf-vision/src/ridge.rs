@@ -9,9 +9,13 @@ use vsf_core::SymmetricFactor;
 /// likelihood are taken. The variance of a prediction grows with the square of the distance, beyond
 /// that of all targets.
 ///
+/// The mean of all targets is itself uncertain, by what their variances leave open: so is a prediction, as
+/// far as the samples leave the level at its prior. So it is by what the likelihood finds too little in
+/// `alpha²` and `eta²` to make up the variance of all targets, as it does with vague ones.
+///
 /// # Reference
 /// C. M. Bishop, *Pattern Recognition and Machine Learning*, Springer 2006, sections 3.3 and 3.5.
-#[derive(Default)]
+#[derive(Clone, Default)]
 pub struct Ridge {
     fitted: Option<Fitted>,
 }
@@ -19,13 +23,19 @@ pub struct Ridge {
 /// `alpha²` and `eta²` that are tried, as powers of 2 of the variance of all targets.
 const POWERS: std::ops::RangeInclusive<i32> = -12..=2;
 
+#[derive(Clone)]
 struct Fitted {
     scaler: Scaler,
     mean: f64,
+    /// Variance of the level about `mean`, beyond its prior.
+    of_mean: f64,
+    /// By a feature's row: the part of `mean` that the samples do not make up for.
+    left: Vec<f64>,
     /// Level, then slopes.
     weights: Vec<f64>,
     /// Factor of their precision.
     factor: SymmetricFactor,
+    prior: f64,
     scatter: f64,
     log_evidence: f64,
 }
@@ -90,11 +100,31 @@ impl Sums {
     }
 }
 
+impl Fitted {
+    /// Sets `of_mean` and `left`, with the share of each target in the mean.
+    fn doubt_mean(&mut self, rows: &[f64], shares: &[f64], variances: &[f64], total: f64) {
+        let dim = self.weights.len();
+        let mut center = vec![0.0; dim];
+        let mut errors = 0.0;
+        for ((row, w), v) in rows.chunks_exact(dim - 1).zip(shares).zip(variances) {
+            let row = with_level(row);
+            center.iter_mut().zip(row).for_each(|(c, x)| *c += w * x);
+            errors += w * w * (self.scatter + v);
+        }
+        let explained = self.prior * center.iter().map(|c| c * c).sum::<f64>();
+        let missing = (total - self.prior - self.scatter).max(0.0);
+        self.of_mean = explained + errors + missing;
+        self.left = vec![0.0; dim];
+        self.left[0] = 1.0 / self.prior;
+        self.factor.solve(&mut self.left);
+    }
+}
+
 impl Regressor for Ridge {
     fn fit(&mut self, samples: &Samples) -> Result<(), VisionError> {
         let scaler = Scaler::of(samples.features())?;
         let rows = scaler.apply(samples.features())?;
-        let (mean, total) = samples.spread();
+        let (mean, total, shares) = samples.weighed();
         let mut best: Option<Fitted> = None;
         for scatter in POWERS.map(|p| total * 2f64.powi(p)) {
             let sums = Sums::new(&rows, samples.features().width(), samples, mean, scatter);
@@ -104,13 +134,19 @@ impl Regressor for Ridge {
                     best = Some(Fitted {
                         scaler: scaler.clone(),
                         mean,
+                        of_mean: 0.0,
+                        left: Vec::new(),
                         weights,
                         factor,
+                        prior,
                         scatter,
                         log_evidence,
                     });
                 }
             }
+        }
+        if let Some(best) = &mut best {
+            best.doubt_mean(&rows, &shares, samples.variances(), total);
         }
         self.fitted = best;
         Ok(())
@@ -124,19 +160,31 @@ impl Regressor for Ridge {
         let of_row = |row: &[f64]| {
             let row = with_level(row);
             let trend: f64 = row.clone().zip(&fitted.weights).map(|(x, w)| x * w).sum();
+            let left: f64 = row.clone().zip(&fitted.left).map(|(x, l)| x * l).sum();
             white.iter_mut().zip(row).for_each(|(w, x)| *w = x);
             fitted.factor.solve_lower(&mut white);
             let doubt: f64 = white.iter().map(|w| w * w).sum();
+            let doubt = doubt + left * left * fitted.of_mean;
             (fitted.mean + trend, doubt + fitted.scatter)
         };
         let (mean, variance) = rows
             .chunks_exact(features.width().max(1))
             .map(of_row)
             .unzip();
-        Ok(Predictions { mean, variance })
+        let predictions = Predictions { mean, variance };
+        predictions.check(features.len())?;
+        Ok(predictions)
     }
 
     fn fresh(&self) -> Box<dyn Regressor> {
         Box::new(Self::new())
+    }
+}
+
+impl std::fmt::Debug for Ridge {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.debug_struct("Ridge")
+            .field("is_fitted", &self.fitted.is_some())
+            .finish()
     }
 }

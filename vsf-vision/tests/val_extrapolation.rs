@@ -5,8 +5,8 @@ use vsf_core::nalgebra::Point3;
 use vsf_core::{Belief, Estimator, Noise, Observation};
 use vsf_filter::DiagonalKalman;
 use vsf_vision::{
-    Extrapolation, Features, KnnRegressor, LearnedPrior, Level, RegressorSpec, Ridge, Samples,
-    Seen, VisionError,
+    Calibrated, Extrapolation, Features, KnnRegressor, LearnedPrior, Level, Predictions, Regressor,
+    RegressorSpec, Ridge, Samples, Seen, VisionError,
 };
 
 const PRIOR: f64 = 400.0;
@@ -360,4 +360,113 @@ fn nothing_is_known_out_of_the_picture() {
     assert_eq!((all.mean()[n - 2], all.variance()[n - 2]), (0.0, PRIOR));
     assert_eq!(all.mean()[n - 1], 0.0);
     assert!(all.variance()[n - 1] < 1e-3 * PRIOR);
+}
+
+/// Points in a row, all in sight, and their field: all but the last are touched, which took half of the
+/// prior's variance.
+fn row(n: usize) -> (Vec<Point3<f64>>, Seen, Belief<f64>, Vec<bool>) {
+    let points = (0..n).map(|i| Point3::new(0.01 * i as f64, 0.0, 0.0));
+    let seen = Seen {
+        visible: vec![true; n],
+        behind: vec![0.0; n],
+        in_picture: vec![true; n],
+        colors: vec![[90; 3]; n],
+        heights: vec![0.0; n],
+    };
+    let touched: Vec<bool> = (0..n).map(|i| i + 1 < n).collect();
+    let of = |&t: &bool| if t { (9.9, 0.5 * PRIOR) } else { (0.0, PRIOR) };
+    let (mean, variance) = touched.iter().map(of).unzip();
+    let field = Belief::new(mean, variance).unwrap();
+    (points.collect(), seen, field, touched)
+}
+
+/// 30 samples of variance 400 (half a reading each) say what their mean is to a variance of 400 / 30.
+#[test]
+fn vague_touches_leave_the_others_uncertain() {
+    let (points, seen, field, touched) = row(31);
+    for spec in [
+        RegressorSpec::default(),
+        RegressorSpec::Ridge,
+        RegressorSpec::GaussianProcess(Default::default()),
+    ] {
+        let regressor = || Calibrated::new(spec.build().unwrap(), 5).unwrap();
+        let mut extrapolation = Extrapolation::new(regressor(), regressor());
+        let found = extrapolation
+            .extend(&points, &seen, &field, &touched, PRIOR)
+            .unwrap();
+        assert!((found.mean()[30] - 9.9).abs() < 1e-6, "{spec:?}");
+        let variance = found.variance()[30];
+        assert!(
+            (0.99 * 400.0 / 30.0..PRIOR).contains(&variance),
+            "{spec:?}: {variance}"
+        );
+    }
+}
+
+/// Answers every row with the same mean and variance.
+struct Fixed(f64, f64);
+
+impl Regressor for Fixed {
+    fn fit(&mut self, _: &Samples) -> Result<(), VisionError> {
+        Ok(())
+    }
+    fn predict(&self, features: &Features) -> Result<Predictions, VisionError> {
+        Ok(Predictions {
+            mean: vec![self.0; features.len()],
+            variance: vec![self.1; features.len()],
+        })
+    }
+    fn fresh(&self) -> Box<dyn Regressor> {
+        Box::new(Self(self.0, self.1))
+    }
+}
+
+#[test]
+fn what_a_regressor_does_not_know_is_not_certain() {
+    let (points, seen, field, touched) = row(10);
+    let extended = |mean: f64, variance: f64| {
+        let regressor = || Fixed(mean, variance);
+        let mut extrapolation = Extrapolation::new(regressor(), regressor());
+        extrapolation.extend(&points, &seen, &field, &touched, PRIOR)
+    };
+    let nan = f64::NAN;
+    for (mean, variance) in [(nan, 1.0), (1.0, nan), (1.0, -1.0), (1e200, 1.0)] {
+        assert!(extended(mean, variance).is_err(), "{mean}, {variance}");
+    }
+    let least = extended(1.0, 0.0).unwrap();
+    assert_eq!((least.mean()[9], least.variance()[9]), (1.0, 1e-6 * PRIOR));
+}
+
+#[test]
+fn views_that_are_none_are_refused() {
+    let (points, seen, field, touched) = row(10);
+    let spoilt = |spoil: fn(&mut Seen)| {
+        let mut seen = seen.clone();
+        spoil(&mut seen);
+        seen
+    };
+    let wrong = [
+        spoilt(|s| s.behind.truncate(3)),
+        spoilt(|s| s.in_picture.truncate(3)),
+        spoilt(|s| s.colors.truncate(3)),
+        spoilt(|s| s.heights.truncate(3)),
+        spoilt(|s| s.heights.push(0.0)),
+        spoilt(|s| s.behind[4] = -5.0),
+        spoilt(|s| s.behind[4] = f64::NAN),
+    ];
+    let mut extrapolation = Extrapolation::new(Ridge::new(), Ridge::new());
+    for seen in wrong {
+        assert!(seen.check().is_err());
+        assert!(seen.occupancy(0.03).is_err());
+        assert!(seen.appearance(&[4]).is_err());
+        assert!(seen.select(&[4]).is_err());
+        assert!(
+            extrapolation
+                .extend(&points, &seen, &field, &touched, PRIOR)
+                .is_err()
+        );
+    }
+    let fit = extrapolation.extend(&points, &seen, &field, &touched, PRIOR);
+    assert!(fit.is_ok() && seen.check().is_ok());
+    assert!(format!("{extrapolation:?}").contains("0.03"));
 }
