@@ -11,8 +11,30 @@ use std::path::{Path, PathBuf};
 const BOX_SLACK: f64 = 1e-6;
 
 impl Dataset {
-    /// Checks everything the format promises; names files below `dir`.
-    pub(crate) fn check(&self, dir: &Path) -> Result<(), DataError> {
+    /// Checks everything the format promises, as [`open`](Self::open) does: every sequence
+    /// ([`Sequence::check`]), IDs and splits, metadata, points, field and camera.
+    ///
+    /// # Errors
+    /// What is wrong, by the file that [`save`](Self::save) would write, in the folder `.`.
+    ///
+    /// ```
+    /// # use vsf_data::{Dataset, RobotRef, Sequence, Table};
+    /// # let table = Table::new(1, vec![0.0])?;
+    /// # let touch = Sequence::new("a", vec![0.0], table.clone(), table);
+    /// # let robot = RobotRef::resolve("planar_arm", ".".as_ref())?;
+    /// let mut recording = Dataset::new(robot, vec![touch]);
+    /// recording.check()?;
+    /// recording.splits.test.push("b".to_owned());
+    /// let error = recording.check().unwrap_err();
+    /// assert!(error.to_string().contains(r#"splits names sequence "b""#));
+    /// # Ok::<(), vsf_data::DataError>(())
+    /// ```
+    pub fn check(&self) -> Result<(), DataError> {
+        self.check_in(Path::new("."))
+    }
+
+    /// [`check`](Self::check) that names files below `dir`.
+    pub(crate) fn check_in(&self, dir: &Path) -> Result<(), DataError> {
         let path = dir.join(metadata::FILE);
         check_metadata(dir, &self.metadata())?;
         if self.sequences.is_empty() {
@@ -22,7 +44,7 @@ impl Dataset {
         }
         let mut ids = BTreeSet::new();
         for sequence in &self.sequences {
-            sequence.check(dir)?;
+            sequence.check_in(dir)?;
             if !ids.insert(&sequence.id) {
                 return Err(duplicate(path, &sequence.id, "sequences"));
             }

@@ -204,7 +204,7 @@ impl Dataset {
             extra,
             ..plain
         };
-        dataset.check(dir)?;
+        dataset.check_in(dir)?;
         let warnings = dataset.warnings(dir);
         Ok((dataset, warnings))
     }
@@ -234,7 +234,7 @@ impl Dataset {
         files: &[(PathBuf, Vec<u8>)],
     ) -> Result<(), DataError> {
         let dir = dir.as_ref();
-        self.check(dir)?;
+        self.check_in(dir)?;
         let mut staged = Staged::default();
         staged.folder(dir)?;
         self.check_leftovers(dir)?;

@@ -145,8 +145,29 @@ impl Sequence {
             .chain(velocities)
     }
 
-    /// Checks everything the format promises about one sequence; names files below `dir`.
-    pub(crate) fn check(&self, dir: &Path) -> Result<(), DataError> {
+    /// Checks everything the format promises about one sequence, as [`Dataset::open`] does: arrays of one
+    /// shape, finite numbers, time stamps that increase, touches that begin within the rows and in order.
+    ///
+    /// # Errors
+    /// What is wrong, by the file that [`Dataset::save`] would write, in the folder `.`.
+    ///
+    /// ```
+    /// # use vsf_data::{Sequence, Table};
+    /// let [angles, torques] = [Table::new(2, vec![0.0; 6])?, Table::new(2, vec![0.0; 4])?];
+    /// let short = Sequence::new("a", vec![0.0, 0.1, 0.2], angles, torques);
+    /// let error = short.check().unwrap_err();
+    /// assert_eq!(error.to_string(), "./seq_a/torques.npy: 2 rows, but angles.npy has 3");
+    /// # Ok::<(), vsf_data::DataError>(())
+    /// ```
+    ///
+    /// [`Dataset::open`]: crate::Dataset::open
+    /// [`Dataset::save`]: crate::Dataset::save
+    pub fn check(&self) -> Result<(), DataError> {
+        self.check_in(Path::new("."))
+    }
+
+    /// [`check`](Self::check) that names files below `dir`.
+    pub(crate) fn check_in(&self, dir: &Path) -> Result<(), DataError> {
         let folder = self.folder(dir);
         if self.id.is_empty() || self.id.contains(['/', '\\', '\0']) {
             return Err(DataError::SequenceId {

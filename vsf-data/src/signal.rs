@@ -76,8 +76,10 @@ impl Sequence {
     /// two touches. A touch of one sample whose velocity is recorded has no acceleration.
     ///
     /// # Errors
-    /// As [`differentiate`]; in particular a touch of one sample without recorded velocities.
+    /// As [`Sequence::check`] and [`differentiate`]; in particular a touch of one sample without recorded
+    /// velocities.
     pub fn motion(&self, half_window: usize) -> Result<Motion, DataError> {
+        self.check()?;
         let slope =
             |table, of_one| derivative(&self.time, table, half_window, self.touches(), of_one);
         let (velocities, of_one) = match &self.velocities {

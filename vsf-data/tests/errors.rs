@@ -516,6 +516,48 @@ fn saving_refuses_what_opening_refuses() {
     assert!(matches!(error, DataError::SequenceId { .. }), "{error:?}");
 }
 
+/// What a folder would be refused for, nothing in memory passes with either.
+#[test]
+fn data_in_memory_is_checked_without_a_folder() {
+    let (good, _) = Folder::new().open().unwrap();
+    good.check().unwrap();
+    let refused = |change: fn(&mut Dataset), text: &str| {
+        let mut wrong = good.clone();
+        change(&mut wrong);
+        let found = wrong.check().unwrap_err().to_string();
+        assert!(found.starts_with("./") && found.contains(text), "{found}");
+        wrong
+    };
+    let of_sequence = |change: fn(&mut Dataset), text: &str| {
+        let wrong = &refused(change, text).sequences[0];
+        for error in [wrong.check().err(), wrong.motion(1).err()] {
+            let found = error.unwrap().to_string();
+            assert!(found.contains(text), "{found}");
+        }
+    };
+    of_sequence(
+        |d| d.sequences[0].torques = Table::new(2, vec![0.0; 2]).unwrap(),
+        "seq_2/torques.npy: 1 rows, but angles.npy has 4",
+    );
+    of_sequence(
+        |d| d.sequences[0].velocities = Table::new(1, vec![0.0; 4]).ok(),
+        "seq_2/velocities.npy: shape [4, 1], expected 2 columns",
+    );
+    of_sequence(
+        |d| d.sequences[0].time.clear(),
+        "seq_2/time.npy: 0 rows, but angles.npy has 4",
+    );
+    of_sequence(
+        |d| d.sequences[0].touch_starts = vec![3, 1],
+        "touch_starts of sequence \"2\": entry 1 is row 1",
+    );
+    refused(
+        |d| d.splits.test = d.splits.train.clone(),
+        "sequence \"2\" is listed twice in splits train and test",
+    );
+    refused(|d| d.gravity.z = f64::NAN, "gravity: must be finite");
+}
+
 #[test]
 fn saving_does_not_mix_recordings() {
     let folder = Folder::new();

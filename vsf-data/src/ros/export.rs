@@ -82,7 +82,7 @@ impl McapExport<'_> {
         let path = path.as_ref();
         let mut out = Output::new(path)?;
         if let Some(recording) = self.recording {
-            recording.check(path)?;
+            recording.check_in(path)?;
             self.check_rows(recording)?;
             for (name, bytes) in parts(path, recording)? {
                 out.attach(name, START, bytes)?;
