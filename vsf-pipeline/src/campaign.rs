@@ -1,7 +1,9 @@
+use crate::trace::check_traces;
 use crate::{
     Estimate, EstimatorSpec, Hyper, HyperMethod, PipelineError, PriorShape, Scene, Trace,
     VisionSpec, choose_hyper, estimate, estimate_with_vision, rgbd_view,
 };
+use std::fmt;
 use std::sync::OnceLock;
 use vsf_data::{CameraView, Dataset, Sequence};
 use vsf_vision::VisionError;
@@ -18,17 +20,30 @@ pub struct Campaign<'a> {
     hyper: OnceLock<Hyper>,
 }
 
+impl fmt::Debug for Campaign<'_> {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.debug_struct("Campaign")
+            .field("name", &self.name)
+            .field("train", &self.train.len())
+            .field("test", &self.test.len())
+            .finish_non_exhaustive()
+    }
+}
+
 impl<'a> Campaign<'a> {
     /// Puts a recording together with the traces of its train sequences, followed by those of its test
     /// sequences.
     ///
     /// # Errors
-    /// No train or no test sequence, or another number of traces.
+    /// What [`Dataset::check`] or [`Trace::check`] refuses, no train or no test sequence, or another number of
+    /// traces.
     pub fn new(
         dataset: &'a Dataset,
         scene: &'a Scene,
         traces: &'a [Trace],
     ) -> Result<Self, PipelineError> {
+        dataset.check()?;
+        check_traces(traces, scene.rest().len(), scene.robot().joint_count())?;
         let (train, test): (Vec<_>, Vec<_>) = (dataset.train().collect(), dataset.test().collect());
         for (what, split) in [("train", &train), ("test", &test)] {
             if split.is_empty() {

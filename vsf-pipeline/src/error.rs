@@ -57,6 +57,23 @@ pub enum PipelineError {
         /// What is wrong there.
         source: CoreError,
     },
+    /// Touches of a trace that are not ranges of its samples, one after another.
+    #[error(
+        "sequence {id}: touch {index} is samples {start} to {end} (exclusive) of {rows}; touches lie within the \
+         samples, in order and without overlap"
+    )]
+    Touches {
+        /// The sequence.
+        id: String,
+        /// The touch, from 0.
+        index: usize,
+        /// Its first sample.
+        start: usize,
+        /// Behind its last sample.
+        end: usize,
+        /// Samples of the trace.
+        rows: usize,
+    },
     /// How fast the arm moves cannot be told.
     #[error(
         "sequence {id}: velocities and accelerations cannot be estimated ({source}); record velocities \

@@ -1,4 +1,4 @@
-use crate::trace::with_noise;
+use crate::trace::{check_traces, with_noise};
 use crate::{Hyper, PipelineError, Trace};
 use vsf_core::{
     Belief, CoreError, Estimator, FilterHealth, Noise, Observation, RestPoints, UpdateReport,
@@ -82,7 +82,7 @@ pub struct Estimate {
 /// sequence with the number done.
 ///
 /// # Errors
-/// As the estimator's update; the row is named.
+/// Traces that [`Trace::check`] refuses; as the estimator's update; the row is named.
 pub fn estimate(
     rest: &RestPoints,
     traces: &[Trace],
@@ -90,6 +90,7 @@ pub fn estimate(
     hyper: &Hyper,
     progress: impl FnMut(usize),
 ) -> Result<Estimate, PipelineError> {
+    check_traces(traces, rest.len(), hyper.noise_sd.len())?;
     let noise = Noise::per_channel(&hyper.noise_sd)?;
     let prior = hyper.shape.prior(rest, hyper.prior_sd)?;
     let traces = with_noise(traces, &noise)?;

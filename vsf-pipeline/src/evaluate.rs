@@ -1,9 +1,10 @@
+use crate::trace::check_traces;
 use crate::{PipelineError, Scene, Trace};
-use serde::Serialize;
+use serde::{Deserialize, Serialize};
 use vsf_core::{Belief, CoreError, Observation, Prediction};
 
 /// Prediction error over sequences: the paper's metric `||tau_hat - tau||_2` over time steps.
-#[derive(Debug, Clone, PartialEq, Serialize)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Evaluation {
     /// Mean of the error norm over all samples, in `unit`.
     pub mean_error: f64,
@@ -26,7 +27,7 @@ pub struct Evaluation {
 
 /// Shares of the readings of single channels, over the samples in contact, that lie near their
 /// prediction. Of a Gaussian they would be 0.683 and 0.954.
-#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct Calibration {
     /// Within one predicted standard deviation.
     pub within_1_sigma: f64,
@@ -61,7 +62,7 @@ impl Calibration {
 }
 
 /// Errors of one sequence.
-#[derive(Debug, Clone, PartialEq, Serialize)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct SequenceError {
     /// ID of the sequence.
     pub sequence: String,
@@ -80,12 +81,12 @@ pub struct SequenceError {
 }
 
 /// Errors of one joint.
-#[derive(Debug, Clone, PartialEq, Serialize)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct JointError {
     /// Name of the joint.
     pub joint: String,
     /// `N m`, or `N` for a sliding joint.
-    pub unit: &'static str,
+    pub unit: String,
     /// Mean absolute error over all samples.
     pub mean_abs_error: f64,
     /// Root mean square error.
@@ -101,6 +102,45 @@ pub struct SequencePrediction {
     pub mean: Vec<Vec<f64>>,
     /// Their standard deviations, noise included; empty when the predictor has none.
     pub sd: Vec<Vec<f64>>,
+}
+
+impl SequencePrediction {
+    /// Checks that there are `rows` of `joints` finite numbers, and deviations >= 0 for all or none of them.
+    fn check(&self, rows: usize, joints: usize) -> Result<(), PipelineError> {
+        let at = |row| {
+            move |source| PipelineError::Sequence {
+                id: self.id.clone(),
+                row,
+                source,
+            }
+        };
+        let (means, sds) = (self.mean.len(), self.sd.len());
+        CoreError::check_len("predicted rows", means, rows).map_err(at(means.min(rows)))?;
+        if sds > 0 {
+            CoreError::check_len("rows of predicted sd", sds, rows).map_err(at(sds.min(rows)))?;
+        }
+        let parts = [
+            ("predicted reading", &self.mean, f64::NEG_INFINITY),
+            ("predicted sd", &self.sd, 0.0),
+        ];
+        for (name, table, least) in parts {
+            let in_range = |values: &[f64]| match values.iter().find(|v| **v < least) {
+                None => Ok(()),
+                Some(&value) => Err(CoreError::Parameter {
+                    name,
+                    value,
+                    range: ">= 0",
+                }),
+            };
+            for (row, values) in table.iter().enumerate() {
+                CoreError::check_len(name, values.len(), joints)
+                    .and_then(|()| CoreError::check_finite(name, values))
+                    .and_then(|()| in_range(values))
+                    .map_err(at(row))?;
+            }
+        }
+        Ok(())
+    }
 }
 
 /// Readings that a field of means predicts at every sample.
@@ -154,7 +194,8 @@ fn check_size(belief: &Belief<f64>, scene: &Scene) -> Result<(), PipelineError> 
 /// is that of independent points plus a reading noise of `noise_sd`, one value per channel.
 ///
 /// # Errors
-/// A belief of another size than the scene's points, a noise of another size than its joints.
+/// A belief of another size than the scene's points, a noise of another size than its joints or that is not
+/// finite, a trace that [`Trace::check`] refuses.
 pub fn predict(
     scene: &Scene,
     belief: &Belief<f64>,
@@ -164,6 +205,8 @@ pub fn predict(
     check_size(belief, scene)?;
     let channels = scene.robot().joint_count();
     CoreError::check_len("noise sd", noise_sd.len(), channels)?;
+    CoreError::check_finite("noise sd", noise_sd)?;
+    trace.check(belief.len(), channels)?;
     sequence_prediction(trace, |obs| Ok(predict_independent(belief, noise_sd, obs)))
 }
 
@@ -209,13 +252,14 @@ pub(crate) fn predict_independent(
 /// Errors of a field on sequences it was not estimated from (or on any others).
 ///
 /// # Errors
-/// A belief of another size than the scene's points, or no sequence.
+/// A belief of another size than the scene's points, traces that [`Trace::check`] refuses, or no sequence.
 pub fn evaluate(
     scene: &Scene,
     belief: &Belief<f64>,
     traces: &[Trace],
 ) -> Result<Evaluation, PipelineError> {
     check_size(belief, scene)?;
+    check_traces(traces, belief.len(), scene.robot().joint_count())?;
     let predictions = traces.iter().map(|t| mean_prediction(belief.mean(), t));
     score(scene, traces, &predictions.collect::<Vec<_>>())
 }
@@ -223,7 +267,8 @@ pub fn evaluate(
 /// Errors of given predictions, one per trace.
 ///
 /// # Errors
-/// No sequence, or predictions of another shape than the traces.
+/// No sequence, traces that [`Trace::check`] refuses, or predictions that are not finite, of another shape
+/// than the traces, or with a negative deviation.
 pub fn score(
     scene: &Scene,
     traces: &[Trace],
@@ -231,12 +276,12 @@ pub fn score(
 ) -> Result<Evaluation, PipelineError> {
     CoreError::check_len("predictions", predictions.len(), traces.len())?;
     let joints = scene.robot().joint_count();
+    check_traces(traces, scene.rest().len(), joints)?;
     let (mut absolute, mut squared) = (vec![0.0; joints], vec![0.0; joints]);
     let mut all = Moments::default();
     let mut per_sequence = Vec::new();
     for (trace, prediction) in traces.iter().zip(predictions) {
-        let rows = trace.observations.len();
-        CoreError::check_len("predicted rows", prediction.mean.len(), rows)?;
+        prediction.check(trace.observations.len(), joints)?;
         let mut own = Moments::default();
         for (obs, fit) in trace.observations.iter().zip(&prediction.mean) {
             own.add(
@@ -273,7 +318,7 @@ pub fn score(
         .enumerate()
         .map(|(j, joint)| JointError {
             joint: joint.name().to_owned(),
-            unit: scene.unit(j),
+            unit: scene.unit(j).to_owned(),
             mean_abs_error: absolute[j] / n,
             rms_error: (squared[j] / n).sqrt(),
         });

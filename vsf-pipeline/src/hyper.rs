@@ -3,14 +3,15 @@ mod likelihood;
 
 use crate::estimate::touched_points;
 use crate::median::median;
+use crate::trace::check_traces;
 use crate::{PipelineError, Trace};
-use serde::Serialize;
+use serde::{Deserialize, Serialize};
 use std::ops::Range;
 use vsf_core::{Belief, CoreError, Noise, Observation, RestPoints};
 use vsf_filter::{FieldPrior, Matern, Smoothness};
 
 /// Prior and noise of an estimation. Their ratio decides how closely readings are followed.
-#[derive(Debug, Clone, PartialEq, Serialize)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Hyper {
     /// Standard deviation of the part of the stiffness that is each point's own (N/m); the mean of
     /// the prior is 0.
@@ -35,7 +36,7 @@ impl Hyper {
 
 /// The smooth part of the prior: neighbouring points of a real object are alike. Estimators that
 /// keep no correlations see its variance only.
-#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct PriorShape {
     /// Standard deviation of the smooth part per standard deviation of a point's own part, >= 0,
     /// default 0.25; 0 makes points independent, as in the paper.
@@ -124,7 +125,7 @@ pub enum HyperMethod {
 }
 
 /// One tried prior.
-#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct Candidate {
     /// Standard deviation of the smooth part per that of a point's own part.
     pub smooth_share: f64,
@@ -140,7 +141,7 @@ pub struct Candidate {
 }
 
 /// How prior and noise were chosen.
-#[derive(Debug, Clone, PartialEq, Serialize)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct HyperChoice {
     /// The choice.
     pub hyper: Hyper,
@@ -164,7 +165,8 @@ const FLOOR: f64 = 0.05;
 /// part are chosen by `method`.
 ///
 /// # Errors
-/// No train sequence ever touches a point; failures of an estimator.
+/// Traces that [`Trace::check`] refuses or that differ in their number of joints; no train sequence ever
+/// touches a point; failures of an estimator.
 pub fn choose_hyper(
     rest: &RestPoints,
     traces: &[Trace],
@@ -202,6 +204,8 @@ struct Problem {
 
 impl Problem {
     fn new(rest: &RestPoints, traces: &[Trace], shape: PriorShape) -> Result<Self, PipelineError> {
+        let first = traces.iter().flat_map(|t| &t.observations).next();
+        check_traces(traces, rest.len(), first.map_or(0, Observation::dim))?;
         let what = "train";
         let channels = channel_scales(traces).ok_or(PipelineError::NoContact {
             what,

@@ -13,6 +13,17 @@ const MOST: f64 = 1e12;
 const HALF_WINDOW: f64 = 0.0125;
 const LEAST_HALF_WINDOW: usize = 4;
 
+/// Checks that a sequence is as [`Sequence::check`] asks, with a column for every joint of the robot.
+pub(crate) fn check_sequence(robot: &RobotModel, sequence: &Sequence) -> Result<(), PipelineError> {
+    sequence.check()?;
+    let columns = CoreError::check_len("joint angles", sequence.width(), robot.joint_count());
+    columns.map_err(|source| PipelineError::Sequence {
+        id: sequence.id.clone(),
+        row: 0,
+        source,
+    })
+}
+
 /// The external joint torques of a sequence: what touch adds, with the rigid body removed and tared.
 ///
 /// Measured torques become `tau_ext = M(q) qdd + C(q, qd) qd + g(q) - tau_meas`, with the motion of
@@ -20,9 +31,10 @@ const LEAST_HALF_WINDOW: usize = 4;
 /// where nothing is touched.
 ///
 /// # Errors
-/// Torques beyond 1e12 N m, angles that the robot cannot take, or more tare samples than rows; of
+/// A sequence that [`Sequence::check`] refuses, torques beyond 1e12 N m, angles that the robot cannot take, or more tare samples than rows; of
 /// measured torques without recorded velocities a touch of one sample, whose motion is not known.
 pub fn external_torques(scene: &Scene, sequence: &Sequence) -> Result<Table, PipelineError> {
+    check_sequence(scene.robot(), sequence)?;
     let mut torques = sequence.torques.clone();
     if let Some(k) = torques.data().iter().position(|v| v.abs() > MOST) {
         return Err(PipelineError::Torque {
@@ -69,8 +81,9 @@ pub fn unwound<'s>(robot: &RobotModel, sequence: &'s Sequence) -> Cow<'s, Sequen
 /// of 0.025 s or of nine samples, whichever is longer. Angles are taken as [`unwound`].
 ///
 /// # Errors
-/// As [`Sequence::motion`].
+/// As [`Sequence::motion`]; another number of joints than the robot's.
 pub fn motion_of(robot: &RobotModel, sequence: &Sequence) -> Result<Motion, PipelineError> {
+    check_sequence(robot, sequence)?;
     let mut steps: Vec<f64> = sequence.time.windows(2).map(|t| t[1] - t[0]).collect();
     let middle = steps.len() / 2;
     let samples = match steps.is_empty() {

@@ -1,6 +1,7 @@
 use crate::PipelineError;
 use nalgebra::{Point3, Vector3};
 use std::collections::BTreeMap;
+use std::fmt;
 use std::path::PathBuf;
 use std::sync::Arc;
 use vsf_contact::{
@@ -62,12 +63,21 @@ pub struct Scene {
     cells: Option<Cells>,
 }
 
+impl fmt::Debug for Scene {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.debug_struct("Scene")
+            .field("robot", &self.robot.name())
+            .field("points", &self.rest.len())
+            .finish_non_exhaustive()
+    }
+}
+
 impl Scene {
     /// The scene of a recording.
     ///
     /// # Errors
-    /// No rest points, an unknown or unreadable robot, joints that contradict the robot, no
-    /// collision shapes, parameters out of range.
+    /// No rest points, what [`Dataset::check`] refuses, an unknown or unreadable robot, joints that
+    /// contradict the robot, no collision shapes, parameters out of range.
     pub fn open(dataset: &Dataset, options: &SceneOptions) -> Result<Self, PipelineError> {
         let points = dataset
             .rest_points
@@ -88,6 +98,7 @@ impl Scene {
         if points.is_empty() {
             return Err(PipelineError::NoPoints);
         }
+        dataset.check()?;
         options.contact.validate()?;
         let rest = Arc::new(RestPoints::new(points)?);
         let spacing = rest.spacing();
@@ -135,8 +146,9 @@ impl Scene {
     /// shapes of its links. `robot` is that of [`robot_of`].
     ///
     /// # Errors
-    /// None in practice: no points are as good as any.
+    /// What [`Dataset::check`] refuses.
     pub fn in_air(dataset: &Dataset, robot: RobotModel) -> Result<Self, PipelineError> {
+        dataset.check()?;
         let options = SceneOptions::default();
         Ok(Self {
             robot,

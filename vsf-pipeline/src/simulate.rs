@@ -1,3 +1,4 @@
+use crate::readings::check_sequence;
 use crate::{PipelineError, Scene, Trace, motion_of, rigid_body_torques};
 use rand::SeedableRng;
 use rand_distr::{Distribution, Normal};
@@ -12,8 +13,8 @@ use vsf_data::{Sequence, Table, TorqueKind};
 /// move ([`crate::rigid_body_torques`]) less that.
 ///
 /// # Errors
-/// A field of another size, stiffness that is negative or not finite, traces of other lengths than the
-/// sequences, measured torques whose motion is not known ([`motion_of`]).
+/// A field of another size, stiffness that is negative or not finite, sequences that [`Sequence::check`]
+/// refuses, traces of other lengths than these or that [`Trace::check`] refuses, measured torques whose motion is not known ([`motion_of`]).
 pub fn simulate(
     scene: &Scene,
     stiffness: &[f64],
@@ -34,12 +35,12 @@ pub fn simulate(
     let joints = scene.robot().joint_count();
     let mut simulated = Vec::with_capacity(sequences.len());
     for (sequence, trace) in sequences.iter().zip(traces) {
+        check_sequence(scene.robot(), sequence)?;
+        trace.check(stiffness.len(), joints)?;
         CoreError::check_len("trace", trace.observations.len(), sequence.len())?;
         let mut torques = Vec::with_capacity(sequence.torques.data().len());
         let mut tau = vec![0.0; joints];
         for obs in &trace.observations {
-            CoreError::check_len("joints of a trace", obs.dim(), joints)?;
-            obs.check_fits(stiffness.len())?;
             obs.apply(stiffness, &mut tau);
             torques.extend_from_slice(&tau);
         }

@@ -1,3 +1,4 @@
+use crate::readings::check_sequence;
 use crate::{PipelineError, Scene, external_torques};
 use rayon::prelude::*;
 use std::ops::Range;
@@ -20,6 +21,44 @@ pub struct Trace {
 }
 
 impl Trace {
+    /// Checks that the trace fits so many rest points and joints: a finite time and an observation of these for
+    /// every sample, touches within the samples, in order and without overlap.
+    ///
+    /// # Errors
+    /// The first sample or touch that does not fit; it is named.
+    pub fn check(&self, points: usize, joints: usize) -> Result<(), PipelineError> {
+        let rows = self.observations.len();
+        let at = |row| {
+            move |source| PipelineError::Sequence {
+                id: self.id.clone(),
+                row,
+                source,
+            }
+        };
+        let stamps = self.time.len();
+        CoreError::check_len("time", stamps, rows).map_err(at(stamps.min(rows)))?;
+        for (row, obs) in self.observations.iter().enumerate() {
+            CoreError::check_len("observation", obs.dim(), joints)
+                .and_then(|()| obs.check_fits(points))
+                .and_then(|()| CoreError::check_finite("time", &self.time[row..=row]))
+                .map_err(at(row))?;
+        }
+        let mut last = 0;
+        for (index, &Range { start, end }) in self.touches.iter().enumerate() {
+            if !(last <= start && start <= end && end <= rows) {
+                return Err(PipelineError::Touches {
+                    id: self.id.clone(),
+                    index,
+                    start,
+                    end,
+                    rows,
+                });
+            }
+            last = end;
+        }
+        Ok(())
+    }
+
     /// The same observations with another noise.
     ///
     /// # Errors
@@ -67,7 +106,8 @@ impl Scene {
     /// Runs the contact model over a sequence. Contacts are forgotten where a touch begins.
     ///
     /// # Errors
-    /// A row that robot, contact or sensor cannot take; it is named.
+    /// A sequence that [`Sequence::check`] refuses, or a row that robot, contact or sensor cannot take; it
+    /// is named.
     pub fn trace(&self, sequence: &Sequence) -> Result<Trace, PipelineError> {
         let torques = external_torques(self, sequence)?;
         let sensor = JointTorques::new(Noise::uniform(self.robot().joint_count(), 1.0)?);
@@ -90,12 +130,14 @@ impl Scene {
     /// every sample, in order. Contacts are forgotten where a touch begins.
     ///
     /// # Errors
-    /// A row that robot or contact cannot take, or that `visit` refuses; it is named.
+    /// A sequence that [`Sequence::check`] refuses, or a row that robot or contact cannot take, or that `visit`
+    /// refuses; it is named.
     pub fn follow(
         &self,
         sequence: &Sequence,
         mut visit: impl FnMut(usize, &Posture, &Contacts) -> Result<(), CoreError>,
     ) -> Result<(), PipelineError> {
+        check_sequence(self.robot(), sequence)?;
         let mut contact = self.contact_model()?;
         let mut posture = self.robot().posture();
         let mut contacts = Contacts::new();
@@ -119,6 +161,15 @@ impl Scene {
         }
         Ok(())
     }
+}
+
+/// [`Trace::check`] of all traces.
+pub(crate) fn check_traces(
+    traces: &[Trace],
+    points: usize,
+    joints: usize,
+) -> Result<(), PipelineError> {
+    traces.iter().try_for_each(|t| t.check(points, joints))
 }
 
 /// [`Trace::with_noise`] of all traces.

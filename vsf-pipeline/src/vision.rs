@@ -1,7 +1,7 @@
 use crate::estimate::{batch_map, run, touched_points};
 use crate::evaluate::sample_errors;
 use crate::hyper::touched_alone;
-use crate::trace::{MOST_FOLDS, split, with_noise};
+use crate::trace::{MOST_FOLDS, check_traces, split, with_noise};
 use crate::{Estimate, EstimatorSpec, Hyper, PipelineError, PriorShape, Trace};
 use rayon::prelude::*;
 use serde::Serialize;
@@ -102,6 +102,7 @@ pub fn estimate_with_vision(
     vision: &VisionSpec,
     progress: impl FnMut(usize),
 ) -> Result<VisionEstimate, PipelineError> {
+    check_traces(traces, rest.len(), hyper.noise_sd.len())?;
     let noise = Noise::per_channel(&hyper.noise_sd)?;
     let traces = with_noise(traces, &noise)?;
     let guess = Guess {

@@ -4,7 +4,8 @@ mod velocities;
 
 pub use readings::reading_warnings;
 
-use crate::{Scene, unwound};
+use crate::readings::check_sequence;
+use crate::{PipelineError, Scene, unwound};
 use nalgebra::Point3;
 use std::f64::consts::PI;
 use std::fmt;
@@ -68,6 +69,15 @@ impl fmt::Display for Outliers {
 #[derive(Debug, Clone, PartialEq, Error)]
 #[non_exhaustive]
 pub enum PipelineWarning {
+    /// A sequence or trace whose parts do not fit each other or the robot: all that works on it refuses it, and
+    /// those beside it were not looked at.
+    #[error("sequence {sequence} cannot be worked with, and none was looked at: {problem}")]
+    Malformed {
+        /// The sequence.
+        sequence: String,
+        /// What is wrong.
+        problem: String,
+    },
     /// Angles beyond two turns, or beyond the joint's limits by half a turn.
     #[error("angles must be in radians, these look like degrees: {0}")]
     Degrees(Outliers),
@@ -295,8 +305,14 @@ fn other(than: TorqueKind) -> TorqueKind {
 }
 
 /// What looks wrong with the joint positions and velocities: degrees, positions outside the robot's limits,
-/// jumps, velocities that are not how fast positions change.
+/// jumps, velocities that are not how fast positions change. Of sequences that [`Sequence::check`] refuses, or
+/// with other joints than the robot's, only that.
 pub fn motion_warnings(robot: &RobotModel, sequences: &[&Sequence]) -> Vec<PipelineWarning> {
+    let checked = |s: &&Sequence| (s.id.clone(), check_sequence(robot, s));
+    let malformed = malformed(sequences.iter().map(checked));
+    if !malformed.is_empty() {
+        return malformed;
+    }
     let rows: Vec<Rows> = (sequences.iter())
         .map(|s| (s.id.as_str(), s.angles.iter().collect()))
         .collect();
@@ -389,6 +405,17 @@ impl PipelineWarning {
     }
 }
 
+/// What the checks of sequences refuse.
+fn malformed(
+    checked: impl Iterator<Item = (String, Result<(), PipelineError>)>,
+) -> Vec<PipelineWarning> {
+    let warning = |(sequence, check): (String, Result<_, PipelineError>)| {
+        let problem = check.err()?.to_string();
+        Some(PipelineWarning::Malformed { sequence, problem })
+    };
+    checked.filter_map(warning).collect()
+}
+
 /// ID and rows of a sequence.
 type Rows<'a> = (&'a str, Vec<&'a [f64]>);
 
@@ -404,7 +431,7 @@ fn outliers(
     for (sequence, rows) in sequences {
         total += rows.len();
         let values = rows.iter().enumerate();
-        let values = values.filter_map(|(row, r)| Some((row, *r.get(j)?)));
+        let values = values.map(|(row, r)| (row, r[j]));
         for (row, value) in values.filter(|(_, v)| odd(*v)) {
             let entry = found.get_or_insert_with(|| Outliers {
                 joint: joint.name().to_owned(),

@@ -25,7 +25,7 @@ pub fn warning<'r>(robot: &'r RobotModel, sequences: &[&Sequence]) -> Option<Pip
                 let dt = (s.time[*row] - s.time[row - 1]).max(*tick);
                 way > LEAST_JUMP && way > MOST_SPEED * limit * dt
             };
-            moves(s, j).find(far).map(|row| (*s, row))
+            moves(s).find(far).map(|row| (*s, row))
         })?;
         Some((joint, j, sequence, row))
     };
@@ -43,12 +43,7 @@ pub fn warning<'r>(robot: &'r RobotModel, sequences: &[&Sequence]) -> Option<Pip
     })
 }
 
-/// The rows of a sequence that go on from the one before them, if it has time stamps and joint `j`.
-fn moves(sequence: &Sequence, j: usize) -> impl Iterator<Item = usize> {
-    let n = match j < sequence.width() {
-        true => sequence.time.len().min(sequence.len()),
-        false => 0,
-    };
-    let rows = sequence.touches().flat_map(|touch| touch.skip(1));
-    rows.filter(move |row| *row < n)
+/// The rows of a sequence that go on from the one before them.
+fn moves(sequence: &Sequence) -> impl Iterator<Item = usize> {
+    sequence.touches().flat_map(|touch| touch.skip(1))
 }

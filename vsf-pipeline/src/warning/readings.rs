@@ -1,4 +1,5 @@
-use super::{PipelineWarning, Rows, outliers};
+use super::{PipelineWarning, Rows, malformed, outliers};
+use crate::readings::check_sequence;
 use crate::{Scene, Trace, motion_of, reading_unit, rigid_body_torques};
 use vsf_core::Observation;
 use vsf_data::{Motion, Sequence, TorqueKind, tare};
@@ -18,12 +19,22 @@ const GRAVITY_SIZE: std::ops::RangeInclusive<f64> = 0.8..=1.25;
 const TWICE: std::ops::RangeInclusive<f64> = 1.6..=2.5;
 
 /// What looks wrong with the readings: torques of another unit, of the other sign, with gravity left in them,
-/// tare samples that are no rest. `traces` are those of `sequences`, in their order.
+/// tare samples that are no rest. `traces` are those of `sequences`, in their order. Of
+/// sequences that [`Sequence::check`] refuses, with other joints than the robot's, and of traces that
+/// [`Trace::check`] refuses, only that.
 pub fn reading_warnings(
     scene: &Scene,
     sequences: &[&Sequence],
     traces: &[Trace],
 ) -> Vec<PipelineWarning> {
+    let (points, channels) = (scene.rest().len(), scene.robot().joint_count());
+    let of_sequence = |s: &&Sequence| (s.id.clone(), check_sequence(scene.robot(), s));
+    let of_trace = |t: &Trace| (t.id.clone(), t.check(points, channels));
+    let checked = (sequences.iter().map(of_sequence)).chain(traces.iter().map(of_trace));
+    let malformed = malformed(checked);
+    if !malformed.is_empty() {
+        return malformed;
+    }
     let rows: Vec<Rows> = (traces.iter())
         .map(|t| (t.id.as_str(), t.readings().collect()))
         .collect();

@@ -69,9 +69,6 @@ fn moves(sequence: &Sequence, j: usize) -> Vec<(f64, f64)> {
         return Vec::new();
     };
     let (angles, time) = (&sequence.angles, &sequence.time);
-    if j >= angles.cols().min(velocities.cols()) {
-        return Vec::new();
-    }
     let of_touch = |touch: std::ops::Range<usize>| {
         let rows = (touch.len() / PARTS).max(1);
         let starts = touch.clone().step_by(rows);
