@@ -274,6 +274,7 @@ impl Campaign {
     /// # Errors
     /// Torques or motions that cannot be read, rows that contact cannot take.
     pub fn in_scene(dataset: &Dataset, scene: Scene) -> Result<Self, GapError> {
+        dataset.check()?;
         let mut train: Vec<&str> = dataset.splits.train.iter().map(String::as_str).collect();
         let mut test: Vec<&str> = dataset.splits.test.iter().map(String::as_str).collect();
         let held_out = test.is_empty() && train.len() > 1;

@@ -20,7 +20,7 @@ by their columns, from 1.
 Recordings without points are those of an arm in free air; effects that a recording cannot show are listed
 as untestable. Probabilities are those of the catalogue's effects and their pairs, no gap included. With contact,
 errors are those of a field that the diagnosis fits to windows of the train sequences, in the same way for every
-model; those of the fields of `vsf estimate` differ a little. `stiffness_field`, among what an effect is not told
+model; those of the fields of `vsf estimate` differ, sometimes by more than a half. `stiffness_field`, among what an effect is not told
 from, is an object whose stiffness differs from place to place.
 
 JSON keys: schema, dataset, gap (test_error_nominal, test_error_corrected, noise_floor, closed_fraction: share of

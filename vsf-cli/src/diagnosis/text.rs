@@ -97,8 +97,13 @@ fn places(diagnosis: &Diagnosis) -> String {
         let words: Vec<String> = (largest(parts).into_iter())
             .map(|p| format!("{} {}", part(&p.of), percent(p.share)))
             .collect();
+        // Frequencies are those of residuals, the others those of what the effect changes.
+        let of = match kind {
+            "frequency" => " of what the nominal model leaves",
+            _ => "",
+        };
         if !words.is_empty() {
-            text += &format!("  {kind:<10} {}\n", words.join(", "));
+            text += &format!("  {kind:<10} {}{of}\n", words.join(", "));
         }
     }
     if let Some(region) = found.region.first() {
