@@ -220,8 +220,9 @@ fn attempt(
     }
     // However much is closed: something else acts, too.
     let lasting = conclusion.persistence.is_some() && verdict.kind != Kind::Unknown;
+    // With contact, errors are far from a perfect model's for many reasons.
     let far = closed.fraction < NEARLY || after.mean_error() > FAR * noise_floor;
-    if lasting || stopped && far {
+    if lasting || stopped && far && !nominal.touches {
         verdict.kind = Kind::Unknown;
     }
     // An effect that does not show, or one that is not looked for.

@@ -40,18 +40,27 @@ const NEAR_BOUND: f64 = 1e-3;
 const WANTED: f64 = 5.0;
 
 impl Refined {
+    /// Changes of the torques with the parameters that may still move.
+    pub(crate) fn free_columns(&self) -> impl Iterator<Item = &[f64]> {
+        let values = self.prior.parameters.iter().zip(&self.theta);
+        let columns = self.tangent.iter().zip(values);
+        columns.filter_map(|(column, (p, t))| (!is_stopped(p, *t)).then_some(column.as_slice()))
+    }
+
     /// Names of the amplitudes that the data press against a bound of what is plausible.
     pub(crate) fn at_bounds(&self) -> Vec<&str> {
         let values = self.theta.iter().zip(&self.sd);
         let stopped = |(p, (t, sd)): &(&Parameter, (&f64, &f64))| {
-            let [low, high] = p.bounds;
-            let away = (*t - low).min(high - *t);
-            let pressed = away <= NEAR_BOUND * (high - low) && t.abs() > WANTED * **sd;
-            p.role == Role::Amplitude && pressed
+            p.role == Role::Amplitude && is_stopped(p, **t) && t.abs() > WANTED * **sd
         };
         let parameters = self.prior.parameters.iter().zip(values).filter(stopped);
         parameters.map(|(p, _)| p.name.as_str()).collect()
     }
+}
+
+fn is_stopped(p: &Parameter, value: f64) -> bool {
+    let [low, high] = p.bounds;
+    (value - low).min(high - value) <= NEAR_BOUND * (high - low)
 }
 
 /// Prior of all parameters of a model.

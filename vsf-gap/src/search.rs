@@ -14,8 +14,9 @@ use std::sync::Arc;
 
 /// Effects that are fitted together with the field after screening.
 const FINALISTS: usize = 6;
-/// Second effects that are tried beside the best one.
+/// Second effects that are tried beside the best one; in free air, where a fit takes a moment, more.
 const SECONDS: usize = 2;
+const SECONDS_IN_AIR: usize = 6;
 /// From this gain on (nats) an effect explains so much that the stiffness may vary less than it seemed.
 const MUCH: f64 = 50.0;
 /// An effect that screening puts so far below the best (nats) is no finalist.
@@ -35,8 +36,9 @@ pub(crate) struct Search<'a> {
     pub(crate) plainly: Plainly,
     /// The effects that the recording can show, best first.
     pub(crate) candidates: Vec<Candidate>,
-    /// The best model of two of them.
-    pub(crate) pair: Option<Pair>,
+    /// Models of two of them: the best one whose second effect earned it, or in free air, without such a one, all
+    /// that may do.
+    pub(crate) pairs: Vec<Pair>,
     /// The effects that it cannot show, and why.
     pub(crate) untestable: Vec<(Arc<dyn Effect>, String)>,
     /// The changes that effects make at their starts.
@@ -82,23 +84,25 @@ impl Candidate {
 }
 
 impl Search<'_> {
-    /// All models that were fitted, a pair if it `is_one`. `proven` if a trial will demand that they close most of
+    /// All models that were fitted, pairs if they `stand`. `proven` if a trial will demand that they close most of
     /// the gap: roughness that effects take away does not count against them then.
     pub(crate) fn hypotheses(
         &self,
         proven: bool,
-        is_one: impl FnOnce(&Pair) -> Result<bool, GapError>,
+        stand: impl Fn(&Pair) -> Result<bool, GapError>,
     ) -> Result<Vec<Hypothesis<'_>>, GapError> {
-        let pair = match &self.pair {
-            Some(pair) => is_one(pair)?.then_some(&pair.refined),
-            None => None,
-        };
+        let mut pairs = Vec::new();
+        for pair in &self.pairs {
+            if stand(pair)? {
+                pairs.push(&pair.refined);
+            }
+        }
         let alone = |name: &str| {
             let of = self.candidates.iter().find(|c| c.effect.name() == name)?;
             Some(of.refined.as_ref()?.log_evidence - self.base)
         };
         let single = self.candidates.iter().filter_map(|c| c.refined.as_ref());
-        Ok((single.chain(pair))
+        Ok((single.chain(pairs))
             .map(|refined| {
                 let rough = match proven {
                     true => self.spread.contact.min(refined.spread.contact),
@@ -234,11 +238,11 @@ impl Campaign {
         self.finalists(&tangents, &mut candidates, &standard)?;
 
         progress(Step::Pairs);
-        let mut pair = self.pair(&tangents, &mut candidates, &standard)?;
+        let mut pairs = self.pairs(&tangents, &mut candidates, &standard)?;
         best_first(&mut candidates, base);
         if !nominal.touches() {
             let models = candidates.iter_mut().filter_map(|c| c.refined.as_mut());
-            for refined in models.chain(pair.as_mut().map(|p| &mut p.refined)) {
+            for refined in models.chain(pairs.iter_mut().map(|p| &mut p.refined)) {
                 self.settle(refined)?;
             }
         }
@@ -249,7 +253,7 @@ impl Campaign {
             base,
             plainly,
             candidates,
-            pair,
+            pairs,
             untestable,
             tangents,
         })
@@ -299,17 +303,17 @@ impl Campaign {
         }
     }
 
-    /// The best model of two effects, the best single one and another; one whose second effect earns it, if there
-    /// is one. Others that it takes are fitted alone as well, if they are not yet.
-    fn pair(
+    /// Models of two effects, the best single one and another, see [`Search::pairs`]. Others that they take are fitted
+    /// alone as well, if they are not yet.
+    fn pairs(
         &self,
         tangents: &[Tangent],
         candidates: &mut [Candidate],
         standard: &Standard,
-    ) -> Result<Option<Pair>, GapError> {
+    ) -> Result<Vec<Pair>, GapError> {
         let (base, rough) = (standard.base, standard.spread.contact);
         let Some((leader, rest)) = candidates.split_first_mut() else {
-            return Ok(None);
+            return Ok(Vec::new());
         };
         let first = &tangents[leader.found.tangent];
         let Some(best) = leader
@@ -317,7 +321,7 @@ impl Campaign {
             .as_ref()
             .filter(|r| r.log_evidence - base > EVIDENT)
         else {
-            return Ok(None);
+            return Ok(Vec::new());
         };
         let fitted = self.fitted(&best.model, &self.train)?;
         let mut others = Vec::new();
@@ -326,16 +330,21 @@ impl Campaign {
             others.extend(self.tangents(&best.model, &fitted, &best.stiffness, effect)?);
         }
         let torques = fitted.predicted(&best.stiffness);
-        let free: Vec<&[f64]> = (std::iter::once(&torques))
-            .chain(&best.tangent)
-            .map(Vec::as_slice)
-            .collect();
+        // With contact, the errors of its model would take more from the second effect than the first one's do.
+        let in_air = !fitted.touches();
+        let mut free = vec![torques.as_slice()];
+        if in_air {
+            free.extend(best.free_columns());
+        }
         let screening = screen(&fitted, &free, &others, &fitted.roughness(&best.spread))?;
         let without = log_mean_exp(&screening.nominal);
         let mut seconds = best_starts(&others, &screening.candidates, without);
         seconds.retain(|c| c.screened > EVIDENT);
-        seconds.truncate(SECONDS);
-        let mut found: Option<Pair> = None;
+        seconds.truncate(match in_air {
+            true => SECONDS_IN_AIR,
+            false => SECONDS,
+        });
+        let mut found: Vec<Pair> = Vec::new();
         for second in seconds {
             let tangent = &others[second.found.tangent];
             let start = self.start(&best.model, tangent, &second.found, &best.spread)?;
@@ -347,6 +356,9 @@ impl Campaign {
             }
             let needed = needed_beside(tangent.effect.as_ref(), best.log_evidence - base, rough);
             let earned = gained > needed;
+            if !(earned || in_air) {
+                continue;
+            }
             // Backward: the second on its own must not do as well.
             let name = tangent.effect.name();
             if let Some(alone) = rest.iter_mut().find(|c| c.effect.name() == name) {
@@ -359,11 +371,11 @@ impl Campaign {
                     continue;
                 }
             }
-            let rank = |earned: bool, refined: &Refined| (earned, refined.log_evidence);
-            if (found.as_ref()).is_none_or(|f| rank(f.earned, &f.refined) < rank(earned, &refined))
-            {
-                found = Some(Pair { refined, earned });
-            }
+            found.push(Pair { refined, earned });
+        }
+        found.sort_by(|a, b| b.refined.log_evidence.total_cmp(&a.refined.log_evidence));
+        if let Some(best) = found.iter().position(|p| p.earned) {
+            found = vec![found.swap_remove(best)];
         }
         Ok(found)
     }

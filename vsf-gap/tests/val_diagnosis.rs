@@ -127,8 +127,8 @@ fn swinging(felt: impl Fn([f64; 3], [f64; 3]) -> [f64; 3]) -> Campaign {
     let mut sequence = |s: u32| -> Rows {
         let mut row = |k: u32| {
             let t = f64::from(k) / RATE;
-            let phase = |j: usize| (0.5 + 0.3 * j as f64) * TAU * t + f64::from(s) + j as f64;
-            let pace = |j: usize| (0.5 + 0.3 * j as f64) * TAU;
+            let phase = |j: usize| (0.15 + 0.07 * j as f64) * TAU * t + f64::from(s) + j as f64;
+            let pace = |j: usize| (0.15 + 0.07 * j as f64) * TAU;
             let q = [0, 1, 2].map(|j| 0.2 + 0.6 * phase(j).sin());
             let qd = [0, 1, 2].map(|j| 0.6 * pace(j) * phase(j).cos());
             let qdd = [0, 1, 2].map(|j| -0.6 * pace(j).powi(2) * phase(j).sin());
@@ -139,14 +139,15 @@ fn swinging(felt: impl Fn([f64; 3], [f64; 3]) -> [f64; 3]) -> Campaign {
             let tau = felt([rigid[0], rigid[1], rigid[2]], qd);
             (q.to_vec(), tau.map(|t| t + 0.02 * noise()).to_vec())
         };
-        (0..300).map(&mut row).collect()
+        (0..800).map(&mut row).collect()
     };
     free_arm(&[0, 1, 2, 3].map(&mut sequence))
 }
 
+/// With inertias in doubt, a gain of one joint of a planar arm is as well another mass.
 fn named_in_air(campaign: &Campaign) -> vsf_gap::Diagnosis {
     let free: Vec<_> = (effects::catalogue().into_iter())
-        .filter(|e| e.acts() == Acts::Torques)
+        .filter(|e| e.acts() == Acts::Torques && e.name() != "inertial_error")
         .collect();
     let outcome = diagnose(campaign, "case", &free, 0, |_| {}).unwrap();
     outcome.diagnosis
@@ -180,7 +181,7 @@ fn a_bias_beside_friction_is_named() {
         [
             tau[0] + friction(v[0]),
             tau[1] + 0.5 * friction(v[1]),
-            tau[2] + 0.2 * friction(v[2]) + 0.15,
+            tau[2] + 0.2 * friction(v[2]) + 0.3,
         ]
     }));
     assert!(
