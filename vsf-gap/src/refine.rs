@@ -34,7 +34,7 @@ pub(crate) struct Refined {
     pub(crate) tangent: Vec<Vec<f64>>,
 }
 
-/// A parameter that is this near to a bound, as a share of the way between both, was stopped there.
+/// A parameter that is this near to a bound, as a share of it, was stopped there.
 const NEAR_BOUND: f64 = 1e-3;
 /// Many deviations away from zero, it is there because the data want it.
 const WANTED: f64 = 5.0;
@@ -59,8 +59,7 @@ impl Refined {
 }
 
 fn is_stopped(p: &Parameter, value: f64) -> bool {
-    let [low, high] = p.bounds;
-    (value - low).min(high - value) <= NEAR_BOUND * (high - low)
+    (p.bounds.iter()).any(|bound| (value - bound).abs() <= NEAR_BOUND * bound.abs())
 }
 
 /// Prior of all parameters of a model.
