@@ -11,7 +11,8 @@
 //! | sensing | [`Sensor`] | [`Observation`]: columns `w_i`, reading `tau`, noise |
 //! | estimation | [`Estimator`] | [`Belief`]: mean and variance of every `K_i` |
 //!
-//! A [`Session`] owns one of each and runs a step without allocating after warm-up.
+//! A [`Session`] owns one of each and runs a step without allocating of its own after warm-up; what its parts do is
+//! theirs to say (a memory of past observations grows until its budget is full).
 //!
 //! The seams are dyn-safe on purpose, so that a program can choose at run time. Only
 //! [`Observation`], [`Belief`] and [`Estimator`] are generic over the [`Scalar`] (`f32` or

@@ -10,6 +10,9 @@ pub type StepReport = UpdateReport;
 /// An online estimation: a contact model, a sensor and an estimator, with the buffers between
 /// them. After warm-up a step allocates nothing of its own.
 ///
+/// To go on after a restart, build a session anew around the restored estimator, between two touches: contacts and
+/// [`FilterHealth`] are not saved.
+///
 /// ```no_run
 /// # use vsf_core::*;
 /// # fn demo<C: ContactModel, S: Sensor<f32>, E: Estimator<Scalar = f32>>(

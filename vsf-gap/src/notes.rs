@@ -113,7 +113,7 @@ pub(crate) fn notes(
         .map(|(refined, _)| refined.at_bounds());
     if let Some(stopped) = stopped.filter(|s| !s.is_empty()) {
         notes.push(format!(
-            "{} end at a bound of what is plausible: {} may stand for what is not looked for, such as torques of \
+            "at a bound of what is plausible: {}; {} may stand for what is not looked for, such as torques of \
              another sign, unit or order",
             stopped.join(", "),
             verdict.effects.join(" and ")

@@ -80,8 +80,9 @@ impl Corrector {
     /// smoother. The force of the sample is found here.
     ///
     /// # Errors
-    /// Numbers that are not finite or not one per joint, a time step below zero; effects whose answers are not finite; a row that robot or contact cannot take. The
-    /// observation is then empty or as before; begin a touch to go on.
+    /// Numbers that are not finite or not one per joint, a time step below zero; effects whose answers are not
+    /// finite; a row that robot or contact cannot take. The observation is then empty or as before; begin a touch to
+    /// go on.
     pub fn step(
         &mut self,
         sample: &Sample<'_>,

@@ -1,4 +1,5 @@
 use crate::description::{Description, JointDescription, LinkDescription};
+use crate::tree::MAX_LINKS;
 use crate::{JointKind, JointLimits, RobotError, RobotModel, kinova_gen3};
 use nalgebra::{Isometry3, Matrix3, UnitQuaternion, Vector3};
 use std::f64::consts::{FRAC_PI_2, PI};
@@ -86,13 +87,14 @@ pub fn cartesian_stage(tip_radius: f64) -> Result<RobotModel, RobotError> {
 /// much as a solid cylinder of its length and radius made of water (1000 kg/m^3).
 ///
 /// # Errors
-/// No links, or a length or radius that is not positive and finite.
+/// No links or more than 998, or a length or radius that is not positive and finite.
 pub fn planar_arm(links: usize, length: f64, radius: f64) -> Result<RobotModel, RobotError> {
-    if links == 0 {
+    // The base and the tip are links as well.
+    if !(1..=MAX_LINKS - 2).contains(&links) {
         return Err(CoreError::Parameter {
             name: "number of links",
-            value: 0.0,
-            range: ">= 1",
+            value: links as f64,
+            range: "1 to 998",
         }
         .into());
     }

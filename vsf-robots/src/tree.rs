@@ -9,7 +9,7 @@ use std::sync::Arc;
 use vsf_core::{Collider, CoreError, LinkChains};
 
 /// Far beyond any robot. Every link knows the joints above it, so that a chain costs the square.
-const MAX_LINKS: usize = 1000;
+pub(crate) const MAX_LINKS: usize = 1000;
 
 /// Rounding that a printed inertia may carry, relative to its largest entry.
 const INERTIA_ROUNDING: f64 = 1e-9;

@@ -110,5 +110,7 @@ fn bad_sizes_are_refused() {
         assert!(planar_arm(2, bad, 0.1).is_err() || bad == 1e300, "{bad}");
         assert!(planar_arm(2, 0.1, bad).is_err(), "{bad}");
     }
-    assert!(planar_arm(0, 0.1, 0.1).is_err());
+    for links in [0, 999, usize::MAX] {
+        assert!(planar_arm(links, 0.1, 0.1).is_err());
+    }
 }

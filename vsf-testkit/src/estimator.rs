@@ -15,9 +15,9 @@ pub struct EstimatorOptions {
     pub points: usize,
     /// Channels of a reading, at least 1; default 3.
     pub channels: usize,
-    /// Observations of a sequence; default 12.
+    /// Observations of a sequence, at least 2; default 12.
     pub steps: usize,
-    /// Entries of W lie within `[-weight, weight]`; default 0.05.
+    /// Entries of W lie within `[-weight, weight]`, > 0 and finite; default 0.05.
     pub weight: f64,
     /// Standard deviation of the reading noise; default 0.1.
     pub noise_sd: f64,
@@ -66,7 +66,7 @@ type Property<'a, T, E> = fn(&Suite<'a, T, E>);
 /// from a prior; two of them from the same prior must behave the same.
 ///
 /// # Panics
-/// With the name of the property that does not hold.
+/// With the name of the property that does not hold, or of the option that is out of range.
 ///
 /// ```
 /// use vsf_filter::DiagonalKalman;
@@ -77,6 +77,20 @@ pub fn check_estimator<T: Scalar, E: Estimator<Scalar = T> + 'static>(
     make: impl Fn(Belief<T>) -> E,
     options: EstimatorOptions,
 ) {
+    let EstimatorOptions {
+        points,
+        channels,
+        steps,
+        weight,
+        ..
+    } = options;
+    assert!(points >= 8, "option points: {points}, at least 8");
+    assert!(channels >= 1, "option channels: {channels}, at least 1");
+    assert!(steps >= 2, "option steps: {steps}, at least 2");
+    assert!(
+        weight > 0.0 && weight.is_finite(),
+        "option weight: {weight}, > 0 and finite"
+    );
     let suite = Suite {
         make: &make,
         options,

@@ -403,3 +403,32 @@ fn every_fault_is_found_by_name() {
         }
     }
 }
+
+#[test]
+fn options_that_cannot_be_are_named() {
+    let good = EstimatorOptions::default();
+    for (options, name) in [
+        (EstimatorOptions { points: 7, ..good }, "option points"),
+        (
+            EstimatorOptions {
+                channels: 0,
+                ..good
+            },
+            "option channels",
+        ),
+        (EstimatorOptions { steps: 1, ..good }, "option steps"),
+        (
+            EstimatorOptions {
+                weight: f64::NAN,
+                ..good
+            },
+            "option weight",
+        ),
+    ] {
+        let check =
+            || check_estimator(|prior: Belief<f64>| Dense::new(prior, Fault::None), options);
+        let cause = catch_unwind(check).unwrap_err();
+        let text = cause.downcast_ref::<String>().unwrap();
+        assert!(text.contains(name), "{text}");
+    }
+}

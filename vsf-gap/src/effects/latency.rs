@@ -6,8 +6,8 @@ use vsf_robots::RobotModel;
 
 /// Readings that come late: at time `t` they are those of posture and motion at `t - delta`.
 ///
-/// One parameter, `delta` (s). Motion between samples is interpolated linearly, of continuous joints the shorter way round; before the first
-/// sample of a touch it is taken to have been that of the sample. Tell-tale: a lag, of the arm's weight in
+/// One parameter, `delta` (s). Motion between samples is interpolated linearly, of continuous joints the shorter
+/// way round; before the first sample of a touch it is taken to have been that of the sample. Tell-tale: a lag, of the arm's weight in
 /// free motion too, that is the same time at every speed; a viscous object leads.
 ///
 /// # Reference
