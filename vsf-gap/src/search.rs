@@ -97,10 +97,7 @@ impl Search<'_> {
                 pairs.push(&pair.refined);
             }
         }
-        let alone = |name: &str| {
-            let of = self.candidates.iter().find(|c| c.effect.name() == name)?;
-            Some(of.refined.as_ref()?.log_evidence - self.base)
-        };
+        let alone = |name: &str| Some(self.alone(name)?.log_evidence - self.base);
         let single = self.candidates.iter().filter_map(|c| c.refined.as_ref());
         Ok((single.chain(pairs))
             .map(|refined| {
@@ -116,11 +113,13 @@ impl Search<'_> {
     /// The model of the first effect of a pair alone.
     pub(crate) fn first_of(&self, pair: &Pair) -> Option<&Refined> {
         let (first, _) = pair.refined.model.parts.first()?;
-        let own = self
-            .candidates
-            .iter()
-            .find(|c| c.effect.name() == first.name())?;
-        own.refined.as_ref()
+        self.alone(first.name())
+    }
+
+    /// The model of one effect, if it was fitted.
+    fn alone(&self, name: &str) -> Option<&Refined> {
+        let of = self.candidates.iter().find(|c| c.effect.name() == name)?;
+        of.refined.as_ref()
     }
 
     /// The energy of the readings over windows that the nominal model leaves.
