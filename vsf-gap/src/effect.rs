@@ -272,6 +272,16 @@ pub trait Effect: Send + Sync {
         vec![self.parameters(site).into_iter().map(middle).collect()]
     }
 
+    /// Indices of the amplitudes that may act from the start of this index; the others stay at zero. By default
+    /// all may. An effect of many parts, of which few act at once, has a start for each: every amplitude that
+    /// may act costs evidence.
+    fn acting(&self, site: &Site, start: usize) -> Vec<usize> {
+        let _ = start;
+        let parameters = self.parameters(site);
+        let amplitude = |&i: &usize| parameters[i].role == Role::Amplitude;
+        (0..parameters.len()).filter(amplitude).collect()
+    }
+
     /// The effect with parameters `theta`, in the order of [`Effect::parameters`].
     ///
     /// # Errors
@@ -373,7 +383,15 @@ pub(crate) fn check_effect(effect: &dyn Effect, site: &Site) -> Result<(), GapEr
     if starts.is_empty() {
         return wrong("it has no start".to_owned());
     }
-    for start in starts {
+    for (k, start) in starts.into_iter().enumerate() {
+        let acting = effect.acting(site, k);
+        let acts = |i: &usize| (parameters.get(*i)).is_some_and(|p| p.role == Role::Amplitude);
+        if acting.is_empty() || !acting.iter().all(acts) || !acting.is_sorted_by(|a, b| a < b) {
+            return wrong(format!(
+                "from start {k} the parameters {acting:?} may act; they must be indices of amplitudes, increasing, \
+                 one at least"
+            ));
+        }
         check(effect.name(), &start, parameters.len())?;
         let out = |(p, t): &(&Parameter, &f64)| {
             p.role == Role::Shape && !(p.bounds[0]..=p.bounds[1]).contains(*t)

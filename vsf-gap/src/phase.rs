@@ -3,6 +3,7 @@ use crate::forward::velocity_columns;
 use crate::{Campaign, ContactLog, GapError, Motion, centre};
 use nalgebra::Vector3;
 use serde::{Deserialize, Serialize};
+use vsf_data::Table;
 
 /// What the robot does at a sample, found from contacts and motion alone.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
@@ -42,8 +43,31 @@ impl Phase {
     }
 }
 
-/// A robot slower than this share of its speed in motion (90th percentile) holds still.
-const STILL: f64 = 0.08;
+/// A robot slower than the first share of its speed in motion (90th percentile) holds still; where speeds are noisy,
+/// one slower than so many times their noise, up to the second share.
+const STILL: [f64; 2] = [0.02, 0.08];
+const NOISE: f64 = 2.0;
+
+/// The speed up to which a robot of these joint velocities holds still.
+fn stillness(qd: &Table, speed: &[f64]) -> f64 {
+    let usual = quantile(speed, 0.9);
+    // Second differences of motion are small, those of white noise sqrt(6) times as large as the noise.
+    let bends = (1..qd.rows().saturating_sub(1)).map(|k| {
+        let (before, at, after) = (&qd[k - 1], &qd[k], &qd[k + 1]);
+        let bend = |j: usize| before[j] - 2.0 * at[j] + after[j];
+        (0..qd.cols()).map(|j| bend(j).powi(2)).sum::<f64>().sqrt()
+    });
+    let noise = quantile(&bends.collect::<Vec<_>>(), 0.5) / 6.0_f64.sqrt();
+    (NOISE * noise).clamp(STILL[0] * usual, STILL[1] * usual)
+}
+
+/// The value that this share of some numbers lies below; 0 of none.
+fn quantile(values: &[f64], share: f64) -> f64 {
+    let mut sorted = values.to_vec();
+    sorted.sort_by(f64::total_cmp);
+    let at = (sorted.len() as f64 * share) as usize;
+    sorted.get(at).copied().unwrap_or(0.0)
+}
 
 impl Campaign {
     /// The phase of every sample of a sequence, `log` its contacts.
@@ -59,10 +83,8 @@ impl Campaign {
             .iter()
             .map(|qd| qd.iter().map(|v| v * v).sum::<f64>().sqrt())
             .collect();
-        let mut sorted = speed.clone();
-        sorted.sort_by(f64::total_cmp);
-        let usual = sorted.get(sorted.len() * 9 / 10).copied().unwrap_or(0.0);
-        let still = |row: usize| speed[row] <= STILL * usual;
+        let stillness = stillness(&motion.qd, &speed);
+        let still = |row: usize| speed[row] <= stillness;
         let mut phases = vec![Phase::Free; motion.len()];
         let mut columns = vec![Vector3::zeros(); self.site.joints()];
         for (row, phase) in phases.iter_mut().enumerate() {

@@ -3,7 +3,6 @@ use crate::nominal::Fitted;
 use crate::screen::{best_of, log_mean_exp};
 use crate::{Acts, Campaign, Effect, GapError, Model, Parameter, Role};
 use faer::Mat;
-use nalgebra::DVector;
 use rayon::prelude::*;
 use std::ops::Range;
 use std::sync::Arc;
@@ -22,7 +21,7 @@ pub(crate) struct Refined {
     pub(crate) theta: Vec<f64>,
     /// Their prior.
     pub(crate) prior: Prior,
-    /// Their posterior deviations.
+    /// Their posterior deviations; 0 of amplitudes that may not act.
     pub(crate) sd: Vec<f64>,
     /// Log of the evidence of the readings, roughness averaged (nats, without constants).
     pub(crate) log_evidence: f64,
@@ -42,9 +41,9 @@ const WANTED: f64 = 5.0;
 impl Refined {
     /// Changes of the torques with the parameters that may still move.
     pub(crate) fn free_columns(&self) -> impl Iterator<Item = &[f64]> {
-        let values = self.prior.parameters.iter().zip(&self.theta);
-        let columns = self.tangent.iter().zip(values);
-        columns.filter_map(|(column, (p, t))| (!is_stopped(p, *t)).then_some(column.as_slice()))
+        let free = |&i: &usize| !is_stopped(&self.prior.parameters[i], self.theta[i]);
+        let moving = self.prior.moving().filter(free);
+        moving.map(|i| self.tangent[i].as_slice())
     }
 
     /// Names of the amplitudes that the data press against a bound of what is plausible.
@@ -69,23 +68,31 @@ pub(crate) struct Prior {
     pub(crate) parameters: Vec<Parameter>,
     /// Means: zero for amplitudes, the start of the search for shapes.
     pub(crate) mean: Vec<f64>,
-    /// Standard deviations.
+    /// Standard deviations; 0 of amplitudes that may not act.
     pub(crate) sd: Vec<f64>,
+    /// Nats that the choice of those that may costs ([`Tangent`](crate::screen::Tangent)).
+    pub(crate) choice: f64,
 }
 
 impl Prior {
+    /// Indices of the parameters that may move.
+    pub(crate) fn moving(&self) -> impl Iterator<Item = usize> {
+        (0..self.sd.len()).filter(|&i| self.sd[i] > 0.0)
+    }
+
     /// That of a model with one more effect.
     pub(crate) fn and(mut self, next: Self) -> Self {
         self.parameters.extend(next.parameters);
         self.mean.extend(next.mean);
         self.sd.extend(next.sd);
+        self.choice += next.choice;
         self
     }
 
     /// Nats that parameters cost.
     pub(crate) fn cost(&self, theta: &[f64]) -> f64 {
         let z = |i: usize| (theta[i] - self.mean[i]) / self.sd[i];
-        (0..theta.len()).map(|i| 0.5 * z(i) * z(i)).sum()
+        self.choice + self.moving().map(|i| 0.5 * z(i) * z(i)).sum::<f64>()
     }
 }
 
@@ -135,18 +142,17 @@ impl Campaign {
         let spread = &fitted.adapted(spread)?;
         let (mut stiffness, mut factor) = self.field(&mut fitted, spread)?;
         let mut value = fitted.log_evidence_of(&factor) - prior.cost(&theta);
-        let mut columns = self.columns(start, &fitted, &stiffness, &prior.parameters)?;
+        let mut columns = self.columns(start, &fitted, &stiffness, &prior)?;
         let deep = start.acts() == Acts::Contact;
         let mut stale = false;
         for k in 0..MOST_STEPS {
             let (_, fit) = evidence(&fitted, &columns, &theta, &prior, &factor);
             let Some(fit) = fit else { break };
-            let mut next: Vec<f64> = (0..theta.len())
-                .map(|i| {
-                    let [lo, hi] = prior.parameters[i].bounds;
-                    (prior.mean[i] + fit.theta[i]).clamp(lo, hi)
-                })
-                .collect();
+            let mut next = theta.clone();
+            for (i, step) in prior.moving().zip(fit.theta.iter()) {
+                let [lo, hi] = prior.parameters[i].bounds;
+                next[i] = (prior.mean[i] + step).clamp(lo, hi);
+            }
             let mut better = None;
             for _ in 0..=MOST_HALVINGS {
                 let model = start.at(&next);
@@ -169,14 +175,14 @@ impl Campaign {
             // Where contact has to be simulated anew for every column, they serve for two steps.
             stale = deep && k % 2 == 0;
             if !stale {
-                columns = self.columns(&model, &fitted, &stiffness, &prior.parameters)?;
+                columns = self.columns(&model, &fitted, &stiffness, &prior)?;
             }
             if gained < ENOUGH {
                 break;
             }
         }
         if stale {
-            columns = self.columns(&start.at(&theta), &fitted, &stiffness, &prior.parameters)?;
+            columns = self.columns(&start.at(&theta), &fitted, &stiffness, &prior)?;
         }
         let spreads = fitted.roughness(spread);
         let found: Vec<(f64, Option<Fit>)> = (spreads.par_iter())
@@ -187,10 +193,11 @@ impl Campaign {
             .collect::<Result<_, GapError>>()?;
         let all: Vec<f64> = found.iter().map(|(e, _)| *e).collect();
         let best = best_of(&all);
-        let sd = match &found[best].1 {
-            Some(fit) => fit.covariance.diagonal().map(f64::sqrt).as_slice().to_vec(),
-            None => prior.sd.clone(),
-        };
+        let mut sd = prior.sd.clone();
+        if let Some(fit) = &found[best].1 {
+            let of_moving = fit.covariance.diagonal();
+            (prior.moving().zip(of_moving.iter())).for_each(|(i, v)| sd[i] = v.sqrt());
+        }
         Ok(Refined {
             model: start.at(&theta),
             theta,
@@ -272,19 +279,22 @@ impl Campaign {
         Ok(field.into_iter().map(|k| k.max(0.0)).collect())
     }
 
-    /// The change of the torques with every parameter of a model.
+    /// The change of the torques with every parameter of a model that may move, zero for the others.
     fn columns(
         &self,
         model: &Model,
         fitted: &Fitted<'_>,
         stiffness: &[f64],
-        parameters: &[Parameter],
+        prior: &Prior,
     ) -> Result<Vec<Vec<f64>>, GapError> {
         let theta = model.theta();
         let here = fitted.predicted(stiffness);
         let deep = model.acts() == Acts::Contact;
-        (parameters.par_iter().enumerate())
+        (prior.parameters.par_iter().enumerate())
             .map(|(i, p)| {
+                if prior.sd[i] == 0.0 {
+                    return Ok(vec![0.0; here.len()]);
+                }
                 let [lo, hi] = p.bounds;
                 let step = 0.5 * p.scale.min(hi - lo);
                 let at = |value: f64| {
@@ -313,7 +323,7 @@ impl Campaign {
     }
 }
 
-/// Log evidence with the parameters integrated out around `theta`, and the next parameters,
+/// Log evidence with the parameters integrated out around `theta`, and the next ones of those that may move,
 /// relative to the prior mean.
 fn evidence(
     fitted: &Fitted<'_>,
@@ -323,11 +333,16 @@ fn evidence(
     factor: &Factor,
 ) -> (f64, Option<Fit>) {
     let rest = fitted.rest();
+    let moving: Vec<usize> = prior.moving().collect();
+    let columns: Vec<&Vec<f64>> = moving.iter().map(|&i| &columns[i]).collect();
+    let sd: Vec<f64> = moving.iter().map(|&i| prior.sd[i]).collect();
     // Readings as they would be were the parameters at their prior mean.
     let mut back = rest.clone();
-    let moved = DVector::from_fn(theta.len(), |i, _| theta[i] - prior.mean[i]);
-    for (column, m) in columns.iter().zip(moved.iter()) {
-        back.iter_mut().zip(column).for_each(|(r, c)| *r += c * m);
+    for (column, &i) in columns.iter().zip(&moving) {
+        let m = theta[i] - prior.mean[i];
+        back.iter_mut()
+            .zip(column.iter())
+            .for_each(|(r, c)| *r += c * m);
     }
     let mut all = Mat::from_fn(rest.len(), columns.len() + 2, |i, k| match k {
         0 => rest[i],
@@ -341,9 +356,9 @@ fn evidence(
     let normal = Normal::new(all.col_as_slice(1), &white);
     let squares: f64 = all.col_as_slice(0).iter().map(|y| y * y).sum();
     let log_evidence =
-        -0.5 * (factor.log_det() + squares + normal.log_det(&prior.sd)) - prior.cost(theta);
-    let bounds: Vec<[f64; 2]> = (prior.parameters.iter().zip(&prior.mean))
-        .map(|(p, m)| [p.bounds[0] - m, p.bounds[1] - m])
+        -0.5 * (factor.log_det() + squares + normal.log_det(&sd)) - prior.cost(theta);
+    let bounds: Vec<[f64; 2]> = (moving.iter())
+        .map(|&i| prior.parameters[i].bounds.map(|b| b - prior.mean[i]))
         .collect();
-    (log_evidence, normal.fit(&prior.sd, &bounds))
+    (log_evidence, normal.fit(&sd, &bounds))
 }

@@ -262,6 +262,9 @@ impl EffectReport {
             std: *sd,
             unit: p.unit.to_owned(),
         };
-        self.parameters = own.into_iter().zip(theta).zip(sd).map(estimate).collect();
+        // Those that may not act are no part of the model.
+        let part = |((p, _), sd): &((Parameter, &f64), &f64)| p.role == Role::Shape || **sd > 0.0;
+        let all = own.into_iter().zip(theta).zip(sd);
+        self.parameters = all.filter(part).map(estimate).collect();
     }
 }

@@ -3,6 +3,7 @@ use crate::nominal::Fitted;
 use crate::{Acts, Campaign, ContactLog, Effect, GapError, Model, Motion, Parameter, Role};
 use faer::Mat;
 use rayon::prelude::*;
+use std::collections::BTreeSet;
 use std::sync::Arc;
 
 /// How large an effect is before anything is known: the RMS torque of each of its parameters, as a
@@ -17,12 +18,14 @@ pub(crate) struct Tangent {
     pub(crate) effect: Arc<dyn Effect>,
     /// All of its parameters where the tangent was taken; amplitudes are zero.
     pub(crate) start: Vec<f64>,
-    /// Indices of the amplitudes among the parameters.
+    /// Indices of the amplitudes that may act, among the parameters.
     pub(crate) amplitudes: Vec<usize>,
     /// Prior deviation of each amplitude.
     pub(crate) sd: Vec<f64>,
     /// Bounds of each amplitude.
     pub(crate) bounds: Vec<[f64; 2]>,
+    /// Nats that it costs to be one of several sets of amplitudes that may act, each as likely before.
+    pub(crate) choice: f64,
     /// One column per amplitude.
     pub(crate) columns: Vec<Vec<f64>>,
 }
@@ -79,8 +82,15 @@ impl Campaign {
     ) -> Result<Vec<Tangent>, GapError> {
         let nominal = fitted.predicted(stiffness);
         let starts = effect.starts(&self.site);
-        (starts.into_iter())
-            .map(|start| self.tangent(base, fitted, stiffness, &nominal, effect, start))
+        let sets: BTreeSet<_> = (0..starts.len())
+            .map(|k| effect.acting(&self.site, k))
+            .collect();
+        let choice = (sets.len() as f64).ln();
+        (starts.into_iter().enumerate())
+            .map(|start| {
+                let tangent = self.tangent(base, fitted, stiffness, &nominal, effect, start)?;
+                Ok(Tangent { choice, ..tangent })
+            })
             .collect()
     }
 
@@ -91,20 +101,22 @@ impl Campaign {
         stiffness: &[f64],
         nominal: &[f64],
         effect: &Arc<dyn Effect>,
-        mut start: Vec<f64>,
+        (start, mut theta): (usize, Vec<f64>),
     ) -> Result<Tangent, GapError> {
         let parameters = effect.parameters(&self.site);
-        let amplitudes: Vec<usize> = (0..parameters.len())
-            .filter(|&i| parameters[i].role == Role::Amplitude)
-            .collect();
-        amplitudes.iter().for_each(|&i| start[i] = 0.0);
+        let amplitudes = effect.acting(&self.site, start);
+        for (p, t) in parameters.iter().zip(&mut theta) {
+            if p.role == Role::Amplitude {
+                *t = 0.0;
+            }
+        }
         let columns: Vec<Vec<f64>> = (amplitudes.par_iter())
             .map(|&i| {
                 let p = &parameters[i];
                 let at = |step: f64| {
-                    let mut theta = start.clone();
-                    theta[i] = step;
-                    let model = base.with(effect, &theta);
+                    let mut moved = theta.clone();
+                    moved[i] = step;
+                    let model = base.with(effect, &moved);
                     self.predicted_near(&model, p, fitted, stiffness, nominal)
                 };
                 let step = p.scale.min(0.5 * p.bounds[1]);
@@ -132,10 +144,11 @@ impl Campaign {
             .collect();
         Ok(Tangent {
             effect: effect.clone(),
-            start,
+            start: theta,
             bounds: amplitudes.iter().map(|&i| parameters[i].bounds).collect(),
             amplitudes,
             sd,
+            choice: 0.0,
             columns,
         })
     }
@@ -245,7 +258,7 @@ pub(crate) fn screen(
         .filter_map(|k| {
             let at = |i: usize| {
                 let gain = found[i].1[k].as_ref().map_or(f64::NEG_INFINITY, |f| f.gain);
-                nominal[i] + gain
+                nominal[i] + gain - tangents[k].choice
             };
             let all: Vec<f64> = (0..spreads.len()).map(at).collect();
             let best = best_of(&all);

@@ -15,12 +15,15 @@ const WORTHWHILE: f64 = 6.0;
 const WIDEST: f64 = 50.0;
 
 impl Tangent {
-    /// Prior of all parameters. Screening bounds amplitudes by the torques that they cause; of
+    /// Prior of all parameters, those that may not act held at zero. Screening bounds amplitudes by the torques that they cause; of
     /// surfaces that move, torques are no measure, since contact and stiffness change with them.
     pub(crate) fn prior(&self, site: &Site) -> Prior {
         let parameters = self.effect.parameters(site);
         let mut sd: Vec<f64> = (parameters.iter())
-            .map(|p| (0.25 * (p.bounds[1] - p.bounds[0])).min(WIDEST * p.scale))
+            .map(|p| match p.role {
+                Role::Amplitude => 0.0,
+                Role::Shape => (0.25 * (p.bounds[1] - p.bounds[0])).min(WIDEST * p.scale),
+            })
             .collect();
         for (&i, s) in self.amplitudes.iter().zip(&self.sd) {
             sd[i] = match self.effect.acts() {
@@ -32,6 +35,7 @@ impl Tangent {
             parameters,
             mean: self.start.clone(),
             sd,
+            choice: self.choice,
         }
     }
 }
@@ -82,7 +86,7 @@ impl Campaign {
         };
         let mut size = EXCURSIONS[0];
         for round in 0..MOST_ROUNDS {
-            let mut tried = steps(&parameters, &best, size);
+            let mut tried = steps(&prior, &best, size);
             if round == 0 {
                 tried.push(linear.clone());
             }
@@ -116,12 +120,15 @@ fn moved(parameters: &[Parameter], theta: &[f64], way: &[f64], by: f64) -> Vec<f
         .collect()
 }
 
-/// Steps of so many scales from `theta`, of every amplitude of the whole session on its own; of
+/// Steps of so many scales from `theta`, of every amplitude of the whole session that may act on its own; of
 /// compliances, which cannot be negative, of all together as well.
-fn steps(parameters: &[Parameter], theta: &[f64], size: f64) -> Vec<Vec<f64>> {
-    let moves = |p: &Parameter| p.role == Role::Amplitude && p.sequence.is_none();
+fn steps(prior: &Prior, theta: &[f64], size: f64) -> Vec<Vec<f64>> {
+    let parameters = &prior.parameters;
+    let moves = |i: usize, p: &Parameter| {
+        p.role == Role::Amplitude && p.sequence.is_none() && prior.sd[i] > 0.0
+    };
     let step = |which: &dyn Fn(usize) -> bool, size: f64| {
-        let own = |(i, p): (usize, &Parameter)| match moves(p) && which(i) {
+        let own = |(i, p): (usize, &Parameter)| match moves(i, p) && which(i) {
             true => p.scale,
             false => 0.0,
         };
@@ -131,7 +138,8 @@ fn steps(parameters: &[Parameter], theta: &[f64], size: f64) -> Vec<Vec<f64>> {
     let mut steps: Vec<Vec<f64>> = (0..parameters.len())
         .flat_map(|k| [-size, size].map(|size| step(&|i| i == k, size)))
         .collect();
-    if (parameters.iter().filter(|p| moves(p))).all(|p| p.bounds[0] == 0.0) {
+    let mut moving = parameters.iter().enumerate().filter(|(i, p)| moves(*i, p));
+    if moving.all(|(_, p)| p.bounds[0] == 0.0) {
         steps.extend([-size, size].map(|size| step(&|_| true, size)));
     }
     steps

@@ -196,6 +196,19 @@ fn a_bias_beside_friction_is_named() {
     );
 }
 
+/// A tendon of the third joint that passes the first: of all pairs of joints, that one alone is in the model.
+#[test]
+fn a_joint_that_drags_a_distant_one_is_named_with_it() {
+    let d = named_in_air(&swinging(|tau, v| [tau[0] + 0.4 * v[2], tau[1], tau[2]]));
+    assert_eq!(d.verdict.effects, ["joint_coupling"], "{:?}", d.verdict);
+    let coupling = d.effects.iter().find(|e| e.effect == "joint_coupling");
+    let parameters = &coupling.unwrap().parameters;
+    let names: Vec<_> = parameters.iter().map(|p| p.name.as_str()).collect();
+    assert_eq!(names, ["c_1_3", "d_1_3", "i_1_3", "eps"]);
+    let viscous = &parameters[1];
+    assert!((viscous.value - 0.4).abs() < 0.02, "{viscous:?}");
+}
+
 /// The gain that would turn them round is none that a sensor has.
 #[test]
 fn actuators_of_the_wrong_sign_are_unknown() {

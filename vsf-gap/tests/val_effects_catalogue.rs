@@ -310,8 +310,8 @@ fn late_readings_of_a_joint_that_turns_on() {
     }
 }
 
-/// An effect whose parameters cannot be.
-struct Broken(Parameter, Vec<Vec<f64>>);
+/// An effect whose parameters, starts, or those that may act cannot be.
+struct Broken(Parameter, Vec<Vec<f64>>, Vec<usize>);
 
 impl Effect for Broken {
     fn name(&self) -> &str {
@@ -338,6 +338,10 @@ impl Effect for Broken {
         self.1.clone()
     }
 
+    fn acting(&self, _: &Site, _: usize) -> Vec<usize> {
+        self.2.clone()
+    }
+
     fn compensator(&self, _: &Site, theta: &[f64]) -> Result<Box<dyn Compensator>, GapError> {
         Ok(Box::new(Drag(theta[0])))
     }
@@ -359,18 +363,24 @@ fn effects_that_cannot_be_are_refused() {
         (good.clone().of_sequence(2), start.clone(), "sequence"),
         (
             Parameter::shape("k", "1", [0.0, 1.0], 0.1),
-            start,
+            start.clone(),
             "amplitude",
         ),
         (good.clone(), vec![], "start"),
         (good.clone(), vec![vec![]], "takes 1 parameters, got 0"),
         (good.clone(), vec![vec![f64::NAN]], "parameter 0 is NaN"),
     ];
-    for (parameter, starts, problem) in cases {
-        let effects: [Arc<dyn Effect>; 1] = [Arc::new(Broken(parameter, starts))];
+    let refused = |parameter: Parameter, starts: Vec<Vec<f64>>, acting: &[usize], problem: &str| {
+        let effects: [Arc<dyn Effect>; 1] = [Arc::new(Broken(parameter, starts, acting.to_vec()))];
         let error = vsf_gap::diagnose(&campaign, "test", &effects, 0, |_| {}).err();
         let text = error.unwrap().to_string();
         assert!(text.contains("broken") && text.contains(problem), "{text}");
+    };
+    for acting in [[].as_slice(), &[1], &[0, 0]] {
+        refused(good.clone(), start.clone(), acting, "may act");
+    }
+    for (parameter, starts, problem) in cases {
+        refused(parameter, starts, &[0], problem);
     }
 }
 

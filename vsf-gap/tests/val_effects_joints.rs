@@ -101,11 +101,11 @@ fn friction_follows_the_velocity() {
         ]
     });
     // Joint 1 driven by joint 2, joint 2 by joint 1.
-    let truth = [0.3, 2.0, -0.2, 1.0, 0.02];
+    let truth = [0.3, 2.0, 0.05, -0.2, 1.0, -0.1, 0.02];
     recovers("joint_coupling", &site, &rows, &truth, |r| {
         [
-            dry(0.3, r.qd[1], 0.02) - 2.0 * r.qd[1],
-            dry(-0.2, r.qd[0], 0.02) - r.qd[0],
+            dry(0.3, r.qd[1], 0.02) - 2.0 * r.qd[1] - 0.05 * r.qdd[1],
+            dry(-0.2, r.qd[0], 0.02) - r.qd[0] + 0.1 * r.qdd[0],
         ]
     });
 }

@@ -1,13 +1,14 @@
 use super::joint::{sign, speed_unit, unit};
 use crate::GapError;
 use crate::effect::{Acts, Compensator, Effect, Need, Parameter, Sample, Site, Touch, check};
+use std::ops::Range;
 
-/// Friction of a joint that is driven by the motion of its neighbours, as in gears that share a
-/// housing: `-c_jk tanh(qd_k / eps) - d_jk qd_k` for `k = j - 1` and `k = j + 1`.
+/// Friction and inertia of a joint that are driven by the motion of another, as in gears that share a housing and
+/// tendons that pass by: `-c_jk tanh(qd_k / eps) - d_jk qd_k - i_jk qdd_k`.
 ///
-/// Parameters `c_<j>_<k>` (N m or N) and `d_<j>_<k>` (N m s/rad or N s/m) for every joint `j` and
-/// neighbour `k`, and the shape `eps` (rad/s or m/s). Tell-tale: the residual of one joint follows the
-/// velocity of another.
+/// Parameters `c_<j>_<k>` (N m or N), `d_<j>_<k>` (N m s/rad, N s/m, ...) and `i_<j>_<k>` (kg m², kg, ...) for every
+/// joint `j` and every other joint `k`, and the shape `eps` (rad/s or m/s). All neighbours may act together, or any
+/// one pair alone. Tell-tale: the residual of one joint follows the velocity of another.
 ///
 /// # Reference
 /// B. Siciliano, L. Sciavicco, L. Villani, G. Oriolo, *Robotics: Modelling, Planning and Control*,
@@ -16,19 +17,22 @@ use crate::effect::{Acts, Compensator, Effect, Need, Parameter, Sample, Site, To
 pub struct JointCoupling;
 
 struct Coupling {
-    /// Joint, the neighbour that drives it, dry and viscous friction.
-    pairs: Vec<(usize, usize, f64, f64)>,
+    /// Joint, the one that drives it, dry and viscous friction, inertia.
+    pairs: Vec<(usize, usize, [f64; OF_PAIR])>,
     eps: f64,
 }
 
-/// Every joint with each of its neighbours.
+/// Parameters of a pair.
+const OF_PAIR: usize = 3;
+
+/// Every joint with each of the others.
 fn pairs(site: &Site) -> impl Iterator<Item = (usize, usize)> {
     let d = site.joints();
-    (0..d).flat_map(move |j| {
-        let neighbours = [j.checked_sub(1), Some(j + 1)];
-        let inside = neighbours.into_iter().flatten().filter(move |k| *k < d);
-        inside.map(move |k| (j, k))
-    })
+    (0..d).flat_map(move |j| (0..d).filter(move |k| *k != j).map(move |k| (j, k)))
+}
+
+fn of_pair(pair: usize) -> Range<usize> {
+    OF_PAIR * pair..OF_PAIR * (pair + 1)
 }
 
 impl Effect for JointCoupling {
@@ -37,7 +41,7 @@ impl Effect for JointCoupling {
     }
 
     fn summary(&self) -> &str {
-        "the motion of a neighbouring joint k drags joint j: dry friction `c_j_k`, nearly full from the speed `eps` on, viscous `d_j_k`"
+        "the motion of joint k drags joint j: dry friction `c_j_k`, nearly full from the speed `eps` on, viscous `d_j_k`, inertia `i_j_k`"
     }
 
     fn acts(&self) -> Acts {
@@ -50,11 +54,13 @@ impl Effect for JointCoupling {
 
     fn parameters(&self, site: &Site) -> Vec<Parameter> {
         let (dry, viscous) = (unit(site, "N m", "N"), unit(site, "N m s/rad", "N s/m"));
+        let inertia = unit(site, "kg m^2", "kg");
         let of_pair = |(j, k): (usize, usize)| {
             let name = |letter| format!("{letter}_{}_{}", j + 1, k + 1);
             let c = Parameter::amplitude(name('c'), dry(j), [-50.0, 50.0], 0.3);
             let d = Parameter::amplitude(name('d'), viscous(j), [-200.0, 200.0], 2.0);
-            [c.of_joint(j), d.of_joint(j)]
+            let i = Parameter::amplitude(name('i'), inertia(j), [-50.0, 50.0], 0.1);
+            [c.of_joint(j), d.of_joint(j), i.of_joint(j)]
         };
         let mut parameters: Vec<_> = pairs(site).flat_map(of_pair).collect();
         parameters.push(Parameter::shape("eps", speed_unit(site), [1e-3, 0.2], 0.01));
@@ -62,27 +68,42 @@ impl Effect for JointCoupling {
     }
 
     fn starts(&self, site: &Site) -> Vec<Vec<f64>> {
-        let mut start = vec![0.0; 2 * pairs(site).count()];
+        let n = pairs(site).count();
+        let mut start = vec![0.0; OF_PAIR * n];
         start.push(0.02);
-        vec![start]
+        vec![start; 1 + n]
+    }
+
+    fn acting(&self, site: &Site, start: usize) -> Vec<usize> {
+        let near = |(j, k): (usize, usize)| j.abs_diff(k) == 1;
+        match start.checked_sub(1) {
+            Some(alone) => of_pair(alone).collect(),
+            None => (pairs(site).enumerate())
+                .filter(|(_, pair)| near(*pair))
+                .flat_map(|(n, _)| of_pair(n))
+                .collect(),
+        }
     }
 
     fn compensator(&self, site: &Site, theta: &[f64]) -> Result<Box<dyn Compensator>, GapError> {
-        let n = pairs(site).count();
-        check(self.name(), theta, 2 * n + 1)?;
-        let pairs = pairs(site).zip(theta.chunks_exact(2));
+        let n = OF_PAIR * pairs(site).count();
+        check(self.name(), theta, n + 1)?;
+        let (of_pairs, _) = theta[..n].as_chunks();
+        let acting = pairs(site)
+            .zip(of_pairs)
+            .filter(|(_, t)| **t != [0.0; OF_PAIR]);
         Ok(Box::new(Coupling {
-            pairs: pairs.map(|((j, k), t)| (j, k, t[0], t[1])).collect(),
-            eps: theta[2 * n],
+            pairs: acting.map(|((j, k), t)| (j, k, *t)).collect(),
+            eps: theta[n],
         }))
     }
 }
 
 impl Compensator for Coupling {
     fn torques(&mut self, sample: &Sample<'_>, _: &Touch<'_>, tau: &mut [f64]) {
-        for (j, k, c, d) in &self.pairs {
+        for (j, k, [c, d, i]) in &self.pairs {
             let v = sample.qd[*k];
-            tau[*j] -= c * sign(v, self.eps) + d * v;
+            tau[*j] -= c * sign(v, self.eps) + d * v + i * sample.qdd[*k];
         }
     }
 }
