@@ -166,11 +166,9 @@ fn attempt(
         likeness: search.nominal.likeness,
         perfect: is_perfect(trial.before.mean_error(), noise_floor),
     };
-    let hypotheses =
-        search.hypotheses(split == Split::Halves, |pair| match search.first_of(pair) {
-            Some(first) if !pair.earned => trial.completes(first, &pair.refined),
-            _ => Ok(pair.earned),
-        })?;
+    let hypotheses = search.hypotheses(split == Split::Halves, |part, whole| {
+        trial.completes(part, whole)
+    })?;
     let mut conclusion = trial.judge(hypotheses, &nominal)?;
     let likeness = Likeness::new(&search)?;
     let in_field = match nominal.perfect {

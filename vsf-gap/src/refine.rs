@@ -46,6 +46,20 @@ impl Refined {
         moving.map(|i| self.tangent[i].as_slice())
     }
 
+    /// The model without one of its effects, by its place, and the prior of that.
+    pub(crate) fn without(&self, part: usize) -> (Model, Prior) {
+        let mut model = self.model.clone();
+        model.parts.remove(part);
+        let mut prior = self.prior.clone();
+        if let Some((_, own)) = self.model.places().nth(part) {
+            prior.parameters.drain(own.clone());
+            prior.mean.drain(own.clone());
+            prior.sd.drain(own);
+            prior.choice.remove(part);
+        }
+        (model, prior)
+    }
+
     /// Names of the amplitudes that the data press against a bound of what is plausible.
     pub(crate) fn at_bounds(&self) -> Vec<&str> {
         let values = self.theta.iter().zip(&self.sd);
@@ -70,8 +84,8 @@ pub(crate) struct Prior {
     pub(crate) mean: Vec<f64>,
     /// Standard deviations; 0 of amplitudes that may not act.
     pub(crate) sd: Vec<f64>,
-    /// Nats that the choice of those that may costs ([`Tangent`](crate::screen::Tangent)).
-    pub(crate) choice: f64,
+    /// Nats that the choice of those that may costs, per part ([`Tangent`](crate::screen::Tangent)).
+    pub(crate) choice: Vec<f64>,
 }
 
 impl Prior {
@@ -85,14 +99,15 @@ impl Prior {
         self.parameters.extend(next.parameters);
         self.mean.extend(next.mean);
         self.sd.extend(next.sd);
-        self.choice += next.choice;
+        self.choice.extend(next.choice);
         self
     }
 
     /// Nats that parameters cost.
     pub(crate) fn cost(&self, theta: &[f64]) -> f64 {
         let z = |i: usize| (theta[i] - self.mean[i]) / self.sd[i];
-        self.choice + self.moving().map(|i| 0.5 * z(i) * z(i)).sum::<f64>()
+        let choice: f64 = self.choice.iter().sum();
+        choice + self.moving().map(|i| 0.5 * z(i) * z(i)).sum::<f64>()
     }
 }
 
@@ -113,6 +128,12 @@ impl Model {
             next = own.end;
             (effect, own)
         })
+    }
+
+    /// Whether another model has all of its effects.
+    pub(crate) fn is_part_of(&self, other: &Self) -> bool {
+        let has = |name: &str| other.parts.iter().any(|(e, _)| e.name() == name);
+        self.parts.iter().all(|(e, _)| has(e.name()))
     }
 
     /// The same effects with other parameters.

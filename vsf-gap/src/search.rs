@@ -1,4 +1,4 @@
-//! The search on the train sequences: screening, finalists that are fitted with the field, pairs.
+//! The search on the train sequences: screening, finalists that are fitted with the field, several effects together.
 
 use crate::diagnose::Step;
 use crate::effect::{EVIDENT, check_effect};
@@ -14,9 +14,11 @@ use std::sync::Arc;
 
 /// Effects that are fitted together with the field after screening.
 const FINALISTS: usize = 6;
-/// Second effects that are tried beside the best one; in free air, where a fit takes a moment, more.
-const SECONDS: usize = 2;
-const SECONDS_IN_AIR: usize = 6;
+/// Further effects that are tried beside those found, and most effects of a model; in free air, where a fit takes a
+/// moment and no field hides them, more.
+const FURTHER: usize = 2;
+const FURTHER_IN_AIR: usize = 6;
+const MOST_IN_AIR: usize = 4;
 /// From this gain on (nats) an effect explains so much that the stiffness may vary less than it seemed.
 const MUCH: f64 = 50.0;
 /// An effect that screening puts so far below the best (nats) is no finalist.
@@ -36,21 +38,21 @@ pub(crate) struct Search<'a> {
     pub(crate) plainly: Plainly,
     /// The effects that the recording can show, best first.
     pub(crate) candidates: Vec<Candidate>,
-    /// Models of two of them: the best one whose second effect earned it, or in free air, without such a one, all
-    /// that may do.
-    pub(crate) pairs: Vec<Pair>,
+    /// Models of several of them, shorter ones first: the best pair whose second effect earned it, or in free air,
+    /// without such a one, all pairs that may do; there also the best of three and more.
+    pub(crate) combinations: Vec<Combination>,
     /// The effects that it cannot show, and why.
     pub(crate) untestable: Vec<(Arc<dyn Effect>, String)>,
     /// The changes that effects make at their starts.
     pub(crate) tangents: Vec<Tangent>,
 }
 
-/// The best single effect and another one.
-pub(crate) struct Pair {
-    pub(crate) refined: Refined,
-    /// Whether the second gains more than what may be wrong with the form of the first. Else it has to explain
-    /// nearly all that the first one leaves.
-    pub(crate) earned: bool,
+/// The best single effect and others.
+pub(crate) struct Combination {
+    refined: Refined,
+    /// Whether each further one gains more than what may be wrong with the form of those before. Else they have to
+    /// explain nearly all that those leave.
+    earned: bool,
 }
 
 /// An effect, as far as the search came with it.
@@ -71,6 +73,8 @@ struct Standard {
     spread: Spread,
     /// From this log evidence on an effect gets a spread of its own.
     much: f64,
+    /// Whether nothing is touched.
+    in_air: bool,
 }
 
 impl Candidate {
@@ -84,22 +88,35 @@ impl Candidate {
 }
 
 impl Search<'_> {
-    /// All models that were fitted, pairs if they `stand`. `proven` if a trial will demand that they close most of
-    /// the gap: roughness that effects take away does not count against them then.
+    /// All models that were fitted; those of several effects if they earned it, or if the whole `completes` the
+    /// longest part of it that stands. `proven` if a trial will demand that they close most of the gap: roughness
+    /// that effects take away does not count against them then.
     pub(crate) fn hypotheses(
         &self,
         proven: bool,
-        stand: impl Fn(&Pair) -> Result<bool, GapError>,
+        completes: impl Fn(&Refined, &Refined) -> Result<bool, GapError>,
     ) -> Result<Vec<Hypothesis<'_>>, GapError> {
-        let mut pairs = Vec::new();
-        for pair in &self.pairs {
-            if stand(pair)? {
-                pairs.push(&pair.refined);
+        let alone = |name: &str| Some(self.alone(name)?.log_evidence - self.base);
+        let mut models: Vec<&Refined> = (self.candidates.iter())
+            .filter_map(|c| c.refined.as_ref())
+            .collect();
+        for Combination { refined, earned } in &self.combinations {
+            let within = models.iter().filter(|m| m.model.is_part_of(&refined.model));
+            let part = match earned {
+                true => None,
+                false => within.max_by(|a, b| {
+                    let length = |m: &Refined| m.model.parts.len();
+                    (length(a).cmp(&length(b))).then(a.log_evidence.total_cmp(&b.log_evidence))
+                }),
+            };
+            if match part {
+                Some(part) => completes(part, refined)?,
+                None => *earned,
+            } {
+                models.push(refined);
             }
         }
-        let alone = |name: &str| Some(self.alone(name)?.log_evidence - self.base);
-        let single = self.candidates.iter().filter_map(|c| c.refined.as_ref());
-        Ok((single.chain(pairs))
+        Ok((models.into_iter())
             .map(|refined| {
                 let rough = match proven {
                     true => self.spread.contact.min(refined.spread.contact),
@@ -108,12 +125,6 @@ impl Search<'_> {
                 Hypothesis::new(refined, self.base, rough, alone)
             })
             .collect())
-    }
-
-    /// The model of the first effect of a pair alone.
-    pub(crate) fn first_of(&self, pair: &Pair) -> Option<&Refined> {
-        let (first, _) = pair.refined.model.parts.first()?;
-        self.alone(first.name())
     }
 
     /// The model of one effect, if it was fitted.
@@ -233,15 +244,16 @@ impl Campaign {
                 ..smoothest
             },
             much: MUCH + nominal_there,
+            in_air: !nominal.touches(),
         };
         self.finalists(&tangents, &mut candidates, &standard)?;
 
         progress(Step::Pairs);
-        let mut pairs = self.pairs(&tangents, &mut candidates, &standard)?;
+        let mut combinations = self.combinations(&tangents, &mut candidates, &standard)?;
         best_first(&mut candidates, base);
         if !nominal.touches() {
             let models = candidates.iter_mut().filter_map(|c| c.refined.as_mut());
-            for refined in models.chain(pairs.iter_mut().map(|p| &mut p.refined)) {
+            for refined in models.chain(combinations.iter_mut().map(|c| &mut c.refined)) {
                 self.settle(refined)?;
             }
         }
@@ -252,7 +264,7 @@ impl Campaign {
             base,
             plainly,
             candidates,
-            pairs,
+            combinations,
             untestable,
             tangents,
         })
@@ -302,80 +314,129 @@ impl Campaign {
         }
     }
 
-    /// Models of two effects, the best single one and another, see [`Search::pairs`]. Others that they take are fitted
-    /// alone as well, if they are not yet.
-    fn pairs(
+    /// Models of several effects, the best single one first, see [`Search::combinations`]. Others that they take are
+    /// fitted alone as well, if they are not yet.
+    fn combinations(
         &self,
         tangents: &[Tangent],
         candidates: &mut [Candidate],
         standard: &Standard,
-    ) -> Result<Vec<Pair>, GapError> {
+    ) -> Result<Vec<Combination>, GapError> {
         let (base, rough) = (standard.base, standard.spread.contact);
         let Some((leader, rest)) = candidates.split_first_mut() else {
             return Ok(Vec::new());
         };
-        let first = &tangents[leader.found.tangent];
-        let Some(best) = leader
-            .refined
-            .as_ref()
-            .filter(|r| r.log_evidence - base > EVIDENT)
-        else {
+        let evident = |r: &&Refined| r.log_evidence - base > EVIDENT;
+        let Some(best) = leader.refined.as_ref().filter(evident) else {
             return Ok(Vec::new());
         };
-        let fitted = self.fitted(&best.model, &self.train)?;
-        let mut others = Vec::new();
-        for candidate in &*rest {
-            let effect = &candidate.effect;
-            others.extend(self.tangents(&best.model, &fitted, &best.stiffness, effect)?);
-        }
-        let torques = fitted.predicted(&best.stiffness);
-        // With contact, the errors of its model would take more from the second effect than the first one's do.
-        let in_air = !fitted.touches();
-        let mut free = vec![torques.as_slice()];
-        if in_air {
-            free.extend(best.free_columns());
-        }
-        let screening = screen(&fitted, &free, &others, &fitted.roughness(&best.spread))?;
-        let without = log_mean_exp(&screening.nominal);
-        let mut seconds = best_starts(&others, &screening.candidates, without);
-        seconds.retain(|c| c.screened > EVIDENT);
-        seconds.truncate(match in_air {
-            true => SECONDS_IN_AIR,
-            false => SECONDS,
-        });
-        let mut found: Vec<Pair> = Vec::new();
-        for second in seconds {
-            let tangent = &others[second.found.tangent];
-            let start = self.start(&best.model, tangent, &second.found, &best.spread)?;
-            let prior = first.prior(&self.site).and(tangent.prior(&self.site));
-            let refined = self.refine(&start, prior, &best.spread)?;
+        let in_air = standard.in_air;
+        let effects: Vec<_> = rest.iter().map(|c| c.effect.clone()).collect();
+        let mut found: Vec<Combination> = Vec::new();
+        for (refined, effect) in self.extended(best, &effects, rough)? {
             let gained = refined.log_evidence - best.log_evidence;
-            if gained <= threshold(tangent.effect.as_ref(), rough) {
-                continue;
-            }
-            let needed = needed_beside(tangent.effect.as_ref(), best.log_evidence - base, rough);
+            let needed = needed_beside(effect.as_ref(), best.log_evidence - base, rough);
             let earned = gained > needed;
             if !(earned || in_air) {
                 continue;
             }
             // Backward: the second on its own must not do as well.
-            let name = tangent.effect.name();
+            let name = effect.name();
             if let Some(alone) = rest.iter_mut().find(|c| c.effect.name() == name) {
                 if alone.refined.is_none() {
                     let tangent = &tangents[alone.found.tangent];
                     alone.refined = Some(self.refined(tangent, &alone.found, standard)?);
                 }
                 let gained = refined.log_evidence - base - alone.score(base);
-                if gained <= threshold(first.effect.as_ref(), rough) {
+                if gained <= threshold(leader.effect.as_ref(), rough) {
                     continue;
                 }
             }
-            found.push(Pair { refined, earned });
+            found.push(Combination { refined, earned });
         }
         found.sort_by(|a, b| b.refined.log_evidence.total_cmp(&a.refined.log_evidence));
         if let Some(best) = found.iter().position(|p| p.earned) {
             found = vec![found.swap_remove(best)];
         }
+        let mut longest = 0;
+        while in_air
+            && longest < found.len()
+            && found[longest].refined.model.parts.len() < MOST_IN_AIR
+        {
+            let Some(longer) = self.longer(&found[longest], &effects, base, rough)? else {
+                break;
+            };
+            longest = found.len();
+            found.push(longer);
+        }
         Ok(found)
+    }
+
+    /// The best model with one more effect, if none of those before can be spared then.
+    fn longer(
+        &self,
+        shorter: &Combination,
+        effects: &[Arc<dyn Effect>],
+        base: f64,
+        rough: f64,
+    ) -> Result<Option<Combination>, GapError> {
+        let before = &shorter.refined;
+        let mut models = self.extended(before, effects, rough)?;
+        models.sort_by(|(a, _), (b, _)| b.log_evidence.total_cmp(&a.log_evidence));
+        'models: for (refined, effect) in models {
+            for part in 0..before.model.parts.len() {
+                let (model, prior) = refined.without(part);
+                let spared = self.refine(&model, prior, &refined.spread)?;
+                let of_part = refined.model.parts[part].0.as_ref();
+                if refined.log_evidence - spared.log_evidence <= threshold(of_part, rough) {
+                    continue 'models;
+                }
+            }
+            let needed = needed_beside(effect.as_ref(), before.log_evidence - base, rough);
+            let earned = shorter.earned && refined.log_evidence - before.log_evidence > needed;
+            return Ok(Some(Combination { refined, earned }));
+        }
+        Ok(None)
+    }
+
+    /// A fitted model with one of some effects that it does not have, for those that promise most and gain enough.
+    fn extended(
+        &self,
+        best: &Refined,
+        effects: &[Arc<dyn Effect>],
+        rough: f64,
+    ) -> Result<Vec<(Refined, Arc<dyn Effect>)>, GapError> {
+        let fitted = self.fitted(&best.model, &self.train)?;
+        let mut others = Vec::new();
+        let has = |e: &Arc<dyn Effect>| best.model.parts.iter().any(|(p, _)| p.name() == e.name());
+        for effect in effects.iter().filter(|e| !has(e)) {
+            others.extend(self.tangents(&best.model, &fitted, &best.stiffness, effect)?);
+        }
+        let torques = fitted.predicted(&best.stiffness);
+        let mut free = vec![torques.as_slice()];
+        // With contact, the errors of its model would take more from a further effect than those before do.
+        let in_air = !fitted.touches();
+        if in_air {
+            free.extend(best.free_columns());
+        }
+        let screening = screen(&fitted, &free, &others, &fitted.roughness(&best.spread))?;
+        let without = log_mean_exp(&screening.nominal);
+        let mut further = best_starts(&others, &screening.candidates, without);
+        further.retain(|c| c.screened > EVIDENT);
+        further.truncate(match in_air {
+            true => FURTHER_IN_AIR,
+            false => FURTHER,
+        });
+        let mut models = Vec::new();
+        for Candidate { effect, found, .. } in further {
+            let tangent = &others[found.tangent];
+            let start = self.start(&best.model, tangent, &found, &best.spread)?;
+            let prior = best.prior.clone().and(tangent.prior(&self.site));
+            let refined = self.refine(&start, prior, &best.spread)?;
+            if refined.log_evidence - best.log_evidence > threshold(effect.as_ref(), rough) {
+                models.push((refined, effect));
+            }
+        }
+        Ok(models)
     }
 }

@@ -35,7 +35,7 @@ impl Tangent {
             parameters,
             mean: self.start.clone(),
             sd,
-            choice: self.choice,
+            choice: vec![self.choice],
         }
     }
 }

@@ -24,7 +24,7 @@ const REMAINS: f64 = 0.7;
 /// then the form of friction is what is left.
 const PERSISTENT: f64 = 0.35;
 pub(crate) const NEARLY: f64 = 0.9;
-/// The share of what one effect leaves that a second one has to take where it gains little beside the first.
+/// The share of what some effects leave that further ones have to take where they gain little beside them.
 const COMPLETE: f64 = 0.8;
 /// By so many standard deviations the tare may be off.
 const TARE: f64 = 3.0;
@@ -176,19 +176,19 @@ impl<'a> Trial<'a> {
         })
     }
 
-    /// Whether a second effect takes nearly all that the first one leaves: what is wrong with the form of the first
-    /// is nothing that another one would mend so well.
+    /// Whether further effects take nearly all that a part of the model leaves: what is wrong with the forms of the
+    /// first is nothing that others would mend so well.
     ///
     /// # Errors
     /// As [`Trial::of`].
-    pub(crate) fn completes(&self, first: &Refined, both: &Refined) -> Result<bool, GapError> {
-        let first = self.of(first)?;
-        if is_perfect(first.residuals.mean_error(), noise_norm(&self.whole.noise)) {
+    pub(crate) fn completes(&self, part: &Refined, whole: &Refined) -> Result<bool, GapError> {
+        let part = self.of(part)?;
+        if is_perfect(part.residuals.mean_error(), noise_norm(&self.whole.noise)) {
             return Ok(false);
         }
-        let left = 1.0 - first.closure.fraction;
-        let both = self.of(both)?;
-        Ok(1.0 - both.closure.fraction < (1.0 - COMPLETE) * left)
+        let left = 1.0 - part.closure.fraction;
+        let whole = self.of(whole)?;
+        Ok(1.0 - whole.closure.fraction < (1.0 - COMPLETE) * left)
     }
 
     /// Size (N m or N) of what persists of residuals in free motion, beyond noise: the root of the median
@@ -241,6 +241,10 @@ impl<'a> Trial<'a> {
             true => 0.0,
             false => self.left_free(&self.before),
         };
+        if nominal.perfect {
+            // Where the noise is what is left, an effect that leaves more than noise is none.
+            hypotheses.retain(|h| !h.leaves_more());
+        }
         let noticed = self.noticed();
         let much = |after: f64| (after > noticed && after > REMAINS * before).then_some(after);
         let mut tried = Vec::new();

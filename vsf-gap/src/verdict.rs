@@ -123,6 +123,11 @@ impl<'a> Hypothesis<'a> {
         parts.iter().map(|(e, _)| e.name().to_owned()).collect()
     }
 
+    /// Whether something acts beside it that the model does not have.
+    pub(crate) fn leaves_more(&self) -> bool {
+        self.refined.spread.joint >= ROUGH
+    }
+
     /// Whether it stands the check on sequences that it was not fitted to, of whose gap it closes a
     /// share; `worse` if the plain error grows. Clear evidence stands even so: the sequences may touch
     /// other places. It is no proof of effects that choose other contacts; where contact is rough, these
@@ -259,7 +264,7 @@ pub(crate) fn judge(hypotheses: &[Hypothesis<'_>], nominal: &Nominal) -> Judged 
     let (kind, probability) = match named {
         Some(i) => {
             let p = weights[i] / total;
-            let kind = match hypotheses[i].refined.spread.joint >= ROUGH {
+            let kind = match hypotheses[i].leaves_more() {
                 true => Kind::Unknown,
                 false => kind_of_claim(p, &effect_set_95),
             };

@@ -196,6 +196,28 @@ fn a_bias_beside_friction_is_named() {
     );
 }
 
+/// Any two of them leave much, so that none is the cause of all but nearly all with another.
+#[test]
+fn three_effects_in_free_air_are_named() {
+    let d = named_in_air(&swinging(|tau, v| {
+        [
+            tau[0] + (v[0] / 0.01).tanh() + 1.5 * v[0],
+            tau[1] + 0.5 * (v[1] / 0.01).tanh() + v[1],
+            tau[2] + 0.2 * (v[2] / 0.01).tanh() + 0.4 * v[2] + 0.5,
+        ]
+    }));
+    let mut named = d.verdict.effects.clone();
+    named.sort();
+    let truth = [
+        "joint_coulomb_friction",
+        "joint_viscous_friction",
+        "torque_bias",
+    ];
+    assert_eq!(named, truth, "{:?}", d.verdict);
+    let (error, floor) = (d.gap.test_error_corrected, d.gap.noise_floor);
+    assert!(error < 1.1 * floor, "{error} {floor}");
+}
+
 /// A tendon of the third joint that passes the first: of all pairs of joints, that one alone is in the model.
 #[test]
 fn a_joint_that_drags_a_distant_one_is_named_with_it() {
