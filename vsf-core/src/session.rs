@@ -35,6 +35,16 @@ pub struct Session<C, S, E: Estimator> {
     health: FilterHealth,
 }
 
+impl<C, S, E: Estimator> std::fmt::Debug for Session<C, S, E> {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.debug_struct("Session")
+            .field("points", &self.rest.len())
+            .field("contacts", &self.contacts.len())
+            .field("health", &self.health)
+            .finish_non_exhaustive()
+    }
+}
+
 impl<C, S, E> Session<C, S, E>
 where
     C: ContactModel,

@@ -206,6 +206,18 @@ pub struct Campaign {
     contacts: Vec<OnceLock<Arc<ContactLog>>>,
 }
 
+impl std::fmt::Debug for Campaign {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        let ids = |motions: &[Motion]| motions.iter().map(|m| m.id.clone()).collect::<Vec<_>>();
+        f.debug_struct("Campaign")
+            .field("scene", &self.scene)
+            .field("train", &ids(&self.train))
+            .field("test", &ids(&self.test))
+            .field("noise", &self.noise)
+            .finish_non_exhaustive()
+    }
+}
+
 /// A point is touched again once it was let off and pressed anew by this share of its deepest touch.
 const ANEW: f64 = 0.2;
 

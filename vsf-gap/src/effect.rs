@@ -329,6 +329,17 @@ pub trait Effect: Send + Sync {
     }
 }
 
+/// Whether each parameter is an amplitude that from some start may not act.
+pub(crate) fn may_rest(effect: &dyn Effect, site: &Site) -> Vec<bool> {
+    let parameters = effect.parameters(site);
+    let starts = 0..effect.starts(site).len();
+    let acting: Vec<_> = starts.map(|k| effect.acting(site, k)).collect();
+    let rests = |i: usize| acting.iter().any(|set| !set.contains(&i));
+    (parameters.iter().enumerate())
+        .map(|(i, p)| p.role == Role::Amplitude && rests(i))
+        .collect()
+}
+
 /// Checks what an effect says of itself and of its parameters at a site.
 ///
 /// # Errors

@@ -19,7 +19,7 @@
 //!    simulated anew, from several starts where an effect moves surfaces. Those that explain much get a
 //!    spread of the stiffness of their own: that of the nominal model makes up for what it lacks.
 //! 5. A second effect is added if it earns its place, and the first is kept only if the second does
-//!    not do as well alone.
+//!    not do as well alone. In free air a third and a fourth may follow, if none before can be spared.
 //! 6. **Verdict**: evidence beyond what the effect gains where nothing acts, as probabilities. Something
 //!    rough that no effect explains, or that remains in free motion, is *unknown*, and so is a cause whose
 //!    model leaves innovations that are not white; several effects that fit alike are *not diagnosable*, and

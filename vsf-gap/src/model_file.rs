@@ -1,3 +1,4 @@
+use crate::effect::may_rest;
 use crate::{Effect, Estimate, GapError, Model, Parameter, Site};
 use serde::{Deserialize, Serialize};
 use std::sync::Arc;
@@ -39,7 +40,7 @@ pub struct ModelFile {
 pub struct EffectEntry {
     /// Its name.
     pub effect: String,
-    /// All of its parameters, in any order.
+    /// All of its parameters, in any order; amplitudes that may not act ([`Effect::acting`]) are 0 if left out.
     pub parameters: Vec<Estimate>,
 }
 
@@ -61,7 +62,11 @@ impl ModelFile {
                     expected: own.len(),
                 });
             }
-            let estimate = |((p, value), std): ((Parameter, &f64), f64)| Estimate {
+            let rests = may_rest(effect.as_ref(), site);
+            let acts = |(k, ((_, value), std)): &(usize, ((Parameter, &f64), f64))| {
+                !rests[*k] || **value != 0.0 || *std != 0.0
+            };
+            let estimate = |(_, ((p, value), std)): (usize, ((Parameter, &f64), f64))| Estimate {
                 name: p.name,
                 value: *value,
                 std,
@@ -69,7 +74,10 @@ impl ModelFile {
             };
             effects.push(EffectEntry {
                 effect: effect.name().to_owned(),
-                parameters: own.into_iter().zip(theta).zip(stds).map(estimate).collect(),
+                parameters: (own.into_iter().zip(theta).zip(stds).enumerate())
+                    .filter(acts)
+                    .map(estimate)
+                    .collect(),
             });
         }
         let file = Self {
@@ -132,7 +140,7 @@ impl ModelFile {
             if self.effects[..k].iter().any(|e| e.effect == entry.effect) {
                 return Err(entry.wrong("is named twice".to_owned()));
             }
-            let theta = entry.theta(&effect.parameters(site))?;
+            let theta = entry.theta(effect.as_ref(), site)?;
             effect.compensator(site, &theta)?;
             model.parts.push((effect.clone(), theta));
         }
@@ -157,10 +165,12 @@ fn joints(site: &Site) -> Vec<String> {
 
 impl EffectEntry {
     /// The values in the order of the effect's parameters.
-    fn theta(&self, parameters: &[Parameter]) -> Result<Vec<f64>, GapError> {
+    fn theta(&self, effect: &dyn Effect, site: &Site) -> Result<Vec<f64>, GapError> {
+        let parameters = effect.parameters(site);
+        let rests = may_rest(effect, site);
         let names = || {
-            let names: Vec<&str> = parameters.iter().map(|p| p.name.as_str()).collect();
-            names.join(", ")
+            let names: Vec<String> = parameters.iter().map(|p| p.name.clone()).collect();
+            listed(&names)
         };
         for (k, given) in self.parameters.iter().enumerate() {
             let name = &given.name;
@@ -171,13 +181,18 @@ impl EffectEntry {
                 return Err(self.wrong(format!("parameter {name:?} is named twice")));
             }
         }
-        (parameters.iter())
-            .map(|p| {
+        (parameters.iter().zip(rests))
+            .map(|(p, rests)| {
                 let name = &p.name;
                 let given = self.parameters.iter().find(|g| g.name == *name);
-                let given = given.ok_or_else(|| {
-                    self.wrong(format!("parameter {name:?} is missing; it has {}", names()))
-                })?;
+                let given = match given {
+                    Some(given) => given,
+                    None if rests => return Ok(0.0),
+                    None => {
+                        let missing = format!("parameter {name:?} is missing; it has {}", names());
+                        return Err(self.wrong(missing));
+                    }
+                };
                 let [lo, hi] = p.bounds;
                 if given.unit != p.unit {
                     let (got, unit) = (&given.unit, p.unit);

@@ -26,6 +26,16 @@ pub struct Corrector {
     tare: Vec<f64>,
 }
 
+impl std::fmt::Debug for Corrector {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.debug_struct("Corrector")
+            .field("effects", &self.compensators.len())
+            .field("samples", &self.sum.1)
+            .field("tare", &self.tare)
+            .finish_non_exhaustive()
+    }
+}
+
 impl Corrector {
     /// A model at a site, with the scene of its contacts.
     ///

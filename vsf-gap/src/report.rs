@@ -117,6 +117,7 @@ pub struct Diagnosis {
 }
 
 /// A diagnosis and what it rests on.
+#[derive(Debug)]
 pub struct Outcome {
     /// The diagnosis.
     pub diagnosis: Diagnosis,

@@ -55,6 +55,12 @@ pub(crate) struct Combination {
     earned: bool,
 }
 
+/// A model with one more effect, and which that is.
+struct Further {
+    refined: Refined,
+    effect: Arc<dyn Effect>,
+}
+
 /// An effect, as far as the search came with it.
 pub(crate) struct Candidate {
     pub(crate) effect: Arc<dyn Effect>,
@@ -333,7 +339,7 @@ impl Campaign {
         let in_air = standard.in_air;
         let effects: Vec<_> = rest.iter().map(|c| c.effect.clone()).collect();
         let mut found: Vec<Combination> = Vec::new();
-        for (refined, effect) in self.extended(best, &effects, rough)? {
+        for Further { refined, effect } in self.extended(best, &effects, rough)? {
             let gained = refined.log_evidence - best.log_evidence;
             let needed = needed_beside(effect.as_ref(), best.log_evidence - base, rough);
             let earned = gained > needed;
@@ -382,8 +388,8 @@ impl Campaign {
     ) -> Result<Option<Combination>, GapError> {
         let before = &shorter.refined;
         let mut models = self.extended(before, effects, rough)?;
-        models.sort_by(|(a, _), (b, _)| b.log_evidence.total_cmp(&a.log_evidence));
-        'models: for (refined, effect) in models {
+        models.sort_by(|a, b| b.refined.log_evidence.total_cmp(&a.refined.log_evidence));
+        'models: for Further { refined, effect } in models {
             for part in 0..before.model.parts.len() {
                 let (model, prior) = refined.without(part);
                 let spared = self.refine(&model, prior, &refined.spread)?;
@@ -405,7 +411,7 @@ impl Campaign {
         best: &Refined,
         effects: &[Arc<dyn Effect>],
         rough: f64,
-    ) -> Result<Vec<(Refined, Arc<dyn Effect>)>, GapError> {
+    ) -> Result<Vec<Further>, GapError> {
         let fitted = self.fitted(&best.model, &self.train)?;
         let mut others = Vec::new();
         let has = |e: &Arc<dyn Effect>| best.model.parts.iter().any(|(p, _)| p.name() == e.name());
@@ -434,7 +440,7 @@ impl Campaign {
             let prior = best.prior.clone().and(tangent.prior(&self.site));
             let refined = self.refine(&start, prior, &best.spread)?;
             if refined.log_evidence - best.log_evidence > threshold(effect.as_ref(), rough) {
-                models.push((refined, effect));
+                models.push(Further { refined, effect });
             }
         }
         Ok(models)

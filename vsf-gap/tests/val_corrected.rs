@@ -294,6 +294,34 @@ proptest! {
     }
 }
 
+/// Of all pairs of joints, files hold those that drag each other.
+#[test]
+fn amplitudes_that_may_not_act_are_left_out_of_files() {
+    let campaign = pressed();
+    let coupling = common::effect("joint_coupling");
+    let parameters = coupling.parameters(campaign.site());
+    let value = |name: &str| match name {
+        "c_1_3" => 0.4,
+        "d_1_3" => -2.0,
+        "eps" => 0.01,
+        _ => 0.0,
+    };
+    let theta: Vec<f64> = parameters.iter().map(|p| value(&p.name)).collect();
+    let sd: Vec<f64> = theta.iter().map(|t| 0.1 * t.abs()).collect();
+    let model = Model::of(&coupling, &theta);
+    let file = ModelFile::new(campaign.site(), &model, &sd).unwrap();
+    let names: Vec<_> = (file.effects[0].parameters.iter())
+        .map(|p| p.name.as_str())
+        .collect();
+    assert_eq!(names, ["c_1_3", "d_1_3", "eps"]);
+    let again = file.model(campaign.site(), &catalogue()).unwrap();
+    assert_eq!(again.parts[0].1, theta);
+    let mut without = file.clone();
+    without.effects[0].parameters.pop();
+    let error = without.model(campaign.site(), &catalogue()).err();
+    assert!(error.unwrap().to_string().contains("\"eps\" is missing"));
+}
+
 /// Whatever is wrong with a file is refused with a word about it.
 #[test]
 fn files_that_are_no_models() {

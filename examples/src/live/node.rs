@@ -99,6 +99,7 @@ pub struct Summary {
 }
 
 /// A session that takes samples as they come.
+#[derive(Debug)]
 pub struct Node {
     robot: RobotModel,
     session: LiveSession,
@@ -116,6 +117,7 @@ pub struct Node {
 
 /// What was seen since the last summary.
 #[derive(Default)]
+#[derive(Debug)]
 struct Since {
     steps: u32,
     squares: f64,

@@ -18,7 +18,8 @@ the test sequences, `absorbed by K` how much of the effect the stiffness takes. 
 by their columns, from 1.
 
 Recordings without points are those of an arm in free air; effects that a recording cannot show are listed
-as untestable. Probabilities are those of the catalogue's effects and their pairs, no gap included. With contact,
+as untestable. Probabilities are those of the catalogue's effects, of pairs of them (in free air of up to four), and of
+no gap. With contact,
 errors are those of a field that the diagnosis fits to windows of the train sequences, in the same way for every
 model; those of the fields of `vsf estimate` differ, sometimes by more than a half. `stiffness_field`, among what an effect is not told
 from, is an object whose stiffness differs from place to place.
