@@ -116,8 +116,7 @@ pub struct Node {
 }
 
 /// What was seen since the last summary.
-#[derive(Default)]
-#[derive(Debug)]
+#[derive(Debug, Default)]
 struct Since {
     steps: u32,
     squares: f64,
