@@ -78,10 +78,10 @@ fn pairs(search: &Search<'_>, factor: &Factor) -> Vec<(String, String, f64)> {
             continue;
         };
         let amplitudes = &search.tangents[candidate.found.tangent].amplitudes;
-        let columns = &refined.tangent;
+        let columns: Vec<&[f64]> = refined.moving_columns().collect();
         let mut all = Mat::from_fn(n, columns.len() + 1, |i, k| match k {
             0 => (amplitudes.iter())
-                .map(|&p| columns[p][i] * refined.theta[p])
+                .map(|&p| refined.tangent[p][i] * refined.theta[p])
                 .sum(),
             k => columns[k - 1][i],
         });

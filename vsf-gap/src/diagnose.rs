@@ -36,7 +36,7 @@ pub enum Step {
     Screen,
     /// Finalists are fitted with the field.
     Finalists,
-    /// Pairs are tried.
+    /// Several effects together are tried.
     Pairs,
     /// Models are checked on the test sequences.
     Check,

@@ -274,7 +274,8 @@ pub trait Effect: Send + Sync {
 
     /// Indices of the amplitudes that may act from the start of this index; the others stay at zero. By default
     /// all may. An effect of many parts, of which few act at once, has a start for each: every amplitude that
-    /// may act costs evidence.
+    /// may act costs evidence, and so does the choice between several sets of them. Indices increase, and are of
+    /// amplitudes, one at least; an amplitude that no start lets act never does.
     fn acting(&self, site: &Site, start: usize) -> Vec<usize> {
         let _ = start;
         let parameters = self.parameters(site);
@@ -314,7 +315,8 @@ pub trait Effect: Send + Sync {
 
     /// Whether fitted parameters `theta`, of standard deviations `sd` now and `prior_sd` before, show beyond
     /// doubt what it adds to the effect that it [extends](Effect::extends): by several deviations, by too
-    /// much for a mere fault in the form of that one, and by what the data say. Never, by default.
+    /// much for a mere fault in the form of that one, and by what the data say. Amplitudes that may not act
+    /// ([`Effect::acting`]) have deviations of 0. Never, by default.
     fn exceeds(&self, _theta: &[f64], _sd: &[f64], _prior_sd: &[f64]) -> bool {
         false
     }

@@ -1,5 +1,5 @@
 use crate::effect::may_rest;
-use crate::{Effect, Estimate, GapError, Model, Parameter, Site};
+use crate::{Effect, Estimate, GapError, Model, Parameter, Role, Site};
 use serde::{Deserialize, Serialize};
 use std::sync::Arc;
 
@@ -180,6 +180,11 @@ impl EffectEntry {
             if self.parameters[..k].iter().any(|g| g.name == *name) {
                 return Err(self.wrong(format!("parameter {name:?} is named twice")));
             }
+        }
+        let given = |p: &Parameter| self.parameters.iter().any(|g| g.name == p.name);
+        let mut amplitudes = parameters.iter().filter(|p| p.role == Role::Amplitude);
+        if !amplitudes.any(given) {
+            return Err(self.wrong(format!("has no amplitude; it has {}", names())));
         }
         (parameters.iter().zip(rests))
             .map(|(p, rests)| {

@@ -3,7 +3,6 @@ use crate::forward::velocity_columns;
 use crate::{Campaign, ContactLog, GapError, Motion, centre};
 use nalgebra::Vector3;
 use serde::{Deserialize, Serialize};
-use vsf_data::Table;
 
 /// What the robot does at a sample, found from contacts and motion alone.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
@@ -43,22 +42,16 @@ impl Phase {
     }
 }
 
-/// A robot slower than the first share of its speed in motion (90th percentile) holds still; where speeds are noisy,
-/// one slower than so many times their noise, up to the second share.
+/// A robot slower than the second share of its speed in motion (90th percentile) may hold still. It does up to so many
+/// times the median of such speeds, which is 0 or noise where there are holds, at least up to the first share.
 const STILL: [f64; 2] = [0.02, 0.08];
-const NOISE: f64 = 2.0;
+const SPREAD: f64 = 4.0;
 
-/// The speed up to which a robot of these joint velocities holds still.
-fn stillness(qd: &Table, speed: &[f64]) -> f64 {
-    let usual = quantile(speed, 0.9);
-    // Second differences of motion are small, those of white noise sqrt(6) times as large as the noise.
-    let bends = (1..qd.rows().saturating_sub(1)).map(|k| {
-        let (before, at, after) = (&qd[k - 1], &qd[k], &qd[k + 1]);
-        let bend = |j: usize| before[j] - 2.0 * at[j] + after[j];
-        (0..qd.cols()).map(|j| bend(j).powi(2)).sum::<f64>().sqrt()
-    });
-    let noise = quantile(&bends.collect::<Vec<_>>(), 0.5) / 6.0_f64.sqrt();
-    (NOISE * noise).clamp(STILL[0] * usual, STILL[1] * usual)
+/// The speed up to which a robot of these speeds holds still.
+fn stillness(speed: &[f64]) -> f64 {
+    let [least, most] = STILL.map(|share| share * quantile(speed, 0.9));
+    let slow: Vec<f64> = speed.iter().copied().filter(|s| *s <= most).collect();
+    (SPREAD * quantile(&slow, 0.5)).clamp(least, most)
 }
 
 /// The value that this share of some numbers lies below; 0 of none.
@@ -83,7 +76,7 @@ impl Campaign {
             .iter()
             .map(|qd| qd.iter().map(|v| v * v).sum::<f64>().sqrt())
             .collect();
-        let stillness = stillness(&motion.qd, &speed);
+        let stillness = stillness(&speed);
         let still = |row: usize| speed[row] <= stillness;
         let mut phases = vec![Phase::Free; motion.len()];
         let mut columns = vec![Vector3::zeros(); self.site.joints()];
@@ -126,5 +119,53 @@ impl Campaign {
             }
         }
         Ok(phases)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use rand::SeedableRng;
+    use rand_distr::{Distribution, StandardNormal};
+    use rand_pcg::Pcg64Mcg;
+
+    /// Speeds of a push that starts and ends smoothly, of a hold, and of a retreat, with noise of each joint.
+    fn speeds(joints: usize, noise: f64) -> Vec<f64> {
+        let mut rng = Pcg64Mcg::seed_from_u64(3);
+        let of = |k: usize, rng: &mut Pcg64Mcg| {
+            let x = (k % 400) as f64 / 200.0;
+            let pace = 16.0 * (x * (1.0 - x)).powi(2);
+            let moving = if k % 400 < 200 { pace } else { 0.0 };
+            let mut of_joint = |along: f64| {
+                let e: f64 = StandardNormal.sample(rng);
+                (along + noise * e).powi(2)
+            };
+            let rest: f64 = (1..joints).map(|_| of_joint(0.0)).sum();
+            (of_joint(moving) + rest).sqrt()
+        };
+        (0..1200).map(|k| of(k, &mut rng)).collect()
+    }
+
+    #[test]
+    fn holds_are_told_from_the_ends_of_smooth_motions_as_well_as_noise_allows() {
+        for (joints, noise, most_missed, most_taken) in [
+            (7, 0.0, 0.0, 0.09),
+            (1, 0.0, 0.0, 0.09),
+            (7, 0.005, 0.01, 0.15),
+            (1, 0.01, 0.01, 0.2),
+            (1, 0.02, 0.01, 0.2),
+        ] {
+            let speed = speeds(joints, noise);
+            let limit = stillness(&speed);
+            let share = |holds: bool| {
+                let own = (0..speed.len()).filter(|k| (k % 400 >= 200) == holds);
+                let still = own.clone().filter(|k| speed[*k] <= limit).count();
+                still as f64 / own.count() as f64
+            };
+            let (missed, taken) = (1.0 - share(true), share(false));
+            let what = format!("{joints} joints, noise {noise}: {missed} {taken}");
+            assert!(missed <= most_missed && taken <= most_taken, "{what}");
+        }
+        assert_eq!(stillness(&[]), 0.0);
     }
 }

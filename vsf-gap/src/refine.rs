@@ -29,8 +29,10 @@ pub(crate) struct Refined {
     pub(crate) spread: Spread,
     /// Mean stiffness per rest point, not negative (N/m).
     pub(crate) stiffness: Vec<f64>,
-    /// Columns of the change of the torques with each parameter.
+    /// Columns of the change of the torques with each parameter; empty of those that may not act.
     pub(crate) tangent: Vec<Vec<f64>>,
+    /// Whether anything is touched.
+    pub(crate) touches: bool,
 }
 
 /// A parameter that is this near to a bound, as a share of it, was stopped there.
@@ -39,7 +41,12 @@ const NEAR_BOUND: f64 = 1e-3;
 const WANTED: f64 = 5.0;
 
 impl Refined {
-    /// Changes of the torques with the parameters that may still move.
+    /// Changes of the torques with the parameters of the model.
+    pub(crate) fn moving_columns(&self) -> impl Iterator<Item = &[f64]> {
+        self.prior.moving().map(|i| self.tangent[i].as_slice())
+    }
+
+    /// Those of parameters that are at no bound.
     pub(crate) fn free_columns(&self) -> impl Iterator<Item = &[f64]> {
         let free = |&i: &usize| !is_stopped(&self.prior.parameters[i], self.theta[i]);
         let moving = self.prior.moving().filter(free);
@@ -228,6 +235,7 @@ impl Campaign {
             spread: spreads[best],
             stiffness,
             tangent: columns,
+            touches: fitted.touches(),
         })
     }
 
@@ -300,7 +308,7 @@ impl Campaign {
         Ok(field.into_iter().map(|k| k.max(0.0)).collect())
     }
 
-    /// The change of the torques with every parameter of a model that may move, zero for the others.
+    /// The change of the torques with every parameter of a model that may move, empty for the others.
     fn columns(
         &self,
         model: &Model,
@@ -314,7 +322,7 @@ impl Campaign {
         (prior.parameters.par_iter().enumerate())
             .map(|(i, p)| {
                 if prior.sd[i] == 0.0 {
-                    return Ok(vec![0.0; here.len()]);
+                    return Ok(Vec::new());
                 }
                 let [lo, hi] = p.bounds;
                 let step = 0.5 * p.scale.min(hi - lo);

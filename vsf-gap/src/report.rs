@@ -264,7 +264,7 @@ impl EffectReport {
             unit: p.unit.to_owned(),
         };
         // Those that may not act are no part of the model.
-        let part = |((p, _), sd): &((Parameter, &f64), &f64)| p.role == Role::Shape || **sd > 0.0;
+        let part = |((p, _), sd): &((Parameter, &f64), &f64)| p.role == Role::Shape || **sd != 0.0;
         let all = own.into_iter().zip(theta).zip(sd);
         self.parameters = all.filter(part).map(estimate).collect();
     }

@@ -3,7 +3,7 @@ use crate::nominal::Fitted;
 use crate::{Acts, Campaign, ContactLog, Effect, GapError, Model, Motion, Parameter, Role};
 use faer::Mat;
 use rayon::prelude::*;
-use std::collections::BTreeSet;
+use std::collections::{BTreeMap, BTreeSet};
 use std::sync::Arc;
 
 /// How large an effect is before anything is known: the RMS torque of each of its parameters, as a
@@ -81,76 +81,74 @@ impl Campaign {
         effect: &Arc<dyn Effect>,
     ) -> Result<Vec<Tangent>, GapError> {
         let nominal = fitted.predicted(stiffness);
-        let starts = effect.starts(&self.site);
-        let sets: BTreeSet<_> = (0..starts.len())
+        let parameters = effect.parameters(&self.site);
+        let mut starts = effect.starts(&self.site);
+        for start in &mut starts {
+            let amplitudes = parameters
+                .iter()
+                .zip(start)
+                .filter(|(p, _)| p.role == Role::Amplitude);
+            amplitudes.for_each(|(_, theta)| *theta = 0.0);
+        }
+        let acting: Vec<Vec<usize>> = (0..starts.len())
             .map(|k| effect.acting(&self.site, k))
             .collect();
+        let sets: BTreeSet<&Vec<usize>> = acting.iter().collect();
         let choice = (sets.len() as f64).ln();
-        (starts.into_iter().enumerate())
-            .map(|start| {
-                let tangent = self.tangent(base, fitted, stiffness, &nominal, effect, start)?;
-                Ok(Tangent { choice, ..tangent })
-            })
-            .collect()
-    }
-
-    fn tangent(
-        &self,
-        base: &Model,
-        fitted: &Fitted<'_>,
-        stiffness: &[f64],
-        nominal: &[f64],
-        effect: &Arc<dyn Effect>,
-        (start, mut theta): (usize, Vec<f64>),
-    ) -> Result<Tangent, GapError> {
-        let parameters = effect.parameters(&self.site);
-        let amplitudes = effect.acting(&self.site, start);
-        for (p, t) in parameters.iter().zip(&mut theta) {
-            if p.role == Role::Amplitude {
-                *t = 0.0;
-            }
-        }
-        let columns: Vec<Vec<f64>> = (amplitudes.par_iter())
-            .map(|&i| {
-                let p = &parameters[i];
-                let at = |step: f64| {
-                    let mut moved = theta.clone();
-                    moved[i] = step;
-                    let model = base.with(effect, &moved);
-                    self.predicted_near(&model, p, fitted, stiffness, nominal)
-                };
-                let step = p.scale.min(0.5 * p.bounds[1]);
-                let ahead = at(step)?;
-                let (behind, width) = match effect.acts() == Acts::Contact && p.bounds[0] <= -step {
-                    true => (at(-step)?, 2.0 * step),
-                    false => (nominal.to_vec(), step),
-                };
-                Ok((ahead.iter().zip(&behind))
-                    .map(|(a, b)| (a - b) / width)
-                    .collect())
-            })
+        // Starts that differ by what may act alone share columns, under the first of them.
+        let alike: Vec<usize> = (starts.iter())
+            .map(|s| starts.iter().position(|t| t == s).unwrap_or(0))
+            .collect();
+        let needed: BTreeSet<(usize, usize)> = (alike.iter().zip(&acting))
+            .flat_map(|(k, set)| set.iter().map(move |i| (*k, *i)))
+            .collect();
+        let column = |k: usize, i: usize| -> Result<Vec<f64>, GapError> {
+            let p = &parameters[i];
+            let at = |step: f64| {
+                let mut theta = starts[k].clone();
+                theta[i] = step;
+                let model = base.with(effect, &theta);
+                self.predicted_near(&model, p, fitted, stiffness, &nominal)
+            };
+            let step = p.scale.min(0.5 * p.bounds[1]);
+            let ahead = at(step)?;
+            let (behind, width) = match effect.acts() == Acts::Contact && p.bounds[0] <= -step {
+                true => (at(-step)?, 2.0 * step),
+                false => (nominal.clone(), step),
+            };
+            Ok((ahead.iter().zip(&behind))
+                .map(|(a, b)| (a - b) / width)
+                .collect())
+        };
+        let columns: BTreeMap<(usize, usize), Vec<f64>> = (needed.into_par_iter())
+            .map(|(k, i)| Ok(((k, i), column(k, i)?)))
             .collect::<Result<_, GapError>>()?;
         let size = SIZE * rms(&fitted.readings);
-        let sd = (amplitudes.iter().zip(&columns))
-            .map(|(&i, column)| {
-                let widest = MOST_SCALES * parameters[i].scale;
-                let torque = rms(column);
-                if torque > 0.0 {
-                    (size / torque).min(widest)
-                } else {
-                    widest
+        let sd = |i: usize, column: &[f64]| {
+            let widest = MOST_SCALES * parameters[i].scale;
+            match rms(column) {
+                torque if torque > 0.0 => (size / torque).clamp(f64::MIN_POSITIVE, widest),
+                _ => widest,
+            }
+        };
+        Ok((acting.into_iter().enumerate())
+            .map(|(k, amplitudes)| {
+                let columns: Vec<Vec<f64>> = (amplitudes.iter())
+                    .map(|&i| columns[&(alike[k], i)].clone())
+                    .collect();
+                Tangent {
+                    effect: effect.clone(),
+                    start: starts[k].clone(),
+                    sd: (amplitudes.iter().zip(&columns))
+                        .map(|(&i, column)| sd(i, column))
+                        .collect(),
+                    bounds: amplitudes.iter().map(|&i| parameters[i].bounds).collect(),
+                    amplitudes,
+                    choice,
+                    columns,
                 }
             })
-            .collect();
-        Ok(Tangent {
-            effect: effect.clone(),
-            start: theta,
-            bounds: amplitudes.iter().map(|&i| parameters[i].bounds).collect(),
-            amplitudes,
-            sd,
-            choice: 0.0,
-            columns,
-        })
+            .collect())
     }
 
     /// Torques over windows of a model that differs a little from the fitted one, whose torques

@@ -50,8 +50,8 @@ pub(crate) struct Search<'a> {
 /// The best single effect and others.
 pub(crate) struct Combination {
     refined: Refined,
-    /// Whether each further one gains more than what may be wrong with the form of those before. Else they have to
-    /// explain nearly all that those leave.
+    /// Whether each further one gains more than what may be wrong with the forms of those before. Else all together
+    /// have to explain nearly all that the longest part of them leaves that stands.
     earned: bool,
 }
 
@@ -79,8 +79,6 @@ struct Standard {
     spread: Spread,
     /// From this log evidence on an effect gets a spread of its own.
     much: f64,
-    /// Whether nothing is touched.
-    in_air: bool,
 }
 
 impl Candidate {
@@ -250,7 +248,6 @@ impl Campaign {
                 ..smoothest
             },
             much: MUCH + nominal_there,
-            in_air: !nominal.touches(),
         };
         self.finalists(&tangents, &mut candidates, &standard)?;
 
@@ -336,7 +333,7 @@ impl Campaign {
         let Some(best) = leader.refined.as_ref().filter(evident) else {
             return Ok(Vec::new());
         };
-        let in_air = standard.in_air;
+        let in_air = !best.touches;
         let effects: Vec<_> = rest.iter().map(|c| c.effect.clone()).collect();
         let mut found: Vec<Combination> = Vec::new();
         for Further { refined, effect } in self.extended(best, &effects, rough)? {
@@ -365,44 +362,55 @@ impl Campaign {
             found = vec![found.swap_remove(best)];
         }
         let mut longest = 0;
-        while in_air
-            && longest < found.len()
-            && found[longest].refined.model.parts.len() < MOST_IN_AIR
-        {
-            let Some(longer) = self.longer(&found[longest], &effects, base, rough)? else {
+        while in_air && longest < found.len() {
+            let shorter = &found[longest];
+            if shorter.refined.model.parts.len() == MOST_IN_AIR {
                 break;
-            };
+            }
+            let (longer, instead) = self.longer(shorter, &effects, base, rough)?;
+            found.extend(instead);
+            let Some(longer) = longer else { break };
             longest = found.len();
             found.push(longer);
         }
         Ok(found)
     }
 
-    /// The best model with one more effect, if none of those before can be spared then.
+    /// The best model with one more effect, if none of those before can be spared then; and models of as many effects
+    /// as before that do better, with the new one instead of another.
     fn longer(
         &self,
         shorter: &Combination,
         effects: &[Arc<dyn Effect>],
         base: f64,
         rough: f64,
-    ) -> Result<Option<Combination>, GapError> {
+    ) -> Result<(Option<Combination>, Vec<Combination>), GapError> {
         let before = &shorter.refined;
         let mut models = self.extended(before, effects, rough)?;
         models.sort_by(|a, b| b.refined.log_evidence.total_cmp(&a.refined.log_evidence));
-        'models: for Further { refined, effect } in models {
+        let mut instead = Vec::new();
+        for Further { refined, effect } in models {
+            let mut spared = 0;
             for part in 0..before.model.parts.len() {
                 let (model, prior) = refined.without(part);
-                let spared = self.refine(&model, prior, &refined.spread)?;
+                let without = self.refine(&model, prior, &refined.spread)?;
                 let of_part = refined.model.parts[part].0.as_ref();
-                if refined.log_evidence - spared.log_evidence <= threshold(of_part, rough) {
-                    continue 'models;
+                if refined.log_evidence - without.log_evidence > threshold(of_part, rough) {
+                    continue;
+                }
+                spared += 1;
+                if without.log_evidence > before.log_evidence {
+                    let (refined, earned) = (without, false);
+                    instead.push(Combination { refined, earned });
                 }
             }
-            let needed = needed_beside(effect.as_ref(), before.log_evidence - base, rough);
-            let earned = shorter.earned && refined.log_evidence - before.log_evidence > needed;
-            return Ok(Some(Combination { refined, earned }));
+            if spared == 0 {
+                let needed = needed_beside(effect.as_ref(), before.log_evidence - base, rough);
+                let earned = shorter.earned && refined.log_evidence - before.log_evidence > needed;
+                return Ok((Some(Combination { refined, earned }), instead));
+            }
         }
-        Ok(None)
+        Ok((None, instead))
     }
 
     /// A fitted model with one of some effects that it does not have, for those that promise most and gain enough.
@@ -421,7 +429,7 @@ impl Campaign {
         let torques = fitted.predicted(&best.stiffness);
         let mut free = vec![torques.as_slice()];
         // With contact, the errors of its model would take more from a further effect than those before do.
-        let in_air = !fitted.touches();
+        let in_air = !best.touches;
         if in_air {
             free.extend(best.free_columns());
         }
@@ -433,16 +441,18 @@ impl Campaign {
             true => FURTHER_IN_AIR,
             false => FURTHER,
         });
-        let mut models = Vec::new();
-        for Candidate { effect, found, .. } in further {
-            let tangent = &others[found.tangent];
-            let start = self.start(&best.model, tangent, &found, &best.spread)?;
-            let prior = best.prior.clone().and(tangent.prior(&self.site));
-            let refined = self.refine(&start, prior, &best.spread)?;
-            if refined.log_evidence - best.log_evidence > threshold(effect.as_ref(), rough) {
-                models.push(Further { refined, effect });
-            }
-        }
+        let mut models: Vec<Further> = (further.into_par_iter())
+            .map(|Candidate { effect, found, .. }| {
+                let tangent = &others[found.tangent];
+                let start = self.start(&best.model, tangent, &found, &best.spread)?;
+                let prior = best.prior.clone().and(tangent.prior(&self.site));
+                let refined = self.refine(&start, prior, &best.spread)?;
+                Ok(Further { refined, effect })
+            })
+            .collect::<Result<_, GapError>>()?;
+        models.retain(|Further { refined, effect }| {
+            refined.log_evidence - best.log_evidence > threshold(effect.as_ref(), rough)
+        });
         Ok(models)
     }
 }

@@ -241,10 +241,6 @@ impl<'a> Trial<'a> {
             true => 0.0,
             false => self.left_free(&self.before),
         };
-        if nominal.perfect {
-            // Where the noise is what is left, an effect that leaves more than noise is none.
-            hypotheses.retain(|h| !h.leaves_more());
-        }
         let noticed = self.noticed();
         let much = |after: f64| (after > noticed && after > REMAINS * before).then_some(after);
         let mut tried = Vec::new();

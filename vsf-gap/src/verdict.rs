@@ -17,8 +17,8 @@ const CLEAR: f64 = 2.0;
 /// the share of the gap that they have to close on the checked sequences.
 const UNSURE: f64 = 0.1;
 const PROOF: f64 = 0.4;
-/// The share of an effect's gain that is left where its form is wrong by a third of its size: a second
-/// effect, or a more general form, that gains less mends the form of the first.
+/// The share of an effect's gain that is left where its form is wrong by a third of its size: a further
+/// effect, or a more general form, that gains less mends the forms of those before.
 const MISFIT: f64 = 0.12;
 /// Roughness of joints from which on something acts that the model does not have.
 const ROUGH: f64 = 0.15;
@@ -123,11 +123,6 @@ impl<'a> Hypothesis<'a> {
         parts.iter().map(|(e, _)| e.name().to_owned()).collect()
     }
 
-    /// Whether something acts beside it that the model does not have.
-    pub(crate) fn leaves_more(&self) -> bool {
-        self.refined.spread.joint >= ROUGH
-    }
-
     /// Whether it stands the check on sequences that it was not fitted to, of whose gap it closes a
     /// share; `worse` if the plain error grows. Clear evidence stands even so: the sequences may touch
     /// other places. It is no proof of effects that choose other contacts; where contact is rough, these
@@ -142,9 +137,9 @@ impl<'a> Hypothesis<'a> {
     }
 }
 
-/// The gain that a second effect needs beside a first one.
-pub(crate) fn needed_beside(second: &dyn Effect, gain_of_first: f64, rough: f64) -> f64 {
-    threshold(second, rough) + MISFIT * gain_of_first
+/// The gain that a further effect needs beside those of a model that gains so much.
+pub(crate) fn needed_beside(further: &dyn Effect, gain: f64, rough: f64) -> f64 {
+    threshold(further, rough) + MISFIT * gain
 }
 
 /// The gain of log evidence (nats) that an effect needs: [`Effect::null_gain`], and for those that act on
@@ -264,7 +259,7 @@ pub(crate) fn judge(hypotheses: &[Hypothesis<'_>], nominal: &Nominal) -> Judged 
     let (kind, probability) = match named {
         Some(i) => {
             let p = weights[i] / total;
-            let kind = match hypotheses[i].leaves_more() {
+            let kind = match hypotheses[i].refined.spread.joint >= ROUGH {
                 true => Kind::Unknown,
                 false => kind_of_claim(p, &effect_set_95),
             };

@@ -320,6 +320,10 @@ fn amplitudes_that_may_not_act_are_left_out_of_files() {
     without.effects[0].parameters.pop();
     let error = without.model(campaign.site(), &catalogue()).err();
     assert!(error.unwrap().to_string().contains("\"eps\" is missing"));
+    let mut nothing = file;
+    nothing.effects[0].parameters.drain(..2);
+    let error = nothing.model(campaign.site(), &catalogue()).err();
+    assert!(error.unwrap().to_string().contains("no amplitude"));
 }
 
 /// Whatever is wrong with a file is refused with a word about it.

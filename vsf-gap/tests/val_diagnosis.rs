@@ -196,12 +196,12 @@ fn a_bias_beside_friction_is_named() {
     );
 }
 
-/// Any two of them leave much, so that none is the cause of all but nearly all with another.
+/// Any two or three of them leave much.
 #[test]
-fn three_effects_in_free_air_are_named() {
+fn four_effects_in_free_air_are_named() {
     let d = named_in_air(&swinging(|tau, v| {
         [
-            tau[0] + (v[0] / 0.01).tanh() + 1.5 * v[0],
+            1.15 * tau[0] + (v[0] / 0.01).tanh() + 1.5 * v[0],
             tau[1] + 0.5 * (v[1] / 0.01).tanh() + v[1],
             tau[2] + 0.2 * (v[2] / 0.01).tanh() + 0.4 * v[2] + 0.5,
         ]
@@ -212,6 +212,7 @@ fn three_effects_in_free_air_are_named() {
         "joint_coulomb_friction",
         "joint_viscous_friction",
         "torque_bias",
+        "torque_gain",
     ];
     assert_eq!(named, truth, "{:?}", d.verdict);
     let (error, floor) = (d.gap.test_error_corrected, d.gap.noise_floor);

@@ -1,6 +1,8 @@
 use super::joint::{sign, speed_unit, unit};
 use crate::GapError;
-use crate::effect::{Acts, Compensator, Effect, Need, Parameter, Sample, Site, Touch, check};
+use crate::effect::{
+    Acts, Compensator, Effect, Need, Parameter, Sample, Site, Touch, check, slides,
+};
 use std::ops::Range;
 
 /// Friction and inertia of a joint that are driven by the motion of another, as in gears that share a housing and
@@ -8,7 +10,7 @@ use std::ops::Range;
 ///
 /// Parameters `c_<j>_<k>` (N m or N), `d_<j>_<k>` (N m s/rad, N s/m, ...) and `i_<j>_<k>` (kg m², kg, ...) for every
 /// joint `j` and every other joint `k`, and the shape `eps` (rad/s or m/s). All neighbours may act together, or any
-/// one pair alone. Tell-tale: the residual of one joint follows the velocity of another.
+/// one pair alone. Tell-tale: the residual of one joint follows the velocity or the acceleration of another.
 ///
 /// # Reference
 /// B. Siciliano, L. Sciavicco, L. Villani, G. Oriolo, *Robotics: Modelling, Planning and Control*,
@@ -53,11 +55,19 @@ impl Effect for JointCoupling {
     }
 
     fn parameters(&self, site: &Site) -> Vec<Parameter> {
-        let (dry, viscous) = (unit(site, "N m", "N"), unit(site, "N m s/rad", "N s/m"));
-        let inertia = unit(site, "kg m^2", "kg");
+        let dry = unit(site, "N m", "N");
+        let of_turning = [
+            unit(site, "N m s/rad", "N s/rad"),
+            unit(site, "kg m^2", "kg m"),
+        ];
+        let of_sliding = [unit(site, "N m s/m", "N s/m"), unit(site, "kg m", "kg")];
         let of_pair = |(j, k): (usize, usize)| {
             let name = |letter| format!("{letter}_{}_{}", j + 1, k + 1);
             let c = Parameter::amplitude(name('c'), dry(j), [-50.0, 50.0], 0.3);
+            let [viscous, inertia] = match slides(site, k) {
+                true => &of_sliding,
+                false => &of_turning,
+            };
             let d = Parameter::amplitude(name('d'), viscous(j), [-200.0, 200.0], 2.0);
             let i = Parameter::amplitude(name('i'), inertia(j), [-50.0, 50.0], 0.1);
             [c.of_joint(j), d.of_joint(j), i.of_joint(j)]
