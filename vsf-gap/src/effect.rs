@@ -331,15 +331,12 @@ pub trait Effect: Send + Sync {
     }
 }
 
-/// Whether each parameter is an amplitude that from some start may not act.
-pub(crate) fn may_rest(effect: &dyn Effect, site: &Site) -> Vec<bool> {
-    let parameters = effect.parameters(site);
+/// The sets of amplitudes that may act together, of the starts of an effect, smallest first.
+pub(crate) fn acting_sets(effect: &dyn Effect, site: &Site) -> Vec<Vec<usize>> {
     let starts = 0..effect.starts(site).len();
-    let acting: Vec<_> = starts.map(|k| effect.acting(site, k)).collect();
-    let rests = |i: usize| acting.iter().any(|set| !set.contains(&i));
-    (parameters.iter().enumerate())
-        .map(|(i, p)| p.role == Role::Amplitude && rests(i))
-        .collect()
+    let mut sets: Vec<_> = starts.map(|k| effect.acting(site, k)).collect();
+    sets.sort_by_key(Vec::len);
+    sets
 }
 
 /// Checks what an effect says of itself and of its parameters at a site.

@@ -1,4 +1,4 @@
-use crate::effect::may_rest;
+use crate::effect::acting_sets;
 use crate::{Effect, Estimate, GapError, Model, Parameter, Role, Site};
 use serde::{Deserialize, Serialize};
 use std::sync::Arc;
@@ -62,11 +62,19 @@ impl ModelFile {
                     expected: own.len(),
                 });
             }
-            let rests = may_rest(effect.as_ref(), site);
-            let acts = |(k, ((_, value), std)): &(usize, ((Parameter, &f64), f64))| {
-                !rests[*k] || **value != 0.0 || *std != 0.0
+            // The fewest amplitudes that may act together and have those that do; all if there are none.
+            let acts = |k: &usize| {
+                own[*k].role == Role::Amplitude && (theta[*k] != 0.0 || stds[*k] != 0.0)
             };
-            let estimate = |(_, ((p, value), std)): (usize, ((Parameter, &f64), f64))| Estimate {
+            let acting: Vec<usize> = (0..own.len()).filter(acts).collect();
+            let sets = acting_sets(effect.as_ref(), site);
+            let set = sets
+                .iter()
+                .find(|set| acting.iter().all(|k| set.contains(k)));
+            let held =
+                |k: usize| own[k].role == Role::Shape || set.is_none_or(|set| set.contains(&k));
+            let holds: Vec<bool> = (0..own.len()).map(held).collect();
+            let estimate = |((p, value), std): ((Parameter, &f64), f64)| Estimate {
                 name: p.name,
                 value: *value,
                 std,
@@ -74,9 +82,8 @@ impl ModelFile {
             };
             effects.push(EffectEntry {
                 effect: effect.name().to_owned(),
-                parameters: (own.into_iter().zip(theta).zip(stds).enumerate())
-                    .filter(acts)
-                    .map(estimate)
+                parameters: (own.into_iter().zip(theta).zip(stds).zip(holds))
+                    .filter_map(|(own, holds)| holds.then(|| estimate(own)))
                     .collect(),
             });
         }
@@ -167,7 +174,6 @@ impl EffectEntry {
     /// The values in the order of the effect's parameters.
     fn theta(&self, effect: &dyn Effect, site: &Site) -> Result<Vec<f64>, GapError> {
         let parameters = effect.parameters(site);
-        let rests = may_rest(effect, site);
         let names = || {
             let names: Vec<String> = parameters.iter().map(|p| p.name.clone()).collect();
             listed(&names)
@@ -181,18 +187,24 @@ impl EffectEntry {
                 return Err(self.wrong(format!("parameter {name:?} is named twice")));
             }
         }
-        let given = |p: &Parameter| self.parameters.iter().any(|g| g.name == p.name);
-        let mut amplitudes = parameters.iter().filter(|p| p.role == Role::Amplitude);
-        if !amplitudes.any(given) {
-            return Err(self.wrong(format!("has no amplitude; it has {}", names())));
-        }
-        (parameters.iter().zip(rests))
-            .map(|(p, rests)| {
+        // Of amplitudes, some that may act together; of several such sets, the one that is nearest to complete.
+        let is_given = |k: &usize| {
+            self.parameters
+                .iter()
+                .any(|g| g.name == parameters[*k].name)
+        };
+        let missing = |set: &Vec<usize>| set.iter().filter(|k| !is_given(k)).count();
+        let sets = acting_sets(effect, site);
+        let needed = sets.iter().min_by_key(|set| missing(set));
+        (parameters.iter().enumerate())
+            .map(|(k, p)| {
                 let name = &p.name;
                 let given = self.parameters.iter().find(|g| g.name == *name);
+                let may_rest =
+                    p.role == Role::Amplitude && needed.is_some_and(|set| !set.contains(&k));
                 let given = match given {
                     Some(given) => given,
-                    None if rests => return Ok(0.0),
+                    None if may_rest => return Ok(0.0),
                     None => {
                         let missing = format!("parameter {name:?} is missing; it has {}", names());
                         return Err(self.wrong(missing));

@@ -6,6 +6,8 @@ use crate::trial::{Conclusion, Trial};
 use crate::verdict::{Kind, Nominal};
 use crate::{Campaign, Parameter};
 
+/// In free air, an error that is left of so many times that of a perfect model is told of.
+const MUCH: f64 = 1.5;
 /// An error below this share of the noise shows that noise was taken for larger than it is.
 const BELOW: f64 = 0.7;
 
@@ -142,8 +144,27 @@ pub(crate) fn notes(
     if !campaign.test.is_empty() {
         let floor = noise_norm(&campaign.noise);
         notes.extend(overstated(floor, error, campaign.scene.error_unit()));
+        // With contact, errors are far from a perfect model's for many reasons.
+        if conclusion.corrected.is_some() && !nominal.touches {
+            notes.extend(incomplete(floor, error));
+        }
     }
     notes
+}
+
+/// That more acts than what is named, where the error that is left is far from the noise.
+fn incomplete(noise: f64, error: f64) -> Option<String> {
+    let times = error / noise.max(f64::MIN_POSITIVE);
+    (times > MUCH).then(|| {
+        format!(
+            "the error that is left is {} that of a perfect model: more acts than what is named, or the forms \
+             of the effects are others, and their parameters take some of it",
+            match times < 100.0 {
+                true => format!("{times:.1} times"),
+                false => "a hundred times and more".to_owned(),
+            }
+        )
+    })
 }
 
 /// That noise is taken for more than the error that is left (in `unit` both), where it is.
@@ -162,6 +183,15 @@ fn overstated(noise: f64, error: f64, unit: &str) -> Option<String> {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn what_is_left_far_above_the_noise_is_told() {
+        assert_eq!(incomplete(0.1, 0.11), None);
+        assert_eq!(incomplete(0.0, 0.0), None);
+        let note = incomplete(0.1, 0.31).unwrap_or_default();
+        assert!(note.contains("3.1 times"), "{note}");
+        assert!(incomplete(0.0, 1.0).unwrap_or_default().contains("hundred"));
+    }
 
     #[test]
     fn noise_is_overstated_where_less_error_is_left() {

@@ -313,17 +313,24 @@ fn amplitudes_that_may_not_act_are_left_out_of_files() {
     let names: Vec<_> = (file.effects[0].parameters.iter())
         .map(|p| p.name.as_str())
         .collect();
-    assert_eq!(names, ["c_1_3", "d_1_3", "eps"]);
+    assert_eq!(names, ["c_1_3", "d_1_3", "i_1_3", "eps"]);
     let again = file.model(campaign.site(), &catalogue()).unwrap();
     assert_eq!(again.parts[0].1, theta);
     let mut without = file.clone();
     without.effects[0].parameters.pop();
     let error = without.model(campaign.site(), &catalogue()).err();
     assert!(error.unwrap().to_string().contains("\"eps\" is missing"));
+    for taken in 0..3 {
+        let mut part = file.clone();
+        let taken = part.effects[0].parameters.remove(taken).name;
+        let error = part.model(campaign.site(), &catalogue()).err().unwrap();
+        let missing = format!("{taken:?} is missing");
+        assert!(error.to_string().contains(&missing), "{error}");
+    }
     let mut nothing = file;
-    nothing.effects[0].parameters.drain(..2);
+    nothing.effects[0].parameters.drain(..3);
     let error = nothing.model(campaign.site(), &catalogue()).err();
-    assert!(error.unwrap().to_string().contains("no amplitude"));
+    assert!(error.unwrap().to_string().contains("missing"));
 }
 
 /// Whatever is wrong with a file is refused with a word about it.
