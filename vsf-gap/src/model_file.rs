@@ -40,7 +40,8 @@ pub struct ModelFile {
 pub struct EffectEntry {
     /// Its name.
     pub effect: String,
-    /// All of its parameters, in any order; amplitudes that may not act ([`Effect::acting`]) are 0 if left out.
+    /// Its parameters, in any order: all shapes, and of the amplitudes at least a set that may act together
+    /// ([`Effect::acting`]); the others are 0.
     pub parameters: Vec<Estimate>,
 }
 

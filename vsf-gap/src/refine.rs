@@ -137,10 +137,14 @@ impl Model {
         })
     }
 
+    /// Whether an effect of this name is one of its own.
+    pub(crate) fn has(&self, name: &str) -> bool {
+        self.parts.iter().any(|(e, _)| e.name() == name)
+    }
+
     /// Whether another model has all of its effects.
     pub(crate) fn is_part_of(&self, other: &Self) -> bool {
-        let has = |name: &str| other.parts.iter().any(|(e, _)| e.name() == name);
-        self.parts.iter().all(|(e, _)| has(e.name()))
+        self.parts.iter().all(|(e, _)| other.has(e.name()))
     }
 
     /// The same effects with other parameters.

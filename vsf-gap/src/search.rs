@@ -106,17 +106,15 @@ impl Search<'_> {
             .collect();
         for Combination { refined, earned } in &self.combinations {
             let within = models.iter().filter(|m| m.model.is_part_of(&refined.model));
-            let part = match earned {
-                true => None,
-                false => within.max_by(|a, b| {
-                    let length = |m: &Refined| m.model.parts.len();
-                    (length(a).cmp(&length(b))).then(a.log_evidence.total_cmp(&b.log_evidence))
-                }),
+            let part = within.max_by(|a, b| {
+                let length = |m: &Refined| m.model.parts.len();
+                (length(a).cmp(&length(b))).then(a.log_evidence.total_cmp(&b.log_evidence))
+            });
+            let stands = match part {
+                Some(part) if !earned => completes(part, refined)?,
+                _ => *earned,
             };
-            if match part {
-                Some(part) => completes(part, refined)?,
-                None => *earned,
-            } {
+            if stands {
                 models.push(refined);
             }
         }
@@ -434,8 +432,7 @@ impl Campaign {
     ) -> Result<Vec<Further>, GapError> {
         let fitted = self.fitted(&best.model, &self.train)?;
         let mut others = Vec::new();
-        let has = |e: &Arc<dyn Effect>| best.model.parts.iter().any(|(p, _)| p.name() == e.name());
-        for effect in effects.iter().filter(|e| !has(e)) {
+        for effect in effects.iter().filter(|e| !best.model.has(e.name())) {
             others.extend(self.tangents(&best.model, &fitted, &best.stiffness, effect)?);
         }
         let torques = fitted.predicted(&best.stiffness);

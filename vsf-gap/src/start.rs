@@ -15,8 +15,9 @@ const WORTHWHILE: f64 = 6.0;
 const WIDEST: f64 = 50.0;
 
 impl Tangent {
-    /// Prior of all parameters, those that may not act held at zero. Screening bounds amplitudes by the torques that they cause; of
-    /// surfaces that move, torques are no measure, since contact and stiffness change with them.
+    /// Prior of all parameters, those that may not act held at zero. Screening bounds amplitudes by the
+    /// torques that they cause; of surfaces that move, torques are no measure, since contact and stiffness
+    /// change with them.
     pub(crate) fn prior(&self, site: &Site) -> Prior {
         let parameters = self.effect.parameters(site);
         let mut sd: Vec<f64> = (parameters.iter())
