@@ -25,6 +25,7 @@ use vsf::core::nalgebra::Point3;
 use vsf::plot::FieldView;
 use vsf::prelude::*;
 use vsf::robots::cartesian_stage;
+use vsf_examples::write_picture;
 
 const SOFT: f64 = 5.0;
 const STIFF: f64 = 40.0;
@@ -114,7 +115,8 @@ fn main() -> Result<(), Box<dyn Error>> {
         size / count
     );
 
-    if let Some(folder) = std::env::args_os().nth(1).map(PathBuf::from) {
+    let folder = std::env::args_os().nth(1).map(PathBuf::from);
+    write_picture(folder.as_deref(), "field.png", || {
         let picture = FieldView {
             points_W: rest.positions(),
             stiffness: session.belief().mean(),
@@ -122,11 +124,8 @@ fn main() -> Result<(), Box<dyn Error>> {
             title: "A stiff ball in a soft block, found by poking",
             ..FieldView::default()
         };
-        std::fs::create_dir_all(&folder)?;
-        std::fs::write(folder.join("field.png"), picture.png()?)?;
-        println!("wrote {}", folder.join("field.png").display());
-    }
-    Ok(())
+        picture.png()
+    })
 }
 
 /// Tip depths of one poke (m).

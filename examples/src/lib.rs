@@ -3,3 +3,6 @@
 #![forbid(unsafe_code)]
 
 pub mod live;
+
+mod picture;
+pub use picture::write_picture;

@@ -1,5 +1,6 @@
 use crate::effect::{Need, Site};
 use crate::noise::{JointNoise, noise_floor};
+use crate::rounding::Rounding;
 use crate::{Acts, ContactLog, GapError, Model, effect::slides};
 use nalgebra::Vector3;
 use rayon::prelude::*;
@@ -197,6 +198,8 @@ pub struct Campaign {
     /// Sequences that check it.
     pub(crate) test: Vec<Motion>,
     pub(crate) noise: Vec<JointNoise>,
+    /// Joints whose readings are rounded by more than their noise.
+    pub(crate) rounded: Vec<(usize, Rounding)>,
     /// Whether the last train sequence checks, for want of a test split.
     pub(crate) held_out: bool,
     touched: Touched,
@@ -303,6 +306,7 @@ impl Campaign {
             duration: 1.0,
         };
         let (mut trained, mut tested) = (Vec::new(), Vec::new());
+        let mut recorded = Vec::new();
         let mut clock: Option<Clock> = None;
         for sequence in &dataset.sequences {
             let known = |ids: &[&str]| ids.contains(&sequence.id.as_str());
@@ -316,9 +320,11 @@ impl Campaign {
                 ..now
             });
             site.sequences.push(sequence.id.clone());
-            match known(&train) {
-                true => trained.push(motion),
-                false => tested.push(motion),
+            if known(&train) {
+                trained.push(motion);
+                recorded.push(sequence);
+            } else {
+                tested.push(motion);
             }
         }
         site.duration = clock.map_or(1.0, |c| c.end.max(1.0));
@@ -329,6 +335,7 @@ impl Campaign {
             train: trained,
             test: tested,
             noise: Vec::new(),
+            rounded: Vec::new(),
             held_out,
             touched: Touched::Nothing,
             moves_free: false,
@@ -336,7 +343,14 @@ impl Campaign {
         let motions: Vec<&Motion> = campaign.train.iter().collect();
         let logs = campaign.contact_logs(&Model::default(), &motions)?;
         let touched = Touched::of(campaign.site.rest.len(), &logs);
-        let noise = noise_floor(&motions, &logs, campaign.site.joints());
+        let mut noise = noise_floor(&motions, &logs, campaign.site.joints());
+        for (j, noise) in noise.iter_mut().enumerate() {
+            let rounding = Rounding::of(&recorded, j).filter(|r| r.exceeds(noise));
+            if let Some(rounding) = rounding {
+                *noise = rounding.with(noise);
+                campaign.rounded.push((j, rounding));
+            }
+        }
         let free = (logs.iter().flat_map(|l| &l.contacts)).filter(|c| c.is_empty());
         let moves_free = free.count() >= FREE;
         (campaign.noise, campaign.touched) = (noise, touched);
@@ -429,6 +443,7 @@ impl Campaign {
             train,
             test,
             noise: self.noise.clone(),
+            rounded: self.rounded.clone(),
             ..*self
         }
     }

@@ -68,6 +68,7 @@ mod plain;
 mod refine;
 mod report;
 mod response;
+mod rounding;
 mod screen;
 mod search;
 mod start;

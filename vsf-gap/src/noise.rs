@@ -30,7 +30,7 @@ const FEWEST: usize = 150;
 const STEP: f64 = 5.0;
 const FEW: f64 = 0.1;
 /// The largest correlation that is told from a signal.
-const SMOOTHEST: f64 = 0.95;
+pub(crate) const SMOOTHEST: f64 = 0.95;
 
 /// Orders of the differences that noise is read from. Those of a higher order leave out more of what is
 /// smooth, and tell less of noise that is smooth itself. All even.

@@ -65,6 +65,7 @@ pub(crate) fn notes(
             last.id
         ));
     }
+    notes.extend(rounded(campaign));
     let before = trial.before.mean_error();
     let verdict = &conclusion.judged.verdict;
     if conclusion.judged.named.is_some() && conclusion.corrected.is_none() {
@@ -150,6 +151,23 @@ pub(crate) fn notes(
         }
     }
     notes
+}
+
+/// That readings are rounded, and how coarsely.
+fn rounded(campaign: &Campaign) -> Option<String> {
+    let rounded = &campaign.rounded;
+    let coarsest = rounded.iter().map(|(_, r)| r.step).fold(0.0, f64::max);
+    let joints = campaign.site.robot.joints();
+    let names: Vec<&str> = rounded.iter().map(|(j, _)| joints[*j].name()).collect();
+    (!names.is_empty()).then(|| {
+        format!(
+            "readings come in steps of up to {} {}, more than their noise ({}): what rounding leaves follows the \
+             motion as effects do, and small effects may stand for it",
+            number(coarsest),
+            campaign.scene.error_unit(),
+            names.join(", ")
+        )
+    })
 }
 
 /// That more acts than what is named, where the error that is left is far from the noise.
