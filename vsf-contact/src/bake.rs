@@ -11,8 +11,8 @@ use vsf_core::{CoreError, TriMesh};
 
 /// Cells along the diagonal of the first grid that the automatic resolution tries.
 const FIRST_CELLS: f64 = 64.0;
-/// Number of points that the error is measured at, and how far from the surface they lie.
-/// A fuzzer bakes anew whatever the cache refuses.
+/// Number of points that the error is measured at, and how far from the surface they lie. Few under a fuzzer, which
+/// bakes anew whatever the cache refuses.
 const SAMPLES: usize = if cfg!(fuzzing) { 100 } else { 20_000 };
 const NEAR: f64 = 0.01;
 /// Winding number below which a point lies behind faces that are turned over; an open sheet alone

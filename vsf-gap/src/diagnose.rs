@@ -251,7 +251,7 @@ fn attempt(
                     .collect(),
             },
             r#where: locate(campaign, &model, &field, &before, checked, noise, seed)?,
-            next_experiment: next_experiment(&verdict, &effects),
+            next_experiment: next_experiment(&verdict, &effects, campaign.site.rest.is_empty()),
             effects,
             verdict,
             notes,

@@ -14,6 +14,8 @@ pub struct NextExperiment {
 /// An experiment and the effects that answer to it in a way of their own.
 struct Experiment {
     action: &'static str,
+    /// Whether it needs nothing to touch.
+    in_air: bool,
     /// Effects and how they answer: equal letters look alike.
     answers: &'static [(&'static str, char)],
 }
@@ -22,6 +24,7 @@ struct Experiment {
 const EXPERIMENTS: [Experiment; 9] = [
     Experiment {
         action: "hold the deepest point of a touch for 5 s",
+        in_air: false,
         answers: &[
             ("stress_relaxation", 'r'),
             ("torque_drift", 'd'),
@@ -30,6 +33,7 @@ const EXPERIMENTS: [Experiment; 9] = [
     },
     Experiment {
         action: "unload as slowly as loaded, over the same path",
+        in_air: false,
         answers: &[
             ("contact_friction", 'f'),
             ("joint_load_friction", 'l'),
@@ -41,6 +45,7 @@ const EXPERIMENTS: [Experiment; 9] = [
     },
     Experiment {
         action: "repeat a touch at twice the speed",
+        in_air: false,
         answers: &[
             ("viscoelastic", 'v'),
             ("latency", 'l'),
@@ -52,6 +57,7 @@ const EXPERIMENTS: [Experiment; 9] = [
     },
     Experiment {
         action: "touch the same place again, as deep as before",
+        in_air: false,
         answers: &[
             ("plastic_set", 'p'),
             ("damage_softening", 'd'),
@@ -61,6 +67,7 @@ const EXPERIMENTS: [Experiment; 9] = [
     },
     Experiment {
         action: "push a known place deeper than before",
+        in_air: false,
         answers: &[
             ("strain_stiffening", 's'),
             ("spatial_coupling", 'c'),
@@ -71,6 +78,7 @@ const EXPERIMENTS: [Experiment; 9] = [
     },
     Experiment {
         action: "touch a known place in another posture of the arm",
+        in_air: false,
         answers: &[
             ("encoder_offset", 'e'),
             ("registration_offset", 'r'),
@@ -86,6 +94,7 @@ const EXPERIMENTS: [Experiment; 9] = [
     },
     Experiment {
         action: "move every joint to and fro in free air, at two speeds",
+        in_air: true,
         answers: &[
             ("joint_coulomb_friction", 'c'),
             ("joint_viscous_friction", 'v'),
@@ -98,10 +107,12 @@ const EXPERIMENTS: [Experiment; 9] = [
     },
     Experiment {
         action: "wait 30 s in free air and read again in the same posture",
+        in_air: true,
         answers: &[("torque_drift", 'd'), ("torque_bias", 'b')],
     },
     Experiment {
         action: "carry a known payload through several postures",
+        in_air: true,
         answers: &[
             ("payload", 'p'),
             ("gravity_tilt", 'g'),
@@ -112,8 +123,12 @@ const EXPERIMENTS: [Experiment; 9] = [
 ];
 
 /// The experiment that tells most of the surviving candidates apart, weighed by their
-/// probabilities.
-pub(crate) fn next_experiment(verdict: &Verdict, effects: &[EffectReport]) -> NextExperiment {
+/// probabilities; of an arm `in_air`, one that needs nothing to touch.
+pub(crate) fn next_experiment(
+    verdict: &Verdict,
+    effects: &[EffectReport],
+    in_air: bool,
+) -> NextExperiment {
     let survivors: Vec<&EffectReport> = (effects.iter())
         .filter(|e| e.testable && verdict.effect_set_95.contains(&e.effect))
         .collect();
@@ -138,6 +153,7 @@ pub(crate) fn next_experiment(verdict: &Verdict, effects: &[EffectReport]) -> Ne
         sum
     };
     let best = (EXPERIMENTS.iter())
+        .filter(|e| e.in_air || !in_air)
         .map(|e| (told(e), e))
         .max_by(|a, b| a.0.total_cmp(&b.0))
         .filter(|(told, _)| *told > 0.0);
@@ -167,6 +183,10 @@ pub(crate) fn next_experiment(verdict: &Verdict, effects: &[EffectReport]) -> Ne
                   follows position, speed or time"
                 .to_owned(),
         },
+        (None, Kind::NoGap) if in_air => NextExperiment {
+            action: "move every joint through its range, at two speeds, with and without a known payload".to_owned(),
+            why: "nothing is missing so far; this shows effects that these motions could not".to_owned(),
+        },
         (None, Kind::NoGap) => NextExperiment {
             action: "push, hold, unload and touch again at two speeds, deeper the second time"
                 .to_owned(),
@@ -177,5 +197,33 @@ pub(crate) fn next_experiment(verdict: &Verdict, effects: &[EffectReport]) -> Ne
             action: "repeat one touch, or a motion in free air, in other postures".to_owned(),
             why: format!("it checks {} on data that the model has not seen", names()),
         },
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn free_air_is_not_told_to_touch() {
+        let nothing = Verdict {
+            effects: Vec::new(),
+            kind: Kind::NoGap,
+            probability: 1.0,
+            effect_set_95: Vec::new(),
+        };
+        let no_gap = next_experiment(&nothing, &[], true).action;
+        let actions = (EXPERIMENTS.iter().filter(|e| e.in_air)).map(|e| e.action);
+        for action in actions.chain([no_gap.as_str()]) {
+            let touches = ["touch", "push", "deep", "load as"]
+                .iter()
+                .any(|w| action.contains(w));
+            assert!(!touches, "{action}");
+        }
+        assert!(
+            next_experiment(&nothing, &[], false)
+                .action
+                .contains("touch")
+        );
     }
 }

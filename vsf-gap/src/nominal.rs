@@ -171,8 +171,9 @@ impl Fitted<'_> {
         let samples: usize = list.iter().map(|w| w.rows.len()).sum();
         let size = (samples / list.len().max(1)).max(1);
         let of_noise = campaign.noise.iter().map(|n| n.of_means(size).correlation);
-        let correlation = correlation(&self.innovations(factor), self.windows.joints, &follows)
-            - of_noise.fold(0.0, f64::max);
+        let of_noise = of_noise.sum::<f64>() / campaign.noise.len().max(1) as f64;
+        let correlation =
+            correlation(&self.innovations(factor), self.windows.joints, &follows) - of_noise;
         let pairs = follows.iter().filter(|f| **f).count() * self.windows.joints;
         match correlation > 3.0 / (pairs as f64).sqrt() {
             true => correlation,

@@ -1,11 +1,13 @@
 use crate::noise::{JointNoise, SMOOTHEST};
 use vsf_data::Sequence;
 
-/// Numbers closer than this share of the largest are one number, stored with fewer digits.
+/// Changes below this share of the largest reading are none: numbers stored with fewer digits.
 const ALIKE: f64 = 1e-6;
-/// Largest part of a step by which a rounded reading may lie beside a multiple of it.
+/// Largest part of a step by which a change of rounded readings may lie beside a multiple of it, and the share of
+/// changes, the smallest ones included, that may be others.
 const OFF: f64 = 0.01;
-/// Noise of this share of a step and more makes rounding errors white, and is seen with them.
+const OTHERS: f64 = 0.01;
+/// Differences of less than this share of a step are not those of noise that makes errors of rounding white.
 const DITHER: f64 = 0.5;
 /// Fewest changes of readings from which a step is told.
 const FEWEST: usize = 20;
@@ -18,53 +20,39 @@ const FEWEST: usize = 20;
 pub(crate) struct Rounding {
     /// Distance of neighbouring readings (N m or N).
     pub(crate) step: f64,
-    /// Steps that the reading moves by from one sample to the next, mean.
-    pace: f64,
 }
 
 impl Rounding {
     /// Of the readings of joint `j` as recorded; `None` when any number occurs.
     pub(crate) fn of(sequences: &[&Sequence], j: usize) -> Option<Self> {
-        let readings = || {
-            sequences
-                .iter()
-                .flat_map(|s| s.torques.iter())
-                .map(|row| row[j])
-        };
-        let largest = readings().fold(0.0, |most: f64, r| most.max(r.abs()));
-        let changes = || {
-            let pairs = sequences.iter().flat_map(|s| {
-                s.touches()
-                    .flat_map(|t| t.start + 1..t.end)
-                    .map(|k| (s.torques[k][j] - s.torques[k - 1][j]).abs())
-            });
-            pairs.filter(|change| *change > ALIKE * largest)
-        };
-        let step = changes().fold(f64::INFINITY, f64::min);
-        let multiple = |change: f64| (change / step - (change / step).round()).abs() <= OFF;
-        if changes().count() < FEWEST || !changes().all(multiple) {
+        let readings = sequences.iter().flat_map(|s| s.torques.column(j));
+        let largest = readings.fold(0.0, |most: f64, r| most.max(r.abs()));
+        let pairs = sequences.iter().flat_map(|s| {
+            let rows = s.touches().flat_map(|t| t.start + 1..t.end);
+            rows.map(|k| (s.torques[k][j] - s.torques[k - 1][j]).abs())
+        });
+        let mut changes: Vec<f64> = pairs.filter(|change| *change > ALIKE * largest).collect();
+        if changes.len() < FEWEST {
             return None;
         }
-        let samples = readings().count() as f64;
-        Some(Self {
-            step,
-            pace: changes().sum::<f64>() / (step * samples),
-        })
+        changes.sort_by(f64::total_cmp);
+        let few = (OTHERS * changes.len() as f64) as usize;
+        let step = changes[few];
+        let is_other = |change: &&f64| (**change / step - (**change / step).round()).abs() > OFF;
+        (changes.iter().filter(is_other).count() <= few).then_some(Self { step })
     }
 
-    /// Whether it is more than noise as it is found in differences.
+    /// Whether it is more than noise as it is found in differences, which see rounding too where it is white.
     pub(crate) fn exceeds(&self, noise: &JointNoise) -> bool {
         noise.sd < DITHER * self.step
     }
 
-    /// Noise as it is found in differences, and that of rounding.
+    /// Noise as it is found in differences, and that of rounding: how long an error lasts differs from motion to
+    /// rest, so that it is taken to be as smooth as noise may be.
     pub(crate) fn with(&self, noise: &JointNoise) -> JointNoise {
-        // Of a sawtooth whose phase moves by `r`.
-        let r = self.pace.min(0.5);
-        let correlation = (1.0 - 6.0 * r * (1.0 - r)).min(SMOOTHEST);
         JointNoise {
             sd: noise.sd.max(self.step / 12f64.sqrt()),
-            correlation: noise.correlation.max(correlation),
+            correlation: SMOOTHEST,
         }
     }
 }
@@ -73,37 +61,57 @@ impl Rounding {
 #[allow(clippy::unwrap_used)]
 mod tests {
     use super::*;
+    use rand::SeedableRng;
+    use rand_distr::{Distribution, StandardNormal};
+    use rand_pcg::Pcg64Mcg;
     use vsf_data::Table;
 
+    const SAMPLES: usize = 10_000;
+
     fn rounding(reading: impl Fn(usize) -> f64) -> Option<Rounding> {
-        let n = 5000;
-        let time = (0..n).map(|k| 0.01 * k as f64).collect();
-        let still = Table::new(1, vec![0.0; n]).unwrap();
-        let torques = Table::new(1, (0..n).map(reading).collect()).unwrap();
+        let time = (0..SAMPLES).map(|k| 0.01 * k as f64).collect();
+        let still = Table::new(1, vec![0.0; SAMPLES]).unwrap();
+        let torques = Table::new(1, (0..SAMPLES).map(reading).collect()).unwrap();
         Rounding::of(&[&Sequence::new("0", time, still, torques)], 0)
     }
 
-    /// The error itself, of a signal that moves by a fiftieth to a third of a step from sample to sample.
+    /// The error itself, of signals in motion and at rest, without noise and with some: that of means is not more
+    /// than it is taken for, and hardly less of single samples.
     #[test]
     fn val_error_of_rounding() {
-        for amplitude in [1.0, 3.0, 15.0] {
-            let signal = |k: usize| amplitude * (0.01 * k as f64).sin() + 0.3;
-            let read = |k: usize| (signal(k) / 0.5).round() * 0.5;
+        const STEP: f64 = 0.5;
+        for (amplitude, noise) in [
+            (0.8, 0.0),
+            (3.0, 0.0),
+            (20.0, 0.0),
+            (3.0, 0.05),
+            (20.0, 0.1),
+        ] {
+            let mut rng = Pcg64Mcg::seed_from_u64(1);
+            let mut draw = || -> f64 { StandardNormal.sample(&mut rng) };
+            let signal = |k: usize| match k / 1000 % 2 {
+                0 => amplitude * (0.005 * k as f64).sin() + 0.3,
+                _ => amplitude * (0.3 * (k / 1000) as f64).sin(),
+            };
+            let read: Vec<f64> = (0..SAMPLES)
+                .map(|k| ((signal(k) + noise * draw()) / STEP).round() * STEP)
+                .collect();
             // As stored in fewer digits.
-            let found = rounding(|k| f64::from(read(k) as f32)).unwrap();
-            let noise = found.with(&JointNoise {
-                sd: 0.0,
+            let found = rounding(|k| f64::from(read[k] as f32)).unwrap();
+            assert!((found.step - STEP).abs() < 1e-5);
+            let of = found.with(&JointNoise {
+                sd: noise,
                 correlation: 0.0,
             });
-            let errors: Vec<f64> = (0..5000).map(|k| read(k) - signal(k)).collect();
-            let square = errors.iter().map(|e| e * e).sum::<f64>() / 5000.0;
-            let next = errors.windows(2).map(|e| e[0] * e[1]).sum::<f64>() / 4999.0;
-            assert!((noise.sd / square.sqrt() - 1.0).abs() < 0.1, "{noise:?}");
-            let correlation = (next / square).clamp(0.0, SMOOTHEST);
-            assert!(
-                (noise.correlation - correlation).abs() < 0.15,
-                "{noise:?}, {correlation}"
-            );
+            let errors: Vec<f64> = (0..SAMPLES).map(|k| read[k] - signal(k)).collect();
+            let sd = |e: &mut dyn Iterator<Item = f64>| {
+                let (sum, n) = e.fold((0.0, 0.0), |(s, n), e| (s + e * e, n + 1.0));
+                (sum / n).sqrt()
+            };
+            let single = sd(&mut errors.iter().copied());
+            assert!((0.7..1.3).contains(&(of.sd / single)), "{of:?}, {single}");
+            let mean = sd(&mut errors.chunks(10).map(|e| e.iter().sum::<f64>() / 10.0));
+            assert!(of.of_means(10).sd > 0.8 * mean, "{of:?}, {mean}");
         }
     }
 
@@ -111,9 +119,15 @@ mod tests {
     fn readings_of_any_number_are_not_rounded() {
         assert!(rounding(|k| (0.01 * k as f64).sin()).is_none());
         assert!(rounding(|_| 0.1).is_none());
-        // One sensor of steps, with an offset.
-        let stepped = rounding(|k| 0.123 + 0.25 * ((k / 7 % 9) as f64)).unwrap();
-        assert!((stepped.step - 0.25).abs() < 1e-9);
+        // One sensor of steps, with an offset, and a spike.
+        let stepped = |k: usize| {
+            if k == 77 {
+                9.876
+            } else {
+                0.123 + 0.25 * ((k / 7 % 9) as f64)
+            }
+        };
+        assert!((rounding(stepped).unwrap().step - 0.25).abs() < 1e-9);
     }
 
     #[test]

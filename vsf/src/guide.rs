@@ -6,9 +6,10 @@
 //! 4. [`your_parts`]: an estimator, a sensor and a contact model of your own.
 //! 5. [`filter_health`]: is the filter right about how much it knows?
 //! 6. [`sim_to_real`]: what the model lacks, by the effects of the catalogue or your own.
-//! 7. [`touch_protocol`]: how to touch so that effects can be told apart.
-//! 8. [`accuracy`]: how well it predicts and how fast it is, and where it ends.
-//! 9. [`from_openvsf`]: folders, fields and options of OpenVSF, and what differs here.
+//! 7. [`catalogue`]: the effects, their parameters and bounds.
+//! 8. [`touch_protocol`]: how to touch so that effects can be told apart.
+//! 9. [`accuracy`]: how well it predicts and how fast it is, and where it ends.
+//! 10. [`from_openvsf`]: folders, fields and options of OpenVSF, and what differs here.
 
 #[doc = include_str!("guide/first_field.md")]
 pub mod first_field {}
@@ -27,6 +28,9 @@ pub mod filter_health {}
 
 #[doc = include_str!("guide/sim_to_real.md")]
 pub mod sim_to_real {}
+
+#[doc = include_str!("guide/catalogue.md")]
+pub mod catalogue {}
 
 #[doc = include_str!("guide/touch_protocol.md")]
 pub mod touch_protocol {}
