@@ -124,6 +124,16 @@ fn a_bias_is_named_and_corrected() {
         assert!(!page.contains(foreign), "{foreign}");
     }
 
+    // The report alone gives the page but for the torques.
+    bench.ok("view d.json --out again.html");
+    let again = fs::read_to_string(bench.root.join("again.html")).unwrap();
+    let after = |page: &str| page.split_once("<h2>Where</h2>").unwrap().1.to_owned();
+    let places = |page: &str| after(page).split_once("<details").unwrap().0.to_owned();
+    assert_eq!(places(&again), places(&page));
+    assert!(again.contains("torque_bias explains the gap") && !again.contains("class=\"plot\""));
+    bench.fails("view d.json --field truth --out x.html", 2, &["--field"]);
+    bench.fails("view m.json --out x.html", 2, &["m.json", "no diagnosis"]);
+
     // The file that was written serves the commands that read one.
     bench.ok("estimate touch --out plain.npz");
     bench.ok("estimate touch --out field.npz --model m.json");

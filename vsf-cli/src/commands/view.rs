@@ -1,5 +1,6 @@
 use crate::config::Sources;
-use crate::console::{Console, Written, texts};
+use crate::console::{Console, Written, read_text, texts};
+use crate::diagnosis::page_of_report;
 use crate::exit::usage;
 use crate::field_file::FieldFile;
 use crate::range::{ending, positive};
@@ -8,6 +9,7 @@ use crate::settings::SceneSettings;
 use crate::view::{Cloud, View, in_air, in_scene, page};
 use std::path::PathBuf;
 use vsf::core::nalgebra::Point3;
+use vsf::gap::Diagnosis;
 use vsf::pipeline::motion_warnings;
 
 #[derive(Debug, clap::Args)]
@@ -15,13 +17,15 @@ use vsf::pipeline::motion_warnings;
 Examples:
   vsf view field.npz --out field.html
   vsf view DATASET --field field.npz --out touches.html    with the robot and what it touches
+  vsf view gap.json --out gap.html                         what `vsf diagnose --json=gap.json` found
 
 The page needs nothing else: no network, no graphics card. Drag turns it, the wheel or two fingers
-bring it nearer, shift and drag moves it. It shows at most 200000 points, touched ones first.
+bring it nearer, shift and drag moves it. It shows at most 200000 points, touched ones first. Of a
+diagnosis it is the page of `vsf diagnose --html`, without the torques, which the recording has.
 
 JSON keys: written.")]
 pub struct Args {
-    /// A field (.npz or folder), or the folder of a recording
+    /// A field (.npz or folder), the folder of a recording, or a diagnosis (.json)
     input: PathBuf,
     /// The field, when INPUT is a recording; by default the one stored in it, or points without
     /// values
@@ -45,14 +49,43 @@ pub struct Args {
 pub fn run(args: &Args, console: &Console) -> anyhow::Result<()> {
     args.sources.keep(console)?;
     console.check_outputs(&[("--out", &args.out)], &args.input)?;
-    let html = match FieldFile::is_at(&args.input) {
-        true => of_field(args, console)?,
-        false => of_recording(args, console)?,
+    let html = if args.input.extension().is_some_and(|e| e == "json") {
+        of_report(args)?
+    } else if FieldFile::is_at(&args.input) {
+        of_field(args, console)?
+    } else {
+        of_recording(args, console)?
     };
     let written = texts(std::slice::from_ref(&args.out));
     let line = format!("wrote {}\n", written.concat());
     console.json_and(&Written { written }, vec![(args.out.clone(), html)])?;
     console.report(line)
+}
+
+fn of_report(args: &Args) -> anyhow::Result<String> {
+    let given = [
+        ("--field", args.field.is_some()),
+        ("--sequences", args.sequences.is_some()),
+        ("--full-scale", args.full_scale.is_some()),
+    ];
+    if let Some((flag, _)) = given.iter().find(|(_, given)| *given) {
+        return Err(usage(format!(
+            "{flag} is for fields and recordings; a diagnosis shows none"
+        )));
+    }
+    let text = read_text(&args.input)?;
+    let path = args.input.display();
+    let report: Diagnosis = serde_json::from_str(&text).map_err(|e| {
+        usage(format!(
+            "{path} is no diagnosis, as `vsf diagnose --json` writes it: {e}"
+        ))
+    })?;
+    match report.schema {
+        1 => Ok(page_of_report(&report)),
+        other => Err(usage(format!(
+            "{path} is of schema {other}; this version reads schema 1: diagnose anew"
+        ))),
+    }
 }
 
 fn of_field(args: &Args, console: &Console) -> anyhow::Result<String> {

@@ -5,6 +5,6 @@ mod text;
 mod torques;
 mod words;
 
-pub use page::page;
+pub use page::{page, page_of_report};
 pub use text::text;
 pub use words::plain;

@@ -5,7 +5,9 @@ use super::words::{
 use crate::console::number;
 use crate::html::{Script, document, escape};
 use std::fmt::Write;
-use vsf::gap::{Campaign, Diagnosis, EffectReport, Estimate, Kind, ModelFile, Outcome, Part};
+use vsf::gap::{
+    Campaign, Diagnosis, EffectEntry, EffectReport, Estimate, Kind, ModelFile, Outcome, Part,
+};
 
 const STYLE: &str = include_str!("page.css");
 /// Share from which on a part is shown.
@@ -13,14 +15,23 @@ const LEAST: f64 = 0.005;
 
 /// The diagnosis as one page that needs nothing else: no script, no network.
 pub fn page(campaign: &Campaign, outcome: &Outcome, model: &ModelFile) -> anyhow::Result<String> {
-    let d = &outcome.diagnosis;
+    let torques = before_and_after(campaign, outcome)?;
+    Ok(with(&outcome.diagnosis, &torques, &model.effects))
+}
+
+/// The same of a report alone, which has no torques to draw.
+pub fn page_of_report(d: &Diagnosis) -> String {
+    with(d, "", &[])
+}
+
+fn with(d: &Diagnosis, torques: &str, corrected: &[EffectEntry]) -> String {
     let title = format!("Sim-to-real gap of {}", d.dataset);
     let mut html = format!("<h1>{}</h1>\n", escape(&title));
     html += &answer(d);
-    html += &before_and_after(campaign, outcome)?;
-    html += &places(outcome);
+    html += torques;
+    html += &places(d);
     html += &effects(d);
-    html += &parameters(d, model);
+    html += &parameters(d, corrected);
     html += &left_out(d);
     let next = &d.next_experiment;
     let (action, why) = (escape(&next.action), escape(&next.why));
@@ -33,7 +44,7 @@ pub fn page(campaign: &Campaign, outcome: &Outcome, model: &ModelFile) -> anyhow
             .map(|n| format!("<p>{}</p>\n", escape(n)))
             .collect::<String>();
     }
-    Ok(document(&title, STYLE, Script::None, &html))
+    document(&title, STYLE, Script::None, &html)
 }
 
 fn answer(d: &Diagnosis) -> String {
@@ -117,8 +128,8 @@ fn before_and_after(campaign: &Campaign, outcome: &Outcome) -> anyhow::Result<St
     Ok(html)
 }
 
-fn places(outcome: &Outcome) -> String {
-    let found = &outcome.diagnosis.r#where;
+fn places(d: &Diagnosis) -> String {
+    let found = &d.r#where;
     let kinds: [(&str, &[Part]); 5] = [
         ("Joint", &found.joint),
         ("Phase", &found.phase),
@@ -126,7 +137,7 @@ fn places(outcome: &Outcome) -> String {
         ("Link in contact", &found.link),
         ("Frequency", &found.frequency),
     ];
-    let of = match outcome.model.parts.is_empty() {
+    let of = match d.gap.corrected_by.is_empty() {
         true => "Shares of what the nominal model leaves unexplained.",
         false => {
             "Shares of the torques that the named effects change; frequency: of what the nominal \
@@ -193,7 +204,7 @@ fn effects(d: &Diagnosis) -> String {
 }
 
 /// The corrected model, then every effect as it was fitted on its own.
-fn parameters(d: &Diagnosis, model: &ModelFile) -> String {
+fn parameters(d: &Diagnosis, corrected: &[EffectEntry]) -> String {
     let list = |title: &str, name: &str, open: &str, parameters: &[Estimate]| {
         let items: String = (parameters.iter())
             .map(|p| {
@@ -207,8 +218,8 @@ fn parameters(d: &Diagnosis, model: &ModelFile) -> String {
              <ul>\n{items}</ul></details>\n"
         )
     };
-    let corrected = (model.effects.iter())
-        .map(|e| list("Corrected model: ", &e.effect, " open", &e.parameters));
+    let corrected =
+        (corrected.iter()).map(|e| list("Corrected model: ", &e.effect, " open", &e.parameters));
     let alone = fitted(&d.effects).map(|e| list("Alone: ", &e.effect, "", &e.parameters));
     corrected.chain(alone).collect()
 }
