@@ -45,8 +45,9 @@ use vsf_examples::write_picture;
 /// A node that estimates a field from a stream of samples.
 #[derive(Parser)]
 struct Args {
-    /// Where summaries go; standard output by default. Of the node that feeds itself, a picture of the residuals comes
-    /// beside them, in a .png of the same name
+    /// Where summaries go, such as live.jsonl; standard output by default. Of the node that feeds itself, a picture of
+    /// the residuals comes beside them, in a .png of the same name
+    #[arg(value_parser = no_picture)]
     out: Option<PathBuf>,
     /// Recording whose robot and points are taken; a block before a Kinova Gen3 by default
     #[arg(long)]
@@ -75,6 +76,15 @@ struct Args {
     /// Standard deviation of the readings [N m or N], model error included
     #[arg(long, default_value_t = 0.05)]
     noise_sd: f64,
+}
+
+/// The picture would replace the summaries.
+fn no_picture(text: &str) -> Result<PathBuf, String> {
+    let path = PathBuf::from(text);
+    match path.extension().is_some_and(|e| e == "png") {
+        true => Err("must be a file of lines, such as live.jsonl".to_owned()),
+        false => Ok(path),
+    }
 }
 
 /// The stream is not protected: it stays on this machine.

@@ -158,22 +158,13 @@ impl LearnedPrior {
         self.fitted.predict(features)
     }
 
-    /// Samples and regressor as JSON.
+    /// Samples and regressor as JSON, the content of a file for [`open`](Self::open).
     pub fn to_json(&self) -> String {
         // Texts and finite numbers alone: nothing that JSON cannot hold.
         serde_json::to_string(&self.saved).unwrap_or_default()
     }
 
-    /// Writes [`to_json`](Self::to_json).
-    ///
-    /// # Errors
-    /// A file that cannot be written.
-    pub fn save(&self, path: impl AsRef<Path>) -> Result<(), VisionError> {
-        let path = path.as_ref();
-        std::fs::write(path, self.to_json()).map_err(|e| wrong(path, &e))
-    }
-
-    /// Reads what [`save`](Self::save) wrote.
+    /// Reads a file of [`to_json`](Self::to_json).
     ///
     /// # Errors
     /// A file that cannot be read, or is none of these; numbers that do not fit.

@@ -1,4 +1,5 @@
-//! Pages for the first things one wants to do. Every example on them is compiled and run.
+//! Pages for the first things one wants to do. Every example on them is compiled, and run unless it asks for files
+//! of yours.
 //!
 //! 1. [`first_field`]: from a touch recording on disk to a field, its errors and a picture.
 //! 2. [`recordings`]: your own recordings, ROS bags and other MCAP files; results in Foxglove and rviz.
