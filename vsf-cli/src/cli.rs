@@ -12,7 +12,7 @@ Exit codes:
        sequence and row
   2    wrong usage: a flag, a configuration file, or a parameter out of range
   3    the system refuses to read or write a file
-  130  interrupted (Ctrl-C); files already written are whole, a second Ctrl-C stops at once";
+  130  interrupted (Ctrl-C, SIGTERM); files already written are whole, a second signal stops at once";
 
 /// Stiffness fields of soft objects from a robot arm's joint angles and torques.
 ///

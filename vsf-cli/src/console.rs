@@ -173,9 +173,10 @@ pub fn complain(text: impl Display) {
     let _ = writeln!(std::io::stderr(), "{line}");
 }
 
-/// Without the characters by which names in a file could command a terminal.
+/// Without the characters by which names in a file could command a terminal, or turn a line around.
 fn harmless(text: &str) -> String {
-    let shown = |c: char| match c.is_control() && c != '\n' {
+    let turns = |c: char| matches!(c, '\u{200E}'..='\u{200F}' | '\u{2028}'..='\u{202E}' | '\u{2066}'..='\u{2069}');
+    let shown = |c: char| match c.is_control() && c != '\n' || turns(c) {
         true => char::REPLACEMENT_CHARACTER,
         false => c,
     };
@@ -295,4 +296,18 @@ pub fn place(path: &Path) -> PathBuf {
     found
         .and_then(|(real, base)| Some(real.join(rest(base)?)))
         .unwrap_or_else(|| path.to_owned())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn names_do_not_command_a_terminal() {
+        assert_eq!(harmless("Stab für K\n"), "Stab für K\n");
+        assert_eq!(
+            harmless("a\u{1b}[2Jb\u{7}\u{202E}c\u{2028}"),
+            "a\u{FFFD}[2Jb\u{FFFD}\u{FFFD}c\u{FFFD}"
+        );
+    }
 }

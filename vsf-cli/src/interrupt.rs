@@ -1,4 +1,4 @@
-//! Ctrl-C. Nothing is polled: work in memory may be dropped at any time, and writing is guarded.
+//! Ctrl-C and requests to terminate. Nothing is polled: work in memory may be dropped at any time, and writing is guarded.
 
 use crate::console::complain;
 use anyhow::Context;
@@ -10,7 +10,7 @@ use std::sync::{Mutex, PoisonError};
 static WRITING: Mutex<()> = Mutex::new(());
 const INTERRUPTED: i32 = 130;
 
-/// The first Ctrl-C waits for files that are being written and ends the process, the second ends
+/// The first signal (Ctrl-C, SIGTERM, SIGHUP) waits for files that are being written and ends the process, the second ends
 /// it at once (files are replaced by a rename, so that none is ever half).
 pub fn install() -> anyhow::Result<()> {
     let again = AtomicBool::new(false);

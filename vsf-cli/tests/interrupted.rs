@@ -77,3 +77,33 @@ fn a_full_device() {
     let line = "estimate touch --prior-sd 10 --noise-sd 1 --out full.npz";
     bench.fails(line, 3, &["full.npz", "No space"]);
 }
+
+/// A service manager ends a command as Ctrl-C does: what is being written is ended first.
+#[cfg(target_os = "linux")]
+#[test]
+fn termination_is_an_interruption() {
+    const SIGTERM: u32 = 15;
+    let mut child = Command::new(env!("CARGO_BIN_EXE_vsf"))
+        .args(["bench", "--soak", "10", "--points", "1000", "--quiet"])
+        .stderr(std::process::Stdio::null())
+        .spawn()
+        .unwrap();
+    // Until it has a handler: its bit among the signals that are caught.
+    let status = format!("/proc/{}/status", child.id());
+    loop {
+        let status = fs::read_to_string(&status).unwrap();
+        let caught = status.lines().find_map(|l| l.strip_prefix("SigCgt:"));
+        let caught = u64::from_str_radix(caught.unwrap().trim(), 16).unwrap();
+        if caught >> (SIGTERM - 1) & 1 == 1 {
+            break;
+        }
+        assert!(
+            child.try_wait().unwrap().is_none(),
+            "ended without a handler"
+        );
+        std::thread::sleep(std::time::Duration::from_millis(10));
+    }
+    let sent = Command::new("kill").arg(child.id().to_string()).status();
+    assert!(sent.unwrap().success());
+    assert_eq!(child.wait().unwrap().code(), Some(130));
+}

@@ -345,8 +345,7 @@ impl Campaign {
         let touched = Touched::of(campaign.site.rest.len(), &logs);
         let mut noise = noise_floor(&motions, &logs, campaign.site.joints());
         for (j, noise) in noise.iter_mut().enumerate() {
-            let rounding = Rounding::of(&recorded, j).filter(|r| r.exceeds(noise));
-            if let Some(rounding) = rounding {
+            if let Some(rounding) = Rounding::of(&recorded, j) {
                 *noise = rounding.with(noise);
                 campaign.rounded.push((j, rounding));
             }

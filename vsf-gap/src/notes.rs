@@ -157,13 +157,15 @@ pub(crate) fn notes(
 fn rounded(campaign: &Campaign) -> Option<String> {
     let rounded = &campaign.rounded;
     let coarsest = rounded.iter().map(|(_, r)| r.step).fold(0.0, f64::max);
+    // To three digits.
+    let unit = 10f64.powf(2.0 - coarsest.log10().floor());
+    let coarsest = (coarsest * unit).round() / unit;
     let joints = campaign.site.robot.joints();
     let names: Vec<&str> = rounded.iter().map(|(j, _)| joints[*j].name()).collect();
     (!names.is_empty()).then(|| {
         format!(
-            "readings come in steps of up to {} {}, more than their noise ({}): what rounding leaves follows the \
-             motion as effects do, and small effects may stand for it",
-            number(coarsest),
+            "readings come in steps of up to {coarsest} {}, more than their noise ({}): what rounding leaves follows \
+             the motion as effects do, and small effects may stand for it",
             campaign.scene.error_unit(),
             names.join(", ")
         )

@@ -7,15 +7,19 @@ const ALIKE: f64 = 1e-6;
 /// changes, the smallest ones included, that may be others.
 const OFF: f64 = 0.01;
 const OTHERS: f64 = 0.01;
-/// Differences of less than this share of a step are not those of noise that makes errors of rounding white.
-const DITHER: f64 = 0.5;
+/// Noise of a third of a step and more makes errors of rounding white; with less, at rest or in slow motion, more
+/// than this share of the readings are the same as the ones before.
+const SAME: f64 = 0.5;
 /// Fewest changes of readings from which a step is told.
-const FEWEST: usize = 20;
+const FEWEST: usize = 3;
+/// Standard deviation of rounded noise of a third of a step, in steps.
+const MOST: f64 = 0.45;
 
 /// What rounding adds to the noise of a joint whose readings come in steps.
 ///
 /// Next to noise that is small against the step, the error of rounding is a sawtooth of the signal: it lasts
-/// while the signal stays in a step, and differences of neighbouring samples miss it.
+/// while the signal stays in a step, and differences of neighbouring samples miss it, or take the jumps from step to
+/// step for noise.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Rounding {
     /// Distance of neighbouring readings (N m or N).
@@ -23,16 +27,20 @@ pub(crate) struct Rounding {
 }
 
 impl Rounding {
-    /// Of the readings of joint `j` as recorded; `None` when any number occurs.
+    /// Of the readings of joint `j` as recorded; `None` when any number occurs, or errors of rounding are white, so
+    /// that differences see them.
     pub(crate) fn of(sequences: &[&Sequence], j: usize) -> Option<Self> {
         let readings = sequences.iter().flat_map(|s| s.torques.column(j));
         let largest = readings.fold(0.0, |most: f64, r| most.max(r.abs()));
-        let pairs = sequences.iter().flat_map(|s| {
-            let rows = s.touches().flat_map(|t| t.start + 1..t.end);
-            rows.map(|k| (s.torques[k][j] - s.torques[k - 1][j]).abs())
-        });
-        let mut changes: Vec<f64> = pairs.filter(|change| *change > ALIKE * largest).collect();
-        if changes.len() < FEWEST {
+        let pairs = || {
+            sequences.iter().flat_map(|s| {
+                let rows = s.touches().flat_map(|t| t.start + 1..t.end);
+                rows.map(|k| (s.torques[k][j] - s.torques[k - 1][j]).abs())
+            })
+        };
+        let is_change = |change: &f64| *change > ALIKE * largest;
+        let mut changes: Vec<f64> = pairs().filter(is_change).collect();
+        if changes.len() < FEWEST || changes.len() as f64 > (1.0 - SAME) * pairs().count() as f64 {
             return None;
         }
         changes.sort_by(f64::total_cmp);
@@ -42,16 +50,11 @@ impl Rounding {
         (changes.iter().filter(is_other).count() <= few).then_some(Self { step })
     }
 
-    /// Whether it is more than noise as it is found in differences, which see rounding too where it is white.
-    pub(crate) fn exceeds(&self, noise: &JointNoise) -> bool {
-        noise.sd < DITHER * self.step
-    }
-
     /// Noise as it is found in differences, and that of rounding: how long an error lasts differs from motion to
     /// rest, so that it is taken to be as smooth as noise may be.
     pub(crate) fn with(&self, noise: &JointNoise) -> JointNoise {
         JointNoise {
-            sd: noise.sd.max(self.step / 12f64.sqrt()),
+            sd: (noise.sd).clamp(self.step / 12f64.sqrt(), MOST * self.step),
             correlation: SMOOTHEST,
         }
     }
@@ -130,14 +133,30 @@ mod tests {
         assert!((rounding(stepped).unwrap().step - 0.25).abs() < 1e-9);
     }
 
+    /// Differences see errors of rounding that noise makes white; jumps are not taken for noise.
     #[test]
-    fn noise_of_half_a_step_makes_rounding_white() {
-        let found = rounding(|k| (k / 10 % 30) as f64).unwrap();
-        let of = |sd| JointNoise {
-            sd,
-            correlation: 0.2,
+    fn white_errors_are_no_rounding() {
+        let mut rng = Pcg64Mcg::seed_from_u64(2);
+        let draw: Vec<f64> = StandardNormal.sample_iter(&mut rng).take(SAMPLES).collect();
+        let read = |k: usize, noise: f64| {
+            let slow = 2.0 * (0.002 * k as f64).sin();
+            (slow + noise * draw[k]).round()
         };
-        assert!(found.exceeds(&of(0.1)) && !found.exceeds(&of(0.5)));
-        assert_eq!(found.with(&of(0.4)).sd, 0.4);
+        assert!(rounding(|k| read(k, 0.7)).is_none());
+        let found = rounding(|k| read(k, 0.1)).unwrap();
+        let jumps = JointNoise {
+            sd: 0.9,
+            correlation: 0.0,
+        };
+        assert!((found.with(&jumps).sd - 0.45).abs() < 1e-12);
+        // Steps so coarse that few readings change.
+        let coarse = |k: usize| {
+            if (3000..5000).contains(&k) || k > 8000 {
+                50.0
+            } else {
+                0.0
+            }
+        };
+        assert_eq!(rounding(coarse).unwrap().step, 50.0);
     }
 }
