@@ -106,16 +106,16 @@ impl Conclusion<'_> {
         let explained = |(refined, checked): &(&Refined, Checked)| {
             checked.closure.fraction >= MOSTLY || refined.model.acts() == Acts::Torques
         };
-        let unknown = self.judged.verdict.kind == Kind::Unknown
-            || self.left_free.is_some()
-            || self.persistence.is_some();
+        let unknown = self.judged.verdict.kind == Kind::Unknown || self.left_free.is_some();
         !unknown && !self.corrected.as_ref().is_some_and(explained)
     }
 
     /// Leaves undecided what the field shows: itself, or effects that it imitates. Nothing is corrected.
     pub(crate) fn or_field(&mut self, effects: Vec<String>) {
         self.judged.or_field(effects);
+        // What was named is not any more, and so what it leaves.
         self.corrected = None;
+        self.persistence = None;
     }
 }
 
