@@ -12,8 +12,8 @@
 //!
 //! Answer: the second push is predicted from the first. The residual before the update, with the hand at its
 //! deepest (mean of the last six readings, of 3.1 N m), falls from 0.32 N m to 0.17 N m, of which 0.13 N m are the
-//! noise of the sensors. The ratio of 1.38 between the found and the expected squared residuals says that the filter is overconfident: it ignores
-//! that points touched together are correlated.
+//! noise of the sensors. The ratio of 1.38 between the found and the expected squared residuals says that the filter
+//! is overconfident: it ignores that points touched together are correlated.
 
 use rand::SeedableRng;
 use rand_distr::{Distribution, Normal};
