@@ -345,7 +345,8 @@ impl Campaign {
         let touched = Touched::of(campaign.site.rest.len(), &logs);
         let mut noise = noise_floor(&motions, &logs, campaign.site.joints());
         for (j, noise) in noise.iter_mut().enumerate() {
-            if let Some(rounding) = Rounding::of(&recorded, j) {
+            let rounding = Rounding::of(&recorded, j).filter(|r| r.lasts(noise));
+            if let Some(rounding) = rounding {
                 *noise = rounding.with(noise);
                 campaign.rounded.push((j, rounding));
             }

@@ -7,8 +7,9 @@ const ALIKE: f64 = 1e-6;
 /// changes, the smallest ones included, that may be others.
 const OFF: f64 = 0.01;
 const OTHERS: f64 = 0.01;
-/// Noise of a third of a step and more makes errors of rounding white; with less, at rest or in slow motion, more
-/// than this share of the readings are the same as the ones before.
+/// Noise of a third of a step and more makes errors of rounding white. With less, differences are below this share of a
+/// step; or, where they take jumps for noise, more than that share of the readings are as the ones before.
+const DITHER: f64 = 0.5;
 const SAME: f64 = 0.5;
 /// Fewest changes of readings from which a step is told.
 const FEWEST: usize = 3;
@@ -24,11 +25,12 @@ const MOST: f64 = 0.45;
 pub(crate) struct Rounding {
     /// Distance of neighbouring readings (N m or N).
     pub(crate) step: f64,
+    /// Share of the readings that are as the ones before.
+    same: f64,
 }
 
 impl Rounding {
-    /// Of the readings of joint `j` as recorded; `None` when any number occurs, or errors of rounding are white, so
-    /// that differences see them.
+    /// Of the readings of joint `j` as recorded; `None` when any number occurs.
     pub(crate) fn of(sequences: &[&Sequence], j: usize) -> Option<Self> {
         let readings = sequences.iter().flat_map(|s| s.torques.column(j));
         let largest = readings.fold(0.0, |most: f64, r| most.max(r.abs()));
@@ -40,14 +42,20 @@ impl Rounding {
         };
         let is_change = |change: &f64| *change > ALIKE * largest;
         let mut changes: Vec<f64> = pairs().filter(is_change).collect();
-        if changes.len() < FEWEST || changes.len() as f64 > (1.0 - SAME) * pairs().count() as f64 {
+        if changes.len() < FEWEST {
             return None;
         }
+        let same = 1.0 - changes.len() as f64 / pairs().count() as f64;
         changes.sort_by(f64::total_cmp);
         let few = (OTHERS * changes.len() as f64) as usize;
         let step = changes[few];
         let is_other = |change: &&f64| (**change / step - (**change / step).round()).abs() > OFF;
-        (changes.iter().filter(is_other).count() <= few).then_some(Self { step })
+        (changes.iter().filter(is_other).count() <= few).then_some(Self { step, same })
+    }
+
+    /// Whether its errors are not white: noise as it is found in differences misses them, or takes jumps for noise.
+    pub(crate) fn lasts(&self, noise: &JointNoise) -> bool {
+        noise.sd < DITHER * self.step || self.same > SAME
     }
 
     /// Noise as it is found in differences, and that of rounding: how long an error lasts differs from motion to
@@ -142,13 +150,17 @@ mod tests {
             let slow = 2.0 * (0.002 * k as f64).sin();
             (slow + noise * draw[k]).round()
         };
-        assert!(rounding(|k| read(k, 0.7)).is_none());
-        let found = rounding(|k| read(k, 0.1)).unwrap();
-        let jumps = JointNoise {
-            sd: 0.9,
+        let of = |sd| JointNoise {
+            sd,
             correlation: 0.0,
         };
-        assert!((found.with(&jumps).sd - 0.45).abs() < 1e-12);
+        assert!(!rounding(|k| read(k, 0.7)).unwrap().lasts(&of(0.76)));
+        let found = rounding(|k| read(k, 0.1)).unwrap();
+        assert!(found.lasts(&of(0.2)) && found.lasts(&of(0.9)));
+        assert!((found.with(&of(0.9)).sd - 0.45).abs() < 1e-12);
+        // In motion hardly a reading is as the one before.
+        let quick = rounding(|k| (20.0 * (0.13 * k as f64).sin()).round()).unwrap();
+        assert!(quick.same < SAME && quick.lasts(&of(0.3)));
         // Steps so coarse that few readings change.
         let coarse = |k: usize| {
             if (3000..5000).contains(&k) || k > 8000 {
