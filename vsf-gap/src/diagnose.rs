@@ -299,6 +299,11 @@ fn reports(
         }
         report.absorbed_share = likeness.absorbed(candidate);
         report.ambiguous_with = likeness.ambiguous_with(&report.effect);
+        report.shows_from = search
+            .limits
+            .get(&report.effect)
+            .cloned()
+            .unwrap_or_default();
         if in_field
             .iter()
             .any(|(p, _)| p.effect.name() == report.effect)

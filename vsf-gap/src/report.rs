@@ -1,6 +1,7 @@
 //! What a diagnosis says, and its JSON.
 
 use crate::closure::Residuals;
+use crate::limits::Limit;
 use crate::locate::Where;
 use crate::next::NextExperiment;
 use crate::refine::Refined;
@@ -59,6 +60,9 @@ pub struct EffectReport {
     /// What these recordings cannot tell from it: effects, and [`STIFFNESS_FIELD`] where it explains, with one
     /// stiffness everywhere, what a field explains that differs from place to place.
     pub ambiguous_with: Vec<String>,
+    /// How large it has to be for the recording to show it, by amplitude, the one that shows best first.
+    #[serde(default)]
+    pub shows_from: Vec<Limit>,
     /// Whether the recording can show it.
     pub testable: bool,
     /// Why not.
@@ -229,6 +233,7 @@ impl EffectReport {
             absorbed_share: None,
             roughness: None,
             ambiguous_with: Vec::new(),
+            shows_from: Vec::new(),
             testable: true,
             reason: None,
         }

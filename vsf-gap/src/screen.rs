@@ -41,6 +41,8 @@ pub(crate) struct Screened {
     pub(crate) spread: Spread,
     /// The fit there.
     pub(crate) fit: Fit,
+    /// What the readings tell of the amplitudes under the spread that suits the nominal model best.
+    pub(crate) normal: Normal,
 }
 
 /// Evidence of the nominal model and of every candidate.
@@ -230,7 +232,7 @@ pub(crate) fn screen(
         .chain(free.iter().copied())
         .chain(own)
         .collect();
-    let found: Vec<(f64, Vec<Option<Fit>>)> = (spreads.par_iter())
+    let found: Vec<(f64, Vec<(Normal, Option<Fit>)>)> = (spreads.par_iter())
         .map(|spread| {
             let factor = fitted.parts.factor(spread)?;
             let mut all = Mat::from_fn(rest.len(), columns.len(), |i, k| columns[k][i]);
@@ -245,17 +247,21 @@ pub(crate) fn screen(
                     let own = next..next + t.columns.len();
                     next = own.end;
                     let white: Vec<&[f64]> = own.map(|k| all.col_as_slice(k)).collect();
-                    Normal::new(y, &white).fit(&t.sd, &t.bounds)
+                    let normal = Normal::new(y, &white);
+                    let fit = normal.fit(&t.sd, &t.bounds);
+                    (normal, fit)
                 })
                 .collect();
             Ok((nominal, fits))
         })
         .collect::<Result<_, GapError>>()?;
     let nominal: Vec<f64> = found.iter().map(|(n, _)| *n).collect();
+    let plain = best_of(&nominal);
     let candidates = (0..tangents.len())
         .filter_map(|k| {
+            let fit = |i: usize| found[i].1[k].1.as_ref();
             let at = |i: usize| {
-                let gain = found[i].1[k].as_ref().map_or(f64::NEG_INFINITY, |f| f.gain);
+                let gain = fit(i).map_or(f64::NEG_INFINITY, |f| f.gain);
                 nominal[i] + gain - tangents[k].choice
             };
             let all: Vec<f64> = (0..spreads.len()).map(at).collect();
@@ -264,7 +270,8 @@ pub(crate) fn screen(
                 tangent: k,
                 log_evidence: log_mean_exp(&all),
                 spread: spreads[best],
-                fit: found[best].1[k].clone()?,
+                fit: fit(best)?.clone(),
+                normal: found[plain].1[k].0.clone(),
             })
         })
         .collect();

@@ -3,13 +3,15 @@
 use crate::diagnose::Step;
 use crate::effect::{EVIDENT, check_effect};
 use crate::evidence::Spread;
+use crate::limits::{Limit, limits};
 use crate::nominal::{CONTACT, Fitted, JOINT};
 use crate::plain::Plainly;
 use crate::refine::Refined;
 use crate::screen::{Screened, Tangent, best_of, log_mean_exp, screen};
-use crate::verdict::{Hypothesis, needed_beside, threshold};
+use crate::verdict::{Hypothesis, named_from, needed_beside, threshold};
 use crate::{Acts, Campaign, Effect, GapError, Model};
 use rayon::prelude::*;
+use std::collections::BTreeMap;
 use std::sync::Arc;
 
 /// Effects that are fitted together with the field after screening.
@@ -45,6 +47,8 @@ pub(crate) struct Search<'a> {
     pub(crate) untestable: Vec<(Arc<dyn Effect>, String)>,
     /// The changes that effects make at their starts.
     pub(crate) tangents: Vec<Tangent>,
+    /// How large each of them has to be to show, by name.
+    pub(crate) limits: BTreeMap<String, Vec<Limit>>,
 }
 
 /// The best single effect and others.
@@ -231,6 +235,13 @@ impl Campaign {
             .collect::<Result<_, _>>()?;
         let base = log_mean_exp(&without);
         let spread = spreads[best_of(&without)];
+        let limits = (candidates.iter().map(|c| c.effect.as_ref()))
+            .map(|effect| {
+                let needed = named_from(effect, spread.contact);
+                let found = limits(effect, &self.site, &tangents, &screening.candidates, needed);
+                (effect.name().to_owned(), found)
+            })
+            .collect();
 
         progress(Step::Finalists);
         // Effects are fitted within the lattice first: so is what they are measured against.
@@ -268,6 +279,7 @@ impl Campaign {
             combinations,
             untestable,
             tangents,
+            limits,
         })
     }
 

@@ -153,6 +153,11 @@ pub(crate) fn threshold(effect: &dyn Effect, rough: f64) -> f64 {
     times * effect.null_gain()
 }
 
+/// The gain from which on an effect that fits alone is likelier than no gap.
+pub(crate) fn named_from(effect: &dyn Effect, rough: f64) -> f64 {
+    threshold(effect, rough) + TEMPERATURE * NO_GAP.ln()
+}
+
 /// How the nominal model does.
 pub(crate) struct Nominal {
     /// The spread under which it does best.

@@ -232,6 +232,72 @@ fn a_joint_that_drags_a_distant_one_is_named_with_it() {
     assert!((viscous.value - 0.4).abs() < 0.02, "{viscous:?}");
 }
 
+/// The size from which on a parameter shows.
+fn shows_from(d: &vsf_gap::Diagnosis, effect: &str, name: &str) -> f64 {
+    let of = d.effects.iter().find(|e| e.effect == effect).unwrap();
+    let limit = of.shows_from.iter().find(|l| l.name == name).unwrap();
+    limit.value.unwrap()
+}
+
+/// Well below it nothing is named, well above it is.
+#[test]
+fn effects_show_from_the_stated_size_on() {
+    let few = [
+        "torque_bias",
+        "torque_gain",
+        "joint_coulomb_friction",
+        "joint_viscous_friction",
+        "latency",
+    ];
+    let few = effects::named(&few).unwrap();
+    let diagnosed = |felt: &dyn Fn([f64; 3], [f64; 3]) -> [f64; 3]| {
+        let outcome = diagnose(&swinging(felt), "case", &few, 0, |_| {}).unwrap();
+        outcome.diagnosis
+    };
+    let quiet = diagnosed(&|tau, _| tau);
+    assert_eq!(quiet.verdict.kind, Kind::NoGap, "{:?}", quiet.verdict);
+    let bias = shows_from(&quiet, "torque_bias", "b_2");
+    let viscous = shows_from(&quiet, "joint_viscous_friction", "d_1");
+    let gain = shows_from(&quiet, "torque_gain", "g_3");
+    for (effect, size) in [
+        ("torque_bias", [0.0, bias, 0.0]),
+        ("joint_viscous_friction", [viscous, 0.0, 0.0]),
+        ("torque_gain", [0.0, 0.0, gain]),
+    ] {
+        for times in [0.6, 1.4] {
+            let [v, b, g] = size.map(|size| times * size);
+            let felt =
+                |tau: [f64; 3], qd: [f64; 3]| [tau[0] + v * qd[0], tau[1] + b, (1.0 + g) * tau[2]];
+            let d = diagnosed(&felt);
+            let expected: &[&str] = if times > 1.0 { &[effect] } else { &[] };
+            assert_eq!(d.verdict.effects, expected, "{times} {size:?}");
+        }
+    }
+}
+
+/// Beside a field, too.
+#[test]
+fn effects_in_contact_show_from_the_stated_size_on() {
+    let folder = tempfile::tempdir().unwrap();
+    made(folder.path(), &[], 42);
+    let (dataset, _) = Dataset::open(folder.path(), &Overrides::default()).unwrap();
+    let few = effects::named(&["torque_bias", "viscoelastic"]).unwrap();
+    let biased = |by: f64| {
+        let mut dataset = dataset.clone();
+        for sequence in &mut dataset.sequences {
+            let joints = sequence.torques.cols();
+            let torques = sequence.torques.data_mut().iter_mut();
+            torques.skip(2).step_by(joints).for_each(|t| *t += by);
+        }
+        let campaign = Campaign::open(&dataset, &SceneOptions::default()).unwrap();
+        let outcome = diagnose(&campaign, "case", &few, 0, |_| {}).unwrap();
+        outcome.diagnosis
+    };
+    let size = shows_from(&biased(0.0), "torque_bias", "b_3");
+    assert!(biased(0.6 * size).verdict.effects.is_empty());
+    assert_eq!(biased(1.4 * size).verdict.effects, ["torque_bias"]);
+}
+
 /// The gain that would turn them round is none that a sensor has.
 #[test]
 fn actuators_of_the_wrong_sign_are_unknown() {

@@ -1,12 +1,13 @@
 use super::torques::torques;
 use super::words::{
-    estimate, fitted, fixed, part, percent, screened_out, summary, untestable, verdict,
+    HIDDEN, SHOWS_FROM, estimate, fitted, fixed, limits, part, percent, screened_out, size,
+    summary, untestable, verdict,
 };
 use crate::console::number;
 use crate::html::{Script, document, escape};
 use std::fmt::Write;
 use vsf::gap::{
-    Campaign, Diagnosis, EffectEntry, EffectReport, Estimate, Kind, ModelFile, Outcome, Part,
+    Campaign, Diagnosis, EffectEntry, EffectReport, Estimate, Kind, Limit, ModelFile, Outcome, Part,
 };
 
 const STYLE: &str = include_str!("page.css");
@@ -33,6 +34,9 @@ fn with(d: &Diagnosis, torques: &str, corrected: &[EffectEntry]) -> String {
     html += &effects(d);
     html += &parameters(d, corrected);
     html += &left_out(d);
+    if d.verdict.kind == Kind::NoGap {
+        html += &unseen(d);
+    }
     let next = &d.next_experiment;
     let (action, why) = (escape(&next.action), escape(&next.why));
     html += &format!("<h2>Next experiment</h2>\n<p><b>{action}</b>: {why}.</p>\n");
@@ -237,6 +241,29 @@ fn left_out(d: &Diagnosis) -> String {
     for (reason, names) in untestable(&d.effects) {
         let (reason, names) = (escape(reason), escape(&names.join(", ")));
         html += &format!("<p class=\"small\">Not testable ({reason}): {names}.</p>\n");
+    }
+    html
+}
+
+/// How large effects would have to be.
+fn unseen(d: &Diagnosis) -> String {
+    let (shown, hidden) = limits(&d.effects);
+    let row = |(effect, limit, from): (&str, &Limit, f64)| {
+        let [effect, name] = [effect, &limit.name].map(escape);
+        let from = escape(&size(from, &limit.unit));
+        format!("<tr><td>{effect}</td><td>{name}</td><td>{from}</td></tr>\n")
+    };
+    let rows: String = shown.into_iter().map(row).collect();
+    let mut html = String::new();
+    if !rows.is_empty() {
+        html += &format!(
+            "<details><summary>Effects {SHOWS_FROM}</summary>\n<div class=\"wide\"><table>\n\
+             <tr><th>Effect</th><th>Parameter</th><th>From</th></tr>\n{rows}</table></div></details>\n"
+        );
+    }
+    if !hidden.is_empty() {
+        let hidden = escape(&hidden.join(", "));
+        html += &format!("<p class=\"small\">Effects that {HIDDEN}: {hidden}.</p>\n");
     }
     html
 }

@@ -1,8 +1,9 @@
 use super::words::{
-    errors, estimate, fitted, fixed, part, percent, screened_out, summary, untestable, verdict,
+    HIDDEN, SHOWS_FROM, errors, estimate, fitted, fixed, limits, part, percent, screened_out, size,
+    summary, untestable, verdict,
 };
 use crate::console::{number, table};
-use vsf::gap::{Diagnosis, ModelFile, Part};
+use vsf::gap::{Diagnosis, Kind, Limit, ModelFile, Part};
 
 /// Parts named of every kind, and the share below which a part is not worth a word.
 const PARTS: usize = 4;
@@ -12,6 +13,9 @@ const LEAST: f64 = 0.05;
 pub fn text(diagnosis: &Diagnosis, model: &ModelFile) -> String {
     let mut text = format!("{}\n{}\n", verdict(diagnosis), errors(diagnosis));
     text += &effects(diagnosis, model);
+    if diagnosis.verdict.kind == Kind::NoGap {
+        text += &unseen(diagnosis);
+    }
     text += &places(diagnosis);
     let next = &diagnosis.next_experiment;
     text += &format!("\nnext experiment\n  {}: {}\n", next.action, next.why);
@@ -71,6 +75,28 @@ fn effects(diagnosis: &Diagnosis, model: &ModelFile) -> String {
     }
     for (reason, names) in untestable(all) {
         text += &format!("\nnot testable ({reason}): {}\n", names.join(", "));
+    }
+    text
+}
+
+/// How large effects would have to be.
+fn unseen(diagnosis: &Diagnosis) -> String {
+    let (shown, hidden) = limits(&diagnosis.effects);
+    let row = |(effect, limit, from): (&str, &Limit, f64)| {
+        vec![
+            effect.to_owned(),
+            limit.name.clone(),
+            size(from, &limit.unit),
+        ]
+    };
+    let rows: Vec<Vec<String>> = shown.into_iter().map(row).collect();
+    let mut text = String::new();
+    if !rows.is_empty() {
+        text += &format!("\n{SHOWS_FROM}\n");
+        text += &table(&["effect", "parameter", "from"], &rows);
+    }
+    if !hidden.is_empty() {
+        text += &format!("\n{HIDDEN}: {}\n", hidden.join(", "));
     }
     text
 }

@@ -1,5 +1,9 @@
 use crate::console::number;
-use vsf::gap::{Diagnosis, EffectReport, Kind, Of};
+use vsf::gap::{Diagnosis, EffectReport, Kind, Limit, Of};
+
+/// Headings of what would show, and of what would not.
+pub const SHOWS_FROM: &str = "would have shown from this size on (the parameter that shows best; 4 times of 5, if its form is right)";
+pub const HIDDEN: &str = "would not show here at any plausible size";
 
 /// Test errors beyond so many noise floors are explained to the reader.
 const ROUGH: f64 = 3.0;
@@ -152,6 +156,31 @@ fn is_shown(e: &EffectReport) -> bool {
 /// The effects that the recording can show but that screening put out of reach.
 pub fn screened_out(effects: &[EffectReport]) -> impl Iterator<Item = &EffectReport> {
     effects.iter().filter(|e| e.testable && !is_shown(e))
+}
+
+/// The effects that would show from some plausible size on, with the parameter that shows best and that size; and
+/// those that would not.
+pub fn limits(effects: &[EffectReport]) -> (Vec<(&str, &Limit, f64)>, Vec<&str>) {
+    let (mut shown, mut hidden) = (Vec::new(), Vec::new());
+    for e in effects {
+        let Some(limit) = e.shows_from.first() else {
+            continue;
+        };
+        match limit.value {
+            Some(size) => shown.push((e.effect.as_str(), limit, size)),
+            None => hidden.push(e.effect.as_str()),
+        }
+    }
+    (shown, hidden)
+}
+
+/// A size of a parameter, to two digits.
+pub fn size(size: f64, unit: &str) -> String {
+    let decimals = decimals(size);
+    match unit {
+        "1" => format!("{size:.decimals$}"),
+        unit => format!("{size:.decimals$} {unit}"),
+    }
 }
 
 /// The effects that the recording cannot show, by reason.
