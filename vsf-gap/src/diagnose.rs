@@ -3,7 +3,7 @@ use crate::closure::noise_norm;
 use crate::halves::is_of_sequences;
 use crate::locate::locate;
 use crate::next::{Arm, next_experiment};
-use crate::notes::{notes, told};
+use crate::notes::{closest, notes, told};
 use crate::plain::Plain;
 use crate::report::{Diagnosis, EffectReport, Gap, MOSTLY, Outcome, STIFFNESS_FIELD, is_perfect};
 use crate::search::Search;
@@ -223,6 +223,7 @@ fn attempt(
     if lasting || stopped && far && !nominal.touches {
         verdict.kind = Kind::Unknown;
     }
+    notes.extend(closest(verdict.kind, &model));
     // An effect that does not show, or one that is not looked for.
     if verdict.kind == Kind::Unknown && verdict.effects.is_empty() {
         verdict.probability += unseen;
