@@ -189,6 +189,10 @@ fn pages_are_drawn_at_two_widths() {
         "[document.querySelector('.plot').getBoundingClientRect().bottom, innerHeight]",
     );
     assert!(bottom <= window, "the plot ends at {bottom} of {window}");
+    // Untouched points are hidden, and the view is that of the others.
+    let numbers = "[camera.distance, 3.11 * focus.radius, bounds.radius, focus.radius]";
+    let (distance, most) = measured(&browser, &bench, "field.html", (1200, 800), numbers);
+    assert!(distance < most, "{distance} m away, not {most}");
     // What the console says is heard.
     let foreign = bench.root.join("foreign.html");
     let page = fs::read_to_string(bench.root.join("gap.html")).unwrap();
