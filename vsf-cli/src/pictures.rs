@@ -124,7 +124,7 @@ pub fn field<T>(
     })?)
 }
 
-/// Draws measured against predicted torques of a sequence, with the touched samples shaded.
+/// Draws readings (external torques) against predicted torques of a sequence, with the touched samples shaded.
 pub fn torques(
     scene: &Scene,
     trace: &Trace,

@@ -6,6 +6,7 @@
 mod common;
 use common::Bench;
 use std::fs;
+use std::io::Write;
 use std::path::{Path, PathBuf};
 use std::process::Command;
 
@@ -87,6 +88,45 @@ impl Shot {
     }
 }
 
+/// Two numbers that a page computes in a window of this size.
+fn measured(
+    browser: &str,
+    bench: &Bench,
+    page: &str,
+    (width, height): (u32, u32),
+    numbers: &str,
+) -> (f64, f64) {
+    let script = format!("<script>document.title = {numbers}.join(' ')</script></body>");
+    let page = changed(bench, page, "</body>", &script);
+    // Pages without a program of their own allow none.
+    let free = fs::read_to_string(&page)
+        .unwrap()
+        .replace("http-equiv", "name");
+    fs::write(&page, free).unwrap();
+    let out = Command::new(browser)
+        .args([
+            "--headless",
+            "--no-sandbox",
+            "--disable-gpu",
+            "--hide-scrollbars",
+        ])
+        .args(["--virtual-time-budget=4000", "--dump-dom"])
+        .arg(format!("--window-size={width},{height}"))
+        .arg(format!("file://{}", page.display()))
+        .output()
+        .unwrap();
+    let text = String::from_utf8_lossy(&out.stdout);
+    let title = text
+        .split_once("<title>")
+        .unwrap()
+        .1
+        .split_once('<')
+        .unwrap()
+        .0;
+    let mut numbers = title.split(' ').map(|n| n.parse().unwrap());
+    (numbers.next().unwrap(), numbers.next().unwrap())
+}
+
 /// The page with another program.
 fn changed(bench: &Bench, page: &str, from: &str, to: &str) -> PathBuf {
     let whole = fs::read_to_string(bench.root.join(page)).unwrap();
@@ -99,7 +139,10 @@ fn changed(bench: &Bench, page: &str, from: &str, to: &str) -> PathBuf {
 #[test]
 fn pages_are_drawn_at_two_widths() {
     let Some(browser) = browser() else {
-        eprintln!("SKIPPED: no Chromium; set CHROMIUM to one to test how pages are drawn");
+        let _ = writeln!(
+            std::io::stderr(),
+            "SKIPPED: no Chromium; set CHROMIUM to one to test how pages are drawn"
+        );
         return;
     };
     let bench = Bench::touched();
@@ -131,7 +174,25 @@ fn pages_are_drawn_at_two_widths() {
         let blank = bench.root.join("blank.html");
         fs::write(&blank, "").unwrap();
         assert!(gap.differs(&drawn(&blank)) > 5000, "{size:?}");
+        for page in ["touch.html", "field.html", "gap.html"] {
+            let widths = "[document.documentElement.scrollWidth, innerWidth]";
+            let (width, window) = measured(&browser, &bench, page, size, widths);
+            assert!(width <= window, "{page} is {width} wide in {window}");
+        }
     }
+    // The plot is seen whole, its time axis included.
+    let (bottom, window) = measured(
+        &browser,
+        &bench,
+        "gap.html",
+        (1200, 1000),
+        "[document.querySelector('.plot').getBoundingClientRect().bottom, innerHeight]",
+    );
+    assert!(bottom <= window, "the plot ends at {bottom} of {window}");
+    // Untouched points are hidden, and the view is that of the others.
+    let numbers = "[camera.distance, 3.11 * focus.radius, bounds.radius, focus.radius]";
+    let (distance, most) = measured(&browser, &bench, "field.html", (1200, 800), numbers);
+    assert!(distance < most, "{distance} m away, not {most}");
     // What the console says is heard.
     let foreign = bench.root.join("foreign.html");
     let page = fs::read_to_string(bench.root.join("gap.html")).unwrap();

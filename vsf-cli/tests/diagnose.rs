@@ -67,6 +67,7 @@ fn a_bias_is_named_and_corrected() {
     let line = format!("diagnose touch {FEW} --json=d.json --html d.html --model m.json");
     let text = bench.ok(&line);
     assert!(text.contains("torque_bias explains the gap"), "{text}");
+    assert!(!text.contains("not a known cause"), "{text}");
     assert!(text.contains("next experiment"), "{text}");
     assert!(text.contains("wrote d.html") && text.contains("wrote m.json"));
 
@@ -361,6 +362,22 @@ fn an_arm_in_free_air() {
     let drawn = format!("export air {model} --out air.png");
     bench.fails(&drawn, 2, &["air.png: a recording without points"]);
     bench.fails("evaluate air", 2, &["one without takes --model"]);
+
+    // More friction than there can be is no cause that is known; its model is called what it is.
+    assert!(!d["notes"].to_string().contains("not a known cause"));
+    for id in 1..=3 {
+        let path = folder.join(format!("seq_{id}/torques.npy"));
+        let torques: Vec<f64> = numbers(&path).iter().map(|t| 150.0 * t).collect();
+        common::npy(&path, &[ROWS, 3], &torques);
+    }
+    let line = "diagnose air --effects joint_viscous_friction --model closest.json --json=d.json";
+    let warning = bench.warned(line);
+    let said = "closest.json holds what comes closest, not a known cause";
+    assert!(warning.contains(said), "{warning}");
+    let d = fs::read_to_string(bench.root.join("d.json")).unwrap();
+    let d: Value = serde_json::from_str(&d).unwrap();
+    assert_eq!(d["verdict"]["kind"], "unknown", "{d}");
+    assert!(d["notes"].to_string().contains("not a known cause"), "{d}");
 }
 
 #[test]

@@ -102,6 +102,18 @@ fn recordings_that_fail_are_named() {
 }
 
 #[test]
+fn recordings_of_one_name_are_told_apart() {
+    let bench = Bench::touched();
+    fs::create_dir(bench.root.join("again")).unwrap();
+    // Both are called by what they were simulated from.
+    bench.ok("simulate data --field truth --out again/touch --noise-sd 0.002 --seed 4");
+    let text = bench.ok("experiment priors touch again/touch");
+    assert!(text.starts_with("touch\n"), "{text}");
+    has(&text, &["\nagain/touch\n"]);
+    bench.fails("experiment priors touch touch", 2, &["touch", "twice"]);
+}
+
+#[test]
 fn recordings_are_warned_of() {
     let bench = Bench::touched();
     let metadata = METADATA.replacen('{', r#"{"tare_samples": 12, "#, 1);

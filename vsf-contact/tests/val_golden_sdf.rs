@@ -8,6 +8,7 @@ use nalgebra::Point3;
 use ndarray::{Array1, Array2};
 use ndarray_npy::NpzReader;
 use std::fs::File;
+use std::io::Write;
 use std::path::Path;
 use vsf_contact::{GridOptions, GridSdf, MeshSdf, Sdf};
 use vsf_core::TriMesh;
@@ -40,7 +41,11 @@ fn mesh(link: &str) -> Option<TriMesh> {
         Path::new(env!("CARGO_MANIFEST_DIR")).join("../../shared/data/kinova_gen3/kinova_gen3");
     let path = folder.join(format!("{link}.stl"));
     let Ok(mut file) = File::open(&path) else {
-        eprintln!("SKIPPED {link}: no mesh at {}", path.display());
+        let _ = writeln!(
+            std::io::stderr(),
+            "SKIPPED {link}: no mesh at {}",
+            path.display()
+        );
         return None;
     };
     let stl = stl_io::read_stl(&mut file).unwrap();

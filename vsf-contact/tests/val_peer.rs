@@ -11,6 +11,7 @@
 use nalgebra::Point3;
 use ndarray::{Array1, Array2};
 use ndarray_npy::read_npy;
+use std::io::Write;
 use std::path::Path;
 use vsf_contact::{ContactConfig, GridOptions, StickSlip, link_sdfs};
 use vsf_core::{ContactModel, Contacts, RestPoints};
@@ -29,7 +30,12 @@ fn torques_agree_with_openvsf_within_five_percent() {
     let case = shared.join("peer/openvsf_case");
     let urdf = shared.join("data/kinova_gen3/kinova_gen3.urdf");
     if !case.is_dir() || !urdf.is_file() {
-        eprintln!("SKIPPED: no {} or no {}", case.display(), urdf.display());
+        let _ = writeln!(
+            std::io::stderr(),
+            "SKIPPED: no {} or no {}",
+            case.display(),
+            urdf.display()
+        );
         return;
     }
     let matrix = |name: &str| -> Array2<f64> { read_npy(case.join(name)).unwrap() };

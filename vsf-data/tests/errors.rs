@@ -5,6 +5,7 @@ mod common;
 
 use common::{Folder, f8, npy};
 use std::fs;
+use std::io::Write;
 use vsf_data::{DataError, DataWarning, Dataset, NpyError, Overrides, Table, write_file};
 
 /// Opens the folder after a change and checks variant and message.
@@ -655,7 +656,10 @@ fn read_only_folder() {
     fs::create_dir(&locked).unwrap();
     fs::set_permissions(&locked, fs::Permissions::from_mode(0o555)).unwrap();
     if fs::write(locked.join("probe"), "").is_ok() {
-        eprintln!("SKIPPED read_only_folder: this user may write anywhere");
+        let _ = writeln!(
+            std::io::stderr(),
+            "SKIPPED read_only_folder: this user may write anywhere"
+        );
         return;
     }
     let error = dataset.save(&locked).unwrap_err();

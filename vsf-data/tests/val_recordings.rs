@@ -2,6 +2,7 @@
 #![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
 
 use std::fs;
+use std::io::Write;
 use std::path::{Path, PathBuf};
 use vsf_data::{DataWarning, Dataset, Overrides};
 
@@ -28,7 +29,10 @@ fn recordings(below: &Path, found: &mut Vec<PathBuf>) {
 #[test]
 fn every_recording_opens_and_saves() {
     let Some(folder) = data() else {
-        eprintln!("SKIPPED every_recording_opens_and_saves: no data folder, set VSF_DATA");
+        let _ = writeln!(
+            std::io::stderr(),
+            "SKIPPED every_recording_opens_and_saves: no data folder, set VSF_DATA"
+        );
         return;
     };
     let mut found = Vec::new();

@@ -2,8 +2,8 @@ use crate::alike::Likeness;
 use crate::closure::noise_norm;
 use crate::halves::is_of_sequences;
 use crate::locate::locate;
-use crate::next::next_experiment;
-use crate::notes::{notes, told};
+use crate::next::{Arm, next_experiment};
+use crate::notes::{closest, notes, told};
 use crate::plain::Plain;
 use crate::report::{Diagnosis, EffectReport, Gap, MOSTLY, Outcome, STIFFNESS_FIELD, is_perfect};
 use crate::search::Search;
@@ -114,7 +114,7 @@ fn enough(campaign: &Campaign) -> Result<(), GapError> {
         return Err(GapError::TooLittle {
             what: "motion in the train sequences",
             problem: format!(
-                "no joint moves by {STILL} rad (or m), so that any constant explains the readings; record other postures"
+                "no joint moves by {STILL} rad (or m), so that any constant explains the readings; record motion"
             ),
         });
     }
@@ -223,6 +223,7 @@ fn attempt(
     if lasting || stopped && far && !nominal.touches {
         verdict.kind = Kind::Unknown;
     }
+    notes.extend(closest(verdict.kind, &model));
     // An effect that does not show, or one that is not looked for.
     if verdict.kind == Kind::Unknown && verdict.effects.is_empty() {
         verdict.probability += unseen;
@@ -251,7 +252,7 @@ fn attempt(
                     .collect(),
             },
             r#where: locate(campaign, &model, &field, &before, checked, noise, seed)?,
-            next_experiment: next_experiment(&verdict, &effects, campaign.site.rest.is_empty()),
+            next_experiment: next_experiment(&verdict, &effects, Arm::of(&campaign.site)),
             effects,
             verdict,
             notes,

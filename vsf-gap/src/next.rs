@@ -1,3 +1,5 @@
+use crate::Site;
+use crate::effect::slides;
 use crate::report::EffectReport;
 use crate::verdict::{Kind, Verdict};
 use serde::{Deserialize, Serialize};
@@ -11,20 +13,61 @@ pub struct NextExperiment {
     pub why: String,
 }
 
+/// What an experiment asks of the arm.
+#[derive(Clone, Copy, PartialEq)]
+enum Asks {
+    Nothing,
+    /// Something to touch.
+    Touch,
+    /// The same place in another posture.
+    Posture,
+    /// The same place along another axis: what is left to an arm that only slides.
+    Axis,
+    /// A weight that joints feel differently from posture to posture.
+    Weight,
+}
+
+/// What an arm can be asked for.
+#[derive(Clone, Copy)]
+pub(crate) struct Arm {
+    joints: usize,
+    turns: bool,
+    touches: bool,
+}
+
+impl Arm {
+    pub(crate) fn of(site: &Site) -> Self {
+        Self {
+            joints: site.joints(),
+            turns: (0..site.joints()).any(|j| !slides(site, j)),
+            touches: !site.rest.is_empty(),
+        }
+    }
+
+    fn can(self, asks: Asks) -> bool {
+        match asks {
+            Asks::Nothing => true,
+            Asks::Touch => self.touches,
+            Asks::Posture => self.touches && self.turns && self.joints > 1,
+            Asks::Axis => self.touches && !self.turns && self.joints > 1,
+            Asks::Weight => self.turns,
+        }
+    }
+}
+
 /// An experiment and the effects that answer to it in a way of their own.
 struct Experiment {
     action: &'static str,
-    /// Whether it needs nothing to touch.
-    in_air: bool,
+    asks: Asks,
     /// Effects and how they answer: equal letters look alike.
     answers: &'static [(&'static str, char)],
 }
 
 /// What each experiment tells apart. Effects that are not listed do not answer.
-const EXPERIMENTS: [Experiment; 9] = [
+const EXPERIMENTS: [Experiment; 10] = [
     Experiment {
         action: "hold the deepest point of a touch for 5 s",
-        in_air: false,
+        asks: Asks::Touch,
         answers: &[
             ("stress_relaxation", 'r'),
             ("torque_drift", 'd'),
@@ -33,7 +76,7 @@ const EXPERIMENTS: [Experiment; 9] = [
     },
     Experiment {
         action: "unload as slowly as loaded, over the same path",
-        in_air: false,
+        asks: Asks::Touch,
         answers: &[
             ("contact_friction", 'f'),
             ("joint_load_friction", 'l'),
@@ -45,7 +88,7 @@ const EXPERIMENTS: [Experiment; 9] = [
     },
     Experiment {
         action: "repeat a touch at twice the speed",
-        in_air: false,
+        asks: Asks::Touch,
         answers: &[
             ("viscoelastic", 'v'),
             ("latency", 'l'),
@@ -57,7 +100,7 @@ const EXPERIMENTS: [Experiment; 9] = [
     },
     Experiment {
         action: "touch the same place again, as deep as before",
-        in_air: false,
+        asks: Asks::Touch,
         answers: &[
             ("plastic_set", 'p'),
             ("damage_softening", 'd'),
@@ -67,7 +110,7 @@ const EXPERIMENTS: [Experiment; 9] = [
     },
     Experiment {
         action: "push a known place deeper than before",
-        in_air: false,
+        asks: Asks::Touch,
         answers: &[
             ("strain_stiffening", 's'),
             ("spatial_coupling", 'c'),
@@ -78,7 +121,7 @@ const EXPERIMENTS: [Experiment; 9] = [
     },
     Experiment {
         action: "touch a known place in another posture of the arm",
-        in_air: false,
+        asks: Asks::Posture,
         answers: &[
             ("encoder_offset", 'e'),
             ("registration_offset", 'r'),
@@ -93,8 +136,23 @@ const EXPERIMENTS: [Experiment; 9] = [
         ],
     },
     Experiment {
+        action: "push a known place along another axis",
+        asks: Asks::Axis,
+        answers: &[
+            // Where the links are is where the object is not.
+            ("encoder_offset", 'r'),
+            ("registration_offset", 'r'),
+            ("torque_gain", 'g'),
+            ("joint_elasticity", 'k'),
+            ("anisotropy", 'a'),
+            ("object_base_motion", 'b'),
+            ("geometry_padding", 'p'),
+            ("torque_bias", 'o'),
+        ],
+    },
+    Experiment {
         action: "move every joint to and fro in free air, at two speeds",
-        in_air: true,
+        asks: Asks::Nothing,
         answers: &[
             ("joint_coulomb_friction", 'c'),
             ("joint_viscous_friction", 'v'),
@@ -107,12 +165,12 @@ const EXPERIMENTS: [Experiment; 9] = [
     },
     Experiment {
         action: "wait 30 s in free air and read again in the same posture",
-        in_air: true,
+        asks: Asks::Nothing,
         answers: &[("torque_drift", 'd'), ("torque_bias", 'b')],
     },
     Experiment {
         action: "carry a known payload through several postures",
-        in_air: true,
+        asks: Asks::Weight,
         answers: &[
             ("payload", 'p'),
             ("gravity_tilt", 'g'),
@@ -123,11 +181,11 @@ const EXPERIMENTS: [Experiment; 9] = [
 ];
 
 /// The experiment that tells most of the surviving candidates apart, weighed by their
-/// probabilities; of an arm `in_air`, one that needs nothing to touch.
+/// probabilities, of those that the arm can do.
 pub(crate) fn next_experiment(
     verdict: &Verdict,
     effects: &[EffectReport],
-    in_air: bool,
+    arm: Arm,
 ) -> NextExperiment {
     let survivors: Vec<&EffectReport> = (effects.iter())
         .filter(|e| e.testable && verdict.effect_set_95.contains(&e.effect))
@@ -153,7 +211,7 @@ pub(crate) fn next_experiment(
         sum
     };
     let best = (EXPERIMENTS.iter())
-        .filter(|e| e.in_air || !in_air)
+        .filter(|e| arm.can(e.asks))
         .map(|e| (told(e), e))
         .max_by(|a, b| a.0.total_cmp(&b.0))
         .filter(|(told, _)| *told > 0.0);
@@ -161,7 +219,11 @@ pub(crate) fn next_experiment(
     let undecided = verdict.kind == Kind::NotDiagnosable;
     if let Some(effect) = effects.iter().find(in_field).filter(|_| undecided) {
         return NextExperiment {
-            action: "touch the same object from another side, as deep".to_owned(),
+            action: match arm.joints {
+                1 => "turn the object, its points alike, and touch it from another side, as deep",
+                _ => "touch the same object from another side, as deep",
+            }
+            .to_owned(),
             why: format!(
                 "{} comes along, a stiffness that differs from place to place stays where it is",
                 effect.effect
@@ -183,7 +245,7 @@ pub(crate) fn next_experiment(
                   follows position, speed or time"
                 .to_owned(),
         },
-        (None, Kind::NoGap) if in_air => NextExperiment {
+        (None, Kind::NoGap) if !arm.touches => NextExperiment {
             action: "move every joint through its range, at two speeds, with and without a known payload".to_owned(),
             why: "nothing is missing so far; this shows effects that these motions could not".to_owned(),
         },
@@ -194,36 +256,130 @@ pub(crate) fn next_experiment(
                 .to_owned(),
         },
         (None, _) => NextExperiment {
-            action: "repeat one touch, or a motion in free air, in other postures".to_owned(),
+            action: match (arm.touches, arm.turns) {
+                (false, _) => "repeat a motion at another speed",
+                (true, true) => "repeat one touch, or a motion in free air, in other postures",
+                (true, false) => "repeat one touch, or a motion in free air, at another speed",
+            }
+            .to_owned(),
             why: format!("it checks {} on data that the model has not seen", names()),
         },
     }
 }
 
 #[cfg(test)]
+#[allow(clippy::unwrap_used)]
 mod tests {
     use super::*;
 
+    const AIR: Arm = Arm {
+        joints: 7,
+        turns: true,
+        touches: false,
+    };
+    const STAGE: Arm = Arm {
+        joints: 3,
+        turns: false,
+        touches: true,
+    };
+    const RAIL: Arm = Arm { joints: 1, ..STAGE };
+
+    fn verdict(kind: Kind, effects: &[&str]) -> Verdict {
+        let names: Vec<String> = effects.iter().map(|e| (*e).to_owned()).collect();
+        Verdict {
+            effects: names.iter().take(1).cloned().collect(),
+            kind,
+            probability: 0.5,
+            effect_set_95: names,
+        }
+    }
+
+    fn reports(effects: &[&str]) -> Vec<EffectReport> {
+        let all = crate::effects::named(effects).unwrap();
+        let mut reports: Vec<_> = all
+            .iter()
+            .map(|e| EffectReport::untestable(e.as_ref(), ""))
+            .collect();
+        for report in &mut reports {
+            (report.testable, report.probability) = (true, 0.5);
+        }
+        reports
+    }
+
     #[test]
     fn free_air_is_not_told_to_touch() {
-        let nothing = Verdict {
-            effects: Vec::new(),
-            kind: Kind::NoGap,
-            probability: 1.0,
-            effect_set_95: Vec::new(),
-        };
-        let no_gap = next_experiment(&nothing, &[], true).action;
-        let actions = (EXPERIMENTS.iter().filter(|e| e.in_air)).map(|e| e.action);
-        for action in actions.chain([no_gap.as_str()]) {
+        let nothing = verdict(Kind::NoGap, &[]);
+        let no_gap = next_experiment(&nothing, &[], AIR).action;
+        let checked = next_experiment(&verdict(Kind::Effects, &["payload"]), &[], AIR).action;
+        let actions = (EXPERIMENTS.iter().filter(|e| AIR.can(e.asks))).map(|e| e.action);
+        for action in actions.chain([no_gap.as_str(), &checked]) {
             let touches = ["touch", "push", "deep", "load as"]
                 .iter()
                 .any(|w| action.contains(w));
             assert!(!touches, "{action}");
         }
         assert!(
-            next_experiment(&nothing, &[], false)
+            next_experiment(&nothing, &[], STAGE)
                 .action
                 .contains("touch")
         );
+    }
+
+    /// One rail, and axes that only slide, come to a place in one way.
+    #[test]
+    fn sliding_arms_are_not_told_to_take_another_posture() {
+        for pair in [
+            ["encoder_offset", "registration_offset"],
+            ["torque_gain", "anisotropy"],
+            ["torque_bias", "torque_gain"],
+            ["payload", "torque_gain"],
+            ["adhesion", "viscoelastic"],
+        ] {
+            let effects = reports(&pair);
+            let next = |kind, of: &[&str], arm| next_experiment(&verdict(kind, of), &effects, arm);
+            for arm in [STAGE, RAIL] {
+                for action in [
+                    next(Kind::NotDiagnosable, &pair, arm).action,
+                    next(Kind::Effects, &pair[..1], arm).action,
+                ] {
+                    let postures = action.contains("other posture") || action.contains("several");
+                    assert!(!postures, "{pair:?}: {action}");
+                    assert!(
+                        arm.joints > 1 || !action.contains("another axis"),
+                        "{action}"
+                    );
+                }
+            }
+            let arm = Arm {
+                turns: true,
+                ..STAGE
+            };
+            let checked = next(Kind::Effects, &pair[..1], arm);
+            assert!(checked.action.contains("other postures"), "{pair:?}");
+        }
+        let pair = ["registration_offset", "joint_elasticity"];
+        let told = |arm| {
+            let verdict = verdict(Kind::NotDiagnosable, &pair);
+            next_experiment(&verdict, &reports(&pair), arm).action
+        };
+        assert!(told(STAGE).contains("along another axis"));
+        assert!(
+            told(Arm {
+                turns: true,
+                ..STAGE
+            })
+            .contains("another posture")
+        );
+    }
+
+    /// What a field imitates is told from it by another side: with one rail, it is the object that turns.
+    #[test]
+    fn one_rail_has_the_object_turned() {
+        let mut effects = reports(&["strain_stiffening"]);
+        effects[0].ambiguous_with = vec![crate::STIFFNESS_FIELD.to_owned()];
+        let verdict = verdict(Kind::NotDiagnosable, &["strain_stiffening"]);
+        let action = |arm| next_experiment(&verdict, &effects, arm).action;
+        assert!(action(RAIL).contains("turn the object"));
+        assert!(action(STAGE).contains("from another side"));
     }
 }

@@ -4,7 +4,7 @@ use crate::closure::noise_norm;
 use crate::plain::Plain;
 use crate::trial::{Conclusion, Trial};
 use crate::verdict::{Kind, Nominal};
-use crate::{Campaign, Parameter};
+use crate::{Campaign, Model, Parameter};
 
 /// In free air, an error that is left of so many times that of a perfect model is told of.
 const MUCH: f64 = 1.5;
@@ -153,6 +153,17 @@ pub(crate) fn notes(
     notes
 }
 
+/// That a corrected model holds no known cause, where the verdict names none.
+pub(crate) fn closest(kind: Kind, model: &Model) -> Option<String> {
+    let names: Vec<&str> = model.parts.iter().map(|(e, _)| e.name()).collect();
+    (kind != Kind::Effects && !names.is_empty()).then(|| {
+        format!(
+            "the corrected model holds what comes closest ({}), not a known cause: it may predict worse elsewhere",
+            names.join(", ")
+        )
+    })
+}
+
 /// That readings are rounded, and how coarsely.
 fn rounded(campaign: &Campaign) -> Option<String> {
     let rounded = &campaign.rounded;
@@ -203,6 +214,18 @@ fn overstated(noise: f64, error: f64, unit: &str) -> Option<String> {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn a_model_of_no_known_cause_is_told() {
+        let effect = crate::effects::named(&["torque_bias"]).unwrap_or_default();
+        let model = Model::of(&effect[0], &[0.1]);
+        assert_eq!(closest(Kind::Effects, &model), None);
+        assert_eq!(closest(Kind::Unknown, &Model::default()), None);
+        for kind in [Kind::Unknown, Kind::NotDiagnosable] {
+            let note = closest(kind, &model).unwrap_or_default();
+            assert!(note.contains("(torque_bias), not a known cause"), "{note}");
+        }
+    }
 
     #[test]
     fn what_is_left_far_above_the_noise_is_told() {

@@ -48,7 +48,8 @@ fn stiffening_is_not_told_from_a_field_that_grows_stiff_with_depth() {
         .parse()
         .unwrap();
     assert!((91.0..=96.0).contains(&share), "{share}");
-    assert!(d.next_experiment.action.contains("another side"));
+    // The press has one joint: from another side it comes to an object that is turned.
+    assert!(d.next_experiment.action.contains("turn the object"));
 
     // The layers fit it to 3 % of what is measured, as well as a plain batch field does.
     assert!(

@@ -5,7 +5,7 @@
 //! | picture | type | formats |
 //! | --- | --- | --- |
 //! | stiffness of a point cloud | [`FieldView`] | PNG, SVG |
-//! | torques, measured and predicted | [`TorquePlot`] | SVG |
+//! | torques, read and predicted | [`TorquePlot`] | SVG |
 //! | curves over a common axis | [`CurvePlot`] | PNG, SVG |
 //!
 //! No system font or display is needed, and equal input gives equal bytes on every machine of

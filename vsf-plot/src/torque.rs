@@ -16,14 +16,14 @@ const PREDICTED: Rgb = [0, 114, 178];
 const NOMINAL: Rgb = [213, 94, 0];
 const CONTACT: Rgb = [230, 159, 0];
 
-/// What one joint measured and what was predicted for it.
+/// The readings of one joint and what was predicted for them.
 #[derive(Debug, Clone, Copy)]
 pub struct JointTrace<'a> {
     /// Name above the panel.
     pub name: &'a str,
     /// Unit of the values: "N m" (default) for a revolute joint, "N" for a prismatic one.
     pub unit: &'a str,
-    /// Measured torques, one per time, each within ±1e9.
+    /// Readings, one per time, each within ±1e9: what predictions are compared with.
     pub measured: &'a [f64],
     /// Predicted torques, one per time.
     pub predicted: &'a [f64],
@@ -48,7 +48,7 @@ impl Default for JointTrace<'_> {
     }
 }
 
-/// A picture of measured against predicted joint torques: one panel per joint over a shared time
+/// A picture of readings against predicted joint torques: one panel per joint over a shared time
 /// axis, with the root mean square error over all samples in each panel's title.
 ///
 /// Long recordings are thinned to the pixels, keeping every extreme; the error is not thinned.
@@ -166,7 +166,7 @@ impl TorquePlot<'_> {
         let banded = self.joints.iter().any(|j| !j.sigma.is_empty());
         let corrected = self.joints.iter().any(|j| !j.nominal.is_empty());
         let entries = [
-            ("measured", true, INK, 1.0),
+            ("reading", true, INK, 1.0),
             ("nominal model", corrected, NOMINAL, 1.0),
             ("corrected model", corrected, PREDICTED, 1.0),
             ("predicted", !corrected, PREDICTED, 1.0),
@@ -445,6 +445,7 @@ mod tests {
         };
         let svg = plot(joint).unwrap();
         for part in [
+            "reading",
             "RMS error 2.83 to 0.707 N m",
             "nominal model",
             "corrected model",

@@ -2,6 +2,7 @@
 #![allow(clippy::unwrap_used, clippy::panic)]
 
 use nalgebra::Vector3;
+use std::io::Write;
 use std::path::{Path, PathBuf};
 use vsf_core::Shape;
 use vsf_robots::{RobotModel, UrdfOptions, cartesian_stage, kinova_gen3};
@@ -21,7 +22,10 @@ fn urdfs(dir: &Path, found: &mut Vec<PathBuf>) {
 fn data() -> Option<PathBuf> {
     let dir = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../shared/data");
     if !dir.exists() {
-        eprintln!("SKIPPED: the reference data are not on this machine");
+        let _ = writeln!(
+            std::io::stderr(),
+            "SKIPPED: the reference data are not on this machine"
+        );
         return None;
     }
     Some(dir)

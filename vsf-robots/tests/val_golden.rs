@@ -6,6 +6,7 @@ use nalgebra::{Isometry3, Point3, Vector3};
 use ndarray::{Array1, Array2, Array3, Array4, Dimension, OwnedRepr};
 use ndarray_npy::NpzReader;
 use std::fs::File;
+use std::io::Write;
 use std::path::Path;
 use vsf_robots::{Meshes, RobotModel, UrdfOptions, jacobian, kinova_gen3};
 
@@ -136,7 +137,10 @@ fn the_makers_urdf_and_meshes_agree() {
     let path = Path::new(env!("CARGO_MANIFEST_DIR"))
         .join("../../shared/data/kinova_gen3/kinova_gen3.urdf");
     if !path.exists() {
-        eprintln!("SKIPPED: the maker's URDF of the Gen3 is not on this machine");
+        let _ = writeln!(
+            std::io::stderr(),
+            "SKIPPED: the maker's URDF of the Gen3 is not on this machine"
+        );
         return;
     }
     let robot = RobotModel::from_urdf_file(&path, &UrdfOptions::default()).unwrap();

@@ -2,6 +2,7 @@
 #![allow(clippy::unwrap_used, clippy::panic)]
 
 use nalgebra::{Isometry3, Point3, Vector3};
+use std::io::Write;
 use std::path::Path;
 use vsf_core::{Shape, TriMesh};
 use vsf_robots::{RobotModel, UrdfOptions, kinova_gen3};
@@ -233,7 +234,10 @@ fn the_shapes_lie_on_the_meshes() {
     let urdf = Path::new(env!("CARGO_MANIFEST_DIR"))
         .join("../../shared/data/kinova_gen3/kinova_gen3.urdf");
     if !urdf.exists() {
-        eprintln!("SKIPPED: the maker's meshes are not on this machine");
+        let _ = writeln!(
+            std::io::stderr(),
+            "SKIPPED: the maker's meshes are not on this machine"
+        );
         return;
     }
     let maker = RobotModel::from_urdf_file(&urdf, &UrdfOptions::default()).unwrap();

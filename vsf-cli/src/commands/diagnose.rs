@@ -6,7 +6,7 @@ use crate::recording::RecordingArgs;
 use clap::builder::{PossibleValue, PossibleValuesParser};
 use std::path::PathBuf;
 use std::sync::Arc;
-use vsf::gap::{Effect, ModelFile, Step, diagnose, effects};
+use vsf::gap::{Effect, Kind, ModelFile, Step, diagnose, effects};
 
 #[derive(Debug, clap::Args)]
 #[command(after_help = "\
@@ -96,6 +96,14 @@ pub fn run(args: &Args, console: &Console) -> anyhow::Result<()> {
     }
     if let Some(path) = &args.model {
         files.push((path.clone(), model.to_json()));
+    }
+    let verdict = &outcome.diagnosis.verdict;
+    let unknown = verdict.kind != Kind::Effects && !model.effects.is_empty();
+    if let Some(path) = args.model.as_deref().filter(|_| unknown) {
+        let path = path.display();
+        console.warn(format!(
+            "{path} holds what comes closest, not a known cause: see the verdict"
+        ));
     }
     let written: Vec<PathBuf> = files.iter().map(|(path, _)| path.clone()).collect();
     console.json_and(&outcome.diagnosis, files)?;

@@ -6,7 +6,7 @@ mod report;
 mod table1;
 
 use crate::console::Console;
-use crate::exit::message;
+use crate::exit::{message, usage};
 use crate::recording::{Default, Recording, traces};
 use crate::settings::SceneSettings;
 use clap::Subcommand;
@@ -91,9 +91,13 @@ impl<T> Found<T> {
     }
 }
 
-/// Opens recordings, each with its number, from 1. Fails where none can be opened.
+/// Opens recordings, each with its number, from 1; of one name, they are called by their paths. Fails where
+/// none can be opened.
 fn open(paths: &[PathBuf], console: &Console) -> anyhow::Result<Found<(usize, Recording)>> {
     paths.iter().try_for_each(|p| console.keep_input(p))?;
+    if let Some(k) = (1..paths.len()).find(|&k| paths[..k].contains(&paths[k])) {
+        return Err(usage(format!("{} is given twice", paths[k].display())));
+    }
     let mut found = Found {
         all: Vec::new(),
         failures: Vec::new(),
@@ -103,6 +107,15 @@ fn open(paths: &[PathBuf], console: &Console) -> anyhow::Result<Found<(usize, Re
         match Recording::open(path, &SceneSettings::default(), console) {
             Ok(recording) => found.all.push((k + 1, recording)),
             Err(error) => found.fail(path, error),
+        }
+    }
+    let names: Vec<String> = (found.all.iter())
+        .map(|(_, r)| r.dataset.name.clone())
+        .collect();
+    for (_, recording) in &mut found.all {
+        let name = &mut recording.dataset.name;
+        if names.iter().filter(|n| *n == name).count() > 1 {
+            *name = recording.path.display().to_string();
         }
     }
     found.checked()

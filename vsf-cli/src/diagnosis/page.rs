@@ -1,7 +1,7 @@
 use super::torques::torques;
 use super::words::{
-    HIDDEN, SHOWS_FROM, estimate, fitted, fixed, limits, part, percent, screened_out, size,
-    summary, untestable, verdict,
+    HIDDEN, SHOWS_FROM, SQUARES, estimate, fitted, fixed, is_uncertain, limits, part, percent,
+    screened_out, size, summary, untestable, verdict,
 };
 use crate::console::number;
 use crate::html::{Script, document, escape};
@@ -9,6 +9,8 @@ use std::fmt::Write;
 use vsf::gap::{
     Campaign, Diagnosis, EffectEntry, EffectReport, Estimate, Kind, Limit, ModelFile, Outcome, Part,
 };
+
+use vsf::data::TorqueKind;
 
 const STYLE: &str = include_str!("page.css");
 /// Share from which on a part is shown.
@@ -58,6 +60,7 @@ fn answer(d: &Diagnosis) -> String {
     let kind = match d.verdict.kind {
         // Named, but not borne out by the test sequences.
         Kind::Effects if !corrects => "unproven",
+        Kind::Effects | Kind::NoGap if is_uncertain(d) => "uncertain",
         Kind::Effects => "effects",
         Kind::NoGap => "no_gap",
         Kind::Unknown => "unknown",
@@ -104,9 +107,13 @@ fn answer(d: &Diagnosis) -> String {
             format!("<div><dt>{term}</dt><dd>{value}<small>{more}</small></dd></div>\n")
         })
         .collect();
+    let squares = match corrects {
+        true => format!("<p class=\"small\">{SQUARES}</p>\n"),
+        false => String::new(),
+    };
     format!(
         "<p class=\"verdict {kind}\">{sentence}</p>\n\
-         <dl class=\"numbers\">\n{numbers}</dl>\n"
+         <dl class=\"numbers\">\n{numbers}</dl>\n{squares}"
     )
 }
 
@@ -119,9 +126,14 @@ fn before_and_after(campaign: &Campaign, outcome: &Outcome) -> anyhow::Result<St
         true => "Torques of the nominal model",
         false => "Torques before and after",
     };
+    let readings = match campaign.site().torque_kind {
+        TorqueKind::External => "the environment's loads on the joints",
+        TorqueKind::Measured => "what actuators measured beyond the arm's own weight and inertia",
+    };
     let mut html = format!(
         "<h2>{title}</h2>\n<p class=\"small\">The checked sequence ({sequence}) on which \
-         the nominal model is worst; joints with the largest gap first.</p>\n<div class=\"plot\">{}</div>\n",
+         the nominal model is worst; joints with the largest gap first. Readings are {readings}.</p>\n\
+         <div class=\"plot worst\">{}</div>\n",
         drawn.worst
     );
     if let Some(all) = &drawn.all {
@@ -288,7 +300,47 @@ fn row(d: &Diagnosis, e: &EffectReport) -> String {
 
 #[cfg(test)]
 mod tests {
+    #![allow(clippy::unwrap_used)]
+    use super::super::words::errors;
     use super::*;
+
+    fn report(kind: &str, probability: f64, after: f64) -> Diagnosis {
+        let effects: &[&str] = if kind == "effects" { &["payload"] } else { &[] };
+        serde_json::from_value(serde_json::json!({
+            "schema": 1, "dataset": "a", "effects": [], "notes": [],
+            "gap": {"test_error_nominal": 1.0, "test_error_corrected": after, "noise_floor": 0.1,
+                "closed_fraction": -0.09, "closed_interval": [-0.2, 0.1], "unit": "N",
+                "corrected_by": effects},
+            "where": {"joint": [], "phase": [], "link": [], "sequence": [], "frequency": [], "region": []},
+            "verdict": {"effects": effects, "kind": kind, "probability": probability, "effect_set_95": effects},
+            "next_experiment": {"action": "", "why": ""},
+        }))
+        .unwrap()
+    }
+
+    #[test]
+    fn what_is_less_likely_than_not_is_uncertain() {
+        for (kind, probability, class, words) in [
+            ("no_gap", 0.33, "uncertain", "Uncertain: no effect"),
+            ("no_gap", 0.6, "no_gap", "No gap:"),
+            ("effects", 0.33, "uncertain", "Uncertain: payload fits best"),
+            ("effects", 0.6, "effects", "payload explains"),
+        ] {
+            let page = page_of_report(&report(kind, probability, 0.9));
+            let verdict = format!("class=\"verdict {class}\">{words}");
+            assert!(page.contains(&verdict), "{verdict}: {page}");
+        }
+    }
+
+    /// A mean error that falls beside a gap that grows.
+    #[test]
+    fn what_is_closed_is_explained() {
+        let corrected = report("effects", 0.9, 0.9);
+        assert!(page_of_report(&corrected).contains(SQUARES));
+        assert!(errors(&corrected).ends_with(SQUARES));
+        assert!(!errors(&report("effects", 0.9, 1.1)).contains(SQUARES));
+        assert!(!page_of_report(&report("no_gap", 0.9, 1.0)).contains(SQUARES));
+    }
 
     #[test]
     fn names_are_text() {

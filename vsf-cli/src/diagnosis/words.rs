@@ -8,6 +8,15 @@ pub const HIDDEN: &str = "would not show here at any plausible size";
 /// Test errors beyond so many noise floors are explained to the reader.
 const ROUGH: f64 = 3.0;
 
+/// A claim of less probability is uncertain.
+const LIKELY: f64 = 0.5;
+
+/// Whether the answer claims what is less likely than not.
+pub fn is_uncertain(diagnosis: &Diagnosis) -> bool {
+    let verdict = &diagnosis.verdict;
+    matches!(verdict.kind, Kind::Effects | Kind::NoGap) && verdict.probability < LIKELY
+}
+
 /// The answer in one sentence.
 pub fn verdict(diagnosis: &Diagnosis) -> String {
     let Diagnosis { verdict, gap, .. } = diagnosis;
@@ -25,7 +34,13 @@ pub fn verdict(diagnosis: &Diagnosis) -> String {
         Kind::Effects if gap.test_error_corrected == gap.test_error_nominal => format!(
             "{effects} fit{s} best (probability {p}); the test sequences do not show it: their errors stay the same."
         ),
+        Kind::Effects if is_uncertain(diagnosis) => {
+            format!("Uncertain: {effects} fit{s} best, with a probability of {p} only.")
+        }
         Kind::Effects => format!("{effects} explain{s} the gap (probability {p})."),
+        Kind::NoGap if is_uncertain(diagnosis) => format!(
+            "Uncertain: no effect is borne out by this recording, but that none acts has a probability of {p} only."
+        ),
         Kind::NoGap => format!(
             "No gap: no effect is borne out by this recording (probability that none acts: {p})."
         ),
@@ -52,6 +67,10 @@ fn like_field(diagnosis: &Diagnosis) -> bool {
     named.peek().is_some() && named.all(EffectReport::is_like_field)
 }
 
+/// Why a gap may grow while the mean error falls.
+pub const SQUARES: &str = "What is closed is a share of the squared errors beyond noise, in which large errors \
+    count more than in the mean.";
+
 /// The errors before and after in one sentence.
 pub fn errors(diagnosis: &Diagnosis) -> String {
     let gap = &diagnosis.gap;
@@ -73,8 +92,13 @@ pub fn errors(diagnosis: &Diagnosis) -> String {
         };
         return format!("Test error {error} {unit}{floor}; nothing is corrected.{left}");
     }
+    let worse = gap.test_error_corrected > gap.test_error_nominal;
+    let apart = match worse == (gap.closed_fraction < 0.0) {
+        true => String::new(),
+        false => format!(" {SQUARES}"),
+    };
     format!(
-        "Test error {} {unit} before, {} {unit} after{floor}: {} of the gap closed (95 %: {} to {}).",
+        "Test error {} {unit} before, {} {unit} after{floor}: {} of the gap closed (95 %: {} to {}).{apart}",
         number(gap.test_error_nominal),
         number(gap.test_error_corrected),
         percent(gap.closed_fraction),

@@ -16,6 +16,8 @@ const STIFF: f64 = 1e15;
 pub struct Cloud {
     /// Points there are, drawn or not.
     total: usize,
+    /// Those of them that were touched; 0 where that is not known.
+    touches: usize,
     /// All places in the page are relative to it [m].
     #[serde(skip)]
     pub origin_W: Point3<f64>,
@@ -86,6 +88,7 @@ impl Cloud {
         let places = drawn.iter().map(|&i| points[i as usize] - origin_W);
         Ok(Self {
             total: points.len(),
+            touches: flags.iter().filter(|f| **f).count(),
             origin_W,
             spacing: rest.spacing() * thinned.max(1.0).cbrt(),
             points: Numbers::f32(places.flat_map(|p| [p.x, p.y, p.z])),
@@ -185,7 +188,7 @@ mod tests {
             .features
             .insert("touched".to_owned(), Table::new(1, flags).unwrap());
         let cloud = Cloud::of_field(&FieldFile::new("f".into(), field).unwrap(), None).unwrap();
-        assert_eq!(cloud.drawn.len(), MOST);
+        assert_eq!((cloud.drawn.len(), cloud.touches), (MOST, 100_000));
         assert!(cloud.drawn.windows(2).all(|w| w[0] < w[1]));
         assert!(
             (0..1_000_000)

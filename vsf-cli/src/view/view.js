@@ -59,10 +59,14 @@ function boxOf(arrays, stride, take) {
 const bounds = boxOf([points], 3, () => true) || boxOf(tracks.map(t => t.poses), 7, () => true) ||
   { low: [0, 0, 0], high: [0, 0, 0], middle: [0, 0, 0], radius: 0.5 };
 
-// The view begins at what was touched, with some of what is around it.
+/** The points that were touched; all where that is not known. */
 const focus = touched !== null && boxOf([points], 3, i => touched[i] === 1) || bounds;
-const start = () => ({ azimuth: -60, elevation: 25, distance: 3.1 * Math.min(bounds.radius, 2 * focus.radius), target: [...focus.middle] });
-let camera = start();
+/** The view of what is shown; of untouched points, of some around those that were touched. */
+function start() {
+  const shown = boxOf([points], 3, i => colours[i] !== EMPTY) || bounds;
+  return { azimuth: -60, elevation: 25, distance: 3.1 * Math.min(shown.radius, 2 * focus.radius), target: [...focus.middle] };
+}
+let camera;
 
 // ---- Colours ----------------------------------------------------------------------------------
 
@@ -487,8 +491,9 @@ if (touched !== null && touched.some(v => v === 1) && layers.length > 0) $("unto
 $("robot-of").hidden = surfaces.length === 0;
 $("frames").checked = surfaces.length === 0;
 $("gradient").style.background = `linear-gradient(to right, ${data.palette.map(c => `rgb(${c})`)})`;
-const span = k => `${"xyz"[k]} ${[bounds.low[k], bounds.high[k]].map(v => (v + data.origin[k]).toFixed(3)).join(" to ")} m`;
-$("extent").textContent = cloud.total === 0 ? "No points." : `${cloud.total} points, ${[0, 1, 2].map(span).join(", ")}`;
+const span = k => `${"xyz"[k]} ${[focus.low[k], focus.high[k]].map(v => (v + data.origin[k]).toFixed(3)).join(" to ")} m`;
+const count = touched === null ? `${cloud.total} points` : `${cloud.touches} of ${cloud.total} points touched`;
+$("extent").textContent = cloud.total === 0 ? "No points." : `${count}, ${[0, 1, 2].map(span).join(", ")}`;
 
 for (const id of ["least", "untouched"]) $(id).addEventListener("input", showLayer);
 for (const id of ["robot", "frames", "touches"]) $(id).addEventListener("change", () => refresh(false));
@@ -498,5 +503,7 @@ $("sample").addEventListener("input", e => { setPlaying(false); sample = Number(
 $("play").addEventListener("click", () => setPlaying(!playing));
 window.addEventListener("resize", () => { refresh(false); if (canTouch) drawCourse(); });
 
+paint();
+camera = start();
 showLayer();
 if (tracks.length > 0) showTrack();

@@ -23,7 +23,7 @@ impl Effect for ContactFriction {
     }
 
     fn summary(&self) -> &str {
-        "friction between robot and object is larger by `d_mu` than assumed"
+        "friction between robot and object is larger by `d_mu` than assumed, smaller where it is negative"
     }
 
     fn acts(&self) -> Acts {

@@ -21,7 +21,7 @@ impl Effect for EncoderOffset {
     }
 
     fn summary(&self) -> &str {
-        "links are ahead of their encoders by the constants `o_<joint>`"
+        "links are ahead of their encoders by the constants `o_<joint>`, behind by negative ones"
     }
 
     fn acts(&self) -> Acts {

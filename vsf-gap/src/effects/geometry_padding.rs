@@ -25,7 +25,7 @@ impl Effect for GeometryPadding {
     }
 
     fn summary(&self) -> &str {
-        "links are thicker than their model by `padding`"
+        "links are thicker than their model by `padding`, thinner where it is negative"
     }
 
     fn acts(&self) -> Acts {

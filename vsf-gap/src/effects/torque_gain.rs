@@ -28,7 +28,7 @@ impl Effect for TorqueGain {
     }
 
     fn summary(&self) -> &str {
-        "torques are read too large by the shares `g_<joint>`"
+        "torques are read too large by the shares `g_<joint>`, too small by negative ones"
     }
 
     fn acts(&self) -> Acts {
