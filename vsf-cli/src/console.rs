@@ -256,7 +256,7 @@ pub fn number(value: f64) -> String {
 }
 
 /// Refuses a folder to write to that is none, or holds a name that is `odd`; `what` may be replaced
-/// there.
+/// there. Names that begin with a dot do not count: a killed command leaves such.
 pub fn check_folder(
     flag: &str,
     out: &Path,
@@ -268,7 +268,7 @@ pub fn check_folder(
     }
     let names = out.read_dir().into_iter().flatten().flatten();
     let names = names.map(|entry| entry.file_name().to_string_lossy().into_owned());
-    let mut names: Vec<String> = names.collect();
+    let mut names: Vec<String> = names.filter(|name| !name.starts_with('.')).collect();
     names.sort_unstable();
     match odd(&names) {
         Some(name) => Err(usage(format!(

@@ -318,8 +318,7 @@ pub fn check_out(out: &Path) -> anyhow::Result<()> {
             false => Ok(()),
         };
     }
-    let is_ours =
-        |name: &str| name.starts_with('.') || name.ends_with(".npy") || name == "format.json";
+    let is_ours = |name: &str| name.ends_with(".npy") || name == "format.json";
     check_folder("--out", out, "a field", |names| {
         names.iter().find(|n| !is_ours(n))
     })

@@ -198,6 +198,9 @@ impl Dataset {
             Some(path) if self.field.is_none() || path != dir.join(FIELD) => leftover(path),
             _ => Ok(()),
         }
+        if !files::is_there(dir) {
+            return Ok(());
+        }
     }
 }
 
