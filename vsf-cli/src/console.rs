@@ -256,6 +256,19 @@ pub fn number(value: f64) -> String {
 }
 
 /// Refuses a folder to write to that is none, or holds a name that is `odd`; `what` may be replaced
+/// Refuses what lies below something that is no folder.
+pub fn check_above(flag: &str, out: &Path) -> anyhow::Result<()> {
+    let mut above = out.ancestors().skip(1);
+    match above.find(|p| p.exists() && !p.is_dir()) {
+        Some(above) => {
+            let why = format!("{} is no folder", above.display());
+            Err(std::io::Error::new(ErrorKind::NotADirectory, why))
+                .with_context(|| format!("cannot write {flag} {}", out.display()))
+        }
+        None => Ok(()),
+    }
+}
+
 /// there. Names that begin with a dot do not count: a killed command leaves such.
 pub fn check_folder(
     flag: &str,
@@ -264,6 +277,7 @@ pub fn check_folder(
     odd: impl Fn(&[String]) -> Option<&String>,
 ) -> anyhow::Result<()> {
     if out.exists() && !out.is_dir() {
+    check_above(flag, out)?;
         return Err(usage(format!("{flag} {}: it is no folder", out.display())));
     }
     let names = out.read_dir().into_iter().flatten().flatten();

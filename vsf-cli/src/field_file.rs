@@ -1,4 +1,4 @@
-use crate::console::{Console, check_folder, create_folder};
+use crate::console::{Console, check_above, check_folder, create_folder};
 use crate::corrected::{CorrectedModel, effects_of};
 use crate::exit::usage;
 use crate::interrupt::writing;
@@ -317,6 +317,7 @@ pub fn check_out(out: &Path) -> anyhow::Result<()> {
             true => Err(usage(format!("--out {path}: it is a folder"))),
             false => Ok(()),
         };
+    check_above("--out", out)?;
     }
     let is_ours = |name: &str| name.ends_with(".npy") || name == "format.json";
     check_folder("--out", out, "a field", |names| {
