@@ -1,5 +1,6 @@
 mod jumps;
 mod readings;
+mod sensors;
 mod velocities;
 
 pub use readings::reading_warnings;
@@ -175,7 +176,6 @@ pub enum PipelineWarning {
         /// What is left per torque that the arm itself needs.
         size: f64,
     },
-    /// Links without inertia, of an arm whose own torques are taken off the readings.
     /// A joint that reads the same in a whole sequence, not zero, while touch would change it and other joints
     /// do change.
     #[error(
@@ -214,6 +214,7 @@ pub enum PipelineWarning {
         /// Its row, from 0.
         row: usize,
     },
+    /// Links without inertia, of an arm whose own torques are taken off the readings.
     #[error(
         "links without <inertial> count as weightless, and torque_kind measured needs their weight: {links}; give \
          them mass and inertia in the URDF"
@@ -319,7 +320,6 @@ fn times(factor: f64) -> String {
         true => format!("{factor:.3}"),
         false => format!("{factor:.1e}"),
     }
-    }
 }
 
 /// A factor of which decimals say nothing.
@@ -327,6 +327,7 @@ fn whole(factor: f64) -> String {
     match factor < 1e6 {
         true => format!("{factor:.0}"),
         false => format!("{factor:.1e}"),
+    }
 }
 
 fn more(others: usize, what: &str) -> String {
