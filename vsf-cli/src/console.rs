@@ -173,8 +173,9 @@ pub fn complain(text: impl Display) {
     let _ = writeln!(std::io::stderr(), "{line}");
 }
 
-/// Without the characters by which names in a file could command a terminal, or turn a line around.
-fn harmless(text: &str) -> String {
+/// Without the characters by which names in a file could command a terminal, or turn a line around; pages and
+/// pictures show none of them either.
+pub fn harmless(text: &str) -> String {
     let turns = |c: char| matches!(c, '\u{200E}'..='\u{200F}' | '\u{2028}'..='\u{202E}' | '\u{2066}'..='\u{2069}');
     let shown = |c: char| match c.is_control() && c != '\n' || turns(c) {
         true => char::REPLACEMENT_CHARACTER,
@@ -255,20 +256,34 @@ pub fn number(value: f64) -> String {
     }
 }
 
+/// Refuses what lies below something that is no folder.
+pub fn check_above(flag: &str, out: &Path) -> anyhow::Result<()> {
+    let mut above = out.ancestors().skip(1);
+    match above.find(|p| p.exists() && !p.is_dir()) {
+        Some(above) => {
+            let why = format!("{} is no folder", above.display());
+            Err(std::io::Error::new(ErrorKind::NotADirectory, why))
+                .with_context(|| format!("cannot write {flag} {}", out.display()))
+        }
+        None => Ok(()),
+    }
+}
+
 /// Refuses a folder to write to that is none, or holds a name that is `odd`; `what` may be replaced
-/// there.
+/// there. Names that begin with a dot do not count: a killed command leaves such.
 pub fn check_folder(
     flag: &str,
     out: &Path,
     what: &str,
     odd: impl Fn(&[String]) -> Option<&String>,
 ) -> anyhow::Result<()> {
+    check_above(flag, out)?;
     if out.exists() && !out.is_dir() {
         return Err(usage(format!("{flag} {}: it is no folder", out.display())));
     }
     let names = out.read_dir().into_iter().flatten().flatten();
     let names = names.map(|entry| entry.file_name().to_string_lossy().into_owned());
-    let mut names: Vec<String> = names.collect();
+    let mut names: Vec<String> = names.filter(|name| !name.starts_with('.')).collect();
     names.sort_unstable();
     match odd(&names) {
         Some(name) => Err(usage(format!(

@@ -1,4 +1,4 @@
-use crate::console::{Console, check_folder, create_folder};
+use crate::console::{Console, check_above, check_folder, create_folder};
 use crate::corrected::{CorrectedModel, effects_of};
 use crate::exit::usage;
 use crate::interrupt::writing;
@@ -87,15 +87,20 @@ impl FieldFile {
     /// A field that is the estimate of this program or could be: stiffness >= 0, `touched` 0 or 1,
     /// and `prior_sd` and `noise_sd` > 0, the same for all points.
     pub fn new(path: PathBuf, field: StiffnessField) -> anyhow::Result<Self> {
+        Self::check(&path, &field)?;
+        Ok(Self { path, field })
+    }
+
+    fn check(path: &Path, field: &StiffnessField) -> anyhow::Result<()> {
         let within = |name: &str, values: &[f64]| {
             let odd = values.iter().position(|v| !(0.0..=MOST).contains(v));
             let problem =
                 |row: usize| format!("row {row} is {:?}, not in 0 .. 1e100 N/m", values[row]);
-            odd.map_or(Ok(()), |row| Err(wrong(&path, name, &problem(row))))
+            odd.map_or(Ok(()), |row| Err(wrong(path, name, &problem(row))))
         };
         within("K", &field.stiffness)?;
         within("K_std", field.sd.as_deref().unwrap_or_default())?;
-        column(&path, &field, PRIOR_SD)?;
+        column(path, field, PRIOR_SD)?;
         for name in [PRIOR_SD, NOISE_SD] {
             let Some(table) = field.features.get(name) else {
                 continue;
@@ -103,22 +108,22 @@ impl FieldFile {
             let first = &table.data()[..table.cols()];
             if let Some(odd) = first.iter().find(|v| !(**v > 0.0 && **v <= MOST)) {
                 let problem = format!("is {odd:?}; it must be > 0 and at most 1e100");
-                return Err(wrong(&path, name, &problem));
+                return Err(wrong(path, name, &problem));
             }
             let mut rows = table.iter().enumerate();
             if let Some((row, other)) = rows.find(|(_, row)| *row != first) {
                 let problem =
                     format!("row {row} is {other:?} and row 0 {first:?}; all must be the same");
-                return Err(wrong(&path, name, &problem));
+                return Err(wrong(path, name, &problem));
             }
         }
-        if let Some(values) = column(&path, &field, TOUCHED)?
+        if let Some(values) = column(path, field, TOUCHED)?
             && let Some(row) = values.iter().position(|v| *v != 0.0 && *v != 1.0)
         {
             let problem = format!("row {row} is {:?}, neither 0 nor 1", values[row]);
-            return Err(wrong(&path, TOUCHED, &problem));
+            return Err(wrong(path, TOUCHED, &problem));
         }
-        Ok(Self { path, field })
+        Ok(())
     }
 
     /// The field of an estimate from the recording of that name, by the nominal model.
@@ -312,21 +317,22 @@ pub fn touched(field: &StiffnessField) -> Vec<bool> {
 /// Refuses what [`save`] would refuse in the end, before the work begins.
 pub fn check_out(out: &Path) -> anyhow::Result<()> {
     let path = out.display();
+    check_above("--out", out)?;
     if FieldFormat::of(out)? != FieldFormat::Folder {
         return match out.is_dir() {
             true => Err(usage(format!("--out {path}: it is a folder"))),
             false => Ok(()),
         };
     }
-    let is_ours =
-        |name: &str| name.starts_with('.') || name.ends_with(".npy") || name == "format.json";
+    let is_ours = |name: &str| name.ends_with(".npy") || name == "format.json";
     check_folder("--out", out, "a field", |names| {
         names.iter().find(|n| !is_ours(n))
     })
 }
 
-/// Writes a field as data: `.npz`, `.ply`, `.mcap` or a folder.
+/// Writes a field as data: `.npz`, `.ply`, `.mcap` or a folder. What could not be read back is refused.
 pub fn save(field: &StiffnessField, path: &Path) -> anyhow::Result<()> {
+    FieldFile::check(path, field)?;
     if let Some(parent) = path.parent().filter(|p| !p.as_os_str().is_empty()) {
         create_folder(parent)?;
     }

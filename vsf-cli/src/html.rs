@@ -1,5 +1,7 @@
 //! Pages that need nothing else: no network, no other file.
 
+use crate::console::harmless;
+
 /// Whether a page runs the script that is written into it.
 #[derive(Clone, Copy, PartialEq, Eq)]
 pub enum Script {
@@ -25,7 +27,7 @@ pub fn document(title: &str, style: &str, script: Script, body: &str) -> String 
 /// Text as HTML has it, also inside of quotes.
 pub fn escape(text: &str) -> String {
     let mut out = String::with_capacity(text.len());
-    for c in text.chars() {
+    for c in harmless(text).chars() {
         match c {
             '&' => out += "&amp;",
             '<' => out += "&lt;",
@@ -52,5 +54,6 @@ mod tests {
         );
         let page = document(hostile, "", Script::None, "");
         assert!(!page.contains("<script") && !page.contains("script-src"));
+        assert_eq!(escape("a\u{1b}b\u{202E}c\n"), "a\u{FFFD}b\u{FFFD}c\n");
     }
 }

@@ -18,6 +18,21 @@ pub fn not_negative(text: &str) -> Result<f64, String> {
     ranged(text, 0.0..=MOST, "a number >= 0 and at most 1e100")
 }
 
+/// A standard deviation > 0, far from where the numbers that follow from it leave what a file may hold.
+pub fn deviation(text: &str) -> Result<f64, String> {
+    ranged(text, 1e-12..=1e12, "a number > 0, from 1e-12 to 1e12")
+}
+
+/// A standard deviation of readings, or 0: readings of more than 1e12 are taken from no file.
+pub fn scatter(text: &str) -> Result<f64, String> {
+    ranged(text, 0.0..=1e9, "a number >= 0 and at most 1e9")
+}
+
+/// A deviation per another one.
+pub fn share(text: &str) -> Result<f64, String> {
+    ranged(text, 0.0..=1e6, "a number >= 0 and at most 1e6")
+}
+
 /// A number of either sign.
 pub fn finite(text: &str) -> Result<f64, String> {
     ranged(text, -MOST..=MOST, "a number of at most 1e100 in magnitude")

@@ -1,7 +1,7 @@
 //! Parameters shared by the commands, as flags over the library's defaults.
 
 use crate::exit::usage;
-use crate::range::{finite, not_negative, positive, replays, spacing};
+use crate::range::{deviation, finite, not_negative, positive, replays, share, spacing};
 use clap::builder::RangedU64ValueParser;
 use clap::{Args, ValueEnum};
 use std::collections::BTreeMap;
@@ -124,21 +124,21 @@ pub struct EstimatorSettings {
     seed: Option<u64>,
     /// Prior standard deviation of every point's own stiffness [N/m]; chosen from the sequences by
     /// default. Given alone, the noise keeps its chosen ratio to it
-    #[arg(long, allow_negative_numbers = true, value_parser = positive)]
+    #[arg(long, allow_negative_numbers = true, value_parser = deviation)]
     pub prior_sd: Option<f64>,
     /// Standard deviation of the readings [N m or N], model error included: one for all channels or
     /// one each; chosen from the sequences by default
-    #[arg(long, value_delimiter = ',', allow_negative_numbers = true, value_parser = positive)]
+    #[arg(long, value_delimiter = ',', allow_negative_numbers = true, value_parser = deviation)]
     pub noise_sd: Option<Vec<f64>>,
     /// Standard deviation of the smooth part of the prior, per that of a point's own part, default 0.25;
     /// when prior and noise are chosen, 0 (independent points) is tried beside it
-    #[arg(long, allow_negative_numbers = true, value_parser = not_negative)]
+    #[arg(long, allow_negative_numbers = true, value_parser = share)]
     smooth_share: Option<f64>,
     /// Length over which the smooth part of the prior stays alike [m], default 0.04
     #[arg(long, allow_negative_numbers = true, value_parser = positive)]
     smooth_length: Option<f64>,
     /// Standard deviation of a level that all points share, per that of a point's own part, default 0
-    #[arg(long, allow_negative_numbers = true, value_parser = not_negative)]
+    #[arg(long, allow_negative_numbers = true, value_parser = share)]
     level_share: Option<f64>,
     /// How prior and noise are chosen where they are not given, default held-out
     #[arg(long)]

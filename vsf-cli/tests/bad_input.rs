@@ -518,3 +518,91 @@ fn outputs_that_cannot_be_written() {
     );
     assert_eq!(fs::read(bench.root.join("kept.npz")).unwrap(), b"mine");
 }
+
+/// Positions and velocities that no robot has, though their torques may still be numbers.
+#[test]
+fn motions_beyond_all_robots() {
+    let bench = Bench::new();
+    let metadata = METADATA.replacen('{', "{\"torque_kind\": \"measured\", ", 1);
+    bench.metadata(&metadata);
+    for value in [1e10, -1e100, 1e200, 1e308] {
+        let mut velocities = vec![0.0; 3 * ROWS];
+        velocities[3 * 7 + 1] = value;
+        let path = bench.root.join("data/seq_b/velocities.npy");
+        npy(&path, &[ROWS, 3], &velocities);
+        let place = "sequence b row 7 joint 2: velocities.npy holds";
+        for line in [
+            INFO,
+            "estimate data --prior-sd 1 --noise-sd 1",
+            "diagnose data",
+        ] {
+            bench.fails(line, 1, &[place, &format!("{value:?} m/s"), "at most 1e9"]);
+        }
+        fs::remove_file(path).unwrap();
+    }
+    let mut angles = vec![0.0; 3 * ROWS];
+    angles[3 * 9 + 2] = 1e200;
+    npy(
+        &bench.root.join("data/seq_b/angles.npy"),
+        &[ROWS, 3],
+        &angles,
+    );
+    bench.fails(
+        INFO,
+        1,
+        &["sequence b row 9 joint 3: angles.npy holds 1e200 m"],
+    );
+}
+
+/// What is written can be read: of the largest prior and noise that are taken, given alone or together.
+#[test]
+fn fields_of_the_largest_prior_and_noise() {
+    let bench = Bench::touched();
+    for flags in [
+        "--prior-sd 1e12 --noise-sd 1e12 --smooth-share 1e6 --level-share 1e6",
+        "--prior-sd 1e-12 --noise-sd 1e-12",
+        "--prior-sd 1e12",
+        "--prior-sd 1e-12",
+        "--noise-sd 1e12",
+        "--noise-sd 1e-12",
+    ] {
+        bench.ok(&format!("estimate touch {flags} --out f.npz"));
+        bench.ok("evaluate touch --field f.npz");
+    }
+    for (flag, range) in [
+        ("--prior-sd 1e100", "1e-12 to 1e12"),
+        ("--prior-sd 1e-100", "1e-12 to 1e12"),
+        ("--noise-sd 1,1e13,1", "1e-12 to 1e12"),
+        ("--smooth-share 1e100", "at most 1e6"),
+        ("--level-share 1e7", "at most 1e6"),
+    ] {
+        let line = format!("estimate touch {flag} --out g.npz");
+        bench.fails(&line, 2, &[flag.split(' ').next().unwrap(), range]);
+    }
+    let line = "simulate data --field truth --out s --noise-sd";
+    bench.fails(&format!("{line} 1e10"), 2, &["--noise-sd", "at most 1e9"]);
+    bench.ok(&format!("{line} 1e9"));
+    bench.ok("info s");
+}
+
+#[cfg(unix)]
+#[test]
+fn outputs_below_what_is_no_folder() {
+    let bench = Bench::touched();
+    let file = ["touch/dataset.json", "is no folder"];
+    for out in ["f.npz", "folder", "new/f.ply"] {
+        let line = format!("estimate touch --out touch/dataset.json/{out}");
+        bench.fails(&line, 3, &file);
+    }
+    bench.fails(
+        "simulate data --field truth --out touch/dataset.json/x",
+        3,
+        &file,
+    );
+    let line = "estimate touch --out /dev/null/f.npz";
+    bench.fails(
+        line,
+        3,
+        &["--out /dev/null/f.npz", "/dev/null is no folder"],
+    );
+}

@@ -54,9 +54,6 @@ fn killed_or_out_of_space_while_writing() {
         assert_eq!(names(&bench), before, "{line}");
         let killed = limited(&bench, line, false);
         assert_eq!(killed.status.code(), None, "{line}");
-        // Of a folder that did not exist the killed command may leave the beginnings.
-        let _ = fs::remove_dir_all(bench.root.join("recording/seq_a"));
-        let _ = fs::remove_dir(bench.root.join("recording"));
         assert_eq!(names(&bench), before, "{line}");
         assert_eq!(
             fs::read(bench.root.join("kept.npz")).unwrap(),
@@ -66,6 +63,28 @@ fn killed_or_out_of_space_while_writing() {
     }
     bench.ok("estimate touch --prior-sd 20 --noise-sd 1 --out kept.npz");
     assert_ne!(fs::read(bench.root.join("kept.npz")).unwrap(), whole);
+}
+
+/// What a killed command leaves is in nobody's way, be the folder a new one, an empty one, or a
+/// recording with fewer sequences.
+#[test]
+fn killed_commands_are_run_again() {
+    let bench = Bench::new();
+    let out = bench.root.join("out");
+    let killed_and_again = |line: &str| {
+        assert_eq!(limited(&bench, line, false).status.code(), None, "{line}");
+        let text = bench.ok(line);
+        assert!(text.contains("wrote"), "{text}");
+    };
+    let line = "simulate data --field truth --out out";
+    killed_and_again(line);
+    fs::remove_dir_all(&out).unwrap();
+    fs::create_dir(&out).unwrap();
+    killed_and_again(line);
+    fs::remove_dir_all(&out).unwrap();
+    bench.ok(&format!("{line} --sequences a"));
+    killed_and_again(line);
+    bench.ok("info out");
 }
 
 #[cfg(target_os = "linux")]

@@ -34,11 +34,11 @@ fn val_points_of_another_program() {
     let bench = Bench::new();
     let report: Value =
         serde_json::from_str(&bench.ok(&format!("points {PLANT} --out p.npy --json"))).unwrap();
-    let made = read_points(bench.root.join("p.npy")).unwrap();
+    let made = read_points(bench.root.join("p.npy")).unwrap().0;
     assert_eq!(report["points"], made.len());
     let part = |key: &str| report[key].as_u64().unwrap();
     assert_eq!(part("surface") + part("occluded"), made.len() as u64);
-    let theirs = read_points(Path::new(PLANT).join("points.npy")).unwrap();
+    let theirs = read_points(Path::new(PLANT).join("points.npy")).unwrap().0;
     let (ours, theirs) = (covered(&theirs, &made), covered(&made, &theirs));
     assert!(ours > 0.98 && theirs > 0.98, "{ours} {theirs}");
 }

@@ -141,12 +141,14 @@ fn a_recording_shows_robot_and_touches() {
 #[test]
 fn an_arm_in_free_air_and_hostile_names() {
     let bench = Bench::new();
-    let hostile = r#"</script><script>alert('x')</script><!-- & \"\u2028"#;
+    let hostile = r#"</script><script>alert('x')</script><!-- & \"\u2028\u001b\u202e"#;
     let name = format!("{{\"name\": \"{hostile}\", ");
     bench.metadata(&METADATA.replacen('{', &name, 1));
     let (page, _) = view(&bench, "data --field truth");
     assert!(page.contains("&lt;/script&gt;&lt;script&gt;alert(&#39;x&#39;)"));
     assert!(!page.contains("<script>alert") && !page.contains("<!-- &"));
+    let turned = ['\u{1b}', '\u{202e}', '\u{2028}'];
+    assert!(!page.contains(turned) && page.contains("\u{FFFD}\u{FFFD}\u{FFFD}"));
 
     // The ID of a sequence and the name of a robot are in the data alone.
     let urdf = r#"<robot name="&lt;/script&gt;&lt;b&gt;"><link name="a"/><link name="b"/>

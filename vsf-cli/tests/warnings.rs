@@ -276,3 +276,21 @@ fn fields_worse_than_none() {
     let good = bench.warned("evaluate touch --field truth");
     assert!(!good.contains("zero torque"), "{good}");
 }
+
+#[test]
+fn points_in_one_place() {
+    let bench = Bench::new();
+    arm(&bench, &[0.0; 3], &[1.0; 3]);
+    let far = [
+        0.3, 0.005, 0.0, 0.3, -0.0, 0.0, 0.3, 0.01, 0.0, 0.3, 0.0, 0.0, 0.3, 0.01, 0.0,
+    ];
+    npy(&bench.root.join("arm/points.npy"), &[5, 3], &far);
+    let parts = [
+        "points.npy: 2 of 5 points repeat others",
+        "row 3 that of row 1",
+    ];
+    warns(&bench, "info arm", &parts);
+    points(&bench);
+    let text = bench.warned("info arm");
+    assert!(!text.contains("repeat"), "{text}");
+}

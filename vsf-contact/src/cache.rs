@@ -86,10 +86,15 @@ fn bad(reason: &str) -> Unfit {
 }
 
 fn read(path: &Path, key: &[u8; 32], options: &GridOptions) -> Result<Made, Unfit> {
-    let file = File::open(path).map_err(|e| match e.kind() {
+    let refused = |e: io::Error| match e.kind() {
         io::ErrorKind::NotFound => Unfit::Missing,
         _ => Unfit::Bad(e.to_string()),
-    })?;
+    };
+    // A pipe would be waited for.
+    if !fs::metadata(path).map_err(refused)?.is_file() {
+        return Err(bad("no file"));
+    }
+    let file = File::open(path).map_err(refused)?;
     // However long the file is, no more is read than a legal one can hold.
     let most = HEADER + 8 * NUMBERS + 4 * options.max_nodes;
     let mut bytes = Vec::new();

@@ -132,6 +132,7 @@ impl Front {
         self.points.clear();
         self.travel = 0.0;
         self.watch(&rest.root(), reach, rest, &mut visit);
+        self.watch_points(rest.strays(), reach, rest, &mut visit);
         self.at_first = self.watches();
     }
 
@@ -153,17 +154,27 @@ impl Front {
             self.blocks.push(watch);
         } else if block.is_cell() {
             rest.block_points(block, |points| {
-                for &point in points {
-                    let outlook = reach.outlook(&rest.positions()[point as usize], 0.0);
-                    self.points.push(Watch::new(point, &outlook, self.travel));
-                    if outlook.within {
-                        visit(point);
-                    }
-                }
+                self.watch_points(points, reach, rest, visit);
             });
         } else {
             for child in rest.children(block) {
                 self.watch(&child, reach, rest, visit);
+            }
+        }
+    }
+
+    fn watch_points(
+        &mut self,
+        points: &[u32],
+        reach: &Reach,
+        rest: &RestPoints,
+        visit: &mut impl FnMut(u32),
+    ) {
+        for &point in points {
+            let outlook = reach.outlook(&rest.positions()[point as usize], 0.0);
+            self.points.push(Watch::new(point, &outlook, self.travel));
+            if outlook.within {
+                visit(point);
             }
         }
     }

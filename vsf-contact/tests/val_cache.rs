@@ -161,6 +161,21 @@ fn hostile_files_with_a_right_checksum_are_replaced() {
     damaged(|b| b.resize(80_000_000, 0), "longer");
 }
 
+/// A pipe would be waited for.
+#[cfg(unix)]
+#[test]
+fn a_pipe_is_replaced() {
+    let folder = tempfile::tempdir().unwrap();
+    bake(folder.path());
+    let path = files(folder.path()).remove(0);
+    fs::remove_file(&path).unwrap();
+    let made = std::process::Command::new("mkfifo").arg(&path).status();
+    assert!(made.unwrap().success());
+    let replaced = CacheUse::Replaced("no file".to_owned());
+    assert_eq!(bake(folder.path()).1.cache, replaced);
+    assert_eq!(bake(folder.path()).1.cache, CacheUse::Hit);
+}
+
 #[test]
 fn a_cache_that_cannot_be_written_is_reported() {
     let folder = tempfile::tempdir().unwrap();

@@ -20,7 +20,7 @@ impl Block {
 }
 
 impl RestPoints {
-    /// The block that holds all points.
+    /// The block that holds all points but [strays](RestPoints::strays).
     pub fn root(&self) -> Block {
         let longest = self.dims.iter().fold(1, |a, &b| a.max(b));
         Block {

@@ -3,9 +3,12 @@ use nalgebra::{Point3, Vector3};
 
 /// Mean number of points per cell of the broad-phase grid, if the cloud filled its box evenly.
 const POINTS_PER_CELL: f64 = 8.0;
+/// Of so many points one may lie far off on either side, along every axis, without a part in the grid.
+const POINTS_PER_STRAY: usize = 100;
 
 /// The rest positions `p_i` of a stiffness field (m, world frame), with a uniform grid over them
-/// for range queries, and a tree of [`Block`](crate::Block)s over its cells.
+/// for range queries, and a tree of [`Block`](crate::Block)s over its cells. Few points that lie far from
+/// all others are [strays](Self::strays): a grid that held them would have all others in one cell.
 ///
 /// Memory: 24 bytes per position, 4 per entry of the grid, and at most 2 per point for the cells.
 #[derive(Debug, Clone)]
@@ -16,6 +19,7 @@ pub struct RestPoints {
     pub(crate) dims: [usize; 3],
     starts: Vec<u32>,
     order: Vec<u32>,
+    strays: Vec<u32>,
 }
 
 /// One non-empty cell of the grid: the points in a cube.
@@ -52,14 +56,11 @@ impl RestPoints {
                 });
             }
         }
-        let (mut min, mut max) = (Point3::origin(), Point3::origin());
-        if let Some(first) = positions.first() {
-            (min, max) = (*first, *first);
-            for p in &positions {
-                min = min.inf(p);
-                max = max.sup(p);
-            }
-        }
+        let (lower, upper) = bulk(&positions);
+        let near = |p: &&Point3<f64>| within(p, &lower, &upper);
+        let (min, max) = bounds(positions.iter().filter(near));
+        let strays = (0u32..).zip(&positions);
+        let strays = strays.filter(|(_, p)| !near(p)).map(|(i, _)| i).collect();
         let (cell, dims) = Self::layout(&(max - min), n);
         let mut grid = Self {
             positions,
@@ -68,6 +69,7 @@ impl RestPoints {
             dims,
             starts: Vec::new(),
             order: Vec::new(),
+            strays,
         };
         grid.fill();
         Ok(grid)
@@ -107,12 +109,13 @@ impl RestPoints {
     fn fill(&mut self) {
         let cells = self.dims.iter().product::<usize>();
         let mut starts = vec![0u32; cells + 1];
-        let ids: Vec<u32> = self
-            .positions
-            .iter()
-            .map(|p| self.cell_of(p) as u32)
+        let mut strays = self.strays.iter().peekable();
+        let ids: Vec<(u32, u32)> = (0u32..)
+            .zip(&self.positions)
+            .filter(|(i, _)| strays.next_if_eq(&i).is_none())
+            .map(|(i, p)| (i, self.cell_of(p) as u32))
             .collect();
-        for &c in &ids {
+        for &(_, c) in &ids {
             starts[c as usize + 1] += 1;
         }
         for c in 0..cells {
@@ -120,8 +123,8 @@ impl RestPoints {
         }
         let mut next = starts.clone();
         let mut order = vec![0u32; ids.len()];
-        for (i, &c) in ids.iter().enumerate() {
-            order[next[c as usize] as usize] = i as u32;
+        for (i, c) in ids {
+            order[next[c as usize] as usize] = i;
             next[c as usize] += 1;
         }
         self.starts = starts;
@@ -162,14 +165,15 @@ impl RestPoints {
         &self.positions
     }
 
+    /// Indices of points that lie far from all others, increasing: beyond the box of the middle 98 % along
+    /// an axis by more than its longest edge. No cell and no [`Block`](crate::Block) holds them.
+    pub fn strays(&self) -> &[u32] {
+        &self.strays
+    }
+
     /// Smallest and largest corner of the points' axis-aligned box; the origin without points.
     pub fn bounds(&self) -> (Point3<f64>, Point3<f64>) {
-        self.positions
-            .iter()
-            .fold(None, |b: Option<(Point3<f64>, Point3<f64>)>, p| {
-                Some(b.map_or((*p, *p), |(lo, hi)| (lo.inf(p), hi.sup(p))))
-            })
-            .unwrap_or((Point3::origin(), Point3::origin()))
+        bounds(&self.positions)
     }
 
     /// Typical distance between neighbours (m): the median, over at most 1000 points spread over the
@@ -177,9 +181,11 @@ impl RestPoints {
     /// a second point.
     pub fn spacing(&self) -> f64 {
         let step = self.len().div_ceil(1000).max(1);
+        let (lower, upper) = self.bounds();
+        let widest = (upper - lower).norm();
         let mut nearest: Vec<f64> = (0..self.len())
             .step_by(step)
-            .filter_map(|i| self.nearest_other(i))
+            .filter_map(|i| self.nearest_other(i, widest))
             .collect();
         let middle = nearest.len() / 2;
         if nearest.is_empty() {
@@ -189,11 +195,10 @@ impl RestPoints {
         }
     }
 
-    /// Distance to the nearest other point, by boxes of growing size.
-    fn nearest_other(&self, i: usize) -> Option<f64> {
+    /// Distance to the nearest other point, which is not beyond `widest`, by boxes of growing size.
+    fn nearest_other(&self, i: usize, widest: f64) -> Option<f64> {
         let p = &self.positions[i];
         let mut reach = self.cell;
-        let all = self.cell * self.dims.iter().sum::<usize>() as f64;
         while self.len() > 1 {
             let half = Vector3::repeat(reach);
             let mut best = f64::INFINITY;
@@ -202,7 +207,7 @@ impl RestPoints {
                     best = best.min((self.positions[other as usize] - p).norm());
                 }
             });
-            if best <= reach || reach >= all {
+            if best <= reach || reach >= widest {
                 return best.is_finite().then_some(best);
             }
             reach *= 2.0;
@@ -210,14 +215,24 @@ impl RestPoints {
         None
     }
 
-    /// Visits the non-empty cells that overlap the box `[lo, hi]`, in a fixed order; cost follows
-    /// the number of cells in the box.
+    /// Visits the non-empty cells that overlap the box `[lo, hi]`, in a fixed order, each stray in it as a cell
+    /// of its own; cost follows the number of cells in the box.
     pub fn for_cells_in<'a>(
         &'a self,
         lo: &Point3<f64>,
         hi: &Point3<f64>,
         mut visit: impl FnMut(Cell<'a>),
     ) {
+        for stray in &self.strays {
+            let center = self.positions[*stray as usize];
+            if within(&center, lo, hi) {
+                visit(Cell {
+                    center,
+                    radius: 0.0,
+                    points: std::slice::from_ref(stray),
+                });
+            }
+        }
         let size = Vector3::new(
             self.dims[0] as f64,
             self.dims[1] as f64,
@@ -246,4 +261,34 @@ impl RestPoints {
             }
         }
     }
+}
+
+fn within(p: &Point3<f64>, lower: &Point3<f64>, upper: &Point3<f64>) -> bool {
+    (0..3).all(|k| lower[k] <= p[k] && p[k] <= upper[k])
+}
+
+/// Corners of the box of points; the origin without any.
+fn bounds<'a>(points: impl IntoIterator<Item = &'a Point3<f64>>) -> (Point3<f64>, Point3<f64>) {
+    let wider = |b: Option<(Point3<f64>, Point3<f64>)>, p: &Point3<f64>| {
+        Some(b.map_or((*p, *p), |(lo, hi)| (lo.inf(p), hi.sup(p))))
+    };
+    let found = points.into_iter().fold(None, wider);
+    found.unwrap_or((Point3::origin(), Point3::origin()))
+}
+
+/// Corners of the box around all points but those far off: that of the middle ones along each axis, wider by
+/// its longest edge on all sides.
+fn bulk(points: &[Point3<f64>]) -> (Point3<f64>, Point3<f64>) {
+    let (mut lower, mut upper) = bounds(points);
+    let few = points.len() / POINTS_PER_STRAY;
+    if few > 0 {
+        for k in 0..3 {
+            let mut along: Vec<f64> = points.iter().map(|p| p[k]).collect();
+            lower[k] = *along.select_nth_unstable_by(few, f64::total_cmp).1;
+            let last = along.len() - 1 - few;
+            upper[k] = *along.select_nth_unstable_by(last, f64::total_cmp).1;
+        }
+    }
+    let margin = Vector3::repeat((upper - lower).max());
+    (lower - margin, upper + margin)
 }

@@ -68,7 +68,10 @@ fn check_blocks(rest: &RestPoints, block: &Block) {
 fn check_tree(positions: Vec<Point3<f64>>) {
     let rest = RestPoints::new(positions).unwrap();
     let all: Vec<u32> = (0..rest.len() as u32).collect();
-    assert_eq!(in_block(&rest, &rest.root()), all);
+    let mut held = in_block(&rest, &rest.root());
+    held.extend(rest.strays());
+    held.sort_unstable();
+    assert_eq!(held, all);
     check_blocks(&rest, &rest.root());
 }
 
@@ -114,6 +117,37 @@ fn coincident_points_and_far_outliers() {
         Point3::new(0.0, 0.0, 0.0),
         Point3::new(1.0, 1.0, 1.0),
     );
+}
+
+/// A single point a kilometre off does not make one cell of all others.
+#[test]
+fn strays_leave_the_grid_as_it_is() {
+    let lattice: Vec<_> = (0..8000)
+        .map(|i| Point3::new((i / 400) as f64, (i / 20 % 20) as f64, (i % 20) as f64) * 0.01)
+        .collect();
+    let mut points = lattice.clone();
+    points.insert(4321, Point3::new(1e3, -1e3, 1e3));
+    points.push(Point3::new(0.0, 1e300, 0.0));
+    let [alone, rest] = [lattice, points].map(|p| RestPoints::new(p).unwrap());
+    assert_eq!(alone.strays(), []);
+    assert_eq!(rest.strays(), [4321, 8001]);
+    check_tree(rest.positions().to_vec());
+    let (lower, upper) = (Point3::origin(), Point3::origin() + Vector3::repeat(0.03));
+    let [few, same] = [&alone, &rest].map(|r| found(r, lower, upper).len());
+    assert_eq!(few, same);
+    assert!(few < 500, "{few} of 8000 points");
+    assert!((rest.spacing() - 0.01).abs() < 1e-12);
+    let far = Vector3::repeat(2e3);
+    check(rest.positions().to_vec(), lower - far, lower + far);
+    // A tenth of the points is a part of the object, wherever it is.
+    let two = (0..1000).map(|i| {
+        Point3::new(
+            if i % 10 == 0 { 1e3 } else { 0.0 },
+            0.0,
+            0.01 * f64::from(i),
+        )
+    });
+    assert_eq!(RestPoints::new(two.collect()).unwrap().strays(), []);
 }
 
 #[test]

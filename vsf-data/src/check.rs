@@ -4,7 +4,7 @@ use crate::dataset::{CAMERA, FIELD, POINTS, sequence_ids_or_none, stored_field};
 use crate::{Attachment, DataError, DataWarning, Dataset, Overrides, Sequence, Splits};
 use crate::{files, metadata, pose};
 use nalgebra::Point3;
-use std::collections::{BTreeMap, BTreeSet};
+use std::collections::{BTreeMap, BTreeSet, HashMap};
 use std::path::{Path, PathBuf};
 
 /// How far outside `object_bbox` a point may lie without a warning, in metres: rounding to f32.
@@ -149,6 +149,7 @@ impl Dataset {
                 });
             }
         }
+        warnings.extend(self.repeated_points(dir));
         let Splits { train, test } = &self.splits;
         let used: BTreeSet<&String> = train.iter().chain(test).collect();
         let ids: Vec<String> = (self.sequences.iter())
@@ -175,8 +176,31 @@ impl Dataset {
         warnings
     }
 
+    /// Rest points in the very place of others.
+    fn repeated_points(&self, dir: &Path) -> Option<DataWarning> {
+        let points = self.rest_points.as_ref()?;
+        // Zero has two signs.
+        let place = |p: &Point3<f64>| [p.x, p.y, p.z].map(|c| (c + 0.0).to_bits());
+        let mut first = HashMap::with_capacity(points.len());
+        let mut repeated = (points.iter().enumerate()).filter_map(|(row, p)| {
+            let of = *first.entry(place(p)).or_insert(row);
+            (of != row).then_some((row, of))
+        });
+        let (row, of) = repeated.next()?;
+        Some(DataWarning::RepeatedPoints {
+            path: dir.join(POINTS),
+            count: 1 + repeated.count(),
+            total: points.len(),
+            row,
+            of,
+        })
+    }
+
     /// Files in `dir` that would be read with this data set but are not written by it.
     pub(crate) fn check_leftovers(&self, dir: &Path) -> Result<(), DataError> {
+        if !files::is_there(dir) {
+            return Ok(());
+        }
         let leftover = |path| Err(DataError::Leftover { path });
         for (id, folder) in sequence_ids_or_none(dir)? {
             let velocities = folder.join("velocities.npy");

@@ -438,6 +438,34 @@ pub enum DataWarning {
         /// Out of how many.
         total: usize,
     },
+    /// Points without coordinates, as pixels without a return are written. They are left out.
+    #[error("{}: {count} of {total} points have no coordinates (NaN), left out", path.display())]
+    WithoutReturn {
+        /// The points.
+        path: PathBuf,
+        /// How many.
+        count: usize,
+        /// Out of how many.
+        total: usize,
+    },
+    /// Rest points in the place of others: springs there share what is one stiffness.
+    #[error(
+        "{}: {count} of {total} points repeat others, the first in row {row} that of row {of}; their stiffness is \
+         shared out between them",
+        path.display()
+    )]
+    RepeatedPoints {
+        /// The points.
+        path: PathBuf,
+        /// How many repeat one before them.
+        count: usize,
+        /// Out of how many.
+        total: usize,
+        /// Row of the first of them, from 0.
+        row: usize,
+        /// The row that it repeats.
+        of: usize,
+    },
     /// Sequences that neither split lists: neither training nor test uses them.
     #[error("{}: in no split, not used: {}", path.display(), ids.join(", "))]
     UnassignedSequences {

@@ -155,7 +155,10 @@ impl StiffnessField {
             let name = path.file_name().unwrap_or_default();
             name.to_string_lossy().starts_with('.')
         };
-        let mut there = files::list(folder)?.into_iter();
+        let mut there = match files::is_there(folder) {
+            true => files::list(folder)?.into_iter(),
+            false => Vec::new().into_iter(),
+        };
         if let Some(path) = there.find(|p| !hidden(p) && !contents.contains_key(p)) {
             return Err(DataError::Leftover { path });
         }

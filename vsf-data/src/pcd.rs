@@ -10,13 +10,20 @@ const MOST_PACKED: u64 = 88;
 
 /// Reads the points `x y z` of a PCD file, ascii, binary or binary_compressed, in the units of the file
 /// (metres everywhere in this crate). Other fields are skipped. Points whose coordinates are all NaN
-/// are left out: pixels without a return, as the Point Cloud Library writes them.
+/// are left out: pixels without a return, as the Point Cloud Library writes them. [`read_points`](crate::read_points)
+/// says how many.
 ///
 /// # Errors
-/// A damaged file, no points, coordinates that are missing or not finite.
+/// A damaged file, more points than its header says, none with coordinates, coordinates that are missing or
+/// not finite.
 pub fn read_pcd_points(path: impl AsRef<Path>) -> Result<Vec<Point3<f64>>, DataError> {
-    let cloud = read(path.as_ref(), false)?;
-    Ok(cloud.iter().map(|p| p.position).collect())
+    Ok(read_returns(path.as_ref())?.0)
+}
+
+/// [`read_pcd_points`], and how many were left out.
+pub(crate) fn read_returns(path: &Path) -> Result<(Vec<Point3<f64>>, usize), DataError> {
+    let (cloud, left_out) = read(path, false)?;
+    Ok((cloud.iter().map(|p| p.position).collect(), left_out))
 }
 
 /// The points of a PCD file as [`read_pcd_points`] reads them, and their colours: the field `rgb` or
@@ -25,7 +32,7 @@ pub fn read_pcd_points(path: impl AsRef<Path>) -> Result<Vec<Point3<f64>>, DataE
 /// # Errors
 /// As [`read_pcd_points`]; points without colour.
 pub fn read_pcd_cloud(path: impl AsRef<Path>) -> Result<Vec<ColoredPoint>, DataError> {
-    read(path.as_ref(), true)
+    Ok(read(path.as_ref(), true)?.0)
 }
 
 /// Places of the fields in a record, padding left out.
@@ -34,7 +41,8 @@ struct Places {
     color: Option<usize>,
 }
 
-fn read(path: &Path, with_color: bool) -> Result<Vec<ColoredPoint>, DataError> {
+/// The points with coordinates, and how many have none.
+fn read(path: &Path, with_color: bool) -> Result<(Vec<ColoredPoint>, usize), DataError> {
     let wrong = |problem: String| DataError::Pcd {
         path: path.to_owned(),
         problem,
@@ -50,11 +58,13 @@ fn read(path: &Path, with_color: bool) -> Result<Vec<ColoredPoint>, DataError> {
     let places = places(meta.meta(), with_color).map_err(wrong)?;
 
     let mut cloud = Vec::new();
+    let mut left_out = 0;
     for record in DynReader::from_bytes(&bytes).map_err(damaged)? {
         let DynRecord(fields) = record.map_err(damaged)?;
         let number = |k: usize| fields.get(k).and_then(number).unwrap_or(f64::NAN);
         let position = Point3::from(places.xyz.map(number));
         if position.iter().all(|c| c.is_nan()) {
+            left_out += 1;
             continue;
         }
         let color = places.color.and_then(|k| color(fields.get(k)?));
@@ -63,9 +73,13 @@ fn read(path: &Path, with_color: bool) -> Result<Vec<ColoredPoint>, DataError> {
             color: color.unwrap_or_default(),
         });
     }
+    if cloud.is_empty() && left_out > 0 {
+        let problem = format!("no points: the coordinates of all {left_out} are NaN");
+        return Err(wrong(problem));
+    }
     let points: Vec<_> = cloud.iter().map(|p| p.position).collect();
     files::check_points(path, &points)?;
-    Ok(cloud)
+    Ok((cloud, left_out))
 }
 
 /// The header without its last line, the kind of data that this line names, and the data.
@@ -107,12 +121,24 @@ fn check_size(meta: &PcdMeta, kind: &str, data: &[u8]) -> Result<(), String> {
         }
         (_, Some(needed)) => needed <= length,
     };
-    match fits {
-        true => Ok(()),
-        false => Err(format!(
-            "{} points do not fit into {length} bytes of data",
-            meta.num_points
+    let points = meta.num_points;
+    if !fits {
+        return Err(format!(
+            "{points} points do not fit into {length} bytes of data"
+        ));
+    }
+    let is_row = |line: &&[u8]| !line.trim_ascii().is_empty();
+    let held = match (kind, needed) {
+        ("ascii", _) => data.split(|b| *b == b'\n').filter(is_row).count() as u64,
+        // Some writers end the data with a line break.
+        ("binary", Some(needed)) => points + (length - needed) / record.unwrap_or(1).max(1),
+        _ => points,
+    };
+    match held > points {
+        true => Err(format!(
+            "{held} points, but its header says POINTS {points}; correct the one that is wrong"
         )),
+        false => Ok(()),
     }
 }
 

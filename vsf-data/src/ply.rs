@@ -4,7 +4,9 @@ use crate::colormap::Scale;
 use crate::{DataError, StiffnessField, files, write_file};
 use nalgebra::Point3;
 use ply_rs_bw::parser::{Parser, Reader};
-use ply_rs_bw::ply::{Property, PropertyAccess, PropertyAccessResult, PropertyType, ScalarType};
+use ply_rs_bw::ply::{
+    Header, Property, PropertyAccess, PropertyAccessResult, PropertyDef, PropertyType, ScalarType,
+};
 use std::io::Cursor;
 use std::path::Path;
 
@@ -63,7 +65,7 @@ fn read_vertices(path: &Path, needed: &[&str]) -> Result<Vec<Vertex>, DataError>
     let damaged = |e: ply_rs_bw::parser::ParseError| wrong(format!("damaged PLY: {e}"));
     let bytes = files::read(path)?;
     let length = bytes.len();
-    let mut reader = Reader::new(Cursor::new(bytes));
+    let mut reader = Reader::new(Cursor::new(&bytes[..]));
     let parser = Parser::<Vertex>::new();
     let header = parser.read_header(&mut reader).map_err(damaged)?;
     for (name, element) in &header.elements {
@@ -78,18 +80,43 @@ fn read_vertices(path: &Path, needed: &[&str]) -> Result<Vec<Vertex>, DataError>
         let names = needed.join(", ");
         return Err(wrong(format!("no element vertex with {names}")));
     }
-    let bytes = PropertyType::Scalar(ScalarType::UChar);
+    let byte = PropertyType::Scalar(ScalarType::UChar);
     let colors = needed.iter().filter(|k| !["x", "y", "z"].contains(k));
     let kind = |k: &str| Some(&vertex?.properties.get(k)?.data_type);
-    let typed = |k: &&str| kind(k) == Some(&bytes);
+    let typed = |k: &&str| kind(k) == Some(&byte);
     if let Some(odd) = colors.filter(|k| !typed(k)).copied().next() {
         return Err(wrong(format!("{odd} is not of type uchar")));
     }
-    let mut payload = parser.read_payload(&mut reader, &header).map_err(damaged)?;
+    let payload = parser.read_payload(&mut reader, &header);
+    let mut payload =
+        payload.map_err(|e| not_finite(path, &bytes, &header).unwrap_or(damaged(e)))?;
     let vertices = payload.swap_remove("vertex").unwrap_or_default();
     let points: Vec<_> = vertices.iter().map(|v| v.0.position).collect();
     files::check_points(path, &points)?;
     Ok(vertices)
+}
+
+/// The first number of ASCII vertices that is NaN or infinite: the parser takes its line for damaged.
+fn not_finite(path: &Path, bytes: &[u8], header: &Header) -> Option<DataError> {
+    let text = std::str::from_utf8(bytes).ok()?;
+    let (_, data) = text.split_once("end_header")?;
+    let others = header.elements.values().take_while(|e| e.name != "vertex");
+    let before: usize = others.map(|e| e.count).sum();
+    let vertex = header.elements.get("vertex")?;
+    let is_scalar = |p: &&PropertyDef| matches!(p.data_type, PropertyType::Scalar(_));
+    let rows = data.lines().skip(1 + before).take(vertex.count);
+    rows.enumerate().find_map(|(row, line)| {
+        let names = vertex.properties.values().take_while(is_scalar);
+        let values = names.zip(line.split_ascii_whitespace());
+        let mut numbers = values.filter_map(|(p, word)| Some((&p.name, word.parse::<f64>().ok()?)));
+        let (name, value) = numbers.find(|(_, value)| !value.is_finite())?;
+        Some(DataError::NotFinite {
+            path: path.to_owned(),
+            row,
+            column: name.clone(),
+            value,
+        })
+    })
 }
 
 /// A point with a colour.

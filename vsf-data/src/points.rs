@@ -1,30 +1,46 @@
 //! Points of an object, whatever file they come in.
 
-use crate::{DataError, StiffnessField, files, read_pcd_points, read_ply_points};
+use crate::{DataError, DataWarning, StiffnessField, files, pcd, read_ply_points};
 use nalgebra::Point3;
 use std::path::Path;
 
 /// Reads points \[m\] by the ending of the file: `.ply`, `.pcd`, `.npy` (an array of shape (N, 3)), or
-/// `.npz` (those of a field).
+/// `.npz` (those of a field). What can be read but should be known comes with them.
 ///
 /// # Errors
 /// [`DataError::Argument`] for another ending; a damaged file, no points, coordinates that are not
 /// finite.
-pub fn read_points(path: impl AsRef<Path>) -> Result<Vec<Point3<f64>>, DataError> {
+pub fn read_points(
+    path: impl AsRef<Path>,
+) -> Result<(Vec<Point3<f64>>, Vec<DataWarning>), DataError> {
     let path = path.as_ref();
     let ending = path.extension().unwrap_or_default().to_string_lossy();
-    match &*ending.to_ascii_lowercase() {
-        "ply" => read_ply_points(path),
-        "pcd" => read_pcd_points(path),
-        "npz" => Ok(StiffnessField::open(path)?.0.points),
+    let points = match &*ending.to_ascii_lowercase() {
+        "ply" => read_ply_points(path)?,
+        "pcd" => {
+            let (points, left_out) = pcd::read_returns(path)?;
+            let warning = (left_out > 0).then(|| DataWarning::WithoutReturn {
+                path: path.to_owned(),
+                count: left_out,
+                total: left_out + points.len(),
+            });
+            return Ok((points, warning.into_iter().collect()));
+        }
+        "npz" => {
+            let (field, warnings) = StiffnessField::open(path)?;
+            return Ok((field.points, warnings));
+        }
         "npy" => {
             let points = files::points(path, files::read_npy(path)?)?;
             files::check_points(path, &points)?;
-            Ok(points)
+            points
         }
-        _ => Err(DataError::Argument {
-            what: "points",
-            problem: format!("{} is no .ply, .pcd, .npy or .npz", path.display()),
-        }),
-    }
+        _ => {
+            return Err(DataError::Argument {
+                what: "points",
+                problem: format!("{} is no .ply, .pcd, .npy or .npz", path.display()),
+            });
+        }
+    };
+    Ok((points, Vec::new()))
 }

@@ -31,28 +31,29 @@ pub fn write_files<P: AsRef<Path>, B: AsRef<[u8]>>(
     staged.commit()
 }
 
-/// Files written next to their places, which [`commit`](Self::commit) renames one after the other.
-/// Whatever can fail for long (a full disk, a folder that may not be written) fails before the
-/// first rename. Dropped without it, nothing has changed.
+/// Files written next to their places, or to the folders to come, which [`commit`](Self::commit)
+/// creates and renames one after the other. Whatever can fail for long (a full disk, a folder that may
+/// not be written) fails before the first rename. Dropped without it, nothing has changed; of a process
+/// that is killed hidden files stay that are in nobody's way.
 #[derive(Default)]
 pub(crate) struct Staged {
     files: Vec<(TempPath, PathBuf)>,
-    /// Those that did not exist before, parents first.
+    /// Those to create.
     folders: Vec<PathBuf>,
 }
 
 impl Staged {
-    /// Creates a folder and those above it.
+    /// A folder to create, and those above it.
     pub fn folder(&mut self, path: &Path) -> Result<(), DataError> {
-        let mut missing: Vec<_> = (path.ancestors())
-            .take_while(|p| !p.as_os_str().is_empty() && !p.exists())
-            .collect();
-        missing.reverse();
-        self.folders.extend(missing.into_iter().map(Path::to_owned));
-        fs::create_dir_all(path).map_err(|e| DataError::io("create", path, e))
+        if (path.ancestors().find(|p| p.exists())).is_some_and(|p| !p.is_dir()) {
+            let error = ErrorKind::NotADirectory.into();
+            return Err(DataError::io("create", path, error));
+        }
+        self.folders.push(path.to_owned());
+        Ok(())
     }
 
-    /// Writes the new content of a file, in a folder that exists.
+    /// Writes the new content of a file, in a folder that exists or is to be created.
     pub fn file(&mut self, path: &Path, bytes: &[u8]) -> Result<(), DataError> {
         let failed = |e| DataError::io("write", path, e);
         let place = path.canonicalize().unwrap_or_else(|_| path.to_owned());
@@ -71,7 +72,9 @@ impl Staged {
                 return Err(failed(Error::new(ErrorKind::PermissionDenied, why)));
             }
         }
-        let folder = match place.parent() {
+        let to_come = |p: &&Path| !p.exists() && self.folders.iter().any(|f| f.starts_with(p));
+        let mut above = place.ancestors().skip(1).skip_while(to_come);
+        let folder = match above.next() {
             Some(p) if !p.as_os_str().is_empty() => p,
             _ => Path::new("."),
         };
@@ -95,21 +98,39 @@ impl Staged {
     }
 
     /// Puts all files in their places, in the order in which they were written.
-    pub fn commit(mut self) -> Result<(), DataError> {
-        for (file, place) in self.files.drain(..) {
+    pub fn commit(self) -> Result<(), DataError> {
+        let mut created = Created::default();
+        for folder in &self.folders {
+            created.folder(folder)?;
+        }
+        for (file, place) in self.files {
             file.persist(&place)
                 .map_err(|e| DataError::io("write", place, e.error))?;
         }
-        self.folders.clear();
+        created.0.clear();
         Ok(())
     }
 }
 
-impl Drop for Staged {
+/// Folders that did not exist before, parents first; they go where they are not cleared.
+#[derive(Default)]
+struct Created(Vec<PathBuf>);
+
+impl Created {
+    fn folder(&mut self, path: &Path) -> Result<(), DataError> {
+        let mut missing: Vec<_> = (path.ancestors())
+            .take_while(|p| !p.as_os_str().is_empty() && !p.exists())
+            .collect();
+        missing.reverse();
+        self.0.extend(missing.into_iter().map(Path::to_owned));
+        fs::create_dir_all(path).map_err(|e| DataError::io("create", path, e))
+    }
+}
+
+impl Drop for Created {
     fn drop(&mut self) {
-        self.files.clear();
-        for folder in self.folders.iter().rev() {
-            // A folder that someone else uses by now stays.
+        for folder in self.0.iter().rev() {
+            // One that holds anything stays.
             let _ = fs::remove_dir(folder);
         }
     }

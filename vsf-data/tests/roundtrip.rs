@@ -10,9 +10,9 @@ use proptest::prelude::*;
 use std::collections::BTreeMap;
 use std::fs;
 use vsf_data::{
-    Attachment, CameraView, Clock, DataError, Dataset, JointLog, JointType, McapExport, Overrides,
-    RobotRef, Sequence, Splits, StiffnessField, Table, TorqueKind, read_pcd_cloud, read_pcd_points,
-    read_ply_cloud, read_ply_points,
+    Attachment, CameraView, Clock, DataError, DataWarning, Dataset, JointLog, JointType,
+    McapExport, Overrides, RobotRef, Sequence, Splits, StiffnessField, Table, TorqueKind,
+    read_pcd_cloud, read_pcd_points, read_ply_cloud, read_ply_points, read_points,
 };
 
 /// Any finite double, subnormals and both zeros included.
@@ -445,6 +445,15 @@ fn points_of_an_ascii_ply() {
     assert_eq!(read_ply_points(&path).unwrap(), expected);
     fs::write(&path, format!("{header}0.5 1 2\n-1 0 7\n")).unwrap();
     assert!(matches!(read_ply_points(&path), Err(DataError::Ply { .. })));
+    for (line, part) in [("-1 nan 7", "row 1 y: NaN"), ("-inf 0 7", "row 1 x: -inf")] {
+        fs::write(&path, format!("{header}0.5 1 2\n{line}\n3 0 1 1\n")).unwrap();
+        let error = read_ply_points(&path).unwrap_err();
+        assert!(matches!(error, DataError::NotFinite { .. }), "{error:?}");
+        assert!(
+            error.to_string().ends_with(&format!("a.ply {part}")),
+            "{error}"
+        );
+    }
     fs::write(&path, header.replace("vertex 2", "vertex 99999999999")).unwrap();
     assert!(matches!(read_ply_points(&path), Err(DataError::Ply { .. })));
 }
@@ -517,6 +526,19 @@ fn points_and_colours_of_a_pcd() {
         let cloud = read_pcd_cloud(&path).unwrap();
         assert!(cloud.iter().map(|p| p.color).eq(colors), "{kind}");
         assert!(cloud.iter().map(|p| p.position).eq(positions), "{kind}");
+        let (points, warnings) = read_points(&path).unwrap();
+        assert_eq!(points, positions, "{kind}");
+        assert!(
+            matches!(
+                warnings[..],
+                [DataWarning::WithoutReturn {
+                    count: 1,
+                    total: 3,
+                    ..
+                }]
+            ),
+            "{kind}: {warnings:?}"
+        );
     };
     let last = f32::from_bits(0x00ff_0102);
     let ascii = format!(
@@ -569,7 +591,19 @@ fn pcd_files_that_are_refused() {
     refused(pcd(1, "ascii") + &row.replace("0.5", "half"), "damaged");
     refused(
         pcd(1, "ascii") + &row.replace("0.5 1 2", "nan nan nan"),
-        "empty",
+        "the coordinates of all 1 are NaN",
+    );
+    refused(
+        pcd(1, "ascii") + row + row,
+        "2 points, but its header says POINTS 1",
+    );
+    refused(
+        pcd(0, "ascii") + row,
+        "1 points, but its header says POINTS 0",
+    );
+    refused(
+        pcd(1, "binary") + &"1".repeat(2 * 31),
+        "2 points, but its header",
     );
     refused(pcd(0, "ascii"), "empty");
     refused("ply\n".to_owned(), "DATA");

@@ -104,6 +104,27 @@ pub enum PipelineError {
         /// Largest magnitude that is taken.
         most: f64,
     },
+    /// A position or velocity that no robot has, and whose square endangers the arithmetic.
+    #[error(
+        "sequence {id} row {row} joint {joint}: {file} holds {value:?} {unit}; at most {most:e} is taken, check the \
+         file and its units"
+    )]
+    State {
+        /// The sequence.
+        id: String,
+        /// The row, from 0.
+        row: usize,
+        /// The joint, from 1.
+        joint: usize,
+        /// `angles.npy` or `velocities.npy`.
+        file: &'static str,
+        /// What it holds there.
+        value: f64,
+        /// `rad` or `m`, of velocities each second.
+        unit: &'static str,
+        /// Largest magnitude that is taken.
+        most: f64,
+    },
     /// A robot name that is neither built in nor a file.
     #[error("unknown robot {name:?}: built in are {known}; a URDF is given by its path")]
     UnknownRobot {

@@ -4,10 +4,12 @@ use std::borrow::Cow;
 use std::f64::consts::TAU;
 use vsf_core::CoreError;
 use vsf_data::{Motion, Sequence, Table, TorqueKind, tare};
-use vsf_robots::RobotModel;
+use vsf_robots::{JointKind, RobotModel};
 
 /// Largest torque that is taken (N m or N): beyond any robot, and far from where squares overflow.
 const MOST: f64 = 1e12;
+/// Largest position and velocity (rad, m and each second): far beyond what their numbers still tell apart.
+const MOST_STATE: f64 = 1e9;
 /// Half the window over which velocities and accelerations are estimated: this long (s), and at least
 /// so many samples. Shorter ones would make noise of rounded angles, longer ones blunt the motion.
 const HALF_WINDOW: f64 = 0.0125;
@@ -24,6 +26,34 @@ pub(crate) fn check_sequence(robot: &RobotModel, sequence: &Sequence) -> Result<
     })
 }
 
+/// Refuses positions and velocities of more than [`MOST_STATE`].
+fn check_states(robot: &RobotModel, sequence: &Sequence) -> Result<(), PipelineError> {
+    let velocities = sequence.velocities.as_ref();
+    let tables = [
+        ("angles.npy", ["rad", "m"], Some(&sequence.angles)),
+        ("velocities.npy", ["rad/s", "m/s"], velocities),
+    ];
+    for (file, [turning, sliding], table) in tables {
+        let values = table.map_or(&[][..], Table::data);
+        if let Some(k) = values.iter().position(|v| v.abs() > MOST_STATE) {
+            let column = k % sequence.width();
+            return Err(PipelineError::State {
+                id: sequence.id.clone(),
+                row: k / sequence.width(),
+                joint: column + 1,
+                file,
+                value: values[k],
+                unit: match robot.joints()[column].kind() {
+                    JointKind::Prismatic => sliding,
+                    _ => turning,
+                },
+                most: MOST_STATE,
+            });
+        }
+    }
+    Ok(())
+}
+
 /// The external joint torques of a sequence: what touch adds, with the rigid body removed and tared.
 ///
 /// Measured torques become `tau_ext = M(q) qdd + C(q, qd) qd + g(q) - tau_meas`, with the motion of
@@ -31,10 +61,12 @@ pub(crate) fn check_sequence(robot: &RobotModel, sequence: &Sequence) -> Result<
 /// where nothing is touched.
 ///
 /// # Errors
-/// A sequence that [`Sequence::check`] refuses, torques beyond 1e12 N m, angles that the robot cannot take, or more tare samples than rows; of
+/// A sequence that [`Sequence::check`] refuses, torques beyond 1e12 N m, angles and
+/// velocities beyond 1e9, angles that the robot cannot take, or more tare samples than rows; of
 /// measured torques without recorded velocities a touch of one sample, whose motion is not known.
 pub fn external_torques(scene: &Scene, sequence: &Sequence) -> Result<Table, PipelineError> {
     check_sequence(scene.robot(), sequence)?;
+    check_states(scene.robot(), sequence)?;
     let mut torques = sequence.torques.clone();
     if let Some(k) = torques.data().iter().position(|v| v.abs() > MOST) {
         return Err(PipelineError::Torque {
@@ -81,9 +113,10 @@ pub fn unwound<'s>(robot: &RobotModel, sequence: &'s Sequence) -> Cow<'s, Sequen
 /// of 0.025 s or of nine samples, whichever is longer. Angles are taken as [`unwound`].
 ///
 /// # Errors
-/// As [`Sequence::motion`]; another number of joints than the robot's.
+/// As [`Sequence::motion`]; angles and velocities beyond 1e9, another number of joints than the robot's.
 pub fn motion_of(robot: &RobotModel, sequence: &Sequence) -> Result<Motion, PipelineError> {
     check_sequence(robot, sequence)?;
+    check_states(robot, sequence)?;
     let mut steps: Vec<f64> = sequence.time.windows(2).map(|t| t[1] - t[0]).collect();
     let middle = steps.len() / 2;
     let samples = match steps.is_empty() {

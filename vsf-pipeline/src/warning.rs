@@ -1,5 +1,6 @@
 mod jumps;
 mod readings;
+mod sensors;
 mod velocities;
 
 pub use readings::reading_warnings;
@@ -175,6 +176,44 @@ pub enum PipelineWarning {
         /// What is left per torque that the arm itself needs.
         size: f64,
     },
+    /// A joint that reads the same in a whole sequence, not zero, while touch would change it and other joints
+    /// do change.
+    #[error(
+        "joint {joint} reads {value:?} {unit} in all of sequence {sequence} while the touch changes; its sensor \
+         looks stuck{}", more(*others, "sequence")
+    )]
+    StuckReadings {
+        /// Name of the joint.
+        joint: String,
+        /// The first such sequence.
+        sequence: String,
+        /// What it reads.
+        value: f64,
+        /// `N m` or `N`.
+        unit: &'static str,
+        /// Further sequences of that kind.
+        others: usize,
+    },
+    /// A joint whose readings stay at their largest or smallest value, sample after sample, while the touch
+    /// changes.
+    #[error(
+        "joint {joint}: {count} readings stay at {value:?} {unit} while the touch changes, the first in sequence \
+         {sequence} row {row}, and none is beyond; its sensor looks saturated: what is stiff there comes out too soft"
+    )]
+    ClippedReadings {
+        /// Name of the joint.
+        joint: String,
+        /// How many.
+        count: usize,
+        /// The end of its range.
+        value: f64,
+        /// `N m` or `N`.
+        unit: &'static str,
+        /// Sequence of the first one.
+        sequence: String,
+        /// Its row, from 0.
+        row: usize,
+    },
     /// Links without inertia, of an arm whose own torques are taken off the readings.
     #[error(
         "links without <inertial> count as weightless, and torque_kind measured needs their weight: {links}; give \
@@ -187,8 +226,9 @@ pub enum PipelineWarning {
     /// An online estimator whose innovations are far beyond what it expects: more than 30 times in their
     /// mean square.
     #[error(
-        "the squared errors of one-step predictions are {ratio:.0} times what prior and noise allow; do not trust \
-         predictions of this field: give a larger noise sd or a smaller prior sd, or let both be chosen"
+        "the squared errors of one-step predictions are {} times what prior and noise allow; do not trust \
+         predictions of this field: give a larger noise sd or a smaller prior sd, or let both be chosen",
+        whole(*ratio)
     )]
     Overconfident {
         /// [`FilterHealth::nis_ratio`].
@@ -278,6 +318,14 @@ pub enum PipelineWarning {
 fn times(factor: f64) -> String {
     match factor < 1e6 {
         true => format!("{factor:.3}"),
+        false => format!("{factor:.1e}"),
+    }
+}
+
+/// A factor of which decimals say nothing.
+fn whole(factor: f64) -> String {
+    match factor < 1e6 {
+        true => format!("{factor:.0}"),
         false => format!("{factor:.1e}"),
     }
 }

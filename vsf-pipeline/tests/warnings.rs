@@ -116,6 +116,61 @@ fn torques_of_the_other_kind() {
     }
 }
 
+/// The readings of the first joint, each of them changed.
+fn first_joint(right: &Sequence, change: impl Fn(f64) -> f64) -> Sequence {
+    let mut changed = right.clone();
+    let rows = changed.torques.data_mut().chunks_exact_mut(3);
+    rows.for_each(|row| row[0] = change(row[0]));
+    changed
+}
+
+#[test]
+fn sensors_that_are_stuck() {
+    for kind in [TorqueKind::External, TorqueKind::Measured] {
+        let scene = scene(kind, 0);
+        let right = touch(&scene);
+        let warnings = warned(&scene, &first_joint(&right, |_| -1.25));
+        let stuck = |w: &PipelineWarning| matches!(w, PipelineWarning::StuckReadings { joint, value, .. } if joint == "joint_1" && *value == -1.25);
+        assert!(warnings.iter().any(stuck), "{warnings:?}");
+        // Channels that were not measured are zeros, and rounded readings of small touches one value.
+        for still in [
+            first_joint(&right, |_| 0.0),
+            Sequence {
+                torques: scaled(&right.torques, 0.0),
+                ..right.clone()
+            },
+        ] {
+            let warnings = warned(&scene, &still);
+            let stuck = |w: &PipelineWarning| matches!(w, PipelineWarning::StuckReadings { .. });
+            assert!(!warnings.iter().any(stuck), "{warnings:?}");
+        }
+    }
+}
+
+#[test]
+fn sensors_that_are_saturated() {
+    let scene = scene(TorqueKind::External, 0);
+    let right = touch(&scene);
+    let (least, most) =
+        (right.torques.column(0)).fold((0f64, 0f64), |(lo, hi), v| (lo.min(v), hi.max(v)));
+    let (end, size) = match most > -least {
+        true => (most, most),
+        false => (least, -least),
+    };
+    let clipped = |w: &PipelineWarning| matches!(w, PipelineWarning::ClippedReadings { joint, value, .. } if joint == "joint_1" && *value == 0.4 * end);
+    let warnings = warned(
+        &scene,
+        &first_joint(&right, |v| v.clamp(-0.4 * size, 0.4 * size)),
+    );
+    assert!(warnings.iter().any(clipped), "{warnings:?}");
+    // Coarse steps, and touches that are held, stay at a value without an end to it.
+    for steps in [3.0, 10.0, 100.0] {
+        let step = size / steps;
+        let rounded = first_joint(&right, |v| (v / step).round() * step);
+        assert_eq!(warned(&scene, &rounded), [], "{steps}");
+    }
+}
+
 /// A payload that is not in the model weighs like the arm, but less.
 #[test]
 fn a_payload_is_no_gravity_left() {

@@ -38,17 +38,15 @@ pub(crate) struct Vector<'a> {
     failure: Option<String>,
 }
 
-/// Text without the control characters that XML forbids.
+/// Text without the control characters that XML forbids, and those that turn a line around.
 pub(crate) fn printable(text: &str) -> String {
-    text.chars()
-        .map(|c| {
-            if c.is_control() || matches!(c, '\u{FFFE}' | '\u{FFFF}') {
-                '\u{FFFD}'
-            } else {
-                c
-            }
-        })
-        .collect()
+    let forbidden = |c: char| c.is_control() || matches!(c, '\u{FFFE}' | '\u{FFFF}');
+    let turns = |c: char| matches!(c, '\u{200E}'..='\u{200F}' | '\u{2028}'..='\u{202E}' | '\u{2066}'..='\u{2069}');
+    let shown = |c: char| match forbidden(c) || turns(c) {
+        true => char::REPLACEMENT_CHARACTER,
+        false => c,
+    };
+    text.chars().map(shown).collect()
 }
 
 impl<'a> Vector<'a> {
@@ -127,5 +125,18 @@ impl Canvas for Vector<'_> {
             .backend
             .draw_text(&printable(text), &style, (units(at.0), units(at.1)));
         self.note(outcome);
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::printable;
+
+    #[test]
+    fn names_do_not_turn_lines_around() {
+        assert_eq!(
+            printable("Stab\u{1b}[2J\u{202E}b\u{2066}"),
+            "Stab\u{FFFD}[2J\u{FFFD}b\u{FFFD}"
+        );
     }
 }

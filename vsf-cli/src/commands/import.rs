@@ -110,7 +110,9 @@ pub fn run(args: &Args, console: &Console) -> anyhow::Result<()> {
 
     let mut given = args.metadata.overrides()?;
     if let Some(path) = &args.points {
-        log = log.with_points(read_points(path)?);
+        let (points, warnings) = read_points(path)?;
+        warnings.iter().for_each(|w| console.warn(w));
+        log = log.with_points(points);
     }
     if let Some(Filled { points, corners }) = filled {
         log = log.with_points(points);

@@ -1,6 +1,6 @@
 use crate::console::Console;
 use crate::derived::{derived, save};
-use crate::range::not_negative;
+use crate::range::scatter;
 use crate::recording::{Default, FieldArgs, untouched};
 use serde::Serialize;
 use std::borrow::Cow;
@@ -22,7 +22,7 @@ pub struct Args {
     #[arg(long)]
     out: PathBuf,
     /// Standard deviation of the noise added to every reading [N m or N]
-    #[arg(long, default_value_t = 0.0, allow_negative_numbers = true, value_parser = not_negative)]
+    #[arg(long, default_value_t = 0.0, allow_negative_numbers = true, value_parser = scatter)]
     noise_sd: f64,
     /// Seed of the noise: same seed, same readings
     #[arg(long, default_value_t = 0)]

@@ -1,4 +1,5 @@
 use super::{Cloud, Motion};
+use crate::console::harmless;
 use crate::html::{Script, document, escape};
 use serde::Serialize;
 use vsf::plot::stiffness_colour;
@@ -39,7 +40,7 @@ pub fn page(view: &View) -> anyhow::Result<String> {
         palette: (0..COLOURS).map(colour).collect(),
     };
     // Within a script element no text of the data may close it or open a comment.
-    let data = serde_json::to_string(&data)?.replace('<', "\\u003c");
+    let data = harmless(&serde_json::to_string(&data)?).replace('<', "\\u003c");
     let notes = [view.cloud.note(), view.motion.and_then(Motion::note)];
     let notes: String = (notes.iter().flatten())
         .map(|note| format!("<p class=\"small\">{}</p>\n", escape(note)))

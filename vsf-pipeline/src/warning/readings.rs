@@ -1,4 +1,4 @@
-use super::{PipelineWarning, Rows, malformed, outliers};
+use super::{PipelineWarning, Rows, malformed, outliers, sensors};
 use crate::readings::check_sequence;
 use crate::{Scene, Trace, motion_of, reading_unit, rigid_body_torques};
 use vsf_core::Observation;
@@ -19,7 +19,7 @@ const GRAVITY_SIZE: std::ops::RangeInclusive<f64> = 0.8..=1.25;
 const TWICE: std::ops::RangeInclusive<f64> = 1.6..=2.5;
 
 /// What looks wrong with the readings: torques of another unit, of the other sign, with gravity left in them,
-/// tare samples that are no rest. `traces` are those of `sequences`, in their order. Of
+/// sensors that are stuck or saturated, tare samples that are no rest. `traces` are those of `sequences`, in their order. Of
 /// sequences that [`Sequence::check`] refuses, with other joints than the robot's, and of traces that
 /// [`Trace::check`] refuses, only that.
 pub fn reading_warnings(
@@ -57,6 +57,7 @@ pub fn reading_warnings(
     };
     warnings.extend(tares(&|t| tare_in_contact(t, scene.tare_samples())));
     warnings.extend(tares(&|t| tare_spread(t, scene)));
+    warnings.extend(sensors::warnings(scene, sequences, traces));
     // Gravity that is left may turn readings round.
     warnings.extend(gravity_left(scene, sequences, traces).or_else(|| opposite(scene, traces)));
     warnings

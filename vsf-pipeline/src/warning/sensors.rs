@@ -1,0 +1,134 @@
+use super::PipelineWarning;
+use crate::{Scene, Trace, reading_unit};
+use vsf_data::Sequence;
+
+/// Samples in contact that say something.
+const LEAST_ROWS: usize = 6;
+/// Samples in a row that stay at one value.
+const LEAST_RUN: usize = 3;
+/// Share of the largest torques of springs by which those of a joint change where touch does.
+const LEAST_CHANGE: f64 = 0.2;
+/// Rounded readings stay at a value as well: of a joint that feels less than so many steps nothing can be said, nor
+/// of its largest reading where one step is more than this share of their range.
+const LEAST_STEPS: f64 = 4.0;
+const MOST_STEP: f64 = 0.02;
+
+/// A sequence beside the torques of springs of one stiffness, zero where nothing is touched.
+struct Touched<'a> {
+    sequence: &'a Sequence,
+    springs: Vec<Vec<f64>>,
+    contact: Vec<bool>,
+}
+
+/// Joints whose readings stay at one value while touch changes: over a sequence, or at the end of their range.
+pub fn warnings(scene: &Scene, sequences: &[&Sequence], traces: &[Trace]) -> Vec<PipelineWarning> {
+    let uniform = vec![1.0; scene.rest().len()];
+    let pairs = sequences.iter().zip(traces);
+    let touched: Vec<Touched> = pairs
+        .filter(|(sequence, trace)| sequence.len() == trace.observations.len())
+        .map(|(sequence, trace)| Touched {
+            sequence,
+            springs: (trace.observations.iter())
+                .map(|obs| {
+                    let mut springs = vec![0.0; obs.dim()];
+                    obs.apply(&uniform, &mut springs);
+                    springs
+                })
+                .collect(),
+            contact: trace.observations.iter().map(|o| !o.is_empty()).collect(),
+        })
+        .collect();
+    let joints = 0..scene.robot().joint_count();
+    let stuck = joints.clone().filter_map(|j| stuck(scene, &touched, j));
+    let clipped = joints.flat_map(|j| [1.0, -1.0].map(|side| clipped(scene, &touched, j, side)));
+    stuck.chain(clipped.flatten()).collect()
+}
+
+/// Zeros are left alone: they stand for channels that were not measured, and for joints that feel nothing.
+fn stuck(scene: &Scene, touched: &[Touched], j: usize) -> Option<PipelineWarning> {
+    let mut found = touched.iter().filter_map(|t| Some((t, t.stuck_at(j)?)));
+    let (first, value) = found.next()?;
+    let joint = &scene.robot().joints()[j];
+    Some(PipelineWarning::StuckReadings {
+        joint: joint.name().to_owned(),
+        sequence: first.sequence.id.clone(),
+        value,
+        unit: reading_unit(joint),
+        others: found.count(),
+    })
+}
+
+impl Touched<'_> {
+    fn readings(&self, j: usize) -> impl Iterator<Item = f64> + Clone {
+        self.sequence.torques.column(j)
+    }
+
+    fn stuck_at(&self, j: usize) -> Option<f64> {
+        let value = self.readings(j).next()?;
+        let is_stuck = value != 0.0 && self.readings(j).all(|v| v == value);
+        if !is_stuck || self.contact.iter().filter(|c| **c).count() < LEAST_ROWS {
+            return None;
+        }
+        let spread = |j: usize| range(self.springs.iter().map(|s| s[j]));
+        let (other, widest) = (0..self.sequence.width())
+            .map(|k| (k, spread(k)))
+            .filter(|(k, _)| range(self.readings(*k)) > 0.0)
+            .max_by(|a, b| a.1.total_cmp(&b.1))?;
+        // What its readings would change by, were the object of one stiffness, in steps of rounding.
+        let expected = range(self.readings(other)) * spread(j) / widest;
+        let steps = expected > LEAST_STEPS * step(self.readings(other));
+        (steps && spread(j) > LEAST_CHANGE * widest).then_some(value)
+    }
+}
+
+/// Flat tops of the readings, or flat bottoms, where touch goes on to change.
+fn clipped(scene: &Scene, touched: &[Touched], j: usize, side: f64) -> Option<PipelineWarning> {
+    let readings = || touched.iter().flat_map(|t| t.readings(j).map(|v| side * v));
+    let end = readings().fold(0.0, f64::max);
+    let steps = touched.iter().map(|t| step(t.readings(j)));
+    let step = steps.fold(f64::INFINITY, f64::min);
+    if end <= 0.0 || step > MOST_STEP * range(readings()) {
+        return None;
+    }
+    let springs = touched.iter().flat_map(|t| &t.springs).map(|s| s[j]);
+    let least = LEAST_CHANGE * range(springs);
+    let (mut count, mut first) = (0, None);
+    for t in touched {
+        let rows: Vec<f64> = t.readings(j).map(|v| side * v).collect();
+        let mut row = 0;
+        for run in rows.chunk_by(|a, b| a == b) {
+            let at = row..row + run.len();
+            row = at.end;
+            let changes = || range(t.springs[at.clone()].iter().map(|s| s[j])) > least;
+            if run[0] == end && run.len() >= LEAST_RUN && changes() {
+                count += run.len();
+                first = first.or(Some((t.sequence, at.start)));
+            }
+        }
+    }
+    let (sequence, row) = first.filter(|_| count >= LEAST_ROWS)?;
+    let joint = &scene.robot().joints()[j];
+    Some(PipelineWarning::ClippedReadings {
+        joint: joint.name().to_owned(),
+        count,
+        value: side * end,
+        unit: reading_unit(joint),
+        sequence: sequence.id.clone(),
+        row,
+    })
+}
+
+/// Largest less smallest, 0 without any.
+fn range(values: impl Iterator<Item = f64>) -> f64 {
+    let ends = values.fold(None, |ends: Option<(f64, f64)>, v| {
+        Some(ends.map_or((v, v), |(lo, hi)| (lo.min(v), hi.max(v))))
+    });
+    ends.map_or(0.0, |(lo, hi)| hi - lo)
+}
+
+/// Smallest change from one reading to the next: the step of those that are rounded.
+fn step(readings: impl Iterator<Item = f64> + Clone) -> f64 {
+    let changes = readings.clone().zip(readings.skip(1));
+    let sizes = changes.map(|(a, b)| (b - a).abs()).filter(|d| *d > 0.0);
+    sizes.fold(f64::INFINITY, f64::min)
+}
