@@ -212,6 +212,13 @@ fn rms(x: &[f64]) -> f64 {
     (x.iter().map(|x| x * x).sum::<f64>() / x.len().max(1) as f64).sqrt()
 }
 
+/// The nominal model and every tangent under one spread.
+struct Under {
+    nominal: f64,
+    normals: Vec<Normal>,
+    fits: Vec<Option<Fit>>,
+}
+
 /// The evidence of every tangent, at all spreads. `free` are the torques of the field that the tangents were taken
 /// at, and their changes with what else was fitted.
 ///
@@ -232,7 +239,7 @@ pub(crate) fn screen(
         .chain(free.iter().copied())
         .chain(own)
         .collect();
-    let found: Vec<(f64, Vec<(Normal, Option<Fit>)>)> = (spreads.par_iter())
+    let found: Vec<Under> = (spreads.par_iter())
         .map(|spread| {
             let factor = fitted.parts.factor(spread)?;
             let mut all = Mat::from_fn(rest.len(), columns.len(), |i, k| columns[k][i]);
@@ -242,7 +249,7 @@ pub(crate) fn screen(
             let squares: f64 = y.iter().map(|y| y * y).sum();
             let nominal = -0.5 * (factor.log_det() + squares);
             let mut next = 1 + free.len();
-            let fits = (tangents.iter())
+            let (normals, fits) = (tangents.iter())
                 .map(|t| {
                     let own = next..next + t.columns.len();
                     next = own.end;
@@ -251,15 +258,19 @@ pub(crate) fn screen(
                     let fit = normal.fit(&t.sd, &t.bounds);
                     (normal, fit)
                 })
-                .collect();
-            Ok((nominal, fits))
+                .unzip();
+            Ok(Under {
+                nominal,
+                normals,
+                fits,
+            })
         })
         .collect::<Result<_, GapError>>()?;
-    let nominal: Vec<f64> = found.iter().map(|(n, _)| *n).collect();
+    let nominal: Vec<f64> = found.iter().map(|f| f.nominal).collect();
     let plain = best_of(&nominal);
     let candidates = (0..tangents.len())
         .filter_map(|k| {
-            let fit = |i: usize| found[i].1[k].1.as_ref();
+            let fit = |i: usize| found[i].fits[k].as_ref();
             let at = |i: usize| {
                 let gain = fit(i).map_or(f64::NEG_INFINITY, |f| f.gain);
                 nominal[i] + gain - tangents[k].choice
@@ -271,7 +282,7 @@ pub(crate) fn screen(
                 log_evidence: log_mean_exp(&all),
                 spread: spreads[best],
                 fit: fit(best)?.clone(),
-                normal: found[plain].1[k].0.clone(),
+                normal: found[plain].normals[k].clone(),
             })
         })
         .collect();
