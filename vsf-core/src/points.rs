@@ -5,6 +5,8 @@ use nalgebra::{Point3, Vector3};
 const POINTS_PER_CELL: f64 = 8.0;
 /// Of so many points one may lie far off on either side, along every axis, without a part in the grid.
 const POINTS_PER_STRAY: usize = 100;
+/// No more on each side, since strays are looked at one by one.
+const MOST_STRAYS: usize = 64;
 
 /// The rest positions `p_i` of a stiffness field (m, world frame), with a uniform grid over them
 /// for range queries, and a tree of [`Block`](crate::Block)s over its cells. Few points that lie far from
@@ -165,8 +167,8 @@ impl RestPoints {
         &self.positions
     }
 
-    /// Indices of points that lie far from all others, increasing: beyond the box of the middle 98 % along
-    /// an axis by more than its longest edge. No cell and no [`Block`](crate::Block) holds them.
+    /// Indices of points that lie far from all others, increasing, 384 at most: beyond the box of the middle ones
+    /// (all but 1 %, and but 64, on each side along every axis) by more than its longest edge. No cell and no [`Block`](crate::Block) holds them.
     pub fn strays(&self) -> &[u32] {
         &self.strays
     }
@@ -216,7 +218,7 @@ impl RestPoints {
     }
 
     /// Visits the non-empty cells that overlap the box `[lo, hi]`, in a fixed order, each stray in it as a cell
-    /// of its own; cost follows the number of cells in the box.
+    /// of its own; cost follows the number of cells in the box, and of strays.
     pub fn for_cells_in<'a>(
         &'a self,
         lo: &Point3<f64>,
@@ -280,7 +282,7 @@ fn bounds<'a>(points: impl IntoIterator<Item = &'a Point3<f64>>) -> (Point3<f64>
 /// its longest edge on all sides.
 fn bulk(points: &[Point3<f64>]) -> (Point3<f64>, Point3<f64>) {
     let (mut lower, mut upper) = bounds(points);
-    let few = points.len() / POINTS_PER_STRAY;
+    let few = (points.len() / POINTS_PER_STRAY).min(MOST_STRAYS);
     if few > 0 {
         for k in 0..3 {
             let mut along: Vec<f64> = points.iter().map(|p| p[k]).collect();

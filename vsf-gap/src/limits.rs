@@ -1,17 +1,20 @@
 //! How large effects have to be for a recording to show them.
 
 use crate::evidence::Normal;
-use crate::screen::{Screened, Tangent};
+use crate::screen::{Screening, Tangent, log_mean_exp};
 use crate::{Effect, Site};
 use nalgebra::DMatrix;
 use serde::{Deserialize, Serialize};
 
 /// Standard normal quantile of the probability with which an effect of the stated size shows, 80 %.
 const POWER: f64 = 0.8416;
+/// Halvings of the interval in which a size is looked for.
+const HALVINGS: usize = 60;
 
-/// The smallest size of a parameter that a recording shows: its effect, with this parameter alone, would be named with
-/// a probability of 80 %. To first order in the parameter, beside a field that takes what it can, and beside what the
-/// nominal model leaves unexplained: where a gap is, limits are those of a further effect that comes with it.
+/// The smallest size of a parameter that a recording shows: with this parameter alone the effect would gain what it
+/// needs to be named, with a probability of 80 %. To first order in the parameter, of effects whose form is right,
+/// beside a field that takes what it can and beside what the nominal model leaves unexplained: smaller ones stay out of
+/// sight; larger ones may, if other effects imitate them or springs err by as much, as they do in contact.
 ///
 /// The minimal detectable bias of W. Baarda, "A testing procedure for use in geodetic networks", 1968, with the
 /// evidence that an effect needs here in place of the critical value of a test.
@@ -19,74 +22,110 @@ const POWER: f64 = 0.8416;
 pub struct Limit {
     /// Name of the parameter.
     pub name: String,
-    /// Its smallest size that shows, of either sign; `null` where no plausible one does.
+    /// Its smallest size that shows, of a sign that it may have; `null` where no plausible one does.
     pub value: Option<f64>,
     /// Its unit.
     pub unit: String,
 }
 
 /// The limits of the amplitudes of an effect that has to gain `needed` nats, the parameter that shows best first: as
-/// a multiple of its typical size.
+/// a multiple of its typical size. Of a more general form, those that its special case has not.
 pub(crate) fn limits(
     effect: &dyn Effect,
     site: &Site,
     tangents: &[Tangent],
-    screened: &[Screened],
+    screening: &Screening,
     needed: f64,
 ) -> Vec<Limit> {
+    let special = (tangents.iter()).find(|t| Some(t.effect.name()) == effect.extends());
+    let special = special.map_or_else(Vec::new, |t| t.effect.parameters(site));
     let parameters = effect.parameters(site);
-    let mut least = vec![f64::INFINITY; parameters.len()];
-    for s in screened {
-        let tangent = &tangents[s.tangent];
-        if tangent.effect.name() == effect.name() {
-            let sizes = sizes(&s.normal, &tangent.sd, needed + tangent.choice);
-            for (&i, size) in tangent.amplitudes.iter().zip(sizes) {
-                least[i] = least[i].min(size);
+    let mut least: Vec<Option<f64>> = vec![None; parameters.len()];
+    for (tangent, normals) in tangents.iter().zip(&screening.normals) {
+        if tangent.effect.name() != effect.name() {
+            continue;
+        }
+        for (k, &i) in tangent.amplitudes.iter().enumerate() {
+            if special.iter().any(|p| p.name == parameters[i].name) {
+                continue;
+            }
+            let needed = needed + tangent.choice;
+            if let Some(size) = size(&screening.nominal, normals, &tangent.sd, k, needed) {
+                least[i] = Some(least[i].map_or(size, |other| other.min(size)));
             }
         }
     }
-    let acting = |i: &usize| tangents_of(effect, tangents).any(|t| t.amplitudes.contains(i));
-    let mut found: Vec<usize> = (0..parameters.len()).filter(acting).collect();
-    let in_scales = |i: &usize| least[*i] / parameters[*i].scale;
-    found.sort_by(|a, b| in_scales(a).total_cmp(&in_scales(b)));
-    (found.into_iter())
-        .map(|i| {
-            let p = &parameters[i];
+    let mut found: Vec<(f64, Limit)> = (parameters.into_iter().zip(least))
+        .filter_map(|(p, least)| {
             let most = p.bounds.iter().fold(0.0_f64, |most, b| most.max(b.abs()));
-            Limit {
-                name: p.name.clone(),
-                value: Some(least[i]).filter(|size| *size <= most),
-                unit: p.unit.to_owned(),
-            }
+            let value = Some(least?).filter(|size| *size <= most);
+            let in_scales = value.map_or(f64::INFINITY, |size| size / p.scale);
+            let (name, unit) = (p.name, p.unit.to_owned());
+            Some((in_scales, Limit { name, value, unit }))
         })
-        .collect()
+        .collect();
+    found.sort_by(|a, b| a.0.total_cmp(&b.0));
+    found.into_iter().map(|(_, limit)| limit).collect()
 }
 
-fn tangents_of<'t>(
-    effect: &dyn Effect,
-    tangents: &'t [Tangent],
-) -> impl Iterator<Item = &'t Tangent> {
-    let name = effect.name().to_owned();
-    tangents.iter().filter(move |t| t.effect.name() == name)
+/// What an amplitude tells under one spread.
+struct Shown {
+    /// Information on it.
+    whole: f64,
+    /// The part that the effect explains, the prior of its amplitudes being what it is: see [`Normal::fit`].
+    explained: f64,
+    /// What integrating out the amplitudes costs (nats).
+    cost: f64,
 }
 
-/// The size of each amplitude, alone, at which the evidence grows by `needed` nats: infinite for those that change
-/// nothing. The gain is that of [`Normal::fit`] for readings that are the effect itself.
-fn sizes(normal: &Normal, sd: &[f64], needed: f64) -> Vec<f64> {
-    let p = sd.len();
-    let information = &normal.information;
-    // In units of the prior's deviations.
-    let scaled = DMatrix::from_fn(p, p, |i, j| sd[i] * sd[j] * information[(i, j)]);
-    let Some(factor) = (&scaled + DMatrix::identity(p, p)).cholesky() else {
-        return vec![f64::INFINITY; p];
+/// The size of amplitude `k` alone at which the evidence grows by `needed` nats; infinite for one that changes nothing,
+/// `None` where numbers do not tell. `nominal` and `normals` are the log evidence of the nominal model and
+/// the information on the amplitudes at every spread: what acts makes rougher models likelier, with and without the effect.
+fn size(nominal: &[f64], normals: &[Normal], sd: &[f64], k: usize, needed: f64) -> Option<f64> {
+    let shown = |normal: &Normal| {
+        let p = sd.len();
+        // In units of the prior's deviations.
+        let scaled = DMatrix::from_fn(p, p, |i, j| sd[i] * sd[j] * normal.information[(i, j)]);
+        let factor = (&scaled + DMatrix::identity(p, p)).cholesky()?;
+        let explained = (scaled.row(k) * factor.solve(&scaled.column(k).into_owned()))[0];
+        Some(Shown {
+            whole: scaled[(k, k)],
+            explained: explained.min(scaled[(k, k)]),
+            cost: 0.5 * normal.log_det(sd),
+        })
     };
-    let shown = &scaled * factor.solve(&scaled);
-    let needed = (2.0 * needed + normal.log_det(sd)).max(0.0).sqrt() + POWER;
-    let size = |i: usize| match shown[(i, i)] {
-        shown if shown > 0.0 => needed * sd[i] / shown.sqrt(),
-        _ => f64::INFINITY,
+    let all: Vec<Shown> = normals.iter().map(shown).collect::<Option<_>>()?;
+    // Of an amplitude of so many prior deviations.
+    let gain = |amplitude: f64| {
+        let square = 0.5 * amplitude * amplitude;
+        let each = |of: &dyn Fn(&Shown) -> f64| -> Vec<f64> {
+            let pairs = nominal.iter().zip(&all);
+            pairs.map(|(nominal, s)| nominal - of(s)).collect()
+        };
+        let with = each(&|s| square * (s.whole - s.explained) + s.cost);
+        let without = each(&|s| square * s.whole);
+        log_mean_exp(&with) - log_mean_exp(&without)
     };
-    (0..p).map(size).collect()
+    let explained = all.iter().map(|s| s.explained).fold(0.0, f64::max);
+    if explained <= 0.0 {
+        return Some(f64::INFINITY);
+    }
+    let deviation = 1.0 / explained.sqrt();
+    let (mut low, mut high) = (0.0, deviation);
+    while gain(high) < needed {
+        (low, high) = (high, 2.0 * high);
+        if !gain(high).is_finite() {
+            return None;
+        }
+    }
+    for _ in 0..HALVINGS {
+        let middle = 0.5 * (low + high);
+        match gain(middle) < needed {
+            true => low = middle,
+            false => high = middle,
+        }
+    }
+    Some(sd[k] * (high + POWER * deviation))
 }
 
 #[cfg(test)]
@@ -100,13 +139,14 @@ mod tests {
         let white = [1.0 / noise; 10];
         let normal = Normal::new(&[0.0; 10], &[&white]);
         let (sd, needed) = (50.0, 12.0);
-        let found = sizes(&normal, &[sd], needed);
+        let found = size(&[-3.0], std::slice::from_ref(&normal), &[sd], 0, needed);
         let deviation = noise / 10f64.sqrt();
         let cost = (sd / deviation).powi(2).ln_1p();
         let expected = deviation * ((2.0 * needed + cost).sqrt() + POWER);
-        assert!((found[0] / expected - 1.0).abs() < 1e-4, "{found:?}");
+        let found = found.unwrap_or(0.0);
+        assert!((found / expected - 1.0).abs() < 1e-4, "{found} {expected}");
         // At that size less the power's share, the evidence grows by what is needed.
-        let size = found[0] - POWER * deviation;
+        let size = found - POWER * deviation;
         let readings = white.map(|w| size * w);
         let gain = Normal::new(&readings, &[&white])
             .fit(&[sd], &[[-100.0, 100.0]])
@@ -114,11 +154,25 @@ mod tests {
         assert!((gain / needed - 1.0).abs() < 1e-3, "{gain}");
     }
 
+    /// A rougher model that is as likely without the effect explains some of it.
+    #[test]
+    fn roughness_hides_effects() {
+        let normal = |noise: f64| Normal::new(&[0.0; 10], &[&[1.0 / noise; 10]]);
+        let of = |normals: &[Normal], nominal: &[f64]| size(nominal, normals, &[5.0], 0, 12.0);
+        let smooth = of(&[normal(0.1)], &[0.0]);
+        let rough = of(&[normal(0.2)], &[0.0]);
+        let either = of(&[normal(0.1), normal(0.2)], &[0.0, 0.0]);
+        assert!(
+            smooth < either && either < rough,
+            "{smooth:?} {either:?} {rough:?}"
+        );
+    }
+
     #[test]
     fn what_changes_nothing_never_shows() {
         let normal = Normal::new(&[1.0, 2.0], &[&[0.0, 0.0], &[1.0, 1.0]]);
-        let found = sizes(&normal, &[1.0, 1.0], 1.0);
-        assert_eq!(found[0], f64::INFINITY);
-        assert!(found[1].is_finite());
+        let of = |k| size(&[0.0], std::slice::from_ref(&normal), &[1.0, 1.0], k, 1.0);
+        assert_eq!(of(0), Some(f64::INFINITY));
+        assert!(of(1).is_some_and(f64::is_finite));
     }
 }

@@ -41,14 +41,14 @@ pub(crate) struct Screened {
     pub(crate) spread: Spread,
     /// The fit there.
     pub(crate) fit: Fit,
-    /// What the readings tell of the amplitudes under the spread that suits the nominal model best.
-    pub(crate) normal: Normal,
 }
 
 /// Evidence of the nominal model and of every candidate.
 pub(crate) struct Screening {
     /// Log evidence of the nominal model at each spread.
     pub(crate) nominal: Vec<f64>,
+    /// What the readings tell of the amplitudes of every tangent at each spread.
+    pub(crate) normals: Vec<Vec<Normal>>,
     /// The candidates, in the order of the tangents.
     pub(crate) candidates: Vec<Screened>,
 }
@@ -267,7 +267,6 @@ pub(crate) fn screen(
         })
         .collect::<Result<_, GapError>>()?;
     let nominal: Vec<f64> = found.iter().map(|f| f.nominal).collect();
-    let plain = best_of(&nominal);
     let candidates = (0..tangents.len())
         .filter_map(|k| {
             let fit = |i: usize| found[i].fits[k].as_ref();
@@ -282,12 +281,15 @@ pub(crate) fn screen(
                 log_evidence: log_mean_exp(&all),
                 spread: spreads[best],
                 fit: fit(best)?.clone(),
-                normal: found[plain].normals[k].clone(),
             })
         })
         .collect();
+    let normals = (0..tangents.len())
+        .map(|k| found.iter().map(|f| f.normals[k].clone()).collect())
+        .collect();
     Ok(Screening {
         nominal,
+        normals,
         candidates,
     })
 }

@@ -237,8 +237,8 @@ impl Campaign {
         let spread = spreads[best_of(&without)];
         let limits = (candidates.iter().map(|c| c.effect.as_ref()))
             .map(|effect| {
-                let needed = named_from(effect, spread.contact);
-                let found = limits(effect, &self.site, &tangents, &screening.candidates, needed);
+                let needed = named_from(effect, spread.contact, nominal.touches());
+                let found = limits(effect, &self.site, &tangents, &screening, needed);
                 (effect.name().to_owned(), found)
             })
             .collect();

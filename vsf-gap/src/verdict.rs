@@ -153,9 +153,20 @@ pub(crate) fn threshold(effect: &dyn Effect, rough: f64) -> f64 {
     times * effect.null_gain()
 }
 
-/// The gain from which on an effect that fits alone is likelier than no gap.
-pub(crate) fn named_from(effect: &dyn Effect, rough: f64) -> f64 {
-    threshold(effect, rough) + TEMPERATURE * NO_GAP.ln()
+/// Weight of effects that do not show, beside one for every effect.
+fn hidden(touches: bool, rough: f64) -> f64 {
+    match (touches, rough >= UNSURE) {
+        (true, true) => HIDDEN * NO_GAP,
+        (true, false) => ABSORBED * NO_GAP,
+        (false, _) => 0.0,
+    }
+}
+
+/// The gain from which on an effect that alone fits is named.
+pub(crate) fn named_from(effect: &dyn Effect, rough: f64, touches: bool) -> f64 {
+    let against = NO_GAP + hidden(touches, rough);
+    let weight = NO_GAP.max(NAMED / (1.0 - NAMED) * against);
+    threshold(effect, rough) + TEMPERATURE * weight.ln()
 }
 
 /// How the nominal model does.
@@ -227,11 +238,7 @@ pub(crate) fn judge(hypotheses: &[Hypothesis<'_>], nominal: &Nominal) -> Judged 
     let top = hypotheses.iter().map(weight).fold(0.0_f64, f64::max);
     let weights: Vec<f64> = hypotheses.iter().map(|h| (weight(h) - top).exp()).collect();
     let none = NO_GAP * (-top).exp();
-    let unseen = match (nominal.touches, nominal.spread.contact >= UNSURE) {
-        (true, true) => HIDDEN * none,
-        (true, false) => ABSORBED * none,
-        (false, _) => 0.0,
-    };
+    let unseen = hidden(nominal.touches, nominal.spread.contact) * (-top).exp();
     let total = none + unseen + weights.iter().sum::<f64>();
     let mut probabilities: Vec<(String, f64)> = Vec::new();
     for (h, w) in hypotheses.iter().zip(&weights) {

@@ -120,10 +120,15 @@ fn handfuls_of_samples_and_arms_that_rest_tell_nothing() {
 /// A planar arm of three joints that swings in free air; `felt` makes the readings of the actuators (N m) of what it
 /// takes to move it and of the velocities (rad/s). Noise of 0.02 N m.
 fn swinging(felt: impl Fn([f64; 3], [f64; 3]) -> [f64; 3]) -> Campaign {
+    swinging_with_noise(7, felt)
+}
+
+/// The same with other noise.
+fn swinging_with_noise(seed: u64, felt: impl Fn([f64; 3], [f64; 3]) -> [f64; 3]) -> Campaign {
     let robot = vsf_robots::planar_arm(3, 0.3, 0.03).unwrap();
     let mut workspace = robot.dynamics_workspace();
     let gravity = nalgebra::Vector3::new(0.0, 0.0, -common::GRAVITY);
-    let mut rng = Pcg64Mcg::seed_from_u64(7);
+    let mut rng = Pcg64Mcg::seed_from_u64(seed);
     let mut sequence = |s: u32| -> Rows {
         let mut row = |k: u32| {
             let t = f64::from(k) / RATE;
@@ -273,6 +278,25 @@ fn effects_show_from_the_stated_size_on() {
             assert_eq!(d.verdict.effects, expected, "{times} {size:?}");
         }
     }
+}
+
+/// At that size, 4 times of 5.
+#[test]
+fn effects_of_the_stated_size_are_named_most_of_the_time() {
+    let bias = effects::named(&["torque_bias"]).unwrap();
+    let diagnosed = |seed: u64, by: f64| {
+        let campaign = swinging_with_noise(seed, |tau, _| [tau[0], tau[1] + by, tau[2]]);
+        let outcome = diagnose(&campaign, "case", &bias, 0, |_| {}).unwrap();
+        outcome.diagnosis
+    };
+    let named: Vec<bool> = (100..112)
+        .map(|seed| {
+            let size = shows_from(&diagnosed(seed, 0.0), "torque_bias", "b_2");
+            !diagnosed(seed, size).verdict.effects.is_empty()
+        })
+        .collect();
+    let count = named.iter().filter(|n| **n).count();
+    assert!((8..=12).contains(&count), "{named:?}");
 }
 
 /// Beside a field, too.

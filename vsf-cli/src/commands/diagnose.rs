@@ -28,8 +28,8 @@ JSON keys: schema, dataset, gap (test_error_nominal, test_error_corrected, noise
 the squared errors beyond noise, closed_interval, unit, corrected_by), where (joint, phase, link, sequence and frequency, each a list of its own key, share,
 interval and excess; region: center, radius, share), effects (effect, summary, probability, score, parameters (name,
 value, std, unit), joints, test_error, closed_fraction, absorbed_share, ambiguous_with, shows_from
-(name, value: the smallest size of the parameter at which the effect would be named 4 times of 5, null where no
-plausible one shows, unit; the parameter that shows best first), testable, reason), verdict (effects, kind: effects, no_gap, unknown or not_diagnosable, probability, effect_set_95),
+(name, value: the size of the parameter below which the effect would not show, null where no plausible one
+does, unit; the parameter that shows best first), testable, reason), verdict (effects, kind: effects, no_gap, unknown or not_diagnosable, probability, effect_set_95),
 next_experiment (action, why), notes.")]
 pub struct Args {
     /// Names of the effects that may act; the whole catalogue by default

@@ -2,8 +2,8 @@ use crate::console::number;
 use vsf::gap::{Diagnosis, EffectReport, Kind, Limit, Of};
 
 /// Headings of what would show, and of what would not.
-pub const SHOWS_FROM: &str = "would have shown from this size on (the parameter that shows best; 4 times of 5, if its form is right)";
-pub const HIDDEN: &str = "would not show here at any plausible size";
+pub const SHOWS_FROM: &str = "would not have shown below this size (the parameter that shows best, to first order; in contact it takes more)";
+pub const HIDDEN: &str = "would not have shown at any plausible size, to first order";
 
 /// Test errors beyond so many noise floors are explained to the reader.
 const ROUGH: f64 = 3.0;
