@@ -39,24 +39,27 @@ fn browser() -> Option<String> {
     names.into_iter().find(runs)
 }
 
+/// A browser without a screen, with a window of this size.
+fn headless(browser: &str, (width, height): (u32, u32)) -> Command {
+    let mut command = Command::new(browser);
+    command
+        .args(["--headless", "--no-sandbox", "--disable-gpu"])
+        .args(["--hide-scrollbars", "--virtual-time-budget=4000"])
+        .arg(format!("--window-size={width},{height}"));
+    command
+}
+
 /// A screenshot, as rows of pixels.
 struct Shot(Vec<Vec<[u8; 3]>>);
 
 impl Shot {
     /// Of a page in a window of this size, and what the console says.
-    fn of(browser: &str, page: &Path, (width, height): (u32, u32)) -> (Self, String) {
+    fn of(browser: &str, page: &Path, window: (u32, u32)) -> (Self, String) {
         let profile = tempfile::tempdir().unwrap();
         let shot = profile.path().join("shot.png");
-        let out = Command::new(browser)
-            .args([
-                "--headless",
-                "--no-sandbox",
-                "--disable-gpu",
-                "--hide-scrollbars",
-            ])
-            .args(["--enable-logging=stderr", "--virtual-time-budget=4000"])
+        let out = headless(browser, window)
+            .arg("--enable-logging=stderr")
             .arg(format!("--user-data-dir={}", profile.path().display()))
-            .arg(format!("--window-size={width},{height}"))
             .arg(format!("--screenshot={}", shot.display()))
             .arg(format!("file://{}", page.display()))
             .output()
@@ -68,9 +71,9 @@ impl Shot {
             .unwrap();
         let mut pixels = vec![0; reader.output_buffer_size().unwrap()];
         let info = reader.next_frame(&mut pixels).unwrap();
-        assert_eq!((info.width, info.height), (width, height));
+        assert_eq!((info.width, info.height), window);
         let samples = info.color_type.samples();
-        let rows = pixels.chunks_exact(width as usize * samples);
+        let rows = pixels.chunks_exact(window.0 as usize * samples);
         let row = |r: &[u8]| {
             r.chunks_exact(samples)
                 .map(|p| [p[0], p[1], p[2]])
@@ -93,7 +96,7 @@ fn measured(
     browser: &str,
     bench: &Bench,
     page: &str,
-    (width, height): (u32, u32),
+    window: (u32, u32),
     numbers: &str,
 ) -> (f64, f64) {
     let script = format!("<script>document.title = {numbers}.join(' ')</script></body>");
@@ -103,15 +106,8 @@ fn measured(
         .unwrap()
         .replace("http-equiv", "name");
     fs::write(&page, free).unwrap();
-    let out = Command::new(browser)
-        .args([
-            "--headless",
-            "--no-sandbox",
-            "--disable-gpu",
-            "--hide-scrollbars",
-        ])
-        .args(["--virtual-time-budget=4000", "--dump-dom"])
-        .arg(format!("--window-size={width},{height}"))
+    let out = headless(browser, window)
+        .arg("--dump-dom")
         .arg(format!("file://{}", page.display()))
         .output()
         .unwrap();

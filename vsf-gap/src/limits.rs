@@ -41,16 +41,24 @@ pub(crate) fn limits(
     let special = special.map_or_else(Vec::new, |t| t.effect.parameters(site));
     let parameters = effect.parameters(site);
     let mut least: Vec<Option<f64>> = vec![None; parameters.len()];
-    for (tangent, normals) in tangents.iter().zip(&screening.normals) {
+    for (t, tangent) in tangents.iter().enumerate() {
         if tangent.effect.name() != effect.name() {
             continue;
         }
+        let normals = screening.normals.iter().map(|of_all| &of_all[t]);
+        let Some(shown) = normals
+            .map(|n| shown(n, &tangent.sd))
+            .collect::<Option<Vec<_>>>()
+        else {
+            continue;
+        };
         for (k, &i) in tangent.amplitudes.iter().enumerate() {
             if special.iter().any(|p| p.name == parameters[i].name) {
                 continue;
             }
             let needed = needed + tangent.choice;
-            if let Some(size) = size(&screening.nominal, normals, &tangent.sd, k, needed) {
+            if let Some(size) = size(&screening.nominal, &shown, k, needed) {
+                let size = tangent.sd[k] * size;
                 least[i] = Some(least[i].map_or(size, |other| other.min(size)));
             }
         }
@@ -68,45 +76,48 @@ pub(crate) fn limits(
     found.into_iter().map(|(_, limit)| limit).collect()
 }
 
-/// What an amplitude tells under one spread.
+/// What the amplitudes of a tangent, in units of their prior deviations, tell under one spread.
 struct Shown {
-    /// Information on it.
-    whole: f64,
+    /// Information on each.
+    whole: Vec<f64>,
     /// The part that the effect explains, the prior of its amplitudes being what it is: see [`Normal::fit`].
-    explained: f64,
+    explained: Vec<f64>,
     /// What integrating out the amplitudes costs (nats).
     cost: f64,
 }
 
-/// The size of amplitude `k` alone at which the evidence grows by `needed` nats; infinite for one that changes nothing,
-/// `None` where numbers do not tell. `nominal` and `normals` are the log evidence of the nominal model and
-/// the information on the amplitudes at every spread: what acts makes rougher models likelier, with and without the effect.
-fn size(nominal: &[f64], normals: &[Normal], sd: &[f64], k: usize, needed: f64) -> Option<f64> {
-    let shown = |normal: &Normal| {
-        let p = sd.len();
-        // In units of the prior's deviations.
-        let scaled = DMatrix::from_fn(p, p, |i, j| sd[i] * sd[j] * normal.information[(i, j)]);
-        let factor = (&scaled + DMatrix::identity(p, p)).cholesky()?;
-        let explained = (scaled.row(k) * factor.solve(&scaled.column(k).into_owned()))[0];
-        Some(Shown {
-            whole: scaled[(k, k)],
-            explained: explained.min(scaled[(k, k)]),
-            cost: 0.5 * normal.log_det(sd),
-        })
-    };
-    let all: Vec<Shown> = normals.iter().map(shown).collect::<Option<_>>()?;
-    // Of an amplitude of so many prior deviations.
+/// `None` where numbers do not tell.
+fn shown(normal: &Normal, sd: &[f64]) -> Option<Shown> {
+    let p = sd.len();
+    let scaled = DMatrix::from_fn(p, p, |i, j| sd[i] * sd[j] * normal.information[(i, j)]);
+    let solved = (&scaled + DMatrix::identity(p, p))
+        .cholesky()?
+        .solve(&scaled);
+    let whole: Vec<f64> = scaled.diagonal().iter().copied().collect();
+    let explained = |k: usize| scaled.column(k).dot(&solved.column(k)).min(whole[k]);
+    Some(Shown {
+        explained: (0..p).map(explained).collect(),
+        cost: 0.5 * normal.log_det(sd),
+        whole,
+    })
+}
+
+/// The size of amplitude `k` alone, in its prior deviations, at which the evidence grows by `needed` nats; infinite for
+/// one that changes nothing, `None` where numbers do not tell. `nominal` and `all` are the log evidence of the nominal
+/// model and what the amplitudes tell at every spread: what acts makes rougher models likelier, with and without the
+/// effect.
+fn size(nominal: &[f64], all: &[Shown], k: usize, needed: f64) -> Option<f64> {
     let gain = |amplitude: f64| {
         let square = 0.5 * amplitude * amplitude;
         let each = |of: &dyn Fn(&Shown) -> f64| -> Vec<f64> {
-            let pairs = nominal.iter().zip(&all);
+            let pairs = nominal.iter().zip(all);
             pairs.map(|(nominal, s)| nominal - of(s)).collect()
         };
-        let with = each(&|s| square * (s.whole - s.explained) + s.cost);
-        let without = each(&|s| square * s.whole);
+        let with = each(&|s| square * (s.whole[k] - s.explained[k]) + s.cost);
+        let without = each(&|s| square * s.whole[k]);
         log_mean_exp(&with) - log_mean_exp(&without)
     };
-    let explained = all.iter().map(|s| s.explained).fold(0.0, f64::max);
+    let explained = all.iter().map(|s| s.explained[k]).fold(0.0, f64::max);
     if explained <= 0.0 {
         return Some(f64::INFINITY);
     }
@@ -125,12 +136,24 @@ fn size(nominal: &[f64], normals: &[Normal], sd: &[f64], k: usize, needed: f64) 
             false => high = middle,
         }
     }
-    Some(sd[k] * (high + POWER * deviation))
+    Some(high + POWER * deviation)
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    /// That of an amplitude in its own unit.
+    fn size_of(
+        nominal: &[f64],
+        normals: &[Normal],
+        sd: &[f64],
+        k: usize,
+        needed: f64,
+    ) -> Option<f64> {
+        let all: Option<Vec<Shown>> = normals.iter().map(|n| shown(n, sd)).collect();
+        Some(sd[k] * size(nominal, &all?, k, needed)?)
+    }
 
     /// One column of ten readings with white noise of deviation 0.1: the closed form.
     #[test]
@@ -139,7 +162,7 @@ mod tests {
         let white = [1.0 / noise; 10];
         let normal = Normal::new(&[0.0; 10], &[&white]);
         let (sd, needed) = (50.0, 12.0);
-        let found = size(&[-3.0], std::slice::from_ref(&normal), &[sd], 0, needed);
+        let found = size_of(&[-3.0], std::slice::from_ref(&normal), &[sd], 0, needed);
         let deviation = noise / 10f64.sqrt();
         let cost = (sd / deviation).powi(2).ln_1p();
         let expected = deviation * ((2.0 * needed + cost).sqrt() + POWER);
@@ -158,7 +181,7 @@ mod tests {
     #[test]
     fn roughness_hides_effects() {
         let normal = |noise: f64| Normal::new(&[0.0; 10], &[&[1.0 / noise; 10]]);
-        let of = |normals: &[Normal], nominal: &[f64]| size(nominal, normals, &[5.0], 0, 12.0);
+        let of = |normals: &[Normal], nominal: &[f64]| size_of(nominal, normals, &[5.0], 0, 12.0);
         let smooth = of(&[normal(0.1)], &[0.0]);
         let rough = of(&[normal(0.2)], &[0.0]);
         let either = of(&[normal(0.1), normal(0.2)], &[0.0, 0.0]);
@@ -171,7 +194,7 @@ mod tests {
     #[test]
     fn what_changes_nothing_never_shows() {
         let normal = Normal::new(&[1.0, 2.0], &[&[0.0, 0.0], &[1.0, 1.0]]);
-        let of = |k| size(&[0.0], std::slice::from_ref(&normal), &[1.0, 1.0], k, 1.0);
+        let of = |k| size_of(&[0.0], std::slice::from_ref(&normal), &[1.0, 1.0], k, 1.0);
         assert_eq!(of(0), Some(f64::INFINITY));
         assert!(of(1).is_some_and(f64::is_finite));
     }

@@ -47,7 +47,7 @@ pub(crate) struct Screened {
 pub(crate) struct Screening {
     /// Log evidence of the nominal model at each spread.
     pub(crate) nominal: Vec<f64>,
-    /// What the readings tell of the amplitudes of every tangent at each spread.
+    /// What the readings tell at each spread of the amplitudes of every tangent.
     pub(crate) normals: Vec<Vec<Normal>>,
     /// The candidates, in the order of the tangents.
     pub(crate) candidates: Vec<Screened>,
@@ -284,9 +284,7 @@ pub(crate) fn screen(
             })
         })
         .collect();
-    let normals = (0..tangents.len())
-        .map(|k| found.iter().map(|f| f.normals[k].clone()).collect())
-        .collect();
+    let normals = found.into_iter().map(|f| f.normals).collect();
     Ok(Screening {
         nominal,
         normals,
