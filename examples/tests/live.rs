@@ -161,6 +161,26 @@ fn late_repeated_and_missing_samples() {
 }
 
 #[test]
+fn a_slow_stream_is_one_touch() {
+    let options = Options {
+        rate_hz: 5.0,
+        ..PATIENT
+    };
+    // One sample is missing, then three.
+    let text: String = [0, 1, 2, 4, 5, 9]
+        .map(|k| {
+            sample(k).1.replace(
+                &format!("\"t\": {}", sample(k).0.t),
+                &format!("\"t\": {}", 0.2 * f64::from(k)),
+            )
+        })
+        .concat();
+    let (node, ..) = stream(text.as_bytes(), options);
+    let counts = node.counts();
+    assert_eq!((counts.used, counts.missing, counts.gaps), (6, 4, 1));
+}
+
+#[test]
 fn bad_lines_are_refused_by_number_and_change_nothing() {
     let good = |k: u32| sample(k).1;
     let long = "1".repeat(3 * MAX_LINE) + "\n";

@@ -17,7 +17,7 @@ pub struct Options {
     /// Summaries a second; default 10.
     pub publish_hz: f64,
     /// After a longer gap contacts are forgotten \[s\], since the path in between is not known;
-    /// default 0.1.
+    /// default 0.1. A single missing sample is no gap, however slow the stream.
     pub max_gap: f64,
     /// A sample this much older than the last is of a clock that was set anew, not late \[s\];
     /// default 1.
@@ -158,6 +158,10 @@ impl Node {
                 });
             }
         }
+        let options = Options {
+            max_gap: max_gap.max(2.5 / rate_hz),
+            ..options
+        };
         Ok(Self {
             posture: robot.posture(),
             touched: vec![false; session.rest().len()],
