@@ -271,10 +271,13 @@ impl<T: Scalar> Observation<T> {
         }
     }
 
-    /// Bytes held by points, rows and reading.
+    /// Memory of a copy (bytes): the structure itself, points, rows, reading and noise, without what the allocator
+    /// adds.
     pub fn bytes(&self) -> usize {
-        self.points.len() * size_of::<u32>()
+        size_of::<Self>()
+            + self.points.len() * size_of::<u32>()
             + (self.rows.len() + self.reading.len()) * size_of::<T>()
             + size_of_val(self.noise.covariance())
+            + size_of_val(self.column.as_slice())
     }
 }

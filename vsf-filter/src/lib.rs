@@ -69,6 +69,7 @@ mod batch;
 mod dense;
 mod diagonal;
 mod kernel;
+mod key_heap;
 mod lanes;
 mod limit;
 mod prior;

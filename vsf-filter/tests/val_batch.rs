@@ -8,6 +8,7 @@ use clarabel::solver::{
 };
 use nalgebra::{DMatrix, DVector, Point3};
 use proptest::prelude::*;
+use rayon::prelude::*;
 use vsf_core::{Belief, CoreError, Noise, Observation, RestPoints};
 use vsf_filter::{BatchFit, BatchMap, FieldPrior, Matern, Smoothness};
 use vsf_testkit::LinearWorld;
@@ -390,6 +391,23 @@ fn results_do_not_depend_on_the_number_of_threads() {
         })
     };
     assert!(run(1) == run(3), "they do");
+}
+
+/// The first prediction inverts a matrix on several threads, and the others wait for it on these very threads.
+#[test]
+fn predictions_on_all_threads_at_once() {
+    let world = world(700, 640, &[60, 50], 7, 120);
+    let prior = FieldPrior::from(Belief::<f64>::uniform(700, 0.5, 3.0).unwrap());
+    let pool = rayon::ThreadPoolBuilder::new().num_threads(3);
+    let pool = pool.build().unwrap();
+    for _ in 0..5 {
+        let batch = world.batch();
+        let fit = batch.solve(&prior, 1.0).unwrap();
+        let all: Vec<&Observation<f64>> = world.sequences.iter().flatten().collect();
+        let predict = |obs: &&Observation<f64>| fit.predict(obs).unwrap();
+        let at_once: Vec<_> = pool.install(|| all.par_iter().map(predict).collect());
+        assert_eq!(at_once, all.iter().map(predict).collect::<Vec<_>>());
+    }
 }
 
 #[test]

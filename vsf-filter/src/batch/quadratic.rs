@@ -68,6 +68,12 @@ impl Factor {
 
     /// Inverse of what was factored, computed at its first use.
     pub(super) fn inverse(&self) -> &Mat<f64> {
-        self.inverse.get_or_init(|| self.cholesky.inverse())
+        if let Some(inverse) = self.inverse.get() {
+            return inverse;
+        }
+        // Outside of `get_or_init`: a thread that waits for the others there may be given another task that asks
+        // for the inverse, and would wait for itself.
+        let inverse = self.cholesky.inverse();
+        self.inverse.get_or_init(|| inverse)
     }
 }

@@ -1,4 +1,5 @@
 use super::{Reservoir, Slot};
+use crate::key_heap::KeyHeap;
 use serde::{Deserialize, Deserializer, Serialize, Serializer, de::Error};
 use vsf_core::{CoreError, Noise, Observation, Scalar};
 
@@ -40,7 +41,7 @@ impl<T: Scalar> TryFrom<Parts<Vec<Slot<T>>>> for Reservoir<T> {
     fn try_from(parts: Parts<Vec<Slot<T>>>) -> Result<Self, CoreError> {
         let mut slots = parts.kept;
         for slot in &slots {
-            if slot.key > parts.limit || slot.held < slot.obs.bytes() {
+            if slot.key > parts.limit || slot.held < Slot::memory(&slot.obs) {
                 return Err(CoreError::Other(
                     "a replay buffer holds an observation that it could not have kept".into(),
                 ));
@@ -54,6 +55,8 @@ impl<T: Scalar> TryFrom<Parts<Vec<Slot<T>>>> for Reservoir<T> {
             }
         }
         let filled = slots.len();
+        let mut keys = KeyHeap::default();
+        slots.iter().for_each(|slot| keys.push(slot.key));
         let nothing = Observation::new(Noise::uniform(0, 1.0)?);
         slots.extend(parts.spare.into_iter().map(|held| Slot {
             key: 0,
@@ -74,6 +77,7 @@ impl<T: Scalar> TryFrom<Parts<Vec<Slot<T>>>> for Reservoir<T> {
         Ok(Self {
             slots,
             filled,
+            keys,
             bytes,
             limit: parts.limit,
         })
