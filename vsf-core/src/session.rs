@@ -102,7 +102,9 @@ where
         Ok(report)
     }
 
-    /// Moves the robot to `posture` and predicts the reading there. Learns nothing.
+    /// Moves the robot to `posture` and predicts the reading there. Learns nothing, but contacts follow as in
+    /// [`step`](Self::step): it is for motions whose readings are not known, not for a glance aside in the middle of
+    /// a touch.
     ///
     /// # Errors
     /// A posture that is not finite or does not fit.

@@ -160,11 +160,12 @@ pub struct Sample<'a> {
     pub clock: f64,
     /// Time since the previous sample of the sequence (s), 0 at its first.
     pub dt: f64,
-    /// Recorded joint positions (rad or m).
+    /// Joint positions (rad or m): as recorded, for springs, gains and torques those of the links, that is, as
+    /// [`Compensator::joints`] and [`Compensator::motion`] of all effects have them, such as those a latency ago.
     pub q: &'a [f64],
-    /// Joint velocities (rad/s or m/s).
+    /// Joint velocities (rad/s or m/s), likewise.
     pub qd: &'a [f64],
-    /// Joint accelerations (rad/s² or m/s²).
+    /// Joint accelerations (rad/s² or m/s²), likewise.
     pub qdd: &'a [f64],
     /// The reading as load of the environment on the joints (N m or N); for `measured` readings
     /// the rigid-body torque of the model less the reading. Of a recording, the mean over a few
@@ -209,8 +210,8 @@ pub trait Compensator: Send {
         let _ = (sample, q);
     }
 
-    /// Replaces joint velocities and accelerations by those behind the weight and inertia of the arm in
-    /// `measured` readings; called after [`Compensator::joints`].
+    /// Replaces joint velocities and accelerations by those of the links, which weight and inertia of the arm in
+    /// `measured` readings and all effects on springs and torques follow; called after [`Compensator::joints`].
     fn motion(&mut self, sample: &Sample<'_>, qd: &mut [f64], qdd: &mut [f64]) {
         let _ = (sample, qd, qdd);
     }

@@ -134,6 +134,8 @@ pub struct ContactLog {
     /// What the rigid body adds to the reading because the links are not where the recording has
     /// them (N m or N); empty where the readings leave it out.
     pub rigid: Vec<f64>,
+    /// Positions, velocities and accelerations of all joints as the links moved, row after row.
+    pub moved: Vec<f64>,
 }
 
 impl ContactLog {
@@ -146,6 +148,11 @@ impl ContactLog {
         if !self.rigid.is_empty() {
             CoreError::check_len("rigid-body torques of a sequence", self.rigid.len(), n * d)?;
         }
+        CoreError::check_len(
+            "motion of the links in a sequence",
+            self.moved.len(),
+            3 * n * d,
+        )?;
         let (links, points) = (site.robot.link_count(), site.rest.len());
         for posture in &self.postures {
             CoreError::check_len("joints of a posture", posture.screws().len(), d)?;
@@ -185,6 +192,7 @@ impl Campaign {
             contacts: Vec::with_capacity(motion.len()),
             forces: Vec::with_capacity(motion.len()),
             rigid: Vec::new(),
+            moved: Vec::with_capacity(3 * motion.len() * self.site.joints()),
         };
         let rigid = self.site.torque_kind == TorqueKind::Measured;
         let mut workspace = self.site.robot.dynamics_workspace();
@@ -212,6 +220,7 @@ impl Campaign {
                             .rigid_change(&self.site, &sample, &mut workspace)?;
                     log.rigid.extend(change);
                 }
+                log.moved.extend(driver.links().all());
                 log.postures.push(posture.clone());
                 log.contacts.push(contacts.clone());
                 log.forces.push(driver.force);
@@ -343,6 +352,21 @@ impl Links {
             translate(posture, &-shift);
         }
         Ok(())
+    }
+
+    /// A sample with the motion of the links.
+    pub(crate) fn felt<'a>(&'a self, sample: &Sample<'a>) -> Sample<'a> {
+        Sample {
+            q: &self.q,
+            qd: &self.qd,
+            qdd: &self.qdd,
+            ..*sample
+        }
+    }
+
+    /// Positions, then velocities, then accelerations.
+    pub(crate) fn all(&self) -> impl Iterator<Item = f64> + '_ {
+        self.q.iter().chain(&self.qd).chain(&self.qdd).copied()
     }
 
     /// What the reading of the actuators changes by (N m or N) because the links do not move as the
@@ -496,7 +520,14 @@ impl Campaign {
             for range in &motion.touches {
                 compensators.iter_mut().for_each(|c| c.begin_touch());
                 for row in range.clone() {
-                    let sample = motion.sample(row, range.start, log.forces[row]);
+                    let (q, rest) = log.moved[3 * d * row..][..3 * d].split_at(d);
+                    let (qd, qdd) = rest.split_at(d);
+                    let sample = Sample {
+                        q,
+                        qd,
+                        qdd,
+                        ..motion.sample(row, range.start, log.forces[row])
+                    };
                     out.step(&mut compensators, &sample, &touch(row))
                         .map_err(|e| GapError::Model {
                             effect: model.name(),

@@ -86,6 +86,7 @@ mod tests {
             contacts: contacts.collect(),
             forces: Vec::new(),
             rigid: Vec::new(),
+            moved: Vec::new(),
         };
         (motion, log)
     }

@@ -1,5 +1,6 @@
 //! Diagnosis of the sim-to-real gap: *where* it lies, *which* unmodelled effect causes it, *how far*
-//! it closes once that effect is added, checked on sequences that took no part in the choice.
+//! it closes once that effect is added, checked on sequences that no model was fitted to. What is named has to stand
+//! that check, so that the share that a named effect closes is a little optimistic.
 //!
 //! The nominal model of a recording is `tau = W K`: contacts give the columns `W`, the stiffness `K`
 //! is estimated (of an arm in free air, the rigid body alone). An [`Effect`] changes it to

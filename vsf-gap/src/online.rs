@@ -125,7 +125,7 @@ impl Corrector {
             .step(&self.site, compensators, &known, posture, contacts)?;
         let felt = Sample {
             force_W: self.driver.force(),
-            ..*sample
+            ..self.driver.links().felt(sample)
         };
         let touch = Touch {
             rest: &self.site.rest,

@@ -147,9 +147,9 @@ impl Model {
         self.parts.iter().all(|(e, _)| other.has(e.name()))
     }
 
-    /// The same effects with other parameters.
+    /// The same effects with other parameters, as many as [`Model::theta`] gives.
     #[must_use]
-    pub fn at(&self, theta: &[f64]) -> Self {
+    pub(crate) fn at(&self, theta: &[f64]) -> Self {
         let parts = (self.places())
             .map(|(effect, own)| (effect.clone(), theta[own].to_vec()))
             .collect();

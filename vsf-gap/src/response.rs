@@ -28,6 +28,7 @@ impl Campaign {
         };
         let mut answer = ContactLog {
             rigid: Vec::new(),
+            moved: Vec::with_capacity(log.moved.len()),
             ..log.clone()
         };
         let measured = self.site.torque_kind == TorqueKind::Measured;
@@ -51,6 +52,7 @@ impl Campaign {
                     let change = links.rigid_change(&self.site, &sample, &mut workspace)?;
                     answer.rigid.extend(change);
                 }
+                answer.moved.extend(links.all());
                 let before = &log.contacts[row];
                 let mut contacts = Contacts::new();
                 for k in 0..before.len() {

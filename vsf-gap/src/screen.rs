@@ -190,11 +190,15 @@ impl Campaign {
     }
 }
 
-/// Makes every column orthogonal to column `k`.
-fn take_out(all: &mut Mat<f64>, k: usize) {
+/// What is left of a column that others explain (share of its square): rounding.
+const NOTHING_LEFT: f64 = 1e-20;
+
+/// Makes every column orthogonal to column `k`, of which all before it were taken out, and whose square was `whole`
+/// before that.
+fn take_out(all: &mut Mat<f64>, k: usize, whole: f64) {
     let along = all.col_as_slice(k).to_vec();
-    let size: f64 = along.iter().map(|a| a * a).sum();
-    if size == 0.0 {
+    let size = square(&along);
+    if size <= NOTHING_LEFT * whole {
         return;
     }
     // Those before it that were taken out are orthogonal to it.
@@ -208,8 +212,12 @@ fn take_out(all: &mut Mat<f64>, k: usize) {
     }
 }
 
+fn square(x: &[f64]) -> f64 {
+    x.iter().map(|x| x * x).sum()
+}
+
 fn rms(x: &[f64]) -> f64 {
-    (x.iter().map(|x| x * x).sum::<f64>() / x.len().max(1) as f64).sqrt()
+    (square(x) / x.len().max(1) as f64).sqrt()
 }
 
 /// The nominal model and every tangent under one spread.
@@ -244,9 +252,12 @@ pub(crate) fn screen(
             let factor = fitted.parts.factor(spread)?;
             let mut all = Mat::from_fn(rest.len(), columns.len(), |i, k| columns[k][i]);
             factor.whiten(&mut all);
-            (1..=free.len()).for_each(|k| take_out(&mut all, k));
+            let whole: Vec<f64> = (0..=free.len())
+                .map(|k| square(all.col_as_slice(k)))
+                .collect();
+            (1..=free.len()).for_each(|k| take_out(&mut all, k, whole[k]));
             let y = all.col_as_slice(0);
-            let squares: f64 = y.iter().map(|y| y * y).sum();
+            let squares = square(y);
             let nominal = -0.5 * (factor.log_det() + squares);
             let mut next = 1 + free.len();
             let (normals, fits) = (tangents.iter())

@@ -1,4 +1,4 @@
-//! The trial on the sequences that took no part in the choice: what is named has to stand it.
+//! The trial on the sequences that no model was fitted to: what is named has to stand it.
 
 use crate::closure::{Closure, Residuals, closure, noise_norm};
 use crate::effect::Need;

@@ -277,6 +277,32 @@ fn val_late_readings_have_the_dynamics_of_then() {
     }
 }
 
+/// So has what acts beside the delay: a late reading has the friction of then.
+#[test]
+fn val_late_readings_have_the_friction_of_then() {
+    let campaign = waving();
+    let late = 7;
+    let drag: Arc<dyn Effect> = Arc::new(AirDrag);
+    for delay_first in [true, false] {
+        let delay = [late as f64 / RATE];
+        let model = match delay_first {
+            true => Model::of(&common::effect("latency"), &delay).with(&drag, &[0.5]),
+            false => Model::of(&drag, &[0.5]).with(&common::effect("latency"), &delay),
+        };
+        let found = torques(&campaign, &model, 0.0);
+        let motion = &campaign.train()[0];
+        for k in late..motion.len() {
+            let v = motion.qd[k - late][0];
+            let change = motion.load[k][0] - motion.load[k - late][0];
+            let of = found[3 * k];
+            assert!(
+                (of - (change - 0.5 * v * v.abs())).abs() < 1e-9,
+                "{k}: {of}"
+            );
+        }
+    }
+}
+
 /// The first joint of a Gen3 turns on past half a turn, where its encoder begins anew: what comes late is between
 /// two samples, not a turn away.
 #[test]

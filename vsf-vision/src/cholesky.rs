@@ -1,4 +1,4 @@
-//! The dense factor of the Gaussian process; faer is named here alone. One thread, so that the same
+//! The dense factor of the Gaussian process; faer is named nowhere else in this crate. One thread, so that the same
 //! bits come out wherever it runs.
 
 use faer::dyn_stack::{MemBuffer, MemStack};
