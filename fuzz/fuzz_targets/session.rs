@@ -1,32 +1,14 @@
-//! A session in which anything may come: numbers that are none, rows of any length, jumps, touches that begin
-//! and end. Errors leave the belief alone, and a belief is always one.
+//! A session, with contact of points or of cells, in which anything may come: numbers that are none, rows of any
+//! length, jumps, touches that begin and end. Errors leave the belief alone, and a belief is always one.
 #![no_main]
 
 use libfuzzer_sys::arbitrary::{Result, Unstructured};
 use libfuzzer_sys::fuzz_target;
-use std::sync::{Arc, LazyLock};
-use vsf::contact::{ContactConfig, StickSlip, link_sdfs};
 use vsf::core::nalgebra::Vector3;
-use vsf::core::{Belief, Estimator, Noise, Prediction, RestPoints, Session};
+use vsf::core::{Belief, Estimator, Noise, Prediction, Session};
 use vsf::filter::{CovarianceFilter, DiagonalForm, DiagonalKalman, InformationFilter};
-use vsf::robots::{JointTorques, RobotModel, planar_arm};
-use vsf_fuzz::{JOINTS, number, points, replay, row};
-
-struct World {
-    robot: RobotModel,
-    rest: Arc<RestPoints>,
-    contact: StickSlip,
-}
-
-static WORLD: LazyLock<World> = LazyLock::new(|| {
-    let robot = planar_arm(JOINTS, 0.3, 0.03).expect("an arm");
-    let links = link_sdfs(robot.colliders(), &Default::default()).expect("capsules");
-    World {
-        contact: StickSlip::new(links.links, ContactConfig::default()).expect("contact"),
-        rest: Arc::new(RestPoints::new(points()).expect("points")),
-        robot,
-    }
-});
+use vsf::robots::JointTorques;
+use vsf_fuzz::{JOINTS, WORLD, number, replay, row};
 
 fn estimator(which: u8) -> Box<dyn Estimator<Scalar = f64>> {
     let prior = Belief::uniform(WORLD.rest.len(), 1.0, 10.0).expect("a prior");
@@ -45,9 +27,11 @@ fn estimator(which: u8) -> Box<dyn Estimator<Scalar = f64>> {
 
 fn run(u: &mut Unstructured<'_>) -> Result<()> {
     let sensor = JointTorques::new(Noise::uniform(JOINTS, 0.1).expect("noise"));
-    let (rest, contact) = (WORLD.rest.clone(), WORLD.contact.clone());
+    // The first byte chooses both: every estimator with either contact.
+    let which: u8 = u.arbitrary()?;
+    let contact = WORLD.contact(which / 6 % 2 == 1);
     let mut session =
-        Session::new(rest, contact, sensor, estimator(u.arbitrary()?)).expect("a session");
+        Session::new(WORLD.rest.clone(), contact, sensor, estimator(which)).expect("a session");
     let mut posture = WORLD.robot.posture();
     let mut predicted = Prediction::default();
     let start = WORLD.robot.update_posture(&[0.0; JOINTS], &mut posture);

@@ -19,6 +19,9 @@ use vsf::filter::{
 use vsf::gap::Site;
 use vsf::robots::planar_arm;
 
+mod world;
+pub use world::{WORLD, World};
+
 static SCRATCH: LazyLock<TempDir> =
     LazyLock::new(|| tempfile::tempdir().expect("a folder for temporary files"));
 

@@ -24,24 +24,18 @@ fn main() -> Result {
     looks()?;
     cache()?;
     robots()?;
+    // Contact, and then lines as they are.
     seed(
         "live",
-        "1",
-        br#"{"t": 0.1, "q": [0, 0.1, 0.2], "tau": [1, 2, 3]}"#,
+        "lines",
+        b"\0\0{\"t\": 0.1, \"q\": [0, 0.1, 0.2], \"tau\": [1, 2, 3]}\nno sample\n",
     )?;
     // Any bytes are a run of these.
     let any: Vec<u8> = (0..400).map(|i| (i * 37 % 251) as u8).collect();
     for which in 0..27 {
-        seed(
-            "session",
-            &which.to_string(),
-            &[&[which], &any[..]].concat(),
-        )?;
-        seed(
-            "corrector",
-            &which.to_string(),
-            &[&[which], &any[..]].concat(),
-        )?;
+        for target in ["corrector", "live", "session"] {
+            seed(target, &which.to_string(), &[&[which], &any[..]].concat())?;
+        }
     }
     Ok(())
 }
