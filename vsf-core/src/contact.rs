@@ -29,7 +29,7 @@ impl Contacts {
     /// `u_W` (m) and the outward unit normal of the link at the contact `n_W`.
     ///
     /// # Errors
-    /// An index that is not larger than the previous one, or a displacement that is not finite.
+    /// An index that is not larger than the previous one, or a displacement or normal that is not finite.
     pub fn push(
         &mut self,
         point: u32,
@@ -46,10 +46,14 @@ impl Contacts {
             });
         }
         if !(u_W.norm_squared() + n_W.norm_squared()).is_finite() {
+            let (what, vector) = match u_W.norm_squared().is_finite() {
+                true => ("contact normal of point", n_W),
+                false => ("contact displacement of point", u_W),
+            };
             return Err(CoreError::NotFinite {
-                what: "contact displacement of point",
+                what,
                 index: point as usize,
-                value: u_W.norm(),
+                value: vector.norm(),
             });
         }
         self.points.push(point);
@@ -122,5 +126,25 @@ impl<C: ContactModel + ?Sized> ContactModel for Box<C> {
         out: &mut Contacts,
     ) -> Result<(), CoreError> {
         (**self).step(rest, posture, out)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn what_is_not_finite_is_named() {
+        let (zero, nan) = (Vector3::zeros(), Vector3::new(f64::NAN, 0.0, 0.0));
+        for (u_W, n_W, says) in [
+            (nan, zero, "displacement of point[3]"),
+            (zero, nan, "normal of point[3]"),
+        ] {
+            let error = Contacts::new()
+                .push(3, 0, u_W, n_W)
+                .unwrap_err()
+                .to_string();
+            assert!(error.contains(says), "{error}");
+        }
     }
 }

@@ -63,7 +63,10 @@ pub struct Parameter {
     /// Smallest and largest value that is physically plausible. The range of an amplitude holds 0, and
     /// some of what is above it.
     pub bounds: [f64; 2],
-    /// A typical size: the step of finite differences, and the spread of starting values.
+    /// A typical size, small against the change over which the prediction bends: differences are taken over half of
+    /// it, starting values are some of it apart, and what is far beyond (5 of an amplitude while effects are screened,
+    /// 50 of the others) is thought unlikely. Of a frequency, the change that puts the wave out of step by a small part of
+    /// a turn over the recording.
     pub scale: f64,
 }
 

@@ -1,8 +1,9 @@
 //! The names that an online estimation needs: `use vsf::prelude::*;`.
 
-pub use vsf_contact::StickSlip;
+pub use vsf_contact::{ContactConfig, StickSlip, link_sdfs};
 pub use vsf_core::{
-    Belief, ContactModel, Estimator, Noise, Prediction, RestPoints, Sensor, Session,
+    Belief, ContactModel, Contacts, CoreError, Estimator, Noise, Observation, Posture, Prediction,
+    RestPoints, Sensor, Session, UpdateReport,
 };
-pub use vsf_filter::{DiagonalKalman, MemoryReplay};
-pub use vsf_robots::{JointTorques, RobotModel};
+pub use vsf_filter::{DiagonalKalman, MemoryReplay, ReplayConfig};
+pub use vsf_robots::{JointTorques, RobotModel, UrdfOptions};
