@@ -5,8 +5,8 @@ use serde::{Deserialize, Serialize};
 use std::ops::Range;
 use std::sync::Arc;
 
-// The constants of the judgement were settled on labelled recordings of other worlds, those of `vsf-world` among
-// them, with other seeds than any that are reported.
+// The constants of the judgement were settled on labelled recordings of other worlds; of those of `vsf-world` with
+// other seeds than the blind cases that are reported.
 
 /// Nats for one e-fold of probability. Models are never quite right, so that evidence overstates
 /// what it knows; with this one, stated probabilities came about roughly true.
