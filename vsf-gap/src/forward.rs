@@ -139,6 +139,19 @@ pub struct ContactLog {
 }
 
 impl ContactLog {
+    /// The sample of a row with the motion of the links.
+    fn felt<'a>(&'a self, sample: Sample<'a>, row: usize) -> Sample<'a> {
+        let d = sample.q.len();
+        let (q, rest) = self.moved[3 * d * row..][..3 * d].split_at(d);
+        let (qd, qdd) = rest.split_at(d);
+        Sample {
+            q,
+            qd,
+            qdd,
+            ..sample
+        }
+    }
+
     /// Checks that it has a row for every sample, of the site's robot and points.
     pub(crate) fn check(&self, site: &Site, motion: &Motion) -> Result<(), CoreError> {
         let (n, d) = (motion.len(), site.joints());
@@ -520,14 +533,7 @@ impl Campaign {
             for range in &motion.touches {
                 compensators.iter_mut().for_each(|c| c.begin_touch());
                 for row in range.clone() {
-                    let (q, rest) = log.moved[3 * d * row..][..3 * d].split_at(d);
-                    let (qd, qdd) = rest.split_at(d);
-                    let sample = Sample {
-                        q,
-                        qd,
-                        qdd,
-                        ..motion.sample(row, range.start, log.forces[row])
-                    };
+                    let sample = log.felt(motion.sample(row, range.start, log.forces[row]), row);
                     out.step(&mut compensators, &sample, &touch(row))
                         .map_err(|e| GapError::Model {
                             effect: model.name(),
