@@ -38,7 +38,7 @@ pub(crate) struct Spread {
 /// The parts of the covariance of a design, ready to be put together for any [`Spread`].
 pub(crate) struct Parts {
     windows: Windows,
-    noise: Vec<f64>,
+    noise: Vec<(usize, usize, f64)>,
     zeros: Vec<f64>,
     points: Mat<f64>,
     smooth: Mat<f64>,
@@ -51,13 +51,13 @@ pub(crate) struct Parts {
 pub(crate) struct Factor(Mat<f64>);
 
 impl Parts {
-    /// Gathers the parts. `noise` is the variance of every row, `zeros` how far its zero is off
+    /// Gathers the parts. `noise` is the covariance of that of the rows ([`Windows::noise`]), `zeros` how far its zero is off
     /// ([`Windows::zeros`]), `lever` that of [`crate::Campaign::lever`], `joint_rms` the RMS reading per joint (N m or N).
     pub(crate) fn new(
         design: &Design,
         rest: &[Point3<f64>],
         windows: &Windows,
-        noise: Vec<f64>,
+        noise: Vec<(usize, usize, f64)>,
         zeros: Vec<f64>,
         lever: Mat<f64>,
         joint_rms: Vec<f64>,
@@ -109,7 +109,9 @@ impl Parts {
             for row in col..n {
                 out[row] = point * a[row] + smooth * b[row] + l * self.level[row];
             }
-            out[col] += self.noise[col];
+        }
+        for &(row, col, value) in &self.noise {
+            c[(row, col)] += value;
         }
         let [contact, joint, white] = [spread.contact, spread.joint, spread.white].map(|s| s * s);
         for (i, w) in self.windows.list.iter().enumerate() {

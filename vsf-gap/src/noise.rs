@@ -21,6 +21,13 @@ impl JointNoise {
             correlation: c * faded * faded / variance,
         }
     }
+
+    /// Covariance of the mean of `a` samples in a row with that of `b` that begin `gap` samples after these end.
+    pub(crate) fn covariance_of_means(&self, a: usize, b: usize, gap: usize) -> f64 {
+        let c = self.correlation;
+        let mean_fade = |m: usize| (1.0 - c.powf(m as f64)) / (1.0 - c) / m as f64;
+        self.sd * self.sd * c.powf(gap as f64 + 1.0) * mean_fade(a) * mean_fade(b)
+    }
 }
 
 /// Fewest free samples that speak for the noise on their own.
@@ -287,6 +294,25 @@ mod tests {
             (of.correlation - covariance / variance).abs() < 0.1,
             "{of:?}"
         );
+    }
+
+    #[test]
+    fn val_covariance_of_means_is_the_sum_over_pairs() {
+        for (c, a, b, gap) in [(0.0, 3, 4, 0), (0.3, 5, 2, 0), (0.9, 4, 7, 3)] {
+            let noise = JointNoise {
+                sd: 0.5,
+                correlation: c,
+            };
+            let mut sum = 0.0;
+            for i in 0..a {
+                for j in 0..b {
+                    sum += 0.25 * f64::powi(c, (a - i + gap + j) as i32);
+                }
+            }
+            let expected = sum / (a * b) as f64;
+            let found = noise.covariance_of_means(a, b, gap);
+            assert!((found - expected).abs() < 1e-14, "{found} {expected}");
+        }
     }
 
     /// A triangle of means has no noise that differences of a high order would see.

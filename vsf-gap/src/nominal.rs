@@ -60,7 +60,6 @@ impl Campaign {
         let logs = self.contact_logs(model, &motions)?;
         let design = self.design(model, &motions, &logs, &windows)?;
         let readings = windows.means(|s| &motions[s].reading);
-        let floor = windows.noise(&self.noise);
         let joint_rms: Vec<f64> = (0..d)
             .map(|j| {
                 let rows = readings.iter().skip(j).step_by(d);
@@ -71,13 +70,15 @@ impl Campaign {
             .collect();
         // Noise that is zero by construction still has rounding.
         let scale = joint_rms.iter().fold(0.0_f64, |a, b| a.max(*b)).max(1e-9);
-        let floor = floor.iter().map(|v| v.max(1e-6 * scale * scale)).collect();
+        let mut noise = windows.noise(&self.noise);
+        let own = noise.iter_mut().filter(|(row, col, _)| row == col);
+        own.for_each(|(.., v)| *v = v.max(1e-6 * scale * scale));
         let lever = self.lever(&logs, &windows);
         let parts = Parts::new(
             &design,
             self.site.rest.positions(),
             &windows,
-            floor,
+            noise,
             windows.zeros(&motions, &self.noise),
             lever,
             joint_rms,
@@ -157,23 +158,14 @@ impl Fitted<'_> {
         y.col_as_slice(0).to_vec()
     }
 
-    /// How far innovations persist: their correlation from window to window of a touch, over all joints, beyond
-    /// that of the noise. About 0 if the model is right; less than three deviations of what white ones have
-    /// count as 0.
-    pub(crate) fn persistence(&self, campaign: &Campaign, factor: &Factor) -> f64 {
+    /// How far innovations persist: their correlation from window to window of a touch, over all joints. About 0
+    /// if the model is right; less than three deviations of what white ones have count as 0.
+    pub(crate) fn persistence(&self, factor: &Factor) -> f64 {
         let list = &self.windows.list;
-        let begins = |s: usize, row: usize| self.motions[s].touches.iter().any(|t| t.start == row);
-        let goes_on = |i: usize| {
-            list[i].sequence == list[i - 1].sequence
-                && !begins(list[i].sequence, list[i].rows.start)
-        };
-        let follows: Vec<bool> = (0..list.len()).map(|i| i > 0 && goes_on(i)).collect();
-        let samples: usize = list.iter().map(|w| w.rows.len()).sum();
-        let size = (samples / list.len().max(1)).max(1);
-        let of_noise = campaign.noise.iter().map(|n| n.of_means(size).correlation);
-        let of_noise = of_noise.sum::<f64>() / campaign.noise.len().max(1) as f64;
-        let correlation =
-            correlation(&self.innovations(factor), self.windows.joints, &follows) - of_noise;
+        let follows: Vec<bool> = (0..list.len())
+            .map(|i| i > 0 && list[i].run == list[i - 1].run)
+            .collect();
+        let correlation = correlation(&self.innovations(factor), self.windows.joints, &follows);
         let pairs = follows.iter().filter(|f| **f).count() * self.windows.joints;
         match correlation > 3.0 / (pairs as f64).sqrt() {
             true => correlation,

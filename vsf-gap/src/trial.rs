@@ -170,7 +170,7 @@ impl<'a> Trial<'a> {
         let residuals = self.whole.residuals(&refined.model, &field, &all)?;
         Ok(Checked {
             closure: self.closure(&residuals),
-            persistence: fitted.persistence(thinned, &factor),
+            persistence: fitted.persistence(&factor),
             field,
             residuals,
         })

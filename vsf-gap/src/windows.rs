@@ -9,12 +9,16 @@ use vsf_data::Table;
 
 /// Most numbers (windows times joints) that a diagnosis works with.
 const MOST_ROWS: usize = 1300;
+/// Noise that is less correlated is not.
+const FADED: f64 = 1e-9;
 
 /// Samples in a row that are averaged.
 #[derive(Debug, Clone, PartialEq)]
 pub(crate) struct Window {
     /// Index of the sequence.
     pub(crate) sequence: usize,
+    /// Index of the samples in a row that it is cut from: a touch, as a rule.
+    pub(crate) run: usize,
     /// Samples.
     pub(crate) rows: Range<usize>,
     /// Middle of its time in the session (s).
@@ -42,7 +46,7 @@ impl Windows {
         let size = Self::size(motions.iter().map(|m| m.len()).sum(), joints);
         let touches: usize = motions.iter().map(|m| m.touches.len()).sum();
         let many = touches * joints > MOST_ROWS;
-        let mut list = Vec::new();
+        let (mut list, mut run) = (Vec::new(), 0);
         for (sequence, motion) in motions.iter().enumerate() {
             let whole = 0..motion.len();
             let ranges = match many {
@@ -58,11 +62,13 @@ impl Windows {
                         let clock = motion.clock[rows.start + rows.len() / 2];
                         list.push(Window {
                             sequence,
+                            run,
                             rows,
                             clock,
                         });
                     }
                 }
+                run += 1;
             }
         }
         Self { list, joints }
@@ -95,13 +101,27 @@ impl Windows {
         out
     }
 
-    /// Variance of the noise of every row.
-    pub(crate) fn noise(&self, noise: &[JointNoise]) -> Vec<f64> {
-        let of = |w: &Window| {
-            let m = w.rows.len();
-            noise.iter().map(move |n| n.of_means(m).sd.powi(2))
-        };
-        self.list.iter().flat_map(of).collect()
+    /// Covariance of the noise: row, column and value of the lower triangle where it matters, the diagonal first.
+    pub(crate) fn noise(&self, noise: &[JointNoise]) -> Vec<(usize, usize, f64)> {
+        let d = self.joints;
+        let mut entries = Vec::with_capacity(2 * self.rows());
+        for (i, w) in self.list.iter().enumerate() {
+            let own = noise.iter().map(|n| n.of_means(w.rows.len()).sd.powi(2));
+            entries.extend(own.enumerate().map(|(j, v)| (i * d + j, i * d + j, v)));
+        }
+        for (i, w) in self.list.iter().enumerate() {
+            for (j, n) in noise.iter().enumerate() {
+                let least = FADED * entries[i * d + j].2;
+                let later = self.list.iter().enumerate().skip(i + 1);
+                let own = later.take_while(|(_, v)| v.run == w.run).map(|(k, v)| {
+                    let gap = v.rows.start - w.rows.end;
+                    let value = n.covariance_of_means(w.rows.len(), v.rows.len(), gap);
+                    (k * d + j, i * d + j, value)
+                });
+                entries.extend(own.take_while(|e| e.2 > least));
+            }
+        }
+        entries
     }
 
     /// By how much (standard deviation) what a tare took for zero shifts every row: the noise of its mean, one
@@ -260,6 +280,43 @@ mod tests {
                 windows.rows() <= MOST_ROWS + touches.min(MOST_ROWS),
                 "{touches}"
             );
+        }
+    }
+
+    /// Against `A S A^T`, S the covariance of the samples of AR(1) noise that begins afresh with every touch.
+    #[test]
+    fn val_noise_of_windows_is_that_of_averaged_samples() {
+        let (touches, samples, joints) = (3, 600, 2);
+        let ranges = (0..touches).map(|t| t * samples..(t + 1) * samples);
+        let motion = Motion::counting(touches * samples, ranges.collect());
+        let windows = Windows::new(&[&motion], joints);
+        let noise =
+            [(0.3, 0.9), (2.0, 0.2)].map(|(sd, correlation)| JointNoise { sd, correlation });
+        let n = windows.rows();
+        let mut found = Mat::<f64>::zeros(n, n);
+        for (row, col, value) in windows.noise(&noise) {
+            assert!(row >= col);
+            found[(row, col)] += value;
+        }
+        for (k, v) in windows.list.iter().enumerate() {
+            for (i, w) in windows.list.iter().enumerate().take(k + 1) {
+                for (j, noise) in noise.iter().enumerate() {
+                    let of = |a: usize, b: usize| match a / samples == b / samples {
+                        true => noise.sd.powi(2) * noise.correlation.powi(a.abs_diff(b) as i32),
+                        false => 0.0,
+                    };
+                    let pairs = v
+                        .rows
+                        .clone()
+                        .flat_map(|a| w.rows.clone().map(move |b| of(a, b)));
+                    let expected = pairs.sum::<f64>() / (v.rows.len() * w.rows.len()) as f64;
+                    let found = found[(k * joints + j, i * joints + j)];
+                    assert!(
+                        (found - expected).abs() < 1e-9,
+                        "{k}, {i}: {found} {expected}"
+                    );
+                }
+            }
         }
     }
 }
