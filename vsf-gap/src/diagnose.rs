@@ -1,14 +1,15 @@
 use crate::alike::Likeness;
 use crate::closure::noise_norm;
 use crate::halves::is_of_sequences;
+use crate::judge::Nominal;
 use crate::locate::locate;
 use crate::next::{Arm, next_experiment};
 use crate::notes::{closest, notes, told};
 use crate::plain::Plain;
-use crate::report::{Diagnosis, EffectReport, Gap, MOSTLY, Outcome, STIFFNESS_FIELD, is_perfect};
+use crate::report::{Diagnosis, EffectReport, Gap, Outcome, STIFFNESS_FIELD, is_perfect};
 use crate::search::Search;
-use crate::trial::{Conclusion, NEARLY, Trial};
-use crate::verdict::{Judged, Kind, Nominal};
+use crate::trial::{Checked, Judgement, NEARLY, Trial};
+use crate::verdict::{Answer, Findings};
 use crate::windows::Windows;
 use crate::{Campaign, Effect, GapError, Model, Motion};
 use std::sync::Arc;
@@ -169,39 +170,24 @@ fn attempt(
     let hypotheses = search.hypotheses(split == Split::Halves, |part, whole| {
         trial.completes(part, whole)
     })?;
-    let mut conclusion = trial.judge(hypotheses, &nominal)?;
+    let mut judgement = trial.judge(hypotheses, &nominal)?;
     let likeness = Likeness::new(&search)?;
     let in_field = match nominal.perfect {
         true => Vec::new(),
         false => in_field(thinned, &search, &likeness)?,
     };
-    let undecided = !in_field.is_empty() && conclusion.leaves_field();
+    let undecided = !in_field.is_empty() && judgement.leaves_field();
     if undecided {
-        let names = in_field.iter().map(|(p, _)| p.effect.name().to_owned());
-        conclusion.or_field(names.collect());
+        judgement.withdraw();
     }
-    let mut notes = notes(campaign, &trial, &conclusion, &nominal);
-    if let Some((plain, share)) = in_field.first().filter(|_| undecided) {
-        notes.push(told(campaign, plain, *share));
-    }
-    let effects = reports(thinned, &search, &likeness, &in_field, &trial, &conclusion)?;
-    let aside: Vec<String> = (conclusion.aside().iter())
-        .flat_map(|t| t.effects.iter().cloned())
-        .collect();
-    let Judged {
-        mut verdict,
-        unseen,
-        ..
-    } = conclusion.judged;
-    let stopped = (conclusion.corrected.as_ref()).is_some_and(|(r, _)| !r.at_bounds().is_empty());
     let before = trial.before.clone();
-    let (model, sd, field, after, closed) = match conclusion.corrected {
-        Some((refined, checked)) => (
-            refined.model.clone(),
-            refined.sd.clone(),
-            checked.field,
-            checked.residuals,
-            checked.closure,
+    let (model, sd, field, after, closed) = match judgement.corrected() {
+        Some(t) => (
+            t.refined.model.clone(),
+            t.refined.sd.clone(),
+            t.checked.field.clone(),
+            t.checked.residuals.clone(),
+            t.checked.closure,
         ),
         None => (
             Model::default(),
@@ -211,29 +197,28 @@ fn attempt(
             trial.closure(&before),
         ),
     };
-    if closed.fraction >= MOSTLY {
-        verdict.explain();
-    } else if conclusion.left_free.is_some() {
-        verdict.kind = Kind::Unknown;
-    }
-    // However much is closed: something else acts, too.
-    let lasting = conclusion.persistence.is_some() && verdict.kind != Kind::Unknown;
+    let stopped = (judgement.corrected()).is_some_and(|t| !t.refined.at_bounds().is_empty());
     // With contact, errors are far from a perfect model's for many reasons.
     let far = closed.fraction < NEARLY || after.mean_error() > FAR * noise_floor;
-    if lasting || stopped && far && !nominal.touches {
-        verdict.kind = Kind::Unknown;
+    let names = in_field.iter().map(|(p, _)| p.effect.name().to_owned());
+    let refused = judgement.refused.iter().flat_map(|t| t.effects.clone());
+    let answer = judgement.judged.conclude(&Findings {
+        closed: closed.fraction,
+        in_field: names.filter(|_| undecided).collect(),
+        refused: refused.collect(),
+        left_free: judgement.left_free.is_some(),
+        lasts: judgement.persistence.is_some(),
+        stopped: stopped && far && !nominal.touches,
+    });
+    let mut notes = notes(campaign, &trial, &judgement, &answer, &nominal);
+    if let Some((plain, share)) = in_field.first().filter(|_| undecided) {
+        notes.push(told(campaign, plain, *share));
     }
-    notes.extend(closest(verdict.kind, &model));
-    // An effect that does not show, or one that is not looked for.
-    if verdict.kind == Kind::Unknown && verdict.effects.is_empty() {
-        verdict.probability += unseen;
-    }
-    // Not borne out is not ruled out.
-    for effect in aside {
-        if !verdict.effect_set_95.contains(&effect) {
-            verdict.effect_set_95.push(effect);
-        }
-    }
+    notes.extend(closest(answer.verdict.kind, &model));
+    let effects = reports(
+        thinned, &search, &likeness, &in_field, &trial, &judgement, &answer,
+    )?;
+    let verdict = answer.verdict;
     let checked = trial.sequences;
     let noise = &campaign.noise;
     Ok(Outcome {
@@ -263,7 +248,7 @@ fn attempt(
         checked: checked.to_vec(),
         nominal: before,
         corrected: after,
-        lasting,
+        lasting: answer.lasting,
     })
 }
 
@@ -274,29 +259,30 @@ fn reports(
     likeness: &Likeness<'_>,
     in_field: &[(&Plain, f64)],
     trial: &Trial<'_>,
-    conclusion: &Conclusion<'_>,
+    judgement: &Judgement<'_>,
+    answer: &Answer,
 ) -> Result<Vec<EffectReport>, GapError> {
-    let probabilities = &conclusion.judged.probabilities;
     let mut reports = Vec::new();
     for candidate in &search.candidates {
-        let mut report = EffectReport::of(campaign, candidate, search.base, probabilities);
+        let mut report = EffectReport::of(campaign, candidate, search.base, &answer.probabilities);
         if let Some(refined) = candidate
             .refined
             .as_ref()
             .filter(|_| reports.len() < CHECKED)
         {
-            let mut tried = conclusion.tried.iter();
-            let (error, closed) = match tried.find(|t| t.effects == [report.effect.as_str()]) {
-                Some(tried) => (tried.error, tried.closed),
-                None => {
-                    let checked = trial.of(refined)?;
-                    (checked.residuals.mean_error(), checked.closure.fraction)
-                }
+            let mut tried = judgement.refused.iter().chain(&judgement.named);
+            let own = tried.find(|t| t.effects == [report.effect.as_str()]);
+            let of = |checked: &Checked| {
+                let closed = checked.closure.fraction;
+                (Some(checked.residuals.mean_error()), Some(closed))
             };
-            (report.test_error, report.closed_fraction) = (Some(error), Some(closed));
+            (report.test_error, report.closed_fraction) = match own {
+                Some(tried) => of(&tried.checked),
+                None => of(&trial.of(refined)?),
+            };
         }
-        if let Some((named, _)) = &conclusion.corrected {
-            report.together(campaign, named);
+        if let Some(named) = judgement.corrected() {
+            report.together(campaign, named.refined);
         }
         report.absorbed_share = likeness.absorbed(candidate);
         report.ambiguous_with = likeness.ambiguous_with(&report.effect);

@@ -57,6 +57,7 @@ mod error;
 mod evidence;
 mod forward;
 mod halves;
+mod judge;
 mod limits;
 mod locate;
 mod model_file;

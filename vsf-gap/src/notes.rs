@@ -1,9 +1,10 @@
 //! What a reader of a diagnosis should know, in sentences.
 
 use crate::closure::noise_norm;
+use crate::judge::Nominal;
 use crate::plain::Plain;
-use crate::trial::{Conclusion, Trial};
-use crate::verdict::{Kind, Nominal};
+use crate::trial::{Judgement, Trial, Tried};
+use crate::verdict::{Answer, Kind};
 use crate::{Campaign, Model, Parameter};
 
 /// In free air, an error that is left of so many times that of a perfect model is told of.
@@ -52,7 +53,8 @@ fn number(v: f64) -> String {
 pub(crate) fn notes(
     campaign: &Campaign,
     trial: &Trial<'_>,
-    conclusion: &Conclusion<'_>,
+    judgement: &Judgement<'_>,
+    answer: &Answer,
     nominal: &Nominal,
 ) -> Vec<String> {
     let mut notes = Vec::new();
@@ -67,14 +69,13 @@ pub(crate) fn notes(
     }
     notes.extend(rounded(campaign));
     let before = trial.before.mean_error();
-    let verdict = &conclusion.judged.verdict;
-    if conclusion.judged.named.is_some() && conclusion.corrected.is_none() {
-        let which = verdict.effects.join(" and ");
-        let error = conclusion.tried.last().map_or(before, |t| t.error);
+    let verdict = &answer.verdict;
+    if let Some(named) = judgement.named.as_ref().filter(|_| judgement.worse) {
+        let which = named.effects.join(" and ");
         notes.push(format!(
             "with {which} the test sequences are predicted worse ({} instead of {}): the corrected model is \
              the nominal one",
-            number(error),
+            number(named.error()),
             number(before)
         ));
     }
@@ -94,15 +95,15 @@ pub(crate) fn notes(
              base_pose and points"
         ));
     }
-    let unseen = conclusion.judged.unseen;
-    if verdict.kind == Kind::NoGap && conclusion.left_free.is_none() && unseen >= TOLD {
+    let unseen = judgement.judged.unseen;
+    if verdict.kind == Kind::NoGap && unseen >= TOLD {
         notes.push(format!(
             "an effect of contact or material may act that the stiffness takes up, so that it does not show here \
              (probability {:.0} %)",
             100.0 * unseen
         ));
     }
-    if let Some(left) = conclusion.left_free {
+    if let Some(left) = judgement.left_free {
         let unit = campaign.scene.error_unit();
         notes.push(format!(
             "in free motion {} {unit} persist on the test sequences, which no stiffness explains and no named \
@@ -110,10 +111,7 @@ pub(crate) fn notes(
             number(left)
         ));
     }
-    let stopped = conclusion
-        .corrected
-        .as_ref()
-        .map(|(refined, _)| refined.at_bounds());
+    let stopped = judgement.corrected().map(|t| t.refined.at_bounds());
     if let Some(stopped) = stopped.filter(|s| !s.is_empty()) {
         notes.push(format!(
             "at a bound of what is plausible: {}; {} may stand for what is not looked for, such as torques of \
@@ -122,16 +120,15 @@ pub(crate) fn notes(
             verdict.effects.join(" and ")
         ));
     }
-    if let Some(persistence) = conclusion.persistence {
+    if let Some(persistence) = judgement.persistence {
         notes.push(format!(
             "what {} leaves unexplained lasts, with a correlation of {persistence:.2} from one stretch of samples to \
              the next: something else acts, beside it or in its place",
             verdict.effects.join(" and ")
         ));
     }
-    let aside = (conclusion.aside().iter())
-        .map(|t| format!("{} ({})", t.effects.join(" and "), number(t.error)));
-    let aside: Vec<String> = aside.collect();
+    let aside = |t: &Tried<'_>| format!("{} ({})", t.effects.join(" and "), number(t.error()));
+    let aside: Vec<String> = judgement.refused.iter().map(aside).collect();
     if !aside.is_empty() {
         notes.push(format!(
             "left aside, since the test sequences do not bear them out enough for what they gain on the \
@@ -140,13 +137,13 @@ pub(crate) fn notes(
             number(before)
         ));
     }
-    let error = (conclusion.corrected.as_ref()).map_or(before, |(_, c)| c.residuals.mean_error());
+    let error = judgement.corrected().map_or(before, Tried::error);
     // Of the fit itself, errors are below the noise.
     if !campaign.test.is_empty() {
         let floor = noise_norm(&campaign.noise);
         notes.extend(overstated(floor, error, campaign.scene.error_unit()));
         // With contact, errors are far from a perfect model's for many reasons.
-        if conclusion.corrected.is_some() && !nominal.touches {
+        if judgement.corrected().is_some() && !nominal.touches {
             notes.extend(incomplete(floor, error));
         }
     }

@@ -3,12 +3,12 @@
 use crate::diagnose::Step;
 use crate::effect::{EVIDENT, check_effect};
 use crate::evidence::Spread;
+use crate::judge::{Hypothesis, named_from, needed_beside, threshold};
 use crate::limits::{Limit, limits};
 use crate::nominal::{CONTACT, Fitted, JOINT};
 use crate::plain::Plainly;
 use crate::refine::Refined;
 use crate::screen::{Screened, Tangent, best_of, log_mean_exp, screen};
-use crate::verdict::{Hypothesis, named_from, needed_beside, threshold};
 use crate::{Acts, Campaign, Effect, GapError, Model};
 use rayon::prelude::*;
 use std::collections::BTreeMap;

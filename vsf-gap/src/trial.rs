@@ -2,9 +2,10 @@
 
 use crate::closure::{Closure, Residuals, closure, noise_norm};
 use crate::effect::Need;
+use crate::judge::{Hypothesis, Judged, Nominal, judge};
 use crate::refine::Refined;
 use crate::report::{MOSTLY, is_perfect};
-use crate::verdict::{Hypothesis, Judged, Kind, Nominal, judge};
+use crate::verdict::Kind;
 use crate::{Acts, Campaign, ContactLog, GapError, Model, Motion};
 use std::ops::Range;
 use std::sync::Arc;
@@ -53,21 +54,21 @@ pub(crate) struct Checked {
 }
 
 /// A model that was up to be named.
-pub(crate) struct Tried {
+pub(crate) struct Tried<'a> {
     pub(crate) effects: Vec<String>,
-    /// Mean error (N m or N).
-    pub(crate) error: f64,
-    /// Share of the gap that it closes.
-    pub(crate) closed: f64,
+    pub(crate) refined: &'a Refined,
+    pub(crate) checked: Checked,
 }
 
 /// What the trial leaves.
-pub(crate) struct Conclusion<'a> {
+pub(crate) struct Judgement<'a> {
     pub(crate) judged: Judged,
-    /// The named model, if it predicts no worse than the nominal one.
-    pub(crate) corrected: Option<(&'a Refined, Checked)>,
-    /// The models that were tried.
-    pub(crate) tried: Vec<Tried>,
+    /// The model that stood it.
+    pub(crate) named: Option<Tried<'a>>,
+    /// Whether that one predicts worse than the nominal model.
+    pub(crate) worse: bool,
+    /// Those that did not stand it.
+    pub(crate) refused: Vec<Tried<'a>>,
     /// What is left in free motion (N m or N), where the named model, or the nominal one, leaves much.
     pub(crate) left_free: Option<f64>,
     /// How far the innovations of the named model persist, where they persist too far for it to be all.
@@ -94,27 +95,32 @@ fn free_blocks(sequences: &[Motion], logs: &[Arc<ContactLog>]) -> Vec<(usize, Ra
     blocks
 }
 
-impl Conclusion<'_> {
-    /// The models that did not stand the trial.
-    pub(crate) fn aside(&self) -> &[Tried] {
-        &self.tried[..self.tried.len() - usize::from(self.judged.named.is_some())]
+impl Tried<'_> {
+    /// Mean error (N m or N).
+    pub(crate) fn error(&self) -> f64 {
+        self.checked.residuals.mean_error()
+    }
+}
+
+impl<'a> Judgement<'a> {
+    /// The named model, if it predicts no worse than the nominal one.
+    pub(crate) fn corrected(&self) -> Option<&Tried<'a>> {
+        self.named.as_ref().filter(|_| !self.worse)
     }
 
     /// Whether what the field shows is left to explain: sensors and joints have no part in it, a model that
     /// explains most of the gap leaves none, and what is unknown is so.
     pub(crate) fn leaves_field(&self) -> bool {
-        let explained = |(refined, checked): &(&Refined, Checked)| {
-            checked.closure.fraction >= MOSTLY || refined.model.acts() == Acts::Torques
+        let explains = |t: &Tried<'_>| {
+            t.checked.closure.fraction >= MOSTLY || t.refined.model.acts() == Acts::Torques
         };
         let unknown = self.judged.verdict.kind == Kind::Unknown || self.left_free.is_some();
-        !unknown && !self.corrected.as_ref().is_some_and(explained)
+        !unknown && !self.corrected().is_some_and(explains)
     }
 
-    /// Leaves undecided what the field shows: itself, or effects that it imitates. Nothing is corrected.
-    pub(crate) fn or_field(&mut self, effects: Vec<String>) {
-        self.judged.or_field(effects);
-        // What was named is not any more, and so what it leaves.
-        self.corrected = None;
+    /// Names no model, and so knows nothing of what it leaves.
+    pub(crate) fn withdraw(&mut self) {
+        self.named = None;
         self.persistence = None;
     }
 }
@@ -236,46 +242,47 @@ impl<'a> Trial<'a> {
         &self,
         mut hypotheses: Vec<Hypothesis<'h>>,
         nominal: &Nominal,
-    ) -> Result<Conclusion<'h>, GapError> {
+    ) -> Result<Judgement<'h>, GapError> {
         let before = match nominal.perfect {
             true => 0.0,
             false => self.left_free(&self.before),
         };
         let noticed = self.noticed();
         let much = |after: f64| (after > noticed && after > REMAINS * before).then_some(after);
-        let mut tried = Vec::new();
+        let mut refused = Vec::new();
         loop {
             let judged = judge(&hypotheses, nominal);
             let Some(i) = judged.named else {
-                return Ok(Conclusion {
+                return Ok(Judgement {
                     judged,
-                    corrected: None,
-                    tried,
+                    named: None,
+                    worse: false,
+                    refused,
                     left_free: much(before),
                     persistence: None,
                 });
             };
-            let refined = hypotheses[i].refined;
-            let checked = self.of(refined)?;
-            let (error, closed) = (checked.residuals.mean_error(), checked.closure.fraction);
-            let worse = error > self.before.mean_error();
-            tried.push(Tried {
+            let tried = Tried {
                 effects: judged.verdict.effects.clone(),
-                error,
-                closed,
-            });
+                refined: hypotheses[i].refined,
+                checked: self.of(hypotheses[i].refined)?,
+            };
+            let closed = tried.checked.closure.fraction;
+            let worse = tried.error() > self.before.mean_error();
             if hypotheses[i].stands(closed, worse) {
-                return Ok(Conclusion {
+                return Ok(Judgement {
                     judged,
-                    persistence: Some(checked.persistence)
+                    persistence: Some(tried.checked.persistence)
                         .filter(|p| *p > PERSISTENT && closed < NEARLY)
                         .filter(|_| nominal.touches && !nominal.perfect),
                     // A model that predicts worse may leave more.
-                    left_free: much(self.left_free(&checked.residuals).min(before)),
-                    corrected: (!worse).then_some((refined, checked)),
-                    tried,
+                    left_free: much(self.left_free(&tried.checked.residuals).min(before)),
+                    named: Some(tried),
+                    worse,
+                    refused,
                 });
             }
+            refused.push(tried);
             hypotheses.remove(i);
         }
     }

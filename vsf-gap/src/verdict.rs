@@ -1,44 +1,13 @@
-use crate::evidence::Spread;
-use crate::refine::Refined;
-use crate::{Acts, Effect};
+//! The answer of a diagnosis: what the train sequences show, as far as the check and the field leave it.
+
+use crate::judge::Judged;
+use crate::report::MOSTLY;
 use serde::{Deserialize, Serialize};
-use std::ops::Range;
-use std::sync::Arc;
 
-// The constants of the judgement were settled on labelled recordings of other worlds; of those of `vsf-world` with
-// other seeds than the blind cases that are reported.
-
-/// Nats for one e-fold of probability. Models are never quite right, so that evidence overstates
-/// what it knows; with this one, stated probabilities came about roughly true.
-const TEMPERATURE: f64 = 7.0;
-/// Roughness of contact, and how many times more effects of contact gain from there on; those that choose
-/// contacts, and the others.
-const ROUGHNESS: [(f64, f64, f64); 2] = [(0.1, 5.0, 1.6), (0.3, 14.0, 3.0)];
-/// A gain of so many thresholds is clear.
-const CLEAR: f64 = 2.0;
-/// Roughness of contact from which on effects that choose other contacts have to prove themselves, and
-/// the share of the gap that they have to close on the checked sequences.
-const UNSURE: f64 = 0.1;
-const PROOF: f64 = 0.4;
-/// The share of an effect's gain that is left where its form is wrong by a third of its size: a further
-/// effect, or a more general form, that gains less mends the forms of those before.
-const MISFIT: f64 = 0.12;
-/// Roughness of joints from which on something acts that the model does not have.
-const ROUGH: f64 = 0.15;
-/// A nominal model that leaves more of the energy of what is felt in contact has failed.
-const FAILED: f64 = 0.5;
-/// Readings that are less like those of springs go against them, whatever little of them a field explains.
-const OPPOSED: f64 = -0.5;
 /// A hypothesis is named when it has at least this probability.
-const NAMED: f64 = 0.3;
+pub(crate) const NAMED: f64 = 0.3;
 /// An answer of more effects than this is none.
 const MOST_ALIKE: usize = 5;
-/// Weight of "no gap" beside one for every effect.
-const NO_GAP: f64 = 3.0;
-/// Weight, beside "no gap", of effects of contact that the evidence cannot show because the stiffness
-/// absorbs them; and where contact is so rough that its own errors hide them.
-const ABSORBED: f64 = 0.5;
-const HIDDEN: f64 = 2.0;
 
 /// What a diagnosis concludes.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
@@ -69,281 +38,129 @@ pub struct Verdict {
     pub effect_set_95: Vec<String>,
 }
 
-/// A model that was fitted, as a hypothesis.
-pub(crate) struct Hypothesis<'a> {
-    /// The model.
-    pub(crate) refined: &'a Refined,
-    gain: f64,
-    threshold: f64,
-    rough: f64,
+/// What the check on the test sequences, and the field, leave of what the train sequences show.
+#[derive(Debug, Default)]
+pub(crate) struct Findings {
+    /// Share of the gap that the corrected model closes.
+    pub(crate) closed: f64,
+    /// Effects that the field imitates, best first, where what it shows is left to explain.
+    pub(crate) in_field: Vec<String>,
+    /// Effects that fit well but did not stand the check.
+    pub(crate) refused: Vec<String>,
+    /// Whether much is left in free motion.
+    pub(crate) left_free: bool,
+    /// Whether what the named effects leave lasts.
+    pub(crate) lasts: bool,
+    /// Whether their parameters stopped at a bound of what is plausible, far from explaining all.
+    pub(crate) stopped: bool,
 }
 
-impl Verdict {
-    /// Most of the gap is closed, however rough the rest: not unknown for being rough.
-    pub(crate) fn explain(&mut self) {
-        if self.kind == Kind::Unknown && !self.effects.is_empty() {
-            self.kind = kind_of_claim(self.probability, &self.effect_set_95);
-        }
-    }
+/// The conclusion.
+#[derive(Debug)]
+pub(crate) struct Answer {
+    pub(crate) verdict: Verdict,
+    /// Those of every effect that was fitted.
+    pub(crate) probabilities: Vec<(String, f64)>,
+    /// Whether the cause is unknown since what the named effects leave lasts, and for no other reason.
+    pub(crate) lasting: bool,
 }
 
-fn kind_of_claim(probability: f64, effect_set_95: &[String]) -> Kind {
+/// The kind of an answer that names effects.
+pub(crate) fn kind_of_claim(probability: f64, effect_set_95: &[String]) -> Kind {
     match probability >= NAMED && effect_set_95.len() <= MOST_ALIKE {
         true => Kind::Effects,
         false => Kind::NotDiagnosable,
     }
 }
 
-impl<'a> Hypothesis<'a> {
-    /// `base` is the log evidence of the nominal model, `rough` its roughness of contact, `alone` the gain
-    /// of an effect on its own, if it was fitted.
-    pub(crate) fn new(
-        refined: &'a Refined,
-        base: f64,
-        rough: f64,
-        alone: impl Fn(&str) -> Option<f64>,
-    ) -> Self {
-        let needed = |(e, own): (&Arc<dyn Effect>, Range<usize>)| {
-            let [theta, sd, prior_sd] =
-                [&refined.theta, &refined.sd, &refined.prior.sd].map(|of| &of[own.clone()]);
-            let of_special_case = match e.exceeds(theta, sd, prior_sd) {
-                true => 0.0,
-                false => e.extends().and_then(&alone).unwrap_or(0.0).max(0.0),
-            };
-            threshold(e.as_ref(), rough) + MISFIT * of_special_case
-        };
-        Self {
-            refined,
-            gain: refined.log_evidence - base,
-            threshold: refined.model.places().map(needed).sum(),
-            rough,
-        }
-    }
-
-    /// Names of its effects.
-    pub(crate) fn effects(&self) -> Vec<String> {
-        let parts = &self.refined.model.parts;
-        parts.iter().map(|(e, _)| e.name().to_owned()).collect()
-    }
-
-    /// Whether it stands the check on sequences that it was not fitted to, of whose gap it closes a
-    /// share; `worse` if the plain error grows. Clear evidence stands even so: the sequences may touch
-    /// other places. It is no proof of effects that choose other contacts; where contact is rough, these
-    /// have to close much of the gap.
-    pub(crate) fn stands(&self, closed: f64, worse: bool) -> bool {
-        let mut parts = self.refined.model.parts.iter();
-        match parts.any(|(e, _)| e.chooses_contacts()) {
-            true if self.rough >= UNSURE => closed >= PROOF && !worse,
-            true => !worse,
-            false => !worse || self.gain > CLEAR * self.threshold,
-        }
-    }
-}
-
-/// The gain that a further effect needs beside those of a model that gains so much.
-pub(crate) fn needed_beside(further: &dyn Effect, gain: f64, rough: f64) -> f64 {
-    threshold(further, rough) + MISFIT * gain
-}
-
-/// The gain of log evidence (nats) that an effect needs: [`Effect::null_gain`], and for those that act on
-/// springs and contact more where contact itself is rough.
-pub(crate) fn threshold(effect: &dyn Effect, rough: f64) -> f64 {
-    let times = match ROUGHNESS.iter().rfind(|(from, ..)| rough >= *from) {
-        Some((_, times, _)) if effect.chooses_contacts() => *times,
-        Some((.., times)) if effect.acts() != Acts::Torques => *times,
-        _ => 1.0,
-    };
-    times * effect.null_gain()
-}
-
-/// Weight of effects that do not show, beside one for every effect.
-fn hidden(touches: bool, rough: f64) -> f64 {
-    match (touches, rough >= UNSURE) {
-        (true, true) => HIDDEN * NO_GAP,
-        (true, false) => ABSORBED * NO_GAP,
-        (false, _) => 0.0,
-    }
-}
-
-/// The gain from which on an effect that alone fits is named.
-pub(crate) fn named_from(effect: &dyn Effect, rough: f64, touches: bool) -> f64 {
-    let against = NO_GAP + hidden(touches, rough);
-    let weight = NO_GAP.max(NAMED / (1.0 - NAMED) * against);
-    threshold(effect, rough) + TEMPERATURE * weight.ln()
-}
-
-/// How the nominal model does.
-pub(crate) struct Nominal {
-    /// The spread under which it does best.
-    pub(crate) spread: Spread,
-    /// Whether there is contact.
-    pub(crate) touches: bool,
-    /// Share of the energy of the train readings that it leaves.
-    pub(crate) left: f64,
-    /// Correlation of the train readings with those of one stiffness everywhere.
-    pub(crate) likeness: f64,
-    /// Whether it predicts the checked sequences to within noise.
-    pub(crate) perfect: bool,
-}
-
-impl Nominal {
-    /// What to say when no effect is named.
-    fn kind(&self) -> Kind {
-        match self.contradicts() || self.spread.joint >= ROUGH && !self.perfect {
-            true => Kind::Unknown,
-            false => Kind::NoGap,
-        }
-    }
-
-    /// Whether no stiffness explains what is felt in contact.
-    pub(crate) fn contradicts(&self) -> bool {
-        self.touches && !self.perfect && (self.left > FAILED || self.opposes())
-    }
-
-    /// Whether what is felt is opposite to what springs give.
-    pub(crate) fn opposes(&self) -> bool {
-        self.likeness < OPPOSED
-    }
-}
-
-/// A verdict and the probability of every effect that was fitted.
-pub(crate) struct Judged {
-    pub(crate) verdict: Verdict,
-    /// Index of the hypothesis that the verdict names, if any.
-    pub(crate) named: Option<usize>,
-    pub(crate) probabilities: Vec<(String, f64)>,
-    /// That of effects of contact and material which the stiffness takes up.
-    pub(crate) unseen: f64,
-}
-
 impl Judged {
-    /// Leaves undecided which of some effects, best first, or the field that imitates them, is the cause: all are
-    /// equally likely, and the best one is named. Other effects may act beside the field.
-    pub(crate) fn or_field(&mut self, effects: Vec<String>) {
-        let p = 1.0 / (1 + effects.len()) as f64;
-        self.named = None;
-        self.probabilities.retain(|(e, _)| !effects.contains(e));
-        // If it is the field, they are as likely as before.
-        self.probabilities.iter_mut().for_each(|(_, q)| *q *= p);
-        self.probabilities
-            .extend(effects.iter().map(|e| (e.clone(), p)));
-        let verdict = &mut self.verdict;
-        verdict.effect_set_95.retain(|e| !effects.contains(e));
-        verdict.effect_set_95.splice(..0, effects.iter().cloned());
-        verdict.effects = effects.into_iter().take(1).collect();
-        (verdict.kind, verdict.probability) = (Kind::NotDiagnosable, p);
+    /// The answer that is given.
+    pub(crate) fn conclude(&self, found: &Findings) -> Answer {
+        let (mut verdict, mut probabilities) = (self.verdict.clone(), self.probabilities.clone());
+        or_field(&mut verdict, &mut probabilities, &found.in_field);
+        let claims = !verdict.effects.is_empty();
+        let kind = match (found.closed >= MOSTLY, verdict.kind) {
+            // However rough the rest.
+            (true, Kind::Unknown) if claims => {
+                kind_of_claim(verdict.probability, &verdict.effect_set_95)
+            }
+            (false, _) if found.left_free => Kind::Unknown,
+            (_, kind) => kind,
+        };
+        // However much is closed: something else acts, too.
+        let lasting = found.lasts && kind != Kind::Unknown;
+        verdict.kind = match lasting || found.stopped {
+            true => Kind::Unknown,
+            false => kind,
+        };
+        // An effect that does not show, or one that is not looked for.
+        if verdict.kind == Kind::Unknown && !claims {
+            verdict.probability += self.unseen;
+        }
+        // Not borne out is not ruled out.
+        for effect in &found.refused {
+            if !verdict.effect_set_95.contains(effect) {
+                verdict.effect_set_95.push(effect.clone());
+            }
+        }
+        Answer {
+            verdict,
+            probabilities,
+            lasting,
+        }
     }
 }
 
-/// Weighs the hypotheses against each other and against no gap.
-pub(crate) fn judge(hypotheses: &[Hypothesis<'_>], nominal: &Nominal) -> Judged {
-    let weight = |h: &Hypothesis<'_>| (h.gain - h.threshold) / TEMPERATURE;
-    let top = hypotheses.iter().map(weight).fold(0.0_f64, f64::max);
-    let weights: Vec<f64> = hypotheses.iter().map(|h| (weight(h) - top).exp()).collect();
-    let none = NO_GAP * (-top).exp();
-    let unseen = hidden(nominal.touches, nominal.spread.contact) * (-top).exp();
-    let total = none + unseen + weights.iter().sum::<f64>();
-    let mut probabilities: Vec<(String, f64)> = Vec::new();
-    for (h, w) in hypotheses.iter().zip(&weights) {
-        for effect in &h.effects() {
-            match probabilities.iter_mut().find(|(e, _)| e == effect) {
-                Some((_, p)) => *p += w / total,
-                None => probabilities.push((effect.clone(), w / total)),
-            }
-        }
-    }
-    probabilities.sort_by(|a, b| b.1.total_cmp(&a.1));
-    let best = (0..hypotheses.len()).max_by(|a, b| weights[*a].total_cmp(&weights[*b]));
-    // What hypotheses leave out, from the likeliest on.
-    let mut order: Vec<usize> = (0..hypotheses.len()).collect();
-    order.sort_by(|a, b| weights[*b].total_cmp(&weights[*a]));
-    let mut effect_set_95: Vec<String> = Vec::new();
-    let mut covered = (none + unseen) / total;
-    for i in order {
-        if covered >= 0.95 {
-            break;
-        }
-        covered += weights[i] / total;
-        for effect in hypotheses[i].effects() {
-            if !effect_set_95.contains(&effect) {
-                effect_set_95.push(effect);
-            }
-        }
-    }
-    let named = best.filter(|&i| weights[i] >= none);
-    let (kind, probability) = match named {
-        Some(i) => {
-            let p = weights[i] / total;
-            let kind = match hypotheses[i].refined.spread.joint >= ROUGH {
-                true => Kind::Unknown,
-                false => kind_of_claim(p, &effect_set_95),
-            };
-            (kind, p)
-        }
-        None => (nominal.kind(), none / total),
+/// Leaves undecided which of some effects, best first, or the field that imitates them, is the cause: all are
+/// equally likely, and the best one is named. Other effects may act beside the field.
+fn or_field(verdict: &mut Verdict, probabilities: &mut Vec<(String, f64)>, effects: &[String]) {
+    let Some(best) = effects.first() else {
+        return;
     };
-    let effects = named.map_or_else(Vec::new, |i| hypotheses[i].effects());
-    Judged {
-        verdict: Verdict {
-            effects,
-            kind,
-            probability,
-            effect_set_95,
-        },
-        named,
-        probabilities,
-        unseen: unseen / total,
-    }
+    let p = 1.0 / (1 + effects.len()) as f64;
+    probabilities.retain(|(e, _)| !effects.contains(e));
+    // If it is the field, they are as likely as before.
+    probabilities.iter_mut().for_each(|(_, q)| *q *= p);
+    probabilities.extend(effects.iter().map(|e| (e.clone(), p)));
+    verdict.effect_set_95.retain(|e| !effects.contains(e));
+    verdict.effect_set_95.splice(..0, effects.iter().cloned());
+    verdict.effects = vec![best.clone()];
+    (verdict.kind, verdict.probability) = (Kind::NotDiagnosable, p);
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
 
-    /// A field that differs from place to place explains some of anything.
-    #[test]
-    fn readings_opposite_to_springs_are_no_absence_of_a_gap() {
-        let of = |likeness: f64, left: f64, perfect: bool| Nominal {
-            spread: Spread {
-                point: 1.0,
-                smooth: 1.0,
-                level: 1.0,
-                contact: 0.0,
-                joint: 0.0,
-                white: 0.0,
+    fn names(of: &[&str]) -> Vec<String> {
+        of.iter().map(|e| (*e).to_owned()).collect()
+    }
+
+    fn judged(effects: &[&str], kind: Kind, probability: f64) -> Judged {
+        let probabilities = [("adhesion", 0.9), ("strain_stiffening", 0.06)];
+        Judged {
+            verdict: Verdict {
+                effects: names(effects),
+                kind,
+                probability,
+                effect_set_95: names(&["adhesion", "strain_stiffening"]),
             },
-            touches: true,
-            left,
-            likeness,
-            perfect,
-        };
-        assert_eq!(of(0.9, 0.4, false).kind(), Kind::NoGap);
-        assert_eq!(of(-0.7, 0.4, false).kind(), Kind::Unknown);
-        assert_eq!(of(-0.7, 0.4, true).kind(), Kind::NoGap);
-        assert_eq!(of(0.9, 0.6, false).kind(), Kind::Unknown);
+            named: Some(0).filter(|_| !effects.is_empty()),
+            probabilities: probabilities.map(|(e, p)| (e.to_owned(), p)).to_vec(),
+            unseen: 0.2,
+        }
     }
 
     #[test]
     fn what_the_field_imitates_is_as_likely_as_the_field() {
-        let names = |of: &[&str]| of.iter().map(|e| (*e).to_owned()).collect::<Vec<_>>();
-        let mut judged = Judged {
-            verdict: Verdict {
-                effects: names(&["adhesion"]),
-                kind: Kind::Effects,
-                probability: 0.9,
-                effect_set_95: names(&["adhesion", "strain_stiffening"]),
-            },
-            named: Some(0),
-            probabilities: vec![
-                ("adhesion".to_owned(), 0.9),
-                ("strain_stiffening".to_owned(), 0.06),
-            ],
-            unseen: 0.0,
+        let found = Findings {
+            in_field: names(&["strain_stiffening", "plastic_set"]),
+            ..Findings::default()
         };
-        judged.or_field(names(&["strain_stiffening", "plastic_set"]));
+        let answer = judged(&["adhesion"], Kind::Effects, 0.9).conclude(&found);
         let third = 1.0 / 3.0;
         assert_eq!(
-            judged.verdict,
+            answer.verdict,
             Verdict {
                 effects: names(&["strain_stiffening"]),
                 kind: Kind::NotDiagnosable,
@@ -351,12 +168,89 @@ mod tests {
                 effect_set_95: names(&["strain_stiffening", "plastic_set", "adhesion"]),
             }
         );
-        assert_eq!(judged.named, None);
         // Beside the field, others are as likely as they were.
-        let of = |name: &str| judged.probabilities.iter().find(|(e, _)| e == name);
+        let of = |name: &str| answer.probabilities.iter().find(|(e, _)| e == name);
         let close = |name: &str, p: f64| of(name).is_some_and(|(_, q)| (q - p).abs() < 1e-12);
         assert!(close("strain_stiffening", third) && close("plastic_set", third));
         assert!(close("adhesion", 0.9 * third));
-        assert_eq!(judged.probabilities.len(), 3);
+        assert_eq!(answer.probabilities.len(), 3);
+    }
+
+    #[test]
+    fn the_check_decides_whether_a_cause_is_known() {
+        let kind = |named: &[&str], kind, found: &Findings| {
+            let answer = judged(named, kind, 0.9).conclude(found);
+            (answer.verdict.kind, answer.lasting)
+        };
+        let found = |closed, left_free, lasts, stopped| Findings {
+            closed,
+            left_free,
+            lasts,
+            stopped,
+            ..Findings::default()
+        };
+        let named: &[&str] = &["adhesion"];
+        for (closed, left_free, lasts, stopped, from, expected, lasting) in [
+            (
+                0.2,
+                false,
+                false,
+                false,
+                Kind::Effects,
+                Kind::Effects,
+                false,
+            ),
+            (
+                0.2,
+                false,
+                false,
+                false,
+                Kind::Unknown,
+                Kind::Unknown,
+                false,
+            ),
+            (
+                0.8,
+                false,
+                false,
+                false,
+                Kind::Unknown,
+                Kind::Effects,
+                false,
+            ),
+            (0.8, true, false, false, Kind::Effects, Kind::Effects, false),
+            (0.2, true, false, false, Kind::Effects, Kind::Unknown, false),
+            (0.8, false, true, false, Kind::Effects, Kind::Unknown, true),
+            (0.2, true, true, false, Kind::Effects, Kind::Unknown, false),
+            (0.8, false, false, true, Kind::Effects, Kind::Unknown, false),
+        ] {
+            let found = found(closed, left_free, lasts, stopped);
+            assert_eq!(kind(named, from, &found), (expected, lasting), "{found:?}");
+        }
+        let nothing = found(0.0, true, false, false);
+        assert_eq!(kind(&[], Kind::NoGap, &nothing).0, Kind::Unknown);
+        assert_eq!(kind(&[], Kind::NoGap, &Findings::default()).0, Kind::NoGap);
+    }
+
+    #[test]
+    fn an_unknown_cause_may_be_one_that_does_not_show() {
+        let probability = |kind, effects: &[&str]| {
+            let answer = judged(effects, kind, 0.5).conclude(&Findings::default());
+            answer.verdict.probability
+        };
+        assert_eq!(probability(Kind::Unknown, &[]), 0.7);
+        assert_eq!(probability(Kind::NoGap, &[]), 0.5);
+        assert_eq!(probability(Kind::Unknown, &["adhesion"]), 0.5);
+    }
+
+    #[test]
+    fn what_the_check_refuses_is_not_ruled_out() {
+        let found = Findings {
+            refused: names(&["payload", "adhesion"]),
+            ..Findings::default()
+        };
+        let answer = judged(&[], Kind::NoGap, 0.5).conclude(&found);
+        let set = names(&["adhesion", "strain_stiffening", "payload"]);
+        assert_eq!(answer.verdict.effect_set_95, set);
     }
 }
