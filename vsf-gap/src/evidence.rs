@@ -15,6 +15,9 @@ const CELL: f64 = 0.04;
 /// Times (s) over which the model's roughness persists: of contact, and of joints.
 const CONTACT_TIMES: [f64; 3] = [0.05, 0.3, 3.0];
 const JOINT_TIMES: [f64; 2] = [0.5, 5.0];
+/// Most rounds per parameter of a fit within bounds, and the slope at a bound (square root of nats) that is rounding.
+const ROUNDS: usize = 20;
+const LEVEL_SLOPE: f64 = 1e-9;
 /// Rows of a band in [`add_outer`].
 const BAND: usize = 64;
 
@@ -316,28 +319,64 @@ impl Normal {
     }
 
     /// The evidence with the parameters integrated out under independent priors of mean zero and
-    /// deviations `sd`. A parameter that would leave its bounds is held at the nearer one; a bound
-    /// at zero takes it out of the model.
+    /// deviations `sd`. Parameters that would leave their bounds are held there; a bound
+    /// at zero takes them out of the model. `None` where numbers do not tell.
     pub(crate) fn fit(&self, sd: &[f64], bounds: &[[f64; 2]]) -> Option<Fit> {
         let p = sd.len();
+        let mut theta = DVector::from_fn(p, |i, _| 0.0_f64.clamp(bounds[i][0], bounds[i][1]));
         let mut held: Vec<Option<f64>> = vec![None; p];
-        loop {
+        // A primal active set method: each round holds one more or comes to a smaller minimum.
+        for _ in 0..ROUNDS * (p + 1) {
             let free: Vec<usize> = (0..p).filter(|&i| held[i].is_none()).collect();
             let fit = self.fit_free(sd, &held, &free)?;
-            // The one that is furthest out first.
-            let out = |&i: &usize| {
-                let [lo, hi] = bounds[i];
-                ((lo - fit.theta[i]).max(fit.theta[i] - hi) / sd[i]).max(0.0)
+            let reach = |&i: &usize| {
+                let [low, high] = bounds[i];
+                let (from, to) = (theta[i], fit.theta[i]);
+                let bound = to.clamp(low, high);
+                (bound != to).then(|| (i, bound, ((bound - from) / (to - from)).clamp(0.0, 1.0)))
             };
-            let worst = free
+            let first = free
                 .iter()
-                .copied()
-                .max_by(|a, b| out(a).total_cmp(&out(b)));
-            match worst.filter(|i| out(i) > 0.0) {
-                Some(i) => held[i] = Some(fit.theta[i].clamp(bounds[i][0], bounds[i][1])),
+                .filter_map(reach)
+                .min_by(|a, b| a.2.total_cmp(&b.2));
+            if let Some((i, bound, share)) = first {
+                theta += share * (&fit.theta - &theta);
+                held[i] = Some(bound);
+                continue;
+            }
+            theta.copy_from(&fit.theta);
+            match self.leaves_bound(&theta, sd, bounds, &held) {
+                Some(i) => held[i] = None,
                 None => return fit.gain.is_finite().then_some(fit),
             }
         }
+        None
+    }
+
+    /// The held parameter that would gain most by moving inside of its bounds, if any would.
+    fn leaves_bound(
+        &self,
+        theta: &DVector<f64>,
+        sd: &[f64],
+        bounds: &[[f64; 2]],
+        held: &[Option<f64>],
+    ) -> Option<usize> {
+        let pull = &self.score - &self.information * theta;
+        // Slope of the log posterior towards the inside, in units of the prior's deviation.
+        let inward = |i: usize| {
+            let slope = sd[i] * pull[i] - theta[i] / sd[i];
+            match (held[i]?, bounds[i]) {
+                (_, [low, high]) if low == high => None,
+                (at, [low, _]) if at == low => Some(slope),
+                _ => Some(-slope),
+            }
+        };
+        let size = |i: usize| sd[i] * sd[i] * self.information[(i, i)] + 1.0;
+        (0..sd.len())
+            .filter_map(|i| Some((i, inward(i)? / size(i).sqrt())))
+            .filter(|(_, slope)| *slope > LEVEL_SLOPE)
+            .max_by(|a, b| a.1.total_cmp(&b.1))
+            .map(|(i, _)| i)
     }
 
     fn fit_free(&self, sd: &[f64], held: &[Option<f64>], free: &[usize]) -> Option<Fit> {
@@ -440,6 +479,7 @@ pub(crate) fn times(a: &Mat<f64>, x: &[f64]) -> Vec<f64> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use proptest::prelude::*;
 
     /// Columns that are zero but for some rows, as of points that are touched for a while.
     fn sparse(rows: usize, columns: usize) -> Mat<f64> {
@@ -466,6 +506,62 @@ mod tests {
                     let expected = (i + j) as f64 - product;
                     assert!((found[(i, j)] - expected).abs() < 1e-11, "{rows}: {i}, {j}");
                 }
+            }
+        }
+    }
+
+    /// The best of all ways to hold each of three parameters at a bound or not.
+    fn best_of_all(normal: &Normal, sd: &[f64; 3], bounds: &[[f64; 2]; 3]) -> Vec<f64> {
+        let precision = DMatrix::from_fn(3, 3, |i, j| {
+            normal.information[(i, j)] + if i == j { sd[i].powi(-2) } else { 0.0 }
+        });
+        let cost =
+            |theta: &DVector<f64>| 0.5 * theta.dot(&(&precision * theta)) - normal.score.dot(theta);
+        let mut best: Option<DVector<f64>> = None;
+        for way in 0..27_usize {
+            let at = |i: usize| match way / 3_usize.pow(i as u32) % 3 {
+                2 => None,
+                side => Some(bounds[i][side]),
+            };
+            // Rows of held parameters say where they are.
+            let rows = DMatrix::from_fn(3, 3, |i, j| match at(i) {
+                None => precision[(i, j)],
+                Some(_) => f64::from(u8::from(i == j)),
+            });
+            let right = DVector::from_fn(3, |i, _| at(i).unwrap_or(normal.score[i]));
+            let Some(theta) = rows.lu().solve(&right) else {
+                continue;
+            };
+            let inside = (0..3)
+                .all(|i| theta[i] >= bounds[i][0] - 1e-12 && theta[i] <= bounds[i][1] + 1e-12);
+            if inside && best.as_ref().is_none_or(|b| cost(&theta) < cost(b)) {
+                best = Some(theta);
+            }
+        }
+        best.map_or_else(Vec::new, |b| b.as_slice().to_vec())
+    }
+
+    proptest! {
+        /// Columns that resemble each other, so that what is held may have to be let go.
+        #[test]
+        fn val_fits_within_bounds_are_the_best_of_all(
+            columns in prop::array::uniform3(prop::array::uniform4(-1.0..1.0_f64)),
+            y in prop::array::uniform4(-10.0..10.0_f64),
+            alike in 0.0..0.95_f64,
+            sd in prop::array::uniform3(0.1..30.0_f64),
+            low in prop::array::uniform3(-2.0..0.0_f64),
+            one_sided in prop::array::uniform3(any::<bool>()),
+        ) {
+            let mixed = columns.map(|c| -> Vec<f64> {
+                let pairs = c.iter().zip(&columns[0]);
+                pairs.map(|(c, first)| (1.0 - alike) * c + alike * first).collect()
+            });
+            let normal = Normal::new(&y, &[&mixed[0], &mixed[1], &mixed[2]]);
+            let bounds = [0, 1, 2].map(|i| [if one_sided[i] { 0.0 } else { low[i] }, 1.5]);
+            let fit = normal.fit(&sd, &bounds).ok_or_else(|| TestCaseError::fail("no fit"))?;
+            let expected = best_of_all(&normal, &sd, &bounds);
+            for (found, expected) in fit.theta.iter().zip(&expected) {
+                prop_assert!((found - expected).abs() < 1e-7, "{} {expected:?}", fit.theta);
             }
         }
     }
