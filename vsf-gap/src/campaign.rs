@@ -416,21 +416,21 @@ impl Campaign {
         all
     }
 
-    /// The campaign with every `by` samples of a train sequence averaged into one, none across two
-    /// touches.
+    /// The campaign with every `by` samples averaged into one, none across two touches.
     ///
     /// # Errors
     /// None in practice: the tables keep their form.
     pub(crate) fn thinned(&self, by: usize) -> Result<Self, GapError> {
-        let train: Vec<Motion> = (self.train.iter())
-            .map(|m| m.thinned(by))
-            .collect::<Result<_, _>>()?;
+        let thinned = |motions: &[Motion]| -> Result<Vec<Motion>, GapError> {
+            motions.iter().map(|m| m.thinned(by)).collect()
+        };
+        let (train, test) = (thinned(&self.train)?, thinned(&self.test)?);
         let samples = |motions: &[Motion]| motions.iter().map(Motion::len).sum::<usize>();
         // Touches end before a block is full.
         let by = samples(&self.train) / samples(&train).max(1);
         Ok(Self {
             noise: self.noise.iter().map(|n| n.of_means(by)).collect(),
-            ..self.with_sequences(train, self.test.clone())
+            ..self.with_sequences(train, test)
         })
     }
 

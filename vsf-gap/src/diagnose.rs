@@ -158,7 +158,14 @@ fn attempt(
     let search = thinned.search(effects, progress)?;
 
     progress(Step::Check);
-    let trial = Trial::new(campaign, thinned, &search.field, seed)?;
+    let trial = Trial::new(
+        campaign,
+        thinned,
+        &search.nominal,
+        &search.field,
+        &search.spread,
+        seed,
+    )?;
     let noise_floor = noise_norm(&campaign.noise);
     let nominal = Nominal {
         spread: search.spread,

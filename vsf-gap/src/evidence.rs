@@ -94,6 +94,11 @@ impl Parts {
     /// # Errors
     /// A covariance that is not positive definite.
     pub(crate) fn factor(&self, spread: &Spread) -> Result<Factor, GapError> {
+        Factor::new(self.covariance(spread))
+    }
+
+    /// The covariance of the readings, lower triangle.
+    pub(crate) fn covariance(&self, spread: &Spread) -> Mat<f64> {
         let n = self.windows.rows();
         let d = self.windows.joints;
         let (point, smooth, level) = (
@@ -147,7 +152,7 @@ impl Parts {
                 }
             }
         }
-        Factor::new(c)
+        c
     }
 }
 
@@ -249,7 +254,11 @@ fn hats(points: &[u32], rest: &[Point3<f64>]) -> Hats {
 }
 
 impl Factor {
-    fn new(mut a: Mat<f64>) -> Result<Self, GapError> {
+    /// Of a covariance, by its lower triangle.
+    ///
+    /// # Errors
+    /// A matrix that is not positive definite.
+    pub(crate) fn new(mut a: Mat<f64>) -> Result<Self, GapError> {
         let scratch =
             llt::factor::cholesky_in_place_scratch::<f64>(a.nrows(), Par::Seq, Default::default());
         let mut memory = MemBuffer::new(scratch);

@@ -79,16 +79,16 @@ impl<'a> Hypothesis<'a> {
         parts.iter().map(|(e, _)| e.name().to_owned()).collect()
     }
 
-    /// Whether it stands the check on sequences that it was not fitted to, of whose gap it closes a
-    /// share; `worse` if the plain error grows. Clear evidence stands even so: the sequences may touch
-    /// other places. It is no proof of effects that choose other contacts; where contact is rough, these
-    /// have to close much of the gap.
-    pub(crate) fn stands(&self, closed: f64, worse: bool) -> bool {
+    /// Whether it stands the check on sequences that it was not fitted to: of whose gap it closes a share, and which
+    /// it `foretold` by so many nats better than the nominal model; `worse` if the plain error grows. Clear evidence of
+    /// all sequences together stands even so: what they touch that was not touched before has errors of its own. It is
+    /// no proof of effects that choose other contacts; where contact is rough, these have to close much of the gap.
+    pub(crate) fn stands(&self, closed: f64, foretold: f64, worse: bool) -> bool {
         let mut parts = self.refined.model.parts.iter();
         match parts.any(|(e, _)| e.chooses_contacts()) {
             true if self.rough >= UNSURE => closed >= PROOF && !worse,
             true => !worse,
-            false => !worse || self.gain > CLEAR * self.threshold,
+            false => !worse || self.gain + foretold > CLEAR * self.threshold,
         }
     }
 }

@@ -1,6 +1,6 @@
 use crate::evidence::{Factor, Parts, Spread, field_mean, times};
-use crate::screen::best_of;
-use crate::windows::{Design, Windows};
+use crate::screen::{best_of, log_mean_exp};
+use crate::windows::{Design, Window, Windows};
 use crate::{Campaign, ContactLog, GapError, Model, Motion};
 use faer::Mat;
 use rayon::prelude::*;
@@ -52,10 +52,10 @@ impl Campaign {
     pub(crate) fn fitted<'a>(
         &self,
         model: &Model,
-        motions: &'a [Motion],
+        motions: impl IntoIterator<Item = &'a Motion>,
     ) -> Result<Fitted<'a>, GapError> {
         let d = self.site.joints();
-        let motions: Vec<&Motion> = motions.iter().collect();
+        let motions: Vec<&Motion> = motions.into_iter().collect();
         let windows = Windows::new(&motions, d);
         let logs = self.contact_logs(model, &motions)?;
         let design = self.design(model, &motions, &logs, &windows)?;
@@ -145,17 +145,46 @@ impl Fitted<'_> {
 
     /// The same, with the factor at hand.
     pub(crate) fn log_evidence_of(&self, factor: &Factor) -> f64 {
-        let squares: f64 = self.innovations(factor).iter().map(|y| y * y).sum();
-        -0.5 * (factor.log_det() + squares)
+        log_density(&self.rest(), factor)
+    }
+
+    /// Log density of the readings of the other sequences, given those of some, without constants; with a spread of
+    /// the stiffness and whatever roughness suits.
+    ///
+    /// # Errors
+    /// A covariance that is not positive definite.
+    pub(crate) fn log_predictive(
+        &self,
+        stiffness: &Spread,
+        given: impl Fn(&Motion) -> bool,
+    ) -> Result<f64, GapError> {
+        let d = self.windows.joints;
+        let is_given = |w: &Window| given(self.motions[w.sequence]);
+        let rows: Vec<usize> = (self.windows.list.iter().enumerate())
+            .filter(|(_, w)| is_given(w))
+            .flat_map(|(i, _)| i * d..(i + 1) * d)
+            .collect();
+        let rest = self.rest();
+        let own: Vec<f64> = rows.iter().map(|row| rest[*row]).collect();
+        let densities: Vec<(f64, f64)> = (self.roughness(stiffness).par_iter())
+            .map(|spread| {
+                let covariance = self.parts.covariance(spread);
+                let part = Mat::from_fn(rows.len(), rows.len(), |i, k| match i >= k {
+                    true => covariance[(rows[i], rows[k])],
+                    false => 0.0,
+                });
+                let of_given = log_density(&own, &Factor::new(part)?);
+                Ok((log_density(&rest, &Factor::new(covariance)?), of_given))
+            })
+            .collect::<Result<_, GapError>>()?;
+        let (all, of_given): (Vec<f64>, Vec<f64>) = densities.into_iter().unzip();
+        Ok(log_mean_exp(&all) - log_mean_exp(&of_given))
     }
 
     /// What every reading adds to what those before it tell, in its standard deviations: white and of variance 1
     /// if the model is right.
     fn innovations(&self, factor: &Factor) -> Vec<f64> {
-        let rest = self.rest();
-        let mut y = Mat::from_fn(rest.len(), 1, |i, _| rest[i]);
-        factor.whiten(&mut y);
-        y.col_as_slice(0).to_vec()
+        whitened(&self.rest(), factor)
     }
 
     /// How far innovations persist: their correlation from window to window of a touch, over all joints. About 0
@@ -335,6 +364,18 @@ impl Fitted<'_> {
             .for_each(|(t, a)| *t += a);
         tau
     }
+}
+
+fn whitened(values: &[f64], factor: &Factor) -> Vec<f64> {
+    let mut y = Mat::from_fn(values.len(), 1, |i, _| values[i]);
+    factor.whiten(&mut y);
+    y.col_as_slice(0).to_vec()
+}
+
+/// Log of the density of values of mean zero, without constants.
+fn log_density(values: &[f64], factor: &Factor) -> f64 {
+    let squares: f64 = whitened(values, factor).iter().map(|y| y * y).sum();
+    -0.5 * (factor.log_det() + squares)
 }
 
 /// Correlation of the values of every window with those of the one before it, of those that follow one; `joints`

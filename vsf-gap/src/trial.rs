@@ -2,11 +2,14 @@
 
 use crate::closure::{Closure, Residuals, closure, noise_norm};
 use crate::effect::Need;
+use crate::evidence::Spread;
 use crate::judge::{Hypothesis, Judged, Nominal, judge};
+use crate::nominal::Fitted;
 use crate::refine::Refined;
 use crate::report::{MOSTLY, is_perfect};
 use crate::verdict::Kind;
 use crate::{Acts, Campaign, ContactLog, GapError, Model, Motion};
+use std::collections::BTreeSet;
 use std::ops::Range;
 use std::sync::Arc;
 
@@ -40,6 +43,8 @@ pub(crate) struct Trial<'a> {
     pub(crate) before: Residuals,
     /// Blocks of samples in which nothing is touched: index of the sequence, rows.
     free: Vec<(usize, Range<usize>)>,
+    /// What the nominal model makes of the test sequences ([`log_predictive`]).
+    log_predictive: f64,
     seed: u64,
 }
 
@@ -49,6 +54,8 @@ pub(crate) struct Checked {
     pub(crate) field: Vec<f64>,
     pub(crate) residuals: Residuals,
     pub(crate) closure: Closure,
+    /// How much likelier it makes the test sequences than the nominal model does, given the train sequences (nats).
+    pub(crate) foretold: f64,
     /// How far innovations on the train sequences persist ([`Fitted::persistence`](crate::nominal::Fitted)).
     pub(crate) persistence: f64,
 }
@@ -125,15 +132,42 @@ impl<'a> Judgement<'a> {
     }
 }
 
+/// Log density of the test sequences, given the train sequences, of a model as it was fitted to these; 0 without
+/// test sequences. What was never touched is uncertain, so that a model is not held against it.
+///
+/// # Errors
+/// Rows that contact cannot take, a covariance that is not positive definite.
+fn log_predictive(
+    campaign: &Campaign,
+    fitted: &Fitted<'_>,
+    spread: &Spread,
+) -> Result<f64, GapError> {
+    if campaign.test.is_empty() {
+        return Ok(0.0);
+    }
+    let mut all = campaign.fitted(&fitted.model, campaign.session())?;
+    let touched: BTreeSet<u32> = (fitted.logs.iter())
+        .flat_map(|log| &log.contacts)
+        .flat_map(|c| c.points().iter().copied())
+        .collect();
+    // Points that came out negative.
+    let left_out = |p: u32| touched.contains(&p) && fitted.design.points.binary_search(&p).is_err();
+    all.leave_out(campaign, left_out);
+    let given = |m: &Motion| fitted.motions.iter().any(|own| std::ptr::eq(*own, m));
+    all.log_predictive(spread, given)
+}
+
 impl<'a> Trial<'a> {
-    /// `field` is that of the nominal model.
+    /// With the nominal model, its field and its spread.
     ///
     /// # Errors
-    /// Rows that contact cannot take.
+    /// Rows that contact cannot take, a covariance that is not positive definite.
     pub(crate) fn new(
         whole: &'a Campaign,
         thinned: &'a Campaign,
+        fitted: &Fitted<'_>,
         field: &[f64],
+        spread: &Spread,
         seed: u64,
     ) -> Result<Self, GapError> {
         let sequences = match whole.test.is_empty() {
@@ -154,6 +188,7 @@ impl<'a> Trial<'a> {
             sequences,
             before: whole.residuals_in(&nominal, field, &all, &all, &logs)?,
             free,
+            log_predictive: log_predictive(thinned, fitted, spread)?,
             seed,
         })
     }
@@ -174,7 +209,21 @@ impl<'a> Trial<'a> {
         let (field, factor) = thinned.field(&mut fitted, &refined.spread)?;
         let all: Vec<&Motion> = self.sequences.iter().collect();
         let residuals = self.whole.residuals(&refined.model, &field, &all)?;
+        let foretold = log_predictive(thinned, &fitted, &refined.spread)? - self.log_predictive;
+        eprintln!(
+            "PREDICTIVE {} {foretold:.1} closed {:.2} spread {:?}",
+            refined
+                .model
+                .parts
+                .iter()
+                .map(|(e, _)| e.name())
+                .collect::<Vec<_>>()
+                .join("+"),
+            self.closure(&residuals).fraction,
+            refined.spread
+        );
         Ok(Checked {
+            foretold,
             closure: self.closure(&residuals),
             persistence: fitted.persistence(&factor),
             field,
@@ -267,9 +316,12 @@ impl<'a> Trial<'a> {
                 refined: hypotheses[i].refined,
                 checked: self.of(hypotheses[i].refined)?,
             };
-            let closed = tried.checked.closure.fraction;
+            let Checked {
+                closure, foretold, ..
+            } = &tried.checked;
+            let closed = closure.fraction;
             let worse = tried.error() > self.before.mean_error();
-            if hypotheses[i].stands(closed, worse) {
+            if hypotheses[i].stands(closed, *foretold, worse) {
                 return Ok(Judgement {
                     judged,
                     persistence: Some(tried.checked.persistence)

@@ -125,6 +125,14 @@ fn swinging(felt: impl Fn([f64; 3], [f64; 3]) -> [f64; 3]) -> Campaign {
 
 /// The same with other noise.
 fn swinging_with_noise(seed: u64, felt: impl Fn([f64; 3], [f64; 3]) -> [f64; 3]) -> Campaign {
+    swinging_in_sequences(seed, |_, tau, qd| felt(tau, qd))
+}
+
+/// The same with readings that differ from sequence to sequence.
+fn swinging_in_sequences(
+    seed: u64,
+    felt: impl Fn(u32, [f64; 3], [f64; 3]) -> [f64; 3],
+) -> Campaign {
     let robot = vsf_robots::planar_arm(3, 0.3, 0.03).unwrap();
     let mut workspace = robot.dynamics_workspace();
     let gravity = nalgebra::Vector3::new(0.0, 0.0, -common::GRAVITY);
@@ -141,7 +149,7 @@ fn swinging_with_noise(seed: u64, felt: impl Fn([f64; 3], [f64; 3]) -> [f64; 3])
                 .inverse_dynamics(&q, &qd, &qdd, &gravity, &mut workspace)
                 .unwrap();
             let mut noise = || -> f64 { StandardNormal.sample(&mut rng) };
-            let tau = felt([rigid[0], rigid[1], rigid[2]], qd);
+            let tau = felt(s, [rigid[0], rigid[1], rigid[2]], qd);
             (q.to_vec(), tau.map(|t| t + 0.02 * noise()).to_vec())
         };
         (0..800).map(&mut row).collect()
@@ -176,6 +184,27 @@ fn a_gain_beside_a_bias_is_named() {
     };
     let (g, b) = (of("torque_gain", "g_1"), of("torque_bias", "b_2"));
     assert!((g - 0.1).abs() < 0.02 && (b - 0.3).abs() < 0.03, "{g} {b}");
+}
+
+/// However clear a constant is in the train sequences, the test sequence has one of the other sign.
+#[test]
+fn what_all_sequences_together_do_not_bear_out_is_not_named() {
+    let campaign = swinging_in_sequences(7, |s, tau, _| {
+        let bias = if s < 3 { 0.05 } else { -0.075 };
+        [tau[0], tau[1] + bias, tau[2]]
+    });
+    assert_eq!((campaign.train().len(), campaign.test().len()), (3, 1));
+    let bias = effects::named(&["torque_bias"]).unwrap();
+    let outcome = diagnose(&campaign, "case", &bias, 0, |_| {}).unwrap();
+    let d = &outcome.diagnosis;
+    assert!(d.verdict.effects.is_empty(), "{:?}", d.verdict);
+    assert_eq!(d.verdict.effect_set_95, ["torque_bias"]);
+    let aside = "left aside, since the test sequences do not bear them out";
+    assert!(
+        d.notes.iter().any(|n| n.starts_with(aside)),
+        "{:?}",
+        d.notes
+    );
 }
 
 /// Friction that is larger one way takes some of a constant, which is small beside it.
