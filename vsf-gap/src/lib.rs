@@ -21,7 +21,8 @@
 //!    spread of the stiffness of their own: that of the nominal model makes up for what it lacks.
 //! 5. A second effect is added if it earns its place, and the first is kept only if the second does
 //!    not do as well alone. In free air a third and a fourth may follow, if none before can be spared.
-//! 6. **Verdict**: evidence beyond what the effect gains where nothing acts, as probabilities. Something
+//! 6. **Verdict**: evidence beyond what the effect gains where nothing acts, as probabilities. What predicts the
+//!    test sequences worse is left aside, unless their log density given the train sequences leaves it clear. Something
 //!    rough that no effect explains, or that remains in free motion, is *unknown*, and so is a cause whose
 //!    model leaves innovations that are not white; several effects that fit alike are *not diagnosable*, and
 //!    so is one that with a single stiffness everywhere explains what the field shows, as stiffening does of
