@@ -8,7 +8,7 @@ use crate::notes::{closest, notes, told};
 use crate::plain::Plain;
 use crate::report::{Diagnosis, EffectReport, Gap, Outcome, STIFFNESS_FIELD, is_perfect};
 use crate::search::Search;
-use crate::trial::{Checked, Judgement, NEARLY, Trial};
+use crate::trial::{Judgement, NEARLY, Trial};
 use crate::verdict::{Answer, Findings};
 use crate::windows::Windows;
 use crate::{Campaign, Effect, GapError, Model, Motion};
@@ -279,14 +279,10 @@ fn reports(
         {
             let mut tried = judgement.refused.iter().chain(&judgement.named);
             let own = tried.find(|t| t.effects == [report.effect.as_str()]);
-            let of = |checked: &Checked| {
-                let closed = checked.closure.fraction;
-                (Some(checked.residuals.mean_error()), Some(closed))
-            };
-            (report.test_error, report.closed_fraction) = match own {
-                Some(tried) => of(&tried.checked),
-                None => of(&trial.of(refined)?),
-            };
+            match own {
+                Some(tried) => report.check(&tried.checked),
+                None => report.check(&trial.of(refined)?),
+            }
         }
         if let Some(named) = judgement.corrected() {
             report.together(campaign, named.refined);

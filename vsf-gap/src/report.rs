@@ -6,6 +6,7 @@ use crate::locate::Where;
 use crate::next::NextExperiment;
 use crate::refine::Refined;
 use crate::search::Candidate;
+use crate::trial::Checked;
 use crate::verdict::{Kind, Verdict};
 use crate::{Campaign, Effect, Model, Motion, Parameter, Role};
 use serde::{Deserialize, Serialize};
@@ -53,6 +54,10 @@ pub struct EffectReport {
     pub test_error: Option<f64>,
     /// Share of the gap that it closes on the test sequences.
     pub closed_fraction: Option<f64>,
+    /// How much likelier it makes the test sequences than the nominal model does, both fitted to the train sequences
+    /// (nats); `null` where it was not fitted.
+    #[serde(default)]
+    pub test_score: Option<f64>,
     /// Share of its information that the stiffness absorbs, 0 to 1.
     pub absorbed_share: Option<f64>,
     /// What the model with it leaves unexplained; `null` where it was not fitted.
@@ -231,6 +236,7 @@ impl EffectReport {
             joints: Vec::new(),
             test_error: None,
             closed_fraction: None,
+            test_score: None,
             absorbed_share: None,
             roughness: None,
             ambiguous_with: Vec::new(),
@@ -238,6 +244,13 @@ impl EffectReport {
             testable: true,
             reason: None,
         }
+    }
+
+    /// Takes how it does on the test sequences.
+    pub(crate) fn check(&mut self, checked: &Checked) {
+        self.test_error = Some(checked.residuals.mean_error());
+        self.closed_fraction = Some(checked.closure.fraction);
+        self.test_score = Some(checked.foretold);
     }
 
     /// Of effects that are named together, parameters are those that they have together.
