@@ -31,7 +31,8 @@ pub struct Verdict {
     pub effects: Vec<String>,
     /// What kind of answer it is.
     pub kind: Kind,
-    /// Its probability; of unknown without effects, that none of those looked for is the cause.
+    /// Its probability. Of unknown without effects, that none of those looked for is the cause; with effects, theirs
+    /// among those that were looked for.
     pub probability: f64,
     /// The smallest set of effects that make up 95 % of the probability together with no gap and with effects that
     /// the stiffness takes up; and those that fit well but did not stand the check on other sequences.
