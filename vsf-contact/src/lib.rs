@@ -12,13 +12,17 @@
 #![forbid(unsafe_code)]
 
 mod bake;
+mod batch;
 mod cache;
+mod carry;
 mod cells;
 mod closing;
 mod config;
 mod error;
+mod forms;
 mod front;
 mod grid_sdf;
+mod lanes;
 mod lattice;
 mod link_pose;
 mod links;
@@ -27,12 +31,14 @@ mod mesh_sdf;
 mod rivals;
 mod sdf;
 mod shape_sdf;
-mod slip;
+mod slide;
 mod stick_slip;
+mod surface;
 mod union;
 mod winding;
 
 pub use bake::{GridError, GridOptions, GridReport};
+pub use batch::Batch;
 pub use cache::CacheUse;
 pub use cells::{CellContact, Cells};
 pub use config::ContactConfig;
