@@ -99,8 +99,11 @@ impl Carry<'_> {
             let pose = &self.poses[rival.slot];
             let in_box = own.iter().filter_map(|&i| {
                 let a = &contacts[i];
+                if a.slot == DETACHED {
+                    return None;
+                }
                 let place_R = rival.place_in_box(&a.anchor.place_L, pose)?;
-                (a.slot == slot).then_some((i, place_R))
+                Some((i, place_R))
             });
             distances(&*self.links[rival.slot].sdf, in_box, |i, distance| {
                 if distance < deepest[i] {

@@ -130,6 +130,7 @@ impl Front {
 
     /// Takes the link's new pose and visits all points that are within reach and may not have been
     /// at the last one, and some that were. After [`Front::clear`] it visits all within reach.
+    /// Single points to `skip` are left for a later step, in which they are not skipped.
     pub fn advance(
         &mut self,
         reach: &Reach,
@@ -206,19 +207,11 @@ impl Front {
         visit: &mut impl FnMut(u32),
     ) {
         let old = self.points.len();
-        let due = |&what| Watch {
-            due: f64::NEG_INFINITY,
-            what,
-        };
-        self.points.extend(points.iter().map(due));
-        Watch::renew(
-            &mut self.points[old..],
-            self.travel,
-            reach,
-            rest,
-            |_| false,
-            visit,
-        );
+        let due = f64::NEG_INFINITY;
+        self.points
+            .extend(points.iter().map(|&what| Watch { due, what }));
+        let new = &mut self.points[old..];
+        Watch::renew(new, self.travel, reach, rest, |_| false, visit);
     }
 }
 
@@ -232,28 +225,25 @@ impl Watch<u32> {
         skip: impl Fn(u32) -> bool,
         mut visit: impl FnMut(u32),
     ) {
-        let mut renew = |watch: &Cell<Self>, outlook: &Outlook| {
-            let point = watch.get().what;
-            watch.set(Watch::new(point, outlook, travel));
-            if outlook.within {
-                visit(point);
-            }
-        };
         let watches = Cell::from_mut(watches).as_slice_of_cells();
-        let due = watches
-            .iter()
-            .filter(|watch| watch.get().is_due(travel) && !skip(watch.get().what));
+        let due = (watches.iter()).filter(|w| w.get().is_due(travel) && !skip(w.get().what));
         let near = due.filter_map(|watch| {
-            match reach.look(&rest.positions()[watch.get().what as usize], 0.0) {
+            let point = watch.get().what;
+            match reach.look(&rest.positions()[point as usize], 0.0) {
                 Look::Near(p_L, near) => Some(((watch, near), p_L)),
                 Look::Far(outlook) => {
-                    watch.set(Watch::new(watch.get().what, &outlook, travel));
+                    watch.set(Self::new(point, &outlook, travel));
                     None
                 }
             }
         });
         distances(reach.sdf, near, |(watch, near), distance| {
-            renew(watch, &reach.near_outlook(&near, distance));
+            let point = watch.get().what;
+            let outlook = reach.near_outlook(&near, distance);
+            watch.set(Self::new(point, &outlook, travel));
+            if outlook.within {
+                visit(point);
+            }
         });
     }
 }

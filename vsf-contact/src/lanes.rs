@@ -227,6 +227,12 @@ impl<S: Simd> Triple<S> {
         }
     }
 
+    /// The same vector in each lane, with the width of `self`.
+    #[inline(always)]
+    pub fn all(self, vector: Vector3<f64>) -> Self {
+        Self::splat(self.x.simd, vector)
+    }
+
     #[inline(always)]
     pub fn load(simd: S, rows: &[Row; 3], vector: usize) -> Self {
         Self {

@@ -7,6 +7,10 @@
 //! | [`StickSlip`] | section III-B-a of the paper: points stick, slip, detach |
 //! | [`CellContact`] | the same with cubes instead of points, [`Cells`] |
 //!
+//! Points are independent, and are worked on side by side in vector registers: surfaces are shown a
+//! [`Batch`] of places. One point after the other, with a table of the parts that are near it, saves
+//! little: time goes into waiting for divisions and branches, not into parts that are looked at.
+//!
 //! Both models implement [`vsf_core::ContactModel`] and never read a belief.
 
 #![forbid(unsafe_code)]
@@ -32,6 +36,7 @@ mod rivals;
 mod sdf;
 mod shape_sdf;
 mod slide;
+mod slip;
 mod stick_slip;
 mod surface;
 mod union;

@@ -39,7 +39,8 @@ pub trait Sdf: Send + Sync {
         }
     }
 
-    /// [`unite`](Sdf::unite) for several bodies.
+    /// Shows many places to several bodies, as [`unite`](Sdf::unite) does for each of them in turn.
+    /// The default does just that; a body that can do better for all of them together says how.
     fn unite_all(bodies: &[Self], batch: &mut Batch)
     where
         Self: Sized,

@@ -25,11 +25,10 @@ pub struct ShapeSdf {
     R_SB: Matrix3<f64>,
     p_BS: Point3<f64>,
     form: AnyForm,
-    /// Box around the shape.
-    lower_S: Vector3<f64>,
-    upper_S: Vector3<f64>,
+    /// Box around the shape, and by how much rounding may take distances below that from the box.
     center_B: Point3<f64>,
     half_B: Vector3<f64>,
+    rounding: f64,
 }
 
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -84,19 +83,17 @@ impl ShapeSdf {
             }
         };
         let R_SB = X_BS.rotation.to_rotation_matrix().matrix().transpose();
-        let p_BS = Point3::from(X_BS.translation.vector);
         let R_BS = R_SB.transpose();
+        let p_BS = Point3::from(X_BS.translation.vector);
         let center_B = p_BS + R_BS * (0.5 * (lower_S + upper_S));
-        let half_B: Vector3<f64> = R_BS.abs() * (0.5 * (upper_S - lower_S));
-        let rounding = 1e-12 * (center_B.coords.amax() + half_B.amax());
+        let half_B = R_BS.abs() * (0.5 * (upper_S - lower_S));
         Ok(Self {
             R_SB,
             p_BS,
             form,
-            lower_S,
-            upper_S,
             center_B,
-            half_B: half_B.add_scalar(rounding),
+            half_B,
+            rounding: 1e-12 * (center_B.coords.amax() + half_B.amax()),
         })
     }
 }
@@ -128,18 +125,15 @@ impl Sdf for ShapeSdf {
     }
 
     fn bounds(&self) -> (Point3<f64>, Point3<f64>) {
-        let R_BS = self.R_SB.transpose();
-        let center = self.p_BS + R_BS * (0.5 * (self.lower_S + self.upper_S));
-        let half = R_BS.abs() * (0.5 * (self.upper_S - self.lower_S));
-        (center - half, center + half)
+        (self.center_B - self.half_B, self.center_B + self.half_B)
     }
 }
 
 impl ShapeSdf {
     #[inline(always)]
     fn sample_one(&self, form: &impl Form, p_B: &Point3<f64>) -> SdfSample {
-        let simd = Scalar::new();
-        let (distance, normal) = self.sample_lanes(simd, form, Triple::splat(simd, p_B.coords));
+        let p_B = Triple::splat(Scalar::new(), p_B.coords);
+        let (distance, normal) = self.sample_lanes(form, p_B);
         let normal = normal();
         SdfSample {
             distance: distance.value(),
@@ -150,12 +144,11 @@ impl ShapeSdf {
     #[inline(always)]
     fn sample_lanes<S: Simd>(
         &self,
-        simd: S,
         form: &impl Form,
         p_B: Triple<S>,
     ) -> (Number<S>, impl FnOnce() -> Triple<S>) {
-        let p = p_B - Triple::splat(simd, self.p_BS.coords);
-        let row = move |i: usize| Triple::splat(simd, self.R_SB.row(i).transpose());
+        let p = p_B - p_B.all(self.p_BS.coords);
+        let row = move |i: usize| p.all(self.R_SB.row(i).transpose());
         let (distance, normal_S) = form.sample(Triple {
             x: row(0).dot(p),
             y: row(1).dot(p),
@@ -168,25 +161,13 @@ impl ShapeSdf {
         (distance, normal)
     }
 
-    /// The nearer of this shape and what is `kept`.
+    /// How far places are outside of the box, along the axis where that is most: no more than their
+    /// distance from the shape.
     #[inline(always)]
-    fn nearer<S: Simd>(
-        &self,
-        simd: S,
-        form: &impl Form,
-        p_B: Triple<S>,
-        kept: (Number<S>, Triple<S>),
-    ) -> (Number<S>, Triple<S>) {
-        let (distance, normal) = self.sample_lanes(simd, form, p_B);
-        let nearer = distance.below(kept.0);
-        if nearer.any() {
-            (
-                nearer.pick(distance, kept.0),
-                nearer.pick3(normal(), kept.1),
-            )
-        } else {
-            kept
-        }
+    fn distance_from_box<S: Simd>(&self, p_B: Triple<S>) -> Number<S> {
+        let from_center = p_B - p_B.all(self.center_B.coords);
+        let out = from_center.map(Number::abs) - p_B.all(self.half_B);
+        out.x.max(out.y).max(out.z) - out.x.all(self.rounding)
     }
 }
 
@@ -203,25 +184,39 @@ impl WithSimd for Unite<'_> {
         let Self { shapes, batch } = self;
         for v in 0..vectors::<S>(batch.len()) {
             let p_B = Triple::load(simd, &batch.places, v);
-            let mut least = Number::load(simd, &batch.distances, v);
-            let mut normal = Triple::load(simd, &batch.normals, v);
+            let mut kept = Kept {
+                distance: Number::load(simd, &batch.distances, v),
+                normal: Triple::load(simd, &batch.normals, v),
+            };
             for shape in shapes {
-                // No nearer than its box.
-                let out = p_B.zip(Triple::splat(simd, shape.center_B.coords), |a, b| {
-                    (a - b).abs()
-                });
-                let out = out - Triple::splat(simd, shape.half_B);
-                if out.x.max(out.y).max(out.z).below(least).any() {
-                    let kept = (least, normal);
-                    (least, normal) = match &shape.form {
-                        AnyForm::SweptBall(form) => shape.nearer(simd, form, p_B, kept),
-                        AnyForm::Cylinder(form) => shape.nearer(simd, form, p_B, kept),
-                        AnyForm::Box(form) => shape.nearer(simd, form, p_B, kept),
-                    };
+                let from_box = shape.distance_from_box(p_B);
+                if from_box.below(kept.distance).any() {
+                    match &shape.form {
+                        AnyForm::SweptBall(form) => kept.offer(shape.sample_lanes(form, p_B)),
+                        AnyForm::Cylinder(form) => kept.offer(shape.sample_lanes(form, p_B)),
+                        AnyForm::Box(form) => kept.offer(shape.sample_lanes(form, p_B)),
+                    }
                 }
             }
-            least.store(&mut batch.distances, v);
-            normal.store(&mut batch.normals, v);
+            kept.distance.store(&mut batch.distances, v);
+            kept.normal.store(&mut batch.normals, v);
+        }
+    }
+}
+
+/// The nearest samples so far.
+struct Kept<S: Simd> {
+    distance: Number<S>,
+    normal: Triple<S>,
+}
+
+impl<S: Simd> Kept<S> {
+    #[inline(always)]
+    fn offer(&mut self, (distance, normal): (Number<S>, impl FnOnce() -> Triple<S>)) {
+        let nearer = distance.below(self.distance);
+        if nearer.any() {
+            self.distance = nearer.pick(distance, self.distance);
+            self.normal = nearer.pick3(normal(), self.normal);
         }
     }
 }
