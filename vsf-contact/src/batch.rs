@@ -70,6 +70,9 @@ impl Batch {
     pub(crate) fn start(&mut self, len: usize) {
         self.len = len;
         self.distances[..len].fill(f64::MAX);
+        self.normals[0][..len].fill(1.0);
+        self.normals[1][..len].fill(0.0);
+        self.normals[2][..len].fill(0.0);
     }
 
     /// The place at an index below [`len`](Self::len).
