@@ -7,7 +7,7 @@ use rand::{RngExt, SeedableRng};
 use std::error::Error;
 use std::hint::black_box;
 use std::time::Instant;
-use vsf_contact::{GridOptions, GridSdf, MeshSdf, Sdf, ShapeSdf, UnionSdf};
+use vsf_contact::{Batch, GridOptions, GridSdf, MeshSdf, Sdf, ShapeSdf, UnionSdf};
 use vsf_core::{Shape, TriMesh};
 
 fn main() -> Result<(), Box<dyn Error>> {
@@ -46,7 +46,8 @@ fn main() -> Result<(), Box<dyn Error>> {
 fn speed(name: &str, sdf: &dyn Sdf, runs: usize) {
     let (lower, upper) = sdf.bounds();
     let mut rng = rand_pcg::Pcg64Mcg::seed_from_u64(1);
-    let (mut sample, mut distance) = (f64::MAX, f64::MAX);
+    let (mut sample, mut distance, mut united) = (f64::MAX, f64::MAX, f64::MAX);
+    let mut batch = Batch::new();
     for _ in 0..runs {
         let points: [Point3<f64>; 1000] = std::array::from_fn(|_| {
             let t = Vector3::from_fn(|_, _| rng.random::<f64>());
@@ -63,11 +64,20 @@ fn speed(name: &str, sdf: &dyn Sdf, runs: usize) {
         distance = distance.min(mean(&|p| {
             black_box(sdf.distance(black_box(p)));
         }));
+        batch.clear();
+        points
+            .iter()
+            .take(Batch::CAPACITY)
+            .for_each(|p| batch.push(p));
+        let started = Instant::now();
+        sdf.unite(black_box(&mut batch));
+        united = united.min(started.elapsed().as_secs_f64() / batch.len() as f64);
     }
     println!(
-        "  {name}: sample {:.1} ns, distance {:.1} ns",
+        "  {name}: sample {:.1} ns, distance {:.1} ns, sample in a batch {:.1} ns",
         1e9 * sample,
-        1e9 * distance
+        1e9 * distance,
+        1e9 * united
     );
 }
 

@@ -1,6 +1,8 @@
 use crate::Sdf;
+use crate::batch::distances;
 use crate::link_pose::LinkPose;
 use nalgebra::{Matrix3, Point3};
+use std::cell::Cell;
 use vsf_core::{Block, RestPoints};
 
 /// A front is set up anew when it has doubled by more than this many watches.
@@ -63,25 +65,59 @@ impl Reach<'_> {
     }
 
     fn outlook(&self, center_W: &Point3<f64>, radius: f64) -> Outlook {
+        match self.look(center_W, radius) {
+            Look::Far(outlook) => outlook,
+            Look::Near(p_L, near) => self.near_outlook(&near, self.sdf.distance(&p_L)),
+        }
+    }
+
+    /// What is known of a ball without its distance from the surface.
+    fn look(&self, center_W: &Point3<f64>, radius: f64) -> Look {
         let arm = (center_W - self.pose.center_W).norm();
         // Distances are rounded.
-        let unsure = radius + 1e-13 * (self.pose.scale() + arm);
+        let unsure = radius + 1e-13 * (self.pose.scale + arm);
         // Far away the ball around the link is good enough; its turns move nothing.
         let apart = arm - self.pose.radius - unsure;
         if apart > 0.25 * NEAR * self.pose.radius {
-            return Outlook {
+            return Look::Far(Outlook {
                 within: false,
                 credit: apart,
-            };
+            });
         }
         let p_L = self.pose.to_link(center_W);
-        let excess = (self.sdf.distance(&p_L) - self.level).max(self.pose.outside(&p_L));
-        let stays_near = NEAR * self.pose.radius - arm - unsure;
+        let near = Near {
+            outside: self.pose.outside(&p_L),
+            unsure,
+            stays_near: NEAR * self.pose.radius - arm - unsure,
+        };
+        Look::Near(p_L, near)
+    }
+
+    fn near_outlook(&self, near: &Near, distance: f64) -> Outlook {
+        let excess = (distance - self.level).max(near.outside);
         Outlook {
             within: excess < 0.0,
-            credit: (excess.abs() - self.slack - unsure).min(stays_near),
+            credit: (excess.abs() - self.slack - near.unsure).min(near.stays_near),
         }
     }
+}
+
+/// A ball seen from a link: so far away that its distance from the surface does not matter, or
+/// where its centre is in the link's frame.
+enum Look {
+    Far(Outlook),
+    Near(Point3<f64>, Near),
+}
+
+/// A ball near a link.
+#[derive(Clone, Copy)]
+struct Near {
+    /// How far its centre is outside of the link's box.
+    outside: f64,
+    /// Its radius and the rounding of distances.
+    unsure: f64,
+    /// How far the link may travel until the ball may be further away than [`NEAR`].
+    stays_near: f64,
 }
 
 impl Front {
@@ -94,7 +130,14 @@ impl Front {
 
     /// Takes the link's new pose and visits all points that are within reach and may not have been
     /// at the last one, and some that were. After [`Front::clear`] it visits all within reach.
-    pub fn advance(&mut self, reach: &Reach, rest: &RestPoints, mut visit: impl FnMut(u32)) {
+    /// Single points to `skip` are left for a later step, in which they are not skipped.
+    pub fn advance(
+        &mut self,
+        reach: &Reach,
+        rest: &RestPoints,
+        skip: impl Fn(u32) -> bool,
+        mut visit: impl FnMut(u32),
+    ) {
         let pose = reach.pose;
         let Some((center_W, R_WL)) = self.last.replace((pose.center_W, pose.R_WL)) else {
             return self.set_up(reach, rest, visit);
@@ -103,14 +146,7 @@ impl Front {
         let chord = (pose.R_WL - R_WL).norm() / 2f64.sqrt();
         self.travel += (pose.center_W - center_W).norm() + NEAR * pose.radius * chord;
         let travel = self.travel;
-        for watch in self.points.iter_mut().filter(|w| w.is_due(travel)) {
-            let point = watch.what;
-            let outlook = reach.outlook(&rest.positions()[point as usize], 0.0);
-            *watch = Watch::new(point, &outlook, travel);
-            if outlook.within {
-                visit(point);
-            }
-        }
+        Watch::renew(&mut self.points, travel, reach, rest, skip, &mut visit);
         // Backwards, so that the blocks that are added behind are not met.
         for i in (0..self.blocks.len()).rev() {
             if self.blocks[i].is_due(travel) {
@@ -170,13 +206,45 @@ impl Front {
         rest: &RestPoints,
         visit: &mut impl FnMut(u32),
     ) {
-        for &point in points {
-            let outlook = reach.outlook(&rest.positions()[point as usize], 0.0);
-            self.points.push(Watch::new(point, &outlook, self.travel));
+        let old = self.points.len();
+        let due = f64::NEG_INFINITY;
+        self.points
+            .extend(points.iter().map(|&what| Watch { due, what }));
+        let new = &mut self.points[old..];
+        Watch::renew(new, self.travel, reach, rest, |_| false, visit);
+    }
+}
+
+impl Watch<u32> {
+    /// Looks at the points that are due, and visits those within reach.
+    fn renew(
+        watches: &mut [Self],
+        travel: f64,
+        reach: &Reach,
+        rest: &RestPoints,
+        skip: impl Fn(u32) -> bool,
+        mut visit: impl FnMut(u32),
+    ) {
+        let watches = Cell::from_mut(watches).as_slice_of_cells();
+        let due = (watches.iter()).filter(|w| w.get().is_due(travel) && !skip(w.get().what));
+        let near = due.filter_map(|watch| {
+            let point = watch.get().what;
+            match reach.look(&rest.positions()[point as usize], 0.0) {
+                Look::Near(p_L, near) => Some(((watch, near), p_L)),
+                Look::Far(outlook) => {
+                    watch.set(Self::new(point, &outlook, travel));
+                    None
+                }
+            }
+        });
+        distances(reach.sdf, near, |(watch, near), distance| {
+            let point = watch.get().what;
+            let outlook = reach.near_outlook(&near, distance);
+            watch.set(Self::new(point, &outlook, travel));
             if outlook.within {
                 visit(point);
             }
-        }
+        });
     }
 }
 

@@ -7,18 +7,26 @@
 //! | [`StickSlip`] | section III-B-a of the paper: points stick, slip, detach |
 //! | [`CellContact`] | the same with cubes instead of points, [`Cells`] |
 //!
+//! Points are independent, and are worked on side by side in vector registers: surfaces are shown a
+//! [`Batch`] of places. One point after the other, with a table of the parts that are near it, saves
+//! little: time goes into waiting for divisions and branches, not into parts that are looked at.
+//!
 //! Both models implement [`vsf_core::ContactModel`] and never read a belief.
 
 #![forbid(unsafe_code)]
 
 mod bake;
+mod batch;
 mod cache;
+mod carry;
 mod cells;
 mod closing;
 mod config;
 mod error;
+mod forms;
 mod front;
 mod grid_sdf;
+mod lanes;
 mod lattice;
 mod link_pose;
 mod links;
@@ -27,12 +35,15 @@ mod mesh_sdf;
 mod rivals;
 mod sdf;
 mod shape_sdf;
+mod slide;
 mod slip;
 mod stick_slip;
+mod surface;
 mod union;
 mod winding;
 
 pub use bake::{GridError, GridOptions, GridReport};
+pub use batch::Batch;
 pub use cache::CacheUse;
 pub use cells::{CellContact, Cells};
 pub use config::ContactConfig;

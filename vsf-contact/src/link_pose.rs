@@ -10,6 +10,8 @@ pub(crate) struct LinkPose {
     /// Centre and radius of the ball around the box.
     pub center_W: Point3<f64>,
     pub radius: f64,
+    /// Size of the coordinates that distances are computed from, which their rounding follows.
+    pub scale: f64,
 }
 
 impl LinkPose {
@@ -23,13 +25,16 @@ impl LinkPose {
         let p_WL = X_WL.translation.vector;
         let center_L = nalgebra::center(&lower, &upper);
         let half_L = (0.5 * (upper - lower)).add_scalar(margin);
+        let center_W = Point3::from(R_WL * center_L.coords + p_WL);
+        let radius = half_L.norm();
         Self {
             R_WL,
             p_WL,
             center_L,
             half_L,
-            center_W: Point3::from(R_WL * center_L.coords + p_WL),
-            radius: half_L.norm(),
+            center_W,
+            radius,
+            scale: center_W.coords.norm() + center_L.coords.norm() + radius,
         }
     }
 
@@ -48,11 +53,6 @@ impl LinkPose {
     #[inline]
     pub fn outside(&self, p_L: &Point3<f64>) -> f64 {
         beyond(p_L, &self.center_L, &self.half_L)
-    }
-
-    /// Size of the coordinates that distances are computed from, which their rounding follows.
-    pub fn scale(&self) -> f64 {
-        self.center_W.coords.norm() + self.center_L.coords.norm() + self.radius
     }
 
     /// Whether squares of displacements that the link can cause stay finite.

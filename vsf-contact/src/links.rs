@@ -87,6 +87,12 @@ pub fn link_sdfs(colliders: &[Collider], options: &GridOptions) -> Result<LinkSd
 
 /// The cheapest form of the union.
 fn united(mut parts: Parts) -> Box<dyn Sdf> {
+    // The largest ones are nearest most often; many others then need no look.
+    let volume = |shape: &ShapeSdf| {
+        let (lower, upper) = shape.bounds();
+        (upper - lower).product()
+    };
+    (parts.shapes).sort_by(|a, b| volume(b).total_cmp(&volume(a)));
     if parts.grids.is_empty() {
         return Box::new(UnionSdf::new(parts.shapes));
     }

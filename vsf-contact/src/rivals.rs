@@ -42,13 +42,19 @@ impl Rival {
         })
     }
 
+    /// A place of the owner in the rival's frame.
+    #[inline]
+    pub fn place(&self, p_L: &Point3<f64>) -> Point3<f64> {
+        Point3::from(self.R_RL * p_L.coords + self.p_RL)
+    }
+
     /// A place of the owner in the rival's frame, if it is in the rival's box.
     #[inline]
     pub fn place_in_box(&self, p_L: &Point3<f64>, rival: &LinkPose) -> Option<Point3<f64>> {
         if beyond(p_L, &self.center_L, &self.half_L) > 0.0 {
             return None;
         }
-        let p_R = Point3::from(self.R_RL * p_L.coords + self.p_RL);
+        let p_R = self.place(p_L);
         (rival.outside(&p_R) <= 0.0).then_some(p_R)
     }
 }

@@ -1,3 +1,4 @@
+use crate::Batch;
 use nalgebra::{Point3, Vector3};
 use std::sync::Arc;
 
@@ -29,6 +30,24 @@ pub trait Sdf: Send + Sync {
         self.sample(p_B).distance
     }
 
+    /// Shows many places to the surface, each of which keeps its [`sample`](Sdf::sample) if that is
+    /// nearer than what it has been shown before ([`Batch::offer`]). Contact asks for most samples
+    /// in this way. The default takes place after place.
+    fn unite(&self, batch: &mut Batch) {
+        for i in 0..batch.len() {
+            batch.offer(i, &self.sample(&batch.place(i)));
+        }
+    }
+
+    /// Shows many places to several bodies, as [`unite`](Sdf::unite) does for each of them in turn.
+    /// The default does just that; a body that can do better for all of them together says how.
+    fn unite_all(bodies: &[Self], batch: &mut Batch)
+    where
+        Self: Sized,
+    {
+        bodies.iter().for_each(|body| body.unite(batch));
+    }
+
     /// Lower and upper corner of an axis-aligned box in the body frame that holds the inside and
     /// the surface.
     fn bounds(&self) -> (Point3<f64>, Point3<f64>);
@@ -48,6 +67,9 @@ macro_rules! forward {
             }
             fn distance(&self, p_B: &Point3<f64>) -> f64 {
                 (**self).distance(p_B)
+            }
+            fn unite(&self, batch: &mut Batch) {
+                (**self).unite(batch);
             }
             fn bounds(&self) -> (Point3<f64>, Point3<f64>) {
                 (**self).bounds()

@@ -1,9 +1,9 @@
-use crate::{ContactError, Sdf, SdfSample};
+use crate::forms::{Form, RoundedBox, RoundedCylinder, SweptBall};
+use crate::lanes::{Number, Triple, dispatch, vectors};
+use crate::{Batch, ContactError, Sdf, SdfSample};
 use nalgebra::{Isometry3, Matrix3, Point3, Vector2, Vector3};
+use pulp::{Scalar, Simd, WithSimd};
 use vsf_core::{CoreError, Shape};
-
-/// Lengths below this have no direction \[m\]; their squares would lose digits.
-const TINY: f64 = 1e-100;
 
 /// The exact signed distance of a posed analytic shape: ball, capsule, round cone, cylinder, box.
 ///
@@ -24,27 +24,18 @@ const TINY: f64 = 1e-100;
 pub struct ShapeSdf {
     R_SB: Matrix3<f64>,
     p_BS: Point3<f64>,
-    form: Form,
-    /// Box around the shape.
-    lower_S: Vector3<f64>,
-    upper_S: Vector3<f64>,
+    form: AnyForm,
+    /// Box around the shape, and by how much rounding may take distances below that from the box.
+    center_B: Point3<f64>,
+    half_B: Vector3<f64>,
+    rounding: f64,
 }
 
 #[derive(Debug, Clone, Copy, PartialEq)]
-enum Form {
-    /// Balls along z from `bottom` over `length`; the cone between has slope (`sine`, `cosine`).
-    SweptBall {
-        bottom: f64,
-        length: f64,
-        radius_bottom: f64,
-        radius_top: f64,
-        sine: f64,
-        cosine: f64,
-    },
-    /// A core cylinder, grown by `rounding`.
-    Cylinder { core: Vector2<f64>, rounding: f64 },
-    /// A core box, grown by `rounding`.
-    Box { core: Vector3<f64>, rounding: f64 },
+enum AnyForm {
+    SweptBall(SweptBall),
+    Cylinder(RoundedCylinder),
+    Box(RoundedBox),
 }
 
 impl ShapeSdf {
@@ -75,14 +66,16 @@ impl ShapeSdf {
             } => {
                 let upper = Vector3::new(radius, radius, half_length);
                 let core = Vector2::new(radius - rounding, half_length - rounding);
-                (Form::Cylinder { core, rounding }, -upper, upper)
+                let form = AnyForm::Cylinder(RoundedCylinder { core, rounding });
+                (form, -upper, upper)
             }
             Shape::Box {
                 half_extents,
                 rounding,
             } => {
                 let core = half_extents.add_scalar(-rounding);
-                (Form::Box { core, rounding }, -half_extents, half_extents)
+                let form = AnyForm::Box(RoundedBox { core, rounding });
+                (form, -half_extents, half_extents)
             }
             ref other => {
                 let shape = format!("{other:.40?}");
@@ -90,54 +83,159 @@ impl ShapeSdf {
             }
         };
         let R_SB = X_BS.rotation.to_rotation_matrix().matrix().transpose();
+        let R_BS = R_SB.transpose();
         let p_BS = Point3::from(X_BS.translation.vector);
+        let center_B = p_BS + R_BS * (0.5 * (lower_S + upper_S));
+        let half_B = R_BS.abs() * (0.5 * (upper_S - lower_S));
         Ok(Self {
             R_SB,
             p_BS,
             form,
-            lower_S,
-            upper_S,
+            center_B,
+            half_B,
+            rounding: 1e-12 * (center_B.coords.amax() + half_B.amax()),
         })
     }
 }
 
 impl Sdf for ShapeSdf {
     fn sample(&self, p_B: &Point3<f64>) -> SdfSample {
-        let (distance, normal_S) = self.form.sample(&(self.R_SB * (p_B - self.p_BS)));
-        SdfSample {
-            distance,
-            normal: self.R_SB.tr_mul(&normal_S),
+        match &self.form {
+            AnyForm::SweptBall(form) => self.sample_one(form, p_B),
+            AnyForm::Cylinder(form) => self.sample_one(form, p_B),
+            AnyForm::Box(form) => self.sample_one(form, p_B),
         }
     }
 
     fn distance(&self, p_B: &Point3<f64>) -> f64 {
         // The unused normal is optimised away.
-        self.form.sample(&(self.R_SB * (p_B - self.p_BS))).0
+        match &self.form {
+            AnyForm::SweptBall(form) => self.sample_one(form, p_B).distance,
+            AnyForm::Cylinder(form) => self.sample_one(form, p_B).distance,
+            AnyForm::Box(form) => self.sample_one(form, p_B).distance,
+        }
+    }
+
+    fn unite(&self, batch: &mut Batch) {
+        Self::unite_all(std::slice::from_ref(self), batch);
+    }
+
+    fn unite_all(shapes: &[Self], batch: &mut Batch) {
+        dispatch(Unite { shapes, batch });
     }
 
     fn bounds(&self) -> (Point3<f64>, Point3<f64>) {
-        let R_BS = self.R_SB.transpose();
-        let center = self.p_BS + R_BS * (0.5 * (self.lower_S + self.upper_S));
-        let half = R_BS.abs() * (0.5 * (self.upper_S - self.lower_S));
-        (center - half, center + half)
+        (self.center_B - self.half_B, self.center_B + self.half_B)
     }
 }
 
-fn swept_ball(bottom: f64, top: f64, half_length: f64) -> (Form, Vector3<f64>, Vector3<f64>) {
+impl ShapeSdf {
+    #[inline(always)]
+    fn sample_one(&self, form: &impl Form, p_B: &Point3<f64>) -> SdfSample {
+        let p_B = Triple::splat(Scalar::new(), p_B.coords);
+        let (distance, normal) = self.sample_lanes(form, p_B);
+        let normal = normal();
+        SdfSample {
+            distance: distance.value(),
+            normal: Vector3::new(normal.x.value(), normal.y.value(), normal.z.value()),
+        }
+    }
+
+    #[inline(always)]
+    fn sample_lanes<S: Simd>(
+        &self,
+        form: &impl Form,
+        p_B: Triple<S>,
+    ) -> (Number<S>, impl FnOnce() -> Triple<S>) {
+        let p = p_B - p_B.all(self.p_BS.coords);
+        let row = move |i: usize| p.all(self.R_SB.row(i).transpose());
+        let (distance, normal_S) = form.sample(Triple {
+            x: row(0).dot(p),
+            y: row(1).dot(p),
+            z: row(2).dot(p),
+        });
+        let normal = move || {
+            let n = normal_S();
+            row(0) * n.x + row(1) * n.y + row(2) * n.z
+        };
+        (distance, normal)
+    }
+
+    /// How far places are outside of the box, along the axis where that is most: no more than their
+    /// distance from the shape.
+    #[inline(always)]
+    fn distance_from_box<S: Simd>(&self, p_B: Triple<S>) -> Number<S> {
+        let from_center = p_B - p_B.all(self.center_B.coords);
+        let out = from_center.map(Number::abs) - p_B.all(self.half_B);
+        out.x.max(out.y).max(out.z) - out.x.all(self.rounding)
+    }
+}
+
+/// Shows a batch to shapes.
+struct Unite<'a> {
+    shapes: &'a [ShapeSdf],
+    batch: &'a mut Batch,
+}
+
+impl WithSimd for Unite<'_> {
+    type Output = ();
+    #[inline(always)]
+    fn with_simd<S: Simd>(self, simd: S) {
+        let Self { shapes, batch } = self;
+        for v in 0..vectors::<S>(batch.len()) {
+            let p_B = Triple::load(simd, &batch.places, v);
+            let mut kept = Kept {
+                distance: Number::load(simd, &batch.distances, v),
+                normal: Triple::load(simd, &batch.normals, v),
+            };
+            for shape in shapes {
+                let from_box = shape.distance_from_box(p_B);
+                if from_box.below(kept.distance).any() {
+                    match &shape.form {
+                        AnyForm::SweptBall(form) => kept.offer(shape.sample_lanes(form, p_B)),
+                        AnyForm::Cylinder(form) => kept.offer(shape.sample_lanes(form, p_B)),
+                        AnyForm::Box(form) => kept.offer(shape.sample_lanes(form, p_B)),
+                    }
+                }
+            }
+            kept.distance.store(&mut batch.distances, v);
+            kept.normal.store(&mut batch.normals, v);
+        }
+    }
+}
+
+/// The nearest samples so far.
+struct Kept<S: Simd> {
+    distance: Number<S>,
+    normal: Triple<S>,
+}
+
+impl<S: Simd> Kept<S> {
+    #[inline(always)]
+    fn offer(&mut self, (distance, normal): (Number<S>, impl FnOnce() -> Triple<S>)) {
+        let nearer = distance.below(self.distance);
+        if nearer.any() {
+            self.distance = nearer.pick(distance, self.distance);
+            self.normal = nearer.pick3(normal(), self.normal);
+        }
+    }
+}
+
+fn swept_ball(bottom: f64, top: f64, half_length: f64) -> (AnyForm, Vector3<f64>, Vector3<f64>) {
     let length = 2.0 * half_length;
     let sine = if length > 0.0 {
         (bottom - top) / length
     } else {
         0.0
     };
-    let form = Form::SweptBall {
+    let form = AnyForm::SweptBall(SweptBall {
         bottom: -half_length,
         length,
         radius_bottom: bottom,
         radius_top: top,
         sine,
         cosine: (1.0 - sine * sine).max(0.0).sqrt(),
-    };
+    });
     let r = bottom.max(top);
     let lower_z = (-half_length - bottom).min(half_length - top);
     let upper_z = (half_length + top).max(bottom - half_length);
@@ -146,77 +244,4 @@ fn swept_ball(bottom: f64, top: f64, half_length: f64) -> (Form, Vector3<f64>, V
         Vector3::new(-r, -r, lower_z),
         Vector3::new(r, r, upper_z),
     )
-}
-
-impl Form {
-    /// Distance and normal in the frame of the shape.
-    #[inline(always)]
-    fn sample(&self, p: &Vector3<f64>) -> (f64, Vector3<f64>) {
-        match *self {
-            Self::SweptBall {
-                bottom,
-                length,
-                radius_bottom,
-                radius_top,
-                sine,
-                cosine,
-            } => {
-                let (radial, side) = radial(p);
-                let z = p.z - bottom;
-                // Position along the cone's side, which ends at cosine * length.
-                let along = cosine * z - sine * radial;
-                // The centres of both ends belong to the side, whose normal is right there.
-                if along >= 0.0 && along <= cosine * length {
-                    let normal = cosine * side + Vector3::new(0.0, 0.0, sine);
-                    (cosine * radial + sine * z - radius_bottom, normal)
-                } else if along < 0.0 {
-                    from_ball(&Vector3::new(p.x, p.y, z), &side, radius_bottom)
-                } else {
-                    from_ball(&Vector3::new(p.x, p.y, z - length), &side, radius_top)
-                }
-            }
-            Self::Cylinder { core, rounding } => {
-                let (radial, side) = radial(p);
-                let q = Vector2::new(radial, p.z.abs()) - core;
-                let out = q.sup(&Vector2::zeros());
-                let (distance, n) = match out.norm() {
-                    d if d > TINY => (d, out / d),
-                    _ if q.x >= q.y => (q.x, Vector2::x()),
-                    _ => (q.y, Vector2::y()),
-                };
-                let normal = n.x * side + Vector3::new(0.0, 0.0, n.y.copysign(p.z));
-                (distance - rounding, normal)
-            }
-            Self::Box { core, rounding } => {
-                let q = p.abs() - core;
-                let out = q.sup(&Vector3::zeros());
-                let (distance, n) = match out.norm() {
-                    d if d > TINY => (d, out / d),
-                    _ => {
-                        let face = q.imax();
-                        (q[face], Vector3::ith(face, 1.0))
-                    }
-                };
-                (distance - rounding, n.zip_map(p, f64::copysign))
-            }
-        }
-    }
-}
-
-/// Distance from the z axis and the unit vector away from it.
-#[inline(always)]
-fn radial(p: &Vector3<f64>) -> (f64, Vector3<f64>) {
-    let r = (p.x * p.x + p.y * p.y).sqrt();
-    let side = if r > TINY {
-        Vector3::new(p.x / r, p.y / r, 0.0)
-    } else {
-        Vector3::x()
-    };
-    (r, side)
-}
-
-#[inline(always)]
-fn from_ball(p: &Vector3<f64>, side: &Vector3<f64>, radius: f64) -> (f64, Vector3<f64>) {
-    let d = p.norm();
-    (d - radius, if d > TINY { p / d } else { *side })
 }

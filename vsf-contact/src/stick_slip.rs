@@ -1,17 +1,11 @@
+use crate::carry::{Active, CHUNK, Carry, DETACHED};
 use crate::front::{Front, Reach};
 use crate::link_pose::LinkPose;
 use crate::rivals::Rival;
-use crate::slip::{Anchor, Surface};
 use crate::{ContactConfig, LinkSdf};
-use nalgebra::Point3;
 use rayon::prelude::*;
 use std::sync::Arc;
 use vsf_core::{ContactModel, Contacts, CoreError, Posture, RestPoints};
-
-/// Points per task when a step runs on several threads.
-const CHUNK: usize = 512;
-/// The link of a point that has detached.
-const DETACHED: u32 = u32::MAX;
 
 /// Stick-slip contact of a robot's links with independent points (section III-B-a).
 ///
@@ -55,14 +49,6 @@ pub struct StickSlip {
     poses: Vec<LinkPose>,
     fronts: Vec<Front>,
     rivals: Vec<Vec<Rival>>,
-}
-
-/// A point in contact and its place on the link that carries it.
-#[derive(Debug, Clone, Copy)]
-struct Active {
-    point: u32,
-    slot: u32,
-    anchor: Anchor,
 }
 
 /// A point at rest found within reach of a link.
@@ -124,46 +110,14 @@ impl StickSlip {
         Ok(())
     }
 
-    fn surface(&self, slot: u32) -> Surface<'_> {
-        Surface {
-            sdf: &*self.links[slot as usize].sdf,
+    fn carry<'a>(&'a self, rest: &'a RestPoints) -> Carry<'a> {
+        Carry {
+            links: &self.links,
+            poses: &self.poses,
+            rivals: &self.rivals,
             config: &self.config,
+            rest,
         }
-    }
-
-    /// Steps 1-4 for one point; a point that detaches gets no link.
-    fn carry(&self, a: &mut Active, p_W: &Point3<f64>) {
-        let rest_L = self.poses[a.slot as usize].to_link(p_W);
-        if !self.surface(a.slot).slide(&mut a.anchor, &rest_L) {
-            a.slot = DETACHED;
-        } else if let Some((slot, place_R)) = self.intruder(a) {
-            a.slot = slot;
-            let surface = self.surface(slot);
-            a.anchor = surface.project(&place_R);
-            let u_R = a.anchor.place_L - self.poses[slot as usize].to_link(p_W);
-            if !surface.holds(u_R.dot(&a.anchor.normal_L), u_R.norm_squared()) {
-                a.slot = DETACHED;
-            }
-        }
-    }
-
-    /// The link, other than the owner, that a contact is deepest in, if by more than a slip step,
-    /// and the place in its frame.
-    fn intruder(&self, a: &Active) -> Option<(u32, Point3<f64>)> {
-        let mut deepest = self.config.level() - self.config.slip_step;
-        let mut found = None;
-        for rival in &self.rivals[a.slot as usize] {
-            let pose = &self.poses[rival.slot];
-            let Some(p_R) = rival.place_in_box(&a.anchor.place_L, pose) else {
-                continue;
-            };
-            let distance = self.links[rival.slot].sdf.distance(&p_R);
-            if distance < deepest {
-                deepest = distance;
-                found = Some((rival.slot as u32, p_R));
-            }
-        }
-        found
     }
 
     fn is_touched(&self, point: u32) -> bool {
@@ -198,31 +152,32 @@ impl StickSlip {
                 });
             }
         };
-        front.advance(&reach, rest, &mut enter);
+        front.advance(&reach, rest, |point| self.is_touched(point), &mut enter);
         // What the front knows of them is old: they were in contact.
         self.detached.iter().for_each(|&point| enter(point));
     }
 
     fn enter(&self, e: &Entering, rest: &RestPoints) -> Active {
-        let p_W = &rest.positions()[e.point as usize];
-        let p_L = self.poses[e.slot as usize].to_link(p_W);
+        let carry = self.carry(rest);
+        let p_L = carry.rest_L(e.slot, e.point);
         Active {
             point: e.point,
             slot: e.slot,
-            anchor: self.surface(e.slot).project(&p_L),
+            anchor: carry.surface(e.slot).project(&p_L),
         }
     }
 
     fn carry_all(&mut self, rest: &RestPoints) {
         let mut active = std::mem::take(&mut self.active);
-        let this = &*self;
-        let carry = |a: &mut Active| this.carry(a, &rest.positions()[a.point as usize]);
+        let carry = self.carry(rest);
         if self.config.parallel && active.len() > CHUNK {
             active
                 .par_chunks_mut(CHUNK)
-                .for_each(|c| c.iter_mut().for_each(carry));
+                .for_each(|contacts| carry.advance(contacts));
         } else {
-            active.iter_mut().for_each(carry);
+            active
+                .chunks_mut(CHUNK)
+                .for_each(|contacts| carry.advance(contacts));
         }
         self.detached.clear();
         let (touched, detached) = (&mut self.touched, &mut self.detached);

@@ -1,5 +1,5 @@
 use crate::link_pose::beyond;
-use crate::{Sdf, SdfSample};
+use crate::{Batch, Sdf, SdfSample};
 use nalgebra::{Point3, Vector3};
 
 /// The union of bodies: the least of their distances.
@@ -70,6 +70,10 @@ impl<S: Sdf> Sdf for UnionSdf<S> {
 
     fn distance(&self, p_B: &Point3<f64>) -> f64 {
         self.nearest(p_B).1
+    }
+
+    fn unite(&self, batch: &mut Batch) {
+        S::unite_all(&self.parts, batch);
     }
 
     fn bounds(&self) -> (Point3<f64>, Point3<f64>) {
