@@ -1,4 +1,4 @@
-use crate::PipelineError;
+use crate::{PipelineError, SceneContact};
 use nalgebra::{Point3, Vector3};
 use std::collections::BTreeMap;
 use std::fmt;
@@ -8,7 +8,7 @@ use vsf_contact::{
     CellContact, Cells, ContactConfig, ContactError, GridOptions, LinkGrid, LinkSdf, StickSlip,
     link_sdfs,
 };
-use vsf_core::{ContactModel, RestPoints};
+use vsf_core::RestPoints;
 use vsf_data::{Dataset, JointType, RobotRef, TorqueKind};
 use vsf_robots::{BUILTIN_NAMES, Joint, JointKind, RobotError, RobotModel, UrdfOptions, builtin};
 
@@ -207,7 +207,7 @@ impl Scene {
     ///
     /// # Errors
     /// None in practice: the parameters have been checked.
-    pub fn contact_model(&self) -> Result<Box<dyn ContactModel>, PipelineError> {
+    pub fn contact_model(&self) -> Result<SceneContact, PipelineError> {
         self.contact_model_with(self.contact)
     }
 
@@ -218,11 +218,11 @@ impl Scene {
     pub fn contact_model_with(
         &self,
         contact: ContactConfig,
-    ) -> Result<Box<dyn ContactModel>, PipelineError> {
+    ) -> Result<SceneContact, PipelineError> {
         let points = StickSlip::new(self.links.clone(), contact)?;
         Ok(match &self.cells {
-            None => Box::new(points),
-            Some(cells) => Box::new(CellContact::new(points, cells.clone())),
+            None => SceneContact::Points(points),
+            Some(cells) => SceneContact::Cells(CellContact::new(points, cells.clone())),
         })
     }
 

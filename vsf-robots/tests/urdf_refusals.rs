@@ -353,7 +353,10 @@ fn vectors_postures_and_workspaces() {
 
     let stage = cartesian_stage(0.01).unwrap();
     let foreign = stage.update_posture(&[0.0; 3], &mut posture);
-    assert!(matches!(foreign, Err(RobotError::ForeignPosture)));
+    assert!(matches!(
+        foreign,
+        Err(RobotError::Value(CoreError::ForeignPosture { .. }))
+    ));
     let foreign = stage.gravity_torques(&[0.0; 3], &g, &mut workspace);
     assert!(matches!(foreign, Err(RobotError::ForeignWorkspace)));
     assert!(
