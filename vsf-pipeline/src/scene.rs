@@ -9,7 +9,7 @@ use vsf_contact::{
     link_sdfs,
 };
 use vsf_core::RestPoints;
-use vsf_data::{Dataset, JointType, RobotRef, TorqueKind};
+use vsf_data::{Dataset, FieldContact, JointType, RobotRef, TorqueKind};
 use vsf_robots::{BUILTIN_NAMES, Joint, JointKind, RobotError, RobotModel, UrdfOptions, builtin};
 
 /// How a [`Scene`] is put together; the defaults fit most recordings.
@@ -32,6 +32,37 @@ pub struct SceneOptions {
     pub links: Option<Vec<String>>,
     /// Folders of `package://` names in the URDF.
     pub packages: BTreeMap<String, PathBuf>,
+}
+
+impl SceneOptions {
+    /// With the parameters of contact that a field was estimated with, in place of its own. A scene in which the
+    /// field is to predict needs them.
+    ///
+    /// ```
+    /// # use vsf_pipeline::{Scene, SceneOptions};
+    /// # fn demo(dataset: &vsf_data::Dataset, field: &vsf_data::StiffnessField)
+    /// # -> Result<Scene, vsf_pipeline::PipelineError> {
+    /// let own = SceneOptions::default();
+    /// let options = field.contact.map_or(own.clone(), |contact| own.with_contact_of(&contact));
+    /// Scene::with_points(dataset, field.points.clone(), &options)
+    /// # }
+    /// ```
+    #[must_use]
+    pub fn with_contact_of(self, field: &FieldContact) -> Self {
+        Self {
+            contact: ContactConfig {
+                threshold: field.threshold,
+                friction: field.friction,
+                slip_step: field.slip_step,
+                max_slip_iterations: field.max_slip_iterations,
+                padding: field.padding,
+                adhesion: field.adhesion,
+                ..self.contact
+            },
+            subdivision: field.subdivision,
+            ..self
+        }
+    }
 }
 
 impl Default for SceneOptions {
@@ -229,6 +260,19 @@ impl Scene {
     /// Parameters of contact.
     pub fn contact(&self) -> &ContactConfig {
         &self.contact
+    }
+
+    /// The parameters of contact that a field estimated in this scene remembers.
+    pub fn field_contact(&self) -> FieldContact {
+        FieldContact {
+            threshold: self.contact.threshold,
+            friction: self.contact.friction,
+            slip_step: self.contact.slip_step,
+            max_slip_iterations: self.contact.max_slip_iterations,
+            padding: self.contact.padding,
+            adhesion: self.contact.adhesion,
+            subdivision: self.subdivision,
+        }
     }
 
     /// Sub-points per edge of the cube that a rest point stands for.

@@ -80,8 +80,8 @@ type Property<'a, T, E> = fn(&Suite<'a, T, E>);
 /// | relabelling points relabels the belief | `local` |
 /// | the unit of torque does not matter | all |
 /// | the unit of stiffness does not matter | `local`; a prior of its own has a unit |
-/// | reset starts over, as often as one likes; a new sequence keeps the belief | all |
 /// | untouched points keep their prior | `local` |
+/// | reset starts over; a new sequence keeps the belief | all |
 /// | points first touched late learn; by how much | all; `exact` and `local` |
 /// | time widens the belief by what it is told, or is refused | all |
 /// | overflow does no harm | all |
@@ -150,8 +150,8 @@ pub fn check_estimator<T: Scalar, E: Estimator<Scalar = T> + 'static>(
             local,
             Suite::stiffness_units,
         ),
-        ("reset starts over", true, Suite::reset),
         ("untouched points keep their prior", local, Suite::untouched),
+        ("reset starts over", true, Suite::reset),
         ("points first touched late learn", true, Suite::late),
         (
             "time widens the belief or is refused",
