@@ -132,6 +132,12 @@ pub trait ContactModel: Send {
     ) -> Result<(), CoreError>;
 }
 
+impl std::fmt::Debug for dyn ContactModel {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.debug_struct("ContactModel").finish_non_exhaustive()
+    }
+}
+
 impl<C: ContactModel + ?Sized> ContactModel for Box<C> {
     fn reset(&mut self) {
         (**self).reset();

@@ -36,6 +36,14 @@ pub trait Sensor<T: Scalar>: Send {
     ) -> Result<(), CoreError>;
 }
 
+impl<T: Scalar> std::fmt::Debug for dyn Sensor<T> {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.debug_struct("Sensor")
+            .field("channels", &self.dim())
+            .finish_non_exhaustive()
+    }
+}
+
 impl<T: Scalar, S: Sensor<T> + ?Sized> Sensor<T> for Box<S> {
     fn dim(&self) -> usize {
         (**self).dim()

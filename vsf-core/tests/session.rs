@@ -125,6 +125,18 @@ fn session() -> Session<Box<dyn ContactModel>, Box<dyn Sensor<f64>>, AnyEstimato
 }
 
 #[test]
+fn parts_chosen_at_run_time_say_what_they_are() {
+    let estimator: AnyEstimator = Box::new(nudge());
+    let contact: Box<dyn ContactModel> = Box::new(Wall::default());
+    let sensor: Box<dyn Sensor<f64>> = Box::new(Gauge);
+    let text = format!("{estimator:?} {contact:?} {sensor:?}");
+    assert!(
+        text.contains("points: 2") && text.contains("channels: 1"),
+        "{text}"
+    );
+}
+
+#[test]
 fn a_glance_aside_says_what_a_prediction_would_and_changes_nothing() {
     let mut session = plain();
     session.step(&posture(1.5), &[3.0]).unwrap();

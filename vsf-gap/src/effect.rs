@@ -199,7 +199,7 @@ pub struct Touch<'a> {
 ///
 /// Stateful; every method does nothing by default. Samples come in time order, so that a
 /// compensator also runs in a control loop; none may allocate after its first samples.
-pub trait Compensator: Send {
+pub trait Compensator: Send + Sync {
     /// A sequence begins: the object has had time to recover, the clock goes on.
     fn begin_sequence(&mut self, sequence: &str) {
         let _ = sequence;
@@ -334,6 +334,12 @@ pub trait Effect: Send + Sync {
         (self.needs().iter())
             .filter(|need| !(may_touch && **need == Need::Contact))
             .find_map(|need| campaign.lacks(*need))
+    }
+}
+
+impl std::fmt::Debug for dyn Effect {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        write!(f, "Effect({:?})", self.name())
     }
 }
 

@@ -83,6 +83,19 @@ fn waving() -> Campaign {
     free_arm(&[waves(), waves()])
 }
 
+/// What runs in a control loop may be looked at from other threads, and a diagnosis kept.
+#[test]
+fn models_are_shared_and_kept() {
+    fn shared<T: Send + Sync>() {}
+    fn kept<T: Clone + Send + Sync>() {}
+    shared::<vsf_gap::Corrector>();
+    kept::<Campaign>();
+    kept::<vsf_gap::Outcome>();
+    kept::<vsf_pipeline::Campaign<'_>>();
+    let effect = catalogue().swap_remove(0);
+    assert_eq!(format!("{effect:?}"), "Effect(\"torque_bias\")");
+}
+
 #[test]
 fn the_catalogue_is_whole() {
     let names: Vec<_> = catalogue().iter().map(|e| e.name().to_owned()).collect();

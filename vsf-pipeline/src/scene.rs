@@ -12,6 +12,9 @@ use vsf_core::RestPoints;
 use vsf_data::{Dataset, FieldContact, JointType, RobotRef, TorqueKind};
 use vsf_robots::{BUILTIN_NAMES, Joint, JointKind, RobotError, RobotModel, UrdfOptions, builtin};
 
+/// Gravity where nothing else is said (m/s²), world frame.
+const GRAVITY: Vector3<f64> = Vector3::new(0.0, 0.0, -9.81);
+
 /// How a [`Scene`] is put together; the defaults fit most recordings.
 #[derive(Debug, Clone)]
 pub struct SceneOptions {
@@ -126,10 +129,40 @@ impl Scene {
         points: Vec<Point3<f64>>,
         options: &SceneOptions,
     ) -> Result<Self, PipelineError> {
+        dataset.check()?;
+        let robot = robot_of(dataset, &options.packages)?;
+        Ok(Self {
+            gravity: dataset.gravity,
+            torque_kind: dataset.torque_kind,
+            tare_samples: dataset.tare_samples,
+            ..Self::new(robot, points, options)?
+        })
+    }
+
+    /// The scene of a robot that is there already, such as one from the text of a URDF
+    /// ([`RobotModel::from_urdf_str`]), placed in the world, with these rest points. Gravity is (0, 0, -9.81) m/s²,
+    /// and torques are external and need no tare; packages of the options are not looked at.
+    ///
+    /// ```
+    /// use vsf_core::nalgebra::Point3;
+    /// use vsf_pipeline::{Scene, SceneOptions};
+    /// let robot = vsf_robots::cartesian_stage(0.01)?;
+    /// let points = (0..9).map(|i| Point3::new(0.01 * f64::from(i), 0.0, -0.02)).collect();
+    /// let scene = Scene::new(robot, points, &SceneOptions::default())?;
+    /// let contact = scene.contact_model()?;
+    /// # Ok::<(), Box<dyn std::error::Error>>(())
+    /// ```
+    ///
+    /// # Errors
+    /// No rest points, no collision shapes, parameters out of range.
+    pub fn new(
+        robot: RobotModel,
+        points: Vec<Point3<f64>>,
+        options: &SceneOptions,
+    ) -> Result<Self, PipelineError> {
         if points.is_empty() {
             return Err(PipelineError::NoPoints);
         }
-        dataset.check()?;
         options.contact.validate()?;
         let rest = Arc::new(RestPoints::new(points)?);
         let spacing = rest.spacing();
@@ -137,7 +170,6 @@ impl Scene {
             true => None,
             false => Some(Cells::new(&rest, spacing, options.subdivision)?),
         };
-        let robot = robot_of(dataset, &options.packages)?;
         let chosen = chosen_links(&robot, options.links.as_deref())?;
         let colliders: Vec<_> = robot
             .colliders()
@@ -162,9 +194,9 @@ impl Scene {
         Ok(Self {
             robot,
             rest,
-            gravity: dataset.gravity,
-            torque_kind: dataset.torque_kind,
-            tare_samples: dataset.tare_samples,
+            gravity: GRAVITY,
+            torque_kind: TorqueKind::External,
+            tare_samples: 0,
             grids: shapes.grids,
             links: shapes.links.into(),
             contact: options.contact,
