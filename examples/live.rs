@@ -35,7 +35,7 @@ use std::time::{Duration, Instant};
 use vsf::contact::link_sdfs;
 use vsf::core::nalgebra::Point3;
 use vsf::data::{Dataset, Overrides};
-use vsf::pipeline::{Scene, SceneOptions};
+use vsf::pipeline::{Scene, SceneContact, SceneOptions};
 use vsf::plot::{Curve, CurvePlot};
 use vsf::prelude::*;
 use vsf::robots::kinova_gen3;
@@ -114,7 +114,7 @@ fn main() -> Result<(), Box<dyn Error>> {
     let sensor = JointTorques::new(Noise::uniform(robot.joint_count(), args.noise_sd)?);
     let prior = Belief::uniform(rest.len(), 0.0, args.prior_sd)?;
     let filter = MemoryReplay::new(DiagonalKalman::new(prior), Default::default())?;
-    let session = LiveSession::new(rest, contact, sensor, filter)?;
+    let session = LiveSession::new(robot.chains().clone(), rest, contact, sensor, filter)?;
     let options = Options {
         rate_hz: args.rate_hz,
         publish_hz: args.publish_hz,
@@ -207,7 +207,7 @@ fn send(lines: &[String], to: SocketAddr) -> io::Result<()> {
     Ok(())
 }
 
-type Parts = (RobotModel, Arc<RestPoints>, Box<dyn ContactModel>);
+type Parts = (RobotModel, Arc<RestPoints>, SceneContact);
 
 /// A Kinova Gen3 before a cube of 40 cm with 2744 points.
 fn block_and_arm() -> Result<Parts, Box<dyn Error>> {
@@ -220,7 +220,7 @@ fn block_and_arm() -> Result<Parts, Box<dyn Error>> {
     Ok((
         robot,
         Arc::new(RestPoints::new(block.collect())?),
-        Box::new(contact),
+        SceneContact::Points(contact),
     ))
 }
 
@@ -232,7 +232,8 @@ fn demonstration() -> Result<Vec<String>, Box<dyn Error>> {
     let truth = (rest.positions().iter()).map(|p| if p.y < 0.0 { 10.0 } else { 30.0 });
     let truth = Belief::<f64>::new(truth.collect(), vec![1e-6; rest.len()])?;
     let sensor = JointTorques::new(Noise::uniform(7, 0.05)?);
-    let mut block = Session::new(rest, contact, sensor, DiagonalKalman::new(truth))?;
+    let (chains, known) = (robot.chains().clone(), DiagonalKalman::new(truth));
+    let mut block = Session::new(chains, rest, contact, sensor, known)?;
     let (noise, mut rng) = (Normal::new(0.0, 0.05)?, Pcg64Mcg::seed_from_u64(1));
     let (mut posture, mut reading) = (robot.posture(), Prediction::default());
     let mut lines = Vec::new();

@@ -179,12 +179,19 @@ fn study(
     estimator: Box<dyn Estimator<Scalar = f64>>,
 ) -> Result<Found, Box<dyn Error>> {
     let robot = cartesian_stage(0.01)?;
+    let chains = robot.chains().clone();
     let links = link_sdfs(robot.colliders(), &Default::default())?.links;
     let contact = StickSlip::new(links, Default::default())?;
     let sensor = JointTorques::new(Noise::uniform(3, 0.02)?);
     let known = DiagonalKalman::new(Belief::new(truth.to_vec(), vec![1e-6; rest.len()])?);
-    let mut block = Session::new(rest.clone(), contact.clone(), sensor.clone(), known)?;
-    let mut session = Session::new(rest.clone(), contact, sensor, estimator)?;
+    let mut block = Session::new(
+        chains.clone(),
+        rest.clone(),
+        contact.clone(),
+        sensor.clone(),
+        known,
+    )?;
+    let mut session = Session::new(chains, rest.clone(), contact, sensor, estimator)?;
 
     let mut posture = robot.posture();
     let (mut reading, mut predicted) = (Prediction::default(), Prediction::default());

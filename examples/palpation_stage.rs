@@ -40,16 +40,23 @@ fn main() -> Result<(), Box<dyn Error>> {
         .collect();
 
     let robot = cartesian_stage(0.006)?;
+    let chains = robot.chains().clone();
     let links = link_sdfs(robot.colliders(), &Default::default())?.links;
     let contact = StickSlip::new(links, Default::default())?;
     let sensor = JointTorques::new(Noise::uniform(3, NOISE_SD)?);
 
     // The block itself is a session that knows the truth and is only asked for readings.
     let known = DiagonalKalman::new(Belief::new(truth, vec![1e-6; rest.len()])?);
-    let mut block = Session::new(rest.clone(), contact.clone(), sensor.clone(), known)?;
+    let mut block = Session::new(
+        chains.clone(),
+        rest.clone(),
+        contact.clone(),
+        sensor.clone(),
+        known,
+    )?;
     let prior = Belief::<f64>::uniform(rest.len(), 0.0, 20.0)?;
     let filter = MemoryReplay::new(DiagonalKalman::new(prior), Default::default())?;
-    let mut session = Session::new(rest.clone(), contact, sensor, filter)?;
+    let mut session = Session::new(chains, rest.clone(), contact, sensor, filter)?;
 
     let noise = Normal::new(0.0, NOISE_SD)?;
     let mut rng = Pcg64Mcg::seed_from_u64(1);

@@ -10,6 +10,7 @@ use std::sync::{Arc, Mutex};
 use std::time::Duration;
 use vsf::contact::link_sdfs;
 use vsf::core::nalgebra::Point3;
+use vsf::pipeline::SceneContact;
 use vsf::prelude::*;
 use vsf::robots::cartesian_stage;
 use vsf_examples::live::{
@@ -30,12 +31,13 @@ fn session() -> (RobotModel, LiveSession) {
     let links = link_sdfs(robot.colliders(), &Default::default())
         .unwrap()
         .links;
-    let contact: Box<dyn ContactModel> =
-        Box::new(StickSlip::new(links, Default::default()).unwrap());
+    let contact = SceneContact::Points(StickSlip::new(links, Default::default()).unwrap());
     let sensor = JointTorques::new(Noise::uniform(3, 0.02).unwrap());
     let prior = Belief::uniform(rest.len(), 0.0, 50.0).unwrap();
     let filter = MemoryReplay::new(DiagonalKalman::new(prior), Default::default()).unwrap();
-    (robot, Session::new(rest, contact, sensor, filter).unwrap())
+    let chains = robot.chains().clone();
+    let session = Session::new(chains, rest, contact, sensor, filter).unwrap();
+    (robot, session)
 }
 
 fn node(options: Options) -> Node {

@@ -30,8 +30,9 @@ fn run(u: &mut Unstructured<'_>) -> Result<()> {
     // The first byte chooses both: every estimator with either contact.
     let which: u8 = u.arbitrary()?;
     let contact = WORLD.contact(which / 6 % 2 == 1);
+    let (chains, rest) = (WORLD.robot.chains().clone(), WORLD.rest.clone());
     let mut session =
-        Session::new(WORLD.rest.clone(), contact, sensor, estimator(which)).expect("a session");
+        Session::new(chains, rest, contact, sensor, estimator(which)).expect("a session");
     let mut posture = WORLD.robot.posture();
     let mut predicted = Prediction::default();
     let start = WORLD.robot.update_posture(&[0.0; JOINTS], &mut posture);

@@ -4,30 +4,18 @@ use crate::exit::usage;
 use crate::interrupt::writing;
 use std::path::{Path, PathBuf};
 use vsf::core::Belief;
-use vsf::data::{McapExport, Sequence, StiffnessField, Table};
+use vsf::data::{FieldContact, McapExport, Sequence, StiffnessField, Table};
 use vsf::pipeline::{Estimate, Hyper, Scene};
 
 const TOUCHED: &str = "touched";
 pub const PRIOR_SD: &str = "prior_sd";
 pub const NOISE_SD: &str = "noise_sd";
-const CONTACT: &str = "contact";
-/// Columns of that feature, by the flags that set them.
-const CONTACT_FLAGS: [&str; 6] = [
-    "--threshold",
-    "--friction",
-    "--slip-step",
-    "--max-slip-iterations",
-    "--padding",
-    "--subdivision",
-];
-
 /// Largest stiffness or deviation that is taken [N/m]: squares of it are finite.
 const MOST: f64 = 1e100;
 
-/// A field on disk. Besides mean and deviation it holds the features `touched` (0 or 1), and
-/// `prior_sd`, `noise_sd` (one or one per channel) and `contact` (the parameters of contact), the same
-/// for every point: all that a prediction with its deviation needs is in one file. Checked: see
-/// [`FieldFile::new`].
+/// A field on disk. Besides mean, deviation and parameters of contact it holds the features `touched` (0 or 1), and
+/// `prior_sd` and `noise_sd` (one or one per channel), the same for every point: all that a prediction with its
+/// deviation needs is in one file. Checked: see [`FieldFile::new`].
 pub struct FieldFile {
     pub path: PathBuf,
     pub field: StiffnessField,
@@ -143,10 +131,6 @@ impl FieldFile {
                 NOISE_SD,
                 Table::new(hyper.noise_sd.len(), hyper.noise_sd.repeat(n))?,
             ),
-            (
-                CONTACT,
-                Table::new(CONTACT_FLAGS.len(), contact_of(scene).repeat(n))?,
-            ),
         ];
         Ok(StiffnessField {
             points: scene.rest().positions().to_vec(),
@@ -161,8 +145,8 @@ impl FieldFile {
             ),
             features: features.map(|(k, v)| (k.to_owned(), v)).into(),
             recording: Some(recording.to_owned()),
-            learned_from: None,
-            model: None,
+            contact: Some(scene.field_contact()),
+            ..StiffnessField::default()
         })
     }
 
@@ -177,22 +161,24 @@ impl FieldFile {
         Ok(Belief::new(self.field.stiffness.clone(), variance)?)
     }
 
-    /// Warns where the scene has other parameters of contact than the field was estimated with.
+    /// Warns where the scene has other parameters of contact than the field was estimated with, which flags have
+    /// changed.
     pub fn compare_contact(&self, scene: &Scene, console: &Console) {
-        let stored = self.field.features.get(CONTACT);
-        let Some(stored) = stored.filter(|t| t.cols() == CONTACT_FLAGS.len()) else {
+        let Some(stored) = &self.field.contact else {
             return;
         };
-        let pairs = CONTACT_FLAGS
-            .iter()
-            .zip(stored.data())
-            .zip(contact_of(scene));
-        let other = pairs.filter(|((_, was), is)| **was != *is);
-        let flags: Vec<String> = other.map(|((f, was), _)| format!("{f} {was}")).collect();
-        if !flags.is_empty() {
-            let (path, flags) = (self.path.display(), flags.join(" "));
+        let pairs = contact_flags(stored)
+            .into_iter()
+            .zip(contact_flags(&scene.field_contact()));
+        let other = pairs.filter(|((_, was), (_, is))| was != is);
+        let (was, is): (Vec<_>, Vec<_>) = other
+            .map(|((flag, was), (_, is))| (format!("{flag} {was}"), format!("{is}")))
+            .unzip();
+        if !was.is_empty() {
+            let (path, was, is) = (self.path.display(), was.join(" "), is.join(" "));
             console.warn(format!(
-                "{path}: the field was estimated with other contact; give {flags} to predict with it"
+                "{path}: the field was estimated with {was}, not {is}; without these flags it predicts as it was \
+                 estimated"
             ));
         }
     }
@@ -202,7 +188,7 @@ impl FieldFile {
         let path = self.path.display();
         let given = given.map(CorrectedModel::text).filter(|t| !t.is_empty());
         // Fields of other programs do not say.
-        let is_ours = self.field.features.contains_key(CONTACT);
+        let is_ours = self.field.contact.is_some();
         match (&self.field.model, &given) {
             (Some(stored), None) => console.warn(format!(
                 "{path}: the field was estimated with a corrected model ({}); without --model its effects are \
@@ -276,16 +262,18 @@ impl FieldFile {
     }
 }
 
-/// Parameters of contact, in the order of their flags.
-fn contact_of(scene: &Scene) -> [f64; CONTACT_FLAGS.len()] {
-    let contact = scene.contact();
+/// Parameters of contact by their flags.
+fn contact_flags(contact: &FieldContact) -> [(&'static str, f64); 6] {
     [
-        contact.threshold,
-        contact.friction,
-        contact.slip_step,
-        f64::from(contact.max_slip_iterations),
-        contact.padding,
-        scene.subdivision() as f64,
+        ("--threshold", contact.threshold),
+        ("--friction", contact.friction),
+        ("--slip-step", contact.slip_step),
+        (
+            "--max-slip-iterations",
+            f64::from(contact.max_slip_iterations),
+        ),
+        ("--padding", contact.padding),
+        ("--subdivision", contact.subdivision as f64),
     ]
 }
 

@@ -4,6 +4,7 @@ use crate::corrected::{CorrectedModel, ModelArgs};
 use crate::exit::usage;
 use crate::field_file::FieldFile;
 use crate::settings::{MetadataSettings, SceneSettings};
+use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 use vsf::contact::{CacheUse, ContactError};
 use vsf::data::{DataError, Dataset, RobotRef, Sequence, StiffnessField};
@@ -45,7 +46,7 @@ pub struct FieldArgs {
 pub struct Recording {
     pub path: PathBuf,
     pub dataset: Dataset,
-    pub options: SceneOptions,
+    settings: SceneSettings,
 }
 
 /// Which sequences to take when none are named.
@@ -104,7 +105,7 @@ impl Recording {
         Ok(Self {
             path: path.to_owned(),
             dataset,
-            options: settings.options(),
+            settings: settings.clone(),
         })
     }
 
@@ -153,7 +154,7 @@ impl Recording {
 
     /// The scene of the recording alone.
     pub fn scene(&self, console: &Console) -> anyhow::Result<Scene> {
-        self.scene_by(console, Scene::open)
+        self.scene_by(&self.settings.options(None), console, Scene::open)
     }
 
     /// The scene of the recording alone, without points if it has none.
@@ -211,11 +212,12 @@ impl Recording {
     }
 
     /// The scene of a field in this recording, [checked](Recording::check_field): without own points it takes
-    /// the field's.
+    /// the field's. Contact is that of the flags, and otherwise of the field.
     pub fn scene_of(&self, field: &FieldFile, console: &Console) -> anyhow::Result<Scene> {
         self.check_field(field, console)?;
         let points = &field.field.points;
-        let scene = self.scene_by(console, |dataset, options| {
+        let options = self.settings.options(field.field.contact.as_ref());
+        let scene = self.scene_by(&options, console, |dataset, options| {
             Scene::with_points(dataset, points.clone(), options)
         })?;
         field.compare_contact(&scene, console);
@@ -224,11 +226,12 @@ impl Recording {
 
     fn scene_by(
         &self,
+        options: &SceneOptions,
         console: &Console,
         open: impl FnOnce(&Dataset, &SceneOptions) -> Result<Scene, PipelineError>,
     ) -> anyhow::Result<Scene> {
         let spinner = console.spinner("reading the robot");
-        let scene = open(&self.dataset, &self.options).map_err(explain)?;
+        let scene = open(&self.dataset, options).map_err(explain)?;
         spinner.finish_and_clear();
         mesh_warnings(&scene).iter().for_each(|w| console.warn(w));
         for grid in scene.grids() {
@@ -237,7 +240,7 @@ impl Recording {
             }
             let (error, threshold) = (grid.report.error.p99, scene.contact().threshold);
             if error > threshold {
-                let advice = match self.options.grid.resolution {
+                let advice = match options.grid.resolution {
                     None => "are its units metres? If so, give --grid-resolution",
                     Some(_) => "give a finer --grid-resolution, or none",
                 };
@@ -274,9 +277,14 @@ impl Recording {
         Ok(Campaign::in_scene(&self.dataset, scene)?)
     }
 
+    /// Folders of `package://` names.
+    pub fn packages(&self) -> BTreeMap<String, PathBuf> {
+        self.settings.metadata.packages()
+    }
+
     /// The robot alone.
     pub fn robot(&self) -> anyhow::Result<RobotModel> {
-        robot_of(&self.dataset, &self.options.packages).map_err(explain)
+        robot_of(&self.dataset, &self.packages()).map_err(explain)
     }
 
     /// The given field, or the one stored in the recording.

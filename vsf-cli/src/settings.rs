@@ -9,7 +9,7 @@ use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use vsf::contact::{ContactConfig, GridOptions};
 use vsf::core::nalgebra::{Isometry3, Translation3, UnitQuaternion, Vector3};
-use vsf::data::{JointType, Overrides, RobotRef, Splits, TorqueKind};
+use vsf::data::{FieldContact, JointType, Overrides, RobotRef, Splits, TorqueKind};
 use vsf::filter::{DiagonalForm, Projection, ReplayConfig, ReplayVariance};
 use vsf::pipeline::{EstimatorSpec, HyperMethod, PriorShape, SceneOptions, VisionSpec};
 use vsf::vision::{GpConfig, KnnConfig, LearnedPrior, RegressorSpec};
@@ -65,7 +65,7 @@ pub struct SceneSettings {
 
 /// The contact model.
 #[derive(Debug, Clone, Default, Args)]
-#[command(next_help_heading = "Contact")]
+#[command(next_help_heading = "Contact (a field that predicts brings its own)")]
 pub struct ContactSettings {
     /// Links that may touch; all with collision shapes by default
     #[arg(long, value_delimiter = ',')]
@@ -312,11 +312,18 @@ impl MetadataSettings {
 }
 
 impl SceneSettings {
-    /// How the scene is put together.
-    pub fn options(&self) -> SceneOptions {
+    /// How the scene is put together: the flags, over the contact that a field remembers, over the defaults.
+    pub fn options(&self, field: Option<&FieldContact>) -> SceneOptions {
         let given = &self.contact;
-        let defaults = ContactConfig::default();
-        let defaults = defaults.with_slip_step(given.slip_step.unwrap_or(defaults.slip_step));
+        let below = SceneOptions::default();
+        let below = match field {
+            Some(field) => below.with_contact_of(field),
+            None => below,
+        };
+        let defaults = match given.slip_step {
+            Some(step) => below.contact.with_slip_step(step),
+            None => below.contact,
+        };
         SceneOptions {
             contact: ContactConfig {
                 threshold: given.threshold.unwrap_or(defaults.threshold),
@@ -334,9 +341,7 @@ impl SceneSettings {
             },
             links: given.links.clone(),
             packages: self.metadata.packages(),
-            subdivision: given
-                .subdivision
-                .unwrap_or(SceneOptions::default().subdivision),
+            subdivision: given.subdivision.unwrap_or(below.subdivision),
         }
     }
 }

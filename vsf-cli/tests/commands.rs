@@ -713,24 +713,43 @@ fn torques_of_any_time_are_drawn() {
     assert!(svg.contains("0.4") && !svg.contains("1700000000"));
 }
 
-/// A field knows the contact that it was estimated with.
+/// A field predicts through the contact that it was estimated with, and says where flags tell otherwise.
 #[test]
-fn other_contact_than_the_fields_is_a_warning() {
+fn a_field_brings_its_contact() {
     let bench = Bench::touched();
-    bench.ok("estimate touch --out field.npz --threshold 0.003");
-    let plain = bench.run("evaluate touch --field field.npz");
-    let warning = String::from_utf8_lossy(&plain.stderr).into_owned();
-    assert!(warning.contains("--threshold 0.003"), "{warning}");
-    let same = bench.run("evaluate touch --field field.npz --threshold 0.003");
-    assert!(!String::from_utf8_lossy(&same.stderr).contains("contact"));
+    bench.ok("estimate touch --out field.npz --threshold 0.003 --subdivision 1");
+    bench.ok("export field.npz --out folder");
+    let error = |field: &str, flags: &str| {
+        let line = format!("evaluate touch --field {field} {flags} --json");
+        let run = bench.run(&line);
+        assert!(run.status.success(), "{line}");
+        let warned = String::from_utf8_lossy(&run.stderr).into_owned();
+        let json = String::from_utf8_lossy(&run.stdout);
+        (value(&json, "mean_error"), warned)
+    };
+    let (own, quiet) = error("field.npz", "");
+    let (same, still) = error("field.npz", "--threshold 0.003 --subdivision 1");
+    let (other, told) = error("field.npz", "--threshold 0.001");
+    assert_eq!(own, same);
+    assert!(other > own, "{other} against {own}");
+    for silent in [&quiet, &still] {
+        assert!(!silent.contains("was estimated with"), "{silent}");
+    }
+    let says = "field.npz: the field was estimated with --threshold 0.003, not 0.001;";
+    assert!(told.contains(says), "{told}");
+    assert!(told.matches("was estimated with").count() == 1, "{told}");
+    assert_eq!(error("folder", "").0, own);
+
+    // Fields that say nothing, as those of other programs, are taken through the default contact.
+    let (plain, quiet) = error("truth", "");
+    assert_eq!(plain, error("truth", "--threshold 0.002").0);
+    assert!(!quiet.contains("was estimated with"), "{quiet}");
 
     // A finer slip step may slip as far.
     bench.ok("estimate touch --out fine.npz --slip-step 0.00001");
-    let warning = bench.warned("evaluate touch --field fine.npz");
-    assert!(
-        warning.contains("--slip-step 0.00001 --max-slip-iterations 2000"),
-        "{warning}"
-    );
+    let (_, told) = error("fine.npz", "--slip-step 0.0001");
+    let says = "--slip-step 0.00001 --max-slip-iterations 2000, not 0.0001 200;";
+    assert!(told.contains(says), "{told}");
 }
 
 /// Errors on touches that a field has learned from are no predictions.

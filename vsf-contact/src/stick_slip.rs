@@ -87,7 +87,7 @@ impl StickSlip {
     }
 
     fn place_links(&mut self, posture: &Posture) -> Result<(), CoreError> {
-        posture.check_finite()?;
+        posture.check()?;
         let poses = posture.link_poses();
         self.poses.clear();
         for l in self.links.iter() {

@@ -82,6 +82,7 @@ fn differences(sdf: Box<dyn Sdf>, seed: u64) -> (Vec<f64>, f64) {
     let mut posture = Posture::new(Arc::new(chains));
     let (mut before, mut after) = (Contacts::new(), Contacts::new());
     let mut X_WL = Isometry3::identity();
+    posture.parts_mut().1[0] = X_WL;
     model.step(&rest, &posture, &mut before).unwrap();
     // One direction for a while, so that points slide.
     let mut drift = small(&mut rng);

@@ -63,6 +63,21 @@ impl Contacts {
         Ok(())
     }
 
+    /// Checks that every touched point is one of `rest`, and every touching link one of `posture`.
+    ///
+    /// # Errors
+    /// [`CoreError::OutOfRange`] names a point or link that there is not.
+    pub fn check_fits(&self, rest: &RestPoints, posture: &Posture) -> Result<(), CoreError> {
+        let within = |what, index: Option<&u32>, len| match index.map(|i| *i as usize) {
+            Some(index) if index >= len => Err(CoreError::OutOfRange { what, index, len }),
+            _ => Ok(()),
+        };
+        // Points increase.
+        within("touched point", self.points.last(), rest.len())?;
+        let links = posture.link_poses().len();
+        within("touching link", self.links.iter().max(), links)
+    }
+
     /// Number of contacts, `|S|`.
     pub fn len(&self) -> usize {
         self.points.len()
@@ -103,16 +118,24 @@ pub trait ContactModel: Send {
     /// Forgets all contacts, as before the first touch of a sequence.
     fn reset(&mut self);
 
-    /// Moves the robot to `posture` and writes the contacts into `out` (cleared first).
+    /// Moves the robot to `posture` and writes the contacts into `out` (cleared first): of points of `rest`, by
+    /// links of the posture, with normals of unit length.
     ///
     /// # Errors
-    /// Postures that do not fit the model or are not finite. The contact state is then unchanged.
+    /// Postures that do not fit the model, were never written or are not finite ([`Posture::check`]). The contact
+    /// state is then unchanged.
     fn step(
         &mut self,
         rest: &RestPoints,
         posture: &Posture,
         out: &mut Contacts,
     ) -> Result<(), CoreError>;
+}
+
+impl std::fmt::Debug for dyn ContactModel {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.debug_struct("ContactModel").finish_non_exhaustive()
+    }
 }
 
 impl<C: ContactModel + ?Sized> ContactModel for Box<C> {

@@ -81,6 +81,24 @@ pub enum CoreError {
         /// The largest supported size.
         max: usize,
     },
+    /// A posture that no robot model has written yet: all of its links lie at the world origin.
+    #[error("the posture was never written; let RobotModel::update_posture write it first")]
+    UnwrittenPosture,
+    /// A posture of another robot than the rest was made for.
+    #[error(
+        "the posture is of another robot: of {joints} joints and {links} links, joined as they are, expected \
+         are {expected_joints} joints and {expected_links} links; make it by RobotModel::posture of that one"
+    )]
+    ForeignPosture {
+        /// Joints of the posture.
+        joints: usize,
+        /// Links of the posture.
+        links: usize,
+        /// Joints of the robot.
+        expected_joints: usize,
+        /// Links of the robot.
+        expected_links: usize,
+    },
     /// An implementation of a seam cannot do what was asked; its state is unchanged.
     #[error("{what} is not supported by {by}")]
     Unsupported {

@@ -122,6 +122,15 @@ pub trait Estimator: Send {
     }
 }
 
+impl<T: Scalar> std::fmt::Debug for dyn Estimator<Scalar = T> {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.debug_struct("Estimator")
+            .field("scalar", &T::NAME)
+            .field("points", &self.belief().len())
+            .finish_non_exhaustive()
+    }
+}
+
 impl<E: Estimator + ?Sized> Estimator for Box<E> {
     type Scalar = E::Scalar;
     fn belief(&self) -> &Belief<E::Scalar> {

@@ -99,6 +99,7 @@ impl JointScrew {
 /// to step without allocating.
 #[derive(Debug, Clone)]
 pub struct Posture {
+    written: bool,
     q: Vec<f64>,
     poses: Vec<Isometry3<f64>>,
     screws: Vec<JointScrew>,
@@ -110,6 +111,7 @@ impl Posture {
     pub fn new(chains: Arc<LinkChains>) -> Self {
         let still = JointScrew::prismatic(Vector3::zeros());
         Self {
+            written: false,
             q: vec![0.0; chains.joint_count()],
             poses: vec![Isometry3::identity(); chains.link_count()],
             screws: vec![still; chains.joint_count()],
@@ -137,8 +139,10 @@ impl Posture {
         &self.chains
     }
 
-    /// Joint positions, link poses and joint axes, for a robot model to write.
+    /// Joint positions, link poses and joint axes, for a robot model to write. From then on the posture counts as
+    /// written.
     pub fn parts_mut(&mut self) -> (&mut [f64], &mut [Isometry3<f64>], &mut [JointScrew]) {
+        self.written = true;
         (&mut self.q, &mut self.poses, &mut self.screws)
     }
 
@@ -164,11 +168,14 @@ impl Posture {
         }
     }
 
-    /// Checks that poses and axes are finite.
+    /// Checks that it has been written, and that positions, poses and axes are finite.
     ///
     /// # Errors
-    /// [`CoreError::NotFinite`] names the joint or link.
-    pub fn check_finite(&self) -> Result<(), CoreError> {
+    /// [`CoreError::UnwrittenPosture`], or [`CoreError::NotFinite`], which names the joint or link.
+    pub fn check(&self) -> Result<(), CoreError> {
+        if !self.written {
+            return Err(CoreError::UnwrittenPosture);
+        }
         CoreError::check_finite("joint position", &self.q)?;
         for (index, x) in self.poses.iter().enumerate() {
             let sum = x.translation.vector.sum() + x.rotation.coords.sum();
@@ -191,5 +198,21 @@ impl Posture {
             }
         }
         Ok(())
+    }
+
+    /// Checks that it is of the robot with these chains.
+    ///
+    /// # Errors
+    /// [`CoreError::ForeignPosture`].
+    pub fn check_robot(&self, chains: &Arc<LinkChains>) -> Result<(), CoreError> {
+        if Arc::ptr_eq(&self.chains, chains) || self.chains == *chains {
+            return Ok(());
+        }
+        Err(CoreError::ForeignPosture {
+            joints: self.chains.joint_count(),
+            links: self.chains.link_count(),
+            expected_joints: chains.joint_count(),
+            expected_links: chains.link_count(),
+        })
     }
 }

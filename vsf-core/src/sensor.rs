@@ -1,4 +1,4 @@
-use crate::{Contacts, CoreError, Observation, Posture, RestPoints, Scalar};
+use crate::{Contacts, CoreError, LinkChains, Observation, Posture, RestPoints, Scalar};
 
 /// Turns contacts into a linear observation of the stiffness: joint torques, a wrist wrench, a
 /// force gauge.
@@ -9,12 +9,23 @@ pub trait Sensor<T: Scalar>: Send {
     /// An empty observation with this sensor's noise, for [`Sensor::observe`] to write.
     fn blank(&self) -> Observation<T>;
 
-    /// Writes the columns `w_i` of the touched points and the `reading` into `out`, and its noise if
-    /// that may have changed since [`Sensor::blank`].
+    /// Checks that it is made for the robot with these chains, such as by a channel per joint. Asked once, by
+    /// [`Session::new`](crate::Session::new). By default every robot will do.
     ///
     /// # Errors
-    /// A reading of the wrong length, contacts that do not fit posture or points, values that are
-    /// not finite.
+    /// What does not fit.
+    fn check_robot(&self, chains: &LinkChains) -> Result<(), CoreError> {
+        let _ = chains;
+        Ok(())
+    }
+
+    /// Writes the columns `w_i` of the touched points and the `reading` into `out`, whatever that held, and its
+    /// noise if that may have changed since [`Sensor::blank`]. The column of a point follows from its own contact,
+    /// and is zero without a displacement.
+    ///
+    /// # Errors
+    /// A reading of the wrong length, contacts that do not fit posture or points ([`Contacts::check_fits`]),
+    /// values that are not finite.
     fn observe(
         &self,
         rest: &RestPoints,
@@ -25,12 +36,23 @@ pub trait Sensor<T: Scalar>: Send {
     ) -> Result<(), CoreError>;
 }
 
+impl<T: Scalar> std::fmt::Debug for dyn Sensor<T> {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.debug_struct("Sensor")
+            .field("channels", &self.dim())
+            .finish_non_exhaustive()
+    }
+}
+
 impl<T: Scalar, S: Sensor<T> + ?Sized> Sensor<T> for Box<S> {
     fn dim(&self) -> usize {
         (**self).dim()
     }
     fn blank(&self) -> Observation<T> {
         (**self).blank()
+    }
+    fn check_robot(&self, chains: &LinkChains) -> Result<(), CoreError> {
+        (**self).check_robot(chains)
     }
     fn observe(
         &self,

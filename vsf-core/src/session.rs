@@ -1,14 +1,15 @@
 use crate::{
-    Belief, ContactModel, Contacts, CoreError, Estimator, FilterHealth, Observation, Posture,
-    Prediction, RestPoints, Sensor, UpdateReport,
+    Belief, ContactModel, Contacts, CoreError, Estimator, FilterHealth, LinkChains, Observation,
+    Posture, Prediction, RestPoints, Sensor, UpdateReport,
 };
 use std::sync::Arc;
 
 /// What one step of a [`Session`] did.
 pub type StepReport = UpdateReport;
 
-/// An online estimation: a contact model, a sensor and an estimator, with the buffers between
-/// them. After warm-up a step allocates nothing of its own.
+/// An online estimation: a contact model, a sensor and an estimator of one robot, with the buffers between
+/// them. After warm-up a step allocates nothing of its own. A clone goes its own way from where the session stands:
+/// for a motion tried out, while [`predict_at`](Self::predict_at) is for a single posture.
 ///
 /// To go on after a restart, build a session anew around the restored estimator, between two touches: contacts and
 /// [`FilterHealth`] are not saved.
@@ -24,7 +25,9 @@ pub type StepReport = UpdateReport;
 /// }
 /// # Ok(()) }
 /// ```
+#[derive(Clone)]
 pub struct Session<C, S, E: Estimator> {
+    chains: Arc<LinkChains>,
     rest: Arc<RestPoints>,
     contact: C,
     sensor: S,
@@ -51,20 +54,27 @@ where
     S: Sensor<E::Scalar>,
     E: Estimator,
 {
-    /// Puts the parts together.
+    /// Puts the parts together. `chains` are those of the robot whose postures the session will be given,
+    /// `RobotModel::chains` of `vsf-robots`.
     ///
     /// # Errors
-    /// A belief of another size than the field.
+    /// A belief of another size than the field, a sensor that is not of this robot, or whose blank observation
+    /// has other channels than it says.
     pub fn new(
+        chains: Arc<LinkChains>,
         rest: Arc<RestPoints>,
         contact: C,
         sensor: S,
         estimator: E,
     ) -> Result<Self, CoreError> {
         CoreError::check_len("belief", estimator.belief().len(), rest.len())?;
+        sensor.check_robot(&chains)?;
+        let observation = sensor.blank();
+        CoreError::check_len("blank observation", observation.dim(), sensor.dim())?;
         Ok(Self {
+            chains,
             contacts: Contacts::new(),
-            observation: sensor.blank(),
+            observation,
             zero: vec![0.0; sensor.dim()],
             health: FilterHealth::default(),
             rest,
@@ -90,8 +100,8 @@ where
     /// Moves the robot to `posture`, takes in the `reading` there and updates the belief.
     ///
     /// # Errors
-    /// A posture or reading that is not finite or does not fit. The belief is unchanged; the
-    /// contact state has followed the posture if the posture itself was good and the reading
+    /// A posture or reading that is not finite or does not fit, a posture of another robot or never written. The
+    /// belief is unchanged; the contact state has followed the posture if the posture itself was good and the reading
     /// had the right length and finite values.
     pub fn step(&mut self, posture: &Posture, reading: &[f64]) -> Result<StepReport, CoreError> {
         CoreError::check_len("reading", reading.len(), self.sensor.dim())?;
@@ -103,22 +113,53 @@ where
     }
 
     /// Moves the robot to `posture` and predicts the reading there. Learns nothing, but contacts follow as in
-    /// [`step`](Self::step): it is for motions whose readings are not known, not for a glance aside in the middle of
-    /// a touch.
+    /// [`step`](Self::step): it is for motions whose readings are not known.
     ///
     /// # Errors
-    /// A posture that is not finite or does not fit.
+    /// A posture that is not finite or does not fit, is of another robot or never written.
     pub fn predict(&mut self, posture: &Posture, out: &mut Prediction) -> Result<(), CoreError> {
         self.observe(posture, None)?;
         self.estimator.predict(&self.observation, out)
     }
 
+    /// What [`predict`](Self::predict) would say of `posture`, with nothing changed: a glance aside in the middle of
+    /// a touch. The robot is taken to go there in one step. Copies the contact model with all that it remembers,
+    /// which allocates and, with many points, takes as long as a step.
+    ///
+    /// # Errors
+    /// As [`predict`](Self::predict).
+    pub fn predict_at(&self, posture: &Posture, out: &mut Prediction) -> Result<(), CoreError>
+    where
+        C: Clone,
+    {
+        self.check(posture)?;
+        let (mut contacts, mut observation) = (Contacts::new(), self.sensor.blank());
+        let mut contact = self.contact.clone();
+        contact.step(&self.rest, posture, &mut contacts)?;
+        let (rest, zero) = (&self.rest, &self.zero);
+        self.sensor
+            .observe(rest, posture, &contacts, zero, &mut observation)?;
+        self.estimator.predict(&observation, out)
+    }
+
+    /// Contact models look at link poses alone, sensors at what they need of the rest.
+    fn check(&self, posture: &Posture) -> Result<(), CoreError> {
+        posture.check_robot(&self.chains)?;
+        posture.check()
+    }
+
     fn observe(&mut self, posture: &Posture, reading: Option<&[f64]>) -> Result<(), CoreError> {
+        self.check(posture)?;
         self.contact.step(&self.rest, posture, &mut self.contacts)?;
         let reading = reading.unwrap_or(&self.zero);
         let out = &mut self.observation;
         self.sensor
             .observe(&self.rest, posture, &self.contacts, reading, out)
+    }
+
+    /// Which joints of its robot move which link.
+    pub fn chains(&self) -> &Arc<LinkChains> {
+        &self.chains
     }
 
     /// The rest points.

@@ -9,8 +9,11 @@ use vsf_core::{
     Prediction, RestPoints, Sensor, Session, SymmetricFactor, UpdateReport,
 };
 
-/// A wall at height q that presses every point above it down.
-struct Wall;
+/// A wall at height q that presses every point above it down. Remembers how often it has moved.
+#[derive(Clone, Default)]
+struct Wall {
+    steps: usize,
+}
 
 impl ContactModel for Wall {
     fn reset(&mut self) {}
@@ -20,7 +23,8 @@ impl ContactModel for Wall {
         posture: &Posture,
         out: &mut Contacts,
     ) -> Result<(), CoreError> {
-        posture.check_finite()?;
+        posture.check()?;
+        self.steps += 1;
         out.clear();
         for (i, p) in rest.positions().iter().enumerate() {
             let depth = p.z - posture.q()[0];
@@ -33,6 +37,7 @@ impl ContactModel for Wall {
 }
 
 /// Measures the vertical force on the wall.
+#[derive(Clone)]
 struct Gauge;
 
 impl Sensor<f64> for Gauge {
@@ -57,6 +62,7 @@ impl Sensor<f64> for Gauge {
 }
 
 /// Nudges all touched points by the same amount.
+#[derive(Clone)]
 struct Nudge(Belief<f64>);
 
 impl Estimator for Nudge {
@@ -84,22 +90,153 @@ impl Estimator for Nudge {
     }
 }
 
+/// One joint that moves the only link.
+fn chains() -> Arc<LinkChains> {
+    Arc::new(LinkChains::new(1, vec![vec![0]]).unwrap())
+}
+
 fn posture(q: f64) -> Posture {
-    let chains = LinkChains::new(1, vec![vec![0]]).unwrap();
-    let mut posture = Posture::new(Arc::new(chains));
+    let mut posture = Posture::new(chains());
     posture.parts_mut().0[0] = q;
     posture
+}
+
+fn rest() -> Arc<RestPoints> {
+    let points = vec![Point3::new(0.0, 0.0, 1.0), Point3::new(0.0, 0.0, 2.0)];
+    Arc::new(RestPoints::new(points).unwrap())
+}
+
+fn nudge() -> Nudge {
+    Nudge(Belief::uniform(2, 0.0, 2.0).unwrap())
+}
+
+/// Of parts whose types are known.
+fn plain() -> Session<Wall, Gauge, Nudge> {
+    Session::new(chains(), rest(), Wall::default(), Gauge, nudge()).unwrap()
 }
 
 type AnyEstimator = Box<dyn Estimator<Scalar = f64>>;
 
 fn session() -> Session<Box<dyn ContactModel>, Box<dyn Sensor<f64>>, AnyEstimator> {
-    let points = vec![Point3::new(0.0, 0.0, 1.0), Point3::new(0.0, 0.0, 2.0)];
-    let rest = Arc::new(RestPoints::new(points).unwrap());
-    let estimator: AnyEstimator = Box::new(Nudge(Belief::uniform(2, 0.0, 2.0).unwrap()));
-    let contact: Box<dyn ContactModel> = Box::new(Wall);
+    let estimator: AnyEstimator = Box::new(nudge());
+    let contact: Box<dyn ContactModel> = Box::new(Wall::default());
     let sensor: Box<dyn Sensor<f64>> = Box::new(Gauge);
-    Session::new(rest, contact, sensor, estimator).unwrap()
+    Session::new(chains(), rest(), contact, sensor, estimator).unwrap()
+}
+
+#[test]
+fn parts_chosen_at_run_time_say_what_they_are() {
+    let estimator: AnyEstimator = Box::new(nudge());
+    let contact: Box<dyn ContactModel> = Box::new(Wall::default());
+    let sensor: Box<dyn Sensor<f64>> = Box::new(Gauge);
+    let text = format!("{estimator:?} {contact:?} {sensor:?}");
+    assert!(
+        text.contains("points: 2") && text.contains("channels: 1"),
+        "{text}"
+    );
+}
+
+#[test]
+fn a_glance_aside_says_what_a_prediction_would_and_changes_nothing() {
+    let mut session = plain();
+    session.step(&posture(1.5), &[3.0]).unwrap();
+    let (mut aside, mut there) = (Prediction::default(), Prediction::default());
+    session.predict_at(&posture(0.5), &mut aside).unwrap();
+    assert_eq!(session.contacts().points(), [1]);
+    assert_eq!(session.observation().points(), [1]);
+    assert!(session.predict_at(&posture(f64::NAN), &mut there).is_err());
+    session.predict(&posture(0.5), &mut there).unwrap();
+    assert_eq!(aside, there);
+    assert_eq!(session.contacts().points(), [0, 1]);
+}
+
+#[test]
+fn a_clone_goes_its_own_way() {
+    let mut session = plain();
+    session.step(&posture(1.5), &[3.0]).unwrap();
+    let mut aside = session.clone();
+    aside.step(&posture(0.5), &[3.0]).unwrap();
+    assert_eq!(session.belief().mean(), [0.0, 1.0]);
+    assert_eq!(session.contacts().points(), [1]);
+    assert_eq!(session.health().updates(), 1);
+    assert_eq!(aside.belief().mean(), [1.0, 2.0]);
+    assert_eq!(aside.health().updates(), 2);
+}
+
+#[test]
+fn postures_of_another_robot_or_of_none_are_refused() {
+    let mut session = plain();
+    session.step(&posture(1.5), &[3.0]).unwrap();
+    let before = session.belief().clone();
+    let written = |joints, links: Vec<Vec<u32>>| {
+        let mut posture = Posture::new(Arc::new(LinkChains::new(joints, links).unwrap()));
+        posture.parts_mut().0[0] = 0.5;
+        posture
+    };
+    let mut out = Prediction::default();
+    for foreign in [
+        written(2, vec![vec![0]]),
+        written(1, vec![vec![0], vec![0]]),
+        written(1, vec![vec![]]),
+    ] {
+        let (joints, links) = (foreign.q().len(), foreign.link_poses().len());
+        let expected = CoreError::ForeignPosture {
+            joints,
+            links,
+            expected_joints: 1,
+            expected_links: 1,
+        };
+        assert_eq!(session.step(&foreign, &[3.0]).unwrap_err(), expected);
+        assert_eq!(session.predict(&foreign, &mut out).unwrap_err(), expected);
+        assert_eq!(session.predict_at(&foreign, &mut out), Err(expected));
+    }
+    let unwritten = Posture::new(chains());
+    let expected = CoreError::UnwrittenPosture;
+    assert_eq!(session.step(&unwritten, &[3.0]).unwrap_err(), expected);
+    assert_eq!(session.predict(&unwritten, &mut out).unwrap_err(), expected);
+    assert_eq!(session.predict_at(&unwritten, &mut out), Err(expected));
+    assert_eq!(session.belief(), &before);
+}
+
+/// A sensor of a robot with two joints, and one whose observations are wider than it says.
+struct Wide {
+    dim: usize,
+    blank: usize,
+}
+
+impl Sensor<f64> for Wide {
+    fn dim(&self) -> usize {
+        self.dim
+    }
+    fn blank(&self) -> Observation<f64> {
+        Observation::new(Noise::uniform(self.blank, 0.1).unwrap())
+    }
+    fn check_robot(&self, chains: &LinkChains) -> Result<(), CoreError> {
+        CoreError::check_len("joints of the robot", chains.joint_count(), self.dim)
+    }
+    fn observe(
+        &self,
+        _: &RestPoints,
+        _: &Posture,
+        _: &Contacts,
+        _: &[f64],
+        _: &mut Observation<f64>,
+    ) -> Result<(), CoreError> {
+        Ok(())
+    }
+}
+
+#[test]
+fn sensors_of_the_wrong_width_are_refused_at_once() {
+    let made = |sensor: Wide| {
+        let sensor: Box<dyn Sensor<f64>> = Box::new(sensor);
+        Session::new(chains(), rest(), Wall::default(), sensor, nudge())
+    };
+    for (dim, blank, what) in [(2, 2, "joints of the robot"), (1, 2, "blank observation")] {
+        let error = made(Wide { dim, blank }).unwrap_err();
+        assert!(error.to_string().starts_with(what), "{error}");
+    }
+    assert!(made(Wide { dim: 1, blank: 1 }).is_ok());
 }
 
 #[test]

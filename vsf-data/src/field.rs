@@ -1,7 +1,7 @@
 use crate::colormap::Scale;
 use crate::npy::{self, NpyError};
 use crate::staged::Staged;
-use crate::{DataError, DataWarning, Table, files, json, npz, ply, write_file};
+use crate::{DataError, DataWarning, FieldContact, Table, files, json, npz, ply, write_file};
 use nalgebra::Point3;
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
@@ -19,6 +19,8 @@ const RECORDING: &str = "recording_name";
 const LEARNED_FROM: &str = "learned_from";
 /// Name of the mark for the corrected model.
 const MODEL: &str = "corrected_model";
+/// Name of the mark for the parameters of contact.
+const CONTACT: &str = "contact_parameters";
 const AXIS_MODE: &str = "axis_mode";
 const ISOTROPIC: &str = "isotropic";
 /// OpenVSF's pickled dictionary.
@@ -33,7 +35,8 @@ const MARKS: &str = "format.json";
 /// as a standard deviation and marked as one (`K_std_unit` in an archive, `format.json` in a
 /// folder); a `K_std` without the mark is not used, since OpenVSF writes the variance there. The
 /// recording's name is a further mark, `recording_name`, and so are the sequences that the field has
-/// learned from, `learned_from`, and a corrected model, `corrected_model`.
+/// learned from, `learned_from`, a corrected model, `corrected_model`, and the parameters of contact,
+/// `contact_parameters` (an object, in an archive as JSON text). Any mark may be missing.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct StiffnessField {
     /// Rest positions `p_i` \[m\], world frame.
@@ -52,10 +55,12 @@ pub struct StiffnessField {
     pub learned_from: Option<String>,
     /// The corrected model that explained a part of the readings, in words, if there was one.
     pub model: Option<String>,
+    /// The parameters of contact that it was estimated with, if known.
+    pub contact: Option<FieldContact>,
 }
 
 #[derive(Default, Serialize, Deserialize)]
-#[serde(expecting = "an object of texts")]
+#[serde(expecting = "an object of marks")]
 struct Marks {
     axis_mode: Option<String>,
     #[serde(rename = "K_std_unit")]
@@ -66,6 +71,8 @@ struct Marks {
     learned_from: Option<String>,
     #[serde(rename = "corrected_model", skip_serializing_if = "Option::is_none")]
     model: Option<String>,
+    #[serde(rename = "contact_parameters", skip_serializing_if = "Option::is_none")]
+    contact: Option<FieldContact>,
 }
 
 /// The arrays of a field before they are understood, from an archive or a folder.
@@ -121,6 +128,11 @@ impl StiffnessField {
                 entries.insert(name.to_owned(), npy::encode_text(text));
             }
         }
+        if let Some(contact) = &marks.contact {
+            let json = json::encode(&entry(path, CONTACT), contact)?;
+            let text = String::from_utf8_lossy(&json);
+            entries.insert(CONTACT.to_owned(), npy::encode_text(&text));
+        }
         npz::encode(path, &entries)
     }
 
@@ -131,6 +143,7 @@ impl StiffnessField {
             recording: self.recording.clone(),
             learned_from: self.learned_from.clone(),
             model: self.model.clone(),
+            contact: self.contact,
         }
     }
 
@@ -220,6 +233,9 @@ impl StiffnessField {
                 });
             }
         }
+        if let Some(contact) = &self.contact {
+            contact.check(path)?;
+        }
         for (name, table) in &self.features {
             let reserved = [
                 POINTS,
@@ -230,6 +246,7 @@ impl StiffnessField {
                 RECORDING,
                 LEARNED_FROM,
                 MODEL,
+                CONTACT,
                 PICKLE,
             ];
             let not_a_file = name.is_empty() || name.contains(['/', '\\', '\0']);
@@ -265,7 +282,12 @@ impl Source {
                 source,
             }),
         };
+        let contact = match text(CONTACT)? {
+            Some(text) => Some(json::parse(&entry(path, CONTACT), text.as_bytes())?),
+            None => None,
+        };
         let marks = Marks {
+            contact,
             axis_mode: text(AXIS_MODE)?,
             sd_unit: text(SD_UNIT)?,
             recording: text(RECORDING)?,
@@ -361,6 +383,7 @@ impl Source {
             recording: self.marks.recording,
             learned_from: self.marks.learned_from,
             model: self.marks.model,
+            contact: self.marks.contact,
         })
     }
 

@@ -10,9 +10,9 @@ use proptest::prelude::*;
 use std::collections::BTreeMap;
 use std::fs;
 use vsf_data::{
-    Attachment, CameraView, Clock, DataError, DataWarning, Dataset, JointLog, JointType,
-    McapExport, Overrides, RobotRef, Sequence, Splits, StiffnessField, Table, TorqueKind,
-    read_pcd_cloud, read_pcd_points, read_ply_cloud, read_ply_points, read_points,
+    Attachment, CameraView, Clock, DataError, DataWarning, Dataset, FieldContact, JointLog,
+    JointType, McapExport, Overrides, RobotRef, Sequence, Splits, StiffnessField, Table,
+    TorqueKind, read_pcd_cloud, read_pcd_points, read_ply_cloud, read_ply_points, read_points,
 };
 
 /// Any finite double, subnormals and both zeros included.
@@ -51,18 +51,53 @@ fn field() -> impl Strategy<Value = StiffnessField> {
         );
         let sd = prop::option::of(vec(positive().prop_map(f64::abs), n));
         let marks = [(); 3].map(|()| prop::option::of(text()));
-        (vec(point(), n), vec(number(), n), sd, features, marks).prop_map(
-            |(points, stiffness, sd, features, [recording, learned_from, model])| StiffnessField {
-                points,
-                stiffness,
-                sd,
-                features,
-                recording,
-                learned_from,
-                model,
-            },
+        let contact = prop::option::of(contact());
+        (
+            vec(point(), n),
+            vec(number(), n),
+            sd,
+            features,
+            marks,
+            contact,
         )
+            .prop_map(|(points, stiffness, sd, features, marks, contact)| {
+                let [recording, learned_from, model] = marks;
+                StiffnessField {
+                    points,
+                    stiffness,
+                    sd,
+                    features,
+                    recording,
+                    learned_from,
+                    model,
+                    contact,
+                }
+            })
     })
+}
+
+fn contact() -> impl Strategy<Value = FieldContact> {
+    let steps = (0..u32::MAX, 1..9usize);
+    (1e-6..1.0, 0.0..9.0, 1e-9..1.0, 0.0..1.0, 0.0..1.0, steps).prop_map(
+        |(
+            threshold,
+            friction,
+            slip_step,
+            padding,
+            adhesion,
+            (max_slip_iterations, subdivision),
+        )| {
+            FieldContact {
+                threshold,
+                friction,
+                slip_step,
+                max_slip_iterations,
+                padding: padding - 0.9 * threshold,
+                adhesion,
+                subdivision,
+            }
+        },
+    )
 }
 
 fn sequence(id: String, cols: usize) -> impl Strategy<Value = Sequence> {
@@ -409,6 +444,66 @@ fn a_field_folder_is_not_mixed_with_another() {
     field.sd = Some(vec![-1.0]);
     let error = field.save_npz(folder.path().join("a.npz")).unwrap_err();
     assert!(matches!(error, DataError::NegativeDeviation { row: 0, .. }));
+}
+
+/// Of a field whose parameters of contact cannot be, the parameter is named.
+#[test]
+fn contact_out_of_range_is_refused() {
+    let folder = tempfile::tempdir().unwrap();
+    let good = FieldContact {
+        threshold: 0.002,
+        friction: 0.15,
+        slip_step: 1e-4,
+        max_slip_iterations: 200,
+        padding: -0.001,
+        adhesion: 0.0,
+        subdivision: 2,
+    };
+    let mut field = StiffnessField {
+        points: vec![Point3::origin()],
+        stiffness: vec![5.0],
+        contact: Some(good),
+        ..StiffnessField::default()
+    };
+    field.save_folder(folder.path()).unwrap();
+    let path = folder.path().join("format.json");
+    let text = fs::read_to_string(&path).unwrap();
+    for (from, to, says) in [
+        ("0.002", "0.0", "threshold 0.0 must be > 0 m"),
+        ("0.002", "0.001", "padding -0.001 must be"),
+        ("0.15", "-0.15", "friction -0.15 must be"),
+        ("0.0001", "-1.0", "slip_step -1.0 must be"),
+        (
+            "\"adhesion\": 0.0",
+            "\"adhesion\": -1.0",
+            "adhesion -1.0 must be",
+        ),
+        (
+            "\"subdivision\": 2",
+            "\"subdivision\": 9",
+            "subdivision 9 must be",
+        ),
+        ("0.002", "\"2 mm\"", "line"),
+        ("0.002", "1e999", "line"),
+        ("threshold", "treshold", "treshold"),
+    ] {
+        assert!(text.contains(from), "{from}");
+        fs::write(&path, text.replacen(from, to, 1)).unwrap();
+        let error = StiffnessField::open(folder.path()).unwrap_err().to_string();
+        assert!(error.contains(says), "{error}");
+    }
+    for threshold in [f64::NAN, f64::INFINITY, 0.0] {
+        field.contact = Some(FieldContact { threshold, ..good });
+        let error = field.save_npz(folder.path().join(".a.npz")).unwrap_err();
+        assert!(matches!(error, DataError::Metadata { .. }), "{error}");
+    }
+    field.contact = None;
+    field.features.insert(
+        "contact_parameters".to_owned(),
+        Table::new(1, vec![1.0]).unwrap(),
+    );
+    let error = field.save_npz(folder.path().join(".a.npz")).unwrap_err();
+    assert!(matches!(error, DataError::FeatureName { .. }), "{error}");
 }
 
 #[test]

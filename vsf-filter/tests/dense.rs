@@ -3,9 +3,12 @@
 
 #![allow(clippy::unwrap_used)]
 
+use nalgebra::Point3;
 use rayon::ThreadPoolBuilder;
-use vsf_core::{Belief, CoreError, Estimator, Noise, Observation, Scalar};
-use vsf_filter::{CovarianceFilter, InformationFilter, JointEstimator, Projection};
+use vsf_core::{Belief, CoreError, Estimator, Noise, Observation, RestPoints, Scalar};
+use vsf_filter::{
+    CovarianceFilter, FieldPrior, InformationFilter, JointEstimator, Matern, Projection, Smoothness,
+};
 use vsf_testkit::{EstimatorOptions, LinearWorld, check_estimator};
 
 fn check<T: Scalar, E: Estimator<Scalar = T> + 'static>(make: impl Fn(Belief<T>) -> E) {
@@ -28,6 +31,60 @@ fn conforms<T: Scalar>() {
         check(|p: Belief<T>| CovarianceFilter::with_projection(p, projection).unwrap());
         check(|p: Belief<T>| InformationFilter::with_projection(p, projection).unwrap());
     }
+}
+
+/// A prior that is alike in space and of one level: every touch teaches about all points.
+fn correlated<T: Scalar>(own: Belief<T>) -> FieldPrior {
+    let sd = own.variance()[0].to_f64().sqrt();
+    let points = (0..own.len()).map(|i| Point3::new(0.01 * i as f64, 0.0, 0.0));
+    let rest = RestPoints::new(points.collect()).unwrap();
+    let smooth = Matern {
+        sd: 0.5 * sd,
+        length: 0.04,
+        smoothness: Smoothness::ThreeHalves,
+    };
+    let prior = FieldPrior::from(own).with_level(0.3 * sd).unwrap();
+    prior.with_smooth(smooth, &rest).unwrap()
+}
+
+fn conforms_in_space<T: Scalar>() {
+    let options = EstimatorOptions {
+        local: false,
+        exact: true,
+        ..EstimatorOptions::default()
+    };
+    let make = |p: Belief<T>| CovarianceFilter::new(correlated(p)).unwrap();
+    check_estimator(make, options);
+    let make = |p: Belief<T>| InformationFilter::new(correlated(p)).unwrap();
+    check_estimator(make, options);
+}
+
+#[test]
+fn priors_in_space_conform_f32() {
+    conforms_in_space::<f32>();
+}
+
+#[test]
+fn priors_in_space_conform_f64() {
+    conforms_in_space::<f64>();
+}
+
+/// Told that its points are independent, the suite finds that they are not.
+#[test]
+#[should_panic = "untouched points keep their prior"]
+fn a_prior_in_space_is_not_local() {
+    let options = EstimatorOptions {
+        exact: true,
+        gaussian: false,
+        ..EstimatorOptions::default()
+    };
+    // A level that is a share of the mean variance stands relabelling and other units, which are asked first.
+    let make = |p: Belief<f64>| {
+        let mean = p.variance().iter().sum::<f64>() / p.len() as f64;
+        let prior = FieldPrior::from(p).with_level(0.3 * mean.sqrt()).unwrap();
+        CovarianceFilter::new(prior).unwrap()
+    };
+    check_estimator(make, options);
 }
 
 #[test]

@@ -189,7 +189,8 @@ fn average(table: &Table, rows: Range<usize>, mean: &mut [f64]) {
     }
 }
 
-/// A recording as a diagnosis sees it.
+/// A recording as a diagnosis sees it. A clone shares points, link shapes and known contacts.
+#[derive(Clone)]
 pub struct Campaign {
     pub(crate) site: Site,
     pub(crate) scene: Scene,

@@ -199,7 +199,7 @@ pub struct Touch<'a> {
 ///
 /// Stateful; every method does nothing by default. Samples come in time order, so that a
 /// compensator also runs in a control loop; none may allocate after its first samples.
-pub trait Compensator: Send {
+pub trait Compensator: Send + Sync {
     /// A sequence begins: the object has had time to recover, the clock goes on.
     fn begin_sequence(&mut self, sequence: &str) {
         let _ = sequence;
@@ -219,7 +219,7 @@ pub trait Compensator: Send {
         let _ = (sample, qd, qdd);
     }
 
-    /// Changes the parameters of contact, once.
+    /// Changes the parameters of contact, once; they stay in their ranges.
     fn contact(&self, config: &mut ContactConfig) {
         let _ = config;
     }
@@ -230,18 +230,19 @@ pub trait Compensator: Send {
         Vector3::zeros()
     }
 
-    /// Turns the displacements of the touched points, which `springs` holds at first, into those
-    /// that the stiffness multiplies: the force of point i on the robot is `-K_i springs[i]`.
+    /// Turns the displacements of the touched points, which `springs` holds as the effects before left them, into
+    /// those that the stiffness multiplies: the force of point i on the robot is `-K_i springs[i]`.
     fn springs(&mut self, sample: &Sample<'_>, touch: &Touch<'_>, springs: &mut [Vector3<f64>]) {
         let _ = (sample, touch, springs);
     }
 
-    /// Scales the torque of the field per joint; `gains` are 1 at first.
+    /// Scales the torque of the field per joint: multiplies `gains`, which are 1 before the first effect.
     fn gains(&mut self, sample: &Sample<'_>, touch: &Touch<'_>, gains: &mut [f64]) {
         let _ = (sample, touch, gains);
     }
 
-    /// Adds torques that do not depend on the stiffness (N m or N), as load of the environment.
+    /// Adds torques that do not depend on the stiffness (N m or N), as load of the environment, to those of the
+    /// effects before.
     fn torques(&mut self, sample: &Sample<'_>, touch: &Touch<'_>, tau: &mut [f64]) {
         let _ = (sample, touch, tau);
     }
@@ -253,7 +254,8 @@ pub trait Effect: Send + Sync {
     /// Its name in the catalogue.
     fn name(&self) -> &str;
 
-    /// What it is, in one phrase that names its parameters, for people who read a diagnosis.
+    /// What it is, for people who read a diagnosis: one phrase that names its parameters in backquotes, one of each
+    /// joint as `` `c_<joint>` ``.
     fn summary(&self) -> &str;
 
     /// What it acts on.
@@ -335,6 +337,12 @@ pub trait Effect: Send + Sync {
     }
 }
 
+impl std::fmt::Debug for dyn Effect {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        write!(f, "Effect({:?})", self.name())
+    }
+}
+
 /// The sets of amplitudes that may act together, of the starts of an effect, smallest first.
 pub(crate) fn acting_sets(effect: &dyn Effect, site: &Site) -> Vec<Vec<usize>> {
     let starts = 0..effect.starts(site).len();
@@ -343,11 +351,12 @@ pub(crate) fn acting_sets(effect: &dyn Effect, site: &Site) -> Vec<Vec<usize>> {
     sets
 }
 
-/// Checks what an effect says of itself and of its parameters at a site.
+/// Checks what an effect says of itself and of its parameters at a site, as a diagnosis does before it begins. What
+/// its compensators do is not looked at; `check_effect` of the crate `vsf-testkit` does that, in tests.
 ///
 /// # Errors
 /// [`GapError::Model`] for names, needed gains, bounds, scales, joints, sequences or starts that cannot be.
-pub(crate) fn check_effect(effect: &dyn Effect, site: &Site) -> Result<(), GapError> {
+pub fn check_effect(effect: &dyn Effect, site: &Site) -> Result<(), GapError> {
     let wrong = |problem: String| {
         Err(GapError::Model {
             effect: effect.name().to_owned(),

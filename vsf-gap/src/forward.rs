@@ -5,7 +5,7 @@ use std::sync::Arc;
 use vsf_contact::ContactConfig;
 use vsf_core::{ContactModel, Contacts, CoreError, JointScrew, Observation, Posture};
 use vsf_data::TorqueKind;
-use vsf_pipeline::Scene;
+use vsf_pipeline::{Scene, SceneContact};
 use vsf_robots::DynamicsWorkspace;
 
 /// Effects with their parameters: a model of the recording.
@@ -166,26 +166,19 @@ impl ContactLog {
             self.moved.len(),
             3 * n * d,
         )?;
-        let (links, points) = (site.robot.link_count(), site.rest.len());
+        let links = site.robot.link_count();
         for posture in &self.postures {
             CoreError::check_len("joints of a posture", posture.screws().len(), d)?;
             CoreError::check_len("links of a posture", posture.link_poses().len(), links)?;
         }
-        let within = |what, index: Option<&u32>, len| match index.map(|i| *i as usize) {
-            Some(index) if index >= len => Err(CoreError::OutOfRange { what, index, len }),
-            _ => Ok(()),
-        };
-        // Points increase.
-        self.contacts.iter().try_for_each(|contacts| {
-            within("touched point", contacts.points().last(), points)?;
-            within("touching link", contacts.links().iter().max(), links)
-        })
+        (self.contacts.iter().zip(&self.postures))
+            .try_for_each(|(contacts, posture)| contacts.check_fits(&site.rest, posture))
     }
 }
 
 /// The contact of one robot with one object, step by step, as a model has it.
 pub struct ContactDriver {
-    model: Box<dyn ContactModel>,
+    model: SceneContact,
     force: Vector3<f64>,
     links: Links,
 }

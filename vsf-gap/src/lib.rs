@@ -84,6 +84,7 @@ pub use campaign::{Campaign, Motion};
 pub use closure::Residuals;
 pub use corrected::Corrected;
 pub use diagnose::{Step, diagnose};
+pub use effect::check_effect as check_declaration;
 pub use effect::{Acts, Compensator, Effect, Need, Parameter, Role, Sample, Site, Touch};
 pub use error::GapError;
 pub use forward::{ContactLog, Model, Prediction, centre};

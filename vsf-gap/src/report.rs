@@ -127,7 +127,7 @@ pub struct Diagnosis {
 }
 
 /// A diagnosis and what it rests on.
-#[derive(Debug)]
+#[derive(Debug, Clone)]
 pub struct Outcome {
     /// The diagnosis.
     pub diagnosis: Diagnosis,

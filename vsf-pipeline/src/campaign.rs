@@ -9,6 +9,7 @@ use vsf_data::{CameraView, Dataset, Sequence};
 use vsf_vision::VisionError;
 
 /// A recording on which an experiment is made: touches to learn from and touches to predict.
+#[derive(Clone)]
 pub struct Campaign<'a> {
     pub(crate) name: &'a str,
     pub(crate) scene: &'a Scene,

@@ -29,6 +29,7 @@ mod paper;
 mod priors;
 mod readings;
 mod scene;
+mod scene_contact;
 mod simulate;
 mod soak;
 mod table1;
@@ -54,6 +55,7 @@ pub use paper::{
 pub use priors::{PriorRow, compare_priors};
 pub use readings::{external_torques, motion_of, rigid_body_torques, unwound};
 pub use scene::{Scene, SceneOptions, load_robot, reading_unit, robot_of};
+pub use scene_contact::SceneContact;
 pub use simulate::{add_noise, simulate};
 pub use soak::{SoakOptions, SoakReport, SoakTenth, soak};
 pub use table1::{Table1Cell, Table1Row, table1};

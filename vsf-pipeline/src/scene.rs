@@ -1,4 +1,4 @@
-use crate::PipelineError;
+use crate::{PipelineError, SceneContact};
 use nalgebra::{Point3, Vector3};
 use std::collections::BTreeMap;
 use std::fmt;
@@ -8,9 +8,12 @@ use vsf_contact::{
     CellContact, Cells, ContactConfig, ContactError, GridOptions, LinkGrid, LinkSdf, StickSlip,
     link_sdfs,
 };
-use vsf_core::{ContactModel, RestPoints};
-use vsf_data::{Dataset, JointType, RobotRef, TorqueKind};
+use vsf_core::RestPoints;
+use vsf_data::{Dataset, FieldContact, JointType, RobotRef, TorqueKind};
 use vsf_robots::{BUILTIN_NAMES, Joint, JointKind, RobotError, RobotModel, UrdfOptions, builtin};
+
+/// Gravity where nothing else is said (m/s²), world frame.
+const GRAVITY: Vector3<f64> = Vector3::new(0.0, 0.0, -9.81);
 
 /// How a [`Scene`] is put together; the defaults fit most recordings.
 #[derive(Debug, Clone)]
@@ -32,6 +35,37 @@ pub struct SceneOptions {
     pub links: Option<Vec<String>>,
     /// Folders of `package://` names in the URDF.
     pub packages: BTreeMap<String, PathBuf>,
+}
+
+impl SceneOptions {
+    /// With the parameters of contact that a field was estimated with, in place of its own. A scene in which the
+    /// field is to predict needs them.
+    ///
+    /// ```
+    /// # use vsf_pipeline::{Scene, SceneOptions};
+    /// # fn demo(dataset: &vsf_data::Dataset, field: &vsf_data::StiffnessField)
+    /// # -> Result<Scene, vsf_pipeline::PipelineError> {
+    /// let own = SceneOptions::default();
+    /// let options = field.contact.map_or(own.clone(), |contact| own.with_contact_of(&contact));
+    /// Scene::with_points(dataset, field.points.clone(), &options)
+    /// # }
+    /// ```
+    #[must_use]
+    pub fn with_contact_of(self, field: &FieldContact) -> Self {
+        Self {
+            contact: ContactConfig {
+                threshold: field.threshold,
+                friction: field.friction,
+                slip_step: field.slip_step,
+                max_slip_iterations: field.max_slip_iterations,
+                padding: field.padding,
+                adhesion: field.adhesion,
+                ..self.contact
+            },
+            subdivision: field.subdivision,
+            ..self
+        }
+    }
 }
 
 impl Default for SceneOptions {
@@ -95,10 +129,40 @@ impl Scene {
         points: Vec<Point3<f64>>,
         options: &SceneOptions,
     ) -> Result<Self, PipelineError> {
+        dataset.check()?;
+        let robot = robot_of(dataset, &options.packages)?;
+        Ok(Self {
+            gravity: dataset.gravity,
+            torque_kind: dataset.torque_kind,
+            tare_samples: dataset.tare_samples,
+            ..Self::new(robot, points, options)?
+        })
+    }
+
+    /// The scene of a robot that is there already, such as one from the text of a URDF
+    /// ([`RobotModel::from_urdf_str`]), placed in the world, with these rest points. Gravity is (0, 0, -9.81) m/s²,
+    /// and torques are external and need no tare; packages of the options are not looked at.
+    ///
+    /// ```
+    /// use vsf_core::nalgebra::Point3;
+    /// use vsf_pipeline::{Scene, SceneOptions};
+    /// let robot = vsf_robots::cartesian_stage(0.01)?;
+    /// let points = (0..9).map(|i| Point3::new(0.01 * f64::from(i), 0.0, -0.02)).collect();
+    /// let scene = Scene::new(robot, points, &SceneOptions::default())?;
+    /// let contact = scene.contact_model()?;
+    /// # Ok::<(), Box<dyn std::error::Error>>(())
+    /// ```
+    ///
+    /// # Errors
+    /// No rest points, no collision shapes, parameters out of range.
+    pub fn new(
+        robot: RobotModel,
+        points: Vec<Point3<f64>>,
+        options: &SceneOptions,
+    ) -> Result<Self, PipelineError> {
         if points.is_empty() {
             return Err(PipelineError::NoPoints);
         }
-        dataset.check()?;
         options.contact.validate()?;
         let rest = Arc::new(RestPoints::new(points)?);
         let spacing = rest.spacing();
@@ -106,7 +170,6 @@ impl Scene {
             true => None,
             false => Some(Cells::new(&rest, spacing, options.subdivision)?),
         };
-        let robot = robot_of(dataset, &options.packages)?;
         let chosen = chosen_links(&robot, options.links.as_deref())?;
         let colliders: Vec<_> = robot
             .colliders()
@@ -131,9 +194,9 @@ impl Scene {
         Ok(Self {
             robot,
             rest,
-            gravity: dataset.gravity,
-            torque_kind: dataset.torque_kind,
-            tare_samples: dataset.tare_samples,
+            gravity: GRAVITY,
+            torque_kind: TorqueKind::External,
+            tare_samples: 0,
             grids: shapes.grids,
             links: shapes.links.into(),
             contact: options.contact,
@@ -207,7 +270,7 @@ impl Scene {
     ///
     /// # Errors
     /// None in practice: the parameters have been checked.
-    pub fn contact_model(&self) -> Result<Box<dyn ContactModel>, PipelineError> {
+    pub fn contact_model(&self) -> Result<SceneContact, PipelineError> {
         self.contact_model_with(self.contact)
     }
 
@@ -218,17 +281,30 @@ impl Scene {
     pub fn contact_model_with(
         &self,
         contact: ContactConfig,
-    ) -> Result<Box<dyn ContactModel>, PipelineError> {
+    ) -> Result<SceneContact, PipelineError> {
         let points = StickSlip::new(self.links.clone(), contact)?;
         Ok(match &self.cells {
-            None => Box::new(points),
-            Some(cells) => Box::new(CellContact::new(points, cells.clone())),
+            None => SceneContact::Points(points),
+            Some(cells) => SceneContact::Cells(CellContact::new(points, cells.clone())),
         })
     }
 
     /// Parameters of contact.
     pub fn contact(&self) -> &ContactConfig {
         &self.contact
+    }
+
+    /// The parameters of contact that a field estimated in this scene remembers.
+    pub fn field_contact(&self) -> FieldContact {
+        FieldContact {
+            threshold: self.contact.threshold,
+            friction: self.contact.friction,
+            slip_step: self.contact.slip_step,
+            max_slip_iterations: self.contact.max_slip_iterations,
+            padding: self.contact.padding,
+            adhesion: self.contact.adhesion,
+            subdivision: self.subdivision,
+        }
     }
 
     /// Sub-points per edge of the cube that a rest point stands for.

@@ -223,6 +223,15 @@ pub enum PipelineWarning {
         /// Their names.
         links: String,
     },
+    /// Links whose inertia no body has, of an arm whose own torques are taken off the readings.
+    #[error(
+        "links with an <inertia> that no body has, one principal moment more than the other two together: {links}; \
+         torque_kind measured needs them in fast motion, check the URDF"
+    )]
+    ImpossibleInertia {
+        /// Their names.
+        links: String,
+    },
     /// An online estimator whose innovations are far beyond what it expects: more than 30 times in their
     /// mean square.
     #[error(

@@ -169,7 +169,9 @@ impl RobotModel {
     ) -> Result<(), RobotError> {
         CoreError::check_finite("gravity", gravity.as_slice())?;
         match self.update_posture(q, &mut workspace.posture) {
-            Err(RobotError::ForeignPosture) => Err(RobotError::ForeignWorkspace),
+            Err(RobotError::Value(CoreError::ForeignPosture { .. })) => {
+                Err(RobotError::ForeignWorkspace)
+            }
             result => result,
         }
     }

@@ -203,9 +203,6 @@ pub enum RobotError {
         /// The moving joints left out.
         missing: Vec<String>,
     },
-    /// A posture that belongs to a robot with other links or joints.
-    #[error("this posture was made for another robot; use RobotModel::posture of this one")]
-    ForeignPosture,
     /// A workspace that belongs to a robot with other links or joints.
     #[error(
         "this workspace was made for another robot; use RobotModel::dynamics_workspace of this one"

@@ -1,5 +1,7 @@
 use std::ops::Range;
-use vsf_core::{Contacts, CoreError, Noise, Observation, Posture, RestPoints, Scalar, Sensor};
+use vsf_core::{
+    Contacts, CoreError, LinkChains, Noise, Observation, Posture, RestPoints, Scalar, Sensor,
+};
 
 /// External joint torques as a linear observation of the stiffness: the column of a touched point
 /// is `w_i = -J(q, p_i + u_i)^T u_i` (Yao & Hauser, eq. 2-4), the Jacobian being that of the link
@@ -68,6 +70,14 @@ impl<T: Scalar> Sensor<T> for JointTorques {
         Observation::new(self.noise.clone())
     }
 
+    fn check_robot(&self, chains: &LinkChains) -> Result<(), CoreError> {
+        CoreError::check_len(
+            "joints of the robot",
+            chains.joint_count(),
+            self.noise.dim(),
+        )
+    }
+
     fn observe(
         &self,
         rest: &RestPoints,
@@ -76,22 +86,11 @@ impl<T: Scalar> Sensor<T> for JointTorques {
         reading: &[f64],
         out: &mut Observation<T>,
     ) -> Result<(), CoreError> {
-        let (d, chains) = (self.noise.dim(), posture.chains());
-        CoreError::check_len("joints of the posture", chains.joint_count(), d)?;
+        let d = self.noise.dim();
+        CoreError::check_len("joints of the posture", posture.screws().len(), d)?;
         CoreError::check_len("observation", out.dim(), d)?;
         out.set_noise(&self.noise)?;
-        if let Some(&link) = contacts
-            .links()
-            .iter()
-            .find(|&&l| l as usize >= chains.link_count())
-        {
-            return Err(CoreError::OutOfRange {
-                what: "touching link",
-                index: link as usize,
-                len: chains.link_count(),
-            });
-        }
-        // `rebuild_rows` checks the touched points before it asks for rows.
+        contacts.check_fits(rest, posture)?;
         out.rebuild_rows(rest.len(), contacts.points(), reading, |rows| {
             for start in (0..contacts.len()).step_by(BLOCK) {
                 let end = (start + BLOCK).min(contacts.len());

@@ -14,14 +14,12 @@ impl RobotModel {
     /// proportional to the number of links.
     ///
     /// # Errors
-    /// `q` of the wrong length or not finite, [`RobotError::ForeignPosture`], or poses beyond the
+    /// `q` of the wrong length or not finite, [`CoreError::ForeignPosture`], or poses beyond the
     /// range of numbers. The posture is untouched in the first two cases.
     pub fn update_posture(&self, q: &[f64], posture: &mut Posture) -> Result<(), RobotError> {
         CoreError::check_len("joint positions", q.len(), self.joint_count())?;
         CoreError::check_finite("joint positions", q)?;
-        if posture.chains() != &self.chains {
-            return Err(RobotError::ForeignPosture);
-        }
+        posture.check_robot(&self.chains)?;
         let (q_out, poses, screws) = posture.parts_mut();
         q_out.copy_from_slice(q);
         for (l, link) in self.links.iter().enumerate() {
@@ -43,7 +41,7 @@ impl RobotModel {
             }
             poses[l] = X;
         }
-        Ok(posture.check_finite()?)
+        Ok(posture.check()?)
     }
 }
 

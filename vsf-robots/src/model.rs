@@ -230,6 +230,19 @@ impl RobotModel {
             .map(|(_, link)| link)
     }
 
+    /// Links whose inertia no body has, in link order: one principal moment is more than the other two together
+    /// (beyond 1 %, for figures that were rounded). Dynamics take them as they are; torques computed by the model
+    /// are then off in fast motion, and the URDF is likely wrong.
+    pub fn links_with_impossible_inertia(&self) -> impl Iterator<Item = &Link> {
+        self.links.iter().filter(|link| {
+            let inertia = &link.inertia_L;
+            // Scaled to 1, so that the eigenvalue iteration stays in range.
+            let scale = inertia.amax().max(f64::MIN_POSITIVE);
+            let moments = (inertia / scale).symmetric_eigenvalues();
+            2.0 * moments.max() > 1.01 * moments.sum()
+        })
+    }
+
     /// Pose of the root link in world, `X_WB`. Default: identity.
     pub fn base_pose(&self) -> &Isometry3<f64> {
         &self.X_WB

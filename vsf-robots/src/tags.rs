@@ -15,6 +15,44 @@ pub(crate) fn depth(text: &str) -> usize {
     deepest
 }
 
+/// What is wrong first with how elements open and close, and its line. The parser reads a text of its own making,
+/// whose lines are others.
+pub(crate) fn unbalanced(text: &str) -> Option<(usize, String)> {
+    let line = |tag: &str| {
+        // Tags are parts of the text.
+        let at = tag.as_ptr() as usize - text.as_ptr() as usize;
+        1 + text[..at].matches('\n').count()
+    };
+    let mut open: Vec<&str> = Vec::new();
+    for tag in tags(text) {
+        if !tag.ends_with('>') {
+            return Some((line(tag), format!("<{} has no end", name(tag))));
+        }
+        if let Some(closed) = tag.strip_prefix("</").map(|_| name(tag)) {
+            match open.pop() {
+                Some(opened) if name(opened) == closed => {}
+                Some(opened) => {
+                    let (opened, from) = (name(opened), line(opened));
+                    let problem = format!("</{closed}> where <{opened}> of line {from} is open");
+                    return Some((line(tag), problem));
+                }
+                None => return Some((line(tag), format!("</{closed}> closes nothing"))),
+            }
+        } else if !(tag.starts_with("<?") || tag.starts_with("<!") || tag.ends_with("/>")) {
+            open.push(tag);
+        }
+    }
+    let opened = open.pop()?;
+    Some((line(opened), format!("<{}> is never closed", name(opened))))
+}
+
+/// Name of the element of a tag.
+fn name(tag: &str) -> &str {
+    let from = tag.trim_start_matches(['<', '/']);
+    let end = from.find(|c: char| c.is_whitespace() || matches!(c, '/' | '>'));
+    &from[..end.unwrap_or(from.len())]
+}
+
 /// Whether a name has an empty prefix (`:name`), or the prefix `xmlns` is declared anew. The parser panics
 /// where it writes such names again.
 pub(crate) fn bad_prefix(text: &str) -> bool {
@@ -80,6 +118,28 @@ mod tests {
         assert_eq!(depth("<a b=\"/>\"><a b='\">'><a></a></a></a>"), 3);
         assert_eq!(depth("</a></a><a"), 1);
         assert_eq!(depth("<é><\"ü"), 2);
+    }
+
+    #[test]
+    fn what_does_not_close_has_a_line() {
+        for (text, line, says) in [
+            ("<a>\n<b>\n</a>", 3, "</a> where <b> of line 2 is open"),
+            ("<a/>\n\n</c >", 3, "</c> closes nothing"),
+            ("<?xml?>\n<a x='>'>\n<b/>", 2, "<a> is never closed"),
+            ("<a>\n<b x='1'", 2, "<b has no end"),
+            (
+                "<a\nx='1'><!--\n</b>\n--></b>",
+                4,
+                "</b> where <a> of line 1",
+            ),
+        ] {
+            let (at, problem) = unbalanced(text).unwrap();
+            assert_eq!(at, line, "{text}: {problem}");
+            assert!(problem.contains(says), "{text}: {problem}");
+        }
+        for text in ["", "hello", "<a><b/><c d='</e>'></c><!-- <f> --></a>"] {
+            assert_eq!(unbalanced(text), None, "{text}");
+        }
     }
 
     #[test]

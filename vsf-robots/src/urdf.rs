@@ -127,6 +127,9 @@ pub(crate) fn parse(text: &str, origin: &str) -> Result<urdf_rs::Robot, RobotErr
             "its elements are nested {depth} deep, at most {MAX_NESTING} are read"
         )));
     }
+    if let Some((line, problem)) = tags::unbalanced(text) {
+        return Err(invalid(format!("line {line}: {problem}")));
+    }
     urdf_rs::read_from_string(text).map_err(|e| invalid(e.to_string()))
 }
 

@@ -84,6 +84,32 @@ fn missing_file() {
     assert!(message.contains("/nowhere/arm.urdf"), "{message}");
 }
 
+/// The line is that of the text as it is written.
+#[test]
+fn faults_of_syntax_have_a_line() {
+    let text =
+        "<robot name=\"r\">\n<link name=\"a\"/>\n<link name=\"b\">\n<inertial>\n</link>\n</robot>";
+    let message = parse(text).unwrap_err().to_string();
+    let says = "line 5: </link> where <inertial> of line 4 is open";
+    assert!(message.contains(says), "{message}");
+}
+
+/// Moments of 1, 1 and `ixx`: a rod has 0, a disc 2, nothing has more.
+#[test]
+fn inertia_that_no_body_has_is_told_by_its_link() {
+    for (ixx, impossible) in [("0", false), ("2", false), ("2.001", false), ("2.1", true)] {
+        let robot = parse(&inertial("1", ixx, "0")).unwrap();
+        let links: Vec<&str> = (robot.links_with_impossible_inertia())
+            .map(|link| link.name())
+            .collect();
+        let expected: &[&str] = if impossible { &["shin"] } else { &[] };
+        assert_eq!(links, expected, "{ixx}");
+    }
+    for robot in [kinova_gen3().unwrap(), cartesian_stage(0.01).unwrap()] {
+        assert_eq!(robot.links_with_impossible_inertia().count(), 0);
+    }
+}
+
 #[test]
 fn joints_without_one_coordinate() {
     for kind in ["floating", "planar", "spherical"] {
@@ -353,7 +379,10 @@ fn vectors_postures_and_workspaces() {
 
     let stage = cartesian_stage(0.01).unwrap();
     let foreign = stage.update_posture(&[0.0; 3], &mut posture);
-    assert!(matches!(foreign, Err(RobotError::ForeignPosture)));
+    assert!(matches!(
+        foreign,
+        Err(RobotError::Value(CoreError::ForeignPosture { .. }))
+    ));
     let foreign = stage.gravity_torques(&[0.0; 3], &g, &mut workspace);
     assert!(matches!(foreign, Err(RobotError::ForeignWorkspace)));
     assert!(

@@ -4,6 +4,7 @@
 use nalgebra::{Point3, Vector3};
 use vsf_core::{Contacts, CoreError, Noise, Observation, Posture, RestPoints, Scalar, Sensor};
 use vsf_robots::{JointTorques, jacobian, kinova_gen3};
+use vsf_testkit::check_sensor;
 
 struct Scene {
     rest: RestPoints,
@@ -81,15 +82,12 @@ fn columns_are_minus_jacobian_times_displacement_in_f32() {
 }
 
 #[test]
-fn an_observation_is_rebuilt_in_place() {
-    let scene = scene();
-    let mut fresh: Observation<f64> = scene.sensor.blank();
-    scene.observe(&scene.contacts, &mut fresh);
-    let mut reused = fresh.clone();
-    scene.observe(&Contacts::new(), &mut reused);
-    assert!(reused.is_empty());
-    scene.observe(&scene.contacts, &mut reused);
-    assert_eq!(reused, fresh);
+fn joint_torques_keep_the_promises_of_a_sensor() {
+    let Scene {
+        posture, sensor, ..
+    } = scene();
+    check_sensor::<f32>(&sensor, &posture);
+    check_sensor::<f64>(&sensor, &posture);
 }
 
 #[test]
@@ -102,8 +100,6 @@ fn what_does_not_fit_is_refused() {
     } = scene();
     let mut out: Observation<f64> = sensor.blank();
 
-    let short = sensor.observe(&rest, &posture, &contacts, &READING[..6], &mut out);
-    assert!(matches!(short, Err(CoreError::Length { .. })));
     let mut broken = READING;
     broken[3] = f64::NAN;
     let nan = sensor.observe(&rest, &posture, &contacts, &broken, &mut out);
@@ -126,6 +122,15 @@ fn what_does_not_fit_is_refused() {
     assert!(matches!(link, Err(CoreError::OutOfRange { index: 99, .. })));
 
     let other = JointTorques::new(Noise::uniform(3, 0.5).unwrap());
+    let wide = Sensor::<f64>::check_robot(&other, posture.chains());
+    assert!(matches!(
+        wide,
+        Err(CoreError::Length {
+            got: 7,
+            expected: 3,
+            ..
+        })
+    ));
     let mut small: Observation<f64> = other.blank();
     assert!(
         other

@@ -24,7 +24,7 @@ impl ContactModel for Fixed {
         posture: &Posture,
         out: &mut Contacts,
     ) -> Result<(), CoreError> {
-        posture.check_finite()?;
+        posture.check()?;
         out.clear();
         for (point, link) in [(0u32, 3u32), (1, 4), (2, 8), (3, 5), (4, 9)] {
             let u_W = Vector3::new(0.1, 0.02 * f64::from(point), -0.05);
@@ -84,7 +84,14 @@ fn correlated_noise_that_changes_while_a_session_runs() {
     let sensor = JointTorques::new(Noise::uniform(D, 0.3).unwrap());
     let prior = Belief::<f64>::uniform(5, 50.0, 10.0).unwrap();
     let filter = DiagonalKalman::new(prior);
-    let mut session = Session::new(Arc::new(rest()), Fixed, sensor, filter).unwrap();
+    let mut session = Session::new(
+        robot.chains().clone(),
+        Arc::new(rest()),
+        Fixed,
+        sensor,
+        filter,
+    )
+    .unwrap();
 
     let mix = DMatrix::from_fn(D, D, |i, j| {
         if i == j {

@@ -1,13 +1,35 @@
-//! Known-answer worlds and conformance suites for tests.
+//! Suites for parts of your own, and known-answer worlds.
 //!
-//! [`check_estimator`] is one suite that every [`vsf_core::Estimator`] must pass, also those
-//! defined outside this workspace; [`LinearWorld`] makes the problems. Failures panic with the
-//! name of the property, as test helpers do.
+//! Each suite asks one part for all that its trait promises, and panics with the name of the property that does not
+//! hold, as a test does:
+//!
+//! | suite | asks |
+//! | --- | --- |
+//! | [`check_estimator`] | a [`vsf_core::Estimator`] |
+//! | [`check_sensor`] | a [`vsf_core::Sensor`] |
+//! | [`check_contact`] | a [`vsf_core::ContactModel`] |
+//! | `check_effect` (feature `effects`) | a `vsf_gap::Effect` and its compensators |
+//!
+//! The parts of this workspace pass the same suites. [`LinearWorld`] makes problems whose answer is known.
+//!
+//! It belongs under `[dev-dependencies]`. `check_effect` needs the diagnosis and all that is below it, and is a
+//! feature for that reason alone. Rejected: a suite in each crate, which would put tests into programs.
 
+#![forbid(unsafe_code)]
+// Suites fail by panics, as tests do.
 #![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
 
+mod contact;
+#[cfg(feature = "effects")]
+mod effect;
 mod estimator;
+mod property;
+mod sensor;
 mod world;
 
+pub use contact::check_contact;
+#[cfg(feature = "effects")]
+pub use effect::{check_effect, sites};
 pub use estimator::{EstimatorOptions, check_estimator};
+pub use sensor::check_sensor;
 pub use world::{LinearWorld, Reading, normal};

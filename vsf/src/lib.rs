@@ -20,18 +20,19 @@
 //!
 //! // A ball of 1 cm radius on three linear axes, and force sensors of 0.05 N.
 //! let robot = cartesian_stage(0.01)?;
+//! let chains = robot.chains().clone();
 //! let links = link_sdfs(robot.colliders(), &Default::default())?.links;
 //! let contact = StickSlip::new(links, Default::default())?;
 //! let sensor = JointTorques::new(Noise::uniform(3, 0.05)?);
 //!
 //! // The real block, here simulated: a session that already knows the stiffness.
 //! let known = DiagonalKalman::new(Belief::new(truth, vec![1e-6; rest.len()])?);
-//! let mut block = Session::new(rest.clone(), contact.clone(), sensor.clone(), known)?;
+//! let mut block = Session::new(chains.clone(), rest.clone(), contact.clone(), sensor.clone(), known)?;
 //!
 //! // What we know of it: nothing but that stiffnesses are about 0 to 50 N/m.
 //! let prior = Belief::<f64>::uniform(rest.len(), 0.0, 50.0)?;
 //! let filter = MemoryReplay::new(DiagonalKalman::new(prior), Default::default())?;
-//! let mut session = Session::new(rest, contact, sensor, filter)?;
+//! let mut session = Session::new(chains, rest, contact, sensor, filter)?;
 //!
 //! let mut posture = robot.posture();
 //! let mut reading = Prediction::default();

@@ -47,8 +47,9 @@ impl Arm {
 
     fn session(&self, estimator: Box<dyn Estimator<Scalar = f64>>, sd: f64) -> AnySession {
         let noise = Noise::uniform(self.robot.joint_count(), sd).unwrap();
-        let (rest, contact) = (self.rest.clone(), self.contact.clone());
-        Session::new(rest, contact, JointTorques::new(noise), estimator).unwrap()
+        let (chains, rest) = (self.robot.chains().clone(), self.rest.clone());
+        let contact = self.contact.clone();
+        Session::new(chains, rest, contact, JointTorques::new(noise), estimator).unwrap()
     }
 
     /// A session of every estimator; the prior and the deviation of the noise are given.

@@ -2,12 +2,12 @@ use super::{Sample, WhenFull};
 use serde::Serialize;
 use std::time::Instant;
 use vsf::core::{CoreError, Posture};
+use vsf::pipeline::SceneContact;
 use vsf::prelude::*;
 use vsf::robots::RobotError;
 
 /// The session of a node.
-pub type LiveSession =
-    Session<Box<dyn ContactModel>, JointTorques, MemoryReplay<DiagonalKalman<f32>>>;
+pub type LiveSession = Session<SceneContact, JointTorques, MemoryReplay<DiagonalKalman<f32>>>;
 
 /// How a node takes a stream that is not perfect.
 #[derive(Debug, Clone, Copy, PartialEq)]

@@ -16,10 +16,9 @@ use vsf::vision::RgbdView;
 
 #[derive(Debug, clap::Args)]
 #[command(after_help = "\
-The field holds points, K (mean, N/m), K_std, and the features touched, prior_sd (all parts of the prior \
-together), noise_sd and contact; \
-`vsf predict` and `vsf evaluate` warn when they are run with other contact, or another corrected model, than it \
-was estimated with.
+The field holds points, K (mean, N/m), K_std, the features touched, prior_sd (all parts of the prior together) and \
+noise_sd, and the parameters of contact, which `vsf predict`, `evaluate`, `simulate`, `export` and `view` take from \
+it; they warn of flags that contradict it, and of another corrected model than it was estimated with.
 
 JSON keys: estimator, prior_sd, smooth_sd, smooth_length, level_sd, noise_sd (by channel), given \
 (which of prior_sd and noise_sd), chosen_by (how the rest was: held-out, likelihood, or given), candidates (smooth_share, signal_to_noise, error or log_evidence), sequences, samples, contact_samples, points, touched_points, mean_stiffness (over touched \

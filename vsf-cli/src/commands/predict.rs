@@ -66,7 +66,7 @@ pub fn run(args: &Args, console: &Console) -> anyhow::Result<()> {
         Ok((path, sd.npy()))
     });
     let deviations = deviations.collect::<anyhow::Result<Vec<_>>>()?;
-    save(dataset, &recording.options.packages, &args.out, deviations)?;
+    save(dataset, &recording.packages(), &args.out, deviations)?;
     let entries = modelled.traces.iter().map(|t| Entry {
         sequence: &t.id,
         samples: t.observations.len(),

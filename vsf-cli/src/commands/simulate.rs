@@ -65,7 +65,7 @@ pub fn run(args: &Args, console: &Console) -> anyhow::Result<()> {
         seed: args.seed,
     };
     let dataset = derived(&recording, "simulated", &args.of, simulated);
-    save(dataset, &recording.options.packages, &args.out, Vec::new())?;
+    save(dataset, &recording.packages(), &args.out, Vec::new())?;
     console.json(&report)?;
     let out = args.out.display();
     console.report(format!(

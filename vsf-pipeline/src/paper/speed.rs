@@ -1,5 +1,5 @@
 use super::Spread;
-use crate::{Campaign, PipelineError, Scene, external_torques};
+use crate::{Campaign, PipelineError, Scene, SceneContact, external_torques};
 use serde::Serialize;
 use std::time::Instant;
 use vsf_core::{Belief, Noise, Session};
@@ -27,6 +27,7 @@ pub fn update_speed(campaign: &Campaign) -> Result<UpdateSpeed, PipelineError> {
     let prior = Belief::<f32>::uniform(scene.rest().len(), 0.0, 0.1)?;
     let noise = Noise::uniform(scene.robot().joint_count(), 1.0)?;
     let mut session = Session::new(
+        scene.robot().chains().clone(),
         scene.rest().clone(),
         scene.contact_model()?,
         JointTorques::new(noise),
@@ -57,8 +58,7 @@ struct Step {
     seconds: f64,
 }
 
-type Online =
-    Session<Box<dyn vsf_core::ContactModel>, JointTorques, MemoryReplay<DiagonalKalman<f32>>>;
+type Online = Session<SceneContact, JointTorques, MemoryReplay<DiagonalKalman<f32>>>;
 
 fn run(
     scene: &Scene,

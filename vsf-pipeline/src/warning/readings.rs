@@ -50,6 +50,7 @@ pub fn reading_warnings(
     let joints = scene.robot().joints().iter().enumerate();
     let mut warnings: Vec<_> = joints.filter_map(of_joint).collect();
     warnings.extend(weightless(scene));
+    warnings.extend(impossible_inertia(scene));
     let tares = |of: &dyn Fn(&Trace) -> Option<PipelineWarning>| {
         let mut found = traces.iter().filter_map(of);
         let first = found.next();
@@ -74,6 +75,16 @@ fn weightless(scene: &Scene) -> Option<PipelineWarning> {
         .collect();
     let needed = scene.torque_kind() == TorqueKind::Measured && !links.is_empty();
     needed.then(|| PipelineWarning::Weightless {
+        links: links.join(", "),
+    })
+}
+
+fn impossible_inertia(scene: &Scene) -> Option<PipelineWarning> {
+    let links: Vec<&str> = (scene.robot().links_with_impossible_inertia())
+        .map(|link| link.name())
+        .collect();
+    let needed = scene.torque_kind() == TorqueKind::Measured && !links.is_empty();
+    needed.then(|| PipelineWarning::ImpossibleInertia {
         links: links.join(", "),
     })
 }

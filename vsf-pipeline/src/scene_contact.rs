@@ -1,0 +1,33 @@
+use vsf_contact::{CellContact, StickSlip};
+use vsf_core::{ContactModel, Contacts, CoreError, Posture, RestPoints};
+
+/// The contact model of a [`Scene`](crate::Scene). A clone remembers the same contacts and shares link shapes and
+/// sub-points.
+#[derive(Debug, Clone)]
+pub enum SceneContact {
+    /// The rest points alone are moved.
+    Points(StickSlip),
+    /// Each rest point stands for a cube.
+    Cells(CellContact<StickSlip>),
+}
+
+impl ContactModel for SceneContact {
+    fn reset(&mut self) {
+        match self {
+            Self::Points(points) => points.reset(),
+            Self::Cells(cells) => cells.reset(),
+        }
+    }
+
+    fn step(
+        &mut self,
+        rest: &RestPoints,
+        posture: &Posture,
+        out: &mut Contacts,
+    ) -> Result<(), CoreError> {
+        match self {
+            Self::Points(points) => points.step(rest, posture, out),
+            Self::Cells(cells) => cells.step(rest, posture, out),
+        }
+    }
+}

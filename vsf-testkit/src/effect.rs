@@ -1,0 +1,119 @@
+mod drive;
+mod suite;
+
+use crate::property::ask;
+use std::sync::Arc;
+use suite::Suite;
+use vsf_core::RestPoints;
+use vsf_core::nalgebra::{Point3, Vector3};
+use vsf_data::TorqueKind;
+use vsf_gap::{Effect, Need, Site};
+use vsf_robots::{RobotError, RobotModel, cartesian_stage, kinova_gen3, planar_arm};
+
+type Property<'a> = fn(&Suite<'a>);
+
+/// Checks that an effect and its compensators keep the promises of [`Effect`] and [`vsf_gap::Compensator`] at each of
+/// the sites, such as [`sites`]: in two sequences of two touches each, with motions, readings and contacts that are
+/// made up. Sites that cannot hold what it needs (points to touch, several joints) are left out.
+///
+/// | property |
+/// | --- |
+/// | name, parameters, bounds, scales, starts and null gain can be ([`vsf_gap::check_declaration`]) |
+/// | the summary names all parameters in backquotes, those that are numbered up to their first `_` |
+/// | parameters of another number are refused |
+/// | amplitudes at zero change nothing, neither alone nor after other effects |
+/// | it acts on what it says, at one of the sites at least, and no deeper |
+/// | torques are added, gains multiplied, springs changed: what other effects did stays |
+/// | two of a kind behave the same, bit for bit |
+/// | all is finite within the bounds, and parameters of contact are in range |
+/// | it is continuous in its parameters: no more than half of what a parameter changes over its scale comes at a jump |
+///
+/// That nothing is allocated after the first samples is not checked.
+///
+/// # Panics
+/// With the names of effect, site and property that does not hold.
+///
+/// ```
+/// use vsf_gap::effects::Payload;
+/// vsf_testkit::check_effect(&Payload, &vsf_testkit::sites()?);
+/// # Ok::<(), vsf_robots::RobotError>(())
+/// ```
+pub fn check_effect(effect: &dyn Effect, sites: &[Site]) {
+    let mut acts = false;
+    let all = sites.iter().enumerate();
+    for (k, site) in all.filter(|(_, site)| holds(site, effect.needs())) {
+        let robot = site.robot.name();
+        let who = format!("effect {:?}, site {k} ({robot})", effect.name());
+        // The other properties take parameters from it.
+        ask(&who, "it declares what can be", || {
+            if let Err(error) = vsf_gap::check_declaration(effect, site) {
+                panic!("{error}");
+            }
+        });
+        let suite = Suite::new(effect, site);
+        let properties: [(&str, Property<'_>); 8] = [
+            ("its summary names all parameters", Suite::summary),
+            ("parameters of another number are refused", Suite::numbers),
+            ("amplitudes at zero change nothing", Suite::neutral),
+            ("it acts no deeper than it says", Suite::depth),
+            ("what other effects did stays", Suite::composes),
+            ("two of a kind behave the same", Suite::determinism),
+            ("all is finite within the bounds", Suite::finite),
+            ("it is continuous in its parameters", Suite::continuous),
+        ];
+        for (property, check) in properties {
+            ask(&who, property, || check(&suite));
+        }
+        acts |= suite.acts();
+    }
+    ask(&format!("effect {:?}", effect.name()), "it acts", || {
+        assert!(
+            acts,
+            "with all amplitudes at their scales nothing changes at any of {} sites that have what it needs",
+            sites.len()
+        );
+    });
+}
+
+/// Whether a site can have all that is needed; what depends on motion, the made-up one has.
+fn holds(site: &Site, needs: &[Need]) -> bool {
+    needs.iter().all(|need| match need {
+        Need::Contact | Need::Retouch => !site.rest.is_empty(),
+        Need::Joints => site.joints() > 1,
+        Need::Weight | Need::FreeMotion => true,
+    })
+}
+
+/// Sites of all kinds: joints that turn and that slide, readings with and without the arm's weight, points to touch
+/// and none.
+///
+/// # Errors
+/// None in practice: the robots are built in.
+pub fn sites() -> Result<Vec<Site>, RobotError> {
+    let all = [
+        (planar_arm(3, 0.3, 0.03)?, TorqueKind::External, 3),
+        (planar_arm(3, 0.3, 0.03)?, TorqueKind::Measured, 3),
+        (planar_arm(1, 0.3, 0.03)?, TorqueKind::Measured, 0),
+        (cartesian_stage(0.01)?, TorqueKind::External, 2),
+        (kinova_gen3()?, TorqueKind::Measured, 2),
+    ];
+    let site = |(robot, kind, edge)| site(robot, kind, edge);
+    all.into_iter().map(site).collect()
+}
+
+/// A cube of points 1 cm apart, so many along an edge.
+fn site(robot: RobotModel, torque_kind: TorqueKind, edge: usize) -> Result<Site, RobotError> {
+    let axis = || (0..edge).map(|i| 0.01 * i as f64);
+    let points = axis().flat_map(|x| {
+        axis().flat_map(move |y| axis().map(move |z| Point3::new(0.4 + x, y, 0.1 + z)))
+    });
+    Ok(Site {
+        robot: Arc::new(robot),
+        rest: Arc::new(RestPoints::new(points.collect())?),
+        gravity: Vector3::new(0.0, 0.0, -9.81),
+        torque_kind,
+        friction: 0.15,
+        sequences: vec!["1".to_owned(), "2".to_owned()],
+        duration: 10.0,
+    })
+}

@@ -1,0 +1,14 @@
+use std::panic::{AssertUnwindSafe, catch_unwind, resume_unwind};
+
+/// Runs a check, whose panic is given the names of the one in question and of the property.
+pub(crate) fn ask(who: &str, property: &str, check: impl FnOnce()) {
+    let Err(cause) = catch_unwind(AssertUnwindSafe(check)) else {
+        return;
+    };
+    let text = (cause.downcast_ref::<String>().map(String::as_str))
+        .or_else(|| cause.downcast_ref::<&str>().copied());
+    match text {
+        Some(text) => panic!("{who}: {property}: {text}"),
+        None => resume_unwind(cause),
+    }
+}
