@@ -200,7 +200,10 @@ fn what_all_sequences_together_do_not_bear_out_is_not_named() {
     assert!(d.verdict.effects.is_empty(), "{:?}", d.verdict);
     assert_eq!(d.verdict.effect_set_95, ["torque_bias"]);
     let bias = &d.effects[0];
-    assert!(bias.score > 100.0 && bias.test_score < Some(-100.0), "{bias:?}");
+    assert!(
+        bias.score > 100.0 && bias.test_score < Some(-100.0),
+        "{bias:?}"
+    );
     let aside = "left aside, since the test sequences do not bear them out";
     assert!(
         d.notes.iter().any(|n| n.starts_with(aside)),

@@ -99,7 +99,10 @@ impl<T: Scalar> Sensor<T> for Gauge {
         match self.fault {
             Fault::ForgetsReading => reading.fill(0.0),
             Fault::TakesShortReadings => reading.resize(2, 0.0),
-            Fault::TakesNaN => reading.iter_mut().for_each(|x| *x = x.max(-1e3).min(1e3)),
+            Fault::TakesNaN => reading
+                .iter_mut()
+                .filter(|x| x.is_nan())
+                .for_each(|x| *x = 0.0),
             _ => {}
         }
         let calls = self.calls.fetch_add(1, Ordering::Relaxed);

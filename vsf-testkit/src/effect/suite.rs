@@ -233,11 +233,9 @@ impl<'a> Suite<'a> {
             .map(|(a, b)| size(&a.1, &b.1))
             .collect();
         let share = |a: &[(&str, Vec<f64>)], b: &[(&str, Vec<f64>)]| -> f64 {
-            let parts = a.iter().zip(b).zip(&whole);
-            let of = |((a, b), whole): ((&(&str, Vec<f64>), &(&str, Vec<f64>)), &f64)| {
-                (*whole > 1e-12).then(|| size(&a.1, &b.1) / whole)
-            };
-            parts.filter_map(of).fold(0.0, f64::max)
+            let changes = a.iter().zip(b).map(|(a, b)| size(&a.1, &b.1));
+            let acting = changes.zip(&whole).filter(|(_, whole)| **whole > 1e-12);
+            acting.map(|(size, whole)| size / whole).fold(0.0, f64::max)
         };
         if share(&low.1, &high.1) == 0.0 {
             return None;
