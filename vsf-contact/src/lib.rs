@@ -14,6 +14,7 @@
 //! Both models implement [`vsf_core::ContactModel`] and never read a belief.
 
 #![forbid(unsafe_code)]
+#![deny(clippy::print_stdout, clippy::print_stderr)]
 
 mod bake;
 mod batch;

@@ -27,6 +27,7 @@
 //! their frame: `p_W` is a point in world coordinates, `X_WL` the pose of link L in world.
 
 #![forbid(unsafe_code)]
+#![deny(clippy::print_stdout, clippy::print_stderr)]
 
 mod belief;
 mod blocks;

@@ -45,6 +45,7 @@
 //! and two messages of numbers and names are less than their descriptions for serde.
 
 #![forbid(unsafe_code)]
+#![deny(clippy::print_stdout, clippy::print_stderr)]
 
 mod camera;
 mod check;

@@ -63,6 +63,7 @@
 //! ICRA 2023, sections III-B-c and III-C.
 
 #![forbid(unsafe_code)]
+#![deny(clippy::print_stdout, clippy::print_stderr)]
 
 mod aging;
 mod batch;

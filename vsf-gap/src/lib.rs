@@ -45,6 +45,7 @@
 //! 2001, doi:10.1111/1467-9868.00294, for the model's own roughness beside the parameters.
 
 #![forbid(unsafe_code)]
+#![deny(clippy::print_stdout, clippy::print_stderr)]
 
 mod alike;
 mod bootstrap;

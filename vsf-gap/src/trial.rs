@@ -210,18 +210,6 @@ impl<'a> Trial<'a> {
         let all: Vec<&Motion> = self.sequences.iter().collect();
         let residuals = self.whole.residuals(&refined.model, &field, &all)?;
         let foretold = log_predictive(thinned, &fitted, &refined.spread)? - self.log_predictive;
-        eprintln!(
-            "PREDICTIVE {} {foretold:.1} closed {:.2} spread {:?}",
-            refined
-                .model
-                .parts
-                .iter()
-                .map(|(e, _)| e.name())
-                .collect::<Vec<_>>()
-                .join("+"),
-            self.closure(&residuals).fraction,
-            refined.spread
-        );
         Ok(Checked {
             foretold,
             closure: self.closure(&residuals),

@@ -15,6 +15,7 @@
 //! 7. [`simulate`] turns a field and a joint trajectory into readings.
 
 #![forbid(unsafe_code)]
+#![deny(clippy::print_stdout, clippy::print_stderr)]
 
 mod baseline;
 mod bench;

@@ -13,6 +13,7 @@
 //! lengths that do not match) is a typed [`PlotError`] that names the place.
 
 #![forbid(unsafe_code)]
+#![deny(clippy::print_stdout, clippy::print_stderr)]
 
 mod camera;
 mod canvas;

@@ -44,6 +44,7 @@
 //! spherical joints (an observation needs one torque per coordinate; they are refused by name).
 
 #![forbid(unsafe_code)]
+#![deny(clippy::print_stdout, clippy::print_stderr)]
 
 mod builtin;
 mod bundle;

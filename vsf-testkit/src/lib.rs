@@ -18,6 +18,7 @@
 #![forbid(unsafe_code)]
 // Suites fail by panics, as tests do.
 #![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
+#![deny(clippy::print_stdout, clippy::print_stderr)]
 
 mod contact;
 #[cfg(feature = "effects")]

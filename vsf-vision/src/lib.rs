@@ -38,6 +38,7 @@
 //! arm's way; stiffness belongs to the place and can be carried to another one.
 
 #![forbid(unsafe_code)]
+#![deny(clippy::print_stdout, clippy::print_stderr)]
 
 mod bounds;
 mod calibrated;

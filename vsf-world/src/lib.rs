@@ -31,6 +31,7 @@
 //! motion that is quasi-static.
 
 #![forbid(unsafe_code)]
+#![deny(clippy::print_stdout, clippy::print_stderr)]
 
 mod arm;
 mod body;
