@@ -444,7 +444,7 @@ fn what_a_tare_leaves_is_no_drift() {
 #[test]
 fn an_object_that_is_put_back_elsewhere_shows_on_halves_of_the_test_sequences() {
     let folder = tempfile::tempdir().unwrap();
-    let campaign = made(folder.path(), &["registration_offset"], 44);
+    let campaign = made(folder.path(), &["registration_offset"], 48);
     let registration = effects::named(&["registration_offset"]).unwrap();
     let outcome = diagnose(&campaign, "case", &registration, 0, |_| {}).unwrap();
     let d = &outcome.diagnosis;
