@@ -157,6 +157,16 @@ impl Recording {
         self.scene_by(&self.settings.options(None), console, Scene::open)
     }
 
+    /// The scene of the recording alone, to estimate a field in: where no flag says from which distance on points are
+    /// touched, from one that suits their spacing.
+    pub fn scene_to_learn(&self, console: &Console) -> anyhow::Result<Scene> {
+        let scene = self.scene(console)?;
+        match self.settings.has_threshold() {
+            true => Ok(scene),
+            false => Ok(scene.with_suited_threshold()?),
+        }
+    }
+
     /// The scene of the recording alone, without points if it has none.
     pub fn scene_or_air(&self, console: &Console) -> anyhow::Result<Scene> {
         match self.has_points() {

@@ -394,6 +394,8 @@ fn what_is_refused() {
         &["--effects", "twice"],
     );
     bench.fails("diagnose nowhere", 1, &["nowhere"]);
+    let untestable = ["none of those", "payload", "look for others"];
+    bench.fails("diagnose touch --effects payload", 1, &untestable);
     bench.fails("diagnose touch --html report.txt", 2, &["--html", ".html"]);
     bench.fails("diagnose touch --model model.npz", 2, &["--model", ".json"]);
     bench.fails(

@@ -1,4 +1,6 @@
 use crate::lanes::{LANES, Row};
+use crate::link_pose::beyond;
+use crate::union::grown_box;
 use crate::{Sdf, SdfSample};
 use nalgebra::{Point3, Vector3};
 
@@ -95,6 +97,28 @@ impl Batch {
         if sample.distance < self.distances[i] {
             self.distances[i] = sample.distance;
             self.set_normal(i, &sample.normal);
+        }
+    }
+
+    /// Shows a body the places that may be nearer to it than to what they have been shown to before.
+    pub(crate) fn show(&mut self, body: &impl Sdf) {
+        let (center, half) = grown_box(body);
+        let (mut near, mut count) = ([0; LANES], 0);
+        for i in 0..self.len {
+            near[count] = i;
+            count += usize::from(beyond(&self.place(i), &center, &half) < self.distances[i]);
+        }
+        if count == self.len {
+            return body.unite(self);
+        }
+        if count == 0 {
+            return;
+        }
+        let mut own = Self::new();
+        near[..count].iter().for_each(|&i| own.push(&self.place(i)));
+        body.unite(&mut own);
+        for (k, &i) in near[..count].iter().enumerate() {
+            self.offer(i, &own.sample(k));
         }
     }
 

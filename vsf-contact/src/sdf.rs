@@ -40,12 +40,13 @@ pub trait Sdf: Send + Sync {
     }
 
     /// Shows many places to several bodies, as [`unite`](Sdf::unite) does for each of them in turn.
-    /// The default does just that; a body that can do better for all of them together says how.
+    /// The default leaves out places that are nearer to a body than another one's box is; bodies that
+    /// can do better for all of them together say how.
     fn unite_all(bodies: &[Self], batch: &mut Batch)
     where
         Self: Sized,
     {
-        bodies.iter().for_each(|body| body.unite(batch));
+        bodies.iter().for_each(|body| batch.show(body));
     }
 
     /// Lower and upper corner of an axis-aligned box in the body frame that holds the inside and

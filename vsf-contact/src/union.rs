@@ -15,23 +15,25 @@ use nalgebra::{Point3, Vector3};
 #[derive(Debug, Clone, PartialEq)]
 pub struct UnionSdf<S> {
     parts: Vec<S>,
-    /// Centres and half extents of the parts' boxes, grown by their slack and by what may be
-    /// rounding.
+    /// [`grown_box`] of every part.
     boxes: Vec<(Point3<f64>, Vector3<f64>)>,
+}
+
+/// Centre and half extents of the box of a body, grown by its slack and by what may be rounding: places are no
+/// nearer to the body than to that box.
+pub(crate) fn grown_box(body: &(impl Sdf + ?Sized)) -> (Point3<f64>, Vector3<f64>) {
+    let (lower, upper) = body.bounds();
+    let center = nalgebra::center(&lower, &upper);
+    let rounding = 1e-12 * (upper.coords.amax() + lower.coords.amax());
+    let half = (0.5 * (upper - lower)).add_scalar(body.slack() + rounding);
+    (center, half)
 }
 
 impl<S: Sdf> UnionSdf<S> {
     /// The union of `parts`.
     pub fn new(parts: Vec<S>) -> Self {
-        let boxes = parts.iter().map(|part| {
-            let (lower, upper) = part.bounds();
-            let center = nalgebra::center(&lower, &upper);
-            let rounding = 1e-12 * (upper.coords.amax() + lower.coords.amax());
-            let half = (0.5 * (upper - lower)).add_scalar(part.slack() + rounding);
-            (center, half)
-        });
         Self {
-            boxes: boxes.collect(),
+            boxes: parts.iter().map(grown_box).collect(),
             parts,
         }
     }

@@ -7,7 +7,7 @@ use std::path::Path;
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, expecting = "an object of numbers")]
 pub struct FieldContact {
-    /// Contact threshold delta \[m\], > 0.
+    /// Contact threshold delta \[m\], > 0. Numbers of this struct are 1e100 at most, positive ones 1e-100 at least.
     pub threshold: f64,
     /// Friction coefficient, >= 0.
     pub friction: f64,
@@ -25,18 +25,18 @@ pub struct FieldContact {
 
 impl FieldContact {
     pub(crate) fn check(&self, path: &Path) -> Result<(), DataError> {
-        let positive = |v: f64| v > 0.0 && v.is_finite();
-        let not_negative = |v: f64| v >= 0.0 && v.is_finite();
+        let positive = |v: f64| (1e-100..=1e100).contains(&v);
+        let not_negative = |v: f64| (0.0..=1e100).contains(&v);
         let problem = if !positive(self.threshold) {
-            format!("threshold {:?} must be > 0 m", self.threshold)
+            format!("threshold {:?} must be 1e-100 to 1e100 m", self.threshold)
         } else if !not_negative(self.friction) {
-            format!("friction {:?} must be >= 0", self.friction)
+            format!("friction {:?} must be 0 to 1e100", self.friction)
         } else if !positive(self.slip_step) {
-            format!("slip_step {:?} must be > 0 m", self.slip_step)
+            format!("slip_step {:?} must be 1e-100 to 1e100 m", self.slip_step)
         } else if !positive(self.threshold + self.padding) {
             format!("padding {:?} must be more than -threshold", self.padding)
         } else if !not_negative(self.adhesion) {
-            format!("adhesion {:?} must be >= 0 m", self.adhesion)
+            format!("adhesion {:?} must be 0 to 1e100 m", self.adhesion)
         } else if !(1..=8).contains(&self.subdivision) {
             format!("subdivision {} must be 1 to 8", self.subdivision)
         } else {

@@ -469,7 +469,12 @@ fn contact_out_of_range_is_refused() {
     let path = folder.path().join("format.json");
     let text = fs::read_to_string(&path).unwrap();
     for (from, to, says) in [
-        ("0.002", "0.0", "threshold 0.0 must be > 0 m"),
+        ("0.002", "0.0", "threshold 0.0 must be 1e-100 to 1e100 m"),
+        (
+            "0.002",
+            "1e300",
+            "threshold 1e300 must be 1e-100 to 1e100 m",
+        ),
         ("0.002", "0.001", "padding -0.001 must be"),
         ("0.15", "-0.15", "friction -0.15 must be"),
         ("0.0001", "-1.0", "slip_step -1.0 must be"),

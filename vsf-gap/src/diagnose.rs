@@ -21,7 +21,7 @@ const SHORTEST_RUN: usize = 4;
 const FEWEST_RUNS: usize = 8;
 /// A joint that moves by less (rad or m) stands still.
 const STILL: f64 = 1e-3;
-/// Effects of which it is told how they do on the test sequences.
+/// Effects of which it is told how they do on the test sequences, whether they were up to be named or not.
 const CHECKED: usize = 3;
 /// A model whose error is more than so many times that of a perfect one is far from it.
 const FAR: f64 = 3.0;
@@ -272,16 +272,13 @@ fn reports(
     let mut reports = Vec::new();
     for candidate in &search.candidates {
         let mut report = EffectReport::of(campaign, candidate, search.base, &answer.probabilities);
-        if let Some(refined) = candidate
-            .refined
-            .as_ref()
-            .filter(|_| reports.len() < CHECKED)
-        {
+        if let Some(refined) = &candidate.refined {
             let mut tried = judgement.refused.iter().chain(&judgement.named);
             let own = tried.find(|t| t.effects == [report.effect.as_str()]);
             match own {
                 Some(tried) => report.check(&tried.checked),
-                None => report.check(&trial.of(refined)?),
+                None if reports.len() < CHECKED => report.check(&trial.of(refined)?),
+                None => {}
             }
         }
         if let Some(named) = judgement.corrected() {

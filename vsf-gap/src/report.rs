@@ -50,12 +50,13 @@ pub struct EffectReport {
     pub parameters: Vec<Estimate>,
     /// Joints whose parameters are at least two deviations from zero.
     pub joints: Vec<String>,
-    /// Mean error of the test sequences with it, `null` where it was not fitted (N m or N).
+    /// Mean error of the test sequences with it (N m or N); `null` for all but the likeliest and those that were up to be
+    /// named.
     pub test_error: Option<f64>,
     /// Share of the gap that it closes on the test sequences.
     pub closed_fraction: Option<f64>,
     /// How much likelier it makes the test sequences than the nominal model does, both fitted to the train sequences
-    /// (nats); `null` where it was not fitted.
+    /// (nats); `null` where the error is.
     #[serde(default)]
     pub test_score: Option<f64>,
     /// Share of its information that the stiffness absorbs, 0 to 1.

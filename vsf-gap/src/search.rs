@@ -219,6 +219,18 @@ impl Campaign {
                 }
             }
         }
+        if let Some((effect, reason)) = untestable
+            .first()
+            .filter(|_| untestable.len() == effects.len())
+        {
+            return Err(GapError::TooLittle {
+                what: "effects that this recording can show",
+                problem: format!(
+                    "none of those that were asked for acts here: {}: {reason}; look for others",
+                    effect.name()
+                ),
+            });
+        }
         let torques = nominal.predicted(&field);
         let screening = screen(&nominal, &[&torques], &tangents, &spreads)?;
         let screened_base = log_mean_exp(&screening.nominal);

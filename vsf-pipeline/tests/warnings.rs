@@ -132,6 +132,11 @@ fn sensors_that_are_stuck() {
         let warnings = warned(&scene, &first_joint(&right, |_| -1.25));
         let stuck = |w: &PipelineWarning| matches!(w, PipelineWarning::StuckReadings { joint, value, .. } if joint == "joint_1" && *value == -1.25);
         assert!(warnings.iter().any(stuck), "{warnings:?}");
+        // Nor does it take another joint that moves.
+        let mut all = right.clone();
+        all.torques.data_mut().fill(-1.25);
+        let warnings = warned(&scene, &all);
+        assert!(warnings.iter().any(stuck), "{warnings:?}");
         // Channels that were not measured are zeros, and rounded readings of small touches one value.
         for still in [
             first_joint(&right, |_| 0.0),

@@ -21,7 +21,8 @@ noise_sd, and the parameters of contact, which `vsf predict`, `evaluate`, `simul
 it; they warn of flags that contradict it, and of another corrected model than it was estimated with.
 
 JSON keys: estimator, prior_sd, smooth_sd, smooth_length, level_sd, noise_sd (by channel), given \
-(which of prior_sd and noise_sd), chosen_by (how the rest was: held-out, likelihood, or given), candidates (smooth_share, signal_to_noise, error or log_evidence), sequences, samples, contact_samples, points, touched_points, mean_stiffness (over touched \
+(which of prior_sd and noise_sd), chosen_by (how the rest was: held-out, likelihood, or given), candidates (smooth_share, signal_to_noise, error or log_evidence), threshold (of contact, m), \
+sequences, samples, contact_samples, points, touched_points, mean_stiffness (over touched \
 points), vision (none, a method or a file), vision_share (of its guess, in the prior), vision_candidates (share, \
 error), nis_ratio, out.")]
 pub struct Args {
@@ -51,6 +52,7 @@ struct Report<'a> {
     given: &'a [&'static str],
     chosen_by: &'a str,
     candidates: &'a [Candidate],
+    threshold: f64,
     sequences: Vec<&'a str>,
     samples: usize,
     contact_samples: usize,
@@ -102,7 +104,11 @@ pub fn run(args: &Args, console: &Console) -> anyhow::Result<()> {
         None => None,
         Some(vision) => Some((recording.view()?.ok_or(PipelineError::NoCamera)?, vision)),
     };
-    let scene = recording.scene(console)?;
+    // A corrected model was found in the contact of a diagnosis.
+    let scene = match &model {
+        None => recording.scene_to_learn(console)?,
+        Some(_) => recording.scene(console)?,
+    };
     if let Some((view, _)) = &view {
         view_warnings(scene.rest(), view)
             .iter()
@@ -144,6 +150,7 @@ pub fn run(args: &Args, console: &Console) -> anyhow::Result<()> {
         given: &chosen.given,
         chosen_by: chosen.method,
         candidates: &chosen.candidates,
+        threshold: scene.contact().threshold,
         sequences: traces.iter().map(|t| t.id.as_str()).collect(),
         samples: traces.iter().map(|t| t.observations.len()).sum(),
         contact_samples: traces.iter().map(Trace::contact_samples).sum(),
@@ -296,6 +303,10 @@ fn text(report: &Report, scene: &Scene) -> String {
         },
         report.contact_samples,
         report.sequences.join(", "),
+    );
+    text += &format!(
+        "  contact     from {} m before the surface on\n",
+        number(report.threshold)
     );
     text += &format!(
         "  estimator   {}\n  prior       N(0, {}²) N/m, {}\n",

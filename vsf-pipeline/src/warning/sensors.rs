@@ -70,10 +70,14 @@ impl Touched<'_> {
             return None;
         }
         let spread = |j: usize| range(self.springs.iter().map(|s| s[j]));
-        let (other, widest) = (0..self.sequence.width())
-            .map(|k| (k, spread(k)))
-            .filter(|(k, _)| range(self.readings(*k)) > 0.0)
-            .max_by(|a, b| a.1.total_cmp(&b.1))?;
+        let joints = || (0..self.sequence.width()).map(|k| (k, spread(k)));
+        let moves = |(k, _): &(usize, f64)| range(self.readings(*k)) > 0.0;
+        let most = |a: &(usize, f64), b: &(usize, f64)| a.1.total_cmp(&b.1);
+        let Some((other, widest)) = joints().filter(moves).max_by(most) else {
+            // No reading moves at all: none tells of rounding.
+            let widest = joints().max_by(most)?.1;
+            return (spread(j) > LEAST_CHANGE * widest).then_some(value);
+        };
         // What its readings would change by, were the object of one stiffness, in steps of rounding.
         let expected = range(self.readings(other)) * spread(j) / widest;
         let steps = expected > LEAST_STEPS * step(self.readings(other));
