@@ -305,7 +305,7 @@ impl Scene {
     }
 
     /// The same scene with a contact threshold that suits the spacing of its points, for estimating a field: 0.8 of
-    /// [`RestPoints::spacing`], from 0.1 mm to 1 cm; a cloud without spacing keeps the threshold that it has. A point
+    /// [`RestPoints::spacing`] to a hundredth of a millimetre, from 0.1 mm to 1 cm; a cloud without spacing keeps the threshold that it has. A point
     /// stands for what lies around it, up to half a spacing away along an edge and 0.87 of one along a diagonal.
     ///
     /// The paper's 2 mm leave gaps between points 1 cm apart, where a thin link or twig passes unfelt. Which share of
@@ -317,7 +317,7 @@ impl Scene {
     pub fn with_suited_threshold(&self) -> Result<Self, PipelineError> {
         let spacing = self.rest.spacing();
         let threshold = match spacing > 0.0 {
-            true => (SUITED * spacing).clamp(1e-4, 1e-2),
+            true => ((SUITED * spacing * 1e5).round() / 1e5).clamp(1e-4, 1e-2),
             false => self.contact.threshold,
         };
         self.with_contact(ContactConfig {
@@ -496,10 +496,16 @@ mod tests {
 
     #[test]
     fn suited_thresholds_follow_the_spacing() {
-        for (spacing, threshold) in [(0.01, 0.008), (0.0, 0.002), (1.0, 0.01), (1e-5, 1e-4)] {
+        for (spacing, threshold) in [
+            (0.01, 0.008),
+            (0.0, 0.002),
+            (1.0, 0.01),
+            (1e-5, 1e-4),
+            (0.009_999_99, 0.008),
+        ] {
             let suited = scene(spacing, 0.0).with_suited_threshold().unwrap();
             let found = suited.contact().threshold;
-            assert!((found - threshold).abs() < 1e-12, "{spacing}: {found}");
+            assert_eq!(found, threshold, "{spacing}");
         }
         assert!(scene(0.001, -0.0015).with_suited_threshold().is_err());
     }
