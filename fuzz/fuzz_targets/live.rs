@@ -16,7 +16,8 @@ fn node(of_cells: bool) -> Node {
     let prior = Belief::uniform(rest.len(), 1.0, 10.0).expect("a prior");
     let filter = MemoryReplay::new(DiagonalKalman::new(prior), Default::default());
     let filter = filter.expect("a filter");
-    let session = LiveSession::new(rest, contact, sensor, filter).expect("a session");
+    let chains = WORLD.robot.chains().clone();
+    let session = LiveSession::new(chains, rest, contact, sensor, filter).expect("a session");
     // Samples that are dropped depend on the time that the estimation takes.
     let options = Options {
         when_full: WhenFull::Wait,

@@ -11,7 +11,8 @@ use vsf::contact::GridOptions;
 use vsf::core::nalgebra::{Isometry3, Point3, Vector3};
 use vsf::core::{Belief, CoreError, RestPoints, TriMesh};
 use vsf::data::{
-    CameraView, Dataset, RobotRef, Sequence, Splits, StiffnessField, Table, TorqueKind,
+    CameraView, Dataset, FieldContact, RobotRef, Sequence, Splits, StiffnessField, Table,
+    TorqueKind,
 };
 use vsf::filter::{
     CovarianceFilter, DiagonalKalman, MemoryReplay, ReplayConfig, RobustLoss, RobustNoise,
@@ -142,6 +143,15 @@ pub fn field() -> StiffnessField {
         recording: Some("small".to_owned()),
         learned_from: Some("1".to_owned()),
         model: Some("latency".to_owned()),
+        contact: Some(FieldContact {
+            threshold: 0.002,
+            friction: 0.15,
+            slip_step: 1e-4,
+            max_slip_iterations: 200,
+            padding: 0.0,
+            adhesion: 0.0,
+            subdivision: 2,
+        }),
     }
 }
 

@@ -1,7 +1,8 @@
 use crate::{JOINTS, points};
 use std::sync::{Arc, LazyLock};
 use vsf::contact::{CellContact, Cells, ContactConfig, StickSlip, link_sdfs};
-use vsf::core::{ContactModel, RestPoints};
+use vsf::core::RestPoints;
+use vsf::pipeline::SceneContact;
 use vsf::robots::{RobotModel, planar_arm};
 
 /// An arm and the points that it touches.
@@ -29,11 +30,11 @@ pub static WORLD: LazyLock<World> = LazyLock::new(|| {
 
 impl World {
     /// Contact of points or of cells, before the first touch.
-    pub fn contact(&self, of_cells: bool) -> Box<dyn ContactModel> {
+    pub fn contact(&self, of_cells: bool) -> SceneContact {
         let points = self.contact.clone();
         match of_cells {
-            true => Box::new(CellContact::new(points, self.cells.clone())),
-            false => Box::new(points),
+            true => SceneContact::Cells(CellContact::new(points, self.cells.clone())),
+            false => SceneContact::Points(points),
         }
     }
 }
