@@ -151,6 +151,7 @@ pub fn field() -> StiffnessField {
             padding: 0.0,
             adhesion: 0.0,
             subdivision: 2,
+            links: Some(vec!["tip".to_owned()]),
         }),
     }
 }

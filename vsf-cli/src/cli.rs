@@ -2,7 +2,7 @@ use crate::commands::{
     bench, diagnose, estimate, evaluate, experiment, export, import, info, learn, points, predict,
     simulate, view,
 };
-use clap::{Parser, Subcommand};
+use clap::{Command as Line, CommandFactory, Parser, Subcommand};
 use std::path::PathBuf;
 
 const EXIT_CODES: &str = "\
@@ -62,4 +62,19 @@ pub enum Command {
     Bench(bench::Args),
     /// Run the paper's experiments on recordings, or a blind test of the diagnosis
     Experiment(experiment::Args),
+}
+
+impl Cli {
+    /// The command line: a negative number is the value of the flag before it, which says what it may be, and no flag.
+    pub fn line() -> Line {
+        fn with_numbers(command: Line) -> Line {
+            command
+                .mut_args(|arg| match arg.get_action().takes_values() {
+                    true => arg.allow_negative_numbers(true),
+                    false => arg,
+                })
+                .mut_subcommands(with_numbers)
+        }
+        with_numbers(Self::command())
+    }
 }

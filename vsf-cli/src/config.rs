@@ -8,7 +8,7 @@ use crate::console::{Console, read_text};
 use crate::exit::usage;
 use clap::error::{ContextKind, ContextValue, ErrorKind};
 use clap::parser::ValueSource;
-use clap::{Arg, ArgAction, ArgMatches, Args, Command, CommandFactory, Parser, ValueEnum};
+use clap::{Arg, ArgAction, ArgMatches, Args, Command, FromArgMatches, ValueEnum};
 use std::collections::BTreeMap;
 use std::ffi::OsString;
 use std::ops::Range;
@@ -99,7 +99,7 @@ pub fn parse() -> anyhow::Result<(Cli, Origins)> {
     let mut line: Vec<OsString> = std::env::args_os().collect();
     let mut origins = Origins::default();
     // What a flag must give may come from the file.
-    let lenient = Cli::command()
+    let lenient = Cli::line()
         .mut_subcommands(|command| command.mut_args(|arg| arg.required(false)))
         .try_get_matches_from(&line);
     if let Ok(matches) = lenient
@@ -111,7 +111,8 @@ pub fn parse() -> anyhow::Result<(Cli, Origins)> {
             line.splice(end..end, further.words);
         }
     }
-    let parsed = Cli::try_parse_from(&line);
+    let matches = Cli::line().try_get_matches_from(&line);
+    let parsed = matches.and_then(|matches| Cli::from_arg_matches(&matches));
     match swallowed(&line).filter(|word| is_missed(word, &parsed)) {
         Some(word) => Err(usage(format!(
             "--json takes {word:?} for the file to write; give --json last, or its file as --json=FILE"
@@ -129,7 +130,7 @@ fn swallowed(line: &[OsString]) -> Option<String> {
 
 /// Whether that word was more likely meant as input or command: it is a folder, or one is missing.
 fn is_missed(word: &str, parsed: &Result<Cli, clap::Error>) -> bool {
-    let is_command = || Cli::command().find_subcommand(word).is_some();
+    let is_command = || Cli::line().find_subcommand(word).is_some();
     match parsed {
         Ok(cli) => Path::new(word).is_dir() || (cli.command.is_none() && is_command()),
         Err(e) => match (e.kind(), e.get(ContextKind::InvalidArg)) {
@@ -168,7 +169,7 @@ impl Further {
 
 /// The flags that preset and file add to those of command `name`.
 fn further(name: &str, given: &ArgMatches) -> anyhow::Result<Vec<Further>> {
-    let mut all = Cli::command();
+    let mut all = Cli::line();
     all.build();
     let none = || Command::new("");
     let command = all.find_subcommand(name).cloned().unwrap_or_else(none);

@@ -172,7 +172,7 @@ impl FieldFile {
             .zip(contact_flags(&scene.field_contact()));
         let other = pairs.filter(|((_, was), (_, is))| was != is);
         let (was, is): (Vec<_>, Vec<_>) = other
-            .map(|((flag, was), (_, is))| (format!("{flag} {was}"), format!("{is}")))
+            .map(|((flag, was), (_, is))| (format!("{flag} {was}"), is))
             .unzip();
         if !was.is_empty() {
             let (path, was, is) = (self.path.display(), was.join(" "), is.join(" "));
@@ -263,17 +263,22 @@ impl FieldFile {
 }
 
 /// Parameters of contact by their flags.
-fn contact_flags(contact: &FieldContact) -> [(&'static str, f64); 6] {
+fn contact_flags(contact: &FieldContact) -> [(&'static str, String); 7] {
+    let links = match &contact.links {
+        Some(names) => names.join(","),
+        None => "of all links".to_owned(),
+    };
     [
-        ("--threshold", contact.threshold),
-        ("--friction", contact.friction),
-        ("--slip-step", contact.slip_step),
+        ("--threshold", contact.threshold.to_string()),
+        ("--friction", contact.friction.to_string()),
+        ("--slip-step", contact.slip_step.to_string()),
         (
             "--max-slip-iterations",
-            f64::from(contact.max_slip_iterations),
+            contact.max_slip_iterations.to_string(),
         ),
-        ("--padding", contact.padding),
-        ("--subdivision", contact.subdivision as f64),
+        ("--padding", contact.padding.to_string()),
+        ("--subdivision", contact.subdivision.to_string()),
+        ("--links", links),
     ]
 }
 

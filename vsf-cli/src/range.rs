@@ -13,6 +13,16 @@ pub fn positive(text: &str) -> Result<f64, String> {
     ranged(text, range, "a number > 0, from 1e-100 to 1e100")
 }
 
+/// A length > 0 [m] on the scale of what is touched.
+pub fn length(text: &str) -> Result<f64, String> {
+    ranged(text, 1e-9..=1.0, "a length > 0, from 1e-9 to 1 m")
+}
+
+/// A length of either sign [m].
+pub fn offset(text: &str) -> Result<f64, String> {
+    ranged(text, -1.0..=1.0, "a length from -1 to 1 m")
+}
+
 /// A number >= 0.
 pub fn not_negative(text: &str) -> Result<f64, String> {
     ranged(text, 0.0..=MOST, "a number >= 0 and at most 1e100")

@@ -10,8 +10,8 @@ use vsf::contact::{CacheUse, ContactError};
 use vsf::data::{DataError, Dataset, RobotRef, Sequence, StiffnessField};
 use vsf::gap::Campaign;
 use vsf::pipeline::{
-    PipelineError, Scene, SceneOptions, Trace, mesh_warnings, motion_warnings, reading_warnings,
-    rgbd_view, robot_of,
+    PipelineError, Scene, SceneOptions, Trace, motion_warnings, reading_warnings, rgbd_view,
+    robot_of, scene_warnings,
 };
 use vsf::robots::{RobotError, RobotModel};
 use vsf::vision::RgbdView;
@@ -243,7 +243,7 @@ impl Recording {
         let spinner = console.spinner("reading the robot");
         let scene = open(&self.dataset, options).map_err(explain)?;
         spinner.finish_and_clear();
-        mesh_warnings(&scene).iter().for_each(|w| console.warn(w));
+        scene_warnings(&scene).iter().for_each(|w| console.warn(w));
         for grid in scene.grids() {
             if let CacheUse::NotStored(why) = &grid.report.cache {
                 console.warn(format!("grid not cached: {why}"));

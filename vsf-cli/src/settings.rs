@@ -1,7 +1,9 @@
 //! Parameters shared by the commands, as flags over the library's defaults.
 
 use crate::exit::usage;
-use crate::range::{deviation, finite, not_negative, positive, replays, share, spacing};
+use crate::range::{
+    deviation, finite, length, not_negative, offset, positive, replays, share, spacing,
+};
 use clap::builder::RangedU64ValueParser;
 use clap::{Args, ValueEnum};
 use std::collections::BTreeMap;
@@ -28,7 +30,7 @@ pub struct MetadataSettings {
     #[arg(long, value_parser = ["external", "measured"])]
     torque_kind: Option<String>,
     /// Sample rate of sequences without time.npy [Hz]
-    #[arg(long, allow_negative_numbers = true, value_parser = positive)]
+    #[arg(long, value_parser = positive)]
     rate_hz: Option<f64>,
     /// Gravity in the world frame, x,y,z [m/s^2]
     #[arg(long, value_delimiter = ',', allow_hyphen_values = true, value_parser = finite)]
@@ -72,27 +74,27 @@ pub struct ContactSettings {
     links: Option<Vec<String>>,
     /// Contact threshold delta [m]: points are touched from so far before the surface on; default 0.002, and for
     /// `vsf estimate` without --model 0.8 of the points' spacing
-    #[arg(long, allow_negative_numbers = true, value_parser = positive)]
+    #[arg(long, value_parser = length)]
     threshold: Option<f64>,
     /// Friction coefficient nu_f, default 0.15
-    #[arg(long, allow_negative_numbers = true, value_parser = not_negative)]
+    #[arg(long, value_parser = not_negative)]
     friction: Option<f64>,
     /// Slip step lambda_s [m], default 0.0001. A finer one takes more steps for the same slip: see
     /// --max-slip-iterations
-    #[arg(long, allow_negative_numbers = true, value_parser = positive)]
+    #[arg(long, value_parser = length)]
     slip_step: Option<f64>,
     /// Most slip steps of one point per sample; by default as many as make 2 cm, 200 of 0.0001
     #[arg(long)]
     max_slip_iterations: Option<u32>,
     /// Offset added to the robot's surface [m], default 0
-    #[arg(long, allow_negative_numbers = true, value_parser = finite)]
+    #[arg(long, value_parser = offset)]
     padding: Option<f64>,
     /// Sub-points per edge of the cube that a rest point stands for, 1 to 8, default 2; 1 moves
     /// the rest points alone, as the paper does, at an eighth of the cost
     #[arg(long, value_parser = RangedU64ValueParser::<usize>::new().range(1..=8))]
     subdivision: Option<usize>,
     /// Spacing of the distance grids of meshes [m], 1e-6 to 1; chosen for an error of 0.5 mm by default
-    #[arg(long, allow_negative_numbers = true, value_parser = spacing)]
+    #[arg(long, value_parser = spacing)]
     grid_resolution: Option<f64>,
     /// Folder that keeps finished distance grids
     #[arg(long)]
@@ -125,21 +127,21 @@ pub struct EstimatorSettings {
     seed: Option<u64>,
     /// Prior standard deviation of every point's own stiffness [N/m]; chosen from the sequences by
     /// default. Given alone, the noise keeps its chosen ratio to it
-    #[arg(long, allow_negative_numbers = true, value_parser = deviation)]
+    #[arg(long, value_parser = deviation)]
     pub prior_sd: Option<f64>,
     /// Standard deviation of the readings [N m or N], model error included: one for all channels or
     /// one each; chosen from the sequences by default
-    #[arg(long, value_delimiter = ',', allow_negative_numbers = true, value_parser = deviation)]
+    #[arg(long, value_delimiter = ',', value_parser = deviation)]
     pub noise_sd: Option<Vec<f64>>,
     /// Standard deviation of the smooth part of the prior, per that of a point's own part, default 0.25;
     /// when prior and noise are chosen, 0 (independent points) is tried beside it
-    #[arg(long, allow_negative_numbers = true, value_parser = share)]
+    #[arg(long, value_parser = share)]
     smooth_share: Option<f64>,
     /// Length over which the smooth part of the prior stays alike [m], default 0.04
-    #[arg(long, allow_negative_numbers = true, value_parser = positive)]
+    #[arg(long, value_parser = positive)]
     smooth_length: Option<f64>,
     /// Standard deviation of a level that all points share, per that of a point's own part, default 0
-    #[arg(long, allow_negative_numbers = true, value_parser = share)]
+    #[arg(long, value_parser = share)]
     level_share: Option<f64>,
     /// How prior and noise are chosen where they are not given, default held-out
     #[arg(long)]
@@ -345,7 +347,7 @@ impl SceneSettings {
                 cache_dir: given.cache_dir.clone(),
                 ..GridOptions::default()
             },
-            links: given.links.clone(),
+            links: given.links.clone().or(below.links),
             packages: self.metadata.packages(),
             subdivision: given.subdivision.unwrap_or(below.subdivision),
         }

@@ -299,7 +299,7 @@ fn files_set_what_flags_set() {
             "[bench]\npoints = 3",
             ["[bench]", "info, estimate, predict"],
         ),
-        ("threshold = nan", ["line 1", "number > 0"]),
+        ("threshold = nan", ["line 1", "length > 0"]),
         ("links = []", ["links", "not empty"]),
         // What only the command can tell.
         ("\ngravity = [0, 0]", ["line 2", "--gravity takes 3"]),
@@ -330,7 +330,7 @@ fn numbers_out_of_range_name_their_flag() {
         ("info data --subdivision=9", "--subdivision"),
         ("info data --grid-resolution=0", "--grid-resolution"),
         ("info data --grid-resolution=1e90", "--grid-resolution"),
-        ("info data --threshold=1e-300", "from 1e-100 to 1e100"),
+        ("info data --threshold=1e-300", "from 1e-9 to 1 m"),
         (
             "evaluate data --baseline=mlp --hidden=18446744073709551615",
             "--hidden",
@@ -749,6 +749,14 @@ fn a_field_brings_its_contact() {
     bench.ok("estimate touch --out fine.npz --slip-step 0.00001");
     let (_, told) = error("fine.npz", "--slip-step 0.0001");
     let says = "--slip-step 0.00001 --max-slip-iterations 2000, not 0.0001 200;";
+    assert!(told.contains(says), "{told}");
+
+    // Which links touch is part of it.
+    bench.ok("estimate touch --out tip.npz --links link_3");
+    let (_, quiet) = error("tip.npz", "");
+    assert!(!quiet.contains("was estimated with"), "{quiet}");
+    let (_, told) = error("field.npz", "--links link_3");
+    let says = "the field was estimated with --links of all links, not link_3;";
     assert!(told.contains(says), "{told}");
 }
 

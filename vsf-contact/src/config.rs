@@ -45,7 +45,7 @@ impl Default for ContactConfig {
 
 impl ContactConfig {
     /// With another slip step (m), and as many iterations as let a point slip as far in one step as
-    /// before, rounded up: a finer step alone would reach [`max_slip_iterations`](Self::max_slip_iterations)
+    /// before, rounded up, `u32::MAX` at most: a finer step alone would reach [`max_slip_iterations`](Self::max_slip_iterations)
     /// sooner, and leave points outside the friction cone.
     ///
     /// ```

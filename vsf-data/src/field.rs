@@ -143,7 +143,7 @@ impl StiffnessField {
             recording: self.recording.clone(),
             learned_from: self.learned_from.clone(),
             model: self.model.clone(),
-            contact: self.contact,
+            contact: self.contact.clone(),
         }
     }
 

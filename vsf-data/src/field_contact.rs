@@ -4,10 +4,10 @@ use std::path::Path;
 
 /// Parameters of contact that a field was estimated with. A field makes up for the contact that it was learned
 /// through: predicted through another, torques err by its share of the difference.
-#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, expecting = "an object of numbers")]
 pub struct FieldContact {
-    /// Contact threshold delta \[m\], > 0. Numbers of this struct are 1e100 at most, positive ones 1e-100 at least.
+    /// Contact threshold delta \[m\], > 0. Lengths of this struct are 1 m at most, positive ones 1e-9 m at least.
     pub threshold: f64,
     /// Friction coefficient, >= 0.
     pub friction: f64,
@@ -21,22 +21,27 @@ pub struct FieldContact {
     pub adhesion: f64,
     /// Sub-points per edge of the cube that a rest point stands for, 1 to 8; 1 are the points alone.
     pub subdivision: usize,
+    /// Names of the links that may touch; `None`, and no such key in a file, for all with collision shapes.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub links: Option<Vec<String>>,
 }
 
 impl FieldContact {
     pub(crate) fn check(&self, path: &Path) -> Result<(), DataError> {
-        let positive = |v: f64| (1e-100..=1e100).contains(&v);
-        let not_negative = |v: f64| (0.0..=1e100).contains(&v);
-        let problem = if !positive(self.threshold) {
-            format!("threshold {:?} must be 1e-100 to 1e100 m", self.threshold)
-        } else if !not_negative(self.friction) {
+        let length = |v: f64| (1e-9..=1.0).contains(&v);
+        let problem = if !length(self.threshold) {
+            format!("threshold {:?} must be 1e-9 to 1 m", self.threshold)
+        } else if !(0.0..=1e100).contains(&self.friction) {
             format!("friction {:?} must be 0 to 1e100", self.friction)
-        } else if !positive(self.slip_step) {
-            format!("slip_step {:?} must be 1e-100 to 1e100 m", self.slip_step)
-        } else if !positive(self.threshold + self.padding) {
-            format!("padding {:?} must be more than -threshold", self.padding)
-        } else if !not_negative(self.adhesion) {
-            format!("adhesion {:?} must be 0 to 1e100 m", self.adhesion)
+        } else if !length(self.slip_step) {
+            format!("slip_step {:?} must be 1e-9 to 1 m", self.slip_step)
+        } else if !(self.padding <= 1.0 && self.threshold + self.padding > 0.0) {
+            format!(
+                "padding {:?} must be more than -threshold and at most 1 m",
+                self.padding
+            )
+        } else if !(0.0..=1.0).contains(&self.adhesion) {
+            format!("adhesion {:?} must be 0 to 1 m", self.adhesion)
         } else if !(1..=8).contains(&self.subdivision) {
             format!("subdivision {} must be 1 to 8", self.subdivision)
         } else {

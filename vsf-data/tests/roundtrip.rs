@@ -78,14 +78,12 @@ fn field() -> impl Strategy<Value = StiffnessField> {
 
 fn contact() -> impl Strategy<Value = FieldContact> {
     let steps = (0..u32::MAX, 1..9usize);
-    (1e-6..1.0, 0.0..9.0, 1e-9..1.0, 0.0..1.0, 0.0..1.0, steps).prop_map(
+    let links = prop::option::of(vec("[a-z]{1,3}", 0..3));
+    let numbers = (1e-6..1.0, 0.0..9.0, 1e-9..1.0, 0.0..1.0, 0.0..1.0, steps);
+    (numbers, links).prop_map(
         |(
-            threshold,
-            friction,
-            slip_step,
-            padding,
-            adhesion,
-            (max_slip_iterations, subdivision),
+            (threshold, friction, slip_step, padding, adhesion, (max_slip_iterations, subdivision)),
+            links,
         )| {
             FieldContact {
                 threshold,
@@ -95,6 +93,7 @@ fn contact() -> impl Strategy<Value = FieldContact> {
                 padding: padding - 0.9 * threshold,
                 adhesion,
                 subdivision,
+                links,
             }
         },
     )
@@ -458,23 +457,20 @@ fn contact_out_of_range_is_refused() {
         padding: -0.001,
         adhesion: 0.0,
         subdivision: 2,
+        links: None,
     };
     let mut field = StiffnessField {
         points: vec![Point3::origin()],
         stiffness: vec![5.0],
-        contact: Some(good),
+        contact: Some(good.clone()),
         ..StiffnessField::default()
     };
     field.save_folder(folder.path()).unwrap();
     let path = folder.path().join("format.json");
     let text = fs::read_to_string(&path).unwrap();
     for (from, to, says) in [
-        ("0.002", "0.0", "threshold 0.0 must be 1e-100 to 1e100 m"),
-        (
-            "0.002",
-            "1e300",
-            "threshold 1e300 must be 1e-100 to 1e100 m",
-        ),
+        ("0.002", "0.0", "threshold 0.0 must be 1e-9 to 1 m"),
+        ("0.002", "1e300", "threshold 1e300 must be 1e-9 to 1 m"),
         ("0.002", "0.001", "padding -0.001 must be"),
         ("0.15", "-0.15", "friction -0.15 must be"),
         ("0.0001", "-1.0", "slip_step -1.0 must be"),
@@ -498,7 +494,10 @@ fn contact_out_of_range_is_refused() {
         assert!(error.contains(says), "{error}");
     }
     for threshold in [f64::NAN, f64::INFINITY, 0.0] {
-        field.contact = Some(FieldContact { threshold, ..good });
+        field.contact = Some(FieldContact {
+            threshold,
+            ..good.clone()
+        });
         let error = field.save_npz(folder.path().join(".a.npz")).unwrap_err();
         assert!(matches!(error, DataError::Metadata { .. }), "{error}");
     }

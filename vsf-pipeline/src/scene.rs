@@ -49,7 +49,10 @@ impl SceneOptions {
     /// # fn demo(dataset: &vsf_data::Dataset, field: &vsf_data::StiffnessField)
     /// # -> Result<Scene, vsf_pipeline::PipelineError> {
     /// let own = SceneOptions::default();
-    /// let options = field.contact.map_or(own.clone(), |contact| own.with_contact_of(&contact));
+    /// let options = match &field.contact {
+    ///     Some(contact) => own.with_contact_of(contact),
+    ///     None => own,
+    /// };
     /// Scene::with_points(dataset, field.points.clone(), &options)
     /// # }
     /// ```
@@ -66,6 +69,7 @@ impl SceneOptions {
                 ..self.contact
             },
             subdivision: field.subdivision,
+            links: field.links.clone(),
             ..self
         }
     }
@@ -94,6 +98,8 @@ pub struct Scene {
     tare_samples: usize,
     grids: Vec<LinkGrid>,
     links: Arc<[LinkSdf]>,
+    /// Names of the links that may touch, if some were chosen.
+    chosen: Option<Vec<String>>,
     contact: ContactConfig,
     subdivision: usize,
     /// What the points stand for; `None` where they are moved alone.
@@ -202,6 +208,7 @@ impl Scene {
             tare_samples: 0,
             grids: shapes.grids,
             links: shapes.links.into(),
+            chosen: options.links.clone(),
             contact: options.contact,
             subdivision: options.subdivision,
             cells,
@@ -224,6 +231,7 @@ impl Scene {
             tare_samples: dataset.tare_samples,
             grids: Vec::new(),
             links: Arc::new([]),
+            chosen: None,
             contact: options.contact,
             subdivision: options.subdivision,
             cells: None,
@@ -342,7 +350,12 @@ impl Scene {
             padding: self.contact.padding,
             adhesion: self.contact.adhesion,
             subdivision: self.subdivision,
+            links: self.chosen.clone(),
         }
+    }
+
+    pub(crate) fn link_shapes(&self) -> &[LinkSdf] {
+        &self.links
     }
 
     /// Sub-points per edge of the cube that a rest point stands for.

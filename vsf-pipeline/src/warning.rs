@@ -1,3 +1,4 @@
+mod gaps;
 mod jumps;
 mod readings;
 mod sensors;
@@ -11,7 +12,7 @@ use nalgebra::Point3;
 use std::f64::consts::PI;
 use std::fmt;
 use thiserror::Error;
-use vsf_contact::LinkGrid;
+use vsf_contact::{LinkGrid, LinkSdf};
 use vsf_core::{FilterHealth, RestPoints};
 use vsf_data::{Sequence, TorqueKind};
 use vsf_robots::{Joint, JointKind, RobotModel};
@@ -28,6 +29,8 @@ const LEAST_NEAR: f64 = 0.01;
 /// whose side may be a guess.
 const MOST_TURNED: f64 = 0.005;
 const MOST_UNSURE: f64 = 0.25;
+/// No robot that touches soft things has a link of more metres.
+const MOST_SIZE: f64 = 10.0;
 /// NIS per channel beyond which a filter knows nothing of its errors: diagonal filters reach 3 on good data.
 const MOST_NIS: f64 = 30.0;
 
@@ -117,6 +120,25 @@ pub enum PipelineWarning {
         /// Position after.
         to: f64,
         /// Further joints of that kind.
+        others: usize,
+    },
+    /// Time steps within a touch of more than ten times the usual one, and more than 0.1 s.
+    #[error(
+        "sequence {sequence} row {row} comes {seconds:.3} s after the row before, others {usual:.3} s: samples are \
+         missing, and what slipped meanwhile is unknown; if a touch ends there, begin the next one there \
+         (touch_starts){}",
+        more(*others, "sequence")
+    )]
+    TimeGap {
+        /// The first such sequence.
+        sequence: String,
+        /// The row after its first gap, from 0.
+        row: usize,
+        /// How long the gap is (s).
+        seconds: f64,
+        /// Median time between rows (s).
+        usual: f64,
+        /// Further sequences of that kind.
         others: usize,
     },
     /// External torques of more than ten times the joint's effort limit.
@@ -292,6 +314,28 @@ pub enum PipelineWarning {
         /// How near (m): the spacing of the rest points.
         reach: f64,
     },
+    /// A link of more than 10 m.
+    #[error(
+        "link {link:?} is {size:.0} m across; lengths are in metres, check its shapes and, for a mesh in millimetres, \
+         its scale (scale=\"0.001 0.001 0.001\" in the URDF)"
+    )]
+    HugeLink {
+        /// Name of the link.
+        link: String,
+        /// Longest edge of its box (m).
+        size: f64,
+    },
+    /// Points that are touched from farther away than the object is large.
+    #[error(
+        "threshold and padding have points touched from {level} m before the robot's surface on, and the object is \
+         {size:.3} m across: all of it is touched at once; lengths are in metres"
+    )]
+    TouchesAll {
+        /// Contact threshold and padding (m).
+        level: f64,
+        /// Diagonal of the box of the rest points (m).
+        size: f64,
+    },
     /// A mesh with faces turned over: more than 0.5 % of the points near it lie behind such faces, and
     /// are outside of the link for contact.
     #[error(
@@ -362,7 +406,7 @@ fn other(than: TorqueKind) -> TorqueKind {
 }
 
 /// What looks wrong with the joint positions and velocities: degrees, positions outside the robot's limits,
-/// jumps, velocities that are not how fast positions change. Of sequences that [`Sequence::check`] refuses, or
+/// jumps, missing samples, velocities that are not how fast positions change. Of sequences that [`Sequence::check`] refuses, or
 /// with other joints than the robot's, only that.
 pub fn motion_warnings(robot: &RobotModel, sequences: &[&Sequence]) -> Vec<PipelineWarning> {
     let checked = |s: &&Sequence| (s.id.clone(), check_sequence(robot, s));
@@ -396,6 +440,7 @@ pub fn motion_warnings(robot: &RobotModel, sequences: &[&Sequence]) -> Vec<Pipel
     if !(found.iter()).any(|w| matches!(w, PipelineWarning::Degrees(_))) {
         found.extend(jumps::warning(robot, sequences));
     }
+    found.extend(gaps::warning(sequences));
     let unwound: Vec<_> = sequences.iter().map(|s| unwound(robot, s)).collect();
     found.extend(velocities::warning(robot, &unwound));
     found
@@ -430,8 +475,31 @@ pub fn view_warnings(rest: &RestPoints, view: &RgbdView) -> Vec<PipelineWarning>
     elsewhere.then_some(warning).into_iter().collect()
 }
 
-/// What looks wrong with the meshes that contact uses: faces turned over, sides that are a guess.
-pub fn mesh_warnings(scene: &Scene) -> Vec<PipelineWarning> {
+/// What looks wrong with the shapes that contact uses: links far too large, points that are touched from everywhere,
+/// meshes with faces turned over or sides that are a guess.
+pub fn scene_warnings(scene: &Scene) -> Vec<PipelineWarning> {
+    let huge = |link: &LinkSdf| {
+        let (low, high) = link.sdf.bounds();
+        let size = (high - low).max();
+        (size > MOST_SIZE).then(|| PipelineWarning::HugeLink {
+            link: scene.robot().links()[link.link].name().to_owned(),
+            size,
+        })
+    };
+    let contact = scene.contact();
+    let (low, high) = scene.rest().bounds();
+    let (level, size) = (contact.threshold + contact.padding, (high - low).norm());
+    let touches_all = size > 0.0 && level > size;
+    let touches_all = touches_all.then_some(PipelineWarning::TouchesAll { level, size });
+    let found = scene
+        .link_shapes()
+        .iter()
+        .filter_map(huge)
+        .chain(touches_all);
+    found.chain(mesh_warnings(scene)).collect()
+}
+
+fn mesh_warnings(scene: &Scene) -> Vec<PipelineWarning> {
     let of_grid = |grid: &LinkGrid| {
         let link = || format!("mesh of link {:?}", scene.robot().links()[grid.link].name());
         let mesh = || grid.source.clone().unwrap_or_else(link);

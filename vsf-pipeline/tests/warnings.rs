@@ -6,7 +6,7 @@ use vsf_core::{FilterHealth, UpdateReport};
 use vsf_data::{Dataset, RobotRef, Sequence, Table, TorqueKind};
 use vsf_pipeline::{
     PipelineWarning, Scene, SceneOptions, add_noise, health_warnings, motion_warnings,
-    reading_warnings, simulate,
+    reading_warnings, scene_warnings, simulate,
 };
 
 const ROWS: usize = 61;
@@ -56,6 +56,47 @@ fn touch(recorded: &Scene) -> Sequence {
     let mut found = simulate(recorded, &stiffness, &[&swing()], &traces).unwrap();
     add_noise(&mut found, 0.02, 1).unwrap();
     found.remove(0)
+}
+
+#[test]
+fn links_and_thresholds_that_are_not_in_metres() {
+    let sphere = |radius: f64| {
+        let urdf = format!(
+            r#"<robot name="stick"><link name="base"/><link name="tip"><collision><geometry>
+            <sphere radius="{radius}"/></geometry></collision></link>
+            <joint name="j" type="prismatic"><parent link="base"/><child link="tip"/><axis xyz="1 0 0"/>
+            <limit lower="-1" upper="1" effort="1" velocity="1"/></joint></robot>"#
+        );
+        let folder = tempfile::tempdir().unwrap();
+        std::fs::write(folder.path().join("stick.urdf"), urdf).unwrap();
+        let robot = RobotRef::resolve("stick.urdf", folder.path()).unwrap();
+        let sequence = Sequence::new("0", vec![0.0], zeros(), zeros());
+        let points = [0.1, 0.15, 0.2].map(|x| Point3::new(x, 0.0, 0.0));
+        let dataset = Dataset {
+            rest_points: Some(points.to_vec()),
+            ..Dataset::new(robot, vec![sequence])
+        };
+        move |threshold: f64| {
+            let mut options = SceneOptions::default();
+            options.contact.threshold = threshold;
+            let _ = &folder;
+            scene_warnings(&Scene::open(&dataset, &options).unwrap())
+        }
+    };
+    fn zeros() -> Table {
+        Table::new(1, vec![0.0]).unwrap()
+    }
+    assert_eq!(sphere(0.02)(0.002), []);
+    let [huge] = &sphere(20.0)(0.002)[..] else {
+        panic!()
+    };
+    assert!(huge.to_string().starts_with("link \"tip\" is 40 m across"));
+    let [all] = &sphere(0.02)(0.2)[..] else {
+        panic!()
+    };
+    let text =
+        "points touched from 0.2 m before the robot's surface on, and the object is 0.100 m across";
+    assert!(all.to_string().contains(text), "{all}");
 }
 
 fn warned(taken: &Scene, sequence: &Sequence) -> Vec<PipelineWarning> {
@@ -232,6 +273,31 @@ fn velocities_of_another_unit() {
             "{text}"
         );
     }
+}
+
+#[test]
+fn samples_that_are_missing() {
+    let scene = scene(TorqueKind::External, 0);
+    let whole = swing();
+    let keep: Vec<usize> = (0..ROWS).filter(|k| !(20..32).contains(k)).collect();
+    let rows = |table: &Table| {
+        let rows: Vec<f64> = keep.iter().flat_map(|k| table[*k].to_vec()).collect();
+        Table::new(3, rows).unwrap()
+    };
+    let mut thinned = Sequence::new(
+        "0",
+        keep.iter().map(|k| whole.time[*k]).collect(),
+        rows(&whole.angles),
+        rows(&whole.torques),
+    );
+    let warned = |s: &Sequence| motion_warnings(scene.robot(), &[s]);
+    let [gap @ PipelineWarning::TimeGap { row: 20, .. }] = &warned(&thinned)[..] else {
+        panic!("{:?}", warned(&thinned));
+    };
+    let text = "sequence 0 row 20 comes 0.650 s after the row before, others 0.050 s";
+    assert!(gap.to_string().starts_with(text), "{gap}");
+    thinned.touch_starts = vec![0, 20];
+    assert_eq!(warned(&thinned), []);
 }
 
 /// Where a recording goes from one touch to the next, the arm jumps.

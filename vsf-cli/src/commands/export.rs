@@ -49,7 +49,7 @@ pub struct Args {
     deviation: bool,
     /// Stiffness, or deviation, at the end of the colour scale [N/m]; default the largest (.ply, .mcap), or the
     /// 99 % quantile (pictures)
-    #[arg(long, allow_negative_numbers = true, value_parser = positive)]
+    #[arg(long, value_parser = positive)]
     full_scale: Option<f64>,
     #[command(flatten)]
     model: ModelArgs,

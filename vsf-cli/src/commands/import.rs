@@ -46,7 +46,7 @@ pub struct Args {
     #[arg(long, value_delimiter = ',')]
     names: Option<Vec<String>>,
     /// Pause that ends a sequence [s]; 1 by default, and none in what `vsf export` wrote
-    #[arg(long, allow_negative_numbers = true, value_parser = positive)]
+    #[arg(long, value_parser = positive)]
     gap: Option<f64>,
     /// Take the times of logging in place of the stamps in the messages
     #[arg(long)]
@@ -62,8 +62,7 @@ pub struct Args {
         value_name = "X,Y,Z,X,Y,Z", value_parser = finite)]
     corners: Option<Vec<f64>>,
     /// Spacing of the points in the box [m]
-    #[arg(long, requires = "box", default_value_t = 0.01, allow_negative_numbers = true,
-        value_parser = positive)]
+    #[arg(long, requires = "box", default_value_t = 0.01, value_parser = positive)]
     spacing: f64,
     #[command(flatten)]
     sources: Sources,

@@ -30,7 +30,7 @@ pub struct Args {
     #[arg(long, value_parser = ending("npy"))]
     out: PathBuf,
     /// Spacing of the points [m]
-    #[arg(long, default_value_t = 0.01, allow_negative_numbers = true, value_parser = positive)]
+    #[arg(long, default_value_t = 0.01, value_parser = positive)]
     spacing: f64,
     /// The box around the object in the world frame, its corners x,y,z,x,y,z [m]; by default the recording's
     /// object_bbox

@@ -22,7 +22,7 @@ pub struct Args {
     #[arg(long)]
     out: PathBuf,
     /// Standard deviation of the noise added to every reading [N m or N]
-    #[arg(long, default_value_t = 0.0, allow_negative_numbers = true, value_parser = scatter)]
+    #[arg(long, default_value_t = 0.0, value_parser = scatter)]
     noise_sd: f64,
     /// Seed of the noise: same seed, same readings
     #[arg(long, default_value_t = 0)]

@@ -38,7 +38,7 @@ pub struct Args {
     #[arg(long, value_delimiter = ',')]
     sequences: Option<Vec<String>>,
     /// Stiffness at the end of the colour bar [N/m], default the 99 % quantile
-    #[arg(long, allow_negative_numbers = true, value_parser = positive)]
+    #[arg(long, value_parser = positive)]
     full_scale: Option<f64>,
     #[command(flatten)]
     sources: Sources,

@@ -1,0 +1,27 @@
+use super::PipelineWarning;
+use crate::median::median;
+use vsf_data::Sequence;
+
+/// Times the usual step beyond which samples are missing, and how long (s) that is at least.
+const MOST_STEPS: f64 = 10.0;
+const LEAST_GAP: f64 = 0.1;
+
+/// Time that is missing within a touch.
+pub fn warning(sequences: &[&Sequence]) -> Option<PipelineWarning> {
+    let gap = |s: &&Sequence| {
+        let step = |row: usize| s.time[row] - s.time[row - 1];
+        let rows = || s.touches().flat_map(|touch| touch.skip(1));
+        let usual = median(rows().map(step).collect())?;
+        let row = rows().find(|row| step(*row) > LEAST_GAP.max(MOST_STEPS * usual))?;
+        Some((s.id.clone(), row, step(row), usual))
+    };
+    let mut found = sequences.iter().filter_map(gap);
+    let (sequence, row, seconds, usual) = found.next()?;
+    Some(PipelineWarning::TimeGap {
+        sequence,
+        row,
+        seconds,
+        usual,
+        others: found.count(),
+    })
+}
