@@ -157,7 +157,7 @@ impl Recording {
         self.scene_by(&self.settings.options(None), console, Scene::open)
     }
 
-    /// The scene of the recording alone, to estimate a field in: where no flag says from which distance on points are
+    /// The scene of the recording alone, as fields are estimated in it: where no flag says from which distance on points are
     /// touched, from one that suits their spacing.
     pub fn scene_to_learn(&self, console: &Console) -> anyhow::Result<Scene> {
         let scene = self.scene(console)?;

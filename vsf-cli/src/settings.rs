@@ -72,8 +72,8 @@ pub struct ContactSettings {
     /// Links that may touch; all with collision shapes by default
     #[arg(long, value_delimiter = ',')]
     links: Option<Vec<String>>,
-    /// Contact threshold delta [m]: points are touched from so far before the surface on; default 0.002, and for
-    /// `vsf estimate` without --model 0.8 of the points' spacing
+    /// Contact threshold delta [m]: points are touched from so far before the surface on; default 0.8
+    /// of the points' spacing where a field is estimated without --model, 0.002 elsewhere
     #[arg(long, value_parser = length)]
     threshold: Option<f64>,
     /// Friction coefficient nu_f, default 0.15
@@ -315,6 +315,17 @@ impl MetadataSettings {
 }
 
 impl SceneSettings {
+    /// With a contact threshold (m), if one is given, and defaults for the rest.
+    pub fn with_threshold(threshold: Option<f64>) -> Self {
+        Self {
+            contact: ContactSettings {
+                threshold,
+                ..ContactSettings::default()
+            },
+            ..Self::default()
+        }
+    }
+
     /// Whether the contact threshold is given.
     pub fn has_threshold(&self) -> bool {
         self.contact.threshold.is_some()

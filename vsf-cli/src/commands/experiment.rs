@@ -7,6 +7,7 @@ mod table1;
 
 use crate::console::Console;
 use crate::exit::{message, usage};
+use crate::range::length;
 use crate::recording::{Default, Recording, traces};
 use crate::settings::SceneSettings;
 use clap::Subcommand;
@@ -43,6 +44,15 @@ pub fn run(args: &Args, console: &Console) -> anyhow::Result<()> {
         Which::Priors(args) => priors::run(args, console),
         Which::Blind(args) => blind::run(args, console),
     }
+}
+
+/// How an experiment has points touched.
+#[derive(Debug, clap::Args)]
+struct ContactArgs {
+    /// Contact threshold delta [m]: points are touched from so far before the surface on; 0.8 of the points'
+    /// spacing by default, the paper has 0.002
+    #[arg(long, value_parser = length)]
+    threshold: Option<f64>,
 }
 
 /// What an experiment found on recordings, and the recordings on which it failed.
@@ -93,7 +103,11 @@ impl<T> Found<T> {
 
 /// Opens recordings, each with its number, from 1; of one name, they are called by their paths. Fails where
 /// none can be opened.
-fn open(paths: &[PathBuf], console: &Console) -> anyhow::Result<Found<(usize, Recording)>> {
+fn open(
+    paths: &[PathBuf],
+    contact: &ContactArgs,
+    console: &Console,
+) -> anyhow::Result<Found<(usize, Recording)>> {
     paths.iter().try_for_each(|p| console.keep_input(p))?;
     if let Some(k) = (1..paths.len()).find(|&k| paths[..k].contains(&paths[k])) {
         return Err(usage(format!("{} is given twice", paths[k].display())));
@@ -104,7 +118,8 @@ fn open(paths: &[PathBuf], console: &Console) -> anyhow::Result<Found<(usize, Re
         failed: Vec::new(),
     };
     for (k, path) in paths.iter().enumerate() {
-        match Recording::open(path, &SceneSettings::default(), console) {
+        let settings = SceneSettings::with_threshold(contact.threshold);
+        match Recording::open(path, &settings, console) {
             Ok(recording) => found.all.push((k + 1, recording)),
             Err(error) => found.fail(path, error),
         }
@@ -132,7 +147,7 @@ fn each<T>(
     let run = |number: usize, recording: &Recording| {
         let mut sequences = recording.sequences(None, Default::Train)?;
         sequences.extend(recording.sequences(None, Default::Test)?);
-        let scene = recording.scene(console)?;
+        let scene = recording.scene_to_learn(console)?;
         let traces = traces(&scene, &sequences, console)?;
         let campaign = Campaign::new(&recording.dataset, &scene, &traces)?;
         of(number, recording, &campaign)

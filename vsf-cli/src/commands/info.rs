@@ -9,7 +9,7 @@ use vsf::robots::RobotModel;
 #[derive(Debug, clap::Args)]
 #[command(after_help = "\
 JSON keys: name, description, robot, joints (name, unit), torque_kind, rate_hz, tare_samples, train, \
-test, points, bounds ([lower, upper] in m), stored_field, camera, sequences (sequence, \
+test, points, bounds ([lower, upper] in m), threshold (of contact, m), stored_field, camera, sequences (sequence, \
 samples, duration_s, touches, contact_samples, mean_contacts; the last two null without points), grids \
 (link, mesh, resolution_m, error_p99_m, reached, boundary_edges, edges, unsure_share, turned_share), \
 links_without_inertia.")]
@@ -31,6 +31,7 @@ struct Report {
     test: Vec<String>,
     points: usize,
     bounds: Option<[[f64; 3]; 2]>,
+    threshold: Option<f64>,
     stored_field: bool,
     camera: bool,
     sequences: Vec<Entry>,
@@ -70,7 +71,10 @@ struct Grid {
 pub fn run(args: &Args, console: &Console) -> anyhow::Result<()> {
     let recording = args.recording.open(console)?;
     let sequences = recording.sequences(None, Default::All)?;
-    let scene = recording.scene_or_air(console)?;
+    let scene = match recording.has_points() {
+        true => recording.scene_to_learn(console)?,
+        false => recording.scene_or_air(console)?,
+    };
     let traces = traces(&scene, &sequences, console)?;
     untouched(&scene, &traces)
         .iter()
@@ -125,6 +129,7 @@ fn describe(
         },
         points: points.len(),
         bounds: bounds(points),
+        threshold: scene.map(|s| s.contact().threshold),
         sequences: dataset.sequences.iter().enumerate().map(entry).collect(),
         grids: grids.collect(),
         links_without_inertia: massless.map(|l| l.name().to_owned()).collect(),
@@ -177,6 +182,10 @@ fn text(report: &Report) -> String {
             text += &format!("  points    {}, x {x}, y {y}, z {z} m\n", report.points);
         }
         None => text += "  points    none: free motion, no stiffness to estimate\n",
+    }
+    if let Some(threshold) = report.threshold {
+        let millimetres = number(1e3 * threshold);
+        text += &format!("  contact   from {millimetres} mm before the surface on\n");
     }
     let yes = |b: bool| if b { "yes" } else { "no" };
     text += &format!(

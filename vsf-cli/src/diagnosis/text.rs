@@ -3,11 +3,14 @@ use super::words::{
     summary, untestable, verdict,
 };
 use crate::console::{number, table};
-use vsf::gap::{Diagnosis, Kind, Limit, ModelFile, Part};
+use vsf::gap::{Diagnosis, EffectReport, Kind, Limit, ModelFile, Part};
 
 /// Parts named of every kind, and the share below which a part is not worth a word.
 const PARTS: usize = 4;
 const LEAST: f64 = 0.05;
+
+/// Probability from which on an effect is worth a word.
+const LIKELY_ENOUGH: f64 = 0.01;
 
 /// The report on the terminal.
 pub fn text(diagnosis: &Diagnosis, model: &ModelFile) -> String {
@@ -55,9 +58,20 @@ fn effects(diagnosis: &Diagnosis, model: &ModelFile) -> String {
         text += "\neffects\n";
         text += &table(&header, &rows);
     }
-    for e in fitted(all).filter(|e| !e.ambiguous_with.is_empty()) {
-        let others = e.ambiguous_with.join(", ");
-        text += &format!("  {} is not told from {others}\n", e.effect);
+    for e in fitted(all).filter(|e| e.probability >= LIKELY_ENOUGH) {
+        let (apart, alike): (Vec<&str>, Vec<&str>) = (e.ambiguous_with.iter())
+            .map(String::as_str)
+            .partition(|name| is_behind(all, e, name));
+        if !apart.is_empty() {
+            let names = apart.join(", ");
+            text += &format!(
+                "  {} looks much like {names} here, which are less likely\n",
+                e.effect
+            );
+        }
+        if !alike.is_empty() {
+            text += &format!("  {} is not told from {}\n", e.effect, alike.join(", "));
+        }
     }
     for e in &model.effects {
         text += &format!(
@@ -77,6 +91,12 @@ fn effects(diagnosis: &Diagnosis, model: &ModelFile) -> String {
         text += &format!("\nnot testable ({reason}): {}\n", names.join(", "));
     }
     text
+}
+
+/// Whether an effect is far less likely than another one.
+fn is_behind(all: &[EffectReport], than: &EffectReport, name: &str) -> bool {
+    let other = all.iter().find(|e| e.effect == name);
+    other.is_some_and(|o| o.probability < LIKELY_ENOUGH * than.probability)
 }
 
 /// How large effects would have to be.

@@ -1,12 +1,15 @@
 use crate::console::number;
-use vsf::gap::{Diagnosis, EffectReport, Kind, Limit, Of};
+use vsf::gap::{Diagnosis, EffectReport, Gap, Kind, Limit, Of};
 
 /// Headings of what would show, and of what would not.
 pub const SHOWS_FROM: &str = "would not have shown below this size (the parameter that shows best, to first order; in contact it takes more)";
 pub const HIDDEN: &str = "would not have shown at any plausible size, to first order";
 
-/// Test errors beyond so many noise floors are explained to the reader.
+/// Test errors beyond so many noise floors are no longer those of a perfect model.
 const ROUGH: f64 = 3.0;
+
+/// A gap of which so much is closed is explained, whatever the noise.
+const CLOSED: f64 = 0.99;
 
 /// A claim of less probability is uncertain.
 const LIKELY: f64 = 0.5;
@@ -37,7 +40,10 @@ pub fn verdict(diagnosis: &Diagnosis) -> String {
         Kind::Effects if is_uncertain(diagnosis) => {
             format!("Uncertain: {effects} fit{s} best, with a probability of {p} only.")
         }
-        Kind::Effects => format!("{effects} explain{s} the gap (probability {p})."),
+        Kind::Effects => format!(
+            "{effects} explain{s} {}the gap (probability {p}).",
+            extent(gap)
+        ),
         Kind::NoGap if is_uncertain(diagnosis) => format!(
             "Uncertain: no effect is borne out by this recording, but that none acts has a probability of {p} only."
         ),
@@ -57,6 +63,16 @@ pub fn verdict(diagnosis: &Diagnosis) -> String {
             "Not diagnosable: something acts, but this recording fits {} alike.",
             verdict.effect_set_95.join(", ")
         ),
+    }
+}
+
+/// How much of the gap the correction takes.
+fn extent(gap: &Gap) -> &'static str {
+    let left = gap.test_error_corrected > ROUGH * gap.noise_floor;
+    match left && gap.closed_fraction < CLOSED {
+        false => "",
+        true if gap.closed_fraction > 0.5 => "most of ",
+        true => "part of ",
     }
 }
 

@@ -1,6 +1,6 @@
 use super::figures::Figures;
 use super::report::{figures_text, tables};
-use super::{Failed, Found, each, open, progress};
+use super::{ContactArgs, Failed, Found, each, open, progress};
 use crate::console::{Console, check_folder, create_folder, texts, unmarked};
 use crate::recording::Recording;
 use crate::samples::{FAR_PLACES, NEAR_PLACES, ONE_PLACE};
@@ -22,7 +22,7 @@ other one touches too, NO overlap where the median sequence has less than a quar
 other touches, else PARTIAL. Run it alone on the machine: Tables I and II and Fig. 4 tell times.
 
 JSON keys: recordings (recording, unit, overlap, shares (least_pair, with_all), train_sequences, test_sequences, \
-leave_one_out, table1 (a row as in `vsf experiment table1`), update_speed (contacts, rate_hz), errors \
+leave_one_out, threshold (m), table1 (a row as in `vsf experiment table1`), update_speed (contacts, rate_hz), errors \
 (method, and the keys of `vsf evaluate`), curve (sequences, errors; PARTIAL overlap)), vision, update_times (stage, times \
 (contacts, median_ms, low_ms, high_ms)), written, failed (recording, error).")]
 pub struct Args {
@@ -32,8 +32,10 @@ pub struct Args {
     #[arg(long, default_value = "vsf-paper")]
     out: PathBuf,
     /// How untouched points are guessed by what the camera sees
-    #[arg(long, value_enum, default_value_t = VisionKind::Level)]
+    #[arg(long, value_enum, default_value_t = VisionKind::Gp)]
     vision: VisionKind,
+    #[command(flatten)]
+    contact: ContactArgs,
 }
 
 /// What is told of one recording.
@@ -49,6 +51,8 @@ pub struct Entry {
     pub train_sequences: usize,
     pub test_sequences: usize,
     pub leave_one_out: bool,
+    /// Contact threshold (m).
+    pub threshold: f64,
     pub table1: Table1Row,
     pub update_speed: UpdateSpeed,
     pub errors: Vec<MethodErrors>,
@@ -99,7 +103,7 @@ pub fn run(args: &Args, console: &Console) -> anyhow::Result<()> {
         false => args.recordings.clone(),
     };
     let all = recordings.len();
-    let opened = open(&recordings, console)?;
+    let opened = open(&recordings, &args.contact, console)?;
     create_folder(out)?;
     let spinner = console.spinner("timing updates");
     let update_times = update_times()?;
@@ -184,6 +188,7 @@ fn entry(
         train_sequences: campaign.train_len(),
         test_sequences: campaign.test_len(),
         leave_one_out: campaign.leave_one_out(),
+        threshold: campaign.scene().contact().threshold,
         table1,
         update_speed,
         errors,

@@ -1,4 +1,4 @@
-use super::{Failed, each, open, progress};
+use super::{ContactArgs, Failed, each, open, progress};
 use crate::console::{Console, number};
 use serde::Serialize;
 use std::path::PathBuf;
@@ -16,6 +16,8 @@ pub struct Args {
     /// Recordings with train and test sequences
     #[arg(required = true)]
     recordings: Vec<PathBuf>,
+    #[command(flatten)]
+    contact: ContactArgs,
 }
 
 /// What is told of one recording.
@@ -34,7 +36,7 @@ struct Report<'a> {
 pub fn run(args: &Args, console: &Console) -> anyhow::Result<()> {
     let all = args.recordings.len();
     let found = each(
-        open(&args.recordings, console)?,
+        open(&args.recordings, &args.contact, console)?,
         console,
         |number, recording, campaign| {
             let spinner = console.spinner(progress("priors", number, all));

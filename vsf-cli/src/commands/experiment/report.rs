@@ -11,10 +11,11 @@ pub fn tables(entries: &[Entry], update_times: &[UpdateTimes]) -> String {
 ## Recordings
 
 Overlap is told from contacts: the share of a sequence's contacts on points that another one touches, the
-least of all pairs, and on points that any other touches, the median.
+least of all pairs, and on points that any other touches, the median. Points are touched from the threshold
+before the surface on.
 
-| recording | overlap | least pair | with all others | train | test |
-| --- | --- | --- | --- | --- | --- |
+| recording | overlap | least pair | with all others | train | test | threshold [mm] |
+| --- | --- | --- | --- | --- | --- | --- |
 "
     .to_owned();
     for e in entries {
@@ -23,8 +24,13 @@ least of all pairs, and on points that any other touches, the median.
             false => e.test_sequences.to_string(),
         };
         text += &format!(
-            "| {} | {} | {:.2} | {:.2} | {} | {test} |\n",
-            e.recording, e.overlap, e.shares.least_pair, e.shares.with_all, e.train_sequences
+            "| {} | {} | {:.2} | {:.2} | {} | {test} | {:.2} |\n",
+            e.recording,
+            e.overlap,
+            e.shares.least_pair,
+            e.shares.with_all,
+            e.train_sequences,
+            1e3 * e.threshold
         );
     }
     text += "\n## Table I: with and without memory replay\n\n";

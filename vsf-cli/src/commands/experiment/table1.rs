@@ -1,4 +1,4 @@
-use super::{Failed, each, open, progress};
+use super::{ContactArgs, Failed, each, open, progress};
 use crate::console::Console;
 use serde::Serialize;
 use std::path::PathBuf;
@@ -15,6 +15,8 @@ pub struct Args {
     /// Recordings with train and test sequences, one row each
     #[arg(required = true)]
     recordings: Vec<PathBuf>,
+    #[command(flatten)]
+    contact: ContactArgs,
 }
 
 #[derive(Serialize)]
@@ -26,7 +28,7 @@ struct Report<'a> {
 pub fn run(args: &Args, console: &Console) -> anyhow::Result<()> {
     let all = args.recordings.len();
     let found = each(
-        open(&args.recordings, console)?,
+        open(&args.recordings, &args.contact, console)?,
         console,
         |number, _, campaign| {
             let spinner = console.spinner(progress("estimators", number, all));
