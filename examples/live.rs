@@ -102,7 +102,7 @@ fn main() -> Result<(), Box<dyn Error>> {
         Some(folder) => {
             let (dataset, warnings) = Dataset::open(folder, &Overrides::default())?;
             warnings.iter().for_each(|w| eprintln!("warning: {w}"));
-            let scene = Scene::open(&dataset, &SceneOptions::default())?;
+            let scene = Scene::open(&dataset, &SceneOptions::default())?.with_suited_threshold()?;
             (
                 scene.robot().clone(),
                 scene.rest().clone(),

@@ -11,7 +11,7 @@ use vsf::contact::GridOptions;
 use vsf::core::nalgebra::{Isometry3, Point3, Vector3};
 use vsf::core::{Belief, CoreError, RestPoints, TriMesh};
 use vsf::data::{
-    CameraView, Dataset, FieldContact, RobotRef, Sequence, Splits, StiffnessField, Table,
+    CameraView, Dataset, ContactParameters, RobotRef, Sequence, Splits, StiffnessField, Table,
     TorqueKind,
 };
 use vsf::filter::{
@@ -143,7 +143,7 @@ pub fn field() -> StiffnessField {
         recording: Some("small".to_owned()),
         learned_from: Some("1".to_owned()),
         model: Some("latency".to_owned()),
-        contact: Some(FieldContact {
+        contact: Some(ContactParameters {
             threshold: 0.002,
             friction: 0.15,
             slip_step: 1e-4,

@@ -4,7 +4,7 @@ use crate::console::{Console, read_text};
 use crate::recording::{Recording, traces, untouched};
 use anyhow::Context;
 use std::path::PathBuf;
-use vsf::data::{Dataset, Sequence};
+use vsf::data::{ContactParameters, Dataset, Sequence};
 use vsf::gap::{Campaign, Corrected, EffectEntry, Model, ModelFile, effects};
 use vsf::pipeline::{
     PipelineError, Scene, SequencePrediction, Trace, motion_warnings, reading_warnings, simulate,
@@ -102,6 +102,11 @@ impl ModelArgs {
 }
 
 impl CorrectedModel {
+    /// The parameters of contact that it was found with, if it says.
+    pub fn contact(&self) -> Option<&ContactParameters> {
+        self.file.contact.as_ref()
+    }
+
     /// Its effects with the values of their parameters, which tell it from other models.
     pub fn text(&self) -> String {
         let effect = |entry: &EffectEntry| {

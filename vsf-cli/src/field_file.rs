@@ -4,7 +4,7 @@ use crate::exit::usage;
 use crate::interrupt::writing;
 use std::path::{Path, PathBuf};
 use vsf::core::Belief;
-use vsf::data::{FieldContact, McapExport, Sequence, StiffnessField, Table};
+use vsf::data::{ContactParameters, McapExport, Sequence, StiffnessField, Table};
 use vsf::pipeline::{Estimate, Hyper, Scene};
 
 const TOUCHED: &str = "touched";
@@ -145,7 +145,7 @@ impl FieldFile {
             ),
             features: features.map(|(k, v)| (k.to_owned(), v)).into(),
             recording: Some(recording.to_owned()),
-            contact: Some(scene.field_contact()),
+            contact: Some(scene.contact_parameters()),
             ..StiffnessField::default()
         })
     }
@@ -167,15 +167,8 @@ impl FieldFile {
         let Some(stored) = &self.field.contact else {
             return;
         };
-        let pairs = contact_flags(stored)
-            .into_iter()
-            .zip(contact_flags(&scene.field_contact()));
-        let other = pairs.filter(|((_, was), (_, is))| was != is);
-        let (was, is): (Vec<_>, Vec<_>) = other
-            .map(|((flag, was), (_, is))| (format!("{flag} {was}"), is))
-            .unzip();
-        if !was.is_empty() {
-            let (path, was, is) = (self.path.display(), was.join(" "), is.join(" "));
+        if let Some((was, is)) = difference(stored, &scene.contact_parameters()) {
+            let path = self.path.display();
             console.warn(format!(
                 "{path}: the field was estimated with {was}, not {is}; without these flags it predicts as it was \
                  estimated"
@@ -186,6 +179,15 @@ impl FieldFile {
     /// Warns where predictions run under another corrected model than the field was estimated with.
     pub fn compare_model(&self, given: Option<&CorrectedModel>, console: &Console) {
         let path = self.path.display();
+        if let (Some(own), Some(of_model)) =
+            (&self.field.contact, given.and_then(CorrectedModel::contact))
+            && let Some((was, is)) = difference(of_model, own)
+        {
+            console.warn(format!(
+                "{path}: the corrected model was found with {was}, the field estimated with {is}: the model's effects \
+                 are relative to another contact"
+            ));
+        }
         let given = given.map(CorrectedModel::text).filter(|t| !t.is_empty());
         // Fields of other programs do not say.
         let is_ours = self.field.contact.is_some();
@@ -262,10 +264,24 @@ impl FieldFile {
     }
 }
 
+/// What parameters of contact are, by their flags, and what others are in their place.
+fn difference(was: &ContactParameters, is: &ContactParameters) -> Option<(String, String)> {
+    let pairs = contact_flags(was).into_iter().zip(contact_flags(is));
+    let (was, is): (Vec<_>, Vec<_>) = pairs
+        .filter(|((_, was), (_, is))| was != is)
+        .map(|((flag, was), (_, is))| (format!("{flag} {was}"), is))
+        .unzip();
+    (!was.is_empty()).then(|| (was.join(" "), is.join(" ")))
+}
+
 /// Parameters of contact by their flags.
-fn contact_flags(contact: &FieldContact) -> [(&'static str, String); 7] {
+fn contact_flags(contact: &ContactParameters) -> [(&'static str, String); 7] {
     let links = match &contact.links {
-        Some(names) => names.join(","),
+        Some(names) => {
+            let mut names = names.clone();
+            names.sort();
+            names.join(",")
+        }
         None => "of all links".to_owned(),
     };
     [

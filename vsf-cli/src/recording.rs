@@ -7,7 +7,7 @@ use crate::settings::{MetadataSettings, SceneSettings};
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 use vsf::contact::{CacheUse, ContactError};
-use vsf::data::{DataError, Dataset, RobotRef, Sequence, StiffnessField};
+use vsf::data::{ContactParameters, DataError, Dataset, RobotRef, Sequence, StiffnessField};
 use vsf::gap::Campaign;
 use vsf::pipeline::{
     PipelineError, Scene, SceneOptions, Trace, motion_warnings, reading_warnings, rgbd_view,
@@ -152,25 +152,32 @@ impl Recording {
         Ok(chosen)
     }
 
-    /// The scene of the recording alone.
-    pub fn scene(&self, console: &Console) -> anyhow::Result<Scene> {
-        self.scene_by(&self.settings.options(None), console, Scene::open)
+    /// The scene of the recording alone, in the contact that a corrected model remembers, if there is one.
+    pub fn scene(
+        &self,
+        remembered: Option<&ContactParameters>,
+        console: &Console,
+    ) -> anyhow::Result<Scene> {
+        self.scene_by(&self.settings.options(remembered), console, Scene::open)
     }
 
     /// The scene of the recording alone, as fields are estimated in it: where no flag says from which distance on points are
     /// touched, from one that suits their spacing.
     pub fn scene_to_learn(&self, console: &Console) -> anyhow::Result<Scene> {
-        let scene = self.scene(console)?;
-        match self.settings.has_threshold() {
-            true => Ok(scene),
-            false => Ok(scene.with_suited_threshold()?),
-        }
+        let options = self.settings.options(None);
+        self.scene_by(&options, console, |dataset, options| {
+            let scene = Scene::open(dataset, options)?;
+            match self.settings.has_threshold() {
+                true => Ok(scene),
+                false => scene.with_suited_threshold(),
+            }
+        })
     }
 
     /// The scene of the recording alone, without points if it has none.
     pub fn scene_or_air(&self, console: &Console) -> anyhow::Result<Scene> {
         match self.has_points() {
-            true => self.scene(console),
+            true => self.scene(None, console),
             false => Ok(Scene::in_air(&self.dataset, self.robot()?)?),
         }
     }
@@ -189,7 +196,7 @@ impl Recording {
         }
         let field = self.field(given, console)?;
         field.compare_model(model, console);
-        let scene = self.scene_of(&field, console)?;
+        let scene = self.scene_of(&field, model, console)?;
         Ok((field, scene))
     }
 
@@ -222,11 +229,19 @@ impl Recording {
     }
 
     /// The scene of a field in this recording, [checked](Recording::check_field): without own points it takes
-    /// the field's. Contact is that of the flags, and otherwise of the field.
-    pub fn scene_of(&self, field: &FieldFile, console: &Console) -> anyhow::Result<Scene> {
+    /// the field's. Contact is that of the flags, otherwise of the field, otherwise of the corrected model.
+    pub fn scene_of(
+        &self,
+        field: &FieldFile,
+        model: Option<&CorrectedModel>,
+        console: &Console,
+    ) -> anyhow::Result<Scene> {
         self.check_field(field, console)?;
         let points = &field.field.points;
-        let options = self.settings.options(field.field.contact.as_ref());
+        let of_model = model.and_then(CorrectedModel::contact);
+        let options = self
+            .settings
+            .options(field.field.contact.as_ref().or(of_model));
         let scene = self.scene_by(&options, console, |dataset, options| {
             Scene::with_points(dataset, points.clone(), options)
         })?;
@@ -241,7 +256,14 @@ impl Recording {
         open: impl FnOnce(&Dataset, &SceneOptions) -> Result<Scene, PipelineError>,
     ) -> anyhow::Result<Scene> {
         let spinner = console.spinner("reading the robot");
-        let scene = open(&self.dataset, options).map_err(explain)?;
+        let scene = open(&self.dataset, options).map_err(|e| match e {
+            PipelineError::Robot(e @ RobotError::UnknownLink { .. })
+                if !self.settings.has_links() =>
+            {
+                anyhow::anyhow!("the field or model remembers which links touched (--links): {e}")
+            }
+            other => explain(other),
+        })?;
         spinner.finish_and_clear();
         scene_warnings(&scene).iter().for_each(|w| console.warn(w));
         for grid in scene.grids() {

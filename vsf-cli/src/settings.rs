@@ -11,7 +11,7 @@ use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use vsf::contact::{ContactConfig, GridOptions};
 use vsf::core::nalgebra::{Isometry3, Translation3, UnitQuaternion, Vector3};
-use vsf::data::{FieldContact, JointType, Overrides, RobotRef, Splits, TorqueKind};
+use vsf::data::{ContactParameters, JointType, Overrides, RobotRef, Splits, TorqueKind};
 use vsf::filter::{DiagonalForm, Projection, ReplayConfig, ReplayVariance};
 use vsf::pipeline::{EstimatorSpec, HyperMethod, PriorShape, SceneOptions, VisionSpec};
 use vsf::vision::{GpConfig, KnnConfig, LearnedPrior, RegressorSpec};
@@ -73,7 +73,7 @@ pub struct ContactSettings {
     #[arg(long, value_delimiter = ',')]
     links: Option<Vec<String>>,
     /// Contact threshold delta [m]: points are touched from so far before the surface on; default 0.8
-    /// of the points' spacing where a field is estimated without --model, 0.002 elsewhere
+    /// of the points' spacing where fields are learned or looked at, 0.002 in diagnoses; corrected models and fields bring theirs
     #[arg(long, value_parser = length)]
     threshold: Option<f64>,
     /// Friction coefficient nu_f, default 0.15
@@ -326,17 +326,22 @@ impl SceneSettings {
         }
     }
 
+    /// Whether the links that may touch are given.
+    pub fn has_links(&self) -> bool {
+        self.contact.links.is_some()
+    }
+
     /// Whether the contact threshold is given.
     pub fn has_threshold(&self) -> bool {
         self.contact.threshold.is_some()
     }
 
-    /// How the scene is put together: the flags, over the contact that a field remembers, over the defaults.
-    pub fn options(&self, field: Option<&FieldContact>) -> SceneOptions {
+    /// How the scene is put together: the flags, over the contact that a field or a model remembers, over the defaults.
+    pub fn options(&self, remembered: Option<&ContactParameters>) -> SceneOptions {
         let given = &self.contact;
         let below = SceneOptions::default();
-        let below = match field {
-            Some(field) => below.with_contact_of(field),
+        let below = match remembered {
+            Some(contact) => below.with_contact_of(contact),
             None => below,
         };
         let defaults = match given.slip_step {

@@ -133,7 +133,7 @@ fn a_bias_is_named_and_corrected() {
     assert_eq!(places(&again), places(&page));
     assert!(again.contains("torque_bias explains the gap") && !again.contains("class=\"plot\""));
     bench.fails("view d.json --field truth --out x.html", 2, &["--field"]);
-    bench.fails("view m.json --out x.html", 2, &["m.json", "no diagnosis"]);
+    bench.fails("view m.json --out x.html", 1, &["m.json", "no diagnosis"]);
 
     // The file that was written serves the commands that read one.
     bench.ok("estimate touch --out plain.npz");
@@ -229,6 +229,40 @@ fn commands_with_a_model_agree() {
     // Sequences in no split, in any order.
     bench.ok("predict exact --field truth --model model.json --out other --sequences c,a --train b --test a");
     assert!(bench.root.join("other/seq_c/torques_sd.npy").is_file());
+}
+
+/// The parameters of effects are relative to the contact that they were found in.
+#[test]
+fn a_corrected_model_brings_its_contact() {
+    let bench = biased();
+    bench.ok(&format!(
+        "diagnose touch {FEW} --threshold 0.003 --model m.json"
+    ));
+    let model = fs::read_to_string(bench.root.join("m.json")).unwrap();
+    let json: Value = serde_json::from_str(&model).unwrap();
+    assert_eq!(json["contact_parameters"]["threshold"], 0.003);
+    let estimated = bench.ok("estimate touch --out field.npz --model m.json --json");
+    let estimated: Value = serde_json::from_str(&estimated).unwrap();
+    assert_eq!(estimated["threshold"], 0.003);
+
+    bench.ok("estimate touch --out plain.npz --threshold 0.001");
+    let warning = bench.warned("evaluate touch --field plain.npz --model m.json");
+    let says =
+        "the corrected model was found with --threshold 0.003, the field estimated with 0.001";
+    assert!(warning.contains(says), "{warning}");
+
+    let elsewhere = model.replace(
+        "\"subdivision\": 2",
+        "\"subdivision\": 2, \"links\": [\"tail\"]",
+    );
+    assert_ne!(elsewhere, model);
+    fs::write(bench.root.join("m.json"), elsewhere).unwrap();
+    let line = "estimate touch --out field.npz --model m.json";
+    bench.fails(
+        line,
+        1,
+        &["remembers which links touched", "no link 'tail'"],
+    );
 }
 
 /// A field knows the corrected model that it was estimated with.

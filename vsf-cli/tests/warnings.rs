@@ -168,7 +168,7 @@ fn grids_too_coarse_for_contact() {
         "info arm --grid-resolution 0.03",
         &[
             "link \"rod\"",
-            "contact threshold of 0.002",
+            "contact threshold of 0.004",
             "a finer --grid-resolution",
         ],
     );

@@ -1,16 +1,20 @@
+use std::ops::RangeInclusive;
 use vsf_core::CoreError;
+
+/// Lengths (m) on the scale of what is touched.
+const LENGTHS: RangeInclusive<f64> = 1e-9..=1.0;
 
 /// Parameters of the stick-slip contact model; section III-B-a of the paper.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct ContactConfig {
-    /// Contact threshold delta (m), > 0, default 2 mm (paper). A point is in contact while it is
+    /// Contact threshold delta (m), 1e-9 to 1, default 2 mm (paper). A point is in contact while it is
     /// closer than this to the surface of a link, and rests on the surface offset by this much.
     pub threshold: f64,
     /// Friction coefficient nu_f (1), >= 0, default 0.15 (paper). A point sticks while its
     /// displacement lies in the cone `u . n >= |u| / sqrt(1 + nu_f²)`, that is, its tangential
     /// part is at most `nu_f` times its normal part.
     pub friction: f64,
-    /// Slip step lambda_s (m) of one slip iteration, > 0, default 0.1 mm (paper).
+    /// Slip step lambda_s (m) of one slip iteration, 1e-9 to 1, default 0.1 mm (paper).
     /// [`with_slip_step`](Self::with_slip_step) changes it without changing how far a point may slip.
     pub slip_step: f64,
     /// Most slip iterations of one point in one step, >= 0, default 200 (2 cm of slip at the
@@ -18,10 +22,10 @@ pub struct ContactConfig {
     /// cone, so that the result converges as the sample rate grows; 1 slips once per sample, 0
     /// sticks always.
     pub max_slip_iterations: u32,
-    /// Offset added to every link's surface (m), default 0; positive makes the robot thicker,
+    /// Offset added to every link's surface (m), at most 1, default 0; positive makes the robot thicker,
     /// `threshold + padding` must stay > 0.
     pub padding: f64,
-    /// How far (m) a point follows a link that leaves it, >= 0, default 0: it lets go when its
+    /// How far (m) a point follows a link that leaves it, 0 to 1, default 0: it lets go when its
     /// displacement away from the link exceeds this. The paper has no adhesion.
     pub adhesion: f64,
     /// Whether a step may use the threads of the current rayon pool, default false. The result is
@@ -78,8 +82,8 @@ impl ContactConfig {
         check(
             "contact threshold",
             self.threshold,
-            self.threshold > 0.0,
-            "> 0 m",
+            LENGTHS.contains(&self.threshold),
+            "1e-9 to 1 m",
         )?;
         check(
             "friction coefficient",
@@ -87,13 +91,23 @@ impl ContactConfig {
             self.friction >= 0.0,
             ">= 0",
         )?;
-        check("slip step", self.slip_step, self.slip_step > 0.0, "> 0 m")?;
-        check("adhesion", self.adhesion, self.adhesion >= 0.0, ">= 0 m")?;
+        check(
+            "slip step",
+            self.slip_step,
+            LENGTHS.contains(&self.slip_step),
+            "1e-9 to 1 m",
+        )?;
+        check(
+            "adhesion",
+            self.adhesion,
+            (0.0..=1.0).contains(&self.adhesion),
+            "0 to 1 m",
+        )?;
         check(
             "padding",
             self.padding,
-            self.level() > 0.0,
-            "threshold + padding > 0 m",
+            self.level() > 0.0 && self.padding <= 1.0,
+            "threshold + padding > 0 m, at most 1 m",
         )
     }
 

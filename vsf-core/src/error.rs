@@ -42,6 +42,14 @@ pub enum CoreError {
         /// The index that is not larger.
         index: usize,
     },
+    /// A rest point lies farther away than anything that a robot touches.
+    #[error("rest point {index} has the coordinate {value:e} m, beyond 1e6 m; check units")]
+    TooFar {
+        /// Index of the point.
+        index: usize,
+        /// The coordinate.
+        value: f64,
+    },
     /// A parameter lies outside its range.
     #[error("{name} = {value:?} is out of range: {range}")]
     Parameter {

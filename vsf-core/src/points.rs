@@ -35,11 +35,14 @@ pub struct Cell<'a> {
     pub points: &'a [u32],
 }
 
+/// Coordinates of more (m) are no metres.
+const FARTHEST: f64 = 1e6;
+
 impl RestPoints {
     /// Takes the positions and builds the grid, in O(N).
     ///
     /// # Errors
-    /// A coordinate that is not finite, or more than `u32::MAX - 1` points.
+    /// A coordinate that is not finite or beyond 1e6 m, or more than `u32::MAX - 1` points.
     pub fn new(positions: Vec<Point3<f64>>) -> Result<Self, CoreError> {
         let n = positions.len();
         if n >= u32::MAX as usize {
@@ -56,6 +59,9 @@ impl RestPoints {
                     index,
                     value,
                 });
+            }
+            if let Some(&value) = p.iter().find(|c| c.abs() > FARTHEST) {
+                return Err(CoreError::TooFar { index, value });
             }
         }
         let (lower, upper) = bulk(&positions);
@@ -82,9 +88,6 @@ impl RestPoints {
         let longest = extent.max();
         if n == 0 || longest <= 0.0 {
             return (1.0, [1; 3]);
-        }
-        if !longest.is_finite() {
-            return (f64::MAX, [1; 3]);
         }
         // Flat and thin clouds count the dimensions in which they extend.
         let broad: Vec<f64> = extent

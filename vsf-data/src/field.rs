@@ -1,7 +1,7 @@
 use crate::colormap::Scale;
 use crate::npy::{self, NpyError};
 use crate::staged::Staged;
-use crate::{DataError, DataWarning, FieldContact, Table, files, json, npz, ply, write_file};
+use crate::{ContactParameters, DataError, DataWarning, Table, files, json, npz, ply, write_file};
 use nalgebra::Point3;
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
@@ -56,7 +56,7 @@ pub struct StiffnessField {
     /// The corrected model that explained a part of the readings, in words, if there was one.
     pub model: Option<String>,
     /// The parameters of contact that it was estimated with, if known.
-    pub contact: Option<FieldContact>,
+    pub contact: Option<ContactParameters>,
 }
 
 #[derive(Default, Serialize, Deserialize)]
@@ -72,7 +72,7 @@ struct Marks {
     #[serde(rename = "corrected_model", skip_serializing_if = "Option::is_none")]
     model: Option<String>,
     #[serde(rename = "contact_parameters", skip_serializing_if = "Option::is_none")]
-    contact: Option<FieldContact>,
+    contact: Option<ContactParameters>,
 }
 
 /// The arrays of a field before they are understood, from an archive or a folder.

@@ -50,10 +50,10 @@
 mod camera;
 mod check;
 mod colormap;
+mod contact_parameters;
 mod dataset;
 mod error;
 mod field;
-mod field_contact;
 mod files;
 mod json;
 mod metadata;
@@ -72,10 +72,10 @@ mod table;
 
 pub use camera::CameraView;
 pub use colormap::color;
+pub use contact_parameters::ContactParameters;
 pub use dataset::Dataset;
 pub use error::{Advice, DataError, DataWarning};
 pub use field::StiffnessField;
-pub use field_contact::FieldContact;
 pub use files::read_text;
 pub use metadata::{Attachment, JointType, Overrides, RobotRef, Splits, TorqueKind};
 pub use npy::NpyError;

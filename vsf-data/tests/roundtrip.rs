@@ -10,7 +10,7 @@ use proptest::prelude::*;
 use std::collections::BTreeMap;
 use std::fs;
 use vsf_data::{
-    Attachment, CameraView, Clock, DataError, DataWarning, Dataset, FieldContact, JointLog,
+    Attachment, CameraView, Clock, ContactParameters, DataError, DataWarning, Dataset, JointLog,
     JointType, McapExport, Overrides, RobotRef, Sequence, Splits, StiffnessField, Table,
     TorqueKind, read_pcd_cloud, read_pcd_points, read_ply_cloud, read_ply_points, read_points,
 };
@@ -76,16 +76,16 @@ fn field() -> impl Strategy<Value = StiffnessField> {
     })
 }
 
-fn contact() -> impl Strategy<Value = FieldContact> {
+fn contact() -> impl Strategy<Value = ContactParameters> {
     let steps = (0..u32::MAX, 1..9usize);
-    let links = prop::option::of(vec("[a-z]{1,3}", 0..3));
+    let links = prop::option::of(prop::collection::btree_set("[a-z]{1,3}", 1..3));
     let numbers = (1e-6..1.0, 0.0..9.0, 1e-9..1.0, 0.0..1.0, 0.0..1.0, steps);
     (numbers, links).prop_map(
         |(
             (threshold, friction, slip_step, padding, adhesion, (max_slip_iterations, subdivision)),
             links,
         )| {
-            FieldContact {
+            ContactParameters {
                 threshold,
                 friction,
                 slip_step,
@@ -93,7 +93,7 @@ fn contact() -> impl Strategy<Value = FieldContact> {
                 padding: padding - 0.9 * threshold,
                 adhesion,
                 subdivision,
-                links,
+                links: links.map(|names| names.into_iter().collect()),
             }
         },
     )
@@ -449,7 +449,7 @@ fn a_field_folder_is_not_mixed_with_another() {
 #[test]
 fn contact_out_of_range_is_refused() {
     let folder = tempfile::tempdir().unwrap();
-    let good = FieldContact {
+    let good = ContactParameters {
         threshold: 0.002,
         friction: 0.15,
         slip_step: 1e-4,
@@ -494,12 +494,20 @@ fn contact_out_of_range_is_refused() {
         assert!(error.contains(says), "{error}");
     }
     for threshold in [f64::NAN, f64::INFINITY, 0.0] {
-        field.contact = Some(FieldContact {
+        field.contact = Some(ContactParameters {
             threshold,
             ..good.clone()
         });
         let error = field.save_npz(folder.path().join(".a.npz")).unwrap_err();
         assert!(matches!(error, DataError::Metadata { .. }), "{error}");
+    }
+    for links in [vec![], vec!["a".to_owned(), "a".to_owned()]] {
+        field.contact = Some(ContactParameters {
+            links: Some(links),
+            ..good.clone()
+        });
+        let error = field.save_npz(folder.path().join(".a.npz")).unwrap_err();
+        assert!(error.to_string().contains("must name one link"), "{error}");
     }
     field.contact = None;
     field.features.insert(

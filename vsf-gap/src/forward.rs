@@ -270,7 +270,9 @@ impl ContactDriver {
         compensators: &[Box<dyn Compensator>],
     ) -> Result<Self, GapError> {
         Ok(Self {
-            model: scene.contact_model_with(contact_config(scene, compensators))?,
+            model: scene
+                .with_contact(contact_config(scene, compensators))?
+                .contact_model()?,
             force: Vector3::zeros(),
             links: Links::new(site.joints()),
         })

@@ -2,12 +2,13 @@ use crate::effect::acting_sets;
 use crate::{Effect, Estimate, GapError, Model, Parameter, Role, Site};
 use serde::{Deserialize, Serialize};
 use std::sync::Arc;
+use vsf_data::ContactParameters;
 
 /// Version of the form.
 const SCHEMA: u32 = 1;
 
-/// A corrected model as a file: JSON `{"schema": 1, "joints": [..], "effects": [{"effect", "parameters":
-/// [{"name", "value", "std", "unit"}]}]}`.
+/// A corrected model as a file: JSON `{"schema": 1, "joints": [..], "contact_parameters": {..},
+/// "effects": [{"effect", "parameters": [{"name", "value", "std", "unit"}]}]}`.
 ///
 /// It names effects and parameters, so that it holds for other recordings with the same robot, which it
 /// knows by the names of its joints; without `joints` it is taken for any. The parameters of single
@@ -30,6 +31,11 @@ pub struct ModelFile {
     /// Names of the robot's joints, in order; none if they are not known.
     #[serde(default)]
     pub joints: Vec<String>,
+    /// The parameters of contact that it was found with, to which those of its effects are relative; `None` where
+    /// they are not known, and for arms in free air.
+    #[serde(rename = "contact_parameters", default)]
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub contact: Option<ContactParameters>,
     /// The effects, in the order in which they act; none for the nominal model.
     pub effects: Vec<EffectEntry>,
 }
@@ -46,7 +52,8 @@ pub struct EffectEntry {
 }
 
 impl ModelFile {
-    /// A model at a site. `sd` holds the standard deviations of its parameters, effect by effect.
+    /// A model at a site, of a contact that is not known. `sd` holds the standard deviations of its parameters,
+    /// effect by effect.
     ///
     /// # Errors
     /// As [`ModelFile::model`]; deviations of another number than the parameters.
@@ -91,6 +98,7 @@ impl ModelFile {
         let file = Self {
             schema: SCHEMA,
             joints: joints(site),
+            contact: None,
             effects,
         };
         let known: Vec<_> = model.parts.iter().map(|(e, _)| e.clone()).collect();

@@ -49,6 +49,21 @@ fn number(v: f64) -> String {
     }
 }
 
+/// That points are touched from another distance on than where fields of them are learned.
+fn contact(campaign: &Campaign) -> Option<String> {
+    let scene = campaign.scene();
+    let own = scene.contact().threshold;
+    let suited = scene.with_suited_threshold().ok()?.contact().threshold;
+    (suited != own).then(|| {
+        format!(
+            "points are touched from {} mm before the surface on; where their stiffness is estimated it is {} mm unless \
+             the threshold is given",
+            number(1e3 * own),
+            number(1e3 * suited)
+        )
+    })
+}
+
 /// What the search and the trial left to say.
 pub(crate) fn notes(
     campaign: &Campaign,
@@ -58,6 +73,7 @@ pub(crate) fn notes(
     nominal: &Nominal,
 ) -> Vec<String> {
     let mut notes = Vec::new();
+    notes.extend(contact(campaign));
     if campaign.test.is_empty() {
         notes.push("there is one sequence only: errors are those of the fit itself".to_owned());
     }

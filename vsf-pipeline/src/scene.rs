@@ -9,7 +9,7 @@ use vsf_contact::{
     link_sdfs,
 };
 use vsf_core::RestPoints;
-use vsf_data::{Dataset, FieldContact, JointType, RobotRef, TorqueKind};
+use vsf_data::{ContactParameters, Dataset, JointType, RobotRef, TorqueKind};
 use vsf_robots::{BUILTIN_NAMES, Joint, JointKind, RobotError, RobotModel, UrdfOptions, builtin};
 
 /// Gravity where nothing else is said (m/s²), world frame.
@@ -41,8 +41,8 @@ pub struct SceneOptions {
 }
 
 impl SceneOptions {
-    /// With the parameters of contact that a field was estimated with, in place of its own. A scene in which the
-    /// field is to predict needs them.
+    /// With the parameters of contact that a field was estimated, or a corrected model found, with, in place of its own.
+    /// A scene in which they are to predict needs them.
     ///
     /// ```
     /// # use vsf_pipeline::{Scene, SceneOptions};
@@ -57,7 +57,7 @@ impl SceneOptions {
     /// # }
     /// ```
     #[must_use]
-    pub fn with_contact_of(self, field: &FieldContact) -> Self {
+    pub fn with_contact_of(self, field: &ContactParameters) -> Self {
         Self {
             contact: ContactConfig {
                 threshold: field.threshold,
@@ -86,6 +86,9 @@ impl Default for SceneOptions {
         }
     }
 }
+
+/// How far grids of meshes reach beyond the surface that points rest on, at least (m).
+const SPARE: f64 = 0.01;
 
 /// A robot and the points it touches, none in free air: all that contact needs. A clone shares points and
 /// link shapes.
@@ -192,7 +195,13 @@ impl Scene {
                 reason: "its URDF has no <collision> shapes on the links that may touch".to_owned(),
             });
         }
-        let shapes = link_sdfs(&colliders, &options.grid).map_err(|e| match e {
+        // Grids reach beyond where points are touched, with a padding that is looked for.
+        let level = options.contact.threshold + options.contact.padding;
+        let grid = GridOptions {
+            margin: options.grid.margin.max(level + SPARE),
+            ..options.grid.clone()
+        };
+        let shapes = link_sdfs(&colliders, &grid).map_err(|e| match e {
             ContactError::Collider { link, source, .. } => PipelineError::LinkShape {
                 robot: robot.name().to_owned(),
                 link: robot.links()[link].name().to_owned(),
@@ -294,18 +303,7 @@ impl Scene {
     /// # Errors
     /// None in practice: the parameters have been checked.
     pub fn contact_model(&self) -> Result<SceneContact, PipelineError> {
-        self.contact_model_with(self.contact)
-    }
-
-    /// [`Scene::contact_model`] with other parameters of contact.
-    ///
-    /// # Errors
-    /// Parameters out of range.
-    pub fn contact_model_with(
-        &self,
-        contact: ContactConfig,
-    ) -> Result<SceneContact, PipelineError> {
-        let points = StickSlip::new(self.links.clone(), contact)?;
+        let points = StickSlip::new(self.links.clone(), self.contact)?;
         Ok(match &self.cells {
             None => SceneContact::Points(points),
             Some(cells) => SceneContact::Cells(CellContact::new(points, cells.clone())),
@@ -340,9 +338,9 @@ impl Scene {
         &self.contact
     }
 
-    /// The parameters of contact that a field estimated in this scene remembers.
-    pub fn field_contact(&self) -> FieldContact {
-        FieldContact {
+    /// The parameters of contact that a field estimated in this scene, or a model found in it, remembers.
+    pub fn contact_parameters(&self) -> ContactParameters {
+        ContactParameters {
             threshold: self.contact.threshold,
             friction: self.contact.friction,
             slip_step: self.contact.slip_step,

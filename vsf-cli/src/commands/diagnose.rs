@@ -89,7 +89,9 @@ pub fn run(args: &Args, console: &Console) -> anyhow::Result<()> {
     };
     let outcome = diagnose(&campaign, name, &candidates, args.seed, progress)?;
     bar.finish_and_clear();
-    let model = ModelFile::new(campaign.site(), &outcome.model, &outcome.sd)?;
+    let scene = campaign.scene();
+    let mut model = ModelFile::new(campaign.site(), &outcome.model, &outcome.sd)?;
+    model.contact = (!scene.rest().is_empty()).then(|| scene.contact_parameters());
     let mut files = Vec::new();
     if let Some(path) = &args.html {
         files.push((path.clone(), page(&campaign, &outcome, &model)?));

@@ -104,10 +104,9 @@ pub fn run(args: &Args, console: &Console) -> anyhow::Result<()> {
         None => None,
         Some(vision) => Some((recording.view()?.ok_or(PipelineError::NoCamera)?, vision)),
     };
-    // A corrected model was found in the contact of a diagnosis.
     let scene = match &model {
         None => recording.scene_to_learn(console)?,
-        Some(_) => recording.scene(console)?,
+        Some(model) => recording.scene(model.contact(), console)?,
     };
     if let Some((view, _)) = &view {
         view_warnings(scene.rest(), view)

@@ -76,15 +76,13 @@ fn of_report(args: &Args) -> anyhow::Result<String> {
     let text = read_text(&args.input)?;
     let path = args.input.display();
     let report: Diagnosis = serde_json::from_str(&text).map_err(|e| {
-        usage(format!(
-            "{path} is no diagnosis, as `vsf diagnose --json` writes it: {e}"
-        ))
+        anyhow::anyhow!("{path} is no diagnosis, as `vsf diagnose --json` writes it: {e}")
     })?;
     match report.schema {
         1 => Ok(page_of_report(&report)),
-        other => Err(usage(format!(
-            "{path} is of schema {other}; this version reads schema 1: diagnose anew"
-        ))),
+        other => {
+            anyhow::bail!("{path} is of schema {other}; this version reads schema 1: diagnose anew")
+        }
     }
 }
 
@@ -110,7 +108,7 @@ fn of_recording(args: &Args, console: &Console) -> anyhow::Result<String> {
     let dataset = &recording.dataset;
     let found = if args.field.is_some() || dataset.field.is_some() {
         let field = recording.field(args.field.as_deref(), console)?;
-        let scene = recording.scene_of(&field, console)?;
+        let scene = recording.scene_of(&field, None, console)?;
         Some((scene, Cloud::of_field(&field, args.full_scale)?))
     } else if args.full_scale.is_some() {
         return Err(usage(

@@ -1,7 +1,7 @@
 use super::torques::torques;
 use super::words::{
-    HIDDEN, SHOWS_FROM, SQUARES, estimate, fitted, fixed, is_uncertain, limits, part, percent,
-    screened_out, size, summary, untestable, verdict,
+    HIDDEN, SHOWS_FROM, SQUARES, estimate, fitted, fixed, is_uncertain, limits, look_alikes, part,
+    percent, screened_out, size, summary, untestable, verdict,
 };
 use crate::console::number;
 use crate::html::{Script, document, escape};
@@ -213,7 +213,7 @@ fn effects(d: &Diagnosis) -> String {
             html,
             "<div class=\"wide\"><table>\n<tr><th>Effect</th><th>Probability</th><th>Score [nats]</th>\
              <th>Test error [{unit}]</th><th>Closes</th><th>Absorbed by stiffness</th>\
-             <th class=\"words\">Joints</th><th class=\"words\">Ambiguous with</th></tr>\n{rows}</table></div>\n"
+             <th class=\"words\">Joints</th><th class=\"words\">Looks like</th></tr>\n{rows}</table></div>\n"
         );
     }
     html
@@ -284,6 +284,12 @@ fn row(d: &Diagnosis, e: &EffectReport) -> String {
     let named = d.verdict.effects.contains(&e.effect);
     let or_none = |value: Option<String>| value.unwrap_or_else(|| "&ndash;".to_owned());
     let class = if named { " class=\"named\"" } else { "" };
+    let (behind, alike) = look_alikes(&d.effects, e);
+    let mut like = alike.join(", ");
+    if !behind.is_empty() {
+        let gap = if like.is_empty() { "" } else { "; " };
+        like += &format!("{gap}far less likely: {}", behind.join(", "));
+    }
     format!(
         "<tr{class}><td>{}</td><td>{}</td><td>{}</td><td>{}</td><td>{}</td><td>{}</td>\
          <td class=\"words\">{}</td><td class=\"words\">{}</td></tr>\n",
@@ -294,7 +300,7 @@ fn row(d: &Diagnosis, e: &EffectReport) -> String {
         or_none(e.closed_fraction.map(percent)),
         or_none(e.absorbed_share.map(percent)),
         escape(&e.joints.join(", ")),
-        escape(&e.ambiguous_with.join(", ")),
+        escape(&like),
     )
 }
 
@@ -324,11 +330,38 @@ mod tests {
             ("no_gap", 0.33, "uncertain", "Uncertain: no effect"),
             ("no_gap", 0.6, "no_gap", "No gap:"),
             ("effects", 0.33, "uncertain", "Uncertain: payload fits best"),
-            ("effects", 0.6, "effects", "payload explains"),
+            (
+                "effects",
+                0.6,
+                "effects",
+                "payload fits best (probability 60&nbsp;%); squared errors on the test sequences do not shrink.",
+            ),
         ] {
             let page = page_of_report(&report(kind, probability, 0.9));
             let verdict = format!("class=\"verdict {class}\">{words}");
             assert!(page.contains(&verdict), "{verdict}: {page}");
+        }
+    }
+
+    #[test]
+    fn how_much_is_explained_is_said() {
+        for (closed, after, words) in [
+            (0.995, 0.5, "payload explains the gap (probability 90 %)."),
+            (
+                0.7,
+                0.5,
+                "payload explains most of the gap (probability 90 %).",
+            ),
+            (
+                0.3,
+                0.9,
+                "payload explains part of the gap (probability 90 %).",
+            ),
+            (0.3, 0.29, "payload explains the gap (probability 90 %)."),
+        ] {
+            let mut found = report("effects", 0.9, after);
+            found.gap.closed_fraction = closed;
+            assert_eq!(verdict(&found), words);
         }
     }
 

@@ -1,16 +1,13 @@
 use super::words::{
-    HIDDEN, SHOWS_FROM, errors, estimate, fitted, fixed, limits, part, percent, screened_out, size,
-    summary, untestable, verdict,
+    HIDDEN, LIKELY_ENOUGH, SHOWS_FROM, errors, estimate, fitted, fixed, limits, look_alikes, part,
+    percent, screened_out, size, summary, untestable, verdict,
 };
 use crate::console::{number, table};
-use vsf::gap::{Diagnosis, EffectReport, Kind, Limit, ModelFile, Part};
+use vsf::gap::{Diagnosis, Kind, Limit, ModelFile, Part};
 
 /// Parts named of every kind, and the share below which a part is not worth a word.
 const PARTS: usize = 4;
 const LEAST: f64 = 0.05;
-
-/// Probability from which on an effect is worth a word.
-const LIKELY_ENOUGH: f64 = 0.01;
 
 /// The report on the terminal.
 pub fn text(diagnosis: &Diagnosis, model: &ModelFile) -> String {
@@ -59,13 +56,11 @@ fn effects(diagnosis: &Diagnosis, model: &ModelFile) -> String {
         text += &table(&header, &rows);
     }
     for e in fitted(all).filter(|e| e.probability >= LIKELY_ENOUGH) {
-        let (apart, alike): (Vec<&str>, Vec<&str>) = (e.ambiguous_with.iter())
-            .map(String::as_str)
-            .partition(|name| is_behind(all, e, name));
-        if !apart.is_empty() {
-            let names = apart.join(", ");
+        let (behind, alike) = look_alikes(all, e);
+        if !behind.is_empty() {
+            let names = behind.join(", ");
             text += &format!(
-                "  {} looks much like {names} here, which are less likely\n",
+                "  {} looks much like {names} here (far less likely)\n",
                 e.effect
             );
         }
@@ -91,12 +86,6 @@ fn effects(diagnosis: &Diagnosis, model: &ModelFile) -> String {
         text += &format!("\nnot testable ({reason}): {}\n", names.join(", "));
     }
     text
-}
-
-/// Whether an effect is far less likely than another one.
-fn is_behind(all: &[EffectReport], than: &EffectReport, name: &str) -> bool {
-    let other = all.iter().find(|e| e.effect == name);
-    other.is_some_and(|o| o.probability < LIKELY_ENOUGH * than.probability)
 }
 
 /// How large effects would have to be.

@@ -40,6 +40,9 @@ pub fn verdict(diagnosis: &Diagnosis) -> String {
         Kind::Effects if is_uncertain(diagnosis) => {
             format!("Uncertain: {effects} fit{s} best, with a probability of {p} only.")
         }
+        Kind::Effects if gap.closed_fraction <= 0.0 => format!(
+            "{effects} fit{s} best (probability {p}); squared errors on the test sequences do not shrink."
+        ),
         Kind::Effects => format!(
             "{effects} explain{s} {}the gap (probability {p}).",
             extent(gap)
@@ -74,6 +77,19 @@ fn extent(gap: &Gap) -> &'static str {
         true if gap.closed_fraction > 0.5 => "most of ",
         true => "part of ",
     }
+}
+
+/// Probability from which on an effect is worth a word.
+pub const LIKELY_ENOUGH: f64 = 0.01;
+
+/// What an effect looks much like in this recording: what is far less likely, and what it is not told from.
+pub fn look_alikes<'e>(all: &[EffectReport], of: &'e EffectReport) -> (Vec<&'e str>, Vec<&'e str>) {
+    let is_behind = |name: &&str| {
+        let other = all.iter().find(|e| e.effect == *name);
+        other.is_some_and(|o| o.probability < LIKELY_ENOUGH * of.probability)
+    };
+    let names = of.ambiguous_with.iter().map(String::as_str);
+    names.partition(is_behind)
 }
 
 /// Whether the effects named may be what the field shows.

@@ -2,11 +2,11 @@ use crate::DataError;
 use serde::{Deserialize, Serialize};
 use std::path::Path;
 
-/// Parameters of contact that a field was estimated with. A field makes up for the contact that it was learned
-/// through: predicted through another, torques err by its share of the difference.
+/// Parameters of contact that a field was estimated, or a corrected model found, with. A field makes up for the contact
+/// that it was learned through: predicted through another, torques err by its share of the difference.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields, expecting = "an object of numbers")]
-pub struct FieldContact {
+#[serde(deny_unknown_fields, expecting = "an object of parameters")]
+pub struct ContactParameters {
     /// Contact threshold delta \[m\], > 0. Lengths of this struct are 1 m at most, positive ones 1e-9 m at least.
     pub threshold: f64,
     /// Friction coefficient, >= 0.
@@ -21,12 +21,12 @@ pub struct FieldContact {
     pub adhesion: f64,
     /// Sub-points per edge of the cube that a rest point stands for, 1 to 8; 1 are the points alone.
     pub subdivision: usize,
-    /// Names of the links that may touch; `None`, and no such key in a file, for all with collision shapes.
+    /// Names of the links that may touch, each once and one at least; `None`, and no such key in a file, for all with collision shapes.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub links: Option<Vec<String>>,
 }
 
-impl FieldContact {
+impl ContactParameters {
     pub(crate) fn check(&self, path: &Path) -> Result<(), DataError> {
         let length = |v: f64| (1e-9..=1.0).contains(&v);
         let problem = if !length(self.threshold) {
@@ -44,6 +44,8 @@ impl FieldContact {
             format!("adhesion {:?} must be 0 to 1 m", self.adhesion)
         } else if !(1..=8).contains(&self.subdivision) {
             format!("subdivision {} must be 1 to 8", self.subdivision)
+        } else if let Some(links) = self.links.as_ref().filter(|l| has_none_or_twice(l)) {
+            format!("links {links:?} must name one link at least, and none twice")
         } else {
             return Ok(());
         };
@@ -53,4 +55,8 @@ impl FieldContact {
             problem,
         })
     }
+}
+
+fn has_none_or_twice(names: &[String]) -> bool {
+    names.is_empty() || (1..names.len()).any(|k| names[..k].contains(&names[k]))
 }
