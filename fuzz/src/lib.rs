@@ -11,7 +11,7 @@ use vsf::contact::GridOptions;
 use vsf::core::nalgebra::{Isometry3, Point3, Vector3};
 use vsf::core::{Belief, CoreError, RestPoints, TriMesh};
 use vsf::data::{
-    CameraView, Dataset, ContactParameters, RobotRef, Sequence, Splits, StiffnessField, Table,
+    CameraView, ContactParameters, Dataset, RobotRef, Sequence, Splits, StiffnessField, Table,
     TorqueKind,
 };
 use vsf::filter::{
