@@ -11,6 +11,39 @@ use vsf_robots::DynamicsWorkspace;
 /// Fed with the samples of a recording it gives the observations of
 /// [`Campaign::corrected`](crate::Campaign::corrected), which any
 /// [`Estimator`](vsf_core::Estimator) takes; of a recording that is tared, after [`Corrector::tare`].
+///
+/// In place of a [`Session`](vsf_core::Session), whose contact knows no effects, it stands before the estimator:
+///
+/// ```no_run
+/// # use nalgebra::Vector3;
+/// # use vsf_core::{Estimator, Noise, Observation};
+/// # use vsf_gap::{Campaign, Corrector, GapError, Model, Sample};
+/// # struct Row { clock: f64, dt: f64, q: Vec<f64>, qd: Vec<f64>, qdd: Vec<f64>, tau: Vec<f64> }
+/// # fn demo<E: Estimator<Scalar = f64>>(
+/// #     campaign: &Campaign, model: &Model, mut filter: E, stream: impl Iterator<Item = Row>,
+/// # ) -> Result<(), GapError> {
+/// let mut corrector = Corrector::new(campaign.site(), campaign.scene(), model)?;
+/// let mut obs = Observation::new(Noise::uniform(campaign.site().joints(), 0.3)?);
+/// corrector.begin_sequence("live");
+/// for row in stream {
+///     // Of `external` torques, load and reading are both what the sensors say. Of `measured` ones the load is what
+///     // `RobotModel::inverse_dynamics` needs, and the reading that less what the sensors say.
+///     let sample = Sample {
+///         clock: row.clock,
+///         dt: row.dt,
+///         q: &row.q,
+///         qd: &row.qd,
+///         qdd: &row.qdd,
+///         reading: &row.tau,
+///         load: &row.tau,
+///         force_W: Vector3::zeros(), // found by the corrector
+///     };
+///     corrector.step(&sample, &row.tau, &mut obs)?;
+///     filter.update(&obs)?;
+/// }
+/// # Ok(())
+/// # }
+/// ```
 pub struct Corrector {
     site: Site,
     compensators: Vec<Box<dyn Compensator>>,
