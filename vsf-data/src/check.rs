@@ -150,6 +150,7 @@ impl Dataset {
             }
         }
         warnings.extend(self.repeated_points(dir));
+        warnings.extend(self.other_rate(dir));
         let Splits { train, test } = &self.splits;
         let used: BTreeSet<&String> = train.iter().chain(test).collect();
         let ids: Vec<String> = (self.sequences.iter())
@@ -174,6 +175,29 @@ impl Dataset {
             });
         }
         warnings
+    }
+
+    /// Time stamps that are not those of `rate_hz`.
+    fn other_rate(&self, dir: &Path) -> Option<DataWarning> {
+        let rate_hz = self.rate_hz?;
+        let step = |s: &Sequence| {
+            let mut steps: Vec<f64> = s.time.windows(2).map(|t| t[1] - t[0]).collect();
+            steps.sort_by(f64::total_cmp);
+            steps.get(steps.len() / 2).copied()
+        };
+        let other = self.sequences.iter().filter_map(|s| {
+            let step = step(s).filter(|step| !(0.5..=2.0).contains(&(step * rate_hz)))?;
+            Some((step, s.id.clone()))
+        });
+        let (steps, ids): (Vec<f64>, Vec<String>) = other.unzip();
+        let step = *steps.first()?;
+        let path = dir.join(metadata::FILE);
+        Some(DataWarning::OtherRate {
+            path,
+            rate_hz,
+            step,
+            ids,
+        })
     }
 
     /// Rest points in the very place of others.

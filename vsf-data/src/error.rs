@@ -482,6 +482,21 @@ pub enum DataWarning {
         /// Their IDs.
         ids: Vec<String>,
     },
+    /// Time stamps that go on less than half or more than twice as fast as the metadata say.
+    #[error(
+        "{}: rate_hz = {rate_hz:?}, but most samples of sequence {} are {step:e} s apart; time stamps must be in \
+         seconds", path.display(), ids.join(", ")
+    )]
+    OtherRate {
+        /// The metadata file.
+        path: PathBuf,
+        /// What it says (Hz).
+        rate_hz: f64,
+        /// Median time between samples (s), of the first of the sequences.
+        step: f64,
+        /// IDs of the sequences.
+        ids: Vec<String>,
+    },
     /// Joint states without any of the robot's joints, as of a gripper on the same topic. They are
     /// left out.
     #[error("{} {topic}: {count} messages have none of the robot's joints, left out", path.display())]

@@ -404,6 +404,21 @@ fn warnings_name_what_was_seen() {
     folder.write("seq_10/torques.npy", &f8("(4, 2)", &[0.0; 8]));
     let (_, warnings) = folder.open().unwrap();
     assert!(matches!(&warnings[..], [DataWarning::ZeroTorques { ids, .. }] if ids == &["10"]));
+
+    // Milliseconds.
+    let folder = Folder::new();
+    let stamps = [0.0, 10.0, 20.0, 31.0];
+    folder.write("seq_2/time.npy", &f8("(4,)", &stamps));
+    let (_, warnings) = folder.open().unwrap();
+    let [other @ DataWarning::OtherRate { ids, .. }] = &warnings[..] else {
+        panic!("{warnings:?}");
+    };
+    assert_eq!(ids, &["2"]);
+    let text = other.to_string();
+    assert!(
+        text.contains("samples of sequence 2 are 1e1 s apart"),
+        "{text}"
+    );
 }
 
 fn camera_json(width: u32, height: u32) -> String {

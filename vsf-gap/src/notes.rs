@@ -73,7 +73,6 @@ pub(crate) fn notes(
     nominal: &Nominal,
 ) -> Vec<String> {
     let mut notes = Vec::new();
-    notes.extend(contact(campaign));
     if campaign.test.is_empty() {
         notes.push("there is one sequence only: errors are those of the fit itself".to_owned());
     }
@@ -163,6 +162,7 @@ pub(crate) fn notes(
             notes.extend(incomplete(floor, error));
         }
     }
+    notes.extend(contact(campaign));
     notes
 }
 
