@@ -442,7 +442,9 @@ fn entities_are_refused() {
 fn devices_do_not_fill_the_memory() {
     let error = RobotModel::from_urdf_file("/dev/zero", &UrdfOptions::default()).unwrap_err();
     assert!(
-        error.to_string().contains("/dev/zero: it is a pipe or a device"),
+        error
+            .to_string()
+            .contains("/dev/zero: it is a pipe or a device"),
         "{error}"
     );
     let error = parse(&collision(r#"<mesh filename="/dev/zero"/>"#)).unwrap_err();
