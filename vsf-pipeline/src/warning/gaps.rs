@@ -1,4 +1,5 @@
 use super::PipelineWarning;
+use super::jumps::moves;
 use crate::median::median;
 use vsf_data::Sequence;
 
@@ -10,9 +11,8 @@ const LEAST_GAP: f64 = 0.1;
 pub fn warning(sequences: &[&Sequence]) -> Option<PipelineWarning> {
     let gap = |s: &&Sequence| {
         let step = |row: usize| s.time[row] - s.time[row - 1];
-        let rows = || s.touches().flat_map(|touch| touch.skip(1));
-        let usual = median(rows().map(step).collect())?;
-        let row = rows().find(|row| step(*row) > LEAST_GAP.max(MOST_STEPS * usual))?;
+        let usual = median(moves(s).map(step).collect())?;
+        let row = moves(s).find(|row| step(*row) > LEAST_GAP.max(MOST_STEPS * usual))?;
         Some((s.id.clone(), row, step(row), usual))
     };
     let mut found = sequences.iter().filter_map(gap);

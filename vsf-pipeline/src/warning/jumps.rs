@@ -44,6 +44,6 @@ pub fn warning<'r>(robot: &'r RobotModel, sequences: &[&Sequence]) -> Option<Pip
 }
 
 /// The rows of a sequence that go on from the one before them.
-fn moves(sequence: &Sequence) -> impl Iterator<Item = usize> {
+pub fn moves(sequence: &Sequence) -> impl Iterator<Item = usize> {
     sequence.touches().flat_map(|touch| touch.skip(1))
 }
