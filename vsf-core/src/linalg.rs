@@ -12,13 +12,54 @@ use crate::CoreError;
 /// assert!((x[0] - 1.25).abs() < 1e-15 && (x[1] - 1.5).abs() < 1e-15);
 /// # Ok::<(), vsf_core::CoreError>(())
 /// ```
-#[derive(Debug, Clone, Default)]
+#[derive(Debug, Default)]
+#[cfg_attr(
+    feature = "serde",
+    derive(serde::Serialize, serde::Deserialize),
+    serde(try_from = "crate::state::FactorParts")
+)]
 pub struct SymmetricFactor {
     dim: usize,
     lower: Vec<f64>,
 }
 
+impl Clone for SymmetricFactor {
+    fn clone(&self) -> Self {
+        Self {
+            dim: self.dim,
+            lower: self.lower.clone(),
+        }
+    }
+
+    /// Copies into the memory that is already there.
+    fn clone_from(&mut self, source: &Self) {
+        self.dim = source.dim;
+        self.lower.clone_from(&source.lower);
+    }
+}
+
 impl SymmetricFactor {
+    /// The factor `L` itself, row-major `dim x dim`, whose upper triangle nothing reads.
+    ///
+    /// # Errors
+    /// A wrong length, numbers that are not finite, a diagonal that is not positive.
+    #[cfg(feature = "serde")]
+    pub(crate) fn from_lower(dim: usize, lower: Vec<f64>) -> Result<Self, CoreError> {
+        CoreError::check_len("Cholesky factor", lower.len(), dim.saturating_mul(dim))?;
+        CoreError::check_finite("Cholesky factor", &lower)?;
+        for pivot in 0..dim {
+            let value = lower[pivot * dim + pivot];
+            if value <= 0.0 {
+                return Err(CoreError::NotPositiveDefinite {
+                    what: "Cholesky factor",
+                    pivot,
+                    value,
+                });
+            }
+        }
+        Ok(Self { dim, lower })
+    }
+
     /// Factors the row-major `dim x dim` matrix `a = L L^T`, reading its lower triangle only.
     ///
     /// # Errors

@@ -1,7 +1,7 @@
 //! What is read in under the feature `serde` goes through the constructors, and so obeys their
 //! rules. The parts have the fields of the types, in the same order.
 
-use crate::{Belief, CoreError, Noise, Observation, Scalar};
+use crate::{Belief, CoreError, Noise, Observation, Scalar, SymmetricFactor};
 use serde::Deserialize;
 
 #[derive(Deserialize)]
@@ -31,6 +31,21 @@ impl TryFrom<NoiseParts> for Noise {
 
     fn try_from(parts: NoiseParts) -> Result<Self, CoreError> {
         Self::full(parts.dim, parts.covariance)
+    }
+}
+
+#[derive(Deserialize)]
+#[serde(rename = "SymmetricFactor")]
+pub(crate) struct FactorParts {
+    dim: usize,
+    lower: Vec<f64>,
+}
+
+impl TryFrom<FactorParts> for SymmetricFactor {
+    type Error = CoreError;
+
+    fn try_from(parts: FactorParts) -> Result<Self, CoreError> {
+        Self::from_lower(parts.dim, parts.lower)
     }
 }
 

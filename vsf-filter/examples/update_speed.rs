@@ -7,7 +7,7 @@ use std::error::Error;
 use std::hint::black_box;
 use std::time::Instant;
 use vsf_core::{Belief, Estimator, Noise, Observation, Scalar};
-use vsf_filter::{DiagonalKalman, MemoryReplay, ReplayConfig};
+use vsf_filter::{DiagonalKalman, DualConfig, DualReplay, MemoryReplay, ReplayConfig};
 
 const POINTS: usize = 100_000;
 const CONTACTS: usize = 4100;
@@ -85,16 +85,23 @@ fn measure<T: Scalar>() -> Result<(), Box<dyn Error>> {
         filter.update(&data[t % OBSERVATIONS])?;
         Ok(())
     })?;
-    // The default replays 20 past observations.
-    let mut filter = MemoryReplay::new(DiagonalKalman::new(prior), ReplayConfig::default())?;
+    // Both replay 20 past observations.
+    let inner = DiagonalKalman::new(prior.clone());
+    let mut filter = MemoryReplay::new(inner, ReplayConfig::default())?;
     let replay = time(|t| {
+        filter.update(&data[t % OBSERVATIONS])?;
+        Ok(())
+    })?;
+    let mut filter = DualReplay::new(prior, DualConfig::default())?;
+    let dual = time(|t| {
         filter.update(&data[t % OBSERVATIONS])?;
         Ok(())
     })?;
     for (what, times) in [
         ("one pass over the bytes", stream),
         ("update", single),
-        ("update with 20 replays", replay),
+        ("update, 20 replays", replay),
+        ("update, 20 dual replays", dual),
     ] {
         println!(
             "{} {what:24} median {:8.1} us, min {:8.1} us",

@@ -53,12 +53,12 @@ pub struct DiagonalKalman<T: Scalar> {
     #[cfg_attr(feature = "serde", serde(deserialize_with = "crate::state::finite"))]
     whitened: Vec<f64>,
     #[cfg_attr(feature = "serde", serde(skip))]
-    scratch: Scratch<T>,
+    scratch: Correction<T>,
 }
 
-/// Buffers of one correction; means and variances are those of the touched points, in order.
+/// One correction and its buffers; means and variances are those of the touched points, in order.
 #[derive(Debug, Clone, Default)]
-struct Scratch<T> {
+pub(crate) struct Correction<T> {
     mean: Vec<T>,
     variance: Vec<T>,
     predicted: Vec<f64>,
@@ -85,7 +85,7 @@ impl<T: Scalar> DiagonalKalman<T> {
             belief: prior,
             form,
             whitened: Vec::new(),
-            scratch: Scratch::default(),
+            scratch: Correction::default(),
         }
     }
 
@@ -95,9 +95,22 @@ impl<T: Scalar> DiagonalKalman<T> {
     }
 }
 
-impl<T: Scalar> Scratch<T> {
+impl<T: Scalar> Correction<T> {
+    /// The touched points of a field.
+    pub(crate) fn gather(&mut self, obs: &Observation<T>, mean: &[T], variance: &[T]) {
+        self.mean.resize(obs.len(), T::ZERO);
+        self.variance.resize(obs.len(), T::ZERO);
+        let to = [&mut self.mean[..], &mut self.variance];
+        kernel::gather(obs.points(), [mean, variance], to);
+    }
+
+    /// The factor that [`Correction::innovate`] made.
+    pub(crate) fn factor(&self) -> &SymmetricFactor {
+        &self.factor
+    }
+
     /// Predicts the reading and factors the innovation covariance `S = W diag(variance) W^T + R`.
-    fn innovate(&mut self, obs: &Observation<T>) -> Result<(), CoreError> {
+    pub(crate) fn innovate(&mut self, obs: &Observation<T>) -> Result<(), CoreError> {
         let d = obs.dim();
         self.moments.resize((d + 1) * d, 0.0);
         kernel::moments(obs, &self.mean, &self.variance, &mut self.moments);
@@ -200,13 +213,7 @@ impl<T: Scalar> Revisit for DiagonalKalman<T> {
     ) -> Result<UpdateReport, CoreError> {
         obs.check_fits(self.belief.len())?;
         let scratch = &mut self.scratch;
-        scratch.mean.resize(obs.len(), T::ZERO);
-        scratch.variance.resize(obs.len(), T::ZERO);
-        kernel::gather(
-            obs.points(),
-            [self.belief.mean(), self.belief.variance()],
-            [&mut scratch.mean, &mut scratch.variance],
-        );
+        scratch.gather(obs, self.belief.mean(), self.belief.variance());
         scratch.correct(obs, self.form, mode)?;
 
         let (mean, variance) = self.belief.parts_mut();

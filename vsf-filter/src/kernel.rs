@@ -60,6 +60,41 @@ pub(crate) fn shift<T: Scalar>(obs: &Observation<T>, gain: &[f64], variance: &[T
     });
 }
 
+/// The touched points of a field and of its prior, copied to `free` and `prior`, and the reading
+/// `W max(0, free)`.
+pub(crate) fn read_positive<T: Scalar>(
+    obs: &Observation<T>,
+    fields: [&[T]; 2],
+    free: &mut [T],
+    prior: &mut [T],
+    reading: &mut [f64],
+) {
+    T::run::<Passes>(Pass::ReadPositive {
+        obs,
+        fields,
+        free,
+        prior,
+        reading,
+    });
+}
+
+/// `free += prior (W^T gain)` and `mean = max(0, free)` per contact.
+pub(crate) fn shift_positive<T: Scalar>(
+    obs: &Observation<T>,
+    gain: &[f64],
+    prior: &[T],
+    free: &mut [T],
+    mean: &mut [T],
+) {
+    T::run::<Passes>(Pass::ShiftPositive {
+        obs,
+        gain,
+        prior,
+        free,
+        mean,
+    });
+}
+
 /// `W diag(variance) W^T` (lower triangle, rows of `d`), summed in double precision, one contact after
 /// the other.
 pub(crate) fn double_covariance<T: Scalar>(
@@ -117,6 +152,20 @@ enum Pass<'a, T: Scalar> {
         variance: &'a [T],
         mean: &'a mut [T],
     },
+    ReadPositive {
+        obs: &'a Observation<T>,
+        fields: [&'a [T]; 2],
+        free: &'a mut [T],
+        prior: &'a mut [T],
+        reading: &'a mut [f64],
+    },
+    ShiftPositive {
+        obs: &'a Observation<T>,
+        gain: &'a [f64],
+        prior: &'a [T],
+        free: &'a mut [T],
+        mean: &'a mut [T],
+    },
     Shrink {
         obs: &'a Observation<T>,
         whitener: &'a [f64],
@@ -163,6 +212,27 @@ impl<T: Lanes> WithSimd for Pass<'_, T> {
                 variance,
                 mean,
             } => add_gain(obs, gain, variance, mean),
+            Pass::ReadPositive {
+                obs,
+                fields,
+                free,
+                prior,
+                reading,
+            } => {
+                fetch(obs.rows());
+                gather(obs.points(), fields, [&mut *free, prior]);
+                sum_positive(simd, obs, free, reading);
+            }
+            Pass::ShiftPositive {
+                obs,
+                gain,
+                prior,
+                free,
+                mean,
+            } => {
+                add_gain(obs, gain, prior, free);
+                cut_off(free, mean);
+            }
             Pass::Shrink {
                 obs,
                 whitener,
@@ -296,6 +366,57 @@ fn sum_reading<S: Simd, T: Lanes>(simd: S, obs: &Observation<T>, x: &[T], readin
     }
 }
 
+/// Adds up `W max(0, free)`.
+#[inline(always)]
+fn sum_positive<S: Simd, T: Lanes>(simd: S, obs: &Observation<T>, free: &[T], reading: &mut [f64]) {
+    let (n, d) = (obs.len(), obs.dim());
+    reading.fill(0.0);
+    let mut mean = [T::ZERO; BLOCK];
+    for start in (0..n).step_by(BLOCK) {
+        let range = start..(start + BLOCK).min(n);
+        let mean = &mut mean[..range.len()];
+        cut_off(&free[range.clone()], mean);
+        let block = Block {
+            obs,
+            mean,
+            variance: &[],
+            range,
+        };
+        let mut first = 0;
+        while first < d {
+            first += match d - first {
+                1 => add_readings::<S, T, 1>(simd, &block, first, reading),
+                2 => add_readings::<S, T, 2>(simd, &block, first, reading),
+                3 => add_readings::<S, T, 3>(simd, &block, first, reading),
+                _ => add_readings::<S, T, 4>(simd, &block, first, reading),
+            };
+        }
+    }
+}
+
+/// Adds the products of `J` rows from `first` on with the means, and returns their number.
+#[inline(always)]
+fn add_readings<S: Simd, T: Lanes, const J: usize>(
+    simd: S,
+    block: &Block<'_, T>,
+    first: usize,
+    reading: &mut [f64],
+) -> usize {
+    let [sums] = products(simd, [block.mean], block.rows::<J>(first));
+    for (reading, sum) in reading[first..].iter_mut().zip(sums) {
+        *reading += sum;
+    }
+    J
+}
+
+/// `to = max(0, from)`.
+#[inline(always)]
+fn cut_off<T: Scalar>(from: &[T], to: &mut [T]) {
+    for (to, &x) in to.iter_mut().zip(from) {
+        *to = if x < T::ZERO { T::ZERO } else { x };
+    }
+}
+
 #[inline(always)]
 fn add_gain<T: Scalar>(obs: &Observation<T>, gain: &[f64], variance: &[T], mean: &mut [T]) {
     const ROWS: usize = 8;
@@ -365,6 +486,7 @@ fn fetch<T: Scalar>(rows: &[T]) {
 }
 
 /// Copies `from[i][points[k]]` to `to[i][k]`. Points increase, and many are neighbours.
+#[inline(always)]
 pub(crate) fn gather<T: Scalar, const N: usize>(
     points: &[u32],
     from: [&[T]; N],
@@ -412,6 +534,7 @@ pub(crate) fn scatter<T: Scalar>(points: &[u32], from: &[T], to: &mut [T]) {
 }
 
 /// The first of points that increase, if they are neighbours.
+#[inline(always)]
 fn run(points: &[u32; RUN]) -> Option<usize> {
     let [first, .., last] = *points;
     (last - first == RUN as u32 - 1).then_some(first as usize)

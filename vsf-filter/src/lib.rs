@@ -4,6 +4,7 @@
 //! | --- | --- | --- |
 //! | [`DiagonalKalman`] | independent points (eq. 6-7) | `O(d² n)` for n contacts, d channels |
 //! | [`MemoryReplay`] | as the estimator inside it, which sees past observations again (Alg. 1) | `1 + T_replay` updates |
+//! | [`DualReplay`] | independent points; means come down to the constrained optimum, past observations count once | two updates, and `O(d n)` for each replay; a constant field |
 //! | [`RobustNoise`] | as the estimator inside it, with the noise of outliers inflated | one prediction more |
 //! | [`CovarianceFilter`] | exact: all touched points with their correlations, and the constrained optimum | `O(d n²)`, n points ever touched |
 //! | [`InformationFilter`] | the same by the precision matrix (eq. 5), an oracle | `O(n³)` |
@@ -13,6 +14,14 @@
 //! keep `K >= 0` by projection (eq. 5, last line); the covariance filter's mean is the optimum of the
 //! last, sample by sample. The exact ones take a [`FieldPrior`], which may link points; for the others
 //! points are independent.
+//!
+//! # Which one
+//! - All at once, offline: [`BatchMap`].
+//! - Sample by sample, up to a few thousand touched points: [`CovarianceFilter`].
+//! - More points, in a control loop: [`MemoryReplay`] is good after few readings, but counts a past one
+//!   as often as it is drawn. [`DualReplay`] counts it once and comes down to the optimum, soon where noise is
+//!   as large as what the prior leaves open of a reading, late where readings are much more precise. The example
+//!   `long_run` of this workspace shows the former ahead at first and the latter afterwards.
 //!
 //! ```
 //! use vsf_core::{Belief, Estimator, Noise, Observation};
@@ -69,6 +78,7 @@ mod aging;
 mod batch;
 mod dense;
 mod diagonal;
+mod dual;
 mod kernel;
 mod key_heap;
 mod lanes;
@@ -84,6 +94,7 @@ mod truncated;
 pub use batch::{BatchFit, BatchMap, HeldOut};
 pub use dense::{CovarianceFilter, InformationFilter, JointEstimator, Projection};
 pub use diagonal::{DiagonalForm, DiagonalKalman};
+pub use dual::{DualConfig, DualReplay};
 pub use prior::{FieldPrior, Matern, Smoothness};
 pub use replay::{MemoryReplay, ReplayConfig, ReplayVariance, Revisit};
 pub use robust::{RobustLoss, RobustNoise};

@@ -80,12 +80,33 @@ impl Default for ReplayConfig {
     }
 }
 
+/// Checks the number of replays and the memory for past observations.
+pub(crate) fn check_sizes(replays: usize, byte_budget: usize) -> Result<(), CoreError> {
+    if replays > MOST_REPLAYS {
+        return Err(CoreError::TooMany {
+            what: "replays",
+            got: replays,
+            max: MOST_REPLAYS,
+        });
+    }
+    if replays > 0 && byte_budget == 0 {
+        return Err(CoreError::Parameter {
+            name: "replay byte budget",
+            value: 0.0,
+            range: "> 0 bytes, or set replays to 0",
+        });
+    }
+    Ok(())
+}
+
 /// Memory replay (Alg. 1): after each update, random past observations are taken in again.
 ///
 /// Means are projected to `K >= 0` once at the end of an update (Alg. 1 can also be read as
 /// projecting after every replay, as eq. 7 does). Observations without contacts
 /// say nothing about the field and are not stored; during them the past is replayed all the same.
-/// An update costs `1 + replays` corrections. Memory of past observations is reused, also across
+/// A reading that is replayed is fitted again, so that in the end the means follow the readings,
+/// whatever the prior says ([`crate::DualReplay`] counts it once). An update costs `1 + replays`
+/// corrections. Memory of past observations is reused, also across
 /// sequences.
 ///
 /// When an update fails, the belief is as before, bit for bit, and the observation is not in the
@@ -113,7 +134,7 @@ impl Default for ReplayConfig {
 pub struct MemoryReplay<E: Estimator> {
     inner: E,
     config: ReplayConfig,
-    #[cfg_attr(feature = "serde", serde(serialize_with = "state::save_rng"))]
+    #[cfg_attr(feature = "serde", serde(serialize_with = "crate::state::save_rng"))]
     rng: Pcg64Mcg,
     buffer: Reservoir<E::Scalar>,
     /// Total variance of the field's random steps since the last reset (N²/m²).
@@ -157,20 +178,7 @@ impl<E: Revisit> MemoryReplay<E> {
     /// # Errors
     /// A byte budget of zero with replays wanted, more than a million replays.
     pub fn new(inner: E, config: ReplayConfig) -> Result<Self, CoreError> {
-        if config.replays > MOST_REPLAYS {
-            return Err(CoreError::TooMany {
-                what: "replays",
-                got: config.replays,
-                max: MOST_REPLAYS,
-            });
-        }
-        if config.replays > 0 && config.byte_budget == 0 {
-            return Err(CoreError::Parameter {
-                name: "replay byte budget",
-                value: 0.0,
-                range: "> 0 bytes, or set replays to 0",
-            });
-        }
+        check_sizes(config.replays, config.byte_budget)?;
         Ok(Self {
             inner,
             config,
@@ -237,9 +245,13 @@ impl<E: Revisit> MemoryReplay<E> {
             .extend_from_slice(self.inner.whitened_residual());
         let stored = !obs.is_empty()
             && self.config.replays > 0
-            && self
-                .buffer
-                .push(obs, self.diffused, self.config.byte_budget, &mut self.rng);
+            && self.buffer.push(
+                obs,
+                &(),
+                self.diffused,
+                self.config.byte_budget,
+                &mut self.rng,
+            );
         if let Err(error) = self.replay(draw) {
             self.roll_back(obs);
             if stored {
@@ -372,7 +384,8 @@ impl<E: Revisit> Estimator for MemoryReplay<E> {
     fn reset(&mut self, prior: Belief<E::Scalar>) -> Result<(), CoreError> {
         self.inner.reset(prior)?;
         self.rng = Pcg64Mcg::seed_from_u64(self.config.seed);
-        self.buffer.clear();
+        // A fresh one: memory that waits for reuse counts, and others would have to leave sooner than at first.
+        self.buffer = Reservoir::new();
         self.diffused = 0.0;
         self.whitened.clear();
         Ok(())

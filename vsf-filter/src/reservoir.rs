@@ -18,9 +18,9 @@ const FADED: f64 = 3.0;
 /// differ (priority sampling; for equal sizes the law of Vitter's algorithm R,
 /// doi 10.1145/3147.3165). An observation is taken in or out in O(log n), apart from its copy.
 #[derive(Debug, Clone)]
-pub(crate) struct Reservoir<T: Scalar> {
+pub(crate) struct Reservoir<T: Scalar, X = ()> {
     /// The sample, followed by slots whose memory waits for reuse.
-    slots: Vec<Slot<T>>,
+    slots: Vec<Slot<T, X>>,
     filled: usize,
     /// Keys of the sample.
     keys: KeyHeap,
@@ -32,7 +32,7 @@ pub(crate) struct Reservoir<T: Scalar> {
 
 #[derive(Debug, Clone)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
-struct Slot<T: Scalar> {
+struct Slot<T: Scalar, X> {
     key: u64,
     /// Memory of the slot with the largest observation that was in it.
     held: usize,
@@ -42,16 +42,32 @@ struct Slot<T: Scalar> {
     /// How far the field may move before the observation has faded; known once it has moved.
     fades_at: Option<f64>,
     obs: Observation<T>,
+    extra: X,
 }
 
-impl<T: Scalar> Slot<T> {
-    /// Memory of a slot with this observation (bytes), without what the allocator adds.
-    fn memory(obs: &Observation<T>) -> usize {
-        size_of::<Self>() - size_of::<Observation<T>>() + obs.bytes() + KeyHeap::BYTES
+/// What an estimator keeps beside a past observation; nothing, for some.
+pub(crate) trait Extra: Clone {
+    /// Memory outside the structure itself, for an observation of `channels` (bytes).
+    fn heap_bytes(channels: usize) -> usize;
+}
+
+impl Extra for () {
+    fn heap_bytes(_: usize) -> usize {
+        0
     }
 }
 
-impl<T: Scalar> Reservoir<T> {
+impl<T: Scalar, X: Extra> Slot<T, X> {
+    /// Memory of a slot with this observation (bytes), without what the allocator adds.
+    fn memory(obs: &Observation<T>) -> usize {
+        size_of::<Self>() - size_of::<Observation<T>>()
+            + obs.bytes()
+            + X::heap_bytes(obs.dim())
+            + KeyHeap::BYTES
+    }
+}
+
+impl<T: Scalar, X: Extra> Reservoir<T, X> {
     pub(crate) fn new() -> Self {
         Self {
             slots: Vec::new(),
@@ -72,6 +88,18 @@ impl<T: Scalar> Reservoir<T> {
 
     pub(crate) fn get(&self, index: usize) -> Option<&Observation<T>> {
         self.slots[..self.filled].get(index).map(|slot| &slot.obs)
+    }
+
+    /// An observation and what is kept beside it.
+    pub(crate) fn get_mut(&mut self, index: usize) -> Option<(&Observation<T>, &mut X)> {
+        let slot = self.slots[..self.filled].get_mut(index)?;
+        Some((&slot.obs, &mut slot.extra))
+    }
+
+    /// All observations and what is kept beside them.
+    #[cfg(feature = "serde")]
+    pub(crate) fn iter(&self) -> impl Iterator<Item = (&Observation<T>, &X)> {
+        self.slots[..self.filled].iter().map(|s| (&s.obs, &s.extra))
     }
 
     /// Brings the noise of an observation up to date with a field that has moved by `diffused`;
@@ -122,11 +150,13 @@ impl<T: Scalar> Reservoir<T> {
         self.keys.swap_remove(index);
     }
 
-    /// Puts in an observation of a field that has moved by `diffused`, at the end; false when it is
-    /// left out. Memory stays within `budget`, but one observation is always kept.
+    /// Puts in an observation of a field that has moved by `diffused`, at the end, with what is kept
+    /// beside it; false when it is left out. Memory stays within `budget`, but one observation is
+    /// always kept.
     pub(crate) fn push(
         &mut self,
         obs: &Observation<T>,
+        extra: &X,
         diffused: f64,
         budget: usize,
         rng: &mut Pcg64Mcg,
@@ -135,7 +165,7 @@ impl<T: Scalar> Reservoir<T> {
         if key >= self.limit {
             return false;
         }
-        let size = Slot::memory(obs);
+        let size = Slot::<T, X>::memory(obs);
         while self.bytes + size.saturating_sub(self.spare()) > budget {
             if self.slots.len() > self.filled + 1 || (self.filled == 0 && !self.slots.is_empty()) {
                 self.bytes -= self.slots.pop().map_or(0, |slot| slot.held);
@@ -151,6 +181,7 @@ impl<T: Scalar> Reservoir<T> {
                 slot.key = key;
                 (slot.diffused, slot.fades_at) = (diffused, None);
                 slot.obs.clone_from(obs);
+                slot.extra.clone_from(extra);
             }
             // A fresh copy holds no more memory than it needs, a grown one might.
             reused => {
@@ -160,6 +191,7 @@ impl<T: Scalar> Reservoir<T> {
                     diffused,
                     fades_at: None,
                     obs: obs.clone(),
+                    extra: extra.clone(),
                 };
                 match reused {
                     Some(slot) => *slot = fresh,

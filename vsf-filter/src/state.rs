@@ -6,8 +6,9 @@
 //! and observations check themselves; fields that must fit each other are read as a struct of parts
 //! and put together by `TryFrom`, as in `robust/state.rs`. Then add it to `tests/state.rs`.
 
+use rand_pcg::Pcg64Mcg;
 use serde::de::Error;
-use serde::{Deserialize, Deserializer};
+use serde::{Deserialize, Deserializer, Serialize, Serializer};
 use vsf_core::CoreError;
 
 /// A whitened residual, of finite numbers.
@@ -15,4 +16,31 @@ pub(crate) fn finite<'de, D: Deserializer<'de>>(from: D) -> Result<Vec<f64>, D::
     let values = Vec::deserialize(from)?;
     CoreError::check_finite("whitened residual", &values).map_err(Error::custom)?;
     Ok(values)
+}
+
+/// The state of the generator, low half first: many formats have no 128-bit numbers.
+pub(crate) fn save_rng<S: Serializer>(rng: &Pcg64Mcg, to: S) -> Result<S::Ok, S::Error> {
+    [rng.state() as u64, (rng.state() >> 64) as u64].serialize(to)
+}
+
+/// What [`save_rng`] saved.
+pub(crate) fn load_rng([low, high]: [u64; 2]) -> Result<Pcg64Mcg, CoreError> {
+    if low % 2 == 0 {
+        return Err(CoreError::Other(
+            "the state of a replay's random generator must be odd".into(),
+        ));
+    }
+    Ok(Pcg64Mcg::new(u128::from(high) << 64 | u128::from(low)))
+}
+
+/// How far a field may have moved (N²/m²).
+pub(crate) fn check_diffused(value: f64) -> Result<(), CoreError> {
+    if value >= 0.0 && value.is_finite() {
+        return Ok(());
+    }
+    Err(CoreError::Parameter {
+        name: "total variance of the field's steps",
+        value,
+        range: ">= 0 N²/m² and finite",
+    })
 }

@@ -5,8 +5,8 @@
 
 use vsf_core::{Belief, CoreError, Estimator, Observation, Scalar, UpdateReport};
 use vsf_filter::{
-    DiagonalForm, DiagonalKalman, MemoryReplay, ReplayConfig, ReplayVariance, RobustLoss,
-    RobustNoise,
+    DiagonalForm, DiagonalKalman, DualConfig, DualReplay, MemoryReplay, ReplayConfig,
+    ReplayVariance, RobustLoss, RobustNoise,
 };
 use vsf_testkit::{EstimatorOptions, check_estimator};
 
@@ -43,11 +43,13 @@ fn nis_ratio(form: DiagonalForm, variance: ReplayVariance) -> Option<(f64, f64)>
     }
 }
 
+/// With room for all observations, and for few.
 fn replay<T: Scalar>() {
-    for form in FORMS {
+    for (form, byte_budget) in FORMS.into_iter().flat_map(|f| [(f, 256 << 20), (f, 5000)]) {
         for variance in [ReplayVariance::Keep, ReplayVariance::Shrink] {
             let config = ReplayConfig {
                 variance,
+                byte_budget,
                 ..ReplayConfig::default()
             };
             let make = |prior: Belief<T>| {
@@ -60,6 +62,37 @@ fn replay<T: Scalar>() {
             check_estimator(make, options);
         }
     }
+}
+
+/// With room for all observations, and for few.
+fn dual<T: Scalar>() {
+    for byte_budget in [DualConfig::default().byte_budget, 5000, 1] {
+        let config = DualConfig {
+            byte_budget,
+            ..DualConfig::default()
+        };
+        for (channels, seed) in [(1, 1), (3, 2), (7, 3)] {
+            let options = EstimatorOptions {
+                channels,
+                seed,
+                ..EstimatorOptions::default()
+            };
+            check_estimator(
+                |prior: Belief<T>| DualReplay::new(prior, config).unwrap(),
+                options,
+            );
+        }
+    }
+}
+
+#[test]
+fn dual_f32() {
+    dual::<f32>();
+}
+
+#[test]
+fn dual_f64() {
+    dual::<f64>();
 }
 
 /// With inflated noise, innovations are not those of the Gaussian model, and smaller.

@@ -8,8 +8,8 @@ use std::alloc::{GlobalAlloc, Layout, System};
 use std::sync::atomic::{AtomicUsize, Ordering};
 use vsf_core::{Belief, Estimator, Observation, Scalar};
 use vsf_filter::{
-    CovarianceFilter, DiagonalForm, DiagonalKalman, MemoryReplay, Projection, ReplayConfig,
-    ReplayVariance, RobustLoss, RobustNoise,
+    CovarianceFilter, DiagonalForm, DiagonalKalman, DualConfig, DualReplay, MemoryReplay,
+    Projection, ReplayConfig, ReplayVariance, RobustLoss, RobustNoise,
 };
 use vsf_testkit::LinearWorld;
 
@@ -85,6 +85,16 @@ fn check_all<T: Scalar>() {
         check(&format!("{projection:?}"), &mut filter, &data, 0.0);
         assert!(filter.belief().mean().contains(&T::ZERO));
     }
+    // Memory that is reused is large enough for all of one size.
+    let reading = |_| world.reading(N, 60, 7, 0.02, 0.5).observation(N).unwrap();
+    let alike: Vec<Observation<T>> = (0..200).map(reading).collect();
+    let config = DualConfig {
+        byte_budget: 20 * alike[0].bytes(),
+        ..DualConfig::default()
+    };
+    let mut filter = DualReplay::<T>::new(prior(), config).unwrap();
+    check("dual", &mut filter, &alike, 0.0);
+    assert!(filter.buffered() < alike.len() / 2);
     for form in [
         DiagonalForm::Innovation,
         DiagonalForm::InnovationUpdated,

@@ -9,8 +9,9 @@ use serde_json::{Value, json};
 use vsf_core::nalgebra::Point3;
 use vsf_core::{Belief, CoreError, Estimator, Noise, Observation, RestPoints, Scalar};
 use vsf_filter::{
-    CovarianceFilter, DiagonalForm, DiagonalKalman, FieldPrior, JointEstimator, Matern,
-    MemoryReplay, Projection, ReplayConfig, ReplayVariance, RobustLoss, RobustNoise,
+    CovarianceFilter, DiagonalForm, DiagonalKalman, DualConfig, DualReplay, FieldPrior,
+    JointEstimator, Matern, MemoryReplay, Projection, ReplayConfig, ReplayVariance, RobustLoss,
+    RobustNoise,
 };
 use vsf_testkit::LinearWorld;
 
@@ -103,6 +104,13 @@ fn all<F: Format, T: Scalar + Serialize + DeserializeOwned>(
     interrupted::<F, _>(replayed, seed, cut);
     let outside = |prior| RobustNoise::new(replay(prior), RobustLoss::HUBER).unwrap();
     interrupted::<F, _>(outside, seed, cut);
+    let config = DualConfig {
+        replays: config.replays,
+        seed: config.seed,
+        byte_budget: config.byte_budget,
+    };
+    let dual = |prior: Belief<T>| DualReplay::new(prior, config).unwrap();
+    interrupted::<F, _>(dual, seed, cut);
 }
 
 proptest! {
@@ -407,6 +415,95 @@ fn states_that_cannot_be_are_refused() {
     bytes[mean..mean + 8].copy_from_slice(&f64::INFINITY.to_le_bytes());
     let restored = postcard::from_bytes::<DiagonalKalman<f64>>(&bytes);
     assert!(restored.is_err(), "an infinite mean was taken");
+}
+
+/// A dual replay with two readings in memory.
+fn saved_dual() -> DualReplay<f64> {
+    let prior = Belief::uniform(4, 1.0, 2.0).unwrap();
+    let mut filter = DualReplay::new(prior, DualConfig::default()).unwrap();
+    let mut obs = Observation::new(Noise::uniform(2, 0.5).unwrap());
+    for (points, reading) in [(&[0u32, 2][..], [3.0, -9.0]), (&[1, 3], [2.0, 40.0])] {
+        obs.rebuild(4, points, &reading, |k, w| {
+            w.copy_from_slice(&[1.0, k as f64]);
+        })
+        .unwrap();
+        filter.update(&obs).unwrap();
+    }
+    filter
+}
+
+#[test]
+fn dual_states_that_cannot_be_are_refused() {
+    let good = serde_json::to_value(saved_dual()).unwrap();
+    let restored: DualReplay<f64> = serde_json::from_value(good.clone()).unwrap();
+    assert_eq!(restored.belief(), saved_dual().belief());
+    let past = "/buffer/kept/0";
+    for (at, value, says) in [
+        ("/filter/belief/mean/1".into(), json!(-1.0), ">= 0 N/m"),
+        ("/free/1".into(), json!(77.0), "free means"),
+        ("/free".into(), json!([1.0]), "free means"),
+        ("/prior/2".into(), json!(0.0), "prior variance"),
+        ("/prior".into(), json!([1.0]), "prior variances"),
+        ("/rng".into(), json!([2, 3]), "odd"),
+        (
+            "/config/byte_budget".into(),
+            json!(100),
+            "at least what the buffer holds",
+        ),
+        (format!("{past}/held"), json!(1), "could not have kept"),
+        (
+            format!("{past}/extra/multipliers"),
+            json!([1.0]),
+            "multipliers",
+        ),
+        (
+            format!("{past}/extra/factor/dim"),
+            json!(7),
+            "Cholesky factor",
+        ),
+        (
+            format!("{past}/extra/factor/lower/3"),
+            json!(-1.0),
+            "positive definite",
+        ),
+        (
+            format!("{past}/extra/factor"),
+            json!({"dim": 0, "lower": []}),
+            "factor of an observation",
+        ),
+    ] {
+        let mut state = good.clone();
+        *state
+            .pointer_mut(&at)
+            .unwrap_or_else(|| panic!("no {at} in {good}")) = value;
+        match serde_json::from_value::<DualReplay<f64>>(state) {
+            Ok(_) => panic!("{at} was taken"),
+            Err(error) => assert!(error.to_string().contains(says), "{at}: {error}"),
+        }
+    }
+}
+
+/// Steps that are too long, by a factor that no constructor made, end in finite numbers all the same.
+#[test]
+fn a_dual_state_with_wrong_factors_stays_finite() {
+    let mut state = serde_json::to_value(saved_dual()).unwrap();
+    for k in [0, 1] {
+        let lower = json!([1e-9, 0.0, 0.0, 1e-9]);
+        *state
+            .pointer_mut(&format!("/buffer/kept/{k}/extra/factor/lower"))
+            .unwrap() = lower;
+    }
+    let mut filter: DualReplay<f64> = serde_json::from_value(state).unwrap();
+    let mut obs = Observation::new(Noise::uniform(2, 0.5).unwrap());
+    obs.rebuild(4, &[0, 3], &[3.0, 1.0], |k, w| {
+        w.copy_from_slice(&[1.0, k as f64]);
+    })
+    .unwrap();
+    for _ in 0..50 {
+        let _ = filter.update(&obs);
+        let belief = filter.belief();
+        Belief::new(belief.mean().to_vec(), belief.variance().to_vec()).unwrap();
+    }
 }
 
 proptest! {

@@ -1,7 +1,7 @@
 use super::{MemoryReplay, ReplayConfig, Revisit};
 use crate::reservoir::Reservoir;
-use rand_pcg::Pcg64Mcg;
-use serde::{Deserialize, Serialize, Serializer};
+use crate::state::{check_diffused, load_rng};
+use serde::Deserialize;
 use vsf_core::{CoreError, Estimator};
 
 /// What is saved of a [`MemoryReplay`].
@@ -20,34 +20,17 @@ pub(super) struct ReplayParts<E: Estimator> {
     whitened: Vec<f64>,
 }
 
-/// The state of the generator, low half first: many formats have no 128-bit numbers.
-pub(super) fn save_rng<S: Serializer>(rng: &Pcg64Mcg, to: S) -> Result<S::Ok, S::Error> {
-    [rng.state() as u64, (rng.state() >> 64) as u64].serialize(to)
-}
-
 impl<E: Revisit> TryFrom<ReplayParts<E>> for MemoryReplay<E> {
     type Error = CoreError;
 
     fn try_from(parts: ReplayParts<E>) -> Result<Self, CoreError> {
-        let [low, high] = parts.rng;
-        if low % 2 == 0 {
-            return Err(CoreError::Other(
-                "the state of a replay's random generator must be odd".into(),
-            ));
-        }
-        if !(parts.diffused >= 0.0 && parts.diffused.is_finite()) {
-            return Err(CoreError::Parameter {
-                name: "total variance of the field's steps",
-                value: parts.diffused,
-                range: ">= 0 N²/m² and finite",
-            });
-        }
+        check_diffused(parts.diffused)?;
         let field_len = parts.inner.belief().len();
         parts
             .buffer
             .check(field_len, parts.diffused, parts.config.byte_budget)?;
         Ok(Self {
-            rng: Pcg64Mcg::new(u128::from(high) << 64 | u128::from(low)),
+            rng: load_rng(parts.rng)?,
             buffer: parts.buffer,
             diffused: parts.diffused,
             whitened: parts.whitened,

@@ -1,4 +1,4 @@
-use super::{Reservoir, Slot};
+use super::{Extra, Reservoir, Slot};
 use crate::key_heap::KeyHeap;
 use serde::{Deserialize, Deserializer, Serialize, Serializer, de::Error};
 use vsf_core::{CoreError, Noise, Observation, Scalar};
@@ -16,7 +16,7 @@ struct Parts<Slots> {
     limit: u64,
 }
 
-impl<T: Scalar + Serialize> Serialize for Reservoir<T> {
+impl<T: Scalar + Serialize, X: Serialize> Serialize for Reservoir<T, X> {
     fn serialize<S: Serializer>(&self, to: S) -> Result<S::Ok, S::Error> {
         let (kept, spare) = self.slots.split_at(self.filled);
         let parts = Parts {
@@ -28,20 +28,24 @@ impl<T: Scalar + Serialize> Serialize for Reservoir<T> {
     }
 }
 
-impl<'de, T: Scalar + Deserialize<'de>> Deserialize<'de> for Reservoir<T> {
+impl<'de, T, X> Deserialize<'de> for Reservoir<T, X>
+where
+    T: Scalar + Deserialize<'de>,
+    X: Extra + Default + Deserialize<'de>,
+{
     fn deserialize<D: Deserializer<'de>>(from: D) -> Result<Self, D::Error> {
-        let parts = Parts::<Vec<Slot<T>>>::deserialize(from)?;
+        let parts = Parts::<Vec<Slot<T, X>>>::deserialize(from)?;
         Self::try_from(parts).map_err(Error::custom)
     }
 }
 
-impl<T: Scalar> TryFrom<Parts<Vec<Slot<T>>>> for Reservoir<T> {
+impl<T: Scalar, X: Extra + Default> TryFrom<Parts<Vec<Slot<T, X>>>> for Reservoir<T, X> {
     type Error = CoreError;
 
-    fn try_from(parts: Parts<Vec<Slot<T>>>) -> Result<Self, CoreError> {
+    fn try_from(parts: Parts<Vec<Slot<T, X>>>) -> Result<Self, CoreError> {
         let mut slots = parts.kept;
         for slot in &slots {
-            if slot.key > parts.limit || slot.held < Slot::memory(&slot.obs) {
+            if slot.key > parts.limit || slot.held < Slot::<T, X>::memory(&slot.obs) {
                 return Err(CoreError::Other(
                     "a replay buffer holds an observation that it could not have kept".into(),
                 ));
@@ -64,6 +68,7 @@ impl<T: Scalar> TryFrom<Parts<Vec<Slot<T>>>> for Reservoir<T> {
             diffused: 0.0,
             fades_at: None,
             obs: nothing.clone(),
+            extra: X::default(),
         }));
         let held = slots.iter().map(|slot| slot.held);
         let bytes = held.fold(0, usize::saturating_add);
@@ -84,7 +89,7 @@ impl<T: Scalar> TryFrom<Parts<Vec<Slot<T>>>> for Reservoir<T> {
     }
 }
 
-impl<T: Scalar> Reservoir<T> {
+impl<T: Scalar, X: Extra> Reservoir<T, X> {
     /// Checks that all fits a field of `field_len` points that has moved by `diffused`, and `budget`.
     pub(crate) fn check(
         &self,
