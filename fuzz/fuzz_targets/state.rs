@@ -5,7 +5,7 @@
 use libfuzzer_sys::fuzz_target;
 use serde::de::DeserializeOwned;
 use vsf::core::{Belief, Estimator, Noise, Observation};
-use vsf_fuzz::{Dense, Plain, Replay};
+use vsf_fuzz::{Dense, Dual, Plain, Replay};
 
 /// More would only take time: the number is the caller's to choose.
 const REPLAYS: usize = 1000;
@@ -36,10 +36,14 @@ fuzz_target!(|data: &[u8]| {
         return;
     };
     let json = which & 1 != 0;
-    match which / 2 % 3 {
+    match which / 2 % 4 {
         0 => read::<Plain>(json, bytes).into_iter().for_each(go_on),
         1 => read::<Replay>(json, bytes)
             .filter(|e| e.inner().config().replays <= REPLAYS)
+            .into_iter()
+            .for_each(go_on),
+        2 => read::<Dual>(json, bytes)
+            .filter(|e| e.config().replays <= REPLAYS)
             .into_iter()
             .for_each(go_on),
         _ => read::<Dense>(json, bytes).into_iter().for_each(go_on),

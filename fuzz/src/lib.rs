@@ -15,7 +15,8 @@ use vsf::data::{
     TorqueKind,
 };
 use vsf::filter::{
-    CovarianceFilter, DiagonalKalman, MemoryReplay, ReplayConfig, RobustLoss, RobustNoise,
+    CovarianceFilter, DiagonalKalman, DualReplay, MemoryReplay, ReplayConfig, RobustLoss,
+    RobustNoise,
 };
 use vsf::gap::Site;
 use vsf::robots::planar_arm;
@@ -189,6 +190,8 @@ pub fn tetrahedron(folder: &Path) -> (TriMesh, GridOptions) {
 pub type Plain = DiagonalKalman<f64>;
 /// With replays, and robust.
 pub type Replay = RobustNoise<MemoryReplay<DiagonalKalman<f64>>>;
+/// With replays in dual form.
+pub type Dual = DualReplay<f64>;
 /// With correlations.
 pub type Dense = CovarianceFilter<f64>;
 

@@ -12,7 +12,7 @@ use std::sync::Arc;
 use vsf::contact::{ContactConfig, GridOptions};
 use vsf::core::nalgebra::{Isometry3, Translation3, UnitQuaternion, Vector3};
 use vsf::data::{ContactParameters, JointType, Overrides, RobotRef, Splits, TorqueKind};
-use vsf::filter::{DiagonalForm, Projection, ReplayConfig, ReplayVariance};
+use vsf::filter::{DiagonalForm, DualConfig, Projection, ReplayConfig, ReplayVariance};
 use vsf::pipeline::{EstimatorSpec, HyperMethod, PriorShape, SceneOptions, VisionSpec};
 use vsf::vision::{GpConfig, KnnConfig, LearnedPrior, RegressorSpec};
 
@@ -220,7 +220,9 @@ enum EstimatorKind {
     Exact,
     /// The same from the precision matrix (eq. 5), slow
     Information,
-    /// Diagonal Kalman filter with memory replay (Alg. 1), as on the robot
+    /// Replays that come down to the constrained optimum of independent points, for 1 kHz loops
+    Dual,
+    /// Diagonal Kalman filter with memory replay (Alg. 1), as in the paper
     Replay,
     /// Diagonal Kalman filter alone
     Diagonal,
@@ -378,10 +380,18 @@ fn pose([x, y, z, roll, pitch, yaw]: [f64; 6]) -> Isometry3<f64> {
 impl EstimatorSettings {
     /// The estimator.
     pub fn spec(&self) -> anyhow::Result<EstimatorSpec> {
-        use EstimatorKind::{Batch, Diagonal, Exact, Information, Printed, Replay, Updated};
+        use EstimatorKind::{Batch, Diagonal, Dual, Exact, Information, Printed, Replay, Updated};
         let kind = self.kind();
-        if !matches!(kind, Replay | Printed | Updated) && self.replay.is_some_and(|r| r > 0) {
-            return Err(self.without("--replay", "replay", "replay"));
+        let replays = self.replay.is_some_and(|r| r > 0);
+        if replays && !matches!(kind, Dual | Replay | Printed | Updated) {
+            return Err(self.without("--replay", "replay", "dual"));
+        }
+        if kind == Dual && self.replay_variance.is_some() {
+            return Err(self.without("--replay-variance", "replay of variances", "replay"));
+        }
+        if kind == Dual && self.clear_replay.is_some() {
+            let what = "buffer that a sequence empties";
+            return Err(self.without("--clear-replay", what, "replay"));
         }
         if !matches!(kind, Exact | Information) && self.projection.is_some() {
             return Err(self.without("--projection", "projection", "exact"));
@@ -404,6 +414,7 @@ impl EstimatorSettings {
             Batch => EstimatorSpec::Batch,
             Exact => EstimatorSpec::Exact(projection),
             Information => EstimatorSpec::Information(projection),
+            Dual => EstimatorSpec::Dual(self.dual_config()),
             Replay | Diagonal | Printed | Updated => EstimatorSpec::Replay {
                 form,
                 config: self.replay_config(kind == Diagonal),
@@ -416,6 +427,15 @@ impl EstimatorSettings {
         usage(format!(
             "{flag}: the estimator `{name}` has no {feature}; choose `{other}`"
         ))
+    }
+
+    fn dual_config(&self) -> DualConfig {
+        let defaults = DualConfig::default();
+        DualConfig {
+            replays: self.replay.unwrap_or(defaults.replays),
+            seed: self.seed.unwrap_or(defaults.seed),
+            ..defaults
+        }
     }
 
     fn replay_config(&self, none: bool) -> ReplayConfig {

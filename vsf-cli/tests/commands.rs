@@ -372,6 +372,18 @@ fn usage_errors() {
         &["none.json", "no such"],
     );
     bench.fails("estimate data --threshold -1", 2, &["threshold"]);
+    bench.ok("estimate data --estimator dual --replay 5 --seed 3");
+    for flag in ["--replay-variance keep", "--clear-replay"] {
+        let name = flag.split(' ').next().unwrap();
+        let line = format!("estimate data --estimator dual {flag}");
+        bench.fails(&line, 2, &[name, "`dual`", "choose `replay`"]);
+    }
+    for line in [
+        "estimate data --replay 5",
+        "estimate data --estimator exact --replay 5",
+    ] {
+        bench.fails(line, 2, &["--replay", "choose `dual`"]);
+    }
     bench.fails("estimate data --prior-sd 0 --noise-sd 1", 2, &["prior-sd"]);
     let all = [".npz", ".ply", "folder", "`vsf export`", ".png", ".svg"];
     for line in ["estimate data --out a.jpg", "export truth --out a.jpg"] {
@@ -465,6 +477,8 @@ fn json_to_a_file_and_quiet() {
         2,
         &["--points 1", "without contact"],
     );
+    bench.ok("bench --points 1000 --steps 4 --estimator dual");
+    bench.ok("bench --points 1000 --soak 0.001 --estimator dual");
     let json = bench.ok("bench --points 1000 --steps 4 --json");
     has_keys(
         &json,

@@ -5,10 +5,10 @@ use std::sync::Arc;
 use std::time::Instant;
 use vsf_contact::{ContactConfig, GridOptions, StickSlip, link_sdfs};
 use vsf_core::{
-    Belief, ContactModel, Contacts, Estimator, Noise, Observation, Posture, RestPoints, Scalar,
-    Sensor,
+    Belief, ContactModel, Contacts, CoreError, Estimator, Noise, Observation, Posture, RestPoints,
+    Scalar, Sensor,
 };
-use vsf_filter::{DiagonalKalman, MemoryReplay, ReplayConfig};
+use vsf_filter::{DiagonalKalman, DualConfig, DualReplay, MemoryReplay, ReplayConfig};
 use vsf_robots::{JointTorques, RobotModel, kinova_gen3};
 
 /// What [`bench()`] runs.
@@ -18,8 +18,20 @@ pub struct BenchOptions {
     pub points: usize,
     /// Steps of the push, default 150; at least 2.
     pub steps: usize,
+    /// The estimator, default [`OnlineEstimator::Replay`].
+    pub estimator: OnlineEstimator,
     /// Replays per update, default 20.
     pub replays: usize,
+}
+
+/// An estimator for control loops, with what it remembers within the default of bytes.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub enum OnlineEstimator {
+    /// [`MemoryReplay`] of a [`DiagonalKalman`].
+    #[default]
+    Replay,
+    /// [`DualReplay`].
+    Dual,
 }
 
 impl Default for BenchOptions {
@@ -27,6 +39,7 @@ impl Default for BenchOptions {
         Self {
             points: 100_000,
             steps: 150,
+            estimator: OnlineEstimator::default(),
             replays: 20,
         }
     }
@@ -119,18 +132,62 @@ pub fn bench(options: &BenchOptions) -> Result<BenchReport, PipelineError> {
             hint: "take at least 2 steps",
         });
     }
-    let mut bench = Push::new(side, options.steps)?;
-    let prior = Belief::<f32>::uniform(bench.rest.len(), 0.0, 0.1)?;
+    let push = Push::new(side, options.steps)?;
+    let prior = Belief::<f32>::uniform(push.rest.len(), 0.0, 0.1)?;
+    match options.estimator {
+        OnlineEstimator::Replay => {
+            let replay = replay(prior, options.replays)?;
+            timed(push, replay, MemoryReplay::buffered_bytes, options.replays)
+        }
+        OnlineEstimator::Dual => {
+            let dual = dual(prior, options.replays)?;
+            timed(push, dual, DualReplay::buffered_bytes, options.replays)
+        }
+    }
+}
+
+type Replay = MemoryReplay<DiagonalKalman<f32>>;
+
+fn replay(prior: Belief<f32>, replays: usize) -> Result<Replay, CoreError> {
     let config = ReplayConfig {
-        replays: options.replays,
+        replays,
         ..ReplayConfig::default()
     };
-    let mut estimator = MemoryReplay::new(DiagonalKalman::new(prior), config)?;
+    MemoryReplay::new(DiagonalKalman::new(prior), config)
+}
+
+fn dual(prior: Belief<f32>, replays: usize) -> Result<DualReplay<f32>, CoreError> {
+    let config = DualConfig {
+        replays,
+        ..DualConfig::default()
+    };
+    DualReplay::new(prior, config)
+}
+
+impl OnlineEstimator {
+    pub(crate) fn build(
+        self,
+        prior: Belief<f32>,
+        replays: usize,
+    ) -> Result<Box<dyn Estimator<Scalar = f32>>, CoreError> {
+        Ok(match self {
+            Self::Replay => Box::new(replay(prior, replays)?),
+            Self::Dual => Box::new(dual(prior, replays)?),
+        })
+    }
+}
+
+fn timed<E: Estimator<Scalar = f32>>(
+    mut bench: Push,
+    mut estimator: E,
+    buffered_bytes: impl Fn(&E) -> usize,
+    replays: usize,
+) -> Result<BenchReport, PipelineError> {
     // The first push warms up caches, all of them the buffer of past observations.
     for _ in 0..MOST_WARMING {
-        let held = estimator.buffered_bytes();
+        let held = buffered_bytes(&estimator);
         bench.run(&mut estimator)?;
-        if estimator.buffered_bytes() <= held {
+        if buffered_bytes(&estimator) <= held {
             break;
         }
     }
@@ -152,7 +209,7 @@ pub fn bench(options: &BenchOptions) -> Result<BenchReport, PipelineError> {
         contact: stage(1),
         columns: stage(2),
         update: stage(3),
-        loaded: loaded(&pushes, options.replays, bandwidth),
+        loaded: loaded(&pushes, replays, bandwidth),
     })
 }
 

@@ -4,8 +4,8 @@ use vsf_core::{
     Belief, CoreError, Estimator, FilterHealth, Noise, Observation, RestPoints, UpdateReport,
 };
 use vsf_filter::{
-    BatchMap, CovarianceFilter, DiagonalForm, DiagonalKalman, FieldPrior, InformationFilter,
-    MemoryReplay, Projection, ReplayConfig,
+    BatchMap, CovarianceFilter, DiagonalForm, DiagonalKalman, DualConfig, DualReplay, FieldPrior,
+    InformationFilter, MemoryReplay, Projection, ReplayConfig,
 };
 
 /// Which estimator, with all of its parameters but prior and noise.
@@ -21,7 +21,11 @@ pub enum EstimatorSpec {
     /// The same from the precision matrix, eq. 5 ([`InformationFilter`]): slow, and without
     /// [`Projection::Constrained`].
     Information(Projection),
-    /// The diagonal filter with memory replay, as on the robot. It sees the marginals of the prior.
+    /// Replays that come down to the constrained optimum of independent points, at the speed of a
+    /// robot's control loop ([`DualReplay`]). It sees the marginals of the prior.
+    Dual(DualConfig),
+    /// The diagonal filter with memory replay, as in the paper (Alg. 1). It sees the marginals of
+    /// the prior.
     Replay {
         /// Form of the diagonal update.
         form: DiagonalForm,
@@ -55,6 +59,7 @@ impl EstimatorSpec {
             Self::Information(projection) => {
                 Box::new(InformationFilter::with_projection(prior, projection)?)
             }
+            Self::Dual(config) => Box::new(DualReplay::new(prior.marginals()?, config)?),
             Self::Replay { form, config } => {
                 let filter = DiagonalKalman::with_form(prior.marginals()?, form);
                 if config.replays == 0 {

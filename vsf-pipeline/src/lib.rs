@@ -39,7 +39,9 @@ mod vision;
 mod warning;
 
 pub use baseline::{Baseline, MlpConfig};
-pub use bench::{BenchOptions, BenchReport, LOADED_STEPS, Loaded, StageTimes, bench};
+pub use bench::{
+    BenchOptions, BenchReport, LOADED_STEPS, Loaded, OnlineEstimator, StageTimes, bench,
+};
 pub use campaign::Campaign;
 pub use error::PipelineError;
 pub use estimate::{Estimate, EstimatorSpec, estimate, estimate_online};

@@ -1,4 +1,4 @@
-use crate::bench::{JOINTS, Push, quantiles};
+use crate::bench::{JOINTS, OnlineEstimator, Push, quantiles};
 use crate::{PipelineError, ProcessMemory};
 use rand::SeedableRng;
 use rand_distr::{Distribution, StandardNormal};
@@ -8,13 +8,14 @@ use std::f64::consts::TAU;
 use std::thread::sleep;
 use std::time::{Duration, Instant};
 use vsf_core::{Belief, CoreError};
-use vsf_filter::{DiagonalKalman, MemoryReplay, ReplayConfig};
 
 /// What [`soak()`] runs.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct SoakOptions {
     /// Number of rest points in a cube of 0.33 m, default 100,000. It is rounded to a cube number.
     pub points: usize,
+    /// The estimator, default [`OnlineEstimator::Replay`].
+    pub estimator: OnlineEstimator,
     /// Replays per update, default 20.
     pub replays: usize,
     /// How long it takes (s), default 60, more than 0.
@@ -25,6 +26,7 @@ impl Default for SoakOptions {
     fn default() -> Self {
         Self {
             points: 100_000,
+            estimator: OnlineEstimator::default(),
             replays: 20,
             seconds: 60.0,
         }
@@ -60,7 +62,7 @@ pub struct SoakReport {
     /// Steps that had not ended when the next sample was due.
     pub late: usize,
     /// Resident memory of the process before the first step (MB), where the system tells. The past
-    /// observations of the replays come on top, up to [`ReplayConfig::byte_budget`].
+    /// observations of the replays come on top, up to [`vsf_filter::ReplayConfig::byte_budget`].
     pub resident_start_mb: Option<f64>,
     /// Resident memory of the process after the last step (MB), where the system tells.
     pub resident_end_mb: Option<f64>,
@@ -97,12 +99,8 @@ pub fn soak(options: &SoakOptions) -> Result<SoakReport, PipelineError> {
     let mut push = Push::new(side, 2)?;
     let points = push.rest.len();
     let truth: Vec<f32> = (0..points).map(|i| TRUTH[2 * i / points]).collect();
-    let config = ReplayConfig {
-        replays: options.replays,
-        ..ReplayConfig::default()
-    };
     let prior = Belief::<f32>::uniform(points, 0.0, 30.0)?;
-    let mut estimator = MemoryReplay::new(DiagonalKalman::new(prior), config)?;
+    let mut estimator = options.estimator.build(prior, options.replays)?;
     let mut buffers = push.buffers::<f32>();
     let mut rng = Pcg64Mcg::seed_from_u64(0);
     // A reading comes one sample late.
@@ -122,7 +120,7 @@ pub fn soak(options: &SoakOptions) -> Result<SoakReport, PipelineError> {
                 sleep(early);
             }
             let share = 0.5 - 0.5 * (TAU * t / PERIOD).cos();
-            let step = push.step(share, &reading, &mut estimator, &mut buffers)?;
+            let step = push.step(share, &reading, &mut *estimator, &mut buffers)?;
             late += usize::from(clock.elapsed().as_secs_f64() > t + 1.0 / RATE_HZ);
             steps += 1;
             times.push(step.total());
@@ -169,6 +167,7 @@ mod tests {
             points: 1000,
             replays: 1,
             seconds: 0.3,
+            ..SoakOptions::default()
         };
         let report = soak(&options).unwrap();
         assert_eq!(report.points, 1000);

@@ -7,12 +7,12 @@ use crate::{
 use serde::Serialize;
 use std::time::Instant;
 use vsf_core::{Belief, Noise};
-use vsf_filter::{DiagonalForm, Projection, ReplayConfig};
+use vsf_filter::{DiagonalForm, DualConfig, Projection, ReplayConfig};
 
 /// One estimator on one recording: a cell of Table I.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Table1Cell {
-    /// `replay 0`, `replay 10`, `replay 20`, `exact` or `batch`.
+    /// `replay 0`, `replay 10`, `replay 20`, `dual 20`, `exact` or `batch`.
     pub estimator: String,
     /// The paper's figure: mean error over the samples of a train sequence, by the field at the end
     /// of that sequence; averaged over the sequences. For `batch` by the field of all.
@@ -79,6 +79,10 @@ pub fn table1(campaign: &Campaign) -> Result<Table1Row, PipelineError> {
         };
         cells.push(run.online(format!("replay {replays}"), &spec)?);
     }
+    cells.push(run.online(
+        "dual 20".to_owned(),
+        &EstimatorSpec::Dual(DualConfig::default()),
+    )?);
     cells.push(run.online(
         "exact".to_owned(),
         &EstimatorSpec::Exact(Projection::default()),

@@ -2,7 +2,8 @@ use crate::console::{Console, number, table};
 use crate::exit::usage;
 use crate::range::{positive, replays};
 use vsf::pipeline::{
-    BenchOptions, BenchReport, LOADED_STEPS, SoakOptions, SoakReport, SoakTenth, bench, soak,
+    BenchOptions, BenchReport, LOADED_STEPS, OnlineEstimator, SoakOptions, SoakReport, SoakTenth,
+    bench, soak,
 };
 
 #[derive(Debug, clap::Args)]
@@ -23,6 +24,9 @@ pub struct Args {
     #[arg(long, default_value_t = BenchOptions::default().steps as u64,
           value_parser = clap::value_parser!(u64).range(2..=100_000))]
     steps: u64,
+    /// The estimator
+    #[arg(long, value_enum, default_value = "replay")]
+    estimator: Online,
     /// Replays per update
     #[arg(long, default_value_t = BenchOptions::default().replays, value_parser = replays)]
     replay: usize,
@@ -31,12 +35,30 @@ pub struct Args {
     soak: Option<f64>,
 }
 
+#[derive(Debug, Clone, Copy, PartialEq, Eq, clap::ValueEnum)]
+enum Online {
+    /// Diagonal Kalman filter with memory replay (Alg. 1)
+    Replay,
+    /// Replays that come down to the constrained optimum of independent points
+    Dual,
+}
+
+impl From<Online> for OnlineEstimator {
+    fn from(online: Online) -> Self {
+        match online {
+            Online::Replay => Self::Replay,
+            Online::Dual => Self::Dual,
+        }
+    }
+}
+
 /// Needs no data: a Kinova Gen3 pushes into a cube of points.
 pub fn run(args: &Args, console: &Console) -> anyhow::Result<()> {
     let spinner = console.spinner("pushing");
     if let Some(minutes) = args.soak {
         let report = soak(&SoakOptions {
             points: args.points as usize,
+            estimator: args.estimator.into(),
             replays: args.replay,
             seconds: 60.0 * minutes,
         })?;
@@ -47,6 +69,7 @@ pub fn run(args: &Args, console: &Console) -> anyhow::Result<()> {
     let report = bench(&BenchOptions {
         points: args.points as usize,
         steps: args.steps as usize,
+        estimator: args.estimator.into(),
         replays: args.replay,
     })?;
     spinner.finish_and_clear();

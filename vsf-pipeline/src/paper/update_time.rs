@@ -2,7 +2,9 @@ use crate::PipelineError;
 use crate::bench::{Push, Step};
 use serde::Serialize;
 use vsf_core::{Belief, Estimator};
-use vsf_filter::{CovarianceFilter, DiagonalKalman, MemoryReplay, ReplayConfig};
+use vsf_filter::{
+    CovarianceFilter, DiagonalKalman, DualConfig, DualReplay, MemoryReplay, ReplayConfig,
+};
 
 /// Rest points along each edge of the cube, and steps of the push into it: about 1.1 mm each, 4100
 /// contacts at the end.
@@ -33,8 +35,8 @@ pub struct UpdateTime {
     pub high_ms: f64,
 }
 
-/// Times the update of the diagonal filter, with and without 20 replays, and of the dense (exact)
-/// one, in `f32`, while a Kinova Gen3 pushes 16 cm into a cube of 97,336 points; and the contact model
+/// Times the update of the diagonal filter, with and without 20 replays, of the dual one, and of the
+/// dense (exact) one, in `f32`, while a Kinova Gen3 pushes 16 cm into a cube of 97,336 points; and the contact model
 /// of these steps. The dense filter may use the threads of the rayon pool, the others take one. It
 /// needs no recording: plants have too few contacts to tell.
 ///
@@ -45,9 +47,11 @@ pub fn update_times() -> Result<Vec<UpdateTimes>, PipelineError> {
     let prior = Belief::<f32>::uniform(push.rest.len(), 0.0, 0.1)?;
     let diagonal = || DiagonalKalman::new(prior.clone());
     let replay = MemoryReplay::new(diagonal(), ReplayConfig::default())?;
-    let estimators: [(_, Box<dyn Estimator<Scalar = f32>>); 3] = [
+    let dual = DualReplay::new(prior.clone(), DualConfig::default())?;
+    let estimators: [(_, Box<dyn Estimator<Scalar = f32>>); 4] = [
         ("diagonal", Box::new(diagonal())),
         ("diagonal, 20 replays", Box::new(replay)),
+        ("dual, 20 replays", Box::new(dual)),
         ("dense", Box::new(CovarianceFilter::new(prior.clone())?)),
     ];
     // Buffers and caches of contact warm up.
