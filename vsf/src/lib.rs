@@ -67,7 +67,7 @@
 //! | [`core`] | `vsf-core` | the traits, beliefs, observations, [`Session`](core::Session), filter health |
 //! | [`robots`] | `vsf-robots` | robots from URDF, kinematics, gravity, joint-torque sensing |
 //! | [`contact`] | `vsf-contact` | signed distances, stick-slip contact |
-//! | [`filter`] | `vsf-filter` | the diagonal Kalman filter and memory replay |
+//! | [`filter`] | `vsf-filter` | the diagonal Kalman filter, memory replay, exact filters, the batch optimum |
 //! | [`data`] | `vsf-data` | recordings and fields on disk |
 //! | [`vision`] | `vsf-vision` | what a camera sees, and what it says of untouched points |
 //! | [`plot`] | `vsf-plot` | pictures of fields and torques |
