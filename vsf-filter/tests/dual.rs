@@ -196,12 +196,8 @@ fn sizes_that_cannot_be_are_refused() {
 fn val_precise_readings_come_down_late() {
     let points = 6;
     let mut world = LinearWorld::new(points, 0.5, 2.0, 336);
-    let stream: Vec<_> = (0..21)
-        .map(|_| {
-            let reading = world.reading(points, 6, 2, 1.0, 0.3);
-            reading.observation(points).unwrap()
-        })
-        .collect();
+    let observe = |_| world.reading(points, 6, 2, 1.0, 0.3).observation(points);
+    let stream: Vec<_> = (0..21).map(observe).map(Result::unwrap).collect();
     let prior = Belief::uniform(points, 0.0, 2.5).unwrap();
     let config = DualConfig {
         replays: 100,
@@ -218,12 +214,8 @@ fn val_precise_readings_come_down_late() {
 fn one_pass_comes_near_the_optimum() {
     let points = 60;
     let mut world = LinearWorld::new(points, 10.0, 3.0, 2);
-    let stream: Vec<_> = (0..300)
-        .map(|_| {
-            let reading = world.reading(points, 15, 3, 0.3, 2.0);
-            reading.observation(points).unwrap()
-        })
-        .collect();
+    let observe = |_| world.reading(points, 15, 3, 0.3, 2.0).observation(points);
+    let stream: Vec<_> = (0..300).map(observe).map(Result::unwrap).collect();
     let prior = Belief::uniform(points, 10.0, 3.0).unwrap();
     let mut filter = DualReplay::new(prior.clone(), DualConfig::default()).unwrap();
     settle(&mut filter, &stream, 0);
