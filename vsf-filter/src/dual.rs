@@ -59,12 +59,13 @@ impl Default for DualConfig {
 ///
 /// # How fast it comes down
 /// The sooner, the less precise readings are beside what the prior leaves open of them. On seven of eight
-/// campaigns of joint torques with some 100 contacts (see `RESULTS.md` of the repository), 20 replays end with the test
-/// error of the optimum to 2 %. Where
-/// every reading is precise and feels the same points as others, as under a plate that goes down, they do not suffice:
-/// the field lags behind, is unsteady, and goes too far where readings contradict each other by more than their noise.
-/// There [`crate::MemoryReplay`] is better, for the first thousands of readings or for good. More replays help, and
-/// noise that includes the error of the model; few points are a case for [`crate::CovarianceFilter`].
+/// campaigns of joint torques with some 100 contacts (see `RESULTS.md` of the repository), 20 replays
+/// end with the test error of the optimum to 2 %. Where every reading is precise and feels the same
+/// points as others, as under a plate that goes down, they do not suffice: the field lags behind, is
+/// unsteady, and goes too far where readings contradict each other by more than their noise. There
+/// [`crate::MemoryReplay`] is better, for the first thousands of readings or for good. More replays help,
+/// and noise that includes the error of the model; few points are a case for
+/// [`crate::CovarianceFilter`].
 ///
 /// # Memory
 /// When observations exceed [`DualConfig::byte_budget`], random ones leave: their multipliers stay as they
@@ -165,8 +166,6 @@ struct Scratch<T> {
     pull: Pull,
     step: Step<T>,
     correction: Correction<T>,
-    touched: Vec<T>,
-    predicted: Vec<f64>,
 }
 
 /// One step uphill, of the points that an observation touches.
@@ -191,8 +190,7 @@ impl<T: Scalar> Step<T> {
         kernel::read_positive(
             obs,
             [free, prior],
-            &mut self.free,
-            &mut self.prior,
+            [&mut self.free, &mut self.prior, &mut self.mean],
             &mut self.predicted,
         );
         let noise = obs.noise().covariance();
@@ -280,13 +278,7 @@ impl<T: Scalar> Estimator for DualReplay<T> {
     }
 
     fn reset(&mut self, prior: Belief<T>) -> Result<(), CoreError> {
-        self.free.clear();
-        self.free.extend_from_slice(prior.mean());
-        self.prior.clear();
-        self.prior.extend_from_slice(prior.variance());
-        self.filter.reset(prior)?;
-        self.rng = Pcg64Mcg::seed_from_u64(self.config.seed);
-        self.buffer = Reservoir::new();
+        *self = Self::new(prior, self.config)?;
         Ok(())
     }
 
@@ -318,12 +310,10 @@ impl<T: Scalar> Estimator for DualReplay<T> {
         self.replay();
         let below = |&&p: &&u32| self.free[p as usize] < T::ZERO;
         report.projected = obs.points().iter().filter(below).count();
-        report.postfit = postfit(
-            obs,
-            self.filter.belief().mean(),
-            &mut self.scratch.touched,
-            &mut self.scratch.predicted,
-        );
+        let Step {
+            mean, predicted, ..
+        } = &mut self.scratch.step;
+        report.postfit = postfit(obs, self.filter.belief().mean(), mean, predicted);
         Ok(report)
     }
 

@@ -60,20 +60,18 @@ pub(crate) fn shift<T: Scalar>(obs: &Observation<T>, gain: &[f64], variance: &[T
     });
 }
 
-/// The touched points of a field and of its prior, copied to `free` and `prior`, and the reading
-/// `W max(0, free)`.
+/// The touched points of a field and of its prior, copied to `free` and `prior`, `mean = max(0, free)`, and
+/// the reading `W mean`.
 pub(crate) fn read_positive<T: Scalar>(
     obs: &Observation<T>,
     fields: [&[T]; 2],
-    free: &mut [T],
-    prior: &mut [T],
+    touched: [&mut [T]; 3],
     reading: &mut [f64],
 ) {
     T::run::<Passes>(Pass::ReadPositive {
         obs,
         fields,
-        free,
-        prior,
+        touched,
         reading,
     });
 }
@@ -155,8 +153,8 @@ enum Pass<'a, T: Scalar> {
     ReadPositive {
         obs: &'a Observation<T>,
         fields: [&'a [T]; 2],
-        free: &'a mut [T],
-        prior: &'a mut [T],
+        /// Free means, prior, means.
+        touched: [&'a mut [T]; 3],
         reading: &'a mut [f64],
     },
     ShiftPositive {
@@ -215,13 +213,13 @@ impl<T: Lanes> WithSimd for Pass<'_, T> {
             Pass::ReadPositive {
                 obs,
                 fields,
-                free,
-                prior,
+                touched: [free, prior, mean],
                 reading,
             } => {
                 fetch(obs.rows());
                 gather(obs.points(), fields, [&mut *free, prior]);
-                sum_positive(simd, obs, free, reading);
+                cut_off(free, mean);
+                sum_reading(simd, obs, mean, reading);
             }
             Pass::ShiftPositive {
                 obs,
@@ -353,32 +351,16 @@ fn sum_channels<S: Simd, T: Lanes>(
     }
 }
 
+/// Four rows at a time: a number of `x` loaded once serves them all.
 #[inline(always)]
 fn sum_reading<S: Simd, T: Lanes>(simd: S, obs: &Observation<T>, x: &[T], reading: &mut [f64]) {
-    let n = obs.len();
-    reading.fill(0.0);
-    for start in (0..n).step_by(BLOCK) {
-        let end = (start + BLOCK).min(n);
-        for (i, reading) in reading.iter_mut().enumerate() {
-            let [[sum]] = products(simd, [&x[start..end]], [&obs.row(i)[start..end]]);
-            *reading += sum;
-        }
-    }
-}
-
-/// Adds up `W max(0, free)`.
-#[inline(always)]
-fn sum_positive<S: Simd, T: Lanes>(simd: S, obs: &Observation<T>, free: &[T], reading: &mut [f64]) {
     let (n, d) = (obs.len(), obs.dim());
     reading.fill(0.0);
-    let mut mean = [T::ZERO; BLOCK];
     for start in (0..n).step_by(BLOCK) {
         let range = start..(start + BLOCK).min(n);
-        let mean = &mut mean[..range.len()];
-        cut_off(&free[range.clone()], mean);
         let block = Block {
             obs,
-            mean,
+            mean: &x[range.clone()],
             variance: &[],
             range,
         };

@@ -32,15 +32,3 @@ pub(crate) fn load_rng([low, high]: [u64; 2]) -> Result<Pcg64Mcg, CoreError> {
     }
     Ok(Pcg64Mcg::new(u128::from(high) << 64 | u128::from(low)))
 }
-
-/// How far a field may have moved (N²/m²).
-pub(crate) fn check_diffused(value: f64) -> Result<(), CoreError> {
-    if value >= 0.0 && value.is_finite() {
-        return Ok(());
-    }
-    Err(CoreError::Parameter {
-        name: "total variance of the field's steps",
-        value,
-        range: ">= 0 N²/m² and finite",
-    })
-}

@@ -45,7 +45,8 @@ fn nis_ratio(form: DiagonalForm, variance: ReplayVariance) -> Option<(f64, f64)>
 
 /// With room for all observations, and for few.
 fn replay<T: Scalar>() {
-    for (form, byte_budget) in FORMS.into_iter().flat_map(|f| [(f, 256 << 20), (f, 5000)]) {
+    let budgets = [ReplayConfig::default().byte_budget, 5000];
+    for (form, byte_budget) in FORMS.into_iter().flat_map(|f| budgets.map(|b| (f, b))) {
         for variance in [ReplayVariance::Keep, ReplayVariance::Shrink] {
             let config = ReplayConfig {
                 variance,

@@ -1,5 +1,5 @@
-//! Replay in dual form: it comes down to the constrained optimum, however often it is fed, within
-//! bounded memory, and follows a field that changes.
+//! Replay in dual form: it comes down to the constrained optimum, however often readings are drawn, within
+//! bounded memory.
 
 #![allow(clippy::unwrap_used)]
 
@@ -24,6 +24,11 @@ fn farthest(a: &[f64], b: &[f64]) -> f64 {
     a.iter()
         .zip(b)
         .fold(0.0, |far, (a, b)| (a - b).abs().max(far))
+}
+
+fn rms(a: &[f64], b: &[f64]) -> f64 {
+    let squares: f64 = a.iter().zip(b).map(|(a, b)| (a - b).powi(2)).sum();
+    (squares / a.len() as f64).sqrt()
 }
 
 /// Takes in a stream, then only replays it.
@@ -129,8 +134,7 @@ fn errors<E: Estimator<Scalar = f64>>(
             filter.update(&press(t, &truth, &mut rng)).unwrap();
             t += 1;
         }
-        let pairs = filter.belief().mean().iter().zip(&truth);
-        (pairs.map(|(a, b)| (a - b).powi(2)).sum::<f64>() / n as f64).sqrt()
+        rms(filter.belief().mean(), &truth)
     })
 }
 
@@ -220,11 +224,7 @@ fn one_pass_comes_near_the_optimum() {
     let mut filter = DualReplay::new(prior.clone(), DualConfig::default()).unwrap();
     settle(&mut filter, &stream, 0);
     let best = optimum(&prior, &stream);
-    let rms = |a: &[f64]| {
-        let squares: f64 = a.iter().zip(&best).map(|(a, b)| (a - b).powi(2)).sum();
-        (squares / points as f64).sqrt()
-    };
-    let (far, at_first) = (rms(filter.belief().mean()), rms(prior.mean()));
+    let (far, at_first) = (rms(filter.belief().mean(), &best), rms(prior.mean(), &best));
     assert!(far < 0.1 * at_first, "{far} of {at_first} N/m away");
 }
 

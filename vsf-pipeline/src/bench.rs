@@ -34,6 +34,48 @@ pub enum OnlineEstimator {
     Dual,
 }
 
+/// An estimator whose memory of past observations fills up.
+pub(crate) trait Online: Estimator<Scalar = f32> {
+    fn buffered_bytes(&self) -> usize;
+}
+
+impl Online for MemoryReplay<DiagonalKalman<f32>> {
+    fn buffered_bytes(&self) -> usize {
+        self.buffered_bytes()
+    }
+}
+
+impl Online for DualReplay<f32> {
+    fn buffered_bytes(&self) -> usize {
+        self.buffered_bytes()
+    }
+}
+
+impl OnlineEstimator {
+    pub(crate) fn build(
+        self,
+        prior: Belief<f32>,
+        replays: usize,
+    ) -> Result<Box<dyn Online>, CoreError> {
+        Ok(match self {
+            Self::Replay => {
+                let config = ReplayConfig {
+                    replays,
+                    ..ReplayConfig::default()
+                };
+                Box::new(MemoryReplay::new(DiagonalKalman::new(prior), config)?)
+            }
+            Self::Dual => {
+                let config = DualConfig {
+                    replays,
+                    ..DualConfig::default()
+                };
+                Box::new(DualReplay::new(prior, config)?)
+            }
+        })
+    }
+}
+
 impl Default for BenchOptions {
     fn default() -> Self {
         Self {
@@ -132,66 +174,18 @@ pub fn bench(options: &BenchOptions) -> Result<BenchReport, PipelineError> {
             hint: "take at least 2 steps",
         });
     }
-    let push = Push::new(side, options.steps)?;
-    let prior = Belief::<f32>::uniform(push.rest.len(), 0.0, 0.1)?;
-    match options.estimator {
-        OnlineEstimator::Replay => {
-            let replay = replay(prior, options.replays)?;
-            timed(push, replay, MemoryReplay::buffered_bytes, options.replays)
-        }
-        OnlineEstimator::Dual => {
-            let dual = dual(prior, options.replays)?;
-            timed(push, dual, DualReplay::buffered_bytes, options.replays)
-        }
-    }
-}
-
-type Replay = MemoryReplay<DiagonalKalman<f32>>;
-
-fn replay(prior: Belief<f32>, replays: usize) -> Result<Replay, CoreError> {
-    let config = ReplayConfig {
-        replays,
-        ..ReplayConfig::default()
-    };
-    MemoryReplay::new(DiagonalKalman::new(prior), config)
-}
-
-fn dual(prior: Belief<f32>, replays: usize) -> Result<DualReplay<f32>, CoreError> {
-    let config = DualConfig {
-        replays,
-        ..DualConfig::default()
-    };
-    DualReplay::new(prior, config)
-}
-
-impl OnlineEstimator {
-    pub(crate) fn build(
-        self,
-        prior: Belief<f32>,
-        replays: usize,
-    ) -> Result<Box<dyn Estimator<Scalar = f32>>, CoreError> {
-        Ok(match self {
-            Self::Replay => Box::new(replay(prior, replays)?),
-            Self::Dual => Box::new(dual(prior, replays)?),
-        })
-    }
-}
-
-fn timed<E: Estimator<Scalar = f32>>(
-    mut bench: Push,
-    mut estimator: E,
-    buffered_bytes: impl Fn(&E) -> usize,
-    replays: usize,
-) -> Result<BenchReport, PipelineError> {
+    let mut bench = Push::new(side, options.steps)?;
+    let prior = Belief::<f32>::uniform(bench.rest.len(), 0.0, 0.1)?;
+    let mut estimator = options.estimator.build(prior, options.replays)?;
     // The first push warms up caches, all of them the buffer of past observations.
     for _ in 0..MOST_WARMING {
-        let held = buffered_bytes(&estimator);
-        bench.run(&mut estimator)?;
-        if buffered_bytes(&estimator) <= held {
+        let held = estimator.buffered_bytes();
+        bench.run(&mut *estimator)?;
+        if estimator.buffered_bytes() <= held {
             break;
         }
     }
-    let mut push = || bench.run(&mut estimator);
+    let mut push = || bench.run(&mut *estimator);
     let pushes: Vec<Vec<Step>> = (0..PUSHES).map(|_| push()).collect::<Result<_, _>>()?;
 
     let all = || pushes.iter().flatten().filter(|s| s.contacts > 0);
@@ -209,7 +203,7 @@ fn timed<E: Estimator<Scalar = f32>>(
         contact: stage(1),
         columns: stage(2),
         update: stage(3),
-        loaded: loaded(&pushes, replays, bandwidth),
+        loaded: loaded(&pushes, options.replays, bandwidth),
     })
 }
 

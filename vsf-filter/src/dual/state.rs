@@ -1,6 +1,8 @@
-use super::{DualConfig, DualReplay, Pull};
+use super::{DualConfig, DualReplay, Pull, Scratch};
 use crate::DiagonalKalman;
+use crate::replay::check_sizes;
 use crate::reservoir::Reservoir;
+use crate::state::load_rng;
 use serde::Deserialize;
 use vsf_core::{CoreError, Estimator, Scalar};
 
@@ -50,14 +52,15 @@ impl<T: Scalar> TryFrom<DualParts<T>> for DualReplay<T> {
             CoreError::check_finite("multipliers of an observation", &pull.multipliers)?;
             CoreError::check_len("factor of an observation", pull.factor.dim(), d)?;
         }
-        let fresh = Self::new(belief.clone(), parts.config)?;
+        check_sizes(parts.config.replays, budget)?;
         Ok(Self {
             filter: parts.filter,
             free: parts.free,
             prior: parts.prior,
-            rng: crate::state::load_rng(parts.rng)?,
+            config: parts.config,
+            rng: load_rng(parts.rng)?,
             buffer: parts.buffer,
-            ..fresh
+            scratch: Scratch::default(),
         })
     }
 }

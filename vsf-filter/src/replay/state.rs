@@ -1,6 +1,6 @@
 use super::{MemoryReplay, ReplayConfig, Revisit};
 use crate::reservoir::Reservoir;
-use crate::state::{check_diffused, load_rng};
+use crate::state::load_rng;
 use serde::Deserialize;
 use vsf_core::{CoreError, Estimator};
 
@@ -24,7 +24,13 @@ impl<E: Revisit> TryFrom<ReplayParts<E>> for MemoryReplay<E> {
     type Error = CoreError;
 
     fn try_from(parts: ReplayParts<E>) -> Result<Self, CoreError> {
-        check_diffused(parts.diffused)?;
+        if !(parts.diffused >= 0.0 && parts.diffused.is_finite()) {
+            return Err(CoreError::Parameter {
+                name: "total variance of the field's steps",
+                value: parts.diffused,
+                range: ">= 0 N²/m² and finite",
+            });
+        }
         let field_len = parts.inner.belief().len();
         parts
             .buffer
