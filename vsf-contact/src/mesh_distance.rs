@@ -4,6 +4,7 @@ use nalgebra::{Point3, Vector3};
 use parry3d_f64::math::Vector;
 use parry3d_f64::query::PointQueryWithLocation;
 use parry3d_f64::shape::TriMesh;
+use std::collections::HashSet;
 
 /// The corners of a triangle, counter-clockwise seen from outside.
 pub(crate) type Triangle = [Point3<f64>; 3];
@@ -21,10 +22,12 @@ pub(crate) struct Closest {
 }
 
 impl MeshDistance {
-    /// `None` without triangles.
+    /// `None` without triangles. Copies of a triangle are left out: all of them would be asked near one of them.
     pub fn new(triangles: &[Triangle]) -> Option<Self> {
-        let vertices = triangles.iter().flatten().map(to_parry).collect();
-        let faces = (0..triangles.len() as u32).map(|i| [3 * i, 3 * i + 1, 3 * i + 2]);
+        let mut seen = HashSet::new();
+        let triangles = triangles.iter().filter(|t| seen.insert(corners(t)));
+        let vertices: Vec<Vector> = triangles.flatten().map(to_parry).collect();
+        let faces = (0..vertices.len() as u32 / 3).map(|i| [3 * i, 3 * i + 1, 3 * i + 2]);
         let mesh = TriMesh::new(vertices, faces.collect()).ok()?;
         Some(Self { mesh })
     }
@@ -48,6 +51,19 @@ impl MeshDistance {
         let n = self.mesh.triangle(face as u32).scaled_normal();
         Vector3::new(n.x, n.y, n.z).try_normalize(0.0)
     }
+}
+
+/// What triangles with the same corners have in common.
+pub(crate) fn corners(t: &Triangle) -> [[u64; 3]; 3] {
+    let mut corners = t.map(|v| place(&v));
+    corners.sort_unstable();
+    corners
+}
+
+/// What points at the same place have in common.
+pub(crate) fn place(v: &Point3<f64>) -> [u64; 3] {
+    // Adding zero turns -0 into 0.
+    [v.x, v.y, v.z].map(|c| (c + 0.0).to_bits())
 }
 
 fn to_parry(p: &Point3<f64>) -> Vector {

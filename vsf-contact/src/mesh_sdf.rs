@@ -1,6 +1,6 @@
 use crate::closing::closing_sheet;
 use crate::lattice::Lattice;
-use crate::mesh_distance::{Closest, MeshDistance, Triangle};
+use crate::mesh_distance::{Closest, MeshDistance, Triangle, place};
 use crate::winding::WindingTree;
 use crate::{ContactError, Sdf, SdfSample};
 use nalgebra::{Point3, Vector3};
@@ -250,9 +250,7 @@ fn count_edges(triangles: &[Triangle]) -> (usize, usize) {
     for t in triangles {
         let [a, b, c] = t.map(|v| {
             let next = places.len();
-            // Adding zero turns -0 into 0.
-            let bits = [v.x, v.y, v.z].map(|c| (c + 0.0).to_bits());
-            *places.entry(bits).or_insert(next)
+            *places.entry(place(&v)).or_insert(next)
         });
         for (p, q) in [(a, b), (b, c), (c, a)] {
             let turn = if p < q { 1 } else { -1 };

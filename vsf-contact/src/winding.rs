@@ -1,4 +1,4 @@
-use crate::mesh_distance::Triangle;
+use crate::mesh_distance::{Triangle, corners};
 use nalgebra::{Matrix3, Point3, Vector3};
 use std::f64::consts::PI;
 
@@ -21,6 +21,7 @@ pub(crate) struct WindingTree {
     clusters: Vec<Cluster>,
 }
 
+/// A leaf holds few triangles or one that comes many times, which is asked once.
 struct Cluster {
     center: Point3<f64>,
     radius: f64,
@@ -30,6 +31,8 @@ struct Cluster {
     quadrupole: Matrix3<f64>,
     first: usize,
     len: usize,
+    /// How often the triangles of a leaf count.
+    times: f64,
     /// Index of the second child (the first one follows its parent); 0 in a leaf.
     second_child: usize,
 }
@@ -50,10 +53,14 @@ impl WindingTree {
         let id = self.clusters.len();
         self.clusters
             .push(cluster(&self.triangles[first..first + len], first));
+        let part = &mut self.triangles[first..first + len];
+        if let Some(times) = copies(part) {
+            (self.clusters[id].len, self.clusters[id].times) = (1, times);
+            return;
+        }
         if len <= LEAF {
             return;
         }
-        let part = &mut self.triangles[first..first + len];
         let (lower, upper) = part.iter().map(centroid).fold(
             (
                 Vector3::repeat(f64::INFINITY),
@@ -62,8 +69,12 @@ impl WindingTree {
             |(lower, upper), c| (lower.inf(&c.coords), upper.sup(&c.coords)),
         );
         let axis = (upper - lower).imax();
-        // A stable sort: the same input gives the same tree on every machine.
-        part.sort_by(|a, b| centroid(a)[axis].total_cmp(&centroid(b)[axis]));
+        // Stable sorts: the same input gives the same tree on every machine.
+        if lower == upper {
+            part.sort_by_key(corners);
+        } else {
+            part.sort_by(|a, b| centroid(a)[axis].total_cmp(&centroid(b)[axis]));
+        }
         let half = len / 2;
         self.grow(first, half);
         self.clusters[id].second_child = self.clusters.len();
@@ -89,7 +100,7 @@ impl WindingTree {
                 sum += c.expansion(&r, distance_squared);
             } else if c.second_child == 0 {
                 let near = &self.triangles[c.first..c.first + c.len];
-                sum += near.iter().map(|t| solid_angle(t, p)).sum::<f64>();
+                sum += c.times * near.iter().map(|t| solid_angle(t, p)).sum::<f64>();
             } else {
                 stack[top] = id + 1;
                 stack[top + 1] = c.second_child;
@@ -138,8 +149,25 @@ fn cluster(triangles: &[Triangle], first: usize) -> Cluster {
         quadrupole,
         first,
         len: triangles.len(),
+        times: 1.0,
         second_child: 0,
     }
+}
+
+/// How often the first triangle comes when there is no other: once more for every copy, at whichever corner that begins,
+/// and once less for every copy that is turned over.
+fn copies(triangles: &[Triangle]) -> Option<f64> {
+    let [a, b, c] = triangles[0];
+    let turn = |t: &Triangle| {
+        if [[a, b, c], [b, c, a], [c, a, b]].contains(t) {
+            Some(1.0)
+        } else if [[c, b, a], [b, a, c], [a, c, b]].contains(t) {
+            Some(-1.0)
+        } else {
+            None
+        }
+    };
+    triangles.iter().map(turn).sum()
 }
 
 fn centroid(t: &Triangle) -> Point3<f64> {
@@ -153,4 +181,30 @@ fn solid_angle(t: &Triangle, p: &Point3<f64>) -> f64 {
     let volume = a.dot(&b.cross(&c));
     let scale = la * lb * lc + a.dot(&b) * lc + b.dot(&c) * la + c.dot(&a) * lb;
     2.0 * volume.atan2(scale)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// A query near a triangle asks all clusters around it, so that copies must not make any.
+    #[test]
+    fn copies_make_no_clusters() {
+        let corner = |k: usize| Point3::new((k % 3) as f64, (k % 5) as f64, (k % 7) as f64);
+        let faces = (0..64).map(|k| [corner(k), corner(k + 1), corner(k + 2)]);
+        let copied: Vec<Triangle> = (0..1000)
+            .flat_map(|k| {
+                faces
+                    .clone()
+                    .map(move |[a, b, c]| [[a, b, c], [b, c, a], [c, b, a]][k % 3])
+            })
+            .collect();
+        let asked: usize = WindingTree::new(copied)
+            .clusters
+            .iter()
+            .map(|c| c.len)
+            .filter(|n| *n <= LEAF)
+            .sum();
+        assert!(asked < 1000, "{asked} of 64000");
+    }
 }

@@ -174,6 +174,31 @@ fn turned_faces_are_counted() {
     }
 }
 
+/// Copies of faces change neither distance nor side, at whichever corner they begin, and the winding number counts
+/// them; faces turned both ways have no inside.
+#[test]
+fn faces_may_come_several_times() {
+    let (vertices, faces) = cube(0.04);
+    let copied = |turn: fn([u32; 3], usize) -> [u32; 3]| {
+        let copies = (0..6).flat_map(|k| faces.iter().map(move |f| turn(*f, k)));
+        MeshSdf::new(&TriMesh::new(vertices.clone(), copies.collect()).unwrap()).unwrap()
+    };
+    let plain = MeshSdf::new(&closed_cube()).unwrap();
+    let turning = copied(|[a, b, c], k| [[a, b, c], [b, c, a], [c, a, b]][k % 3]);
+    let mostly = copied(|[a, b, c], k| if k % 3 == 1 { [c, b, a] } else { [a, b, c] });
+    let two_sided = copied(|[a, b, c], k| if k % 2 == 1 { [c, b, a] } else { [a, b, c] });
+    for p in lattice(0.09, 7) {
+        let s = plain.sample(&p);
+        assert_eq!((turning.sample(&p), mostly.sample(&p)), (s, s));
+        assert_eq!(two_sided.distance(&p), s.distance.abs());
+        let side = if s.distance < 0.0 { 1.0 } else { 0.0 };
+        for (sdf, times) in [(&turning, 6.0), (&mostly, 2.0), (&two_sided, 0.0)] {
+            let winding = sdf.winding_number(&p);
+            assert!((winding - times * side).abs() < 0.02 * 6.0, "{winding}");
+        }
+    }
+}
+
 #[test]
 fn the_grid_is_the_same_for_any_number_of_threads() {
     let bits = |threads: usize| {
