@@ -6,6 +6,7 @@
 use crate::cli::Cli;
 use crate::console::{Console, read_text};
 use crate::exit::usage;
+use anyhow::Context;
 use clap::error::{ContextKind, ContextValue, ErrorKind};
 use clap::parser::ValueSource;
 use clap::{Arg, ArgAction, ArgMatches, Args, Command, FromArgMatches, ValueEnum};
@@ -117,7 +118,23 @@ pub fn parse() -> anyhow::Result<(Cli, Origins)> {
         Some(word) => Err(usage(format!(
             "--json takes {word:?} for the file to write; give --json last, or its file as --json=FILE"
         ))),
-        None => parsed.map(|cli| (cli, origins)).map_err(|e| e.exit()),
+        None => match parsed {
+            Ok(cli) => Ok((cli, origins)),
+            Err(e) => say(&e),
+        },
+    }
+}
+
+/// Ends the process with what `--help`, `--version` or a wrong flag have clap say.
+///
+/// # Errors
+/// It cannot be said; a reader that went away does not count.
+fn say(message: &clap::Error) -> anyhow::Result<(Cli, Origins)> {
+    match message.print() {
+        Err(e) if e.kind() != std::io::ErrorKind::BrokenPipe => {
+            Err(e).context("cannot write to standard output")
+        }
+        _ => std::process::exit(message.exit_code()),
     }
 }
 

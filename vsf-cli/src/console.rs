@@ -159,12 +159,28 @@ impl Console {
 /// Refuses what is no file in a folder that exists.
 fn check_file(flag: &str, path: &Path) -> anyhow::Result<()> {
     let folder = path.parent().filter(|p| !p.as_os_str().is_empty());
-    if path.is_dir() || folder.is_some_and(|f| !f.is_dir()) {
+    if names_folder(path) || folder.is_some_and(|f| !f.is_dir()) {
         let why = format!("{flag} must name a file in a folder that exists");
         return Err(std::io::Error::new(ErrorKind::NotFound, why))
             .with_context(|| format!("cannot write {}", path.display()));
     }
-    Ok(())
+    check_name(flag, path)
+}
+
+/// Whether a path is that of a folder, or is written as of one, with a slash at its end.
+pub fn names_folder(path: &Path) -> bool {
+    let last = path.as_os_str().as_encoded_bytes().last();
+    path.is_dir() || last.is_some_and(|b| std::path::is_separator(char::from(*b)))
+}
+
+/// Refuses a name that the system takes for no file, such as one too long.
+fn check_name(flag: &str, path: &Path) -> anyhow::Result<()> {
+    match path.symlink_metadata() {
+        Err(e) if e.kind() != ErrorKind::NotFound => {
+            Err(e).with_context(|| format!("cannot write {flag} {}", path.display()))
+        }
+        _ => Ok(()),
+    }
 }
 
 /// One line on standard error. That nobody reads it is no reason to stop.
@@ -256,7 +272,7 @@ pub fn number(value: f64) -> String {
     }
 }
 
-/// Refuses what lies below something that is no folder.
+/// Refuses what lies below something that is no folder, and names that no file can have.
 pub fn check_above(flag: &str, out: &Path) -> anyhow::Result<()> {
     let mut above = out.ancestors().skip(1);
     match above.find(|p| p.exists() && !p.is_dir()) {
@@ -265,7 +281,7 @@ pub fn check_above(flag: &str, out: &Path) -> anyhow::Result<()> {
             Err(std::io::Error::new(ErrorKind::NotADirectory, why))
                 .with_context(|| format!("cannot write {flag} {}", out.display()))
         }
-        None => Ok(()),
+        None => check_name(flag, out),
     }
 }
 

@@ -1,4 +1,4 @@
-use crate::console::{Console, check_above, check_folder, create_folder};
+use crate::console::{Console, check_above, check_folder, create_folder, names_folder};
 use crate::corrected::{CorrectedModel, effects_of};
 use crate::exit::usage;
 use crate::interrupt::writing;
@@ -328,7 +328,7 @@ pub fn check_out(out: &Path) -> anyhow::Result<()> {
     let path = out.display();
     check_above("--out", out)?;
     if FieldFormat::of(out)? != FieldFormat::Folder {
-        return match out.is_dir() {
+        return match names_folder(out) {
             true => Err(usage(format!("--out {path}: it is a folder"))),
             false => Ok(()),
         };

@@ -500,6 +500,15 @@ fn outputs_that_cannot_be_written() {
     let estimate = "estimate touch --prior-sd 10 --noise-sd 1";
     fs::create_dir(bench.root.join("a.npz")).unwrap();
     bench.fails(&format!("{estimate} --out a.npz"), 2, &["a.npz", "folder"]);
+    bench.fails(
+        &format!("{estimate} --out b.npz/"),
+        2,
+        &["b.npz/", "folder"],
+    );
+    let long = "a".repeat(300);
+    for out in [format!("--out {long}.npz"), format!("--json={long}")] {
+        bench.fails(&format!("{estimate} {out}"), 3, &["cannot write", &long]);
+    }
     if cfg!(target_os = "linux") {
         bench.fails(
             &format!("{estimate} --out /proc/a.npz"),
@@ -507,6 +516,13 @@ fn outputs_that_cannot_be_written() {
             &["/proc/a.npz"],
         );
         bench.fails(&format!("{estimate} --json=/dev/full"), 3, &["/dev/full"]);
+        for line in ["--help", "--version", "help estimate"] {
+            let full = fs::File::options().write(true).open("/dev/full").unwrap();
+            let output = bench.command(line).stdout(full).output().unwrap();
+            let error = String::from_utf8_lossy(&output.stderr);
+            assert_eq!(output.status.code(), Some(3), "{line}: {error}");
+            assert!(error.contains("standard output"), "{line}: {error}");
+        }
     }
     let mut locked = fs::metadata(bench.root.join("touch/points.npy"))
         .unwrap()

@@ -41,7 +41,7 @@ pub(crate) fn write(path: &Path, field: &StiffnessField, scale: Scale) -> Result
 /// of the file (metres everywhere in this crate). Everything else in the file is skipped.
 ///
 /// # Errors
-/// A damaged file, no vertices, coordinates that are missing or not finite.
+/// A damaged file, more than its header counts, no vertices, coordinates that are missing or not finite.
 pub fn read_ply_points(path: impl AsRef<Path>) -> Result<Vec<Point3<f64>>, DataError> {
     let vertices = read_vertices(path.as_ref(), &["x", "y", "z"])?;
     Ok(vertices.iter().map(|v| v.0.position).collect())
@@ -90,6 +90,13 @@ fn read_vertices(path: &Path, needed: &[&str]) -> Result<Vec<Vertex>, DataError>
     let payload = parser.read_payload(&mut reader, &header);
     let mut payload =
         payload.map_err(|e| not_finite(path, &bytes, &header).unwrap_or(damaged(e)))?;
+    let end = usize::try_from(reader.get_ref().position()).unwrap_or(length);
+    let left = bytes[end..].trim_ascii().len();
+    if left > 0 {
+        return Err(wrong(format!(
+            "{left} bytes are left behind the elements that the header counts"
+        )));
+    }
     let vertices = payload.swap_remove("vertex").unwrap_or_default();
     let points: Vec<_> = vertices.iter().map(|v| v.0.position).collect();
     files::check_points(path, &points)?;

@@ -261,6 +261,26 @@ fn attachments_in_chunks_are_not_kept() {
     assert!(error.contains("points.npy"), "{error}");
 }
 
+/// What a header does not count is damage, be it text or binary; white space is none.
+#[test]
+fn clouds_with_more_than_they_count() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("a.ply");
+    let (field, _) = StiffnessField::open(golden("plain.npz")).unwrap();
+    field.save_ply(&path, None).unwrap();
+    let text = "ply\nformat ascii 1.0\nelement vertex 1\nproperty float x\nproperty float y\n\
+                property float z\nend_header\n0 1 2\n";
+    for bytes in [text.as_bytes().to_vec(), fs::read(&path).unwrap()] {
+        for (more, fits) in [(&b"\n \n"[..], true), (b"3 4 5\n", false)] {
+            fs::write(&path, [&bytes, more].concat()).unwrap();
+            match read_ply_points(&path) {
+                Ok(_) => assert!(fits),
+                Err(e) => assert!(!fits && e.to_string().contains("left behind"), "{e}"),
+            }
+        }
+    }
+}
+
 proptest! {
     #![proptest_config(ProptestConfig { failure_persistence: None, ..ProptestConfig::with_cases(1500) })]
 

@@ -32,19 +32,52 @@ pub(crate) fn load(path: &Path, scale: &Vector3<f64>) -> Result<TriMesh, RobotEr
 const STL_HEADER: usize = 80;
 
 fn stl(mut bytes: Vec<u8>) -> Result<Corners, String> {
-    // The reader takes any file that begins with "solid " for text, and no other. Binary files may
-    // begin so too, their length tells; text files may have no name after "solid".
     let count = bytes
         .get(STL_HEADER..STL_HEADER + 4)
         .and_then(|b| <[u8; 4]>::try_from(b).ok())
         .map(u32::from_le_bytes);
-    let is_binary =
-        count.is_some_and(|n| bytes.len() as u64 == STL_HEADER as u64 + 4 + 50 * u64::from(n));
-    if is_binary {
-        bytes[..STL_HEADER].fill(0);
-    } else if bytes.starts_with(b"solid\n") || bytes.starts_with(b"solid\r") {
-        bytes.insert(b"solid".len(), b' ');
+    let length = count.map(|n| STL_HEADER as u64 + 4 + 50 * u64::from(n));
+    // Binary files may begin with "solid" as text does; their length tells.
+    let is_binary = length == Some(bytes.len() as u64);
+    if !is_binary && bytes.starts_with(b"solid") {
+        return stl_text(&bytes);
     }
+    if let (Some(n), Some(length)) = (count, length)
+        && let Some(left @ 1..) = (bytes.len() as u64).checked_sub(length)
+    {
+        return Err(format!(
+            "{left} bytes are left behind the {n} faces that its header counts"
+        ));
+    }
+    if is_binary {
+        // The reader takes any file that begins with "solid " for text.
+        bytes[..STL_HEADER].fill(0);
+    }
+    stl_faces(bytes)
+}
+
+/// Text holds one solid or several, one after another.
+fn stl_text(bytes: &[u8]) -> Result<Corners, String> {
+    let mut corners = Vec::new();
+    let mut solid = Vec::new();
+    for line in bytes.split_inclusive(|b| *b == b'\n') {
+        let words = line.trim_ascii();
+        if solid.is_empty() && words.is_empty() {
+            continue;
+        }
+        // The reader asks for a space where a solid has no name.
+        solid.extend_from_slice(if words == b"solid" { b"solid \n" } else { line });
+        if words.starts_with(b"endsolid") {
+            corners.extend(stl_faces(std::mem::take(&mut solid))?);
+        }
+    }
+    match solid.is_empty() {
+        true => Ok(corners),
+        false => Err("not a complete STL file: it ends without endsolid".to_owned()),
+    }
+}
+
+fn stl_faces(bytes: Vec<u8>) -> Result<Corners, String> {
     let mut cursor = Cursor::new(bytes);
     stl_io::create_stl_reader(&mut cursor)
         .and_then(|faces| {

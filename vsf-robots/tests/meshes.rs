@@ -143,6 +143,10 @@ fn good_meshes_are_welded_and_scaled() {
 
     let text = mesh(&file("text.stl", TEXT_STL.as_bytes()), "").unwrap();
     assert_eq!(only_mesh(&text).vertices().len(), 3);
+    let second = TEXT_STL.replace("vertex 0 0 0", "vertex 0 0 1");
+    let several = format!("{TEXT_STL}\n{second}").replace('\n', "\r\n");
+    let several = mesh(&file("several.stl", several.as_bytes()), "").unwrap();
+    assert_eq!(only_mesh(&several).faces().len(), 2);
     let obj = "o a\nv 0 0 0\nv 1 0 0\nv 1 1 0\nv 0 1 0\nf 1 2 3 4\no b\nv 0 0 1\nf 1 2 5\n";
     let obj = mesh(&file("two.obj", obj.as_bytes()), "").unwrap();
     assert_eq!(
@@ -161,7 +165,11 @@ fn broken_meshes_are_named() {
     nan[96..100].copy_from_slice(&f32::NAN.to_le_bytes());
     let mut empty = whole[..84].to_vec();
     empty[80..84].fill(0);
-    let cases: [(&str, &[u8]); 10] = [
+    let left = [&whole[..], b"more"].concat();
+    let open = format!("{TEXT_STL}solid again\n");
+    let cases: [(&str, &[u8]); 12] = [
+        ("left.stl", &left),
+        ("open.stl", open.as_bytes()),
         ("cut.stl", &whole[..200]),
         ("header.stl", &whole[..40]),
         ("nothing.stl", b""),
