@@ -8,6 +8,7 @@ use vsf::data::{ContactParameters, Dataset, Sequence};
 use vsf::gap::{Campaign, Corrected, EffectEntry, Model, ModelFile, effects};
 use vsf::pipeline::{
     PipelineError, Scene, SequencePrediction, Trace, motion_warnings, reading_warnings, simulate,
+    touch_warnings,
 };
 
 /// The flag that takes a corrected model.
@@ -129,6 +130,8 @@ impl CorrectedModel {
     ) -> anyhow::Result<Vec<Corrected>> {
         let motion = motion_warnings(scene.robot(), sequences);
         motion.iter().for_each(|w| console.warn(w));
+        let touch = touch_warnings(scene, sequences);
+        touch.iter().for_each(|w| console.warn(w));
         let spinner = console.spinner("corrected model");
         let dataset = with(&recording.dataset, sequences);
         let campaign = Campaign::in_scene(&dataset, scene.clone())?;

@@ -11,7 +11,7 @@ use vsf::data::{ContactParameters, DataError, Dataset, RobotRef, Sequence, Stiff
 use vsf::gap::Campaign;
 use vsf::pipeline::{
     PipelineError, Scene, SceneOptions, Trace, motion_warnings, reading_warnings, rgbd_view,
-    robot_of, scene_warnings,
+    robot_of, scene_warnings, touch_warnings,
 };
 use vsf::robots::{RobotError, RobotModel};
 use vsf::vision::RgbdView;
@@ -424,6 +424,8 @@ pub fn traces(
 ) -> anyhow::Result<Vec<Trace>> {
     let motion = motion_warnings(scene.robot(), sequences);
     motion.iter().for_each(|w| console.warn(w));
+    let touch = touch_warnings(scene, sequences);
+    touch.iter().for_each(|w| console.warn(w));
     let bar = console.bar(sequences.len(), "contact");
     let traces = scene.traces(sequences, || bar.inc(1))?;
     bar.finish_and_clear();

@@ -3,7 +3,8 @@
 //! The offline side of the workspace, what the `vsf` command runs:
 //!
 //! 1. [`Scene::open`] puts robot, link shapes and rest points of a recording together.
-//! 2. [`scene_warnings`], [`motion_warnings`], [`reading_warnings`] and [`view_warnings`] say what looks wrong
+//! 2. [`scene_warnings`], [`motion_warnings`], [`touch_warnings`], [`reading_warnings`] and [`view_warnings`] say what
+//!    looks wrong
 //!    with a recording, [`health_warnings`] what does with an online estimation.
 //! 3. [`Scene::trace`] runs the contact model over a sequence once. Contacts never depend on the
 //!    belief, so the resulting observations serve every estimator.
@@ -66,5 +67,5 @@ pub use trace::Trace;
 pub use vision::{VisionCandidate, VisionEstimate, VisionSpec, estimate_with_vision, rgbd_view};
 pub use warning::{
     Outliers, PipelineWarning, health_warnings, motion_warnings, reading_warnings, scene_warnings,
-    view_warnings,
+    touch_warnings, view_warnings,
 };

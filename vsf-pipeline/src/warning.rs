@@ -2,6 +2,7 @@ mod gaps;
 mod jumps;
 mod readings;
 mod sensors;
+mod starts;
 mod velocities;
 
 pub use readings::reading_warnings;
@@ -139,6 +140,25 @@ pub enum PipelineWarning {
         /// Median time between rows (s).
         usual: f64,
         /// Further sequences of that kind.
+        others: usize,
+    },
+    /// A touch that begins with the arm inside of the object: by more than the contact threshold and the space between
+    /// points.
+    #[error(
+        "sequence {sequence} row {row}: link {link:?} is {depth:.3} m inside of the object where a touch begins; check \
+         the pose of the base, the frame and unit of the points, and that recordings begin before the touch{}",
+        more(*others, "touch")
+    )]
+    StartsInside {
+        /// The sequence of the deepest one.
+        sequence: String,
+        /// Its first row, from 0.
+        row: usize,
+        /// Name of the link.
+        link: String,
+        /// How far a point is displaced out of it (m).
+        depth: f64,
+        /// Further touches of that kind.
         others: usize,
     },
     /// External torques of more than ten times the joint's effort limit.
@@ -387,6 +407,7 @@ fn more(others: usize, what: &str) -> String {
     match others {
         0 => String::new(),
         1 => format!("; so it is in 1 more {what}"),
+        n if what.ends_with('h') => format!("; so it is in {n} more {what}es"),
         n => format!("; so it is in {n} more {what}s"),
     }
 }
@@ -451,6 +472,17 @@ fn unit(joint: &Joint) -> &'static str {
     match joint.kind() {
         JointKind::Prismatic => "m",
         _ => "rad",
+    }
+}
+
+/// Touches that begin inside of the object. Of sequences that [`Sequence::check`] refuses, or with other joints than the
+/// robot's, only that.
+pub fn touch_warnings(scene: &Scene, sequences: &[&Sequence]) -> Vec<PipelineWarning> {
+    let checked = |s: &&Sequence| (s.id.clone(), check_sequence(scene.robot(), s));
+    let malformed = malformed(sequences.iter().map(checked));
+    match malformed.is_empty() {
+        true => starts::warning(scene, sequences).into_iter().collect(),
+        false => malformed,
     }
 }
 

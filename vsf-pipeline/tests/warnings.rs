@@ -6,7 +6,7 @@ use vsf_core::{FilterHealth, UpdateReport};
 use vsf_data::{Dataset, RobotRef, Sequence, Table, TorqueKind};
 use vsf_pipeline::{
     PipelineWarning, Scene, SceneOptions, add_noise, health_warnings, motion_warnings,
-    reading_warnings, scene_warnings, simulate,
+    reading_warnings, scene_warnings, simulate, touch_warnings,
 };
 
 const ROWS: usize = 61;
@@ -312,6 +312,37 @@ fn jumps_between_touches_are_no_moves() {
         .for_each(|q| *q += 1.0);
     sequence.touch_starts = vec![0, jump / 3];
     assert_eq!(motion_warnings(robot, &[&sequence]), []);
+}
+
+#[test]
+fn touches_that_begin_inside_of_the_object() {
+    let scene = scene(TorqueKind::External, 0);
+    let mut sequence = swing();
+    assert_eq!(touch_warnings(&scene, &[&sequence]), []);
+    // Where the arm barely touches, as held at the end of a touch; deepest in the middle.
+    let deepest = ROWS / 2;
+    let traces = scene.trace(&sequence).unwrap();
+    let first = traces.observations.iter().position(|o| !o.is_empty());
+    sequence.touch_starts = vec![0, first.unwrap()];
+    assert_eq!(touch_warnings(&scene, &[&sequence]), []);
+    sequence.touch_starts = vec![0, deepest];
+    let [
+        warning @ PipelineWarning::StartsInside {
+            row, depth, others, ..
+        },
+    ] = &touch_warnings(&scene, &[&sequence, &sequence])[..]
+    else {
+        panic!()
+    };
+    assert_eq!((*row, *others), (deepest, 1));
+    assert!((0.017..0.03).contains(depth), "{depth}");
+    let text = warning.to_string();
+    assert!(text.contains("in 1 more touch"), "{text}");
+    sequence.angles.data_mut()[0] = f64::NAN;
+    assert!(matches!(
+        touch_warnings(&scene, &[&sequence])[..],
+        [PipelineWarning::Malformed { .. }]
+    ));
 }
 
 #[test]

@@ -1,0 +1,53 @@
+use super::PipelineWarning;
+use crate::{PipelineError, Scene};
+use rayon::prelude::*;
+use vsf_core::{ContactModel, Contacts};
+use vsf_data::Sequence;
+
+/// The deepest that the arm is inside of the object where a touch begins, beyond what a touch that begins in
+/// contact presses: the contact threshold and the space between points.
+pub fn warning(scene: &Scene, sequences: &[&Sequence]) -> Option<PipelineWarning> {
+    let contact = scene.contact();
+    let most = contact.threshold + contact.padding + scene.rest().spacing();
+    let starts = sequences
+        .iter()
+        .flat_map(|s| s.touches().map(move |touch| (*s, touch.start)));
+    let starts: Vec<(&Sequence, usize)> = starts.collect();
+    let inside = |&(sequence, row): &(&Sequence, usize)| {
+        let (link, depth) = deepest(scene, sequence, row).ok()??;
+        (depth > most).then(|| (sequence.id.clone(), row, link, depth))
+    };
+    let found: Vec<_> = starts.par_iter().filter_map(inside).collect();
+    let others = found.len().saturating_sub(1);
+    let (sequence, row, link, depth) = found.into_iter().max_by(|a, b| a.3.total_cmp(&b.3))?;
+    Some(PipelineWarning::StartsInside {
+        sequence,
+        row,
+        link: scene.robot().links()[link].name().to_owned(),
+        depth,
+        others,
+    })
+}
+
+/// The link that has a point furthest behind its surface, and how far (m).
+fn deepest(
+    scene: &Scene,
+    sequence: &Sequence,
+    row: usize,
+) -> Result<Option<(usize, f64)>, PipelineError> {
+    let mut posture = scene.robot().posture();
+    scene
+        .robot()
+        .update_posture(&sequence.angles[row], &mut posture)?;
+    let mut contacts = Contacts::new();
+    scene
+        .contact_model()?
+        .step(scene.rest(), &posture, &mut contacts)?;
+    let depths = contacts
+        .displacements()
+        .iter()
+        .zip(contacts.normals())
+        .map(|(u, n)| u.dot(n));
+    let links = contacts.links().iter().map(|l| *l as usize);
+    Ok(links.zip(depths).max_by(|a, b| a.1.total_cmp(&b.1)))
+}
