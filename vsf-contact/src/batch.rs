@@ -78,12 +78,15 @@ impl Batch {
     }
 
     /// The place at an index below [`len`](Self::len).
+    ///
+    /// # Panics
+    /// At an index of [`CAPACITY`](Self::CAPACITY) or more, as [`sample`](Self::sample) and [`offer`](Self::offer) do.
     pub fn place(&self, i: usize) -> Point3<f64> {
         let [x, y, z] = &self.places;
         Point3::new(x[i], y[i], z[i])
     }
 
-    /// Distance from the nearest surface and its normal there.
+    /// Distance from the nearest surface and its normal there, at an index below [`len`](Self::len).
     pub fn sample(&self, i: usize) -> SdfSample {
         let [x, y, z] = &self.normals;
         SdfSample {
@@ -92,7 +95,7 @@ impl Batch {
         }
     }
 
-    /// Keeps the sample of a surface if that is nearer than all before.
+    /// Keeps the sample of a surface if that is nearer than all before, at an index below [`len`](Self::len).
     pub fn offer(&mut self, i: usize, sample: &SdfSample) {
         if sample.distance < self.distances[i] {
             self.distances[i] = sample.distance;

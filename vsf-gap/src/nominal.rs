@@ -165,17 +165,8 @@ impl Fitted<'_> {
             .flat_map(|(i, _)| i * d..(i + 1) * d)
             .collect();
         let rest = self.rest();
-        let own: Vec<f64> = rows.iter().map(|row| rest[*row]).collect();
         let densities: Vec<(f64, f64)> = (self.roughness(stiffness).par_iter())
-            .map(|spread| {
-                let covariance = self.parts.covariance(spread);
-                let part = Mat::from_fn(rows.len(), rows.len(), |i, k| match i >= k {
-                    true => covariance[(rows[i], rows[k])],
-                    false => 0.0,
-                });
-                let of_given = log_density(&own, &Factor::new(part)?);
-                Ok((log_density(&rest, &Factor::new(covariance)?), of_given))
-            })
+            .map(|spread| log_densities(&rest, self.parts.covariance(spread), &rows))
             .collect::<Result<_, GapError>>()?;
         let (all, of_given): (Vec<f64>, Vec<f64>) = densities.into_iter().unzip();
         Ok(log_mean_exp(&all) - log_mean_exp(&of_given))
@@ -378,6 +369,22 @@ fn log_density(values: &[f64], factor: &Factor) -> f64 {
     -0.5 * (factor.log_det() + squares)
 }
 
+/// Log of the densities of all values of mean zero and of those in some rows, without constants; of `covariance` the
+/// lower half.
+fn log_densities(
+    values: &[f64],
+    covariance: Mat<f64>,
+    rows: &[usize],
+) -> Result<(f64, f64), GapError> {
+    let own: Vec<f64> = rows.iter().map(|row| values[*row]).collect();
+    let part = Mat::from_fn(rows.len(), rows.len(), |i, k| match i >= k {
+        true => covariance[(rows[i], rows[k])],
+        false => 0.0,
+    });
+    let of_rows = log_density(&own, &Factor::new(part)?);
+    Ok((log_density(values, &Factor::new(covariance)?), of_rows))
+}
+
 /// Correlation of the values of every window with those of the one before it, of those that follow one; `joints`
 /// values a window.
 fn correlation(values: &[f64], joints: usize, follows: &[bool]) -> f64 {
@@ -392,10 +399,37 @@ fn correlation(values: &[f64], joints: usize, follows: &[bool]) -> f64 {
 }
 
 #[cfg(test)]
+#[allow(clippy::unwrap_used)]
 mod tests {
     use super::*;
+    use nalgebra::{DMatrix, DVector};
     use rand::{RngExt, SeedableRng};
     use rand_pcg::Pcg64Mcg;
+
+    /// What is left of the density of all values is that of the others about what the given ones lead to expect.
+    #[test]
+    fn val_densities_are_those_of_the_conditional_gaussian() {
+        let mut rng = Pcg64Mcg::seed_from_u64(7);
+        let (n, given, others) = (6, [0, 2, 3], [1, 4, 5]);
+        let root = DMatrix::from_fn(n, n, |_, _| rng.random_range(-1.0..1.0_f64));
+        let covariance = &root * root.transpose() + DMatrix::identity(n, n);
+        let values = DVector::from_fn(n, |_, _| rng.random_range(-2.0..2.0_f64));
+
+        let part = |a: &[usize], b: &[usize]| covariance.select_rows(a).select_columns(b);
+        let gain = part(&others, &given) * part(&given, &given).try_inverse().unwrap();
+        let left = values.select_rows(&others) - &gain * values.select_rows(&given);
+        let spread = part(&others, &others) - gain * part(&given, &others);
+        let squares = left.dot(&(spread.clone().try_inverse().unwrap() * &left));
+        let expected = -0.5 * (spread.determinant().ln() + squares);
+
+        let covariance = Mat::from_fn(n, n, |i, k| covariance[(i, k)]);
+        let (all, of_given) = log_densities(values.as_slice(), covariance, &given).unwrap();
+        assert!(
+            (all - of_given - expected).abs() < 1e-12,
+            "{}",
+            all - of_given
+        );
+    }
 
     #[test]
     fn correlation_is_that_of_windows_that_follow_each_other() {
