@@ -126,7 +126,7 @@ impl MeshSdf {
     }
 
     /// The generalised winding number: 1 inside, 0 outside, between 0.1 and 0.9 where openings
-    /// make the side a guess; accurate to 0.02.
+    /// make the side a guess; accurate to 0.02. A face that comes several times counts as often.
     pub fn winding_number(&self, p_B: &Point3<f64>) -> f64 {
         self.winding.at(p_B)
     }
