@@ -3,6 +3,7 @@ use std::io;
 use std::process::ExitCode;
 use vsf::contact::ContactError;
 use vsf::core::CoreError;
+use vsf::data::DataError;
 use vsf::pipeline::PipelineError;
 use vsf::robots::RobotError;
 
@@ -42,7 +43,10 @@ pub fn message(error: &anyhow::Error) -> String {
 }
 
 fn code(error: &anyhow::Error) -> u8 {
-    if error.chain().any(|e| e.is::<Usage>() || is_parameter(e)) {
+    if error
+        .chain()
+        .any(|e| e.is::<Usage>() || is_parameter(e) || is_in_the_way(e))
+    {
         2
     } else if error.chain().any(is_refusal) && !error.chain().any(is_missing) {
         3
@@ -65,6 +69,11 @@ fn is_missing(error: &(dyn std::error::Error + 'static)) -> bool {
         }
         _ => false,
     }
+}
+
+/// In the folder that a flag names for the results.
+fn is_in_the_way(error: &(dyn std::error::Error + 'static)) -> bool {
+    matches!(error.downcast_ref(), Some(DataError::Leftover { .. }))
 }
 
 fn is_parameter(error: &(dyn std::error::Error + 'static)) -> bool {

@@ -7,6 +7,7 @@ use crate::range::{
 use clap::builder::RangedU64ValueParser;
 use clap::{Args, ValueEnum};
 use std::collections::BTreeMap;
+use std::f64::consts::TAU;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use vsf::contact::{ContactConfig, GridOptions};
@@ -281,7 +282,7 @@ impl MetadataSettings {
                 None => None,
             },
             base_pose: match &self.base_pose {
-                Some(p) => Some(pose(numbers::<6>("base-pose", p)?)),
+                Some(p) => Some(pose(numbers::<6>("base-pose", p)?)?),
                 None => None,
             },
             tare_samples: self.tare_samples,
@@ -300,6 +301,7 @@ impl MetadataSettings {
             "joint_types" if self.joint_types.is_some() => (true, "--joint-types"),
             // Types of the file do not fit joints of the flag.
             "joint_types" => (self.joints.is_some(), "--joints"),
+            "gravity" => (self.gravity.is_some(), "--gravity"),
             "tare_samples" => (self.tare_samples.is_some(), "--tare-samples"),
             "splits" => (
                 self.train.is_some() || self.test.is_some(),
@@ -372,9 +374,15 @@ impl SceneSettings {
     }
 }
 
-fn pose([x, y, z, roll, pitch, yaw]: [f64; 6]) -> Isometry3<f64> {
+/// More than a turn is no radian.
+fn pose([x, y, z, roll, pitch, yaw]: [f64; 6]) -> anyhow::Result<Isometry3<f64>> {
+    if let Some(angle) = [roll, pitch, yaw].into_iter().find(|a| a.abs() > TAU) {
+        return Err(usage(format!(
+            "--base-pose: an angle of {angle:?} rad is more than a turn; is it in degrees?"
+        )));
+    }
     let rotation = UnitQuaternion::from_euler_angles(roll, pitch, yaw);
-    Isometry3::from_parts(Translation3::new(x, y, z), rotation)
+    Ok(Isometry3::from_parts(Translation3::new(x, y, z), rotation))
 }
 
 impl EstimatorSettings {

@@ -5,6 +5,7 @@
 mod common;
 use common::{Bench, METADATA, ROWS, npy, raw_npy};
 use std::fs;
+use std::process::Command;
 
 const INFO: &str = "info data";
 
@@ -355,7 +356,7 @@ fn outputs_never_mix_with_other_files() {
     bench.fails(&format!("{estimate} touch"), 2, &["touch", "dataset.json"]);
     bench.fails(
         &format!("{estimate} touch/seq_a"),
-        1,
+        2,
         &["seq_a", "in the way"],
     );
     assert!(!bench.root.join("touch/K.npy").exists());
@@ -518,7 +519,11 @@ fn outputs_that_cannot_be_written() {
         bench.fails(&format!("{estimate} --json=/dev/full"), 3, &["/dev/full"]);
         for line in ["--help", "--version", "help estimate"] {
             let full = fs::File::options().write(true).open("/dev/full").unwrap();
-            let output = bench.command(line).stdout(full).output().unwrap();
+            let output = Command::new(env!("CARGO_BIN_EXE_vsf"))
+                .args(line.split(' '))
+                .stdout(full)
+                .output()
+                .unwrap();
             let error = String::from_utf8_lossy(&output.stderr);
             assert_eq!(output.status.code(), Some(3), "{line}: {error}");
             assert!(error.contains("standard output"), "{line}: {error}");

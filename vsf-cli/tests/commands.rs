@@ -322,6 +322,8 @@ fn numbers_out_of_range_name_their_flag() {
         ("info data --rate-hz=nan", "--rate-hz"),
         ("info data --rate-hz=-1", "--rate-hz"),
         ("info data --gravity=0,0,inf", "--gravity"),
+        ("info data --gravity=0,0,-9810", "--gravity"),
+        ("info data --base-pose=0,0,0,180,0,0", "--base-pose"),
         ("info data --base-pose=0,0,0,0,0,nan", "--base-pose"),
         ("info data --friction=-0.1", "--friction"),
         ("info data --slip-step=0", "--slip-step"),

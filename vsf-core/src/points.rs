@@ -182,8 +182,7 @@ impl RestPoints {
     }
 
     /// Typical distance between neighbours (m): the median, over at most 1000 points spread over the
-    /// cloud, of the distance to the nearest other point. 0 when most points coincide, and without
-    /// a second point.
+    /// cloud, of the distance to the nearest point at another place. 0 when there is but one place.
     pub fn spacing(&self) -> f64 {
         let step = self.len().div_ceil(1000).max(1);
         let (lower, upper) = self.bounds();
@@ -200,7 +199,7 @@ impl RestPoints {
         }
     }
 
-    /// Distance to the nearest other point, which is not beyond `widest`, by boxes of growing size.
+    /// Distance to the nearest point at another place, which is not beyond `widest`, by boxes of growing size.
     fn nearest_other(&self, i: usize, widest: f64) -> Option<f64> {
         let p = &self.positions[i];
         let mut reach = self.cell;
@@ -208,8 +207,11 @@ impl RestPoints {
             let half = Vector3::repeat(reach);
             let mut best = f64::INFINITY;
             self.for_cells_in(&(p - half), &(p + half), |cell| {
-                for &other in cell.points.iter().filter(|&&o| o as usize != i) {
-                    best = best.min((self.positions[other as usize] - p).norm());
+                for &other in cell.points {
+                    let distance = (self.positions[other as usize] - p).norm();
+                    if distance > 0.0 {
+                        best = best.min(distance);
+                    }
                 }
             });
             if best <= reach || reach >= widest {

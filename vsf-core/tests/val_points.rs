@@ -119,6 +119,21 @@ fn coincident_points_and_far_outliers() {
     );
 }
 
+/// The spacing is that of places, however many points are at each.
+#[test]
+fn repeated_points_keep_their_spacing() {
+    let lattice =
+        (0..1000).map(|i| 0.01 * Vector3::new(i % 10, i / 10 % 10, i / 100).cast::<f64>());
+    let lattice: Vec<Point3<f64>> = lattice.map(Point3::from).collect();
+    let spacing = |points: Vec<Point3<f64>>| RestPoints::new(points).unwrap().spacing();
+    let plain = spacing(lattice.clone());
+    assert!((plain - 0.01).abs() < 1e-12, "{plain}");
+    for copies in [&lattice[..600], &lattice[..]] {
+        assert_eq!(spacing([&lattice, copies].concat()), plain);
+    }
+    assert_eq!(spacing(vec![lattice[7]; 5]), 0.0);
+}
+
 /// A single point a kilometre off does not make one cell of all others.
 #[test]
 fn strays_leave_the_grid_as_it_is() {

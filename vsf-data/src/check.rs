@@ -9,6 +9,8 @@ use std::path::{Path, PathBuf};
 
 /// How far outside `object_bbox` a point may lie without a warning, in metres: rounding to f32.
 const BOX_SLACK: f64 = 1e-6;
+/// No robot stands where bodies fall faster (m/s²).
+const MOST_GRAVITY: f64 = 100.0;
 
 impl Dataset {
     /// Checks everything the format promises, as [`open`](Self::open) does: every sequence
@@ -266,6 +268,14 @@ pub(crate) fn check_metadata(dir: &Path, metadata: &Overrides) -> Result<(), Dat
     positive("gauge_length", metadata.gauge_length)?;
     if metadata.gravity.is_some_and(|g| !pose::is_finite(&g)) {
         return Err(wrong("gravity", "must be finite".to_owned()));
+    }
+    if let Some(g) = metadata
+        .gravity
+        .map(|g| g.norm())
+        .filter(|g| *g > MOST_GRAVITY)
+    {
+        let problem = format!("is {g:?} m/s^2 long, more than {MOST_GRAVITY}; check its unit");
+        return Err(wrong("gravity", problem));
     }
     if let Some(base) = &metadata.base_pose {
         pose::check(base).map_err(|problem| wrong("base_pose", problem))?;

@@ -30,7 +30,7 @@ pub struct SceneOptions {
     /// All cubes have the edge [`RestPoints::spacing`]. In an uneven cloud they overlap where
     /// points are dense and leave gaps where they are sparse, so that readings are shared out
     /// unevenly; take 1 there, or points on a lattice. A cloud whose spacing is 0 (one
-    /// point, or most of them coincide) moves its points alone.
+    /// place) moves its points alone.
     pub subdivision: usize,
     /// How collision meshes become distance grids.
     pub grid: GridOptions,

@@ -8,13 +8,13 @@ mod velocities;
 pub use readings::reading_warnings;
 
 use crate::readings::check_sequence;
-use crate::{PipelineError, Scene, unwound};
+use crate::{PipelineError, Scene, Trace, unwound};
 use nalgebra::Point3;
-use std::f64::consts::PI;
+use std::f64::consts::{PI, TAU};
 use std::fmt;
 use thiserror::Error;
 use vsf_contact::{LinkGrid, LinkSdf};
-use vsf_core::{FilterHealth, RestPoints};
+use vsf_core::{Belief, FilterHealth, RestPoints};
 use vsf_data::{Sequence, TorqueKind};
 use vsf_robots::{Joint, JointKind, RobotModel};
 use vsf_vision::{RgbdView, Sight};
@@ -83,8 +83,9 @@ pub enum PipelineWarning {
         /// What is wrong.
         problem: String,
     },
-    /// Angles beyond two turns, or beyond the joint's limits by half a turn.
-    #[error("angles must be in radians, these look like degrees: {0}")]
+    /// Angles beyond two turns, or beyond the joint's limits by half a turn: degrees, or within a turn angles that wrap
+    /// around.
+    #[error("angles must be in radians, these look {like}: {0}", like = alike(.0.value))]
     Degrees(Outliers),
     /// Positions outside the joint's limits, by more than 1e-3 (rad or m).
     #[error("outside the robot's limits {lower:?} .. {upper:?} {unit}: {outliers}")]
@@ -236,6 +237,15 @@ pub enum PipelineWarning {
         /// Further sequences of that kind.
         others: usize,
     },
+    /// A joint that reads zero in all sequences while touch would change it and other joints do change.
+    #[error(
+        "joint {joint} reads 0 in all samples while the touch changes, as if it were not measured; what springs give \
+         there counts as an error of the field: give the joint a large noise sd"
+    )]
+    ZeroReadings {
+        /// Name of the joint.
+        joint: String,
+    },
     /// A joint whose readings stay at their largest or smallest value, sample after sample, while the touch
     /// changes.
     #[error(
@@ -283,6 +293,16 @@ pub enum PipelineWarning {
     )]
     Overconfident {
         /// [`FilterHealth::nis_ratio`].
+        ratio: f64,
+    },
+    /// A field that misses the readings that it has learned from: by more than 30 times their noise, in squares.
+    #[error(
+        "the squared errors of the fit are {} times what the noise allows; do not trust the deviations of this field: \
+         give a larger noise sd or a larger prior sd, or let both be chosen",
+        whole(*ratio)
+    )]
+    Misfit {
+        /// Mean squared error of a reading in contact, in variances of its noise.
         ratio: f64,
     },
     /// Samples that tare the sensor, and touch.
@@ -385,6 +405,14 @@ pub enum PipelineWarning {
         /// Share of the points within 1 cm of the mesh.
         share: f64,
     },
+}
+
+/// What an angle that no joint can have looks like (rad).
+fn alike(angle: f64) -> &'static str {
+    match angle.abs() > TAU {
+        true => "like degrees",
+        false => "as if they wrap around, which those of joints with limits must not",
+    }
 }
 
 /// A factor, however large.
@@ -491,6 +519,34 @@ pub fn health_warnings(health: &FilterHealth) -> Vec<PipelineWarning> {
     let ratio = health.nis_ratio().filter(|ratio| *ratio > MOST_NIS);
     let warning = |ratio| PipelineWarning::Overconfident { ratio };
     ratio.map(warning).into_iter().collect()
+}
+
+/// What looks wrong with a field that was fitted to all readings at once: errors far beyond their noise. `traces` are
+/// those that it has learned from; of ones that [`Trace::check`] refuses, only that.
+pub fn fit_warnings(
+    field: &Belief<f64>,
+    noise_sd: &[f64],
+    traces: &[Trace],
+) -> Vec<PipelineWarning> {
+    let of_trace = |t: &Trace| (t.id.clone(), t.check(field.len(), noise_sd.len()));
+    let malformed = malformed(traces.iter().map(of_trace));
+    if !malformed.is_empty() {
+        return malformed;
+    }
+    let (mut squares, mut count) = (0.0, 0);
+    let mut predicted = vec![0.0; noise_sd.len()];
+    let observations = traces.iter().flat_map(|t| &t.observations);
+    for obs in observations.filter(|o| !o.is_empty()) {
+        obs.apply(field.mean(), &mut predicted);
+        let errors = obs.reading().iter().zip(&predicted).zip(noise_sd);
+        squares += errors
+            .map(|((y, p), sd)| ((y - p) / sd).powi(2))
+            .sum::<f64>();
+        count += obs.dim();
+    }
+    let ratio = squares / count.max(1) as f64;
+    let misfit = (ratio > MOST_NIS).then_some(PipelineWarning::Misfit { ratio });
+    misfit.into_iter().collect()
 }
 
 /// What looks wrong with a view: a surface where there are no rest points.

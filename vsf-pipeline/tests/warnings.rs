@@ -2,11 +2,11 @@
 #![allow(clippy::unwrap_used)]
 
 use nalgebra::Point3;
-use vsf_core::{FilterHealth, UpdateReport};
+use vsf_core::{Belief, FilterHealth, UpdateReport};
 use vsf_data::{Dataset, RobotRef, Sequence, Table, TorqueKind};
 use vsf_pipeline::{
-    PipelineWarning, Scene, SceneOptions, add_noise, health_warnings, motion_warnings,
-    reading_warnings, scene_warnings, simulate, touch_warnings,
+    PipelineWarning, Scene, SceneOptions, add_noise, fit_warnings, health_warnings,
+    motion_warnings, reading_warnings, scene_warnings, simulate, touch_warnings,
 };
 
 const ROWS: usize = 61;
@@ -178,17 +178,17 @@ fn sensors_that_are_stuck() {
         all.torques.data_mut().fill(-1.25);
         let warnings = warned(&scene, &all);
         assert!(warnings.iter().any(stuck), "{warnings:?}");
-        // Channels that were not measured are zeros, and rounded readings of small touches one value.
-        for still in [
-            first_joint(&right, |_| 0.0),
-            Sequence {
-                torques: scaled(&right.torques, 0.0),
-                ..right.clone()
-            },
-        ] {
+        // Channels that were not measured are zeros, all of them where nothing was.
+        let zero = |w: &PipelineWarning| matches!(w, PipelineWarning::ZeroReadings { joint } if joint == "joint_1");
+        let none = Sequence {
+            torques: scaled(&right.torques, 0.0),
+            ..right.clone()
+        };
+        for (still, is_one) in [(first_joint(&right, |_| 0.0), true), (none, false)] {
             let warnings = warned(&scene, &still);
             let stuck = |w: &PipelineWarning| matches!(w, PipelineWarning::StuckReadings { .. });
             assert!(!warnings.iter().any(stuck), "{warnings:?}");
+            assert_eq!(warnings.iter().any(zero), is_one, "{warnings:?}");
         }
     }
 }
@@ -343,6 +343,24 @@ fn touches_that_begin_inside_of_the_object() {
         touch_warnings(&scene, &[&sequence])[..],
         [PipelineWarning::Malformed { .. }]
     ));
+}
+
+#[test]
+fn fields_that_miss_what_they_have_learned_from() {
+    let scene = scene(TorqueKind::External, 0);
+    let traces = [scene.trace(&touch(&scene)).unwrap()];
+    let truth: Vec<f64> = (0..100).map(|i| 50.0 * f64::from(i % 7)).collect();
+    let belief = |mean: &[f64]| Belief::new(mean.to_vec(), vec![1.0; mean.len()]).unwrap();
+    // Readings have a noise of 0.02 N m.
+    let ratio = |sd: f64| match &fit_warnings(&belief(&truth), &[sd; 3], &traces)[..] {
+        [] => None,
+        [PipelineWarning::Misfit { ratio }] => Some(*ratio),
+        other => panic!("{other:?}"),
+    };
+    assert_eq!((ratio(0.02), ratio(0.004)), (None, None));
+    assert!((50.0..200.0).contains(&ratio(0.002).unwrap()));
+    let short = fit_warnings(&belief(&truth[..9]), &[1.0; 3], &traces);
+    assert!(matches!(short[..], [PipelineWarning::Malformed { .. }]));
 }
 
 #[test]

@@ -8,9 +8,9 @@ use serde::Serialize;
 use std::path::PathBuf;
 use vsf::data::StiffnessField;
 use vsf::pipeline::{
-    Candidate, Estimate, Hyper, HyperMethod, PipelineError, Scene, Trace, VisionCandidate,
-    VisionEstimate, VisionSpec, choose_hyper, estimate, estimate_with_vision, health_warnings,
-    view_warnings,
+    Candidate, Estimate, EstimatorSpec, Hyper, HyperMethod, PipelineError, Scene, Trace,
+    VisionCandidate, VisionEstimate, VisionSpec, choose_hyper, estimate, estimate_with_vision,
+    fit_warnings, health_warnings, view_warnings,
 };
 use vsf::vision::RgbdView;
 
@@ -122,7 +122,13 @@ pub fn run(args: &Args, console: &Console) -> anyhow::Result<()> {
     };
     let chosen = learn(&scene, view.as_ref(), &traces, settings, console)?;
     let health = health_warnings(&chosen.estimate.health);
-    health.iter().for_each(|w| console.warn(w));
+    let fit = match settings.spec()? {
+        EstimatorSpec::Batch => {
+            fit_warnings(&chosen.estimate.belief, &chosen.hyper.noise_sd, &traces)
+        }
+        _ => Vec::new(),
+    };
+    health.iter().chain(&fit).for_each(|w| console.warn(w));
     let field = FieldFile::of_estimate(
         &scene,
         &chosen.estimate,

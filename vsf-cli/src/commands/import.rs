@@ -36,7 +36,7 @@ pub struct Args {
     /// MCAP files, in the order of recording, or the folder of a ROS 2 bag
     #[arg(required = true)]
     files: Vec<PathBuf>,
-    /// Folder to write to: new, empty, or a recording to replace
+    /// Folder to write to: new, empty, or a recording of the same sequences to replace
     #[arg(long)]
     out: PathBuf,
     /// Topic of the joint states; needed where there are several, unless `vsf export` wrote them

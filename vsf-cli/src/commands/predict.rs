@@ -22,7 +22,7 @@ pub struct Args {
     /// IDs of the sequences to predict; the test split by default
     #[arg(long, value_delimiter = ',')]
     sequences: Option<Vec<String>>,
-    /// Folder to write to: new, empty, or a recording to replace
+    /// Folder to write to: new, empty, or a recording of the same sequences to replace
     #[arg(long)]
     out: PathBuf,
     #[command(flatten)]

@@ -18,7 +18,7 @@ pub struct Args {
     /// IDs of the sequences to take; all by default
     #[arg(long, value_delimiter = ',')]
     sequences: Option<Vec<String>>,
-    /// Folder to write to: new, empty, or a recording to replace
+    /// Folder to write to: new, empty, or a recording of the same sequences to replace
     #[arg(long)]
     out: PathBuf,
     /// Standard deviation of the noise added to every reading [N m or N]

@@ -39,14 +39,16 @@ pub fn warnings(scene: &Scene, sequences: &[&Sequence], traces: &[Trace]) -> Vec
         })
         .collect();
     let joints = 0..scene.robot().joint_count();
-    let stuck = joints.clone().filter_map(|j| stuck(scene, &touched, j));
+    let still = joints
+        .clone()
+        .filter_map(|j| stuck(scene, &touched, j).or_else(|| zero(scene, &touched, j)));
     let clipped = joints.flat_map(|j| [1.0, -1.0].map(|side| clipped(scene, &touched, j, side)));
-    stuck.chain(clipped.flatten()).collect()
+    still.chain(clipped.flatten()).collect()
 }
 
-/// Zeros are left alone: they stand for channels that were not measured, and for joints that feel nothing.
 fn stuck(scene: &Scene, touched: &[Touched], j: usize) -> Option<PipelineWarning> {
-    let mut found = touched.iter().filter_map(|t| Some((t, t.stuck_at(j)?)));
+    let still = |t| Some((t, Touched::still_at(t, j).filter(|value| *value != 0.0)?));
+    let mut found = touched.iter().filter_map(still);
     let (first, value) = found.next()?;
     let joint = &scene.robot().joints()[j];
     Some(PipelineWarning::StuckReadings {
@@ -58,15 +60,27 @@ fn stuck(scene: &Scene, touched: &[Touched], j: usize) -> Option<PipelineWarning
     })
 }
 
+/// A joint that reads zero throughout, beside others that read something.
+fn zero(scene: &Scene, touched: &[Touched], j: usize) -> Option<PipelineWarning> {
+    let all = |k: usize| touched.iter().all(|t| t.readings(k).all(|v| v == 0.0));
+    let is_zero = all(j) && !(0..scene.robot().joint_count()).all(all);
+    (is_zero && touched.iter().any(|t| t.still_at(j).is_some())).then(|| {
+        PipelineWarning::ZeroReadings {
+            joint: scene.robot().joints()[j].name().to_owned(),
+        }
+    })
+}
+
 impl Touched<'_> {
     fn readings(&self, j: usize) -> impl Iterator<Item = f64> + Clone {
         self.sequence.torques.column(j)
     }
 
-    fn stuck_at(&self, j: usize) -> Option<f64> {
+    /// What a joint reads throughout, though touch would change that.
+    fn still_at(&self, j: usize) -> Option<f64> {
         let value = self.readings(j).next()?;
-        let is_stuck = value != 0.0 && self.readings(j).all(|v| v == value);
-        if !is_stuck || self.contact.iter().filter(|c| **c).count() < LEAST_ROWS {
+        let is_still = self.readings(j).all(|v| v == value);
+        if !is_still || self.contact.iter().filter(|c| **c).count() < LEAST_ROWS {
             return None;
         }
         let spread = |j: usize| range(self.springs.iter().map(|s| s[j]));
