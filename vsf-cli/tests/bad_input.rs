@@ -473,7 +473,7 @@ fn paths_of_any_kind() {
     for name in ["\u{fc} \u{65e5}".as_bytes(), b"not \xff unicode"] {
         let folder = bench.root.join(OsStr::from_bytes(name));
         fs::rename(bench.root.join("data"), &folder).unwrap();
-        let output = std::process::Command::new(env!("CARGO_BIN_EXE_vsf"))
+        let output = Command::new(env!("CARGO_BIN_EXE_vsf"))
             .args([
                 "estimate",
                 "--prior-sd=1",

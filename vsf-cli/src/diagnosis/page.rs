@@ -1,7 +1,7 @@
 use super::torques::torques;
 use super::words::{
-    HIDDEN, SHOWS_FROM, SQUARES, estimate, fitted, fixed, is_uncertain, limits, look_alikes, part,
-    percent, screened_out, size, summary, untestable, verdict,
+    HIDDEN, SHOWS_FROM, SQUARES, estimate, fitted, fixed, is_uncertain, limits, look_alikes,
+    none_of_these, part, percent, screened_out, size, summary, untestable, verdict,
 };
 use crate::console::number;
 use crate::html::{Script, document, escape};
@@ -208,12 +208,19 @@ fn effects(d: &Diagnosis) -> String {
     let mut html = "<h2>Effects</h2>\n".to_owned();
     let rows: String = fitted(&d.effects).map(|e| row(d, e)).collect();
     let unit = escape(&d.gap.unit);
+    let dashes = "<td>&ndash;</td>".repeat(4);
+    let left = none_of_these(&d.effects).map_or_else(String::new, |left| {
+        format!(
+            "<tr><td>none of these</td><td>{}</td>{dashes}<td></td><td></td></tr>\n",
+            percent(left)
+        )
+    });
     if !rows.is_empty() {
         let _ = write!(
             html,
             "<div class=\"wide\"><table>\n<tr><th>Effect</th><th>Probability</th><th>Score [nats]</th>\
              <th>Test error [{unit}]</th><th>Closes</th><th>Absorbed by stiffness</th>\
-             <th class=\"words\">Joints</th><th class=\"words\">Looks like</th></tr>\n{rows}</table></div>\n"
+             <th class=\"words\">Joints</th><th class=\"words\">Looks like</th></tr>\n{rows}{left}</table></div>\n"
         );
     }
     html

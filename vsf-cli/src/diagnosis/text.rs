@@ -1,6 +1,6 @@
 use super::words::{
-    HIDDEN, LIKELY_ENOUGH, SHOWS_FROM, errors, estimate, fitted, fixed, limits, look_alikes, part,
-    percent, screened_out, size, summary, untestable, verdict,
+    HIDDEN, LIKELY_ENOUGH, SHOWS_FROM, errors, estimate, fitted, fixed, limits, look_alikes,
+    none_of_these, part, percent, screened_out, size, summary, untestable, verdict,
 };
 use crate::console::{number, table};
 use vsf::gap::{Diagnosis, Kind, Limit, ModelFile, Part};
@@ -29,7 +29,7 @@ fn effects(diagnosis: &Diagnosis, model: &ModelFile) -> String {
     let all = &diagnosis.effects;
     let unit = &diagnosis.gap.unit;
     let or_none = |value: Option<String>| value.unwrap_or_else(|| "-".to_owned());
-    let rows: Vec<Vec<String>> = fitted(all)
+    let mut rows: Vec<Vec<String>> = fitted(all)
         .map(|e| {
             vec![
                 e.effect.clone(),
@@ -52,7 +52,17 @@ fn effects(diagnosis: &Diagnosis, model: &ModelFile) -> String {
     ];
     let mut text = String::new();
     if !rows.is_empty() {
-        text += "\neffects\n";
+        if let Some(left) = none_of_these(all) {
+            let dash = "-".to_owned();
+            let cells = ["none of these".to_owned(), percent(left)];
+            rows.push(
+                cells
+                    .into_iter()
+                    .chain(std::iter::repeat_n(dash, 4))
+                    .collect(),
+            );
+        }
+        text += "\neffects (closed: share of the squared errors beyond noise)\n";
         text += &table(&header, &rows);
     }
     for e in fitted(all).filter(|e| e.probability >= LIKELY_ENOUGH) {

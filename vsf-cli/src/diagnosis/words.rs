@@ -204,6 +204,13 @@ pub fn fitted(effects: &[EffectReport]) -> impl Iterator<Item = &EffectReport> {
     effects.iter().filter(|e| is_shown(e))
 }
 
+/// The probability that none of the effects acts in a way that shows: all that is left of it, where that is half a
+/// percent at least. Effects that act together leave none.
+pub fn none_of_these(effects: &[EffectReport]) -> Option<f64> {
+    let left = 1.0 - effects.iter().map(|e| e.probability).sum::<f64>();
+    (left >= 0.005).then_some(left)
+}
+
 /// Whether an effect was fitted, or may be what the field shows.
 fn is_shown(e: &EffectReport) -> bool {
     !e.parameters.is_empty() || e.is_like_field()
