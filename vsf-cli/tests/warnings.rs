@@ -51,9 +51,9 @@ fn angles_in_degrees() {
     warns(&bench, "info arm", &parts);
     points(&bench);
     warns(&bench, "info arm", &parts);
-    // Small ones are far outside the limits.
+    // Small ones are far outside the limits; they may wrap around, too.
     arm(&bench, &[0.1, 5.0], &[1.0; 2]);
-    warns(&bench, "info arm", &["degrees", "row 1 with 5.0"]);
+    warns(&bench, "info arm", &["degrees", "wrap", "row 1 with 5.0"]);
 }
 
 #[test]

@@ -83,8 +83,8 @@ pub enum PipelineWarning {
         /// What is wrong.
         problem: String,
     },
-    /// Angles beyond two turns, or beyond the joint's limits by half a turn: degrees, or within a turn angles that wrap
-    /// around.
+    /// Angles beyond two turns, or beyond the joint's limits by half a turn: degrees, or within a turn perhaps angles that
+    /// wrap around.
     #[error("angles must be in radians, these look {like}: {0}", like = alike(.0.value))]
     Degrees(Outliers),
     /// Positions outside the joint's limits, by more than 1e-3 (rad or m).
@@ -411,7 +411,7 @@ pub enum PipelineWarning {
 fn alike(angle: f64) -> &'static str {
     match angle.abs() > TAU {
         true => "like degrees",
-        false => "as if they wrap around, which those of joints with limits must not",
+        false => "like degrees or like angles that wrap around",
     }
 }
 
