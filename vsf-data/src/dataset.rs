@@ -27,7 +27,7 @@ pub struct Dataset {
     pub torque_kind: TorqueKind,
     /// Sample rate \[Hz\], positive; needed only for sequences without time stamps.
     pub rate_hz: Option<f64>,
-    /// Gravity [m/s^2], world frame; default (0, 0, -9.81).
+    /// Gravity [m/s^2], world frame; default (0, 0, -9.81), at most 100 long.
     pub gravity: Vector3<f64>,
     /// Pose of the robot's base in the world, `X_WB`; default identity.
     pub base_pose: Isometry3<f64>,

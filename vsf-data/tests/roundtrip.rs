@@ -160,12 +160,12 @@ fn dataset() -> impl Strategy<Value = Dataset> {
                 sequence("2".to_owned(), cols),
                 sequence("a 10".to_owned(), cols),
             ];
-            let numbers = [number(), number(), number()].prop_map(Vector3::from);
+            let gravity = prop::array::uniform3(-50.0..50.0).prop_map(Vector3::from);
             (
                 (
                     text(),
                     text(),
-                    numbers,
+                    gravity,
                     pose(),
                     any::<bool>(),
                     any::<bool>(),
