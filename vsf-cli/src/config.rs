@@ -128,10 +128,10 @@ pub fn parse() -> anyhow::Result<(Cli, Origins)> {
 /// Ends the process with what `--help`, `--version` or a wrong flag have clap say.
 ///
 /// # Errors
-/// It cannot be said; a reader that went away does not count.
+/// Standard output cannot be written to; a reader that went away does not count.
 fn say(message: &clap::Error) -> anyhow::Result<(Cli, Origins)> {
     match message.print() {
-        Err(e) if e.kind() != std::io::ErrorKind::BrokenPipe => {
+        Err(e) if !message.use_stderr() && e.kind() != std::io::ErrorKind::BrokenPipe => {
             Err(e).context("cannot write to standard output")
         }
         _ => std::process::exit(message.exit_code()),

@@ -529,6 +529,13 @@ fn outputs_that_cannot_be_written() {
             assert!(error.contains("standard output"), "{line}: {error}");
         }
     }
+    if cfg!(target_os = "linux") {
+        // A wrong flag is one, whether or not the message about it can be read.
+        let full = fs::File::options().write(true).open("/dev/full").unwrap();
+        let mut vsf = Command::new(env!("CARGO_BIN_EXE_vsf"));
+        let status = vsf.arg("--nonsense").stderr(full).status().unwrap();
+        assert_eq!(status.code(), Some(2));
+    }
     let mut locked = fs::metadata(bench.root.join("touch/points.npy"))
         .unwrap()
         .permissions();
