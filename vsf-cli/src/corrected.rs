@@ -1,15 +1,12 @@
 //! Recordings under a corrected model, as `vsf diagnose --model` writes it.
 
 use crate::console::{Console, read_text};
-use crate::recording::{Recording, traces, untouched};
+use crate::recording::{Recording, traces, untouched, warn_of_motions};
 use anyhow::Context;
 use std::path::PathBuf;
 use vsf::data::{ContactParameters, Dataset, Sequence};
 use vsf::gap::{Campaign, Corrected, EffectEntry, Model, ModelFile, effects};
-use vsf::pipeline::{
-    PipelineError, Scene, SequencePrediction, Trace, motion_warnings, reading_warnings, simulate,
-    touch_warnings,
-};
+use vsf::pipeline::{PipelineError, Scene, SequencePrediction, Trace, reading_warnings, simulate};
 
 /// The flag that takes a corrected model.
 #[derive(Debug, clap::Args)]
@@ -128,10 +125,7 @@ impl CorrectedModel {
         sequences: &[&Sequence],
         console: &Console,
     ) -> anyhow::Result<Vec<Corrected>> {
-        let motion = motion_warnings(scene.robot(), sequences);
-        motion.iter().for_each(|w| console.warn(w));
-        let touch = touch_warnings(scene, sequences);
-        touch.iter().for_each(|w| console.warn(w));
+        warn_of_motions(scene, sequences, console);
         let spinner = console.spinner("corrected model");
         let dataset = with(&recording.dataset, sequences);
         let campaign = Campaign::in_scene(&dataset, scene.clone())?;

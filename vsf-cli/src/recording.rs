@@ -422,16 +422,20 @@ pub fn traces(
     sequences: &[&Sequence],
     console: &Console,
 ) -> anyhow::Result<Vec<Trace>> {
-    let motion = motion_warnings(scene.robot(), sequences);
-    motion.iter().for_each(|w| console.warn(w));
-    let touch = touch_warnings(scene, sequences);
-    touch.iter().for_each(|w| console.warn(w));
+    warn_of_motions(scene, sequences, console);
     let bar = console.bar(sequences.len(), "contact");
     let traces = scene.traces(sequences, || bar.inc(1))?;
     bar.finish_and_clear();
     let readings = reading_warnings(scene, sequences, &traces);
     readings.iter().for_each(|w| console.warn(w));
     Ok(traces)
+}
+
+/// Warns of what looks wrong with how the arm moves, and with where it begins to touch.
+pub fn warn_of_motions(scene: &Scene, sequences: &[&Sequence], console: &Console) {
+    let motion = motion_warnings(scene.robot(), sequences);
+    let touch = touch_warnings(scene, sequences);
+    motion.iter().chain(&touch).for_each(|w| console.warn(w));
 }
 
 /// That the robot touches nothing though there are points, in words.

@@ -111,8 +111,8 @@ impl ContactConfig {
         )
     }
 
-    /// Distance from a link's surface at which points in contact rest (m).
-    pub(crate) fn level(&self) -> f64 {
+    /// Distance from a link's surface at which points in contact rest (m): threshold and padding.
+    pub fn level(&self) -> f64 {
         self.threshold + self.padding
     }
 }

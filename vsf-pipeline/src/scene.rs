@@ -196,9 +196,8 @@ impl Scene {
             });
         }
         // Grids reach beyond where points are touched, with a padding that is looked for.
-        let level = options.contact.threshold + options.contact.padding;
         let grid = GridOptions {
-            margin: options.grid.margin.max(level + SPARE),
+            margin: options.grid.margin.max(options.contact.level() + SPARE),
             ..options.grid.clone()
         };
         let shapes = link_sdfs(&colliders, &grid).map_err(|e| match e {

@@ -574,9 +574,8 @@ pub fn scene_warnings(scene: &Scene) -> Vec<PipelineWarning> {
             size,
         })
     };
-    let contact = scene.contact();
     let (low, high) = scene.rest().bounds();
-    let (level, size) = (contact.threshold + contact.padding, (high - low).norm());
+    let (level, size) = (scene.contact().level(), (high - low).norm());
     let touches_all = size > 0.0 && level > size;
     let touches_all = touches_all.then_some(PipelineWarning::TouchesAll { level, size });
     let found = scene

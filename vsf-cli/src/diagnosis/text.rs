@@ -53,14 +53,9 @@ fn effects(diagnosis: &Diagnosis, model: &ModelFile) -> String {
     let mut text = String::new();
     if !rows.is_empty() {
         if let Some(left) = none_of_these(all) {
-            let dash = "-".to_owned();
-            let cells = ["none of these".to_owned(), percent(left)];
-            rows.push(
-                cells
-                    .into_iter()
-                    .chain(std::iter::repeat_n(dash, 4))
-                    .collect(),
-            );
+            let mut row = vec!["none of these".to_owned(), percent(left)];
+            row.resize(header.len(), or_none(None));
+            rows.push(row);
         }
         text += "\neffects (closed: share of the squared errors beyond noise)\n";
         text += &table(&header, &rows);

@@ -7,8 +7,7 @@ use vsf_data::Sequence;
 /// The deepest that the arm is inside of the object where a touch begins, beyond what a touch that begins in
 /// contact presses: the contact threshold and the space between points.
 pub fn warning(scene: &Scene, sequences: &[&Sequence]) -> Option<PipelineWarning> {
-    let contact = scene.contact();
-    let most = contact.threshold + contact.padding + scene.rest().spacing();
+    let most = scene.contact().level() + scene.rest().spacing();
     let starts = sequences
         .iter()
         .flat_map(|s| s.touches().map(move |touch| (*s, touch.start)));
