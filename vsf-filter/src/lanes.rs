@@ -68,8 +68,9 @@ lanes!(
     add_f64s
 );
 
-/// Runs `work` with the widest vectors of this machine. Everything it calls must be
-/// `#[inline(always)]`: what is not inlined is compiled for any machine.
+/// Runs `work` with the vectors of this machine, of 32 bytes at most: rows begin anywhere, and loads of
+/// 64 bytes would nearly all cross a cache line. Everything it calls must be `#[inline(always)]`: what is
+/// not inlined is compiled for any machine.
 pub(crate) fn dispatch<W: WithSimd>(work: W) -> W::Output {
     struct Wide<W>(W);
     impl<W: WithSimd> WithSimd for Wide<W> {
@@ -83,7 +84,15 @@ pub(crate) fn dispatch<W: WithSimd>(work: W) -> W::Output {
             }
         }
     }
-    Arch::new().dispatch(Wide(work))
+    arch().dispatch(Wide(work))
+}
+
+fn arch() -> Arch {
+    match Arch::new() {
+        #[cfg(any(target_arch = "x86", target_arch = "x86_64"))]
+        Arch::V4(widest) => Arch::V3(*widest),
+        arch => arch,
+    }
 }
 
 /// Numbers of a row that fill whole groups.
