@@ -174,6 +174,14 @@ impl Recording {
         })
     }
 
+    /// The same, without points if the recording has none.
+    pub fn scene_to_learn_or_air(&self, console: &Console) -> anyhow::Result<Scene> {
+        match self.has_points() {
+            true => self.scene_to_learn(console),
+            false => self.scene_or_air(console),
+        }
+    }
+
     /// The scene of the recording alone, without points if it has none.
     pub fn scene_or_air(&self, console: &Console) -> anyhow::Result<Scene> {
         match self.has_points() {

@@ -13,8 +13,8 @@ use std::sync::Arc;
 use vsf::contact::{ContactConfig, GridOptions};
 use vsf::core::nalgebra::{Isometry3, Translation3, UnitQuaternion, Vector3};
 use vsf::data::{ContactParameters, JointType, Overrides, RobotRef, Splits, TorqueKind};
-use vsf::filter::{DiagonalForm, DualConfig, Projection, ReplayConfig, ReplayVariance};
-use vsf::pipeline::{EstimatorSpec, HyperMethod, PriorShape, SceneOptions, VisionSpec};
+use vsf::filter::{DiagonalForm, DualConfig, Projection, ReplayConfig, ReplayVariance, RobustLoss};
+use vsf::pipeline::{EstimatorSpec, FilterSpec, HyperMethod, PriorShape, SceneOptions, VisionSpec};
 use vsf::vision::{GpConfig, KnnConfig, LearnedPrior, RegressorSpec};
 
 /// The recording.
@@ -114,6 +114,10 @@ pub struct EstimatorSettings {
     /// `information`) or also goes on from zero (fed-back, eq. 5)
     #[arg(long)]
     projection: Option<ProjectionKind>,
+    /// How outliers among the readings count, such as spikes or a sensor that sticks: in full (none, default), with a
+    /// bounded pull (huber), or the less the farther out (student-t); not with `batch`
+    #[arg(long)]
+    robust: Option<RobustKind>,
     /// Past observations replayed after every update, default 20; 0 with `diagonal`
     #[arg(long, value_parser = replays)]
     replay: Option<usize>,
@@ -231,6 +235,13 @@ enum EstimatorKind {
     Printed,
     /// Gain from the variances after the update, with memory replay
     Updated,
+}
+
+#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
+enum RobustKind {
+    None,
+    Huber,
+    StudentT,
 }
 
 #[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
@@ -394,10 +405,11 @@ impl EstimatorSettings {
         if replays && !matches!(kind, Dual | Replay | Printed | Updated) {
             return Err(self.without("--replay", "replay", "dual"));
         }
-        if kind == Dual && self.replay_variance.is_some() {
+        let replays_variance = matches!(kind, Replay | Printed | Updated);
+        if !replays_variance && self.replay_variance.is_some() {
             return Err(self.without("--replay-variance", "replay of variances", "replay"));
         }
-        if kind == Dual && self.clear_replay.is_some() {
+        if !replays_variance && self.clear_replay.is_some() {
             let what = "buffer that a sequence empties";
             return Err(self.without("--clear-replay", what, "replay"));
         }
@@ -418,16 +430,25 @@ impl EstimatorSettings {
             Updated => DiagonalForm::InnovationUpdated,
             _ => DiagonalForm::Innovation,
         };
-        Ok(match kind {
-            Batch => EstimatorSpec::Batch,
-            Exact => EstimatorSpec::Exact(projection),
-            Information => EstimatorSpec::Information(projection),
-            Dual => EstimatorSpec::Dual(self.dual_config()),
-            Replay | Diagonal | Printed | Updated => EstimatorSpec::Replay {
+        let robust = match self.robust {
+            None | Some(RobustKind::None) => None,
+            Some(_) if kind == Batch => {
+                return Err(self.without("--robust", "robust noise", "exact"));
+            }
+            Some(RobustKind::Huber) => Some(RobustLoss::HUBER),
+            Some(RobustKind::StudentT) => Some(RobustLoss::STUDENT_T),
+        };
+        let filter = match kind {
+            Batch => return Ok(EstimatorSpec::Batch),
+            Exact => FilterSpec::Exact(projection),
+            Information => FilterSpec::Information(projection),
+            Dual => FilterSpec::Dual(self.dual_config()),
+            Replay | Diagonal | Printed | Updated => FilterSpec::Replay {
                 form,
                 config: self.replay_config(kind == Diagonal),
             },
-        })
+        };
+        Ok(EstimatorSpec::Online { filter, robust })
     }
 
     fn without(&self, flag: &str, feature: &str, other: &str) -> anyhow::Error {
@@ -509,6 +530,13 @@ impl EstimatorSettings {
             Some(Vision::Kind(kind)) => kind.name(),
             Some(Vision::Learned(path)) => path.to_string_lossy().into_owned(),
         }
+    }
+
+    /// Name of how outliers count, for reports.
+    pub fn robust_name(&self) -> String {
+        let kind = self.robust.unwrap_or(RobustKind::None);
+        kind.to_possible_value()
+            .map_or_else(String::new, |v| v.get_name().to_owned())
     }
 
     fn kind(&self) -> EstimatorKind {

@@ -376,10 +376,19 @@ fn usage_errors() {
     bench.fails("estimate data --threshold -1", 2, &["threshold"]);
     bench.ok("estimate data --estimator dual --replay 5 --seed 3");
     for flag in ["--replay-variance keep", "--clear-replay"] {
-        let name = flag.split(' ').next().unwrap();
-        let line = format!("estimate data --estimator dual {flag}");
-        bench.fails(&line, 2, &[name, "`dual`", "choose `replay`"]);
+        for estimator in ["dual", "exact", "batch", "diagonal"] {
+            let name = flag.split(' ').next().unwrap();
+            let line = format!("estimate data --estimator {estimator} {flag}");
+            bench.fails(&line, 2, &[name, estimator, "choose `replay`"]);
+        }
     }
+    bench.ok("estimate data --estimator replay --robust huber");
+    bench.ok("estimate data --estimator exact --robust student-t --replay 0");
+    bench.fails(
+        "estimate data --robust huber",
+        2,
+        &["--robust", "`batch`", "choose `exact`"],
+    );
     for line in [
         "estimate data --replay 5",
         "estimate data --estimator exact --replay 5",

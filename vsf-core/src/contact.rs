@@ -114,7 +114,7 @@ impl Contacts {
 /// Stateful: sticking points are remembered from step to step. It never reads the belief (the
 /// paper's decoupling, section III-B), so contacts can be recorded once and replayed through any
 /// estimator.
-pub trait ContactModel: Send {
+pub trait ContactModel: Send + Sync {
     /// Forgets all contacts, as before the first touch of a sequence.
     fn reset(&mut self);
 

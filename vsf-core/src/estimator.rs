@@ -46,7 +46,7 @@ impl Prediction {
 ///
 /// On an error the belief is unchanged. Dyn-safe; `Box<dyn Estimator<Scalar = T>>` is an
 /// estimator too.
-pub trait Estimator: Send {
+pub trait Estimator: Send + Sync {
     /// Number type of the belief.
     type Scalar: Scalar;
 

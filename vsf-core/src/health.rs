@@ -24,8 +24,6 @@ pub struct FilterHealth {
     updates: usize,
     dof: usize,
     nis: f64,
-    prefit_squared: f64,
-    postfit_squared: f64,
 }
 
 impl FilterHealth {
@@ -34,8 +32,6 @@ impl FilterHealth {
         self.updates += 1;
         self.dof = self.dof.saturating_add(report.dof);
         self.nis += report.nis;
-        self.prefit_squared += report.prefit * report.prefit;
-        self.postfit_squared += report.postfit * report.postfit;
     }
 
     /// Number of recorded updates.
@@ -69,16 +65,5 @@ impl FilterHealth {
             (Some(r), Some((lo, hi))) => lo <= r && r <= hi,
             _ => false,
         }
-    }
-
-    /// Root mean square norm of the residuals before and after their updates.
-    pub fn rms_prefit_postfit(&self) -> Option<(f64, f64)> {
-        (self.updates > 0).then(|| {
-            let n = self.updates as f64;
-            (
-                (self.prefit_squared / n).sqrt(),
-                (self.postfit_squared / n).sqrt(),
-            )
-        })
     }
 }

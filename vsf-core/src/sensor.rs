@@ -2,7 +2,7 @@ use crate::{Contacts, CoreError, LinkChains, Observation, Posture, RestPoints, S
 
 /// Turns contacts into a linear observation of the stiffness: joint torques, a wrist wrench, a
 /// force gauge.
-pub trait Sensor<T: Scalar>: Send {
+pub trait Sensor<T: Scalar>: Send + Sync {
     /// Number of channels `d` of a reading.
     fn dim(&self) -> usize;
 

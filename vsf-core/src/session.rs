@@ -4,9 +4,6 @@ use crate::{
 };
 use std::sync::Arc;
 
-/// What one step of a [`Session`] did.
-pub type StepReport = UpdateReport;
-
 /// An online estimation: a contact model, a sensor and an estimator of one robot, with the buffers between
 /// them. After warm-up a step allocates nothing of its own. A clone goes its own way from where the session stands:
 /// for a motion tried out, while [`predict_at`](Self::predict_at) is for a single posture.
@@ -91,6 +88,19 @@ where
         self.estimator.begin_sequence();
     }
 
+    /// Starts over from `prior`: with another object in the same place, say. The statistics of
+    /// [`health`](Self::health) begin anew as well.
+    ///
+    /// # Errors
+    /// A prior of another size than the field, or that the estimator refuses; nothing has changed then.
+    pub fn reset(&mut self, prior: Belief<E::Scalar>) -> Result<(), CoreError> {
+        CoreError::check_len("belief", prior.len(), self.rest.len())?;
+        self.estimator.reset(prior)?;
+        self.begin_touch();
+        self.health = FilterHealth::default();
+        Ok(())
+    }
+
     /// A new touch begins within the sequence: contacts are forgotten.
     pub fn begin_touch(&mut self) {
         self.contact.reset();
@@ -102,8 +112,9 @@ where
     /// # Errors
     /// A posture or reading that is not finite or does not fit, a posture of another robot or never written. The
     /// belief is unchanged; the contact state has followed the posture if the posture itself was good and the reading
-    /// had the right length and finite values.
-    pub fn step(&mut self, posture: &Posture, reading: &[f64]) -> Result<StepReport, CoreError> {
+    /// had the right length and finite values. A sensor that has got other channels, an estimator reset to a belief of
+    /// another size.
+    pub fn step(&mut self, posture: &Posture, reading: &[f64]) -> Result<UpdateReport, CoreError> {
         CoreError::check_len("reading", reading.len(), self.sensor.dim())?;
         CoreError::check_finite("reading", reading)?;
         self.observe(posture, Some(reading))?;
@@ -142,8 +153,11 @@ where
         self.estimator.predict(&observation, out)
     }
 
-    /// Contact models look at link poses alone, sensors at what they need of the rest.
+    /// Contact models look at link poses alone, sensors at what they need of the rest; and sensor and estimator may
+    /// have been changed from outside.
     fn check(&self, posture: &Posture) -> Result<(), CoreError> {
+        CoreError::check_len("channels", self.sensor.dim(), self.zero.len())?;
+        CoreError::check_len("belief", self.belief().len(), self.rest.len())?;
         posture.check_robot(&self.chains)?;
         posture.check()
     }
@@ -182,7 +196,7 @@ where
         &self.observation
     }
 
-    /// Innovation statistics since the session began.
+    /// Innovation statistics since the session began or was last [reset](Self::reset).
     pub fn health(&self) -> &FilterHealth {
         &self.health
     }
@@ -192,7 +206,7 @@ where
         &self.sensor
     }
 
-    /// The sensor, to change its noise while the session runs. It must keep its number of
+    /// The sensor, to change its noise while the session runs. Steps fail from then on if it gets other
     /// channels.
     pub fn sensor_mut(&mut self) -> &mut S {
         &mut self.sensor
@@ -203,7 +217,7 @@ where
         &self.estimator
     }
 
-    /// The estimator, to reset or reconfigure it.
+    /// The estimator, to reconfigure it. Steps fail from then on if its belief gets another size.
     pub fn estimator_mut(&mut self) -> &mut E {
         &mut self.estimator
     }

@@ -272,6 +272,31 @@ fn bad_readings_and_postures_leave_the_belief() {
 }
 
 #[test]
+fn an_estimator_changed_from_outside_has_to_fit() {
+    let mut session = session();
+    session.step(&posture(1.5), &[3.0]).unwrap();
+    let longer = Belief::uniform(3, 0.0, 2.0).unwrap();
+    let before = (session.belief().clone(), *session.health());
+    assert!(session.reset(longer.clone()).is_err());
+    assert_eq!((session.belief().clone(), *session.health()), before);
+    session.estimator_mut().reset(longer).unwrap();
+    let mut out = Prediction::default();
+    assert!(session.step(&posture(1.5), &[3.0]).is_err());
+    assert!(session.predict(&posture(1.5), &mut out).is_err());
+}
+
+#[test]
+fn a_reset_starts_over() {
+    let mut session = session();
+    session.step(&posture(0.5), &[3.0]).unwrap();
+    let prior = Belief::uniform(2, 5.0, 1.0).unwrap();
+    session.reset(prior.clone()).unwrap();
+    assert_eq!(session.belief(), &prior);
+    assert_eq!(session.health().updates(), 0);
+    assert!(session.contacts().is_empty());
+}
+
+#[test]
 fn observations_are_checked_on_building() {
     let mut obs = Observation::<f32>::new(Noise::uniform(1, 1.0).unwrap());
     let one = |_: usize, w: &mut [f64]| w[0] = 1.0;

@@ -177,7 +177,7 @@ impl ContactLog {
 }
 
 /// The contact of one robot with one object, step by step, as a model has it.
-pub struct ContactDriver {
+pub(crate) struct ContactDriver {
     model: SceneContact,
     force: Vector3<f64>,
     links: Links,

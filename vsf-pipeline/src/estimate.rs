@@ -5,15 +5,27 @@ use vsf_core::{
 };
 use vsf_filter::{
     BatchMap, CovarianceFilter, DiagonalForm, DiagonalKalman, DualConfig, DualReplay, FieldPrior,
-    InformationFilter, MemoryReplay, Projection, ReplayConfig,
+    InformationFilter, MemoryReplay, Projection, ReplayConfig, RobustLoss, RobustNoise,
 };
 
 /// Which estimator, with all of its parameters but prior and noise.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub enum EstimatorSpec {
     /// The constrained optimum over all samples at once, offline ([`BatchMap`]); the default.
     #[default]
     Batch,
+    /// Sample by sample, as on the robot.
+    Online {
+        /// The filter.
+        filter: FilterSpec,
+        /// How little outliers among the readings count ([`RobustNoise`]); `None` takes all readings at their word.
+        robust: Option<RobustLoss>,
+    },
+}
+
+/// Which filter, with all of its parameters but prior and noise.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum FilterSpec {
     /// The exact posterior, sample by sample ([`CovarianceFilter`]). With the default projection its
     /// mean follows the constrained optimum over the samples so far, to 1e-5 or so of its size; over
     /// the first few samples it may be a percent behind.
@@ -37,39 +49,62 @@ pub enum EstimatorSpec {
 impl EstimatorSpec {
     /// The diagonal filter with memory replay, all parameters at their defaults.
     pub fn replay() -> Self {
-        Self::Replay {
-            form: DiagonalForm::default(),
-            config: ReplayConfig::default(),
-        }
+        let (form, config) = (DiagonalForm::default(), ReplayConfig::default());
+        FilterSpec::Replay { form, config }.into()
     }
+}
 
-    /// Makes the online estimator; `None` for [`EstimatorSpec::Batch`].
+impl From<FilterSpec> for EstimatorSpec {
+    fn from(filter: FilterSpec) -> Self {
+        let robust = None;
+        Self::Online { filter, robust }
+    }
+}
+
+impl FilterSpec {
+    /// Makes the filter, robust against outliers if a loss is given.
     ///
     /// # Errors
     /// A parameter out of range.
     pub fn build(
         &self,
         prior: FieldPrior,
-    ) -> Result<Option<Box<dyn Estimator<Scalar = f64>>>, PipelineError> {
-        Ok(Some(match *self {
-            Self::Batch => return Ok(None),
-            Self::Exact(projection) => {
-                Box::new(CovarianceFilter::with_projection(prior, projection)?)
-            }
-            Self::Information(projection) => {
-                Box::new(InformationFilter::with_projection(prior, projection)?)
-            }
-            Self::Dual(config) => Box::new(DualReplay::new(prior.marginals()?, config)?),
+        robust: Option<RobustLoss>,
+    ) -> Result<Box<dyn Estimator<Scalar = f64>>, CoreError> {
+        match *self {
+            Self::Exact(projection) => boxed(
+                CovarianceFilter::with_projection(prior, projection)?,
+                robust,
+            ),
+            Self::Information(projection) => boxed(
+                InformationFilter::with_projection(prior, projection)?,
+                robust,
+            ),
+            Self::Dual(config) => boxed(DualReplay::new(prior.marginals()?, config)?, robust),
             Self::Replay { form, config } => {
                 let filter = DiagonalKalman::with_form(prior.marginals()?, form);
-                if config.replays == 0 {
-                    Box::new(filter)
-                } else {
-                    Box::new(MemoryReplay::new(filter, config)?)
+                match robust {
+                    _ if config.replays == 0 => boxed(filter, robust),
+                    // Inside of the replay, so that past readings are judged anew.
+                    Some(loss) => {
+                        let filter = RobustNoise::new(filter, loss)?;
+                        Ok(Box::new(MemoryReplay::new(filter, config)?))
+                    }
+                    None => Ok(Box::new(MemoryReplay::new(filter, config)?)),
                 }
             }
-        }))
+        }
     }
+}
+
+fn boxed<E: Estimator<Scalar = f64> + 'static>(
+    filter: E,
+    robust: Option<RobustLoss>,
+) -> Result<Box<dyn Estimator<Scalar = f64>>, CoreError> {
+    Ok(match robust {
+        Some(loss) => Box::new(RobustNoise::new(filter, loss)?),
+        None => Box::new(filter),
+    })
 }
 
 /// An estimated field.
@@ -111,14 +146,17 @@ pub(crate) fn run(
 ) -> Result<Estimate, PipelineError> {
     let touched = touched_points(traces, prior.len());
     let mut health = FilterHealth::default();
-    let Some(mut estimator) = spec.build(prior.clone())? else {
-        let belief = optimum(traces, &prior)?;
-        progress(traces.len());
-        return Ok(Estimate {
-            belief,
-            touched,
-            health,
-        });
+    let mut estimator = match *spec {
+        EstimatorSpec::Online { filter, robust } => filter.build(prior, robust)?,
+        EstimatorSpec::Batch => {
+            let belief = optimum(traces, &prior)?;
+            progress(traces.len());
+            return Ok(Estimate {
+                belief,
+                touched,
+                health,
+            });
+        }
     };
     for (done, trace) in traces.iter().enumerate() {
         estimate_online(&mut *estimator, trace, |obs, report| {

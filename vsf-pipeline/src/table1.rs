@@ -1,8 +1,8 @@
 use crate::estimate::touched_points;
 use crate::evaluate::sample_errors;
 use crate::{
-    Campaign, EstimatorSpec, Hyper, PipelineError, Scene, Trace, estimate, estimate_online,
-    evaluate,
+    Campaign, EstimatorSpec, FilterSpec, Hyper, PipelineError, Scene, Trace, estimate,
+    estimate_online, evaluate,
 };
 use serde::Serialize;
 use std::time::Instant;
@@ -70,23 +70,20 @@ pub fn table1(campaign: &Campaign) -> Result<Table1Row, PipelineError> {
     };
     let mut cells = Vec::new();
     for replays in [0, 10, 20] {
-        let spec = EstimatorSpec::Replay {
+        let spec = FilterSpec::Replay {
             form: DiagonalForm::default(),
             config: ReplayConfig {
                 replays,
                 ..ReplayConfig::default()
             },
         };
-        cells.push(run.online(format!("replay {replays}"), &spec)?);
+        cells.push(run.online(format!("replay {replays}"), spec)?);
     }
     cells.push(run.online(
         "dual 20".to_owned(),
-        &EstimatorSpec::Dual(DualConfig::default()),
+        FilterSpec::Dual(DualConfig::default()),
     )?);
-    cells.push(run.online(
-        "exact".to_owned(),
-        &EstimatorSpec::Exact(Projection::default()),
-    )?);
+    cells.push(run.online("exact".to_owned(), FilterSpec::Exact(Projection::default()))?);
     cells.push(run.batch()?);
     let zero = Belief::uniform(scene.rest().len(), 0.0, 1.0)?;
     let contacts: f64 = train.iter().map(Trace::mean_contacts).sum();
@@ -113,15 +110,13 @@ struct Run<'a> {
 }
 
 impl Run<'_> {
-    fn online(&self, name: String, spec: &EstimatorSpec) -> Result<Table1Cell, PipelineError> {
+    fn online(&self, name: String, filter: FilterSpec) -> Result<Table1Cell, PipelineError> {
         let prior = self
             .hyper
             .shape
             .prior(self.scene.rest(), self.hyper.prior_sd)?;
         let noise = Noise::per_channel(&self.hyper.noise_sd)?;
-        let Some(mut estimator) = spec.build(prior)? else {
-            return self.batch();
-        };
+        let mut estimator = filter.build(prior, None)?;
         let (mut fits, mut seconds, mut updates) = (Vec::new(), 0.0, 0usize);
         for trace in self.train {
             let trace = trace.with_noise(&noise)?;

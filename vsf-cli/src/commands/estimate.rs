@@ -20,7 +20,7 @@ The field holds points, K (mean, N/m), K_std, the features touched, prior_sd (al
 noise_sd, and the parameters of contact, which `vsf predict`, `evaluate`, `simulate`, `export` and `view` take from \
 it; they warn of flags that contradict it, and of another corrected model than it was estimated with.
 
-JSON keys: estimator, prior_sd, smooth_sd, smooth_length, level_sd, noise_sd (by channel), given \
+JSON keys: estimator, robust (none, huber or student-t), prior_sd, smooth_sd, smooth_length, level_sd, noise_sd (by channel), given \
 (which of prior_sd and noise_sd), chosen_by (how the rest was: held-out, likelihood, or given), candidates (smooth_share, signal_to_noise, error or log_evidence), threshold (of contact, m), \
 sequences, samples, contact_samples, points, touched_points, mean_stiffness (over touched \
 points), vision (none, a method or a file), vision_share (of its guess, in the prior), vision_candidates (share, \
@@ -44,6 +44,7 @@ pub struct Args {
 #[derive(Serialize)]
 struct Report<'a> {
     estimator: String,
+    robust: String,
     prior_sd: f64,
     smooth_sd: f64,
     smooth_length: f64,
@@ -147,6 +148,7 @@ pub fn run(args: &Args, console: &Console) -> anyhow::Result<()> {
     }
     let report = Report {
         estimator: settings.name(),
+        robust: settings.robust_name(),
         prior_sd: chosen.hyper.prior_sd,
         smooth_sd: chosen.hyper.prior_sd * chosen.hyper.shape.smooth_share,
         smooth_length: chosen.hyper.shape.length,
@@ -313,8 +315,12 @@ fn text(report: &Report, scene: &Scene) -> String {
         "  contact     from {} m before the surface on\n",
         number(report.threshold)
     );
+    let robust = match report.robust.as_str() {
+        "none" => String::new(),
+        loss => format!(", robust ({loss})"),
+    };
     text += &format!(
-        "  estimator   {}\n  prior       N(0, {}²) N/m, {}\n",
+        "  estimator   {}{robust}\n  prior       N(0, {}²) N/m, {}\n",
         report.estimator,
         number(report.prior_sd),
         found(PRIOR_SD, report.given, report.chosen_by),

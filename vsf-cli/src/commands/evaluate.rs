@@ -83,7 +83,7 @@ pub fn run(args: &Args, console: &Console) -> anyhow::Result<()> {
             let (field, scene) = recording.field_and_scene(given, model.as_ref(), console)?;
             (Some(field), scene)
         }
-        false => (None, recording.scene_or_air(console)?),
+        false => (None, recording.scene_to_learn_or_air(console)?),
     };
     let modelled = Modelled::new(model.as_ref(), &recording, &scene, &sequences, console)?;
     let traces = &modelled.traces;

@@ -71,10 +71,7 @@ struct Grid {
 pub fn run(args: &Args, console: &Console) -> anyhow::Result<()> {
     let recording = args.recording.open(console)?;
     let sequences = recording.sequences(None, Default::All)?;
-    let scene = match recording.has_points() {
-        true => recording.scene_to_learn(console)?,
-        false => recording.scene_or_air(console)?,
-    };
+    let scene = recording.scene_to_learn_or_air(console)?;
     let traces = traces(&scene, &sequences, console)?;
     untouched(&scene, &traces)
         .iter()
