@@ -30,7 +30,7 @@ pub struct Case {
     test_error_nominal: f64,
     test_error_corrected: f64,
     closed_fraction: f64,
-    /// What a model would close that knows the world but for the effects.
+    /// Energy that the effects add to the readings, as a share of the gap's, at most 1: what there is to close.
     oracle_closed: f64,
     #[serde(skip_serializing_if = "Option::is_none")]
     error: Option<String>,
@@ -67,7 +67,7 @@ impl Case {
             Of::Phase(phase) => phase.name().to_owned(),
             _ => String::new(),
         });
-        let floor = d.gap.noise_floor.powi(2);
+        let floor = campaign.site().joints() as f64 * label.noise_nm.powi(2);
         let nominal = outcome.nominal.mean_square();
         let oracle = oracle_square(label, campaign);
         Self {
@@ -219,7 +219,7 @@ pub struct Score {
     mean_probability: Option<f64>,
     /// Expected calibration error of the verdict's probability, five bins.
     ece: Option<f64>,
-    /// Median of closed fraction over the oracle's, single effects that were named right.
+    /// Median of closed fraction over what there is to close, of single effects that were named right.
     closed_of_oracle: Option<f64>,
 }
 
@@ -372,7 +372,7 @@ pub fn text(cases: &[Case], scores: &[Score]) -> String {
             ("mean probability of the truth", or_none(s.mean_probability)),
             ("calibration error", or_none(s.ece)),
             (
-                "closed share over the oracle's, median",
+                "closed, of what the effect makes of the gap, median",
                 or_none(s.closed_of_oracle),
             ),
         ];

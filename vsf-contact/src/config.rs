@@ -25,11 +25,11 @@ pub struct ContactConfig {
     /// Offset added to every link's surface (m), at most 1, default 0; positive makes the robot thicker,
     /// `threshold + padding` must stay > 0.
     pub padding: f64,
-    /// How far (m) a point follows a link that leaves it, 0 to 1, default 0: it lets go when its
-    /// displacement away from the link exceeds this. The paper has no adhesion.
+    /// How far (m) a point follows a link that leaves it, 0 to 1, default 0: it lets go when it
+    /// is farther than this from its place at rest. The paper has no adhesion.
     pub adhesion: f64,
     /// Whether a step may use the threads of the current rayon pool, default false. The result is
-    /// bit-equal for any number of threads; threads pay from about 10,000 contacts.
+    /// bit-equal for any number of threads; threads pay from a few thousand contacts.
     pub parallel: bool,
 }
 

@@ -10,7 +10,7 @@ const STICK_TOLERANCE: f64 = 1e-9;
 /// or the gap to the surface at its end is more than this share of its length.
 const MAX_TURN: f64 = 0.15;
 const MAX_GAP: f64 = 0.1;
-/// Least share of the decrease of `|u|²` on a plane that a slip step must reach.
+/// Least share of the decrease of `|u|²` on a plane that a slip step must reach, to first order in its length.
 const WEDGED: f64 = 0.05;
 
 /// Judges the runs of one vector of lanes by the samples at their ends, and plans the next ones.

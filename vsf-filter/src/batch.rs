@@ -90,7 +90,7 @@ pub struct BatchMap<'a> {
 enum Store {
     /// `W^T R^-1 W`.
     Gram(Mat<f64>),
-    /// Whitener rows and readings.
+    /// Whitened rows and readings.
     Rows(Mat<f64>, Vec<f64>),
 }
 
@@ -354,7 +354,7 @@ impl<'a> BatchMap<'a> {
         }
     }
 
-    /// Whitener residuals of sequence `s`, of the observations in contact.
+    /// Whitened residuals of sequence `s`, of the observations in contact.
     fn whitened_residuals(&self, s: usize, x: &[f64]) -> Result<Vec<f64>, CoreError> {
         let mut whitener = Whitener::default();
         let mut out = Vec::with_capacity(self.rows_of[s].len());

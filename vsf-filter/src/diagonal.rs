@@ -13,8 +13,8 @@ pub enum DiagonalForm {
     /// variances lie between eq. 7's and the exact ones of one observation: with
     /// `h = w^T (R + c W v W^T)^-1 w`, `v' = v (1 - c v h) / (1 + (1 - c) v h)`, c = 0.05.
     ///
-    /// With c = 0, eq. 7, a point learns as if all others were known; where readings are more precise than
-    /// the prior by a thousand times, the means then diverge. With c = 1, the exact variances, the filter
+    /// With c = 0, eq. 7, a point learns as if all others were known: where many are touched together, variances
+    /// become far too small, and later readings count too little. With c = 1, the exact variances, the filter
     /// forgets, for want of correlations, what it was told of the points together, and follows every
     /// reading, also those that contradict each other.
     #[default]

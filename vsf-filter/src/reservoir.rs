@@ -15,7 +15,7 @@ const FADED: f64 = 3.0;
 ///
 /// Every observation draws a random key; kept are those with the smallest keys, as many as fit.
 /// Which ones these are does not depend on the order in which they came, also when their sizes
-/// differ (priority sampling; for equal sizes the law of Vitter's algorithm R,
+/// differ (a bottom-k sample; for equal sizes the law of Vitter's algorithm R,
 /// doi 10.1145/3147.3165). An observation is taken in or out in O(log n), apart from its copy.
 #[derive(Debug, Clone)]
 pub(crate) struct Reservoir<T: Scalar, X = ()> {

@@ -52,12 +52,14 @@ impl Residuals {
 pub(crate) fn noise_norm(noise: &[JointNoise]) -> f64 {
     let variance: f64 = noise.iter().map(|n| n.sd * n.sd).sum();
     let fourth: f64 = noise.iter().map(|n| n.sd.powi(4)).sum();
-    // Mean of the root of a sum of squares, to second order.
-    if variance == 0.0 {
-        0.0
-    } else {
-        variance.sqrt() * (1.0 - 0.25 * fourth / (variance * variance))
+    if fourth == 0.0 {
+        return variance.sqrt();
     }
+    // Mean of a chi distribution of as many degrees of freedom as give the same spread (B. L. Welch and F. E.
+    // Satterthwaite): exact for equal channels, off by 1.5 % at most for others.
+    let freedom = variance * variance / fourth;
+    let ratio = (libm::lgamma(0.5 * (freedom + 1.0)) - libm::lgamma(0.5 * freedom)).exp();
+    (2.0 * variance / freedom).sqrt() * ratio
 }
 
 impl Campaign {
@@ -182,5 +184,36 @@ pub(crate) fn closure(
     Closure {
         fraction: whole[0],
         interval: intervals[0],
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// The mean of a chi distribution for equal channels, and the integral over the sphere for others.
+    #[test]
+    fn val_mean_norm_of_noise() {
+        let norm = |sds: &[f64]| {
+            let correlation = 0.0;
+            let of = |&sd| JointNoise { sd, correlation };
+            noise_norm(&sds.iter().map(of).collect::<Vec<_>>())
+        };
+        assert_eq!(norm(&[]), 0.0);
+        assert_eq!(norm(&[0.0, 0.0]), 0.0);
+        let two_pi = std::f64::consts::TAU;
+        assert!((norm(&[0.3]) / 0.3 - (4.0 / two_pi).sqrt()).abs() < 1e-12);
+        assert!((norm(&[0.0, 0.3]) / 0.3 - (4.0 / two_pi).sqrt()).abs() < 1e-12);
+        assert!((norm(&[2.0; 2]) / 2.0 - (two_pi / 4.0).sqrt()).abs() < 1e-12);
+        // Of two channels: sqrt(pi/2) times the mean of the root of a sum of squares over the circle.
+        let circle = |a: f64, b: f64| {
+            let at = |k: u32| (two_pi * f64::from(k) / 1e4).sin_cos();
+            let root = |k| (a * at(k).0).hypot(b * at(k).1);
+            (0..10_000).map(root).sum::<f64>() / 1e4 * (two_pi / 4.0).sqrt()
+        };
+        for (a, b) in [(1.0, 0.1), (1.0, 0.5), (3.0, 2.0)] {
+            let (found, expected) = (norm(&[a, b]), circle(a, b));
+            assert!((found / expected - 1.0).abs() < 0.015, "{found} {expected}");
+        }
     }
 }

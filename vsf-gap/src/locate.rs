@@ -15,12 +15,13 @@ pub struct Part {
     /// What part, under the key of its kind.
     #[serde(flatten)]
     pub of: Of,
-    /// Share of the energy of the gap, 0 to 1.
+    /// Share of the energy of the gap, 0 to 1. Of a band of frequencies, of that of all that the nominal model
+    /// leaves, noise included.
     pub share: f64,
-    /// Interval of the share, 95 %.
+    /// Interval of the share, 95 %; without width where there is none (frequencies).
     pub interval: [f64; 2],
-    /// RMS residual of the nominal model beyond noise on the checked sequences (N m or N); 0 where
-    /// none of them is in this part.
+    /// RMS residual of the nominal model beyond noise on the checked sequences (N m or N), of frequencies with the
+    /// noise; 0 where none of them is in this part.
     pub excess: f64,
 }
 

@@ -30,6 +30,13 @@ pub(crate) struct Tangent {
     pub(crate) columns: Vec<Vec<f64>>,
 }
 
+impl Tangent {
+    /// Whether it changes any torque.
+    pub(crate) fn shows(&self) -> bool {
+        self.columns.iter().flatten().any(|torque| *torque != 0.0)
+    }
+}
+
 /// What screening finds about one tangent.
 #[derive(Clone)]
 pub(crate) struct Screened {

@@ -26,6 +26,9 @@ const MUCH: f64 = 50.0;
 /// An effect that screening puts so far below the best (nats) is no finalist.
 const HOPELESS: f64 = 400.0;
 
+/// Why an effect that the recording lacks nothing for cannot be tested all the same.
+const UNSEEN: &str = "a small effect of this kind changes none of the train readings";
+
 /// What the search found.
 pub(crate) struct Search<'a> {
     /// The nominal model, fitted.
@@ -215,7 +218,11 @@ impl Campaign {
                 Some(reason) => untestable.push((effect.clone(), reason)),
                 None => {
                     check_effect(effect.as_ref(), &self.site)?;
-                    tangents.extend(self.tangents(&model, &nominal, &field, effect)?);
+                    let own = self.tangents(&model, &nominal, &field, effect)?;
+                    match own.iter().any(Tangent::shows) {
+                        true => tangents.extend(own),
+                        false => untestable.push((effect.clone(), UNSEEN.to_owned())),
+                    }
                 }
             }
         }

@@ -508,6 +508,37 @@ fn what_is_not_touched_is_not_testable() {
     assert!(testable("registration_offset") && !testable("strain_stiffening"));
 }
 
+/// Effects that choose contacts may be why nothing is touched, but not those which change what is touched alone, nor
+/// gains of readings that are all zero.
+#[test]
+fn what_changes_no_reading_is_not_testable() {
+    let waves = |s: u32| -> Rows {
+        let row = |k: u32| {
+            let phase = f64::from(k + 7 * s) / 20.0;
+            let place = vec![0.02 * phase.sin(), 0.02 * phase.cos(), 0.1];
+            (place, vec![1e-3 * (31.0 * phase).sin(); 3])
+        };
+        (0..80).map(row).collect()
+    };
+    let away = plate(&[[0.0; 3]], &[0, 1, 2].map(waves));
+    let names = [
+        "contact_friction",
+        "anisotropy",
+        "torque_gain",
+        "torque_bias",
+    ];
+    let candidates = vsf_gap::effects::named(&names).unwrap();
+    let outcome = vsf_gap::diagnose(&away, "away", &candidates, 0, |_| {}).unwrap();
+    for report in &outcome.diagnosis.effects {
+        assert_eq!(
+            report.testable,
+            report.effect == "torque_bias",
+            "{}",
+            report.effect
+        );
+    }
+}
+
 /// A gauge on one axis: whatever needs more joints is untestable, nothing fails.
 #[test]
 fn a_robot_of_one_joint_is_diagnosed() {

@@ -110,9 +110,9 @@ pub enum HyperMethod {
     ///   touches, dealt to at most ten parts in turn, are held out once (where the parts share few
     ///   points, every quarter of a touch) and predicted from the others by the constrained optimum,
     ///   with other ratios and without the smooth part too; with more than 1500 touched points, by
-    ///   the online filter. Of all priors whose error lies within one standard error of the best
-    ///   one's, the one nearest to the rule is taken (L. Breiman et al., *Classification and
-    ///   Regression Trees*, 1984, section 3.4.3).
+    ///   the online filter, which tells nothing of a smooth part: it stays. Of all priors whose error exceeds that of
+    ///   the best one by no more than one standard error of the difference, the one nearest to the rule is taken
+    ///   (paired; after L. Breiman et al., *Classification and Regression Trees*, 1984, section 3.4.3).
     /// - *Level*: so that what is left unexplained of what was held out is as large as predicted, the
     ///   uncertainty of the field taken in.
     #[default]

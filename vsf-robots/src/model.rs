@@ -205,6 +205,21 @@ impl RobotModel {
             })
     }
 
+    /// The link that most joints move, of several the last: the end effector of an arm, whatever the order of
+    /// its joints.
+    pub fn end_effector(&self) -> usize {
+        let links = 0..self.links.len();
+        links
+            .max_by_key(|&l| self.chains.chain(l).len())
+            .unwrap_or(0)
+    }
+
+    /// The joint at the end of the longest chain of joints, `None` without a moving joint.
+    pub fn last_joint(&self) -> Option<&Joint> {
+        let last = self.chains.chain(self.end_effector()).last()?;
+        self.joints.get(*last as usize)
+    }
+
     /// Collision shapes, grouped by link in the order of links.
     ///
     /// A `<cylinder>` with a `<sphere>` of its radius at each end (to 1 um) is one
@@ -231,7 +246,7 @@ impl RobotModel {
     }
 
     /// Links whose inertia no body has, in link order: one principal moment is more than the other two together
-    /// (beyond 1 %, for figures that were rounded). Dynamics take them as they are; torques computed by the model
+    /// (beyond 2 %, for figures that were rounded). Dynamics take them as they are; torques computed by the model
     /// are then off in fast motion, and the URDF is likely wrong.
     pub fn links_with_impossible_inertia(&self) -> impl Iterator<Item = &Link> {
         self.links.iter().filter(|link| {

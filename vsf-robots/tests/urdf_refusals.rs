@@ -321,6 +321,9 @@ fn joint_orders() {
         [1]
     );
     assert_eq!(swapped.joint_index("z").unwrap(), 1);
+    // Whatever the order.
+    let last = |r: &RobotModel| r.last_joint().unwrap().name().to_owned();
+    assert_eq!(last(&swapped), last(&read(None).unwrap()));
 
     match read(Some(&["x"])).unwrap_err() {
         RobotError::IncompleteJointOrder { missing } => assert_eq!(missing, ["z"]),

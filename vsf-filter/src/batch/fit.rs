@@ -207,7 +207,12 @@ impl<'a> BatchFit<'a> {
         let covariance = self.covariance(&sums);
         let noise = obs.noise().covariance().iter();
         let scale = self.noise_scale * self.noise_scale;
-        let entry = |(k, r): (usize, &f64)| covariance[(k / d, k % d)] + scale * r;
+        let entry = |(k, r): (usize, &f64)| {
+            let (i, j) = (k / d, k % d);
+            // What rounding leaves of nothing may lie below zero.
+            let least = if i == j { 0.0 } else { f64::MIN };
+            covariance[(i, j)].max(least) + scale * r
+        };
         Ok((sums.mean, noise.enumerate().map(entry).collect()))
     }
 

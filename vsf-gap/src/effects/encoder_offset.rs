@@ -7,6 +7,9 @@ use crate::effect::{check, per_joint, slides};
 /// Parameters `o_<joint>` (rad or m). Tell-tale: contacts shift and torques are felt about other
 /// axes, by amounts that depend on the posture.
 ///
+/// Of readings without the arm's weight (`torque_kind: external`) it changes what the contact gives alone: whoever
+/// took the weight off is thought to have known the true angles.
+///
 /// # Reference
 /// J. M. Hollerbach, C. W. Wampler, "The calibration index and taxonomy for robot kinematic
 /// calibration methods", Int. J. Robotics Research 15(6), 1996, doi:10.1177/027836499601500604.

@@ -9,7 +9,7 @@ use std::ops::Range;
 /// tendons that pass by: `-c_jk tanh(qd_k / eps) - d_jk qd_k - i_jk qdd_k`.
 ///
 /// Parameters `c_<j>_<k>` (N m or N), `d_<j>_<k>` (N m s/rad, N s/m, ...) and `i_<j>_<k>` (kg m², kg, ...) for every
-/// joint `j` and every other joint `k`, and the shape `eps` (rad/s or m/s). All neighbours may act together, or any
+/// joint `j` and every other joint `k`, and the shape `eps` (rad/s or m/s). All neighbours along the arm may act together, or any
 /// one pair alone. Tell-tale: the residual of one joint follows the velocity or the acceleration of another.
 ///
 /// # Reference
@@ -43,7 +43,7 @@ impl Effect for JointCoupling {
     }
 
     fn summary(&self) -> &str {
-        "the motion of joint k drags joint j: dry friction `c_j_k`, nearly full from the speed `eps` on, viscous `d_j_k`, inertia `i_j_k`"
+        "the motion of joint k drags joint j: dry friction `c_j_k`, nearly full from twice the speed `eps` on, viscous `d_j_k`, inertia `i_j_k`"
     }
 
     fn acts(&self) -> Acts {
@@ -85,7 +85,12 @@ impl Effect for JointCoupling {
     }
 
     fn acting(&self, site: &Site, start: usize) -> Vec<usize> {
-        let near = |(j, k): (usize, usize)| j.abs_diff(k) == 1;
+        let (joints, chains) = (site.robot.joints(), site.robot.chains());
+        let before = |j: usize| {
+            let (_, others) = chains.chain(joints[j].child()).split_last()?;
+            others.last().map(|&k| k as usize)
+        };
+        let near = |(j, k)| before(j) == Some(k) || before(k) == Some(j);
         match start.checked_sub(1) {
             Some(alone) => of_pair(alone).collect(),
             None => (pairs(site).enumerate())

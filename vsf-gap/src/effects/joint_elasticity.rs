@@ -8,7 +8,8 @@ use vsf_data::TorqueKind;
 /// the environment on the joint; with readings of the actuators, it lags by `c_j` times the reading.
 ///
 /// Parameters `c_<joint>`, compliances (rad/(N m) or m/N). Tell-tale: the arm gives way in proportion
-/// to the load of each joint. All joints alike is a softer object.
+/// to the load of each joint. All joints alike is a softer object. Of readings without the arm's weight
+/// (`torque_kind: external`) it changes what the contact gives alone.
 ///
 /// # Reference
 /// M. W. Spong, "Modeling and control of elastic joint robots", J. Dynamic Systems, Measurement, and

@@ -80,9 +80,7 @@ fn table(columns: &[Vec<f64>], chosen: &[bool]) -> Result<Features, PipelineErro
 /// joint position, then place and axis of the end effector. See [`super::Baseline`].
 fn columns(robot: &RobotModel, sequences: &[&Sequence]) -> Result<Vec<Vec<f64>>, PipelineError> {
     let chains = robot.chains();
-    // Of several, the last one.
-    let hand = (0..robot.link_count()).max_by_key(|&l| chains.chain(l).len());
-    let hand = hand.unwrap_or(0);
+    let hand = robot.end_effector();
     let wrist = chains.chain(hand).last().map_or(0, |j| *j as usize);
     let mut posture = robot.posture();
     let mut columns = vec![Vec::new(); robot.joint_count() + 6];

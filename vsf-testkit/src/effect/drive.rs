@@ -199,7 +199,7 @@ fn make(site: &Site, touch: usize, row: usize) -> Row {
         true => ((row - CONTACT.start) as f64 + 0.5) / CONTACT.len() as f64,
         false => 0.0,
     };
-    let link = site.robot.joints().last().map_or(0, |joint| joint.child());
+    let link = site.robot.last_joint().map_or(0, |joint| joint.child());
     if pressed > 0.0 {
         let depth = (0.02 + 0.01 * (touch % 2) as f64) * (PI * pressed).sin();
         for p in 0..site.rest.len().min(TOUCHED) {
