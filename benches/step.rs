@@ -92,7 +92,7 @@ impl Scene {
         Self::new(cube.collect(), line.collect(), replays)
     }
 
-    fn place(&mut self, k: usize) -> Result<(), RobotError> {
+    fn place(&mut self, k: usize) -> Result<(), CoreError> {
         self.robot
             .update_posture(&self.trajectory[k], &mut self.posture)
     }

@@ -142,7 +142,7 @@ pub fn field() -> StiffnessField {
         stiffness: numbers,
         features: [("height".to_owned(), column)].into(),
         recording: Some("small".to_owned()),
-        learned_from: Some("1".to_owned()),
+        learned_from: Some(vec!["1".to_owned()]),
         model: Some("latency".to_owned()),
         contact: Some(ContactParameters {
             threshold: 0.002,

@@ -1,9 +1,7 @@
 use vsf::core::nalgebra::Point3;
 use vsf::data::{CameraView, Sequence, StiffnessField};
-use vsf::pipeline::{Scene, SequencePrediction, Trace};
+use vsf::pipeline::{Scene, SequencePrediction, StoredEstimate, Trace};
 use vsf::plot::{ColourLimit, FieldView, JointTrace, TorquePlot};
-
-use crate::field_file::touched;
 
 /// What stands around a field in its picture.
 #[derive(Default)]
@@ -104,10 +102,11 @@ pub fn field<T>(
     if values.is_empty() {
         anyhow::bail!("the field has no standard deviation (K_std)");
     }
+    let stored = StoredEstimate::of(field)?;
     Ok(draw(&FieldView {
         points_W: &field.points,
         stiffness: values,
-        touched: &touched(field),
+        touched: &stored.touched,
         context_W: &around.points_W,
         context_colours: &around.colours,
         robot_W: &around.robot_W,

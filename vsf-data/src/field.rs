@@ -35,8 +35,8 @@ const MARKS: &str = "format.json";
 /// as a standard deviation and marked as one (`K_std_unit` in an archive, `format.json` in a
 /// folder); a `K_std` without the mark is not used, since OpenVSF writes the variance there. The
 /// recording's name is a further mark, `recording_name`, and so are the sequences that the field has
-/// learned from, `learned_from`, a corrected model, `corrected_model`, and the parameters of contact,
-/// `contact_parameters` (an object, in an archive as JSON text). Any mark may be missing.
+/// learned from, `learned_from` (a list), a corrected model, `corrected_model`, and the parameters of contact,
+/// `contact_parameters` (an object; lists and objects are JSON text in an archive). Any mark may be missing.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct StiffnessField {
     /// Rest positions `p_i` \[m\], world frame.
@@ -51,8 +51,8 @@ pub struct StiffnessField {
     pub features: BTreeMap<String, Table>,
     /// Name of the recording that the field was estimated from, if known.
     pub recording: Option<String>,
-    /// IDs of that recording's sequences that it has learned from, one a line, if known.
-    pub learned_from: Option<String>,
+    /// IDs of that recording's sequences that it has learned from, if known.
+    pub learned_from: Option<Vec<String>>,
     /// The corrected model that explained a part of the readings, in words, if there was one.
     pub model: Option<String>,
     /// The parameters of contact that it was estimated with, if known.
@@ -68,7 +68,7 @@ struct Marks {
     #[serde(rename = "recording_name")]
     recording: Option<String>,
     #[serde(skip_serializing_if = "Option::is_none")]
-    learned_from: Option<String>,
+    learned_from: Option<Vec<String>>,
     #[serde(rename = "corrected_model", skip_serializing_if = "Option::is_none")]
     model: Option<String>,
     #[serde(rename = "contact_parameters", skip_serializing_if = "Option::is_none")]
@@ -121,17 +121,21 @@ impl StiffnessField {
             (AXIS_MODE, &marks.axis_mode),
             (SD_UNIT, &marks.sd_unit),
             (RECORDING, &marks.recording),
-            (LEARNED_FROM, &marks.learned_from),
             (MODEL, &marks.model),
         ] {
             if let Some(text) = text {
                 entries.insert(name.to_owned(), npy::encode_text(text));
             }
         }
-        if let Some(contact) = &marks.contact {
-            let json = json::encode(&entry(path, CONTACT), contact)?;
+        let mut structured = |name: &str, json: Vec<u8>| {
             let text = String::from_utf8_lossy(&json);
-            entries.insert(CONTACT.to_owned(), npy::encode_text(&text));
+            entries.insert(name.to_owned(), npy::encode_text(&text));
+        };
+        if let Some(ids) = &marks.learned_from {
+            structured(LEARNED_FROM, json::encode(&entry(path, LEARNED_FROM), ids)?);
+        }
+        if let Some(contact) = &marks.contact {
+            structured(CONTACT, json::encode(&entry(path, CONTACT), contact)?);
         }
         npz::encode(path, &entries)
     }
@@ -286,12 +290,16 @@ impl Source {
             Some(text) => Some(json::parse(&entry(path, CONTACT), text.as_bytes())?),
             None => None,
         };
+        let learned_from = match text(LEARNED_FROM)? {
+            Some(text) => Some(json::parse(&entry(path, LEARNED_FROM), text.as_bytes())?),
+            None => None,
+        };
         let marks = Marks {
             contact,
             axis_mode: text(AXIS_MODE)?,
             sd_unit: text(SD_UNIT)?,
             recording: text(RECORDING)?,
-            learned_from: text(LEARNED_FROM)?,
+            learned_from,
             model: text(MODEL)?,
         };
         Ok(Self {

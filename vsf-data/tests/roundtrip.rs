@@ -50,7 +50,8 @@ fn field() -> impl Strategy<Value = StiffnessField> {
             0..3,
         );
         let sd = prop::option::of(vec(positive().prop_map(f64::abs), n));
-        let marks = [(); 3].map(|()| prop::option::of(text()));
+        let marks = [(); 2].map(|()| prop::option::of(text()));
+        let learned_from = prop::option::of(vec(text(), 0..3));
         let contact = prop::option::of(contact());
         (
             vec(point(), n),
@@ -58,21 +59,24 @@ fn field() -> impl Strategy<Value = StiffnessField> {
             sd,
             features,
             marks,
+            learned_from,
             contact,
         )
-            .prop_map(|(points, stiffness, sd, features, marks, contact)| {
-                let [recording, learned_from, model] = marks;
-                StiffnessField {
-                    points,
-                    stiffness,
-                    sd,
-                    features,
-                    recording,
-                    learned_from,
-                    model,
-                    contact,
-                }
-            })
+            .prop_map(
+                |(points, stiffness, sd, features, marks, learned_from, contact)| {
+                    let [recording, model] = marks;
+                    StiffnessField {
+                        points,
+                        stiffness,
+                        sd,
+                        features,
+                        recording,
+                        learned_from,
+                        model,
+                        contact,
+                    }
+                },
+            )
     })
 }
 

@@ -44,6 +44,14 @@ pub enum PipelineError {
     /// samples.
     #[error(transparent)]
     Vision(#[from] VisionError),
+    /// A field holds numbers that no estimate has.
+    #[error("{name} {problem}")]
+    Stored {
+        /// The array or feature.
+        name: &'static str,
+        /// What is wrong with it.
+        problem: String,
+    },
     /// There is no view to extrapolate by.
     #[error("the recording has no camera/ (color.png, depth.png, camera.json) to extrapolate by")]
     NoCamera,

@@ -9,7 +9,8 @@
 //! 3. [`Scene::trace`] runs the contact model over a sequence once. Contacts never depend on the
 //!    belief, so the resulting observations serve every estimator.
 //! 4. [`choose_hyper`] picks prior and noise from the train sequences, [`estimate`] runs an
-//!    estimator over them; [`estimate_with_vision`] guesses untouched points by what a camera saw.
+//!    estimator over them; [`estimate_with_vision`] guesses untouched points by what a camera saw. The field is
+//!    stored by [`Estimate::to_field`] and read back by [`StoredEstimate::of`].
 //! 5. [`predict`] and [`evaluate`] compare a field with sequences; [`Baseline`]s stand beside it.
 //! 6. A [`Campaign`] repeats the paper's experiments on a recording: [`table1`],
 //!    [`Campaign::errors`], [`Campaign::curve`], [`update_speed`].
@@ -34,6 +35,7 @@ mod scene;
 mod scene_contact;
 mod simulate;
 mod soak;
+mod stored;
 mod table1;
 mod trace;
 mod vision;
@@ -62,6 +64,7 @@ pub use scene::{Scene, SceneOptions, load_robot, reading_unit, robot_of};
 pub use scene_contact::SceneContact;
 pub use simulate::{add_noise, simulate};
 pub use soak::{SoakOptions, SoakReport, SoakTenth, soak};
+pub use stored::StoredEstimate;
 pub use table1::{Table1Cell, Table1Row, table1};
 pub use trace::Trace;
 pub use vision::{VisionCandidate, VisionEstimate, VisionSpec, estimate_with_vision, rgbd_view};

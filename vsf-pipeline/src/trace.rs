@@ -4,7 +4,7 @@ use rayon::prelude::*;
 use std::ops::Range;
 use vsf_core::{ContactModel, Contacts, CoreError, Noise, Observation, Posture, Sensor};
 use vsf_data::Sequence;
-use vsf_robots::{JointTorques, RobotError};
+use vsf_robots::JointTorques;
 
 /// The observations of one sequence, one per sample, with unit noise: contacts and columns are
 /// computed once and serve every estimator and every choice of prior and noise.
@@ -146,10 +146,6 @@ impl Scene {
             for row in touch {
                 self.robot()
                     .update_posture(&sequence.angles[row], &mut posture)
-                    .map_err(|e| match e {
-                        RobotError::Value(e) => e,
-                        other => CoreError::Other(other.to_string()),
-                    })
                     .and_then(|()| contact.step(self.rest(), &posture, &mut contacts))
                     .and_then(|()| visit(row, &posture, &contacts))
                     .map_err(|source| PipelineError::Sequence {

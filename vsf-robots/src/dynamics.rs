@@ -169,10 +169,8 @@ impl RobotModel {
     ) -> Result<(), RobotError> {
         CoreError::check_finite("gravity", gravity.as_slice())?;
         match self.update_posture(q, &mut workspace.posture) {
-            Err(RobotError::Value(CoreError::ForeignPosture { .. })) => {
-                Err(RobotError::ForeignWorkspace)
-            }
-            result => result,
+            Err(CoreError::ForeignPosture { .. }) => Err(RobotError::ForeignWorkspace),
+            result => Ok(result?),
         }
     }
 

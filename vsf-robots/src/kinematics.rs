@@ -1,5 +1,5 @@
+use crate::RobotModel;
 use crate::model::Motion;
-use crate::{RobotError, RobotModel};
 use nalgebra::{Point3, Translation3, UnitQuaternion, Vector3};
 use vsf_core::{CoreError, JointScrew, Posture};
 
@@ -16,7 +16,7 @@ impl RobotModel {
     /// # Errors
     /// `q` of the wrong length or not finite, [`CoreError::ForeignPosture`], or poses beyond the
     /// range of numbers. The posture is untouched in the first two cases.
-    pub fn update_posture(&self, q: &[f64], posture: &mut Posture) -> Result<(), RobotError> {
+    pub fn update_posture(&self, q: &[f64], posture: &mut Posture) -> Result<(), CoreError> {
         CoreError::check_len("joint positions", q.len(), self.joint_count())?;
         CoreError::check_finite("joint positions", q)?;
         posture.check_robot(&self.chains)?;
@@ -41,7 +41,7 @@ impl RobotModel {
             }
             poses[l] = X;
         }
-        Ok(posture.check()?)
+        posture.check()
     }
 }
 
@@ -70,7 +70,7 @@ pub fn jacobian(
     link: usize,
     p_W: &Point3<f64>,
     columns: &mut [Vector3<f64>],
-) -> Result<(), RobotError> {
+) -> Result<(), CoreError> {
     let chains = posture.chains();
     CoreError::check_len("Jacobian columns", columns.len(), chains.joint_count())?;
     if link >= chains.link_count() {
@@ -78,8 +78,7 @@ pub fn jacobian(
             what: "link",
             index: link,
             len: chains.link_count(),
-        }
-        .into());
+        });
     }
     columns.fill(Vector3::zeros());
     for &j in chains.chain(link) {

@@ -4,7 +4,6 @@ use std::time::Instant;
 use vsf::core::{CoreError, Posture};
 use vsf::pipeline::SceneContact;
 use vsf::prelude::*;
-use vsf::robots::RobotError;
 
 /// The session of a node.
 pub type LiveSession = Session<SceneContact, JointTorques, MemoryReplay<DiagonalKalman<f32>>>;
@@ -218,12 +217,7 @@ impl Node {
             self.counts.late += 1;
             return Ok(());
         }
-        self.robot
-            .update_posture(&sample.q, &mut self.posture)
-            .map_err(|e| match e {
-                RobotError::Value(e) => e,
-                other => CoreError::Other(other.to_string()),
-            })?;
+        self.robot.update_posture(&sample.q, &mut self.posture)?;
         CoreError::check_finite("reading", &sample.tau)?;
         let (restarted, gap) = (step < 0.0, step > max_gap && self.last.is_some());
         if restarted {

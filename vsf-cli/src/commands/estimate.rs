@@ -1,7 +1,7 @@
 use crate::console::{Console, number, texts};
 use crate::corrected::{CorrectedModel, ModelArgs};
 use crate::exit::usage;
-use crate::field_file::{FieldFile, FieldFormat, NOISE_SD, PRIOR_SD, check_out, save};
+use crate::field_file::{FieldFormat, check_out, save};
 use crate::recording::{Default, RecordingArgs, traces, untouched};
 use crate::settings::EstimatorSettings;
 use serde::Serialize;
@@ -40,6 +40,10 @@ pub struct Args {
     #[command(flatten)]
     estimator: EstimatorSettings,
 }
+
+/// Names of what may be given or is chosen.
+const PRIOR_SD: &str = "prior_sd";
+const NOISE_SD: &str = "noise_sd";
 
 #[derive(Serialize)]
 struct Report<'a> {
@@ -130,15 +134,10 @@ pub fn run(args: &Args, console: &Console) -> anyhow::Result<()> {
         _ => Vec::new(),
     };
     health.iter().chain(&fit).for_each(|w| console.warn(w));
-    let field = FieldFile::of_estimate(
-        &scene,
-        &chosen.estimate,
-        &chosen.hyper,
-        &recording.dataset.name,
-    )?;
-    let ids: Vec<&str> = traces.iter().map(|t| t.id.as_str()).collect();
+    let name = &recording.dataset.name;
+    let estimate = &chosen.estimate;
+    let field = estimate.to_field(&scene, &chosen.hyper, name, &traces)?;
     let field = StiffnessField {
-        learned_from: Some(ids.join("\n")),
         // A model without effects is the nominal one.
         model: (model.as_ref().map(CorrectedModel::text)).filter(|text| !text.is_empty()),
         ..field

@@ -145,9 +145,9 @@ fn predictor<'a>(
     scene: &'a Scene,
     console: &Console,
 ) -> anyhow::Result<impl Fn(&Trace) -> Result<SequencePrediction, PipelineError> + 'a> {
-    let belief = field.belief()?;
+    let belief = field.stored.belief.clone();
     let channels = scene.robot().joint_count();
-    let noise_sd = match field.has_deviations() {
+    let noise_sd = match field.stored.has_deviations() {
         true => Some(field.noise_sd(channels, console)?),
         false => None,
     };

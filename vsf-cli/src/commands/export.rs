@@ -238,10 +238,10 @@ fn predicted(
     sequences: &[&Sequence],
     console: &Console,
 ) -> anyhow::Result<(Modelled, Vec<SequencePrediction>)> {
-    let belief = field.belief()?;
+    let belief = &field.stored.belief;
     let noise_sd = field.noise_sd(scene.robot().joint_count(), console)?;
     let modelled = Modelled::new(model, recording, scene, sequences, console)?;
-    let predictions = modelled.predict(|trace| predict(scene, &belief, &noise_sd, trace))?;
+    let predictions = modelled.predict(|trace| predict(scene, belief, &noise_sd, trace))?;
     Ok((modelled, predictions))
 }
 

@@ -1,6 +1,5 @@
 use crate::console::{Console, place, write_file};
 use crate::exit::usage;
-use crate::field_file::touched;
 use crate::range::ending;
 use crate::recording::Recording;
 use crate::settings::SceneSettings;
@@ -128,9 +127,9 @@ fn samples(object: &Object, console: &Console) -> anyhow::Result<Samples> {
         ))
     })?;
     recording.check_field(&file, console)?;
-    let touched = touched(&file.field);
-    let says_all = !touched.is_empty() && file.field.sd.is_some();
-    let Some(prior_sd) = file.prior_sd()?.filter(|_| says_all) else {
+    let stored = &file.stored;
+    let says_all = !stored.touched.is_empty() && file.field.sd.is_some();
+    let Some(prior_sd) = stored.prior_sd.filter(|_| says_all) else {
         let path = file.path.display();
         anyhow::bail!(
             "{path}: without K_std, touched and prior_sd; give a field that `vsf estimate` wrote"
@@ -139,11 +138,10 @@ fn samples(object: &Object, console: &Console) -> anyhow::Result<Samples> {
     let rest = RestPoints::new(file.field.points.clone())?;
     let points = rest.positions();
     let seen = Seen::new(&view, points, 0.5 * rest.spacing())?;
-    let belief = file.belief()?;
     Ok(LearnedPrior::samples(
         &seen,
-        &belief,
-        &touched,
+        &stored.belief,
+        &stored.touched,
         prior_sd * prior_sd,
     )?)
 }

@@ -46,10 +46,10 @@ struct Entry<'a> {
 pub fn run(args: &Args, console: &Console) -> anyhow::Result<()> {
     let (recording, field, scene, model) = args.of.open_for(&args.out, console)?;
     let sequences = recording.sequences(args.sequences.as_deref(), Default::Test)?;
-    let belief = field.belief()?;
+    let belief = &field.stored.belief;
     let noise_sd = field.noise_sd(scene.robot().joint_count(), console)?;
     let modelled = Modelled::new(model.as_ref(), &recording, &scene, &sequences, console)?;
-    let predictions = modelled.predict(|trace| predict(&scene, &belief, &noise_sd, trace))?;
+    let predictions = modelled.predict(|trace| predict(&scene, belief, &noise_sd, trace))?;
 
     let predicted = sequences
         .iter()

@@ -1,7 +1,7 @@
 use crate::commands::estimate::{how, learn, noise_text};
 use crate::commands::evaluate::measure;
 use crate::console::{Console, number, table, write_file};
-use crate::field_file::{FieldFile, save};
+use crate::field_file::save;
 use crate::pictures::{self, Surroundings, View};
 use crate::recording::{Default, Recording, traces};
 use crate::samples::ONE_PLACE;
@@ -58,7 +58,8 @@ pub fn run(console: &Console) -> anyhow::Result<()> {
     let of = |baseline: Baseline| measure(&baseline, &recording, &scene, &test, &unseen);
     let (zero, knn) = (of(Baseline::Zero)?, of(Baseline::Knn { k: 50 })?);
 
-    let field = FieldFile::of_estimate(&scene, &chosen.estimate, hyper, &recording.dataset.name)?;
+    let name = &recording.dataset.name;
+    let field = chosen.estimate.to_field(&scene, hyper, name, &learned)?;
     save(&field, &folder.join("field.npz"))?;
     save(&field, &folder.join("field.ply"))?;
     let mut around = Surroundings::default().robot(&scene, train[0], &learned[0])?;

@@ -1,5 +1,5 @@
 use super::numbers::{Numbers, check_near};
-use crate::field_file::{FieldFile, touched};
+use crate::field_file::FieldFile;
 use anyhow::Context;
 use serde::Serialize;
 use vsf::core::RestPoints;
@@ -56,12 +56,12 @@ impl Cloud {
     pub fn of_field(file: &FieldFile, limit: Option<f64>) -> anyhow::Result<Self> {
         let field = &file.field;
         let place = || file.path.display().to_string();
-        let flags = touched(field);
-        let mut cloud = Self::of(&field.points, &flags, Point3::origin()).with_context(place)?;
+        let flags = &file.stored.touched;
+        let mut cloud = Self::of(&field.points, flags, Point3::origin()).with_context(place)?;
         let quantile = ColourLimit::default();
         let stiff = limit.map_or(quantile, ColourLimit::Value);
         let of = |name, values, limit| {
-            Layer::of(name, values, limit, &flags, &cloud.drawn).with_context(place)
+            Layer::of(name, values, limit, flags, &cloud.drawn).with_context(place)
         };
         let mut layers = vec![of("stiffness", &field.stiffness, stiff)?];
         if let Some(sd) = &field.sd {

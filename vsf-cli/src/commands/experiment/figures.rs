@@ -2,7 +2,6 @@
 
 use super::paper::Entry;
 use crate::console::write_file;
-use crate::field_file::FieldFile;
 use crate::pictures::{self, Surroundings, View};
 use crate::recording::Recording;
 use std::cell::RefCell;
@@ -117,7 +116,7 @@ impl<'a> Figures<'a> {
             around = around.camera(view, campaign.scene().rest().positions());
         }
         let field = |estimate: &Estimate| -> anyhow::Result<StiffnessField> {
-            FieldFile::of_estimate(campaign.scene(), estimate, campaign.hyper()?, name)
+            Ok(estimate.to_field(campaign.scene(), campaign.hyper()?, name, &[])?)
         };
         let draw = |estimate: &Estimate, suffix: &str, how: &str| {
             let view = View {
