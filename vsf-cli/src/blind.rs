@@ -3,7 +3,7 @@
 use crate::console::{number, table};
 use serde::Serialize;
 use std::collections::BTreeMap;
-use vsf::gap::{Campaign, Kind, Of, Outcome, Part};
+use vsf::gap::{Campaign, LocatedShare, Outcome, Place, VerdictKind};
 use vsf_world::{Class, Label, Level, Protocol};
 
 /// A case, its diagnosis and its truth.
@@ -17,7 +17,7 @@ pub struct Case {
     class: Class,
     /// Names of the true effects.
     truth: Vec<String>,
-    kind_of_answer: Option<Kind>,
+    kind_of_answer: Option<VerdictKind>,
     named: Vec<String>,
     /// Effects by probability, the likeliest three.
     top: Vec<String>,
@@ -54,8 +54,8 @@ impl Case {
         let joints = campaign.site().robot.joints();
         let true_joint =
             largest(&label.truth_share.joint).and_then(|j| Some(joints.get(j)?.name().to_owned()));
-        let found_joint = first(&d.r#where.joint).map(|of| match of {
-            Of::Joint(name) => name.clone(),
+        let found_joint = first(&d.location.joint).map(|of| match of {
+            Place::Joint(name) => name.clone(),
             _ => String::new(),
         });
         let phases: Vec<(String, f64)> = (label.truth_share.phase.iter())
@@ -63,8 +63,8 @@ impl Case {
             .collect();
         let shares: Vec<f64> = phases.iter().map(|p| p.1).collect();
         let true_phase = largest(&shares).map(|i| phases[i].0.clone());
-        let found_phase = first(&d.r#where.phase).map(|of| match of {
-            Of::Phase(phase) => phase.name().to_owned(),
+        let found_phase = first(&d.location.phase).map(|of| match of {
+            Place::Phase(phase) => phase.name().to_owned(),
             _ => String::new(),
         });
         let floor = campaign.site().joints() as f64 * label.noise_nm.powi(2);
@@ -80,7 +80,7 @@ impl Case {
             named: d.verdict.effects.clone(),
             top,
             probability_of_truth: match label.class {
-                Class::None if d.verdict.kind == Kind::NoGap => d.verdict.probability,
+                Class::None if d.verdict.kind == VerdictKind::NoGap => d.verdict.probability,
                 Class::None => 0.0,
                 _ => of_truth,
             },
@@ -133,8 +133,8 @@ impl Case {
 
     fn answered(&self) -> bool {
         match self.class {
-            Class::None => self.kind_of_answer == Some(Kind::NoGap),
-            Class::Unknown => self.kind_of_answer == Some(Kind::Unknown),
+            Class::None => self.kind_of_answer == Some(VerdictKind::NoGap),
+            Class::Unknown => self.kind_of_answer == Some(VerdictKind::Unknown),
             _ => self.named.iter().all(|e| self.truth.contains(e)) && !self.named.is_empty(),
         }
     }
@@ -152,7 +152,7 @@ fn largest(shares: &[f64]) -> Option<usize> {
         .max_by(|a, b| shares[*a].total_cmp(&shares[*b]))
 }
 
-fn first(parts: &[Part]) -> Option<&Of> {
+fn first(parts: &[LocatedShare]) -> Option<&Place> {
     parts.first().map(|p| &p.of)
 }
 
@@ -322,9 +322,11 @@ pub fn text(cases: &[Case], scores: &[Score]) -> String {
                 join(&c.truth),
                 match (c.kind_of_answer, &c.error) {
                     (_, Some(error)) => format!("failed: {error}"),
-                    (Some(Kind::NoGap), _) => "no gap".to_owned(),
-                    (Some(Kind::Unknown), _) => format!("unknown ({})", join(&c.named)),
-                    (Some(Kind::NotDiagnosable), _) => format!("undecided ({})", join(&c.named)),
+                    (Some(VerdictKind::NoGap), _) => "no gap".to_owned(),
+                    (Some(VerdictKind::Unknown), _) => format!("unknown ({})", join(&c.named)),
+                    (Some(VerdictKind::NotDiagnosable), _) => {
+                        format!("undecided ({})", join(&c.named))
+                    }
                     _ => join(&c.named),
                 },
                 number(c.probability_of_truth),
@@ -388,7 +390,13 @@ pub fn text(cases: &[Case], scores: &[Score]) -> String {
 mod tests {
     use super::*;
 
-    fn case(class: Class, truth: &[&str], named: &[&str], kind: Kind, probability: f64) -> Case {
+    fn case(
+        class: Class,
+        truth: &[&str],
+        named: &[&str],
+        kind: VerdictKind,
+        probability: f64,
+    ) -> Case {
         let own = |names: &[&str]| names.iter().map(|n| (*n).to_owned()).collect::<Vec<_>>();
         Case {
             case: String::new(),
@@ -420,25 +428,31 @@ mod tests {
                 Class::Single,
                 &["payload"],
                 &["payload"],
-                Kind::Effects,
+                VerdictKind::Effects,
                 0.9,
             ),
             case(
                 Class::Single,
                 &["payload"],
                 &["torque_bias"],
-                Kind::Effects,
+                VerdictKind::Effects,
                 0.6,
             ),
             case(
                 Class::Pair,
                 &["latency", "payload"],
                 &["payload"],
-                Kind::Effects,
+                VerdictKind::Effects,
                 0.9,
             ),
-            case(Class::None, &[], &[], Kind::NoGap, 0.8),
-            case(Class::Unknown, &["backlash"], &[], Kind::Unknown, 0.7),
+            case(Class::None, &[], &[], VerdictKind::NoGap, 0.8),
+            case(
+                Class::Unknown,
+                &["backlash"],
+                &[],
+                VerdictKind::Unknown,
+                0.7,
+            ),
         ];
         let s = &Score::all(&cases)[0];
         assert_eq!((s.top1.hits, s.top1.of), (1, 2));
@@ -469,7 +483,13 @@ mod tests {
     fn calibration_compares_stated_and_true() {
         let sure = |hit: bool| {
             let named: &[&str] = if hit { &["payload"] } else { &["latency"] };
-            case(Class::Single, &["payload"], named, Kind::Effects, 0.9)
+            case(
+                Class::Single,
+                &["payload"],
+                named,
+                VerdictKind::Effects,
+                0.9,
+            )
         };
         let cases: Vec<Case> = (0..10).map(|i| sure(i != 0)).collect();
         let all: Vec<&Case> = cases.iter().collect();

@@ -38,8 +38,8 @@ pub fn write_files<P: AsRef<Path>, B: AsRef<[u8]>>(
 #[derive(Default)]
 pub(crate) struct Staged {
     files: Vec<(TempPath, PathBuf)>,
-    /// Those to create.
-    folders: Vec<PathBuf>,
+    /// Those to create, and whether they were there.
+    folders: Vec<(PathBuf, bool)>,
 }
 
 impl Staged {
@@ -49,7 +49,7 @@ impl Staged {
             let error = ErrorKind::NotADirectory.into();
             return Err(DataError::io("create", path, error));
         }
-        self.folders.push(path.to_owned());
+        self.folders.push((path.to_owned(), path.exists()));
         Ok(())
     }
 
@@ -72,7 +72,7 @@ impl Staged {
                 return Err(failed(Error::new(ErrorKind::PermissionDenied, why)));
             }
         }
-        let to_come = |p: &&Path| !p.exists() && self.folders.iter().any(|f| f.starts_with(p));
+        let to_come = |p: &&Path| !p.exists() && self.folders.iter().any(|(f, _)| f.starts_with(p));
         let mut above = place.ancestors().skip(1).skip_while(to_come);
         let folder = match above.next() {
             Some(p) if !p.as_os_str().is_empty() => p,
@@ -97,10 +97,17 @@ impl Staged {
         self.files.iter().any(|(_, p)| *p == place)
     }
 
-    /// Puts all files in their places, in the order in which they were written.
+    /// Puts all files in their places, in the order in which they were written; refused where a folder that was to be
+    /// created has come into being meanwhile.
     pub fn commit(self) -> Result<(), DataError> {
+        // Two programs at once must not mix in one folder.
+        if let Some((folder, _)) = (self.folders.iter()).find(|(f, known)| !known && f.exists()) {
+            let why = "another program has made it meanwhile";
+            let error = Error::new(ErrorKind::AlreadyExists, why);
+            return Err(DataError::io("create", folder, error));
+        }
         let mut created = Created::default();
-        for folder in &self.folders {
+        for (folder, _) in &self.folders {
             created.folder(folder)?;
         }
         for (file, place) in self.files {
@@ -133,5 +140,33 @@ impl Drop for Created {
             // One that holds anything stays.
             let _ = fs::remove_dir(folder);
         }
+    }
+}
+
+#[cfg(test)]
+#[allow(clippy::unwrap_used)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn what_another_program_made_meanwhile_is_left_alone() {
+        let home = tempfile::tempdir().unwrap();
+        let folder = home.path().join("new");
+        let stage = || {
+            let mut staged = Staged::default();
+            staged.folder(&folder).unwrap();
+            staged.file(&folder.join("a"), b"ours").unwrap();
+            staged
+        };
+        let (first, second) = (stage(), stage());
+        first.commit().unwrap();
+        fs::write(folder.join("a"), b"theirs").unwrap();
+        let error = second.commit().unwrap_err().to_string();
+        assert!(error.contains("another program"), "{error}");
+        assert_eq!(fs::read(folder.join("a")).unwrap(), b"theirs");
+        assert_eq!(fs::read_dir(home.path()).unwrap().count(), 1);
+        // A folder that was there is written to.
+        stage().commit().unwrap();
+        assert_eq!(fs::read(folder.join("a")).unwrap(), b"ours");
     }
 }

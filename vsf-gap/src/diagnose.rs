@@ -30,7 +30,7 @@ const TAKEN_UP: f64 = 0.95;
 
 /// One step of a diagnosis, for progress reports.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Step {
+pub enum DiagnosisStep {
     /// The nominal model is fitted.
     Nominal,
     /// All effects are screened.
@@ -45,7 +45,7 @@ pub enum Step {
     Halves,
 }
 
-impl Step {
+impl DiagnosisStep {
     /// All steps in order.
     pub const ALL: [Self; 6] = [
         Self::Nominal,
@@ -68,14 +68,14 @@ pub fn diagnose(
     name: &str,
     effects: &[Arc<dyn Effect>],
     seed: u64,
-    mut progress: impl FnMut(Step),
+    mut progress: impl FnMut(DiagnosisStep),
 ) -> Result<Outcome, GapError> {
     let first = attempt(campaign, name, effects, seed, Split::Whole, &mut progress)?;
     let own = |e: &Arc<dyn Effect>| is_of_sequences(e.as_ref(), campaign);
     if !first.is_open() || !effects.iter().any(own) {
         return Ok(first);
     }
-    progress(Step::Halves);
+    progress(DiagnosisStep::Halves);
     let Some(halved) = campaign.halved()? else {
         return Ok(first);
     };
@@ -138,7 +138,7 @@ fn attempt(
     effects: &[Arc<dyn Effect>],
     seed: u64,
     split: Split,
-    progress: &mut impl FnMut(Step),
+    progress: &mut impl FnMut(DiagnosisStep),
 ) -> Result<Outcome, GapError> {
     if campaign.train.is_empty() {
         return Err(GapError::TooLittle {
@@ -157,7 +157,7 @@ fn attempt(
     let thinned = fewer.as_ref().unwrap_or(campaign);
     let search = thinned.search(effects, progress)?;
 
-    progress(Step::Check);
+    progress(DiagnosisStep::Check);
     let trial = Trial::new(
         campaign,
         thinned,
@@ -243,7 +243,7 @@ fn attempt(
                     .map(|(effect, _)| effect.name().to_owned())
                     .collect(),
             },
-            r#where: locate(campaign, &model, &field, &before, checked, noise, seed)?,
+            location: locate(campaign, &model, &field, &before, checked, noise, seed)?,
             next_experiment: next_experiment(&verdict, &effects, Arm::of(&campaign.site)),
             effects,
             verdict,

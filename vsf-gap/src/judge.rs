@@ -2,7 +2,7 @@
 
 use crate::evidence::Spread;
 use crate::refine::Refined;
-use crate::verdict::{Kind, NAMED, Verdict, kind_of_claim};
+use crate::verdict::{NAMED, Verdict, VerdictKind, kind_of_claim};
 use crate::{Acts, Effect};
 use std::ops::Range;
 use std::sync::Arc;
@@ -141,10 +141,10 @@ pub(crate) struct Nominal {
 
 impl Nominal {
     /// What to say when no effect is named.
-    fn kind(&self) -> Kind {
+    fn kind(&self) -> VerdictKind {
         match self.contradicts() || self.spread.joint >= ROUGH && !self.perfect {
-            true => Kind::Unknown,
-            false => Kind::NoGap,
+            true => VerdictKind::Unknown,
+            false => VerdictKind::NoGap,
         }
     }
 
@@ -211,7 +211,7 @@ pub(crate) fn judge(hypotheses: &[Hypothesis<'_>], nominal: &Nominal) -> Judged 
         Some(i) => {
             let p = weights[i] / total;
             let kind = match hypotheses[i].refined.spread.joint >= ROUGH {
-                true => Kind::Unknown,
+                true => VerdictKind::Unknown,
                 false => kind_of_claim(p, &effect_set_95),
             };
             (kind, p)
@@ -253,9 +253,9 @@ mod tests {
             likeness,
             perfect,
         };
-        assert_eq!(of(0.9, 0.4, false).kind(), Kind::NoGap);
-        assert_eq!(of(-0.7, 0.4, false).kind(), Kind::Unknown);
-        assert_eq!(of(-0.7, 0.4, true).kind(), Kind::NoGap);
-        assert_eq!(of(0.9, 0.6, false).kind(), Kind::Unknown);
+        assert_eq!(of(0.9, 0.4, false).kind(), VerdictKind::NoGap);
+        assert_eq!(of(-0.7, 0.4, false).kind(), VerdictKind::Unknown);
+        assert_eq!(of(-0.7, 0.4, true).kind(), VerdictKind::NoGap);
+        assert_eq!(of(0.9, 0.6, false).kind(), VerdictKind::Unknown);
     }
 }

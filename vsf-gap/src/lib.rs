@@ -84,17 +84,19 @@ mod windows;
 pub use campaign::{Campaign, Motion};
 pub use closure::Residuals;
 pub use corrected::Corrected;
-pub use diagnose::{Step, diagnose};
+pub use diagnose::{DiagnosisStep, diagnose};
 pub use effect::check_effect as check_declaration;
 pub use effect::{Acts, Compensator, Effect, Need, Parameter, Role, Sample, Site, Touch};
 pub use error::GapError;
 pub use forward::{ContactLog, Model, Prediction, centre};
 pub use limits::Limit;
-pub use locate::{Of, Part, Region, Where};
+pub use locate::{LocatedShare, Location, Place, Region};
 pub use model_file::{EffectEntry, ModelFile};
 pub use next::NextExperiment;
 pub use noise::JointNoise;
 pub use online::Corrector;
 pub use phase::Phase;
-pub use report::{Diagnosis, EffectReport, Estimate, Gap, Outcome, Roughness, STIFFNESS_FIELD};
-pub use verdict::{Kind, Verdict};
+pub use report::{
+    Diagnosis, EffectReport, Gap, Outcome, ParameterEstimate, Roughness, STIFFNESS_FIELD,
+};
+pub use verdict::{Verdict, VerdictKind};

@@ -11,10 +11,10 @@ const REGIONS: usize = 5;
 
 /// The gap in one part of the recording.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
-pub struct Part {
+pub struct LocatedShare {
     /// What part, under the key of its kind.
     #[serde(flatten)]
-    pub of: Of,
+    pub of: Place,
     /// Share of the energy of the gap, 0 to 1. Of a band of frequencies, of that of all that the nominal model
     /// leaves, noise included.
     pub share: f64,
@@ -28,7 +28,7 @@ pub struct Part {
 /// The part of a recording.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
-pub enum Of {
+pub enum Place {
     /// Name of a joint.
     Joint(String),
     /// A phase of touch.
@@ -55,19 +55,19 @@ pub struct Region {
 /// Where the gap lies. Where effects are named, shares are those of the torques that they change;
 /// else of the residuals of the nominal model on the checked sequences.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
-pub struct Where {
+pub struct Location {
     /// By joint.
-    pub joint: Vec<Part>,
+    pub joint: Vec<LocatedShare>,
     /// By phase.
-    pub phase: Vec<Part>,
+    pub phase: Vec<LocatedShare>,
     /// By link in contact.
-    pub link: Vec<Part>,
+    pub link: Vec<LocatedShare>,
     /// By sequence.
-    pub sequence: Vec<Part>,
+    pub sequence: Vec<LocatedShare>,
     /// By place.
     pub region: Vec<Region>,
     /// By frequency, of the residuals.
-    pub frequency: Vec<Part>,
+    pub frequency: Vec<LocatedShare>,
 }
 
 /// One sample with what it belongs to.
@@ -92,7 +92,7 @@ pub(crate) fn locate(
     checked: &[Motion],
     noise: &[JointNoise],
     seed: u64,
-) -> Result<Where, GapError> {
+) -> Result<Location, GapError> {
     let d = campaign.site.joints();
     let nominal = Model::default();
     let named = !model.parts.is_empty();
@@ -151,37 +151,37 @@ pub(crate) fn locate(
     }
     let mut bootstrap = Bootstrap::new(&all, seed);
     let robot = &campaign.site.robot;
-    let mut parts = |ofs: Vec<Of>, member: &dyn Fn(&Row, usize) -> Option<usize>| {
+    let mut parts = |ofs: Vec<Place>, member: &dyn Fn(&Row, usize) -> Option<usize>| {
         shares(&rows, d, ofs, member, &mut bootstrap)
     };
     let joint = parts(
         robot
             .joints()
             .iter()
-            .map(|j| Of::Joint(j.name().to_owned()))
+            .map(|j| Place::Joint(j.name().to_owned()))
             .collect(),
         &|_, j| Some(j),
     );
     let phase = parts(
-        Phase::ALL.iter().map(|p| Of::Phase(*p)).collect(),
+        Phase::ALL.iter().map(|p| Place::Phase(*p)).collect(),
         &|row, _| Phase::ALL.iter().position(|p| *p == row.phase),
     );
     let links: Vec<usize> = (0..robot.link_count())
         .filter(|l| rows.iter().any(|r| r.link == Some(*l)))
         .collect();
-    let mut names: Vec<Of> = links
+    let mut names: Vec<Place> = links
         .iter()
-        .map(|&l| Of::Link(robot.links()[l].name().to_owned()))
+        .map(|&l| Place::Link(robot.links()[l].name().to_owned()))
         .collect();
-    names.push(Of::Link("none".to_owned()));
+    names.push(Place::Link("none".to_owned()));
     let link = parts(names, &|row, _| match row.link {
         Some(l) => links.iter().position(|k| *k == l),
         None => Some(links.len()),
     });
-    let sequence = parts(ids.into_iter().map(Of::Sequence).collect(), &|row, _| {
+    let sequence = parts(ids.into_iter().map(Place::Sequence).collect(), &|row, _| {
         Some(row.sequence)
     });
-    Ok(Where {
+    Ok(Location {
         joint,
         phase,
         link,
@@ -195,10 +195,10 @@ pub(crate) fn locate(
 fn shares(
     rows: &[Row],
     joints: usize,
-    ofs: Vec<Of>,
+    ofs: Vec<Place>,
     member: &dyn Fn(&Row, usize) -> Option<usize>,
     bootstrap: &mut Bootstrap,
-) -> Vec<Part> {
+) -> Vec<LocatedShare> {
     let add = |sample: usize, sums: &mut [f64]| {
         let row = &rows[sample];
         for j in 0..joints {
@@ -213,7 +213,7 @@ fn shares(
         sums.iter().map(of_total).collect()
     };
     let (whole, intervals) = bootstrap.intervals(ofs.len(), add, share);
-    let mut parts: Vec<Part> = (ofs.into_iter().enumerate())
+    let mut parts: Vec<LocatedShare> = (ofs.into_iter().enumerate())
         .map(|(k, of)| {
             let (mut excess, mut count) = (0.0, 0usize);
             for row in rows {
@@ -223,7 +223,7 @@ fn shares(
                     count += 1;
                 }
             }
-            Part {
+            LocatedShare {
                 of,
                 share: whole[k],
                 interval: intervals[k],
@@ -264,7 +264,7 @@ fn regions(rows: &[Row]) -> Vec<Region> {
 }
 
 /// Energy of residuals by octaves: differences of means over twice as many samples each time.
-fn frequencies(before: &Residuals, motions: &[Motion]) -> Vec<Part> {
+fn frequencies(before: &Residuals, motions: &[Motion]) -> Vec<LocatedShare> {
     let d = before.joints;
     let mut bands: Vec<([f64; 2], f64, usize)> = Vec::new();
     for (rows, motion) in before.rows.iter().zip(motions) {
@@ -306,8 +306,8 @@ fn frequencies(before: &Residuals, motions: &[Motion]) -> Vec<Part> {
         .into_iter()
         .map(|(band, energy, count)| {
             let share = if total > 0.0 { energy / total } else { 0.0 };
-            Part {
-                of: Of::Frequency(band),
+            LocatedShare {
+                of: Place::Frequency(band),
                 share,
                 interval: [share, share],
                 excess: (energy / count.max(1) as f64).sqrt(),

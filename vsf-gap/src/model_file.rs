@@ -1,5 +1,5 @@
 use crate::effect::acting_sets;
-use crate::{Effect, Estimate, GapError, Model, Parameter, Role, Site};
+use crate::{Effect, GapError, Model, Parameter, ParameterEstimate, Role, Site};
 use serde::{Deserialize, Serialize};
 use std::sync::Arc;
 use vsf_data::ContactParameters;
@@ -48,7 +48,7 @@ pub struct EffectEntry {
     pub effect: String,
     /// Its parameters, in any order: all shapes, and of the amplitudes at least a set that may act together
     /// ([`Effect::acting`]); the others are 0.
-    pub parameters: Vec<Estimate>,
+    pub parameters: Vec<ParameterEstimate>,
 }
 
 impl ModelFile {
@@ -82,10 +82,10 @@ impl ModelFile {
             let held =
                 |k: usize| own[k].role == Role::Shape || set.is_none_or(|set| set.contains(&k));
             let holds: Vec<bool> = (0..own.len()).map(held).collect();
-            let estimate = |((p, value), std): ((Parameter, &f64), f64)| Estimate {
+            let estimate = |((p, value), sd): ((Parameter, &f64), f64)| ParameterEstimate {
                 name: p.name,
                 value: *value,
-                std,
+                sd,
                 unit: p.unit.to_owned(),
             };
             effects.push(EffectEntry {
@@ -232,10 +232,10 @@ impl EffectEntry {
                         "parameter {name:?} is {value:?}; it must be in {lo:?} .. {hi:?} {unit}"
                     )));
                 }
-                if !(given.std >= 0.0 && given.std.is_finite()) {
-                    let std = given.std;
+                if !(given.sd >= 0.0 && given.sd.is_finite()) {
+                    let sd = given.sd;
                     return Err(self.wrong(format!(
-                        "parameter {name:?} has the deviation {std:?}; it must be >= 0"
+                        "parameter {name:?} has the deviation {sd:?}; it must be >= 0"
                     )));
                 }
                 Ok(given.value)

@@ -1,7 +1,7 @@
 use crate::Site;
 use crate::effect::slides;
 use crate::report::EffectReport;
-use crate::verdict::{Kind, Verdict};
+use crate::verdict::{Verdict, VerdictKind};
 use serde::{Deserialize, Serialize};
 
 /// What to record next.
@@ -216,7 +216,7 @@ pub(crate) fn next_experiment(
         .max_by(|a, b| a.0.total_cmp(&b.0))
         .filter(|(told, _)| *told > 0.0);
     let in_field = |e: &&EffectReport| named(e) && e.is_like_field();
-    let undecided = verdict.kind == Kind::NotDiagnosable;
+    let undecided = verdict.kind == VerdictKind::NotDiagnosable;
     if let Some(effect) = effects.iter().find(in_field).filter(|_| undecided) {
         return NextExperiment {
             action: match arm.joints {
@@ -239,17 +239,17 @@ pub(crate) fn next_experiment(
             action: experiment.action.to_owned(),
             why: format!("it tells {} apart", names()),
         },
-        (None, Kind::Unknown) => NextExperiment {
+        (None, VerdictKind::Unknown) => NextExperiment {
             action: "move one joint at a time, slowly, through its range in free air".to_owned(),
             why: "none of the effects looked for explains it; so it shows on which joint, and whether it \
                   follows position, speed or time"
                 .to_owned(),
         },
-        (None, Kind::NoGap) if !arm.touches => NextExperiment {
+        (None, VerdictKind::NoGap) if !arm.touches => NextExperiment {
             action: "move every joint through its range, at two speeds, with and without a known payload".to_owned(),
             why: "nothing is missing so far; this shows effects that these motions could not".to_owned(),
         },
-        (None, Kind::NoGap) => NextExperiment {
+        (None, VerdictKind::NoGap) => NextExperiment {
             action: "push, hold, unload and touch again at two speeds, deeper the second time"
                 .to_owned(),
             why: "nothing is missing so far; this shows effects that these touches could not"
@@ -284,7 +284,7 @@ mod tests {
     };
     const RAIL: Arm = Arm { joints: 1, ..STAGE };
 
-    fn verdict(kind: Kind, effects: &[&str]) -> Verdict {
+    fn verdict(kind: VerdictKind, effects: &[&str]) -> Verdict {
         let names: Vec<String> = effects.iter().map(|e| (*e).to_owned()).collect();
         Verdict {
             effects: names.iter().take(1).cloned().collect(),
@@ -308,9 +308,10 @@ mod tests {
 
     #[test]
     fn free_air_is_not_told_to_touch() {
-        let nothing = verdict(Kind::NoGap, &[]);
+        let nothing = verdict(VerdictKind::NoGap, &[]);
         let no_gap = next_experiment(&nothing, &[], AIR).action;
-        let checked = next_experiment(&verdict(Kind::Effects, &["payload"]), &[], AIR).action;
+        let checked =
+            next_experiment(&verdict(VerdictKind::Effects, &["payload"]), &[], AIR).action;
         let actions = (EXPERIMENTS.iter().filter(|e| AIR.can(e.asks))).map(|e| e.action);
         for action in actions.chain([no_gap.as_str(), &checked]) {
             let touches = ["touch", "push", "deep", "load as"]
@@ -339,8 +340,8 @@ mod tests {
             let next = |kind, of: &[&str], arm| next_experiment(&verdict(kind, of), &effects, arm);
             for arm in [STAGE, RAIL] {
                 for action in [
-                    next(Kind::NotDiagnosable, &pair, arm).action,
-                    next(Kind::Effects, &pair[..1], arm).action,
+                    next(VerdictKind::NotDiagnosable, &pair, arm).action,
+                    next(VerdictKind::Effects, &pair[..1], arm).action,
                 ] {
                     let postures = action.contains("other posture") || action.contains("several");
                     assert!(!postures, "{pair:?}: {action}");
@@ -354,12 +355,12 @@ mod tests {
                 turns: true,
                 ..STAGE
             };
-            let checked = next(Kind::Effects, &pair[..1], arm);
+            let checked = next(VerdictKind::Effects, &pair[..1], arm);
             assert!(checked.action.contains("other postures"), "{pair:?}");
         }
         let pair = ["registration_offset", "joint_elasticity"];
         let told = |arm| {
-            let verdict = verdict(Kind::NotDiagnosable, &pair);
+            let verdict = verdict(VerdictKind::NotDiagnosable, &pair);
             next_experiment(&verdict, &reports(&pair), arm).action
         };
         assert!(told(STAGE).contains("along another axis"));
@@ -377,7 +378,7 @@ mod tests {
     fn one_rail_has_the_object_turned() {
         let mut effects = reports(&["strain_stiffening"]);
         effects[0].ambiguous_with = vec![crate::STIFFNESS_FIELD.to_owned()];
-        let verdict = verdict(Kind::NotDiagnosable, &["strain_stiffening"]);
+        let verdict = verdict(VerdictKind::NotDiagnosable, &["strain_stiffening"]);
         let action = |arm| next_experiment(&verdict, &effects, arm).action;
         assert!(action(RAIL).contains("turn the object"));
         assert!(action(STAGE).contains("from another side"));

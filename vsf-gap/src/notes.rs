@@ -4,7 +4,7 @@ use crate::closure::noise_norm;
 use crate::judge::Nominal;
 use crate::plain::Plain;
 use crate::trial::{Judgement, Trial, Tried};
-use crate::verdict::{Answer, Kind};
+use crate::verdict::{Answer, VerdictKind};
 use crate::{Campaign, Model, Parameter};
 
 /// In free air, an error that is left of so many times that of a perfect model is told of.
@@ -111,7 +111,7 @@ pub(crate) fn notes(
         ));
     }
     let unseen = judgement.judged.unseen;
-    if verdict.kind == Kind::NoGap && unseen >= TOLD {
+    if verdict.kind == VerdictKind::NoGap && unseen >= TOLD {
         notes.push(format!(
             "an effect of contact or material may act that the stiffness takes up, so that it does not show here \
              (probability {:.0} %)",
@@ -167,9 +167,9 @@ pub(crate) fn notes(
 }
 
 /// That a corrected model holds no known cause, where the verdict names none.
-pub(crate) fn closest(kind: Kind, model: &Model) -> Option<String> {
+pub(crate) fn closest(kind: VerdictKind, model: &Model) -> Option<String> {
     let names: Vec<&str> = model.parts.iter().map(|(e, _)| e.name()).collect();
-    (kind != Kind::Effects && !names.is_empty()).then(|| {
+    (kind != VerdictKind::Effects && !names.is_empty()).then(|| {
         format!(
             "the corrected model holds what comes closest ({}), not a known cause: it may predict worse elsewhere",
             names.join(", ")
@@ -232,9 +232,9 @@ mod tests {
     fn a_model_of_no_known_cause_is_told() {
         let effect = crate::effects::named(&["torque_bias"]).unwrap_or_default();
         let model = Model::of(&effect[0], &[0.1]);
-        assert_eq!(closest(Kind::Effects, &model), None);
-        assert_eq!(closest(Kind::Unknown, &Model::default()), None);
-        for kind in [Kind::Unknown, Kind::NotDiagnosable] {
+        assert_eq!(closest(VerdictKind::Effects, &model), None);
+        assert_eq!(closest(VerdictKind::Unknown, &Model::default()), None);
+        for kind in [VerdictKind::Unknown, VerdictKind::NotDiagnosable] {
             let note = closest(kind, &model).unwrap_or_default();
             assert!(note.contains("(torque_bias), not a known cause"), "{note}");
         }

@@ -2,12 +2,12 @@
 
 use crate::closure::Residuals;
 use crate::limits::Limit;
-use crate::locate::Where;
+use crate::locate::Location;
 use crate::next::NextExperiment;
 use crate::refine::Refined;
 use crate::search::Candidate;
 use crate::trial::Checked;
-use crate::verdict::{Kind, Verdict};
+use crate::verdict::{Verdict, VerdictKind};
 use crate::{Campaign, Effect, Model, Motion, Parameter, Role};
 use serde::{Deserialize, Serialize};
 
@@ -21,13 +21,14 @@ const PERFECT: f64 = 1.1;
 
 /// A parameter of an effect, estimated.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
-pub struct Estimate {
+pub struct ParameterEstimate {
     /// Name of the parameter.
     pub name: String,
     /// Its value.
     pub value: f64,
     /// Its standard deviation.
-    pub std: f64,
+    #[serde(rename = "std")]
+    pub sd: f64,
     /// Its unit.
     pub unit: String,
 }
@@ -47,7 +48,7 @@ pub struct EffectReport {
     pub score: f64,
     /// Its parameters, in the corrected model if it is part of it; empty for effects that were not
     /// fitted.
-    pub parameters: Vec<Estimate>,
+    pub parameters: Vec<ParameterEstimate>,
     /// Joints whose parameters are at least two deviations from zero.
     pub joints: Vec<String>,
     /// Mean error of the test sequences with it (N m or N); `null` for all but the likeliest and those that were up to be
@@ -116,7 +117,8 @@ pub struct Diagnosis {
     /// How far.
     pub gap: Gap,
     /// Where.
-    pub r#where: Where,
+    #[serde(rename = "where")]
+    pub location: Location,
     /// Which: all of the catalogue, best first.
     pub effects: Vec<EffectReport>,
     /// The answer.
@@ -158,7 +160,7 @@ impl Outcome {
     pub(crate) fn is_open(&self) -> bool {
         let gap = &self.diagnosis.gap;
         let perfect = is_perfect(gap.test_error_nominal, gap.noise_floor);
-        let unknown = self.diagnosis.verdict.kind == Kind::Unknown && !self.lasting;
+        let unknown = self.diagnosis.verdict.kind == VerdictKind::Unknown && !self.lasting;
         !perfect && gap.closed_fraction < MOSTLY && !unknown
     }
 
@@ -166,7 +168,7 @@ impl Outcome {
     pub(crate) fn explains(&self) -> bool {
         let Diagnosis { verdict, gap, .. } = &self.diagnosis;
         let closes = gap.closed_fraction >= MOSTLY && gap.closed_interval[0] > 0.0;
-        verdict.kind == Kind::Effects && closes
+        verdict.kind == VerdictKind::Effects && closes
     }
 
     /// What halves of the test sequences show, instead of what whole ones did not, with the other effects.
@@ -277,10 +279,10 @@ impl EffectReport {
                 }
             }
         }
-        let estimate = |((p, v), sd): ((Parameter, &f64), &f64)| Estimate {
+        let estimate = |((p, v), sd): ((Parameter, &f64), &f64)| ParameterEstimate {
             name: p.name,
             value: *v,
-            std: *sd,
+            sd: *sd,
             unit: p.unit.to_owned(),
         };
         // Those that may not act are no part of the model.

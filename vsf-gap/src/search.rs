@@ -1,6 +1,6 @@
 //! The search on the train sequences: screening, finalists that are fitted with the field, several effects together.
 
-use crate::diagnose::Step;
+use crate::diagnose::DiagnosisStep;
 use crate::effect::{EVIDENT, check_effect};
 use crate::evidence::Spread;
 use crate::judge::{Hypothesis, named_from, needed_beside, threshold};
@@ -194,16 +194,16 @@ impl Campaign {
     pub(crate) fn search(
         &self,
         effects: &[Arc<dyn Effect>],
-        progress: &mut impl FnMut(Step),
+        progress: &mut impl FnMut(DiagnosisStep),
     ) -> Result<Search<'_>, GapError> {
-        progress(Step::Nominal);
+        progress(DiagnosisStep::Nominal);
         let model = Model::default();
         let mut nominal = self.fitted(&model, &self.train)?;
         let stiffness = nominal.best_stiffness(CONTACT[1], JOINT[1])?;
         let field = self.non_negative(&nominal, &stiffness)?;
         let spreads = nominal.roughness(&stiffness);
 
-        progress(Step::Screen);
+        progress(DiagnosisStep::Screen);
         let mut untestable = Vec::new();
         let mut tangents: Vec<Tangent> = Vec::new();
         for (k, effect) in effects.iter().enumerate() {
@@ -262,7 +262,7 @@ impl Campaign {
             })
             .collect();
 
-        progress(Step::Finalists);
+        progress(DiagnosisStep::Finalists);
         // Effects are fitted within the lattice first: so is what they are measured against.
         let nominal_there = match raised == smoothest {
             true => base,
@@ -279,7 +279,7 @@ impl Campaign {
         };
         self.finalists(&tangents, &mut candidates, &standard)?;
 
-        progress(Step::Pairs);
+        progress(DiagnosisStep::Pairs);
         let mut combinations = self.combinations(&tangents, &mut candidates, &standard)?;
         best_first(&mut candidates, base);
         if !nominal.touches() {

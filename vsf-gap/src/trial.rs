@@ -7,7 +7,7 @@ use crate::judge::{Hypothesis, Judged, Nominal, judge};
 use crate::nominal::Fitted;
 use crate::refine::Refined;
 use crate::report::{MOSTLY, is_perfect};
-use crate::verdict::Kind;
+use crate::verdict::VerdictKind;
 use crate::{Acts, Campaign, ContactLog, GapError, Model, Motion};
 use std::collections::BTreeSet;
 use std::ops::Range;
@@ -121,7 +121,7 @@ impl<'a> Judgement<'a> {
         let explains = |t: &Tried<'_>| {
             t.checked.closure.fraction >= MOSTLY || t.refined.model.acts() == Acts::Torques
         };
-        let unknown = self.judged.verdict.kind == Kind::Unknown || self.left_free.is_some();
+        let unknown = self.judged.verdict.kind == VerdictKind::Unknown || self.left_free.is_some();
         !unknown && !self.corrected().is_some_and(explains)
     }
 

@@ -12,7 +12,7 @@ const MOST_ALIKE: usize = 5;
 /// What a diagnosis concludes.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
-pub enum Kind {
+pub enum VerdictKind {
     /// The named effects explain the gap.
     Effects,
     /// Nothing is missing from the nominal model that these data could show.
@@ -30,7 +30,7 @@ pub struct Verdict {
     /// The effects named; empty for no gap.
     pub effects: Vec<String>,
     /// What kind of answer it is.
-    pub kind: Kind,
+    pub kind: VerdictKind,
     /// Its probability. Of unknown without effects, that none of those looked for is the cause; with effects, theirs
     /// among those that were looked for.
     pub probability: f64,
@@ -67,10 +67,10 @@ pub(crate) struct Answer {
 }
 
 /// The kind of an answer that names effects.
-pub(crate) fn kind_of_claim(probability: f64, effect_set_95: &[String]) -> Kind {
+pub(crate) fn kind_of_claim(probability: f64, effect_set_95: &[String]) -> VerdictKind {
     match probability >= NAMED && effect_set_95.len() <= MOST_ALIKE {
-        true => Kind::Effects,
-        false => Kind::NotDiagnosable,
+        true => VerdictKind::Effects,
+        false => VerdictKind::NotDiagnosable,
     }
 }
 
@@ -82,20 +82,20 @@ impl Judged {
         let claims = !verdict.effects.is_empty();
         let kind = match (found.closed >= MOSTLY, verdict.kind) {
             // However rough the rest.
-            (true, Kind::Unknown) if claims => {
+            (true, VerdictKind::Unknown) if claims => {
                 kind_of_claim(verdict.probability, &verdict.effect_set_95)
             }
-            (false, _) if found.left_free => Kind::Unknown,
+            (false, _) if found.left_free => VerdictKind::Unknown,
             (_, kind) => kind,
         };
         // However much is closed: something else acts, too.
-        let lasting = found.lasts && kind != Kind::Unknown;
+        let lasting = found.lasts && kind != VerdictKind::Unknown;
         verdict.kind = match lasting || found.stopped {
-            true => Kind::Unknown,
+            true => VerdictKind::Unknown,
             false => kind,
         };
         // An effect that does not show, or one that is not looked for.
-        if verdict.kind == Kind::Unknown && !claims {
+        if verdict.kind == VerdictKind::Unknown && !claims {
             verdict.probability += self.unseen;
         }
         // Not borne out is not ruled out.
@@ -126,7 +126,7 @@ fn or_field(verdict: &mut Verdict, probabilities: &mut Vec<(String, f64)>, effec
     verdict.effect_set_95.retain(|e| !effects.contains(e));
     verdict.effect_set_95.splice(..0, effects.iter().cloned());
     verdict.effects = vec![best.clone()];
-    (verdict.kind, verdict.probability) = (Kind::NotDiagnosable, p);
+    (verdict.kind, verdict.probability) = (VerdictKind::NotDiagnosable, p);
 }
 
 #[cfg(test)]
@@ -137,7 +137,7 @@ mod tests {
         of.iter().map(|e| (*e).to_owned()).collect()
     }
 
-    fn judged(effects: &[&str], kind: Kind, probability: f64) -> Judged {
+    fn judged(effects: &[&str], kind: VerdictKind, probability: f64) -> Judged {
         let probabilities = [("adhesion", 0.9), ("strain_stiffening", 0.06)];
         Judged {
             verdict: Verdict {
@@ -158,13 +158,13 @@ mod tests {
             in_field: names(&["strain_stiffening", "plastic_set"]),
             ..Findings::default()
         };
-        let answer = judged(&["adhesion"], Kind::Effects, 0.9).conclude(&found);
+        let answer = judged(&["adhesion"], VerdictKind::Effects, 0.9).conclude(&found);
         let third = 1.0 / 3.0;
         assert_eq!(
             answer.verdict,
             Verdict {
                 effects: names(&["strain_stiffening"]),
-                kind: Kind::NotDiagnosable,
+                kind: VerdictKind::NotDiagnosable,
                 probability: third,
                 effect_set_95: names(&["strain_stiffening", "plastic_set", "adhesion"]),
             }
@@ -197,8 +197,8 @@ mod tests {
                 false,
                 false,
                 false,
-                Kind::Effects,
-                Kind::Effects,
+                VerdictKind::Effects,
+                VerdictKind::Effects,
                 false,
             ),
             (
@@ -206,8 +206,8 @@ mod tests {
                 false,
                 false,
                 false,
-                Kind::Unknown,
-                Kind::Unknown,
+                VerdictKind::Unknown,
+                VerdictKind::Unknown,
                 false,
             ),
             (
@@ -215,22 +215,68 @@ mod tests {
                 false,
                 false,
                 false,
-                Kind::Unknown,
-                Kind::Effects,
+                VerdictKind::Unknown,
+                VerdictKind::Effects,
                 false,
             ),
-            (0.8, true, false, false, Kind::Effects, Kind::Effects, false),
-            (0.2, true, false, false, Kind::Effects, Kind::Unknown, false),
-            (0.8, false, true, false, Kind::Effects, Kind::Unknown, true),
-            (0.2, true, true, false, Kind::Effects, Kind::Unknown, false),
-            (0.8, false, false, true, Kind::Effects, Kind::Unknown, false),
+            (
+                0.8,
+                true,
+                false,
+                false,
+                VerdictKind::Effects,
+                VerdictKind::Effects,
+                false,
+            ),
+            (
+                0.2,
+                true,
+                false,
+                false,
+                VerdictKind::Effects,
+                VerdictKind::Unknown,
+                false,
+            ),
+            (
+                0.8,
+                false,
+                true,
+                false,
+                VerdictKind::Effects,
+                VerdictKind::Unknown,
+                true,
+            ),
+            (
+                0.2,
+                true,
+                true,
+                false,
+                VerdictKind::Effects,
+                VerdictKind::Unknown,
+                false,
+            ),
+            (
+                0.8,
+                false,
+                false,
+                true,
+                VerdictKind::Effects,
+                VerdictKind::Unknown,
+                false,
+            ),
         ] {
             let found = found(closed, left_free, lasts, stopped);
             assert_eq!(kind(named, from, &found), (expected, lasting), "{found:?}");
         }
         let nothing = found(0.0, true, false, false);
-        assert_eq!(kind(&[], Kind::NoGap, &nothing).0, Kind::Unknown);
-        assert_eq!(kind(&[], Kind::NoGap, &Findings::default()).0, Kind::NoGap);
+        assert_eq!(
+            kind(&[], VerdictKind::NoGap, &nothing).0,
+            VerdictKind::Unknown
+        );
+        assert_eq!(
+            kind(&[], VerdictKind::NoGap, &Findings::default()).0,
+            VerdictKind::NoGap
+        );
     }
 
     #[test]
@@ -239,9 +285,9 @@ mod tests {
             let answer = judged(effects, kind, 0.5).conclude(&Findings::default());
             answer.verdict.probability
         };
-        assert_eq!(probability(Kind::Unknown, &[]), 0.7);
-        assert_eq!(probability(Kind::NoGap, &[]), 0.5);
-        assert_eq!(probability(Kind::Unknown, &["adhesion"]), 0.5);
+        assert_eq!(probability(VerdictKind::Unknown, &[]), 0.7);
+        assert_eq!(probability(VerdictKind::NoGap, &[]), 0.5);
+        assert_eq!(probability(VerdictKind::Unknown, &["adhesion"]), 0.5);
     }
 
     #[test]
@@ -250,7 +296,7 @@ mod tests {
             refused: names(&["payload", "adhesion"]),
             ..Findings::default()
         };
-        let answer = judged(&[], Kind::NoGap, 0.5).conclude(&found);
+        let answer = judged(&[], VerdictKind::NoGap, 0.5).conclude(&found);
         let set = names(&["adhesion", "strain_stiffening", "payload"]);
         assert_eq!(answer.verdict.effect_set_95, set);
     }

@@ -374,8 +374,8 @@ fn files_that_are_no_models() {
         ),
         (&|e| e.parameters[0].value = f64::NAN, "NaN"),
         (&|e| e.parameters[0].value = 1e9, "must be in"),
-        (&|e| e.parameters[0].std = -1.0, "must be >= 0"),
-        (&|e| e.parameters[0].std = f64::INFINITY, "must be >= 0"),
+        (&|e| e.parameters[0].sd = -1.0, "must be >= 0"),
+        (&|e| e.parameters[0].sd = f64::INFINITY, "must be >= 0"),
     ];
     for (change, part) in cases {
         let error = good(change).err().unwrap().to_string();

@@ -11,7 +11,7 @@ use std::f64::consts::TAU;
 use std::path::Path;
 use std::sync::Arc;
 use vsf_data::{Dataset, Overrides};
-use vsf_gap::{Acts, Campaign, Effect, Kind, Outcome, diagnose, effects};
+use vsf_gap::{Acts, Campaign, Effect, Outcome, VerdictKind, diagnose, effects};
 use vsf_pipeline::SceneOptions;
 use vsf_world::{CaseSpec, Kind as World, Level, Protocol, generate};
 
@@ -51,7 +51,7 @@ fn diagnosed(truth: &[&str], seed: u64) -> Outcome {
 fn a_payload_is_named_and_the_gap_closes() {
     let outcome = diagnosed(&["payload"], 41);
     let d = &outcome.diagnosis;
-    assert_eq!(d.verdict.kind, Kind::Effects);
+    assert_eq!(d.verdict.kind, VerdictKind::Effects);
     assert_eq!(d.verdict.effects, ["payload"]);
     assert!(d.verdict.probability > 0.9, "{}", d.verdict.probability);
     assert!(d.gap.test_error_corrected < d.gap.test_error_nominal);
@@ -64,7 +64,7 @@ fn a_payload_is_named_and_the_gap_closes() {
 fn nothing_is_named_where_nothing_acts() {
     let outcome = diagnosed(&[], 42);
     let d = &outcome.diagnosis;
-    assert_eq!(d.verdict.kind, Kind::NoGap);
+    assert_eq!(d.verdict.kind, VerdictKind::NoGap);
     assert!(d.verdict.effects.is_empty() && outcome.model.parts.is_empty());
     assert_eq!(d.gap.test_error_nominal, d.gap.test_error_corrected);
     assert_eq!(d.gap.closed_fraction, 0.0);
@@ -87,9 +87,9 @@ fn torques_of_the_wrong_sign_are_a_gap_and_zeros_are_none() {
             .diagnosis
     };
     let wrong = scaled(-1.0);
-    assert_eq!(wrong.verdict.kind, Kind::Unknown);
+    assert_eq!(wrong.verdict.kind, VerdictKind::Unknown);
     assert!(wrong.notes.iter().any(|n| n.contains("sign")));
-    assert_eq!(scaled(0.0).verdict.kind, Kind::NoGap);
+    assert_eq!(scaled(0.0).verdict.kind, VerdictKind::NoGap);
 }
 
 /// Three samples in a row have one difference of second order: noise cannot be told from a gap.
@@ -173,7 +173,7 @@ fn a_gain_beside_a_bias_is_named() {
     let mut named = d.verdict.effects.clone();
     named.sort();
     assert_eq!(named, ["torque_bias", "torque_gain"], "{:?}", d.verdict);
-    assert_eq!(d.verdict.kind, Kind::Effects);
+    assert_eq!(d.verdict.kind, VerdictKind::Effects);
     let of = |effect: &str, name: &str| {
         let own = d.effects.iter().find(|e| e.effect == effect).unwrap();
         own.parameters
@@ -294,7 +294,12 @@ fn effects_show_from_the_stated_size_on() {
         outcome.diagnosis
     };
     let quiet = diagnosed(&|tau, _| tau);
-    assert_eq!(quiet.verdict.kind, Kind::NoGap, "{:?}", quiet.verdict);
+    assert_eq!(
+        quiet.verdict.kind,
+        VerdictKind::NoGap,
+        "{:?}",
+        quiet.verdict
+    );
     let bias = shows_from(&quiet, "torque_bias", "b_2");
     let viscous = shows_from(&quiet, "joint_viscous_friction", "d_1");
     let gain = shows_from(&quiet, "torque_gain", "g_3");
@@ -360,7 +365,7 @@ fn effects_in_contact_show_from_the_stated_size_on() {
 #[test]
 fn actuators_of_the_wrong_sign_are_unknown() {
     let d = named_in_air(&swinging(|tau, _| tau.map(|t| -t)));
-    assert_eq!(d.verdict.kind, Kind::Unknown, "{:?}", d.verdict);
+    assert_eq!(d.verdict.kind, VerdictKind::Unknown, "{:?}", d.verdict);
     assert!(d.notes.iter().any(|n| n.contains("bound")), "{:?}", d.notes);
 }
 
@@ -369,8 +374,8 @@ fn actuators_of_the_wrong_sign_are_unknown() {
 fn what_a_named_effect_leaves_is_white_or_something_else_acts() {
     let few = effects::named(&["torque_gain", "viscoelastic"]).unwrap();
     for (cause, kind) in [
-        ("torque_gain", Kind::Effects),
-        ("thermal_gain", Kind::Unknown),
+        ("torque_gain", VerdictKind::Effects),
+        ("thermal_gain", VerdictKind::Unknown),
     ] {
         let folder = tempfile::tempdir().unwrap();
         let campaign = made(folder.path(), &[cause], 41034);
@@ -379,7 +384,7 @@ fn what_a_named_effect_leaves_is_white_or_something_else_acts() {
         assert_eq!(d.verdict.effects, ["torque_gain"], "{cause}");
         assert_eq!(d.verdict.kind, kind, "{cause}");
         let said = (d.notes.iter()).any(|n| n.contains("something else acts"));
-        assert_eq!(said, kind == Kind::Unknown, "{:?}", d.notes);
+        assert_eq!(said, kind == VerdictKind::Unknown, "{:?}", d.notes);
     }
 }
 
@@ -397,7 +402,7 @@ fn what_is_left_in_free_motion_is_unknown() {
         (outcome.diagnosis.verdict.kind, outcome.diagnosis.notes)
     };
     dataset.tare_samples = 10;
-    assert_eq!(verdict(&dataset).0, Kind::NoGap);
+    assert_eq!(verdict(&dataset).0, VerdictKind::NoGap);
 
     dataset.tare_samples = 0;
     let test = dataset.splits.test.clone();
@@ -409,7 +414,7 @@ fn what_is_left_in_free_motion_is_unknown() {
         }
     }
     let (kind, notes) = verdict(&dataset);
-    assert_eq!(kind, Kind::Unknown);
+    assert_eq!(kind, VerdictKind::Unknown);
     let words: Vec<&str> = notes[0].split(' ').collect();
     assert_eq!(words[..3], ["in", "free", "motion"]);
     let left: f64 = words[3].parse().unwrap();
@@ -428,7 +433,7 @@ fn what_a_tare_leaves_is_no_drift() {
     let d = diagnose(&campaign, "case", &drifts, 0, |_| {})
         .unwrap()
         .diagnosis;
-    assert_eq!(d.verdict.kind, Kind::NoGap);
+    assert_eq!(d.verdict.kind, VerdictKind::NoGap);
     for effect in &d.effects {
         assert!(
             effect.score < 5.0,
@@ -448,7 +453,7 @@ fn an_object_that_is_put_back_elsewhere_shows_on_halves_of_the_test_sequences() 
     let registration = effects::named(&["registration_offset"]).unwrap();
     let outcome = diagnose(&campaign, "case", &registration, 0, |_| {}).unwrap();
     let d = &outcome.diagnosis;
-    assert_eq!(d.verdict.kind, Kind::Effects);
+    assert_eq!(d.verdict.kind, VerdictKind::Effects);
     assert_eq!(d.verdict.effects, ["registration_offset"]);
     assert!(d.gap.closed_fraction > 0.5 && d.gap.closed_interval[0] > 0.0);
     assert!(d.notes.iter().any(|n| n.contains("second halves")));
@@ -456,7 +461,7 @@ fn an_object_that_is_put_back_elsewhere_shows_on_halves_of_the_test_sequences() 
     for (motion, residuals) in of_checked {
         assert!(motion.len() < 700 && residuals.len() == 7 * motion.len());
     }
-    assert_eq!(d.r#where.sequence.len(), 6);
+    assert_eq!(d.location.sequence.len(), 6);
 }
 
 #[test]
@@ -475,10 +480,10 @@ fn shares_are_shares_and_the_same_seed_gives_the_same_diagnosis() {
     };
     let d = run();
     assert_eq!(d.verdict.effects, ["joint_viscous_friction"]);
-    for parts in [&d.r#where.joint, &d.r#where.phase, &d.r#where.sequence] {
+    for parts in [&d.location.joint, &d.location.phase, &d.location.sequence] {
         let sum: f64 = parts.iter().map(|p| p.share).sum();
         assert!((sum - 1.0).abs() < 1e-9, "{sum}");
-        let inside = |p: &vsf_gap::Part| p.interval[0] <= p.interval[1] && p.excess >= 0.0;
+        let inside = |p: &vsf_gap::LocatedShare| p.interval[0] <= p.interval[1] && p.excess >= 0.0;
         assert!(parts.iter().all(inside));
     }
     let json = serde_json::to_string(&d).unwrap();

@@ -5,7 +5,7 @@
 
 use std::path::Path;
 use vsf_data::{Dataset, Overrides};
-use vsf_gap::{Campaign, Diagnosis, Kind, STIFFNESS_FIELD, diagnose, effects};
+use vsf_gap::{Campaign, Diagnosis, STIFFNESS_FIELD, VerdictKind, diagnose, effects};
 use vsf_pipeline::SceneOptions;
 
 fn diagnosis() -> Diagnosis {
@@ -28,7 +28,7 @@ fn diagnosis() -> Diagnosis {
 #[test]
 fn stiffening_is_not_told_from_a_field_that_grows_stiff_with_depth() {
     let d = diagnosis();
-    assert_eq!(d.verdict.kind, Kind::NotDiagnosable);
+    assert_eq!(d.verdict.kind, VerdictKind::NotDiagnosable);
     assert_eq!(d.verdict.effects, ["strain_stiffening"]);
     assert!(
         d.verdict

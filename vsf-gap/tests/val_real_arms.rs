@@ -6,7 +6,7 @@
 
 use std::path::Path;
 use vsf_data::{Dataset, Overrides};
-use vsf_gap::{Campaign, Diagnosis, Kind, diagnose, effects};
+use vsf_gap::{Campaign, Diagnosis, VerdictKind, diagnose, effects};
 use vsf_pipeline::SceneOptions;
 
 /// With the whole catalogue.
@@ -21,7 +21,7 @@ fn diagnosis(arm: &str) -> Diagnosis {
 #[test]
 fn a_ur10_has_dry_and_viscous_friction() {
     let d = diagnosis("unisa_ur10");
-    assert_eq!(d.verdict.kind, Kind::Effects, "{:?}", d.verdict);
+    assert_eq!(d.verdict.kind, VerdictKind::Effects, "{:?}", d.verdict);
     let friction = ["joint_coulomb_friction", "joint_viscous_friction"];
     assert_eq!(d.verdict.effects, friction);
     let rms = 2.0 * 6f64.sqrt();
@@ -49,7 +49,7 @@ fn a_ur10_has_dry_and_viscous_friction() {
 #[test]
 fn a_panda_has_dry_friction() {
     let d = diagnosis("unisa_panda");
-    assert_eq!(d.verdict.kind, Kind::Effects, "{:?}", d.verdict);
+    assert_eq!(d.verdict.kind, VerdictKind::Effects, "{:?}", d.verdict);
     assert_eq!(d.verdict.effects, ["joint_coulomb_friction"]);
     let rms = 0.34 * 7f64.sqrt();
     assert!(d.gap.test_error_corrected < rms, "{:?}", d.gap);

@@ -6,7 +6,7 @@ use crate::recording::RecordingArgs;
 use clap::builder::{PossibleValue, PossibleValuesParser};
 use std::path::PathBuf;
 use std::sync::Arc;
-use vsf::gap::{Effect, Kind, ModelFile, Step, diagnose, effects};
+use vsf::gap::{DiagnosisStep, Effect, ModelFile, VerdictKind, diagnose, effects};
 
 #[derive(Debug, clap::Args)]
 #[command(after_help = "\
@@ -82,9 +82,9 @@ pub fn run(args: &Args, console: &Console) -> anyhow::Result<()> {
     let recording = args.recording.open(console)?;
     let campaign = recording.campaign(console)?;
     let name = &recording.dataset.name;
-    let bar = console.bar(Step::ALL.len(), "diagnosis");
-    let progress = |step: Step| {
-        let done = Step::ALL.iter().position(|s| *s == step);
+    let bar = console.bar(DiagnosisStep::ALL.len(), "diagnosis");
+    let progress = |step: DiagnosisStep| {
+        let done = DiagnosisStep::ALL.iter().position(|s| *s == step);
         bar.set_position(done.unwrap_or(0) as u64);
     };
     let outcome = diagnose(&campaign, name, &candidates, args.seed, progress)?;
@@ -100,7 +100,7 @@ pub fn run(args: &Args, console: &Console) -> anyhow::Result<()> {
         files.push((path.clone(), model.to_json()));
     }
     let verdict = &outcome.diagnosis.verdict;
-    let unknown = verdict.kind != Kind::Effects && !model.effects.is_empty();
+    let unknown = verdict.kind != VerdictKind::Effects && !model.effects.is_empty();
     if let Some(path) = args.model.as_deref().filter(|_| unknown) {
         let path = path.display();
         console.warn(format!(

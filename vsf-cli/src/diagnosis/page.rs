@@ -7,7 +7,8 @@ use crate::console::number;
 use crate::html::{Script, document, escape};
 use std::fmt::Write;
 use vsf::gap::{
-    Campaign, Diagnosis, EffectEntry, EffectReport, Estimate, Kind, Limit, ModelFile, Outcome, Part,
+    Campaign, Diagnosis, EffectEntry, EffectReport, Limit, LocatedShare, ModelFile, Outcome,
+    ParameterEstimate, VerdictKind,
 };
 
 use vsf::data::TorqueKind;
@@ -36,7 +37,7 @@ fn with(d: &Diagnosis, torques: &str, corrected: &[EffectEntry]) -> String {
     html += &effects(d);
     html += &parameters(d, corrected);
     html += &left_out(d);
-    if d.verdict.kind == Kind::NoGap {
+    if d.verdict.kind == VerdictKind::NoGap {
         html += &unseen(d);
     }
     let next = &d.next_experiment;
@@ -59,12 +60,12 @@ fn answer(d: &Diagnosis) -> String {
     let corrects = !gap.corrected_by.is_empty();
     let kind = match d.verdict.kind {
         // Named, but not borne out by the test sequences.
-        Kind::Effects if !corrects => "unproven",
-        Kind::Effects | Kind::NoGap if is_uncertain(d) => "uncertain",
-        Kind::Effects => "effects",
-        Kind::NoGap => "no_gap",
-        Kind::Unknown => "unknown",
-        Kind::NotDiagnosable => "not_diagnosable",
+        VerdictKind::Effects if !corrects => "unproven",
+        VerdictKind::Effects | VerdictKind::NoGap if is_uncertain(d) => "uncertain",
+        VerdictKind::Effects => "effects",
+        VerdictKind::NoGap => "no_gap",
+        VerdictKind::Unknown => "unknown",
+        VerdictKind::NotDiagnosable => "not_diagnosable",
     };
     let sentence = escape(&verdict(d)).replace(" %", "&nbsp;%");
     let [low, high] = gap.closed_interval.map(percent);
@@ -145,8 +146,8 @@ fn before_and_after(campaign: &Campaign, outcome: &Outcome) -> anyhow::Result<St
 }
 
 fn places(d: &Diagnosis) -> String {
-    let found = &d.r#where;
-    let kinds: [(&str, &[Part]); 5] = [
+    let found = &d.location;
+    let kinds: [(&str, &[LocatedShare]); 5] = [
         ("Joint", &found.joint),
         ("Phase", &found.phase),
         ("Sequence", &found.sequence),
@@ -163,7 +164,7 @@ fn places(d: &Diagnosis) -> String {
     let mut html = format!(
         "<h2>Where</h2>\n<p class=\"small\">{of} Whiskers are 95 % intervals.</p>\n<div class=\"kinds\">\n"
     );
-    let shown = |p: &&Part| p.share >= LEAST;
+    let shown = |p: &&LocatedShare| p.share >= LEAST;
     for (kind, parts) in kinds {
         let bars: String = (parts.iter().filter(shown))
             .map(|p| bar(&part(&p.of), p.share, Some(p.interval)))
@@ -228,10 +229,10 @@ fn effects(d: &Diagnosis) -> String {
 
 /// The corrected model, then every effect as it was fitted on its own.
 fn parameters(d: &Diagnosis, corrected: &[EffectEntry]) -> String {
-    let list = |title: &str, name: &str, open: &str, parameters: &[Estimate]| {
+    let list = |title: &str, name: &str, open: &str, parameters: &[ParameterEstimate]| {
         let items: String = (parameters.iter())
             .map(|p| {
-                let value = estimate(p.value, p.std, &p.unit);
+                let value = estimate(p.value, p.sd, &p.unit);
                 format!("<li><b>{}</b> {}</li>\n", escape(&p.name), escape(&value))
             })
             .collect();

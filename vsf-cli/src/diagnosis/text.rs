@@ -3,7 +3,7 @@ use super::words::{
     none_of_these, part, percent, screened_out, size, summary, untestable, verdict,
 };
 use crate::console::{number, table};
-use vsf::gap::{Diagnosis, Kind, Limit, ModelFile, Part};
+use vsf::gap::{Diagnosis, Limit, LocatedShare, ModelFile, VerdictKind};
 
 /// Parts named of every kind, and the share below which a part is not worth a word.
 const PARTS: usize = 4;
@@ -13,7 +13,7 @@ const LEAST: f64 = 0.05;
 pub fn text(diagnosis: &Diagnosis, model: &ModelFile) -> String {
     let mut text = format!("{}\n{}\n", verdict(diagnosis), errors(diagnosis));
     text += &effects(diagnosis, model);
-    if diagnosis.verdict.kind == Kind::NoGap {
+    if diagnosis.verdict.kind == VerdictKind::NoGap {
         text += &unseen(diagnosis);
     }
     text += &places(diagnosis);
@@ -80,7 +80,7 @@ fn effects(diagnosis: &Diagnosis, model: &ModelFile) -> String {
             summary(all, &e.effect)
         );
         for p in &e.parameters {
-            text += &format!("  {:<8} {}\n", p.name, estimate(p.value, p.std, &p.unit));
+            text += &format!("  {:<8} {}\n", p.name, estimate(p.value, p.sd, &p.unit));
         }
     }
     let names: Vec<&str> = screened_out(all).map(|e| e.effect.as_str()).collect();
@@ -116,7 +116,7 @@ fn unseen(diagnosis: &Diagnosis) -> String {
 }
 
 /// The parts with the largest shares, in their own order.
-fn largest(parts: &[Part]) -> Vec<&Part> {
+fn largest(parts: &[LocatedShare]) -> Vec<&LocatedShare> {
     let mut shares: Vec<f64> = parts.iter().map(|p| p.share).collect();
     shares.sort_by(|a, b| b.total_cmp(a));
     let least = shares.get(PARTS - 1).map_or(LEAST, |s| s.max(LEAST));
@@ -124,9 +124,9 @@ fn largest(parts: &[Part]) -> Vec<&Part> {
 }
 
 fn places(diagnosis: &Diagnosis) -> String {
-    let found = &diagnosis.r#where;
+    let found = &diagnosis.location;
     let mut text = "\nwhere, by share of the gap\n".to_owned();
-    let kinds: [(&str, &[Part]); 5] = [
+    let kinds: [(&str, &[LocatedShare]); 5] = [
         ("joint", &found.joint),
         ("phase", &found.phase),
         ("link", &found.link),

@@ -1,5 +1,5 @@
 use crate::console::number;
-use vsf::gap::{Diagnosis, EffectReport, Gap, Kind, Limit, Of};
+use vsf::gap::{Diagnosis, EffectReport, Gap, Limit, Place, VerdictKind};
 
 /// Headings of what would show, and of what would not.
 pub const SHOWS_FROM: &str = "would not have shown below this size (the parameter that shows best, to first order; in contact it takes more)";
@@ -17,7 +17,8 @@ const LIKELY: f64 = 0.5;
 /// Whether the answer claims what is less likely than not.
 pub fn is_uncertain(diagnosis: &Diagnosis) -> bool {
     let verdict = &diagnosis.verdict;
-    matches!(verdict.kind, Kind::Effects | Kind::NoGap) && verdict.probability < LIKELY
+    matches!(verdict.kind, VerdictKind::Effects | VerdictKind::NoGap)
+        && verdict.probability < LIKELY
 }
 
 /// The answer in one sentence.
@@ -31,38 +32,38 @@ pub fn verdict(diagnosis: &Diagnosis) -> String {
         _ => ("", "them"),
     };
     match verdict.kind {
-        Kind::Effects if gap.corrected_by.is_empty() => format!(
+        VerdictKind::Effects if gap.corrected_by.is_empty() => format!(
             "{effects} fit{s} best (probability {p}), but with {them} the test sequences are predicted worse."
         ),
-        Kind::Effects if gap.test_error_corrected == gap.test_error_nominal => format!(
+        VerdictKind::Effects if gap.test_error_corrected == gap.test_error_nominal => format!(
             "{effects} fit{s} best (probability {p}); the test sequences do not show it: their errors stay the same."
         ),
-        Kind::Effects if is_uncertain(diagnosis) => {
+        VerdictKind::Effects if is_uncertain(diagnosis) => {
             format!("Uncertain: {effects} fit{s} best, with a probability of {p} only.")
         }
-        Kind::Effects if gap.closed_fraction <= 0.0 => format!(
+        VerdictKind::Effects if gap.closed_fraction <= 0.0 => format!(
             "{effects} fit{s} best (probability {p}); squared errors on the test sequences do not shrink."
         ),
-        Kind::Effects => format!(
+        VerdictKind::Effects => format!(
             "{effects} explain{s} {}the gap (probability {p}).",
             extent(gap)
         ),
-        Kind::NoGap if is_uncertain(diagnosis) => format!(
+        VerdictKind::NoGap if is_uncertain(diagnosis) => format!(
             "Uncertain: no effect is borne out by this recording, but that none acts has a probability of {p} only."
         ),
-        Kind::NoGap => format!(
+        VerdictKind::NoGap => format!(
             "No gap: no effect is borne out by this recording (probability that none acts: {p})."
         ),
-        Kind::Unknown if effects.is_empty() => {
+        VerdictKind::Unknown if effects.is_empty() => {
             "Unknown: something acts that none of the effects looked for explains.".to_owned()
         }
-        Kind::Unknown => format!(
+        VerdictKind::Unknown => format!(
             "Unknown: something acts that none of the effects looked for explains; {effects} come{s} closest."
         ),
-        Kind::NotDiagnosable if like_field(diagnosis) => format!(
+        VerdictKind::NotDiagnosable if like_field(diagnosis) => format!(
             "Not diagnosable: {effects}, or an object whose stiffness differs from place to place; this recording does not tell."
         ),
-        Kind::NotDiagnosable => format!(
+        VerdictKind::NotDiagnosable => format!(
             "Not diagnosable: something acts, but this recording fits {} alike.",
             verdict.effect_set_95.join(", ")
         ),
@@ -113,8 +114,8 @@ pub fn errors(diagnosis: &Diagnosis) -> String {
     };
     if gap.corrected_by.is_empty() {
         let error = number(gap.test_error_nominal);
-        let left = match diagnosis.verdict.kind == Kind::NoGap
-            && !diagnosis.r#where.region.is_empty()
+        let left = match diagnosis.verdict.kind == VerdictKind::NoGap
+            && !diagnosis.location.region.is_empty()
             && gap.test_error_nominal > ROUGH * gap.noise_floor
         {
             true => {
@@ -154,11 +155,11 @@ pub fn fixed(value: f64, decimals: usize) -> String {
 }
 
 /// The part of a recording.
-pub fn part(of: &Of) -> String {
+pub fn part(of: &Place) -> String {
     match of {
-        Of::Joint(name) | Of::Link(name) | Of::Sequence(name) => name.clone(),
-        Of::Phase(phase) => phase.name().to_owned(),
-        Of::Frequency(band) => {
+        Place::Joint(name) | Place::Link(name) | Place::Sequence(name) => name.clone(),
+        Place::Phase(phase) => phase.name().to_owned(),
+        Place::Frequency(band) => {
             let [low, high] = band.map(|hertz| {
                 let decimals = decimals(hertz);
                 format!("{hertz:.decimals$}")
@@ -272,6 +273,6 @@ mod tests {
         assert_eq!(estimate(-0.0001, 0.05, "1"), "0.000 ± 0.050");
         assert_eq!(percent(-0.001), "0 %");
         assert_eq!(percent(-0.01), "-1 %");
-        assert_eq!(part(&Of::Frequency([0.5469, 17.5])), "0.55 to 18 Hz");
+        assert_eq!(part(&Place::Frequency([0.5469, 17.5])), "0.55 to 18 Hz");
     }
 }
