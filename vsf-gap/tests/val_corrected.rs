@@ -10,7 +10,9 @@ use proptest::prelude::*;
 use std::sync::Arc;
 use vsf_core::{Contacts, Noise, Observation};
 use vsf_gap::effects::catalogue;
-use vsf_gap::{Acts, Campaign, Corrector, EffectEntry, Estimate, GapError, Model, ModelFile, Role};
+use vsf_gap::{
+    Acts, Campaign, Corrector, EffectEntry, GapError, Model, ModelFile, ParameterEstimate, Role,
+};
 
 /// A block of points under the plate.
 fn points() -> Vec<[f64; 3]> {
@@ -337,10 +339,10 @@ fn amplitudes_that_may_not_act_are_left_out_of_files() {
 #[test]
 fn files_that_are_no_models() {
     let campaign = pressed();
-    let parameter = |name: &str, value: f64| Estimate {
+    let parameter = |name: &str, value: f64| ParameterEstimate {
         name: name.to_owned(),
         value,
-        std: 0.1,
+        sd: 0.1,
         unit: "N".to_owned(),
     };
     let good = |change: &dyn Fn(&mut EffectEntry)| {
