@@ -6,6 +6,7 @@
 use crate::cli::Cli;
 use crate::console::{Console, read_text};
 use crate::exit::usage;
+use crate::settings::name_of;
 use anyhow::Context;
 use clap::error::{ContextKind, ContextValue, ErrorKind};
 use clap::parser::ValueSource;
@@ -69,8 +70,7 @@ enum Preset {
 
 impl Preset {
     fn place(self) -> String {
-        let name = self.to_possible_value();
-        name.map_or_else(String::new, |v| format!("--preset {}", v.get_name()))
+        format!("--preset {}", name_of(&self))
     }
 
     fn values(self) -> [(&'static str, &'static str); 11] {

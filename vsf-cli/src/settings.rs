@@ -212,9 +212,14 @@ impl VisionKind {
 
     /// Name, for reports.
     pub fn name(self) -> String {
-        self.to_possible_value()
-            .map_or_else(String::new, |v| v.get_name().to_owned())
+        name_of(&self)
     }
+}
+
+/// The name of a value on the command line.
+pub fn name_of(value: &impl ValueEnum) -> String {
+    let value = value.to_possible_value();
+    value.map_or_else(String::new, |v| v.get_name().to_owned())
 }
 
 #[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
@@ -534,9 +539,7 @@ impl EstimatorSettings {
 
     /// Name of how outliers count, for reports.
     pub fn robust_name(&self) -> String {
-        let kind = self.robust.unwrap_or(RobustKind::None);
-        kind.to_possible_value()
-            .map_or_else(String::new, |v| v.get_name().to_owned())
+        name_of(&self.robust.unwrap_or(RobustKind::None))
     }
 
     fn kind(&self) -> EstimatorKind {
@@ -545,8 +548,6 @@ impl EstimatorSettings {
 
     /// Name of the estimator, for reports.
     pub fn name(&self) -> String {
-        self.kind()
-            .to_possible_value()
-            .map_or_else(String::new, |v| v.get_name().to_owned())
+        name_of(&self.kind())
     }
 }

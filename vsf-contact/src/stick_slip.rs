@@ -18,8 +18,8 @@ use vsf_core::{ContactModel, Contacts, CoreError, Posture, RestPoints};
 ///    `u` and back to the surface, again and again until it sticks, detaches or has used up
 ///    [`ContactConfig::max_slip_iterations`]. A last step is shortened so as not to pass the
 ///    point of no tangential part. Slip never lengthens `u`, and a step that shortens it by less
-///    than a twentieth (of a step to where no pull is left, a tenth) of what it would on a plane is taken back: a point wedged in a notch of
-///    the link stays there. Many steps are taken at once, as a return mapping: along the tangent
+///    than a twentieth (of a step to where no pull is left, a tenth) of what it would on a plane is
+///    taken back: a point wedged in a notch of the link stays there. Many steps are taken at once, as a return mapping: along the tangent
 ///    and back to the surface, on smooth surfaces to within a slip step of where single steps end.
 ///    Between two parts of a link it slips along their crease, held by the friction of both.
 /// 4. *Hand-over*: a point that is inside another link by more than one `slip_step` is pushed out

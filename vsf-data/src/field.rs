@@ -3,6 +3,7 @@ use crate::npy::{self, NpyError};
 use crate::staged::Staged;
 use crate::{ContactParameters, DataError, DataWarning, Table, files, json, npz, ply, write_file};
 use nalgebra::Point3;
+use serde::de::DeserializeOwned;
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
@@ -275,6 +276,16 @@ impl StiffnessField {
     }
 }
 
+/// A mark of an archive that is JSON text.
+fn structured<T: DeserializeOwned>(
+    path: &Path,
+    name: &str,
+    text: Option<String>,
+) -> Result<Option<T>, DataError> {
+    text.map(|text| json::parse(&entry(path, name), text.as_bytes()))
+        .transpose()
+}
+
 impl Source {
     fn archive(path: &Path) -> Result<Self, DataError> {
         let mut entries = npz::read(path)?;
@@ -286,20 +297,12 @@ impl Source {
                 source,
             }),
         };
-        let contact = match text(CONTACT)? {
-            Some(text) => Some(json::parse(&entry(path, CONTACT), text.as_bytes())?),
-            None => None,
-        };
-        let learned_from = match text(LEARNED_FROM)? {
-            Some(text) => Some(json::parse(&entry(path, LEARNED_FROM), text.as_bytes())?),
-            None => None,
-        };
         let marks = Marks {
-            contact,
+            contact: structured(path, CONTACT, text(CONTACT)?)?,
             axis_mode: text(AXIS_MODE)?,
             sd_unit: text(SD_UNIT)?,
             recording: text(RECORDING)?,
-            learned_from,
+            learned_from: structured(path, LEARNED_FROM, text(LEARNED_FROM)?)?,
             model: text(MODEL)?,
         };
         Ok(Self {

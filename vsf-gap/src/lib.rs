@@ -34,8 +34,8 @@
 //!    it is fitted with the first half of every test sequence, and checked on the second halves.
 //!
 //! [`diagnose`] runs all of it. Time is dominated by the contact that effects change, some hundred runs
-//! over the train sequences, and by some hundred factorisations of some 1300 rows, twice as many at most. Couplings of joints take columns
-//! that grow with the square of their number.
+//! over the train sequences, and by some hundred factorisations of some 1300 rows, twice as many at most.
+//! Couplings of joints take columns that grow with the square of their number.
 //!
 //! Rejected: choosing by the fit's error. On recordings without effect the best wrong effect fits much
 //! better and predicts worse.

@@ -179,6 +179,7 @@ mod tests {
 
     #[test]
     fn the_check_decides_whether_a_cause_is_known() {
+        use VerdictKind::{Effects, NoGap, Unknown};
         let kind = |named: &[&str], kind, found: &Findings| {
             let answer = judged(named, kind, 0.9).conclude(found);
             (answer.verdict.kind, answer.lasting)
@@ -192,91 +193,21 @@ mod tests {
         };
         let named: &[&str] = &["adhesion"];
         for (closed, left_free, lasts, stopped, from, expected, lasting) in [
-            (
-                0.2,
-                false,
-                false,
-                false,
-                VerdictKind::Effects,
-                VerdictKind::Effects,
-                false,
-            ),
-            (
-                0.2,
-                false,
-                false,
-                false,
-                VerdictKind::Unknown,
-                VerdictKind::Unknown,
-                false,
-            ),
-            (
-                0.8,
-                false,
-                false,
-                false,
-                VerdictKind::Unknown,
-                VerdictKind::Effects,
-                false,
-            ),
-            (
-                0.8,
-                true,
-                false,
-                false,
-                VerdictKind::Effects,
-                VerdictKind::Effects,
-                false,
-            ),
-            (
-                0.2,
-                true,
-                false,
-                false,
-                VerdictKind::Effects,
-                VerdictKind::Unknown,
-                false,
-            ),
-            (
-                0.8,
-                false,
-                true,
-                false,
-                VerdictKind::Effects,
-                VerdictKind::Unknown,
-                true,
-            ),
-            (
-                0.2,
-                true,
-                true,
-                false,
-                VerdictKind::Effects,
-                VerdictKind::Unknown,
-                false,
-            ),
-            (
-                0.8,
-                false,
-                false,
-                true,
-                VerdictKind::Effects,
-                VerdictKind::Unknown,
-                false,
-            ),
+            (0.2, false, false, false, Effects, Effects, false),
+            (0.2, false, false, false, Unknown, Unknown, false),
+            (0.8, false, false, false, Unknown, Effects, false),
+            (0.8, true, false, false, Effects, Effects, false),
+            (0.2, true, false, false, Effects, Unknown, false),
+            (0.8, false, true, false, Effects, Unknown, true),
+            (0.2, true, true, false, Effects, Unknown, false),
+            (0.8, false, false, true, Effects, Unknown, false),
         ] {
             let found = found(closed, left_free, lasts, stopped);
             assert_eq!(kind(named, from, &found), (expected, lasting), "{found:?}");
         }
         let nothing = found(0.0, true, false, false);
-        assert_eq!(
-            kind(&[], VerdictKind::NoGap, &nothing).0,
-            VerdictKind::Unknown
-        );
-        assert_eq!(
-            kind(&[], VerdictKind::NoGap, &Findings::default()).0,
-            VerdictKind::NoGap
-        );
+        assert_eq!(kind(&[], NoGap, &nothing).0, Unknown);
+        assert_eq!(kind(&[], NoGap, &Findings::default()).0, NoGap);
     }
 
     #[test]

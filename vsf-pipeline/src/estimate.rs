@@ -83,8 +83,10 @@ impl FilterSpec {
             Self::Dual(config) => boxed(DualReplay::new(prior.marginals()?, config)?, robust),
             Self::Replay { form, config } => {
                 let filter = DiagonalKalman::with_form(prior.marginals()?, form);
+                if config.replays == 0 {
+                    return boxed(filter, robust);
+                }
                 match robust {
-                    _ if config.replays == 0 => boxed(filter, robust),
                     // Inside of the replay, so that past readings are judged anew.
                     Some(loss) => {
                         let filter = RobustNoise::new(filter, loss)?;

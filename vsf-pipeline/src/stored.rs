@@ -79,10 +79,9 @@ impl StoredEstimate {
     pub fn of(field: &StiffnessField) -> Result<Self, PipelineError> {
         within("K", &field.stiffness)?;
         within("K_std", field.sd.as_deref().unwrap_or_default())?;
-        let prior_sd = match column(field, PRIOR_SD)? {
-            Some(_) => constant(field, PRIOR_SD)?.and_then(|row| row.first().copied()),
-            None => None,
-        };
+        // One number per point, always the same.
+        column(field, PRIOR_SD)?;
+        let prior_sd = constant(field, PRIOR_SD)?.and_then(|row| row.first().copied());
         let touched = column(field, TOUCHED)?.unwrap_or_default();
         if let Some(row) = touched.iter().position(|v| *v != 0.0 && *v != 1.0) {
             let problem = format!("row {row} is {:?}, neither 0 nor 1", touched[row]);

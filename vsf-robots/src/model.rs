@@ -214,10 +214,10 @@ impl RobotModel {
             .unwrap_or(0)
     }
 
-    /// The joint at the end of the longest chain of joints, `None` without a moving joint.
-    pub fn last_joint(&self) -> Option<&Joint> {
-        let last = self.chains.chain(self.end_effector()).last()?;
-        self.joints.get(*last as usize)
+    /// The last joint that moves the [end effector](Self::end_effector), `None` without a moving joint.
+    pub fn last_joint(&self) -> Option<usize> {
+        let chain = self.chains.chain(self.end_effector());
+        chain.last().map(|j| *j as usize)
     }
 
     /// Collision shapes, grouped by link in the order of links.

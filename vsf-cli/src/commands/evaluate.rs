@@ -141,20 +141,20 @@ pub fn run(args: &Args, console: &Console) -> anyhow::Result<()> {
 
 /// What a field predicts of a trace, with deviations where the field has them.
 fn predictor<'a>(
-    field: &FieldFile,
+    field: &'a FieldFile,
     scene: &'a Scene,
     console: &Console,
 ) -> anyhow::Result<impl Fn(&Trace) -> Result<SequencePrediction, PipelineError> + 'a> {
-    let belief = field.stored.belief.clone();
+    let belief = &field.stored.belief;
     let channels = scene.robot().joint_count();
     let noise_sd = match field.stored.has_deviations() {
         true => Some(field.noise_sd(channels, console)?),
         false => None,
     };
     Ok(move |trace: &Trace| match &noise_sd {
-        Some(noise_sd) => predict(scene, &belief, noise_sd, trace),
+        Some(noise_sd) => predict(scene, belief, noise_sd, trace),
         None => {
-            let prediction = predict(scene, &belief, &vec![0.0; channels], trace)?;
+            let prediction = predict(scene, belief, &vec![0.0; channels], trace)?;
             Ok(SequencePrediction {
                 sd: Vec::new(),
                 ..prediction

@@ -111,13 +111,10 @@ pub fn in_air(
     for &sequence in sequences {
         let mut frames = Frames::default();
         for row in (0..sequence.len()).step_by(every) {
-            let place = |e: String| anyhow::anyhow!("sequence {} row {row}: {e}", sequence.id);
             robot
                 .update_posture(&sequence.angles[row], &mut posture)
-                .map_err(|e| place(e.to_string()))?;
-            frames
-                .push(robot, &posture, origin_W)
-                .map_err(|e| place(e.to_string()))?;
+                .and_then(|()| frames.push(robot, &posture, origin_W))
+                .map_err(|e| anyhow::anyhow!("sequence {} row {row}: {e}", sequence.id))?;
             frames.time.push(sequence.time[row]);
         }
         all.push(frames);

@@ -209,9 +209,11 @@ impl<'a> BatchFit<'a> {
         let scale = self.noise_scale * self.noise_scale;
         let entry = |(k, r): (usize, &f64)| {
             let (i, j) = (k / d, k % d);
-            // What rounding leaves of nothing may lie below zero.
-            let least = if i == j { 0.0 } else { f64::MIN };
-            covariance[(i, j)].max(least) + scale * r
+            // What rounding leaves of nothing may lie below zero; NaN stays.
+            match covariance[(i, j)] {
+                below if i == j && below < 0.0 => scale * r,
+                own => own + scale * r,
+            }
         };
         Ok((sums.mean, noise.enumerate().map(entry).collect()))
     }

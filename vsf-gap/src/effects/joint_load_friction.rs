@@ -8,8 +8,8 @@ use vsf_data::TorqueKind;
 /// Dry friction in the joints that is proportional to the load of the gears: `-m_j |tau_j| sign(qd_j)`.
 ///
 /// Parameters `m_<joint>` (1) and the shape `eps` (rad/s or m/s), the speed at which friction has
-/// three quarters of its size, and at twice of it nearly all. The load is that of the contact; for readings of the actuators it is that of the
-/// arm's weight and motion, unless the motor is off: then friction alone stands against these, and they would
+/// three quarters of its size, and at twice of it nearly all. The load is that of the contact; for readings of
+/// the actuators it is that of the arm's weight and motion, unless the motor is off: then friction alone stands against these, and they would
 /// be explained by themselves. Tell-tale: nothing in free motion without weight, and a loop between pressing
 /// and letting go that each joint has for itself; friction on the object's surface acts on all joints at once.
 ///

@@ -50,7 +50,8 @@ impl Effect for Payload {
     fn compensator(&self, site: &Site, theta: &[f64]) -> Result<Box<dyn Compensator>, GapError> {
         check(self.name(), theta, 4)?;
         // A robot with joints has a last one.
-        let link = site.robot.last_joint().map_or(0, |joint| joint.child());
+        let robot = &site.robot;
+        let link = (robot.last_joint()).map_or(0, |j| robot.joints()[j].child());
         Ok(Box::new(Carried {
             body: Body::new(theta),
             link,

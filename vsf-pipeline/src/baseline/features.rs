@@ -79,18 +79,17 @@ fn table(columns: &[Vec<f64>], chosen: &[bool]) -> Result<Features, PipelineErro
 /// The features of the paper's baselines (section IV-C), `(q, r, k)`, of every sample: a column per
 /// joint position, then place and axis of the end effector. See [`super::Baseline`].
 fn columns(robot: &RobotModel, sequences: &[&Sequence]) -> Result<Vec<Vec<f64>>, PipelineError> {
-    let chains = robot.chains();
     let hand = robot.end_effector();
-    let wrist = chains.chain(hand).last().map_or(0, |j| *j as usize);
+    let wrist = robot.last_joint().unwrap_or(0);
     let mut posture = robot.posture();
     let mut columns = vec![Vec::new(); robot.joint_count() + 6];
     for sequence in sequences {
         for (row, q) in sequence.angles.iter().enumerate() {
             let placed = robot.update_posture(q, &mut posture);
-            placed.map_err(|e| PipelineError::Sequence {
+            placed.map_err(|source| PipelineError::Sequence {
                 id: sequence.id.clone(),
                 row,
-                source: CoreError::Other(e.to_string()),
+                source,
             })?;
             let place = &posture.link_poses()[hand].translation.vector;
             let screw = &posture.screws()[wrist];

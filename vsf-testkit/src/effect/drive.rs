@@ -199,7 +199,8 @@ fn make(site: &Site, touch: usize, row: usize) -> Row {
         true => ((row - CONTACT.start) as f64 + 0.5) / CONTACT.len() as f64,
         false => 0.0,
     };
-    let link = site.robot.last_joint().map_or(0, |joint| joint.child());
+    let robot = &site.robot;
+    let link = (robot.last_joint()).map_or(0, |j| robot.joints()[j].child());
     if pressed > 0.0 {
         let depth = (0.02 + 0.01 * (touch % 2) as f64) * (PI * pressed).sin();
         for p in 0..site.rest.len().min(TOUCHED) {
