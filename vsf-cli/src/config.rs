@@ -38,9 +38,9 @@ pub struct Sources {
 }
 
 impl Sources {
-    /// Refuses an output for machines in the place of the file.
+    /// Refuses an output in the place of the file.
     pub fn keep(&self, console: &Console) -> anyhow::Result<()> {
-        (self.config.iter()).try_for_each(|file| console.keep_input(file))
+        (self.config.iter()).try_for_each(|file| console.outputs.keep(file))
     }
 }
 

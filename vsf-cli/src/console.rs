@@ -1,5 +1,5 @@
-use crate::exit::usage;
 use crate::interrupt::writing;
+use crate::outputs::Outputs;
 use anyhow::Context;
 use indicatif::{ProgressBar, ProgressStyle};
 use serde::Serialize;
@@ -14,6 +14,8 @@ pub struct Console {
     quiet: bool,
     json: Option<Option<PathBuf>>,
     warnings: RefCell<Vec<String>>,
+    /// Where the command writes.
+    pub outputs: Outputs,
 }
 
 /// What machines read.
@@ -28,13 +30,15 @@ impl Console {
     /// `json`: not wanted, to standard output (also by `-`), or to a file, whose folder must exist.
     pub fn new(quiet: bool, json: Option<Option<PathBuf>>) -> anyhow::Result<Self> {
         let json = json.map(|to| to.filter(|path| path.as_os_str() != "-"));
+        let outputs = Outputs::default();
         if let Some(Some(path)) = &json {
-            check_file("--json", path)?;
+            outputs.file("--json", path)?;
         }
         Ok(Self {
             quiet,
             json,
             warnings: RefCell::default(),
+            outputs,
         })
     }
 
@@ -70,58 +74,6 @@ impl Console {
         Ok(writing(|| vsf::data::write_files(files))?)
     }
 
-    /// Refuses outputs, each with its flag, that are no files in folders that exist, that lie in
-    /// `input`, or that name a place twice.
-    pub fn check_outputs(&self, outputs: &[(&str, &Path)], input: &Path) -> anyhow::Result<()> {
-        let json = self
-            .json
-            .iter()
-            .flatten()
-            .map(|json| ("--json", json.as_path()));
-        let all: Vec<_> = json.chain(outputs.iter().copied()).collect();
-        for (k, &(flag, path)) in all.iter().enumerate() {
-            check_file(flag, path)?;
-            if place(path).starts_with(place(input)) {
-                let (path, input) = (path.display(), input.display());
-                return Err(usage(format!(
-                    "{flag} {path} would replace a part of {input}"
-                )));
-            }
-            if let Some((other, _)) = all[..k].iter().find(|(_, p)| place(p) == place(path)) {
-                return Err(usage(format!("{other} and {flag} name the same file")));
-            }
-        }
-        Ok(())
-    }
-
-    /// Refuses an output for machines that is another output, or lies in it.
-    pub fn keep_apart(&self, out: &[impl AsRef<Path>]) -> anyhow::Result<()> {
-        let Some(Some(json)) = &self.json else {
-            return Ok(());
-        };
-        let holds = |out: &&Path| place(json).starts_with(place(out));
-        match out.iter().map(AsRef::as_ref).find(holds) {
-            Some(out) => Err(usage(format!(
-                "--json {} would replace --out {} or a part of it",
-                json.display(),
-                out.display()
-            ))),
-            None => Ok(()),
-        }
-    }
-
-    /// Refuses an output for machines in the place of an input, or inside of it.
-    pub fn keep_input(&self, input: &Path) -> anyhow::Result<()> {
-        match &self.json {
-            Some(Some(json)) if place(json).starts_with(place(input)) => Err(usage(format!(
-                "--json {} would replace a part of {}",
-                json.display(),
-                input.display()
-            ))),
-            _ => Ok(()),
-        }
-    }
-
     /// A warning, printed whatever else is; the same one once.
     pub fn warn(&self, warning: impl Display) {
         let warning = warning.to_string();
@@ -153,33 +105,6 @@ impl Console {
         let bar = ProgressBar::new_spinner().with_message(what);
         bar.enable_steady_tick(std::time::Duration::from_millis(120));
         bar
-    }
-}
-
-/// Refuses what is no file in a folder that exists.
-fn check_file(flag: &str, path: &Path) -> anyhow::Result<()> {
-    let folder = path.parent().filter(|p| !p.as_os_str().is_empty());
-    if names_folder(path) || folder.is_some_and(|f| !f.is_dir()) {
-        let why = format!("{flag} must name a file in a folder that exists");
-        return Err(std::io::Error::new(ErrorKind::NotFound, why))
-            .with_context(|| format!("cannot write {}", path.display()));
-    }
-    check_name(flag, path)
-}
-
-/// Whether a path is that of a folder, or is written as of one, with a slash at its end.
-pub fn names_folder(path: &Path) -> bool {
-    let last = path.as_os_str().as_encoded_bytes().last();
-    path.is_dir() || last.is_some_and(|b| std::path::is_separator(char::from(*b)))
-}
-
-/// Refuses a name that the system takes for no file, such as one too long.
-fn check_name(flag: &str, path: &Path) -> anyhow::Result<()> {
-    match path.symlink_metadata() {
-        Err(e) if e.kind() != ErrorKind::NotFound => {
-            Err(e).with_context(|| format!("cannot write {flag} {}", path.display()))
-        }
-        _ => Ok(()),
     }
 }
 
@@ -270,63 +195,6 @@ pub fn number(value: f64) -> String {
         v if (1e-4..1e6).contains(&v) => format!("{value:.decimals$}"),
         _ => format!("{value:.3e}"),
     }
-}
-
-/// Refuses what lies below something that is no folder, and names that no file can have.
-pub fn check_above(flag: &str, out: &Path) -> anyhow::Result<()> {
-    let mut above = out.ancestors().skip(1);
-    match above.find(|p| p.exists() && !p.is_dir()) {
-        Some(above) => {
-            let why = format!("{} is no folder", above.display());
-            Err(std::io::Error::new(ErrorKind::NotADirectory, why))
-                .with_context(|| format!("cannot write {flag} {}", out.display()))
-        }
-        None => check_name(flag, out),
-    }
-}
-
-/// Refuses a folder to write to that is none, or holds a name that is `odd`; `what` may be replaced
-/// there. Names that begin with a dot do not count: a killed command leaves such.
-pub fn check_folder(
-    flag: &str,
-    out: &Path,
-    what: &str,
-    odd: impl Fn(&[String]) -> Option<&String>,
-) -> anyhow::Result<()> {
-    check_above(flag, out)?;
-    if out.exists() && !out.is_dir() {
-        return Err(usage(format!("{flag} {}: it is no folder", out.display())));
-    }
-    let names = out.read_dir().into_iter().flatten().flatten();
-    let names = names.map(|entry| entry.file_name().to_string_lossy().into_owned());
-    let mut names: Vec<String> = names.filter(|name| !name.starts_with('.')).collect();
-    names.sort_unstable();
-    match odd(&names) {
-        Some(name) => Err(usage(format!(
-            "{flag} {} holds other files ({name:?}); choose a new or empty folder, or {what} to replace",
-            out.display()
-        ))),
-        None => Ok(()),
-    }
-}
-
-/// In a folder that may hold anything beside one of these, the first name where none of them is.
-pub fn unmarked<'a>(names: &'a [String], marks: &[&str]) -> Option<&'a String> {
-    let is_marked = names.iter().any(|name| marks.contains(&name.as_str()));
-    names.first().filter(|_| !is_marked)
-}
-
-/// Where a file or folder is or would be, with links followed as far as it is there.
-pub fn place(path: &Path) -> PathBuf {
-    let real = |base: &Path| match base.as_os_str().is_empty() {
-        true => Path::new(".").canonicalize().ok(),
-        false => base.canonicalize().ok(),
-    };
-    let found = path.ancestors().find_map(|base| Some((real(base)?, base)));
-    let rest = |base: &Path| path.strip_prefix(base).map(Path::to_owned).ok();
-    found
-        .and_then(|(real, base)| Some(real.join(rest(base)?)))
-        .unwrap_or_else(|| path.to_owned())
 }
 
 #[cfg(test)]

@@ -91,7 +91,7 @@ impl ModelArgs {
         let Some(path) = self.model.clone() else {
             return Ok(None);
         };
-        console.keep_input(&path)?;
+        console.outputs.keep(&path)?;
         let place = || path.display().to_string();
         let text = read_text(&path)?;
         let file = ModelFile::from_json(&text).with_context(place)?;

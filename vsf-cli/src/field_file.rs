@@ -1,7 +1,8 @@
-use crate::console::{Console, check_above, check_folder, create_folder, names_folder};
+use crate::console::{Console, create_folder};
 use crate::corrected::{CorrectedModel, effects_of};
 use crate::exit::usage;
 use crate::interrupt::writing;
+use crate::outputs::unmarked;
 use anyhow::Context;
 use std::path::{Path, PathBuf};
 use vsf::data::{ContactParameters, McapExport, Sequence, StiffnessField};
@@ -59,7 +60,7 @@ impl FieldFile {
                 "{path}: a .{kind} is for looking at; give the .npz or the folder"
             )));
         }
-        console.keep_input(path)?;
+        console.outputs.keep(path)?;
         let (field, warnings) = StiffnessField::open(path)?;
         warnings.iter().for_each(|w| console.warn(w));
         Self::new(path.to_owned(), field)
@@ -198,19 +199,15 @@ fn contact_flags(contact: &ContactParameters) -> [(&'static str, String); 7] {
     ]
 }
 
-/// Refuses what [`save`] would refuse in the end, before the work begins.
-pub fn check_out(out: &Path) -> anyhow::Result<()> {
-    let path = out.display();
-    check_above("--out", out)?;
+/// Claims the place that [`save`] is to write to.
+pub fn claim(out: &Path, console: &Console) -> anyhow::Result<()> {
     if FieldFormat::of(out)? != FieldFormat::Folder {
-        return match names_folder(out) {
-            true => Err(usage(format!("--out {path}: it is a folder"))),
-            false => Ok(()),
-        };
+        return console.outputs.file_anywhere("--out", out);
     }
     let is_ours = |name: &str| name.ends_with(".npy") || name == "format.json";
-    check_folder("--out", out, "a field", |names| {
-        names.iter().find(|n| !is_ours(n))
+    console.outputs.folder("--out", out, "a field", |names| {
+        let other = names.iter().find(|n| !is_ours(n));
+        other.or_else(|| unmarked(names, &["K.npy"]))
     })
 }
 

@@ -14,6 +14,7 @@ mod exit;
 mod field_file;
 mod html;
 mod interrupt;
+mod outputs;
 mod pictures;
 mod range;
 mod recording;

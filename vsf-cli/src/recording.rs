@@ -1,8 +1,9 @@
 use crate::config::Sources;
-use crate::console::{Console, check_folder, number, place, unmarked};
+use crate::console::{Console, number};
 use crate::corrected::{CorrectedModel, ModelArgs};
 use crate::exit::usage;
 use crate::field_file::FieldFile;
+use crate::outputs::unmarked;
 use crate::settings::{MetadataSettings, SceneSettings};
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
@@ -64,10 +65,9 @@ impl FieldArgs {
         out: &Path,
         console: &Console,
     ) -> anyhow::Result<(Recording, FieldFile, Scene, Option<CorrectedModel>)> {
-        console.keep_apart(&[out])?;
+        claim(out, console)?;
         let model = self.model.open(console)?;
         let recording = self.recording.open(console)?;
-        recording.check_out(out)?;
         let given = self.field.as_deref();
         let (field, scene) = recording.field_and_scene(given, model.as_ref(), console)?;
         Ok((recording, field, scene, model))
@@ -83,21 +83,9 @@ impl RecordingArgs {
 }
 
 impl Recording {
-    /// Refuses a folder for another recording that is this one or lies inside it, or that holds
-    /// anything that is no recording.
-    fn check_out(&self, out: &Path) -> anyhow::Result<()> {
-        if place(out).starts_with(place(&self.path)) {
-            return Err(usage(format!(
-                "--out {} lies in the recording itself; choose another folder",
-                out.display()
-            )));
-        }
-        check_out(out)
-    }
-
-    /// Opens a folder, of which `--json` must not name a part, and prints its warnings.
+    /// Opens a folder, in which no output may lie, and prints its warnings.
     pub fn open(path: &Path, settings: &SceneSettings, console: &Console) -> anyhow::Result<Self> {
-        console.keep_input(path)?;
+        console.outputs.keep(path)?;
         let (dataset, warnings) = Dataset::open(path, &settings.metadata.overrides()?)
             .map_err(|e| blame(&settings.metadata, e))?;
         keep_robot(Some(&dataset.robot), console)?;
@@ -351,17 +339,19 @@ impl Recording {
     }
 }
 
-/// Refuses a folder for a recording that holds anything that is no recording.
-pub fn check_out(out: &Path) -> anyhow::Result<()> {
-    check_folder("--out", out, "a recording", |names| {
-        unmarked(names, &["dataset.json"])
-    })
+/// Claims a folder for a recording.
+pub fn claim(out: &Path, console: &Console) -> anyhow::Result<()> {
+    console
+        .outputs
+        .folder("--out", out, "a recording", |names| {
+            unmarked(names, &["dataset.json"])
+        })
 }
 
-/// Refuses an output for machines in the place of a robot's file.
+/// Refuses an output in the place of a robot's file.
 pub fn keep_robot(robot: Option<&RobotRef>, console: &Console) -> anyhow::Result<()> {
     let urdf = robot.and_then(|robot| robot.path.as_deref());
-    urdf.map_or(Ok(()), |urdf| console.keep_input(urdf))
+    urdf.map_or(Ok(()), |urdf| console.outputs.keep(urdf))
 }
 
 /// Refuses flags that are of recordings where the input is a field.

@@ -357,22 +357,39 @@ fn outputs_never_mix_with_other_files() {
     bench.fails(
         &format!("{estimate} touch/seq_a"),
         2,
-        &["seq_a", "in the way"],
+        &["seq_a", "other files"],
     );
     assert!(!bench.root.join("touch/K.npy").exists());
     assert_eq!(fs::read_dir(bench.root.join("notes")).unwrap().count(), 1);
+    // Arrays of any kind are no field to replace.
+    fs::remove_file(bench.root.join("notes/a.txt")).unwrap();
+    fs::copy(
+        bench.root.join("data/points.npy"),
+        bench.root.join("notes/points.npy"),
+    )
+    .unwrap();
+    bench.fails(&format!("{estimate} notes"), 2, &["notes", "points.npy"]);
     bench.ok(&format!("{estimate} folder"));
     bench.ok(&format!("{estimate} folder"));
+    // What makes a recording another one, or none.
+    for out in ["seq_zz", "camera", "field.npz"] {
+        bench.fails(
+            &format!("{estimate} touch/{out}"),
+            2,
+            &["--out", "would change touch"],
+        );
+    }
+    bench.ok("info touch");
     for command in ["simulate", "predict"] {
         let line = format!("{command} touch --field truth --out");
         bench.fails(&format!("{line} notes"), 2, &["notes", "other files"]);
-        bench.fails(&format!("{line} touch"), 2, &["touch", "recording itself"]);
+        bench.fails(&format!("{line} touch"), 2, &["touch", "would change"]);
     }
     let before = fs::read(bench.root.join("touch/seq_c/torques.npy")).unwrap();
     bench.fails(
         "predict touch --sequences a,b,c --field truth --out touch",
         2,
-        &["recording itself"],
+        &["would change touch"],
     );
     assert_eq!(
         before,
@@ -473,6 +490,9 @@ fn paths_of_any_kind() {
     for name in ["\u{fc} \u{65e5}".as_bytes(), b"not \xff unicode"] {
         let folder = bench.root.join(OsStr::from_bytes(name));
         fs::rename(bench.root.join("data"), &folder).unwrap();
+        let out = bench
+            .root
+            .join(OsStr::from_bytes(&[name, b" b.npz"].concat()));
         let output = Command::new(env!("CARGO_BIN_EXE_vsf"))
             .args([
                 "estimate",
@@ -482,15 +502,15 @@ fn paths_of_any_kind() {
             ])
             .arg(&folder)
             .arg("--out")
-            .arg(folder.join("a b.npz"))
+            .arg(&out)
             .current_dir(&bench.root)
             .output()
             .unwrap();
         let error = String::from_utf8_lossy(&output.stderr);
         assert!(output.status.success(), "{error}");
-        assert!(folder.join("a b.npz").is_file());
+        assert!(out.is_file());
         let json = fs::read_to_string(bench.root.join("out.json")).unwrap();
-        assert!(json.contains("a b.npz"), "{json}");
+        assert!(json.contains(" b.npz"), "{json}");
         fs::rename(&folder, bench.root.join("data")).unwrap();
     }
 }
@@ -614,6 +634,57 @@ fn fields_of_the_largest_prior_and_noise() {
     bench.fails(&format!("{line} 1e10"), 2, &["--noise-sd", "at most 1e9"]);
     bench.ok(&format!("{line} 1e9"));
     bench.ok("info s");
+}
+
+/// A path that leads back through a folder to come names what is there.
+#[test]
+fn outputs_behind_folders_that_do_not_exist() {
+    let bench = Bench::touched();
+    let before = fs::read(bench.root.join("touch/seq_a/torques.npy")).unwrap();
+    let refused = ["--out", "does not exist"];
+    for line in [
+        "simulate touch --field truth --out nosuch/../touch",
+        "predict touch --field truth --out nosuch/../touch",
+        "experiment paper touch --out nosuch/../touch",
+        "estimate touch --out nosuch/../truth",
+        "estimate touch --out nosuch/../f.npz",
+    ] {
+        bench.fails(line, 3, &refused);
+    }
+    assert!(!bench.root.join("nosuch").exists());
+    let after = fs::read(bench.root.join("touch/seq_a/torques.npy")).unwrap();
+    assert_eq!(before, after);
+}
+
+/// Two outputs of one place, or one in the other.
+#[test]
+fn outputs_of_one_place() {
+    let bench = Bench::touched();
+    let estimate = "estimate touch --out f.npz --out";
+    bench.fails(&format!("{estimate} ./f.npz"), 2, &["--out", "same file"]);
+    bench.fails(
+        "estimate touch --out folder --out folder/f.npz",
+        2,
+        &["--out folder", "one lies in the other"],
+    );
+}
+
+/// What cannot be written is told before the work.
+#[cfg(target_os = "linux")]
+#[test]
+fn outputs_where_nothing_can_be_written() {
+    let bench = Bench::touched();
+    let long = "x".repeat(300);
+    std::os::unix::fs::symlink("nowhere", bench.root.join("link.npz")).unwrap();
+    for (line, part) in [
+        ("estimate touch --out /proc/f.npz", "/proc/f.npz"),
+        ("diagnose touch --html /proc/a.html", "/proc/a.html"),
+        ("experiment paper touch --out /proc/report", "/proc/report"),
+        (&format!("view touch --out {long}.html"), "too long"),
+        ("estimate touch --out link.npz", "leads nowhere"),
+    ] {
+        bench.fails(line, 3, &["cannot write", part]);
+    }
 }
 
 #[cfg(unix)]

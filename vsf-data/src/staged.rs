@@ -1,6 +1,7 @@
 //! Files that are written together or not at all.
 
-use crate::DataError;
+use crate::{DataError, files};
+use std::ffi::OsString;
 use std::fs;
 use std::io::{Error, ErrorKind, Write};
 use std::path::{Path, PathBuf};
@@ -38,8 +39,8 @@ pub fn write_files<P: AsRef<Path>, B: AsRef<[u8]>>(
 #[derive(Default)]
 pub(crate) struct Staged {
     files: Vec<(TempPath, PathBuf)>,
-    /// Those to create, and whether they were there.
-    folders: Vec<(PathBuf, bool)>,
+    /// Those to create, and what was in those that were there.
+    folders: Vec<(PathBuf, Option<Vec<OsString>>)>,
 }
 
 impl Staged {
@@ -49,7 +50,8 @@ impl Staged {
             let error = ErrorKind::NotADirectory.into();
             return Err(DataError::io("create", path, error));
         }
-        self.folders.push((path.to_owned(), path.exists()));
+        let known = path.exists().then(|| visible(path));
+        self.folders.push((path.to_owned(), known.transpose()?));
         Ok(())
     }
 
@@ -57,6 +59,10 @@ impl Staged {
     pub fn file(&mut self, path: &Path, bytes: &[u8]) -> Result<(), DataError> {
         let failed = |e| DataError::io("write", path, e);
         let place = path.canonicalize().unwrap_or_else(|_| path.to_owned());
+        if place.is_symlink() {
+            let why = "it is a link that leads nowhere";
+            return Err(failed(Error::new(ErrorKind::NotFound, why)));
+        }
         if let Ok(old) = place.metadata() {
             if !old.is_file() && !old.is_dir() {
                 return fs::write(&place, bytes).map_err(failed);
@@ -97,18 +103,30 @@ impl Staged {
         self.files.iter().any(|(_, p)| *p == place)
     }
 
-    /// Puts all files in their places, in the order in which they were written; refused where a folder that was to be
-    /// created has come into being meanwhile.
+    /// Puts all files in their places, in the order in which they were written; refused where another program has
+    /// changed the folders meanwhile.
     pub fn commit(self) -> Result<(), DataError> {
         // Two programs at once must not mix in one folder.
-        if let Some((folder, _)) = (self.folders.iter()).find(|(f, known)| !known && f.exists()) {
-            let why = "another program has made it meanwhile";
-            let error = Error::new(ErrorKind::AlreadyExists, why);
-            return Err(DataError::io("create", folder, error));
+        let mixed = |folder: &Path| {
+            let why = "another program has written there meanwhile";
+            DataError::io(
+                "write to",
+                folder,
+                Error::new(ErrorKind::AlreadyExists, why),
+            )
+        };
+        for (folder, known) in &self.folders {
+            if let Some(known) = known
+                && visible(folder)? != *known
+            {
+                return Err(mixed(folder));
+            }
         }
         let mut created = Created::default();
-        for (folder, _) in &self.folders {
-            created.folder(folder)?;
+        for (folder, _) in self.folders.iter().filter(|(_, known)| known.is_none()) {
+            if !created.folder(folder)? {
+                return Err(mixed(folder));
+            }
         }
         for (file, place) in self.files {
             file.persist(&place)
@@ -119,18 +137,34 @@ impl Staged {
     }
 }
 
+/// The names in a folder but those that begin with a dot, such as files of other programs to come.
+fn visible(folder: &Path) -> Result<Vec<OsString>, DataError> {
+    let names = files::list(folder)?.into_iter();
+    let names = names.filter_map(|path| path.file_name().map(ToOwned::to_owned));
+    Ok(names
+        .filter(|n| !n.as_encoded_bytes().starts_with(b"."))
+        .collect())
+}
+
 /// Folders that did not exist before, parents first; they go where they are not cleared.
 #[derive(Default)]
 struct Created(Vec<PathBuf>);
 
 impl Created {
-    fn folder(&mut self, path: &Path) -> Result<(), DataError> {
+    /// Creates a folder and those above it; false where another program did.
+    fn folder(&mut self, path: &Path) -> Result<bool, DataError> {
         let mut missing: Vec<_> = (path.ancestors())
             .take_while(|p| !p.as_os_str().is_empty() && !p.exists())
             .collect();
         missing.reverse();
-        self.0.extend(missing.into_iter().map(Path::to_owned));
-        fs::create_dir_all(path).map_err(|e| DataError::io("create", path, e))
+        for folder in missing {
+            match fs::create_dir(folder) {
+                Ok(()) => self.0.push(folder.to_owned()),
+                Err(e) if e.kind() == ErrorKind::AlreadyExists => {}
+                Err(e) => return Err(DataError::io("create", path, e)),
+            }
+        }
+        Ok(self.0.iter().any(|p| p == path))
     }
 }
 
@@ -165,8 +199,11 @@ mod tests {
         assert!(error.contains("another program"), "{error}");
         assert_eq!(fs::read(folder.join("a")).unwrap(), b"theirs");
         assert_eq!(fs::read_dir(home.path()).unwrap().count(), 1);
-        // A folder that was there is written to.
-        stage().commit().unwrap();
+        // A folder that was there is written to, unless it has changed.
+        let (first, second) = (stage(), stage());
+        first.commit().unwrap();
         assert_eq!(fs::read(folder.join("a")).unwrap(), b"ours");
+        fs::write(folder.join("b"), b"theirs").unwrap();
+        assert!(second.commit().is_err());
     }
 }

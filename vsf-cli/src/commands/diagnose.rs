@@ -65,11 +65,10 @@ pub fn run(args: &Args, console: &Console) -> anyhow::Result<()> {
             effects::named(names)?
         }
     };
-    let outputs = [("--html", &args.html), ("--model", &args.model)];
-    let outputs: Vec<_> = (outputs.into_iter())
-        .filter_map(|(flag, path)| Some((flag, path.as_deref()?)))
-        .collect();
-    console.check_outputs(&outputs, &args.recording.dataset)?;
+    for (flag, path) in [("--html", &args.html), ("--model", &args.model)] {
+        path.iter()
+            .try_for_each(|path| console.outputs.file(flag, path))?;
+    }
     if let Some(path) = args.model.as_deref().filter(|path| path.is_file()) {
         let earlier = read_text(path)?;
         ModelFile::from_json(&earlier).map_err(|_| {

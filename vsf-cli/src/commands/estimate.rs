@@ -1,7 +1,7 @@
 use crate::console::{Console, number, texts};
 use crate::corrected::{CorrectedModel, ModelArgs};
 use crate::exit::usage;
-use crate::field_file::{FieldFormat, check_out, save};
+use crate::field_file::{FieldFormat, claim, save};
 use crate::recording::{Default, RecordingArgs, traces, untouched};
 use crate::settings::EstimatorSettings;
 use serde::Serialize;
@@ -94,8 +94,7 @@ pub fn run(args: &Args, console: &Console) -> anyhow::Result<()> {
             )));
         }
     }
-    args.out.iter().try_for_each(|out| check_out(out))?;
-    console.keep_apart(&args.out)?;
+    args.out.iter().try_for_each(|out| claim(out, console))?;
     let settings = &args.estimator;
     settings.spec()?;
     let model = args.model.open(console)?;
@@ -103,7 +102,7 @@ pub fn run(args: &Args, console: &Console) -> anyhow::Result<()> {
     let sequences = recording.sequences(args.sequences.as_deref(), Default::Train)?;
     // What is missing is told before contact takes its time.
     if let Some(file) = settings.vision_file() {
-        console.keep_input(file)?;
+        console.outputs.keep(file)?;
     }
     let view = match settings.vision()? {
         None => None,

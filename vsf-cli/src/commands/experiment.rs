@@ -108,7 +108,7 @@ fn open(
     contact: &ContactArgs,
     console: &Console,
 ) -> anyhow::Result<Found<(usize, Recording)>> {
-    paths.iter().try_for_each(|p| console.keep_input(p))?;
+    paths.iter().try_for_each(|p| console.outputs.keep(p))?;
     if let Some(k) = (1..paths.len()).find(|&k| paths[..k].contains(&paths[k])) {
         return Err(usage(format!("{} is given twice", paths[k].display())));
     }

@@ -2,7 +2,7 @@ use crate::config::Sources;
 use crate::console::{Console, Written, create_folder, texts, write_file};
 use crate::corrected::{CorrectedModel, ModelArgs, Modelled};
 use crate::exit::usage;
-use crate::field_file::{FieldFile, FieldFormat, check_out, save};
+use crate::field_file::{FieldFile, FieldFormat, claim, save};
 use crate::interrupt::writing;
 use crate::pictures::{self, Surroundings, View};
 use crate::range::positive;
@@ -63,9 +63,8 @@ pub fn run(args: &Args, console: &Console) -> anyhow::Result<()> {
     if args.out.is_empty() && args.torques.is_none() {
         return Err(usage("nothing to write: give --out FILE or --torques DIR"));
     }
-    args.out.iter().try_for_each(|out| check_out(out))?;
+    args.out.iter().try_for_each(|out| claim(out, console))?;
     args.sources.keep(console)?;
-    console.keep_apart(&args.out)?;
     let written = match FieldFile::is_at(&args.input) {
         true => {
             let given = [

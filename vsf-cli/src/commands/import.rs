@@ -3,7 +3,7 @@ use crate::console::{Console, number, table};
 use crate::derived::save;
 use crate::exit::usage;
 use crate::range::{self, finite, positive};
-use crate::recording::{blame, check_out, explain, keep_robot};
+use crate::recording::{blame, claim, explain, keep_robot};
 use crate::settings::MetadataSettings;
 use serde::Serialize;
 use std::path::PathBuf;
@@ -87,11 +87,10 @@ struct Entry {
 }
 
 pub fn run(args: &Args, console: &Console) -> anyhow::Result<()> {
+    claim(&args.out, console)?;
     let mut inputs = args.files.iter().chain(&args.points);
-    inputs.try_for_each(|f| console.keep_input(f))?;
+    inputs.try_for_each(|f| console.outputs.keep(f))?;
     args.sources.keep(console)?;
-    console.keep_apart(&[&args.out])?;
-    check_out(&args.out)?;
     let filled = args.corners.as_ref().map(|c| Filled::new(c, args.spacing));
     let filled = filled.transpose()?;
     let clock = match args.log_time {

@@ -1,5 +1,6 @@
-use crate::console::{Console, place, write_file};
+use crate::console::{Console, write_file};
 use crate::exit::usage;
+use crate::outputs::place;
 use crate::range::ending;
 use crate::recording::Recording;
 use crate::settings::SceneSettings;
@@ -75,6 +76,7 @@ fn object(text: &str) -> Result<Object, String> {
 }
 
 pub fn run(args: &Args, console: &Console) -> anyhow::Result<()> {
+    console.outputs.file("--out", &args.out)?;
     for (k, object) in args.objects.iter().enumerate() {
         let recording = place(&object.recording);
         if args.objects[..k]
@@ -84,11 +86,6 @@ pub fn run(args: &Args, console: &Console) -> anyhow::Result<()> {
             let name = object.recording.display();
             return Err(usage(format!("{name} is given twice")));
         }
-        console.check_outputs(&[("--out", &args.out)], &object.recording)?;
-    }
-    let fields = args.objects.iter().filter_map(|o| o.field.as_deref());
-    for field in fields {
-        console.check_outputs(&[("--out", &args.out)], field)?;
     }
     let samples = |object: &Object| {
         let place = || object.recording.display().to_string();

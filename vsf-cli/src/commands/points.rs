@@ -50,7 +50,6 @@ struct Report<'a> {
 }
 
 pub fn run(args: &Args, console: &Console) -> anyhow::Result<()> {
-    console.keep_apart(&[&args.out])?;
     let out = args.out.to_string_lossy();
     if args.out.exists() {
         return Err(usage(format!(
@@ -58,6 +57,8 @@ pub fn run(args: &Args, console: &Console) -> anyhow::Result<()> {
         )));
     }
     let recording = Recording::open(&args.dataset, &SceneSettings::default(), console)?;
+    // Only now: a new file may lie in the recording.
+    console.outputs.file("--out", &args.out)?;
     let view = recording.view()?.ok_or(PipelineError::NoCamera)?;
     let (from, [lower, upper]) = match (&args.corners, recording.dataset.object_bbox) {
         (Some(given), _) => ("--box", corners(given)?),

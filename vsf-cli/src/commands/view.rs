@@ -47,8 +47,9 @@ pub struct Args {
 }
 
 pub fn run(args: &Args, console: &Console) -> anyhow::Result<()> {
+    console.outputs.file("--out", &args.out)?;
     args.sources.keep(console)?;
-    console.check_outputs(&[("--out", &args.out)], &args.input)?;
+    console.outputs.keep(&args.input)?;
     let html = if args.input.extension().is_some_and(|e| e == "json") {
         of_report(args)?
     } else if FieldFile::is_at(&args.input) {

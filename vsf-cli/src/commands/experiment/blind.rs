@@ -1,5 +1,5 @@
 use crate::blind::{Case, Score, text};
-use crate::console::{Console, check_folder, create_folder};
+use crate::console::{Console, create_folder};
 use clap::builder::RangedU64ValueParser;
 use serde::Serialize;
 use std::path::PathBuf;
@@ -45,9 +45,11 @@ struct Report<'a> {
 pub fn run(args: &Args, console: &Console) -> anyhow::Result<()> {
     let scratch = tempfile::tempdir()?;
     let folder = args.keep.as_deref().unwrap_or(scratch.path());
-    check_folder("--keep", folder, "earlier cases", |names| {
-        names.iter().find(|name| !name.starts_with(CASE))
-    })?;
+    console
+        .outputs
+        .folder("--keep", folder, "earlier cases", |names| {
+            names.iter().find(|name| !name.starts_with(CASE))
+        })?;
     create_folder(folder)?;
     let specs = draw_cases(args.cases, args.seed);
     let bar = console.bar(specs.len(), "blind cases");

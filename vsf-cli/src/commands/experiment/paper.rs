@@ -1,7 +1,8 @@
 use super::figures::Figures;
 use super::report::{figures_text, tables};
 use super::{ContactArgs, Failed, Found, each, open, progress};
-use crate::console::{Console, check_folder, create_folder, texts, unmarked};
+use crate::console::{Console, create_folder, texts};
+use crate::outputs::unmarked;
 use crate::recording::Recording;
 use crate::samples::{FAR_PLACES, NEAR_PLACES, ONE_PLACE};
 use crate::settings::VisionKind;
@@ -91,10 +92,11 @@ impl<'a> Report<'a> {
 
 pub fn run(args: &Args, console: &Console) -> anyhow::Result<()> {
     let out = &args.out;
-    check_folder("--out", out, "an earlier report", |names| {
-        unmarked(names, &["report.md", "recordings", Figures::UPDATE_TIMES])
-    })?;
-    console.keep_apart(&[out.join("report.json")])?;
+    console
+        .outputs
+        .folder("--out", out, "an earlier report", |names| {
+            unmarked(names, &["report.md", "recordings", Figures::UPDATE_TIMES])
+        })?;
     let recordings = match args.recordings.is_empty() {
         true => [ONE_PLACE, NEAR_PLACES, FAR_PLACES]
             .iter()

@@ -1,0 +1,175 @@
+//! Where a command writes, told before it reads or works: it replaces nothing that it reads, nothing of its own
+//! twice, and no files of others.
+
+use crate::exit::usage;
+use anyhow::Context;
+use std::cell::RefCell;
+use std::io::{Error, ErrorKind};
+use std::path::{Component, Path, PathBuf};
+
+/// The places that a command writes to, each with its flag.
+#[derive(Default)]
+pub struct Outputs(RefCell<Vec<(&'static str, PathBuf)>>);
+
+impl Outputs {
+    /// Claims a file in a folder that exists.
+    pub fn file(&self, flag: &'static str, path: &Path) -> anyhow::Result<()> {
+        if names_folder(path) || !parent(path).is_dir() {
+            let why = format!("{flag} must name a file in a folder that exists");
+            return Err(Error::new(ErrorKind::NotFound, why)).with_context(|| cannot(flag, path));
+        }
+        self.claim(flag, path)
+    }
+
+    /// Claims a file; folders above it that are missing will be created.
+    pub fn file_anywhere(&self, flag: &'static str, path: &Path) -> anyhow::Result<()> {
+        if names_folder(path) {
+            return Err(usage(format!("{flag} {}: it is a folder", path.display())));
+        }
+        self.claim(flag, path)
+    }
+
+    /// Claims a folder. Refused is one that holds a name that is `odd`; `what` may be replaced there. Names that
+    /// begin with a dot do not count: a killed command leaves such.
+    pub fn folder(
+        &self,
+        flag: &'static str,
+        path: &Path,
+        what: &str,
+        odd: impl Fn(&[String]) -> Option<&String>,
+    ) -> anyhow::Result<()> {
+        self.claim(flag, path)?;
+        if path.exists() && !path.is_dir() {
+            return Err(usage(format!("{flag} {}: it is no folder", path.display())));
+        }
+        let names = path.read_dir().into_iter().flatten().flatten();
+        let names = names.map(|entry| entry.file_name().to_string_lossy().into_owned());
+        let mut names: Vec<String> = names.filter(|name| !name.starts_with('.')).collect();
+        names.sort_unstable();
+        match odd(&names) {
+            Some(name) => Err(usage(format!(
+                "{flag} {} holds other files ({name:?}); choose a new or empty folder, or {what} to replace",
+                path.display()
+            ))),
+            None => Ok(()),
+        }
+    }
+
+    /// Refuses outputs in the place of something that is read, or inside of it.
+    pub fn keep(&self, input: &Path) -> anyhow::Result<()> {
+        let claimed = self.0.borrow();
+        let lost = |(_, path): &&(&str, PathBuf)| place(path).starts_with(place(input));
+        match claimed.iter().find(lost) {
+            Some((flag, path)) => Err(usage(format!(
+                "{flag} {} would change {}, which is read",
+                path.display(),
+                input.display()
+            ))),
+            None => Ok(()),
+        }
+    }
+
+    fn claim(&self, flag: &'static str, path: &Path) -> anyhow::Result<()> {
+        writable(path).with_context(|| cannot(flag, path))?;
+        let mut claimed = self.0.borrow_mut();
+        let here = place(path);
+        for (other_flag, other) in claimed.iter() {
+            let there = place(other);
+            if here == there {
+                return Err(usage(format!("{other_flag} and {flag} name the same file")));
+            }
+            if here.starts_with(&there) || there.starts_with(&here) {
+                return Err(usage(format!(
+                    "{other_flag} {} and {flag} {}: one lies in the other",
+                    other.display(),
+                    path.display()
+                )));
+            }
+        }
+        claimed.push((flag, path.to_owned()));
+        Ok(())
+    }
+}
+
+/// In a folder that may hold anything beside one of these, the first name where none of them is.
+pub fn unmarked<'a>(names: &'a [String], marks: &[&str]) -> Option<&'a String> {
+    let is_marked = names.iter().any(|name| marks.contains(&name.as_str()));
+    names.first().filter(|_| !is_marked)
+}
+
+/// Where a file or folder is or would be, with links followed as far as it is there.
+pub fn place(path: &Path) -> PathBuf {
+    let real = |base: &Path| match base.as_os_str().is_empty() {
+        true => Path::new(".").canonicalize().ok(),
+        false => base.canonicalize().ok(),
+    };
+    let found = path.ancestors().find_map(|base| Some((real(base)?, base)));
+    let rest = |base: &Path| path.strip_prefix(base).map(Path::to_owned).ok();
+    found
+        .and_then(|(real, base)| Some(real.join(rest(base)?)))
+        .unwrap_or_else(|| path.to_owned())
+}
+
+fn cannot(flag: &str, path: &Path) -> String {
+    format!("cannot write {flag} {}", path.display())
+}
+
+/// The folder that a path is in, `.` of a name alone.
+fn parent(path: &Path) -> &Path {
+    match path.parent() {
+        Some(above) if !above.as_os_str().is_empty() => above,
+        _ => Path::new("."),
+    }
+}
+
+/// Whether a path is that of a folder, or is written as of one, with a slash at its end.
+fn names_folder(path: &Path) -> bool {
+    let last = path.as_os_str().as_encoded_bytes().last();
+    path.is_dir() || last.is_some_and(|b| std::path::is_separator(char::from(*b)))
+}
+
+/// Refuses what could not be written in the end: names that no file can have, what lies below a file or in a folder
+/// that is closed, files marked read-only. Pipes and devices are left to be tried.
+fn writable(path: &Path) -> Result<(), Error> {
+    match path.symlink_metadata() {
+        Ok(found) if found.is_symlink() && !path.exists() => {
+            let why = "it is a link that leads nowhere";
+            return Err(Error::new(ErrorKind::NotFound, why));
+        }
+        Ok(_) => {}
+        Err(e) if matches!(e.kind(), ErrorKind::NotFound | ErrorKind::NotADirectory) => {}
+        Err(e) => return Err(e),
+    }
+    let found = path.metadata().ok();
+    if let Some(there) = found.as_ref().filter(|m| !m.is_dir()) {
+        if !there.is_file() {
+            return Ok(());
+        }
+        if there.permissions().readonly() {
+            let why = "it is marked read-only";
+            return Err(Error::new(ErrorKind::PermissionDenied, why));
+        }
+    }
+    let to_come = |base: &&Path| !base.exists() && !base.as_os_str().is_empty();
+    let is_folder = found.is_some_and(|m| m.is_dir());
+    let mut above = path.ancestors().skip(usize::from(!is_folder));
+    let base = above.find(|base| !to_come(base)).unwrap_or(path);
+    let rest = path.strip_prefix(base).unwrap_or(path);
+    // Where it leads is known only once the folder before it has been created.
+    if rest.components().any(|c| c == Component::ParentDir) {
+        let why = "`..` stands behind a folder that does not exist";
+        return Err(Error::new(ErrorKind::InvalidInput, why));
+    }
+    let base = match base.as_os_str().is_empty() {
+        true => Path::new("."),
+        false => base,
+    };
+    if !base.is_dir() {
+        let why = format!("{} is no folder", base.display());
+        return Err(Error::new(ErrorKind::NotADirectory, why));
+    }
+    tempfile::Builder::new()
+        .prefix(".vsf-")
+        .tempfile_in(base)
+        .map(drop)
+}
