@@ -64,7 +64,8 @@ impl Origins {
 enum Preset {
     /// All values of the paper: prior N(0, 0.1²), noise sd 1, eq. 7 and Alg. 1 as printed (20
     /// replays, buffer emptied before each sequence, variances shrunk again by every replay),
-    /// threshold 2 mm, friction 0.15, slip step 0.1 mm, points instead of cubes
+    /// threshold 2 mm, friction 0.15, slip step 0.1 mm, points instead of cubes. Another `--estimator` keeps its own
+    /// replays
     Paper,
 }
 
@@ -217,6 +218,12 @@ fn further(name: &str, given: &ArgMatches) -> anyhow::Result<Vec<Further>> {
     }
     let by_hand = |id: &str| given.value_source(id) == Some(ValueSource::CommandLine);
     values.retain(|id, _| !by_hand(id));
+    if let Some(place) = preset.map(|p| p.place())
+        && values.get("estimator").is_none_or(|f| f.place != place)
+    {
+        let is_of_its_estimator = |f: &Further| f.place == place && f.flag.contains("replay");
+        values.retain(|_, f| !is_of_its_estimator(f));
+    }
     Ok(values.into_values().collect())
 }
 

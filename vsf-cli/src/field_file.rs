@@ -94,9 +94,14 @@ impl FieldFile {
     /// Warns where predictions run under another corrected model than the field was estimated with.
     pub fn compare_model(&self, given: Option<&CorrectedModel>, console: &Console) {
         let path = self.path.display();
+        // From where on points are touched is the field's own affair.
+        let with_own = |own: &ContactParameters, of_model: &ContactParameters| ContactParameters {
+            threshold: own.threshold,
+            ..of_model.clone()
+        };
         if let (Some(own), Some(of_model)) =
             (&self.field.contact, given.and_then(CorrectedModel::contact))
-            && let Some((was, is)) = difference(of_model, own)
+            && let Some((was, is)) = difference(&with_own(own, of_model), own)
         {
             console.warn(format!(
                 "{path}: the corrected model was found with {was}, the field estimated with {is}: the model's effects \

@@ -140,19 +140,15 @@ impl Recording {
         Ok(chosen)
     }
 
-    /// The scene of the recording alone, in the contact that a corrected model remembers, if there is one.
-    pub fn scene(
+    /// The scene of the recording alone, as fields are estimated in it, in the contact that a corrected model
+    /// remembers, if there is one; but where no flag says from which distance on points are touched, from one that
+    /// suits their spacing: a model of 2 mm predicts better with such fields, too.
+    pub fn scene_to_learn(
         &self,
         remembered: Option<&ContactParameters>,
         console: &Console,
     ) -> anyhow::Result<Scene> {
-        self.scene_by(&self.settings.options(remembered), console, Scene::open)
-    }
-
-    /// The scene of the recording alone, as fields are estimated in it: where no flag says from which distance on points are
-    /// touched, from one that suits their spacing.
-    pub fn scene_to_learn(&self, console: &Console) -> anyhow::Result<Scene> {
-        let options = self.settings.options(None);
+        let options = self.settings.options(remembered);
         self.scene_by(&options, console, |dataset, options| {
             let scene = Scene::open(dataset, options)?;
             match self.settings.has_threshold() {
@@ -165,7 +161,7 @@ impl Recording {
     /// The same, without points if the recording has none.
     pub fn scene_to_learn_or_air(&self, console: &Console) -> anyhow::Result<Scene> {
         match self.has_points() {
-            true => self.scene_to_learn(console),
+            true => self.scene_to_learn(None, console),
             false => self.scene_or_air(console),
         }
     }
@@ -173,7 +169,7 @@ impl Recording {
     /// The scene of the recording alone, without points if it has none.
     pub fn scene_or_air(&self, console: &Console) -> anyhow::Result<Scene> {
         match self.has_points() {
-            true => self.scene(None, console),
+            true => self.scene_by(&self.settings.options(None), console, Scene::open),
             false => Ok(Scene::in_air(&self.dataset, self.robot()?)?),
         }
     }

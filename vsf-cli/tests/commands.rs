@@ -243,6 +243,10 @@ fn flag_before_file_before_preset() {
     let bench = Bench::touched();
     fs::write(bench.root.join("vsf.toml"), "prior-sd = 7\nreplay = 3\n").unwrap();
     let with = |flags: &str| bench.ok(&format!("estimate touch --preset paper {flags} --json"));
+    // Another estimator keeps its own replays, or none.
+    for estimator in ["batch", "exact", "dual", "replay", "diagonal", "updated"] {
+        with(&format!("--estimator {estimator}"));
+    }
     let json = with("");
     assert_eq!(
         (value(&json, "prior_sd"), value(&json, "noise_sd")),
@@ -418,9 +422,14 @@ fn usage_errors() {
         &["--json", "--out"],
     );
     bench.fails(
-        "estimate data --preset paper --estimator batch",
+        "estimate data --preset paper --estimator batch --replay 5",
         2,
-        &["--preset paper: --replay"],
+        &["--replay", "`batch` has no replay"],
+    );
+    bench.fails(
+        "evaluate data --field truth --baseline gp --gp-samples 1",
+        2,
+        &["--gp-samples"],
     );
     for flag in ["--sequences a", "--field truth", "--torques x"] {
         let line = format!("export truth --out a.ply {flag}");

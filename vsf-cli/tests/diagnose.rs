@@ -231,24 +231,53 @@ fn commands_with_a_model_agree() {
     assert!(bench.root.join("other/seq_c/torques_sd.npy").is_file());
 }
 
-/// The parameters of effects are relative to the contact that they were found in.
+/// What a diagnosis says of fields is what one gets who estimates them, with the model and without.
+#[test]
+fn estimated_errors_are_those_of_estimates() {
+    let bench = biased();
+    let line = format!("diagnose touch {FEW} --model m.json --json");
+    let found = &json(&bench, &line)["gap"]["estimated"];
+    let number = |key: &str| found[key].as_f64().unwrap();
+    let plain = json(&bench, "estimate touch --out plain.npz --json");
+    assert_eq!(number("threshold"), plain["threshold"].as_f64().unwrap());
+    bench.ok("estimate touch --out field.npz --model m.json");
+    for (key, line) in [
+        ("error_nominal", "evaluate touch --field plain.npz --json"),
+        (
+            "error_corrected",
+            "evaluate touch --field field.npz --model m.json --json",
+        ),
+    ] {
+        let error = json(&bench, line)["mean_error"].as_f64().unwrap();
+        assert!((number(key) / error - 1.0).abs() < 1e-6, "{key} {error}");
+    }
+    assert!(number("error_corrected") < 0.5 * number("error_nominal"));
+}
+
+/// The parameters of effects are relative to the contact that they were found in; from where on points are touched is
+/// the affair of the field.
 #[test]
 fn a_corrected_model_brings_its_contact() {
     let bench = biased();
     bench.ok(&format!(
-        "diagnose touch {FEW} --threshold 0.003 --model m.json"
+        "diagnose touch {FEW} --threshold 0.003 --friction 0.3 --model m.json"
     ));
     let model = fs::read_to_string(bench.root.join("m.json")).unwrap();
-    let json: Value = serde_json::from_str(&model).unwrap();
-    assert_eq!(json["contact_parameters"]["threshold"], 0.003);
-    let estimated = bench.ok("estimate touch --out field.npz --model m.json --json");
-    let estimated: Value = serde_json::from_str(&estimated).unwrap();
-    assert_eq!(estimated["threshold"], 0.003);
-
-    bench.ok("estimate touch --out plain.npz --threshold 0.001");
+    let parsed: Value = serde_json::from_str(&model).unwrap();
+    assert_eq!(parsed["contact_parameters"]["threshold"], 0.003);
+    let plain = json(&bench, "estimate touch --out plain.npz --json");
+    let estimated = json(
+        &bench,
+        "estimate touch --out field.npz --model m.json --json",
+    );
+    assert_eq!(estimated["threshold"], plain["threshold"]);
+    let warning = bench.warned("evaluate touch --field field.npz --model m.json");
+    assert!(
+        !warning.contains("the corrected model was found"),
+        "{warning}"
+    );
     let warning = bench.warned("evaluate touch --field plain.npz --model m.json");
-    let says =
-        "the corrected model was found with --threshold 0.003, the field estimated with 0.001";
+    let says = "the corrected model was found with --friction 0.3, the field estimated with 0.15";
     assert!(warning.contains(says), "{warning}");
 
     let elsewhere = model.replace(

@@ -242,6 +242,7 @@ fn attempt(
                 corrected_by: (model.parts.iter())
                     .map(|(effect, _)| effect.name().to_owned())
                     .collect(),
+                estimated: None,
             },
             location: locate(campaign, &model, &field, &before, checked, noise, seed)?,
             next_experiment: next_experiment(&verdict, &effects, Arm::of(&campaign.site)),
@@ -273,6 +274,7 @@ fn reports(
     for candidate in &search.candidates {
         let mut report = EffectReport::of(campaign, candidate, search.base, &answer.probabilities);
         if let Some(refined) = &candidate.refined {
+            report.needed_score = Some(search.needed(refined));
             let mut tried = judgement.refused.iter().chain(&judgement.named);
             let own = tried.find(|t| t.effects == [report.effect.as_str()]);
             match own {

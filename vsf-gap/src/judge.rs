@@ -73,6 +73,11 @@ impl<'a> Hypothesis<'a> {
         }
     }
 
+    /// The gain that it has to exceed.
+    pub(crate) fn needed(&self) -> f64 {
+        self.threshold
+    }
+
     /// Names of its effects.
     pub(crate) fn effects(&self) -> Vec<String> {
         let parts = &self.refined.model.parts;

@@ -56,6 +56,7 @@ mod diagnose;
 mod effect;
 pub mod effects;
 mod error;
+mod estimated;
 mod evidence;
 mod forward;
 mod halves;
@@ -97,6 +98,6 @@ pub use noise::JointNoise;
 pub use online::Corrector;
 pub use phase::Phase;
 pub use report::{
-    Diagnosis, EffectReport, Gap, Outcome, ParameterEstimate, Roughness, STIFFNESS_FIELD,
+    Diagnosis, EffectReport, Estimated, Gap, Outcome, ParameterEstimate, Roughness, STIFFNESS_FIELD,
 };
 pub use verdict::{Verdict, VerdictKind};

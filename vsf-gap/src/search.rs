@@ -107,7 +107,6 @@ impl Search<'_> {
         proven: bool,
         completes: impl Fn(&Refined, &Refined) -> Result<bool, GapError>,
     ) -> Result<Vec<Hypothesis<'_>>, GapError> {
-        let alone = |name: &str| Some(self.alone(name)?.log_evidence - self.base);
         let mut models: Vec<&Refined> = (self.candidates.iter())
             .filter_map(|c| c.refined.as_ref())
             .collect();
@@ -131,9 +130,19 @@ impl Search<'_> {
                     true => self.spread.contact.min(refined.spread.contact),
                     false => self.spread.contact,
                 };
-                Hypothesis::new(refined, self.base, rough, alone)
+                self.hypothesis(refined, rough)
             })
             .collect())
+    }
+
+    /// The score (nats) from which on a model says anything.
+    pub(crate) fn needed(&self, refined: &Refined) -> f64 {
+        self.hypothesis(refined, self.spread.contact).needed()
+    }
+
+    fn hypothesis<'a>(&self, refined: &'a Refined, rough: f64) -> Hypothesis<'a> {
+        let alone = |name: &str| Some(self.alone(name)?.log_evidence - self.base);
+        Hypothesis::new(refined, self.base, rough, alone)
     }
 
     /// The model of one effect, if it was fitted.

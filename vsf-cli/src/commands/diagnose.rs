@@ -2,18 +2,21 @@ use crate::console::{Console, read_text, texts};
 use crate::diagnosis::{page, plain, text};
 use crate::exit::usage;
 use crate::range::ending;
-use crate::recording::RecordingArgs;
+use crate::recording::{Recording, RecordingArgs};
 use clap::builder::{PossibleValue, PossibleValuesParser};
 use std::path::PathBuf;
 use std::sync::Arc;
-use vsf::gap::{DiagnosisStep, Effect, ModelFile, VerdictKind, diagnose, effects};
+use vsf::gap::{
+    Campaign, DiagnosisStep, Effect, Estimated, Model, ModelFile, VerdictKind, diagnose, effects,
+};
 
 #[derive(Debug, clap::Args)]
 #[command(after_help = "\
 Example:
   vsf diagnose DATASET --effects payload,latency --html report.html --model corrected.json
 
-In the report, `score` is the gain of log evidence over the model without effects, `closed` the share of the gap on
+In the report, `score` is the gain of log evidence over the model without effects, `needed` what of it says nothing \
+yet (probabilities follow what is beyond), `closed` the share of the gap on
 the test sequences, `absorbed by K` how much of the effect the stiffness takes. Parameters of joints are numbered
 by their columns, from 1.
 
@@ -21,12 +24,12 @@ Recordings without points are those of an arm in free air; effects that a record
 as untestable. Probabilities are those of the catalogue's effects, of pairs of them (in free air of up to four), and of
 no gap. With contact,
 errors are those of a field that the diagnosis fits to windows of the train sequences, in the same way for every
-model; those of the fields of `vsf estimate` differ, sometimes by more than a half. `stiffness_field`, among what an effect is not told
+model; what the fields of `vsf estimate` leave, without the corrected model and with it, is told beside them. `stiffness_field`, among what an effect is not told
 from, is an object whose stiffness differs from place to place.
 
 JSON keys: schema, dataset, gap (test_error_nominal, test_error_corrected, noise_floor, closed_fraction: share of
-the squared errors beyond noise, closed_interval, unit, corrected_by), where (joint, phase, link, sequence and frequency, each a list of its own key, share,
-interval and excess; region: center, radius, share), effects (effect, summary, probability, score, parameters (name,
+the squared errors beyond noise, closed_interval, unit, corrected_by, estimated: threshold, error_nominal, error_corrected), where (joint, phase, link, sequence and frequency, each a list of its own key, share,
+interval and excess; region: center, radius, share), effects (effect, summary, probability, score, needed_score, parameters (name,
 value, std, unit), joints, test_error, closed_fraction, test_score, absorbed_share, ambiguous_with, shows_from
 (name, value: the size of the parameter below which the effect would not show, null where no plausible one
 does, unit; the parameter that shows best first), testable, reason), verdict (effects, kind: effects, no_gap, unknown or not_diagnosable, probability, effect_set_95),
@@ -86,8 +89,18 @@ pub fn run(args: &Args, console: &Console) -> anyhow::Result<()> {
         let done = DiagnosisStep::ALL.iter().position(|s| *s == step);
         bar.set_position(done.unwrap_or(0) as u64);
     };
-    let outcome = diagnose(&campaign, name, &candidates, args.seed, progress)?;
+    let mut outcome = diagnose(&campaign, name, &candidates, args.seed, progress)?;
     bar.finish_and_clear();
+    if !campaign.scene().rest().is_empty() {
+        let spinner = console.spinner("fields with and without the corrected model");
+        match estimated(&recording, &outcome.model, console) {
+            Ok(found) => outcome.diagnosis.gap.estimated = found,
+            Err(e) => console.warn(format!(
+                "no field could be estimated to compare with: {e:#}"
+            )),
+        }
+        spinner.finish_and_clear();
+    }
     let scene = campaign.scene();
     let mut model = ModelFile::new(campaign.site(), &outcome.model, &outcome.sd)?;
     model.contact = (!scene.rest().is_empty()).then(|| scene.contact_parameters());
@@ -113,4 +126,27 @@ pub fn run(args: &Args, console: &Console) -> anyhow::Result<()> {
         .map(|p| format!("wrote {p}\n"))
         .collect();
     console.report(text(&outcome.diagnosis, &model) + &lines)
+}
+
+/// What `vsf estimate` makes of the recording, with the nominal model and with the corrected one.
+fn estimated(
+    recording: &Recording,
+    model: &Model,
+    console: &Console,
+) -> anyhow::Result<Option<Estimated>> {
+    let scene = recording.scene_to_learn(None, console)?;
+    let threshold = scene.contact().threshold;
+    let campaign = Campaign::in_scene(&recording.dataset, scene)?;
+    let Some(error_nominal) = campaign.estimated_error(&Model::default())? else {
+        return Ok(None);
+    };
+    let error_corrected = match model.parts.is_empty() {
+        true => error_nominal,
+        false => campaign.estimated_error(model)?.unwrap_or(error_nominal),
+    };
+    Ok(Some(Estimated {
+        threshold,
+        error_nominal,
+        error_corrected,
+    }))
 }

@@ -108,10 +108,8 @@ pub fn run(args: &Args, console: &Console) -> anyhow::Result<()> {
         None => None,
         Some(vision) => Some((recording.view()?.ok_or(PipelineError::NoCamera)?, vision)),
     };
-    let scene = match &model {
-        None => recording.scene_to_learn(console)?,
-        Some(model) => recording.scene(model.contact(), console)?,
-    };
+    let remembered = model.as_ref().and_then(CorrectedModel::contact);
+    let scene = recording.scene_to_learn(remembered, console)?;
     if let Some((view, _)) = &view {
         view_warnings(scene.rest(), view)
             .iter()

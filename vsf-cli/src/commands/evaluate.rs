@@ -44,7 +44,7 @@ pub struct Args {
     #[arg(long, default_value_t = 0)]
     seed: u64,
     /// Train samples that the gp baseline takes at most, evenly spread
-    #[arg(long, default_value_t = 1500, value_parser = count)]
+    #[arg(long, default_value_t = 1500, value_parser = RangedU64ValueParser::<usize>::new().range(2..=1_000_000))]
     gp_samples: usize,
     #[command(flatten)]
     of: FieldArgs,

@@ -147,7 +147,7 @@ fn each<T>(
     let run = |number: usize, recording: &Recording| {
         let mut sequences = recording.sequences(None, Default::Train)?;
         sequences.extend(recording.sequences(None, Default::Test)?);
-        let scene = recording.scene_to_learn(console)?;
+        let scene = recording.scene_to_learn(None, console)?;
         let traces = traces(&scene, &sequences, console)?;
         let campaign = Campaign::new(&recording.dataset, &scene, &traces)?;
         of(number, recording, &campaign)

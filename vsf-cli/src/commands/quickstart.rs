@@ -42,7 +42,7 @@ pub fn run(console: &Console) -> anyhow::Result<()> {
     let recording = Recording::open(&dataset, &SceneSettings::default(), console)?;
     let train = recording.sequences(None, Default::Train)?;
     let test = recording.sequences(None, Default::Test)?;
-    let scene = recording.scene_to_learn(console)?;
+    let scene = recording.scene_to_learn(None, console)?;
     let learned = traces(&scene, &train, console)?;
     let chosen = learn(
         &scene,

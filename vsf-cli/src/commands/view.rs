@@ -116,7 +116,7 @@ fn of_recording(args: &Args, console: &Console) -> anyhow::Result<String> {
             "--full-scale needs --field: the recording stores no field",
         ));
     } else if recording.has_points() {
-        let scene = recording.scene_to_learn(console)?;
+        let scene = recording.scene_to_learn(None, console)?;
         let cloud = Cloud::of_points(scene.rest().positions(), Point3::origin())?;
         Some((scene, cloud))
     } else {

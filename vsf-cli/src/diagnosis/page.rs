@@ -1,7 +1,7 @@
 use super::torques::torques;
 use super::words::{
-    HIDDEN, SHOWS_FROM, SQUARES, estimate, fitted, fixed, is_uncertain, limits, look_alikes,
-    none_of_these, part, percent, screened_out, size, summary, untestable, verdict,
+    HIDDEN, SHOWS_FROM, SQUARES, estimate, estimated, fitted, fixed, is_uncertain, limits,
+    look_alikes, none_of_these, part, percent, screened_out, size, summary, untestable, verdict,
 };
 use crate::console::number;
 use crate::html::{Script, document, escape};
@@ -108,13 +108,16 @@ fn answer(d: &Diagnosis) -> String {
             format!("<div><dt>{term}</dt><dd>{value}<small>{more}</small></dd></div>\n")
         })
         .collect();
-    let squares = match corrects {
-        true => format!("<p class=\"small\">{SQUARES}</p>\n"),
-        false => String::new(),
+    let small = |text: &str| format!("<p class=\"small\">{}</p>\n", escape(text));
+    let squares = if corrects {
+        small(SQUARES)
+    } else {
+        String::new()
     };
+    let estimated = estimated(d).map_or_else(String::new, |text| small(&text));
     format!(
         "<p class=\"verdict {kind}\">{sentence}</p>\n\
-         <dl class=\"numbers\">\n{numbers}</dl>\n{squares}"
+         <dl class=\"numbers\">\n{numbers}</dl>\n{squares}{estimated}"
     )
 }
 
@@ -209,17 +212,17 @@ fn effects(d: &Diagnosis) -> String {
     let mut html = "<h2>Effects</h2>\n".to_owned();
     let rows: String = fitted(&d.effects).map(|e| row(d, e)).collect();
     let unit = escape(&d.gap.unit);
-    let dashes = "<td>&ndash;</td>".repeat(4);
-    let left = none_of_these(&d.effects).map_or_else(String::new, |left| {
+    let dashes = "<td>&ndash;</td>".repeat(5);
+    let left = none_of_these(&d.effects).map_or_else(String::new, |(label, left)| {
         format!(
-            "<tr><td>none of these</td><td>{}</td>{dashes}<td></td><td></td></tr>\n",
+            "<tr><td>{label}</td><td>{}</td>{dashes}<td></td><td></td></tr>\n",
             percent(left)
         )
     });
     if !rows.is_empty() {
         let _ = write!(
             html,
-            "<div class=\"wide\"><table>\n<tr><th>Effect</th><th>Probability</th><th>Score [nats]</th>\
+            "<div class=\"wide\"><table>\n<tr><th>Effect</th><th>Probability</th><th>Score [nats]</th><th>Needed</th>\
              <th>Test error [{unit}]</th><th>Closes</th><th>Absorbed by stiffness</th>\
              <th class=\"words\">Joints</th><th class=\"words\">Looks like</th></tr>\n{rows}{left}</table></div>\n"
         );
@@ -299,11 +302,12 @@ fn row(d: &Diagnosis, e: &EffectReport) -> String {
         like += &format!("{gap}far less likely: {}", behind.join(", "));
     }
     format!(
-        "<tr{class}><td>{}</td><td>{}</td><td>{}</td><td>{}</td><td>{}</td><td>{}</td>\
+        "<tr{class}><td>{}</td><td>{}</td><td>{}</td><td>{}</td><td>{}</td><td>{}</td><td>{}</td>\
          <td class=\"words\">{}</td><td class=\"words\">{}</td></tr>\n",
         escape(&e.effect),
         percent(e.probability),
         fixed(e.score, 0),
+        or_none(e.needed_score.map(|s| fixed(s, 0))),
         or_none(e.test_error.map(number)),
         or_none(e.closed_fraction.map(percent)),
         or_none(e.absorbed_share.map(percent)),

@@ -1,6 +1,6 @@
 use super::words::{
-    HIDDEN, LIKELY_ENOUGH, SHOWS_FROM, errors, estimate, fitted, fixed, limits, look_alikes,
-    none_of_these, part, percent, screened_out, size, summary, untestable, verdict,
+    HIDDEN, LIKELY_ENOUGH, SHOWS_FROM, errors, estimate, estimated, fitted, fixed, limits,
+    look_alikes, none_of_these, part, percent, screened_out, size, summary, untestable, verdict,
 };
 use crate::console::{number, table};
 use vsf::gap::{Diagnosis, Limit, LocatedShare, ModelFile, VerdictKind};
@@ -12,6 +12,7 @@ const LEAST: f64 = 0.05;
 /// The report on the terminal.
 pub fn text(diagnosis: &Diagnosis, model: &ModelFile) -> String {
     let mut text = format!("{}\n{}\n", verdict(diagnosis), errors(diagnosis));
+    text += &estimated(diagnosis).map_or_else(String::new, |line| line + "\n");
     text += &effects(diagnosis, model);
     if diagnosis.verdict.kind == VerdictKind::NoGap {
         text += &unseen(diagnosis);
@@ -35,6 +36,7 @@ fn effects(diagnosis: &Diagnosis, model: &ModelFile) -> String {
                 e.effect.clone(),
                 percent(e.probability),
                 fixed(e.score, 0),
+                or_none(e.needed_score.map(|s| fixed(s, 0))),
                 or_none(e.test_error.map(number)),
                 or_none(e.closed_fraction.map(percent)),
                 or_none(e.absorbed_share.map(percent)),
@@ -46,18 +48,20 @@ fn effects(diagnosis: &Diagnosis, model: &ModelFile) -> String {
         "effect",
         "probability",
         "score [nats]",
+        "needed",
         &error,
         "closed",
         "absorbed by K",
     ];
     let mut text = String::new();
     if !rows.is_empty() {
-        if let Some(left) = none_of_these(all) {
-            let mut row = vec!["none of these".to_owned(), percent(left)];
+        if let Some((label, left)) = none_of_these(all) {
+            let mut row = vec![label.to_owned(), percent(left)];
             row.resize(header.len(), or_none(None));
             rows.push(row);
         }
-        text += "\neffects (closed: share of the squared errors beyond noise)\n";
+        text += "\neffects (needed: the score that an effect has to exceed; closed: share of the squared errors beyond \
+                 noise)\n";
         text += &table(&header, &rows);
     }
     for e in fitted(all).filter(|e| e.probability >= LIKELY_ENOUGH) {

@@ -140,6 +140,24 @@ pub fn errors(diagnosis: &Diagnosis) -> String {
     )
 }
 
+/// What fields of `vsf estimate` leave before and after, in one sentence.
+pub fn estimated(diagnosis: &Diagnosis) -> Option<String> {
+    let gap = &diagnosis.gap;
+    let found = gap.estimated?;
+    let [before, after] = [found.error_nominal, found.error_corrected].map(number);
+    let (unit, from) = (&gap.unit, number(found.threshold));
+    let start = format!("With fields of `vsf estimate` (points touched from {from} m on)");
+    Some(match gap.corrected_by.is_empty() {
+        true => format!("{start} {before} {unit}."),
+        false if found.error_corrected < found.error_nominal => {
+            format!("{start} {before} {unit} before, {after} {unit} after.")
+        }
+        false => format!(
+            "{start} {before} {unit} before, {after} {unit} after: there the corrected model does not pay."
+        ),
+    })
+}
+
 /// A share or a probability.
 pub fn percent(share: f64) -> String {
     format!("{} %", fixed(100.0 * share, 0))
@@ -205,11 +223,15 @@ pub fn fitted(effects: &[EffectReport]) -> impl Iterator<Item = &EffectReport> {
     effects.iter().filter(|e| is_shown(e))
 }
 
-/// The probability that none of the effects acts in a way that shows: all that is left of it, where that is half a
-/// percent at least. Effects that act together leave none.
-pub fn none_of_these(effects: &[EffectReport]) -> Option<f64> {
+/// The probability that none of the effects acts in a way that shows, and what to call that: all that is left of it,
+/// where that is half a percent at least. Effects that act together leave none.
+pub fn none_of_these(effects: &[EffectReport]) -> Option<(&'static str, f64)> {
     let left = 1.0 - effects.iter().map(|e| e.probability).sum::<f64>();
-    (left >= 0.005).then_some(left)
+    let label = match effects.iter().any(|e| e.absorbed_share.is_some()) {
+        true => "none, or hidden by K",
+        false => "none",
+    };
+    (left >= 0.005).then_some((label, left))
 }
 
 /// Whether an effect was fitted, or may be what the field shows.
