@@ -153,6 +153,7 @@ impl Dataset {
         }
         warnings.extend(self.repeated_points(dir));
         warnings.extend(self.other_rate(dir));
+        warnings.extend(self.copied_sequences(dir));
         let Splits { train, test } = &self.splits;
         let used: BTreeSet<&String> = train.iter().chain(test).collect();
         let ids: Vec<String> = (self.sequences.iter())
@@ -177,6 +178,28 @@ impl Dataset {
             });
         }
         warnings
+    }
+
+    /// Sequences of the same numbers; planned motions, of zero torque, may repeat.
+    fn copied_sequences(&self, dir: &Path) -> Option<DataWarning> {
+        let bits = |s: &Sequence| {
+            let values = s.angles.data().iter().chain(s.torques.data());
+            values.map(|v| v.to_bits()).collect::<Vec<_>>()
+        };
+        let measured = |s: &&Sequence| s.torques.data().iter().any(|v| *v != 0.0);
+        let mut first = HashMap::new();
+        let copies = (self.sequences.iter().filter(measured)).filter_map(|s| {
+            let of = *first.entry(bits(s)).or_insert(&s.id);
+            (*of != s.id).then_some((&s.id, of))
+        });
+        let copies: Vec<_> = copies.collect();
+        let (id, of) = copies.first()?;
+        Some(DataWarning::CopiedSequences {
+            path: dir.to_owned(),
+            first: (*id).clone(),
+            of: (*of).clone(),
+            others: copies.len() - 1,
+        })
     }
 
     /// Time stamps that are not those of `rate_hz`.

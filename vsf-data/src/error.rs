@@ -482,6 +482,23 @@ pub enum DataWarning {
         /// Their IDs.
         ids: Vec<String>,
     },
+    /// Sequences with the angles and torques of others: they count twice, and where the other trains they test nothing.
+    #[error(
+        "{}: sequence {first} is a copy of {of}, angles and torques alike: it counts twice, and errors on the one are not \
+         those of touches unseen if the other trains{}",
+        path.display(),
+        match others { 0 => String::new(), n => format!("; there are {n} more copies") }
+    )]
+    CopiedSequences {
+        /// The data set.
+        path: PathBuf,
+        /// ID of the first copy.
+        first: String,
+        /// ID of the sequence that it is a copy of.
+        of: String,
+        /// Further copies.
+        others: usize,
+    },
     /// Time stamps that go on less than half or more than twice as fast as the metadata say.
     #[error(
         "{}: rate_hz = {rate_hz:?}, but most samples of sequence {} are {step:e} s apart; time stamps must be in \

@@ -405,6 +405,19 @@ fn warnings_name_what_was_seen() {
     let (_, warnings) = folder.open().unwrap();
     assert!(matches!(&warnings[..], [DataWarning::ZeroTorques { ids, .. }] if ids == &["10"]));
 
+    // One touch under two names.
+    let folder = Folder::new();
+    for file in ["angles.npy", "torques.npy"] {
+        let bytes = fs::read(folder.path().join("seq_10").join(file)).unwrap();
+        folder.write(&format!("seq_11/{file}"), &bytes);
+    }
+    let (_, warnings) = folder.open().unwrap();
+    assert!(
+        matches!(&warnings[..], [DataWarning::CopiedSequences { first, of, others: 0, .. }]
+            if first == "11" && of == "10"),
+        "{warnings:?}"
+    );
+
     // Milliseconds.
     let folder = Folder::new();
     let stamps = [0.0, 10.0, 20.0, 31.0];

@@ -5,7 +5,8 @@
 //! 1. [`Scene::open`] puts robot, link shapes and rest points of a recording together.
 //! 2. [`scene_warnings`], [`motion_warnings`], [`touch_warnings`], [`reading_warnings`] and [`view_warnings`] say what
 //!    looks wrong
-//!    with a recording, [`health_warnings`] what does with an online estimation, [`fit_warnings`] with one of all readings at once.
+//!    with a recording, [`health_warnings`] what does with an online estimation, [`fit_warnings`] with one of all readings at once,
+//!    [`field_warnings`] with either.
 //! 3. [`Scene::trace`] runs the contact model over a sequence once. Contacts never depend on the
 //!    belief, so the resulting observations serve every estimator.
 //! 4. [`choose_hyper`] picks prior and noise from the train sequences, [`estimate`] runs an
@@ -69,6 +70,6 @@ pub use table1::{Table1Cell, Table1Row, table1};
 pub use trace::Trace;
 pub use vision::{VisionCandidate, VisionEstimate, VisionSpec, estimate_with_vision, rgbd_view};
 pub use warning::{
-    Outliers, PipelineWarning, fit_warnings, health_warnings, motion_warnings, reading_warnings,
-    scene_warnings, touch_warnings, view_warnings,
+    Outliers, PipelineWarning, field_warnings, fit_warnings, health_warnings, motion_warnings,
+    reading_warnings, scene_warnings, touch_warnings, view_warnings,
 };

@@ -1,21 +1,23 @@
+mod clock;
 mod gaps;
 mod jumps;
+mod kind;
+mod likeness;
 mod readings;
 mod sensors;
 mod starts;
 mod velocities;
 
+pub use kind::{Outliers, PipelineWarning};
 pub use readings::reading_warnings;
 
 use crate::readings::check_sequence;
 use crate::{PipelineError, Scene, Trace, unwound};
 use nalgebra::Point3;
-use std::f64::consts::{PI, TAU};
-use std::fmt;
-use thiserror::Error;
+use std::f64::consts::PI;
 use vsf_contact::{LinkGrid, LinkSdf};
-use vsf_core::{Belief, FilterHealth, RestPoints};
-use vsf_data::{Sequence, TorqueKind};
+use vsf_core::{Belief, FilterHealth, Observation, RestPoints};
+use vsf_data::Sequence;
 use vsf_robots::{Joint, JointKind, RobotModel};
 use vsf_vision::{RgbdView, Sight};
 
@@ -34,425 +36,8 @@ const MOST_UNSURE: f64 = 0.25;
 const MOST_SIZE: f64 = 10.0;
 /// NIS per channel beyond which a filter knows nothing of its errors: diagonal filters reach 3 on good data.
 const MOST_NIS: f64 = 30.0;
-
-/// Values of one joint that stand out.
-#[derive(Debug, Clone, PartialEq)]
-pub struct Outliers {
-    /// Name of the joint.
-    pub joint: String,
-    /// How many.
-    pub count: usize,
-    /// Out of how many.
-    pub total: usize,
-    /// Sequence of the first one.
-    pub sequence: String,
-    /// Its row, from 0.
-    pub row: usize,
-    /// Its value (rad, m, N m or N).
-    pub value: f64,
-}
-
-impl fmt::Display for Outliers {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let Self {
-            joint,
-            count,
-            total,
-            sequence,
-            row,
-            value,
-        } = self;
-        write!(
-            f,
-            "joint {joint}: {count} of {total} samples, the first in sequence {sequence} row {row} \
-             with {value:?}"
-        )
-    }
-}
-
-/// Something in a recording that can be worked with but that a person should know.
-#[derive(Debug, Clone, PartialEq, Error)]
-#[non_exhaustive]
-pub enum PipelineWarning {
-    /// A sequence or trace whose parts do not fit each other or the robot: all that works on it refuses it, and
-    /// those beside it were not looked at.
-    #[error("sequence {sequence} cannot be worked with, and none was looked at: {problem}")]
-    Malformed {
-        /// The sequence.
-        sequence: String,
-        /// What is wrong.
-        problem: String,
-    },
-    /// Angles beyond two turns, or beyond the joint's limits by half a turn: degrees, or within a turn perhaps angles that
-    /// wrap around.
-    #[error("angles must be in radians, these look {like}: {0}", like = alike(.0.value))]
-    Degrees(Outliers),
-    /// Positions outside the joint's limits, by more than 1e-3 (rad or m).
-    #[error("outside the robot's limits {lower:?} .. {upper:?} {unit}: {outliers}")]
-    OutsideLimits {
-        /// Lower limit.
-        lower: f64,
-        /// Upper limit.
-        upper: f64,
-        /// `rad` or `m`.
-        unit: &'static str,
-        /// Where.
-        outliers: Outliers,
-    },
-    /// Positions that change, within a touch, at more than three times the joint's velocity limit.
-    #[error(
-        "joint {joint} goes from {from:?} to {to:?} {unit} in one sample, sequence {sequence} row {row}, more than three \
-         times as fast as the robot's limit of {limit:?} {unit}/s{}; check units, time stamps, missing samples and \
-         angles that wrap around",
-        more(*others, "joint")
-    )]
-    Jumps {
-        /// Name of the first such joint.
-        joint: String,
-        /// Its limit.
-        limit: f64,
-        /// `rad` or `m`.
-        unit: &'static str,
-        /// Sequence of its first jump.
-        sequence: String,
-        /// The row it leads to, from 0.
-        row: usize,
-        /// Position before.
-        from: f64,
-        /// Position after.
-        to: f64,
-        /// Further joints of that kind.
-        others: usize,
-    },
-    /// Time steps within a touch of more than ten times the usual one, and more than 0.1 s.
-    #[error(
-        "sequence {sequence} row {row} comes {seconds:.3} s after the row before, others {usual:.3} s: samples are \
-         missing, and what slipped meanwhile is unknown; if a touch ends there, begin the next one there \
-         (touch_starts){}",
-        more(*others, "sequence")
-    )]
-    TimeGap {
-        /// The first such sequence.
-        sequence: String,
-        /// The row after its first gap, from 0.
-        row: usize,
-        /// How long the gap is (s).
-        seconds: f64,
-        /// Median time between rows (s).
-        usual: f64,
-        /// Further sequences of that kind.
-        others: usize,
-    },
-    /// A touch that begins with the arm inside of the object: by more than the contact threshold and the space between
-    /// points.
-    #[error(
-        "sequence {sequence} row {row}: link {link:?} is {depth:.3} m inside of the object where a touch begins; check \
-         the pose of the base, the frame and unit of the points, and that recordings begin before the touch{}",
-        more(*others, "touch")
-    )]
-    StartsInside {
-        /// The sequence of the deepest one.
-        sequence: String,
-        /// Its first row, from 0.
-        row: usize,
-        /// Name of the link.
-        link: String,
-        /// How far a point is displaced out of it (m).
-        depth: f64,
-        /// Further touches of that kind.
-        others: usize,
-    },
-    /// External torques of more than ten times the joint's effort limit.
-    #[error(
-        "more than ten times the robot's limit of {effort:?} {unit}, check the unit of torques: {outliers}"
-    )]
-    BeyondEffort {
-        /// The limit.
-        effort: f64,
-        /// `N m` or `N`.
-        unit: &'static str,
-        /// Where.
-        outliers: Outliers,
-    },
-    /// Velocities beyond 1.5 times, or below 1/1.5 of, what positions and time stamps say.
-    #[error(
-        "velocities of joint {joint} are {} times the change of its positions over time{}; {}",
-        times(*factor), more(*others, "joint"), velocities::cause(*factor)
-    )]
-    Velocities {
-        /// Name of the first such joint.
-        joint: String,
-        /// Median ratio over its moves.
-        factor: f64,
-        /// Further joints of that kind.
-        others: usize,
-    },
-    /// Readings in contact that go against what springs give, whatever their stiffness.
-    #[error(
-        "torques in contact are opposite to those of springs (correlation {correlation:.2} with one stiffness \
-         everywhere): they look as if of the robot on the object; check their sign"
-    )]
-    OppositeTorques {
-        /// With the torques of 1 N/m at every point, -1 to 1.
-        correlation: f64,
-    },
-    /// Readings that are the torques of gravity and of the arm's own motion where nothing is touched.
-    #[error(
-        "where nothing is touched the readings, taken as torque_kind {}, leave {size:.2} times the torques of \
-         weight and motion of the arm (correlation {correlation:.2}); check whether they are {}, their unit, and gravity \
-         in the frame of the robot's base", kind(*given), kind(other(*given))
-    )]
-    GravityLeft {
-        /// What the recording says that they are.
-        given: TorqueKind,
-        /// What is left per torque that the arm itself needs.
-        size: f64,
-        /// With those torques.
-        correlation: f64,
-    },
-    /// Readings of the actuators that leave twice the torques of weight and motion where nothing is touched.
-    #[error(
-        "where nothing is touched the readings leave {size:.2} times the torques of weight and motion of the arm, as \
-         if of the arm on its actuators; check their sign"
-    )]
-    GravityTwice {
-        /// What is left per torque that the arm itself needs.
-        size: f64,
-    },
-    /// A joint that reads the same in a whole sequence, not zero, while touch would change it and other joints
-    /// do change.
-    #[error(
-        "joint {joint} reads {value:?} {unit} in all of sequence {sequence} while the touch changes; its sensor \
-         looks stuck{}", more(*others, "sequence")
-    )]
-    StuckReadings {
-        /// Name of the joint.
-        joint: String,
-        /// The first such sequence.
-        sequence: String,
-        /// What it reads.
-        value: f64,
-        /// `N m` or `N`.
-        unit: &'static str,
-        /// Further sequences of that kind.
-        others: usize,
-    },
-    /// A joint that reads zero in all sequences while touch would change it and other joints do change.
-    #[error(
-        "joint {joint} reads 0 in all samples while the touch changes, as if it were not measured; what springs give \
-         there counts as an error of the field: give the joint a large noise sd"
-    )]
-    ZeroReadings {
-        /// Name of the joint.
-        joint: String,
-    },
-    /// A joint whose readings stay at their largest or smallest value, sample after sample, while the touch
-    /// changes.
-    #[error(
-        "joint {joint}: {count} readings stay at {value:?} {unit} while the touch changes, the first in sequence \
-         {sequence} row {row}, and none is beyond; its sensor looks saturated: what is stiff there comes out too soft"
-    )]
-    ClippedReadings {
-        /// Name of the joint.
-        joint: String,
-        /// How many.
-        count: usize,
-        /// The end of its range.
-        value: f64,
-        /// `N m` or `N`.
-        unit: &'static str,
-        /// Sequence of the first one.
-        sequence: String,
-        /// Its row, from 0.
-        row: usize,
-    },
-    /// Links without inertia, of an arm whose own torques are taken off the readings.
-    #[error(
-        "links without <inertial> count as weightless, and torque_kind measured needs their weight: {links}; give \
-         them mass and inertia in the URDF"
-    )]
-    Weightless {
-        /// Their names.
-        links: String,
-    },
-    /// Links whose inertia no body has, of an arm whose own torques are taken off the readings.
-    #[error(
-        "links with an <inertia> that no body has, one principal moment more than the other two together: {links}; \
-         torque_kind measured needs them in fast motion, check the URDF"
-    )]
-    ImpossibleInertia {
-        /// Their names.
-        links: String,
-    },
-    /// An online estimator whose innovations are far beyond what it expects: more than 30 times in their
-    /// mean square.
-    #[error(
-        "the squared errors of one-step predictions are {} times what prior and noise allow; do not trust \
-         predictions of this field: give a larger noise sd or a smaller prior sd, or let both be chosen",
-        whole(*ratio)
-    )]
-    Overconfident {
-        /// [`FilterHealth::nis_ratio`].
-        ratio: f64,
-    },
-    /// A field that misses the readings that it has learned from: by more than 30 times their noise, in squares.
-    #[error(
-        "the squared errors of the fit are {} times what the noise allows; do not trust the deviations of this field: \
-         give a larger noise sd or a larger prior sd, or let both be chosen",
-        whole(*ratio)
-    )]
-    Misfit {
-        /// Mean squared error of a reading in contact, in variances of its noise.
-        ratio: f64,
-    },
-    /// Samples that tare the sensor, and touch.
-    #[error(
-        "sequence {sequence}: {count} of its {tare_samples} tare samples are in contact, the first in \
-         row {row}; what they feel is taken off the whole sequence{}", more(*others, "sequence")
-    )]
-    TareInContact {
-        /// The first such sequence.
-        sequence: String,
-        /// Its tare samples in contact.
-        count: usize,
-        /// All of its tare samples.
-        tare_samples: usize,
-        /// Row of the first one in contact, from 0.
-        row: usize,
-        /// Further sequences of that kind.
-        others: usize,
-    },
-    /// Samples that tare the sensor while its readings change: by more than a quarter of what the
-    /// same sequence reads in contact.
-    #[error(
-        "sequence {sequence}: readings of its tare samples spread by {spread:.3} {unit} (sd), against \
-         {touch:.3} {unit} (rms) in contact; they should be at rest and free{}", more(*others, "sequence")
-    )]
-    TareSpread {
-        /// The first such sequence.
-        sequence: String,
-        /// Standard deviation of its tare samples, over all joints.
-        spread: f64,
-        /// Root mean square of its readings in contact, over all joints.
-        touch: f64,
-        /// `N m`, `N` or both.
-        unit: &'static str,
-        /// Further sequences of that kind.
-        others: usize,
-    },
-    /// A camera that sees a surface where there are next to no rest points: less than 1 % of them lie
-    /// within one spacing of it.
-    #[error(
-        "camera/: {near} of {points} rest points lie within {reach:.3} m of the surface that is seen; check \
-         depth_scale, world_from_camera and the images"
-    )]
-    SurfaceElsewhere {
-        /// Rest points near the surface.
-        near: usize,
-        /// Rest points.
-        points: usize,
-        /// How near (m): the spacing of the rest points.
-        reach: f64,
-    },
-    /// A link of more than 10 m.
-    #[error(
-        "link {link:?} is {size:.0} m across; lengths are in metres, check its shapes and, for a mesh in millimetres, \
-         its scale (scale=\"0.001 0.001 0.001\" in the URDF)"
-    )]
-    HugeLink {
-        /// Name of the link.
-        link: String,
-        /// Longest edge of its box (m).
-        size: f64,
-    },
-    /// Points that are touched from farther away than the object is large.
-    #[error(
-        "threshold and padding have points touched from {level} m before the robot's surface on, and the object is \
-         {size:.3} m across: all of it is touched at once; lengths are in metres"
-    )]
-    TouchesAll {
-        /// Contact threshold and padding (m).
-        level: f64,
-        /// Diagonal of the box of the rest points (m).
-        size: f64,
-    },
-    /// A mesh with faces turned over: more than 0.5 % of the points near it lie behind such faces, and
-    /// are outside of the link for contact.
-    #[error(
-        "{mesh}: faces are turned inside out, {:.1} % of the points near the mesh lie behind them; nothing \
-         touches there. Turn the normals outwards in a mesh editor", 100.0 * share
-    )]
-    TurnedFaces {
-        /// File of the mesh, or its link.
-        mesh: String,
-        /// Share of the points within 1 cm of the mesh.
-        share: f64,
-    },
-    /// A mesh with openings so wide, or faces so mixed, that more than a quarter of the points near it may be
-    /// inside or outside.
-    #[error(
-        "{mesh}: the mesh is open at {open} of {edges} edges, so that the side of {:.0} % of the points near \
-         it is a guess; close the openings in a mesh editor, or give the link a simpler shape",
-         100.0 * share
-    )]
-    OpenMesh {
-        /// File of the mesh, or its link.
-        mesh: String,
-        /// Edges whose faces do not cancel.
-        open: usize,
-        /// All edges.
-        edges: usize,
-        /// Share of the points within 1 cm of the mesh.
-        share: f64,
-    },
-}
-
-/// What an angle that no joint can have looks like (rad).
-fn alike(angle: f64) -> &'static str {
-    match angle.abs() > TAU {
-        true => "like degrees",
-        false => "like degrees or like angles that wrap around",
-    }
-}
-
-/// A factor, however large.
-fn times(factor: f64) -> String {
-    match factor < 1e6 {
-        true => format!("{factor:.3}"),
-        false => format!("{factor:.1e}"),
-    }
-}
-
-/// A factor of which decimals say nothing.
-fn whole(factor: f64) -> String {
-    match factor < 1e6 {
-        true => format!("{factor:.0}"),
-        false => format!("{factor:.1e}"),
-    }
-}
-
-fn more(others: usize, what: &str) -> String {
-    match others {
-        0 => String::new(),
-        1 => format!("; so it is in 1 more {what}"),
-        n if what.ends_with('h') => format!("; so it is in {n} more {what}es"),
-        n => format!("; so it is in {n} more {what}s"),
-    }
-}
-
-fn kind(of: TorqueKind) -> &'static str {
-    match of {
-        TorqueKind::External => "external",
-        TorqueKind::Measured => "measured",
-    }
-}
-
-fn other(than: TorqueKind) -> TorqueKind {
-    match than {
-        TorqueKind::External => TorqueKind::Measured,
-        TorqueKind::Measured => TorqueKind::External,
-    }
-}
+/// Share of the energy of the readings in contact below which a field explains nothing of them.
+const LEAST_EXPLAINED: f64 = 0.02;
 
 /// What looks wrong with the joint positions and velocities: degrees, positions outside the robot's limits,
 /// jumps, missing samples, velocities that are not how fast positions change. Of sequences that [`Sequence::check`] refuses, or
@@ -491,7 +76,8 @@ pub fn motion_warnings(robot: &RobotModel, sequences: &[&Sequence]) -> Vec<Pipel
     }
     found.extend(gaps::warning(sequences));
     let unwound: Vec<_> = sequences.iter().map(|s| unwound(robot, s)).collect();
-    found.extend(velocities::warning(robot, &unwound));
+    let clock = || clock::warning(robot, sequences);
+    found.extend(velocities::warning(robot, &unwound).or_else(clock));
     found
 }
 
@@ -547,6 +133,33 @@ pub fn fit_warnings(
     let ratio = squares / count.max(1) as f64;
     let misfit = (ratio > MOST_NIS).then_some(PipelineWarning::Misfit { ratio });
     misfit.into_iter().collect()
+}
+
+/// What looks wrong with any estimate: a field that explains nothing of the readings that it has learned from. `traces`
+/// are those; of ones that [`Trace::check`] refuses, only that.
+pub fn field_warnings(field: &Belief<f64>, traces: &[Trace]) -> Vec<PipelineWarning> {
+    let first = traces.iter().find_map(|t| t.observations.first());
+    let channels = first.map_or(0, Observation::dim);
+    let of_trace = |t: &Trace| (t.id.clone(), t.check(field.len(), channels));
+    let malformed = malformed(traces.iter().map(of_trace));
+    if !malformed.is_empty() {
+        return malformed;
+    }
+    let (mut left, mut all) = (0.0, 0.0);
+    let mut predicted = vec![0.0; channels];
+    let observations = traces.iter().flat_map(|t| &t.observations);
+    for obs in observations.filter(|o| !o.is_empty()) {
+        obs.apply(field.mean(), &mut predicted);
+        let pairs = obs.reading().iter().zip(&predicted);
+        left += pairs.map(|(y, p)| (y - p).powi(2)).sum::<f64>();
+        all += obs.reading().iter().map(|y| y * y).sum::<f64>();
+    }
+    let share = 1.0 - left / all;
+    let nothing = share < LEAST_EXPLAINED;
+    (nothing
+        .then_some(PipelineWarning::ExplainsNothing { share })
+        .into_iter())
+    .collect()
 }
 
 /// What looks wrong with a view: a surface where there are no rest points.
@@ -606,15 +219,6 @@ fn mesh_warnings(scene: &Scene) -> Vec<PipelineWarning> {
         [turned, open].into_iter().flatten()
     };
     scene.grids().iter().flat_map(of_grid).collect()
-}
-
-impl PipelineWarning {
-    fn and_others(mut self, count: usize) -> Self {
-        if let Self::TareInContact { others, .. } | Self::TareSpread { others, .. } = &mut self {
-            *others = count;
-        }
-        self
-    }
 }
 
 /// What the checks of sequences refuse.

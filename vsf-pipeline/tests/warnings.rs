@@ -5,7 +5,7 @@ use nalgebra::Point3;
 use vsf_core::{Belief, FilterHealth, UpdateReport};
 use vsf_data::{Dataset, RobotRef, Sequence, Table, TorqueKind};
 use vsf_pipeline::{
-    PipelineWarning, Scene, SceneOptions, add_noise, fit_warnings, health_warnings,
+    PipelineWarning, Scene, SceneOptions, add_noise, field_warnings, fit_warnings, health_warnings,
     motion_warnings, reading_warnings, scene_warnings, simulate, touch_warnings,
 };
 
@@ -215,6 +215,124 @@ fn sensors_that_are_saturated() {
         let rounded = first_joint(&right, |v| (v / step).round() * step);
         assert_eq!(warned(&scene, &rounded), [], "{steps}");
     }
+}
+
+/// A sensor that stops in the middle of a touch.
+#[test]
+fn sensors_that_freeze() {
+    let scene = scene(TorqueKind::External, 0);
+    let right = touch(&scene);
+    // The arm swings back from the middle on.
+    let first = ROWS / 2 + 2;
+    for joints in [1, 3] {
+        let mut frozen = right.clone();
+        let held = frozen.torques[first].to_vec();
+        let rows = frozen.torques.data_mut().chunks_exact_mut(3);
+        for row in rows.skip(first).take(8) {
+            row[..joints].copy_from_slice(&held[..joints]);
+        }
+        let warnings = warned(&scene, &frozen);
+        let is_told = |w: &PipelineWarning| matches!(w, PipelineWarning::FrozenReadings { joint, row, count: 8, value, .. } if joint == "joint_1" && *row == first && *value == held[0]);
+        assert!(warnings.iter().any(is_told), "{warnings:?}");
+    }
+}
+
+/// One joint of the other sign, and columns of another order.
+#[test]
+fn readings_of_other_joints() {
+    let scene = scene(TorqueKind::External, 0);
+    let right = touch(&scene);
+    let warnings = warned(&scene, &first_joint(&right, |v| -v));
+    let [PipelineWarning::OppositeJoint { joint, correlation }] = &warnings[..] else {
+        panic!("{warnings:?}");
+    };
+    assert!(joint == "joint_1" && *correlation < -0.8, "{correlation}");
+
+    let reordered = |order: [usize; 3]| {
+        let mut changed = right.clone();
+        for row in changed.torques.data_mut().chunks_exact_mut(3) {
+            let own = [row[0], row[1], row[2]];
+            row.iter_mut().zip(order).for_each(|(to, k)| *to = own[k]);
+        }
+        changed
+    };
+    for (order, says) in [
+        ([2, 1, 0], "in reverse order"),
+        ([2, 0, 1], "turned on by 1"),
+    ] {
+        let warnings = warned(&scene, &reordered(order));
+        let [PipelineWarning::MixedColumns { order, .. }] = &warnings[..] else {
+            panic!("{warnings:?}");
+        };
+        assert_eq!(order, says);
+    }
+}
+
+/// Offsets that nobody took off.
+#[test]
+fn readings_that_are_not_tared() {
+    let (plain, tared) = (
+        scene(TorqueKind::External, 0),
+        scene(TorqueKind::External, 5),
+    );
+    let offset = first_joint(&touch(&plain), |v| v + 30.0);
+    let warnings = warned(&plain, &offset);
+    let [PipelineWarning::NotTared { joint, mean, .. }] = &warnings[..] else {
+        panic!("{warnings:?}");
+    };
+    assert!(joint == "joint_1" && (mean - 30.0).abs() < 0.1);
+    assert_eq!(warned(&tared, &offset), []);
+    // A small one is for the diagnosis.
+    assert_eq!(
+        warned(&plain, &first_joint(&touch(&plain), |v| v + 0.1)),
+        []
+    );
+}
+
+/// A clock that counts milliseconds.
+#[test]
+fn time_in_milliseconds() {
+    let scene = scene(TorqueKind::External, 0);
+    let right = Sequence {
+        velocities: None,
+        ..swing()
+    };
+    assert_eq!(motion_warnings(scene.robot(), &[&right]), []);
+    let slow = Sequence {
+        time: right.time.iter().map(|t| 1000.0 * t).collect(),
+        ..right.clone()
+    };
+    let warnings = motion_warnings(scene.robot(), &[&slow]);
+    let [PipelineWarning::SlowClock { step, .. }] = &warnings[..] else {
+        panic!("{warnings:?}");
+    };
+    assert!((step - 50.0).abs() < 1e-9);
+    // Nothing moves, whatever the clock.
+    let mut still = slow.clone();
+    still.angles.data_mut().fill(0.1);
+    assert_eq!(motion_warnings(scene.robot(), &[&still]), []);
+}
+
+#[test]
+fn fields_that_explain_nothing() {
+    let scene = scene(TorqueKind::External, 0);
+    let traces = [scene.trace(&touch(&scene)).unwrap()];
+    let told = |stiffness: f64| {
+        let belief = Belief::new(vec![stiffness; 100], vec![1.0; 100]).unwrap();
+        field_warnings(&belief, &traces)
+    };
+    assert_eq!(told(150.0), []);
+    let warnings = told(0.5);
+    assert!(
+        matches!(warnings[..], [PipelineWarning::ExplainsNothing { share }] if (0.0..0.02).contains(&share)),
+        "{warnings:?}"
+    );
+    assert_eq!(
+        field_warnings(&Belief::uniform(0, 0.0, 1.0).unwrap(), &[]),
+        []
+    );
+    let short = field_warnings(&Belief::uniform(9, 0.0, 1.0).unwrap(), &traces);
+    assert!(matches!(short[..], [PipelineWarning::Malformed { .. }]));
 }
 
 /// A payload that is not in the model weighs like the arm, but less.

@@ -10,7 +10,7 @@ use vsf::data::StiffnessField;
 use vsf::pipeline::{
     Candidate, Estimate, EstimatorSpec, Hyper, HyperMethod, PipelineError, Scene, Trace,
     VisionCandidate, VisionEstimate, VisionSpec, choose_hyper, estimate, estimate_with_vision,
-    fit_warnings, health_warnings, view_warnings,
+    field_warnings, fit_warnings, health_warnings, view_warnings,
 };
 use vsf::vision::RgbdView;
 
@@ -130,7 +130,9 @@ pub fn run(args: &Args, console: &Console) -> anyhow::Result<()> {
         }
         _ => Vec::new(),
     };
-    health.iter().chain(&fit).for_each(|w| console.warn(w));
+    let field = field_warnings(&chosen.estimate.belief, &traces);
+    let all = health.iter().chain(&fit).chain(&field);
+    all.for_each(|w| console.warn(w));
     let name = &recording.dataset.name;
     let estimate = &chosen.estimate;
     let field = estimate.to_field(&scene, &chosen.hyper, name, &traces)?;

@@ -36,9 +36,10 @@ pub struct Folder(pub TempDir);
 impl Folder {
     pub fn new() -> Self {
         let folder = Self(tempfile::tempdir().unwrap());
-        for id in ["2", "10"] {
-            let values: Vec<f64> = (0..ROWS * COLS).map(|v| v as f64 / 8.0).collect();
-            for name in ["angles", "torques"] {
+        for (id, shift) in [("2", 0.0), ("10", 0.5)] {
+            for (name, shift) in [("angles", 0.0), ("torques", shift)] {
+                let values = (0..ROWS * COLS).map(|v| v as f64 / 8.0 + shift);
+                let values: Vec<f64> = values.collect();
                 folder.write(&format!("seq_{id}/{name}.npy"), &f8("(4, 2)", &values));
             }
         }

@@ -1,3 +1,4 @@
+use super::likeness::{self, Likeness};
 use super::{PipelineWarning, Rows, malformed, outliers, sensors};
 use crate::readings::check_sequence;
 use crate::{Scene, Trace, motion_of, reading_unit, rigid_body_torques};
@@ -9,8 +10,10 @@ use vsf_robots::Joint;
 const MOST_EFFORT: f64 = 10.0;
 /// Tare samples that spread by more than this share of the touch itself are no rest.
 const MOST_SPREAD: f64 = 0.25;
-/// Readings in contact that are less like those of springs are of the other sign.
-const LEAST_CORRELATION: f64 = -0.5;
+/// Readings in the air that are on average more than this share of those in contact are no noise; and how many of them
+/// tell.
+const MOST_OFFSET: f64 = 0.5;
+const LEAST_FREE: usize = 16;
 /// Readings in the air that are at least so much like the torques of gravity, and within a factor of their
 /// size, are these. A payload is like them too, but smaller.
 const GRAVITY_CORRELATION: f64 = 0.95;
@@ -18,8 +21,8 @@ const GRAVITY_SIZE: std::ops::RangeInclusive<f64> = 0.8..=1.25;
 /// Readings of the actuators of the other sign leave twice the torques of gravity.
 const TWICE: std::ops::RangeInclusive<f64> = 1.6..=2.5;
 
-/// What looks wrong with the readings: torques of another unit, of the other sign, with gravity left in them,
-/// sensors that are stuck or saturated, tare samples that are no rest. `traces` are those of `sequences`, in their order. Of
+/// What looks wrong with the readings: torques of another unit, of the other sign, in another order, with gravity or
+/// offsets left in them, sensors that are stuck, frozen or saturated, tare samples that are no rest. `traces` are those of `sequences`, in their order. Of
 /// sequences that [`Sequence::check`] refuses, with other joints than the robot's, and of traces that
 /// [`Trace::check`] refuses, only that.
 pub fn reading_warnings(
@@ -59,8 +62,9 @@ pub fn reading_warnings(
     warnings.extend(tares(&|t| tare_in_contact(t, scene.tare_samples())));
     warnings.extend(tares(&|t| tare_spread(t, scene)));
     warnings.extend(sensors::warnings(scene, sequences, traces));
-    // Gravity that is left may turn readings round.
-    warnings.extend(gravity_left(scene, sequences, traces).or_else(|| opposite(scene, traces)));
+    // Gravity that is left, and other offsets, may turn readings round.
+    let offset = gravity_left(scene, sequences, traces).or_else(|| not_tared(scene, traces));
+    warnings.extend(offset.or_else(|| likeness::warning(scene, traces)));
     warnings
 }
 
@@ -119,41 +123,31 @@ fn tare_spread(trace: &Trace, scene: &Scene) -> Option<PipelineWarning> {
     })
 }
 
-/// Inner products of readings with what they are compared to.
-#[derive(Default)]
-struct Likeness {
-    readings: f64,
-    both: f64,
-    others: f64,
-}
-
-impl Likeness {
-    fn add(&mut self, reading: f64, other: f64) {
-        self.readings += reading * reading;
-        self.both += reading * other;
-        self.others += other * other;
+/// A joint that reads something where nothing is touched.
+fn not_tared(scene: &Scene, traces: &[Trace]) -> Option<PipelineWarning> {
+    let observations = || traces.iter().flat_map(|t| &t.observations);
+    let free = || observations().filter(|o| o.is_empty());
+    let touching = observations().filter(|o| !o.is_empty());
+    let squares = touching.map(|o| (o.reading().iter().map(|t| t * t).sum::<f64>(), 1.0));
+    let (squares, touching) = squares.fold((0.0, 0.0), |a, b| (a.0 + b.0, a.1 + b.1));
+    let touch = (squares / touching).sqrt();
+    let count = free().count();
+    if count < LEAST_FREE || touching == 0.0 {
+        return None;
     }
-
-    /// Cosine of the angle between them, NaN where one is zero.
-    fn correlation(&self) -> f64 {
-        self.both / (self.readings * self.others).sqrt()
-    }
-}
-
-/// Any stiffness gives torques that are, by and large, like those of the same stiffness everywhere.
-fn opposite(scene: &Scene, traces: &[Trace]) -> Option<PipelineWarning> {
-    let uniform = vec![1.0; scene.rest().len()];
-    let mut likeness = Likeness::default();
-    let observations = traces.iter().flat_map(|t| &t.observations);
-    for obs in observations.filter(|o| !o.is_empty()) {
-        let mut springs = vec![0.0; obs.dim()];
-        obs.apply(&uniform, &mut springs);
-        let pairs = obs.reading().iter().zip(springs);
-        pairs.for_each(|(tau, spring)| likeness.add(*tau, spring));
-    }
-    let correlation = likeness.correlation();
-    let opposite = correlation < LEAST_CORRELATION;
-    opposite.then_some(PipelineWarning::OppositeTorques { correlation })
+    let mean = |j: usize| free().map(|o| o.reading()[j]).sum::<f64>() / count as f64;
+    let joints = scene.robot().joints().iter().enumerate();
+    let mut found = joints
+        .map(|(j, joint)| (joint, mean(j)))
+        .filter(|(_, mean)| mean.abs() > MOST_OFFSET * touch);
+    let (joint, mean) = found.next()?;
+    Some(PipelineWarning::NotTared {
+        joint: joint.name().to_owned(),
+        mean,
+        touch,
+        unit: reading_unit(joint),
+        others: found.count(),
+    })
 }
 
 fn gravity_left(

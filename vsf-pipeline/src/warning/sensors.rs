@@ -43,7 +43,8 @@ pub fn warnings(scene: &Scene, sequences: &[&Sequence], traces: &[Trace]) -> Vec
         .clone()
         .filter_map(|j| stuck(scene, &touched, j).or_else(|| zero(scene, &touched, j)));
     let clipped = joints.flat_map(|j| [1.0, -1.0].map(|side| clipped(scene, &touched, j, side)));
-    still.chain(clipped.flatten()).collect()
+    let frozen = frozen(scene, &touched);
+    still.chain(clipped.flatten()).chain(frozen).collect()
 }
 
 fn stuck(scene: &Scene, touched: &[Touched], j: usize) -> Option<PipelineWarning> {
@@ -97,6 +98,44 @@ impl Touched<'_> {
         let steps = expected > LEAST_STEPS * step(self.readings(other));
         (steps && spread(j) > LEAST_CHANGE * widest).then_some(value)
     }
+}
+
+/// Joints that stay at one value for a while, inside of their range and while touch would change them. Of readings of the
+/// actuators nothing is said, as of saturated ones.
+fn frozen(scene: &Scene, touched: &[Touched]) -> Option<PipelineWarning> {
+    if scene.torque_kind() == TorqueKind::Measured {
+        return None;
+    }
+    let of_joint = |j: usize| {
+        touched.iter().find_map(|t| {
+            let readings: Vec<f64> = t.readings(j).collect();
+            let (low, high) =
+                (readings.iter()).fold((0.0_f64, 0.0_f64), |(l, h), v| (l.min(*v), h.max(*v)));
+            let springs = range(t.springs.iter().map(|s| s[j]));
+            let mut row = 0;
+            readings.chunk_by(|a, b| a == b).find_map(|run| {
+                let at = row..row + run.len();
+                row = at.end;
+                let change = range(t.springs[at.clone()].iter().map(|s| s[j])) / springs;
+                let steps = change * (high - low) / step(readings.iter().copied());
+                let inside = low < run[0] && run[0] < high && run[0] != 0.0;
+                (inside && run.len() >= LEAST_ROWS && change > LEAST_CHANGE && steps > LEAST_STEPS)
+                    .then(|| (t.sequence, at, run[0]))
+            })
+        })
+    };
+    let joints = scene.robot().joints().iter().enumerate();
+    let mut found = joints.filter_map(|(j, joint)| Some((joint, of_joint(j)?)));
+    let (joint, (sequence, rows, value)) = found.next()?;
+    Some(PipelineWarning::FrozenReadings {
+        joint: joint.name().to_owned(),
+        sequence: sequence.id.clone(),
+        row: rows.start,
+        count: rows.len(),
+        value,
+        unit: reading_unit(joint),
+        others: found.count(),
+    })
 }
 
 /// Flat tops of the readings, or flat bottoms, where touch goes on to change. Of readings of the actuators nothing is

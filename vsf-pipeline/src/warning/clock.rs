@@ -1,0 +1,41 @@
+use super::PipelineWarning;
+use super::jumps::moves;
+use crate::median::median;
+use vsf_data::Sequence;
+use vsf_robots::{JointKind, RobotModel};
+
+/// Samples of a recording come less than so many seconds apart, as a rule.
+const MOST_STEP: f64 = 1.0;
+/// No touch is as slow as this (rad/s and m/s).
+const LEAST_SPEED: (f64, f64) = (1e-3, 1e-4);
+/// Joints that move by less (rad or m) stand still.
+const LEAST_WAY: f64 = 1e-3;
+
+/// Time that goes on far too fast.
+pub fn warning(robot: &RobotModel, sequences: &[&Sequence]) -> Option<PipelineWarning> {
+    let slow = |s: &&Sequence| {
+        let dt = |row: usize| s.time[row] - s.time[row - 1];
+        let step = median(moves(s).map(dt).collect()).filter(|step| *step >= MOST_STEP)?;
+        let (mut fastest, mut is_slow, mut moved) = (0.0_f64, true, false);
+        for (j, joint) in robot.joints().iter().enumerate() {
+            let least = match joint.kind() {
+                JointKind::Prismatic => LEAST_SPEED.1,
+                _ => LEAST_SPEED.0,
+            };
+            let way = |row: usize| joint.change(s.angles[row - 1][j], s.angles[row][j]).abs();
+            let speed = moves(s).map(|row| way(row) / dt(row)).fold(0.0, f64::max);
+            moved |= moves(s).map(way).sum::<f64>() > LEAST_WAY;
+            is_slow &= speed < least;
+            fastest = fastest.max(speed);
+        }
+        (is_slow && moved).then(|| (s.id.clone(), step, fastest))
+    };
+    let mut found = sequences.iter().filter_map(slow);
+    let (sequence, step, fastest) = found.next()?;
+    Some(PipelineWarning::SlowClock {
+        sequence,
+        step,
+        fastest,
+        others: found.count(),
+    })
+}

@@ -1,0 +1,146 @@
+//! Readings in contact beside the torques of springs of one stiffness everywhere, which those of any stiffness are like,
+//! by and large: signs and columns.
+
+use super::PipelineWarning;
+use crate::{Scene, Trace};
+
+/// Readings that are less like those of springs are of the other sign.
+const OPPOSITE: f64 = -0.5;
+/// Share of the squared torques of springs below which a joint feels too little to be judged.
+const LEAST_SHARE: f64 = 0.03;
+/// How much the others have to be like springs where one joint is not.
+const OTHERS: f64 = 0.5;
+/// Another order of columns has to be like springs, and more so than the order given, by this.
+const ORDER: f64 = 0.6;
+const GAIN: f64 = 0.3;
+
+/// Inner products of two series of numbers.
+#[derive(Default)]
+pub struct Likeness {
+    pub readings: f64,
+    pub both: f64,
+    pub others: f64,
+}
+
+impl Likeness {
+    pub fn add(&mut self, reading: f64, other: f64) {
+        self.readings += reading * reading;
+        self.both += reading * other;
+        self.others += other * other;
+    }
+
+    /// Cosine of the angle between them, NaN where one is zero.
+    pub fn correlation(&self) -> f64 {
+        self.both / (self.readings * self.others).sqrt()
+    }
+}
+
+/// Torques of the wrong sign, of all joints or of one, and columns in the wrong order.
+pub fn warning(scene: &Scene, traces: &[Trace]) -> Option<PipelineWarning> {
+    let products = Products::new(scene, traces);
+    let joints = products.springs.len();
+    let own: Vec<usize> = (0..joints).collect();
+    let correlation = products.correlation(&own);
+    if correlation < OPPOSITE {
+        return Some(PipelineWarning::OppositeTorques { correlation });
+    }
+    let name = |j: usize| scene.robot().joints()[j].name();
+    let orders = orders(joints).map(|(order, columns)| (order, products.correlation(&columns)));
+    let best = orders.max_by(|a, b| a.1.total_cmp(&b.1));
+    if let Some((order, other)) = best.filter(|(_, c)| *c > ORDER.max(correlation + GAIN)) {
+        let order = match order {
+            Order::Reversed => "in reverse order".to_owned(),
+            Order::Turned(by) => format!("turned on by {by}"),
+            Order::Exchanged(a, b) => format!("of {} and {} exchanged", name(a), name(b)),
+        };
+        return Some(PipelineWarning::MixedColumns {
+            order,
+            other,
+            correlation,
+        });
+    }
+    own.into_iter().find_map(|j| {
+        let (correlation, others) = products.apart(j)?;
+        (correlation < OPPOSITE && others > OTHERS).then(|| PipelineWarning::OppositeJoint {
+            joint: name(j).to_owned(),
+            correlation,
+        })
+    })
+}
+
+/// How columns may have come into another order.
+enum Order {
+    Reversed,
+    /// So many columns of the begin stand at the end.
+    Turned(usize),
+    Exchanged(usize, usize),
+}
+
+/// Such orders, with the column that each joint then takes.
+fn orders(joints: usize) -> impl Iterator<Item = (Order, Vec<usize>)> {
+    let own = move || (0..joints).collect::<Vec<_>>();
+    let reversed = (Order::Reversed, (0..joints).rev().collect());
+    let turned = (1..joints).map(move |by| {
+        let mut columns = own();
+        columns.rotate_left(by);
+        (Order::Turned(by), columns)
+    });
+    let pairs = (0..joints).flat_map(move |a| (a + 1..joints).map(move |b| (a, b)));
+    let exchanged = pairs.map(move |(a, b)| {
+        let mut columns = own();
+        columns.swap(a, b);
+        (Order::Exchanged(a, b), columns)
+    });
+    exchanged.chain(turned).chain(std::iter::once(reversed))
+}
+
+/// Inner products of the torques of springs and of readings in contact.
+struct Products {
+    /// By joint and column.
+    both: Vec<Vec<f64>>,
+    springs: Vec<f64>,
+    readings: Vec<f64>,
+}
+
+impl Products {
+    fn new(scene: &Scene, traces: &[Trace]) -> Self {
+        let joints = scene.robot().joint_count();
+        let uniform = vec![1.0; scene.rest().len()];
+        let mut found = Self {
+            both: vec![vec![0.0; joints]; joints],
+            springs: vec![0.0; joints],
+            readings: vec![0.0; joints],
+        };
+        let mut springs = vec![0.0; joints];
+        let observations = traces.iter().flat_map(|t| &t.observations);
+        for obs in observations.filter(|o| !o.is_empty()) {
+            obs.apply(&uniform, &mut springs);
+            for (j, spring) in springs.iter().enumerate() {
+                found.springs[j] += spring * spring;
+                found.readings[j] += obs.reading()[j].powi(2);
+                let products = found.both[j].iter_mut().zip(obs.reading());
+                products.for_each(|(both, reading)| *both += spring * reading);
+            }
+        }
+        found
+    }
+
+    /// Of all joints, each with the column that it is given; NaN where one of both is zero.
+    fn correlation(&self, columns: &[usize]) -> f64 {
+        let both = columns.iter().enumerate().map(|(j, k)| self.both[j][*k]);
+        let sum = |of: &[f64]| of.iter().sum::<f64>();
+        both.sum::<f64>() / (sum(&self.springs) * sum(&self.readings)).sqrt()
+    }
+
+    /// Of one joint that feels enough, and of all others.
+    fn apart(&self, j: usize) -> Option<(f64, f64)> {
+        let all = self.springs.iter().sum::<f64>();
+        let enough = self.springs[j] > LEAST_SHARE * all && self.readings[j] > 0.0;
+        let without = |of: &[f64]| of.iter().sum::<f64>() - of[j];
+        let both: f64 = (0..self.springs.len()).map(|k| self.both[k][k]).sum();
+        let own = self.both[j][j] / (self.springs[j] * self.readings[j]).sqrt();
+        let others =
+            (both - self.both[j][j]) / (without(&self.springs) * without(&self.readings)).sqrt();
+        enough.then_some((own, others))
+    }
+}
