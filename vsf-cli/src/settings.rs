@@ -138,8 +138,8 @@ pub struct EstimatorSettings {
     /// one each; chosen from the sequences by default
     #[arg(long, value_delimiter = ',', value_parser = deviation)]
     pub noise_sd: Option<Vec<f64>>,
-    /// Standard deviation of the smooth part of the prior, per that of a point's own part, default 0.25;
-    /// when prior and noise are chosen, 0 (independent points) is tried beside it
+    /// Standard deviation of the smooth part of the prior, per that of a point's own part, 0 for independent
+    /// points; by default 0.25 or, where that predicts better, 0
     #[arg(long, value_parser = share)]
     smooth_share: Option<f64>,
     /// Length over which the smooth part of the prior stays alike [m], default 0.04
@@ -497,6 +497,14 @@ impl EstimatorSettings {
             smooth_share: self.smooth_share.unwrap_or(defaults.smooth_share),
             length: self.smooth_length.unwrap_or(defaults.length),
             level_share: self.level_share.unwrap_or(defaults.level_share),
+        }
+    }
+
+    /// Those to choose from: without the smooth part too, unless its share is given.
+    pub fn shapes(&self) -> Vec<PriorShape> {
+        match self.smooth_share {
+            Some(_) => vec![self.shape()],
+            None => self.shape().or_independent().to_vec(),
         }
     }
 

@@ -197,9 +197,14 @@ fn errors_are_those_of_sequences_left_out() {
         // The one that follows, the first after the last.
         let train = [traces[(k + 1) % traces.len()].clone()];
         let shape = PriorShape::default();
-        let hyper = choose_hyper(scene.rest(), &train, shape, HyperMethod::HeldOut)
-            .unwrap()
-            .hyper;
+        let hyper = choose_hyper(
+            scene.rest(),
+            &train,
+            &shape.or_independent(),
+            HyperMethod::HeldOut,
+        )
+        .unwrap()
+        .hyper;
         let field = estimate(scene.rest(), &train, &EstimatorSpec::Batch, &hyper, |_| {}).unwrap();
         let alone = evaluate(&scene, &field.belief, &traces[k..=k]).unwrap();
         assert_eq!(found.sequence, traces[k].id);

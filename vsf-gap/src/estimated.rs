@@ -22,9 +22,9 @@ impl Campaign {
         if test.is_empty() || train.iter().all(|t| t.contact_samples() == 0) {
             return Ok(None);
         }
-        let (scene, shape) = (&self.scene, PriorShape::default());
+        let (scene, shapes) = (&self.scene, PriorShape::default().or_independent());
         let rest = scene.rest();
-        let hyper = choose_hyper(rest, &train, shape, HyperMethod::HeldOut)?.hyper;
+        let hyper = choose_hyper(rest, &train, &shapes, HyperMethod::HeldOut)?.hyper;
         let field = estimate(rest, &train, &EstimatorSpec::Batch, &hyper, |_| {})?;
         let predictions = (test.iter())
             .map(|c| Ok(c.complete(predict(scene, &field.belief, &hyper.noise_sd, &c.trace)?)))

@@ -92,8 +92,9 @@ impl<'a> Campaign<'a> {
         if let Some(hyper) = self.hyper.get() {
             return Ok(hyper);
         }
-        let (shape, method) = (PriorShape::default(), HyperMethod::HeldOut);
-        let choice = choose_hyper(self.scene.rest(), self.train_traces(), shape, method)?;
+        let (rest, train) = (self.scene.rest(), self.train_traces());
+        let shapes = PriorShape::default().or_independent();
+        let choice = choose_hyper(rest, train, &shapes, HyperMethod::HeldOut)?;
         Ok(self.hyper.get_or_init(|| choice.hyper))
     }
 

@@ -52,6 +52,17 @@ impl EstimatorSpec {
         let (form, config) = (DiagonalForm::default(), ReplayConfig::default());
         FilterSpec::Replay { form, config }.into()
     }
+
+    /// Whether it uses what the prior says of neighbouring points, not the marginals alone.
+    pub fn keeps_correlations(&self) -> bool {
+        match self {
+            Self::Batch => true,
+            Self::Online { filter, .. } => match filter {
+                FilterSpec::Exact(_) | FilterSpec::Information(_) => true,
+                FilterSpec::Dual(_) | FilterSpec::Replay { .. } => false,
+            },
+        }
+    }
 }
 
 impl From<FilterSpec> for EstimatorSpec {

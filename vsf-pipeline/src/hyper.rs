@@ -67,6 +67,16 @@ impl PriorShape {
         }
     }
 
+    /// This shape and, to compare, the same without its smooth part.
+    #[must_use]
+    pub fn or_independent(self) -> [Self; 2] {
+        let independent = Self {
+            smooth_share: 0.0,
+            ..self
+        };
+        [self, independent]
+    }
+
     /// The prior of a field with standard deviation `sd` (N/m) of every point's own part.
     ///
     /// # Errors
@@ -109,8 +119,8 @@ pub enum HyperMethod {
     ///   `sqrt(4 / n)` of its noise. The
     ///   touches, dealt to at most ten parts in turn, are held out once (where the parts share few
     ///   points, every quarter of a touch) and predicted from the others by the constrained optimum,
-    ///   with other ratios and without the smooth part too; with more than 1500 touched points, by
-    ///   the online filter, which tells nothing of a smooth part: it stays. Of all priors whose error exceeds that of
+    ///   with other ratios and every shape that is to be compared; with more than 1500 touched points, by
+    ///   the online filter, which tells nothing of a smooth part: the first shape stays. Of all priors whose error exceeds that of
     ///   the best one by no more than one standard error of the difference, the one nearest to the rule is taken
     ///   (paired; after L. Breiman et al., *Classification and Regression Trees*, 1984, section 3.4.3).
     /// - *Level*: so that what is left unexplained of what was held out is as large as predicted, the
@@ -161,32 +171,37 @@ const FLOOR: f64 = 0.05;
 ///
 /// *Noise by channel*: most of what a field leaves unexplained is error of the model, which grows
 /// with the load. The noise of a channel is in proportion to its RMS reading in contact, plus 5 % of
-/// the RMS norm of the whole reading. Its level, the sd of the prior and whether there is a smooth
-/// part are chosen by `method`.
+/// the RMS norm of the whole reading. Its level, the sd of the prior and one of `shapes`, of equals the first, are
+/// chosen by `method`: `&PriorShape::default().or_independent()` asks whether there is a smooth part.
 ///
 /// # Errors
-/// Traces that [`Trace::check`] refuses or that differ in their number of joints; no train sequence ever
+/// No shape; traces that [`Trace::check`] refuses or that differ in their number of joints; no train sequence ever
 /// touches a point; failures of an estimator.
 pub fn choose_hyper(
     rest: &RestPoints,
     traces: &[Trace],
-    shape: PriorShape,
+    shapes: &[PriorShape],
     method: HyperMethod,
 ) -> Result<HyperChoice, PipelineError> {
-    let problem = Problem::new(rest, traces, shape)?;
+    let Some(first) = shapes.first() else {
+        return Err(CoreError::Length {
+            what: "shapes of the prior",
+            got: 0,
+            expected: 1,
+        }
+        .into());
+    };
+    let problem = Problem::new(rest, traces)?;
     match method {
-        HyperMethod::HeldOut => held_out::choose(problem, true),
-        HyperMethod::Likelihood => likelihood::choose(&problem),
+        HyperMethod::HeldOut => held_out::choose(problem, first, shapes),
+        HyperMethod::Likelihood => likelihood::choose(&problem, shapes),
     }
 }
 
-/// Prior and noise by [`HyperMethod::HeldOut`] for a prior of this shape and no other.
-pub(crate) fn hyper_of_shape(
-    rest: &RestPoints,
-    traces: &[Trace],
-    shape: PriorShape,
-) -> Result<Hyper, PipelineError> {
-    Ok(held_out::choose(Problem::new(rest, traces, shape)?, false)?.hyper)
+/// What is tried: all ratios with every shape.
+fn candidates(shapes: &[PriorShape]) -> Vec<(PriorShape, f64)> {
+    let ratios = |shape: &PriorShape| POWERS.map(|power| (*shape, power));
+    shapes.iter().flat_map(ratios).collect()
 }
 
 /// The problem with noise of the right shape and, for now, level 1, a trace per touch, and without
@@ -195,7 +210,6 @@ struct Problem {
     rest: RestPoints,
     touches: Vec<Trace>,
     channels: Vec<f64>,
-    shape: PriorShape,
     /// Median over the samples in contact of the reading's sd per unit of prior sd.
     typical: f64,
     /// Signal-to-noise ratio of a typical reading by rule.
@@ -203,7 +217,7 @@ struct Problem {
 }
 
 impl Problem {
-    fn new(rest: &RestPoints, traces: &[Trace], shape: PriorShape) -> Result<Self, PipelineError> {
+    fn new(rest: &RestPoints, traces: &[Trace]) -> Result<Self, PipelineError> {
         let first = traces.iter().flat_map(|t| &t.observations).next();
         check_traces(traces, rest.len(), first.map_or(0, Observation::dim))?;
         let what = "train";
@@ -223,7 +237,6 @@ impl Problem {
             rest,
             touches,
             channels,
-            shape,
             typical,
             rule,
         })
@@ -235,19 +248,6 @@ impl Problem {
 
     fn prior(&self, (shape, power): &(PriorShape, f64)) -> Result<FieldPrior, PipelineError> {
         shape.prior(&self.rest, self.prior_sd(*power))
-    }
-
-    /// What is tried: all ratios with the given shape and, to compare, without its smooth part.
-    fn candidates(&self, compare_shapes: bool) -> Vec<(PriorShape, f64)> {
-        let mut shapes = vec![self.shape];
-        if compare_shapes && self.shape.smooth_share > 0.0 {
-            shapes.push(PriorShape {
-                smooth_share: 0.0,
-                ..self.shape
-            });
-        }
-        let ratios = |shape: &PriorShape| POWERS.map(|power| (*shape, power));
-        shapes.iter().flat_map(ratios).collect()
     }
 
     fn signal_to_noise(&self, power: f64) -> f64 {
@@ -427,7 +427,7 @@ mod tests {
         let at = |i: usize| Point3::new(0.01 * i as f64, 0.0, 0.0);
         let rest = RestPoints::new((0..MANY).map(at).collect()).unwrap();
         for shape in [PriorShape::independent(), PriorShape::default()] {
-            let choice = choose_hyper(&rest, &traces, shape, HyperMethod::HeldOut).unwrap();
+            let choice = choose_hyper(&rest, &traces, &[shape], HyperMethod::HeldOut).unwrap();
             let sd = choice.hyper.noise_sd[0];
             assert!((sd / 0.5 - 1.0).abs() < 0.05, "{sd}");
         }
@@ -441,17 +441,25 @@ mod tests {
             length: 1.0,
             ..PriorShape::default()
         };
-        let free = choose_hyper(&rest(), &touches(0.1), smooth, HyperMethod::HeldOut).unwrap();
-        assert_eq!(free.hyper.shape.smooth_share, 0.0);
-        let bound = hyper_of_shape(&rest(), &touches(0.1), smooth).unwrap();
-        assert_eq!(bound.shape, smooth);
+        let chosen = |shapes: &[PriorShape]| {
+            let choice = choose_hyper(&rest(), &touches(0.1), shapes, HyperMethod::HeldOut);
+            choice.unwrap().hyper.shape
+        };
+        assert_eq!(chosen(&smooth.or_independent()).smooth_share, 0.0);
+        assert_eq!(chosen(&[smooth]), smooth);
+        let none = choose_hyper(&rest(), &touches(0.1), &[], HyperMethod::HeldOut);
+        assert!(
+            none.unwrap_err()
+                .to_string()
+                .contains("shapes of the prior")
+        );
     }
 
     #[test]
     fn contacts_without_torque_are_told_from_none() {
         let why = |traces: &[Trace]| {
             let (shape, method) = (PriorShape::default(), HyperMethod::HeldOut);
-            choose_hyper(&rest(), traces, shape, method).unwrap_err()
+            choose_hyper(&rest(), traces, &[shape], method).unwrap_err()
         };
         assert!(matches!(why(&[]), PipelineError::NoContact { .. }));
         let error = why(&touches(0.0));

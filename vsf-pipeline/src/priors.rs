@@ -1,8 +1,7 @@
 use crate::estimate::batch_map;
 use crate::evaluate::{score, sequence_prediction};
-use crate::hyper::hyper_of_shape;
 use crate::trace::with_noise;
-use crate::{Campaign, Evaluation, PipelineError, PriorShape, Trace};
+use crate::{Campaign, Evaluation, HyperMethod, PipelineError, PriorShape, Trace, choose_hyper};
 use serde::Serialize;
 use vsf_core::Noise;
 
@@ -62,7 +61,7 @@ fn row(
         campaign.train_traces(),
         campaign.test_traces(),
     );
-    let hyper = hyper_of_shape(scene.rest(), train, shape)?;
+    let hyper = choose_hyper(scene.rest(), train, &[shape], HyperMethod::HeldOut)?.hyper;
     let noise = Noise::per_channel(&hyper.noise_sd)?;
     let (train, test) = (with_noise(train, &noise)?, with_noise(test, &noise)?);
     let batch = batch_map(&train, scene.rest().len())?;

@@ -244,7 +244,7 @@ fn traces() {
             refused("estimate", found.err());
         }
         for method in [HyperMethod::HeldOut, HyperMethod::Likelihood] {
-            refused("hyper", choose_hyper(rest, &both, shape, method).err());
+            refused("hyper", choose_hyper(rest, &both, &[shape], method).err());
         }
         refused("campaign", Campaign::new(&data, &scene, &both).err());
         let simulated = simulate(&scene, &[1.0; POINTS], &[&data.sequences[0]], &both[1..]);

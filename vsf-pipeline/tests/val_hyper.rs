@@ -65,7 +65,13 @@ fn traces(touches: &[usize], seed: u64) -> Vec<Trace> {
 fn likelihood_finds_noise_and_prior() {
     let traces = traces(&[2, 2, 2], 1);
     let shape = PriorShape::independent();
-    let choice = choose_hyper(&rest(), &traces, shape, HyperMethod::Likelihood).unwrap();
+    let choice = choose_hyper(
+        &rest(),
+        &traces,
+        &shape.or_independent(),
+        HyperMethod::Likelihood,
+    )
+    .unwrap();
     for sd in &choice.hyper.noise_sd {
         assert!((sd / NOISE_SD - 1.0).abs() < 0.15, "{sd}");
     }
@@ -85,7 +91,13 @@ fn likelihood_finds_noise_and_prior() {
 fn held_out_noise_is_the_error_of_the_prediction() {
     let traces = traces(&[2, 2, 2], 2);
     let shape = PriorShape::independent();
-    let choice = choose_hyper(&rest(), &traces, shape, HyperMethod::HeldOut).unwrap();
+    let choice = choose_hyper(
+        &rest(),
+        &traces,
+        &shape.or_independent(),
+        HyperMethod::HeldOut,
+    )
+    .unwrap();
     // Noise and what five sixths of the readings leave unknown of the field.
     for sd in &choice.hyper.noise_sd {
         assert!((1.0..1.6).contains(&(sd / NOISE_SD)), "{sd}");
@@ -100,7 +112,13 @@ fn held_out_noise_is_the_error_of_the_prediction() {
 fn sequences_do_not_matter() {
     let choice = |touches: &[usize]| {
         let shape = PriorShape::independent();
-        choose_hyper(&rest(), &traces(touches, 3), shape, HyperMethod::HeldOut).unwrap()
+        choose_hyper(
+            &rest(),
+            &traces(touches, 3),
+            &shape.or_independent(),
+            HyperMethod::HeldOut,
+        )
+        .unwrap()
     };
     let one = choice(&[6]);
     for other in [choice(&[1; 6]), choice(&[4, 2])] {
@@ -111,7 +129,7 @@ fn sequences_do_not_matter() {
 #[test]
 fn without_contact_nothing_can_be_chosen() {
     for method in [HyperMethod::HeldOut, HyperMethod::Likelihood] {
-        let error = choose_hyper(&rest(), &[], PriorShape::default(), method).unwrap_err();
+        let error = choose_hyper(&rest(), &[], &[PriorShape::default()], method).unwrap_err();
         assert!(error.to_string().contains("touch"), "{error}");
     }
 }
@@ -138,7 +156,13 @@ fn strokes_over_new_points_leave_a_finite_noise() {
     };
     let traces = [stroke(0), stroke(8), stroke(16)];
     let shape = PriorShape::independent();
-    let choice = choose_hyper(&rest(), &traces, shape, HyperMethod::HeldOut).unwrap();
+    let choice = choose_hyper(
+        &rest(),
+        &traces,
+        &shape.or_independent(),
+        HyperMethod::HeldOut,
+    )
+    .unwrap();
     let sd = choice.hyper.noise_sd[0];
     assert!((0.1..10.0).contains(&sd), "{sd}");
 }

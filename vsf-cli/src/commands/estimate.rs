@@ -169,7 +169,8 @@ pub fn run(args: &Args, console: &Console) -> anyhow::Result<()> {
         out: texts(&args.out),
     };
     console.json(&report)?;
-    console.report(text(&report, &scene))
+    let correlates = settings.spec()?.keeps_correlations();
+    console.report(text(&report, &scene, correlates))
 }
 
 /// Chooses what is not given and estimates, with a view if untouched points are to be guessed by it.
@@ -206,7 +207,8 @@ pub fn learn(
         (prior_sd, noise_sd) => {
             let spinner = console.spinner("choosing prior and noise");
             let by = settings.method();
-            let choice = choose_hyper(scene.rest(), traces, shape, by)?;
+            let shapes = settings.shapes();
+            let choice = choose_hyper(scene.rest(), traces, &shapes, by)?;
             spinner.finish_and_clear();
             let hyper = rescaled(choice.hyper, prior_sd, noise_sd);
             let name = match by {
@@ -298,7 +300,7 @@ pub fn how(method: &str) -> &'static str {
     }
 }
 
-fn text(report: &Report, scene: &Scene) -> String {
+fn text(report: &Report, scene: &Scene, correlates: bool) -> String {
     let mut text = format!(
         "estimated from {} samples of {} ({} in contact): {}\n",
         report.samples,
@@ -325,9 +327,13 @@ fn text(report: &Report, scene: &Scene) -> String {
     );
     if report.smooth_sd > 0.0 {
         text += &format!(
-            "              and N(0, {}²) N/m smooth over {} m\n",
+            "              and N(0, {}²) N/m smooth over {} m{}\n",
             number(report.smooth_sd),
             number(report.smooth_length),
+            match correlates {
+                true => "",
+                false => ", of which this estimator keeps the variance alone",
+            },
         );
     }
     if report.level_sd > 0.0 {

@@ -1,9 +1,10 @@
-use super::{Candidate, HyperChoice, PriorShape, Problem};
+use super::{Candidate, HyperChoice, PriorShape, Problem, candidates};
 use crate::estimate::{batch_map, run, touched_points};
 use crate::evaluate::{predict_independent, sample_errors};
 use crate::trace::{MOST_FOLDS, split};
 use crate::{EstimatorSpec, PipelineError, Trace};
 use rayon::prelude::*;
+use std::slice::from_ref;
 use vsf_core::{Belief, CoreError, Observation, Prediction};
 use vsf_filter::BatchFit;
 
@@ -12,26 +13,33 @@ const LEAVE_ONE_OUT_POINTS: usize = 1500;
 /// Contiguous parts of a touch that are held out where touches have no points in common.
 const QUARTERS: usize = 4;
 
-/// Chooses by [`super::HyperMethod::HeldOut`], among priors without the smooth part too if shapes are compared.
-pub fn choose(mut problem: Problem, compare_shapes: bool) -> Result<HyperChoice, PipelineError> {
+/// Chooses by [`super::HyperMethod::HeldOut`] among `shapes`, of which the online filter takes the first.
+pub fn choose(
+    mut problem: Problem,
+    first: &PriorShape,
+    shapes: &[PriorShape],
+) -> Result<HyperChoice, PipelineError> {
     let mut folds = problem.touches.len().min(MOST_FOLDS);
     if !folds_share_points(&problem.touches, folds, problem.rest.len()) {
         problem.touches = problem.touches.iter().flat_map(quarters).collect();
         folds = QUARTERS;
     }
+    let exact = problem.rest.len() <= LEAVE_ONE_OUT_POINTS;
+    let priors = candidates(if exact { shapes } else { from_ref(first) });
     let choice = Choice {
         problem,
         folds,
-        compare_shapes,
+        exact,
     };
-    choice.run()
+    choice.among(priors)
 }
 
 /// Fold `k` holds out every `folds`-th trace from the `k`-th on.
 struct Choice {
     problem: Problem,
     folds: usize,
-    compare_shapes: bool,
+    /// Whether the constrained optimum predicts.
+    exact: bool,
 }
 
 /// What the touches that are kept say of the field.
@@ -42,15 +50,13 @@ enum Posterior<'a> {
 }
 
 impl Choice {
-    fn run(&self) -> Result<HyperChoice, PipelineError> {
-        let exact = self.problem.rest.len() <= LEAVE_ONE_OUT_POINTS;
-        let priors = (self.problem).candidates(exact && self.compare_shapes);
-        let folds = self.held_out(exact, &priors, |posterior, held, _| {
+    fn among(&self, priors: Vec<(PriorShape, f64)>) -> Result<HyperChoice, PipelineError> {
+        let folds = self.held_out(&priors, |posterior, held, _| {
             Ok(mean_error(&posterior.mean(), held))
         })?;
         let errors = HeldOutErrors { priors, folds };
         let chosen = errors.nearest_to_rule();
-        let level = self.level(exact, chosen)?;
+        let level = self.level(chosen)?;
         Ok(HyperChoice {
             // A perfect fit would ask for zero noise.
             hyper: self.problem.hyper(chosen, level.sqrt().max(1e-9)),
@@ -62,7 +68,6 @@ impl Choice {
     /// out, and the points that the others touch.
     fn held_out<T: Send>(
         &self,
-        exact: bool,
         priors: &[(PriorShape, f64)],
         of: impl Fn(&Posterior<'_>, &[&Trace], &[bool]) -> Result<T, PipelineError> + Sync,
     ) -> Result<Vec<Vec<T>>, PipelineError> {
@@ -71,7 +76,9 @@ impl Choice {
             let kept: Vec<Trace> = kept.into_iter().cloned().collect();
             let field_len = self.problem.rest.len();
             let known = touched_points(&kept, field_len);
-            let batch = exact.then(|| batch_map(&kept, field_len)).transpose()?;
+            let batch = (self.exact)
+                .then(|| batch_map(&kept, field_len))
+                .transpose()?;
             let of_prior = |candidate: &(PriorShape, f64)| {
                 let prior = self.problem.prior(candidate)?;
                 let posterior = match &batch {
@@ -91,8 +98,8 @@ impl Choice {
     /// By how much the variances of noise and prior are too small: what held-out readings that touch a
     /// known point leave, squared, per variance predicted for it. Where none does nothing is known but
     /// the scale.
-    fn level(&self, exact: bool, chosen: (PriorShape, f64)) -> Result<f64, PipelineError> {
-        let folds = self.held_out(exact, &[chosen], |posterior, held, known| {
+    fn level(&self, chosen: (PriorShape, f64)) -> Result<f64, PipelineError> {
+        let folds = self.held_out(&[chosen], |posterior, held, known| {
             let (mut squares, mut count) = (0.0, 0usize);
             let observations = held.iter().flat_map(|t| &t.observations);
             for obs in observations.filter(|o| o.points().iter().any(|&p| known[p as usize])) {
@@ -161,7 +168,7 @@ impl HeldOutErrors {
         let best = best.unwrap_or(0);
         let as_good = all.filter(|&k| k == best || !self.is_worse(k, best));
         let distance = |k: &usize| self.priors[*k].1.abs();
-        // Of equals the first: the one with a smooth part.
+        // Of equals the first.
         let chosen = as_good.min_by(|a, b| distance(a).total_cmp(&distance(b)));
         self.priors[chosen.unwrap_or(best)]
     }

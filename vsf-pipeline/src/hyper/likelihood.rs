@@ -1,16 +1,16 @@
-use super::{Candidate, HyperChoice, PriorShape, Problem};
+use super::{Candidate, HyperChoice, PriorShape, Problem, candidates};
 use crate::PipelineError;
 use crate::estimate::batch_map;
 
 /// Chooses by [`super::HyperMethod::Likelihood`].
-pub fn choose(problem: &Problem) -> Result<HyperChoice, PipelineError> {
+pub fn choose(problem: &Problem, shapes: &[PriorShape]) -> Result<HyperChoice, PipelineError> {
     let batch = batch_map(&problem.touches, problem.rest.len())?;
-    let mut candidates = Vec::new();
+    let mut tried = Vec::new();
     let mut best: Option<((PriorShape, f64), f64, f64)> = None;
-    for candidate in problem.candidates(true) {
+    for candidate in candidates(shapes) {
         let (level, log_evidence) = batch.best_level(&problem.prior(&candidate)?, 1.0)?;
         let (shape, power) = candidate;
-        candidates.push(Candidate {
+        tried.push(Candidate {
             smooth_share: shape.smooth_share,
             signal_to_noise: problem.signal_to_noise(power),
             error: None,
@@ -26,6 +26,6 @@ pub fn choose(problem: &Problem) -> Result<HyperChoice, PipelineError> {
     })?;
     Ok(HyperChoice {
         hyper: problem.hyper(chosen, level),
-        candidates,
+        candidates: tried,
     })
 }

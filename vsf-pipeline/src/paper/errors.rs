@@ -209,8 +209,8 @@ impl Campaign<'_> {
         let by_field = |mean: &[f64]| test.iter().map(|t| mean_prediction(mean, t)).collect();
         let by_regression = |baseline: Baseline| baseline.predict(scene, &learned, &asked);
 
-        let shape = PriorShape::default();
-        let hyper = choose_hyper(rest, &train, shape, HyperMethod::HeldOut)?.hyper;
+        let shapes = PriorShape::default().or_independent();
+        let hyper = choose_hyper(rest, &train, &shapes, HyperMethod::HeldOut)?.hyper;
         let of = |spec: &EstimatorSpec| {
             let found = estimate(rest, &train, spec, &hyper, |_| {})?;
             Ok::<Vec<_>, PipelineError>(by_field(found.belief.mean()))
