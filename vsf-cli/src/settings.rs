@@ -508,11 +508,11 @@ impl EstimatorSettings {
         }
     }
 
-    /// How prior and noise are chosen.
-    pub fn method(&self) -> HyperMethod {
+    /// How prior and noise are chosen, and its name for reports.
+    pub fn method(&self) -> (HyperMethod, &'static str) {
         match self.hyper {
-            None | Some(HyperKind::HeldOut) => HyperMethod::HeldOut,
-            Some(HyperKind::Likelihood) => HyperMethod::Likelihood,
+            None | Some(HyperKind::HeldOut) => (HyperMethod::HeldOut, "held-out"),
+            Some(HyperKind::Likelihood) => (HyperMethod::Likelihood, "likelihood"),
         }
     }
 

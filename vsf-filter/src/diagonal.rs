@@ -8,6 +8,7 @@ use vsf_core::{
 /// How [`DiagonalKalman`] takes in an observation.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+#[non_exhaustive]
 pub enum DiagonalForm {
     /// With `S = W v W^T + R`, the gain `v W^T S^-1`: the exact posterior mean of one observation. The
     /// variances lie between eq. 7's and the exact ones of one observation: with

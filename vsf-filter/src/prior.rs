@@ -57,6 +57,7 @@ pub struct Matern {
 /// Smoothness `nu` of a Matérn process.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+#[non_exhaustive]
 pub enum Smoothness {
     /// `nu = 1/2`: continuous and rough, `exp(-r / l)`.
     Half,

@@ -13,6 +13,7 @@ const MIN_WEIGHT: f64 = 1e-30;
 /// How much a reading counts, by its residual `z = |r| / s` in predicted standard deviations.
 #[derive(Debug, Clone, Copy, PartialEq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+#[non_exhaustive]
 pub enum RobustLoss {
     /// `min(1, k / z)`: full weight up to `k`, a bounded pull beyond. Of good readings it
     /// down-weights those with `z > k`, 18 % at `k` = 1.345, and loses 5 % of efficiency.

@@ -73,6 +73,7 @@ fn one_point_is_the_scalar_kalman_filter() {
                 DiagonalForm::Innovation => v * w / s,
                 DiagonalForm::InnovationUpdated => after * w / (after * w * w + r),
                 DiagonalForm::Printed => after * w / r,
+                other => panic!("{other:?}"),
             };
             v = after;
             assert!((filter.belief().mean()[0] - m).abs() < 1e-13, "{form:?}");

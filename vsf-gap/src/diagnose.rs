@@ -30,6 +30,7 @@ const TAKEN_UP: f64 = 0.95;
 
 /// One step of a diagnosis, for progress reports.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[non_exhaustive]
 pub enum DiagnosisStep {
     /// The nominal model is fitted.
     Nominal,

@@ -22,6 +22,7 @@ use vsf_vision::{GaussianProcess, GpConfig, KnnConfig, KnnRegressor, Width};
 /// most: a hand that keeps its direction has an axis of rounding errors, which scaling would make as
 /// large as all else.
 #[derive(Debug, Clone, PartialEq, Eq)]
+#[non_exhaustive]
 pub enum Baseline {
     /// No torque at all.
     Zero,

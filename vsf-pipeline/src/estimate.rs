@@ -10,6 +10,7 @@ use vsf_filter::{
 
 /// Which estimator, with all of its parameters but prior and noise.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
+#[non_exhaustive]
 pub enum EstimatorSpec {
     /// The constrained optimum over all samples at once, offline ([`BatchMap`]); the default.
     #[default]
@@ -25,6 +26,7 @@ pub enum EstimatorSpec {
 
 /// Which filter, with all of its parameters but prior and noise.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[non_exhaustive]
 pub enum FilterSpec {
     /// The exact posterior, sample by sample ([`CovarianceFilter`]). With the default projection its
     /// mean follows the constrained optimum over the samples so far, to 1e-5 or so of its size; over

@@ -194,8 +194,8 @@ fn check_size(belief: &Belief<f64>, scene: &Scene) -> Result<(), PipelineError> 
 /// is that of independent points plus a reading noise of `noise_sd`, one value per channel.
 ///
 /// # Errors
-/// A belief of another size than the scene's points, a noise of another size than its joints or that is not
-/// finite, a trace that [`Trace::check`] refuses.
+/// A belief of another size than the scene's points, a noise that is not finite, a trace that [`Trace::check`]
+/// refuses, such as one of another number of channels than the noise.
 pub fn predict(
     scene: &Scene,
     belief: &Belief<f64>,
@@ -203,10 +203,8 @@ pub fn predict(
     trace: &Trace,
 ) -> Result<SequencePrediction, PipelineError> {
     check_size(belief, scene)?;
-    let channels = scene.robot().joint_count();
-    CoreError::check_len("noise sd", noise_sd.len(), channels)?;
     CoreError::check_finite("noise sd", noise_sd)?;
-    trace.check(belief.len(), channels)?;
+    trace.check(belief.len(), noise_sd.len())?;
     sequence_prediction(trace, |obs| Ok(predict_independent(belief, noise_sd, obs)))
 }
 

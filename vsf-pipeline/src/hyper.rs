@@ -110,6 +110,7 @@ impl PriorShape {
 /// How [`choose_hyper`] compares priors.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize)]
 #[serde(rename_all = "kebab-case")]
+#[non_exhaustive]
 pub enum HyperMethod {
     /// By the prediction of held-out touches, the default:
     ///

@@ -3,7 +3,7 @@ use crate::{PipelineError, Scene, external_torques};
 use rayon::prelude::*;
 use std::ops::Range;
 use vsf_core::{ContactModel, Contacts, CoreError, Noise, Observation, Posture, Sensor};
-use vsf_data::Sequence;
+use vsf_data::{Sequence, Table};
 use vsf_robots::JointTorques;
 
 /// The observations of one sequence, one per sample, with unit noise: contacts and columns are
@@ -103,7 +103,8 @@ impl Scene {
         sequences.par_iter().map(run).collect()
     }
 
-    /// Runs the contact model over a sequence. Contacts are forgotten where a touch begins.
+    /// Runs the contact model over a sequence and observes its joint torques. Contacts are forgotten where a touch
+    /// begins.
     ///
     /// # Errors
     /// A sequence that [`Sequence::check`] refuses, or a row that robot, contact or sensor cannot take; it
@@ -111,10 +112,27 @@ impl Scene {
     pub fn trace(&self, sequence: &Sequence) -> Result<Trace, PipelineError> {
         let torques = external_torques(self, sequence)?;
         let sensor = JointTorques::new(Noise::uniform(self.robot().joint_count(), 1.0)?);
+        self.observe(sequence, &sensor, &torques)
+    }
+
+    /// The same with another sensor, such as a force gauge at the wrist: `readings` has a row of its channels for every
+    /// sample, as the load of the environment on the robot. [`crate::choose_hyper`], [`crate::estimate`] and
+    /// [`crate::predict`] take such traces; errors by joint are those of joint torques alone.
+    ///
+    /// # Errors
+    /// As [`Scene::trace`]; a sensor for another robot, readings of another number of rows than the sequence.
+    pub fn observe(
+        &self,
+        sequence: &Sequence,
+        sensor: &dyn Sensor<f64>,
+        readings: &Table,
+    ) -> Result<Trace, PipelineError> {
+        sensor.check_robot(self.robot().chains())?;
+        CoreError::check_len("rows of readings", readings.rows(), sequence.len())?;
         let mut observations = Vec::with_capacity(sequence.len());
         self.follow(sequence, |row, posture, contacts| {
             let mut obs = sensor.blank();
-            sensor.observe(self.rest(), posture, contacts, &torques[row], &mut obs)?;
+            sensor.observe(self.rest(), posture, contacts, &readings[row], &mut obs)?;
             observations.push(obs);
             Ok(())
         })?;

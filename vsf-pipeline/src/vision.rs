@@ -16,6 +16,7 @@ use vsf_vision::{
 
 /// How the stiffness of points is guessed from what the camera sees.
 #[derive(Debug, Clone, PartialEq, Default)]
+#[non_exhaustive]
 pub enum VisionSpec {
     /// One stiffness for all that is seen, fading behind the surface, at the level that the readings
     /// ask for ([`Level`]); the default.

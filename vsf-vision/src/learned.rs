@@ -10,6 +10,7 @@ use vsf_core::Belief;
 /// A regressor by name, with its parameters.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
+#[non_exhaustive]
 pub enum RegressorSpec {
     /// [`KnnRegressor`].
     Knn(KnnConfig),

@@ -8,9 +8,9 @@ use serde::Serialize;
 use std::path::PathBuf;
 use vsf::data::StiffnessField;
 use vsf::pipeline::{
-    Candidate, Estimate, EstimatorSpec, Hyper, HyperMethod, PipelineError, Scene, Trace,
-    VisionCandidate, VisionEstimate, VisionSpec, choose_hyper, estimate, estimate_with_vision,
-    field_warnings, fit_warnings, health_warnings, view_warnings,
+    Candidate, Estimate, EstimatorSpec, Hyper, PipelineError, Scene, Trace, VisionCandidate,
+    VisionEstimate, VisionSpec, choose_hyper, estimate, estimate_with_vision, field_warnings,
+    fit_warnings, health_warnings, view_warnings,
 };
 use vsf::vision::RgbdView;
 
@@ -206,15 +206,11 @@ pub fn learn(
         }
         (prior_sd, noise_sd) => {
             let spinner = console.spinner("choosing prior and noise");
-            let by = settings.method();
+            let (by, name) = settings.method();
             let shapes = settings.shapes();
             let choice = choose_hyper(scene.rest(), traces, &shapes, by)?;
             spinner.finish_and_clear();
             let hyper = rescaled(choice.hyper, prior_sd, noise_sd);
-            let name = match by {
-                HyperMethod::HeldOut => "held-out",
-                HyperMethod::Likelihood => "likelihood",
-            };
             (hyper, name, choice.candidates)
         }
     };

@@ -6,6 +6,7 @@ use vsf_core::{Belief, CoreError, Observation, Scalar, UpdateReport};
 /// What a dense filter does with means below zero, where no stiffness can be.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+#[non_exhaustive]
 pub enum Projection {
     /// The mode of the posterior within `K >= 0`, the constrained optimum of all readings so far:
     /// where one point is held at zero, the points correlated with it move along, so that what the
