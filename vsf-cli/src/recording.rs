@@ -86,6 +86,13 @@ impl Recording {
     /// Opens a folder, in which no output may lie, and prints its warnings.
     pub fn open(path: &Path, settings: &SceneSettings, console: &Console) -> anyhow::Result<Self> {
         console.outputs.keep(path)?;
+        if path.is_file() {
+            let path = path.display();
+            return Err(usage(format!(
+                "{path} is a file; a recording is a folder with dataset.json and seq_<id>/ (`vsf import` makes one of a \
+                 ROS 2 bag)"
+            )));
+        }
         let (dataset, warnings) = Dataset::open(path, &settings.metadata.overrides()?)
             .map_err(|e| blame(&settings.metadata, e))?;
         keep_robot(Some(&dataset.robot), console)?;

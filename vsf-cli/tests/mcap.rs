@@ -300,6 +300,11 @@ fn what_is_missing_is_said() {
     );
     bench.fails("estimate field.mcap", 1, &["no such data set folder"]);
     bench.fails(
+        "info data/points.npy",
+        2,
+        &["a recording is a folder", "vsf import"],
+    );
+    bench.fails(
         "export all.mcap --out x.ply",
         2,
         &["a .mcap is for looking at"],
