@@ -60,6 +60,9 @@ impl Origins {
     }
 }
 
+/// Flag and name of the parameter that decides which others there are.
+const ESTIMATOR: &str = "estimator";
+
 #[derive(Debug, Clone, Copy, ValueEnum)]
 enum Preset {
     /// All values of the paper: prior N(0, 0.1²), noise sd 1, eq. 7 and Alg. 1 as printed (20
@@ -77,7 +80,7 @@ impl Preset {
     fn values(self) -> [(&'static str, &'static str); 11] {
         let Self::Paper = self;
         [
-            ("estimator", "printed"),
+            (ESTIMATOR, "printed"),
             ("replay", "20"),
             ("replay-variance", "shrink"),
             ("clear-replay", "true"),
@@ -218,11 +221,24 @@ fn further(name: &str, given: &ArgMatches) -> anyhow::Result<Vec<Further>> {
     }
     let by_hand = |id: &str| given.value_source(id) == Some(ValueSource::CommandLine);
     values.retain(|id, _| !by_hand(id));
-    if let Some(place) = preset.map(|p| p.place())
-        && values.get("estimator").is_none_or(|f| f.place != place)
-    {
-        let is_of_its_estimator = |f: &Further| f.place == place && f.flag.contains("replay");
-        values.retain(|_, f| !is_of_its_estimator(f));
+    if let Some(preset) = preset {
+        let own = preset
+            .values()
+            .into_iter()
+            .find(|(key, _)| *key == ESTIMATOR);
+        let own = own.map(|(key, value)| OsString::from(format!("--{key}={value}")));
+        let by_hand = given.try_get_raw(ESTIMATOR).ok().flatten();
+        let by_hand = by_hand.and_then(|mut values| values.next());
+        let other = match (by_hand, values.get(ESTIMATOR)) {
+            (Some(name), _) => {
+                own.is_some_and(|own| own != *format!("--{ESTIMATOR}={}", name.display()))
+            }
+            (None, Some(f)) => own.is_some_and(|own| f.words != [own]),
+            (None, None) => false,
+        };
+        let is_of_its_estimator =
+            |f: &Further| f.place == preset.place() && f.flag.contains("replay");
+        values.retain(|_, f| !(other && is_of_its_estimator(f)));
     }
     Ok(values.into_values().collect())
 }

@@ -105,6 +105,11 @@ impl CorrectedModel {
         self.file.contact.as_ref()
     }
 
+    /// Whether its parameters are relative to that contact.
+    pub fn follows_contact(&self) -> bool {
+        self.file.follows_contact(&effects::catalogue())
+    }
+
     /// Its effects with the values of their parameters, which tell it from other models.
     pub fn text(&self) -> String {
         let effect = |entry: &EffectEntry| {
@@ -190,7 +195,7 @@ impl CorrectedModel {
 }
 
 /// Whether a model has parameters for a sequence of its own that are not zero.
-fn knows(model: &Model, campaign: &Campaign, id: &str) -> bool {
+pub fn knows(model: &Model, campaign: &Campaign, id: &str) -> bool {
     let of = |s: usize| campaign.site().sequences[s] == id;
     model.parts.iter().any(|(effect, theta)| {
         let parameters = effect.parameters(campaign.site());

@@ -94,14 +94,20 @@ impl FieldFile {
     /// Warns where predictions run under another corrected model than the field was estimated with.
     pub fn compare_model(&self, given: Option<&CorrectedModel>, console: &Console) {
         let path = self.path.display();
-        // From where on points are touched is the field's own affair.
-        let with_own = |own: &ContactParameters, of_model: &ContactParameters| ContactParameters {
-            threshold: own.threshold,
-            ..of_model.clone()
-        };
-        if let (Some(own), Some(of_model)) =
-            (&self.field.contact, given.and_then(CorrectedModel::contact))
-            && let Some((was, is)) = difference(&with_own(own, of_model), own)
+        if let Some(own) = &self.field.contact
+            && let Some(model) = given
+            && let Some(of_model) = model.contact()
+            && let Some((was, is)) = difference(
+                &ContactParameters {
+                    // Torques of the joints are the same wherever points are touched from.
+                    threshold: match model.follows_contact() {
+                        true => of_model.threshold,
+                        false => own.threshold,
+                    },
+                    ..of_model.clone()
+                },
+                own,
+            )
         {
             console.warn(format!(
                 "{path}: the corrected model was found with {was}, the field estimated with {is}: the model's effects \

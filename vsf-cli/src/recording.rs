@@ -8,7 +8,7 @@ use crate::settings::{MetadataSettings, SceneSettings};
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 use vsf::contact::{CacheUse, ContactError};
-use vsf::data::{ContactParameters, DataError, Dataset, RobotRef, Sequence, StiffnessField};
+use vsf::data::{DataError, Dataset, RobotRef, Sequence, StiffnessField};
 use vsf::gap::Campaign;
 use vsf::pipeline::{
     PipelineError, Scene, SceneOptions, Trace, motion_warnings, reading_warnings, rgbd_view,
@@ -148,17 +148,19 @@ impl Recording {
     }
 
     /// The scene of the recording alone, as fields are estimated in it, in the contact that a corrected model
-    /// remembers, if there is one; but where no flag says from which distance on points are touched, from one that
-    /// suits their spacing: a model of 2 mm predicts better with such fields, too.
+    /// remembers, if there is one. Where no flag says from which distance on points are touched, it is the one that suits
+    /// their spacing, unless the model's parameters are relative to their own.
     pub fn scene_to_learn(
         &self,
-        remembered: Option<&ContactParameters>,
+        model: Option<&CorrectedModel>,
         console: &Console,
     ) -> anyhow::Result<Scene> {
+        let remembered = model.and_then(CorrectedModel::contact);
         let options = self.settings.options(remembered);
+        let follows = remembered.is_some() && model.is_some_and(CorrectedModel::follows_contact);
         self.scene_by(&options, console, |dataset, options| {
             let scene = Scene::open(dataset, options)?;
-            match self.settings.has_threshold() {
+            match follows || self.settings.has_threshold() {
                 true => Ok(scene),
                 false => scene.with_suited_threshold(),
             }

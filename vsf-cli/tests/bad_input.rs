@@ -669,6 +669,23 @@ fn outputs_of_one_place() {
     );
 }
 
+/// Folders of plots and the quick start's, too.
+#[test]
+fn outputs_of_every_command() {
+    let bench = Bench::touched();
+    bench.ok("estimate touch --out f.npz");
+    let line = "export touch --field f.npz --torques touch/seq_zz";
+    bench.fails(line, 2, &["--torques", "would change touch"]);
+    bench.ok("info touch");
+    fs::create_dir(bench.root.join("vsf-quickstart")).unwrap();
+    let line = "--json=vsf-quickstart/field.npz";
+    bench.fails(
+        line,
+        2,
+        &["--json vsf-quickstart/field.npz", "one lies in the other"],
+    );
+}
+
 /// What cannot be written is told before the work.
 #[cfg(target_os = "linux")]
 #[test]

@@ -248,6 +248,7 @@ fn flag_before_file_before_preset() {
         with(&format!("--estimator {estimator}"));
     }
     let json = with("");
+    assert_eq!(with("--estimator printed"), json);
     assert_eq!(
         (value(&json, "prior_sd"), value(&json, "noise_sd")),
         (0.1, 1.0)

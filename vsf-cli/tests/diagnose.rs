@@ -239,7 +239,9 @@ fn estimated_errors_are_those_of_estimates() {
     let found = &json(&bench, &line)["gap"]["estimated"];
     let number = |key: &str| found[key].as_f64().unwrap();
     let plain = json(&bench, "estimate touch --out plain.npz --json");
-    assert_eq!(number("threshold"), plain["threshold"].as_f64().unwrap());
+    for key in ["threshold_nominal", "threshold_corrected"] {
+        assert_eq!(number(key), plain["threshold"].as_f64().unwrap());
+    }
     bench.ok("estimate touch --out field.npz --model m.json");
     for (key, line) in [
         ("error_nominal", "evaluate touch --field plain.npz --json"),
@@ -254,8 +256,8 @@ fn estimated_errors_are_those_of_estimates() {
     assert!(number("error_corrected") < 0.5 * number("error_nominal"));
 }
 
-/// The parameters of effects are relative to the contact that they were found in; from where on points are touched is
-/// the affair of the field.
+/// The parameters of effects are relative to the contact that they were found in; torques of the joints do not depend on
+/// from where on points are touched.
 #[test]
 fn a_corrected_model_brings_its_contact() {
     let bench = biased();
@@ -279,6 +281,19 @@ fn a_corrected_model_brings_its_contact() {
     let warning = bench.warned("evaluate touch --field plain.npz --model m.json");
     let says = "the corrected model was found with --friction 0.3, the field estimated with 0.15";
     assert!(warning.contains(says), "{warning}");
+
+    // Padding does.
+    let padding = model.replace("\"torque_bias\"", "\"geometry_padding\"");
+    let padding = padding.split("\"parameters\"").next().unwrap().to_owned()
+        + r#""parameters": [{"name": "pad", "value": 0.001, "std": 0.0, "unit": "m"}]}]}"#;
+    fs::write(bench.root.join("p.json"), padding).unwrap();
+    let padded = json(&bench, "estimate touch --out p.npz --model p.json --json");
+    assert_eq!(padded["threshold"], 0.003);
+    let warning = bench.warned("evaluate touch --field plain.npz --model p.json");
+    assert!(
+        warning.contains("found with --threshold 0.003"),
+        "{warning}"
+    );
 
     let elsewhere = model.replace(
         "\"subdivision\": 2",

@@ -19,11 +19,12 @@ use vsf_core::{ContactModel, Contacts, CoreError, Posture, RestPoints};
 ///    [`ContactConfig::max_slip_iterations`]. A last step is shortened so as not to pass the
 ///    point of no tangential part. Slip never lengthens `u`, and a step that shortens it by less
 ///    than a twentieth (of a step to where no pull is left, a tenth) of what it would on a plane is
-///    taken back: a point wedged in a notch of the link stays there. Many steps are taken at once, as a return mapping: along the tangent
-///    and back to the surface, on smooth surfaces to within a slip step of where single steps end.
+///    taken back: a point wedged in a notch of the link stays there. Many steps are taken at once, as
+///    a return mapping: along the tangent and back to the surface, on smooth surfaces to within a
+///    slip step of where single steps end.
 ///    Between two parts of a link it slips along their crease, held by the friction of both.
-/// 4. *Hand-over*: a point that is inside another link by more than one `slip_step` is pushed out
-///    by that link and owned by it from then on. Links that squeeze a point take turns.
+/// 4. *Hand-over*: a point that is inside the offset surface of another link (see 5) by more than one
+///    `slip_step` is pushed out by that link and owned by it from then on. Links that squeeze a point take turns.
 /// 5. *Touch*: a point at rest that is closer than `threshold` to a link is moved along the
 ///    normal to the surface offset by `threshold` (plus padding); the link it is deepest in owns
 ///    it. The displacement starts at zero, so that refining the time step converges.

@@ -5,6 +5,7 @@ use crate::{Attachment, DataError, DataWarning, Dataset, Overrides, Sequence, Sp
 use crate::{files, metadata, pose};
 use nalgebra::Point3;
 use std::collections::{BTreeMap, BTreeSet, HashMap};
+use std::hash::{DefaultHasher, Hash, Hasher};
 use std::path::{Path, PathBuf};
 
 /// How far outside `object_bbox` a point may lie without a warning, in metres: rounding to f32.
@@ -182,15 +183,18 @@ impl Dataset {
 
     /// Sequences of the same numbers; planned motions, of zero torque, may repeat.
     fn copied_sequences(&self, dir: &Path) -> Option<DataWarning> {
-        let bits = |s: &Sequence| {
+        let hash = |s: &Sequence| {
+            let mut hasher = DefaultHasher::new();
             let values = s.angles.data().iter().chain(s.torques.data());
-            values.map(|v| v.to_bits()).collect::<Vec<_>>()
+            values.for_each(|v| v.to_bits().hash(&mut hasher));
+            hasher.finish()
         };
         let measured = |s: &&Sequence| s.torques.data().iter().any(|v| *v != 0.0);
-        let mut first = HashMap::new();
+        let mut first: HashMap<u64, &Sequence> = HashMap::new();
         let copies = (self.sequences.iter().filter(measured)).filter_map(|s| {
-            let of = *first.entry(bits(s)).or_insert(&s.id);
-            (*of != s.id).then_some((&s.id, of))
+            let of = *first.entry(hash(s)).or_insert(s);
+            let same = of.angles == s.angles && of.torques == s.torques;
+            (of.id != s.id && same).then_some((&s.id, &of.id))
         });
         let copies: Vec<_> = copies.collect();
         let (id, of) = copies.first()?;

@@ -156,7 +156,7 @@ fn attempt(
     // What is fitted sees windows only; the full recording checks it.
     let fewer = (by > 1).then(|| campaign.thinned(by)).transpose()?;
     let thinned = fewer.as_ref().unwrap_or(campaign);
-    let search = thinned.search(effects, progress)?;
+    let search = thinned.search(effects, split == Split::Halves, progress)?;
 
     progress(DiagnosisStep::Check);
     let trial = Trial::new(
@@ -175,9 +175,7 @@ fn attempt(
         likeness: search.nominal.likeness,
         perfect: is_perfect(trial.before.mean_error(), noise_floor),
     };
-    let hypotheses = search.hypotheses(split == Split::Halves, |part, whole| {
-        trial.completes(part, whole)
-    })?;
+    let hypotheses = search.hypotheses(|part, whole| trial.completes(part, whole))?;
     let mut judgement = trial.judge(hypotheses, &nominal)?;
     let likeness = Likeness::new(&search)?;
     let in_field = match nominal.perfect {
@@ -275,7 +273,7 @@ fn reports(
     for candidate in &search.candidates {
         let mut report = EffectReport::of(campaign, candidate, search.base, &answer.probabilities);
         if let Some(refined) = &candidate.refined {
-            report.needed_score = Some(search.needed(refined));
+            report.null_score = Some(search.hypothesis(refined).null_gain());
             let mut tried = judgement.refused.iter().chain(&judgement.named);
             let own = tried.find(|t| t.effects == [report.effect.as_str()]);
             match own {

@@ -38,6 +38,11 @@ pub enum Need {
     FreeMotion,
 }
 
+/// Whether the parameters of an effect are relative to which points are touched and how far they are displaced.
+pub(crate) fn follows_contact(effect: &dyn Effect) -> bool {
+    effect.acts() > Acts::Torques || effect.needs().contains(&Need::Contact)
+}
+
 /// Whether the prediction depends on a parameter from zero on, or only gives an effect its form.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Role {
@@ -65,8 +70,8 @@ pub struct Parameter {
     pub bounds: [f64; 2],
     /// A typical size, small against the change over which the prediction bends: differences are taken over it
     /// while effects are screened and over half of it afterwards, starting values are some of it apart, and what is
-    /// far beyond (5 of an amplitude while effects are screened, 50 of the others) is thought unlikely. Of a frequency, the change that puts the wave out of step by a small part of
-    /// a turn over the recording.
+    /// far beyond (5 of an amplitude while effects are screened, 50 of the others) is thought unlikely. Of a
+    /// frequency, the change that puts the wave out of step by a small part of a turn over the recording.
     pub scale: f64,
 }
 

@@ -7,7 +7,8 @@ use vsf_pipeline::{
 impl Campaign {
     /// Mean error (N m or N) of the test sequences with a field that is estimated under a model as one would outside
     /// of a diagnosis: the batch optimum over the train sequences with every parameter chosen from them. `None` without
-    /// test sequences or train sequences that touch.
+    /// test sequences (without a test split it is the last train sequence that checks, and does not train) or train
+    /// sequences that touch.
     ///
     /// A diagnosis compares models by fields of its own, which are the same for all of them but not the best; this
     /// tells what a model is worth to those who estimate with it.

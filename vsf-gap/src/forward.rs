@@ -1,4 +1,4 @@
-use crate::effect::{Acts, Compensator, Effect, Sample, Touch, check};
+use crate::effect::{Acts, Compensator, Effect, Sample, Touch, check, follows_contact};
 use crate::{Campaign, GapError, Motion, Site};
 use nalgebra::{Matrix3, Point3, Vector3};
 use std::sync::Arc;
@@ -29,6 +29,14 @@ impl Model {
         let mut model = self.clone();
         model.parts.push((effect.clone(), theta.to_vec()));
         model
+    }
+
+    /// Whether parameters of any of the effects are relative to the contact that they were found in, such as the
+    /// distance from which on points are touched.
+    pub fn follows_contact(&self) -> bool {
+        self.parts
+            .iter()
+            .any(|(effect, _)| follows_contact(effect.as_ref()))
     }
 
     /// The deepest that any of the effects acts.

@@ -73,8 +73,8 @@ impl<'a> Hypothesis<'a> {
         }
     }
 
-    /// The gain that it has to exceed.
-    pub(crate) fn needed(&self) -> f64 {
+    /// The gain that says nothing yet.
+    pub(crate) fn null_gain(&self) -> f64 {
         self.threshold
     }
 

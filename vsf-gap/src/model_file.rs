@@ -1,4 +1,4 @@
-use crate::effect::acting_sets;
+use crate::effect::{acting_sets, follows_contact};
 use crate::{Effect, GapError, Model, Parameter, ParameterEstimate, Role, Site};
 use serde::{Deserialize, Serialize};
 use std::sync::Arc;
@@ -128,6 +128,15 @@ impl ModelFile {
         serde_json::to_string_pretty(self).unwrap_or_default() + "\n"
     }
 
+    /// [`Model::follows_contact`], of effects out of `effects`; of one that is not among them nothing is known, and it
+    /// may.
+    pub fn follows_contact(&self, effects: &[Arc<dyn Effect>]) -> bool {
+        self.effects.iter().any(|entry| {
+            let effect = effects.iter().find(|e| e.name() == entry.effect);
+            effect.is_none_or(|e| follows_contact(e.as_ref()))
+        })
+    }
+
     /// The model of the file at a site, with effects out of `effects`.
     ///
     /// # Errors
@@ -140,8 +149,8 @@ impl ModelFile {
         if !self.joints.is_empty() && self.joints != there {
             let (own, there) = (listed(&self.joints), listed(&there));
             return Err(GapError::ModelFile(format!(
-                "it is of a robot with the joints {own}; here they are {there}. Should the robot be the same, \
-                 take `joints` out of the file"
+                "it is of a robot with the joints {own}; here they are {there}. Diagnose a recording of this robot; if \
+                 only names differ, put those into `joints` of the file, in the order that is there"
             )));
         }
         let mut model = Model::default();

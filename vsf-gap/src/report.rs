@@ -46,11 +46,11 @@ pub struct EffectReport {
     /// Gain of log evidence over the nominal model (nats); of effects that were not fitted, to first
     /// order.
     pub score: f64,
-    /// What score it needs (nats) to weigh as much as if it did not act: what it gains where nothing acts, more where
-    /// contact is rough or where it generalises another effect. Probabilities follow what the score is above it; `null`
-    /// where it was not fitted.
+    /// The score that says nothing yet (nats): what it gains where nothing acts, more where contact is rough or where it
+    /// generalises another effect. Probabilities follow what the score is above it; to be named alone takes some 8 to 20
+    /// nats more. `null` where it was not fitted.
     #[serde(default)]
-    pub needed_score: Option<f64>,
+    pub null_score: Option<f64>,
     /// Its parameters, in the corrected model if it is part of it; empty for effects that were not
     /// fitted.
     pub parameters: Vec<ParameterEstimate>,
@@ -111,20 +111,23 @@ pub struct Gap {
     #[serde(default)]
     pub corrected_by: Vec<String>,
     /// Mean errors of the test sequences with fields that are estimated as outside of a diagnosis, where that was
-    /// looked at: [`Campaign::estimated_error`].
+    /// looked at: [`Campaign::estimated_error`]. None of a corrected model that has learned from test sequences.
     #[serde(default)]
     pub estimated: Option<Estimated>,
 }
 
-/// Mean errors of the test sequences (N m or N) with fields as `vsf estimate` makes them.
+/// Mean errors of the test sequences (N m or N) with fields as `vsf estimate` makes them, with the nominal model and with
+/// the corrected one; the same where nothing is corrected.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct Estimated {
-    /// From where on points are touched (m), which differs from what the diagnosis takes.
-    pub threshold: f64,
     /// With the nominal model.
     pub error_nominal: f64,
-    /// With the corrected model; the same where nothing is corrected.
+    /// From where on points are touched then (m).
+    pub threshold_nominal: f64,
+    /// With the corrected model.
     pub error_corrected: f64,
+    /// From where on points are touched then (m): as in the diagnosis if its effects follow the contact.
+    pub threshold_corrected: f64,
 }
 
 /// A diagnosis, as `vsf diagnose --json` writes it.
@@ -255,7 +258,7 @@ impl EffectReport {
             summary: effect.summary().to_owned(),
             probability: 0.0,
             score: 0.0,
-            needed_score: None,
+            null_score: None,
             parameters: Vec::new(),
             joints: Vec::new(),
             test_error: None,

@@ -46,6 +46,9 @@ pub(crate) struct Search<'a> {
     /// Models of several of them, shorter ones first: the best pair whose second effect earned it, or in free air,
     /// without such a one, all pairs that may do; there also the best of three and more.
     pub(crate) combinations: Vec<Combination>,
+    /// Whether a trial will demand that models close most of the gap: roughness that effects take away does not count
+    /// against them then.
+    proven: bool,
     /// The effects that it cannot show, and why.
     pub(crate) untestable: Vec<(Arc<dyn Effect>, String)>,
     /// The changes that effects make at their starts.
@@ -100,11 +103,9 @@ impl Candidate {
 
 impl Search<'_> {
     /// All models that were fitted; those of several effects if they earned it, or if the whole `completes` the
-    /// longest part of it that stands. `proven` if a trial will demand that they close most of the gap: roughness
-    /// that effects take away does not count against them then.
+    /// longest part of it that stands.
     pub(crate) fn hypotheses(
         &self,
-        proven: bool,
         completes: impl Fn(&Refined, &Refined) -> Result<bool, GapError>,
     ) -> Result<Vec<Hypothesis<'_>>, GapError> {
         let mut models: Vec<&Refined> = (self.candidates.iter())
@@ -125,22 +126,16 @@ impl Search<'_> {
             }
         }
         Ok((models.into_iter())
-            .map(|refined| {
-                let rough = match proven {
-                    true => self.spread.contact.min(refined.spread.contact),
-                    false => self.spread.contact,
-                };
-                self.hypothesis(refined, rough)
-            })
+            .map(|refined| self.hypothesis(refined))
             .collect())
     }
 
-    /// The score (nats) from which on a model says anything.
-    pub(crate) fn needed(&self, refined: &Refined) -> f64 {
-        self.hypothesis(refined, self.spread.contact).needed()
-    }
-
-    fn hypothesis<'a>(&self, refined: &'a Refined, rough: f64) -> Hypothesis<'a> {
+    /// A model as a hypothesis, see [`Search::hypotheses`].
+    pub(crate) fn hypothesis<'a>(&self, refined: &'a Refined) -> Hypothesis<'a> {
+        let rough = match self.proven {
+            true => self.spread.contact.min(refined.spread.contact),
+            false => self.spread.contact,
+        };
         let alone = |name: &str| Some(self.alone(name)?.log_evidence - self.base);
         Hypothesis::new(refined, self.base, rough, alone)
     }
@@ -195,7 +190,7 @@ fn best_starts(tangents: &[Tangent], screened: &[Screened], base: f64) -> Vec<Ca
 }
 
 impl Campaign {
-    /// Searches the effects for what explains the train sequences.
+    /// Searches the effects for what explains the train sequences; for `proven` see [`Search`].
     ///
     /// # Errors
     /// Effects whose parameters or starts cannot be, rows that contact cannot take, covariances that
@@ -203,6 +198,7 @@ impl Campaign {
     pub(crate) fn search(
         &self,
         effects: &[Arc<dyn Effect>],
+        proven: bool,
         progress: &mut impl FnMut(DiagnosisStep),
     ) -> Result<Search<'_>, GapError> {
         progress(DiagnosisStep::Nominal);
@@ -305,6 +301,7 @@ impl Campaign {
             plainly,
             candidates,
             combinations,
+            proven,
             untestable,
             tangents,
             limits,

@@ -67,14 +67,16 @@ impl PriorShape {
         }
     }
 
-    /// This shape and, to compare, the same without its smooth part.
-    #[must_use]
-    pub fn or_independent(self) -> [Self; 2] {
+    /// This shape and, to compare, the same without its smooth part, if it has one.
+    pub fn or_independent(self) -> Vec<Self> {
         let independent = Self {
             smooth_share: 0.0,
             ..self
         };
-        [self, independent]
+        match self == independent {
+            true => vec![self],
+            false => vec![self, independent],
+        }
     }
 
     /// The prior of a field with standard deviation `sd` (N/m) of every point's own part.
@@ -138,8 +140,9 @@ pub enum HyperMethod {
 /// One tried prior.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct Candidate {
-    /// Standard deviation of the smooth part per that of a point's own part.
-    pub smooth_share: f64,
+    /// What neighbours share.
+    #[serde(flatten)]
+    pub shape: PriorShape,
     /// Standard deviation of the signal that the prior expects in one typical reading, per
     /// standard deviation of its noise.
     pub signal_to_noise: f64,

@@ -1,19 +1,19 @@
 //! The pipeline with a sensor that is none of this workspace.
 #![allow(clippy::unwrap_used)]
 
-use nalgebra::{Point3, Vector3};
+use nalgebra::{Point3, Vector2};
 use vsf_core::{Contacts, CoreError, Noise, Observation, Posture, RestPoints, Sensor};
 use vsf_data::{Dataset, RobotRef, Sequence, Table};
 use vsf_pipeline::{
     EstimatorSpec, HyperMethod, PriorShape, Scene, SceneOptions, choose_hyper, estimate, predict,
 };
 
-/// What holds the tip measures the force on it, in the world frame.
+/// What holds the tip measures the upward force on it, and that along the pad.
 struct ForceGauge(Noise);
 
 impl Sensor<f64> for ForceGauge {
     fn dim(&self) -> usize {
-        3
+        2
     }
 
     fn blank(&self) -> Observation<f64> {
@@ -31,7 +31,7 @@ impl Sensor<f64> for ForceGauge {
         contacts.check_fits(rest, posture)?;
         out.rebuild(rest.len(), contacts.points(), reading, |k, column| {
             let force = -contacts.displacements()[k];
-            column.copy_from_slice(force.as_slice());
+            column.copy_from_slice(&[force.z, force.x]);
         })
     }
 }
@@ -83,14 +83,14 @@ fn a_force_gauge_finds_the_field() {
         ..Dataset::new(robot, train.clone())
     };
     let scene = Scene::open(&dataset, &SceneOptions::default()).unwrap();
-    let gauge = ForceGauge(Noise::uniform(3, 1.0).unwrap());
+    let gauge = ForceGauge(Noise::uniform(2, 1.0).unwrap());
     // Readings of the true field.
-    let blank = |s: &Sequence| Table::new(3, vec![0.0; 3 * s.len()]).unwrap();
+    let blank = |s: &Sequence| Table::new(2, vec![0.0; 2 * s.len()]).unwrap();
     let traced = |s: &Sequence| {
         let contacts = scene.observe(s, &gauge, &blank(s)).unwrap();
         let mut readings = blank(s);
         for (row, obs) in contacts.observations.iter().enumerate() {
-            obs.apply(&stiffness(), &mut readings.data_mut()[3 * row..3 * row + 3]);
+            obs.apply(&stiffness(), &mut readings.data_mut()[2 * row..2 * row + 2]);
         }
         scene.observe(s, &gauge, &readings).unwrap()
     };
@@ -100,13 +100,13 @@ fn a_force_gauge_finds_the_field() {
     let hyper = choose_hyper(rest, &traces, &shapes, HyperMethod::HeldOut)
         .unwrap()
         .hyper;
-    assert_eq!(hyper.noise_sd.len(), 3);
+    assert_eq!(hyper.noise_sd.len(), 2);
     let found = estimate(rest, &traces, &EstimatorSpec::Batch, &hyper, |_| {}).unwrap();
     let held_out = traced(&test);
     let prediction = predict(&scene, &found.belief, &hyper.noise_sd, &held_out).unwrap();
     let (mut left, mut all) = (0.0, 0.0);
     for (mean, reading) in prediction.mean.iter().zip(held_out.readings()) {
-        let [mean, reading] = [&mean[..], reading].map(Vector3::from_column_slice);
+        let [mean, reading] = [&mean[..], reading].map(Vector2::from_column_slice);
         left += (mean - reading).norm();
         all += reading.norm();
     }
@@ -122,13 +122,13 @@ fn readings_of_another_length_are_refused() {
         ..Dataset::new(robot, vec![sequence.clone()])
     };
     let scene = Scene::open(&dataset, &SceneOptions::default()).unwrap();
-    let gauge = ForceGauge(Noise::uniform(3, 1.0).unwrap());
-    let short = Table::new(3, vec![0.0; 9]).unwrap();
+    let gauge = ForceGauge(Noise::uniform(2, 1.0).unwrap());
+    let short = Table::new(2, vec![0.0; 6]).unwrap();
     let error = scene
         .observe(&sequence, &gauge, &short)
         .unwrap_err()
         .to_string();
     assert!(error.contains("rows of readings"), "{error}");
-    let narrow = Table::new(2, vec![0.0; 2 * sequence.len()]).unwrap();
+    let narrow = Table::new(1, vec![0.0; sequence.len()]).unwrap();
     assert!(scene.observe(&sequence, &gauge, &narrow).is_err());
 }

@@ -222,18 +222,27 @@ fn sensors_that_are_saturated() {
 fn sensors_that_freeze() {
     let scene = scene(TorqueKind::External, 0);
     let right = touch(&scene);
-    // The arm swings back from the middle on.
-    let first = ROWS / 2 + 2;
-    for joints in [1, 3] {
-        let mut frozen = right.clone();
-        let held = frozen.torques[first].to_vec();
-        let rows = frozen.torques.data_mut().chunks_exact_mut(3);
-        for row in rows.skip(first).take(8) {
-            row[..joints].copy_from_slice(&held[..joints]);
+    let other = Sequence {
+        id: "1".to_owned(),
+        ..right.clone()
+    };
+    // The arm swings back from the middle on; frozen on the way in, a sensor reads no more than what it read last, as if
+    // it were saturated, had not another sequence more.
+    for (first, count) in [(ROWS / 2 + 2, 8), (ROWS / 2 - 4, 8), (ROWS / 2 - 4, ROWS)] {
+        for joints in [1, 3] {
+            let mut frozen = right.clone();
+            let held = frozen.torques[first].to_vec();
+            let rows = frozen.torques.data_mut().chunks_exact_mut(3);
+            for row in rows.skip(first).take(count) {
+                row[..joints].copy_from_slice(&held[..joints]);
+            }
+            let both = [&frozen, &other];
+            let traces = both.map(|s| scene.trace(s).unwrap());
+            let warnings = reading_warnings(&scene, &both, &traces);
+            let count = count.min(ROWS - first);
+            let is_told = |w: &PipelineWarning| matches!(w, PipelineWarning::FrozenReadings { joint, row, count: n, value, .. } if joint == "joint_1" && (*row, *n) == (first, count) && *value == held[0]);
+            assert!(warnings.iter().any(is_told), "{first} {count} {warnings:?}");
         }
-        let warnings = warned(&scene, &frozen);
-        let is_told = |w: &PipelineWarning| matches!(w, PipelineWarning::FrozenReadings { joint, row, count: 8, value, .. } if joint == "joint_1" && *row == first && *value == held[0]);
-        assert!(warnings.iter().any(is_told), "{warnings:?}");
     }
 }
 
@@ -258,7 +267,7 @@ fn readings_of_other_joints() {
     };
     for (order, says) in [
         ([2, 1, 0], "in reverse order"),
-        ([2, 0, 1], "turned on by 1"),
+        ([2, 0, 1], "turned on (joint_1 in the column of joint_2)"),
     ] {
         let warnings = warned(&scene, &reordered(order));
         let [PipelineWarning::MixedColumns { order, .. }] = &warnings[..] else {
@@ -275,13 +284,18 @@ fn readings_that_are_not_tared() {
         scene(TorqueKind::External, 0),
         scene(TorqueKind::External, 5),
     );
-    let offset = first_joint(&touch(&plain), |v| v + 30.0);
-    let warnings = warned(&plain, &offset);
-    let [PipelineWarning::NotTared { joint, mean, .. }] = &warnings[..] else {
-        panic!("{warnings:?}");
-    };
-    assert!(joint == "joint_1" && (mean - 30.0).abs() < 0.1);
-    assert_eq!(warned(&tared, &offset), []);
+    // Of one joint, and of all of them.
+    let mut all = touch(&plain);
+    all.torques.data_mut().iter_mut().for_each(|v| *v += 30.0);
+    let one = first_joint(&touch(&plain), |v| v + 30.0);
+    for (readings, size) in [(one, 30.0), (all, 30.0 * 3f64.sqrt())] {
+        let warnings = warned(&plain, &readings);
+        let [PipelineWarning::NotTared { mean, offset, .. }] = &warnings[..] else {
+            panic!("{warnings:?}");
+        };
+        assert!((mean - 30.0).abs() < 0.1 && (offset - size).abs() < 0.1);
+        assert_eq!(warned(&tared, &readings), []);
+    }
     // A small one is for the diagnosis.
     assert_eq!(
         warned(&plain, &first_joint(&touch(&plain), |v| v + 0.1)),

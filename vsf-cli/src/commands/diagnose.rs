@@ -1,4 +1,5 @@
 use crate::console::{Console, read_text, texts};
+use crate::corrected::knows;
 use crate::diagnosis::{page, plain, text};
 use crate::exit::usage;
 use crate::range::ending;
@@ -15,8 +16,8 @@ use vsf::gap::{
 Example:
   vsf diagnose DATASET --effects payload,latency --html report.html --model corrected.json
 
-In the report, `score` is the gain of log evidence over the model without effects, `needed` what of it says nothing \
-yet (probabilities follow what is beyond), `closed` the share of the gap on
+In the report, `score` is the gain of log evidence over the model without effects, `null` what of it says nothing \
+yet, as it is gained where nothing acts (probabilities follow what is beyond), `closed` the share of the gap on
 the test sequences, `absorbed by K` how much of the effect the stiffness takes. Parameters of joints are numbered
 by their columns, from 1.
 
@@ -28,8 +29,8 @@ model; what the fields of `vsf estimate` leave, without the corrected model and 
 from, is an object whose stiffness differs from place to place.
 
 JSON keys: schema, dataset, gap (test_error_nominal, test_error_corrected, noise_floor, closed_fraction: share of
-the squared errors beyond noise, closed_interval, unit, corrected_by, estimated: threshold, error_nominal, error_corrected), where (joint, phase, link, sequence and frequency, each a list of its own key, share,
-interval and excess; region: center, radius, share), effects (effect, summary, probability, score, needed_score, parameters (name,
+the squared errors beyond noise, closed_interval, unit, corrected_by, estimated: error_nominal, threshold_nominal, error_corrected, threshold_corrected), where (joint, phase, link, sequence and frequency, each a list of its own key, share,
+interval and excess; region: center, radius, share), effects (effect, summary, probability, score, null_score, parameters (name,
 value, std, unit), joints, test_error, closed_fraction, test_score, absorbed_share, ambiguous_with, shows_from
 (name, value: the size of the parameter below which the effect would not show, null where no plausible one
 does, unit; the parameter that shows best first), testable, reason), verdict (effects, kind: effects, no_gap, unknown or not_diagnosable, probability, effect_set_95),
@@ -93,7 +94,7 @@ pub fn run(args: &Args, console: &Console) -> anyhow::Result<()> {
     bar.finish_and_clear();
     if !campaign.scene().rest().is_empty() {
         let spinner = console.spinner("fields with and without the corrected model");
-        match estimated(&recording, &outcome.model, console) {
+        match estimated(&recording, &campaign, &outcome.model, console) {
             Ok(found) => outcome.diagnosis.gap.estimated = found,
             Err(e) => console.warn(format!(
                 "no field could be estimated to compare with: {e:#}"
@@ -128,25 +129,35 @@ pub fn run(args: &Args, console: &Console) -> anyhow::Result<()> {
     console.report(text(&outcome.diagnosis, &model) + &lines)
 }
 
-/// What `vsf estimate` makes of the recording, with the nominal model and with the corrected one.
+/// What `vsf estimate` makes of the recording, with the nominal model and with the corrected one. Nothing of a model that
+/// has learned from test sequences.
 fn estimated(
     recording: &Recording,
+    diagnosed: &Campaign,
     model: &Model,
     console: &Console,
 ) -> anyhow::Result<Option<Estimated>> {
-    let scene = recording.scene_to_learn(None, console)?;
-    let threshold = scene.contact().threshold;
-    let campaign = Campaign::in_scene(&recording.dataset, scene)?;
-    let Some(error_nominal) = campaign.estimated_error(&Model::default())? else {
+    let mut tested = recording.dataset.splits.test.iter();
+    if tested.any(|id| knows(model, diagnosed, id)) {
+        return Ok(None);
+    }
+    let suited = Campaign::in_scene(&recording.dataset, recording.scene_to_learn(None, console)?)?;
+    let of = |campaign: &Campaign, model: &Model| {
+        let error = campaign.estimated_error(model)?;
+        Ok::<_, anyhow::Error>(error.map(|e| (e, campaign.scene().contact().threshold)))
+    };
+    let Some(nominal) = of(&suited, &Model::default())? else {
         return Ok(None);
     };
-    let error_corrected = match model.parts.is_empty() {
-        true => error_nominal,
-        false => campaign.estimated_error(model)?.unwrap_or(error_nominal),
+    let corrected = match model {
+        model if model.parts.is_empty() => Some(nominal),
+        model if model.follows_contact() => of(diagnosed, model)?,
+        model => of(&suited, model)?,
     };
-    Ok(Some(Estimated {
-        threshold,
-        error_nominal,
-        error_corrected,
+    Ok(corrected.map(|corrected| Estimated {
+        error_nominal: nominal.0,
+        threshold_nominal: nominal.1,
+        error_corrected: corrected.0,
+        threshold_corrected: corrected.1,
     }))
 }

@@ -21,7 +21,7 @@ noise_sd, and the parameters of contact, which `vsf predict`, `evaluate`, `simul
 it; they warn of flags that contradict it, and of another corrected model than it was estimated with.
 
 JSON keys: estimator, robust (none, huber or student-t), prior_sd, smooth_sd, smooth_length, level_sd, noise_sd (by channel), given \
-(which of prior_sd and noise_sd), chosen_by (how the rest was: held-out, likelihood, or given), candidates (smooth_share, signal_to_noise, error or log_evidence), threshold (of contact, m), \
+(which of prior_sd and noise_sd), chosen_by (how the rest was: held-out, likelihood, or given), candidates (smooth_share, length, level_share, signal_to_noise, error or log_evidence), threshold (of contact, m), \
 sequences, samples, contact_samples, points, touched_points, mean_stiffness (over touched \
 points), vision (none, a method or a file), vision_share (of its guess, in the prior), vision_candidates (share, \
 error), nis_ratio, out.")]
@@ -108,8 +108,7 @@ pub fn run(args: &Args, console: &Console) -> anyhow::Result<()> {
         None => None,
         Some(vision) => Some((recording.view()?.ok_or(PipelineError::NoCamera)?, vision)),
     };
-    let remembered = model.as_ref().and_then(CorrectedModel::contact);
-    let scene = recording.scene_to_learn(remembered, console)?;
+    let scene = recording.scene_to_learn(model.as_ref(), console)?;
     if let Some((view, _)) = &view {
         view_warnings(scene.rest(), view)
             .iter()

@@ -64,6 +64,11 @@ pub fn run(args: &Args, console: &Console) -> anyhow::Result<()> {
         return Err(usage("nothing to write: give --out FILE or --torques DIR"));
     }
     args.out.iter().try_for_each(|out| claim(out, console))?;
+    if let Some(folder) = &args.torques {
+        console
+            .outputs
+            .folder("--torques", folder, "plots", |_| None)?;
+    }
     args.sources.keep(console)?;
     let written = match FieldFile::is_at(&args.input) {
         true => {

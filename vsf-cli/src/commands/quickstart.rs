@@ -35,8 +35,11 @@ struct Report<'a> {
 /// The main job on an embedded recording.
 pub fn run(console: &Console) -> anyhow::Result<()> {
     let start = Instant::now();
-    console.report(HEAD)?;
     let folder = Path::new(FOLDER);
+    console
+        .outputs
+        .folder("the quick start's", folder, "its own", |_| None)?;
+    console.report(HEAD)?;
     let dataset = folder.join("recording");
     ONE_PLACE.unpack(&dataset)?;
     let recording = Recording::open(&dataset, &SceneSettings::default(), console)?;

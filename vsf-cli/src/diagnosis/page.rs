@@ -222,7 +222,7 @@ fn effects(d: &Diagnosis) -> String {
     if !rows.is_empty() {
         let _ = write!(
             html,
-            "<div class=\"wide\"><table>\n<tr><th>Effect</th><th>Probability</th><th>Score [nats]</th><th>Needed</th>\
+            "<div class=\"wide\"><table>\n<tr><th>Effect</th><th>Probability</th><th>Score [nats]</th><th>Null score</th>\
              <th>Test error [{unit}]</th><th>Closes</th><th>Absorbed by stiffness</th>\
              <th class=\"words\">Joints</th><th class=\"words\">Looks like</th></tr>\n{rows}{left}</table></div>\n"
         );
@@ -307,7 +307,7 @@ fn row(d: &Diagnosis, e: &EffectReport) -> String {
         escape(&e.effect),
         percent(e.probability),
         fixed(e.score, 0),
-        or_none(e.needed_score.map(|s| fixed(s, 0))),
+        or_none(e.null_score.map(|s| fixed(s, 0))),
         or_none(e.test_error.map(number)),
         or_none(e.closed_fraction.map(percent)),
         or_none(e.absorbed_share.map(percent)),

@@ -36,7 +36,7 @@ fn effects(diagnosis: &Diagnosis, model: &ModelFile) -> String {
                 e.effect.clone(),
                 percent(e.probability),
                 fixed(e.score, 0),
-                or_none(e.needed_score.map(|s| fixed(s, 0))),
+                or_none(e.null_score.map(|s| fixed(s, 0))),
                 or_none(e.test_error.map(number)),
                 or_none(e.closed_fraction.map(percent)),
                 or_none(e.absorbed_share.map(percent)),
@@ -48,7 +48,7 @@ fn effects(diagnosis: &Diagnosis, model: &ModelFile) -> String {
         "effect",
         "probability",
         "score [nats]",
-        "needed",
+        "null",
         &error,
         "closed",
         "absorbed by K",
@@ -60,8 +60,7 @@ fn effects(diagnosis: &Diagnosis, model: &ModelFile) -> String {
             row.resize(header.len(), or_none(None));
             rows.push(row);
         }
-        text += "\neffects (needed: the score that an effect has to exceed; closed: share of the squared errors beyond \
-                 noise)\n";
+        text += "\neffects (null: the score that says nothing yet; closed: share of the squared errors beyond noise)\n";
         text += &table(&header, &rows);
     }
     for e in fitted(all).filter(|e| e.probability >= LIKELY_ENOUGH) {

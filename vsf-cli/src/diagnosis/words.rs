@@ -144,17 +144,25 @@ pub fn errors(diagnosis: &Diagnosis) -> String {
 pub fn estimated(diagnosis: &Diagnosis) -> Option<String> {
     let gap = &diagnosis.gap;
     let found = gap.estimated?;
-    let [before, after] = [found.error_nominal, found.error_corrected].map(number);
-    let (unit, from) = (&gap.unit, number(found.threshold));
-    let start = format!("With fields of `vsf estimate` (points touched from {from} m on)");
+    let unit = &gap.unit;
+    let of = |error: f64, threshold: f64| {
+        let (error, threshold) = (number(error), number(threshold));
+        (
+            format!("{error} {unit}"),
+            format!("points touched from {threshold} m on"),
+        )
+    };
+    let (before, from) = of(found.error_nominal, found.threshold_nominal);
+    let (after, then) = of(found.error_corrected, found.threshold_corrected);
+    let pays = match found.error_corrected < found.error_nominal {
+        true => "",
+        false => ": there the corrected model does not pay",
+    };
+    let start = "With fields of `vsf estimate`";
     Some(match gap.corrected_by.is_empty() {
-        true => format!("{start} {before} {unit}."),
-        false if found.error_corrected < found.error_nominal => {
-            format!("{start} {before} {unit} before, {after} {unit} after.")
-        }
-        false => format!(
-            "{start} {before} {unit} before, {after} {unit} after: there the corrected model does not pay."
-        ),
+        true => format!("{start} ({from}) {before}."),
+        false if from == then => format!("{start} ({from}) {before} before, {after} after{pays}."),
+        false => format!("{start} {before} before ({from}), {after} after ({then}){pays}."),
     })
 }
 

@@ -8,7 +8,8 @@ use crate::effect::{check, per_joint};
 /// Parameters `c_<joint>` (N m or N), the mean of both directions; the shapes `s_<joint>` (1, -0.5 to 0.5),
 /// by what share it is larger forwards and smaller backwards; and the shape `eps` (rad/s or m/s), the
 /// speed at which friction has three quarters of its size, and at twice of it nearly all. Tell-tale: it turns
-/// round with the direction of motion, alike at all speeds and loads, in free motion too. Motion one way only makes it a bias.
+/// round with the direction of motion, alike at all speeds and loads, in free motion too. Motion one way only makes
+/// it a bias.
 ///
 /// # Reference
 /// B. Armstrong-Helouvry, P. Dupont, C. Canudas de Wit, "A survey of models, analysis tools and

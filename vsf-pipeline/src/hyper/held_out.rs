@@ -185,7 +185,7 @@ impl HeldOutErrors {
 
     fn candidates(&self, problem: &Problem) -> Vec<Candidate> {
         let candidate = |(k, (shape, power)): (usize, &(PriorShape, f64))| Candidate {
-            smooth_share: shape.smooth_share,
+            shape: *shape,
             signal_to_noise: problem.signal_to_noise(*power),
             error: Some(self.mean(k)),
             log_evidence: None,

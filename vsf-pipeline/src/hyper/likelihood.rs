@@ -11,7 +11,7 @@ pub fn choose(problem: &Problem, shapes: &[PriorShape]) -> Result<HyperChoice, P
         let (level, log_evidence) = batch.best_level(&problem.prior(&candidate)?, 1.0)?;
         let (shape, power) = candidate;
         tried.push(Candidate {
-            smooth_share: shape.smooth_share,
+            shape,
             signal_to_noise: problem.signal_to_noise(power),
             error: None,
             log_evidence: Some(log_evidence),

@@ -7,9 +7,18 @@ use vsf_robots::{JointKind, RobotModel};
 /// Samples of a recording come less than so many seconds apart, as a rule.
 const MOST_STEP: f64 = 1.0;
 /// No touch is as slow as this (rad/s and m/s).
-const LEAST_SPEED: (f64, f64) = (1e-3, 1e-4);
+const LEAST_SPEED: (f64, f64) = (2e-3, 1e-4);
 /// Joints that move by less (rad or m) stand still.
 const LEAST_WAY: f64 = 1e-3;
+
+/// What a step between samples looks like that should be in seconds.
+pub fn unit(step: f64) -> &'static str {
+    match step {
+        step if step < 1e3 => "milliseconds",
+        step if step < 1e6 => "microseconds",
+        _ => "nanoseconds",
+    }
+}
 
 /// Time that goes on far too fast.
 pub fn warning(robot: &RobotModel, sequences: &[&Sequence]) -> Option<PipelineWarning> {

@@ -1,4 +1,4 @@
-use super::velocities;
+use super::{clock, velocities};
 use std::f64::consts::TAU;
 use std::fmt;
 use thiserror::Error;
@@ -214,26 +214,26 @@ pub enum PipelineWarning {
     },
     /// Readings that are far from zero where nothing is touched.
     #[error(
-        "joint {joint} reads {mean:.3} {unit} on average where nothing is touched, against {touch:.3} {unit} (rms) in \
-         contact: what touches nothing comes out as stiffness; if a sequence begins free and at rest, let its first \
-         samples tare the sensor (tare_samples){}", more(*others, "joint")
+        "where nothing is touched the readings are {offset:.3} {unit} on average (most of all those of joint {joint}, \
+         {mean:.3}), against {touch:.3} {unit} (rms) that touch adds: that comes out as stiffness; if sequences begin free \
+         and at rest, let their first samples tare the sensor (tare_samples)"
     )]
     NotTared {
-        /// Name of the first such joint.
+        /// Name of the joint with the largest mean.
         joint: String,
-        /// Mean of its readings in the air.
+        /// That mean.
         mean: f64,
-        /// Root mean square of the readings in contact, over all joints.
+        /// Norm of the means of all joints.
+        offset: f64,
+        /// Root mean square of what readings in contact have beyond these means, over all joints.
         touch: f64,
-        /// `N m` or `N`.
+        /// `N m`, `N` or both.
         unit: &'static str,
-        /// Further joints of that kind.
-        others: usize,
     },
     /// Samples that come more than a second apart, in which nothing moves at a speed that one would touch with.
     #[error(
         "sequence {sequence}: samples come {step:.3} s apart, and no joint moves faster than {fastest:.1e} rad/s (or m/s); \
-         time stamps must be in seconds, these look like milliseconds{}", more(*others, "sequence")
+         time stamps must be in seconds, these look like {}{}", clock::unit(*step), more(*others, "sequence")
     )]
     SlowClock {
         /// The first such sequence.
@@ -353,10 +353,12 @@ pub enum PipelineWarning {
         /// Mean squared error of a reading in contact, in variances of its noise.
         ratio: f64,
     },
-    /// A field that explains next to nothing of the readings that it has learned from.
+    /// A field that explains next to nothing of the readings that it has learned from, or misses them by more than zero
+    /// does.
     #[error(
-        "the field explains {:.1} % of the squared readings that it has learned from: give a larger prior sd or a \
-         smaller noise sd, or let both be chosen", 100.0 * share
+        "the field explains {:.1} % of the squared readings that it has learned from: they are not those of springs at \
+         these contacts (sign, unit, order or tare of readings, geometry), or the prior sd that was given is too small or the \
+         noise sd too large", 100.0 * share
     )]
     ExplainsNothing {
         /// Share of the squared readings in contact.

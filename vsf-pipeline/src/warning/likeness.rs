@@ -1,5 +1,5 @@
 //! Readings in contact beside the torques of springs of one stiffness everywhere, which those of any stiffness are like,
-//! by and large: signs and columns.
+//! by and large: signs and columns. One joint alone is so only if its points pull the same way.
 
 use super::PipelineWarning;
 use crate::{Scene, Trace};
@@ -8,6 +8,8 @@ use crate::{Scene, Trace};
 const OPPOSITE: f64 = -0.5;
 /// Share of the squared torques of springs below which a joint feels too little to be judged.
 const LEAST_SHARE: f64 = 0.03;
+/// Share of the pulls of single points that is left of them together, below which they pull a joint both ways.
+const ONE_WAY: f64 = 0.8;
 /// How much the others have to be like springs where one joint is not.
 const OTHERS: f64 = 0.5;
 /// Another order of columns has to be like springs, and more so than the order given, by this.
@@ -41,16 +43,27 @@ pub fn warning(scene: &Scene, traces: &[Trace]) -> Option<PipelineWarning> {
     let joints = products.springs.len();
     let own: Vec<usize> = (0..joints).collect();
     let correlation = products.correlation(&own);
-    if correlation < OPPOSITE {
-        return Some(PipelineWarning::OppositeTorques { correlation });
-    }
     let name = |j: usize| scene.robot().joints()[j].name();
+    let one_joint = || {
+        (0..joints).find_map(|j| {
+            let (correlation, others) = products.apart(j)?;
+            (correlation < OPPOSITE && others > OTHERS).then(|| PipelineWarning::OppositeJoint {
+                joint: name(j).to_owned(),
+                correlation,
+            })
+        })
+    };
+    if correlation < OPPOSITE {
+        // One that feels nearly all makes for the whole.
+        let all = PipelineWarning::OppositeTorques { correlation };
+        return Some(one_joint().unwrap_or(all));
+    }
     let orders = orders(joints).map(|(order, columns)| (order, products.correlation(&columns)));
     let best = orders.max_by(|a, b| a.1.total_cmp(&b.1));
     if let Some((order, other)) = best.filter(|(_, c)| *c > ORDER.max(correlation + GAIN)) {
         let order = match order {
             Order::Reversed => "in reverse order".to_owned(),
-            Order::Turned(by) => format!("turned on by {by}"),
+            Order::Turned(by) => format!("turned on ({} in the column of {})", name(0), name(by)),
             Order::Exchanged(a, b) => format!("of {} and {} exchanged", name(a), name(b)),
         };
         return Some(PipelineWarning::MixedColumns {
@@ -59,13 +72,7 @@ pub fn warning(scene: &Scene, traces: &[Trace]) -> Option<PipelineWarning> {
             correlation,
         });
     }
-    own.into_iter().find_map(|j| {
-        let (correlation, others) = products.apart(j)?;
-        (correlation < OPPOSITE && others > OTHERS).then(|| PipelineWarning::OppositeJoint {
-            joint: name(j).to_owned(),
-            correlation,
-        })
-    })
+    one_joint()
 }
 
 /// How columns may have come into another order.
@@ -100,6 +107,9 @@ struct Products {
     both: Vec<Vec<f64>>,
     springs: Vec<f64>,
     readings: Vec<f64>,
+    /// Sums of the sizes of the torques of springs, and of those of their points.
+    net: Vec<f64>,
+    gross: Vec<f64>,
 }
 
 impl Products {
@@ -110,6 +120,8 @@ impl Products {
             both: vec![vec![0.0; joints]; joints],
             springs: vec![0.0; joints],
             readings: vec![0.0; joints],
+            net: vec![0.0; joints],
+            gross: vec![0.0; joints],
         };
         let mut springs = vec![0.0; joints];
         let observations = traces.iter().flat_map(|t| &t.observations);
@@ -117,6 +129,8 @@ impl Products {
             obs.apply(&uniform, &mut springs);
             for (j, spring) in springs.iter().enumerate() {
                 found.springs[j] += spring * spring;
+                found.net[j] += spring.abs();
+                found.gross[j] += obs.row(j).iter().map(|w| w.abs()).sum::<f64>();
                 found.readings[j] += obs.reading()[j].powi(2);
                 let products = found.both[j].iter_mut().zip(obs.reading());
                 products.for_each(|(both, reading)| *both += spring * reading);
@@ -132,10 +146,12 @@ impl Products {
         both.sum::<f64>() / (sum(&self.springs) * sum(&self.readings)).sqrt()
     }
 
-    /// Of one joint that feels enough, and of all others.
+    /// Of one joint that feels enough, one way, and of all others.
     fn apart(&self, j: usize) -> Option<(f64, f64)> {
         let all = self.springs.iter().sum::<f64>();
-        let enough = self.springs[j] > LEAST_SHARE * all && self.readings[j] > 0.0;
+        let enough = self.springs[j] > LEAST_SHARE * all
+            && self.net[j] > ONE_WAY * self.gross[j]
+            && self.readings[j] > 0.0;
         let without = |of: &[f64]| of.iter().sum::<f64>() - of[j];
         let both: f64 = (0..self.springs.len()).map(|k| self.both[k][k]).sum();
         let own = self.both[j][j] / (self.springs[j] * self.readings[j]).sqrt();

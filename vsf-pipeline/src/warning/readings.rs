@@ -123,30 +123,34 @@ fn tare_spread(trace: &Trace, scene: &Scene) -> Option<PipelineWarning> {
     })
 }
 
-/// A joint that reads something where nothing is touched.
+/// Readings that are something where nothing is touched.
 fn not_tared(scene: &Scene, traces: &[Trace]) -> Option<PipelineWarning> {
     let observations = || traces.iter().flat_map(|t| &t.observations);
     let free = || observations().filter(|o| o.is_empty());
-    let touching = observations().filter(|o| !o.is_empty());
-    let squares = touching.map(|o| (o.reading().iter().map(|t| t * t).sum::<f64>(), 1.0));
-    let (squares, touching) = squares.fold((0.0, 0.0), |a, b| (a.0 + b.0, a.1 + b.1));
-    let touch = (squares / touching).sqrt();
-    let count = free().count();
-    if count < LEAST_FREE || touching == 0.0 {
+    let touching = || observations().filter(|o| !o.is_empty());
+    let (count, touches) = (free().count(), touching().count());
+    if count < LEAST_FREE || touches == 0 {
         return None;
     }
+    let joints = scene.robot().joints();
     let mean = |j: usize| free().map(|o| o.reading()[j]).sum::<f64>() / count as f64;
-    let joints = scene.robot().joints().iter().enumerate();
-    let mut found = joints
-        .map(|(j, joint)| (joint, mean(j)))
-        .filter(|(_, mean)| mean.abs() > MOST_OFFSET * touch);
-    let (joint, mean) = found.next()?;
+    let means: Vec<f64> = (0..joints.len()).map(mean).collect();
+    let square = |o: &Observation<f64>| {
+        let beyond = o.reading().iter().zip(&means).map(|(t, m)| t - m);
+        beyond.map(|t| t * t).sum::<f64>()
+    };
+    let touch = (touching().map(square).sum::<f64>() / touches as f64).sqrt();
+    let offset = means.iter().map(|m| m * m).sum::<f64>().sqrt();
+    if offset <= MOST_OFFSET * touch {
+        return None;
+    }
+    let largest = (0..joints.len()).max_by(|a, b| means[*a].abs().total_cmp(&means[*b].abs()))?;
     Some(PipelineWarning::NotTared {
-        joint: joint.name().to_owned(),
-        mean,
+        joint: joints[largest].name().to_owned(),
+        mean: means[largest],
+        offset,
         touch,
-        unit: reading_unit(joint),
-        others: found.count(),
+        unit: scene.error_unit(),
     })
 }
 

@@ -107,10 +107,10 @@ fn frozen(scene: &Scene, touched: &[Touched]) -> Option<PipelineWarning> {
         return None;
     }
     let of_joint = |j: usize| {
+        let all = touched.iter().flat_map(|t| t.readings(j));
+        let (low, high) = all.fold((0.0_f64, 0.0_f64), |(l, h), v| (l.min(v), h.max(v)));
         touched.iter().find_map(|t| {
             let readings: Vec<f64> = t.readings(j).collect();
-            let (low, high) =
-                (readings.iter()).fold((0.0_f64, 0.0_f64), |(l, h), v| (l.min(*v), h.max(*v)));
             let springs = range(t.springs.iter().map(|s| s[j]));
             let mut row = 0;
             readings.chunk_by(|a, b| a == b).find_map(|run| {
