@@ -283,10 +283,12 @@ fn a_corrected_model_brings_its_contact() {
     assert!(warning.contains(says), "{warning}");
 
     // Padding does.
-    let padding = model.replace("\"torque_bias\"", "\"geometry_padding\"");
-    let padding = padding.split("\"parameters\"").next().unwrap().to_owned()
-        + r#""parameters": [{"name": "pad", "value": 0.001, "std": 0.0, "unit": "m"}]}]}"#;
-    fs::write(bench.root.join("p.json"), padding).unwrap();
+    let mut padding = parsed.clone();
+    padding["effects"] = serde_json::json!([{
+        "effect": "geometry_padding",
+        "parameters": [{"name": "padding", "value": 0.001, "std": 0.0, "unit": "m"}],
+    }]);
+    fs::write(bench.root.join("p.json"), padding.to_string()).unwrap();
     let padded = json(&bench, "estimate touch --out p.npz --model p.json --json");
     assert_eq!(padded["threshold"], 0.003);
     let warning = bench.warned("evaluate touch --field plain.npz --model p.json");

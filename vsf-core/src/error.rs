@@ -89,6 +89,20 @@ pub enum CoreError {
         /// The largest supported size.
         max: usize,
     },
+    /// Matrices for which the process gets no memory.
+    #[error(
+        "{what}: {got} need {:.1} GB at least, which this process does not get; take fewer points, a smaller contact \
+         threshold or an estimator without correlations",
+        *bytes as f64 / 1e9
+    )]
+    OutOfMemory {
+        /// The collection.
+        what: &'static str,
+        /// Its size.
+        got: usize,
+        /// What it takes.
+        bytes: usize,
+    },
     /// A posture that no robot model has written yet: all of its links lie at the world origin.
     #[error("the posture was never written; let RobotModel::update_posture write it first")]
     UnwrittenPosture,

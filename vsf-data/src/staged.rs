@@ -35,7 +35,8 @@ pub fn write_files<P: AsRef<Path>, B: AsRef<[u8]>>(
 /// Files written next to their places, or to the folders to come, which [`commit`](Self::commit)
 /// creates and renames one after the other. Whatever can fail for long (a full disk, a folder that may
 /// not be written) fails before the first rename. Dropped without it, nothing has changed; of a process
-/// that is killed hidden files stay that are in nobody's way.
+/// that is killed hidden files stay that are in nobody's way, and during the renames a folder that lacks
+/// the file that is written last.
 #[derive(Default)]
 pub(crate) struct Staged {
     files: Vec<(TempPath, PathBuf)>,
@@ -128,12 +129,59 @@ impl Staged {
                 return Err(mixed(folder));
             }
         }
+        // A process that is killed from here on leaves a folder that lacks its last file and cannot be read, not one of
+        // old and new files that can.
+        let last = self.files.last().map(|(_, place)| place.clone());
+        let aside = match last.filter(|_| self.files.len() > 1 && !self.folders.is_empty()) {
+            Some(last) => Aside::put(&last)?,
+            None => None,
+        };
         for (file, place) in self.files {
             file.persist(&place)
                 .map_err(|e| DataError::io("write", place, e.error))?;
         }
         created.0.clear();
+        if let Some(aside) = aside {
+            aside.remove();
+        }
         Ok(())
+    }
+}
+
+/// A file that is to be replaced, under another name until then; it comes back where it is dropped.
+struct Aside {
+    file: Option<TempPath>,
+    place: PathBuf,
+}
+
+impl Aside {
+    /// Nothing where there is no such file.
+    fn put(place: &Path) -> Result<Option<Self>, DataError> {
+        if !place.is_file() {
+            return Ok(None);
+        }
+        let failed = |e| DataError::io("write", place, e);
+        let folder = place.parent().unwrap_or(place);
+        let mut options = tempfile::Builder::new();
+        let file = options.prefix(".vsf-").suffix(".part").tempfile_in(folder);
+        let file = file.map_err(failed)?.into_temp_path();
+        fs::rename(place, &file).map_err(failed)?;
+        let (file, place) = (Some(file), place.to_owned());
+        Ok(Some(Self { file, place }))
+    }
+
+    /// Drops the old file.
+    fn remove(mut self) {
+        self.file = None;
+    }
+}
+
+impl Drop for Aside {
+    fn drop(&mut self) {
+        if let Some(file) = self.file.take() {
+            // Failing this, it stays under its other name.
+            let _ = file.persist(&self.place).map_err(|e| e.path.keep());
+        }
     }
 }
 

@@ -77,7 +77,12 @@ pub fn motion_warnings(robot: &RobotModel, sequences: &[&Sequence]) -> Vec<Pipel
     found.extend(gaps::warning(sequences));
     let unwound: Vec<_> = sequences.iter().map(|s| unwound(robot, s)).collect();
     let clock = || clock::warning(robot, sequences);
-    found.extend(velocities::warning(robot, &unwound).or_else(clock));
+    let still = || velocities::still(robot, &unwound);
+    found.extend(
+        velocities::warning(robot, &unwound)
+            .or_else(still)
+            .or_else(clock),
+    );
     found
 }
 

@@ -327,6 +327,23 @@ fn time_in_milliseconds() {
     assert_eq!(motion_warnings(scene.robot(), &[&still]), []);
 }
 
+/// An encoder that stops.
+#[test]
+fn positions_that_stand_still() {
+    let scene = scene(TorqueKind::External, 0);
+    for from in [0, ROWS / 2] {
+        let mut stuck = swing();
+        let held = stuck.angles[from][0];
+        let rows = stuck.angles.data_mut().chunks_exact_mut(3).skip(from);
+        rows.for_each(|row| row[0] = held);
+        let warnings = motion_warnings(scene.robot(), &[&stuck]);
+        assert!(
+            matches!(&warnings[..], [PipelineWarning::StillPositions { joint, others: 0 }] if joint == "joint_1"),
+            "{warnings:?}"
+        );
+    }
+}
+
 #[test]
 fn fields_that_explain_nothing() {
     let scene = scene(TorqueKind::External, 0);

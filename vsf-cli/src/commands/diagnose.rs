@@ -92,6 +92,11 @@ pub fn run(args: &Args, console: &Console) -> anyhow::Result<()> {
     };
     let mut outcome = diagnose(&campaign, name, &candidates, args.seed, progress)?;
     bar.finish_and_clear();
+    if args.effects.is_some() {
+        outcome.diagnosis.notes.push(
+            "only the effects of --effects were looked for; what others would explain may be laid to them".to_owned(),
+        );
+    }
     if !campaign.scene().rest().is_empty() {
         let spinner = console.spinner("fields with and without the corrected model");
         match estimated(&recording, &campaign, &outcome.model, console) {

@@ -77,6 +77,12 @@ fn object(text: &str) -> Result<Object, String> {
 
 pub fn run(args: &Args, console: &Console) -> anyhow::Result<()> {
     console.outputs.file("--out", &args.out)?;
+    if args.out.is_file() && LearnedPrior::open(&args.out).is_err() {
+        let out = args.out.display();
+        return Err(usage(format!(
+            "--out {out} holds something else; choose a new file, or what was learned earlier, to replace"
+        )));
+    }
     for (k, object) in args.objects.iter().enumerate() {
         let recording = place(&object.recording);
         if args.objects[..k]

@@ -1,4 +1,4 @@
-use crate::console::Console;
+use crate::console::{Console, number};
 use crate::derived::{derived, save};
 use crate::range::scatter;
 use crate::recording::{Default, FieldArgs, untouched};
@@ -13,7 +13,7 @@ The new recording has the joint angles and times of DATASET, its points, camera 
 torques that the field gives, of the same torque kind. With a corrected model (--model) effects that follow the load take that of the field
 alone.
 
-JSON keys: out, sequences, samples, noise_sd, seed.")]
+JSON keys: out, sequences, samples, threshold (of contact, m), noise_sd, seed.")]
 pub struct Args {
     /// IDs of the sequences to take; all by default
     #[arg(long, value_delimiter = ',')]
@@ -36,6 +36,7 @@ struct Report<'a> {
     out: Cow<'a, str>,
     sequences: usize,
     samples: usize,
+    threshold: f64,
     noise_sd: f64,
     seed: u64,
 }
@@ -61,6 +62,7 @@ pub fn run(args: &Args, console: &Console) -> anyhow::Result<()> {
         out: args.out.to_string_lossy(),
         sequences: simulated.len(),
         samples: simulated.iter().map(|s| s.len()).sum(),
+        threshold: scene.contact().threshold,
         noise_sd: args.noise_sd,
         seed: args.seed,
     };
@@ -69,7 +71,9 @@ pub fn run(args: &Args, console: &Console) -> anyhow::Result<()> {
     console.json(&report)?;
     let out = args.out.display();
     console.report(format!(
-        "wrote {out}: {} sequences, {} samples\n",
-        report.sequences, report.samples
+        "wrote {out}: {} sequences, {} samples, points touched from {} m on\n",
+        report.sequences,
+        report.samples,
+        number(report.threshold)
     ))
 }

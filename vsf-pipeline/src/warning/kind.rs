@@ -156,6 +156,17 @@ pub enum PipelineWarning {
         /// Further joints of that kind.
         others: usize,
     },
+    /// Positions that stay while velocities say that the joint moves.
+    #[error(
+        "joint {joint} stands still in angles while its velocities say that it moves; its encoder looks stuck{}",
+        more(*others, "joint")
+    )]
+    StillPositions {
+        /// Name of the first such joint.
+        joint: String,
+        /// Further joints of that kind.
+        others: usize,
+    },
     /// Readings in contact that go against what springs give, whatever their stiffness.
     #[error(
         "torques in contact are opposite to those of springs (correlation {correlation:.2} with one stiffness \
@@ -356,9 +367,9 @@ pub enum PipelineWarning {
     /// A field that explains next to nothing of the readings that it has learned from, or misses them by more than zero
     /// does.
     #[error(
-        "the field explains {:.1} % of the squared readings that it has learned from: they are not those of springs at \
+        "the field explains {} of the squared readings that it has learned from: they are not those of springs at \
          these contacts (sign, unit, order or tare of readings, geometry), or the prior sd that was given is too small or the \
-         noise sd too large", 100.0 * share
+         noise sd too large", percent(*share)
     )]
     ExplainsNothing {
         /// Share of the squared readings in contact.
@@ -479,6 +490,14 @@ fn times(factor: f64) -> String {
     match factor < 1e6 {
         true => format!("{factor:.3}"),
         false => format!("{factor:.1e}"),
+    }
+}
+
+/// A share, however far below zero.
+fn percent(share: f64) -> String {
+    match share > -10.0 {
+        true => format!("{:.1} %", 100.0 * share),
+        false => format!("{share:.1e} times"),
     }
 }
 

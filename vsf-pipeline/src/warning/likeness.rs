@@ -4,17 +4,21 @@
 use super::PipelineWarning;
 use crate::{Scene, Trace};
 
-/// Readings that are less like those of springs are of the other sign.
+/// Readings that are less like those of springs are of the other sign; those of one joint, which may go against the others
+/// where stiffness differs much from place to place, from further on.
 const OPPOSITE: f64 = -0.5;
+const ONE_OPPOSITE: f64 = -0.7;
 /// Share of the squared torques of springs below which a joint feels too little to be judged.
 const LEAST_SHARE: f64 = 0.03;
 /// Share of the pulls of single points that is left of them together, below which they pull a joint both ways.
 const ONE_WAY: f64 = 0.8;
 /// How much the others have to be like springs where one joint is not.
 const OTHERS: f64 = 0.5;
-/// Another order of columns has to be like springs, and more so than the order given, by this.
+/// Another order of columns has to be like springs where the order given is not, or leave less than this share of what
+/// that leaves of the squared readings. Where stiffness differs much, wrong orders are somewhat better, too.
 const ORDER: f64 = 0.6;
-const GAIN: f64 = 0.3;
+const NO_ORDER: f64 = 0.3;
+const MOST_LEFT: f64 = 0.1;
 
 /// Inner products of two series of numbers.
 #[derive(Default)]
@@ -47,9 +51,11 @@ pub fn warning(scene: &Scene, traces: &[Trace]) -> Option<PipelineWarning> {
     let one_joint = || {
         (0..joints).find_map(|j| {
             let (correlation, others) = products.apart(j)?;
-            (correlation < OPPOSITE && others > OTHERS).then(|| PipelineWarning::OppositeJoint {
-                joint: name(j).to_owned(),
-                correlation,
+            (correlation < ONE_OPPOSITE && others > OTHERS).then(|| {
+                PipelineWarning::OppositeJoint {
+                    joint: name(j).to_owned(),
+                    correlation,
+                }
             })
         })
     };
@@ -60,7 +66,7 @@ pub fn warning(scene: &Scene, traces: &[Trace]) -> Option<PipelineWarning> {
     }
     let orders = orders(joints).map(|(order, columns)| (order, products.correlation(&columns)));
     let best = orders.max_by(|a, b| a.1.total_cmp(&b.1));
-    if let Some((order, other)) = best.filter(|(_, c)| *c > ORDER.max(correlation + GAIN)) {
+    if let Some((order, other)) = best.filter(|(_, c)| is_better(*c, correlation)) {
         let order = match order {
             Order::Reversed => "in reverse order".to_owned(),
             Order::Turned(by) => format!("turned on ({} in the column of {})", name(0), name(by)),
@@ -73,6 +79,12 @@ pub fn warning(scene: &Scene, traces: &[Trace]) -> Option<PipelineWarning> {
         });
     }
     one_joint()
+}
+
+/// Whether readings are like springs in another order of columns, rather than in their own.
+fn is_better(other: f64, own: f64) -> bool {
+    let left = |correlation: f64| 1.0 - correlation.max(0.0).powi(2);
+    other > ORDER && (own < NO_ORDER || left(other) < MOST_LEFT * left(own))
 }
 
 /// How columns may have come into another order.

@@ -10,6 +10,9 @@ const PARTS: usize = 20;
 const LEAST_MOVE: f64 = 1e-3;
 /// Fewer moves say nothing.
 const LEAST_MOVES: usize = 3;
+/// Moves by velocities alone count from this on (rad or m), and from this share of the longer ones on.
+const LEAST_STILL: f64 = 0.01;
+const STILL_SHARE: f64 = 0.1;
 /// Most that velocities may be of what they should be, or that of them.
 const MOST: f64 = 1.5;
 
@@ -25,6 +28,25 @@ pub fn warning(robot: &RobotModel, sequences: &[Cow<'_, Sequence>]) -> Option<Pi
     Some(PipelineWarning::Velocities {
         joint,
         factor,
+        others: found.count(),
+    })
+}
+
+/// Joints whose positions stay while they move by their velocities.
+pub fn still(robot: &RobotModel, sequences: &[Cow<'_, Sequence>]) -> Option<PipelineWarning> {
+    let is_still = |(j, _): &(usize, &vsf_robots::Joint)| {
+        let moves: Vec<_> = sequences.iter().flat_map(|s| moves(s, *j)).collect();
+        let longest = (moves.iter()).fold(0.0, |most: f64, (_, integral)| most.max(integral.abs()));
+        let least = LEAST_STILL.max(0.5 * longest);
+        let long = || moves.iter().filter(|(_, integral)| integral.abs() >= least);
+        let still = long().filter(|(way, integral)| way.abs() < 0.01 * integral.abs());
+        let still = still.count();
+        still >= LEAST_MOVES && still as f64 > STILL_SHARE * long().count() as f64
+    };
+    let mut found = robot.joints().iter().enumerate().filter(is_still);
+    let (_, joint) = found.next()?;
+    Some(PipelineWarning::StillPositions {
+        joint: joint.name().to_owned(),
         others: found.count(),
     })
 }
