@@ -1,7 +1,8 @@
 use super::torques::torques;
 use super::words::{
     HIDDEN, SHOWS_FROM, SQUARES, estimate, estimated, fitted, fixed, is_uncertain, limits,
-    look_alikes, none_of_these, part, percent, screened_out, size, summary, untestable, verdict,
+    look_alikes, none_of_these, part, percent, plain, screened_out, size, summary, untestable,
+    verdict,
 };
 use crate::console::number;
 use crate::html::{Script, document, escape};
@@ -114,7 +115,7 @@ fn answer(d: &Diagnosis) -> String {
     } else {
         String::new()
     };
-    let estimated = estimated(d).map_or_else(String::new, |text| small(&text));
+    let estimated = estimated(d).map_or_else(String::new, |text| small(&plain(&text)));
     format!(
         "<p class=\"verdict {kind}\">{sentence}</p>\n\
          <dl class=\"numbers\">\n{numbers}</dl>\n{squares}{estimated}"
