@@ -12,7 +12,7 @@ use clap::error::{ContextKind, ContextValue, ErrorKind};
 use clap::parser::ValueSource;
 use clap::{Arg, ArgAction, ArgMatches, Args, Command, FromArgMatches, ValueEnum};
 use std::collections::BTreeMap;
-use std::ffi::OsString;
+use std::ffi::{OsStr, OsString};
 use std::ops::Range;
 use std::path::{Path, PathBuf};
 use toml::de::{DeTable, DeValue};
@@ -77,10 +77,15 @@ impl Preset {
         format!("--preset {}", name_of(&self))
     }
 
+    fn estimator(self) -> &'static str {
+        let Self::Paper = self;
+        "printed"
+    }
+
     fn values(self) -> [(&'static str, &'static str); 11] {
         let Self::Paper = self;
         [
-            (ESTIMATOR, "printed"),
+            (ESTIMATOR, self.estimator()),
             ("replay", "20"),
             ("replay-variance", "shrink"),
             ("clear-replay", "true"),
@@ -167,6 +172,7 @@ fn is_missed(word: &str, parsed: &Result<Cli, clap::Error>) -> bool {
 /// A flag that preset or file add.
 struct Further {
     flag: String,
+    values: Vec<String>,
     /// The words of the line that give it.
     words: Vec<OsString>,
     /// Where it stands.
@@ -180,9 +186,11 @@ impl Further {
         values: impl IntoIterator<Item = String>,
         place: String,
     ) -> anyhow::Result<Self> {
+        let values: Vec<String> = values.into_iter().collect();
         Ok(Self {
             flag: format!("--{}", arg.get_long().unwrap_or_default()),
-            words: flags(arg, values)?,
+            words: flags(arg, &values)?,
+            values,
             place,
         })
     }
@@ -222,23 +230,17 @@ fn further(name: &str, given: &ArgMatches) -> anyhow::Result<Vec<Further>> {
     let by_hand = |id: &str| given.value_source(id) == Some(ValueSource::CommandLine);
     values.retain(|id, _| !by_hand(id));
     if let Some(preset) = preset {
-        let own = preset
-            .values()
-            .into_iter()
-            .find(|(key, _)| *key == ESTIMATOR);
-        let own = own.map(|(key, value)| OsString::from(format!("--{key}={value}")));
         let by_hand = given.try_get_raw(ESTIMATOR).ok().flatten();
         let by_hand = by_hand.and_then(|mut values| values.next());
-        let other = match (by_hand, values.get(ESTIMATOR)) {
-            (Some(name), _) => {
-                own.is_some_and(|own| own != *format!("--{ESTIMATOR}={}", name.display()))
-            }
-            (None, Some(f)) => own.is_some_and(|own| f.words != [own]),
-            (None, None) => false,
+        let own = |name: &OsStr| name == preset.estimator();
+        let keeps = match (by_hand, values.get(ESTIMATOR)) {
+            (Some(name), _) => own(name),
+            (None, Some(further)) => further.values.iter().all(|v| own(v.as_ref())),
+            (None, None) => true,
         };
         let is_of_its_estimator =
             |f: &Further| f.place == preset.place() && f.flag.contains("replay");
-        values.retain(|_, f| !(other && is_of_its_estimator(f)));
+        values.retain(|_, f| keeps || !is_of_its_estimator(f));
     }
     Ok(values.into_values().collect())
 }
@@ -263,15 +265,15 @@ fn find<'a>(args: impl IntoIterator<Item = &'a Arg>, key: &str) -> Option<&'a Ar
 }
 
 /// The flags that give `arg` these values, checked as on the command line.
-fn flags(arg: &Arg, values: impl IntoIterator<Item = String>) -> anyhow::Result<Vec<OsString>> {
+fn flags(arg: &Arg, values: &[String]) -> anyhow::Result<Vec<OsString>> {
     let long = arg.get_long().unwrap_or_default();
     let is_switch = matches!(arg.get_action(), ArgAction::SetTrue);
-    let flag = |value: String| match (is_switch, value.as_str()) {
+    let flag = |value: &String| match (is_switch, value.as_str()) {
         (true, "true") => Some(format!("--{long}")),
         (true, "false") => None,
         _ => Some(format!("--{long}={value}")),
     };
-    let flags: Vec<OsString> = (values.into_iter())
+    let flags: Vec<OsString> = (values.iter())
         .filter_map(flag)
         .map(OsString::from)
         .collect();

@@ -137,6 +137,16 @@ impl CorrectedModel {
         let model = self.at(&campaign)?;
         let all = campaign.corrected(&model)?;
         spinner.finish_and_clear();
+        let (name, own) = (&recording.dataset.name, self.file.recording.as_ref());
+        if let Some(other) = own.filter(|own| *own != name)
+            && sequences.iter().any(|s| knows(&model, &campaign, &s.id))
+        {
+            console.warn(format_args!(
+                "{}: has parameters of their own for the sequences of {other:?}; those of {name:?} are others, whatever \
+                 their IDs",
+                self.path.display()
+            ));
+        }
         let tested = &recording.dataset.splits.test;
         let seen: Vec<&str> = (sequences.iter().map(|s| s.id.as_str()))
             .filter(|id| tested.iter().any(|t| t == id) && knows(&model, &campaign, id))

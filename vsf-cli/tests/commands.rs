@@ -653,6 +653,12 @@ fn other_objects_form_the_prior() {
     fs::write(bench.root.join("cut.json"), "{").unwrap();
     bench.fails("estimate touch --vision cut.json", 1, &["cut.json"]);
     bench.fails("learn touch=truth --out a.json", 1, &["touch", "camera/"]);
+    fs::write(bench.root.join("mine.json"), "{}").unwrap();
+    bench.fails(
+        "learn touch=truth --out mine.json",
+        2,
+        &["--out mine.json", "something else"],
+    );
     let line = format!("learn {data}/orange_tree=truth --out a.json");
     bench.fails(&line, 1, &["orange_tree", "the recording"]);
     let (own, other) = (

@@ -231,12 +231,42 @@ fn commands_with_a_model_agree() {
     assert!(bench.root.join("other/seq_c/torques_sd.npy").is_file());
 }
 
+/// Where the object lay in a sequence says nothing of other recordings.
+#[test]
+fn parameters_of_sequences_are_of_their_recording() {
+    let bench = biased();
+    let parameters: Vec<Value> = (["", "_a", "_b", "_c"].iter())
+        .flat_map(|id| ["dx", "dy", "dz"].map(|axis| format!("{axis}{id}")))
+        .map(|name| serde_json::json!({"name": name, "value": 0.001, "std": 0.0, "unit": "m"}))
+        .collect();
+    let model = |recording: &str| {
+        let effect = serde_json::json!({"effect": "registration_offset", "parameters": parameters});
+        let text = serde_json::json!({
+            "schema": 1, "recording_name": recording, "effects": [effect],
+        });
+        fs::write(bench.root.join("r.json"), text.to_string()).unwrap();
+        bench.warned("estimate touch --model r.json --out r.npz")
+    };
+    let name = json(&bench, "info touch --json")["name"]
+        .as_str()
+        .unwrap()
+        .to_owned();
+    assert!(!model(&name).contains("parameters of their own for the sequences of"));
+    let warning = model("another");
+    assert!(
+        warning.contains("for the sequences of \"another\""),
+        "{warning}"
+    );
+}
+
 /// What a diagnosis says of fields is what one gets who estimates them, with the model and without.
 #[test]
 fn estimated_errors_are_those_of_estimates() {
     let bench = biased();
     let line = format!("diagnose touch {FEW} --model m.json --json");
-    let found = &json(&bench, &line)["gap"]["estimated"];
+    let diagnosis = json(&bench, &line);
+    assert!(diagnosis["notes"].to_string().contains("--effects"));
+    let found = &diagnosis["gap"]["estimated"];
     let number = |key: &str| found[key].as_f64().unwrap();
     let plain = json(&bench, "estimate touch --out plain.npz --json");
     for key in ["threshold_nominal", "threshold_corrected"] {

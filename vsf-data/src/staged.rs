@@ -230,6 +230,27 @@ impl Drop for Created {
 mod tests {
     use super::*;
 
+    /// What is written last tells whether a folder is whole: it is away while others are replaced, and comes back where
+    /// one cannot be.
+    #[test]
+    fn a_replacement_that_fails_leaves_the_last_file() {
+        let home = tempfile::tempdir().unwrap();
+        for name in ["a", "last"] {
+            fs::write(home.path().join(name), b"old").unwrap();
+        }
+        let mut staged = Staged::default();
+        staged.folder(home.path()).unwrap();
+        for name in ["a", "last"] {
+            staged.file(&home.path().join(name), b"new").unwrap();
+        }
+        // A folder in the place of a file.
+        fs::remove_file(home.path().join("a")).unwrap();
+        fs::create_dir(home.path().join("a")).unwrap();
+        staged.commit().unwrap_err();
+        assert_eq!(fs::read(home.path().join("last")).unwrap(), b"old");
+        assert_eq!(fs::read_dir(home.path()).unwrap().count(), 2);
+    }
+
     #[test]
     fn what_another_program_made_meanwhile_is_left_alone() {
         let home = tempfile::tempdir().unwrap();

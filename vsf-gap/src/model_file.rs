@@ -36,6 +36,11 @@ pub struct ModelFile {
     #[serde(rename = "contact_parameters", default)]
     #[serde(skip_serializing_if = "Option::is_none")]
     pub contact: Option<ContactParameters>,
+    /// Name of the recording that it was found in, if known: parameters that each sequence has of its own are of that
+    /// recording alone.
+    #[serde(rename = "recording_name", default)]
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub recording: Option<String>,
     /// The effects, in the order in which they act; none for the nominal model.
     pub effects: Vec<EffectEntry>,
 }
@@ -99,6 +104,7 @@ impl ModelFile {
             schema: SCHEMA,
             joints: joints(site),
             contact: None,
+            recording: None,
             effects,
         };
         let known: Vec<_> = model.parts.iter().map(|(e, _)| e.clone()).collect();

@@ -109,6 +109,7 @@ pub fn run(args: &Args, console: &Console) -> anyhow::Result<()> {
     }
     let scene = campaign.scene();
     let mut model = ModelFile::new(campaign.site(), &outcome.model, &outcome.sd)?;
+    model.recording = Some(name.clone());
     model.contact = (!scene.rest().is_empty()).then(|| scene.contact_parameters());
     let mut files = Vec::new();
     if let Some(path) = &args.html {

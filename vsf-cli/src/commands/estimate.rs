@@ -347,6 +347,12 @@ fn text(report: &Report, scene: &Scene, correlates: bool) -> String {
         noise_text(scene, report.noise_sd),
         found(NOISE_SD, report.given, report.chosen_by),
     );
+    if let Some(ratio) = report.nis_ratio {
+        text += &format!(
+            "  innovations their squares are {} times what prior and noise allow\n",
+            number(ratio)
+        );
+    }
     text += &format!(
         "  field       {} of {} points touched, mean stiffness there {} N/m\n",
         report.touched_points,

@@ -109,6 +109,7 @@ fn of_recording(args: &Args, console: &Console) -> anyhow::Result<String> {
     let dataset = &recording.dataset;
     let found = if args.field.is_some() || dataset.field.is_some() {
         let field = recording.field(args.field.as_deref(), console)?;
+        field.compare_model(None, console);
         let scene = recording.scene_of(&field, None, console)?;
         Some((scene, Cloud::of_field(&field, args.full_scale)?))
     } else if args.full_scale.is_some() {

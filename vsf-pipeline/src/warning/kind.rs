@@ -351,7 +351,7 @@ pub enum PipelineWarning {
         whole(*ratio)
     )]
     Overconfident {
-        /// [`FilterHealth::nis_ratio`].
+        /// [`vsf_core::FilterHealth::nis_ratio`].
         ratio: f64,
     },
     /// A field that misses the readings that it has learned from: by more than 30 times their noise, in squares.
