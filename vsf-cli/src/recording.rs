@@ -160,11 +160,19 @@ impl Recording {
         let follows = remembered.is_some() && model.is_some_and(CorrectedModel::follows_contact);
         self.scene_by(&options, console, |dataset, options| {
             let scene = Scene::open(dataset, options)?;
-            match follows || self.settings.has_threshold() {
+            match follows {
                 true => Ok(scene),
-                false => scene.with_suited_threshold(),
+                false => self.suited(&scene),
             }
         })
+    }
+
+    /// A scene with the threshold that fields are estimated with: one that suits the points, unless a flag gives it.
+    pub fn suited(&self, scene: &Scene) -> Result<Scene, PipelineError> {
+        match self.settings.has_threshold() {
+            true => Ok(scene.clone()),
+            false => scene.with_suited_threshold(),
+        }
     }
 
     /// The same, without points if the recording has none.

@@ -85,8 +85,7 @@ impl Staged {
             Some(p) if !p.as_os_str().is_empty() => p,
             _ => Path::new("."),
         };
-        let mut options = tempfile::Builder::new();
-        options.prefix(".vsf-").suffix(".part");
+        let mut options = hidden();
         // Readable as any other file is, not only by its owner as temporary files are.
         #[cfg(unix)]
         options.permissions(std::os::unix::fs::PermissionsExt::from_mode(0o666));
@@ -162,9 +161,8 @@ impl Aside {
         }
         let failed = |e| DataError::io("write", place, e);
         let folder = place.parent().unwrap_or(place);
-        let mut options = tempfile::Builder::new();
-        let file = options.prefix(".vsf-").suffix(".part").tempfile_in(folder);
-        let file = file.map_err(failed)?.into_temp_path();
+        let file = hidden().tempfile_in(folder).map_err(failed)?;
+        let file = file.into_temp_path();
         fs::rename(place, &file).map_err(failed)?;
         let (file, place) = (Some(file), place.to_owned());
         Ok(Some(Self { file, place }))
@@ -183,6 +181,13 @@ impl Drop for Aside {
             let _ = file.persist(&self.place).map_err(|e| e.path.keep());
         }
     }
+}
+
+/// Files that are in nobody's way: readers do not see names that begin with a dot.
+fn hidden() -> tempfile::Builder<'static, 'static> {
+    let mut options = tempfile::Builder::new();
+    options.prefix(".vsf-").suffix(".part");
+    options
 }
 
 /// The names in a folder but those that begin with a dot, such as files of other programs to come.

@@ -125,16 +125,13 @@ pub fn fit_warnings(
         return malformed;
     }
     let (mut squares, mut count) = (0.0, 0);
-    let mut predicted = vec![0.0; noise_sd.len()];
-    let observations = traces.iter().flat_map(|t| &t.observations);
-    for obs in observations.filter(|o| !o.is_empty()) {
-        obs.apply(field.mean(), &mut predicted);
-        let errors = obs.reading().iter().zip(&predicted).zip(noise_sd);
+    in_contact(field, traces, |reading, predicted| {
+        let errors = reading.iter().zip(predicted).zip(noise_sd);
         squares += errors
             .map(|((y, p), sd)| ((y - p) / sd).powi(2))
             .sum::<f64>();
-        count += obs.dim();
-    }
+        count += reading.len();
+    });
     let ratio = squares / count.max(1) as f64;
     let misfit = (ratio > MOST_NIS).then_some(PipelineWarning::Misfit { ratio });
     misfit.into_iter().collect()
@@ -151,20 +148,30 @@ pub fn field_warnings(field: &Belief<f64>, traces: &[Trace]) -> Vec<PipelineWarn
         return malformed;
     }
     let (mut left, mut all) = (0.0, 0.0);
-    let mut predicted = vec![0.0; channels];
+    in_contact(field, traces, |reading, predicted| {
+        let pairs = reading.iter().zip(predicted);
+        left += pairs.map(|(y, p)| (y - p).powi(2)).sum::<f64>();
+        all += reading.iter().map(|y| y * y).sum::<f64>();
+    });
+    let share = 1.0 - left / all;
+    let nothing = (share < LEAST_EXPLAINED).then_some(PipelineWarning::ExplainsNothing { share });
+    nothing.into_iter().collect()
+}
+
+/// Shows `visit` every reading in contact, and what a field predicts of it.
+fn in_contact(field: &Belief<f64>, traces: &[Trace], mut visit: impl FnMut(&[f64], &[f64])) {
+    let mut predicted = Vec::new();
     let observations = traces.iter().flat_map(|t| &t.observations);
     for obs in observations.filter(|o| !o.is_empty()) {
+        predicted.resize(obs.dim(), 0.0);
         obs.apply(field.mean(), &mut predicted);
-        let pairs = obs.reading().iter().zip(&predicted);
-        left += pairs.map(|(y, p)| (y - p).powi(2)).sum::<f64>();
-        all += obs.reading().iter().map(|y| y * y).sum::<f64>();
+        visit(obs.reading(), &predicted);
     }
-    let share = 1.0 - left / all;
-    let nothing = share < LEAST_EXPLAINED;
-    (nothing
-        .then_some(PipelineWarning::ExplainsNothing { share })
-        .into_iter())
-    .collect()
+}
+
+/// The torques of springs of 1 N/m at every point that is touched.
+fn springs(obs: &Observation<f64>) -> impl Iterator<Item = f64> {
+    (0..obs.dim()).map(|j| obs.row(j).iter().sum())
 }
 
 /// What looks wrong with a view: a surface where there are no rest points.

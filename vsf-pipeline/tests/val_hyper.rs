@@ -64,14 +64,8 @@ fn traces(touches: &[usize], seed: u64) -> Vec<Trace> {
 #[test]
 fn likelihood_finds_noise_and_prior() {
     let traces = traces(&[2, 2, 2], 1);
-    let shape = PriorShape::independent();
-    let choice = choose_hyper(
-        &rest(),
-        &traces,
-        &shape.or_independent(),
-        HyperMethod::Likelihood,
-    )
-    .unwrap();
+    let shapes = [PriorShape::independent()];
+    let choice = choose_hyper(&rest(), &traces, &shapes, HyperMethod::Likelihood).unwrap();
     for sd in &choice.hyper.noise_sd {
         assert!((sd / NOISE_SD - 1.0).abs() < 0.15, "{sd}");
     }
@@ -90,14 +84,8 @@ fn likelihood_finds_noise_and_prior() {
 #[test]
 fn held_out_noise_is_the_error_of_the_prediction() {
     let traces = traces(&[2, 2, 2], 2);
-    let shape = PriorShape::independent();
-    let choice = choose_hyper(
-        &rest(),
-        &traces,
-        &shape.or_independent(),
-        HyperMethod::HeldOut,
-    )
-    .unwrap();
+    let shapes = [PriorShape::independent()];
+    let choice = choose_hyper(&rest(), &traces, &shapes, HyperMethod::HeldOut).unwrap();
     // Noise and what five sixths of the readings leave unknown of the field.
     for sd in &choice.hyper.noise_sd {
         assert!((1.0..1.6).contains(&(sd / NOISE_SD)), "{sd}");
@@ -111,14 +99,8 @@ fn held_out_noise_is_the_error_of_the_prediction() {
 #[test]
 fn sequences_do_not_matter() {
     let choice = |touches: &[usize]| {
-        let shape = PriorShape::independent();
-        choose_hyper(
-            &rest(),
-            &traces(touches, 3),
-            &shape.or_independent(),
-            HyperMethod::HeldOut,
-        )
-        .unwrap()
+        let shapes = [PriorShape::independent()];
+        choose_hyper(&rest(), &traces(touches, 3), &shapes, HyperMethod::HeldOut).unwrap()
     };
     let one = choice(&[6]);
     for other in [choice(&[1; 6]), choice(&[4, 2])] {
@@ -155,14 +137,8 @@ fn strokes_over_new_points_leave_a_finite_noise() {
         }
     };
     let traces = [stroke(0), stroke(8), stroke(16)];
-    let shape = PriorShape::independent();
-    let choice = choose_hyper(
-        &rest(),
-        &traces,
-        &shape.or_independent(),
-        HyperMethod::HeldOut,
-    )
-    .unwrap();
+    let shapes = [PriorShape::independent()];
+    let choice = choose_hyper(&rest(), &traces, &shapes, HyperMethod::HeldOut).unwrap();
     let sd = choice.hyper.noise_sd[0];
     assert!((0.1..10.0).contains(&sd), "{sd}");
 }

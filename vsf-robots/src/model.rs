@@ -220,6 +220,11 @@ impl RobotModel {
         chain.last().map(|j| *j as usize)
     }
 
+    /// The link that the [last joint](Self::last_joint) moves, the first link without a moving joint.
+    pub fn last_link(&self) -> usize {
+        self.last_joint().map_or(0, |j| self.joints[j].child())
+    }
+
     /// Collision shapes, grouped by link in the order of links.
     ///
     /// A `<cylinder>` with a `<sphere>` of its radius at each end (to 1 um) is one

@@ -99,7 +99,7 @@ pub fn run(args: &Args, console: &Console) -> anyhow::Result<()> {
     }
     if !campaign.scene().rest().is_empty() {
         let spinner = console.spinner("fields with and without the corrected model");
-        match estimated(&recording, &campaign, &outcome.model, console) {
+        match estimated(&recording, &campaign, &outcome.model) {
             Ok(found) => outcome.diagnosis.gap.estimated = found,
             Err(e) => console.warn(format!(
                 "no field could be estimated to compare with: {e:#}"
@@ -141,13 +141,17 @@ fn estimated(
     recording: &Recording,
     diagnosed: &Campaign,
     model: &Model,
-    console: &Console,
 ) -> anyhow::Result<Option<Estimated>> {
     let mut tested = recording.dataset.splits.test.iter();
     if tested.any(|id| knows(model, diagnosed, id)) {
         return Ok(None);
     }
-    let suited = Campaign::in_scene(&recording.dataset, recording.scene_to_learn(None, console)?)?;
+    let scene = recording.suited(diagnosed.scene())?;
+    // Contacts that the diagnosis knows are not run through again.
+    let suited = match scene.contact() == diagnosed.scene().contact() {
+        true => diagnosed.clone(),
+        false => Campaign::in_scene(&recording.dataset, scene)?,
+    };
     let of = |campaign: &Campaign, model: &Model| {
         let error = campaign.estimated_error(model)?;
         Ok::<_, anyhow::Error>(error.map(|e| (e, campaign.scene().contact().threshold)))

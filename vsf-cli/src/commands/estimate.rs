@@ -96,7 +96,7 @@ pub fn run(args: &Args, console: &Console) -> anyhow::Result<()> {
     }
     args.out.iter().try_for_each(|out| claim(out, console))?;
     let settings = &args.estimator;
-    settings.spec()?;
+    let spec = settings.spec()?;
     let model = args.model.open(console)?;
     let recording = args.recording.open(console)?;
     let sequences = recording.sequences(args.sequences.as_deref(), Default::Train)?;
@@ -123,7 +123,7 @@ pub fn run(args: &Args, console: &Console) -> anyhow::Result<()> {
     };
     let chosen = learn(&scene, view.as_ref(), &traces, settings, console)?;
     let health = health_warnings(&chosen.estimate.health);
-    let fit = match settings.spec()? {
+    let fit = match spec {
         EstimatorSpec::Batch => {
             fit_warnings(&chosen.estimate.belief, &chosen.hyper.noise_sd, &traces)
         }
@@ -168,8 +168,7 @@ pub fn run(args: &Args, console: &Console) -> anyhow::Result<()> {
         out: texts(&args.out),
     };
     console.json(&report)?;
-    let correlates = settings.spec()?.keeps_correlations();
-    console.report(text(&report, &scene, correlates))
+    console.report(text(&report, &scene, spec.keeps_correlations()))
 }
 
 /// Chooses what is not given and estimates, with a view if untouched points are to be guessed by it.

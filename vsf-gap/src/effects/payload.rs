@@ -49,12 +49,9 @@ impl Effect for Payload {
 
     fn compensator(&self, site: &Site, theta: &[f64]) -> Result<Box<dyn Compensator>, GapError> {
         check(self.name(), theta, 4)?;
-        // A robot with joints has a last one.
-        let robot = &site.robot;
-        let link = (robot.last_joint()).map_or(0, |j| robot.joints()[j].child());
         Ok(Box::new(Carried {
             body: Body::new(theta),
-            link,
+            link: site.robot.last_link(),
             gravity: site.gravity,
             torque_kind: site.torque_kind,
         }))

@@ -1,7 +1,7 @@
 //! Readings in contact beside the torques of springs of one stiffness everywhere, which those of any stiffness are like,
 //! by and large: signs and columns. One joint alone is so only if its points pull the same way.
 
-use super::PipelineWarning;
+use super::{PipelineWarning, springs};
 use crate::{Scene, Trace};
 
 /// Readings that are less like those of springs are of the other sign; those of one joint, which may go against the others
@@ -19,27 +19,6 @@ const OTHERS: f64 = 0.5;
 const ORDER: f64 = 0.6;
 const NO_ORDER: f64 = 0.3;
 const MOST_LEFT: f64 = 0.1;
-
-/// Inner products of two series of numbers.
-#[derive(Default)]
-pub struct Likeness {
-    pub readings: f64,
-    pub both: f64,
-    pub others: f64,
-}
-
-impl Likeness {
-    pub fn add(&mut self, reading: f64, other: f64) {
-        self.readings += reading * reading;
-        self.both += reading * other;
-        self.others += other * other;
-    }
-
-    /// Cosine of the angle between them, NaN where one is zero.
-    pub fn correlation(&self) -> f64 {
-        self.both / (self.readings * self.others).sqrt()
-    }
-}
 
 /// Torques of the wrong sign, of all joints or of one, and columns in the wrong order.
 pub fn warning(scene: &Scene, traces: &[Trace]) -> Option<PipelineWarning> {
@@ -127,7 +106,6 @@ struct Products {
 impl Products {
     fn new(scene: &Scene, traces: &[Trace]) -> Self {
         let joints = scene.robot().joint_count();
-        let uniform = vec![1.0; scene.rest().len()];
         let mut found = Self {
             both: vec![vec![0.0; joints]; joints],
             springs: vec![0.0; joints],
@@ -135,11 +113,9 @@ impl Products {
             net: vec![0.0; joints],
             gross: vec![0.0; joints],
         };
-        let mut springs = vec![0.0; joints];
         let observations = traces.iter().flat_map(|t| &t.observations);
         for obs in observations.filter(|o| !o.is_empty()) {
-            obs.apply(&uniform, &mut springs);
-            for (j, spring) in springs.iter().enumerate() {
+            for (j, spring) in springs(obs).enumerate() {
                 found.springs[j] += spring * spring;
                 found.net[j] += spring.abs();
                 found.gross[j] += obs.row(j).iter().map(|w| w.abs()).sum::<f64>();

@@ -1,5 +1,4 @@
-use super::likeness::{self, Likeness};
-use super::{PipelineWarning, Rows, malformed, outliers, sensors};
+use super::{PipelineWarning, Rows, likeness, malformed, outliers, sensors};
 use crate::readings::check_sequence;
 use crate::{Scene, Trace, motion_of, reading_unit, rigid_body_torques};
 use vsf_core::Observation;
@@ -152,6 +151,27 @@ fn not_tared(scene: &Scene, traces: &[Trace]) -> Option<PipelineWarning> {
         touch,
         unit: scene.error_unit(),
     })
+}
+
+/// Inner products of readings with what they are compared to.
+#[derive(Default)]
+struct Likeness {
+    readings: f64,
+    both: f64,
+    others: f64,
+}
+
+impl Likeness {
+    fn add(&mut self, reading: f64, other: f64) {
+        self.readings += reading * reading;
+        self.both += reading * other;
+        self.others += other * other;
+    }
+
+    /// Cosine of the angle between them, NaN where one is zero.
+    fn correlation(&self) -> f64 {
+        self.both / (self.readings * self.others).sqrt()
+    }
 }
 
 fn gravity_left(

@@ -1,4 +1,4 @@
-use super::PipelineWarning;
+use super::{PipelineWarning, springs};
 use crate::{Scene, Trace, reading_unit};
 use vsf_data::{Sequence, TorqueKind};
 
@@ -22,18 +22,13 @@ struct Touched<'a> {
 
 /// Joints whose readings stay at one value while touch changes: over a sequence, or at the end of their range.
 pub fn warnings(scene: &Scene, sequences: &[&Sequence], traces: &[Trace]) -> Vec<PipelineWarning> {
-    let uniform = vec![1.0; scene.rest().len()];
     let pairs = sequences.iter().zip(traces);
     let touched: Vec<Touched> = pairs
         .filter(|(sequence, trace)| sequence.len() == trace.observations.len())
         .map(|(sequence, trace)| Touched {
             sequence,
             springs: (trace.observations.iter())
-                .map(|obs| {
-                    let mut springs = vec![0.0; obs.dim()];
-                    obs.apply(&uniform, &mut springs);
-                    springs
-                })
+                .map(|obs| springs(obs).collect())
                 .collect(),
             contact: trace.observations.iter().map(|o| !o.is_empty()).collect(),
         })

@@ -199,8 +199,7 @@ fn make(site: &Site, touch: usize, row: usize) -> Row {
         true => ((row - CONTACT.start) as f64 + 0.5) / CONTACT.len() as f64,
         false => 0.0,
     };
-    let robot = &site.robot;
-    let link = (robot.last_joint()).map_or(0, |j| robot.joints()[j].child());
+    let link = site.robot.last_link();
     if pressed > 0.0 {
         let depth = (0.02 + 0.01 * (touch % 2) as f64) * (PI * pressed).sin();
         for p in 0..site.rest.len().min(TOUCHED) {
