@@ -2,7 +2,7 @@ use crate::{Campaign, GapError, STIFFNESS_FIELD};
 use nalgebra::Vector3;
 use std::sync::Arc;
 use vsf_contact::ContactConfig;
-use vsf_core::{Contacts, Posture, RestPoints};
+use vsf_core::{Contacts, CoreError, Posture, RestPoints};
 use vsf_data::TorqueKind;
 use vsf_robots::RobotModel;
 
@@ -253,6 +253,27 @@ pub trait Compensator: Send + Sync {
     }
 }
 
+/// How what an effect adds to the torques may stray from what its parameters say: a random walk per joint. A diagnosis
+/// tries walks of 0, 0.1 and 0.3 times these sizes.
+#[derive(Debug, Clone, PartialEq)]
+pub struct RandomWalk {
+    /// Standard deviation (N m or N) after a second, per joint, of a walk that begins with the session.
+    pub of_session: Vec<f64>,
+    /// The same of one that begins anew with every sequence.
+    pub of_sequence: Vec<f64>,
+}
+
+impl RandomWalk {
+    /// Checks that it is one of `joints` joints.
+    pub(crate) fn check(&self, joints: usize) -> Result<(), GapError> {
+        for sizes in [&self.of_session, &self.of_sequence] {
+            CoreError::check_len("joints of a random walk", sizes.len(), joints)?;
+            CoreError::check_finite("random walk", sizes)?;
+        }
+        Ok(())
+    }
+}
+
 /// A candidate cause of the gap: a change of the nominal model with parameters, of which
 /// amplitudes at zero leave the model as it is.
 pub trait Effect: Send + Sync {
@@ -299,6 +320,11 @@ pub trait Effect: Send + Sync {
     /// # Errors
     /// Parameters of another number, or that the robot cannot take.
     fn compensator(&self, site: &Site, theta: &[f64]) -> Result<Box<dyn Compensator>, GapError>;
+
+    /// How it strays from what parameters `theta` say; not at all by default. What strays is no sign of another cause.
+    fn random_walk(&self, _site: &Site, _theta: &[f64]) -> Option<RandomWalk> {
+        None
+    }
 
     /// About the largest gain of log evidence (nats) that it reaches in recordings where it does not act,
     /// because the nominal model is not quite right and bends to it; it has to gain more to be named. By

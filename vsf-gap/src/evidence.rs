@@ -2,6 +2,7 @@
 //! roughness let a reading vary, and how well an effect explains the rest.
 
 use crate::GapError;
+use crate::effect::RandomWalk;
 use crate::windows::{Design, Windows};
 use faer::dyn_stack::{MemBuffer, MemStack};
 use faer::linalg::cholesky::llt;
@@ -36,6 +37,8 @@ pub(crate) struct Spread {
     pub(crate) joint: f64,
     /// The same of what does not persist from window to window.
     pub(crate) white: f64,
+    /// Random walks of the model's effects, in their own sizes ([`RandomWalk`]).
+    pub(crate) walk: f64,
 }
 
 /// The parts of the covariance of a design, ready to be put together for any [`Spread`].
@@ -48,6 +51,16 @@ pub(crate) struct Parts {
     level: Vec<f64>,
     lever: Mat<f64>,
     joint_rms: Vec<f64>,
+    walks: Walks,
+}
+
+/// Random walks of a model's effects.
+#[derive(Debug, Default)]
+pub(crate) struct Walks {
+    /// The walks.
+    pub(crate) list: Vec<RandomWalk>,
+    /// When every sequence begins, by the session's clock (s).
+    pub(crate) begins: Vec<f64>,
 }
 
 /// A factored covariance.
@@ -55,7 +68,7 @@ pub(crate) struct Factor(Mat<f64>);
 
 impl Parts {
     /// Gathers the parts. `noise` is the covariance of that of the rows ([`Windows::noise`]), `zeros` how far its zero is off
-    /// ([`Windows::zeros`]), `lever` that of [`crate::Campaign::lever`], `joint_rms` the RMS reading per joint (N m or N).
+    /// ([`Windows::zeros`]), `lever` that of [`crate::Campaign::lever`], `joint_rms` the RMS reading per joint (N m or N), `walks` what the model's effects stray by.
     pub(crate) fn new(
         design: &Design,
         rest: &[Point3<f64>],
@@ -64,6 +77,7 @@ impl Parts {
         zeros: Vec<f64>,
         lever: Mat<f64>,
         joint_rms: Vec<f64>,
+        walks: Walks,
     ) -> Self {
         let (smooth, level) = common(design, rest);
         Self {
@@ -75,6 +89,7 @@ impl Parts {
             level,
             lever,
             joint_rms,
+            walks,
         }
     }
 
@@ -82,6 +97,11 @@ impl Parts {
     pub(crate) fn leave_out(&mut self, out: &Mat<f64>, design: &Design, rest: &[Point3<f64>]) {
         add_outer(&mut self.points, out, -1.0);
         (self.smooth, self.level) = common(design, rest);
+    }
+
+    /// Whether an effect of the model strays.
+    pub(crate) fn walks(&self) -> bool {
+        !self.walks.list.is_empty()
     }
 
     /// Torques of a field of 1 N/m everywhere.
@@ -152,7 +172,32 @@ impl Parts {
                 }
             }
         }
+        if spread.walk > 0.0 {
+            self.add_walks(spread.walk * spread.walk, &mut c);
+        }
         c
+    }
+
+    /// Adds the covariance of the random walks: a variance times what two readings of a joint have walked together.
+    fn add_walks(&self, variance: f64, c: &mut Mat<f64>) {
+        let d = self.windows.joints;
+        let together = |a: f64, b: f64, begin: f64| (a.min(b) - begin).max(0.0);
+        for walk in &self.walks.list {
+            for (i, w) in self.windows.list.iter().enumerate() {
+                for (k, v) in self.windows.list.iter().enumerate().skip(i) {
+                    let session = together(w.clock, v.clock, 0.0);
+                    let sequence = match v.sequence == w.sequence {
+                        true => together(w.clock, v.clock, self.walks.begins[w.sequence]),
+                        false => 0.0,
+                    };
+                    for j in 0..d {
+                        let size = walk.of_session[j].powi(2) * session
+                            + walk.of_sequence[j].powi(2) * sequence;
+                        c[(k * d + j, i * d + j)] += variance * size;
+                    }
+                }
+            }
+        }
     }
 }
 
@@ -488,6 +533,7 @@ pub(crate) fn times(a: &Mat<f64>, x: &[f64]) -> Vec<f64> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::windows::Window;
     use proptest::prelude::*;
 
     /// Columns that are zero but for some rows, as of points that are touched for a while.
@@ -515,6 +561,84 @@ mod tests {
                     let expected = (i + j) as f64 - product;
                     assert!((found[(i, j)] - expected).abs() < 1e-11, "{rows}: {i}, {j}");
                 }
+            }
+        }
+    }
+
+    /// Against sums of the steps that two readings have walked together.
+    #[test]
+    fn val_walks_are_sums_of_steps() {
+        const STEP: f64 = 0.01;
+        let joints = 2;
+        let windows = Windows {
+            list: [(0, 0.3), (0, 1.1), (1, 2.5), (1, 2.9)]
+                .map(|(sequence, clock)| Window {
+                    sequence,
+                    run: sequence,
+                    rows: 0..1,
+                    clock,
+                })
+                .to_vec(),
+            joints,
+        };
+        let begins = vec![0.0, 2.0];
+        let walk = RandomWalk {
+            of_session: vec![0.5, 0.0],
+            of_sequence: vec![0.2, 3.0],
+        };
+        let n = windows.rows();
+        let design = Design {
+            points: Vec::new(),
+            w: Mat::zeros(n, 0),
+            a: vec![0.0; n],
+        };
+        let parts = Parts::new(
+            &design,
+            &[],
+            &windows,
+            Vec::new(),
+            vec![0.0; n],
+            Mat::zeros(n, 3),
+            vec![0.0; joints],
+            Walks {
+                list: vec![walk.clone()],
+                begins: begins.clone(),
+            },
+        );
+        let spread = Spread {
+            point: 0.0,
+            smooth: 0.0,
+            level: 0.0,
+            contact: 0.0,
+            joint: 0.0,
+            white: 0.0,
+            walk: 0.3,
+        };
+        let c = parts.covariance(&spread);
+        // Steps of the session, then those of every sequence.
+        let (per_session, per_sequence) = (400, 200);
+        let steps = |w: &Window, j: usize| -> Vec<f64> {
+            let size = STEP.sqrt() * spread.walk;
+            let of_session = (0..per_session).map(|k| {
+                let walked = (k as f64 + 0.5) * STEP < w.clock;
+                f64::from(u8::from(walked)) * size * walk.of_session[j]
+            });
+            let of_sequence = (0..begins.len() * per_sequence).map(|k| {
+                let (s, k) = (k / per_sequence, k % per_sequence);
+                let walked = s == w.sequence && begins[s] + (k as f64 + 0.5) * STEP < w.clock;
+                f64::from(u8::from(walked)) * size * walk.of_sequence[j]
+            });
+            of_session.chain(of_sequence).collect()
+        };
+        for row in 0..n {
+            for col in 0..=row {
+                let [a, b] = [row, col].map(|i| steps(&windows.list[i / joints], i % joints));
+                let together: f64 = a.iter().zip(&b).map(|(a, b)| a * b).sum();
+                let expected = match row % joints == col % joints {
+                    true => together,
+                    false => 0.0,
+                };
+                assert!((c[(row, col)] - expected).abs() < 1e-9, "{row}, {col}");
             }
         }
     }

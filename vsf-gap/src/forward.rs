@@ -1,4 +1,4 @@
-use crate::effect::{Acts, Compensator, Effect, Sample, Touch, check, follows_contact};
+use crate::effect::{Acts, Compensator, Effect, RandomWalk, Sample, Touch, check, follows_contact};
 use crate::{Campaign, GapError, Motion, Site};
 use nalgebra::{Matrix3, Point3, Vector3};
 use std::sync::Arc;
@@ -58,6 +58,17 @@ impl Model {
             }) as Box<dyn Compensator>)
         };
         self.parts.iter().map(make).collect()
+    }
+
+    /// How its effects stray from what their parameters say.
+    ///
+    /// # Errors
+    /// Walks of another number of joints or not finite.
+    pub(crate) fn random_walks(&self, site: &Site) -> Result<Vec<RandomWalk>, GapError> {
+        let walks = self.parts.iter();
+        let walks = walks.filter_map(|(effect, theta)| effect.random_walk(site, theta));
+        let checked = |walk: RandomWalk| walk.check(site.joints()).map(|()| walk);
+        walks.map(checked).collect()
     }
 
     /// The names of its effects, in one text.

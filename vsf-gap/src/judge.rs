@@ -252,6 +252,7 @@ mod tests {
                 contact: 0.0,
                 joint: 0.0,
                 white: 0.0,
+                walk: 0.0,
             },
             touches: true,
             left,

@@ -87,7 +87,9 @@ pub use closure::Residuals;
 pub use corrected::Corrected;
 pub use diagnose::{DiagnosisStep, diagnose};
 pub use effect::check_effect as check_declaration;
-pub use effect::{Acts, Compensator, Effect, Need, Parameter, Role, Sample, Site, Touch};
+pub use effect::{
+    Acts, Compensator, Effect, Need, Parameter, RandomWalk, Role, Sample, Site, Touch,
+};
 pub use error::GapError;
 pub use forward::{ContactLog, Model, Prediction, centre};
 pub use limits::Limit;

@@ -1,4 +1,4 @@
-use crate::evidence::{Factor, Parts, Spread, field_mean, times};
+use crate::evidence::{Factor, Parts, Spread, Walks, field_mean, times};
 use crate::screen::{best_of, log_mean_exp};
 use crate::windows::{Design, Window, Windows};
 use crate::{Campaign, ContactLog, GapError, Model, Motion};
@@ -31,6 +31,8 @@ pub(crate) struct Fitted<'a> {
 /// Roughness of contact and of joints that are tried.
 pub(crate) const CONTACT: [f64; 3] = [0.03, 0.1, 0.3];
 pub(crate) const JOINT: [f64; 3] = [0.0, 0.05, 0.2];
+/// Random walks of effects that are tried, in their own sizes.
+const WALK: [f64; 3] = [0.0, 0.1, 0.3];
 /// Spread of single points and of the smooth part, in units of the uniform stiffness.
 const POINT: [f64; 3] = [0.3, 1.0, 3.0];
 const SMOOTH: [f64; 3] = [0.3, 1.0, 3.0];
@@ -82,6 +84,10 @@ impl Campaign {
             windows.zeros(&motions, &self.noise),
             lever,
             joint_rms,
+            Walks {
+                list: model.random_walks(&self.site)?,
+                begins: motions.iter().map(|m| m.begin()).collect(),
+            },
         );
         let unit = parts.unit_field();
         let squares: f64 = unit.iter().map(|u| u * u).sum();
@@ -205,6 +211,7 @@ impl Fitted<'_> {
             contact,
             joint,
             white: 0.0,
+            walk: 0.0,
         };
         if !self.touches() {
             return Ok(spread(1.0, 1.0));
@@ -314,11 +321,19 @@ impl Fitted<'_> {
         } else {
             &CONTACT[..1]
         };
+        let walk: &[f64] = if self.parts.walks() {
+            &WALK
+        } else {
+            &WALK[..1]
+        };
         let of = |&contact: &f64| {
-            JOINT.iter().map(move |&joint| Spread {
-                contact,
-                joint,
-                ..*stiffness
+            JOINT.iter().flat_map(move |&joint| {
+                walk.iter().map(move |&walk| Spread {
+                    contact,
+                    joint,
+                    walk,
+                    ..*stiffness
+                })
             })
         };
         contact.iter().flat_map(of).collect()

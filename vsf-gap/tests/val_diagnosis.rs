@@ -444,6 +444,46 @@ fn what_a_tare_leaves_is_no_drift() {
     }
 }
 
+/// Sensors that are zeroed before every sequence, drift anew and wander.
+#[test]
+fn a_drift_that_begins_anew_and_wanders_is_a_drift() {
+    const RATES: [f64; 7] = [0.05, -0.15, 0.13, 0.1, -0.03, 0.03, 0.01];
+    const WANDERS: f64 = 0.25;
+    let folder = tempfile::tempdir().unwrap();
+    made(folder.path(), &[], 42);
+    let (mut dataset, _) = Dataset::open(folder.path(), &Overrides::default()).unwrap();
+    let mut rng = Pcg64Mcg::seed_from_u64(3);
+    for sequence in &mut dataset.sequences {
+        let time = sequence.time.clone();
+        let length = time[time.len() - 1] - time[0];
+        let mut walk = [0.0; RATES.len()];
+        for (row, t) in time.iter().enumerate() {
+            let dt = if row > 0 { t - time[row - 1] } else { 0.0 };
+            for (j, rate) in RATES.iter().enumerate() {
+                let step: f64 = StandardNormal.sample(&mut rng);
+                walk[j] += WANDERS * rate * (length * dt).sqrt() * step;
+                sequence.torques.data_mut()[row * RATES.len() + j] +=
+                    rate * (t - time[0]) + walk[j];
+            }
+        }
+    }
+    let campaign = Campaign::open(&dataset, &SceneOptions::default()).unwrap();
+    let few = effects::named(&["torque_drift", "torque_bias", "viscoelastic"]).unwrap();
+    let outcome = diagnose(&campaign, "case", &few, 0, |_| {}).unwrap();
+    let d = &outcome.diagnosis;
+    assert_eq!(d.verdict.kind, VerdictKind::Effects, "{:?}", d.notes);
+    assert_eq!(d.verdict.effects, ["torque_drift"]);
+    for (j, rate) in RATES.iter().enumerate() {
+        let name = format!("s_{}", j + 1);
+        let found = (d.effects[0].parameters.iter()).find(|p| p.name == name);
+        let found = found.unwrap();
+        // The walks of four sequences shift their mean by 0.13 of the rate.
+        let off = (found.value - rate).abs();
+        assert!(off < 0.4 * rate.abs(), "{name}: {} of {rate}", found.value);
+        assert!(off < 3.0 * found.sd, "{name}: {} of {rate}", found.value);
+    }
+}
+
 /// An object that lies elsewhere in every sequence shows where sequences touch the same places, the test
 /// sequences among them.
 #[test]

@@ -4,7 +4,7 @@
 
 mod common;
 
-use common::{GRAVITY, Row, close, effect, fit, motion, predict, site};
+use common::{Begins, GRAVITY, Row, close, effect, fit, motion, predict, site};
 use nalgebra::{Point3, Rotation3, Vector3};
 use std::f64::consts::PI;
 use vsf_data::TorqueKind::{self, External, Measured};
@@ -48,23 +48,59 @@ fn a_bias_is_constant() {
     recovers("torque_bias", &site, &rows, &[0.7, -1.2], |_| [0.7, -1.2]);
 }
 
+/// The same motion, in two sequences: the second begins after 12 s.
+fn waving_twice() -> Vec<Row> {
+    let mut rows = waving();
+    for row in rows.iter_mut().filter(|r| r.clock >= SECOND) {
+        row.clock += BREAK;
+    }
+    let first = rows.iter().position(|r| r.clock >= SECOND).unwrap();
+    rows[first].begins = Some(Begins::Sequence);
+    rows
+}
+
+/// When the second sequence begins (s), before the break and after it.
+const SECOND: f64 = 6.0;
+const BREAK: f64 = 6.0;
+
+/// What has grown by then of rates of 1 that fade over 5 s, since the session and since the sequence began.
+fn grown(clock: f64) -> [f64; 2] {
+    let began = if clock < SECOND { 0.0 } else { SECOND + BREAK };
+    [clock, clock - began].map(|t| 5.0 * (1.0 - (-t / 5.0).exp()))
+}
+
 #[test]
 fn a_drift_follows_the_clock() {
-    let (site, rows) = (arm(External), waving());
-    recovers("torque_drift", &site, &rows, &[0.12, -0.08, 5.0], |r| {
-        let grown = 5.0 * (1.0 - (-r.clock / 5.0).exp());
-        [0.12 * grown, -0.08 * grown]
+    let (site, rows) = (arm(External), waving_twice());
+    let truth = [0.12, -0.08, 0.0, 0.0, 5.0];
+    recovers("torque_drift", &site, &rows, &truth, |r| {
+        let [session, _] = grown(r.clock);
+        [0.12 * session, -0.08 * session]
+    });
+}
+
+#[test]
+fn a_drift_begins_anew_where_zero_is_set_before_each_sequence() {
+    let (site, rows) = (arm(External), waving_twice());
+    let truth = [0.0, 0.0, 0.2, -0.3, 5.0];
+    recovers("torque_drift", &site, &rows, &truth, |r| {
+        let [_, sequence] = grown(r.clock);
+        [0.2 * sequence, -0.3 * sequence]
     });
 }
 
 /// What an actuator reads too much, the object seems to push too little.
 #[test]
 fn errors_of_actuator_readings_have_the_sign_of_the_sensor() {
-    let (site, rows) = (arm(Measured), waving());
+    let (site, rows) = (arm(Measured), waving_twice());
     recovers("torque_bias", &site, &rows, &[0.7, -1.2], |_| [-0.7, 1.2]);
-    recovers("torque_drift", &site, &rows, &[0.12, -0.08, 5.0], |r| {
-        let grown = 5.0 * (1.0 - (-r.clock / 5.0).exp());
-        [-0.12 * grown, 0.08 * grown]
+    let truth = [0.12, -0.08, 0.2, -0.3, 5.0];
+    recovers("torque_drift", &site, &rows, &truth, |r| {
+        let [session, sequence] = grown(r.clock);
+        [
+            -0.12 * session - 0.2 * sequence,
+            0.08 * session + 0.3 * sequence,
+        ]
     });
 }
 

@@ -1,15 +1,16 @@
 use super::joint::unit;
 use crate::GapError;
-use crate::effect::{Acts, Compensator, Effect, Need, Parameter, Sample, Site, Touch};
+use crate::effect::{Acts, Compensator, Effect, Need, Parameter, RandomWalk, Sample, Site, Touch};
 use crate::effect::{check, per_joint};
 
-/// An error of the torque sensors that grows over the session: joint `j` reads `r_j T (1 - exp(-t / T))` more than
-/// its torque at clock `t`.
+/// An error of the torque sensors that grows: joint `j` reads `r_j T (1 - exp(-t / T))` more than its torque at clock
+/// `t` of the session, or `s_j T (1 - exp(-t / T))` at time `t` of the sequence, if zero is set before each.
 ///
-/// Parameters `r_<joint>` (N m/s or N/s), the drift per time at the begin of the session, and the shape
-/// `T` (s): a warm-up if it is shorter than the session, linear in the clock if it is longer. Tell-tale:
-/// it follows the clock and nothing else, so that a posture visited twice reads differently; a bias does
-/// not.
+/// Parameters `r_<joint>` and `s_<joint>` (N m/s or N/s), the drift per time at the begin of the session and of each
+/// sequence, of which either all `r` or all `s` act, and the shape `T` (s): a warm-up if it is shorter than the
+/// session, linear in the clock if it is longer. Tell-tale: it follows the clock and nothing else, so that a posture
+/// visited twice reads differently; a bias does not. Drifts wander: beside that curve, a random walk of up to about a third
+/// of what has grown by the end is taken for part of it.
 ///
 /// # Reference
 /// J. Fraden, *Handbook of Modern Sensors*, 5th ed., 2016, chapter 3,
@@ -17,19 +18,34 @@ use crate::effect::{check, per_joint};
 #[derive(Debug, Clone, Copy)]
 pub struct TorqueDrift;
 
-/// Time constants that the search starts from, in lengths of the session: as good as linear, and a warm-up.
+/// Time constants that the search starts from, in lengths of the session: as good as linear, and a warm-up. A drift
+/// that begins anew with every sequence starts from the first alone.
 const STARTS: [f64; 2] = [10.0, 0.4];
 
-/// A drift per length of the session (N m or N) that is looked for, with room for those that are over early.
+/// A drift per length of the session, or of a sequence, (N m or N) that is looked for, with room for those that are
+/// over early.
 const TYPICAL: f64 = 3.0;
 /// Longest time constant (s) that is told from a line, if the session is not longer still.
 const LONGEST: f64 = 1e6;
 
 struct Drift {
-    /// Per joint, on the load of the environment per time (N m/s or N/s).
-    rate: Vec<f64>,
+    /// Per joint, on the load of the environment per time of the session and of the sequence (N m/s or N/s).
+    rates: [Vec<f64>; 2],
     /// Time constant (s).
     T: f64,
+    /// Clock at which the sequence began (s), from its first sample on.
+    began: Option<f64>,
+}
+
+/// Lengths (s) of the session and, on average, of a sequence.
+fn lengths(site: &Site) -> [f64; 2] {
+    let sequences = site.sequences.len().max(1) as f64;
+    [site.duration, site.duration / sequences]
+}
+
+/// What has grown by time `t` (s) of a rate of 1.
+fn grown(t: f64, T: f64) -> f64 {
+    -T * (-t / T).exp_m1()
 }
 
 impl Effect for TorqueDrift {
@@ -38,7 +54,7 @@ impl Effect for TorqueDrift {
     }
 
     fn summary(&self) -> &str {
-        "torque sensors drift at the rates `r_<joint>`, which fade over the time `T`"
+        "torque sensors drift at the rates `r_<joint>` from the begin of the session on, or `s_<joint>` from that of each sequence on, which fade over the time `T`"
     }
 
     fn acts(&self) -> Acts {
@@ -55,7 +71,12 @@ impl Effect for TorqueDrift {
 
     fn parameters(&self, site: &Site) -> Vec<Parameter> {
         let units = unit(site, "N m/s", "N/s");
-        let mut parameters = per_joint(site, "r", units, [-50.0, 50.0], TYPICAL / site.duration);
+        let [_, each] = lengths(site);
+        let of = |prefix, units, over: f64| {
+            per_joint(site, prefix, units, [-50.0, 50.0], TYPICAL / over)
+        };
+        let mut parameters = of("r", &units, site.duration);
+        parameters.extend(of("s", &units, each));
         let longest = LONGEST.max(100.0 * site.duration);
         parameters.push(Parameter::shape(
             "T",
@@ -67,25 +88,60 @@ impl Effect for TorqueDrift {
     }
 
     fn starts(&self, site: &Site) -> Vec<Vec<f64>> {
-        let start = |T: f64| [vec![0.0; site.joints()], vec![T * site.duration]].concat();
-        STARTS.map(start).to_vec()
+        let start = |T: f64| [vec![0.0; 2 * site.joints()], vec![T * site.duration]].concat();
+        let mut starts = STARTS.map(start).to_vec();
+        // Of a single sequence both are the same.
+        if site.sequences.len() > 1 {
+            starts.push(start(STARTS[0]));
+        }
+        starts
+    }
+
+    fn acting(&self, site: &Site, start: usize) -> Vec<usize> {
+        let d = site.joints();
+        match start < STARTS.len() {
+            true => (0..d).collect(),
+            false => (d..2 * d).collect(),
+        }
+    }
+
+    fn random_walk(&self, site: &Site, theta: &[f64]) -> Option<RandomWalk> {
+        let d = site.joints();
+        let of = |rates: &[f64], length: f64| {
+            let size = grown(length, theta[2 * d]) / length.sqrt();
+            rates.iter().map(|r| size * r.abs()).collect()
+        };
+        let [session, sequence] = lengths(site);
+        Some(RandomWalk {
+            of_session: of(&theta[..d], session),
+            of_sequence: of(&theta[d..2 * d], sequence),
+        })
     }
 
     fn compensator(&self, site: &Site, theta: &[f64]) -> Result<Box<dyn Compensator>, GapError> {
         let d = site.joints();
-        check(self.name(), theta, d + 1)?;
+        check(self.name(), theta, 2 * d + 1)?;
+        let rates = |of: &[f64]| of.iter().map(|r| site.sensor_sign() * r).collect();
         Ok(Box::new(Drift {
-            rate: theta[..d].iter().map(|r| site.sensor_sign() * r).collect(),
-            T: theta[d],
+            rates: [rates(&theta[..d]), rates(&theta[d..2 * d])],
+            T: theta[2 * d],
+            began: None,
         }))
     }
 }
 
 impl Compensator for Drift {
+    fn begin_sequence(&mut self, _: &str) {
+        self.began = None;
+    }
+
     fn torques(&mut self, sample: &Sample<'_>, _: &Touch<'_>, tau: &mut [f64]) {
-        let grown = -self.T * (-sample.clock / self.T).exp_m1();
-        tau.iter_mut()
-            .zip(&self.rate)
-            .for_each(|(t, r)| *t += r * grown);
+        let began = *self.began.get_or_insert(sample.clock);
+        let times = [sample.clock, sample.clock - began];
+        let [of_session, of_sequence] = times.map(|t| grown(t, self.T));
+        let [session, sequence] = &self.rates;
+        for ((t, r), s) in tau.iter_mut().zip(session).zip(sequence) {
+            *t += r * of_session + s * of_sequence;
+        }
     }
 }
