@@ -315,7 +315,11 @@ impl Recording {
         untouched(&scene, &traces)
             .iter()
             .for_each(|w| console.warn(w));
-        Ok(Campaign::in_scene(&self.dataset, scene)?)
+        let campaign = Campaign::in_scene(&self.dataset, scene)?;
+        Ok(match self.settings.has_threshold() {
+            true => campaign,
+            false => campaign.with_suited_fields()?,
+        })
     }
 
     /// Folders of `package://` names.

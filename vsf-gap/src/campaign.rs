@@ -194,6 +194,8 @@ fn average(table: &Table, rows: Range<usize>, mean: &mut [f64]) {
 pub struct Campaign {
     pub(crate) site: Site,
     pub(crate) scene: Scene,
+    /// The scene in which fields are estimated, if it is another.
+    fields: Option<Scene>,
     /// Sequences that the model is fitted to, in session order.
     pub(crate) train: Vec<Motion>,
     /// Sequences that check it.
@@ -332,6 +334,7 @@ impl Campaign {
         let mut campaign = Self {
             site,
             scene,
+            fields: None,
             contacts: vec![OnceLock::new(); trained.len() + tested.len()],
             train: trained,
             test: tested,
@@ -357,6 +360,31 @@ impl Campaign {
         (campaign.noise, campaign.touched) = (noise, touched);
         campaign.moves_free = moves_free;
         Ok(campaign)
+    }
+
+    /// With errors told of fields in the contact in which one estimates them ([`Scene::with_suited_threshold`]), under
+    /// models that do not [follow the contact](Model::follows_contact). Effects are looked for in the scene's own contact
+    /// all the same, in which the constants of the judgement were settled.
+    ///
+    /// # Errors
+    /// Surfaces that are drawn in by more than the threshold.
+    pub fn with_suited_fields(self) -> Result<Self, GapError> {
+        let suited = self.scene.with_suited_threshold()?;
+        let differs = suited.contact() != self.scene.contact();
+        Ok(Self {
+            fields: Some(suited).filter(|_| differs),
+            ..self
+        })
+    }
+
+    /// The campaign in the contact of [`Campaign::with_suited_fields`], if it is another.
+    pub fn suited(&self) -> Option<Self> {
+        let scene = self.fields.clone()?;
+        Some(Self {
+            scene,
+            fields: None,
+            ..self.with_sequences(self.train.clone(), self.test.clone())
+        })
     }
 
     /// Robot and object.
@@ -440,6 +468,7 @@ impl Campaign {
         Self {
             site: self.site.clone(),
             scene: self.scene.clone(),
+            fields: self.fields.clone(),
             contacts: vec![OnceLock::new(); train.len() + test.len()],
             train,
             test,

@@ -1,5 +1,6 @@
 use crate::alike::Likeness;
 use crate::closure::noise_norm;
+use crate::estimated::Extent;
 use crate::halves::is_of_sequences;
 use crate::judge::Nominal;
 use crate::locate::locate;
@@ -42,18 +43,21 @@ pub enum DiagnosisStep {
     Pairs,
     /// Models are checked on the test sequences.
     Check,
+    /// Fields are estimated with the corrected model and without it.
+    Fields,
     /// What differs from sequence to sequence is looked for with half of every test sequence.
     Halves,
 }
 
 impl DiagnosisStep {
     /// All steps in order.
-    pub const ALL: [Self; 6] = [
+    pub const ALL: [Self; 7] = [
         Self::Nominal,
         Self::Screen,
         Self::Finalists,
         Self::Pairs,
         Self::Check,
+        Self::Fields,
         Self::Halves,
     ];
 }
@@ -186,37 +190,46 @@ fn attempt(
     if undecided {
         judgement.withdraw();
     }
-    let before = trial.before.clone();
-    let (model, sd, field, after, closed) = match judgement.corrected() {
+    progress(DiagnosisStep::Fields);
+    let outside = match split {
+        Split::Whole => Extent::outside(campaign, &judgement, seed),
+        // A field would have learned from test sequences.
+        Split::Halves => Ok(None),
+    };
+    let inside = || Extent::inside(campaign, &trial, &judgement, &search.field);
+    let (extent, failed) = match outside {
+        Ok(extent) => (extent.unwrap_or_else(inside), None),
+        Err(e) => (inside(), Some(e)),
+    };
+    judgement.worse = extent.worse();
+    let (model, sd, own_field, closed) = match judgement.corrected() {
         Some(t) => (
             t.refined.model.clone(),
             t.refined.sd.clone(),
             t.checked.field.clone(),
-            t.checked.residuals.clone(),
-            t.checked.closure,
+            t.checked.closure.fraction,
         ),
-        None => (
-            Model::default(),
-            Vec::new(),
-            search.field.clone(),
-            before.clone(),
-            trial.closure(&before),
-        ),
+        None => (Model::default(), Vec::new(), search.field.clone(), 0.0),
     };
     let stopped = (judgement.corrected()).is_some_and(|t| !t.refined.at_bounds().is_empty());
     // With contact, errors are far from a perfect model's for many reasons.
-    let far = closed.fraction < NEARLY || after.mean_error() > FAR * noise_floor;
+    let far = closed < NEARLY || extent.after.residuals.mean_error() > FAR * noise_floor;
     let names = in_field.iter().map(|(p, _)| p.effect.name().to_owned());
     let refused = judgement.refused.iter().flat_map(|t| t.effects.clone());
     let answer = judgement.judged.conclude(&Findings {
-        closed: closed.fraction,
+        closed,
         in_field: names.filter(|_| undecided).collect(),
         refused: refused.collect(),
         left_free: judgement.left_free.is_some(),
         lasts: judgement.persistence.is_some(),
         stopped: stopped && far && !nominal.touches,
     });
-    let mut notes = notes(campaign, &trial, &judgement, &answer, &nominal);
+    let mut notes = notes(campaign, &trial, &extent, &judgement, &answer, &nominal);
+    if let Some(e) = failed {
+        notes.push(format!(
+            "no field could be estimated to tell errors of ({e}): they are those of the diagnosis' own fields"
+        ));
+    }
     if let Some((plain, share)) = in_field.first().filter(|_| undecided) {
         notes.push(told(campaign, plain, *share));
     }
@@ -224,6 +237,11 @@ fn attempt(
     let effects = reports(
         thinned, &search, &likeness, &in_field, &trial, &judgement, &answer,
     )?;
+    let extent = match judgement.corrected() {
+        Some(_) => extent,
+        None => extent.uncorrected(),
+    };
+    let (before, after) = (&extent.before.residuals, &extent.after.residuals);
     let verdict = answer.verdict;
     let checked = trial.sequences;
     let noise = &campaign.noise;
@@ -235,15 +253,24 @@ fn attempt(
                 test_error_nominal: before.mean_error(),
                 test_error_corrected: after.mean_error(),
                 noise_floor,
-                closed_fraction: closed.fraction,
-                closed_interval: closed.interval,
+                closed_fraction: extent.closed.fraction,
+                closed_interval: extent.closed.interval,
                 unit: campaign.scene.error_unit().to_owned(),
                 corrected_by: (model.parts.iter())
                     .map(|(effect, _)| effect.name().to_owned())
                     .collect(),
-                estimated: None,
+                estimated: extent.estimated,
+                threshold: extent.threshold,
             },
-            location: locate(campaign, &model, &field, &before, checked, noise, seed)?,
+            location: locate(
+                campaign,
+                &model,
+                &own_field,
+                &trial.before,
+                checked,
+                noise,
+                seed,
+            )?,
             next_experiment: next_experiment(&verdict, &effects, Arm::of(&campaign.site)),
             effects,
             verdict,
@@ -251,10 +278,10 @@ fn attempt(
         },
         model,
         sd,
-        field,
+        field: extent.after.field,
         checked: checked.to_vec(),
-        nominal: before,
-        corrected: after,
+        nominal: extent.before.residuals,
+        corrected: extent.after.residuals,
         lasting: answer.lasting,
     })
 }

@@ -44,21 +44,23 @@ pub(crate) struct Spread {
 /// The parts of the covariance of a design, ready to be put together for any [`Spread`].
 pub(crate) struct Parts {
     windows: Windows,
-    noise: Vec<(usize, usize, f64)>,
-    zeros: Vec<f64>,
     points: Mat<f64>,
     smooth: Mat<f64>,
     level: Vec<f64>,
     lever: Mat<f64>,
-    joint_rms: Vec<f64>,
-    walks: Walks,
+    errors: Errors,
 }
 
-/// Random walks of a model's effects.
-#[derive(Debug, Default)]
-pub(crate) struct Walks {
-    /// The walks.
-    pub(crate) list: Vec<RandomWalk>,
+/// What readings are off by, whatever is touched.
+pub(crate) struct Errors {
+    /// Covariance of the noise of the rows, lower triangle where it matters ([`Windows::noise`]).
+    pub(crate) noise: Vec<(usize, usize, f64)>,
+    /// How far the zero of every row is off ([`Windows::zeros`]).
+    pub(crate) zeros: Vec<f64>,
+    /// RMS reading per joint (N m or N).
+    pub(crate) joint_rms: Vec<f64>,
+    /// What the model's effects stray by.
+    pub(crate) walks: Vec<RandomWalk>,
     /// When every sequence begins, by the session's clock (s).
     pub(crate) begins: Vec<f64>,
 }
@@ -67,29 +69,22 @@ pub(crate) struct Walks {
 pub(crate) struct Factor(Mat<f64>);
 
 impl Parts {
-    /// Gathers the parts. `noise` is the covariance of that of the rows ([`Windows::noise`]), `zeros` how far its zero is off
-    /// ([`Windows::zeros`]), `lever` that of [`crate::Campaign::lever`], `joint_rms` the RMS reading per joint (N m or N), `walks` what the model's effects stray by.
+    /// Gathers the parts; `lever` is that of [`crate::Campaign::lever`].
     pub(crate) fn new(
         design: &Design,
         rest: &[Point3<f64>],
         windows: &Windows,
-        noise: Vec<(usize, usize, f64)>,
-        zeros: Vec<f64>,
         lever: Mat<f64>,
-        joint_rms: Vec<f64>,
-        walks: Walks,
+        errors: Errors,
     ) -> Self {
         let (smooth, level) = common(design, rest);
         Self {
             windows: windows.clone(),
-            noise,
-            zeros,
             points: outer(&design.w),
             smooth,
             level,
             lever,
-            joint_rms,
-            walks,
+            errors,
         }
     }
 
@@ -101,7 +96,7 @@ impl Parts {
 
     /// Whether an effect of the model strays.
     pub(crate) fn walks(&self) -> bool {
-        !self.walks.list.is_empty()
+        !self.errors.walks.is_empty()
     }
 
     /// Torques of a field of 1 N/m everywhere.
@@ -120,7 +115,7 @@ impl Parts {
     /// The covariance of the readings, lower triangle.
     pub(crate) fn covariance(&self, spread: &Spread) -> Mat<f64> {
         let n = self.windows.rows();
-        let d = self.windows.joints;
+        let (d, errors) = (self.windows.joints, &self.errors);
         let (point, smooth, level) = (
             spread.point * spread.point,
             spread.smooth * spread.smooth,
@@ -138,7 +133,7 @@ impl Parts {
                 out[row] = point * a[row] + smooth * b[row] + l * self.level[row];
             }
         }
-        for &(row, col, value) in &self.noise {
+        for &(row, col, value) in &self.errors.noise {
             c[(row, col)] += value;
         }
         let [contact, joint, white] = [spread.contact, spread.joint, spread.white].map(|s| s * s);
@@ -167,8 +162,8 @@ impl Parts {
                     }
                     let own = of_joint + if k == i { white } else { 0.0 };
                     let row = k * d + j;
-                    c[(row, col)] += own * self.joint_rms[j] * self.joint_rms[j]
-                        + self.zeros[row] * self.zeros[col];
+                    c[(row, col)] += own * errors.joint_rms[j] * errors.joint_rms[j]
+                        + errors.zeros[row] * errors.zeros[col];
                 }
             }
         }
@@ -182,12 +177,12 @@ impl Parts {
     fn add_walks(&self, variance: f64, c: &mut Mat<f64>) {
         let d = self.windows.joints;
         let together = |a: f64, b: f64, begin: f64| (a.min(b) - begin).max(0.0);
-        for walk in &self.walks.list {
+        for walk in &self.errors.walks {
             for (i, w) in self.windows.list.iter().enumerate() {
                 for (k, v) in self.windows.list.iter().enumerate().skip(i) {
                     let session = together(w.clock, v.clock, 0.0);
                     let sequence = match v.sequence == w.sequence {
-                        true => together(w.clock, v.clock, self.walks.begins[w.sequence]),
+                        true => together(w.clock, v.clock, self.errors.begins[w.sequence]),
                         false => 0.0,
                     };
                     for j in 0..d {
@@ -592,19 +587,14 @@ mod tests {
             w: Mat::zeros(n, 0),
             a: vec![0.0; n],
         };
-        let parts = Parts::new(
-            &design,
-            &[],
-            &windows,
-            Vec::new(),
-            vec![0.0; n],
-            Mat::zeros(n, 3),
-            vec![0.0; joints],
-            Walks {
-                list: vec![walk.clone()],
-                begins: begins.clone(),
-            },
-        );
+        let errors = Errors {
+            noise: Vec::new(),
+            zeros: vec![0.0; n],
+            joint_rms: vec![0.0; joints],
+            walks: vec![walk.clone()],
+            begins: begins.clone(),
+        };
+        let parts = Parts::new(&design, &[], &windows, Mat::zeros(n, 3), errors);
         let spread = Spread {
             point: 0.0,
             smooth: 0.0,

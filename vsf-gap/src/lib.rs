@@ -91,6 +91,7 @@ pub use effect::{
     Acts, Compensator, Effect, Need, Parameter, RandomWalk, Role, Sample, Site, Touch,
 };
 pub use error::GapError;
+pub use estimated::Estimated;
 pub use forward::{ContactLog, Model, Prediction, centre};
 pub use limits::Limit;
 pub use locate::{LocatedShare, Location, Place, Region};
@@ -100,6 +101,6 @@ pub use noise::JointNoise;
 pub use online::Corrector;
 pub use phase::Phase;
 pub use report::{
-    Diagnosis, EffectReport, Estimated, Gap, Outcome, ParameterEstimate, Roughness, STIFFNESS_FIELD,
+    Diagnosis, EffectReport, Gap, Outcome, ParameterEstimate, Roughness, STIFFNESS_FIELD,
 };
 pub use verdict::{Verdict, VerdictKind};

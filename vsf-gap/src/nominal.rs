@@ -1,4 +1,4 @@
-use crate::evidence::{Factor, Parts, Spread, Walks, field_mean, times};
+use crate::evidence::{Errors, Factor, Parts, Spread, field_mean, times};
 use crate::screen::{best_of, log_mean_exp};
 use crate::windows::{Design, Window, Windows};
 use crate::{Campaign, ContactLog, GapError, Model, Motion};
@@ -76,19 +76,15 @@ impl Campaign {
         let own = noise.iter_mut().filter(|(row, col, _)| row == col);
         own.for_each(|(.., v)| *v = v.max(1e-6 * scale * scale));
         let lever = self.lever(&logs, &windows);
-        let parts = Parts::new(
-            &design,
-            self.site.rest.positions(),
-            &windows,
+        let errors = Errors {
             noise,
-            windows.zeros(&motions, &self.noise),
-            lever,
+            zeros: windows.zeros(&motions, &self.noise),
             joint_rms,
-            Walks {
-                list: model.random_walks(&self.site)?,
-                begins: motions.iter().map(|m| m.begin()).collect(),
-            },
-        );
+            walks: model.random_walks(&self.site)?,
+            begins: motions.iter().map(|m| m.begin()).collect(),
+        };
+        let rest = self.site.rest.positions();
+        let parts = Parts::new(&design, rest, &windows, lever, errors);
         let unit = parts.unit_field();
         let squares: f64 = unit.iter().map(|u| u * u).sum();
         let along: f64 = unit.iter().zip(&readings).map(|(u, y)| u * y).sum();

@@ -1,6 +1,7 @@
 //! What a reader of a diagnosis should know, in sentences.
 
 use crate::closure::noise_norm;
+use crate::estimated::Extent;
 use crate::judge::Nominal;
 use crate::plain::Plain;
 use crate::trial::{Judgement, Trial, Tried};
@@ -49,25 +50,24 @@ fn number(v: f64) -> String {
     }
 }
 
-/// That points are touched from another distance on than where fields of them are learned.
-fn contact(campaign: &Campaign) -> Option<String> {
-    let scene = campaign.scene();
-    let own = scene.contact().threshold;
-    let suited = scene.with_suited_threshold().ok()?.contact().threshold;
-    (suited != own).then(|| {
-        format!(
-            "points are touched from {} mm before the surface on; where their stiffness is estimated it is {} mm unless \
-             the threshold is given",
-            number(1e3 * own),
-            number(1e3 * suited)
-        )
-    })
+/// In which contact errors are told of, where it is another than that in which effects are looked for.
+fn contact(campaign: &Campaign, extent: &Extent) -> Option<String> {
+    let own = campaign.scene().contact().threshold;
+    let told = extent.threshold.filter(|told| *told != own)?;
+    let mm = |threshold: f64| number(1e3 * threshold);
+    Some(format!(
+        "effects are looked for with points that are touched from {} mm before the surface on; errors are of fields with {} \
+         mm, which suits the spacing of the points",
+        mm(own),
+        mm(told)
+    ))
 }
 
 /// What the search and the trial left to say.
 pub(crate) fn notes(
     campaign: &Campaign,
     trial: &Trial<'_>,
+    extent: &Extent,
     judgement: &Judgement<'_>,
     answer: &Answer,
     nominal: &Nominal,
@@ -83,14 +83,14 @@ pub(crate) fn notes(
         ));
     }
     notes.extend(rounded(campaign));
-    let before = trial.before.mean_error();
+    let [before, after] = [&extent.before, &extent.after].map(|e| e.residuals.mean_error());
     let verdict = &answer.verdict;
     if let Some(named) = judgement.named.as_ref().filter(|_| judgement.worse) {
         let which = named.effects.join(" and ");
         notes.push(format!(
             "with {which} the test sequences are predicted worse ({} instead of {}): the corrected model is \
              the nominal one",
-            number(named.error()),
+            number(after),
             number(before)
         ));
     }
@@ -147,12 +147,16 @@ pub(crate) fn notes(
     if !aside.is_empty() {
         notes.push(format!(
             "left aside, since the test sequences do not bear them out enough for what they gain on the \
-             train sequences: {}; test error without them {}",
+             train sequences: {}; test error without them {}{}",
             aside.join(", "),
-            number(before)
+            number(trial.before.mean_error()),
+            match extent.estimated {
+                true => ", of the diagnosis' own fields",
+                false => "",
+            }
         ));
     }
-    let error = judgement.corrected().map_or(before, Tried::error);
+    let error = judgement.corrected().map_or(before, |_| after);
     // Of the fit itself, errors are below the noise.
     if !campaign.test.is_empty() {
         let floor = noise_norm(&campaign.noise);
@@ -162,7 +166,7 @@ pub(crate) fn notes(
             notes.extend(incomplete(floor, error));
         }
     }
-    notes.extend(contact(campaign));
+    notes.extend(contact(campaign, extent));
     notes
 }
 

@@ -110,24 +110,13 @@ pub struct Gap {
     /// Effects of the corrected model; none where nothing is corrected.
     #[serde(default)]
     pub corrected_by: Vec<String>,
-    /// Mean errors of the test sequences with fields that are estimated as outside of a diagnosis, where that was
-    /// looked at: [`Campaign::estimated_error`]. None of a corrected model that has learned from test sequences.
+    /// Whether errors are of fields as they are estimated outside of a diagnosis ([`Campaign::estimated`]); else of the
+    /// diagnosis' own, as where nothing is touched or test sequences were learned from.
     #[serde(default)]
-    pub estimated: Option<Estimated>,
-}
-
-/// Mean errors of the test sequences (N m or N) with fields as `vsf estimate` makes them, with the nominal model and with
-/// the corrected one; the same where nothing is corrected.
-#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
-pub struct Estimated {
-    /// With the nominal model.
-    pub error_nominal: f64,
-    /// From where on points are touched then (m).
-    pub threshold_nominal: f64,
-    /// With the corrected model.
-    pub error_corrected: f64,
-    /// From where on points are touched then (m): as in the diagnosis if its effects follow the contact.
-    pub threshold_corrected: f64,
+    pub estimated: bool,
+    /// From where on points are touched (m) in these fields; `null` in free air.
+    #[serde(default)]
+    pub threshold: Option<f64>,
 }
 
 /// A diagnosis, as `vsf diagnose --json` writes it.

@@ -1,15 +1,12 @@
 use crate::console::{Console, read_text, texts};
-use crate::corrected::knows;
 use crate::diagnosis::{page, plain, text};
 use crate::exit::usage;
 use crate::range::ending;
-use crate::recording::{Recording, RecordingArgs};
+use crate::recording::RecordingArgs;
 use clap::builder::{PossibleValue, PossibleValuesParser};
 use std::path::PathBuf;
 use std::sync::Arc;
-use vsf::gap::{
-    Campaign, DiagnosisStep, Effect, Estimated, Model, ModelFile, VerdictKind, diagnose, effects,
-};
+use vsf::gap::{DiagnosisStep, Effect, ModelFile, VerdictKind, diagnose, effects};
 
 #[derive(Debug, clap::Args)]
 #[command(after_help = "\
@@ -17,19 +14,20 @@ Example:
   vsf diagnose DATASET --effects payload,latency --html report.html --model corrected.json
 
 In the report, `score` is the gain of log evidence over the model without effects, `null` what of it says nothing \
-yet, as it is gained where nothing acts (probabilities follow what is beyond), `closed` the share of the gap on
+yet, as it is gained where nothing acts (probabilities follow what is beyond), `test score` the gain of log density on
 the test sequences, `absorbed by K` how much of the effect the stiffness takes. Parameters of joints are numbered
 by their columns, from 1.
 
 Recordings without points are those of an arm in free air; effects that a recording cannot show are listed
 as untestable. Probabilities are those of the catalogue's effects, of pairs of them (in free air of up to four), and of
-no gap. With contact,
-errors are those of a field that the diagnosis fits to windows of the train sequences, in the same way for every
-model; what the fields of `vsf estimate` leave, without the corrected model and with it, is told beside them. `stiffness_field`, among what an effect is not told
-from, is an object whose stiffness differs from place to place.
+no gap. With contact, errors before and after are those of the fields that `vsf estimate` gives without the corrected
+model and with it, where there are test sequences; those of single effects (JSON alone) are of fields that the diagnosis
+fits to windows of the train sequences, in the same way for every model. `stiffness_field`, among what an effect is not
+told from, is an object whose stiffness differs from place to place.
 
 JSON keys: schema, dataset, gap (test_error_nominal, test_error_corrected, noise_floor, closed_fraction: share of
-the squared errors beyond noise, closed_interval, unit, corrected_by, estimated: error_nominal, threshold_nominal, error_corrected, threshold_corrected), where (joint, phase, link, sequence and frequency, each a list of its own key, share,
+the squared errors beyond noise, closed_interval, unit, corrected_by, estimated: whether the errors are of fields of `vsf estimate`,
+threshold: from where on points are touched in these), where (joint, phase, link, sequence and frequency, each a list of its own key, share,
 interval and excess; region: center, radius, share), effects (effect, summary, probability, score, null_score, parameters (name,
 value, std, unit), joints, test_error, closed_fraction, test_score, absorbed_share, ambiguous_with, shows_from
 (name, value: the size of the parameter below which the effect would not show, null where no plausible one
@@ -97,16 +95,6 @@ pub fn run(args: &Args, console: &Console) -> anyhow::Result<()> {
             "only the effects of --effects were looked for; what others would explain may be laid to them".to_owned(),
         );
     }
-    if !campaign.scene().rest().is_empty() {
-        let spinner = console.spinner("fields with and without the corrected model");
-        match estimated(&recording, &campaign, &outcome.model) {
-            Ok(found) => outcome.diagnosis.gap.estimated = found,
-            Err(e) => console.warn(format!(
-                "no field could be estimated to compare with: {e:#}"
-            )),
-        }
-        spinner.finish_and_clear();
-    }
     let scene = campaign.scene();
     let mut model = ModelFile::new(campaign.site(), &outcome.model, &outcome.sd)?;
     model.recording = Some(name.clone());
@@ -133,41 +121,4 @@ pub fn run(args: &Args, console: &Console) -> anyhow::Result<()> {
         .map(|p| format!("wrote {p}\n"))
         .collect();
     console.report(text(&outcome.diagnosis, &model) + &lines)
-}
-
-/// What `vsf estimate` makes of the recording, with the nominal model and with the corrected one. Nothing of a model that
-/// has learned from test sequences.
-fn estimated(
-    recording: &Recording,
-    diagnosed: &Campaign,
-    model: &Model,
-) -> anyhow::Result<Option<Estimated>> {
-    let mut tested = recording.dataset.splits.test.iter();
-    if tested.any(|id| knows(model, diagnosed, id)) {
-        return Ok(None);
-    }
-    let scene = recording.suited(diagnosed.scene())?;
-    // Contacts that the diagnosis knows are not run through again.
-    let suited = match scene.contact() == diagnosed.scene().contact() {
-        true => diagnosed.clone(),
-        false => Campaign::in_scene(&recording.dataset, scene)?,
-    };
-    let of = |campaign: &Campaign, model: &Model| {
-        let error = campaign.estimated_error(model)?;
-        Ok::<_, anyhow::Error>(error.map(|e| (e, campaign.scene().contact().threshold)))
-    };
-    let Some(nominal) = of(&suited, &Model::default())? else {
-        return Ok(None);
-    };
-    let corrected = match model {
-        model if model.parts.is_empty() => Some(nominal),
-        model if model.follows_contact() => of(diagnosed, model)?,
-        model => of(&suited, model)?,
-    };
-    Ok(corrected.map(|corrected| Estimated {
-        error_nominal: nominal.0,
-        threshold_nominal: nominal.1,
-        error_corrected: corrected.0,
-        threshold_corrected: corrected.1,
-    }))
 }

@@ -1,8 +1,7 @@
 use super::torques::torques;
 use super::words::{
-    HIDDEN, SHOWS_FROM, SQUARES, estimate, estimated, fitted, fixed, is_uncertain, limits,
-    look_alikes, none_of_these, part, percent, plain, screened_out, size, summary, untestable,
-    verdict,
+    FIGURES, HIDDEN, SHOWS_FROM, SQUARES, estimate, figures, fitted, fixed, is_uncertain, limits,
+    look_alikes, none_of_these, part, percent, screened_out, size, summary, untestable, verdict,
 };
 use crate::console::number;
 use crate::html::{Script, document, escape};
@@ -115,10 +114,9 @@ fn answer(d: &Diagnosis) -> String {
     } else {
         String::new()
     };
-    let estimated = estimated(d).map_or_else(String::new, |text| small(&plain(&text)));
     format!(
         "<p class=\"verdict {kind}\">{sentence}</p>\n\
-         <dl class=\"numbers\">\n{numbers}</dl>\n{squares}{estimated}"
+         <dl class=\"numbers\">\n{numbers}</dl>\n{squares}"
     )
 }
 
@@ -212,22 +210,25 @@ fn bar(label: &str, share: f64, interval: Option<[f64; 2]>) -> String {
 fn effects(d: &Diagnosis) -> String {
     let mut html = "<h2>Effects</h2>\n".to_owned();
     let rows: String = fitted(&d.effects).map(|e| row(d, e)).collect();
-    let unit = escape(&d.gap.unit);
-    let dashes = "<td>&ndash;</td>".repeat(5);
+    let Some(first) = fitted(&d.effects).next() else {
+        return html;
+    };
+    let headings: Vec<String> = (figures(&d.gap, first).iter())
+        .map(|(heading, _)| format!("<th>{}</th>", escape(heading)))
+        .collect();
+    let dashes = "<td>&ndash;</td>".repeat(headings.len());
     let left = none_of_these(&d.effects).map_or_else(String::new, |(label, left)| {
         format!(
             "<tr><td>{label}</td><td>{}</td>{dashes}<td></td><td></td></tr>\n",
             percent(left)
         )
     });
-    if !rows.is_empty() {
-        let _ = write!(
-            html,
-            "<div class=\"wide\"><table>\n<tr><th>Effect</th><th>Probability</th><th>Score [nats]</th><th>Null score</th>\
-             <th>Test error [{unit}]</th><th>Closes</th><th>Absorbed by stiffness</th>\
-             <th class=\"words\">Joints</th><th class=\"words\">Looks like</th></tr>\n{rows}{left}</table></div>\n"
-        );
-    }
+    let _ = write!(
+        html,
+        "<p class=\"small\">{FIGURES}.</p>\n<div class=\"wide\"><table>\n<tr><th>effect</th><th>probability</th>{}\
+         <th class=\"words\">joints</th><th class=\"words\">looks like</th></tr>\n{rows}{left}</table></div>\n",
+        headings.concat()
+    );
     html
 }
 
@@ -302,16 +303,14 @@ fn row(d: &Diagnosis, e: &EffectReport) -> String {
         let gap = if like.is_empty() { "" } else { "; " };
         like += &format!("{gap}far less likely: {}", behind.join(", "));
     }
+    let values: String = (figures(&d.gap, e).into_iter())
+        .map(|(_, value)| format!("<td>{}</td>", or_none(value)))
+        .collect();
     format!(
-        "<tr{class}><td>{}</td><td>{}</td><td>{}</td><td>{}</td><td>{}</td><td>{}</td><td>{}</td>\
+        "<tr{class}><td>{}</td><td>{}</td>{values}\
          <td class=\"words\">{}</td><td class=\"words\">{}</td></tr>\n",
         escape(&e.effect),
         percent(e.probability),
-        fixed(e.score, 0),
-        or_none(e.null_score.map(|s| fixed(s, 0))),
-        or_none(e.test_error.map(number)),
-        or_none(e.closed_fraction.map(percent)),
-        or_none(e.absorbed_share.map(percent)),
         escape(&e.joints.join(", ")),
         escape(&like),
     )

@@ -1,5 +1,5 @@
 use super::words::{
-    HIDDEN, LIKELY_ENOUGH, SHOWS_FROM, errors, estimate, estimated, fitted, fixed, limits,
+    FIGURES, HIDDEN, LIKELY_ENOUGH, SHOWS_FROM, errors, estimate, figures, fitted, limits,
     look_alikes, none_of_these, part, percent, screened_out, size, summary, untestable, verdict,
 };
 use crate::console::{number, table};
@@ -12,7 +12,6 @@ const LEAST: f64 = 0.05;
 /// The report on the terminal.
 pub fn text(diagnosis: &Diagnosis, model: &ModelFile) -> String {
     let mut text = format!("{}\n{}\n", verdict(diagnosis), errors(diagnosis));
-    text += &estimated(diagnosis).map_or_else(String::new, |line| line + "\n");
     text += &effects(diagnosis, model);
     if diagnosis.verdict.kind == VerdictKind::NoGap {
         text += &unseen(diagnosis);
@@ -28,31 +27,19 @@ pub fn text(diagnosis: &Diagnosis, model: &ModelFile) -> String {
 
 fn effects(diagnosis: &Diagnosis, model: &ModelFile) -> String {
     let all = &diagnosis.effects;
-    let unit = &diagnosis.gap.unit;
     let or_none = |value: Option<String>| value.unwrap_or_else(|| "-".to_owned());
-    let mut rows: Vec<Vec<String>> = fitted(all)
-        .map(|e| {
-            vec![
-                e.effect.clone(),
-                percent(e.probability),
-                fixed(e.score, 0),
-                or_none(e.null_score.map(|s| fixed(s, 0))),
-                or_none(e.test_error.map(number)),
-                or_none(e.closed_fraction.map(percent)),
-                or_none(e.absorbed_share.map(percent)),
-            ]
-        })
-        .collect();
-    let error = format!("test error [{unit}]");
-    let header = [
-        "effect",
-        "probability",
-        "score [nats]",
-        "null",
-        &error,
-        "closed",
-        "absorbed by K",
-    ];
+    let mut header = vec!["effect".to_owned(), "probability".to_owned()];
+    let mut rows: Vec<Vec<String>> = Vec::new();
+    for e in fitted(all) {
+        let (headings, values): (Vec<_>, Vec<_>) = figures(&diagnosis.gap, e).into_iter().unzip();
+        if rows.is_empty() {
+            header.extend(headings);
+        }
+        let mut row = vec![e.effect.clone(), percent(e.probability)];
+        row.extend(values.into_iter().map(or_none));
+        rows.push(row);
+    }
+    let header: Vec<&str> = header.iter().map(String::as_str).collect();
     let mut text = String::new();
     if !rows.is_empty() {
         if let Some((label, left)) = none_of_these(all) {
@@ -60,7 +47,7 @@ fn effects(diagnosis: &Diagnosis, model: &ModelFile) -> String {
             row.resize(header.len(), or_none(None));
             rows.push(row);
         }
-        text += "\neffects (null: the score that says nothing yet; closed: share of the squared errors beyond noise)\n";
+        text += &format!("\neffects ({FIGURES})\n");
         text += &table(&header, &rows);
     }
     for e in fitted(all).filter(|e| e.probability >= LIKELY_ENOUGH) {

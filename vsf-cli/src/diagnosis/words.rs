@@ -140,31 +140,28 @@ pub fn errors(diagnosis: &Diagnosis) -> String {
     )
 }
 
-/// What fields of `vsf estimate` leave before and after, in one sentence.
-pub fn estimated(diagnosis: &Diagnosis) -> Option<String> {
-    let gap = &diagnosis.gap;
-    let found = gap.estimated?;
-    let unit = &gap.unit;
-    let of = |error: f64, threshold: f64| {
-        let (error, threshold) = (number(error), number(threshold));
-        (
-            format!("{error} {unit}"),
-            format!("points touched from {threshold} m on"),
-        )
-    };
-    let (before, from) = of(found.error_nominal, found.threshold_nominal);
-    let (after, then) = of(found.error_corrected, found.threshold_corrected);
-    let pays = match found.error_corrected < found.error_nominal {
-        true => "",
-        false => ": there the corrected model does not pay",
-    };
-    let start = "With fields of `vsf estimate`";
-    Some(match gap.corrected_by.is_empty() {
-        true => format!("{start} ({from}) {before}."),
-        false if from == then => format!("{start} ({from}) {before} before, {after} after{pays}."),
-        false => format!("{start} {before} before ({from}), {after} after ({then}){pays}."),
-    })
+/// What the table of effects tells of one beside its name and probability: headings and values. Test errors of effects
+/// are of the diagnosis' own fields; beside those of estimated ones they would mislead.
+pub fn figures(gap: &Gap, e: &EffectReport) -> Vec<(String, Option<String>)> {
+    let heading = str::to_owned;
+    let nats = |score: f64| fixed(score, 0);
+    let mut figures = vec![
+        (heading("score [nats]"), Some(nats(e.score))),
+        (heading("null"), e.null_score.map(nats)),
+        (heading("test score"), e.test_score.map(nats)),
+    ];
+    if !gap.estimated {
+        let error = format!("test error [{}]", gap.unit);
+        figures.push((error, e.test_error.map(number)));
+        figures.push((heading("closed"), e.closed_fraction.map(percent)));
+    }
+    figures.push((heading("absorbed by K"), e.absorbed_share.map(percent)));
+    figures
 }
+
+/// What the table's headings stand for.
+pub const FIGURES: &str = "score: gain of log evidence; null: what of it says nothing yet; test score: gain of log \
+    density on the test sequences";
 
 /// A share or a probability.
 pub fn percent(share: f64) -> String {
