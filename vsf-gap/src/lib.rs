@@ -12,7 +12,7 @@
 //!    neighbouring samples, second ones as a rule.
 //! 2. The readings are Gaussian with the covariance of noise, of the stiffness (single points, a part
 //!    that is smooth over 4 cm, a common level) and of the model's own roughness (of forces at the
-//!    contact, of joints). The stiffness is integrated out.
+//!    contact, of joints, of effects that wander). The stiffness is integrated out.
 //! 3. **Screening**: the evidence with every effect, linear in its amplitudes, whose prior is an effect
 //!    of 30 % of the torque. Roughness is averaged over, so that an effect must explain better than
 //!    "something rough acts here".
@@ -27,8 +27,9 @@
 //!    model leaves innovations that are not white; several effects that fit alike are *not diagnosable*, and
 //!    so is one that with a single stiffness everywhere explains what the field shows, as stiffening does of
 //!    an object that grows stiff with depth.
-//! 7. **How far** is measured on the test sequences, with field and effect fitted to train. A corrected
-//!    model that predicts them worse is not given out.
+//! 7. **How far** is measured on the test sequences, with field and effect fitted to train; where something is touched, with
+//!    fields as one estimates them outside of a diagnosis, with the effect and without. A corrected model that predicts
+//!    them worse is not given out.
 //! 8. What differs from sequence to sequence, as the place of an object that is put back, shows where
 //!    sequences touch the same places and cannot be known of others: if nothing else explains most of the gap,
 //!    it is fitted with the first half of every test sequence, and checked on the second halves.
