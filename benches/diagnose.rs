@@ -38,7 +38,7 @@ fn main() -> Result<(), Box<dyn Error>> {
     println!("  points  seconds  peak memory [MB]  verdict");
     let run = |dataset: &Dataset| -> Result<(), Box<dyn Error>> {
         let clock = Instant::now();
-        let campaign = Campaign::open(dataset, &SceneOptions::default())?.with_suited_fields()?;
+        let campaign = Campaign::open(dataset, &SceneOptions::default())?.with_suited_fields();
         let verdict = diagnose(&campaign, "bench", &catalogue, 0, |_| {})?
             .diagnosis
             .verdict;

@@ -167,6 +167,7 @@ pub fn site() -> Site {
         friction: 0.15,
         sequences: vec!["1".to_owned(), "2".to_owned()],
         duration: 10.0,
+        sequence_duration: 5.0,
     }
 }
 

@@ -205,7 +205,7 @@ impl CorrectedModel {
 }
 
 /// Whether a model has parameters for a sequence of its own that are not zero.
-pub fn knows(model: &Model, campaign: &Campaign, id: &str) -> bool {
+fn knows(model: &Model, campaign: &Campaign, id: &str) -> bool {
     let of = |s: usize| campaign.site().sequences[s] == id;
     model.parts.iter().any(|(effect, theta)| {
         let parameters = effect.parameters(campaign.site());

@@ -168,7 +168,7 @@ impl Recording {
     }
 
     /// A scene with the threshold that fields are estimated with: one that suits the points, unless a flag gives it.
-    pub fn suited(&self, scene: &Scene) -> Result<Scene, PipelineError> {
+    fn suited(&self, scene: &Scene) -> Result<Scene, PipelineError> {
         match self.settings.has_threshold() {
             true => Ok(scene.clone()),
             false => scene.with_suited_threshold(),
@@ -318,7 +318,7 @@ impl Recording {
         let campaign = Campaign::in_scene(&self.dataset, scene)?;
         Ok(match self.settings.has_threshold() {
             true => campaign,
-            false => campaign.with_suited_fields()?,
+            false => campaign.with_suited_fields(),
         })
     }
 

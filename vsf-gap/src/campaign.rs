@@ -181,6 +181,23 @@ impl Motion {
     }
 }
 
+/// Whether a motion is a further part of the sequence that the one before it is of.
+pub(crate) fn goes_on(motions: &[&Motion], k: usize) -> bool {
+    k > 0 && motions[k - 1].id == motions[k].id
+}
+
+/// When the sequence of each motion begins, as far as they hold it (s).
+pub(crate) fn sequence_begins(motions: &[&Motion]) -> Vec<f64> {
+    let mut begins: Vec<f64> = Vec::with_capacity(motions.len());
+    for (k, motion) in motions.iter().enumerate() {
+        begins.push(match goes_on(motions, k) {
+            true => begins[k - 1],
+            false => motion.begin(),
+        });
+    }
+    begins
+}
+
 /// The mean of some rows of a table.
 fn average(table: &Table, rows: Range<usize>, mean: &mut [f64]) {
     for (j, mean) in mean.iter_mut().enumerate() {
@@ -307,6 +324,7 @@ impl Campaign {
             friction: scene.contact().friction,
             sequences: Vec::new(),
             duration: 1.0,
+            sequence_duration: 1.0,
         };
         let (mut trained, mut tested) = (Vec::new(), Vec::new());
         let mut recorded = Vec::new();
@@ -331,6 +349,12 @@ impl Campaign {
             }
         }
         site.duration = clock.map_or(1.0, |c| c.end.max(1.0));
+        let length = |m: &Motion| m.clock.last().map_or(0.0, |end| end - m.begin());
+        let lengths = trained.iter().chain(&tested).map(length);
+        site.sequence_duration = match lengths.sum::<f64>() / site.sequences.len().max(1) as f64 {
+            mean if mean > 0.0 => mean,
+            _ => site.duration,
+        };
         let mut campaign = Self {
             site,
             scene,
@@ -364,17 +388,13 @@ impl Campaign {
 
     /// With errors told of fields in the contact in which one estimates them ([`Scene::with_suited_threshold`]), under
     /// models that do not [follow the contact](Model::follows_contact). Effects are looked for in the scene's own contact
-    /// all the same, in which the constants of the judgement were settled.
-    ///
-    /// # Errors
-    /// Surfaces that are drawn in by more than the threshold.
-    pub fn with_suited_fields(self) -> Result<Self, GapError> {
-        let suited = self.scene.with_suited_threshold()?;
-        let differs = suited.contact() != self.scene.contact();
-        Ok(Self {
-            fields: Some(suited).filter(|_| differs),
-            ..self
-        })
+    /// all the same, in which the constants of the judgement were settled. Where surfaces are drawn in by more than the
+    /// threshold that suits the points, nothing changes.
+    #[must_use]
+    pub fn with_suited_fields(self) -> Self {
+        let suited = self.scene.with_suited_threshold().ok();
+        let fields = suited.filter(|s| s.contact() != self.scene.contact());
+        Self { fields, ..self }
     }
 
     /// The campaign in the contact of [`Campaign::with_suited_fields`], if it is another.

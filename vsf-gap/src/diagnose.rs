@@ -63,7 +63,9 @@ impl DiagnosisStep {
 }
 
 /// Diagnoses a recording: which of the effects, if any, explains what the nominal model leaves.
-/// `progress` is told each step as it begins. Time: seconds to a minute; see the guide.
+/// `progress` is told each step as it begins. Errors are told of fields in the campaign's own contact, or in the one in
+/// which fields are estimated ([`Campaign::with_suited_fields`], as the command has it). Time: seconds to a minute; see
+/// the guide.
 ///
 /// # Errors
 /// No train sequence, effects whose parameters or starts cannot be, rows that contact cannot take,
@@ -181,15 +183,6 @@ fn attempt(
     };
     let hypotheses = search.hypotheses(|part, whole| trial.completes(part, whole))?;
     let mut judgement = trial.judge(hypotheses, &nominal)?;
-    let likeness = Likeness::new(&search)?;
-    let in_field = match nominal.perfect {
-        true => Vec::new(),
-        false => in_field(thinned, &search, &likeness)?,
-    };
-    let undecided = !in_field.is_empty() && judgement.leaves_field();
-    if undecided {
-        judgement.withdraw();
-    }
     progress(DiagnosisStep::Fields);
     let outside = match split {
         Split::Whole => Extent::outside(campaign, &judgement, seed),
@@ -202,29 +195,45 @@ fn attempt(
         Err(e) => (inside(), Some(e)),
     };
     judgement.worse = extent.worse();
-    let (model, sd, own_field, closed) = match judgement.corrected() {
+    let closed = extent.closed();
+    judgement.persistence = judgement.persistence.filter(|_| closed < NEARLY);
+    let likeness = Likeness::new(&search)?;
+    let in_field = match nominal.perfect {
+        true => Vec::new(),
+        false => in_field(thinned, &search, &likeness)?,
+    };
+    let undecided = !in_field.is_empty() && judgement.leaves_field(closed);
+    if undecided {
+        judgement.withdraw();
+    }
+    let (model, sd, own_field) = match judgement.corrected() {
         Some(t) => (
             t.refined.model.clone(),
             t.refined.sd.clone(),
             t.checked.field.clone(),
-            t.checked.closure.fraction,
         ),
-        None => (Model::default(), Vec::new(), search.field.clone(), 0.0),
+        None => (Model::default(), Vec::new(), search.field.clone()),
     };
+    let corrected = judgement.corrected().is_some();
+    let estimated = extent.estimated;
+    let extent = extent.told(corrected);
+    let (before, after) = (&extent.before.residuals, &extent.after.residuals);
     let stopped = (judgement.corrected()).is_some_and(|t| !t.refined.at_bounds().is_empty());
     // With contact, errors are far from a perfect model's for many reasons.
-    let far = closed < NEARLY || extent.after.residuals.mean_error() > FAR * noise_floor;
+    let far = closed < NEARLY || after.mean_error() > FAR * noise_floor;
     let names = in_field.iter().map(|(p, _)| p.effect.name().to_owned());
     let refused = judgement.refused.iter().flat_map(|t| t.effects.clone());
     let answer = judgement.judged.conclude(&Findings {
-        closed,
+        closed: extent.closed.fraction,
         in_field: names.filter(|_| undecided).collect(),
         refused: refused.collect(),
         left_free: judgement.left_free.is_some(),
         lasts: judgement.persistence.is_some(),
         stopped: stopped && far && !nominal.touches,
     });
-    let mut notes = notes(campaign, &trial, &extent, &judgement, &answer, &nominal);
+    let mut notes = notes(
+        campaign, &trial, &extent, estimated, &judgement, &answer, &nominal,
+    );
     if let Some(e) = failed {
         notes.push(format!(
             "no field could be estimated to tell errors of ({e}): they are those of the diagnosis' own fields"
@@ -237,11 +246,6 @@ fn attempt(
     let effects = reports(
         thinned, &search, &likeness, &in_field, &trial, &judgement, &answer,
     )?;
-    let extent = match judgement.corrected() {
-        Some(_) => extent,
-        None => extent.uncorrected(),
-    };
-    let (before, after) = (&extent.before.residuals, &extent.after.residuals);
     let verdict = answer.verdict;
     let checked = trial.sequences;
     let noise = &campaign.noise;
@@ -259,7 +263,7 @@ fn attempt(
                 corrected_by: (model.parts.iter())
                     .map(|(effect, _)| effect.name().to_owned())
                     .collect(),
-                estimated: extent.estimated,
+                estimated,
                 threshold: extent.threshold,
             },
             location: locate(

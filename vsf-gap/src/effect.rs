@@ -143,6 +143,8 @@ pub struct Site {
     pub sequences: Vec<String>,
     /// Length of the session (s), at least 1.
     pub duration: f64,
+    /// Mean length of its sequences (s), above 0.
+    pub sequence_duration: f64,
 }
 
 impl Site {
@@ -447,6 +449,11 @@ pub fn check_effect(effect: &dyn Effect, site: &Site) -> Result<(), GapError> {
             ));
         }
         check(effect.name(), &start, parameters.len())?;
+        if let Some(walk) = effect.random_walk(site, &start)
+            && let Err(e) = walk.check(site.joints())
+        {
+            return wrong(format!("from start {k}: {e}"));
+        }
         let out = |(p, t): &(&Parameter, &f64)| {
             p.role == Role::Shape && !(p.bounds[0]..=p.bounds[1]).contains(*t)
         };

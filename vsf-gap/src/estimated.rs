@@ -27,12 +27,15 @@ impl Campaign {
     /// # Errors
     /// Rows that contact cannot take, parameters that an effect cannot take, readings that no field can be fitted to.
     pub fn estimated(&self, model: &Model) -> Result<Option<Estimated>, GapError> {
+        if self.test.is_empty() {
+            return Ok(None);
+        }
         let all = self.corrected(model)?;
         let of = |m: &Motion| all.iter().find(|c| c.trace.id == m.id);
         let train: Vec<Trace> = (self.train.iter().filter_map(of))
             .map(|c| c.trace.clone())
             .collect();
-        if self.test.is_empty() || train.iter().all(|t| t.contact_samples() == 0) {
+        if train.iter().all(|t| t.contact_samples() == 0) {
             return Ok(None);
         }
         let (scene, shapes) = (&self.scene, PriorShape::default().or_independent());
@@ -59,22 +62,31 @@ impl Campaign {
     }
 }
 
-/// What the nominal model and the one that was named leave on the checked sequences, and how far the latter closes the
-/// gap. Without a named one, both are the same.
+/// Fields of the nominal model and of the one that was named, on the checked sequences.
 pub(crate) struct Extent {
-    pub(crate) before: Estimated,
-    pub(crate) after: Estimated,
-    pub(crate) closed: Closure,
-    /// From where on points are touched (m); none in free air.
-    pub(crate) threshold: Option<f64>,
+    /// That of the nominal model, as one estimates without another.
+    nominal: Estimated,
+    /// From where on points are touched there (m); none in free air.
+    threshold: Option<f64>,
+    /// How the named model does.
+    named: Option<Compared>,
     /// Whether fields are estimated as outside of a diagnosis.
     pub(crate) estimated: bool,
 }
 
+/// A model beside the nominal one.
+pub(crate) struct Compared {
+    pub(crate) before: Estimated,
+    pub(crate) after: Estimated,
+    pub(crate) closed: Closure,
+    /// From where on points are touched (m), before and after; none in free air.
+    pub(crate) threshold: Option<f64>,
+}
+
 impl Extent {
-    /// With fields that are estimated as outside of the diagnosis; `None` where nothing is estimated. Both are in the contact
-    /// in which one estimates fields, or, if the model follows it, in the one that it was found in; unless fields of the
-    /// nominal model in the former are better than that.
+    /// With fields that are estimated as outside of the diagnosis; `None` where nothing is estimated. The contact is that
+    /// in which one estimates fields; of models that follow it, and of the nominal one beside them, the one that they were
+    /// found in.
     ///
     /// # Errors
     /// As [`Campaign::estimated`].
@@ -86,30 +98,35 @@ impl Extent {
         if campaign.scene.rest().is_empty() {
             return Ok(None);
         }
-        let (nominal, other) = (Model::default(), campaign.suited());
+        let other = campaign.suited();
         let suited = other.as_ref().unwrap_or(campaign);
-        let Some(mut before) = suited.estimated(&nominal)? else {
+        let Some(nominal) = suited.estimated(&Model::default())? else {
             return Ok(None);
         };
-        let model = judgement.named.as_ref().map(|t| &t.refined.model);
-        let follows = model.is_some_and(Model::follows_contact);
-        let there = if follows { campaign } else { suited };
-        let after = match model {
-            Some(model) => there.estimated(model)?,
-            None => None,
-        };
-        let after = after.unwrap_or_else(|| before.clone());
-        let pays = after.residuals.mean_error() <= before.residuals.mean_error();
-        if let (true, true, Some(_)) = (follows, pays, &other) {
-            before = campaign.estimated(&nominal)?.unwrap_or(before);
+        let mut named = None;
+        if let Some(tried) = &judgement.named {
+            let model = &tried.refined.model;
+            let (there, before) = match &other {
+                Some(_) if model.follows_contact() => {
+                    (campaign, campaign.estimated(&Model::default())?)
+                }
+                _ => (suited, Some(nominal.clone())),
+            };
+            let (Some(before), Some(after)) = (before, there.estimated(model)?) else {
+                return Ok(None);
+            };
+            let (noise, checked) = (&campaign.noise, &campaign.test);
+            named = Some(Compared {
+                closed: closure(&before.residuals, &after.residuals, noise, checked, seed),
+                threshold: Some(there.scene.contact().threshold),
+                before,
+                after,
+            });
         }
-        let (noise, checked) = (&campaign.noise, &campaign.test);
-        let closed = closure(&before.residuals, &after.residuals, noise, checked, seed);
         Ok(Some(Self {
-            before,
-            after,
-            closed,
-            threshold: Some(if pays { there } else { suited }.scene.contact().threshold),
+            nominal,
+            threshold: Some(suited.scene.contact().threshold),
+            named,
             estimated: true,
         }))
     }
@@ -121,44 +138,54 @@ impl Extent {
         judgement: &Judgement<'_>,
         field: &[f64],
     ) -> Self {
-        let before = Estimated {
+        let nominal = Estimated {
             field: field.to_vec(),
             residuals: trial.before.clone(),
         };
-        let (after, closed) = match &judgement.named {
-            Some(t) => (
-                Estimated {
-                    field: t.checked.field.clone(),
-                    residuals: t.checked.residuals.clone(),
-                },
-                t.checked.closure,
-            ),
-            None => (before.clone(), trial.closure(&trial.before)),
-        };
         let touches = !campaign.scene.rest().is_empty();
+        let threshold = touches.then_some(campaign.scene.contact().threshold);
+        let named = judgement.named.as_ref().map(|t| Compared {
+            before: nominal.clone(),
+            after: Estimated {
+                field: t.checked.field.clone(),
+                residuals: t.checked.residuals.clone(),
+            },
+            closed: t.checked.closure,
+            threshold,
+        });
         Self {
-            before,
-            after,
-            closed,
-            threshold: touches.then_some(campaign.scene.contact().threshold),
+            nominal,
+            threshold,
+            named,
             estimated: false,
         }
     }
 
-    /// Whether the named model predicts worse than the nominal one.
-    pub(crate) fn worse(&self) -> bool {
-        self.after.residuals.mean_error() > self.before.residuals.mean_error()
+    /// The share of the gap that the named model closes.
+    pub(crate) fn closed(&self) -> f64 {
+        self.named.as_ref().map_or(0.0, |c| c.closed.fraction)
     }
 
-    /// The same where nothing is corrected.
-    pub(crate) fn uncorrected(self) -> Self {
-        Self {
-            after: self.before.clone(),
+    /// The mean errors of the named model and of the nominal one, in the same contact or as one estimates without another,
+    /// where the former is the larger.
+    pub(crate) fn worse(&self) -> Option<[f64; 2]> {
+        let named = self.named.as_ref()?;
+        let after = named.after.residuals.mean_error();
+        let nominal = [&self.nominal, &named.before].map(|e| e.residuals.mean_error());
+        let least = nominal[0].min(nominal[1]);
+        (after > least).then_some([after, least])
+    }
+
+    /// What is told of: the named model, if it is what is `corrected`, or the nominal one beside itself.
+    pub(crate) fn told(self, corrected: bool) -> Compared {
+        self.named.filter(|_| corrected).unwrap_or(Compared {
+            before: self.nominal.clone(),
+            after: self.nominal,
             closed: Closure {
                 fraction: 0.0,
                 interval: [0.0; 2],
             },
-            ..self
-        }
+            threshold: self.threshold,
+        })
     }
 }

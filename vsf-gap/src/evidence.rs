@@ -61,8 +61,10 @@ pub(crate) struct Errors {
     pub(crate) joint_rms: Vec<f64>,
     /// What the model's effects stray by.
     pub(crate) walks: Vec<RandomWalk>,
-    /// When every sequence begins, by the session's clock (s).
+    /// When the sequence of every motion begins, by the session's clock (s): the same of parts of one sequence.
     pub(crate) begins: Vec<f64>,
+    /// Whether its readings are relative to its begin.
+    pub(crate) tared: Vec<bool>,
 }
 
 /// A factored covariance.
@@ -176,14 +178,20 @@ impl Parts {
     /// Adds the covariance of the random walks: a variance times what two readings of a joint have walked together.
     fn add_walks(&self, variance: f64, c: &mut Mat<f64>) {
         let d = self.windows.joints;
+        let Errors { begins, tared, .. } = &self.errors;
         let together = |a: f64, b: f64, begin: f64| (a.min(b) - begin).max(0.0);
         for walk in &self.errors.walks {
             for (i, w) in self.windows.list.iter().enumerate() {
                 for (k, v) in self.windows.list.iter().enumerate().skip(i) {
-                    let session = together(w.clock, v.clock, 0.0);
-                    let sequence = match v.sequence == w.sequence {
-                        true => together(w.clock, v.clock, self.errors.begins[w.sequence]),
+                    let [begin, other] = [w, v].map(|of| begins[of.sequence]);
+                    let sequence = match begin == other {
+                        true => together(w.clock, v.clock, begin),
                         false => 0.0,
+                    };
+                    // What the session has walked before is in the tare.
+                    let session = match tared[w.sequence] || tared[v.sequence] {
+                        true => sequence,
+                        false => together(w.clock, v.clock, 0.0),
                     };
                     for j in 0..d {
                         let size = walk.of_session[j].powi(2) * session
@@ -560,23 +568,24 @@ mod tests {
         }
     }
 
-    /// Against sums of the steps that two readings have walked together.
+    /// Against sums of the steps that two readings have walked together. The last sequence is tared, and in two parts.
     #[test]
     fn val_walks_are_sums_of_steps() {
         const STEP: f64 = 0.01;
         let joints = 2;
+        let places = [(0, 0.3), (0, 1.1), (1, 2.5), (1, 2.9), (2, 4.2), (3, 4.9)];
+        let list = places.map(|(sequence, clock)| Window {
+            sequence,
+            run: sequence,
+            rows: 0..1,
+            clock,
+        });
         let windows = Windows {
-            list: [(0, 0.3), (0, 1.1), (1, 2.5), (1, 2.9)]
-                .map(|(sequence, clock)| Window {
-                    sequence,
-                    run: sequence,
-                    rows: 0..1,
-                    clock,
-                })
-                .to_vec(),
+            list: list.to_vec(),
             joints,
         };
-        let begins = vec![0.0, 2.0];
+        let begins = [0.0, 2.0, 4.0, 4.0];
+        let tared = [false, false, true, true];
         let walk = RandomWalk {
             of_session: vec![0.5, 0.0],
             of_sequence: vec![0.2, 3.0],
@@ -592,7 +601,8 @@ mod tests {
             zeros: vec![0.0; n],
             joint_rms: vec![0.0; joints],
             walks: vec![walk.clone()],
-            begins: begins.clone(),
+            begins: begins.to_vec(),
+            tared: tared.to_vec(),
         };
         let parts = Parts::new(&design, &[], &windows, Mat::zeros(n, 3), errors);
         let spread = Spread {
@@ -605,20 +615,24 @@ mod tests {
             walk: 0.3,
         };
         let c = parts.covariance(&spread);
-        // Steps of the session, then those of every sequence.
-        let (per_session, per_sequence) = (400, 200);
+        // Steps of the session, then those of the sequences, each of which has its own.
+        let per_walk = 600;
         let steps = |w: &Window, j: usize| -> Vec<f64> {
             let size = STEP.sqrt() * spread.walk;
-            let of_session = (0..per_session).map(|k| {
-                let walked = (k as f64 + 0.5) * STEP < w.clock;
-                f64::from(u8::from(walked)) * size * walk.of_session[j]
+            let begin = begins[w.sequence];
+            let between = |k: usize, from: f64| {
+                let t = (k as f64 + 0.5) * STEP;
+                f64::from(u8::from(t > from && t < w.clock))
+            };
+            let from = if tared[w.sequence] { begin } else { 0.0 };
+            let of_session = (0..per_walk).map(|k| between(k, from) * size * walk.of_session[j]);
+            let of_sequences = [0.0, 2.0, 4.0].into_iter().flat_map(|own| {
+                let own = f64::from(u8::from(own == begin));
+                (0..per_walk).map(move |k| (own, k))
             });
-            let of_sequence = (0..begins.len() * per_sequence).map(|k| {
-                let (s, k) = (k / per_sequence, k % per_sequence);
-                let walked = s == w.sequence && begins[s] + (k as f64 + 0.5) * STEP < w.clock;
-                f64::from(u8::from(walked)) * size * walk.of_sequence[j]
-            });
-            of_session.chain(of_sequence).collect()
+            let of_sequences =
+                of_sequences.map(|(own, k)| own * between(k, begin) * size * walk.of_sequence[j]);
+            of_session.chain(of_sequences).collect()
         };
         for row in 0..n {
             for col in 0..=row {

@@ -1,3 +1,4 @@
+use crate::campaign::goes_on;
 use crate::effect::{Acts, Compensator, Effect, RandomWalk, Sample, Touch, check, follows_contact};
 use crate::{Campaign, GapError, Motion, Site};
 use nalgebra::{Matrix3, Point3, Vector3};
@@ -65,10 +66,15 @@ impl Model {
     /// # Errors
     /// Walks of another number of joints or not finite.
     pub(crate) fn random_walks(&self, site: &Site) -> Result<Vec<RandomWalk>, GapError> {
-        let walks = self.parts.iter();
-        let walks = walks.filter_map(|(effect, theta)| effect.random_walk(site, theta));
-        let checked = |walk: RandomWalk| walk.check(site.joints()).map(|()| walk);
-        walks.map(checked).collect()
+        let walk = |(effect, theta): &(Arc<dyn Effect>, Vec<f64>)| {
+            let walk = effect.random_walk(site, theta)?;
+            let checked = walk.check(site.joints()).map(|()| walk);
+            Some(checked.map_err(|e| GapError::Model {
+                effect: effect.name().to_owned(),
+                problem: e.to_string(),
+            }))
+        };
+        self.parts.iter().filter_map(walk).collect()
     }
 
     /// The names of its effects, in one text.
@@ -533,9 +539,11 @@ impl Campaign {
         let mut compensators = model.compensators(&self.site)?;
         let mut out = Prediction::new(d);
         for (s, (motion, log)) in motions.iter().zip(logs).enumerate() {
-            compensators
-                .iter_mut()
-                .for_each(|c| c.begin_sequence(&motion.id));
+            if !goes_on(motions, s) {
+                compensators
+                    .iter_mut()
+                    .for_each(|c| c.begin_sequence(&motion.id));
+            }
             let touch = |row: usize| Touch {
                 rest: &self.site.rest,
                 posture: &log.postures[row],

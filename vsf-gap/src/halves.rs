@@ -65,6 +65,7 @@ fn middle(motion: &Motion, log: &ContactLog) -> Option<usize> {
 #[allow(clippy::unwrap_used, clippy::single_range_in_vec_init)]
 mod tests {
     use super::*;
+    use crate::campaign::sequence_begins;
     use nalgebra::Vector3;
     use vsf_core::Contacts;
 
@@ -125,5 +126,17 @@ mod tests {
         assert_eq!(second.clock, motion.clock[5..]);
         let [first, second] = [0..5, 5..8].map(|rows| motion.part(rows).unwrap().is(&motion));
         assert!(first && !second);
+    }
+
+    #[test]
+    fn parts_of_a_sequence_begin_when_it_does() {
+        let (motion, _) = sequence(&pattern("..##..##"), vec![0..8]);
+        let [first, second] = [0..5, 5..8].map(|rows| motion.part(rows).unwrap());
+        let other = Motion {
+            id: "other".to_owned(),
+            ..second.clone()
+        };
+        let begins = sequence_begins(&[&first, &second, &other]);
+        assert_eq!(begins, [motion.begin(), motion.begin(), second.begin()]);
     }
 }

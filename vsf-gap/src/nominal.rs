@@ -1,3 +1,4 @@
+use crate::campaign::sequence_begins;
 use crate::evidence::{Errors, Factor, Parts, Spread, field_mean, times};
 use crate::screen::{best_of, log_mean_exp};
 use crate::windows::{Design, Window, Windows};
@@ -81,7 +82,8 @@ impl Campaign {
             zeros: windows.zeros(&motions, &self.noise),
             joint_rms,
             walks: model.random_walks(&self.site)?,
-            begins: motions.iter().map(|m| m.begin()).collect(),
+            begins: sequence_begins(&motions),
+            tared: motions.iter().map(|m| m.tare > 0).collect(),
         };
         let rest = self.site.rest.positions();
         let parts = Parts::new(&design, rest, &windows, lever, errors);

@@ -1,7 +1,7 @@
 //! What a reader of a diagnosis should know, in sentences.
 
 use crate::closure::noise_norm;
-use crate::estimated::Extent;
+use crate::estimated::Compared;
 use crate::judge::Nominal;
 use crate::plain::Plain;
 use crate::trial::{Judgement, Trial, Tried};
@@ -51,9 +51,9 @@ fn number(v: f64) -> String {
 }
 
 /// In which contact errors are told of, where it is another than that in which effects are looked for.
-fn contact(campaign: &Campaign, extent: &Extent) -> Option<String> {
+fn contact(campaign: &Campaign, told: &Compared) -> Option<String> {
     let own = campaign.scene().contact().threshold;
-    let told = extent.threshold.filter(|told| *told != own)?;
+    let told = told.threshold.filter(|told| *told != own)?;
     let mm = |threshold: f64| number(1e3 * threshold);
     Some(format!(
         "effects are looked for with points that are touched from {} mm before the surface on; errors are of fields with {} \
@@ -67,7 +67,8 @@ fn contact(campaign: &Campaign, extent: &Extent) -> Option<String> {
 pub(crate) fn notes(
     campaign: &Campaign,
     trial: &Trial<'_>,
-    extent: &Extent,
+    told: &Compared,
+    estimated: bool,
     judgement: &Judgement<'_>,
     answer: &Answer,
     nominal: &Nominal,
@@ -83,15 +84,14 @@ pub(crate) fn notes(
         ));
     }
     notes.extend(rounded(campaign));
-    let [before, after] = [&extent.before, &extent.after].map(|e| e.residuals.mean_error());
     let verdict = &answer.verdict;
-    if let Some(named) = judgement.named.as_ref().filter(|_| judgement.worse) {
+    if let (Some(named), Some([error, without])) = (&judgement.named, judgement.worse) {
         let which = named.effects.join(" and ");
         notes.push(format!(
             "with {which} the test sequences are predicted worse ({} instead of {}): the corrected model is \
              the nominal one",
-            number(after),
-            number(before)
+            number(error),
+            number(without)
         ));
     }
     if verdict.effects.is_empty() && nominal.contradicts() {
@@ -150,13 +150,13 @@ pub(crate) fn notes(
              train sequences: {}; test error without them {}{}",
             aside.join(", "),
             number(trial.before.mean_error()),
-            match extent.estimated {
+            match estimated {
                 true => ", of the diagnosis' own fields",
                 false => "",
             }
         ));
     }
-    let error = judgement.corrected().map_or(before, |_| after);
+    let error = told.after.residuals.mean_error();
     // Of the fit itself, errors are below the noise.
     if !campaign.test.is_empty() {
         let floor = noise_norm(&campaign.noise);
@@ -166,7 +166,7 @@ pub(crate) fn notes(
             notes.extend(incomplete(floor, error));
         }
     }
-    notes.extend(contact(campaign, extent));
+    notes.extend(contact(campaign, told));
     notes
 }
 

@@ -282,12 +282,13 @@ impl Campaign {
     /// # Errors
     /// As [`Campaign::refine`].
     pub(crate) fn settle(&self, refined: &mut Refined) -> Result<(), GapError> {
-        if refined.spread.joint == 0.0 {
+        if refined.spread.joint == 0.0 && refined.spread.walk == 0.0 {
             return Ok(());
         }
         let spread = Spread {
             joint: 0.0,
             white: refined.spread.joint,
+            walk: 0.0,
             ..refined.spread
         };
         *refined = Refined {

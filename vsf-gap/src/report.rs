@@ -89,6 +89,9 @@ pub struct Roughness {
     pub contact: f64,
     /// Of each joint's RMS torque.
     pub joint: f64,
+    /// Of the random walk that an effect may stray by ([`crate::RandomWalk`]).
+    #[serde(default)]
+    pub walk: f64,
 }
 
 /// Errors before and after.
@@ -150,7 +153,7 @@ pub struct Outcome {
     pub model: Model,
     /// Standard deviations of its parameters, effect by effect.
     pub sd: Vec<f64>,
-    /// The corrected model's field per rest point (N/m).
+    /// The corrected model's field per rest point (N/m), of points touched from [`Gap::threshold`] on.
     pub field: Vec<f64>,
     /// The sequences that check the models: those of the test split, or what of them was not fitted to.
     pub checked: Vec<Motion>,
@@ -227,6 +230,7 @@ impl EffectReport {
             report.roughness = Some(Roughness {
                 contact: refined.spread.contact,
                 joint: refined.spread.joint,
+                walk: refined.spread.walk,
             });
         }
         report

@@ -72,8 +72,9 @@ pub(crate) struct Judgement<'a> {
     pub(crate) judged: Judged,
     /// The model that stood it.
     pub(crate) named: Option<Tried<'a>>,
-    /// Whether that one predicts worse than the nominal model.
-    pub(crate) worse: bool,
+    /// Its mean error and that of the nominal model (N m or N), where it predicts worse: with fields of the diagnosis, until
+    /// others are at hand.
+    pub(crate) worse: Option<[f64; 2]>,
     /// Those that did not stand it.
     pub(crate) refused: Vec<Tried<'a>>,
     /// What is left in free motion (N m or N), where the named model, or the nominal one, leaves much.
@@ -112,15 +113,13 @@ impl Tried<'_> {
 impl<'a> Judgement<'a> {
     /// The named model, if it predicts no worse than the nominal one.
     pub(crate) fn corrected(&self) -> Option<&Tried<'a>> {
-        self.named.as_ref().filter(|_| !self.worse)
+        self.named.as_ref().filter(|_| self.worse.is_none())
     }
 
-    /// Whether what the field shows is left to explain: sensors and joints have no part in it, a model that
-    /// explains most of the gap leaves none, and what is unknown is so.
-    pub(crate) fn leaves_field(&self) -> bool {
-        let explains = |t: &Tried<'_>| {
-            t.checked.closure.fraction >= MOSTLY || t.refined.model.acts() == Acts::Torques
-        };
+    /// Whether what the field shows is left to explain, if the named model has `closed` so much of the gap: sensors and
+    /// joints have no part in it, a model that explains most of the gap leaves none, and what is unknown is so.
+    pub(crate) fn leaves_field(&self, closed: f64) -> bool {
+        let explains = |t: &Tried<'_>| closed >= MOSTLY || t.refined.model.acts() == Acts::Torques;
         let unknown = self.judged.verdict.kind == VerdictKind::Unknown || self.left_free.is_some();
         !unknown && !self.corrected().is_some_and(explains)
     }
@@ -293,7 +292,7 @@ impl<'a> Trial<'a> {
                 return Ok(Judgement {
                     judged,
                     named: None,
-                    worse: false,
+                    worse: None,
                     refused,
                     left_free: much(before),
                     persistence: None,
@@ -308,17 +307,18 @@ impl<'a> Trial<'a> {
                 closure, foretold, ..
             } = &tried.checked;
             let closed = closure.fraction;
-            let worse = tried.error() > self.before.mean_error();
+            let errors = [tried.error(), self.before.mean_error()];
+            let worse = errors[0] > errors[1];
             if hypotheses[i].stands(closed, *foretold, worse) {
                 return Ok(Judgement {
                     judged,
                     persistence: Some(tried.checked.persistence)
-                        .filter(|p| *p > PERSISTENT && closed < NEARLY)
+                        .filter(|p| *p > PERSISTENT)
                         .filter(|_| nominal.touches && !nominal.perfect),
                     // A model that predicts worse may leave more.
                     left_free: much(self.left_free(&tried.checked.residuals).min(before)),
                     named: Some(tried),
-                    worse,
+                    worse: worse.then_some(errors),
                     refused,
                 });
             }

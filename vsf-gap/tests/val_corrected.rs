@@ -7,11 +7,14 @@ mod common;
 use common::campaign::{Rows, free_arm, free_arm_tared, plate, torques};
 use nalgebra::Vector3;
 use proptest::prelude::*;
+use std::ops::Range;
 use std::sync::Arc;
 use vsf_core::{Contacts, Noise, Observation};
+use vsf_data::Table;
 use vsf_gap::effects::catalogue;
 use vsf_gap::{
-    Acts, Campaign, Corrector, EffectEntry, GapError, Model, ModelFile, ParameterEstimate, Role,
+    Acts, Campaign, Corrector, EffectEntry, GapError, Model, ModelFile, Motion, ParameterEstimate,
+    Role,
 };
 
 /// A block of points under the plate.
@@ -138,7 +141,7 @@ fn the_state_of_the_object_lasts() {
     let alone = plate(&points(), &[press(0.015)]);
     let fresh = alone.simulated(&model, &stiffness).unwrap();
     // The last touch alone goes not deep enough to do damage; the one before it does.
-    let peak = |t: &vsf_data::Table| t.data().iter().fold(0.0_f64, |m, v| m.max(v.abs()));
+    let peak = |t: &Table| t.data().iter().fold(0.0_f64, |m, v| m.max(v.abs()));
     assert!(peak(&with[2]) < 0.5 * peak(&fresh[0]));
 }
 
@@ -447,7 +450,7 @@ fn motions_and_contacts_that_do_not_belong_together_are_refused() {
     let mut beyond = motion.clone();
     beyond.touches[0].end = 1000;
     let mut wide = motion.clone();
-    wide.q = vsf_data::Table::new(2, vec![0.0; 2 * motion.len()]).unwrap();
+    wide.q = Table::new(2, vec![0.0; 2 * motion.len()]).unwrap();
     for motion in [&short, &beyond, &wide] {
         let log = campaign.contact_log(&nominal, motion);
         assert!(matches!(log, Err(GapError::Core(_))));
@@ -506,4 +509,69 @@ fn effects_that_leave_contacts_as_they_are_share_those_of_the_nominal_model() {
             assert_eq!(nominal.forces, own.forces, "{name}");
         }
     }
+}
+
+/// Rows of a motion.
+fn cut(motion: &Motion, rows: Range<usize>) -> Motion {
+    let table = |of: &Table| {
+        let data = &of.data()[rows.start * of.cols()..rows.end * of.cols()];
+        Table::new(of.cols(), data.to_vec()).unwrap()
+    };
+    Motion {
+        clock: motion.clock[rows.clone()].to_vec(),
+        q: table(&motion.q),
+        qd: table(&motion.qd),
+        qdd: table(&motion.qdd),
+        reading: table(&motion.reading),
+        smooth: table(&motion.smooth),
+        load: table(&motion.load),
+        touches: std::iter::once(0..rows.len()).collect(),
+        ..motion.clone()
+    }
+}
+
+/// What begins with a sequence does not begin anew with a further part of it.
+#[test]
+fn parts_of_a_sequence_are_predicted_as_the_whole() {
+    let campaign = swung();
+    let effects = catalogue();
+    let drift = effects.iter().find(|e| e.name() == "torque_drift").unwrap();
+    // From the begin of the session, and of the sequence, on.
+    let model = Model::of(drift, &[0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 2.0]);
+    let of = |motions: &[&Motion]| -> Vec<f64> {
+        let logs = campaign.contact_logs(&model, motions).unwrap();
+        let mut all = Vec::new();
+        let visit = |_, _, _: &vsf_gap::Touch<'_>, p: &vsf_gap::Prediction| {
+            all.extend_from_slice(&p.torques);
+        };
+        campaign.predict(&model, motions, &logs, visit).unwrap();
+        all
+    };
+    let whole = &campaign.train()[0];
+    let [first, second] = [0..30, 30..whole.len()].map(|rows| cut(whole, rows));
+    let (parts, whole) = (of(&[&first, &second]), of(&[whole]));
+    assert_eq!(parts.len(), whole.len());
+    for (a, b) in parts.iter().zip(&whole) {
+        assert!((a - b).abs() < 1e-12, "{a} {b}");
+    }
+    assert!(whole[whole.len() - 3].abs() > 0.2, "{whole:?}");
+}
+
+/// A drift that was found in several sequences acts in a single one, too.
+#[test]
+fn a_drift_of_every_sequence_is_read_where_there_is_one() {
+    let campaign = swung();
+    let effects = catalogue();
+    let drift = effects.iter().find(|e| e.name() == "torque_drift").unwrap();
+    let theta = [0.0, 0.0, 0.0, 0.1, 0.2, 0.3, 2.0];
+    let model = Model::of(drift, &theta);
+    let sd = theta.map(|v| 0.1 * v);
+    let file = ModelFile::new(campaign.site(), &model, &sd).unwrap();
+    let names: Vec<&str> = (file.effects[0].parameters.iter())
+        .map(|p| p.name.as_str())
+        .collect();
+    assert_eq!(names, ["s_1", "s_2", "s_3", "T"]);
+    let back = ModelFile::from_json(&file.to_json()).unwrap();
+    let back = back.model(campaign.site(), &effects).unwrap();
+    assert_eq!(back.theta(), theta);
 }

@@ -10,8 +10,8 @@ use std::sync::Arc;
 use vsf_data::TorqueKind;
 use vsf_gap::effects::catalogue;
 use vsf_gap::{
-    Acts, Campaign, Compensator, Effect, GapError, Model, Need, Parameter, Role, Sample, Site,
-    Touch,
+    Acts, Campaign, Compensator, Effect, GapError, Model, Need, Parameter, RandomWalk, Role,
+    Sample, Site, Touch,
 };
 use vsf_robots::kinova_gen3;
 use vsf_testkit::{check_effect, sites};
@@ -383,6 +383,57 @@ fn effects_that_cannot_be_are_refused() {
     }
     for (parameter, starts, problem) in cases {
         refused(parameter, starts, &[0], problem);
+    }
+}
+
+/// A constant torque that strays by walks of these sizes.
+struct Strays(Vec<f64>);
+
+impl Effect for Strays {
+    fn name(&self) -> &str {
+        "strays"
+    }
+
+    fn summary(&self) -> &str {
+        "a torque that strays"
+    }
+
+    fn acts(&self) -> Acts {
+        Acts::Torques
+    }
+
+    fn needs(&self) -> &[Need] {
+        &[]
+    }
+
+    fn parameters(&self, _: &Site) -> Vec<Parameter> {
+        vec![Parameter::amplitude("k", "1", [0.0, 1.0], 0.1)]
+    }
+
+    fn random_walk(&self, _: &Site, _: &[f64]) -> Option<RandomWalk> {
+        Some(RandomWalk {
+            of_session: self.0.clone(),
+            of_sequence: self.0.clone(),
+        })
+    }
+
+    fn compensator(&self, _: &Site, theta: &[f64]) -> Result<Box<dyn Compensator>, GapError> {
+        Ok(Box::new(Moves(theta[0])))
+    }
+}
+
+#[test]
+fn walks_of_another_robot_or_without_a_size_are_refused() {
+    let campaign = waving();
+    let joints = campaign.site().joints();
+    for (sizes, problem) in [
+        (vec![0.1; joints + 1], "joints of a random walk"),
+        (vec![f64::NAN; joints], "random walk"),
+    ] {
+        let effects: [Arc<dyn Effect>; 1] = [Arc::new(Strays(sizes))];
+        let error = vsf_gap::diagnose(&campaign, "test", &effects, 0, |_| {}).err();
+        let text = error.unwrap().to_string();
+        assert!(text.contains("strays") && text.contains(problem), "{text}");
     }
 }
 

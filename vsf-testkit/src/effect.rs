@@ -115,5 +115,6 @@ fn site(robot: RobotModel, torque_kind: TorqueKind, edge: usize) -> Result<Site,
         friction: 0.15,
         sequences: vec!["1".to_owned(), "2".to_owned()],
         duration: 10.0,
+        sequence_duration: 5.0,
     })
 }

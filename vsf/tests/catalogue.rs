@@ -59,6 +59,7 @@ fn the_guide_lists_every_effect_with_its_parameters() {
         friction: 0.15,
         sequences: vec!["1".to_owned(), "2".to_owned()],
         duration: 60.0,
+        sequence_duration: 30.0,
     };
     let rows: String = effects::catalogue()
         .iter()

@@ -21,8 +21,9 @@ by their columns, from 1.
 Recordings without points are those of an arm in free air; effects that a recording cannot show are listed
 as untestable. Probabilities are those of the catalogue's effects, of pairs of them (in free air of up to four), and of
 no gap. With contact, errors before and after are those of the fields that `vsf estimate` gives without the corrected
-model and with it, where there are test sequences; those of single effects (JSON alone) are of fields that the diagnosis
-fits to windows of the train sequences, in the same way for every model. `stiffness_field`, among what an effect is not
+model and with it, where there are test sequences that no model has learned from; those of single effects (in JSON, and
+in the report where there are no such fields) are of fields that the diagnosis fits to windows of the train sequences,
+in the same way for every model. `stiffness_field`, among what an effect is not
 told from, is an object whose stiffness differs from place to place.
 
 JSON keys: schema, dataset, gap (test_error_nominal, test_error_corrected, noise_floor, closed_fraction: share of

@@ -1,6 +1,6 @@
 use super::torques::torques;
 use super::words::{
-    FIGURES, HIDDEN, SHOWS_FROM, SQUARES, estimate, figures, fitted, fixed, is_uncertain, limits,
+    HIDDEN, SHOWS_FROM, SQUARES, estimate, figures, fitted, fixed, headings, is_uncertain, limits,
     look_alikes, none_of_these, part, percent, screened_out, size, summary, untestable, verdict,
 };
 use crate::console::number;
@@ -213,10 +213,10 @@ fn effects(d: &Diagnosis) -> String {
     let Some(first) = fitted(&d.effects).next() else {
         return html;
     };
-    let headings: Vec<String> = (figures(&d.gap, first).iter())
+    let columns: Vec<String> = (figures(&d.gap, first).iter())
         .map(|(heading, _)| format!("<th>{}</th>", escape(heading)))
         .collect();
-    let dashes = "<td>&ndash;</td>".repeat(headings.len());
+    let dashes = "<td>&ndash;</td>".repeat(columns.len());
     let left = none_of_these(&d.effects).map_or_else(String::new, |(label, left)| {
         format!(
             "<tr><td>{label}</td><td>{}</td>{dashes}<td></td><td></td></tr>\n",
@@ -225,9 +225,10 @@ fn effects(d: &Diagnosis) -> String {
     });
     let _ = write!(
         html,
-        "<p class=\"small\">{FIGURES}.</p>\n<div class=\"wide\"><table>\n<tr><th>effect</th><th>probability</th>{}\
+        "<p class=\"small\">{}.</p>\n<div class=\"wide\"><table>\n<tr><th>effect</th><th>probability</th>{}\
          <th class=\"words\">joints</th><th class=\"words\">looks like</th></tr>\n{rows}{left}</table></div>\n",
-        headings.concat()
+        headings(&d.gap),
+        columns.concat()
     );
     html
 }

@@ -1,5 +1,5 @@
 use super::words::{
-    FIGURES, HIDDEN, LIKELY_ENOUGH, SHOWS_FROM, errors, estimate, figures, fitted, limits,
+    HIDDEN, LIKELY_ENOUGH, SHOWS_FROM, errors, estimate, figures, fitted, headings, limits,
     look_alikes, none_of_these, part, percent, screened_out, size, summary, untestable, verdict,
 };
 use crate::console::{number, table};
@@ -47,7 +47,7 @@ fn effects(diagnosis: &Diagnosis, model: &ModelFile) -> String {
             row.resize(header.len(), or_none(None));
             rows.push(row);
         }
-        text += &format!("\neffects ({FIGURES})\n");
+        text += &format!("\neffects ({})\n", headings(&diagnosis.gap));
         text += &table(&header, &rows);
     }
     for e in fitted(all).filter(|e| e.probability >= LIKELY_ENOUGH) {

@@ -160,8 +160,16 @@ pub fn figures(gap: &Gap, e: &EffectReport) -> Vec<(String, Option<String>)> {
 }
 
 /// What the table's headings stand for.
-pub const FIGURES: &str = "score: gain of log evidence; null: what of it says nothing yet; test score: gain of log \
-    density on the test sequences";
+pub fn headings(gap: &Gap) -> String {
+    let closed = match gap.estimated {
+        true => "",
+        false => "; closed: share of the squared errors beyond noise",
+    };
+    format!(
+        "score: gain of log evidence; null: what of it says nothing yet; test score: gain of log density on the test \
+         sequences{closed}"
+    )
+}
 
 /// A share or a probability.
 pub fn percent(share: f64) -> String {

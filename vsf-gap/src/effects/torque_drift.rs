@@ -37,12 +37,6 @@ struct Drift {
     began: Option<f64>,
 }
 
-/// Lengths (s) of the session and, on average, of a sequence.
-fn lengths(site: &Site) -> [f64; 2] {
-    let sequences = site.sequences.len().max(1) as f64;
-    [site.duration, site.duration / sequences]
-}
-
 /// What has grown by time `t` (s) of a rate of 1.
 fn grown(t: f64, T: f64) -> f64 {
     -T * (-t / T).exp_m1()
@@ -71,12 +65,11 @@ impl Effect for TorqueDrift {
 
     fn parameters(&self, site: &Site) -> Vec<Parameter> {
         let units = unit(site, "N m/s", "N/s");
-        let [_, each] = lengths(site);
         let of = |prefix, units, over: f64| {
             per_joint(site, prefix, units, [-50.0, 50.0], TYPICAL / over)
         };
         let mut parameters = of("r", &units, site.duration);
-        parameters.extend(of("s", &units, each));
+        parameters.extend(of("s", &units, site.sequence_duration));
         let longest = LONGEST.max(100.0 * site.duration);
         parameters.push(Parameter::shape(
             "T",
@@ -89,12 +82,8 @@ impl Effect for TorqueDrift {
 
     fn starts(&self, site: &Site) -> Vec<Vec<f64>> {
         let start = |T: f64| [vec![0.0; 2 * site.joints()], vec![T * site.duration]].concat();
-        let mut starts = STARTS.map(start).to_vec();
-        // Of a single sequence both are the same.
-        if site.sequences.len() > 1 {
-            starts.push(start(STARTS[0]));
-        }
-        starts
+        let [line, warm_up] = STARTS.map(start);
+        vec![line.clone(), warm_up, line]
     }
 
     fn acting(&self, site: &Site, start: usize) -> Vec<usize> {
@@ -111,10 +100,9 @@ impl Effect for TorqueDrift {
             let size = grown(length, theta[2 * d]) / length.sqrt();
             rates.iter().map(|r| size * r.abs()).collect()
         };
-        let [session, sequence] = lengths(site);
         Some(RandomWalk {
-            of_session: of(&theta[..d], session),
-            of_sequence: of(&theta[d..2 * d], sequence),
+            of_session: of(&theta[..d], site.duration),
+            of_sequence: of(&theta[d..2 * d], site.sequence_duration),
         })
     }
 

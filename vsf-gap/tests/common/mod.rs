@@ -28,6 +28,7 @@ pub fn site(robot: RobotModel, points: &[Point3<f64>], torque_kind: TorqueKind) 
         friction: 0.15,
         sequences: vec!["0".into(), "1".into()],
         duration: 10.0,
+        sequence_duration: 5.0,
     }
 }
 
