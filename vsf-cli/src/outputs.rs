@@ -70,6 +70,11 @@ impl Outputs {
     }
 
     fn claim(&self, flag: &'static str, path: &Path) -> anyhow::Result<()> {
+        if path.as_os_str() == "-" {
+            return Err(usage(format!(
+                "{flag} writes to no standard output; name a file or folder (./- for one of that name)"
+            )));
+        }
         writable(path).with_context(|| cannot(flag, path))?;
         let mut claimed = self.0.borrow_mut();
         let here = place(path);

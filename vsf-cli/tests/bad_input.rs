@@ -669,6 +669,19 @@ fn outputs_of_one_place() {
     );
 }
 
+/// Standard output holds no folder.
+#[test]
+fn outputs_that_are_a_dash() {
+    let bench = Bench::touched();
+    for line in [
+        "estimate touch --out -",
+        "simulate data --field truth --out -",
+    ] {
+        bench.fails(line, 2, &["--out", "standard output"]);
+    }
+    assert!(!bench.root.join("-").exists());
+}
+
 /// Folders of plots and the quick start's, too.
 #[test]
 fn outputs_of_every_command() {

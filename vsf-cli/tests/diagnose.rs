@@ -125,6 +125,10 @@ fn a_bias_is_named_and_corrected() {
         assert!(!page.contains(foreign), "{foreign}");
     }
 
+    // It is no model.
+    let line = "estimate touch --model d.json --out f.npz";
+    bench.fails(line, 1, &["d.json", "report of a diagnosis", "--model"]);
+
     // The report alone gives the page but for the torques.
     bench.ok("view d.json --out again.html");
     let again = fs::read_to_string(bench.root.join("again.html")).unwrap();

@@ -1,5 +1,5 @@
 use crate::effect::{acting_sets, follows_contact};
-use crate::{Effect, GapError, Model, Parameter, ParameterEstimate, Role, Site};
+use crate::{Diagnosis, Effect, GapError, Model, Parameter, ParameterEstimate, Role, Site};
 use serde::{Deserialize, Serialize};
 use std::sync::Arc;
 use vsf_data::ContactParameters;
@@ -118,8 +118,14 @@ impl ModelFile {
     /// [`GapError::ModelFile`] for anything but JSON of this form; what the effects make of it is
     /// left to [`ModelFile::model`].
     pub fn from_json(text: &str) -> Result<Self, GapError> {
-        let file: Self =
-            serde_json::from_str(text).map_err(|e| GapError::ModelFile(e.to_string()))?;
+        let file: Self = serde_json::from_str(text).map_err(|e| {
+            let is_report = serde_json::from_str::<Diagnosis>(text).is_ok();
+            GapError::ModelFile(match is_report {
+                true => "it is the report of a diagnosis; `vsf diagnose --model` writes the model"
+                    .to_owned(),
+                false => e.to_string(),
+            })
+        })?;
         match file.schema {
             SCHEMA => Ok(file),
             other => Err(GapError::ModelFile(format!(
