@@ -9,7 +9,7 @@ use crate::notes::{closest, notes, told};
 use crate::plain::Plain;
 use crate::report::{Diagnosis, EffectReport, Gap, Outcome, STIFFNESS_FIELD, is_perfect};
 use crate::search::Search;
-use crate::trial::{Judgement, NEARLY, Trial};
+use crate::trial::{Judgement, Trial};
 use crate::verdict::{Answer, Findings};
 use crate::windows::Windows;
 use crate::{Campaign, Effect, GapError, Model, Motion};
@@ -24,6 +24,8 @@ const FEWEST_RUNS: usize = 8;
 const STILL: f64 = 1e-3;
 /// Effects of which it is told how they do on the test sequences, whether they were up to be named or not.
 const CHECKED: usize = 3;
+/// A model that closes so much of the gap leaves nothing that would call for another, though what is left may last.
+const NEARLY: f64 = 0.9;
 /// A model whose error is more than so many times that of a perfect one is far from it.
 const FAR: f64 = 3.0;
 /// From this share of its information on, that the stiffness absorbs, an effect may be what the field shows.

@@ -24,10 +24,8 @@ const NOTICED: f64 = 0.5;
 const LEAST: f64 = 0.01;
 const REMAINS: f64 = 0.7;
 /// Correlation of innovations from window to window from which on something acts that the model does not have:
-/// of models that were right it was 0.27 at most. Unless they close nearly all of the gap, or nothing is touched:
-/// then the form of friction is what is left.
+/// of models that were right it was 0.27 at most. Unless nothing is touched: then the form of friction is what is left.
 const PERSISTENT: f64 = 0.35;
-pub(crate) const NEARLY: f64 = 0.9;
 /// The share of what some effects leave that further ones have to take where they gain little beside them.
 const COMPLETE: f64 = 0.8;
 /// By so many standard deviations the tare may be off.
