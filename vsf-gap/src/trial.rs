@@ -70,8 +70,8 @@ pub(crate) struct Judgement<'a> {
     pub(crate) judged: Judged,
     /// The model that stood it.
     pub(crate) named: Option<Tried<'a>>,
-    /// Its mean error and that of the nominal model (N m or N), where it predicts worse: with fields of the diagnosis, until
-    /// others are at hand.
+    /// Its mean error and that of the nominal model (N m or N), where it predicts worse: by fields that the trial does not
+    /// know.
     pub(crate) worse: Option<[f64; 2]>,
     /// Those that did not stand it.
     pub(crate) refused: Vec<Tried<'a>>,
@@ -305,8 +305,7 @@ impl<'a> Trial<'a> {
                 closure, foretold, ..
             } = &tried.checked;
             let closed = closure.fraction;
-            let errors = [tried.error(), self.before.mean_error()];
-            let worse = errors[0] > errors[1];
+            let worse = tried.error() > self.before.mean_error();
             if hypotheses[i].stands(closed, *foretold, worse) {
                 return Ok(Judgement {
                     judged,
@@ -316,7 +315,7 @@ impl<'a> Trial<'a> {
                     // A model that predicts worse may leave more.
                     left_free: much(self.left_free(&tried.checked.residuals).min(before)),
                     named: Some(tried),
-                    worse: worse.then_some(errors),
+                    worse: None,
                     refused,
                 });
             }
