@@ -39,7 +39,9 @@ fn main() -> Result<(), Box<dyn Error>> {
     let run = |dataset: &Dataset| -> Result<(), Box<dyn Error>> {
         let clock = Instant::now();
         let campaign = Campaign::open(dataset, &SceneOptions::default())?.with_suited_fields();
-        let verdict = diagnose(&campaign, "bench", &catalogue, 0, |_| {})?
+        let mut begins = Vec::new();
+        let step = |step| begins.push((step, clock.elapsed().as_secs_f64()));
+        let verdict = diagnose(&campaign, "bench", &catalogue, 0, step)?
             .diagnosis
             .verdict;
         let seconds = clock.elapsed().as_secs_f64();
@@ -50,6 +52,11 @@ fn main() -> Result<(), Box<dyn Error>> {
             "{points:>8}  {seconds:>7.1}  {memory:>16}  {:?}",
             verdict.effects
         );
+        let ends = begins.iter().skip(1).map(|(_, begin)| *begin);
+        let ends = ends.chain([seconds]);
+        let steps = begins.iter().zip(ends);
+        let steps = steps.map(|((step, begin), end)| format!("{step:?} {:.1}", end - begin));
+        println!("  of these: {}", steps.collect::<Vec<_>>().join(", "));
         Ok(())
     };
     run(&dataset)?;

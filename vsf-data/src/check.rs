@@ -181,29 +181,52 @@ impl Dataset {
         warnings
     }
 
-    /// Sequences of the same numbers; planned motions, of zero torque, may repeat.
-    fn copied_sequences(&self, dir: &Path) -> Option<DataWarning> {
+    /// Sequences of the same numbers, and test sequences of the very angles of train sequences; planned motions, of zero
+    /// torque, may repeat.
+    fn copied_sequences(&self, dir: &Path) -> Vec<DataWarning> {
         let hash = |s: &Sequence| {
             let mut hasher = DefaultHasher::new();
-            let values = s.angles.data().iter().chain(s.torques.data());
+            let values = s.angles.data().iter();
             values.for_each(|v| v.to_bits().hash(&mut hasher));
             hasher.finish()
         };
         let measured = |s: &&Sequence| s.torques.data().iter().any(|v| *v != 0.0);
-        let mut first: HashMap<u64, &Sequence> = HashMap::new();
-        let copies = (self.sequences.iter().filter(measured)).filter_map(|s| {
-            let of = *first.entry(hash(s)).or_insert(s);
-            let same = of.angles == s.angles && of.torques == s.torques;
-            (of.id != s.id && same).then_some((&s.id, &of.id))
-        });
-        let copies: Vec<_> = copies.collect();
-        let (id, of) = copies.first()?;
-        Some(DataWarning::CopiedSequences {
-            path: dir.to_owned(),
-            first: (*id).clone(),
-            of: (*of).clone(),
-            others: copies.len() - 1,
-        })
+        let mut alike: HashMap<u64, Vec<&Sequence>> = HashMap::new();
+        let (mut copies, mut retraced) = (Vec::new(), Vec::new());
+        for s in self.sequences.iter().filter(measured) {
+            let before = alike.entry(hash(s)).or_default();
+            let mut same = before.iter().filter(|of| of.angles == s.angles);
+            let both_ways = same.clone().flat_map(|of| [(s, *of), (*of, s)]);
+            let (train, test) = (&self.splits.train, &self.splits.test);
+            let mut again =
+                both_ways.filter(|(s, of)| test.contains(&s.id) && train.contains(&of.id));
+            let pair = |s: &Sequence, of: &Sequence| (s.id.clone(), of.id.clone());
+            if let Some(of) = same.find(|of| of.torques == s.torques) {
+                copies.push(pair(s, of));
+            } else if let Some((s, of)) = again.next() {
+                retraced.push(pair(s, of));
+            }
+            before.push(s);
+        }
+        let path = || dir.to_owned();
+        let others = |of: &Vec<_>| of.len().saturating_sub(1);
+        let of_copies = copies
+            .first()
+            .map(|(first, of)| DataWarning::CopiedSequences {
+                path: path(),
+                first: first.clone(),
+                of: of.clone(),
+                others: others(&copies),
+            });
+        let of_retraced = retraced
+            .first()
+            .map(|(first, of)| DataWarning::RetracedSequences {
+                path: path(),
+                first: first.clone(),
+                of: of.clone(),
+                others: others(&retraced),
+            });
+        of_copies.into_iter().chain(of_retraced).collect()
     }
 
     /// Time stamps that are not those of `rate_hz`.

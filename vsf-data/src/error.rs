@@ -482,6 +482,24 @@ pub enum DataWarning {
         /// Their IDs.
         ids: Vec<String>,
     },
+    /// Test sequences with the very angles of train sequences, and other torques: no measured touch repeats another to
+    /// the last digit, and one that is simulated again tests no place that was not touched.
+    #[error(
+        "{}: test sequence {first} has the very angles of train sequence {of}: errors on it are those of a touch that \
+         was trained on{}",
+        path.display(),
+        match others { 0 => String::new(), n => format!("; there are {n} more of that kind") }
+    )]
+    RetracedSequences {
+        /// The data set.
+        path: PathBuf,
+        /// ID of the first test sequence of that kind.
+        first: String,
+        /// ID of the train sequence with its angles.
+        of: String,
+        /// Further ones.
+        others: usize,
+    },
     /// Sequences with the angles and torques of others: they count twice, and where the other trains they test nothing.
     #[error(
         "{}: sequence {first} is a copy of {of}, angles and torques alike: it counts twice, and errors on the one are not \

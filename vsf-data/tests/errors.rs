@@ -418,6 +418,22 @@ fn warnings_name_what_was_seen() {
         "{warnings:?}"
     );
 
+    // A touch that trains, and nearly the same once more to test.
+    let folder = Folder::new();
+    let angles = fs::read(folder.path().join("seq_10/angles.npy")).unwrap();
+    folder.write("seq_2/angles.npy", &angles);
+    for (train, test) in [("2", "10"), ("10", "2")] {
+        folder.with(&format!(
+            r#""splits": {{"train": ["{train}"], "test": ["{test}"]}}"#
+        ));
+        let (_, warnings) = folder.open().unwrap();
+        assert!(
+            matches!(&warnings[..], [DataWarning::RetracedSequences { first, of, others: 0, .. }]
+                if first == test && of == train),
+            "{warnings:?}"
+        );
+    }
+
     // Milliseconds.
     let folder = Folder::new();
     let stamps = [0.0, 10.0, 20.0, 31.0];

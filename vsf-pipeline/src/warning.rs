@@ -1,3 +1,4 @@
+mod actuators;
 mod clock;
 mod gaps;
 mod jumps;

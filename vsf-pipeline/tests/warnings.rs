@@ -6,7 +6,7 @@ use vsf_core::{Belief, FilterHealth, UpdateReport};
 use vsf_data::{Dataset, RobotRef, Sequence, Table, TorqueKind};
 use vsf_pipeline::{
     PipelineWarning, Scene, SceneOptions, add_noise, field_warnings, fit_warnings, health_warnings,
-    motion_warnings, reading_warnings, scene_warnings, simulate, touch_warnings,
+    motion_warnings, reading_warnings, robot_of, scene_warnings, simulate, touch_warnings,
 };
 
 const ROWS: usize = 61;
@@ -191,6 +191,43 @@ fn sensors_that_are_stuck() {
             assert_eq!(warnings.iter().any(zero), is_one, "{warnings:?}");
         }
     }
+}
+
+/// In free air the weight of the arm tells: what holds it changes, and a reading does not.
+#[test]
+fn actuators_that_are_still() {
+    let robot = RobotRef::resolve("planar_arm", ".".as_ref()).unwrap();
+    let dataset = Dataset {
+        torque_kind: TorqueKind::Measured,
+        ..Dataset::new(robot, vec![swing()])
+    };
+    let robot = robot_of(&dataset, &Default::default()).unwrap();
+    let arm = Scene::in_air(&dataset, robot).unwrap();
+    let traces = [arm.trace(&swing()).unwrap()];
+    let mut right = simulate(&arm, &[], &[&swing()], &traces).unwrap();
+    add_noise(&mut right, 0.02, 1).unwrap();
+    let right = right.remove(0);
+    let warned = |of: &Sequence| reading_warnings(&arm, &[of], &[arm.trace(of).unwrap()]);
+    assert_eq!(warned(&right), []);
+    let still = |changed: &Sequence| {
+        warned(changed).into_iter().find_map(|w| match w {
+            PipelineWarning::StillActuator {
+                joint, row, count, ..
+            } => Some((joint, row, count)),
+            _ => None,
+        })
+    };
+    for value in [0.0, -1.25] {
+        let dead = first_joint(&right, |_| value);
+        assert_eq!(still(&dead), Some(("joint_1".to_owned(), 0, ROWS)));
+    }
+    let mut frozen = right.clone();
+    let rows = frozen.torques.data_mut().chunks_exact_mut(3).skip(20);
+    rows.for_each(|row| row[0] = 3.5);
+    assert_eq!(still(&frozen), Some(("joint_1".to_owned(), 20, ROWS - 20)));
+    // Readings in coarse steps stay at a value as well.
+    let rounded = first_joint(&right, |v| (10.0 * v).round() / 10.0);
+    assert_eq!(still(&rounded), None);
 }
 
 #[test]

@@ -305,6 +305,33 @@ pub enum PipelineWarning {
         /// Name of the joint.
         joint: String,
     },
+    /// An actuator that reads one value for a while, though what it has to give to hold and move the arm changes.
+    #[error(
+        "joint {joint} reads {value:?} {unit} in {count} rows of sequence {sequence} from row {row} on, while what the arm \
+         alone asks of it changes by {change:.3} {unit}; its sensor looks dead or frozen{}{}",
+        more(*again, "time"),
+        more(*others, "joint")
+    )]
+    StillActuator {
+        /// Name of the joint.
+        joint: String,
+        /// The first such sequence.
+        sequence: String,
+        /// Its first such row, from 0.
+        row: usize,
+        /// How many rows.
+        count: usize,
+        /// What it reads.
+        value: f64,
+        /// By how much the torque of the arm alone changes meanwhile.
+        change: f64,
+        /// `N m` or `N`.
+        unit: &'static str,
+        /// How often else it does so.
+        again: usize,
+        /// Further joints of that kind.
+        others: usize,
+    },
     /// A joint whose readings stay at their largest or smallest value, sample after sample, while the touch
     /// changes.
     #[error(

@@ -1,8 +1,8 @@
-use super::{PipelineWarning, Rows, likeness, malformed, outliers, sensors};
+use super::{PipelineWarning, Rows, actuators, likeness, malformed, outliers, sensors};
 use crate::readings::check_sequence;
 use crate::{Scene, Trace, motion_of, reading_unit, rigid_body_torques};
 use vsf_core::Observation;
-use vsf_data::{Motion, Sequence, TorqueKind, tare};
+use vsf_data::{Motion, Sequence, Table, TorqueKind, tare};
 use vsf_robots::Joint;
 
 /// Readings above so many times what the joint can bear are of another unit.
@@ -21,7 +21,7 @@ const GRAVITY_SIZE: std::ops::RangeInclusive<f64> = 0.8..=1.25;
 const TWICE: std::ops::RangeInclusive<f64> = 1.6..=2.5;
 
 /// What looks wrong with the readings: torques of another unit, of the other sign, in another order, with gravity or
-/// offsets left in them, sensors that are stuck, frozen or saturated, tare samples that are no rest. `traces` are those of `sequences`, in their order. Of
+/// offsets left in them, sensors that are stuck, dead, frozen or saturated, tare samples that are no rest. `traces` are those of `sequences`, in their order. Of
 /// sequences that [`Sequence::check`] refuses, with other joints than the robot's, and of traces that
 /// [`Trace::check`] refuses, only that.
 pub fn reading_warnings(
@@ -60,9 +60,21 @@ pub fn reading_warnings(
     };
     warnings.extend(tares(&|t| tare_in_contact(t, scene.tare_samples())));
     warnings.extend(tares(&|t| tare_spread(t, scene)));
-    warnings.extend(sensors::warnings(scene, sequences, traces));
+    let sensors = sensors::warnings(scene, sequences, traces);
+    // Angles that traces were made of can be taken.
+    let rigid = sequences.iter().map(|s| rigid(scene, s));
+    let rigid: Option<Vec<Table>> = rigid.collect();
+    let rigid = rigid.unwrap_or_default();
+    let told = |w: &PipelineWarning| {
+        use PipelineWarning::{StuckReadings, ZeroReadings};
+        matches!(w, StuckReadings { .. } | ZeroReadings { .. })
+    };
+    if !sensors.iter().any(told) {
+        warnings.extend(actuators::warning(scene, sequences, &rigid));
+    }
+    warnings.extend(sensors);
     // Gravity that is left, and other offsets, may turn readings round.
-    let offset = gravity_left(scene, sequences, traces).or_else(|| not_tared(scene, traces));
+    let offset = gravity_left(scene, rigid, traces).or_else(|| not_tared(scene, traces));
     warnings.extend(offset.or_else(|| likeness::warning(scene, traces)));
     warnings
 }
@@ -174,25 +186,23 @@ impl Likeness {
     }
 }
 
-fn gravity_left(
-    scene: &Scene,
-    sequences: &[&Sequence],
-    traces: &[Trace],
-) -> Option<PipelineWarning> {
+/// The torques of the arm alone.
+fn rigid(scene: &Scene, sequence: &Sequence) -> Option<Table> {
+    // Where the motion is not known, the weight is nearly all.
+    let motion = motion_of(scene.robot(), sequence).unwrap_or_else(|_| {
+        let mut still = sequence.angles.clone();
+        still.data_mut().fill(0.0);
+        Motion {
+            velocities: still.clone(),
+            accelerations: still,
+        }
+    });
+    rigid_body_torques(scene.robot(), &scene.gravity(), sequence, &motion).ok()
+}
+
+fn gravity_left(scene: &Scene, rigid: Vec<Table>, traces: &[Trace]) -> Option<PipelineWarning> {
     let mut likeness = Likeness::default();
-    for (sequence, trace) in sequences.iter().zip(traces) {
-        // Where the motion is not known, the weight is nearly all.
-        let motion = motion_of(scene.robot(), sequence).unwrap_or_else(|_| {
-            let mut still = sequence.angles.clone();
-            still.data_mut().fill(0.0);
-            Motion {
-                velocities: still.clone(),
-                accelerations: still,
-            }
-        });
-        // Angles that a trace was made of can be taken.
-        let mut rigid =
-            rigid_body_torques(scene.robot(), &scene.gravity(), sequence, &motion).ok()?;
+    for (mut rigid, trace) in rigid.into_iter().zip(traces) {
         if scene.tare_samples() > 0 {
             rigid = tare(&rigid, scene.tare_samples()).ok()?;
         }

@@ -3,14 +3,15 @@ use crate::{Scene, Trace, reading_unit};
 use vsf_data::{Sequence, TorqueKind};
 
 /// Samples in contact that say something.
-const LEAST_ROWS: usize = 6;
+pub(super) const LEAST_ROWS: usize = 6;
 /// Samples in a row that stay at one value.
 const LEAST_RUN: usize = 3;
-/// Share of the largest torques of springs by which those of a joint change where touch does.
-const LEAST_CHANGE: f64 = 0.2;
+/// Share of the largest torques of springs, or of a joint's own of the arm, by which those of a joint change where touch,
+/// or the arm, does.
+pub(super) const LEAST_CHANGE: f64 = 0.2;
 /// Rounded readings stay at a value as well: of a joint that feels less than so many steps nothing can be said, nor
 /// of its largest reading where one step is more than this share of their range.
-const LEAST_STEPS: f64 = 4.0;
+pub(super) const LEAST_STEPS: f64 = 4.0;
 const MOST_STEP: f64 = 0.02;
 
 /// A sequence beside the torques of springs of one stiffness, zero where nothing is touched.
@@ -175,7 +176,7 @@ fn clipped(scene: &Scene, touched: &[Touched], j: usize, side: f64) -> Option<Pi
 }
 
 /// Largest less smallest, 0 without any.
-fn range(values: impl Iterator<Item = f64>) -> f64 {
+pub(super) fn range(values: impl Iterator<Item = f64>) -> f64 {
     let ends = values.fold(None, |ends: Option<(f64, f64)>, v| {
         Some(ends.map_or((v, v), |(lo, hi)| (lo.min(v), hi.max(v))))
     });
@@ -183,7 +184,7 @@ fn range(values: impl Iterator<Item = f64>) -> f64 {
 }
 
 /// Smallest change from one reading to the next: the step of those that are rounded.
-fn step(readings: impl Iterator<Item = f64> + Clone) -> f64 {
+pub(super) fn step(readings: impl Iterator<Item = f64> + Clone) -> f64 {
     let changes = readings.clone().zip(readings.skip(1));
     let sizes = changes.map(|(a, b)| (b - a).abs()).filter(|d| *d > 0.0);
     sizes.fold(f64::INFINITY, f64::min)
