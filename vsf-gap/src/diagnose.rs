@@ -223,6 +223,8 @@ fn attempt(
     let stopped = (judgement.corrected()).is_some_and(|t| !t.refined.at_bounds().is_empty());
     // With contact, errors are far from a perfect model's for many reasons.
     let far = closed < NEARLY || after.mean_error() > FAR * noise_floor;
+    let silence = trial.of_silence();
+    let silent = corrected && after.mean_error() >= silence;
     let names = in_field.iter().map(|(p, _)| p.effect.name().to_owned());
     let refused = judgement.refused.iter().flat_map(|t| t.effects.clone());
     let answer = judgement.judged.conclude(&Findings {
@@ -232,6 +234,7 @@ fn attempt(
         left_free: judgement.left_free.is_some(),
         lasts: judgement.persistence.is_some(),
         stopped: stopped && far && !nominal.touches,
+        silent,
     });
     let mut notes = notes(
         campaign, &trial, &extent, estimated, &judgement, &answer, &nominal,
@@ -239,6 +242,13 @@ fn attempt(
     if let Some(e) = failed {
         notes.push(format!(
             "no field could be estimated to tell errors of ({e}): they are those of the diagnosis' own fields"
+        ));
+    }
+    if silent {
+        notes.push(format!(
+            "sensors that are taken to read nothing leave {silence:.4} {}, no more than the corrected model: it may stand for \
+             readings that are not of this motion, or hold no torques",
+            campaign.scene.error_unit()
         ));
     }
     if let Some((plain, share)) = in_field.first().filter(|_| undecided) {

@@ -10,6 +10,7 @@ use crate::trial::Checked;
 use crate::verdict::{Verdict, VerdictKind};
 use crate::{Campaign, Effect, Model, Motion, Parameter, Role};
 use serde::{Deserialize, Serialize};
+use std::ops::Range;
 
 /// Stands for the stiffness field among what effects are not told from.
 pub const STIFFNESS_FIELD: &str = "stiffness_field";
@@ -18,6 +19,9 @@ pub const STIFFNESS_FIELD: &str = "stiffness_field";
 pub(crate) const MOSTLY: f64 = 0.5;
 /// A model whose error is no more than this many times that of a perfect one leaves no gap.
 const PERFECT: f64 = 1.1;
+
+/// A parameter whose deviation is more than this share of that of its prior is not determined.
+const UNDETERMINED: f64 = 0.9;
 
 /// A parameter of an effect, estimated.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -54,6 +58,10 @@ pub struct EffectReport {
     /// Its parameters, in the corrected model if it is part of it; empty for effects that were not
     /// fitted.
     pub parameters: Vec<ParameterEstimate>,
+    /// Names of the parameters of which the recording says next to nothing: their deviations are more than nine tenths of
+    /// what is taken for plausible before any reading.
+    #[serde(default)]
+    pub undetermined: Vec<String>,
     /// Joints whose parameters are at least two deviations from zero.
     pub joints: Vec<String>,
     /// Mean error of the test sequences with it (N m or N); `null` for all but the likeliest and those that were up to be
@@ -226,7 +234,7 @@ impl EffectReport {
             ..Self::empty(effect)
         };
         if let Some(refined) = &candidate.refined {
-            report.estimate(campaign, effect, &refined.theta, &refined.sd);
+            report.estimate(campaign, effect, refined, 0..refined.theta.len());
             report.roughness = Some(Roughness {
                 contact: refined.spread.contact,
                 joint: refined.spread.joint,
@@ -253,6 +261,7 @@ impl EffectReport {
             score: 0.0,
             null_score: None,
             parameters: Vec::new(),
+            undetermined: Vec::new(),
             joints: Vec::new(),
             test_error: None,
             closed_fraction: None,
@@ -277,15 +286,28 @@ impl EffectReport {
     pub(crate) fn together(&mut self, campaign: &Campaign, named: &Refined) {
         for (effect, own) in named.model.places() {
             if effect.name() == self.effect {
-                let (theta, sd) = (&named.theta[own.clone()], &named.sd[own]);
-                self.estimate(campaign, effect.as_ref(), theta, sd);
+                self.estimate(campaign, effect.as_ref(), named, own);
             }
         }
     }
 
-    /// Takes parameters, and the joints that they show the effect to act on.
-    fn estimate(&mut self, campaign: &Campaign, effect: &dyn Effect, theta: &[f64], sd: &[f64]) {
+    /// Takes its parameters out of those of a model, and the joints that they show the effect to act on.
+    fn estimate(
+        &mut self,
+        campaign: &Campaign,
+        effect: &dyn Effect,
+        model: &Refined,
+        places: Range<usize>,
+    ) {
         let own = effect.parameters(&campaign.site);
+        let [theta, sd, prior_sd] =
+            [&model.theta, &model.sd, &model.prior.sd].map(|of| &of[places.clone()]);
+        let deviations = sd.iter().zip(prior_sd);
+        let undetermined = own.iter().zip(deviations);
+        self.undetermined = undetermined
+            .filter(|(_, (sd, prior))| **sd > UNDETERMINED * **prior)
+            .map(|(p, _)| p.name.clone())
+            .collect();
         self.joints.clear();
         for ((p, v), sd) in own.iter().zip(theta).zip(sd) {
             let shows = p.role == Role::Amplitude && *v != 0.0 && v.abs() > 2.0 * sd;

@@ -54,6 +54,8 @@ pub(crate) struct Findings {
     pub(crate) lasts: bool,
     /// Whether their parameters stopped at a bound of what is plausible, far from explaining all.
     pub(crate) stopped: bool,
+    /// Whether with them nothing is predicted better than by sensors that read nothing.
+    pub(crate) silent: bool,
 }
 
 /// The conclusion.
@@ -90,7 +92,7 @@ impl Judged {
         };
         // However much is closed: something else acts, too.
         let lasting = found.lasts && kind != VerdictKind::Unknown;
-        verdict.kind = match lasting || found.stopped {
+        verdict.kind = match lasting || found.stopped || claims && found.silent {
             true => VerdictKind::Unknown,
             false => kind,
         };
@@ -207,6 +209,12 @@ mod tests {
         }
         let nothing = found(0.0, true, false, false);
         assert_eq!(kind(&[], NoGap, &nothing).0, Unknown);
+        let silent = Findings {
+            silent: true,
+            ..found(0.8, false, false, false)
+        };
+        assert_eq!(kind(named, Effects, &silent).0, Unknown);
+        assert_eq!(kind(&[], NoGap, &silent).0, NoGap);
         assert_eq!(kind(&[], NoGap, &Findings::default()).0, NoGap);
     }
 

@@ -1,7 +1,8 @@
 use super::torques::torques;
 use super::words::{
-    HIDDEN, SHOWS_FROM, SQUARES, estimate, figures, fitted, fixed, headings, is_uncertain, limits,
-    look_alikes, none_of_these, part, percent, screened_out, size, summary, untestable, verdict,
+    HIDDEN, SHOWS_FROM, SQUARES, all_looked_for, determined, figures, fitted, fixed, headings,
+    is_uncertain, limits, look_alikes, none_of_these, part, percent, screened_out, size, summary,
+    untestable, verdict,
 };
 use crate::console::number;
 use crate::html::{Script, document, escape};
@@ -63,6 +64,7 @@ fn answer(d: &Diagnosis) -> String {
         VerdictKind::Effects if !corrects => "unproven",
         VerdictKind::Effects | VerdictKind::NoGap if is_uncertain(d) => "uncertain",
         VerdictKind::Effects => "effects",
+        VerdictKind::NoGap if !all_looked_for(d) => "uncertain",
         VerdictKind::NoGap => "no_gap",
         VerdictKind::Unknown => "unknown",
         VerdictKind::NotDiagnosable => "not_diagnosable",
@@ -238,7 +240,7 @@ fn parameters(d: &Diagnosis, corrected: &[EffectEntry]) -> String {
     let list = |title: &str, name: &str, open: &str, parameters: &[ParameterEstimate]| {
         let items: String = (parameters.iter())
             .map(|p| {
-                let value = estimate(p.value, p.sd, &p.unit);
+                let value = determined(&d.effects, name, p);
                 format!("<li><b>{}</b> {}</li>\n", escape(&p.name), escape(&value))
             })
             .collect();
@@ -323,10 +325,20 @@ mod tests {
     use super::super::words::errors;
     use super::*;
 
+    fn of_effect(name: &str) -> serde_json::Value {
+        serde_json::json!({
+            "effect": name, "probability": 0.0, "score": 0.0, "parameters": [], "joints": [], "test_error": null,
+            "closed_fraction": null, "absorbed_share": null, "roughness": null, "ambiguous_with": [],
+            "testable": true,
+        })
+    }
+
     fn report(kind: &str, probability: f64, after: f64) -> Diagnosis {
         let effects: &[&str] = if kind == "effects" { &["payload"] } else { &[] };
+        let catalogue = vsf::gap::effects::catalogue();
+        let all: Vec<_> = catalogue.iter().map(|e| of_effect(e.name())).collect();
         serde_json::from_value(serde_json::json!({
-            "schema": 1, "dataset": "a", "effects": [], "notes": [],
+            "schema": 1, "dataset": "a", "effects": all, "notes": [],
             "gap": {"test_error_nominal": 1.0, "test_error_corrected": after, "noise_floor": 0.1,
                 "closed_fraction": -0.09, "closed_interval": [-0.2, 0.1], "unit": "N",
                 "corrected_by": effects},
@@ -354,6 +366,17 @@ mod tests {
             let verdict = format!("class=\"verdict {class}\">{words}");
             assert!(page.contains(&verdict), "{verdict}: {page}");
         }
+    }
+
+    /// A gap of which only some effects were looked for may be there.
+    #[test]
+    fn a_restricted_search_finds_no_absence_of_a_gap() {
+        let mut some = report("no_gap", 0.9, 1.0);
+        some.effects.truncate(2);
+        let page = page_of_report(&some);
+        let words = "class=\"verdict uncertain\">Nothing of the 2 effects looked for";
+        assert!(page.contains(words), "{page}");
+        assert!(!page.contains("No gap"), "{page}");
     }
 
     #[test]

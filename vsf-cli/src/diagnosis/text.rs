@@ -1,5 +1,5 @@
 use super::words::{
-    HIDDEN, LIKELY_ENOUGH, SHOWS_FROM, errors, estimate, figures, fitted, headings, limits,
+    HIDDEN, LIKELY_ENOUGH, SHOWS_FROM, determined, errors, figures, fitted, headings, limits,
     look_alikes, none_of_these, part, percent, screened_out, size, summary, untestable, verdict,
 };
 use crate::console::{number, table};
@@ -70,7 +70,7 @@ fn effects(diagnosis: &Diagnosis, model: &ModelFile) -> String {
             summary(all, &e.effect)
         );
         for p in &e.parameters {
-            text += &format!("  {:<8} {}\n", p.name, estimate(p.value, p.sd, &p.unit));
+            text += &format!("  {:<8} {}\n", p.name, determined(all, &e.effect, p));
         }
     }
     let names: Vec<&str> = screened_out(all).map(|e| e.effect.as_str()).collect();

@@ -1,5 +1,7 @@
 use crate::console::number;
-use vsf::gap::{Diagnosis, EffectReport, Gap, Limit, Place, VerdictKind};
+use vsf::gap::{
+    Diagnosis, EffectReport, Gap, Limit, ParameterEstimate, Place, VerdictKind, effects,
+};
 
 /// Headings of what would show, and of what would not.
 pub const SHOWS_FROM: &str = "would not have shown below this size (the parameter that shows best, to first order; in contact it takes more)";
@@ -48,6 +50,16 @@ pub fn verdict(diagnosis: &Diagnosis) -> String {
             "{effects} explain{s} {}the gap (probability {p}).",
             extent(gap)
         ),
+        VerdictKind::NoGap if !all_looked_for(diagnosis) => {
+            let those = match diagnosis.effects.len() {
+                1 => "the one effect looked for".to_owned(),
+                n => format!("the {n} effects looked for"),
+            };
+            format!(
+                "Nothing of {those} is borne out by this recording (probability that none of this acts: {p}); other effects of \
+                 the catalogue were not looked for."
+            )
+        }
         VerdictKind::NoGap if is_uncertain(diagnosis) => format!(
             "Uncertain: no effect is borne out by this recording, but that none acts has a probability of {p} only."
         ),
@@ -68,6 +80,12 @@ pub fn verdict(diagnosis: &Diagnosis) -> String {
             verdict.effect_set_95.join(", ")
         ),
     }
+}
+
+/// Whether nothing of the catalogue was left out (`--effects`).
+pub fn all_looked_for(diagnosis: &Diagnosis) -> bool {
+    let is_there = |name: &str| diagnosis.effects.iter().any(|e| e.effect == name);
+    effects::catalogue().iter().all(|e| is_there(e.name()))
 }
 
 /// How much of the gap the correction takes.
@@ -115,6 +133,7 @@ pub fn errors(diagnosis: &Diagnosis) -> String {
     if gap.corrected_by.is_empty() {
         let error = number(gap.test_error_nominal);
         let left = match diagnosis.verdict.kind == VerdictKind::NoGap
+            && all_looked_for(diagnosis)
             && !diagnosis.location.region.is_empty()
             && gap.test_error_nominal > ROUGH * gap.noise_floor
         {
@@ -202,7 +221,7 @@ pub fn part(of: &Place) -> String {
 
 /// The value of a parameter with its deviation, to two digits of that, and unit. At a bound there is
 /// no deviation.
-pub fn estimate(value: f64, std: f64, unit: &str) -> String {
+fn estimate(value: f64, std: f64, unit: &str) -> String {
     let unit = if unit == "1" {
         String::new()
     } else {
@@ -213,6 +232,16 @@ pub fn estimate(value: f64, std: f64, unit: &str) -> String {
     }
     let decimals = decimals(std);
     format!("{} ± {std:.decimals$}{unit}", fixed(value, decimals))
+}
+
+/// A parameter of an effect, or that the recording does not tell it.
+pub fn determined(effects: &[EffectReport], effect: &str, p: &ParameterEstimate) -> String {
+    let value = estimate(p.value, p.sd, &p.unit);
+    let of = effects.iter().find(|e| e.effect == effect);
+    match of.is_some_and(|e| e.undetermined.contains(&p.name)) {
+        true => format!("{value}, as before any reading: not determined by this recording"),
+        false => value,
+    }
 }
 
 /// Decimals that show two digits of a number.
@@ -297,6 +326,7 @@ pub fn untestable(effects: &[EffectReport]) -> Vec<(&str, Vec<&str>)> {
 
 #[cfg(test)]
 mod tests {
+    #![allow(clippy::unwrap_used)]
     use super::*;
 
     #[test]
@@ -306,6 +336,26 @@ mod tests {
         assert_eq!(estimate(1234.5, 200.0, "N"), "1234 ± 200 N");
         assert_eq!(estimate(0.0, 0.0, "m"), "0 m");
         assert_eq!(estimate(-0.0001, 0.05, "1"), "0.000 ± 0.050");
+        let p = |name: &str| ParameterEstimate {
+            name: name.to_owned(),
+            value: 0.0,
+            sd: 1.5,
+            unit: "N m".to_owned(),
+        };
+        let of = EffectReport {
+            undetermined: vec!["c_1".to_owned()],
+            ..serde_json::from_value(serde_json::json!({
+                "effect": "a", "probability": 0.5, "score": 1.0, "parameters": [], "joints": [], "test_error": null,
+                "closed_fraction": null, "absorbed_share": null, "roughness": null, "ambiguous_with": [], "testable": true,
+            }))
+            .unwrap()
+        };
+        assert_eq!(determined(&[of.clone()], "a", &p("c_2")), "0.0 ± 1.5 N m");
+        let untold = determined(&[of], "a", &p("c_1"));
+        assert!(
+            untold.contains("0.0 ± 1.5 N m")
+                && untold.ends_with("not determined by this recording")
+        );
         assert_eq!(percent(-0.001), "0 %");
         assert_eq!(percent(-0.01), "-1 %");
         assert_eq!(part(&Place::Frequency([0.5469, 17.5])), "0.55 to 18 Hz");
