@@ -8,7 +8,7 @@ use crate::settings::{MetadataSettings, SceneSettings};
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 use vsf::contact::{CacheUse, ContactError};
-use vsf::data::{DataError, Dataset, RobotRef, Sequence, StiffnessField};
+use vsf::data::{DataError, DataWarning, Dataset, RobotRef, Sequence, StiffnessField};
 use vsf::gap::Campaign;
 use vsf::pipeline::{
     PipelineError, Scene, SceneOptions, Trace, motion_warnings, reading_warnings, rgbd_view,
@@ -59,7 +59,7 @@ pub enum Default {
 }
 
 impl FieldArgs {
-    /// Opens all, to write another recording to the folder `out`.
+    /// Opens all, to write another recording to the folder `out`: of motions alone, readings may be missing.
     pub fn open_for(
         &self,
         out: &Path,
@@ -67,7 +67,10 @@ impl FieldArgs {
     ) -> anyhow::Result<(Recording, FieldFile, Scene, Option<CorrectedModel>)> {
         claim(out, console)?;
         let model = self.model.open(console)?;
-        let recording = self.recording.open(console)?;
+        let RecordingArgs { dataset, sources, scene } = &self.recording;
+        sources.keep(console)?;
+        let planned = |w: &DataWarning| matches!(w, DataWarning::ZeroTorques { .. });
+        let recording = Recording::open_but(dataset, scene, planned, console)?;
         let given = self.field.as_deref();
         let (field, scene) = recording.field_and_scene(given, model.as_ref(), console)?;
         Ok((recording, field, scene, model))
@@ -85,6 +88,16 @@ impl RecordingArgs {
 impl Recording {
     /// Opens a folder, in which no output may lie, and prints its warnings.
     pub fn open(path: &Path, settings: &SceneSettings, console: &Console) -> anyhow::Result<Self> {
+        Self::open_but(path, settings, |_| false, console)
+    }
+
+    /// The same, without warnings that are beside the point.
+    fn open_but(
+        path: &Path,
+        settings: &SceneSettings,
+        beside: impl Fn(&DataWarning) -> bool,
+        console: &Console,
+    ) -> anyhow::Result<Self> {
         console.outputs.keep(path)?;
         if path.is_file() {
             let path = path.display();
@@ -96,7 +109,8 @@ impl Recording {
         let (dataset, warnings) = Dataset::open(path, &settings.metadata.overrides()?)
             .map_err(|e| blame(&settings.metadata, e))?;
         keep_robot(Some(&dataset.robot), console)?;
-        warnings.iter().for_each(|w| console.warn(w));
+        let told = warnings.iter().filter(|w| !beside(w));
+        told.for_each(|w| console.warn(w));
         Ok(Self {
             path: path.to_owned(),
             dataset,

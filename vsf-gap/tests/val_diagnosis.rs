@@ -7,6 +7,7 @@ use common::campaign::{RATE, Rows, free_arm};
 use rand::SeedableRng;
 use rand_distr::{Distribution, StandardNormal};
 use rand_pcg::Pcg64Mcg;
+use std::cell::RefCell;
 use std::f64::consts::TAU;
 use std::path::Path;
 use std::sync::Arc;
@@ -367,6 +368,18 @@ fn actuators_of_the_wrong_sign_are_unknown() {
     let d = named_in_air(&swinging(|tau, _| tau.map(|t| -t)));
     assert_eq!(d.verdict.kind, VerdictKind::Unknown, "{:?}", d.verdict);
     assert!(d.notes.iter().any(|n| n.contains("bound")), "{:?}", d.notes);
+}
+
+/// Noise in place of torques: gains that take them to next to nothing close all of the gap.
+#[test]
+fn readings_of_no_torques_are_unknown() {
+    let rng = RefCell::new(Pcg64Mcg::seed_from_u64(11));
+    let noise = || -> f64 { StandardNormal.sample(&mut *rng.borrow_mut()) };
+    let d = named_in_air(&swinging(|_, _| [0, 1, 2].map(|_| noise())));
+    assert_eq!(d.verdict.kind, VerdictKind::Unknown, "{:?}", d.verdict);
+    assert!(d.gap.closed_fraction > 0.9, "{}", d.gap.closed_fraction);
+    let said = d.notes.iter().any(|n| n.contains("read nothing"));
+    assert!(said, "{:?}", d.notes);
 }
 
 /// Gains that drift with the warmth of the arm are none of one size: what those leave lasts.
