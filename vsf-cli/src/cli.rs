@@ -36,7 +36,7 @@ pub struct Cli {
 /// The commands.
 #[derive(Debug, Subcommand)]
 pub enum Command {
-    /// Make a recording of the joint states in MCAP files, as ROS 2 bags are
+    /// Make a recording of the joint states in MCAP files, as ROS 2 bags are, or in CSV files
     Import(import::Args),
     /// Describe a recording: metadata, robot, sequences, points, contact
     Info(info::Args),

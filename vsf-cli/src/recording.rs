@@ -103,7 +103,7 @@ impl Recording {
             let path = path.display();
             return Err(usage(format!(
                 "{path} is a file; a recording is a folder with dataset.json and seq_<id>/ (`vsf import` makes one of a \
-                 ROS 2 bag)"
+                 ROS 2 bag or CSV files)"
             )));
         }
         let (dataset, warnings) = Dataset::open(path, &settings.metadata.overrides()?)

@@ -208,7 +208,7 @@ fn what_is_missing_is_said() {
         1,
         &[
             "bag.mcap: no message on /joint_states has the robot's joints",
-            "their names in the messages by --names",
+            "their names in the files by --names",
         ],
     );
     bench.fails(
@@ -241,7 +241,11 @@ fn what_is_missing_is_said() {
             1,
             "cut.mcap: the file ends in the middle of a record",
         ),
-        ("import touch/points.npy", 1, "points.npy: no MCAP file"),
+        (
+            "import touch/points.npy",
+            1,
+            "points.npy: no MCAP file, and not named .csv or .tsv",
+        ),
         ("import touch", 1, "*.mcap: no such file"),
         (
             "import bag.mcap --topic /x",

@@ -88,10 +88,40 @@ pub enum DataError {
         /// What is wrong.
         problem: String,
     },
+    /// A CSV file does not hold what is looked for.
+    #[error("{}: {problem}", path.display())]
+    Csv {
+        /// The file.
+        path: PathBuf,
+        /// What is wrong.
+        problem: String,
+    },
+    /// A line of a CSV file cannot be a sample.
+    #[error("{} line {line}: {problem}", path.display())]
+    CsvLine {
+        /// The file.
+        path: PathBuf,
+        /// Line, from 1.
+        line: u64,
+        /// What is wrong.
+        problem: String,
+    },
+    /// A cell of a CSV file is not the number that it must be.
+    #[error("{} line {line} column {column:?}: {problem}", path.display())]
+    CsvCell {
+        /// The file.
+        path: PathBuf,
+        /// Line, from 1.
+        line: u64,
+        /// Title of the column.
+        column: String,
+        /// What is wrong.
+        problem: String,
+    },
     /// Joint states that can be read if something else is asked for.
     #[error("{error}; {advice}")]
     Advised {
-        /// What is wrong: [`DataError::Mcap`] or [`DataError::Message`].
+        /// What is wrong, of an MCAP or CSV file.
         error: Box<DataError>,
         /// What may help.
         advice: Advice,
@@ -374,7 +404,7 @@ impl fmt::Display for Advice {
     fn fmt(&self, f: &mut fmt::Formatter) -> fmt::Result {
         f.write_str(match self {
             Self::Topic => "give the topic of one",
-            Self::Names => "should these be the same, give their names in the messages",
+            Self::Names => "should these be the same, give their names in the files",
             Self::Gap => "give a gap to split it by its stamps",
             Self::LogTime => "where stamps are of no use, take the times of logging",
             Self::NoVelocities => "the velocities may be left out",
@@ -531,6 +561,19 @@ pub enum DataWarning {
         step: f64,
         /// IDs of the sequences.
         ids: Vec<String>,
+    },
+    /// Samples that are all further apart than the pause that ends a sequence, as where times are not in seconds.
+    #[error(
+        "{}: each of the {count} samples is a sequence of its own, more than {gap:?} s from the next: times must be in \
+         seconds, and poses in which the robot only rests take a longer gap", path.display()
+    )]
+    SingleSamples {
+        /// The first file.
+        path: PathBuf,
+        /// How many.
+        count: usize,
+        /// The pause (s).
+        gap: f64,
     },
     /// Joint states without any of the robot's joints, as of a gripper on the same topic. They are
     /// left out.

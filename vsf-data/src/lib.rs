@@ -6,7 +6,7 @@
 //! `seq_*/angles.npy` and `seq_*/torques.npy`) opens with the metadata in [`Overrides`]. A
 //! [`StiffnessField`] is an `.npz` archive or a folder in OpenVSF's layout, and can be looked at
 //! as a coloured PLY cloud. [`McapExport`] writes both as ROS 2 messages, and [`JointLog`] makes a
-//! recording of the joint states in an MCAP file.
+//! recording of the joint states in an MCAP or CSV file.
 //!
 //! ```
 //! use vsf_data::{Dataset, Overrides, RobotRef};
@@ -51,6 +51,7 @@ mod camera;
 mod check;
 mod colormap;
 mod contact_parameters;
+mod csv_log;
 mod dataset;
 mod error;
 mod field;

@@ -163,8 +163,12 @@ fn mcap_files() -> Vec<Vec<u8>> {
 
 /// Whatever comes of a file, with all that it can give.
 fn read_mcap(bytes: &[u8]) -> Result<Dataset, DataError> {
+    read_log("a.mcap", bytes)
+}
+
+fn read_log(name: &str, bytes: &[u8]) -> Result<Dataset, DataError> {
     let folder = tempfile::tempdir().unwrap();
-    let path = folder.path().join("a.mcap");
+    let path = folder.path().join(name);
     fs::write(&path, bytes).unwrap();
     let given = Overrides {
         robot: Some(RobotRef::resolve("planar_arm", ".".as_ref()).unwrap()),
@@ -352,6 +356,18 @@ proptest! {
     }
 
     #[test]
+    fn damaged_csv_files_never_panic(damage in damage()) {
+        let text = "time,q_shoulder,q_elbow,dq_shoulder,dq_elbow,tau_shoulder,tau_elbow\n\
+                    1700000000.25,0.1,-2e-3,,,1,2\n1700000000.5,0.1,-0.2,,,1,2\n";
+        let mut bytes = text.as_bytes().to_vec();
+        prop_assert!(read_log("a.csv", &bytes).is_ok());
+        apply(&mut bytes, &damage);
+        if let Err(error) = read_log("a.csv", &bytes) {
+            prop_assert!(error.to_string().contains("a.csv"), "{}", error);
+        }
+    }
+
+    #[test]
     fn any_bytes_never_panic(bytes in prop::collection::vec(any::<u8>(), 0..200)) {
         let folder = tempfile::tempdir().unwrap();
         for magic in [&b""[..], b"\x93NUMPY\x01\x00", b"PK\x03\x04", b"ply\n", mcap::MAGIC] {
@@ -361,6 +377,9 @@ proptest! {
             prop_assert!(read_ply_points(&path).is_err());
             prop_assert!(read_pcd_points(&path).is_err());
             prop_assert!(JointLog::open(&[&path], None, Clock::Header).is_err());
+            let text = folder.path().join("a.csv");
+            fs::copy(&path, &text).unwrap();
+            prop_assert!(JointLog::open(&[&text], None, Clock::Header).is_err());
         }
     }
 }

@@ -22,6 +22,7 @@ Examples:
   vsf import bag/ --robot kinova_gen3 --names joint_1,joint_2,joint_3,joint_4,joint_5,joint_6,joint_7 \
     --torque-kind measured --out DATASET
   vsf import exported.mcap --robot arm.urdf --out DATASET   what `vsf export` wrote; built-in robots are known
+  vsf import touch_*.csv --robot arm.urdf --torque-kind measured --out DATASET
 
 Reads sensor_msgs/JointState of ROS 2 (CDR) or ROS 1: position, velocity if there is one, and effort as \
 torques. Joints are found by their names in the robot (or --names), whatever their order; others are ignored, \
@@ -29,11 +30,16 @@ and so are messages with none of them. A pause (--gap) begins a new sequence, 00
 `vsf export` wrote comes back with its metadata, points and sequences; the camera and the URDF of a robot (--robot) \
 are not in it.
 
+Reads CSV files (.csv, or .tsv with tabs) with the titles of the columns in the first line: time [s] (time, t, timestamp, \
+time_s) and for each joint its position [rad or m] (position, pos, q), torque or force [N m or N] (effort, torque, tau) and, \
+if there is one, velocity (velocity, vel, dq, qd), as q_NAME, NAME_position, NAME.position; or q1, q2, ... in the order of \
+the robot, from 1 or from 0. Other columns are ignored. Each file begins a new sequence.
+
 Without points the recording is one of free motion, for `vsf diagnose`.
 
-JSON keys: out, topic, joints, points, sequences (sequence, samples, duration_s).")]
+JSON keys: out, topic (null of CSV files), joints, points, sequences (sequence, samples, duration_s).")]
 pub struct Args {
-    /// MCAP files, in the order of recording, or the folder of a ROS 2 bag
+    /// MCAP files, in the order of recording, the folder of a ROS 2 bag, or CSV files
     #[arg(required = true)]
     files: Vec<PathBuf>,
     /// Folder to write to: new, empty, or a recording of the same sequences to replace
@@ -42,7 +48,7 @@ pub struct Args {
     /// Topic of the joint states; needed where there are several, unless `vsf export` wrote them
     #[arg(long)]
     topic: Option<String>,
-    /// Names of the robot's joints in the messages, in its order, where they are not its own
+    /// Names of the robot's joints in the files, in its order, where they are not its own
     #[arg(long, value_delimiter = ',')]
     names: Option<Vec<String>>,
     /// Pause that ends a sequence [s]; 1 by default, and none in what `vsf export` wrote
@@ -51,7 +57,7 @@ pub struct Args {
     /// Take the times of logging in place of the stamps in the messages
     #[arg(long)]
     log_time: bool,
-    /// Leave out the velocities of the messages, which not all of them may have
+    /// Leave out the velocities in the files, which not all samples may have
     #[arg(long)]
     no_velocities: bool,
     /// Rest points of the object in the world frame [m]: .ply, .pcd, .npy, or the .npz of a field
@@ -73,7 +79,8 @@ pub struct Args {
 #[derive(Serialize)]
 struct Report {
     out: String,
-    topic: String,
+    /// None of CSV files.
+    topic: Option<String>,
     joints: Vec<String>,
     points: usize,
     sequences: Vec<Entry>,
@@ -127,14 +134,17 @@ pub fn run(args: &Args, console: &Console) -> anyhow::Result<()> {
         // Refused in what follows.
         None => Vec::new(),
     };
-    let names = args.names.as_ref().unwrap_or(&joints);
+    let names = match &args.names {
+        Some(names) => names.clone(),
+        None => log.names_of(&joints),
+    };
     if known.robot.is_some() && names.len() != joints.len() {
         let (count, joints) = (names.len(), joints.join(", "));
         return Err(usage(format!(
             "--names takes a name for each of {joints}; {count} given"
         )));
     }
-    let (dataset, warnings) = (log.recording(&given, names, args.gap)).map_err(refused)?;
+    let (dataset, warnings) = (log.recording(&given, &names, args.gap)).map_err(refused)?;
     warnings.iter().for_each(|w| console.warn(w));
     let robot = robot_of(&dataset, &packages).map_err(explain)?;
     let sequences: Vec<&Sequence> = dataset.sequences.iter().collect();
@@ -162,14 +172,21 @@ fn in_flags(args: &Args, error: DataError) -> anyhow::Error {
             anyhow::Error::from(error).context("give the robot by --robot")
         }
         DataError::Argument {
-            what: "joints",
+            what: what @ ("joints" | "topic" | "clock"),
             problem,
-        } => usage(format!("--names: {problem}")),
+        } => {
+            let flag = match *what {
+                "joints" => "--names",
+                "topic" => "--topic",
+                _ => "--log-time",
+            };
+            usage(format!("{flag}: {problem}"))
+        }
         DataError::Advised { error, advice } => {
             let flag = match advice {
                 Advice::Topic => "choose one by --topic",
                 Advice::Names => {
-                    "should these be the same, give their names in the messages by --names"
+                    "should these be the same, give their names in the files by --names"
                 }
                 Advice::Gap => "split it by its stamps with --gap",
                 Advice::LogTime => {
@@ -220,7 +237,7 @@ fn report(args: &Args, log: &JointLog, joints: Vec<String>, dataset: &Dataset) -
     };
     Report {
         out: args.out.to_string_lossy().into_owned(),
-        topic: log.topic().to_owned(),
+        topic: log.topic().map(str::to_owned),
         joints,
         points: dataset.rest_points.as_ref().map_or(0, Vec::len),
         sequences: dataset.sequences.iter().map(entry).collect(),
@@ -240,7 +257,7 @@ fn text(report: &Report) -> String {
         "wrote {}: {} joints from {}, {points}\n\n{}",
         report.out,
         report.joints.len(),
-        report.topic,
+        report.topic.as_deref().unwrap_or("CSV"),
         table(
             &["sequence", "samples", "seconds"],
             &rows.collect::<Vec<_>>()

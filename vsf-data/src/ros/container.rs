@@ -170,8 +170,8 @@ fn length(from: &mut Reader) -> Result<usize, String> {
 
 fn in_words(e: McapError) -> String {
     match e {
-        McapError::BadMagic => "no MCAP file; bags of ROS 1 and SQLite bags of ROS 2 are \
-             converted by `mcap convert` or `ros2 bag convert`"
+        McapError::BadMagic => "no MCAP file, and not named .csv or .tsv; bags of ROS 1 and \
+             SQLite bags of ROS 2 are converted by `mcap convert` or `ros2 bag convert`"
             .to_owned(),
         McapError::UnexpectedEof => {
             "the file ends in the middle of a record; `mcap recover` saves what is left of a \

@@ -1,9 +1,10 @@
 //! From joint states to a recording.
 
-use super::joint_log::{JointLog, Sample};
+use super::joint_log::{JointLog, Sample, Source};
 use super::messages::SECOND;
 use super::topics::some;
 use super::{times_of, times_path};
+use crate::csv_log::Quantity;
 use crate::dataset::{POINTS, Parts, check_robot};
 use crate::{Advice, Clock, DataError, DataWarning, Dataset, Overrides, Sequence, Table};
 use crate::{check, files, metadata};
@@ -29,11 +30,11 @@ impl JointLog {
         Ok(self.all_metadata(given)?.0)
     }
 
-    /// The recording with the columns `joints`, by their names in the messages, which may have them in
-    /// another order and others besides. Messages with none of these joints (a gripper on the same
-    /// topic) are left out, with a warning.
+    /// The recording with the columns `joints`, by their names in the files, which may have them in
+    /// another order and others besides; those of a robot are [`names_of`](Self::names_of). Messages with none of these
+    /// joints (a gripper on the same topic) are left out, with a warning.
     ///
-    /// A sequence ends where the next stamp is more than `gap` seconds away, 1 by default. The sequences
+    /// A sequence ends where the next stamp is more than `gap` seconds away, 1 by default, and with a CSV file. The sequences
     /// of a file that [`McapExport`](crate::McapExport) wrote are those that it names, unless a `gap` is
     /// given, when what the file says of their splits, touches, tags and contact-free samples is left out,
     /// too. Times count from the first sample of each sequence. Velocities are taken for sequences
@@ -45,7 +46,8 @@ impl JointLog {
     /// tell; [`DataError::Argument`] for joints that are empty or there twice; [`DataError::Message`] for
     /// positions or efforts that are missing or not finite; [`DataError::Message`] or
     /// [`DataError::Advised`] for stamps that do not increase, velocities of which some are missing or
-    /// not finite, joints that no message has, and sequences that were cut; whatever [`Dataset::open`] would refuse.
+    /// not finite, joints that no message has, and sequences that were cut; [`DataError::Csv`], [`DataError::CsvLine`] and
+    /// [`DataError::CsvCell`] for the same in a CSV file, each of which must have all of the joints; whatever [`Dataset::open`] would refuse.
     pub fn recording(
         &self,
         given: &Overrides,
@@ -101,6 +103,8 @@ impl JointLog {
             None if !named.is_empty() => self.named(&named, &rows)?,
             gap => self.split(gap.unwrap_or(GAP), &rows)?,
         };
+        let are_single =
+            named.is_empty() && sequences.len() == rows.len() && rows.len() > self.files.len();
         let attached = || {
             let (path, bytes) = self.part(POINTS)?;
             Some(files::parse_npy(&path, bytes).and_then(|array| files::points(&path, array)))
@@ -120,9 +124,16 @@ impl JointLog {
             let path = path.clone();
             warnings.push(DataWarning::TareSamplesLeftOut { path, tare_samples });
         }
+        if are_single {
+            warnings.push(DataWarning::SingleSamples {
+                path: path.clone(),
+                count: rows.len(),
+                gap: gap.unwrap_or(GAP),
+            });
+        }
         let count = self.samples.len() - rows.len();
-        if count > 0 {
-            let (path, topic) = (path.clone(), self.topic.clone());
+        if let Some(topic) = self.topic().filter(|_| count > 0) {
+            let (path, topic) = (path.clone(), topic.to_owned());
             warnings.push(DataWarning::OtherJoints { path, topic, count });
         }
         Ok((dataset, warnings))
@@ -153,19 +164,38 @@ impl JointLog {
     }
 
     fn problem(&self, sample: &Sample, problem: String) -> DataError {
-        DataError::Message {
-            path: self.files[sample.file].clone(),
-            topic: self.topic.clone(),
-            message: sample.message,
-            problem,
+        let path = self.files[sample.file].clone();
+        match &self.source {
+            Source::Mcap { topic, .. } => DataError::Message {
+                path,
+                topic: topic.clone(),
+                message: sample.place,
+                problem,
+            },
+            Source::Csv(_) => DataError::CsvLine {
+                path,
+                line: sample.place,
+                problem,
+            },
         }
     }
 
-    /// For each list of names, the place of every joint; `None` for a list without any of them.
+    /// A list of names that does not have the joints, with its first sample.
+    fn problem_of_list(&self, sample: &Sample, problem: String) -> DataError {
+        match &self.source {
+            Source::Mcap { .. } => self.problem(sample, problem),
+            Source::Csv(_) => {
+                let path = self.files[sample.file].clone();
+                DataError::Csv { path, problem }.advise(Advice::Names)
+            }
+        }
+    }
+
+    /// For each list of names, the place of every joint; `None` for a list of messages without any of them.
     fn columns(&self, joints: &[String]) -> Result<Vec<Option<Vec<usize>>>, DataError> {
         let places = |(k, names): (usize, &Vec<String>)| {
             let (known, missing): (Vec<_>, Vec<_>) = joints.iter().partition(|j| names.contains(j));
-            if known.is_empty() {
+            if known.is_empty() && self.topic().is_some() {
                 return Ok(None);
             }
             let twice = (known.iter()).find(|j| names.iter().filter(|n| *n == **j).count() > 1);
@@ -180,7 +210,7 @@ impl JointLog {
             let of_list = self.samples.iter().find(|s| s.names == k);
             Err(of_list.map_or_else(
                 || self.wrong(problem.clone()),
-                |s| self.problem(s, problem.clone()),
+                |s| self.problem_of_list(s, problem.clone()),
             ))
         };
         let columns = self.names.iter().enumerate().map(places);
@@ -189,7 +219,7 @@ impl JointLog {
             let there: Vec<&String> = self.names.iter().flatten().collect();
             let error = self.wrong(format!(
                 "no message on {} has the robot's joints {}; there are {}",
-                self.topic,
+                self.topic().unwrap_or_default(),
                 some(joints),
                 some(&there)
             ));
@@ -220,7 +250,7 @@ impl JointLog {
     fn other_count(&self, found: usize) -> DataError {
         let error = self.wrong(format!(
             "{} has {found} joint states, other than the sequences attached to the file say: it was cut",
-            self.topic
+            self.topic().unwrap_or_default()
         ));
         error.advise(Advice::Gap)
     }
@@ -230,6 +260,10 @@ impl JointLog {
         let mut starts = vec![0];
         for (k, pair) in rows.windows(2).enumerate() {
             let [before, sample] = [0, 1].map(|i| pair[i].sample);
+            if matches!(self.source, Source::Csv(_)) && before.file != sample.file {
+                starts.push(k + 1);
+                continue;
+            }
             if sample.stamp <= before.stamp {
                 return Err(self.disorder(before, sample));
             }
@@ -253,13 +287,20 @@ impl JointLog {
     /// A sample that is not after the one before it.
     fn disorder(&self, before: &Sample, sample: &Sample) -> DataError {
         let [was, is] = [before, sample].map(|s| s.stamp as f64 / SECOND as f64);
-        let stamp = match self.clock {
+        let clock = match &self.source {
+            Source::Mcap { clock, .. } => clock,
+            Source::Csv(_) => {
+                let problem = format!("time {is} s is not after {was} s of the line before it");
+                return self.problem(sample, problem);
+            }
+        };
+        let stamp = match clock {
             Clock::Header => "stamp",
             Clock::Log => "time of logging",
         };
         let mut problem = format!(
             "{stamp} {is} s is not after {was} s of message {} before it, in {}",
-            before.message,
+            before.place,
             self.files[before.file].display()
         );
         if before.file != sample.file {
@@ -267,7 +308,7 @@ impl JointLog {
             return self.problem(sample, problem);
         }
         let error = self.problem(sample, problem);
-        match self.clock {
+        match clock {
             Clock::Header => error.advise(Advice::LogTime),
             Clock::Log => error,
         }
@@ -275,14 +316,14 @@ impl JointLog {
 
     fn sequence(&self, id: &str, time: Vec<f64>, rows: &[Row]) -> Result<Sequence, DataError> {
         let width = rows.first().map_or(1, |row| row.columns.len());
-        let needed = |what: &str, array: fn(&Sample) -> &[f64], hint: &str| {
+        let needed = |quantity: Quantity, hint: &str| {
             let mut data = Vec::with_capacity(rows.len() * width);
             for row in rows {
-                let array = array(row.sample);
-                if array.is_empty() {
+                if row.sample.of(quantity).is_empty() {
+                    let what = quantity.name();
                     return Err(self.problem(row.sample, format!("no {what}{hint}")));
                 }
-                self.append(&mut data, row, array, what)?;
+                self.append(&mut data, row, quantity)?;
             }
             Table::new(width, data)
         };
@@ -290,9 +331,9 @@ impl JointLog {
         Ok(Sequence {
             id: id.to_owned(),
             time,
-            angles: needed("position", |s| &s.position, "")?,
+            angles: needed(Quantity::Position, "")?,
             velocities: self.velocities(rows, width)?,
-            torques: needed("effort", |s| &s.effort, none)?,
+            torques: needed(Quantity::Effort, none)?,
             touch_starts: vec![0],
             tags: Vec::new(),
         })
@@ -315,30 +356,46 @@ impl JointLog {
                 let error = self.problem(row.sample, problem.to_owned());
                 return Err(error.advise(Advice::NoVelocities));
             }
-            let added = self.append(&mut data, row, &row.sample.velocity, "velocity");
+            let added = self.append(&mut data, row, Quantity::Velocity);
             added.map_err(|error| error.advise(Advice::NoVelocities))?;
         }
         Table::new(width, data).map(Some)
     }
 
     /// The columns of an array, which must be finite.
-    fn append(
-        &self,
-        data: &mut Vec<f64>,
-        row: &Row,
-        array: &[f64],
-        what: &str,
-    ) -> Result<(), DataError> {
+    fn append(&self, data: &mut Vec<f64>, row: &Row, quantity: Quantity) -> Result<(), DataError> {
+        let array = row.sample.of(quantity);
         for &k in row.columns {
             if !array[k].is_finite() {
-                let joint = &self.names[row.sample.names][k];
-                return Err(self.problem(
-                    row.sample,
-                    format!("{what} of joint {joint:?} is {}", array[k]),
-                ));
+                return Err(self.not_finite(row.sample, k, quantity));
             }
             data.push(array[k]);
         }
         Ok(())
+    }
+
+    /// Column `k` of a sample, which must be finite and is not.
+    fn not_finite(&self, sample: &Sample, k: usize, quantity: Quantity) -> DataError {
+        let value = sample.of(quantity)[k];
+        let columns = match &self.source {
+            Source::Mcap { .. } => {
+                let (what, joint) = (quantity.name(), &self.names[sample.names][k]);
+                return self.problem(sample, format!("{what} of joint {joint:?} is {value}"));
+            }
+            Source::Csv(columns) => &columns[sample.file],
+        };
+        let path = self.files[sample.file].clone();
+        match columns.title_of(k, quantity) {
+            Ok(column) => DataError::CsvCell {
+                path,
+                line: sample.place,
+                column: column.to_owned(),
+                problem: match value.is_nan() {
+                    true => "empty or NaN; a sample has a number for every joint".to_owned(),
+                    false => format!("{value} is not finite"),
+                },
+            },
+            Err(problem) => DataError::Csv { path, problem },
+        }
     }
 }

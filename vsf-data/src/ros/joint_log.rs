@@ -2,6 +2,7 @@ use super::container::{self, Record, ZSTD, wrong};
 use super::is_part;
 use super::messages::{JointState, Version};
 use super::topics::Topics;
+use crate::csv_log::{Columns, Quantity, is_csv, numbered};
 use crate::{DataError, files, metadata, natural};
 use nalgebra::Point3;
 use std::collections::BTreeSet;
@@ -26,12 +27,25 @@ pub enum Clock {
     Log,
 }
 
-/// The joint states of MCAP files, before it is known which joints make a recording.
+/// The joint states of MCAP or CSV files, before it is known which joints make a recording.
 ///
-/// Reads `sensor_msgs/JointState` as ROS 2 (CDR) and ROS 1 serialise it, from chunks with or without
+/// Of MCAP files, `sensor_msgs/JointState` is read as ROS 2 (CDR) and ROS 1 serialise it, from chunks with or without
 /// zstd and lz4 compression; messages of other topics are passed over one by one. Files that
 /// [`McapExport`](crate::McapExport) wrote also hold metadata, points, and the sequences with their
 /// exact times.
+///
+/// CSV files (`.csv`, or `.tsv` with tabs) have a sample in each line and the titles of the columns in the first one,
+/// in any order: the time \[s\] (`time`, `t`, `timestamp` or `time_s`) and for each joint
+///
+/// | | words |
+/// | --- | --- |
+/// | position \[rad or m\] | `position`, `pos`, `q` |
+/// | torque or force \[N m or N\] | `effort`, `torque`, `tau` |
+/// | velocity \[rad/s or m/s\], which may be missing | `velocity`, `vel`, `dq`, `qd` |
+///
+/// before or behind its name, with `_`, `.` or `/` between them: `q_elbow`, `elbow.position`. Joints may also be numbered
+/// in the order of the robot, from 1 or, if there is a 0, from 0: `q1` or `q_1`, see [`names_of`](Self::names_of).
+/// Columns of anything else are passed over, and so is a `#` before titles. Times are taken to the nanosecond.
 ///
 /// ```no_run
 /// use vsf_data::{Clock, JointLog, Overrides, RobotRef, TorqueKind};
@@ -52,7 +66,7 @@ pub enum Clock {
 pub struct JointLog {
     /// The files, at least one, in the order in which they are read.
     pub(super) files: Vec<PathBuf>,
-    pub(super) topic: String,
+    pub(super) source: Source,
     /// The lists of names that occur: nearly always one.
     pub(super) names: Vec<Vec<String>>,
     pub(super) samples: Vec<Sample>,
@@ -61,9 +75,19 @@ pub struct JointLog {
     pub(super) parts: Vec<(String, Vec<u8>)>,
     /// Points in the place of those in the file.
     pub(super) points: Option<Vec<Point3<f64>>>,
-    pub(super) clock: Clock,
     /// Bytes held so far, of joint states, names, topics and parts.
     held: u64,
+}
+
+/// What the files are.
+#[derive(Debug, Clone, PartialEq)]
+pub(super) enum Source {
+    Mcap {
+        topic: String,
+        clock: Clock,
+    },
+    /// The columns of each file.
+    Csv(Vec<Columns>),
 }
 
 /// A joint state and where it is from.
@@ -71,8 +95,8 @@ pub struct JointLog {
 pub(super) struct Sample {
     /// Index of the file.
     pub file: usize,
-    /// Which message of its topic in this file, from 0.
-    pub message: u64,
+    /// Which message of its topic in this file, from 0; the line of a CSV file, from 1.
+    pub place: u64,
     /// \[ns\]
     pub stamp: i64,
     /// Index of its list of names.
@@ -82,17 +106,31 @@ pub(super) struct Sample {
     pub effort: Vec<f64>,
 }
 
+impl Sample {
+    /// A number for each name, or none.
+    pub fn of(&self, quantity: Quantity) -> &[f64] {
+        match quantity {
+            Quantity::Position => &self.position,
+            Quantity::Velocity => &self.velocity,
+            Quantity::Effort => &self.effort,
+        }
+    }
+}
+
 impl JointLog {
     /// Reads the joint states of a `topic`, by default of the only one, and of `/joint_states` in files
     /// that [`McapExport`](crate::McapExport) wrote. A folder stands for the
     /// `.mcap` files in it, as `ros2 bag record` leaves them, `bag_2` before `bag_10`; several files
-    /// are read as one recording that was split.
+    /// are read as one recording that was split. Files named `.csv` or `.tsv` have neither topics nor a time of
+    /// logging, and each of them begins a new sequence.
     ///
     /// # Errors
     /// [`DataError::Mcap`] for a damaged file, no joint states, a topic of another type or
     /// serialisation, more than 4 GiB of all that is kept; [`DataError::Advised`] for several topics;
     /// [`DataError::Message`] for a message that cannot be read, and for more than 1000 different lists
-    /// of names.
+    /// of names. [`DataError::Csv`] for columns without titles, without time or joints, or of which two are the same,
+    /// and for CSV files among others; [`DataError::CsvLine`] for a line of another length, [`DataError::CsvCell`] for
+    /// what is not a number.
     pub fn open<P: AsRef<Path>>(
         paths: &[P],
         topic: Option<&str>,
@@ -113,34 +151,59 @@ impl JointLog {
         }
         let mut log = Self {
             files: files.clone(),
-            topic: String::new(),
+            // Until they are read.
+            source: Source::Csv(Vec::new()),
             names: Vec::new(),
             samples: Vec::new(),
             parts: Vec::new(),
             points: None,
-            clock,
             held: 0,
         };
-        let mut topics = Topics::new(topic);
-        for (file, path) in files.iter().enumerate() {
-            log.read(file, path, &mut topics)?;
-        }
-        let exported = log.parts.iter().any(|(name, _)| name == metadata::FILE);
-        match topics.done(exported) {
-            Ok(topic) => log.topic = topic,
-            Err((problem, None)) => return Err(log.wrong(problem)),
-            Err((problem, Some(advice))) => return Err(log.wrong(problem).advise(advice)),
-        }
-        log.check_parts()?;
+        let (texts, others): (Vec<&PathBuf>, Vec<&PathBuf>) = files.iter().partition(|f| is_csv(f));
+        log.source = match (&texts[..], &others[..]) {
+            ([], _) => log.read_bags(&files, topic, clock)?,
+            (_, []) => log.read_texts(&files, topic, clock)?,
+            ([text, ..], [other, ..]) => {
+                return Err(DataError::Csv {
+                    path: text.to_path_buf(),
+                    problem: format!(
+                        "given beside {}, which is not named .csv or .tsv; import MCAP and CSV files one kind at a time",
+                        other.display()
+                    ),
+                });
+            }
+        };
         Ok(log)
     }
 
-    /// The topic of the joint states.
-    pub fn topic(&self) -> &str {
-        &self.topic
+    /// The topic of the joint states; CSV files have none.
+    pub fn topic(&self) -> Option<&str> {
+        match &self.source {
+            Source::Mcap { topic, .. } => Some(topic),
+            Source::Csv(_) => None,
+        }
     }
 
-    /// Without the velocities of the messages, as if none had been published.
+    /// What the joints of a robot are called in the files: by number where CSV files name none of them and number
+    /// as many, otherwise the same.
+    pub fn names_of(&self, joints: &[String]) -> Vec<String> {
+        let is_named = || {
+            self.names
+                .iter()
+                .flatten()
+                .any(|name| joints.contains(name))
+        };
+        let numbers = match self.source {
+            Source::Csv(_) if !is_named() => self
+                .names
+                .iter()
+                .find_map(|names| numbered(names, joints.len())),
+            _ => None,
+        };
+        numbers.unwrap_or_else(|| joints.to_vec())
+    }
+
+    /// Without the velocities in the files, as if none had been recorded.
     #[must_use]
     pub fn without_velocities(mut self) -> Self {
         self.samples.iter_mut().for_each(|s| s.velocity.clear());
@@ -154,7 +217,35 @@ impl JointLog {
         self
     }
 
-    fn read(&mut self, file: usize, path: &Path, topics: &mut Topics) -> Result<(), DataError> {
+    fn read_bags(
+        &mut self,
+        files: &[PathBuf],
+        topic: Option<&str>,
+        clock: Clock,
+    ) -> Result<Source, DataError> {
+        let mut topics = Topics::new(topic);
+        for (file, path) in files.iter().enumerate() {
+            self.read_bag(file, path, &mut topics, clock)?;
+        }
+        let exported = self.parts.iter().any(|(name, _)| name == metadata::FILE);
+        let topic = topics.done(exported).map_err(|(problem, advice)| {
+            let error = wrong(&files[0], problem);
+            match advice {
+                Some(advice) => error.advise(advice),
+                None => error,
+            }
+        })?;
+        self.check_parts()?;
+        Ok(Source::Mcap { topic, clock })
+    }
+
+    fn read_bag(
+        &mut self,
+        file: usize,
+        path: &Path,
+        topics: &mut Topics,
+        clock: Clock,
+    ) -> Result<(), DataError> {
         let whole = |problem| wrong(path, problem);
         topics.begin_file();
         let mut message = 0;
@@ -175,12 +266,23 @@ impl JointLog {
                     let Some(version) = version else {
                         return Ok(());
                     };
-                    let time = match self.clock {
+                    let time = match clock {
                         Clock::Header => None,
                         Clock::Log => Some(header.log_time),
                     };
                     let state = decode(&data, version, time);
-                    let added = state.and_then(|state| self.push(file, message, state));
+                    let added = state.and_then(|state| {
+                        let names = self.list(state.name)?;
+                        self.push(Sample {
+                            file,
+                            place: message,
+                            stamp: state.stamp,
+                            names,
+                            position: state.position,
+                            velocity: state.velocity,
+                            effort: state.effort,
+                        })
+                    });
                     added.map_err(|problem| DataError::Message {
                         path: path.to_owned(),
                         topic: topics.chosen().to_owned(),
@@ -195,31 +297,27 @@ impl JointLog {
         })
     }
 
-    fn push(&mut self, file: usize, message: u64, state: JointState) -> Result<(), String> {
-        let arrays = [&state.position, &state.velocity, &state.effort];
-        self.hold(OVERHEAD + arrays.map(|a| 8 * a.len()).iter().sum::<usize>())?;
-        let known = self.names.iter().position(|names| *names == state.name);
-        let names = match known {
-            Some(names) => names,
+    /// The index of a list of names.
+    pub(super) fn list(&mut self, list: Vec<String>) -> Result<usize, String> {
+        let known = self.names.iter().position(|names| *names == list);
+        match known {
+            Some(names) => Ok(names),
             None if self.names.len() == MOST_LISTS => {
-                return Err(format!("more than {MOST_LISTS} different lists of names"));
+                Err(format!("more than {MOST_LISTS} different lists of names"))
             }
             None => {
-                let sizes = state.name.iter().map(|name| OVERHEAD + name.len());
+                let sizes = list.iter().map(|name| OVERHEAD + name.len());
                 self.hold(OVERHEAD + sizes.sum::<usize>())?;
-                self.names.push(state.name);
-                self.names.len() - 1
+                self.names.push(list);
+                Ok(self.names.len() - 1)
             }
-        };
-        self.samples.push(Sample {
-            file,
-            message,
-            stamp: state.stamp,
-            names,
-            position: state.position,
-            velocity: state.velocity,
-            effort: state.effort,
-        });
+        }
+    }
+
+    pub(super) fn push(&mut self, sample: Sample) -> Result<(), String> {
+        let arrays = [&sample.position, &sample.velocity, &sample.effort];
+        self.hold(OVERHEAD + arrays.map(|a| 8 * a.len()).iter().sum::<usize>())?;
+        self.samples.push(sample);
         Ok(())
     }
 
@@ -236,17 +334,21 @@ impl JointLog {
 
     /// What is wrong with the files as a whole.
     pub(super) fn wrong(&self, problem: String) -> DataError {
-        wrong(&self.files[0], problem)
+        let path = self.files[0].clone();
+        match self.source {
+            Source::Mcap { .. } => DataError::Mcap { path, problem },
+            Source::Csv(_) => DataError::Csv { path, problem },
+        }
     }
 
     fn check_parts(&self) -> Result<(), DataError> {
         if self.files.len() > 1 && !self.parts.is_empty() {
             let problem = "one of the files holds a whole recording; read each of them alone";
-            return Err(self.wrong(problem.to_owned()));
+            return Err(wrong(&self.files[0], problem));
         }
         let mut seen = BTreeSet::new();
         match self.parts.iter().find(|(name, _)| !seen.insert(name)) {
-            Some((name, _)) => Err(self.wrong(format!("{name} is attached twice"))),
+            Some((name, _)) => Err(wrong(&self.files[0], format!("{name} is attached twice"))),
             None => Ok(()),
         }
     }
@@ -264,12 +366,16 @@ fn bag(folder: &Path) -> Result<Vec<PathBuf>, DataError> {
         true => ".mcap",
         false => ".mcap.zstd",
     };
+    let what = match files.iter().any(|path| is_csv(path)) {
+        true => "file; CSV files are given one by one",
+        false => "file",
+    };
     files.retain(|path| ends(path, end));
     files.sort_by(|a, b| natural::compare(&a.to_string_lossy(), &b.to_string_lossy()));
     match files.is_empty() {
         true => Err(DataError::Missing {
             path: folder.join("*.mcap"),
-            what: "file",
+            what,
         }),
         false => Ok(files),
     }
@@ -312,37 +418,39 @@ mod tests {
     fn log() -> JointLog {
         JointLog {
             files: vec!["a.mcap".into()],
-            topic: String::new(),
+            source: Source::Csv(Vec::new()),
             names: Vec::new(),
             samples: Vec::new(),
             parts: Vec::new(),
             points: None,
-            clock: Clock::Header,
             held: 0,
         }
     }
 
-    fn state(name: String) -> JointState {
-        JointState {
+    fn add(log: &mut JointLog, name: String) -> Result<(), String> {
+        let names = log.list(vec![name])?;
+        log.push(Sample {
+            file: 0,
+            place: 0,
             stamp: 0,
-            name: vec![name],
+            names,
             position: vec![0.0],
             velocity: vec![],
             effort: vec![0.0],
-        }
+        })
     }
 
     #[test]
     fn what_is_kept_is_counted() {
         let mut log = log();
-        log.push(0, 0, state("a".repeat(1000))).unwrap();
+        add(&mut log, "a".repeat(1000)).unwrap();
         let first = log.held;
         assert!(first > 1016);
-        log.push(0, 1, state("a".repeat(1000))).unwrap();
+        add(&mut log, "a".repeat(1000)).unwrap();
         assert_eq!(log.held, first + OVERHEAD as u64 + 16);
         log.held = MOST - 500;
-        log.push(0, 2, state("a".repeat(1000))).unwrap();
-        let problem = log.push(0, 3, state("b".repeat(1000))).unwrap_err();
+        add(&mut log, "a".repeat(1000)).unwrap();
+        let problem = add(&mut log, "b".repeat(1000)).unwrap_err();
         assert!(problem.contains("more than the 4 GiB"), "{problem}");
     }
 
@@ -350,10 +458,10 @@ mod tests {
     fn lists_of_names_are_bounded() {
         let mut log = log();
         for k in 0..MOST_LISTS as u64 {
-            log.push(0, k, state(k.to_string())).unwrap();
+            add(&mut log, k.to_string()).unwrap();
         }
-        log.push(0, 0, state("7".to_owned())).unwrap();
-        let problem = log.push(0, 0, state("x".to_owned())).unwrap_err();
+        add(&mut log, "7".to_owned()).unwrap();
+        let problem = add(&mut log, "x".to_owned()).unwrap_err();
         assert!(problem.contains("more than 1000 different"), "{problem}");
     }
 }

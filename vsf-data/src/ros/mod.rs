@@ -1,10 +1,12 @@
-//! Recordings and fields as ROS messages in MCAP files.
+//! Recordings and fields as ROS messages in MCAP files, and recordings made of joint states, be they from there or
+//! from CSV files.
 //!
 //! What messages do not hold is attached to the file by its path in the folder of the recording:
 //! `dataset.json`, `points.npy` and, for each sequence in order, `seq_<ID>/time.npy`, whose length
 //! says how many joint states are its samples.
 
 mod container;
+mod csv_files;
 mod export;
 mod import;
 mod joint_log;
@@ -14,6 +16,8 @@ mod wire;
 
 pub use export::{EffortPrediction, McapExport};
 pub use joint_log::{Clock, JointLog};
+pub(crate) use messages::SECOND;
+pub(crate) use topics::some;
 
 use crate::dataset::POINTS;
 use crate::metadata;

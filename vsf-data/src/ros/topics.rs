@@ -151,7 +151,7 @@ impl Topics {
 }
 
 /// Names for a message, the first of them where there are many.
-pub(super) fn some<T: AsRef<str>>(names: &[T]) -> String {
+pub(crate) fn some<T: AsRef<str>>(names: &[T]) -> String {
     const MOST: usize = 20;
     if names.is_empty() {
         return "nothing".to_owned();

@@ -1,0 +1,120 @@
+//! Joint states in CSV files become recordings.
+
+#![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
+
+mod common;
+use common::Bench;
+use std::fmt::Write as _;
+use std::fs;
+use std::path::Path;
+
+/// The numbers of an array of f64.
+fn numbers(path: &Path) -> Vec<f64> {
+    let bytes = fs::read(path).unwrap();
+    let start = 10 + usize::from(u16::from_le_bytes([bytes[8], bytes[9]]));
+    let numbers = bytes[start..].chunks_exact(8);
+    numbers
+        .map(|b| f64::from_le_bytes(b.try_into().unwrap()))
+        .collect()
+}
+
+/// A sequence as the text of its arrays, with these titles, its joints in reverse.
+fn text(sequence: &Path, titles: &str) -> String {
+    let [time, angles, torques] = ["time", "angles", "torques"]
+        .map(|name| numbers(&sequence.join(name).with_extension("npy")));
+    let rows = angles.chunks(3).zip(torques.chunks(3));
+    let mut text = titles.to_owned() + "\n";
+    for (t, (q, tau)) in time.iter().zip(rows) {
+        let [q, tau] = [q, tau].map(|v| format!("{:?},{:?},{:?}", v[2], v[1], v[0]));
+        writeln!(text, "{t:?},{q},{tau}").unwrap();
+    }
+    text
+}
+
+/// A file for each sequence comes back to the last bit, by the names of the joints or their numbers.
+#[test]
+fn sequences_come_back_as_they_were() {
+    let bench = Bench::touched();
+    let root = &bench.root;
+    let json = bench.ok("info touch --json");
+    let names: Vec<_> = (json.split("\"name\": \"").skip(2).take(3))
+        .map(|rest| rest.split('"').next().unwrap())
+        .collect();
+    let named = format!(
+        "time,q_{2},q_{1},q_{0},{2}.torque,{1}.torque,{0}.torque",
+        names[0], names[1], names[2]
+    );
+    let cases = [
+        ("named", named.as_str()),
+        ("from_1", "t,q3,q2,q1,tau_3,tau_2,tau_1"),
+        (
+            "from_0",
+            "timestamp,pos_2,pos_1,pos_0,2_effort,1_effort,0_effort",
+        ),
+    ];
+    for (case, titles) in cases {
+        fs::create_dir(root.join(case)).unwrap();
+        for id in ["a", "b", "c"] {
+            let text = text(&root.join(format!("touch/seq_{id}")), titles);
+            fs::write(root.join(case).join(id).with_extension("csv"), text).unwrap();
+        }
+        let json = bench.ok(&format!(
+            "import {case}/a.csv {case}/b.csv {case}/c.csv --robot cartesian_stage --torque-kind external \
+             --points touch/points.npy --train 000,001 --test 002 --out {case}_rec --json"
+        ));
+        assert!(json.contains("\"topic\": null"), "{json}");
+        for (own, id) in [("a", "000"), ("b", "001"), ("c", "002")] {
+            for array in ["angles", "torques", "time"] {
+                let read = |folder: &str, id: &str| {
+                    fs::read(root.join(folder).join(format!("seq_{id}/{array}.npy"))).unwrap()
+                };
+                let same = read("touch", own) == read(&format!("{case}_rec"), id);
+                assert!(same, "{case}: {array} of {own}");
+            }
+        }
+    }
+    bench.ok("estimate named_rec --out field.npz");
+}
+
+#[test]
+fn what_is_wrong_is_said_in_flags() {
+    let bench = Bench::new();
+    let root = &bench.root;
+    let titles = "time,q1,q2,q3,tau1,tau2,tau3";
+    fs::write(
+        root.join("a.csv"),
+        format!("{titles}\n0,0,0,0,0,0,0\n0.1,0,0,0,0,0,0\n"),
+    )
+    .unwrap();
+    fs::write(root.join("bad.csv"), format!("{titles}\n0,0,0,x,0,0,0\n")).unwrap();
+    fs::copy(root.join("a.csv"), root.join("a.txt")).unwrap();
+    let known = "--robot cartesian_stage --torque-kind external --out rec";
+    let cases = [
+        ("none.csv", 1, "none.csv: no such file"),
+        (
+            "bad.csv",
+            1,
+            "bad.csv line 2 column \"q3\": \"x\" is not a number",
+        ),
+        (
+            "a.txt",
+            1,
+            "a.txt: no MCAP file, and not named .csv or .tsv",
+        ),
+        ("a.csv a.txt", 1, "a.csv: given beside a.txt"),
+        ("a.csv --topic /x", 2, "--topic: CSV files have no topics"),
+        ("a.csv --log-time", 2, "--log-time: CSV files have no times"),
+        (
+            "a.csv --names a,b,c",
+            1,
+            "their names in the files by --names",
+        ),
+    ];
+    for (line, code, part) in cases {
+        bench.fails(&format!("import {line} {known}"), code, &[part]);
+    }
+    assert!(!root.join("rec").exists());
+    let warnings = bench.warned(&format!("import a.csv --gap 0.01 {known}"));
+    let part = "each of the 2 samples is a sequence of its own, more than 0.01 s from the next";
+    assert!(warnings.contains(part), "{warnings}");
+}

@@ -1,0 +1,219 @@
+//! Joint states in text: one line per sample, the first line says what the columns are.
+
+mod columns;
+
+pub(crate) use columns::{Columns, Quantity, numbered};
+
+use crate::ros::SECOND;
+use crate::{DataError, files};
+use csv::{ErrorKind, Position, Reader, ReaderBuilder, StringRecord, Trim};
+use std::fs::File;
+use std::path::Path;
+
+/// Files that are longer are refused: a text without the end of a line is read as a whole.
+const MOST: u64 = 4 << 30;
+
+/// Times are no further from 0 \[ns\]: there is one for the difference of two.
+const FAR: i64 = i64::MAX / 2;
+
+/// A line, with a number for each of the joints in [`Columns::names`]: NaN where there is none.
+pub(crate) struct Line {
+    /// From 1; the first one has the titles.
+    pub number: u64,
+    /// \[ns\]
+    pub stamp: i64,
+    pub position: Vec<f64>,
+    /// Empty if no joint has a velocity.
+    pub velocity: Vec<f64>,
+    pub effort: Vec<f64>,
+}
+
+/// A file whose first line has been read.
+pub(crate) struct CsvLog<'a> {
+    path: &'a Path,
+    reader: Reader<File>,
+    pub columns: Columns,
+}
+
+/// Whether a file is one of these by its name: what parts its columns.
+fn separator(path: &Path) -> Option<u8> {
+    let end = path.extension()?.to_ascii_lowercase();
+    match end.to_str()? {
+        "csv" => Some(b','),
+        "tsv" => Some(b'\t'),
+        _ => None,
+    }
+}
+
+/// Whether a file is called `.csv` or `.tsv`.
+pub(crate) fn is_csv(path: &Path) -> bool {
+    separator(path).is_some()
+}
+
+impl<'a> CsvLog<'a> {
+    pub fn open(path: &'a Path) -> Result<Self, DataError> {
+        let (file, length) = files::open(path)?;
+        if length > MOST {
+            return Err(wrong(path, "longer than 4 GiB; import a part of it"));
+        }
+        let mut reader = ReaderBuilder::new()
+            .delimiter(separator(path).unwrap_or(b','))
+            .trim(Trim::All)
+            .from_reader(file);
+        let titles = reader.headers().map_err(|e| damaged(path, e))?;
+        if titles.is_empty() {
+            return Err(DataError::Empty {
+                path: path.to_owned(),
+                what: "the file",
+            });
+        }
+        let columns = Columns::new(titles.iter()).map_err(|problem| wrong(path, problem))?;
+        Ok(Self {
+            path,
+            reader,
+            columns,
+        })
+    }
+
+    /// Shows `visit` all lines below the titles.
+    pub fn read(
+        mut self,
+        mut visit: impl FnMut(Line) -> Result<(), DataError>,
+    ) -> Result<Columns, DataError> {
+        let mut record = StringRecord::new();
+        let mut is_empty = true;
+        while (self.reader.read_record(&mut record)).map_err(|e| damaged(self.path, e))? {
+            visit(self.line(&record)?)?;
+            is_empty = false;
+        }
+        match is_empty {
+            true => Err(wrong(self.path, "no samples below the titles")),
+            false => Ok(self.columns),
+        }
+    }
+
+    fn line(&self, record: &StringRecord) -> Result<Line, DataError> {
+        let place = record.position().map_or(0, Position::line);
+        let cell = |column: usize| record.get(column).unwrap_or_default();
+        let refused = |column: usize, problem| DataError::CsvCell {
+            path: self.path.to_owned(),
+            line: place,
+            column: self.columns.title(column).to_owned(),
+            problem,
+        };
+        let time = self.columns.time();
+        let stamp = nanoseconds(cell(time)).map_err(|problem| refused(time, problem))?;
+        let numbers = |quantity| {
+            let columns = self.columns.of(quantity);
+            let number = |column: Option<usize>| match column {
+                Some(k) => number(cell(k)).map_err(|problem| refused(k, problem)),
+                None => Ok(f64::NAN),
+            };
+            columns.map(number).collect::<Result<Vec<_>, _>>()
+        };
+        Ok(Line {
+            number: place,
+            stamp,
+            position: numbers(Quantity::Position)?,
+            velocity: match self.columns.of(Quantity::Velocity).all(|c| c.is_none()) {
+                true => Vec::new(),
+                false => numbers(Quantity::Velocity)?,
+            },
+            effort: numbers(Quantity::Effort)?,
+        })
+    }
+}
+
+/// A cell; one that is empty is NaN.
+fn number(text: &str) -> Result<f64, String> {
+    match text {
+        "" => Ok(f64::NAN),
+        _ => (text.parse()).map_err(|_| format!("{text:?} is not a number")),
+    }
+}
+
+/// A time \[s\] in nanoseconds: plain decimals are not rounded to a double first, which has a quarter of a
+/// microsecond at the times of Unix.
+fn nanoseconds(text: &str) -> Result<i64, String> {
+    let (whole, fraction) = text.split_once('.').unwrap_or((text, "0"));
+    let is_plain = [whole, fraction]
+        .iter()
+        .all(|part| !part.is_empty() && part.bytes().all(|b| b.is_ascii_digit()));
+    let (whole, part) = match is_plain.then(|| (whole.parse(), format!("0.{fraction}").parse())) {
+        Some((Ok(whole), Ok(part))) => (whole, part),
+        _ => (0, number(text)?),
+    };
+    if !f64::is_finite(part) {
+        return Err(format!("{text:?} is not a finite number"));
+    }
+    let part = (part * SECOND as f64).round();
+    let exact = (part.abs() <= FAR as f64).then_some(part as i64);
+    let stamp = exact.and_then(|part| i64::checked_mul(whole, SECOND)?.checked_add(part));
+    let near = stamp.filter(|stamp| stamp.unsigned_abs() <= FAR as u64);
+    near.ok_or_else(|| format!("{text} s is beyond 146 years; times are seconds"))
+}
+
+fn wrong(path: &Path, problem: impl Into<String>) -> DataError {
+    DataError::Csv {
+        path: path.to_owned(),
+        problem: problem.into(),
+    }
+}
+
+fn damaged(path: &Path, error: csv::Error) -> DataError {
+    let at = error.position().map_or(0, Position::line);
+    let problem = match error.into_kind() {
+        ErrorKind::Io(source) => return DataError::io("read", path, source),
+        ErrorKind::UnequalLengths {
+            expected_len, len, ..
+        } => format!("{len} cells below {expected_len} titles"),
+        ErrorKind::Utf8 { .. } => "not UTF-8 text".to_owned(),
+        other => format!("{other:?}"),
+    };
+    DataError::CsvLine {
+        path: path.to_owned(),
+        line: at,
+        problem,
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    #![allow(clippy::unwrap_used)]
+    use super::*;
+
+    #[test]
+    fn times_are_exact_to_the_nanosecond() {
+        let cases = [
+            ("0", 0),
+            ("7.25", 7_250_000_000),
+            ("0.1", 100_000_000),
+            ("1700000000.123456789", 1_700_000_000_123_456_789),
+            ("1700000000.9999999996", 1_700_000_001_000_000_000),
+            ("-0.5", -500_000_000),
+            ("+2", 2_000_000_000),
+            (".5", 500_000_000),
+            ("5.", 5_000_000_000),
+            ("1.5e-3", 1_500_000),
+            ("4611686018.25", 4_611_686_018_250_000_000),
+        ];
+        for (text, stamp) in cases {
+            assert_eq!(nanoseconds(text), Ok(stamp), "{text}");
+        }
+        for text in [
+            "", "nan", "inf", "-inf", "1e400", "x", "1,5", "0x10", "1.2.3",
+        ] {
+            assert!(nanoseconds(text).unwrap_err().contains("number"), "{text}");
+        }
+        for text in [
+            "1700000000123456789",
+            "-5e9",
+            "1e300",
+            "9999999999",
+            "99999999999999999999",
+        ] {
+            let problem = nanoseconds(text).unwrap_err();
+            assert!(problem.contains("times are seconds"), "{text}: {problem}");
+        }
+    }
+}
