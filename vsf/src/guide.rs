@@ -2,7 +2,7 @@
 //! of yours.
 //!
 //! 1. [`first_field`]: from a touch recording on disk to a field, its errors and a picture.
-//! 2. [`recordings`]: your own recordings, ROS bags and other MCAP files; results in Foxglove and rviz.
+//! 2. [`recordings`]: your own recordings, ROS bags and other MCAP files, CSV files; results in Foxglove and rviz.
 //! 3. [`your_robot`]: URDF files, package maps, joint order, shapes.
 //! 4. [`your_parts`]: an estimator, a sensor and a contact model of your own.
 //! 5. [`filter_health`]: is the filter right about how much it knows?
