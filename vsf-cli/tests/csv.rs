@@ -74,6 +74,27 @@ fn sequences_come_back_as_they_were() {
         }
     }
     bench.ok("estimate named_rec --out field.npz");
+
+    // Names of its own in another order exchange columns.
+    let turned = [names[1], names[0], names[2]].join(",");
+    let warnings = bench.warned(&format!(
+        "import named/a.csv --names {turned} --robot cartesian_stage --torque-kind external --out turned"
+    ));
+    let part = format!(
+        "--names has the robot's own names in another order: {0} is read from {1}, {1} is read from {0};",
+        names[0], names[1]
+    );
+    assert!(warnings.contains(&part), "{warnings}");
+    // The same order, and numbers, are what was meant.
+    for (file, names) in [
+        ("named/a.csv", names.join(",")),
+        ("from_1/a.csv", "3,2,1".to_owned()),
+    ] {
+        let warnings = bench.warned(&format!(
+            "import {file} --names {names} --robot cartesian_stage --torque-kind external --out turned"
+        ));
+        assert!(!warnings.contains("--names"), "{warnings}");
+    }
 }
 
 #[test]

@@ -158,9 +158,13 @@ fn bags_become_fields() {
         .map(|rest| rest.split('"').next().unwrap())
         .collect();
     let names = [names[1], names[2], names[0]].join(",");
-    bench.ok(&format!(
+    let warnings = bench.warned(&format!(
         "import bag --robot cartesian_stage --torque-kind external --names {names} --out turned"
     ));
+    assert!(
+        warnings.contains("--names has the robot's own names in another order: "),
+        "{warnings}"
+    );
     let [plain, turned] =
         ["rec", "turned"].map(|f| numbers(&root.join(f).join("seq_001/angles.npy")));
     let rows = plain.chunks(3).zip(turned.chunks(3));

@@ -144,6 +144,9 @@ pub fn run(args: &Args, console: &Console) -> anyhow::Result<()> {
             "--names takes a name for each of {joints}; {count} given"
         )));
     }
+    exchanged(&names, &joints)
+        .iter()
+        .for_each(|w| console.warn(w));
     let (dataset, warnings) = (log.recording(&given, &names, args.gap)).map_err(refused)?;
     warnings.iter().for_each(|w| console.warn(w));
     let robot = robot_of(&dataset, &packages).map_err(explain)?;
@@ -155,6 +158,25 @@ pub fn run(args: &Args, console: &Console) -> anyhow::Result<()> {
     save(dataset, &packages, &args.out, Vec::new())?;
     console.json(&report)?;
     console.report(text(&report))
+}
+
+/// A warning of names that are those of the robot in another order.
+fn exchanged(names: &[String], joints: &[String]) -> Option<String> {
+    let others = joints
+        .iter()
+        .zip(names)
+        .filter(|(joint, name)| joint != name);
+    let others: Vec<String> = others
+        .map(|(joint, name)| format!("{joint} is read from {name}"))
+        .collect();
+    let are_own = joints.iter().all(|joint| names.contains(joint));
+    (are_own && !others.is_empty()).then(|| {
+        format!(
+            "--names has the robot's own names in another order: {}; joints are found by name, so leave it out unless \
+             the files exchange them",
+            others.join(", ")
+        )
+    })
 }
 
 /// What the recording needs besides joint states, and what may help, by the flags that give it.
