@@ -67,7 +67,11 @@ impl FieldArgs {
     ) -> anyhow::Result<(Recording, FieldFile, Scene, Option<CorrectedModel>)> {
         claim(out, console)?;
         let model = self.model.open(console)?;
-        let RecordingArgs { dataset, sources, scene } = &self.recording;
+        let RecordingArgs {
+            dataset,
+            sources,
+            scene,
+        } = &self.recording;
         sources.keep(console)?;
         let planned = |w: &DataWarning| matches!(w, DataWarning::ZeroTorques { .. });
         let recording = Recording::open_but(dataset, scene, planned, console)?;

@@ -483,6 +483,14 @@ impl Campaign {
         })
     }
 
+    /// The same campaign with rougher contact that takes less time ([`Scene::without_subdivision`]).
+    pub(crate) fn rough(&self) -> Self {
+        Self {
+            scene: self.scene.without_subdivision(),
+            ..self.with_sequences(self.train.clone(), self.test.clone())
+        }
+    }
+
     /// The same campaign with its sequences made into others.
     pub(crate) fn with_sequences(&self, train: Vec<Motion>, test: Vec<Motion>) -> Self {
         Self {

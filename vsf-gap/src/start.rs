@@ -11,6 +11,9 @@ const EXCURSIONS: [f64; 2] = [3.0, 1.0];
 const MOST_ROUNDS: usize = 6;
 const MOST_FOLLOWING: usize = 3;
 const WORTHWHILE: f64 = 6.0;
+/// Of more points than this, each is moved alone in the search for a start: they lie so close that what is around them
+/// matters little, and there is much of it.
+const MANY: usize = 20_000;
 /// Prior deviation of shapes, in scales, that is not exceeded however wide their bounds.
 const WIDEST: f64 = 50.0;
 
@@ -61,10 +64,12 @@ impl Campaign {
             return Ok(base.with(effect, &linear));
         }
         let prior = tangent.prior(&self.site);
+        let rough = (self.site.rest.len() > MANY).then(|| self.rough());
+        let within = rough.as_ref().unwrap_or(self);
         let value = |theta: &Vec<f64>| {
-            let mut fitted = self.fitted(&base.with(effect, theta), &self.train)?;
+            let mut fitted = within.fitted(&base.with(effect, theta), &within.train)?;
             let spread = fitted.adapted(spread)?;
-            let (_, factor) = self.field(&mut fitted, &spread)?;
+            let (_, factor) = within.field(&mut fitted, &spread)?;
             Ok(fitted.log_evidence_of(&factor) - prior.cost(theta))
         };
         let mut best = tangent.start.clone();

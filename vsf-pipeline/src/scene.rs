@@ -267,6 +267,17 @@ impl Scene {
         })
     }
 
+    /// The same scene with points that are moved alone, not by what lies around them: contact takes a fraction of the
+    /// time, and is rougher.
+    #[must_use]
+    pub fn without_subdivision(&self) -> Self {
+        Self {
+            subdivision: 1,
+            cells: None,
+            ..self.clone()
+        }
+    }
+
     /// The robot, placed in the world.
     pub fn robot(&self) -> &RobotModel {
         &self.robot
