@@ -66,15 +66,33 @@ impl Surroundings {
             .robot()
             .update_posture(&sequence.angles[row], &mut posture)?;
         let origin = |link: usize| Point3::from(posture.link_poses()[link].translation.vector);
-        self.robot_W = scene
-            .robot()
-            .links()
-            .iter()
-            .enumerate()
-            .filter_map(|(l, link)| Some(vec![origin(link.parent()?), origin(l)]))
-            .collect();
+        let links = scene.robot().links();
+        let joints = links.iter().enumerate();
+        let joints = joints.filter_map(|(l, link)| Some(vec![origin(link.parent()?), origin(l)]));
+        let is_last = |l: usize| links.iter().all(|link| link.parent() != Some(l));
+        let tips = scene.link_shapes().iter().filter(|s| is_last(s.link));
+        let tips = tips.map(|s| {
+            let tip = posture.link_poses()[s.link] * far_end(s.sdf.bounds());
+            vec![origin(s.link), tip]
+        });
+        self.robot_W = joints.chain(tips).collect();
         Ok(self)
     }
+}
+
+/// The middle of that side of a box around a shape that is furthest from the origin of its link; the origin where the
+/// shape lies around it.
+fn far_end((low, high): (Point3<f64>, Point3<f64>)) -> Point3<f64> {
+    let middle = vsf::core::nalgebra::center(&low, &high);
+    let half = (high - low) / 2.0;
+    let reach = |k: &usize| middle[*k].abs() + half[*k];
+    let along = (0..3).max_by(|a, b| reach(a).total_cmp(&reach(b)));
+    let Some(k) = along.filter(|k| middle[*k].abs() > 0.5 * half[*k]) else {
+        return Point3::origin();
+    };
+    let mut end = middle;
+    end[k] += half[k].copysign(middle[k]);
+    end
 }
 
 /// What a picture of a field shows.
@@ -167,4 +185,19 @@ pub fn torques(
         title,
     }
     .svg()?)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_finger_ends_at_its_tip() {
+        let finger = (Point3::new(-0.01, -0.01, 0.0), Point3::new(0.01, 0.01, 0.1));
+        assert_eq!(far_end(finger), Point3::new(0.0, 0.0, 0.1));
+        let back = (Point3::new(-0.2, 0.0, 0.0), Point3::new(0.0, 0.02, 0.02));
+        assert_eq!(far_end(back), Point3::new(-0.2, 0.01, 0.01));
+        let ball = (Point3::new(-0.1, -0.1, -0.1), Point3::new(0.1, 0.1, 0.1));
+        assert_eq!(far_end(ball), Point3::origin());
+    }
 }

@@ -362,7 +362,8 @@ impl Scene {
         }
     }
 
-    pub(crate) fn link_shapes(&self) -> &[LinkSdf] {
+    /// Shapes of the links that may touch, each in the frame of its link; none in free air.
+    pub fn link_shapes(&self) -> &[LinkSdf] {
         &self.links
     }
 
