@@ -226,19 +226,30 @@ impl EffectEntry {
         let missing = |set: &Vec<usize>| set.iter().filter(|k| !is_given(k)).count();
         let sets = acting_sets(effect, site);
         let needed = sets.iter().min_by_key(|set| missing(set));
-        (parameters.iter().enumerate())
-            .map(|(k, p)| {
+        let may_rest = |k: usize| {
+            let of_set = needed.is_some_and(|set| !set.contains(&k));
+            parameters[k].role == Role::Amplitude && of_set
+        };
+        let missing = (0..parameters.len()).filter(|k| !is_given(k) && !may_rest(*k));
+        let missing: Vec<String> = (missing.map(|k| &parameters[k]))
+            .map(|p| format!("{:?} ({})", p.name, p.unit))
+            .collect();
+        if !missing.is_empty() {
+            let (are, what) = match missing.len() {
+                1 => ("is", "parameter"),
+                _ => ("are", "parameters"),
+            };
+            return Err(self.wrong(format!(
+                "{what} {} {are} missing, 0 for what does not act; it has {}",
+                listed(&missing),
+                names()
+            )));
+        }
+        (parameters.iter())
+            .map(|p| {
                 let name = &p.name;
-                let given = self.parameters.iter().find(|g| g.name == *name);
-                let may_rest =
-                    p.role == Role::Amplitude && needed.is_some_and(|set| !set.contains(&k));
-                let given = match given {
-                    Some(given) => given,
-                    None if may_rest => return Ok(0.0),
-                    None => {
-                        let missing = format!("parameter {name:?} is missing; it has {}", names());
-                        return Err(self.wrong(missing));
-                    }
+                let Some(given) = self.parameters.iter().find(|g| g.name == *name) else {
+                    return Ok(0.0);
                 };
                 let [lo, hi] = p.bounds;
                 if given.unit != p.unit {

@@ -30,10 +30,10 @@ pub struct ParameterEstimate {
     pub name: String,
     /// Its value.
     pub value: f64,
-    /// Its standard deviation.
-    #[serde(rename = "std")]
+    /// Its standard deviation; 0 where a file gives none.
+    #[serde(rename = "std", default)]
     pub sd: f64,
-    /// Its unit.
+    /// Its unit, `1` of numbers without one.
     pub unit: String,
 }
 

@@ -324,12 +324,17 @@ fn amplitudes_that_may_not_act_are_left_out_of_files() {
     let mut without = file.clone();
     without.effects[0].parameters.pop();
     let error = without.model(campaign.site(), &catalogue()).err();
-    assert!(error.unwrap().to_string().contains("\"eps\" is missing"));
+    assert!(
+        error
+            .unwrap()
+            .to_string()
+            .contains("\"eps\" (m/s) is missing")
+    );
     for taken in 0..3 {
         let mut part = file.clone();
         let taken = part.effects[0].parameters.remove(taken).name;
         let error = part.model(campaign.site(), &catalogue()).err().unwrap();
-        let missing = format!("{taken:?} is missing");
+        let missing = format!("{taken:?} (");
         assert!(error.to_string().contains(&missing), "{error}");
     }
     let mut nothing = file;
@@ -367,7 +372,7 @@ fn files_that_are_no_models() {
     type Change = dyn Fn(&mut EffectEntry);
     let cases: [(&Change, &str); 9] = [
         (&|e| e.effect = "torque_boas".into(), "torque_bias"),
-        (&|e| drop(e.parameters.pop()), "\"b_2\" is missing"),
+        (&|e| drop(e.parameters.pop()), "\"b_2\" (N) is missing"),
         (
             &|e| e.parameters[0].name = "b_9".into(),
             "no parameter \"b_9\"",
