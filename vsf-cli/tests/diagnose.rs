@@ -414,7 +414,8 @@ fn an_arm_in_free_air() {
     let folder = bench.root.join("air");
     fs::create_dir(&folder).unwrap();
     let metadata = r#"{"name": "<script>alert(1)</script>", "robot": "planar_arm", "rate_hz": 50,
-        "torque_kind": "measured", "splits": {"train": ["1", "2"], "test": ["3"]}}"#;
+        "torque_kind": "measured", "gravity": [0, 0, 0],
+        "splits": {"train": ["1", "2"], "test": ["3"]}}"#;
     fs::write(folder.join("dataset.json"), metadata).unwrap();
     const ROWS: usize = 120;
     for id in 1..=3 {
@@ -425,7 +426,7 @@ fn an_arm_in_free_air() {
                 let w = 1.0 + 0.4 * f64::from(j) + 0.2 * f64::from(id);
                 angles.push((w * t).sin());
                 // An arm without weight that drags: readings are mostly viscous friction.
-                torques.push(2.0 * w * (w * t).cos());
+                torques.push(20.0 * w * (w * t).cos());
             }
         }
         let folder = folder.join(format!("seq_{id}"));
@@ -483,7 +484,7 @@ fn an_arm_in_free_air() {
     assert!(!d["notes"].to_string().contains("not a known cause"));
     for id in 1..=3 {
         let path = folder.join(format!("seq_{id}/torques.npy"));
-        let torques: Vec<f64> = numbers(&path).iter().map(|t| 150.0 * t).collect();
+        let torques: Vec<f64> = numbers(&path).iter().map(|t| 15.0 * t).collect();
         common::npy(&path, &[ROWS, 3], &torques);
     }
     let line = "diagnose air --effects joint_viscous_friction --model closest.json --json=d.json";
