@@ -144,6 +144,14 @@ pub fn write_file(path: &Path, bytes: &[u8]) -> anyhow::Result<()> {
     Ok(writing(|| vsf::data::write_file(path, bytes))?)
 }
 
+/// Writes files of a folder, all of them or none; an interruption waits for them.
+pub fn write_folder<P: AsRef<Path>, B: AsRef<[u8]>>(
+    folder: &Path,
+    files: impl IntoIterator<Item = (P, B)>,
+) -> anyhow::Result<()> {
+    Ok(writing(|| vsf::data::write_folder(folder, files))?)
+}
+
 /// The report of a command that only writes files.
 #[derive(Serialize)]
 pub struct Written {

@@ -5,17 +5,19 @@ use crate::recording::{FieldArgs, Recording};
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 use vsf::data::{Dataset, RobotRef, Sequence, Splits};
+use vsf::pipeline::Scene;
 use vsf::robots::urdf_bundle;
 
 /// Folder of the robot's files in a recording.
 const ROBOT: &str = "robot";
 
-/// The recording with these sequences, whose torques are `made` by a field: named after it, without
-/// stored field.
+/// The recording with these sequences, whose torques are `made` by a field in a scene and this command: named after
+/// it, without stored field.
 pub fn derived(
     recording: &Recording,
-    made: &str,
+    (made, command): (&str, &str),
     of: &FieldArgs,
+    scene: &Scene,
     sequences: Vec<Sequence>,
 ) -> Dataset {
     let dataset = &recording.dataset;
@@ -46,6 +48,8 @@ pub fn derived(
             train: kept(&dataset.splits.train),
             test: kept(&dataset.splits.test),
         },
+        made_by: Some(command.to_owned()),
+        contact: (!scene.rest().is_empty()).then(|| scene.contact_parameters()),
         field: None,
         sequences,
         ..dataset.clone()

@@ -73,7 +73,10 @@ fn is_missing(error: &(dyn std::error::Error + 'static)) -> bool {
 
 /// In the folder that a flag names for the results.
 fn is_in_the_way(error: &(dyn std::error::Error + 'static)) -> bool {
-    matches!(error.downcast_ref(), Some(DataError::Leftover { .. }))
+    matches!(
+        error.downcast_ref(),
+        Some(DataError::Leftover { .. } | DataError::Link { .. })
+    )
 }
 
 fn is_parameter(error: &(dyn std::error::Error + 'static)) -> bool {

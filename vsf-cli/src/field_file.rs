@@ -56,9 +56,7 @@ impl FieldFile {
     pub fn open(path: &Path, console: &Console) -> anyhow::Result<Self> {
         if let Some(kind @ ("ply" | "mcap")) = path.extension().and_then(|e| e.to_str()) {
             let path = path.display();
-            return Err(usage(format!(
-                "{path}: a .{kind} is for looking at; give the .npz or the folder"
-            )));
+            anyhow::bail!("{path}: a .{kind} is for looking at; give the .npz or the folder");
         }
         console.outputs.keep(path)?;
         let (field, warnings) = StiffnessField::open(path)?;

@@ -29,8 +29,8 @@ impl Outputs {
         self.claim(flag, path)
     }
 
-    /// Claims a folder. Refused is one that holds a name that is `odd`; `what` may be replaced there. Names that
-    /// begin with a dot do not count: a killed command leaves such.
+    /// Claims a folder. Refused is one that holds a name that is `odd`, or a link; `what` may be replaced there. Names
+    /// that begin with a dot do not count: a killed command leaves such.
     pub fn folder(
         &self,
         flag: &'static str,
@@ -46,10 +46,16 @@ impl Outputs {
         let names = names.map(|entry| entry.file_name().to_string_lossy().into_owned());
         let mut names: Vec<String> = names.filter(|name| !name.starts_with('.')).collect();
         names.sort_unstable();
-        match odd(&names) {
-            Some(name) => Err(usage(format!(
+        if let Some(name) = odd(&names) {
+            return Err(usage(format!(
                 "{flag} {} holds other files ({name:?}); choose a new or empty folder, or {what} to replace",
                 path.display()
+            )));
+        }
+        match names.iter().find(|name| path.join(name).is_symlink()) {
+            Some(name) => Err(usage(format!(
+                "{flag}: {} is a link, and what it leads to would be changed; remove it or choose another folder",
+                path.join(name).display()
             ))),
             None => Ok(()),
         }

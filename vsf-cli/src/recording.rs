@@ -7,7 +7,7 @@ use crate::outputs::unmarked;
 use crate::settings::{MetadataSettings, SceneSettings};
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
-use vsf::contact::{CacheUse, ContactError};
+use vsf::contact::{CacheUse, ContactConfig, ContactError};
 use vsf::data::{DataError, DataWarning, Dataset, RobotRef, Sequence, StiffnessField};
 use vsf::gap::Campaign;
 use vsf::pipeline::{
@@ -19,6 +19,11 @@ use vsf::vision::RgbdView;
 
 /// Points of a field and of a recording may differ by rounding to f32 [m].
 const SAME_POINT: f64 = 1e-5;
+
+/// Commands that compute a recording from another one.
+pub const COMPUTED: [&str; 2] = ["vsf simulate", "vsf predict"];
+/// That which converts one.
+pub const IMPORT: &str = "vsf import";
 
 /// A recording and how to read it, as most commands take it.
 #[derive(Debug, clap::Args)]
@@ -75,6 +80,7 @@ impl FieldArgs {
         sources.keep(console)?;
         let planned = |w: &DataWarning| matches!(w, DataWarning::ZeroTorques { .. });
         let recording = Recording::open_but(dataset, scene, planned, console)?;
+        keep_made(out, &COMPUTED)?;
         let given = self.field.as_deref();
         let (field, scene) = recording.field_and_scene(given, model.as_ref(), console)?;
         Ok((recording, field, scene, model))
@@ -103,12 +109,13 @@ impl Recording {
         console: &Console,
     ) -> anyhow::Result<Self> {
         console.outputs.keep(path)?;
+        settings.check_links()?;
         if path.is_file() {
             let path = path.display();
-            return Err(usage(format!(
+            anyhow::bail!(
                 "{path} is a file; a recording is a folder with dataset.json and seq_<id>/ (`vsf import` makes one of a \
                  ROS 2 bag or CSV files)"
-            )));
+            );
         }
         let (dataset, warnings) = Dataset::open(path, &settings.metadata.overrides()?)
             .map_err(|e| blame(&settings.metadata, e))?;
@@ -165,32 +172,30 @@ impl Recording {
         Ok(chosen)
     }
 
-    /// The scene of the recording alone, as fields are estimated in it, in the contact that a corrected model
-    /// remembers, if there is one. Where no flag says from which distance on points are touched, it is the one that suits
-    /// their spacing, unless the model's parameters are relative to their own.
+    /// The scene of the recording alone, as fields are estimated in it: in the contact that a corrected model remembers, if
+    /// there is one, or that its torques were computed in. Where no flag says from which distance on points are touched,
+    /// and torques were measured, it is the one that suits their spacing, unless the model's parameters are relative to
+    /// their own.
     pub fn scene_to_learn(
         &self,
         model: Option<&CorrectedModel>,
         console: &Console,
     ) -> anyhow::Result<Scene> {
         let remembered = model.and_then(CorrectedModel::contact);
-        let options = self.settings.options(remembered);
         let follows = remembered.is_some() && model.is_some_and(CorrectedModel::follows_contact);
+        let computed = self.dataset.contact.as_ref().filter(|_| !follows);
+        let options = self.settings.options(remembered.or(computed));
         self.scene_by(&options, console, |dataset, options| {
             let scene = Scene::open(dataset, options)?;
-            match follows {
-                true => Ok(scene),
-                false => self.suited(&scene),
+            match computed {
+                _ if follows || self.settings.has_threshold() => Ok(scene),
+                Some(computed) => scene.with_contact(ContactConfig {
+                    threshold: computed.threshold,
+                    ..*scene.contact()
+                }),
+                None => scene.with_suited_threshold(),
             }
         })
-    }
-
-    /// A scene with the threshold that fields are estimated with: one that suits the points, unless a flag gives it.
-    fn suited(&self, scene: &Scene) -> Result<Scene, PipelineError> {
-        match self.settings.has_threshold() {
-            true => Ok(scene.clone()),
-            false => scene.with_suited_threshold(),
-        }
     }
 
     /// The same, without points if the recording has none.
@@ -256,7 +261,8 @@ impl Recording {
     }
 
     /// The scene of a field in this recording, [checked](Recording::check_field): without own points it takes
-    /// the field's. Contact is that of the flags, otherwise of the field, otherwise of the corrected model.
+    /// the field's. Contact is that of the flags, otherwise of the field, otherwise of the corrected model, otherwise the
+    /// one that its torques were computed in.
     pub fn scene_of(
         &self,
         field: &FieldFile,
@@ -266,9 +272,10 @@ impl Recording {
         self.check_field(field, console)?;
         let points = &field.field.points;
         let of_model = model.and_then(CorrectedModel::contact);
+        let known = field.field.contact.as_ref().or(of_model);
         let options = self
             .settings
-            .options(field.field.contact.as_ref().or(of_model));
+            .options(known.or(self.dataset.contact.as_ref()));
         let scene = self.scene_by(&options, console, |dataset, options| {
             Scene::with_points(dataset, points.clone(), options)
         })?;
@@ -333,8 +340,11 @@ impl Recording {
         untouched(&scene, &traces)
             .iter()
             .for_each(|w| console.warn(w));
+        let threshold = scene.contact().threshold;
+        let computed = self.dataset.contact.as_ref();
+        let is_right = computed.is_some_and(|contact| contact.threshold == threshold);
         let campaign = Campaign::in_scene(&self.dataset, scene)?;
-        Ok(match self.settings.has_threshold() {
+        Ok(match self.settings.has_threshold() || is_right {
             true => campaign,
             false => campaign.with_suited_fields(),
         })
@@ -374,13 +384,28 @@ impl Recording {
     }
 }
 
-/// Claims a folder for a recording.
+/// Claims a folder for a recording, be it one whose writing was interrupted.
 pub fn claim(out: &Path, console: &Console) -> anyhow::Result<()> {
-    console
-        .outputs
-        .folder("--out", out, "a recording", |names| {
-            unmarked(names, &["dataset.json"])
-        })
+    let was_there = Dataset::maker(out).is_some();
+    let what = "a recording that vsf has made";
+    console.outputs.folder("--out", out, what, |names| {
+        unmarked(names, &["dataset.json"]).filter(|_| !was_there)
+    })
+}
+
+/// Refuses to replace a recording that none of these commands has made: one that was measured is lost for ever.
+pub fn keep_made(out: &Path, by: &[&str]) -> anyhow::Result<()> {
+    let made_by = match Dataset::maker(out) {
+        Some(command) if by.contains(&&*command) => return Ok(()),
+        Some(command) => format!("is by {command:?}"),
+        None if !out.join("dataset.json").exists() => return Ok(()),
+        None => "may be measured (no made_by in its dataset.json)".to_owned(),
+    };
+    Err(usage(format!(
+        "--out {}: the recording there {made_by} and is replaced by no other kind; choose a new folder, or remove that \
+         one",
+        out.display()
+    )))
 }
 
 /// Refuses an output in the place of a robot's file.

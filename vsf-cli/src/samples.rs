@@ -1,11 +1,11 @@
 //! Recordings built into the program; see `data/README.md`.
 
-use crate::console::{create_folder, write_file};
+use crate::console::write_folder;
 use std::path::{Path, PathBuf};
 
 /// Files of a recording by their paths in its folder.
 pub struct Sample {
-    name: &'static str,
+    pub name: &'static str,
     files: &'static [(&'static str, &'static [u8])],
 }
 
@@ -82,22 +82,10 @@ pub const FAR_PLACES: Sample = sample!["orange_tree_no":
 ];
 
 impl Sample {
-    /// Writes the recording to a folder of its name and returns that.
-    pub fn unpack_into(&self, parent: &Path) -> anyhow::Result<PathBuf> {
-        let folder = parent.join(self.name);
-        self.unpack(&folder)?;
-        Ok(folder)
-    }
-
-    /// Writes the recording to a folder.
-    pub fn unpack(&self, folder: &Path) -> anyhow::Result<()> {
-        for (name, bytes) in self.files {
-            let path = folder.join(name);
-            if let Some(parent) = path.parent() {
-                create_folder(parent)?;
-            }
-            write_file(&path, bytes)?;
-        }
-        Ok(())
+    /// Writes the recording to the folder `inner` of an output, and returns where that is.
+    pub fn unpack(&self, output: &Path, inner: &Path) -> anyhow::Result<PathBuf> {
+        let files = self.files.iter();
+        write_folder(output, files.map(|(name, bytes)| (inner.join(name), bytes)))?;
+        Ok(output.join(inner))
     }
 }

@@ -351,6 +351,16 @@ impl SceneSettings {
         self.contact.links.is_some()
     }
 
+    /// Refuses a link that is named twice, which no field could remember.
+    pub fn check_links(&self) -> anyhow::Result<()> {
+        let links = self.contact.links.as_deref().unwrap_or_default();
+        let twice = |(k, link): &(usize, &String)| links[..*k].contains(link);
+        match links.iter().enumerate().find(twice) {
+            Some((_, link)) => Err(usage(format!("--links names {link:?} twice"))),
+            None => Ok(()),
+        }
+    }
+
     /// Whether the contact threshold is given.
     pub fn has_threshold(&self) -> bool {
         self.contact.threshold.is_some()

@@ -139,6 +139,27 @@ fn flags_are_blamed_for_what_they_set() {
 }
 
 #[test]
+fn links_named_twice() {
+    let bench = Bench::new();
+    bench.fails(
+        "estimate data --links tip,tip --out a.npz",
+        2,
+        &["--links", "\"tip\" twice"],
+    );
+}
+
+#[test]
+fn files_of_another_kind() {
+    let bench = Bench::new();
+    for name in ["a.csv", "a.npy", "a.npz", "a.ply"] {
+        fs::write(bench.root.join(name), "a").unwrap();
+        for line in [format!("info {name}"), format!("view {name} --out a.html")] {
+            bench.fails(&line, 1, &[name]);
+        }
+    }
+}
+
+#[test]
 fn packages_without_a_folder() {
     let bench = Bench::new();
     let urdf = r#"<robot name="r"><link name="a"><collision><geometry>
@@ -479,6 +500,8 @@ fn links_and_pipes() {
             &["/dev/zero", "device"],
         );
     }
+    bench.metadata(&METADATA.replace("cartesian_stage", "/dev/zero"));
+    bench.fails(INFO, 3, &["/dev/zero", "device"]);
 }
 
 #[cfg(unix)]

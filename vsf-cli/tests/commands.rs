@@ -802,6 +802,28 @@ fn a_field_brings_its_contact() {
 }
 
 /// Errors on touches that a field has learned from are no predictions.
+/// A field without parameters of contact is simulated in some contact: whoever estimates from the recording, or predicts it
+/// with such a field, does so in the same.
+#[test]
+fn a_simulation_brings_its_contact() {
+    let bench = Bench::new();
+    bench.ok("simulate data --field truth --out simulated --threshold 0.003");
+    for (flag, threshold) in [("", 0.003), (" --threshold 0.002", 0.002)] {
+        let line = format!("estimate simulated --out field.npz --json{flag}");
+        assert_eq!(value(&bench.ok(&line), "threshold"), threshold);
+    }
+    let json = bench.ok("evaluate simulated --field truth --json");
+    assert!(value(&json, "mean_error") < 1e-9, "{json}");
+    // Measured torques are of contact that nobody knows: one that suits the points.
+    let metadata = bench.root.join("simulated/dataset.json");
+    let known = std::fs::read_to_string(&metadata).unwrap();
+    let mut known: serde_json::Value = serde_json::from_str(&known).unwrap();
+    known.as_object_mut().unwrap().remove("contact_parameters");
+    std::fs::write(&metadata, known.to_string()).unwrap();
+    let json = bench.ok("estimate simulated --out field.npz --json");
+    assert_eq!(value(&json, "threshold"), 0.0032);
+}
+
 #[test]
 fn fields_that_know_what_they_predict() {
     let bench = Bench::touched();

@@ -309,12 +309,12 @@ fn what_is_missing_is_said() {
     bench.fails("estimate field.mcap", 1, &["no such data set folder"]);
     bench.fails(
         "info data/points.npy",
-        2,
+        1,
         &["a recording is a folder", "vsf import"],
     );
     bench.fails(
         "export all.mcap --out x.ply",
-        2,
+        1,
         &["a .mcap is for looking at"],
     );
 }

@@ -218,7 +218,7 @@ fn what_is_refused() {
     fs::write(bench.root.join("bad.npz"), b"PK\x03\x04 cut").unwrap();
     refused("view bad.npz --out a.html", 1, &["bad.npz"]);
     fs::write(bench.root.join("f.ply"), b"ply").unwrap();
-    refused("view f.ply --out a.html", 2, &["f.ply", ".npz"]);
+    refused("view f.ply --out a.html", 1, &["f.ply", ".npz"]);
 
     npy(&bench.root.join("truth/K.npy"), &[160], &[1e99; 160]);
     refused("view truth --out a.html", 1, &["truth", "point 0", "1e99"]);

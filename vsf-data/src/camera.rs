@@ -107,14 +107,13 @@ impl CameraView {
     /// # Errors
     /// Values or sizes that [`open`](Self::open) would refuse, [`DataError::Io`].
     pub fn save(&self, folder: impl AsRef<Path>) -> Result<(), DataError> {
-        let mut staged = Staged::default();
+        let mut staged = Staged::below(folder.as_ref())?;
         self.stage(folder.as_ref(), &mut staged)?;
         staged.commit()
     }
 
     pub(crate) fn stage(&self, folder: &Path, staged: &mut Staged) -> Result<(), DataError> {
         self.check(folder)?;
-        staged.folder(folder)?;
         let size = (self.width, self.height);
         let depth: Vec<u8> = self.depth.iter().flat_map(|d| d.to_be_bytes()).collect();
         for (name, color, samples) in [

@@ -2,7 +2,7 @@ use crate::check::check_metadata;
 use crate::metadata::{self, Attachment, JointType, Overrides, RobotRef, Splits, TorqueKind};
 use crate::sequence::{self, Sequence};
 use crate::staged::Staged;
-use crate::{CameraView, DataError, DataWarning, StiffnessField};
+use crate::{CameraView, ContactParameters, DataError, DataWarning, StiffnessField};
 use crate::{field, files, natural, npy, signal};
 use nalgebra::{Isometry3, Point3, Vector3};
 use std::collections::BTreeMap;
@@ -46,6 +46,11 @@ pub struct Dataset {
     pub attachment: Attachment,
     /// Rest length of a clamped specimen \[m\], positive.
     pub gauge_length: Option<f64>,
+    /// The command that has computed or converted the recording, such as `vsf simulate`; `None` for one that was
+    /// measured.
+    pub made_by: Option<String>,
+    /// The contact that its torques were computed in, if they were not measured.
+    pub contact: Option<ContactParameters>,
     /// Rest positions `p_i` \[m\], world frame.
     pub rest_points: Option<Vec<Point3<f64>>>,
     /// A stored field: `vsf.npz`, or a folder with `points.npy` and `K.npy`.
@@ -104,6 +109,8 @@ impl Dataset {
             joint_types: None,
             attachment: Attachment::default(),
             gauge_length: None,
+            made_by: None,
+            contact: None,
             rest_points: None,
             field: None,
             camera: None,
@@ -129,6 +136,11 @@ impl Dataset {
             return Err(DataError::Missing {
                 path: dir.to_owned(),
                 what: "data set folder",
+            });
+        }
+        if metadata::is_interrupted(dir) {
+            return Err(DataError::Interrupted {
+                path: dir.to_owned(),
             });
         }
         let (metadata, extra) = metadata::read(dir, overrides)?;
@@ -198,6 +210,8 @@ impl Dataset {
             joint_types: metadata.joint_types,
             attachment: metadata.attachment.unwrap_or_default(),
             gauge_length: metadata.gauge_length,
+            made_by: metadata.made_by,
+            contact: metadata.contact,
             rest_points: parts.rest_points,
             field: parts.field,
             camera: parts.camera,
@@ -218,7 +232,7 @@ impl Dataset {
     ///
     /// # Errors
     /// Data that [`open`](Self::open) would refuse, [`DataError::Leftover`] for parts of another
-    /// recording in the way, [`DataError::Io`] when the folder cannot be written.
+    /// recording in the way, [`DataError::Link`] for a link in the place of a file, [`DataError::Io`] when the folder cannot be written.
     pub fn save(&self, dir: impl AsRef<Path>) -> Result<(), DataError> {
         self.save_with(dir, &[])
     }
@@ -235,8 +249,7 @@ impl Dataset {
     ) -> Result<(), DataError> {
         let dir = dir.as_ref();
         self.check_in(dir)?;
-        let mut staged = Staged::default();
-        staged.folder(dir)?;
+        let mut staged = Staged::below(dir)?;
         self.check_leftovers(dir)?;
         for sequence in &self.sequences {
             sequence.stage(dir, &mut staged)?;
@@ -253,12 +266,16 @@ impl Dataset {
             camera.stage(&dir.join(CAMERA), &mut staged)?;
         }
         for (name, bytes) in files {
-            let path = dir.join(name);
-            staged.folder(path.parent().unwrap_or(dir))?;
-            staged.file(&path, bytes)?;
+            staged.file(&dir.join(name), bytes)?;
         }
         metadata::stage(dir, self.metadata(), &self.extra, &mut staged)?;
         staged.commit()
+    }
+
+    /// [`made_by`](Self::made_by) of the recording in the folder `dir`, or of one that was being written there when its
+    /// process was killed. `None` also where `dataset.json` cannot be read.
+    pub fn maker(dir: impl AsRef<Path>) -> Option<String> {
+        metadata::maker(dir.as_ref())
     }
 
     /// The sequences to estimate from, in the order of the split.
@@ -333,6 +350,8 @@ impl Dataset {
             sequence_tags: (!tags.is_empty()).then_some(tags),
             attachment: Some(self.attachment),
             gauge_length: self.gauge_length,
+            made_by: self.made_by.clone(),
+            contact: self.contact.clone(),
         }
     }
 }

@@ -338,6 +338,18 @@ pub enum DataError {
         /// The file or folder in the way.
         path: PathBuf,
     },
+    /// A link in a folder that is written to, in the place of what is written.
+    #[error("{}: is a link, and what it leads to would be changed; remove it or write to another folder", path.display())]
+    Link {
+        /// The link.
+        path: PathBuf,
+    },
+    /// A process was killed while it replaced a recording or field: some files are old, others new.
+    #[error("{}: writing to this folder was interrupted, and its files do not belong together; write it again or remove it", path.display())]
+    Interrupted {
+        /// The folder.
+        path: PathBuf,
+    },
     /// The stiffness of a field is not one number per point.
     #[error(
         "{}: K has shape {got:?} with axis_mode {axis_mode:?}; only isotropic fields (one stiffness per point, \

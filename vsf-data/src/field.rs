@@ -1,6 +1,6 @@
 use crate::colormap::Scale;
 use crate::npy::{self, NpyError};
-use crate::staged::Staged;
+use crate::staged::{self, Staged};
 use crate::{ContactParameters, DataError, DataWarning, Table, files, json, npz, ply, write_file};
 use nalgebra::Point3;
 use serde::de::DeserializeOwned;
@@ -158,12 +158,12 @@ impl StiffnessField {
     /// begin with a dot do not count), so that a field never mixes with anything else.
     ///
     /// # Errors
-    /// As [`save_npz`](Self::save_npz), and [`DataError::Leftover`] names what is in the way.
+    /// As [`save_npz`](Self::save_npz); [`DataError::Leftover`] names what is in the way, [`DataError::Link`] a
+    /// link in the place of a file.
     pub fn save_folder(&self, folder: impl AsRef<Path>) -> Result<(), DataError> {
         let folder = folder.as_ref();
         self.check(folder)?;
-        let mut staged = Staged::default();
-        staged.folder(folder)?;
+        let mut staged = Staged::below(folder)?;
         let marks = folder.join(MARKS);
         let mut contents: BTreeMap<_, _> = (self.arrays().into_iter())
             .map(|(name, bytes)| (entry(folder, &name), bytes))
@@ -180,7 +180,10 @@ impl StiffnessField {
         if let Some(path) = there.find(|p| !hidden(p) && !contents.contains_key(p)) {
             return Err(DataError::Leftover { path });
         }
-        for (path, bytes) in &contents {
+        // Without points it is no field: they come last.
+        let points = entry(folder, POINTS);
+        let (last, first): (Vec<_>, Vec<_>) = contents.iter().partition(|(p, _)| **p == points);
+        for (path, bytes) in first.into_iter().chain(last) {
             staged.file(path, bytes)?;
         }
         staged.commit()
@@ -313,6 +316,11 @@ impl Source {
     }
 
     fn folder(path: &Path, warnings: &mut Vec<DataWarning>) -> Result<Self, DataError> {
+        if !files::is_there(&entry(path, POINTS)) && !staged::hidden_in(path).is_empty() {
+            return Err(DataError::Interrupted {
+                path: path.to_owned(),
+            });
+        }
         let marks = path.join(MARKS);
         let marks = match files::read(&marks) {
             Ok(bytes) => json::parse(&marks, &bytes)?,

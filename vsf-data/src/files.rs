@@ -38,7 +38,7 @@ pub(crate) fn open(path: &Path) -> Result<(File, u64), DataError> {
     opened.map_err(|source| unreadable(path, source))
 }
 
-fn check_kind(path: &Path) -> Result<(), DataError> {
+pub(crate) fn check_kind(path: &Path) -> Result<(), DataError> {
     let kind = match path.metadata() {
         Ok(found) => found.file_type(),
         Err(e) if path.is_symlink() => return Err(unreadable(path, e)),

@@ -37,7 +37,8 @@
 //! should be known comes as a [`DataWarning`].
 //!
 //! Files are written next to their places and renamed once all of them are whole: a full disk
-//! changes nothing, and a killed process leaves every file old or new ([`write_file`]).
+//! changes nothing, and a killed process leaves every file old or new ([`write_file`]), a new folder
+//! whole or not there, and one that was being replaced as it was or as [`DataError::Interrupted`].
 //!
 //! Rejected: the `ndarray-npy` crate. It reads into one static type per call, so every dtype
 //! would be a trial, and it has no half floats; the format is one file here. Likewise the `cdr` and
@@ -86,5 +87,5 @@ pub use points::read_points;
 pub use ros::{Clock, EffortPrediction, JointLog, McapExport};
 pub use sequence::Sequence;
 pub use signal::{Motion, differentiate, tare};
-pub use staged::{write_file, write_files};
+pub use staged::{write_file, write_files, write_folder};
 pub use table::Table;

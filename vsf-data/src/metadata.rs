@@ -1,6 +1,6 @@
 use crate::json::UniqueMap;
-use crate::staged::Staged;
-use crate::{DataError, files, json, pose};
+use crate::staged::{Staged, hidden_in};
+use crate::{ContactParameters, DataError, files, json, pose};
 use nalgebra::{Isometry3, Point3, Vector3};
 use serde::{Deserialize, Serialize};
 use serde_json::{Map, Value};
@@ -67,8 +67,9 @@ impl RobotRef {
     /// more than one part, the path of a URDF relative to `base`.
     ///
     /// # Errors
-    /// [`DataError::RobotNotFound`] when it is empty, or a path at which there is no file. Whether
-    /// a built-in robot of that name exists is not known here.
+    /// [`DataError::RobotNotFound`] when it is empty, or a path at which there is no file;
+    /// [`DataError::Io`] when that is a pipe or a device. Whether a built-in robot of that name exists
+    /// is not known here.
     ///
     /// ```
     /// use vsf_data::RobotRef;
@@ -80,6 +81,9 @@ impl RobotRef {
         let as_path = Path::new(given);
         let is_path = as_path.extension().is_some() || given.contains(['/', '\\']);
         let path = base.join(as_path);
+        if is_path && path.exists() && !path.is_dir() {
+            files::check_kind(&path)?;
+        }
         if given.trim().is_empty() || (is_path && !path.is_file()) {
             return Err(DataError::RobotNotFound {
                 given: given.to_owned(),
@@ -160,6 +164,10 @@ pub struct Overrides {
     pub attachment: Option<Attachment>,
     /// Rest length of a clamped specimen \[m\]; default none.
     pub gauge_length: Option<f64>,
+    /// The command that has made the recording; default none.
+    pub made_by: Option<String>,
+    /// The contact that the torques were computed in, the key `contact_parameters`; default none.
+    pub contact: Option<ContactParameters>,
 }
 
 impl Overrides {
@@ -182,6 +190,8 @@ impl Overrides {
             sequence_tags: self.sequence_tags.or(other.sequence_tags),
             attachment: self.attachment.or(other.attachment),
             gauge_length: self.gauge_length.or(other.gauge_length),
+            made_by: self.made_by.or(other.made_by),
+            contact: self.contact.or(other.contact),
         }
     }
 }
@@ -222,6 +232,10 @@ struct Raw {
     attachment: Option<Attachment>,
     #[serde(skip_serializing_if = "Option::is_none")]
     gauge_length: Option<f64>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    made_by: Option<String>,
+    #[serde(rename = "contact_parameters", skip_serializing_if = "Option::is_none")]
+    contact: Option<ContactParameters>,
     #[serde(flatten)]
     extra: Map<String, Value>,
 }
@@ -310,6 +324,34 @@ pub(crate) fn read(
     }
 }
 
+/// The part of `dataset.json` that says where a recording is from.
+#[derive(Deserialize)]
+struct Origin {
+    made_by: Option<String>,
+}
+
+impl Origin {
+    fn read(path: &Path) -> Option<Self> {
+        serde_json::from_slice(&files::read(path).ok()?).ok()
+    }
+}
+
+/// Whether a process was killed while it replaced the recording in `dir`: its `dataset.json` has a hidden name.
+pub(crate) fn is_interrupted(dir: &Path) -> bool {
+    let is_left = || hidden_in(dir).iter().any(|p| Origin::read(p).is_some());
+    !files::is_there(&dir.join(FILE)) && is_left()
+}
+
+/// `made_by` of a recording, be it one that is [interrupted](is_interrupted).
+pub(crate) fn maker(dir: &Path) -> Option<String> {
+    let path = dir.join(FILE);
+    let paths = match files::is_there(&path) {
+        true => vec![path],
+        false => hidden_in(dir),
+    };
+    paths.iter().find_map(|p| Origin::read(p)?.made_by)
+}
+
 /// Reads the bytes of `dataset.json`, below what the caller gives, and the keys it does not know.
 /// `path` is for messages, `dir` where a robot is looked for.
 pub(crate) fn parse(
@@ -347,7 +389,12 @@ pub(crate) fn parse(
             .map(|m| m.0.into_iter().map(|(id, t)| (id, t.into_list())).collect()),
         attachment: raw.attachment,
         gauge_length: raw.gauge_length,
+        made_by: raw.made_by,
+        contact: raw.contact,
     };
+    if let Some(contact) = &metadata.contact {
+        contact.check(path)?;
+    }
     Ok((given.clone().or(metadata), json::to_text(raw.extra)))
 }
 
@@ -392,6 +439,8 @@ pub(crate) fn encode(
             .map(|m| UniqueMap(m.into_iter().map(|(id, t)| (id, Tags::List(t))).collect())),
         attachment: metadata.attachment,
         gauge_length: metadata.gauge_length,
+        made_by: metadata.made_by,
+        contact: metadata.contact,
         extra: json::from_text(path, extra)?,
     };
     json::encode(path, &raw)

@@ -123,7 +123,6 @@ impl Sequence {
 
     pub(crate) fn stage(&self, dir: &Path, staged: &mut Staged) -> Result<(), DataError> {
         let folder = self.folder(dir);
-        staged.folder(&folder)?;
         staged.file(
             &folder.join("time.npy"),
             &npy::encode(&[self.time.len()], &self.time),

@@ -1,11 +1,19 @@
 //! Files that are written together or not at all.
 
 use crate::{DataError, files};
+use std::collections::BTreeSet;
 use std::ffi::OsString;
-use std::fs;
+use std::fs::{self, File};
 use std::io::{Error, ErrorKind, Write};
-use std::path::{Path, PathBuf};
-use tempfile::TempPath;
+use std::path::{Component, Path, PathBuf};
+use std::time::Duration;
+use tempfile::{TempDir, TempPath};
+
+/// How hidden files are named.
+const PREFIX: &str = ".vsf-";
+const SUFFIX: &str = ".part";
+/// Nobody writes for so long: hidden files of this age are those of a process that was killed.
+const STALE: Duration = Duration::from_secs(3600);
 
 /// Replaces the file `path` as a whole: a reader, and whoever comes after a killed process, finds
 /// the old bytes or the new ones.
@@ -32,37 +40,94 @@ pub fn write_files<P: AsRef<Path>, B: AsRef<[u8]>>(
     staged.commit()
 }
 
-/// Files written next to their places, or to the folders to come, which [`commit`](Self::commit)
-/// creates and renames one after the other. Whatever can fail for long (a full disk, a folder that may
-/// not be written) fails before the first rename. Dropped without it, nothing has changed; of a process
-/// that is killed hidden files stay that are in nobody's way, and during the renames a folder that lacks
-/// the file that is written last.
+/// Writes files to `folder`, by their paths in it, all of them or none, and creates the folders that are missing.
+///
+/// The folder itself may be a link; one in it is not followed.
+///
+/// # Errors
+/// [`DataError::Link`], [`DataError::Io`]; all old files are then as they were.
+pub fn write_folder<P: AsRef<Path>, B: AsRef<[u8]>>(
+    folder: impl AsRef<Path>,
+    files: impl IntoIterator<Item = (P, B)>,
+) -> Result<(), DataError> {
+    let folder = folder.as_ref();
+    let mut staged = Staged::below(folder)?;
+    for (path, bytes) in files {
+        staged.file(&folder.join(path), bytes.as_ref())?;
+    }
+    staged.commit()
+}
+
+/// Files written under hidden names, which [`commit`](Self::commit) renames. Whatever can fail for long (a full disk, a
+/// folder that may not be written) fails before that. Dropped without it, nothing has changed; of a process that is killed
+/// hidden files stay that are in nobody's way, which a later write to that folder removes.
+///
+/// A folder that is new gets its name once it is whole. In one that is there, files are replaced one after the other: a
+/// process that is killed meanwhile leaves it without the file that is written last.
 #[derive(Default)]
 pub(crate) struct Staged {
+    /// What all files lie in, if they do not lie anywhere.
+    folder: Option<Folder>,
     files: Vec<(TempPath, PathBuf)>,
-    /// Those to create, and what was in those that were there.
-    folders: Vec<(PathBuf, Option<Vec<OsString>>)>,
+}
+
+struct Folder {
+    given: PathBuf,
+    /// Where that leads.
+    place: PathBuf,
+    state: State,
+}
+
+enum State {
+    /// To come; its files are here until then.
+    New(TempDir),
+    /// The names in it.
+    There(Vec<OsString>),
 }
 
 impl Staged {
-    /// A folder to create, and those above it.
-    pub fn folder(&mut self, path: &Path) -> Result<(), DataError> {
-        if (path.ancestors().find(|p| p.exists())).is_some_and(|p| !p.is_dir()) {
-            let error = ErrorKind::NotADirectory.into();
-            return Err(DataError::io("create", path, error));
+    /// Of files in a folder, which is created with those above it, if need be.
+    pub fn below(folder: &Path) -> Result<Self, DataError> {
+        let failed = |e| DataError::io("create", folder, e);
+        if folder.is_symlink() && !folder.exists() {
+            return Err(failed(nowhere()));
         }
-        let known = path.exists().then(|| visible(path));
-        self.folders.push((path.to_owned(), known.transpose()?));
-        Ok(())
+        let state = match folder.exists() {
+            true if folder.is_dir() => State::There(visible(folder)?),
+            true => return Err(failed(ErrorKind::NotADirectory.into())),
+            false => {
+                let mut options = hidden();
+                #[cfg(unix)]
+                options.permissions(std::os::unix::fs::PermissionsExt::from_mode(0o777));
+                let above = existing(folder);
+                State::New(options.tempdir_in(above).map_err(failed)?)
+            }
+        };
+        let folder = Folder {
+            given: folder.to_owned(),
+            place: folder.canonicalize().unwrap_or_else(|_| folder.to_owned()),
+            state,
+        };
+        let files = Vec::new();
+        let folder = Some(folder);
+        Ok(Self { folder, files })
     }
 
-    /// Writes the new content of a file, in a folder that exists or is to be created.
+    /// Writes the new content of a file.
     pub fn file(&mut self, path: &Path, bytes: &[u8]) -> Result<(), DataError> {
         let failed = |e| DataError::io("write", path, e);
-        let place = path.canonicalize().unwrap_or_else(|_| path.to_owned());
+        let place = match &self.folder {
+            Some(folder) => folder.place_of(path)?,
+            None => path.canonicalize().unwrap_or_else(|_| path.to_owned()),
+        };
+        if self.is_new() {
+            fs::create_dir_all(parent(&place)).map_err(failed)?;
+            let mut file = File::create_new(&place).map_err(failed)?;
+            file.write_all(bytes).map_err(failed)?;
+            return file.sync_all().map_err(failed);
+        }
         if place.is_symlink() {
-            let why = "it is a link that leads nowhere";
-            return Err(failed(Error::new(ErrorKind::NotFound, why)));
+            return Err(failed(nowhere()));
         }
         if let Ok(old) = place.metadata() {
             if !old.is_file() && !old.is_dir() {
@@ -79,17 +144,15 @@ impl Staged {
                 return Err(failed(Error::new(ErrorKind::PermissionDenied, why)));
             }
         }
-        let to_come = |p: &&Path| !p.exists() && self.folders.iter().any(|(f, _)| f.starts_with(p));
-        let mut above = place.ancestors().skip(1).skip_while(to_come);
-        let folder = match above.next() {
-            Some(p) if !p.as_os_str().is_empty() => p,
-            _ => Path::new("."),
+        let above = match &self.folder {
+            Some(_) => existing(&place),
+            None => parent(&place),
         };
         let mut options = hidden();
         // Readable as any other file is, not only by its owner as temporary files are.
         #[cfg(unix)]
         options.permissions(std::os::unix::fs::PermissionsExt::from_mode(0o666));
-        let mut file = options.tempfile_in(folder).map_err(failed)?;
+        let mut file = options.tempfile_in(above).map_err(failed)?;
         // Not through the wrapper, which adds its own name to errors.
         file.as_file_mut().write_all(bytes).map_err(failed)?;
         file.as_file().sync_all().map_err(failed)?;
@@ -97,45 +160,61 @@ impl Staged {
         Ok(())
     }
 
-    /// Whether this file is to be written.
+    /// Whether this file of the folder is to be written.
     pub fn holds(&self, path: &Path) -> bool {
-        let place = path.canonicalize().unwrap_or_else(|_| path.to_owned());
-        self.files.iter().any(|(_, p)| *p == place)
+        let place = self.folder.as_ref().and_then(|f| f.place_of(path).ok());
+        place.is_some_and(|place| match self.is_new() {
+            true => place.is_file(),
+            false => self.files.iter().any(|(_, p)| *p == place),
+        })
+    }
+
+    fn is_new(&self) -> bool {
+        let state = self.folder.as_ref().map(|folder| &folder.state);
+        matches!(state, Some(State::New(_)))
     }
 
     /// Puts all files in their places, in the order in which they were written; refused where another program has
-    /// changed the folders meanwhile.
+    /// changed the folder meanwhile.
     pub fn commit(self) -> Result<(), DataError> {
-        // Two programs at once must not mix in one folder.
-        let mixed = |folder: &Path| {
-            let why = "another program has written there meanwhile";
-            DataError::io(
-                "write to",
-                folder,
-                Error::new(ErrorKind::AlreadyExists, why),
-            )
-        };
-        for (folder, known) in &self.folders {
-            if let Some(known) = known
-                && visible(folder)? != *known
-            {
-                return Err(mixed(folder));
-            }
-        }
         let mut created = Created::default();
-        for (folder, _) in self.folders.iter().filter(|(_, known)| known.is_none()) {
-            if !created.folder(folder)? {
-                return Err(mixed(folder));
+        let mut aside = None;
+        if let Some(folder) = self.folder {
+            // Two programs at once must not mix in one folder.
+            let mixed = || {
+                let why = "another program has written there meanwhile";
+                let error = Error::new(ErrorKind::AlreadyExists, why);
+                DataError::io("write to", &folder.given, error)
+            };
+            match folder.state {
+                State::New(whole) => {
+                    let place = &folder.place;
+                    created.folder(parent(place))?;
+                    fs::rename(whole.path(), place).map_err(|e| match place.exists() {
+                        true => mixed(),
+                        false => DataError::io("create", place, e),
+                    })?;
+                    // It has its name, and goes no more.
+                    let _ = whole.keep();
+                    created.0.clear();
+                    remove_stale(parent(place));
+                    return Ok(());
+                }
+                State::There(known) if visible(&folder.place)? != known => return Err(mixed()),
+                State::There(_) => {}
+            }
+            for (_, place) in &self.files {
+                created.folder(parent(place))?;
+            }
+            // A process that is killed from here on leaves a folder that lacks its last file and cannot be read, not one
+            // of old and new files that can.
+            if let [_, .., (_, last)] = &self.files[..] {
+                aside = Aside::put(last)?;
             }
         }
-        // A process that is killed from here on leaves a folder that lacks its last file and cannot be read, not one of
-        // old and new files that can.
-        let last = self.files.last().map(|(_, place)| place.clone());
-        let aside = match last.filter(|_| self.files.len() > 1 && !self.folders.is_empty()) {
-            Some(last) => Aside::put(&last)?,
-            None => None,
-        };
+        let mut above = BTreeSet::new();
         for (file, place) in self.files {
+            above.extend(file.parent().map(ToOwned::to_owned));
             file.persist(&place)
                 .map_err(|e| DataError::io("write", place, e.error))?;
         }
@@ -143,7 +222,52 @@ impl Staged {
         if let Some(aside) = aside {
             aside.remove();
         }
+        above.iter().for_each(|folder| remove_stale(folder));
         Ok(())
+    }
+}
+
+impl Folder {
+    /// Where a file in it is written. What is there must be no link, nor lie behind one: that file would be another's.
+    fn place_of(&self, path: &Path) -> Result<PathBuf, DataError> {
+        let inside = path.strip_prefix(&self.given).ok();
+        let plain = |p: &&Path| p.components().all(|c| matches!(c, Component::Normal(_)));
+        let Some(inside) = inside.filter(plain) else {
+            let why = format!("it is not in {}", self.given.display());
+            let error = Error::new(ErrorKind::InvalidInput, why);
+            return Err(DataError::io("write", path, error));
+        };
+        if let State::New(whole) = &self.state {
+            return Ok(whole.path().join(inside));
+        }
+        let inner = inside.components().count();
+        match path.ancestors().take(inner).find(|p| p.is_symlink()) {
+            Some(link) => Err(DataError::Link {
+                path: link.to_owned(),
+            }),
+            None => Ok(self.place.join(inside)),
+        }
+    }
+}
+
+fn nowhere() -> Error {
+    Error::new(ErrorKind::NotFound, "it is a link that leads nowhere")
+}
+
+/// The folder that a path is in, `.` of a name alone.
+fn parent(path: &Path) -> &Path {
+    match path.parent() {
+        Some(above) if !above.as_os_str().is_empty() => above,
+        _ => Path::new("."),
+    }
+}
+
+/// The folder that is there of those above a path.
+fn existing(path: &Path) -> &Path {
+    let mut above = path.ancestors().skip(1);
+    match above.find(|p| p.exists()) {
+        Some(found) => found,
+        None => Path::new("."),
     }
 }
 
@@ -186,8 +310,34 @@ impl Drop for Aside {
 /// Files that are in nobody's way: readers do not see names that begin with a dot.
 fn hidden() -> tempfile::Builder<'static, 'static> {
     let mut options = tempfile::Builder::new();
-    options.prefix(".vsf-").suffix(".part");
+    options.prefix(PREFIX).suffix(SUFFIX);
     options
+}
+
+/// The hidden files and folders that are left in a folder, or are being written there.
+pub(crate) fn hidden_in(folder: &Path) -> Vec<PathBuf> {
+    let is_hidden = |path: &PathBuf| {
+        let name = path.file_name().unwrap_or_default().as_encoded_bytes();
+        name.starts_with(PREFIX.as_bytes()) && name.ends_with(SUFFIX.as_bytes())
+    };
+    let all = files::list(folder).unwrap_or_default();
+    all.into_iter().filter(is_hidden).collect()
+}
+
+/// Removes what killed processes have left in a folder. What cannot be removed is in nobody's way.
+fn remove_stale(folder: &Path) {
+    for path in hidden_in(folder) {
+        let Ok(found) = path.symlink_metadata() else {
+            continue;
+        };
+        let age = found.modified().ok().and_then(|t| t.elapsed().ok());
+        if age.is_some_and(|age| age > STALE) {
+            let _ = match found.is_dir() {
+                true => fs::remove_dir_all(&path),
+                false => fs::remove_file(&path),
+            };
+        }
+    }
 }
 
 /// The names in a folder but those that begin with a dot, such as files of other programs to come.
@@ -204,8 +354,8 @@ fn visible(folder: &Path) -> Result<Vec<OsString>, DataError> {
 struct Created(Vec<PathBuf>);
 
 impl Created {
-    /// Creates a folder and those above it; false where another program did.
-    fn folder(&mut self, path: &Path) -> Result<bool, DataError> {
+    /// Creates a folder and those above it.
+    fn folder(&mut self, path: &Path) -> Result<(), DataError> {
         let mut missing: Vec<_> = (path.ancestors())
             .take_while(|p| !p.as_os_str().is_empty() && !p.exists())
             .collect();
@@ -217,7 +367,7 @@ impl Created {
                 Err(e) => return Err(DataError::io("create", path, e)),
             }
         }
-        Ok(self.0.iter().any(|p| p == path))
+        Ok(())
     }
 }
 
@@ -243,8 +393,7 @@ mod tests {
         for name in ["a", "last"] {
             fs::write(home.path().join(name), b"old").unwrap();
         }
-        let mut staged = Staged::default();
-        staged.folder(home.path()).unwrap();
+        let mut staged = Staged::below(home.path()).unwrap();
         for name in ["a", "last"] {
             staged.file(&home.path().join(name), b"new").unwrap();
         }
@@ -261,8 +410,7 @@ mod tests {
         let home = tempfile::tempdir().unwrap();
         let folder = home.path().join("new");
         let stage = || {
-            let mut staged = Staged::default();
-            staged.folder(&folder).unwrap();
+            let mut staged = Staged::below(&folder).unwrap();
             staged.file(&folder.join("a"), b"ours").unwrap();
             staged
         };
@@ -279,5 +427,75 @@ mod tests {
         assert_eq!(fs::read(folder.join("a")).unwrap(), b"ours");
         fs::write(folder.join("b"), b"theirs").unwrap();
         assert!(second.commit().is_err());
+    }
+
+    /// A folder that is new is nowhere until it is whole, and its files are in no other's way.
+    #[test]
+    fn a_new_folder_comes_whole() {
+        let home = tempfile::tempdir().unwrap();
+        let folder = home.path().join("above/new");
+        let mut staged = Staged::below(&folder).unwrap();
+        let (inner, last) = (folder.join("inner/a"), folder.join("last"));
+        staged.file(&inner, b"a").unwrap();
+        assert!(staged.holds(&inner) && !staged.holds(&last));
+        staged.file(&last, b"b").unwrap();
+        assert!(!home.path().join("above").exists());
+        staged.commit().unwrap();
+        assert_eq!(fs::read(inner).unwrap(), b"a");
+        assert_eq!(fs::read_dir(home.path()).unwrap().count(), 1);
+    }
+
+    #[test]
+    fn nothing_is_written_outside_of_the_folder() {
+        let home = tempfile::tempdir().unwrap();
+        for name in ["../a", "/a"] {
+            write_folder(home.path(), [(name, b"new")]).unwrap_err();
+            write_folder(home.path().join("new"), [(name, b"new")]).unwrap_err();
+        }
+        assert_eq!(fs::read_dir(home.path()).unwrap().count(), 0);
+    }
+
+    #[cfg(unix)]
+    #[test]
+    fn links_are_followed_to_a_folder_and_not_in_it() {
+        use std::os::unix::fs::symlink;
+        let home = tempfile::tempdir().unwrap();
+        let at = |name: &str| home.path().join(name);
+        fs::create_dir_all(at("kept/inner")).unwrap();
+        fs::create_dir(at("out")).unwrap();
+        fs::write(at("kept/inner/a"), b"old").unwrap();
+        symlink("../kept/inner", at("out/inner")).unwrap();
+        symlink("../kept/inner/a", at("out/a")).unwrap();
+        symlink("nowhere", at("out/b")).unwrap();
+        for (name, link) in [("inner/a", "inner"), ("a", "a"), ("b", "b")] {
+            let files = [("first", b"new"), (name, b"new")];
+            let error = write_folder(at("out"), files).unwrap_err();
+            assert!(
+                matches!(&error, DataError::Link { path } if *path == at("out").join(link)),
+                "{error}"
+            );
+        }
+        assert_eq!(fs::read(at("kept/inner/a")).unwrap(), b"old");
+        assert_eq!(fs::read_dir(at("out")).unwrap().count(), 3);
+        symlink("kept", at("to_kept")).unwrap();
+        write_folder(at("to_kept"), [("inner/a", b"new")]).unwrap();
+        assert_eq!(fs::read(at("kept/inner/a")).unwrap(), b"new");
+    }
+
+    #[test]
+    fn what_killed_processes_left_goes_in_time() {
+        let home = tempfile::tempdir().unwrap();
+        let at = |name: &str| home.path().join(name);
+        let names = [".vsf-old.part", ".vsf-new.part", ".vsf-other", "a.part"];
+        for name in names {
+            let file = File::create(at(name)).unwrap();
+            if name != ".vsf-new.part" {
+                let time = std::time::SystemTime::now() - 2 * STALE;
+                file.set_modified(time).unwrap();
+            }
+        }
+        write_file(at("a"), b"a").unwrap();
+        let there = names.map(|name| at(name).exists());
+        assert_eq!(there, [false, true, true, true]);
     }
 }

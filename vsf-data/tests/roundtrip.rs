@@ -179,13 +179,21 @@ fn dataset() -> impl Strategy<Value = Dataset> {
                 (
                     prop::option::of(vec(point(), 1..5)),
                     prop::option::of(field()),
+                    prop::option::of(contact()),
                 ),
                 prop::option::of(camera()),
                 sequences,
             )
         })
         .prop_map(
-            |(words, (rate_hz, tare_samples), (a, b), (points, field), camera, sequences)| {
+            |(
+                words,
+                (rate_hz, tare_samples),
+                (a, b),
+                (points, field, contact),
+                camera,
+                sequences,
+            )| {
                 let (name, description, gravity, base_pose, measured, named) = words;
                 let cols = sequences[0].width();
                 let shortest = sequences.iter().map(Sequence::len).min().unwrap_or(0);
@@ -215,6 +223,8 @@ fn dataset() -> impl Strategy<Value = Dataset> {
                         Attachment::Unilateral
                     },
                     gauge_length: rate_hz,
+                    made_by: named.then(|| "a test".to_owned()),
+                    contact,
                     rest_points: points,
                     field,
                     camera,

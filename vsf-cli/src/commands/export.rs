@@ -1,5 +1,5 @@
 use crate::config::Sources;
-use crate::console::{Console, Written, create_folder, texts, write_file};
+use crate::console::{Console, Written, create_folder, texts, write_file, write_folder};
 use crate::corrected::{CorrectedModel, ModelArgs, Modelled};
 use crate::exit::usage;
 use crate::field_file::{FieldFile, FieldFormat, claim, save};
@@ -161,15 +161,15 @@ fn from_recording(args: &Args, console: &Console) -> anyhow::Result<Vec<PathBuf>
         &sequences,
         console,
     )?;
-    create_folder(folder)?;
+    let mut plots = Vec::new();
     for (trace, prediction) in modelled.traces.iter().zip(&predictions) {
         let title = format!("{}, sequence {}", dataset.name, trace.id);
         let svg = pictures::torques(&scene, trace, prediction, &title)
             .with_context(|| format!("sequence {}", trace.id))?;
-        let path = folder.join(format!("torques_{}.svg", trace.id));
-        write_file(&path, svg.as_bytes())?;
-        written.push(path);
+        plots.push((format!("torques_{}.svg", trace.id), svg));
     }
+    write_folder(folder, plots.iter().map(|(name, svg)| (name, svg)))?;
+    written.extend(plots.iter().map(|(name, _)| folder.join(name)));
     Ok(written)
 }
 

@@ -22,7 +22,8 @@ pub struct Args {
     /// IDs of the sequences to predict; the test split by default
     #[arg(long, value_delimiter = ',')]
     sequences: Option<Vec<String>>,
-    /// Folder to write to: new, empty, or a recording of the same sequences to replace
+    /// Folder to write to: new, empty, or a recording of the same sequences, by `vsf simulate` or
+    /// `vsf predict`, to replace
     #[arg(long)]
     out: PathBuf,
     #[command(flatten)]
@@ -58,7 +59,13 @@ pub fn run(args: &Args, console: &Console) -> anyhow::Result<()> {
         .collect::<Result<Vec<_>, _>>()?;
     let dataset = Dataset {
         torque_kind: TorqueKind::External,
-        ..derived(&recording, "predicted", &args.of, predicted)
+        ..derived(
+            &recording,
+            ("predicted", "vsf predict"),
+            &args.of,
+            &scene,
+            predicted,
+        )
     };
     let deviations = predictions.iter().filter(|p| !p.sd.is_empty()).map(|p| {
         let path = PathBuf::from(format!("seq_{}/torques_sd.npy", p.id));

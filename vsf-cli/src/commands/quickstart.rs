@@ -40,8 +40,7 @@ pub fn run(console: &Console) -> anyhow::Result<()> {
         .outputs
         .folder("the quick start's", folder, "its own", |_| None)?;
     console.report(HEAD)?;
-    let dataset = folder.join("recording");
-    ONE_PLACE.unpack(&dataset)?;
+    let dataset = ONE_PLACE.unpack(folder, "recording".as_ref())?;
     let recording = Recording::open(&dataset, &SceneSettings::default(), console)?;
     let train = recording.sequences(None, Default::Train)?;
     let test = recording.sequences(None, Default::Test)?;

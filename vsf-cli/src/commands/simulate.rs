@@ -18,7 +18,8 @@ pub struct Args {
     /// IDs of the sequences to take; all by default
     #[arg(long, value_delimiter = ',')]
     sequences: Option<Vec<String>>,
-    /// Folder to write to: new, empty, or a recording of the same sequences to replace
+    /// Folder to write to: new, empty, or a recording of the same sequences, by `vsf simulate` or
+    /// `vsf predict`, to replace
     #[arg(long)]
     out: PathBuf,
     /// Standard deviation of the noise added to every reading [N m or N]
@@ -66,7 +67,13 @@ pub fn run(args: &Args, console: &Console) -> anyhow::Result<()> {
         noise_sd: args.noise_sd,
         seed: args.seed,
     };
-    let dataset = derived(&recording, "simulated", &args.of, simulated);
+    let dataset = derived(
+        &recording,
+        ("simulated", "vsf simulate"),
+        &args.of,
+        &scene,
+        simulated,
+    );
     save(dataset, &recording.packages(), &args.out, Vec::new())?;
     console.json(&report)?;
     let out = args.out.display();

@@ -1,7 +1,7 @@
 //! Figs. 4, 5 and 7 as files.
 
 use super::paper::Entry;
-use crate::console::write_file;
+use crate::console::write_folder;
 use crate::pictures::{self, Surroundings, View};
 use crate::recording::Recording;
 use std::cell::RefCell;
@@ -34,7 +34,7 @@ impl<'a> Figures<'a> {
     /// Writes or replaces a file of the folder.
     pub fn write(&self, name: &str, bytes: &[u8]) -> anyhow::Result<()> {
         let path = self.folder.join(name);
-        write_file(&path, bytes)?;
+        write_folder(self.folder, [(name, bytes)])?;
         let mut written = self.written.borrow_mut();
         if !written.contains(&path) {
             written.push(path);

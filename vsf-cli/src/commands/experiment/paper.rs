@@ -7,7 +7,7 @@ use crate::recording::Recording;
 use crate::samples::{FAR_PLACES, NEAR_PLACES, ONE_PLACE};
 use crate::settings::VisionKind;
 use serde::Serialize;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use vsf::pipeline::{
     Campaign, MethodErrors, Overlap, OverlapShares, Table1Row, TrainedOn, UpdateSpeed, UpdateTimes,
     table1, update_speed, update_times, view_warnings,
@@ -100,7 +100,7 @@ pub fn run(args: &Args, console: &Console) -> anyhow::Result<()> {
     let recordings = match args.recordings.is_empty() {
         true => [ONE_PLACE, NEAR_PLACES, FAR_PLACES]
             .iter()
-            .map(|sample| sample.unpack_into(&out.join("recordings")))
+            .map(|sample| sample.unpack(out, &Path::new("recordings").join(sample.name)))
             .collect::<Result<_, _>>()?,
         false => args.recordings.clone(),
     };

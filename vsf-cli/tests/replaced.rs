@@ -1,0 +1,150 @@
+//! What `--out` replaces, and what it leaves alone.
+#![allow(clippy::unwrap_used)]
+
+mod common;
+
+use common::{Bench, METADATA};
+use std::fs;
+use std::path::Path;
+use std::time::{Duration, SystemTime};
+
+const SIMULATE: &str = "simulate data --field truth --out out";
+
+/// What is measured cannot be computed again.
+#[test]
+fn measured_recordings_are_replaced_by_none() {
+    let bench = Bench::new();
+    let ids = ["a", "b", "c"].map(|id| format!("seq_{id}"));
+    fs::create_dir(bench.root.join("out")).unwrap();
+    for id in &ids {
+        let folder = bench.root.join("out").join(id);
+        fs::create_dir(&folder).unwrap();
+        for name in ["angles.npy", "torques.npy"] {
+            let from = bench.root.join("data").join(id).join(name);
+            fs::copy(from, folder.join(name)).unwrap();
+        }
+    }
+    let metadata = bench.root.join("out/dataset.json");
+    let torques = bench.root.join("out/seq_a/torques.npy");
+    let before = fs::read(&torques).unwrap();
+    let predict = SIMULATE.replace("simulate", "predict") + " --sequences a,b,c";
+    for made_by in ["", r#""made_by": "vsf import","#, r#""made_by": 1,"#] {
+        fs::write(
+            &metadata,
+            METADATA.replacen('{', &format!("{{{made_by}"), 1),
+        )
+        .unwrap();
+        for line in [SIMULATE, &predict] {
+            bench.fails(line, 2, &["--out out", "choose a new folder, or remove"]);
+        }
+    }
+    assert_eq!(fs::read(&torques).unwrap(), before);
+    fs::remove_file(&metadata).unwrap();
+    bench.fails(SIMULATE, 2, &["--out out", "other files"]);
+    fs::remove_dir_all(bench.root.join("out")).unwrap();
+    bench.ok(SIMULATE);
+    bench.ok(&predict);
+    bench.ok("export out --out out.mcap");
+    bench.ok("import out.mcap --out out");
+    bench.ok(SIMULATE);
+    bench.ok("export data --out data.mcap");
+    bench.ok("import data.mcap --out out");
+    let imported = fs::read_to_string(&metadata).unwrap();
+    assert!(imported.contains("vsf import"), "{imported}");
+    bench.ok("import data.mcap --out out");
+    bench.fails(SIMULATE, 2, &["vsf import"]);
+}
+
+/// The file that a link leads to is another's.
+#[cfg(unix)]
+#[test]
+fn links_in_outputs_are_not_followed() {
+    use std::os::unix::fs::symlink;
+    let bench = Bench::touched();
+    bench.ok(SIMULATE);
+    bench.ok("export out --field truth --out out.mcap");
+    let estimate = "estimate touch --prior-sd 10 --noise-sd 1 --out fold";
+    let plots = "export touch --field truth --torques plots";
+    bench.ok(estimate);
+    bench.ok(plots);
+    let at = |name: &str| bench.root.join(name);
+    let simulated = [
+        SIMULATE,
+        "predict data --field truth --sequences a,b,c --out out",
+        "import out.mcap --out out",
+    ];
+    let cases: [(&[&str], &str, &str); 7] = [
+        (&simulated, "out/seq_a", "touch/seq_a"),
+        (&simulated, "out/points.npy", "touch/points.npy"),
+        (
+            &simulated,
+            "out/seq_a/torques.npy",
+            "touch/seq_a/torques.npy",
+        ),
+        (&simulated, "out/dataset.json", "touch/dataset.json"),
+        (&simulated, "out/dataset.json", "touch/nowhere"),
+        (&[estimate], "fold/points.npy", "touch/points.npy"),
+        (&[plots], "plots/torques_c.svg", "out.mcap"),
+    ];
+    for (lines, link, target) in cases {
+        let kept = bench.root.join("kept");
+        fs::rename(at(link), &kept).unwrap();
+        symlink(at(target), at(link)).unwrap();
+        let before = contents(&bench.root);
+        for line in lines {
+            bench.fails(line, 2, &[link, "is a link"]);
+            assert!(contents(&bench.root) == before, "{line}");
+        }
+        fs::remove_file(at(link)).unwrap();
+        fs::rename(&kept, at(link)).unwrap();
+    }
+    // The output itself may be one.
+    fs::rename(at("out"), at("elsewhere")).unwrap();
+    symlink("elsewhere", at("out")).unwrap();
+    bench.ok(SIMULATE);
+    assert!(at("out").is_symlink() && at("elsewhere/seq_a").is_dir());
+}
+
+/// A killed process leaves a folder without the file that is written last; nothing takes it for a recording or field.
+#[test]
+fn interrupted_writes_are_told_and_repeated() {
+    let bench = Bench::touched();
+    let at = |name: &str| bench.root.join(name);
+    bench.ok(SIMULATE);
+    let left = at("out/.vsf-abcdef.part");
+    fs::rename(at("out/dataset.json"), &left).unwrap();
+    fs::remove_file(at("out/points.npy")).unwrap();
+    for line in ["info out", "info out --robot cartesian_stage --rate-hz 50"] {
+        bench.fails(line, 1, &["out", "interrupted", "write it again"]);
+    }
+    bench.ok(SIMULATE);
+    bench.ok("info out");
+    // What is left is that of a killed process once nobody can be writing it.
+    assert!(left.exists());
+    let file = fs::File::options().write(true).open(&left).unwrap();
+    file.set_modified(SystemTime::now() - Duration::from_secs(7200))
+        .unwrap();
+    bench.ok(SIMULATE);
+    assert!(!left.exists());
+
+    let estimate = "estimate touch --prior-sd 10 --noise-sd 1 --out fold";
+    bench.ok(estimate);
+    fs::rename(at("fold/points.npy"), at("fold/.vsf-abcdef.part")).unwrap();
+    bench.fails("export fold --out a.ply", 1, &["fold", "interrupted"]);
+    bench.ok(estimate);
+    bench.ok("export fold --out a.ply");
+}
+
+/// All files below a folder, with what is in them.
+fn contents(folder: &Path) -> Vec<(std::path::PathBuf, Vec<u8>)> {
+    let mut all = Vec::new();
+    for entry in fs::read_dir(folder).unwrap() {
+        let path = entry.unwrap().path();
+        match path.is_dir() {
+            true => all.extend(contents(&path)),
+            false => all.push((path.clone(), fs::read(&path).unwrap_or_default())),
+        }
+    }
+    all.sort();
+    all
+}
