@@ -816,10 +816,10 @@ fn a_simulation_brings_its_contact() {
     assert!(value(&json, "mean_error") < 1e-9, "{json}");
     // Measured torques are of contact that nobody knows: one that suits the points.
     let metadata = bench.root.join("simulated/dataset.json");
-    let known = std::fs::read_to_string(&metadata).unwrap();
+    let known = fs::read_to_string(&metadata).unwrap();
     let mut known: serde_json::Value = serde_json::from_str(&known).unwrap();
     known.as_object_mut().unwrap().remove("contact_parameters");
-    std::fs::write(&metadata, known.to_string()).unwrap();
+    fs::write(&metadata, known.to_string()).unwrap();
     let json = bench.ok("estimate simulated --out field.npz --json");
     assert_eq!(value(&json, "threshold"), 0.0032);
 }

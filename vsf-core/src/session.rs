@@ -52,18 +52,19 @@ where
     E: Estimator,
 {
     /// Puts the parts together. `chains` are those of the robot whose postures the session will be given,
-    /// `RobotModel::chains` of `vsf-robots`.
+    /// `RobotModel::chains` of `vsf-robots`; `rest` may be shared.
     ///
     /// # Errors
     /// A belief of another size than the field, a sensor that is not of this robot, or whose blank observation
     /// has other channels than it says.
     pub fn new(
         chains: Arc<LinkChains>,
-        rest: Arc<RestPoints>,
+        rest: impl Into<Arc<RestPoints>>,
         contact: C,
         sensor: S,
         estimator: E,
     ) -> Result<Self, CoreError> {
+        let rest = rest.into();
         CoreError::check_len("belief", estimator.belief().len(), rest.len())?;
         sensor.check_robot(&chains)?;
         let observation = sensor.blank();

@@ -306,7 +306,7 @@ fn text(report: &Report, scene: &Scene, correlates: bool) -> String {
         report.sequences.join(", "),
     );
     text += &format!(
-        "  contact     from {} m before the surface on\n",
+        "  contact     from {} mm before the surface on\n",
         number(report.threshold)
     );
     let robust = match report.robust.as_str() {

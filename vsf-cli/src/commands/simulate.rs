@@ -78,9 +78,9 @@ pub fn run(args: &Args, console: &Console) -> anyhow::Result<()> {
     console.json(&report)?;
     let out = args.out.display();
     console.report(format!(
-        "wrote {out}: {} sequences, {} samples, points touched from {} m on\n",
+        "wrote {out}: {} sequences, {} samples, points touched from {} mm on\n",
         report.sequences,
         report.samples,
-        number(report.threshold)
+        number(1e3 * report.threshold)
     ))
 }

@@ -368,6 +368,19 @@ mod tests {
         }
     }
 
+    /// What is left is that nothing acts, or that the stiffness takes it up.
+    #[test]
+    fn what_the_stiffness_takes_up_is_told_beside() {
+        let mut d = report("no_gap", 0.6, 1.0);
+        d.effects[0].probability = 0.1;
+        let page = page_of_report(&d);
+        let words =
+            "none acts: 60&nbsp;%, that one acts which the stiffness K takes up: 30&nbsp;%).";
+        assert!(page.contains(words), "{page}");
+        d.effects[0].probability = 0.39;
+        assert!(page_of_report(&d).contains("none acts: 60&nbsp;%)."));
+    }
+
     /// A gap of which only some effects were looked for may be there.
     #[test]
     fn a_restricted_search_finds_no_absence_of_a_gap() {

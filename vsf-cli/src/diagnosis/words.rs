@@ -13,6 +13,9 @@ const ROUGH: f64 = 3.0;
 /// A gap of which so much is closed is explained, whatever the noise.
 const CLOSED: f64 = 0.99;
 
+/// Probability from which on it is told that an effect may be hidden.
+const LEAST_HIDDEN: f64 = 0.05;
+
 /// A claim of less probability is uncertain.
 const LIKELY: f64 = 0.5;
 
@@ -64,7 +67,8 @@ pub fn verdict(diagnosis: &Diagnosis) -> String {
             "Uncertain: no effect is borne out by this recording, but that none acts has a probability of {p} only."
         ),
         VerdictKind::NoGap => format!(
-            "No gap: no effect is borne out by this recording (probability that none acts: {p})."
+            "No gap: no effect is borne out by this recording (probability that none acts: {p}{}).",
+            hidden(diagnosis)
         ),
         VerdictKind::Unknown if effects.is_empty() => {
             "Unknown: something acts that none of the effects looked for explains.".to_owned()
@@ -79,6 +83,19 @@ pub fn verdict(diagnosis: &Diagnosis) -> String {
             "Not diagnosable: something acts, but this recording fits {} alike.",
             verdict.effect_set_95.join(", ")
         ),
+    }
+}
+
+/// What is left of the probability of none of the effects, beside that none acts, where it is worth a word.
+fn hidden(diagnosis: &Diagnosis) -> String {
+    let none = none_of_these(&diagnosis.effects).map_or(0.0, |(_, left)| left);
+    let hidden = none - diagnosis.verdict.probability;
+    match hidden >= LEAST_HIDDEN {
+        true => format!(
+            ", that one acts which the stiffness K takes up: {}",
+            percent(hidden)
+        ),
+        false => String::new(),
     }
 }
 
@@ -350,7 +367,10 @@ mod tests {
             }))
             .unwrap()
         };
-        assert_eq!(determined(&[of.clone()], "a", &p("c_2")), "0.0 ± 1.5 N m");
+        assert_eq!(
+            determined(std::slice::from_ref(&of), "a", &p("c_2")),
+            "0.0 ± 1.5 N m"
+        );
         let untold = determined(&[of], "a", &p("c_1"));
         assert!(
             untold.contains("0.0 ± 1.5 N m")
