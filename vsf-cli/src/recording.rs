@@ -206,10 +206,14 @@ impl Recording {
         }
     }
 
-    /// The scene of the recording alone, without points if it has none.
+    /// The scene of the recording alone, in the contact that its torques were computed in if they were not measured, without
+    /// points if it has none.
     pub fn scene_or_air(&self, console: &Console) -> anyhow::Result<Scene> {
         match self.has_points() {
-            true => self.scene_by(&self.settings.options(None), console, Scene::open),
+            true => {
+                let options = self.settings.options(self.dataset.contact.as_ref());
+                self.scene_by(&options, console, Scene::open)
+            }
             false => Ok(Scene::in_air(&self.dataset, self.robot()?)?),
         }
     }
@@ -340,11 +344,9 @@ impl Recording {
         untouched(&scene, &traces)
             .iter()
             .for_each(|w| console.warn(w));
-        let threshold = scene.contact().threshold;
-        let computed = self.dataset.contact.as_ref();
-        let is_right = computed.is_some_and(|contact| contact.threshold == threshold);
         let campaign = Campaign::in_scene(&self.dataset, scene)?;
-        Ok(match self.settings.has_threshold() || is_right {
+        let is_given = self.settings.has_threshold() || self.dataset.contact.is_some();
+        Ok(match is_given {
             true => campaign,
             false => campaign.with_suited_fields(),
         })
