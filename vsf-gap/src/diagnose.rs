@@ -223,7 +223,7 @@ fn attempt(
     let stopped = (judgement.corrected()).is_some_and(|t| !t.refined.at_bounds().is_empty());
     // With contact, errors are far from a perfect model's for many reasons.
     let far = closed < NEARLY || after.mean_error() > FAR * noise_floor;
-    let silence = trial.of_silence();
+    let silence = trial.of_silence()?;
     let silent = corrected && after.mean_error() >= silence;
     let names = in_field.iter().map(|(p, _)| p.effect.name().to_owned());
     let refused = judgement.refused.iter().flat_map(|t| t.effects.clone());

@@ -12,7 +12,7 @@ use crate::{Acts, Campaign, ContactLog, GapError, Model, Motion};
 use std::collections::BTreeSet;
 use std::ops::Range;
 use std::sync::Arc;
-use vsf_data::TorqueKind;
+use vsf_data::{TorqueKind, tare};
 
 /// Samples of a block of free motion.
 const BLOCK: usize = 16;
@@ -262,35 +262,32 @@ impl<'a> Trial<'a> {
     }
 
     /// The mean error (N m or N) of sensors that are taken to read nothing.
-    pub(crate) fn of_silence(&self) -> f64 {
-        let joints = self.whole.site.joints();
-        let of_motion = |m: &Motion| -> Vec<f64> {
-            let reading = m.reading.data().to_vec();
-            if self.whole.scene.torque_kind() == TorqueKind::External {
-                return reading;
+    ///
+    /// # Errors
+    /// None in practice: a tare is no longer than its sequence.
+    pub(crate) fn of_silence(&self) -> Result<f64, GapError> {
+        let of_motion = |m: &Motion| -> Result<Vec<f64>, GapError> {
+            let mut rows = m.reading.data().to_vec();
+            if self.whole.scene.torque_kind() == TorqueKind::Measured {
+                // Actuators that read nothing would leave all of the arm's own torques to the environment.
+                let load = match m.tare {
+                    0 => m.load.clone(),
+                    samples => tare(&m.load, samples)?,
+                };
+                rows.iter_mut().zip(load.data()).for_each(|(r, l)| *r -= l);
             }
-            // Actuators that read nothing would leave all of the arm's own torques to the environment.
-            let tared = m.load.data().chunks_exact(joints).take(m.tare);
-            let mut zero = vec![0.0; joints];
-            for row in tared {
-                let share = 1.0 / m.tare as f64;
-                zero.iter_mut().zip(row).for_each(|(z, l)| *z += share * l);
-            }
-            let load = m.load.data().iter().zip(zero.iter().cycle());
-            reading
-                .iter()
-                .zip(load)
-                .map(|(r, (l, z))| r - (l - z))
-                .collect()
+            Ok(rows)
         };
-        let rows: Vec<Vec<f64>> = self.sequences.iter().map(of_motion).collect();
-        let predicted = Vec::new();
-        Residuals {
-            joints,
-            rows,
-            predicted,
-        }
-        .mean_error()
+        let silence = Residuals {
+            joints: self.whole.site.joints(),
+            rows: self
+                .sequences
+                .iter()
+                .map(of_motion)
+                .collect::<Result<_, _>>()?,
+            predicted: Vec::new(),
+        };
+        Ok(silence.mean_error())
     }
 
     /// From which size on (N m or N) what is left in free motion is much.
