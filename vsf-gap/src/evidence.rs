@@ -10,6 +10,7 @@ use faer::linalg::matmul::matmul;
 use faer::linalg::triangular_solve;
 use faer::{Accum, Mat, Par};
 use nalgebra::{DMatrix, DVector, Point3};
+use std::ops::Range;
 
 /// Edge of the cells (m) over which stiffness varies smoothly.
 const CELL: f64 = 0.04;
@@ -230,31 +231,44 @@ fn outer(a: &Mat<f64>) -> Mat<f64> {
     out
 }
 
-/// Adds `sign A A^T` on and below the diagonal. Neighbouring rows touch the same few points: of each band of rows
-/// only the columns count that are not zero there.
+/// Adds `sign A A^T` on and below the diagonal. Neighbouring rows touch the same few points: of two bands of rows
+/// only the columns count that are not zero in both.
 fn add_outer(to: &mut Mat<f64>, a: &Mat<f64>, sign: f64) {
     let n = a.nrows();
-    for start in (0..n).step_by(BAND) {
-        let band = start..(start + BAND).min(n);
-        let columns = (0..a.ncols()).map(|k| a.col_as_slice(k));
-        let touched: Vec<&[f64]> = columns
-            .filter(|c| c[band.clone()].iter().any(|v| *v != 0.0))
-            .collect();
-        if touched.is_empty() {
-            continue;
+    let touched = |rows: &Range<usize>| -> Vec<usize> {
+        let is_touched = |k: &usize| a.col_as_slice(*k)[rows.clone()].iter().any(|v| *v != 0.0);
+        (0..a.ncols()).filter(is_touched).collect()
+    };
+    let bands: Vec<(Range<usize>, Vec<usize>)> = (0..n)
+        .step_by(BAND)
+        .map(|start| start..(start + BAND).min(n))
+        .map(|rows| (rows.clone(), touched(&rows)))
+        .collect();
+    for (i, (columns, here)) in bands.iter().enumerate() {
+        let mut is_here = vec![false; a.ncols()];
+        here.iter().for_each(|&k| is_here[k] = true);
+        for (rows, there) in &bands[i..] {
+            let shared: Vec<usize> = there.iter().copied().filter(|&k| is_here[k]).collect();
+            if shared.is_empty() {
+                continue;
+            }
+            let part = |rows: &Range<usize>| {
+                let mut part = Mat::zeros(rows.len(), shared.len());
+                for (to, &k) in shared.iter().enumerate() {
+                    let from = &a.col_as_slice(k)[rows.clone()];
+                    part.col_as_slice_mut(to).copy_from_slice(from);
+                }
+                part
+            };
+            matmul(
+                to.submatrix_mut(rows.start, columns.start, rows.len(), columns.len()),
+                Accum::Add,
+                &part(rows),
+                part(columns).transpose(),
+                sign,
+                Par::Seq,
+            );
         }
-        let mut below = Mat::zeros(n - start, touched.len());
-        for (k, column) in touched.iter().enumerate() {
-            below.col_as_slice_mut(k).copy_from_slice(&column[start..]);
-        }
-        matmul(
-            to.submatrix_mut(start, start, n - start, band.len()),
-            Accum::Add,
-            &below,
-            below.subrows(0, band.len()).transpose(),
-            sign,
-            Par::Seq,
-        );
     }
 }
 

@@ -51,8 +51,7 @@ pub enum FilterSpec {
 impl EstimatorSpec {
     /// The diagonal filter with memory replay, all parameters at their defaults.
     pub fn replay() -> Self {
-        let (form, config) = (DiagonalForm::default(), ReplayConfig::default());
-        FilterSpec::Replay { form, config }.into()
+        FilterSpec::replay().into()
     }
 
     /// Whether it uses what the prior says of neighbouring points, not the marginals alone.
@@ -75,6 +74,14 @@ impl From<FilterSpec> for EstimatorSpec {
 }
 
 impl FilterSpec {
+    /// The diagonal filter with memory replay, all parameters at their defaults.
+    pub fn replay() -> Self {
+        Self::Replay {
+            form: DiagonalForm::default(),
+            config: ReplayConfig::default(),
+        }
+    }
+
     /// Makes the filter, robust against outliers if a loss is given.
     ///
     /// # Errors

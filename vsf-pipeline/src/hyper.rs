@@ -122,7 +122,8 @@ pub enum HyperMethod {
     ///   `sqrt(4 / n)` of its noise. The
     ///   touches, dealt to at most ten parts in turn, are held out once (where the parts share few
     ///   points, every quarter of a touch) and predicted from the others by the constrained optimum,
-    ///   with other ratios and every shape that is to be compared; with more than 1500 touched points, by
+    ///   with every shape that is to be compared, at the ratio by rule and at others from there on outward while the
+    ///   error falls; with more than 1500 touched points, by
     ///   the online filter, which tells nothing of a smooth part: the first shape stays. Of all priors whose error exceeds that of
     ///   the best one by no more than one standard error of the difference, the one nearest to the rule is taken
     ///   (paired; after L. Breiman et al., *Classification and Regression Trees*, 1984, section 3.4.3).
@@ -200,12 +201,6 @@ pub fn choose_hyper(
         HyperMethod::HeldOut => held_out::choose(problem, first, shapes),
         HyperMethod::Likelihood => likelihood::choose(&problem, shapes),
     }
-}
-
-/// What is tried: all ratios with every shape.
-fn candidates(shapes: &[PriorShape]) -> Vec<(PriorShape, f64)> {
-    let ratios = |shape: &PriorShape| POWERS.map(|power| (*shape, power));
-    shapes.iter().flat_map(ratios).collect()
 }
 
 /// The problem with noise of the right shape and, for now, level 1, a trace per touch, and without
@@ -457,6 +452,29 @@ mod tests {
                 .to_string()
                 .contains("shapes of the prior")
         );
+    }
+
+    /// On either side of the rule errors fall, but for the last, and only one side does better than the rule.
+    #[test]
+    fn ratios_are_tried_outward_while_the_error_falls() {
+        let shape = PriorShape::independent();
+        let choice = choose_hyper(&rest(), &touches(0.1), &[shape], HyperMethod::HeldOut).unwrap();
+        let tried: Vec<(f64, f64)> = (choice.candidates.iter())
+            .map(|c| (c.signal_to_noise, c.error.unwrap()))
+            .collect();
+        let (rule, by_rule) = tried[0];
+        assert!(tried.len() > 1 && tried.len() < POWERS.len(), "{tried:?}");
+        let mut sides_that_gain = 0;
+        for above in [true, false] {
+            let side = tried[1..].iter().filter(|(r, _)| (*r > rule) == above);
+            let errors: Vec<f64> = std::iter::once(by_rule)
+                .chain(side.map(|(_, e)| *e))
+                .collect();
+            let last = errors.len().saturating_sub(2);
+            assert!(errors[..=last].is_sorted_by(|a, b| a > b), "{tried:?}");
+            sides_that_gain += usize::from(errors.len() > 2);
+        }
+        assert!(sides_that_gain < 2, "{tried:?}");
     }
 
     #[test]

@@ -1,12 +1,12 @@
-use super::{Candidate, HyperChoice, PriorShape, Problem, candidates};
-use crate::estimate::{batch_map, run, touched_points};
+use super::{Candidate, HyperChoice, POWERS, PriorShape, Problem};
+use crate::estimate::{estimate_online, touched_points};
 use crate::evaluate::{predict_independent, sample_errors};
 use crate::trace::{MOST_FOLDS, split};
-use crate::{EstimatorSpec, PipelineError, Trace};
+use crate::{FilterSpec, PipelineError, Trace};
 use rayon::prelude::*;
 use std::slice::from_ref;
 use vsf_core::{Belief, CoreError, Observation, Prediction};
-use vsf_filter::BatchFit;
+use vsf_filter::{BatchFit, BatchMap, FieldPrior};
 
 /// With more touched points than this, held-out readings are predicted by the online filter.
 const LEAVE_ONE_OUT_POINTS: usize = 1500;
@@ -25,21 +25,29 @@ pub fn choose(
         folds = QUARTERS;
     }
     let exact = problem.rest.len() <= LEAVE_ONE_OUT_POINTS;
-    let priors = candidates(if exact { shapes } else { from_ref(first) });
+    let folds = (0..folds)
+        .into_par_iter()
+        .map(|k| Fold::new(&problem, k, folds, exact));
     let choice = Choice {
-        problem,
-        folds,
-        exact,
+        problem: &problem,
+        folds: folds.collect::<Result<_, _>>()?,
     };
-    choice.among(priors)
+    choice.among(if exact { shapes } else { from_ref(first) })
 }
 
-/// Fold `k` holds out every `folds`-th trace from the `k`-th on.
-struct Choice {
-    problem: Problem,
-    folds: usize,
-    /// Whether the constrained optimum predicts.
-    exact: bool,
+struct Choice<'a> {
+    problem: &'a Problem,
+    folds: Vec<Fold<'a>>,
+}
+
+/// Traces that are held out, and the others.
+struct Fold<'a> {
+    kept: Vec<&'a Trace>,
+    held: Vec<&'a Trace>,
+    /// The points that the others touch.
+    known: Vec<bool>,
+    /// Their readings, where the constrained optimum predicts.
+    batch: Option<BatchMap<'a>>,
 }
 
 /// What the touches that are kept say of the field.
@@ -49,60 +57,70 @@ enum Posterior<'a> {
     Online(Belief<f64>),
 }
 
-impl Choice {
-    fn among(&self, priors: Vec<(PriorShape, f64)>) -> Result<HyperChoice, PipelineError> {
-        let folds = self.held_out(&priors, |posterior, held, _| {
-            Ok(mean_error(&posterior.mean(), held))
-        })?;
-        let errors = HeldOutErrors { priors, folds };
-        let chosen = errors.nearest_to_rule();
-        let level = self.level(chosen)?;
+impl Choice<'_> {
+    fn among(&self, shapes: &[PriorShape]) -> Result<HyperChoice, PipelineError> {
+        let mut tried = HeldOutErrors::default();
+        for shape in shapes {
+            self.outward(shape, &mut tried)?;
+        }
+        let chosen = tried.nearest_to_rule();
+        let level = self.level(&chosen)?;
         Ok(HyperChoice {
             // A perfect fit would ask for zero noise.
             hyper: self.problem.hyper(chosen, level.sqrt().max(1e-9)),
-            candidates: errors.candidates(&self.problem),
+            candidates: tried.candidates(self.problem),
         })
     }
 
-    /// For every fold and every prior, `of` the posterior of what is kept, the traces that are held
-    /// out, and the points that the others touch.
+    /// Tries the ratios of a shape from the rule on outward, while the error falls.
+    fn outward(&self, shape: &PriorShape, tried: &mut HeldOutErrors) -> Result<(), PipelineError> {
+        let mut error = |power: f64| {
+            let prior = (*shape, power);
+            let of_folds = self.held_out(&prior, |fold, posterior| {
+                Ok(mean_error(&posterior.mean(), &fold.held))
+            })?;
+            Ok::<f64, PipelineError>(tried.add(prior, of_folds))
+        };
+        let by_rule = error(0.0)?;
+        let (mut above, mut below) = (POWERS.to_vec(), POWERS.to_vec());
+        above.retain(|power| *power > 0.0);
+        below.retain(|power| *power < 0.0);
+        below.reverse();
+        for side in [above, below] {
+            let mut least = by_rule;
+            for power in side {
+                let next = error(power)?;
+                if next >= least {
+                    break;
+                }
+                least = next;
+            }
+            if least < by_rule {
+                break;
+            }
+        }
+        Ok(())
+    }
+
+    /// For every fold, `of` the fold and the posterior of what is kept.
     fn held_out<T: Send>(
         &self,
-        priors: &[(PriorShape, f64)],
-        of: impl Fn(&Posterior<'_>, &[&Trace], &[bool]) -> Result<T, PipelineError> + Sync,
-    ) -> Result<Vec<Vec<T>>, PipelineError> {
-        let fold = |fold: usize| {
-            let (kept, held) = split(&self.problem.touches, fold, self.folds);
-            let kept: Vec<Trace> = kept.into_iter().cloned().collect();
-            let field_len = self.problem.rest.len();
-            let known = touched_points(&kept, field_len);
-            let batch = (self.exact)
-                .then(|| batch_map(&kept, field_len))
-                .transpose()?;
-            let of_prior = |candidate: &(PriorShape, f64)| {
-                let prior = self.problem.prior(candidate)?;
-                let posterior = match &batch {
-                    Some(batch) => Posterior::Optimum(Box::new(batch.solve(&prior, 1.0)?)),
-                    None => {
-                        let pass = run(&EstimatorSpec::replay(), prior, &kept, |_| {})?;
-                        Posterior::Online(pass.belief)
-                    }
-                };
-                of(&posterior, &held, &known)
-            };
-            priors.iter().map(of_prior).collect()
-        };
-        (0..self.folds).into_par_iter().map(fold).collect()
+        candidate: &(PriorShape, f64),
+        of: impl Fn(&Fold<'_>, &Posterior<'_>) -> Result<T, PipelineError> + Sync,
+    ) -> Result<Vec<T>, PipelineError> {
+        let prior = self.problem.prior(candidate)?;
+        let of_fold = |fold: &Fold<'_>| of(fold, &fold.posterior(&prior)?);
+        self.folds.par_iter().map(of_fold).collect()
     }
 
     /// By how much the variances of noise and prior are too small: what held-out readings that touch a
     /// known point leave, squared, per variance predicted for it. Where none does nothing is known but
     /// the scale.
-    fn level(&self, chosen: (PriorShape, f64)) -> Result<f64, PipelineError> {
-        let folds = self.held_out(&[chosen], |posterior, held, known| {
+    fn level(&self, chosen: &(PriorShape, f64)) -> Result<f64, PipelineError> {
+        let folds = self.held_out(chosen, |fold, posterior| {
             let (mut squares, mut count) = (0.0, 0usize);
-            let observations = held.iter().flat_map(|t| &t.observations);
-            for obs in observations.filter(|o| o.points().iter().any(|&p| known[p as usize])) {
+            let known = |o: &&Observation<f64>| o.points().iter().any(|&p| fold.known[p as usize]);
+            for obs in fold.held.iter().flat_map(|t| &t.observations).filter(known) {
                 let Prediction { mean, sd } = posterior.predict(obs, &self.problem.channels)?;
                 let left = obs.reading().iter().zip(&mean).zip(&sd);
                 squares += left
@@ -112,14 +130,45 @@ impl Choice {
             }
             Ok((squares, count))
         })?;
-        let all = || folds.iter().flatten();
-        let count: usize = all().map(|(_, count)| count).sum();
-        let squares: f64 = all().map(|(squares, _)| squares).sum();
+        let count: usize = folds.iter().map(|(_, count)| count).sum();
+        let squares: f64 = folds.iter().map(|(squares, _)| squares).sum();
         Ok(if count > 0 {
             squares / count as f64
         } else {
             1.0
         })
+    }
+}
+
+impl<'a> Fold<'a> {
+    /// Holds out every `folds`-th trace from the `fold`-th on.
+    fn new(
+        problem: &'a Problem,
+        fold: usize,
+        folds: usize,
+        exact: bool,
+    ) -> Result<Self, PipelineError> {
+        let (kept, held) = split(&problem.touches, fold, folds);
+        let points = problem.rest.len();
+        let readings = kept.iter().map(|t| t.observations.as_slice());
+        let batch = exact.then(|| BatchMap::new(points, readings)).transpose()?;
+        Ok(Self {
+            known: touched_points(kept.iter().copied(), points),
+            kept,
+            held,
+            batch,
+        })
+    }
+
+    fn posterior(&self, prior: &FieldPrior) -> Result<Posterior<'_>, PipelineError> {
+        if let Some(batch) = &self.batch {
+            return Ok(Posterior::Optimum(Box::new(batch.solve(prior, 1.0)?)));
+        }
+        let mut filter = FilterSpec::replay().build(prior.clone(), None)?;
+        for trace in &self.kept {
+            estimate_online(&mut *filter, trace, |_, _| {})?;
+        }
+        Ok(Posterior::Online(filter.belief().clone()))
     }
 }
 
@@ -146,17 +195,26 @@ fn mean_error(mean: &[f64], held: &[&Trace]) -> f64 {
     sum / count.max(1) as f64
 }
 
-/// What every prior does on every held-out part.
+/// What every prior that was tried does on every held-out part.
+#[derive(Default)]
 struct HeldOutErrors {
     /// Shapes and powers.
     priors: Vec<(PriorShape, f64)>,
-    /// The mean error norm of every prior in every fold, in units of the recording.
-    folds: Vec<Vec<f64>>,
+    /// The mean error norms of every prior, one per fold, in units of the recording.
+    errors: Vec<Vec<f64>>,
 }
 
 impl HeldOutErrors {
+    /// Adds a prior, and returns its mean error over the folds.
+    fn add(&mut self, prior: (PriorShape, f64), of_folds: Vec<f64>) -> f64 {
+        self.priors.push(prior);
+        self.errors.push(of_folds);
+        self.mean(self.priors.len() - 1)
+    }
+
     fn mean(&self, prior: usize) -> f64 {
-        self.folds.iter().map(|f| f[prior]).sum::<f64>() / self.folds.len() as f64
+        let errors = &self.errors[prior];
+        errors.iter().sum::<f64>() / errors.len() as f64
     }
 
     /// The prior nearest to the rule among those no worse than the best by more than one standard
@@ -175,10 +233,11 @@ impl HeldOutErrors {
 
     /// Whether the errors of one prior exceed those of another by more than one standard error.
     fn is_worse(&self, prior: usize, other: usize) -> bool {
-        let excess = |fold: &Vec<f64>| fold[prior] - fold[other];
-        let n = self.folds.len() as f64;
-        let mean = self.folds.iter().map(excess).sum::<f64>() / n;
-        let squares = self.folds.iter().map(|f| (excess(f) - mean).powi(2));
+        let pairs = self.errors[prior].iter().zip(&self.errors[other]);
+        let excess: Vec<f64> = pairs.map(|(error, other)| error - other).collect();
+        let n = excess.len() as f64;
+        let mean = excess.iter().sum::<f64>() / n;
+        let squares = excess.iter().map(|e| (e - mean).powi(2));
         let variance = squares.sum::<f64>() / (n - 1.0).max(1.0);
         mean > (variance / n).sqrt()
     }

@@ -1,4 +1,4 @@
-use super::{Candidate, HyperChoice, PriorShape, Problem, candidates};
+use super::{Candidate, HyperChoice, POWERS, PriorShape, Problem};
 use crate::PipelineError;
 use crate::estimate::batch_map;
 
@@ -7,7 +7,8 @@ pub fn choose(problem: &Problem, shapes: &[PriorShape]) -> Result<HyperChoice, P
     let batch = batch_map(&problem.touches, problem.rest.len())?;
     let mut tried = Vec::new();
     let mut best: Option<((PriorShape, f64), f64, f64)> = None;
-    for candidate in candidates(shapes) {
+    let ratios = |shape: &PriorShape| POWERS.map(|power| (*shape, power));
+    for candidate in shapes.iter().flat_map(ratios) {
         let (level, log_evidence) = batch.best_level(&problem.prior(&candidate)?, 1.0)?;
         let (shape, power) = candidate;
         tried.push(Candidate {
