@@ -1,5 +1,5 @@
 use super::PipelineWarning;
-use super::sensors::{LEAST_CHANGE, LEAST_ROWS, LEAST_STEPS, range, step};
+use super::sensors::{LEAST_CHANGE, LEAST_ROWS, LEAST_STEPS, range, runs, step};
 use crate::{Scene, reading_unit};
 use vsf_data::{Sequence, Table, TorqueKind};
 
@@ -26,16 +26,10 @@ pub fn warning(scene: &Scene, sequences: &[&Sequence], rigid: &[Table]) -> Optio
         let mut found = sequences.iter().zip(rigid).flat_map(|(sequence, rigid)| {
             let readings: Vec<f64> = sequence.torques.column(j).collect();
             let weight: Vec<f64> = rigid.column(j).collect();
-            let mut row = 0;
-            let runs = readings.chunk_by(|a, b| a == b).map(|run| {
-                let at = row..row + run.len();
-                row = at.end;
-                (at, run[0])
-            });
-            let still = runs.filter_map(|(at, value)| {
-                let change = range(weight[at.clone()].iter().copied());
-                let long = at.len() >= LEAST_ROWS && change > least;
-                long.then(|| (sequence.id.clone(), at, value, change))
+            let still = runs(&readings).filter_map(|(rows, value)| {
+                let change = range(weight[rows.clone()].iter().copied());
+                let long = rows.len() >= LEAST_ROWS && change > least;
+                long.then(|| (sequence.id.clone(), rows, value, change))
             });
             still.collect::<Vec<_>>()
         });

@@ -1,5 +1,6 @@
 use super::{PipelineWarning, springs};
 use crate::{Scene, Trace, reading_unit};
+use std::ops::Range;
 use vsf_data::{Sequence, TorqueKind};
 
 /// Samples in contact that say something.
@@ -108,15 +109,12 @@ fn frozen(scene: &Scene, touched: &[Touched]) -> Option<PipelineWarning> {
         touched.iter().find_map(|t| {
             let readings: Vec<f64> = t.readings(j).collect();
             let springs = range(t.springs.iter().map(|s| s[j]));
-            let mut row = 0;
-            readings.chunk_by(|a, b| a == b).find_map(|run| {
-                let at = row..row + run.len();
-                row = at.end;
-                let change = range(t.springs[at.clone()].iter().map(|s| s[j])) / springs;
+            runs(&readings).find_map(|(rows, value)| {
+                let change = range(t.springs[rows.clone()].iter().map(|s| s[j])) / springs;
                 let steps = change * (high - low) / step(readings.iter().copied());
-                let inside = low < run[0] && run[0] < high && run[0] != 0.0;
-                (inside && run.len() >= LEAST_ROWS && change > LEAST_CHANGE && steps > LEAST_STEPS)
-                    .then(|| (t.sequence, at, run[0]))
+                let inside = low < value && value < high && value != 0.0;
+                (inside && rows.len() >= LEAST_ROWS && change > LEAST_CHANGE && steps > LEAST_STEPS)
+                    .then_some((t.sequence, rows, value))
             })
         })
     };
@@ -151,15 +149,12 @@ fn clipped(scene: &Scene, touched: &[Touched], j: usize, side: f64) -> Option<Pi
     let least = LEAST_CHANGE * range(springs);
     let (mut count, mut first) = (0, None);
     for t in touched {
-        let rows: Vec<f64> = t.readings(j).map(|v| side * v).collect();
-        let mut row = 0;
-        for run in rows.chunk_by(|a, b| a == b) {
-            let at = row..row + run.len();
-            row = at.end;
-            let changes = || range(t.springs[at.clone()].iter().map(|s| s[j])) > least;
-            if run[0] == end && run.len() >= LEAST_RUN && changes() {
-                count += run.len();
-                first = first.or(Some((t.sequence, at.start)));
+        let readings: Vec<f64> = t.readings(j).map(|v| side * v).collect();
+        for (rows, value) in runs(&readings) {
+            let changes = || range(t.springs[rows.clone()].iter().map(|s| s[j])) > least;
+            if value == end && rows.len() >= LEAST_RUN && changes() {
+                count += rows.len();
+                first = first.or(Some((t.sequence, rows.start)));
             }
         }
     }
@@ -172,6 +167,15 @@ fn clipped(scene: &Scene, touched: &[Touched], j: usize, side: f64) -> Option<Pi
         unit: reading_unit(joint),
         sequence: sequence.id.clone(),
         row,
+    })
+}
+
+/// Runs of equal readings: their rows, and what they read.
+pub(super) fn runs(readings: &[f64]) -> impl Iterator<Item = (Range<usize>, f64)> {
+    readings.chunk_by(|a, b| a == b).scan(0, |end, run| {
+        let start = *end;
+        *end += run.len();
+        Some((start..*end, run[0]))
     })
 }
 
