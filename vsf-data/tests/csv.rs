@@ -1,12 +1,13 @@
 //! Joint states in CSV files.
 #![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
 
+mod common;
+
+use common::{arm, arm_measured, check_pause};
 use std::fs;
 use std::path::PathBuf;
 use tempfile::TempDir;
-use vsf_data::{
-    Advice, Clock, DataError, DataWarning, Dataset, JointLog, Overrides, RobotRef, TorqueKind,
-};
+use vsf_data::{Advice, Clock, DataError, DataWarning, Dataset, JointLog};
 
 /// Two joints at 100 Hz, with a pause of 3 s before the last two of five lines.
 const TOUCH: &str = "\
@@ -20,10 +21,6 @@ time,q_shoulder,q_elbow,tau_shoulder,tau_elbow
 
 type Recorded = Result<(Dataset, Vec<DataWarning>), DataError>;
 
-fn arm() -> [String; 2] {
-    ["shoulder", "elbow"].map(str::to_owned)
-}
-
 fn write(files: &[(&str, &[u8])]) -> (TempDir, Vec<PathBuf>) {
     let folder = tempfile::tempdir().unwrap();
     let place = |(name, bytes): &(&str, &[u8])| {
@@ -36,12 +33,7 @@ fn write(files: &[(&str, &[u8])]) -> (TempDir, Vec<PathBuf>) {
 }
 
 fn recording(log: &JointLog, gap: Option<f64>) -> Recorded {
-    let given = Overrides {
-        robot: Some(RobotRef::resolve("planar_arm", ".".as_ref()).unwrap()),
-        torque_kind: Some(TorqueKind::Measured),
-        ..Overrides::default()
-    };
-    log.recording(&given, &log.names_of(&arm()), gap)
+    log.recording(&arm_measured(), &log.names_of(&arm()), gap)
 }
 
 fn read(files: &[(&str, &[u8])]) -> Recorded {
@@ -63,18 +55,7 @@ fn refused(text: &str) -> String {
 fn lines_are_samples_and_pauses_end_sequences() {
     let (dataset, warnings) = recorded(TOUCH).unwrap();
     assert_eq!(warnings, []);
-    assert_eq!(dataset.name, "touch");
-    let [a, b] = &dataset.sequences[..] else {
-        panic!("{} sequences", dataset.sequences.len());
-    };
-    assert_eq!((&*a.id, &*b.id), ("000", "001"));
-    assert_eq!(
-        (&a.time[..], &b.time[..]),
-        (&[0.0, 0.01, 0.02][..], &[0.0, 0.01][..])
-    );
-    assert_eq!(&a.angles[1], [0.1, -0.1]);
-    assert_eq!(&b.torques[0], [4.0, 5.0]);
-    assert_eq!(a.velocities, None);
+    check_pause(&dataset, [4.0, 5.0]);
 }
 
 /// Whatever titles, order, separators and marks programs write.

@@ -3,7 +3,7 @@
 
 mod common;
 
-use common::{ARM, DEFINITION, Folder, State, bag, bag_of};
+use common::{DEFINITION, Folder, State, arm, arm_measured, bag, bag_of, check_pause};
 use mcap::Compression;
 use nalgebra::Point3;
 use std::collections::BTreeMap;
@@ -12,20 +12,8 @@ use std::path::Path;
 use tempfile::TempDir;
 use vsf_data::{
     Advice, Clock, DataError, DataWarning, Dataset, EffortPrediction, JointLog, McapExport,
-    Overrides, RobotRef, StiffnessField, Table, TorqueKind,
+    Overrides, RobotRef, StiffnessField, Table,
 };
-
-fn given() -> Overrides {
-    Overrides {
-        robot: Some(RobotRef::resolve("planar_arm", ".".as_ref()).unwrap()),
-        torque_kind: Some(TorqueKind::Measured),
-        ..Overrides::default()
-    }
-}
-
-fn arm() -> [String; 2] {
-    ARM.map(str::to_owned)
-}
 
 /// Joint states of the arm at 100 Hz, with a pause of 3 s before the last two of five.
 fn states() -> Vec<State> {
@@ -33,7 +21,7 @@ fn states() -> Vec<State> {
 }
 
 fn read(path: &Path) -> Result<(Dataset, Vec<DataWarning>), DataError> {
-    JointLog::open(&[path], None, Clock::Header)?.recording(&given(), &arm(), None)
+    JointLog::open(&[path], None, Clock::Header)?.recording(&arm_measured(), &arm(), None)
 }
 
 /// The recording of a bag of these states, or what is wrong with it.
@@ -95,23 +83,11 @@ fn pauses_end_sequences() {
         bag(&path, compression, &states());
         let (dataset, warnings) = read(&path).unwrap();
         assert_eq!(warnings, []);
-        assert_eq!(dataset.name, "touch");
-        assert_eq!(dataset.torque_kind, TorqueKind::Measured);
-        let [a, b] = &dataset.sequences[..] else {
-            panic!("{} sequences", dataset.sequences.len());
-        };
-        assert_eq!((&*a.id, &*b.id), ("000", "001"));
-        assert_eq!(
-            (&a.time[..], &b.time[..]),
-            (&[0.0, 0.01, 0.02][..], &[0.0, 0.01][..])
-        );
-        assert_eq!(&a.angles[1], [0.1, -0.1]);
-        assert_eq!(&b.torques[0], [303.0, 304.0]);
-        assert_eq!(a.velocities, None);
+        check_pause(&dataset, [303.0, 304.0]);
         dataset.save(path.with_extension("")).unwrap();
 
         let log = JointLog::open(&[&path], Some("/joint_states"), Clock::Log).unwrap();
-        let (whole, _) = log.recording(&given(), &arm(), Some(4.0)).unwrap();
+        let (whole, _) = log.recording(&arm_measured(), &arm(), Some(4.0)).unwrap();
         assert_eq!(whole.sequences.len(), 1);
         assert_eq!(whole.sequences[0].time, [0.0, 0.01, 0.02, 3.02, 3.03]);
     }
@@ -170,7 +146,7 @@ fn velocities_are_taken_where_they_are() {
     let (_keep, path) = in_folder();
     bag(&path, None, &states);
     let log = JointLog::open(&[&path], None, Clock::Header).unwrap();
-    let error = log.recording(&given(), &arm(), None).unwrap_err();
+    let error = log.recording(&arm_measured(), &arm(), None).unwrap_err();
     assert!(
         matches!(
             error,
@@ -182,7 +158,7 @@ fn velocities_are_taken_where_they_are() {
         "{error:?}"
     );
     let (dataset, _) = (log.without_velocities())
-        .recording(&given(), &arm(), None)
+        .recording(&arm_measured(), &arm(), None)
         .unwrap();
     assert!(dataset.sequences.iter().all(|s| s.velocities.is_none()));
 }
@@ -253,7 +229,7 @@ fn several_topics_are_told_apart() {
     let on = |topic| JointLog::open(&[&path], Some(topic), Clock::Header);
     let (dataset, _) = on("/filtered")
         .unwrap()
-        .recording(&given(), &arm(), None)
+        .recording(&arm_measured(), &arm(), None)
         .unwrap();
     assert_eq!(&dataset.sequences[0].torques[0], [7.0, 8.0]);
     let error = on("/none").unwrap_err().to_string();
@@ -333,7 +309,7 @@ fn bags_in_several_files_are_one_recording() {
     let files = ["bag_10.mcap", "bag_2.mcap"].map(|name| folder.path().join(name));
     let log = JointLog::open(&files, None, Clock::Header).unwrap();
     let error = log
-        .recording(&given(), &arm(), None)
+        .recording(&arm_measured(), &arm(), None)
         .unwrap_err()
         .to_string();
     assert!(
@@ -365,7 +341,7 @@ fn advice_is_of_use() {
     bag(&path, None, &states);
     let error = |clock| {
         let log = JointLog::open(&[&path], None, clock).unwrap();
-        log.recording(&given(), &arm(), None).unwrap_err()
+        log.recording(&arm_measured(), &arm(), None).unwrap_err()
     };
     let advised = error(Clock::Header);
     assert!(
@@ -392,7 +368,7 @@ fn joints_are_named_once() {
         (["elbow", "elbow"], "\"elbow\" is there twice"),
         (["elbow", ""], "a name is empty"),
     ] {
-        let error = log.recording(&given(), &names.map(str::to_owned), None);
+        let error = log.recording(&arm_measured(), &names.map(str::to_owned), None);
         let error = error.unwrap_err();
         assert!(
             matches!(error, DataError::Argument { what: "joints", .. }),
@@ -446,14 +422,14 @@ fn nothing_is_guessed() {
     assert_eq!(
         missing(Overrides {
             robot: None,
-            ..given()
+            ..arm_measured()
         }),
         "robot"
     );
     assert_eq!(
         missing(Overrides {
             torque_kind: None,
-            ..given()
+            ..arm_measured()
         }),
         "torque_kind"
     );

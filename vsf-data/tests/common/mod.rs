@@ -4,7 +4,7 @@
 use std::fs;
 use std::path::{Path, PathBuf};
 use tempfile::TempDir;
-use vsf_data::{DataError, DataWarning, Dataset, Overrides};
+use vsf_data::{DataError, DataWarning, Dataset, Overrides, RobotRef, TorqueKind};
 
 pub const ROWS: usize = 4;
 pub const COLS: usize = 2;
@@ -86,8 +86,39 @@ impl Folder {
     }
 }
 
-/// Joints of the arm in [`bag`].
+/// Joints of the arm of which joint states are read.
 pub const ARM: [&str; 2] = ["shoulder", "elbow"];
+
+pub fn arm() -> [String; 2] {
+    ARM.map(str::to_owned)
+}
+
+/// What joint states do not say: that they are of the arm, and efforts those of its actuators.
+pub fn arm_measured() -> Overrides {
+    Overrides {
+        robot: Some(RobotRef::resolve("planar_arm", ".".as_ref()).unwrap()),
+        torque_kind: Some(TorqueKind::Measured),
+        ..Overrides::default()
+    }
+}
+
+/// Checks the recording of a file `touch.*` of five joint states of the arm at 100 Hz, with a pause after the third;
+/// `effort` is that of the fourth.
+pub fn check_pause(dataset: &Dataset, effort: [f64; 2]) {
+    assert_eq!(dataset.name, "touch");
+    assert_eq!(dataset.torque_kind, TorqueKind::Measured);
+    let [a, b] = &dataset.sequences[..] else {
+        panic!("{} sequences", dataset.sequences.len());
+    };
+    assert_eq!((&*a.id, &*b.id), ("000", "001"));
+    assert_eq!(
+        (&a.time[..], &b.time[..]),
+        (&[0.0, 0.01, 0.02][..], &[0.0, 0.01][..])
+    );
+    assert_eq!(&a.angles[1], [0.1, -0.1]);
+    assert_eq!(&b.torques[0], effort);
+    assert_eq!(a.velocities, None);
+}
 
 /// `sensor_msgs/msg/JointState` as ROS 2 serialises it, written independently of the crate.
 #[derive(Debug, Clone)]
