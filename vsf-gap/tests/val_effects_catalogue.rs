@@ -312,136 +312,31 @@ fn late_readings_of_a_joint_that_turns_on() {
     }
 }
 
-/// An effect whose parameters, starts, or those that may act cannot be.
-struct Broken(Parameter, Vec<Vec<f64>>, Vec<usize>);
-
-impl Effect for Broken {
-    fn name(&self) -> &str {
-        "broken"
-    }
-
-    fn summary(&self) -> &str {
-        "an effect that cannot be"
-    }
-
-    fn acts(&self) -> Acts {
-        Acts::Torques
-    }
-
-    fn needs(&self) -> &[Need] {
-        &[]
-    }
-
-    fn parameters(&self, _: &Site) -> Vec<Parameter> {
-        vec![self.0.clone()]
-    }
-
-    fn starts(&self, _: &Site) -> Vec<Vec<f64>> {
-        self.1.clone()
-    }
-
-    fn acting(&self, _: &Site, _: usize) -> Vec<usize> {
-        self.2.clone()
-    }
-
-    fn compensator(&self, _: &Site, theta: &[f64]) -> Result<Box<dyn Compensator>, GapError> {
-        Ok(Box::new(Drag(theta[0])))
-    }
-}
-
-#[test]
-fn effects_that_cannot_be_are_refused() {
-    let campaign = waving();
-    let good = Parameter::amplitude("k", "1", [0.0, 1.0], 0.1);
-    let of = |bounds: [f64; 2], scale: f64| Parameter::amplitude("k", "1", bounds, scale);
-    let start = vec![vec![0.0]];
-    let cases = [
-        (of([1.0, 0.0], 0.1), start.clone(), "bounds"),
-        (of([0.1, 1.0], 0.1), start.clone(), "bounds"),
-        (of([0.0, f64::NAN], 0.1), start.clone(), "bounds"),
-        (of([0.0, f64::INFINITY], 0.1), start.clone(), "bounds"),
-        (of([0.0, 1.0], 0.0), start.clone(), "scale"),
-        (good.clone().of_joint(3), start.clone(), "joint"),
-        (good.clone().of_sequence(2), start.clone(), "sequence"),
-        (
-            Parameter::shape("k", "1", [0.0, 1.0], 0.1),
-            start.clone(),
-            "amplitude",
-        ),
-        (good.clone(), vec![], "start"),
-        (good.clone(), vec![vec![]], "takes 1 parameters, got 0"),
-        (good.clone(), vec![vec![f64::NAN]], "parameter 0 is NaN"),
-    ];
-    let refused = |parameter: Parameter, starts: Vec<Vec<f64>>, acting: &[usize], problem: &str| {
-        let effects: [Arc<dyn Effect>; 1] = [Arc::new(Broken(parameter, starts, acting.to_vec()))];
-        let error = vsf_gap::diagnose(&campaign, "test", &effects, 0, |_| {}).err();
-        let text = error.unwrap().to_string();
-        assert!(text.contains("broken") && text.contains(problem), "{text}");
-    };
-    for acting in [[].as_slice(), &[1], &[0, 0]] {
-        refused(good.clone(), start.clone(), acting, "may act");
-    }
-    for (parameter, starts, problem) in cases {
-        refused(parameter, starts, &[0], problem);
-    }
-}
-
-/// A constant torque that strays by walks of these sizes.
-struct Strays(Vec<f64>);
-
-impl Effect for Strays {
-    fn name(&self) -> &str {
-        "strays"
-    }
-
-    fn summary(&self) -> &str {
-        "a torque that strays"
-    }
-
-    fn acts(&self) -> Acts {
-        Acts::Torques
-    }
-
-    fn needs(&self) -> &[Need] {
-        &[]
-    }
-
-    fn parameters(&self, _: &Site) -> Vec<Parameter> {
-        vec![Parameter::amplitude("k", "1", [0.0, 1.0], 0.1)]
-    }
-
-    fn random_walk(&self, _: &Site, _: &[f64]) -> Option<RandomWalk> {
-        Some(RandomWalk {
-            of_session: self.0.clone(),
-            of_sequence: self.0.clone(),
-        })
-    }
-
-    fn compensator(&self, _: &Site, theta: &[f64]) -> Result<Box<dyn Compensator>, GapError> {
-        Ok(Box::new(Moves(theta[0])))
-    }
-}
-
-#[test]
-fn walks_of_another_robot_or_without_a_size_are_refused() {
-    let campaign = waving();
-    let joints = campaign.site().joints();
-    for (sizes, problem) in [
-        (vec![0.1; joints + 1], "joints of a random walk"),
-        (vec![f64::NAN; joints], "random walk"),
-    ] {
-        let effects: [Arc<dyn Effect>; 1] = [Arc::new(Strays(sizes))];
-        let error = vsf_gap::diagnose(&campaign, "test", &effects, 0, |_| {}).err();
-        let text = error.unwrap().to_string();
-        assert!(text.contains("strays") && text.contains(problem), "{text}");
-    }
-}
-
-/// An effect that is not what it says.
+/// An effect that is not what it says, or cannot be.
 struct Odd {
     name: &'static str,
+    parameter: Parameter,
+    starts: Vec<Vec<f64>>,
+    acting: Vec<usize>,
+    /// Sizes of its random walks.
+    walk: Option<Vec<f64>>,
     null_gain: f64,
+    /// Per parameter.
     torque: f64,
+}
+
+impl Default for Odd {
+    fn default() -> Self {
+        Self {
+            name: "odd",
+            parameter: Parameter::amplitude("k", "1", [0.0, 1.0], 0.1),
+            starts: vec![vec![0.0]],
+            acting: vec![0],
+            walk: None,
+            null_gain: 12.0,
+            torque: 1.0,
+        }
+    }
 }
 
 impl Effect for Odd {
@@ -462,7 +357,22 @@ impl Effect for Odd {
     }
 
     fn parameters(&self, _: &Site) -> Vec<Parameter> {
-        vec![Parameter::amplitude("k", "1", [0.0, 1.0], 0.1)]
+        vec![self.parameter.clone()]
+    }
+
+    fn starts(&self, _: &Site) -> Vec<Vec<f64>> {
+        self.starts.clone()
+    }
+
+    fn acting(&self, _: &Site, _: usize) -> Vec<usize> {
+        self.acting.clone()
+    }
+
+    fn random_walk(&self, _: &Site, _: &[f64]) -> Option<RandomWalk> {
+        self.walk.clone().map(|sizes| RandomWalk {
+            of_session: sizes.clone(),
+            of_sequence: sizes,
+        })
     }
 
     fn compensator(&self, _: &Site, theta: &[f64]) -> Result<Box<dyn Compensator>, GapError> {
@@ -488,18 +398,82 @@ impl Compensator for Moves {
     }
 }
 
-fn odd(name: &'static str, null_gain: f64, torque: f64) -> Arc<dyn Effect> {
-    Arc::new(Odd {
-        name,
-        null_gain,
-        torque,
-    })
+/// Why a diagnosis with these candidates is refused.
+fn refused(candidates: &[Arc<dyn Effect>]) -> String {
+    let error = vsf_gap::diagnose(&waving(), "test", candidates, 0, |_| {}).err();
+    error.unwrap().to_string()
+}
+
+#[test]
+fn effects_that_cannot_be_are_refused() {
+    let good = Odd::default().parameter;
+    let of = |bounds: [f64; 2], scale: f64| Parameter::amplitude("k", "1", bounds, scale);
+    let start = vec![vec![0.0]];
+    let cases = [
+        (of([1.0, 0.0], 0.1), start.clone(), "bounds"),
+        (of([0.1, 1.0], 0.1), start.clone(), "bounds"),
+        (of([0.0, f64::NAN], 0.1), start.clone(), "bounds"),
+        (of([0.0, f64::INFINITY], 0.1), start.clone(), "bounds"),
+        (of([0.0, 1.0], 0.0), start.clone(), "scale"),
+        (good.clone().of_joint(3), start.clone(), "joint"),
+        (good.clone().of_sequence(2), start.clone(), "sequence"),
+        (
+            Parameter::shape("k", "1", [0.0, 1.0], 0.1),
+            start.clone(),
+            "amplitude",
+        ),
+        (good.clone(), vec![], "start"),
+        (good.clone(), vec![vec![]], "takes 1 parameters, got 0"),
+        (good.clone(), vec![vec![f64::NAN]], "parameter 0 is NaN"),
+    ];
+    let check = |effect: Odd, problem: &str| {
+        let text = refused(&[Arc::new(effect)]);
+        assert!(text.contains("odd") && text.contains(problem), "{text}");
+    };
+    for (parameter, starts, problem) in cases {
+        let effect = Odd {
+            parameter,
+            starts,
+            ..Odd::default()
+        };
+        check(effect, problem);
+    }
+    for acting in [vec![], vec![1], vec![0, 0]] {
+        let effect = Odd {
+            acting,
+            ..Odd::default()
+        };
+        check(effect, "may act");
+    }
+}
+
+#[test]
+fn walks_of_another_robot_or_without_a_size_are_refused() {
+    let joints = waving().site().joints();
+    for (sizes, problem) in [
+        (vec![0.1; joints + 1], "joints of a random walk"),
+        (vec![f64::NAN; joints], "random walk"),
+    ] {
+        let effect = Odd {
+            walk: Some(sizes),
+            ..Odd::default()
+        };
+        let text = refused(&[Arc::new(effect)]);
+        assert!(text.contains("odd") && text.contains(problem), "{text}");
+    }
 }
 
 #[test]
 fn effects_that_are_not_what_they_say_are_refused() {
-    let campaign = waving();
     let bias = || common::effect("torque_bias");
+    let odd = |name, null_gain, torque| -> Arc<dyn Effect> {
+        Arc::new(Odd {
+            name,
+            null_gain,
+            torque,
+            ..Odd::default()
+        })
+    };
     for (effects, problem) in [
         (vec![bias(), odd("torque_bias", 12.0, 1.0)], "two effects"),
         (vec![odd("", 12.0, 1.0)], "name"),
@@ -512,15 +486,14 @@ fn effects_that_are_not_what_they_say_are_refused() {
         ),
         (vec![odd("odd", 12.0, f64::INFINITY)], "not finite"),
     ] {
-        let error = vsf_gap::diagnose(&campaign, "test", &effects, 0, |_| {}).err();
-        let text = error.unwrap().to_string();
+        let text = refused(&effects);
         assert!(
             text.contains(problem) || problem == "not finite" && text.contains("inf"),
             "{text}"
         );
     }
     let few = Model::of(&odd("odd", 12.0, 1.0), &[]);
-    let error = few.compensators(campaign.site()).err().unwrap().to_string();
+    let error = few.compensators(waving().site()).err().unwrap().to_string();
     assert!(error.contains("takes 1 parameters, got 0"), "{error}");
 }
 
@@ -528,7 +501,8 @@ fn effects_that_are_not_what_they_say_are_refused() {
 #[test]
 fn effects_reach_no_deeper_than_they_say() {
     let campaign = waving();
-    let model = Model::of(&odd("odd", 12.0, 1.0), &[0.5]);
+    let odd: Arc<dyn Effect> = Arc::new(Odd::default());
+    let model = Model::of(&odd, &[0.5]);
     let motion = &campaign.train()[0];
     let [with, without] = [&model, &Model::default()].map(|m| {
         let log = campaign.contact_log(m, motion).unwrap();
