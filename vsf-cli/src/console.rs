@@ -170,6 +170,11 @@ pub fn create_folder(path: &Path) -> anyhow::Result<()> {
     std::fs::create_dir_all(path).with_context(|| format!("cannot create {}", path.display()))
 }
 
+/// Creates the folders above a file.
+pub fn create_parent(file: &Path) -> anyhow::Result<()> {
+    file.parent().map_or(Ok(()), create_folder)
+}
+
 /// Columns of text, the first to the left, the others to the right.
 pub fn table(header: &[&str], rows: &[Vec<String>]) -> String {
     let mut lines = vec![header.iter().map(ToString::to_string).collect::<Vec<_>>()];

@@ -1,4 +1,4 @@
-use crate::console::{Console, create_folder};
+use crate::console::{Console, create_parent};
 use crate::corrected::{CorrectedModel, effects_of};
 use crate::exit::usage;
 use crate::interrupt::writing;
@@ -223,9 +223,7 @@ pub fn claim(out: &Path, console: &Console) -> anyhow::Result<()> {
 /// Writes a field as data: `.npz`, `.ply`, `.mcap` or a folder. What could not be read back is refused.
 pub fn save(field: &StiffnessField, path: &Path) -> anyhow::Result<()> {
     stored(field, path)?;
-    if let Some(parent) = path.parent().filter(|p| !p.as_os_str().is_empty()) {
-        create_folder(parent)?;
-    }
+    create_parent(path)?;
     writing(|| match FieldFormat::of(path)? {
         FieldFormat::Npz => Ok(field.save_npz(path)?),
         FieldFormat::Ply => Ok(field.save_ply(path, None)?),

@@ -14,7 +14,7 @@ pub struct Outputs(RefCell<Vec<(&'static str, PathBuf)>>);
 impl Outputs {
     /// Claims a file in a folder that exists.
     pub fn file(&self, flag: &'static str, path: &Path) -> anyhow::Result<()> {
-        if names_folder(path) || !parent(path).is_dir() {
+        if names_folder(path) || !opened(path.parent().unwrap_or(path)).is_dir() {
             let why = format!("{flag} must name a file in a folder that exists");
             return Err(Error::new(ErrorKind::NotFound, why)).with_context(|| cannot(flag, path));
         }
@@ -110,11 +110,8 @@ pub fn unmarked<'a>(names: &'a [String], marks: &[&str]) -> Option<&'a String> {
 
 /// Where a file or folder is or would be, with links followed as far as it is there.
 pub fn place(path: &Path) -> PathBuf {
-    let real = |base: &Path| match base.as_os_str().is_empty() {
-        true => Path::new(".").canonicalize().ok(),
-        false => base.canonicalize().ok(),
-    };
-    let found = path.ancestors().find_map(|base| Some((real(base)?, base)));
+    let real = |base| Some((opened(base).canonicalize().ok()?, base));
+    let found = path.ancestors().find_map(real);
     let rest = |base: &Path| path.strip_prefix(base).map(Path::to_owned).ok();
     found
         .and_then(|(real, base)| Some(real.join(rest(base)?)))
@@ -125,11 +122,11 @@ fn cannot(flag: &str, path: &Path) -> String {
     format!("cannot write {flag} {}", path.display())
 }
 
-/// The folder that a path is in, `.` of a name alone.
-fn parent(path: &Path) -> &Path {
-    match path.parent() {
-        Some(above) if !above.as_os_str().is_empty() => above,
-        _ => Path::new("."),
+/// A folder by a path that opens it: `.` where it is empty, as that above a name alone.
+fn opened(folder: &Path) -> &Path {
+    match folder.as_os_str().is_empty() {
+        true => Path::new("."),
+        false => folder,
     }
 }
 
@@ -171,10 +168,7 @@ fn writable(path: &Path) -> Result<(), Error> {
         let why = "`..` stands behind a folder that does not exist";
         return Err(Error::new(ErrorKind::InvalidInput, why));
     }
-    let base = match base.as_os_str().is_empty() {
-        true => Path::new("."),
-        false => base,
-    };
+    let base = opened(base);
     if !base.is_dir() {
         let why = format!("{} is no folder", base.display());
         return Err(Error::new(ErrorKind::NotADirectory, why));

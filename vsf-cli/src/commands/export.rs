@@ -1,5 +1,5 @@
 use crate::config::Sources;
-use crate::console::{Console, Written, create_folder, texts, write_file, write_folder};
+use crate::console::{Console, Written, create_parent, texts, write_file, write_folder};
 use crate::corrected::{CorrectedModel, ModelArgs, Modelled};
 use crate::exit::usage;
 use crate::field_file::{FieldFile, FieldFormat, claim, save};
@@ -9,7 +9,7 @@ use crate::range::positive;
 use crate::recording::{Default, Recording, needs_recording};
 use crate::settings::SceneSettings;
 use anyhow::Context;
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 use vsf::data::{EffortPrediction, McapExport, Sequence, Table, TorqueKind};
 use vsf::pipeline::{Scene, SequencePrediction, Trace, predict};
 use vsf::robots::RobotModel;
@@ -220,13 +220,6 @@ fn write_field(
         }
     }
     Ok(args.out.clone())
-}
-
-fn create_parent(out: &Path) -> anyhow::Result<()> {
-    match out.parent().filter(|p| !p.as_os_str().is_empty()) {
-        Some(parent) => create_folder(parent),
-        None => Ok(()),
-    }
 }
 
 fn names(robot: &RobotModel) -> Vec<String> {
