@@ -1,0 +1,327 @@
+//! The covariance of readings with the stiffness integrated out, and the stiffness that they leave.
+
+use super::lattice::hats;
+use super::matrix::{Factor, add_outer, outer};
+use crate::GapError;
+use crate::effect::RandomWalk;
+use crate::windows::{Design, Windows};
+use faer::Mat;
+use nalgebra::Point3;
+
+/// Times (s) over which the model's roughness persists: of contact, and of joints.
+const CONTACT_TIMES: [f64; 3] = [0.05, 0.3, 3.0];
+const JOINT_TIMES: [f64; 2] = [0.5, 5.0];
+
+/// Sizes of what readings vary by.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(crate) struct Spread {
+    /// Standard deviation of each point's stiffness on its own (N/m).
+    pub(crate) point: f64,
+    /// Standard deviation of the part of the stiffness that is smooth over 4 cm (N/m).
+    pub(crate) smooth: f64,
+    /// Standard deviation of the common level of the stiffness (N/m).
+    pub(crate) level: f64,
+    /// Roughness of contact: unexplained force as a share of the force.
+    pub(crate) contact: f64,
+    /// Roughness of joints: unexplained torque as a share of each joint's RMS torque.
+    pub(crate) joint: f64,
+    /// The same of what does not persist from window to window.
+    pub(crate) white: f64,
+    /// Random walks of the model's effects, in their own sizes ([`RandomWalk`]).
+    pub(crate) walk: f64,
+}
+
+/// The parts of the covariance of a design, ready to be put together for any [`Spread`].
+pub(crate) struct Parts {
+    windows: Windows,
+    points: Mat<f64>,
+    smooth: Mat<f64>,
+    level: Vec<f64>,
+    lever: Mat<f64>,
+    errors: Errors,
+}
+
+/// What readings are off by, whatever is touched.
+pub(crate) struct Errors {
+    /// Covariance of the noise of the rows, lower triangle where it matters ([`Windows::noise`]).
+    pub(crate) noise: Vec<(usize, usize, f64)>,
+    /// How far the zero of every row is off ([`Windows::zeros`]).
+    pub(crate) zeros: Vec<f64>,
+    /// RMS reading per joint (N m or N).
+    pub(crate) joint_rms: Vec<f64>,
+    /// What the model's effects stray by.
+    pub(crate) walks: Vec<RandomWalk>,
+    /// When the sequence of every motion begins, by the session's clock (s): the same of parts of one sequence.
+    pub(crate) begins: Vec<f64>,
+    /// Whether its readings are relative to its begin.
+    pub(crate) tared: Vec<bool>,
+}
+
+impl Parts {
+    /// Gathers the parts; `lever` is that of [`crate::Campaign::lever`].
+    pub(crate) fn new(
+        design: &Design,
+        rest: &[Point3<f64>],
+        windows: &Windows,
+        lever: Mat<f64>,
+        errors: Errors,
+    ) -> Self {
+        let (smooth, level) = common(design, rest);
+        Self {
+            windows: windows.clone(),
+            points: outer(&design.w),
+            smooth,
+            level,
+            lever,
+            errors,
+        }
+    }
+
+    /// Takes points out: `design` holds the points that are left, `out` the columns of those that are not.
+    pub(crate) fn leave_out(&mut self, out: &Mat<f64>, design: &Design, rest: &[Point3<f64>]) {
+        add_outer(&mut self.points, out, -1.0);
+        (self.smooth, self.level) = common(design, rest);
+    }
+
+    /// Whether an effect of the model strays.
+    pub(crate) fn walks(&self) -> bool {
+        !self.errors.walks.is_empty()
+    }
+
+    /// Torques of a field of 1 N/m everywhere.
+    pub(crate) fn unit_field(&self) -> &[f64] {
+        &self.level
+    }
+
+    /// The covariance of the readings, factored.
+    ///
+    /// # Errors
+    /// A covariance that is not positive definite.
+    pub(crate) fn factor(&self, spread: &Spread) -> Result<Factor, GapError> {
+        Factor::new(self.covariance(spread))
+    }
+
+    /// The covariance of the readings, lower triangle.
+    pub(crate) fn covariance(&self, spread: &Spread) -> Mat<f64> {
+        let n = self.windows.rows();
+        let (d, errors) = (self.windows.joints, &self.errors);
+        let (point, smooth, level) = (
+            spread.point * spread.point,
+            spread.smooth * spread.smooth,
+            spread.level * spread.level,
+        );
+        let mut c = Mat::zeros(n, n);
+        for col in 0..n {
+            let (a, b, l) = (
+                self.points.col_as_slice(col),
+                self.smooth.col_as_slice(col),
+                level * self.level[col],
+            );
+            let out = c.col_as_slice_mut(col);
+            for row in col..n {
+                out[row] = point * a[row] + smooth * b[row] + l * self.level[row];
+            }
+        }
+        for &(row, col, value) in &self.errors.noise {
+            c[(row, col)] += value;
+        }
+        let [contact, joint, white] = [spread.contact, spread.joint, spread.white].map(|s| s * s);
+        for (i, w) in self.windows.list.iter().enumerate() {
+            for (k, v) in self.windows.list.iter().enumerate().skip(i) {
+                if v.sequence != w.sequence {
+                    break;
+                }
+                let dt = (v.clock - w.clock).abs();
+                let fade = |times: &[f64]| {
+                    times.iter().map(|t| (-dt / t).exp()).sum::<f64>() / times.len() as f64
+                };
+                let (of_contact, of_joint) =
+                    (contact * fade(&CONTACT_TIMES), joint * fade(&JOINT_TIMES));
+                for j in 0..d {
+                    let col = i * d + j;
+                    let at = |axis| self.lever[(col, axis)];
+                    let arm = [at(0), at(1), at(2)];
+                    for m in 0..d {
+                        let row = k * d + m;
+                        if row >= col {
+                            let along: f64 =
+                                (0..3).map(|axis| arm[axis] * self.lever[(row, axis)]).sum();
+                            c[(row, col)] += of_contact * along;
+                        }
+                    }
+                    let own = of_joint + if k == i { white } else { 0.0 };
+                    let row = k * d + j;
+                    c[(row, col)] += own * errors.joint_rms[j] * errors.joint_rms[j]
+                        + errors.zeros[row] * errors.zeros[col];
+                }
+            }
+        }
+        if spread.walk > 0.0 {
+            self.add_walks(spread.walk * spread.walk, &mut c);
+        }
+        c
+    }
+
+    /// Adds the covariance of the random walks: a variance times what two readings of a joint have walked together.
+    fn add_walks(&self, variance: f64, c: &mut Mat<f64>) {
+        let d = self.windows.joints;
+        let Errors { begins, tared, .. } = &self.errors;
+        let together = |a: f64, b: f64, begin: f64| (a.min(b) - begin).max(0.0);
+        for walk in &self.errors.walks {
+            for (i, w) in self.windows.list.iter().enumerate() {
+                for (k, v) in self.windows.list.iter().enumerate().skip(i) {
+                    let [begin, other] = [w, v].map(|of| begins[of.sequence]);
+                    let sequence = match begin == other {
+                        true => together(w.clock, v.clock, begin),
+                        false => 0.0,
+                    };
+                    // What the session has walked before is in the tare.
+                    let session = match tared[w.sequence] || tared[v.sequence] {
+                        true => sequence,
+                        false => together(w.clock, v.clock, 0.0),
+                    };
+                    for j in 0..d {
+                        let size = walk.of_session[j].powi(2) * session
+                            + walk.of_sequence[j].powi(2) * sequence;
+                        c[(k * d + j, i * d + j)] += variance * size;
+                    }
+                }
+            }
+        }
+    }
+}
+
+/// The covariance of the torques of a field that is smooth, lower triangle, and the torques of one that
+/// is 1 N/m everywhere.
+fn common(design: &Design, rest: &[Point3<f64>]) -> (Mat<f64>, Vec<f64>) {
+    let n = design.w.nrows();
+    let hats = hats(&design.points, rest);
+    let mut smooth = Mat::zeros(n, hats.nodes);
+    for (k, node, weight) in hats.weights {
+        let from = design.w.col_as_slice(k);
+        let to = smooth.col_as_slice_mut(node);
+        to.iter_mut().zip(from).for_each(|(t, f)| *t += weight * f);
+    }
+    let mut level = vec![0.0; n];
+    for k in 0..design.points.len() {
+        let column = design.w.col_as_slice(k);
+        level.iter_mut().zip(column).for_each(|(l, w)| *l += w);
+    }
+    (outer(&smooth), level)
+}
+
+/// The field's mean over touched points, given readings without the additive torques, already
+/// solved with the covariance (`C^-1 r`).
+pub(crate) fn field_mean(
+    design: &Design,
+    rest: &[Point3<f64>],
+    spread: &Spread,
+    solved: &[f64],
+) -> Vec<f64> {
+    let p = design.points.len();
+    let mut back = vec![0.0; p];
+    for (k, b) in back.iter_mut().enumerate() {
+        *b = (design.w.col_as_slice(k).iter())
+            .zip(solved)
+            .map(|(w, s)| w * s)
+            .sum();
+    }
+    let hats = hats(&design.points, rest);
+    let mut nodes = vec![0.0; hats.nodes];
+    for &(k, node, weight) in &hats.weights {
+        nodes[node] += weight * back[k];
+    }
+    let level: f64 = back.iter().sum();
+    let mut field: Vec<f64> = (back.iter())
+        .map(|b| spread.point * spread.point * b + spread.level * spread.level * level)
+        .collect();
+    for &(k, node, weight) in &hats.weights {
+        field[k] += spread.smooth * spread.smooth * weight * nodes[node];
+    }
+    field
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::windows::Window;
+
+    /// Against sums of the steps that two readings have walked together. The last sequence is tared, and in two parts.
+    #[test]
+    fn val_walks_are_sums_of_steps() {
+        const STEP: f64 = 0.01;
+        let joints = 2;
+        let places = [(0, 0.3), (0, 1.1), (1, 2.5), (1, 2.9), (2, 4.2), (3, 4.9)];
+        let list = places.map(|(sequence, clock)| Window {
+            sequence,
+            run: sequence,
+            rows: 0..1,
+            clock,
+        });
+        let windows = Windows {
+            list: list.to_vec(),
+            joints,
+        };
+        let begins = [0.0, 2.0, 4.0, 4.0];
+        let tared = [false, false, true, true];
+        let walk = RandomWalk {
+            of_session: vec![0.5, 0.0],
+            of_sequence: vec![0.2, 3.0],
+        };
+        let n = windows.rows();
+        let design = Design {
+            points: Vec::new(),
+            w: Mat::zeros(n, 0),
+            a: vec![0.0; n],
+        };
+        let errors = Errors {
+            noise: Vec::new(),
+            zeros: vec![0.0; n],
+            joint_rms: vec![0.0; joints],
+            walks: vec![walk.clone()],
+            begins: begins.to_vec(),
+            tared: tared.to_vec(),
+        };
+        let parts = Parts::new(&design, &[], &windows, Mat::zeros(n, 3), errors);
+        let spread = Spread {
+            point: 0.0,
+            smooth: 0.0,
+            level: 0.0,
+            contact: 0.0,
+            joint: 0.0,
+            white: 0.0,
+            walk: 0.3,
+        };
+        let c = parts.covariance(&spread);
+        // Steps of the session, then those of the sequences, each of which has its own.
+        let per_walk = 600;
+        let steps = |w: &Window, j: usize| -> Vec<f64> {
+            let size = STEP.sqrt() * spread.walk;
+            let begin = begins[w.sequence];
+            let between = |k: usize, from: f64| {
+                let t = (k as f64 + 0.5) * STEP;
+                f64::from(u8::from(t > from && t < w.clock))
+            };
+            let from = if tared[w.sequence] { begin } else { 0.0 };
+            let of_session = (0..per_walk).map(|k| between(k, from) * size * walk.of_session[j]);
+            let of_sequences = [0.0, 2.0, 4.0].into_iter().flat_map(|own| {
+                let own = f64::from(u8::from(own == begin));
+                (0..per_walk).map(move |k| (own, k))
+            });
+            let of_sequences =
+                of_sequences.map(|(own, k)| own * between(k, begin) * size * walk.of_sequence[j]);
+            of_session.chain(of_sequences).collect()
+        };
+        for row in 0..n {
+            for col in 0..=row {
+                let [a, b] = [row, col].map(|i| steps(&windows.list[i / joints], i % joints));
+                let together: f64 = a.iter().zip(&b).map(|(a, b)| a * b).sum();
+                let expected = match row % joints == col % joints {
+                    true => together,
+                    false => 0.0,
+                };
+                assert!((c[(row, col)] - expected).abs() < 1e-9, "{row}, {col}");
+            }
+        }
+    }
+}
