@@ -1,6 +1,5 @@
 use crate::bootstrap::Bootstrap;
 use crate::closure::Residuals;
-use crate::effect::Touch;
 use crate::{Campaign, GapError, JointNoise, Model, Motion, Phase, centre};
 use nalgebra::{Point3, Vector3};
 use serde::{Deserialize, Serialize};
@@ -120,12 +119,7 @@ pub(crate) fn locate(
             ids.len() - 1
         });
         for (row, &phase) in phases.iter().enumerate() {
-            let touch = Touch {
-                rest: &campaign.site.rest,
-                posture: &logs[0].postures[row],
-                contacts: &logs[0].contacts[row],
-            };
-            let at = centre(&touch);
+            let at = centre(&logs[0].touch(&campaign.site, row));
             let beyond =
                 |s: usize, j: usize| before.rows[s][row * d + j].powi(2) - noise[j].sd.powi(2);
             let excess: Option<Vec<f64>> = tested.map(|s| (0..d).map(|j| beyond(s, j)).collect());

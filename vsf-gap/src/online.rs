@@ -1,5 +1,5 @@
-use crate::forward::{ContactDriver, Model, Prediction};
-use crate::{Compensator, GapError, Sample, Site, Touch};
+use crate::contact::ContactDriver;
+use crate::{Compensator, GapError, Model, Prediction, Sample, Site, Touch};
 use vsf_core::{Contacts, CoreError, Observation, Posture};
 use vsf_data::TorqueKind;
 use vsf_pipeline::Scene;

@@ -1,5 +1,4 @@
-use crate::effect::Touch;
-use crate::forward::velocity_columns;
+use crate::contact::velocity_columns;
 use crate::{Campaign, ContactLog, GapError, Motion, centre};
 use nalgebra::Vector3;
 use serde::{Deserialize, Serialize};
@@ -81,11 +80,7 @@ impl Campaign {
         let mut phases = vec![Phase::Free; motion.len()];
         let mut columns = vec![Vector3::zeros(); self.site.joints()];
         for (row, phase) in phases.iter_mut().enumerate() {
-            let touch = Touch {
-                rest: &self.site.rest,
-                posture: &log.postures[row],
-                contacts: &log.contacts[row],
-            };
+            let touch = log.touch(&self.site, row);
             let Some((link, p)) = centre(&touch) else {
                 continue;
             };

@@ -1,6 +1,6 @@
-use crate::effect::Compensator;
-use crate::forward::{Links, Model, contact_config};
-use crate::{Campaign, ContactLog, GapError, Motion};
+use crate::contact::contact_config;
+use crate::links::Links;
+use crate::{Campaign, Compensator, ContactLog, GapError, Model, Motion};
 use vsf_core::Contacts;
 use vsf_data::TorqueKind;
 

@@ -1,6 +1,5 @@
-use crate::forward::{Model, velocity_columns};
-use crate::{Campaign, ContactLog, GapError, Motion, centre};
-use crate::{Touch, noise::JointNoise};
+use crate::contact::velocity_columns;
+use crate::{Campaign, ContactLog, GapError, JointNoise, Model, Motion, centre};
 use faer::Mat;
 use nalgebra::Vector3;
 use std::ops::Range;
@@ -239,11 +238,7 @@ impl Campaign {
             let log = &logs[w.sequence];
             let share = 1.0 / w.rows.len() as f64;
             for row in w.rows.clone() {
-                let touch = Touch {
-                    rest: &self.site.rest,
-                    posture: &log.postures[row],
-                    contacts: &log.contacts[row],
-                };
+                let touch = log.touch(&self.site, row);
                 let Some((link, p)) = centre(&touch) else {
                     continue;
                 };

@@ -1,7 +1,7 @@
 use super::body::{RigidMotion, add_force};
 use crate::GapError;
+use crate::contact::centre;
 use crate::effect::{Acts, Compensator, Effect, Need, Parameter, Sample, Site, Touch, check};
-use crate::forward::centre;
 
 /// The object moves along with the robot and resists by its mass and the drag of the air: a force
 /// `-(m a + c v)` on the robot at the middle of the contact, which moves with `v` and `a`.

@@ -1,8 +1,8 @@
 use super::joint::{sign, speed_unit, unit};
 use crate::GapError;
+use crate::contact::centre;
 use crate::effect::{Acts, Compensator, Effect, Need, Parameter, Sample, Site, Touch};
 use crate::effect::{check, per_joint};
-use crate::forward::centre;
 use vsf_data::TorqueKind;
 
 /// Dry friction in the joints that is proportional to the load of the gears: `-m_j |tau_j| sign(qd_j)`.

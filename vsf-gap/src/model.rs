@@ -1,0 +1,143 @@
+use crate::effect::{Compensator, check, follows_contact};
+use crate::{Acts, Effect, GapError, RandomWalk, Sample, Site, Touch};
+use nalgebra::Vector3;
+use std::sync::Arc;
+use vsf_contact::ContactConfig;
+
+/// Effects with their parameters: a model of the recording.
+#[derive(Clone, Default)]
+pub struct Model {
+    /// The effects in it and their parameters.
+    pub parts: Vec<(Arc<dyn Effect>, Vec<f64>)>,
+}
+
+impl Model {
+    /// The nominal model with one effect added.
+    pub fn of(effect: &Arc<dyn Effect>, theta: &[f64]) -> Self {
+        Self {
+            parts: vec![(effect.clone(), theta.to_vec())],
+        }
+    }
+
+    /// This model with one more effect.
+    #[must_use]
+    pub fn with(&self, effect: &Arc<dyn Effect>, theta: &[f64]) -> Self {
+        let mut model = self.clone();
+        model.parts.push((effect.clone(), theta.to_vec()));
+        model
+    }
+
+    /// Whether parameters of any of the effects are relative to the contact that they were found in, such as the
+    /// distance from which on points are touched.
+    pub fn follows_contact(&self) -> bool {
+        self.parts
+            .iter()
+            .any(|(effect, _)| follows_contact(effect.as_ref()))
+    }
+
+    /// The deepest that any of the effects acts.
+    pub fn acts(&self) -> Acts {
+        let acts = self.parts.iter().map(|(effect, _)| effect.acts());
+        acts.max().unwrap_or(Acts::Torques)
+    }
+
+    /// The compensators, in order.
+    ///
+    /// # Errors
+    /// Parameters of another number, not finite, or that an effect cannot take.
+    pub fn compensators(&self, site: &Site) -> Result<Vec<Box<dyn Compensator>>, GapError> {
+        let make = |(effect, theta): &(Arc<dyn Effect>, Vec<f64>)| {
+            check(effect.name(), theta, effect.parameters(site).len())?;
+            Ok(Box::new(Declared {
+                acts: effect.acts(),
+                inner: effect.compensator(site, theta)?,
+            }) as Box<dyn Compensator>)
+        };
+        self.parts.iter().map(make).collect()
+    }
+
+    /// How its effects stray from what their parameters say.
+    ///
+    /// # Errors
+    /// Walks of another number of joints or not finite.
+    pub(crate) fn random_walks(&self, site: &Site) -> Result<Vec<RandomWalk>, GapError> {
+        let walk = |(effect, theta): &(Arc<dyn Effect>, Vec<f64>)| {
+            let walk = effect.random_walk(site, theta)?;
+            let checked = walk.check(site.joints()).map(|()| walk);
+            Some(checked.map_err(|e| GapError::Model {
+                effect: effect.name().to_owned(),
+                problem: e.to_string(),
+            }))
+        };
+        self.parts.iter().filter_map(walk).collect()
+    }
+
+    /// The names of its effects, in one text.
+    pub(crate) fn name(&self) -> String {
+        let names: Vec<&str> = self.parts.iter().map(|(e, _)| e.name()).collect();
+        names.join(" and ")
+    }
+}
+
+impl std::fmt::Debug for Model {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        let parts = self.parts.iter().map(|(e, theta)| (e.name(), theta));
+        f.debug_map().entries(parts).finish()
+    }
+}
+
+/// A compensator that does no more than its effect says it [acts](Effect::acts) on: contacts are shared between
+/// models by that.
+struct Declared {
+    acts: Acts,
+    inner: Box<dyn Compensator>,
+}
+
+impl Compensator for Declared {
+    fn begin_sequence(&mut self, sequence: &str) {
+        self.inner.begin_sequence(sequence);
+    }
+
+    fn begin_touch(&mut self) {
+        self.inner.begin_touch();
+    }
+
+    fn joints(&mut self, sample: &Sample<'_>, q: &mut [f64]) {
+        if self.acts == Acts::Contact {
+            self.inner.joints(sample, q);
+        }
+    }
+
+    fn motion(&mut self, sample: &Sample<'_>, qd: &mut [f64], qdd: &mut [f64]) {
+        if self.acts == Acts::Contact {
+            self.inner.motion(sample, qd, qdd);
+        }
+    }
+
+    fn contact(&self, config: &mut ContactConfig) {
+        if self.acts == Acts::Contact {
+            self.inner.contact(config);
+        }
+    }
+
+    fn object_shift(&mut self, sample: &Sample<'_>) -> Vector3<f64> {
+        match self.acts {
+            Acts::Contact => self.inner.object_shift(sample),
+            Acts::Springs | Acts::Torques => Vector3::zeros(),
+        }
+    }
+
+    fn springs(&mut self, sample: &Sample<'_>, touch: &Touch<'_>, springs: &mut [Vector3<f64>]) {
+        if self.acts >= Acts::Springs {
+            self.inner.springs(sample, touch, springs);
+        }
+    }
+
+    fn gains(&mut self, sample: &Sample<'_>, touch: &Touch<'_>, gains: &mut [f64]) {
+        self.inner.gains(sample, touch, gains);
+    }
+
+    fn torques(&mut self, sample: &Sample<'_>, touch: &Touch<'_>, tau: &mut [f64]) {
+        self.inner.torques(sample, touch, tau);
+    }
+}

@@ -1,0 +1,173 @@
+use crate::campaign::goes_on;
+use crate::{Campaign, Compensator, ContactLog, GapError, Model, Motion, Sample, Touch};
+use nalgebra::Vector3;
+use std::sync::Arc;
+use vsf_core::{CoreError, Observation};
+
+/// What a model says about one sample, given its contacts.
+#[derive(Debug, Clone)]
+pub struct Prediction {
+    /// Springs of the touched points (m, world): the stiffness multiplies them.
+    pub springs: Vec<Vector3<f64>>,
+    /// Gain of the field's torque per joint.
+    pub gains: Vec<f64>,
+    /// Torques that do not depend on the stiffness (N m or N).
+    pub torques: Vec<f64>,
+}
+
+impl Campaign {
+    /// Runs springs, gains and torques of a model over sequences whose contacts are known, in
+    /// session order: what an effect does to the object lasts from one sequence to the next.
+    /// `visit` is given the sequence's index, the row, what was touched and the prediction. Torques are
+    /// relative to their mean over the samples of the tare, as the readings are.
+    ///
+    /// # Errors
+    /// Parameters that an effect cannot take, contacts that are not of the sequences, effects whose springs, gains or
+    /// torques are not finite.
+    pub fn predict(
+        &self,
+        model: &Model,
+        motions: &[&Motion],
+        logs: &[Arc<ContactLog>],
+        mut visit: impl FnMut(usize, usize, &Touch<'_>, &Prediction),
+    ) -> Result<(), GapError> {
+        let d = self.site.joints();
+        CoreError::check_len("contacts of sequences", logs.len(), motions.len())?;
+        for (motion, log) in motions.iter().zip(logs) {
+            motion.check(d)?;
+            log.check(&self.site, motion)?;
+        }
+        let mut compensators = model.compensators(&self.site)?;
+        let mut out = Prediction::new(d);
+        for (s, (motion, log)) in motions.iter().zip(logs).enumerate() {
+            if !goes_on(motions, s) {
+                compensators
+                    .iter_mut()
+                    .for_each(|c| c.begin_sequence(&motion.id));
+            }
+            let touch = |row| log.touch(&self.site, row);
+            let tared = motion.tare.min(motion.len());
+            let mut begin: Vec<Prediction> = Vec::with_capacity(tared);
+            let mut offset = vec![0.0; d];
+            for range in &motion.touches {
+                compensators.iter_mut().for_each(|c| c.begin_touch());
+                for row in range.clone() {
+                    let sample = log.felt(motion.sample(row, range.start, log.forces[row]), row);
+                    out.step(&mut compensators, &sample, &touch(row))
+                        .map_err(|e| GapError::Model {
+                            effect: model.name(),
+                            problem: format!("sequence {} row {row}: {e}", motion.id),
+                        })?;
+                    if !log.rigid.is_empty() {
+                        let rigid = &log.rigid[row * d..][..d];
+                        out.torques.iter_mut().zip(rigid).for_each(|(t, r)| *t += r);
+                    }
+                    if row < tared {
+                        add(&mut offset, &out.torques, 1.0 / tared as f64);
+                        begin.push(out.clone());
+                        if row + 1 < tared {
+                            continue;
+                        }
+                        for (row, prediction) in begin.iter_mut().enumerate() {
+                            add(&mut prediction.torques, &offset, -1.0);
+                            visit(s, row, &touch(row), prediction);
+                        }
+                    } else {
+                        add(&mut out.torques, &offset, -1.0);
+                        visit(s, row, &touch(row), &out);
+                    }
+                }
+            }
+        }
+        Ok(())
+    }
+}
+
+/// `to += times x`.
+fn add(to: &mut [f64], x: &[f64], times: f64) {
+    to.iter_mut().zip(x).for_each(|(t, x)| *t += times * x);
+}
+
+impl Prediction {
+    /// Of nothing yet, for a robot with this many joints.
+    pub(crate) fn new(joints: usize) -> Self {
+        Self {
+            springs: Vec::new(),
+            gains: vec![1.0; joints],
+            torques: vec![0.0; joints],
+        }
+    }
+
+    /// The columns `G W` with a reading.
+    pub(crate) fn observation(
+        &self,
+        touch: &Touch<'_>,
+        reading: &[f64],
+        obs: &mut Observation<f64>,
+    ) -> Result<(), CoreError> {
+        let points = touch.contacts.points();
+        obs.rebuild(touch.rest.len(), points, reading, |k, out| {
+            self.column(touch, k, out)
+        })
+    }
+
+    /// Asks the compensators.
+    ///
+    /// # Errors
+    /// What they answer is not finite.
+    pub(crate) fn step(
+        &mut self,
+        compensators: &mut [Box<dyn Compensator>],
+        sample: &Sample<'_>,
+        touch: &Touch<'_>,
+    ) -> Result<(), CoreError> {
+        self.springs.clear();
+        self.springs
+            .extend_from_slice(touch.contacts.displacements());
+        self.gains.fill(1.0);
+        self.torques.fill(0.0);
+        for c in compensators {
+            c.springs(sample, touch, &mut self.springs);
+            c.gains(sample, touch, &mut self.gains);
+            c.torques(sample, touch, &mut self.torques);
+        }
+        CoreError::check_finite("gains of the model", &self.gains)?;
+        CoreError::check_finite("torques of the model", &self.torques)?;
+        (self.springs.iter())
+            .try_for_each(|s| CoreError::check_finite("springs of the model", s.as_slice()))
+    }
+
+    /// The column `-G J(q, p + u)^T s` of contact `k`, written to `out`.
+    ///
+    /// # Panics
+    /// If there is no such contact, or it is none of the rest points.
+    pub fn column(&self, touch: &Touch<'_>, k: usize, out: &mut [f64]) {
+        let contacts = touch.contacts;
+        let point = contacts.points()[k] as usize;
+        let p = touch.rest.positions()[point] + contacts.displacements()[k];
+        let link = contacts.links()[k] as usize;
+        touch
+            .posture
+            .joint_torques(link, &p, &-self.springs[k], out);
+        out.iter_mut().zip(&self.gains).for_each(|(w, g)| *w *= g);
+    }
+
+    /// The torques `G W K + a` of a stiffness per rest point, written to `out`.
+    ///
+    /// # Panics
+    /// If a touched point is none of the rest points or has no stiffness, or `out` is not one torque per joint.
+    pub fn apply(&self, touch: &Touch<'_>, stiffness: &[f64], out: &mut [f64]) {
+        let d = self.gains.len();
+        out.copy_from_slice(&self.torques);
+        let mut column = vec![0.0; d];
+        for (k, &p) in touch.contacts.points().iter().enumerate() {
+            let stiffness = stiffness[p as usize];
+            if stiffness != 0.0 {
+                self.column(touch, k, &mut column);
+                out.iter_mut()
+                    .zip(&column)
+                    .for_each(|(t, w)| *t += w * stiffness);
+            }
+        }
+    }
+}
