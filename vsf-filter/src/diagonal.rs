@@ -1,5 +1,5 @@
-use crate::kernel;
 use crate::replay::{ReplayVariance, Revisit};
+use crate::{kernel, values};
 use std::f64::consts::TAU;
 use vsf_core::{
     Belief, CoreError, Estimator, Observation, Prediction, Scalar, SymmetricFactor, UpdateReport,
@@ -102,7 +102,7 @@ impl<T: Scalar> Correction<T> {
         self.mean.resize(obs.len(), T::ZERO);
         self.variance.resize(obs.len(), T::ZERO);
         let to = [&mut self.mean[..], &mut self.variance];
-        kernel::gather(obs.points(), [mean, variance], to);
+        values::gather(obs.points(), [mean, variance], to);
     }
 
     /// The factor that [`Correction::innovate`] made.
@@ -150,7 +150,7 @@ impl<T: Scalar> Correction<T> {
             }
         }
         kernel::shrink(obs, &self.whitener, c, &mut self.variance);
-        if kernel::all_positive(&self.variance) {
+        if values::all_positive(&self.variance) {
             Ok(())
         } else {
             Err(CoreError::Overflow {
@@ -189,7 +189,7 @@ impl<T: Scalar> Correction<T> {
                 self.shift(obs);
             }
         }
-        if kernel::all_finite(&self.mean) {
+        if values::all_finite(&self.mean) {
             Ok(())
         } else {
             Err(CoreError::Overflow {
@@ -218,9 +218,9 @@ impl<T: Scalar> Revisit for DiagonalKalman<T> {
         scratch.correct(obs, self.form, mode)?;
 
         let (mean, variance) = self.belief.parts_mut();
-        kernel::scatter(obs.points(), &scratch.mean, mean);
+        values::scatter(obs.points(), &scratch.mean, mean);
         if mode == ReplayVariance::Shrink {
-            kernel::scatter(obs.points(), &scratch.variance, variance);
+            values::scatter(obs.points(), &scratch.variance, variance);
         }
         std::mem::swap(&mut self.whitened, &mut scratch.whitened);
         let nis: f64 = self.whitened.iter().map(|x| x * x).sum();
@@ -255,7 +255,7 @@ impl<T: Scalar> Estimator for DiagonalKalman<T> {
 
     fn update(&mut self, obs: &Observation<T>) -> Result<UpdateReport, CoreError> {
         let mut report = self.correct(obs, ReplayVariance::Shrink)?;
-        report.projected = kernel::project_at(obs.points(), self.belief.parts_mut().0);
+        report.projected = values::project_at(obs.points(), self.belief.parts_mut().0);
         let scratch = &mut self.scratch;
         report.postfit = postfit(
             obs,
@@ -294,7 +294,7 @@ pub(crate) fn postfit<T: Scalar>(
     predicted: &mut Vec<f64>,
 ) -> f64 {
     touched.resize(obs.len(), T::ZERO);
-    kernel::gather(obs.points(), [mean], [touched]);
+    values::gather(obs.points(), [mean], [touched]);
     predicted.resize(obs.dim(), 0.0);
     kernel::apply(obs, touched, predicted);
     let residuals = obs.reading().iter().zip(predicted.iter());

@@ -1,8 +1,7 @@
 use crate::diagonal::{Correction, postfit};
-use crate::kernel;
 use crate::replay::check_sizes;
 use crate::reservoir::{Extra, Reservoir};
-use crate::{DiagonalKalman, ReplayVariance, Revisit};
+use crate::{DiagonalKalman, ReplayVariance, Revisit, kernel, values};
 use rand::{RngExt, SeedableRng};
 use rand_pcg::Pcg64Mcg;
 use vsf_core::{
@@ -209,14 +208,14 @@ impl<T: Scalar> Step<T> {
             &mut self.mean,
         );
         let mut sums = pull.multipliers.iter().zip(&self.change);
-        sums.all(|(a, change)| (a + change).is_finite()) && kernel::all_finite(&self.free)
+        sums.all(|(a, change)| (a + change).is_finite()) && values::all_finite(&self.free)
     }
 
     fn commit(&self, obs: &Observation<T>, pull: &mut Pull, free: &mut [T], mean: &mut [T]) {
         let pairs = pull.multipliers.iter_mut().zip(&self.change);
         pairs.for_each(|(a, change)| *a += change);
-        kernel::scatter(obs.points(), &self.free, free);
-        kernel::scatter(obs.points(), &self.mean, mean);
+        values::scatter(obs.points(), &self.free, free);
+        values::scatter(obs.points(), &self.mean, mean);
     }
 }
 

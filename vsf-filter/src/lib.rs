@@ -90,6 +90,7 @@ mod robust;
 #[cfg(feature = "serde")]
 mod state;
 mod truncated;
+mod values;
 
 pub use batch::{BatchFit, BatchMap, HeldOut};
 pub use dense::{CovarianceFilter, InformationFilter, JointEstimator, Projection};

@@ -1,7 +1,7 @@
 use crate::aging::Aging;
 use crate::diagonal::postfit;
-use crate::kernel;
 use crate::reservoir::Reservoir;
+use crate::values;
 use rand::{RngExt, SeedableRng};
 use rand_pcg::Pcg64Mcg;
 use vsf_core::{Belief, CoreError, Estimator, Observation, Prediction, Scalar, UpdateReport};
@@ -330,11 +330,11 @@ impl<E: Revisit> MemoryReplay<E> {
         let mean = self.inner.belief_mut().parts_mut().0;
         // Untouched means are not negative. One pass over all is quicker than many short ones.
         if self.undo.mean.len > mean.len() / 4 {
-            return kernel::project(mean);
+            return values::project(mean);
         }
         let past = self.undo.replays.iter().filter_map(|&j| self.buffer.get(j));
         past.chain([obs])
-            .map(|obs| kernel::project_at(obs.points(), mean))
+            .map(|obs| values::project_at(obs.points(), mean))
             .sum()
     }
 }
@@ -363,13 +363,13 @@ impl<T: Scalar> Stack<T> {
         if self.len > self.values.len() {
             self.values.resize(self.len, T::ZERO);
         }
-        kernel::gather(points, [from], [&mut self.values[start..self.len]]);
+        values::gather(points, [from], [&mut self.values[start..self.len]]);
     }
 
     /// Moves the values that were noted last back to their points.
     fn pop(&mut self, points: &[u32], to: &mut [T]) {
         let start = self.len - points.len();
-        kernel::scatter(points, &self.values[start..self.len], to);
+        values::scatter(points, &self.values[start..self.len], to);
         self.len = start;
     }
 }

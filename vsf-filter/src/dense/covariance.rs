@@ -12,8 +12,8 @@ use super::projection::{Projection, Shown};
 use super::square::{OCTET, Square, dispatch, zero};
 use super::tiles::Tiles;
 use super::touched::Touched;
-use crate::kernel::{all_finite, all_positive};
 use crate::prior::FieldPrior;
+use crate::values::{all_finite, all_positive};
 use faer::Mat;
 use vsf_core::{Belief, CoreError, Estimator, Observation, Prediction, Scalar, UpdateReport};
 

@@ -3,8 +3,8 @@ use super::innovation::Innovation;
 use super::joint::{Joint, JointEstimator};
 use super::projection::{Projection, Shown};
 use super::touched::{Conditional, Touched};
-use crate::kernel::all_positive;
 use crate::prior::FieldPrior;
+use crate::values::all_positive;
 use faer::Mat;
 use vsf_core::{
     Belief, CoreError, Estimator, Observation, Prediction, Scalar, SymmetricFactor, UpdateReport,
