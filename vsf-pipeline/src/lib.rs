@@ -32,6 +32,7 @@ mod memory;
 mod paper;
 mod priors;
 mod readings;
+mod robot;
 mod scene;
 mod scene_contact;
 mod simulate;
@@ -61,7 +62,8 @@ pub use paper::{
 };
 pub use priors::{PriorRow, compare_priors};
 pub use readings::{external_torques, motion_of, rigid_body_torques, unwound};
-pub use scene::{Scene, SceneOptions, load_robot, reading_unit, robot_of};
+pub use robot::{load_robot, reading_unit, robot_of};
+pub use scene::{Scene, SceneOptions};
 pub use scene_contact::SceneContact;
 pub use simulate::{add_noise, simulate};
 pub use soak::{SoakOptions, SoakReport, SoakTenth, soak};

@@ -1,0 +1,104 @@
+use crate::PipelineError;
+use std::collections::BTreeMap;
+use std::path::PathBuf;
+use vsf_data::{Dataset, JointType, RobotRef};
+use vsf_robots::{BUILTIN_NAMES, Joint, JointKind, RobotError, RobotModel, UrdfOptions, builtin};
+
+/// Unit of a joint's readings: `N m`, or `N` for a sliding joint.
+pub fn reading_unit(joint: &Joint) -> &'static str {
+    match joint.kind() {
+        JointKind::Prismatic => "N",
+        JointKind::Revolute | JointKind::Continuous => "N m",
+    }
+}
+
+/// The robot of a recording, checked against the recording's joints and placed in the world.
+/// `packages` are the folders of `package://` names in its URDF.
+///
+/// # Errors
+/// An unknown or unreadable robot, joints that contradict the recording.
+pub fn robot_of(
+    dataset: &Dataset,
+    packages: &BTreeMap<String, PathBuf>,
+) -> Result<RobotModel, PipelineError> {
+    let robot = load_robot(&dataset.robot, dataset.joints.clone(), packages)?;
+    let names: Vec<&str> = robot.joints().iter().map(|j| j.name()).collect();
+    if names.is_empty() {
+        return Err(PipelineError::NoJoints {
+            robot: robot.name().to_owned(),
+        });
+    }
+    if dataset.width() != names.len() {
+        return Err(PipelineError::JointCount {
+            columns: dataset.width(),
+            robot: robot.name().to_owned(),
+            joints: names.len(),
+            names: some(&names),
+        });
+    }
+    let mismatch = |column: usize, recorded: &str, robot: &str| PipelineError::JointMismatch {
+        column: column + 1,
+        recorded: recorded.to_owned(),
+        robot: robot.to_owned(),
+    };
+    for (i, name) in dataset.joints.iter().flatten().enumerate() {
+        if name != names[i] {
+            return Err(mismatch(
+                i,
+                &format!("joint {name:?}"),
+                &format!("{:?}", names[i]),
+            ));
+        }
+    }
+    for (i, kind) in dataset.joint_types.iter().flatten().enumerate() {
+        let slides = robot.joints()[i].kind() == JointKind::Prismatic;
+        match (kind, slides) {
+            (JointType::Prismatic, false) => return Err(mismatch(i, "prismatic", "rotating")),
+            (JointType::Revolute, true) => return Err(mismatch(i, "revolute", "prismatic")),
+            _ => {}
+        }
+    }
+    Ok(robot.with_base_pose(dataset.base_pose)?)
+}
+
+/// A robot by name or URDF, with its joints in this order, by default that of its chain; its base is at
+/// the origin. `packages` are the folders of `package://` names in its URDF.
+///
+/// # Errors
+/// An unknown or unreadable robot.
+pub fn load_robot(
+    robot: &RobotRef,
+    joint_order: Option<Vec<String>>,
+    packages: &BTreeMap<String, PathBuf>,
+) -> Result<RobotModel, PipelineError> {
+    match &robot.path {
+        Some(path) => {
+            let options = UrdfOptions {
+                packages: packages.clone(),
+                joint_order,
+                ..UrdfOptions::default()
+            };
+            RobotModel::from_urdf_file(path, &options).map_err(|e| match e {
+                // These name the file.
+                RobotError::Read { .. } | RobotError::Urdf { .. } => e.into(),
+                source => PipelineError::RobotFile {
+                    path: path.clone(),
+                    source,
+                },
+            })
+        }
+        None => builtin(&robot.given)
+            .transpose()?
+            .ok_or_else(|| PipelineError::UnknownRobot {
+                name: robot.given.clone(),
+                known: BUILTIN_NAMES.join(", "),
+            }),
+    }
+}
+
+/// Names for a message, the first of them where there are many.
+fn some(names: &[&str]) -> String {
+    const MOST: usize = 30;
+    let rest = if names.len() > MOST { ", ..." } else { "" };
+    names[..names.len().min(MOST)].join(", ") + rest
+}
