@@ -1,0 +1,183 @@
+use std::path::PathBuf;
+use thiserror::Error;
+
+/// Something in a recording that can be read but that a person should know.
+#[derive(Debug, Clone, PartialEq, Error)]
+#[non_exhaustive]
+pub enum DataWarning {
+    /// `dataset.json` or `camera.json` has keys this version does not know. They are kept and
+    /// written back, and have no effect.
+    #[error("{}: unknown keys have no effect: {}", path.display(), keys.join(", "))]
+    UnknownKeys {
+        /// The file.
+        path: PathBuf,
+        /// The keys.
+        keys: Vec<String>,
+    },
+    /// `dataset.json` tells of a clamped specimen, which also pulls. The keys are kept; no model in
+    /// this workspace follows them.
+    #[error(
+        "{}: a clamped specimen is taken as one that is pushed; these keys have no effect: {}",
+        path.display(), keys.join(", ")
+    )]
+    ClampedSpecimen {
+        /// The file.
+        path: PathBuf,
+        /// The keys, `attachment` or `gauge_length`.
+        keys: Vec<&'static str>,
+    },
+    /// Rest points lie outside the box of the object (by more than a micrometre).
+    #[error("{}: {count} of {total} points lie outside object_bbox", path.display())]
+    PointsOutsideBox {
+        /// The points.
+        path: PathBuf,
+        /// How many.
+        count: usize,
+        /// Out of how many.
+        total: usize,
+    },
+    /// Points without coordinates, as pixels without a return are written. They are left out.
+    #[error("{}: {count} of {total} points have no coordinates (NaN), left out", path.display())]
+    WithoutReturn {
+        /// The points.
+        path: PathBuf,
+        /// How many.
+        count: usize,
+        /// Out of how many.
+        total: usize,
+    },
+    /// Rest points in the place of others: springs there share what is one stiffness.
+    #[error(
+        "{}: {count} of {total} points repeat others, the first in row {row} that of row {of}; their stiffness is \
+         shared out between them",
+        path.display()
+    )]
+    RepeatedPoints {
+        /// The points.
+        path: PathBuf,
+        /// How many repeat one before them.
+        count: usize,
+        /// Out of how many.
+        total: usize,
+        /// Row of the first of them, from 0.
+        row: usize,
+        /// The row that it repeats.
+        of: usize,
+    },
+    /// Sequences that neither split lists: neither training nor test uses them.
+    #[error("{}: in no split, not used: {}", path.display(), ids.join(", "))]
+    UnassignedSequences {
+        /// The metadata file.
+        path: PathBuf,
+        /// Their IDs.
+        ids: Vec<String>,
+    },
+    /// Sequences whose torques are all zero: a sensor that was not recorded, or a planned motion.
+    #[error("{}: torques are all zero, as if nothing was measured, in sequence {}", path.display(), ids.join(", "))]
+    ZeroTorques {
+        /// The data set.
+        path: PathBuf,
+        /// Their IDs.
+        ids: Vec<String>,
+    },
+    /// Test sequences with the very angles of train sequences, and other torques: no measured touch repeats another to
+    /// the last digit, and one that is simulated again tests no place that was not touched.
+    #[error(
+        "{}: test sequence {first} has the very angles of train sequence {of}: errors on it are those of a touch that \
+         was trained on{}",
+        path.display(),
+        match others { 0 => String::new(), n => format!("; there are {n} more of that kind") }
+    )]
+    RetracedSequences {
+        /// The data set.
+        path: PathBuf,
+        /// ID of the first test sequence of that kind.
+        first: String,
+        /// ID of the train sequence with its angles.
+        of: String,
+        /// Further ones.
+        others: usize,
+    },
+    /// Sequences with the angles and torques of others: they count twice, and where the other trains they test nothing.
+    #[error(
+        "{}: sequence {first} is a copy of {of}, angles and torques alike: it counts twice, and errors on the one are not \
+         those of touches unseen if the other trains{}",
+        path.display(),
+        match others { 0 => String::new(), n => format!("; there are {n} more copies") }
+    )]
+    CopiedSequences {
+        /// The data set.
+        path: PathBuf,
+        /// ID of the first copy.
+        first: String,
+        /// ID of the sequence that it is a copy of.
+        of: String,
+        /// Further copies.
+        others: usize,
+    },
+    /// Time stamps that go on less than half or more than twice as fast as the metadata say.
+    #[error(
+        "{}: rate_hz = {rate_hz:?}, but most samples of sequence {} are {step:e} s apart; time stamps must be in \
+         seconds", path.display(), ids.join(", ")
+    )]
+    OtherRate {
+        /// The metadata file.
+        path: PathBuf,
+        /// What it says (Hz).
+        rate_hz: f64,
+        /// Median time between samples (s), of the first of the sequences.
+        step: f64,
+        /// IDs of the sequences.
+        ids: Vec<String>,
+    },
+    /// Samples that are all further apart than the pause that ends a sequence, as where times are not in seconds.
+    #[error(
+        "{}: each of the {count} samples is a sequence of its own, more than {gap:?} s from the next: times must be in \
+         seconds, and poses in which the robot only rests take a longer gap", path.display()
+    )]
+    SingleSamples {
+        /// The first file.
+        path: PathBuf,
+        /// How many.
+        count: usize,
+        /// The pause (s).
+        gap: f64,
+    },
+    /// Joint states without any of the robot's joints, as of a gripper on the same topic. They are
+    /// left out.
+    #[error("{} {topic}: {count} messages have none of the robot's joints, left out", path.display())]
+    OtherJoints {
+        /// The file.
+        path: PathBuf,
+        /// The topic.
+        topic: String,
+        /// How many.
+        count: usize,
+    },
+    /// Contact-free samples at the start of the sequences that a file names say nothing about those
+    /// split by a gap.
+    #[error(
+        "{}: tare_samples = {tare_samples} is of the sequences attached to the file, left out", path.display()
+    )]
+    TareSamplesLeftOut {
+        /// The file.
+        path: PathBuf,
+        /// What it says.
+        tare_samples: usize,
+    },
+    /// A field has `K_std` without the mark that says what it is. It is not used: OpenVSF
+    /// writes the variance under this name.
+    #[error("{}: K_std does not say whether it is a variance or a standard deviation; not used", path.display())]
+    UnmarkedDeviation {
+        /// The field.
+        path: PathBuf,
+    },
+    /// Something in a field's folder or archive that is not an array of this format.
+    #[error("{}: ignored, {why}", path.display())]
+    Ignored {
+        /// The file or entry.
+        path: PathBuf,
+        /// Why.
+        why: &'static str,
+    },
+}
