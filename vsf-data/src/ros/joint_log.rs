@@ -149,16 +149,7 @@ impl JointLog {
                 problem: "no file".to_owned(),
             });
         }
-        let mut log = Self {
-            files: files.clone(),
-            // Until they are read.
-            source: Source::Csv(Vec::new()),
-            names: Vec::new(),
-            samples: Vec::new(),
-            parts: Vec::new(),
-            points: None,
-            held: 0,
-        };
+        let mut log = Self::unread(files.clone());
         let (texts, others): (Vec<&PathBuf>, Vec<&PathBuf>) = files.iter().partition(|f| is_csv(f));
         log.source = match (&texts[..], &others[..]) {
             ([], _) => log.read_bags(&files, topic, clock)?,
@@ -174,6 +165,19 @@ impl JointLog {
             }
         };
         Ok(log)
+    }
+
+    /// Of files whose samples are still to be read.
+    fn unread(files: Vec<PathBuf>) -> Self {
+        Self {
+            files,
+            source: Source::Csv(Vec::new()),
+            names: Vec::new(),
+            samples: Vec::new(),
+            parts: Vec::new(),
+            points: None,
+            held: 0,
+        }
     }
 
     /// The topic of the joint states; CSV files have none.
@@ -415,18 +419,6 @@ mod tests {
     #![allow(clippy::unwrap_used)]
     use super::*;
 
-    fn log() -> JointLog {
-        JointLog {
-            files: vec!["a.mcap".into()],
-            source: Source::Csv(Vec::new()),
-            names: Vec::new(),
-            samples: Vec::new(),
-            parts: Vec::new(),
-            points: None,
-            held: 0,
-        }
-    }
-
     fn add(log: &mut JointLog, name: String) -> Result<(), String> {
         let names = log.list(vec![name])?;
         log.push(Sample {
@@ -442,7 +434,7 @@ mod tests {
 
     #[test]
     fn what_is_kept_is_counted() {
-        let mut log = log();
+        let mut log = JointLog::unread(Vec::new());
         add(&mut log, "a".repeat(1000)).unwrap();
         let first = log.held;
         assert!(first > 1016);
@@ -456,7 +448,7 @@ mod tests {
 
     #[test]
     fn lists_of_names_are_bounded() {
-        let mut log = log();
+        let mut log = JointLog::unread(Vec::new());
         for k in 0..MOST_LISTS as u64 {
             add(&mut log, k.to_string()).unwrap();
         }
