@@ -18,6 +18,9 @@ const ANCHORS: [[f64; 3]; 10] = [
 /// linear between ten colours of the perceptually uniform map "viridis", which stays readable in
 /// grey and to the colour-blind. Values outside take the colour of the nearer end, NaN that of 0.
 ///
+/// Clouds in PLY and MCAP files are seen in viewers with a dark background: there what is stiff has to be bright.
+/// Pictures and pages are on white paper, where `vsf_plot::stiffness_colour` makes it dark.
+///
 /// ```
 /// assert_eq!(vsf_data::color(0.0), [68, 1, 84]);
 /// assert_eq!(vsf_data::color(1.0), [253, 231, 37]);

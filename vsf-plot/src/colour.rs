@@ -31,7 +31,8 @@ const INFERNO: [Rgb; 17] = [
 /// take the colour of the nearer end.
 ///
 /// Inferno runs backwards so that on white paper more ink means stiffer, and stops short of its
-/// ends, which are nearly white and nearly black.
+/// ends, which are nearly white and nearly black. Clouds for viewers with a dark background are coloured by
+/// `vsf_data::color`, bright where stiff.
 ///
 /// ```
 /// let [soft, stiff] = [0.0, 1.0].map(vsf_plot::stiffness_colour);
