@@ -1,0 +1,253 @@
+use super::name_of;
+use super::vision::{Vision, VisionKind, vision};
+use crate::exit::usage;
+use crate::range::{deviation, positive, replays, share};
+use clap::{Args, ValueEnum};
+use std::path::Path;
+use vsf::filter::{DiagonalForm, DualConfig, Projection, ReplayConfig, ReplayVariance, RobustLoss};
+use vsf::pipeline::{EstimatorSpec, FilterSpec, HyperMethod, PriorShape, VisionSpec};
+
+/// The estimator, prior and noise.
+#[derive(Debug, Clone, Default, Args)]
+#[command(next_help_heading = "Estimator")]
+pub struct EstimatorSettings {
+    /// Which estimator, default batch
+    #[arg(long)]
+    estimator: Option<EstimatorKind>,
+    /// What an exact filter does with means below zero: takes the optimum within K >= 0
+    /// (constrained, default of `exact`), shows them as zero (output-only, default of
+    /// `information`) or also goes on from zero (fed-back, eq. 5)
+    #[arg(long)]
+    projection: Option<ProjectionKind>,
+    /// How outliers among the readings count, such as spikes or a sensor that sticks: in full (none, default), with a
+    /// bounded pull (huber), or the less the farther out (student-t); not with `batch`
+    #[arg(long)]
+    robust: Option<RobustKind>,
+    /// Past observations replayed after every update, default 20; 0 with `diagonal`
+    #[arg(long, value_parser = replays)]
+    replay: Option<usize>,
+    /// Whether a replay leaves the variances (keep, default) or shrinks them again (shrink)
+    #[arg(long, value_parser = ["keep", "shrink"])]
+    replay_variance: Option<String>,
+    /// Whether each sequence starts with an empty replay buffer, default false
+    #[arg(long, num_args = 0..=1, default_missing_value = "true")]
+    clear_replay: Option<bool>,
+    /// Seed of the replay draws, default 0
+    #[arg(long)]
+    seed: Option<u64>,
+    /// Prior standard deviation of every point's own stiffness [N/m]; chosen from the sequences by
+    /// default. Given alone, the noise keeps its chosen ratio to it
+    #[arg(long, value_parser = deviation)]
+    pub prior_sd: Option<f64>,
+    /// Standard deviation of the readings [N m or N], model error included: one for all channels or
+    /// one each; chosen from the sequences by default
+    #[arg(long, value_delimiter = ',', value_parser = deviation)]
+    pub noise_sd: Option<Vec<f64>>,
+    /// Standard deviation of the smooth part of the prior, per that of a point's own part, 0 for independent
+    /// points; by default 0.25 or 0, whichever suits better (with more than 1500 touched points 0.25)
+    #[arg(long, value_parser = share)]
+    smooth_share: Option<f64>,
+    /// Length over which the smooth part of the prior stays alike [m], default 0.04
+    #[arg(long, value_parser = positive)]
+    smooth_length: Option<f64>,
+    /// Standard deviation of a level that all points share, per that of a point's own part, default 0
+    #[arg(long, value_parser = share)]
+    level_share: Option<f64>,
+    /// How prior and noise are chosen where they are not given, default held-out
+    #[arg(long)]
+    hyper: Option<HyperKind>,
+    /// What the recording's camera/ says about points, touched or not, as the mean of the prior;
+    /// how much of it is chosen on held-out sequences: none (default, touches alone), level (one
+    /// stiffness, fading behind the seen surface), knn, ridge or gp (regression of the touched points
+    /// on colour and position), or a FILE that `vsf learn` wrote
+    #[arg(long, value_name = "METHOD|FILE", value_parser = vision)]
+    vision: Option<Vision>,
+}
+
+#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
+enum HyperKind {
+    /// By the prediction of touches that are held out
+    HeldOut,
+    /// By the marginal likelihood of the readings, as if their errors were independent
+    Likelihood,
+}
+
+#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
+enum EstimatorKind {
+    /// The constrained optimum over all samples at once, offline
+    Batch,
+    /// The exact posterior, sample by sample
+    Exact,
+    /// The same from the precision matrix (eq. 5), slow
+    Information,
+    /// Replays that come down to the constrained optimum of independent points, for 1 kHz loops
+    Dual,
+    /// Diagonal Kalman filter with memory replay (Alg. 1), as in the paper
+    Replay,
+    /// Diagonal Kalman filter alone
+    Diagonal,
+    /// Eq. 7 as printed, with memory replay; may diverge beyond the paper's prior
+    Printed,
+    /// Gain from the variances after the update, with memory replay
+    Updated,
+}
+
+#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
+enum RobustKind {
+    None,
+    Huber,
+    StudentT,
+}
+
+#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
+enum ProjectionKind {
+    Constrained,
+    OutputOnly,
+    FedBack,
+}
+
+impl EstimatorSettings {
+    /// The estimator.
+    pub fn spec(&self) -> anyhow::Result<EstimatorSpec> {
+        use EstimatorKind::{Batch, Diagonal, Dual, Exact, Information, Printed, Replay, Updated};
+        let kind = self.kind();
+        let replays = self.replay.is_some_and(|r| r > 0);
+        if replays && !matches!(kind, Dual | Replay | Printed | Updated) {
+            return Err(self.without("--replay", "replay", "dual"));
+        }
+        let replays_variance = matches!(kind, Replay | Printed | Updated);
+        if !replays_variance && self.replay_variance.is_some() {
+            return Err(self.without("--replay-variance", "replay of variances", "replay"));
+        }
+        if !replays_variance && self.clear_replay.is_some() {
+            let what = "buffer that a sequence empties";
+            return Err(self.without("--clear-replay", what, "replay"));
+        }
+        if !matches!(kind, Exact | Information) && self.projection.is_some() {
+            return Err(self.without("--projection", "projection", "exact"));
+        }
+        let projection = match self.projection {
+            Some(ProjectionKind::Constrained) if kind == Information => {
+                return Err(self.without("--projection", "constrained projection", "exact"));
+            }
+            None if kind == Information => Projection::OutputOnly,
+            None | Some(ProjectionKind::Constrained) => Projection::Constrained,
+            Some(ProjectionKind::OutputOnly) => Projection::OutputOnly,
+            Some(ProjectionKind::FedBack) => Projection::FedBack,
+        };
+        let form = match kind {
+            Printed => DiagonalForm::Printed,
+            Updated => DiagonalForm::InnovationUpdated,
+            _ => DiagonalForm::Innovation,
+        };
+        let robust = match self.robust {
+            None | Some(RobustKind::None) => None,
+            Some(_) if kind == Batch => {
+                return Err(self.without("--robust", "robust noise", "exact"));
+            }
+            Some(RobustKind::Huber) => Some(RobustLoss::HUBER),
+            Some(RobustKind::StudentT) => Some(RobustLoss::STUDENT_T),
+        };
+        let filter = match kind {
+            Batch => return Ok(EstimatorSpec::Batch),
+            Exact => FilterSpec::Exact(projection),
+            Information => FilterSpec::Information(projection),
+            Dual => FilterSpec::Dual(self.dual_config()),
+            Replay | Diagonal | Printed | Updated => FilterSpec::Replay {
+                form,
+                config: self.replay_config(kind == Diagonal),
+            },
+        };
+        Ok(EstimatorSpec::Online { filter, robust })
+    }
+
+    fn without(&self, flag: &str, feature: &str, other: &str) -> anyhow::Error {
+        let name = self.name();
+        usage(format!(
+            "{flag}: the estimator `{name}` has no {feature}; choose `{other}`"
+        ))
+    }
+
+    fn dual_config(&self) -> DualConfig {
+        let defaults = DualConfig::default();
+        DualConfig {
+            replays: self.replay.unwrap_or(defaults.replays),
+            seed: self.seed.unwrap_or(defaults.seed),
+            ..defaults
+        }
+    }
+
+    fn replay_config(&self, none: bool) -> ReplayConfig {
+        let defaults = ReplayConfig::default();
+        ReplayConfig {
+            replays: if none {
+                0
+            } else {
+                self.replay.unwrap_or(defaults.replays)
+            },
+            variance: match self.replay_variance.as_deref() {
+                Some("shrink") => ReplayVariance::Shrink,
+                _ => ReplayVariance::Keep,
+            },
+            seed: self.seed.unwrap_or(defaults.seed),
+            clear_on_sequence: self.clear_replay.unwrap_or(defaults.clear_on_sequence),
+            ..defaults
+        }
+    }
+
+    /// The smooth part of the prior.
+    pub fn shape(&self) -> PriorShape {
+        let defaults = PriorShape::default();
+        PriorShape {
+            smooth_share: self.smooth_share.unwrap_or(defaults.smooth_share),
+            length: self.smooth_length.unwrap_or(defaults.length),
+            level_share: self.level_share.unwrap_or(defaults.level_share),
+        }
+    }
+
+    /// Those to choose from: without the smooth part too, unless its share is given.
+    pub fn shapes(&self) -> Vec<PriorShape> {
+        match self.smooth_share {
+            Some(_) => vec![self.shape()],
+            None => self.shape().or_independent(),
+        }
+    }
+
+    /// How prior and noise are chosen, and its name for reports.
+    pub fn method(&self) -> (HyperMethod, &'static str) {
+        match self.hyper {
+            None | Some(HyperKind::HeldOut) => (HyperMethod::HeldOut, "held-out"),
+            Some(HyperKind::Likelihood) => (HyperMethod::Likelihood, "likelihood"),
+        }
+    }
+
+    /// How untouched points are guessed by what the camera sees, if they are.
+    pub fn vision(&self) -> anyhow::Result<Option<VisionSpec>> {
+        self.vision.as_ref().map_or(Ok(None), Vision::spec)
+    }
+
+    /// The file that says how untouched points are guessed.
+    pub fn vision_file(&self) -> Option<&Path> {
+        self.vision.as_ref()?.file()
+    }
+
+    /// Name of what guesses untouched points, for reports.
+    pub fn vision_name(&self) -> String {
+        let none = || VisionKind::None.name();
+        self.vision.as_ref().map_or_else(none, Vision::name)
+    }
+
+    /// Name of how outliers count, for reports.
+    pub fn robust_name(&self) -> String {
+        name_of(&self.robust.unwrap_or(RobustKind::None))
+    }
+
+    fn kind(&self) -> EstimatorKind {
+        self.estimator.unwrap_or(EstimatorKind::Batch)
+    }
+
+    /// Name of the estimator, for reports.
+    pub fn name(&self) -> String {
+        name_of(&self.kind())
+    }
+}

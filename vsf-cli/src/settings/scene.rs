@@ -1,0 +1,121 @@
+use super::MetadataSettings;
+use crate::exit::usage;
+use crate::range::{length, not_negative, offset, spacing};
+use clap::Args;
+use clap::builder::RangedU64ValueParser;
+use std::path::PathBuf;
+use vsf::contact::{ContactConfig, GridOptions};
+use vsf::data::ContactParameters;
+use vsf::pipeline::SceneOptions;
+
+/// The recording and the contact model. Each part is a group of its own: clap leaves the group of a
+/// struct empty that has parts.
+#[derive(Debug, Clone, Default, Args)]
+pub struct SceneSettings {
+    #[command(flatten)]
+    pub metadata: MetadataSettings,
+    #[command(flatten)]
+    contact: ContactSettings,
+}
+
+/// The contact model.
+#[derive(Debug, Clone, Default, Args)]
+#[command(next_help_heading = "Contact (a field that predicts brings its own)")]
+pub struct ContactSettings {
+    /// Links that may touch; all with collision shapes by default
+    #[arg(long, value_delimiter = ',')]
+    links: Option<Vec<String>>,
+    /// Contact threshold delta [m]: points are touched from so far before the surface on; default 0.8
+    /// of the points' spacing where fields are learned or looked at, 0.002 in diagnoses; fields, corrected models and simulated recordings bring theirs
+    #[arg(long, value_parser = length)]
+    threshold: Option<f64>,
+    /// Friction coefficient nu_f, default 0.15
+    #[arg(long, value_parser = not_negative)]
+    friction: Option<f64>,
+    /// Slip step lambda_s [m], default 0.0001. A finer one takes more steps for the same slip: see
+    /// --max-slip-iterations
+    #[arg(long, value_parser = length)]
+    slip_step: Option<f64>,
+    /// Most slip steps of one point per sample; by default as many as make 2 cm, 200 of 0.0001
+    #[arg(long)]
+    max_slip_iterations: Option<u32>,
+    /// Offset added to the robot's surface [m], default 0
+    #[arg(long, value_parser = offset)]
+    padding: Option<f64>,
+    /// Sub-points per edge of the cube that a rest point stands for, 1 to 8, default 2; 1 moves
+    /// the rest points alone, as the paper does, at an eighth of the cost
+    #[arg(long, value_parser = RangedU64ValueParser::<usize>::new().range(1..=8))]
+    subdivision: Option<usize>,
+    /// Spacing of the distance grids of meshes [m], 1e-6 to 1; chosen for an error of 0.5 mm by default
+    #[arg(long, value_parser = spacing)]
+    grid_resolution: Option<f64>,
+    /// Folder that keeps finished distance grids
+    #[arg(long)]
+    cache_dir: Option<PathBuf>,
+}
+
+impl SceneSettings {
+    /// With a contact threshold (m), if one is given, and defaults for the rest.
+    pub fn with_threshold(threshold: Option<f64>) -> Self {
+        Self {
+            contact: ContactSettings {
+                threshold,
+                ..ContactSettings::default()
+            },
+            ..Self::default()
+        }
+    }
+
+    /// Whether the links that may touch are given.
+    pub fn has_links(&self) -> bool {
+        self.contact.links.is_some()
+    }
+
+    /// Refuses a link that is named twice, which no field could remember.
+    pub fn check_links(&self) -> anyhow::Result<()> {
+        let links = self.contact.links.as_deref().unwrap_or_default();
+        let twice = |(k, link): &(usize, &String)| links[..*k].contains(link);
+        match links.iter().enumerate().find(twice) {
+            Some((_, link)) => Err(usage(format!("--links names {link:?} twice"))),
+            None => Ok(()),
+        }
+    }
+
+    /// Whether the contact threshold is given.
+    pub fn has_threshold(&self) -> bool {
+        self.contact.threshold.is_some()
+    }
+
+    /// How the scene is put together: the flags, over the contact that a field or a model remembers, over the defaults.
+    pub fn options(&self, remembered: Option<&ContactParameters>) -> SceneOptions {
+        let given = &self.contact;
+        let below = SceneOptions::default();
+        let below = match remembered {
+            Some(contact) => below.with_contact_of(contact),
+            None => below,
+        };
+        let defaults = match given.slip_step {
+            Some(step) => below.contact.with_slip_step(step),
+            None => below.contact,
+        };
+        SceneOptions {
+            contact: ContactConfig {
+                threshold: given.threshold.unwrap_or(defaults.threshold),
+                friction: given.friction.unwrap_or(defaults.friction),
+                max_slip_iterations: given
+                    .max_slip_iterations
+                    .unwrap_or(defaults.max_slip_iterations),
+                padding: given.padding.unwrap_or(defaults.padding),
+                ..defaults
+            },
+            grid: GridOptions {
+                resolution: given.grid_resolution,
+                cache_dir: given.cache_dir.clone(),
+                ..GridOptions::default()
+            },
+            links: given.links.clone().or(below.links),
+            packages: self.metadata.packages(),
+            subdivision: given.subdivision.unwrap_or(below.subdivision),
+        }
+    }
+}
