@@ -11,6 +11,7 @@ mod corrected;
 mod derived;
 mod diagnosis;
 mod exit;
+mod explain;
 mod field_file;
 mod html;
 mod interrupt;

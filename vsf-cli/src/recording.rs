@@ -2,13 +2,14 @@ use crate::config::Sources;
 use crate::console::{Console, number};
 use crate::corrected::{CorrectedModel, ModelArgs};
 use crate::exit::usage;
+use crate::explain::{blame, explain};
 use crate::field_file::FieldFile;
 use crate::outputs::unmarked;
-use crate::settings::{MetadataSettings, SceneSettings};
+use crate::settings::SceneSettings;
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
-use vsf::contact::{CacheUse, ContactConfig, ContactError};
-use vsf::data::{DataError, DataWarning, Dataset, RobotRef, Sequence, StiffnessField};
+use vsf::contact::{CacheUse, ContactConfig};
+use vsf::data::{DataWarning, Dataset, RobotRef, Sequence, StiffnessField};
 use vsf::gap::Campaign;
 use vsf::pipeline::{
     PipelineError, Scene, SceneOptions, Trace, motion_warnings, reading_warnings, rgbd_view,
@@ -426,53 +427,6 @@ pub fn needs_recording(input: &Path, flags: &[(&str, bool)]) -> anyhow::Result<(
             )))
         }
         None => Ok(()),
-    }
-}
-
-/// A fault of the metadata, laid to the flag that set it.
-pub fn blame(settings: &MetadataSettings, error: DataError) -> anyhow::Error {
-    let key = match &error {
-        DataError::Metadata { key, .. } | DataError::UnknownSequence { key, .. } => key,
-        DataError::DuplicateSequence { .. } => "splits",
-        DataError::TareSamples { .. } => "tare_samples",
-        _ => return error.into(),
-    };
-    match settings.flag(key) {
-        Some(flag) => {
-            let text = error.to_string();
-            let problem = text.split_once("dataset.json: ").map_or(&*text, |(_, p)| p);
-            usage(format!("{flag}: {problem}"))
-        }
-        None => error.into(),
-    }
-}
-
-/// A fault of the robot, in the words of the command.
-pub fn explain(error: PipelineError) -> anyhow::Error {
-    match &error {
-        PipelineError::RobotFile {
-            path,
-            source: RobotError::UnknownPackage { uri, package },
-        } => anyhow::anyhow!(
-            "{}: {uri:?} needs the folder of package {package:?}; give it by --package {package}=PATH",
-            path.display()
-        ),
-        PipelineError::Robot(e @ RobotError::UnknownLink { .. }) => usage(format!("--links: {e}")),
-        // The automatic spacing never needs so many.
-        PipelineError::LinkShape {
-            link,
-            source:
-                ContactError::GridTooLarge {
-                    resolution,
-                    nodes,
-                    max,
-                },
-            ..
-        } => usage(format!(
-            "--grid-resolution: at {resolution} m the mesh of link {link:?} needs {nodes} nodes, more than \
-             {max}; give a coarser one, or none"
-        )),
-        _ => error.into(),
     }
 }
 
