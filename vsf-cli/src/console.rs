@@ -1,3 +1,4 @@
+use crate::file_kind::FileKind;
 use crate::interrupt::writing;
 use crate::outputs::Outputs;
 use anyhow::Context;
@@ -32,7 +33,7 @@ impl Console {
         let json = json.map(|to| to.filter(|path| path.as_os_str() != "-"));
         let outputs = Outputs::default();
         if let Some(Some(path)) = &json {
-            outputs.file("--json", path)?;
+            outputs.file("--json", path, Some(FileKind::Results))?;
         }
         Ok(Self {
             quiet,

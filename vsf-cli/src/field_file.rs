@@ -1,6 +1,7 @@
 use crate::console::{Console, create_parent};
 use crate::corrected::{CorrectedModel, effects_of};
 use crate::exit::usage;
+use crate::file_kind::FileKind;
 use crate::interrupt::writing;
 use crate::outputs::unmarked;
 use anyhow::Context;
@@ -42,6 +43,18 @@ impl FieldFormat {
                 path.display()
             ))),
         }
+    }
+
+    /// What its files are; none of a folder.
+    fn kind(self) -> Option<FileKind> {
+        Some(match self {
+            Self::Npz => FileKind::Npz,
+            Self::Ply => FileKind::Ply,
+            Self::Mcap => FileKind::Mcap,
+            Self::Png => FileKind::Png,
+            Self::Svg => FileKind::Svg,
+            Self::Folder => return None,
+        })
     }
 }
 
@@ -210,8 +223,8 @@ fn contact_flags(contact: &ContactParameters) -> [(&'static str, String); 7] {
 
 /// Claims the place that [`save`] is to write to.
 pub fn claim(out: &Path, console: &Console) -> anyhow::Result<()> {
-    if FieldFormat::of(out)? != FieldFormat::Folder {
-        return console.outputs.file_anywhere("--out", out);
+    if let Some(kind) = FieldFormat::of(out)?.kind() {
+        return console.outputs.file_anywhere("--out", out, kind);
     }
     let is_ours = |name: &str| name.ends_with(".npy") || name == "format.json";
     console.outputs.folder("--out", out, "a field", |names| {

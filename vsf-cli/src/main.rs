@@ -13,6 +13,7 @@ mod diagnosis;
 mod exit;
 mod explain;
 mod field_file;
+mod file_kind;
 mod html;
 mod interrupt;
 mod outputs;

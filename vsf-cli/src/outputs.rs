@@ -1,7 +1,8 @@
 //! Where a command writes, told before it reads or works: it replaces nothing that it reads, nothing of its own
-//! twice, and no files of others.
+//! twice, and no files of others or of another kind.
 
 use crate::exit::usage;
+use crate::file_kind::FileKind;
 use anyhow::Context;
 use std::cell::RefCell;
 use std::io::{Error, ErrorKind};
@@ -12,21 +13,33 @@ use std::path::{Component, Path, PathBuf};
 pub struct Outputs(RefCell<Vec<(&'static str, PathBuf)>>);
 
 impl Outputs {
-    /// Claims a file in a folder that exists.
-    pub fn file(&self, flag: &'static str, path: &Path) -> anyhow::Result<()> {
+    /// Claims a file in a folder that exists, new or of a kind that is replaced.
+    pub fn file(
+        &self,
+        flag: &'static str,
+        path: &Path,
+        kind: Option<FileKind>,
+    ) -> anyhow::Result<()> {
         if names_folder(path) || !opened(path.parent().unwrap_or(path)).is_dir() {
             let why = format!("{flag} must name a file in a folder that exists");
             return Err(Error::new(ErrorKind::NotFound, why)).with_context(|| cannot(flag, path));
         }
-        self.claim(flag, path)
+        self.claim(flag, path)?;
+        kind.map_or(Ok(()), |kind| kind.check(flag, path))
     }
 
-    /// Claims a file; folders above it that are missing will be created.
-    pub fn file_anywhere(&self, flag: &'static str, path: &Path) -> anyhow::Result<()> {
+    /// Claims a file, new or of its kind; folders above it that are missing will be created.
+    pub fn file_anywhere(
+        &self,
+        flag: &'static str,
+        path: &Path,
+        kind: FileKind,
+    ) -> anyhow::Result<()> {
         if names_folder(path) {
             return Err(usage(format!("{flag} {}: it is a folder", path.display())));
         }
-        self.claim(flag, path)
+        self.claim(flag, path)?;
+        kind.check(flag, path)
     }
 
     /// Claims a folder. Refused is one that holds a name that is `odd`, or a link; `what` may be replaced there. Names

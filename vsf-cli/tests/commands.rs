@@ -729,6 +729,21 @@ fn json_never_replaces_an_input() {
             "touch",
         ),
     ] {
+        bench.fails(line, 2, &["--json", "holds something else", kept]);
+    }
+    // New files, and results of before, in the place of what is read or in it.
+    bench.ok("diagnose touch --json=report.json");
+    for (line, kept) in [
+        ("info touch --json=touch/new.json", "touch"),
+        (
+            "experiment table1 nowhere touch --json=touch/new.json",
+            "touch",
+        ),
+        (
+            "view report.json --out v.html --json=report.json",
+            "report.json",
+        ),
+    ] {
         bench.fails(line, 2, &["--json", "would change", kept]);
     }
     // Nor what is written beside it, which is told before the work.

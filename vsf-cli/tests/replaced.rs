@@ -55,6 +55,38 @@ fn measured_recordings_are_replaced_by_none() {
     bench.fails(SIMULATE, 2, &["vsf import"]);
 }
 
+/// What an output replaces is of its own kind, as vsf writes it.
+#[test]
+fn files_of_another_kind_are_replaced_by_none() {
+    let bench = Bench::touched();
+    let at = |name: &str| bench.root.join(name);
+    let estimate = "estimate touch --prior-sd 10 --noise-sd 1 --out";
+    let mesh = "ply\nformat ascii 1.0\nelement vertex 1\nproperty float x\nproperty float y\n\
+        property float z\nend_header\n0 0 0\n";
+    let page = "<!DOCTYPE html>\n<html><body>mine</body></html>\n";
+    for (line, out, theirs) in [
+        (estimate, "a.npz", mesh),
+        (estimate, "a.ply", mesh),
+        (estimate, "a.mcap", mesh),
+        ("export truth --out", "a.png", mesh),
+        ("export truth --out", "a.svg", page),
+        ("view truth --out", "a.html", page),
+        ("diagnose touch --html", "b.html", page),
+        ("diagnose touch --model", "model.json", "{\"mine\": 1}"),
+        ("info touch --json", "info.json", "{\"mine\": 1}"),
+        ("info touch --json", "notes.txt", "mine"),
+    ] {
+        let line = format!("{line} {out}");
+        fs::write(at(out), theirs).unwrap();
+        bench.fails(&line, 2, &[out, "holds something else"]);
+        assert_eq!(fs::read_to_string(at(out)).unwrap(), theirs, "{line}");
+        // Nothing is lost with an empty file, nor with what the same command wrote.
+        fs::write(at(out), "").unwrap();
+        bench.ok(&line);
+        bench.ok(&line);
+    }
+}
+
 /// The file that a link leads to is another's.
 #[cfg(unix)]
 #[test]

@@ -1,6 +1,7 @@
-use crate::console::{Console, read_text, texts};
+use crate::console::{Console, texts};
 use crate::diagnosis::{page, plain, text};
 use crate::exit::usage;
+use crate::file_kind::FileKind;
 use crate::range::ending;
 use crate::recording::RecordingArgs;
 use clap::builder::{PossibleValue, PossibleValuesParser};
@@ -68,18 +69,12 @@ pub fn run(args: &Args, console: &Console) -> anyhow::Result<()> {
             effects::named(names)?
         }
     };
-    for (flag, path) in [("--html", &args.html), ("--model", &args.model)] {
+    for (flag, path, kind) in [
+        ("--html", &args.html, FileKind::Page),
+        ("--model", &args.model, FileKind::Model),
+    ] {
         path.iter()
-            .try_for_each(|path| console.outputs.file(flag, path))?;
-    }
-    if let Some(path) = args.model.as_deref().filter(|path| path.is_file()) {
-        let earlier = read_text(path)?;
-        ModelFile::from_json(&earlier).map_err(|_| {
-            let path = path.display();
-            usage(format!(
-                "--model {path} holds something else; choose a new file, or a corrected model to replace"
-            ))
-        })?;
+            .try_for_each(|path| console.outputs.file(flag, path, Some(kind)))?;
     }
     let recording = args.recording.open(console)?;
     let campaign = recording.campaign(console)?;

@@ -1,5 +1,6 @@
 use crate::console::{Console, write_file};
 use crate::exit::usage;
+use crate::file_kind::FileKind;
 use crate::outputs::place;
 use crate::range::ending;
 use crate::recording::Recording;
@@ -76,13 +77,8 @@ fn object(text: &str) -> Result<Object, String> {
 }
 
 pub fn run(args: &Args, console: &Console) -> anyhow::Result<()> {
-    console.outputs.file("--out", &args.out)?;
-    if args.out.is_file() && LearnedPrior::open(&args.out).is_err() {
-        let out = args.out.display();
-        return Err(usage(format!(
-            "--out {out} holds something else; choose a new file, or what was learned earlier, to replace"
-        )));
-    }
+    let kind = Some(FileKind::Learned);
+    console.outputs.file("--out", &args.out, kind)?;
     for (k, object) in args.objects.iter().enumerate() {
         let recording = place(&object.recording);
         if args.objects[..k]

@@ -58,7 +58,7 @@ pub fn run(args: &Args, console: &Console) -> anyhow::Result<()> {
     }
     let recording = Recording::open(&args.dataset, &SceneSettings::default(), console)?;
     // Only now: a new file may lie in the recording.
-    console.outputs.file("--out", &args.out)?;
+    console.outputs.file("--out", &args.out, None)?;
     let view = recording.view()?.ok_or(PipelineError::NoCamera)?;
     let (from, [lower, upper]) = match (&args.corners, recording.dataset.object_bbox) {
         (Some(given), _) => ("--box", corners(given)?),

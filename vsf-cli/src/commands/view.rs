@@ -3,6 +3,7 @@ use crate::console::{Console, Written, read_text, texts};
 use crate::diagnosis::page_of_report;
 use crate::exit::usage;
 use crate::field_file::FieldFile;
+use crate::file_kind::FileKind;
 use crate::range::{ending, positive};
 use crate::recording::{Default, Recording, needs_recording};
 use crate::settings::SceneSettings;
@@ -47,7 +48,9 @@ pub struct Args {
 }
 
 pub fn run(args: &Args, console: &Console) -> anyhow::Result<()> {
-    console.outputs.file("--out", &args.out)?;
+    console
+        .outputs
+        .file("--out", &args.out, Some(FileKind::Page))?;
     args.sources.keep(console)?;
     console.outputs.keep(&args.input)?;
     let html = if args.input.extension().is_some_and(|e| e == "json") {
