@@ -135,7 +135,8 @@ fn what_is_wrong_is_said_in_flags() {
         bench.fails(&format!("import {line} {known}"), code, &[part]);
     }
     assert!(!root.join("rec").exists());
-    let warnings = bench.warned(&format!("import a.csv --gap 0.01 {known}"));
-    let part = "each of the 2 samples is a sequence of its own, more than 0.01 s from the next";
-    assert!(warnings.contains(part), "{warnings}");
+    let line = format!("import a.csv --gap 0.01 {known}");
+    let part = "2 samples come more than 0.01 s apart";
+    bench.fails(&line, 2, &["--gap", part]);
+    assert!(!root.join("rec").exists());
 }

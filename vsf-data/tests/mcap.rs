@@ -488,10 +488,16 @@ fn exports_have_one_clock() {
     assert_eq!(tables(&split), tables(&dataset));
     assert_eq!(warnings, []);
     assert_eq!(split.splits.train, ["000", "001"]);
-    let error = log
-        .recording(&Overrides::default(), &arm(), Some(-1.0))
-        .unwrap_err();
-    assert!(matches!(error, DataError::Argument { what: "gap", .. }));
+    // Of no length, and shorter than the time between samples.
+    for gap in [-1.0, 1e-4] {
+        let error = log
+            .recording(&Overrides::default(), &arm(), Some(gap))
+            .unwrap_err();
+        assert!(
+            matches!(error, DataError::Argument { what: "gap", .. }),
+            "{gap}: {error}"
+        );
+    }
 
     // Names and predictions are those of the recording.
     export.predictions = &predictions[..1];

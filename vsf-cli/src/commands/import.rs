@@ -200,12 +200,13 @@ fn in_flags(args: &Args, error: DataError) -> anyhow::Error {
             anyhow::Error::from(error).context("give the robot by --robot")
         }
         DataError::Argument {
-            what: what @ ("joints" | "topic" | "clock"),
+            what: what @ ("joints" | "topic" | "clock" | "gap"),
             problem,
         } => {
             let flag = match *what {
                 "joints" => "--names",
                 "topic" => "--topic",
+                "gap" => "--gap",
                 _ => "--log-time",
             };
             usage(format!("{flag}: {problem}"))

@@ -43,7 +43,8 @@ impl JointLog {
     ///
     /// # Errors
     /// [`DataError::MissingKey`] without a robot or a kind of torque, neither of which joint states
-    /// tell; [`DataError::Argument`] for joints that are empty or there twice; [`DataError::Message`] for
+    /// tell; [`DataError::Argument`] for joints that are empty or there twice, and for a `gap` that leaves most samples
+    /// alone; [`DataError::Message`] for
     /// positions or efforts that are missing or not finite; [`DataError::Message`] or
     /// [`DataError::Advised`] for stamps that do not increase, velocities of which some are missing or
     /// not finite, joints that no message has, and sequences that were cut; [`DataError::Csv`], [`DataError::CsvLine`] and
@@ -103,8 +104,18 @@ impl JointLog {
             None if !named.is_empty() => self.named(&named, &rows)?,
             gap => self.split(gap.unwrap_or(GAP), &rows)?,
         };
-        let are_single =
-            named.is_empty() && sequences.len() == rows.len() && rows.len() > self.files.len();
+        let (pieces, files) = (sequences.len(), self.files.len());
+        if let Some(gap) = gap.filter(|_| 2 * pieces > rows.len() + files) {
+            let count = rows.len();
+            return Err(DataError::Argument {
+                what: "gap",
+                problem: format!(
+                    "{count} samples come more than {gap:?} s apart and would make {pieces} sequences; give a gap longer \
+                     than the time between samples"
+                ),
+            });
+        }
+        let are_single = named.is_empty() && pieces == rows.len() && pieces > files;
         let attached = || {
             let (path, bytes) = self.part(POINTS)?;
             Some(files::parse_npy(&path, bytes).and_then(|array| files::points(&path, array)))
@@ -128,7 +139,7 @@ impl JointLog {
             warnings.push(DataWarning::SingleSamples {
                 path: path.clone(),
                 count: rows.len(),
-                gap: gap.unwrap_or(GAP),
+                gap: GAP,
             });
         }
         let count = self.samples.len() - rows.len();
