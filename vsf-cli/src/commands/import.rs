@@ -244,7 +244,7 @@ impl Filled {
         let counts = (upper - lower).map(|size| (size / spacing).round().max(1.0));
         if counts.product() > MOST_POINTS {
             return Err(usage(format!(
-                "--box with --spacing {spacing} has more than {MOST_POINTS} points"
+                "--box with --spacing {spacing:?} has more than {MOST_POINTS} points"
             )));
         }
         let first = lower + (upper - lower - (counts - Vector3::repeat(1.0)) * spacing) / 2.0;

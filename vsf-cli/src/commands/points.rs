@@ -76,7 +76,7 @@ pub fn run(args: &Args, console: &Console) -> anyhow::Result<()> {
     if cells.product() > MOST_CELLS {
         let spacing = args.spacing;
         return Err(usage(format!(
-            "--spacing {spacing} makes more than {MOST_CELLS:e} cells of the box"
+            "--spacing {spacing:?} makes more than {MOST_CELLS:e} cells of the box"
         )));
     }
     let spinner = console.spinner("looking behind the surface");

@@ -453,8 +453,8 @@ pub enum PipelineWarning {
     },
     /// A link of more than 10 m.
     #[error(
-        "link {link:?} is {size:.0} m across; lengths are in metres, check its shapes and, for a mesh in millimetres, \
-         its scale (scale=\"0.001 0.001 0.001\" in the URDF)"
+        "link {link:?} is {} m across; lengths are in metres, check its shapes and, for a mesh in millimetres, \
+         its scale (scale=\"0.001 0.001 0.001\" in the URDF)", whole(*size)
     )]
     HugeLink {
         /// Name of the link.
@@ -528,7 +528,7 @@ fn percent(share: f64) -> String {
     }
 }
 
-/// A factor of which decimals say nothing.
+/// A number of which decimals say nothing.
 fn whole(factor: f64) -> String {
     match factor < 1e6 {
         true => format!("{factor:.0}"),
