@@ -35,6 +35,9 @@ const MOST_TURNED: f64 = 0.005;
 const MOST_UNSURE: f64 = 0.25;
 /// No robot that touches soft things has a link of more metres.
 const MOST_SIZE: f64 = 10.0;
+/// From how far on points may be touched: share of the object, and spacings of points.
+const MOST_REACH: f64 = 0.25;
+const MOST_SPACINGS: f64 = 4.0;
 /// NIS per channel beyond which a filter knows nothing of its errors: diagonal filters reach 3 on good data.
 const MOST_NIS: f64 = 30.0;
 /// Share of the energy of the readings in contact below which a field explains nothing of them.
@@ -189,7 +192,7 @@ pub fn view_warnings(rest: &RestPoints, view: &RgbdView) -> Vec<PipelineWarning>
     elsewhere.then_some(warning).into_iter().collect()
 }
 
-/// What looks wrong with the shapes that contact uses: links far too large, points that are touched from everywhere,
+/// What looks wrong with the shapes that contact uses: links far too large, points that are touched from afar,
 /// meshes with faces turned over or sides that are a guess.
 pub fn scene_warnings(scene: &Scene) -> Vec<PipelineWarning> {
     let huge = |link: &LinkSdf| {
@@ -202,13 +205,10 @@ pub fn scene_warnings(scene: &Scene) -> Vec<PipelineWarning> {
     };
     let (low, high) = scene.rest().bounds();
     let (level, size) = (scene.contact().level(), (high - low).norm());
-    let touches_all = size > 0.0 && level > size;
-    let touches_all = touches_all.then_some(PipelineWarning::TouchesAll { level, size });
-    let found = scene
-        .link_shapes()
-        .iter()
-        .filter_map(huge)
-        .chain(touches_all);
+    let most = (MOST_REACH * size).max(MOST_SPACINGS * scene.rest().spacing());
+    let from_afar = size > 0.0 && level > most;
+    let from_afar = from_afar.then_some(PipelineWarning::TouchesFromAfar { level, size });
+    let found = scene.link_shapes().iter().filter_map(huge).chain(from_afar);
     found.chain(mesh_warnings(scene)).collect()
 }
 

@@ -71,9 +71,11 @@ fn links_and_thresholds_that_are_not_in_metres() {
         std::fs::write(folder.path().join("stick.urdf"), urdf).unwrap();
         let robot = RobotRef::resolve("stick.urdf", folder.path()).unwrap();
         let sequence = Sequence::new("0", vec![0.0], zeros(), zeros());
-        let points = [0.1, 0.15, 0.2].map(|x| Point3::new(x, 0.0, 0.0));
+        let points: Vec<_> = (10..=20)
+            .map(|k| Point3::new(0.01 * f64::from(k), 0.0, 0.0))
+            .collect();
         let dataset = Dataset {
-            rest_points: Some(points.to_vec()),
+            rest_points: Some(points),
             ..Dataset::new(robot, vec![sequence])
         };
         move |threshold: f64| {
@@ -91,12 +93,17 @@ fn links_and_thresholds_that_are_not_in_metres() {
         panic!()
     };
     assert!(huge.to_string().starts_with("link \"tip\" is 40 m across"));
-    let [all] = &sphere(0.02)(0.2)[..] else {
+    let [huge] = &sphere(1e150)(0.002)[..] else {
         panic!()
     };
-    let text =
-        "points touched from 0.2 m before the robot's surface on, and the object is 0.100 m across";
-    assert!(all.to_string().contains(text), "{all}");
+    assert!(huge.to_string().contains("is 2.0e150 m across"), "{huge}");
+    // Up to four spacings of the points, 1 cm, or a quarter of the object are no mistake.
+    assert_eq!(sphere(0.02)(0.035), []);
+    let [afar] = &sphere(0.02)(0.05)[..] else {
+        panic!()
+    };
+    let text = "points touched from 0.05 m before the robot's surface on, and the object is 0.100 m across";
+    assert!(afar.to_string().contains(text), "{afar}");
 }
 
 fn warned(taken: &Scene, sequence: &Sequence) -> Vec<PipelineWarning> {

@@ -462,12 +462,12 @@ pub enum PipelineWarning {
         /// Longest edge of its box (m).
         size: f64,
     },
-    /// Points that are touched from farther away than the object is large.
+    /// Points that are touched from farther away than a quarter of the object, and than four of their spacings.
     #[error(
         "threshold and padding have points touched from {level} m before the robot's surface on, and the object is \
-         {size:.3} m across: all of it is touched at once; lengths are in metres"
+         {size:.3} m across: much of it is touched at once, which takes long and tells little; lengths are in metres"
     )]
-    TouchesAll {
+    TouchesFromAfar {
         /// Contact threshold and padding (m).
         level: f64,
         /// Diagonal of the box of the rest points (m).
