@@ -6,10 +6,13 @@ use crate::{files, metadata, pose};
 use nalgebra::Point3;
 use std::collections::{BTreeMap, BTreeSet, HashMap};
 use std::hash::{DefaultHasher, Hash, Hasher};
+use std::ops::RangeInclusive;
 use std::path::{Path, PathBuf};
 
 /// How far outside `object_bbox` a point may lie without a warning, in metres: rounding to f32.
 const BOX_SLACK: f64 = 1e-6;
+/// What a joint state is sampled at (Hz): times that follow from it are numbers.
+const RATES: RangeInclusive<f64> = 1e-6..=1e9;
 /// No robot stands where bodies fall faster (m/s²).
 const MOST_GRAVITY: f64 = 100.0;
 
@@ -308,14 +311,18 @@ pub(crate) fn check_metadata(dir: &Path, metadata: &Overrides) -> Result<(), Dat
         key,
         problem,
     };
-    let positive = |key, value: Option<f64>| match value {
-        Some(v) if !(v.is_finite() && v > 0.0) => {
-            Err(wrong(key, format!("{v:?} must be positive and finite")))
-        }
-        _ => Ok(()),
-    };
-    positive("rate_hz", metadata.rate_hz)?;
-    positive("gauge_length", metadata.gauge_length)?;
+    if let Some(rate) = metadata.rate_hz.filter(|rate| !RATES.contains(rate)) {
+        let (least, most) = (RATES.start(), RATES.end());
+        let problem = format!("{rate:?} Hz must be from {least:e} to {most:e} Hz");
+        return Err(wrong("rate_hz", problem));
+    }
+    if let Some(length) = metadata
+        .gauge_length
+        .filter(|v| !(v.is_finite() && *v > 0.0))
+    {
+        let problem = format!("{length:?} must be positive and finite");
+        return Err(wrong("gauge_length", problem));
+    }
     if metadata.gravity.is_some_and(|g| !pose::is_finite(&g)) {
         return Err(wrong("gravity", "must be finite".to_owned()));
     }

@@ -25,7 +25,7 @@ pub struct Dataset {
     pub robot: RobotRef,
     /// Meaning of the torque columns.
     pub torque_kind: TorqueKind,
-    /// Sample rate \[Hz\], positive; needed only for sequences without time stamps.
+    /// Sample rate \[Hz\], 1e-6 to 1e9; needed only for sequences without time stamps.
     pub rate_hz: Option<f64>,
     /// Gravity [m/s^2], world frame; default (0, 0, -9.81), at most 100 long.
     pub gravity: Vector3<f64>,

@@ -140,7 +140,7 @@ pub struct Overrides {
     pub robot: Option<RobotRef>,
     /// Meaning of the torques; default external.
     pub torque_kind: Option<TorqueKind>,
-    /// Sample rate \[Hz\]; required for sequences without `time.npy`.
+    /// Sample rate \[Hz\], 1e-6 to 1e9; required for sequences without `time.npy`.
     pub rate_hz: Option<f64>,
     /// Gravity [m/s^2], world frame; default (0, 0, -9.81).
     pub gravity: Option<Vector3<f64>>,

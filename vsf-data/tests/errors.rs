@@ -282,6 +282,8 @@ fn values_without_meaning() {
     for (members, key) in [
         (r#""rate_hz": 0"#, "rate_hz"),
         (r#""rate_hz": -5"#, "rate_hz"),
+        (r#""rate_hz": 1e-308"#, "rate_hz"),
+        (r#""rate_hz": 1e300"#, "rate_hz"),
         (r#""gauge_length": 0"#, "gauge_length"),
         (r#""object_bbox": [[0, 0, 1], [1, 1, 0]]"#, "object_bbox"),
         (r#""joints": ["a", "a"]"#, "joints"),

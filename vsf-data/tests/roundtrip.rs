@@ -174,7 +174,11 @@ fn dataset() -> impl Strategy<Value = Dataset> {
                     any::<bool>(),
                     any::<bool>(),
                 ),
-                (prop::option::of(positive().prop_map(f64::abs)), 0..2usize),
+                (
+                    prop::option::of(1e-6..1e9),
+                    prop::option::of(positive().prop_map(f64::abs)),
+                    0..2usize,
+                ),
                 (point(), point()),
                 (
                     prop::option::of(vec(point(), 1..5)),
@@ -188,7 +192,7 @@ fn dataset() -> impl Strategy<Value = Dataset> {
         .prop_map(
             |(
                 words,
-                (rate_hz, tare_samples),
+                (rate_hz, gauge_length, tare_samples),
                 (a, b),
                 (points, field, contact),
                 camera,
@@ -222,7 +226,7 @@ fn dataset() -> impl Strategy<Value = Dataset> {
                     } else {
                         Attachment::Unilateral
                     },
-                    gauge_length: rate_hz,
+                    gauge_length,
                     made_by: named.then(|| "a test".to_owned()),
                     contact,
                     rest_points: points,

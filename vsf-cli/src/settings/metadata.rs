@@ -92,6 +92,7 @@ impl MetadataSettings {
             "joint_types" if self.joint_types.is_some() => (true, "--joint-types"),
             // Types of the file do not fit joints of the flag.
             "joint_types" => (self.joints.is_some(), "--joints"),
+            "rate_hz" => (self.rate_hz.is_some(), "--rate-hz"),
             "gravity" => (self.gravity.is_some(), "--gravity"),
             "tare_samples" => (self.tare_samples.is_some(), "--tare-samples"),
             "splits" => (
