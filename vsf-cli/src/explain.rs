@@ -18,15 +18,31 @@ pub fn blame(settings: &MetadataSettings, error: DataError) -> anyhow::Error {
     match settings.flag(key) {
         Some(flag) => {
             let text = error.to_string();
-            let problem = text.split_once("dataset.json: ").map_or(&*text, |(_, p)| p);
+            let problem = match &error {
+                DataError::Metadata { problem, .. } => problem,
+                _ => text.split_once("dataset.json: ").map_or(&*text, |(_, p)| p),
+            };
             usage(format!("{flag}: {problem}"))
         }
         None => error.into(),
     }
 }
 
-/// A fault of the robot, in the words of the command.
-pub fn explain(error: PipelineError) -> anyhow::Error {
+/// A fault of the robot, in the words of the command, laid to the flag that made it.
+pub fn explain(settings: &MetadataSettings, error: PipelineError) -> anyhow::Error {
+    let joints = match &error {
+        PipelineError::RobotFile {
+            source: RobotError::UnknownJoint { .. } | RobotError::IncompleteJointOrder { .. },
+            ..
+        } => settings.flag("joints"),
+        PipelineError::JointMismatch { .. } => {
+            (settings.flag("joint_types")).or_else(|| settings.flag("joints"))
+        }
+        _ => None,
+    };
+    if let Some(flag) = joints {
+        return usage(format!("{flag}: {error}"));
+    }
     match &error {
         PipelineError::RobotFile {
             path,

@@ -301,7 +301,7 @@ impl Recording {
             {
                 anyhow::anyhow!("the field or model remembers which links touched (--links): {e}")
             }
-            other => explain(other),
+            other => explain(&self.settings.metadata, other),
         })?;
         spinner.finish_and_clear();
         scene_warnings(&scene).iter().for_each(|w| console.warn(w));
@@ -360,7 +360,7 @@ impl Recording {
 
     /// The robot alone.
     pub fn robot(&self) -> anyhow::Result<RobotModel> {
-        robot_of(&self.dataset, &self.packages()).map_err(explain)
+        robot_of(&self.dataset, &self.packages()).map_err(|e| explain(&self.settings.metadata, e))
     }
 
     /// The given field, or the one stored in the recording.

@@ -136,6 +136,28 @@ fn flags_are_blamed_for_what_they_set() {
         2,
         &["--joints", "3 types for 1 joints"],
     );
+    bench.metadata(METADATA);
+    for (flags, part) in [
+        (
+            "--joints a,b",
+            "lists 2 columns, data/seq_a/angles.npy has 3",
+        ),
+        ("--joints a,b,c", "column 1 of the recording is joint \"a\""),
+        ("--joint-types prismatic", "lists 1 columns"),
+        ("--joint-types prismatic,revolute,prismatic", "column 2"),
+        ("--rate-hz 1e-50", "1e-50 Hz must be from 1e-6 to 1e9 Hz"),
+    ] {
+        let flag = flags.split(' ').next().unwrap();
+        bench.fails(&format!("info data {flags}"), 2, &[flag, part]);
+    }
+    let arm = r#"<robot name="r"><link name="base"/><link name="tip"/><joint name="j" type="prismatic"><parent link="base"/>
+        <child link="tip"/><axis xyz="1 0 0"/><limit lower="-1" upper="1" effort="1" velocity="1"/></joint></robot>"#;
+    fs::write(bench.root.join("r.urdf"), arm).unwrap();
+    bench.fails(
+        "info data --robot r.urdf --joints a,b,c",
+        2,
+        &["--joints: ./r.urdf: no moving joint 'a'"],
+    );
 }
 
 #[test]

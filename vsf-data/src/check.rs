@@ -78,25 +78,32 @@ impl Dataset {
     }
 
     fn check_width(&self, dir: &Path, sequence: &Sequence) -> Result<(), DataError> {
-        let joints = self
-            .joints
-            .as_ref()
-            .map(|j| (j.len(), "the metadata's joints"));
-        let types = self
-            .joint_types
-            .as_ref()
-            .map(|t| (t.len(), "the metadata's joint_types"));
-        let (width, reason) = joints
-            .or(types)
-            .unwrap_or((self.width(), "the first sequence"));
-        if sequence.width() == width {
-            return Ok(());
+        let (width, path) = (self.width(), sequence.folder(dir).join("angles.npy"));
+        if sequence.width() != width {
+            return Err(DataError::Shape {
+                path,
+                got: vec![sequence.len(), sequence.width()],
+                expected: format!("{width} columns, as the first sequence"),
+            });
         }
-        Err(DataError::Shape {
-            path: sequence.folder(dir).join("angles.npy"),
-            got: vec![sequence.len(), sequence.width()],
-            expected: format!("{width} columns, as {reason}"),
-        })
+        let joints = self.joints.as_ref().map(Vec::len);
+        let types = self.joint_types.as_ref().map(Vec::len);
+        let listed = [("joints", joints), ("joint_types", types)];
+        match listed
+            .into_iter()
+            .find(|(_, n)| n.is_some_and(|n| n != width))
+        {
+            Some((key, n)) => Err(DataError::Metadata {
+                path: dir.join(metadata::FILE),
+                key,
+                problem: format!(
+                    "lists {} columns, {} has {width}",
+                    n.unwrap_or_default(),
+                    path.display()
+                ),
+            }),
+            None => Ok(()),
+        }
     }
 
     fn check_splits(&self, path: PathBuf) -> Result<(), DataError> {

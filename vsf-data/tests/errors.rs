@@ -93,13 +93,16 @@ fn wrong_shapes() {
     );
     refused!(
         |f: &Folder| f.with(r#""joints": ["a", "b", "c"]"#),
-        DataError::Shape { .. },
-        "expected 3 columns, as the metadata's joints"
+        DataError::Metadata { key: "joints", .. },
+        "dataset.json: joints: lists 3 columns"
     );
     refused!(
         |f: &Folder| f.with(r#""joint_types": ["revolute"]"#),
-        DataError::Shape { .. },
-        "expected 1 columns, as the metadata's joint_types"
+        DataError::Metadata {
+            key: "joint_types",
+            ..
+        },
+        "dataset.json: joint_types: lists 1 columns"
     );
 }
 

@@ -134,7 +134,8 @@ pub fn run(args: &Args, console: &Console) -> anyhow::Result<()> {
     given.made_by = Some(known.made_by.unwrap_or_else(|| IMPORT.to_owned()));
     let joints: Vec<String> = match &known.robot {
         Some(robot) => {
-            let robot = load_robot(robot, known.joints.clone(), &packages).map_err(explain)?;
+            let robot = load_robot(robot, known.joints.clone(), &packages)
+                .map_err(|e| explain(&args.metadata, e))?;
             robot.joints().iter().map(|j| j.name().to_owned()).collect()
         }
         // Refused in what follows.
@@ -155,7 +156,7 @@ pub fn run(args: &Args, console: &Console) -> anyhow::Result<()> {
         .for_each(|w| console.warn(w));
     let (dataset, warnings) = (log.recording(&given, &names, args.gap)).map_err(refused)?;
     warnings.iter().for_each(|w| console.warn(w));
-    let robot = robot_of(&dataset, &packages).map_err(explain)?;
+    let robot = robot_of(&dataset, &packages).map_err(|e| explain(&args.metadata, e))?;
     let sequences: Vec<&Sequence> = dataset.sequences.iter().collect();
     let motion = motion_warnings(&robot, &sequences);
     motion.iter().for_each(|w| console.warn(w));
