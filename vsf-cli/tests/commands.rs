@@ -773,7 +773,8 @@ fn torques_of_any_time_are_drawn() {
 #[test]
 fn a_field_brings_its_contact() {
     let bench = Bench::touched();
-    bench.ok("estimate touch --out field.npz --threshold 0.003 --subdivision 1");
+    let text = bench.ok("estimate touch --out field.npz --threshold 0.003 --subdivision 1");
+    assert!(text.contains("from 3.000 mm before"), "{text}");
     bench.ok("export field.npz --out folder");
     let error = |field: &str, flags: &str| {
         let line = format!("evaluate touch --field {field} {flags} --json");

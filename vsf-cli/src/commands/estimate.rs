@@ -307,7 +307,7 @@ fn text(report: &Report, scene: &Scene, correlates: bool) -> String {
     );
     text += &format!(
         "  contact     from {} mm before the surface on\n",
-        number(report.threshold)
+        number(1e3 * report.threshold)
     );
     let robust = match report.robust.as_str() {
         "none" => String::new(),
