@@ -2,24 +2,25 @@
 
 use crate::interrupt::writing;
 use crate::recording::{FieldArgs, Recording};
+use anyhow::Context;
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 use vsf::data::{Dataset, RobotRef, Sequence, Splits};
-use vsf::pipeline::Scene;
+use vsf::pipeline::{Scene, check_torques};
 use vsf::robots::urdf_bundle;
 
 /// Folder of the robot's files in a recording.
 const ROBOT: &str = "robot";
 
 /// The recording with these sequences, whose torques are `made` by a field in a scene and this command: named after
-/// it, without stored field.
+/// it, without stored field. Torques that no command would read again are refused.
 pub fn derived(
     recording: &Recording,
     (made, command): (&str, &str),
     of: &FieldArgs,
     scene: &Scene,
     sequences: Vec<Sequence>,
-) -> Dataset {
+) -> anyhow::Result<Dataset> {
     let dataset = &recording.dataset;
     let kept = |ids: &[String]| {
         let known = |id: &&String| sequences.iter().any(|s| s.id == **id);
@@ -35,13 +36,15 @@ pub fn derived(
     };
     let model = (of.model.path()).map(|path| format!("the corrected model {}", name(path)));
     let by: Vec<String> = field.into_iter().chain(model).collect();
+    let torques = format!("torques {made} by {}", by.join(" and "));
+    for sequence in &sequences {
+        check_torques(scene, sequence).with_context(|| torques.clone())?;
+    }
     let description = format!(
-        "Made from the recording {:?}: torques {made} by {}. {}",
-        dataset.name,
-        by.join(" and "),
-        dataset.description
+        "Made from the recording {:?}: {torques}. {}",
+        dataset.name, dataset.description
     );
-    Dataset {
+    Ok(Dataset {
         name: format!("{}, {made}", dataset.name),
         description: description.trim_end().to_owned(),
         splits: Splits {
@@ -53,7 +56,7 @@ pub fn derived(
         field: None,
         sequences,
         ..dataset.clone()
-    }
+    })
 }
 
 /// Writes a new recording to the folder `out`, with the files of its robot, which has these

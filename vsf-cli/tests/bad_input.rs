@@ -701,6 +701,21 @@ fn outputs_behind_folders_that_do_not_exist() {
     assert_eq!(before, after);
 }
 
+/// No recording holds such torques, and none is written that could not be read.
+#[test]
+fn torques_beyond_any_sensor_are_not_written() {
+    let bench = Bench::new();
+    npy(&bench.root.join("truth/K.npy"), &[160], &[1e20; 160]);
+    for line in ["simulate data", "predict data"] {
+        bench.fails(
+            &format!("{line} --field truth --out out"),
+            1,
+            &["field truth", "joint 3: a torque of", "at most 1e12"],
+        );
+    }
+    assert!(!bench.root.join("out").exists());
+}
+
 /// Two outputs of one place, or one in the other.
 #[test]
 fn outputs_of_one_place() {

@@ -54,6 +54,26 @@ fn check_states(robot: &RobotModel, sequence: &Sequence) -> Result<(), PipelineE
     Ok(())
 }
 
+/// Refuses torques that no recording is taken with, be they read or computed: of more than 1e12 N m (or N), or NaN.
+///
+/// # Errors
+/// [`PipelineError::Torque`], which names the first of them.
+pub fn check_torques(scene: &Scene, sequence: &Sequence) -> Result<(), PipelineError> {
+    let torques = &sequence.torques;
+    let is_taken = |v: &f64| v.abs() <= MOST;
+    match torques.data().iter().position(|v| !is_taken(v)) {
+        None => Ok(()),
+        Some(k) => Err(PipelineError::Torque {
+            id: sequence.id.clone(),
+            row: k / torques.cols(),
+            joint: k % torques.cols() + 1,
+            value: torques.data()[k],
+            unit: scene.unit(k % torques.cols()),
+            most: MOST,
+        }),
+    }
+}
+
 /// The external joint torques of a sequence: what touch adds, with the rigid body removed and tared.
 ///
 /// Measured torques become `tau_ext = M(q) qdd + C(q, qd) qd + g(q) - tau_meas`, with the motion of
@@ -67,17 +87,8 @@ fn check_states(robot: &RobotModel, sequence: &Sequence) -> Result<(), PipelineE
 pub fn external_torques(scene: &Scene, sequence: &Sequence) -> Result<Table, PipelineError> {
     check_sequence(scene.robot(), sequence)?;
     check_states(scene.robot(), sequence)?;
+    check_torques(scene, sequence)?;
     let mut torques = sequence.torques.clone();
-    if let Some(k) = torques.data().iter().position(|v| v.abs() > MOST) {
-        return Err(PipelineError::Torque {
-            id: sequence.id.clone(),
-            row: k / torques.cols(),
-            joint: k % torques.cols() + 1,
-            value: torques.data()[k],
-            unit: scene.unit(k % torques.cols()),
-            most: MOST,
-        });
-    }
     if scene.torque_kind() == TorqueKind::Measured {
         let motion = motion_of(scene.robot(), sequence)?;
         let rigid = rigid_body_torques(scene.robot(), &scene.gravity(), sequence, &motion)?;

@@ -65,7 +65,7 @@ pub fn run(args: &Args, console: &Console) -> anyhow::Result<()> {
             &args.of,
             &scene,
             predicted,
-        )
+        )?
     };
     let deviations = predictions.iter().filter(|p| !p.sd.is_empty()).map(|p| {
         let path = PathBuf::from(format!("seq_{}/torques_sd.npy", p.id));

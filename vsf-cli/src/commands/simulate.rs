@@ -73,7 +73,7 @@ pub fn run(args: &Args, console: &Console) -> anyhow::Result<()> {
         &args.of,
         &scene,
         simulated,
-    );
+    )?;
     save(dataset, &recording.packages(), &args.out, Vec::new())?;
     console.json(&report)?;
     let out = args.out.display();
