@@ -4,6 +4,7 @@ use crate::interrupt::writing;
 use crate::recording::{FieldArgs, Recording};
 use anyhow::Context;
 use std::collections::BTreeMap;
+use std::fs;
 use std::path::{Path, PathBuf};
 use vsf::data::{Dataset, RobotRef, Sequence, Splits};
 use vsf::pipeline::{Scene, check_torques};
@@ -59,6 +60,11 @@ pub fn derived(
     })
 }
 
+/// Where the deviations of a sequence's predicted torques are, in the folder of their recording.
+pub fn deviations_of(id: &str) -> PathBuf {
+    PathBuf::from(format!("seq_{id}/torques_sd.npy"))
+}
+
 /// Writes a new recording to the folder `out`, with the files of its robot, which has these
 /// `packages`, and others: the folder can be moved. All are written or none.
 pub fn save(
@@ -81,5 +87,16 @@ pub fn save(
         }
         files.extend(bundle);
     }
-    Ok(writing(|| dataset.save_with(out, &files))?)
+    writing(|| {
+        dataset.save_with(out, &files)?;
+        // Of a prediction that was there before.
+        for path in dataset.sequences.iter().map(|s| deviations_of(&s.id)) {
+            let old = out.join(&path);
+            if files.iter().all(|(new, _)| *new != path) && old.exists() {
+                fs::remove_file(&old)
+                    .with_context(|| format!("cannot remove {}", old.display()))?;
+            }
+        }
+        Ok(())
+    })
 }

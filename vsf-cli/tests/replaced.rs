@@ -55,6 +55,17 @@ fn measured_recordings_are_replaced_by_none() {
     bench.fails(SIMULATE, 2, &["vsf import"]);
 }
 
+/// Deviations are those of the torques beside them.
+#[test]
+fn predictions_leave_nothing_behind() {
+    let bench = Bench::new();
+    let deviations = bench.root.join("out/seq_a/torques_sd.npy");
+    bench.ok("predict data --field truth --sequences a,b,c --out out");
+    assert!(deviations.exists());
+    bench.ok(SIMULATE);
+    assert!(!deviations.exists());
+}
+
 /// What an output replaces is of its own kind, as vsf writes it.
 #[test]
 fn files_of_another_kind_are_replaced_by_none() {

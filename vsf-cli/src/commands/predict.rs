@@ -1,6 +1,6 @@
 use crate::console::Console;
 use crate::corrected::Modelled;
-use crate::derived::{derived, save};
+use crate::derived::{derived, deviations_of, save};
 use crate::recording::{Default, FieldArgs};
 use serde::Serialize;
 use std::borrow::Cow;
@@ -68,7 +68,7 @@ pub fn run(args: &Args, console: &Console) -> anyhow::Result<()> {
         )?
     };
     let deviations = predictions.iter().filter(|p| !p.sd.is_empty()).map(|p| {
-        let path = PathBuf::from(format!("seq_{}/torques_sd.npy", p.id));
+        let path = deviations_of(&p.id);
         let sd = Table::new(scene.robot().joint_count(), p.sd.concat())?;
         Ok((path, sd.npy()))
     });
