@@ -141,6 +141,7 @@ pub fn field() -> StiffnessField {
         sd: Some(numbers.clone()),
         stiffness: numbers,
         features: [("height".to_owned(), column)].into(),
+        base_pose: Some(Isometry3::translation(0.1, 0.2, 0.3)),
         recording: Some("small".to_owned()),
         learned_from: Some(vec!["1".to_owned()]),
         model: Some("latency".to_owned()),

@@ -20,6 +20,8 @@ use vsf::vision::RgbdView;
 
 /// Points of a field and of a recording may differ by rounding to f32 [m].
 const SAME_POINT: f64 = 1e-5;
+/// So may places and turns of the robot's base [m or rad].
+const SAME_POSE: f64 = 1e-5;
 
 /// Commands that compute a recording from another one.
 pub const COMPUTED: [&str; 2] = ["vsf simulate", "vsf predict"];
@@ -261,6 +263,17 @@ impl Recording {
             console.warn(format!(
                 "{place}: the field was estimated from the recording {other:?}, this one is {name:?}"
             ));
+        } else if let Some(was) = &field.field.base_pose {
+            let moved = was.inverse() * self.dataset.base_pose;
+            let (far, turned) = (moved.translation.vector.norm(), moved.rotation.angle());
+            if far > SAME_POSE || turned > SAME_POSE {
+                console.warn(format!(
+                    "{place}: the field was estimated with the robot's base elsewhere, {} m and {} rad from where it is \
+                     here (--base-pose, or base_pose of dataset.json): touches are not where they were",
+                    number(far),
+                    number(turned),
+                ));
+            }
         }
         Ok(())
     }

@@ -294,3 +294,20 @@ fn points_in_one_place() {
     let text = bench.warned("info arm");
     assert!(!text.contains("repeat"), "{text}");
 }
+
+/// As where a flag of the estimate is left out of the evaluation.
+#[test]
+fn fields_of_a_robot_that_stood_elsewhere() {
+    let bench = Bench::touched();
+    let pose = "--base-pose 0,0,0.0004,0,0,0.001";
+    bench.ok(&format!("estimate touch --out f.npz {pose}"));
+    let line = "evaluate touch --field f.npz";
+    let parts = [
+        "f.npz",
+        "base elsewhere, 0.0004000 m and 0.001000 rad",
+        "--base-pose",
+    ];
+    warns(&bench, line, &parts);
+    let same = bench.warned(&format!("{line} {pose}"));
+    assert!(!same.contains("elsewhere"), "{same}");
+}

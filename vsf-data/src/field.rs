@@ -1,8 +1,10 @@
 use crate::colormap::Scale;
 use crate::npy::{self, NpyError};
 use crate::staged::{self, Staged};
-use crate::{ContactParameters, DataError, DataWarning, Table, files, json, npz, ply, write_file};
-use nalgebra::Point3;
+use crate::{
+    ContactParameters, DataError, DataWarning, Table, files, json, npz, ply, pose, write_file,
+};
+use nalgebra::{Isometry3, Point3};
 use serde::de::DeserializeOwned;
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
@@ -22,6 +24,8 @@ const LEARNED_FROM: &str = "learned_from";
 const MODEL: &str = "corrected_model";
 /// Name of the mark for the parameters of contact.
 const CONTACT: &str = "contact_parameters";
+/// Name of the mark for where the robot stood.
+const BASE_POSE: &str = "base_pose";
 const AXIS_MODE: &str = "axis_mode";
 const ISOTROPIC: &str = "isotropic";
 /// OpenVSF's pickled dictionary.
@@ -37,7 +41,8 @@ const MARKS: &str = "format.json";
 /// folder); a `K_std` without the mark is not used, since OpenVSF writes the variance there. The
 /// recording's name is a further mark, `recording_name`, and so are the sequences that the field has
 /// learned from, `learned_from` (a list), a corrected model, `corrected_model`, and the parameters of contact,
-/// `contact_parameters` (an object; lists and objects are JSON text in an archive). Any mark may be missing.
+/// `contact_parameters` (an object), and the pose of the robot's base, `base_pose` (4x4, row major); lists and objects are
+/// JSON text in an archive. Any mark may be missing.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct StiffnessField {
     /// Rest positions `p_i` \[m\], world frame.
@@ -58,6 +63,9 @@ pub struct StiffnessField {
     pub model: Option<String>,
     /// The parameters of contact that it was estimated with, if known.
     pub contact: Option<ContactParameters>,
+    /// The pose of the robot's base that it was estimated with, `X_WB`, if known. Read back, it may differ in the last
+    /// digit.
+    pub base_pose: Option<Isometry3<f64>>,
 }
 
 #[derive(Default, Serialize, Deserialize)]
@@ -74,6 +82,8 @@ struct Marks {
     model: Option<String>,
     #[serde(rename = "contact_parameters", skip_serializing_if = "Option::is_none")]
     contact: Option<ContactParameters>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    base_pose: Option<pose::Rows4>,
 }
 
 /// The arrays of a field before they are understood, from an archive or a folder.
@@ -138,6 +148,9 @@ impl StiffnessField {
         if let Some(contact) = &marks.contact {
             structured(CONTACT, json::encode(&entry(path, CONTACT), contact)?);
         }
+        if let Some(rows) = &marks.base_pose {
+            structured(BASE_POSE, json::encode(&entry(path, BASE_POSE), rows)?);
+        }
         npz::encode(path, &entries)
     }
 
@@ -149,6 +162,7 @@ impl StiffnessField {
             learned_from: self.learned_from.clone(),
             model: self.model.clone(),
             contact: self.contact.clone(),
+            base_pose: self.base_pose.as_ref().map(pose::to_rows),
         }
     }
 
@@ -244,6 +258,9 @@ impl StiffnessField {
         if let Some(contact) = &self.contact {
             contact.check(path)?;
         }
+        if let Some(base) = &self.base_pose {
+            pose::check(base).map_err(|problem| wrong_pose(path, problem))?;
+        }
         for (name, table) in &self.features {
             let reserved = [
                 POINTS,
@@ -255,6 +272,7 @@ impl StiffnessField {
                 LEARNED_FROM,
                 MODEL,
                 CONTACT,
+                BASE_POSE,
                 PICKLE,
             ];
             let not_a_file = name.is_empty() || name.contains(['/', '\\', '\0']);
@@ -302,6 +320,7 @@ impl Source {
         };
         let marks = Marks {
             contact: structured(path, CONTACT, text(CONTACT)?)?,
+            base_pose: structured(path, BASE_POSE, text(BASE_POSE)?)?,
             axis_mode: text(AXIS_MODE)?,
             sd_unit: text(SD_UNIT)?,
             recording: text(RECORDING)?,
@@ -394,6 +413,7 @@ impl Source {
             }
             features.insert(name, Table::new(cols, array.data)?);
         }
+        let base_pose = self.marks.base_pose.map(|rows| pose::from_rows(&rows));
         Ok(StiffnessField {
             points,
             stiffness,
@@ -403,6 +423,9 @@ impl Source {
             learned_from: self.marks.learned_from,
             model: self.marks.model,
             contact: self.marks.contact,
+            base_pose: base_pose
+                .transpose()
+                .map_err(|problem| wrong_pose(&self.path, problem))?,
         })
     }
 
@@ -435,6 +458,14 @@ impl Source {
             });
         }
         Ok(array.data)
+    }
+}
+
+fn wrong_pose(path: &Path, problem: String) -> DataError {
+    DataError::Metadata {
+        path: path.to_owned(),
+        key: BASE_POSE,
+        problem,
     }
 }
 

@@ -61,9 +61,10 @@ fn field() -> impl Strategy<Value = StiffnessField> {
             marks,
             learned_from,
             contact,
+            prop::option::of(pose()),
         )
             .prop_map(
-                |(points, stiffness, sd, features, marks, learned_from, contact)| {
+                |(points, stiffness, sd, features, marks, learned_from, contact, base)| {
                     let [recording, model] = marks;
                     StiffnessField {
                         points,
@@ -74,6 +75,8 @@ fn field() -> impl Strategy<Value = StiffnessField> {
                         learned_from,
                         model,
                         contact,
+                        // Turned, it may differ in the last digit.
+                        base_pose: base.map(|pose| pose.translation.into()),
                     }
                 },
             )

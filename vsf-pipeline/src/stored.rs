@@ -13,7 +13,7 @@ const MOST: f64 = 1e100;
 
 impl Estimate {
     /// The field to store, by [`StiffnessField::save_npz`] and its like. All that predictions with their deviations
-    /// need is in it: mean and deviation of every point; the parameters of contact; as features, which points were
+    /// need is in it: mean and deviation of every point; the parameters of contact, and where the robot stood; as features, which points were
     /// `touched`, the deviation of the prior (`prior_sd`, all its parts together) and of the readings (`noise_sd`, a
     /// column per channel); the name of the `recording` and the sequences of it that `traces` are of.
     ///
@@ -51,6 +51,7 @@ impl Estimate {
             learned_from: Some(traces.iter().map(|t| t.id.clone()).collect()),
             model: None,
             contact: Some(scene.contact_parameters()),
+            base_pose: Some(*scene.robot().base_pose()),
         })
     }
 }
