@@ -5,6 +5,9 @@
 mod common;
 use common::{Bench, METADATA, npy};
 use std::fs;
+use std::path::Path;
+use vsf::data::{Dataset, Overrides, Sequence};
+use vsf::pipeline::{Scene, SceneOptions, reading_warnings};
 
 /// An arm of one joint with limits, and a ball at its end.
 const ARM: &str = r#"<robot name="arm"><link name="base"/><link name="rod"><collision>
@@ -310,4 +313,40 @@ fn fields_of_a_robot_that_stood_elsewhere() {
     warns(&bench, line, &parts);
     let same = bench.warned(&format!("{line} {pose}"));
     assert!(!same.contains("elsewhere"), "{same}");
+}
+
+/// In readings of a plant, whose stiffness differs from place to place. The last joint feels next to nothing.
+#[test]
+fn joints_of_the_other_sign_in_a_plant() {
+    let plant = concat!(env!("CARGO_MANIFEST_DIR"), "/data/orange_tree");
+    let (dataset, _) = Dataset::open(Path::new(plant), &Overrides::default()).unwrap();
+    let scene = Scene::open(&dataset, &SceneOptions::default()).unwrap();
+    let changed = |change: &dyn Fn(&mut [f64])| {
+        let mut sequences = dataset.sequences.clone();
+        for sequence in &mut sequences {
+            let rows = sequence.torques.data_mut().chunks_exact_mut(7);
+            rows.for_each(change);
+        }
+        let sequences: Vec<&Sequence> = sequences.iter().collect();
+        let traces = scene.traces(&sequences, || {}).unwrap();
+        let warnings = reading_warnings(&scene, &sequences, &traces);
+        warnings.iter().map(ToString::to_string).collect::<Vec<_>>()
+    };
+    assert_eq!(changed(&|_| {}), [""; 0]);
+    for j in 0..6 {
+        let warnings = changed(&|row| row[j] = -row[j]);
+        let says = format!(
+            "readings of joint Actuator{} in contact are opposite",
+            j + 1
+        );
+        assert!(
+            warnings.len() == 1 && warnings[0].contains(&says),
+            "{warnings:?}"
+        );
+    }
+    let warnings = changed(&|row| row.swap(4, 6));
+    assert!(
+        warnings.len() == 1 && warnings[0].contains("columns of Actuator5 and Actuator7 exchanged"),
+        "{warnings:?}"
+    );
 }

@@ -1,9 +1,9 @@
 mod actuators;
 mod clock;
+mod conventions;
 mod gaps;
 mod jumps;
 mod kind;
-mod likeness;
 mod readings;
 mod sensors;
 mod starts;

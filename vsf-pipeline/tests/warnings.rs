@@ -295,11 +295,19 @@ fn sensors_that_freeze() {
 fn readings_of_other_joints() {
     let scene = scene(TorqueKind::External, 0);
     let right = touch(&scene);
-    let warnings = warned(&scene, &first_joint(&right, |v| -v));
-    let [PipelineWarning::OppositeJoint { joint, correlation }] = &warnings[..] else {
-        panic!("{warnings:?}");
-    };
-    assert!(joint == "joint_1" && *correlation < -0.8, "{correlation}");
+    for j in 0..3 {
+        let mut changed = right.clone();
+        let rows = changed.torques.data_mut().chunks_exact_mut(3);
+        rows.for_each(|row| row[j] = -row[j]);
+        let warnings = warned(&scene, &changed);
+        let [PipelineWarning::OppositeJoint { joint, gain }] = &warnings[..] else {
+            panic!("{warnings:?}");
+        };
+        assert!(
+            *joint == format!("joint_{}", j + 1) && *gain > 100.0,
+            "{warnings:?}"
+        );
+    }
 
     let reordered = |order: [usize; 3]| {
         let mut changed = right.clone();
@@ -312,6 +320,8 @@ fn readings_of_other_joints() {
     for (order, says) in [
         ([2, 1, 0], "in reverse order"),
         ([2, 0, 1], "turned on (joint_1 in the column of joint_2)"),
+        ([1, 0, 2], "of joint_1 and joint_2 exchanged"),
+        ([0, 2, 1], "of joint_2 and joint_3 exchanged"),
     ] {
         let warnings = warned(&scene, &reordered(order));
         let [PipelineWarning::MixedColumns { order, .. }] = &warnings[..] else {

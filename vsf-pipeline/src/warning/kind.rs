@@ -201,27 +201,25 @@ pub enum PipelineWarning {
     },
     /// Readings of one joint that go against what springs give there, while those of the others do not.
     #[error(
-        "readings of joint {joint} in contact are opposite to those of springs (correlation {correlation:.2} with one \
-         stiffness everywhere), those of the others are not; check its sign"
+        "readings of joint {joint} in contact are opposite to those of springs that explain the other joints (with the other \
+         sign they fit better by {gain:.0} nats); check its sign"
     )]
     OppositeJoint {
         /// Name of the joint.
         joint: String,
-        /// With the torques of 1 N/m at every point, -1 to 1.
-        correlation: f64,
+        /// Log likelihood that its other sign gains (nats).
+        gain: f64,
     },
     /// Readings whose columns fit the joints better in another order.
     #[error(
-        "torques in contact fit springs far better with their columns {order} (correlation {other:.2} instead of \
-         {correlation:.2} with one stiffness everywhere); check which column is which joint's"
+        "torques in contact fit springs far better with their columns {order} (by {gain:.0} nats); check which column is \
+         which joint's"
     )]
     MixedColumns {
         /// The order, in words.
         order: String,
-        /// With the torques of 1 N/m at every point in that order, -1 to 1.
-        other: f64,
-        /// The same in the order that they have.
-        correlation: f64,
+        /// Log likelihood that it gains (nats).
+        gain: f64,
     },
     /// Readings that are far from zero where nothing is touched.
     #[error(

@@ -1,4 +1,4 @@
-use super::{PipelineWarning, Rows, actuators, likeness, malformed, outliers, sensors};
+use super::{PipelineWarning, Rows, actuators, conventions, malformed, outliers, sensors};
 use crate::readings::check_sequence;
 use crate::{Scene, Trace, motion_of, reading_unit, rigid_body_torques};
 use vsf_core::Observation;
@@ -75,7 +75,7 @@ pub fn reading_warnings(
     warnings.extend(sensors);
     // Gravity that is left, and other offsets, may turn readings round.
     let offset = gravity_left(scene, rigid, traces).or_else(|| not_tared(scene, traces));
-    warnings.extend(offset.or_else(|| likeness::warning(scene, traces)));
+    warnings.extend(offset.or_else(|| conventions::warning(scene, traces)));
     warnings
 }
 
