@@ -46,25 +46,18 @@ pub fn warning<'a>(scene: &Scene, traces: &'a [Trace]) -> Option<PipelineWarning
         let others = conventions(joints).map(|(kind, columns)| (kind, evidence.of(&columns) - own));
         others.max_by(|a, b| a.1.total_cmp(&b.1))
     });
-    let order = match found.filter(|(_, gain)| *gain > EVIDENT) {
-        Some((Convention::Opposite(j), gain)) => {
-            let joint = name(j).to_owned();
-            return Some(PipelineWarning::OppositeJoint { joint, gain });
-        }
-        Some((Convention::Reversed, gain)) => Some(("in reverse order".to_owned(), gain)),
-        Some((Convention::Turned(by), gain)) => {
-            let (first, column) = (name(0), name(by));
-            Some((
-                format!("turned on ({first} in the column of {column})"),
-                gain,
-            ))
-        }
-        Some((Convention::Exchanged(a, b), gain)) => {
-            Some((format!("of {} and {} exchanged", name(a), name(b)), gain))
-        }
-        None => None,
-    };
-    if let Some((order, gain)) = order {
+    if let Some((convention, gain)) = found.filter(|(_, gain)| *gain > EVIDENT) {
+        let order = match convention {
+            Convention::Opposite(j) => {
+                let joint = name(j).to_owned();
+                return Some(PipelineWarning::OppositeJoint { joint, gain });
+            }
+            Convention::Reversed => "in reverse order".to_owned(),
+            Convention::Turned(by) => {
+                format!("turned on ({} in the column of {})", name(0), name(by))
+            }
+            Convention::Exchanged(a, b) => format!("of {} and {} exchanged", name(a), name(b)),
+        };
         return Some(PipelineWarning::MixedColumns { order, gain });
     }
     let correlation = correlation(&touching);
