@@ -41,7 +41,7 @@ pub fn warning<'a>(scene: &Scene, traces: &'a [Trace]) -> Option<PipelineWarning
     let touching: Vec<Sample> = touching.filter(|s| !s.observation.is_empty()).collect();
     let joints = scene.robot().joint_count();
     let name = |j: usize| scene.robot().joints()[j].name();
-    let found = Evidence::new(scene, &touching).and_then(|evidence| {
+    let found = Evidence::new(&touching, joints).and_then(|evidence| {
         let own = evidence.of(&as_given(joints));
         let others = conventions(joints).map(|(kind, columns)| (kind, evidence.of(&columns) - own));
         others.max_by(|a, b| a.1.total_cmp(&b.1))
@@ -116,14 +116,13 @@ struct Evidence {
 
 impl Evidence {
     /// `None` where readings or columns are zero.
-    fn new(scene: &Scene, touching: &[Sample]) -> Option<Self> {
-        let joints = scene.robot().joint_count();
+    fn new(touching: &[Sample], joints: usize) -> Option<Self> {
         let noise = noise(touching, joints)?;
         let most = (MOST_READINGS / joints).max(1);
         let thinned: Vec<_> = (touching.iter().copied())
             .step_by(touching.len().div_ceil(most))
             .collect();
-        let springs = springs_together(&thinned, &noise, scene.rest().len());
+        let springs = springs_together(&thinned, &noise);
         let errors = errors_together(&thinned, joints);
         let n = springs.nrows();
         let of_sample = |i: usize| {
@@ -185,20 +184,26 @@ fn noise(touching: &[Sample], joints: usize) -> Option<Vec<f64>> {
 }
 
 /// Covariance of the readings of independent springs, per variance of one, in units of the noise.
-fn springs_together(samples: &[Sample], noise: &[f64], points: usize) -> DMatrix<f64> {
-    let mut of_point: Vec<Vec<(usize, f64)>> = vec![Vec::new(); points];
-    for (i, sample) in samples.iter().enumerate() {
-        let obs = sample.observation;
-        for (k, &p) in obs.points().iter().enumerate() {
-            let row = |(j, sd): (usize, &f64)| (i * noise.len() + j, obs.row(j)[k] / sd);
-            of_point[p as usize].extend(noise.iter().enumerate().map(row));
+fn springs_together(samples: &[Sample], noise: &[f64]) -> DMatrix<f64> {
+    let points = samples.iter().flat_map(|s| s.observation.points());
+    let mut points: Vec<u32> = points.copied().collect();
+    points.sort_unstable();
+    points.dedup();
+    let step = points.len().div_ceil(MOST_POINTS).max(1);
+    let points: Vec<u32> = points.into_iter().step_by(step).collect();
+    let mut of_point: Vec<Vec<(usize, f64)>> = vec![Vec::new(); points.len()];
+    for (i, Sample { observation, .. }) in samples.iter().enumerate() {
+        for (k, p) in observation.points().iter().enumerate() {
+            if let Ok(place) = points.binary_search(p) {
+                let row =
+                    |(j, sd): (usize, &f64)| (i * noise.len() + j, observation.row(j)[k] / sd);
+                of_point[place].extend(noise.iter().enumerate().map(row));
+            }
         }
     }
-    of_point.retain(|rows| !rows.is_empty());
     let n = samples.len() * noise.len();
     let mut together = DMatrix::zeros(n, n);
-    let step = of_point.len().div_ceil(MOST_POINTS).max(1);
-    for rows in of_point.iter().step_by(step) {
+    for rows in &of_point {
         for &(c, b) in rows {
             let column = &mut together.column_mut(c);
             rows.iter().for_each(|&(r, a)| column[r] += a * b);
