@@ -178,9 +178,9 @@ fn places(d: &Diagnosis) -> String {
     if let Some(first) = found.region.first() {
         let bars = found.region.iter().map(|r| {
             let [x, y, z] = r.center.map(|v| fixed(v, 3));
-            bar(&format!("{x}, {y}, {z} m"), r.share, None)
+            bar(&format!("{x}, {y}, {z}"), r.share, None)
         });
-        let title = format!("Place in contact, within {:.0} cm", 100.0 * first.radius);
+        let title = format!("Place in contact [m], within {:.0} cm", 100.0 * first.radius);
         html += &panel(&title, &bars.collect::<String>());
     }
     html + "</div>\n"
