@@ -180,7 +180,10 @@ fn places(d: &Diagnosis) -> String {
             let [x, y, z] = r.center.map(|v| fixed(v, 3));
             bar(&format!("{x}, {y}, {z}"), r.share, None)
         });
-        let title = format!("Place in contact [m], within {:.0} cm", 100.0 * first.radius);
+        let title = format!(
+            "Place in contact [m], within {:.0} cm",
+            100.0 * first.radius
+        );
         html += &panel(&title, &bars.collect::<String>());
     }
     html + "</div>\n"

@@ -1,19 +1,24 @@
 //! Signs and columns of readings in contact: those under which independent springs explain them best.
 //!
 //! What touches one point at several joints has to agree, whatever the stiffness. The marginal likelihood of readings with
-//! a sign or two columns exchanged, stiffness integrated out, tells by hundreds of nats; but for joints that feel next
-//! to nothing. The sign of all joints together it does not tell: a stiffness may be negative there.
+//! signs turned or columns exchanged, stiffness integrated out, tells by hundreds of nats; but for joints that hardly
+//! feel anything. The sign of all joints together it does not tell, a stiffness may be negative there; that is
+//! told by springs of one stiffness everywhere.
 
 use super::{PipelineWarning, springs};
 use crate::median::median;
 use crate::{Scene, Trace};
 use nalgebra::{DMatrix, DVector};
 use vsf_core::Observation;
+use vsf_robots::{Joint, JointKind};
 
-/// Readings and points that are looked at, evenly from all.
+/// Of robots with more joints nothing is said.
+const MOST_JOINTS: usize = 32;
+/// Readings and points that are looked at, of all parts of the recording.
 const MOST_READINGS: usize = 700;
 const MOST_POINTS: usize = 1000;
-/// Nats by which another convention has to do better. Of right readings, offsets and drifts included, none does by 50.
+/// Nats by which another convention has to do better. Of the plants, soft bodies and silicone that the defaults were settled
+/// with, with any effect of a diagnosis or none, none does by 50.
 const EVIDENT: f64 = 100.0;
 /// Standard deviations of a typical reading that springs expect, per one of its noise.
 const RATIOS: [f64; 5] = [0.3, 1.0, 3.0, 10.0, 30.0];
@@ -22,12 +27,12 @@ const RATIOS: [f64; 5] = [0.3, 1.0, 3.0, 10.0, 30.0];
 const PERSISTING: f64 = 1.0;
 const PERSISTS: f64 = 1.0;
 const ZERO: f64 = 10.0;
-/// Share of the whole reading that the noise of every joint has besides its own.
+/// Share of what springs give at all joints of a kind that the noise of each has besides its own.
 const FLOOR: f64 = 0.05;
 /// Readings that are less like those of springs of one stiffness everywhere are of the other sign.
 const OPPOSITE: f64 = -0.5;
 
-/// Torques of the wrong sign, of all joints or of one, and columns in the wrong order.
+/// Torques of the wrong sign, of some joints or of all, and columns in the wrong order.
 pub fn warning<'a>(scene: &Scene, traces: &'a [Trace]) -> Option<PipelineWarning> {
     let of_trace = |(sequence, trace): (usize, &'a Trace)| {
         let samples = trace.time.iter().zip(&trace.observations);
@@ -39,29 +44,39 @@ pub fn warning<'a>(scene: &Scene, traces: &'a [Trace]) -> Option<PipelineWarning
     };
     let touching = traces.iter().enumerate().flat_map(of_trace);
     let touching: Vec<Sample> = touching.filter(|s| !s.observation.is_empty()).collect();
-    let joints = scene.robot().joint_count();
-    let name = |j: usize| scene.robot().joints()[j].name();
-    let found = Evidence::new(&touching, joints).and_then(|evidence| {
-        let own = evidence.of(&as_given(joints));
-        let others = conventions(joints).map(|(kind, columns)| (kind, evidence.of(&columns) - own));
-        others.max_by(|a, b| a.1.total_cmp(&b.1))
-    });
-    if let Some((convention, gain)) = found.filter(|(_, gain)| *gain > EVIDENT) {
-        let order = match convention {
-            Convention::Opposite(j) => {
-                let joint = name(j).to_owned();
-                return Some(PipelineWarning::OppositeJoint { joint, gain });
-            }
-            Convention::Reversed => "in reverse order".to_owned(),
-            Convention::Turned(by) => {
-                format!("turned on ({} in the column of {})", name(0), name(by))
-            }
-            Convention::Exchanged(a, b) => format!("of {} and {} exchanged", name(a), name(b)),
-        };
-        return Some(PipelineWarning::MixedColumns { order, gain });
+    let joints = scene.robot().joints();
+    let mut signs = vec![1.0; joints.len()];
+    let mut gain = 0.0;
+    if let Some(evidence) = Evidence::new(&touching, joints) {
+        let own = evidence.of(&as_given(joints.len()));
+        let turned = evidence.signs();
+        gain = evidence.of(&with_signs(&turned)) - own;
+        let orders = orders(joints.len()).map(|(order, columns)| (order, evidence.of(&columns)));
+        let best = orders.max_by(|a, b| a.1.total_cmp(&b.1));
+        if let Some((order, value)) = best.filter(|(_, v)| v - own > gain + EVIDENT) {
+            return Some(PipelineWarning::MixedColumns {
+                order: order.in_words(joints),
+                gain: value - own,
+            });
+        }
+        signs = turned;
     }
-    let correlation = correlation(&touching);
-    (correlation < OPPOSITE).then_some(PipelineWarning::OppositeTorques { correlation })
+    let correlation = correlation(&touching, &signs);
+    let turned = signs.iter().filter(|s| **s < 0.0).count();
+    let as_few = turned > 0 && 2 * turned >= joints.len();
+    if correlation < OPPOSITE || correlation < 0.0 && as_few {
+        signs.iter_mut().for_each(|s| *s = -*s);
+    }
+    let opposite = joints.iter().zip(&signs).filter(|(_, s)| **s < 0.0);
+    let opposite: Vec<&str> = opposite.map(|(joint, _)| joint.name()).collect();
+    match opposite.len() {
+        0 => None,
+        n if n == joints.len() => Some(PipelineWarning::OppositeTorques { correlation }),
+        _ => Some(PipelineWarning::OppositeJoints {
+            joints: opposite.join(", "),
+            gain,
+        }),
+    }
 }
 
 /// A reading in contact.
@@ -73,135 +88,181 @@ struct Sample<'a> {
     observation: &'a Observation<f64>,
 }
 
-/// How readings may be other than they were meant.
-enum Convention {
-    /// One joint's of the other sign.
-    Opposite(usize),
-    /// Columns from the last to the first.
-    Reversed,
-    /// So many columns of the begin stand at the end.
-    Turned(usize),
-    /// Two columns, each the other's.
-    Exchanged(usize, usize),
-}
-
 /// The column that each joint takes, and with which sign.
 type Columns = Vec<(usize, f64)>;
 
 fn as_given(joints: usize) -> Columns {
-    (0..joints).map(|j| (j, 1.0)).collect()
+    with_signs(&vec![1.0; joints])
 }
 
-fn conventions(joints: usize) -> impl Iterator<Item = (Convention, Columns)> {
+fn with_signs(signs: &[f64]) -> Columns {
+    signs.iter().copied().enumerate().collect()
+}
+
+/// How columns may have come into another order.
+enum Order {
+    Reversed,
+    /// So many columns of the end stand at the begin.
+    Turned(usize),
+    Exchanged(usize, usize),
+}
+
+impl Order {
+    fn in_words(&self, joints: &[Joint]) -> String {
+        let name = |j: usize| joints[j].name();
+        match *self {
+            Self::Reversed => "in reverse order".to_owned(),
+            Self::Turned(by) => format!("turned on ({} in the column of {})", name(0), name(by)),
+            Self::Exchanged(a, b) => format!("of {} and {} exchanged", name(a), name(b)),
+        }
+    }
+}
+
+/// Such orders, with the column that each joint then takes.
+fn orders(joints: usize) -> impl Iterator<Item = (Order, Columns)> {
     let with = move |change: &dyn Fn(&mut Columns)| {
         let mut columns = as_given(joints);
         change(&mut columns);
         columns
     };
-    let reversed = (Convention::Reversed, with(&|c| c.reverse()));
-    let opposite = (0..joints).map(move |j| (Convention::Opposite(j), with(&|c| c[j].1 = -1.0)));
-    let turned = (1..joints).map(move |by| (Convention::Turned(by), with(&|c| c.rotate_left(by))));
+    let reversed = (Order::Reversed, with(&|c| c.reverse()));
+    let turned = (1..joints).map(move |by| (Order::Turned(by), with(&|c| c.rotate_left(by))));
     let pairs = (0..joints).flat_map(move |a| (a + 1..joints).map(move |b| (a, b)));
-    let exchanged = pairs.map(move |(a, b)| (Convention::Exchanged(a, b), with(&|c| c.swap(a, b))));
-    (opposite.chain(exchanged).chain(turned)).chain(std::iter::once(reversed))
+    let exchanged = pairs.map(move |(a, b)| (Order::Exchanged(a, b), with(&|c| c.swap(a, b))));
+    exchanged.chain(turned).chain(std::iter::once(reversed))
 }
 
 /// Log marginal likelihood of readings in any convention, from one factorisation per ratio of springs and noise.
 struct Evidence {
     joints: usize,
-    readings: f64,
-    /// For every ratio, `log det C` and the products `z^T C^-1 z` of the readings of every column in the rows of every joint.
+    /// For every ratio, `log det C` and, for every joint in turn, the readings of every column in its rows, whitened.
     ratios: Vec<(f64, DMatrix<f64>)>,
 }
 
 impl Evidence {
-    /// `None` where readings or columns are zero.
-    fn new(touching: &[Sample], joints: usize) -> Option<Self> {
-        let noise = noise(touching, joints)?;
-        let most = (MOST_READINGS / joints).max(1);
-        let thinned: Vec<_> = (touching.iter().copied())
+    /// `None` where all readings or columns are zero, where the arithmetic fails, and of too many joints.
+    fn new(touching: &[Sample], joints: &[Joint]) -> Option<Self> {
+        let d = joints.len();
+        let is_zero = |s: &Sample| s.observation.reading().iter().all(|r| *r == 0.0);
+        if d > MOST_JOINTS || touching.iter().all(is_zero) {
+            return None;
+        }
+        let most = (MOST_READINGS / d).max(1);
+        let thinned: Vec<Sample> = (touching.iter().copied())
             .step_by(touching.len().div_ceil(most))
             .collect();
-        let springs = springs_together(&thinned, &noise);
-        let errors = errors_together(&thinned, joints);
+        let mut springs = springs_together(&thinned, d);
+        let noise = noise(&springs, joints)?;
         let n = springs.nrows();
+        let of_row = |row: usize| noise[row % d];
+        for c in 0..n {
+            let mut column = springs.column_mut(c);
+            (0..n).for_each(|r| column[r] /= of_row(r) * of_row(c));
+        }
         let of_sample = |i: usize| {
-            let rows = i * joints..(i + 1) * joints;
-            (rows.map(|r| springs[(r, r)]).sum::<f64>() / joints as f64).sqrt()
+            let rows = i * d..(i + 1) * d;
+            (rows.map(|r| springs[(r, r)]).sum::<f64>() / d as f64).sqrt()
         };
         let typical = median((0..thinned.len()).map(of_sample).collect()).filter(|t| *t > 0.0)?;
-        let mut readings = DMatrix::zeros(n, joints * joints);
-        for (i, Sample { observation, .. }) in thinned.iter().enumerate() {
-            for (joint, noise) in noise.iter().enumerate() {
-                for (column, reading) in observation.reading().iter().enumerate() {
-                    readings[(i * joints + joint, joint * joints + column)] = reading / noise;
-                }
+        let readings = DMatrix::from_fn(n, d * d, |row, place| {
+            let (joint, column) = (place / d, place % d);
+            match row % d == joint {
+                true => thinned[row / d].observation.reading()[column] / noise[joint],
+                false => 0.0,
             }
-        }
+        });
+        let errors = errors_together(&thinned, d);
         let at = |ratio: &f64| {
             let covariance = &springs * (ratio / typical).powi(2) + &errors;
             let factor = covariance.cholesky()?;
             let log_det = 2.0 * (0..n).map(|i| factor.l_dirty()[(i, i)].ln()).sum::<f64>();
             let mut white = readings.clone();
             (factor.l_dirty()).solve_lower_triangular_mut(&mut white);
-            Some((log_det, white.tr_mul(&white)))
+            Some((log_det, white))
         };
-        Some(Self {
-            joints,
-            readings: n as f64,
-            ratios: RATIOS.iter().map(at).collect::<Option<_>>()?,
-        })
+        let ratios: Vec<_> = RATIOS.iter().filter_map(at).collect();
+        (!ratios.is_empty()).then_some(Self { joints: d, ratios })
     }
 
     /// With the ratio and the level of springs and noise at their best (nats, without constants).
     fn of(&self, columns: &Columns) -> f64 {
-        let place =
-            |(joint, (column, sign)): (usize, &(usize, f64))| (joint * self.joints + column, *sign);
-        let places: Vec<(usize, f64)> = columns.iter().enumerate().map(place).collect();
-        let at = |(log_det, products): &(f64, DMatrix<f64>)| {
-            let pairs = places
-                .iter()
-                .flat_map(|a| places.iter().map(move |b| (a, b)));
-            let squares: f64 = pairs.map(|(a, b)| a.1 * b.1 * products[(a.0, b.0)]).sum();
-            -0.5 * (self.readings * (squares / self.readings).ln() + log_det)
+        let at = |(log_det, white): &(f64, DMatrix<f64>)| {
+            let mut all = DVector::zeros(white.nrows());
+            for (joint, (column, sign)) in columns.iter().enumerate() {
+                all.axpy(*sign, &white.column(joint * self.joints + column), 1.0);
+            }
+            let n = white.nrows() as f64;
+            -0.5 * (n * (all.norm_squared() / n).ln() + log_det)
         };
         self.ratios.iter().map(at).fold(f64::NEG_INFINITY, f64::max)
     }
+
+    /// The signs that do best, by turning one joint's after the other, or two at once, while that is evident.
+    fn signs(&self) -> Vec<f64> {
+        let mut signs = vec![1.0; self.joints];
+        let mut value = self.of(&with_signs(&signs));
+        let joints = 0..self.joints;
+        let singles: Vec<(usize, usize)> = joints.clone().map(|a| (a, a)).collect();
+        let pairs = joints.flat_map(|a| (a + 1..self.joints).map(move |b| (a, b)));
+        let moves = [singles, pairs.collect()];
+        for _ in 0..self.joints {
+            let best_of = |moves: &Vec<(usize, usize)>| {
+                let turned = moves.iter().map(|&(a, b)| {
+                    let mut turned = signs.clone();
+                    turned[a] = -signs[a];
+                    turned[b] = -signs[b];
+                    (self.of(&with_signs(&turned)), turned)
+                });
+                let best = turned.max_by(|a, b| a.0.total_cmp(&b.0));
+                best.filter(|(better, _)| better - value > EVIDENT)
+            };
+            let Some(better) = moves.iter().find_map(best_of) else {
+                break;
+            };
+            (value, signs) = better;
+        }
+        signs
+    }
 }
 
-/// The noise of every joint, up to its level: error of the model above all, which grows with the load.
-fn noise(touching: &[Sample], joints: usize) -> Option<Vec<f64>> {
-    let squares = |j: usize| {
-        touching
-            .iter()
-            .map(|s| s.observation.reading()[j].powi(2))
-            .sum::<f64>()
+/// The noise of every joint, up to its level: error of the model above all, which grows with what springs give there.
+/// `springs` is their covariance, a row for every joint of a sample. `None` where they give nothing.
+fn noise(springs: &DMatrix<f64>, joints: &[Joint]) -> Option<Vec<f64>> {
+    let d = joints.len();
+    let rms = |j: usize| {
+        let rows = (j..springs.nrows()).step_by(d);
+        (rows.map(|r| springs[(r, r)]).sum::<f64>() * d as f64 / springs.nrows() as f64).sqrt()
     };
-    let rms = |j: usize| (squares(j) / touching.len() as f64).sqrt();
-    let rms: Vec<f64> = (0..joints).map(rms).collect();
-    let norm = DVector::from_column_slice(&rms).norm();
-    (norm > 0.0).then(|| rms.iter().map(|r| r + FLOOR * norm).collect())
+    let rms: Vec<f64> = (0..d).map(rms).collect();
+    let slides = |j: usize| joints[j].kind() == JointKind::Prismatic;
+    let norm = |j: usize| {
+        let alike = (0..d).filter(|&k| slides(k) == slides(j));
+        alike.map(|k| rms[k] * rms[k]).sum::<f64>().sqrt()
+    };
+    let noise: Vec<f64> = (0..d).map(|j| rms[j] + FLOOR * norm(j)).collect();
+    noise.iter().all(|sd| *sd > 0.0).then_some(noise)
 }
 
-/// Covariance of the readings of independent springs, per variance of one, in units of the noise.
-fn springs_together(samples: &[Sample], noise: &[f64]) -> DMatrix<f64> {
+/// Covariance of the readings of independent springs, per variance of one.
+fn springs_together(samples: &[Sample], joints: usize) -> DMatrix<f64> {
     let points = samples.iter().flat_map(|s| s.observation.points());
     let mut points: Vec<u32> = points.copied().collect();
     points.sort_unstable();
     points.dedup();
-    let step = points.len().div_ceil(MOST_POINTS).max(1);
-    let points: Vec<u32> = points.into_iter().step_by(step).collect();
+    // Scattered, since neighbours in a lattice have like indices.
+    points.sort_by_key(|p| p.wrapping_mul(0x9E37_79B1));
+    points.truncate(MOST_POINTS);
+    points.sort_unstable();
     let mut of_point: Vec<Vec<(usize, f64)>> = vec![Vec::new(); points.len()];
     for (i, Sample { observation, .. }) in samples.iter().enumerate() {
         for (k, p) in observation.points().iter().enumerate() {
             if let Ok(place) = points.binary_search(p) {
-                let row =
-                    |(j, sd): (usize, &f64)| (i * noise.len() + j, observation.row(j)[k] / sd);
-                of_point[place].extend(noise.iter().enumerate().map(row));
+                let row = |j: usize| (i * joints + j, observation.row(j)[k]);
+                of_point[place].extend((0..joints).map(row));
             }
         }
     }
-    let n = samples.len() * noise.len();
+    let n = samples.len() * joints;
     let mut together = DMatrix::zeros(n, n);
     for rows in &of_point {
         for &(c, b) in rows {
@@ -231,12 +292,13 @@ fn errors_together(samples: &[Sample], joints: usize) -> DMatrix<f64> {
     together
 }
 
-/// Of readings with the torques of springs of one stiffness everywhere; NaN where one of both is zero.
-fn correlation(touching: &[Sample]) -> f64 {
+/// Of readings with these signs with the torques of springs of one stiffness everywhere; NaN where one of both is zero.
+fn correlation(touching: &[Sample], signs: &[f64]) -> f64 {
     let (mut both, mut of_springs, mut of_readings) = (0.0, 0.0, 0.0);
     for Sample { observation, .. } in touching {
-        for (spring, reading) in springs(observation).zip(observation.reading()) {
-            both += spring * reading;
+        let readings = observation.reading().iter().zip(signs);
+        for (spring, (reading, sign)) in springs(observation).zip(readings) {
+            both += spring * sign * reading;
             of_springs += spring * spring;
             of_readings += reading * reading;
         }

@@ -199,21 +199,21 @@ pub enum PipelineWarning {
         /// What is left per torque that the arm itself needs.
         size: f64,
     },
-    /// Readings of one joint that go against what springs give there, while those of the others do not.
+    /// Readings of some joints that go against those of the others.
     #[error(
-        "readings of joint {joint} in contact are opposite to those of springs that explain the other joints (with the other \
-         sign they fit better by {gain:.0} nats); check its sign"
+        "springs explain the readings in contact far better with the other sign of {joints} (log likelihood higher by \
+         {gain:.0}); check it"
     )]
-    OppositeJoint {
-        /// Name of the joint.
-        joint: String,
-        /// Log likelihood that its other sign gains (nats).
+    OppositeJoints {
+        /// Names of the joints.
+        joints: String,
+        /// Log likelihood that their other sign gains (nats).
         gain: f64,
     },
     /// Readings whose columns fit the joints better in another order.
     #[error(
-        "torques in contact fit springs far better with their columns {order} (by {gain:.0} nats); check which column is \
-         which joint's"
+        "springs explain the readings in contact far better with their columns {order} (log likelihood higher by {gain:.0}); \
+         check which column is which joint's"
     )]
     MixedColumns {
         /// The order, in words.
