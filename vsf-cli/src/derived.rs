@@ -88,8 +88,7 @@ pub fn save(
         files.extend(bundle);
     }
     writing(|| {
-        dataset.save_with(out, &files)?;
-        // Of a prediction that was there before.
+        // Of a prediction that was there before: it is better without deviations than with those of other torques.
         for path in dataset.sequences.iter().map(|s| deviations_of(&s.id)) {
             let old = out.join(&path);
             if files.iter().all(|(new, _)| *new != path) && old.exists() {
@@ -97,6 +96,6 @@ pub fn save(
                     .with_context(|| format!("cannot remove {}", old.display()))?;
             }
         }
-        Ok(())
+        Ok(dataset.save_with(out, &files)?)
     })
 }

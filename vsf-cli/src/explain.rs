@@ -35,9 +35,7 @@ pub fn explain(settings: &MetadataSettings, error: PipelineError) -> anyhow::Err
             source: RobotError::UnknownJoint { .. } | RobotError::IncompleteJointOrder { .. },
             ..
         } => settings.flag("joints"),
-        PipelineError::JointMismatch { .. } => {
-            (settings.flag("joint_types")).or_else(|| settings.flag("joints"))
-        }
+        PipelineError::JointMismatch { key, .. } => settings.flag(key),
         _ => None,
     };
     if let Some(flag) = joints {

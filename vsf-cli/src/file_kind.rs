@@ -1,4 +1,4 @@
-//! Which files an output replaces: those of its own kind, as `vsf` writes them.
+//! Which files an output replaces: those of its own kind; of pictures any, of the others what `vsf` writes.
 
 use crate::console::read_text;
 use crate::exit::usage;

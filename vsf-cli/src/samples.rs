@@ -1,6 +1,8 @@
 //! Recordings built into the program; see `data/README.md`.
 
 use crate::console::write_folder;
+use std::ffi::OsStr;
+use std::fs;
 use std::path::{Path, PathBuf};
 
 /// Files of a recording by their paths in its folder.
@@ -82,6 +84,25 @@ pub const FAR_PLACES: Sample = sample!["orange_tree_no":
 ];
 
 impl Sample {
+    /// What is in the folder of the recording and was not unpacked so. Names that begin with a dot do not count.
+    pub fn changed_in(&self, folder: &Path) -> Option<PathBuf> {
+        let differs = |(name, bytes): &(&str, &[u8])| {
+            let path = folder.join(name);
+            let found = fs::read(&path);
+            (path.exists() && found.ok().as_deref() != Some(bytes)).then_some(path)
+        };
+        let names = folder.read_dir().into_iter().flatten().flatten();
+        let is_own = |name: &OsStr| {
+            self.files
+                .iter()
+                .any(|(file, _)| Path::new(file).starts_with(name))
+        };
+        let mut others = (names.map(|entry| entry.file_name()))
+            .filter(|name| !name.to_string_lossy().starts_with('.') && !is_own(name));
+        let changed = self.files.iter().find_map(differs);
+        changed.or_else(|| others.next().map(|name| folder.join(name)))
+    }
+
     /// Writes the recording to the folder `inner` of an output, and returns where that is.
     pub fn unpack(&self, output: &Path, inner: &Path) -> anyhow::Result<PathBuf> {
         let files = self.files.iter();

@@ -136,7 +136,7 @@ fn what_is_wrong_is_said_in_flags() {
     }
     assert!(!root.join("rec").exists());
     let line = format!("import a.csv --gap 0.01 {known}");
-    let part = "2 samples come more than 0.01 s apart";
+    let part = "2 of 2 samples are more than 0.01 s from any other";
     bench.fails(&line, 2, &["--gap", part]);
     assert!(!root.join("rec").exists());
 }

@@ -191,3 +191,42 @@ fn contents(folder: &Path) -> Vec<(std::path::PathBuf, Vec<u8>)> {
     all.sort();
     all
 }
+
+/// A recording in the place of the quick start's may be somebody's.
+#[test]
+fn the_quick_start_replaces_its_own_alone() {
+    let bench = Bench::new();
+    let place = bench.root.join("vsf-quickstart/recording");
+    let own = concat!(env!("CARGO_MANIFEST_DIR"), "/data/orange_tree/seq_000");
+    fs::create_dir_all(place.join("seq_000")).unwrap();
+    let torques = place.join("seq_000/torques.npy");
+    fs::write(&torques, "mine").unwrap();
+    bench.fails(
+        "",
+        2,
+        &["seq_000/torques.npy", "not as the quick start writes it"],
+    );
+    assert_eq!(fs::read_to_string(&torques).unwrap(), "mine");
+    fs::copy(format!("{own}/torques.npy"), &torques).unwrap();
+    fs::create_dir(place.join("seq_002")).unwrap();
+    bench.fails("", 2, &["seq_002", "not as the quick start writes it"]);
+    fs::remove_dir(place.join("seq_002")).unwrap();
+    let svg = bench.root.join("vsf-quickstart/torques.svg");
+    fs::write(&svg, "mine").unwrap();
+    bench.fails("", 2, &["torques.svg", "holds something else"]);
+    assert_eq!(fs::read_to_string(&svg).unwrap(), "mine");
+}
+
+#[test]
+fn plots_replace_plots_alone() {
+    let bench = Bench::touched();
+    fs::create_dir(bench.root.join("plots")).unwrap();
+    let plot = bench.root.join("plots/torques_c.svg");
+    fs::write(&plot, "mine").unwrap();
+    let line = "export touch --field truth --torques plots";
+    bench.fails(line, 2, &["torques_c.svg", "holds something else"]);
+    assert_eq!(fs::read_to_string(&plot).unwrap(), "mine");
+    fs::remove_file(&plot).unwrap();
+    bench.ok(line);
+    bench.ok(line);
+}

@@ -165,6 +165,8 @@ pub enum PipelineError {
     /// `joints` or `joint_types` of the recording contradict the robot.
     #[error("column {column} of the recording is {recorded}, the robot's joint there is {robot}")]
     JointMismatch {
+        /// What says so, `joints` or `joint_types` of the recording.
+        key: &'static str,
         /// Column, from 1.
         column: usize,
         /// What the recording says.

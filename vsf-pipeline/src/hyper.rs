@@ -122,8 +122,8 @@ pub enum HyperMethod {
     ///   `sqrt(4 / n)` of its noise. The
     ///   touches, dealt to at most ten parts in turn, are held out once (where the parts share few
     ///   points, every quarter of a touch) and predicted from the others by the constrained optimum,
-    ///   with every shape that is to be compared, at the ratio by rule and at others from there on outward while the
-    ///   error falls; with more than 1500 touched points, by
+    ///   with every shape that is to be compared, at the ratio by rule and at others, up to 64 times as large, from there on
+    ///   outward while the error falls, or else, where it does not, down to a sixteenth; with more than 1500 touched points, by
     ///   the online filter, which tells nothing of a smooth part: the first shape stays. Of all priors whose error exceeds that of
     ///   the best one by no more than one standard error of the difference, the one nearest to the rule is taken
     ///   (paired; after L. Breiman et al., *Classification and Regression Trees*, 1984, section 3.4.3).
@@ -131,8 +131,8 @@ pub enum HyperMethod {
     ///   uncertainty of the field taken in.
     #[default]
     HeldOut,
-    /// By the marginal likelihood of all readings ([`vsf_filter::BatchMap::best_level`]), over the
-    /// same ratios and shapes. It takes the error of the model as independent from sample to
+    /// By the marginal likelihood of all readings ([`vsf_filter::BatchMap::best_level`]), over all
+    /// of these ratios and the same shapes. It takes the error of the model as independent from sample to
     /// sample. Where it is not, as in most recordings of pushes, the readings are followed too
     /// closely.
     Likelihood,

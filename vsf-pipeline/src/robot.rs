@@ -36,7 +36,8 @@ pub fn robot_of(
             names: some(&names),
         });
     }
-    let mismatch = |column: usize, recorded: &str, robot: &str| PipelineError::JointMismatch {
+    let mismatch = |key, column: usize, recorded: &str, robot: &str| PipelineError::JointMismatch {
+        key,
         column: column + 1,
         recorded: recorded.to_owned(),
         robot: robot.to_owned(),
@@ -44,6 +45,7 @@ pub fn robot_of(
     for (i, name) in dataset.joints.iter().flatten().enumerate() {
         if name != names[i] {
             return Err(mismatch(
+                "joints",
                 i,
                 &format!("joint {name:?}"),
                 &format!("{:?}", names[i]),
@@ -53,8 +55,12 @@ pub fn robot_of(
     for (i, kind) in dataset.joint_types.iter().flatten().enumerate() {
         let slides = robot.joints()[i].kind() == JointKind::Prismatic;
         match (kind, slides) {
-            (JointType::Prismatic, false) => return Err(mismatch(i, "prismatic", "rotating")),
-            (JointType::Revolute, true) => return Err(mismatch(i, "revolute", "prismatic")),
+            (JointType::Prismatic, false) => {
+                return Err(mismatch("joint_types", i, "prismatic", "rotating"));
+            }
+            (JointType::Revolute, true) => {
+                return Err(mismatch("joint_types", i, "revolute", "prismatic"));
+            }
             _ => {}
         }
     }

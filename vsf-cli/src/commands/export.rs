@@ -3,6 +3,7 @@ use crate::console::{Console, Written, create_parent, texts, write_file, write_f
 use crate::corrected::{CorrectedModel, ModelArgs, Modelled};
 use crate::exit::usage;
 use crate::field_file::{FieldFile, FieldFormat, claim, save};
+use crate::file_kind::FileKind;
 use crate::interrupt::writing;
 use crate::pictures::{self, Surroundings, View};
 use crate::range::positive;
@@ -153,6 +154,9 @@ fn from_recording(args: &Args, console: &Console) -> anyhow::Result<Vec<PathBuf>
         return Ok(written);
     };
     let sequences = recording.sequences(args.sequences.as_deref(), Default::Test)?;
+    let plot_of = |id: &str| format!("torques_{id}.svg");
+    (sequences.iter())
+        .try_for_each(|s| FileKind::Svg.check("--torques", &folder.join(plot_of(&s.id))))?;
     let (modelled, predictions) = predicted(
         &recording,
         &field,
@@ -166,7 +170,7 @@ fn from_recording(args: &Args, console: &Console) -> anyhow::Result<Vec<PathBuf>
         let title = format!("{}, sequence {}", dataset.name, trace.id);
         let svg = pictures::torques(&scene, trace, prediction, &title)
             .with_context(|| format!("sequence {}", trace.id))?;
-        plots.push((format!("torques_{}.svg", trace.id), svg));
+        plots.push((plot_of(&trace.id), svg));
     }
     write_folder(folder, plots.iter().map(|(name, svg)| (name, svg)))?;
     written.extend(plots.iter().map(|(name, _)| folder.join(name)));

@@ -1,7 +1,9 @@
 use crate::commands::estimate::{how, learn, noise_text};
 use crate::commands::evaluate::measure;
 use crate::console::{Console, number, table, write_file};
+use crate::exit::usage;
 use crate::field_file::save;
+use crate::file_kind::FileKind;
 use crate::pictures::{self, Surroundings, View};
 use crate::recording::{Default, Recording, traces};
 use crate::samples::ONE_PLACE;
@@ -12,6 +14,14 @@ use std::time::Instant;
 use vsf::pipeline::{Baseline, Evaluation, evaluate, predict};
 
 const FOLDER: &str = "vsf-quickstart";
+const FILES: [&str; 5] = [
+    "recording",
+    "field.npz",
+    "field.ply",
+    "field.png",
+    "torques.svg",
+];
+const KINDS: [FileKind; 4] = [FileKind::Npz, FileKind::Ply, FileKind::Png, FileKind::Svg];
 
 const HEAD: &str = "\
 A Kinova Gen3 pushes into a small orange tree (simulated, by a rigid-body engine that knows no
@@ -39,6 +49,16 @@ pub fn run(console: &Console) -> anyhow::Result<()> {
     console
         .outputs
         .folder("the quick start's", folder, "its own", |_| None)?;
+    if let Some(path) = ONE_PLACE.changed_in(&folder.join(FILES[0])) {
+        return Err(usage(format!(
+            "{}: it is not as the quick start writes it, which would replace it; start in another folder, or move \
+             {FOLDER}/ away",
+            path.display()
+        )));
+    }
+    for (name, kind) in FILES[1..].iter().zip(KINDS) {
+        kind.check("the quick start's", &folder.join(name))?;
+    }
     console.report(HEAD)?;
     let dataset = ONE_PLACE.unpack(folder, "recording".as_ref())?;
     let recording = Recording::open(&dataset, &SceneSettings::default(), console)?;

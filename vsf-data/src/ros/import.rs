@@ -105,13 +105,14 @@ impl JointLog {
             gap => self.split(gap.unwrap_or(GAP), &rows)?,
         };
         let (pieces, files) = (sequences.len(), self.files.len());
-        if let Some(gap) = gap.filter(|_| 2 * pieces > rows.len() + files) {
+        let alone = sequences.iter().filter(|s| s.len() == 1).count();
+        if let Some(gap) = gap.filter(|_| alone > files && 2 * alone > rows.len()) {
             let count = rows.len();
             return Err(DataError::Argument {
                 what: "gap",
                 problem: format!(
-                    "{count} samples come more than {gap:?} s apart and would make {pieces} sequences; give a gap longer \
-                     than the time between samples"
+                    "{alone} of {count} samples are more than {gap:?} s from any other and would each be a sequence; give a gap \
+                     longer than the time between samples"
                 ),
             });
         }

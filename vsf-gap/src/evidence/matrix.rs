@@ -118,11 +118,14 @@ pub(crate) fn times(a: &Mat<f64>, x: &[f64]) -> Vec<f64> {
 mod tests {
     use super::*;
 
-    /// Columns that are zero but for some rows, as of points that are touched for a while.
+    /// Columns that are zero but for some rows, as of points that are touched for a while, every third for a long one.
     fn sparse(rows: usize, columns: usize) -> Mat<f64> {
         Mat::from_fn(rows, columns, |i, k| {
             let from = 37 * k % rows;
-            let inside = (from..from + 5 + k).contains(&i) && !(64..128).contains(&i);
+            let inside = match k % 3 {
+                2 => (from..from + 110).contains(&i),
+                _ => (from..from + 5 + k).contains(&i) && !(64..128).contains(&i),
+            };
             if inside {
                 (i as f64 - 2.0 * k as f64).sin()
             } else {

@@ -79,7 +79,12 @@ impl Choice<'_> {
             let of_folds = self.held_out(&prior, |fold, posterior| {
                 Ok(mean_error(&posterior.mean(), &fold.held))
             })?;
-            Ok::<f64, PipelineError>(tried.add(prior, of_folds))
+            let error = tried.add(prior, of_folds);
+            let what = "the error on held-out touches";
+            match error.is_finite() {
+                true => Ok(error),
+                false => Err(PipelineError::from(CoreError::Overflow { what })),
+            }
         };
         let by_rule = error(0.0)?;
         let (mut above, mut below) = (POWERS.to_vec(), POWERS.to_vec());
@@ -226,8 +231,13 @@ impl HeldOutErrors {
         let best = best.unwrap_or(0);
         let as_good = all.filter(|&k| k == best || !self.is_worse(k, best));
         let distance = |k: &usize| self.priors[*k].1.abs();
-        // Of equals the first.
-        let chosen = as_good.min_by(|a, b| distance(a).total_cmp(&distance(b)));
+        let shape = |k: &usize| self.priors.iter().position(|p| p.0 == self.priors[*k].0);
+        // Of equals the first shape, of its ratios the better.
+        let chosen = as_good.min_by(|a, b| {
+            (distance(a).total_cmp(&distance(b)))
+                .then(shape(a).cmp(&shape(b)))
+                .then(error(a).total_cmp(&error(b)))
+        });
         self.priors[chosen.unwrap_or(best)]
     }
 

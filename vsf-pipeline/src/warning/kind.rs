@@ -462,8 +462,9 @@ pub enum PipelineWarning {
     },
     /// Points that are touched from farther away than a quarter of the object, and than four of their spacings.
     #[error(
-        "threshold and padding have points touched from {level} m before the robot's surface on, and the object is \
-         {size:.3} m across: much of it is touched at once, which takes long and tells little; lengths are in metres"
+        "threshold and padding have points touched from {} m before the robot's surface on, and the object is \
+         {size:.3} m across: much of it is touched at once, which takes long and tells little; lengths are in metres",
+        (level * 1e6).round() / 1e6
     )]
     TouchesFromAfar {
         /// Contact threshold and padding (m).

@@ -72,10 +72,12 @@ pub fn reading_warnings(
     if !sensors.iter().any(told) {
         warnings.extend(actuators::warning(scene, sequences, &rigid));
     }
+    let sick = !sensors.is_empty();
     warnings.extend(sensors);
-    // Gravity that is left, and other offsets, may turn readings round.
+    // Gravity that is left, and other offsets, may turn readings round; without one joint's, columns mean little.
     let offset = gravity_left(scene, rigid, traces).or_else(|| not_tared(scene, traces));
-    warnings.extend(offset.or_else(|| conventions::warning(scene, traces)));
+    let conventions = || conventions::warning(scene, traces).filter(|_| !sick);
+    warnings.extend(offset.or_else(conventions));
     warnings
 }
 
