@@ -14,14 +14,13 @@ use std::time::Instant;
 use vsf::pipeline::{Baseline, Evaluation, evaluate, predict};
 
 const FOLDER: &str = "vsf-quickstart";
-const FILES: [&str; 5] = [
-    "recording",
-    "field.npz",
-    "field.ply",
-    "field.png",
-    "torques.svg",
+const RECORDING: &str = "recording";
+const FILES: [(&str, FileKind); 4] = [
+    ("field.npz", FileKind::Npz),
+    ("field.ply", FileKind::Ply),
+    ("field.png", FileKind::Png),
+    ("torques.svg", FileKind::Svg),
 ];
-const KINDS: [FileKind; 4] = [FileKind::Npz, FileKind::Ply, FileKind::Png, FileKind::Svg];
 
 const HEAD: &str = "\
 A Kinova Gen3 pushes into a small orange tree (simulated, by a rigid-body engine that knows no
@@ -49,18 +48,19 @@ pub fn run(console: &Console) -> anyhow::Result<()> {
     console
         .outputs
         .folder("the quick start's", folder, "its own", |_| None)?;
-    if let Some(path) = ONE_PLACE.changed_in(&folder.join(FILES[0])) {
+    if let Some(path) = ONE_PLACE.changed_in(&folder.join(RECORDING)) {
         return Err(usage(format!(
             "{}: it is not as the quick start writes it, which would replace it; start in another folder, or move \
              {FOLDER}/ away",
             path.display()
         )));
     }
-    for (name, kind) in FILES[1..].iter().zip(KINDS) {
+    for (name, kind) in FILES {
         kind.check("the quick start's", &folder.join(name))?;
     }
+    let [npz, ply, png, svg] = FILES.map(|(name, _)| folder.join(name));
     console.report(HEAD)?;
-    let dataset = ONE_PLACE.unpack(folder, "recording".as_ref())?;
+    let dataset = ONE_PLACE.unpack(folder, RECORDING.as_ref())?;
     let recording = Recording::open(&dataset, &SceneSettings::default(), console)?;
     let train = recording.sequences(None, Default::Train)?;
     let test = recording.sequences(None, Default::Test)?;
@@ -82,8 +82,8 @@ pub fn run(console: &Console) -> anyhow::Result<()> {
 
     let name = &recording.dataset.name;
     let field = chosen.estimate.to_field(&scene, hyper, name, &learned)?;
-    save(&field, &folder.join("field.npz"))?;
-    save(&field, &folder.join("field.ply"))?;
+    save(&field, &npz)?;
+    save(&field, &ply)?;
     let mut around = Surroundings::default().robot(&scene, train[0], &learned[0])?;
     if let Some(view) = &recording.dataset.camera {
         around = around.camera(view, &field.points);
@@ -93,15 +93,15 @@ pub fn run(console: &Console) -> anyhow::Result<()> {
         deviation: false,
         limit: None,
     };
-    let png = pictures::field(&field, &around, view, |v| v.png())?;
-    write_file(&folder.join("field.png"), &png)?;
+    let picture = pictures::field(&field, &around, view, |v| v.png())?;
+    write_file(&png, &picture)?;
     let prediction = predict(&scene, &chosen.estimate.belief, &hyper.noise_sd, &unseen[0])?;
     let title = format!(
         "Orange tree, push {}, not used for the estimate",
         unseen[0].id
     );
-    let svg = pictures::torques(&scene, &unseen[0], &prediction, &title)?;
-    write_file(&folder.join("torques.svg"), svg.as_bytes())?;
+    let plot = pictures::torques(&scene, &unseen[0], &prediction, &title)?;
+    write_file(&svg, plot.as_bytes())?;
 
     let touched_points = chosen.estimate.touched.iter().filter(|t| **t).count();
     console.json(&Report {

@@ -87,10 +87,8 @@ impl Choice<'_> {
             }
         };
         let by_rule = error(0.0)?;
-        let (mut above, mut below) = (POWERS.to_vec(), POWERS.to_vec());
-        above.retain(|power| *power > 0.0);
-        below.retain(|power| *power < 0.0);
-        below.reverse();
+        let above: Vec<f64> = POWERS.into_iter().filter(|p| *p > 0.0).collect();
+        let below: Vec<f64> = POWERS.into_iter().rev().filter(|p| *p < 0.0).collect();
         for side in [above, below] {
             let mut least = by_rule;
             for power in side {

@@ -7,10 +7,10 @@
 
 use super::{PipelineWarning, springs};
 use crate::median::median;
-use crate::{Scene, Trace};
+use crate::{Scene, Trace, reading_unit};
 use nalgebra::{DMatrix, DVector};
 use vsf_core::Observation;
-use vsf_robots::{Joint, JointKind};
+use vsf_robots::Joint;
 
 /// Of robots with more joints nothing is said.
 const MOST_JOINTS: usize = 32;
@@ -27,7 +27,7 @@ const RATIOS: [f64; 5] = [0.3, 1.0, 3.0, 10.0, 30.0];
 const PERSISTING: f64 = 1.0;
 const PERSISTS: f64 = 1.0;
 const ZERO: f64 = 10.0;
-/// Share of what springs give at all joints of a kind that the noise of each has besides its own.
+/// Share of what springs give at all joints of a unit that the noise of each has besides its own.
 const FLOOR: f64 = 0.05;
 /// Readings that are less like those of springs of one stiffness everywhere are of the other sign.
 const OPPOSITE: f64 = -0.5;
@@ -62,6 +62,7 @@ pub fn warning<'a>(scene: &Scene, traces: &'a [Trace]) -> Option<PipelineWarning
         signs = turned;
     }
     let correlation = correlation(&touching, &signs);
+    // Signs and their opposites are as likely. One stiffness everywhere tells which, clearly if more joints are turned then.
     let turned = signs.iter().filter(|s| **s < 0.0).count();
     let as_few = turned > 0 && 2 * turned >= joints.len();
     if correlation < OPPOSITE || correlation < 0.0 && as_few {
@@ -234,9 +235,9 @@ fn noise(springs: &DMatrix<f64>, joints: &[Joint]) -> Option<Vec<f64>> {
         (rows.map(|r| springs[(r, r)]).sum::<f64>() * d as f64 / springs.nrows() as f64).sqrt()
     };
     let rms: Vec<f64> = (0..d).map(rms).collect();
-    let slides = |j: usize| joints[j].kind() == JointKind::Prismatic;
+    let unit = |j: usize| reading_unit(&joints[j]);
     let norm = |j: usize| {
-        let alike = (0..d).filter(|&k| slides(k) == slides(j));
+        let alike = (0..d).filter(|&k| unit(k) == unit(j));
         alike.map(|k| rms[k] * rms[k]).sum::<f64>().sqrt()
     };
     let noise: Vec<f64> = (0..d).map(|j| rms[j] + FLOOR * norm(j)).collect();

@@ -76,8 +76,11 @@ pub fn reading_warnings(
     warnings.extend(sensors);
     // Gravity that is left, and other offsets, may turn readings round; without one joint's, columns mean little.
     let offset = gravity_left(scene, rigid, traces).or_else(|| not_tared(scene, traces));
-    let conventions = || conventions::warning(scene, traces).filter(|_| !sick);
-    warnings.extend(offset.or_else(conventions));
+    if sick || offset.is_some() {
+        warnings.extend(offset);
+    } else {
+        warnings.extend(conventions::warning(scene, traces));
+    }
     warnings
 }
 
