@@ -5,27 +5,25 @@ use crate::evidence::{Factor, Normal, Spread};
 use crate::screen::Tangent;
 use crate::search::{Candidate, Search};
 use faer::Mat;
+use std::collections::BTreeMap;
 
 /// Share of an effect's torques that another must imitate for the two to be one group.
 const ALIKE: f64 = 0.9;
 
 /// The effects of a search beside each other, and beside the stiffness.
-pub(crate) struct Likeness<'a> {
-    tangents: &'a [Tangent],
-    /// Factored covariances of the readings with a free stiffness, and with a known one, which may be
-    /// singular.
-    free: Factor,
-    known: Option<Factor>,
+pub(crate) struct Likeness {
+    /// The share of every candidate's information that the stiffness absorbs: see [`Likeness::absorbed`].
+    absorbed: BTreeMap<String, f64>,
     /// Two effects, and the share of the first one's torques that the second can imitate.
     pairs: Vec<(String, String, f64)>,
 }
 
-impl<'a> Likeness<'a> {
-    /// Of the effects that were fitted.
+impl Likeness {
+    /// Of the effects of a search.
     ///
     /// # Errors
     /// A covariance that is not positive definite.
-    pub(crate) fn new(search: &'a Search<'_>) -> Result<Self, GapError> {
+    pub(crate) fn new(search: &Search<'_>) -> Result<Self, GapError> {
         let parts = &search.nominal.parts;
         let bare = Spread {
             point: 0.0,
@@ -34,11 +32,15 @@ impl<'a> Likeness<'a> {
             ..search.spread
         };
         let free = parts.factor(&search.spread)?;
+        // That of a known stiffness may be singular.
+        let known = parts.factor(&bare).ok();
+        let of = |c: &Candidate| {
+            let share = absorbed(&search.tangents[c.found.tangent], &free, known.as_ref()?);
+            Some((c.effect.name().to_owned(), share?))
+        };
         Ok(Self {
-            tangents: &search.tangents,
+            absorbed: search.candidates.iter().filter_map(of).collect(),
             pairs: pairs(search, &free),
-            free,
-            known: parts.factor(&bare).ok(),
         })
     }
 
@@ -49,22 +51,26 @@ impl<'a> Likeness<'a> {
         with.collect()
     }
 
-    /// The share of an effect's information that the stiffness absorbs: what is left of its tangents,
-    /// beside what they would tell were the stiffness known.
-    pub(crate) fn absorbed(&self, candidate: &Candidate) -> Option<f64> {
-        let tangent = &self.tangents[candidate.found.tangent];
-        let columns = &tangent.columns;
-        let n = columns.first()?.len();
-        let information = |factor: &Factor| {
-            let mut all = Mat::from_fn(n, columns.len(), |i, k| columns[k][i] * tangent.sd[k]);
-            factor.whiten(&mut all);
-            (0..columns.len())
-                .map(|k| all.col_as_slice(k).iter().map(|v| v * v).sum::<f64>())
-                .sum::<f64>()
-        };
-        let whole = information(self.known.as_ref()?);
-        (whole > 0.0).then(|| (1.0 - information(&self.free) / whole).clamp(0.0, 1.0))
+    /// The share of an effect's information that the stiffness absorbs, 0 to 1; `None` of effects that change nothing
+    /// or were not looked for.
+    pub(crate) fn absorbed(&self, effect: &str) -> Option<f64> {
+        self.absorbed.get(effect).copied()
     }
+}
+
+/// What is left of a tangent, the stiffness being free, beside what it would tell were the stiffness known.
+fn absorbed(tangent: &Tangent, free: &Factor, known: &Factor) -> Option<f64> {
+    let columns = &tangent.columns;
+    let n = columns.first()?.len();
+    let information = |factor: &Factor| {
+        let mut all = Mat::from_fn(n, columns.len(), |i, k| columns[k][i] * tangent.sd[k]);
+        factor.whiten(&mut all);
+        (0..columns.len())
+            .map(|k| all.col_as_slice(k).iter().map(|v| v * v).sum::<f64>())
+            .sum::<f64>()
+    };
+    let whole = information(known);
+    (whole > 0.0).then(|| (1.0 - information(free) / whole).clamp(0.0, 1.0))
 }
 
 /// For every pair of fitted effects, the share of the first one's torques that the second can

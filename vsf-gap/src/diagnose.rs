@@ -2,7 +2,7 @@ use crate::alike::Likeness;
 use crate::closure::noise_norm;
 use crate::estimated::Extent;
 use crate::halves::is_of_sequences;
-use crate::judge::Nominal;
+use crate::judge::{Nominal, hidden_weight};
 use crate::locate::locate;
 use crate::next::{Arm, next_experiment};
 use crate::notes::{closest, notes, told};
@@ -12,7 +12,7 @@ use crate::search::Search;
 use crate::trial::{Judgement, Trial};
 use crate::verdict::{Answer, Findings};
 use crate::windows::Windows;
-use crate::{Campaign, Effect, GapError, Model, Motion};
+use crate::{Campaign, Effect, GapError, Model, Motion, effects};
 use std::sync::Arc;
 
 /// Fewest samples of a window that contact is run through.
@@ -231,6 +231,7 @@ fn attempt(
         closed: extent.closed.fraction,
         in_field: names.filter(|_| undecided).collect(),
         refused: refused.collect(),
+        hidden: hidden(&search, &likeness, effects.len()),
         left_free: judgement.left_free.is_some(),
         lasts: judgement.persistence.is_some(),
         stopped: stopped && far && !nominal.touches,
@@ -306,7 +307,7 @@ fn attempt(
 fn reports(
     campaign: &Campaign,
     search: &Search<'_>,
-    likeness: &Likeness<'_>,
+    likeness: &Likeness,
     in_field: &[(&Plain, f64)],
     trial: &Trial<'_>,
     judgement: &Judgement<'_>,
@@ -328,7 +329,7 @@ fn reports(
         if let Some(named) = judgement.corrected() {
             report.together(campaign, named.refined);
         }
-        report.absorbed_share = likeness.absorbed(candidate);
+        report.absorbed_share = likeness.absorbed(&report.effect);
         report.ambiguous_with = likeness.ambiguous_with(&report.effect);
         report.shows_from = search
             .limits
@@ -352,21 +353,39 @@ fn reports(
     Ok(reports)
 }
 
+/// The effects that may act without showing, with the share of each: all together, as much as was looked for of the
+/// catalogue.
+fn hidden(search: &Search<'_>, likeness: &Likeness, looked_for: usize) -> Vec<(String, f64)> {
+    let weights: Vec<(String, f64)> = (search.candidates.iter())
+        .filter_map(|c| {
+            let absorbed = likeness.absorbed(c.effect.name())?;
+            let (effect, rough) = (c.effect.as_ref(), search.spread.contact);
+            let weight = hidden_weight(effect, absorbed, c.score(search.base), rough);
+            Some((effect.name().to_owned(), weight))
+        })
+        .collect();
+    let sum: f64 = weights.iter().map(|(_, w)| w).sum();
+    let all = (looked_for as f64 / effects::catalogue().len() as f64).min(1.0);
+    let share = |(effect, weight)| (effect, all * weight / sum);
+    match sum > 0.0 {
+        true => weights.into_iter().map(share).collect(),
+        false => Vec::new(),
+    }
+}
+
 /// The effects that explain with one stiffness everywhere what the field explains, and absorbs; and the share
 /// that they explain.
 fn in_field<'s>(
     campaign: &Campaign,
     search: &'s Search<'_>,
-    likeness: &Likeness<'_>,
+    likeness: &Likeness,
 ) -> Result<Vec<(&'s Plain, f64)>, GapError> {
     let free = search.left();
     let mut found = search
         .plainly
         .instead_of_field(campaign, &search.nominal, free)?;
     found.retain(|(plain, _)| {
-        let mut candidates = search.candidates.iter();
-        let own = candidates.find(|c| c.effect.name() == plain.effect.name());
-        let absorbed = own.and_then(|c| likeness.absorbed(c));
+        let absorbed = likeness.absorbed(plain.effect.name());
         absorbed.is_some_and(|share| share >= TAKEN_UP)
     });
     Ok(found)

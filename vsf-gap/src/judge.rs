@@ -37,6 +37,8 @@ const NO_GAP: f64 = 3.0;
 /// absorbs them; and where contact is so rough that its own errors hide them.
 const ABSORBED: f64 = 0.5;
 const HIDDEN: f64 = 2.0;
+/// More than this share of an effect is never taken for absorbed: shares are of first order.
+const MOST_ABSORBED: f64 = 0.99;
 
 /// A model that was fitted, as a hypothesis.
 pub(crate) struct Hypothesis<'a> {
@@ -103,19 +105,30 @@ pub(crate) fn needed_beside(further: &dyn Effect, gain: f64, rough: f64) -> f64 
     threshold(further, rough) + MISFIT * gain
 }
 
-/// The gain of log evidence (nats) that an effect needs: [`Effect::null_gain`], and for those that act on
-/// springs and contact more where contact itself is rough.
-pub(crate) fn threshold(effect: &dyn Effect, rough: f64) -> f64 {
-    let times = match ROUGHNESS.iter().rfind(|(from, ..)| rough >= *from) {
+/// How many times more effects that act on springs and contact gain where contact itself is rough.
+fn inflation(effect: &dyn Effect, rough: f64) -> f64 {
+    match ROUGHNESS.iter().rfind(|(from, ..)| rough >= *from) {
         Some((_, times, _)) if effect.chooses_contacts() => *times,
         Some((.., times)) if effect.acts() != Acts::Torques => *times,
         _ => 1.0,
-    };
-    times * effect.null_gain()
+    }
+}
+
+/// The gain of log evidence (nats) that an effect needs: [`Effect::null_gain`], and more where contact is rough.
+pub(crate) fn threshold(effect: &dyn Effect, rough: f64) -> f64 {
+    inflation(effect, rough) * effect.null_gain()
+}
+
+/// Weight of an effect, among those that may act without showing: the odds that the stiffness takes up what it does,
+/// of which it absorbs a share, times what the effect gains all the same, up to where it would show.
+pub(crate) fn hidden_weight(effect: &dyn Effect, absorbed: f64, gain: f64, rough: f64) -> f64 {
+    let absorbed = absorbed.min(MOST_ABSORBED);
+    let gain = gain / inflation(effect, rough);
+    absorbed / (1.0 - absorbed) * (gain.min(effect.null_gain()) / TEMPERATURE).exp()
 }
 
 /// Weight of effects that do not show, beside one for every effect.
-fn hidden(touches: bool, rough: f64) -> f64 {
+fn unseen(touches: bool, rough: f64) -> f64 {
     match (touches, rough >= UNSURE) {
         (true, true) => HIDDEN * NO_GAP,
         (true, false) => ABSORBED * NO_GAP,
@@ -125,7 +138,7 @@ fn hidden(touches: bool, rough: f64) -> f64 {
 
 /// The gain from which on an effect that alone fits is named.
 pub(crate) fn named_from(effect: &dyn Effect, rough: f64, touches: bool) -> f64 {
-    let against = NO_GAP + hidden(touches, rough);
+    let against = NO_GAP + unseen(touches, rough);
     let weight = NO_GAP.max(NAMED / (1.0 - NAMED) * against);
     threshold(effect, rough) + TEMPERATURE * weight.ln()
 }
@@ -172,8 +185,29 @@ pub(crate) struct Judged {
     pub(crate) named: Option<usize>,
     /// Those of every effect that was fitted, the likeliest first.
     pub(crate) probabilities: Vec<(String, f64)>,
-    /// That of effects of contact and material which the stiffness takes up.
-    pub(crate) unseen: f64,
+    /// That nothing acts.
+    pub(crate) none: f64,
+    /// That of every hypothesis, with its effects.
+    pub(crate) of_hypotheses: Vec<(Vec<String>, f64)>,
+}
+
+/// The effects of the likeliest hypotheses which, with what is covered without effects, make up 95 %.
+pub(crate) fn effect_set(hypotheses: &[(Vec<String>, f64)], mut covered: f64) -> Vec<String> {
+    let mut order: Vec<&(Vec<String>, f64)> = hypotheses.iter().collect();
+    order.sort_by(|a, b| b.1.total_cmp(&a.1));
+    let mut set: Vec<String> = Vec::new();
+    for (effects, probability) in order {
+        if covered >= 0.95 {
+            break;
+        }
+        covered += probability;
+        for effect in effects {
+            if !set.contains(effect) {
+                set.push(effect.clone());
+            }
+        }
+    }
+    set
 }
 
 /// Weighs the hypotheses against each other and against no gap.
@@ -182,7 +216,7 @@ pub(crate) fn judge(hypotheses: &[Hypothesis<'_>], nominal: &Nominal) -> Judged 
     let top = hypotheses.iter().map(weight).fold(0.0_f64, f64::max);
     let weights: Vec<f64> = hypotheses.iter().map(|h| (weight(h) - top).exp()).collect();
     let none = NO_GAP * (-top).exp();
-    let unseen = hidden(nominal.touches, nominal.spread.contact) * (-top).exp();
+    let unseen = unseen(nominal.touches, nominal.spread.contact) * (-top).exp();
     let total = none + unseen + weights.iter().sum::<f64>();
     let mut probabilities: Vec<(String, f64)> = Vec::new();
     for (h, w) in hypotheses.iter().zip(&weights) {
@@ -195,22 +229,10 @@ pub(crate) fn judge(hypotheses: &[Hypothesis<'_>], nominal: &Nominal) -> Judged 
     }
     probabilities.sort_by(|a, b| b.1.total_cmp(&a.1));
     let best = (0..hypotheses.len()).max_by(|a, b| weights[*a].total_cmp(&weights[*b]));
-    // What hypotheses leave out, from the likeliest on.
-    let mut order: Vec<usize> = (0..hypotheses.len()).collect();
-    order.sort_by(|a, b| weights[*b].total_cmp(&weights[*a]));
-    let mut effect_set_95: Vec<String> = Vec::new();
-    let mut covered = (none + unseen) / total;
-    for i in order {
-        if covered >= 0.95 {
-            break;
-        }
-        covered += weights[i] / total;
-        for effect in hypotheses[i].effects() {
-            if !effect_set_95.contains(&effect) {
-                effect_set_95.push(effect);
-            }
-        }
-    }
+    let of_hypotheses: Vec<(Vec<String>, f64)> = (hypotheses.iter().zip(&weights))
+        .map(|(h, w)| (h.effects(), w / total))
+        .collect();
+    let effect_set_95 = effect_set(&of_hypotheses, (none + unseen) / total);
     let named = best.filter(|&i| weights[i] >= none);
     let (kind, probability) = match named {
         Some(i) => {
@@ -230,10 +252,12 @@ pub(crate) fn judge(hypotheses: &[Hypothesis<'_>], nominal: &Nominal) -> Judged 
             kind,
             probability,
             effect_set_95,
+            hidden: unseen / total,
         },
         named,
         probabilities,
-        unseen: unseen / total,
+        none: none / total,
+        of_hypotheses,
     }
 }
 

@@ -237,7 +237,10 @@ pub(crate) fn next_experiment(
     match (best, verdict.kind) {
         (Some((_, experiment)), _) => NextExperiment {
             action: experiment.action.to_owned(),
-            why: format!("it tells {} apart", names()),
+            why: match verdict.kind {
+                VerdictKind::NoGap => format!("of what may act without showing it tells apart {}", names()),
+                _ => format!("it tells {} apart", names()),
+            },
         },
         (None, VerdictKind::Unknown) => NextExperiment {
             action: "move one joint at a time, slowly, through its range in free air".to_owned(),
@@ -291,6 +294,7 @@ mod tests {
             kind,
             probability: 0.5,
             effect_set_95: names,
+            hidden: 0.0,
         }
     }
 

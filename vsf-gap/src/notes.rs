@@ -110,12 +110,11 @@ pub(crate) fn notes(
              base_pose and points"
         ));
     }
-    let unseen = judgement.judged.unseen;
-    if verdict.kind == VerdictKind::NoGap && unseen >= TOLD {
+    if verdict.kind == VerdictKind::NoGap && verdict.hidden >= TOLD {
         notes.push(format!(
             "an effect of contact or material may act that the stiffness takes up, so that it does not show here \
              (probability {:.0} %)",
-            100.0 * unseen
+            100.0 * verdict.hidden
         ));
     }
     if let Some(left) = judgement.left_free {

@@ -1,6 +1,6 @@
 //! The answer of a diagnosis: what the train sequences show, as far as the check and the field leave it.
 
-use crate::judge::Judged;
+use crate::judge::{Judged, effect_set};
 use crate::report::MOSTLY;
 use serde::{Deserialize, Serialize};
 
@@ -34,9 +34,14 @@ pub struct Verdict {
     /// Its probability. Of unknown without effects, that none of those looked for is the cause; with effects, theirs
     /// among those that were looked for.
     pub probability: f64,
-    /// The smallest set of effects that make up 95 % of the probability together with no gap and with effects that
-    /// the stiffness takes up; and those that fit well but did not stand the check on other sequences.
+    /// The smallest set of effects that make up 95 % of the probability together with no gap and, where effects are
+    /// named, with those that the stiffness takes up; and those that fit well but did not stand the check on other
+    /// sequences.
     pub effect_set_95: Vec<String>,
+    /// The probability that an effect of contact or material acts which the stiffness takes up; where there is no gap
+    /// to see, those of effects hold their shares of it.
+    #[serde(default)]
+    pub hidden: f64,
 }
 
 /// What the check on the test sequences, and the field, leave of what the train sequences show.
@@ -48,6 +53,8 @@ pub(crate) struct Findings {
     pub(crate) in_field: Vec<String>,
     /// Effects that fit well but did not stand the check.
     pub(crate) refused: Vec<String>,
+    /// Effects that were looked for, each with the share that it has in what acts without showing.
+    pub(crate) hidden: Vec<(String, f64)>,
     /// Whether much is left in free motion.
     pub(crate) left_free: bool,
     /// Whether what the named effects leave lasts.
@@ -98,7 +105,10 @@ impl Judged {
         };
         // An effect that does not show, or one that is not looked for.
         if verdict.kind == VerdictKind::Unknown && !claims {
-            verdict.probability += self.unseen;
+            verdict.probability += self.verdict.hidden;
+        }
+        if verdict.kind == VerdictKind::NoGap {
+            self.spread(&found.hidden, &mut verdict, &mut probabilities);
         }
         // Not borne out is not ruled out.
         for effect in &found.refused {
@@ -111,6 +121,33 @@ impl Judged {
             probabilities,
             lasting,
         }
+    }
+
+    /// Gives effects their shares of what acts without showing.
+    fn spread(
+        &self,
+        hidden: &[(String, f64)],
+        verdict: &mut Verdict,
+        probabilities: &mut Vec<(String, f64)>,
+    ) {
+        let mut all = self.of_hypotheses.clone();
+        let mut covered = self.none + self.verdict.hidden;
+        for (effect, share) in hidden {
+            let own = share * self.verdict.hidden;
+            covered -= own;
+            match all
+                .iter_mut()
+                .find(|(e, _)| e == std::slice::from_ref(effect))
+            {
+                Some((_, p)) => *p += own,
+                None => all.push((vec![effect.clone()], own)),
+            }
+            match probabilities.iter_mut().find(|(e, _)| e == effect) {
+                Some((_, p)) => *p += own,
+                None => probabilities.push((effect.clone(), own)),
+            }
+        }
+        verdict.effect_set_95 = effect_set(&all, covered);
     }
 }
 
@@ -147,10 +184,15 @@ mod tests {
                 kind,
                 probability,
                 effect_set_95: names(&["adhesion", "strain_stiffening"]),
+                hidden: 0.2,
             },
             named: Some(0).filter(|_| !effects.is_empty()),
             probabilities: probabilities.map(|(e, p)| (e.to_owned(), p)).to_vec(),
-            unseen: 0.2,
+            none: 0.1,
+            of_hypotheses: vec![
+                (names(&["adhesion"]), 0.5),
+                (names(&["strain_stiffening"]), 0.2),
+            ],
         }
     }
 
@@ -169,6 +211,7 @@ mod tests {
                 kind: VerdictKind::NotDiagnosable,
                 probability: third,
                 effect_set_95: names(&["strain_stiffening", "plastic_set", "adhesion"]),
+                hidden: 0.2,
             }
         );
         // Beside the field, others are as likely as they were.

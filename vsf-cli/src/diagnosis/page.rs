@@ -1,8 +1,8 @@
 use super::torques::torques;
 use super::words::{
-    HIDDEN, SHOWS_FROM, SQUARES, all_looked_for, determined, figures, fitted, fixed, headings,
-    is_uncertain, limits, look_alikes, none_of_these, part, percent, screened_out, size, summary,
-    untestable, verdict,
+    HIDDEN, OUT_OF_SIGHT, SHOWS_FROM, SQUARES, all_looked_for, determined, figures, fitted, fixed,
+    headings, is_uncertain, limits, look_alikes, none_of_these, out_of_sight, part, percent,
+    screened_out, size, summary, untestable, verdict,
 };
 use crate::console::number;
 use crate::html::{Script, document, escape};
@@ -222,7 +222,7 @@ fn effects(d: &Diagnosis) -> String {
         .map(|(heading, _)| format!("<th>{}</th>", escape(heading)))
         .collect();
     let dashes = "<td>&ndash;</td>".repeat(columns.len());
-    let left = none_of_these(&d.effects).map_or_else(String::new, |(label, left)| {
+    let left = none_of_these(d).map_or_else(String::new, |(label, left)| {
         format!(
             "<tr><td>{label}</td><td>{}</td>{dashes}<td></td><td></td></tr>\n",
             percent(left)
@@ -262,6 +262,10 @@ fn parameters(d: &Diagnosis, corrected: &[EffectEntry]) -> String {
 /// Effects that were not fitted.
 fn left_out(d: &Diagnosis) -> String {
     let mut html = String::new();
+    let hidden = escape(&out_of_sight(&d.effects).join(", "));
+    if !hidden.is_empty() {
+        html += &format!("<p class=\"small\">Effects {OUT_OF_SIGHT}: {hidden}.</p>\n");
+    }
     let behind: Vec<&str> = screened_out(&d.effects)
         .map(|e| e.effect.as_str())
         .collect();

@@ -1,6 +1,7 @@
 use super::words::{
-    HIDDEN, LIKELY_ENOUGH, SHOWS_FROM, determined, errors, figures, fitted, headings, limits,
-    look_alikes, none_of_these, part, percent, screened_out, size, summary, untestable, verdict,
+    HIDDEN, LIKELY_ENOUGH, OUT_OF_SIGHT, SHOWS_FROM, determined, errors, figures, fitted, headings,
+    limits, look_alikes, none_of_these, out_of_sight, part, percent, screened_out, size, summary,
+    untestable, verdict,
 };
 use crate::console::{number, table};
 use vsf::gap::{Diagnosis, Limit, LocatedShare, ModelFile, VerdictKind};
@@ -42,7 +43,7 @@ fn effects(diagnosis: &Diagnosis, model: &ModelFile) -> String {
     let header: Vec<&str> = header.iter().map(String::as_str).collect();
     let mut text = String::new();
     if !rows.is_empty() {
-        if let Some((label, left)) = none_of_these(all) {
+        if let Some((label, left)) = none_of_these(diagnosis) {
             let mut row = vec![label.to_owned(), percent(left)];
             row.resize(header.len(), or_none(None));
             rows.push(row);
@@ -72,6 +73,10 @@ fn effects(diagnosis: &Diagnosis, model: &ModelFile) -> String {
         for p in &e.parameters {
             text += &format!("  {:<8} {}\n", p.name, determined(all, &e.effect, p));
         }
+    }
+    let hidden = out_of_sight(all);
+    if !hidden.is_empty() {
+        text += &format!("\n{OUT_OF_SIGHT}: {}\n", hidden.join(", "));
     }
     let names: Vec<&str> = screened_out(all).map(|e| e.effect.as_str()).collect();
     if !names.is_empty() {

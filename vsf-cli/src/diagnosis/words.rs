@@ -86,10 +86,9 @@ pub fn verdict(diagnosis: &Diagnosis) -> String {
     }
 }
 
-/// What is left of the probability of none of the effects, beside that none acts, where it is worth a word.
+/// That an effect may act without showing, where it is worth a word.
 fn hidden(diagnosis: &Diagnosis) -> String {
-    let none = none_of_these(&diagnosis.effects).map_or(0.0, |(_, left)| left);
-    let hidden = none - diagnosis.verdict.probability;
+    let hidden = diagnosis.verdict.hidden;
     match hidden >= LEAST_HIDDEN {
         true => format!(
             ", that one acts which the stiffness K takes up: {}",
@@ -283,10 +282,13 @@ pub fn fitted(effects: &[EffectReport]) -> impl Iterator<Item = &EffectReport> {
 }
 
 /// The probability that none of the effects acts in a way that shows, and what to call that: all that is left of it,
-/// where that is half a percent at least. Effects that act together leave none.
-pub fn none_of_these(effects: &[EffectReport]) -> Option<(&'static str, f64)> {
+/// where that is half a percent at least. Effects that act together leave none. Where there is no gap to see, effects
+/// have their shares of what the stiffness hides.
+pub fn none_of_these(d: &Diagnosis) -> Option<(&'static str, f64)> {
+    let effects = &d.effects;
     let left = 1.0 - effects.iter().map(|e| e.probability).sum::<f64>();
-    let label = match effects.iter().any(|e| e.absorbed_share.is_some()) {
+    let shared = d.verdict.kind == VerdictKind::NoGap && all_looked_for(d);
+    let label = match effects.iter().any(|e| e.absorbed_share.is_some()) && !shared {
         true => "none, or hidden by K",
         false => "none",
     };
@@ -298,9 +300,23 @@ fn is_shown(e: &EffectReport) -> bool {
     !e.parameters.is_empty() || e.is_like_field()
 }
 
+/// What to call effects of which nothing shows, and that may act all the same.
+pub const OUT_OF_SIGHT: &str = "not fitted, since nothing of them shows, but K may hide them";
+
+/// These effects, each with its probability.
+pub fn out_of_sight(effects: &[EffectReport]) -> Vec<String> {
+    let of = |e: &EffectReport| format!("{} {}", e.effect, percent(e.probability));
+    let not_fitted = effects.iter().filter(|e| !is_shown(e));
+    not_fitted
+        .filter(|e| e.probability >= LIKELY_ENOUGH)
+        .map(of)
+        .collect()
+}
+
 /// The effects that the recording can show but that screening put out of reach.
 pub fn screened_out(effects: &[EffectReport]) -> impl Iterator<Item = &EffectReport> {
-    effects.iter().filter(|e| e.testable && !is_shown(e))
+    let behind = |e: &&EffectReport| e.testable && e.probability < LIKELY_ENOUGH && !is_shown(e);
+    effects.iter().filter(behind)
 }
 
 /// The effects that would show from some plausible size on, with the parameter that shows best and that size; and
