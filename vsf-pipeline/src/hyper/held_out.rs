@@ -64,10 +64,16 @@ impl Choice<'_> {
             self.outward(shape, &mut tried)?;
         }
         let chosen = tried.nearest_to_rule();
-        let level = self.level(&chosen)?;
+        let prior = tried.priors[chosen];
+        let misfits = match tried.misfits[chosen].clone() {
+            Some(misfits) => misfits,
+            None => self.held_out(&prior, |fold, posterior| {
+                fold.misfit(posterior, self.problem)
+            })?,
+        };
         Ok(HyperChoice {
             // A perfect fit would ask for zero noise.
-            hyper: self.problem.hyper(chosen, level.sqrt().max(1e-9)),
+            hyper: (self.problem).hyper(prior, level(&misfits).sqrt().max(1e-9)),
             candidates: tried.candidates(self.problem),
         })
     }
@@ -77,7 +83,12 @@ impl Choice<'_> {
         let mut error = |power: f64| {
             let prior = (*shape, power);
             let of_folds = self.held_out(&prior, |fold, posterior| {
-                Ok(mean_error(&posterior.mean(), &fold.held))
+                // Deviations of the optimum take long, those of the online filter are at hand.
+                let misfit = match posterior {
+                    Posterior::Optimum(_) => None,
+                    Posterior::Online(_) => Some(fold.misfit(posterior, self.problem)?),
+                };
+                Ok((mean_error(&posterior.mean(), &fold.held), misfit))
             })?;
             let error = tried.add(prior, of_folds);
             let what = "the error on held-out touches";
@@ -115,32 +126,6 @@ impl Choice<'_> {
         let of_fold = |fold: &Fold<'_>| of(fold, &fold.posterior(&prior)?);
         self.folds.par_iter().map(of_fold).collect()
     }
-
-    /// By how much the variances of noise and prior are too small: what held-out readings that touch a
-    /// known point leave, squared, per variance predicted for it. Where none does nothing is known but
-    /// the scale.
-    fn level(&self, chosen: &(PriorShape, f64)) -> Result<f64, PipelineError> {
-        let folds = self.held_out(chosen, |fold, posterior| {
-            let (mut squares, mut count) = (0.0, 0usize);
-            let known = |o: &&Observation<f64>| o.points().iter().any(|&p| fold.known[p as usize]);
-            for obs in fold.held.iter().flat_map(|t| &t.observations).filter(known) {
-                let Prediction { mean, sd } = posterior.predict(obs, &self.problem.channels)?;
-                let left = obs.reading().iter().zip(&mean).zip(&sd);
-                squares += left
-                    .map(|((tau, mean), sd)| ((tau - mean) / sd).powi(2))
-                    .sum::<f64>();
-                count += obs.dim();
-            }
-            Ok((squares, count))
-        })?;
-        let count: usize = folds.iter().map(|(_, count)| count).sum();
-        let squares: f64 = folds.iter().map(|(squares, _)| squares).sum();
-        Ok(if count > 0 {
-            squares / count as f64
-        } else {
-            1.0
-        })
-    }
 }
 
 impl<'a> Fold<'a> {
@@ -172,6 +157,43 @@ impl<'a> Fold<'a> {
             estimate_online(&mut *filter, trace, |_, _| {})?;
         }
         Ok(Posterior::Online(filter.belief().clone()))
+    }
+
+    fn misfit(
+        &self,
+        posterior: &Posterior<'_>,
+        problem: &Problem,
+    ) -> Result<Misfit, PipelineError> {
+        let (mut squares, mut count) = (0.0, 0);
+        let known = |o: &&Observation<f64>| o.points().iter().any(|&p| self.known[p as usize]);
+        for obs in self.held.iter().flat_map(|t| &t.observations).filter(known) {
+            let Prediction { mean, sd } = posterior.predict(obs, &problem.channels)?;
+            let left = obs.reading().iter().zip(&mean).zip(&sd);
+            squares += left
+                .map(|((tau, mean), sd)| ((tau - mean) / sd).powi(2))
+                .sum::<f64>();
+            count += obs.dim();
+        }
+        Ok(Misfit { squares, count })
+    }
+}
+
+/// What held-out readings that touch a known point leave, squared, in units of the variances predicted for them; and
+/// how many they are.
+#[derive(Clone, Copy)]
+struct Misfit {
+    squares: f64,
+    count: usize,
+}
+
+/// By how much the variances of noise and prior are too small. Where nothing that is held out touches a known point,
+/// nothing is known but the scale.
+fn level(misfits: &[Misfit]) -> f64 {
+    let count: usize = misfits.iter().map(|m| m.count).sum();
+    let squares: f64 = misfits.iter().map(|m| m.squares).sum();
+    match count > 0 {
+        true => squares / count as f64,
+        false => 1.0,
     }
 }
 
@@ -205,13 +227,17 @@ struct HeldOutErrors {
     priors: Vec<(PriorShape, f64)>,
     /// The mean error norms of every prior, one per fold, in units of the recording.
     errors: Vec<Vec<f64>>,
+    /// What they leave on every fold, of priors for which it was at hand.
+    misfits: Vec<Option<Vec<Misfit>>>,
 }
 
 impl HeldOutErrors {
     /// Adds a prior, and returns its mean error over the folds.
-    fn add(&mut self, prior: (PriorShape, f64), of_folds: Vec<f64>) -> f64 {
+    fn add(&mut self, prior: (PriorShape, f64), of_folds: Vec<(f64, Option<Misfit>)>) -> f64 {
+        let (errors, misfits): (Vec<f64>, Vec<_>) = of_folds.into_iter().unzip();
         self.priors.push(prior);
-        self.errors.push(of_folds);
+        self.errors.push(errors);
+        self.misfits.push(misfits.into_iter().collect());
         self.mean(self.priors.len() - 1)
     }
 
@@ -220,9 +246,9 @@ impl HeldOutErrors {
         errors.iter().sum::<f64>() / errors.len() as f64
     }
 
-    /// The prior nearest to the rule among those no worse than the best by more than one standard
+    /// Index of the prior nearest to the rule among those no worse than the best by more than one standard
     /// error.
-    fn nearest_to_rule(&self) -> (PriorShape, f64) {
+    fn nearest_to_rule(&self) -> usize {
         let error = |k: &usize| self.mean(*k);
         let all = 0..self.priors.len();
         let best = all.clone().min_by(|a, b| error(a).total_cmp(&error(b)));
@@ -236,7 +262,7 @@ impl HeldOutErrors {
                 .then(shape(a).cmp(&shape(b)))
                 .then(error(a).total_cmp(&error(b)))
         });
-        self.priors[chosen.unwrap_or(best)]
+        chosen.unwrap_or(best)
     }
 
     /// Whether the errors of one prior exceed those of another by more than one standard error.
