@@ -4,10 +4,11 @@
 
 mod common;
 use common::{Bench, METADATA, npy};
+use std::collections::BTreeMap;
 use std::fs;
 use std::path::Path;
 use vsf::data::{Dataset, Overrides, Sequence};
-use vsf::pipeline::{Scene, SceneOptions, reading_warnings};
+use vsf::pipeline::{Scene, SceneOptions, reading_warnings, robot_of};
 
 /// An arm of one joint with limits, and a ball at its end.
 const ARM: &str = r#"<robot name="arm"><link name="base"/><link name="rod"><collision>
@@ -315,23 +316,35 @@ fn fields_of_a_robot_that_stood_elsewhere() {
     assert!(!same.contains("elsewhere"), "{same}");
 }
 
+/// What is said of the readings of a recording whose rows are changed.
+fn warnings_of(recording: &str, change: &dyn Fn(&mut [f64])) -> Vec<String> {
+    let recording = Path::new(env!("CARGO_MANIFEST_DIR")).join(recording);
+    let (dataset, _) = Dataset::open(&recording, &Overrides::default()).unwrap();
+    let scene = match dataset.rest_points {
+        Some(_) => Scene::open(&dataset, &SceneOptions::default()),
+        None => robot_of(&dataset, &BTreeMap::new()).and_then(|r| Scene::in_air(&dataset, r)),
+    };
+    let scene = scene.unwrap();
+    let mut sequences = dataset.sequences.clone();
+    for sequence in &mut sequences {
+        let rows = sequence.torques.data_mut().chunks_exact_mut(7);
+        rows.for_each(change);
+    }
+    let sequences: Vec<&Sequence> = sequences.iter().collect();
+    let traces = scene.traces(&sequences, || {}).unwrap();
+    let warnings = reading_warnings(&scene, &sequences, &traces);
+    warnings.iter().map(ToString::to_string).collect()
+}
+
+fn says_once(warnings: &[String], part: &str) {
+    let once = warnings.len() == 1 && warnings[0].contains(part);
+    assert!(once, "{part}: {warnings:?}");
+}
+
 /// In readings of a plant, whose stiffness differs from place to place. The last joint feels next to nothing.
 #[test]
 fn joints_of_the_other_sign_in_a_plant() {
-    let plant = concat!(env!("CARGO_MANIFEST_DIR"), "/data/orange_tree");
-    let (dataset, _) = Dataset::open(Path::new(plant), &Overrides::default()).unwrap();
-    let scene = Scene::open(&dataset, &SceneOptions::default()).unwrap();
-    let changed = |change: &dyn Fn(&mut [f64])| {
-        let mut sequences = dataset.sequences.clone();
-        for sequence in &mut sequences {
-            let rows = sequence.torques.data_mut().chunks_exact_mut(7);
-            rows.for_each(change);
-        }
-        let sequences: Vec<&Sequence> = sequences.iter().collect();
-        let traces = scene.traces(&sequences, || {}).unwrap();
-        let warnings = reading_warnings(&scene, &sequences, &traces);
-        warnings.iter().map(ToString::to_string).collect::<Vec<_>>()
-    };
+    let changed = |change: &dyn Fn(&mut [f64])| warnings_of("data/orange_tree", change);
     assert_eq!(changed(&|_| {}), [""; 0]);
     for turned in [&[0][..], &[1], &[2], &[3], &[4], &[5], &[1, 3], &[0, 2, 4]] {
         let warnings = changed(&|row| turned.iter().for_each(|&j| row[j] = -row[j]));
@@ -340,14 +353,38 @@ fn joints_of_the_other_sign_in_a_plant() {
             .map(|j| format!("Actuator{}", j + 1))
             .collect();
         let says = format!("the other sign of {} (", names.join(", "));
-        assert!(
-            warnings.len() == 1 && warnings[0].contains(&says),
-            "{turned:?} {warnings:?}"
-        );
+        says_once(&warnings, &says);
     }
     let warnings = changed(&|row| row.swap(4, 6));
-    assert!(
-        warnings.len() == 1 && warnings[0].contains("columns of Actuator5 and Actuator7 exchanged"),
-        "{warnings:?}"
-    );
+    says_once(&warnings, "columns of Actuator5 and Actuator7 exchanged");
+}
+
+/// Of a real arm. The first joint turns about the vertical, the last one bears nothing: friction is all that they read.
+#[test]
+fn joints_of_the_other_sign_in_the_air() {
+    let changed =
+        |change: &dyn Fn(&mut [f64])| warnings_of("../vsf-gap/tests/data/unisa_panda", change);
+    assert_eq!(changed(&|_| {}), [""; 0]);
+    for turned in [&[1][..], &[2], &[3], &[4], &[5], &[1, 3]] {
+        let warnings = changed(&|row| turned.iter().for_each(|&j| row[j] = -row[j]));
+        let names: Vec<String> = turned
+            .iter()
+            .map(|j| format!("panda_joint{}", j + 1))
+            .collect();
+        let says = format!(
+            "readings of {} are opposite to the weight",
+            names.join(", ")
+        );
+        says_once(&warnings, &says);
+    }
+    for (a, b) in [(0, 1), (1, 3), (2, 4), (5, 6)] {
+        let warnings = changed(&|row| row.swap(a, b));
+        let (a, b) = (a + 1, b + 1);
+        let says = format!("columns of panda_joint{a} and panda_joint{b} exchanged");
+        says_once(&warnings, &says);
+    }
+    let warnings = changed(&|row| row.reverse());
+    says_once(&warnings, "with their columns in reverse order");
+    let warnings = changed(&|row| row.rotate_right(1));
+    says_once(&warnings, "with their columns turned on");
 }

@@ -4,10 +4,12 @@ mod conventions;
 mod gaps;
 mod jumps;
 mod kind;
+mod order;
 mod readings;
 mod sensors;
 mod starts;
 mod velocities;
+mod weight;
 
 pub use kind::{Outliers, PipelineWarning};
 pub use readings::reading_warnings;

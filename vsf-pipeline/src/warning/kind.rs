@@ -221,6 +221,30 @@ pub enum PipelineWarning {
         /// Log likelihood that it gains (nats).
         gain: f64,
     },
+    /// Readings of some actuators of the other sign, where nothing is touched.
+    #[error(
+        "where nothing is touched the readings of {joints} are opposite to the weight and motion of the arm (with the other \
+         sign {percent:.0} % of the squared difference would be left); check their signs, gravity and base_pose",
+        percent = 100.0 * left
+    )]
+    OppositeActuators {
+        /// Names of the joints.
+        joints: String,
+        /// Share of their squared differences from the model that the other sign leaves.
+        left: f64,
+    },
+    /// Readings of the actuators whose columns fit the joints better in another order, where nothing is touched.
+    #[error(
+        "where nothing is touched weight and motion of the arm explain the readings far better with their columns {order} \
+         ({percent:.0} % of their squared difference would be left); check which column is which joint's",
+        percent = 100.0 * left
+    )]
+    MixedActuators {
+        /// The order, in words.
+        order: String,
+        /// Share of their squared differences from the model that it leaves.
+        left: f64,
+    },
     /// Readings that are far from zero where nothing is touched.
     #[error(
         "where nothing is touched the readings are {offset:.3} {unit} on average (most of all those of joint {joint}, \

@@ -1,3 +1,4 @@
+use super::weight::Weighed;
 use super::{PipelineWarning, Rows, actuators, conventions, malformed, outliers, sensors};
 use crate::readings::check_sequence;
 use crate::{Scene, Trace, motion_of, reading_unit, rigid_body_torques};
@@ -75,7 +76,15 @@ pub fn reading_warnings(
     let sick = !sensors.is_empty();
     warnings.extend(sensors);
     // Gravity that is left, and other offsets, may turn readings round; without one joint's, columns mean little.
-    let offset = gravity_left(scene, rigid, traces).or_else(|| not_tared(scene, traces));
+    let offset = (gravity_left(scene, &rigid, traces))
+        .or_else(|| {
+            if sick {
+                None
+            } else {
+                misread(scene, &rigid, traces)
+            }
+        })
+        .or_else(|| not_tared(scene, traces));
     if sick || offset.is_some() {
         warnings.extend(offset);
     } else {
@@ -205,18 +214,35 @@ fn rigid(scene: &Scene, sequence: &Sequence) -> Option<Table> {
     rigid_body_torques(scene.robot(), &scene.gravity(), sequence, &motion).ok()
 }
 
-fn gravity_left(scene: &Scene, rigid: Vec<Table>, traces: &[Trace]) -> Option<PipelineWarning> {
-    let mut likeness = Likeness::default();
-    for (mut rigid, trace) in rigid.into_iter().zip(traces) {
-        if scene.tare_samples() > 0 {
-            rigid = tare(&rigid, scene.tare_samples()).ok()?;
-        }
-        let rows = trace.observations.iter().zip(rigid.iter());
-        for (obs, rigid) in rows.filter(|(o, _)| o.is_empty()) {
-            let pairs = obs.reading().iter().zip(rigid);
-            pairs.for_each(|(tau, r)| likeness.add(*tau, *r));
-        }
+/// What is read where nothing is touched, less the torques of the arm alone of readings of its actuators; beside these
+/// torques. Both are tared.
+fn in_air(
+    scene: &Scene,
+    rigid: &[Table],
+    traces: &[Trace],
+    mut visit: impl FnMut(&[f64], &[f64]),
+) -> Option<()> {
+    for (rigid, trace) in rigid.iter().zip(traces) {
+        let tared = match scene.tare_samples() {
+            0 => None,
+            samples => Some(tare(rigid, samples).ok()?),
+        };
+        let rows = trace
+            .observations
+            .iter()
+            .zip(tared.as_ref().unwrap_or(rigid).iter());
+        let free = rows.filter(|(o, _)| o.is_empty());
+        free.for_each(|(o, rigid)| visit(o.reading(), rigid));
     }
+    Some(())
+}
+
+fn gravity_left(scene: &Scene, rigid: &[Table], traces: &[Trace]) -> Option<PipelineWarning> {
+    let mut likeness = Likeness::default();
+    in_air(scene, rigid, traces, |readings, rigid| {
+        let pairs = readings.iter().zip(rigid);
+        pairs.for_each(|(tau, r)| likeness.add(*tau, *r));
+    })?;
     let (size, correlation) = (likeness.both / likeness.others, likeness.correlation());
     let given = scene.torque_kind();
     match correlation > GRAVITY_CORRELATION {
@@ -230,4 +256,18 @@ fn gravity_left(scene: &Scene, rigid: Vec<Table>, traces: &[Trace]) -> Option<Pi
         }
         _ => None,
     }
+}
+
+/// Readings of the actuators with other signs, or in another order, than weight and motion of the arm ask for.
+fn misread(scene: &Scene, rigid: &[Table], traces: &[Trace]) -> Option<PipelineWarning> {
+    let joints = scene.robot().joints();
+    let mut weighed = Weighed::new(joints.len());
+    let mut count = 0;
+    in_air(scene, rigid, traces, |readings, rigid| {
+        let whole = readings.iter().zip(rigid).map(|(left, r)| r - left);
+        weighed.add(&whole.collect::<Vec<_>>(), rigid);
+        count += 1;
+    })?;
+    let tells = scene.torque_kind() == TorqueKind::Measured && count >= LEAST_FREE;
+    weighed.warning(joints).filter(|_| tells)
 }

@@ -1,0 +1,47 @@
+//! Other conventions of a table of readings: signs of its columns, and their order.
+
+use vsf_robots::Joint;
+
+/// The column that each joint takes, and with which sign.
+pub type Columns = Vec<(usize, f64)>;
+
+pub fn as_given(joints: usize) -> Columns {
+    with_signs(&vec![1.0; joints])
+}
+
+pub fn with_signs(signs: &[f64]) -> Columns {
+    signs.iter().copied().enumerate().collect()
+}
+
+/// How columns may have come into another order.
+pub enum Order {
+    Reversed,
+    /// So many columns of the end stand at the begin.
+    Turned(usize),
+    Exchanged(usize, usize),
+}
+
+impl Order {
+    pub fn in_words(&self, joints: &[Joint]) -> String {
+        let name = |j: usize| joints[j].name();
+        match *self {
+            Self::Reversed => "in reverse order".to_owned(),
+            Self::Turned(by) => format!("turned on ({} in the column of {})", name(0), name(by)),
+            Self::Exchanged(a, b) => format!("of {} and {} exchanged", name(a), name(b)),
+        }
+    }
+}
+
+/// Such orders, with the column that each joint then takes.
+pub fn orders(joints: usize) -> impl Iterator<Item = (Order, Columns)> {
+    let with = move |change: &dyn Fn(&mut Columns)| {
+        let mut columns = as_given(joints);
+        change(&mut columns);
+        columns
+    };
+    let reversed = (Order::Reversed, with(&|c| c.reverse()));
+    let turned = (1..joints).map(move |by| (Order::Turned(by), with(&|c| c.rotate_left(by))));
+    let pairs = (0..joints).flat_map(move |a| (a + 1..joints).map(move |b| (a, b)));
+    let exchanged = pairs.map(move |(a, b)| (Order::Exchanged(a, b), with(&|c| c.swap(a, b))));
+    exchanged.chain(turned).chain(std::iter::once(reversed))
+}
