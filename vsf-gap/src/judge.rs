@@ -288,4 +288,21 @@ mod tests {
         assert_eq!(of(-0.7, 0.4, true).kind(), VerdictKind::NoGap);
         assert_eq!(of(0.9, 0.6, false).kind(), VerdictKind::Unknown);
     }
+
+    #[test]
+    fn what_is_absorbed_may_act_without_showing() {
+        let [softer, offset] = [
+            &crate::effects::DamageSoftening as &dyn Effect,
+            &crate::effects::RegistrationOffset,
+        ];
+        let weight = |absorbed, gain, rough| hidden_weight(softer, absorbed, gain, rough);
+        assert!((weight(0.75, 0.0, 0.03) - 3.0).abs() < 1e-12);
+        assert!((weight(0.5, TEMPERATURE, 0.03) - 1f64.exp()).abs() < 1e-12);
+        // Nats count for less where contact is rough, still less of effects that choose contacts.
+        let of = |effect| hidden_weight(effect, 0.5, 20.0, 0.3);
+        assert!(of(offset) < of(softer) && of(softer) < weight(0.5, 20.0, 0.03));
+        // What gains more than it needs shows; shares of 1 are none.
+        assert_eq!(weight(0.5, 1e3, 0.03), weight(0.5, 25.0, 0.03));
+        assert!(weight(1.0, 0.0, 0.03).is_finite());
+    }
 }

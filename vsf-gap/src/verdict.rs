@@ -272,6 +272,31 @@ mod tests {
         assert_eq!(probability(VerdictKind::Unknown, &["adhesion"]), 0.5);
     }
 
+    /// Where no effect is named, what is hidden belongs to effects, as far as they were looked for.
+    #[test]
+    fn what_does_not_show_may_be_any_effect() {
+        let shares = [("adhesion", 0.25), ("damage_softening", 0.5)];
+        let found = Findings {
+            hidden: shares.map(|(e, share)| (e.to_owned(), share)).to_vec(),
+            ..Findings::default()
+        };
+        let answer = judged(&[], VerdictKind::NoGap, 0.1).conclude(&found);
+        let of = |name: &str| answer.probabilities.iter().find(|(e, _)| e == name);
+        let close = |name: &str, p: f64| of(name).is_some_and(|(_, q)| (q - p).abs() < 1e-12);
+        assert!(close("adhesion", 0.9 + 0.05) && close("damage_softening", 0.1));
+        // Without the last one 90 % would be covered.
+        let set = names(&["adhesion", "strain_stiffening", "damage_softening"]);
+        assert_eq!(answer.verdict.effect_set_95, set);
+        for (named, kind) in [
+            (&[][..], VerdictKind::Unknown),
+            (&["adhesion"], VerdictKind::Effects),
+        ] {
+            let answer = judged(named, kind, 0.1).conclude(&found);
+            assert_eq!(answer.verdict.effect_set_95, set[..2], "{kind:?}");
+            assert_eq!(answer.probabilities.len(), 2);
+        }
+    }
+
     #[test]
     fn what_the_check_refuses_is_not_ruled_out() {
         let found = Findings {

@@ -33,7 +33,8 @@ threshold: from where on points are touched in these), where (joint, phase, link
 interval and excess; region: center, radius, share), effects (effect, summary, probability, score, null_score, parameters (name,
 value, std, unit), joints, test_error, closed_fraction, test_score, absorbed_share, ambiguous_with, shows_from
 (name, value: the size of the parameter below which the effect would not show, null where no plausible one
-does, unit; the parameter that shows best first), testable, reason), verdict (effects, kind: effects, no_gap, unknown or not_diagnosable, probability, effect_set_95),
+does, unit; the parameter that shows best first), testable, reason), verdict (effects, kind: effects, no_gap, unknown or not_diagnosable, probability, effect_set_95,
+hidden: the probability that an effect acts which the stiffness takes up, shared by the effects where there is no gap),
 next_experiment (action, why), notes.")]
 pub struct Args {
     /// Names of the effects that may act; the whole catalogue by default
