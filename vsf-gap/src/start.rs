@@ -11,8 +11,8 @@ const EXCURSIONS: [f64; 2] = [3.0, 1.0];
 const MOST_ROUNDS: usize = 6;
 const MOST_FOLLOWING: usize = 3;
 const WORTHWHILE: f64 = 6.0;
-/// Of more points than this, each is moved alone in the search for a start: they lie so close that what is around them
-/// matters little, and there is much of it.
+/// Of more points than this, each is moved alone in the search for a start of several amplitudes: they lie so close that
+/// what is around them matters little, and there is much of it.
 const MANY: usize = 20_000;
 /// Prior deviation of shapes, in scales, that is not exceeded however wide their bounds.
 const WIDEST: f64 = 50.0;
@@ -64,7 +64,8 @@ impl Campaign {
             return Ok(base.with(effect, &linear));
         }
         let prior = tangent.prior(&self.site);
-        let rough = (self.site.rest.len() > MANY).then(|| self.rough());
+        let many = self.site.rest.len() > MANY && tangent.amplitudes.len() > 1;
+        let rough = many.then(|| self.rough());
         let within = rough.as_ref().unwrap_or(self);
         let value = |theta: &Vec<f64>| {
             let mut fitted = within.fitted(&base.with(effect, theta), &within.train)?;
@@ -75,28 +76,42 @@ impl Campaign {
         let mut best = tangent.start.clone();
         let mut most = value(&best)?;
         let mut seen = vec![best.clone()];
-        // The best of some, if it is worth a step; those that were tried before are not.
-        let mut better = |thetas: Vec<Vec<f64>>, most: f64| -> Result<_, GapError> {
-            let from = seen.len();
-            for theta in thetas {
-                if !seen.contains(&theta) {
-                    seen.push(theta);
+        // Those that were tried before are no better than what was taken then.
+        let mut values = |thetas: &[Vec<f64>]| -> Result<Vec<f64>, GapError> {
+            let mut is_new = |theta: &Vec<f64>| {
+                let new = !seen.contains(theta);
+                seen.extend(new.then(|| theta.clone()));
+                new
+            };
+            let new: Vec<bool> = thetas.iter().map(&mut is_new).collect();
+            let of = |(theta, new): (&Vec<f64>, &bool)| match new {
+                true => value(theta),
+                false => Ok(f64::NEG_INFINITY),
+            };
+            thetas.par_iter().zip(&new).map(of).collect()
+        };
+        let all = ways(&prior);
+        let mut size = EXCURSIONS[0];
+        let mut likely = all.clone();
+        for round in 0..MOST_ROUNDS {
+            // Ways that led up last time come first; the others may be spared.
+            let others: Vec<_> = (all.iter().filter(|w| !likely.contains(w)).cloned()).collect();
+            let mut step = None;
+            for ways in [likely.clone(), others] {
+                let mut tried: Vec<_> = (ways.iter())
+                    .map(|way| moved(&parameters, &best, way, size))
+                    .collect();
+                tried.extend((round == 0).then(|| linear.clone()));
+                let found = values(&tried)?;
+                let k = best_of(&found);
+                if found.get(k).is_some_and(|v| *v >= most + WORTHWHILE) {
+                    let led_up = ways.into_iter().zip(&found).filter(|(_, v)| **v > most);
+                    likely = led_up.map(|(way, _)| way).collect();
+                    step = Some((tried[k].clone(), found[k]));
+                    break;
                 }
             }
-            let values: Vec<f64> = (seen[from..].par_iter())
-                .map(value)
-                .collect::<Result<_, GapError>>()?;
-            let k = best_of(&values);
-            let worthwhile = values.get(k).filter(|v| **v >= most + WORTHWHILE);
-            Ok(worthwhile.map(|v| (seen[from + k].clone(), *v)))
-        };
-        let mut size = EXCURSIONS[0];
-        for round in 0..MOST_ROUNDS {
-            let mut tried = steps(&prior, &best, size);
-            if round == 0 {
-                tried.push(linear.clone());
-            }
-            match better(tried, most)? {
+            match step {
                 Some((next, value)) => {
                     let way: Vec<f64> = (next.iter().zip(&best))
                         .map(|(t, b)| (t - b) / size)
@@ -104,15 +119,17 @@ impl Campaign {
                     (best, most) = (next, value);
                     for _ in 0..MOST_FOLLOWING {
                         let around = [1.0, -1.0].map(|by| moved(&parameters, &best, &way, by));
-                        match better(around.into(), most)? {
-                            Some(next) => (best, most) = next,
-                            None => break,
+                        let found = values(&around)?;
+                        let k = best_of(&found);
+                        if found[k] < most + WORTHWHILE {
+                            break;
                         }
+                        (best, most) = (around[k].clone(), found[k]);
                     }
                 }
                 // Nothing at all, or nothing left.
-                _ if round == 0 || size == EXCURSIONS[1] => break,
-                _ => size = EXCURSIONS[1],
+                None if round == 0 || size == EXCURSIONS[1] => break,
+                None => (size, likely) = (EXCURSIONS[1], all.clone()),
             }
         }
         Ok(base.with(effect, &best))
@@ -126,27 +143,27 @@ fn moved(parameters: &[Parameter], theta: &[f64], way: &[f64], by: f64) -> Vec<f
         .collect()
 }
 
-/// Steps of so many scales from `theta`, of every amplitude of the whole session that may act on its own; of
-/// compliances, which cannot be negative, of all together as well.
-fn steps(prior: &Prior, theta: &[f64], size: f64) -> Vec<Vec<f64>> {
+/// Ways up and down by one scale of every amplitude of the whole session that may act on its own; of compliances, which
+/// cannot be negative, of all together as well.
+fn ways(prior: &Prior) -> Vec<Vec<f64>> {
     let parameters = &prior.parameters;
-    let moves = |i: usize, p: &Parameter| {
+    let moves = |i: usize| {
+        let p = &parameters[i];
         p.role == Role::Amplitude && p.sequence.is_none() && prior.sd[i] > 0.0
     };
-    let step = |which: &dyn Fn(usize) -> bool, size: f64| {
-        let own = |(i, p): (usize, &Parameter)| match moves(i, p) && which(i) {
-            true => p.scale,
+    let moving: Vec<usize> = (0..parameters.len()).filter(|&i| moves(i)).collect();
+    let mut sets: Vec<Vec<usize>> = moving.iter().map(|&i| vec![i]).collect();
+    if moving.iter().all(|&i| parameters[i].bounds[0] == 0.0) {
+        sets.push(moving);
+    }
+    let way = |set: &Vec<usize>, sign: f64| {
+        let own = |(i, p): (usize, &Parameter)| match set.contains(&i) {
+            true => sign * p.scale,
             false => 0.0,
         };
-        let way: Vec<f64> = parameters.iter().enumerate().map(own).collect();
-        moved(parameters, theta, &way, size)
+        parameters.iter().enumerate().map(own).collect()
     };
-    let mut steps: Vec<Vec<f64>> = (0..parameters.len())
-        .flat_map(|k| [-size, size].map(|size| step(&|i| i == k, size)))
-        .collect();
-    let mut moving = parameters.iter().enumerate().filter(|(i, p)| moves(*i, p));
-    if moving.all(|(_, p)| p.bounds[0] == 0.0) {
-        steps.extend([-size, size].map(|size| step(&|_| true, size)));
-    }
-    steps
+    (sets.iter())
+        .flat_map(|set| [-1.0, 1.0].map(|sign| way(set, sign)))
+        .collect()
 }
