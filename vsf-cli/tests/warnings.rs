@@ -4,6 +4,8 @@
 
 mod common;
 use common::{Bench, METADATA, npy};
+use rand_distr::{Distribution, Normal};
+use rand_pcg::Pcg32;
 use std::collections::BTreeMap;
 use std::fs;
 use std::path::Path;
@@ -317,7 +319,7 @@ fn fields_of_a_robot_that_stood_elsewhere() {
 }
 
 /// What is said of the readings of a recording whose rows are changed.
-fn warnings_of(recording: &str, change: &dyn Fn(&mut [f64])) -> Vec<String> {
+fn warnings_of(recording: &str, mut change: impl FnMut(&mut [f64])) -> Vec<String> {
     let recording = Path::new(env!("CARGO_MANIFEST_DIR")).join(recording);
     let (dataset, _) = Dataset::open(&recording, &Overrides::default()).unwrap();
     let scene = match dataset.rest_points {
@@ -328,7 +330,7 @@ fn warnings_of(recording: &str, change: &dyn Fn(&mut [f64])) -> Vec<String> {
     let mut sequences = dataset.sequences.clone();
     for sequence in &mut sequences {
         let rows = sequence.torques.data_mut().chunks_exact_mut(7);
-        rows.for_each(change);
+        rows.for_each(&mut change);
     }
     let sequences: Vec<&Sequence> = sequences.iter().collect();
     let traces = scene.traces(&sequences, || {}).unwrap();
@@ -357,6 +359,21 @@ fn joints_of_the_other_sign_in_a_plant() {
     }
     let warnings = changed(&|row| row.swap(4, 6));
     says_once(&warnings, "columns of Actuator5 and Actuator7 exchanged");
+    // With the noise of real sensors.
+    for (turned, says) in [(false, None), (true, Some("the other sign of Actuator4 ("))] {
+        let mut random = Pcg32::new(7, 0);
+        let noise = Normal::new(0.0, 0.3).unwrap();
+        let warnings = warnings_of("data/orange_tree", |row| {
+            row.iter_mut().for_each(|t| *t += noise.sample(&mut random));
+            if turned {
+                row[3] = -row[3];
+            }
+        });
+        match says {
+            None => assert_eq!(warnings, [""; 0]),
+            Some(says) => says_once(&warnings, says),
+        }
+    }
 }
 
 /// Of a real arm. The first joint turns about the vertical, the last one bears nothing: friction is all that they read.

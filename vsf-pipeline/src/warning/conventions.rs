@@ -10,16 +10,17 @@ use super::{PipelineWarning, springs};
 use crate::median::median;
 use crate::{Scene, Trace, reading_unit};
 use nalgebra::{DMatrix, DVector};
+use std::collections::BTreeMap;
 use vsf_core::Observation;
 use vsf_robots::Joint;
 
 /// Of robots with more joints nothing is said.
 const MOST_JOINTS: usize = 32;
-/// Readings and points that are looked at, of all parts of the recording.
+/// Readings, means over blocks of samples, and points that are looked at, of all parts of the recording.
 const MOST_READINGS: usize = 700;
 const MOST_POINTS: usize = 1000;
 /// Nats by which another convention has to do better. Of the plants, soft bodies and silicone that the defaults were settled
-/// with, with any effect of a diagnosis or none, none does by 50.
+/// with, with any effect of a diagnosis or none, none does by 60.
 const EVIDENT: f64 = 100.0;
 /// Standard deviations of a typical reading that springs expect, per one of its noise.
 const RATIOS: [f64; 5] = [0.3, 1.0, 3.0, 10.0, 30.0];
@@ -82,12 +83,43 @@ pub fn warning<'a>(scene: &Scene, traces: &'a [Trace]) -> Option<PipelineWarning
 }
 
 /// A reading in contact.
-#[derive(Clone, Copy)]
 struct Sample<'a> {
     sequence: usize,
     /// In the sequence (s).
     time: f64,
     observation: &'a Observation<f64>,
+}
+
+/// The mean of readings of one sequence, one after the other, in which noise shrinks.
+struct Block {
+    sequence: usize,
+    time: f64,
+    reading: Vec<f64>,
+    /// For every point that is touched meanwhile, what a spring of 1 N/m there gives at each joint on average.
+    springs: BTreeMap<u32, Vec<f64>>,
+}
+
+impl Block {
+    fn new(samples: &[Sample]) -> Option<Self> {
+        let first = samples.first()?;
+        let (share, joints) = (1.0 / samples.len() as f64, first.observation.dim());
+        let mut block = Self {
+            sequence: first.sequence,
+            time: samples.iter().map(|s| share * s.time).sum(),
+            reading: vec![0.0; joints],
+            springs: BTreeMap::new(),
+        };
+        for Sample { observation, .. } in samples {
+            for j in 0..joints {
+                block.reading[j] += share * observation.reading()[j];
+                for (p, along) in observation.points().iter().zip(observation.row(j)) {
+                    let of_point = block.springs.entry(*p);
+                    of_point.or_insert_with(|| vec![0.0; joints])[j] += share * along;
+                }
+            }
+        }
+        Some(block)
+    }
 }
 
 /// Log marginal likelihood of readings in any convention, from one factorisation per ratio of springs and noise.
@@ -106,10 +138,14 @@ impl Evidence {
             return None;
         }
         let most = (MOST_READINGS / d).max(1);
-        let thinned: Vec<Sample> = (touching.iter().copied())
-            .step_by(touching.len().div_ceil(most))
+        let length = touching.len().div_ceil(most);
+        let parts: Vec<&[Sample]> = (touching.chunk_by(|a, b| a.sequence == b.sequence))
+            .flat_map(|of_sequence| of_sequence.chunks(length))
             .collect();
-        let mut springs = springs_together(&thinned, d);
+        // Every sequence ends with a shorter one: there may be too many.
+        let taken = parts.iter().step_by(parts.len().div_ceil(most));
+        let blocks: Vec<Block> = taken.filter_map(|part| Block::new(part)).collect();
+        let mut springs = springs_together(&blocks, d);
         let noise = noise(&springs, joints)?;
         let n = springs.nrows();
         let of_row = |row: usize| noise[row % d];
@@ -117,19 +153,19 @@ impl Evidence {
             let mut column = springs.column_mut(c);
             (0..n).for_each(|r| column[r] /= of_row(r) * of_row(c));
         }
-        let of_sample = |i: usize| {
+        let of_block = |i: usize| {
             let rows = i * d..(i + 1) * d;
             (rows.map(|r| springs[(r, r)]).sum::<f64>() / d as f64).sqrt()
         };
-        let typical = median((0..thinned.len()).map(of_sample).collect()).filter(|t| *t > 0.0)?;
+        let typical = median((0..blocks.len()).map(of_block).collect()).filter(|t| *t > 0.0)?;
         let readings = DMatrix::from_fn(n, d * d, |row, place| {
             let (joint, column) = (place / d, place % d);
             match row % d == joint {
-                true => thinned[row / d].observation.reading()[column] / noise[joint],
+                true => blocks[row / d].reading[column] / noise[joint],
                 false => 0.0,
             }
         });
-        let errors = errors_together(&thinned, d);
+        let errors = errors_together(&blocks, d);
         let at = |ratio: &f64| {
             let covariance = &springs * (ratio / typical).powi(2) + &errors;
             let factor = covariance.cholesky()?;
@@ -184,7 +220,7 @@ impl Evidence {
 }
 
 /// The noise of every joint, up to its level: error of the model above all, which grows with what springs give there.
-/// `springs` is their covariance, a row for every joint of a sample. `None` where they give nothing.
+/// `springs` is their covariance, a row for every joint of a block. `None` where they give nothing.
 fn noise(springs: &DMatrix<f64>, joints: &[Joint]) -> Option<Vec<f64>> {
     let d = joints.len();
     let rms = |j: usize| {
@@ -201,9 +237,9 @@ fn noise(springs: &DMatrix<f64>, joints: &[Joint]) -> Option<Vec<f64>> {
     noise.iter().all(|sd| *sd > 0.0).then_some(noise)
 }
 
-/// Covariance of the readings of independent springs, per variance of one.
-fn springs_together(samples: &[Sample], joints: usize) -> DMatrix<f64> {
-    let points = samples.iter().flat_map(|s| s.observation.points());
+/// Covariance of the readings of independent springs, per variance of one; a row for every joint of a block.
+fn springs_together(blocks: &[Block], joints: usize) -> DMatrix<f64> {
+    let points = blocks.iter().flat_map(|b| b.springs.keys());
     let mut points: Vec<u32> = points.copied().collect();
     points.sort_unstable();
     points.dedup();
@@ -212,15 +248,15 @@ fn springs_together(samples: &[Sample], joints: usize) -> DMatrix<f64> {
     points.truncate(MOST_POINTS);
     points.sort_unstable();
     let mut of_point: Vec<Vec<(usize, f64)>> = vec![Vec::new(); points.len()];
-    for (i, Sample { observation, .. }) in samples.iter().enumerate() {
-        for (k, p) in observation.points().iter().enumerate() {
+    for (i, block) in blocks.iter().enumerate() {
+        for (p, along) in &block.springs {
             if let Ok(place) = points.binary_search(p) {
-                let row = |j: usize| (i * joints + j, observation.row(j)[k]);
-                of_point[place].extend((0..joints).map(row));
+                let rows = along.iter().enumerate();
+                of_point[place].extend(rows.map(|(j, a)| (i * joints + j, *a)));
             }
         }
     }
-    let n = samples.len() * joints;
+    let n = blocks.len() * joints;
     let mut together = DMatrix::zeros(n, n);
     for rows in &of_point {
         for &(c, b) in rows {
@@ -233,11 +269,11 @@ fn springs_together(samples: &[Sample], joints: usize) -> DMatrix<f64> {
 
 /// Covariance of the errors of the readings, in units of the noise: of the noise itself, of what persists for a while, and
 /// of the zero of every joint.
-fn errors_together(samples: &[Sample], joints: usize) -> DMatrix<f64> {
-    let n = samples.len() * joints;
+fn errors_together(blocks: &[Block], joints: usize) -> DMatrix<f64> {
+    let n = blocks.len() * joints;
     let mut together = DMatrix::identity(n, n);
-    for (i, a) in samples.iter().enumerate() {
-        for (k, b) in samples.iter().enumerate() {
+    for (i, a) in blocks.iter().enumerate() {
+        for (k, b) in blocks.iter().enumerate() {
             let persists = match a.sequence == b.sequence {
                 true => PERSISTING * (-(a.time - b.time).abs() / PERSISTS).exp(),
                 false => 0.0,
