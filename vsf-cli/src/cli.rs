@@ -28,7 +28,8 @@ pub struct Cli {
     #[arg(long, short, global = true)]
     pub quiet: bool,
     /// Machine-readable results to FILE, or (also by -) to standard output in place of the report. Give it
-    /// last, or as --json=FILE. Every result has the key `warnings`, a list of texts
+    /// last, or as --json=FILE. Every result has the keys `made_by`, vsf and its version, and `warnings`, a list of
+    /// texts
     #[arg(long, global = true, value_name = "FILE", num_args = 0..=1)]
     pub json: Option<Option<PathBuf>>,
 }

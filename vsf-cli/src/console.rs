@@ -19,9 +19,13 @@ pub struct Console {
     pub outputs: Outputs,
 }
 
+/// What results say of the program that wrote them.
+const MADE_BY: &str = concat!("vsf ", env!("CARGO_PKG_VERSION"));
+
 /// What machines read.
 #[derive(Serialize)]
 struct WithWarnings<'a, T: Serialize> {
+    made_by: &'static str,
     #[serde(flatten)]
     result: &'a T,
     warnings: &'a [String],
@@ -63,6 +67,7 @@ impl Console {
         mut files: Vec<(PathBuf, String)>,
     ) -> anyhow::Result<()> {
         let result = WithWarnings {
+            made_by: MADE_BY,
             result,
             warnings: &self.warnings.borrow(),
         };

@@ -1,4 +1,4 @@
-//! Which files an output replaces: those of its own kind; of pictures any, of the others what `vsf` writes.
+//! Which files an output replaces: those of its own kind that `vsf` has written.
 
 use crate::console::read_text;
 use crate::exit::usage;
@@ -6,12 +6,13 @@ use crate::html;
 use std::fs::File;
 use std::io::Read;
 use std::path::Path;
-use vsf::data::StiffnessField;
 use vsf::gap::ModelFile;
 use vsf::vision::LearnedPrior;
 
 /// Where a file says what it is, in bytes from its begin.
 const HEAD: u64 = 4096;
+/// Where an archive does, in bytes from its end.
+const TAIL: usize = 64;
 
 /// What a command writes to a file.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -38,19 +39,19 @@ impl FileKind {
         }
         let (path, what) = (path.display(), self.what());
         Err(usage(format!(
-            "{flag} {path} holds something else; choose a new file, or {what} to replace"
+            "{flag} {path} holds something else than {what} by vsf; choose a new file, or delete this one"
         )))
     }
 
     fn what(self) -> &'static str {
         match self {
             Self::Results => "results of --json",
-            Self::Page => "a page of vsf",
+            Self::Page => "a page",
             Self::Model => "a corrected model",
-            Self::Learned => "what was learned earlier",
+            Self::Learned => "what was learned",
             Self::Npz => "a field",
             Self::Ply => "a .ply of a field",
-            Self::Mcap => "an .mcap of vsf",
+            Self::Mcap => "an .mcap",
             Self::Png | Self::Svg => "a picture",
         }
     }
@@ -61,12 +62,12 @@ impl FileKind {
             Self::Page => holds(path, b"<!DOCTYPE html>", html::GENERATOR.as_bytes()),
             Self::Model => read_text(path).is_ok_and(|text| ModelFile::from_json(&text).is_ok()),
             Self::Learned => LearnedPrior::open(path).is_ok(),
-            Self::Npz => StiffnessField::open(path).is_ok(),
-            Self::Ply => holds(path, b"ply", b"property double stiffness\n"),
-            // The library that the header names.
-            Self::Mcap => holds(path, b"\x89MCAP", b"vsf "),
-            Self::Png => holds(path, b"\x89PNG", b"IHDR"),
-            Self::Svg => holds(path, b"<", b"<svg"),
+            Self::Npz => is_own_archive(path),
+            Self::Ply => holds(path, b"ply", b"\ncomment vsf "),
+            // The library that the header names, behind the length of that name.
+            Self::Mcap => holds(path, b"\x89MCAP", b"\0\0\0vsf "),
+            Self::Png => holds(path, b"\x89PNG", b"tEXtSoftware\0vsf "),
+            Self::Svg => holds(path, b"<svg", b"<!-- vsf "),
         }
     }
 }
@@ -75,12 +76,26 @@ impl FileKind {
 fn holds(path: &Path, begin: &[u8], mark: &[u8]) -> bool {
     let mut head = Vec::new();
     let read = File::open(path).and_then(|file| file.take(HEAD).read_to_end(&mut head));
-    let is_marked = || head.windows(mark.len()).any(|part| part == mark);
-    read.is_ok() && head.starts_with(begin) && is_marked()
+    read.is_ok() && head.starts_with(begin) && contains(&head, mark)
 }
 
-/// All results list their warnings.
+/// Whether an archive has a comment of `vsf`: it ends with that, behind the comment's length.
+fn is_own_archive(path: &Path) -> bool {
+    let bytes = std::fs::read(path).unwrap_or_default();
+    let end = &bytes[bytes.len().saturating_sub(TAIL)..];
+    bytes.starts_with(b"PK") && contains(end, b"\0vsf ")
+}
+
+fn contains(bytes: &[u8], mark: &[u8]) -> bool {
+    bytes.windows(mark.len()).any(|part| part == mark)
+}
+
+/// All results list their warnings; the metadata of a recording, which say who made it, too, do not.
 fn are_results(text: &str) -> bool {
-    let value: Result<serde_json::Value, _> = serde_json::from_str(text);
-    value.is_ok_and(|v| v.get("warnings").is_some_and(serde_json::Value::is_array))
+    let value: serde_json::Value = serde_json::from_str(text).unwrap_or_default();
+    let is_own = |v: &serde_json::Value| v.as_str().is_some_and(|by| by.starts_with("vsf "));
+    value.get("made_by").is_some_and(is_own)
+        && value
+            .get("warnings")
+            .is_some_and(serde_json::Value::is_array)
 }

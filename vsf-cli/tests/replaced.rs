@@ -98,6 +98,44 @@ fn files_of_another_kind_are_replaced_by_none() {
     }
 }
 
+/// Files of the same format by other programs are theirs: what vsf writes bears its mark.
+#[test]
+fn files_without_the_mark_are_replaced_by_none() {
+    let bench = Bench::touched();
+    let estimate = "estimate touch --prior-sd 10 --noise-sd 1 --out";
+    for (line, out, mark) in [
+        (estimate, "a.npz", "vsf "),
+        (estimate, "a.ply", "comment vsf "),
+        (estimate, "a.mcap", "vsf "),
+        ("export truth --out", "a.png", "Software\0vsf "),
+        ("export truth --out", "a.svg", "<!-- vsf "),
+        ("export touch --field truth --out", "b.mcap", "vsf "),
+        ("view truth --out", "a.html", "content=\"vsf\""),
+        ("info touch --json", "info.json", "\"made_by\": \"vsf "),
+    ] {
+        let line = format!("{line} {out}");
+        bench.ok(&line);
+        let path = bench.root.join(out);
+        let theirs = without(&fs::read(&path).unwrap(), mark.as_bytes());
+        fs::write(&path, &theirs).unwrap();
+        bench.fails(&line, 2, &[out, "something else", "new file, or delete"]);
+        assert!(fs::read(&path).unwrap() == theirs, "{line}");
+    }
+}
+
+/// The same bytes, but for the letters of a mark.
+fn without(bytes: &[u8], mark: &[u8]) -> Vec<u8> {
+    let mut bytes = bytes.to_vec();
+    let places = (0..bytes.len()).filter(|i| bytes[*i..].starts_with(mark));
+    let places: Vec<usize> = places.collect();
+    assert!(!places.is_empty());
+    for place in places {
+        let letters = place..place + mark.len();
+        bytes[letters].make_ascii_uppercase();
+    }
+    bytes
+}
+
 /// The file that a link leads to is another's.
 #[cfg(unix)]
 #[test]

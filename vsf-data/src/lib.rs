@@ -73,6 +73,9 @@ mod staged;
 mod table;
 mod warning;
 
+/// What files say of the program that wrote them.
+const MADE_BY: &str = concat!("vsf ", env!("CARGO_PKG_VERSION"));
+
 pub use camera::CameraView;
 pub use colormap::color;
 pub use contact_parameters::ContactParameters;

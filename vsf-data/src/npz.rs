@@ -1,6 +1,6 @@
 //! `.npz` archives: zip files whose entries are `.npy` files.
 
-use crate::{DataError, files};
+use crate::{DataError, MADE_BY, files};
 use std::collections::{BTreeMap, BTreeSet};
 use std::error::Error;
 use std::io::{Cursor, Read, Write};
@@ -73,14 +73,15 @@ fn repeated(mut directory: &[u8]) -> Option<String> {
     None
 }
 
-/// The archive of the entries, stored as `numpy.savez` does; `.npy` is added to the names. `path` is
-/// for messages.
+/// The archive of the entries, stored as `numpy.savez` does; `.npy` is added to the names. The comment of
+/// the archive, which other readers skip, names this program. `path` is for messages.
 pub(crate) fn encode(
     path: &Path,
     entries: &BTreeMap<String, Vec<u8>>,
 ) -> Result<Vec<u8>, DataError> {
     let options = SimpleFileOptions::default().compression_method(CompressionMethod::Stored);
     let mut zip = ZipWriter::new(Cursor::new(Vec::new()));
+    zip.set_comment(MADE_BY);
     let mut fill = || {
         for (name, bytes) in entries {
             let large = bytes.len() as u64 >= zip::ZIP64_BYTES_THR;

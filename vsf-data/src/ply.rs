@@ -1,7 +1,7 @@
 //! Point clouds in the PLY format.
 
 use crate::colormap::Scale;
-use crate::{DataError, StiffnessField, files, write_file};
+use crate::{DataError, MADE_BY, StiffnessField, files, write_file};
 use nalgebra::Point3;
 use ply_rs_bw::parser::{Parser, Reader};
 use ply_rs_bw::ply::{
@@ -17,6 +17,7 @@ pub(crate) fn write(path: &Path, field: &StiffnessField, scale: Scale) -> Result
     };
     let mut bytes = format!(
         "ply\nformat binary_little_endian 1.0\n\
+         comment {MADE_BY}\n\
          comment stiffness in N/m; colour from 0 to {} N/m\n\
          element vertex {}\n\
          property double x\nproperty double y\nproperty double z\n\

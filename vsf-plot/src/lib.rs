@@ -9,7 +9,8 @@
 //! | curves over a common axis | [`CurvePlot`] | PNG, SVG |
 //!
 //! No system font or display is needed, and equal input gives equal bytes on every machine of
-//! the same floating point arithmetic. Input that cannot be drawn truthfully (NaN, no points,
+//! the same floating point arithmetic. Files name their program, `vsf` and its version: a PNG as its `Software`, an SVG in a
+//! comment. Input that cannot be drawn truthfully (NaN, no points,
 //! lengths that do not match) is a typed [`PlotError`] that names the place.
 
 #![forbid(unsafe_code)]
@@ -30,6 +31,9 @@ mod ticks;
 mod torque;
 mod vector;
 mod wire_box;
+
+/// What files say of the program that wrote them.
+const MADE_BY: &str = concat!("vsf ", env!("CARGO_PKG_VERSION"));
 
 pub use colour::{ColourLimit, Rgb, stiffness_colour};
 pub use curves::{Curve, CurvePlot};

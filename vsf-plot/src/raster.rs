@@ -1,6 +1,6 @@
-use crate::PlotError;
 use crate::canvas::{Anchor, Canvas, Disc, Font, Rect, WHITE};
 use crate::colour::Rgb;
+use crate::{MADE_BY, PlotError};
 use noto_sans_mono_bitmap::{FontWeight, RasterHeight, RasterizedChar, get_raster};
 
 /// The pixel canvas. Edges are anti-aliased by their distance to the pixel's centre.
@@ -36,6 +36,7 @@ impl Raster {
         let mut encoder = png::Encoder::new(&mut file, self.width as u32, self.height as u32);
         encoder.set_color(png::ColorType::Rgb);
         encoder.set_depth(png::BitDepth::Eight);
+        (encoder.add_text_chunk("Software".to_owned(), MADE_BY.to_owned())).map_err(fail)?;
         let mut writer = encoder.write_header().map_err(fail)?;
         writer.write_image_data(&bytes).map_err(fail)?;
         writer.finish().map_err(fail)?;

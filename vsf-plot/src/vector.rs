@@ -1,6 +1,6 @@
-use crate::PlotError;
 use crate::canvas::{Anchor, Canvas, Disc, Font, Rect};
 use crate::colour::Rgb;
+use crate::{MADE_BY, PlotError};
 use plotters::backend::{DrawingBackend, SVGBackend};
 use plotters::style::text_anchor::{HPos, Pos, VPos};
 use plotters::style::{Color, FontFamily, FontStyle, RGBColor, ShapeStyle, TextStyle};
@@ -27,7 +27,7 @@ pub(crate) fn svg_file(
     })?;
     Ok(format!(
         "<svg width=\"{width}\" height=\"{height}\" viewBox=\"0 0 {} {}\" \
-         xmlns=\"http://www.w3.org/2000/svg\">\n{inner}</svg>\n",
+         xmlns=\"http://www.w3.org/2000/svg\">\n<!-- {MADE_BY} -->\n{inner}</svg>\n",
         size.0, size.1
     ))
 }

@@ -194,7 +194,7 @@ impl<'a> Output<'a> {
     pub fn new(path: &'a Path) -> Result<Self, DataError> {
         let options = WriteOptions::new()
             .profile("ros2")
-            .library(concat!("vsf ", env!("CARGO_PKG_VERSION")))
+            .library(crate::MADE_BY)
             .compression(None);
         let writer = options.create(Cursor::new(Vec::new()));
         let writer = writer.map_err(|e| wrong(path, e.to_string()))?;
