@@ -4,7 +4,7 @@ use crate::derived::save;
 use crate::exit::usage;
 use crate::explain::{blame, explain};
 use crate::range::{self, finite, positive};
-use crate::recording::{COMPUTED, IMPORT, claim, keep_made, keep_robot};
+use crate::recording::{IMPORT, claim, keep_made, keep_robot};
 use crate::settings::MetadataSettings;
 use serde::Serialize;
 use std::path::PathBuf;
@@ -43,8 +43,7 @@ pub struct Args {
     /// MCAP files, in the order of recording, the folder of a ROS 2 bag, or CSV files
     #[arg(required = true)]
     files: Vec<PathBuf>,
-    /// Folder to write to: new, empty, or a recording of the same sequences, by `vsf import`,
-    /// `vsf simulate` or `vsf predict`, to replace
+    /// Folder to write to: new, empty, or a recording of the same sequences, by `vsf import`, to replace
     #[arg(long)]
     out: PathBuf,
     /// Topic of the joint states; needed where there are several, unless `vsf export` wrote them
@@ -100,8 +99,7 @@ pub fn run(args: &Args, console: &Console) -> anyhow::Result<()> {
     let mut inputs = args.files.iter().chain(&args.points);
     inputs.try_for_each(|f| console.outputs.keep(f))?;
     args.sources.keep(console)?;
-    let [simulate, predict] = COMPUTED;
-    keep_made(&args.out, &[IMPORT, simulate, predict])?;
+    keep_made(&args.out, &[IMPORT])?;
     let filled = args.corners.as_ref().map(|c| Filled::new(c, args.spacing));
     let filled = filled.transpose()?;
     let clock = match args.log_time {
@@ -130,8 +128,7 @@ pub fn run(args: &Args, console: &Console) -> anyhow::Result<()> {
     keep_robot(given.robot.as_ref(), console)?;
     let packages = args.metadata.packages();
     let known = log.metadata(&given).map_err(refused)?;
-    // What was simulated and exported is still simulated.
-    given.made_by = Some(known.made_by.unwrap_or_else(|| IMPORT.to_owned()));
+    given.made_by = Some(IMPORT.to_owned());
     let joints: Vec<String> = match &known.robot {
         Some(robot) => {
             let robot = load_robot(robot, known.joints.clone(), &packages)
