@@ -13,6 +13,10 @@ use vsf::robots::urdf_bundle;
 /// Folder of the robot's files in a recording.
 const ROBOT: &str = "robot";
 
+/// What is computed from a recording: the word for it, which ends the new one's name, and the command.
+pub const SIMULATED: (&str, &str) = ("simulated", "vsf simulate");
+pub const PREDICTED: (&str, &str) = ("predicted", "vsf predict");
+
 /// The recording with these sequences, whose torques are `made` by a field in a scene and this command: named after
 /// it, without stored field. Torques that no command would read again are refused.
 pub fn derived(
@@ -58,6 +62,13 @@ pub fn derived(
         sequences,
         ..dataset.clone()
     })
+}
+
+/// Whether a recording has the name `origin`, or that of one which was [`derived`] from it, in however many steps.
+pub fn stems_from(name: &str, origin: &str) -> bool {
+    let made = [SIMULATED.0, PREDICTED.0];
+    let mut sources = (made.iter()).filter_map(|made| name.strip_suffix(made)?.strip_suffix(", "));
+    name == origin || sources.any(|source| stems_from(source, origin))
 }
 
 /// Where the deviations of a sequence's predicted torques are, in the folder of their recording.

@@ -1,6 +1,7 @@
 use crate::config::Sources;
 use crate::console::{Console, number};
 use crate::corrected::{CorrectedModel, ModelArgs};
+use crate::derived::{PREDICTED, SIMULATED, stems_from};
 use crate::exit::usage;
 use crate::explain::{blame, explain};
 use crate::field_file::FieldFile;
@@ -24,7 +25,7 @@ const SAME_POINT: f64 = 1e-5;
 const SAME_POSE: f64 = 1e-5;
 
 /// Commands that compute a recording from another one.
-pub const COMPUTED: [&str; 2] = ["vsf simulate", "vsf predict"];
+pub const COMPUTED: [&str; 2] = [SIMULATED.1, PREDICTED.1];
 /// That which converts one.
 pub const IMPORT: &str = "vsf import";
 
@@ -259,11 +260,13 @@ impl Recording {
             }
         }
         let name = &self.dataset.name;
-        if let Some(other) = field.field.recording.as_ref().filter(|n| *n != name) {
+        let origin = field.field.recording.as_ref();
+        if let Some(other) = origin.filter(|origin| !stems_from(name, origin)) {
             console.warn(format!(
                 "{place}: the field was estimated from the recording {other:?}, this one is {name:?}"
             ));
-        } else if let Some(was) = &field.field.base_pose {
+        }
+        if let Some(was) = &field.field.base_pose {
             let moved = was.inverse() * self.dataset.base_pose;
             let (far, turned) = (moved.translation.vector.norm(), moved.rotation.angle());
             if far > SAME_POSE || turned > SAME_POSE {

@@ -316,6 +316,22 @@ fn fields_of_a_robot_that_stood_elsewhere() {
     warns(&bench, line, &parts);
     let same = bench.warned(&format!("{line} {pose}"));
     assert!(!same.contains("elsewhere"), "{same}");
+    // Another recording says nothing of where the robot stood.
+    let other = [&parts[..], &["\"data, simulated\", this one is \"data\""]].concat();
+    warns(&bench, "export data --field f.npz --out a.mcap", &other);
+}
+
+/// What was computed from a recording is no other one to its field.
+#[test]
+fn fields_and_what_was_computed_from_their_recording() {
+    let bench = Bench::touched();
+    bench.ok("estimate touch --prior-sd 10 --noise-sd 1 --out f.npz");
+    bench.ok("simulate touch --field f.npz --out again");
+    bench.ok("predict again --field f.npz --out there");
+    for recording in ["touch", "again", "there"] {
+        let told = bench.warned(&format!("predict {recording} --field f.npz --out p"));
+        assert!(!told.contains("estimated from"), "{told}");
+    }
 }
 
 /// What is said of the readings of a recording whose rows are changed.

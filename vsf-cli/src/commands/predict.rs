@@ -1,6 +1,6 @@
 use crate::console::Console;
 use crate::corrected::Modelled;
-use crate::derived::{derived, deviations_of, save};
+use crate::derived::{PREDICTED, derived, deviations_of, save};
 use crate::recording::{Default, FieldArgs};
 use serde::Serialize;
 use std::borrow::Cow;
@@ -59,13 +59,7 @@ pub fn run(args: &Args, console: &Console) -> anyhow::Result<()> {
         .collect::<Result<Vec<_>, _>>()?;
     let dataset = Dataset {
         torque_kind: TorqueKind::External,
-        ..derived(
-            &recording,
-            ("predicted", "vsf predict"),
-            &args.of,
-            &scene,
-            predicted,
-        )?
+        ..derived(&recording, PREDICTED, &args.of, &scene, predicted)?
     };
     let deviations = predictions.iter().filter(|p| !p.sd.is_empty()).map(|p| {
         let path = deviations_of(&p.id);

@@ -1,5 +1,5 @@
 use crate::console::{Console, number};
-use crate::derived::{derived, save};
+use crate::derived::{SIMULATED, derived, save};
 use crate::range::scatter;
 use crate::recording::{Default, FieldArgs, untouched};
 use serde::Serialize;
@@ -67,13 +67,7 @@ pub fn run(args: &Args, console: &Console) -> anyhow::Result<()> {
         noise_sd: args.noise_sd,
         seed: args.seed,
     };
-    let dataset = derived(
-        &recording,
-        ("simulated", "vsf simulate"),
-        &args.of,
-        &scene,
-        simulated,
-    )?;
+    let dataset = derived(&recording, SIMULATED, &args.of, &scene, simulated)?;
     save(dataset, &recording.packages(), &args.out, Vec::new())?;
     console.json(&report)?;
     let out = args.out.display();
