@@ -1,7 +1,7 @@
 use vsf::core::nalgebra::Point3;
 use vsf::data::{CameraView, Sequence, StiffnessField};
 use vsf::pipeline::{Scene, SequencePrediction, StoredEstimate, Trace};
-use vsf::plot::{ColourLimit, FieldView, JointTrace, TorquePlot};
+use vsf::plot::{ColourLimit, FieldView, JointTrace, PlotError, TorquePlot};
 
 /// What stands around a field in its picture.
 #[derive(Default)]
@@ -110,18 +110,18 @@ pub fn field<T>(
     field: &StiffnessField,
     around: &Surroundings,
     view: View,
-    draw: impl FnOnce(&FieldView) -> Result<T, vsf::plot::PlotError>,
+    draw: impl FnOnce(&FieldView) -> Result<T, PlotError>,
 ) -> anyhow::Result<T> {
     let none = Vec::new();
-    let values = match view.deviation {
-        true => field.sd.as_ref().unwrap_or(&none),
-        false => &field.stiffness,
+    let (array, values) = match view.deviation {
+        true => ("K_std", field.sd.as_ref().unwrap_or(&none)),
+        false => ("K", &field.stiffness),
     };
     if values.is_empty() {
         anyhow::bail!("the field has no standard deviation (K_std)");
     }
     let stored = StoredEstimate::of(field)?;
-    Ok(draw(&FieldView {
+    draw(&FieldView {
         points_W: &field.points,
         stiffness: values,
         touched: &stored.touched,
@@ -138,7 +138,19 @@ pub fn field<T>(
             .limit
             .map_or_else(ColourLimit::default, ColourLimit::Value),
         ..FieldView::default()
-    })?)
+    })
+    .map_err(|e| match &e {
+        PlotError::OutOfRange {
+            what,
+            index,
+            value,
+            min,
+            max,
+        } if what == "stiffness" => anyhow::anyhow!(
+            "{array} row {index} is {value:?} N/m; pictures show {min:?} to {max:?}"
+        ),
+        _ => e.into(),
+    })
 }
 
 /// Draws readings (external torques) against predicted torques of a sequence, with the touched samples shaded.
@@ -178,13 +190,43 @@ pub fn torques(
     // Stamps may count from anywhere.
     let start = trace.time.first().copied().unwrap_or(0.0);
     let time: Vec<f64> = trace.time.iter().map(|t| t - start).collect();
-    Ok(TorquePlot {
+    TorquePlot {
         time: &time,
         joints: &joints,
         contact: &contact,
         title,
     }
-    .svg()?)
+    .svg()
+    .map_err(|e| undrawn(e, &joints))
+}
+
+/// That a torque is too large, by its row and joint.
+fn undrawn(error: PlotError, joints: &[JointTrace]) -> anyhow::Error {
+    if let PlotError::OutOfRange {
+        what,
+        index,
+        value,
+        max,
+        ..
+    } = &error
+    {
+        for (k, joint) in joints.iter().enumerate() {
+            for (array, words) in [
+                ("measured", "a reading"),
+                ("predicted", "a predicted torque"),
+                ("sigma", "a deviation of the predicted torque"),
+            ] {
+                if *what == format!("joints[{k}].{array}") {
+                    let (name, unit) = (joint.name, joint.unit);
+                    return anyhow::anyhow!(
+                        "row {index} joint {name}: {words} of {value:?} {unit}; plots show at most {max:?}, check the \
+                         recording and the field"
+                    );
+                }
+            }
+        }
+    }
+    error.into()
 }
 
 #[cfg(test)]

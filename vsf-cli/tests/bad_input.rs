@@ -471,8 +471,27 @@ fn pictures_of_what_is_not_there() {
         1,
         &["truth: ", "K_std"],
     );
-    npy(&bench.root.join("truth/K.npy"), &[160], &[1e99; 160]);
-    bench.fails("export truth --out a.png", 1, &["truth: ", "1e99"]);
+    let array = |name: &str, value| npy(&bench.root.join(name), &[160], &[value; 160]);
+    array("truth/K.npy", 1e99);
+    bench.fails("export truth --out a.png", 1, &["truth: K row 0 is 1e99"]);
+    bench.fails("export truth --out a.mcap", 1, &["row 0 of K ", "1e99"]);
+    let plot = "export data --field truth --torques plots";
+    let part = "sequence c: row 1 joint stage_x: a predicted torque of ";
+    bench.fails(plot, 1, &[part, "check the recording and the field"]);
+    array("truth/K.npy", 1.0);
+    array("truth/K_std.npy", 1e99);
+    let mark = |json: &str| fs::write(bench.root.join("truth/format.json"), json).unwrap();
+    mark(r#"{"K_std_unit": "standard_deviation"}"#);
+    let deviation = "export truth --deviation --out a.svg";
+    bench.fails(deviation, 1, &["truth: K_std row 0 is 1e99"]);
+    bench.fails("export truth --out a.mcap", 1, &["row 0 of K_std ", "1e99"]);
+    bench.fails(plot, 1, &["joint stage_x: a deviation of the predicted"]);
+    let far = "[[1, 0, 0, 0], [0, 1, 0, 1e200], [0, 0, 1, 0], [0, 0, 0, 1]]";
+    mark(&format!("{{\"base_pose\": {far}}}"));
+    let line = "predict data --field truth --out p";
+    bench.fails(line, 1, &["truth", "base_pose", "1e200 m, beyond 1e6"]);
+    let line = "info data --base-pose 0,0,1e50,0,0,0";
+    bench.fails(line, 2, &["--base-pose: ", "1e50 m, beyond 1e6"]);
     bench.fails(
         "export truth --out truth/points.npy/x.png",
         3,

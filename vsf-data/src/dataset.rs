@@ -29,7 +29,7 @@ pub struct Dataset {
     pub rate_hz: Option<f64>,
     /// Gravity [m/s^2], world frame; default (0, 0, -9.81), at most 100 long.
     pub gravity: Vector3<f64>,
-    /// Pose of the robot's base in the world, `X_WB`; default identity.
+    /// Pose of the robot's base in the world, `X_WB`; default identity, within ±1e6 m.
     pub base_pose: Isometry3<f64>,
     /// Smallest and largest corner of the object's box \[m\], world frame.
     pub object_bbox: Option<[Point3<f64>; 2]>,

@@ -10,9 +10,9 @@ use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
-const POINTS: &str = "points";
-const STIFFNESS: &str = "K";
-const SD: &str = "K_std";
+pub(crate) const POINTS: &str = "points";
+pub(crate) const STIFFNESS: &str = "K";
+pub(crate) const SD: &str = "K_std";
 /// What `K_std` is. OpenVSF writes a variance under that name and no mark.
 const SD_UNIT: &str = "K_std_unit";
 const STANDARD_DEVIATION: &str = "standard_deviation";
@@ -63,8 +63,8 @@ pub struct StiffnessField {
     pub model: Option<String>,
     /// The parameters of contact that it was estimated with, if known.
     pub contact: Option<ContactParameters>,
-    /// The pose of the robot's base that it was estimated with, `X_WB`, if known. Read back, it may differ in the last
-    /// digit.
+    /// The pose of the robot's base that it was estimated with, `X_WB`, within ±1e6 m, if known. Read back, it may
+    /// differ in the last digit.
     pub base_pose: Option<Isometry3<f64>>,
 }
 

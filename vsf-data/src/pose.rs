@@ -5,6 +5,9 @@ use nalgebra::{Isometry3, Matrix3, Rotation3, Translation3, UnitQuaternion, Vect
 /// Largest entry of `R^T R - I` that still counts as rounding, in a file written with f32.
 const TOLERANCE: f64 = 1e-6;
 
+/// Farthest of anything from the origin, as of rest points \[m\].
+const FARTHEST: f64 = 1e6;
+
 pub(crate) type Rows4 = [[f64; 4]; 4];
 
 /// The pose, or what keeps the matrix from being one.
@@ -28,9 +31,15 @@ pub(crate) fn from_rows(m: &Rows4) -> Result<Isometry3<f64>, String> {
     if R.determinant() < 0.0 {
         return Err("not a rigid transform: the rotation mirrors (determinant -1)".to_owned());
     }
+    let translation = Vector3::new(m[0][3], m[1][3], m[2][3]);
+    if let Some(far) = translation.iter().find(|v| v.abs() > FARTHEST) {
+        return Err(format!(
+            "the translation has {far:?} m, beyond 1e6 m; check its unit"
+        ));
+    }
     let rotation = UnitQuaternion::from_rotation_matrix(&Rotation3::from_matrix_unchecked(R));
     Ok(Isometry3::from_parts(
-        Translation3::new(m[0][3], m[1][3], m[2][3]),
+        Translation3::from(translation),
         UnitQuaternion::new_normalize(rotation.into_inner()),
     ))
 }

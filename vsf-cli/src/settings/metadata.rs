@@ -93,6 +93,7 @@ impl MetadataSettings {
             // Types of the file do not fit joints of the flag.
             "joint_types" => (self.joints.is_some(), "--joints"),
             "rate_hz" => (self.rate_hz.is_some(), "--rate-hz"),
+            "base_pose" => (self.base_pose.is_some(), "--base-pose"),
             "gravity" => (self.gravity.is_some(), "--gravity"),
             "tare_samples" => (self.tare_samples.is_some(), "--tare-samples"),
             "splits" => (

@@ -128,12 +128,20 @@ impl McapExport<'_> {
         let scale = Scale::new(values, self.full_scale)?;
         let sd = field.sd.as_deref().unwrap_or_default();
         for (i, p) in field.points.iter().enumerate() {
-            let numbers = [p.x, p.y, p.z, field.stiffness[i]];
-            let numbers = numbers.iter().chain(sd.get(i));
-            if let Some(large) = numbers.copied().find(|v| !(*v as f32).is_finite()) {
-                let problem =
-                    format!("row {i} of the field holds {large:e}: too large for float32");
-                return Err(wrong(path, problem));
+            let arrays = [
+                (crate::field::POINTS, p.coords.as_slice()),
+                (crate::field::STIFFNESS, &field.stiffness[i..=i]),
+            ];
+            let deviation = sd
+                .get(i)
+                .map(|sd| (crate::field::SD, std::slice::from_ref(sd)));
+            for (array, row) in arrays.into_iter().chain(deviation) {
+                if let Some(large) = row.iter().find(|v| !(**v as f32).is_finite()) {
+                    let problem = format!(
+                        "row {i} of {array} of the field holds {large:e}: too large for float32"
+                    );
+                    return Err(wrong(path, problem));
+                }
             }
         }
         let cloud = point_cloud(stamp, FRAME, field, values, scale);
