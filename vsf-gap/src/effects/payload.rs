@@ -8,7 +8,8 @@ use vsf_data::TorqueKind;
 ///
 /// Parameters `m` (kg) and first moments `mx`, `my`, `mz` (kg m), that is `m c`; torques are linear in
 /// them. Its weight loads the joints; where the readings are those of the actuators, so does its
-/// inertia, that about the link's origin left out. Tell-tale: depends on posture, there in free motion
+/// inertia, that about the link's origin left out. Moments without mass are a link whose own centre of
+/// mass lies elsewhere than the model has it. Tell-tale: depends on posture, there in free motion
 /// too. A bias does not depend on posture, a tilt acts on all links.
 ///
 /// # Reference
