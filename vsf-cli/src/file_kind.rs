@@ -3,6 +3,7 @@
 use crate::console::read_text;
 use crate::exit::usage;
 use crate::html;
+use anyhow::Context;
 use std::fs::File;
 use std::io::Read;
 use std::path::Path;
@@ -34,7 +35,12 @@ impl FileKind {
     /// Refuses a place that holds anything else. An empty file is nothing to lose, devices and pipes are left to be tried.
     pub fn check(self, flag: &str, path: &Path) -> anyhow::Result<()> {
         let is_empty = || path.metadata().is_ok_and(|m| m.len() == 0);
-        if !path.is_file() || is_empty() || self.is_at(path) {
+        if !path.is_file() || is_empty() {
+            return Ok(());
+        }
+        File::open(path)
+            .with_context(|| format!("cannot read what {flag} {} holds", path.display()))?;
+        if self.is_at(path) {
             return Ok(());
         }
         let (path, what) = (path.display(), self.what());

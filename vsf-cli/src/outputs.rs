@@ -5,6 +5,7 @@ use crate::exit::usage;
 use crate::file_kind::FileKind;
 use anyhow::Context;
 use std::cell::RefCell;
+use std::fs::DirEntry;
 use std::io::{Error, ErrorKind};
 use std::path::{Component, Path, PathBuf};
 
@@ -55,10 +56,12 @@ impl Outputs {
         if path.exists() && !path.is_dir() {
             return Err(usage(format!("{flag} {}: it is no folder", path.display())));
         }
-        let names = path.read_dir().into_iter().flatten().flatten();
-        let names = names.map(|entry| entry.file_name().to_string_lossy().into_owned());
-        let mut names: Vec<String> = names.filter(|name| !name.starts_with('.')).collect();
-        names.sort_unstable();
+        let names = match path.exists() {
+            true => {
+                names_in(path).with_context(|| format!("cannot list {flag} {}", path.display()))?
+            }
+            false => Vec::new(),
+        };
         if let Some(name) = odd(&names) {
             return Err(usage(format!(
                 "{flag} {} holds other files ({name:?}); choose a new or empty folder, or {what} to replace",
@@ -113,6 +116,17 @@ impl Outputs {
         claimed.push((flag, path.to_owned()));
         Ok(())
     }
+}
+
+/// The names in a folder in order, but for those that begin with a dot.
+fn names_in(folder: &Path) -> Result<Vec<String>, Error> {
+    let name =
+        |entry: Result<DirEntry, Error>| Ok(entry?.file_name().to_string_lossy().into_owned());
+    let names: Result<Vec<String>, Error> = folder.read_dir()?.map(name).collect();
+    let mut names = names?;
+    names.retain(|name| !name.starts_with('.'));
+    names.sort_unstable();
+    Ok(names)
 }
 
 /// In a folder that may hold anything beside one of these, the first name where none of them is.

@@ -1,5 +1,5 @@
 use crate::config::Sources;
-use crate::console::{Console, number};
+use crate::console::{Console, number, read_text};
 use crate::corrected::{CorrectedModel, ModelArgs};
 use crate::derived::{PREDICTED, SIMULATED, stems_from};
 use crate::exit::usage;
@@ -414,11 +414,15 @@ pub fn claim(out: &Path, console: &Console) -> anyhow::Result<()> {
 
 /// Refuses to replace a recording that none of these commands has made: one that was measured is lost for ever.
 pub fn keep_made(out: &Path, by: &[&str]) -> anyhow::Result<()> {
+    let metadata = out.join("dataset.json");
     let made_by = match Dataset::maker(out) {
         Some(command) if by.contains(&&*command) => return Ok(()),
         Some(command) => format!("is by {command:?}"),
-        None if !out.join("dataset.json").exists() => return Ok(()),
-        None => "may be measured (no made_by in its dataset.json)".to_owned(),
+        None if !metadata.exists() => return Ok(()),
+        None => {
+            read_text(&metadata)?;
+            "may be measured (no made_by in its dataset.json)".to_owned()
+        }
     };
     Err(usage(format!(
         "--out {}: the recording there {made_by} and is replaced by no other kind; choose a new folder, or remove that \

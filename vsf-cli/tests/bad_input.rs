@@ -5,6 +5,7 @@
 mod common;
 use common::{Bench, METADATA, ROWS, npy, raw_npy};
 use std::fs;
+use std::io::Write;
 use std::process::Command;
 
 const INFO: &str = "info data";
@@ -632,6 +633,47 @@ fn outputs_that_cannot_be_written() {
         &["kept.npz", "read-only"],
     );
     assert_eq!(fs::read(bench.root.join("kept.npz")).unwrap(), b"mine");
+}
+
+/// What is there but cannot be read is not said to be something else.
+#[cfg(unix)]
+#[test]
+fn outputs_that_cannot_be_read() {
+    use std::os::unix::fs::PermissionsExt;
+    let bench = Bench::touched();
+    let at = |name: &str| bench.root.join(name);
+    bench.ok("simulate data --field truth --out out");
+    fs::remove_file(at("out/dataset.json")).unwrap();
+    fs::create_dir(at("out/dataset.json")).unwrap();
+    let simulate = "simulate data --field truth --out out";
+    bench.fails(simulate, 3, &["cannot read out/dataset.json: "]);
+
+    let close = |name: &str, mode| fs::set_permissions(at(name), fs::Permissions::from_mode(mode));
+    let estimate = "estimate touch --prior-sd 10 --noise-sd 1 --out";
+    bench.ok(&format!("{estimate} f.npz"));
+    fs::create_dir(at("shut")).unwrap();
+    close("f.npz", 0o222).unwrap();
+    close("shut", 0o333).unwrap();
+    if fs::read(at("f.npz")).is_ok() {
+        writeln!(
+            std::io::stderr(),
+            "skipped: permissions, which do not bind this user"
+        )
+        .unwrap();
+        return;
+    }
+    bench.fails(
+        &format!("{estimate} f.npz"),
+        3,
+        &["cannot read what --out f.npz holds: "],
+    );
+    for line in [
+        &format!("{estimate} shut"),
+        "simulate data --field truth --out shut",
+    ] {
+        bench.fails(line, 3, &["cannot list --out shut: "]);
+    }
+    close("shut", 0o755).unwrap();
 }
 
 /// Positions and velocities that no robot has, though their torques may still be numbers.
