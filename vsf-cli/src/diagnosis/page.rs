@@ -379,12 +379,12 @@ mod tests {
     #[test]
     fn what_the_stiffness_takes_up_is_told_beside() {
         let mut d = report("no_gap", 0.6, 1.0);
-        d.effects[0].probability = 0.1;
+        d.verdict.hidden = 0.3;
         let page = page_of_report(&d);
         let words =
             "none acts: 60&nbsp;%, that one acts which the stiffness K takes up: 30&nbsp;%).";
         assert!(page.contains(words), "{page}");
-        d.effects[0].probability = 0.39;
+        d.verdict.hidden = 0.01;
         assert!(page_of_report(&d).contains("none acts: 60&nbsp;%)."));
     }
 
