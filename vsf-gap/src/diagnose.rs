@@ -226,12 +226,14 @@ fn attempt(
     let silence = trial.of_silence()?;
     let silent = corrected && after.mean_error() >= silence;
     let names = in_field.iter().map(|(p, _)| p.effect.name().to_owned());
-    let refused = judgement.refused.iter().flat_map(|t| t.effects.clone());
+    let refused: Vec<String> = (judgement.refused.iter())
+        .flat_map(|t| t.effects.clone())
+        .collect();
     let answer = judgement.judged.conclude(&Findings {
         closed: extent.closed.fraction,
         in_field: names.filter(|_| undecided).collect(),
-        refused: refused.collect(),
-        hidden: hidden(&search, &likeness, effects.len()),
+        hidden: hidden(&search, &likeness, &refused, effects.len()),
+        refused,
         left_free: judgement.left_free.is_some(),
         lasts: judgement.persistence.is_some(),
         stopped: stopped && far && !nominal.touches,
@@ -353,10 +355,16 @@ fn reports(
     Ok(reports)
 }
 
-/// The effects that may act without showing, with the share of each: all together, as much as was looked for of the
-/// catalogue.
-fn hidden(search: &Search<'_>, likeness: &Likeness, looked_for: usize) -> Vec<(String, f64)> {
+/// The effects that may act without showing, with the share of each: all together, as many as were looked for beside the
+/// number of the catalogue. Other sequences speak against the ones that were refused.
+fn hidden(
+    search: &Search<'_>,
+    likeness: &Likeness,
+    refused: &[String],
+    looked_for: usize,
+) -> Vec<(String, f64)> {
     let weights: Vec<(String, f64)> = (search.candidates.iter())
+        .filter(|c| !refused.iter().any(|e| e == c.effect.name()))
         .filter_map(|c| {
             let absorbed = likeness.absorbed(c.effect.name())?;
             let (effect, rough) = (c.effect.as_ref(), search.spread.contact);

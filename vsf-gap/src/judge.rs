@@ -39,6 +39,8 @@ const ABSORBED: f64 = 0.5;
 const HIDDEN: f64 = 2.0;
 /// More than this share of an effect is never taken for absorbed: shares are of first order.
 const MOST_ABSORBED: f64 = 0.99;
+/// Of so many recordings without an effect it gains in one what says nothing yet, taken to fall off exponentially.
+const SELDOM: f64 = 100.0;
 
 /// A model that was fitted, as a hypothesis.
 pub(crate) struct Hypothesis<'a> {
@@ -105,30 +107,28 @@ pub(crate) fn needed_beside(further: &dyn Effect, gain: f64, rough: f64) -> f64 
     threshold(further, rough) + MISFIT * gain
 }
 
-/// How many times more effects that act on springs and contact gain where contact itself is rough.
-fn inflation(effect: &dyn Effect, rough: f64) -> f64 {
-    match ROUGHNESS.iter().rfind(|(from, ..)| rough >= *from) {
+/// The gain of log evidence (nats) that an effect needs: [`Effect::null_gain`], and for those that act on
+/// springs and contact more where contact itself is rough.
+pub(crate) fn threshold(effect: &dyn Effect, rough: f64) -> f64 {
+    let times = match ROUGHNESS.iter().rfind(|(from, ..)| rough >= *from) {
         Some((_, times, _)) if effect.chooses_contacts() => *times,
         Some((.., times)) if effect.acts() != Acts::Torques => *times,
         _ => 1.0,
-    }
+    };
+    times * effect.null_gain()
 }
 
-/// The gain of log evidence (nats) that an effect needs: [`Effect::null_gain`], and more where contact is rough.
-pub(crate) fn threshold(effect: &dyn Effect, rough: f64) -> f64 {
-    inflation(effect, rough) * effect.null_gain()
-}
-
-/// Weight of an effect, among those that may act without showing: the odds that the stiffness takes up what it does,
-/// of which it absorbs a share, times what the effect gains all the same, up to where it would show.
+/// Weight of an effect among those that may act without showing: the odds of what the stiffness absorbs of it, of which
+/// this is the share, over how seldom it gains as much where it does not act, up to where it would show. Heuristic: what
+/// is absorbed is a share of information, not a probability.
 pub(crate) fn hidden_weight(effect: &dyn Effect, absorbed: f64, gain: f64, rough: f64) -> f64 {
     let absorbed = absorbed.min(MOST_ABSORBED);
-    let gain = gain / inflation(effect, rough);
-    absorbed / (1.0 - absorbed) * (gain.min(effect.null_gain()) / TEMPERATURE).exp()
+    let threshold = threshold(effect, rough).max(f64::MIN_POSITIVE);
+    absorbed / (1.0 - absorbed) * SELDOM.powf((gain / threshold).min(1.0))
 }
 
 /// Weight of effects that do not show, beside one for every effect.
-fn unseen(touches: bool, rough: f64) -> f64 {
+fn hidden(touches: bool, rough: f64) -> f64 {
     match (touches, rough >= UNSURE) {
         (true, true) => HIDDEN * NO_GAP,
         (true, false) => ABSORBED * NO_GAP,
@@ -138,7 +138,7 @@ fn unseen(touches: bool, rough: f64) -> f64 {
 
 /// The gain from which on an effect that alone fits is named.
 pub(crate) fn named_from(effect: &dyn Effect, rough: f64, touches: bool) -> f64 {
-    let against = NO_GAP + unseen(touches, rough);
+    let against = NO_GAP + hidden(touches, rough);
     let weight = NO_GAP.max(NAMED / (1.0 - NAMED) * against);
     threshold(effect, rough) + TEMPERATURE * weight.ln()
 }
@@ -216,8 +216,8 @@ pub(crate) fn judge(hypotheses: &[Hypothesis<'_>], nominal: &Nominal) -> Judged 
     let top = hypotheses.iter().map(weight).fold(0.0_f64, f64::max);
     let weights: Vec<f64> = hypotheses.iter().map(|h| (weight(h) - top).exp()).collect();
     let none = NO_GAP * (-top).exp();
-    let unseen = unseen(nominal.touches, nominal.spread.contact) * (-top).exp();
-    let total = none + unseen + weights.iter().sum::<f64>();
+    let hidden = hidden(nominal.touches, nominal.spread.contact) * (-top).exp();
+    let total = none + hidden + weights.iter().sum::<f64>();
     let mut probabilities: Vec<(String, f64)> = Vec::new();
     for (h, w) in hypotheses.iter().zip(&weights) {
         for effect in &h.effects() {
@@ -232,7 +232,7 @@ pub(crate) fn judge(hypotheses: &[Hypothesis<'_>], nominal: &Nominal) -> Judged 
     let of_hypotheses: Vec<(Vec<String>, f64)> = (hypotheses.iter().zip(&weights))
         .map(|(h, w)| (h.effects(), w / total))
         .collect();
-    let effect_set_95 = effect_set(&of_hypotheses, (none + unseen) / total);
+    let effect_set_95 = effect_set(&of_hypotheses, (none + hidden) / total);
     let named = best.filter(|&i| weights[i] >= none);
     let (kind, probability) = match named {
         Some(i) => {
@@ -252,7 +252,7 @@ pub(crate) fn judge(hypotheses: &[Hypothesis<'_>], nominal: &Nominal) -> Judged 
             kind,
             probability,
             effect_set_95,
-            hidden: unseen / total,
+            hidden: hidden / total,
         },
         named,
         probabilities,
@@ -297,7 +297,9 @@ mod tests {
         ];
         let weight = |absorbed, gain, rough| hidden_weight(softer, absorbed, gain, rough);
         assert!((weight(0.75, 0.0, 0.03) - 3.0).abs() < 1e-12);
-        assert!((weight(0.5, TEMPERATURE, 0.03) - 1f64.exp()).abs() < 1e-12);
+        // In one of ten recordings without effect it gains half of what says nothing yet.
+        let half = 0.5 * softer.null_gain();
+        assert!((weight(0.5, half, 0.03) - 10.0).abs() < 1e-9);
         // Nats count for less where contact is rough, still less of effects that choose contacts.
         let of = |effect| hidden_weight(effect, 0.5, 20.0, 0.3);
         assert!(of(offset) < of(softer) && of(softer) < weight(0.5, 20.0, 0.03));

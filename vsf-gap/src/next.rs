@@ -63,6 +63,13 @@ struct Experiment {
     answers: &'static [(&'static str, char)],
 }
 
+impl Experiment {
+    fn answer(&self, effect: &str) -> Option<char> {
+        let mut answers = self.answers.iter();
+        answers.find(|(e, _)| *e == effect).map(|(_, a)| *a)
+    }
+}
+
 /// What each experiment tells apart. Effects that are not listed do not answer.
 const EXPERIMENTS: [Experiment; 10] = [
     Experiment {
@@ -193,13 +200,7 @@ pub(crate) fn next_experiment(
     // Effects that are named together are no rivals.
     let named = |e: &EffectReport| verdict.effects.contains(&e.effect);
     let told = |experiment: &Experiment| {
-        let answer = |name: &str| {
-            experiment
-                .answers
-                .iter()
-                .find(|(n, _)| *n == name)
-                .map_or('-', |(_, a)| *a)
-        };
+        let answer = |name: &str| experiment.answer(name);
         let mut sum = 0.0;
         for (i, a) in survivors.iter().enumerate() {
             for b in &survivors[i + 1..] {
@@ -234,12 +235,25 @@ pub(crate) fn next_experiment(
         let names: Vec<&str> = survivors.iter().map(|e| e.effect.as_str()).collect();
         names.join(", ")
     };
+    // Those that it answers alike stay together.
+    let groups = |experiment: &Experiment| {
+        let of = |e: &&EffectReport| experiment.answer(&e.effect);
+        let mut groups: Vec<(Option<char>, Vec<&str>)> = Vec::new();
+        for e in &survivors {
+            match groups.iter_mut().find(|(answer, _)| *answer == of(e)) {
+                Some((_, names)) => names.push(&e.effect),
+                None => groups.push((of(e), vec![&e.effect])),
+            }
+        }
+        let words = groups.iter().map(|(_, names)| names.join(", "));
+        words.collect::<Vec<_>>().join(" from ")
+    };
     match (best, verdict.kind) {
         (Some((_, experiment)), _) => NextExperiment {
             action: experiment.action.to_owned(),
             why: match verdict.kind {
-                VerdictKind::NoGap => format!("of what may act without showing it tells apart {}", names()),
-                _ => format!("it tells {} apart", names()),
+                VerdictKind::NoGap => format!("of what may act without showing it tells {}", groups(experiment)),
+                _ => format!("it tells {}", groups(experiment)),
             },
         },
         (None, VerdictKind::Unknown) => NextExperiment {

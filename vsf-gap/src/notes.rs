@@ -112,8 +112,8 @@ pub(crate) fn notes(
     }
     if verdict.kind == VerdictKind::NoGap && verdict.hidden >= TOLD {
         notes.push(format!(
-            "an effect of contact or material may act that the stiffness takes up, so that it does not show here \
-             (probability {:.0} %)",
+            "an effect, of contact or material above all, may act that the stiffness takes up, so that it does not show \
+             here (probability {:.0} %)",
             100.0 * verdict.hidden
         ));
     }

@@ -34,12 +34,11 @@ pub struct Verdict {
     /// Its probability. Of unknown without effects, that none of those looked for is the cause; with effects, theirs
     /// among those that were looked for.
     pub probability: f64,
-    /// The smallest set of effects that make up 95 % of the probability together with no gap and, where effects are
-    /// named, with those that the stiffness takes up; and those that fit well but did not stand the check on other
-    /// sequences.
+    /// The smallest set of effects that make up 95 % of the probability together with no gap and, unless the answer is
+    /// that, with what the stiffness takes up; and those that fit well but did not stand the check on other sequences.
     pub effect_set_95: Vec<String>,
-    /// The probability that an effect of contact or material acts which the stiffness takes up; where there is no gap
-    /// to see, those of effects hold their shares of it.
+    /// The probability that an effect acts which the stiffness takes up, of contact or material above all. Where there
+    /// is no gap to see, those of effects hold their shares of it; that of an unknown cause without effects holds all.
     #[serde(default)]
     pub hidden: f64,
 }
@@ -166,6 +165,7 @@ fn or_field(verdict: &mut Verdict, probabilities: &mut Vec<(String, f64)>, effec
     verdict.effect_set_95.splice(..0, effects.iter().cloned());
     verdict.effects = vec![best.clone()];
     (verdict.kind, verdict.probability) = (VerdictKind::NotDiagnosable, p);
+    verdict.hidden *= p;
 }
 
 #[cfg(test)]
@@ -211,7 +211,7 @@ mod tests {
                 kind: VerdictKind::NotDiagnosable,
                 probability: third,
                 effect_set_95: names(&["strain_stiffening", "plastic_set", "adhesion"]),
-                hidden: 0.2,
+                hidden: 0.2 * third,
             }
         );
         // Beside the field, others are as likely as they were.
@@ -272,7 +272,7 @@ mod tests {
         assert_eq!(probability(VerdictKind::Unknown, &["adhesion"]), 0.5);
     }
 
-    /// Where no effect is named, what is hidden belongs to effects, as far as they were looked for.
+    /// Where there is no gap to see, what is hidden belongs to effects, as far as they were looked for.
     #[test]
     fn what_does_not_show_may_be_any_effect() {
         let shares = [("adhesion", 0.25), ("damage_softening", 0.5)];
