@@ -420,4 +420,7 @@ fn joints_of_the_other_sign_in_the_air() {
     says_once(&warnings, "with their columns in reverse order");
     let warnings = changed(&|row| row.rotate_right(1));
     says_once(&warnings, "with their columns turned on");
+    // Offsets of more than the weight are none of these.
+    let offset = changed(&|row| (row[5], row[6]) = (row[5] - 4.0, row[6] - 0.3));
+    assert_eq!(offset, [""; 0]);
 }

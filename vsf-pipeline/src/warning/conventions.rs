@@ -10,7 +10,6 @@ use super::{PipelineWarning, springs};
 use crate::median::median;
 use crate::{Scene, Trace, reading_unit};
 use nalgebra::{DMatrix, DVector};
-use std::collections::BTreeMap;
 use vsf_core::Observation;
 use vsf_robots::Joint;
 
@@ -90,36 +89,50 @@ struct Sample<'a> {
     observation: &'a Observation<f64>,
 }
 
-/// The mean of readings of one sequence, one after the other, in which noise shrinks.
+/// Means of readings of one sequence, one after the other, in which noise shrinks.
 struct Block {
     sequence: usize,
     time: f64,
     reading: Vec<f64>,
-    /// For every point that is touched meanwhile, what a spring of 1 N/m there gives at each joint on average.
-    springs: BTreeMap<u32, Vec<f64>>,
 }
 
 impl Block {
-    fn new(samples: &[Sample]) -> Option<Self> {
-        let first = samples.first()?;
-        let (share, joints) = (1.0 / samples.len() as f64, first.observation.dim());
-        let mut block = Self {
+    fn new(samples: &[Sample]) -> Self {
+        let share = 1.0 / samples.len() as f64;
+        let first = &samples[0];
+        let of_joint = |j: usize| {
+            samples
+                .iter()
+                .map(|s| share * s.observation.reading()[j])
+                .sum()
+        };
+        Self {
             sequence: first.sequence,
             time: samples.iter().map(|s| share * s.time).sum(),
-            reading: vec![0.0; joints],
-            springs: BTreeMap::new(),
-        };
-        for Sample { observation, .. } in samples {
-            for j in 0..joints {
-                block.reading[j] += share * observation.reading()[j];
-                for (p, along) in observation.points().iter().zip(observation.row(j)) {
-                    let of_point = block.springs.entry(*p);
-                    of_point.or_insert_with(|| vec![0.0; joints])[j] += share * along;
-                }
-            }
+            reading: (0..first.observation.dim()).map(of_joint).collect(),
         }
-        Some(block)
     }
+}
+
+/// Samples one after the other, of one sequence each, all as long as may be: at most so many parts.
+fn parts<'s, 'a>(touching: &'s [Sample<'a>], most: usize) -> Vec<&'s [Sample<'a>]> {
+    let of_sequences: Vec<&[Sample]> =
+        (touching.chunk_by(|a, b| a.sequence == b.sequence)).collect();
+    let longest = of_sequences.iter().map(|s| s.len()).max().unwrap_or(0);
+    let count = |length: usize| {
+        of_sequences
+            .iter()
+            .map(|s| s.len().div_ceil(length))
+            .sum::<usize>()
+    };
+    // Every sequence ends with a shorter one.
+    let mut length = touching.len().div_ceil(most).max(1);
+    while count(length) > most && length < longest {
+        length += 1 + length / 16;
+    }
+    let parts: Vec<_> = of_sequences.iter().flat_map(|s| s.chunks(length)).collect();
+    let every = parts.len().div_ceil(most).max(1);
+    parts.into_iter().step_by(every).collect()
 }
 
 /// Log marginal likelihood of readings in any convention, from one factorisation per ratio of springs and noise.
@@ -138,14 +151,10 @@ impl Evidence {
             return None;
         }
         let most = (MOST_READINGS / d).max(1);
-        let length = touching.len().div_ceil(most);
-        let parts: Vec<&[Sample]> = (touching.chunk_by(|a, b| a.sequence == b.sequence))
-            .flat_map(|of_sequence| of_sequence.chunks(length))
-            .collect();
-        // Every sequence ends with a shorter one: there may be too many.
-        let taken = parts.iter().step_by(parts.len().div_ceil(most));
-        let blocks: Vec<Block> = taken.filter_map(|part| Block::new(part)).collect();
-        let mut springs = springs_together(&blocks, d);
+        let parts = parts(touching, most);
+        let blocks: Vec<Block> = parts.iter().map(|part| Block::new(part)).collect();
+        let along = springs_along(&parts, d);
+        let mut springs = &along * along.transpose();
         let noise = noise(&springs, joints)?;
         let n = springs.nrows();
         let of_row = |row: usize| noise[row % d];
@@ -237,34 +246,36 @@ fn noise(springs: &DMatrix<f64>, joints: &[Joint]) -> Option<Vec<f64>> {
     noise.iter().all(|sd| *sd > 0.0).then_some(noise)
 }
 
-/// Covariance of the readings of independent springs, per variance of one; a row for every joint of a block.
-fn springs_together(blocks: &[Block], joints: usize) -> DMatrix<f64> {
-    let points = blocks.iter().flat_map(|b| b.springs.keys());
-    let mut points: Vec<u32> = points.copied().collect();
-    points.sort_unstable();
-    points.dedup();
+/// What springs of 1 N/m at some points, a column for each, give on average over parts of a recording, a row for every
+/// joint of a part.
+fn springs_along(parts: &[&[Sample]], joints: usize) -> DMatrix<f64> {
+    let samples = || parts.iter().copied().flatten();
+    let touched = samples().filter_map(|s| s.observation.points().iter().max());
+    let mut is_touched = vec![false; touched.max().map_or(0, |p| *p as usize + 1)];
+    for sample in samples() {
+        (sample.observation.points().iter()).for_each(|p| is_touched[*p as usize] = true);
+    }
+    let mut points: Vec<u32> = (0..is_touched.len() as u32)
+        .filter(|p| is_touched[*p as usize])
+        .collect();
     // Scattered, since neighbours in a lattice have like indices.
     points.sort_by_key(|p| p.wrapping_mul(0x9E37_79B1));
     points.truncate(MOST_POINTS);
-    points.sort_unstable();
-    let mut of_point: Vec<Vec<(usize, f64)>> = vec![Vec::new(); points.len()];
-    for (i, block) in blocks.iter().enumerate() {
-        for (p, along) in &block.springs {
-            if let Ok(place) = points.binary_search(p) {
-                let rows = along.iter().enumerate();
-                of_point[place].extend(rows.map(|(j, a)| (i * joints + j, *a)));
+    let mut column = vec![None; is_touched.len()];
+    (points.iter().enumerate()).for_each(|(k, p)| column[*p as usize] = Some(k));
+    let mut along = DMatrix::zeros(parts.len() * joints, points.len());
+    for (i, part) in parts.iter().enumerate() {
+        let share = 1.0 / part.len() as f64;
+        for Sample { observation, .. } in *part {
+            let columns = observation.points().iter().map(|p| column[*p as usize]);
+            for (k, column) in columns.enumerate().filter_map(|(k, c)| Some((k, c?))) {
+                for j in 0..joints {
+                    along[(i * joints + j, column)] += share * observation.row(j)[k];
+                }
             }
         }
     }
-    let n = blocks.len() * joints;
-    let mut together = DMatrix::zeros(n, n);
-    for rows in &of_point {
-        for &(c, b) in rows {
-            let column = &mut together.column_mut(c);
-            rows.iter().for_each(|&(r, a)| column[r] += a * b);
-        }
-    }
-    together
+    along
 }
 
 /// Covariance of the errors of the readings, in units of the noise: of the noise itself, of what persists for a while, and

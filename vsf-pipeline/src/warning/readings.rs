@@ -214,8 +214,8 @@ fn rigid(scene: &Scene, sequence: &Sequence) -> Option<Table> {
     rigid_body_torques(scene.robot(), &scene.gravity(), sequence, &motion).ok()
 }
 
-/// What is read where nothing is touched, less the torques of the arm alone of readings of its actuators; beside these
-/// torques. Both are tared.
+/// What is read where nothing is touched, of actuators what is left of the torques of the arm alone when it is taken off
+/// ([`crate::external_torques`]); beside these torques. Both are tared.
 fn in_air(
     scene: &Scene,
     rigid: &[Table],
@@ -260,6 +260,9 @@ fn gravity_left(scene: &Scene, rigid: &[Table], traces: &[Trace]) -> Option<Pipe
 
 /// Readings of the actuators with other signs, or in another order, than weight and motion of the arm ask for.
 fn misread(scene: &Scene, rigid: &[Table], traces: &[Trace]) -> Option<PipelineWarning> {
+    if scene.torque_kind() != TorqueKind::Measured {
+        return None;
+    }
     let joints = scene.robot().joints();
     let mut weighed = Weighed::new(joints.len());
     let mut count = 0;
@@ -268,6 +271,7 @@ fn misread(scene: &Scene, rigid: &[Table], traces: &[Trace]) -> Option<PipelineW
         weighed.add(&whole.collect::<Vec<_>>(), rigid);
         count += 1;
     })?;
-    let tells = scene.torque_kind() == TorqueKind::Measured && count >= LEAST_FREE;
-    weighed.warning(joints).filter(|_| tells)
+    (count >= LEAST_FREE)
+        .then(|| weighed.warning(joints))
+        .flatten()
 }

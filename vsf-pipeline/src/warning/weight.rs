@@ -3,91 +3,116 @@
 
 use super::PipelineWarning;
 use super::order::{Columns, as_given, orders, with_signs};
+use crate::reading_unit;
 use nalgebra::DMatrix;
 use vsf_robots::Joint;
 
-/// Another convention has to leave less than this share of the squared differences of the joints that it changes: so
-/// many times too heavy or too light, a payload or friction leave more.
+/// Another convention has to leave less than this share of the squared differences of the joints that it changes.
 const MOST_LEFT: f64 = 0.25;
+/// Joints whose torques change by less than this share of the most that those of a unit do say nothing: friction or a
+/// payload may turn them round.
+const LEAST_WEIGHT: f64 = 0.02;
 
-/// Readings where nothing is touched, beside the torques of the arm alone.
+/// How readings vary where nothing is touched, beside the torques of the arm alone. What is constant does not count: it
+/// may be an offset.
 pub struct Weighed {
-    /// Sums of squares of the readings, by column, and of the torques, by joint.
-    readings: Vec<f64>,
-    rigid: Vec<f64>,
+    count: f64,
+    /// Sums of the readings, by column, and of their squares; and of the torques, by joint.
+    readings: [Vec<f64>; 2],
+    rigid: [Vec<f64>; 2],
     /// Sums of products, a row for every joint.
     both: DMatrix<f64>,
 }
 
 impl Weighed {
     pub fn new(joints: usize) -> Self {
+        let zeros = || [vec![0.0; joints], vec![0.0; joints]];
         Self {
-            readings: vec![0.0; joints],
-            rigid: vec![0.0; joints],
+            count: 0.0,
+            readings: zeros(),
+            rigid: zeros(),
             both: DMatrix::zeros(joints, joints),
         }
     }
 
     /// Takes one sample in.
     pub fn add(&mut self, readings: &[f64], rigid: &[f64]) {
+        self.count += 1.0;
         for (j, torque) in rigid.iter().enumerate() {
-            self.rigid[j] += torque * torque;
+            self.rigid[0][j] += torque;
+            self.rigid[1][j] += torque * torque;
             for (k, reading) in readings.iter().enumerate() {
                 self.both[(j, k)] += torque * reading;
             }
         }
-        (self.readings.iter_mut().zip(readings)).for_each(|(sum, r)| *sum += r * r);
+        for (k, reading) in readings.iter().enumerate() {
+            self.readings[0][k] += reading;
+            self.readings[1][k] += reading * reading;
+        }
+    }
+
+    fn variance(&self, [sum, squares]: &[Vec<f64>; 2], k: usize) -> f64 {
+        squares[k] - sum[k] * sum[k] / self.count
     }
 
     /// Squared differences at a joint that takes a column with a sign.
     fn left(&self, joint: usize, (column, sign): (usize, f64)) -> f64 {
-        self.readings[column] + self.rigid[joint] - 2.0 * sign * self.both[(joint, column)]
-    }
-
-    /// What a convention leaves, squared, of all joints (N m and N, as they come).
-    fn left_of_all(&self, columns: &Columns) -> f64 {
-        let joints = columns.iter().enumerate();
-        joints.map(|(j, taken)| self.left(j, *taken)).sum()
-    }
-
-    /// The share that a convention leaves of what readings as given leave, of the joints that it changes.
-    fn share_left(&self, columns: &Columns) -> f64 {
-        let (mut before, mut after) = (0.0, 0.0);
-        for (j, taken) in columns.iter().enumerate() {
-            if *taken != (j, 1.0) {
-                before += self.left(j, (j, 1.0));
-                after += self.left(j, *taken);
-            }
-        }
-        after / before
+        let means = self.rigid[0][joint] * self.readings[0][column] / self.count;
+        let covariance = self.both[(joint, column)] - means;
+        let own = self.variance(&self.readings, column) + self.variance(&self.rigid, joint);
+        own - 2.0 * sign * covariance
     }
 
     /// Some joints' torques of the wrong sign, or columns in the wrong order.
     pub fn warning(&self, joints: &[Joint]) -> Option<PipelineWarning> {
+        let rigid = |j: usize| self.variance(&self.rigid, j);
+        let alike = |j: usize, k: &usize| reading_unit(&joints[j]) == reading_unit(&joints[*k]);
+        // Of all joints of its unit the most.
+        let scales: Vec<f64> = (0..joints.len())
+            .map(|j| {
+                (0..joints.len())
+                    .filter(|k| alike(j, k))
+                    .map(rigid)
+                    .fold(0.0, f64::max)
+            })
+            .collect();
+        let tells = |j: &usize| rigid(*j) > LEAST_WEIGHT * LEAST_WEIGHT * scales[*j];
+        let telling: Vec<usize> = (0..joints.len()).filter(tells).collect();
+        let left = |columns: &Columns, of: &[usize]| {
+            let each = of.iter().map(|&j| self.left(j, columns[j]) / scales[j]);
+            each.sum::<f64>()
+        };
+        let given = as_given(joints.len());
+        // Where nothing is read, shares are no numbers.
+        let share_left = |columns: &Columns| {
+            let changed = telling.iter().copied().filter(|&j| columns[j] != given[j]);
+            let changed: Vec<usize> = changed.collect();
+            left(columns, &changed) / left(&given, &changed)
+        };
         let turned = |j: usize| {
-            let mut columns = as_given(joints.len());
+            let mut columns = given.clone();
             columns[j].1 = -1.0;
-            self.share_left(&columns) < MOST_LEFT
+            share_left(&columns) < MOST_LEFT
         };
         let signs: Vec<f64> = (0..joints.len())
             .map(|j| if turned(j) { -1.0 } else { 1.0 })
             .collect();
         let by_signs = with_signs(&signs);
-        // Where nothing is read, shares are no numbers.
-        let evident = |(_, columns): &(_, Columns)| self.share_left(columns) < MOST_LEFT;
-        let by_order = orders(joints.len()).filter(evident);
-        let by_order =
-            by_order.map(|(order, c)| (order, self.left_of_all(&c), self.share_left(&c)));
-        let best = by_order.min_by(|a, b| a.1.total_cmp(&b.1));
-        if let Some((order, _, left)) = best.filter(|b| b.1 < self.left_of_all(&by_signs)) {
-            let order = order.in_words(joints);
-            return Some(PipelineWarning::MixedActuators { order, left });
+        let evident = |(_, columns): &(_, Columns)| share_left(columns) < MOST_LEFT;
+        let best = (orders(joints.len()).filter(evident))
+            .map(|(order, columns)| (left(&columns, &telling), order, columns))
+            .min_by(|a, b| a.0.total_cmp(&b.0));
+        if let Some((_, order, columns)) = best.filter(|b| b.0 < left(&by_signs, &telling)) {
+            return Some(PipelineWarning::MixedActuators {
+                order: order.in_words(joints),
+                left: share_left(&columns),
+            });
         }
         let opposite = joints.iter().zip(&signs).filter(|(_, s)| **s < 0.0);
         let opposite: Vec<&str> = opposite.map(|(joint, _)| joint.name()).collect();
         (!opposite.is_empty()).then(|| PipelineWarning::OppositeActuators {
             joints: opposite.join(", "),
-            left: self.share_left(&by_signs),
+            left: share_left(&by_signs),
         })
     }
 }
