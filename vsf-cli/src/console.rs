@@ -20,7 +20,7 @@ pub struct Console {
 }
 
 /// What results say of the program that wrote them.
-const MADE_BY: &str = concat!("vsf ", env!("CARGO_PKG_VERSION"));
+pub const MADE_BY: &str = concat!("vsf ", env!("CARGO_PKG_VERSION"));
 
 /// What machines read.
 #[derive(Serialize)]

@@ -66,7 +66,7 @@ impl FileKind {
         match self {
             Self::Results => read_text(path).is_ok_and(|text| are_results(&text)),
             Self::Page => holds(path, b"<!DOCTYPE html>", html::GENERATOR.as_bytes()),
-            Self::Model => read_text(path).is_ok_and(|text| ModelFile::from_json(&text).is_ok()),
+            Self::Model => read_text(path).is_ok_and(|text| is_own_model(&text)),
             Self::Learned => LearnedPrior::open(path).is_ok(),
             Self::Npz => is_own_archive(path),
             Self::Ply => holds(path, b"ply", b"\ncomment vsf "),
@@ -96,12 +96,19 @@ fn contains(bytes: &[u8], mark: &[u8]) -> bool {
     bytes.windows(mark.len()).any(|part| part == mark)
 }
 
+/// Models may be written by hand.
+fn is_own_model(text: &str) -> bool {
+    ModelFile::from_json(text).is_ok_and(|model| model.made_by.is_some_and(|by| is_own(&by)))
+}
+
 /// All results list their warnings; the metadata of a recording, which say who made it, too, do not.
 fn are_results(text: &str) -> bool {
     let value: serde_json::Value = serde_json::from_str(text).unwrap_or_default();
-    let is_own = |v: &serde_json::Value| v.as_str().is_some_and(|by| by.starts_with("vsf "));
-    value.get("made_by").is_some_and(is_own)
-        && value
-            .get("warnings")
-            .is_some_and(serde_json::Value::is_array)
+    let made_by = value.get("made_by").and_then(serde_json::Value::as_str);
+    let warnings = value.get("warnings");
+    made_by.is_some_and(is_own) && warnings.is_some_and(serde_json::Value::is_array)
+}
+
+fn is_own(made_by: &str) -> bool {
+    made_by.starts_with("vsf ")
 }

@@ -85,6 +85,11 @@ fn files_of_another_kind_are_replaced_by_none() {
         ("view truth --out", "a.html", page),
         ("diagnose touch --html", "b.html", page),
         ("diagnose touch --model", "model.json", "{\"mine\": 1}"),
+        (
+            "diagnose touch --model",
+            "by_hand.json",
+            "{\"schema\": 1, \"effects\": []}",
+        ),
         ("info touch --json", "info.json", "{\"mine\": 1}"),
         ("info touch --json", "notes.txt", "mine"),
     ] {

@@ -41,6 +41,10 @@ pub struct ModelFile {
     #[serde(rename = "recording_name", default)]
     #[serde(skip_serializing_if = "Option::is_none")]
     pub recording: Option<String>,
+    /// The program that wrote it, if any did.
+    #[serde(default)]
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub made_by: Option<String>,
     /// The effects, in the order in which they act; none for the nominal model.
     pub effects: Vec<EffectEntry>,
 }
@@ -105,6 +109,7 @@ impl ModelFile {
             joints: joints(site),
             contact: None,
             recording: None,
+            made_by: None,
             effects,
         };
         let known: Vec<_> = model.parts.iter().map(|(e, _)| e.clone()).collect();

@@ -1,4 +1,4 @@
-use crate::console::{Console, texts};
+use crate::console::{Console, MADE_BY, texts};
 use crate::diagnosis::{page, plain, text};
 use crate::exit::usage;
 use crate::file_kind::FileKind;
@@ -94,6 +94,7 @@ pub fn run(args: &Args, console: &Console) -> anyhow::Result<()> {
     }
     let scene = campaign.scene();
     let mut model = ModelFile::new(campaign.site(), &outcome.model, &outcome.sd)?;
+    model.made_by = Some(MADE_BY.to_owned());
     model.recording = Some(name.clone());
     model.contact = (!scene.rest().is_empty()).then(|| scene.contact_parameters());
     let mut files = Vec::new();
