@@ -25,8 +25,8 @@ use vsf_core::{ContactModel, Contacts, CoreError, Posture, RestPoints};
 ///    Between two parts of a link it slips along their crease, held by the friction of both.
 /// 4. *Hand-over*: a point that is inside the offset surface of another link (see 5) by more than one
 ///    `slip_step` is pushed out by that link and owned by it from then on. Links that squeeze a point take turns.
-/// 5. *Touch*: a point at rest that is closer than `threshold` to a link is moved along the
-///    normal to the surface offset by `threshold` (plus padding); the link it is deepest in owns
+/// 5. *Touch*: a point at rest that is closer than `threshold` plus padding to a link is moved along the
+///    normal to the surface offset by both; the link it is deepest in owns
 ///    it. The displacement starts at zero, so that refining the time step converges.
 ///
 /// A point that a link leaves and meets again begins anew at step 5. Points are independent:

@@ -7,7 +7,7 @@ use vsf_data::ContactParameters;
 /// Version of the form.
 const SCHEMA: u32 = 1;
 
-/// A corrected model as a file: JSON `{"schema": 1, "joints": [..], "contact_parameters": {..},
+/// A corrected model as a file: JSON `{"schema": 1, "joints": [..], "contact_parameters": {..}, "made_by": "..",
 /// "effects": [{"effect", "parameters": [{"name", "value", "std", "unit"}]}]}`.
 ///
 /// It names effects and parameters, so that it holds for other recordings with the same robot, which it
