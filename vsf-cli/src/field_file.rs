@@ -229,7 +229,8 @@ pub fn claim(out: &Path, console: &Console) -> anyhow::Result<()> {
     let is_ours = |name: &str| name.ends_with(".npy") || name == "format.json";
     console.outputs.folder("--out", out, "a field", |names| {
         let other = names.iter().find(|n| !is_ours(n));
-        other.or_else(|| unmarked(names, &["K.npy"]))
+        // Others have files of the name K.npy, too.
+        other.or_else(|| unmarked(names, &["format.json"]))
     })
 }
 

@@ -141,12 +141,16 @@ pub(crate) fn notes(
             verdict.effects.join(" and ")
         ));
     }
-    let aside = |t: &Tried<'_>| format!("{} ({})", t.effects.join(" and "), number(t.error()));
+    let unit = campaign.scene.error_unit();
+    let aside = |t: &Tried<'_>| {
+        let effects = t.effects.join(" and ");
+        format!("{effects} (test error {} {unit})", number(t.error()))
+    };
     let aside: Vec<String> = judgement.refused.iter().map(aside).collect();
     if !aside.is_empty() {
         notes.push(format!(
             "left aside, since the test sequences do not bear them out enough for what they gain on the \
-             train sequences: {}; test error without them {}{}",
+             train sequences: {}; {} {unit} without them{}",
             aside.join(", "),
             number(trial.before.mean_error()),
             match estimated {

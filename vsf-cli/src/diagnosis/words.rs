@@ -285,10 +285,9 @@ pub fn fitted(effects: &[EffectReport]) -> impl Iterator<Item = &EffectReport> {
 /// where that is half a percent at least. Effects that act together leave none. Where there is no gap to see, effects
 /// have their shares of what the stiffness hides.
 pub fn none_of_these(d: &Diagnosis) -> Option<(&'static str, f64)> {
-    let effects = &d.effects;
-    let left = 1.0 - effects.iter().map(|e| e.probability).sum::<f64>();
+    let left = 1.0 - d.effects.iter().map(|e| e.probability).sum::<f64>();
     let shared = d.verdict.kind == VerdictKind::NoGap && all_looked_for(d);
-    let label = match effects.iter().any(|e| e.absorbed_share.is_some()) && !shared {
+    let label = match d.verdict.hidden > 0.0 && !shared {
         true => "none, or hidden by K",
         false => "none",
     };

@@ -48,6 +48,7 @@ pub fn warning<'a>(scene: &Scene, traces: &'a [Trace]) -> Option<PipelineWarning
     let joints = scene.robot().joints();
     let mut signs = vec![1.0; joints.len()];
     let mut gain = 0.0;
+    let mut told = vec![true; joints.len()];
     if let Some(evidence) = Evidence::new(&touching, joints) {
         let own = evidence.of(&as_given(joints.len()));
         let turned = evidence.signs();
@@ -60,6 +61,7 @@ pub fn warning<'a>(scene: &Scene, traces: &'a [Trace]) -> Option<PipelineWarning
                 gain: value - own,
             });
         }
+        told = evidence.told(&turned);
         signs = turned;
     }
     let correlation = correlation(&touching, &signs);
@@ -68,6 +70,11 @@ pub fn warning<'a>(scene: &Scene, traces: &'a [Trace]) -> Option<PipelineWarning
     let as_few = turned > 0 && 2 * turned >= joints.len();
     if correlation < OPPOSITE || correlation < 0.0 && as_few {
         signs.iter_mut().for_each(|s| *s = -*s);
+        // Where some keep theirs, a joint that feels next to nothing is not to be named with the others.
+        if turned > 0 {
+            let untold = signs.iter_mut().zip(&told).filter(|(_, told)| !**told);
+            untold.for_each(|(s, _)| *s = 1.0);
+        }
     }
     let opposite = joints.iter().zip(&signs).filter(|(_, s)| **s < 0.0);
     let opposite: Vec<&str> = opposite.map(|(joint, _)| joint.name()).collect();
@@ -89,7 +96,7 @@ struct Sample<'a> {
     observation: &'a Observation<f64>,
 }
 
-/// Means of readings of one sequence, one after the other, in which noise shrinks.
+/// Medians of readings of one sequence, one after the other, in which noise shrinks and single wrong ones do not count.
 struct Block {
     sequence: usize,
     time: f64,
@@ -101,10 +108,8 @@ impl Block {
         let share = 1.0 / samples.len() as f64;
         let first = &samples[0];
         let of_joint = |j: usize| {
-            samples
-                .iter()
-                .map(|s| share * s.observation.reading()[j])
-                .sum()
+            let readings = samples.iter().map(|s| s.observation.reading()[j]);
+            median(readings.collect()).unwrap_or(0.0)
         };
         Self {
             sequence: first.sequence,
@@ -198,6 +203,17 @@ impl Evidence {
             -0.5 * (n * (all.norm_squared() / n).ln() + log_det)
         };
         self.ratios.iter().map(at).fold(f64::NEG_INFINITY, f64::max)
+    }
+
+    /// Whether each joint's sign is evident, those of the others being these.
+    fn told(&self, signs: &[f64]) -> Vec<bool> {
+        let value = self.of(&with_signs(signs));
+        let is_told = |j: usize| {
+            let mut turned = signs.to_vec();
+            turned[j] = -turned[j];
+            value - self.of(&with_signs(&turned)) > EVIDENT
+        };
+        (0..self.joints).map(is_told).collect()
     }
 
     /// The signs that do best, by turning one joint's after the other, or two at once, while that is evident.

@@ -193,7 +193,7 @@ pub enum PipelineWarning {
     /// Readings of the actuators that leave twice the torques of weight and motion where nothing is touched.
     #[error(
         "where nothing is touched the readings leave {size:.2} times the torques of weight and motion of the arm, as \
-         if of the arm on its actuators; check their sign"
+         if of the arm on its actuators; check their sign, gravity and base_pose"
     )]
     GravityTwice {
         /// What is left per torque that the arm itself needs.

@@ -76,15 +76,13 @@ pub fn reading_warnings(
     let sick = !sensors.is_empty();
     warnings.extend(sensors);
     // Gravity that is left, and other offsets, may turn readings round; without one joint's, columns mean little.
-    let offset = (gravity_left(scene, &rigid, traces))
-        .or_else(|| {
-            if sick {
-                None
-            } else {
-                misread(scene, &rigid, traces)
-            }
-        })
-        .or_else(|| not_tared(scene, traces));
+    let offset = (if sick {
+        None
+    } else {
+        misread(scene, &rigid, traces)
+    })
+    .or_else(|| gravity_left(scene, &rigid, traces))
+    .or_else(|| not_tared(scene, traces));
     if sick || offset.is_some() {
         warnings.extend(offset);
     } else {

@@ -63,7 +63,7 @@ impl Weighed {
         own - 2.0 * sign * covariance
     }
 
-    /// Some joints' torques of the wrong sign, or columns in the wrong order.
+    /// Some joints' torques of the wrong sign, not those of all that tell; or columns in the wrong order.
     pub fn warning(&self, joints: &[Joint]) -> Option<PipelineWarning> {
         let rigid = |j: usize| self.variance(&self.rigid, j);
         let alike = |j: usize, k: &usize| reading_unit(&joints[j]) == reading_unit(&joints[*k]);
@@ -97,6 +97,9 @@ impl Weighed {
         let signs: Vec<f64> = (0..joints.len())
             .map(|j| if turned(j) { -1.0 } else { 1.0 })
             .collect();
+        if telling.iter().all(|&j| signs[j] < 0.0) {
+            return None;
+        }
         let by_signs = with_signs(&signs);
         let evident = |(_, columns): &(_, Columns)| share_left(columns) < MOST_LEFT;
         let best = (orders(joints.len()).filter(evident))
