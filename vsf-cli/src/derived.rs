@@ -66,21 +66,11 @@ pub fn derived(
 
 /// Whether a recording has the name `origin`, or that of one which was [`derived`] from it, in however many steps.
 pub fn stems_from(name: &str, origin: &str) -> bool {
-    let source = |name: &'_ str| -> Option<usize> {
-        let made = [SIMULATED.0, PREDICTED.0];
-        let mut sources =
-            (made.iter()).filter_map(|made| name.strip_suffix(made)?.strip_suffix(", "));
-        sources.next().map(str::len)
-    };
-    let mut length = name.len();
-    loop {
-        let name = &name[..length];
-        match source(name) {
-            _ if name == origin => return true,
-            Some(shorter) => length = shorter,
-            None => return false,
-        }
-    }
+    let made = [SIMULATED.0, PREDICTED.0];
+    let mut sources = std::iter::successors(Some(name), |name| {
+        (made.iter()).find_map(|made| name.strip_suffix(made)?.strip_suffix(", "))
+    });
+    sources.any(|source| source == origin)
 }
 
 /// Where the deviations of a sequence's predicted torques are, in the folder of their recording.

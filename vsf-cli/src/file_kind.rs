@@ -92,8 +92,10 @@ fn is_own_archive(path: &Path) -> bool {
     bytes.starts_with(b"PK") && contains(end, b"\0vsf ")
 }
 
+/// Whether they hold a mark, which the version follows.
 fn contains(bytes: &[u8], mark: &[u8]) -> bool {
-    bytes.windows(mark.len()).any(|part| part == mark)
+    let is_mark = |part: &[u8]| part.starts_with(mark) && part[mark.len()].is_ascii_digit();
+    bytes.windows(mark.len() + 1).any(is_mark)
 }
 
 /// Models may be written by hand.
@@ -110,5 +112,5 @@ fn are_results(text: &str) -> bool {
 }
 
 fn is_own(made_by: &str) -> bool {
-    made_by.starts_with("vsf ")
+    contains(made_by.as_bytes(), b"vsf ")
 }

@@ -82,6 +82,11 @@ fn files_of_another_kind_are_replaced_by_none() {
         (estimate, "a.mcap", mesh),
         ("export truth --out", "a.png", mesh),
         ("export truth --out", "a.svg", page),
+        (
+            "export truth --out",
+            "b.svg",
+            "<svg><!-- vsf as drawn by me --></svg>",
+        ),
         ("view truth --out", "a.html", page),
         ("diagnose touch --html", "b.html", page),
         ("diagnose touch --model", "model.json", "{\"mine\": 1}"),
@@ -116,7 +121,7 @@ fn files_without_the_mark_are_replaced_by_none() {
         ("export truth --out", "a.png", "Software\0vsf "),
         ("export truth --out", "a.svg", "<!-- vsf "),
         ("export touch --field truth --out", "b.mcap", "vsf "),
-        ("view truth --out", "a.html", "content=\"vsf\""),
+        ("view truth --out", "a.html", "content=\"vsf "),
         ("info touch --json", "info.json", "\"made_by\": \"vsf "),
     ] {
         let line = format!("{line} {out}");
