@@ -2,7 +2,6 @@
 
 use crate::console::read_text;
 use crate::exit::usage;
-use crate::html;
 use anyhow::Context;
 use std::fs::File;
 use std::io::Read;
@@ -65,7 +64,11 @@ impl FileKind {
     fn is_at(self, path: &Path) -> bool {
         match self {
             Self::Results => read_text(path).is_ok_and(|text| are_results(&text)),
-            Self::Page => holds(path, b"<!DOCTYPE html>", html::GENERATOR.as_bytes()),
+            Self::Page => holds(
+                path,
+                b"<!DOCTYPE html>",
+                b"name=\"generator\" content=\"vsf ",
+            ),
             Self::Model => read_text(path).is_ok_and(|text| is_own_model(&text)),
             Self::Learned => LearnedPrior::open(path).is_ok(),
             Self::Npz => is_own_archive(path),

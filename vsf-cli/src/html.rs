@@ -1,10 +1,6 @@
 //! Pages that need nothing else: no network, no other file.
 
-use crate::console::harmless;
-
-const VERSION: &str = env!("CARGO_PKG_VERSION");
-/// What tells pages of this program from others, up to its version.
-pub const GENERATOR: &str = "<meta name=\"generator\" content=\"vsf ";
+use crate::console::{MADE_BY, harmless};
 
 /// Whether a page runs the script that is written into it.
 #[derive(Clone, Copy, PartialEq, Eq)]
@@ -23,7 +19,7 @@ pub fn document(title: &str, style: &str, script: Script, body: &str) -> String 
     format!(
         "<!DOCTYPE html>\n<html lang=\"en\">\n<head>\n<meta charset=\"utf-8\">\n\
          <meta http-equiv=\"Content-Security-Policy\" content=\"default-src 'none'; style-src 'unsafe-inline'{script}\">\n\
-         <meta name=\"viewport\" content=\"width=device-width, initial-scale=1\">\n{GENERATOR}{VERSION}\">\n\
+         <meta name=\"viewport\" content=\"width=device-width, initial-scale=1\">\n<meta name=\"generator\" content=\"{MADE_BY}\">\n\
          <title>{title}</title>\n<style>\n{style}</style>\n</head>\n<body>\n{body}</body>\n</html>\n"
     )
 }

@@ -218,25 +218,25 @@ pub(crate) fn judge(hypotheses: &[Hypothesis<'_>], nominal: &Nominal) -> Judged 
     let none = NO_GAP * (-top).exp();
     let hidden = hidden(nominal.touches, nominal.spread.contact) * (-top).exp();
     let total = none + hidden + weights.iter().sum::<f64>();
+    let of_hypotheses: Vec<(Vec<String>, f64)> = (hypotheses.iter().zip(&weights))
+        .map(|(h, w)| (h.effects(), w / total))
+        .collect();
     let mut probabilities: Vec<(String, f64)> = Vec::new();
-    for (h, w) in hypotheses.iter().zip(&weights) {
-        for effect in &h.effects() {
+    for (effects, p) in &of_hypotheses {
+        for effect in effects {
             match probabilities.iter_mut().find(|(e, _)| e == effect) {
-                Some((_, p)) => *p += w / total,
-                None => probabilities.push((effect.clone(), w / total)),
+                Some((_, sum)) => *sum += p,
+                None => probabilities.push((effect.clone(), *p)),
             }
         }
     }
     probabilities.sort_by(|a, b| b.1.total_cmp(&a.1));
     let best = (0..hypotheses.len()).max_by(|a, b| weights[*a].total_cmp(&weights[*b]));
-    let of_hypotheses: Vec<(Vec<String>, f64)> = (hypotheses.iter().zip(&weights))
-        .map(|(h, w)| (h.effects(), w / total))
-        .collect();
     let effect_set_95 = effect_set(&of_hypotheses, (none + hidden) / total);
     let named = best.filter(|&i| weights[i] >= none);
     let (kind, probability) = match named {
         Some(i) => {
-            let p = weights[i] / total;
+            let p = of_hypotheses[i].1;
             let kind = match hypotheses[i].refined.spread.joint >= ROUGH {
                 true => VerdictKind::Unknown,
                 false => kind_of_claim(p, &effect_set_95),
@@ -245,7 +245,7 @@ pub(crate) fn judge(hypotheses: &[Hypothesis<'_>], nominal: &Nominal) -> Judged 
         }
         None => (nominal.kind(), none / total),
     };
-    let effects = named.map_or_else(Vec::new, |i| hypotheses[i].effects());
+    let effects = named.map_or_else(Vec::new, |i| of_hypotheses[i].0.clone());
     Judged {
         verdict: Verdict {
             effects,

@@ -1,7 +1,7 @@
 use super::torques::torques;
 use super::words::{
-    HIDDEN, OUT_OF_SIGHT, SHOWS_FROM, SQUARES, all_looked_for, determined, figures, fitted, fixed,
-    headings, is_uncertain, limits, look_alikes, none_of_these, out_of_sight, part, percent,
+    NEVER_SHOWS, OUT_OF_SIGHT, SHOWS_FROM, SQUARES, all_looked_for, determined, figures, fitted,
+    fixed, headings, is_uncertain, limits, look_alikes, none_of_these, out_of_sight, part, percent,
     screened_out, size, summary, untestable, verdict,
 };
 use crate::console::number;
@@ -298,7 +298,7 @@ fn unseen(d: &Diagnosis) -> String {
     }
     if !hidden.is_empty() {
         let hidden = escape(&hidden.join(", "));
-        html += &format!("<p class=\"small\">Effects that {HIDDEN}: {hidden}.</p>\n");
+        html += &format!("<p class=\"small\">Effects that {NEVER_SHOWS}: {hidden}.</p>\n");
     }
     html
 }

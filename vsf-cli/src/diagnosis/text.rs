@@ -1,7 +1,7 @@
 use super::words::{
-    HIDDEN, LIKELY_ENOUGH, OUT_OF_SIGHT, SHOWS_FROM, determined, errors, figures, fitted, headings,
-    limits, look_alikes, none_of_these, out_of_sight, part, percent, screened_out, size, summary,
-    untestable, verdict,
+    LIKELY_ENOUGH, NEVER_SHOWS, OUT_OF_SIGHT, SHOWS_FROM, determined, errors, figures, fitted,
+    headings, limits, look_alikes, none_of_these, out_of_sight, part, percent, screened_out, size,
+    summary, untestable, verdict,
 };
 use crate::console::{number, table};
 use vsf::gap::{Diagnosis, Limit, LocatedShare, ModelFile, VerdictKind};
@@ -105,7 +105,7 @@ fn unseen(diagnosis: &Diagnosis) -> String {
         text += &table(&["effect", "parameter", "from"], &rows);
     }
     if !hidden.is_empty() {
-        text += &format!("\n{HIDDEN}: {}\n", hidden.join(", "));
+        text += &format!("\n{NEVER_SHOWS}: {}\n", hidden.join(", "));
     }
     text
 }

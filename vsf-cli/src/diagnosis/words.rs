@@ -5,7 +5,7 @@ use vsf::gap::{
 
 /// Headings of what would show, and of what would not.
 pub const SHOWS_FROM: &str = "would not have shown below this size (the parameter that shows best, to first order; in contact it takes more)";
-pub const HIDDEN: &str = "would not have shown at any plausible size, to first order";
+pub const NEVER_SHOWS: &str = "would not have shown at any plausible size, to first order";
 
 /// Test errors beyond so many noise floors are no longer those of a perfect model.
 const ROUGH: f64 = 3.0;

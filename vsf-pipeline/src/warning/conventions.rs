@@ -48,8 +48,8 @@ pub fn warning<'a>(scene: &Scene, traces: &'a [Trace]) -> Option<PipelineWarning
     let joints = scene.robot().joints();
     let mut signs = vec![1.0; joints.len()];
     let mut gain = 0.0;
-    let mut told = vec![true; joints.len()];
-    if let Some(evidence) = Evidence::new(&touching, joints) {
+    let evidence = Evidence::new(&touching, joints);
+    if let Some(evidence) = &evidence {
         let own = evidence.of(&as_given(joints.len()));
         let turned = evidence.signs();
         gain = evidence.of(&with_signs(&turned)) - own;
@@ -61,7 +61,6 @@ pub fn warning<'a>(scene: &Scene, traces: &'a [Trace]) -> Option<PipelineWarning
                 gain: value - own,
             });
         }
-        told = evidence.told(&turned);
         signs = turned;
     }
     let correlation = correlation(&touching, &signs);
@@ -71,8 +70,9 @@ pub fn warning<'a>(scene: &Scene, traces: &'a [Trace]) -> Option<PipelineWarning
     if correlation < OPPOSITE || correlation < 0.0 && as_few {
         signs.iter_mut().for_each(|s| *s = -*s);
         // Where some keep theirs, a joint that feels next to nothing is not to be named with the others.
-        if turned > 0 {
-            let untold = signs.iter_mut().zip(&told).filter(|(_, told)| !**told);
+        if let Some(evidence) = evidence.filter(|_| turned > 0) {
+            let told = evidence.told(&signs);
+            let untold = signs.iter_mut().zip(told).filter(|(_, told)| !told);
             untold.for_each(|(s, _)| *s = 1.0);
         }
     }

@@ -76,13 +76,11 @@ pub fn reading_warnings(
     let sick = !sensors.is_empty();
     warnings.extend(sensors);
     // Gravity that is left, and other offsets, may turn readings round; without one joint's, columns mean little.
-    let offset = (if sick {
-        None
-    } else {
-        misread(scene, &rigid, traces)
-    })
-    .or_else(|| gravity_left(scene, &rigid, traces))
-    .or_else(|| not_tared(scene, traces));
+    let rigid = tared(scene, rigid).unwrap_or_default();
+    let misread = (!sick).then(|| misread(scene, &rigid, traces));
+    let offset = (misread.flatten())
+        .or_else(|| gravity_left(scene, &rigid, traces))
+        .or_else(|| not_tared(scene, traces));
     if sick || offset.is_some() {
         warnings.extend(offset);
     } else {
@@ -212,35 +210,34 @@ fn rigid(scene: &Scene, sequence: &Sequence) -> Option<Table> {
     rigid_body_torques(scene.robot(), &scene.gravity(), sequence, &motion).ok()
 }
 
-/// What is read where nothing is touched, of actuators what is left of the torques of the arm alone when it is taken off
-/// ([`crate::external_torques`]); beside these torques. Both are tared.
-fn in_air(
-    scene: &Scene,
-    rigid: &[Table],
-    traces: &[Trace],
-    mut visit: impl FnMut(&[f64], &[f64]),
-) -> Option<()> {
-    for (rigid, trace) in rigid.iter().zip(traces) {
-        let tared = match scene.tare_samples() {
-            0 => None,
-            samples => Some(tare(rigid, samples).ok()?),
-        };
-        let rows = trace
-            .observations
-            .iter()
-            .zip(tared.as_ref().unwrap_or(rigid).iter());
-        let free = rows.filter(|(o, _)| o.is_empty());
-        free.for_each(|(o, rigid)| visit(o.reading(), rigid));
+/// Torques of the arm alone, tared as readings are; `None` of sequences with too few samples.
+fn tared(scene: &Scene, rigid: Vec<Table>) -> Option<Vec<Table>> {
+    match scene.tare_samples() {
+        0 => Some(rigid),
+        samples => rigid.iter().map(|r| tare(r, samples).ok()).collect(),
     }
-    Some(())
+}
+
+/// What is read where nothing is touched, of actuators what is left of the torques of the arm alone when it is taken off
+/// ([`crate::external_torques`]); beside these torques, which are tared as readings are.
+fn in_air<'a>(
+    rigid: &'a [Table],
+    traces: &'a [Trace],
+) -> impl Iterator<Item = (&'a [f64], &'a [f64])> {
+    let of_trace = |(rigid, trace): (&'a Table, &'a Trace)| {
+        let rows = trace.observations.iter().zip(rigid.iter());
+        rows.filter(|(o, _)| o.is_empty())
+            .map(|(o, rigid)| (o.reading(), rigid))
+    };
+    rigid.iter().zip(traces).flat_map(of_trace)
 }
 
 fn gravity_left(scene: &Scene, rigid: &[Table], traces: &[Trace]) -> Option<PipelineWarning> {
     let mut likeness = Likeness::default();
-    in_air(scene, rigid, traces, |readings, rigid| {
+    for (readings, rigid) in in_air(rigid, traces) {
         let pairs = readings.iter().zip(rigid);
         pairs.for_each(|(tau, r)| likeness.add(*tau, *r));
-    })?;
+    }
     let (size, correlation) = (likeness.both / likeness.others, likeness.correlation());
     let given = scene.torque_kind();
     match correlation > GRAVITY_CORRELATION {
@@ -263,13 +260,12 @@ fn misread(scene: &Scene, rigid: &[Table], traces: &[Trace]) -> Option<PipelineW
     }
     let joints = scene.robot().joints();
     let mut weighed = Weighed::new(joints.len());
-    let mut count = 0;
-    in_air(scene, rigid, traces, |readings, rigid| {
-        let whole = readings.iter().zip(rigid).map(|(left, r)| r - left);
-        weighed.add(&whole.collect::<Vec<_>>(), rigid);
-        count += 1;
-    })?;
-    (count >= LEAST_FREE)
-        .then(|| weighed.warning(joints))
-        .flatten()
+    for (left, rigid) in in_air(rigid, traces) {
+        let whole: Vec<f64> = rigid.iter().zip(left).map(|(r, left)| r - left).collect();
+        weighed.add(&whole, rigid);
+    }
+    match weighed.count() >= LEAST_FREE {
+        true => weighed.warning(joints),
+        false => None,
+    }
 }

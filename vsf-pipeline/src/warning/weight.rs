@@ -16,7 +16,7 @@ const LEAST_WEIGHT: f64 = 0.02;
 /// How readings vary where nothing is touched, beside the torques of the arm alone. What is constant does not count: it
 /// may be an offset.
 pub struct Weighed {
-    count: f64,
+    count: usize,
     /// Sums of the readings, by column, and of their squares; and of the torques, by joint.
     readings: [Vec<f64>; 2],
     rigid: [Vec<f64>; 2],
@@ -28,7 +28,7 @@ impl Weighed {
     pub fn new(joints: usize) -> Self {
         let zeros = || [vec![0.0; joints], vec![0.0; joints]];
         Self {
-            count: 0.0,
+            count: 0,
             readings: zeros(),
             rigid: zeros(),
             both: DMatrix::zeros(joints, joints),
@@ -37,7 +37,7 @@ impl Weighed {
 
     /// Takes one sample in.
     pub fn add(&mut self, readings: &[f64], rigid: &[f64]) {
-        self.count += 1.0;
+        self.count += 1;
         for (j, torque) in rigid.iter().enumerate() {
             self.rigid[0][j] += torque;
             self.rigid[1][j] += torque * torque;
@@ -51,13 +51,18 @@ impl Weighed {
         }
     }
 
+    /// How many samples.
+    pub fn count(&self) -> usize {
+        self.count
+    }
+
     fn variance(&self, [sum, squares]: &[Vec<f64>; 2], k: usize) -> f64 {
-        squares[k] - sum[k] * sum[k] / self.count
+        squares[k] - sum[k] * sum[k] / self.count as f64
     }
 
     /// Squared differences at a joint that takes a column with a sign.
     fn left(&self, joint: usize, (column, sign): (usize, f64)) -> f64 {
-        let means = self.rigid[0][joint] * self.readings[0][column] / self.count;
+        let means = self.rigid[0][joint] * self.readings[0][column] / self.count as f64;
         let covariance = self.both[(joint, column)] - means;
         let own = self.variance(&self.readings, column) + self.variance(&self.rigid, joint);
         own - 2.0 * sign * covariance
@@ -89,14 +94,12 @@ impl Weighed {
             let changed: Vec<usize> = changed.collect();
             left(columns, &changed) / left(&given, &changed)
         };
-        let turned = |j: usize| {
-            let mut columns = given.clone();
-            columns[j].1 = -1.0;
-            share_left(&columns) < MOST_LEFT
-        };
-        let signs: Vec<f64> = (0..joints.len())
-            .map(|j| if turned(j) { -1.0 } else { 1.0 })
-            .collect();
+        let mut signs = vec![1.0; joints.len()];
+        for &j in &telling {
+            if self.left(j, (j, -1.0)) / self.left(j, (j, 1.0)) < MOST_LEFT {
+                signs[j] = -1.0;
+            }
+        }
         if telling.iter().all(|&j| signs[j] < 0.0) {
             return None;
         }
