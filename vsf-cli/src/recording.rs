@@ -416,7 +416,16 @@ pub fn claim(out: &Path, console: &Console) -> anyhow::Result<()> {
 pub fn keep_made(out: &Path, by: &[&str]) -> anyhow::Result<()> {
     let metadata = out.join("dataset.json");
     let made_by = match Dataset::maker(out) {
-        Some(command) if by.contains(&&*command) => return Ok(()),
+        Some(command) if by.contains(&&*command) => match Dataset::is_edited(out) {
+            false => return Ok(()),
+            true => {
+                return Err(usage(format!(
+                    "--out {}: dataset.json there was edited since {command:?} wrote it, which would be lost; choose a new \
+                     folder, or remove that one",
+                    out.display()
+                )));
+            }
+        },
         Some(command) => format!("is by {command:?}"),
         None if !metadata.exists() => return Ok(()),
         None => {

@@ -140,3 +140,41 @@ fn what_is_wrong_is_said_in_flags() {
     bench.fails(&line, 2, &["--gap", part]);
     assert!(!root.join("rec").exists());
 }
+
+/// What no command would read again is not written.
+#[test]
+fn what_cannot_be_worked_with_is_no_recording() {
+    let bench = Bench::new();
+    let titles = "time,q1,q2,q3,tau1,tau2,tau3";
+    let import = "import a.csv --robot cartesian_stage --torque-kind external --out new";
+    for (rows, flags, parts) in [
+        (
+            "0,0,1e30,0,0,0,0\n0.1,0,0,0,0,0,0",
+            "",
+            &["angles.npy", "joint 2", "1e30"][..],
+        ),
+        (
+            "0,0,0,0,0,0,0\n0.1,0,0,0,0,0,1e300",
+            "",
+            &["joint 3", "1e300"],
+        ),
+        (
+            "0,0,0,0,0,0,0\n0.1,0,0,0,0,0,0",
+            "--box 1e8,0,0,1e8,0.1,0.1",
+            &["rest point 0", "1e8 m"],
+        ),
+        (
+            "0,0,0,0,0,0,0",
+            "--torque-kind measured",
+            &["at least two samples"],
+        ),
+    ] {
+        fs::write(bench.root.join("a.csv"), format!("{titles}\n{rows}\n")).unwrap();
+        let line = match flags.starts_with("--torque-kind") {
+            true => import.replace("--torque-kind external", flags),
+            false => format!("{import} {flags}"),
+        };
+        bench.fails(&line, 1, parts);
+        assert!(!bench.root.join("new").exists(), "{line}");
+    }
+}

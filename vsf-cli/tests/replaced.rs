@@ -56,6 +56,30 @@ fn measured_recordings_are_replaced_by_none() {
     bench.fails(SIMULATE, 2, &["vsf import"]);
 }
 
+/// What a command has made it makes again, but not what a hand has set there since.
+#[test]
+fn edited_recordings_are_replaced_by_none() {
+    let bench = Bench::new();
+    let metadata = bench.root.join("out/dataset.json");
+    bench.ok(SIMULATE);
+    bench.ok("export out --out out.mcap");
+    for (line, command) in [
+        (SIMULATE, "vsf simulate"),
+        ("import out.mcap --out out", "vsf import"),
+    ] {
+        let _ = fs::remove_dir_all(bench.root.join("out"));
+        bench.ok(line);
+        let written = fs::read_to_string(&metadata).unwrap();
+        let edited = written.replacen('{', r#"{"touch_starts": {"b": [3]},"#, 1);
+        fs::write(&metadata, &edited).unwrap();
+        bench.fails(line, 2, &["edited since", command, "choose a new folder"]);
+        assert_eq!(fs::read_to_string(&metadata).unwrap(), edited);
+        // Blanks are no edit.
+        fs::write(&metadata, written.replace("  ", "\t")).unwrap();
+        bench.ok(line);
+    }
+}
+
 /// Deviations are those of the torques beside them.
 #[test]
 fn predictions_leave_nothing_behind() {

@@ -278,6 +278,12 @@ impl Dataset {
         metadata::maker(dir.as_ref())
     }
 
+    /// Whether the `dataset.json` of a recording that a command has made was edited since, as by hand: it holds a digest
+    /// of its values.
+    pub fn is_edited(dir: impl AsRef<Path>) -> bool {
+        metadata::is_edited(dir.as_ref())
+    }
+
     /// The sequences to estimate from, in the order of the split.
     pub fn train(&self) -> impl Iterator<Item = &Sequence> {
         self.splits.train.iter().filter_map(|id| self.sequence(id))

@@ -61,7 +61,7 @@ pub(crate) fn encode<T: Serialize>(path: &Path, value: &T) -> Result<Vec<u8>, Da
     Ok(text)
 }
 
-fn failure(path: &Path, e: &serde_json::Error) -> DataError {
+pub(crate) fn failure(path: &Path, e: &serde_json::Error) -> DataError {
     let (path, line, column) = (path.to_owned(), e.line(), e.column());
     // The position is a field of the error already.
     let text = e.to_string();

@@ -54,6 +54,7 @@ mod colormap;
 mod contact_parameters;
 mod csv_log;
 mod dataset;
+mod edits;
 mod error;
 mod field;
 mod files;

@@ -1,6 +1,6 @@
 use crate::json::UniqueMap;
 use crate::staged::{Staged, hidden_in};
-use crate::{ContactParameters, DataError, files, json, pose};
+use crate::{ContactParameters, DataError, edits, files, json, pose};
 use nalgebra::{Isometry3, Point3, Vector3};
 use serde::{Deserialize, Serialize};
 use serde_json::{Map, Value};
@@ -236,6 +236,9 @@ struct Raw {
     made_by: Option<String>,
     #[serde(rename = "contact_parameters", skip_serializing_if = "Option::is_none")]
     contact: Option<ContactParameters>,
+    /// Of the other values, in recordings that a command has made.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    digest: Option<String>,
     #[serde(flatten)]
     extra: Map<String, Value>,
 }
@@ -410,7 +413,17 @@ pub(crate) fn stage(
         Some(robot) => robot.text_in(dir, staged)?,
         None => String::new(),
     };
-    staged.file(&path, &encode(&path, metadata, extra, &robot)?)
+    let mut raw = raw(&path, metadata, extra, &robot)?;
+    if raw.made_by.is_some() {
+        let digest = edits::digest(&json::encode(&path, &raw)?);
+        raw.digest = Some(digest.map_err(|e| json::failure(&path, &e))?);
+    }
+    staged.file(&path, &json::encode(&path, &raw)?)
+}
+
+/// Whether `dataset.json` in the folder was edited since a command wrote it.
+pub(crate) fn is_edited(dir: &Path) -> bool {
+    files::read(&dir.join(FILE)).is_ok_and(|bytes| edits::are_edited(&bytes))
 }
 
 /// The bytes of `dataset.json` with this text for the robot; `path` is for messages.
@@ -420,7 +433,16 @@ pub(crate) fn encode(
     extra: &BTreeMap<String, String>,
     robot: &str,
 ) -> Result<Vec<u8>, DataError> {
-    let raw = Raw {
+    json::encode(path, &raw(path, metadata, extra, robot)?)
+}
+
+fn raw(
+    path: &Path,
+    metadata: Overrides,
+    extra: &BTreeMap<String, String>,
+    robot: &str,
+) -> Result<Raw, DataError> {
+    Ok(Raw {
         name: metadata.name,
         description: metadata.description,
         robot: metadata.robot.map(|_| robot.to_owned()),
@@ -441,7 +463,7 @@ pub(crate) fn encode(
         gauge_length: metadata.gauge_length,
         made_by: metadata.made_by,
         contact: metadata.contact,
+        digest: None,
         extra: json::from_text(path, extra)?,
-    };
-    json::encode(path, &raw)
+    })
 }

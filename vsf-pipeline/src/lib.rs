@@ -61,7 +61,9 @@ pub use paper::{
     UpdateTimes, update_speed, update_times,
 };
 pub use priors::{PriorRow, compare_priors};
-pub use readings::{check_torques, external_torques, motion_of, rigid_body_torques, unwound};
+pub use readings::{
+    check_recording, check_torques, external_torques, motion_of, rigid_body_torques, unwound,
+};
 pub use robot::{load_robot, reading_unit, robot_of};
 pub use scene::{Scene, SceneOptions};
 pub use scene_contact::SceneContact;

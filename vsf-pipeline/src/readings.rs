@@ -2,8 +2,8 @@ use crate::{PipelineError, Scene};
 use nalgebra::Vector3;
 use std::borrow::Cow;
 use std::f64::consts::TAU;
-use vsf_core::CoreError;
-use vsf_data::{Motion, Sequence, Table, TorqueKind, tare};
+use vsf_core::{CoreError, RestPoints};
+use vsf_data::{Dataset, Motion, Sequence, Table, TorqueKind, tare};
 use vsf_robots::{JointKind, RobotModel};
 
 /// Largest torque that is taken (N m or N): beyond any robot, and far from where squares overflow.
@@ -72,6 +72,17 @@ pub fn check_torques(scene: &Scene, sequence: &Sequence) -> Result<(), PipelineE
             most: MOST,
         }),
     }
+}
+
+/// Checks that a recording can be worked with: that its points can be rest points, and that its readings are taken.
+///
+/// # Errors
+/// What [`Dataset::check`] refuses, points that [`RestPoints::new`] refuses, what [`external_torques`] refuses.
+pub fn check_recording(dataset: &Dataset, robot: RobotModel) -> Result<(), PipelineError> {
+    RestPoints::new(dataset.rest_points.clone().unwrap_or_default())?;
+    let scene = Scene::in_air(dataset, robot)?;
+    let mut sequences = dataset.sequences.iter();
+    sequences.try_for_each(|s| external_torques(&scene, s).map(drop))
 }
 
 /// The external joint torques of a sequence: what touch adds, with the rigid body removed and tared.
