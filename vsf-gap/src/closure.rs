@@ -2,6 +2,7 @@ use crate::bootstrap::Bootstrap;
 use crate::evidence::{Factor, Spread};
 use crate::nominal::Fitted;
 use crate::{Campaign, ContactLog, GapError, JointNoise, Model, Motion};
+use std::ops::Range;
 use std::sync::Arc;
 use vsf_core::CoreError;
 
@@ -31,7 +32,13 @@ pub(crate) struct Closure {
 impl Residuals {
     /// Mean norm over samples.
     pub fn mean_error(&self) -> f64 {
-        let norms: Vec<f64> = self.squares().map(f64::sqrt).collect();
+        self.mean_error_of(|_| true)
+    }
+
+    /// Mean norm over the samples that `holds` of, by their place among all.
+    pub(crate) fn mean_error_of(&self, holds: impl Fn(usize) -> bool) -> f64 {
+        let of = self.squares().enumerate().filter(|(k, _)| holds(*k));
+        let norms: Vec<f64> = of.map(|(_, square)| square.sqrt()).collect();
         norms.iter().sum::<f64>() / norms.len().max(1) as f64
     }
 
@@ -39,6 +46,11 @@ impl Residuals {
     pub fn mean_square(&self) -> f64 {
         let squares: Vec<f64> = self.squares().collect();
         squares.iter().sum::<f64>() / squares.len().max(1) as f64
+    }
+
+    /// Those of some samples of a sequence, by its place.
+    pub(crate) fn of(&self, (sequence, rows): &(usize, Range<usize>)) -> &[f64] {
+        &self.rows[*sequence][rows.start * self.joints..rows.end * self.joints]
     }
 
     /// Squared norm of every sample.

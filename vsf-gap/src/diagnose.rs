@@ -1,5 +1,5 @@
 use crate::alike::Likeness;
-use crate::closure::noise_norm;
+use crate::closure::{Residuals, noise_norm};
 use crate::estimated::Extent;
 use crate::halves::is_of_sequences;
 use crate::judge::{Nominal, hidden_weight};
@@ -7,7 +7,9 @@ use crate::locate::locate;
 use crate::next::{Arm, next_experiment};
 use crate::notes::{closest, notes, told};
 use crate::plain::Plain;
-use crate::report::{Diagnosis, EffectReport, Gap, Outcome, STIFFNESS_FIELD, is_perfect};
+use crate::report::{
+    Diagnosis, EffectReport, Gap, MeanErrors, Outcome, STIFFNESS_FIELD, is_perfect,
+};
 use crate::search::Search;
 use crate::trial::{Judgement, Trial};
 use crate::verdict::{Answer, Findings};
@@ -263,6 +265,16 @@ fn attempt(
     )?;
     let verdict = answer.verdict;
     let checked = trial.sequences;
+    let touches = trial.touches()?;
+    let errors = |touching: bool| {
+        let of = |residuals: &Residuals| residuals.mean_error_of(|k| touches[k] == touching);
+        let samples = touches.iter().filter(|t| **t == touching).count();
+        (samples > 0).then(|| MeanErrors {
+            nominal: of(before),
+            corrected: of(after),
+            samples,
+        })
+    };
     let noise = &campaign.noise;
     Ok(Outcome {
         diagnosis: Diagnosis {
@@ -278,18 +290,12 @@ fn attempt(
                 corrected_by: (model.parts.iter())
                     .map(|(effect, _)| effect.name().to_owned())
                     .collect(),
+                free: errors(false),
+                contact: errors(true),
                 estimated,
                 threshold: extent.threshold,
             },
-            location: locate(
-                campaign,
-                &model,
-                &own_field,
-                &trial.before,
-                checked,
-                noise,
-                seed,
-            )?,
+            location: locate(campaign, &model, &own_field, before, checked, noise, seed)?,
             next_experiment: next_experiment(&verdict, &effects, Arm::of(&campaign.site)),
             effects,
             verdict,

@@ -219,6 +219,11 @@ pub fn check_effect(effect: &dyn Effect, site: &Site) -> Result<(), GapError> {
                 "parameter {name:?} is of a joint or sequence that there is not"
             ));
         }
+        if p.scales_field && (p.joint.is_none() || p.role == Role::Shape) {
+            return wrong(format!(
+                "parameter {name:?} scales torques of the field, and must be an amplitude of a joint"
+            ));
+        }
         if parameters[..k].iter().any(|q| q.name == *name) {
             return wrong(format!("there are two parameters {name:?}"));
         }

@@ -60,6 +60,7 @@ pub mod effects;
 mod error;
 mod estimated;
 mod evidence;
+mod gauge;
 mod halves;
 mod judge;
 mod limits;
@@ -73,6 +74,7 @@ mod noise;
 mod nominal;
 mod notes;
 mod online;
+mod oscillation;
 mod phase;
 mod plain;
 mod prediction;
@@ -109,6 +111,7 @@ pub use online::Corrector;
 pub use phase::Phase;
 pub use prediction::Prediction;
 pub use report::{
-    Diagnosis, EffectReport, Gap, Outcome, ParameterEstimate, Roughness, STIFFNESS_FIELD,
+    Diagnosis, EffectReport, Gap, MeanErrors, Outcome, ParameterEstimate, Roughness,
+    STIFFNESS_FIELD,
 };
 pub use verdict::{Verdict, VerdictKind};

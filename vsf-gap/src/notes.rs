@@ -2,8 +2,10 @@
 
 use crate::closure::noise_norm;
 use crate::estimated::Compared;
+use crate::gauge;
 use crate::judge::Nominal;
 use crate::plain::Plain;
+use crate::refine::Refined;
 use crate::trial::{Judgement, Trial, Tried};
 use crate::verdict::{Answer, VerdictKind};
 use crate::{Campaign, Model, Parameter};
@@ -134,6 +136,7 @@ pub(crate) fn notes(
             verdict.effects.join(" and ")
         ));
     }
+    notes.extend((judgement.named.as_ref()).and_then(|t| relative(campaign, t.refined)));
     if let Some(persistence) = judgement.persistence {
         notes.push(format!(
             "what {} leaves unexplained lasts, with a correlation of {persistence:.2} from one stretch of samples to \
@@ -182,6 +185,17 @@ pub(crate) fn closest(kind: VerdictKind, model: &Model) -> Option<String> {
             names.join(", ")
         )
     })
+}
+
+/// That shares by which joints scale the torques of the field are relative.
+fn relative(campaign: &Campaign, named: &Refined) -> Option<String> {
+    let p = &named.prior.parameters[gauge::reference_of(named)?];
+    let joint = campaign.site.robot.joints()[p.joint?].name();
+    Some(format!(
+        "a gain common to all joints is a scale of the stiffness, and not told from it: gains are relative to {joint}, \
+         with which most others agree ({} is 0 for that reason)",
+        p.name
+    ))
 }
 
 /// That readings are rounded, and how coarsely.

@@ -1,4 +1,5 @@
 use crate::evidence::{Factor, Fit, Normal, Spread};
+use crate::gauge;
 use crate::nominal::Fitted;
 use crate::screen::{best_of, log_mean_exp};
 use crate::{Acts, Campaign, Effect, GapError, Model, Parameter, Role};
@@ -61,6 +62,7 @@ impl Refined {
         if let Some((_, own)) = self.model.places().nth(part) {
             prior.parameters.drain(own.clone());
             prior.mean.drain(own.clone());
+            prior.weights.drain(own.clone());
             prior.sd.drain(own);
             prior.choice.remove(part);
         }
@@ -93,6 +95,8 @@ pub(crate) struct Prior {
     pub(crate) sd: Vec<f64>,
     /// Nats that the choice of those that may costs, per part ([`Tangent`](crate::screen::Tangent)).
     pub(crate) choice: Vec<f64>,
+    /// Weights of those that scale the field in their mean, which is zero ([`gauge`]); 0 of others.
+    pub(crate) weights: Vec<f64>,
 }
 
 impl Prior {
@@ -107,6 +111,7 @@ impl Prior {
         self.mean.extend(next.mean);
         self.sd.extend(next.sd);
         self.choice.extend(next.choice);
+        self.weights.extend(next.weights);
         self
     }
 
@@ -114,7 +119,8 @@ impl Prior {
     pub(crate) fn cost(&self, theta: &[f64]) -> f64 {
         let z = |i: usize| (theta[i] - self.mean[i]) / self.sd[i];
         let choice: f64 = self.choice.iter().sum();
-        choice + self.moving().map(|i| 0.5 * z(i) * z(i)).sum::<f64>()
+        let own: f64 = self.moving().map(|i| 0.5 * z(i) * z(i)).sum();
+        choice + own + gauge::cost(self, theta)
     }
 }
 
@@ -225,22 +231,24 @@ impl Campaign {
             .collect::<Result<_, GapError>>()?;
         let all: Vec<f64> = found.iter().map(|(e, _)| *e).collect();
         let best = best_of(&all);
-        let mut sd = prior.sd.clone();
-        if let Some(fit) = &found[best].1 {
-            let of_moving = fit.covariance.diagonal();
-            (prior.moving().zip(of_moving.iter())).for_each(|(i, v)| sd[i] = v.sqrt());
-        }
-        Ok(Refined {
+        let mut refined = Refined {
             model: start.at(&theta),
+            sd: prior.sd.clone(),
             theta,
             prior,
-            sd,
             log_evidence: log_mean_exp(&all),
             spread: spreads[best],
             stiffness,
             tangent: columns,
             touches: fitted.touches(),
-        })
+        };
+        if let Some(fit) = &found[best].1 {
+            let covariance = gauge::relative(&mut refined, &fit.covariance);
+            let moving: Vec<usize> = refined.prior.moving().collect();
+            (moving.iter().zip(covariance.diagonal().iter()))
+                .for_each(|(&i, v)| refined.sd[i] = v.max(0.0).sqrt());
+        }
+        Ok(refined)
     }
 
     /// A fitted model once more, with the spread of the stiffness that suits it best, if that does better: the
@@ -387,10 +395,11 @@ fn evidence(
     let white: Vec<&[f64]> = (2..columns.len() + 2)
         .map(|k| all.col_as_slice(k))
         .collect();
-    let normal = Normal::new(all.col_as_slice(1), &white);
+    let mut normal = Normal::new(all.col_as_slice(1), &white);
+    let tied = gauge::tie(prior, &mut normal);
     let squares: f64 = all.col_as_slice(0).iter().map(|y| y * y).sum();
     let log_evidence =
-        -0.5 * (factor.log_det() + squares + normal.log_det(&sd)) - prior.cost(theta);
+        tied - 0.5 * (factor.log_det() + squares + normal.log_det(&sd)) - prior.cost(theta);
     let bounds: Vec<[f64; 2]> = (moving.iter())
         .map(|&i| prior.parameters[i].bounds.map(|b| b - prior.mean[i]))
         .collect();

@@ -20,6 +20,12 @@ pub(crate) const MOSTLY: f64 = 0.5;
 /// A model whose error is no more than this many times that of a perfect one leaves no gap.
 const PERFECT: f64 = 1.1;
 
+/// From so many deviations on, a parameter shows that its effect acts on a joint: one of seven on which it does not act comes
+/// so far in one case of twenty. Parameters below a share of the largest of the effect take more.
+const SHOWS: f64 = 2.7;
+const SMALL: f64 = 0.05;
+const SHOWS_SMALL: f64 = 5.0;
+
 /// A parameter whose deviation is more than this share of that of its prior is not determined.
 const UNDETERMINED: f64 = 0.9;
 
@@ -62,7 +68,8 @@ pub struct EffectReport {
     /// what is taken for plausible before any reading.
     #[serde(default)]
     pub undetermined: Vec<String>,
-    /// Joints whose parameters are at least two deviations from zero.
+    /// Joints with a parameter that is at least 2.7 deviations from zero; five, if it is less than a twentieth of the
+    /// largest of the effect.
     pub joints: Vec<String>,
     /// Mean error of the test sequences with it (N m or N); `null` for all but the likeliest and those that were up to be
     /// named.
@@ -121,6 +128,12 @@ pub struct Gap {
     /// Effects of the corrected model; none where nothing is corrected.
     #[serde(default)]
     pub corrected_by: Vec<String>,
+    /// Mean errors of the samples in which nothing is touched; `null` without such ones.
+    #[serde(default)]
+    pub free: Option<MeanErrors>,
+    /// The same of those in which something is.
+    #[serde(default)]
+    pub contact: Option<MeanErrors>,
     /// Whether errors are of fields as they are estimated outside of a diagnosis ([`Campaign::estimated`]); else of the
     /// diagnosis' own, as where nothing is touched or test sequences were learned from.
     #[serde(default)]
@@ -128,6 +141,17 @@ pub struct Gap {
     /// From where on points are touched (m) in these fields; `null` in free air.
     #[serde(default)]
     pub threshold: Option<f64>,
+}
+
+/// Mean errors of some of the samples that check the models.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+pub struct MeanErrors {
+    /// Of the nominal model (N m or N).
+    pub nominal: f64,
+    /// Of the corrected one.
+    pub corrected: f64,
+    /// How many samples these are.
+    pub samples: usize,
 }
 
 /// A diagnosis, as `vsf diagnose --json` writes it.
@@ -308,9 +332,19 @@ impl EffectReport {
             .filter(|(_, (sd, prior))| **sd > UNDETERMINED * **prior)
             .map(|(p, _)| p.name.clone())
             .collect();
+        let amplitudes = || {
+            let all = own.iter().zip(theta).zip(sd);
+            all.filter(|((p, _), _)| p.role == Role::Amplitude)
+        };
         self.joints.clear();
-        for ((p, v), sd) in own.iter().zip(theta).zip(sd) {
-            let shows = p.role == Role::Amplitude && *v != 0.0 && v.abs() > 2.0 * sd;
+        for ((p, v), sd) in amplitudes() {
+            let same = amplitudes().filter(|((q, _), _)| q.unit == p.unit);
+            let largest = same.fold(0.0_f64, |most, ((_, v), _)| most.max(v.abs()));
+            let from = match v.abs() < SMALL * largest {
+                true => SHOWS_SMALL,
+                false => SHOWS,
+            };
+            let shows = *v != 0.0 && v.abs() > from * sd;
             if let Some(j) = p.joint.filter(|_| shows) {
                 let name = campaign.site.robot.joints()[j].name().to_owned();
                 if !self.joints.contains(&name) {
@@ -325,8 +359,8 @@ impl EffectReport {
             unit: p.unit.to_owned(),
         };
         // Those that may not act are no part of the model.
-        let part = |((p, _), sd): &((Parameter, &f64), &f64)| p.role == Role::Shape || **sd != 0.0;
-        let all = own.into_iter().zip(theta).zip(sd);
-        self.parameters = all.filter(part).map(estimate).collect();
+        let all = own.into_iter().zip(theta).zip(sd).zip(prior_sd);
+        let part = all.filter(|(((p, _), _), prior)| p.role == Role::Shape || **prior != 0.0);
+        self.parameters = part.map(|(of, _)| estimate(of)).collect();
     }
 }

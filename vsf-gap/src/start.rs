@@ -1,4 +1,5 @@
 use crate::evidence::Spread;
+use crate::gauge;
 use crate::refine::Prior;
 use crate::screen::{MOST_SCALES, Screened, Tangent, best_of};
 use crate::{Acts, Campaign, GapError, Model, Parameter, Role, Site};
@@ -36,6 +37,7 @@ impl Tangent {
             };
         }
         Prior {
+            weights: gauge::weights(&parameters, self),
             parameters,
             mean: self.start.clone(),
             sd,

@@ -5,6 +5,7 @@ use crate::effect::Need;
 use crate::evidence::Spread;
 use crate::judge::{Hypothesis, Judged, Nominal, judge};
 use crate::nominal::Fitted;
+use crate::oscillation::oscillation;
 use crate::refine::Refined;
 use crate::report::{MOSTLY, is_perfect};
 use crate::verdict::VerdictKind;
@@ -191,6 +192,17 @@ impl<'a> Trial<'a> {
         })
     }
 
+    /// Of every sample of the sequences in turn, whether the nominal model touches anything.
+    ///
+    /// # Errors
+    /// Rows that contact cannot take.
+    pub(crate) fn touches(&self) -> Result<Vec<bool>, GapError> {
+        let all: Vec<&Motion> = self.sequences.iter().collect();
+        let logs = self.whole.contact_logs(&Model::default(), &all)?;
+        let contacts = logs.iter().flat_map(|log| &log.contacts);
+        Ok(contacts.map(|c| !c.is_empty()).collect())
+    }
+
     /// How far residuals close the gap of the nominal model.
     pub(crate) fn closure(&self, after: &Residuals) -> Closure {
         let noise = &self.whole.noise;
@@ -232,21 +244,38 @@ impl<'a> Trial<'a> {
         Ok(1.0 - whole.closure.fraction < (1.0 - COMPLETE) * left)
     }
 
-    /// Size (N m or N) of what persists of residuals in free motion, beyond noise: the root of the median
-    /// square of blocks, since a few are not free where contact begins earlier than the model has it. 0 where
-    /// blocks are few.
-    fn left_free(&self, residuals: &Residuals) -> f64 {
-        let d = residuals.joints;
-        let mut squares: Vec<f64> = (self.free.iter())
-            .map(|(sequence, rows)| {
-                let rows = &residuals.rows[*sequence][rows.start * d..rows.end * d];
-                let mean = |j: usize| rows.iter().skip(j).step_by(d).sum::<f64>() / BLOCK as f64;
-                (0..d).map(|j| mean(j).powi(2)).sum()
-            })
-            .collect();
-        if squares.len() < FEWEST {
+    /// Size (N m or N) of what is left of residuals in free motion beyond noise: of what persists, unless all is `perfect`,
+    /// or of what oscillates, which may have been taken for noise. 0 where there is little free motion.
+    fn left_free(&self, residuals: &Residuals, perfect: bool) -> f64 {
+        if self.free.len() < FEWEST {
             return 0.0;
         }
+        let persists = match perfect {
+            true => 0.0,
+            false => self.persists(residuals),
+        };
+        // Blocks that follow each other are one run.
+        let mut runs: Vec<(usize, Range<usize>)> = Vec::new();
+        for (sequence, rows) in &self.free {
+            match runs.last_mut() {
+                Some((s, run)) if s == sequence && run.end == rows.start => run.end = rows.end,
+                _ => runs.push((*sequence, rows.clone())),
+            }
+        }
+        let runs: Vec<&[f64]> = runs.iter().map(|run| residuals.of(run)).collect();
+        persists.max(oscillation(&runs, residuals.joints))
+    }
+
+    /// The root of the median square of the means of blocks, beyond noise: a few are not free where contact begins earlier
+    /// than the model has it.
+    fn persists(&self, residuals: &Residuals) -> f64 {
+        let d = residuals.joints;
+        let square_of_mean = |block: &(usize, Range<usize>)| -> f64 {
+            let rows = residuals.of(block);
+            let mean = |j: usize| rows.iter().skip(j).step_by(d).sum::<f64>() / BLOCK as f64;
+            (0..d).map(|j| mean(j).powi(2)).sum()
+        };
+        let mut squares: Vec<f64> = self.free.iter().map(square_of_mean).collect();
         squares.sort_by(f64::total_cmp);
         let of_means = |m: usize| -> f64 {
             let noise = self.whole.noise.iter().map(|n| n.of_means(m).sd);
@@ -307,10 +336,7 @@ impl<'a> Trial<'a> {
         mut hypotheses: Vec<Hypothesis<'h>>,
         nominal: &Nominal,
     ) -> Result<Judgement<'h>, GapError> {
-        let before = match nominal.perfect {
-            true => 0.0,
-            false => self.left_free(&self.before),
-        };
+        let before = self.left_free(&self.before, nominal.perfect);
         let noticed = self.noticed();
         let much = |after: f64| (after > noticed && after > REMAINS * before).then_some(after);
         let mut refused = Vec::new();
@@ -343,7 +369,7 @@ impl<'a> Trial<'a> {
                         .filter(|p| *p > PERSISTENT)
                         .filter(|_| nominal.touches && !nominal.perfect),
                     // A model that predicts worse may leave more.
-                    left_free: much(self.left_free(&tried.checked.residuals).min(before)),
+                    left_free: much(self.left_free(&tried.checked.residuals, false).min(before)),
                     named: Some(tried),
                     worse: None,
                     refused,

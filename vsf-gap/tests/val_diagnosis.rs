@@ -93,6 +93,66 @@ fn torques_of_the_wrong_sign_are_a_gap_and_zeros_are_none() {
     assert_eq!(scaled(0.0).verdict.kind, VerdictKind::NoGap);
 }
 
+/// The springs world without effect, its readings changed: `felt` gets the time (s) and the torques of a sample.
+fn of_springs(felt: impl Fn(f64, &mut [f64])) -> Campaign {
+    let folder = tempfile::tempdir().unwrap();
+    made(folder.path(), &[], 42);
+    let (mut dataset, _) = Dataset::open(folder.path(), &Overrides::default()).unwrap();
+    for s in &mut dataset.sequences {
+        let joints = s.torques.cols();
+        let rows = s.torques.data_mut().chunks_exact_mut(joints);
+        rows.zip(&s.time).for_each(|(row, t)| felt(*t, row));
+    }
+    Campaign::open(&dataset, &SceneOptions::default()).unwrap()
+}
+
+/// Twice the torques are twice the stiffness: what tells a gain is by how much joints differ.
+#[test]
+fn gains_are_relative_to_the_joints_that_agree() {
+    let gain = effects::named(&["torque_gain".to_owned()]).unwrap();
+    let of = |gains: [f64; 7]| {
+        let campaign = of_springs(|_, row| row.iter_mut().zip(gains).for_each(|(t, g)| *t *= g));
+        let d = diagnose(&campaign, "case", &gain, 0, |_| {})
+            .unwrap()
+            .diagnosis;
+        let joint = |j: usize| campaign.site().robot.joints()[j].name().to_owned();
+        (d, joint(2))
+    };
+    let (all, _) = of([2.0; 7]);
+    assert_eq!(all.verdict.kind, VerdictKind::NoGap);
+    let (one, third) = of([2.0, 2.0, 3.0, 2.0, 2.0, 2.0, 2.0]);
+    assert_eq!(one.verdict.effects, ["torque_gain"]);
+    assert_eq!(
+        one.effects[0].joints,
+        [third],
+        "{:?}",
+        one.effects[0].parameters
+    );
+    let parameters = &one.effects[0].parameters;
+    assert!((parameters[2].value - 0.5).abs() < 0.05, "{parameters:?}");
+    let others = parameters.iter().filter(|p| p.name != "g_3");
+    // The last joint feels next to nothing.
+    let close = |p: &vsf_gap::ParameterEstimate| p.value.abs() < (3.0 * p.sd).max(0.05);
+    assert!(others.clone().all(close), "{parameters:?}");
+    assert_eq!(others.filter(|p| p.value == 0.0 && p.sd == 0.0).count(), 1);
+    assert!(one.notes.iter().any(|n| n.contains("relative to")));
+}
+
+/// Means over a fifth of a second leave little of it, and differences of samples take some of it for noise.
+#[test]
+fn a_hum_in_free_motion_is_a_gap() {
+    let hum = |t: f64| 0.8 * (9.0 * TAU * t).sin();
+    let campaign = of_springs(|t, row| row.iter_mut().for_each(|tau| *tau += hum(t)));
+    let d = diagnose(&campaign, "case", &some(), 0, |_| {})
+        .unwrap()
+        .diagnosis;
+    assert_eq!(d.verdict.kind, VerdictKind::Unknown, "{:?}", d.verdict);
+    let free = d.gap.free.unwrap();
+    // Seven joints feel it.
+    let felt = 0.8 * (7.0_f64 / 2.0).sqrt();
+    assert!((free.nominal / felt - 1.0).abs() < 0.2, "{free:?}");
+}
+
 /// Three samples in a row have one difference of second order: noise cannot be told from a gap.
 #[test]
 fn handfuls_of_samples_and_arms_that_rest_tell_nothing() {

@@ -1,8 +1,8 @@
 use super::torques::torques;
 use super::words::{
     NEVER_SHOWS, OUT_OF_SIGHT, SHOWS_FROM, SQUARES, all_looked_for, determined, figures, fitted,
-    fixed, headings, is_uncertain, limits, look_alikes, none_of_these, out_of_sight, part, percent,
-    screened_out, size, summary, untestable, verdict,
+    fixed, found, headings, is_uncertain, limits, look_alikes, none_of_these, out_of_sight, part,
+    parts, percent, screened_out, size, summary, untestable, verdict,
 };
 use crate::console::number;
 use crate::html::{Script, document, escape};
@@ -32,7 +32,7 @@ pub fn page_of_report(d: &Diagnosis) -> String {
 fn with(d: &Diagnosis, torques: &str, corrected: &[EffectEntry]) -> String {
     let title = format!("Sim-to-real gap of {}", d.dataset);
     let mut html = format!("<h1>{}</h1>\n", escape(&title));
-    html += &answer(d);
+    html += &answer(d, corrected);
     html += torques;
     html += &places(d);
     html += &effects(d);
@@ -55,7 +55,7 @@ fn with(d: &Diagnosis, torques: &str, corrected: &[EffectEntry]) -> String {
     document(&title, STYLE, Script::None, &html)
 }
 
-fn answer(d: &Diagnosis) -> String {
+fn answer(d: &Diagnosis, corrected: &[EffectEntry]) -> String {
     let gap = &d.gap;
     let unit = escape(&gap.unit);
     let corrects = !gap.corrected_by.is_empty();
@@ -116,9 +116,13 @@ fn answer(d: &Diagnosis) -> String {
     } else {
         String::new()
     };
+    let found = found(corrected).map_or_else(String::new, |found| {
+        format!("<span class=\"found\">{}</span>", escape(&found))
+    });
+    let parts = parts(gap).map_or_else(String::new, |parts| small(&parts));
     format!(
-        "<p class=\"verdict {kind}\">{sentence}</p>\n\
-         <dl class=\"numbers\">\n{numbers}</dl>\n{squares}"
+        "<p class=\"verdict {kind}\">{sentence}{found}</p>\n\
+         <dl class=\"numbers\">\n{numbers}</dl>\n{parts}{squares}"
     )
 }
 
@@ -137,7 +141,7 @@ fn before_and_after(campaign: &Campaign, outcome: &Outcome) -> anyhow::Result<St
     };
     let mut html = format!(
         "<h2>{title}</h2>\n<p class=\"small\">The checked sequence ({sequence}) on which \
-         the nominal model is worst; joints with the largest gap first. Readings are {readings}.</p>\n\
+         the nominal model is worst; joints by their share of the gap. Readings are {readings}.</p>\n\
          <div class=\"plot worst\">{}</div>\n",
         drawn.worst
     );

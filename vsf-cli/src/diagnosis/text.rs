@@ -1,7 +1,7 @@
 use super::words::{
     LIKELY_ENOUGH, NEVER_SHOWS, OUT_OF_SIGHT, SHOWS_FROM, determined, errors, figures, fitted,
-    headings, limits, look_alikes, none_of_these, out_of_sight, part, percent, screened_out, size,
-    summary, untestable, verdict,
+    found, headings, limits, look_alikes, none_of_these, out_of_sight, part, parts, percent,
+    screened_out, size, summary, untestable, verdict,
 };
 use crate::console::{number, table};
 use vsf::gap::{Diagnosis, Limit, LocatedShare, ModelFile, VerdictKind};
@@ -12,7 +12,14 @@ const LEAST: f64 = 0.05;
 
 /// The report on the terminal.
 pub fn text(diagnosis: &Diagnosis, model: &ModelFile) -> String {
-    let mut text = format!("{}\n{}\n", verdict(diagnosis), errors(diagnosis));
+    let mut text = format!("{}\n", verdict(diagnosis));
+    if let Some(found) = found(&model.effects) {
+        text += &format!("Found {found}.\n");
+    }
+    text += &format!("{}\n", errors(diagnosis));
+    if let Some(parts) = parts(&diagnosis.gap) {
+        text += &format!("{parts}\n");
+    }
     text += &effects(diagnosis, model);
     if diagnosis.verdict.kind == VerdictKind::NoGap {
         text += &unseen(diagnosis);

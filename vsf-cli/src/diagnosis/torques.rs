@@ -1,5 +1,5 @@
 use anyhow::Context;
-use vsf::gap::{Campaign, Model, Motion, Outcome, Residuals};
+use vsf::gap::{Campaign, LocatedShare, Model, Motion, Outcome, Place, Residuals};
 use vsf::pipeline::reading_unit;
 use vsf::plot::{JointTrace, TorquePlot};
 
@@ -7,9 +7,9 @@ use vsf::plot::{JointTrace, TorquePlot};
 pub struct Torques {
     /// ID of the sequence: the one with the largest nominal error.
     pub sequence: String,
-    /// The joints with the largest gap.
+    /// The joints in which most of the gap is located.
     pub worst: String,
-    /// All joints, largest gap first, where there are more.
+    /// All joints, these first, where there are more.
     pub all: Option<String>,
 }
 
@@ -22,8 +22,6 @@ struct Curves {
     measured: Vec<f64>,
     nominal: Vec<f64>,
     corrected: Vec<f64>,
-    /// Sum of squares of the nominal residual.
-    gap: f64,
 }
 
 /// Draws the sequence on which the nominal model is worst.
@@ -48,18 +46,20 @@ pub fn torques(campaign: &Campaign, outcome: &Outcome) -> anyhow::Result<Option<
     };
     let measured = measured(&outcome.nominal);
     let mut curves: Vec<Curves> = (0..joints)
-        .map(|j| {
-            let gap: Vec<f64> = of(&outcome.nominal.rows[s], j);
-            Curves {
-                joint: j,
-                measured: of(&measured, j),
-                nominal: of(&outcome.nominal.predicted[s], j),
-                corrected: of(&outcome.corrected.predicted[s], j),
-                gap: gap.iter().map(|r| r * r).sum(),
-            }
+        .map(|j| Curves {
+            joint: j,
+            measured: of(&measured, j),
+            nominal: of(&outcome.nominal.predicted[s], j),
+            corrected: of(&outcome.corrected.predicted[s], j),
         })
         .collect();
-    curves.sort_by(|a, b| b.gap.total_cmp(&a.gap));
+    let share = |c: &Curves| {
+        let joint = campaign.site().robot.joints()[c.joint].name();
+        let own = |l: &&LocatedShare| matches!(&l.of, Place::Joint(name) if name == joint);
+        let located = &outcome.diagnosis.location.joint;
+        located.iter().find(own).map_or(0.0, |l| l.share)
+    };
+    curves.sort_by(|a, b| share(b).total_cmp(&share(a)));
     let corrects = !outcome.model.parts.is_empty();
     let draw =
         |curves: &[Curves]| svg(campaign, motion, curves, corrects).context(motion.id.clone());

@@ -1,6 +1,7 @@
 use crate::console::number;
 use vsf::gap::{
-    Diagnosis, EffectReport, Gap, Limit, ParameterEstimate, Place, VerdictKind, effects,
+    Diagnosis, EffectEntry, EffectReport, Gap, Limit, MeanErrors, ParameterEstimate, Place,
+    VerdictKind, effects,
 };
 
 /// Headings of what would show, and of what would not.
@@ -18,6 +19,15 @@ const LEAST_HIDDEN: f64 = 0.05;
 
 /// A claim of less probability is uncertain.
 const LIKELY: f64 = 0.5;
+
+/// From so many nats on, test sequences speak for an effect.
+const NATS: f64 = 3.0;
+
+/// What is told first of the parameters of an effect: those that are so many deviations from zero, and such a part of the
+/// largest of the same unit; at most so many.
+const SURE: f64 = 2.0;
+const LARGE: f64 = 0.1;
+const MOST_FOUND: usize = 4;
 
 /// Whether the answer claims what is less likely than not.
 pub fn is_uncertain(diagnosis: &Diagnosis) -> bool {
@@ -47,7 +57,8 @@ pub fn verdict(diagnosis: &Diagnosis) -> String {
             format!("Uncertain: {effects} fit{s} best, with a probability of {p} only.")
         }
         VerdictKind::Effects if gap.closed_fraction <= 0.0 => format!(
-            "{effects} fit{s} best (probability {p}); squared errors on the test sequences do not shrink."
+            "{effects} fit{s} best (probability {p}); squared errors on the test sequences do not shrink{}.",
+            likelier(diagnosis)
         ),
         VerdictKind::Effects => format!(
             "{effects} explain{s} {}the gap (probability {p}).",
@@ -84,6 +95,40 @@ pub fn verdict(diagnosis: &Diagnosis) -> String {
             verdict.effect_set_95.join(", ")
         ),
     }
+}
+
+/// That the test sequences speak for the one effect that is named all the same.
+fn likelier(diagnosis: &Diagnosis) -> String {
+    let named = |e: &&EffectReport| diagnosis.verdict.effects == [e.effect.as_str()];
+    let score = (diagnosis.effects.iter().find(named)).and_then(|e| e.test_score);
+    match score.filter(|s| *s >= NATS) {
+        Some(score) => format!(", though with it they are {score:.0} nats likelier"),
+        None => String::new(),
+    }
+}
+
+/// What the corrected model found: the largest amplitudes of each of its effects.
+pub fn found(corrected: &[EffectEntry]) -> Option<String> {
+    let of = |e: &EffectEntry| {
+        let most = |unit: &str| {
+            let same = e.parameters.iter().filter(|p| p.unit == unit);
+            same.fold(0.0_f64, |most, p| most.max(p.value.abs()))
+        };
+        let mut large: Vec<&ParameterEstimate> = (e.parameters.iter())
+            .filter(|p| p.value.abs() > SURE * p.sd && p.value.abs() >= LARGE * most(&p.unit))
+            .collect();
+        let more = match large.len().saturating_sub(MOST_FOUND) {
+            0 => String::new(),
+            more => format!(" and {more} more"),
+        };
+        large.truncate(MOST_FOUND);
+        let values: Vec<String> = (large.iter())
+            .map(|p| format!("{} = {}", p.name, estimate(p.value, p.sd, &p.unit)))
+            .collect();
+        (!values.is_empty()).then(|| format!("{}: {}{more}", e.effect, values.join(", ")))
+    };
+    let found: Vec<String> = corrected.iter().filter_map(of).collect();
+    (!found.is_empty()).then(|| found.join("; "))
 }
 
 /// That an effect may act without showing, where it is worth a word.
@@ -173,6 +218,25 @@ pub fn errors(diagnosis: &Diagnosis) -> String {
         percent(gap.closed_interval[0]),
         percent(gap.closed_interval[1]),
     )
+}
+
+/// The errors with nothing touched and in contact, where there is both.
+pub fn parts(gap: &Gap) -> Option<String> {
+    let (free, contact) = (gap.free?, gap.contact?);
+    let unit = &gap.unit;
+    let of = |errors: MeanErrors| match gap.corrected_by.is_empty() {
+        true => format!("{} {unit}", number(errors.nominal)),
+        false => format!(
+            "{} {unit} before, {} {unit} after",
+            number(errors.nominal),
+            number(errors.corrected)
+        ),
+    };
+    Some(format!(
+        "In the air {}; in contact {}.",
+        of(free),
+        of(contact)
+    ))
 }
 
 /// What the table of effects tells of one beside its name and probability: headings and values. Test errors of effects

@@ -31,6 +31,10 @@ pub struct Parameter {
     /// far beyond (5 of an amplitude while effects are screened, 50 of the others) is thought unlikely. Of a
     /// frequency, the change that puts the wave out of step by a small part of a turn over the recording.
     pub scale: f64,
+    /// Whether it is the share by which a joint's torques of the field are scaled. Such shares, the same for all
+    /// joints, are a scale of the stiffness, which no recording tells from it: of them, what joints differ by is sought,
+    /// and told relative to the joint that most others agree with.
+    pub scales_field: bool,
 }
 
 impl Parameter {
@@ -49,6 +53,7 @@ impl Parameter {
             role: Role::Amplitude,
             bounds,
             scale,
+            scales_field: false,
         }
     }
 
@@ -70,6 +75,15 @@ impl Parameter {
     pub fn of_joint(self, j: usize) -> Self {
         Self {
             joint: Some(j),
+            ..self
+        }
+    }
+
+    /// The same parameter as one that scales a joint's torques of the field ([`Parameter::scales_field`]).
+    #[must_use]
+    pub fn of_field(self) -> Self {
+        Self {
+            scales_field: true,
             ..self
         }
     }

@@ -7,8 +7,9 @@ use vsf_data::TorqueKind;
 /// Torque sensors or drives with a wrong gain: joint `j` reads `1 + g_j` times its torque.
 ///
 /// Parameters `g_<joint>` (1). Readings of the actuators have the gain on the weight and motion of
-/// the arm too. Tell-tale: the error is proportional to the torque of its own joint. A gain that all
-/// joints share is a scale of the stiffness where only contact is read, and cannot be told from it.
+/// the arm too. Tell-tale: the error is proportional to the torque of its own joint. Where only contact
+/// is read, a gain that all joints share is a scale of the stiffness, and cannot be told from it: gains
+/// are relative to the joint that most others agree with ([`Parameter::scales_field`]).
 ///
 /// # Reference
 /// M. Gautier, S. Briot, "Global identification of joint drive gains and dynamic parameters of
@@ -40,11 +41,18 @@ impl Effect for TorqueGain {
     }
 
     fn parameters(&self, site: &Site) -> Vec<Parameter> {
-        per_joint(site, "g", unit(site, "1", "1"), [-0.9, 3.0], 0.1)
+        let gains = per_joint(site, "g", unit(site, "1", "1"), [-0.9, 3.0], 0.1);
+        match site.torque_kind {
+            TorqueKind::External => gains.into_iter().map(Parameter::of_field).collect(),
+            TorqueKind::Measured => gains,
+        }
     }
 
     fn untestable(&self, campaign: &Campaign) -> Option<String> {
         let measured = campaign.site.torque_kind == TorqueKind::Measured;
+        if !measured && campaign.site.joints() < 2 {
+            return Some("the gain of a single joint is a scale of the stiffness".to_owned());
+        }
         let actuated = |m: &Motion| {
             let pairs = m.load.data().iter().zip(m.reading.data());
             pairs
