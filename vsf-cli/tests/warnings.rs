@@ -335,9 +335,18 @@ fn fields_and_what_was_computed_from_their_recording() {
 }
 
 /// What is said of the readings of a recording whose rows are changed.
-fn warnings_of(recording: &str, mut change: impl FnMut(&mut [f64])) -> Vec<String> {
+fn warnings_of(recording: &str, change: impl FnMut(&mut [f64])) -> Vec<String> {
+    warnings_with(&Overrides::default(), recording, change)
+}
+
+/// The same with other metadata.
+fn warnings_with(
+    given: &Overrides,
+    recording: &str,
+    mut change: impl FnMut(&mut [f64]),
+) -> Vec<String> {
     let recording = Path::new(env!("CARGO_MANIFEST_DIR")).join(recording);
-    let (dataset, _) = Dataset::open(&recording, &Overrides::default()).unwrap();
+    let (dataset, _) = Dataset::open(&recording, given).unwrap();
     let scene = match dataset.rest_points {
         Some(_) => Scene::open(&dataset, &SceneOptions::default()),
         None => robot_of(&dataset, &BTreeMap::new()).and_then(|r| Scene::in_air(&dataset, r)),
@@ -345,7 +354,10 @@ fn warnings_of(recording: &str, mut change: impl FnMut(&mut [f64])) -> Vec<Strin
     let scene = scene.unwrap();
     let mut sequences = dataset.sequences.clone();
     for sequence in &mut sequences {
-        let rows = sequence.torques.data_mut().chunks_exact_mut(7);
+        let rows = sequence
+            .torques
+            .data_mut()
+            .chunks_exact_mut(scene.robot().joint_count());
         rows.for_each(&mut change);
     }
     let sequences: Vec<&Sequence> = sequences.iter().collect();
@@ -440,4 +452,43 @@ fn joints_of_the_other_sign_in_the_air() {
     // Offsets of more than the weight are none of these.
     let offset = changed(&|row| (row[5], row[6]) = (row[5] - 4.0, row[6] - 0.3));
     assert_eq!(offset, [""; 0]);
+}
+
+const ARMS: [&str; 2] = [
+    "../vsf-gap/tests/data/unisa_panda",
+    "../vsf-gap/tests/data/unisa_ur10",
+];
+
+/// Friction is most of what the first joint of the second arm reads: it fits any column without it better.
+#[test]
+fn real_arms_are_read_as_they_are() {
+    for arm in ARMS {
+        assert_eq!(warnings_of(arm, |_| {}), [""; 0], "{arm}");
+    }
+}
+
+/// An arm that hangs from a wall, or whose gravity was never written down. Along its own axis the second arm's
+/// first joint reads friction alone.
+#[test]
+fn gravity_that_points_elsewhere() {
+    for arm in ARMS {
+        for given in [[0.0, 9.81, 0.0], [-6.0, 0.0, -7.8], [0.0; 3]] {
+            let given = Overrides {
+                gravity: Some(given.into()),
+                ..Overrides::default()
+            };
+            let warnings = warnings_with(&given, arm, |_| {});
+            says_once(&warnings, "where nothing is touched gravity of (");
+            let vector = warnings[0].split(['(', ')']).nth(1).unwrap();
+            let vector: Vec<f64> = vector.split(", ").map(|v| v.parse().unwrap()).collect();
+            let off = (vector[0].hypot(vector[1])).hypot(vector[2] + 9.81);
+            assert!(off < 1.5, "{arm}: {vector:?}");
+        }
+        // Askew by ten degrees is a matter of the diagnosis.
+        let askew = Overrides {
+            gravity: Some([1.7, 0.0, -9.66].into()),
+            ..Overrides::default()
+        };
+        assert_eq!(warnings_with(&askew, arm, |_| {}), [""; 0], "{arm}");
+    }
 }

@@ -2,6 +2,7 @@ mod actuators;
 mod clock;
 mod conventions;
 mod gaps;
+mod gravity;
 mod jumps;
 mod kind;
 mod order;

@@ -199,6 +199,20 @@ pub enum PipelineWarning {
         /// What is left per torque that the arm itself needs.
         size: f64,
     },
+    /// Weight in the readings of the actuators, where nothing is touched, that is of another gravity.
+    #[error(
+        "where nothing is touched gravity of {} m/s² explains the readings far better than {} ({percent:.0} % of the squared \
+         difference would be left); check gravity, base_pose and the unit of the torques",
+        vector(gravity), vector(given), percent = 100.0 * left
+    )]
+    OtherGravity {
+        /// The vector that explains them best (m/s²), world frame.
+        gravity: [f64; 3],
+        /// That of the recording.
+        given: [f64; 3],
+        /// Share of the squared differences from the model that it leaves.
+        left: f64,
+    },
     /// Readings of some joints that go against those of the others.
     #[error(
         "springs explain the readings in contact far better with the other sign of {joints} (log likelihood higher by \
@@ -566,6 +580,10 @@ fn more(others: usize, what: &str) -> String {
         n if what.ends_with('h') => format!("; so it is in {n} more {what}es"),
         n => format!("; so it is in {n} more {what}s"),
     }
+}
+
+fn vector([x, y, z]: &[f64; 3]) -> String {
+    format!("({x:.2}, {y:.2}, {z:.2})")
 }
 
 fn kind(of: TorqueKind) -> &'static str {

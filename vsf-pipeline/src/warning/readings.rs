@@ -1,5 +1,5 @@
 use super::weight::Weighed;
-use super::{PipelineWarning, Rows, actuators, conventions, malformed, outliers, sensors};
+use super::{PipelineWarning, Rows, actuators, conventions, gravity, malformed, outliers, sensors};
 use crate::readings::check_sequence;
 use crate::{Scene, Trace, motion_of, reading_unit, rigid_body_torques};
 use vsf_core::Observation;
@@ -80,6 +80,7 @@ pub fn reading_warnings(
     let misread = (!sick).then(|| misread(scene, &rigid, traces));
     let offset = (misread.flatten())
         .or_else(|| gravity_left(scene, &rigid, traces))
+        .or_else(|| other_gravity(scene, sequences, traces))
         .or_else(|| not_tared(scene, traces));
     if sick || offset.is_some() {
         warnings.extend(offset);
@@ -251,6 +252,16 @@ fn gravity_left(scene: &Scene, rigid: &[Table], traces: &[Trace]) -> Option<Pipe
         }
         _ => None,
     }
+}
+
+/// Weight in the readings of the actuators that is of another gravity.
+fn other_gravity(
+    scene: &Scene,
+    sequences: &[&Sequence],
+    traces: &[Trace],
+) -> Option<PipelineWarning> {
+    let measured = scene.torque_kind() == TorqueKind::Measured;
+    measured.then(|| gravity::warning(scene, sequences, traces, LEAST_FREE))?
 }
 
 /// Readings of the actuators with other signs, or in another order, than weight and motion of the arm ask for.

@@ -83,15 +83,16 @@ impl Weighed {
             .collect();
         let tells = |j: &usize| rigid(*j) > LEAST_WEIGHT * LEAST_WEIGHT * scales[*j];
         let telling: Vec<usize> = (0..joints.len()).filter(tells).collect();
-        let left = |columns: &Columns, of: &[usize]| {
-            let each = of.iter().map(|&j| self.left(j, columns[j]) / scales[j]);
-            each.sum::<f64>()
+        let left = |columns: &Columns, of: &dyn Fn(usize) -> bool| {
+            let of = (0..joints.len()).filter(|j| of(*j) && scales[*j] > 0.0);
+            of.map(|j| self.left(j, columns[j]) / scales[j])
+                .sum::<f64>()
         };
         let given = as_given(joints.len());
-        // Where nothing is read, shares are no numbers.
+        // A joint that tells nothing counts, too: no column is better for being taken away. Where nothing is read, shares
+        // are no numbers.
         let share_left = |columns: &Columns| {
-            let changed = telling.iter().copied().filter(|&j| columns[j] != given[j]);
-            let changed: Vec<usize> = changed.collect();
+            let changed = |j: usize| columns[j] != given[j];
             left(columns, &changed) / left(&given, &changed)
         };
         let mut signs = vec![1.0; joints.len()];
@@ -106,9 +107,9 @@ impl Weighed {
         let by_signs = with_signs(&signs);
         let evident = |(_, columns): &(_, Columns)| share_left(columns) < MOST_LEFT;
         let best = (orders(joints.len()).filter(evident))
-            .map(|(order, columns)| (left(&columns, &telling), order, columns))
+            .map(|(order, columns)| (left(&columns, &|_| true), order, columns))
             .min_by(|a, b| a.0.total_cmp(&b.0));
-        if let Some((_, order, columns)) = best.filter(|b| b.0 < left(&by_signs, &telling)) {
+        if let Some((_, order, columns)) = best.filter(|b| b.0 < left(&by_signs, &|_| true)) {
             return Some(PipelineWarning::MixedActuators {
                 order: order.in_words(joints),
                 left: share_left(&columns),

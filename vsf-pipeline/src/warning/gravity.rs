@@ -1,0 +1,106 @@
+//! Gravity as the readings of the actuators have it where nothing is touched: weight is linear in its vector.
+
+use super::PipelineWarning;
+use crate::{PipelineError, Scene, Trace, motion_of};
+use nalgebra::{Matrix3, Matrix4, Matrix4x3, Vector3, Vector4};
+use vsf_data::Sequence;
+
+/// Another gravity has to leave less than this share of the squared residuals, and to differ by so much (m/s²): less is
+/// an arm that was set up askew, or a payload.
+const MOST_LEFT: f64 = 0.25;
+const LEAST_CHANGE: f64 = 2.5;
+/// Directions along which weight tells less than this share of what it does along others are left as they are.
+const UNTOLD: f64 = 1e-4;
+/// The same of offsets and friction.
+const ROUNDING: f64 = 1e-12;
+
+/// That another gravity explains most of what weight and motion of the arm leave of its readings, which are those of
+/// actuators. Neither offsets of a sequence nor friction count, constant or proportional to the speed.
+pub fn warning(
+    scene: &Scene,
+    sequences: &[&Sequence],
+    traces: &[Trace],
+    least_samples: usize,
+) -> Option<PipelineWarning> {
+    // Of the weight along every axis, per unit of gravity, and of what is left.
+    let mut products = Matrix4::zeros();
+    let mut samples = 0;
+    for (sequence, trace) in sequences.iter().zip(traces) {
+        let joints = free(scene, sequence, trace).ok()?;
+        samples += joints.first().map_or(0, |joint| joint.len());
+        products += joints.iter().map(Joint::products).sum::<Matrix4<f64>>();
+    }
+    let weight: Matrix3<f64> = products.fixed_view::<3, 3>(0, 0).into();
+    let both: Vector3<f64> = products.fixed_view::<3, 1>(0, 3).into();
+    let told = weight.symmetric_eigen();
+    let tells = UNTOLD * told.eigenvalues.max();
+    let change: Vector3<f64> = (told.eigenvalues.iter().zip(told.eigenvectors.column_iter()))
+        .filter(|(told, _)| **told > tells)
+        .map(|(told, direction)| direction * (direction.dot(&both) / told))
+        .sum();
+    let left = 1.0 - change.dot(&both) / products[(3, 3)];
+    let found = samples >= least_samples && left < MOST_LEFT && change.norm() > LEAST_CHANGE;
+    found.then(|| PipelineWarning::OtherGravity {
+        gravity: (scene.gravity() + change).into(),
+        given: scene.gravity().into(),
+        left,
+    })
+}
+
+/// The samples of a joint in a sequence in which nothing is touched.
+#[derive(Clone, Default)]
+struct Joint {
+    /// Its torques of gravity along the axes of the world, of unit strength, and what is read beyond weight and motion of
+    /// the arm.
+    rows: Vec<Vector4<f64>>,
+    /// What offsets and friction are made of.
+    beside: Vec<Vector3<f64>>,
+}
+
+impl Joint {
+    fn len(&self) -> usize {
+        self.rows.len()
+    }
+
+    /// Sums of products of the rows, without what offsets and friction explain.
+    fn products(&self) -> Matrix4<f64> {
+        let pairs = || self.rows.iter().zip(&self.beside);
+        let whole: Matrix4<f64> = self.rows.iter().map(|r| r * r.transpose()).sum();
+        let own: Matrix3<f64> = self.beside.iter().map(|b| b * b.transpose()).sum();
+        let both: Matrix4x3<f64> = pairs().map(|(r, b)| r * b.transpose()).sum();
+        let rounding = ROUNDING * own.max();
+        match own.pseudo_inverse(rounding) {
+            Ok(inverse) => whole - both * inverse * both.transpose(),
+            Err(_) => whole,
+        }
+    }
+}
+
+/// These samples of every joint.
+fn free(scene: &Scene, sequence: &Sequence, trace: &Trace) -> Result<Vec<Joint>, PipelineError> {
+    let robot = scene.robot();
+    let mut workspace = robot.dynamics_workspace();
+    let mut joints = vec![Joint::default(); robot.joint_count()];
+    let motion = motion_of(robot, sequence)?;
+    let states = sequence.angles.iter().zip(motion.velocities.iter());
+    for ((q, qd), observation) in states.zip(&trace.observations) {
+        if !observation.is_empty() {
+            continue;
+        }
+        let mut rows: Vec<Vector4<f64>> = (observation.reading().iter())
+            .map(|external| Vector4::new(0.0, 0.0, 0.0, -external))
+            .collect();
+        for (k, axis) in [Vector3::x(), Vector3::y(), Vector3::z()]
+            .iter()
+            .enumerate()
+        {
+            let weight = robot.gravity_torques(q, axis, &mut workspace)?;
+            rows.iter_mut().zip(weight).for_each(|(row, w)| row[k] = *w);
+        }
+        for ((joint, row), qd) in joints.iter_mut().zip(rows).zip(qd) {
+            joint.rows.push(row);
+            joint.beside.push(Vector3::new(1.0, qd.signum(), *qd));
+        }
+    }
+    Ok(joints)
+}
