@@ -52,7 +52,26 @@ pub(crate) fn parse<T: DeserializeOwned>(path: &Path, bytes: &[u8]) -> Result<T,
             problem: "a byte order mark; save it as UTF-8 without one".to_owned(),
         });
     }
-    serde_json::from_slice(bytes).map_err(|e| failure(path, &e))
+    let mut text = serde_json::Deserializer::from_slice(bytes);
+    let value = serde_path_to_error::deserialize(&mut text).map_err(|e| {
+        let key = e.path().to_string();
+        match failure(path, e.inner()) {
+            DataError::JsonType {
+                path,
+                line,
+                column,
+                problem,
+            } if key != "." => DataError::JsonType {
+                path,
+                line,
+                column,
+                problem: format!("{key}: {problem}"),
+            },
+            other => other,
+        }
+    })?;
+    text.end().map_err(|e| failure(path, &e))?;
+    Ok(value)
 }
 
 pub(crate) fn encode<T: Serialize>(path: &Path, value: &T) -> Result<Vec<u8>, DataError> {

@@ -394,3 +394,19 @@ fn topics_and_times_of_logging_are_of_mcap() {
         assert!(matches!(error, DataError::Argument { .. }), "{error:?}");
     }
 }
+
+/// Other separators than commas are told from titles that are missing.
+#[test]
+fn separators_are_told() {
+    for (text, hint) in [
+        ("t;q1;tau1\n0;0;0\n", "separate them by commas"),
+        ("t\tq1\ttau1\n0\t0\t0\n", "call a file with tabs .tsv"),
+        (
+            "# by a logger\nt,q1,tau1\n0,0,0\n",
+            "stand in the first line",
+        ),
+    ] {
+        let error = recorded(text).unwrap_err().to_string();
+        assert!(error.contains(hint), "{error}");
+    }
+}

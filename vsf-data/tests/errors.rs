@@ -249,7 +249,12 @@ fn json_that_is_not_json_or_of_wrong_type() {
     refused!(
         |f: &Folder| f.json("{\n \"robot\": 7\n}"),
         DataError::JsonType { line: 2, .. },
-        "dataset.json line 2 column 11: invalid type: integer `7`, expected a string"
+        "dataset.json line 2 column 11: robot: invalid type: integer `7`, expected a string"
+    );
+    refused!(
+        |f: &Folder| f.json(r#"{"splits": {"train": [0]}}"#),
+        DataError::JsonType { .. },
+        ": splits.train[0]: invalid type"
     );
     for text in [
         "[]",

@@ -73,7 +73,10 @@ impl Columns {
             [_] => titles.iter().position(|t| is_time(&t)).unwrap_or_default(),
             [] => {
                 let (time, there) = (TIME.join(", "), quoted(&titles));
-                return Err(format!("no column of the time ({time}); there are {there}"));
+                let hint = separated(&titles);
+                return Err(format!(
+                    "no column of the time ({time}); there are {there}{hint}"
+                ));
             }
             [a, b, ..] => return Err(format!("columns {a:?} and {b:?} are both the time")),
         };
@@ -212,4 +215,13 @@ pub(crate) fn numbered(names: &[String], count: usize) -> Option<Vec<String>> {
 fn quoted(titles: &[String]) -> String {
     let titles: Vec<String> = titles.iter().map(|t| format!("{t:?}")).collect();
     crate::ros::some(&titles)
+}
+/// What may be wrong with the first line, where it has one title.
+fn separated(titles: &[String]) -> &'static str {
+    match titles {
+        [one] if one.contains(';') => "; separate them by commas, with points in numbers",
+        [one] if one.contains('\t') => "; call a file with tabs .tsv",
+        [_] => "; the titles of the columns stand in the first line",
+        _ => "",
+    }
 }
