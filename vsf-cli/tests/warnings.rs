@@ -403,7 +403,7 @@ fn joints_of_the_other_sign_in_a_plant() {
         rows += 1;
         row[6] += if rows == 250 { 50.0 } else { 0.0 };
     });
-    assert_eq!(spike, [""; 0]);
+    says_once(&spike, "joint Actuator7 reads 49.9");
     // With the noise of real sensors.
     for (turned, says) in [(false, None), (true, Some("the other sign of Actuator4 ("))] {
         let mut random = Pcg32::new(7, 0);
@@ -490,5 +490,20 @@ fn gravity_that_points_elsewhere() {
             ..Overrides::default()
         };
         assert_eq!(warnings_with(&askew, arm, |_| {}), [""; 0], "{arm}");
+    }
+}
+
+/// One reading that is no touch, and accuses nobody of another sign.
+#[test]
+fn spikes_are_named() {
+    for (recording, size) in [("data/orange_tree", 60.0), (ARMS[0], -400.0)] {
+        let mut row = 0;
+        let warnings = warnings_of(recording, |torques| {
+            torques[3] += if row == 200 { size } else { 0.0 };
+            row += 1;
+        });
+        says_once(&warnings, "in row 200 of sequence");
+        says_once(&warnings, "looks like a fault of the sensor");
+        assert!(!warnings[0].contains("more reading"), "{warnings:?}");
     }
 }

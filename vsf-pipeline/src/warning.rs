@@ -8,6 +8,7 @@ mod kind;
 mod order;
 mod readings;
 mod sensors;
+mod spikes;
 mod starts;
 mod velocities;
 mod weight;

@@ -199,6 +199,28 @@ pub enum PipelineWarning {
         /// What is left per torque that the arm itself needs.
         size: f64,
     },
+    /// A single reading that is far larger than all others of its joint in a sequence.
+    #[error(
+        "joint {joint} reads {value:.3} {unit} in row {row} of sequence {sequence}, and {beside:.3} {unit} beside it{}; it looks \
+         like a fault of the sensor: leave the row out, or estimate with --robust",
+        more(*others, "reading")
+    )]
+    Spike {
+        /// Name of the joint.
+        joint: String,
+        /// ID of the sequence.
+        sequence: String,
+        /// Row, from 0.
+        row: usize,
+        /// The reading.
+        value: f64,
+        /// The median of it and those beside it.
+        beside: f64,
+        /// `N m` or `N`.
+        unit: &'static str,
+        /// How many more there are.
+        others: usize,
+    },
     /// Weight in the readings of the actuators, where nothing is touched, that is of another gravity.
     #[error(
         "where nothing is touched gravity of {} m/s² explains the readings far better than {} ({percent:.0} % of the squared \

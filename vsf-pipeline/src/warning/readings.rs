@@ -1,5 +1,7 @@
 use super::weight::Weighed;
-use super::{PipelineWarning, Rows, actuators, conventions, gravity, malformed, outliers, sensors};
+use super::{
+    PipelineWarning, Rows, actuators, conventions, gravity, malformed, outliers, sensors, spikes,
+};
 use crate::readings::check_sequence;
 use crate::{Scene, Trace, motion_of, reading_unit, rigid_body_torques};
 use vsf_core::Observation;
@@ -61,6 +63,7 @@ pub fn reading_warnings(
     };
     warnings.extend(tares(&|t| tare_in_contact(t, scene.tare_samples())));
     warnings.extend(tares(&|t| tare_spread(t, scene)));
+    warnings.extend(spikes::warning(scene, sequences));
     let sensors = sensors::warnings(scene, sequences, traces);
     // Angles that traces were made of can be taken.
     let rigid = sequences.iter().map(|s| rigid(scene, s));
