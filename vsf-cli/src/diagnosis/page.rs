@@ -335,6 +335,7 @@ mod tests {
     #![allow(clippy::unwrap_used)]
     use super::super::words::errors;
     use super::*;
+    use vsf::gap::MeanErrors;
 
     fn of_effect(name: &str) -> serde_json::Value {
         serde_json::json!({
@@ -433,6 +434,42 @@ mod tests {
         assert!(errors(&corrected).ends_with(SQUARES));
         assert!(!errors(&report("effects", 0.9, 1.1)).contains(SQUARES));
         assert!(!page_of_report(&report("no_gap", 0.9, 1.0)).contains(SQUARES));
+    }
+
+    /// Where nothing is touched, or all the time, there is nothing to tell apart.
+    #[test]
+    fn errors_in_the_air_and_in_contact_are_told_apart() {
+        let mut d = report("effects", 0.9, 0.5);
+        assert_eq!(parts(&d.gap), None);
+        let errors = |nominal, corrected| MeanErrors {
+            nominal,
+            corrected,
+            samples: 10,
+        };
+        d.gap.free = Some(errors(2.0, 0.1));
+        assert_eq!(parts(&d.gap), None);
+        d.gap.contact = Some(errors(3.0, 1.5));
+        let words =
+            "In the air 2.000 N before, 0.1000 N after; in contact 3.000 N before, 1.500 N after.";
+        assert!(page_of_report(&d).contains(words));
+        d.gap.corrected_by.clear();
+        assert_eq!(
+            parts(&d.gap).unwrap(),
+            "In the air 2.000 N; in contact 3.000 N."
+        );
+    }
+
+    /// Errors of touches that were never touched before say less than densities.
+    #[test]
+    fn test_sequences_that_speak_for_an_effect_are_told() {
+        let mut d = report("effects", 0.9, 0.9);
+        let named = d
+            .effects
+            .iter_mut()
+            .find(|e| e.effect == "payload")
+            .unwrap();
+        named.test_score = Some(41.6);
+        assert!(verdict(&d).ends_with("do not shrink, though with it they are 42 nats likelier."));
     }
 
     #[test]

@@ -117,9 +117,9 @@ pub fn found(corrected: &[EffectEntry]) -> Option<String> {
         let mut large: Vec<&ParameterEstimate> = (e.parameters.iter())
             .filter(|p| p.value.abs() > SURE * p.sd && p.value.abs() >= LARGE * most(&p.unit))
             .collect();
-        let more = match large.len().saturating_sub(MOST_FOUND) {
-            0 => String::new(),
-            more => format!(" and {more} more"),
+        let more = match large.len() > MOST_FOUND {
+            true => " and others",
+            false => "",
         };
         large.truncate(MOST_FOUND);
         let values: Vec<String> = (large.iter())
@@ -424,6 +424,40 @@ pub fn untestable(effects: &[EffectReport]) -> Vec<(&str, Vec<&str>)> {
 mod tests {
     #![allow(clippy::unwrap_used)]
     use super::*;
+
+    /// Not what may be zero, nor what is small beside others of its unit.
+    #[test]
+    fn the_largest_parameters_are_told_first() {
+        let entry = |effect: &str, parameters: &[(f64, f64, &str)]| {
+            let parameter =
+                |(k, (value, sd, unit)): (usize, &(f64, f64, &str))| ParameterEstimate {
+                    name: format!("p_{k}"),
+                    value: *value,
+                    sd: *sd,
+                    unit: (*unit).to_owned(),
+                };
+            EffectEntry {
+                effect: effect.to_owned(),
+                parameters: parameters.iter().enumerate().map(parameter).collect(),
+            }
+        };
+        let bias = entry(
+            "bias",
+            &[(-2.0, 0.1, "N m"), (0.05, 0.001, "N m"), (0.5, 0.4, "N m")],
+        );
+        assert_eq!(
+            found(std::slice::from_ref(&bias)).unwrap(),
+            "bias: p_0 = -2.00 ± 0.10 N m"
+        );
+        let many = entry("many", &[(1.0, 0.1, "N"); 5]);
+        let both = found(&[bias, many]).unwrap();
+        assert!(
+            both.starts_with("bias: p_0 = -2.00 ± 0.10 N m; many: p_0 = "),
+            "{both}"
+        );
+        assert!(both.ends_with("p_3 = 1.00 ± 0.10 N and others"), "{both}");
+        assert_eq!(found(&[entry("none", &[(0.0, 0.0, "1")])]), None);
+    }
 
     #[test]
     fn digits_follow_the_deviation() {
