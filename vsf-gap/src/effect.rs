@@ -219,14 +219,25 @@ pub fn check_effect(effect: &dyn Effect, site: &Site) -> Result<(), GapError> {
                 "parameter {name:?} is of a joint or sequence that there is not"
             ));
         }
-        if p.scales_field && (p.joint.is_none() || p.role == Role::Shape) {
+        let is_share = p.role == Role::Amplitude && p.joint.is_some() && lo > -1.0;
+        if p.scales_field && !is_share {
             return wrong(format!(
-                "parameter {name:?} scales torques of the field, and must be an amplitude of a joint"
+                "parameter {name:?} scales torques of the field: it must be an amplitude of a joint, of more than -1"
             ));
         }
         if parameters[..k].iter().any(|q| q.name == *name) {
             return wrong(format!("there are two parameters {name:?}"));
         }
+    }
+    let mut scaled: Vec<Option<usize>> = (parameters.iter())
+        .filter(|p| p.scales_field)
+        .map(|p| p.joint)
+        .collect();
+    scaled.sort_unstable();
+    if !scaled.is_empty() && !(scaled.iter().copied()).eq((0..site.joints()).map(Some)) {
+        return wrong(
+            "it scales the torques of the field of some joints alone, or twice".to_owned(),
+        );
     }
     if parameters.iter().all(|p| p.role == Role::Shape) {
         return wrong("none of its parameters is an amplitude".to_owned());

@@ -300,12 +300,7 @@ impl Fitted<'_> {
         if !self.touches() || (1.0 / RESCALE..RESCALE).contains(&ratio) || !ratio.is_normal() {
             return Ok(*spread);
         }
-        let own = Spread {
-            point: ratio * spread.point,
-            smooth: ratio * spread.smooth,
-            level: ratio * spread.level,
-            ..*spread
-        };
+        let own = spread.scaled(ratio);
         match self.log_evidence(&own)? > self.log_evidence(spread)? {
             true => Ok(own),
             false => Ok(*spread),

@@ -2,7 +2,6 @@
 
 use crate::closure::noise_norm;
 use crate::estimated::Compared;
-use crate::gauge;
 use crate::judge::Nominal;
 use crate::plain::Plain;
 use crate::refine::Refined;
@@ -122,7 +121,7 @@ pub(crate) fn notes(
     if let Some(left) = judgement.left_free {
         let unit = campaign.scene.error_unit();
         notes.push(format!(
-            "in free motion {} {unit} persist on the test sequences, which no stiffness explains and no named \
+            "in free motion {} {unit} persist or oscillate on the test sequences, which no stiffness explains and no named \
              effect takes away",
             number(left)
         ));
@@ -189,11 +188,16 @@ pub(crate) fn closest(kind: VerdictKind, model: &Model) -> Option<String> {
 
 /// That shares by which joints scale the torques of the field are relative.
 fn relative(campaign: &Campaign, named: &Refined) -> Option<String> {
-    let p = &named.prior.parameters[gauge::reference_of(named)?];
+    let reference = named.reference?;
+    let p = &named.prior.parameters[reference.share];
     let joint = campaign.site.robot.joints()[p.joint?].name();
+    let why = match reference.agreed {
+        true => "with which most others agree",
+        false => "since they have to be to one of them",
+    };
     Some(format!(
-        "a gain common to all joints is a scale of the stiffness, and not told from it: gains are relative to {joint}, \
-         with which most others agree ({} is 0 for that reason)",
+        "a gain common to all joints is a scale of the stiffness, and not told from it: gains are relative to {joint}, {why} \
+         ({} is 0 for that reason)",
         p.name
     ))
 }

@@ -1,5 +1,5 @@
 use crate::evidence::{Factor, Fit, Normal, Spread};
-use crate::gauge;
+use crate::gauge::{self, Reference};
 use crate::nominal::Fitted;
 use crate::screen::{best_of, log_mean_exp};
 use crate::{Acts, Campaign, Effect, GapError, Model, Parameter, Role};
@@ -22,7 +22,7 @@ pub(crate) struct Refined {
     pub(crate) theta: Vec<f64>,
     /// Their prior.
     pub(crate) prior: Prior,
-    /// Their posterior deviations; 0 of amplitudes that may not act.
+    /// Their posterior deviations; 0 of amplitudes that may not act, and of the reference.
     pub(crate) sd: Vec<f64>,
     /// Log of the evidence of the readings, roughness averaged (nats, without constants).
     pub(crate) log_evidence: f64,
@@ -34,6 +34,8 @@ pub(crate) struct Refined {
     pub(crate) tangent: Vec<Vec<f64>>,
     /// Whether anything is touched.
     pub(crate) touches: bool,
+    /// What shares that scale the field are relative to.
+    pub(crate) reference: Option<Reference>,
 }
 
 /// A parameter that is this near to a bound, as a share of it, was stopped there.
@@ -175,9 +177,10 @@ impl Campaign {
         prior: Prior,
         spread: &Spread,
     ) -> Result<Refined, GapError> {
-        let mut theta = start.theta();
+        let (mut theta, scale) = gauge::centred(&prior, start.theta());
+        let start = &start.at(&theta);
         let mut fitted = self.fitted(start, &self.train)?;
-        let spread = &fitted.adapted(spread)?;
+        let spread = &fitted.adapted(&spread.scaled(scale))?;
         let (mut stiffness, mut factor) = self.field(&mut fitted, spread)?;
         let mut value = fitted.log_evidence_of(&factor) - prior.cost(&theta);
         let mut columns = self.columns(start, &fitted, &stiffness, &prior)?;
@@ -241,6 +244,7 @@ impl Campaign {
             stiffness,
             tangent: columns,
             touches: fitted.touches(),
+            reference: None,
         };
         if let Some(fit) = &found[best].1 {
             let covariance = gauge::relative(&mut refined, &fit.covariance);

@@ -254,16 +254,24 @@ impl<'a> Trial<'a> {
             true => 0.0,
             false => self.persists(residuals),
         };
-        // Blocks that follow each other are one run.
+        // Blocks of a touch that follow each other are one run.
+        let begins = |sequence: usize, row: usize| {
+            let touches = &self.sequences[sequence].touches;
+            touches.iter().any(|touch| touch.start == row)
+        };
         let mut runs: Vec<(usize, Range<usize>)> = Vec::new();
         for (sequence, rows) in &self.free {
-            match runs.last_mut() {
-                Some((s, run)) if s == sequence && run.end == rows.start => run.end = rows.end,
-                _ => runs.push((*sequence, rows.clone())),
+            let follows = |(s, run): &&mut (usize, Range<usize>)| {
+                s == sequence && run.end == rows.start && !begins(*sequence, rows.start)
+            };
+            match runs.last_mut().filter(follows) {
+                Some((_, run)) => run.end = rows.end,
+                None => runs.push((*sequence, rows.clone())),
             }
         }
         let runs: Vec<&[f64]> = runs.iter().map(|run| residuals.of(run)).collect();
-        persists.max(oscillation(&runs, residuals.joints))
+        let noise: Vec<f64> = self.whole.noise.iter().map(|n| n.sd).collect();
+        persists.max(oscillation(&runs, &noise))
     }
 
     /// The root of the median square of the means of blocks, beyond noise: a few are not free where contact begins earlier
@@ -369,7 +377,10 @@ impl<'a> Trial<'a> {
                         .filter(|p| *p > PERSISTENT)
                         .filter(|_| nominal.touches && !nominal.perfect),
                     // A model that predicts worse may leave more.
-                    left_free: much(self.left_free(&tried.checked.residuals, false).min(before)),
+                    left_free: much(
+                        self.left_free(&tried.checked.residuals, nominal.perfect)
+                            .min(before),
+                    ),
                     named: Some(tried),
                     worse: None,
                     refused,

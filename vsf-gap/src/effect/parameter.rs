@@ -31,9 +31,9 @@ pub struct Parameter {
     /// far beyond (5 of an amplitude while effects are screened, 50 of the others) is thought unlikely. Of a
     /// frequency, the change that puts the wave out of step by a small part of a turn over the recording.
     pub scale: f64,
-    /// Whether it is the share by which a joint's torques of the field are scaled. Such shares, the same for all
-    /// joints, are a scale of the stiffness, which no recording tells from it: of them, what joints differ by is sought,
-    /// and told relative to the joint that most others agree with.
+    /// Whether it is the share by which a joint's torques of the field are scaled; an effect has one for every joint, above
+    /// -1, or none. Such shares, the same for all joints, are a scale of the stiffness, which no recording tells from it:
+    /// of them, what joints differ by is sought, and told relative to the joint that most others agree with.
     pub scales_field: bool,
 }
 

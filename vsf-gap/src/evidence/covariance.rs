@@ -31,6 +31,18 @@ pub(crate) struct Spread {
     pub(crate) walk: f64,
 }
 
+impl Spread {
+    /// That of a stiffness so many times as large.
+    pub(crate) fn scaled(self, by: f64) -> Self {
+        Self {
+            point: by * self.point,
+            smooth: by * self.smooth,
+            level: by * self.level,
+            ..self
+        }
+    }
+}
+
 /// The parts of the covariance of a design, ready to be put together for any [`Spread`].
 pub(crate) struct Parts {
     windows: Windows,

@@ -24,6 +24,8 @@ pub(crate) struct Normal {
     pub(crate) information: DMatrix<f64>,
     /// `T^T C^-1 y`.
     pub(crate) score: DVector<f64>,
+    /// What readings tell of every parameter alone, without what ties them.
+    own: DVector<f64>,
 }
 
 impl Normal {
@@ -38,6 +40,7 @@ impl Normal {
             }
         }
         Self {
+            own: information.diagonal(),
             information,
             score: DVector::from_fn(t.len(), |i, _| dot(t[i], y)),
         }
@@ -127,7 +130,7 @@ impl Normal {
         let (mut theta, mut covariance) = (at_bound, DMatrix::zeros(p, p));
         // A bound is no certainty.
         for i in (0..p).filter(|&i| held[i].is_some()) {
-            covariance[(i, i)] = 1.0 / (self.information[(i, i)] + 1.0 / (sd[i] * sd[i]));
+            covariance[(i, i)] = 1.0 / (self.own[i] + 1.0 / (sd[i] * sd[i]));
         }
         for (a, &i) in free.iter().enumerate() {
             theta[i] = sd[i] * best[a];
