@@ -505,5 +505,52 @@ fn spikes_are_named() {
         says_once(&warnings, "in row 200 of sequence");
         says_once(&warnings, "looks like a fault of the sensor");
         assert!(!warnings[0].contains("more reading"), "{warnings:?}");
+        // A few rows, which without that are called columns of other joints.
+        let mut row = 0;
+        let warnings = warnings_of(recording, |torques| {
+            torques[1] += if (250..253).contains(&row) { size } else { 0.0 };
+            row += 1;
+        });
+        says_once(&warnings, "so it is in 2 more readings");
+    }
+}
+
+/// Whatever friction an arm has in the poses in which it rests.
+#[test]
+fn arms_at_rest_are_not_accused() {
+    for arm in ARMS {
+        let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join(arm);
+        let (mut dataset, _) = Dataset::open(folder, &Overrides::default()).unwrap();
+        let mut rng = Pcg32::new(1, 2);
+        let noise = Normal::new(0.0, 0.05).unwrap();
+        for sequence in &mut dataset.sequences {
+            let joints = sequence.width();
+            let still = |data: &mut [f64]| {
+                let first = data[..joints].to_vec();
+                data.chunks_exact_mut(joints)
+                    .for_each(|row| row.copy_from_slice(&first));
+            };
+            still(sequence.angles.data_mut());
+            still(sequence.torques.data_mut());
+            let torques = sequence.torques.data_mut().iter_mut();
+            torques.for_each(|t| *t += noise.sample(&mut rng));
+            if let Some(velocities) = &mut sequence.velocities {
+                velocities.data_mut().fill(0.0);
+            }
+        }
+        let robot = robot_of(&dataset, &BTreeMap::new()).unwrap();
+        let scene = Scene::in_air(&dataset, robot).unwrap();
+        let sequences: Vec<&Sequence> = dataset.sequences.iter().collect();
+        let traces = scene.traces(&sequences, || {}).unwrap();
+        let warnings = reading_warnings(&scene, &sequences, &traces);
+        let accused = |w: &str| {
+            ["exchanged", "opposite", "gravity of"]
+                .iter()
+                .any(|a| w.contains(a))
+        };
+        assert!(
+            !warnings.iter().any(|w| accused(&w.to_string())),
+            "{warnings:?}"
+        );
     }
 }

@@ -118,5 +118,5 @@ pub fn run(args: &Args, console: &Console) -> anyhow::Result<()> {
         .iter()
         .map(|p| format!("wrote {p}\n"))
         .collect();
-    console.report(text(&outcome.diagnosis, &model) + &lines)
+    console.report(text(&outcome.diagnosis, &model, campaign.site()) + &lines)
 }

@@ -21,18 +21,19 @@ const LEAST: f64 = 0.005;
 /// The diagnosis as one page that needs nothing else: no script, no network.
 pub fn page(campaign: &Campaign, outcome: &Outcome, model: &ModelFile) -> anyhow::Result<String> {
     let torques = before_and_after(campaign, outcome)?;
-    Ok(with(&outcome.diagnosis, &torques, &model.effects))
+    let found = found(&outcome.diagnosis.verdict, &model.effects, campaign.site());
+    Ok(with(&outcome.diagnosis, found, &torques, &model.effects))
 }
 
 /// The same of a report alone, which has no torques to draw.
 pub fn page_of_report(d: &Diagnosis) -> String {
-    with(d, "", &[])
+    with(d, None, "", &[])
 }
 
-fn with(d: &Diagnosis, torques: &str, corrected: &[EffectEntry]) -> String {
+fn with(d: &Diagnosis, found: Option<String>, torques: &str, corrected: &[EffectEntry]) -> String {
     let title = format!("Sim-to-real gap of {}", d.dataset);
     let mut html = format!("<h1>{}</h1>\n", escape(&title));
-    html += &answer(d, corrected);
+    html += &answer(d, found);
     html += torques;
     html += &places(d);
     html += &effects(d);
@@ -55,7 +56,7 @@ fn with(d: &Diagnosis, torques: &str, corrected: &[EffectEntry]) -> String {
     document(&title, STYLE, Script::None, &html)
 }
 
-fn answer(d: &Diagnosis, corrected: &[EffectEntry]) -> String {
+fn answer(d: &Diagnosis, found: Option<String>) -> String {
     let gap = &d.gap;
     let unit = escape(&gap.unit);
     let corrects = !gap.corrected_by.is_empty();
@@ -116,7 +117,7 @@ fn answer(d: &Diagnosis, corrected: &[EffectEntry]) -> String {
     } else {
         String::new()
     };
-    let found = found(corrected).map_or_else(String::new, |found| {
+    let found = found.map_or_else(String::new, |found| {
         format!("<span class=\"found\">{}</span>", escape(&found))
     });
     let parts = parts(gap).map_or_else(String::new, |parts| small(&parts));
@@ -469,7 +470,7 @@ mod tests {
             .find(|e| e.effect == "payload")
             .unwrap();
         named.test_score = Some(41.6);
-        assert!(verdict(&d).ends_with("do not shrink, though with it they are 42 nats likelier."));
+        assert!(verdict(&d).ends_with("they are 42 nats likelier with it."));
     }
 
     #[test]

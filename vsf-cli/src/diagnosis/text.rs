@@ -4,16 +4,16 @@ use super::words::{
     screened_out, size, summary, untestable, verdict,
 };
 use crate::console::{number, table};
-use vsf::gap::{Diagnosis, Limit, LocatedShare, ModelFile, VerdictKind};
+use vsf::gap::{Diagnosis, Limit, LocatedShare, ModelFile, Site, VerdictKind};
 
 /// Parts named of every kind, and the share below which a part is not worth a word.
 const PARTS: usize = 4;
 const LEAST: f64 = 0.05;
 
 /// The report on the terminal.
-pub fn text(diagnosis: &Diagnosis, model: &ModelFile) -> String {
+pub fn text(diagnosis: &Diagnosis, model: &ModelFile, site: &Site) -> String {
     let mut text = format!("{}\n", verdict(diagnosis));
-    if let Some(found) = found(&model.effects) {
+    if let Some(found) = found(&diagnosis.verdict, &model.effects, site) {
         text += &format!("Found {found}.\n");
     }
     text += &format!("{}\n", errors(diagnosis));

@@ -1,7 +1,7 @@
 use crate::console::number;
 use vsf::gap::{
-    Diagnosis, EffectEntry, EffectReport, Gap, Limit, MeanErrors, ParameterEstimate, Place,
-    VerdictKind, effects,
+    Diagnosis, EffectEntry, EffectReport, Gap, Limit, MeanErrors, ParameterEstimate, Place, Role,
+    Site, Verdict, VerdictKind, effects,
 };
 
 /// Headings of what would show, and of what would not.
@@ -25,7 +25,7 @@ const NATS: f64 = 3.0;
 
 /// What is told first of the parameters of an effect: those that are so many deviations from zero, and such a part of the
 /// largest of the same unit; at most so many.
-const SURE: f64 = 2.0;
+const SURE: f64 = 2.7;
 const LARGE: f64 = 0.1;
 const MOST_FOUND: usize = 4;
 
@@ -102,21 +102,35 @@ fn likelier(diagnosis: &Diagnosis) -> String {
     let named = |e: &&EffectReport| diagnosis.verdict.effects == [e.effect.as_str()];
     let score = (diagnosis.effects.iter().find(named)).and_then(|e| e.test_score);
     match score.filter(|s| *s >= NATS) {
-        Some(score) => format!(", though with it they are {score:.0} nats likelier"),
+        Some(score) => format!(
+            ", though in the contact in which effects are looked for they are {score:.0} nats likelier with it"
+        ),
         None => String::new(),
     }
 }
 
-/// What the corrected model found: the largest amplitudes of each of its effects.
-pub fn found(corrected: &[EffectEntry]) -> Option<String> {
+/// What the corrected model found: the largest amplitudes of each effect that is named.
+pub fn found(verdict: &Verdict, corrected: &[EffectEntry], site: &Site) -> Option<String> {
+    if verdict.kind != VerdictKind::Effects {
+        return None;
+    }
+    let catalogue = effects::catalogue();
     let of = |e: &EffectEntry| {
+        let effect = catalogue.iter().find(|known| known.name() == e.effect)?;
+        let parameters = effect.parameters(site);
+        let is_amplitude = |p: &&ParameterEstimate| {
+            let known = parameters.iter().find(|known| known.name == p.name);
+            known.is_some_and(|known| known.role == Role::Amplitude)
+        };
         let most = |unit: &str| {
             let same = e.parameters.iter().filter(|p| p.unit == unit);
             same.fold(0.0_f64, |most, p| most.max(p.value.abs()))
         };
-        let mut large: Vec<&ParameterEstimate> = (e.parameters.iter())
-            .filter(|p| p.value.abs() > SURE * p.sd && p.value.abs() >= LARGE * most(&p.unit))
+        let size = |p: &ParameterEstimate| p.value.abs() / most(&p.unit);
+        let mut large: Vec<&ParameterEstimate> = (e.parameters.iter().filter(is_amplitude))
+            .filter(|p| p.value.abs() > SURE * p.sd && size(p) >= LARGE)
             .collect();
+        large.sort_by(|a, b| size(b).total_cmp(&size(a)));
         let more = match large.len() > MOST_FOUND {
             true => " and others",
             false => "",
@@ -424,39 +438,75 @@ pub fn untestable(effects: &[EffectReport]) -> Vec<(&str, Vec<&str>)> {
 mod tests {
     #![allow(clippy::unwrap_used)]
     use super::*;
+    use vsf::data::TorqueKind;
 
-    /// Not what may be zero, nor what is small beside others of its unit.
+    /// Not what may be zero, nor what is small beside others of its unit, nor what only gives an effect its form.
     #[test]
-    fn the_largest_parameters_are_told_first() {
-        let entry = |effect: &str, parameters: &[(f64, f64, &str)]| {
-            let parameter =
-                |(k, (value, sd, unit)): (usize, &(f64, f64, &str))| ParameterEstimate {
-                    name: format!("p_{k}"),
-                    value: *value,
-                    sd: *sd,
-                    unit: (*unit).to_owned(),
-                };
-            EffectEntry {
-                effect: effect.to_owned(),
-                parameters: parameters.iter().enumerate().map(parameter).collect(),
-            }
+    fn the_largest_amplitudes_are_told_first() {
+        let site = Site {
+            robot: vsf::robots::planar_arm(5, 0.3, 0.03).unwrap().into(),
+            rest: vsf::core::RestPoints::new(Vec::new()).unwrap().into(),
+            gravity: vsf::core::nalgebra::Vector3::zeros(),
+            torque_kind: TorqueKind::External,
+            friction: 0.0,
+            sequences: Vec::new(),
+            duration: 1.0,
+            sequence_duration: 1.0,
         };
+        let parameter = |(name, value, sd, unit): &(&str, f64, f64, &str)| ParameterEstimate {
+            name: (*name).to_owned(),
+            value: *value,
+            sd: *sd,
+            unit: (*unit).to_owned(),
+        };
+        let entry = |effect: &str, parameters: &[(&str, f64, f64, &str)]| EffectEntry {
+            effect: effect.to_owned(),
+            parameters: parameters.iter().map(parameter).collect(),
+        };
+        let of = |kind: VerdictKind, entries: &[EffectEntry]| {
+            let verdict = serde_json::json!({
+                "kind": kind, "effects": [], "probability": 1.0, "effect_set_95": [],
+            });
+            found(&serde_json::from_value(verdict).unwrap(), entries, &site)
+        };
+        let effects = |entries: &[EffectEntry]| of(VerdictKind::Effects, entries);
         let bias = entry(
-            "bias",
-            &[(-2.0, 0.1, "N m"), (0.05, 0.001, "N m"), (0.5, 0.4, "N m")],
+            "torque_bias",
+            &[
+                ("b_1", -2.0, 0.1, "N m"),
+                ("b_2", 0.05, 0.001, "N m"),
+                ("b_3", 0.5, 0.4, "N m"),
+            ],
         );
         assert_eq!(
-            found(std::slice::from_ref(&bias)).unwrap(),
-            "bias: p_0 = -2.00 ± 0.10 N m"
+            effects(std::slice::from_ref(&bias)).unwrap(),
+            "torque_bias: b_1 = -2.00 ± 0.10 N m"
         );
-        let many = entry("many", &[(1.0, 0.1, "N"); 5]);
-        let both = found(&[bias, many]).unwrap();
+        let c = |name, value| (name, value, 0.01, "N m");
+        let friction = entry(
+            "joint_coulomb_friction",
+            &[
+                c("c_1", 0.2),
+                c("c_2", 0.3),
+                c("c_3", 0.4),
+                c("c_4", 0.5),
+                c("c_5", 0.6),
+                ("eps", 0.02, 0.001, "rad/s"),
+            ],
+        );
+        let both = effects(&[bias.clone(), friction]).unwrap();
+        let words =
+            "; joint_coulomb_friction: c_5 = 0.600 ± 0.010 N m, c_4 = 0.500 ± 0.010 N m, c_3";
+        assert!(both.contains(words), "{both}");
         assert!(
-            both.starts_with("bias: p_0 = -2.00 ± 0.10 N m; many: p_0 = "),
+            both.ends_with("c_2 = 0.300 ± 0.010 N m and others"),
             "{both}"
         );
-        assert!(both.ends_with("p_3 = 1.00 ± 0.10 N and others"), "{both}");
-        assert_eq!(found(&[entry("none", &[(0.0, 0.0, "1")])]), None);
+        assert_eq!(
+            effects(&[entry("torque_bias", &[("b_1", 0.0, 0.0, "N m")])]),
+            None
+        );
+        assert_eq!(of(VerdictKind::Unknown, &[bias]), None);
     }
 
     #[test]

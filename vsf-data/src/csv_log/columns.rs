@@ -216,6 +216,7 @@ fn quoted(titles: &[String]) -> String {
     let titles: Vec<String> = titles.iter().map(|t| format!("{t:?}")).collect();
     crate::ros::some(&titles)
 }
+
 /// What may be wrong with the first line, where it has one title.
 fn separated(titles: &[String]) -> &'static str {
     match titles {

@@ -6,11 +6,14 @@ use nalgebra::{Matrix3, Matrix4, Matrix4x3, Vector3, Vector4};
 use vsf_data::Sequence;
 
 /// Another gravity has to leave less than this share of the squared residuals, and to differ by so much (m/s²): less is
-/// an arm that was set up askew, or a payload.
+/// an arm that was set up askew. It has to be about as strong as it is on earth (m/s²): a load at the hand is weight, too.
 const MOST_LEFT: f64 = 0.25;
 const LEAST_CHANGE: f64 = 2.5;
+const STRENGTH: std::ops::RangeInclusive<f64> = 8.0..=11.5;
 /// Directions along which weight tells less than this share of what it does along others are left as they are.
 const UNTOLD: f64 = 1e-4;
+/// Dry friction is nearly full from twice this speed on (rad/s or m/s).
+const SLOW: f64 = 0.01;
 /// The same of offsets and friction.
 const ROUNDING: f64 = 1e-12;
 
@@ -26,9 +29,12 @@ pub fn warning(
     let mut products = Matrix4::zeros();
     let mut samples = 0;
     for (sequence, trace) in sequences.iter().zip(traces) {
-        let joints = free(scene, sequence, trace).ok()?;
-        samples += joints.first().map_or(0, |joint| joint.len());
-        products += joints.iter().map(Joint::products).sum::<Matrix4<f64>>();
+        // Where the motion is not known, nothing is known of friction.
+        let Ok(joints) = free(scene, sequence, trace) else {
+            continue;
+        };
+        samples += joints.first().map_or(0, |joint| joint.rows.len());
+        products += joints.iter().map(Free::products).sum::<Matrix4<f64>>();
     }
     let weight: Matrix3<f64> = products.fixed_view::<3, 3>(0, 0).into();
     let both: Vector3<f64> = products.fixed_view::<3, 1>(0, 3).into();
@@ -39,9 +45,11 @@ pub fn warning(
         .map(|(told, direction)| direction * (direction.dot(&both) / told))
         .sum();
     let left = 1.0 - change.dot(&both) / products[(3, 3)];
-    let found = samples >= least_samples && left < MOST_LEFT && change.norm() > LEAST_CHANGE;
+    let gravity = scene.gravity() + change;
+    let other = change.norm() > LEAST_CHANGE && STRENGTH.contains(&gravity.norm());
+    let found = samples >= least_samples && left < MOST_LEFT && other;
     found.then(|| PipelineWarning::OtherGravity {
-        gravity: (scene.gravity() + change).into(),
+        gravity: gravity.into(),
         given: scene.gravity().into(),
         left,
     })
@@ -49,7 +57,7 @@ pub fn warning(
 
 /// The samples of a joint in a sequence in which nothing is touched.
 #[derive(Clone, Default)]
-struct Joint {
+struct Free {
     /// Its torques of gravity along the axes of the world, of unit strength, and what is read beyond weight and motion of
     /// the arm.
     rows: Vec<Vector4<f64>>,
@@ -57,11 +65,7 @@ struct Joint {
     beside: Vec<Vector3<f64>>,
 }
 
-impl Joint {
-    fn len(&self) -> usize {
-        self.rows.len()
-    }
-
+impl Free {
     /// Sums of products of the rows, without what offsets and friction explain.
     fn products(&self) -> Matrix4<f64> {
         let pairs = || self.rows.iter().zip(&self.beside);
@@ -77,10 +81,10 @@ impl Joint {
 }
 
 /// These samples of every joint.
-fn free(scene: &Scene, sequence: &Sequence, trace: &Trace) -> Result<Vec<Joint>, PipelineError> {
+fn free(scene: &Scene, sequence: &Sequence, trace: &Trace) -> Result<Vec<Free>, PipelineError> {
     let robot = scene.robot();
     let mut workspace = robot.dynamics_workspace();
-    let mut joints = vec![Joint::default(); robot.joint_count()];
+    let mut joints = vec![Free::default(); robot.joint_count()];
     let motion = motion_of(robot, sequence)?;
     let states = sequence.angles.iter().zip(motion.velocities.iter());
     for ((q, qd), observation) in states.zip(&trace.observations) {
@@ -99,7 +103,9 @@ fn free(scene: &Scene, sequence: &Sequence, trace: &Trace) -> Result<Vec<Joint>,
         }
         for ((joint, row), qd) in joints.iter_mut().zip(rows).zip(qd) {
             joint.rows.push(row);
-            joint.beside.push(Vector3::new(1.0, qd.signum(), *qd));
+            joint
+                .beside
+                .push(Vector3::new(1.0, (qd / SLOW).tanh(), *qd));
         }
     }
     Ok(joints)

@@ -4,6 +4,7 @@ use super::{
 };
 use crate::readings::check_sequence;
 use crate::{Scene, Trace, motion_of, reading_unit, rigid_body_torques};
+use nalgebra::DVector;
 use vsf_core::Observation;
 use vsf_data::{Motion, Sequence, Table, TorqueKind, tare};
 use vsf_robots::Joint;
@@ -23,8 +24,8 @@ const GRAVITY_SIZE: std::ops::RangeInclusive<f64> = 0.8..=1.25;
 /// Readings of the actuators of the other sign leave twice the torques of gravity.
 const TWICE: std::ops::RangeInclusive<f64> = 1.6..=2.5;
 
-/// What looks wrong with the readings: torques of another unit, of the other sign, in another order, with gravity or
-/// offsets left in them, sensors that are stuck, dead, frozen or saturated, tare samples that are no rest. `traces` are those of `sequences`, in their order. Of
+/// What looks wrong with the readings: torques of another unit, of the other sign, in another order, of another gravity,
+/// with gravity or offsets left in them, single ones that are far off, sensors that are stuck, dead, frozen or saturated, tare samples that are no rest. `traces` are those of `sequences`, in their order. Of
 /// sequences that [`Sequence::check`] refuses, with other joints than the robot's, and of traces that
 /// [`Trace::check`] refuses, only that.
 pub fn reading_warnings(
@@ -63,7 +64,9 @@ pub fn reading_warnings(
     };
     warnings.extend(tares(&|t| tare_in_contact(t, scene.tare_samples())));
     warnings.extend(tares(&|t| tare_spread(t, scene)));
-    warnings.extend(spikes::warning(scene, sequences));
+    let spike = spikes::warning(scene, sequences, traces);
+    let spiked = spike.is_some();
+    warnings.extend(spike);
     let sensors = sensors::warnings(scene, sequences, traces);
     // Angles that traces were made of can be taken.
     let rigid = sequences.iter().map(|s| rigid(scene, s));
@@ -76,14 +79,20 @@ pub fn reading_warnings(
     if !sensors.iter().any(told) {
         warnings.extend(actuators::warning(scene, sequences, &rigid));
     }
-    let sick = !sensors.is_empty();
+    let sick = spiked || !sensors.is_empty();
     warnings.extend(sensors);
     // Gravity that is left, and other offsets, may turn readings round; without one joint's, columns mean little.
     let rigid = tared(scene, rigid).unwrap_or_default();
-    let misread = (!sick).then(|| misread(scene, &rigid, traces));
-    let offset = (misread.flatten())
+    let misread = (!sick).then(|| misread(scene, &rigid, traces)).flatten();
+    let turned = other_gravity(scene, sequences, traces);
+    // What leaves less.
+    let (first, second) = match share_left(misread.as_ref()) <= share_left(turned.as_ref()) {
+        true => (misread, turned),
+        false => (turned, misread),
+    };
+    let offset = first
         .or_else(|| gravity_left(scene, &rigid, traces))
-        .or_else(|| other_gravity(scene, sequences, traces))
+        .or(second)
         .or_else(|| not_tared(scene, traces));
     if sick || offset.is_some() {
         warnings.extend(offset);
@@ -257,6 +266,19 @@ fn gravity_left(scene: &Scene, rigid: &[Table], traces: &[Trace]) -> Option<Pipe
     }
 }
 
+/// What another convention leaves of what the given one does, if there is one.
+fn share_left(warning: Option<&PipelineWarning>) -> f64 {
+    use PipelineWarning::{MixedActuators, OppositeActuators, OtherGravity};
+    match warning {
+        Some(
+            OppositeActuators { left, .. }
+            | MixedActuators { left, .. }
+            | OtherGravity { left, .. },
+        ) => *left,
+        _ => f64::INFINITY,
+    }
+}
+
 /// Weight in the readings of the actuators that is of another gravity.
 fn other_gravity(
     scene: &Scene,
@@ -274,9 +296,12 @@ fn misread(scene: &Scene, rigid: &[Table], traces: &[Trace]) -> Option<PipelineW
     }
     let joints = scene.robot().joints();
     let mut weighed = Weighed::new(joints.len());
-    for (left, rigid) in in_air(rigid, traces) {
-        let whole: Vec<f64> = rigid.iter().zip(left).map(|(r, left)| r - left).collect();
-        weighed.add(&whole, rigid);
+    for (rigid, trace) in rigid.iter().zip(traces) {
+        let samples: Vec<_> = in_air(std::slice::from_ref(rigid), std::slice::from_ref(trace))
+            .map(|(left, rigid)| [left, rigid].map(DVector::from_row_slice))
+            .map(|[left, rigid]| (&rigid - left, rigid))
+            .collect();
+        weighed.add(&samples);
     }
     match weighed.count() >= LEAST_FREE {
         true => weighed.warning(joints),

@@ -4,7 +4,7 @@
 use super::PipelineWarning;
 use super::order::{Columns, as_given, orders, with_signs};
 use crate::reading_unit;
-use nalgebra::DMatrix;
+use nalgebra::{DMatrix, DVector};
 use vsf_robots::Joint;
 
 /// Another convention has to leave less than this share of the squared differences of the joints that it changes.
@@ -13,41 +13,45 @@ const MOST_LEFT: f64 = 0.25;
 /// payload may turn them round.
 const LEAST_WEIGHT: f64 = 0.02;
 
-/// How readings vary where nothing is touched, beside the torques of the arm alone. What is constant does not count: it
-/// may be an offset.
+/// How readings vary where nothing is touched, beside the torques of the arm alone. What is constant in a sequence does not
+/// count: it may be an offset, and an arm at rest says nothing of signs.
 pub struct Weighed {
     count: usize,
-    /// Sums of the readings, by column, and of their squares; and of the torques, by joint.
-    readings: [Vec<f64>; 2],
-    rigid: [Vec<f64>; 2],
-    /// Sums of products, a row for every joint.
+    /// Sums of squares of the readings, by column, and of the torques, by joint, about their means.
+    readings: DVector<f64>,
+    rigid: DVector<f64>,
+    /// Sums of products alike, a row for every joint.
     both: DMatrix<f64>,
 }
 
 impl Weighed {
     pub fn new(joints: usize) -> Self {
-        let zeros = || [vec![0.0; joints], vec![0.0; joints]];
         Self {
             count: 0,
-            readings: zeros(),
-            rigid: zeros(),
+            readings: DVector::zeros(joints),
+            rigid: DVector::zeros(joints),
             both: DMatrix::zeros(joints, joints),
         }
     }
 
-    /// Takes one sample in.
-    pub fn add(&mut self, readings: &[f64], rigid: &[f64]) {
-        self.count += 1;
-        for (j, torque) in rigid.iter().enumerate() {
-            self.rigid[0][j] += torque;
-            self.rigid[1][j] += torque * torque;
-            for (k, reading) in readings.iter().enumerate() {
-                self.both[(j, k)] += torque * reading;
-            }
-        }
-        for (k, reading) in readings.iter().enumerate() {
-            self.readings[0][k] += reading;
-            self.readings[1][k] += reading * reading;
+    /// Takes a sequence in: readings and torques of the arm alone.
+    pub fn add(&mut self, samples: &[(DVector<f64>, DVector<f64>)]) {
+        let joints = self.readings.len();
+        let many = samples.len().max(1) as f64;
+        let mean = |of: &dyn Fn(&(DVector<f64>, DVector<f64>)) -> DVector<f64>| {
+            let sum = samples
+                .iter()
+                .map(of)
+                .fold(DVector::zeros(joints), |sum, v| sum + v);
+            sum / many
+        };
+        let (reading, torque) = (mean(&|s| s.0.clone()), mean(&|s| s.1.clone()));
+        self.count += samples.len();
+        for sample in samples {
+            let (y, rigid) = (&sample.0 - &reading, &sample.1 - &torque);
+            self.readings += y.component_mul(&y);
+            self.rigid += rigid.component_mul(&rigid);
+            self.both += &rigid * y.transpose();
         }
     }
 
@@ -56,21 +60,14 @@ impl Weighed {
         self.count
     }
 
-    fn variance(&self, [sum, squares]: &[Vec<f64>; 2], k: usize) -> f64 {
-        squares[k] - sum[k] * sum[k] / self.count as f64
-    }
-
     /// Squared differences at a joint that takes a column with a sign.
     fn left(&self, joint: usize, (column, sign): (usize, f64)) -> f64 {
-        let means = self.rigid[0][joint] * self.readings[0][column] / self.count as f64;
-        let covariance = self.both[(joint, column)] - means;
-        let own = self.variance(&self.readings, column) + self.variance(&self.rigid, joint);
-        own - 2.0 * sign * covariance
+        self.readings[column] + self.rigid[joint] - 2.0 * sign * self.both[(joint, column)]
     }
 
     /// Some joints' torques of the wrong sign, not those of all that tell; or columns in the wrong order.
     pub fn warning(&self, joints: &[Joint]) -> Option<PipelineWarning> {
-        let rigid = |j: usize| self.variance(&self.rigid, j);
+        let rigid = |j: usize| self.rigid[j];
         let alike = |j: usize, k: &usize| reading_unit(&joints[j]) == reading_unit(&joints[*k]);
         // Of all joints of its unit the most.
         let scales: Vec<f64> = (0..joints.len())
@@ -83,17 +80,21 @@ impl Weighed {
             .collect();
         let tells = |j: &usize| rigid(*j) > LEAST_WEIGHT * LEAST_WEIGHT * scales[*j];
         let telling: Vec<usize> = (0..joints.len()).filter(tells).collect();
-        let left = |columns: &Columns, of: &dyn Fn(usize) -> bool| {
-            let of = (0..joints.len()).filter(|j| of(*j) && scales[*j] > 0.0);
-            of.map(|j| self.left(j, columns[j]) / scales[j])
-                .sum::<f64>()
+        let left_of = |columns: &Columns, j: usize| match scales[j] > 0.0 {
+            true => self.left(j, columns[j]) / scales[j],
+            false => 0.0,
+        };
+        let left = |columns: &Columns| {
+            let each = (0..joints.len()).map(|j| left_of(columns, j));
+            each.sum::<f64>()
         };
         let given = as_given(joints.len());
-        // A joint that tells nothing counts, too: no column is better for being taken away. Where nothing is read, shares
-        // are no numbers.
+        // Also of joints that tell nothing: else a column that fits none would be exchanged with theirs. Where nothing is
+        // read, shares are no numbers.
         let share_left = |columns: &Columns| {
-            let changed = |j: usize| columns[j] != given[j];
-            left(columns, &changed) / left(&given, &changed)
+            let changed = || (0..joints.len()).filter(|&j| columns[j] != given[j]);
+            let of = |columns: &Columns| changed().map(|j| left_of(columns, j)).sum::<f64>();
+            of(columns) / of(&given)
         };
         let mut signs = vec![1.0; joints.len()];
         for &j in &telling {
@@ -107,9 +108,9 @@ impl Weighed {
         let by_signs = with_signs(&signs);
         let evident = |(_, columns): &(_, Columns)| share_left(columns) < MOST_LEFT;
         let best = (orders(joints.len()).filter(evident))
-            .map(|(order, columns)| (left(&columns, &|_| true), order, columns))
+            .map(|(order, columns)| (left(&columns), order, columns))
             .min_by(|a, b| a.0.total_cmp(&b.0));
-        if let Some((_, order, columns)) = best.filter(|b| b.0 < left(&by_signs, &|_| true)) {
+        if let Some((_, order, columns)) = best.filter(|b| b.0 < left(&by_signs)) {
             return Some(PipelineWarning::MixedActuators {
                 order: order.in_words(joints),
                 left: share_left(&columns),
