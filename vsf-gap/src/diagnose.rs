@@ -195,8 +195,9 @@ fn attempt(
     };
     let inside = || Extent::inside(campaign, &trial, &judgement, &search.field);
     let (extent, failed) = match outside {
-        Ok(extent) => (extent.unwrap_or_else(inside), None),
-        Err(e) => (inside(), Some(e)),
+        Ok(Some(extent)) => (extent, None),
+        Ok(None) => (inside()?, None),
+        Err(e) => (inside()?, Some(e)),
     };
     judgement.worse = extent.worse();
     let closed = extent.closed();
@@ -265,10 +266,10 @@ fn attempt(
     )?;
     let verdict = answer.verdict;
     let checked = trial.sequences;
-    let touches = trial.touches()?;
     let errors = |touching: bool| {
-        let of = |residuals: &Residuals| residuals.mean_error_of(|k| touches[k] == touching);
-        let samples = touches.iter().filter(|t| **t == touching).count();
+        let is_one = |k: usize| extent.touches.get(k) == Some(&touching);
+        let of = |residuals: &Residuals| residuals.mean_error_of(is_one);
+        let samples = extent.touches.iter().filter(|t| **t == touching).count();
         (samples > 0).then(|| MeanErrors {
             nominal: of(before),
             corrected: of(after),

@@ -17,6 +17,19 @@ pub struct Estimated {
 }
 
 impl Campaign {
+    /// Of every sample of sequences in turn, whether the nominal model touches anything.
+    ///
+    /// # Errors
+    /// Rows that contact cannot take.
+    pub(crate) fn touches(&self, sequences: &[Motion]) -> Result<Vec<bool>, GapError> {
+        let all: Vec<&Motion> = sequences.iter().collect();
+        let logs = self.contact_logs(&Model::default(), &all)?;
+        let contacts = logs.iter().flat_map(|log| &log.contacts);
+        Ok(contacts.map(|c| !c.is_empty()).collect())
+    }
+}
+
+impl Campaign {
     /// A field as one would estimate it outside of a diagnosis, under a model: the batch optimum over the train sequences
     /// with every parameter chosen from them. `None` without test sequences (without a test split it is the last train
     /// sequence that checks, and does not train) or train sequences that touch.
@@ -66,8 +79,9 @@ impl Campaign {
 pub(crate) struct Extent {
     /// That of the nominal model, as one estimates without another.
     nominal: Estimated,
-    /// From where on points are touched there (m); none in free air.
+    /// From where on points are touched there (m); none in free air. And which samples touch.
     threshold: Option<f64>,
+    touches: Vec<bool>,
     /// How the named model does.
     named: Option<Compared>,
     /// Whether fields are estimated as outside of a diagnosis.
@@ -81,6 +95,8 @@ pub(crate) struct Compared {
     pub(crate) closed: Closure,
     /// From where on points are touched (m), before and after; none in free air.
     pub(crate) threshold: Option<f64>,
+    /// Which samples touch anything then, in turn.
+    pub(crate) touches: Vec<bool>,
 }
 
 impl Extent {
@@ -119,6 +135,7 @@ impl Extent {
             named = Some(Compared {
                 closed: closure(&before.residuals, &after.residuals, noise, checked, seed),
                 threshold: Some(there.scene.contact().threshold),
+                touches: there.touches(checked)?,
                 before,
                 after,
             });
@@ -126,24 +143,29 @@ impl Extent {
         Ok(Some(Self {
             nominal,
             threshold: Some(suited.scene.contact().threshold),
+            touches: suited.touches(&campaign.test)?,
             named,
             estimated: true,
         }))
     }
 
     /// With the fields of the diagnosis; `field` is that of the nominal model.
+    ///
+    /// # Errors
+    /// Rows that contact cannot take.
     pub(crate) fn inside(
         campaign: &Campaign,
         trial: &Trial<'_>,
         judgement: &Judgement<'_>,
         field: &[f64],
-    ) -> Self {
+    ) -> Result<Self, GapError> {
         let nominal = Estimated {
             field: field.to_vec(),
             residuals: trial.before.clone(),
         };
-        let touches = !campaign.scene.rest().is_empty();
-        let threshold = touches.then_some(campaign.scene.contact().threshold);
+        let has_points = !campaign.scene.rest().is_empty();
+        let threshold = has_points.then_some(campaign.scene.contact().threshold);
+        let touches = campaign.touches(trial.sequences)?;
         let named = judgement.named.as_ref().map(|t| Compared {
             before: nominal.clone(),
             after: Estimated {
@@ -152,13 +174,15 @@ impl Extent {
             },
             closed: t.checked.closure,
             threshold,
+            touches: touches.clone(),
         });
-        Self {
+        Ok(Self {
             nominal,
             threshold,
+            touches,
             named,
             estimated: false,
-        }
+        })
     }
 
     /// The share of the gap that the named model closes.
@@ -186,6 +210,7 @@ impl Extent {
                 interval: [0.0; 2],
             },
             threshold: self.threshold,
+            touches: self.touches,
         })
     }
 }

@@ -128,7 +128,7 @@ pub struct Gap {
     /// Effects of the corrected model; none where nothing is corrected.
     #[serde(default)]
     pub corrected_by: Vec<String>,
-    /// Mean errors of the samples in which nothing is touched; `null` without such ones.
+    /// Mean errors of the samples in which nothing is touched from [`Gap::threshold`] on; `null` without such ones.
     #[serde(default)]
     pub free: Option<MeanErrors>,
     /// The same of those in which something is.

@@ -192,17 +192,6 @@ impl<'a> Trial<'a> {
         })
     }
 
-    /// Of every sample of the sequences in turn, whether the nominal model touches anything.
-    ///
-    /// # Errors
-    /// Rows that contact cannot take.
-    pub(crate) fn touches(&self) -> Result<Vec<bool>, GapError> {
-        let all: Vec<&Motion> = self.sequences.iter().collect();
-        let logs = self.whole.contact_logs(&Model::default(), &all)?;
-        let contacts = logs.iter().flat_map(|log| &log.contacts);
-        Ok(contacts.map(|c| !c.is_empty()).collect())
-    }
-
     /// How far residuals close the gap of the nominal model.
     pub(crate) fn closure(&self, after: &Residuals) -> Closure {
         let noise = &self.whole.noise;
