@@ -420,7 +420,7 @@ pub fn keep_made(out: &Path, by: &[&str]) -> anyhow::Result<()> {
             false => return Ok(()),
             true => {
                 return Err(usage(format!(
-                    "--out {}: dataset.json there was edited since {command:?} wrote it, which would be lost; choose a new \
+                    "--out {}: the recording there was edited since {command:?} wrote it, which would be lost; choose a new \
                      folder, or remove that one",
                     out.display()
                 )));

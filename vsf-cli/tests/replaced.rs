@@ -74,9 +74,17 @@ fn edited_recordings_are_replaced_by_none() {
         fs::write(&metadata, &edited).unwrap();
         bench.fails(line, 2, &["edited since", command, "choose a new folder"]);
         assert_eq!(fs::read_to_string(&metadata).unwrap(), edited);
-        // Blanks are no edit.
+        // Blanks are no edit, nor are files of others.
         fs::write(&metadata, written.replace("  ", "\t")).unwrap();
+        fs::write(bench.root.join("out/notes.txt"), "mine").unwrap();
         bench.ok(line);
+        let torques = bench.root.join("out/seq_b/torques.npy");
+        let mut bytes = fs::read(&torques).unwrap();
+        *bytes.last_mut().unwrap() ^= 1;
+        fs::write(&torques, &bytes).unwrap();
+        bench.fails(line, 2, &["edited since", command]);
+        assert_eq!(fs::read(&torques).unwrap(), bytes);
+        assert_eq!(fs::read(bench.root.join("out/notes.txt")).unwrap(), b"mine");
     }
 }
 

@@ -278,8 +278,9 @@ impl Dataset {
         metadata::maker(dir.as_ref())
     }
 
-    /// Whether the `dataset.json` of a recording that a command has made was edited since, as by hand: it holds a digest
-    /// of its values.
+    /// Whether a recording that a command has made was edited since, as by hand: `dataset.json` holds a digest of its values
+    /// and of the arrays and files of the robot. What others have put beside them does not count. One without a digest is
+    /// taken for edited.
     pub fn is_edited(dir: impl AsRef<Path>) -> bool {
         metadata::is_edited(dir.as_ref())
     }

@@ -1,25 +1,93 @@
-//! Whether `dataset.json` was edited since it was written: what a command has made it makes again, what a hand has set
-//! it does not.
+//! Whether a recording was edited since it was written: what a command has made it makes again, what a hand has set it does
+//! not.
 
-use serde_json::{Map, Value};
+use crate::dataset::{CAMERA, FIELD, POINTS};
+use crate::sequence::PREFIX;
+use blake3::Hasher;
+use serde_json::{Map, Number, Value};
+use std::collections::BTreeMap;
+use std::fs;
+use std::path::{Path, PathBuf};
 
-/// The key of the digest, in bytes that have one.
+/// The key of the digest, in metadata that have one.
 const KEY: &str = "digest";
 
-/// Digest of the values of a JSON object, whatever their order and the blanks between them; a digest is none of them.
-pub(crate) fn digest(bytes: &[u8]) -> Result<String, serde_json::Error> {
-    let mut values: Map<String, Value> = serde_json::from_slice(bytes)?;
+/// Folder in which commands put the files of the robot.
+const ROBOT: &str = "robot";
+
+/// Digests of files, by their paths in the folder of the recording.
+pub(crate) type Files = BTreeMap<PathBuf, blake3::Hash>;
+
+/// Digest of other files and of the values of the metadata, a JSON object: whatever their order, the blanks between them
+/// and how numbers are written. A digest is none of them.
+pub(crate) fn digest(metadata: &[u8], files: &Files) -> Result<String, serde_json::Error> {
+    let mut values: Map<String, Value> = serde_json::from_slice(metadata)?;
     values.remove(KEY);
-    let mut values = Value::Object(values);
+    let mut values = as_floats(Value::Object(values));
     values.sort_all_objects();
-    Ok(blake3::hash(values.to_string().as_bytes()).to_hex()[..16].to_owned())
+    let mut hasher = Hasher::new();
+    hasher.update(values.to_string().as_bytes());
+    for (path, hash) in files {
+        hasher.update(path.to_string_lossy().as_bytes());
+        hasher.update(hash.as_bytes());
+    }
+    Ok(hasher.finalize().to_hex()[..16].to_owned())
 }
 
-/// Whether a JSON object has a digest, but of other values.
-pub(crate) fn are_edited(bytes: &[u8]) -> bool {
+/// Whether a recording in a folder is as a command wrote it, the metadata being `bytes`. Of links nothing is said: they are
+/// not written to.
+pub(crate) fn is_as_written(folder: &Path, bytes: &[u8]) -> bool {
     let values: Map<String, Value> = serde_json::from_slice(bytes).unwrap_or_default();
     let known = values.get(KEY).and_then(Value::as_str);
-    known.is_some_and(|known| digest(bytes).is_ok_and(|own| own != known))
+    match (known, found(folder)) {
+        (Some(known), Ok(Some(files))) => digest(bytes, &files).is_ok_and(|own| own == known),
+        (known, Ok(None)) => known.is_some(),
+        _ => false,
+    }
+}
+
+/// The files of a recording, without what others have put beside them; `None` if one is a link.
+fn found(folder: &Path) -> Result<Option<Files>, std::io::Error> {
+    let mut found = Files::new();
+    let mut folders = vec![PathBuf::new()];
+    while let Some(inside) = folders.pop() {
+        for entry in fs::read_dir(folder.join(&inside))? {
+            let entry = entry?;
+            let name = entry.file_name().to_string_lossy().into_owned();
+            let path = inside.join(&name);
+            let is_part = [POINTS, FIELD, CAMERA, ROBOT].contains(&&*name);
+            let is_own = inside != Path::new("") || is_part || name.starts_with(PREFIX);
+            if name.starts_with('.') || !is_own {
+                continue;
+            }
+            if entry.file_type()?.is_symlink() {
+                return Ok(None);
+            }
+            match entry.path().is_dir() {
+                true => folders.push(path),
+                false => {
+                    found.insert(path, blake3::hash(&fs::read(entry.path())?));
+                }
+            }
+        }
+    }
+    Ok(Some(found))
+}
+
+/// The same values with all numbers as floating-point ones, as some programs write them.
+fn as_floats(value: Value) -> Value {
+    match value {
+        Value::Number(n) => {
+            let float = n.as_f64().and_then(Number::from_f64);
+            Value::Number(float.unwrap_or(n))
+        }
+        Value::Array(values) => Value::Array(values.into_iter().map(as_floats).collect()),
+        Value::Object(values) => {
+            let values = values.into_iter().map(|(k, v)| (k, as_floats(v)));
+            Value::Object(values.collect())
+        }
+        other => other,
+    }
 }
 
 #[cfg(test)]
@@ -29,22 +97,24 @@ mod tests {
 
     #[test]
     fn edits_show_and_layout_does_not() {
-        let of = |text: &str| digest(text.as_bytes()).unwrap();
+        let files: Files = [(PathBuf::from("points.npy"), blake3::hash(b"1"))].into();
+        let of = |text: &str| digest(text.as_bytes(), &files).unwrap();
         let own = of(r#"{"a": 1, "b": {"x": 0.1, "y": [1, 2]}}"#);
-        let with = |digest: &str, rest: &str| format!(r#"{{"digest": "{digest}", {rest}}}"#);
-        let same = with(&own, r#""b":{"y":[1,2],"x":0.1},"a":1"#);
-        assert!(!are_edited(same.as_bytes()));
+        assert_eq!(
+            of(r#"{"digest": "0", "b":{"y":[1.0,2],"x":0.1},"a":1e0}"#),
+            own
+        );
         for changed in [
-            r#""b":{"y":[1,2],"x":0.1},"a":2"#,
-            r#""b":{"y":[2,1],"x":0.1},"a":1"#,
-            r#""b":{"y":[1,2],"x":0.1},"a":1,"c":null"#,
-            r#""b":{"y":[1,2],"x":0.1}"#,
+            r#"{"b":{"y":[1,2],"x":0.1},"a":2}"#,
+            r#"{"b":{"y":[2,1],"x":0.1},"a":1}"#,
+            r#"{"b":{"y":[1,2],"x":0.1},"a":1,"c":null}"#,
+            r#"{"b":{"y":[1,2],"x":0.1}}"#,
         ] {
-            assert!(are_edited(with(&own, changed).as_bytes()), "{changed}");
+            assert_ne!(of(changed), own, "{changed}");
         }
-        // What has none was never signed.
-        for unsigned in [r#"{"a": 1}"#, "[]", "{", r#"{"digest": 5}"#] {
-            assert!(!are_edited(unsigned.as_bytes()), "{unsigned}");
-        }
+        assert_ne!(
+            digest(br#"{"a": 1, "b": {"x": 0.1, "y": [1, 2]}}"#, &Files::new()).unwrap(),
+            own
+        );
     }
 }

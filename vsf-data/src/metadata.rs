@@ -236,7 +236,7 @@ struct Raw {
     made_by: Option<String>,
     #[serde(rename = "contact_parameters", skip_serializing_if = "Option::is_none")]
     contact: Option<ContactParameters>,
-    /// Of the other values, in recordings that a command has made.
+    /// Of the other values and files, in recordings that a command has made.
     #[serde(skip_serializing_if = "Option::is_none")]
     digest: Option<String>,
     #[serde(flatten)]
@@ -415,15 +415,15 @@ pub(crate) fn stage(
     };
     let mut raw = raw(&path, metadata, extra, &robot)?;
     if raw.made_by.is_some() {
-        let digest = edits::digest(&json::encode(&path, &raw)?);
+        let digest = edits::digest(&json::encode(&path, &raw)?, staged.written());
         raw.digest = Some(digest.map_err(|e| json::failure(&path, &e))?);
     }
     staged.file(&path, &json::encode(&path, &raw)?)
 }
 
-/// Whether `dataset.json` in the folder was edited since a command wrote it.
+/// Whether a recording was edited since a command wrote it.
 pub(crate) fn is_edited(dir: &Path) -> bool {
-    files::read(&dir.join(FILE)).is_ok_and(|bytes| edits::are_edited(&bytes))
+    files::read(&dir.join(FILE)).is_ok_and(|bytes| !edits::is_as_written(dir, &bytes))
 }
 
 /// The bytes of `dataset.json` with this text for the robot; `path` is for messages.

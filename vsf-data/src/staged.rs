@@ -1,6 +1,6 @@
 //! Files that are written together or not at all.
 
-use crate::{DataError, files};
+use crate::{DataError, edits, files};
 use std::collections::BTreeSet;
 use std::ffi::OsString;
 use std::fs::{self, File};
@@ -69,6 +69,8 @@ pub(crate) struct Staged {
     /// What all files lie in, if they do not lie anywhere.
     folder: Option<Folder>,
     files: Vec<(TempPath, PathBuf)>,
+    /// Digests of files in the folder.
+    written: edits::Files,
 }
 
 struct Folder {
@@ -108,9 +110,10 @@ impl Staged {
             place: folder.canonicalize().unwrap_or_else(|_| folder.to_owned()),
             state,
         };
-        let files = Vec::new();
-        let folder = Some(folder);
-        Ok(Self { folder, files })
+        Ok(Self {
+            folder: Some(folder),
+            ..Self::default()
+        })
     }
 
     /// Writes the new content of a file.
@@ -120,6 +123,9 @@ impl Staged {
             Some(folder) => folder.place_of(path)?,
             None => path.canonicalize().unwrap_or_else(|_| path.to_owned()),
         };
+        if let Some(Ok(inside)) = self.folder.as_ref().map(|f| path.strip_prefix(&f.given)) {
+            self.written.insert(inside.to_owned(), blake3::hash(bytes));
+        }
         if self.is_new() {
             fs::create_dir_all(parent(&place)).map_err(failed)?;
             let mut file = File::create_new(&place).map_err(failed)?;
@@ -158,6 +164,11 @@ impl Staged {
         file.as_file().sync_all().map_err(failed)?;
         self.files.push((file.into_temp_path(), place));
         Ok(())
+    }
+
+    /// Digests of the files of the folder that were written so far.
+    pub fn written(&self) -> &edits::Files {
+        &self.written
     }
 
     /// Whether this file of the folder is to be written.

@@ -4,7 +4,7 @@ use super::{
 };
 use crate::readings::check_sequence;
 use crate::{Scene, Trace, motion_of, reading_unit, rigid_body_torques};
-use nalgebra::DVector;
+use nalgebra::DMatrix;
 use vsf_core::Observation;
 use vsf_data::{Motion, Sequence, Table, TorqueKind, tare};
 use vsf_robots::Joint;
@@ -297,11 +297,11 @@ fn misread(scene: &Scene, rigid: &[Table], traces: &[Trace]) -> Option<PipelineW
     let joints = scene.robot().joints();
     let mut weighed = Weighed::new(joints.len());
     for (rigid, trace) in rigid.iter().zip(traces) {
-        let samples: Vec<_> = in_air(std::slice::from_ref(rigid), std::slice::from_ref(trace))
-            .map(|(left, rigid)| [left, rigid].map(DVector::from_row_slice))
-            .map(|[left, rigid]| (&rigid - left, rigid))
-            .collect();
-        weighed.add(&samples);
+        let rows: Vec<_> =
+            in_air(std::slice::from_ref(rigid), std::slice::from_ref(trace)).collect();
+        let rigid = DMatrix::from_fn(rows.len(), joints.len(), |i, j| rows[i].1[j]);
+        let left = DMatrix::from_fn(rows.len(), joints.len(), |i, j| rows[i].0[j]);
+        weighed.add(&(&rigid - left), &rigid);
     }
     match weighed.count() >= LEAST_FREE {
         true => weighed.warning(joints),

@@ -34,25 +34,20 @@ impl Weighed {
         }
     }
 
-    /// Takes a sequence in: readings and torques of the arm alone.
-    pub fn add(&mut self, samples: &[(DVector<f64>, DVector<f64>)]) {
-        let joints = self.readings.len();
-        let many = samples.len().max(1) as f64;
-        let mean = |of: &dyn Fn(&(DVector<f64>, DVector<f64>)) -> DVector<f64>| {
-            let sum = samples
-                .iter()
-                .map(of)
-                .fold(DVector::zeros(joints), |sum, v| sum + v);
-            sum / many
-        };
-        let (reading, torque) = (mean(&|s| s.0.clone()), mean(&|s| s.1.clone()));
-        self.count += samples.len();
-        for sample in samples {
-            let (y, rigid) = (&sample.0 - &reading, &sample.1 - &torque);
-            self.readings += y.component_mul(&y);
-            self.rigid += rigid.component_mul(&rigid);
-            self.both += &rigid * y.transpose();
+    /// Takes a sequence in: readings and torques of the arm alone, a row for every sample.
+    pub fn add(&mut self, readings: &DMatrix<f64>, rigid: &DMatrix<f64>) {
+        if readings.nrows() == 0 {
+            return;
         }
+        let centred = |rows: &DMatrix<f64>| {
+            let means = rows.row_mean();
+            DMatrix::from_fn(rows.nrows(), rows.ncols(), |i, j| rows[(i, j)] - means[j])
+        };
+        let (readings, rigid) = (centred(readings), centred(rigid));
+        self.count += readings.nrows();
+        self.readings += readings.map(|v| v * v).row_sum_tr();
+        self.rigid += rigid.map(|v| v * v).row_sum_tr();
+        self.both += rigid.transpose() * readings;
     }
 
     /// How many samples.
