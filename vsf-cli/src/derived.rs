@@ -10,9 +10,6 @@ use vsf::data::{Dataset, RobotRef, Sequence, Splits};
 use vsf::pipeline::{Scene, check_torques};
 use vsf::robots::urdf_bundle;
 
-/// Folder of the robot's files in a recording.
-const ROBOT: &str = "robot";
-
 /// What is computed from a recording: the word for it, which ends the new one's name, and the command.
 pub const SIMULATED: (&str, &str) = ("simulated", "vsf simulate");
 pub const PREDICTED: (&str, &str) = ("predicted", "vsf predict");
@@ -90,7 +87,7 @@ pub fn save(
         let bundle = urdf_bundle(path, packages)?;
         let bundle = bundle
             .into_iter()
-            .map(|(p, b)| (Path::new(ROBOT).join(p), b));
+            .map(|(p, b)| (Path::new(Dataset::ROBOT).join(p), b));
         let bundle: Vec<_> = bundle.collect();
         if let Some((urdf, _)) = bundle.first() {
             dataset.robot = RobotRef {

@@ -73,6 +73,9 @@ pub(crate) struct Parts {
 }
 
 impl Dataset {
+    /// Folder in a recording for the files of its robot ([`save_with`](Self::save_with)).
+    pub const ROBOT: &str = "robot";
+
     /// A recording in which all sequences train and all else is at its default: external torques of a
     /// robot at the origin of the world, nothing known of the object.
     ///

@@ -1,6 +1,7 @@
 //! Whether a recording was edited since it was written: what a command has made it makes again, what a hand has set it does
 //! not.
 
+use crate::Dataset;
 use crate::dataset::{CAMERA, FIELD, POINTS};
 use crate::sequence::PREFIX;
 use blake3::Hasher;
@@ -11,9 +12,6 @@ use std::path::{Path, PathBuf};
 
 /// The key of the digest, in metadata that have one.
 const KEY: &str = "digest";
-
-/// Folder in which commands put the files of the robot.
-const ROBOT: &str = "robot";
 
 /// Digests of files, by their paths in the folder of the recording.
 pub(crate) type Files = BTreeMap<PathBuf, blake3::Hash>;
@@ -55,7 +53,7 @@ fn found(folder: &Path) -> Result<Option<Files>, std::io::Error> {
             let entry = entry?;
             let name = entry.file_name().to_string_lossy().into_owned();
             let path = inside.join(&name);
-            let is_part = [POINTS, FIELD, CAMERA, ROBOT].contains(&&*name);
+            let is_part = [POINTS, FIELD, CAMERA, Dataset::ROBOT].contains(&&*name);
             let is_own = inside != Path::new("") || is_part || name.starts_with(PREFIX);
             if name.starts_with('.') || !is_own {
                 continue;

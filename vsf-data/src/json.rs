@@ -55,20 +55,13 @@ pub(crate) fn parse<T: DeserializeOwned>(path: &Path, bytes: &[u8]) -> Result<T,
     let mut text = serde_json::Deserializer::from_slice(bytes);
     let value = serde_path_to_error::deserialize(&mut text).map_err(|e| {
         let key = e.path().to_string();
-        match failure(path, e.inner()) {
-            DataError::JsonType {
-                path,
-                line,
-                column,
-                problem,
-            } if key != "." => DataError::JsonType {
-                path,
-                line,
-                column,
-                problem: format!("{key}: {problem}"),
-            },
-            other => other,
+        let mut failure = failure(path, e.inner());
+        if let DataError::JsonType { problem, .. } = &mut failure
+            && key != "."
+        {
+            *problem = format!("{key}: {problem}");
         }
+        failure
     })?;
     text.end().map_err(|e| failure(path, &e))?;
     Ok(value)

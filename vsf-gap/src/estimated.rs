@@ -79,8 +79,9 @@ impl Campaign {
 pub(crate) struct Extent {
     /// That of the nominal model, as one estimates without another.
     nominal: Estimated,
-    /// From where on points are touched there (m); none in free air. And which samples touch.
+    /// From where on points are touched there (m); none in free air.
     threshold: Option<f64>,
+    /// Which samples touch anything there, in turn.
     touches: Vec<bool>,
     /// How the named model does.
     named: Option<Compared>,

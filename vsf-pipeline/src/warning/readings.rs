@@ -233,21 +233,16 @@ fn tared(scene: &Scene, rigid: Vec<Table>) -> Option<Vec<Table>> {
 
 /// What is read where nothing is touched, of actuators what is left of the torques of the arm alone when it is taken off
 /// ([`crate::external_torques`]); beside these torques, which are tared as readings are.
-fn in_air<'a>(
-    rigid: &'a [Table],
-    traces: &'a [Trace],
-) -> impl Iterator<Item = (&'a [f64], &'a [f64])> {
-    let of_trace = |(rigid, trace): (&'a Table, &'a Trace)| {
-        let rows = trace.observations.iter().zip(rigid.iter());
-        rows.filter(|(o, _)| o.is_empty())
-            .map(|(o, rigid)| (o.reading(), rigid))
-    };
-    rigid.iter().zip(traces).flat_map(of_trace)
+fn in_air<'a>(rigid: &'a Table, trace: &'a Trace) -> impl Iterator<Item = (&'a [f64], &'a [f64])> {
+    let rows = trace.observations.iter().zip(rigid.iter());
+    rows.filter(|(o, _)| o.is_empty())
+        .map(|(o, rigid)| (o.reading(), rigid))
 }
 
 fn gravity_left(scene: &Scene, rigid: &[Table], traces: &[Trace]) -> Option<PipelineWarning> {
     let mut likeness = Likeness::default();
-    for (readings, rigid) in in_air(rigid, traces) {
+    let sequences = rigid.iter().zip(traces);
+    for (readings, rigid) in sequences.flat_map(|(rigid, trace)| in_air(rigid, trace)) {
         let pairs = readings.iter().zip(rigid);
         pairs.for_each(|(tau, r)| likeness.add(*tau, *r));
     }
@@ -297,8 +292,7 @@ fn misread(scene: &Scene, rigid: &[Table], traces: &[Trace]) -> Option<PipelineW
     let joints = scene.robot().joints();
     let mut weighed = Weighed::new(joints.len());
     for (rigid, trace) in rigid.iter().zip(traces) {
-        let rows: Vec<_> =
-            in_air(std::slice::from_ref(rigid), std::slice::from_ref(trace)).collect();
+        let rows: Vec<_> = in_air(rigid, trace).collect();
         let rigid = DMatrix::from_fn(rows.len(), joints.len(), |i, j| rows[i].1[j]);
         let left = DMatrix::from_fn(rows.len(), joints.len(), |i, j| rows[i].0[j]);
         weighed.add(&(&rigid - left), &rigid);

@@ -62,18 +62,17 @@ impl Weighed {
 
     /// Some joints' torques of the wrong sign, not those of all that tell; or columns in the wrong order.
     pub fn warning(&self, joints: &[Joint]) -> Option<PipelineWarning> {
-        let rigid = |j: usize| self.rigid[j];
         let alike = |j: usize, k: &usize| reading_unit(&joints[j]) == reading_unit(&joints[*k]);
         // Of all joints of its unit the most.
         let scales: Vec<f64> = (0..joints.len())
             .map(|j| {
                 (0..joints.len())
                     .filter(|k| alike(j, k))
-                    .map(rigid)
+                    .map(|k| self.rigid[k])
                     .fold(0.0, f64::max)
             })
             .collect();
-        let tells = |j: &usize| rigid(*j) > LEAST_WEIGHT * LEAST_WEIGHT * scales[*j];
+        let tells = |j: &usize| self.rigid[*j] > LEAST_WEIGHT * LEAST_WEIGHT * scales[*j];
         let telling: Vec<usize> = (0..joints.len()).filter(tells).collect();
         let left_of = |columns: &Columns, j: usize| match scales[j] > 0.0 {
             true => self.left(j, columns[j]) / scales[j],
