@@ -30,6 +30,9 @@ const CHECKED: usize = 3;
 const NEARLY: f64 = 0.9;
 /// A model whose error is more than so many times that of a perfect one is far from it.
 const FAR: f64 = 3.0;
+/// A model that was stopped at a bound has to leave less than this share of what sensors that read nothing would: further
+/// effects may take a little of anything.
+const BARELY: f64 = 0.95;
 /// From this share of its information on, that the stiffness absorbs, an effect may be what the field shows.
 const TAKEN_UP: f64 = 0.95;
 
@@ -227,7 +230,8 @@ fn attempt(
     // With contact, errors are far from a perfect model's for many reasons.
     let far = closed < NEARLY || after.mean_error() > FAR * noise_floor;
     let silence = trial.of_silence()?;
-    let silent = corrected && after.mean_error() >= silence;
+    let barely = if stopped { BARELY } else { 1.0 };
+    let silent = corrected && after.mean_error() >= barely * silence;
     let names = in_field.iter().map(|(p, _)| p.effect.name().to_owned());
     let refused: Vec<String> = (judgement.refused.iter())
         .flat_map(|t| t.effects.clone())

@@ -84,6 +84,7 @@ mod response;
 mod rounding;
 mod screen;
 mod search;
+mod sets;
 mod start;
 mod trial;
 mod verdict;

@@ -1,14 +1,15 @@
-//! The search on the train sequences: screening, finalists that are fitted with the field, several effects together.
+//! The search on the train sequences: screening, and finalists that are fitted with the field.
 
 use crate::diagnose::DiagnosisStep;
-use crate::effect::{EVIDENT, check_effect};
+use crate::effect::check_effect;
 use crate::evidence::Spread;
-use crate::judge::{Hypothesis, named_from, needed_beside, threshold};
+use crate::judge::{Hypothesis, named_from};
 use crate::limits::{Limit, limits};
 use crate::nominal::{CONTACT, Fitted, JOINT};
 use crate::plain::Plainly;
 use crate::refine::Refined;
 use crate::screen::{Screened, Tangent, best_of, log_mean_exp, screen};
+use crate::sets::Combination;
 use crate::{Acts, Campaign, Effect, GapError, Model};
 use rayon::prelude::*;
 use std::collections::BTreeMap;
@@ -16,11 +17,6 @@ use std::sync::Arc;
 
 /// Effects that are fitted together with the field after screening.
 const FINALISTS: usize = 6;
-/// Further effects that are tried beside those found, and most effects of a model; in free air, where a fit takes a
-/// moment and no field hides them, more.
-const FURTHER: usize = 2;
-const FURTHER_IN_AIR: usize = 6;
-const MOST_IN_AIR: usize = 4;
 /// From this gain on (nats) an effect explains so much that the stiffness may vary less than it seemed.
 const MUCH: f64 = 50.0;
 /// An effect that screening puts so far below the best (nats) is no finalist.
@@ -43,8 +39,7 @@ pub(crate) struct Search<'a> {
     pub(crate) plainly: Plainly,
     /// The effects that the recording can show, best first.
     pub(crate) candidates: Vec<Candidate>,
-    /// Models of several of them, shorter ones first: the best pair whose second effect earned it, or in free air,
-    /// without such a one, all pairs that may do; there also the best of three and more.
+    /// Models of several of them, shorter ones first.
     pub(crate) combinations: Vec<Combination>,
     /// Whether a trial will demand that models close most of the gap: roughness that effects take away does not count
     /// against them then.
@@ -57,36 +52,22 @@ pub(crate) struct Search<'a> {
     pub(crate) limits: BTreeMap<String, Vec<Limit>>,
 }
 
-/// The best single effect and others.
-pub(crate) struct Combination {
-    refined: Refined,
-    /// Whether each further one gains more than what may be wrong with the forms of those before. Else all together
-    /// have to explain nearly all that the longest part of them leaves that stands.
-    earned: bool,
-}
-
-/// A model with one more effect, and which that is.
-struct Further {
-    refined: Refined,
-    effect: Arc<dyn Effect>,
-}
-
 /// An effect, as far as the search came with it.
 pub(crate) struct Candidate {
     pub(crate) effect: Arc<dyn Effect>,
     /// What screening found at its best start, and the gain there (nats).
     pub(crate) found: Screened,
-    screened: f64,
+    pub(crate) screened: f64,
     /// The model with it alone, if it was fitted.
     pub(crate) refined: Option<Refined>,
 }
 
 /// What effects are measured against.
-struct Standard {
+pub(crate) struct Standard {
     /// Log evidence of the nominal model.
-    base: f64,
+    pub(crate) base: f64,
     /// The spread that suits it best, within the lattice of the stiffness.
-    spread: Spread,
+    pub(crate) spread: Spread,
     /// From this log evidence on an effect gets a spread of its own.
     much: f64,
 }
@@ -169,7 +150,11 @@ fn best_first(candidates: &mut [Candidate], base: f64) {
 }
 
 /// The best start of every effect, best first.
-fn best_starts(tangents: &[Tangent], screened: &[Screened], base: f64) -> Vec<Candidate> {
+pub(crate) fn best_starts(
+    tangents: &[Tangent],
+    screened: &[Screened],
+    base: f64,
+) -> Vec<Candidate> {
     let mut best: Vec<Candidate> = Vec::new();
     for s in screened {
         let effect = &tangents[s.tangent].effect;
@@ -350,7 +335,7 @@ impl Campaign {
     }
 
     /// The nominal model with one effect, fitted from what screening found of it.
-    fn refined(
+    pub(crate) fn refined(
         &self,
         tangent: &Tangent,
         found: &Screened,
@@ -362,143 +347,5 @@ impl Campaign {
             true => self.with_own_spread(refined, &start),
             false => Ok(refined),
         }
-    }
-
-    /// Models of several effects, the best single one first, see [`Search::combinations`]. Others that they take are
-    /// fitted alone as well, if they are not yet.
-    fn combinations(
-        &self,
-        tangents: &[Tangent],
-        candidates: &mut [Candidate],
-        standard: &Standard,
-    ) -> Result<Vec<Combination>, GapError> {
-        let (base, rough) = (standard.base, standard.spread.contact);
-        let Some((leader, rest)) = candidates.split_first_mut() else {
-            return Ok(Vec::new());
-        };
-        let evident = |r: &&Refined| r.log_evidence - base > EVIDENT;
-        let Some(best) = leader.refined.as_ref().filter(evident) else {
-            return Ok(Vec::new());
-        };
-        let in_air = !best.touches;
-        let effects: Vec<_> = rest.iter().map(|c| c.effect.clone()).collect();
-        let mut found: Vec<Combination> = Vec::new();
-        for Further { refined, effect } in self.extended(best, &effects, rough)? {
-            let gained = refined.log_evidence - best.log_evidence;
-            let needed = needed_beside(effect.as_ref(), best.log_evidence - base, rough);
-            let earned = gained > needed;
-            if !(earned || in_air) {
-                continue;
-            }
-            // Backward: the second on its own must not do as well.
-            let name = effect.name();
-            if let Some(alone) = rest.iter_mut().find(|c| c.effect.name() == name) {
-                if alone.refined.is_none() {
-                    let tangent = &tangents[alone.found.tangent];
-                    alone.refined = Some(self.refined(tangent, &alone.found, standard)?);
-                }
-                let gained = refined.log_evidence - base - alone.score(base);
-                if gained <= threshold(leader.effect.as_ref(), rough) {
-                    continue;
-                }
-            }
-            found.push(Combination { refined, earned });
-        }
-        found.sort_by(|a, b| b.refined.log_evidence.total_cmp(&a.refined.log_evidence));
-        if let Some(best) = found.iter().position(|p| p.earned) {
-            found = vec![found.swap_remove(best)];
-        }
-        let mut longest = 0;
-        while in_air && longest < found.len() {
-            let shorter = &found[longest];
-            if shorter.refined.model.parts.len() == MOST_IN_AIR {
-                break;
-            }
-            let (longer, instead) = self.longer(shorter, &effects, base, rough)?;
-            found.extend(instead);
-            let Some(longer) = longer else { break };
-            longest = found.len();
-            found.push(longer);
-        }
-        Ok(found)
-    }
-
-    /// The best model with one more effect, if none of those before can be spared then; and models of as many effects
-    /// as before that do better, with the new one instead of another.
-    fn longer(
-        &self,
-        shorter: &Combination,
-        effects: &[Arc<dyn Effect>],
-        base: f64,
-        rough: f64,
-    ) -> Result<(Option<Combination>, Vec<Combination>), GapError> {
-        let before = &shorter.refined;
-        let mut models = self.extended(before, effects, rough)?;
-        models.sort_by(|a, b| b.refined.log_evidence.total_cmp(&a.refined.log_evidence));
-        let mut instead = Vec::new();
-        for Further { refined, effect } in models {
-            let mut spared = 0;
-            for part in 0..before.model.parts.len() {
-                let (model, prior) = refined.without(part);
-                let without = self.refine(&model, prior, &refined.spread)?;
-                let of_part = refined.model.parts[part].0.as_ref();
-                if refined.log_evidence - without.log_evidence > threshold(of_part, rough) {
-                    continue;
-                }
-                spared += 1;
-                if without.log_evidence > before.log_evidence {
-                    let (refined, earned) = (without, false);
-                    instead.push(Combination { refined, earned });
-                }
-            }
-            if spared == 0 {
-                let needed = needed_beside(effect.as_ref(), before.log_evidence - base, rough);
-                let earned = shorter.earned && refined.log_evidence - before.log_evidence > needed;
-                return Ok((Some(Combination { refined, earned }), instead));
-            }
-        }
-        Ok((None, instead))
-    }
-
-    /// A fitted model with one of some effects that it does not have, for those that promise most and gain enough.
-    fn extended(
-        &self,
-        best: &Refined,
-        effects: &[Arc<dyn Effect>],
-        rough: f64,
-    ) -> Result<Vec<Further>, GapError> {
-        let fitted = self.fitted(&best.model, &self.train)?;
-        let mut others = Vec::new();
-        for effect in effects.iter().filter(|e| !best.model.has(e.name())) {
-            others.extend(self.tangents(&best.model, &fitted, &best.stiffness, effect)?);
-        }
-        let torques = fitted.predicted(&best.stiffness);
-        let mut free = vec![torques.as_slice()];
-        // With contact, the errors of its model would take more from a further effect than those before do.
-        let in_air = !best.touches;
-        if in_air {
-            free.extend(best.free_columns());
-        }
-        let screening = screen(&fitted, &free, &others, &fitted.roughness(&best.spread))?;
-        let without = log_mean_exp(&screening.nominal);
-        let mut further = best_starts(&others, &screening.candidates, without);
-        further.retain(|c| c.screened > EVIDENT);
-        further.truncate(match in_air {
-            true => FURTHER_IN_AIR,
-            false => FURTHER,
-        });
-        let mut models: Vec<Further> = (further.into_par_iter())
-            .map(|Candidate { effect, found, .. }| {
-                let tangent = &others[found.tangent];
-                let start = self.start(&best.model, tangent, &found, &best.spread)?;
-                let prior = best.prior.clone().and(tangent.prior(&self.site));
-                let refined = self.refine(&start, prior, &best.spread)?;
-                Ok(Further { refined, effect })
-            })
-            .collect::<Result<_, GapError>>()?;
-        models.retain(|Further { refined, effect }| {
-            refined.log_evidence - best.log_evidence > threshold(effect.as_ref(), rough)
-        });
-        Ok(models)
     }
 }

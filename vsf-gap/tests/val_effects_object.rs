@@ -122,14 +122,25 @@ fn springs_stiffen() {
 
 #[test]
 fn the_object_has_mass_and_drag() {
-    let rows = pressed(3.0, |t| 0.02 * (4.0 * t).sin() + 0.005 * (9.0 * t).sin());
-    recovers("inertia_drag", &rows, &[0.4, 7.0], |r| {
-        let moved = match depth(r) > 0.0 {
-            true => 0.4 * r.qdd[2] + 7.0 * r.qd[2],
-            false => 0.0,
+    // Two points, the second of which begins deeper.
+    let (site, effect) = (
+        stage(&[[0.0; 3], [0.0, 0.0, 0.004]]),
+        effect("inertia_drag"),
+    );
+    let (m, c) = (0.2, 3.5);
+    let mut rows = pressed(3.0, |t| 0.02 * (4.0 * t).sin() + 0.005 * (9.0 * t).sin());
+    let mut data = Vec::new();
+    for row in &mut rows {
+        let depths = [depth(row), (0.004 - row.q[2]).max(0.0)];
+        let pressed = |(i, u): (usize, f64)| {
+            (u > 0.0).then(|| (i as u32, Vector3::new(0.0, 0.0, -u), -Vector3::z()))
         };
-        K * depth(r) - moved
-    });
+        row.touched = depths.into_iter().enumerate().filter_map(pressed).collect();
+        let moved = (m * row.qdd[2] + c * row.qd[2]) * row.touched.len() as f64;
+        data.extend([0.0, 0.0, K * (depths[0] + depths[1]) - moved]);
+    }
+    let found = fit(&site, effect.as_ref(), K, &rows, &data);
+    close(effect.as_ref(), &site, &found, &[m, c], 2e-2);
 }
 
 #[test]

@@ -9,18 +9,22 @@ use vsf_data::{Dataset, Overrides};
 use vsf_gap::{Campaign, Diagnosis, VerdictKind, diagnose, effects};
 use vsf_pipeline::SceneOptions;
 
-/// With the whole catalogue.
-fn diagnosis(arm: &str) -> Diagnosis {
+fn recording(arm: &str) -> Dataset {
     let data = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/data");
     let (dataset, _) = Dataset::open(data.join(arm), &Overrides::default()).unwrap();
-    let campaign = Campaign::open(&dataset, &SceneOptions::default()).unwrap();
-    let outcome = diagnose(&campaign, arm, &effects::catalogue(), 0, |_| {}).unwrap();
+    dataset
+}
+
+/// With the whole catalogue.
+fn diagnosis(dataset: &Dataset) -> Diagnosis {
+    let campaign = Campaign::open(dataset, &SceneOptions::default()).unwrap();
+    let outcome = diagnose(&campaign, "arm", &effects::catalogue(), 0, |_| {}).unwrap();
     outcome.diagnosis
 }
 
 #[test]
 fn a_ur10_has_dry_and_viscous_friction() {
-    let d = diagnosis("unisa_ur10");
+    let d = diagnosis(&recording("unisa_ur10"));
     assert_eq!(d.verdict.kind, VerdictKind::Effects, "{:?}", d.verdict);
     let friction = ["joint_coulomb_friction", "joint_viscous_friction"];
     assert_eq!(d.verdict.effects, friction);
@@ -48,7 +52,7 @@ fn a_ur10_has_dry_and_viscous_friction() {
 
 #[test]
 fn a_panda_has_dry_friction() {
-    let d = diagnosis("unisa_panda");
+    let d = diagnosis(&recording("unisa_panda"));
     assert_eq!(d.verdict.kind, VerdictKind::Effects, "{:?}", d.verdict);
     assert_eq!(d.verdict.effects, ["joint_coulomb_friction"]);
     let rms = 0.34 * 7f64.sqrt();
@@ -62,4 +66,28 @@ fn a_panda_has_dry_friction() {
         "{:?}",
         coulomb.joints
     );
+}
+
+/// Of an arm whose model lacks friction: neither the friction nor the scale of the sensors alone explains the readings.
+#[test]
+fn sensors_that_read_half_too_much_are_told_beside_friction() {
+    let mut dataset = recording("unisa_panda");
+    for sequence in &mut dataset.sequences {
+        let torques = sequence.torques.data_mut();
+        torques.iter_mut().for_each(|t| *t *= 1.5);
+    }
+    let d = diagnosis(&dataset);
+    assert_eq!(d.verdict.kind, VerdictKind::Effects, "{:?}", d.verdict);
+    let mut named = d.verdict.effects.clone();
+    named.sort();
+    assert_eq!(named, ["joint_coulomb_friction", "torque_gain"]);
+    let gain = d
+        .effects
+        .iter()
+        .find(|e| e.effect == "torque_gain")
+        .unwrap();
+    // Those of joints that carry much of the arm; what of the model is off by a few percent is in them.
+    for p in &gain.parameters[1..4] {
+        assert!((p.value - 0.5).abs() < 0.06, "{p:?}");
+    }
 }

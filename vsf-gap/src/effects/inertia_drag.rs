@@ -1,14 +1,12 @@
 use super::body::{RigidMotion, add_force};
 use crate::GapError;
-use crate::contact::centre;
 use crate::effect::{Acts, Compensator, Effect, Need, Parameter, Sample, Site, Touch, check};
 
-/// The object moves along with the robot and resists by its mass and the drag of the air: a force
-/// `-(m a + c v)` on the robot at the middle of the contact, which moves with `v` and `a`.
+/// The object has mass and drag of its own: every touched point resists its motion by `-(m a + c v)`, a force on the
+/// robot where the point is, with the velocity `v` and acceleration `a` of the robot there.
 ///
-/// Parameters `m` (kg) and `c` (N s/m), the part of the object's mass and drag that is felt there.
-/// Tell-tale: proportional to the acceleration of the contact; dampers in the object are proportional
-/// to the speed of the indentation.
+/// Parameters `m` (kg) and `c` (N s/m), each of one point, the same of stiff points as of soft ones. Tell-tale:
+/// proportional to the acceleration of the contact; the dampers of `viscoelastic` are as strong as the springs are.
 ///
 /// # Reference
 /// N. Hogan, "Impedance control: an approach to manipulation, part I", J. Dynamic Systems,
@@ -27,7 +25,7 @@ impl Effect for InertiaDrag {
     }
 
     fn summary(&self) -> &str {
-        "the object resists moving along by its mass `m` and drag `c`"
+        "touched points, soft ones too, resist moving along by a mass `m` and a drag `c` each"
     }
 
     fn acts(&self) -> Acts {
@@ -40,8 +38,8 @@ impl Effect for InertiaDrag {
 
     fn parameters(&self, _: &Site) -> Vec<Parameter> {
         vec![
-            Parameter::amplitude("m", "kg", [0.0, 50.0], 0.2),
-            Parameter::amplitude("c", "N s/m", [0.0, 500.0], 2.0),
+            Parameter::amplitude("m", "kg", [0.0, 10.0], 0.02),
+            Parameter::amplitude("c", "N s/m", [0.0, 100.0], 0.2),
         ]
     }
 
@@ -56,11 +54,21 @@ impl Effect for InertiaDrag {
 
 impl Compensator for Moved {
     fn torques(&mut self, sample: &Sample<'_>, touch: &Touch<'_>, tau: &mut [f64]) {
-        let Some((link, p)) = centre(touch) else {
-            return;
-        };
-        let motion = RigidMotion::of(touch.posture, link, sample.qd, sample.qdd);
-        let force = motion.acceleration(&p) * -self.mass - motion.velocity(&p) * self.drag;
-        add_force(touch.posture, link, &p, &force, tau);
+        let contacts = touch.contacts;
+        let touched = contacts.points().iter().zip(contacts.displacements());
+        let mut of_link = None;
+        for ((&point, u), &link) in touched.zip(contacts.links()) {
+            let link = link as usize;
+            let motion = match &of_link {
+                Some((of, motion)) if *of == link => motion,
+                _ => {
+                    let motion = RigidMotion::of(touch.posture, link, sample.qd, sample.qdd);
+                    &of_link.insert((link, motion)).1
+                }
+            };
+            let p = touch.rest.positions()[point as usize] + u;
+            let force = motion.acceleration(&p) * -self.mass - motion.velocity(&p) * self.drag;
+            add_force(touch.posture, link, &p, &force, tau);
+        }
     }
 }

@@ -1,0 +1,274 @@
+//! Models of several effects: what single ones leave is searched for further ones.
+
+use crate::effect::EVIDENT;
+use crate::judge::{needed_beside, threshold};
+use crate::refine::Refined;
+use crate::screen::{Tangent, log_mean_exp, screen};
+use crate::search::{Candidate, Standard, best_starts};
+use crate::{Campaign, Effect, GapError};
+use rayon::prelude::*;
+use std::sync::Arc;
+
+/// Further effects that are tried beside those found; in free air, where a fit takes a moment and no field hides them,
+/// more.
+const FURTHER: usize = 2;
+const FURTHER_IN_AIR: usize = 6;
+/// Models of each length that are looked into further in free air, further effects that each is kept with, and most
+/// effects of one.
+const KEPT: usize = 3;
+const BRANCHES: usize = 2;
+const MOST_IN_AIR: usize = 4;
+
+/// A model of several effects.
+pub(crate) struct Combination {
+    pub(crate) refined: Refined,
+    /// Whether each effect gains more than what may be wrong with the forms of the others. Else all together have to
+    /// explain nearly all that the longest part of them leaves that stands.
+    pub(crate) earned: bool,
+}
+
+/// A model with one more effect, and which that is.
+struct Further {
+    refined: Refined,
+    effect: Arc<dyn Effect>,
+}
+
+/// A model that may get longer.
+#[derive(Clone, Copy)]
+struct Shorter<'a> {
+    refined: &'a Refined,
+    earned: bool,
+}
+
+impl Combination {
+    fn is_of_the_effects_of(&self, other: &Self) -> bool {
+        let (own, others) = (&self.refined.model, &other.refined.model);
+        own.is_part_of(others) && others.is_part_of(own)
+    }
+}
+
+/// Adds a model to others, in place of one of the same effects that does worse.
+fn add(models: &mut Vec<Combination>, new: Combination) {
+    match models.iter_mut().find(|m| m.is_of_the_effects_of(&new)) {
+        Some(same) => {
+            same.earned |= new.earned;
+            if new.refined.log_evidence > same.refined.log_evidence {
+                same.refined = new.refined;
+            }
+        }
+        None => models.push(new),
+    }
+}
+
+/// The gain of a model (nats) beyond what says nothing yet.
+fn margin(refined: &Refined, base: f64, rough: f64) -> f64 {
+    let effects = refined.model.parts.iter();
+    let needed: f64 = effects.map(|(e, _)| threshold(e.as_ref(), rough)).sum();
+    refined.log_evidence - base - needed
+}
+
+fn best_first<T>(models: &mut [T], worth: impl Fn(&T) -> f64) {
+    models.sort_by(|a, b| worth(b).total_cmp(&worth(a)));
+}
+
+impl Campaign {
+    /// Models of several effects, shorter ones first. Effects of the best pair that were not fitted alone are then.
+    ///
+    /// # Errors
+    /// Those of fits: rows that contact cannot take, covariances that are not positive definite.
+    pub(crate) fn combinations(
+        &self,
+        tangents: &[Tangent],
+        candidates: &mut [Candidate],
+        standard: &Standard,
+    ) -> Result<Vec<Combination>, GapError> {
+        let touches = |c: &Candidate| c.refined.as_ref().is_some_and(|r| r.touches);
+        match candidates.first().is_some_and(touches) {
+            true => Ok((self.pair(tangents, candidates, standard)?.into_iter()).collect()),
+            false => self.sets_in_air(candidates, standard),
+        }
+    }
+
+    /// The best single effect and the second that does best beside it, if it earns it.
+    fn pair(
+        &self,
+        tangents: &[Tangent],
+        candidates: &mut [Candidate],
+        standard: &Standard,
+    ) -> Result<Option<Combination>, GapError> {
+        let (base, rough) = (standard.base, standard.spread.contact);
+        let Some((leader, rest)) = candidates.split_first_mut() else {
+            return Ok(None);
+        };
+        let evident = |r: &&Refined| r.log_evidence - base > EVIDENT;
+        let Some(best) = leader.refined.as_ref().filter(evident) else {
+            return Ok(None);
+        };
+        let effects: Vec<_> = rest.iter().map(|c| c.effect.clone()).collect();
+        let mut pairs = self.extended(best, &effects, rough)?;
+        best_first(&mut pairs, |p| p.refined.log_evidence);
+        for Further { refined, effect } in pairs {
+            let gained = refined.log_evidence - best.log_evidence;
+            if gained <= needed_beside(effect.as_ref(), best.log_evidence - base, rough) {
+                continue;
+            }
+            // Backward: the second on its own must not do as well.
+            let name = effect.name();
+            if let Some(alone) = rest.iter_mut().find(|c| c.effect.name() == name) {
+                if alone.refined.is_none() {
+                    let tangent = &tangents[alone.found.tangent];
+                    alone.refined = Some(self.refined(tangent, &alone.found, standard)?);
+                }
+                let gained = refined.log_evidence - base - alone.score(base);
+                if gained <= threshold(leader.effect.as_ref(), rough) {
+                    continue;
+                }
+            }
+            let earned = true;
+            return Ok(Some(Combination { refined, earned }));
+        }
+        Ok(None)
+    }
+
+    /// The best models of each length, each the best continuation of one of those before.
+    fn sets_in_air(
+        &self,
+        candidates: &[Candidate],
+        standard: &Standard,
+    ) -> Result<Vec<Combination>, GapError> {
+        let (base, rough) = (standard.base, standard.spread.contact);
+        let effects: Vec<_> = candidates.iter().map(|c| c.effect.clone()).collect();
+        let longer_than = |mut shorter: Vec<Shorter<'_>>| -> Result<_, GapError> {
+            shorter.retain(|s| margin(s.refined, base, rough) > 0.0);
+            best_first(&mut shorter, |s| margin(s.refined, base, rough));
+            shorter.truncate(KEPT);
+            let longer = |s: &Shorter<'_>| self.longer(*s, &effects, base, rough);
+            shorter
+                .par_iter()
+                .map(longer)
+                .collect::<Result<Vec<_>, _>>()
+        };
+        let alone = candidates.iter().filter_map(|c| c.refined.as_ref());
+        let mut next = longer_than(
+            alone
+                .map(|refined| Shorter {
+                    refined,
+                    earned: true,
+                })
+                .collect(),
+        )?;
+        let (mut found, mut last) = (Vec::new(), Vec::new());
+        for length in 2.. {
+            let mut models = Vec::new();
+            for (longer, instead) in next {
+                // Single effects were fitted as such.
+                let several = instead
+                    .into_iter()
+                    .filter(|m| m.refined.model.parts.len() > 1);
+                several.for_each(|m| add(&mut last, m));
+                longer.into_iter().for_each(|m| add(&mut models, m));
+            }
+            found.append(&mut last);
+            last = models;
+            if last.is_empty() || length == MOST_IN_AIR {
+                break;
+            }
+            next = longer_than(
+                last.iter()
+                    .map(|c| Shorter {
+                        refined: &c.refined,
+                        earned: c.earned,
+                    })
+                    .collect(),
+            )?;
+        }
+        found.append(&mut last);
+        Ok(found)
+    }
+
+    /// The best models with one more effect, of which none of those before can be spared; and models of as many effects
+    /// as before that do better, with the new one instead of another.
+    fn longer(
+        &self,
+        shorter: Shorter<'_>,
+        effects: &[Arc<dyn Effect>],
+        base: f64,
+        rough: f64,
+    ) -> Result<(Vec<Combination>, Vec<Combination>), GapError> {
+        let before = shorter.refined;
+        let mut models = self.extended(before, effects, rough)?;
+        best_first(&mut models, |m| margin(&m.refined, base, rough));
+        let (mut longer, mut instead) = (Vec::new(), Vec::new());
+        for Further { refined, effect } in models {
+            let gains = |further: &dyn Effect, rest: &Refined| {
+                let needed = needed_beside(further, rest.log_evidence - base, rough);
+                refined.log_evidence - rest.log_evidence > needed
+            };
+            let mut earned = shorter.earned && gains(effect.as_ref(), before);
+            let mut spared = 0;
+            for part in 0..before.model.parts.len() {
+                let (model, prior) = refined.without(part);
+                let without = self.refine(&model, prior, &refined.spread)?;
+                let of_part = refined.model.parts[part].0.as_ref();
+                earned &= gains(of_part, &without);
+                if refined.log_evidence - without.log_evidence > threshold(of_part, rough) {
+                    continue;
+                }
+                spared += 1;
+                if without.log_evidence > before.log_evidence {
+                    let (refined, earned) = (without, false);
+                    instead.push(Combination { refined, earned });
+                }
+            }
+            if spared == 0 {
+                longer.push(Combination { refined, earned });
+                if longer.len() == BRANCHES {
+                    break;
+                }
+            }
+        }
+        Ok((longer, instead))
+    }
+
+    /// A fitted model with one of some effects that it does not have, for those that promise most and gain enough.
+    fn extended(
+        &self,
+        best: &Refined,
+        effects: &[Arc<dyn Effect>],
+        rough: f64,
+    ) -> Result<Vec<Further>, GapError> {
+        let fitted = self.fitted(&best.model, &self.train)?;
+        let mut others = Vec::new();
+        for effect in effects.iter().filter(|e| !best.model.has(e.name())) {
+            others.extend(self.tangents(&best.model, &fitted, &best.stiffness, effect)?);
+        }
+        let torques = fitted.predicted(&best.stiffness);
+        let mut free = vec![torques.as_slice()];
+        // With contact, the errors of its model would take more from a further effect than those before do.
+        let in_air = !best.touches;
+        if in_air {
+            free.extend(best.free_columns());
+        }
+        let screening = screen(&fitted, &free, &others, &fitted.roughness(&best.spread))?;
+        let without = log_mean_exp(&screening.nominal);
+        let mut further = best_starts(&others, &screening.candidates, without);
+        further.retain(|c| c.screened > EVIDENT);
+        further.truncate(match in_air {
+            true => FURTHER_IN_AIR,
+            false => FURTHER,
+        });
+        let mut models: Vec<Further> = (further.into_par_iter())
+            .map(|Candidate { effect, found, .. }| {
+                let tangent = &others[found.tangent];
+                let start = self.start(&best.model, tangent, &found, &best.spread)?;
+                let prior = best.prior.clone().and(tangent.prior(&self.site));
+                let refined = self.refine(&start, prior, &best.spread)?;
+                Ok(Further { refined, effect })
+            })
+            .collect::<Result<_, GapError>>()?;
+        models.retain(|Further { refined, effect }| {
+            refined.log_evidence - best.log_evidence > threshold(effect.as_ref(), rough)
+        });
+        Ok(models)
+    }
+}
