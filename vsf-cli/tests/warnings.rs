@@ -268,6 +268,24 @@ fn positions_that_jump() {
 }
 
 #[test]
+fn one_velocity_that_cannot_be() {
+    let bench = Bench::new();
+    let q: Vec<f64> = (0..40).map(|k| 0.3 * (0.2 * f64::from(k)).sin()).collect();
+    arm(&bench, &q, &[1.0; 40]);
+    let mut v: Vec<f64> = (0..40).map(|k| 0.6 * (0.2 * f64::from(k)).cos()).collect();
+    let velocities = bench.root.join("arm/seq_0/velocities.npy");
+    npy(&velocities, &[40, 1], &v);
+    assert!(!bench.warned("info arm").contains("velocity"));
+    v[17] = -16.0;
+    npy(&velocities, &[40, 1], &v);
+    let parts = [
+        "velocity of -16.0 rad/s in sequence 0 row 17",
+        "limit of 5.0 rad/s",
+    ];
+    warns(&bench, "info arm", &parts);
+}
+
+#[test]
 fn fields_worse_than_none() {
     let bench = Bench::touched();
     let stiff = bench.root.join("stiff");

@@ -5,7 +5,8 @@ use crate::halves::is_of_sequences;
 use crate::judge::{Nominal, hidden_weight};
 use crate::locate::locate;
 use crate::next::{Arm, next_experiment};
-use crate::notes::{closest, notes, told};
+use crate::notes::{closest, few_rows, notes, told};
+use crate::outliers::outlier;
 use crate::plain::Plain;
 use crate::report::{
     Diagnosis, EffectReport, Gap, MeanErrors, Outcome, STIFFNESS_FIELD, is_perfect,
@@ -265,6 +266,10 @@ fn attempt(
         notes.push(told(campaign, plain, *share));
     }
     notes.extend(closest(answer.verdict.kind, &model));
+    let session = campaign.session();
+    let left = campaign.residuals(&model, &own_field, &session)?;
+    let few = outlier(&left, &campaign.noise);
+    notes.extend(few.map(|found| few_rows(campaign, &session, &model, &found)));
     let effects = reports(
         thinned, &search, &likeness, &in_field, &trial, &judgement, &answer,
     )?;

@@ -75,6 +75,7 @@ mod nominal;
 mod notes;
 mod online;
 mod oscillation;
+mod outliers;
 mod phase;
 mod plain;
 mod prediction;

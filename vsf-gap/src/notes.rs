@@ -3,11 +3,13 @@
 use crate::closure::noise_norm;
 use crate::estimated::Compared;
 use crate::judge::Nominal;
+use crate::outliers::Outlier;
 use crate::plain::Plain;
 use crate::refine::Refined;
 use crate::trial::{Judgement, Trial, Tried};
 use crate::verdict::{Answer, VerdictKind};
-use crate::{Campaign, Model, Parameter};
+use crate::{Campaign, Model, Motion, Parameter};
+use vsf_pipeline::reading_unit;
 
 /// In free air, an error that is left of so many times that of a perfect model is told of.
 const MUCH: f64 = 1.5;
@@ -173,6 +175,36 @@ pub(crate) fn notes(
     }
     notes.extend(contact(campaign, told));
     notes
+}
+
+/// That a few rows hold much of what the model leaves.
+pub(crate) fn few_rows(
+    campaign: &Campaign,
+    session: &[&Motion],
+    model: &Model,
+    found: &Outlier,
+) -> String {
+    let joint = &campaign.site.robot.joints()[found.joint];
+    let unit = reading_unit(joint);
+    let of = &session[found.sequence].id;
+    let (first, last) = (found.rows.start, found.rows.end - 1);
+    let rows = match first == last {
+        true => format!("row {first} of sequence {of} holds"),
+        false => format!("rows {first} to {last} of sequence {of} hold"),
+    };
+    let model = match model.parts.is_empty() {
+        true => "nominal",
+        false => "corrected",
+    };
+    format!(
+        "{rows} {:.0} % of the squared errors of the {model} model, by noise: {} is off by {} {unit} there, \
+         elsewhere by {} (root mean square); if that is a fault of the recording, the answer may change once it is mended or \
+         left out",
+        100.0 * found.share,
+        joint.name(),
+        number(found.error),
+        number(found.elsewhere)
+    )
 }
 
 /// That a corrected model holds no known cause, where the verdict names none.

@@ -86,9 +86,11 @@ pub fn motion_warnings(robot: &RobotModel, sequences: &[&Sequence]) -> Vec<Pipel
     let unwound: Vec<_> = sequences.iter().map(|s| unwound(robot, s)).collect();
     let clock = || clock::warning(robot, sequences);
     let still = || velocities::still(robot, &unwound);
+    let fast = || jumps::speeds(robot, sequences);
     found.extend(
         velocities::warning(robot, &unwound)
             .or_else(still)
+            .or_else(fast)
             .or_else(clock),
     );
     found

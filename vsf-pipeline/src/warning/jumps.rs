@@ -43,6 +43,37 @@ pub fn warning<'r>(robot: &'r RobotModel, sequences: &[&Sequence]) -> Option<Pip
     })
 }
 
+/// Velocities at which the robot cannot move.
+pub fn speeds(robot: &RobotModel, sequences: &[&Sequence]) -> Option<PipelineWarning> {
+    let fast = |(j, joint): (usize, &Joint)| {
+        let limit = joint.limits().velocity;
+        let (sequence, row, value) = sequences.iter().find_map(|s| {
+            let mut column = s.velocities.as_ref()?.column(j).enumerate();
+            let (row, v) = column.find(|(_, v)| v.abs() > MOST_SPEED * limit)?;
+            Some((s.id.clone(), row, v))
+        })?;
+        Some((
+            joint.name().to_owned(),
+            limit,
+            unit(joint),
+            sequence,
+            row,
+            value,
+        ))
+    };
+    let mut found = robot.joints().iter().enumerate().filter_map(fast);
+    let (joint, limit, unit, sequence, row, value) = found.next()?;
+    Some(PipelineWarning::TooFast {
+        joint,
+        limit,
+        unit,
+        sequence,
+        row,
+        value,
+        others: found.count(),
+    })
+}
+
 /// The rows of a sequence that go on from the one before them.
 pub fn moves(sequence: &Sequence) -> impl Iterator<Item = usize> {
     sequence.touches().flat_map(|touch| touch.skip(1))

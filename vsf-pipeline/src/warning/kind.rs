@@ -93,6 +93,29 @@ pub enum PipelineWarning {
         /// Further joints of that kind.
         others: usize,
     },
+    /// Single velocities, of those that are as a rule how fast positions change, of more than three times the joint's limit.
+    #[error(
+        "joint {joint} has a velocity of {value:?} {unit}/s in sequence {sequence} row {row}, more than three times the robot's \
+         limit of {limit:?} {unit}/s, though positions do not change so fast; it looks like a fault of the recording: leave \
+         the row out, or all velocities, which are estimated then{}",
+        more(*others, "joint")
+    )]
+    TooFast {
+        /// Name of the first such joint.
+        joint: String,
+        /// Its limit.
+        limit: f64,
+        /// `rad` or `m`.
+        unit: &'static str,
+        /// Sequence of its first such velocity.
+        sequence: String,
+        /// Its row, from 0.
+        row: usize,
+        /// The velocity.
+        value: f64,
+        /// Further joints of that kind.
+        others: usize,
+    },
     /// Time steps within a touch of more than ten times the usual one, and more than 0.1 s.
     #[error(
         "sequence {sequence} row {row} comes {seconds:.3} s after the row before, others {usual:.3} s: samples are \
