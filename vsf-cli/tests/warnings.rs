@@ -9,7 +9,7 @@ use rand_pcg::Pcg32;
 use std::collections::BTreeMap;
 use std::fs;
 use std::path::Path;
-use vsf::data::{Dataset, Overrides, Sequence};
+use vsf::data::{Dataset, Overrides, Sequence, TorqueKind};
 use vsf::pipeline::{Scene, SceneOptions, reading_warnings, robot_of};
 
 /// An arm of one joint with limits, and a ball at its end.
@@ -482,6 +482,19 @@ const ARMS: [&str; 2] = [
 fn real_arms_are_read_as_they_are() {
     for arm in ARMS {
         assert_eq!(warnings_of(arm, |_| {}), [""; 0], "{arm}");
+    }
+}
+
+/// Readings of actuators that are said to be of touch alone, of whatever friction.
+#[test]
+fn readings_of_the_other_kind_in_the_air() {
+    let given = Overrides {
+        torque_kind: Some(TorqueKind::External),
+        ..Overrides::default()
+    };
+    for arm in ARMS {
+        let warnings = warnings_with(&given, arm, |_| {});
+        says_once(&warnings, "taken as torque_kind external");
     }
 }
 

@@ -1,9 +1,10 @@
 //! Gravity as the readings of the actuators have it where nothing is touched: weight is linear in its vector.
 
 use super::PipelineWarning;
+use super::readings::{GRAVITY_CORRELATION, GRAVITY_SIZE, TWICE};
 use crate::{PipelineError, Scene, Trace, motion_of};
-use nalgebra::{Matrix3, Matrix4, Matrix4x3, Vector3, Vector4};
-use vsf_data::Sequence;
+use nalgebra::{Matrix3, Matrix4, Vector3, Vector4};
+use vsf_data::{Sequence, Table, TorqueKind};
 
 /// Another gravity has to leave less than this share of the squared residuals, and to differ by so much (m/s²): less is
 /// an arm that was set up askew. It has to be about as strong as it is on earth (m/s²): a load at the hand is weight, too.
@@ -17,20 +18,22 @@ const SLOW: f64 = 0.01;
 /// The same of offsets and friction.
 const ROUNDING: f64 = 1e-12;
 
-/// That another gravity explains most of what weight and motion of the arm leave of its readings, which are those of
-/// actuators. Neither offsets of a sequence nor friction count, constant or proportional to the speed.
+/// That another gravity explains most of what weight and motion of the arm leave of its readings, or that these are freed
+/// of weight though they should hold it, or the other way round. Neither offsets of a sequence count nor friction,
+/// constant or proportional to the speed, nor motion, however large. `rigid` are the torques of the arm alone.
 pub fn warning(
     scene: &Scene,
     sequences: &[&Sequence],
+    rigid: &[Table],
     traces: &[Trace],
     least_samples: usize,
 ) -> Option<PipelineWarning> {
     // Of the weight along every axis, per unit of gravity, and of what is left.
     let mut products = Matrix4::zeros();
     let mut samples = 0;
-    for (sequence, trace) in sequences.iter().zip(traces) {
+    for ((sequence, rigid), trace) in sequences.iter().zip(rigid).zip(traces) {
         // Where the motion is not known, nothing is known of friction.
-        let Ok(joints) = free(scene, sequence, trace) else {
+        let Ok(joints) = free(scene, sequence, rigid, trace) else {
             continue;
         };
         samples += joints.first().map_or(0, |joint| joint.rows.len());
@@ -45,14 +48,33 @@ pub fn warning(
         .map(|(told, direction)| direction * (direction.dot(&both) / told))
         .sum();
     let left = 1.0 - change.dot(&both) / products[(3, 3)];
-    let gravity = scene.gravity() + change;
-    let other = change.norm() > LEAST_CHANGE && STRENGTH.contains(&gravity.norm());
-    let found = samples >= least_samples && left < MOST_LEFT && other;
-    found.then(|| PipelineWarning::OtherGravity {
-        gravity: gravity.into(),
-        given: scene.gravity().into(),
-        left,
-    })
+    if samples < least_samples {
+        return None;
+    }
+    let given = scene.gravity();
+    let gravity = given + change;
+    let kind = scene.torque_kind();
+    // How many times the weight would have to be taken off.
+    let size = -change.dot(&given) / given.norm_squared();
+    let aside = (change + given * size).norm();
+    let correlation = (1.0 - left).max(0.0).sqrt();
+    let measured = kind == TorqueKind::Measured;
+    match correlation > GRAVITY_CORRELATION && aside < LEAST_CHANGE {
+        true if GRAVITY_SIZE.contains(&size) => Some(PipelineWarning::GravityLeft {
+            given: kind,
+            size,
+            correlation,
+        }),
+        true if measured && TWICE.contains(&size) => Some(PipelineWarning::GravityTwice { size }),
+        _ => {
+            let other = change.norm() > LEAST_CHANGE && STRENGTH.contains(&gravity.norm());
+            (measured && left < MOST_LEFT && other).then(|| PipelineWarning::OtherGravity {
+                gravity: gravity.into(),
+                given: given.into(),
+                left,
+            })
+        }
+    }
 }
 
 /// The samples of a joint in a sequence in which nothing is touched.
@@ -61,17 +83,17 @@ struct Free {
     /// Its torques of gravity along the axes of the world, of unit strength, and what is read beyond weight and motion of
     /// the arm.
     rows: Vec<Vector4<f64>>,
-    /// What offsets and friction are made of.
-    beside: Vec<Vector3<f64>>,
+    /// What offsets, friction and motion are made of.
+    beside: Vec<Vector4<f64>>,
 }
 
 impl Free {
-    /// Sums of products of the rows, without what offsets and friction explain.
+    /// Sums of products of the rows, without what offsets, friction and motion explain.
     fn products(&self) -> Matrix4<f64> {
         let pairs = || self.rows.iter().zip(&self.beside);
         let whole: Matrix4<f64> = self.rows.iter().map(|r| r * r.transpose()).sum();
-        let own: Matrix3<f64> = self.beside.iter().map(|b| b * b.transpose()).sum();
-        let both: Matrix4x3<f64> = pairs().map(|(r, b)| r * b.transpose()).sum();
+        let own: Matrix4<f64> = self.beside.iter().map(|b| b * b.transpose()).sum();
+        let both: Matrix4<f64> = pairs().map(|(r, b)| r * b.transpose()).sum();
         let rounding = ROUNDING * own.max();
         match own.pseudo_inverse(rounding) {
             Ok(inverse) => whole - both * inverse * both.transpose(),
@@ -81,13 +103,18 @@ impl Free {
 }
 
 /// These samples of every joint.
-fn free(scene: &Scene, sequence: &Sequence, trace: &Trace) -> Result<Vec<Free>, PipelineError> {
+fn free(
+    scene: &Scene,
+    sequence: &Sequence,
+    rigid: &Table,
+    trace: &Trace,
+) -> Result<Vec<Free>, PipelineError> {
     let robot = scene.robot();
     let mut workspace = robot.dynamics_workspace();
     let mut joints = vec![Free::default(); robot.joint_count()];
     let motion = motion_of(robot, sequence)?;
-    let states = sequence.angles.iter().zip(motion.velocities.iter());
-    for ((q, qd), observation) in states.zip(&trace.observations) {
+    let states = (sequence.angles.iter().zip(motion.velocities.iter())).zip(rigid.iter());
+    for (((q, qd), rigid), observation) in states.zip(&trace.observations) {
         if !observation.is_empty() {
             continue;
         }
@@ -101,11 +128,14 @@ fn free(scene: &Scene, sequence: &Sequence, trace: &Trace) -> Result<Vec<Free>, 
             let weight = robot.gravity_torques(q, axis, &mut workspace)?;
             rows.iter_mut().zip(weight).for_each(|(row, w)| row[k] = *w);
         }
-        for ((joint, row), qd) in joints.iter_mut().zip(rows).zip(qd) {
+        let moves = qd.iter().zip(rigid);
+        for ((joint, row), (qd, rigid)) in joints.iter_mut().zip(rows).zip(moves) {
+            let inertial = rigid - row.xyz().dot(&scene.gravity());
             joint.rows.push(row);
+            let friction = (qd / SLOW).tanh();
             joint
                 .beside
-                .push(Vector3::new(1.0, (qd / SLOW).tanh(), *qd));
+                .push(Vector4::new(1.0, friction, *qd, inertial));
         }
     }
     Ok(joints)

@@ -19,10 +19,10 @@ const MOST_OFFSET: f64 = 0.5;
 const LEAST_FREE: usize = 16;
 /// Readings in the air that are at least so much like the torques of gravity, and within a factor of their
 /// size, are these. A payload is like them too, but smaller.
-const GRAVITY_CORRELATION: f64 = 0.95;
-const GRAVITY_SIZE: std::ops::RangeInclusive<f64> = 0.8..=1.25;
+pub(super) const GRAVITY_CORRELATION: f64 = 0.95;
+pub(super) const GRAVITY_SIZE: std::ops::RangeInclusive<f64> = 0.8..=1.25;
 /// Readings of the actuators of the other sign leave twice the torques of gravity.
-const TWICE: std::ops::RangeInclusive<f64> = 1.6..=2.5;
+pub(super) const TWICE: std::ops::RangeInclusive<f64> = 1.6..=2.5;
 
 /// What looks wrong with the readings: torques of another unit, of the other sign, in another order, of another gravity,
 /// with gravity or offsets left in them, single ones that are far off, sensors that are stuck, dead, frozen or saturated, tare samples that are no rest. `traces` are those of `sequences`, in their order. Of
@@ -82,9 +82,9 @@ pub fn reading_warnings(
     let sick = spiked || !sensors.is_empty();
     warnings.extend(sensors);
     // Gravity that is left, and other offsets, may turn readings round; without one joint's, columns mean little.
+    let turned = gravity::warning(scene, sequences, &rigid, traces, LEAST_FREE);
     let rigid = tared(scene, rigid).unwrap_or_default();
     let misread = (!sick).then(|| misread(scene, &rigid, traces)).flatten();
-    let turned = other_gravity(scene, sequences, traces);
     // What leaves less.
     let (first, second) = match share_left(misread.as_ref()) <= share_left(turned.as_ref()) {
         true => (misread, turned),
@@ -272,16 +272,6 @@ fn share_left(warning: Option<&PipelineWarning>) -> f64 {
         ) => *left,
         _ => f64::INFINITY,
     }
-}
-
-/// Weight in the readings of the actuators that is of another gravity.
-fn other_gravity(
-    scene: &Scene,
-    sequences: &[&Sequence],
-    traces: &[Trace],
-) -> Option<PipelineWarning> {
-    let measured = scene.torque_kind() == TorqueKind::Measured;
-    measured.then(|| gravity::warning(scene, sequences, traces, LEAST_FREE))?
 }
 
 /// Readings of the actuators with other signs, or in another order, than weight and motion of the arm ask for.
