@@ -495,6 +495,9 @@ fn readings_of_the_other_kind_in_the_air() {
     for arm in ARMS {
         let warnings = warnings_with(&given, arm, |_| {});
         says_once(&warnings, "taken as torque_kind external");
+        // Motors that are off give no torques of either kind.
+        let off = warnings_of(arm, |row| row.fill(0.0));
+        assert!(!off.iter().any(|w| w.contains("torque_kind")), "{off:?}");
     }
 }
 

@@ -7,10 +7,9 @@ use vsf_data::{Sequence, Table, TorqueKind};
 const LEAST_WEIGHT: f64 = 0.05;
 
 /// The first actuator that reads one value for a while, though what it has to give to hold and move the arm changes.
-/// `rigid` are the torques of the arm alone, sequence by sequence. Of planned motions, all zero, nothing is said.
+/// `rigid` are the torques of the arm alone, sequence by sequence.
 pub fn warning(scene: &Scene, sequences: &[&Sequence], rigid: &[Table]) -> Option<PipelineWarning> {
-    let mut readings = sequences.iter().flat_map(|s| s.torques.data());
-    if scene.torque_kind() != TorqueKind::Measured || readings.all(|v| *v == 0.0) {
+    if scene.torque_kind() != TorqueKind::Measured {
         return None;
     }
     let joints = scene.robot().joints();

@@ -64,6 +64,10 @@ pub fn reading_warnings(
     };
     warnings.extend(tares(&|t| tare_in_contact(t, scene.tare_samples())));
     warnings.extend(tares(&|t| tare_spread(t, scene)));
+    // Of planned motions, and of motors that are off.
+    if (sequences.iter().flat_map(|s| s.torques.data())).all(|v| *v == 0.0) {
+        return warnings;
+    }
     let spike = spikes::warning(scene, sequences, traces);
     let spiked = spike.is_some();
     warnings.extend(spike);
