@@ -485,6 +485,31 @@ fn real_arms_are_read_as_they_are() {
     }
 }
 
+/// Gains of sensors are a matter of the diagnosis; other units are not.
+#[test]
+fn joints_of_another_scale_in_the_air() {
+    let changed = |joints: &[usize], factor: f64| {
+        warnings_of(ARMS[0], |row| joints.iter().for_each(|&j| row[j] *= factor))
+    };
+    assert_eq!(changed(&[1, 2, 3], 1.5), [""; 0]);
+    for (joint, factor) in [(1, 100.0), (3, 10.0), (3, 0.2)] {
+        let says = format!("the readings of panda_joint{} are", joint + 1);
+        let warnings = changed(&[joint], factor);
+        let warning = warnings.iter().find(|w| w.contains(&says));
+        let told = warning.unwrap_or_else(|| panic!("{joint} {factor}: {warnings:?}"));
+        let times = told.split(" times").next().unwrap().rsplit(' ').next();
+        let times: f64 = times.unwrap().parse().unwrap();
+        assert!((times / factor - 1.0).abs() < 0.1, "{told}");
+        assert!(told.contains("torque constant"), "{told}");
+    }
+    let all = changed(&[0, 1, 2, 3, 4, 5, 6], 1e3);
+    assert!(
+        all.iter()
+            .any(|w| w.contains("torque constant") && w.contains("more joint")),
+        "{all:?}"
+    );
+}
+
 /// Readings of actuators that are said to be of touch alone, of whatever friction.
 #[test]
 fn readings_of_the_other_kind_in_the_air() {

@@ -292,6 +292,23 @@ pub enum PipelineWarning {
         /// Share of their squared differences from the model that the other sign leaves.
         left: f64,
     },
+    /// Readings of an actuator that are many times its weight and motion, or a small part of them, where nothing is touched.
+    #[error(
+        "where nothing is touched the readings of {joint} are {factor:.3} times what weight and motion of the arm need \
+         (correlation {correlation:.2}); check its unit, gear ratio and torque constant{}", more(*others, "joint")
+    )]
+    ScaledActuators {
+        /// Name of the joint that this is clearest of.
+        joint: String,
+        /// Reading per torque that is needed.
+        factor: f64,
+        /// Correlation of the two.
+        correlation: f64,
+        /// Share of the squared differences of such joints from the model that is left once they are scaled.
+        left: f64,
+        /// Further joints of that kind.
+        others: usize,
+    },
     /// Readings of the actuators whose columns fit the joints better in another order, where nothing is touched.
     #[error(
         "where nothing is touched weight and motion of the arm explain the readings far better with their columns {order} \

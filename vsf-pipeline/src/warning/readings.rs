@@ -90,10 +90,7 @@ pub fn reading_warnings(
     let rigid = tared(scene, rigid).unwrap_or_default();
     let misread = (!sick).then(|| misread(scene, &rigid, traces)).flatten();
     // What leaves less.
-    let (first, second) = match share_left(misread.as_ref()) <= share_left(turned.as_ref()) {
-        true => (misread, turned),
-        false => (turned, misread),
-    };
+    let (first, second) = less_left(misread, turned);
     let offset = first
         .or_else(|| gravity_left(scene, &rigid, traces))
         .or(second)
@@ -265,20 +262,32 @@ fn gravity_left(scene: &Scene, rigid: &[Table], traces: &[Trace]) -> Option<Pipe
     }
 }
 
+/// Two warnings, the one first whose convention leaves less.
+fn less_left(
+    a: Option<PipelineWarning>,
+    b: Option<PipelineWarning>,
+) -> (Option<PipelineWarning>, Option<PipelineWarning>) {
+    match share_left(a.as_ref()) <= share_left(b.as_ref()) {
+        true => (a, b),
+        false => (b, a),
+    }
+}
+
 /// What another convention leaves of what the given one does, if there is one.
 fn share_left(warning: Option<&PipelineWarning>) -> f64 {
-    use PipelineWarning::{MixedActuators, OppositeActuators, OtherGravity};
+    use PipelineWarning::{MixedActuators, OppositeActuators, OtherGravity, ScaledActuators};
     match warning {
         Some(
             OppositeActuators { left, .. }
             | MixedActuators { left, .. }
+            | ScaledActuators { left, .. }
             | OtherGravity { left, .. },
         ) => *left,
         _ => f64::INFINITY,
     }
 }
 
-/// Readings of the actuators with other signs, or in another order, than weight and motion of the arm ask for.
+/// Readings of the actuators with other signs, in another order, or of another scale, than weight and motion of the arm ask for.
 fn misread(scene: &Scene, rigid: &[Table], traces: &[Trace]) -> Option<PipelineWarning> {
     if scene.torque_kind() != TorqueKind::Measured {
         return None;
@@ -292,7 +301,7 @@ fn misread(scene: &Scene, rigid: &[Table], traces: &[Trace]) -> Option<PipelineW
         weighed.add(&(&rigid - left), &rigid);
     }
     match weighed.count() >= LEAST_FREE {
-        true => weighed.warning(joints),
+        true => less_left(weighed.warning(joints), weighed.scaled(joints)).0,
         false => None,
     }
 }

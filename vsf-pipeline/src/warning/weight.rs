@@ -1,8 +1,9 @@
-//! Signs and columns of readings of the actuators: those under which weight and motion of the arm explain them best
-//! where nothing is touched.
+//! Signs, columns and scales of readings of the actuators: those under which weight and motion of the arm explain them
+//! best where nothing is touched.
 
 use super::PipelineWarning;
 use super::order::{Columns, as_given, orders, with_signs};
+use super::readings::GRAVITY_CORRELATION;
 use crate::reading_unit;
 use nalgebra::{DMatrix, DVector};
 use vsf_robots::Joint;
@@ -12,6 +13,8 @@ const MOST_LEFT: f64 = 0.25;
 /// Joints whose torques change by less than this share of the most that those of a unit do say nothing: friction or a
 /// payload may turn them round.
 const LEAST_WEIGHT: f64 = 0.02;
+/// Readings of so many times what is needed, or of that part of it, are of another unit; less is a gain of the sensor.
+const MOST_SCALE: f64 = 3.0;
 
 /// How readings vary where nothing is touched, beside the torques of the arm alone. What is constant in a sequence does not
 /// count: it may be an offset, and an arm at rest says nothing of signs.
@@ -60,20 +63,55 @@ impl Weighed {
         self.readings[column] + self.rigid[joint] - 2.0 * sign * self.both[(joint, column)]
     }
 
+    /// The most that the torques of a joint of its unit vary.
+    fn largest_alike(&self, joints: &[Joint], j: usize) -> f64 {
+        let alike = |k: &usize| reading_unit(&joints[j]) == reading_unit(&joints[*k]);
+        let of_unit = (0..joints.len()).filter(alike);
+        of_unit.map(|k| self.rigid[k]).fold(0.0, f64::max)
+    }
+
+    /// Whether the torques of a joint vary enough to say something.
+    fn tells(&self, joints: &[Joint], j: usize) -> bool {
+        self.rigid[j] > LEAST_WEIGHT * LEAST_WEIGHT * self.largest_alike(joints, j)
+    }
+
+    /// Joints' torques of another scale.
+    pub fn scaled(&self, joints: &[Joint]) -> Option<PipelineWarning> {
+        let of_joint = |j: usize| {
+            let both = self.both[(j, j)];
+            let correlation = both / (self.readings[j] * self.rigid[j]).sqrt();
+            (j, both / self.rigid[j], correlation)
+        };
+        let odd = |(_, factor, correlation): &(usize, f64, f64)| {
+            *correlation > GRAVITY_CORRELATION && !(1.0 / MOST_SCALE..=MOST_SCALE).contains(factor)
+        };
+        let telling = (0..joints.len()).filter(|&j| self.tells(joints, j));
+        let found: Vec<(usize, f64, f64)> = telling.map(of_joint).filter(odd).collect();
+        let &(clearest, factor, correlation) = found.iter().max_by(|a, b| a.2.total_cmp(&b.2))?;
+        let over = |of: &dyn Fn(usize) -> f64| {
+            let each = found
+                .iter()
+                .map(|&(j, ..)| of(j) / self.largest_alike(joints, j));
+            each.sum::<f64>()
+        };
+        let scaled = over(&|j| self.readings[j] - self.both[(j, j)].powi(2) / self.rigid[j]);
+        Some(PipelineWarning::ScaledActuators {
+            joint: joints[clearest].name().to_owned(),
+            factor,
+            correlation,
+            left: scaled / over(&|j| self.left(j, (j, 1.0))),
+            others: found.len() - 1,
+        })
+    }
+
     /// Some joints' torques of the wrong sign, not those of all that tell; or columns in the wrong order.
     pub fn warning(&self, joints: &[Joint]) -> Option<PipelineWarning> {
-        let alike = |j: usize, k: &usize| reading_unit(&joints[j]) == reading_unit(&joints[*k]);
-        // Of all joints of its unit the most.
         let scales: Vec<f64> = (0..joints.len())
-            .map(|j| {
-                (0..joints.len())
-                    .filter(|k| alike(j, k))
-                    .map(|k| self.rigid[k])
-                    .fold(0.0, f64::max)
-            })
+            .map(|j| self.largest_alike(joints, j))
             .collect();
-        let tells = |j: &usize| self.rigid[*j] > LEAST_WEIGHT * LEAST_WEIGHT * scales[*j];
-        let telling: Vec<usize> = (0..joints.len()).filter(tells).collect();
+        let telling: Vec<usize> = (0..joints.len())
+            .filter(|&j| self.tells(joints, j))
+            .collect();
         let left_of = |columns: &Columns, j: usize| match scales[j] > 0.0 {
             true => self.left(j, columns[j]) / scales[j],
             false => 0.0,
