@@ -542,6 +542,11 @@ fn links_and_pipes() {
             &["/dev/zero", "device"],
         );
     }
+    bench.fails(
+        "estimate data --config none.toml",
+        2,
+        &["--config: none.toml: no such file"],
+    );
     bench.metadata(&METADATA.replace("cartesian_stage", "/dev/zero"));
     bench.fails(INFO, 3, &["/dev/zero", "device"]);
 }

@@ -2,7 +2,7 @@
 
 use crate::DataError;
 use serde::Serialize;
-use serde::de::{DeserializeOwned, Error, MapAccess, Visitor};
+use serde::de::{DeserializeOwned, Error, IgnoredAny, MapAccess, Visitor};
 use serde::{Deserialize, Deserializer};
 use serde_json::error::Category;
 use serde_json::{Map, Value};
@@ -56,6 +56,20 @@ pub(crate) fn parse<T: DeserializeOwned>(path: &Path, bytes: &[u8]) -> Result<T,
     let value = serde_path_to_error::deserialize(&mut text).map_err(|e| {
         let key = e.path().to_string();
         let mut failure = failure(path, e.inner());
+        // Where an array is too long, or a number stands for a name, serde_json finds fault with the syntax.
+        if let DataError::Json {
+            path, line, column, ..
+        } = &failure
+            && serde_json::from_slice::<IgnoredAny>(bytes).is_ok()
+        {
+            failure = DataError::JsonType {
+                path: path.clone(),
+                line: *line,
+                column: *column,
+                problem: "a value of another type, or of more entries, than it has to be"
+                    .to_owned(),
+            };
+        }
         if let DataError::JsonType { problem, .. } = &mut failure
             && key != "."
         {

@@ -256,6 +256,16 @@ fn json_that_is_not_json_or_of_wrong_type() {
         DataError::JsonType { .. },
         ": splits.train[0]: invalid type"
     );
+    refused!(
+        |f: &Folder| f.json(r#"{"gravity": [0, 0, 0, 0]}"#),
+        DataError::JsonType { .. },
+        ": gravity: a value of another type, or of more entries"
+    );
+    refused!(
+        |f: &Folder| f.json(r#"{"torque_kind": 5}"#),
+        DataError::JsonType { .. },
+        ": torque_kind: a value of another type"
+    );
     for text in [
         "[]",
         r#"{"robot": "a", "robot": "b"}"#,

@@ -32,6 +32,11 @@ impl Effect for InertiaDrag {
         Acts::Torques
     }
 
+    /// It bends to whatever lags in contact, such as friction that grows with the load.
+    fn null_gain(&self) -> f64 {
+        40.0
+    }
+
     fn needs(&self) -> &[Need] {
         &[Need::Contact]
     }
