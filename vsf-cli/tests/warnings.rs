@@ -531,7 +531,12 @@ fn readings_of_the_other_kind_in_the_air() {
 #[test]
 fn gravity_that_points_elsewhere() {
     for arm in ARMS {
-        for given in [[0.0, 9.81, 0.0], [-6.0, 0.0, -7.8], [0.0; 3]] {
+        for given in [
+            [0.0, 9.81, 0.0],
+            [-6.0, 0.0, -7.8],
+            [0.0, 0.0, 9.81],
+            [0.0; 3],
+        ] {
             let given = Overrides {
                 gravity: Some(given.into()),
                 ..Overrides::default()
@@ -543,6 +548,9 @@ fn gravity_that_points_elsewhere() {
             let off = (vector[0].hypot(vector[1])).hypot(vector[2] + 9.81);
             assert!(off < 1.5, "{arm}: {vector:?}");
         }
+        // Actuators that push where they should hold look much like it.
+        let pushing = warnings_of(arm, |row| row.iter_mut().for_each(|t| *t = -*t));
+        says_once(&pushing, "sign");
         // Askew by ten degrees is a matter of the diagnosis.
         let askew = Overrides {
             gravity: Some([1.7, 0.0, -9.66].into()),

@@ -6,7 +6,6 @@ use crate::judge::{Nominal, hidden_weight};
 use crate::locate::locate;
 use crate::next::{Arm, next_experiment};
 use crate::notes::{closest, few_rows, notes, told};
-use crate::outliers::outlier;
 use crate::plain::Plain;
 use crate::report::{
     Diagnosis, EffectReport, Gap, MeanErrors, Outcome, STIFFNESS_FIELD, is_perfect,
@@ -31,8 +30,8 @@ const CHECKED: usize = 3;
 const NEARLY: f64 = 0.9;
 /// A model whose error is more than so many times that of a perfect one is far from it.
 const FAR: f64 = 3.0;
-/// A model that was stopped at a bound has to leave less than this share of what sensors that read nothing would: further
-/// effects may take a little of anything.
+/// In free air a model that was stopped at a bound has to leave less than this share of what sensors that read nothing
+/// would: further effects take a little of anything.
 const BARELY: f64 = 0.95;
 /// From this share of its information on, that the stiffness absorbs, an effect may be what the field shows.
 const TAKEN_UP: f64 = 0.95;
@@ -231,7 +230,11 @@ fn attempt(
     // With contact, errors are far from a perfect model's for many reasons.
     let far = closed < NEARLY || after.mean_error() > FAR * noise_floor;
     let silence = trial.of_silence()?;
-    let barely = if stopped { BARELY } else { 1.0 };
+    let barely = if stopped && !nominal.touches {
+        BARELY
+    } else {
+        1.0
+    };
     let silent = corrected && after.mean_error() >= barely * silence;
     let names = in_field.iter().map(|(p, _)| p.effect.name().to_owned());
     let refused: Vec<String> = (judgement.refused.iter())
@@ -257,8 +260,8 @@ fn attempt(
     }
     if silent {
         notes.push(format!(
-            "sensors that are taken to read nothing leave {silence:.4} {}, no more than the corrected model: it may stand for \
-             readings that are not of this motion, or hold no torques",
+            "sensors that are taken to read nothing leave {silence:.4} {}, the corrected model hardly less or even more: it may \
+             stand for readings that are not of this motion, or hold no torques",
             campaign.scene.error_unit()
         ));
     }
@@ -266,10 +269,9 @@ fn attempt(
         notes.push(told(campaign, plain, *share));
     }
     notes.extend(closest(answer.verdict.kind, &model));
-    let session = campaign.session();
-    let left = campaign.residuals(&model, &own_field, &session)?;
-    let few = outlier(&left, &campaign.noise);
-    notes.extend(few.map(|found| few_rows(campaign, &session, &model, &found)));
+    if split == Split::Whole {
+        notes.extend(few_rows(campaign, &model, &own_field)?);
+    }
     let effects = reports(
         thinned, &search, &likeness, &in_field, &trial, &judgement, &answer,
     )?;

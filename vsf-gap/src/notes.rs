@@ -1,14 +1,15 @@
 //! What a reader of a diagnosis should know, in sentences.
 
 use crate::closure::noise_norm;
+use crate::effect::Need;
 use crate::estimated::Compared;
 use crate::judge::Nominal;
-use crate::outliers::Outlier;
+use crate::outliers::outlier;
 use crate::plain::Plain;
 use crate::refine::Refined;
 use crate::trial::{Judgement, Trial, Tried};
 use crate::verdict::{Answer, VerdictKind};
-use crate::{Campaign, Model, Motion, Parameter};
+use crate::{Campaign, GapError, Model, Motion, Parameter};
 use vsf_pipeline::reading_unit;
 
 /// In free air, an error that is left of so many times that of a perfect model is told of.
@@ -177,16 +178,26 @@ pub(crate) fn notes(
     notes
 }
 
-/// That a few rows hold much of what the model leaves.
+/// That a few rows hold much of what a model leaves: with contact of the train sequences, since others touch what its field
+/// does not know.
+///
+/// # Errors
+/// Rows that contact cannot take.
 pub(crate) fn few_rows(
     campaign: &Campaign,
-    session: &[&Motion],
     model: &Model,
-    found: &Outlier,
-) -> String {
+    field: &[f64],
+) -> Result<Option<String>, GapError> {
+    let motions: Vec<&Motion> = match campaign.lacks(Need::Contact) {
+        Some(_) => campaign.session(),
+        None => campaign.train.iter().collect(),
+    };
+    let residuals = campaign.residuals(model, field, &motions)?;
+    let Some(found) = outlier(&residuals, &campaign.noise) else {
+        return Ok(None);
+    };
     let joint = &campaign.site.robot.joints()[found.joint];
-    let unit = reading_unit(joint);
-    let of = &session[found.sequence].id;
+    let of = &motions[found.sequence].id;
     let (first, last) = (found.rows.start, found.rows.end - 1);
     let rows = match first == last {
         true => format!("row {first} of sequence {of} holds"),
@@ -196,15 +207,16 @@ pub(crate) fn few_rows(
         true => "nominal",
         false => "corrected",
     };
-    format!(
-        "{rows} {:.0} % of the squared errors of the {model} model, by noise: {} is off by {} {unit} there, \
-         elsewhere by {} (root mean square); if that is a fault of the recording, the answer may change once it is mended or \
-         left out",
+    Ok(Some(format!(
+        "{rows} {:.0} % of the squared errors of the {model} model, each joint's relative to its noise: {} is off by {} {} \
+         there, elsewhere by {} (root mean square); if that is a fault of the recording, the answer may change once it is \
+         mended or left out",
         100.0 * found.share,
         joint.name(),
         number(found.error),
+        reading_unit(joint),
         number(found.elsewhere)
-    )
+    )))
 }
 
 /// That a corrected model holds no known cause, where the verdict names none.

@@ -25,14 +25,14 @@ pub(crate) struct Outlier {
     pub(crate) joint: usize,
     /// The share that these rows hold.
     pub(crate) share: f64,
-    /// The largest error of that joint there (N m or N), and its root mean square in all other rows.
+    /// The largest error of that joint there (N m or N), without sign, and its root mean square in all other rows.
     pub(crate) error: f64,
     pub(crate) elsewhere: f64,
 }
 
 /// The run that holds most, if that is much.
 pub(crate) fn outlier(residuals: &Residuals, noise: &[JointNoise]) -> Option<Outlier> {
-    let d = residuals.joints;
+    let d = residuals.joints.max(1);
     let of_joint = |j: usize| {
         residuals
             .rows
@@ -72,21 +72,19 @@ pub(crate) fn outlier(residuals: &Residuals, noise: &[JointNoise]) -> Option<Out
         .filter_map(run_of)
         .filter(stands_out);
     let (sequence, first, sum) = runs.max_by(|a, b| a.2.total_cmp(&b.2))?;
-    // Of the run, the rows that hold most of it.
-    let far = |row: &usize| squares[sequence][*row] * ROWS as f64 > sum * MUCH;
+    // Those that hold a tenth of it each: one does.
+    let far = |row: &usize| squares[sequence][*row] >= sum * MUCH;
     let mut rows = (first..first + ROWS).filter(far);
     let begin = rows.next()?;
     let rows = begin..rows.last().unwrap_or(begin) + 1;
     let peak = |j: usize| {
         let of_rows = rows
             .clone()
-            .map(|row| residuals.rows[sequence][row * d + j]);
-        of_rows
-            .max_by(|a, b| a.abs().total_cmp(&b.abs()))
-            .unwrap_or(0.0)
+            .map(|row| residuals.rows[sequence][row * d + j].abs());
+        of_rows.fold(0.0, f64::max)
     };
     let joint = (0..d).max_by(|a, b| {
-        let of = |j: usize| peak(j).abs() / scales[j];
+        let of = |j: usize| peak(j) / scales[j];
         of(*a).total_cmp(&of(*b))
     })?;
     let others = residuals.rows.iter().enumerate().flat_map(|(s, own)| {

@@ -41,7 +41,7 @@ struct Shorter<'a> {
 }
 
 impl Combination {
-    fn is_of_the_effects_of(&self, other: &Self) -> bool {
+    fn has_same_effects(&self, other: &Self) -> bool {
         let (own, others) = (&self.refined.model, &other.refined.model);
         own.is_part_of(others) && others.is_part_of(own)
     }
@@ -49,13 +49,9 @@ impl Combination {
 
 /// Adds a model to others, in place of one of the same effects that does worse.
 fn add(models: &mut Vec<Combination>, new: Combination) {
-    match models.iter_mut().find(|m| m.is_of_the_effects_of(&new)) {
-        Some(same) => {
-            same.earned |= new.earned;
-            if new.refined.log_evidence > same.refined.log_evidence {
-                same.refined = new.refined;
-            }
-        }
+    match models.iter_mut().find(|m| m.has_same_effects(&new)) {
+        Some(same) if same.refined.log_evidence >= new.refined.log_evidence => {}
+        Some(same) => *same = new,
         None => models.push(new),
     }
 }
@@ -72,7 +68,8 @@ fn best_first<T>(models: &mut [T], worth: impl Fn(&T) -> f64) {
 }
 
 impl Campaign {
-    /// Models of several effects, shorter ones first. Effects of the best pair that were not fitted alone are then.
+    /// Models of several effects, shorter ones first. Those of their effects that were not fitted alone are then; with
+    /// contact, those that would earn a place beside the best one.
     ///
     /// # Errors
     /// Those of fits: rows that contact cannot take, covariances that are not positive definite.
@@ -85,7 +82,7 @@ impl Campaign {
         let touches = |c: &Candidate| c.refined.as_ref().is_some_and(|r| r.touches);
         match candidates.first().is_some_and(touches) {
             true => Ok((self.pair(tangents, candidates, standard)?.into_iter()).collect()),
-            false => self.sets_in_air(candidates, standard),
+            false => self.sets_in_air(tangents, candidates, standard),
         }
     }
 
@@ -105,9 +102,8 @@ impl Campaign {
             return Ok(None);
         };
         let effects: Vec<_> = rest.iter().map(|c| c.effect.clone()).collect();
-        let mut pairs = self.extended(best, &effects, rough)?;
-        best_first(&mut pairs, |p| p.refined.log_evidence);
-        for Further { refined, effect } in pairs {
+        let mut found: Vec<Combination> = Vec::new();
+        for Further { refined, effect } in self.extended(best, &effects, rough)? {
             let gained = refined.log_evidence - best.log_evidence;
             if gained <= needed_beside(effect.as_ref(), best.log_evidence - base, rough) {
                 continue;
@@ -125,65 +121,82 @@ impl Campaign {
                 }
             }
             let earned = true;
-            return Ok(Some(Combination { refined, earned }));
+            found.push(Combination { refined, earned });
         }
-        Ok(None)
+        best_first(&mut found, |c| c.refined.log_evidence);
+        Ok(found.into_iter().next())
     }
 
-    /// The best models of each length, each the best continuation of one of those before.
+    /// The best models of each length that go on from the best shorter ones.
     fn sets_in_air(
         &self,
-        candidates: &[Candidate],
+        tangents: &[Tangent],
+        candidates: &mut [Candidate],
         standard: &Standard,
     ) -> Result<Vec<Combination>, GapError> {
-        let (base, rough) = (standard.base, standard.spread.contact);
         let effects: Vec<_> = candidates.iter().map(|c| c.effect.clone()).collect();
-        let longer_than = |mut shorter: Vec<Shorter<'_>>| -> Result<_, GapError> {
-            shorter.retain(|s| margin(s.refined, base, rough) > 0.0);
-            best_first(&mut shorter, |s| margin(s.refined, base, rough));
-            shorter.truncate(KEPT);
-            let longer = |s: &Shorter<'_>| self.longer(*s, &effects, base, rough);
-            shorter
-                .par_iter()
-                .map(longer)
-                .collect::<Result<Vec<_>, _>>()
-        };
         let alone = candidates.iter().filter_map(|c| c.refined.as_ref());
-        let mut next = longer_than(
-            alone
-                .map(|refined| Shorter {
-                    refined,
-                    earned: true,
-                })
-                .collect(),
-        )?;
-        let (mut found, mut last) = (Vec::new(), Vec::new());
+        let evident = alone.filter(|r| r.log_evidence - standard.base > EVIDENT);
+        let earned = true;
+        let shorter = evident.map(|refined| Shorter { refined, earned });
+        let mut next = self.continued(shorter.collect(), &effects, standard)?;
+        let (mut found, mut last, mut singles) = (Vec::new(), Vec::new(), Vec::new());
         for length in 2.. {
-            let mut models = Vec::new();
-            for (longer, instead) in next {
-                // Single effects were fitted as such.
-                let several = instead
-                    .into_iter()
-                    .filter(|m| m.refined.model.parts.len() > 1);
-                several.for_each(|m| add(&mut last, m));
-                longer.into_iter().for_each(|m| add(&mut models, m));
+            let (longer, instead) = next;
+            for model in instead {
+                match model.refined.model.parts.len() {
+                    1 => singles.push(model.refined),
+                    _ => add(&mut last, model),
+                }
             }
             found.append(&mut last);
-            last = models;
+            longer.into_iter().for_each(|model| add(&mut last, model));
             if last.is_empty() || length == MOST_IN_AIR {
                 break;
             }
-            next = longer_than(
-                last.iter()
-                    .map(|c| Shorter {
-                        refined: &c.refined,
-                        earned: c.earned,
-                    })
-                    .collect(),
-            )?;
+            let shorter = last.iter().map(|c| Shorter {
+                refined: &c.refined,
+                earned: c.earned,
+            });
+            next = self.continued(shorter.collect(), &effects, standard)?;
         }
         found.append(&mut last);
+        for single in singles {
+            let is_of = |c: &&mut Candidate| single.model.has(c.effect.name());
+            let better = |c: &&mut Candidate| {
+                let own = c.refined.as_ref();
+                own.is_none_or(|own| own.log_evidence < single.log_evidence)
+            };
+            if let Some(candidate) = candidates.iter_mut().find(is_of).filter(better) {
+                candidate.refined = Some(single);
+            }
+        }
+        for candidate in candidates.iter_mut().filter(|c| c.refined.is_none()) {
+            let name = candidate.effect.name();
+            if found.iter().any(|c| c.refined.model.has(name)) {
+                let tangent = &tangents[candidate.found.tangent];
+                candidate.refined = Some(self.refined(tangent, &candidate.found, standard)?);
+            }
+        }
         Ok(found)
+    }
+
+    /// For the best of some models: those with one more effect, and those with another instead ([`Campaign::longer`]).
+    fn continued(
+        &self,
+        mut shorter: Vec<Shorter<'_>>,
+        effects: &[Arc<dyn Effect>],
+        standard: &Standard,
+    ) -> Result<(Vec<Combination>, Vec<Combination>), GapError> {
+        let (base, rough) = (standard.base, standard.spread.contact);
+        best_first(&mut shorter, |s| margin(s.refined, base, rough));
+        shorter.truncate(KEPT);
+        let of_each: Vec<_> = (shorter.par_iter())
+            .map(|s| self.longer(*s, effects, base, rough))
+            .collect::<Result<_, GapError>>()?;
+        let (longer, instead): (Vec<_>, Vec<_>) = of_each.into_iter().unzip();
+        let all = |of: Vec<Vec<Combination>>| of.into_iter().flatten().collect();
+        Ok((all(longer), all(instead)))
     }
 
     /// The best models with one more effect, of which none of those before can be spared; and models of as many effects

@@ -91,3 +91,13 @@ fn sensors_that_read_half_too_much_are_told_beside_friction() {
         assert!((p.value - 0.5).abs() < 0.06, "{p:?}");
     }
 }
+
+/// One reading that is a little more than the others, which no warning is given of.
+#[test]
+fn a_row_that_holds_much_of_what_is_left_is_named() {
+    let mut dataset = recording("unisa_panda");
+    let said = |d: &Diagnosis, row: &str| d.notes.iter().any(|n| n.starts_with(row));
+    dataset.sequences[0].torques.data_mut()[7 * 50 + 1] += 60.0;
+    let d = diagnosis(&dataset);
+    assert!(said(&d, "row 50 of sequence 000 holds"), "{:?}", d.notes);
+}

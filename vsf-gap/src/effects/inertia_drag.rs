@@ -5,7 +5,8 @@ use crate::effect::{Acts, Compensator, Effect, Need, Parameter, Sample, Site, To
 /// The object has mass and drag of its own: every touched point resists its motion by `-(m a + c v)`, a force on the
 /// robot where the point is, with the velocity `v` and acceleration `a` of the robot there.
 ///
-/// Parameters `m` (kg) and `c` (N s/m), each of one point, the same of stiff points as of soft ones. Tell-tale:
+/// Parameters `m` (kg) and `c` (N s/m), each of one rest point, as stiffness is, so that they go with their spacing; the
+/// same of stiff points as of soft ones. Tell-tale:
 /// proportional to the acceleration of the contact; the dampers of `viscoelastic` are as strong as the springs are.
 ///
 /// # Reference

@@ -1,7 +1,7 @@
 //! Gravity as the readings of the actuators have it where nothing is touched: weight is linear in its vector.
 
 use super::PipelineWarning;
-use super::readings::{GRAVITY_CORRELATION, GRAVITY_SIZE, TWICE};
+use super::readings::{GRAVITY_CORRELATION, GRAVITY_SIZE};
 use crate::{PipelineError, Scene, Trace, motion_of};
 use nalgebra::{Matrix3, Matrix4, Vector3, Vector4};
 use vsf_data::{Sequence, Table, TorqueKind};
@@ -15,12 +15,13 @@ const STRENGTH: std::ops::RangeInclusive<f64> = 8.0..=11.5;
 const UNTOLD: f64 = 1e-4;
 /// Dry friction is nearly full from twice this speed on (rad/s or m/s).
 const SLOW: f64 = 0.01;
-/// The same of offsets and friction.
+/// The same of offsets, friction and motion.
 const ROUNDING: f64 = 1e-12;
 
 /// That another gravity explains most of what weight and motion of the arm leave of its readings, or that these are freed
 /// of weight though they should hold it, or the other way round. Neither offsets of a sequence count nor friction,
-/// constant or proportional to the speed, nor motion, however large. `rigid` are the torques of the arm alone.
+/// constant or proportional to the speed, nor in external readings the torques of motion. `rigid` are the torques of the
+/// arm alone.
 pub fn warning(
     scene: &Scene,
     sequences: &[&Sequence],
@@ -36,7 +37,8 @@ pub fn warning(
         let Ok(joints) = free(scene, sequence, rigid, trace) else {
             continue;
         };
-        samples += joints.first().map_or(0, |joint| joint.rows.len());
+        // Each takes four to tell what is beside weight.
+        samples += (joints.first()).map_or(0, |joint| joint.rows.len().saturating_sub(4));
         products += joints.iter().map(Free::products).sum::<Matrix4<f64>>();
     }
     let weight: Matrix3<f64> = products.fixed_view::<3, 3>(0, 0).into();
@@ -58,23 +60,20 @@ pub fn warning(
     let size = -change.dot(&given) / given.norm_squared();
     let aside = (change + given * size).norm();
     let correlation = (1.0 - left).max(0.0).sqrt();
-    let measured = kind == TorqueKind::Measured;
-    match correlation > GRAVITY_CORRELATION && aside < LEAST_CHANGE {
-        true if GRAVITY_SIZE.contains(&size) => Some(PipelineWarning::GravityLeft {
+    if correlation > GRAVITY_CORRELATION && aside < LEAST_CHANGE && GRAVITY_SIZE.contains(&size) {
+        return Some(PipelineWarning::GravityLeft {
             given: kind,
             size,
             correlation,
-        }),
-        true if measured && TWICE.contains(&size) => Some(PipelineWarning::GravityTwice { size }),
-        _ => {
-            let other = change.norm() > LEAST_CHANGE && STRENGTH.contains(&gravity.norm());
-            (measured && left < MOST_LEFT && other).then(|| PipelineWarning::OtherGravity {
-                gravity: gravity.into(),
-                given: given.into(),
-                left,
-            })
-        }
+        });
     }
+    let other = change.norm() > LEAST_CHANGE && STRENGTH.contains(&gravity.norm());
+    let found = kind == TorqueKind::Measured && left < MOST_LEFT && other;
+    found.then(|| PipelineWarning::OtherGravity {
+        gravity: gravity.into(),
+        given: given.into(),
+        left,
+    })
 }
 
 /// The samples of a joint in a sequence in which nothing is touched.
@@ -130,7 +129,11 @@ fn free(
         }
         let moves = qd.iter().zip(rigid);
         for ((joint, row), (qd, rigid)) in joints.iter_mut().zip(rows).zip(moves) {
-            let inertial = rigid - row.xyz().dot(&scene.gravity());
+            let inertial = match scene.torque_kind() {
+                TorqueKind::External => rigid - row.xyz().dot(&scene.gravity()),
+                // Taken off the readings already.
+                TorqueKind::Measured => 0.0,
+            };
             joint.rows.push(row);
             let friction = (qd / SLOW).tanh();
             joint

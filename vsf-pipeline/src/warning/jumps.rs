@@ -43,13 +43,20 @@ pub fn warning<'r>(robot: &'r RobotModel, sequences: &[&Sequence]) -> Option<Pip
     })
 }
 
-/// Velocities at which the robot cannot move.
+/// Velocities at which the robot cannot move, where positions do not change as fast.
 pub fn speeds(robot: &RobotModel, sequences: &[&Sequence]) -> Option<PipelineWarning> {
     let fast = |(j, joint): (usize, &Joint)| {
         let limit = joint.limits().velocity;
         let (sequence, row, value) = sequences.iter().find_map(|s| {
+            let way = |k: usize| joint.change(s.angles[k - 1][j], s.angles[k][j]).abs();
+            let dt = |k: usize| s.time[k] - s.time[k - 1];
+            let fast = |(row, v): &(usize, f64)| {
+                let steps = (*row).max(1)..(row + 2).min(s.len());
+                v.abs() > MOST_SPEED * limit
+                    && steps.into_iter().all(|k| way(k) < 0.5 * v.abs() * dt(k))
+            };
             let mut column = s.velocities.as_ref()?.column(j).enumerate();
-            let (row, v) = column.find(|(_, v)| v.abs() > MOST_SPEED * limit)?;
+            let (row, v) = column.find(fast)?;
             Some((s.id.clone(), row, v))
         })?;
         Some((

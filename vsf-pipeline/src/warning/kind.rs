@@ -93,11 +93,11 @@ pub enum PipelineWarning {
         /// Further joints of that kind.
         others: usize,
     },
-    /// Single velocities, of those that are as a rule how fast positions change, of more than three times the joint's limit.
+    /// A velocity of more than three times the joint's limit, where positions do not change as fast.
     #[error(
         "joint {joint} has a velocity of {value:?} {unit}/s in sequence {sequence} row {row}, more than three times the robot's \
          limit of {limit:?} {unit}/s, though positions do not change so fast; it looks like a fault of the recording: leave \
-         the row out, or all velocities, which are estimated then{}",
+         out that row, or all velocities: they are then estimated{}",
         more(*others, "joint")
     )]
     TooFast {
@@ -247,7 +247,7 @@ pub enum PipelineWarning {
     /// Weight in the readings of the actuators, where nothing is touched, that is of another gravity.
     #[error(
         "where nothing is touched gravity of {} m/s² explains the readings far better than {} ({percent:.0} % of the squared \
-         difference would be left); check gravity, base_pose and the unit of the torques",
+         difference would be left); check gravity, base_pose, and unit and sign of the torques",
         vector(gravity), vector(given), percent = 100.0 * left
     )]
     OtherGravity {

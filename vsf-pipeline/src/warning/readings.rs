@@ -22,10 +22,11 @@ const LEAST_FREE: usize = 16;
 pub(super) const GRAVITY_CORRELATION: f64 = 0.95;
 pub(super) const GRAVITY_SIZE: std::ops::RangeInclusive<f64> = 0.8..=1.25;
 /// Readings of the actuators of the other sign leave twice the torques of gravity.
-pub(super) const TWICE: std::ops::RangeInclusive<f64> = 1.6..=2.5;
+const TWICE: std::ops::RangeInclusive<f64> = 1.6..=2.5;
 
 /// What looks wrong with the readings: torques of another unit, of the other sign, in another order, of another gravity,
-/// with gravity or offsets left in them, single ones that are far off, sensors that are stuck, dead, frozen or saturated, tare samples that are no rest. `traces` are those of `sequences`, in their order. Of
+/// with gravity or offsets left in them, single ones that are far off, sensors that are stuck, dead, frozen or saturated, tare samples that are no rest. Where all are zero, as of planned motions, only what does not
+/// depend on them. `traces` are those of `sequences`, in their order. Of
 /// sequences that [`Sequence::check`] refuses, with other joints than the robot's, and of traces that
 /// [`Trace::check`] refuses, only that.
 pub fn reading_warnings(
@@ -275,7 +276,9 @@ fn less_left(
 
 /// What another convention leaves of what the given one does, if there is one.
 fn share_left(warning: Option<&PipelineWarning>) -> f64 {
-    use PipelineWarning::{MixedActuators, OppositeActuators, OtherGravity, ScaledActuators};
+    use PipelineWarning::{
+        GravityLeft, MixedActuators, OppositeActuators, OtherGravity, ScaledActuators,
+    };
     match warning {
         Some(
             OppositeActuators { left, .. }
@@ -283,6 +286,7 @@ fn share_left(warning: Option<&PipelineWarning>) -> f64 {
             | ScaledActuators { left, .. }
             | OtherGravity { left, .. },
         ) => *left,
+        Some(GravityLeft { correlation, .. }) => 1.0 - correlation * correlation,
         _ => f64::INFINITY,
     }
 }
