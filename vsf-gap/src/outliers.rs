@@ -76,7 +76,7 @@ pub(crate) fn outlier(residuals: &Residuals, noise: &[JointNoise]) -> Option<Out
     let far = |row: &usize| squares[sequence][*row] >= sum * MUCH;
     let mut rows = (first..first + ROWS).filter(far);
     let begin = rows.next()?;
-    let rows = begin..rows.last().unwrap_or(begin) + 1;
+    let rows = begin..rows.next_back().unwrap_or(begin) + 1;
     let peak = |j: usize| {
         let of_rows = rows
             .clone()
