@@ -10,7 +10,7 @@ Exit codes:
   0    done
   1    a recording, field, robot or other input is missing or cannot be used; the message names file,
        sequence and row
-  2    wrong usage: a flag, a configuration file, or a parameter out of range
+  2    wrong usage: a flag, an entry of a configuration file, or a parameter out of range
   3    the system refuses to read or write a file
   130  interrupted (Ctrl-C, SIGTERM); files already written are whole, a second signal stops at once";
 

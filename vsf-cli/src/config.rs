@@ -214,10 +214,7 @@ fn further(name: &str, given: &ArgMatches) -> anyhow::Result<Vec<Further>> {
         }
     }
     if let Some(path) = path("config") {
-        let text = read_text(path).map_err(|e| match path.try_exists() {
-            Ok(false) => usage(format!("--config: {e}")),
-            _ => e,
-        })?;
+        let text = read_text(path)?;
         let file = File { path, text: &text };
         for (own, key, further) in file.read(&all)? {
             let place = match own {

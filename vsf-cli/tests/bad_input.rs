@@ -542,11 +542,6 @@ fn links_and_pipes() {
             &["/dev/zero", "device"],
         );
     }
-    bench.fails(
-        "estimate data --config none.toml",
-        2,
-        &["--config: none.toml: no such file"],
-    );
     bench.metadata(&METADATA.replace("cartesian_stage", "/dev/zero"));
     bench.fails(INFO, 3, &["/dev/zero", "device"]);
 }

@@ -143,11 +143,17 @@ pub trait Effect: Send + Sync {
         None
     }
 
-    /// Whether fitted parameters `theta`, of standard deviations `sd` now and `prior_sd` before, show beyond
+    /// Whether fitted `parameters` with values `theta`, of standard deviations `sd` now and `prior_sd` before, show beyond
     /// doubt what it adds to the effect that it [extends](Effect::extends): by several deviations, by too
     /// much for a mere fault in the form of that one, and by what the data say. Amplitudes that may not act
     /// ([`Effect::acting`]) have deviations of 0. Never, by default.
-    fn exceeds(&self, _theta: &[f64], _sd: &[f64], _prior_sd: &[f64]) -> bool {
+    fn exceeds(
+        &self,
+        _parameters: &[Parameter],
+        _theta: &[f64],
+        _sd: &[f64],
+        _prior_sd: &[f64],
+    ) -> bool {
         false
     }
 

@@ -63,7 +63,8 @@ impl<'a> Hypothesis<'a> {
         let needed = |(e, own): (&Arc<dyn Effect>, Range<usize>)| {
             let [theta, sd, prior_sd] =
                 [&refined.theta, &refined.sd, &refined.prior.sd].map(|of| &of[own.clone()]);
-            let of_special_case = match e.exceeds(theta, sd, prior_sd) {
+            let parameters = &refined.prior.parameters[own.clone()];
+            let of_special_case = match e.exceeds(parameters, theta, sd, prior_sd) {
                 true => 0.0,
                 false => e.extends().and_then(&alone).unwrap_or(0.0).max(0.0),
             };

@@ -47,11 +47,16 @@ impl Combination {
     }
 }
 
-/// Adds a model to others, in place of one of the same effects that does worse.
+/// Adds a model to others, in place of one of the same effects that does worse. Whether one is earned is a matter of its
+/// effects, and not looked into on every way to it.
 fn add(models: &mut Vec<Combination>, new: Combination) {
     match models.iter_mut().find(|m| m.has_same_effects(&new)) {
-        Some(same) if same.refined.log_evidence >= new.refined.log_evidence => {}
-        Some(same) => *same = new,
+        Some(same) => {
+            same.earned |= new.earned;
+            if new.refined.log_evidence > same.refined.log_evidence {
+                same.refined = new.refined;
+            }
+        }
         None => models.push(new),
     }
 }

@@ -30,6 +30,12 @@ const MOST_WRONG: f64 = 0.4;
 const LEAST_MASS: f64 = 0.1;
 const LEAST_ARM: f64 = 0.05;
 
+/// What names of rotor inertias begin with; and the inertia of one, in its standard deviations, and those in that of the
+/// prior, that is beyond doubt.
+const ROTOR: &str = "I_";
+const SURE: f64 = 10.0;
+const TOLD: f64 = 0.5;
+
 struct Masses {
     robot: Arc<RobotModel>,
     gravity: Vector3<f64>,
@@ -58,6 +64,20 @@ impl Effect for InertialError {
 
     fn extends(&self) -> Option<&str> {
         Some("payload")
+    }
+
+    /// A rotor that no payload is.
+    fn exceeds(
+        &self,
+        parameters: &[Parameter],
+        theta: &[f64],
+        sd: &[f64],
+        prior_sd: &[f64],
+    ) -> bool {
+        let estimates = theta.iter().zip(sd.iter().zip(prior_sd));
+        (parameters.iter().zip(estimates)).any(|(p, (inertia, (sd, prior_sd)))| {
+            p.name.starts_with(ROTOR) && *inertia > SURE * sd && *sd < TOLD * prior_sd
+        })
     }
 
     fn needs(&self) -> &[Need] {
@@ -121,5 +141,23 @@ impl Compensator for Masses {
         for ((t, rotor), a) in tau.iter_mut().zip(&self.rotors).zip(sample.qdd) {
             *t -= rotor * a;
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_rotor_is_no_payload() {
+        let named = |name: &str| Parameter::amplitude(name, "", [-1.0, 1.0], 0.1);
+        let parameters = [named("m_1"), named("I_1")];
+        let exceeds = |m: f64, inertia: f64, prior: f64| {
+            InertialError.exceeds(&parameters, &[m, inertia], &[0.01, 0.01], &[1.0, prior])
+        };
+        assert!(!exceeds(0.9, 0.05, 1.0), "a mass, or not sure");
+        assert!(!exceeds(0.0, 0.2, 0.015), "not told by the data");
+        assert!(exceeds(0.0, 0.2, 1.0));
+        assert!(!InertialError.exceeds(&[], &[], &[], &[]));
     }
 }

@@ -50,7 +50,7 @@ impl Effect for JointStribeckFriction {
 
     /// A joint in which slow motion adds more than a third, without doubt. Where all motion is slow the data
     /// cannot tell excess from the rest, which leaves its deviation near that of the prior.
-    fn exceeds(&self, theta: &[f64], sd: &[f64], prior_sd: &[f64]) -> bool {
+    fn exceeds(&self, _: &[Parameter], theta: &[f64], sd: &[f64], prior_sd: &[f64]) -> bool {
         let d = (theta.len() / 2).saturating_sub(1);
         let excess = theta.iter().zip(sd.iter().zip(prior_sd)).skip(d);
         theta
@@ -112,7 +112,7 @@ mod tests {
         let sd = [0.1, 0.1, 0.1, 0.1, 0.01, 0.001];
         let exceeds = |e: [f64; 2], prior: f64| {
             let theta = [0.0, 2.0, e[0], e[1], 0.05, 0.005];
-            JointStribeckFriction.exceeds(&theta, &sd, &[prior; 6])
+            JointStribeckFriction.exceeds(&[], &theta, &sd, &[prior; 6])
         };
         assert!(!exceeds([0.0, 0.0], 1.0));
         assert!(!exceeds([0.3, 0.0], 1.0), "not sure");
@@ -120,6 +120,6 @@ mod tests {
         assert!(!exceeds([0.0, 0.8], 0.15), "not told by the data");
         assert!(exceeds([0.0, 0.8], 1.0));
         assert!(exceeds([0.5, 0.0], 1.0));
-        assert!(!JointStribeckFriction.exceeds(&[], &[], &[]));
+        assert!(!JointStribeckFriction.exceeds(&[], &[], &[], &[]));
     }
 }
