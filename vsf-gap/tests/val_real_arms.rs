@@ -101,3 +101,30 @@ fn a_row_that_holds_much_of_what_is_left_is_named() {
     let d = diagnosis(&dataset);
     assert!(said(&d, "row 50 of sequence 000 holds"), "{:?}", d.notes);
 }
+
+/// One servo with a pendulum (Duclusaud et al., arXiv 2410.08650), where the reference data lie beside the repository. From
+/// outside: a rotor of 0.0018 kg m², dry friction. On a single joint a payload and a gain together are much like a rotor.
+#[test]
+fn a_servo_has_a_rotor_and_friction() {
+    let folder =
+        Path::new(env!("CARGO_MANIFEST_DIR")).join("../../shared/data/real/bam_servo_pendulum");
+    if !folder.exists() {
+        eprintln!("skipped: no {}", folder.display());
+        return;
+    }
+    let (dataset, _) = Dataset::open(&folder, &Overrides::default()).unwrap();
+    let d = diagnosis(&dataset);
+    let named = |effect: &str| d.verdict.effects.iter().any(|e| e == effect);
+    assert!(
+        named("inertial_error") && named("joint_coulomb_friction"),
+        "{:?}",
+        d.verdict
+    );
+    let masses = d
+        .effects
+        .iter()
+        .find(|e| e.effect == "inertial_error")
+        .unwrap();
+    let rotor = masses.parameters.iter().find(|p| p.name == "I_1").unwrap();
+    assert!((0.0012..0.003).contains(&rotor.value), "{rotor:?}");
+}
