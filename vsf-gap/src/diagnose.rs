@@ -33,6 +33,8 @@ const FAR: f64 = 3.0;
 /// In free air a model that was stopped at a bound has to leave less than this share of what sensors that read nothing
 /// would: further effects take a little of anything.
 const BARELY: f64 = 0.95;
+/// Probabilities are told apart by so much.
+const ALIKE: f64 = 1e-6;
 /// From this share of its information on, that the stiffness absorbs, an effect may be what the field shows.
 const TAKEN_UP: f64 = 0.95;
 
@@ -364,9 +366,13 @@ fn reports(
         }
         reports.push(report);
     }
+    // Effects of one model are equally likely up to rounding; the one that gains more comes first.
     reports.sort_by(|a, b| {
+        let likely = |r: &EffectReport| (r.probability / ALIKE).round();
         let fitted = |r: &EffectReport| r.roughness.is_some();
-        (b.probability.total_cmp(&a.probability)).then(fitted(b).cmp(&fitted(a)))
+        (likely(b).total_cmp(&likely(a)))
+            .then(fitted(b).cmp(&fitted(a)))
+            .then(b.score.total_cmp(&a.score))
     });
     let untestable = search.untestable.iter();
     reports.extend(untestable.map(|(e, reason)| EffectReport::untestable(e.as_ref(), reason)));
