@@ -55,21 +55,19 @@ pub(crate) fn parse<T: DeserializeOwned>(path: &Path, bytes: &[u8]) -> Result<T,
     let mut text = serde_json::Deserializer::from_slice(bytes);
     let value = serde_path_to_error::deserialize(&mut text).map_err(|e| {
         let key = e.path().to_string();
-        let mut failure = failure(path, e.inner());
-        // Where an array is too long, or a number stands for a name, serde_json finds fault with the syntax.
-        if let DataError::Json {
-            path, line, column, ..
-        } = &failure
-            && serde_json::from_slice::<IgnoredAny>(bytes).is_ok()
-        {
-            failure = DataError::JsonType {
-                path: path.clone(),
-                line: *line,
-                column: *column,
+        let mut failure = match failure(path, e.inner()) {
+            // Where an array is too long, or a number stands for a name, serde_json finds fault with the syntax.
+            DataError::Json {
+                path, line, column, ..
+            } if serde_json::from_slice::<IgnoredAny>(bytes).is_ok() => DataError::JsonType {
+                path,
+                line,
+                column,
                 problem: "a value of another type, or of more entries, than it has to be"
                     .to_owned(),
-            };
-        }
+            },
+            other => other,
+        };
         if let DataError::JsonType { problem, .. } = &mut failure
             && key != "."
         {

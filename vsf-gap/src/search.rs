@@ -301,19 +301,15 @@ impl Campaign {
         standard: &Standard,
     ) -> Result<(), GapError> {
         let base = standard.base;
-        let refine = |candidate: &mut Candidate| {
-            let tangent = &tangents[candidate.found.tangent];
-            candidate.refined = Some(self.refined(tangent, &candidate.found, standard)?);
-            Ok::<f64, GapError>(candidate.score(base))
-        };
         // What screening promises most may come to nothing: the others are measured against what it keeps.
         if let Some((first, others)) = candidates.split_first_mut() {
-            let leader = refine(first)?;
+            self.fit_alone(first, tangents, standard)?;
+            let leader = first.score(base);
             (others.par_iter_mut().enumerate()).try_for_each(|(rank, candidate)| {
                 let moves = candidate.effect.acts() == Acts::Contact;
                 let near = candidate.screened > leader - HOPELESS;
                 if near && (rank + 1 < FINALISTS || moves && leader < HOPELESS) {
-                    refine(candidate)?;
+                    self.fit_alone(candidate, tangents, standard)?;
                 }
                 Ok::<(), GapError>(())
             })?;
@@ -327,25 +323,28 @@ impl Campaign {
         for candidate in candidates.iter_mut() {
             if candidate.refined.is_none() && extended.iter().any(|e| e == candidate.effect.name())
             {
-                refine(candidate)?;
+                self.fit_alone(candidate, tangents, standard)?;
             }
         }
         best_first(candidates, base);
         Ok(())
     }
 
-    /// The nominal model with one effect, fitted from what screening found of it.
-    pub(crate) fn refined(
+    /// Fits the nominal model with the effect of a candidate alone, from what screening found of it.
+    pub(crate) fn fit_alone(
         &self,
-        tangent: &Tangent,
-        found: &Screened,
+        candidate: &mut Candidate,
+        tangents: &[Tangent],
         standard: &Standard,
-    ) -> Result<Refined, GapError> {
+    ) -> Result<(), GapError> {
+        let found = &candidate.found;
+        let tangent = &tangents[found.tangent];
         let start = self.start(&Model::default(), tangent, found, &standard.spread)?;
         let refined = self.refine(&start, tangent.prior(&self.site), &found.spread)?;
-        match refined.log_evidence > standard.much {
-            true => self.with_own_spread(refined, &start),
-            false => Ok(refined),
-        }
+        candidate.refined = Some(match refined.log_evidence > standard.much {
+            true => self.with_own_spread(refined, &start)?,
+            false => refined,
+        });
+        Ok(())
     }
 }

@@ -117,8 +117,7 @@ impl Campaign {
             let name = effect.name();
             if let Some(alone) = rest.iter_mut().find(|c| c.effect.name() == name) {
                 if alone.refined.is_none() {
-                    let tangent = &tangents[alone.found.tangent];
-                    alone.refined = Some(self.refined(tangent, &alone.found, standard)?);
+                    self.fit_alone(alone, tangents, standard)?;
                 }
                 let gained = refined.log_evidence - base - alone.score(base);
                 if gained <= threshold(leader.effect.as_ref(), rough) {
@@ -179,8 +178,7 @@ impl Campaign {
         for candidate in candidates.iter_mut().filter(|c| c.refined.is_none()) {
             let name = candidate.effect.name();
             if found.iter().any(|c| c.refined.model.has(name)) {
-                let tangent = &tangents[candidate.found.tangent];
-                candidate.refined = Some(self.refined(tangent, &candidate.found, standard)?);
+                self.fit_alone(candidate, tangents, standard)?;
             }
         }
         Ok(found)

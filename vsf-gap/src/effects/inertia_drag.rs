@@ -6,8 +6,8 @@ use crate::effect::{Acts, Compensator, Effect, Need, Parameter, Sample, Site, To
 /// robot where the point is, with the velocity `v` and acceleration `a` of the robot there.
 ///
 /// Parameters `m` (kg) and `c` (N s/m), each of one rest point, as stiffness is, so that they go with their spacing; the
-/// same of stiff points as of soft ones. Tell-tale:
-/// proportional to the acceleration of the contact; the dampers of `viscoelastic` are as strong as the springs are.
+/// same of stiff points as of soft ones. Tell-tale: proportional to the acceleration of the contact; the dampers of
+/// `viscoelastic` are as strong as the springs are.
 ///
 /// # Reference
 /// N. Hogan, "Impedance control: an approach to manipulation, part I", J. Dynamic Systems,

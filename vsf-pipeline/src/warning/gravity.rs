@@ -2,9 +2,9 @@
 
 use super::PipelineWarning;
 use super::readings::{GRAVITY_CORRELATION, GRAVITY_SIZE};
-use crate::{PipelineError, Scene, Trace, motion_of};
+use crate::{PipelineError, Scene, Trace};
 use nalgebra::{Matrix3, Matrix4, Vector3, Vector4};
-use vsf_data::{Sequence, Table, TorqueKind};
+use vsf_data::{Motion, Sequence, Table, TorqueKind};
 
 /// Another gravity has to leave less than this share of the squared residuals, and to differ by so much (m/s²): less is
 /// an arm that was set up askew. It has to be about as strong as it is on earth (m/s²): a load at the hand is weight, too.
@@ -20,11 +20,12 @@ const ROUNDING: f64 = 1e-12;
 
 /// That another gravity explains most of what weight and motion of the arm leave of its readings, or that these are freed
 /// of weight though they should hold it, or the other way round. Neither offsets of a sequence count nor friction,
-/// constant or proportional to the speed, nor in external readings the torques of motion. `rigid` are the torques of the
-/// arm alone.
+/// constant or proportional to the speed, nor in external readings the torques of motion. `motions` are those of the
+/// arm where they are known, `rigid` the torques of it alone.
 pub fn warning(
     scene: &Scene,
     sequences: &[&Sequence],
+    motions: &[Option<Motion>],
     rigid: &[Table],
     traces: &[Trace],
     least_samples: usize,
@@ -32,9 +33,11 @@ pub fn warning(
     // Of the weight along every axis, per unit of gravity, and of what is left.
     let mut products = Matrix4::zeros();
     let mut samples = 0;
-    for ((sequence, rigid), trace) in sequences.iter().zip(rigid).zip(traces) {
+    let states = sequences.iter().zip(motions).zip(rigid);
+    for (((sequence, motion), rigid), trace) in states.zip(traces) {
         // Where the motion is not known, nothing is known of friction.
-        let Ok(joints) = free(scene, sequence, rigid, trace) else {
+        let free = |motion| free(scene, sequence, motion, rigid, trace).ok();
+        let Some(joints) = motion.as_ref().and_then(free) else {
             continue;
         };
         // Each takes four to tell what is beside weight.
@@ -105,13 +108,13 @@ impl Free {
 fn free(
     scene: &Scene,
     sequence: &Sequence,
+    motion: &Motion,
     rigid: &Table,
     trace: &Trace,
 ) -> Result<Vec<Free>, PipelineError> {
     let robot = scene.robot();
     let mut workspace = robot.dynamics_workspace();
     let mut joints = vec![Free::default(); robot.joint_count()];
-    let motion = motion_of(robot, sequence)?;
     let states = (sequence.angles.iter().zip(motion.velocities.iter())).zip(rigid.iter());
     for (((q, qd), rigid), observation) in states.zip(&trace.observations) {
         if !observation.is_empty() {

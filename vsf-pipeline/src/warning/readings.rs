@@ -25,10 +25,10 @@ pub(super) const GRAVITY_SIZE: std::ops::RangeInclusive<f64> = 0.8..=1.25;
 const TWICE: std::ops::RangeInclusive<f64> = 1.6..=2.5;
 
 /// What looks wrong with the readings: torques of another unit, of the other sign, in another order, of another gravity,
-/// with gravity or offsets left in them, single ones that are far off, sensors that are stuck, dead, frozen or saturated, tare samples that are no rest. Where all are zero, as of planned motions, only what does not
-/// depend on them. `traces` are those of `sequences`, in their order. Of
-/// sequences that [`Sequence::check`] refuses, with other joints than the robot's, and of traces that
-/// [`Trace::check`] refuses, only that.
+/// with gravity or offsets left in them, single ones that are far off, sensors that are stuck, dead, frozen or
+/// saturated, tare samples that are no rest. Where all are zero, as of planned motions, only what does not depend on
+/// them. `traces` are those of `sequences`, in their order. Of sequences that [`Sequence::check`] refuses, with other
+/// joints than the robot's, and of traces that [`Trace::check`] refuses, only that.
 pub fn reading_warnings(
     scene: &Scene,
     sequences: &[&Sequence],
@@ -73,8 +73,12 @@ pub fn reading_warnings(
     let spiked = spike.is_some();
     warnings.extend(spike);
     let sensors = sensors::warnings(scene, sequences, traces);
+    let motions: Vec<Option<Motion>> = (sequences.iter())
+        .map(|s| motion_of(scene.robot(), s).ok())
+        .collect();
     // Angles that traces were made of can be taken.
-    let rigid = sequences.iter().map(|s| rigid(scene, s));
+    let pairs = sequences.iter().zip(&motions);
+    let rigid = pairs.map(|(s, motion)| rigid(scene, s, motion.as_ref()));
     let rigid: Option<Vec<Table>> = rigid.collect();
     let rigid = rigid.unwrap_or_default();
     let told = |w: &PipelineWarning| {
@@ -87,7 +91,7 @@ pub fn reading_warnings(
     let sick = spiked || !sensors.is_empty();
     warnings.extend(sensors);
     // Gravity that is left, and other offsets, may turn readings round; without one joint's, columns mean little.
-    let turned = gravity::warning(scene, sequences, &rigid, traces, LEAST_FREE);
+    let turned = gravity::warning(scene, sequences, &motions, &rigid, traces, LEAST_FREE);
     let rigid = tared(scene, rigid).unwrap_or_default();
     let misread = (!sick).then(|| misread(scene, &rigid, traces)).flatten();
     // What leaves less.
@@ -211,18 +215,20 @@ impl Likeness {
     }
 }
 
-/// The torques of the arm alone.
-fn rigid(scene: &Scene, sequence: &Sequence) -> Option<Table> {
-    // Where the motion is not known, the weight is nearly all.
-    let motion = motion_of(scene.robot(), sequence).unwrap_or_else(|_| {
+/// The torques of the arm alone; where its motion is not known, its weight, which is nearly all.
+fn rigid(scene: &Scene, sequence: &Sequence, motion: Option<&Motion>) -> Option<Table> {
+    let torques = |motion: &Motion| {
+        rigid_body_torques(scene.robot(), &scene.gravity(), sequence, motion).ok()
+    };
+    let Some(motion) = motion else {
         let mut still = sequence.angles.clone();
         still.data_mut().fill(0.0);
-        Motion {
+        return torques(&Motion {
             velocities: still.clone(),
             accelerations: still,
-        }
-    });
-    rigid_body_torques(scene.robot(), &scene.gravity(), sequence, &motion).ok()
+        });
+    };
+    torques(motion)
 }
 
 /// Torques of the arm alone, tared as readings are; `None` of sequences with too few samples.
