@@ -192,6 +192,11 @@ fn attempt(
     };
     let hypotheses = search.hypotheses(|part, whole| trial.completes(part, whole))?;
     let mut judgement = trial.judge(hypotheses, &nominal)?;
+    if let (Some(rival), Some(suited)) = (search.rival(thinned, &judgement)?, campaign.suited()) {
+        let mut outcome = attempt(&suited, name, effects, seed, split, progress)?;
+        outcome.diagnosis.notes.push(rival.why());
+        return Ok(outcome);
+    }
     progress(DiagnosisStep::Fields);
     let outside = match split {
         Split::Whole => Extent::outside(campaign, &judgement, seed),
@@ -307,7 +312,8 @@ fn attempt(
                 free: errors(false),
                 contact: errors(true),
                 estimated,
-                threshold: extent.threshold,
+                threshold: extent.thresholds.map(|[_, after]| after),
+                threshold_nominal: extent.thresholds.map(|[before, _]| before),
             },
             location: locate(campaign, &model, &own_field, before, checked, noise, seed)?,
             next_experiment: next_experiment(&verdict, &effects, Arm::of(&campaign.site)),
@@ -321,6 +327,7 @@ fn attempt(
         checked: checked.to_vec(),
         nominal: extent.before.residuals,
         corrected: extent.after.residuals,
+        campaign: campaign.clone(),
         lasting: answer.lasting,
     })
 }

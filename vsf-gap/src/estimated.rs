@@ -16,6 +16,13 @@ pub struct Estimated {
     pub residuals: Residuals,
 }
 
+impl Estimated {
+    /// Mean error (N m or N).
+    pub(crate) fn error(&self) -> f64 {
+        self.residuals.mean_error()
+    }
+}
+
 impl Campaign {
     /// Of every sample of sequences in turn, whether the nominal model touches anything.
     ///
@@ -94,16 +101,16 @@ pub(crate) struct Compared {
     pub(crate) before: Estimated,
     pub(crate) after: Estimated,
     pub(crate) closed: Closure,
-    /// From where on points are touched (m), before and after; none in free air.
-    pub(crate) threshold: Option<f64>,
-    /// Which samples touch anything then, in turn.
+    /// From where on points are touched (m) before and after; none in free air.
+    pub(crate) thresholds: Option<[f64; 2]>,
+    /// Which samples touch anything in either, in turn.
     pub(crate) touches: Vec<bool>,
 }
 
 impl Extent {
     /// With fields that are estimated as outside of the diagnosis; `None` where nothing is estimated. The contact is that
-    /// in which one estimates fields; of models that follow it, and of the nominal one beside them, the one that they were
-    /// found in.
+    /// in which one estimates fields; of models that follow it, the one that they were found in, and of the nominal one
+    /// beside them whichever it does better in.
     ///
     /// # Errors
     /// As [`Campaign::estimated`].
@@ -123,20 +130,28 @@ impl Extent {
         let mut named = None;
         if let Some(tried) = &judgement.named {
             let model = &tried.refined.model;
-            let (there, before) = match &other {
-                Some(_) if model.follows_contact() => {
-                    (campaign, campaign.estimated(&Model::default())?)
-                }
-                _ => (suited, Some(nominal.clone())),
+            let there = match model.follows_contact() {
+                true => campaign,
+                false => suited,
             };
-            let (Some(before), Some(after)) = (before, there.estimated(model)?) else {
+            let Some(after) = there.estimated(model)? else {
                 return Ok(None);
             };
+            let (mut before, mut here) = (nominal.clone(), suited);
+            if other.is_some() && model.follows_contact() {
+                let own = campaign.estimated(&Model::default())?;
+                if let Some(own) = own.filter(|own| own.error() < before.error()) {
+                    (before, here) = (own, campaign);
+                }
+            }
             let (noise, checked) = (&campaign.noise, &campaign.test);
+            let touches = there.touches(checked)?.into_iter();
             named = Some(Compared {
                 closed: closure(&before.residuals, &after.residuals, noise, checked, seed),
-                threshold: Some(there.scene.contact().threshold),
-                touches: there.touches(checked)?,
+                thresholds: Some([here, there].map(|c| c.scene.contact().threshold)),
+                touches: (touches.zip(here.touches(checked)?))
+                    .map(|(a, b)| a || b)
+                    .collect(),
                 before,
                 after,
             });
@@ -174,7 +189,7 @@ impl Extent {
                 residuals: t.checked.residuals.clone(),
             },
             closed: t.checked.closure,
-            threshold,
+            thresholds: threshold.map(|t| [t; 2]),
             touches: touches.clone(),
         });
         Ok(Self {
@@ -191,14 +206,11 @@ impl Extent {
         self.named.as_ref().map_or(0.0, |c| c.closed.fraction)
     }
 
-    /// The mean errors of the named model and of the nominal one, in the same contact or as one estimates without another,
-    /// where the former is the larger.
+    /// The mean errors of the named model and of the nominal one, where the former is the larger.
     pub(crate) fn worse(&self) -> Option<[f64; 2]> {
         let named = self.named.as_ref()?;
-        let after = named.after.residuals.mean_error();
-        let nominal = [&self.nominal, &named.before].map(|e| e.residuals.mean_error());
-        let least = nominal[0].min(nominal[1]);
-        (after > least).then_some([after, least])
+        let [after, before] = [&named.after, &named.before].map(Estimated::error);
+        (after > before).then_some([after, before])
     }
 
     /// What is told of: the named model, if it is what is `corrected`, or the nominal one beside itself.
@@ -210,7 +222,7 @@ impl Extent {
                 fraction: 0.0,
                 interval: [0.0; 2],
             },
-            threshold: self.threshold,
+            thresholds: self.threshold.map(|t| [t; 2]),
             touches: self.touches,
         })
     }

@@ -82,6 +82,7 @@ mod prediction;
 mod refine;
 mod report;
 mod response;
+mod rival;
 mod rounding;
 mod screen;
 mod search;

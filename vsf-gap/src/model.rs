@@ -35,6 +35,13 @@ impl Model {
             .any(|(effect, _)| follows_contact(effect.as_ref()))
     }
 
+    /// The model with the effects of which [`Model::follows_contact`] holds alone, and with the others.
+    pub(crate) fn by_contact(&self) -> (Self, Self) {
+        let (follow, others) =
+            (self.parts.iter().cloned()).partition(|(e, _)| follows_contact(e.as_ref()));
+        (Self { parts: follow }, Self { parts: others })
+    }
+
     /// The deepest that any of the effects acts.
     pub fn acts(&self) -> Acts {
         let acts = self.parts.iter().map(|(effect, _)| effect.acts());

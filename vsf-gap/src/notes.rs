@@ -46,7 +46,7 @@ pub(crate) fn told(campaign: &Campaign, plain: &Plain, share: f64) -> String {
 }
 
 /// A number in a sentence, to three digits at least.
-fn number(v: f64) -> String {
+pub(crate) fn number(v: f64) -> String {
     match v.abs() {
         size if size == 0.0 || (1.0..1e4).contains(&size) => format!("{v:.3}"),
         size if (1e-3..1.0).contains(&size) => format!("{v:.5}"),
@@ -57,13 +57,17 @@ fn number(v: f64) -> String {
 /// In which contact errors are told of, where it is another than that in which effects are looked for.
 fn contact(campaign: &Campaign, told: &Compared) -> Option<String> {
     let own = campaign.scene().contact().threshold;
-    let told = told.threshold.filter(|told| *told != own)?;
+    let [before, after] = told.thresholds.filter(|told| *told != [own; 2])?;
     let mm = |threshold: f64| number(1e3 * threshold);
+    let which = match before == after {
+        true => "errors are",
+        false => "the error before is that",
+    };
     Some(format!(
-        "effects are looked for with points that are touched from {} mm before the surface on; errors are of fields with {} \
-         mm, which suits the spacing of the points",
+        "effects are looked for with points that are touched from {} mm before the surface on; {which} of fields with {} mm, \
+         which suits the spacing of the points",
         mm(own),
-        mm(told)
+        mm(before)
     ))
 }
 

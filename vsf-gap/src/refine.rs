@@ -73,12 +73,19 @@ impl Refined {
 
     /// Names of the amplitudes that the data press against a bound of what is plausible.
     pub(crate) fn at_bounds(&self) -> Vec<&str> {
-        let values = self.theta.iter().zip(&self.sd);
-        let stopped = |(p, (t, sd)): &(&Parameter, (&f64, &f64))| {
-            p.role == Role::Amplitude && is_stopped(p, **t) && t.abs() > WANTED * **sd
+        self.at_bounds_among(0..self.theta.len())
+    }
+
+    /// The same of some parameters.
+    pub(crate) fn at_bounds_among(&self, places: Range<usize>) -> Vec<&str> {
+        let stopped = |i: &usize| {
+            let p = &self.prior.parameters[*i];
+            let wanted = self.theta[*i].abs() > WANTED * self.sd[*i];
+            p.role == Role::Amplitude && is_stopped(p, self.theta[*i]) && wanted
         };
-        let parameters = self.prior.parameters.iter().zip(values).filter(stopped);
-        parameters.map(|(p, _)| p.name.as_str()).collect()
+        let own = places.filter(stopped);
+        own.map(|i| self.prior.parameters[i].name.as_str())
+            .collect()
     }
 }
 

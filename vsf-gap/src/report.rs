@@ -68,6 +68,9 @@ pub struct EffectReport {
     /// what is taken for plausible before any reading.
     #[serde(default)]
     pub undetermined: Vec<String>,
+    /// Names of the amplitudes that stopped at a bound of what is plausible: the effect may stand for something else.
+    #[serde(default)]
+    pub at_bound: Vec<String>,
     /// Joints with a parameter that is at least 2.7 deviations from zero; five, if it is less than a twentieth of the
     /// largest of the effect.
     pub joints: Vec<String>,
@@ -128,7 +131,7 @@ pub struct Gap {
     /// Effects of the corrected model; none where nothing is corrected.
     #[serde(default)]
     pub corrected_by: Vec<String>,
-    /// Mean errors of the samples in which nothing is touched from [`Gap::threshold`] on; `null` without such ones.
+    /// Mean errors of the samples in which nothing is touched from either threshold on; `null` without such ones.
     #[serde(default)]
     pub free: Option<MeanErrors>,
     /// The same of those in which something is.
@@ -138,9 +141,12 @@ pub struct Gap {
     /// diagnosis' own, as where nothing is touched or test sequences were learned from.
     #[serde(default)]
     pub estimated: bool,
-    /// From where on points are touched (m) in these fields; `null` in free air.
+    /// From where on points are touched (m) in the corrected model's field; `null` in free air.
     #[serde(default)]
     pub threshold: Option<f64>,
+    /// The same of the nominal model's, where it does best: from the corrected model's or from what suits the points.
+    #[serde(default)]
+    pub threshold_nominal: Option<f64>,
 }
 
 /// Mean errors of some of the samples that check the models.
@@ -193,6 +199,9 @@ pub struct Outcome {
     pub nominal: Residuals,
     /// Residuals of the corrected model there.
     pub corrected: Residuals,
+    /// The recording in the contact that effects were looked for in: the given one, or that of
+    /// [`Campaign::with_suited_fields`] where it explains as much as the effects that were found.
+    pub campaign: Campaign,
     /// Whether the cause is unknown since what the named effects leave lasts, and for no other reason.
     pub(crate) lasting: bool,
 }
@@ -286,6 +295,7 @@ impl EffectReport {
             null_score: None,
             parameters: Vec::new(),
             undetermined: Vec::new(),
+            at_bound: Vec::new(),
             joints: Vec::new(),
             test_error: None,
             closed_fraction: None,
@@ -332,6 +342,8 @@ impl EffectReport {
             .filter(|(_, (sd, prior))| **sd > UNDETERMINED * **prior)
             .map(|(p, _)| p.name.clone())
             .collect();
+        let stopped = model.at_bounds_among(places).into_iter();
+        self.at_bound = stopped.map(str::to_owned).collect();
         let amplitudes = || {
             let all = own.iter().zip(theta).zip(sd);
             all.filter(|((p, _), _)| p.role == Role::Amplitude)

@@ -8,6 +8,7 @@ use crate::limits::{Limit, limits};
 use crate::nominal::{CONTACT, Fitted, JOINT};
 use crate::plain::Plainly;
 use crate::refine::Refined;
+use crate::rival::Base;
 use crate::screen::{Screened, Tangent, best_of, log_mean_exp, screen};
 use crate::sets::Combination;
 use crate::{Acts, Campaign, Effect, GapError, Model};
@@ -235,15 +236,12 @@ impl Campaign {
         let shown = candidates.iter().map(|c| &c.effect);
         let plainly = self.plainly(&nominal, shown)?;
         let smoothest = spreads[best_of(&screening.nominal)];
-        let raised = nominal.raised(&smoothest)?;
-        let spreads = nominal.roughness(&raised);
-        // Stiffness is not negative, in any model that is compared.
-        let (field, _) = self.field(&mut nominal, &raised)?;
-        let without: Vec<f64> = (spreads.par_iter())
-            .map(|s| nominal.log_evidence(s))
-            .collect::<Result<_, _>>()?;
-        let base = log_mean_exp(&without);
-        let spread = spreads[best_of(&without)];
+        let Base {
+            field,
+            raised,
+            spread,
+            log_evidence: base,
+        } = self.base(&mut nominal, &smoothest)?;
         let limits = (candidates.iter().map(|c| c.effect.as_ref()))
             .map(|effect| {
                 let needed = named_from(effect, spread.contact, nominal.touches());

@@ -92,14 +92,14 @@ pub fn run(args: &Args, console: &Console) -> anyhow::Result<()> {
             "only the effects of --effects were looked for; what others would explain may be laid to them".to_owned(),
         );
     }
-    let scene = campaign.scene();
-    let mut model = ModelFile::new(campaign.site(), &outcome.model, &outcome.sd)?;
+    let scene = outcome.campaign.scene();
+    let mut model = ModelFile::new(outcome.campaign.site(), &outcome.model, &outcome.sd)?;
     model.made_by = Some(MADE_BY.to_owned());
     model.recording = Some(name.clone());
     model.contact = (!scene.rest().is_empty()).then(|| scene.contact_parameters());
     let mut files = Vec::new();
     if let Some(path) = &args.html {
-        files.push((path.clone(), page(&campaign, &outcome, &model)?));
+        files.push((path.clone(), page(&outcome, &model)?));
     }
     if let Some(path) = &args.model {
         files.push((path.clone(), model.to_json()));
@@ -118,5 +118,5 @@ pub fn run(args: &Args, console: &Console) -> anyhow::Result<()> {
         .iter()
         .map(|p| format!("wrote {p}\n"))
         .collect();
-    console.report(text(&outcome.diagnosis, &model, campaign.site()) + &lines)
+    console.report(text(&outcome.diagnosis, &model, outcome.campaign.site()) + &lines)
 }

@@ -8,7 +8,7 @@ use crate::console::number;
 use crate::html::{Script, document, escape};
 use std::fmt::Write;
 use vsf::gap::{
-    Campaign, Diagnosis, EffectEntry, EffectReport, Limit, LocatedShare, ModelFile, Outcome,
+    Diagnosis, EffectEntry, EffectReport, Limit, LocatedShare, ModelFile, Outcome,
     ParameterEstimate, VerdictKind,
 };
 
@@ -19,9 +19,13 @@ const STYLE: &str = include_str!("page.css");
 const LEAST: f64 = 0.005;
 
 /// The diagnosis as one page that needs nothing else: no script, no network.
-pub fn page(campaign: &Campaign, outcome: &Outcome, model: &ModelFile) -> anyhow::Result<String> {
-    let torques = before_and_after(campaign, outcome)?;
-    let found = found(&outcome.diagnosis.verdict, &model.effects, campaign.site());
+pub fn page(outcome: &Outcome, model: &ModelFile) -> anyhow::Result<String> {
+    let torques = before_and_after(outcome)?;
+    let found = found(
+        &outcome.diagnosis.verdict,
+        &model.effects,
+        outcome.campaign.site(),
+    );
     Ok(with(&outcome.diagnosis, found, &torques, &model.effects))
 }
 
@@ -127,8 +131,8 @@ fn answer(d: &Diagnosis, found: Option<String>) -> String {
     )
 }
 
-fn before_and_after(campaign: &Campaign, outcome: &Outcome) -> anyhow::Result<String> {
-    let Some(drawn) = torques(campaign, outcome)? else {
+fn before_and_after(outcome: &Outcome) -> anyhow::Result<String> {
+    let Some(drawn) = torques(outcome)? else {
         return Ok(String::new());
     };
     let sequence = escape(&drawn.sequence);
@@ -136,7 +140,7 @@ fn before_and_after(campaign: &Campaign, outcome: &Outcome) -> anyhow::Result<St
         true => "Torques of the nominal model",
         false => "Torques before and after",
     };
-    let readings = match campaign.site().torque_kind {
+    let readings = match outcome.campaign.site().torque_kind {
         TorqueKind::External => "the environment's loads on the joints",
         TorqueKind::Measured => "what actuators measured beyond the arm's own weight and inertia",
     };

@@ -25,8 +25,8 @@ struct Curves {
 }
 
 /// Draws the sequence on which the nominal model is worst.
-pub fn torques(campaign: &Campaign, outcome: &Outcome) -> anyhow::Result<Option<Torques>> {
-    let checked = &outcome.checked;
+pub fn torques(outcome: &Outcome) -> anyhow::Result<Option<Torques>> {
+    let (campaign, checked) = (&outcome.campaign, &outcome.checked);
     let error = |s: &usize| {
         let rows = &outcome.nominal.rows[*s];
         rows.iter().map(|r| r * r).sum::<f64>() / rows.len().max(1) as f64

@@ -41,10 +41,10 @@ pub fn verdict(diagnosis: &Diagnosis) -> String {
     let Diagnosis { verdict, gap, .. } = diagnosis;
     let p = percent(verdict.probability);
     let effects = verdict.effects.join(" and ");
-    // Ending of a verb whose subject these are, and what stands for them.
-    let (s, them) = match verdict.effects.len() {
-        1 => ("s", "it"),
-        _ => ("", "them"),
+    // Ending of a verb whose subject these are, and what stands for them as subject and object.
+    let (s, pronoun, them) = match verdict.effects.len() {
+        1 => ("s", "it", "it"),
+        _ => ("", "they", "them"),
     };
     match verdict.kind {
         VerdictKind::Effects if gap.corrected_by.is_empty() => format!(
@@ -59,6 +59,14 @@ pub fn verdict(diagnosis: &Diagnosis) -> String {
         VerdictKind::Effects if gap.closed_fraction <= 0.0 => format!(
             "{effects} fit{s} best (probability {p}); squared errors on the test sequences do not shrink{}.",
             likelier(diagnosis)
+        ),
+        VerdictKind::Effects if gap.closed_interval[0] <= 0.0 => format!(
+            "{effects} fit{s} best (probability {p}); whether {pronoun} close{s} any of the gap, the test sequences do not tell."
+        ),
+        VerdictKind::Effects if !at_bounds(diagnosis).is_empty() => format!(
+            "{effects} fit{s} best (probability {p}), but {} stopped at a bound of what is plausible: {pronoun} may stand for \
+             something else.",
+            at_bounds(diagnosis).join(" and ")
         ),
         VerdictKind::Effects => format!(
             "{effects} explain{s} {}the gap (probability {p}).",
@@ -95,6 +103,15 @@ pub fn verdict(diagnosis: &Diagnosis) -> String {
             verdict.effect_set_95.join(", ")
         ),
     }
+}
+
+/// The amplitudes of the effects named that stopped at a bound.
+fn at_bounds(diagnosis: &Diagnosis) -> Vec<&str> {
+    let named = |e: &&EffectReport| diagnosis.verdict.effects.contains(&e.effect);
+    let effects = diagnosis.effects.iter().filter(named);
+    effects
+        .flat_map(|e| e.at_bound.iter().map(String::as_str))
+        .collect()
 }
 
 /// That the test sequences speak for the one effect that is named all the same.

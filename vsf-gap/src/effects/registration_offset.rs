@@ -57,6 +57,18 @@ impl Effect for RegistrationOffset {
         common.into_iter().chain(own).collect()
     }
 
+    /// The same everywhere, or another in every sequence, which costs evidence for each of them.
+    fn starts(&self, site: &Site) -> Vec<Vec<f64>> {
+        vec![vec![0.0; 3 + 3 * site.sequences.len()]; 2]
+    }
+
+    fn acting(&self, site: &Site, start: usize) -> Vec<usize> {
+        match start {
+            0 => (0..3 + 3 * site.sequences.len()).collect(),
+            _ => (0..3).collect(),
+        }
+    }
+
     fn compensator(&self, site: &Site, theta: &[f64]) -> Result<Box<dyn Compensator>, GapError> {
         check(self.name(), theta, 3 + 3 * site.sequences.len())?;
         let own = theta[3..].chunks_exact(3).map(Vector3::from_column_slice);

@@ -53,9 +53,15 @@ pub fn warning<'a>(scene: &Scene, traces: &'a [Trace]) -> Option<PipelineWarning
         let own = evidence.of(&as_given(joints.len()));
         let turned = evidence.signs();
         gain = evidence.of(&with_signs(&turned)) - own;
-        let orders = orders(joints.len()).map(|(order, columns)| (order, evidence.of(&columns)));
-        let best = orders.max_by(|a, b| a.1.total_cmp(&b.1));
-        if let Some((order, value)) = best.filter(|(_, v)| v - own > gain + EVIDENT) {
+        let orders = orders(joints.len()).map(|(order, columns)| {
+            let value = evidence.of(&columns);
+            (columns, order, value)
+        });
+        // A stiffness that may be negative takes up what it wants of readings that press one way only.
+        let given = correlation(&touching, &as_given(joints.len()));
+        let orders = orders.filter(|(columns, ..)| correlation(&touching, columns) > given);
+        let best = orders.max_by(|a, b| a.2.total_cmp(&b.2));
+        if let Some((_, order, value)) = best.filter(|(.., v)| v - own > gain + EVIDENT) {
             return Some(PipelineWarning::MixedColumns {
                 order: order.in_words(joints),
                 gain: value - own,
@@ -63,7 +69,7 @@ pub fn warning<'a>(scene: &Scene, traces: &'a [Trace]) -> Option<PipelineWarning
         }
         signs = turned;
     }
-    let correlation = correlation(&touching, &signs);
+    let correlation = correlation(&touching, &with_signs(&signs));
     // Signs and their opposites are as likely. One stiffness everywhere tells which, clearly if more joints are turned then.
     let turned = signs.iter().filter(|s| **s < 0.0).count();
     let as_few = turned > 0 && 2 * turned >= joints.len();
@@ -313,13 +319,13 @@ fn errors_together(blocks: &[Block], joints: usize) -> DMatrix<f64> {
     together
 }
 
-/// Of readings with these signs with the torques of springs of one stiffness everywhere; NaN where one of both is zero.
-fn correlation(touching: &[Sample], signs: &[f64]) -> f64 {
+/// Of readings in some convention with the torques of springs of one stiffness everywhere; NaN where one of both is zero.
+fn correlation(touching: &[Sample], columns: &Columns) -> f64 {
     let (mut both, mut of_springs, mut of_readings) = (0.0, 0.0, 0.0);
     for Sample { observation, .. } in touching {
-        let readings = observation.reading().iter().zip(signs);
-        for (spring, (reading, sign)) in springs(observation).zip(readings) {
-            both += spring * sign * reading;
+        let readings = columns.iter().map(|(c, sign)| sign * observation.reading()[*c]);
+        for (spring, reading) in springs(observation).zip(readings) {
+            both += spring * reading;
             of_springs += spring * spring;
             of_readings += reading * reading;
         }
