@@ -63,6 +63,11 @@ fn sequences_come_back_as_they_were() {
              --points touch/points.npy --train 000,001 --test 002 --out {case}_rec --json"
         ));
         assert!(json.contains("\"topic\": null"), "{json}");
+        let metadata = fs::read_to_string(root.join(format!("{case}_rec/dataset.json"))).unwrap();
+        assert!(
+            metadata.contains(&format!("\"name\": \"{case}_rec\"")),
+            "{metadata}"
+        );
         for (own, id) in [("a", "000"), ("b", "001"), ("c", "002")] {
             for array in ["angles", "torques", "time"] {
                 let read = |folder: &str, id: &str| {

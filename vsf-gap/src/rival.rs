@@ -11,6 +11,9 @@ use crate::trial::Judgement;
 use crate::{Campaign, GapError, Model};
 use rayon::prelude::*;
 
+/// Named effects have to gain so many times what another contact does.
+const CLEAR: f64 = 2.0;
+
 /// The nominal model, without negative stiffness, as effects are measured against it.
 pub(crate) struct Base {
     /// Its stiffness per rest point (N/m).
@@ -83,9 +86,9 @@ impl Rival {
     pub(crate) fn why(&self) -> String {
         let [own, searched] = self.thresholds.map(|t| number(1e3 * t));
         format!(
-            "points that are touched from {own} mm before the surface on explain the train sequences as well without effects (a \
-             gain of {:.0} nats) as {} does with {searched} mm ({:.0} nats): from where on points are touched is a choice \
-             of the model, not a cause, so effects are looked for with {own} mm",
+            "points that are touched from {own} mm before the surface on, instead of {searched} mm, explain the train sequences \
+             better by {:.0} nats without any effect; {} with {searched} mm by {:.0}. From where on points are touched is a \
+             choice of the model, not a cause: effects are looked for with {own} mm",
             self.gain, self.effects, self.outdone,
         )
     }
@@ -93,7 +96,8 @@ impl Rival {
 
 impl Search<'_> {
     /// The contact in which one estimates fields, if it explains the train sequences without effects as well as those
-    /// named effects do that are relative to the contact, whose gain has to be the larger by what says nothing yet.
+    /// named effects do that are relative to the contact: where it explains much, contact is described so roughly that
+    /// these have to gain twice as much, and what says nothing yet.
     /// `campaign` is the one that was searched.
     ///
     /// # Errors
@@ -117,12 +121,14 @@ impl Search<'_> {
             .sum();
         let before = self.fitted(&others).map_or(self.base, |m| m.log_evidence);
         let outdone = named.log_evidence - before;
-        Ok((gain > 0.0 && outdone < gain + needed).then(|| Rival {
-            thresholds: [&suited, campaign].map(|c| c.scene().contact().threshold),
-            gain,
-            outdone,
-            effects: following.name(),
-        }))
+        Ok(
+            (gain > 0.0 && outdone < CLEAR * gain + needed).then(|| Rival {
+                thresholds: [&suited, campaign].map(|c| c.scene().contact().threshold),
+                gain,
+                outdone,
+                effects: following.name(),
+            }),
+        )
     }
 
     /// What was fitted of the effects of a model, together and of no others.

@@ -105,6 +105,7 @@ fn from_where_on_points_are_touched_is_no_cause() {
     let found = outcome.diagnosis;
     assert!(found.verdict.effects.is_empty(), "{:?}", found.verdict);
     assert!(found.gap.threshold == Some(suited) && found.gap.threshold_nominal == Some(suited));
-    let told = |n: &String| n.contains("as well without effects") && n.contains("3.200 mm");
+    let told =
+        |n: &String| n.contains("without any effect; contact_friction") && n.contains("3.200 mm");
     assert!(found.notes.iter().any(told), "{:?}", found.notes);
 }

@@ -61,6 +61,17 @@ impl Calibration {
     }
 }
 
+impl Evaluation {
+    /// The same with how much of each of the `traces` that it is of lies at points that a field has not `touched`.
+    #[must_use]
+    pub fn with_new_places(mut self, touched: &[bool], traces: &[Trace]) -> Self {
+        for (errors, trace) in self.per_sequence.iter_mut().zip(traces) {
+            errors.new_places = Some(trace.share_of_new(touched));
+        }
+        self
+    }
+}
+
 /// Errors of one sequence.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct SequenceError {
@@ -78,6 +89,9 @@ pub struct SequenceError {
     pub contact_samples: usize,
     /// Mean number of contacts over those.
     pub mean_contacts: f64,
+    /// The share of contact at places that a field has not learned from ([`Trace::share_of_new`]), where that is known.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub new_places: Option<f64>,
 }
 
 /// Errors of one joint.
@@ -300,6 +314,7 @@ pub fn score(
             zero_error: own.zero / own.count.max(1) as f64,
             contact_samples: trace.contact_samples(),
             mean_contacts: trace.mean_contacts(),
+            new_places: None,
         });
     }
     if all.count == 0 {

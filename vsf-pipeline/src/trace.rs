@@ -86,6 +86,23 @@ impl Trace {
         let total: usize = self.observations.iter().map(Observation::len).sum();
         total as f64 / self.contact_samples().max(1) as f64
     }
+
+    /// The share of contact that is at points which are not `touched` elsewhere, by the readings that springs of one
+    /// stiffness everywhere would give there; 0 without contact. Points beyond the list count as touched.
+    pub fn share_of_new(&self, touched: &[bool]) -> f64 {
+        let (mut new, mut all) = (0.0, 0.0);
+        for observation in &self.observations {
+            for (k, p) in observation.points().iter().enumerate() {
+                let rows = (0..observation.dim()).map(|j| observation.row(j)[k]);
+                let pull = rows.map(|w| w * w).sum::<f64>().sqrt();
+                all += pull;
+                if touched.get(*p as usize) == Some(&false) {
+                    new += pull;
+                }
+            }
+        }
+        if all > 0.0 { new / all } else { 0.0 }
+    }
 }
 
 impl Scene {

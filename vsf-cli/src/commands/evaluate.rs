@@ -21,7 +21,8 @@ A recording without points, of an arm in free air, has no field: give --model, o
 
 JSON keys: predictor (field, model, zero, knn, mlp or gp), mean_error, sd_error, samples, unit (N m or N), zero_error \
 (mean norm of the readings), per_sequence (sequence, mean_error, sd_error, samples, zero_error, \
-contact_samples, mean_contacts), per_joint (joint, unit, mean_abs_error, rms_error), calibration (within_1_sigma, within_2_sigma: \
+contact_samples, mean_contacts, new_places: the share of contact at points that the field has not learned from, if it says \
+which these are), per_joint (joint, unit, mean_abs_error, rms_error), calibration (within_1_sigma, within_2_sigma: \
 shares of single readings in contact; of predictors with deviations), and with a field and --baseline: baselines, an object of the same keys by name.")]
 pub struct Args {
     /// IDs of the sequences to predict; the test split by default
@@ -92,7 +93,11 @@ pub fn run(args: &Args, console: &Console) -> anyhow::Result<()> {
         field.compare_sequences(&recording.dataset.name, &sequences, console);
         let predictions = modelled.predict(predictor(field, &scene, console)?)?;
         let name = if in_air { "model" } else { "field" };
-        let errors = score(&scene, traces, &predictions)?;
+        let mut errors = score(&scene, traces, &predictions)?;
+        let touched = &field.stored.touched;
+        if !touched.is_empty() {
+            errors = errors.with_new_places(touched, traces);
+        }
         let touches = errors.per_sequence.iter().any(|s| s.contact_samples > 0);
         if touches && errors.mean_error >= errors.zero_error {
             console.warn(format!(
@@ -198,17 +203,19 @@ fn text(found: &[(&'static str, Evaluation)]) -> String {
         .per_sequence
         .iter()
         .map(|s| {
-            vec![
+            let mut row = vec![
                 s.sequence.clone(),
                 number(s.mean_error),
                 number(s.sd_error),
                 number(s.zero_error),
                 s.samples.to_string(),
                 s.contact_samples.to_string(),
-            ]
+            ];
+            row.extend(s.new_places.map(|share| format!("{:.0} %", 100.0 * share)));
+            row
         })
         .collect();
-    let header = [
+    let mut header = vec![
         "sequence",
         "mean",
         "sd",
@@ -216,6 +223,9 @@ fn text(found: &[(&'static str, Evaluation)]) -> String {
         "samples",
         "in contact",
     ];
+    if rows.iter().any(|row| row.len() > header.len()) {
+        header.push("at new places");
+    }
     text += &table(&header, &rows);
     text += &format!("\nby joint, {first}\n");
     let rows: Vec<_> = evaluation

@@ -116,6 +116,14 @@ pub fn run(args: &Args, console: &Console) -> anyhow::Result<()> {
     }
 
     let mut given = args.metadata.overrides()?;
+    if args.files.len() > 1 {
+        // None of them names the whole.
+        let name = args
+            .out
+            .file_name()
+            .map(|n| n.to_string_lossy().into_owned());
+        given.name = given.name.or(name);
+    }
     if let Some(path) = &args.points {
         let (points, warnings) = read_points(path)?;
         warnings.iter().for_each(|w| console.warn(w));

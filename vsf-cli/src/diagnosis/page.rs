@@ -144,9 +144,17 @@ fn before_and_after(outcome: &Outcome) -> anyhow::Result<String> {
         TorqueKind::External => "the environment's loads on the joints",
         TorqueKind::Measured => "what actuators measured beyond the arm's own weight and inertia",
     };
+    let scene = outcome.campaign.scene();
+    let shaded = match scene.rest().is_empty() {
+        true => String::new(),
+        false => format!(
+            " Shaded: points are touched, from {} mm before the surface on.",
+            number(1e3 * scene.contact().threshold)
+        ),
+    };
     let mut html = format!(
         "<h2>{title}</h2>\n<p class=\"small\">The checked sequence ({sequence}) on which \
-         the nominal model is worst; joints by their share of the gap. Readings are {readings}.</p>\n\
+         the nominal model is worst; joints by their share of the gap. Readings are {readings}.{shaded}</p>\n\
          <div class=\"plot worst\">{}</div>\n",
         drawn.worst
     );

@@ -323,7 +323,9 @@ fn errors_together(blocks: &[Block], joints: usize) -> DMatrix<f64> {
 fn correlation(touching: &[Sample], columns: &Columns) -> f64 {
     let (mut both, mut of_springs, mut of_readings) = (0.0, 0.0, 0.0);
     for Sample { observation, .. } in touching {
-        let readings = columns.iter().map(|(c, sign)| sign * observation.reading()[*c]);
+        let readings = columns
+            .iter()
+            .map(|(c, sign)| sign * observation.reading()[*c]);
         for (spring, reading) in springs(observation).zip(readings) {
             both += spring * reading;
             of_springs += spring * spring;
