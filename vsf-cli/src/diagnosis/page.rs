@@ -2,7 +2,7 @@ use super::torques::torques;
 use super::words::{
     NEVER_SHOWS, OUT_OF_SIGHT, SHOWS_FROM, SQUARES, all_looked_for, determined, figures, fitted,
     fixed, found, headings, is_uncertain, limits, look_alikes, none_of_these, out_of_sight, part,
-    parts, percent, screened_out, size, summary, untestable, verdict,
+    parts, percent, screened_out, size, summary, touches, untestable, verdict,
 };
 use crate::console::number;
 use crate::html::{Script, document, escape};
@@ -168,11 +168,15 @@ fn before_and_after(outcome: &Outcome) -> anyhow::Result<String> {
 
 fn places(d: &Diagnosis) -> String {
     let found = &d.location;
+    let links: &[LocatedShare] = match touches(&d.gap) {
+        true => &found.link,
+        false => &[],
+    };
     let kinds: [(&str, &[LocatedShare]); 5] = [
         ("Joint", &found.joint),
         ("Phase", &found.phase),
         ("Sequence", &found.sequence),
-        ("Link in contact", &found.link),
+        ("Link in contact", links),
         ("Frequency", &found.frequency),
     ];
     let of = match d.gap.corrected_by.is_empty() {
@@ -190,7 +194,9 @@ fn places(d: &Diagnosis) -> String {
         let bars: String = (parts.iter().filter(shown))
             .map(|p| bar(&part(&p.of), p.share, Some(p.interval)))
             .collect();
-        html += &panel(kind, &bars);
+        if !bars.is_empty() {
+            html += &panel(kind, &bars);
+        }
     }
     if let Some(first) = found.region.first() {
         let bars = found.region.iter().map(|r| {
@@ -435,8 +441,35 @@ mod tests {
         ] {
             let mut found = report("effects", 0.9, after);
             found.gap.closed_fraction = closed;
+            found.gap.closed_interval = [0.1, 1.0];
             assert_eq!(verdict(&found), words);
         }
+    }
+
+    /// What test sequences leave open, or ends at a bound, is said first.
+    #[test]
+    fn what_is_not_sure_is_not_claimed() {
+        let mut found = report("effects", 0.9, 0.5);
+        (found.gap.closed_fraction, found.gap.closed_interval) = (0.43, [-0.02, 0.58]);
+        let open = "payload fits best (probability 90 %); whether it closes any of the gap, the test sequences do not tell.";
+        assert_eq!(verdict(&found), open);
+        found.gap.closed_interval = [0.1, 0.6];
+        let payload = found.effects.iter_mut().find(|e| e.effect == "payload");
+        payload.unwrap().at_bound = vec!["m".to_owned()];
+        let stopped = "payload fits best (probability 90 %), but m stopped at a bound of what is plausible: it may stand for \
+                       something else.";
+        assert_eq!(verdict(&found), stopped);
+    }
+
+    /// Of an arm in free air there are no links in contact, nor a stiffness.
+    #[test]
+    fn nothing_is_said_of_contact_in_free_air() {
+        let mut d = report("effects", 0.9, 0.5);
+        let none = serde_json::json!({"link": "none", "share": 1.0, "interval": [1.0, 1.0], "excess": 0.0});
+        d.location.link = vec![serde_json::from_value(none).unwrap()];
+        assert!(!page_of_report(&d).contains("Link in contact"));
+        d.gap.threshold = Some(0.002);
+        assert!(page_of_report(&d).contains("Link in contact"));
     }
 
     /// A mean error that falls beside a gap that grows.

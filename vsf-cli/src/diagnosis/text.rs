@@ -1,7 +1,7 @@
 use super::words::{
     LIKELY_ENOUGH, NEVER_SHOWS, OUT_OF_SIGHT, SHOWS_FROM, determined, errors, figures, fitted,
     found, headings, limits, look_alikes, none_of_these, out_of_sight, part, parts, percent,
-    screened_out, size, summary, untestable, verdict,
+    screened_out, size, summary, touches, untestable, verdict,
 };
 use crate::console::{number, table};
 use vsf::gap::{Diagnosis, Limit, LocatedShare, ModelFile, Site, VerdictKind};
@@ -144,7 +144,8 @@ fn places(diagnosis: &Diagnosis) -> String {
             "frequency" => " of what the nominal model leaves",
             _ => "",
         };
-        if !words.is_empty() {
+        let says = !words.is_empty() && (kind != "link" || touches(&diagnosis.gap));
+        if says {
             text += &format!("  {kind:<10} {}{of}\n", words.join(", "));
         }
     }

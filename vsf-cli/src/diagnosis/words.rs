@@ -285,8 +285,15 @@ pub fn figures(gap: &Gap, e: &EffectReport) -> Vec<(String, Option<String>)> {
         figures.push((error, e.test_error.map(number)));
         figures.push((heading("closed"), e.closed_fraction.map(percent)));
     }
-    figures.push((heading("absorbed by K"), e.absorbed_share.map(percent)));
+    if touches(gap) {
+        figures.push((heading("absorbed by K"), e.absorbed_share.map(percent)));
+    }
     figures
+}
+
+/// Whether there is an object: in free air there are neither links that touch it nor a stiffness.
+pub fn touches(gap: &Gap) -> bool {
+    gap.threshold.is_some()
 }
 
 /// What the table's headings stand for.
