@@ -172,7 +172,6 @@ impl Campaign {
         };
         let motions: Vec<&Motion> = campaign.train.iter().collect();
         let logs = campaign.contact_logs(&Model::default(), &motions)?;
-        let touched = Touched::of(campaign.site.rest.len(), &logs);
         let mut noise = noise_floor(&motions, &logs, campaign.site.joints());
         for (j, noise) in noise.iter_mut().enumerate() {
             let rounding = Rounding::of(&recorded, j).filter(|r| r.lasts(noise));
@@ -181,10 +180,8 @@ impl Campaign {
                 campaign.rounded.push((j, rounding));
             }
         }
-        let free = (logs.iter().flat_map(|l| &l.contacts)).filter(|c| c.is_empty());
-        let moves_free = free.count() >= FREE;
-        (campaign.noise, campaign.touched) = (noise, touched);
-        campaign.moves_free = moves_free;
+        campaign.noise = noise;
+        campaign.take_in(&logs);
         Ok(campaign)
     }
 
@@ -199,14 +196,31 @@ impl Campaign {
         Self { fields, ..self }
     }
 
-    /// The campaign in the contact of [`Campaign::with_suited_fields`], if it is another.
-    pub fn suited(&self) -> Option<Self> {
-        let scene = self.fields.clone()?;
-        Some(Self {
+    /// The campaign in the contact of [`Campaign::with_suited_fields`], if it is another; the noise of the readings is
+    /// taken to be the same.
+    ///
+    /// # Errors
+    /// Rows that contact cannot take.
+    pub fn suited(&self) -> Result<Option<Self>, GapError> {
+        let Some(scene) = self.fields.clone() else {
+            return Ok(None);
+        };
+        let mut suited = Self {
             scene,
             fields: None,
             ..self.with_sequences(self.train.clone(), self.test.clone())
-        })
+        };
+        let motions: Vec<&Motion> = suited.train.iter().collect();
+        let logs = suited.contact_logs(&Model::default(), &motions)?;
+        suited.take_in(&logs);
+        Ok(Some(suited))
+    }
+
+    /// What the train sequences touch, by their logs.
+    fn take_in(&mut self, logs: &[Arc<ContactLog>]) {
+        let free = (logs.iter().flat_map(|l| &l.contacts)).filter(|c| c.is_empty());
+        self.moves_free = free.count() >= FREE;
+        self.touched = Touched::of(self.site.rest.len(), logs);
     }
 
     /// Robot and object.

@@ -52,6 +52,8 @@ pub enum DiagnosisStep {
     Pairs,
     /// Models are checked on the test sequences.
     Check,
+    /// Effects are looked for anew in the contact in which one estimates fields, which explains as much.
+    Contact,
     /// Fields are estimated with the corrected model and without it.
     Fields,
     /// What differs from sequence to sequence is looked for with half of every test sequence.
@@ -60,12 +62,13 @@ pub enum DiagnosisStep {
 
 impl DiagnosisStep {
     /// All steps in order.
-    pub const ALL: [Self; 7] = [
+    pub const ALL: [Self; 8] = [
         Self::Nominal,
         Self::Screen,
         Self::Finalists,
         Self::Pairs,
         Self::Check,
+        Self::Contact,
         Self::Fields,
         Self::Halves,
     ];
@@ -92,7 +95,7 @@ pub fn diagnose(
         return Ok(first);
     }
     progress(DiagnosisStep::Halves);
-    let Some(halved) = campaign.halved()? else {
+    let Some(halved) = first.campaign.halved()? else {
         return Ok(first);
     };
     // What was named without explaining much competes, or belongs to it.
@@ -100,7 +103,7 @@ pub fn diagnose(
     let stays = |e: &&Arc<dyn Effect>| own(e) || named.iter().any(|n| n == e.name());
     let candidates: Vec<Arc<dyn Effect>> = effects.iter().filter(stays).cloned().collect();
     let second = attempt(&halved, name, &candidates, seed, Split::Halves, &mut |_| {})?;
-    match second.explains() && second.model.parts.iter().any(|(e, _)| own(e)) {
+    match second.explains() && second.tells_sequences_apart() {
         true => Ok(second.in_place_of(first)),
         false => Ok(first),
     }
@@ -154,7 +157,7 @@ fn attempt(
     effects: &[Arc<dyn Effect>],
     seed: u64,
     split: Split,
-    progress: &mut impl FnMut(DiagnosisStep),
+    progress: &mut dyn FnMut(DiagnosisStep),
 ) -> Result<Outcome, GapError> {
     if campaign.train.is_empty() {
         return Err(GapError::TooLittle {
@@ -192,10 +195,28 @@ fn attempt(
     };
     let hypotheses = search.hypotheses(|part, whole| trial.completes(part, whole))?;
     let mut judgement = trial.judge(hypotheses, &nominal)?;
-    if let (Some(rival), Some(suited)) = (search.rival(thinned, &judgement)?, campaign.suited()) {
-        let mut outcome = attempt(&suited, name, effects, seed, split, progress)?;
-        outcome.diagnosis.notes.push(rival.why());
-        return Ok(outcome);
+    let mut of_contact = None;
+    match search.rival(thinned, &judgement) {
+        Ok(Some(rival)) if rival.outdoes() => {
+            progress(DiagnosisStep::Contact);
+            let anew = |c: Campaign| attempt(&c, name, effects, seed, split, &mut |_| {});
+            match campaign.suited().and_then(|c| c.map(anew).transpose()) {
+                Ok(Some(mut outcome)) => {
+                    outcome.diagnosis.notes.push(rival.told());
+                    return Ok(outcome);
+                }
+                Ok(None) => {}
+                Err(e) => {
+                    of_contact = Some(format!("{}, but there they cannot be ({e})", rival.told()))
+                }
+            }
+        }
+        Ok(rival) => of_contact = rival.map(|r| r.told()),
+        Err(e) => {
+            of_contact = Some(format!(
+                "effects are not compared with another contact: {e}"
+            ))
+        }
     }
     progress(DiagnosisStep::Fields);
     let outside = match split {
@@ -260,6 +281,7 @@ fn attempt(
     let mut notes = notes(
         campaign, &trial, &extent, estimated, &judgement, &answer, &nominal,
     );
+    notes.extend(of_contact);
     if let Some(e) = failed {
         notes.push(format!(
             "no field could be estimated to tell errors of ({e}): they are those of the diagnosis' own fields"

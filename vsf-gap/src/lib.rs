@@ -49,6 +49,7 @@
 #![deny(clippy::print_stdout, clippy::print_stderr)]
 
 mod alike;
+mod base;
 mod bootstrap;
 mod campaign;
 mod closure;

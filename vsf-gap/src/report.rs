@@ -200,7 +200,8 @@ pub struct Outcome {
     /// Residuals of the corrected model there.
     pub corrected: Residuals,
     /// The recording in the contact that effects were looked for in: the given one, or that of
-    /// [`Campaign::with_suited_fields`] where it explains as much as the effects that were found.
+    /// [`Campaign::with_suited_fields`] where effects are not told from it; as it was split, where halves of test
+    /// sequences were fitted.
     pub campaign: Campaign,
     /// Whether the cause is unknown since what the named effects leave lasts, and for no other reason.
     pub(crate) lasting: bool,
@@ -225,6 +226,15 @@ impl Outcome {
         let Diagnosis { verdict, gap, .. } = &self.diagnosis;
         let closes = gap.closed_fraction >= MOSTLY && gap.closed_interval[0] > 0.0;
         verdict.kind == VerdictKind::Effects && closes
+    }
+
+    /// Whether an effect of the corrected model is another in single sequences.
+    pub(crate) fn tells_sequences_apart(&self) -> bool {
+        (self.model.parts.iter()).any(|(effect, theta)| {
+            let parameters = effect.parameters(&self.campaign.site);
+            let mut own = parameters.iter().zip(theta);
+            own.any(|(p, value)| p.sequence.is_some() && *value != 0.0)
+        })
     }
 
     /// What halves of the test sequences show, instead of what whole ones did not, with the other effects.

@@ -1,5 +1,6 @@
 //! The search on the train sequences: screening, and finalists that are fitted with the field.
 
+use crate::base::Base;
 use crate::diagnose::DiagnosisStep;
 use crate::effect::check_effect;
 use crate::evidence::Spread;
@@ -8,7 +9,6 @@ use crate::limits::{Limit, limits};
 use crate::nominal::{CONTACT, Fitted, JOINT};
 use crate::plain::Plainly;
 use crate::refine::Refined;
-use crate::rival::Base;
 use crate::screen::{Screened, Tangent, best_of, log_mean_exp, screen};
 use crate::sets::Combination;
 use crate::{Acts, Campaign, Effect, GapError, Model};
@@ -185,7 +185,7 @@ impl Campaign {
         &self,
         effects: &[Arc<dyn Effect>],
         proven: bool,
-        progress: &mut impl FnMut(DiagnosisStep),
+        progress: &mut dyn FnMut(DiagnosisStep),
     ) -> Result<Search<'_>, GapError> {
         progress(DiagnosisStep::Nominal);
         let model = Model::default();

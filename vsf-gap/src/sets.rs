@@ -15,8 +15,8 @@ const FURTHER: usize = 2;
 const FURTHER_IN_AIR: usize = 6;
 /// With contact, single effects that do as well as the best one to so many nats are looked into as it is.
 const CLOSE: f64 = 20.0;
-/// Models of each length that are looked into further in free air, further effects that each is kept with, and most
-/// effects of one.
+/// Models of each length, with contact of one effect, that are looked into further; in free air further effects that each
+/// is kept with, and most effects of one.
 const KEPT: usize = 3;
 const BRANCHES: usize = 2;
 const MOST_IN_AIR: usize = 4;
@@ -118,19 +118,23 @@ impl Campaign {
             });
             best_first(&mut further, |f| f.refined.log_evidence);
             let first = single.model.parts.first().map(|(e, _)| e.clone());
-            extended.extend(first.map(|first| (first, further)));
+            extended.extend(first.map(|first| (first, gain, further)));
         }
         let mut found: Vec<Combination> = Vec::new();
-        for (first, further) in extended {
+        for (first, gain, further) in extended {
             for Further { refined, effect } in further {
-                // Backward: the second on its own must not do as well.
+                // Backward: the second on its own must not do as well, nor leave to the first what may be wrong with its form.
                 let is_second = |c: &&mut Candidate| c.effect.name() == effect.name();
                 if let Some(alone) = candidates.iter_mut().find(is_second) {
                     if alone.refined.is_none() {
                         self.fit_alone(alone, tangents, standard)?;
                     }
-                    let gained = refined.log_evidence - base - alone.score(base);
-                    if gained <= threshold(first.as_ref(), rough) {
+                    let of_second = alone.score(base);
+                    let needed = match of_second > gain {
+                        true => needed_beside(first.as_ref(), of_second, rough),
+                        false => threshold(first.as_ref(), rough),
+                    };
+                    if refined.log_evidence - base - of_second <= needed {
                         continue;
                     }
                 }

@@ -428,6 +428,8 @@ fn actuators_of_the_wrong_sign_are_unknown() {
     let d = named_in_air(&swinging(|tau, _| tau.map(|t| -t)));
     assert_eq!(d.verdict.kind, VerdictKind::Unknown, "{:?}", d.verdict);
     assert!(d.notes.iter().any(|n| n.contains("bound")), "{:?}", d.notes);
+    let of_named = |e: &&vsf_gap::EffectReport| d.verdict.effects.contains(&e.effect);
+    assert!((d.effects.iter().filter(of_named)).any(|e| !e.at_bound.is_empty()));
 }
 
 /// Noise in place of torques: gains that take them to next to nothing close all of the gap.

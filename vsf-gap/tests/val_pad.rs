@@ -16,12 +16,12 @@ const DEPTH: f64 = 0.004;
 const NOISE: f64 = 0.01;
 
 /// From 5 mm above down to the depth, a while there, and back.
-fn heights(depth: f64) -> Vec<f64> {
+fn heights() -> Vec<f64> {
     const ABOVE: f64 = 0.005;
     const STEPS: usize = 60;
-    let down = (0..STEPS).map(|k| ABOVE - (ABOVE + depth) * k as f64 / (STEPS - 1) as f64);
+    let down = (0..STEPS).map(|k| ABOVE - (ABOVE + DEPTH) * k as f64 / (STEPS - 1) as f64);
     let down: Vec<f64> = down.collect();
-    let still = vec![-depth; 12];
+    let still = vec![-DEPTH; 12];
     let up: Vec<f64> = down.iter().rev().copied().collect();
     [vec![ABOVE; 16], down, still, up].concat()
 }
@@ -34,7 +34,7 @@ fn pad(places: &[[f64; 2]]) -> Dataset {
         NOISE * sample
     };
     let poke = |(id, [x, y]): (usize, &[f64; 2])| {
-        let heights = heights(DEPTH);
+        let heights = heights();
         let stiffness = 300.0 * (1.0 + 40.0 * (x + 0.012));
         let (mut angles, mut forces) = (Vec::new(), Vec::new());
         for z in &heights {

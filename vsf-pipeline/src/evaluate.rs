@@ -66,7 +66,7 @@ impl Evaluation {
     #[must_use]
     pub fn with_new_places(mut self, touched: &[bool], traces: &[Trace]) -> Self {
         for (errors, trace) in self.per_sequence.iter_mut().zip(traces) {
-            errors.new_places = Some(trace.share_of_new(touched));
+            errors.new_places = trace.share_of_new(touched);
         }
         self
     }
@@ -89,7 +89,8 @@ pub struct SequenceError {
     pub contact_samples: usize,
     /// Mean number of contacts over those.
     pub mean_contacts: f64,
-    /// The share of contact at places that a field has not learned from ([`Trace::share_of_new`]), where that is known.
+    /// The share of contact at places that a field has not learned from ([`Trace::share_of_new`]), where that is known and anything is
+    /// touched.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub new_places: Option<f64>,
 }

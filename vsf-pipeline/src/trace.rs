@@ -88,8 +88,8 @@ impl Trace {
     }
 
     /// The share of contact that is at points which are not `touched` elsewhere, by the readings that springs of one
-    /// stiffness everywhere would give there; 0 without contact. Points beyond the list count as touched.
-    pub fn share_of_new(&self, touched: &[bool]) -> f64 {
+    /// stiffness everywhere would give there; `None` without contact. Points beyond the list count as touched.
+    pub fn share_of_new(&self, touched: &[bool]) -> Option<f64> {
         let (mut new, mut all) = (0.0, 0.0);
         for observation in &self.observations {
             for (k, p) in observation.points().iter().enumerate() {
@@ -101,7 +101,7 @@ impl Trace {
                 }
             }
         }
-        if all > 0.0 { new / all } else { 0.0 }
+        (all > 0.0).then(|| new / all)
     }
 }
 

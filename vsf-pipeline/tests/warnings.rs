@@ -333,6 +333,14 @@ fn readings_of_other_joints() {
         };
         assert_eq!(order, says);
     }
+    // Of torques of the robot on the object as well.
+    let mut both = reordered([2, 1, 0]);
+    both.torques.data_mut().iter_mut().for_each(|v| *v = -*v);
+    let warnings = warned(&scene, &both);
+    let [PipelineWarning::MixedColumns { order, .. }] = &warnings[..] else {
+        panic!("{warnings:?}");
+    };
+    assert_eq!(order, "in reverse order");
 }
 
 /// Offsets that nobody took off.

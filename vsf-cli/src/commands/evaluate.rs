@@ -199,10 +199,12 @@ fn text(found: &[(&'static str, Evaluation)]) -> String {
         .collect();
     text += &table(&["predictor", "mean", "sd"], &rows);
     text += &format!("\nby sequence, {first} [{unit}]\n");
+    let tells_new = (evaluation.per_sequence.iter()).any(|s| s.new_places.is_some());
     let rows: Vec<_> = evaluation
         .per_sequence
         .iter()
         .map(|s| {
+            let new = |share: f64| format!("{:.0} %", 100.0 * share);
             let mut row = vec![
                 s.sequence.clone(),
                 number(s.mean_error),
@@ -211,7 +213,9 @@ fn text(found: &[(&'static str, Evaluation)]) -> String {
                 s.samples.to_string(),
                 s.contact_samples.to_string(),
             ];
-            row.extend(s.new_places.map(|share| format!("{:.0} %", 100.0 * share)));
+            if tells_new {
+                row.push(s.new_places.map_or_else(|| "-".to_owned(), new));
+            }
             row
         })
         .collect();
@@ -223,7 +227,7 @@ fn text(found: &[(&'static str, Evaluation)]) -> String {
         "samples",
         "in contact",
     ];
-    if rows.iter().any(|row| row.len() > header.len()) {
+    if tells_new {
         header.push("at new places");
     }
     text += &table(&header, &rows);

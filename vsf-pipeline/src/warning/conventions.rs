@@ -49,6 +49,7 @@ pub fn warning<'a>(scene: &Scene, traces: &'a [Trace]) -> Option<PipelineWarning
     let mut signs = vec![1.0; joints.len()];
     let mut gain = 0.0;
     let evidence = Evidence::new(&touching, joints);
+    let likeness = Likeness::new(&touching, joints.len());
     if let Some(evidence) = &evidence {
         let own = evidence.of(&as_given(joints.len()));
         let turned = evidence.signs();
@@ -57,9 +58,10 @@ pub fn warning<'a>(scene: &Scene, traces: &'a [Trace]) -> Option<PipelineWarning
             let value = evidence.of(&columns);
             (columns, order, value)
         });
-        // A stiffness that may be negative takes up what it wants of readings that press one way only.
-        let given = correlation(&touching, &as_given(joints.len()));
-        let orders = orders.filter(|(columns, ..)| correlation(&touching, columns) > given);
+        // A stiffness that may be negative takes up what it wants of readings that press one way only. The sign of all joints
+        // together may be turned as well.
+        let given = likeness.of(&as_given(joints.len())).abs();
+        let orders = orders.filter(|(columns, ..)| likeness.of(columns).abs() > given);
         let best = orders.max_by(|a, b| a.2.total_cmp(&b.2));
         if let Some((_, order, value)) = best.filter(|(.., v)| v - own > gain + EVIDENT) {
             return Some(PipelineWarning::MixedColumns {
@@ -69,7 +71,7 @@ pub fn warning<'a>(scene: &Scene, traces: &'a [Trace]) -> Option<PipelineWarning
         }
         signs = turned;
     }
-    let correlation = correlation(&touching, &with_signs(&signs));
+    let correlation = likeness.of(&with_signs(&signs));
     // Signs and their opposites are as likely. One stiffness everywhere tells which, clearly if more joints are turned then.
     let turned = signs.iter().filter(|s| **s < 0.0).count();
     let as_few = turned > 0 && 2 * turned >= joints.len();
@@ -319,18 +321,38 @@ fn errors_together(blocks: &[Block], joints: usize) -> DMatrix<f64> {
     together
 }
 
-/// Of readings in some convention with the torques of springs of one stiffness everywhere; NaN where one of both is zero.
-fn correlation(touching: &[Sample], columns: &Columns) -> f64 {
-    let (mut both, mut of_springs, mut of_readings) = (0.0, 0.0, 0.0);
-    for Sample { observation, .. } in touching {
-        let readings = columns
-            .iter()
-            .map(|(c, sign)| sign * observation.reading()[*c]);
-        for (spring, reading) in springs(observation).zip(readings) {
-            both += spring * reading;
-            of_springs += spring * spring;
-            of_readings += reading * reading;
+/// How like readings in some convention are to the torques of springs of one stiffness everywhere.
+struct Likeness {
+    /// Sums of what springs give at a joint times the reading of a column.
+    products: DMatrix<f64>,
+    /// Product of the norms of both.
+    norms: f64,
+}
+
+impl Likeness {
+    fn new(touching: &[Sample], joints: usize) -> Self {
+        let mut products = DMatrix::zeros(joints, joints);
+        let (mut of_springs, mut of_readings) = (0.0, 0.0);
+        for Sample { observation, .. } in touching {
+            let reading = observation.reading();
+            for (j, spring) in springs(observation).enumerate() {
+                of_springs += spring * spring;
+                of_readings += reading[j] * reading[j];
+                for (c, r) in reading.iter().enumerate() {
+                    products[(j, c)] += spring * r;
+                }
+            }
+        }
+        Self {
+            products,
+            norms: (of_springs * of_readings).sqrt(),
         }
     }
-    both / (of_springs * of_readings).sqrt()
+
+    /// The correlation of both; NaN where one of them is zero.
+    fn of(&self, columns: &Columns) -> f64 {
+        let pairs = columns.iter().enumerate();
+        let both = pairs.map(|(j, (c, sign))| sign * self.products[(j, *c)]);
+        both.sum::<f64>() / self.norms
+    }
 }

@@ -1,0 +1,63 @@
+//! The nominal model as effects are measured against it.
+
+use crate::evidence::Spread;
+use crate::nominal::{CONTACT, Fitted, JOINT};
+use crate::screen::{best_of, log_mean_exp};
+use crate::{Campaign, GapError, Model};
+use rayon::prelude::*;
+
+/// The nominal model, without negative stiffness, of one campaign.
+pub(crate) struct Base {
+    /// Its stiffness per rest point (N/m).
+    pub(crate) field: Vec<f64>,
+    /// The spread of the stiffness that suits best, within the lattice or beyond.
+    pub(crate) raised: Spread,
+    /// The same with the roughness that suits best.
+    pub(crate) spread: Spread,
+    /// Log evidence, roughness averaged (nats, without constants).
+    pub(crate) log_evidence: f64,
+}
+
+impl Campaign {
+    /// The nominal model by the best spread within the lattice. Points whose stiffness comes out negative are taken out of
+    /// `nominal`.
+    ///
+    /// # Errors
+    /// A covariance that is not positive definite.
+    pub(crate) fn base(
+        &self,
+        nominal: &mut Fitted<'_>,
+        smoothest: &Spread,
+    ) -> Result<Base, GapError> {
+        let raised = nominal.raised(smoothest)?;
+        let spreads = nominal.roughness(&raised);
+        // Stiffness is not negative, in any model that is compared.
+        let (field, _) = self.field(nominal, &raised)?;
+        let all = evidence(nominal, &spreads)?;
+        Ok(Base {
+            field,
+            raised,
+            spread: spreads[best_of(&all)],
+            log_evidence: log_mean_exp(&all),
+        })
+    }
+
+    /// The log evidence of the nominal model.
+    ///
+    /// # Errors
+    /// Rows that contact cannot take, a covariance that is not positive definite.
+    pub(crate) fn log_evidence(&self) -> Result<f64, GapError> {
+        let mut nominal = self.fitted(&Model::default(), &self.train)?;
+        let stiffness = nominal.best_stiffness(CONTACT[1], JOINT[1])?;
+        let spreads = nominal.roughness(&stiffness);
+        let smoothest = spreads[best_of(&evidence(&nominal, &spreads)?)];
+        Ok(self.base(&mut nominal, &smoothest)?.log_evidence)
+    }
+}
+
+/// At each spread.
+fn evidence(nominal: &Fitted<'_>, spreads: &[Spread]) -> Result<Vec<f64>, GapError> {
+    (spreads.par_iter())
+        .map(|s| nominal.log_evidence(s))
+        .collect()
+}
