@@ -67,7 +67,7 @@ fn main() -> Result<(), Box<dyn Error>> {
     Ok(())
 }
 
-/// Every point of a lattice as eight, of these the ones nearest to the middle.
+/// Every point of a lattice as eight, of these the ones farthest from the middle: an object whose surface is whole.
 fn finer(points: &[Point3<f64>]) -> Vec<Point3<f64>> {
     let spacing = vsf::core::RestPoints::new(points.to_vec()).map_or(0.0, |rest| rest.spacing());
     let side = |bit: usize| spacing * (0.5 * bit as f64 - 0.25);
@@ -78,7 +78,7 @@ fn finer(points: &[Point3<f64>]) -> Vec<Point3<f64>> {
     let sum: Vector3<f64> = points.iter().map(|p| p.coords).sum();
     let middle = sum / points.len() as f64;
     let from_middle = |p: &Point3<f64>| (p.coords - middle).amax();
-    fine.sort_by(|a, b| from_middle(a).total_cmp(&from_middle(b)));
+    fine.sort_by(|a, b| from_middle(b).total_cmp(&from_middle(a)));
     fine.truncate(FINE);
     fine
 }

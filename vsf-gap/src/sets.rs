@@ -13,10 +13,11 @@ use std::sync::Arc;
 /// more.
 const FURTHER: usize = 2;
 const FURTHER_IN_AIR: usize = 6;
-/// With contact, single effects that do as well as the best one to so many nats are looked into as it is.
+/// With contact, the next best single effect is looked into as the best one is, if it does as well to so many nats.
+const LEADERS: usize = 2;
 const CLOSE: f64 = 20.0;
-/// Models of each length, with contact of one effect, that are looked into further; in free air further effects that each
-/// is kept with, and most effects of one.
+/// Models of each length that are looked into further in free air, further effects that each is kept with, and most
+/// effects of one.
 const KEPT: usize = 3;
 const BRANCHES: usize = 2;
 const MOST_IN_AIR: usize = 4;
@@ -93,8 +94,8 @@ impl Campaign {
         }
     }
 
-    /// The best single effects and the second that does best beside each, if it earns it. Those that do almost as well as
-    /// the first are alike it, or stand where contact, which is rough, happens to favour it.
+    /// The best single effect and the second that does best beside it, if it earns it; the same of the next best single one,
+    /// if it does almost as well: contact is rough, and may happen to favour the other.
     fn pairs(
         &self,
         tangents: &[Tangent],
@@ -106,7 +107,7 @@ impl Campaign {
         let most = candidates.first().map_or(base, |c| base + c.score(base));
         let best: Vec<&Refined> = (candidates.iter().filter_map(|c| c.refined.as_ref()))
             .filter(|r| r.log_evidence > (base + EVIDENT).max(most - CLOSE))
-            .take(KEPT)
+            .take(LEADERS)
             .collect();
         let mut extended = Vec::new();
         for single in best {

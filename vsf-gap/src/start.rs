@@ -8,8 +8,8 @@ use rayon::prelude::*;
 /// Sizes of the steps of single parameters, in scales, large ones first, in the search for a start of
 /// effects that move surfaces; most rounds of it; most steps of one scale that follow one that was taken,
 /// along it; and the nats for which a step is taken.
-const EXCURSIONS: [f64; 3] = [3.0, 1.0, 0.3];
-const MOST_ROUNDS: usize = 8;
+const EXCURSIONS: [f64; 2] = [3.0, 1.0];
+const MOST_ROUNDS: usize = 6;
 const MOST_FOLLOWING: usize = 3;
 const WORTHWHILE: f64 = 6.0;
 /// Of more points than this, each is moved alone in the search for a start of several amplitudes: they lie so close that
@@ -93,10 +93,7 @@ impl Campaign {
             thetas.par_iter().zip(&new).map(of).collect()
         };
         let all = ways(&prior);
-        let mut sizes = EXCURSIONS.into_iter();
-        let Some(mut size) = sizes.next() else {
-            return Ok(base.with(effect, &best));
-        };
+        let mut size = EXCURSIONS[0];
         let mut likely = all.clone();
         for round in 0..MOST_ROUNDS {
             // Ways that led up last time come first; the others may be spared.
@@ -132,12 +129,9 @@ impl Campaign {
                         (best, most) = (around[k].clone(), found[k]);
                     }
                 }
-                // Nothing at all.
-                None if round == 0 => break,
-                None => match sizes.next() {
-                    Some(smaller) => (size, likely) = (smaller, all.clone()),
-                    None => break,
-                },
+                // Nothing at all, or nothing left.
+                None if round == 0 || size == EXCURSIONS[1] => break,
+                None => (size, likely) = (EXCURSIONS[1], all.clone()),
             }
         }
         Ok(base.with(effect, &best))
