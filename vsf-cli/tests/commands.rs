@@ -59,6 +59,11 @@ fn round_trip() {
     );
     let (error, zero) = (value(&json, "mean_error"), value(&json, "zero_error"));
     assert!(error < 0.3 * zero, "{error} N against {zero} N");
+    // What it has not learned from is a part of what is touched.
+    let new = value(&json, "new_places");
+    assert!((0.0..1.0).contains(&new), "{new}");
+    let text = bench.ok("evaluate touch --field field.npz");
+    assert!(text.contains("at new places"), "{text}");
     assert_eq!(value(&json, "samples"), common::ROWS as f64);
     let folder = bench.ok("evaluate touch --field folder --json");
     assert_eq!(value(&folder, "mean_error"), error);

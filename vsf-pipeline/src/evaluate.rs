@@ -421,4 +421,32 @@ mod tests {
         prediction.sd.clear();
         assert_eq!(Calibration::of(one(&trace), one(&prediction)), None);
     }
+
+    /// Of two points, one that pulls three times as hard in the one sample that touches both.
+    #[test]
+    fn new_places_count_by_what_is_felt_there() {
+        let obs = |points: &[u32]| {
+            let mut obs = Observation::new(Noise::uniform(2, 1.0).unwrap());
+            obs.rebuild(2, points, &[0.0; 2], |k, w| {
+                w.copy_from_slice(match points[k] {
+                    0 => &[0.6, 0.8],
+                    _ => &[0.0, -3.0],
+                });
+            })
+            .unwrap();
+            obs
+        };
+        let trace = |observations: Vec<_>| Trace {
+            id: String::new(),
+            time: vec![0.0; observations.len()],
+            observations,
+            touches: Vec::new(),
+        };
+        let both = trace(vec![obs(&[0, 1]), obs(&[0]), obs(&[])]);
+        let share = |touched: &[bool]| both.share_of_new(touched).unwrap();
+        assert_eq!(share(&[true, false]), 0.6);
+        assert_eq!(share(&[false, true]), 0.4);
+        assert_eq!((share(&[false, false]), share(&[])), (1.0, 0.0));
+        assert_eq!(trace(vec![obs(&[])]).share_of_new(&[false]), None);
+    }
 }
