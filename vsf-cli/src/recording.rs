@@ -357,12 +357,17 @@ impl Recording {
     pub fn campaign(&self, console: &Console) -> anyhow::Result<Campaign> {
         let sequences: Vec<&Sequence> = self.dataset.sequences.iter().collect();
         let scene = self.scene_or_air(console)?;
-        let traces = traces(&scene, &sequences, console)?;
-        untouched(&scene, &traces)
+        let is_given = self.settings.has_threshold() || self.dataset.contact.is_some();
+        // The same as of other commands.
+        let looked_at = match is_given {
+            true => scene.clone(),
+            false => scene.with_suited_threshold()?,
+        };
+        let traces = traces(&looked_at, &sequences, console)?;
+        untouched(&looked_at, &traces)
             .iter()
             .for_each(|w| console.warn(w));
         let campaign = Campaign::in_scene(&self.dataset, scene)?;
-        let is_given = self.settings.has_threshold() || self.dataset.contact.is_some();
         Ok(match is_given {
             true => campaign,
             false => campaign.with_suited_fields(),

@@ -136,7 +136,7 @@ pub enum DataWarning {
          seconds, and poses in which the robot only rests take a longer gap", path.display()
     )]
     SingleSamples {
-        /// The first file.
+        /// The file; the first one that is so.
         path: PathBuf,
         /// How many.
         count: usize,

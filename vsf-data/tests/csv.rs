@@ -372,6 +372,15 @@ fn samples_that_are_all_sequences_are_warned_of() {
     let log = JointLog::open(&paths, None, Clock::Header).unwrap();
     let (dataset, warnings) = recording(&log, Some(10.0)).unwrap();
     assert_eq!((dataset.sequences.len(), warnings), (1, vec![]));
+
+    // Of one file among others, too.
+    let seconds = "t,q1,q2,tau1,tau2\n0,0,0,0,1\n0.1,0.5,0,0,1\n0.2,0.7,0,0,1\n";
+    let (_keep, paths) = write(&[("a.csv", seconds.as_bytes()), ("b.csv", text.as_bytes())]);
+    let log = JointLog::open(&paths, None, Clock::Header).unwrap();
+    let (dataset, warnings) = recording(&log, None).unwrap();
+    assert_eq!(dataset.sequences.len(), 4);
+    let of_second = |w: &DataWarning| matches!(w, DataWarning::SingleSamples { path, count: 3, .. } if path.ends_with("b.csv"));
+    assert!(warnings.iter().any(of_second), "{warnings:?}");
 }
 
 #[test]

@@ -10,6 +10,7 @@ mod readings;
 mod sensors;
 mod spikes;
 mod starts;
+mod uncovered;
 mod velocities;
 mod weight;
 

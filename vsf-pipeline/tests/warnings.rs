@@ -343,6 +343,40 @@ fn readings_of_other_joints() {
     assert_eq!(order, "in reverse order");
 }
 
+/// Points that do not cover all that was touched.
+#[test]
+fn touches_of_nothing() {
+    let scene = scene(TorqueKind::External, 0);
+    let right = touch(&scene);
+    let mut away = Sequence {
+        id: "1".to_owned(),
+        ..right.clone()
+    };
+    let angles = away.angles.data_mut().iter_mut();
+    angles.step_by(3).for_each(|q| *q -= 1.0);
+    let warned = |away: &Sequence| {
+        let sequences = [&right, away];
+        let traces: Vec<_> = (sequences.iter())
+            .map(|s| scene.trace(s).unwrap())
+            .collect();
+        assert!(traces[0].contact_samples() > 0 && traces[1].contact_samples() == 0);
+        reading_warnings(&scene, &sequences, &traces)
+    };
+    let warnings = warned(&away);
+    let [PipelineWarning::NothingTouched { sequence, .. }] = &warnings[..] else {
+        panic!("{warnings:?}");
+    };
+    assert_eq!(sequence, "1");
+    assert!(
+        warnings[0]
+            .to_string()
+            .contains("the points may not cover what was touched")
+    );
+    // Motion that feels little is none.
+    away.torques.data_mut().iter_mut().for_each(|t| *t *= 0.1);
+    assert_eq!(warned(&away), []);
+}
+
 /// Offsets that nobody took off.
 #[test]
 fn readings_that_are_not_tared() {

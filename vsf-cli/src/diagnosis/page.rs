@@ -1,8 +1,8 @@
 use super::torques::torques;
 use super::words::{
-    NEVER_SHOWS, OUT_OF_SIGHT, SHOWS_FROM, SQUARES, all_looked_for, determined, figures, fitted,
-    fixed, found, headings, is_uncertain, limits, look_alikes, none_of_these, out_of_sight, part,
-    parts, percent, screened_out, size, summary, touches, untestable, verdict,
+    NEVER_SHOWS, OUT_OF_SIGHT, SHOWS_FROM, SQUARES, all_looked_for, closed, determined, figures,
+    fitted, fixed, found, headings, is_uncertain, limits, look_alikes, none_of_these, out_of_sight,
+    part, parts, percent, screened_out, size, summary, touches, untestable, verdict,
 };
 use crate::console::number;
 use crate::html::{Script, document, escape};
@@ -75,7 +75,7 @@ fn answer(d: &Diagnosis, found: Option<String>) -> String {
         VerdictKind::NotDiagnosable => "not_diagnosable",
     };
     let sentence = escape(&verdict(d)).replace(" %", "&nbsp;%");
-    let [low, high] = gap.closed_interval.map(percent);
+    let [low, high] = gap.closed_interval.map(closed);
     let error = |value: f64| format!("{} {unit}", number(value));
     let floor = (
         "A perfect model",
@@ -97,7 +97,7 @@ fn answer(d: &Diagnosis, found: Option<String>) -> String {
             floor,
             (
                 "Gap closed",
-                percent(gap.closed_fraction),
+                closed(gap.closed_fraction),
                 format!("95 %: {low} to {high}"),
             ),
         ],

@@ -245,10 +245,15 @@ pub fn errors(diagnosis: &Diagnosis) -> String {
         "Test error {} {unit} before, {} {unit} after{floor}: {} of the gap closed (95 %: {} to {}).{apart}",
         number(gap.test_error_nominal),
         number(gap.test_error_corrected),
-        percent(gap.closed_fraction),
-        percent(gap.closed_interval[0]),
-        percent(gap.closed_interval[1]),
+        closed(gap.closed_fraction),
+        closed(gap.closed_interval[0]),
+        closed(gap.closed_interval[1]),
     )
+}
+
+/// A share of the gap: all of it where less is left than was taken for noise.
+pub fn closed(share: f64) -> String {
+    percent(share.min(1.0))
 }
 
 /// The errors with nothing touched and in contact, where there is both.

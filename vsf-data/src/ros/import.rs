@@ -104,7 +104,7 @@ impl JointLog {
             None if !named.is_empty() => self.named(&named, &rows)?,
             gap => self.split(gap.unwrap_or(GAP), &rows)?,
         };
-        let (pieces, files) = (sequences.len(), self.files.len());
+        let files = self.files.len();
         let alone = sequences.iter().filter(|s| s.len() == 1).count();
         if let Some(gap) = gap.filter(|_| alone > files && 2 * alone > rows.len()) {
             let count = rows.len();
@@ -116,7 +116,10 @@ impl JointLog {
                 ),
             });
         }
-        let are_single = named.is_empty() && pieces == rows.len() && pieces > files;
+        let single = match named.is_empty() {
+            true => all_single(&sequences, &rows),
+            false => None,
+        };
         let attached = || {
             let (path, bytes) = self.part(POINTS)?;
             Some(files::parse_npy(&path, bytes).and_then(|array| files::points(&path, array)))
@@ -136,10 +139,10 @@ impl JointLog {
             let path = path.clone();
             warnings.push(DataWarning::TareSamplesLeftOut { path, tare_samples });
         }
-        if are_single {
+        if let Some((file, count)) = single {
             warnings.push(DataWarning::SingleSamples {
-                path: path.clone(),
-                count: rows.len(),
+                path: self.files[file].clone(),
+                count,
                 gap: GAP,
             });
         }
@@ -410,4 +413,23 @@ impl JointLog {
             Err(problem) => DataError::Csv { path, problem },
         }
     }
+}
+
+/// The first file whose samples, two at least, are each a sequence, and how many these are; `sequences` are of `rows`.
+fn all_single(sequences: &[Sequence], rows: &[Row]) -> Option<(usize, usize)> {
+    let mut next = 0;
+    let mut files: BTreeMap<usize, (usize, usize)> = BTreeMap::new();
+    for sequence in sequences {
+        let begin = next;
+        next += sequence.len();
+        for (k, row) in rows[begin..next].iter().enumerate() {
+            let (pieces, samples) = files.entry(row.sample.file).or_default();
+            *samples += 1;
+            *pieces += usize::from(k == 0);
+        }
+    }
+    let single =
+        |(_, (pieces, samples)): &(usize, (usize, usize))| pieces == samples && *samples > 1;
+    let found = files.into_iter().find(single);
+    found.map(|(file, (_, samples))| (file, samples))
 }

@@ -62,11 +62,16 @@ pub fn warning<'a>(scene: &Scene, traces: &'a [Trace]) -> Option<PipelineWarning
         // together may be turned as well.
         let given = likeness.of(&as_given(joints.len())).abs();
         let orders = orders.filter(|(columns, ..)| likeness.of(columns).abs() > given);
-        let best = orders.max_by(|a, b| a.2.total_cmp(&b.2));
-        if let Some((_, order, value)) = best.filter(|(.., v)| v - own > gain + EVIDENT) {
+        let better = orders.filter(|(.., v)| v - own > gain + EVIDENT);
+        let mut better: Vec<_> = better.map(|(_, order, value)| (order, value)).collect();
+        better.sort_by(|a, b| b.1.total_cmp(&a.1));
+        if let Some((_, best)) = better.first() {
+            // Those that do nearly as well are not told from the best.
+            let near = better.iter().take_while(|(_, v)| best - v < EVIDENT);
+            let near: Vec<String> = near.map(|(order, _)| order.in_words(joints)).collect();
             return Some(PipelineWarning::MixedColumns {
-                order: order.in_words(joints),
-                gain: value - own,
+                order: near.join(", or "),
+                gain: best - own,
             });
         }
         signs = turned;

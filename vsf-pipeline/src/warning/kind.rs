@@ -275,7 +275,7 @@ pub enum PipelineWarning {
          check which column is which joint's"
     )]
     MixedColumns {
-        /// The order, in words.
+        /// The order, in words, or several that are not told apart.
         order: String,
         /// Log likelihood that it gains (nats).
         gain: f64,
@@ -320,6 +320,24 @@ pub enum PipelineWarning {
         order: String,
         /// Share of their squared differences from the model that it leaves.
         left: f64,
+    },
+    /// Sequences that touch no point, with readings as of touches.
+    #[error(
+        "sequence {sequence} touches no point, but its readings change by {change:.3} {unit}, those of touches by {touch:.3}{}: the \
+         points may not cover what was touched, or base_pose be another; or weight or friction of the arm is in the readings",
+        more(*others, "sequence")
+    )]
+    NothingTouched {
+        /// ID of the first one.
+        sequence: String,
+        /// How many more there are.
+        others: usize,
+        /// How far its readings get from their median, all joints together (N m or N).
+        change: f64,
+        /// How far those of a sequence that touches do, in the median.
+        touch: f64,
+        /// `N m`, `N` or both.
+        unit: &'static str,
     },
     /// Readings that are far from zero where nothing is touched.
     #[error(

@@ -1,6 +1,7 @@
 use super::weight::Weighed;
 use super::{
     PipelineWarning, Rows, actuators, conventions, gravity, malformed, outliers, sensors, spikes,
+    uncovered,
 };
 use crate::readings::check_sequence;
 use crate::{Scene, Trace, motion_of, reading_unit, rigid_body_torques};
@@ -102,9 +103,11 @@ pub fn reading_warnings(
         .or_else(|| not_tared(scene, traces));
     if sick || offset.is_some() {
         warnings.extend(offset);
-    } else {
-        warnings.extend(conventions::warning(scene, traces));
+        return warnings;
     }
+    // Points that are missing turn columns round.
+    let uncovered = uncovered::warning(scene, traces);
+    warnings.extend(uncovered.or_else(|| conventions::warning(scene, traces)));
     warnings
 }
 
