@@ -13,9 +13,6 @@ use std::sync::Arc;
 /// more.
 const FURTHER: usize = 2;
 const FURTHER_IN_AIR: usize = 6;
-/// With contact, the next best single effect is looked into as the best one is, if it does as well to so many nats.
-const LEADERS: usize = 2;
-const CLOSE: f64 = 20.0;
 /// Models of each length that are looked into further in free air, further effects that each is kept with, and most
 /// effects of one.
 const KEPT: usize = 3;
@@ -89,62 +86,49 @@ impl Campaign {
     ) -> Result<Vec<Combination>, GapError> {
         let touches = |c: &Candidate| c.refined.as_ref().is_some_and(|r| r.touches);
         match candidates.first().is_some_and(touches) {
-            true => self.pairs(tangents, candidates, standard),
+            true => Ok((self.pair(tangents, candidates, standard)?.into_iter()).collect()),
             false => self.sets_in_air(tangents, candidates, standard),
         }
     }
 
-    /// The best single effect and the second that does best beside it, if it earns it; the same of the next best single one,
-    /// if it does almost as well: contact is rough, and may happen to favour the other.
-    fn pairs(
+    /// The best single effect and the second that does best beside it, if it earns it.
+    fn pair(
         &self,
         tangents: &[Tangent],
         candidates: &mut [Candidate],
         standard: &Standard,
-    ) -> Result<Vec<Combination>, GapError> {
+    ) -> Result<Option<Combination>, GapError> {
         let (base, rough) = (standard.base, standard.spread.contact);
-        let effects: Vec<_> = candidates.iter().map(|c| c.effect.clone()).collect();
-        let most = candidates.first().map_or(base, |c| base + c.score(base));
-        let best: Vec<&Refined> = (candidates.iter().filter_map(|c| c.refined.as_ref()))
-            .filter(|r| r.log_evidence > (base + EVIDENT).max(most - CLOSE))
-            .take(LEADERS)
-            .collect();
-        let mut extended = Vec::new();
-        for single in best {
-            let gain = single.log_evidence - base;
-            let mut further = self.extended(single, &effects, rough)?;
-            further.retain(|f| {
-                let gained = f.refined.log_evidence - single.log_evidence;
-                gained > needed_beside(f.effect.as_ref(), gain, rough)
-            });
-            best_first(&mut further, |f| f.refined.log_evidence);
-            let first = single.model.parts.first().map(|(e, _)| e.clone());
-            extended.extend(first.map(|first| (first, gain, further)));
-        }
+        let Some((leader, rest)) = candidates.split_first_mut() else {
+            return Ok(None);
+        };
+        let evident = |r: &&Refined| r.log_evidence - base > EVIDENT;
+        let Some(best) = leader.refined.as_ref().filter(evident) else {
+            return Ok(None);
+        };
+        let effects: Vec<_> = rest.iter().map(|c| c.effect.clone()).collect();
         let mut found: Vec<Combination> = Vec::new();
-        for (first, gain, further) in extended {
-            for Further { refined, effect } in further {
-                // Backward: the second on its own must not do as well, nor leave to the first what may be wrong with its form.
-                let is_second = |c: &&mut Candidate| c.effect.name() == effect.name();
-                if let Some(alone) = candidates.iter_mut().find(is_second) {
-                    if alone.refined.is_none() {
-                        self.fit_alone(alone, tangents, standard)?;
-                    }
-                    let of_second = alone.score(base);
-                    let needed = match of_second > gain {
-                        true => needed_beside(first.as_ref(), of_second, rough),
-                        false => threshold(first.as_ref(), rough),
-                    };
-                    if refined.log_evidence - base - of_second <= needed {
-                        continue;
-                    }
-                }
-                let earned = true;
-                add(&mut found, Combination { refined, earned });
-                break;
+        for Further { refined, effect } in self.extended(best, &effects, rough)? {
+            let gained = refined.log_evidence - best.log_evidence;
+            if gained <= needed_beside(effect.as_ref(), best.log_evidence - base, rough) {
+                continue;
             }
+            // Backward: the second on its own must not do as well.
+            let name = effect.name();
+            if let Some(alone) = rest.iter_mut().find(|c| c.effect.name() == name) {
+                if alone.refined.is_none() {
+                    self.fit_alone(alone, tangents, standard)?;
+                }
+                let gained = refined.log_evidence - base - alone.score(base);
+                if gained <= threshold(leader.effect.as_ref(), rough) {
+                    continue;
+                }
+            }
+            let earned = true;
+            found.push(Combination { refined, earned });
         }
-        Ok(found)
+        best_first(&mut found, |c| c.refined.log_evidence);
+        Ok(found.into_iter().next())
     }
 
     /// The best models of each length that go on from the best shorter ones.

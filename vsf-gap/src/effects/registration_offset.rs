@@ -6,8 +6,7 @@ use nalgebra::Vector3;
 /// more for each sequence.
 ///
 /// Parameters `dx`, `dy`, `dz` (m, world), the offset of all sequences, and `dx_<sequence>`, ...,
-/// what a sequence adds; a sequence that is not known has the common offset alone. A search tries the common offset
-/// with and without the others. Tell-tale: where
+/// what a sequence adds; a sequence that is not known has the common offset alone. Tell-tale: where
 /// and when contact begins. A dense field absorbs a common offset, not one that changes between
 /// sequences.
 ///
@@ -56,18 +55,6 @@ impl Effect for RegistrationOffset {
         };
         let own = site.sequences.iter().enumerate().flat_map(own);
         common.into_iter().chain(own).collect()
-    }
-
-    /// Another in every sequence, which costs evidence for each of them, or the same in all.
-    fn starts(&self, site: &Site) -> Vec<Vec<f64>> {
-        vec![vec![0.0; 3 + 3 * site.sequences.len()]; 2]
-    }
-
-    fn acting(&self, site: &Site, start: usize) -> Vec<usize> {
-        match start {
-            0 => (0..3 + 3 * site.sequences.len()).collect(),
-            _ => (0..3).collect(),
-        }
     }
 
     fn compensator(&self, site: &Site, theta: &[f64]) -> Result<Box<dyn Compensator>, GapError> {
