@@ -196,19 +196,24 @@ impl Campaign {
         Self { fields, ..self }
     }
 
-    /// The campaign in the contact of [`Campaign::with_suited_fields`], if it is another; the noise of the readings is
-    /// taken to be the same.
-    ///
-    /// # Errors
-    /// Rows that contact cannot take.
-    pub fn suited(&self) -> Result<Option<Self>, GapError> {
-        let Some(scene) = self.fields.clone() else {
-            return Ok(None);
-        };
-        let mut suited = Self {
+    /// The campaign in the contact of [`Campaign::with_suited_fields`], if it is another, to estimate fields in; the noise
+    /// of the readings is taken to be the same.
+    pub fn suited(&self) -> Option<Self> {
+        let scene = self.fields.clone()?;
+        Some(Self {
             scene,
             fields: None,
             ..self.with_sequences(self.train.clone(), self.test.clone())
+        })
+    }
+
+    /// The same, to look for effects in: with what is touched there.
+    ///
+    /// # Errors
+    /// Rows that contact cannot take.
+    pub(crate) fn suited_to_search(&self) -> Result<Option<Self>, GapError> {
+        let Some(mut suited) = self.suited() else {
+            return Ok(None);
         };
         let motions: Vec<&Motion> = suited.train.iter().collect();
         let logs = suited.contact_logs(&Model::default(), &motions)?;

@@ -103,7 +103,7 @@ pub fn diagnose(
     let stays = |e: &&Arc<dyn Effect>| own(e) || named.iter().any(|n| n == e.name());
     let candidates: Vec<Arc<dyn Effect>> = effects.iter().filter(stays).cloned().collect();
     let second = attempt(&halved, name, &candidates, seed, Split::Halves, &mut |_| {})?;
-    match second.explains() && second.tells_sequences_apart() {
+    match second.explains() && second.model.parts.iter().any(|(e, _)| own(e)) {
         true => Ok(second.in_place_of(first)),
         false => Ok(first),
     }
@@ -200,7 +200,7 @@ fn attempt(
         Ok(Some(rival)) if rival.outdoes() => {
             progress(DiagnosisStep::Contact);
             let anew = |c: Campaign| attempt(&c, name, effects, seed, split, &mut |_| {});
-            match campaign.suited().and_then(|c| c.map(anew).transpose()) {
+            match (campaign.suited_to_search()).and_then(|c| c.map(anew).transpose()) {
                 Ok(Some(mut outcome)) => {
                     outcome.diagnosis.notes.push(rival.told());
                     return Ok(outcome);

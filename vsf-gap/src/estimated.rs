@@ -122,7 +122,7 @@ impl Extent {
         if campaign.scene.rest().is_empty() {
             return Ok(None);
         }
-        let other = campaign.suited()?;
+        let other = campaign.suited();
         let suited = other.as_ref().unwrap_or(campaign);
         let Some(nominal) = suited.estimated(&Model::default())? else {
             return Ok(None);

@@ -228,15 +228,6 @@ impl Outcome {
         verdict.kind == VerdictKind::Effects && closes
     }
 
-    /// Whether an effect of the corrected model is another in single sequences.
-    pub(crate) fn tells_sequences_apart(&self) -> bool {
-        (self.model.parts.iter()).any(|(effect, theta)| {
-            let parameters = effect.parameters(&self.campaign.site);
-            let mut own = parameters.iter().zip(theta);
-            own.any(|(p, value)| p.sequence.is_some() && *value != 0.0)
-        })
-    }
-
     /// What halves of the test sequences show, instead of what whole ones did not, with the other effects.
     pub(crate) fn in_place_of(mut self, whole: Self) -> Self {
         let d = &mut self.diagnosis;

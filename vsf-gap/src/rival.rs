@@ -64,7 +64,7 @@ impl Search<'_> {
         let Some(named) = named.filter(|r| r.model.follows_contact()) else {
             return Ok(None);
         };
-        let Some(suited) = campaign.suited()? else {
+        let Some(suited) = campaign.suited() else {
             return Ok(None);
         };
         let gain = suited.log_evidence()? - self.base;

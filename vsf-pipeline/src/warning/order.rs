@@ -43,10 +43,11 @@ pub fn orders(joints: usize) -> impl Iterator<Item = (Order, Columns)> {
     let turned = (1..joints).map(move |by| (Order::Turned(by), with(&|c| c.rotate_left(by))));
     let pairs = (0..joints).flat_map(move |a| (a + 1..joints).map(move |b| (a, b)));
     let exchanged = pairs.map(move |(a, b)| (Order::Exchanged(a, b), with(&|c| c.swap(a, b))));
-    let all: Vec<_> = exchanged.chain(turned).chain([reversed]).collect();
     // Of few joints, several are the same.
-    let once = (0..all.len()).map(|k| all[k + 1..].iter().all(|(_, later)| *later != all[k].1));
-    let once: Vec<bool> = once.collect();
-    let pairs = all.into_iter().zip(once);
-    pairs.filter_map(|(order, once)| once.then_some(order))
+    let mut once: Vec<(Order, Columns)> = Vec::new();
+    for next in exchanged.chain(turned).chain([reversed]) {
+        once.retain(|(_, columns)| *columns != next.1);
+        once.push(next);
+    }
+    once.into_iter()
 }
