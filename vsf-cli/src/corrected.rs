@@ -167,6 +167,29 @@ impl CorrectedModel {
         Ok(found)
     }
 
+    /// Warns of predicted sequences that the model was found in.
+    pub fn compare_sequences(
+        &self,
+        recording: &Dataset,
+        sequences: &[&Sequence],
+        console: &Console,
+    ) {
+        let same = self.file.recording.as_ref() == Some(&recording.name);
+        let train = &recording.splits.train;
+        let ids = sequences.iter().map(|s| &s.id);
+        let again: Vec<&str> = ids
+            .filter(|id| same && train.contains(id))
+            .map(String::as_str)
+            .collect();
+        if !again.is_empty() && !self.file.effects.is_empty() {
+            console.warn(format_args!(
+                "{}: was found in this recording, of which {} train: errors there are those of a fit",
+                self.path.display(),
+                again.join(", ")
+            ));
+        }
+    }
+
     /// The sequences with the torques that the model gives with a stiffness per rest point (N/m).
     /// Effects that follow the load take that of the nominal model.
     pub fn simulate(

@@ -149,10 +149,15 @@ impl FieldFile {
     }
 
     /// Warns where the field has learned from sequences of `recording` that it is to predict.
-    pub fn compare_sequences(&self, recording: &str, sequences: &[&Sequence], console: &Console) {
+    pub fn compare_sequences(
+        &self,
+        recording: &str,
+        sequences: &[&Sequence],
+        console: &Console,
+    ) -> bool {
         let same = self.field.recording.as_deref() == Some(recording);
         let Some(learned_from) = self.field.learned_from.as_ref().filter(|_| same) else {
-            return;
+            return false;
         };
         let known = |id: &&str| learned_from.iter().any(|l| l == id);
         let ids = sequences.iter().map(|s| s.id.as_str());
@@ -165,6 +170,7 @@ impl FieldFile {
                 again.join(", ")
             ));
         }
+        !again.is_empty()
     }
 
     /// Standard deviation of the reading of each of `channels`; 0 and a warning where the file does

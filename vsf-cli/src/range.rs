@@ -90,5 +90,10 @@ pub fn corners(given: &[f64]) -> anyhow::Result<[Point3<f64>; 2]> {
         return Err(usage(format!("--box takes 6 numbers, {count} given")));
     };
     let (a, b) = (Point3::new(ax, ay, az), Point3::new(bx, by, bz));
-    Ok([a.inf(&b), a.sup(&b)])
+    match (a - b).iter().any(|edge| *edge == 0.0) {
+        true => Err(usage(
+            "--box has an edge of length 0; it takes two opposite corners, x,y,z,x,y,z [m]",
+        )),
+        false => Ok([a.inf(&b), a.sup(&b)]),
+    }
 }

@@ -140,6 +140,18 @@ fn what_is_wrong_is_said_in_flags() {
         bench.fails(&format!("import {line} {known}"), code, &[part]);
     }
     assert!(!root.join("rec").exists());
+    // What is of all files names them all.
+    fs::copy(root.join("a.csv"), root.join("b.csv")).unwrap();
+    fs::write(
+        root.join("c.csv"),
+        format!("{titles}\n0,0,0,0,0,0,1\n0.1,0,0,0,0,0,1\n"),
+    )
+    .unwrap();
+    let line = format!("import a.csv c.csv b.csv {known}").replace("--out rec", "--out copies");
+    let warning = bench.warned(&line);
+    let part =
+        "a.csv to b.csv: torques are all zero, as if nothing was measured, in sequence 000, 002";
+    assert!(warning.contains(part), "{warning}");
     let line = format!("import a.csv --gap 0.01 {known}");
     let part = "2 of 2 samples are more than 0.01 s from any other";
     bench.fails(&line, 2, &["--gap", part]);
@@ -165,8 +177,8 @@ fn what_cannot_be_worked_with_is_no_recording() {
         ),
         (
             "0,0,0,0,0,0,0\n0.1,0,0,0,0,0,0",
-            "--box 1e8,0,0,1e8,0.1,0.1",
-            &["rest point 0", "1e8 m"],
+            "--box 1e8,0,0,100000000.1,0.1,0.1",
+            &["rest point 0", "e8 m"],
         ),
         (
             "0,0,0,0,0,0,0",

@@ -464,8 +464,17 @@ fn an_arm_in_free_air() {
             .unwrap()
             > after
     );
+    // What it was found in is no test.
+    let [trained, tested] =
+        ["1", "3"].map(|id| bench.warned(&format!("evaluate air {model} --sequences {id}")));
+    let said = "air.json: was found in this recording, of which 1 train";
+    assert!(
+        trained.contains(said) && !tested.contains("was found"),
+        "{trained}{tested}"
+    );
     json(&bench, "evaluate air --baseline knn --neighbours 5 --json");
-    bench.ok(&format!("simulate air {model} --out simulated"));
+    let simulated = bench.ok(&format!("simulate air {model} --out simulated"));
+    assert!(simulated.contains("in free air"), "{simulated}");
     let again = json(&bench, &format!("evaluate simulated {model} --json"));
     assert!(again["mean_error"].as_f64().unwrap() < 1e-9, "{again}");
     bench.ok(&format!("predict air {model} --out predicted"));

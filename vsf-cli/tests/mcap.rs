@@ -281,6 +281,12 @@ fn what_is_missing_is_said() {
         ),
         ("import bag.mcap --spacing 0.1", 2, "--box"),
         (
+            "import bag.mcap --points p.ply --spacing 0.1",
+            2,
+            "--points",
+        ),
+        ("import bag.mcap --box 0,0,1,1,1,1", 2, "edge of length 0"),
+        (
             "import bag.mcap --out touch/seq_a",
             2,
             "the argument '--out",

@@ -51,7 +51,11 @@ fn what_has_no_points() {
     for (flags, code, part) in [
         ("--out p.npy --spacing 1e-5", 2, "cells of the box"),
         ("--out p.npy --box 1,2,3", 2, "takes 6 numbers"),
-        ("--out p.npy --box 0,0,0,0,1,1", 2, "--box: edge"),
+        (
+            "--out p.npy --box 0,0,0,0,1,1",
+            2,
+            "--box has an edge of length 0",
+        ),
         ("--out data/points.npy", 2, "is there already"),
     ] {
         bench.fails(&format!("points {PLANT} {flags}"), code, &[part]);

@@ -13,6 +13,8 @@ use std::path::{Path, PathBuf};
 const BOX_SLACK: f64 = 1e-6;
 /// What a joint state is sampled at (Hz): times that follow from it are numbers.
 const RATES: RangeInclusive<f64> = 1e-6..=1e9;
+/// Steps between samples, times the stated rate, that are of that rate.
+const SAME_RATE: RangeInclusive<f64> = 0.8..=1.2;
 /// No robot stands where bodies fall faster (m/s²).
 const MOST_GRAVITY: f64 = 100.0;
 
@@ -248,7 +250,7 @@ impl Dataset {
             steps.get(steps.len() / 2).copied()
         };
         let other = self.sequences.iter().filter_map(|s| {
-            let step = step(s).filter(|step| !(0.5..=2.0).contains(&(step * rate_hz)))?;
+            let step = step(s).filter(|step| !SAME_RATE.contains(&(step * rate_hz)))?;
             Some((step, s.id.clone()))
         });
         let (steps, ids): (Vec<f64>, Vec<String>) = other.unzip();

@@ -115,10 +115,10 @@ pub enum DataWarning {
         /// Further copies.
         others: usize,
     },
-    /// Time stamps that go on less than half or more than twice as fast as the metadata say.
+    /// Time stamps that go on a fifth slower or faster, or more, than the metadata say. The stamps count.
     #[error(
-        "{}: rate_hz = {rate_hz:?}, but most samples of sequence {} are {step:e} s apart; time stamps must be in \
-         seconds", path.display(), ids.join(", ")
+        "{}: rate_hz = {rate_hz:?}, but most samples of sequence {} are {step:e} s apart; the time stamps count, which \
+         must be in seconds", path.display(), ids.join(", ")
     )]
     OtherRate {
         /// The metadata file.

@@ -468,6 +468,24 @@ fn warnings_name_what_was_seen() {
         text.contains("samples of sequence 2 are 1e1 s apart"),
         "{text}"
     );
+
+    // Another rate than the stamps have is told, and does not count.
+    for (rate_hz, is_told) in [(70.0, true), (95.0, false), (110.0, false), (130.0, true)] {
+        let folder = Folder::new();
+        folder.json(&format!(
+            r#"{{"robot": "kinova_gen3", "rate_hz": {rate_hz}}}"#
+        ));
+        let stamps = [0.0, 0.01, 0.02, 0.03];
+        folder.write("seq_2/time.npy", &f8("(4,)", &stamps));
+        let (dataset, warnings) = folder.open().unwrap();
+        assert_eq!(dataset.sequence("2").unwrap().time, stamps);
+        let told = |w: &DataWarning| matches!(w, DataWarning::OtherRate { .. });
+        assert_eq!(
+            warnings.iter().any(told),
+            is_told,
+            "{rate_hz}: {warnings:?}"
+        );
+    }
 }
 
 fn camera_json(width: u32, height: u32) -> String {

@@ -90,7 +90,10 @@ pub fn run(args: &Args, console: &Console) -> anyhow::Result<()> {
     let traces = &modelled.traces;
     let mut found = Vec::new();
     if let Some(field) = &field {
-        field.compare_sequences(&recording.dataset.name, &sequences, console);
+        let told = field.compare_sequences(&recording.dataset.name, &sequences, console);
+        if let Some(model) = model.as_ref().filter(|_| !told) {
+            model.compare_sequences(&recording.dataset, &sequences, console);
+        }
         let predictions = modelled.predict(predictor(field, &scene, console)?)?;
         let name = if in_air { "model" } else { "field" };
         let mut errors = score(&scene, traces, &predictions)?;

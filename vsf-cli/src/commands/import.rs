@@ -69,7 +69,7 @@ pub struct Args {
         value_name = "X,Y,Z,X,Y,Z", value_parser = finite)]
     corners: Option<Vec<f64>>,
     /// Spacing of the points in the box [m]
-    #[arg(long, requires = "box", default_value_t = 0.01, value_parser = positive)]
+    #[arg(long, requires = "box", conflicts_with = "points", default_value_t = 0.01, value_parser = positive)]
     spacing: f64,
     #[command(flatten)]
     sources: Sources,

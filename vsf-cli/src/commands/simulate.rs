@@ -13,7 +13,7 @@ The new recording has the joint angles and times of DATASET, its points, camera 
 torques that the field gives, of the same torque kind. With a corrected model (--model) effects that follow the load take that of the field
 alone.
 
-JSON keys: out, sequences, samples, threshold (of contact, m), noise_sd, seed.")]
+JSON keys: out, sequences, samples, threshold (of contact, m; null in free air), noise_sd, seed.")]
 pub struct Args {
     /// IDs of the sequences to take; all by default
     #[arg(long, value_delimiter = ',')]
@@ -37,7 +37,7 @@ struct Report<'a> {
     out: Cow<'a, str>,
     sequences: usize,
     samples: usize,
-    threshold: f64,
+    threshold: Option<f64>,
     noise_sd: f64,
     seed: u64,
 }
@@ -63,7 +63,7 @@ pub fn run(args: &Args, console: &Console) -> anyhow::Result<()> {
         out: args.out.to_string_lossy(),
         sequences: simulated.len(),
         samples: simulated.iter().map(|s| s.len()).sum(),
-        threshold: scene.contact().threshold,
+        threshold: (!scene.rest().is_empty()).then(|| scene.contact().threshold),
         noise_sd: args.noise_sd,
         seed: args.seed,
     };
@@ -71,10 +71,12 @@ pub fn run(args: &Args, console: &Console) -> anyhow::Result<()> {
     save(dataset, &recording.packages(), &args.out, Vec::new())?;
     console.json(&report)?;
     let out = args.out.display();
+    let contact = match report.threshold {
+        None => "in free air".to_owned(),
+        Some(threshold) => format!("points touched from {} mm on", number(1e3 * threshold)),
+    };
     console.report(format!(
-        "wrote {out}: {} sequences, {} samples, points touched from {} mm on\n",
-        report.sequences,
-        report.samples,
-        number(1e3 * report.threshold)
+        "wrote {out}: {} sequences, {} samples, {contact}\n",
+        report.sequences, report.samples,
     ))
 }

@@ -55,7 +55,7 @@ impl JointLog {
         joints: &[String],
         gap: Option<f64>,
     ) -> Result<(Dataset, Vec<DataWarning>), DataError> {
-        let path = &self.files[0];
+        let path = &self.place();
         let (mut metadata, extra) = self.all_metadata(given)?;
         let mut left_out = None;
         if gap.is_some() {

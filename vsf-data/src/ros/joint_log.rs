@@ -336,9 +336,21 @@ impl JointLog {
         }
     }
 
+    /// The files as a whole, for messages.
+    pub(super) fn place(&self) -> PathBuf {
+        match &self.files[..] {
+            [one] => one.clone(),
+            [first, .., last] => {
+                let last = last.file_name().unwrap_or_default();
+                PathBuf::from(format!("{} to {}", first.display(), last.to_string_lossy()))
+            }
+            [] => PathBuf::new(),
+        }
+    }
+
     /// What is wrong with the files as a whole.
     pub(super) fn wrong(&self, problem: String) -> DataError {
-        let path = self.files[0].clone();
+        let path = self.place();
         match self.source {
             Source::Mcap { .. } => DataError::Mcap { path, problem },
             Source::Csv(_) => DataError::Csv { path, problem },
