@@ -152,6 +152,26 @@ impl Fitted<'_> {
         log_density(&self.rest(), factor)
     }
 
+    /// Log density of the readings of windows in which nothing is touched, without constants.
+    ///
+    /// # Errors
+    /// A covariance that is not positive definite.
+    pub(crate) fn log_density_in_air(&self, spread: &Spread) -> Result<f64, GapError> {
+        let d = self.windows.joints;
+        let touches = |w: &Window| {
+            let mut contacts = self.logs[w.sequence].contacts[w.rows.clone()].iter();
+            contacts.any(|c| !c.is_empty())
+        };
+        let rows: Vec<usize> = (self.windows.list.iter().enumerate())
+            .filter(|(_, w)| !touches(w))
+            .flat_map(|(i, _)| i * d..(i + 1) * d)
+            .collect();
+        match rows.is_empty() {
+            true => Ok(0.0),
+            false => log_density_of(&self.rest(), &self.parts.covariance(spread), &rows),
+        }
+    }
+
     /// Log density of the readings of the other sequences, given those of some, without constants; with a spread of
     /// the stiffness and whatever roughness suits.
     ///
@@ -377,19 +397,23 @@ fn log_density(values: &[f64], factor: &Factor) -> f64 {
     -0.5 * (factor.log_det() + squares)
 }
 
-/// Log of the densities of all values of mean zero and of those in some rows, without constants; of `covariance` the
-/// lower half.
-fn log_densities(
-    values: &[f64],
-    covariance: Mat<f64>,
-    rows: &[usize],
-) -> Result<(f64, f64), GapError> {
+/// Log of the density of the values of mean zero in some rows, in order, without constants; of `covariance` the lower half.
+fn log_density_of(values: &[f64], covariance: &Mat<f64>, rows: &[usize]) -> Result<f64, GapError> {
     let own: Vec<f64> = rows.iter().map(|row| values[*row]).collect();
     let part = Mat::from_fn(rows.len(), rows.len(), |i, k| match i >= k {
         true => covariance[(rows[i], rows[k])],
         false => 0.0,
     });
-    let of_rows = log_density(&own, &Factor::new(part)?);
+    Ok(log_density(&own, &Factor::new(part)?))
+}
+
+/// The same of all values, and of those in some rows.
+fn log_densities(
+    values: &[f64],
+    covariance: Mat<f64>,
+    rows: &[usize],
+) -> Result<(f64, f64), GapError> {
+    let of_rows = log_density_of(values, &covariance, rows)?;
     Ok((log_density(values, &Factor::new(covariance)?), of_rows))
 }
 

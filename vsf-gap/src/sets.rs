@@ -1,17 +1,19 @@
 //! Models of several effects: what single ones leave is searched for further ones.
 
 use crate::effect::EVIDENT;
+use crate::evidence::Spread;
 use crate::judge::{needed_beside, threshold};
 use crate::refine::Refined;
 use crate::screen::{Tangent, log_mean_exp, screen};
 use crate::search::{Candidate, Standard, best_starts};
-use crate::{Campaign, Effect, GapError};
+use crate::{Acts, Campaign, Effect, GapError, Model};
 use rayon::prelude::*;
 use std::sync::Arc;
 
-/// Further effects that are tried beside those found; in free air, where a fit takes a moment and no field hides them,
-/// more.
-const FURTHER: usize = 2;
+/// Further effects that are tried beside those found, by what screening promises of them; in free air, where a fit takes
+/// a moment, more. It promises little of effects that move contacts, whatever they gain: beside one that does not, all of them
+/// are tried.
+const FURTHER: usize = 4;
 const FURTHER_IN_AIR: usize = 6;
 /// Models of each length that are looked into further in free air, further effects that each is kept with, and most
 /// effects of one.
@@ -86,31 +88,38 @@ impl Campaign {
     ) -> Result<Vec<Combination>, GapError> {
         let touches = |c: &Candidate| c.refined.as_ref().is_some_and(|r| r.touches);
         match candidates.first().is_some_and(touches) {
-            true => Ok((self.pair(tangents, candidates, standard)?.into_iter()).collect()),
+            true => self.pairs(tangents, candidates, standard),
             false => self.sets_in_air(tangents, candidates, standard),
         }
     }
 
-    /// The best single effect and the second that does best beside it, if it earns it.
-    fn pair(
+    /// The best single effect and each of those that earn a place beside it.
+    fn pairs(
         &self,
         tangents: &[Tangent],
         candidates: &mut [Candidate],
         standard: &Standard,
-    ) -> Result<Option<Combination>, GapError> {
+    ) -> Result<Vec<Combination>, GapError> {
         let (base, rough) = (standard.base, standard.spread.contact);
         let Some((leader, rest)) = candidates.split_first_mut() else {
-            return Ok(None);
+            return Ok(Vec::new());
         };
         let evident = |r: &&Refined| r.log_evidence - base > EVIDENT;
         let Some(best) = leader.refined.as_ref().filter(evident) else {
-            return Ok(None);
+            return Ok(Vec::new());
         };
+        let gain = best.log_evidence - base;
+        let in_contact = self.gain_in_contact(best, standard)?;
         let effects: Vec<_> = rest.iter().map(|c| c.effect.clone()).collect();
         let mut found: Vec<Combination> = Vec::new();
         for Further { refined, effect } in self.extended(best, &effects, rough)? {
             let gained = refined.log_evidence - best.log_evidence;
-            if gained <= needed_beside(effect.as_ref(), best.log_evidence - base, rough) {
+            // What acts in contact alone does not mend the form of an effect that shows in the air.
+            let gain = match effect.acts() {
+                Acts::Torques => gain,
+                Acts::Springs | Acts::Contact => in_contact,
+            };
+            if gained <= needed_beside(effect.as_ref(), gain, rough) {
                 continue;
             }
             // Backward: the second on its own must not do as well.
@@ -127,8 +136,18 @@ impl Campaign {
             let earned = true;
             found.push(Combination { refined, earned });
         }
-        best_first(&mut found, |c| c.refined.log_evidence);
-        Ok(found.into_iter().next())
+        Ok(found)
+    }
+
+    /// What a model gains (nats) over the nominal one in contact, once the readings in the air are known.
+    fn gain_in_contact(&self, model: &Refined, standard: &Standard) -> Result<f64, GapError> {
+        let of = |model: &Model, spread: &Spread| {
+            let fitted = self.fitted(model, &self.train)?;
+            fitted.log_density_in_air(spread)
+        };
+        let in_air = of(&model.model, &model.spread)? - of(&Model::default(), &standard.spread)?;
+        let gain = model.log_evidence - standard.base;
+        Ok((gain - in_air).clamp(0.0, gain.max(0.0)))
     }
 
     /// The best models of each length that go on from the best shorter ones.
@@ -268,10 +287,17 @@ impl Campaign {
         let screening = screen(&fitted, &free, &others, &fitted.roughness(&best.spread))?;
         let without = log_mean_exp(&screening.nominal);
         let mut further = best_starts(&others, &screening.candidates, without);
-        further.retain(|c| c.screened > EVIDENT);
-        further.truncate(match in_air {
-            true => FURTHER_IN_AIR,
-            false => FURTHER,
+        let moves = |effect: &dyn Effect| effect.acts() == Acts::Contact;
+        let with_all = !in_air && best.model.acts() == Acts::Torques;
+        let mut rank = 0;
+        further.retain(|c| {
+            rank += 1;
+            match in_air {
+                true => rank <= FURTHER_IN_AIR && c.screened > EVIDENT,
+                false => {
+                    rank <= FURTHER && c.screened > 0.0 || with_all && moves(c.effect.as_ref())
+                }
+            }
         });
         let mut models: Vec<Further> = (further.into_par_iter())
             .map(|Candidate { effect, found, .. }| {

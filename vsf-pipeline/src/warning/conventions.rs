@@ -49,7 +49,7 @@ pub fn warning<'a>(scene: &Scene, traces: &'a [Trace]) -> Option<PipelineWarning
     let mut signs = vec![1.0; joints.len()];
     let mut gain = 0.0;
     let evidence = Evidence::new(&touching, joints);
-    let likeness = Likeness::new(&touching, joints.len());
+    let likeness = UniformSprings::new(&touching, joints.len());
     if let Some(evidence) = &evidence {
         let own = evidence.of(&as_given(joints.len()));
         let turned = evidence.signs();
@@ -327,14 +327,14 @@ fn errors_together(blocks: &[Block], joints: usize) -> DMatrix<f64> {
 }
 
 /// How like readings in some convention are to the torques of springs of one stiffness everywhere.
-struct Likeness {
+struct UniformSprings {
     /// Sums of what springs give at a joint times the reading of a column.
     products: DMatrix<f64>,
     /// Product of the norms of both.
     norms: f64,
 }
 
-impl Likeness {
+impl UniformSprings {
     fn new(touching: &[Sample], joints: usize) -> Self {
         let mut products = DMatrix::zeros(joints, joints);
         let (mut of_springs, mut of_readings) = (0.0, 0.0);
