@@ -167,23 +167,15 @@ impl CorrectedModel {
         Ok(found)
     }
 
-    /// Warns of predicted sequences that the model was found in.
-    pub fn compare_sequences(
-        &self,
-        recording: &Dataset,
-        sequences: &[&Sequence],
-        console: &Console,
-    ) {
-        let same = self.file.recording.as_ref() == Some(&recording.name);
-        let train = &recording.splits.train;
-        let ids = sequences.iter().map(|s| &s.id);
-        let again: Vec<&str> = ids
-            .filter(|id| same && train.contains(id))
-            .map(String::as_str)
-            .collect();
-        if !again.is_empty() && !self.file.effects.is_empty() {
+    /// Warns where the model was fitted to sequences of `recording` that are to be predicted.
+    pub fn compare_sequences(&self, recording: &str, ids: &[&str], console: &Console) {
+        let file = &self.file;
+        let same = file.recording.as_deref() == Some(recording) && !file.effects.is_empty();
+        let known = |id: &&str| same && file.learned_from.iter().any(|l| l == id);
+        let again: Vec<&str> = ids.iter().copied().filter(known).collect();
+        if !again.is_empty() {
             console.warn(format_args!(
-                "{}: was found in this recording, of which {} train: errors there are those of a fit",
+                "{}: the model was fitted to sequences that are predicted ({}): errors there are those of a fit",
                 self.path.display(),
                 again.join(", ")
             ));

@@ -6,7 +6,7 @@ use crate::interrupt::writing;
 use crate::outputs::unmarked;
 use anyhow::Context;
 use std::path::{Path, PathBuf};
-use vsf::data::{ContactParameters, McapExport, Sequence, StiffnessField};
+use vsf::data::{ContactParameters, McapExport, StiffnessField};
 use vsf::pipeline::{Scene, StoredEstimate};
 
 /// A field on disk, and what it says of its estimate.
@@ -148,20 +148,19 @@ impl FieldFile {
         }
     }
 
-    /// Warns where the field has learned from sequences of `recording` that it is to predict.
-    pub fn compare_sequences(
+    /// Warns where the field has learned from sequences of `recording` that it is to predict; the IDs of the others.
+    pub fn compare_sequences<'a>(
         &self,
         recording: &str,
-        sequences: &[&Sequence],
+        ids: Vec<&'a str>,
         console: &Console,
-    ) -> bool {
+    ) -> Vec<&'a str> {
         let same = self.field.recording.as_deref() == Some(recording);
         let Some(learned_from) = self.field.learned_from.as_ref().filter(|_| same) else {
-            return false;
+            return ids;
         };
         let known = |id: &&str| learned_from.iter().any(|l| l == id);
-        let ids = sequences.iter().map(|s| s.id.as_str());
-        let again: Vec<&str> = ids.filter(known).collect();
+        let (again, others): (Vec<&str>, Vec<&str>) = ids.into_iter().partition(known);
         if !again.is_empty() {
             console.warn(format!(
                 "{}: the field has learned from sequences that it predicts ({}): errors there are those of a \
@@ -170,7 +169,7 @@ impl FieldFile {
                 again.join(", ")
             ));
         }
-        !again.is_empty()
+        others
     }
 
     /// Standard deviation of the reading of each of `channels`; 0 and a warning where the file does

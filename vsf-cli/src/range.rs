@@ -83,6 +83,17 @@ pub fn ending(
     }
 }
 
+/// Refuses a spacing of points (m) that is longer than a box (m).
+pub fn fits(spacing: f64, [lower, upper]: &[Point3<f64>; 2]) -> anyhow::Result<()> {
+    let size = (upper - lower).max();
+    match spacing > size {
+        true => Err(usage(format!(
+            "--spacing {spacing:?} is more than the box, {size:?} m; lengths are in metres"
+        ))),
+        false => Ok(()),
+    }
+}
+
 /// Lower and upper corner of a box (m), of the six numbers of `--box`.
 pub fn corners(given: &[f64]) -> anyhow::Result<[Point3<f64>; 2]> {
     let [ax, ay, az, bx, by, bz] = *given else {

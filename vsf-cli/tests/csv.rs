@@ -149,9 +149,13 @@ fn what_is_wrong_is_said_in_flags() {
     .unwrap();
     let line = format!("import a.csv c.csv b.csv {known}").replace("--out rec", "--out copies");
     let warning = bench.warned(&line);
-    let part =
-        "a.csv to b.csv: torques are all zero, as if nothing was measured, in sequence 000, 002";
+    let part = "a.csv and 2 more files: torques are all zero, as if nothing was measured, in sequence 000, 002";
     assert!(warning.contains(part), "{warning}");
+    // Numbers are those of the robot in every file.
+    let other = "time,q0,q1,q2,q3,tau0,tau1,tau2,tau3\n0,0,0,0,0,0,0,0,0\n0.1,0,0,0,0,0,0,0,0\n";
+    fs::write(root.join("other.csv"), other).unwrap();
+    let parts = ["other.csv: its joints are 0, 1, 2, 3, and those of other files 1, 2, 3"];
+    bench.fails(&format!("import a.csv other.csv {known}"), 1, &parts);
     let line = format!("import a.csv --gap 0.01 {known}");
     let part = "2 of 2 samples are more than 0.01 s from any other";
     bench.fails(&line, 2, &["--gap", part]);

@@ -467,12 +467,26 @@ fn an_arm_in_free_air() {
     // What it was found in is no test.
     let [trained, tested] =
         ["1", "3"].map(|id| bench.warned(&format!("evaluate air {model} --sequences {id}")));
-    let said = "air.json: was found in this recording, of which 1 train";
+    let said = "air.json: the model was fitted to sequences that are predicted (1)";
     assert!(
-        trained.contains(said) && !tested.contains("was found"),
+        trained.contains(said) && !tested.contains("was fitted"),
         "{trained}{tested}"
     );
     json(&bench, "evaluate air --baseline knn --neighbours 5 --json");
+    let own = bench.warned("evaluate air --baseline knn --sequences 1,3");
+    assert!(
+        own.contains("baselines learn from the train split, and 1 is of it"),
+        "{own}"
+    );
+    let other = r#"{"schema": 1, "effects": [{"effect": "torque_bias", "parameters":
+        [{"name": "b_1", "value": 99, "std": 1, "unit": "N m"}, {"name": "b_2", "value": 0, "std": 1, "unit": "N m"},
+        {"name": "b_3", "value": 0, "std": 1, "unit": "N m"}]}]}"#;
+    fs::write(bench.root.join("other.json"), other).unwrap();
+    let worse = bench.warned("evaluate air --model other.json");
+    assert!(
+        worse.contains("is above that of the nominal model"),
+        "{worse}"
+    );
     let simulated = bench.ok(&format!("simulate air {model} --out simulated"));
     assert!(simulated.contains("in free air"), "{simulated}");
     let again = json(&bench, &format!("evaluate simulated {model} --json"));

@@ -287,6 +287,11 @@ fn what_is_missing_is_said() {
         ),
         ("import bag.mcap --box 0,0,1,1,1,1", 2, "edge of length 0"),
         (
+            "import bag.mcap --box 0,0,0,1,1,1 --spacing 10",
+            2,
+            "more than the box",
+        ),
+        (
             "import bag.mcap --out touch/seq_a",
             2,
             "the argument '--out",

@@ -51,6 +51,7 @@ fn what_has_no_points() {
     for (flags, code, part) in [
         ("--out p.npy --spacing 1e-5", 2, "cells of the box"),
         ("--out p.npy --box 1,2,3", 2, "takes 6 numbers"),
+        ("--out p.npy --spacing 10", 2, "more than the box"),
         (
             "--out p.npy --box 0,0,0,0,1,1",
             2,

@@ -14,7 +14,7 @@ const BOX_SLACK: f64 = 1e-6;
 /// What a joint state is sampled at (Hz): times that follow from it are numbers.
 const RATES: RangeInclusive<f64> = 1e-6..=1e9;
 /// Steps between samples, times the stated rate, that are of that rate.
-const SAME_RATE: RangeInclusive<f64> = 0.8..=1.2;
+const SAME_RATE: RangeInclusive<f64> = 1.0 / 1.2..=1.2;
 /// No robot stands where bodies fall faster (m/s²).
 const MOST_GRAVITY: f64 = 100.0;
 

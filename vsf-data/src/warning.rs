@@ -115,10 +115,11 @@ pub enum DataWarning {
         /// Further copies.
         others: usize,
     },
-    /// Time stamps that go on a fifth slower or faster, or more, than the metadata say. The stamps count.
+    /// Time stamps that go on slower or faster than the metadata say, by more than a factor of 1.2. The stamps count.
     #[error(
-        "{}: rate_hz = {rate_hz:?}, but most samples of sequence {} are {step:e} s apart; the time stamps count, which \
-         must be in seconds", path.display(), ids.join(", ")
+        "{}: rate_hz = {rate_hz:?}, but most samples of sequence {} are {step:.3e} s apart; the time stamps count{}",
+        path.display(), ids.join(", "),
+        match (0.1..10.0).contains(&(step * rate_hz)) { true => "", false => ", which must be in seconds" }
     )]
     OtherRate {
         /// The metadata file.

@@ -465,7 +465,7 @@ fn warnings_name_what_was_seen() {
     assert_eq!(ids, &["2"]);
     let text = other.to_string();
     assert!(
-        text.contains("samples of sequence 2 are 1e1 s apart"),
+        text.contains("samples of sequence 2 are 1.000e1 s apart"),
         "{text}"
     );
 

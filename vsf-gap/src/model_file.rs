@@ -7,7 +7,8 @@ use vsf_data::ContactParameters;
 /// Version of the form.
 const SCHEMA: u32 = 1;
 
-/// A corrected model as a file: JSON `{"schema": 1, "joints": [..], "contact_parameters": {..}, "made_by": "..",
+/// A corrected model as a file: JSON `{"schema": 1, "joints": [..], "contact_parameters": {..}, "recording_name": "..",
+/// "learned_from": [..], "made_by": "..",
 /// "effects": [{"effect", "parameters": [{"name", "value", "std", "unit"}]}]}`.
 ///
 /// It names effects and parameters, so that it holds for other recordings with the same robot, which it
@@ -41,6 +42,10 @@ pub struct ModelFile {
     #[serde(rename = "recording_name", default)]
     #[serde(skip_serializing_if = "Option::is_none")]
     pub recording: Option<String>,
+    /// IDs of the sequences there that it was fitted to, if known: errors on them are those of a fit.
+    #[serde(default)]
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    pub learned_from: Vec<String>,
     /// The program that wrote it, if any did.
     #[serde(default)]
     #[serde(skip_serializing_if = "Option::is_none")]
@@ -109,6 +114,7 @@ impl ModelFile {
             joints: joints(site),
             contact: None,
             recording: None,
+            learned_from: Vec::new(),
             made_by: None,
             effects,
         };

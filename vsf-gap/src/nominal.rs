@@ -152,24 +152,36 @@ impl Fitted<'_> {
         log_density(&self.rest(), factor)
     }
 
-    /// Log density of the readings of windows in which nothing is touched, without constants.
-    ///
-    /// # Errors
-    /// A covariance that is not positive definite.
-    pub(crate) fn log_density_in_air(&self, spread: &Spread) -> Result<f64, GapError> {
+    /// The rows of windows in which nothing is touched, in order.
+    pub(crate) fn rows_in_air(&self) -> Vec<usize> {
         let d = self.windows.joints;
         let touches = |w: &Window| {
             let mut contacts = self.logs[w.sequence].contacts[w.rows.clone()].iter();
             contacts.any(|c| !c.is_empty())
         };
-        let rows: Vec<usize> = (self.windows.list.iter().enumerate())
+        (self.windows.list.iter().enumerate())
             .filter(|(_, w)| !touches(w))
             .flat_map(|(i, _)| i * d..(i + 1) * d)
-            .collect();
-        match rows.is_empty() {
-            true => Ok(0.0),
-            false => log_density_of(&self.rest(), &self.parts.covariance(spread), &rows),
+            .collect()
+    }
+
+    /// Log density of the readings in rows where nothing is touched, without constants, under the roughness of joints that
+    /// suits them best.
+    ///
+    /// # Errors
+    /// A covariance that is not positive definite.
+    pub(crate) fn log_density_in(&self, rows: &[usize], spread: &Spread) -> Result<f64, GapError> {
+        if rows.is_empty() {
+            return Ok(0.0);
         }
+        let rest = self.rest();
+        let spreads = self.roughness(spread);
+        // That of contact says nothing there.
+        let of_joints = spreads.iter().filter(|s| s.contact == CONTACT[0]);
+        let densities: Vec<f64> = of_joints
+            .map(|s| log_density_of(&rest, &self.parts.covariance(s), rows))
+            .collect::<Result<_, GapError>>()?;
+        Ok(densities[best_of(&densities)])
     }
 
     /// Log density of the readings of the other sequences, given those of some, without constants; with a spread of

@@ -11,8 +11,8 @@ use rayon::prelude::*;
 use std::sync::Arc;
 
 /// Further effects that are tried beside those found, by what screening promises of them; in free air, where a fit takes
-/// a moment, more. It promises little of effects that move contacts, whatever they gain: beside one that does not, all of them
-/// are tried.
+/// a moment, more. It promises little of effects that move contacts, whatever they gain: beside one that shows in the air, which
+/// they do not imitate, all of them are tried.
 const FURTHER: usize = 4;
 const FURTHER_IN_AIR: usize = 6;
 /// Models of each length that are looked into further in free air, further effects that each is kept with, and most
@@ -109,17 +109,20 @@ impl Campaign {
             return Ok(Vec::new());
         };
         let gain = best.log_evidence - base;
-        let in_contact = self.gain_in_contact(best, standard)?;
+        let nominal = Model::default();
+        let in_air = self.gain_in_air(&best.model, &nominal, &best.spread)?;
+        let (in_contact, shows_in_air) = (gain - in_air.clamp(0.0, gain), in_air > EVIDENT);
         let effects: Vec<_> = rest.iter().map(|c| c.effect.clone()).collect();
         let mut found: Vec<Combination> = Vec::new();
-        for Further { refined, effect } in self.extended(best, &effects, rough)? {
+        for Further { refined, effect } in self.extended(best, &effects, rough, shows_in_air)? {
             let gained = refined.log_evidence - best.log_evidence;
-            // What acts in contact alone does not mend the form of an effect that shows in the air.
-            let gain = match effect.acts() {
-                Acts::Torques => gain,
-                Acts::Springs | Acts::Contact => in_contact,
+            let gains_beside = |gain: f64| gained > needed_beside(effect.as_ref(), gain, rough);
+            let is_of_contact = || {
+                let own = self.gain_in_air(&refined.model, &best.model, &refined.spread)?;
+                Ok::<_, GapError>(own <= EVIDENT)
             };
-            if gained <= needed_beside(effect.as_ref(), gain, rough) {
+            // What shows in contact alone does not mend the form of the first effect in the air.
+            if !(gains_beside(gain) || gains_beside(in_contact) && is_of_contact()?) {
                 continue;
             }
             // Backward: the second on its own must not do as well.
@@ -132,6 +135,10 @@ impl Campaign {
                 if gained <= threshold(leader.effect.as_ref(), rough) {
                     continue;
                 }
+                // Where both show in contact alone, a second that says nothing by itself mends the form of the first.
+                if !shows_in_air && alone.score(base) <= threshold(effect.as_ref(), rough) {
+                    continue;
+                }
             }
             let earned = true;
             found.push(Combination { refined, earned });
@@ -139,15 +146,15 @@ impl Campaign {
         Ok(found)
     }
 
-    /// What a model gains (nats) over the nominal one in contact, once the readings in the air are known.
-    fn gain_in_contact(&self, model: &Refined, standard: &Standard) -> Result<f64, GapError> {
-        let of = |model: &Model, spread: &Spread| {
-            let fitted = self.fitted(model, &self.train)?;
-            fitted.log_density_in_air(spread)
-        };
-        let in_air = of(&model.model, &model.spread)? - of(&Model::default(), &standard.spread)?;
-        let gain = model.log_evidence - standard.base;
-        Ok((gain - in_air).clamp(0.0, gain.max(0.0)))
+    /// What a model gains over another (nats) of the readings where neither touches anything; of the spread only what is beside
+    /// roughness.
+    fn gain_in_air(&self, model: &Model, other: &Model, spread: &Spread) -> Result<f64, GapError> {
+        let [own, others] = [model, other].map(|m| self.fitted(m, &self.train));
+        let (own, others) = (own?, others?);
+        let mut rows = own.rows_in_air();
+        let free = others.rows_in_air();
+        rows.retain(|row| free.binary_search(row).is_ok());
+        Ok(own.log_density_in(&rows, spread)? - others.log_density_in(&rows, spread)?)
     }
 
     /// The best models of each length that go on from the best shorter ones.
@@ -231,7 +238,7 @@ impl Campaign {
         rough: f64,
     ) -> Result<(Vec<Combination>, Vec<Combination>), GapError> {
         let before = shorter.refined;
-        let mut models = self.extended(before, effects, rough)?;
+        let mut models = self.extended(before, effects, rough, false)?;
         best_first(&mut models, |m| margin(&m.refined, base, rough));
         let (mut longer, mut instead) = (Vec::new(), Vec::new());
         for Further { refined, effect } in models {
@@ -265,12 +272,14 @@ impl Campaign {
         Ok((longer, instead))
     }
 
-    /// A fitted model with one of some effects that it does not have, for those that promise most and gain enough.
+    /// A fitted model with one of some effects that it does not have, for those that promise most, and `all_that_move` contacts
+    /// if asked for, and that gain enough.
     fn extended(
         &self,
         best: &Refined,
         effects: &[Arc<dyn Effect>],
         rough: f64,
+        all_that_move: bool,
     ) -> Result<Vec<Further>, GapError> {
         let fitted = self.fitted(&best.model, &self.train)?;
         let mut others = Vec::new();
@@ -287,16 +296,13 @@ impl Campaign {
         let screening = screen(&fitted, &free, &others, &fitted.roughness(&best.spread))?;
         let without = log_mean_exp(&screening.nominal);
         let mut further = best_starts(&others, &screening.candidates, without);
-        let moves = |effect: &dyn Effect| effect.acts() == Acts::Contact;
-        let with_all = !in_air && best.model.acts() == Acts::Torques;
+        let tried_anyway = |c: &Candidate| all_that_move && c.effect.acts() == Acts::Contact;
         let mut rank = 0;
         further.retain(|c| {
             rank += 1;
             match in_air {
                 true => rank <= FURTHER_IN_AIR && c.screened > EVIDENT,
-                false => {
-                    rank <= FURTHER && c.screened > 0.0 || with_all && moves(c.effect.as_ref())
-                }
+                false => rank <= FURTHER && c.screened > 0.0 || tried_anyway(c),
             }
         });
         let mut models: Vec<Further> = (further.into_par_iter())

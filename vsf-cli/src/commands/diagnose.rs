@@ -96,6 +96,12 @@ pub fn run(args: &Args, console: &Console) -> anyhow::Result<()> {
     let mut model = ModelFile::new(outcome.campaign.site(), &outcome.model, &outcome.sd)?;
     model.made_by = Some(MADE_BY.to_owned());
     model.recording = Some(name.clone());
+    model.learned_from = outcome
+        .campaign
+        .train()
+        .iter()
+        .map(|m| m.id.clone())
+        .collect();
     model.contact = (!scene.rest().is_empty()).then(|| scene.contact_parameters());
     let mut files = Vec::new();
     if let Some(path) = &args.html {

@@ -90,9 +90,13 @@ pub fn run(args: &Args, console: &Console) -> anyhow::Result<()> {
     let traces = &modelled.traces;
     let mut found = Vec::new();
     if let Some(field) = &field {
-        let told = field.compare_sequences(&recording.dataset.name, &sequences, console);
-        if let Some(model) = model.as_ref().filter(|_| !told) {
-            model.compare_sequences(&recording.dataset, &sequences, console);
+        let (name, ids) = (
+            &recording.dataset.name,
+            sequences.iter().map(|s| s.id.as_str()),
+        );
+        let others = field.compare_sequences(name, ids.collect(), console);
+        if let Some(model) = &model {
+            model.compare_sequences(name, &others, console);
         }
         let predictions = modelled.predict(predictor(field, &scene, console)?)?;
         let name = if in_air { "model" } else { "field" };
@@ -111,7 +115,29 @@ pub fn run(args: &Args, console: &Console) -> anyhow::Result<()> {
                 unit = errors.unit,
             ));
         }
+        if in_air && errors.mean_error > errors.zero_error {
+            console.warn(format!(
+                "the model's error, {} {unit}, is above that of the nominal model, {} {unit}: it is of another robot, recording \
+                 or load, or units or signs are wrong",
+                number(errors.mean_error),
+                number(errors.zero_error),
+                unit = errors.unit,
+            ));
+        }
         found.push((name, errors));
+    }
+    let train = &recording.dataset.splits.train;
+    let learns = args.baseline.iter().any(|kind| *kind != Kind::Zero);
+    let trained = sequences
+        .iter()
+        .map(|s| &s.id)
+        .filter(|id| learns && train.contains(id));
+    let trained: Vec<&str> = trained.map(String::as_str).collect();
+    if !trained.is_empty() {
+        console.warn(format!(
+            "baselines learn from the train split, and {} is of it: their errors there are those of a fit",
+            trained.join(", ")
+        ));
     }
     for &kind in &args.baseline {
         let (name, baseline) = match kind {

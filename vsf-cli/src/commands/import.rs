@@ -247,7 +247,9 @@ impl Filled {
     /// Each point is the centre of a cube; together they are as near to the box as cubes of this size
     /// come.
     fn new(corners: &[f64], spacing: f64) -> anyhow::Result<Self> {
-        let [lower, upper] = range::corners(corners)?;
+        let corners = range::corners(corners)?;
+        range::fits(spacing, &corners)?;
+        let [lower, upper] = corners;
         let counts = (upper - lower).map(|size| (size / spacing).round().max(1.0));
         if counts.product() > MOST_POINTS {
             return Err(usage(format!(

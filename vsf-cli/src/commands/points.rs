@@ -1,8 +1,9 @@
 use crate::console::{Console, number, write_file};
 use crate::exit::usage;
-use crate::range::{corners, ending, finite, positive};
+use crate::range::{corners, ending, finite, fits, positive};
 use crate::recording::Recording;
 use crate::settings::SceneSettings;
+use anyhow::Context;
 use serde::Serialize;
 use std::borrow::Cow;
 use std::path::PathBuf;
@@ -60,16 +61,18 @@ pub fn run(args: &Args, console: &Console) -> anyhow::Result<()> {
     // Only now: a new file may lie in the recording.
     console.outputs.file("--out", &args.out, None)?;
     let view = recording.view()?.ok_or(PipelineError::NoCamera)?;
-    let (from, [lower, upper]) = match (&args.corners, recording.dataset.object_bbox) {
-        (Some(given), _) => ("--box", corners(given)?),
-        (None, Some(recorded)) => ("object_bbox", recorded),
+    let corners = match (&args.corners, recording.dataset.object_bbox) {
+        (Some(given), _) => corners(given)?,
+        (None, Some(recorded)) => recorded,
         (None, None) => {
             return Err(usage(
                 "--box is required: the recording has no object_bbox around the object",
             ));
         }
     };
-    let bounds = Bounds::new(lower, upper).map_err(|e| usage(format!("{from}: {e}")))?;
+    fits(args.spacing, &corners)?;
+    let [lower, upper] = corners;
+    let bounds = Bounds::new(lower, upper).context("object_bbox")?;
     let cells = bounds
         .size()
         .map(|edge| (edge / args.spacing).round().max(1.0));

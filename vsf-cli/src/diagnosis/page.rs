@@ -456,9 +456,30 @@ mod tests {
         found.gap.closed_interval = [0.1, 0.6];
         let payload = found.effects.iter_mut().find(|e| e.effect == "payload");
         payload.unwrap().at_bound = vec!["m".to_owned()];
-        let stopped = "payload fits best (probability 90 %), but m stopped at a bound of what is plausible: it may stand for \
-                       something else.";
-        assert_eq!(verdict(&found), stopped);
+        let stopped = "m stopped at a bound of what is plausible: what is named may stand for something else.";
+        assert_eq!(
+            verdict(&found),
+            format!("payload fits best (probability 90 %). {stopped}")
+        );
+        found.gap.closed_interval = [-0.02, 0.58];
+        assert_eq!(verdict(&found), format!("{open} {stopped}"));
+    }
+
+    /// One of several effects may act for certain, whatever acts beside it.
+    #[test]
+    fn what_acts_for_certain_is_told() {
+        let mut d = report("effects", 0.55, 0.5);
+        (d.gap.closed_fraction, d.gap.closed_interval) = (0.7, [0.1, 1.0]);
+        let names = ["payload", "adhesion", "anisotropy"].map(str::to_owned);
+        d.verdict.effects = names[..2].to_vec();
+        d.verdict.effect_set_95 = names.to_vec();
+        let payload = d.effects.iter_mut().find(|e| e.effect == "payload");
+        payload.unwrap().probability = 0.99;
+        let named = "payload and adhesion explain most of the gap (probability 55 %; that payload acts: 95 % or more).";
+        assert_eq!(verdict(&d), named);
+        d.verdict.kind = VerdictKind::NotDiagnosable;
+        let open = "Not diagnosable: beside payload something acts, but this recording fits adhesion, anisotropy alike.";
+        assert_eq!(verdict(&d), open);
     }
 
     /// Of an arm in free air there are no links in contact, nor a stiffness.

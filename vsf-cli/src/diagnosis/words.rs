@@ -17,8 +17,9 @@ const CLOSED: f64 = 0.99;
 /// Probability from which on it is told that an effect may be hidden.
 const LEAST_HIDDEN: f64 = 0.05;
 
-/// A claim of less probability is uncertain.
+/// A claim of less probability is uncertain; an effect of more acts, whatever acts beside it.
 const LIKELY: f64 = 0.5;
+const CERTAIN: f64 = 0.95;
 
 /// From so many nats on, test sequences speak for an effect.
 const NATS: f64 = 3.0;
@@ -36,10 +37,23 @@ pub fn is_uncertain(diagnosis: &Diagnosis) -> bool {
         && verdict.probability < LIKELY
 }
 
-/// The answer in one sentence.
+/// The answer in a sentence, and in another one that a parameter stopped at a bound.
 pub fn verdict(diagnosis: &Diagnosis) -> String {
+    let sentence = sentence(diagnosis);
+    let stopped = at_bounds(diagnosis);
+    let names = matches!(diagnosis.verdict.kind, VerdictKind::Effects) && !stopped.is_empty();
+    match names {
+        true => format!(
+            "{sentence} {} stopped at a bound of what is plausible: what is named may stand for something else.",
+            stopped.join(" and ")
+        ),
+        false => sentence,
+    }
+}
+
+fn sentence(diagnosis: &Diagnosis) -> String {
     let Diagnosis { verdict, gap, .. } = diagnosis;
-    let p = percent(verdict.probability);
+    let p = percent(verdict.probability) + &whatever_else(diagnosis);
     let effects = verdict.effects.join(" and ");
     // Ending of a verb whose subject these are, and what stands for them as subject and object.
     let (s, pronoun, them) = match verdict.effects.len() {
@@ -63,11 +77,9 @@ pub fn verdict(diagnosis: &Diagnosis) -> String {
         VerdictKind::Effects if gap.closed_interval[0] <= 0.0 => format!(
             "{effects} fit{s} best (probability {p}); whether {pronoun} close{s} any of the gap, the test sequences do not tell."
         ),
-        VerdictKind::Effects if !at_bounds(diagnosis).is_empty() => format!(
-            "{effects} fit{s} best (probability {p}), but {} stopped at a bound of what is plausible: {pronoun} may stand for \
-             something else.",
-            at_bounds(diagnosis).join(" and ")
-        ),
+        VerdictKind::Effects if !at_bounds(diagnosis).is_empty() => {
+            format!("{effects} fit{s} best (probability {p}).")
+        }
         VerdictKind::Effects => format!(
             "{effects} explain{s} {}the gap (probability {p}).",
             extent(gap)
@@ -98,10 +110,40 @@ pub fn verdict(diagnosis: &Diagnosis) -> String {
         VerdictKind::NotDiagnosable if like_field(diagnosis) => format!(
             "Not diagnosable: {effects}, or an object whose stiffness differs from place to place; this recording does not tell."
         ),
-        VerdictKind::NotDiagnosable => format!(
-            "Not diagnosable: something acts, but this recording fits {} alike.",
-            verdict.effect_set_95.join(", ")
-        ),
+        VerdictKind::NotDiagnosable => {
+            let (certain, open): (Vec<&str>, Vec<&str>) = (verdict.effect_set_95.iter())
+                .map(String::as_str)
+                .partition(|e| is_certain(diagnosis, e));
+            let beside = match certain.is_empty() {
+                true => "something acts".to_owned(),
+                false => format!("beside {} something acts", certain.join(" and ")),
+            };
+            format!(
+                "Not diagnosable: {beside}, but this recording fits {} alike.",
+                open.join(", ")
+            )
+        }
+    }
+}
+
+fn is_certain(diagnosis: &Diagnosis, effect: &str) -> bool {
+    let of = diagnosis.effects.iter().find(|e| e.effect == effect);
+    of.is_some_and(|e| e.probability >= CERTAIN)
+}
+
+/// Which of several effects act for certain, where their whole does not.
+fn whatever_else(diagnosis: &Diagnosis) -> String {
+    let Verdict {
+        kind,
+        effects,
+        probability,
+        ..
+    } = &diagnosis.verdict;
+    let certain = effects.iter().filter(|e| is_certain(diagnosis, e));
+    let certain: Vec<&str> = certain.map(String::as_str).collect();
+    match *kind == VerdictKind::Effects && *probability < CERTAIN && !certain.is_empty() {
+        true => format!("; that {} acts: 95 % or more", certain.join(" and ")),
+        false => String::new(),
     }
 }
 

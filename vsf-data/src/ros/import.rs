@@ -4,7 +4,7 @@ use super::joint_log::{JointLog, Sample, Source};
 use super::messages::SECOND;
 use super::topics::some;
 use super::{times_of, times_path};
-use crate::csv_log::Quantity;
+use crate::csv_log::{Quantity, numbered};
 use crate::dataset::{POINTS, Parts, check_robot};
 use crate::{Advice, Clock, DataError, DataWarning, Dataset, Overrides, Sequence, Table};
 use crate::{check, files, metadata};
@@ -206,8 +206,30 @@ impl JointLog {
         }
     }
 
+    /// Where joints are numbered, every file has to number as many, and from the same number on.
+    fn check_numbers(&self, joints: &[String]) -> Result<(), DataError> {
+        let own = |names: &Vec<String>| numbered(names, joints.len());
+        let is_own = |names: &&Vec<String>| own(names).as_deref() == Some(joints);
+        if self.topic().is_some() || !self.names.iter().any(|names| is_own(&names)) {
+            return Ok(());
+        }
+        match self.samples.iter().find(|s| !is_own(&&self.names[s.names])) {
+            None => Ok(()),
+            Some(sample) => Err(DataError::Csv {
+                path: self.files[sample.file].clone(),
+                problem: format!(
+                    "its joints are {}, and those of other files {}: joints are numbered in the order of the robot, all of them, in \
+                     every file",
+                    some(&self.names[sample.names]),
+                    some(joints)
+                ),
+            }),
+        }
+    }
+
     /// For each list of names, the place of every joint; `None` for a list of messages without any of them.
     fn columns(&self, joints: &[String]) -> Result<Vec<Option<Vec<usize>>>, DataError> {
+        self.check_numbers(joints)?;
         let places = |(k, names): (usize, &Vec<String>)| {
             let (known, missing): (Vec<_>, Vec<_>) = joints.iter().partition(|j| names.contains(j));
             if known.is_empty() && self.topic().is_some() {

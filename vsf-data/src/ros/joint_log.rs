@@ -233,7 +233,7 @@ impl JointLog {
         }
         let exported = self.parts.iter().any(|(name, _)| name == metadata::FILE);
         let topic = topics.done(exported).map_err(|(problem, advice)| {
-            let error = wrong(&files[0], problem);
+            let error = wrong(&self.place(), problem);
             match advice {
                 Some(advice) => error.advise(advice),
                 None => error,
@@ -338,13 +338,11 @@ impl JointLog {
 
     /// The files as a whole, for messages.
     pub(super) fn place(&self) -> PathBuf {
-        match &self.files[..] {
-            [one] => one.clone(),
-            [first, .., last] => {
-                let last = last.file_name().unwrap_or_default();
-                PathBuf::from(format!("{} to {}", first.display(), last.to_string_lossy()))
-            }
-            [] => PathBuf::new(),
+        let first = &self.files[0];
+        match self.files.len() - 1 {
+            0 => first.clone(),
+            1 => PathBuf::from(format!("{} and 1 more file", first.display())),
+            n => PathBuf::from(format!("{} and {n} more files", first.display())),
         }
     }
 
@@ -360,7 +358,7 @@ impl JointLog {
     fn check_parts(&self) -> Result<(), DataError> {
         if self.files.len() > 1 && !self.parts.is_empty() {
             let problem = "one of the files holds a whole recording; read each of them alone";
-            return Err(wrong(&self.files[0], problem));
+            return Err(wrong(&self.place(), problem));
         }
         let mut seen = BTreeSet::new();
         match self.parts.iter().find(|(name, _)| !seen.insert(name)) {
