@@ -320,3 +320,65 @@ impl Campaign {
         Ok(models)
     }
 }
+
+#[cfg(test)]
+#[allow(clippy::unwrap_used)]
+mod tests {
+    use super::*;
+    use crate::effects;
+    use crate::nominal::{CONTACT, JOINT};
+    use nalgebra::Point3;
+    use vsf_data::{Dataset, RobotRef, Sequence, Table};
+    use vsf_pipeline::SceneOptions;
+
+    /// A ball comes down on points twice; its first axis reads 1 N too much, whatever it touches.
+    fn poked() -> Campaign {
+        let sequence = |id: &str| {
+            let (mut angles, mut forces) = (Vec::new(), Vec::new());
+            for k in 0..120 {
+                let height = 0.02 - 4e-4 * f64::from(60 - i32::abs(60 - k));
+                let noise = 0.01 * f64::from(k * k % 13 - 6) / 6.0;
+                angles.extend([0.004, 0.004, height]);
+                forces.extend([1.0 + noise, noise, -200.0 * height.min(0.0) - noise]);
+            }
+            let time = (0..120).map(|k| f64::from(k) / 100.0).collect();
+            let table = |values| Table::new(3, values).unwrap();
+            Sequence::new(id, time, table(angles), table(forces))
+        };
+        let stage = RobotRef::resolve("cartesian_stage", ".".as_ref()).unwrap();
+        let points =
+            (0..9).map(|k| Point3::new(0.004 * f64::from(k % 3), 0.004 * f64::from(k / 3), 0.0));
+        let dataset = Dataset {
+            rest_points: Some(points.collect()),
+            ..Dataset::new(stage, vec![sequence("0"), sequence("1")])
+        };
+        Campaign::open(&dataset, &SceneOptions::default()).unwrap()
+    }
+
+    /// Of what a model gains in the air, contact has no part: not even where it begins elsewhere.
+    #[test]
+    fn a_gain_in_the_air_is_of_readings_where_neither_model_touches() {
+        let campaign = poked();
+        let with = |name: &str, own: &str, value: f64| {
+            let effect = effects::named(&[name.to_owned()]).unwrap().remove(0);
+            let theta = effect.parameters(&campaign.site);
+            let theta = theta
+                .iter()
+                .map(|p| if p.name == own { value } else { 0.0 });
+            Model::of(&effect, &theta.collect::<Vec<_>>())
+        };
+        let nominal = Model::default();
+        let fitted = campaign.fitted(&nominal, &campaign.train).unwrap();
+        let spread = fitted.best_stiffness(CONTACT[1], JOINT[1]).unwrap();
+        let gain =
+            |model: &Model, other: &Model| campaign.gain_in_air(model, other, &spread).unwrap();
+        let bias = with("torque_bias", "b_1", 1.0);
+        let wider = with("geometry_padding", "padding", 0.003);
+        let of_wider = campaign.fitted(&wider, &campaign.train).unwrap();
+        assert!(of_wider.rows_in_air().len() < fitted.rows_in_air().len());
+        assert_eq!(gain(&wider, &nominal), 0.0);
+        assert!(gain(&bias, &nominal) > EVIDENT);
+        assert_eq!(gain(&nominal, &bias), -gain(&bias, &nominal));
+        assert_eq!(gain(&bias, &wider), -gain(&wider, &bias));
+    }
+}
