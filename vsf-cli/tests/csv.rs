@@ -151,6 +151,22 @@ fn what_is_wrong_is_said_in_flags() {
     let warning = bench.warned(&line);
     let part = "a.csv and 2 more files: torques are all zero, as if nothing was measured, in sequence 000, 002";
     assert!(warning.contains(part), "{warning}");
+    // Which file a sequence is from is told, a pause or not.
+    let paused =
+        format!("{titles}\n0,0,0,0,0,0,1\n0.1,0,0,0,0,0,1\n9,0,0,0,0,0,1\n9.1,0,0,0,0,0,1\n");
+    fs::write(root.join("paused.csv"), paused).unwrap();
+    let told =
+        bench.ok(&format!("import paused.csv c.csv {known}").replace("--out rec", "--out paused"));
+    let of: Vec<&str> = (told.lines())
+        .filter(|line| line.trim_start().starts_with("00"))
+        .filter_map(|line| line.split_whitespace().last())
+        .collect();
+    assert_eq!(of, ["paused.csv", "paused.csv", "c.csv"], "{told}");
+    let still = "<robot name='still'><link name='a'/><link name='b'/><joint name='j' type='fixed'>
+        <parent link='a'/><child link='b'/></joint></robot>";
+    fs::write(root.join("still.urdf"), still).unwrap();
+    let line = format!("import a.csv {known}").replace("cartesian_stage", "still.urdf");
+    bench.fails(&line, 1, &["no joint that moves"]);
     // Numbers are those of the robot in every file.
     let other = "time,q0,q1,q2,q3,tau0,tau1,tau2,tau3\n0,0,0,0,0,0,0,0,0\n0.1,0,0,0,0,0,0,0,0\n";
     fs::write(root.join("other.csv"), other).unwrap();

@@ -38,7 +38,7 @@ the robot, from 1 or from 0. Other columns are ignored. Each file begins a new s
 
 Without points the recording is one of free motion, for `vsf diagnose`.
 
-JSON keys: out, topic (null of CSV files), joints, points, sequences (sequence, samples, duration_s).")]
+JSON keys: out, topic (null of CSV files), joints, points, sequences (sequence, samples, duration_s, file (of CSV files)).")]
 pub struct Args {
     /// MCAP files, in the order of recording, the folder of a ROS 2 bag, or CSV files
     #[arg(required = true)]
@@ -92,6 +92,9 @@ struct Entry {
     sequence: String,
     samples: usize,
     duration_s: f64,
+    /// Of CSV files.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    file: Option<String>,
 }
 
 pub fn run(args: &Args, console: &Console) -> anyhow::Result<()> {
@@ -146,6 +149,9 @@ pub fn run(args: &Args, console: &Console) -> anyhow::Result<()> {
         // Refused in what follows.
         None => Vec::new(),
     };
+    if known.robot.is_some() && joints.is_empty() {
+        anyhow::bail!("the robot has no joint that moves; check its URDF (--robot)");
+    }
     let names = match &args.names {
         Some(names) => names.clone(),
         None => log.names_of(&joints),
@@ -268,25 +274,35 @@ impl Filled {
 }
 
 fn report(args: &Args, log: &JointLog, joints: Vec<String>, dataset: &Dataset) -> Report {
-    let entry = |s: &Sequence| Entry {
+    let files = log.files_of(dataset);
+    let entry = |(k, s): (usize, &Sequence)| Entry {
         sequence: s.id.clone(),
         samples: s.len(),
         duration_s: s.time.last().unwrap_or(&0.0) - s.time.first().unwrap_or(&0.0),
+        file: files.get(k).map(|f| f.to_string_lossy().into_owned()),
     };
     Report {
         out: args.out.to_string_lossy().into_owned(),
         topic: log.topic().map(str::to_owned),
         joints,
         points: dataset.rest_points.as_ref().map_or(0, Vec::len),
-        sequences: dataset.sequences.iter().map(entry).collect(),
+        sequences: dataset.sequences.iter().enumerate().map(entry).collect(),
     }
 }
 
 fn text(report: &Report) -> String {
     let rows = report.sequences.iter().map(|s| {
         let (samples, seconds) = (s.samples.to_string(), number(s.duration_s));
-        vec![s.sequence.clone(), samples, seconds]
+        let file = s.file.clone();
+        [s.sequence.clone(), samples, seconds]
+            .into_iter()
+            .chain(file)
+            .collect()
     });
+    let mut titles = vec!["sequence", "samples", "seconds"];
+    if report.topic.is_none() {
+        titles.push("file");
+    }
     let points = match report.points {
         0 => "no points: free motion (--points or --box for an object)".to_owned(),
         n => format!("{n} points"),
@@ -296,9 +312,6 @@ fn text(report: &Report) -> String {
         report.out,
         report.joints.len(),
         report.topic.as_deref().unwrap_or("CSV"),
-        table(
-            &["sequence", "samples", "seconds"],
-            &rows.collect::<Vec<_>>()
-        )
+        table(&titles, &rows.collect::<Vec<_>>())
     )
 }

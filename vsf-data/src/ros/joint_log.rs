@@ -3,7 +3,7 @@ use super::is_part;
 use super::messages::{JointState, Version};
 use super::topics::Topics;
 use crate::csv_log::{Columns, Quantity, is_csv, numbered};
-use crate::{DataError, files, metadata, natural};
+use crate::{DataError, Dataset, Sequence, files, metadata, natural};
 use nalgebra::Point3;
 use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
@@ -186,6 +186,21 @@ impl JointLog {
             Source::Mcap { topic, .. } => Some(topic),
             Source::Csv(_) => None,
         }
+    }
+
+    /// The file that each sequence of [`recording`](Self::recording) is from, in order; none for MCAP files, of which several
+    /// may be one recording that was split.
+    pub fn files_of(&self, recording: &Dataset) -> Vec<&Path> {
+        if self.topic().is_some() {
+            return Vec::new();
+        }
+        let mut begin = 0;
+        let of = |sequence: &Sequence| {
+            let sample = self.samples.get(begin)?;
+            begin += sequence.len();
+            Some(self.files[sample.file].as_path())
+        };
+        recording.sequences.iter().filter_map(of).collect()
     }
 
     /// What the joints of a robot are called in the files: by number where CSV files name none of them and number
