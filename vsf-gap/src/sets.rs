@@ -295,18 +295,15 @@ impl Campaign {
         }
         let screening = screen(&fitted, &free, &others, &fitted.roughness(&best.spread))?;
         let without = log_mean_exp(&screening.nominal);
-        let mut further = best_starts(&others, &screening.candidates, without);
-        let tried_anyway = |c: &Candidate| all_that_move && c.effect.acts() == Acts::Contact;
-        let mut rank = 0;
-        further.retain(|c| {
-            rank += 1;
-            match in_air {
-                true => rank <= FURTHER_IN_AIR && c.screened > EVIDENT,
-                false => rank <= FURTHER && c.screened > 0.0 || tried_anyway(c),
-            }
-        });
+        let further = best_starts(&others, &screening.candidates, without);
+        let moves = |c: &Candidate| c.effect.acts() == Acts::Contact;
+        let tried = |(rank, c): &(usize, Candidate)| match in_air {
+            true => *rank < FURTHER_IN_AIR && c.screened > EVIDENT,
+            false => *rank < FURTHER && c.screened > 0.0 || all_that_move && moves(c),
+        };
+        let further: Vec<_> = further.into_iter().enumerate().filter(tried).collect();
         let mut models: Vec<Further> = (further.into_par_iter())
-            .map(|Candidate { effect, found, .. }| {
+            .map(|(_, Candidate { effect, found, .. })| {
                 let tangent = &others[found.tangent];
                 let start = self.start(&best.model, tangent, &found, &best.spread)?;
                 let prior = best.prior.clone().and(tangent.prior(&self.site));
