@@ -61,19 +61,6 @@ fn a_payload_is_named_and_the_gap_closes() {
     assert_eq!(outcome.model.parts.len(), 1);
 }
 
-/// Where links are elsewhere, contact changes by more than what shows for small offsets.
-#[test]
-fn an_encoder_offset_beside_a_bias_is_named() {
-    let folder = tempfile::tempdir().unwrap();
-    let campaign = made(folder.path(), &["torque_bias", "encoder_offset"], 46);
-    let names = ["torque_bias", "viscoelastic", "encoder_offset"];
-    let effects = effects::named(&names.map(str::to_owned)).unwrap();
-    let d = diagnose(&campaign, "case", &effects, 0, |_| {})
-        .unwrap()
-        .diagnosis;
-    assert_eq!(d.verdict.effects, ["torque_bias", "encoder_offset"]);
-}
-
 #[test]
 fn nothing_is_named_where_nothing_acts() {
     let outcome = diagnosed(&[], 42);
