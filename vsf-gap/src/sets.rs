@@ -3,6 +3,7 @@
 use crate::effect::EVIDENT;
 use crate::evidence::Spread;
 use crate::judge::{needed_beside, threshold};
+use crate::nominal::CONTACT;
 use crate::refine::Refined;
 use crate::screen::{Tangent, log_mean_exp, screen};
 use crate::search::{Candidate, Standard, best_starts};
@@ -12,7 +13,7 @@ use std::sync::Arc;
 
 /// Further effects that are tried beside those found, by what screening promises of them; in free air, where a fit takes
 /// a moment, more. It promises little of effects that move contacts, whatever they gain: beside one that shows in the air, which
-/// they do not imitate, all of them are tried.
+/// they do not imitate, all of them are tried where it leaves contact rough.
 const FURTHER: usize = 4;
 const FURTHER_IN_AIR: usize = 6;
 /// Models of each length that are looked into further in free air, further effects that each is kept with, and most
@@ -114,7 +115,9 @@ impl Campaign {
         let (in_contact, shows_in_air) = (gain - in_air.clamp(0.0, gain), in_air > EVIDENT);
         let effects: Vec<_> = rest.iter().map(|c| c.effect.clone()).collect();
         let mut found: Vec<Combination> = Vec::new();
-        for Further { refined, effect } in self.extended(best, &effects, rough, shows_in_air)? {
+        // Where contact comes out as smooth as can be told, surfaces are where they should be.
+        let all_that_move = shows_in_air && best.spread.contact > CONTACT[0];
+        for Further { refined, effect } in self.extended(best, &effects, rough, all_that_move)? {
             let gained = refined.log_evidence - best.log_evidence;
             let gains_beside = |gain: f64| gained > needed_beside(effect.as_ref(), gain, rough);
             let is_of_contact = || {
@@ -323,7 +326,7 @@ impl Campaign {
 mod tests {
     use super::*;
     use crate::effects;
-    use crate::nominal::{CONTACT, JOINT};
+    use crate::nominal::JOINT;
     use nalgebra::Point3;
     use vsf_data::{Dataset, RobotRef, Sequence, Table};
     use vsf_pipeline::SceneOptions;
