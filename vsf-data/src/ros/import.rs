@@ -208,12 +208,11 @@ impl JointLog {
 
     /// Where joints are numbered, every file has to number as many, and from the same number on.
     fn check_numbers(&self, joints: &[String]) -> Result<(), DataError> {
-        let own = |names: &Vec<String>| numbered(names, joints.len());
-        let is_own = |names: &&Vec<String>| own(names).as_deref() == Some(joints);
-        if self.topic().is_some() || !self.names.iter().any(|names| is_own(&names)) {
+        let is_own = |names: &Vec<String>| numbered(names, joints.len()).as_deref() == Some(joints);
+        if self.topic().is_some() || !self.names.iter().any(is_own) {
             return Ok(());
         }
-        match self.samples.iter().find(|s| !is_own(&&self.names[s.names])) {
+        match self.samples.iter().find(|s| !is_own(&self.names[s.names])) {
             None => Ok(()),
             Some(sample) => Err(DataError::Csv {
                 path: self.files[sample.file].clone(),
