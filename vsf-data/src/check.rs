@@ -13,8 +13,10 @@ use std::path::{Path, PathBuf};
 const BOX_SLACK: f64 = 1e-6;
 /// What a joint state is sampled at (Hz): times that follow from it are numbers.
 const RATES: RangeInclusive<f64> = 1e-6..=1e9;
-/// Steps between samples, times the stated rate, that are of that rate.
-const SAME_RATE: RangeInclusive<f64> = 1.0 / 1.2..=1.2;
+/// Steps between samples, times the stated rate, that are of that rate: of one sequence among others, which share one
+/// rate, and where the steps of none are any closer to it.
+const SAME_RATE: RangeInclusive<f64> = 0.5..=2.0;
+const ANY_OF_RATE: RangeInclusive<f64> = 1.0 / 1.2..=1.2;
 /// No robot stands where bodies fall faster (m/s²).
 const MOST_GRAVITY: f64 = 100.0;
 
@@ -249,12 +251,15 @@ impl Dataset {
             steps.sort_by(f64::total_cmp);
             steps.get(steps.len() / 2).copied()
         };
-        let other = self.sequences.iter().filter_map(|s| {
-            let step = step(s).filter(|step| !SAME_RATE.contains(&(step * rate_hz)))?;
-            Some((step, s.id.clone()))
-        });
-        let (steps, ids): (Vec<f64>, Vec<String>) = other.unzip();
-        let step = *steps.first()?;
+        let mut steps: Vec<(f64, &Sequence)> = (self.sequences.iter())
+            .filter_map(|s| Some((step(s)?, s)))
+            .collect();
+        let of_rate = |step: f64, range: RangeInclusive<f64>| range.contains(&(step * rate_hz));
+        if steps.iter().any(|(step, _)| of_rate(*step, ANY_OF_RATE)) {
+            steps.retain(|(step, _)| !of_rate(*step, SAME_RATE));
+        }
+        let (step, _) = *steps.first()?;
+        let ids = steps.iter().map(|(_, s)| s.id.clone()).collect();
         let path = dir.join(metadata::FILE);
         Some(DataWarning::OtherRate {
             path,

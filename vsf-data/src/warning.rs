@@ -115,7 +115,8 @@ pub enum DataWarning {
         /// Further copies.
         others: usize,
     },
-    /// Time stamps that go on slower or faster than the metadata say, by more than a factor of 1.2. The stamps count.
+    /// Time stamps that go on slower or faster than the metadata say, by more than a factor of 2; or of 1.2, where those of
+    /// no sequence are any closer. The stamps count.
     #[error(
         "{}: rate_hz = {rate_hz:?}, but most samples of sequence {} are {step:.3e} s apart; the time stamps count{}",
         path.display(), ids.join(", "),

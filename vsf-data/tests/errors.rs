@@ -469,14 +469,26 @@ fn warnings_name_what_was_seen() {
         "{text}"
     );
 
-    // Another rate than the stamps have is told, and does not count.
-    for (rate_hz, is_told) in [(70.0, true), (95.0, false), (110.0, false), (130.0, true)] {
+    // Another rate than the stamps have is told, and does not count. Sequences share one, so the stamps of one may
+    // differ from it by more than those of all.
+    let one = ["2"];
+    let both = ["2", "10"];
+    for (rate_hz, stamped, is_told) in [
+        (70.0, &both[..], true),
+        (95.0, &both, false),
+        (110.0, &both, false),
+        (130.0, &both, true),
+        (130.0, &one, false),
+        (210.0, &one, true),
+    ] {
         let folder = Folder::new();
         folder.json(&format!(
             r#"{{"robot": "kinova_gen3", "rate_hz": {rate_hz}}}"#
         ));
         let stamps = [0.0, 0.01, 0.02, 0.03];
-        folder.write("seq_2/time.npy", &f8("(4,)", &stamps));
+        for id in stamped {
+            folder.write(&format!("seq_{id}/time.npy"), &f8("(4,)", &stamps));
+        }
         let (dataset, warnings) = folder.open().unwrap();
         assert_eq!(dataset.sequence("2").unwrap().time, stamps);
         let told = |w: &DataWarning| matches!(w, DataWarning::OtherRate { .. });
