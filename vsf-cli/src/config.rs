@@ -229,6 +229,12 @@ fn further(name: &str, given: &ArgMatches) -> anyhow::Result<Vec<Further>> {
     }
     let by_hand = |id: &str| given.value_source(id) == Some(ValueSource::CommandLine);
     values.retain(|id, _| !by_hand(id));
+    // One that is given in place of another goes before that, too.
+    for arg in (command.get_arguments()).filter(|arg| by_hand(arg.get_id().as_str())) {
+        for other in command.get_arg_conflicts_with(arg) {
+            values.remove(other.get_id().as_str());
+        }
+    }
     if let Some(preset) = preset {
         let by_hand = given.try_get_raw(ESTIMATOR).ok().flatten();
         let by_hand = by_hand.and_then(|mut values| values.next());

@@ -822,7 +822,48 @@ fn a_field_brings_its_contact() {
     assert!(told.contains(says), "{told}");
 }
 
-/// Errors on touches that a field has learned from are no predictions.
+/// The recording was simulated with points that are touched from 2 mm on.
+#[test]
+fn the_threshold_is_chosen_on_held_out_touches() {
+    let bench = Bench::touched();
+    let text = bench.ok("estimate touch --thresholds 0.006,0.002 --json=a.json");
+    assert!(
+        text.contains("from 2.000 mm before the surface on"),
+        "{text}"
+    );
+    assert!(
+        text.contains("chosen on held-out readings: 6.000 mm"),
+        "{text}"
+    );
+    let json = fs::read_to_string(bench.root.join("a.json")).unwrap();
+    assert_eq!(value(&json, "threshold"), 0.002);
+    let (_, tried) = json.split_once("\"thresholds\": ").unwrap();
+    let (first, second) = tried[2..].split_once('}').unwrap();
+    assert!(value(first, "error") > value(second, "error"), "{tried}");
+    // As with that threshold alone.
+    let alone = bench.ok("estimate touch --threshold 0.002 --json");
+    for key in ["prior_sd", "noise_sd", "mean_stiffness"] {
+        assert_eq!(value(&json, key), value(&alone, key), "{key}");
+    }
+    // Those to compare go before one of a preset or a file.
+    fs::write(bench.root.join("one.toml"), "threshold = 0.003\n").unwrap();
+    for further in ["--preset paper", "--config one.toml"] {
+        let text = bench.ok(&format!(
+            "estimate touch --thresholds 0.006,0.002 {further}"
+        ));
+        assert!(text.contains("readings: 6.000 mm"), "{further}: {text}");
+    }
+    for (flags, says) in [
+        ("--threshold 0.002", "--threshold"),
+        ("--model a.json", "--model"),
+        ("--hyper likelihood", "held-out"),
+    ] {
+        let line = format!("estimate touch --thresholds 0.002,0.006 {flags}");
+        bench.fails(&line, 2, &["--thresholds", says]);
+    }
+    bench.fails("estimate touch --thresholds 0.002,-1", 2, &["--thresholds"]);
+}
+
 /// A field without parameters of contact is simulated in some contact: whoever estimates from the recording, or predicts it
 /// with such a field, does so in the same.
 #[test]
@@ -845,6 +886,7 @@ fn a_simulation_brings_its_contact() {
     assert_eq!(value(&json, "threshold"), 0.0032);
 }
 
+/// Errors on touches that a field has learned from are no predictions.
 #[test]
 fn fields_that_know_what_they_predict() {
     let bench = Bench::touched();

@@ -65,6 +65,17 @@ pub enum PipelineError {
         /// What is wrong there.
         source: CoreError,
     },
+    /// Traces in several models of contact that are not of the same samples.
+    #[error(
+        "sequence {id}: its samples in contact model {index} (from 0) are not those in the first: compare traces of the same \
+         touches, times and readings"
+    )]
+    OtherSamples {
+        /// The sequence.
+        id: String,
+        /// The model of contact, from 0.
+        index: usize,
+    },
     /// Touches of a trace that are not ranges of its samples, one after another.
     #[error(
         "sequence {id}: touch {index} is samples {start} to {end} (exclusive) of {rows}; touches lie within the \

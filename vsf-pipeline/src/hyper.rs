@@ -155,6 +155,17 @@ pub struct Candidate {
     pub log_evidence: Option<f64>,
 }
 
+/// Which contact was chosen, with prior and noise for it.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct ContactChoice {
+    /// Index of the contact.
+    pub contact: usize,
+    /// Mean error norm on held-out touches in each contact, with the prior that was chosen for it.
+    pub errors: Vec<f64>,
+    /// Prior and noise in the chosen contact.
+    pub choice: HyperChoice,
+}
+
 /// How prior and noise were chosen.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct HyperChoice {
@@ -188,19 +199,49 @@ pub fn choose_hyper(
     shapes: &[PriorShape],
     method: HyperMethod,
 ) -> Result<HyperChoice, PipelineError> {
-    let Some(first) = shapes.first() else {
-        return Err(CoreError::Length {
-            what: "shapes of the prior",
-            got: 0,
-            expected: 1,
-        }
-        .into());
-    };
-    let problem = Problem::new(rest, traces)?;
     match method {
-        HyperMethod::HeldOut => held_out::choose(problem, first, shapes),
-        HyperMethod::Likelihood => likelihood::choose(&problem, shapes),
+        HyperMethod::HeldOut => Ok(choose_contact(rest, &[traces], shapes)?.choice),
+        HyperMethod::Likelihood => {
+            first("shapes of the prior", shapes)?;
+            likelihood::choose(&Problem::new(rest, traces)?, shapes)
+        }
     }
+}
+
+/// Chooses one of several models of contact, such as [`Scene`](crate::Scene)s that differ in their threshold, friction or
+/// padding, by the prediction of held-out touches; with prior and noise for it as [`HyperMethod::HeldOut`] has them.
+///
+/// `contacts` are the traces of the same samples in each. The same samples are held out in all of them, and predicted by the
+/// same estimator. Of all contacts whose error, each with the prior chosen for it, exceeds that of the best one by no
+/// more than one standard error of the difference, the first is taken: the one that one would rather have comes first.
+///
+/// # Errors
+/// As [`choose_hyper`]; no contact; traces that are not of the same samples.
+pub fn choose_contact(
+    rest: &RestPoints,
+    contacts: &[&[Trace]],
+    shapes: &[PriorShape],
+) -> Result<ContactChoice, PipelineError> {
+    let own = first("models of contact", contacts)?;
+    for (index, traces) in contacts.iter().enumerate() {
+        CoreError::check_len("traces", traces.len(), own.len())?;
+        let mut pairs = own.iter().zip(*traces);
+        if let Some((of, _)) = pairs.find(|(of, trace)| !of.has_samples_of(trace)) {
+            let id = of.id.clone();
+            return Err(PipelineError::OtherSamples { id, index });
+        }
+    }
+    let shape = first("shapes of the prior", shapes)?;
+    let problems = contacts.iter().map(|traces| Problem::new(rest, traces));
+    held_out::choose(problems.collect::<Result<_, _>>()?, shape, shapes)
+}
+
+fn first<'a, T>(what: &'static str, all: &'a [T]) -> Result<&'a T, CoreError> {
+    all.first().ok_or(CoreError::Length {
+        what,
+        got: 0,
+        expected: 1,
+    })
 }
 
 /// The problem with noise of the right shape and, for now, level 1, a trace per touch, and without

@@ -9,8 +9,8 @@
 //!    [`field_warnings`] with either.
 //! 3. [`Scene::trace`] runs the contact model over a sequence once. Contacts never depend on the
 //!    belief, so the resulting observations serve every estimator.
-//! 4. [`choose_hyper`] picks prior and noise from the train sequences, [`estimate`] runs an
-//!    estimator over them; [`estimate_with_vision`] guesses untouched points by what a camera saw. The field is
+//! 4. [`choose_hyper`] picks prior and noise from the train sequences ([`choose_contact`] the model of contact,
+//!    too), [`estimate`] runs an estimator over them; [`estimate_with_vision`] guesses untouched points by what a camera saw. The field is
 //!    stored by [`Estimate::to_field`] and read back by [`StoredEstimate::of`].
 //! 5. [`predict`] and [`evaluate`] compare a field with sequences; [`Baseline`]s stand beside it.
 //! 6. A [`Campaign`] repeats the paper's experiments on a recording: [`table1`],
@@ -54,7 +54,10 @@ pub use evaluate::{
     Calibration, Evaluation, JointError, SequenceError, SequencePrediction, evaluate, predict,
     score,
 };
-pub use hyper::{Candidate, Hyper, HyperChoice, HyperMethod, PriorShape, choose_hyper};
+pub use hyper::{
+    Candidate, ContactChoice, Hyper, HyperChoice, HyperMethod, PriorShape, choose_contact,
+    choose_hyper,
+};
 pub use memory::ProcessMemory;
 pub use paper::{
     Method, MethodErrors, Overlap, OverlapShares, Spread, TrainedOn, UpdateSpeed, UpdateTime,

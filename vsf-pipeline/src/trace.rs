@@ -71,6 +71,12 @@ impl Trace {
         Ok(trace)
     }
 
+    /// Whether these are the same readings at the same times in the same touches, whatever was touched.
+    pub(crate) fn has_samples_of(&self, other: &Self) -> bool {
+        (&self.id, &self.time, &self.touches) == (&other.id, &other.time, &other.touches)
+            && self.readings().eq(other.readings())
+    }
+
     /// Number of samples with at least one contact.
     pub fn contact_samples(&self) -> usize {
         self.observations.iter().filter(|o| !o.is_empty()).count()

@@ -6,7 +6,7 @@ use rand::{RngExt, SeedableRng};
 use rand_distr::{Distribution, Normal};
 use rand_pcg::Pcg64Mcg;
 use vsf_core::{Noise, Observation, RestPoints};
-use vsf_pipeline::{HyperMethod, PriorShape, Trace, choose_hyper};
+use vsf_pipeline::{HyperMethod, PipelineError, PriorShape, Trace, choose_contact, choose_hyper};
 
 const POINTS: usize = 60;
 const CHANNELS: usize = 3;
@@ -141,4 +141,80 @@ fn strokes_over_new_points_leave_a_finite_noise() {
     let choice = choose_hyper(&rest(), &traces, &shapes, HyperMethod::HeldOut).unwrap();
     let sd = choice.hyper.noise_sd[0];
     assert!((0.1..10.0).contains(&sd), "{sd}");
+}
+
+/// The same readings, and columns as another model of contact has them: of `lever` times the size.
+fn with_columns(traces: &[Trace], lever: impl Fn(usize) -> f64) -> Vec<Trace> {
+    let mut other = traces.to_vec();
+    for (row, obs) in other
+        .iter_mut()
+        .flat_map(|t| &mut t.observations)
+        .enumerate()
+    {
+        let own = obs.clone();
+        obs.rebuild(POINTS, own.points(), own.reading(), |k, w| {
+            (0..CHANNELS).for_each(|c| w[c] = lever(row + k) * own.row(c)[k]);
+        })
+        .unwrap();
+    }
+    other
+}
+
+/// Readings are made of columns, and others of the same points are worse, on touches that share points and within the only
+/// one. Between equals the first is taken.
+#[test]
+fn the_contact_that_made_the_readings_is_chosen() {
+    let shapes = [PriorShape::independent()];
+    let mut one = traces(&[4], 4);
+    one[0].touches = std::iter::once(0..one[0].time.len()).collect();
+    for own in [traces(&[2, 2, 2], 4), one] {
+        let noisy = with_columns(&own, |at| if at.is_multiple_of(2) { 0.5 } else { 1.5 });
+        for (contacts, chosen) in [([&noisy[..], &own], 1), ([&own, &noisy], 0)] {
+            let found = choose_contact(&rest(), &contacts, &shapes).unwrap();
+            assert_eq!(found.contact, chosen, "{:?}", found.errors);
+            let [right, wrong] = [chosen, 1 - chosen].map(|k| found.errors[k]);
+            assert!(right < wrong, "{right} against {wrong}");
+            let alone = choose_hyper(&rest(), &own, &shapes, HyperMethod::HeldOut).unwrap();
+            assert_eq!(found.choice, alone);
+        }
+        // Springs of half the stiffness move twice as far.
+        let longer = with_columns(&own, |_| 2.0);
+        let found = choose_contact(&rest(), &[&longer, &own], &shapes).unwrap();
+        assert_eq!(found.contact, 0);
+        let [a, b] = found.errors[..] else { panic!() };
+        assert!((a / b - 1.0).abs() < 1e-6, "{a} and {b}");
+    }
+}
+
+/// Contact that begins earlier adds samples; the same are held out in both.
+#[test]
+fn contacts_are_compared_on_the_same_samples() {
+    let own = traces(&[1], 5);
+    let mut late = own.clone();
+    for obs in &mut late[0].observations[..20] {
+        let reading = obs.reading().to_vec();
+        obs.rebuild(POINTS, &[], &reading, |_, _| {}).unwrap();
+    }
+    let shapes = [PriorShape::independent()];
+    for (contacts, chosen) in [([&own[..], &late], 0), ([&late, &own], 1)] {
+        let found = choose_contact(&rest(), &contacts, &shapes).unwrap();
+        assert_eq!(found.contact, chosen, "{:?}", found.errors);
+    }
+}
+
+#[test]
+fn contacts_of_other_samples_are_refused() {
+    let shapes = [PriorShape::independent()];
+    let own = traces(&[2, 2], 6);
+    let other = traces(&[2, 2], 7);
+    let error = choose_contact(&rest(), &[&own, &other], &shapes).unwrap_err();
+    assert!(
+        matches!(&error, PipelineError::OtherSamples { id, index: 1 } if id == "0"),
+        "{error}"
+    );
+    for contacts in [&[][..], &[&own[..], &own[..1]]] {
+        let error = choose_contact(&rest(), contacts, &shapes).unwrap_err();
+        assert!(matches!(error, PipelineError::Core(_)), "{error}");
+    }
+    assert!(choose_contact(&rest(), &[&own], &[]).is_err());
 }

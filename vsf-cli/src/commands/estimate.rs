@@ -2,15 +2,17 @@ use crate::console::{Console, number, texts};
 use crate::corrected::{CorrectedModel, ModelArgs};
 use crate::exit::usage;
 use crate::field_file::{FieldFormat, claim, save};
+use crate::range::length;
 use crate::recording::{Default, RecordingArgs, traces, untouched};
 use crate::settings::EstimatorSettings;
 use serde::Serialize;
 use std::path::PathBuf;
-use vsf::data::StiffnessField;
+use vsf::contact::ContactConfig;
+use vsf::data::{Sequence, StiffnessField};
 use vsf::pipeline::{
-    Candidate, Estimate, EstimatorSpec, Hyper, PipelineError, Scene, Trace, VisionCandidate,
-    VisionEstimate, VisionSpec, choose_hyper, estimate, estimate_with_vision, field_warnings,
-    fit_warnings, health_warnings, view_warnings,
+    Candidate, Estimate, EstimatorSpec, Hyper, HyperChoice, HyperMethod, PipelineError, Scene,
+    Trace, VisionCandidate, VisionEstimate, VisionSpec, choose_contact, choose_hyper, estimate,
+    estimate_with_vision, field_warnings, fit_warnings, health_warnings, view_warnings,
 };
 use vsf::vision::RgbdView;
 
@@ -21,7 +23,7 @@ noise_sd, and the parameters of contact, which `vsf predict`, `evaluate`, `simul
 it; they warn of flags that contradict it, and of another corrected model than it was estimated with.
 
 JSON keys: estimator, robust (none, huber or student-t), prior_sd, smooth_sd, smooth_length, level_sd, noise_sd (by channel), given \
-(which of prior_sd and noise_sd), chosen_by (how the rest was: held-out, likelihood, or given), candidates (smooth_share, length, level_share, signal_to_noise, error or log_evidence), threshold (of contact, m), \
+(which of prior_sd and noise_sd), chosen_by (how the rest was: held-out, likelihood, or given), candidates (smooth_share, length, level_share, signal_to_noise, error or log_evidence), threshold (of contact, m), thresholds (those compared: threshold, error), \
 sequences, samples, contact_samples, points, touched_points, mean_stiffness (over touched \
 points), vision (none, a method or a file), vision_share (of its guess, in the prior), vision_candidates (share, \
 error), nis_ratio, out.")]
@@ -33,6 +35,10 @@ pub struct Args {
     /// IDs of the sequences to learn from, in this order; the train split by default
     #[arg(long, value_delimiter = ',')]
     sequences: Option<Vec<String>>,
+    /// Contact thresholds to choose among [m], such as 0.008,0.016, by the prediction of held-out touches: the first that is as
+    /// good as the best one, within a standard error
+    #[arg(long, value_delimiter = ',', value_parser = length, conflicts_with_all = ["threshold", "model"])]
+    thresholds: Option<Vec<f64>>,
     #[command(flatten)]
     model: ModelArgs,
     #[command(flatten)]
@@ -58,6 +64,7 @@ struct Report<'a> {
     chosen_by: &'a str,
     candidates: &'a [Candidate],
     threshold: f64,
+    thresholds: &'a [Threshold],
     sequences: Vec<&'a str>,
     samples: usize,
     contact_samples: usize,
@@ -69,6 +76,15 @@ struct Report<'a> {
     vision_candidates: &'a [VisionCandidate],
     nis_ratio: Option<f64>,
     out: Vec<String>,
+}
+
+/// A contact threshold that was compared.
+#[derive(Serialize)]
+struct Threshold {
+    /// m.
+    threshold: f64,
+    /// Mean error norm on held-out touches.
+    error: f64,
 }
 
 /// An estimate and where its prior and noise come from.
@@ -108,7 +124,15 @@ pub fn run(args: &Args, console: &Console) -> anyhow::Result<()> {
         None => None,
         Some(vision) => Some((recording.view()?.ok_or(PipelineError::NoCamera)?, vision)),
     };
-    let scene = recording.scene_to_learn(model.as_ref(), console)?;
+    let own = recording.scene_to_learn(model.as_ref(), console)?;
+    let Compared {
+        scene,
+        thresholds,
+        choice,
+    } = match &args.thresholds {
+        None => Compared::alone(own),
+        Some(thresholds) => compare(&own, thresholds, &sequences, settings, console)?,
+    };
     if let Some((view, _)) = &view {
         view_warnings(scene.rest(), view)
             .iter()
@@ -121,7 +145,7 @@ pub fn run(args: &Args, console: &Console) -> anyhow::Result<()> {
             corrected.into_iter().map(|c| c.trace).collect()
         }
     };
-    let chosen = learn(&scene, view.as_ref(), &traces, settings, console)?;
+    let chosen = learn(&scene, view.as_ref(), &traces, settings, choice, console)?;
     let health = health_warnings(&chosen.estimate.health);
     let fit = match spec {
         EstimatorSpec::Batch => {
@@ -155,6 +179,7 @@ pub fn run(args: &Args, console: &Console) -> anyhow::Result<()> {
         chosen_by: chosen.method,
         candidates: &chosen.candidates,
         threshold: scene.contact().threshold,
+        thresholds: &thresholds,
         sequences: traces.iter().map(|t| t.id.as_str()).collect(),
         samples: traces.iter().map(|t| t.observations.len()).sum(),
         contact_samples: traces.iter().map(Trace::contact_samples).sum(),
@@ -171,12 +196,68 @@ pub fn run(args: &Args, console: &Console) -> anyhow::Result<()> {
     console.report(text(&report, &scene, spec.keeps_correlations()))
 }
 
-/// Chooses what is not given and estimates, with a view if untouched points are to be guessed by it.
+/// A scene, and the thresholds and the prior that it was chosen by, if it was.
+struct Compared {
+    scene: Scene,
+    thresholds: Vec<Threshold>,
+    choice: Option<HyperChoice>,
+}
+
+impl Compared {
+    fn alone(scene: Scene) -> Self {
+        Self {
+            scene,
+            thresholds: Vec::new(),
+            choice: None,
+        }
+    }
+}
+
+/// Chooses one of `thresholds` (m) for the contact of a scene.
+fn compare(
+    own: &Scene,
+    thresholds: &[f64],
+    sequences: &[&Sequence],
+    settings: &EstimatorSettings,
+    console: &Console,
+) -> anyhow::Result<Compared> {
+    if settings.method().0 != HyperMethod::HeldOut {
+        return Err(usage(
+            "--thresholds are compared on held-out touches; leave out --hyper, or give --threshold",
+        ));
+    }
+    let with = |&threshold: &f64| {
+        own.with_contact(ContactConfig {
+            threshold,
+            ..*own.contact()
+        })
+    };
+    let mut scenes = (thresholds.iter().map(with)).collect::<Result<Vec<Scene>, _>>()?;
+    let bar = console.bar(scenes.len() * sequences.len(), "contact");
+    let in_scene = |scene: &Scene| scene.traces(sequences, || bar.inc(1));
+    let traces = (scenes.iter().map(in_scene)).collect::<Result<Vec<_>, _>>()?;
+    bar.finish_and_clear();
+    let spinner = console.spinner("choosing contact, prior and noise");
+    let contacts: Vec<&[Trace]> = traces.iter().map(Vec::as_slice).collect();
+    let found = choose_contact(own.rest(), &contacts, &settings.shapes())?;
+    spinner.finish_and_clear();
+    let pairs = thresholds.iter().zip(&found.errors);
+    let tried = pairs.map(|(&threshold, &error)| Threshold { threshold, error });
+    Ok(Compared {
+        scene: scenes.swap_remove(found.contact),
+        thresholds: tried.collect(),
+        choice: Some(found.choice),
+    })
+}
+
+/// Chooses what is not given and estimates, with a view if untouched points are to be guessed by it; `choice` is of prior
+/// and noise, if it has been made.
 pub fn learn(
     scene: &Scene,
     view: Option<&(RgbdView, VisionSpec)>,
     traces: &[Trace],
     settings: &EstimatorSettings,
+    choice: Option<HyperChoice>,
     console: &Console,
 ) -> anyhow::Result<Chosen> {
     if let Some(error) = untouched(scene, traces) {
@@ -203,11 +284,16 @@ pub fn learn(
             (hyper, "given", Vec::new())
         }
         (prior_sd, noise_sd) => {
-            let spinner = console.spinner("choosing prior and noise");
             let (by, name) = settings.method();
-            let shapes = settings.shapes();
-            let choice = choose_hyper(scene.rest(), traces, &shapes, by)?;
-            spinner.finish_and_clear();
+            let choice = match choice {
+                Some(choice) => choice,
+                None => {
+                    let spinner = console.spinner("choosing prior and noise");
+                    let choice = choose_hyper(scene.rest(), traces, &settings.shapes(), by)?;
+                    spinner.finish_and_clear();
+                    choice
+                }
+            };
             let hyper = rescaled(choice.hyper, prior_sd, noise_sd);
             (hyper, name, choice.candidates)
         }
@@ -309,6 +395,15 @@ fn text(report: &Report, scene: &Scene, correlates: bool) -> String {
         "  contact     from {} mm before the surface on\n",
         number(1e3 * report.threshold)
     );
+    if !report.thresholds.is_empty() {
+        let one = |t: &Threshold| format!("{} mm {}", number(1e3 * t.threshold), number(t.error));
+        let all: Vec<String> = report.thresholds.iter().map(one).collect();
+        text += &format!(
+            "              chosen on held-out readings: {} {}\n",
+            all.join(", "),
+            scene.error_unit()
+        );
+    }
     let robust = match report.robust.as_str() {
         "none" => String::new(),
         loss => format!(", robust ({loss})"),

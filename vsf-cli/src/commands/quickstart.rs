@@ -71,6 +71,7 @@ pub fn run(console: &Console) -> anyhow::Result<()> {
         None,
         &learned,
         &EstimatorSettings::default(),
+        None,
         console,
     )?;
     let hyper = &chosen.hyper;

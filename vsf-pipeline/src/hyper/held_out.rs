@@ -1,4 +1,4 @@
-use super::{Candidate, HyperChoice, POWERS, PriorShape, Problem};
+use super::{Candidate, ContactChoice, HyperChoice, POWERS, PriorShape, Problem};
 use crate::estimate::{estimate_online, touched_points};
 use crate::evaluate::{predict_independent, sample_errors};
 use crate::trace::{MOST_FOLDS, split};
@@ -13,26 +13,39 @@ const LEAVE_ONE_OUT_POINTS: usize = 1500;
 /// Contiguous parts of a touch that are held out where touches have no points in common.
 const QUARTERS: usize = 4;
 
-/// Chooses by [`super::HyperMethod::HeldOut`] among `shapes`, of which the online filter takes the first.
+/// Chooses among `problems`, which are the same samples in several contacts, and for each by
+/// [`super::HyperMethod::HeldOut`] among `shapes`, of which the online filter takes the first.
 pub fn choose(
-    mut problem: Problem,
+    mut problems: Vec<Problem>,
     first: &PriorShape,
     shapes: &[PriorShape],
-) -> Result<HyperChoice, PipelineError> {
-    let mut folds = problem.touches.len().min(MOST_FOLDS);
-    if !folds_share_points(&problem.touches, folds, problem.rest.len()) {
-        problem.touches = problem.touches.iter().flat_map(quarters).collect();
+) -> Result<ContactChoice, PipelineError> {
+    let mut folds = problems[0].touches.len().min(MOST_FOLDS);
+    let share = |p: &Problem| folds_share_points(&p.touches, folds, p.rest.len());
+    if !problems.iter().all(share) {
+        hold_out_quarters(&mut problems);
         folds = QUARTERS;
     }
-    let exact = problem.rest.len() <= LEAVE_ONE_OUT_POINTS;
-    let folds = (0..folds)
-        .into_par_iter()
-        .map(|k| Fold::new(&problem, k, folds, exact));
-    let choice = Choice {
-        problem: &problem,
-        folds: folds.collect::<Result<_, _>>()?,
-    };
-    choice.among(if exact { shapes } else { from_ref(first) })
+    let exact = (problems.iter()).all(|p| p.rest.len() <= LEAVE_ONE_OUT_POINTS);
+    let shapes = if exact { shapes } else { from_ref(first) };
+    let chosen = problems.iter().map(|problem| {
+        let all = (0..folds).into_par_iter();
+        let folds = all.map(|k| Fold::new(problem, k, folds, exact));
+        let choice = Choice {
+            problem,
+            folds: folds.collect::<Result<_, _>>()?,
+        };
+        choice.among(shapes)
+    });
+    let chosen: Vec<(HyperChoice, Vec<f64>)> = chosen.collect::<Result<_, PipelineError>>()?;
+    let (mut choices, of_folds): (Vec<_>, Vec<_>) = chosen.into_iter().unzip();
+    let errors: Vec<f64> = of_folds.iter().map(|e| mean(e)).collect();
+    let contact = as_good_as_best(&of_folds).next().unwrap_or(0);
+    Ok(ContactChoice {
+        contact,
+        errors,
+        choice: choices.swap_remove(contact),
+    })
 }
 
 struct Choice<'a> {
@@ -58,7 +71,8 @@ enum Posterior<'a> {
 }
 
 impl Choice<'_> {
-    fn among(&self, shapes: &[PriorShape]) -> Result<HyperChoice, PipelineError> {
+    /// Prior and noise, and the errors of the prior on the folds.
+    fn among(&self, shapes: &[PriorShape]) -> Result<(HyperChoice, Vec<f64>), PipelineError> {
         let mut tried = HeldOutErrors::default();
         for shape in shapes {
             self.outward(shape, &mut tried)?;
@@ -71,11 +85,12 @@ impl Choice<'_> {
                 fold.misfit(posterior, self.problem)
             })?,
         };
-        Ok(HyperChoice {
+        let choice = HyperChoice {
             // A perfect fit would ask for zero noise.
             hyper: (self.problem).hyper(prior, level(&misfits).sqrt().max(1e-9)),
             candidates: tried.candidates(self.problem),
-        })
+        };
+        Ok((choice, tried.errors.swap_remove(chosen)))
     }
 
     /// Tries the ratios of a shape from the rule on outward, while the error falls.
@@ -242,38 +257,21 @@ impl HeldOutErrors {
     }
 
     fn mean(&self, prior: usize) -> f64 {
-        let errors = &self.errors[prior];
-        errors.iter().sum::<f64>() / errors.len() as f64
+        mean(&self.errors[prior])
     }
 
-    /// Index of the prior nearest to the rule among those no worse than the best by more than one standard
-    /// error.
+    /// Index of the prior nearest to the rule among those as good as the best.
     fn nearest_to_rule(&self) -> usize {
         let error = |k: &usize| self.mean(*k);
-        let all = 0..self.priors.len();
-        let best = all.clone().min_by(|a, b| error(a).total_cmp(&error(b)));
-        let best = best.unwrap_or(0);
-        let as_good = all.filter(|&k| k == best || !self.is_worse(k, best));
         let distance = |k: &usize| self.priors[*k].1.abs();
         let shape = |k: &usize| self.priors.iter().position(|p| p.0 == self.priors[*k].0);
         // Of equals the first shape, of its ratios the better.
-        let chosen = as_good.min_by(|a, b| {
+        let chosen = as_good_as_best(&self.errors).min_by(|a, b| {
             (distance(a).total_cmp(&distance(b)))
                 .then(shape(a).cmp(&shape(b)))
                 .then(error(a).total_cmp(&error(b)))
         });
-        chosen.unwrap_or(best)
-    }
-
-    /// Whether the errors of one prior exceed those of another by more than one standard error.
-    fn is_worse(&self, prior: usize, other: usize) -> bool {
-        let pairs = self.errors[prior].iter().zip(&self.errors[other]);
-        let excess: Vec<f64> = pairs.map(|(error, other)| error - other).collect();
-        let n = excess.len() as f64;
-        let mean = excess.iter().sum::<f64>() / n;
-        let squares = excess.iter().map(|e| (e - mean).powi(2));
-        let variance = squares.sum::<f64>() / (n - 1.0).max(1.0);
-        mean > (variance / n).sqrt()
+        chosen.unwrap_or(0)
     }
 
     fn candidates(&self, problem: &Problem) -> Vec<Candidate> {
@@ -287,10 +285,48 @@ impl HeldOutErrors {
     }
 }
 
-/// Contiguous parts of the samples in contact.
-fn quarters(trace: &Trace) -> Vec<Trace> {
-    let touches = |row: &usize| !trace.observations[*row].is_empty();
-    let rows: Vec<usize> = (0..trace.observations.len()).filter(touches).collect();
+/// Those of some models, in order, whose errors on the folds are no worse than those of the best model by more than one
+/// standard error.
+fn as_good_as_best(of_folds: &[Vec<f64>]) -> impl Iterator<Item = usize> {
+    let all = 0..of_folds.len();
+    let best = (all.clone()).min_by(|a, b| mean(&of_folds[*a]).total_cmp(&mean(&of_folds[*b])));
+    let best = best.unwrap_or(0);
+    all.filter(move |&k| k == best || !is_worse(&of_folds[k], &of_folds[best]))
+}
+
+/// Whether the errors of one model exceed those of another by more than one standard error.
+fn is_worse(errors: &[f64], others: &[f64]) -> bool {
+    let pairs = errors.iter().zip(others);
+    let excess: Vec<f64> = pairs.map(|(error, other)| error - other).collect();
+    let n = excess.len() as f64;
+    let mean = mean(&excess);
+    let squares = excess.iter().map(|e| (e - mean).powi(2));
+    let variance = squares.sum::<f64>() / (n - 1.0).max(1.0);
+    mean > (variance / n).sqrt()
+}
+
+fn mean(errors: &[f64]) -> f64 {
+    errors.iter().sum::<f64>() / errors.len() as f64
+}
+
+/// Cuts every touch into contiguous parts of the samples that are in contact in any of the problems.
+fn hold_out_quarters(problems: &mut [Problem]) {
+    let touches = 0..problems[0].touches.len();
+    let rows: Vec<Vec<usize>> = touches
+        .map(|touch| {
+            let all = || problems.iter().map(|p| &p.touches[touch].observations);
+            let touches = |row: &usize| all().any(|o| !o[*row].is_empty());
+            let rows = all().next().map_or(0, Vec::len);
+            (0..rows).filter(touches).collect()
+        })
+        .collect();
+    for problem in problems {
+        let touches = problem.touches.iter().zip(&rows);
+        problem.touches = touches.flat_map(|(t, rows)| quarters(t, rows)).collect();
+    }
+}
+
+fn quarters(trace: &Trace, rows: &[usize]) -> Vec<Trace> {
     let part = |k: usize| {
         let rows = &rows[k * rows.len() / QUARTERS..(k + 1) * rows.len() / QUARTERS];
         Trace {
