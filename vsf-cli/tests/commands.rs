@@ -433,6 +433,11 @@ fn usage_errors() {
         &["--replay", "`batch` has no replay"],
     );
     bench.fails(
+        "estimate data --preset paper --smooth-length 0.1",
+        2,
+        &["--smooth-length", "--smooth-share 0"],
+    );
+    bench.fails(
         "evaluate data --field truth --baseline gp --gp-samples 1",
         2,
         &["--gp-samples"],

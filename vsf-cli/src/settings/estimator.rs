@@ -123,6 +123,11 @@ impl EstimatorSettings {
             let what = "buffer that a sequence empties";
             return Err(self.without("--clear-replay", what, "replay"));
         }
+        if self.smooth_share == Some(0.0) && self.smooth_length.is_some() {
+            return Err(usage(
+                "--smooth-length: with --smooth-share 0 nothing is smooth; give a share, or leave out the length",
+            ));
+        }
         if !matches!(kind, Exact | Information) && self.projection.is_some() {
             return Err(self.without("--projection", "projection", "exact"));
         }
