@@ -20,7 +20,7 @@ pub struct SdfSample {
 ///
 /// For a finite point every returned number is finite and the normal has unit length. A point
 /// with NaN or infinite coordinates is outside of the contract: the answer is unspecified, but no
-/// panic.
+/// panic. `check_sdf` of `vsf-testkit` asks for all of this.
 pub trait Sdf: Send + Sync {
     /// Signed distance and outward unit normal at a point in the body frame.
     fn sample(&self, p_B: &Point3<f64>) -> SdfSample;

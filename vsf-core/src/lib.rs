@@ -61,7 +61,7 @@ pub use points::{Cell, RestPoints};
 pub use posture::{JointScrew, LinkChains, Posture};
 pub use scalar::{PerScalar, Scalar};
 pub use sensor::Sensor;
-pub use session::Session;
+pub use session::{MOST_READING, Session};
 
 /// The version of nalgebra whose `Point3`, `Vector3` and `Isometry3` stand in public signatures.
 pub use nalgebra;

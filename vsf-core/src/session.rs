@@ -4,6 +4,9 @@ use crate::{
 };
 use std::sync::Arc;
 
+/// Largest reading that is taken (N m or N): beyond any robot, and far from where squares overflow.
+pub const MOST_READING: f64 = 1e12;
+
 /// An online estimation: a contact model, a sensor and an estimator of one robot, with the buffers between
 /// them. After warm-up a step allocates nothing of its own. A clone goes its own way from where the session stands:
 /// for a motion tried out, while [`predict_at`](Self::predict_at) is for a single posture.
@@ -111,13 +114,20 @@ where
     /// Moves the robot to `posture`, takes in the `reading` there and updates the belief.
     ///
     /// # Errors
-    /// A posture or reading that is not finite or does not fit, a posture of another robot or never written. The
+    /// A posture or reading that is not finite or does not fit, a reading beyond [`MOST_READING`], a posture of another robot or never written. The
     /// belief is unchanged; the contact state has followed the posture if the posture itself was good and the reading
     /// had the right length and finite values. A sensor that has got other channels, an estimator reset to a belief of
     /// another size.
     pub fn step(&mut self, posture: &Posture, reading: &[f64]) -> Result<UpdateReport, CoreError> {
         CoreError::check_len("reading", reading.len(), self.sensor.dim())?;
         CoreError::check_finite("reading", reading)?;
+        if let Some(&value) = reading.iter().find(|v| v.abs() > MOST_READING) {
+            return Err(CoreError::Parameter {
+                name: "reading",
+                value,
+                range: "within 1e12 N m (or N), beyond any robot",
+            });
+        }
         self.observe(posture, Some(reading))?;
         let report = self.estimator.update(&self.observation)?;
         self.health.record(&report);
@@ -200,6 +210,16 @@ where
     /// Innovation statistics since the session began or was last [reset](Self::reset).
     pub fn health(&self) -> &FilterHealth {
         &self.health
+    }
+
+    /// The contact model.
+    pub fn contact(&self) -> &C {
+        &self.contact
+    }
+
+    /// The contact model, to change what it knows of the world while the session runs, such as where the object is.
+    pub fn contact_mut(&mut self) -> &mut C {
+        &mut self.contact
     }
 
     /// The sensor.

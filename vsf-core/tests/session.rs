@@ -239,6 +239,17 @@ fn sensors_of_the_wrong_width_are_refused_at_once() {
     assert!(made(Wide { dim: 1, blank: 1 }).is_ok());
 }
 
+/// What a contact model knows of the world may change while the session runs.
+#[test]
+fn the_contact_model_is_within_reach() {
+    let mut session = plain();
+    session.step(&posture(1.5), &[0.1]).unwrap();
+    assert_eq!(session.contact().steps, 1);
+    session.contact_mut().steps = 7;
+    session.step(&posture(1.5), &[0.1]).unwrap();
+    assert_eq!(session.contact().steps, 8);
+}
+
 #[test]
 fn a_step_runs_all_three_parts() {
     let mut session = session();
@@ -267,6 +278,10 @@ fn bad_readings_and_postures_leave_the_belief() {
     let before = session.belief().clone();
     assert!(session.step(&posture(0.5), &[f64::NAN]).is_err());
     assert!(session.step(&posture(0.5), &[1.0, 2.0]).is_err());
+    for spike in [1e150, -1e13] {
+        let error = session.step(&posture(0.5), &[spike]).unwrap_err();
+        assert!(error.to_string().contains("beyond any robot"), "{error}");
+    }
     assert!(session.step(&posture(f64::INFINITY), &[1.0]).is_err());
     assert_eq!(session.belief(), &before);
 }

@@ -109,9 +109,10 @@ impl Campaign {
     /// [`Campaign::open`] of a recording whose scene is at hand.
     ///
     /// # Errors
-    /// Torques or motions that cannot be read, rows that contact cannot take.
+    /// What [`Scene::check_recording`] refuses, torques or motions that cannot be read, rows that contact cannot take.
     pub fn in_scene(dataset: &Dataset, scene: Scene) -> Result<Self, GapError> {
         dataset.check()?;
+        scene.check_recording(dataset)?;
         let mut train: Vec<&str> = dataset.splits.train.iter().map(String::as_str).collect();
         let mut test: Vec<&str> = dataset.splits.test.iter().map(String::as_str).collect();
         let held_out = test.is_empty() && train.len() > 1;

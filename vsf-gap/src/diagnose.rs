@@ -276,6 +276,7 @@ fn attempt(
         left_free: judgement.left_free.is_some(),
         lasts: judgement.persistence.is_some(),
         stopped: stopped && far && !nominal.touches,
+        contradicted: trial.surprise.is_some(),
         silent,
     });
     let mut notes = notes(
@@ -350,7 +351,7 @@ fn attempt(
         nominal: extent.before.residuals,
         corrected: extent.after.residuals,
         campaign: campaign.clone(),
-        lasting: answer.lasting,
+        open: answer.open,
     })
 }
 

@@ -208,6 +208,33 @@ impl Fitted<'_> {
         Ok(log_mean_exp(&all) - log_mean_exp(&of_given))
     }
 
+    /// Mean square of the readings of the other sequences about what those of some lead to expect, each in its standard
+    /// deviations: 1 if the model is right; `None` without others.
+    ///
+    /// # Errors
+    /// A covariance that is not positive definite.
+    pub(crate) fn surprise(
+        &self,
+        spread: &Spread,
+        given: impl Fn(&Motion) -> bool,
+    ) -> Result<Option<f64>, GapError> {
+        let d = self.windows.joints;
+        let (known, others): (Vec<_>, Vec<_>) = (self.windows.list.iter().enumerate())
+            .partition(|(_, w)| given(self.motions[w.sequence]));
+        let windows = known.iter().chain(&others);
+        let rows: Vec<usize> = windows.flat_map(|(i, _)| i * d..(i + 1) * d).collect();
+        let covariance = self.parts.covariance(spread);
+        let ordered = Mat::from_fn(rows.len(), rows.len(), |i, k| {
+            let (low, high) = (rows[i].min(rows[k]), rows[i].max(rows[k]));
+            covariance[(high, low)]
+        });
+        let rest = self.rest();
+        let values: Vec<f64> = rows.iter().map(|row| rest[*row]).collect();
+        let left = whitened(&values, &Factor::new(ordered)?).split_off(known.len() * d);
+        let squares: f64 = left.iter().map(|y| y * y).sum();
+        Ok((!left.is_empty()).then(|| squares / left.len() as f64))
+    }
+
     /// What every reading adds to what those before it tell, in its standard deviations: white and of variance 1
     /// if the model is right.
     fn innovations(&self, factor: &Factor) -> Vec<f64> {

@@ -125,6 +125,14 @@ pub(crate) fn notes(
             100.0 * verdict.hidden
         ));
     }
+    if let Some(surprise) = trial.surprise.filter(|_| verdict.effects.is_empty()) {
+        notes.push(format!(
+            "the test sequences contradict the train sequences: they are off by {} times what these lead to expect, new places \
+             allowed for (root mean square); look for other units, signs or orders of joints in some of them, and for another \
+             object or place",
+            number(surprise)
+        ));
+    }
     if let Some(left) = judgement.left_free {
         let unit = campaign.scene.error_unit();
         notes.push(format!(

@@ -204,7 +204,7 @@ pub struct Outcome {
     /// sequences were fitted.
     pub campaign: Campaign,
     /// Whether the cause is unknown since what the named effects leave lasts, and for no other reason.
-    pub(crate) lasting: bool,
+    pub(crate) open: bool,
 }
 
 /// Whether a model with this mean error leaves no gap, `noise_floor` being that of a perfect one.
@@ -217,7 +217,7 @@ impl Outcome {
     pub(crate) fn is_open(&self) -> bool {
         let gap = &self.diagnosis.gap;
         let perfect = is_perfect(gap.test_error_nominal, gap.noise_floor);
-        let unknown = self.diagnosis.verdict.kind == VerdictKind::Unknown && !self.lasting;
+        let unknown = self.diagnosis.verdict.kind == VerdictKind::Unknown && !self.open;
         !perfect && gap.closed_fraction < MOSTLY && !unknown
     }
 

@@ -11,6 +11,8 @@ use std::sync::Arc;
 const SIZE: f64 = 0.3;
 /// Nor is it more than so many times the parameter's own scale.
 pub(crate) const MOST_SCALES: f64 = 5.0;
+/// What amplitudes of zero may change, as a share of the readings: rounding.
+const NEUTRAL: f64 = 1e-6;
 
 /// The change of the predicted torques with each amplitude of an effect, from the nominal model.
 pub(crate) struct Tangent {
@@ -111,6 +113,19 @@ impl Campaign {
         let needed: BTreeSet<(usize, usize)> = (alike.iter().zip(&acting))
             .flat_map(|(k, set)| set.iter().map(move |i| (*k, *i)))
             .collect();
+        if let Some(start) = starts.first().filter(|_| effect.acts() == Acts::Torques) {
+            let (motions, logs, windows) = (&fitted.motions, &fitted.logs, &fitted.windows);
+            let idle =
+                self.torques(&base.with(effect, start), motions, logs, windows, stiffness)?;
+            let change: Vec<f64> = idle.iter().zip(&nominal).map(|(a, b)| a - b).collect();
+            if rms(&change) > NEUTRAL * rms(&fitted.readings) {
+                return Err(GapError::Model {
+                    effect: effect.name().to_owned(),
+                    problem: "it changes the torques though all of its amplitudes are zero; what acts has to go with them"
+                        .to_owned(),
+                });
+            }
+        }
         let column = |k: usize, i: usize| -> Result<Vec<f64>, GapError> {
             let p = &parameters[i];
             let at = |step: f64| {

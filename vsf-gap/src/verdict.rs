@@ -60,6 +60,8 @@ pub(crate) struct Findings {
     pub(crate) lasts: bool,
     /// Whether their parameters stopped at a bound of what is plausible, far from explaining all.
     pub(crate) stopped: bool,
+    /// Whether the test sequences contradict the train sequences under the nominal model.
+    pub(crate) contradicted: bool,
     /// Whether with them nothing is predicted better than by sensors that read nothing.
     pub(crate) silent: bool,
 }
@@ -70,8 +72,9 @@ pub(crate) struct Answer {
     pub(crate) verdict: Verdict,
     /// Those of every effect that was fitted.
     pub(crate) probabilities: Vec<(String, f64)>,
-    /// Whether the cause is unknown since what the named effects leave lasts, and for no other reason.
-    pub(crate) lasting: bool,
+    /// Whether the cause is unknown since what the named effects leave lasts, or the test sequences contradict the others,
+    /// and for no other reason.
+    pub(crate) open: bool,
 }
 
 /// The kind of an answer that names effects.
@@ -98,7 +101,9 @@ impl Judged {
         };
         // However much is closed: something else acts, too.
         let lasting = found.lasts && kind != VerdictKind::Unknown;
-        verdict.kind = match lasting || found.stopped || claims && found.silent {
+        let contradicted = found.contradicted && kind == VerdictKind::NoGap;
+        let open = lasting || contradicted;
+        verdict.kind = match open || found.stopped || claims && found.silent {
             true => VerdictKind::Unknown,
             false => kind,
         };
@@ -118,7 +123,7 @@ impl Judged {
         Answer {
             verdict,
             probabilities,
-            lasting,
+            open,
         }
     }
 
@@ -227,7 +232,7 @@ mod tests {
         use VerdictKind::{Effects, NoGap, Unknown};
         let kind = |named: &[&str], kind, found: &Findings| {
             let answer = judged(named, kind, 0.9).conclude(found);
-            (answer.verdict.kind, answer.lasting)
+            (answer.verdict.kind, answer.open)
         };
         let found = |closed, left_free, lasts, stopped| Findings {
             closed,
@@ -258,6 +263,12 @@ mod tests {
         };
         assert_eq!(kind(named, Effects, &silent).0, Unknown);
         assert_eq!(kind(&[], NoGap, &silent).0, NoGap);
+        let contradicted = Findings {
+            contradicted: true,
+            ..Findings::default()
+        };
+        assert_eq!(kind(&[], NoGap, &contradicted), (Unknown, true));
+        assert_eq!(kind(named, Effects, &contradicted).0, Effects);
         assert_eq!(kind(&[], NoGap, &Findings::default()).0, NoGap);
     }
 

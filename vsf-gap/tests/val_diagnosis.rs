@@ -95,15 +95,49 @@ fn torques_of_the_wrong_sign_are_a_gap_and_zeros_are_none() {
 
 /// The springs world without effect, its readings changed: `felt` gets the time (s) and the torques of a sample.
 fn of_springs(felt: impl Fn(f64, &mut [f64])) -> Campaign {
+    of_springs_in(|_, t, row| felt(t, row))
+}
+
+/// The same; `felt` is told, too, whether it is of a test sequence.
+fn of_springs_in(felt: impl Fn(bool, f64, &mut [f64])) -> Campaign {
     let folder = tempfile::tempdir().unwrap();
     made(folder.path(), &[], 42);
     let (mut dataset, _) = Dataset::open(folder.path(), &Overrides::default()).unwrap();
     for s in &mut dataset.sequences {
         let joints = s.torques.cols();
         let rows = s.torques.data_mut().chunks_exact_mut(joints);
-        rows.zip(&s.time).for_each(|(row, t)| felt(*t, row));
+        let is_test = dataset.splits.test.contains(&s.id);
+        rows.zip(&s.time)
+            .for_each(|(row, t)| felt(is_test, *t, row));
     }
     Campaign::open(&dataset, &SceneOptions::default()).unwrap()
+}
+
+/// Train sequences that show nothing are no proof for test sequences that read otherwise.
+#[test]
+fn test_sequences_that_contradict_the_others_are_no_absence_of_a_gap() {
+    let bias = effects::named(&["torque_bias".to_owned()]).unwrap();
+    let of = |felt: fn(&mut [f64])| {
+        let campaign = of_springs_in(|is_test, _, row| {
+            if is_test {
+                felt(row)
+            }
+        });
+        diagnose(&campaign, "case", &bias, 0, |_| {})
+            .unwrap()
+            .diagnosis
+    };
+    let told = |d: &vsf_gap::Diagnosis| d.notes.iter().any(|n| n.contains("contradict"));
+    let same = of(|_| {});
+    assert_eq!(same.verdict.kind, VerdictKind::NoGap);
+    assert!(!told(&same), "{:?}", same.notes);
+    let opposite = |row: &mut [f64]| row.iter_mut().for_each(|t| *t = -*t);
+    let tiny = |row: &mut [f64]| row.iter_mut().for_each(|t| *t *= 1e-3);
+    for felt in [opposite, tiny, |row: &mut [f64]| row.swap(1, 3)] {
+        let d = of(felt);
+        assert_eq!(d.verdict.kind, VerdictKind::Unknown, "{:?}", d.verdict);
+        assert!(told(&d), "{:?}", d.notes);
+    }
 }
 
 /// Twice the torques are twice the stiffness: what tells a gain is by how much joints differ.

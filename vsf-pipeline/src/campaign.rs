@@ -36,7 +36,7 @@ impl<'a> Campaign<'a> {
     /// sequences.
     ///
     /// # Errors
-    /// What [`Dataset::check`] or [`Trace::check`] refuses, no train or no test sequence, or another number of
+    /// What [`Dataset::check`], [`Scene::check_recording`] or [`Trace::check`] refuses, no train or no test sequence, or another number of
     /// traces.
     pub fn new(
         dataset: &'a Dataset,
@@ -44,6 +44,7 @@ impl<'a> Campaign<'a> {
         traces: &'a [Trace],
     ) -> Result<Self, PipelineError> {
         dataset.check()?;
+        scene.check_recording(dataset)?;
         check_traces(traces, scene.rest().len(), scene.robot().joint_count())?;
         let (train, test): (Vec<_>, Vec<_>) = (dataset.train().collect(), dataset.test().collect());
         for (what, split) in [("train", &train), ("test", &test)] {

@@ -65,6 +65,15 @@ pub enum PipelineError {
         /// What is wrong there.
         source: CoreError,
     },
+    /// A recording beside the scene of another.
+    #[error(
+        "{what} of the recording is another than that of the scene: make the scene of this recording (`Scene::open`, \
+         `Scene::with_robot`, `Scene::in_air`)"
+    )]
+    OtherScene {
+        /// The key of `dataset.json`.
+        what: &'static str,
+    },
     /// Traces in several models of contact that are not of the same samples.
     #[error(
         "sequence {id}: its samples in contact model {index} (from 0) are not those in the first: compare traces of the same \

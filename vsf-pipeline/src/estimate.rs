@@ -152,14 +152,29 @@ pub fn estimate(
     hyper: &Hyper,
     progress: impl FnMut(usize),
 ) -> Result<Estimate, PipelineError> {
-    check_traces(traces, rest.len(), hyper.noise_sd.len())?;
-    let noise = Noise::per_channel(&hyper.noise_sd)?;
     let prior = hyper.shape.prior(rest, hyper.prior_sd)?;
-    let traces = with_noise(traces, &noise)?;
+    estimate_from(prior, traces, spec, &hyper.noise_sd, progress)
+}
+
+/// [`estimate`] from a prior of one's own, such as an earlier field ([`FieldPrior::from`] a belief), or
+/// [`PriorShape::prior_about`](crate::PriorShape::prior_about) means that something else suggests; `noise_sd` is that of every
+/// channel (N m or N).
+///
+/// # Errors
+/// As [`estimate`].
+pub fn estimate_from(
+    prior: FieldPrior,
+    traces: &[Trace],
+    spec: &EstimatorSpec,
+    noise_sd: &[f64],
+    progress: impl FnMut(usize),
+) -> Result<Estimate, PipelineError> {
+    check_traces(traces, prior.len(), noise_sd.len())?;
+    let traces = with_noise(traces, &Noise::per_channel(noise_sd)?)?;
     run(spec, prior, &traces, progress)
 }
 
-/// [`estimate`] with the noise that the traces have.
+/// [`estimate_from`] with the noise that the traces have.
 pub(crate) fn run(
     spec: &EstimatorSpec,
     prior: FieldPrior,

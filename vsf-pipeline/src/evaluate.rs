@@ -209,7 +209,7 @@ fn check_size(belief: &Belief<f64>, scene: &Scene) -> Result<(), PipelineError> 
 /// is that of independent points plus a reading noise of `noise_sd`, one value per channel.
 ///
 /// # Errors
-/// A belief of another size than the scene's points, a noise that is not finite, a trace that [`Trace::check`]
+/// A belief of another size than the scene's points, a noise that is negative or not finite, a trace that [`Trace::check`]
 /// refuses, such as one of another number of channels than the noise.
 pub fn predict(
     scene: &Scene,
@@ -219,6 +219,17 @@ pub fn predict(
 ) -> Result<SequencePrediction, PipelineError> {
     check_size(belief, scene)?;
     CoreError::check_finite("noise sd", noise_sd)?;
+    if let Some(&value) = noise_sd
+        .iter()
+        .find(|sd| **sd < 0.0 || !(*sd * *sd).is_finite())
+    {
+        return Err(CoreError::Parameter {
+            name: "noise sd",
+            value,
+            range: ">= 0 and finite, its square too",
+        }
+        .into());
+    }
     trace.check(belief.len(), noise_sd.len())?;
     sequence_prediction(trace, |obs| Ok(predict_independent(belief, noise_sd, obs)))
 }

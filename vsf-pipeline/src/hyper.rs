@@ -88,12 +88,24 @@ impl PriorShape {
     }
 
     /// The same about means of their own (N/m, >= 0), one per point.
-    pub(crate) fn prior_about(
+    ///
+    /// # Errors
+    /// A parameter out of range, means that are negative or not finite, of another number than the points.
+    pub fn prior_about(
         &self,
         rest: &RestPoints,
         sd: f64,
         mean: Vec<f64>,
     ) -> Result<FieldPrior, PipelineError> {
+        if !(sd > 0.0 && (sd * sd).is_normal()) {
+            return Err(CoreError::Parameter {
+                name: "prior sd",
+                value: sd,
+                range: "> 0 and finite, its square too",
+            }
+            .into());
+        }
+        CoreError::check_len("means of the prior", mean.len(), rest.len())?;
         let variance = vec![sd * sd; mean.len()];
         let own =
             FieldPrior::from(Belief::new(mean, variance)?).with_level(self.level_share * sd)?;
@@ -223,7 +235,7 @@ pub fn choose_contact(
     shapes: &[PriorShape],
 ) -> Result<ContactChoice, PipelineError> {
     let own = first("models of contact", contacts)?;
-    for (index, traces) in contacts.iter().enumerate() {
+    for (index, traces) in contacts.iter().enumerate().skip(1) {
         CoreError::check_len("traces", traces.len(), own.len())?;
         let mut pairs = own.iter().zip(*traces);
         if let Some((of, _)) = pairs.find(|(of, trace)| !of.has_samples_of(trace)) {

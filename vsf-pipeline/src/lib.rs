@@ -49,7 +49,7 @@ pub use bench::{
 };
 pub use campaign::Campaign;
 pub use error::PipelineError;
-pub use estimate::{Estimate, EstimatorSpec, FilterSpec, estimate, estimate_online};
+pub use estimate::{Estimate, EstimatorSpec, FilterSpec, estimate, estimate_from, estimate_online};
 pub use evaluate::{
     Calibration, Evaluation, JointError, SequenceError, SequencePrediction, evaluate, predict,
     score,

@@ -2,12 +2,10 @@ use crate::{PipelineError, Scene};
 use nalgebra::Vector3;
 use std::borrow::Cow;
 use std::f64::consts::TAU;
-use vsf_core::{CoreError, RestPoints};
+use vsf_core::{CoreError, MOST_READING, RestPoints};
 use vsf_data::{Dataset, Motion, Sequence, Table, TorqueKind, tare};
 use vsf_robots::{JointKind, RobotModel};
 
-/// Largest torque that is taken (N m or N): beyond any robot, and far from where squares overflow.
-const MOST: f64 = 1e12;
 /// Largest position and velocity (rad, m and each second): far beyond what their numbers still tell apart.
 const MOST_STATE: f64 = 1e9;
 /// Half the window over which velocities and accelerations are estimated: this long (s), and at least
@@ -60,7 +58,7 @@ fn check_states(robot: &RobotModel, sequence: &Sequence) -> Result<(), PipelineE
 /// [`PipelineError::Torque`], which names the first of them.
 pub fn check_torques(scene: &Scene, sequence: &Sequence) -> Result<(), PipelineError> {
     let torques = &sequence.torques;
-    let is_taken = |v: &f64| v.abs() <= MOST;
+    let is_taken = |v: &f64| v.abs() <= MOST_READING;
     match torques.data().iter().position(|v| !is_taken(v)) {
         None => Ok(()),
         Some(k) => Err(PipelineError::Torque {
@@ -69,7 +67,7 @@ pub fn check_torques(scene: &Scene, sequence: &Sequence) -> Result<(), PipelineE
             joint: k % torques.cols() + 1,
             value: torques.data()[k],
             unit: scene.unit(k % torques.cols()),
-            most: MOST,
+            most: MOST_READING,
         }),
     }
 }

@@ -22,6 +22,14 @@ pub fn robot_of(
     packages: &BTreeMap<String, PathBuf>,
 ) -> Result<RobotModel, PipelineError> {
     let robot = load_robot(&dataset.robot, dataset.joints.clone(), packages)?;
+    placed(dataset, robot)
+}
+
+/// A robot as it stands in a recording, checked against the recording's joints.
+///
+/// # Errors
+/// Joints that contradict the recording.
+pub(crate) fn placed(dataset: &Dataset, robot: RobotModel) -> Result<RobotModel, PipelineError> {
     let names: Vec<&str> = robot.joints().iter().map(|j| j.name()).collect();
     if names.is_empty() {
         return Err(PipelineError::NoJoints {

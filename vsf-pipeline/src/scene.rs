@@ -1,3 +1,4 @@
+use crate::robot::placed;
 use crate::{PipelineError, SceneContact, reading_unit, robot_of};
 use nalgebra::{Point3, Vector3};
 use std::collections::BTreeMap;
@@ -8,7 +9,7 @@ use vsf_contact::{
     CellContact, Cells, ContactConfig, ContactError, GridOptions, LinkGrid, LinkSdf, StickSlip,
     link_sdfs,
 };
-use vsf_core::RestPoints;
+use vsf_core::{CoreError, RestPoints};
 use vsf_data::{ContactParameters, Dataset, TorqueKind};
 use vsf_robots::RobotModel;
 
@@ -142,18 +143,40 @@ impl Scene {
         options: &SceneOptions,
     ) -> Result<Self, PipelineError> {
         dataset.check()?;
-        let robot = robot_of(dataset, &options.packages)?;
+        Self::with_robot(
+            dataset,
+            robot_of(dataset, &options.packages)?,
+            points,
+            options,
+        )
+    }
+
+    /// The scene of a recording whose robot is there already, such as one from the text of a URDF
+    /// ([`RobotModel::from_urdf_str`]), with these rest points: the robot is placed where it stood, and torques and gravity
+    /// are those of the recording. The name of its robot is not looked at, nor are packages of the options.
+    ///
+    /// # Errors
+    /// What [`Dataset::check`] refuses, joints that contradict the robot, no rest points, no collision shapes,
+    /// parameters out of range.
+    pub fn with_robot(
+        dataset: &Dataset,
+        robot: RobotModel,
+        points: Vec<Point3<f64>>,
+        options: &SceneOptions,
+    ) -> Result<Self, PipelineError> {
+        dataset.check()?;
         Ok(Self {
             gravity: dataset.gravity,
             torque_kind: dataset.torque_kind,
             tare_samples: dataset.tare_samples,
-            ..Self::new(robot, points, options)?
+            ..Self::new(placed(dataset, robot)?, points, options)?
         })
     }
 
     /// The scene of a robot that is there already, such as one from the text of a URDF
     /// ([`RobotModel::from_urdf_str`]), placed in the world, with these rest points. Gravity is (0, 0, -9.81) m/s²,
-    /// and torques are external and need no tare; packages of the options are not looked at.
+    /// and torques are external and need no tare; packages of the options are not looked at. A recording has
+    /// [`Scene::with_robot`].
     ///
     /// ```
     /// use vsf_core::nalgebra::Point3;
@@ -224,15 +247,15 @@ impl Scene {
     }
 
     /// The scene of a recording in which the arm moves in free air: without points, and without the
-    /// shapes of its links. `robot` is that of [`robot_of`].
+    /// shapes of its links. The robot is placed where it stood.
     ///
     /// # Errors
-    /// What [`Dataset::check`] refuses.
+    /// What [`Dataset::check`] refuses, joints that contradict the robot.
     pub fn in_air(dataset: &Dataset, robot: RobotModel) -> Result<Self, PipelineError> {
         dataset.check()?;
         let options = SceneOptions::default();
         Ok(Self {
-            robot,
+            robot: placed(dataset, robot)?,
             rest: Arc::new(RestPoints::new(Vec::new())?),
             gravity: dataset.gravity,
             torque_kind: dataset.torque_kind,
@@ -243,6 +266,47 @@ impl Scene {
             contact: options.contact,
             subdivision: options.subdivision,
             cells: None,
+        })
+    }
+
+    /// Checks that this is the scene of a recording: the robot has its joints and stands where it stood, and torques and
+    /// gravity mean the same. Points may be others, such as those of a field, and a scene may go without the tare
+    /// ([`Scene::tared`]).
+    ///
+    /// # Errors
+    /// [`PipelineError::OtherScene`], joints that contradict the robot.
+    pub fn check_recording(&self, dataset: &Dataset) -> Result<(), PipelineError> {
+        let robot = placed(dataset, self.robot.clone())?;
+        let differs = [
+            ("base_pose", self.robot.base_pose() != robot.base_pose()),
+            ("gravity", self.gravity != dataset.gravity),
+            ("torque_kind", self.torque_kind != dataset.torque_kind),
+        ];
+        match differs.into_iter().find(|(_, differs)| *differs) {
+            Some((what, _)) => Err(PipelineError::OtherScene { what }),
+            None => Ok(()),
+        }
+    }
+
+    /// The same scene with other shapes of its links, such as distance functions of one's own, each in the frame of its link.
+    ///
+    /// # Errors
+    /// No shape, a link that the robot does not have.
+    pub fn with_link_shapes(&self, links: Vec<LinkSdf>) -> Result<Self, PipelineError> {
+        let robot = self.robot.name();
+        if links.is_empty() {
+            let (robot, reason) = (robot.to_owned(), "none were given".to_owned());
+            return Err(PipelineError::NoShapes { robot, reason });
+        }
+        let len = self.robot.link_count();
+        if let Some(LinkSdf { link: index, .. }) = links.iter().find(|l| l.link >= len) {
+            let (what, index) = ("link", *index);
+            return Err(CoreError::OutOfRange { what, index, len }.into());
+        }
+        Ok(Self {
+            links: links.into(),
+            grids: Vec::new(),
+            ..self.clone()
         })
     }
 

@@ -21,7 +21,7 @@ pub struct Trace {
 }
 
 impl Trace {
-    /// Checks that the trace fits so many rest points and joints: a finite time and an observation of these for
+    /// Checks that the trace fits so many rest points and joints: times that go on and an observation of these for
     /// every sample, touches within the samples, in order and without overlap.
     ///
     /// # Errors
@@ -42,6 +42,13 @@ impl Trace {
                 .and_then(|()| obs.check_fits(points))
                 .and_then(|()| CoreError::check_finite("time", &self.time[row..=row]))
                 .map_err(at(row))?;
+            if row > 0 && self.time[row] <= self.time[row - 1] {
+                return Err(at(row)(CoreError::Parameter {
+                    name: "time",
+                    value: self.time[row],
+                    range: "later than that of the row before it (s)",
+                }));
+            }
         }
         let mut last = 0;
         for (index, &Range { start, end }) in self.touches.iter().enumerate() {

@@ -187,6 +187,8 @@ fn wrong_traces() -> Vec<(Trace, &'static str)> {
     };
     let mut late = good();
     late.time[5] = f64::NAN;
+    let mut back = good();
+    back.time[7] = 5.5;
     let mut mixed = good();
     mixed.observations[6] = trace(POINTS, 2).observations.remove(0);
     let backward = Range { start: 60, end: 50 };
@@ -201,6 +203,7 @@ fn wrong_traces() -> Vec<(Trace, &'static str)> {
             "row 10: time has length 10, expected 80",
         ),
         (late, "row 5: time[0] is NaN"),
+        (back, "row 7: time = 5.5 is out of range: later than"),
         (touches(&[0..40, 40..500]), "touch 1 is samples 40 to 500"),
         (touches(&[0..40, 30..ROWS]), "touch 1 is samples 30 to 80"),
         (touches(&[0..40, backward]), "touch 1 is samples 60 to 50"),
@@ -255,8 +258,79 @@ fn traces() {
             "{warnings:?}"
         );
     }
-    let error = predict(&scene, &belief, &[0.1, f64::NAN, 0.1], &good).unwrap_err();
-    assert!(error.to_string().contains("noise sd[1] is NaN"), "{error}");
+    for (sd, tells) in [
+        (f64::NAN, "noise sd[1] is NaN"),
+        (-1.0, "noise sd = -1.0 is out of range"),
+        (1e200, "noise sd = 1e200 is out of range"),
+    ] {
+        let error = predict(&scene, &belief, &[0.1, sd, 0.1], &good).unwrap_err();
+        assert!(error.to_string().contains(tells), "{error}");
+    }
+}
+
+#[test]
+fn priors() {
+    let scene = scene(TorqueKind::External);
+    let traces = [trace(POINTS, JOINTS)];
+    for shape in [PriorShape::default(), PriorShape::independent()] {
+        for prior_sd in [-10.0, 0.0, f64::NAN, 1e200] {
+            let hyper = Hyper {
+                prior_sd,
+                shape,
+                noise_sd: vec![0.1; JOINTS],
+            };
+            let error = estimate(scene.rest(), &traces, &EstimatorSpec::Batch, &hyper, |_| {});
+            let text = error.unwrap_err().to_string();
+            let tells = format!("prior sd = {prior_sd:?} is out of range");
+            assert!(text.contains(&tells), "{text}");
+        }
+        for mean in [vec![1.0; POINTS + 1], vec![-1.0; POINTS]] {
+            assert!(shape.prior_about(scene.rest(), 1.0, mean).is_err());
+        }
+    }
+}
+
+/// A scene says what readings mean; one of another recording would read them as what they are not.
+#[test]
+fn scenes_of_other_recordings() {
+    let data = dataset(TorqueKind::Measured);
+    let scene = open(&data).unwrap();
+    scene.check_recording(&data).unwrap();
+    scene.clone().tared().check_recording(&data).unwrap();
+    let other = |what: &str, data: Dataset| {
+        let error = scene.check_recording(&data).unwrap_err();
+        assert!(error.to_string().contains(what), "{error}");
+        let traces: Vec<Trace> = (data.sequences.iter())
+            .map(|s| scene.trace(s).unwrap())
+            .collect();
+        assert!(Campaign::new(&data, &scene, &traces).is_err());
+    };
+    other("torque_kind", dataset(TorqueKind::External));
+    other(
+        "gravity",
+        Dataset {
+            gravity: Vector3::new(0.0, 0.0, -1.62),
+            ..data.clone()
+        },
+    );
+    other(
+        "base_pose",
+        Dataset {
+            base_pose: nalgebra::Isometry3::translation(0.0, 0.0, 5.0),
+            ..data.clone()
+        },
+    );
+    let mut names: Vec<String> = (scene.robot().joints().iter())
+        .map(|j| j.name().to_owned())
+        .collect();
+    names.reverse();
+    other(
+        "joint_3",
+        Dataset {
+            joints: Some(names),
+            ..data
+        },
+    );
 }
 
 #[test]

@@ -8,12 +8,14 @@
 //! | [`check_estimator`] | a [`vsf_core::Estimator`] |
 //! | [`check_sensor`] | a [`vsf_core::Sensor`] |
 //! | [`check_contact`] | a [`vsf_core::ContactModel`] |
+//! | `check_sdf` (feature `shapes`) | a `vsf_contact::Sdf`, the shape of a link |
+//! | `check_regressor` (feature `regressors`) | a `vsf_vision::Regressor`, stiffness from features |
 //! | `check_effect` (feature `effects`) | a `vsf_gap::Effect` and its compensators |
 //!
 //! The parts of this workspace pass the same suites. [`LinearWorld`] makes problems whose answer is known.
 //!
-//! It belongs under `[dev-dependencies]`. `check_effect` needs the diagnosis and all that is below it, and is a
-//! feature for that reason alone. Rejected: a suite in each crate, which would put tests into programs.
+//! It belongs under `[dev-dependencies]`. What needs more than `vsf-core` is a feature for that reason alone;
+//! `check_effect` needs the diagnosis and all that is below it. Rejected: a suite in each crate, which would put tests into programs.
 
 #![forbid(unsafe_code)]
 // Suites fail by panics, as tests do.
@@ -25,6 +27,10 @@ mod contact;
 mod effect;
 mod estimator;
 mod property;
+#[cfg(feature = "regressors")]
+mod regressor;
+#[cfg(feature = "shapes")]
+mod sdf;
 mod sensor;
 mod world;
 
@@ -32,5 +38,9 @@ pub use contact::check_contact;
 #[cfg(feature = "effects")]
 pub use effect::{check_effect, sites};
 pub use estimator::{EstimatorOptions, check_estimator};
+#[cfg(feature = "regressors")]
+pub use regressor::check_regressor;
+#[cfg(feature = "shapes")]
+pub use sdf::check_sdf;
 pub use sensor::check_sensor;
 pub use world::{LinearWorld, Reading, normal};

@@ -155,7 +155,7 @@ impl Predictions {
 ///
 /// Dyn-safe, so that a program chooses at run time; `Box<dyn Regressor>` is a regressor.
 /// Implementations give the same result for any number of threads, and leave their state alone on
-/// an error. `vsf-vision`'s tests hold a suite that every implementation must pass.
+/// an error. `check_regressor` of `vsf-testkit` is a suite that every implementation must pass.
 pub trait Regressor: Send + Sync {
     /// Learns, and forgets what it learned before.
     ///
