@@ -312,18 +312,19 @@ impl Campaign {
                 Ok::<(), GapError>(())
             })?;
         }
-        // A more general form is measured against the one that it extends. With contact, a finalist has little to gain.
-        let in_air = |c: &Candidate| c.refined.as_ref().is_some_and(|r| !r.touches);
-        let general = candidates.iter().filter(|c| in_air(c));
+        // A more general form is measured against the one that it extends, however little screening promises of that.
+        let general = candidates.iter().filter(|c| c.refined.is_some());
         let extended: Vec<String> = general
             .filter_map(|c| c.effect.extends().map(str::to_owned))
             .collect();
-        for candidate in candidates.iter_mut() {
-            if candidate.refined.is_none() && extended.iter().any(|e| e == candidate.effect.name())
+        candidates.par_iter_mut().try_for_each(|candidate| {
+            match candidate.refined.is_none()
+                && extended.iter().any(|e| e == candidate.effect.name())
             {
-                self.fit_alone(candidate, tangents, standard)?;
+                true => self.fit_alone(candidate, tangents, standard),
+                false => Ok(()),
             }
-        }
+        })?;
         best_first(candidates, base);
         Ok(())
     }

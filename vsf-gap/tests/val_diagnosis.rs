@@ -113,6 +113,38 @@ fn of_springs_in(felt: impl Fn(bool, f64, &mut [f64])) -> Campaign {
     Campaign::open(&dataset, &SceneOptions::default()).unwrap()
 }
 
+/// Screening promises little of a step at so slow a motion, and much of the form that extends it: which has to outdo it even
+/// so.
+#[test]
+fn dry_friction_is_not_named_by_its_general_form() {
+    let folder = tempfile::tempdir().unwrap();
+    made(folder.path(), &[], 42);
+    let (mut dataset, _) = Dataset::open(folder.path(), &Overrides::default()).unwrap();
+    for s in &mut dataset.sequences {
+        let joints = s.torques.cols();
+        let velocities = s.velocities.clone().unwrap();
+        let rows = s.torques.data_mut().chunks_exact_mut(joints);
+        for (row, qd) in rows.zip(velocities.data().chunks_exact(joints)) {
+            row[1] -= 20.0 * (qd[1] / 0.01).tanh();
+        }
+    }
+    let campaign = Campaign::open(&dataset, &SceneOptions::default()).unwrap();
+    let names = ["joint_stribeck_friction", "joint_coulomb_friction"];
+    let both = effects::named(&names.map(str::to_owned)).unwrap();
+    let d = diagnose(&campaign, "case", &both, 0, |_| {})
+        .unwrap()
+        .diagnosis;
+    assert_eq!(d.verdict.effects, ["joint_coulomb_friction"]);
+    let of = |name: &str| d.effects.iter().find(|e| e.effect == name).unwrap();
+    assert!(names.iter().all(|name| of(name).null_score.is_some()));
+    let c = &of("joint_coulomb_friction").parameters;
+    assert!(
+        c.iter()
+            .any(|p| p.name == "c_2" && (p.value - 20.0).abs() < 0.5),
+        "{c:?}"
+    );
+}
+
 /// Train sequences that show nothing are no proof for test sequences that read otherwise.
 #[test]
 fn test_sequences_that_contradict_the_others_are_no_absence_of_a_gap() {

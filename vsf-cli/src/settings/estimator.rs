@@ -66,7 +66,7 @@ pub struct EstimatorSettings {
 
 #[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
 enum HyperKind {
-    /// By the prediction of touches that are held out
+    /// By the prediction of touches that are held out, or of parts of them where they lie apart
     HeldOut,
     /// By the marginal likelihood of the readings, as if their errors were independent
     Likelihood,
