@@ -14,6 +14,9 @@ use vsf::gap::{DiagnosisStep, Effect, ModelFile, VerdictKind, diagnose, effects}
 Example:
   vsf diagnose DATASET --effects payload,latency --html report.html --model corrected.json
 
+Six sequences with 700 samples each take some ten seconds of two cores; recordings in which thousands of points are touched at a \
+time take minutes.
+
 In the report, `score` is the gain of log evidence over the model without effects, `null` what of it says nothing \
 yet, as it is gained where nothing acts (probabilities follow what is beyond), `test score` the gain of log density on
 the test sequences, `absorbed by K` how much of the effect the stiffness takes. Parameters of joints are numbered

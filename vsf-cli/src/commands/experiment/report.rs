@@ -33,7 +33,12 @@ before the surface on.
             1e3 * e.threshold
         );
     }
-    text += "\n## Table I: with and without memory replay\n\n";
+    text += "
+## Table I: with and without memory replay
+
+By the train and test split of each recording, also where Tables IV and V test on every sequence in turn.
+
+";
     text += &table1::text(entries.iter().map(|e| &e.table1));
     text += "
 ## Table II: update speed
