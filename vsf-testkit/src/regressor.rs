@@ -11,6 +11,8 @@ const LEFT: f64 = 0.7;
 /// Squares of errors, in units of the variances predicted for them.
 const HONEST: std::ops::Range<f64> = 0.5..2.0;
 
+type Property = fn(&dyn Regressor);
+
 /// Checks that a regressor keeps the promises of [`Regressor`], on planes with noise in two features. It is asked through
 /// [`Regressor::fresh`] ones, and left alone.
 ///
@@ -32,7 +34,7 @@ const HONEST: std::ops::Range<f64> = 0.5..2.0;
 /// vsf_testkit::check_regressor(&vsf_vision::Ridge::new());
 /// ```
 pub fn check_regressor(regressor: &dyn Regressor) {
-    let properties: [(&str, fn(&dyn Regressor)); 8] = [
+    let properties: [(&str, Property); 8] = [
         ("one that has not learned refuses", unlearned),
         ("a plane is predicted, errors are as large as told", plane),
         ("far away it knows no more than the spread", far_away),
