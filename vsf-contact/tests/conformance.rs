@@ -4,12 +4,11 @@
 
 mod common;
 
-use nalgebra::{Isometry3, Point3, Vector3};
+use nalgebra::Point3;
 use vsf_contact::{
-    CellContact, Cells, ContactConfig, GridOptions, GridSdf, MeshSdf, ShapeSdf, StickSlip,
-    UnionSdf, link_sdfs,
+    CellContact, Cells, ContactConfig, GridOptions, GridSdf, MeshSdf, StickSlip, link_sdfs,
 };
-use vsf_core::{ContactModel, Posture, RestPoints, Shape, TriMesh};
+use vsf_core::{ContactModel, Posture, RestPoints, TriMesh};
 use vsf_robots::{RobotModel, kinova_gen3, planar_arm};
 use vsf_testkit::{check_contact, check_sdf};
 
@@ -69,40 +68,6 @@ fn the_gen3_conforms() {
         q.collect()
     };
     check(&robot, &block([0.50, -0.03, 0.2]), &path(&robot, push));
-}
-
-#[test]
-fn shapes_and_their_union_conform() {
-    let shapes = [
-        Shape::Sphere { radius: 0.05 },
-        Shape::Capsule {
-            radius: 0.03,
-            half_length: 0.06,
-        },
-        Shape::RoundCone {
-            radius_bottom: 0.05,
-            radius_top: 0.02,
-            half_length: 0.06,
-        },
-        Shape::Cylinder {
-            radius: 0.04,
-            half_length: 0.06,
-            rounding: 0.005,
-        },
-        Shape::Box {
-            half_extents: Vector3::new(0.05, 0.08, 0.03),
-            rounding: 0.0,
-        },
-    ];
-    let mut parts = Vec::new();
-    for (i, shape) in shapes.iter().enumerate() {
-        let along = Vector3::new(0.03 * i as f64, 0.0, 0.01);
-        let pose = Isometry3::new(along, Vector3::x() * 0.4 * i as f64);
-        check_sdf(&ShapeSdf::new(shape, &Isometry3::identity()).unwrap());
-        parts.push(ShapeSdf::new(shape, &pose).unwrap());
-        check_sdf(&parts[i]);
-    }
-    check_sdf(&UnionSdf::new(parts));
 }
 
 /// Meshes: exact, and baked into a grid.

@@ -6,6 +6,7 @@ use nalgebra::{Isometry3, Point3, Translation3, UnitQuaternion, Vector3};
 use proptest::prelude::*;
 use vsf_contact::{ContactError, GridOptions, Sdf, ShapeSdf, UnionSdf, link_sdfs};
 use vsf_core::{Collider, Shape};
+use vsf_testkit::check_sdf;
 
 fn shapes() -> Vec<Shape> {
     let half_extents = Vector3::new(0.05, 0.08, 0.03);
@@ -51,6 +52,16 @@ fn pose() -> Isometry3<f64> {
         Translation3::new(0.1, -0.2, 0.3),
         UnitQuaternion::from_euler_angles(0.4, -0.9, 1.7),
     )
+}
+
+#[test]
+fn shapes_and_their_union_keep_the_promises_of_a_distance() {
+    let along = |i: usize| Translation3::new(0.03 * i as f64, 0.0, 0.0);
+    let parts: Vec<ShapeSdf> = (shapes().iter().enumerate())
+        .map(|(i, shape)| ShapeSdf::new(shape, &(along(i) * pose())).unwrap())
+        .collect();
+    parts.iter().for_each(|part| check_sdf(part));
+    check_sdf(&UnionSdf::new(parts));
 }
 
 /// Whether a point in the shape's frame is inside, straight from the definition of the shape: a
