@@ -125,7 +125,8 @@ pub(crate) fn notes(
             100.0 * verdict.hidden
         ));
     }
-    if let Some(surprise) = trial.surprise.filter(|_| verdict.effects.is_empty()) {
+    let unexplained = verdict.effects.is_empty() && judgement.left_free.is_none();
+    if let Some(surprise) = trial.surprise.filter(|_| unexplained) {
         notes.push(format!(
             "the test sequences contradict the train sequences: they are off by {} times what these lead to expect, new places \
              allowed for (root mean square); look for other units, signs or orders of joints in some of them, and for another \

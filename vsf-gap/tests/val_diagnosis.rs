@@ -61,12 +61,18 @@ fn a_payload_is_named_and_the_gap_closes() {
     assert_eq!(outcome.model.parts.len(), 1);
 }
 
+/// Whether the test sequences are told to contradict the others.
+fn contradicts(d: &vsf_gap::Diagnosis) -> bool {
+    d.notes.iter().any(|n| n.contains("contradict"))
+}
+
 #[test]
 fn nothing_is_named_where_nothing_acts() {
     let outcome = diagnosed(&[], 42);
     let d = &outcome.diagnosis;
     assert_eq!(d.verdict.kind, VerdictKind::NoGap);
     assert!(d.verdict.effects.is_empty() && outcome.model.parts.is_empty());
+    assert!(!contradicts(d), "{:?}", d.notes);
     assert_eq!(d.gap.test_error_nominal, d.gap.test_error_corrected);
     assert_eq!(d.gap.closed_fraction, 0.0);
 }
@@ -159,16 +165,11 @@ fn test_sequences_that_contradict_the_others_are_no_absence_of_a_gap() {
             .unwrap()
             .diagnosis
     };
-    let told = |d: &vsf_gap::Diagnosis| d.notes.iter().any(|n| n.contains("contradict"));
-    let same = of(|_| {});
-    assert_eq!(same.verdict.kind, VerdictKind::NoGap);
-    assert!(!told(&same), "{:?}", same.notes);
     let opposite = |row: &mut [f64]| row.iter_mut().for_each(|t| *t = -*t);
-    let tiny = |row: &mut [f64]| row.iter_mut().for_each(|t| *t *= 1e-3);
-    for felt in [opposite, tiny, |row: &mut [f64]| row.swap(1, 3)] {
+    for felt in [opposite, |row: &mut [f64]| row.swap(1, 3)] {
         let d = of(felt);
         assert_eq!(d.verdict.kind, VerdictKind::Unknown, "{:?}", d.verdict);
-        assert!(told(&d), "{:?}", d.notes);
+        assert!(contradicts(&d), "{:?}", d.notes);
     }
 }
 
