@@ -133,8 +133,7 @@ pub enum HyperMethod {
     ///   signal that the own parts of its points are expected to give in a typical reading is
     ///   `sqrt(4 / n)` of its noise. The
     ///   touches, dealt to at most ten parts in turn, are held out once (where the parts share few
-    ///   points, every quarter of a touch: this tells of the same places alone, so that with several touches ratios up to
-    ///   four times that of the rule are tried, no larger ones) and predicted from the others by the constrained optimum,
+    ///   points, every quarter of a touch, which tells of the same places alone) and predicted from the others by the constrained optimum,
     ///   with every shape that is to be compared, at the ratio by rule and at others, up to 64 times as large, from there on
     ///   outward while the error falls, or else, where it does not, down to a sixteenth; with more than 1500 touched points, by
     ///   the online filter, which tells nothing of a smooth part: the first shape stays. Of all priors whose error exceeds that of

@@ -143,40 +143,6 @@ fn strokes_over_new_points_leave_a_finite_noise() {
     assert!((0.1..10.0).contains(&sd), "{sd}");
 }
 
-/// Touches of places of their own, pressed ever deeper into springs that stiffen: what is held out of a touch is predicted
-/// best by following the rest of it closely, which tells nothing of other places. With one touch there are no others.
-#[test]
-fn touches_that_lie_apart_are_not_followed_ever_more_closely() {
-    let noise = Noise::uniform(1, 1.0).unwrap();
-    let touch = |first: u32| {
-        let reading = |k: usize| {
-            let depth = 1e-3 * (1 + k) as f64;
-            let mut obs = Observation::new(noise.clone());
-            let points: Vec<u32> = (first..first + 8).collect();
-            let tau = [2e5 * depth * depth];
-            obs.rebuild(POINTS, &points, &tau, |i, w| {
-                w[0] = (depth - 1e-3 * i as f64).max(1e-4);
-            })
-            .unwrap();
-            obs
-        };
-        Trace {
-            id: first.to_string(),
-            time: (0..40).map(f64::from).collect(),
-            touches: std::iter::once(0..40).collect(),
-            observations: (0..40).map(reading).collect(),
-        }
-    };
-    let largest = |traces: &[Trace]| {
-        let shapes = [PriorShape::independent()];
-        let choice = choose_hyper(&rest(), traces, &shapes, HyperMethod::HeldOut).unwrap();
-        let ratios = choice.candidates.iter().map(|c| c.signal_to_noise);
-        ratios.fold(0.0, f64::max) / choice.candidates[0].signal_to_noise
-    };
-    assert!(largest(&[touch(0)]) > 4.0);
-    assert_eq!(largest(&[touch(0), touch(16), touch(32)]), 4.0);
-}
-
 /// The same readings, and columns as another model of contact has them: of `lever` times the size.
 fn with_columns(traces: &[Trace], lever: impl Fn(usize) -> f64) -> Vec<Trace> {
     let mut other = traces.to_vec();

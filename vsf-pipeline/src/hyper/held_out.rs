@@ -12,9 +12,6 @@ use vsf_filter::{BatchFit, BatchMap, FieldPrior};
 const LEAVE_ONE_OUT_POINTS: usize = 1500;
 /// Contiguous parts of a touch that are held out where touches have no points in common.
 const QUARTERS: usize = 4;
-/// The largest ratio that is tried where several touches have none in common, as a power of 2 times the rule: what is
-/// held out is of the places that are kept, and tells nothing of others, where one should follow less closely.
-const APART: f64 = 2.0;
 
 /// Chooses among `problems`, which are the same samples in several contacts, and for each by
 /// [`super::HyperMethod::HeldOut`] among `shapes`, of which the online filter takes the first.
@@ -24,12 +21,8 @@ pub fn choose(
     shapes: &[PriorShape],
 ) -> Result<ContactChoice, PipelineError> {
     let mut folds = problems[0].touches.len().min(MOST_FOLDS);
-    let mut most = f64::INFINITY;
     let share = |p: &Problem| folds_share_points(&p.touches, folds, p.rest.len());
     if !problems.iter().all(share) {
-        if folds > 1 {
-            most = APART;
-        }
         hold_out_quarters(&mut problems);
         folds = QUARTERS;
     }
@@ -41,7 +34,6 @@ pub fn choose(
         let choice = Choice {
             problem,
             folds: folds.collect::<Result<_, _>>()?,
-            most,
         };
         choice.among(shapes)
     });
@@ -59,8 +51,6 @@ pub fn choose(
 struct Choice<'a> {
     problem: &'a Problem,
     folds: Vec<Fold<'a>>,
-    /// The largest power of 2 that is tried.
-    most: f64,
 }
 
 /// Traces that are held out, and the others.
@@ -123,9 +113,7 @@ impl Choice<'_> {
             }
         };
         let by_rule = error(0.0)?;
-        let above: Vec<f64> = (POWERS.into_iter())
-            .filter(|p| *p > 0.0 && *p <= self.most)
-            .collect();
+        let above: Vec<f64> = POWERS.into_iter().filter(|p| *p > 0.0).collect();
         let below: Vec<f64> = POWERS.into_iter().rev().filter(|p| *p < 0.0).collect();
         for side in [above, below] {
             let mut least = by_rule;
