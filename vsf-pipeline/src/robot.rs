@@ -28,8 +28,17 @@ pub fn robot_of(
 /// A robot as it stands in a recording, checked against the recording's joints.
 ///
 /// # Errors
-/// Joints that contradict the recording.
+/// As [`check_joints`].
 pub(crate) fn placed(dataset: &Dataset, robot: RobotModel) -> Result<RobotModel, PipelineError> {
+    check_joints(dataset, &robot)?;
+    Ok(robot.with_base_pose(dataset.base_pose)?)
+}
+
+/// Checks that a robot has the joints of a recording.
+///
+/// # Errors
+/// Joints that contradict the recording.
+pub(crate) fn check_joints(dataset: &Dataset, robot: &RobotModel) -> Result<(), PipelineError> {
     let names: Vec<&str> = robot.joints().iter().map(|j| j.name()).collect();
     if names.is_empty() {
         return Err(PipelineError::NoJoints {
@@ -72,7 +81,7 @@ pub(crate) fn placed(dataset: &Dataset, robot: RobotModel) -> Result<RobotModel,
             _ => {}
         }
     }
-    Ok(robot.with_base_pose(dataset.base_pose)?)
+    Ok(())
 }
 
 /// A robot by name or URDF, with its joints in this order, by default that of its chain; its base is at

@@ -1,4 +1,4 @@
-use crate::robot::placed;
+use crate::robot::{check_joints, placed};
 use crate::{PipelineError, SceneContact, reading_unit, robot_of};
 use nalgebra::{Point3, Vector3};
 use std::collections::BTreeMap;
@@ -143,12 +143,8 @@ impl Scene {
         options: &SceneOptions,
     ) -> Result<Self, PipelineError> {
         dataset.check()?;
-        Self::with_robot(
-            dataset,
-            robot_of(dataset, &options.packages)?,
-            points,
-            options,
-        )
+        let robot = robot_of(dataset, &options.packages)?;
+        Self::new(robot, points, options).map(|scene| scene.with_readings_of(dataset))
     }
 
     /// The scene of a recording whose robot is there already, such as one from the text of a URDF
@@ -165,12 +161,18 @@ impl Scene {
         options: &SceneOptions,
     ) -> Result<Self, PipelineError> {
         dataset.check()?;
-        Ok(Self {
+        let robot = placed(dataset, robot)?;
+        Self::new(robot, points, options).map(|scene| scene.with_readings_of(dataset))
+    }
+
+    /// The same scene, with gravity and torques as a recording has them.
+    fn with_readings_of(self, dataset: &Dataset) -> Self {
+        Self {
             gravity: dataset.gravity,
             torque_kind: dataset.torque_kind,
             tare_samples: dataset.tare_samples,
-            ..Self::new(placed(dataset, robot)?, points, options)?
-        })
+            ..self
+        }
     }
 
     /// The scene of a robot that is there already, such as one from the text of a URDF
@@ -276,9 +278,9 @@ impl Scene {
     /// # Errors
     /// [`PipelineError::OtherScene`], joints that contradict the robot.
     pub fn check_recording(&self, dataset: &Dataset) -> Result<(), PipelineError> {
-        let robot = placed(dataset, self.robot.clone())?;
+        check_joints(dataset, &self.robot)?;
         let differs = [
-            ("base_pose", self.robot.base_pose() != robot.base_pose()),
+            ("base_pose", *self.robot.base_pose() != dataset.base_pose),
             ("gravity", self.gravity != dataset.gravity),
             ("torque_kind", self.torque_kind != dataset.torque_kind),
         ];
