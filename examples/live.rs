@@ -207,14 +207,14 @@ fn send(lines: &[String], to: SocketAddr) -> io::Result<()> {
     Ok(())
 }
 
-type Parts = (RobotModel, Arc<RestPoints>, SceneContact);
+type Parts = (Arc<RobotModel>, Arc<RestPoints>, SceneContact);
 
 /// A Kinova Gen3 before a cube of 40 cm with 2744 points.
 fn block_and_arm() -> Result<Parts, Box<dyn Error>> {
     let at = |from: f64, i: usize| from + 0.4 * (i as f64 + 0.5) / 14.0;
     let block = (0..14 * 14 * 14)
         .map(|i| Point3::new(at(0.43, i / 196), at(-0.2, i / 14 % 14), at(0.08, i % 14)));
-    let robot = kinova_gen3()?;
+    let robot = Arc::new(kinova_gen3()?);
     let links = link_sdfs(robot.colliders(), &Default::default())?.links;
     let contact = StickSlip::new(links, Default::default())?;
     Ok((

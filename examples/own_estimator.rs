@@ -28,6 +28,7 @@ use vsf::robots::cartesian_stage;
 use vsf_examples::write_picture;
 
 /// Projected Kalman filter with the full covariance (eq. 5), in its innovation form.
+#[derive(Clone)]
 struct FullKalman {
     belief: Belief<f64>,
     mean: DVector<f64>,

@@ -99,7 +99,7 @@ impl<C: ContactModel> CellContact<C> {
     }
 }
 
-impl<C: ContactModel> ContactModel for CellContact<C> {
+impl<C: ContactModel + Clone> ContactModel for CellContact<C> {
     fn reset(&mut self) {
         self.inner.reset();
     }

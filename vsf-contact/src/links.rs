@@ -1,13 +1,15 @@
 use crate::{ContactError, GridOptions, GridReport, GridSdf, Sdf, ShapeSdf, UnionSdf};
 use std::collections::BTreeMap;
+use std::sync::Arc;
 use vsf_core::{Collider, Shape, TriMesh};
 
-/// The shape of one link, in the frame of the link: the union of its colliders.
+/// The shape of one link, in the frame of the link: the union of its colliders. A clone shares the field.
+#[derive(Clone)]
 pub struct LinkSdf {
     /// Index of the link.
     pub link: usize,
     /// Its signed distance field.
-    pub sdf: Box<dyn Sdf>,
+    pub sdf: Arc<dyn Sdf>,
 }
 
 /// The shapes of a robot's links and how good they are.
@@ -86,7 +88,7 @@ pub fn link_sdfs(colliders: &[Collider], options: &GridOptions) -> Result<LinkSd
 }
 
 /// The cheapest form of the union.
-fn united(mut parts: Parts) -> Box<dyn Sdf> {
+fn united(mut parts: Parts) -> Arc<dyn Sdf> {
     // The largest ones are nearest most often; many others then need no look.
     let volume = |shape: &ShapeSdf| {
         let (lower, upper) = shape.bounds();
@@ -94,17 +96,17 @@ fn united(mut parts: Parts) -> Box<dyn Sdf> {
     };
     (parts.shapes).sort_by(|a, b| volume(b).total_cmp(&volume(a)));
     if parts.grids.is_empty() {
-        return Box::new(UnionSdf::new(parts.shapes));
+        return Arc::new(UnionSdf::new(parts.shapes));
     }
     if parts.shapes.is_empty() && parts.grids.len() == 1 {
-        return Box::new(parts.grids.remove(0));
+        return Arc::new(parts.grids.remove(0));
     }
     let mut all: Vec<Box<dyn Sdf>> = Vec::new();
     if !parts.shapes.is_empty() {
         all.push(Box::new(UnionSdf::new(parts.shapes)));
     }
     all.extend(parts.grids.into_iter().map(|g| Box::new(g) as Box<dyn Sdf>));
-    Box::new(UnionSdf::new(all))
+    Arc::new(UnionSdf::new(all))
 }
 
 impl std::fmt::Debug for LinkSdf {

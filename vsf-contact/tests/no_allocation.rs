@@ -51,7 +51,7 @@ fn links() -> Vec<LinkSdf> {
         };
         ShapeSdf::new(&shape, &Isometry3::rotation(Vector3::x() * angle)).unwrap()
     };
-    let sdf = || Box::new(UnionSdf::new(vec![capsule(0.0), capsule(1.0)]));
+    let sdf = || Arc::new(UnionSdf::new(vec![capsule(0.0), capsule(1.0)]));
     vec![
         LinkSdf {
             link: 0,

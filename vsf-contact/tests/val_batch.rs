@@ -156,7 +156,7 @@ fn contacts(points: Vec<Point3<f64>>) -> Vec<Contacts> {
     let rest = RestPoints::new(points).unwrap();
     let links = (0..2).map(|link| LinkSdf {
         link,
-        sdf: Box::new(UnionSdf::new(shapes())),
+        sdf: Arc::new(UnionSdf::new(shapes())),
     });
     let links: Vec<LinkSdf> = links.collect();
     let mut model = StickSlip::new(links, ContactConfig::default()).unwrap();

@@ -60,7 +60,7 @@ fn small(rng: &mut Pcg64Mcg) -> Isometry3<f64> {
 
 /// Moves a link about in a cloud and compares every step of every contact, each from the place
 /// where the step before has led. Returns the differences, and the share of contacts in creases.
-fn differences(sdf: Box<dyn Sdf>, seed: u64) -> (Vec<f64>, f64) {
+fn differences(sdf: Arc<dyn Sdf>, seed: u64) -> (Vec<f64>, f64) {
     let mut rng = Pcg64Mcg::seed_from_u64(seed);
     let (lower, upper) = sdf.bounds();
     let reach = (upper - lower).add_scalar(6e-3);
@@ -116,7 +116,7 @@ fn differences(sdf: Box<dyn Sdf>, seed: u64) -> (Vec<f64>, f64) {
 /// All but a hundredth of the contacts end within two slip steps of where single steps end: within
 /// one along the way, and not more to the side. The others slip over a sharper edge, or detach a
 /// moment earlier or later.
-fn check(name: &str, sdf: Box<dyn Sdf>, seed: u64) -> f64 {
+fn check(name: &str, sdf: Arc<dyn Sdf>, seed: u64) -> f64 {
     let (mut d, creases) = differences(sdf, seed);
     d.sort_by(f64::total_cmp);
     let at = |q: f64| d[(q * (d.len() - 1) as f64) as usize] / ContactConfig::default().slip_step;
@@ -127,8 +127,8 @@ fn check(name: &str, sdf: Box<dyn Sdf>, seed: u64) -> f64 {
     worst
 }
 
-fn shape(shape: &Shape) -> Box<dyn Sdf> {
-    Box::new(ShapeSdf::new(shape, &Isometry3::identity()).unwrap())
+fn shape(shape: &Shape) -> Arc<dyn Sdf> {
+    Arc::new(ShapeSdf::new(shape, &Isometry3::identity()).unwrap())
 }
 
 #[test]

@@ -64,14 +64,14 @@ impl Sdf for Notch {
     }
 }
 
-fn model_of(shapes: Vec<Box<dyn Sdf>>, config: ContactConfig) -> StickSlip {
+fn model_of(shapes: Vec<Arc<dyn Sdf>>, config: ContactConfig) -> StickSlip {
     let links = shapes.into_iter().enumerate();
     let links: Vec<LinkSdf> = links.map(|(link, sdf)| LinkSdf { link, sdf }).collect();
     StickSlip::new(links, config).unwrap()
 }
 
 fn balls(n: usize, config: ContactConfig) -> StickSlip {
-    let shapes = (0..n).map(|_| Box::new(Ball(RADIUS)) as Box<dyn Sdf>);
+    let shapes = (0..n).map(|_| Arc::new(Ball(RADIUS)) as Arc<dyn Sdf>);
     model_of(shapes.collect(), config)
 }
 
@@ -163,7 +163,7 @@ fn drag(friction: f64, distance: f64, steps: usize) -> (Vector3<f64>, ContactCon
         friction,
         ..ContactConfig::default()
     };
-    let mut model = model_of(vec![Box::new(Floor)], config);
+    let mut model = model_of(vec![Arc::new(Floor)], config);
     let rest = points(&[[0.0; 3]]);
     step(&mut model, &rest, &[at(0.0, 0.0, 0.008)]);
     let mut u = Vector3::zeros();
@@ -213,7 +213,7 @@ fn slip_iterations_are_counted() {
             max_slip_iterations,
             ..ContactConfig::default()
         };
-        let mut model = model_of(vec![Box::new(Floor)], config);
+        let mut model = model_of(vec![Arc::new(Floor)], config);
         step(&mut model, &rest, &[at(0.0, 0.0, 0.008)]);
         let u = step(&mut model, &rest, &[at(0.02, 0.0, 0.008)]).displacements()[0];
         let slip = f64::from(max_slip_iterations) * config.slip_step;
@@ -233,7 +233,7 @@ fn a_finer_slip_step_converges() {
             (0.02..0.02 + 1.001 * slip_step).contains(&(reach + 1e-12)),
             "{reach}"
         );
-        let mut model = model_of(vec![Box::new(Floor)], config);
+        let mut model = model_of(vec![Arc::new(Floor)], config);
         step(&mut model, &rest, &[at(0.0, 0.0, 0.008)]);
         let u = step(&mut model, &rest, &[at(0.02, 0.0, 0.008)]).displacements()[0];
         assert!(
@@ -252,7 +252,7 @@ fn a_finer_slip_step_converges() {
 fn a_point_wedged_in_a_notch_stays() {
     // The rest place lies straight below the notch; each flank sends the point to the other one.
     let samples = Arc::new(AtomicUsize::new(0));
-    let notch = Box::new(Notch(samples.clone()));
+    let notch = Arc::new(Notch(samples.clone()));
     let mut model = model_of(vec![notch], ContactConfig::default());
     let rest = points(&[[0.003, 0.0, 0.0]]);
     let mut last = step(&mut model, &rest, &[at(0.0, 0.0, 0.02)]);
@@ -269,7 +269,7 @@ fn a_point_wedged_in_a_notch_stays() {
 
 #[test]
 fn a_link_that_retreats_leaves_points_at_rest_and_may_come_back() {
-    let mut model = model_of(vec![Box::new(Floor)], ContactConfig::default());
+    let mut model = model_of(vec![Arc::new(Floor)], ContactConfig::default());
     let rest = points(&[[0.01, 0.0, 0.0]]);
     let mut there = |z: f64| step(&mut model, &rest, &[at(0.0, 0.0, z)]).len();
     assert_eq!(there(-0.0021), 0);
@@ -291,7 +291,7 @@ fn a_sticky_point_follows_until_it_is_pulled_too_far() {
         ..ContactConfig::default()
     };
     let rest = points(&[[0.0, 0.0, 0.0]]);
-    let mut model = model_of(vec![Box::new(Floor)], config);
+    let mut model = model_of(vec![Arc::new(Floor)], config);
     // The surface rises to 1 cm above the point, then falls by a millimetre a step.
     for k in 0..=20 {
         let height = 0.01 - 1e-3 * f64::from(k);
@@ -451,7 +451,7 @@ fn padding_equals_a_thicker_link() {
             ..ContactConfig::default()
         };
         let mut padded = balls(2, config);
-        let thick = (0..2).map(|_| Box::new(Ball(RADIUS + padding)) as Box<dyn Sdf>);
+        let thick = (0..2).map(|_| Arc::new(Ball(RADIUS + padding)) as Arc<dyn Sdf>);
         let mut thick = model_of(thick.collect(), ContactConfig::default());
         for i in 0..=20 {
             let poses = sweep(2, f64::from(i) / 20.0);

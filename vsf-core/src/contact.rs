@@ -1,4 +1,5 @@
 use crate::{CoreError, Posture, RestPoints};
+use dyn_clone::DynClone;
 use nalgebra::Vector3;
 
 /// The touched points at one time: the set `S` and displacements `u_i` of section III-B, in
@@ -114,7 +115,9 @@ impl Contacts {
 /// Stateful: sticking points are remembered from step to step. It never reads the belief (the
 /// paper's decoupling, section III-B), so contacts can be recorded once and replayed through any
 /// estimator.
-pub trait ContactModel: Send + Sync {
+///
+/// Models are [`Clone`]; `Box<dyn ContactModel>` is a model, and can be cloned, too.
+pub trait ContactModel: DynClone + Send + Sync {
     /// Forgets all contacts, as before the first touch of a sequence.
     fn reset(&mut self);
 
@@ -132,13 +135,18 @@ pub trait ContactModel: Send + Sync {
     ) -> Result<(), CoreError>;
 }
 
+dyn_clone::clone_trait_object!(ContactModel);
+
 impl std::fmt::Debug for dyn ContactModel {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
         f.debug_struct("ContactModel").finish_non_exhaustive()
     }
 }
 
-impl<C: ContactModel + ?Sized> ContactModel for Box<C> {
+impl<C: ContactModel + ?Sized> ContactModel for Box<C>
+where
+    Self: Clone,
+{
     fn reset(&mut self) {
         (**self).reset();
     }

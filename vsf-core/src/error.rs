@@ -24,6 +24,16 @@ pub enum CoreError {
         /// The length that fits the rest of the data.
         expected: usize,
     },
+    /// Fewer elements than it takes.
+    #[error("{got} {what}, at least {least} are needed")]
+    TooFew {
+        /// Of what.
+        what: &'static str,
+        /// How many there are.
+        got: usize,
+        /// How many it takes.
+        least: usize,
+    },
     /// An index points outside its array.
     #[error("{what} {index} is out of range, there are {len}")]
     OutOfRange {

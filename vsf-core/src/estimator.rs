@@ -1,4 +1,5 @@
 use crate::{Belief, CoreError, Observation, Scalar};
+use dyn_clone::DynClone;
 
 /// What one update did, for monitoring. All numbers are in units of the reading unless said.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
@@ -44,9 +45,9 @@ impl Prediction {
 
 /// Learns the stiffness field from linear observations.
 ///
-/// On an error the belief is unchanged. Dyn-safe; `Box<dyn Estimator<Scalar = T>>` is an
-/// estimator too.
-pub trait Estimator: Send + Sync {
+/// On an error the belief is unchanged. Estimators are [`Clone`]; `Box<dyn Estimator<Scalar = T>>` is an
+/// estimator, and can be cloned, too.
+pub trait Estimator: DynClone + Send + Sync {
     /// Number type of the belief.
     type Scalar: Scalar;
 
@@ -122,6 +123,8 @@ pub trait Estimator: Send + Sync {
     }
 }
 
+dyn_clone::clone_trait_object!(<T: Scalar> Estimator<Scalar = T>);
+
 impl<T: Scalar> std::fmt::Debug for dyn Estimator<Scalar = T> {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
         f.debug_struct("Estimator")
@@ -131,7 +134,10 @@ impl<T: Scalar> std::fmt::Debug for dyn Estimator<Scalar = T> {
     }
 }
 
-impl<E: Estimator + ?Sized> Estimator for Box<E> {
+impl<E: Estimator + ?Sized> Estimator for Box<E>
+where
+    Self: Clone,
+{
     type Scalar = E::Scalar;
     fn belief(&self) -> &Belief<E::Scalar> {
         (**self).belief()

@@ -27,10 +27,10 @@ impl TriMesh {
             }
         }
         if faces.is_empty() {
-            return Err(CoreError::Length {
+            return Err(CoreError::TooFew {
                 what: "mesh faces",
                 got: 0,
-                expected: 1,
+                least: 1,
             });
         }
         for &i in faces.iter().flatten() {

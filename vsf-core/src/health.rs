@@ -54,7 +54,10 @@ impl FilterHealth {
     pub fn nis_ratio_interval(&self) -> Option<(f64, f64)> {
         (self.dof > 0).then(|| {
             let n = self.dof as f64;
-            let quantile = |z: f64| (1.0 - 2.0 / (9.0 * n) + z * (2.0 / (9.0 * n)).sqrt()).powi(3);
+            let quantile = |z: f64| {
+                let root = 1.0 - 2.0 / (9.0 * n) + z * (2.0 / (9.0 * n)).sqrt();
+                root.max(0.0).powi(3)
+            };
             (quantile(-1.959_963_985), quantile(1.959_963_985))
         })
     }

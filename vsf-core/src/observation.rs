@@ -5,7 +5,7 @@ use crate::{CoreError, Noise, Scalar};
 /// Only touched points are stored. The matrix lies row by row (`d` rows of `len` entries), so that
 /// estimators stream over the points. Valid by construction: point indices strictly increasing
 /// and below the size of the field, every number finite.
-#[derive(Debug, PartialEq)]
+#[derive(Debug)]
 #[cfg_attr(
     feature = "serde",
     derive(serde::Serialize, serde::Deserialize),
@@ -16,8 +16,18 @@ pub struct Observation<T: Scalar> {
     rows: Vec<T>,
     reading: Vec<T>,
     noise: Noise,
+    /// Where columns are written first.
     #[cfg_attr(feature = "serde", serde(skip))]
     column: Vec<f64>,
+}
+
+impl<T: Scalar> PartialEq for Observation<T> {
+    fn eq(&self, other: &Self) -> bool {
+        self.points == other.points
+            && self.rows == other.rows
+            && self.reading == other.reading
+            && self.noise == other.noise
+    }
 }
 
 impl<T: Scalar> Clone for Observation<T> {
@@ -115,8 +125,7 @@ impl<T: Scalar> Observation<T> {
         reading: &[f64],
     ) -> Result<(), CoreError> {
         let d = self.dim();
-        CoreError::check_len("reading", reading.len(), d)?;
-        CoreError::check_finite("reading", reading)?;
+        check_reading::<T>(reading, &self.noise)?;
         for pair in points.windows(2) {
             if pair[1] <= pair[0] {
                 return Err(CoreError::Unordered {
@@ -136,18 +145,14 @@ impl<T: Scalar> Observation<T> {
         }
         self.points.clear();
         self.points.extend_from_slice(points);
-        let mut squares = 0.0;
-        for (i, (to, &from)) in self.reading.iter_mut().zip(reading).enumerate() {
-            *to = T::from_f64(from);
-            let sd = self.noise.covariance()[i * d + i].sqrt();
-            squares += (to.to_f64() / sd).powi(2);
-        }
-        // Norms and likelihoods square it.
-        if !squares.is_finite() {
-            return Err(CoreError::Overflow { what: "reading" });
-        }
+        self.write_reading(reading);
         self.rows.resize(d * points.len(), T::ZERO);
         Ok(())
+    }
+
+    fn write_reading(&mut self, reading: &[f64]) {
+        let pairs = self.reading.iter_mut().zip(reading);
+        pairs.for_each(|(to, &from)| *to = T::from_f64(from));
     }
 
     fn write_columns(
@@ -190,10 +195,21 @@ impl<T: Scalar> Observation<T> {
     /// Replaces the noise, for sensors whose noise changes with time.
     ///
     /// # Errors
-    /// Noise of another dimension.
+    /// Noise of another dimension, or so small that the reading overflows in it; nothing has changed then.
     pub fn set_noise(&mut self, noise: &Noise) -> Result<(), CoreError> {
         CoreError::check_len("noise", noise.dim(), self.dim())?;
+        check_scale(self.reading.iter().copied(), noise)?;
         self.noise.clone_from(noise);
+        Ok(())
+    }
+
+    /// Replaces the reading.
+    ///
+    /// # Errors
+    /// Another number of channels, any value that is not finite in `T`; nothing has changed then.
+    pub fn set_reading(&mut self, reading: &[f64]) -> Result<(), CoreError> {
+        check_reading::<T>(reading, &self.noise)?;
+        self.write_reading(reading);
         Ok(())
     }
 
@@ -279,5 +295,73 @@ impl<T: Scalar> Observation<T> {
             + (self.rows.len() + self.reading.len()) * size_of::<T>()
             + size_of_val(self.noise.covariance())
             + size_of_val(self.column.as_slice())
+    }
+}
+
+fn check_reading<T: Scalar>(reading: &[f64], noise: &Noise) -> Result<(), CoreError> {
+    CoreError::check_len("reading", reading.len(), noise.dim())?;
+    CoreError::check_finite("reading", reading)?;
+    check_scale(reading.iter().map(|r| T::from_f64(*r)), noise)
+}
+
+/// Norms and likelihoods square the reading in units of its noise.
+fn check_scale<T: Scalar>(
+    reading: impl Iterator<Item = T>,
+    noise: &Noise,
+) -> Result<(), CoreError> {
+    let d = noise.dim();
+    let variances = noise.covariance().iter().step_by(d + 1);
+    let squares: f64 = (reading.zip(variances))
+        .map(|(value, variance)| (value.to_f64() / variance.sqrt()).powi(2))
+        .sum();
+    match squares.is_finite() {
+        true => Ok(()),
+        false => Err(CoreError::Overflow { what: "reading" }),
+    }
+}
+
+#[cfg(test)]
+#[allow(clippy::unwrap_used)]
+mod tests {
+    use super::*;
+
+    fn observation() -> Observation<f64> {
+        let mut obs = Observation::new(Noise::uniform(2, 0.5).unwrap());
+        obs.rebuild_rows(9, &[2, 5], &[1.0, -1.0], |w| {
+            w.copy_from_slice(&[1.0, 2.0, 3.0, 4.0]);
+        })
+        .unwrap();
+        obs
+    }
+
+    #[test]
+    fn how_it_was_written_makes_no_difference() {
+        let by_rows = observation();
+        let mut by_columns = by_rows.clone();
+        by_columns
+            .rebuild(9, &[2, 5], &[1.0, -1.0], |k, w| {
+                w.copy_from_slice(&[by_rows.row(0)[k], by_rows.row(1)[k]]);
+            })
+            .unwrap();
+        assert_eq!(by_columns, by_rows);
+    }
+
+    #[test]
+    fn a_refused_reading_or_noise_changes_nothing() {
+        let mut obs = observation();
+        for reading in [vec![1.0], vec![f64::NAN, 0.0], vec![1e200, 0.0]] {
+            obs.set_reading(&reading).unwrap_err();
+        }
+        obs.set_noise(&Noise::uniform(3, 1.0).unwrap()).unwrap_err();
+        assert_eq!(obs, observation());
+        obs.set_reading(&[1e150, 0.0]).unwrap();
+        let small = Noise::uniform(2, 1e-10).unwrap();
+        assert!(matches!(
+            obs.set_noise(&small),
+            Err(CoreError::Overflow { .. })
+        ));
+        obs.set_reading(&[3.0, 4.0]).unwrap();
+        assert_eq!(obs.reading(), [3.0, 4.0]);
+        assert_eq!(obs.rows(), observation().rows());
     }
 }

@@ -1,8 +1,11 @@
 use crate::{Contacts, CoreError, LinkChains, Observation, Posture, RestPoints, Scalar};
+use dyn_clone::DynClone;
 
 /// Turns contacts into a linear observation of the stiffness: joint torques, a wrist wrench, a
 /// force gauge.
-pub trait Sensor<T: Scalar>: Send + Sync {
+///
+/// Sensors are [`Clone`]; `Box<dyn Sensor<T>>` is a sensor, and can be cloned, too.
+pub trait Sensor<T: Scalar>: DynClone + Send + Sync {
     /// Number of channels `d` of a reading.
     fn dim(&self) -> usize;
 
@@ -36,6 +39,8 @@ pub trait Sensor<T: Scalar>: Send + Sync {
     ) -> Result<(), CoreError>;
 }
 
+dyn_clone::clone_trait_object!(<T: Scalar> Sensor<T>);
+
 impl<T: Scalar> std::fmt::Debug for dyn Sensor<T> {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
         f.debug_struct("Sensor")
@@ -44,7 +49,10 @@ impl<T: Scalar> std::fmt::Debug for dyn Sensor<T> {
     }
 }
 
-impl<T: Scalar, S: Sensor<T> + ?Sized> Sensor<T> for Box<S> {
+impl<T: Scalar, S: Sensor<T> + ?Sized> Sensor<T> for Box<S>
+where
+    Self: Clone,
+{
     fn dim(&self) -> usize {
         (**self).dim()
     }

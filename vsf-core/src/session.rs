@@ -114,9 +114,9 @@ where
     /// Moves the robot to `posture`, takes in the `reading` there and updates the belief.
     ///
     /// # Errors
-    /// A posture or reading that is not finite or does not fit, a reading beyond [`MOST_READING`], a posture of another robot or never written. The
-    /// belief is unchanged; the contact state has followed the posture if the posture itself was good and the reading
-    /// had the right length and finite values. A sensor that has got other channels, an estimator reset to a belief of
+    /// A posture or reading that is not finite or does not fit, a reading beyond [`MOST_READING`], a posture of another
+    /// robot or never written. The belief is unchanged; the contact state has followed the posture if this was good and
+    /// the reading had the right length and values within that bound. A sensor that has got other channels, an estimator reset to a belief of
     /// another size.
     pub fn step(&mut self, posture: &Posture, reading: &[f64]) -> Result<UpdateReport, CoreError> {
         CoreError::check_len("reading", reading.len(), self.sensor.dim())?;
@@ -150,13 +150,10 @@ where
     ///
     /// # Errors
     /// As [`predict`](Self::predict).
-    pub fn predict_at(&self, posture: &Posture, out: &mut Prediction) -> Result<(), CoreError>
-    where
-        C: Clone,
-    {
+    pub fn predict_at(&self, posture: &Posture, out: &mut Prediction) -> Result<(), CoreError> {
         self.check(posture)?;
         let (mut contacts, mut observation) = (Contacts::new(), self.sensor.blank());
-        let mut contact = self.contact.clone();
+        let mut contact = dyn_clone::clone(&self.contact);
         contact.step(&self.rest, posture, &mut contacts)?;
         let (rest, zero) = (&self.rest, &self.zero);
         self.sensor

@@ -74,11 +74,7 @@ impl<T: Scalar> TryFrom<ObservationParts<T>> for Observation<T> {
         // Whether the points fit a field is checked where the observation meets one.
         let field_len = points.last().map_or(0, |&p| p as usize + 1);
         let mut obs = Self::new(noise);
-        obs.rebuild(field_len, &points, &reading, |k, w| {
-            for (i, w) in w.iter_mut().enumerate() {
-                *w = rows[i * n + k].to_f64();
-            }
-        })?;
+        obs.rebuild_rows(field_len, &points, &reading, |w| w.copy_from_slice(&rows))?;
         Ok(obs)
     }
 }

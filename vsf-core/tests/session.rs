@@ -110,13 +110,9 @@ fn nudge() -> Nudge {
     Nudge(Belief::uniform(2, 0.0, 2.0).unwrap())
 }
 
-/// Of parts whose types are known.
-fn plain() -> Session<Wall, Gauge, Nudge> {
-    Session::new(chains(), rest(), Wall::default(), Gauge, nudge()).unwrap()
-}
-
 type AnyEstimator = Box<dyn Estimator<Scalar = f64>>;
 
+/// Of parts that are chosen at run time.
 fn session() -> Session<Box<dyn ContactModel>, Box<dyn Sensor<f64>>, AnyEstimator> {
     let estimator: AnyEstimator = Box::new(nudge());
     let contact: Box<dyn ContactModel> = Box::new(Wall::default());
@@ -138,7 +134,7 @@ fn parts_chosen_at_run_time_say_what_they_are() {
 
 #[test]
 fn a_glance_aside_says_what_a_prediction_would_and_changes_nothing() {
-    let mut session = plain();
+    let mut session = session();
     session.step(&posture(1.5), &[3.0]).unwrap();
     let (mut aside, mut there) = (Prediction::default(), Prediction::default());
     session.predict_at(&posture(0.5), &mut aside).unwrap();
@@ -152,7 +148,7 @@ fn a_glance_aside_says_what_a_prediction_would_and_changes_nothing() {
 
 #[test]
 fn a_clone_goes_its_own_way() {
-    let mut session = plain();
+    let mut session = session();
     session.step(&posture(1.5), &[3.0]).unwrap();
     let mut aside = session.clone();
     aside.step(&posture(0.5), &[3.0]).unwrap();
@@ -165,7 +161,7 @@ fn a_clone_goes_its_own_way() {
 
 #[test]
 fn postures_of_another_robot_or_of_none_are_refused() {
-    let mut session = plain();
+    let mut session = session();
     session.step(&posture(1.5), &[3.0]).unwrap();
     let before = session.belief().clone();
     let written = |joints, links: Vec<Vec<u32>>| {
@@ -199,6 +195,7 @@ fn postures_of_another_robot_or_of_none_are_refused() {
 }
 
 /// A sensor of a robot with two joints, and one whose observations are wider than it says.
+#[derive(Clone)]
 struct Wide {
     dim: usize,
     blank: usize,
@@ -242,7 +239,8 @@ fn sensors_of_the_wrong_width_are_refused_at_once() {
 /// What a contact model knows of the world may change while the session runs.
 #[test]
 fn the_contact_model_is_within_reach() {
-    let mut session = plain();
+    let parts = (Wall::default(), Gauge, nudge());
+    let mut session = Session::new(chains(), rest(), parts.0, parts.1, parts.2).unwrap();
     session.step(&posture(1.5), &[0.1]).unwrap();
     assert_eq!(session.contact().steps, 1);
     session.contact_mut().steps = 7;

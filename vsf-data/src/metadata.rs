@@ -25,6 +25,7 @@ pub enum TorqueKind {
 /// Kind of one joint, which fixes the units of its columns.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
+#[non_exhaustive]
 pub enum JointType {
     /// Angles \[rad\] and torques \[N m\].
     Revolute,
@@ -35,6 +36,7 @@ pub enum JointType {
 /// How the object holds on to the robot.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
+#[non_exhaustive]
 pub enum Attachment {
     /// Contact only pushes. The default.
     #[default]

@@ -12,6 +12,7 @@ mod state;
 /// What happens to the variances when an observation is taken in again.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+#[non_exhaustive]
 pub enum ReplayVariance {
     /// They stay: an observation counts once, however often it is replayed. The default. The
     /// filter stays somewhat overconfident, as the diagonal filter is by itself, because it leaves
@@ -374,7 +375,7 @@ impl<T: Scalar> Stack<T> {
     }
 }
 
-impl<E: Revisit> Estimator for MemoryReplay<E> {
+impl<E: Revisit + Clone> Estimator for MemoryReplay<E> {
     type Scalar = E::Scalar;
 
     fn belief(&self) -> &Belief<E::Scalar> {

@@ -284,7 +284,7 @@ impl<E: Estimator> RobustNoise<E> {
     }
 }
 
-impl<E: Estimator> Estimator for RobustNoise<E> {
+impl<E: Estimator + Clone> Estimator for RobustNoise<E> {
     type Scalar = E::Scalar;
 
     fn belief(&self) -> &Belief<E::Scalar> {
@@ -319,7 +319,7 @@ impl<E: Estimator> Estimator for RobustNoise<E> {
     }
 }
 
-impl<E: Revisit> Revisit for RobustNoise<E> {
+impl<E: Revisit + Clone> Revisit for RobustNoise<E> {
     fn correct(
         &mut self,
         obs: &Observation<E::Scalar>,

@@ -152,6 +152,7 @@ fn replay_f64() {
 
 /// Normalised least mean squares with one channel after the other: no noise model, variances
 /// stay.
+#[derive(Clone)]
 struct Nlms<T: Scalar> {
     belief: Belief<T>,
     next: Vec<T>,

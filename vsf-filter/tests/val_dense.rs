@@ -9,7 +9,7 @@ use common::{archive, golden_observations};
 use nalgebra::{DMatrix, DVector, Point3};
 use ndarray::Array2;
 use proptest::prelude::*;
-use vsf_core::{Belief, CoreError, Estimator, Observation, Prediction, RestPoints, Scalar};
+use vsf_core::{Belief, CoreError, Observation, Prediction, RestPoints, Scalar};
 use vsf_filter::{
     CovarianceFilter, FieldPrior, InformationFilter, JointEstimator, Matern, Projection, Smoothness,
 };

@@ -120,7 +120,7 @@ impl Campaign {
             test.extend(train.pop());
         }
         let mut site = Site {
-            robot: Arc::new(scene.robot().clone()),
+            robot: scene.robot().clone(),
             rest: scene.rest().clone(),
             gravity: scene.gravity(),
             torque_kind: scene.torque_kind(),

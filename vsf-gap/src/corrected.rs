@@ -61,7 +61,8 @@ impl Campaign {
 
     /// The readings, of the recording's kind, that a model gives with a stiffness per rest point
     /// (N/m): one table per sequence, in session order. Effects that follow the load take it from
-    /// the readings that the recording has.
+    /// the readings that the recording has. In a scene with a tare, torques are relative to their mean over its samples, so
+    /// that a constant one leaves no trace; for readings as a sensor gives them take [`vsf_pipeline::Scene::tared`].
     ///
     /// # Errors
     /// As [`Campaign::corrected`]; a stiffness of another length than the rest points or that is not finite.
@@ -95,13 +96,9 @@ impl Corrected {
     pub fn recorded(&self) -> Result<Trace, GapError> {
         let mut trace = self.trace.clone();
         for (obs, torques) in trace.observations.iter_mut().zip(self.torques.iter()) {
-            let nominal = obs.clone();
-            let sums = nominal.reading().iter().zip(torques).map(|(y, a)| y + a);
+            let sums = obs.reading().iter().zip(torques).map(|(y, a)| y + a);
             let readings: Vec<f64> = sums.collect();
-            let length = nominal.points().last().map_or(0, |p| *p as usize + 1);
-            obs.rebuild_rows(length, nominal.points(), &readings, |rows| {
-                rows.copy_from_slice(nominal.rows());
-            })?;
+            obs.set_reading(&readings)?;
         }
         Ok(trace)
     }

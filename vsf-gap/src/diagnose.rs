@@ -1,10 +1,11 @@
 use crate::alike::Likeness;
-use crate::closure::{Residuals, noise_norm};
-use crate::estimated::Extent;
+use crate::closure::noise_norm;
+use crate::effect::Arm;
+use crate::estimated::{Compared, Extent};
 use crate::halves::is_of_sequences;
 use crate::judge::{Nominal, hidden_weight};
 use crate::locate::locate;
-use crate::next::{Arm, next_experiment};
+use crate::next::next_experiment;
 use crate::notes::{closest, few_rows, notes, told};
 use crate::plain::Plain;
 use crate::report::{
@@ -30,9 +31,6 @@ const CHECKED: usize = 3;
 const NEARLY: f64 = 0.9;
 /// A model whose error is more than so many times that of a perfect one is far from it.
 const FAR: f64 = 3.0;
-/// In free air a model that was stopped at a bound has to leave less than this share of what sensors that read nothing
-/// would: further effects take a little of anything.
-const BARELY: f64 = 0.95;
 /// Probabilities are told apart by so much.
 const ALIKE: f64 = 1e-6;
 /// From this share of its information on, that the stiffness absorbs, an effect may be what the field shows.
@@ -111,6 +109,12 @@ pub fn diagnose(
 
 /// Checks that the train sequences tell noise from a gap, and a gap from a constant.
 fn enough(campaign: &Campaign) -> Result<(), GapError> {
+    if campaign.train.is_empty() {
+        return Err(GapError::TooLittle {
+            what: "train sequences",
+            problem: "there are none; give the recording a train split".to_owned(),
+        });
+    }
     let runs: usize = (campaign.train.iter())
         .map(|m| (m.len() + 1).saturating_sub(SHORTEST_RUN))
         .sum();
@@ -159,20 +163,9 @@ fn attempt(
     split: Split,
     progress: &mut dyn FnMut(DiagnosisStep),
 ) -> Result<Outcome, GapError> {
-    if campaign.train.is_empty() {
-        return Err(GapError::TooLittle {
-            what: "train sequences",
-            problem: "there are none; give the recording a train split".to_owned(),
-        });
-    }
     enough(campaign)?;
-    let samples = campaign.train.iter().map(Motion::len).sum();
-    let by = match campaign.test.is_empty() {
-        true => 1,
-        false => Windows::size(samples, campaign.site.joints()) / PER_WINDOW,
-    };
     // What is fitted sees windows only; the full recording checks it.
-    let fewer = (by > 1).then(|| campaign.thinned(by)).transpose()?;
+    let fewer = few_samples(campaign)?;
     let thinned = fewer.as_ref().unwrap_or(campaign);
     let search = thinned.search(effects, split == Split::Halves, progress)?;
 
@@ -185,53 +178,28 @@ fn attempt(
         &search.spread,
         seed,
     )?;
-    let noise_floor = noise_norm(&campaign.noise);
     let nominal = Nominal {
         spread: search.spread,
         touches: search.nominal.touches(),
         left: search.share_left(),
         likeness: search.nominal.likeness,
-        perfect: is_perfect(trial.before.mean_error(), noise_floor),
+        perfect: is_perfect(trial.before.mean_error(), noise_norm(&campaign.noise)),
     };
     let hypotheses = search.hypotheses(|part, whole| trial.completes(part, whole))?;
     let mut judgement = trial.judge(hypotheses, &nominal)?;
-    let mut of_contact = None;
-    match search.rival(thinned, &judgement) {
-        Ok(Some(rival)) if rival.outdoes() => {
-            progress(DiagnosisStep::Contact);
-            let anew = |c: Campaign| attempt(&c, name, effects, seed, split, &mut |_| {});
-            match (campaign.suited_to_search()).and_then(|c| c.map(anew).transpose()) {
-                Ok(Some(mut outcome)) => {
-                    outcome.diagnosis.notes.push(rival.told());
-                    return Ok(outcome);
-                }
-                Ok(None) => {}
-                Err(e) => {
-                    of_contact = Some(format!("{}, but there they cannot be ({e})", rival.told()))
-                }
-            }
-        }
-        Ok(rival) => of_contact = rival.map(|r| r.told()),
-        Err(e) => {
-            of_contact = Some(format!(
-                "effects are not compared with another contact: {e}"
-            ))
-        }
-    }
+    let anew = |c: &Campaign| {
+        progress(DiagnosisStep::Contact);
+        attempt(c, name, effects, seed, split, &mut |_| {})
+    };
+    let of_contact = match in_other_contact(campaign, thinned, &search, &judgement, anew) {
+        OtherContact::Explains(outcome) => return Ok(*outcome),
+        OtherContact::Noted(note) => note,
+    };
+
     progress(DiagnosisStep::Fields);
-    let outside = match split {
-        Split::Whole => Extent::outside(campaign, &judgement, seed),
-        // A field would have learned from test sequences.
-        Split::Halves => Ok(None),
-    };
-    let inside = || Extent::inside(campaign, &trial, &judgement, &search.field);
-    let (extent, failed) = match outside {
-        Ok(Some(extent)) => (extent, None),
-        Ok(None) => (inside()?, None),
-        Err(e) => (inside()?, Some(e)),
-    };
-    judgement.worse = extent.worse();
+    let (extent, failed) = compared_fields(campaign, &trial, &judgement, &search, split, seed)?;
     let closed = extent.closed();
+    judgement.worse = extent.worse();
     judgement.persistence = judgement.persistence.filter(|_| closed < NEARLY);
     let likeness = Likeness::new(&search)?;
     let in_field = match nominal.perfect {
@@ -242,6 +210,27 @@ fn attempt(
     if undecided {
         judgement.withdraw();
     }
+    let estimated = extent.estimated;
+    let compared = extent.told(judgement.corrected().is_some());
+    let silence = trial.of_silence()?;
+    let silent = judgement.is_silent(compared.after.error(), silence, nominal.touches);
+    let refused = judgement.names_refused();
+    let like_field = in_field.iter().map(|(p, _)| p.effect.name().to_owned());
+    let answer = judgement.judged.conclude(&Findings {
+        closed: compared.closed.fraction,
+        in_field: like_field.filter(|_| undecided).collect(),
+        hidden: hidden(&search, &likeness, &refused, effects.len()),
+        refused,
+        left_free: judgement.left_free.is_some(),
+        lasts: judgement.persistence.is_some(),
+        // With contact, errors are far from a perfect model's for many reasons.
+        stopped: judgement.is_stopped()
+            && !nominal.touches
+            && is_far(&compared, noise_norm(&campaign.noise)),
+        contradicted: trial.surprise.is_some(),
+        silent,
+    });
+
     let (model, sd, own_field) = match judgement.corrected() {
         Some(t) => (
             t.refined.model.clone(),
@@ -250,44 +239,15 @@ fn attempt(
         ),
         None => (Model::default(), Vec::new(), search.field.clone()),
     };
-    let corrected = judgement.corrected().is_some();
-    let estimated = extent.estimated;
-    let extent = extent.told(corrected);
-    let (before, after) = (&extent.before.residuals, &extent.after.residuals);
-    let stopped = (judgement.corrected()).is_some_and(|t| !t.refined.at_bounds().is_empty());
-    // With contact, errors are far from a perfect model's for many reasons.
-    let far = closed < NEARLY || after.mean_error() > FAR * noise_floor;
-    let silence = trial.of_silence()?;
-    let barely = if stopped && !nominal.touches {
-        BARELY
-    } else {
-        1.0
-    };
-    let silent = corrected && after.mean_error() >= barely * silence;
-    let names = in_field.iter().map(|(p, _)| p.effect.name().to_owned());
-    let refused: Vec<String> = (judgement.refused.iter())
-        .flat_map(|t| t.effects.clone())
-        .collect();
-    let answer = judgement.judged.conclude(&Findings {
-        closed: extent.closed.fraction,
-        in_field: names.filter(|_| undecided).collect(),
-        hidden: hidden(&search, &likeness, &refused, effects.len()),
-        refused,
-        left_free: judgement.left_free.is_some(),
-        lasts: judgement.persistence.is_some(),
-        stopped: stopped && far && !nominal.touches,
-        contradicted: trial.surprise.is_some(),
-        silent,
-    });
     let mut notes = notes(
-        campaign, &trial, &extent, estimated, &judgement, &answer, &nominal,
+        campaign, &trial, &compared, estimated, &judgement, &answer, &nominal,
     );
     notes.extend(of_contact);
-    if let Some(e) = failed {
-        notes.push(format!(
+    notes.extend(failed.map(|e| {
+        format!(
             "no field could be estimated to tell errors of ({e}): they are those of the diagnosis' own fields"
-        ));
-    }
+        )
+    }));
     if silent {
         notes.push(format!(
             "sensors that are taken to read nothing leave {silence:.4} {}, the corrected model hardly less or even more: it may \
@@ -302,57 +262,144 @@ fn attempt(
     if split == Split::Whole {
         notes.extend(few_rows(campaign, &model, &own_field)?);
     }
-    let effects = reports(
+    let reports = reports(
         thinned, &search, &likeness, &in_field, &trial, &judgement, &answer,
     )?;
-    let verdict = answer.verdict;
-    let checked = trial.sequences;
-    let errors = |touching: bool| {
-        let is_one = |k: usize| extent.touches.get(k) == Some(&touching);
-        let of = |residuals: &Residuals| residuals.mean_error_of(is_one);
-        let samples = extent.touches.iter().filter(|t| **t == touching).count();
-        (samples > 0).then(|| MeanErrors {
-            nominal: of(before),
-            corrected: of(after),
-            samples,
-        })
-    };
-    let noise = &campaign.noise;
+    let before = &compared.before.residuals;
+    let arm = Arm::of(&campaign.site);
     Ok(Outcome {
         diagnosis: Diagnosis {
             schema: 1,
             dataset: name.to_owned(),
-            gap: Gap {
-                test_error_nominal: before.mean_error(),
-                test_error_corrected: after.mean_error(),
-                noise_floor,
-                closed_fraction: extent.closed.fraction,
-                closed_interval: extent.closed.interval,
-                unit: campaign.scene.error_unit().to_owned(),
-                corrected_by: (model.parts.iter())
-                    .map(|(effect, _)| effect.name().to_owned())
-                    .collect(),
-                free: errors(false),
-                contact: errors(true),
-                estimated,
-                threshold: extent.thresholds.map(|[_, after]| after),
-                threshold_nominal: extent.thresholds.map(|[before, _]| before),
-            },
-            location: locate(campaign, &model, &own_field, before, checked, noise, seed)?,
-            next_experiment: next_experiment(&verdict, &effects, Arm::of(&campaign.site)),
-            effects,
-            verdict,
+            gap: gap(campaign, &compared, &model, estimated),
+            location: locate(campaign, &model, &own_field, before, trial.sequences, seed)?,
+            next_experiment: next_experiment(&answer.verdict, &reports, effects, arm),
+            effects: reports,
+            verdict: answer.verdict,
             notes,
         },
         model,
         sd,
-        field: extent.after.field,
-        checked: checked.to_vec(),
-        nominal: extent.before.residuals,
-        corrected: extent.after.residuals,
+        field: compared.after.field,
+        checked: trial.sequences.to_vec(),
+        nominal: compared.before.residuals,
+        corrected: compared.after.residuals,
         campaign: campaign.clone(),
         open: answer.open,
     })
+}
+
+/// The campaign with means of several samples in place of each, so few that contact is run in little time; `None` where it
+/// has so few.
+///
+/// # Errors
+/// None in practice: tables keep their form.
+fn few_samples(campaign: &Campaign) -> Result<Option<Campaign>, GapError> {
+    let samples = campaign.train.iter().map(Motion::len).sum();
+    let by = match campaign.test.is_empty() {
+        true => 1,
+        false => Windows::size(samples, campaign.site.joints()) / PER_WINDOW,
+    };
+    (by > 1).then(|| campaign.thinned(by)).transpose()
+}
+
+/// What the contact in which one estimates fields makes of effects that were named.
+enum OtherContact {
+    /// It explains as much: the diagnosis in it.
+    Explains(Box<Outcome>),
+    /// What is to be said of it.
+    Noted(Option<String>),
+}
+
+/// Diagnoses `anew` in the contact in which one estimates fields, where that explains as much as named effects.
+fn in_other_contact(
+    campaign: &Campaign,
+    thinned: &Campaign,
+    search: &Search<'_>,
+    judgement: &Judgement<'_>,
+    anew: impl FnOnce(&Campaign) -> Result<Outcome, GapError>,
+) -> OtherContact {
+    let rival = match search.rival(thinned, judgement) {
+        Ok(Some(rival)) => rival,
+        Ok(None) => return OtherContact::Noted(None),
+        Err(e) => {
+            let note = format!("effects are not compared with another contact: {e}");
+            return OtherContact::Noted(Some(note));
+        }
+    };
+    let told = rival.told();
+    if !rival.outdoes() {
+        return OtherContact::Noted(Some(told));
+    }
+    match (campaign.suited_to_search()).and_then(|c| c.as_ref().map(anew).transpose()) {
+        Ok(Some(mut outcome)) => {
+            outcome.diagnosis.notes.push(told);
+            OtherContact::Explains(Box::new(outcome))
+        }
+        Ok(None) => OtherContact::Noted(None),
+        Err(e) => OtherContact::Noted(Some(format!("{told}, but there they cannot be ({e})"))),
+    }
+}
+
+/// Fields of the nominal model and of the one that was named, as one would estimate them; the diagnosis' own where there
+/// are none, and why if they failed.
+///
+/// # Errors
+/// Rows that contact cannot take.
+fn compared_fields(
+    campaign: &Campaign,
+    trial: &Trial<'_>,
+    judgement: &Judgement<'_>,
+    search: &Search<'_>,
+    split: Split,
+    seed: u64,
+) -> Result<(Extent, Option<GapError>), GapError> {
+    let outside = match split {
+        Split::Whole => Extent::outside(campaign, judgement, seed),
+        // A field would have learned from test sequences.
+        Split::Halves => Ok(None),
+    };
+    let inside = || Extent::inside(campaign, trial, judgement, &search.field);
+    Ok(match outside {
+        Ok(Some(extent)) => (extent, None),
+        Ok(None) => (inside()?, None),
+        Err(e) => (inside()?, Some(e)),
+    })
+}
+
+/// Whether what a model leaves is far from the noise.
+fn is_far(compared: &Compared, noise: f64) -> bool {
+    compared.closed.fraction < NEARLY || compared.after.error() > FAR * noise
+}
+
+/// Errors on the checked sequences.
+fn gap(campaign: &Campaign, compared: &Compared, model: &Model, estimated: bool) -> Gap {
+    let (before, after) = (&compared.before.residuals, &compared.after.residuals);
+    let errors = |touching: bool| {
+        let is_one = |k: usize| compared.touches.get(k) == Some(&touching);
+        let samples = compared.touches.iter().filter(|t| **t == touching).count();
+        (samples > 0).then(|| MeanErrors {
+            nominal: before.mean_error_of(is_one),
+            corrected: after.mean_error_of(is_one),
+            samples,
+        })
+    };
+    Gap {
+        test_error_nominal: before.mean_error(),
+        test_error_corrected: after.mean_error(),
+        noise_floor: noise_norm(&campaign.noise),
+        closed_fraction: compared.closed.fraction,
+        closed_interval: compared.closed.interval,
+        unit: campaign.scene.error_unit().to_owned(),
+        corrected_by: (model.parts.iter())
+            .map(|(effect, _)| effect.name().to_owned())
+            .collect(),
+        free: errors(false),
+        contact: errors(true),
+        estimated,
+        threshold: compared.thresholds.map(|[_, after]| after),
+        threshold_nominal: compared.thresholds.map(|[before, _]| before),
+    }
 }
 
 /// All effects: those that were fitted, the others, those that the recording cannot show.

@@ -1,10 +1,13 @@
 mod compensator;
 mod parameter;
+mod probe;
 
 pub(crate) use compensator::slides;
 pub use compensator::{Compensator, Sample, Site, Touch};
 pub use parameter::{Parameter, Role};
 pub(crate) use parameter::{check, per_joint};
+pub(crate) use probe::Arm;
+pub use probe::Probe;
 
 use crate::{Campaign, GapError, STIFFNESS_FIELD};
 use vsf_core::CoreError;
@@ -155,6 +158,15 @@ pub trait Effect: Send + Sync {
         _prior_sd: &[f64],
     ) -> bool {
         false
+    }
+
+    /// How it answers to an experiment, by a name, usually its own: of effects that answer by the same name the
+    /// experiment does not tell which one acts. `None`, the default, if it does not show in it more than elsewhere.
+    ///
+    /// A diagnosis proposes the experiment that tells most of what it leaves open.
+    fn response(&self, probe: Probe) -> Option<&str> {
+        let _ = probe;
+        None
     }
 
     /// Why the campaign cannot show it, `None` when it can. An effect that chooses contacts may be why

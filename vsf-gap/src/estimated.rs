@@ -50,8 +50,8 @@ impl Campaign {
         if self.test.is_empty() {
             return Ok(None);
         }
-        let all = self.corrected(model)?;
-        let of = |m: &Motion| all.iter().find(|c| c.trace.id == m.id);
+        let (all, session) = (self.corrected(model)?, self.session());
+        let of = |m: &Motion| Some(&all[session.iter().position(|own| own.is(m))?]);
         let train: Vec<Trace> = (self.train.iter().filter_map(of))
             .map(|c| c.trace.clone())
             .collect();

@@ -100,7 +100,7 @@ pub use corrected::Corrected;
 pub use diagnose::{DiagnosisStep, diagnose};
 pub use effect::check_effect as check_declaration;
 pub use effect::{
-    Acts, Compensator, Effect, Need, Parameter, RandomWalk, Role, Sample, Site, Touch,
+    Acts, Compensator, Effect, Need, Parameter, Probe, RandomWalk, Role, Sample, Site, Touch,
 };
 pub use error::GapError;
 pub use estimated::Estimated;

@@ -1,12 +1,14 @@
 use crate::bootstrap::Bootstrap;
 use crate::closure::Residuals;
-use crate::{Campaign, GapError, JointNoise, Model, Motion, Phase, centre};
+use crate::{Campaign, GapError, Model, Motion, Phase, centre};
 use nalgebra::{Point3, Vector3};
 use serde::{Deserialize, Serialize};
 
 /// Edge of the cells (m) that regions are made of, and most regions named.
 const CELL: f64 = 0.06;
 const REGIONS: usize = 5;
+/// Most octaves of a rate.
+const OCTAVES: usize = 10;
 
 /// The gap in one part of the recording.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -89,10 +91,9 @@ pub(crate) fn locate(
     field: &[f64],
     before: &Residuals,
     checked: &[Motion],
-    noise: &[JointNoise],
     seed: u64,
 ) -> Result<Location, GapError> {
-    let d = campaign.site.joints();
+    let (d, noise) = (campaign.site.joints(), &campaign.noise);
     let nominal = Model::default();
     let named = !model.parts.is_empty();
     let all: Vec<&Motion> = match named {
@@ -257,44 +258,28 @@ fn regions(rows: &[Row]) -> Vec<Region> {
     found
 }
 
-/// Energy of residuals by octaves: differences of means over twice as many samples each time.
+/// Energy of residuals by octaves, touch by touch: sequences of other rates have octaves of their own.
 fn frequencies(before: &Residuals, motions: &[Motion]) -> Vec<LocatedShare> {
     let d = before.joints;
     let mut bands: Vec<([f64; 2], f64, usize)> = Vec::new();
     for (rows, motion) in before.rows.iter().zip(motions) {
-        let Some(span) = motion
-            .clock
-            .last()
-            .zip(motion.clock.first())
-            .map(|(b, a)| b - a)
-        else {
-            continue;
-        };
-        let mut rate = (motion.len().max(2) - 1) as f64 / span.max(f64::MIN_POSITIVE);
-        let mut means = rows.clone();
-        let mut octave = 0;
-        while means.len() >= 4 * d && octave < 10 {
-            let half: Vec<Vec<f64>> = (means.chunks_exact(2 * d))
-                .map(|two| (0..d).map(|j| 0.5 * (two[j] + two[d + j])).collect())
-                .collect();
-            let energy: f64 = (means.chunks_exact(2 * d))
-                .map(|two| {
-                    (0..d)
-                        .map(|j| (0.5 * (two[j] - two[d + j])).powi(2))
-                        .sum::<f64>()
-                })
-                .sum::<f64>()
-                * 2.0_f64.powi(octave + 1);
-            let band = [0.25 * rate, 0.5 * rate];
-            match bands.get_mut(octave as usize) {
-                Some(b) => (b.1, b.2) = (b.1 + energy, b.2 + rows.len()),
-                None => bands.push((band, energy, rows.len())),
+        for touch in &motion.touches {
+            let Some(step) = median_step(&motion.clock[touch.clone()]) else {
+                continue;
+            };
+            let rows = &rows[touch.start * d..touch.end * d];
+            for (octave, energy) in octaves(rows, d).into_iter().enumerate() {
+                let rate = 0.5_f64.powi(octave as i32) / step;
+                let is_of =
+                    |b: &&mut ([f64; 2], f64, usize)| (b.0[1] / (0.5 * rate)).log2().abs() < 0.5;
+                match bands.iter_mut().find(is_of) {
+                    Some(b) => (b.1, b.2) = (b.1 + energy, b.2 + rows.len()),
+                    None => bands.push(([0.25 * rate, 0.5 * rate], energy, rows.len())),
+                }
             }
-            means = half.concat();
-            rate *= 0.5;
-            octave += 1;
         }
     }
+    bands.sort_by(|a, b| b.0[1].total_cmp(&a.0[1]));
     let total: f64 = bands.iter().map(|b| b.1).sum();
     bands
         .into_iter()
@@ -308,4 +293,69 @@ fn frequencies(before: &Residuals, motions: &[Motion]) -> Vec<LocatedShare> {
             }
         })
         .collect()
+}
+
+/// Median time between samples (s), if time goes on.
+fn median_step(clock: &[f64]) -> Option<f64> {
+    let mut steps: Vec<f64> = clock.windows(2).map(|t| t[1] - t[0]).collect();
+    steps.sort_by(f64::total_cmp);
+    steps
+        .get(steps.len() / 2)
+        .copied()
+        .filter(|step| *step > 0.0)
+}
+
+/// Energy of the octaves of `d` signals, from that below half the rate on: differences of means over twice as many samples
+/// each time.
+fn octaves(rows: &[f64], d: usize) -> Vec<f64> {
+    let mut means = rows.to_vec();
+    let mut energies = Vec::new();
+    while means.len() >= 4 * d && energies.len() < OCTAVES {
+        let samples = 2.0_f64.powi(energies.len() as i32 + 1);
+        let (mut half, mut energy) = (Vec::with_capacity(means.len() / 2), 0.0);
+        for two in means.chunks_exact(2 * d) {
+            for j in 0..d {
+                half.push(0.5 * (two[j] + two[d + j]));
+                energy += (0.5 * (two[j] - two[d + j])).powi(2);
+            }
+        }
+        energies.push(energy * samples);
+        means = half;
+    }
+    energies
+}
+
+#[cfg(test)]
+#[allow(clippy::unwrap_used)]
+mod tests {
+    use super::*;
+
+    /// Touches with pauses between them, of a residual that alternates from sample to sample at one rate, and of one
+    /// that does so at another.
+    #[test]
+    fn frequencies_are_those_of_each_touch() {
+        let of = |step: f64, rows: usize| {
+            let mut motion = Motion::counting(2 * rows, vec![0..rows, rows..2 * rows]);
+            let clock = |k: usize| step * k as f64 + if k < rows { 0.0 } else { 9.0 };
+            motion.clock = (0..2 * rows).map(clock).collect();
+            motion
+        };
+        let motions = [of(0.01, 100), of(0.2, 20)];
+        let alternating = |rows: usize| (0..rows).map(|k| 1.0 - 2.0 * (k % 2) as f64).collect();
+        let before = Residuals {
+            joints: 1,
+            rows: vec![alternating(200), alternating(40)],
+            predicted: Vec::new(),
+        };
+        let found = frequencies(&before, &motions);
+        let share = |highest: f64| {
+            let is_of = |l: &&LocatedShare| matches!(l.of, Place::Frequency([_, b]) if (b - highest).abs() < 1e-6);
+            found.iter().find(is_of).unwrap().share
+        };
+        assert!((share(50.0) - 200.0 / 240.0).abs() < 1e-12, "{found:?}");
+        let other: Vec<_> = found.iter().filter(|l| l.share > 0.0).collect();
+        assert_eq!(other.len(), 2, "{found:?}");
+        // Its 2.5 Hz lie nearest to the octave below 3.125 Hz.
+        assert!((share(3.125) - 40.0 / 240.0).abs() < 1e-12, "{found:?}");
+    }
 }

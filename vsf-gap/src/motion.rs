@@ -129,12 +129,20 @@ impl Motion {
         }
     }
 
-    /// The mean of every `by` samples, none across two touches.
+    /// The mean of every `by` samples, none across two touches or the end of the tare. Blocks of the tare are as long as
+    /// each other, to a sample: its mean is that of theirs.
     pub(crate) fn thinned(&self, by: usize) -> Result<Self, GapError> {
-        let (mut blocks, mut touches) = (Vec::new(), Vec::new());
+        let (mut blocks, mut touches, mut tare) = (Vec::new(), Vec::new(), 0);
         for touch in &self.touches {
             let first = blocks.len();
-            let starts = touch.clone().step_by(by);
+            let tared = self.tare.clamp(touch.start, touch.end);
+            let (start, samples) = (touch.start, tared - touch.start);
+            let parts = samples.div_ceil(by);
+            blocks.extend(
+                (0..parts).map(|k| start + k * samples / parts..start + (k + 1) * samples / parts),
+            );
+            tare += parts;
+            let starts = (tared..touch.end).step_by(by);
             blocks.extend(starts.map(|row| row..(row + by).min(touch.end)));
             touches.push(first..blocks.len());
         }
@@ -149,7 +157,6 @@ impl Motion {
         let clock = |block: &Range<usize>| {
             self.clock[block.clone()].iter().sum::<f64>() / block.len() as f64
         };
-        let tare = blocks.iter().filter(|b| b.start < self.tare).count();
         self.with_rows(blocks.iter().map(clock).collect(), touches, tare, means)
     }
 
@@ -244,4 +251,32 @@ fn smoothed(table: &Table, touches: impl Iterator<Item = Range<usize>>) -> Resul
         }
     }
     Ok(means)
+}
+
+#[cfg(test)]
+#[allow(clippy::unwrap_used)]
+mod tests {
+    use super::*;
+
+    /// Blocks neither straddle the end of the tare nor that of a touch; the mean of the tare is that of its blocks.
+    #[test]
+    fn thinning_keeps_the_tare() {
+        for (tare, by, counts) in [
+            (50, 107, (1, 1 + 1 + 1)),
+            (50, 20, (3, 3 + 3 + 3)),
+            (0, 20, (0, 5 + 3)),
+            (120, 50, (3, 2 + 1 + 1)),
+            (150, 50, (3, 2 + 1)),
+        ] {
+            let mut motion = Motion::counting(150, vec![0..100, 100..150]);
+            motion.tare = tare;
+            let thinned = motion.thinned(by).unwrap();
+            assert_eq!((thinned.tare, thinned.len()), counts, "{tare} {by}");
+            let mean = |rows: &[f64]| rows.iter().sum::<f64>() / rows.len() as f64;
+            if tare > 0 && tare <= 100 {
+                let [blocks, rows] = [&thinned, &motion].map(|m| mean(&m.q.data()[..m.tare]));
+                assert!((blocks - rows).abs() < 0.5, "{tare} {by}: {blocks} {rows}");
+            }
+        }
+    }
 }

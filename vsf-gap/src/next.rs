@@ -1,8 +1,9 @@
-use crate::Site;
-use crate::effect::slides;
+use crate::effect::Arm;
 use crate::report::EffectReport;
 use crate::verdict::{Verdict, VerdictKind};
+use crate::{Effect, Probe};
 use serde::{Deserialize, Serialize};
+use std::sync::Arc;
 
 /// What to record next.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -13,212 +14,42 @@ pub struct NextExperiment {
     pub why: String,
 }
 
-/// What an experiment asks of the arm.
-#[derive(Clone, Copy, PartialEq)]
-enum Asks {
-    Nothing,
-    /// Something to touch.
-    Touch,
-    /// The same place in another posture.
-    Posture,
-    /// The same place along another axis: what is left to an arm that only slides.
-    Axis,
-    /// A weight that joints feel differently from posture to posture.
-    Weight,
-}
-
-/// What an arm can be asked for.
-#[derive(Clone, Copy)]
-pub(crate) struct Arm {
-    joints: usize,
-    turns: bool,
-    touches: bool,
-}
-
-impl Arm {
-    pub(crate) fn of(site: &Site) -> Self {
-        Self {
-            joints: site.joints(),
-            turns: (0..site.joints()).any(|j| !slides(site, j)),
-            touches: !site.rest.is_empty(),
-        }
-    }
-
-    fn can(self, asks: Asks) -> bool {
-        match asks {
-            Asks::Nothing => true,
-            Asks::Touch => self.touches,
-            Asks::Posture => self.touches && self.turns && self.joints > 1,
-            Asks::Axis => self.touches && !self.turns && self.joints > 1,
-            Asks::Weight => self.turns,
-        }
-    }
-}
-
-/// An experiment and the effects that answer to it in a way of their own.
-struct Experiment {
-    action: &'static str,
-    asks: Asks,
-    /// Effects and how they answer: equal letters look alike.
-    answers: &'static [(&'static str, char)],
-}
-
-impl Experiment {
-    fn answer(&self, effect: &str) -> Option<char> {
-        let mut answers = self.answers.iter();
-        answers.find(|(e, _)| *e == effect).map(|(_, a)| *a)
-    }
-}
-
-/// What each experiment tells apart. Effects that are not listed do not answer.
-const EXPERIMENTS: [Experiment; 10] = [
-    Experiment {
-        action: "hold the deepest point of a touch for 5 s",
-        asks: Asks::Touch,
-        answers: &[
-            ("stress_relaxation", 'r'),
-            ("torque_drift", 'd'),
-            ("viscoelastic", 'v'),
-        ],
-    },
-    Experiment {
-        action: "unload as slowly as loaded, over the same path",
-        asks: Asks::Touch,
-        answers: &[
-            ("contact_friction", 'f'),
-            ("joint_load_friction", 'l'),
-            ("joint_coulomb_friction", 'c'),
-            ("plastic_set", 'p'),
-            ("damage_softening", 's'),
-            ("adhesion", 'a'),
-        ],
-    },
-    Experiment {
-        action: "repeat a touch at twice the speed",
-        asks: Asks::Touch,
-        answers: &[
-            ("viscoelastic", 'v'),
-            ("latency", 'l'),
-            ("joint_viscous_friction", 'j'),
-            ("inertia_drag", 'i'),
-            ("joint_stribeck_friction", 's'),
-            ("stress_relaxation", 'r'),
-        ],
-    },
-    Experiment {
-        action: "touch the same place again, as deep as before",
-        asks: Asks::Touch,
-        answers: &[
-            ("plastic_set", 'p'),
-            ("damage_softening", 'd'),
-            ("registration_offset", 'r'),
-            ("torque_drift", 't'),
-        ],
-    },
-    Experiment {
-        action: "push a known place deeper than before",
-        asks: Asks::Touch,
-        answers: &[
-            ("strain_stiffening", 's'),
-            ("spatial_coupling", 'c'),
-            ("joint_elasticity", 'e'),
-            ("object_base_motion", 'b'),
-            ("geometry_padding", 'g'),
-        ],
-    },
-    Experiment {
-        action: "touch a known place in another posture of the arm",
-        asks: Asks::Posture,
-        answers: &[
-            ("encoder_offset", 'e'),
-            ("registration_offset", 'r'),
-            ("torque_gain", 'g'),
-            ("joint_elasticity", 'k'),
-            ("anisotropy", 'a'),
-            ("object_base_motion", 'b'),
-            ("geometry_padding", 'p'),
-            ("gravity_tilt", 't'),
-            ("torque_bias", 'o'),
-            ("payload", 'w'),
-        ],
-    },
-    Experiment {
-        action: "push a known place along another axis",
-        asks: Asks::Axis,
-        answers: &[
-            // Where the links are is where the object is not.
-            ("encoder_offset", 'r'),
-            ("registration_offset", 'r'),
-            ("torque_gain", 'g'),
-            ("joint_elasticity", 'k'),
-            ("anisotropy", 'a'),
-            ("object_base_motion", 'b'),
-            ("geometry_padding", 'p'),
-            ("torque_bias", 'o'),
-        ],
-    },
-    Experiment {
-        action: "move every joint to and fro in free air, at two speeds",
-        asks: Asks::Nothing,
-        answers: &[
-            ("joint_coulomb_friction", 'c'),
-            ("joint_viscous_friction", 'v'),
-            ("joint_stribeck_friction", 's'),
-            ("joint_coupling", 'k'),
-            ("torque_bias", 'b'),
-            ("latency", 'l'),
-            ("inertial_error", 'i'),
-        ],
-    },
-    Experiment {
-        action: "wait 30 s in free air and read again in the same posture",
-        asks: Asks::Nothing,
-        answers: &[("torque_drift", 'd'), ("torque_bias", 'b')],
-    },
-    Experiment {
-        action: "carry a known payload through several postures",
-        asks: Asks::Weight,
-        answers: &[
-            ("payload", 'p'),
-            ("gravity_tilt", 'g'),
-            ("inertial_error", 'i'),
-            ("torque_gain", 't'),
-        ],
-    },
-];
-
 /// The experiment that tells most of the surviving candidates apart, weighed by their
 /// probabilities, of those that the arm can do.
 pub(crate) fn next_experiment(
     verdict: &Verdict,
-    effects: &[EffectReport],
+    reports: &[EffectReport],
+    effects: &[Arc<dyn Effect>],
     arm: Arm,
 ) -> NextExperiment {
-    let survivors: Vec<&EffectReport> = (effects.iter())
+    let survivors: Vec<&EffectReport> = (reports.iter())
         .filter(|e| e.testable && verdict.effect_set_95.contains(&e.effect))
         .collect();
     // Effects that are named together are no rivals.
     let named = |e: &EffectReport| verdict.effects.contains(&e.effect);
-    let told = |experiment: &Experiment| {
-        let answer = |name: &str| experiment.answer(name);
+    let response = |report: &EffectReport, probe: Probe| {
+        let effect = effects.iter().find(|e| e.name() == report.effect)?;
+        effect.response(probe)
+    };
+    let told = |probe: Probe| {
         let mut sum = 0.0;
         for (i, a) in survivors.iter().enumerate() {
             for b in &survivors[i + 1..] {
-                if answer(&a.effect) != answer(&b.effect) && !(named(a) && named(b)) {
+                if response(a, probe) != response(b, probe) && !(named(a) && named(b)) {
                     sum += a.probability * b.probability;
                 }
             }
         }
         sum
     };
-    let best = (EXPERIMENTS.iter())
-        .filter(|e| arm.can(e.asks))
-        .map(|e| (told(e), e))
+    let best = (Probe::ALL.into_iter())
+        .filter(|probe| probe.is_open_to(arm))
+        .map(|probe| (told(probe), probe))
         .max_by(|a, b| a.0.total_cmp(&b.0))
         .filter(|(told, _)| *told > 0.0);
     let in_field = |e: &&EffectReport| named(e) && e.is_like_field();
     let undecided = verdict.kind == VerdictKind::NotDiagnosable;
-    if let Some(effect) = effects.iter().find(in_field).filter(|_| undecided) {
+    if let Some(effect) = reports.iter().find(in_field).filter(|_| undecided) {
         return NextExperiment {
             action: match arm.joints {
                 1 => "turn the object, its points alike, and touch it from another side, as deep",
@@ -236,24 +67,24 @@ pub(crate) fn next_experiment(
         names.join(", ")
     };
     // Those that it answers alike stay together.
-    let groups = |experiment: &Experiment| {
-        let of = |e: &&EffectReport| experiment.answer(&e.effect);
-        let mut groups: Vec<(Option<char>, Vec<&str>)> = Vec::new();
+    let groups = |probe: Probe| {
+        let mut groups: Vec<(Option<&str>, Vec<&str>)> = Vec::new();
         for e in &survivors {
-            match groups.iter_mut().find(|(answer, _)| *answer == of(e)) {
+            let own = response(e, probe);
+            match groups.iter_mut().find(|(response, _)| *response == own) {
                 Some((_, names)) => names.push(&e.effect),
-                None => groups.push((of(e), vec![&e.effect])),
+                None => groups.push((own, vec![&e.effect])),
             }
         }
         let words = groups.iter().map(|(_, names)| names.join(", "));
         words.collect::<Vec<_>>().join(" from ")
     };
     match (best, verdict.kind) {
-        (Some((_, experiment)), _) => NextExperiment {
-            action: experiment.action.to_owned(),
+        (Some((_, probe)), _) => NextExperiment {
+            action: probe.action().to_owned(),
             why: match verdict.kind {
-                VerdictKind::NoGap => format!("of what may act without showing it tells {}", groups(experiment)),
-                _ => format!("it tells {}", groups(experiment)),
+                VerdictKind::NoGap => format!("of what may act without showing it tells {}", groups(probe)),
+                _ => format!("it tells {}", groups(probe)),
             },
         },
         (None, VerdictKind::Unknown) => NextExperiment {
@@ -301,6 +132,10 @@ mod tests {
     };
     const RAIL: Arm = Arm { joints: 1, ..STAGE };
 
+    fn next(verdict: &Verdict, reports: &[EffectReport], arm: Arm) -> NextExperiment {
+        next_experiment(verdict, reports, &crate::effects::catalogue(), arm)
+    }
+
     fn verdict(kind: VerdictKind, effects: &[&str]) -> Verdict {
         let names: Vec<String> = effects.iter().map(|e| (*e).to_owned()).collect();
         Verdict {
@@ -327,21 +162,32 @@ mod tests {
     #[test]
     fn free_air_is_not_told_to_touch() {
         let nothing = verdict(VerdictKind::NoGap, &[]);
-        let no_gap = next_experiment(&nothing, &[], AIR).action;
-        let checked =
-            next_experiment(&verdict(VerdictKind::Effects, &["payload"]), &[], AIR).action;
-        let actions = (EXPERIMENTS.iter().filter(|e| AIR.can(e.asks))).map(|e| e.action);
-        for action in actions.chain([no_gap.as_str(), &checked]) {
+        let no_gap = next(&nothing, &[], AIR).action;
+        let checked = next(&verdict(VerdictKind::Effects, &["payload"]), &[], AIR).action;
+        let open = Probe::ALL.into_iter().filter(|probe| probe.is_open_to(AIR));
+        let actions = open.map(|probe| probe.action().to_owned());
+        for action in actions.chain([no_gap, checked]) {
             let touches = ["touch", "push", "deep", "load as"]
                 .iter()
                 .any(|w| action.contains(w));
             assert!(!touches, "{action}");
         }
-        assert!(
-            next_experiment(&nothing, &[], STAGE)
-                .action
-                .contains("touch")
-        );
+        assert!(next(&nothing, &[], STAGE).action.contains("touch"));
+    }
+
+    /// Each effect answers to an experiment, and each experiment tells two of them apart.
+    #[test]
+    fn every_effect_has_an_experiment() {
+        let effects = crate::effects::catalogue();
+        for effect in &effects {
+            let responds = |probe: &Probe| effect.response(*probe).is_some();
+            assert!(Probe::ALL.iter().any(responds), "{}", effect.name());
+        }
+        for probe in Probe::ALL {
+            let responses: std::collections::BTreeSet<_> =
+                effects.iter().filter_map(|e| e.response(probe)).collect();
+            assert!(responses.len() > 1, "{probe:?}");
+        }
     }
 
     /// One rail, and axes that only slide, come to a place in one way.
@@ -355,7 +201,7 @@ mod tests {
             ["adhesion", "viscoelastic"],
         ] {
             let effects = reports(&pair);
-            let next = |kind, of: &[&str], arm| next_experiment(&verdict(kind, of), &effects, arm);
+            let next = |kind, of: &[&str], arm| next(&verdict(kind, of), &effects, arm);
             for arm in [STAGE, RAIL] {
                 for action in [
                     next(VerdictKind::NotDiagnosable, &pair, arm).action,
@@ -379,7 +225,7 @@ mod tests {
         let pair = ["registration_offset", "joint_elasticity"];
         let told = |arm| {
             let verdict = verdict(VerdictKind::NotDiagnosable, &pair);
-            next_experiment(&verdict, &reports(&pair), arm).action
+            next(&verdict, &reports(&pair), arm).action
         };
         assert!(told(STAGE).contains("along another axis"));
         assert!(
@@ -397,7 +243,7 @@ mod tests {
         let mut effects = reports(&["strain_stiffening"]);
         effects[0].ambiguous_with = vec![crate::STIFFNESS_FIELD.to_owned()];
         let verdict = verdict(VerdictKind::NotDiagnosable, &["strain_stiffening"]);
-        let action = |arm| next_experiment(&verdict, &effects, arm).action;
+        let action = |arm| next(&verdict, &effects, arm).action;
         assert!(action(RAIL).contains("turn the object"));
         assert!(action(STAGE).contains("from another side"));
     }

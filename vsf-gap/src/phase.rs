@@ -6,6 +6,7 @@ use serde::{Deserialize, Serialize};
 /// What the robot does at a sample, found from contacts and motion alone.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
+#[non_exhaustive]
 pub enum Phase {
     /// Touches nothing.
     Free,

@@ -33,6 +33,9 @@ const COMPLETE: f64 = 0.8;
 /// Test sequences that are off by so many of the standard deviations that the train sequences lead to expect (root mean
 /// square) contradict these: of recordings that nothing was wrong with it was 2.1 at most, of such with effects 2.4.
 const SURPRISING: f64 = 4.0;
+/// In free air a model that was stopped at a bound has to leave less than this share of what sensors that read nothing
+/// would: further effects take a little of anything.
+const BARELY: f64 = 0.95;
 /// By so many standard deviations the tare may be off.
 const TARE: f64 = 3.0;
 
@@ -46,7 +49,7 @@ pub(crate) struct Trial<'a> {
     pub(crate) before: Residuals,
     /// Blocks of samples in which nothing is touched: index of the sequence, rows.
     free: Vec<(usize, Range<usize>)>,
-    /// What the nominal model makes of the test sequences ([`predictive`]).
+    /// How likely the nominal model makes the test sequences, given the train sequences (nats).
     log_predictive: f64,
     /// How far off it is there (standard deviations), if that is too far for what the train sequences show.
     pub(crate) surprise: Option<f64>,
@@ -129,6 +132,26 @@ impl<'a> Judgement<'a> {
         !unknown && !self.corrected().is_some_and(explains)
     }
 
+    /// Whether a parameter of the corrected model stopped at a bound of what is plausible.
+    pub(crate) fn is_stopped(&self) -> bool {
+        (self.corrected()).is_some_and(|t| !t.refined.at_bounds().is_empty())
+    }
+
+    /// Whether the corrected model, with this `error`, hardly predicts better than sensors that read nothing, with theirs.
+    pub(crate) fn is_silent(&self, error: f64, of_silence: f64, touches: bool) -> bool {
+        let barely = match self.is_stopped() && !touches {
+            true => BARELY,
+            false => 1.0,
+        };
+        self.corrected().is_some() && error >= barely * of_silence
+    }
+
+    /// The effects that did not stand it.
+    pub(crate) fn names_refused(&self) -> Vec<String> {
+        let refused = self.refused.iter();
+        refused.flat_map(|t| t.effects.clone()).collect()
+    }
+
     /// Names no model, and so knows nothing of what it leaves.
     pub(crate) fn withdraw(&mut self) {
         self.named = None;
@@ -136,33 +159,56 @@ impl<'a> Judgement<'a> {
     }
 }
 
-/// What a model, as it was fitted to the train sequences, makes of the test sequences given these: the log density, and the
-/// mean square of what is left in predicted standard deviations; 0 and none without test sequences. What was never touched
-/// is uncertain, so that a model is not held against it.
-///
-/// # Errors
-/// Rows that contact cannot take, a covariance that is not positive definite.
-fn predictive(
-    campaign: &Campaign,
-    fitted: &Fitted<'_>,
-    spread: &Spread,
-) -> Result<(f64, Option<f64>), GapError> {
-    if campaign.test.is_empty() {
-        return Ok((0.0, None));
+/// The test sequences, and the train sequences that they are foretold from, in a model as it was fitted to these.
+struct Foretelling<'a> {
+    all: Fitted<'a>,
+    given: Vec<&'a Motion>,
+}
+
+impl<'a> Foretelling<'a> {
+    /// What was never touched is uncertain, so that a model is not held against it. `None` without test sequences.
+    ///
+    /// # Errors
+    /// Rows that contact cannot take.
+    fn new(campaign: &'a Campaign, fitted: &Fitted<'a>) -> Result<Option<Self>, GapError> {
+        if campaign.test.is_empty() {
+            return Ok(None);
+        }
+        let mut all = campaign.fitted(&fitted.model, campaign.session())?;
+        let touched: BTreeSet<u32> = (fitted.logs.iter())
+            .flat_map(|log| &log.contacts)
+            .flat_map(|c| c.points().iter().copied())
+            .collect();
+        // Points that came out negative.
+        let left_out =
+            |p: u32| touched.contains(&p) && fitted.design.points.binary_search(&p).is_err();
+        all.leave_out(campaign, left_out);
+        Ok(Some(Self {
+            all,
+            given: fitted.motions.clone(),
+        }))
     }
-    let mut all = campaign.fitted(&fitted.model, campaign.session())?;
-    let touched: BTreeSet<u32> = (fitted.logs.iter())
-        .flat_map(|log| &log.contacts)
-        .flat_map(|c| c.points().iter().copied())
-        .collect();
-    // Points that came out negative.
-    let left_out = |p: u32| touched.contains(&p) && fitted.design.points.binary_search(&p).is_err();
-    all.leave_out(campaign, left_out);
-    let given = |m: &Motion| fitted.motions.iter().any(|own| std::ptr::eq(*own, m));
-    Ok((
-        all.log_predictive(spread, given)?,
-        all.surprise(spread, given)?,
-    ))
+
+    fn is_given(&self, motion: &Motion) -> bool {
+        self.given.iter().any(|own| std::ptr::eq(*own, motion))
+    }
+
+    /// Log density of the test sequences given the others (nats).
+    ///
+    /// # Errors
+    /// A covariance that is not positive definite.
+    fn log_density(&self, spread: &Spread) -> Result<f64, GapError> {
+        self.all.log_predictive(spread, |m| self.is_given(m))
+    }
+
+    /// How far off the test sequences are (root mean square, in predicted standard deviations).
+    ///
+    /// # Errors
+    /// A covariance that is not positive definite.
+    fn surprise(&self, spread: &Spread) -> Result<Option<f64>, GapError> {
+        let square = self.all.surprise(spread, |m| self.is_given(m))?;
+        Ok(square.map(f64::sqrt))
+    }
 }
 
 impl<'a> Trial<'a> {
@@ -190,7 +236,14 @@ impl<'a> Trial<'a> {
             Some(_) => Vec::new(),
             None => free_blocks(sequences, &logs),
         };
-        let (log_predictive, surprise) = predictive(thinned, fitted, spread)?;
+        let foretelling = Foretelling::new(thinned, fitted)?;
+        let (log_predictive, surprise) = match &foretelling {
+            Some(foretelling) => (
+                foretelling.log_density(spread)?,
+                foretelling.surprise(spread)?,
+            ),
+            None => (0.0, None),
+        };
         Ok(Self {
             whole,
             thinned,
@@ -198,7 +251,7 @@ impl<'a> Trial<'a> {
             before: whole.residuals_in(&nominal, field, &all, &all, &logs)?,
             free,
             log_predictive,
-            surprise: surprise.map(f64::sqrt).filter(|s| *s > SURPRISING),
+            surprise: surprise.filter(|s| *s > SURPRISING),
             seed,
         })
     }
@@ -219,8 +272,10 @@ impl<'a> Trial<'a> {
         let (field, factor) = thinned.field(&mut fitted, &refined.spread)?;
         let all: Vec<&Motion> = self.sequences.iter().collect();
         let residuals = self.whole.residuals(&refined.model, &field, &all)?;
-        let (log_predictive, _) = predictive(thinned, &fitted, &refined.spread)?;
-        let foretold = log_predictive - self.log_predictive;
+        let foretold = match Foretelling::new(thinned, &fitted)? {
+            Some(foretelling) => foretelling.log_density(&refined.spread)? - self.log_predictive,
+            None => 0.0,
+        };
         Ok(Checked {
             foretold,
             closure: self.closure(&residuals),

@@ -26,6 +26,7 @@ pub struct BenchOptions {
 
 /// An estimator for control loops, with what it remembers within the default of bytes.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+#[non_exhaustive]
 pub enum OnlineEstimator {
     /// [`MemoryReplay`] of a [`DiagonalKalman`].
     #[default]
@@ -169,10 +170,12 @@ pub fn bench(options: &BenchOptions) -> Result<BenchReport, PipelineError> {
         return Err(PipelineError::NoPoints);
     }
     if options.steps < 2 {
-        return Err(PipelineError::NoSequences {
-            what: "bench",
-            hint: "take at least 2 steps",
-        });
+        return Err(CoreError::TooFew {
+            what: "steps",
+            got: options.steps,
+            least: 2,
+        }
+        .into());
     }
     let mut bench = Push::new(side, options.steps)?;
     let prior = Belief::<f32>::uniform(bench.rest.len(), 0.0, 0.1)?;

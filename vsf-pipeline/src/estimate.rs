@@ -119,7 +119,7 @@ impl FilterSpec {
     }
 }
 
-fn boxed<E: Estimator<Scalar = f64> + 'static>(
+fn boxed<E: Estimator<Scalar = f64> + Clone + 'static>(
     filter: E,
     robust: Option<RobustLoss>,
 ) -> Result<Box<dyn Estimator<Scalar = f64>>, CoreError> {

@@ -249,10 +249,10 @@ pub fn choose_contact(
 }
 
 fn first<'a, T>(what: &'static str, all: &'a [T]) -> Result<&'a T, CoreError> {
-    all.first().ok_or(CoreError::Length {
+    all.first().ok_or(CoreError::TooFew {
         what,
         got: 0,
-        expected: 1,
+        least: 1,
     })
 }
 

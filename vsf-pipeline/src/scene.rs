@@ -91,11 +91,11 @@ impl Default for SceneOptions {
 /// How far grids of meshes reach beyond the surface that points rest on, at least (m).
 const SPARE: f64 = 0.01;
 
-/// A robot and the points it touches, none in free air: all that contact needs. A clone shares points and
+/// A robot and the points it touches, none in free air: all that contact needs. A clone shares robot, points and
 /// link shapes.
 #[derive(Clone)]
 pub struct Scene {
-    robot: RobotModel,
+    robot: Arc<RobotModel>,
     rest: Arc<RestPoints>,
     gravity: Vector3<f64>,
     torque_kind: TorqueKind,
@@ -193,10 +193,11 @@ impl Scene {
     /// # Errors
     /// No rest points, no collision shapes, parameters out of range.
     pub fn new(
-        robot: RobotModel,
+        robot: impl Into<Arc<RobotModel>>,
         points: Vec<Point3<f64>>,
         options: &SceneOptions,
     ) -> Result<Self, PipelineError> {
+        let robot = robot.into();
         if points.is_empty() {
             return Err(PipelineError::NoPoints);
         }
@@ -257,7 +258,7 @@ impl Scene {
         dataset.check()?;
         let options = SceneOptions::default();
         Ok(Self {
-            robot: placed(dataset, robot)?,
+            robot: placed(dataset, robot)?.into(),
             rest: Arc::new(RestPoints::new(Vec::new())?),
             gravity: dataset.gravity,
             torque_kind: dataset.torque_kind,
@@ -345,7 +346,7 @@ impl Scene {
     }
 
     /// The robot, placed in the world.
-    pub fn robot(&self) -> &RobotModel {
+    pub fn robot(&self) -> &Arc<RobotModel> {
         &self.robot
     }
 

@@ -4,6 +4,7 @@ use vsf_core::{ContactModel, Contacts, CoreError, Posture, RestPoints};
 /// The contact model of a [`Scene`](crate::Scene). A clone remembers the same contacts and shares link shapes and
 /// sub-points.
 #[derive(Debug, Clone)]
+#[non_exhaustive]
 pub enum SceneContact {
     /// The rest points alone are moved.
     Points(StickSlip),

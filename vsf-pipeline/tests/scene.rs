@@ -2,6 +2,7 @@
 #![allow(clippy::unwrap_used)]
 
 use nalgebra::{Isometry3, Point3, Vector3};
+use std::sync::Arc;
 use vsf_contact::{LinkSdf, Sdf, SdfSample};
 use vsf_core::{Belief, ContactModel, Contacts};
 use vsf_data::{Dataset, RobotRef, Sequence, Table, TorqueKind};
@@ -119,7 +120,7 @@ fn shapes_of_ones_own_touch_as_those_of_the_robot() {
     let scene = Scene::new(robot(), points(), &SceneOptions::default()).unwrap();
     let arm = scene.robot().link_index("arm").unwrap();
     let own = |link: usize| {
-        let sdf = Box::new(Ball);
+        let sdf = Arc::new(Ball);
         scene.with_link_shapes(vec![LinkSdf { link, sdf }])
     };
     let [theirs, ours] = [&scene, &own(arm).unwrap()].map(|s| contacts(s, 0.08));

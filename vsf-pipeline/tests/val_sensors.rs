@@ -9,6 +9,7 @@ use vsf_pipeline::{
 };
 
 /// What holds the tip measures the upward force on it, and that along the pad.
+#[derive(Clone)]
 struct ForceGauge(Noise);
 
 impl Sensor<f64> for ForceGauge {

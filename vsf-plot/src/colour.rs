@@ -52,6 +52,7 @@ pub(crate) fn mix(a: Rgb, b: Rgb, f: f64) -> Rgb {
 
 /// The value at the dark end of the colour bar; larger values get the same colour.
 #[derive(Debug, Clone, Copy, PartialEq)]
+#[non_exhaustive]
 pub enum ColourLimit {
     /// The quantile of the positive drawn values at this level, in (0, 1]. Robust against a few
     /// runaway points. Where fewer points are stiff than the level leaves out, state a `Value`.

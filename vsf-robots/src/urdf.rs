@@ -14,6 +14,7 @@ const MAX_LENGTH: u64 = 64 << 20;
 
 /// What to do with `<mesh>` collision shapes.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+#[non_exhaustive]
 pub enum Meshes {
     /// Read the files. The default.
     #[default]

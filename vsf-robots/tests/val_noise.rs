@@ -14,6 +14,7 @@ const D: usize = 7;
 const RESIDUAL: [f64; D] = [0.1, -0.2, 0.3, 0.05, 0.02, 0.2, -0.1];
 
 /// Always the same five touched points.
+#[derive(Clone)]
 struct Fixed;
 
 impl ContactModel for Fixed {

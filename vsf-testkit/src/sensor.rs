@@ -146,10 +146,7 @@ impl<T: Scalar> Suite<'_, T> {
         for contacts in [&many, &few, &many, &Contacts::new(), &few] {
             self.observe(contacts, &mut out);
             let fresh = self.observed(contacts);
-            let same = out.points() == fresh.points()
-                && out.rows() == fresh.rows()
-                && out.reading() == fresh.reading()
-                && out.noise() == fresh.noise();
+            let same = out == fresh;
             assert!(same, "another observation of {} contacts", contacts.len());
         }
     }

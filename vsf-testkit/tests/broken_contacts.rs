@@ -27,6 +27,7 @@ enum Fault {
 static MADE: AtomicUsize = AtomicUsize::new(0);
 
 /// A plate on the last link of a stage that presses points down, deeper with every sample; with a fault.
+#[derive(Clone)]
 struct Plate {
     fault: Fault,
     samples: usize,

@@ -3,6 +3,7 @@
 #![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
 
 use std::panic::catch_unwind;
+use std::sync::Arc;
 use std::sync::atomic::{AtomicUsize, Ordering};
 use vsf_core::{
     Contacts, CoreError, LinkChains, Noise, Observation, Posture, RestPoints, Scalar, Sensor,
@@ -28,10 +29,11 @@ enum Fault {
 }
 
 /// Height and sideways force on the robot, with a fault.
+#[derive(Clone)]
 struct Gauge {
     fault: Fault,
     noise: Noise,
-    calls: AtomicUsize,
+    calls: Arc<AtomicUsize>,
 }
 
 impl Gauge {
@@ -39,7 +41,7 @@ impl Gauge {
         Self {
             fault,
             noise: Noise::uniform(2, 0.1).unwrap(),
-            calls: AtomicUsize::new(0),
+            calls: Arc::new(AtomicUsize::new(0)),
         }
     }
 

@@ -42,6 +42,7 @@ pub struct KnnConfig {
 
 /// How the width of a kernel is found.
 #[derive(Debug, Clone, Copy, PartialEq, Default, Serialize, Deserialize)]
+#[non_exhaustive]
 pub enum Width {
     /// The median distance of the samples to their neighbours; the default.
     #[default]

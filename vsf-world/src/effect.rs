@@ -93,7 +93,7 @@ pub enum Effect {
     GravityTilt { heading: f64, angle: f64 },
     /// Masses that the links 1 to 7 have more than they should, at `center` of the link.
     InertialError { mass: JointVector, center: [f64; 3] },
-    /// Joint `to` feels `-viscous qd - coulomb sign(qd)` of joint `from`; joints from 1.
+    /// Joint `to` feels `-viscous qd - coulomb sign(viscous qd)` of joint `from`; joints from 1.
     JointCoupling {
         to: usize,
         from: usize,

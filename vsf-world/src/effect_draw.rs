@@ -185,7 +185,10 @@ impl Effect {
                 step: even_joints(rng, 1.2, false),
             },
             "saturation" => Self::Saturation {
-                keep: even_joints(rng, 1.0, false),
+                keep: even_joints(rng, 1.0, false).map(|strength| match strength > 0.0 {
+                    true => (-0.3 * strength).exp(),
+                    false => 0.0,
+                }),
             },
             "offset_jump" => Self::OffsetJump {
                 jump: joints(rng, 0.9, true),

@@ -68,7 +68,7 @@ impl Effect {
             Self::Saturation { keep } => {
                 keep.iter_mut()
                     .filter(|k| **k > 0.0)
-                    .for_each(|k| *k = (-0.3 * s * *k).exp());
+                    .for_each(|k| *k = k.powf(s));
             }
             Self::SpatialCoupling { factor } => *factor = 1.0 + (*factor - 1.0) * s,
         }

@@ -1,5 +1,6 @@
 use super::{Sample, WhenFull};
 use serde::Serialize;
+use std::sync::Arc;
 use std::time::Instant;
 use vsf::core::{CoreError, Posture};
 use vsf::pipeline::SceneContact;
@@ -100,7 +101,7 @@ pub struct Summary {
 /// A session that takes samples as they come.
 #[derive(Debug)]
 pub struct Node {
-    robot: RobotModel,
+    robot: Arc<RobotModel>,
     session: LiveSession,
     options: Options,
     posture: Posture,
@@ -128,7 +129,7 @@ impl Node {
     /// # Errors
     /// Rates that are not positive, a gap or a restart that is negative or not a number.
     pub fn new(
-        robot: RobotModel,
+        robot: impl Into<Arc<RobotModel>>,
         session: LiveSession,
         options: Options,
     ) -> Result<Self, CoreError> {
@@ -161,6 +162,7 @@ impl Node {
             max_gap: max_gap.max(2.5 / rate_hz),
             ..options
         };
+        let robot = robot.into();
         Ok(Self {
             posture: robot.posture(),
             touched: vec![false; session.rest().len()],

@@ -19,6 +19,7 @@ const MOST_LISTS: usize = 1000;
 
 /// Which time a joint state is taken to have.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+#[non_exhaustive]
 pub enum Clock {
     /// The stamp in its header: when the driver read the joints. The default.
     #[default]

@@ -18,6 +18,7 @@ pub struct Orders {
 }
 
 /// The filter under orders, shared with the test because the replay owns its estimator.
+#[derive(Clone)]
 pub struct Probe(DiagonalKalman<f64>, Arc<Mutex<Orders>>);
 
 impl Probe {

@@ -1,5 +1,5 @@
 use crate::GapError;
-use crate::effect::{Acts, Compensator, Effect, Need, Parameter, Site, check};
+use crate::effect::{Acts, Compensator, Effect, Need, Parameter, Probe, Site, check};
 use vsf_contact::ContactConfig;
 
 /// Points that stick to the robot when it leaves them: each follows the link, its spring in tension,
@@ -32,6 +32,10 @@ impl Effect for Adhesion {
 
     fn needs(&self) -> &[Need] {
         &[Need::Contact]
+    }
+
+    fn response(&self, probe: Probe) -> Option<&str> {
+        matches!(probe, Probe::Unload).then_some(self.name())
     }
 
     fn parameters(&self, _: &Site) -> Vec<Parameter> {

@@ -1,5 +1,7 @@
 use crate::GapError;
-use crate::effect::{Acts, Compensator, Effect, Need, Parameter, Sample, Site, Touch, check};
+use crate::effect::{
+    Acts, Compensator, Effect, Need, Parameter, Probe, Sample, Site, Touch, check,
+};
 use nalgebra::{Matrix3, Vector3};
 
 /// Springs whose stiffness depends on the direction: `K (u + a_t (u - n (n . u)) + S u)`, with `n` the
@@ -46,6 +48,14 @@ impl Effect for Anisotropy {
 
     fn needs(&self) -> &[Need] {
         &[Need::Contact]
+    }
+
+    fn response(&self, probe: Probe) -> Option<&str> {
+        matches!(
+            probe,
+            Probe::TouchInOtherPosture | Probe::TouchAlongOtherAxis
+        )
+        .then_some(self.name())
     }
 
     fn parameters(&self, _: &Site) -> Vec<Parameter> {

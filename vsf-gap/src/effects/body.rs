@@ -1,9 +1,17 @@
 //! Rigid motion of links, and the weight and inertia of what moves with them.
 
-use crate::Sample;
+use crate::{Campaign, Need, Sample};
 use nalgebra::{Point3, Vector3};
 use vsf_core::Posture;
 use vsf_data::TorqueKind;
+
+/// Why masses do not show: readings that are freed of motion hold weight alone.
+pub(super) fn masses_untestable(campaign: &Campaign) -> Option<String> {
+    match campaign.site().torque_kind {
+        TorqueKind::Measured => None,
+        TorqueKind::External => campaign.lacks(Need::Weight),
+    }
+}
 
 /// Velocity and acceleration of a link, its linear parts those of its point at the world origin.
 pub(super) struct RigidMotion {

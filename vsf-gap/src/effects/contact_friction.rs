@@ -1,5 +1,5 @@
 use crate::GapError;
-use crate::effect::{Acts, Compensator, Effect, Need, Parameter, Site, check};
+use crate::effect::{Acts, Compensator, Effect, Need, Parameter, Probe, Site, check};
 use vsf_contact::ContactConfig;
 
 /// Another friction coefficient between robot and object than the nominal one.
@@ -40,6 +40,10 @@ impl Effect for ContactFriction {
 
     fn needs(&self) -> &[Need] {
         &[Need::Contact]
+    }
+
+    fn response(&self, probe: Probe) -> Option<&str> {
+        matches!(probe, Probe::Unload).then_some(self.name())
     }
 
     fn parameters(&self, site: &Site) -> Vec<Parameter> {

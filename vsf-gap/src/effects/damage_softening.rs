@@ -1,5 +1,7 @@
 use crate::GapError;
-use crate::effect::{Acts, Compensator, Effect, Need, Parameter, Sample, Site, Touch, check};
+use crate::effect::{
+    Acts, Compensator, Effect, Need, Parameter, Probe, Sample, Site, Touch, check,
+};
 use nalgebra::Vector3;
 
 /// Springs that soften for good with the largest displacement `m` that they have seen:
@@ -43,6 +45,10 @@ impl Effect for DamageSoftening {
 
     fn needs(&self) -> &[Need] {
         &[Need::Contact, Need::Retouch]
+    }
+
+    fn response(&self, probe: Probe) -> Option<&str> {
+        matches!(probe, Probe::Unload | Probe::TouchAgain).then_some(self.name())
     }
 
     fn parameters(&self, _: &Site) -> Vec<Parameter> {

@@ -1,5 +1,5 @@
 use crate::GapError;
-use crate::effect::{Acts, Compensator, Effect, Need, Parameter, Sample, Site};
+use crate::effect::{Acts, Compensator, Effect, Need, Parameter, Probe, Sample, Site};
 use crate::effect::{check, per_joint, slides};
 
 /// Joint encoders that are off by a constant: the links are at `q_j + o_j`.
@@ -41,6 +41,15 @@ impl Effect for EncoderOffset {
 
     fn needs(&self) -> &[Need] {
         &[]
+    }
+
+    fn response(&self, probe: Probe) -> Option<&str> {
+        match probe {
+            Probe::TouchInOtherPosture => Some(self.name()),
+            // Where links that slide are is where the object is not.
+            Probe::TouchAlongOtherAxis => Some("registration_offset"),
+            _ => None,
+        }
     }
 
     fn parameters(&self, site: &Site) -> Vec<Parameter> {

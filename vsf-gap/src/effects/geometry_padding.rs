@@ -1,5 +1,5 @@
 use crate::GapError;
-use crate::effect::{Acts, Compensator, Effect, Need, Parameter, Site, check};
+use crate::effect::{Acts, Compensator, Effect, Need, Parameter, Probe, Site, check};
 use vsf_contact::ContactConfig;
 
 /// Links that are thicker or thinner than their model: surfaces lie `padding` further out.
@@ -42,6 +42,14 @@ impl Effect for GeometryPadding {
 
     fn needs(&self) -> &[Need] {
         &[Need::Contact]
+    }
+
+    fn response(&self, probe: Probe) -> Option<&str> {
+        matches!(
+            probe,
+            Probe::TouchDeeper | Probe::TouchInOtherPosture | Probe::TouchAlongOtherAxis
+        )
+        .then_some(self.name())
     }
 
     fn parameters(&self, _: &Site) -> Vec<Parameter> {

@@ -1,6 +1,8 @@
 use super::body::add_force;
 use crate::GapError;
-use crate::effect::{Acts, Compensator, Effect, Need, Parameter, Sample, Site, Touch, check};
+use crate::effect::{
+    Acts, Compensator, Effect, Need, Parameter, Probe, Sample, Site, Touch, check,
+};
 use nalgebra::{Rotation3, Vector3};
 use std::sync::Arc;
 use vsf_robots::RobotModel;
@@ -40,6 +42,10 @@ impl Effect for GravityTilt {
 
     fn needs(&self) -> &[Need] {
         &[Need::Weight]
+    }
+
+    fn response(&self, probe: Probe) -> Option<&str> {
+        matches!(probe, Probe::TouchInOtherPosture | Probe::CarryPayload).then_some(self.name())
     }
 
     fn parameters(&self, _: &Site) -> Vec<Parameter> {

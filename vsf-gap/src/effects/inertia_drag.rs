@@ -1,6 +1,8 @@
 use super::body::{RigidMotion, add_force};
 use crate::GapError;
-use crate::effect::{Acts, Compensator, Effect, Need, Parameter, Sample, Site, Touch, check};
+use crate::effect::{
+    Acts, Compensator, Effect, Need, Parameter, Probe, Sample, Site, Touch, check,
+};
 
 /// The object has mass and drag of its own: every touched point resists its motion by `-(m a + c v)`, a force on the
 /// robot where the point is, with the velocity `v` and acceleration `a` of the robot there.
@@ -40,6 +42,10 @@ impl Effect for InertiaDrag {
 
     fn needs(&self) -> &[Need] {
         &[Need::Contact]
+    }
+
+    fn response(&self, probe: Probe) -> Option<&str> {
+        matches!(probe, Probe::TouchFaster).then_some(self.name())
     }
 
     fn parameters(&self, _: &Site) -> Vec<Parameter> {

@@ -1,6 +1,6 @@
-use super::body::{Body, RigidMotion};
+use super::body::{Body, RigidMotion, masses_untestable};
 use super::joint::unit;
-use crate::effect::{Acts, Compensator, Effect, Need, Parameter, Sample, Site, Touch};
+use crate::effect::{Acts, Compensator, Effect, Need, Parameter, Probe, Sample, Site, Touch};
 use crate::effect::{check, per_joint};
 use crate::{Campaign, GapError};
 use nalgebra::Vector3;
@@ -84,12 +84,12 @@ impl Effect for InertialError {
         &[]
     }
 
-    /// Without the motion of the arm, weight alone tells.
+    fn response(&self, probe: Probe) -> Option<&str> {
+        matches!(probe, Probe::MoveInAir | Probe::CarryPayload).then_some(self.name())
+    }
+
     fn untestable(&self, campaign: &Campaign) -> Option<String> {
-        match campaign.site.torque_kind {
-            TorqueKind::Measured => None,
-            TorqueKind::External => campaign.lacks(Need::Weight),
-        }
+        masses_untestable(campaign)
     }
 
     fn parameters(&self, site: &Site) -> Vec<Parameter> {

@@ -1,6 +1,6 @@
 use super::joint::{sign, speed_unit, unit};
 use crate::GapError;
-use crate::effect::{Acts, Compensator, Effect, Need, Parameter, Sample, Site, Touch};
+use crate::effect::{Acts, Compensator, Effect, Need, Parameter, Probe, Sample, Site, Touch};
 use crate::effect::{check, per_joint};
 
 /// Dry friction in the joints: `-c_j (w_j + s_j |w_j|)`, with `w_j = tanh(qd_j / eps)`.
@@ -39,6 +39,10 @@ impl Effect for JointCoulombFriction {
 
     fn needs(&self) -> &[Need] {
         &[]
+    }
+
+    fn response(&self, probe: Probe) -> Option<&str> {
+        matches!(probe, Probe::Unload | Probe::MoveInAir).then_some(self.name())
     }
 
     fn parameters(&self, site: &Site) -> Vec<Parameter> {

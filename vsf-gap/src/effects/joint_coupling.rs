@@ -1,7 +1,7 @@
 use super::joint::{sign, speed_unit, unit};
 use crate::GapError;
 use crate::effect::{
-    Acts, Compensator, Effect, Need, Parameter, Sample, Site, Touch, check, slides,
+    Acts, Compensator, Effect, Need, Parameter, Probe, Sample, Site, Touch, check, slides,
 };
 use std::ops::Range;
 
@@ -52,6 +52,10 @@ impl Effect for JointCoupling {
 
     fn needs(&self) -> &[Need] {
         &[Need::Joints]
+    }
+
+    fn response(&self, probe: Probe) -> Option<&str> {
+        matches!(probe, Probe::MoveInAir).then_some(self.name())
     }
 
     fn parameters(&self, site: &Site) -> Vec<Parameter> {

@@ -1,6 +1,6 @@
 use super::joint::unit;
 use crate::GapError;
-use crate::effect::{Acts, Compensator, Effect, Need, Parameter, Sample, Site};
+use crate::effect::{Acts, Compensator, Effect, Need, Parameter, Probe, Sample, Site};
 use crate::effect::{check, per_joint, slides};
 use vsf_data::TorqueKind;
 
@@ -45,6 +45,14 @@ impl Effect for JointElasticity {
 
     fn needs(&self) -> &[Need] {
         &[]
+    }
+
+    fn response(&self, probe: Probe) -> Option<&str> {
+        matches!(
+            probe,
+            Probe::TouchDeeper | Probe::TouchInOtherPosture | Probe::TouchAlongOtherAxis
+        )
+        .then_some(self.name())
     }
 
     fn parameters(&self, site: &Site) -> Vec<Parameter> {

@@ -1,7 +1,7 @@
 use super::joint::{sign, speed_unit, unit};
 use crate::GapError;
 use crate::contact::centre;
-use crate::effect::{Acts, Compensator, Effect, Need, Parameter, Sample, Site, Touch};
+use crate::effect::{Acts, Compensator, Effect, Need, Parameter, Probe, Sample, Site, Touch};
 use crate::effect::{check, per_joint};
 use vsf_data::TorqueKind;
 
@@ -51,6 +51,10 @@ impl Effect for JointLoadFriction {
 
     fn needs(&self) -> &[Need] {
         &[]
+    }
+
+    fn response(&self, probe: Probe) -> Option<&str> {
+        matches!(probe, Probe::Unload).then_some(self.name())
     }
 
     fn parameters(&self, site: &Site) -> Vec<Parameter> {

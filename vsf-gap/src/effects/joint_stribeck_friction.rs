@@ -1,6 +1,6 @@
 use super::joint::{sign, speed_unit, unit};
 use crate::GapError;
-use crate::effect::{Acts, Compensator, Effect, Need, Parameter, Sample, Site, Touch};
+use crate::effect::{Acts, Compensator, Effect, Need, Parameter, Probe, Sample, Site, Touch};
 use crate::effect::{check, per_joint};
 
 /// Dry friction in the joints that is larger in slow motion (Stribeck):
@@ -64,6 +64,10 @@ impl Effect for JointStribeckFriction {
 
     fn needs(&self) -> &[Need] {
         &[]
+    }
+
+    fn response(&self, probe: Probe) -> Option<&str> {
+        matches!(probe, Probe::TouchFaster | Probe::MoveInAir).then_some(self.name())
     }
 
     fn parameters(&self, site: &Site) -> Vec<Parameter> {

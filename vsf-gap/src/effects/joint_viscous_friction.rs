@@ -1,6 +1,6 @@
 use super::joint::unit;
 use crate::GapError;
-use crate::effect::{Acts, Compensator, Effect, Need, Parameter, Sample, Site, Touch};
+use crate::effect::{Acts, Compensator, Effect, Need, Parameter, Probe, Sample, Site, Touch};
 use crate::effect::{check, per_joint};
 
 /// Friction in the joints that grows with speed: `-d_j qd_j`.
@@ -32,6 +32,10 @@ impl Effect for JointViscousFriction {
 
     fn needs(&self) -> &[Need] {
         &[]
+    }
+
+    fn response(&self, probe: Probe) -> Option<&str> {
+        matches!(probe, Probe::TouchFaster | Probe::MoveInAir).then_some(self.name())
     }
 
     fn parameters(&self, site: &Site) -> Vec<Parameter> {

@@ -1,5 +1,5 @@
 use crate::GapError;
-use crate::effect::{Acts, Compensator, Effect, Need, Parameter, Sample, Site, check};
+use crate::effect::{Acts, Compensator, Effect, Need, Parameter, Probe, Sample, Site, check};
 use std::collections::VecDeque;
 use std::sync::Arc;
 use vsf_robots::RobotModel;
@@ -43,6 +43,10 @@ impl Effect for Latency {
 
     fn needs(&self) -> &[Need] {
         &[]
+    }
+
+    fn response(&self, probe: Probe) -> Option<&str> {
+        matches!(probe, Probe::TouchFaster | Probe::MoveInAir).then_some(self.name())
     }
 
     fn parameters(&self, _: &Site) -> Vec<Parameter> {

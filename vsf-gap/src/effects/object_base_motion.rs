@@ -1,5 +1,5 @@
 use crate::GapError;
-use crate::effect::{Acts, Compensator, Effect, Need, Parameter, Sample, Site, check};
+use crate::effect::{Acts, Compensator, Effect, Need, Parameter, Probe, Sample, Site, check};
 use nalgebra::Vector3;
 
 /// An object that gives way as a whole: its base moves by `c F` under the force `F` of the robot.
@@ -9,7 +9,7 @@ use nalgebra::Vector3;
 /// away touches; gears that give way move the arm by other amounts in other postures.
 ///
 /// # Reference
-/// J. C. Neild, C. J. Wood, "Estimating stem and root-anchorage flexibility in trees", Tree Physiology
+/// S. A. Neild, C. J. Wood, "Estimating stem and root-anchorage flexibility in trees", Tree Physiology
 /// 19(3), 1999, doi:10.1093/treephys/19.3.141.
 #[derive(Debug, Clone, Copy)]
 pub struct ObjectBaseMotion;
@@ -39,6 +39,14 @@ impl Effect for ObjectBaseMotion {
 
     fn needs(&self) -> &[Need] {
         &[Need::Contact]
+    }
+
+    fn response(&self, probe: Probe) -> Option<&str> {
+        matches!(
+            probe,
+            Probe::TouchDeeper | Probe::TouchInOtherPosture | Probe::TouchAlongOtherAxis
+        )
+        .then_some(self.name())
     }
 
     fn parameters(&self, _: &Site) -> Vec<Parameter> {

@@ -1,6 +1,8 @@
-use super::body::{Body, RigidMotion};
-use crate::GapError;
-use crate::effect::{Acts, Compensator, Effect, Need, Parameter, Sample, Site, Touch, check};
+use super::body::{Body, RigidMotion, masses_untestable};
+use crate::effect::{
+    Acts, Compensator, Effect, Need, Parameter, Probe, Sample, Site, Touch, check,
+};
+use crate::{Campaign, GapError};
 use nalgebra::Vector3;
 use vsf_data::TorqueKind;
 
@@ -39,7 +41,15 @@ impl Effect for Payload {
     }
 
     fn needs(&self) -> &[Need] {
-        &[Need::Weight]
+        &[]
+    }
+
+    fn untestable(&self, campaign: &Campaign) -> Option<String> {
+        masses_untestable(campaign)
+    }
+
+    fn response(&self, probe: Probe) -> Option<&str> {
+        matches!(probe, Probe::TouchInOtherPosture | Probe::CarryPayload).then_some(self.name())
     }
 
     fn parameters(&self, _: &Site) -> Vec<Parameter> {

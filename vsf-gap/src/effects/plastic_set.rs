@@ -1,5 +1,7 @@
 use crate::GapError;
-use crate::effect::{Acts, Compensator, Effect, Need, Parameter, Sample, Site, Touch, check};
+use crate::effect::{
+    Acts, Compensator, Effect, Need, Parameter, Probe, Sample, Site, Touch, check,
+};
 use nalgebra::Vector3;
 
 /// Springs that stay compressed: of what a displacement exceeds the yield displacement `y` by, the
@@ -37,6 +39,10 @@ impl Effect for PlasticSet {
 
     fn needs(&self) -> &[Need] {
         &[Need::Contact]
+    }
+
+    fn response(&self, probe: Probe) -> Option<&str> {
+        matches!(probe, Probe::Unload | Probe::TouchAgain).then_some(self.name())
     }
 
     fn parameters(&self, _: &Site) -> Vec<Parameter> {

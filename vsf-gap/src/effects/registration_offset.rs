@@ -1,5 +1,5 @@
 use crate::GapError;
-use crate::effect::{Acts, Compensator, Effect, Need, Parameter, Sample, Site, check};
+use crate::effect::{Acts, Compensator, Effect, Need, Parameter, Probe, Sample, Site, check};
 use nalgebra::Vector3;
 
 /// An object that is not where the recording has it, by one offset for the whole session and one
@@ -45,6 +45,14 @@ impl Effect for RegistrationOffset {
 
     fn needs(&self) -> &[Need] {
         &[Need::Contact]
+    }
+
+    fn response(&self, probe: Probe) -> Option<&str> {
+        matches!(
+            probe,
+            Probe::TouchAgain | Probe::TouchInOtherPosture | Probe::TouchAlongOtherAxis
+        )
+        .then_some(self.name())
     }
 
     fn parameters(&self, site: &Site) -> Vec<Parameter> {

@@ -1,6 +1,8 @@
 use super::body::add_force;
 use crate::GapError;
-use crate::effect::{Acts, Compensator, Effect, Need, Parameter, Sample, Site, Touch, check};
+use crate::effect::{
+    Acts, Compensator, Effect, Need, Parameter, Probe, Sample, Site, Touch, check,
+};
 use nalgebra::Vector3;
 use vsf_core::RestPoints;
 
@@ -44,6 +46,10 @@ impl Effect for SpatialCoupling {
 
     fn needs(&self) -> &[Need] {
         &[Need::Contact]
+    }
+
+    fn response(&self, probe: Probe) -> Option<&str> {
+        matches!(probe, Probe::TouchDeeper).then_some(self.name())
     }
 
     fn parameters(&self, _: &Site) -> Vec<Parameter> {

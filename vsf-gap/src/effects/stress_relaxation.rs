@@ -1,6 +1,8 @@
 use super::memory::Memory;
 use crate::GapError;
-use crate::effect::{Acts, Compensator, Effect, Need, Parameter, Sample, Site, Touch, check};
+use crate::effect::{
+    Acts, Compensator, Effect, Need, Parameter, Probe, Sample, Site, Touch, check,
+};
 use nalgebra::Vector3;
 
 /// A branch that relaxes within less (s) is a damper: `viscoelastic`.
@@ -43,6 +45,10 @@ impl Effect for StressRelaxation {
 
     fn needs(&self) -> &[Need] {
         &[Need::Contact]
+    }
+
+    fn response(&self, probe: Probe) -> Option<&str> {
+        matches!(probe, Probe::Hold | Probe::TouchFaster).then_some(self.name())
     }
 
     fn parameters(&self, _: &Site) -> Vec<Parameter> {

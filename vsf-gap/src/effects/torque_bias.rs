@@ -1,4 +1,4 @@
-use crate::effect::{Acts, Compensator, Effect, Need, Parameter, Sample, Site, Touch};
+use crate::effect::{Acts, Compensator, Effect, Need, Parameter, Probe, Sample, Site, Touch};
 use crate::effect::{check, per_joint, slides};
 use crate::{Campaign, GapError};
 
@@ -31,6 +31,17 @@ impl Effect for TorqueBias {
 
     fn needs(&self) -> &[Need] {
         &[Need::FreeMotion]
+    }
+
+    fn response(&self, probe: Probe) -> Option<&str> {
+        matches!(
+            probe,
+            Probe::TouchInOtherPosture
+                | Probe::TouchAlongOtherAxis
+                | Probe::MoveInAir
+                | Probe::Wait
+        )
+        .then_some(self.name())
     }
 
     fn untestable(&self, campaign: &Campaign) -> Option<String> {

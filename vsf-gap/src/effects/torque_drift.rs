@@ -1,6 +1,8 @@
 use super::joint::unit;
 use crate::GapError;
-use crate::effect::{Acts, Compensator, Effect, Need, Parameter, RandomWalk, Sample, Site, Touch};
+use crate::effect::{
+    Acts, Compensator, Effect, Need, Parameter, Probe, RandomWalk, Sample, Site, Touch,
+};
 use crate::effect::{check, per_joint};
 
 /// An error of the torque sensors that grows: joint `j` reads `r_j T (1 - exp(-t / T))` more than its torque at clock
@@ -61,6 +63,10 @@ impl Effect for TorqueDrift {
 
     fn needs(&self) -> &[Need] {
         &[Need::FreeMotion]
+    }
+
+    fn response(&self, probe: Probe) -> Option<&str> {
+        matches!(probe, Probe::Hold | Probe::TouchAgain | Probe::Wait).then_some(self.name())
     }
 
     fn parameters(&self, site: &Site) -> Vec<Parameter> {

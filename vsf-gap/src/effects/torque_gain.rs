@@ -1,5 +1,5 @@
 use super::joint::unit;
-use crate::effect::{Acts, Compensator, Effect, Need, Parameter, Sample, Site, Touch};
+use crate::effect::{Acts, Compensator, Effect, Need, Parameter, Probe, Sample, Site, Touch};
 use crate::effect::{check, per_joint};
 use crate::{Campaign, GapError, Motion};
 use vsf_data::TorqueKind;
@@ -7,7 +7,7 @@ use vsf_data::TorqueKind;
 /// Torque sensors or drives with a wrong gain: joint `j` reads `1 + g_j` times its torque.
 ///
 /// Parameters `g_<joint>` (1). Readings of the actuators have the gain on the weight and motion of
-/// the arm too. Tell-tale: the error is proportional to the torque of its own joint. Where only contact
+/// the arm too, but not on what other effects of the same model add: products of two errors are left out. Tell-tale: the error is proportional to the torque of its own joint. Where only contact
 /// is read, a gain that all joints share is a scale of the stiffness, and cannot be told from it: gains
 /// are relative to the joint that most others agree with ([`Parameter::scales_field`]).
 ///
@@ -38,6 +38,14 @@ impl Effect for TorqueGain {
 
     fn needs(&self) -> &[Need] {
         &[]
+    }
+
+    fn response(&self, probe: Probe) -> Option<&str> {
+        matches!(
+            probe,
+            Probe::TouchInOtherPosture | Probe::TouchAlongOtherAxis | Probe::CarryPayload
+        )
+        .then_some(self.name())
     }
 
     fn parameters(&self, site: &Site) -> Vec<Parameter> {

@@ -1,6 +1,8 @@
 use super::memory::Memory;
 use crate::GapError;
-use crate::effect::{Acts, Compensator, Effect, Need, Parameter, Sample, Site, Touch, check};
+use crate::effect::{
+    Acts, Compensator, Effect, Need, Parameter, Probe, Sample, Site, Touch, check,
+};
 use nalgebra::Vector3;
 
 /// Springs with dampers beside them (Kelvin-Voigt): `K (u + eta v)`, with `v` the rate of `u` or, where
@@ -41,6 +43,10 @@ impl Effect for Viscoelastic {
 
     fn needs(&self) -> &[Need] {
         &[Need::Contact]
+    }
+
+    fn response(&self, probe: Probe) -> Option<&str> {
+        matches!(probe, Probe::Hold | Probe::TouchFaster).then_some(self.name())
     }
 
     fn parameters(&self, _: &Site) -> Vec<Parameter> {
