@@ -1,4 +1,4 @@
-use crate::CoreError;
+use crate::{CoreError, median};
 use nalgebra::{Point3, Vector3};
 
 /// Mean number of points per cell of the broad-phase grid, if the cloud filled its box evenly.
@@ -187,16 +187,10 @@ impl RestPoints {
         let step = self.len().div_ceil(1000).max(1);
         let (lower, upper) = self.bounds();
         let widest = (upper - lower).norm();
-        let mut nearest: Vec<f64> = (0..self.len())
+        let nearest = (0..self.len())
             .step_by(step)
-            .filter_map(|i| self.nearest_other(i, widest))
-            .collect();
-        let middle = nearest.len() / 2;
-        if nearest.is_empty() {
-            0.0
-        } else {
-            *nearest.select_nth_unstable_by(middle, f64::total_cmp).1
-        }
+            .filter_map(|i| self.nearest_other(i, widest));
+        median(nearest.collect()).unwrap_or(0.0)
     }
 
     /// Distance to the nearest point at another place, which is not beyond `widest`, by boxes of growing size.

@@ -3,6 +3,7 @@ use crate::closure::Residuals;
 use crate::{Campaign, GapError, Model, Motion, Phase, centre};
 use nalgebra::{Point3, Vector3};
 use serde::{Deserialize, Serialize};
+use vsf_core::median;
 
 /// Edge of the cells (m) that regions are made of, and most regions named.
 const CELL: f64 = 0.06;
@@ -297,12 +298,8 @@ fn frequencies(before: &Residuals, motions: &[Motion]) -> Vec<LocatedShare> {
 
 /// Median time between samples (s), if time goes on.
 fn median_step(clock: &[f64]) -> Option<f64> {
-    let mut steps: Vec<f64> = clock.windows(2).map(|t| t[1] - t[0]).collect();
-    steps.sort_by(f64::total_cmp);
-    steps
-        .get(steps.len() / 2)
-        .copied()
-        .filter(|step| *step > 0.0)
+    let steps = clock.windows(2).map(|t| t[1] - t[0]);
+    median(steps.collect()).filter(|step| *step > 0.0)
 }
 
 /// Energy of the octaves of `d` signals, from that below half the rate on: differences of means over twice as many samples

@@ -2,12 +2,11 @@ mod held_out;
 mod likelihood;
 
 use crate::estimate::touched_points;
-use crate::median::median;
 use crate::trace::check_traces;
 use crate::{PipelineError, Trace};
 use serde::{Deserialize, Serialize};
 use std::ops::Range;
-use vsf_core::{Belief, CoreError, Noise, Observation, RestPoints};
+use vsf_core::{Belief, CoreError, Noise, Observation, RestPoints, median};
 use vsf_filter::{FieldPrior, Matern, Smoothness};
 
 /// Prior and noise of an estimation. Their ratio decides how closely readings are followed.
@@ -402,13 +401,8 @@ fn readings_per_point(traces: &[Trace], field_len: usize) -> f64 {
     for obs in traces.iter().flat_map(|t| &t.observations) {
         obs.points().iter().for_each(|&p| counts[p as usize] += 1);
     }
-    counts.retain(|&n| n > 0);
-    let middle = counts.len() / 2;
-    if counts.is_empty() {
-        1.0
-    } else {
-        *counts.select_nth_unstable(middle).1 as f64
-    }
+    let touched = counts.into_iter().filter(|n| *n > 0);
+    median(touched.map(|n| n as f64).collect()).unwrap_or(1.0)
 }
 
 #[cfg(test)]

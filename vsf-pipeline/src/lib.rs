@@ -27,7 +27,6 @@ mod error;
 mod estimate;
 mod evaluate;
 mod hyper;
-mod median;
 mod memory;
 mod paper;
 mod priors;

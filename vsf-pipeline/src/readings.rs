@@ -2,7 +2,7 @@ use crate::{PipelineError, Scene};
 use nalgebra::Vector3;
 use std::borrow::Cow;
 use std::f64::consts::TAU;
-use vsf_core::{CoreError, MOST_READING, RestPoints};
+use vsf_core::{CoreError, MOST_READING, RestPoints, median};
 use vsf_data::{Dataset, Motion, Sequence, Table, TorqueKind, tare};
 use vsf_robots::{JointKind, RobotModel};
 
@@ -137,13 +137,9 @@ pub fn unwound<'s>(robot: &RobotModel, sequence: &'s Sequence) -> Cow<'s, Sequen
 pub fn motion_of(robot: &RobotModel, sequence: &Sequence) -> Result<Motion, PipelineError> {
     check_sequence(robot, sequence)?;
     check_states(robot, sequence)?;
-    let mut steps: Vec<f64> = sequence.time.windows(2).map(|t| t[1] - t[0]).collect();
-    let middle = steps.len() / 2;
-    let samples = match steps.is_empty() {
-        true => 0.0,
-        // Touches may be far apart.
-        false => (HALF_WINDOW / *steps.select_nth_unstable_by(middle, f64::total_cmp).1).round(),
-    };
+    // Touches may be far apart.
+    let step = median(sequence.time.windows(2).map(|t| t[1] - t[0]).collect());
+    let samples = step.map_or(0.0, |step| (HALF_WINDOW / step).round());
     let motion = unwound(robot, sequence).motion((samples as usize).max(LEAST_HALF_WINDOW));
     motion.map_err(|source| PipelineError::Motion {
         id: sequence.id.clone(),

@@ -2,7 +2,7 @@ use crate::neighbors::{Neighbor, Neighbors};
 use crate::{Features, Predictions, Regressor, Samples, Scaler, VisionError};
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
-use vsf_core::CoreError;
+use vsf_core::{CoreError, median};
 
 /// Regression on the nearest neighbours with RBF weights, the extrapolation of the paper (section
 /// III-D).
@@ -149,7 +149,7 @@ impl Fitted {
         let around: Vec<Vec<Neighbor>> = probes.par_iter().map(around).collect();
         fitted.width = match config.width {
             Width::Fixed(h) => h,
-            Width::Median => median(around.iter().flatten().map(|n| n.squared.sqrt())),
+            Width::Median => median_positive(around.iter().flatten().map(|n| n.squared.sqrt())),
         };
         let (mut squares, mut weights) = (0.0, 0.0);
         for (&i, found) in probes.iter().zip(&around) {
@@ -228,13 +228,7 @@ impl std::fmt::Debug for KnnRegressor {
     }
 }
 
-/// The median; 1 where all are 0 or there are none.
-fn median(values: impl Iterator<Item = f64>) -> f64 {
-    let mut values: Vec<f64> = values.filter(|v| *v > 0.0).collect();
-    let middle = values.len() / 2;
-    if values.is_empty() {
-        1.0
-    } else {
-        *values.select_nth_unstable_by(middle, f64::total_cmp).1
-    }
+/// The median of those that are above 0; 1 where there are none.
+fn median_positive(values: impl Iterator<Item = f64>) -> f64 {
+    median(values.filter(|v| *v > 0.0).collect()).unwrap_or(1.0)
 }

@@ -1,6 +1,6 @@
 use super::PipelineWarning;
 use super::jumps::moves;
-use crate::median::median;
+use vsf_core::median;
 use vsf_data::Sequence;
 use vsf_robots::{JointKind, RobotModel};
 

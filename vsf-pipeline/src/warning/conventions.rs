@@ -7,10 +7,9 @@
 
 use super::order::{Columns, as_given, orders, with_signs};
 use super::{PipelineWarning, springs};
-use crate::median::median;
 use crate::{Scene, Trace, reading_unit};
 use nalgebra::{DMatrix, DVector};
-use vsf_core::Observation;
+use vsf_core::{Observation, median};
 use vsf_robots::Joint;
 
 /// Of robots with more joints nothing is said.

@@ -1,6 +1,6 @@
 use super::PipelineWarning;
 use super::jumps::moves;
-use crate::median::median;
+use vsf_core::median;
 use vsf_data::Sequence;
 
 /// Times the usual step beyond which samples are missing, and how long (s) that is at least.

@@ -1,5 +1,5 @@
 use super::{PipelineWarning, unit};
-use crate::median::median;
+use vsf_core::median;
 use vsf_data::Sequence;
 use vsf_robots::{Joint, RobotModel};
 

@@ -2,8 +2,8 @@
 
 use super::PipelineWarning;
 use super::sensors::range;
-use crate::median::median;
 use crate::{Scene, Trace, reading_unit};
+use vsf_core::median;
 use vsf_data::Sequence;
 
 /// A spike is so many times the range of all other readings of its joint in the sequence, so many times what readings are

@@ -1,8 +1,8 @@
 //! Sequences of an object that touch none of its points, though they feel as much as those that do.
 
 use super::PipelineWarning;
-use crate::median::median;
 use crate::{Scene, Trace};
+use vsf_core::median;
 use vsf_data::TorqueKind;
 
 /// Fewest samples of a sequence that tell.

@@ -1,6 +1,6 @@
 use super::PipelineWarning;
-use crate::median::median;
 use std::borrow::Cow;
+use vsf_core::median;
 use vsf_data::Sequence;
 use vsf_robots::RobotModel;
 
