@@ -3,9 +3,9 @@ use nalgebra::{Point3, Vector3};
 
 /// Mean number of points per cell of the broad-phase grid, if the cloud filled its box evenly.
 const POINTS_PER_CELL: f64 = 8.0;
-/// Of so many points one may lie far off on either side, along every axis, without a part in the grid.
+/// Points per stray: one point in so many, on either side along every axis, may lie outside of the grid.
 const POINTS_PER_STRAY: usize = 100;
-/// No more on each side, since strays are looked at one by one.
+/// Most strays on each side, since they are looked at one by one.
 const MOST_STRAYS: usize = 64;
 
 /// The rest positions `p_i` of a stiffness field (m, world frame), with a uniform grid over them

@@ -47,7 +47,7 @@ impl Campaign {
     /// # Errors
     /// Rows that contact cannot take, a covariance that is not positive definite.
     pub(crate) fn log_evidence(&self) -> Result<f64, GapError> {
-        let mut nominal = self.fitted(&Model::default(), &self.train)?;
+        let mut nominal = self.fitted(&Model::default(), self.train.iter())?;
         let stiffness = nominal.best_stiffness(CONTACT[1], JOINT[1])?;
         let spreads = nominal.roughness(&stiffness);
         let smoothest = spreads[best_of(&evidence(&nominal, &spreads)?)];

@@ -8,7 +8,7 @@ use std::sync::{Arc, OnceLock};
 use vsf_data::{Dataset, Sequence};
 use vsf_pipeline::{Scene, SceneOptions, robot_of};
 
-/// A recording as a diagnosis sees it. A clone shares points, link shapes and known contacts.
+/// A recording as a diagnosis sees it. A clone shares sequences, points, link shapes and known contacts.
 #[derive(Clone)]
 pub struct Campaign {
     pub(crate) site: Site,
@@ -16,9 +16,9 @@ pub struct Campaign {
     /// The scene in which fields are estimated, if it is another.
     fields: Option<Scene>,
     /// Sequences that the model is fitted to, in session order.
-    pub(crate) train: Vec<Motion>,
+    pub(crate) train: Arc<[Motion]>,
     /// Sequences that check it.
-    pub(crate) test: Vec<Motion>,
+    pub(crate) test: Arc<[Motion]>,
     pub(crate) noise: Vec<JointNoise>,
     /// Joints whose readings are rounded by more than their noise.
     pub(crate) rounded: Vec<(usize, Rounding)>,
@@ -163,8 +163,8 @@ impl Campaign {
             scene,
             fields: None,
             contacts: vec![OnceLock::new(); trained.len() + tested.len()],
-            train: trained,
-            test: tested,
+            train: trained.into(),
+            test: tested.into(),
             noise: Vec::new(),
             rounded: Vec::new(),
             held_out,
@@ -255,7 +255,7 @@ impl Campaign {
     }
 
     /// Contacts of several sequences. Models whose effects leave contacts as they are share those of the
-    /// nominal model, where the sequences are this campaign's own, not clones.
+    /// nominal model, where the sequences are those of this campaign, or of a clone, themselves and no copies.
     ///
     /// # Errors
     /// As [`Campaign::contact_log`].
@@ -266,7 +266,11 @@ impl Campaign {
     ) -> Result<Vec<Arc<ContactLog>>, GapError> {
         let is_nominal = model.acts() != Acts::Contact;
         let log = |motion: &&Motion| {
-            let mut own = self.train.iter().chain(&self.test).zip(&self.contacts);
+            let mut own = self
+                .train
+                .iter()
+                .chain(self.test.iter())
+                .zip(&self.contacts);
             let shared = own.find(|(m, _)| is_nominal && std::ptr::eq(*m, *motion));
             if let Some(log) = shared.and_then(|(_, contacts)| contacts.get()) {
                 return Ok(log.clone());
@@ -282,7 +286,7 @@ impl Campaign {
 
     /// All sequences in session order.
     pub fn session(&self) -> Vec<&Motion> {
-        let mut all: Vec<&Motion> = self.train.iter().chain(&self.test).collect();
+        let mut all: Vec<&Motion> = self.train.iter().chain(self.test.iter()).collect();
         all.sort_by(|a, b| a.begin().total_cmp(&b.begin()));
         all
     }
@@ -314,7 +318,12 @@ impl Campaign {
     }
 
     /// The same campaign with its sequences made into others.
-    pub(crate) fn with_sequences(&self, train: Vec<Motion>, test: Vec<Motion>) -> Self {
+    pub(crate) fn with_sequences(
+        &self,
+        train: impl Into<Arc<[Motion]>>,
+        test: impl Into<Arc<[Motion]>>,
+    ) -> Self {
+        let (train, test) = (train.into(), test.into());
         Self {
             site: self.site.clone(),
             scene: self.scene.clone(),

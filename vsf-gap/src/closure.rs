@@ -10,7 +10,7 @@ use vsf_core::CoreError;
 const ROUNDS: usize = 3;
 
 /// Residuals of a model on sequences, per sample and joint.
-#[derive(Debug, Clone)]
+#[derive(Debug, Clone, PartialEq)]
 pub struct Residuals {
     /// Number of joints.
     pub joints: usize,

@@ -31,7 +31,7 @@ const CHECKED: usize = 3;
 const NEARLY: f64 = 0.9;
 /// A model whose error is more than so many times that of a perfect one is far from it.
 const FAR: f64 = 3.0;
-/// Probabilities are told apart by so much.
+/// Two probabilities closer than this count as equal.
 const ALIKE: f64 = 1e-6;
 /// From this share of its information on, that the stiffness absorbs, an effect may be what the field shows.
 const TAKEN_UP: f64 = 0.95;

@@ -23,7 +23,7 @@ impl Campaign {
     pub(crate) fn halved(&self) -> Result<Option<Self>, GapError> {
         let tested: Vec<&Motion> = self.test.iter().collect();
         let logs = self.contact_logs(&Model::default(), &tested)?;
-        let (mut train, mut test) = (self.train.clone(), Vec::new());
+        let (mut train, mut test) = (self.train.to_vec(), Vec::new());
         for (motion, log) in tested.into_iter().zip(&logs) {
             if let Some(row) = middle(motion, log).filter(|_| motion.tare == 0) {
                 train.push(motion.part(0..row)?);

@@ -13,9 +13,19 @@ use std::sync::Arc;
 /// Nats for one e-fold of probability. Models are never quite right, so that evidence overstates
 /// what it knows; with this one, stated probabilities came about roughly true.
 const TEMPERATURE: f64 = 7.0;
-/// Roughness of contact, and how many times more effects of contact gain from there on; those that choose
-/// contacts, and the others.
-const ROUGHNESS: [(f64, f64, f64); 2] = [(0.1, 5.0, 1.6), (0.3, 14.0, 3.0)];
+/// Where contact is rough, effects of contact gain by chance: so many times more.
+const ROUGHNESS: [Rough; 2] = [
+    Rough {
+        from: 0.1,
+        choosing: 5.0,
+        others: 1.6,
+    },
+    Rough {
+        from: 0.3,
+        choosing: 14.0,
+        others: 3.0,
+    },
+];
 /// A gain of so many thresholds is clear.
 const CLEAR: f64 = 2.0;
 /// Roughness of contact from which on effects that choose other contacts have to prove themselves, and
@@ -41,6 +51,16 @@ const HIDDEN: f64 = 2.0;
 const MOST_ABSORBED: f64 = 0.99;
 /// Of so many recordings without an effect it gains in one what says nothing yet, taken to fall off exponentially.
 const SELDOM: f64 = 100.0;
+
+/// How many times more effects of contact have to gain.
+struct Rough {
+    /// Roughness of contact from which on.
+    from: f64,
+    /// Those that choose contacts ([`Effect::chooses_contacts`]).
+    choosing: f64,
+    /// The others on springs and contact.
+    others: f64,
+}
 
 /// A model that was fitted, as a hypothesis.
 pub(crate) struct Hypothesis<'a> {
@@ -89,10 +109,12 @@ impl<'a> Hypothesis<'a> {
         parts.iter().map(|(e, _)| e.name().to_owned()).collect()
     }
 
-    /// Whether it stands the check on sequences that it was not fitted to: of whose gap it closes a share, and which
-    /// it `foretold` by so many nats better than the nominal model; `worse` if the plain error grows. Clear evidence of
-    /// all sequences together stands even so: what they touch that was not touched before has errors of its own. It is
-    /// no proof of effects that choose other contacts; where contact is rough, these have to close much of the gap.
+    /// Whether it stands the check on the test sequences. `closed` is the share of their gap that it closes, `foretold` its
+    /// gain of log predictive density over the nominal model (nats); `worse` tells that the plain error grows.
+    ///
+    /// A plain error that grows is excused by clear evidence of all sequences together, since test sequences touch new places,
+    /// which have errors of their own. Effects that choose other contacts are not excused; where contact is rough, they
+    /// have to close much of the gap.
     pub(crate) fn stands(&self, closed: f64, foretold: f64, worse: bool) -> bool {
         let mut parts = self.refined.model.parts.iter();
         match parts.any(|(e, _)| e.chooses_contacts()) {
@@ -111,9 +133,9 @@ pub(crate) fn needed_beside(further: &dyn Effect, gain: f64, rough: f64) -> f64 
 /// The gain of log evidence (nats) that an effect needs: [`Effect::null_gain`], and for those that act on
 /// springs and contact more where contact itself is rough.
 pub(crate) fn threshold(effect: &dyn Effect, rough: f64) -> f64 {
-    let times = match ROUGHNESS.iter().rfind(|(from, ..)| rough >= *from) {
-        Some((_, times, _)) if effect.chooses_contacts() => *times,
-        Some((.., times)) if effect.acts() != Acts::Torques => *times,
+    let times = match ROUGHNESS.iter().rfind(|r| rough >= r.from) {
+        Some(r) if effect.chooses_contacts() => r.choosing,
+        Some(r) if effect.acts() != Acts::Torques => r.others,
         _ => 1.0,
     };
     times * effect.null_gain()

@@ -98,7 +98,7 @@ pub(crate) fn locate(
     let nominal = Model::default();
     let named = !model.parts.is_empty();
     let all: Vec<&Motion> = match named {
-        true => campaign.train.iter().chain(&campaign.test).collect(),
+        true => campaign.train.iter().chain(campaign.test.iter()).collect(),
         false => checked.iter().collect(),
     };
     let mut rows = Vec::new();

@@ -186,7 +186,7 @@ impl Campaign {
     ) -> Result<Refined, GapError> {
         let (mut theta, scale) = gauge::centred(&prior, start.theta());
         let start = &start.at(&theta);
-        let mut fitted = self.fitted(start, &self.train)?;
+        let mut fitted = self.fitted(start, self.train.iter())?;
         let spread = &fitted.adapted(&spread.scaled(scale))?;
         let (mut stiffness, mut factor) = self.field(&mut fitted, spread)?;
         let mut value = fitted.log_evidence_of(&factor) - prior.cost(&theta);
@@ -204,7 +204,7 @@ impl Campaign {
             let mut better = None;
             for _ in 0..=MOST_HALVINGS {
                 let model = start.at(&next);
-                let mut tried = self.fitted(&model, &self.train)?;
+                let mut tried = self.fitted(&model, self.train.iter())?;
                 let (field, factored) = self.field(&mut tried, spread)?;
                 let gained = tried.log_evidence_of(&factored) - prior.cost(&next) - value;
                 if gained > 0.0 {
@@ -273,7 +273,7 @@ impl Campaign {
         refined: Refined,
         start: &Model,
     ) -> Result<Refined, GapError> {
-        let fitted = self.fitted(&refined.model, &self.train)?;
+        let fitted = self.fitted(&refined.model, self.train.iter())?;
         if !fitted.touches() {
             return Ok(refined);
         }

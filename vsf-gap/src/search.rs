@@ -135,7 +135,7 @@ impl Search<'_> {
         readings.zip(&predicted).map(|(y, p)| (y - p).powi(2)).sum()
     }
 
-    /// The share of their energy that it leaves.
+    /// The share of the energy of the readings that the nominal model leaves.
     pub(crate) fn share_left(&self) -> f64 {
         let energy: f64 = self.nominal.readings.iter().map(|y| y * y).sum();
         self.left() / energy.max(f64::MIN_POSITIVE)
@@ -189,7 +189,7 @@ impl Campaign {
     ) -> Result<Search<'_>, GapError> {
         progress(DiagnosisStep::Nominal);
         let model = Model::default();
-        let mut nominal = self.fitted(&model, &self.train)?;
+        let mut nominal = self.fitted(&model, self.train.iter())?;
         let stiffness = nominal.best_stiffness(CONTACT[1], JOINT[1])?;
         let field = self.non_negative(&nominal, &stiffness)?;
         let spreads = nominal.roughness(&stiffness);

@@ -152,7 +152,7 @@ impl Campaign {
     /// What a model gains over another (nats) of the readings where neither touches anything; of the spread only what is beside
     /// roughness.
     fn gain_in_air(&self, model: &Model, other: &Model, spread: &Spread) -> Result<f64, GapError> {
-        let [own, others] = [model, other].map(|m| self.fitted(m, &self.train));
+        let [own, others] = [model, other].map(|m| self.fitted(m, self.train.iter()));
         let (own, others) = (own?, others?);
         let mut rows = own.rows_in_air();
         let free = others.rows_in_air();
@@ -284,7 +284,7 @@ impl Campaign {
         rough: f64,
         all_that_move: bool,
     ) -> Result<Vec<Further>, GapError> {
-        let fitted = self.fitted(&best.model, &self.train)?;
+        let fitted = self.fitted(&best.model, self.train.iter())?;
         let mut others = Vec::new();
         for effect in effects.iter().filter(|e| !best.model.has(e.name())) {
             others.extend(self.tangents(&best.model, &fitted, &best.stiffness, effect)?);
@@ -368,13 +368,13 @@ mod tests {
             Model::of(&effect, &theta.collect::<Vec<_>>())
         };
         let nominal = Model::default();
-        let fitted = campaign.fitted(&nominal, &campaign.train).unwrap();
+        let fitted = campaign.fitted(&nominal, campaign.train.iter()).unwrap();
         let spread = fitted.best_stiffness(CONTACT[1], JOINT[1]).unwrap();
         let gain =
             |model: &Model, other: &Model| campaign.gain_in_air(model, other, &spread).unwrap();
         let bias = with("torque_bias", "b_1", 1.0);
         let wider = with("geometry_padding", "padding", 0.003);
-        let of_wider = campaign.fitted(&wider, &campaign.train).unwrap();
+        let of_wider = campaign.fitted(&wider, campaign.train.iter()).unwrap();
         assert!(of_wider.rows_in_air().len() < fitted.rows_in_air().len());
         assert_eq!(gain(&wider, &nominal), 0.0);
         assert!(gain(&bias, &nominal) > EVIDENT);

@@ -70,7 +70,7 @@ impl Campaign {
         let rough = many.then(|| self.rough());
         let within = rough.as_ref().unwrap_or(self);
         let value = |theta: &Vec<f64>| {
-            let mut fitted = within.fitted(&base.with(effect, theta), &within.train)?;
+            let mut fitted = within.fitted(&base.with(effect, theta), within.train.iter())?;
             let spread = fitted.adapted(spread)?;
             let (_, factor) = within.field(&mut fitted, &spread)?;
             Ok(fitted.log_evidence_of(&factor) - prior.cost(theta))

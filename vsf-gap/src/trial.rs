@@ -225,8 +225,8 @@ impl<'a> Trial<'a> {
         seed: u64,
     ) -> Result<Self, GapError> {
         let sequences = match whole.test.is_empty() {
-            true => &whole.train,
-            false => &whole.test,
+            true => &whole.train[..],
+            false => &whole.test[..],
         };
         let all: Vec<&Motion> = sequences.iter().collect();
         let nominal = Model::default();
@@ -268,7 +268,7 @@ impl<'a> Trial<'a> {
     /// Rows that contact cannot take, a covariance that is not positive definite.
     pub(crate) fn of(&self, refined: &Refined) -> Result<Checked, GapError> {
         let thinned = self.thinned;
-        let mut fitted = thinned.fitted(&refined.model, &thinned.train)?;
+        let mut fitted = thinned.fitted(&refined.model, thinned.train.iter())?;
         let (field, factor) = thinned.field(&mut fitted, &refined.spread)?;
         let all: Vec<&Motion> = self.sequences.iter().collect();
         let residuals = self.whole.residuals(&refined.model, &field, &all)?;

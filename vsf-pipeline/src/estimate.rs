@@ -1,7 +1,8 @@
 use crate::trace::{check_traces, with_noise};
 use crate::{Hyper, PipelineError, Trace};
 use vsf_core::{
-    Belief, CoreError, Estimator, FilterHealth, Noise, Observation, RestPoints, UpdateReport,
+    Belief, CoreError, Estimator, FilterHealth, Noise, Observation, RestPoints, Scalar,
+    UpdateReport,
 };
 use vsf_filter::{
     BatchMap, CovarianceFilter, DiagonalForm, DiagonalKalman, DualConfig, DualReplay, FieldPrior,
@@ -82,27 +83,37 @@ impl FilterSpec {
         }
     }
 
-    /// Makes the filter, robust against outliers if a loss is given.
+    /// Makes the filter, robust against outliers if a loss is given: in `f32` for control loops, or in `f64`.
+    ///
+    /// ```
+    /// # use vsf_core::Belief;
+    /// # use vsf_pipeline::FilterSpec;
+    /// let prior = Belief::uniform(1000, 0.0, 10.0)?;
+    /// let filter = FilterSpec::replay().build::<f32>(prior.into(), None)?;
+    /// assert_eq!(filter.belief().len(), 1000);
+    /// # Ok::<(), vsf_core::CoreError>(())
+    /// ```
     ///
     /// # Errors
-    /// A parameter out of range.
-    pub fn build(
+    /// A parameter out of range, a prior beyond the range of `T`.
+    pub fn build<T: Scalar>(
         &self,
         prior: FieldPrior,
         robust: Option<RobustLoss>,
-    ) -> Result<Box<dyn Estimator<Scalar = f64>>, CoreError> {
+    ) -> Result<Box<dyn Estimator<Scalar = T>>, CoreError> {
+        let marginals = || prior.marginals()?.cast::<T>();
         match *self {
             Self::Exact(projection) => boxed(
-                CovarianceFilter::with_projection(prior, projection)?,
+                CovarianceFilter::<T>::with_projection(prior, projection)?,
                 robust,
             ),
             Self::Information(projection) => boxed(
-                InformationFilter::with_projection(prior, projection)?,
+                InformationFilter::<T>::with_projection(prior, projection)?,
                 robust,
             ),
-            Self::Dual(config) => boxed(DualReplay::new(prior.marginals()?, config)?, robust),
+            Self::Dual(config) => boxed(DualReplay::new(marginals()?, config)?, robust),
             Self::Replay { form, config } => {
-                let filter = DiagonalKalman::with_form(prior.marginals()?, form);
+                let filter = DiagonalKalman::with_form(marginals()?, form);
                 if config.replays == 0 {
                     return boxed(filter, robust);
                 }
@@ -119,10 +130,10 @@ impl FilterSpec {
     }
 }
 
-fn boxed<E: Estimator<Scalar = f64> + Clone + 'static>(
+fn boxed<E: Estimator + Clone + 'static>(
     filter: E,
     robust: Option<RobustLoss>,
-) -> Result<Box<dyn Estimator<Scalar = f64>>, CoreError> {
+) -> Result<Box<dyn Estimator<Scalar = E::Scalar>>, CoreError> {
     Ok(match robust {
         Some(loss) => Box::new(RobustNoise::new(filter, loss)?),
         None => Box::new(filter),

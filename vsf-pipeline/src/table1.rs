@@ -116,7 +116,7 @@ impl Run<'_> {
             .shape
             .prior(self.scene.rest(), self.hyper.prior_sd)?;
         let noise = Noise::per_channel(&self.hyper.noise_sd)?;
-        let mut estimator = filter.build(prior, None)?;
+        let mut estimator = filter.build::<f64>(prior, None)?;
         let (mut fits, mut seconds, mut updates) = (Vec::new(), 0.0, 0usize);
         for trace in self.train {
             let trace = trace.with_noise(&noise)?;

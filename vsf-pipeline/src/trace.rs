@@ -8,7 +8,7 @@ use vsf_robots::JointTorques;
 
 /// The observations of one sequence, one per sample, with unit noise: contacts and columns are
 /// computed once and serve every estimator and every choice of prior and noise.
-#[derive(Debug, Clone)]
+#[derive(Debug, Clone, PartialEq)]
 pub struct Trace {
     /// ID of the sequence.
     pub id: String,

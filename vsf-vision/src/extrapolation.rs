@@ -74,6 +74,7 @@ impl Extrapolation {
     }
 
     /// Another length over which space behind the seen surface becomes empty (m, > 0).
+    #[must_use]
     pub fn with_fade(mut self, fade: f64) -> Self {
         self.fade = fade;
         self

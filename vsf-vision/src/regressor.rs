@@ -2,7 +2,7 @@ use crate::{Features, VisionError};
 use vsf_core::CoreError;
 
 /// What a [`Regressor`] learns from: features of points, and what is known of their stiffness.
-#[derive(Debug, Clone)]
+#[derive(Debug, Clone, PartialEq)]
 pub struct Samples {
     features: Features,
     targets: Vec<f64>,
@@ -172,6 +172,12 @@ pub trait Regressor: Send + Sync {
 
     /// One of the same parameters that has not learned yet.
     fn fresh(&self) -> Box<dyn Regressor>;
+}
+
+impl std::fmt::Debug for dyn Regressor {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.debug_struct("Regressor").finish_non_exhaustive()
+    }
 }
 
 impl<R: Regressor + ?Sized> Regressor for Box<R> {

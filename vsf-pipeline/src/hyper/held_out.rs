@@ -167,7 +167,7 @@ impl<'a> Fold<'a> {
         if let Some(batch) = &self.batch {
             return Ok(Posterior::Optimum(Box::new(batch.solve(prior, 1.0)?)));
         }
-        let mut filter = FilterSpec::replay().build(prior.clone(), None)?;
+        let mut filter = FilterSpec::replay().build::<f64>(prior.clone(), None)?;
         for trace in &self.kept {
             estimate_online(&mut *filter, trace, |_, _| {})?;
         }

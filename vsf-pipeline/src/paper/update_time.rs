@@ -1,10 +1,8 @@
-use crate::PipelineError;
 use crate::bench::{Push, Step};
+use crate::{FilterSpec, PipelineError};
 use serde::Serialize;
-use vsf_core::{Belief, Estimator};
-use vsf_filter::{
-    CovarianceFilter, DiagonalKalman, DualConfig, DualReplay, MemoryReplay, ReplayConfig,
-};
+use vsf_core::Belief;
+use vsf_filter::{DiagonalForm, DualConfig, Projection, ReplayConfig};
 
 /// Rest points along each edge of the cube, and steps of the push into it: about 1.1 mm each, 4100
 /// contacts at the end.
@@ -44,20 +42,26 @@ pub struct UpdateTime {
 /// None with the built-in robot.
 pub fn update_times() -> Result<Vec<UpdateTimes>, PipelineError> {
     let mut push = Push::new(SIDE, STEPS)?;
-    let prior = Belief::<f32>::uniform(push.rest.len(), 0.0, 0.1)?;
-    let diagonal = || DiagonalKalman::new(prior.clone());
-    let replay = MemoryReplay::new(diagonal(), ReplayConfig::default())?;
-    let dual = DualReplay::new(prior.clone(), DualConfig::default())?;
-    let estimators: [(_, Box<dyn Estimator<Scalar = f32>>); 4] = [
-        ("diagonal", Box::new(diagonal())),
-        ("diagonal, 20 replays", Box::new(replay)),
-        ("dual, 20 replays", Box::new(dual)),
-        ("dense", Box::new(CovarianceFilter::new(prior.clone())?)),
+    let prior = Belief::<f64>::uniform(push.rest.len(), 0.0, 0.1)?;
+    let diagonal = FilterSpec::Replay {
+        form: DiagonalForm::default(),
+        config: ReplayConfig {
+            replays: 0,
+            ..ReplayConfig::default()
+        },
+    };
+    let filters = [
+        ("diagonal", diagonal),
+        ("diagonal, 20 replays", FilterSpec::replay()),
+        ("dual, 20 replays", FilterSpec::Dual(DualConfig::default())),
+        ("dense", FilterSpec::Exact(Projection::default())),
     ];
+    let build = |filter: FilterSpec| filter.build::<f32>(prior.clone().into(), None);
     // Buffers and caches of contact warm up.
-    push.run(&mut diagonal())?;
+    push.run(&mut *build(diagonal)?)?;
     let mut found = Vec::new();
-    for (name, mut estimator) in estimators {
+    for (name, filter) in filters {
+        let mut estimator = build(filter)?;
         let steps = push.run(&mut *estimator)?;
         if found.is_empty() {
             found.push(times("contact", &steps, |s| s.ms[1]));

@@ -2,9 +2,7 @@
 
 #![allow(clippy::unwrap_used)]
 
-mod common;
-
-use common::{archive, golden_observations};
+use crate::common::{archive, golden_observations};
 use ndarray::{Array1, Array2};
 use ndarray_npy::ReadableElement;
 use vsf_core::{Belief, Estimator, Observation};

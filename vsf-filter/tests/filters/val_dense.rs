@@ -3,9 +3,7 @@
 
 #![allow(clippy::unwrap_used)]
 
-mod common;
-
-use common::{archive, golden_observations};
+use crate::common::{archive, golden_observations};
 use nalgebra::{DMatrix, DVector, Point3};
 use ndarray::Array2;
 use proptest::prelude::*;

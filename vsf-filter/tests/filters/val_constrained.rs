@@ -4,9 +4,7 @@
 
 #![allow(clippy::unwrap_used)]
 
-mod common;
-
-use common::{archive, golden_observations};
+use crate::common::{archive, golden_observations};
 use nalgebra::Point3;
 use ndarray::Array1;
 use proptest::prelude::*;

@@ -1,6 +1,5 @@
 //! What several tests need: numbers made by other software (see `golden/README.md`), an estimator
 //! that notes what it is given.
-#![allow(dead_code, reason = "each test file uses a part")]
 
 use ndarray::{Array1, Array2, Array3};
 use ndarray_npy::NpzReader;

@@ -2,9 +2,7 @@
 
 #![allow(clippy::unwrap_used)]
 
-mod common;
-
-use common::{Orders, Probe};
+use crate::common::{Orders, Probe};
 use std::sync::{Arc, Mutex};
 use vsf_core::{Belief, CoreError, Estimator, FilterHealth, Noise, Observation};
 use vsf_filter::{DiagonalKalman, MemoryReplay, ReplayConfig, ReplayVariance};

@@ -3,9 +3,7 @@
 
 #![allow(clippy::unwrap_used)]
 
-mod common;
-
-use common::golden_observations;
+use crate::common::golden_observations;
 use proptest::prelude::*;
 use rand::SeedableRng;
 use rand_pcg::Pcg64Mcg;
@@ -79,7 +77,7 @@ proptest! {
 fn val_golden_case_comes_down_to_its_optimum() {
     let (stream, truth) = golden_observations();
     let prior = Belief::uniform(truth.len(), 0.0, 0.1).unwrap();
-    let expected: ndarray::Array1<f64> = common::archive("quadprog.npz")
+    let expected: ndarray::Array1<f64> = crate::common::archive("quadprog.npz")
         .by_name("x_exact_nnls")
         .unwrap();
     let mut filter = DualReplay::new(prior, DualConfig::default()).unwrap();
