@@ -61,7 +61,7 @@ pub struct Recording {
 
 /// Which sequences to take when none are named.
 #[derive(Clone, Copy)]
-pub enum Default {
+pub enum SplitPart {
     Train,
     Test,
     All,
@@ -137,7 +137,7 @@ impl Recording {
     pub fn sequences(
         &self,
         named: Option<&[String]>,
-        default: Default,
+        part: SplitPart,
     ) -> anyhow::Result<Vec<&Sequence>> {
         let dataset = &self.dataset;
         if let Some(ids) = named {
@@ -161,10 +161,10 @@ impl Recording {
             };
             return ids.iter().enumerate().map(find).collect();
         }
-        let (chosen, what): (Vec<_>, _) = match default {
-            Default::Train => (dataset.train().collect(), "train"),
-            Default::Test => (dataset.test().collect(), "test"),
-            Default::All => (dataset.sequences.iter().collect(), "touch"),
+        let (chosen, what): (Vec<_>, _) = match part {
+            SplitPart::Train => (dataset.train().collect(), "train"),
+            SplitPart::Test => (dataset.test().collect(), "test"),
+            SplitPart::All => (dataset.sequences.iter().collect(), "touch"),
         };
         if chosen.is_empty() {
             let path = self.path.display();

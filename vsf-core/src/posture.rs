@@ -91,6 +91,11 @@ impl JointScrew {
             linear: axis_W,
         }
     }
+
+    /// The velocity (m per unit of joint speed) that it gives a point: its column of the point's Jacobian.
+    pub fn velocity_at(&self, p_W: &Point3<f64>) -> Vector3<f64> {
+        self.angular.cross(&p_W.coords) + self.linear
+    }
 }
 
 /// Where every link and joint axis of a robot is, for one vector of joint positions.

@@ -201,7 +201,7 @@ pub(crate) fn contact_config(
 /// The middle of the contact, and the link with most of the touched points.
 ///
 /// # Panics
-/// If a touched point is none of the rest points.
+/// If a touched point is none of the rest points, or a touching link none of the posture's.
 pub fn centre(touch: &Touch<'_>) -> Option<(usize, Point3<f64>)> {
     let contacts = touch.contacts;
     let n = contacts.len();
@@ -213,15 +213,13 @@ pub fn centre(touch: &Touch<'_>) -> Option<(usize, Point3<f64>)> {
         .zip(contacts.displacements())
         .map(place)
         .sum();
-    let links = contacts.links().iter().copied();
-    let most = contacts
+    let mut counts = vec![0usize; touch.posture.link_poses().len()];
+    contacts
         .links()
         .iter()
-        .copied()
-        .max()
-        .map_or(0, |l| l as usize + 1);
-    let link = (0..most as u32).max_by_key(|l| links.clone().filter(|m| m == l).count())?;
-    Some((link as usize, Point3::from(sum / n as f64)))
+        .for_each(|&l| counts[l as usize] += 1);
+    let link = (0..counts.len()).max_by_key(|l| counts[*l])?;
+    Some((link, Point3::from(sum / n as f64)))
 }
 
 /// The columns of the Jacobian of a point on a link: the velocity (m per unit of joint speed) that
@@ -234,8 +232,7 @@ pub(crate) fn velocity_columns(
 ) {
     out.fill(Vector3::zeros());
     for &j in posture.chains().chain(link) {
-        let s = &posture.screws()[j as usize];
-        out[j as usize] = s.angular.cross(&p.coords) + s.linear;
+        out[j as usize] = posture.screws()[j as usize].velocity_at(p);
     }
 }
 
@@ -247,8 +244,7 @@ fn force_behind(touch: &Touch<'_>, reading: &[f64]) -> Vector3<f64> {
     };
     let (mut jjt, mut jt) = (Matrix3::zeros(), Vector3::zeros());
     for &j in touch.posture.chains().chain(link) {
-        let s = &touch.posture.screws()[j as usize];
-        let v = s.angular.cross(&p.coords) + s.linear;
+        let v = touch.posture.screws()[j as usize].velocity_at(&p);
         jjt += v * v.transpose();
         jt += v * reading[j as usize];
     }

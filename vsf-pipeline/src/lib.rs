@@ -64,7 +64,7 @@ pub use paper::{
 };
 pub use priors::{PriorRow, compare_priors};
 pub use readings::{
-    check_recording, check_torques, external_torques, motion_of, rigid_body_torques, unwound,
+    check_readable, check_torques, external_torques, motion_of, rigid_body_torques, unwound,
 };
 pub use robot::{load_robot, reading_unit, robot_of};
 pub use scene::{Scene, SceneOptions};

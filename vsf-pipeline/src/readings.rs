@@ -76,7 +76,7 @@ pub fn check_torques(scene: &Scene, sequence: &Sequence) -> Result<(), PipelineE
 ///
 /// # Errors
 /// What [`Dataset::check`] refuses, points that [`RestPoints::new`] refuses, what [`external_torques`] refuses.
-pub fn check_recording(dataset: &Dataset, robot: RobotModel) -> Result<(), PipelineError> {
+pub fn check_readable(dataset: &Dataset, robot: RobotModel) -> Result<(), PipelineError> {
     RestPoints::new(dataset.rest_points.clone().unwrap_or_default())?;
     let scene = Scene::in_air(dataset, robot)?;
     let mut sequences = dataset.sequences.iter();

@@ -82,8 +82,7 @@ pub fn jacobian(
     }
     columns.fill(Vector3::zeros());
     for &j in chains.chain(link) {
-        let s = &posture.screws()[j as usize];
-        columns[j as usize] = s.angular.cross(&p_W.coords) + s.linear;
+        columns[j as usize] = posture.screws()[j as usize].velocity_at(p_W);
     }
     Ok(())
 }

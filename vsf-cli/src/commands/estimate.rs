@@ -3,7 +3,7 @@ use crate::corrected::{CorrectedModel, ModelArgs};
 use crate::exit::usage;
 use crate::field_file::{FieldFormat, claim, save};
 use crate::range::length;
-use crate::recording::{Default, RecordingArgs, traces, untouched};
+use crate::recording::{RecordingArgs, SplitPart, traces, untouched};
 use crate::settings::EstimatorSettings;
 use serde::Serialize;
 use std::path::PathBuf;
@@ -115,7 +115,7 @@ pub fn run(args: &Args, console: &Console) -> anyhow::Result<()> {
     let spec = settings.spec()?;
     let model = args.model.open(console)?;
     let recording = args.recording.open(console)?;
-    let sequences = recording.sequences(args.sequences.as_deref(), Default::Train)?;
+    let sequences = recording.sequences(args.sequences.as_deref(), SplitPart::Train)?;
     // What is missing is told before contact takes its time.
     if let Some(file) = settings.vision_file() {
         console.outputs.keep(file)?;

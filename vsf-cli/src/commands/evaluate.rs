@@ -3,7 +3,7 @@ use crate::corrected::Modelled;
 use crate::exit::usage;
 use crate::field_file::FieldFile;
 use crate::range::count;
-use crate::recording::{Default, FieldArgs, Recording};
+use crate::recording::{FieldArgs, Recording, SplitPart};
 use clap::builder::RangedU64ValueParser;
 use serde::Serialize;
 use std::collections::BTreeMap;
@@ -75,7 +75,7 @@ struct Report {
 pub fn run(args: &Args, console: &Console) -> anyhow::Result<()> {
     let model = args.of.model.open(console)?;
     let recording = args.of.recording.open(console)?;
-    let sequences = recording.sequences(args.sequences.as_deref(), Default::Test)?;
+    let sequences = recording.sequences(args.sequences.as_deref(), SplitPart::Test)?;
     let given = args.of.field.as_deref();
     let in_air = given.is_none() && !recording.has_points();
     let by_model = in_air && model.is_some();
@@ -207,7 +207,7 @@ pub fn measure(
 ) -> anyhow::Result<Evaluation> {
     let train = match baseline {
         Baseline::Zero => Vec::new(),
-        _ => recording.sequences(None, Default::Train)?,
+        _ => recording.sequences(None, SplitPart::Train)?,
     };
     let predictions = baseline.predict(scene, &train, sequences)?;
     Ok(score(scene, traces, &predictions)?)

@@ -8,7 +8,7 @@ mod table1;
 use crate::console::Console;
 use crate::exit::{message, usage};
 use crate::range::length;
-use crate::recording::{Default, Recording, traces};
+use crate::recording::{Recording, SplitPart, traces};
 use crate::settings::SceneSettings;
 use clap::Subcommand;
 use serde::Serialize;
@@ -145,8 +145,8 @@ fn each<T>(
     keep: impl Fn(&Found<T>) -> anyhow::Result<()>,
 ) -> anyhow::Result<Found<T>> {
     let run = |number: usize, recording: &Recording| {
-        let mut sequences = recording.sequences(None, Default::Train)?;
-        sequences.extend(recording.sequences(None, Default::Test)?);
+        let mut sequences = recording.sequences(None, SplitPart::Train)?;
+        sequences.extend(recording.sequences(None, SplitPart::Test)?);
         let scene = recording.scene_to_learn(None, console)?;
         let traces = traces(&scene, &sequences, console)?;
         let campaign = Campaign::new(&recording.dataset, &scene, &traces)?;

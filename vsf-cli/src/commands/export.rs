@@ -7,7 +7,7 @@ use crate::file_kind::FileKind;
 use crate::interrupt::writing;
 use crate::pictures::{self, Surroundings, View};
 use crate::range::positive;
-use crate::recording::{Default, Recording, needs_recording};
+use crate::recording::{Recording, SplitPart, needs_recording};
 use crate::settings::SceneSettings;
 use anyhow::Context;
 use std::path::PathBuf;
@@ -137,7 +137,7 @@ fn from_recording(args: &Args, console: &Console) -> anyhow::Result<Vec<PathBuf>
     if let Some(view) = &dataset.camera {
         around = around.camera(view, &field.field.points);
     }
-    let shown = recording.sequences(None, Default::All)?[0];
+    let shown = recording.sequences(None, SplitPart::All)?[0];
     around = around.robot(&scene, shown, &scene.trace(shown)?)?;
     let (joints, mut predictions) = (names(scene.robot()), Vec::new());
     if args.out.iter().any(is_mcap) {
@@ -153,7 +153,7 @@ fn from_recording(args: &Args, console: &Console) -> anyhow::Result<Vec<PathBuf>
     let Some(folder) = &args.torques else {
         return Ok(written);
     };
-    let sequences = recording.sequences(args.sequences.as_deref(), Default::Test)?;
+    let sequences = recording.sequences(args.sequences.as_deref(), SplitPart::Test)?;
     let plot_of = |id: &str| format!("torques_{id}.svg");
     (sequences.iter())
         .try_for_each(|s| FileKind::Svg.check("--torques", &folder.join(plot_of(&s.id))))?;
@@ -260,7 +260,7 @@ fn efforts(
         TorqueKind::External => 1.0,
         TorqueKind::Measured => -1.0,
     };
-    let sequences = recording.sequences(None, Default::All)?;
+    let sequences = recording.sequences(None, SplitPart::All)?;
     let (modelled, predictions) = predicted(recording, field, scene, model, &sequences, console)?;
     let traces = modelled.traces.iter().zip(&predictions);
     let of = |((trace, prediction), sequence): ((&Trace, &SequencePrediction), &&Sequence)| {

@@ -10,7 +10,7 @@ use serde::Serialize;
 use std::path::PathBuf;
 use vsf::core::nalgebra::{Point3, Vector3};
 use vsf::data::{Advice, Clock, DataError, Dataset, JointLog, Sequence, read_points};
-use vsf::pipeline::{check_recording, load_robot, motion_warnings, robot_of};
+use vsf::pipeline::{check_readable, load_robot, motion_warnings, robot_of};
 
 /// Most points of a box.
 const MOST_POINTS: f64 = 1e7;
@@ -171,7 +171,7 @@ pub fn run(args: &Args, console: &Console) -> anyhow::Result<()> {
     let sequences: Vec<&Sequence> = dataset.sequences.iter().collect();
     let motion = motion_warnings(&robot, &sequences);
     motion.iter().for_each(|w| console.warn(w));
-    check_recording(&dataset, robot)?;
+    check_readable(&dataset, robot)?;
 
     let report = report(args, &log, joints, &dataset);
     save(dataset, &packages, &args.out, Vec::new())?;

@@ -1,5 +1,5 @@
 use crate::console::{Console, number, table};
-use crate::recording::{Default, Recording, RecordingArgs, traces, untouched};
+use crate::recording::{Recording, RecordingArgs, SplitPart, traces, untouched};
 use serde::Serialize;
 use vsf::core::nalgebra::Point3;
 use vsf::data::TorqueKind;
@@ -70,7 +70,7 @@ struct Grid {
 
 pub fn run(args: &Args, console: &Console) -> anyhow::Result<()> {
     let recording = args.recording.open(console)?;
-    let sequences = recording.sequences(None, Default::All)?;
+    let sequences = recording.sequences(None, SplitPart::All)?;
     let scene = recording.scene_to_learn_or_air(console)?;
     let traces = traces(&scene, &sequences, console)?;
     untouched(&scene, &traces)

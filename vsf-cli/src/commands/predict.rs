@@ -1,7 +1,7 @@
 use crate::console::Console;
 use crate::corrected::Modelled;
 use crate::derived::{PREDICTED, derived, deviations_of, save};
-use crate::recording::{Default, FieldArgs};
+use crate::recording::{FieldArgs, SplitPart};
 use serde::Serialize;
 use std::borrow::Cow;
 use std::path::PathBuf;
@@ -46,7 +46,7 @@ struct Entry<'a> {
 
 pub fn run(args: &Args, console: &Console) -> anyhow::Result<()> {
     let (recording, field, scene, model) = args.of.open_for(&args.out, console)?;
-    let sequences = recording.sequences(args.sequences.as_deref(), Default::Test)?;
+    let sequences = recording.sequences(args.sequences.as_deref(), SplitPart::Test)?;
     let belief = &field.stored.belief;
     let noise_sd = field.noise_sd(scene.robot().joint_count(), console)?;
     let modelled = Modelled::new(model.as_ref(), &recording, &scene, &sequences, console)?;

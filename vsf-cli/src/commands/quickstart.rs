@@ -5,7 +5,7 @@ use crate::exit::usage;
 use crate::field_file::save;
 use crate::file_kind::FileKind;
 use crate::pictures::{self, Surroundings, View};
-use crate::recording::{Default, Recording, traces};
+use crate::recording::{Recording, SplitPart, traces};
 use crate::samples::ONE_PLACE;
 use crate::settings::{EstimatorSettings, SceneSettings};
 use serde::Serialize;
@@ -62,8 +62,8 @@ pub fn run(console: &Console) -> anyhow::Result<()> {
     console.report(HEAD)?;
     let dataset = ONE_PLACE.unpack(folder, RECORDING.as_ref())?;
     let recording = Recording::open(&dataset, &SceneSettings::default(), console)?;
-    let train = recording.sequences(None, Default::Train)?;
-    let test = recording.sequences(None, Default::Test)?;
+    let train = recording.sequences(None, SplitPart::Train)?;
+    let test = recording.sequences(None, SplitPart::Test)?;
     let scene = recording.scene_to_learn(None, console)?;
     let learned = traces(&scene, &train, console)?;
     let chosen = learn(

@@ -1,7 +1,7 @@
 use crate::console::{Console, number};
 use crate::derived::{SIMULATED, derived, save};
 use crate::range::scatter;
-use crate::recording::{Default, FieldArgs, untouched};
+use crate::recording::{FieldArgs, SplitPart, untouched};
 use serde::Serialize;
 use std::borrow::Cow;
 use std::path::PathBuf;
@@ -44,7 +44,7 @@ struct Report<'a> {
 
 pub fn run(args: &Args, console: &Console) -> anyhow::Result<()> {
     let (recording, field, scene, model) = args.of.open_for(&args.out, console)?;
-    let sequences = recording.sequences(args.sequences.as_deref(), Default::All)?;
+    let sequences = recording.sequences(args.sequences.as_deref(), SplitPart::All)?;
     let motion = motion_warnings(scene.robot(), &sequences);
     motion.iter().for_each(|w| console.warn(w));
     let spinner = console.spinner("simulating");

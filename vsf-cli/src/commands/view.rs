@@ -5,7 +5,7 @@ use crate::exit::usage;
 use crate::field_file::FieldFile;
 use crate::file_kind::FileKind;
 use crate::range::{ending, positive};
-use crate::recording::{Default, Recording, needs_recording};
+use crate::recording::{Recording, SplitPart, needs_recording};
 use crate::settings::SceneSettings;
 use crate::view::{Cloud, View, in_air, in_scene, page};
 use std::path::PathBuf;
@@ -108,7 +108,7 @@ fn of_field(args: &Args, console: &Console) -> anyhow::Result<String> {
 
 fn of_recording(args: &Args, console: &Console) -> anyhow::Result<String> {
     let recording = Recording::open(&args.input, &args.scene, console)?;
-    let sequences = recording.sequences(args.sequences.as_deref(), Default::All)?;
+    let sequences = recording.sequences(args.sequences.as_deref(), SplitPart::All)?;
     let dataset = &recording.dataset;
     let found = if args.field.is_some() || dataset.field.is_some() {
         let field = recording.field(args.field.as_deref(), console)?;
