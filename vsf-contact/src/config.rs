@@ -88,8 +88,8 @@ impl ContactConfig {
         check(
             "friction coefficient",
             self.friction,
-            self.friction >= 0.0,
-            ">= 0",
+            (0.0..=1e100).contains(&self.friction),
+            "0 to 1e100",
         )?;
         check(
             "slip step",

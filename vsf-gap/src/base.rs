@@ -1,8 +1,9 @@
 //! The nominal model as effects are measured against it.
 
 use crate::evidence::Spread;
-use crate::nominal::{CONTACT, Fitted, JOINT};
+use crate::fitted::Fitted;
 use crate::screen::{best_of, log_mean_exp};
+use crate::spread_search::{CONTACT, JOINT};
 use crate::{Campaign, GapError, Model};
 use rayon::prelude::*;
 

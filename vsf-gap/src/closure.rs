@@ -1,6 +1,6 @@
 use crate::bootstrap::Bootstrap;
 use crate::evidence::{Factor, Spread};
-use crate::nominal::Fitted;
+use crate::fitted::Fitted;
 use crate::{Campaign, ContactLog, GapError, JointNoise, Model, Motion};
 use std::ops::Range;
 use std::sync::Arc;

@@ -1,7 +1,7 @@
 //! What one stiffness everywhere explains together with an effect, beside what a free one explains alone: a
 //! field that grows stiff with depth and springs that stiffen push alike.
 
-use crate::nominal::Fitted;
+use crate::fitted::Fitted;
 use crate::{Acts, Campaign, Effect, GapError, Model};
 use nalgebra::{DMatrix, DVector};
 use std::sync::Arc;

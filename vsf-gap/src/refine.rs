@@ -1,6 +1,6 @@
 use crate::evidence::{Factor, Fit, Normal, Spread};
+use crate::fitted::Fitted;
 use crate::gauge::{self, Reference};
-use crate::nominal::Fitted;
 use crate::screen::{best_of, log_mean_exp};
 use crate::{Acts, Campaign, Effect, GapError, Model, Parameter, Role};
 use faer::Mat;

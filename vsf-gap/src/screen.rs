@@ -1,5 +1,5 @@
 use crate::evidence::{Fit, Normal, Spread};
-use crate::nominal::Fitted;
+use crate::fitted::Fitted;
 use crate::{Acts, Campaign, ContactLog, Effect, GapError, Model, Motion, Parameter, Role};
 use faer::Mat;
 use rayon::prelude::*;

@@ -3,10 +3,10 @@
 use crate::effect::EVIDENT;
 use crate::evidence::Spread;
 use crate::judge::{needed_beside, threshold};
-use crate::nominal::CONTACT;
 use crate::refine::Refined;
 use crate::screen::{Tangent, log_mean_exp, screen};
 use crate::search::{Candidate, Standard, best_starts};
+use crate::spread_search::CONTACT;
 use crate::{Acts, Campaign, Effect, GapError, Model};
 use rayon::prelude::*;
 use std::sync::Arc;
@@ -326,7 +326,7 @@ impl Campaign {
 mod tests {
     use super::*;
     use crate::effects;
-    use crate::nominal::JOINT;
+    use crate::spread_search::JOINT;
     use nalgebra::Point3;
     use vsf_data::{Dataset, RobotRef, Sequence, Table};
     use vsf_pipeline::SceneOptions;

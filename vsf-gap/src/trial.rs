@@ -3,14 +3,14 @@
 use crate::closure::{Closure, Residuals, closure, noise_norm};
 use crate::effect::Need;
 use crate::evidence::Spread;
+use crate::fitted::Fitted;
 use crate::judge::{Hypothesis, Judged, Nominal, judge};
-use crate::nominal::Fitted;
 use crate::oscillation::oscillation;
+use crate::predictive::TestDensity;
 use crate::refine::Refined;
 use crate::report::{MOSTLY, is_perfect};
 use crate::verdict::VerdictKind;
 use crate::{Acts, Campaign, ContactLog, GapError, Model, Motion};
-use std::collections::BTreeSet;
 use std::ops::Range;
 use std::sync::Arc;
 use vsf_data::{TorqueKind, tare};
@@ -64,7 +64,7 @@ pub(crate) struct Checked {
     pub(crate) closure: Closure,
     /// How much likelier it makes the test sequences than the nominal model does, given the train sequences (nats).
     pub(crate) foretold: f64,
-    /// How far innovations on the train sequences persist ([`Fitted::persistence`](crate::nominal::Fitted)).
+    /// How far innovations on the train sequences persist ([`Fitted::persistence`](crate::fitted::Fitted)).
     pub(crate) persistence: f64,
 }
 
@@ -159,58 +159,6 @@ impl<'a> Judgement<'a> {
     }
 }
 
-/// The test sequences, and the train sequences that they are foretold from, in a model as it was fitted to these.
-struct Foretelling<'a> {
-    all: Fitted<'a>,
-    given: Vec<&'a Motion>,
-}
-
-impl<'a> Foretelling<'a> {
-    /// What was never touched is uncertain, so that a model is not held against it. `None` without test sequences.
-    ///
-    /// # Errors
-    /// Rows that contact cannot take.
-    fn new(campaign: &'a Campaign, fitted: &Fitted<'a>) -> Result<Option<Self>, GapError> {
-        if campaign.test.is_empty() {
-            return Ok(None);
-        }
-        let mut all = campaign.fitted(&fitted.model, campaign.session())?;
-        let touched: BTreeSet<u32> = (fitted.logs.iter())
-            .flat_map(|log| &log.contacts)
-            .flat_map(|c| c.points().iter().copied())
-            .collect();
-        // Points that came out negative.
-        let left_out =
-            |p: u32| touched.contains(&p) && fitted.design.points.binary_search(&p).is_err();
-        all.leave_out(campaign, left_out);
-        Ok(Some(Self {
-            all,
-            given: fitted.motions.clone(),
-        }))
-    }
-
-    fn is_given(&self, motion: &Motion) -> bool {
-        self.given.iter().any(|own| std::ptr::eq(*own, motion))
-    }
-
-    /// Log density of the test sequences given the others (nats).
-    ///
-    /// # Errors
-    /// A covariance that is not positive definite.
-    fn log_density(&self, spread: &Spread) -> Result<f64, GapError> {
-        self.all.log_predictive(spread, |m| self.is_given(m))
-    }
-
-    /// How far off the test sequences are (root mean square, in predicted standard deviations).
-    ///
-    /// # Errors
-    /// A covariance that is not positive definite.
-    fn surprise(&self, spread: &Spread) -> Result<Option<f64>, GapError> {
-        let square = self.all.surprise(spread, |m| self.is_given(m))?;
-        Ok(square.map(f64::sqrt))
-    }
-}
-
 impl<'a> Trial<'a> {
     /// With the nominal model, its field and its spread.
     ///
@@ -236,12 +184,9 @@ impl<'a> Trial<'a> {
             Some(_) => Vec::new(),
             None => free_blocks(sequences, &logs),
         };
-        let foretelling = Foretelling::new(thinned, fitted)?;
-        let (log_predictive, surprise) = match &foretelling {
-            Some(foretelling) => (
-                foretelling.log_density(spread)?,
-                foretelling.surprise(spread)?,
-            ),
+        let density = TestDensity::new(thinned, fitted)?;
+        let (log_predictive, surprise) = match &density {
+            Some(density) => (density.log_density(spread)?, density.surprise(spread)?),
             None => (0.0, None),
         };
         Ok(Self {
@@ -272,8 +217,8 @@ impl<'a> Trial<'a> {
         let (field, factor) = thinned.field(&mut fitted, &refined.spread)?;
         let all: Vec<&Motion> = self.sequences.iter().collect();
         let residuals = self.whole.residuals(&refined.model, &field, &all)?;
-        let foretold = match Foretelling::new(thinned, &fitted)? {
-            Some(foretelling) => foretelling.log_density(&refined.spread)? - self.log_predictive,
+        let foretold = match TestDensity::new(thinned, &fitted)? {
+            Some(density) => density.log_density(&refined.spread)? - self.log_predictive,
             None => 0.0,
         };
         Ok(Checked {

@@ -1,12 +1,11 @@
 mod held_out;
 mod likelihood;
+mod problem;
 
-use crate::estimate::touched_points;
-use crate::trace::check_traces;
 use crate::{PipelineError, Trace};
+use problem::Problem;
 use serde::{Deserialize, Serialize};
-use std::ops::Range;
-use vsf_core::{Belief, CoreError, Noise, Observation, RestPoints, median};
+use vsf_core::{Belief, CoreError, RestPoints};
 use vsf_filter::{FieldPrior, Matern, Smoothness};
 
 /// Prior and noise of an estimation. Their ratio decides how closely readings are followed.
@@ -188,11 +187,6 @@ pub struct HyperChoice {
 
 /// Signal-to-noise ratios of one reading that are tried, as powers of 2 times the rule.
 const POWERS: [f64; 8] = [-4.0, -2.0, -1.0, 0.0, 1.0, 2.0, 4.0, 6.0];
-/// As how many independent readings those of one point count by rule. What the model leaves
-/// unexplained stays alike over a whole push, so that hundreds of readings say little more than one.
-const INDEPENDENT: f64 = 4.0;
-/// Share of the whole reading that the noise of every channel gets besides its own.
-const FLOOR: f64 = 0.05;
 
 /// Chooses prior and noise from train sequences, for any estimator.
 ///
@@ -255,156 +249,6 @@ fn first<'a, T>(what: &'static str, all: &'a [T]) -> Result<&'a T, CoreError> {
     })
 }
 
-/// The problem with noise of the right shape and, for now, level 1, a trace per touch, and without
-/// the points that are never touched.
-struct Problem {
-    rest: RestPoints,
-    touches: Vec<Trace>,
-    channels: Vec<f64>,
-    /// Median over the samples in contact of the reading's sd per unit of prior sd.
-    typical: f64,
-    /// Signal-to-noise ratio of a typical reading by rule.
-    rule: f64,
-}
-
-impl Problem {
-    fn new(rest: &RestPoints, traces: &[Trace]) -> Result<Self, PipelineError> {
-        let first = traces.iter().flat_map(|t| &t.observations).next();
-        check_traces(traces, rest.len(), first.map_or(0, Observation::dim))?;
-        let what = "train";
-        let channels = channel_scales(traces).ok_or(PipelineError::NoContact {
-            what,
-            points: rest.len(),
-        })?;
-        let typical = typical_signal(traces, &channels).ok_or_else(|| {
-            let touched = touched_points(traces, rest.len());
-            let touched = touched.iter().filter(|t| **t).count();
-            PipelineError::NoTorque { what, touched }
-        })?;
-        let rule = (INDEPENDENT / readings_per_point(traces, rest.len())).sqrt();
-        let noise = Noise::per_channel(&channels)?;
-        let (rest, touches) = touched_alone(rest, traces, &noise)?;
-        Ok(Self {
-            rest,
-            touches,
-            channels,
-            typical,
-            rule,
-        })
-    }
-
-    fn prior_sd(&self, power: f64) -> f64 {
-        self.rule * 2f64.powf(power) / self.typical
-    }
-
-    fn prior(&self, (shape, power): &(PriorShape, f64)) -> Result<FieldPrior, PipelineError> {
-        shape.prior(&self.rest, self.prior_sd(*power))
-    }
-
-    fn signal_to_noise(&self, power: f64) -> f64 {
-        self.rule * 2f64.powf(power)
-    }
-
-    fn hyper(&self, (shape, power): (PriorShape, f64), level: f64) -> Hyper {
-        Hyper {
-            prior_sd: self.prior_sd(power) * level,
-            shape,
-            noise_sd: self.channels.iter().map(|c| c * level).collect(),
-        }
-    }
-}
-
-/// The same problem without the points that are never touched, with another noise and a trace per
-/// touch.
-pub(crate) fn touched_alone(
-    rest: &RestPoints,
-    traces: &[Trace],
-    noise: &Noise,
-) -> Result<(RestPoints, Vec<Trace>), PipelineError> {
-    let touched = touched_points(traces, rest.len());
-    let mut place = vec![0u32; rest.len()];
-    let mut positions = Vec::new();
-    for (p, _) in touched.iter().enumerate().filter(|(_, t)| **t) {
-        place[p] = positions.len() as u32;
-        positions.push(rest.positions()[p]);
-    }
-    let len = positions.len();
-    let renamed = |obs: &Observation<f64>| {
-        let points: Vec<u32> = obs.points().iter().map(|&p| place[p as usize]).collect();
-        let mut copy = Observation::new(noise.clone());
-        copy.rebuild(len, &points, obs.reading(), |k, column| {
-            (0..obs.dim()).for_each(|i| column[i] = obs.row(i)[k]);
-        })?;
-        Ok(copy)
-    };
-    let of_touch = |(trace, touch): (&Trace, &Range<usize>)| {
-        let observations = trace.observations[touch.clone()].iter().map(renamed);
-        Ok(Trace {
-            id: trace.id.clone(),
-            time: trace.time[touch.clone()].to_vec(),
-            observations: observations.collect::<Result<_, CoreError>>()?,
-            touches: std::iter::once(0..touch.len()).collect(),
-        })
-    };
-    let touches = traces
-        .iter()
-        .flat_map(|trace| trace.touches.iter().map(move |touch| (trace, touch)))
-        .map(of_touch)
-        .collect::<Result<_, PipelineError>>()?;
-    Ok((RestPoints::new(positions)?, touches))
-}
-
-/// Noise of every channel up to its level; `None` without contact.
-fn channel_scales(traces: &[Trace]) -> Option<Vec<f64>> {
-    let in_contact = || {
-        traces
-            .iter()
-            .flat_map(|t| &t.observations)
-            .filter(|o| !o.is_empty())
-    };
-    let count = in_contact().count() as f64;
-    let dim = in_contact().next()?.dim();
-    let rms = (0..dim).map(|c| {
-        let squares: f64 = in_contact().map(|o| o.reading()[c] * o.reading()[c]).sum();
-        (squares / count).sqrt()
-    });
-    let rms: Vec<f64> = rms.collect();
-    let norm = rms.iter().map(|x| x * x).sum::<f64>().sqrt();
-    // Readings of zero say nothing about their noise.
-    let floor = if norm > 0.0 { FLOOR * norm } else { 1.0 };
-    Some(rms.iter().map(|x| x + floor).collect())
-}
-
-/// Median over the samples in contact of `sqrt(tr(R^-1 W W^T) / d)`.
-fn typical_signal(traces: &[Trace], channels: &[f64]) -> Option<f64> {
-    let norm = |o: &Observation<f64>| {
-        let white = |c: usize| {
-            o.row(c)
-                .iter()
-                .map(|w| (w / channels[c]).powi(2))
-                .sum::<f64>()
-        };
-        ((0..o.dim()).map(white).sum::<f64>() / o.dim() as f64).sqrt()
-    };
-    let norms = traces
-        .iter()
-        .flat_map(|t| &t.observations)
-        .filter(|o| !o.is_empty())
-        .map(norm)
-        .filter(|n| *n > 0.0);
-    median(norms.collect())
-}
-
-/// Median over the touched points of the number of readings that a point takes part in.
-fn readings_per_point(traces: &[Trace], field_len: usize) -> f64 {
-    let mut counts = vec![0usize; field_len];
-    for obs in traces.iter().flat_map(|t| &t.observations) {
-        obs.points().iter().for_each(|&p| counts[p as usize] += 1);
-    }
-    let touched = counts.into_iter().filter(|n| *n > 0);
-    median(touched.map(|n| n as f64).collect()).unwrap_or(1.0)
-}
-
 #[cfg(test)]
 #[allow(clippy::unwrap_used)]
 mod tests {
@@ -413,6 +257,7 @@ mod tests {
     use rand::{RngExt, SeedableRng};
     use rand_distr::{Distribution, Normal};
     use rand_pcg::Pcg64Mcg;
+    use vsf_core::{Noise, Observation};
 
     const POINTS: usize = 12;
 

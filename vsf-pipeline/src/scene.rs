@@ -59,18 +59,28 @@ impl SceneOptions {
     /// ```
     #[must_use]
     pub fn with_contact_of(self, field: &ContactParameters) -> Self {
+        let ContactParameters {
+            threshold,
+            friction,
+            slip_step,
+            max_slip_iterations,
+            padding,
+            adhesion,
+            subdivision,
+            ref links,
+        } = *field;
         Self {
             contact: ContactConfig {
-                threshold: field.threshold,
-                friction: field.friction,
-                slip_step: field.slip_step,
-                max_slip_iterations: field.max_slip_iterations,
-                padding: field.padding,
-                adhesion: field.adhesion,
-                ..self.contact
+                threshold,
+                friction,
+                slip_step,
+                max_slip_iterations,
+                padding,
+                adhesion,
+                parallel: self.contact.parallel,
             },
-            subdivision: field.subdivision,
-            links: field.links.clone(),
+            subdivision,
+            links: links.clone(),
             ..self
         }
     }
@@ -417,13 +427,22 @@ impl Scene {
 
     /// The parameters of contact that a field estimated in this scene, or a model found in it, remembers.
     pub fn contact_parameters(&self) -> ContactParameters {
+        let ContactConfig {
+            threshold,
+            friction,
+            slip_step,
+            max_slip_iterations,
+            padding,
+            adhesion,
+            parallel: _,
+        } = self.contact;
         ContactParameters {
-            threshold: self.contact.threshold,
-            friction: self.contact.friction,
-            slip_step: self.contact.slip_step,
-            max_slip_iterations: self.contact.max_slip_iterations,
-            padding: self.contact.padding,
-            adhesion: self.contact.adhesion,
+            threshold,
+            friction,
+            slip_step,
+            max_slip_iterations,
+            padding,
+            adhesion,
             subdivision: self.subdivision,
             links: self.chosen.clone(),
         }

@@ -1,8 +1,11 @@
+use crate::estimate::touched_points;
 use crate::readings::check_sequence;
 use crate::{PipelineError, Scene, external_torques};
 use rayon::prelude::*;
 use std::ops::Range;
-use vsf_core::{ContactModel, Contacts, CoreError, Noise, Observation, Posture, Sensor};
+use vsf_core::{
+    ContactModel, Contacts, CoreError, Noise, Observation, Posture, RestPoints, Sensor,
+};
 use vsf_data::{Sequence, Table};
 use vsf_robots::JointTorques;
 
@@ -221,6 +224,46 @@ pub(crate) fn check_traces(
 /// [`Trace::with_noise`] of all traces.
 pub(crate) fn with_noise(traces: &[Trace], noise: &Noise) -> Result<Vec<Trace>, CoreError> {
     traces.iter().map(|t| t.with_noise(noise)).collect()
+}
+
+/// The same problem without the points that are never touched, with another noise and a trace per
+/// touch.
+pub(crate) fn touched_alone(
+    rest: &RestPoints,
+    traces: &[Trace],
+    noise: &Noise,
+) -> Result<(RestPoints, Vec<Trace>), PipelineError> {
+    let touched = touched_points(traces, rest.len());
+    let mut place = vec![0u32; rest.len()];
+    let mut positions = Vec::new();
+    for (p, _) in touched.iter().enumerate().filter(|(_, t)| **t) {
+        place[p] = positions.len() as u32;
+        positions.push(rest.positions()[p]);
+    }
+    let len = positions.len();
+    let renamed = |obs: &Observation<f64>| {
+        let points: Vec<u32> = obs.points().iter().map(|&p| place[p as usize]).collect();
+        let mut copy = Observation::new(noise.clone());
+        copy.rebuild(len, &points, obs.reading(), |k, column| {
+            (0..obs.dim()).for_each(|i| column[i] = obs.row(i)[k]);
+        })?;
+        Ok(copy)
+    };
+    let of_touch = |(trace, touch): (&Trace, &Range<usize>)| {
+        let observations = trace.observations[touch.clone()].iter().map(renamed);
+        Ok(Trace {
+            id: trace.id.clone(),
+            time: trace.time[touch.clone()].to_vec(),
+            observations: observations.collect::<Result<_, CoreError>>()?,
+            touches: std::iter::once(0..touch.len()).collect(),
+        })
+    };
+    let touches = traces
+        .iter()
+        .flat_map(|trace| trace.touches.iter().map(move |touch| (trace, touch)))
+        .map(of_touch)
+        .collect::<Result<_, PipelineError>>()?;
+    Ok((RestPoints::new(positions)?, touches))
 }
 
 /// Most parts that touches are dealt to, to be held out in turn.

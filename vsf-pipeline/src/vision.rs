@@ -1,7 +1,6 @@
 use crate::estimate::{batch_map, run, touched_points};
 use crate::evaluate::sample_errors;
-use crate::hyper::touched_alone;
-use crate::trace::{MOST_FOLDS, check_traces, split, with_noise};
+use crate::trace::{MOST_FOLDS, check_traces, split, touched_alone, with_noise};
 use crate::{Estimate, EstimatorSpec, Hyper, PipelineError, PriorShape, Trace};
 use rayon::prelude::*;
 use serde::Serialize;

@@ -1,0 +1,177 @@
+use crate::campaign::sequence_begins;
+use crate::evidence::{Errors, Factor, Parts, Spread, field_mean, times};
+use crate::windows::{Design, Windows};
+use crate::{Campaign, ContactLog, GapError, Model, Motion};
+use faer::Mat;
+use std::sync::Arc;
+
+/// A model fitted to sequences: contacts, columns and the spread that the readings call for.
+pub(crate) struct Fitted<'a> {
+    /// The model.
+    pub(crate) model: Model,
+    /// The sequences.
+    pub(crate) motions: Vec<&'a Motion>,
+    /// Their contacts.
+    pub(crate) logs: Vec<Arc<ContactLog>>,
+    /// How samples are averaged.
+    pub(crate) windows: Windows,
+    /// Columns and torques.
+    pub(crate) design: Design,
+    /// Readings over windows.
+    pub(crate) readings: Vec<f64>,
+    /// Parts of the covariance.
+    pub(crate) parts: Parts,
+    /// A stiffness (N/m) that, everywhere the same, explains the readings best.
+    pub(crate) uniform: f64,
+    /// Correlation of the readings with what it gives, -1 to 1.
+    pub(crate) likeness: f64,
+}
+impl Campaign {
+    /// Contacts, columns and covariance of a model over sequences.
+    ///
+    /// # Errors
+    /// Rows that contact cannot take, parameters that an effect cannot take.
+    pub(crate) fn fitted<'a>(
+        &self,
+        model: &Model,
+        motions: impl IntoIterator<Item = &'a Motion>,
+    ) -> Result<Fitted<'a>, GapError> {
+        let d = self.site.joints();
+        let motions: Vec<&Motion> = motions.into_iter().collect();
+        let windows = Windows::new(&motions, d);
+        let logs = self.contact_logs(model, &motions)?;
+        let design = self.design(model, &motions, &logs, &windows)?;
+        let readings = windows.means(|s| &motions[s].reading);
+        let joint_rms: Vec<f64> = (0..d)
+            .map(|j| {
+                let rows = readings.iter().skip(j).step_by(d);
+                let n = windows.list.len().max(1) as f64;
+                let rms = (rows.map(|y| y * y).sum::<f64>() / n).sqrt();
+                rms.max(self.noise[j].sd)
+            })
+            .collect();
+        // Noise that is zero by construction still has rounding.
+        let scale = joint_rms.iter().fold(0.0_f64, |a, b| a.max(*b)).max(1e-9);
+        let mut noise = windows.noise(&self.noise);
+        let own = noise.iter_mut().filter(|(row, col, _)| row == col);
+        own.for_each(|(.., v)| *v = v.max(1e-6 * scale * scale));
+        let lever = self.lever(&logs, &windows);
+        let errors = Errors {
+            noise,
+            zeros: windows.zeros(&motions, &self.noise),
+            joint_rms,
+            walks: model.random_walks(&self.site)?,
+            begins: sequence_begins(&motions),
+            tared: motions.iter().map(|m| m.tare > 0).collect(),
+        };
+        let rest = self.site.rest.positions();
+        let parts = Parts::new(&design, rest, &windows, lever, errors);
+        let unit = parts.unit_field();
+        let squares: f64 = unit.iter().map(|u| u * u).sum();
+        let along: f64 = unit.iter().zip(&readings).map(|(u, y)| u * y).sum();
+        let uniform = if squares > 0.0 {
+            (along / squares).abs()
+        } else {
+            1.0
+        };
+        let energy: f64 = readings.iter().map(|y| y * y).sum();
+        let product = (squares * energy).sqrt();
+        let likeness = if product > 0.0 { along / product } else { 0.0 };
+        Ok(Fitted {
+            model: model.clone(),
+            motions,
+            logs,
+            windows,
+            design,
+            readings,
+            parts,
+            uniform,
+            likeness,
+        })
+    }
+}
+
+impl Fitted<'_> {
+    /// Takes points out of the model.
+    pub(crate) fn leave_out(&mut self, campaign: &Campaign, out: impl Fn(u32) -> bool) {
+        let (left, kept): (Vec<usize>, Vec<usize>) =
+            (0..self.design.points.len()).partition(|&k| out(self.design.points[k]));
+        let w = &self.design.w;
+        let columns = |of: &[usize]| Mat::from_fn(w.nrows(), of.len(), |i, k| w[(i, of[k])]);
+        let (out, w) = (columns(&left), columns(&kept));
+        self.design.points = kept.iter().map(|&k| self.design.points[k]).collect();
+        self.design.w = w;
+        let rest = campaign.site.rest.positions();
+        self.parts.leave_out(&out, &self.design, rest);
+    }
+
+    /// Whether anything is touched.
+    pub(crate) fn touches(&self) -> bool {
+        !self.design.points.is_empty()
+    }
+
+    /// Readings less the torques that do not depend on the stiffness.
+    pub(crate) fn rest(&self) -> Vec<f64> {
+        (self.readings.iter().zip(&self.design.a))
+            .map(|(y, a)| y - a)
+            .collect()
+    }
+
+    /// Log of the evidence of the readings, without constants.
+    ///
+    /// # Errors
+    /// A covariance that is not positive definite.
+    pub(crate) fn log_evidence(&self, spread: &Spread) -> Result<f64, GapError> {
+        let factor = self.parts.factor(spread)?;
+        Ok(self.log_evidence_of(&factor))
+    }
+
+    /// The same, with the factor at hand.
+    pub(crate) fn log_evidence_of(&self, factor: &Factor) -> f64 {
+        log_density(&self.rest(), factor)
+    }
+
+    /// Mean stiffness per rest point, without the constraint that it is not negative; `factor` is that
+    /// of the covariance with this spread.
+    pub(crate) fn stiffness(
+        &self,
+        campaign: &Campaign,
+        spread: &Spread,
+        factor: &Factor,
+    ) -> Vec<f64> {
+        let rest = self.rest();
+        let mut solved = Mat::from_fn(rest.len(), 1, |i, _| rest[i]);
+        factor.solve(&mut solved);
+        let positions = campaign.site.rest.positions();
+        let touched = field_mean(&self.design, positions, spread, solved.col_as_slice(0));
+        let mut field = vec![0.0; positions.len()];
+        for (&p, k) in self.design.points.iter().zip(touched) {
+            field[p as usize] = k;
+        }
+        field
+    }
+
+    /// The model's torques over windows for a stiffness per rest point.
+    pub(crate) fn predicted(&self, stiffness: &[f64]) -> Vec<f64> {
+        let own: Vec<f64> = (self.design.points.iter())
+            .map(|&p| stiffness[p as usize])
+            .collect();
+        let mut tau = times(&self.design.w, &own);
+        tau.iter_mut()
+            .zip(&self.design.a)
+            .for_each(|(t, a)| *t += a);
+        tau
+    }
+}
+
+pub(crate) fn whitened(values: &[f64], factor: &Factor) -> Vec<f64> {
+    let mut y = Mat::from_fn(values.len(), 1, |i, _| values[i]);
+    factor.whiten(&mut y);
+    y.col_as_slice(0).to_vec()
+}
+
+/// Log of the density of values of mean zero, without constants.
+pub(crate) fn log_density(values: &[f64], factor: &Factor) -> f64 {
+    let squares: f64 = whitened(values, factor).iter().map(|y| y * y).sum();
+    -0.5 * (factor.log_det() + squares)
+}

@@ -1,0 +1,264 @@
+//! What readings of a fitted model tell of further ones: predictive densities, and what its innovations say of the model.
+
+use crate::evidence::{Factor, Spread};
+use crate::fitted::{Fitted, log_density, whitened};
+use crate::screen::{best_of, log_mean_exp};
+use crate::spread_search::CONTACT;
+use crate::windows::Window;
+use crate::{Campaign, GapError, Motion};
+use faer::Mat;
+use rayon::prelude::*;
+use std::collections::BTreeSet;
+
+/// The test sequences, and the train sequences that they are foretold from, in a model as it was fitted to these.
+pub(crate) struct TestDensity<'a> {
+    all: Fitted<'a>,
+    given: Vec<&'a Motion>,
+}
+
+impl<'a> TestDensity<'a> {
+    /// What was never touched is uncertain, so that a model is not held against it. `None` without test sequences.
+    ///
+    /// # Errors
+    /// Rows that contact cannot take.
+    pub(crate) fn new(
+        campaign: &'a Campaign,
+        fitted: &Fitted<'a>,
+    ) -> Result<Option<Self>, GapError> {
+        if campaign.test.is_empty() {
+            return Ok(None);
+        }
+        let mut all = campaign.fitted(&fitted.model, campaign.session())?;
+        let touched: BTreeSet<u32> = (fitted.logs.iter())
+            .flat_map(|log| &log.contacts)
+            .flat_map(|c| c.points().iter().copied())
+            .collect();
+        // Points that came out negative.
+        let left_out =
+            |p: u32| touched.contains(&p) && fitted.design.points.binary_search(&p).is_err();
+        all.leave_out(campaign, left_out);
+        Ok(Some(Self {
+            all,
+            given: fitted.motions.clone(),
+        }))
+    }
+
+    fn is_given(&self, motion: &Motion) -> bool {
+        self.given.iter().any(|own| std::ptr::eq(*own, motion))
+    }
+
+    /// Log density of the test sequences given the others (nats).
+    ///
+    /// # Errors
+    /// A covariance that is not positive definite.
+    pub(crate) fn log_density(&self, spread: &Spread) -> Result<f64, GapError> {
+        self.all.log_predictive(spread, |m| self.is_given(m))
+    }
+
+    /// How far off the test sequences are (root mean square, in predicted standard deviations).
+    ///
+    /// # Errors
+    /// A covariance that is not positive definite.
+    pub(crate) fn surprise(&self, spread: &Spread) -> Result<Option<f64>, GapError> {
+        let square = self.all.surprise(spread, |m| self.is_given(m))?;
+        Ok(square.map(f64::sqrt))
+    }
+}
+
+impl Fitted<'_> {
+    /// The rows of windows in which nothing is touched, in order.
+    pub(crate) fn rows_in_air(&self) -> Vec<usize> {
+        let d = self.windows.joints;
+        let touches = |w: &Window| {
+            let mut contacts = self.logs[w.sequence].contacts[w.rows.clone()].iter();
+            contacts.any(|c| !c.is_empty())
+        };
+        (self.windows.list.iter().enumerate())
+            .filter(|(_, w)| !touches(w))
+            .flat_map(|(i, _)| i * d..(i + 1) * d)
+            .collect()
+    }
+
+    /// Log density of the readings in rows where nothing is touched, without constants, under the roughness of joints that
+    /// suits them best.
+    ///
+    /// # Errors
+    /// A covariance that is not positive definite.
+    pub(crate) fn log_density_in(&self, rows: &[usize], spread: &Spread) -> Result<f64, GapError> {
+        if rows.is_empty() {
+            return Ok(0.0);
+        }
+        let rest = self.rest();
+        let spreads = self.roughness(spread);
+        // That of contact says nothing there.
+        let of_joints = spreads.iter().filter(|s| s.contact == CONTACT[0]);
+        let densities: Vec<f64> = of_joints
+            .map(|s| log_density_of(&rest, &self.parts.covariance(s), rows))
+            .collect::<Result<_, GapError>>()?;
+        Ok(densities[best_of(&densities)])
+    }
+
+    /// Log density of the readings of the other sequences, given those of some, without constants; with a spread of
+    /// the stiffness and whatever roughness suits.
+    ///
+    /// # Errors
+    /// A covariance that is not positive definite.
+    fn log_predictive(
+        &self,
+        stiffness: &Spread,
+        given: impl Fn(&Motion) -> bool,
+    ) -> Result<f64, GapError> {
+        let d = self.windows.joints;
+        let is_given = |w: &Window| given(self.motions[w.sequence]);
+        let rows: Vec<usize> = (self.windows.list.iter().enumerate())
+            .filter(|(_, w)| is_given(w))
+            .flat_map(|(i, _)| i * d..(i + 1) * d)
+            .collect();
+        let rest = self.rest();
+        let densities: Vec<(f64, f64)> = (self.roughness(stiffness).par_iter())
+            .map(|spread| log_densities(&rest, self.parts.covariance(spread), &rows))
+            .collect::<Result<_, GapError>>()?;
+        let (all, of_given): (Vec<f64>, Vec<f64>) = densities.into_iter().unzip();
+        Ok(log_mean_exp(&all) - log_mean_exp(&of_given))
+    }
+
+    /// Mean square of the readings of the other sequences about what those of some lead to expect, each in its standard
+    /// deviations: 1 if the model is right; `None` without others.
+    ///
+    /// # Errors
+    /// A covariance that is not positive definite.
+    fn surprise(
+        &self,
+        spread: &Spread,
+        given: impl Fn(&Motion) -> bool,
+    ) -> Result<Option<f64>, GapError> {
+        let d = self.windows.joints;
+        let (known, others): (Vec<_>, Vec<_>) = (self.windows.list.iter().enumerate())
+            .partition(|(_, w)| given(self.motions[w.sequence]));
+        let windows = known.iter().chain(&others);
+        let rows: Vec<usize> = windows.flat_map(|(i, _)| i * d..(i + 1) * d).collect();
+        let covariance = self.parts.covariance(spread);
+        let ordered = Mat::from_fn(rows.len(), rows.len(), |i, k| {
+            let (low, high) = (rows[i].min(rows[k]), rows[i].max(rows[k]));
+            covariance[(high, low)]
+        });
+        let rest = self.rest();
+        let values: Vec<f64> = rows.iter().map(|row| rest[*row]).collect();
+        let left = whitened(&values, &Factor::new(ordered)?).split_off(known.len() * d);
+        let squares: f64 = left.iter().map(|y| y * y).sum();
+        Ok((!left.is_empty()).then(|| squares / left.len() as f64))
+    }
+
+    /// What every reading adds to what those before it tell, in its standard deviations: white and of variance 1
+    /// if the model is right.
+    fn innovations(&self, factor: &Factor) -> Vec<f64> {
+        whitened(&self.rest(), factor)
+    }
+
+    /// How far innovations persist: their correlation from window to window of a touch, over all joints. About 0
+    /// if the model is right; less than three deviations of what white ones have count as 0.
+    pub(crate) fn persistence(&self, factor: &Factor) -> f64 {
+        let list = &self.windows.list;
+        let follows: Vec<bool> = (0..list.len())
+            .map(|i| i > 0 && list[i].run == list[i - 1].run)
+            .collect();
+        let correlation = correlation(&self.innovations(factor), self.windows.joints, &follows);
+        let pairs = follows.iter().filter(|f| **f).count() * self.windows.joints;
+        match correlation > 3.0 / (pairs as f64).sqrt() {
+            true => correlation,
+            false => 0.0,
+        }
+    }
+}
+
+/// Log of the density of the values of mean zero in some rows, in order, without constants; of `covariance` the lower half.
+fn log_density_of(values: &[f64], covariance: &Mat<f64>, rows: &[usize]) -> Result<f64, GapError> {
+    let own: Vec<f64> = rows.iter().map(|row| values[*row]).collect();
+    let part = Mat::from_fn(rows.len(), rows.len(), |i, k| match i >= k {
+        true => covariance[(rows[i], rows[k])],
+        false => 0.0,
+    });
+    Ok(log_density(&own, &Factor::new(part)?))
+}
+
+/// The same of all values, and of those in some rows.
+fn log_densities(
+    values: &[f64],
+    covariance: Mat<f64>,
+    rows: &[usize],
+) -> Result<(f64, f64), GapError> {
+    let of_rows = log_density_of(values, &covariance, rows)?;
+    Ok((log_density(values, &Factor::new(covariance)?), of_rows))
+}
+
+/// Correlation of the values of every window with those of the one before it, of those that follow one; `joints`
+/// values a window.
+fn correlation(values: &[f64], joints: usize, follows: &[bool]) -> f64 {
+    let (mut along, mut squares) = (0.0, 0.0);
+    for i in (1..follows.len()).filter(|i| follows[*i]) {
+        for (a, b) in (i * joints..(i + 1) * joints).map(|k| (values[k - joints], values[k])) {
+            along += a * b;
+            squares += 0.5 * (a * a + b * b);
+        }
+    }
+    if squares > 0.0 { along / squares } else { 0.0 }
+}
+
+#[cfg(test)]
+#[allow(clippy::unwrap_used)]
+mod tests {
+    use super::*;
+    use nalgebra::{DMatrix, DVector};
+    use rand::{RngExt, SeedableRng};
+    use rand_pcg::Pcg64Mcg;
+
+    /// What is left of the density of all values is that of the others about what the given ones lead to expect.
+    #[test]
+    fn val_densities_are_those_of_the_conditional_gaussian() {
+        let mut rng = Pcg64Mcg::seed_from_u64(7);
+        let (n, given, others) = (6, [0, 2, 3], [1, 4, 5]);
+        let root = DMatrix::from_fn(n, n, |_, _| rng.random_range(-1.0..1.0_f64));
+        let covariance = &root * root.transpose() + DMatrix::identity(n, n);
+        let values = DVector::from_fn(n, |_, _| rng.random_range(-2.0..2.0_f64));
+
+        let part = |a: &[usize], b: &[usize]| covariance.select_rows(a).select_columns(b);
+        let gain = part(&others, &given) * part(&given, &given).try_inverse().unwrap();
+        let left = values.select_rows(&others) - &gain * values.select_rows(&given);
+        let spread = part(&others, &others) - gain * part(&given, &others);
+        let squares = left.dot(&(spread.clone().try_inverse().unwrap() * &left));
+        let expected = -0.5 * (spread.determinant().ln() + squares);
+
+        let covariance = Mat::from_fn(n, n, |i, k| covariance[(i, k)]);
+        let (all, of_given) = log_densities(values.as_slice(), covariance, &given).unwrap();
+        assert!(
+            (all - of_given - expected).abs() < 1e-12,
+            "{}",
+            all - of_given
+        );
+    }
+
+    #[test]
+    fn correlation_is_that_of_windows_that_follow_each_other() {
+        let mut rng = Pcg64Mcg::seed_from_u64(5);
+        let (windows, joints) = (20_000, 2);
+        for phi in [0.0, 0.3, 0.8] {
+            let mut values: Vec<f64> = Vec::new();
+            for k in 0..windows * joints {
+                // Every tenth window begins afresh.
+                let fresh = k < joints || k / joints % 10 == 0;
+                let before = if fresh { 0.0 } else { phi * values[k - joints] };
+                let spread = if fresh {
+                    (1.0 - phi * phi).powf(-0.5)
+                } else {
+                    1.0
+                };
+                values.push(before + spread * rng.random_range(-1.0..1.0));
+            }
+            let follows: Vec<bool> = (0..windows).map(|i| i % 10 != 0).collect();
+            let found = correlation(&values, joints, &follows);
+            assert!((found - phi).abs() < 0.02, "{found} of {phi}");
+        }
+        assert_eq!(correlation(&[], 3, &[]), 0.0);
+        assert_eq!(correlation(&[0.0; 4], 2, &[false, true]), 0.0);
+    }
+}
