@@ -16,8 +16,6 @@ pub struct Known {
     pub touches: Vec<Range<usize>>,
     /// Which of `(q, r, k)` are features.
     chosen: Vec<bool>,
-    /// Joint positions at the begin (rad or m).
-    origin: Vec<f64>,
 }
 
 /// Features with less than this share of the greatest deviation are left out.
@@ -41,9 +39,7 @@ impl Known {
         }
         let joints = scene.robot().joint_count();
         CoreError::check_len("train readings", readings.len(), joints * start)?;
-        let first = train[0].angles.iter().next();
-        let origin = first.map_or_else(|| vec![0.0; joints], <[f64]>::to_vec);
-        let columns = columns(scene.robot(), train, &origin)?;
+        let columns = columns(scene.robot(), train)?;
         let deviations: Vec<f64> = columns.iter().map(|c| deviation(c)).collect();
         let greatest = deviations.iter().copied().fold(0.0, f64::max);
         let moves = |sd: &f64| *sd >= LEAST_DEVIATION * greatest;
@@ -53,7 +49,6 @@ impl Known {
             torques: DMatrix::from_vec(joints, start, readings),
             touches,
             chosen,
-            origin,
         })
     }
 
@@ -63,7 +58,7 @@ impl Known {
         robot: &RobotModel,
         sequences: &[&Sequence],
     ) -> Result<Features, PipelineError> {
-        table(&columns(robot, sequences, &self.origin)?, &self.chosen)
+        table(&columns(robot, sequences)?, &self.chosen)
     }
 }
 
@@ -82,19 +77,15 @@ fn table(columns: &[Vec<f64>], chosen: &[bool]) -> Result<Features, PipelineErro
 }
 
 /// The features of the paper's baselines (section IV-C), `(q, r, k)`, of every sample: a column per
-/// joint position, then place and axis of the end effector. See [`super::Baseline`]. Sequences begin within half a turn of
-/// `origin`.
-fn columns(
-    robot: &RobotModel,
-    sequences: &[&Sequence],
-    origin: &[f64],
-) -> Result<Vec<Vec<f64>>, PipelineError> {
+/// joint position, then place and axis of the end effector. See [`super::Baseline`]. Continuous
+/// joints go on over the end of a turn; the turn in which a sequence begins is the recording's.
+fn columns(robot: &RobotModel, sequences: &[&Sequence]) -> Result<Vec<Vec<f64>>, PipelineError> {
     let hand = robot.end_effector();
     let wrist = robot.last_joint().unwrap_or(0);
     let mut posture = robot.posture();
     let mut columns = vec![Vec::new(); robot.joint_count() + 6];
     for sequence in sequences {
-        let sequence = in_one_turn(robot, sequence, origin);
+        let sequence = unwound(robot, sequence);
         for (row, q) in sequence.angles.iter().enumerate() {
             let placed = robot.update_posture(q, &mut posture);
             placed.map_err(|source| PipelineError::Sequence {
@@ -120,21 +111,6 @@ fn columns(
     Ok(columns)
 }
 
-/// The sequence with continuous joints that go on over the end of a turn, and begin within half a turn of `origin`.
-fn in_one_turn(robot: &RobotModel, sequence: &Sequence, origin: &[f64]) -> Sequence {
-    let mut sequence = unwound(robot, sequence).into_owned();
-    let width = sequence.width();
-    for (j, (joint, &from)) in robot.joints().iter().zip(origin).enumerate() {
-        let Some(first) = sequence.angles.data().get(j).copied() else {
-            continue;
-        };
-        let turns = (first - from) - joint.change(from, first);
-        let of_joint = sequence.angles.data_mut().iter_mut().skip(j).step_by(width);
-        of_joint.for_each(|q| *q -= turns);
-    }
-    sequence
-}
-
 #[cfg(test)]
 #[allow(clippy::unwrap_used)]
 mod tests {
@@ -150,7 +126,7 @@ mod tests {
     }
 
     fn rows(robot: &RobotModel, sequence: &Sequence) -> Vec<Vec<f64>> {
-        let columns = columns(robot, &[sequence], &[0.0; 7]).unwrap();
+        let columns = columns(robot, &[sequence]).unwrap();
         let row = |i: usize| columns.iter().map(|c| c[i]).collect();
         (0..sequence.len()).map(row).collect()
     }
@@ -171,19 +147,13 @@ mod tests {
         assert!((flat[10].abs() - 1.0).abs() < 1e-9, "{flat:?}");
     }
 
-    /// Encoders of joints that turn on begin anew after a turn: the arm has moved by 0.02 rad, within a sequence and
-    /// from one to the next.
+    /// Encoders of joints that turn on begin anew after a turn: the arm has moved by 0.02 rad.
     #[test]
     fn ends_of_a_turn_are_no_jumps() {
         let robot = kinova_gen3().unwrap();
         let turned = |q: f64| [q, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0];
-        let first = at(&[&turned(3.13), &turned(-3.133_185)]);
-        let other = at(&[&turned(-3.13), &turned(3.13)]);
-        let columns = columns(&robot, &[&first, &other], &turned(3.13)).unwrap();
-        let expected = [3.13, 3.15, 3.153_185, 3.13];
-        for (q, expected) in columns[0].iter().zip(expected) {
-            assert!((q - expected).abs() < 1e-5, "{:?}", columns[0]);
-        }
+        let found = rows(&robot, &at(&[&turned(3.13), &turned(-3.133_185)]));
+        assert!((found[1][0] - 3.15).abs() < 1e-5, "{found:?}");
     }
 
     #[test]
