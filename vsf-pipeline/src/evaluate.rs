@@ -320,7 +320,7 @@ pub fn score(
         all.merge(&own);
         per_sequence.push(SequenceError {
             sequence: trace.id.clone(),
-            mean_error: own.mean,
+            mean_error: own.mean(),
             sd_error: own.sd(),
             samples: own.count,
             zero_error: own.zero / own.count.max(1) as f64,
@@ -348,7 +348,7 @@ pub fn score(
             rms_error: (squared[j] / n).sqrt(),
         });
     Ok(Evaluation {
-        mean_error: all.mean,
+        mean_error: all.mean(),
         sd_error: all.sd(),
         samples: all.count,
         unit: scene.error_unit().to_owned(),
@@ -364,7 +364,7 @@ pub fn score(
 #[derive(Default)]
 struct Moments {
     count: usize,
-    mean: f64,
+    sum: f64,
     /// Squares about the mean.
     squares: f64,
     zero: f64,
@@ -374,7 +374,7 @@ impl Moments {
     fn add(&mut self, error: f64, zero: f64) {
         self.merge(&Self {
             count: 1,
-            mean: error,
+            sum: error,
             squares: 0.0,
             zero,
         });
@@ -383,11 +383,15 @@ impl Moments {
     fn merge(&mut self, other: &Self) {
         let all = (self.count + other.count).max(1) as f64;
         let (own, others) = (self.count as f64, other.count as f64);
-        let apart = other.mean - self.mean;
+        let apart = other.mean() - self.mean();
         self.count += other.count;
-        self.mean += apart * others / all;
+        self.sum += other.sum;
         self.squares += other.squares + apart * apart * own * others / all;
         self.zero += other.zero;
+    }
+
+    fn mean(&self) -> f64 {
+        self.sum / self.count.max(1) as f64
     }
 
     fn sd(&self) -> f64 {
