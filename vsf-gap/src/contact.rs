@@ -201,7 +201,7 @@ pub(crate) fn contact_config(
 /// The middle of the contact, and the link with most of the touched points.
 ///
 /// # Panics
-/// If a touched point is none of the rest points, or a touching link none of the posture's.
+/// If a touched point is none of the rest points.
 pub fn centre(touch: &Touch<'_>) -> Option<(usize, Point3<f64>)> {
     let contacts = touch.contacts;
     let n = contacts.len();
@@ -213,13 +213,11 @@ pub fn centre(touch: &Touch<'_>) -> Option<(usize, Point3<f64>)> {
         .zip(contacts.displacements())
         .map(place)
         .sum();
-    let mut counts = vec![0usize; touch.posture.link_poses().len()];
-    contacts
-        .links()
-        .iter()
-        .for_each(|&l| counts[l as usize] += 1);
-    let link = (0..counts.len()).max_by_key(|l| counts[*l])?;
-    Some((link, Point3::from(sum / n as f64)))
+    // Few links, and no buffer: control loops ask for it at every step.
+    let links = contacts.links();
+    let most = *links.iter().max()?;
+    let link = (0..=most).max_by_key(|l| links.iter().filter(|m| *m == l).count())?;
+    Some((link as usize, Point3::from(sum / n as f64)))
 }
 
 /// The columns of the Jacobian of a point on a link: the velocity (m per unit of joint speed) that
