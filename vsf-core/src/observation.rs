@@ -206,7 +206,8 @@ impl<T: Scalar> Observation<T> {
     /// Replaces the reading.
     ///
     /// # Errors
-    /// Another number of channels, any value that is not finite in `T`; nothing has changed then.
+    /// Another number of channels, any value that is not finite in `T`, or so large that it overflows in the noise;
+    /// nothing has changed then.
     pub fn set_reading(&mut self, reading: &[f64]) -> Result<(), CoreError> {
         check_reading::<T>(reading, &self.noise)?;
         self.write_reading(reading);

@@ -220,20 +220,6 @@ pub fn centre(touch: &Touch<'_>) -> Option<(usize, Point3<f64>)> {
     Some((link as usize, Point3::from(sum / n as f64)))
 }
 
-/// The columns of the Jacobian of a point on a link: the velocity (m per unit of joint speed) that
-/// each joint gives it.
-pub(crate) fn velocity_columns(
-    posture: &Posture,
-    link: usize,
-    p: &Point3<f64>,
-    out: &mut [Vector3<f64>],
-) {
-    out.fill(Vector3::zeros());
-    for &j in posture.chains().chain(link) {
-        out[j as usize] = posture.screws()[j as usize].velocity_at(p);
-    }
-}
-
 /// The force at the middle of the contact whose joint torques come closest to the reading, a
 /// little towards zero where the arm feels a direction badly.
 fn force_behind(touch: &Touch<'_>, reading: &[f64]) -> Vector3<f64> {

@@ -1,7 +1,7 @@
-use crate::contact::velocity_columns;
 use crate::{Campaign, ContactLog, GapError, Motion, centre};
 use nalgebra::Vector3;
 use serde::{Deserialize, Serialize};
+use vsf_robots::jacobian;
 
 /// What the robot does at a sample, found from contacts and motion alone.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
@@ -85,7 +85,7 @@ impl Campaign {
             let Some((link, p)) = centre(&touch) else {
                 continue;
             };
-            velocity_columns(touch.posture, link, &p, &mut columns);
+            jacobian(touch.posture, link, &p, &mut columns)?;
             let velocity: Vector3<f64> = columns
                 .iter()
                 .zip(&motion.qd[row])

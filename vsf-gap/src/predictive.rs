@@ -43,25 +43,54 @@ impl<'a> TestDensity<'a> {
         }))
     }
 
-    fn is_given(&self, motion: &Motion) -> bool {
+    /// Whether a window is of a train sequence.
+    fn is_given(&self, window: &Window) -> bool {
+        let motion = self.all.motions[window.sequence];
         self.given.iter().any(|own| std::ptr::eq(*own, motion))
     }
 
-    /// Log density of the test sequences given the others (nats).
+    /// Log density of the test sequences given the others (nats), without constants; with a spread of the stiffness and
+    /// whatever roughness suits.
     ///
     /// # Errors
     /// A covariance that is not positive definite.
-    pub(crate) fn log_density(&self, spread: &Spread) -> Result<f64, GapError> {
-        self.all.log_predictive(spread, |m| self.is_given(m))
+    pub(crate) fn log_density(&self, stiffness: &Spread) -> Result<f64, GapError> {
+        let all = &self.all;
+        let d = all.windows.joints;
+        let rows: Vec<usize> = (all.windows.list.iter().enumerate())
+            .filter(|(_, w)| self.is_given(w))
+            .flat_map(|(i, _)| i * d..(i + 1) * d)
+            .collect();
+        let rest = all.rest();
+        let densities: Vec<(f64, f64)> = (all.roughness(stiffness).par_iter())
+            .map(|spread| log_densities(&rest, all.parts.covariance(spread), &rows))
+            .collect::<Result<_, GapError>>()?;
+        let (both, of_given): (Vec<f64>, Vec<f64>) = densities.into_iter().unzip();
+        Ok(log_mean_exp(&both) - log_mean_exp(&of_given))
     }
 
-    /// How far off the test sequences are (root mean square, in predicted standard deviations).
+    /// How far off the test sequences are from what the others lead to expect (root mean square, in standard deviations):
+    /// 1 if the model is right; `None` without windows of them.
     ///
     /// # Errors
     /// A covariance that is not positive definite.
     pub(crate) fn surprise(&self, spread: &Spread) -> Result<Option<f64>, GapError> {
-        let square = self.all.surprise(spread, |m| self.is_given(m))?;
-        Ok(square.map(f64::sqrt))
+        let all = &self.all;
+        let d = all.windows.joints;
+        let (known, others): (Vec<_>, Vec<_>) =
+            (all.windows.list.iter().enumerate()).partition(|(_, w)| self.is_given(w));
+        let windows = known.iter().chain(&others);
+        let rows: Vec<usize> = windows.flat_map(|(i, _)| i * d..(i + 1) * d).collect();
+        let covariance = all.parts.covariance(spread);
+        let ordered = Mat::from_fn(rows.len(), rows.len(), |i, k| {
+            let (low, high) = (rows[i].min(rows[k]), rows[i].max(rows[k]));
+            covariance[(high, low)]
+        });
+        let rest = all.rest();
+        let values: Vec<f64> = rows.iter().map(|row| rest[*row]).collect();
+        let left = whitened(&values, &Factor::new(ordered)?).split_off(known.len() * d);
+        let squares: f64 = left.iter().map(|y| y * y).sum();
+        Ok((!left.is_empty()).then(|| (squares / left.len() as f64).sqrt()))
     }
 }
 
@@ -96,57 +125,6 @@ impl Fitted<'_> {
             .map(|s| log_density_of(&rest, &self.parts.covariance(s), rows))
             .collect::<Result<_, GapError>>()?;
         Ok(densities[best_of(&densities)])
-    }
-
-    /// Log density of the readings of the other sequences, given those of some, without constants; with a spread of
-    /// the stiffness and whatever roughness suits.
-    ///
-    /// # Errors
-    /// A covariance that is not positive definite.
-    fn log_predictive(
-        &self,
-        stiffness: &Spread,
-        given: impl Fn(&Motion) -> bool,
-    ) -> Result<f64, GapError> {
-        let d = self.windows.joints;
-        let is_given = |w: &Window| given(self.motions[w.sequence]);
-        let rows: Vec<usize> = (self.windows.list.iter().enumerate())
-            .filter(|(_, w)| is_given(w))
-            .flat_map(|(i, _)| i * d..(i + 1) * d)
-            .collect();
-        let rest = self.rest();
-        let densities: Vec<(f64, f64)> = (self.roughness(stiffness).par_iter())
-            .map(|spread| log_densities(&rest, self.parts.covariance(spread), &rows))
-            .collect::<Result<_, GapError>>()?;
-        let (all, of_given): (Vec<f64>, Vec<f64>) = densities.into_iter().unzip();
-        Ok(log_mean_exp(&all) - log_mean_exp(&of_given))
-    }
-
-    /// Mean square of the readings of the other sequences about what those of some lead to expect, each in its standard
-    /// deviations: 1 if the model is right; `None` without others.
-    ///
-    /// # Errors
-    /// A covariance that is not positive definite.
-    fn surprise(
-        &self,
-        spread: &Spread,
-        given: impl Fn(&Motion) -> bool,
-    ) -> Result<Option<f64>, GapError> {
-        let d = self.windows.joints;
-        let (known, others): (Vec<_>, Vec<_>) = (self.windows.list.iter().enumerate())
-            .partition(|(_, w)| given(self.motions[w.sequence]));
-        let windows = known.iter().chain(&others);
-        let rows: Vec<usize> = windows.flat_map(|(i, _)| i * d..(i + 1) * d).collect();
-        let covariance = self.parts.covariance(spread);
-        let ordered = Mat::from_fn(rows.len(), rows.len(), |i, k| {
-            let (low, high) = (rows[i].min(rows[k]), rows[i].max(rows[k]));
-            covariance[(high, low)]
-        });
-        let rest = self.rest();
-        let values: Vec<f64> = rows.iter().map(|row| rest[*row]).collect();
-        let left = whitened(&values, &Factor::new(ordered)?).split_off(known.len() * d);
-        let squares: f64 = left.iter().map(|y| y * y).sum();
-        Ok((!left.is_empty()).then(|| squares / left.len() as f64))
     }
 
     /// What every reading adds to what those before it tell, in its standard deviations: white and of variance 1

@@ -13,6 +13,7 @@ use crate::verdict::VerdictKind;
 use crate::{Acts, Campaign, ContactLog, GapError, Model, Motion};
 use std::ops::Range;
 use std::sync::Arc;
+use vsf_core::median;
 use vsf_data::{TorqueKind, tare};
 
 /// Samples of a block of free motion.
@@ -284,8 +285,7 @@ impl<'a> Trial<'a> {
             let mean = |j: usize| rows.iter().skip(j).step_by(d).sum::<f64>() / BLOCK as f64;
             (0..d).map(|j| mean(j).powi(2)).sum()
         };
-        let mut squares: Vec<f64> = self.free.iter().map(square_of_mean).collect();
-        squares.sort_by(f64::total_cmp);
+        let square = median(self.free.iter().map(square_of_mean).collect()).unwrap_or(0.0);
         let of_means = |m: usize| -> f64 {
             let noise = self.whole.noise.iter().map(|n| n.of_means(m).sd);
             noise.map(|sd| sd * sd).sum()
@@ -296,7 +296,7 @@ impl<'a> Trial<'a> {
         if let Some(tare) = tares.filter(|t| *t > 0).min() {
             noise += TARE * TARE * of_means(tare);
         }
-        (squares[squares.len() / 2] - noise).max(0.0).sqrt()
+        (square - noise).max(0.0).sqrt()
     }
 
     /// The mean error (N m or N) of sensors that are taken to read nothing.

@@ -1,10 +1,10 @@
-use crate::contact::velocity_columns;
 use crate::{Campaign, ContactLog, GapError, JointNoise, Model, Motion, centre};
 use faer::Mat;
 use nalgebra::Vector3;
 use std::ops::Range;
 use std::sync::Arc;
 use vsf_data::Table;
+use vsf_robots::jacobian;
 
 /// Most numbers (windows times joints) that a diagnosis works with.
 const MOST_ROWS: usize = 1300;
@@ -230,7 +230,14 @@ impl Campaign {
     /// How the joints feel a force at the contact, over windows: three columns, one per axis of
     /// the world, times the size of the force in that window. What contact leaves unexplained is of
     /// this form, whatever its cause.
-    pub(crate) fn lever(&self, logs: &[Arc<ContactLog>], windows: &Windows) -> Mat<f64> {
+    ///
+    /// # Errors
+    /// None in practice: contacts are of this robot.
+    pub(crate) fn lever(
+        &self,
+        logs: &[Arc<ContactLog>],
+        windows: &Windows,
+    ) -> Result<Mat<f64>, GapError> {
         let d = windows.joints;
         let mut lever = Mat::zeros(windows.rows(), 3);
         let mut columns = vec![Vector3::zeros(); d];
@@ -242,7 +249,7 @@ impl Campaign {
                 let Some((link, p)) = centre(&touch) else {
                     continue;
                 };
-                velocity_columns(touch.posture, link, &p, &mut columns);
+                jacobian(touch.posture, link, &p, &mut columns)?;
                 let force = log.forces[row].norm();
                 for (j, v) in columns.iter().enumerate() {
                     for axis in 0..3 {
@@ -251,7 +258,7 @@ impl Campaign {
                 }
             }
         }
-        lever
+        Ok(lever)
     }
 }
 

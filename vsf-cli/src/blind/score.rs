@@ -1,6 +1,7 @@
 use super::{Case, sum};
 use crate::console::{number, table};
 use serde::Serialize;
+use vsf::core::median;
 use vsf_world::{Class, Level, Protocol};
 
 /// Hits out of some cases, with Wilson's interval of 95 %.
@@ -121,11 +122,9 @@ impl Score {
         let all = || cases.iter().filter(|c| member(c));
         let among = |c: &Case, k: usize| c.top.iter().take(k).any(|e| c.truth.contains(e));
         let mean = |x: Vec<f64>| (!x.is_empty()).then(|| sum(x.iter().copied()) / x.len() as f64);
-        let mut closed: Vec<f64> = of(Class::Single)
+        let closed = of(Class::Single)
             .filter(|c| c.answered() && c.oracle_closed > 0.05)
-            .map(|c| c.closed_fraction / c.oracle_closed)
-            .collect();
-        closed.sort_by(f64::total_cmp);
+            .map(|c| c.closed_fraction / c.oracle_closed);
         Self {
             group: group.to_owned(),
             top1: Share::of(of(Class::Single), |c| among(c, 1)),
@@ -157,7 +156,7 @@ impl Score {
             }),
             mean_probability: mean(of(Class::Single).map(|c| c.probability_of_truth).collect()),
             ece: calibration(&all().collect::<Vec<_>>()),
-            closed_of_oracle: closed.get(closed.len() / 2).copied(),
+            closed_of_oracle: median(closed.collect()),
         }
     }
 }

@@ -2,6 +2,7 @@ use crate::estimate::touched_points;
 use crate::{Campaign, Trace};
 use serde::Serialize;
 use std::fmt;
+use vsf_core::median;
 
 /// Least share of contacts on common points of touches that overlap.
 const OVERLAP: f64 = 0.25;
@@ -50,11 +51,9 @@ impl OverlapShares {
         let pairs = (0..traces.len()).flat_map(|k| others(k).map(move |j| (k, j)));
         let shares = pairs.map(|(k, j)| share([&traces[j]], &traces[k], field_len));
         let with_all = |k: usize| share(others(k).map(|j| &traces[j]), &traces[k], field_len);
-        let mut all: Vec<f64> = (0..traces.len()).map(with_all).collect();
-        all.sort_by(f64::total_cmp);
         Self {
             least_pair: shares.fold(1.0, f64::min),
-            with_all: all.get(all.len() / 2).copied().unwrap_or(0.0),
+            with_all: median((0..traces.len()).map(with_all).collect()).unwrap_or(0.0),
         }
     }
 
