@@ -88,7 +88,7 @@ impl FilterSpec {
     /// ```
     /// # use vsf_core::Belief;
     /// # use vsf_pipeline::FilterSpec;
-    /// let prior = Belief::uniform(1000, 0.0, 10.0)?;
+    /// let prior = Belief::<f64>::uniform(1000, 0.0, 10.0)?;
     /// let filter = FilterSpec::replay().build::<f32>(prior.into(), None)?;
     /// assert_eq!(filter.belief().len(), 1000);
     /// # Ok::<(), vsf_core::CoreError>(())
