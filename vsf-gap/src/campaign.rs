@@ -15,6 +15,8 @@ pub struct Campaign {
     pub(crate) scene: Scene,
     /// The scene in which fields are estimated, if it is another.
     fields: Option<Scene>,
+    /// Whether the contact was chosen by what explains the readings, so that no other is a rival of effects.
+    pub(crate) chosen: bool,
     /// Sequences that the model is fitted to, in session order.
     pub(crate) train: Arc<[Motion]>,
     /// Sequences that check it.
@@ -162,6 +164,7 @@ impl Campaign {
             site,
             scene,
             fields: None,
+            chosen: false,
             contacts: vec![OnceLock::new(); trained.len() + tested.len()],
             train: trained.into(),
             test: tested.into(),
@@ -200,26 +203,31 @@ impl Campaign {
     /// The campaign in the contact of [`Campaign::with_suited_fields`], if it is another, to estimate fields in; the noise
     /// of the readings is taken to be the same.
     pub fn suited(&self) -> Option<Self> {
-        let scene = self.fields.clone()?;
-        Some(Self {
+        Some(self.in_contact_of(self.fields.clone()?))
+    }
+
+    /// The same in any scene that differs in contact alone.
+    pub(crate) fn in_contact_of(&self, scene: Scene) -> Self {
+        Self {
             scene,
             fields: None,
             ..self.with_sequences(self.train.clone(), self.test.clone())
-        })
+        }
     }
 
     /// The same, to look for effects in: with what is touched there.
     ///
     /// # Errors
     /// Rows that contact cannot take.
-    pub(crate) fn suited_to_search(&self) -> Result<Option<Self>, GapError> {
-        let Some(mut suited) = self.suited() else {
-            return Ok(None);
+    pub(crate) fn to_search_in(&self, scene: Scene) -> Result<Self, GapError> {
+        let mut other = Self {
+            chosen: true,
+            ..self.in_contact_of(scene)
         };
-        let motions: Vec<&Motion> = suited.train.iter().collect();
-        let logs = suited.contact_logs(&Model::default(), &motions)?;
-        suited.take_in(&logs);
-        Ok(Some(suited))
+        let motions: Vec<&Motion> = other.train.iter().collect();
+        let logs = other.contact_logs(&Model::default(), &motions)?;
+        other.take_in(&logs);
+        Ok(other)
     }
 
     /// What the train sequences touch, by their logs.

@@ -311,7 +311,7 @@ enum OtherContact {
     Noted(Option<String>),
 }
 
-/// Diagnoses `anew` in the contact in which one estimates fields, where that explains as much as named effects.
+/// Diagnoses `anew` in another contact, where that explains as much as named effects.
 fn in_other_contact(
     campaign: &Campaign,
     thinned: &Campaign,
@@ -331,12 +331,12 @@ fn in_other_contact(
     if !rival.outdoes() {
         return OtherContact::Noted(Some(told));
     }
-    match (campaign.suited_to_search()).and_then(|c| c.as_ref().map(anew).transpose()) {
-        Ok(Some(mut outcome)) => {
+    let other = campaign.to_search_in(rival.into_scene());
+    match other.and_then(|c| anew(&c)) {
+        Ok(mut outcome) => {
             outcome.diagnosis.notes.push(told);
             OtherContact::Explains(Box::new(outcome))
         }
-        Ok(None) => OtherContact::Noted(None),
         Err(e) => OtherContact::Noted(Some(format!("{told}, but there they cannot be ({e})"))),
     }
 }

@@ -54,17 +54,21 @@ pub(crate) fn number(v: f64) -> String {
     }
 }
 
+/// A length (m) in a sentence about contact.
+pub(crate) fn mm(length: f64) -> String {
+    format!("{:.3} mm", 1e3 * length)
+}
+
 /// In which contact errors are told of, where it is another than that in which effects are looked for.
 fn contact(campaign: &Campaign, told: &Compared) -> Option<String> {
     let own = campaign.scene().contact().threshold;
     let [before, after] = told.thresholds.filter(|told| *told != [own; 2])?;
-    let mm = |threshold: f64| number(1e3 * threshold);
     let which = match before == after {
         true => "errors are",
         false => "the error before is that",
     };
     Some(format!(
-        "effects are looked for with points that are touched from {} mm before the surface on; {which} of fields with {} mm, \
+        "effects are looked for with points that are touched from {} before the surface on; {which} of fields with {}, \
          which suits the spacing of the points",
         mm(own),
         mm(before)

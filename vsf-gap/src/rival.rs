@@ -1,17 +1,23 @@
 //! Another contact as a rival of effects: from where on points are touched is a choice of the model, not a cause.
 
+use crate::contact::contact_config;
 use crate::effect::EVIDENT;
-use crate::notes::number;
+use crate::effects::GeometryPadding;
+use crate::notes::mm;
 use crate::refine::Refined;
 use crate::search::Search;
 use crate::trial::Judgement;
-use crate::{Campaign, GapError, Model};
+use crate::{Campaign, Effect, GapError, Model};
+use vsf_contact::ContactConfig;
+use vsf_pipeline::Scene;
 
 /// Named effects have to gain so many times what the other contact does.
 const TIMES: f64 = 2.0;
 
 /// Another contact, in which points are touched from elsewhere on, beside the effects that were named.
 pub(crate) struct Rival {
+    /// The scene with the other contact.
+    scene: Scene,
     /// From where on points are touched (m) in it, and in the contact that was searched.
     thresholds: [f64; 2],
     /// What the other contact gains without effects (nats).
@@ -31,18 +37,23 @@ impl Rival {
         self.of_effects < TIMES * self.gain + self.needed
     }
 
+    /// The scene with the other contact.
+    pub(crate) fn into_scene(self) -> Scene {
+        self.scene
+    }
+
     /// What a reader should know of it.
     pub(crate) fn told(&self) -> String {
-        let [own, searched] = self.thresholds.map(|t| number(1e3 * t));
+        let [own, searched] = self.thresholds.map(mm);
         let gains = format!(
-            "points that are touched from {own} mm before the surface on, instead of {searched} mm, explain the train \
-             sequences better by {:.0} nats without any effect; {} with {searched} mm by {:.0}",
+            "points that are touched from {own} before the surface on, instead of {searched}, explain the train \
+             sequences better by {:.0} nats without any effect; {} with {searched} by {:.0}",
             self.gain, self.effects, self.of_effects,
         );
         match self.outdoes() {
             true => format!(
                 "{gains}. From where on points are touched is a choice of the model, not a cause, and the same as thicker \
-                 links: effects are looked for with {own} mm, paddings are relative to that"
+                 links: effects are looked for with {own}, paddings are relative to that"
             ),
             false => format!("{gains}, which is more than twice as much"),
         }
@@ -50,8 +61,9 @@ impl Rival {
 }
 
 impl Search<'_> {
-    /// The contact in which one estimates fields, if it explains the train sequences better than the one that was searched,
-    /// and effects are named that are relative to the contact. `campaign` is the one that was searched.
+    /// Where another contact explains the train sequences better than the one that was searched and effects are named that
+    /// are relative to the contact: the one in which one estimates fields, or that in which points are touched from where on
+    /// a padding suits best. `campaign` is the one that was searched.
     ///
     /// # Errors
     /// Rows that contact cannot take, a covariance that is not positive definite.
@@ -61,24 +73,54 @@ impl Search<'_> {
         judgement: &Judgement<'_>,
     ) -> Result<Option<Rival>, GapError> {
         let named = judgement.named.as_ref().map(|t| t.refined);
-        let Some(named) = named.filter(|r| r.model.follows_contact()) else {
+        let follows = |r: &&Refined| !campaign.chosen && r.model.follows_contact();
+        let Some(named) = named.filter(follows) else {
             return Ok(None);
         };
-        let Some(suited) = campaign.suited() else {
-            return Ok(None);
-        };
-        let gain = suited.log_evidence()? - self.base;
         let (following, others) = named.model.by_contact();
+        let suited = (campaign.suited())
+            .map(|c| Ok::<_, GapError>((c.log_evidence()? - self.base, c.scene)))
+            .transpose()?;
+        let padded = match following.has(GeometryPadding.name()) {
+            true => None,
+            false => self.padded(campaign)?,
+        };
+        let best = suited
+            .into_iter()
+            .chain(padded)
+            .max_by(|a, b| a.0.total_cmp(&b.0));
+        let Some((gain, scene)) = best.filter(|(gain, _)| *gain > EVIDENT) else {
+            return Ok(None);
+        };
         // How rough contact is, the other one tells.
         let needed = following.parts.iter().map(|(e, _)| e.null_gain());
         let before = self.model_of(&others).map_or(self.base, |m| m.log_evidence);
-        Ok((gain > EVIDENT).then(|| Rival {
-            thresholds: [&suited, campaign].map(|c| c.scene().contact().threshold),
+        Ok(Some(Rival {
+            thresholds: [&scene, &campaign.scene].map(|s| s.contact().threshold),
+            scene,
             gain,
             of_effects: named.log_evidence - before,
             needed: needed.sum(),
             effects: following.name(),
         }))
+    }
+
+    /// What a padding gains (nats), if it was fitted, and the scene in which the contact threshold has it in.
+    ///
+    /// # Errors
+    /// Parameters that the effect cannot take.
+    fn padded(&self, campaign: &Campaign) -> Result<Option<(f64, Scene)>, GapError> {
+        let Some(padding) = self.alone(GeometryPadding.name()) else {
+            return Ok(None);
+        };
+        let compensators = padding.model.compensators(&campaign.site)?;
+        let nominal = *campaign.scene.contact();
+        let level = contact_config(&campaign.scene, &compensators).level();
+        let scene = campaign.scene.with_contact(ContactConfig {
+            threshold: level - nominal.padding,
+            ..nominal
+        })?;
+        Ok(Some((padding.log_evidence - self.base, scene)))
     }
 
     /// What was fitted of the effects of a model, together and of no others.

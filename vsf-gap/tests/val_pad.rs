@@ -109,3 +109,19 @@ fn from_where_on_points_are_touched_is_no_cause() {
         |n: &String| n.contains("without any effect; contact_friction") && n.contains("3.200 mm");
     assert!(found.notes.iter().any(told), "{:?}", found.notes);
 }
+
+/// So does an onset that a padding finds, with which nothing else is to be told from that padding.
+#[test]
+fn an_onset_that_a_padding_finds_is_no_cause() {
+    let few = ["contact_friction", "encoder_offset", "geometry_padding"].map(str::to_owned);
+    let few = effects::named(&few).unwrap();
+    let campaign = Campaign::open(&pad(&PLACES), &SceneOptions::default()).unwrap();
+    let outcome = diagnose(&campaign, "pad", &few, 0, |_| {}).unwrap();
+    let found = outcome.diagnosis;
+    assert!(found.verdict.effects.is_empty(), "{:?}", found.verdict);
+    let [own, chosen] = [&campaign, &outcome.campaign].map(|c| c.scene().contact().threshold);
+    assert!(own < chosen, "{own} {chosen}");
+    assert_eq!(found.gap.threshold, Some(chosen));
+    let told = |n: &String| n.contains("without any effect; contact_friction");
+    assert!(found.notes.iter().any(told), "{:?}", found.notes);
+}
