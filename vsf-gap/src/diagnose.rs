@@ -319,8 +319,8 @@ fn in_other_contact(
     judgement: &Judgement<'_>,
     anew: impl FnOnce(&Campaign) -> Result<Outcome, GapError>,
 ) -> OtherContact {
-    let rival = match search.rival(thinned, judgement) {
-        Ok(Some(rival)) => rival,
+    let (rival, scene) = match search.rival(thinned, judgement) {
+        Ok(Some(found)) => found,
         Ok(None) => return OtherContact::Noted(None),
         Err(e) => {
             let note = format!("effects are not compared with another contact: {e}");
@@ -331,7 +331,7 @@ fn in_other_contact(
     if !rival.outdoes() {
         return OtherContact::Noted(Some(told));
     }
-    let other = campaign.to_search_in(rival.into_scene());
+    let other = campaign.to_search_in(scene);
     match other.and_then(|c| anew(&c)) {
         Ok(mut outcome) => {
             outcome.diagnosis.notes.push(told);

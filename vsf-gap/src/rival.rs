@@ -16,8 +16,6 @@ const TIMES: f64 = 2.0;
 
 /// Another contact, in which points are touched from elsewhere on, beside the effects that were named.
 pub(crate) struct Rival {
-    /// The scene with the other contact.
-    scene: Scene,
     /// From where on points are touched (m) in it, and in the contact that was searched.
     thresholds: [f64; 2],
     /// What the other contact gains without effects (nats).
@@ -35,11 +33,6 @@ impl Rival {
     /// they have to gain twice as much, and what says nothing yet.
     pub(crate) fn outdoes(&self) -> bool {
         self.of_effects < TIMES * self.gain + self.needed
-    }
-
-    /// The scene with the other contact.
-    pub(crate) fn into_scene(self) -> Scene {
-        self.scene
     }
 
     /// What a reader should know of it.
@@ -63,7 +56,7 @@ impl Rival {
 impl Search<'_> {
     /// Where another contact explains the train sequences better than the one that was searched and effects are named that
     /// are relative to the contact: the one in which one estimates fields, or that in which points are touched from where on
-    /// a padding suits best. `campaign` is the one that was searched.
+    /// a padding suits best; and the scene of it. `campaign` is the one that was searched.
     ///
     /// # Errors
     /// Rows that contact cannot take, a covariance that is not positive definite.
@@ -71,7 +64,7 @@ impl Search<'_> {
         &self,
         campaign: &Campaign,
         judgement: &Judgement<'_>,
-    ) -> Result<Option<Rival>, GapError> {
+    ) -> Result<Option<(Rival, Scene)>, GapError> {
         let named = judgement.named.as_ref().map(|t| t.refined);
         let follows = |r: &&Refined| !campaign.chosen && r.model.follows_contact();
         let Some(named) = named.filter(follows) else {
@@ -95,14 +88,14 @@ impl Search<'_> {
         // How rough contact is, the other one tells.
         let needed = following.parts.iter().map(|(e, _)| e.null_gain());
         let before = self.model_of(&others).map_or(self.base, |m| m.log_evidence);
-        Ok(Some(Rival {
+        let rival = Rival {
             thresholds: [&scene, &campaign.scene].map(|s| s.contact().threshold),
-            scene,
             gain,
             of_effects: named.log_evidence - before,
             needed: needed.sum(),
             effects: following.name(),
-        }))
+        };
+        Ok(Some((rival, scene)))
     }
 
     /// What a padding gains (nats), if it was fitted, and the scene in which the contact threshold has it in.
