@@ -131,12 +131,7 @@ impl CorrectedModel {
         console: &Console,
     ) -> anyhow::Result<Vec<Corrected>> {
         warn_of_motions(scene, sequences, console);
-        let spinner = console.spinner("corrected model");
-        let dataset = with(&recording.dataset, sequences);
-        let campaign = Campaign::in_scene(&dataset, scene.clone())?;
-        let model = self.at(&campaign)?;
-        let all = campaign.corrected(&model)?;
-        spinner.finish_and_clear();
+        let (campaign, model, found) = self.run(recording, scene, sequences, console)?;
         let (name, own) = (&recording.dataset.name, self.file.recording.as_ref());
         if let Some(other) = own.filter(|own| *own != name)
             && sequences.iter().any(|s| knows(&model, &campaign, &s.id))
@@ -159,12 +154,40 @@ impl CorrectedModel {
                 seen.join(", ")
             ));
         }
-        let of = |s: &&Sequence| all.iter().find(|c| c.trace.id == s.id).cloned();
-        let found: Vec<Corrected> = sequences.iter().filter_map(of).collect();
         let traces: Vec<Trace> = found.iter().map(|c| c.trace.clone()).collect();
         let readings = reading_warnings(scene, sequences, &traces);
         readings.iter().for_each(|w| console.warn(w));
         Ok(found)
+    }
+
+    /// Their traces, without warnings.
+    pub fn traces(
+        &self,
+        recording: &Recording,
+        scene: &Scene,
+        sequences: &[&Sequence],
+        console: &Console,
+    ) -> anyhow::Result<Vec<Trace>> {
+        let (.., found) = self.run(recording, scene, sequences, console)?;
+        Ok(found.into_iter().map(|c| c.trace).collect())
+    }
+
+    fn run(
+        &self,
+        recording: &Recording,
+        scene: &Scene,
+        sequences: &[&Sequence],
+        console: &Console,
+    ) -> anyhow::Result<(Campaign, Model, Vec<Corrected>)> {
+        let spinner = console.spinner("corrected model");
+        let dataset = with(&recording.dataset, sequences);
+        let campaign = Campaign::in_scene(&dataset, scene.clone())?;
+        let model = self.at(&campaign)?;
+        let all = campaign.corrected(&model)?;
+        spinner.finish_and_clear();
+        let of = |s: &&Sequence| all.iter().find(|c| c.trace.id == s.id).cloned();
+        let found = sequences.iter().filter_map(of).collect();
+        Ok((campaign, model, found))
     }
 
     /// Warns where the model was fitted to sequences of `recording` that are to be predicted.

@@ -186,13 +186,12 @@ impl Recording {
         console: &Console,
     ) -> anyhow::Result<Scene> {
         let remembered = model.and_then(CorrectedModel::contact);
-        let follows = remembered.is_some() && model.is_some_and(CorrectedModel::follows_contact);
-        let computed = self.dataset.contact.as_ref().filter(|_| !follows);
+        let computed = (self.dataset.contact.as_ref()).filter(|_| !follows(model));
         let options = self.settings.options(remembered.or(computed));
         self.scene_by(&options, console, |dataset, options| {
             let scene = Scene::open(dataset, options)?;
             match computed {
-                _ if follows || self.settings.has_threshold() => Ok(scene),
+                _ if follows(model) || self.settings.has_threshold() => Ok(scene),
                 Some(computed) => scene.with_contact(ContactConfig {
                     threshold: computed.threshold,
                     ..*scene.contact()
@@ -200,6 +199,11 @@ impl Recording {
                 None => scene.with_suited_threshold(),
             }
         })
+    }
+
+    /// Whether anything says which contact threshold to learn with, so that it is not left to the spacing of the points.
+    pub fn has_threshold(&self, model: Option<&CorrectedModel>) -> bool {
+        self.settings.has_threshold() || self.dataset.contact.is_some() || follows(model)
     }
 
     /// The same, without points if the recording has none.
@@ -357,7 +361,7 @@ impl Recording {
     pub fn campaign(&self, console: &Console) -> anyhow::Result<Campaign> {
         let sequences: Vec<&Sequence> = self.dataset.sequences.iter().collect();
         let scene = self.scene_or_air(console)?;
-        let is_given = self.settings.has_threshold() || self.dataset.contact.is_some();
+        let is_given = self.has_threshold(None);
         // The same as of other commands.
         let looked_at = match is_given {
             true => scene.clone(),
@@ -406,6 +410,11 @@ impl Recording {
             (None, None) => Ok(None),
         }
     }
+}
+
+/// Whether contact is to be that in which a corrected model was found.
+fn follows(model: Option<&CorrectedModel>) -> bool {
+    model.is_some_and(|m| m.contact().is_some() && m.follows_contact())
 }
 
 /// Claims a folder for a recording, be it one whose writing was interrupted.

@@ -860,13 +860,48 @@ fn the_threshold_is_chosen_on_held_out_touches() {
     }
     for (flags, says) in [
         ("--threshold 0.002", "--threshold"),
-        ("--model a.json", "--model"),
         ("--hyper likelihood", "held-out"),
     ] {
         let line = format!("estimate touch --thresholds 0.002,0.006 {flags}");
         bench.fails(&line, 2, &["--thresholds", says]);
     }
     bench.fails("estimate touch --thresholds 0.002,-1", 2, &["--thresholds"]);
+}
+
+/// Where nothing says which threshold, the one that suits the points' spacing is compared with closer ones, by four touches.
+#[test]
+fn closer_thresholds_are_compared() {
+    let bench = Bench::new();
+    bench.ok("simulate data --field truth --out touch --threshold 0.0008 --noise-sd 0.002");
+    let path = bench.root.join("touch/dataset.json");
+    let known = fs::read_to_string(&path).unwrap();
+    let with_touches = |starts: &[usize]| {
+        let mut metadata: serde_json::Value = serde_json::from_str(&known).unwrap();
+        let object = metadata.as_object_mut().unwrap();
+        object.remove("contact_parameters");
+        let starts = serde_json::json!({ "a": starts, "b": starts });
+        object.insert("touch_starts".to_owned(), starts);
+        fs::write(&path, metadata.to_string()).unwrap();
+    };
+    let estimate = |flags: &str| {
+        let json = bench.ok(&format!("estimate touch --out field.npz --json{flags}"));
+        let json: serde_json::Value = serde_json::from_str(&json).unwrap();
+        let compared = json["thresholds"].as_array().unwrap().iter();
+        let compared: Vec<f64> = compared.map(|t| t["threshold"].as_f64().unwrap()).collect();
+        (json["threshold"].as_f64().unwrap(), compared)
+    };
+    with_touches(&[0]);
+    assert_eq!(estimate(""), (0.0032, vec![]));
+    with_touches(&[0, 12]);
+    let compared = vec![0.0032, 0.0008, 0.0002];
+    assert_eq!(estimate(""), (0.0008, compared));
+    for (flags, threshold) in [
+        (" --threshold 0.002", 0.002),
+        (" --hyper likelihood", 0.0032),
+        (" --prior-sd 50 --noise-sd 0.1", 0.0032),
+    ] {
+        assert_eq!(estimate(flags), (threshold, vec![]), "{flags}");
+    }
 }
 
 /// A field without parameters of contact is simulated in some contact: whoever estimates from the recording, or predicts it

@@ -6,9 +6,12 @@ use crate::range::length;
 use crate::recording::{RecordingArgs, SplitPart, traces, untouched};
 use crate::settings::EstimatorSettings;
 use serde::Serialize;
+use std::collections::BTreeSet;
+use std::iter;
+use std::ops::Range;
 use std::path::PathBuf;
 use vsf::contact::ContactConfig;
-use vsf::data::{Sequence, StiffnessField};
+use vsf::data::StiffnessField;
 use vsf::pipeline::{
     Candidate, Estimate, EstimatorSpec, Hyper, HyperChoice, HyperMethod, PipelineError, Scene,
     Trace, VisionCandidate, VisionEstimate, VisionSpec, choose_contact, choose_hyper, estimate,
@@ -36,8 +39,9 @@ pub struct Args {
     #[arg(long, value_delimiter = ',')]
     sequences: Option<Vec<String>>,
     /// Contact thresholds to choose among [m], such as 0.008,0.016, by the prediction of held-out touches: the first that is as
-    /// good as the best one, within a standard error
-    #[arg(long, value_delimiter = ',', value_parser = length, conflicts_with_all = ["threshold", "model"])]
+    /// good as the best one, within a standard error. By default, of four touches and more with up to 1500 touched points, 0.8
+    /// of the points' spacing, a quarter and a sixteenth of it
+    #[arg(long, value_delimiter = ',', value_parser = length, conflicts_with = "threshold")]
     thresholds: Option<Vec<f64>>,
     #[command(flatten)]
     model: ModelArgs,
@@ -47,6 +51,9 @@ pub struct Args {
     estimator: EstimatorSettings,
 }
 
+/// Contact thresholds are compared where none is given from so many touches on, and with so many touched points at most.
+const FEWEST_TOUCHES: usize = 4;
+const MOST_POINTS: usize = 1500;
 /// Names of what may be given or is chosen.
 const PRIOR_SD: &str = "prior_sd";
 const NOISE_SD: &str = "noise_sd";
@@ -125,26 +132,44 @@ pub fn run(args: &Args, console: &Console) -> anyhow::Result<()> {
         Some(vision) => Some((recording.view()?.ok_or(PipelineError::NoCamera)?, vision)),
     };
     let own = recording.scene_to_learn(model.as_ref(), console)?;
-    let Compared {
-        scene,
-        thresholds,
-        choice,
-    } = match &args.thresholds {
-        None => Compared::alone(own),
-        Some(thresholds) => compare(&own, thresholds, &sequences, settings, console)?,
+    let own = match &args.thresholds {
+        Some(_) if settings.method().0 != HyperMethod::HeldOut => {
+            return Err(usage(
+                "--thresholds are compared on held-out touches; leave out --hyper, or give --threshold",
+            ));
+        }
+        Some(all) => at_threshold(&own, all[0])?,
+        None => own,
     };
     if let Some((view, _)) = &view {
-        view_warnings(scene.rest(), view)
+        view_warnings(own.rest(), view)
             .iter()
             .for_each(|w| console.warn(w));
     }
     let traces = match &model {
-        None => traces(&scene, &sequences, console)?,
+        None => traces(&own, &sequences, console)?,
         Some(model) => {
-            let corrected = model.sequences(&recording, &scene, &sequences, console)?;
+            let corrected = model.sequences(&recording, &own, &sequences, console)?;
             corrected.into_iter().map(|c| c.trace).collect()
         }
     };
+    let thresholds = match &args.thresholds {
+        Some(all) => all.clone(),
+        None if recording.has_threshold(model.as_ref()) || !settings.chooses_on_held_out() => {
+            Vec::new()
+        }
+        None => worth_comparing(&own, &traces),
+    };
+    let contact = |scene: &Scene| match &model {
+        None => Ok(scene.traces(&sequences, || {})?),
+        Some(model) => model.traces(&recording, scene, &sequences, console),
+    };
+    let Compared {
+        scene,
+        traces,
+        thresholds,
+        choice,
+    } = compare(own, traces, &thresholds, contact, settings, console)?;
     let chosen = learn(&scene, view.as_ref(), &traces, settings, choice, console)?;
     let health = health_warnings(&chosen.estimate.health);
     let fit = match spec {
@@ -196,55 +221,80 @@ pub fn run(args: &Args, console: &Console) -> anyhow::Result<()> {
     console.report(text(&report, &scene, spec.keeps_correlations()))
 }
 
-/// A scene, and the thresholds and the prior that it was chosen by, if it was.
+/// A scene with its traces, and the thresholds and the prior that it was chosen by, if it was.
 struct Compared {
     scene: Scene,
+    traces: Vec<Trace>,
     thresholds: Vec<Threshold>,
     choice: Option<HyperChoice>,
 }
 
-impl Compared {
-    fn alone(scene: Scene) -> Self {
-        Self {
-            scene,
-            thresholds: Vec::new(),
-            choice: None,
-        }
+/// The thresholds (m) to compare where none is given, that of the scene first: few touches tell little of it, and many points
+/// take long.
+fn worth_comparing(own: &Scene, traces: &[Trace]) -> Vec<f64> {
+    let touches = |t: &Trace| {
+        let touching = |rows: &&Range<usize>| {
+            let mut observations = t.observations[(*rows).clone()].iter();
+            observations.any(|o| !o.is_empty())
+        };
+        t.touches.iter().filter(touching).count()
+    };
+    let touched: BTreeSet<u32> = (traces.iter().flat_map(|t| &t.observations))
+        .flat_map(|o| o.points().iter().copied())
+        .collect();
+    match traces.iter().map(touches).sum::<usize>() >= FEWEST_TOUCHES
+        && touched.len() <= MOST_POINTS
+    {
+        true => iter::once(own.contact().threshold)
+            .chain(own.closer_thresholds())
+            .collect(),
+        false => Vec::new(),
     }
 }
 
-/// Chooses one of `thresholds` (m) for the contact of a scene.
+fn at_threshold(scene: &Scene, threshold: f64) -> Result<Scene, PipelineError> {
+    scene.with_contact(ContactConfig {
+        threshold,
+        ..*scene.contact()
+    })
+}
+
+/// Chooses one of `thresholds` (m), if there are any, for the contact of a scene, which has the first of them; `contact` runs
+/// the sequences in another one.
 fn compare(
-    own: &Scene,
+    own: Scene,
+    traces: Vec<Trace>,
     thresholds: &[f64],
-    sequences: &[&Sequence],
+    contact: impl Fn(&Scene) -> anyhow::Result<Vec<Trace>>,
     settings: &EstimatorSettings,
     console: &Console,
 ) -> anyhow::Result<Compared> {
-    if settings.method().0 != HyperMethod::HeldOut {
-        return Err(usage(
-            "--thresholds are compared on held-out touches; leave out --hyper, or give --threshold",
-        ));
+    if thresholds.is_empty() || untouched(&own, &traces).is_some() {
+        return Ok(Compared {
+            scene: own,
+            traces,
+            thresholds: Vec::new(),
+            choice: None,
+        });
     }
-    let with = |&threshold: &f64| {
-        own.with_contact(ContactConfig {
-            threshold,
-            ..*own.contact()
-        })
-    };
-    let mut scenes = (thresholds.iter().map(with)).collect::<Result<Vec<Scene>, _>>()?;
-    let bar = console.bar(scenes.len() * sequences.len(), "contact");
-    let in_scene = |scene: &Scene| scene.traces(sequences, || bar.inc(1));
-    let traces = (scenes.iter().map(in_scene)).collect::<Result<Vec<_>, _>>()?;
+    let (mut scenes, mut all) = (vec![own], vec![traces]);
+    let bar = console.bar(thresholds.len(), "contact");
+    for &threshold in &thresholds[1..] {
+        bar.inc(1);
+        let scene = at_threshold(&scenes[0], threshold)?;
+        all.push(contact(&scene)?);
+        scenes.push(scene);
+    }
     bar.finish_and_clear();
     let spinner = console.spinner("choosing contact, prior and noise");
-    let contacts: Vec<&[Trace]> = traces.iter().map(Vec::as_slice).collect();
-    let found = choose_contact(own.rest(), &contacts, &settings.shapes())?;
+    let contacts: Vec<&[Trace]> = all.iter().map(Vec::as_slice).collect();
+    let found = choose_contact(scenes[0].rest(), &contacts, &settings.shapes())?;
     spinner.finish_and_clear();
     let pairs = thresholds.iter().zip(&found.errors);
     let tried = pairs.map(|(&threshold, &error)| Threshold { threshold, error });
     Ok(Compared {
         scene: scenes.swap_remove(found.contact),
+        traces: all.swap_remove(found.contact),
         thresholds: tried.collect(),
         choice: Some(found.choice),
     })

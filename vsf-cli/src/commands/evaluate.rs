@@ -9,8 +9,8 @@ use serde::Serialize;
 use std::collections::BTreeMap;
 use vsf::data::Sequence;
 use vsf::pipeline::{
-    Baseline, Evaluation, MlpConfig, PipelineError, Scene, SequencePrediction, Trace, predict,
-    score,
+    Baseline, Evaluation, MlpConfig, PipelineError, Scene, SequenceError, SequencePrediction,
+    Trace, predict, score,
 };
 
 #[derive(Debug, clap::Args)]
@@ -105,6 +105,12 @@ pub fn run(args: &Args, console: &Console) -> anyhow::Result<()> {
         if !touched.is_empty() {
             errors = errors.with_new_places(touched, traces);
         }
+        let of_zero = |s: &SequenceError| s.mean_error / s.zero_error;
+        let fails = || {
+            let touching = errors.per_sequence.iter().filter(|s| s.contact_samples > 0);
+            touching.filter(|s| s.mean_error >= s.zero_error)
+        };
+        let worst = fails().max_by(|a, b| of_zero(a).total_cmp(&of_zero(b)));
         let touches = errors.per_sequence.iter().any(|s| s.contact_samples > 0);
         if touches && errors.mean_error >= errors.zero_error {
             console.warn(format!(
@@ -112,6 +118,18 @@ pub fn run(args: &Args, console: &Console) -> anyhow::Result<()> {
                  that it has not learned from, or units, signs or parameters of contact are wrong",
                 number(errors.mean_error),
                 number(errors.zero_error),
+                unit = errors.unit,
+            ));
+        } else if let Some(worst) = worst {
+            console.warn(format!(
+                "the field's error is not below that of zero torque in {} of {} sequences, such as {} ({} {unit}, {} with zero \
+                 torque): these touches are light, or of places that it has not learned from, or begin elsewhere than the \
+                 contact threshold has it (`vsf estimate --thresholds`)",
+                fails().count(),
+                errors.per_sequence.len(),
+                worst.sequence,
+                number(worst.mean_error),
+                number(worst.zero_error),
                 unit = errors.unit,
             ));
         }

@@ -226,6 +226,12 @@ impl EstimatorSettings {
         }
     }
 
+    /// Whether prior or noise are chosen by the prediction of held-out touches.
+    pub fn chooses_on_held_out(&self) -> bool {
+        let given = self.prior_sd.is_some() && self.noise_sd.is_some();
+        !given && self.method().0 == HyperMethod::HeldOut
+    }
+
     /// How untouched points are guessed by what the camera sees, if they are.
     pub fn vision(&self) -> anyhow::Result<Option<VisionSpec>> {
         self.vision.as_ref().map_or(Ok(None), Vision::spec)
