@@ -215,3 +215,29 @@ fn what_cannot_be_worked_with_is_no_recording() {
         assert!(!bench.root.join("new").exists(), "{line}");
     }
 }
+
+/// A motion that is planned has no torques: it is predicted as the recording of the same motion is.
+#[test]
+fn motions_that_are_planned_need_no_torques() {
+    let bench = Bench::touched();
+    let root = &bench.root;
+    let mut text = "t,q1,q2,q3\n".to_owned();
+    let [time, angles] = ["time", "angles"]
+        .map(|name| numbers(&root.join("touch/seq_c").join(name).with_extension("npy")));
+    for (t, q) in time.iter().zip(angles.chunks(3)) {
+        writeln!(text, "{t:?},{:?},{:?},{:?}", q[0], q[1], q[2]).unwrap();
+    }
+    fs::write(root.join("plan.csv"), text).unwrap();
+    let import = "import plan.csv --robot cartesian_stage --torque-kind external --points touch/points.npy --out plan";
+    bench.fails(import, 1, &["has no column of its effort", "--planned"]);
+    bench.ok(&format!("{import} --planned"));
+    for recording in ["touch", "plan"] {
+        bench.ok(&format!(
+            "predict {recording} --field truth --threshold 0.002 --out of_{recording}"
+        ));
+    }
+    let of = |folder: &str| numbers(&root.join(folder).join("torques.npy"));
+    let predicted = of("of_plan/seq_000");
+    assert_eq!(predicted, of("of_touch/seq_c"));
+    assert!(predicted.iter().any(|tau| *tau != 0.0));
+}

@@ -410,6 +410,8 @@ pub enum Advice {
     LogTime,
     /// [`JointLog::without_velocities`](crate::JointLog::without_velocities).
     NoVelocities,
+    /// [`JointLog::planned`](crate::JointLog::planned).
+    Planned,
 }
 
 impl fmt::Display for Advice {
@@ -420,6 +422,7 @@ impl fmt::Display for Advice {
             Self::Gap => "give a gap to split it by its stamps",
             Self::LogTime => "where stamps are of no use, take the times of logging",
             Self::NoVelocities => "the velocities may be left out",
+            Self::Planned => "a motion that is planned and not made may go without torques",
         })
     }
 }

@@ -223,10 +223,8 @@ fn attempt(
         refused,
         left_free: judgement.left_free.is_some(),
         lasts: judgement.persistence.is_some(),
-        // With contact, errors are far from a perfect model's for many reasons.
         stopped: judgement.is_stopped()
-            && !nominal.touches
-            && is_far(&compared, noise_norm(&campaign.noise)),
+            && is_far(&compared, noise_norm(&campaign.noise), nominal.touches),
         contradicted: trial.surprise.is_some(),
         silent,
     });
@@ -367,9 +365,11 @@ fn compared_fields(
     })
 }
 
-/// Whether what a model leaves is far from the noise.
-fn is_far(compared: &Compared, noise: f64) -> bool {
-    compared.closed.fraction < NEARLY || compared.after.error() > FAR * noise
+/// Whether what a model leaves is far from the noise: in the air, since in contact it is for many reasons.
+fn is_far(compared: &Compared, noise: f64, touches: bool) -> bool {
+    let in_air = |k: usize| compared.touches.get(k) != Some(&true);
+    let open = !touches && compared.closed.fraction < NEARLY;
+    open || compared.after.residuals.mean_error_of(in_air) > FAR * noise
 }
 
 /// Errors on the checked sequences.

@@ -24,8 +24,9 @@ by their columns, from 1.
 
 Recordings without points are those of an arm in free air; effects that a recording cannot show are listed
 as untestable. Probabilities are those of the catalogue's effects, of pairs of them (in free air of up to four), and of
-no gap. With contact, errors before and after are those of the fields that `vsf estimate` gives without the corrected
-model (of models of contact in theirs, where that predicts better) and with it, where there are test sequences that no model has learned from; those of single effects (in JSON, and
+no gap. With contact, errors before and after are those of the fields that `vsf estimate --threshold` gives without the corrected
+model and with it, points touched from 0.8 of their spacing on (of models of contact as in the search, where that predicts better; see
+threshold), where there are test sequences that no model has learned from; those of single effects (in JSON, and
 in the report where there are no such fields) are of fields that the diagnosis fits to windows of the train sequences,
 in the same way for every model. `stiffness_field`, among what an effect is not
 told from, is an object whose stiffness differs from place to place.

@@ -9,7 +9,7 @@ use crate::settings::MetadataSettings;
 use serde::Serialize;
 use std::path::PathBuf;
 use vsf::core::nalgebra::{Point3, Vector3};
-use vsf::data::{Advice, Clock, DataError, Dataset, JointLog, Sequence, read_points};
+use vsf::data::{Advice, Clock, DataError, Dataset, JointLog, Sequence, Splits, read_points};
 use vsf::pipeline::{check_readable, load_robot, motion_warnings, robot_of};
 
 /// Most points of a box.
@@ -61,6 +61,10 @@ pub struct Args {
     /// Leave out the velocities in the files, which not all samples may have
     #[arg(long)]
     no_velocities: bool,
+    /// Motions that are planned and not made, for `vsf predict`: no torques are read, and all sequences are test sequences unless
+    /// --train or --test say otherwise
+    #[arg(long)]
+    planned: bool,
     /// Rest points of the object in the world frame [m]: .ply, .pcd, .npy, or the .npz of a field
     #[arg(long, value_name = "FILE", conflicts_with = "box")]
     points: Option<PathBuf>,
@@ -117,6 +121,9 @@ pub fn run(args: &Args, console: &Console) -> anyhow::Result<()> {
     if args.no_velocities {
         log = log.without_velocities();
     }
+    if args.planned {
+        log = log.planned();
+    }
 
     let mut given = args.metadata.overrides()?;
     if args.files.len() > 1 {
@@ -165,7 +172,13 @@ pub fn run(args: &Args, console: &Console) -> anyhow::Result<()> {
     exchanged(&names, &joints)
         .iter()
         .for_each(|w| console.warn(w));
-    let (dataset, warnings) = (log.recording(&given, &names, args.gap)).map_err(refused)?;
+    let (mut dataset, warnings) = (log.recording(&given, &names, args.gap)).map_err(refused)?;
+    if args.planned && given.splits.is_none() {
+        dataset.splits = Splits {
+            train: Vec::new(),
+            test: dataset.sequences.iter().map(|s| s.id.clone()).collect(),
+        };
+    }
     warnings.iter().for_each(|w| console.warn(w));
     let robot = robot_of(&dataset, &packages).map_err(|e| explain(&args.metadata, e))?;
     let sequences: Vec<&Sequence> = dataset.sequences.iter().collect();
@@ -235,6 +248,7 @@ fn in_flags(args: &Args, error: DataError) -> anyhow::Error {
                     "where stamps are of no use, take the times of logging by --log-time"
                 }
                 Advice::NoVelocities => "leave out all velocities by --no-velocities",
+                Advice::Planned => "for motions that are planned and not made give --planned",
                 other => return anyhow::anyhow!("{error}; {other}"),
             };
             anyhow::anyhow!("{error}; {flag}")

@@ -26,7 +26,7 @@ pub struct ContactSettings {
     #[arg(long, value_delimiter = ',')]
     links: Option<Vec<String>>,
     /// Contact threshold delta [m]: points are touched from so far before the surface on; default 0.8
-    /// of the points' spacing where fields are learned or looked at, 0.002 in diagnoses; fields, corrected models and simulated recordings bring theirs
+    /// of the points' spacing where fields are learned or looked at (see --thresholds of `estimate`), 0.002 in diagnoses; fields, corrected models and simulated recordings bring theirs
     #[arg(long, value_parser = length)]
     threshold: Option<f64>,
     /// Friction coefficient nu_f, default 0.15

@@ -230,6 +230,13 @@ impl JointLog {
         self
     }
 
+    /// With torques of zero, whatever the files have: motions that are planned and not made.
+    #[must_use]
+    pub fn planned(mut self) -> Self {
+        (self.samples.iter_mut()).for_each(|s| s.effort = vec![0.0; s.position.len()]);
+        self
+    }
+
     /// With these rest points of the object in the world frame \[m\], in the place of those in the file.
     #[must_use]
     pub fn with_points(mut self, points: Vec<Point3<f64>>) -> Self {

@@ -33,7 +33,7 @@ impl Effect for Payload {
     }
 
     fn summary(&self) -> &str {
-        "the last link carries a mass `m` with first moments `mx`, `my`, `mz` (mass times place in its frame)"
+        "the link of the last joint carries a mass `m` with first moments `mx`, `my`, `mz` (mass times place in its frame)"
     }
 
     fn acts(&self) -> Acts {

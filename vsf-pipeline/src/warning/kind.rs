@@ -343,7 +343,8 @@ pub enum PipelineWarning {
     #[error(
         "where nothing is touched the readings are {offset:.3} {unit} on average (most of all those of joint {joint}, \
          {mean:.3}), against {touch:.3} {unit} (rms) that touch adds: that comes out as stiffness; if sequences begin free \
-         and at rest, let their first samples tare the sensor (tare_samples)"
+         and at rest, let their first samples tare the sensor (tare_samples); if a payload, a tilt or friction acts, a diagnosis tells \
+         which"
     )]
     NotTared {
         /// Name of the joint with the largest mean.
