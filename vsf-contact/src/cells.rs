@@ -44,9 +44,18 @@ impl Cells {
                 })
             })
             .collect();
+        let per_cell = per_axis.pow(3);
+        // By its point, which is the one that somebody wrote.
+        let of_point = |error| match error {
+            CoreError::TooFar { index, value } => CoreError::TooFar {
+                index: index / per_cell,
+                value,
+            },
+            other => other,
+        };
         Ok(Self {
-            fine: Arc::new(RestPoints::new(fine)?),
-            per_cell: per_axis.pow(3),
+            fine: Arc::new(RestPoints::new(fine).map_err(of_point)?),
+            per_cell,
             count: rest.len(),
         })
     }
@@ -124,5 +133,22 @@ impl<C: ContactModel + Clone> ContactModel for CellContact<C> {
             }
         }
         Ok(())
+    }
+}
+
+#[cfg(test)]
+#[allow(clippy::unwrap_used)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn points_too_far_are_named_and_not_their_sub_points() {
+        let points = [0.0, 0.01, 1e6].map(|x| Point3::new(x, 0.0, 0.0));
+        let rest = RestPoints::new(points.to_vec()).unwrap();
+        let error = Cells::new(&rest, 0.01, 2).unwrap_err();
+        assert!(
+            matches!(error, CoreError::TooFar { index: 2, value } if value > 1e6),
+            "{error}"
+        );
     }
 }
