@@ -15,8 +15,8 @@ pub struct Campaign {
     pub(crate) scene: Scene,
     /// The scene in which fields are estimated, if it is another.
     fields: Option<Scene>,
-    /// Whether the contact was chosen by what explains the readings, so that no other is a rival of effects.
-    pub(crate) chosen: bool,
+    /// Whether nobody said from where on points are touched, so that what explains the readings may.
+    pub(crate) threshold_is_free: bool,
     /// Sequences that the model is fitted to, in session order.
     pub(crate) train: Arc<[Motion]>,
     /// Sequences that check it.
@@ -49,7 +49,7 @@ impl std::fmt::Debug for Campaign {
 const ANEW: f64 = 0.2;
 
 /// Samples without contact that are free motion.
-const FREE: usize = 16;
+pub(crate) const FREE: usize = 16;
 
 /// What the train sequences touch.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
@@ -164,7 +164,7 @@ impl Campaign {
             site,
             scene,
             fields: None,
-            chosen: false,
+            threshold_is_free: false,
             contacts: vec![OnceLock::new(); trained.len() + tested.len()],
             train: trained.into(),
             test: tested.into(),
@@ -191,13 +191,17 @@ impl Campaign {
 
     /// With errors told of fields in the contact in which one estimates them ([`Scene::with_suited_threshold`]), under
     /// models that do not [follow the contact](Model::follows_contact). Effects are looked for in the scene's own contact
-    /// all the same, in which the constants of the judgement were settled. Where surfaces are drawn in by more than the
-    /// threshold that suits the points, nothing changes.
+    /// all the same, in which the constants of the judgement were settled, unless another threshold explains as much as
+    /// they do: it is taken for unknown. Where surfaces are drawn in by more than the threshold that suits the points, fields
+    /// keep the scene's contact.
     #[must_use]
     pub fn with_suited_fields(self) -> Self {
         let suited = self.scene.with_suited_threshold().ok();
-        let fields = suited.filter(|s| s.contact() != self.scene.contact());
-        Self { fields, ..self }
+        Self {
+            fields: suited.filter(|s| s.contact() != self.scene.contact()),
+            threshold_is_free: true,
+            ..self
+        }
     }
 
     /// The campaign in the contact of [`Campaign::with_suited_fields`], if it is another, to estimate fields in; the noise
@@ -206,7 +210,7 @@ impl Campaign {
         Some(self.in_contact_of(self.fields.clone()?))
     }
 
-    /// The same in any scene that differs in contact alone.
+    /// The campaign in any scene that differs in contact alone, to estimate fields in.
     pub(crate) fn in_contact_of(&self, scene: Scene) -> Self {
         Self {
             scene,
@@ -215,13 +219,13 @@ impl Campaign {
         }
     }
 
-    /// The same, to look for effects in: with what is touched there.
+    /// The campaign in such a scene to look for effects in: with what is touched there. Its contact is chosen.
     ///
     /// # Errors
     /// Rows that contact cannot take.
     pub(crate) fn to_search_in(&self, scene: Scene) -> Result<Self, GapError> {
         let mut other = Self {
-            chosen: true,
+            threshold_is_free: false,
             ..self.in_contact_of(scene)
         };
         let motions: Vec<&Motion> = other.train.iter().collect();

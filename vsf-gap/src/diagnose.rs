@@ -1,4 +1,5 @@
 use crate::alike::Likeness;
+use crate::campaign::FREE;
 use crate::closure::noise_norm;
 use crate::effect::Arm;
 use crate::estimated::{Compared, Extent};
@@ -16,6 +17,7 @@ use crate::trial::{Judgement, Trial};
 use crate::verdict::{Answer, Findings};
 use crate::windows::Windows;
 use crate::{Campaign, Effect, GapError, Model, Motion, effects};
+use std::collections::BTreeSet;
 use std::sync::Arc;
 
 /// Fewest samples of a window that contact is run through.
@@ -50,7 +52,7 @@ pub enum DiagnosisStep {
     Pairs,
     /// Models are checked on the test sequences.
     Check,
-    /// Effects are looked for anew in the contact in which one estimates fields, which explains as much.
+    /// Effects are looked for anew in another contact, which explains as much.
     Contact,
     /// Fields are estimated with the corrected model and without it.
     Fields,
@@ -223,7 +225,7 @@ fn attempt(
         refused,
         left_free: judgement.left_free.is_some(),
         lasts: judgement.persistence.is_some(),
-        stopped: judgement.is_stopped()
+        stopped: judgement.is_stopped(nominal.touches)
             && is_far(&compared, noise_norm(&campaign.noise), nominal.touches),
         contradicted: trial.surprise.is_some(),
         silent,
@@ -301,7 +303,7 @@ fn few_samples(campaign: &Campaign) -> Result<Option<Campaign>, GapError> {
     (by > 1).then(|| campaign.thinned(by)).transpose()
 }
 
-/// What the contact in which one estimates fields makes of effects that were named.
+/// What another contact makes of effects that were named.
 enum OtherContact {
     /// It explains as much: the diagnosis in it.
     Explains(Box<Outcome>),
@@ -333,6 +335,11 @@ fn in_other_contact(
     match other.and_then(|c| anew(&c)) {
         Ok(mut outcome) => {
             outcome.diagnosis.notes.push(told);
+            // Not told from another contact is not ruled out.
+            let set = &mut outcome.diagnosis.verdict.effect_set_95;
+            set.extend(rival.into_effects());
+            let mut seen = BTreeSet::new();
+            set.retain(|effect| seen.insert(effect.clone()));
             OtherContact::Explains(Box::new(outcome))
         }
         Err(e) => OtherContact::Noted(Some(format!("{told}, but there they cannot be ({e})"))),
@@ -368,8 +375,9 @@ fn compared_fields(
 /// Whether what a model leaves is far from the noise: in the air, since in contact it is for many reasons.
 fn is_far(compared: &Compared, noise: f64, touches: bool) -> bool {
     let in_air = |k: usize| compared.touches.get(k) != Some(&true);
+    let tells = !touches || compared.touches.iter().filter(|t| !**t).count() >= FREE;
     let open = !touches && compared.closed.fraction < NEARLY;
-    open || compared.after.residuals.mean_error_of(in_air) > FAR * noise
+    open || tells && compared.after.residuals.mean_error_of(in_air) > FAR * noise
 }
 
 /// Errors on the checked sequences.

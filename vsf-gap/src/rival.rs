@@ -8,6 +8,7 @@ use crate::refine::Refined;
 use crate::search::Search;
 use crate::trial::Judgement;
 use crate::{Campaign, Effect, GapError, Model};
+use std::sync::Arc;
 use vsf_contact::ContactConfig;
 use vsf_pipeline::Scene;
 
@@ -18,21 +19,40 @@ const TIMES: f64 = 2.0;
 pub(crate) struct Rival {
     /// From where on points are touched (m) in it, and in the contact that was searched.
     thresholds: [f64; 2],
-    /// What the other contact gains without effects (nats).
+    /// What the other contact gains without effects (nats), and what of that says nothing yet.
     gain: f64,
+    by_chance: f64,
     /// What the named effects gain that are relative to the contact (nats).
     of_effects: f64,
     /// What of that says nothing yet.
     needed: f64,
     /// Their names.
-    effects: String,
+    effects: Vec<String>,
+}
+
+/// Another scene, what it gains (nats), and what of that says nothing yet.
+struct Other {
+    scene: Scene,
+    gain: f64,
+    by_chance: f64,
+}
+
+impl Other {
+    fn says(&self) -> f64 {
+        self.gain - self.by_chance
+    }
 }
 
 impl Rival {
     /// Whether these effects are not told from it: where another contact gains much, contact is described so roughly that
     /// they have to gain twice as much, and what says nothing yet.
     pub(crate) fn outdoes(&self) -> bool {
-        self.of_effects < TIMES * self.gain + self.needed
+        self.of_effects < TIMES * (self.gain - self.by_chance) + self.needed
+    }
+
+    /// The effects that are not told from it.
+    pub(crate) fn into_effects(self) -> Vec<String> {
+        self.effects
     }
 
     /// What a reader should know of it.
@@ -41,7 +61,9 @@ impl Rival {
         let gains = format!(
             "points that are touched from {own} before the surface on, instead of {searched}, explain the train \
              sequences better by {:.0} nats without any effect; {} with {searched} by {:.0}",
-            self.gain, self.effects, self.of_effects,
+            self.gain,
+            self.effects.join(" and "),
+            self.of_effects,
         );
         match self.outdoes() {
             true => format!(
@@ -54,9 +76,10 @@ impl Rival {
 }
 
 impl Search<'_> {
-    /// Where another contact explains the train sequences better than the one that was searched and effects are named that
-    /// are relative to the contact: the one in which one estimates fields, or that in which points are touched from where on
-    /// a padding suits best; and the scene of it. `campaign` is the one that was searched.
+    /// Where nobody said from where on points are touched, another contact explains the train sequences better than the one that
+    /// was searched, and effects are named that are relative to the contact: the one in which one estimates fields, or that in
+    /// which points are touched from where on a padding suits best; and the scene of it. `campaign` is the one that was
+    /// searched.
     ///
     /// # Errors
     /// Rows that contact cannot take, a covariance that is not positive definite.
@@ -66,54 +89,72 @@ impl Search<'_> {
         judgement: &Judgement<'_>,
     ) -> Result<Option<(Rival, Scene)>, GapError> {
         let named = judgement.named.as_ref().map(|t| t.refined);
-        let follows = |r: &&Refined| !campaign.chosen && r.model.follows_contact();
+        let follows = |r: &&Refined| campaign.threshold_is_free && r.model.follows_contact();
         let Some(named) = named.filter(follows) else {
             return Ok(None);
         };
         let (following, others) = named.model.by_contact();
-        let suited = (campaign.suited())
-            .map(|c| Ok::<_, GapError>((c.log_evidence()? - self.base, c.scene)))
-            .transpose()?;
+        let before = self.model_of(&others).map_or(self.base, |m| m.log_evidence);
         let padded = match following.has(GeometryPadding.name()) {
             true => None,
-            false => self.padded(campaign)?,
+            false => self.padded(campaign, &others, before)?,
+        };
+        let suited = match campaign.suited() {
+            Some(c) => Some(Other {
+                gain: c.log_evidence()? - self.base,
+                by_chance: 0.0,
+                scene: c.scene,
+            }),
+            None => None,
         };
         let best = suited
             .into_iter()
             .chain(padded)
-            .max_by(|a, b| a.0.total_cmp(&b.0));
-        let Some((gain, scene)) = best.filter(|(gain, _)| *gain > EVIDENT) else {
+            .max_by(|a, b| a.says().total_cmp(&b.says()));
+        let Some(other) = best.filter(|other| other.says() > EVIDENT) else {
             return Ok(None);
         };
         // How rough contact is, the other one tells.
         let needed = following.parts.iter().map(|(e, _)| e.null_gain());
-        let before = self.model_of(&others).map_or(self.base, |m| m.log_evidence);
         let rival = Rival {
-            thresholds: [&scene, &campaign.scene].map(|s| s.contact().threshold),
-            gain,
+            thresholds: [&other.scene, &campaign.scene].map(|s| s.contact().threshold),
+            gain: other.gain,
+            by_chance: other.by_chance,
             of_effects: named.log_evidence - before,
             needed: needed.sum(),
-            effects: following.name(),
+            effects: (following.parts.iter().map(|(e, _)| e.name().to_owned())).collect(),
         };
-        Ok(Some((rival, scene)))
+        Ok(Some((rival, other.scene)))
     }
 
-    /// What a padding gains (nats), if it was fitted, and the scene in which the contact threshold has it in.
+    /// The scene whose contact threshold has a padding in it, if one was fitted beside `others`, which alone have the log
+    /// evidence `before`.
     ///
     /// # Errors
     /// Parameters that the effect cannot take.
-    fn padded(&self, campaign: &Campaign) -> Result<Option<(f64, Scene)>, GapError> {
-        let Some(padding) = self.alone(GeometryPadding.name()) else {
+    fn padded(
+        &self,
+        campaign: &Campaign,
+        others: &Model,
+        before: f64,
+    ) -> Result<Option<Other>, GapError> {
+        let padding: Arc<dyn Effect> = Arc::new(GeometryPadding);
+        let Some(fitted) = self.model_of(&others.with(&padding, &[0.0])) else {
             return Ok(None);
         };
-        let compensators = padding.model.compensators(&campaign.site)?;
+        let compensators = fitted.model.compensators(&campaign.site)?;
         let nominal = *campaign.scene.contact();
         let level = contact_config(&campaign.scene, &compensators).level();
         let scene = campaign.scene.with_contact(ContactConfig {
             threshold: level - nominal.padding,
             ..nominal
-        })?;
-        Ok(Some((padding.log_evidence - self.base, scene)))
+        });
+        // Surfaces that are moved out may be touched where they are.
+        Ok(scene.ok().map(|scene| Other {
+            scene,
+            gain: fitted.log_evidence - before,
+            by_chance: padding.null_gain(),
+        }))
     }
 
     /// What was fitted of the effects of a model, together and of no others.
@@ -134,9 +175,10 @@ mod tests {
         let of = |gain, of_effects, needed| Rival {
             thresholds: [0.0032, 0.002],
             gain,
+            by_chance: 0.0,
             of_effects,
             needed,
-            effects: "encoder_offset".to_owned(),
+            effects: vec!["encoder_offset".to_owned()],
         };
         for (rival, outdoes, says) in [
             (of(588.0, 1390.0, 25.0), false, "more than twice as much"),
@@ -147,5 +189,11 @@ mod tests {
             let told = rival.told();
             assert!(told.contains(says), "{told}");
         }
+        // What a padding gains by chance does not count.
+        let padded = Rival {
+            by_chance: 25.0,
+            ..of(40.0, 90.0, 24.0)
+        };
+        assert!(!padded.outdoes() && of(40.0, 90.0, 24.0).outdoes());
     }
 }

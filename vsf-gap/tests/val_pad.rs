@@ -116,7 +116,10 @@ fn an_onset_that_a_padding_finds_is_no_cause() {
     let few = ["contact_friction", "encoder_offset", "geometry_padding"].map(str::to_owned);
     let few = effects::named(&few).unwrap();
     let campaign = Campaign::open(&pad(&PLACES), &SceneOptions::default()).unwrap();
-    let outcome = diagnose(&campaign, "pad", &few, 0, |_| {}).unwrap();
+    let given = diagnose(&campaign, "pad", &few, 0, |_| {}).unwrap();
+    assert_eq!(given.campaign.scene().contact(), campaign.scene().contact());
+    let free = campaign.clone().with_suited_fields();
+    let outcome = diagnose(&free, "pad", &few, 0, |_| {}).unwrap();
     let found = outcome.diagnosis;
     assert!(found.verdict.effects.is_empty(), "{:?}", found.verdict);
     let [own, chosen] = [&campaign, &outcome.campaign].map(|c| c.scene().contact().threshold);
@@ -124,4 +127,6 @@ fn an_onset_that_a_padding_finds_is_no_cause() {
     assert_eq!(found.gap.threshold, Some(chosen));
     let told = |n: &String| n.contains("without any effect; contact_friction");
     assert!(found.notes.iter().any(told), "{:?}", found.notes);
+    let set = &found.verdict.effect_set_95;
+    assert!(set.iter().any(|e| e == "contact_friction"), "{set:?}");
 }
