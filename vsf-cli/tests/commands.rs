@@ -3,7 +3,7 @@
 #![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
 
 mod common;
-use common::{Bench, METADATA, npy, vsf};
+use common::{Bench, METADATA, ROWS, npy, vsf};
 use std::fs;
 use std::path::Path;
 
@@ -64,7 +64,7 @@ fn round_trip() {
     assert!((0.0..1.0).contains(&new), "{new}");
     let text = bench.ok("evaluate touch --field field.npz");
     assert!(text.contains("at new places"), "{text}");
-    assert_eq!(value(&json, "samples"), common::ROWS as f64);
+    assert_eq!(value(&json, "samples"), ROWS as f64);
     let folder = bench.ok("evaluate touch --field folder --json");
     assert_eq!(value(&folder, "mean_error"), error);
 
@@ -768,12 +768,8 @@ fn json_never_replaces_an_input() {
 #[test]
 fn torques_of_any_time_are_drawn() {
     let bench = Bench::touched();
-    let time: Vec<f64> = (0..common::ROWS).map(|k| 1.7e9 + 0.02 * k as f64).collect();
-    npy(
-        &bench.root.join("touch/seq_c/time.npy"),
-        &[common::ROWS],
-        &time,
-    );
+    let time: Vec<f64> = (0..ROWS).map(|k| 1.7e9 + 0.02 * k as f64).collect();
+    npy(&bench.root.join("touch/seq_c/time.npy"), &[ROWS], &time);
     bench.ok("export touch --field truth --torques plots");
     let svg = fs::read_to_string(bench.root.join("plots/torques_c.svg")).unwrap();
     assert!(svg.contains("0.4") && !svg.contains("1700000000"));
@@ -899,9 +895,55 @@ fn closer_thresholds_are_compared() {
         (" --threshold 0.002", 0.002),
         (" --hyper likelihood", 0.0032),
         (" --prior-sd 50 --noise-sd 0.1", 0.0032),
+        (" --estimator replay", 0.0032),
     ] {
         assert_eq!(estimate(flags), (threshold, vec![]), "{flags}");
     }
+    // Surfaces that are drawn in are touched from no closer.
+    assert!(estimate(" --padding=-0.0015").1.is_empty());
+    // Prior and noise are those of the threshold alone.
+    let prior_sd = |flags: &str| {
+        value(
+            &bench.ok(&format!("estimate touch --json{flags}")),
+            "prior_sd",
+        )
+    };
+    assert_eq!(prior_sd(""), prior_sd(" --threshold 0.0008"));
+}
+
+/// Touches so light that closer thresholds feel nothing of them are learned from all the same.
+#[test]
+fn light_touches_are_compared_with_no_closer_threshold() {
+    let bench = Bench::new();
+    for id in ["a", "b"] {
+        let angles: Vec<f64> = (0..ROWS)
+            .flat_map(|k| [0.018, 0.016, 0.0045 - 0.0001 * k.min(ROWS - k) as f64])
+            .collect();
+        npy(
+            &bench.root.join(format!("data/seq_{id}/angles.npy")),
+            &[ROWS, 3],
+            &angles,
+        );
+    }
+    bench.ok("simulate data --field truth --out touch --threshold 0.0032 --noise-sd 0.0001");
+    let path = bench.root.join("touch/dataset.json");
+    let mut metadata: serde_json::Value =
+        serde_json::from_str(&fs::read_to_string(&path).unwrap()).unwrap();
+    let object = metadata.as_object_mut().unwrap();
+    object.remove("contact_parameters");
+    object.insert(
+        "touch_starts".to_owned(),
+        serde_json::json!({ "a": [0, 12], "b": [0, 12] }),
+    );
+    fs::write(&path, metadata.to_string()).unwrap();
+    let json = bench.ok("estimate touch --json");
+    assert_eq!(value(&json, "threshold"), 0.0032);
+    assert!(value(&json, "contact_samples") > 0.0, "{json}");
+    bench.fails(
+        "estimate touch --thresholds 0.0032,0.0002",
+        1,
+        &["0.0002 m", "touches none"],
+    );
 }
 
 /// A field without parameters of contact is simulated in some contact: whoever estimates from the recording, or predicts it

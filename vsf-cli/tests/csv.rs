@@ -236,6 +236,12 @@ fn motions_that_are_planned_need_no_torques() {
             "predict {recording} --field truth --threshold 0.002 --out of_{recording}"
         ));
     }
+    let info = bench.ok("info plan --json");
+    let info: serde_json::Value = serde_json::from_str(&info).unwrap();
+    assert_eq!(
+        (info["train"].to_string(), info["test"].to_string()),
+        ("[]".to_owned(), "[\"000\"]".to_owned())
+    );
     let of = |folder: &str| numbers(&root.join(folder).join("torques.npy"));
     let predicted = of("of_plan/seq_000");
     assert_eq!(predicted, of("of_touch/seq_c"));

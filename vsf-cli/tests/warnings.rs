@@ -299,6 +299,23 @@ fn fields_worse_than_none() {
     warns(&bench, "evaluate touch --field stiff", &parts);
     let good = bench.warned("evaluate touch --field truth");
     assert!(!good.contains("zero torque"), "{good}");
+    // A sequence whose readings are not of its touches, among others.
+    let read = |id: &str| fs::read(bench.root.join(format!("touch/seq_{id}/torques.npy"))).unwrap();
+    let turned: Vec<u8> = {
+        let bytes = read("a");
+        let (header, data) = bytes.split_at(128);
+        let turned = data
+            .chunks_exact(8)
+            .map(|b| (-f64::from_le_bytes(b.try_into().unwrap())).to_le_bytes());
+        header.iter().copied().chain(turned.flatten()).collect()
+    };
+    fs::write(bench.root.join("touch/seq_a/torques.npy"), turned).unwrap();
+    let parts = ["in 1 of 3 sequences, most of all in a", "their readings"];
+    warns(
+        &bench,
+        "evaluate touch --field truth --sequences a,b,c",
+        &parts,
+    );
 }
 
 #[test]

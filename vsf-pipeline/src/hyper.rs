@@ -1,6 +1,9 @@
 mod held_out;
 mod likelihood;
 mod problem;
+mod thresholds;
+
+pub use thresholds::closer_thresholds;
 
 use crate::{PipelineError, Trace};
 use problem::Problem;
@@ -170,7 +173,8 @@ pub struct Candidate {
 pub struct ContactChoice {
     /// Index of the contact.
     pub contact: usize,
-    /// Mean error norm on held-out touches in each contact, with the prior that was chosen for it.
+    /// Mean error norm on held-out touches in each contact, with the prior that was chosen for it. Not those of each alone: the same samples are held
+    /// out in all.
     pub errors: Vec<f64>,
     /// Prior and noise in the chosen contact.
     pub choice: HyperChoice,
@@ -218,7 +222,9 @@ pub fn choose_hyper(
 ///
 /// `contacts` are the traces of the same samples in each. The same samples are held out in all of them, and predicted by the
 /// same estimator. Of all contacts whose error, each with the prior chosen for it, exceeds that of the best one by no
-/// more than one standard error of the difference, the first is taken: the one that one would rather have comes first.
+/// more than one standard error of the difference, the first is taken: the one that one would rather have comes first. Where
+/// touches share few points in any of them, parts of touches are held out in all; prior and noise are those of the chosen contact
+/// alone.
 ///
 /// # Errors
 /// As [`choose_hyper`]; no contact; traces that are not of the same samples.

@@ -55,7 +55,7 @@ pub use evaluate::{
 };
 pub use hyper::{
     Candidate, ContactChoice, Hyper, HyperChoice, HyperMethod, PriorShape, choose_contact,
-    choose_hyper,
+    choose_hyper, closer_thresholds,
 };
 pub use memory::ProcessMemory;
 pub use paper::{

@@ -420,14 +420,6 @@ impl Scene {
         })
     }
 
-    /// Thresholds (m) to compare this scene's with by [`choose_contact`](crate::choose_contact): a quarter and a sixteenth of
-    /// it, as far as they are 0.1 mm at least. Points that fill an object are touched where its surface is; those that stand
-    /// for thin parts with gaps between them, from further away.
-    pub fn closer_thresholds(&self) -> Vec<f64> {
-        let closer = [0.25, 0.0625].map(|share| share * self.contact.threshold);
-        closer.into_iter().filter(|t| *t >= 1e-4).collect()
-    }
-
     /// Parameters of contact.
     pub fn contact(&self) -> &ContactConfig {
         &self.contact

@@ -6,16 +6,14 @@ use crate::range::length;
 use crate::recording::{RecordingArgs, SplitPart, traces, untouched};
 use crate::settings::EstimatorSettings;
 use serde::Serialize;
-use std::collections::BTreeSet;
-use std::iter;
-use std::ops::Range;
 use std::path::PathBuf;
 use vsf::contact::ContactConfig;
 use vsf::data::StiffnessField;
 use vsf::pipeline::{
     Candidate, Estimate, EstimatorSpec, Hyper, HyperChoice, HyperMethod, PipelineError, Scene,
-    Trace, VisionCandidate, VisionEstimate, VisionSpec, choose_contact, choose_hyper, estimate,
-    estimate_with_vision, field_warnings, fit_warnings, health_warnings, view_warnings,
+    Trace, VisionCandidate, VisionEstimate, VisionSpec, choose_contact, choose_hyper,
+    closer_thresholds, estimate, estimate_with_vision, field_warnings, fit_warnings,
+    health_warnings, view_warnings,
 };
 use vsf::vision::RgbdView;
 
@@ -39,8 +37,10 @@ pub struct Args {
     #[arg(long, value_delimiter = ',')]
     sequences: Option<Vec<String>>,
     /// Contact thresholds to choose among [m], such as 0.008,0.016, by the prediction of held-out touches: the first that is as
-    /// good as the best one, within a standard error. By default, of four touches and more with up to 1500 touched points, 0.8
-    /// of the points' spacing, a quarter and a sixteenth of it
+    /// good as the best one, within a standard error, so that the one that you would rather have goes first; prior and noise are chosen
+    /// for each. By default, where a batch or exact estimator takes prior and noise from held-out touches, of which there are four (each a
+    /// sequence, or a part of touch_starts) and more, with up to 1500 touched points: 0.8 of the points' spacing, and a
+    /// quarter and a sixteenth of it down to 0.1 mm
     #[arg(long, value_delimiter = ',', value_parser = length, conflicts_with = "threshold")]
     thresholds: Option<Vec<f64>>,
     #[command(flatten)]
@@ -51,9 +51,6 @@ pub struct Args {
     estimator: EstimatorSettings,
 }
 
-/// Contact thresholds are compared where none is given from so many touches on, and with so many touched points at most.
-const FEWEST_TOUCHES: usize = 4;
-const MOST_POINTS: usize = 1500;
 /// Names of what may be given or is chosen.
 const PRIOR_SD: &str = "prior_sd";
 const NOISE_SD: &str = "noise_sd";
@@ -132,10 +129,17 @@ pub fn run(args: &Args, console: &Console) -> anyhow::Result<()> {
         Some(vision) => Some((recording.view()?.ok_or(PipelineError::NoCamera)?, vision)),
     };
     let own = recording.scene_to_learn(model.as_ref(), console)?;
+    let follows = model.as_ref().is_some_and(CorrectedModel::follows_contact);
     let own = match &args.thresholds {
         Some(_) if settings.method().0 != HyperMethod::HeldOut => {
             return Err(usage(
                 "--thresholds are compared on held-out touches; leave out --hyper, or give --threshold",
+            ));
+        }
+        Some(_) if follows => {
+            return Err(usage(
+                "--thresholds cannot be compared under this --model, whose effects are relative to the contact that they were \
+                 found in; leave one of them out",
             ));
         }
         Some(all) => at_threshold(&own, all[0])?,
@@ -153,23 +157,32 @@ pub fn run(args: &Args, console: &Console) -> anyhow::Result<()> {
             corrected.into_iter().map(|c| c.trace).collect()
         }
     };
-    let thresholds = match &args.thresholds {
-        Some(all) => all.clone(),
-        None if recording.has_threshold(model.as_ref()) || !settings.chooses_on_held_out() => {
-            Vec::new()
-        }
-        None => worth_comparing(&own, &traces),
-    };
+    // The optimum chooses, so that filters that do not come near it are left with what suits the points.
+    let is_left = spec.keeps_correlations()
+        && settings.chooses_on_held_out()
+        && !follows
+        && !recording.has_threshold(model.as_ref());
+    let closer = is_left.then(|| closer_thresholds(&own, &traces));
     let contact = |scene: &Scene| match &model {
         None => Ok(scene.traces(&sequences, || {})?),
         Some(model) => model.traces(&recording, scene, &sequences, console),
     };
+    let mut all = vec![(own, traces)];
+    let others = args.thresholds.as_ref().map(|all| all[1..].to_vec());
+    for threshold in others.or(closer).unwrap_or_default() {
+        let scene = at_threshold(&all[0].0, threshold)?;
+        let traces = contact(&scene)?;
+        // Light touches begin no closer.
+        if args.thresholds.is_some() || untouched(&scene, &traces).is_none() {
+            all.push((scene, traces));
+        }
+    }
     let Compared {
         scene,
         traces,
         thresholds,
         choice,
-    } = compare(own, traces, &thresholds, contact, settings, console)?;
+    } = compare(all, args.thresholds.is_some(), settings, console)?;
     let chosen = learn(&scene, view.as_ref(), &traces, settings, choice, console)?;
     let health = health_warnings(&chosen.estimate.health);
     let fit = match spec {
@@ -229,29 +242,6 @@ struct Compared {
     choice: Option<HyperChoice>,
 }
 
-/// The thresholds (m) to compare where none is given, that of the scene first: few touches tell little of it, and many points
-/// take long.
-fn worth_comparing(own: &Scene, traces: &[Trace]) -> Vec<f64> {
-    let touches = |t: &Trace| {
-        let touching = |rows: &&Range<usize>| {
-            let mut observations = t.observations[(*rows).clone()].iter();
-            observations.any(|o| !o.is_empty())
-        };
-        t.touches.iter().filter(touching).count()
-    };
-    let touched: BTreeSet<u32> = (traces.iter().flat_map(|t| &t.observations))
-        .flat_map(|o| o.points().iter().copied())
-        .collect();
-    match traces.iter().map(touches).sum::<usize>() >= FEWEST_TOUCHES
-        && touched.len() <= MOST_POINTS
-    {
-        true => iter::once(own.contact().threshold)
-            .chain(own.closer_thresholds())
-            .collect(),
-        false => Vec::new(),
-    }
-}
-
 fn at_threshold(scene: &Scene, threshold: f64) -> Result<Scene, PipelineError> {
     scene.with_contact(ContactConfig {
         threshold,
@@ -259,44 +249,48 @@ fn at_threshold(scene: &Scene, threshold: f64) -> Result<Scene, PipelineError> {
     })
 }
 
-/// Chooses one of `thresholds` (m), if there are any, for the contact of a scene, which has the first of them; `contact` runs
-/// the sequences in another one.
+/// Chooses one of several scenes, with their traces, by the prediction of held-out touches; of one alone nothing is told, unless it
+/// is to be compared all the same.
 fn compare(
-    own: Scene,
-    traces: Vec<Trace>,
-    thresholds: &[f64],
-    contact: impl Fn(&Scene) -> anyhow::Result<Vec<Trace>>,
+    mut all: Vec<(Scene, Vec<Trace>)>,
+    always: bool,
     settings: &EstimatorSettings,
     console: &Console,
 ) -> anyhow::Result<Compared> {
-    if thresholds.is_empty() || untouched(&own, &traces).is_some() {
-        return Ok(Compared {
-            scene: own,
-            traces,
-            thresholds: Vec::new(),
-            choice: None,
+    let contacts: Vec<&[Trace]> = all.iter().map(|(_, traces)| traces.as_slice()).collect();
+    let found = match always || contacts.len() > 1 {
+        true => {
+            let spinner = console.spinner("choosing contact, prior and noise");
+            let found = choose_contact(all[0].0.rest(), &contacts, &settings.shapes());
+            // The scene is told, and that nothing is touched there.
+            let found =
+                found.map_err(
+                    |e| match all.iter().find(|(s, t)| untouched(s, t).is_some()) {
+                        Some((scene, _)) => anyhow::Error::from(e)
+                            .context(format!("--thresholds: {} m", scene.contact().threshold)),
+                        None => e.into(),
+                    },
+                )?;
+            spinner.finish_and_clear();
+            Some(found)
+        }
+        false => None,
+    };
+    let errors = found.iter().flat_map(|f| &f.errors);
+    let tried = all
+        .iter()
+        .zip(errors)
+        .map(|((scene, _), &error)| Threshold {
+            threshold: scene.contact().threshold,
+            error,
         });
-    }
-    let (mut scenes, mut all) = (vec![own], vec![traces]);
-    let bar = console.bar(thresholds.len(), "contact");
-    for &threshold in &thresholds[1..] {
-        bar.inc(1);
-        let scene = at_threshold(&scenes[0], threshold)?;
-        all.push(contact(&scene)?);
-        scenes.push(scene);
-    }
-    bar.finish_and_clear();
-    let spinner = console.spinner("choosing contact, prior and noise");
-    let contacts: Vec<&[Trace]> = all.iter().map(Vec::as_slice).collect();
-    let found = choose_contact(scenes[0].rest(), &contacts, &settings.shapes())?;
-    spinner.finish_and_clear();
-    let pairs = thresholds.iter().zip(&found.errors);
-    let tried = pairs.map(|(&threshold, &error)| Threshold { threshold, error });
+    let thresholds = tried.collect();
+    let (scene, traces) = all.swap_remove(found.as_ref().map_or(0, |f| f.contact));
     Ok(Compared {
-        scene: scenes.swap_remove(found.contact),
-        traces: all.swap_remove(found.contact),
-        thresholds: tried.collect(),
-        choice: Some(found.choice),
+        scene,
+        traces,
+        thresholds,
+        choice: found.map(|f| f.choice),
     })
 }
 

@@ -106,13 +106,10 @@ pub fn run(args: &Args, console: &Console) -> anyhow::Result<()> {
             errors = errors.with_new_places(touched, traces);
         }
         let of_zero = |s: &SequenceError| s.mean_error / s.zero_error;
-        let fails = || {
-            let touching = errors.per_sequence.iter().filter(|s| s.contact_samples > 0);
-            touching.filter(|s| s.mean_error >= s.zero_error)
-        };
+        let touching = || errors.per_sequence.iter().filter(|s| s.contact_samples > 0);
+        let fails = || touching().filter(|s| s.mean_error >= s.zero_error);
         let worst = fails().max_by(|a, b| of_zero(a).total_cmp(&of_zero(b)));
-        let touches = errors.per_sequence.iter().any(|s| s.contact_samples > 0);
-        if touches && errors.mean_error >= errors.zero_error {
+        if touching().count() > 0 && errors.mean_error >= errors.zero_error {
             console.warn(format!(
                 "the field's error, {} {unit}, is not below that of zero torque, {} {unit}: these touches are of places \
                  that it has not learned from, or units, signs or parameters of contact are wrong",
@@ -122,11 +119,11 @@ pub fn run(args: &Args, console: &Console) -> anyhow::Result<()> {
             ));
         } else if let Some(worst) = worst {
             console.warn(format!(
-                "the field's error is not below that of zero torque in {} of {} sequences, such as {} ({} {unit}, {} with zero \
-                 torque): these touches are light, or of places that it has not learned from, or begin elsewhere than the \
-                 contact threshold has it (`vsf estimate --thresholds`)",
+                "the field's error is not below that of zero torque in {} of {} sequences, most of all in {} ({} {unit}, {} with zero \
+                 torque): these touches are light, or of places that it has not learned from, or something is wrong with their \
+                 readings or with the parameters of contact",
                 fails().count(),
-                errors.per_sequence.len(),
+                touching().count(),
                 worst.sequence,
                 number(worst.mean_error),
                 number(worst.zero_error),

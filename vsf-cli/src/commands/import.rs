@@ -9,7 +9,9 @@ use crate::settings::MetadataSettings;
 use serde::Serialize;
 use std::path::PathBuf;
 use vsf::core::nalgebra::{Point3, Vector3};
-use vsf::data::{Advice, Clock, DataError, Dataset, JointLog, Sequence, Splits, read_points};
+use vsf::data::{
+    Advice, Clock, DataError, DataWarning, Dataset, JointLog, Sequence, Splits, read_points,
+};
 use vsf::pipeline::{check_readable, load_robot, motion_warnings, robot_of};
 
 /// Most points of a box.
@@ -61,8 +63,8 @@ pub struct Args {
     /// Leave out the velocities in the files, which not all samples may have
     #[arg(long)]
     no_velocities: bool,
-    /// Motions that are planned and not made, for `vsf predict`: no torques are read, and all sequences are test sequences unless
-    /// --train or --test say otherwise
+    /// Motions that are planned and not made, for `vsf predict`: torques are zero, whatever the files have, and all sequences are
+    /// test sequences unless --train or --test say otherwise
     #[arg(long)]
     planned: bool,
     /// Rest points of the object in the world frame [m]: .ply, .pcd, .npy, or the .npz of a field
@@ -179,7 +181,10 @@ pub fn run(args: &Args, console: &Console) -> anyhow::Result<()> {
             test: dataset.sequences.iter().map(|s| s.id.clone()).collect(),
         };
     }
-    warnings.iter().for_each(|w| console.warn(w));
+    let as_planned =
+        |w: &&DataWarning| args.planned && matches!(w, DataWarning::ZeroTorques { .. });
+    let others = warnings.iter().filter(|w| !as_planned(w));
+    others.for_each(|w| console.warn(w));
     let robot = robot_of(&dataset, &packages).map_err(|e| explain(&args.metadata, e))?;
     let sequences: Vec<&Sequence> = dataset.sequences.iter().collect();
     let motion = motion_warnings(&robot, &sequences);

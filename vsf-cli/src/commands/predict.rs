@@ -49,6 +49,13 @@ pub fn run(args: &Args, console: &Console) -> anyhow::Result<()> {
     let sequences = recording.sequences(args.sequences.as_deref(), SplitPart::Test)?;
     let belief = &field.stored.belief;
     let noise_sd = field.noise_sd(scene.robot().joint_count(), console)?;
+    let is_zero = |s: &&Sequence| s.torques.data().iter().all(|tau| *tau == 0.0);
+    if model.is_some() && sequences.iter().all(is_zero) {
+        console.warn(
+            "all torques that were read are zero, as of planned motions: effects of the model that follow the load, such as \
+             joint_load_friction and joint_elasticity, have none; `vsf simulate` takes it from the field",
+        );
+    }
     let modelled = Modelled::new(model.as_ref(), &recording, &scene, &sequences, console)?;
     let predictions = modelled.predict(|trace| predict(&scene, belief, &noise_sd, trace))?;
 

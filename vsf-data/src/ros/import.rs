@@ -364,20 +364,21 @@ impl JointLog {
             Table::new(width, data)
         };
         let none = "; the driver does not report torques, or the topic is another one";
-        let has_torques = rows.iter().any(|row| {
+        let has_torque = |row: &Row| {
             let effort = |&k: &usize| row.sample.effort.get(k);
             row.columns.iter().filter_map(effort).any(|e| !e.is_nan())
-        });
-        let torques = needed(Quantity::Effort, none).map_err(|error| match has_torques {
-            true => error,
-            false => error.advise(Advice::Planned),
-        })?;
+        };
         Ok(Sequence {
             id: id.to_owned(),
             time,
             angles: needed(Quantity::Position, "")?,
             velocities: self.velocities(rows, width)?,
-            torques,
+            torques: needed(Quantity::Effort, none).map_err(|error| {
+                match rows.iter().any(has_torque) {
+                    true => error,
+                    false => error.advise(Advice::Planned),
+                }
+            })?,
             touch_starts: vec![0],
             tags: Vec::new(),
         })

@@ -9,23 +9,41 @@ use vsf_core::{Belief, CoreError, Observation, Prediction};
 use vsf_filter::{BatchFit, BatchMap, FieldPrior};
 
 /// With more touched points than this, held-out readings are predicted by the online filter.
-const LEAVE_ONE_OUT_POINTS: usize = 1500;
+pub const LEAVE_ONE_OUT_POINTS: usize = 1500;
 /// Contiguous parts of a touch that are held out where touches have no points in common.
 const QUARTERS: usize = 4;
 
 /// Chooses among `problems`, which are the same samples in several contacts, and for each by
-/// [`super::HyperMethod::HeldOut`] among `shapes`, of which the online filter takes the first.
+/// [`super::HyperMethod::HeldOut`] among `shapes`, of which the online filter takes the first. Prior and noise are those of the
+/// chosen contact, whatever it was compared with.
 pub fn choose(
     mut problems: Vec<Problem>,
     first: &PriorShape,
     shapes: &[PriorShape],
 ) -> Result<ContactChoice, PipelineError> {
-    let mut folds = problems[0].touches.len().min(MOST_FOLDS);
+    let folds = problems[0].touches.len().min(MOST_FOLDS);
     let share = |p: &Problem| folds_share_points(&p.touches, folds, p.rest.len());
-    if !problems.iter().all(share) {
-        hold_out_quarters(&mut problems);
-        folds = QUARTERS;
+    if problems.iter().all(share) {
+        return among(&problems, folds, first, shapes);
     }
+    let found = among(&quartered(&problems), QUARTERS, first, shapes)?;
+    if problems.len() == 1 {
+        return Ok(found);
+    }
+    let alone = problems.swap_remove(found.contact);
+    Ok(ContactChoice {
+        choice: choose(vec![alone], first, shapes)?.choice,
+        ..found
+    })
+}
+
+/// The same with so many folds.
+fn among(
+    problems: &[Problem],
+    folds: usize,
+    first: &PriorShape,
+    shapes: &[PriorShape],
+) -> Result<ContactChoice, PipelineError> {
     let exact = (problems.iter()).all(|p| p.rest.len() <= LEAVE_ONE_OUT_POINTS);
     let shapes = if exact { shapes } else { from_ref(first) };
     let chosen = problems.iter().map(|problem| {
@@ -309,8 +327,8 @@ fn mean(errors: &[f64]) -> f64 {
     errors.iter().sum::<f64>() / errors.len() as f64
 }
 
-/// Cuts every touch into contiguous parts of the samples that are in contact in any of the problems.
-fn hold_out_quarters(problems: &mut [Problem]) {
+/// The problems with every touch cut into contiguous parts of the samples that are in contact in any of them.
+fn quartered(problems: &[Problem]) -> Vec<Problem> {
     let touches = 0..problems[0].touches.len();
     let rows: Vec<Vec<usize>> = touches
         .map(|touch| {
@@ -320,10 +338,11 @@ fn hold_out_quarters(problems: &mut [Problem]) {
             (0..rows).filter(touches).collect()
         })
         .collect();
-    for problem in problems {
+    let quartered = |problem: &Problem| {
         let touches = problem.touches.iter().zip(&rows);
-        problem.touches = touches.flat_map(|(t, rows)| quarters(t, rows)).collect();
-    }
+        problem.with_touches(touches.flat_map(|(t, rows)| quarters(t, rows)).collect())
+    };
+    problems.iter().map(quartered).collect()
 }
 
 fn quarters(trace: &Trace, rows: &[usize]) -> Vec<Trace> {

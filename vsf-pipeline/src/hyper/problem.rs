@@ -51,6 +51,16 @@ impl Problem {
         })
     }
 
+    /// The same with its touches cut into others.
+    pub(super) fn with_touches(&self, touches: Vec<Trace>) -> Self {
+        Self {
+            rest: self.rest.clone(),
+            touches,
+            channels: self.channels.clone(),
+            ..*self
+        }
+    }
+
     pub(super) fn prior_sd(&self, power: f64) -> f64 {
         self.rule * 2f64.powf(power) / self.typical
     }
