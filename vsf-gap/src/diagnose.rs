@@ -507,3 +507,48 @@ fn in_field<'s>(
     });
     Ok(found)
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::closure::{Closure, Residuals};
+    use crate::estimated::Estimated;
+
+    /// With contact, only what is left in the air counts, and where there is enough of it.
+    #[test]
+    fn what_is_left_far_from_the_noise_is_left_in_the_air() {
+        let compared = |in_air: usize, left: [f64; 2], closed: f64| {
+            let rows = [vec![left[0]; in_air], vec![left[1]; 30]].concat();
+            let estimated = Estimated {
+                field: Vec::new(),
+                residuals: Residuals {
+                    joints: 1,
+                    predicted: vec![vec![0.0; rows.len()]],
+                    rows: vec![rows],
+                },
+            };
+            Compared {
+                before: estimated.clone(),
+                after: estimated,
+                closed: Closure {
+                    fraction: closed,
+                    interval: [closed; 2],
+                },
+                thresholds: None,
+                touches: [vec![false; in_air], vec![true; 30]].concat(),
+            }
+        };
+        let far = |in_air, left, closed| is_far(&compared(in_air, left, closed), 0.1, true);
+        assert!(far(16, [0.5, 0.1], 0.99));
+        assert!(!far(15, [0.5, 0.1], 0.99) && !far(16, [0.2, 5.0], 0.1));
+        // In free air, so does a gap that stays open.
+        let in_air = |left, closed| {
+            let all = Compared {
+                touches: vec![false; 46],
+                ..compared(16, [left; 2], closed)
+            };
+            is_far(&all, 0.1, false)
+        };
+        assert!(in_air(0.5, 0.99) && in_air(0.1, 0.5) && !in_air(0.1, 0.99));
+    }
+}
