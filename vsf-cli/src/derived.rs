@@ -28,6 +28,14 @@ pub fn derived(
         let known = |id: &&String| sequences.iter().any(|s| s.id == **id);
         ids.iter().filter(known).cloned().collect::<Vec<_>>()
     };
+    let mut splits = Splits {
+        train: kept(&dataset.splits.train),
+        test: kept(&dataset.splits.test),
+    };
+    if splits.train.is_empty() && splits.test.is_empty() {
+        // As of a recording that says nothing of them.
+        splits.train = sequences.iter().map(|s| s.id.clone()).collect();
+    }
     let name = |path: &PathBuf| {
         let name = path.file_name().unwrap_or(path.as_os_str());
         name.to_string_lossy().into_owned()
@@ -49,10 +57,7 @@ pub fn derived(
     Ok(Dataset {
         name: format!("{}, {made}", dataset.name),
         description: description.trim_end().to_owned(),
-        splits: Splits {
-            train: kept(&dataset.splits.train),
-            test: kept(&dataset.splits.test),
-        },
+        splits,
         made_by: Some(command.to_owned()),
         contact: (!scene.rest().is_empty()).then(|| scene.contact_parameters()),
         field: None,

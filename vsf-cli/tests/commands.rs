@@ -968,6 +968,21 @@ fn a_simulation_brings_its_contact() {
     assert_eq!(value(&json, "threshold"), 0.0032);
 }
 
+/// What is in no split may be predicted, too.
+#[test]
+fn sequences_of_no_split_are_predicted() {
+    let bench = Bench::new();
+    bench.metadata(r#"{"robot": "cartesian_stage", "rate_hz": 50, "splits": {"train": ["a"]}}"#);
+    for command in ["predict", "simulate"] {
+        bench.ok(&format!(
+            "{command} data --field truth --sequences b --out {command}ed"
+        ));
+        let json = bench.ok(&format!("info {command}ed --json"));
+        let json: serde_json::Value = serde_json::from_str(&json).unwrap();
+        assert_eq!(json["train"], serde_json::json!(["b"]), "{command}");
+    }
+}
+
 /// Errors on touches that a field has learned from are no predictions.
 #[test]
 fn fields_that_know_what_they_predict() {

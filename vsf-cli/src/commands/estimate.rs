@@ -167,22 +167,15 @@ pub fn run(args: &Args, console: &Console) -> anyhow::Result<()> {
         None => Ok(scene.traces(&sequences, || {})?),
         Some(model) => model.traces(&recording, scene, &sequences, console),
     };
-    let mut all = vec![(own, traces)];
+    let asked = args.thresholds.is_some();
     let others = args.thresholds.as_ref().map(|all| all[1..].to_vec());
-    for threshold in others.or(closer).unwrap_or_default() {
-        let scene = at_threshold(&all[0].0, threshold)?;
-        let traces = contact(&scene)?;
-        // Light touches begin no closer.
-        if args.thresholds.is_some() || untouched(&scene, &traces).is_none() {
-            all.push((scene, traces));
-        }
-    }
+    let others = others.or(closer).unwrap_or_default();
     let Compared {
         scene,
         traces,
         thresholds,
         choice,
-    } = compare(all, args.thresholds.is_some(), settings, console)?;
+    } = compare((own, traces), &others, asked, contact, settings, console)?;
     let chosen = learn(&scene, view.as_ref(), &traces, settings, choice, console)?;
     let health = health_warnings(&chosen.estimate.health);
     let fit = match spec {
@@ -249,28 +242,36 @@ fn at_threshold(scene: &Scene, threshold: f64) -> Result<Scene, PipelineError> {
     })
 }
 
-/// Chooses one of several scenes, with their traces, by the prediction of held-out touches; of one alone nothing is told, unless it
-/// is to be compared all the same.
+/// Chooses between a scene with its traces and the same with `others` for its contact threshold (m), by the prediction of held-out touches;
+/// `contact` runs the sequences there. Where nobody `asked`, thresholds at which nothing is touched are left out, and one alone is
+/// not told of.
 fn compare(
-    mut all: Vec<(Scene, Vec<Trace>)>,
-    always: bool,
+    own: (Scene, Vec<Trace>),
+    others: &[f64],
+    asked: bool,
+    contact: impl Fn(&Scene) -> anyhow::Result<Vec<Trace>>,
     settings: &EstimatorSettings,
     console: &Console,
 ) -> anyhow::Result<Compared> {
+    let mut all = vec![own];
+    for &threshold in others {
+        let scene = at_threshold(&all[0].0, threshold)?;
+        let traces = contact(&scene)?;
+        match untouched(&scene, &traces) {
+            None => all.push((scene, traces)),
+            Some(error) if asked => {
+                return Err(
+                    anyhow::Error::from(error).context(format!("--thresholds: {threshold:?} m"))
+                );
+            }
+            Some(_) => {}
+        }
+    }
     let contacts: Vec<&[Trace]> = all.iter().map(|(_, traces)| traces.as_slice()).collect();
-    let found = match always || contacts.len() > 1 {
+    let found = match asked || contacts.len() > 1 {
         true => {
             let spinner = console.spinner("choosing contact, prior and noise");
-            let found = choose_contact(all[0].0.rest(), &contacts, &settings.shapes());
-            // The scene is told, and that nothing is touched there.
-            let found =
-                found.map_err(
-                    |e| match all.iter().find(|(s, t)| untouched(s, t).is_some()) {
-                        Some((scene, _)) => anyhow::Error::from(e)
-                            .context(format!("--thresholds: {} m", scene.contact().threshold)),
-                        None => e.into(),
-                    },
-                )?;
+            let found = choose_contact(all[0].0.rest(), &contacts, &settings.shapes())?;
             spinner.finish_and_clear();
             Some(found)
         }
