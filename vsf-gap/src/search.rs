@@ -124,7 +124,7 @@ impl Search<'_> {
     }
 
     /// The model of one effect, if it was fitted.
-    pub(crate) fn alone(&self, name: &str) -> Option<&Refined> {
+    fn alone(&self, name: &str) -> Option<&Refined> {
         let of = self.candidates.iter().find(|c| c.effect.name() == name)?;
         of.refined.as_ref()
     }

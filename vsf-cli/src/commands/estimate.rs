@@ -162,14 +162,17 @@ pub fn run(args: &Args, console: &Console) -> anyhow::Result<()> {
         && settings.chooses_on_held_out()
         && !follows
         && !recording.has_threshold(model.as_ref());
-    let closer = is_left.then(|| closer_thresholds(&own, &traces));
+    let closer = match is_left {
+        true => closer_thresholds(&own, &traces)?,
+        false => Vec::new(),
+    };
     let contact = |scene: &Scene| match &model {
         None => Ok(scene.traces(&sequences, || {})?),
         Some(model) => model.traces(&recording, scene, &sequences, console),
     };
     let asked = args.thresholds.is_some();
     let others = args.thresholds.as_ref().map(|all| all[1..].to_vec());
-    let others = others.or(closer).unwrap_or_default();
+    let others = others.unwrap_or(closer);
     let Compared {
         scene,
         traces,
