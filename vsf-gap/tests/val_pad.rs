@@ -113,7 +113,7 @@ fn from_where_on_points_are_touched_is_no_cause() {
 /// So does an onset that a padding finds, with which nothing else is to be told from that padding.
 #[test]
 fn an_onset_that_a_padding_finds_is_no_cause() {
-    let few = ["contact_friction", "encoder_offset", "geometry_padding"].map(str::to_owned);
+    let few = ["contact_friction", "geometry_padding"].map(str::to_owned);
     let few = effects::named(&few).unwrap();
     let campaign = Campaign::open(&pad(&PLACES), &SceneOptions::default()).unwrap();
     let given = diagnose(&campaign, "pad", &few, 0, |_| {}).unwrap();
