@@ -17,7 +17,6 @@ use crate::trial::{Judgement, Trial};
 use crate::verdict::{Answer, Findings};
 use crate::windows::Windows;
 use crate::{Campaign, Effect, GapError, Model, Motion, effects};
-use std::collections::BTreeSet;
 use std::sync::Arc;
 
 /// Fewest samples of a window that contact is run through.
@@ -336,10 +335,7 @@ fn in_other_contact(
         Ok(mut outcome) => {
             outcome.diagnosis.notes.push(told);
             // Not told from another contact is not ruled out.
-            let set = &mut outcome.diagnosis.verdict.effect_set_95;
-            set.extend(rival.into_effects());
-            let mut seen = BTreeSet::new();
-            set.retain(|effect| seen.insert(effect.clone()));
+            (outcome.diagnosis.verdict).leave_open(rival.effects());
             OtherContact::Explains(Box::new(outcome))
         }
         Err(e) => OtherContact::Noted(Some(format!("{told}, but there they cannot be ({e})"))),

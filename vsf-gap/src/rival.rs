@@ -51,8 +51,8 @@ impl Rival {
     }
 
     /// The effects that are not told from it.
-    pub(crate) fn into_effects(self) -> Vec<String> {
-        self.effects
+    pub(crate) fn effects(&self) -> &[String] {
+        &self.effects
     }
 
     /// What a reader should know of it.

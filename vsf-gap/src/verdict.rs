@@ -43,6 +43,17 @@ pub struct Verdict {
     pub hidden: f64,
 }
 
+impl Verdict {
+    /// Adds effects that are not ruled out to the set.
+    pub(crate) fn leave_open(&mut self, effects: &[String]) {
+        for effect in effects {
+            if !self.effect_set_95.contains(effect) {
+                self.effect_set_95.push(effect.clone());
+            }
+        }
+    }
+}
+
 /// What the check on the test sequences, and the field, leave of what the train sequences show.
 #[derive(Debug, Default)]
 pub(crate) struct Findings {
@@ -115,11 +126,7 @@ impl Judged {
             self.spread(&found.hidden, &mut verdict, &mut probabilities);
         }
         // Not borne out is not ruled out.
-        for effect in &found.refused {
-            if !verdict.effect_set_95.contains(effect) {
-                verdict.effect_set_95.push(effect.clone());
-            }
-        }
+        verdict.leave_open(&found.refused);
         Answer {
             verdict,
             probabilities,

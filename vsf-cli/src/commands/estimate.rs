@@ -162,17 +162,16 @@ pub fn run(args: &Args, console: &Console) -> anyhow::Result<()> {
         && settings.chooses_on_held_out()
         && !follows
         && !recording.has_threshold(model.as_ref());
-    let closer = match is_left {
-        true => closer_thresholds(&own, &traces)?,
-        false => Vec::new(),
+    let others = match &args.thresholds {
+        Some(all) => all[1..].to_vec(),
+        None if is_left => closer_thresholds(&own, &traces)?,
+        None => Vec::new(),
     };
     let contact = |scene: &Scene| match &model {
         None => Ok(scene.traces(&sequences, || {})?),
         Some(model) => model.traces(&recording, scene, &sequences, console),
     };
     let asked = args.thresholds.is_some();
-    let others = args.thresholds.as_ref().map(|all| all[1..].to_vec());
-    let others = others.unwrap_or(closer);
     let Compared {
         scene,
         traces,
