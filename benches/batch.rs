@@ -35,9 +35,10 @@ fn uniform(index: usize) -> f64 {
 }
 
 fn cube() -> Vec<Point3<f64>> {
-    let side = match std::env::args().any(|a| a == "--test") {
-        true => SIDE / 2,
-        false => SIDE,
+    let side = if std::env::args().any(|a| a == "--test") {
+        SIDE / 2
+    } else {
+        SIDE
     };
     let at = |i: usize| EDGE * (i as f64 + 0.5) / side as f64;
     (0..side.pow(3))

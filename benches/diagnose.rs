@@ -29,9 +29,10 @@ fn main() -> Result<(), Box<dyn Error>> {
     let folder = tempfile::tempdir()?;
     generate(&spec, folder.path())?;
     let (mut dataset, _) = Dataset::open(folder.path(), &Overrides::default())?;
-    let catalogue = match is_test {
-        true => effects::named(&["payload".to_owned(), "torque_bias".to_owned()])?,
-        false => effects::catalogue(),
+    let catalogue = if is_test {
+        effects::named(&["payload".to_owned(), "torque_bias".to_owned()])?
+    } else {
+        effects::catalogue()
     };
     let samples: Vec<usize> = dataset.sequences.iter().map(|s| s.len()).collect();
     println!("samples of the sequences: {samples:?}");

@@ -81,18 +81,20 @@ struct Args {
 /// The picture would replace the summaries.
 fn no_picture(text: &str) -> Result<PathBuf, String> {
     let path = PathBuf::from(text);
-    match path.extension().is_some_and(|e| e == "png") {
-        true => Err("must be a file of lines, such as live.jsonl".to_owned()),
-        false => Ok(path),
+    if path.extension().is_some_and(|e| e == "png") {
+        Err("must be a file of lines, such as live.jsonl".to_owned())
+    } else {
+        Ok(path)
     }
 }
 
 /// The stream is not protected: it stays on this machine.
 fn loopback(text: &str) -> Result<SocketAddr, String> {
     let address: SocketAddr = text.parse().map_err(|_| "must be ADDRESS:PORT")?;
-    match address.ip().is_loopback() {
-        true => Ok(address),
-        false => Err("must be an address of this machine, such as 127.0.0.1".to_owned()),
+    if address.ip().is_loopback() {
+        Ok(address)
+    } else {
+        Err("must be an address of this machine, such as 127.0.0.1".to_owned())
     }
 }
 
@@ -118,9 +120,10 @@ fn main() -> Result<(), Box<dyn Error>> {
     let options = Options {
         rate_hz: args.rate_hz,
         publish_hz: args.publish_hz,
-        when_full: match args.wait {
-            true => WhenFull::Wait,
-            false => WhenFull::DropOldest,
+        when_full: if args.wait {
+            WhenFull::Wait
+        } else {
+            WhenFull::DropOldest
         },
         ..Options::default()
     };

@@ -11,9 +11,10 @@ use vsf_fuzz::{Dense, Dual, Plain, Replay};
 const REPLAYS: usize = 1000;
 
 fn read<E: DeserializeOwned>(json: bool, bytes: &[u8]) -> Option<E> {
-    match json {
-        true => serde_json::from_slice(bytes).ok(),
-        false => postcard::from_bytes(bytes).ok(),
+    if json {
+        serde_json::from_slice(bytes).ok()
+    } else {
+        postcard::from_bytes(bytes).ok()
     }
 }
 

@@ -32,9 +32,10 @@ impl World {
     /// Contact of points or of cells, before the first touch.
     pub fn contact(&self, of_cells: bool) -> SceneContact {
         let points = self.contact.clone();
-        match of_cells {
-            true => SceneContact::Cells(CellContact::new(points, self.cells.clone())),
-            false => SceneContact::Points(points),
+        if of_cells {
+            SceneContact::Cells(CellContact::new(points, self.cells.clone()))
+        } else {
+            SceneContact::Points(points)
         }
     }
 }

@@ -70,9 +70,12 @@ impl Cli {
     pub fn line() -> Line {
         fn with_numbers(command: Line) -> Line {
             command
-                .mut_args(|arg| match arg.get_action().takes_values() {
-                    true => arg.allow_negative_numbers(true),
-                    false => arg,
+                .mut_args(|arg| {
+                    if arg.get_action().takes_values() {
+                        arg.allow_negative_numbers(true)
+                    } else {
+                        arg
+                    }
                 })
                 .mut_subcommands(with_numbers)
         }

@@ -49,9 +49,10 @@ impl Console {
 
     /// The report for people, unless quiet or standard output belongs to the machine.
     pub fn report(&self, text: impl Display) -> anyhow::Result<()> {
-        match self.quiet || self.json == Some(None) {
-            true => Ok(()),
-            false => print(&harmless(&text.to_string())),
+        if self.quiet || self.json == Some(None) {
+            Ok(())
+        } else {
+            print(&harmless(&text.to_string()))
         }
     }
 
@@ -124,9 +125,12 @@ pub fn complain(text: impl Display) {
 /// pictures show none of them either.
 pub fn harmless(text: &str) -> String {
     let turns = |c: char| matches!(c, '\u{200E}'..='\u{200F}' | '\u{2028}'..='\u{202E}' | '\u{2066}'..='\u{2069}');
-    let shown = |c: char| match c.is_control() && c != '\n' || turns(c) {
-        true => char::REPLACEMENT_CHARACTER,
-        false => c,
+    let shown = |c: char| {
+        if c.is_control() && c != '\n' || turns(c) {
+            char::REPLACEMENT_CHARACTER
+        } else {
+            c
+        }
     };
     text.chars().map(shown).collect()
 }

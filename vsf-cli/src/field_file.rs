@@ -111,9 +111,10 @@ impl FieldFile {
             && let Some((was, is)) = difference(
                 &ContactParameters {
                     // Torques of the joints are the same wherever points are touched from.
-                    threshold: match model.follows_contact() {
-                        true => of_model.threshold,
-                        false => own.threshold,
+                    threshold: if model.follows_contact() {
+                        of_model.threshold
+                    } else {
+                        own.threshold
                     },
                     ..of_model.clone()
                 },

@@ -56,11 +56,10 @@ impl Outputs {
         if path.exists() && !path.is_dir() {
             return Err(usage(format!("{flag} {}: it is no folder", path.display())));
         }
-        let names = match path.exists() {
-            true => {
-                names_in(path).with_context(|| format!("cannot list {flag} {}", path.display()))?
-            }
-            false => Vec::new(),
+        let names = if path.exists() {
+            names_in(path).with_context(|| format!("cannot list {flag} {}", path.display()))?
+        } else {
+            Vec::new()
         };
         if let Some(name) = odd(&names) {
             return Err(usage(format!(
@@ -151,9 +150,10 @@ fn cannot(flag: &str, path: &Path) -> String {
 
 /// A folder by a path that opens it: `.` where it is empty, as that above a name alone.
 fn opened(folder: &Path) -> &Path {
-    match folder.as_os_str().is_empty() {
-        true => Path::new("."),
-        false => folder,
+    if folder.as_os_str().is_empty() {
+        Path::new(".")
+    } else {
+        folder
     }
 }
 

@@ -113,9 +113,10 @@ pub fn field<T>(
     draw: impl FnOnce(&FieldView) -> Result<T, PlotError>,
 ) -> anyhow::Result<T> {
     let none = Vec::new();
-    let (array, values) = match view.deviation {
-        true => ("K_std", field.sd.as_ref().unwrap_or(&none)),
-        false => ("K", &field.stiffness),
+    let (array, values) = if view.deviation {
+        ("K_std", field.sd.as_ref().unwrap_or(&none))
+    } else {
+        ("K", &field.stiffness)
     };
     if values.is_empty() {
         anyhow::bail!("the field has no standard deviation (K_std)");

@@ -76,9 +76,10 @@ pub fn ending(
 ) -> impl Fn(&str) -> Result<PathBuf, String> + Clone + Send + Sync + 'static {
     move |text| {
         let path = PathBuf::from(text);
-        match path.extension().is_some_and(|e| e == ending) {
-            true => Ok(path),
-            false => Err(format!("must end in .{ending}")),
+        if path.extension().is_some_and(|e| e == ending) {
+            Ok(path)
+        } else {
+            Err(format!("must end in .{ending}"))
         }
     }
 }
@@ -86,11 +87,12 @@ pub fn ending(
 /// Refuses a spacing of points (m) that is longer than a box (m).
 pub fn fits(spacing: f64, [lower, upper]: &[Point3<f64>; 2]) -> anyhow::Result<()> {
     let size = (upper - lower).max();
-    match spacing > size {
-        true => Err(usage(format!(
+    if spacing > size {
+        Err(usage(format!(
             "--spacing {spacing:?} is more than the box, {size:?} m; lengths are in metres"
-        ))),
-        false => Ok(()),
+        )))
+    } else {
+        Ok(())
     }
 }
 
@@ -101,10 +103,11 @@ pub fn corners(given: &[f64]) -> anyhow::Result<[Point3<f64>; 2]> {
         return Err(usage(format!("--box takes 6 numbers, {count} given")));
     };
     let (a, b) = (Point3::new(ax, ay, az), Point3::new(bx, by, bz));
-    match (a - b).iter().any(|edge| *edge == 0.0) {
-        true => Err(usage(
+    if (a - b).iter().any(|edge| *edge == 0.0) {
+        Err(usage(
             "--box has an edge of length 0; it takes two opposite corners, x,y,z,x,y,z [m]",
-        )),
-        false => Ok([a.inf(&b), a.sup(&b)]),
+        ))
+    } else {
+        Ok([a.inf(&b), a.sup(&b)])
     }
 }

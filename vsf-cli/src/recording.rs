@@ -208,21 +208,21 @@ impl Recording {
 
     /// The same, without points if the recording has none.
     pub fn scene_to_learn_or_air(&self, console: &Console) -> anyhow::Result<Scene> {
-        match self.has_points() {
-            true => self.scene_to_learn(None, console),
-            false => self.scene_or_air(console),
+        if self.has_points() {
+            self.scene_to_learn(None, console)
+        } else {
+            self.scene_or_air(console)
         }
     }
 
     /// The scene of the recording alone, in the contact that its torques were computed in if they were not measured, without
     /// points if it has none.
     pub fn scene_or_air(&self, console: &Console) -> anyhow::Result<Scene> {
-        match self.has_points() {
-            true => {
-                let options = self.settings.options(self.dataset.contact.as_ref());
-                self.scene_by(&options, console, Scene::open)
-            }
-            false => Ok(Scene::in_air(&self.dataset, self.robot()?)?),
+        if self.has_points() {
+            let options = self.settings.options(self.dataset.contact.as_ref());
+            self.scene_by(&options, console, Scene::open)
+        } else {
+            Ok(Scene::in_air(&self.dataset, self.robot()?)?)
         }
     }
 
@@ -363,18 +363,20 @@ impl Recording {
         let scene = self.scene_or_air(console)?;
         let is_given = self.has_threshold(None);
         // The same as of other commands.
-        let looked_at = match is_given {
-            true => scene.clone(),
-            false => scene.with_suited_threshold()?,
+        let looked_at = if is_given {
+            scene.clone()
+        } else {
+            scene.with_suited_threshold()?
         };
         let traces = traces(&looked_at, &sequences, console)?;
         untouched(&looked_at, &traces)
             .iter()
             .for_each(|w| console.warn(w));
         let campaign = Campaign::in_scene(&self.dataset, scene)?;
-        Ok(match is_given {
-            true => campaign,
-            false => campaign.with_suited_fields(),
+        Ok(if is_given {
+            campaign
+        } else {
+            campaign.with_suited_fields()
         })
     }
 
@@ -430,16 +432,17 @@ pub fn claim(out: &Path, console: &Console) -> anyhow::Result<()> {
 pub fn keep_made(out: &Path, by: &[&str]) -> anyhow::Result<()> {
     let metadata = out.join("dataset.json");
     let made_by = match Dataset::maker(out) {
-        Some(command) if by.contains(&&*command) => match Dataset::is_edited(out) {
-            false => return Ok(()),
-            true => {
+        Some(command) if by.contains(&&*command) => {
+            if Dataset::is_edited(out) {
                 return Err(usage(format!(
                     "--out {}: the recording there was edited since {command:?} wrote it, which would be lost; choose a new \
                      folder, or remove that one",
                     out.display()
                 )));
+            } else {
+                return Ok(());
             }
-        },
+        }
         Some(command) => format!("is by {command:?}"),
         None if !metadata.exists() => return Ok(()),
         None => {

@@ -207,9 +207,10 @@ fn what_cannot_be_worked_with_is_no_recording() {
         ),
     ] {
         fs::write(bench.root.join("a.csv"), format!("{titles}\n{rows}\n")).unwrap();
-        let line = match flags.starts_with("--torque-kind") {
-            true => import.replace("--torque-kind external", flags),
-            false => format!("{import} {flags}"),
+        let line = if flags.starts_with("--torque-kind") {
+            import.replace("--torque-kind external", flags)
+        } else {
+            format!("{import} {flags}")
         };
         bench.fails(&line, 1, parts);
         assert!(!bench.root.join("new").exists(), "{line}");

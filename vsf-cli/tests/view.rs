@@ -263,12 +263,11 @@ fn no_points_and_many() {
     folder(0, &[], &[]);
     let output = bench.run("view truth --out empty.html");
     let error = String::from_utf8_lossy(&output.stderr);
-    match output.status.success() {
-        true => {
-            let page = fs::read_to_string(bench.root.join("empty.html")).unwrap();
-            assert_eq!(data(&page)["cloud"]["total"], 0);
-        }
-        false => assert!(error.contains("error: truth"), "{error}"),
+    if output.status.success() {
+        let page = fs::read_to_string(bench.root.join("empty.html")).unwrap();
+        assert_eq!(data(&page)["cloud"]["total"], 0);
+    } else {
+        assert!(error.contains("error: truth"), "{error}")
     }
     // All in one place.
     folder(2, &[0.5; 6], &[1.0, 2.0]);

@@ -47,9 +47,10 @@ impl Contacts {
             });
         }
         if !(u_W.norm_squared() + n_W.norm_squared()).is_finite() {
-            let (what, vector) = match u_W.norm_squared().is_finite() {
-                true => ("contact normal of point", n_W),
-                false => ("contact displacement of point", u_W),
+            let (what, vector) = if u_W.norm_squared().is_finite() {
+                ("contact normal of point", n_W)
+            } else {
+                ("contact displacement of point", u_W)
             };
             return Err(CoreError::NotFinite {
                 what,

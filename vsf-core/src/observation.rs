@@ -315,9 +315,10 @@ fn check_scale<T: Scalar>(
     let squares: f64 = (reading.zip(variances))
         .map(|(value, variance)| (value.to_f64() / variance.sqrt()).powi(2))
         .sum();
-    match squares.is_finite() {
-        true => Ok(()),
-        false => Err(CoreError::Overflow { what: "reading" }),
+    if squares.is_finite() {
+        Ok(())
+    } else {
+        Err(CoreError::Overflow { what: "reading" })
     }
 }
 

@@ -156,9 +156,10 @@ impl Dataset {
             .map(|(id, folder)| Sequence::load(folder, id, metadata.rate_hz))
             .collect::<Result<Vec<_>, _>>()?;
         let points = dir.join(POINTS);
-        let rest_points = match files::is_there(&points) {
-            true => Some(files::points(&points, files::read_npy(&points)?)?),
-            false => None,
+        let rest_points = if files::is_there(&points) {
+            Some(files::points(&points, files::read_npy(&points)?)?)
+        } else {
+            None
         };
         let mut field = None;
         if let Some(path) = stored_field(dir)? {
@@ -382,12 +383,13 @@ pub(crate) fn check_robot<'a>(
 }
 
 pub(crate) fn unknown_keys(path: PathBuf, extra: &BTreeMap<String, String>) -> Vec<DataWarning> {
-    match extra.is_empty() {
-        true => Vec::new(),
-        false => vec![DataWarning::UnknownKeys {
+    if extra.is_empty() {
+        Vec::new()
+    } else {
+        vec![DataWarning::UnknownKeys {
             path,
             keys: extra.keys().cloned().collect(),
-        }],
+        }]
     }
 }
 
@@ -416,11 +418,12 @@ fn folder_name(dir: &Path) -> String {
 /// IDs and folders of the sequences, `seq_2` before `seq_10`.
 fn sequence_ids(dir: &Path) -> Result<Vec<(String, PathBuf)>, DataError> {
     let ids = sequence_ids_or_none(dir)?;
-    match ids.is_empty() {
-        true => Err(DataError::NoSequences {
+    if ids.is_empty() {
+        Err(DataError::NoSequences {
             path: dir.to_owned(),
-        }),
-        false => Ok(ids),
+        })
+    } else {
+        Ok(ids)
     }
 }
 

@@ -61,11 +61,10 @@ fn found(folder: &Path) -> Result<Option<Files>, std::io::Error> {
             if entry.file_type()?.is_symlink() {
                 return Ok(None);
             }
-            match entry.path().is_dir() {
-                true => folders.push(path),
-                false => {
-                    found.insert(path, blake3::hash(&fs::read(entry.path())?));
-                }
+            if entry.path().is_dir() {
+                folders.push(path)
+            } else {
+                found.insert(path, blake3::hash(&fs::read(entry.path())?));
             }
         }
     }

@@ -104,9 +104,10 @@ impl StiffnessField {
     pub fn open(path: impl AsRef<Path>) -> Result<(Self, Vec<DataWarning>), DataError> {
         let path = path.as_ref();
         let mut warnings = Vec::new();
-        let source = match path.is_dir() {
-            true => Source::folder(path, &mut warnings)?,
-            false => Source::archive(path)?,
+        let source = if path.is_dir() {
+            Source::folder(path, &mut warnings)?
+        } else {
+            Source::archive(path)?
         };
         let field = source.read(&mut warnings)?;
         field.check(path)?;
@@ -187,9 +188,10 @@ impl StiffnessField {
             let name = path.file_name().unwrap_or_default();
             name.to_string_lossy().starts_with('.')
         };
-        let mut there = match files::is_there(folder) {
-            true => files::list(folder)?.into_iter(),
-            false => Vec::new().into_iter(),
+        let mut there = if files::is_there(folder) {
+            files::list(folder)?.into_iter()
+        } else {
+            Vec::new().into_iter()
         };
         if let Some(path) = there.find(|p| !hidden(p) && !contents.contains_key(p)) {
             return Err(DataError::Leftover { path });

@@ -350,9 +350,10 @@ pub(crate) fn is_interrupted(dir: &Path) -> bool {
 /// `made_by` of a recording, be it one that is [interrupted](is_interrupted).
 pub(crate) fn maker(dir: &Path) -> Option<String> {
     let path = dir.join(FILE);
-    let paths = match files::is_there(&path) {
-        true => vec![path],
-        false => hidden_in(dir),
+    let paths = if files::is_there(&path) {
+        vec![path]
+    } else {
+        hidden_in(dir)
     };
     paths.iter().find_map(|p| Origin::read(p)?.made_by)
 }

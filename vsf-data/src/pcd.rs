@@ -134,11 +134,12 @@ fn check_size(meta: &PcdMeta, kind: &str, data: &[u8]) -> Result<(), String> {
         ("binary", Some(needed)) => points + (length - needed) / record.unwrap_or(1).max(1),
         _ => points,
     };
-    match held > points {
-        true => Err(format!(
+    if held > points {
+        Err(format!(
             "{held} points, but its header says POINTS {points}; correct the one that is wrong"
-        )),
-        false => Ok(()),
+        ))
+    } else {
+        Ok(())
     }
 }
 

@@ -94,16 +94,16 @@ impl Staged {
         if folder.is_symlink() && !folder.exists() {
             return Err(failed(nowhere()));
         }
-        let state = match folder.exists() {
-            true if folder.is_dir() => State::There(visible(folder)?),
-            true => return Err(failed(ErrorKind::NotADirectory.into())),
-            false => {
-                let mut options = hidden();
-                #[cfg(unix)]
-                options.permissions(std::os::unix::fs::PermissionsExt::from_mode(0o777));
-                let above = existing(folder);
-                State::New(options.tempdir_in(above).map_err(failed)?)
-            }
+        let state = if folder.is_dir() {
+            State::There(visible(folder)?)
+        } else if folder.exists() {
+            return Err(failed(ErrorKind::NotADirectory.into()));
+        } else {
+            let mut options = hidden();
+            #[cfg(unix)]
+            options.permissions(std::os::unix::fs::PermissionsExt::from_mode(0o777));
+            let above = existing(folder);
+            State::New(options.tempdir_in(above).map_err(failed)?)
         };
         let folder = Folder {
             given: folder.to_owned(),
@@ -174,9 +174,12 @@ impl Staged {
     /// Whether this file of the folder is to be written.
     pub fn holds(&self, path: &Path) -> bool {
         let place = self.folder.as_ref().and_then(|f| f.place_of(path).ok());
-        place.is_some_and(|place| match self.is_new() {
-            true => place.is_file(),
-            false => self.files.iter().any(|(_, p)| *p == place),
+        place.is_some_and(|place| {
+            if self.is_new() {
+                place.is_file()
+            } else {
+                self.files.iter().any(|(_, p)| *p == place)
+            }
         })
     }
 
@@ -201,9 +204,12 @@ impl Staged {
                 State::New(whole) => {
                     let place = &folder.place;
                     created.folder(parent(place))?;
-                    fs::rename(whole.path(), place).map_err(|e| match place.exists() {
-                        true => mixed(),
-                        false => DataError::io("create", place, e),
+                    fs::rename(whole.path(), place).map_err(|e| {
+                        if place.exists() {
+                            mixed()
+                        } else {
+                            DataError::io("create", place, e)
+                        }
                     })?;
                     // It has its name, and goes no more.
                     let _ = whole.keep();
@@ -343,9 +349,10 @@ fn remove_stale(folder: &Path) {
         };
         let age = found.modified().ok().and_then(|t| t.elapsed().ok());
         if age.is_some_and(|age| age > STALE) {
-            let _ = match found.is_dir() {
-                true => fs::remove_dir_all(&path),
-                false => fs::remove_file(&path),
+            let _ = if found.is_dir() {
+                fs::remove_dir_all(&path)
+            } else {
+                fs::remove_file(&path)
             };
         }
     }

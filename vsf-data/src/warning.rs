@@ -120,7 +120,7 @@ pub enum DataWarning {
     #[error(
         "{}: rate_hz = {rate_hz:?}, but most samples of sequence {} are {step:.3e} s apart; the time stamps count{}",
         path.display(), ids.join(", "),
-        match (0.1..10.0).contains(&(step * rate_hz)) { true => "", false => ", which must be in seconds" }
+        if (0.1..10.0).contains(&(step * rate_hz)) { "" } else { ", which must be in seconds" }
     )]
     OtherRate {
         /// The metadata file.

@@ -13,9 +13,10 @@ pub(crate) fn check_entries(n: usize, each: usize, what: &'static str) -> Result
         return Err(CoreError::TooMany {
             what,
             got: n,
-            max: match each == n {
-                true => MAX_ENTRIES.isqrt(),
-                false => MAX_ENTRIES / each,
+            max: if each == n {
+                MAX_ENTRIES.isqrt()
+            } else {
+                MAX_ENTRIES / each
             },
         });
     }

@@ -101,9 +101,10 @@ impl Campaign {
     /// # Errors
     /// Robot, scene, torques or motions that cannot be read, rows that contact cannot take.
     pub fn open(dataset: &Dataset, options: &SceneOptions) -> Result<Self, GapError> {
-        let scene = match dataset.rest_points.is_none() && dataset.field.is_none() {
-            true => Scene::in_air(dataset, robot_of(dataset, &options.packages)?)?,
-            false => Scene::open(dataset, options)?,
+        let scene = if dataset.rest_points.is_none() && dataset.field.is_none() {
+            Scene::in_air(dataset, robot_of(dataset, &options.packages)?)?
+        } else {
+            Scene::open(dataset, options)?
         };
         Self::in_scene(dataset, scene)
     }
@@ -355,9 +356,10 @@ impl Campaign {
         let lack = match need {
             Need::Contact => (
                 self.touched < Touched::Once,
-                match site.rest.is_empty() {
-                    true => "nothing is touched: the recording has no points",
-                    false => "the train sequences touch no point",
+                if site.rest.is_empty() {
+                    "nothing is touched: the recording has no points"
+                } else {
+                    "the train sequences touch no point"
                 },
             ),
             Need::Joints => (site.joints() < 2, "the robot has one joint"),
@@ -387,9 +389,10 @@ pub(crate) fn goes_on(motions: &[&Motion], k: usize) -> bool {
 pub(crate) fn sequence_begins(motions: &[&Motion]) -> Vec<f64> {
     let mut begins: Vec<f64> = Vec::with_capacity(motions.len());
     for (k, motion) in motions.iter().enumerate() {
-        begins.push(match goes_on(motions, k) {
-            true => begins[k - 1],
-            false => motion.begin(),
+        begins.push(if goes_on(motions, k) {
+            begins[k - 1]
+        } else {
+            motion.begin()
         });
     }
     begins

@@ -182,9 +182,10 @@ pub(crate) fn closure(
         (before.squares().collect(), after.squares().collect());
     let fraction = |sums: &[f64]| {
         let (gap, left) = (sums[0], sums[1]);
-        vec![match gap > 0.0 {
-            true => ((gap - left) / gap).clamp(-10.0, 10.0),
-            false => 0.0,
+        vec![if gap > 0.0 {
+            ((gap - left) / gap).clamp(-10.0, 10.0)
+        } else {
+            0.0
         }]
     };
     let add = |sample: usize, sums: &mut [f64]| {

@@ -102,9 +102,10 @@ pub fn diagnose(
     let stays = |e: &&Arc<dyn Effect>| own(e) || named.iter().any(|n| n == e.name());
     let candidates: Vec<Arc<dyn Effect>> = effects.iter().filter(stays).cloned().collect();
     let second = attempt(&halved, name, &candidates, seed, Split::Halves, &mut |_| {})?;
-    match second.explains() && second.model.parts.iter().any(|(e, _)| own(e)) {
-        true => Ok(second.in_place_of(first)),
-        false => Ok(first),
+    if second.explains() && second.model.parts.iter().any(|(e, _)| own(e)) {
+        Ok(second.in_place_of(first))
+    } else {
+        Ok(first)
     }
 }
 
@@ -203,9 +204,10 @@ fn attempt(
     judgement.worse = extent.worse();
     judgement.persistence = judgement.persistence.filter(|_| closed < NEARLY);
     let likeness = Likeness::new(&search)?;
-    let in_field = match nominal.perfect {
-        true => Vec::new(),
-        false => in_field(thinned, &search, &likeness)?,
+    let in_field = if nominal.perfect {
+        Vec::new()
+    } else {
+        in_field(thinned, &search, &likeness)?
     };
     let undecided = !in_field.is_empty() && judgement.leaves_field(closed);
     if undecided {
@@ -295,9 +297,10 @@ fn attempt(
 /// None in practice: tables keep their form.
 fn few_samples(campaign: &Campaign) -> Result<Option<Campaign>, GapError> {
     let samples = campaign.train.iter().map(Motion::len).sum();
-    let by = match campaign.test.is_empty() {
-        true => 1,
-        false => Windows::size(samples, campaign.site.joints()) / PER_WINDOW,
+    let by = if campaign.test.is_empty() {
+        1
+    } else {
+        Windows::size(samples, campaign.site.joints()) / PER_WINDOW
     };
     (by > 1).then(|| campaign.thinned(by)).transpose()
 }
@@ -480,9 +483,10 @@ fn hidden(
     let sum: f64 = weights.iter().map(|(_, w)| w).sum();
     let all = (looked_for as f64 / effects::catalogue().len() as f64).min(1.0);
     let share = |(effect, weight)| (effect, all * weight / sum);
-    match sum > 0.0 {
-        true => weights.into_iter().map(share).collect(),
-        false => Vec::new(),
+    if sum > 0.0 {
+        weights.into_iter().map(share).collect()
+    } else {
+        Vec::new()
     }
 }
 

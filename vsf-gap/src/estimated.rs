@@ -130,9 +130,10 @@ impl Extent {
         let mut named = None;
         if let Some(tried) = &judgement.named {
             let model = &tried.refined.model;
-            let there = match model.follows_contact() {
-                true => campaign,
-                false => suited,
+            let there = if model.follows_contact() {
+                campaign
+            } else {
+                suited
             };
             let Some(after) = there.estimated(model)? else {
                 return Ok(None);

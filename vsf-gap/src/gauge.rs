@@ -43,9 +43,10 @@ fn tied(prior: &Prior) -> Vec<(usize, usize)> {
     let joints: BTreeSet<Option<usize>> = (own.iter())
         .map(|(_, i)| prior.parameters[*i].joint)
         .collect();
-    match joints.len() == own.len() {
-        true => own,
-        false => Vec::new(),
+    if joints.len() == own.len() {
+        own
+    } else {
+        Vec::new()
     }
 }
 

@@ -84,9 +84,10 @@ impl<'a> Hypothesis<'a> {
             let [theta, sd, prior_sd] =
                 [&refined.theta, &refined.sd, &refined.prior.sd].map(|of| &of[own.clone()]);
             let parameters = &refined.prior.parameters[own.clone()];
-            let of_special_case = match e.exceeds(parameters, theta, sd, prior_sd) {
-                true => 0.0,
-                false => e.extends().and_then(&alone).unwrap_or(0.0).max(0.0),
+            let of_special_case = if e.exceeds(parameters, theta, sd, prior_sd) {
+                0.0
+            } else {
+                e.extends().and_then(&alone).unwrap_or(0.0).max(0.0)
             };
             threshold(e.as_ref(), rough) + MISFIT * of_special_case
         };
@@ -117,10 +118,12 @@ impl<'a> Hypothesis<'a> {
     /// have to close much of the gap.
     pub(crate) fn stands(&self, closed: f64, foretold: f64, worse: bool) -> bool {
         let mut parts = self.refined.model.parts.iter();
-        match parts.any(|(e, _)| e.chooses_contacts()) {
-            true if self.rough >= UNSURE => closed >= PROOF && !worse,
-            true => !worse,
-            false => !worse || self.gain + foretold > CLEAR * self.threshold,
+        if !parts.any(|(e, _)| e.chooses_contacts()) {
+            !worse || self.gain + foretold > CLEAR * self.threshold
+        } else if self.rough >= UNSURE {
+            closed >= PROOF && !worse
+        } else {
+            !worse
         }
     }
 }
@@ -183,9 +186,10 @@ pub(crate) struct Nominal {
 impl Nominal {
     /// What to say when no effect is named.
     fn kind(&self) -> VerdictKind {
-        match self.contradicts() || self.spread.joint >= ROUGH && !self.perfect {
-            true => VerdictKind::Unknown,
-            false => VerdictKind::NoGap,
+        if self.contradicts() || self.spread.joint >= ROUGH && !self.perfect {
+            VerdictKind::Unknown
+        } else {
+            VerdictKind::NoGap
         }
     }
 
@@ -260,9 +264,10 @@ pub(crate) fn judge(hypotheses: &[Hypothesis<'_>], nominal: &Nominal) -> Judged 
     let (kind, probability) = match named {
         Some(i) => {
             let p = of_hypotheses[i].1;
-            let kind = match hypotheses[i].refined.spread.joint >= ROUGH {
-                true => VerdictKind::Unknown,
-                false => kind_of_claim(p, &effect_set_95),
+            let kind = if hypotheses[i].refined.spread.joint >= ROUGH {
+                VerdictKind::Unknown
+            } else {
+                kind_of_claim(p, &effect_set_95)
             };
             (kind, p)
         }

@@ -131,9 +131,10 @@ fn size(nominal: &[f64], all: &[Shown], k: usize, needed: f64) -> Option<f64> {
     }
     for _ in 0..HALVINGS {
         let middle = 0.5 * (low + high);
-        match gain(middle) < needed {
-            true => low = middle,
-            false => high = middle,
+        if gain(middle) < needed {
+            low = middle
+        } else {
+            high = middle
         }
     }
     Some(high + POWER * deviation)

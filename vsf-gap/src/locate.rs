@@ -97,19 +97,21 @@ pub(crate) fn locate(
     let (d, noise) = (campaign.site.joints(), &campaign.noise);
     let nominal = Model::default();
     let named = !model.parts.is_empty();
-    let all: Vec<&Motion> = match named {
-        true => campaign.train.iter().chain(campaign.test.iter()).collect(),
-        false => checked.iter().collect(),
+    let all: Vec<&Motion> = if named {
+        campaign.train.iter().chain(campaign.test.iter()).collect()
+    } else {
+        checked.iter().collect()
     };
     let mut rows = Vec::new();
     let mut ids: Vec<String> = Vec::new();
     // The whole session at once: what an effect does to the object lasts.
-    let change = match named {
-        true => Some((
+    let change = if named {
+        Some((
             campaign.residuals(model, field, &all)?,
             campaign.residuals(&nominal, field, &all)?,
-        )),
-        false => None,
+        ))
+    } else {
+        None
     };
     for (sequence, motion) in all.iter().copied().enumerate() {
         let logs = campaign.contact_logs(&nominal, &[motion])?;

@@ -131,10 +131,11 @@ impl ModelFile {
     pub fn from_json(text: &str) -> Result<Self, GapError> {
         let file: Self = serde_json::from_str(text).map_err(|e| {
             let is_report = serde_json::from_str::<Diagnosis>(text).is_ok();
-            GapError::ModelFile(match is_report {
-                true => "it is the report of a diagnosis; `vsf diagnose --model` writes the model"
-                    .to_owned(),
-                false => e.to_string(),
+            GapError::ModelFile(if is_report {
+                "it is the report of a diagnosis; `vsf diagnose --model` writes the model"
+                    .to_owned()
+            } else {
+                e.to_string()
             })
         })?;
         match file.schema {

@@ -113,9 +113,10 @@ impl Motion {
     /// # Panics
     /// If there is no such row.
     pub fn sample(&self, row: usize, first: usize, force_W: Vector3<f64>) -> Sample<'_> {
-        let dt = match row > first {
-            true => self.clock[row] - self.clock[row - 1],
-            false => 0.0,
+        let dt = if row > first {
+            self.clock[row] - self.clock[row - 1]
+        } else {
+            0.0
         };
         Sample {
             clock: self.clock[row],

@@ -134,9 +134,10 @@ fn joint_noise(pairs: impl Fn(usize) -> Vec<(f64, f64)>) -> JointNoise {
         let pairs = pairs(order);
         let (variance, covariance) = moments(&pairs);
         let margin = margins / (pairs.len().max(1) as f64).sqrt();
-        let correlation = match variance > 0.0 {
-            true => correlation(order, covariance / variance, margin),
-            false => 0.0,
+        let correlation = if variance > 0.0 {
+            correlation(order, covariance / variance, margin)
+        } else {
+            0.0
         };
         JointNoise {
             sd: (variance / unit_moments(order, correlation).0).sqrt(),
@@ -158,9 +159,10 @@ fn moments(pairs: &[(f64, f64)]) -> (f64, f64) {
     sizes.sort_by(f64::total_cmp);
     let limit = STEP * sizes.get(sizes.len() / 2).copied().unwrap_or(0.0);
     let beyond = sizes.len() - sizes.partition_point(|s| *s <= limit);
-    let limit = match beyond as f64 > FEW * sizes.len() as f64 {
-        true => f64::INFINITY,
-        false => limit,
+    let limit = if beyond as f64 > FEW * sizes.len() as f64 {
+        f64::INFINITY
+    } else {
+        limit
     };
     let kept = || (pairs.iter()).filter(|(a, b)| a.abs() <= limit && b.abs() <= limit);
     let n = kept().count().max(1) as f64;
@@ -197,9 +199,10 @@ fn correlation(order: usize, r: f64, margin: f64) -> f64 {
     let (mut low, mut high) = (0.0, SMOOTHEST);
     for _ in 0..40 {
         let middle = 0.5 * (low + high);
-        match of(middle) < r {
-            true => low = middle,
-            false => high = middle,
+        if of(middle) < r {
+            low = middle
+        } else {
+            high = middle
         }
     }
     low

@@ -63,9 +63,10 @@ pub(crate) fn mm(length: f64) -> String {
 fn contact(campaign: &Campaign, told: &Compared) -> Option<String> {
     let own = campaign.scene().contact().threshold;
     let [before, after] = told.thresholds.filter(|told| *told != [own; 2])?;
-    let which = match before == after {
-        true => "errors are",
-        false => "the error before is that",
+    let which = if before == after {
+        "errors are"
+    } else {
+        "the error before is that"
     };
     Some(format!(
         "effects are looked for with points that are touched from {} before the surface on; {which} of fields with {}, \
@@ -107,15 +108,16 @@ pub(crate) fn notes(
         ));
     }
     if verdict.effects.is_empty() && nominal.contradicts() {
-        let how = match nominal.opposes() {
-            true => format!(
+        let how = if nominal.opposes() {
+            format!(
                 "by and large it is opposite to what springs give (correlation {:.2})",
                 nominal.likeness
-            ),
-            false => format!(
+            )
+        } else {
+            format!(
                 "the best one leaves {:.0} % of its energy",
                 100.0 * nominal.left
-            ),
+            )
         };
         notes.push(format!(
             "no stiffness explains what is felt in contact: {how}; check the sign and the unit of the torques, \
@@ -175,10 +177,7 @@ pub(crate) fn notes(
              train sequences: {}; {} {unit} without them{}",
             aside.join(", "),
             number(trial.before.mean_error()),
-            match estimated {
-                true => ", of the diagnosis' own fields",
-                false => "",
-            }
+            if estimated { ", of the diagnosis' own fields" } else { "" }
         ));
     }
     let error = told.after.residuals.mean_error();
@@ -216,13 +215,15 @@ pub(crate) fn few_rows(
     let joint = &campaign.site.robot.joints()[found.joint];
     let of = &motions[found.sequence].id;
     let (first, last) = (found.rows.start, found.rows.end - 1);
-    let rows = match first == last {
-        true => format!("row {first} of sequence {of} holds"),
-        false => format!("rows {first} to {last} of sequence {of} hold"),
+    let rows = if first == last {
+        format!("row {first} of sequence {of} holds")
+    } else {
+        format!("rows {first} to {last} of sequence {of} hold")
     };
-    let model = match model.parts.is_empty() {
-        true => "nominal",
-        false => "corrected",
+    let model = if model.parts.is_empty() {
+        "nominal"
+    } else {
+        "corrected"
     };
     Ok(Some(format!(
         "{rows} {:.0} % of the squared errors of the {model} model, each joint's relative to its noise: {} is off by {} {} \
@@ -252,9 +253,10 @@ fn relative(campaign: &Campaign, named: &Refined) -> Option<String> {
     let reference = named.reference?;
     let p = &named.prior.parameters[reference.share];
     let joint = campaign.site.robot.joints()[p.joint?].name();
-    let why = match reference.agreed {
-        true => "with which most others agree",
-        false => "since they have to be to one of them",
+    let why = if reference.agreed {
+        "with which most others agree"
+    } else {
+        "since they have to be to one of them"
     };
     Some(format!(
         "a gain common to all joints is a scale of the stiffness, and not told from it: gains are relative to {joint}, {why} \
@@ -289,10 +291,7 @@ fn incomplete(noise: f64, error: f64) -> Option<String> {
         format!(
             "the error that is left is {} that of a perfect model: more acts than what is named, or the forms \
              of the effects are others, and their parameters take some of it",
-            match times < 100.0 {
-                true => format!("{times:.1} times"),
-                false => "a hundred times and more".to_owned(),
-            }
+            if times < 100.0 { format!("{times:.1} times") } else { "a hundred times and more".to_owned() }
         )
     })
 }

@@ -19,9 +19,10 @@ pub(crate) fn oscillation(runs: &[&[f64]], noise: &[f64]) -> f64 {
     let runs: Vec<Vec<f64>> = runs.iter().map(|run| centred(run, joints)).collect();
     // Every joint counts by its own noise: a wrist is heard beside a shoulder.
     let weights: Vec<f64> = noise.iter().map(|sd| (sd * sd).recip()).collect();
-    let weights = match weights.iter().all(|w| w.is_finite()) {
-        true => weights,
-        false => vec![1.0; joints],
+    let weights = if weights.iter().all(|w| w.is_finite()) {
+        weights
+    } else {
+        vec![1.0; joints]
     };
     let ones = vec![1.0; joints];
     // Mean product of samples that lie `lag` apart.

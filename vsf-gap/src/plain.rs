@@ -113,10 +113,12 @@ impl Campaign {
                 for (k, (&i, column)) in tangent.amplitudes.iter().zip(&columns).enumerate() {
                     let [lo, hi] = tangent.bounds[k];
                     // Of an effect alone, without stiffness, there is never too much.
-                    theta[i] = match fit[0] > 0.0 {
-                        true => (fit[k + 1] / fit[0]).clamp(lo, hi),
-                        false if fit[k + 1] > 0.0 => hi,
-                        false => lo,
+                    theta[i] = if fit[0] > 0.0 {
+                        (fit[k + 1] / fit[0]).clamp(lo, hi)
+                    } else if fit[k + 1] > 0.0 {
+                        hi
+                    } else {
+                        lo
                     };
                     predicted += column * theta[i];
                 }

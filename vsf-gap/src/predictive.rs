@@ -142,9 +142,10 @@ impl Fitted<'_> {
             .collect();
         let correlation = correlation(&self.innovations(factor), self.windows.joints, &follows);
         let pairs = follows.iter().filter(|f| **f).count() * self.windows.joints;
-        match correlation > 3.0 / (pairs as f64).sqrt() {
-            true => correlation,
-            false => 0.0,
+        if correlation > 3.0 / (pairs as f64).sqrt() {
+            correlation
+        } else {
+            0.0
         }
     }
 }
@@ -152,9 +153,12 @@ impl Fitted<'_> {
 /// Log of the density of the values of mean zero in some rows, in order, without constants; of `covariance` the lower half.
 fn log_density_of(values: &[f64], covariance: &Mat<f64>, rows: &[usize]) -> Result<f64, GapError> {
     let own: Vec<f64> = rows.iter().map(|row| values[*row]).collect();
-    let part = Mat::from_fn(rows.len(), rows.len(), |i, k| match i >= k {
-        true => covariance[(rows[i], rows[k])],
-        false => 0.0,
+    let part = Mat::from_fn(rows.len(), rows.len(), |i, k| {
+        if i >= k {
+            covariance[(rows[i], rows[k])]
+        } else {
+            0.0
+        }
     });
     Ok(log_density(&own, &Factor::new(part)?))
 }

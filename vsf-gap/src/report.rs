@@ -353,9 +353,10 @@ impl EffectReport {
         for ((p, v), sd) in amplitudes() {
             let same = amplitudes().filter(|((q, _), _)| q.unit == p.unit);
             let largest = same.fold(0.0_f64, |most, ((_, v), _)| most.max(v.abs()));
-            let from = match v.abs() < SMALL * largest {
-                true => SHOWS_SMALL,
-                false => SHOWS,
+            let from = if v.abs() < SMALL * largest {
+                SHOWS_SMALL
+            } else {
+                SHOWS
             };
             let shows = *v != 0.0 && v.abs() > from * sd;
             if let Some(j) = p.joint.filter(|_| shows) {

@@ -41,9 +41,10 @@ impl Campaign {
             compensators.iter_mut().for_each(|c| c.begin_touch());
             for row in touch.clone() {
                 // As in a run of contact: the force known when a sample begins.
-                let force = match row > touch.start {
-                    true => log.forces[row - 1],
-                    false => nalgebra::Vector3::zeros(),
+                let force = if row > touch.start {
+                    log.forces[row - 1]
+                } else {
+                    nalgebra::Vector3::zeros()
                 };
                 let sample = motion.sample(row, touch.start, force);
                 let posture = &mut answer.postures[row];

@@ -65,12 +65,13 @@ impl Rival {
             self.effects.join(" and "),
             self.of_effects,
         );
-        match self.outdoes() {
-            true => format!(
+        if self.outdoes() {
+            format!(
                 "{gains}. From where on points are touched is a choice of the model, not a cause, and the same as thicker \
                  links: effects are looked for with {own}, paddings are relative to that"
-            ),
-            false => format!("{gains}, which is more than twice as much"),
+            )
+        } else {
+            format!("{gains}, which is more than twice as much")
         }
     }
 }
@@ -95,9 +96,10 @@ impl Search<'_> {
         };
         let (following, others) = named.model.by_contact();
         let before = self.model_of(&others).map_or(self.base, |m| m.log_evidence);
-        let padded = match following.has(GeometryPadding.name()) {
-            true => None,
-            false => self.padded(campaign, &others, before)?,
+        let padded = if following.has(GeometryPadding.name()) {
+            None
+        } else {
+            self.padded(campaign, &others, before)?
         };
         let suited = match campaign.suited() {
             Some(c) => Some(Other {

@@ -136,9 +136,10 @@ impl Campaign {
             };
             let step = p.scale.min(0.5 * p.bounds[1]);
             let ahead = at(step)?;
-            let (behind, width) = match effect.acts() == Acts::Contact && p.bounds[0] <= -step {
-                true => (at(-step)?, 2.0 * step),
-                false => (nominal.clone(), step),
+            let (behind, width) = if effect.acts() == Acts::Contact && p.bounds[0] <= -step {
+                (at(-step)?, 2.0 * step)
+            } else {
+                (nominal.clone(), step)
             };
             Ok((ahead.iter().zip(&behind))
                 .map(|(a, b)| (a - b) / width)

@@ -115,9 +115,10 @@ impl Search<'_> {
 
     /// A model as a hypothesis, see [`Search::hypotheses`].
     pub(crate) fn hypothesis<'a>(&self, refined: &'a Refined) -> Hypothesis<'a> {
-        let rough = match self.proven {
-            true => self.spread.contact.min(refined.spread.contact),
-            false => self.spread.contact,
+        let rough = if self.proven {
+            self.spread.contact.min(refined.spread.contact)
+        } else {
+            self.spread.contact
         };
         let alone = |name: &str| Some(self.alone(name)?.log_evidence - self.base);
         Hypothesis::new(refined, self.base, rough, alone)
@@ -211,9 +212,10 @@ impl Campaign {
                 None => {
                     check_effect(effect.as_ref(), &self.site)?;
                     let own = self.tangents(&model, &nominal, &field, effect)?;
-                    match own.iter().any(Tangent::shows) {
-                        true => tangents.extend(own),
-                        false => untestable.push((effect.clone(), UNSEEN.to_owned())),
+                    if own.iter().any(Tangent::shows) {
+                        tangents.extend(own)
+                    } else {
+                        untestable.push((effect.clone(), UNSEEN.to_owned()))
                     }
                 }
             }
@@ -253,9 +255,10 @@ impl Campaign {
 
         progress(DiagnosisStep::Finalists);
         // Effects are fitted within the lattice first: so is what they are measured against.
-        let nominal_there = match raised == smoothest {
-            true => base,
-            false => screened_base,
+        let nominal_there = if raised == smoothest {
+            base
+        } else {
+            screened_base
         };
         let standard = Standard {
             base,
@@ -319,11 +322,11 @@ impl Campaign {
             .filter_map(|c| c.effect.extends().map(str::to_owned))
             .collect();
         candidates.par_iter_mut().try_for_each(|candidate| {
-            match candidate.refined.is_none()
-                && extended.iter().any(|e| e == candidate.effect.name())
+            if candidate.refined.is_none() && extended.iter().any(|e| e == candidate.effect.name())
             {
-                true => self.fit_alone(candidate, tangents, standard),
-                false => Ok(()),
+                self.fit_alone(candidate, tangents, standard)
+            } else {
+                Ok(())
             }
         })?;
         best_first(candidates, base);
@@ -341,9 +344,10 @@ impl Campaign {
         let tangent = &tangents[found.tangent];
         let start = self.start(&Model::default(), tangent, found, &standard.spread)?;
         let refined = self.refine(&start, tangent.prior(&self.site), &found.spread)?;
-        candidate.refined = Some(match refined.log_evidence > standard.much {
-            true => self.with_own_spread(refined, &start)?,
-            false => refined,
+        candidate.refined = Some(if refined.log_evidence > standard.much {
+            self.with_own_spread(refined, &start)?
+        } else {
+            refined
         });
         Ok(())
     }

@@ -88,9 +88,10 @@ impl Campaign {
         standard: &Standard,
     ) -> Result<Vec<Combination>, GapError> {
         let touches = |c: &Candidate| c.refined.as_ref().is_some_and(|r| r.touches);
-        match candidates.first().is_some_and(touches) {
-            true => self.pairs(tangents, candidates, standard),
-            false => self.sets_in_air(tangents, candidates, standard),
+        if candidates.first().is_some_and(touches) {
+            self.pairs(tangents, candidates, standard)
+        } else {
+            self.sets_in_air(tangents, candidates, standard)
         }
     }
 
@@ -300,9 +301,12 @@ impl Campaign {
         let without = log_mean_exp(&screening.nominal);
         let further = best_starts(&others, &screening.candidates, without);
         let moves = |c: &Candidate| c.effect.acts() == Acts::Contact;
-        let tried = |(rank, c): &(usize, Candidate)| match in_air {
-            true => *rank < FURTHER_IN_AIR && c.screened > EVIDENT,
-            false => *rank < FURTHER && c.screened > 0.0 || all_that_move && moves(c),
+        let tried = |(rank, c): &(usize, Candidate)| {
+            if in_air {
+                *rank < FURTHER_IN_AIR && c.screened > EVIDENT
+            } else {
+                *rank < FURTHER && c.screened > 0.0 || all_that_move && moves(c)
+            }
         };
         let further: Vec<_> = further.into_iter().enumerate().filter(tried).collect();
         let mut models: Vec<Further> = (further.into_par_iter())

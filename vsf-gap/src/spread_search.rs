@@ -129,9 +129,10 @@ impl Fitted<'_> {
             return Ok(*spread);
         }
         let own = spread.scaled(ratio);
-        match self.log_evidence(&own)? > self.log_evidence(spread)? {
-            true => Ok(own),
-            false => Ok(*spread),
+        if self.log_evidence(&own)? > self.log_evidence(spread)? {
+            Ok(own)
+        } else {
+            Ok(*spread)
         }
     }
 

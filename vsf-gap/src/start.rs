@@ -86,9 +86,12 @@ impl Campaign {
                 new
             };
             let new: Vec<bool> = thetas.iter().map(&mut is_new).collect();
-            let of = |(theta, new): (&Vec<f64>, &bool)| match new {
-                true => value(theta),
-                false => Ok(f64::NEG_INFINITY),
+            let of = |(theta, new): (&Vec<f64>, &bool)| {
+                if *new {
+                    value(theta)
+                } else {
+                    Ok(f64::NEG_INFINITY)
+                }
             };
             thetas.par_iter().zip(&new).map(of).collect()
         };
@@ -159,9 +162,12 @@ fn ways(prior: &Prior) -> Vec<Vec<f64>> {
         sets.push(moving);
     }
     let way = |set: &Vec<usize>, sign: f64| {
-        let own = |(i, p): (usize, &Parameter)| match set.contains(&i) {
-            true => sign * p.scale,
-            false => 0.0,
+        let own = |(i, p): (usize, &Parameter)| {
+            if set.contains(&i) {
+                sign * p.scale
+            } else {
+                0.0
+            }
         };
         parameters.iter().enumerate().map(own).collect()
     };

@@ -146,9 +146,10 @@ impl<'a> Judgement<'a> {
 
     /// Whether the corrected model, with this `error`, hardly predicts better than sensors that read nothing, with theirs.
     pub(crate) fn is_silent(&self, error: f64, of_silence: f64, touches: bool) -> bool {
-        let barely = match !touches && self.is_stopped(touches) {
-            true => BARELY,
-            false => 1.0,
+        let barely = if !touches && self.is_stopped(touches) {
+            BARELY
+        } else {
+            1.0
         };
         self.corrected().is_some() && error >= barely * of_silence
     }
@@ -179,9 +180,10 @@ impl<'a> Trial<'a> {
         spread: &Spread,
         seed: u64,
     ) -> Result<Self, GapError> {
-        let sequences = match whole.test.is_empty() {
-            true => &whole.train[..],
-            false => &whole.test[..],
+        let sequences = if whole.test.is_empty() {
+            &whole.train[..]
+        } else {
+            &whole.test[..]
         };
         let all: Vec<&Motion> = sequences.iter().collect();
         let nominal = Model::default();
@@ -258,9 +260,10 @@ impl<'a> Trial<'a> {
         if self.free.len() < FEWEST {
             return 0.0;
         }
-        let persists = match perfect {
-            true => 0.0,
-            false => self.persists(residuals),
+        let persists = if perfect {
+            0.0
+        } else {
+            self.persists(residuals)
         };
         // Blocks of a touch that follow each other are one run.
         let begins = |sequence: usize, row: usize| {

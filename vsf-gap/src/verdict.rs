@@ -90,9 +90,10 @@ pub(crate) struct Answer {
 
 /// The kind of an answer that names effects.
 pub(crate) fn kind_of_claim(probability: f64, effect_set_95: &[String]) -> VerdictKind {
-    match probability >= NAMED && effect_set_95.len() <= MOST_ALIKE {
-        true => VerdictKind::Effects,
-        false => VerdictKind::NotDiagnosable,
+    if probability >= NAMED && effect_set_95.len() <= MOST_ALIKE {
+        VerdictKind::Effects
+    } else {
+        VerdictKind::NotDiagnosable
     }
 }
 
@@ -114,9 +115,10 @@ impl Judged {
         let lasting = found.lasts && kind != VerdictKind::Unknown;
         let contradicted = found.contradicted && kind == VerdictKind::NoGap;
         let open = lasting || contradicted;
-        verdict.kind = match open || found.stopped || claims && found.silent {
-            true => VerdictKind::Unknown,
-            false => kind,
+        verdict.kind = if open || found.stopped || claims && found.silent {
+            VerdictKind::Unknown
+        } else {
+            kind
         };
         // An effect that does not show, or one that is not looked for.
         if verdict.kind == VerdictKind::Unknown && !claims {

@@ -48,9 +48,10 @@ impl Windows {
         let (mut list, mut run) = (Vec::new(), 0);
         for (sequence, motion) in motions.iter().enumerate() {
             let whole = 0..motion.len();
-            let ranges = match many {
-                true => std::slice::from_ref(&whole),
-                false => &motion.touches,
+            let ranges = if many {
+                std::slice::from_ref(&whole)
+            } else {
+                &motion.touches
             };
             for range in ranges {
                 let parts = range.len().div_ceil(size).max(1);
@@ -303,9 +304,12 @@ mod tests {
         for (k, v) in windows.list.iter().enumerate() {
             for (i, w) in windows.list.iter().enumerate().take(k + 1) {
                 for (j, noise) in noise.iter().enumerate() {
-                    let of = |a: usize, b: usize| match a / samples == b / samples {
-                        true => noise.sd.powi(2) * noise.correlation.powi(a.abs_diff(b) as i32),
-                        false => 0.0,
+                    let of = |a: usize, b: usize| {
+                        if a / samples == b / samples {
+                            noise.sd.powi(2) * noise.correlation.powi(a.abs_diff(b) as i32)
+                        } else {
+                            0.0
+                        }
                     };
                     let pairs = v
                         .rows

@@ -261,9 +261,10 @@ fn val_late_readings_have_the_friction_of_then() {
     let drag: Arc<dyn Effect> = Arc::new(AirDrag);
     for delay_first in [true, false] {
         let delay = [late as f64 / RATE];
-        let model = match delay_first {
-            true => Model::of(&common::effect("latency"), &delay).with(&drag, &[0.5]),
-            false => Model::of(&drag, &[0.5]).with(&common::effect("latency"), &delay),
+        let model = if delay_first {
+            Model::of(&common::effect("latency"), &delay).with(&drag, &[0.5])
+        } else {
+            Model::of(&drag, &[0.5]).with(&common::effect("latency"), &delay)
         };
         let found = torques(&campaign, &model, 0.0);
         let motion = &campaign.train()[0];

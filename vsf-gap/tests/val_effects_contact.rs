@@ -64,10 +64,7 @@ fn adhesion_pulls_as_contact_is_lost() {
             up < 0.0 || touched && up <= reach
         })
     };
-    let (campaign, data) = pressing(|t, z, _| match sticks(t) {
-        true => K * (DELTA - z),
-        false => 0.0,
-    });
+    let (campaign, data) = pressing(|t, z, _| if sticks(t) { K * (DELTA - z) } else { 0.0 });
     let effect = effect("adhesion");
     let error = |reach: f64| {
         let model = torques(&campaign, &Model::of(&effect, &[reach]), K);

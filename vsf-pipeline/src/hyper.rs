@@ -74,9 +74,10 @@ impl PriorShape {
             smooth_share: 0.0,
             ..self
         };
-        match self == independent {
-            true => vec![self],
-            false => vec![self, independent],
+        if self == independent {
+            vec![self]
+        } else {
+            vec![self, independent]
         }
     }
 

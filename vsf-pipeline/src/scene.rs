@@ -214,9 +214,10 @@ impl Scene {
         options.contact.validate()?;
         let rest = Arc::new(RestPoints::new(points)?);
         let spacing = rest.spacing();
-        let cells = match options.subdivision == 1 || spacing == 0.0 {
-            true => None,
-            false => Some(Cells::new(&rest, spacing, options.subdivision)?),
+        let cells = if options.subdivision == 1 || spacing == 0.0 {
+            None
+        } else {
+            Some(Cells::new(&rest, spacing, options.subdivision)?)
         };
         let chosen = chosen_links(&robot, options.links.as_deref())?;
         let colliders: Vec<_> = robot
@@ -410,9 +411,10 @@ impl Scene {
     /// Surfaces that are drawn in by more than the threshold.
     pub fn with_suited_threshold(&self) -> Result<Self, PipelineError> {
         let spacing = self.rest.spacing();
-        let threshold = match spacing > 0.0 {
-            true => ((SUITED * spacing * 1e5).round() / 1e5).clamp(1e-4, 1e-2),
-            false => self.contact.threshold,
+        let threshold = if spacing > 0.0 {
+            ((SUITED * spacing * 1e5).round() / 1e5).clamp(1e-4, 1e-2)
+        } else {
+            self.contact.threshold
         };
         self.with_contact(ContactConfig {
             threshold,

@@ -110,9 +110,10 @@ fn unit(joint: &Joint) -> &'static str {
 pub fn touch_warnings(scene: &Scene, sequences: &[&Sequence]) -> Vec<PipelineWarning> {
     let checked = |s: &&Sequence| (s.id.clone(), check_sequence(scene.robot(), s));
     let malformed = malformed(sequences.iter().map(checked));
-    match malformed.is_empty() {
-        true => starts::warning(scene, sequences).into_iter().collect(),
-        false => malformed,
+    if malformed.is_empty() {
+        starts::warning(scene, sequences).into_iter().collect()
+    } else {
+        malformed
     }
 }
 

@@ -243,9 +243,10 @@ fn sensors_that_are_saturated() {
     let right = touch(&scene);
     let (least, most) =
         (right.torques.column(0)).fold((0f64, 0f64), |(lo, hi), v| (lo.min(v), hi.max(v)));
-    let (end, size) = match most > -least {
-        true => (most, most),
-        false => (least, -least),
+    let (end, size) = if most > -least {
+        (most, most)
+    } else {
+        (least, -least)
     };
     let clipped = |w: &PipelineWarning| matches!(w, PipelineWarning::ClippedReadings { joint, value, .. } if joint == "joint_1" && *value == 0.4 * end);
     let warnings = warned(

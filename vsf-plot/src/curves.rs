@@ -172,9 +172,10 @@ impl CurvePlot<'_> {
         canvas.text(self.y_label, above, Anchor::Start, Font::Label, INK);
         for (k, (curve, colour)) in self.curves.iter().zip(PALETTE).enumerate() {
             // Bars side by side stay apart.
-            let shift = match curve.low.is_empty() {
-                true => 0.0,
-                false => 3.0 * (k as f64 - 0.5 * (self.curves.len() - 1) as f64),
+            let shift = if curve.low.is_empty() {
+                0.0
+            } else {
+                3.0 * (k as f64 - 0.5 * (self.curves.len() - 1) as f64)
             };
             let at = |i: usize, value: f64| {
                 let across = x.place(curve.x[i], FRAME.x0, FRAME.x1) + shift;
@@ -217,13 +218,14 @@ impl CurvePlot<'_> {
         Axis {
             lo: lo - margin,
             hi: hi + margin,
-            scale: match self
+            scale: if self
                 .curves
                 .iter()
                 .all(|c| c.x.iter().all(|x| x.fract() == 0.0))
             {
-                true => Scale::Whole,
-                false => Scale::Linear,
+                Scale::Whole
+            } else {
+                Scale::Linear
             },
         }
     }

@@ -75,9 +75,10 @@ pub(crate) fn tick_label(value: f64, step: f64, largest: f64) -> String {
 pub(crate) fn log_ticks(lo: f64, hi: f64) -> Vec<(f64, String)> {
     const FEW: f64 = 3.0;
     let (first, last) = (lo.log10().floor() as i32, hi.log10().ceil() as i32);
-    let factors: &[f64] = match hi.log10() - lo.log10() <= FEW {
-        true => &[1.0, 2.0, 5.0],
-        false => &[1.0],
+    let factors: &[f64] = if hi.log10() - lo.log10() <= FEW {
+        &[1.0, 2.0, 5.0]
+    } else {
+        &[1.0]
     };
     let tick = |power: i32| {
         let decimals = (-power).clamp(0, 12) as usize;

@@ -71,9 +71,10 @@ fn stl_text(bytes: &[u8]) -> Result<Corners, String> {
             corners.extend(stl_faces(std::mem::take(&mut solid))?);
         }
     }
-    match solid.is_empty() {
-        true => Ok(corners),
-        false => Err("not a complete STL file: it ends without endsolid".to_owned()),
+    if solid.is_empty() {
+        Ok(corners)
+    } else {
+        Err("not a complete STL file: it ends without endsolid".to_owned())
     }
 }
 

@@ -30,9 +30,10 @@ impl Sdf for Ball {
     fn sample(&self, p_B: &Point3<f64>) -> SdfSample {
         let from = p_B.coords.norm();
         assert!(self.0 != Fault::Panics || from < 1e9, "so far away");
-        let normal = match from > 0.0 {
-            true => p_B.coords / from,
-            false => Vector3::x(),
+        let normal = if from > 0.0 {
+            p_B.coords / from
+        } else {
+            Vector3::x()
         };
         let sample = SdfSample {
             distance: from - RADIUS,

@@ -174,9 +174,10 @@ struct Choosy(Ridge);
 
 impl Regressor for Choosy {
     fn fit(&mut self, samples: &Samples) -> Result<(), VisionError> {
-        match samples.targets().contains(&1000.0) {
-            true => Err(VisionError::NotFitted { by: "Choosy" }),
-            false => self.0.fit(samples),
+        if samples.targets().contains(&1000.0) {
+            Err(VisionError::NotFitted { by: "Choosy" })
+        } else {
+            self.0.fit(samples)
         }
     }
     fn predict(&self, features: &Features) -> Result<Predictions, VisionError> {

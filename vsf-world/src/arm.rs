@@ -44,9 +44,10 @@ impl WorldCapsule {
         let t = (p - self.a).dot(&axis) / axis.norm_squared();
         let d = p - (self.a + axis * t.clamp(0.0, 1.0));
         let length = d.norm();
-        let normal = match length > 1e-9 {
-            true => d / length,
-            false => Vector3::z(),
+        let normal = if length > 1e-9 {
+            d / length
+        } else {
+            Vector3::z()
         };
         (length - self.radius, normal)
     }
@@ -103,13 +104,14 @@ impl Arm {
 
     /// Joint torques of a force on the robot, `J^T f`.
     pub fn joint_torques(&self, touch: &Touch) -> JointVector {
-        std::array::from_fn(|j| match j < touch.link {
-            true => {
+        std::array::from_fn(|j| {
+            if j < touch.link {
                 let pose = &self.poses[j + 1];
                 let arm = touch.point.coords - pose.translation.vector;
                 (pose.rotation * Vector3::z()).dot(&arm.cross(&touch.force))
+            } else {
+                0.0
             }
-            false => 0.0,
         })
     }
 

@@ -185,9 +185,12 @@ impl Effect {
                 step: even_joints(rng, 1.2, false),
             },
             "saturation" => Self::Saturation {
-                keep: even_joints(rng, 1.0, false).map(|strength| match strength > 0.0 {
-                    true => (-0.3 * strength).exp(),
-                    false => 0.0,
+                keep: even_joints(rng, 1.0, false).map(|strength| {
+                    if strength > 0.0 {
+                        (-0.3 * strength).exp()
+                    } else {
+                        0.0
+                    }
                 }),
             },
             "offset_jump" => Self::OffsetJump {

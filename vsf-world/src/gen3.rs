@@ -171,12 +171,13 @@ pub(crate) fn urdf() -> String {
         "",
     );
     for (j, (xyz, rpy)) in JOINT_FRAMES.iter().enumerate() {
-        let (kind, range) = match LIMITS[j].is_finite() {
-            true => (
+        let (kind, range) = if LIMITS[j].is_finite() {
+            (
                 "revolute",
                 format!("lower=\"-{0}\" upper=\"{0}\" ", LIMITS[j]),
-            ),
-            false => ("continuous", String::new()),
+            )
+        } else {
+            ("continuous", String::new())
         };
         let more = format!(
             "    <axis xyz=\"0 0 1\"/>\n    <limit {range}effort=\"{}\" velocity=\"0.8727\"/>\n",

@@ -118,9 +118,10 @@ impl World {
         let of_the_touch = effects
             .iter()
             .any(|e| !e.is_of_the_sensor() && !e.is_what_if());
-        let touched = match of_the_touch {
-            true => self.touch(effects, stride),
-            false => nominal.to_vec(),
+        let touched = if of_the_touch {
+            self.touch(effects, stride)
+        } else {
+            nominal.to_vec()
         };
         let q: Vec<Rows> = (self.plan.iter())
             .map(|t| t.q.iter().step_by(stride).copied().collect())

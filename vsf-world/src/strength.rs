@@ -56,11 +56,12 @@ pub(crate) fn find_strength(
             trial.change(&drawn.scaled(s), cheap).1
         });
         // What was found at coarse steps is set right at fine ones.
-        let s = match cheap {
-            true => s,
-            false => search(s, most, target, 4, 0.08, |s| {
+        let s = if cheap {
+            s
+        } else {
+            search(s, most, target, 4, 0.08, |s| {
                 trial.change(&drawn.scaled(s), true).1
-            }),
+            })
         };
         let effect = drawn.scaled(s);
         let (diff, ratio) = trial.change(&effect, true);

@@ -31,9 +31,10 @@ fn row(site: &Site, effect: &dyn Effect) -> String {
         }
     }
     let text = |(name, unit, [low, high]): &(String, &str, [f64; 2])| {
-        let range = match low.is_nan() {
-            true => "by link,".to_owned(),
-            false => format!("{low} to {high}"),
+        let range = if low.is_nan() {
+            "by link,".to_owned()
+        } else {
+            format!("{low} to {high}")
         };
         let unit = if *unit == "1" { "" } else { unit };
         format!("`{name}` {range} {unit}").trim_end().to_owned()

@@ -252,10 +252,12 @@ impl Node {
         };
         // The sample next to the time that is due, not the one after it.
         self.is_due = sample.t + 0.5 / rate_hz >= due;
-        self.due = Some(match self.is_due {
-            true if due + period > sample.t => due + period,
-            true => sample.t + period,
-            false => due,
+        self.due = Some(if !self.is_due {
+            due
+        } else if due + period > sample.t {
+            due + period
+        } else {
+            sample.t + period
         });
         Ok(())
     }

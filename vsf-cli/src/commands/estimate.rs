@@ -270,14 +270,13 @@ fn compare(
         }
     }
     let contacts: Vec<&[Trace]> = all.iter().map(|(_, traces)| traces.as_slice()).collect();
-    let found = match asked || contacts.len() > 1 {
-        true => {
-            let spinner = console.spinner("choosing contact, prior and noise");
-            let found = choose_contact(all[0].0.rest(), &contacts, &settings.shapes())?;
-            spinner.finish_and_clear();
-            Some(found)
-        }
-        false => None,
+    let found = if asked || contacts.len() > 1 {
+        let spinner = console.spinner("choosing contact, prior and noise");
+        let found = choose_contact(all[0].0.rest(), &contacts, &settings.shapes())?;
+        spinner.finish_and_clear();
+        Some(found)
+    } else {
+        None
     };
     let errors = found.iter().flat_map(|f| &f.errors);
     let tried = all
@@ -466,9 +465,10 @@ fn text(report: &Report, scene: &Scene, correlates: bool) -> String {
             "              and N(0, {}²) N/m smooth over {} m{}\n",
             number(report.smooth_sd),
             number(report.smooth_length),
-            match correlates {
-                true => "",
-                false => ", of which this estimator keeps the variance alone",
+            if correlates {
+                ""
+            } else {
+                ", of which this estimator keeps the variance alone"
             },
         );
     }

@@ -79,12 +79,11 @@ pub fn run(args: &Args, console: &Console) -> anyhow::Result<()> {
     let given = args.of.field.as_deref();
     let in_air = given.is_none() && !recording.has_points();
     let by_model = in_air && model.is_some();
-    let (field, scene) = match given.is_some() || args.baseline.is_empty() || by_model {
-        true => {
-            let (field, scene) = recording.field_and_scene(given, model.as_ref(), console)?;
-            (Some(field), scene)
-        }
-        false => (None, recording.scene_to_learn_or_air(console)?),
+    let (field, scene) = if given.is_some() || args.baseline.is_empty() || by_model {
+        let (field, scene) = recording.field_and_scene(given, model.as_ref(), console)?;
+        (Some(field), scene)
+    } else {
+        (None, recording.scene_to_learn_or_air(console)?)
     };
     let modelled = Modelled::new(model.as_ref(), &recording, &scene, &sequences, console)?;
     let traces = &modelled.traces;
@@ -196,9 +195,10 @@ fn predictor<'a>(
 ) -> anyhow::Result<impl Fn(&Trace) -> Result<SequencePrediction, PipelineError> + 'a> {
     let belief = &field.stored.belief;
     let channels = scene.robot().joint_count();
-    let noise_sd = match field.stored.has_deviations() {
-        true => Some(field.noise_sd(channels, console)?),
-        false => None,
+    let noise_sd = if field.stored.has_deviations() {
+        Some(field.noise_sd(channels, console)?)
+    } else {
+        None
     };
     Ok(move |trace: &Trace| match &noise_sd {
         Some(noise_sd) => predict(scene, belief, noise_sd, trace),

@@ -72,9 +72,10 @@ struct Failed {
 impl<T> Found<T> {
     fn fail(&mut self, path: &Path, error: anyhow::Error) {
         let place = path.display().to_string();
-        let error = match message(&error).contains(&place) {
-            true => error,
-            false => error.context(place.clone()),
+        let error = if message(&error).contains(&place) {
+            error
+        } else {
+            error.context(place.clone())
         };
         self.failed.push(Failed {
             recording: place,

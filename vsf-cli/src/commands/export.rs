@@ -71,24 +71,23 @@ pub fn run(args: &Args, console: &Console) -> anyhow::Result<()> {
             .folder("--torques", folder, "plots", |_| None)?;
     }
     args.sources.keep(console)?;
-    let written = match FieldFile::is_at(&args.input) {
-        true => {
-            let given = [
-                ("--field", args.field.is_some()),
-                ("--torques", args.torques.is_some()),
-                ("--sequences", args.sequences.is_some()),
-                ("--model", args.model.path().is_some()),
-            ];
-            needs_recording(&args.input, &given)?;
-            let field = FieldFile::open(&args.input, console)?;
-            write_field(
-                args,
-                &field,
-                &Surroundings::default(),
-                &McapExport::default(),
-            )?
-        }
-        false => from_recording(args, console)?,
+    let written = if FieldFile::is_at(&args.input) {
+        let given = [
+            ("--field", args.field.is_some()),
+            ("--torques", args.torques.is_some()),
+            ("--sequences", args.sequences.is_some()),
+            ("--model", args.model.path().is_some()),
+        ];
+        needs_recording(&args.input, &given)?;
+        let field = FieldFile::open(&args.input, console)?;
+        write_field(
+            args,
+            &field,
+            &Surroundings::default(),
+            &McapExport::default(),
+        )?
+    } else {
+        from_recording(args, console)?
     };
     let written = texts(&written);
     let lines: String = written.iter().map(|p| format!("wrote {p}\n")).collect();
@@ -271,9 +270,10 @@ fn efforts(
         for (torque, error) in mean.data_mut().iter_mut().zip(errors) {
             *torque += sign * error;
         }
-        let sd = match prediction.sd.is_empty() {
-            true => None,
-            false => Some(Table::new(mean.cols(), prediction.sd.concat())?),
+        let sd = if prediction.sd.is_empty() {
+            None
+        } else {
+            Some(Table::new(mean.cols(), prediction.sd.concat())?)
         };
         Ok(EffortPrediction { mean, sd })
     };

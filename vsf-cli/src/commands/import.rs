@@ -111,9 +111,10 @@ pub fn run(args: &Args, console: &Console) -> anyhow::Result<()> {
     keep_made(&args.out, &[IMPORT])?;
     let filled = args.corners.as_ref().map(|c| Filled::new(c, args.spacing));
     let filled = filled.transpose()?;
-    let clock = match args.log_time {
-        true => Clock::Log,
-        false => Clock::Header,
+    let clock = if args.log_time {
+        Clock::Log
+    } else {
+        Clock::Header
     };
     let spinner = console.spinner("reading joint states");
     let refused = |e| in_flags(args, e);

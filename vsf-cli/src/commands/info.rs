@@ -77,9 +77,10 @@ pub fn run(args: &Args, console: &Console) -> anyhow::Result<()> {
         .iter()
         .for_each(|w| console.warn(w));
     // A recording of free motion has no points, and nothing can be said about contact.
-    let report = match recording.has_points() {
-        true => describe(&recording, scene.robot(), Some(&scene), &traces),
-        false => describe(&recording, scene.robot(), None, &[]),
+    let report = if recording.has_points() {
+        describe(&recording, scene.robot(), Some(&scene), &traces)
+    } else {
+        describe(&recording, scene.robot(), None, &[])
     };
     console.json(&report)?;
     console.report(text(&report))
@@ -149,9 +150,12 @@ fn bounds(points: &[Point3<f64>]) -> Option<[[f64; 3]; 2]> {
 }
 
 fn text(report: &Report) -> String {
-    let list = |ids: &[String]| match ids.is_empty() {
-        true => "none".to_owned(),
-        false => ids.join(", "),
+    let list = |ids: &[String]| {
+        if ids.is_empty() {
+            "none".to_owned()
+        } else {
+            ids.join(", ")
+        }
     };
     let mut text = format!("{}\n", report.name);
     if !report.description.is_empty() {

@@ -67,12 +67,13 @@ fn object(text: &str) -> Result<Object, String> {
         Some((recording, field)) if !PathBuf::from(text).is_dir() => (recording, Some(field)),
         _ => (text, None),
     };
-    match recording.is_empty() || field.is_some_and(str::is_empty) {
-        true => Err("must be RECORDING or RECORDING=FIELD".to_owned()),
-        false => Ok(Object {
+    if recording.is_empty() || field.is_some_and(str::is_empty) {
+        Err("must be RECORDING or RECORDING=FIELD".to_owned())
+    } else {
+        Ok(Object {
             recording: recording.into(),
             field: field.map(PathBuf::from),
-        }),
+        })
     }
 }
 

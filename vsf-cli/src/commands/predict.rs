@@ -86,9 +86,10 @@ pub fn run(args: &Args, console: &Console) -> anyhow::Result<()> {
         sequences: entries.collect(),
     })?;
     let (count, out) = (predictions.len(), args.out.display());
-    let files = match scene.rest().is_empty() {
-        true => "torques.npy",
-        false => "torques.npy and torques_sd.npy",
+    let files = if scene.rest().is_empty() {
+        "torques.npy"
+    } else {
+        "torques.npy and torques_sd.npy"
     };
     let s = if count == 1 { "" } else { "s" };
     console.report(format!("wrote {out}: {files} of {count} sequence{s}\n"))

@@ -82,8 +82,8 @@ fn answer(d: &Diagnosis, found: Option<String>) -> String {
         error(gap.noise_floor),
         "noise alone".to_owned(),
     );
-    let numbers = match corrects {
-        true => vec![
+    let numbers = if corrects {
+        vec![
             (
                 "Test error, nominal",
                 error(gap.test_error_nominal),
@@ -100,15 +100,16 @@ fn answer(d: &Diagnosis, found: Option<String>) -> String {
                 closed(gap.closed_fraction),
                 format!("95 %: {low} to {high}"),
             ),
-        ],
-        false => vec![
+        ]
+    } else {
+        vec![
             (
                 "Test error",
                 error(gap.test_error_nominal),
                 "nothing is corrected".to_owned(),
             ),
             floor,
-        ],
+        ]
     };
     let numbers: String = (numbers.iter())
         .map(|(term, value, more)| {
@@ -136,21 +137,23 @@ fn before_and_after(outcome: &Outcome) -> anyhow::Result<String> {
         return Ok(String::new());
     };
     let sequence = escape(&drawn.sequence);
-    let title = match outcome.model.parts.is_empty() {
-        true => "Torques of the nominal model",
-        false => "Torques before and after",
+    let title = if outcome.model.parts.is_empty() {
+        "Torques of the nominal model"
+    } else {
+        "Torques before and after"
     };
     let readings = match outcome.campaign.site().torque_kind {
         TorqueKind::External => "the environment's loads on the joints",
         TorqueKind::Measured => "what actuators measured beyond the arm's own weight and inertia",
     };
     let scene = outcome.campaign.scene();
-    let shaded = match scene.rest().is_empty() {
-        true => String::new(),
-        false => format!(
+    let shaded = if scene.rest().is_empty() {
+        String::new()
+    } else {
+        format!(
             " Shaded: points are touched, from {} mm before the surface on.",
             number(1e3 * scene.contact().threshold)
-        ),
+        )
     };
     let mut html = format!(
         "<h2>{title}</h2>\n<p class=\"small\">The checked sequence ({sequence}) on which \
@@ -168,10 +171,7 @@ fn before_and_after(outcome: &Outcome) -> anyhow::Result<String> {
 
 fn places(d: &Diagnosis) -> String {
     let found = &d.location;
-    let links: &[LocatedShare] = match touches(&d.gap) {
-        true => &found.link,
-        false => &[],
-    };
+    let links: &[LocatedShare] = if touches(&d.gap) { &found.link } else { &[] };
     let kinds: [(&str, &[LocatedShare]); 5] = [
         ("Joint", &found.joint),
         ("Phase", &found.phase),
@@ -179,12 +179,11 @@ fn places(d: &Diagnosis) -> String {
         ("Link in contact", links),
         ("Frequency", &found.frequency),
     ];
-    let of = match d.gap.corrected_by.is_empty() {
-        true => "Shares of what the nominal model leaves unexplained.",
-        false => {
-            "Shares of the torques that the named effects change; frequency: of what the nominal \
+    let of = if d.gap.corrected_by.is_empty() {
+        "Shares of what the nominal model leaves unexplained."
+    } else {
+        "Shares of the torques that the named effects change; frequency: of what the nominal \
                   model leaves unexplained."
-        }
     };
     let mut html = format!(
         "<h2>Where</h2>\n<p class=\"small\">{of} Whiskers are 95 % intervals.</p>\n<div class=\"kinds\">\n"

@@ -63,9 +63,10 @@ pub fn torques(outcome: &Outcome) -> anyhow::Result<Option<Torques>> {
     let corrects = !outcome.model.parts.is_empty();
     let draw =
         |curves: &[Curves]| svg(campaign, motion, curves, corrects).context(motion.id.clone());
-    let all = match joints > WORST {
-        true => Some(draw(&curves)?),
-        false => None,
+    let all = if joints > WORST {
+        Some(draw(&curves)?)
+    } else {
+        None
     };
     curves.truncate(WORST);
     Ok(Some(Torques {

@@ -42,12 +42,13 @@ pub fn verdict(diagnosis: &Diagnosis) -> String {
     let sentence = sentence(diagnosis);
     let stopped = at_bounds(diagnosis);
     let names = matches!(diagnosis.verdict.kind, VerdictKind::Effects) && !stopped.is_empty();
-    match names {
-        true => format!(
+    if names {
+        format!(
             "{sentence} {} stopped at a bound of what is plausible: what is named may stand for something else.",
             stopped.join(" and ")
-        ),
-        false => sentence,
+        )
+    } else {
+        sentence
     }
 }
 
@@ -114,9 +115,10 @@ fn sentence(diagnosis: &Diagnosis) -> String {
             let (certain, open): (Vec<&str>, Vec<&str>) = (verdict.effect_set_95.iter())
                 .map(String::as_str)
                 .partition(|e| is_certain(diagnosis, e));
-            let beside = match certain.is_empty() {
-                true => "something acts".to_owned(),
-                false => format!("beside {} something acts", certain.join(" and ")),
+            let beside = if certain.is_empty() {
+                "something acts".to_owned()
+            } else {
+                format!("beside {} something acts", certain.join(" and "))
             };
             format!(
                 "Not diagnosable: {beside}, but this recording fits {} alike.",
@@ -141,9 +143,10 @@ fn whatever_else(diagnosis: &Diagnosis) -> String {
     } = &diagnosis.verdict;
     let certain = effects.iter().filter(|e| is_certain(diagnosis, e));
     let certain: Vec<&str> = certain.map(String::as_str).collect();
-    match *kind == VerdictKind::Effects && *probability < CERTAIN && !certain.is_empty() {
-        true => format!("; that {} acts: 95 % or more", certain.join(" and ")),
-        false => String::new(),
+    if *kind == VerdictKind::Effects && *probability < CERTAIN && !certain.is_empty() {
+        format!("; that {} acts: 95 % or more", certain.join(" and "))
+    } else {
+        String::new()
     }
 }
 
@@ -190,9 +193,10 @@ pub fn found(verdict: &Verdict, corrected: &[EffectEntry], site: &Site) -> Optio
             .filter(|p| p.value.abs() > SURE * p.sd && size(p) >= LARGE)
             .collect();
         large.sort_by(|a, b| size(b).total_cmp(&size(a)));
-        let more = match large.len() > MOST_FOUND {
-            true => " and others",
-            false => "",
+        let more = if large.len() > MOST_FOUND {
+            " and others"
+        } else {
+            ""
         };
         large.truncate(MOST_FOUND);
         let values: Vec<String> = (large.iter())
@@ -207,12 +211,13 @@ pub fn found(verdict: &Verdict, corrected: &[EffectEntry], site: &Site) -> Optio
 /// That an effect may act without showing, where it is worth a word.
 fn hidden(diagnosis: &Diagnosis) -> String {
     let hidden = diagnosis.verdict.hidden;
-    match hidden >= LEAST_HIDDEN {
-        true => format!(
+    if hidden >= LEAST_HIDDEN {
+        format!(
             ", that one acts which the stiffness K takes up: {}",
             percent(hidden)
-        ),
-        false => String::new(),
+        )
+    } else {
+        String::new()
     }
 }
 
@@ -225,10 +230,13 @@ pub fn all_looked_for(diagnosis: &Diagnosis) -> bool {
 /// How much of the gap the correction takes.
 fn extent(gap: &Gap) -> &'static str {
     let left = gap.test_error_corrected > ROUGH * gap.noise_floor;
-    match left && gap.closed_fraction < CLOSED {
-        false => "",
-        true if gap.closed_fraction > 0.5 => "most of ",
-        true => "part of ",
+    let falls_short = left && gap.closed_fraction < CLOSED;
+    if !falls_short {
+        ""
+    } else if gap.closed_fraction > 0.5 {
+        "most of "
+    } else {
+        "part of "
     }
 }
 
@@ -260,28 +268,29 @@ pub const SQUARES: &str = "What is closed is a share of the squared errors beyon
 pub fn errors(diagnosis: &Diagnosis) -> String {
     let gap = &diagnosis.gap;
     let unit = &gap.unit;
-    let floor = match gap.noise_floor > 0.0 {
-        true => format!(" (a perfect model: {} {unit})", number(gap.noise_floor)),
-        false => String::new(),
+    let floor = if gap.noise_floor > 0.0 {
+        format!(" (a perfect model: {} {unit})", number(gap.noise_floor))
+    } else {
+        String::new()
     };
     if gap.corrected_by.is_empty() {
         let error = number(gap.test_error_nominal);
-        let left = match diagnosis.verdict.kind == VerdictKind::NoGap
+        let left = if diagnosis.verdict.kind == VerdictKind::NoGap
             && all_looked_for(diagnosis)
             && !diagnosis.location.region.is_empty()
             && gap.test_error_nominal > ROUGH * gap.noise_floor
         {
-            true => {
-                " What is left is places not touched before, and contact that independent points describe roughly."
-            }
-            false => "",
+            " What is left is places not touched before, and contact that independent points describe roughly."
+        } else {
+            ""
         };
         return format!("Test error {error} {unit}{floor}; nothing is corrected.{left}");
     }
     let worse = gap.test_error_corrected > gap.test_error_nominal;
-    let apart = match worse == (gap.closed_fraction < 0.0) {
-        true => String::new(),
-        false => format!(" {SQUARES}"),
+    let apart = if worse == (gap.closed_fraction < 0.0) {
+        String::new()
+    } else {
+        format!(" {SQUARES}")
     };
     format!(
         "Test error {} {unit} before, {} {unit} after{floor}: {} of the gap closed (95 %: {} to {}).{apart}",
@@ -302,13 +311,16 @@ pub fn closed(share: f64) -> String {
 pub fn parts(gap: &Gap) -> Option<String> {
     let (free, contact) = (gap.free?, gap.contact?);
     let unit = &gap.unit;
-    let of = |errors: MeanErrors| match gap.corrected_by.is_empty() {
-        true => format!("{} {unit}", number(errors.nominal)),
-        false => format!(
-            "{} {unit} before, {} {unit} after",
-            number(errors.nominal),
-            number(errors.corrected)
-        ),
+    let of = |errors: MeanErrors| {
+        if gap.corrected_by.is_empty() {
+            format!("{} {unit}", number(errors.nominal))
+        } else {
+            format!(
+                "{} {unit} before, {} {unit} after",
+                number(errors.nominal),
+                number(errors.corrected)
+            )
+        }
     };
     Some(format!(
         "In the air {}; in contact {}.",
@@ -345,9 +357,10 @@ pub fn touches(gap: &Gap) -> bool {
 
 /// What the table's headings stand for.
 pub fn headings(gap: &Gap) -> String {
-    let closed = match gap.estimated {
-        true => "",
-        false => "; closed: share of the squared errors beyond noise",
+    let closed = if gap.estimated {
+        ""
+    } else {
+        "; closed: share of the squared errors beyond noise"
     };
     format!(
         "score: gain of log evidence; null: what of it says nothing yet; test score: gain of log density on the test \
@@ -403,9 +416,10 @@ fn estimate(value: f64, std: f64, unit: &str) -> String {
 pub fn determined(effects: &[EffectReport], effect: &str, p: &ParameterEstimate) -> String {
     let value = estimate(p.value, p.sd, &p.unit);
     let of = effects.iter().find(|e| e.effect == effect);
-    match of.is_some_and(|e| e.undetermined.contains(&p.name)) {
-        true => format!("{value}, as before any reading: not determined by this recording"),
-        false => value,
+    if of.is_some_and(|e| e.undetermined.contains(&p.name)) {
+        format!("{value}, as before any reading: not determined by this recording")
+    } else {
+        value
     }
 }
 
@@ -436,9 +450,10 @@ pub fn fitted(effects: &[EffectReport]) -> impl Iterator<Item = &EffectReport> {
 pub fn none_of_these(d: &Diagnosis) -> Option<(&'static str, f64)> {
     let left = 1.0 - d.effects.iter().map(|e| e.probability).sum::<f64>();
     let shared = d.verdict.kind == VerdictKind::NoGap && all_looked_for(d);
-    let label = match d.verdict.hidden > 0.0 && !shared {
-        true => "none, or hidden by K",
-        false => "none",
+    let label = if d.verdict.hidden > 0.0 && !shared {
+        "none, or hidden by K"
+    } else {
+        "none"
     };
     (left >= 0.005).then_some((label, left))
 }

@@ -54,13 +54,19 @@ impl MetadataSettings {
             train: self.train.clone().unwrap_or_default(),
             test: self.test.clone().unwrap_or_default(),
         });
-        let torque_kind = |kind: &str| match kind == "measured" {
-            true => TorqueKind::Measured,
-            false => TorqueKind::External,
+        let torque_kind = |kind: &str| {
+            if kind == "measured" {
+                TorqueKind::Measured
+            } else {
+                TorqueKind::External
+            }
         };
-        let joint_type = |kind: &String| match kind == "prismatic" {
-            true => JointType::Prismatic,
-            false => JointType::Revolute,
+        let joint_type = |kind: &String| {
+            if kind == "prismatic" {
+                JointType::Prismatic
+            } else {
+                JointType::Revolute
+            }
         };
         Ok(Overrides {
             robot: robot

@@ -77,12 +77,11 @@ impl Cloud {
         }
         let drawn = drawn(points.len(), flags, MOST);
         let rest = RestPoints::new(points.to_vec())?;
-        let origin_W = match points.is_empty() {
-            true => middle_W,
-            false => {
-                let (lower, upper) = rest.bounds();
-                center(&lower, &upper)
-            }
+        let origin_W = if points.is_empty() {
+            middle_W
+        } else {
+            let (lower, upper) = rest.bounds();
+            center(&lower, &upper)
         };
         let thinned = points.len() as f64 / drawn.len().max(1) as f64;
         let places = drawn.iter().map(|&i| points[i as usize] - origin_W);

@@ -34,9 +34,10 @@ impl Numbers {
 
 /// Refuses places that cannot be drawn; `what` is said of the point.
 pub fn check_near(p_W: &Point3<f64>, what: impl FnOnce() -> String) -> anyhow::Result<()> {
-    match p_W.iter().all(|v| v.abs() <= FAR) {
-        true => Ok(()),
-        false => anyhow::bail!("{} is at {p_W:?} m, beyond 1e6 m; check units", what()),
+    if p_W.iter().all(|v| v.abs() <= FAR) {
+        Ok(())
+    } else {
+        anyhow::bail!("{} is at {p_W:?} m, beyond 1e6 m; check units", what())
     }
 }
 

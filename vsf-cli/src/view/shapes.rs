@@ -69,9 +69,12 @@ fn triangles(shape: &Shape, most: usize) -> Option<Triangles> {
             half_length,
         } => {
             let slope = (radius_bottom - radius_top) / (2.0 * half_length);
-            convex(|n, _| match n.z > slope {
-                true => n * radius_top + Vector3::z() * half_length,
-                false => n * radius_bottom - Vector3::z() * half_length,
+            convex(|n, _| {
+                if n.z > slope {
+                    n * radius_top + Vector3::z() * half_length
+                } else {
+                    n * radius_bottom - Vector3::z() * half_length
+                }
             })
         }
         Shape::Cylinder {
@@ -102,9 +105,10 @@ fn convex(point: impl Fn(&Vector3<f64>, &Vector3<f64>) -> Vector3<f64>) -> Trian
     let mut vertices = Vec::new();
     for half in [-1.0, 1.0] {
         for ring in 0..=STEPS {
-            let up = match half < 0.0 {
-                true => quarter(ring) - FRAC_PI_2,
-                false => quarter(ring),
+            let up = if half < 0.0 {
+                quarter(ring) - FRAC_PI_2
+            } else {
+                quarter(ring)
             };
             for side in 0..4 {
                 for step in 0..=STEPS {

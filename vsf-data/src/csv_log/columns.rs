@@ -99,18 +99,17 @@ impl Columns {
                 ));
             }
         }
-        match joints.is_empty() {
-            true => {
-                let there = quoted(&titles);
-                Err(format!(
-                    "no column of a joint, as in {EXAMPLE}; there are {there}"
-                ))
-            }
-            false => Ok(Self {
+        if joints.is_empty() {
+            let there = quoted(&titles);
+            Err(format!(
+                "no column of a joint, as in {EXAMPLE}; there are {there}"
+            ))
+        } else {
+            Ok(Self {
                 titles,
                 time,
                 joints,
-            }),
+            })
         }
     }
 
@@ -193,12 +192,13 @@ fn is_number(name: &str) -> bool {
 
 /// Numbers without leading zeros.
 fn plain(name: &str) -> &str {
-    match is_number(name) {
-        true => match name.trim_start_matches('0') {
+    if is_number(name) {
+        match name.trim_start_matches('0') {
             "" => "0",
             digits => digits,
-        },
-        false => name,
+        }
+    } else {
+        name
     }
 }
 

@@ -86,9 +86,10 @@ impl<'a> CsvLog<'a> {
             visit(self.line(&record)?)?;
             is_empty = false;
         }
-        match is_empty {
-            true => Err(wrong(self.path, "no samples below the titles")),
-            false => Ok(self.columns),
+        if is_empty {
+            Err(wrong(self.path, "no samples below the titles"))
+        } else {
+            Ok(self.columns)
         }
     }
 
@@ -115,9 +116,10 @@ impl<'a> CsvLog<'a> {
             number: place,
             stamp,
             position: numbers(Quantity::Position)?,
-            velocity: match self.columns.of(Quantity::Velocity).all(|c| c.is_none()) {
-                true => Vec::new(),
-                false => numbers(Quantity::Velocity)?,
+            velocity: if self.columns.of(Quantity::Velocity).all(|c| c.is_none()) {
+                Vec::new()
+            } else {
+                numbers(Quantity::Velocity)?
             },
             effort: numbers(Quantity::Effort)?,
         })

@@ -212,12 +212,13 @@ impl McapExport<'_> {
                 .iter()
                 .zip(expected)
                 .all(|(p, e)| fits(p, e));
-        match self.predictions.is_empty() || fit {
-            true => Ok(()),
-            false => Err(DataError::Argument {
+        if self.predictions.is_empty() || fit {
+            Ok(())
+        } else {
+            Err(DataError::Argument {
                 what: "predictions",
                 problem: "not those of the recording's sequences".to_owned(),
-            }),
+            })
         }
     }
 }

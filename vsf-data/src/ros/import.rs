@@ -83,9 +83,10 @@ impl JointLog {
         }
         let mut seen = BTreeSet::new();
         if let Some(joint) = (joints.iter()).find(|j| j.is_empty() || !seen.insert(*j)) {
-            let problem = match joint.is_empty() {
-                true => "a name is empty".to_owned(),
-                false => format!("{joint:?} is there twice"),
+            let problem = if joint.is_empty() {
+                "a name is empty".to_owned()
+            } else {
+                format!("{joint:?} is there twice")
             };
             return Err(DataError::Argument {
                 what: "joints",
@@ -116,9 +117,10 @@ impl JointLog {
                 ),
             });
         }
-        let single = match named.is_empty() {
-            true => all_single(&sequences, &rows),
-            false => None,
+        let single = if named.is_empty() {
+            all_single(&sequences, &rows)
+        } else {
+            None
         };
         let attached = || {
             let (path, bytes) = self.part(POINTS)?;
@@ -277,9 +279,10 @@ impl JointLog {
             sequences.push(self.sequence(id, time, own)?);
             left = rest;
         }
-        match left.is_empty() {
-            true => Ok(sequences),
-            false => Err(self.other_count(rows.len())),
+        if left.is_empty() {
+            Ok(sequences)
+        } else {
+            Err(self.other_count(rows.len()))
         }
     }
 
@@ -374,9 +377,10 @@ impl JointLog {
             angles: needed(Quantity::Position, "")?,
             velocities: self.velocities(rows, width)?,
             torques: needed(Quantity::Effort, none).map_err(|error| {
-                match rows.iter().any(has_torque) {
-                    true => error,
-                    false => error.advise(Advice::Planned),
+                if rows.iter().any(has_torque) {
+                    error
+                } else {
+                    error.advise(Advice::Planned)
                 }
             })?,
             touch_starts: vec![0],
@@ -435,9 +439,10 @@ impl JointLog {
                 path,
                 line: sample.place,
                 column: column.to_owned(),
-                problem: match value.is_nan() {
-                    true => "empty or NaN; a sample has a number for every joint".to_owned(),
-                    false => format!("{value} is not finite"),
+                problem: if value.is_nan() {
+                    "empty or NaN; a sample has a number for every joint".to_owned()
+                } else {
+                    format!("{value} is not finite")
                 },
             },
             Err(problem) => DataError::Csv { path, problem },

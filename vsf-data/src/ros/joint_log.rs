@@ -139,9 +139,10 @@ impl JointLog {
     ) -> Result<Self, DataError> {
         let mut files = Vec::new();
         for path in paths.iter().map(AsRef::as_ref) {
-            match path.is_dir() {
-                true => files.extend(bag(path)?),
-                false => files.push(path.to_owned()),
+            if path.is_dir() {
+                files.extend(bag(path)?)
+            } else {
+                files.push(path.to_owned())
             }
         }
         if files.is_empty() {
@@ -351,11 +352,10 @@ impl JointLog {
     /// Counts bytes that are kept.
     fn hold(&mut self, bytes: usize) -> Result<(), String> {
         self.held = self.held.saturating_add(bytes as u64);
-        match self.held > MOST {
-            true => {
-                Err("there is more than the 4 GiB that fit; import a part of the files".to_owned())
-            }
-            false => Ok(()),
+        if self.held > MOST {
+            Err("there is more than the 4 GiB that fit; import a part of the files".to_owned())
+        } else {
+            Ok(())
         }
     }
 
@@ -399,22 +399,25 @@ fn bag(folder: &Path) -> Result<Vec<PathBuf>, DataError> {
         name.to_string_lossy().ends_with(end)
     };
     // What rosbag2 compressed is named when it is opened, unless it was unpacked already.
-    let end = match files.iter().any(|path| ends(path, ".mcap")) {
-        true => ".mcap",
-        false => ".mcap.zstd",
+    let end = if files.iter().any(|path| ends(path, ".mcap")) {
+        ".mcap"
+    } else {
+        ".mcap.zstd"
     };
-    let what = match files.iter().any(|path| is_csv(path)) {
-        true => "file; CSV files are given one by one",
-        false => "file",
+    let what = if files.iter().any(|path| is_csv(path)) {
+        "file; CSV files are given one by one"
+    } else {
+        "file"
     };
     files.retain(|path| ends(path, end));
     files.sort_by(|a, b| natural::compare(&a.to_string_lossy(), &b.to_string_lossy()));
-    match files.is_empty() {
-        true => Err(DataError::Missing {
+    if files.is_empty() {
+        Err(DataError::Missing {
             path: folder.join("*.mcap"),
             what,
-        }),
-        false => Ok(files),
+        })
+    } else {
+        Ok(files)
     }
 }
 

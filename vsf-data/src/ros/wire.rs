@@ -116,13 +116,14 @@ impl<'a> Reader<'a> {
     /// the bytes that are left can hold, so that memory may be reserved for them.
     fn count(&mut self, size: usize) -> Result<usize, String> {
         let count = self.u32()? as usize;
-        match count <= self.left() / size {
-            true => Ok(count),
-            false => Err(format!(
+        if count <= self.left() / size {
+            Ok(count)
+        } else {
+            Err(format!(
                 "a sequence of {count} elements is announced at byte {}, {} bytes are left",
                 self.at,
                 self.left()
-            )),
+            ))
         }
     }
 

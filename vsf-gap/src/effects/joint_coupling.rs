@@ -68,9 +68,10 @@ impl Effect for JointCoupling {
         let of_pair = |(j, k): (usize, usize)| {
             let name = |letter| format!("{letter}_{}_{}", j + 1, k + 1);
             let c = Parameter::amplitude(name('c'), dry(j), [-50.0, 50.0], 0.3);
-            let [viscous, inertia] = match slides(site, k) {
-                true => &of_sliding,
-                false => &of_turning,
+            let [viscous, inertia] = if slides(site, k) {
+                &of_sliding
+            } else {
+                &of_turning
             };
             let d = Parameter::amplitude(name('d'), viscous(j), [-200.0, 200.0], 2.0);
             let i = Parameter::amplitude(name('i'), inertia(j), [-50.0, 50.0], 0.1);

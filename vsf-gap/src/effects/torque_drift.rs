@@ -94,9 +94,10 @@ impl Effect for TorqueDrift {
 
     fn acting(&self, site: &Site, start: usize) -> Vec<usize> {
         let d = site.joints();
-        match start < STARTS.len() {
-            true => (0..d).collect(),
-            false => (d..2 * d).collect(),
+        if start < STARTS.len() {
+            (0..d).collect()
+        } else {
+            (d..2 * d).collect()
         }
     }
 

@@ -77,15 +77,17 @@ impl Compensator for Dampers {
 
     fn springs(&mut self, sample: &Sample<'_>, touch: &Touch<'_>, springs: &mut [Vector3<f64>]) {
         // Without a lag the exponential is zero, and the rate that of this sample.
-        let kept = match self.lag > 0.0 {
-            true => (-sample.dt / self.lag).exp(),
-            false => 0.0,
+        let kept = if self.lag > 0.0 {
+            (-sample.dt / self.lag).exp()
+        } else {
+            0.0
         };
         self.memory
             .advance(touch.contacts, springs, self.eta, |last, v, u| {
-                match sample.dt > 0.0 {
-                    true => v * kept + (u - last) * ((1.0 - kept) / sample.dt),
-                    false => *v,
+                if sample.dt > 0.0 {
+                    v * kept + (u - last) * ((1.0 - kept) / sample.dt)
+                } else {
+                    *v
                 }
             });
     }

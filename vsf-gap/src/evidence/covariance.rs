@@ -183,14 +183,16 @@ impl Parts {
             for (i, w) in self.windows.list.iter().enumerate() {
                 for (k, v) in self.windows.list.iter().enumerate().skip(i) {
                     let [begin, other] = [w, v].map(|of| begins[of.sequence]);
-                    let sequence = match begin == other {
-                        true => together(w.clock, v.clock, begin),
-                        false => 0.0,
+                    let sequence = if begin == other {
+                        together(w.clock, v.clock, begin)
+                    } else {
+                        0.0
                     };
                     // What the session has walked before is in the tare.
-                    let session = match tared[w.sequence] || tared[v.sequence] {
-                        true => sequence,
-                        false => together(w.clock, v.clock, 0.0),
+                    let session = if tared[w.sequence] || tared[v.sequence] {
+                        sequence
+                    } else {
+                        together(w.clock, v.clock, 0.0)
                     };
                     for j in 0..d {
                         let size = walk.of_session[j].powi(2) * session
@@ -328,9 +330,10 @@ mod tests {
             for col in 0..=row {
                 let [a, b] = [row, col].map(|i| steps(&windows.list[i / joints], i % joints));
                 let together: f64 = a.iter().zip(&b).map(|(a, b)| a * b).sum();
-                let expected = match row % joints == col % joints {
-                    true => together,
-                    false => 0.0,
+                let expected = if row % joints == col % joints {
+                    together
+                } else {
+                    0.0
                 };
                 assert!((c[(row, col)] - expected).abs() < 1e-9, "{row}, {col}");
             }

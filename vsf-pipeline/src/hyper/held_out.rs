@@ -125,9 +125,10 @@ impl Choice<'_> {
             })?;
             let error = tried.add(prior, of_folds);
             let what = "the error on held-out touches";
-            match error.is_finite() {
-                true => Ok(error),
-                false => Err(PipelineError::from(CoreError::Overflow { what })),
+            if error.is_finite() {
+                Ok(error)
+            } else {
+                Err(PipelineError::from(CoreError::Overflow { what }))
             }
         };
         let by_rule = error(0.0)?;
@@ -224,9 +225,10 @@ struct Misfit {
 fn level(misfits: &[Misfit]) -> f64 {
     let count: usize = misfits.iter().map(|m| m.count).sum();
     let squares: f64 = misfits.iter().map(|m| m.squares).sum();
-    match count > 0 {
-        true => squares / count as f64,
-        false => 1.0,
+    if count > 0 {
+        squares / count as f64
+    } else {
+        1.0
     }
 }
 

@@ -186,9 +186,10 @@ impl Evidence {
         let typical = median((0..blocks.len()).map(of_block).collect()).filter(|t| *t > 0.0)?;
         let readings = DMatrix::from_fn(n, d * d, |row, place| {
             let (joint, column) = (place / d, place % d);
-            match row % d == joint {
-                true => blocks[row / d].reading[column] / noise[joint],
-                false => 0.0,
+            if row % d == joint {
+                blocks[row / d].reading[column] / noise[joint]
+            } else {
+                0.0
             }
         });
         let errors = errors_together(&blocks, d);
@@ -313,9 +314,10 @@ fn errors_together(blocks: &[Block], joints: usize) -> DMatrix<f64> {
     let mut together = DMatrix::identity(n, n);
     for (i, a) in blocks.iter().enumerate() {
         for (k, b) in blocks.iter().enumerate() {
-            let persists = match a.sequence == b.sequence {
-                true => PERSISTING * (-(a.time - b.time).abs() / PERSISTS).exp(),
-                false => 0.0,
+            let persists = if a.sequence == b.sequence {
+                PERSISTING * (-(a.time - b.time).abs() / PERSISTS).exp()
+            } else {
+                0.0
             };
             for j in 0..joints {
                 together[(i * joints + j, k * joints + j)] += persists + ZERO;

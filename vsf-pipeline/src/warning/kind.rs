@@ -624,33 +624,37 @@ pub enum PipelineWarning {
 
 /// What an angle that no joint can have looks like (rad).
 fn alike(angle: f64) -> &'static str {
-    match angle.abs() > TAU {
-        true => "like degrees",
-        false => "like degrees or like angles that wrap around",
+    if angle.abs() > TAU {
+        "like degrees"
+    } else {
+        "like degrees or like angles that wrap around"
     }
 }
 
 /// A factor, however large.
 fn times(factor: f64) -> String {
-    match factor < 1e6 {
-        true => format!("{factor:.3}"),
-        false => format!("{factor:.1e}"),
+    if factor < 1e6 {
+        format!("{factor:.3}")
+    } else {
+        format!("{factor:.1e}")
     }
 }
 
 /// A share, however far below zero.
 fn percent(share: f64) -> String {
-    match share > -10.0 {
-        true => format!("{:.1} %", 100.0 * share),
-        false => format!("{share:.1e} times"),
+    if share > -10.0 {
+        format!("{:.1} %", 100.0 * share)
+    } else {
+        format!("{share:.1e} times")
     }
 }
 
 /// A number of which decimals say nothing.
 fn whole(factor: f64) -> String {
-    match factor < 1e6 {
-        true => format!("{factor:.0}"),
-        false => format!("{factor:.1e}"),
+    if factor < 1e6 {
+        format!("{factor:.0}")
+    } else {
+        format!("{factor:.1e}")
     }
 }
 

@@ -259,16 +259,17 @@ fn gravity_left(scene: &Scene, rigid: &[Table], traces: &[Trace]) -> Option<Pipe
     }
     let (size, correlation) = (likeness.both / likeness.others, likeness.correlation());
     let given = scene.torque_kind();
-    match correlation > GRAVITY_CORRELATION {
-        true if GRAVITY_SIZE.contains(&size) => Some(PipelineWarning::GravityLeft {
+    let alike = correlation > GRAVITY_CORRELATION;
+    if alike && GRAVITY_SIZE.contains(&size) {
+        Some(PipelineWarning::GravityLeft {
             given,
             size,
             correlation,
-        }),
-        true if given == TorqueKind::Measured && TWICE.contains(&size) => {
-            Some(PipelineWarning::GravityTwice { size })
-        }
-        _ => None,
+        })
+    } else if alike && given == TorqueKind::Measured && TWICE.contains(&size) {
+        Some(PipelineWarning::GravityTwice { size })
+    } else {
+        None
     }
 }
 
@@ -277,9 +278,10 @@ fn less_left(
     a: Option<PipelineWarning>,
     b: Option<PipelineWarning>,
 ) -> (Option<PipelineWarning>, Option<PipelineWarning>) {
-    match share_left(a.as_ref()) <= share_left(b.as_ref()) {
-        true => (a, b),
-        false => (b, a),
+    if share_left(a.as_ref()) <= share_left(b.as_ref()) {
+        (a, b)
+    } else {
+        (b, a)
     }
 }
 
@@ -313,8 +315,9 @@ fn misread(scene: &Scene, rigid: &[Table], traces: &[Trace]) -> Option<PipelineW
         let left = DMatrix::from_fn(rows.len(), joints.len(), |i, j| rows[i].0[j]);
         weighed.add(&(&rigid - left), &rigid);
     }
-    match weighed.count() >= LEAST_FREE {
-        true => less_left(weighed.warning(joints), weighed.scaled(joints)).0,
-        false => None,
+    if weighed.count() >= LEAST_FREE {
+        less_left(weighed.warning(joints), weighed.scaled(joints)).0
+    } else {
+        None
     }
 }

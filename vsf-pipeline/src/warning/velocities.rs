@@ -78,9 +78,10 @@ fn factor(sequences: &[Cow<'_, Sequence>], j: usize) -> Option<f64> {
     let least = LEAST_MOVE.max(0.5 * longest);
     let long = moves.iter().filter(|(way, _)| way.abs() >= least);
     let factors: Vec<f64> = long.map(|(way, integral)| integral / way).collect();
-    match factors.len() >= LEAST_MOVES {
-        true => median(factors),
-        false => None,
+    if factors.len() >= LEAST_MOVES {
+        median(factors)
+    } else {
+        None
     }
 }
 

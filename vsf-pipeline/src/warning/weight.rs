@@ -112,9 +112,12 @@ impl Weighed {
         let telling: Vec<usize> = (0..joints.len())
             .filter(|&j| self.tells(joints, j))
             .collect();
-        let left_of = |columns: &Columns, j: usize| match scales[j] > 0.0 {
-            true => self.left(j, columns[j]) / scales[j],
-            false => 0.0,
+        let left_of = |columns: &Columns, j: usize| {
+            if scales[j] > 0.0 {
+                self.left(j, columns[j]) / scales[j]
+            } else {
+                0.0
+            }
         };
         let left = |columns: &Columns| {
             let each = (0..joints.len()).map(|j| left_of(columns, j));

@@ -195,9 +195,10 @@ fn make(site: &Site, touch: usize, row: usize) -> Row {
         (0..site.joints()).map(one).collect()
     };
     let mut contacts = Contacts::new();
-    let pressed = match CONTACT.contains(&row) {
-        true => ((row - CONTACT.start) as f64 + 0.5) / CONTACT.len() as f64,
-        false => 0.0,
+    let pressed = if CONTACT.contains(&row) {
+        ((row - CONTACT.start) as f64 + 0.5) / CONTACT.len() as f64
+    } else {
+        0.0
     };
     let link = site.robot.last_link();
     if pressed > 0.0 {
@@ -209,9 +210,10 @@ fn make(site: &Site, touch: usize, row: usize) -> Row {
             pushed.expect("contacts in order");
         }
     }
-    let force_W = match contacts.is_empty() {
-        true => Vector3::zeros(),
-        false => Vector3::new(0.5 * (9.0 * t).cos(), 0.2, 4.0 * pressed),
+    let force_W = if contacts.is_empty() {
+        Vector3::zeros()
+    } else {
+        Vector3::new(0.5 * (9.0 * t).cos(), 0.2, 4.0 * pressed)
     };
     let (q, mut posture) = (swing(0), site.robot.posture());
     let placed = site.robot.update_posture(&q, &mut posture);

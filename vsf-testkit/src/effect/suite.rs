@@ -243,9 +243,10 @@ impl<'a> Suite<'a> {
         for _ in 0..HALVINGS {
             let middle = 0.5 * (low.0 + high.0);
             let there = (middle, at(middle));
-            match share(&low.1, &there.1) > share(&there.1, &high.1) {
-                true => high = there,
-                false => low = there,
+            if share(&low.1, &there.1) > share(&there.1, &high.1) {
+                high = there
+            } else {
+                low = there
             }
         }
         Some((share(&low.1, &high.1), low.0))

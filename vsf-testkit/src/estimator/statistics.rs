@@ -34,9 +34,10 @@ impl<T: Scalar, E: Estimator<Scalar = T>> Suite<'_, T, E> {
             let scale = self.tolerance() * o.weight * o.points as f64 * (o.prior_mean + o.prior_sd);
             // Where points are correlated, those that are touched for the first time are known better than by
             // their marginals.
-            let expected = match o.local {
-                true => marginal(estimator.belief()),
-                false => prediction.mean.clone(),
+            let expected = if o.local {
+                marginal(estimator.belief())
+            } else {
+                prediction.mean.clone()
             };
             for (i, (m, e)) in prediction.mean.iter().zip(&expected).enumerate() {
                 assert!(

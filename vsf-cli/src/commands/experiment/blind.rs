@@ -89,8 +89,9 @@ pub fn run(args: &Args, console: &Console) -> anyhow::Result<()> {
         scores,
     })?;
     console.report(report)?;
-    match cases.iter().any(Case::is_diagnosed) {
-        true => Ok(()),
-        false => anyhow::bail!("no case could be diagnosed"),
+    if cases.iter().any(Case::is_diagnosed) {
+        Ok(())
+    } else {
+        anyhow::bail!("no case could be diagnosed")
     }
 }

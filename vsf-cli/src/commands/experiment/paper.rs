@@ -98,12 +98,13 @@ pub fn run(args: &Args, console: &Console) -> anyhow::Result<()> {
         .folder("--out", out, "an earlier report", |names| {
             unmarked(names, &["report.md", "recordings", Figures::UPDATE_TIMES])
         })?;
-    let recordings = match args.recordings.is_empty() {
-        true => [ONE_PLACE, NEAR_PLACES, FAR_PLACES]
+    let recordings = if args.recordings.is_empty() {
+        [ONE_PLACE, NEAR_PLACES, FAR_PLACES]
             .iter()
             .map(|sample| sample.unpack(out, &Path::new("recordings").join(sample.name)))
-            .collect::<Result<_, _>>()?,
-        false => args.recordings.clone(),
+            .collect::<Result<_, _>>()?
+    } else {
+        args.recordings.clone()
     };
     let all = recordings.len();
     let opened = open(&recordings, &args.contact, console)?;

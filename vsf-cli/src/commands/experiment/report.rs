@@ -19,9 +19,10 @@ before the surface on.
 "
     .to_owned();
     for e in entries {
-        let test = match e.leave_one_out {
-            true => format!("each of {} in turn", e.test_sequences),
-            false => e.test_sequences.to_string(),
+        let test = if e.leave_one_out {
+            format!("each of {} in turn", e.test_sequences)
+        } else {
+            e.test_sequences.to_string()
         };
         text += &format!(
             "| {} | {} | {:.2} | {:.2} | {} | {test} | {:.2} |\n",
