@@ -12,7 +12,8 @@
 //!
 //! Answer: yes. Inside the ball 34.7 N/m are estimated (in truth 40), around it 5.4 N/m (in truth
 //! 5). Between the poked places forces are predicted to 0.016 N of 0.35 N. Single points at the
-//! depth that the tip just reaches are far too stiff: little is read there.
+//! depth that the tip just reaches are far too stiff: little is read there. As one region of points that
+//! are four times as stiff as the rest, the ball is found 3.8 mm off: the tip feels its upper part.
 
 use rand::SeedableRng;
 use rand_distr::{Distribution, Normal};
@@ -22,6 +23,7 @@ use std::path::PathBuf;
 use std::sync::Arc;
 use vsf::contact::link_sdfs;
 use vsf::core::nalgebra::Point3;
+use vsf::pipeline::{RegionOptions, stiff_regions};
 use vsf::plot::FieldView;
 use vsf::prelude::*;
 use vsf::robots::cartesian_stage;
@@ -29,6 +31,8 @@ use vsf_examples::write_picture;
 
 const SOFT: f64 = 5.0;
 const STIFF: f64 = 40.0;
+/// Centre of the stiff ball (m).
+const INCLUSION: Point3<f64> = Point3::new(0.038, 0.026, -0.010);
 const NOISE_SD: f64 = 0.02;
 
 fn main() -> Result<(), Box<dyn Error>> {
@@ -95,6 +99,19 @@ fn main() -> Result<(), Box<dyn Error>> {
         println!("{name}: mean {mean:4.1} N/m over {count} touched points, in truth {expected}");
     }
 
+    // The diagonal filter is surer than it should be: a higher contrast makes up for it.
+    let options = RegionOptions {
+        contrast: 4.0,
+        ..RegionOptions::default()
+    };
+    for region in stiff_regions(&rest, session.belief(), &touched, &options)?.regions {
+        let off = 1e3 * (region.center - INCLUSION).norm();
+        let (points, mean) = (region.points.len(), region.mean);
+        println!(
+            "stiff region: {points} points of {mean:.1} N/m, its centre {off:.1} mm off that of the ball"
+        );
+    }
+
     // Pokes half way between those that were made.
     let (mut error, mut size, mut count) = (0.0, 0.0, 0.0);
     let mut predicted = Prediction::default();
@@ -150,5 +167,5 @@ fn block() -> Vec<Point3<f64>> {
 
 /// A ball of 8 mm radius, its top 2 mm under the surface.
 fn is_inclusion(p: &Point3<f64>) -> bool {
-    (p - Point3::new(0.038, 0.026, -0.010)).norm() < 0.008
+    (p - INCLUSION).norm() < 0.008
 }

@@ -1,6 +1,6 @@
 use crate::commands::{
     bench, diagnose, estimate, evaluate, experiment, export, import, info, learn, points, predict,
-    simulate, view,
+    regions, simulate, view,
 };
 use clap::{Command as Line, CommandFactory, Parser, Subcommand};
 use std::path::PathBuf;
@@ -51,6 +51,8 @@ pub enum Command {
     Predict(predict::Args),
     /// Measure the prediction error of a field, or of a baseline, on the test sequences
     Evaluate(evaluate::Args),
+    /// Find the regions of a field that are stiffer than the rest, as inclusions in tissue are
+    Regions(regions::Args),
     /// Diagnose the sim-to-real gap: where it lies, which effect causes it, how far it closes
     Diagnose(diagnose::Args),
     /// Replace the torques of a recording by those of a field: a synthetic recording

@@ -43,6 +43,12 @@ pub fn share(text: &str) -> Result<f64, String> {
     ranged(text, 0.0..=1e6, "a number >= 0 and at most 1e6")
 }
 
+/// A probability of more than one in two.
+pub fn confidence(text: &str) -> Result<f64, String> {
+    let value = text.parse().ok().filter(|p| (0.5..1.0).contains(p));
+    value.ok_or_else(|| "must be a number from 0.5 to below 1".to_owned())
+}
+
 /// A number of either sign.
 pub fn finite(text: &str) -> Result<f64, String> {
     ranged(text, -MOST..=MOST, "a number of at most 1e100 in magnitude")

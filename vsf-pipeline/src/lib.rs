@@ -15,7 +15,8 @@
 //! 5. [`predict`] and [`evaluate`] compare a field with sequences; [`Baseline`]s stand beside it.
 //! 6. A [`Campaign`] repeats the paper's experiments on a recording: [`table1`],
 //!    [`Campaign::errors`], [`Campaign::curve`], [`update_speed`].
-//! 7. [`simulate`] turns a field and a joint trajectory into readings.
+//! 7. [`stiff_regions`] finds what stands out of a field.
+//! 8. [`simulate`] turns a field and a joint trajectory into readings.
 
 #![forbid(unsafe_code)]
 #![deny(clippy::print_stdout, clippy::print_stderr)]
@@ -31,6 +32,7 @@ mod memory;
 mod paper;
 mod priors;
 mod readings;
+mod regions;
 mod robot;
 mod scene;
 mod scene_contact;
@@ -66,6 +68,7 @@ pub use priors::{PriorRow, compare_priors};
 pub use readings::{
     check_readable, check_torques, external_torques, motion_of, rigid_body_torques, unwound,
 };
+pub use regions::{RegionOptions, StiffRegion, StiffRegions, stiff_regions};
 pub use robot::{load_robot, reading_unit, robot_of};
 pub use scene::{Scene, SceneOptions};
 pub use scene_contact::SceneContact;

@@ -10,6 +10,7 @@ pub mod learn;
 pub mod points;
 pub mod predict;
 mod quickstart;
+pub mod regions;
 pub mod simulate;
 pub mod view;
 
@@ -28,6 +29,7 @@ pub fn run(command: &Option<Command>, console: &Console) -> anyhow::Result<()> {
         Some(Command::Evaluate(args)) => evaluate::run(args, console),
         Some(Command::Diagnose(args)) => diagnose::run(args, console),
         Some(Command::Simulate(args)) => simulate::run(args, console),
+        Some(Command::Regions(args)) => regions::run(args, console),
         Some(Command::Export(args)) => export::run(args, console),
         Some(Command::Import(args)) => import::run(args, console),
         Some(Command::View(args)) => view::run(args, console),

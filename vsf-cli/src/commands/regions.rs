@@ -1,0 +1,181 @@
+use crate::console::{Console, number, table};
+use crate::field_file::FieldFile;
+use crate::range::{confidence, count, length, positive};
+use serde::Serialize;
+use std::fmt::Write;
+use std::path::PathBuf;
+use vsf::core::RestPoints;
+use vsf::core::nalgebra::Point3;
+use vsf::pipeline::{RegionOptions, StiffRegion, StiffRegions, stiff_regions};
+
+/// Most regions of the report; JSON has all.
+const SHOWN: usize = 10;
+
+#[derive(Debug, clap::Args)]
+#[command(after_help = "\
+A point is stiff if its stiffness is, with --confidence, more than --contrast times the background: the median of the
+touched points that have any. Stiff points within --reach of each other are one region. Untouched points say nothing
+and are left out, where the field tells which were touched. Places are in the world frame.
+
+Example:
+  vsf estimate DATASET --out field.npz
+  vsf regions field.npz --contrast 3
+
+JSON keys: field, points (that were looked at), background, stiff_from (N/m), contrast, confidence, reach (m), scattered
+(stiff points of no region), regions (center, bounds ([lower, upper] in m), mean, sd, largest (N/m), times_background,
+points (their indices)).")]
+pub struct Args {
+    /// The field, .npz or folder
+    field: PathBuf,
+    /// Times the background from which on a point is stiff
+    #[arg(long, default_value_t = RegionOptions::default().contrast, value_parser = positive)]
+    contrast: f64,
+    /// Least probability that a point is that stiff, 0.5 to below 1
+    #[arg(long, default_value_t = RegionOptions::default().confidence, value_parser = confidence)]
+    confidence: f64,
+    /// Stiff points up to so far apart belong together [m]; default 1.8 times their spacing
+    #[arg(long, value_parser = length)]
+    reach: Option<f64>,
+    /// Fewest points of a region
+    #[arg(long, value_name = "POINTS", default_value_t = RegionOptions::default().fewest, value_parser = count)]
+    fewest: usize,
+}
+
+#[derive(Serialize)]
+struct Report<'a> {
+    field: String,
+    points: usize,
+    background: f64,
+    stiff_from: f64,
+    contrast: f64,
+    confidence: f64,
+    reach: f64,
+    scattered: usize,
+    regions: Vec<Entry<'a>>,
+}
+
+#[derive(Serialize)]
+struct Entry<'a> {
+    center: [f64; 3],
+    bounds: [[f64; 3]; 2],
+    mean: f64,
+    sd: f64,
+    largest: f64,
+    times_background: f64,
+    points: &'a [usize],
+}
+
+impl<'a> Entry<'a> {
+    fn of(region: &'a StiffRegion, background: f64) -> Self {
+        let coordinates = |p: &Point3<f64>| [p.x, p.y, p.z];
+        Self {
+            center: coordinates(&region.center),
+            bounds: region.bounds.each_ref().map(coordinates),
+            mean: region.mean,
+            sd: region.sd,
+            largest: region.largest,
+            times_background: region.mean / background,
+            points: &region.points,
+        }
+    }
+}
+
+pub fn run(args: &Args, console: &Console) -> anyhow::Result<()> {
+    if args.field.is_dir() && !FieldFile::is_at(&args.field) {
+        anyhow::bail!(
+            "{} is a recording, or another folder without K.npy; `vsf estimate` makes a field of a recording",
+            args.field.display()
+        );
+    }
+    let file = FieldFile::open(&args.field, console)?;
+    if file.field.sd.is_none() {
+        console.warn(format!(
+            "{}: without K_std, the stiffness alone decides what is stiff; --confidence has no effect",
+            args.field.display()
+        ));
+    }
+    let options = RegionOptions {
+        contrast: args.contrast,
+        confidence: args.confidence,
+        reach: args.reach,
+        fewest: args.fewest,
+    };
+    let rest = RestPoints::new(file.field.points)?;
+    let found = stiff_regions(&rest, &file.stored.belief, &file.stored.touched, &options)?;
+    console.json(&Report {
+        field: args.field.display().to_string(),
+        points: found.looked_at,
+        background: found.background,
+        stiff_from: found.stiff_from,
+        contrast: args.contrast,
+        confidence: args.confidence,
+        reach: found.reach,
+        scattered: found.scattered,
+        regions: (found.regions.iter())
+            .map(|r| Entry::of(r, found.background))
+            .collect(),
+    })?;
+    console.report(text(args, &found, !file.stored.touched.is_empty()))
+}
+
+fn text(args: &Args, found: &StiffRegions, touched: bool) -> String {
+    let points = if touched { "touched points" } else { "points" };
+    let mut text = format!(
+        "background  {} N/m, the median of {} {points} without those of no stiffness\n\
+         stiff       from {} N/m on, {} times that, each point with a probability of {} %\n",
+        number(found.background),
+        found.looked_at,
+        number(found.stiff_from),
+        args.contrast,
+        number(100.0 * args.confidence),
+    );
+    let row = |(k, r): (usize, &StiffRegion)| {
+        let size = r.bounds[1] - r.bounds[0];
+        let vector = |v: [f64; 3]| v.map(|c| format!("{c:.4}")).join(", ");
+        vec![
+            (k + 1).to_string(),
+            r.points.len().to_string(),
+            vector([r.center.x, r.center.y, r.center.z]),
+            vector([size.x, size.y, size.z]),
+            format!("{} ± {}", number(r.mean), number(r.sd)),
+            number(r.largest),
+            number(r.mean / found.background),
+        ]
+    };
+    let rows: Vec<Vec<String>> = found
+        .regions
+        .iter()
+        .take(SHOWN)
+        .enumerate()
+        .map(row)
+        .collect();
+    let header = [
+        "region",
+        "points",
+        "centre x, y, z [m]",
+        "size [m]",
+        "stiffness [N/m]",
+        "largest",
+        "times background",
+    ];
+    if rows.is_empty() {
+        text += "no region is that stiff\n";
+    } else {
+        let _ = write!(text, "\n{}", table(&header, &rows));
+    }
+    if found.regions.len() > SHOWN {
+        let _ = writeln!(
+            text,
+            "and {} smaller ones (--json has all)",
+            found.regions.len() - SHOWN
+        );
+    }
+    if found.scattered > 0 {
+        let _ = writeln!(
+            text,
+            "stiff points in groups of fewer than {}: {}",
+            args.fewest, found.scattered
+        );
+    }
+    text
+}

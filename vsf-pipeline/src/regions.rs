@@ -1,0 +1,386 @@
+//! Where a field is stiff: regions of points that stand out from the rest, as inclusions in tissue do.
+
+use nalgebra::{Point3, Vector3};
+use vsf_core::{Belief, CoreError, RestPoints, median};
+
+/// What counts as a stiff region.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct RegionOptions {
+    /// A point is stiff from so many times the background on; above 0, default 2.
+    pub contrast: f64,
+    /// The least probability that a point is that stiff, of each point by itself; 0.5 to below 1, default 0.95.
+    pub confidence: f64,
+    /// Stiff points up to so far apart (m) belong together; by default 1.8 times [`RestPoints::spacing`], which joins
+    /// neighbours on a lattice, diagonal ones too.
+    pub reach: Option<f64>,
+    /// Fewest points of a region; at least 1, default 3. Single points are the least certain of a field: deep ones,
+    /// which are hardly felt, take up what others leave.
+    pub fewest: usize,
+}
+
+impl Default for RegionOptions {
+    fn default() -> Self {
+        Self {
+            contrast: 2.0,
+            confidence: 0.95,
+            reach: None,
+            fewest: 3,
+        }
+    }
+}
+
+/// The stiff regions of a field.
+#[derive(Debug, Clone, PartialEq)]
+pub struct StiffRegions {
+    /// Points that were looked at.
+    pub looked_at: usize,
+    /// The background (N/m): the median stiffness of those that have any; 0 where none has.
+    pub background: f64,
+    /// The stiffness (N/m) from which on a point is stiff.
+    pub stiff_from: f64,
+    /// Stiff points up to so far apart belong together (m).
+    pub reach: f64,
+    /// The regions, that with the most stiffness in all first.
+    pub regions: Vec<StiffRegion>,
+    /// Stiff points in groups of fewer than a region has.
+    pub scattered: usize,
+}
+
+/// One stiff region.
+#[derive(Debug, Clone, PartialEq)]
+pub struct StiffRegion {
+    /// Indices of its points, increasing.
+    pub points: Vec<usize>,
+    /// Centre of its stiffness (m, world frame).
+    pub center: Point3<f64>,
+    /// Smallest and largest corner of the box around its points (m, world frame).
+    pub bounds: [Point3<f64>; 2],
+    /// Mean stiffness of its points (N/m).
+    pub mean: f64,
+    /// Bound of the standard deviation of that mean (N/m): the mean of the points' own deviations, which is the deviation
+    /// of the mean if they err alike, and more than that if not.
+    pub sd: f64,
+    /// Stiffness of its stiffest point (N/m).
+    pub largest: f64,
+}
+
+/// Finds the regions of a field that are stiffer than its background. `touched` says which points are looked at, those
+/// whose stiffness was felt; empty, all are. Of a belief that keeps no correlations, or of variances that are next to
+/// nothing, means alone decide.
+///
+/// Time: O(N), and for every stiff point that of those within reach.
+///
+/// # Errors
+/// [`CoreError::Length`] for a belief or a `touched` of another number of points, [`CoreError::Parameter`] for options
+/// out of range.
+///
+/// ```
+/// use nalgebra::Point3;
+/// use vsf_core::{Belief, RestPoints};
+/// use vsf_pipeline::stiff_regions;
+///
+/// // A row of points 1 cm apart, of which the fifth to the seventh are stiff.
+/// let rest = RestPoints::new((0..10).map(|k| Point3::new(0.01 * f64::from(k), 0.0, 0.0)).collect())?;
+/// let stiffness = [5.0, 5.0, 5.0, 5.0, 40.0, 50.0, 40.0, 5.0, 5.0, 5.0];
+/// let found = stiff_regions(&rest, &Belief::new(stiffness.to_vec(), vec![4.0; 10])?, &[], &Default::default())?;
+/// assert_eq!(found.background, 5.0);
+/// assert_eq!(found.regions[0].points, [4, 5, 6]);
+/// assert!((found.regions[0].center.x - 0.05).abs() < 1e-9);
+/// # Ok::<(), vsf_core::CoreError>(())
+/// ```
+pub fn stiff_regions(
+    rest: &RestPoints,
+    belief: &Belief<f64>,
+    touched: &[bool],
+    options: &RegionOptions,
+) -> Result<StiffRegions, CoreError> {
+    for (what, got) in [
+        ("the belief", Some(belief.len())),
+        (
+            "touched",
+            Some(touched.len()).filter(|_| !touched.is_empty()),
+        ),
+    ] {
+        if let Some(got) = got.filter(|got| *got != rest.len()) {
+            let expected = rest.len();
+            return Err(CoreError::Length {
+                what,
+                got,
+                expected,
+            });
+        }
+    }
+    options.check()?;
+    let reach = (options.reach).unwrap_or_else(|| NEIGHBOURS * rest.spacing());
+    let (mean, variance) = (belief.mean(), belief.variance());
+    let looked_at: Vec<usize> = (0..rest.len())
+        .filter(|i| touched.is_empty() || touched[*i])
+        .collect();
+    let felt = looked_at.iter().map(|i| mean[*i]).filter(|k| *k > 0.0);
+    let background = median(felt.collect()).unwrap_or(0.0);
+    let stiff_from = options.contrast * background;
+    let mut stiff = vec![false; rest.len()];
+    for &i in &looked_at {
+        let deviations = (mean[i] - stiff_from) / variance[i].sqrt();
+        stiff[i] = background > 0.0 && probability_below(deviations) >= options.confidence;
+    }
+    let groups = groups(rest, stiff, reach);
+    let is_region = |group: &&Vec<usize>| group.len() >= options.fewest;
+    let mut regions: Vec<StiffRegion> = (groups.iter().filter(is_region))
+        .map(|points| StiffRegion::of(points, rest, belief))
+        .collect();
+    let in_all = |r: &StiffRegion| r.mean * r.points.len() as f64;
+    regions.sort_by(|a, b| in_all(b).total_cmp(&in_all(a)));
+    let in_groups: usize = groups.iter().map(Vec::len).sum();
+    let in_regions: usize = regions.iter().map(|r| r.points.len()).sum();
+    Ok(StiffRegions {
+        looked_at: looked_at.len(),
+        background,
+        stiff_from,
+        reach,
+        scattered: in_groups - in_regions,
+        regions,
+    })
+}
+
+/// Neighbours on a cubic lattice are up to the root of 3 spacings apart.
+const NEIGHBOURS: f64 = 1.8;
+
+impl RegionOptions {
+    fn check(&self) -> Result<(), CoreError> {
+        let is_length = |v: f64| v > 0.0 && v.is_finite();
+        let range = |name: &'static str, value: f64, range: &'static str| CoreError::Parameter {
+            name,
+            value,
+            range,
+        };
+        if !is_length(self.contrast) {
+            return Err(range("contrast", self.contrast, "above 0 and finite"));
+        }
+        if !(0.5..1.0).contains(&self.confidence) {
+            return Err(range("confidence", self.confidence, "0.5 to below 1"));
+        }
+        if let Some(reach) = self.reach.filter(|r| !is_length(*r)) {
+            return Err(range("reach", reach, "above 0 m and finite"));
+        }
+        if self.fewest == 0 {
+            return Err(range("fewest", 0.0, "1 and more"));
+        }
+        Ok(())
+    }
+}
+
+impl StiffRegion {
+    /// Of its points, of which there is one at least, all with a stiffness above 0.
+    fn of(points: &[usize], rest: &RestPoints, belief: &Belief<f64>) -> Self {
+        let n = points.len() as f64;
+        let at = |i: usize| rest.positions()[i];
+        let stiffness = |i: usize| belief.mean()[i];
+        let all: f64 = points.iter().map(|i| stiffness(*i)).sum();
+        // About the first point, so that nothing is lost to a cloud that lies far off.
+        let first = at(points[0]);
+        let moments = points.iter().map(|i| (at(*i) - first) * stiffness(*i));
+        let corner = |of: fn(&Point3<f64>, &Point3<f64>) -> Point3<f64>| {
+            points.iter().fold(first, |corner, i| of(&corner, &at(*i)))
+        };
+        Self {
+            points: points.to_vec(),
+            center: first + moments.sum::<Vector3<f64>>() / all,
+            bounds: [corner(Point3::inf), corner(Point3::sup)],
+            mean: all / n,
+            sd: points
+                .iter()
+                .map(|i| belief.variance()[*i].sqrt())
+                .sum::<f64>()
+                / n,
+            largest: points.iter().map(|i| stiffness(*i)).fold(0.0, f64::max),
+        }
+    }
+}
+
+/// Probability that a standard normal variable is below `x`.
+fn probability_below(x: f64) -> f64 {
+    0.5 * libm::erfc(-x / std::f64::consts::SQRT_2)
+}
+
+/// Points in question that are linked by steps of at most `reach`, each group increasing.
+fn groups(rest: &RestPoints, mut open: Vec<bool>, reach: f64) -> Vec<Vec<usize>> {
+    let half = Vector3::repeat(reach);
+    let mut groups = Vec::new();
+    for start in 0..open.len() {
+        if !std::mem::take(&mut open[start]) {
+            continue;
+        }
+        let mut group = vec![start];
+        let mut next = 0;
+        while let Some(&i) = group.get(next) {
+            next += 1;
+            let p = rest.positions()[i];
+            rest.for_cells_in(&(p - half), &(p + half), |cell| {
+                for &other in cell.points {
+                    let other = other as usize;
+                    if open[other] && (rest.positions()[other] - p).norm() <= reach {
+                        open[other] = false;
+                        group.push(other);
+                    }
+                }
+            });
+        }
+        group.sort_unstable();
+        groups.push(group);
+    }
+    groups
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use proptest::prelude::*;
+
+    fn cloud(points: &[[f64; 3]]) -> RestPoints {
+        RestPoints::new(points.iter().map(|p| Point3::from(*p)).collect()).unwrap()
+    }
+
+    /// By merging pairs until nothing changes.
+    fn merged(points: &[[f64; 3]], open: &[bool], reach: f64) -> Vec<Vec<usize>> {
+        let mut label: Vec<usize> = (0..points.len()).collect();
+        let near = |i: usize, k: usize| {
+            open[i]
+                && open[k]
+                && (Point3::from(points[i]) - Point3::from(points[k])).norm() <= reach
+        };
+        let mut changed = true;
+        while changed {
+            changed = false;
+            for i in 0..points.len() {
+                for k in 0..points.len() {
+                    if near(i, k) && label[k] < label[i] {
+                        label[i] = label[k];
+                        changed = true;
+                    }
+                }
+            }
+        }
+        let of = |l: usize| {
+            (0..points.len())
+                .filter(|i| open[*i] && label[*i] == l)
+                .collect()
+        };
+        let groups = (0..points.len()).map(of);
+        groups.filter(|g: &Vec<usize>| !g.is_empty()).collect()
+    }
+
+    proptest! {
+        #[test]
+        fn val_groups_are_those_of_brute_force(
+            points in prop::collection::vec((prop::array::uniform3(-0.1..0.1), any::<bool>()), 0..80),
+            reach in 0.005..0.1,
+        ) {
+            let (points, open): (Vec<[f64; 3]>, Vec<bool>) = points.into_iter().unzip();
+            let found = groups(&cloud(&points), open.clone(), reach);
+            prop_assert_eq!(found, merged(&points, &open, reach));
+        }
+    }
+
+    /// Quantiles of the standard normal distribution from tables.
+    #[test]
+    fn val_probability_of_a_normal_variable() {
+        for (x, p) in [
+            (0.0, 0.5),
+            (1.6448536269514722, 0.95),
+            (-1.959963984540054, 0.025),
+        ] {
+            assert!((probability_below(x) - p).abs() < 1e-12);
+        }
+        assert_eq!(probability_below(f64::INFINITY), 1.0);
+    }
+
+    fn row() -> (RestPoints, Vec<f64>) {
+        let points: Vec<[f64; 3]> = (0..9).map(|k| [1e-3 * f64::from(k), 0.0, 0.5]).collect();
+        (
+            cloud(&points),
+            vec![4.0, 4.0, 30.0, 10.0, 30.0, 4.0, 4.0, 4.0, 90.0],
+        )
+    }
+
+    #[test]
+    fn certain_points_next_to_each_other_are_a_region() {
+        let (rest, mean) = row();
+        let of = |sd: f64, touched: &[bool], options: &RegionOptions| {
+            let belief = Belief::new(mean.clone(), vec![sd * sd; mean.len()]).unwrap();
+            stiff_regions(&rest, &belief, touched, options).unwrap()
+        };
+        let found = of(1.0, &[], &RegionOptions::default());
+        assert_eq!(
+            (found.background, found.stiff_from, found.scattered),
+            (4.0, 8.0, 1)
+        );
+        let [region] = &found.regions[..] else {
+            panic!("{found:?}");
+        };
+        assert_eq!(region.points, [2, 3, 4]);
+        assert!((region.center - Point3::new(3e-3, 0.0, 0.5)).norm() < 1e-12);
+        assert_eq!(
+            region.bounds,
+            [Point3::new(2e-3, 0.0, 0.5), Point3::new(4e-3, 0.0, 0.5)]
+        );
+        assert!((region.mean - 70.0 / 3.0).abs() < 1e-12 && region.sd == 1.0);
+        assert_eq!(region.largest, 30.0);
+        // The middle one is no more certain, and 1.8 spacings do not reach across it.
+        let unsure = of(3.0, &[], &RegionOptions::default());
+        assert!(unsure.regions.is_empty() && unsure.scattered == 3);
+        let wide = RegionOptions {
+            reach: Some(2.1e-3),
+            fewest: 1,
+            ..RegionOptions::default()
+        };
+        let points = |found: StiffRegions| -> Vec<Vec<usize>> {
+            found.regions.into_iter().map(|r| r.points).collect()
+        };
+        assert_eq!(points(of(3.0, &[], &wide)), [vec![8], vec![2, 4]]);
+        // What was not touched is no finding.
+        let touched: Vec<bool> = (0..9).map(|k| k < 8).collect();
+        assert_eq!(points(of(3.0, &touched, &wide)), [vec![2, 4]]);
+    }
+
+    #[test]
+    fn a_field_of_zeros_has_no_regions_and_bad_input_is_refused() {
+        let (rest, mean) = row();
+        let belief = |k: f64, n: usize| Belief::new(vec![k; n], vec![1.0; n]).unwrap();
+        let options = RegionOptions::default();
+        let nothing = stiff_regions(&rest, &belief(0.0, 9), &[], &options).unwrap();
+        assert!(nothing.regions.is_empty() && nothing.scattered == 0);
+        let empty = stiff_regions(&cloud(&[]), &belief(0.0, 0), &[], &options).unwrap();
+        assert_eq!((empty.looked_at, empty.background), (0, 0.0));
+        let belief = Belief::new(mean, vec![1.0; 9]).unwrap();
+        let fails = |touched: &[bool], options: RegionOptions| {
+            stiff_regions(&rest, &belief, touched, &options).is_err()
+        };
+        assert!(fails(&[true; 8], options));
+        for wrong in [0.0, -1.0, f64::NAN, f64::INFINITY] {
+            let reach = Some(wrong);
+            assert!(fails(
+                &[],
+                RegionOptions {
+                    contrast: wrong,
+                    ..options
+                }
+            ));
+            assert!(fails(
+                &[],
+                RegionOptions {
+                    confidence: wrong,
+                    ..options
+                }
+            ));
+            assert!(fails(&[], RegionOptions { reach, ..options }));
+        }
+        assert!(fails(
+            &[],
+            RegionOptions {
+                fewest: 0,
+                ..options
+            }
+        ));
+    }
+}
