@@ -110,7 +110,7 @@ impl FieldFile {
             && let Some(of_model) = model.contact()
             && let Some((was, is)) = difference(
                 &ContactParameters {
-                    // Torques of the joints are the same wherever points are touched from.
+                    // Effects on joint torques do not depend on the contact threshold.
                     threshold: if model.follows_contact() {
                         of_model.threshold
                     } else {

@@ -9,7 +9,7 @@ use std::path::Path;
 use vsf::gap::ModelFile;
 use vsf::vision::LearnedPrior;
 
-/// Where a file says what it is, in bytes from its begin.
+/// Where a file says what it is, in bytes from its start.
 const HEAD: u64 = 4096;
 /// Where an archive does, in bytes from its end.
 const TAIL: usize = 64;
@@ -81,7 +81,7 @@ impl FileKind {
     }
 }
 
-/// Whether a file begins so, and has a mark near its begin.
+/// Whether a file begins so, and has a mark near its start.
 fn holds(path: &Path, begin: &[u8], mark: &[u8]) -> bool {
     let mut head = Vec::new();
     let read = File::open(path).and_then(|file| file.take(HEAD).read_to_end(&mut head));

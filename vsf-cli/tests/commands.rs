@@ -823,7 +823,7 @@ fn a_field_brings_its_contact() {
     assert!(told.contains(says), "{told}");
 }
 
-/// The recording was simulated with points that are touched from 2 mm on.
+/// The recording was simulated with a contact threshold of 2 mm.
 #[test]
 fn the_threshold_is_chosen_on_held_out_touches() {
     let bench = Bench::touched();

@@ -7,9 +7,9 @@
 //! | [`StickSlip`] | section III-B-a of the paper: points stick, slip, detach |
 //! | [`CellContact`] | the same with cubes instead of points, [`Cells`] |
 //!
-//! Points are independent, and are worked on side by side in vector registers: surfaces are shown a
-//! [`Batch`] of places. One point after the other, with a table of the parts that are near it, saves
-//! little: time goes into waiting for divisions and branches, not into parts that are looked at.
+//! Points are independent and are processed side by side in vector registers: shapes answer for a [`Batch`] of places.
+//! Tried and rejected: one point at a time, with an index of the parts near it. Latency of divisions and mispredicted
+//! branches dominate, not the number of parts that are visited.
 //!
 //! Both models implement [`vsf_core::ContactModel`] and never read a belief.
 

@@ -83,14 +83,14 @@ pub enum CoreError {
         /// The pivot found there.
         value: f64,
     },
-    /// The result would not be finite; the state before the call is kept.
-    #[error("{what} would overflow; the belief is unchanged. Check the scale of the inputs")]
+    /// The result would not be finite in the numbers that are computed with; the state before the call is kept.
+    #[error("{what} would overflow: check units and scale of the inputs; nothing has changed")]
     Overflow {
         /// The quantity that overflowed.
         what: &'static str,
     },
     /// An index structure cannot hold so many elements.
-    #[error("{what}: {got} elements are more than the supported {max}")]
+    #[error("{what}: {got} are more than the {max} that are supported")]
     TooMany {
         /// The collection.
         what: &'static str,
@@ -116,10 +116,10 @@ pub enum CoreError {
     /// A posture that no robot model has written yet: all of its links lie at the world origin.
     #[error("the posture was never written; let RobotModel::update_posture write it first")]
     UnwrittenPosture,
-    /// A posture of another robot than the rest was made for.
+    /// A posture of another robot than the rest was made for: another number of joints or links, or other chains.
     #[error(
-        "the posture is of another robot: of {joints} joints and {links} links, joined as they are, expected \
-         are {expected_joints} joints and {expected_links} links; make it by RobotModel::posture of that one"
+        "the posture belongs to another robot ({joints} joints, {links} links; expected are {expected_joints} joints and \
+         {expected_links} links in the same chains): make it by RobotModel::posture of that robot"
     )]
     ForeignPosture {
         /// Joints of the posture.

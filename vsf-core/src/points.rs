@@ -170,8 +170,9 @@ impl RestPoints {
         &self.positions
     }
 
-    /// Indices of points that lie far from all others, increasing, 384 at most: beyond the box of the middle ones
-    /// (all but 1 %, and but 64, on each side along every axis) by more than its longest edge. No cell and no [`Block`](crate::Block) holds them.
+    /// Indices of outliers, increasing, 384 at most. The box of the cloud without its outermost points (1 % of them, 64 at
+    /// most, on each side of every axis) is widened by its longest edge on all sides; points outside are outliers. No cell
+    /// and no [`Block`](crate::Block) holds them.
     pub fn strays(&self) -> &[u32] {
         &self.strays
     }

@@ -114,10 +114,9 @@ where
     /// Moves the robot to `posture`, takes in the `reading` there and updates the belief.
     ///
     /// # Errors
-    /// A posture or reading that is not finite or does not fit, a reading beyond [`MOST_READING`], a posture of another
-    /// robot or never written. The belief is unchanged; the contact state has followed the posture if this was good and
-    /// the reading had the right length and values within that bound. A sensor that has got other channels, an estimator reset to a belief of
-    /// another size.
+    /// A posture or reading of the wrong size or not finite, a reading beyond [`MOST_READING`], a posture of another robot
+    /// or never written, a sensor or an estimator whose size was changed. The belief is then unchanged; contact has
+    /// advanced if posture and reading passed these checks.
     pub fn step(&mut self, posture: &Posture, reading: &[f64]) -> Result<UpdateReport, CoreError> {
         CoreError::check_len("reading", reading.len(), self.sensor.dim())?;
         CoreError::check_finite("reading", reading)?;

@@ -15,7 +15,7 @@ pub struct Campaign {
     pub(crate) scene: Scene,
     /// The scene in which fields are estimated, if it is another.
     fields: Option<Scene>,
-    /// Whether nobody said from where on points are touched, so that what explains the readings may.
+    /// Whether the contact threshold was left open, so that the readings may decide on it.
     pub(crate) threshold_is_free: bool,
     /// Sequences that the model is fitted to, in session order.
     pub(crate) train: Arc<[Motion]>,

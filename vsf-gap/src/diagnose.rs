@@ -74,9 +74,9 @@ impl DiagnosisStep {
 }
 
 /// Diagnoses a recording: which of the effects, if any, explains what the nominal model leaves.
-/// `progress` is told each step as it begins. Errors are told of fields in the campaign's own contact, or in the one in
-/// which fields are estimated ([`Campaign::with_suited_fields`], as the command has it). Time: seconds to a minute; see
-/// the guide.
+/// `progress` is called at the start of each step. Prediction errors are those of fields at the campaign's own contact
+/// threshold, or at the one that suits the points ([`Campaign::with_suited_fields`], as the command has it). Time: seconds
+/// for a few hundred touched points, minutes for thousands.
 ///
 /// # Errors
 /// No train sequence, effects whose parameters or starts cannot be, rows that contact cannot take,

@@ -70,9 +70,6 @@ pub enum GapError {
         /// Its ID.
         id: String,
     },
-    /// A covariance that is not positive definite, an overflow.
-    #[error("numerical failure in {0}")]
-    Numerical(&'static str),
     /// Robot, scene or contact.
     #[error(transparent)]
     Pipeline(#[from] PipelineError),

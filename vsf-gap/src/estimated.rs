@@ -86,7 +86,7 @@ impl Campaign {
 pub(crate) struct Extent {
     /// That of the nominal model, as one estimates without another.
     nominal: Estimated,
-    /// From where on points are touched there (m); none in free air.
+    /// Its contact threshold (m); none in free air.
     threshold: Option<f64>,
     /// Which samples touch anything there, in turn.
     touches: Vec<bool>,
@@ -101,7 +101,7 @@ pub(crate) struct Compared {
     pub(crate) before: Estimated,
     pub(crate) after: Estimated,
     pub(crate) closed: Closure,
-    /// From where on points are touched (m) before and after; none in free air.
+    /// Contact thresholds (m) before and after; none in free air.
     pub(crate) thresholds: Option<[f64; 2]>,
     /// Which samples touch anything in either, in turn.
     pub(crate) touches: Vec<bool>,

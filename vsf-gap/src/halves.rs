@@ -16,7 +16,7 @@ pub(crate) fn is_of_sequences(effect: &dyn Effect, campaign: &Campaign) -> bool 
 impl Campaign {
     /// The campaign with the first halves of its test sequences among the train sequences; the second halves
     /// test. Left out are test sequences that do not let go of the object in between, or whose readings are
-    /// relative to their begin, which a second half does not have. `None` where all are.
+    /// relative to their start, which a second half does not have. `None` where all are.
     ///
     /// # Errors
     /// Rows that contact cannot take.
@@ -37,7 +37,7 @@ impl Campaign {
     }
 }
 
-/// The row in the middle of the free motion, or the begin of a touch, that is nearest to the middle of the
+/// The row in the middle of the free motion, or the start of a touch, that is nearest to the middle of the
 /// contact.
 fn middle(motion: &Motion, log: &ContactLog) -> Option<usize> {
     let touching = |row: usize| !log.contacts[row].is_empty();

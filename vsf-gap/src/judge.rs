@@ -49,7 +49,7 @@ const ABSORBED: f64 = 0.5;
 const HIDDEN: f64 = 2.0;
 /// More than this share of an effect is never taken for absorbed: shares are of first order.
 const MOST_ABSORBED: f64 = 0.99;
-/// Of so many recordings without an effect it gains in one what says nothing yet, taken to fall off exponentially.
+/// In one of so many recordings without an effect it reaches its null gain; gains are taken to fall off exponentially.
 const SELDOM: f64 = 100.0;
 
 /// How many times more effects of contact have to gain.
@@ -99,7 +99,7 @@ impl<'a> Hypothesis<'a> {
         }
     }
 
-    /// The gain that says nothing yet.
+    /// The gain that is reached without any effect.
     pub(crate) fn null_gain(&self) -> f64 {
         self.threshold
     }
@@ -325,7 +325,7 @@ mod tests {
         ];
         let weight = |absorbed, gain, rough| hidden_weight(softer, absorbed, gain, rough);
         assert!((weight(0.75, 0.0, 0.03) - 3.0).abs() < 1e-12);
-        // In one of ten recordings without effect it gains half of what says nothing yet.
+        // In one of ten recordings without effect it reaches half of its null gain.
         let half = 0.5 * softer.null_gain();
         assert!((weight(0.5, half, 0.03) - 10.0).abs() < 1e-9);
         // Nats count for less where contact is rough, still less of effects that choose contacts.

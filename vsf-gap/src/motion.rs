@@ -32,7 +32,7 @@ pub struct Motion {
     pub load: Table,
     /// Samples of each touch.
     pub touches: Vec<Range<usize>>,
-    /// Samples at the begin to whose mean the readings are relative; 0 if they are not.
+    /// Samples at the start to whose mean the readings are relative; 0 if they are not.
     pub tare: usize,
 }
 

@@ -69,8 +69,8 @@ fn contact(campaign: &Campaign, told: &Compared) -> Option<String> {
         "the error before is that"
     };
     Some(format!(
-        "effects are looked for with points that are touched from {} before the surface on; {which} of fields with {}, \
-         which suits the spacing of the points",
+        "effects are searched with a contact threshold of {}; {which} of fields with {}, which suits the spacing of the \
+         points",
         mm(own),
         mm(before)
     ))

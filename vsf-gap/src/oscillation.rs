@@ -73,7 +73,7 @@ mod tests {
     use rand_pcg::Pcg64Mcg;
     use std::f64::consts::TAU;
 
-    /// Joints with AR(1) noise of these deviations and correlation `c`, and a signal of the time from the begin of a run and
+    /// Joints with AR(1) noise of these deviations and correlation `c`, and a signal of the time from the start of a run and
     /// of the session; runs of samples at 70 Hz.
     fn found(
         (seed, noise, c): (u64, &[f64], f64),

@@ -56,8 +56,8 @@ pub struct EffectReport {
     /// Gain of log evidence over the nominal model (nats); of effects that were not fitted, to first
     /// order.
     pub score: f64,
-    /// The score that says nothing yet (nats): what it gains where nothing acts, more where contact is rough or where it
-    /// generalises another effect. Probabilities follow what the score is above it; to be named alone takes some 8 to 20
+    /// The score (nats) that is reached where nothing acts; higher where contact is rough, or where the effect generalises
+    /// another one. Probabilities follow what the score is above it; to be named alone takes some 8 to 20
     /// nats more. `null` where it was not fitted.
     #[serde(default)]
     pub null_score: Option<f64>,
@@ -131,7 +131,7 @@ pub struct Gap {
     /// Effects of the corrected model; none where nothing is corrected.
     #[serde(default)]
     pub corrected_by: Vec<String>,
-    /// Mean errors of the samples in which nothing is touched from either threshold on; `null` without such ones.
+    /// Mean errors of the samples in which nothing is touched at either threshold; `null` without such ones.
     #[serde(default)]
     pub free: Option<MeanErrors>,
     /// The same of those in which something is.
@@ -141,10 +141,10 @@ pub struct Gap {
     /// diagnosis' own, as where nothing is touched or test sequences were learned from.
     #[serde(default)]
     pub estimated: bool,
-    /// From where on points are touched (m) in the corrected model's field; `null` in free air.
+    /// Contact threshold (m) of the corrected model's field; `null` in free air.
     #[serde(default)]
     pub threshold: Option<f64>,
-    /// The same of the nominal model's, where it does best: from the corrected model's or from what suits the points.
+    /// That of the nominal model's field: the corrected model's or the one that suits the points, whichever predicts better.
     #[serde(default)]
     pub threshold_nominal: Option<f64>,
 }
@@ -191,7 +191,7 @@ pub struct Outcome {
     pub model: Model,
     /// Standard deviations of its parameters, effect by effect.
     pub sd: Vec<f64>,
-    /// The corrected model's field per rest point (N/m), of points touched from [`Gap::threshold`] on.
+    /// The corrected model's field per rest point (N/m), at the contact threshold [`Gap::threshold`].
     pub field: Vec<f64>,
     /// The sequences that check the models: those of the test split, or what of them was not fitted to.
     pub checked: Vec<Motion>,

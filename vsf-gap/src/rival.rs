@@ -1,4 +1,4 @@
-//! Another contact as a rival of effects: from where on points are touched is a choice of the model, not a cause.
+//! Another contact threshold as a rival of effects: the threshold is a choice of the model, not a cause.
 
 use crate::contact::contact_config;
 use crate::effect::EVIDENT;
@@ -15,22 +15,22 @@ use vsf_pipeline::Scene;
 /// Named effects have to gain so many times what the other contact does.
 const TIMES: f64 = 2.0;
 
-/// Another contact, in which points are touched from elsewhere on, beside the effects that were named.
+/// The nominal model with another contact threshold, beside the effects that were named.
 pub(crate) struct Rival {
-    /// From where on points are touched (m) in it, and in the contact that was searched.
+    /// Contact thresholds (m): its own, and that of the search.
     thresholds: [f64; 2],
-    /// What the other contact gains without effects (nats), and what of that says nothing yet.
+    /// What the other contact gains without effects (nats), and what such a gain has to exceed.
     gain: f64,
     by_chance: f64,
     /// What the named effects gain that are relative to the contact (nats).
     of_effects: f64,
-    /// What of that says nothing yet.
+    /// What they gain without acting (nats).
     needed: f64,
     /// Their names.
     effects: Vec<String>,
 }
 
-/// Another scene, what it gains (nats), and what of that says nothing yet.
+/// Another scene, what it gains (nats), and what such a gain has to exceed.
 struct Other {
     scene: Scene,
     gain: f64,
@@ -45,7 +45,7 @@ impl Other {
 
 impl Rival {
     /// Whether these effects are not told from it: where another contact gains much, contact is described so roughly that
-    /// they have to gain twice as much, and what says nothing yet.
+    /// they have to gain twice as much, beyond their null gain.
     pub(crate) fn outdoes(&self) -> bool {
         self.of_effects < TIMES * (self.gain - self.by_chance) + self.needed
     }
@@ -59,16 +59,16 @@ impl Rival {
     pub(crate) fn told(&self) -> String {
         let [own, searched] = self.thresholds.map(mm);
         let gains = format!(
-            "points that are touched from {own} before the surface on, instead of {searched}, explain the train \
-             sequences better by {:.0} nats without any effect; {} with {searched} by {:.0}",
+            "a contact threshold of {own} instead of {searched} raises the log evidence of the train sequences by {:.0} \
+             nats without any effect; {} at {searched} by {:.0}",
             self.gain,
             self.effects.join(" and "),
             self.of_effects,
         );
         if self.outdoes() {
             format!(
-                "{gains}. From where on points are touched is a choice of the model, not a cause, and the same as thicker \
-                 links: effects are looked for with {own}, paddings are relative to that"
+                "{gains}. The threshold is a choice of the model, not a cause, and acts as thicker links do: effects are \
+                 searched at {own}, and paddings are relative to that"
             )
         } else {
             format!("{gains}, which is more than twice as much")
@@ -77,10 +77,9 @@ impl Rival {
 }
 
 impl Search<'_> {
-    /// Where nobody said from where on points are touched, another contact explains the train sequences better than the one that
-    /// was searched, and effects are named that are relative to the contact: the one in which one estimates fields, or that in
-    /// which points are touched from where on a padding suits best; and the scene of it. `campaign` is the one that was
-    /// searched.
+    /// The contact threshold that explains the train sequences better than the one of the search, and its scene: that of the
+    /// fields, or the one that a fitted padding amounts to. `None` where the threshold was given, or no effect is named that
+    /// is relative to the contact. `campaign` is the one that was searched.
     ///
     /// # Errors
     /// Rows that contact cannot take, a covariance that is not positive definite.
@@ -184,8 +183,8 @@ mod tests {
         };
         for (rival, outdoes, says) in [
             (of(588.0, 1390.0, 25.0), false, "more than twice as much"),
-            (of(595.0, 1185.0, 50.0), true, "looked for with 3.200 mm"),
-            (of(254.0, 356.0, 50.0), true, "looked for with 3.200 mm"),
+            (of(595.0, 1185.0, 50.0), true, "searched at 3.200 mm"),
+            (of(254.0, 356.0, 50.0), true, "searched at 3.200 mm"),
         ] {
             assert_eq!(rival.outdoes(), outdoes);
             let told = rival.told();

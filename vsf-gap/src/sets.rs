@@ -64,7 +64,7 @@ fn add(models: &mut Vec<Combination>, new: Combination) {
     }
 }
 
-/// The gain of a model (nats) beyond what says nothing yet.
+/// The gain of a model (nats) beyond what is reached without any effect.
 fn margin(refined: &Refined, base: f64, rough: f64) -> f64 {
     let effects = refined.model.parts.iter();
     let needed: f64 = effects.map(|(e, _)| threshold(e.as_ref(), rough)).sum();

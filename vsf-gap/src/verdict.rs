@@ -31,14 +31,15 @@ pub struct Verdict {
     pub effects: Vec<String>,
     /// What kind of answer it is.
     pub kind: VerdictKind,
-    /// Its probability. Of unknown without effects, that none of those looked for is the cause; with effects, theirs
-    /// among those that were looked for.
+    /// Its probability. For [`VerdictKind::Unknown`] without effects, that no effect of the search is the cause; with effects,
+    /// theirs among those of the search.
     pub probability: f64,
-    /// The smallest set of effects that make up 95 % of the probability together with no gap and, unless the answer is
-    /// that, with what the stiffness takes up; and those that fit well but did not stand the check on other sequences.
+    /// The smallest set of effects that, with "no gap", holds 95 % of the probability ([`hidden`](Self::hidden) included,
+    /// unless the answer is "no gap"); and effects that fit well but did not pass the check on other sequences.
     pub effect_set_95: Vec<String>,
-    /// The probability that an effect acts which the stiffness takes up, of contact or material above all. Where there
-    /// is no gap to see, those of effects hold their shares of it; that of an unknown cause without effects holds all.
+    /// Probability that an effect acts which the stiffness field absorbs, mostly one of contact or material. For
+    /// [`VerdictKind::NoGap`] it is also distributed over the effects; for [`VerdictKind::Unknown`] without effects
+    /// [`probability`](Self::probability) includes it.
     #[serde(default)]
     pub hidden: f64,
 }

@@ -541,7 +541,7 @@ fn parts_of_a_sequence_are_predicted_as_the_whole() {
     let campaign = swung();
     let effects = catalogue();
     let drift = effects.iter().find(|e| e.name() == "torque_drift").unwrap();
-    // From the begin of the session, and of the sequence, on.
+    // From the start of the session, and of the sequence, on.
     let model = Model::of(drift, &[0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 2.0]);
     let of = |motions: &[&Motion]| -> Vec<f64> {
         let logs = campaign.contact_logs(&model, motions).unwrap();

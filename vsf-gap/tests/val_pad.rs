@@ -90,7 +90,7 @@ fn no_other_order_of_columns_is_told() {
     assert!(warnings.is_empty(), "{warnings:?}");
 }
 
-/// Where points are touched from elsewhere on explains as much as an effect of contact, it is none.
+/// An effect of contact that another contact threshold explains as well is no cause.
 #[test]
 fn from_where_on_points_are_touched_is_no_cause() {
     let few = ["contact_friction", "encoder_offset", "latency"].map(str::to_owned);

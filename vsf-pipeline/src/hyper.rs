@@ -130,19 +130,18 @@ impl PriorShape {
 pub enum HyperMethod {
     /// By the prediction of held-out touches, the default:
     ///
-    /// - *Ratio of prior and noise*: by rule, all readings that a typical point takes part in count
-    ///   as four, because the error of the model stays alike over a push: with `n` of them, the
-    ///   signal that the own parts of its points are expected to give in a typical reading is
-    ///   `sqrt(4 / n)` of its noise. The
-    ///   touches, dealt to at most ten parts in turn, are held out once (where the parts share few
-    ///   points, every quarter of a touch, which tells of the same places alone) and predicted from the others by the constrained optimum,
-    ///   with every shape that is to be compared, at the ratio by rule and at others, up to 64 times as large, from there on
-    ///   outward while the error falls, or else, where it does not, down to a sixteenth; with more than 1500 touched points, by
-    ///   the online filter, which tells nothing of a smooth part: the first shape stays. Of all priors whose error exceeds that of
-    ///   the best one by no more than one standard error of the difference, the one nearest to the rule is taken
-    ///   (paired; after L. Breiman et al., *Classification and Regression Trees*, 1984, section 3.4.3).
-    /// - *Level*: so that what is left unexplained of what was held out is as large as predicted, the
-    ///   uncertainty of the field taken in.
+    /// 1. *Rule.* The `n` readings that a typical point takes part in count as four, since the error of the model persists
+    ///    over a push: the expected signal of a typical reading is `sqrt(4 / n)` of its noise.
+    /// 2. *Candidates.* Every shape, at the ratio by rule and at larger ones, up to 64 times, as long as the error falls; if
+    ///    none is better, at smaller ones, down to a sixteenth.
+    /// 3. *Folds.* The touches are dealt to at most ten folds. Where folds share few points, each touch is cut into
+    ///    quarters, one of which is held out at a time.
+    /// 4. *Predictor.* The constrained optimum; with more than 1500 touched points the online filter, and the first shape
+    ///    only, since that filter does not see a smooth part.
+    /// 5. *Choice.* Of the candidates whose error exceeds the least one by no more than one standard error (of paired
+    ///    differences), the one nearest to the rule (L. Breiman et al., *Classification and Regression Trees*, 1984,
+    ///    section 3.4.3).
+    /// 6. *Level.* Prior and noise are scaled together until held-out residuals are as large as predicted.
     #[default]
     HeldOut,
     /// By the marginal likelihood of all readings ([`vsf_filter::BatchMap::best_level`]), over all

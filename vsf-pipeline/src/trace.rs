@@ -9,8 +9,9 @@ use vsf_core::{
 use vsf_data::{Sequence, Table};
 use vsf_robots::JointTorques;
 
-/// The observations of one sequence, one per sample, with unit noise: contacts and columns are
-/// computed once and serve every estimator and every choice of prior and noise.
+/// The observations of one sequence, one per sample: contacts and columns are computed once and serve every estimator and
+/// every choice of prior and noise. [`Scene::trace`] gives them unit noise; [`estimate`](crate::estimate()) replaces
+/// whatever noise they have.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Trace {
     /// ID of the sequence.

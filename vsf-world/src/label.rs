@@ -39,7 +39,7 @@ pub struct Label {
     pub peak_tau: Vec<f64>,
     /// Commanded depth of each sequence \[m\].
     pub push_depth_m: Vec<f64>,
-    /// Phase, begin and end \[s\], per sequence.
+    /// Phase, start and end \[s\], per sequence.
     pub schedule: Vec<Vec<(Phase, f64, f64)>>,
     /// Standard deviation of the torque noise of a joint \[N m\].
     pub noise_nm: f64,
@@ -154,7 +154,7 @@ pub(crate) fn where_it_acts(diff: &[Rows], plan: &[Trajectory]) -> (Vec<Phase>, 
     )
 }
 
-/// Phases with begin and end.
+/// Phases with start and end.
 pub(crate) fn schedule(phases: &[Phase]) -> Vec<(Phase, f64, f64)> {
     let mut out: Vec<(Phase, f64, f64)> = Vec::new();
     for (k, p) in phases.iter().enumerate() {

@@ -46,11 +46,11 @@ pub fn run(args: &Args, console: &Console) -> anyhow::Result<()> {
     }
 }
 
-/// How an experiment has points touched.
+/// Contact in an experiment.
 #[derive(Debug, clap::Args)]
 struct ContactArgs {
-    /// Contact threshold delta [m]: points are touched from so far before the surface on; 0.8 of the points'
-    /// spacing by default, the paper has 0.002
+    /// Contact threshold delta [m]: distance from a link's surface within which a point is touched. Default: 0.8 of the
+    /// points' spacing; the paper has 0.002
     #[arg(long, value_parser = length)]
     threshold: Option<f64>,
 }

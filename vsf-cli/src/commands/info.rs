@@ -186,7 +186,7 @@ fn text(report: &Report) -> String {
     }
     if let Some(threshold) = report.threshold {
         let millimetres = number(1e3 * threshold);
-        text += &format!("  contact   from {millimetres} mm before the surface on\n");
+        text += &format!("  contact   threshold {millimetres} mm\n");
     }
     let yes = |b: bool| if b { "yes" } else { "no" };
     text += &format!(

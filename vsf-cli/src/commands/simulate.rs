@@ -73,7 +73,7 @@ pub fn run(args: &Args, console: &Console) -> anyhow::Result<()> {
     let out = args.out.display();
     let contact = match report.threshold {
         None => "in free air".to_owned(),
-        Some(threshold) => format!("points touched from {} mm on", number(1e3 * threshold)),
+        Some(threshold) => format!("contact threshold {} mm", number(1e3 * threshold)),
     };
     console.report(format!(
         "wrote {out}: {} sequences, {} samples, {contact}\n",

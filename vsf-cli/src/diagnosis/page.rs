@@ -151,7 +151,7 @@ fn before_and_after(outcome: &Outcome) -> anyhow::Result<String> {
         String::new()
     } else {
         format!(
-            " Shaded: points are touched, from {} mm before the surface on.",
+            " Shaded: in contact, with a threshold of {} mm.",
             number(1e3 * scene.contact().threshold)
         )
     };

@@ -363,8 +363,8 @@ pub fn headings(gap: &Gap) -> String {
         "; closed: share of the squared errors beyond noise"
     };
     format!(
-        "score: gain of log evidence; null: what of it says nothing yet; test score: gain of log density on the test \
-         sequences{closed}"
+        "score: gain of log evidence; null: score that is reached without any effect; test score: gain of log density on \
+         the test sequences{closed}"
     )
 }
 

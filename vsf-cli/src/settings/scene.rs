@@ -25,8 +25,9 @@ pub struct ContactSettings {
     /// Links that may touch; all with collision shapes by default
     #[arg(long, value_delimiter = ',')]
     links: Option<Vec<String>>,
-    /// Contact threshold delta [m]: points are touched from so far before the surface on; default 0.8
-    /// of the points' spacing where fields are learned or looked at (see --thresholds of `estimate`), 0.002 in diagnoses; fields, corrected models and simulated recordings bring theirs
+    /// Contact threshold delta [m]: distance from a link's surface within which a point is touched. Default: 0.8 of the
+    /// points' spacing (see --thresholds of `estimate`), 0.002 for `diagnose`; a field, corrected model or simulated
+    /// recording brings its own
     #[arg(long, value_parser = length)]
     threshold: Option<f64>,
     /// Friction coefficient nu_f, default 0.15

@@ -46,7 +46,7 @@ impl Effect for TorqueBias {
 
     fn untestable(&self, campaign: &Campaign) -> Option<String> {
         let tared = campaign.session().iter().all(|m| m.tare > 0);
-        let lost = "the readings are relative to their mean at the begin of every sequence";
+        let lost = "the readings are relative to their mean at the start of every sequence";
         (tared.then(|| lost.to_owned())).or_else(|| campaign.lacks(Need::FreeMotion))
     }
 

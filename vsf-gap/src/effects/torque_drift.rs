@@ -8,7 +8,7 @@ use crate::effect::{check, per_joint};
 /// An error of the torque sensors that grows: joint `j` reads `r_j T (1 - exp(-t / T))` more than its torque at clock
 /// `t` of the session, or `s_j T (1 - exp(-t / T))` at time `t` of the sequence, if zero is set before each.
 ///
-/// Parameters `r_<joint>` and `s_<joint>` (N m/s or N/s), the drift per time at the begin of the session and of each
+/// Parameters `r_<joint>` and `s_<joint>` (N m/s or N/s), the drift per time at the start of the session and of each
 /// sequence, of which either all `r` or all `s` act, and the shape `T` (s): a warm-up if it is shorter than the
 /// session, linear in the clock if it is longer. Tell-tale: it follows the clock and nothing else, so that a posture
 /// visited twice reads differently; a bias does not. Drifts wander: beside that curve, a random walk of up to about a third
@@ -50,7 +50,7 @@ impl Effect for TorqueDrift {
     }
 
     fn summary(&self) -> &str {
-        "torque sensors drift at the rates `r_<joint>` from the begin of the session on, or `s_<joint>` from that of each sequence on, which fade over the time `T`"
+        "torque sensors drift at the rates `r_<joint>` from the start of the session on, or `s_<joint>` from that of each sequence on, which fade over the time `T`"
     }
 
     fn acts(&self) -> Acts {

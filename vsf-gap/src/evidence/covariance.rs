@@ -63,9 +63,9 @@ pub(crate) struct Errors {
     pub(crate) joint_rms: Vec<f64>,
     /// What the model's effects stray by.
     pub(crate) walks: Vec<RandomWalk>,
-    /// When the sequence of every motion begins, by the session's clock (s): the same of parts of one sequence.
+    /// When the sequence of every motion starts, by the session's clock (s): the same of parts of one sequence.
     pub(crate) begins: Vec<f64>,
-    /// Whether its readings are relative to its begin.
+    /// Whether its readings are relative to its start.
     pub(crate) tared: Vec<bool>,
 }
 

@@ -2,11 +2,12 @@
 
 use crate::GapError;
 use faer::dyn_stack::{MemBuffer, MemStack};
-use faer::linalg::cholesky::llt;
+use faer::linalg::cholesky::llt::factor::{LltError, cholesky_in_place, cholesky_in_place_scratch};
 use faer::linalg::matmul::matmul;
 use faer::linalg::triangular_solve;
 use faer::{Accum, Mat, Par};
 use std::ops::Range;
+use vsf_core::CoreError;
 
 /// Rows of a band in [`add_outer`].
 const BAND: usize = 64;
@@ -20,17 +21,23 @@ impl Factor {
     /// # Errors
     /// A matrix that is not positive definite.
     pub(crate) fn new(mut a: Mat<f64>) -> Result<Self, GapError> {
-        let scratch =
-            llt::factor::cholesky_in_place_scratch::<f64>(a.nrows(), Par::Seq, Default::default());
+        let scratch = cholesky_in_place_scratch::<f64>(a.nrows(), Par::Seq, Default::default());
         let mut memory = MemBuffer::new(scratch);
-        llt::factor::cholesky_in_place(
+        let stack = MemStack::new(&mut memory);
+        let factored = cholesky_in_place(
             a.as_mut(),
             Default::default(),
             Par::Seq,
-            MemStack::new(&mut memory),
+            stack,
             Default::default(),
-        )
-        .map_err(|_| GapError::Numerical("the covariance of the readings"))?;
+        );
+        if let Err(LltError::NonPositivePivot { index: pivot }) = factored {
+            return Err(GapError::from(CoreError::NotPositiveDefinite {
+                what: "the covariance of the readings",
+                pivot,
+                value: a[(pivot, pivot)],
+            }));
+        }
         Ok(Self(a))
     }
 

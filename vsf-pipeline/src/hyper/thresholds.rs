@@ -1,4 +1,4 @@
-//! From where on points may be touched, where nobody says.
+//! Contact thresholds to choose from, where none is given.
 
 use super::held_out::LEAVE_ONE_OUT_POINTS;
 use crate::estimate::touched_points;
@@ -13,13 +13,13 @@ const LEAST: f64 = 1e-4;
 /// Fewer touches tell little of it.
 const FEWEST_TOUCHES: usize = 4;
 
-/// Thresholds (m) that are worth comparing with that of a scene by [`choose_contact`](crate::choose_contact): a quarter and a
-/// sixteenth of it. Points that fill an object are touched where its surface is; those that stand for thin parts with gaps between them,
-/// from further away.
+/// Contact thresholds (m) to compare with that of a scene by [`choose_contact`](crate::choose_contact): a quarter and a
+/// sixteenth of it. A solid cloud bears force from its surface on; points that stand for thin parts with gaps between them
+/// need the larger threshold of the scene.
 ///
-/// `traces` are the train sequences in the scene. None of fewer than four touches, which tell little, and of more than 1500
-/// touched points, which take long; none below 0.1 mm, within the error of a mesh's distance grid (99 %), or in which surfaces that are drawn in
-/// ([`ContactConfig::padding`](vsf_contact::ContactConfig::padding)) touch nothing.
+/// `traces` are the train sequences in the scene. Empty for fewer than four touches, which tell too little, and for more
+/// than 1500 touched points, which take too long. Thresholds below 0.1 mm, below the error of a mesh's distance grid (its
+/// 99 % quantile), or at which a negative [`padding`](vsf_contact::ContactConfig::padding) leaves nothing to touch are left out.
 ///
 /// # Errors
 /// Traces that [`Trace::check`] refuses for this scene.

@@ -579,10 +579,10 @@ pub enum PipelineWarning {
         /// Longest edge of its box (m).
         size: f64,
     },
-    /// Points that are touched from farther away than a quarter of the object, and than four of their spacings.
+    /// A contact threshold of more than a quarter of the object, and than four spacings of its points.
     #[error(
-        "threshold and padding have points touched from {} m before the robot's surface on, and the object is \
-         {size:.3} m across: much of it is touched at once, which takes long and tells little; lengths are in metres",
+        "contact threshold and padding reach {} m beyond the robot's surface, and the object is {size:.3} m across: much of \
+         it is touched at once, which takes long and tells little; lengths are in metres",
         (level * 1e6).round() / 1e6
     )]
     TouchesFromAfar {

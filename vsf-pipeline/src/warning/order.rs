@@ -16,7 +16,7 @@ pub fn with_signs(signs: &[f64]) -> Columns {
 /// How columns may have come into another order.
 pub enum Order {
     Reversed,
-    /// So many columns of the end stand at the begin.
+    /// So many columns of the end stand at the start.
     Turned(usize),
     Exchanged(usize, usize),
 }

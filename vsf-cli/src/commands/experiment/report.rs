@@ -11,8 +11,8 @@ pub fn tables(entries: &[Entry], update_times: &[UpdateTimes]) -> String {
 ## Recordings
 
 Overlap is told from contacts: the share of a sequence's contacts on points that another one touches, the
-least of all pairs, and on points that any other touches, the median. Points are touched from the threshold
-before the surface on.
+least of all pairs, and on points that any other touches, the median. The threshold is that
+of contact.
 
 | recording | overlap | least pair | with all others | train | test | threshold [mm] |
 | --- | --- | --- | --- | --- | --- | --- |
