@@ -6,6 +6,7 @@ mod common;
 use common::{Bench, METADATA, ROWS, npy, vsf};
 use std::fs;
 use std::path::Path;
+use std::process::Command;
 
 fn has_keys(json: &str, keys: &[&str]) {
     for key in keys {
@@ -998,5 +999,27 @@ fn fields_that_know_what_they_predict() {
     ] {
         let warning = bench.warned(line);
         assert!(!warning.contains("has learned from"), "{line}: {warning}");
+    }
+}
+
+#[test]
+fn help_fits_the_terminal() {
+    let commands = "import info points estimate learn predict evaluate regions diagnose simulate export view bench";
+    let experiments =
+        "experiment,experiment paper,experiment table1,experiment priors,experiment blind";
+    let all = commands.split(' ').chain(experiments.split(','));
+    for command in all.chain([""]) {
+        let words = ["help"].into_iter().chain(command.split_whitespace());
+        for width in [72, 100] {
+            let output = Command::new(env!("CARGO_BIN_EXE_vsf"))
+                .args(words.clone())
+                .env("COLUMNS", width.to_string())
+                .output()
+                .unwrap();
+            let help = String::from_utf8(output.stdout).unwrap();
+            assert!(help.contains("Usage: vsf"), "{command}");
+            let wide = help.lines().find(|l| l.chars().count() > width);
+            assert_eq!(wide, None, "{command} at {width}");
+        }
     }
 }

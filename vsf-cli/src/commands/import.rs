@@ -20,12 +20,17 @@ const MOST_POINTS: f64 = 1e7;
 #[derive(Debug, clap::Args)]
 #[command(after_help = "\
 Examples:
-  vsf import bag/ --robot kinova_gen3 --torque-kind measured --out DATASET
-  vsf import touch_*.mcap --robot arm.urdf --torque-kind external --points object.ply --out DATASET
-  vsf import bag/ --robot kinova_gen3 --names joint_1,joint_2,joint_3,joint_4,joint_5,joint_6,joint_7 \
-    --torque-kind measured --out DATASET
-  vsf import exported.mcap --robot arm.urdf --out DATASET   what `vsf export` wrote; built-in robots are known
-  vsf import touch_*.csv --robot arm.urdf --torque-kind measured --out DATASET
+  vsf import bag/ --robot kinova_gen3 --torque-kind measured \\
+      --out DATASET
+  vsf import touch_*.mcap --robot arm.urdf --torque-kind external \\
+      --points object.ply --out DATASET
+  vsf import bag/ --robot kinova_gen3 --torque-kind measured \\
+      --names joint_1,joint_2,joint_3,joint_4,joint_5,joint_6,joint_7 \\
+      --out DATASET
+  vsf import exported.mcap --robot arm.urdf --out DATASET
+      what `vsf export` wrote; built-in robots are known
+  vsf import touch_*.csv --robot arm.urdf --torque-kind measured \\
+      --out DATASET
 
 Reads sensor_msgs/JointState of ROS 2 (CDR) or ROS 1: position, velocity if there is one, and effort as \
 torques. Joints are found by their names in the robot (or --names), whatever their order; others are ignored, \

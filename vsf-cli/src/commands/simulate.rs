@@ -10,7 +10,7 @@ use vsf::pipeline::{add_noise, motion_warnings, simulate};
 #[derive(Debug, clap::Args)]
 #[command(after_help = "\
 The new recording has the joint angles and times of DATASET, its points, camera and robot, and the \
-torques that the field gives, of the same torque kind. With a corrected model (--model) effects that follow the load take that of the field
+torques that the field gives, of the same torque kind. With a corrected model (--model) effects that follow the load take that of the field \
 alone.
 
 JSON keys: out, sequences, samples, threshold (of contact, m; null in free air), noise_sd, seed.")]
