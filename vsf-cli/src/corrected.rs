@@ -223,7 +223,7 @@ impl CorrectedModel {
             ..dataset
         };
         // What is written is not tared: that is done where it is read.
-        let campaign = Campaign::in_scene(&dataset, scene.clone().tared())?;
+        let campaign = Campaign::in_scene(&dataset, scene.clone().without_tare())?;
         let torques = campaign.simulated(&self.at(&campaign)?, stiffness)?;
         let ids: Vec<String> = campaign.session().iter().map(|m| m.id.clone()).collect();
         let of = |s: &&Sequence| {
