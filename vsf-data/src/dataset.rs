@@ -238,11 +238,12 @@ impl Dataset {
     /// Data that [`open`](Self::open) would refuse, [`DataError::Leftover`] for parts of another
     /// recording in the way, [`DataError::Link`] for a link in the place of a file, [`DataError::Io`] when the folder cannot be written.
     pub fn save(&self, dir: impl AsRef<Path>) -> Result<(), DataError> {
-        self.save_with(dir, &[])
+        self.save_with(dir, &[], &[])
     }
 
     /// [`save`](Self::save) with further files, such as those of the robot, by their paths in the
-    /// folder: they are written with it or not at all.
+    /// folder: they are written with it or not at all. So are `outdated` ones removed, such as what was computed from
+    /// sequences that are replaced, where they are there and not written.
     ///
     /// # Errors
     /// As [`save`](Self::save).
@@ -250,6 +251,7 @@ impl Dataset {
         &self,
         dir: impl AsRef<Path>,
         files: &[(PathBuf, Vec<u8>)],
+        outdated: &[PathBuf],
     ) -> Result<(), DataError> {
         let dir = dir.as_ref();
         self.check_in(dir)?;
@@ -271,6 +273,9 @@ impl Dataset {
         }
         for (name, bytes) in files {
             staged.file(&dir.join(name), bytes)?;
+        }
+        for name in outdated {
+            staged.remove(&dir.join(name))?;
         }
         metadata::stage(dir, self.metadata(), &self.extra, &mut staged)?;
         staged.commit()
