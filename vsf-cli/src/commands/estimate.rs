@@ -146,9 +146,7 @@ pub fn run(args: &Args, console: &Console) -> anyhow::Result<()> {
         None => own,
     };
     if let Some((view, _)) = &view {
-        view_warnings(own.rest(), view)
-            .iter()
-            .for_each(|w| console.warn(w));
+        console.warn_all(view_warnings(own.rest(), view));
     }
     let traces = match &model {
         None => traces(&own, &sequences, console)?,
@@ -179,16 +177,12 @@ pub fn run(args: &Args, console: &Console) -> anyhow::Result<()> {
         choice,
     } = compare((own, traces), &others, asked, contact, settings, console)?;
     let chosen = learn(&scene, view.as_ref(), &traces, settings, choice, console)?;
-    let health = health_warnings(&chosen.estimate.health);
-    let fit = match spec {
-        EstimatorSpec::Batch => {
-            fit_warnings(&chosen.estimate.belief, &chosen.hyper.noise_sd, &traces)
-        }
-        _ => Vec::new(),
-    };
-    let field = field_warnings(&chosen.estimate.belief, &traces);
-    let all = health.iter().chain(&fit).chain(&field);
-    all.for_each(|w| console.warn(w));
+    let belief = &chosen.estimate.belief;
+    console.warn_all(health_warnings(&chosen.estimate.health));
+    if spec == EstimatorSpec::Batch {
+        console.warn_all(fit_warnings(belief, &chosen.hyper.noise_sd, &traces));
+    }
+    console.warn_all(field_warnings(belief, &traces));
     let name = &recording.dataset.name;
     let estimate = &chosen.estimate;
     let field = estimate.to_field(&scene, &chosen.hyper, name, &traces)?;

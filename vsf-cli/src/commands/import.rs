@@ -144,7 +144,7 @@ pub fn run(args: &Args, console: &Console) -> anyhow::Result<()> {
     }
     if let Some(path) = &args.points {
         let (points, warnings) = read_points(path)?;
-        warnings.iter().for_each(|w| console.warn(w));
+        console.warn_all(warnings);
         log = log.with_points(points);
     }
     if let Some(Filled { points, corners }) = filled {
@@ -177,9 +177,7 @@ pub fn run(args: &Args, console: &Console) -> anyhow::Result<()> {
             "--names takes a name for each of {joints}; {count} given"
         )));
     }
-    exchanged(&names, &joints)
-        .iter()
-        .for_each(|w| console.warn(w));
+    console.warn_all(exchanged(&names, &joints));
     let (mut dataset, warnings) = (log.recording(&given, &names, args.gap)).map_err(refused)?;
     if args.planned && given.splits.is_none() {
         dataset.splits = Splits {
@@ -189,12 +187,10 @@ pub fn run(args: &Args, console: &Console) -> anyhow::Result<()> {
     }
     let as_planned =
         |w: &&DataWarning| args.planned && matches!(w, DataWarning::ZeroTorques { .. });
-    let others = warnings.iter().filter(|w| !as_planned(w));
-    others.for_each(|w| console.warn(w));
+    console.warn_all(warnings.iter().filter(|w| !as_planned(w)));
     let robot = robot_of(&dataset, &packages).map_err(|e| explain(&args.metadata, e))?;
     let sequences: Vec<&Sequence> = dataset.sequences.iter().collect();
-    let motion = motion_warnings(&robot, &sequences);
-    motion.iter().for_each(|w| console.warn(w));
+    console.warn_all(motion_warnings(&robot, &sequences));
     check_readable(&dataset, robot)?;
 
     let report = report(args, &log, joints, &dataset);

@@ -45,14 +45,11 @@ struct Report<'a> {
 pub fn run(args: &Args, console: &Console) -> anyhow::Result<()> {
     let (recording, field, scene, model) = args.of.open_for(&args.out, console)?;
     let sequences = recording.sequences(args.sequences.as_deref(), SplitPart::All)?;
-    let motion = motion_warnings(scene.robot(), &sequences);
-    motion.iter().for_each(|w| console.warn(w));
+    console.warn_all(motion_warnings(scene.robot(), &sequences));
     let spinner = console.spinner("simulating");
     let stiffness = &field.field.stiffness;
     let traces = scene.traces(&sequences, || {})?;
-    if let Some(warning) = untouched(&scene, &traces) {
-        console.warn(warning);
-    }
+    console.warn_all(untouched(&scene, &traces));
     let mut simulated = match model {
         None => simulate(&scene, stiffness, &sequences, &traces)?,
         Some(model) => model.simulate(&recording.dataset, &scene, stiffness, &sequences)?,

@@ -128,10 +128,7 @@ fn of_recording(args: &Args, console: &Console) -> anyhow::Result<String> {
     } else {
         None
     };
-    let warn = |robot| {
-        let warnings = motion_warnings(robot, &sequences);
-        warnings.iter().for_each(|w| console.warn(w));
-    };
+    let warn = |robot| console.warn_all(motion_warnings(robot, &sequences));
     let (cloud, motion) = match found {
         Some((scene, cloud)) => {
             warn(scene.robot());
