@@ -212,25 +212,36 @@ fn given_or_chosen() {
     let prior = "prior       N(0, 50.00²) N/m, as given";
     let noise = "N, as given";
     let chosen = "chosen on held-out readings";
-    for (flags, prior, noise, given) in [
-        ("", chosen, chosen, "\"given\": [],"),
+    let likelihood = "chosen by marginal likelihood";
+    for (flags, prior, noise, given, chosen_by) in [
+        ("", chosen, chosen, "\"given\": [],", "held-out"),
+        (
+            "--hyper likelihood",
+            likelihood,
+            likelihood,
+            "\"given\": [],",
+            "likelihood",
+        ),
         (
             "--prior-sd 50",
             prior,
             "N, its ratio to prior_sd chosen on",
             "\"prior_sd\"",
+            "held-out",
         ),
         (
             "--noise-sd 0.01",
             "N/m, its ratio to noise_sd chosen on",
             noise,
             "\"noise_sd\"",
+            "held-out",
         ),
         (
             "--prior-sd 50 --noise-sd 0.01",
             prior,
             noise,
             "\"noise_sd\"",
+            "given",
         ),
     ] {
         let text = bench.ok(&format!("estimate touch {flags} --json=a.json"));
@@ -241,6 +252,7 @@ fn given_or_chosen() {
         let (_, list) = json.split_once("\"given\": ").unwrap();
         let list = format!("\"given\": {}", &list[..=list.find(']').unwrap() + 1]);
         assert!(list.contains(given), "{list}");
+        assert!(json.contains(&format!("\"chosen_by\": \"{chosen_by}\"")));
     }
 }
 

@@ -5,7 +5,7 @@ use crate::field_file::{FieldFormat, claim, save};
 use crate::range::length;
 use crate::recording::{RecordingArgs, SplitPart, traces, untouched};
 use crate::settings::EstimatorSettings;
-use serde::Serialize;
+use serde::{Serialize, Serializer};
 use std::path::PathBuf;
 use vsf::contact::ContactConfig;
 use vsf::data::StiffnessField;
@@ -65,7 +65,8 @@ struct Report<'a> {
     level_sd: f64,
     noise_sd: &'a [f64],
     given: &'a [&'static str],
-    chosen_by: &'a str,
+    #[serde(serialize_with = "or_given")]
+    chosen_by: Option<HyperMethod>,
     candidates: &'a [Candidate],
     threshold: f64,
     thresholds: &'a [Threshold],
@@ -80,6 +81,14 @@ struct Report<'a> {
     vision_candidates: &'a [VisionCandidate],
     nis_ratio: Option<f64>,
     out: Vec<String>,
+}
+
+/// `given` where nothing was chosen.
+fn or_given<S: Serializer>(method: &Option<HyperMethod>, serializer: S) -> Result<S::Ok, S::Error> {
+    match method {
+        Some(method) => method.serialize(serializer),
+        None => serializer.serialize_str("given"),
+    }
 }
 
 /// A contact threshold that was compared.
@@ -97,8 +106,8 @@ pub struct Chosen {
     pub hyper: Hyper,
     /// Which of `prior_sd` and `noise_sd` were given.
     pub given: Vec<&'static str>,
-    /// How the others were chosen; `given` when there are none.
-    pub method: &'static str,
+    /// How the others were chosen, if there are any.
+    pub method: Option<HyperMethod>,
     pub candidates: Vec<Candidate>,
     /// Share of what the camera suggests, and those tried.
     pub vision_share: f64,
@@ -131,7 +140,7 @@ pub fn run(args: &Args, console: &Console) -> anyhow::Result<()> {
     let own = recording.scene_to_learn(model.as_ref(), console)?;
     let follows = model.as_ref().is_some_and(CorrectedModel::follows_contact);
     let own = match &args.thresholds {
-        Some(_) if settings.method().0 != HyperMethod::HeldOut => {
+        Some(_) if settings.method() != HyperMethod::HeldOut => {
             return Err(usage(
                 "--thresholds are compared on held-out touches; leave out --hyper, or give --threshold",
             ));
@@ -321,21 +330,21 @@ pub fn learn(
                 shape,
                 noise_sd,
             };
-            (hyper, "given", Vec::new())
+            (hyper, None, Vec::new())
         }
         (prior_sd, noise_sd) => {
-            let (by, name) = settings.method();
+            let method = settings.method();
             let choice = match choice {
                 Some(choice) => choice,
                 None => {
                     let spinner = console.spinner("choosing prior and noise");
-                    let choice = choose_hyper(scene.rest(), traces, &settings.shapes(), by)?;
+                    let choice = choose_hyper(scene.rest(), traces, &settings.shapes(), method)?;
                     spinner.finish_and_clear();
                     choice
                 }
             };
             let hyper = rescaled(choice.hyper, prior_sd, noise_sd);
-            (hyper, name, choice.candidates)
+            (hyper, Some(method), choice.candidates)
         }
     };
     let bar = console.bar(traces.len(), "estimate");
@@ -403,7 +412,7 @@ pub fn noise_text(scene: &Scene, noise_sd: &[f64]) -> String {
 }
 
 /// How prior or noise were found, in words.
-fn found(what: &str, given: &[&str], method: &str) -> String {
+fn found(what: &str, given: &[&str], method: Option<HyperMethod>) -> String {
     match given {
         given if given.contains(&what) => "as given".to_owned(),
         [] => how(method).to_owned(),
@@ -412,11 +421,11 @@ fn found(what: &str, given: &[&str], method: &str) -> String {
 }
 
 /// How prior and noise were chosen, in words.
-pub fn how(method: &str) -> &'static str {
+pub fn how(method: Option<HyperMethod>) -> &'static str {
     match method {
-        "held-out" => "chosen on held-out readings",
-        "likelihood" => "chosen by marginal likelihood",
-        _ => "as given",
+        None => "as given",
+        Some(HyperMethod::Likelihood) => "chosen by marginal likelihood",
+        Some(_) => "chosen on held-out readings",
     }
 }
 
