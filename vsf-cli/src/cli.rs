@@ -5,14 +5,17 @@ use crate::commands::{
 use clap::{Command as Line, CommandFactory, Parser, Subcommand};
 use std::path::PathBuf;
 
+/// Lines of a table are broken here, short enough for narrow terminals: where `clap` breaks one, its columns are lost.
 const EXIT_CODES: &str = "\
 Exit codes:
   0    done
-  1    a recording, field, robot or other input is missing or cannot be used; the message names file,
-       sequence and row
-  2    wrong usage: a flag, an entry of a configuration file, or a parameter out of range
+  1    a recording, field, robot or other input is missing or cannot
+       be used; the message names file, sequence and row
+  2    wrong usage: a flag, an entry of a configuration file, or a
+       parameter out of range
   3    the system refuses to read or write a file
-  130  interrupted (Ctrl-C, SIGTERM); files already written are whole, a second signal stops at once";
+  130  interrupted (Ctrl-C, SIGTERM); files already written are whole,
+       a second signal stops at once";
 
 /// Stiffness fields of soft objects from a robot arm's joint angles and torques.
 ///
@@ -20,6 +23,7 @@ Exit codes:
 /// touches that it has not seen, and writes the results to ./vsf-quickstart/.
 #[derive(Debug, Parser)]
 #[command(version, after_help = EXIT_CODES, args_conflicts_with_subcommands = false)]
+#[command(max_term_width = 100)]
 pub struct Cli {
     /// What to do; the quick start if nothing is given
     #[command(subcommand)]

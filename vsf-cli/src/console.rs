@@ -91,6 +91,11 @@ impl Console {
         }
     }
 
+    /// [`warn`](Self::warn) of each.
+    pub fn warn_all(&self, warnings: impl IntoIterator<Item = impl Display>) {
+        warnings.into_iter().for_each(|w| self.warn(w));
+    }
+
     /// A bar of `steps` steps on standard error, drawn on terminals only.
     pub fn bar(&self, steps: usize, what: impl Into<Cow<'static, str>>) -> ProgressBar {
         if self.quiet {

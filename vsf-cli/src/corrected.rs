@@ -45,9 +45,7 @@ impl Modelled {
                 .collect::<Result<_, _>>()?,
             None => traces(scene, sequences, console)?,
         };
-        if let Some(warning) = untouched(scene, &traces) {
-            console.warn(warning);
-        }
+        console.warn_all(untouched(scene, &traces));
         Ok(Self {
             traces,
             corrected,
@@ -155,8 +153,7 @@ impl CorrectedModel {
             ));
         }
         let traces: Vec<Trace> = found.iter().map(|c| c.trace.clone()).collect();
-        let readings = reading_warnings(scene, sequences, &traces);
-        readings.iter().for_each(|w| console.warn(w));
+        console.warn_all(reading_warnings(scene, sequences, &traces));
         Ok(found)
     }
 
@@ -223,7 +220,7 @@ impl CorrectedModel {
             ..dataset
         };
         // What is written is not tared: that is done where it is read.
-        let campaign = Campaign::in_scene(&dataset, scene.clone().tared())?;
+        let campaign = Campaign::in_scene(&dataset, scene.clone().without_tare())?;
         let torques = campaign.simulated(&self.at(&campaign)?, stiffness)?;
         let ids: Vec<String> = campaign.session().iter().map(|m| m.id.clone()).collect();
         let of = |s: &&Sequence| {

@@ -4,7 +4,6 @@ use crate::interrupt::writing;
 use crate::recording::{FieldArgs, Recording};
 use anyhow::Context;
 use std::collections::BTreeMap;
-use std::fs;
 use std::path::{Path, PathBuf};
 use vsf::data::{Dataset, RobotRef, Sequence, Splits};
 use vsf::pipeline::{Scene, check_torques};
@@ -102,15 +101,8 @@ pub fn save(
         }
         files.extend(bundle);
     }
-    writing(|| {
-        // Of a prediction that was there before: it is better without deviations than with those of other torques.
-        for path in dataset.sequences.iter().map(|s| deviations_of(&s.id)) {
-            let old = out.join(&path);
-            if files.iter().all(|(new, _)| *new != path) && old.exists() {
-                fs::remove_file(&old)
-                    .with_context(|| format!("cannot remove {}", old.display()))?;
-            }
-        }
-        Ok(dataset.save_with(out, &files)?)
-    })
+    // Of a prediction that was there before: they are those of other torques.
+    let deviations = dataset.sequences.iter().map(|s| deviations_of(&s.id));
+    let deviations: Vec<_> = deviations.collect();
+    Ok(writing(|| dataset.save_with(out, &files, &deviations))?)
 }

@@ -73,7 +73,7 @@ impl FieldFile {
         }
         console.outputs.keep(path)?;
         let (field, warnings) = StiffnessField::open(path)?;
-        warnings.iter().for_each(|w| console.warn(w));
+        console.warn_all(warnings);
         Self::new(path.to_owned(), field)
     }
 

@@ -14,6 +14,7 @@ mod exit;
 mod explain;
 mod field_file;
 mod file_kind;
+mod fit;
 mod html;
 mod interrupt;
 mod outputs;

@@ -124,8 +124,7 @@ impl Recording {
         let (dataset, warnings) = Dataset::open(path, &settings.metadata.overrides()?)
             .map_err(|e| blame(&settings.metadata, e))?;
         keep_robot(Some(&dataset.robot), console)?;
-        let told = warnings.iter().filter(|w| !beside(w));
-        told.for_each(|w| console.warn(w));
+        console.warn_all(warnings.iter().filter(|w| !beside(w)));
         Ok(Self {
             path: path.to_owned(),
             dataset,
@@ -324,7 +323,7 @@ impl Recording {
             other => explain(&self.settings.metadata, other),
         })?;
         spinner.finish_and_clear();
-        scene_warnings(&scene).iter().for_each(|w| console.warn(w));
+        console.warn_all(scene_warnings(&scene));
         for grid in scene.grids() {
             if let CacheUse::NotStored(why) = &grid.report.cache {
                 console.warn(format!("grid not cached: {why}"));
@@ -369,9 +368,7 @@ impl Recording {
             scene.with_suited_threshold()?
         };
         let traces = traces(&looked_at, &sequences, console)?;
-        untouched(&looked_at, &traces)
-            .iter()
-            .for_each(|w| console.warn(w));
+        console.warn_all(untouched(&looked_at, &traces));
         let campaign = Campaign::in_scene(&self.dataset, scene)?;
         Ok(if is_given {
             campaign
@@ -486,16 +483,14 @@ pub fn traces(
     let bar = console.bar(sequences.len(), "contact");
     let traces = scene.traces(sequences, || bar.inc(1))?;
     bar.finish_and_clear();
-    let readings = reading_warnings(scene, sequences, &traces);
-    readings.iter().for_each(|w| console.warn(w));
+    console.warn_all(reading_warnings(scene, sequences, &traces));
     Ok(traces)
 }
 
 /// Warns of what looks wrong with how the arm moves, and with where it begins to touch.
 pub fn warn_of_motions(scene: &Scene, sequences: &[&Sequence], console: &Console) {
-    let motion = motion_warnings(scene.robot(), sequences);
-    let touch = touch_warnings(scene, sequences);
-    motion.iter().chain(&touch).for_each(|w| console.warn(w));
+    console.warn_all(motion_warnings(scene.robot(), sequences));
+    console.warn_all(touch_warnings(scene, sequences));
 }
 
 /// That the robot touches nothing though there are points, in words.

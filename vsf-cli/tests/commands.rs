@@ -6,6 +6,7 @@ mod common;
 use common::{Bench, METADATA, ROWS, npy, vsf};
 use std::fs;
 use std::path::Path;
+use std::process::Command;
 
 fn has_keys(json: &str, keys: &[&str]) {
     for key in keys {
@@ -211,25 +212,36 @@ fn given_or_chosen() {
     let prior = "prior       N(0, 50.00²) N/m, as given";
     let noise = "N, as given";
     let chosen = "chosen on held-out readings";
-    for (flags, prior, noise, given) in [
-        ("", chosen, chosen, "\"given\": [],"),
+    let likelihood = "chosen by marginal likelihood";
+    for (flags, prior, noise, given, chosen_by) in [
+        ("", chosen, chosen, "\"given\": [],", "held-out"),
+        (
+            "--hyper likelihood",
+            likelihood,
+            likelihood,
+            "\"given\": [],",
+            "likelihood",
+        ),
         (
             "--prior-sd 50",
             prior,
             "N, its ratio to prior_sd chosen on",
             "\"prior_sd\"",
+            "held-out",
         ),
         (
             "--noise-sd 0.01",
             "N/m, its ratio to noise_sd chosen on",
             noise,
             "\"noise_sd\"",
+            "held-out",
         ),
         (
             "--prior-sd 50 --noise-sd 0.01",
             prior,
             noise,
             "\"noise_sd\"",
+            "given",
         ),
     ] {
         let text = bench.ok(&format!("estimate touch {flags} --json=a.json"));
@@ -240,6 +252,7 @@ fn given_or_chosen() {
         let (_, list) = json.split_once("\"given\": ").unwrap();
         let list = format!("\"given\": {}", &list[..=list.find(']').unwrap() + 1]);
         assert!(list.contains(given), "{list}");
+        assert!(json.contains(&format!("\"chosen_by\": \"{chosen_by}\"")));
     }
 }
 
@@ -998,5 +1011,27 @@ fn fields_that_know_what_they_predict() {
     ] {
         let warning = bench.warned(line);
         assert!(!warning.contains("has learned from"), "{line}: {warning}");
+    }
+}
+
+#[test]
+fn help_fits_the_terminal() {
+    let commands = "import info points estimate learn predict evaluate regions diagnose simulate export view bench";
+    let experiments =
+        "experiment,experiment paper,experiment table1,experiment priors,experiment blind";
+    let all = commands.split(' ').chain(experiments.split(','));
+    for command in all.chain([""]) {
+        let words = ["help"].into_iter().chain(command.split_whitespace());
+        for width in [72, 100] {
+            let output = Command::new(env!("CARGO_BIN_EXE_vsf"))
+                .args(words.clone())
+                .env("COLUMNS", width.to_string())
+                .output()
+                .unwrap();
+            let help = String::from_utf8(output.stdout).unwrap();
+            assert!(help.contains("Usage: vsf"), "{command}");
+            let wide = help.lines().find(|l| l.chars().count() > width);
+            assert_eq!(wide, None, "{command} at {width}");
+        }
     }
 }

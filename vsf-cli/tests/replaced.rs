@@ -99,6 +99,20 @@ fn predictions_leave_nothing_behind() {
     assert!(!deviations.exists());
 }
 
+#[cfg(unix)]
+#[test]
+fn predictions_that_stay_keep_their_deviations() {
+    let bench = Bench::new();
+    let at = |name: &str| bench.root.join(name);
+    bench.ok("predict data --field truth --sequences a,b,c --out out");
+    // No link is written to.
+    let link = at("out/seq_c/time.npy");
+    fs::rename(&link, at("time.npy")).unwrap();
+    std::os::unix::fs::symlink(at("time.npy"), &link).unwrap();
+    bench.fails(SIMULATE, 2, &["seq_c/time.npy", "link"]);
+    assert!(at("out/seq_a/torques_sd.npy").exists());
+}
+
 /// What an output replaces is of its own kind, as vsf writes it.
 #[test]
 fn files_of_another_kind_are_replaced_by_none() {

@@ -1,6 +1,5 @@
 use crate::lanes::{LANES, Row};
 use crate::link_pose::beyond;
-use crate::union::grown_box;
 use crate::{Sdf, SdfSample};
 use nalgebra::{Point3, Vector3};
 
@@ -103,13 +102,13 @@ impl Batch {
         }
     }
 
-    /// Shows a body the places that may be nearer to it than to what they have been shown to before.
-    pub(crate) fn show(&mut self, body: &impl Sdf) {
-        let (center, half) = grown_box(body);
+    /// Shows a body the places that may be nearer to it than to what they have been shown to before. They are no nearer
+    /// to it than to its box, of this centre and these half extents.
+    pub(crate) fn show(&mut self, body: &impl Sdf, (center, half): &(Point3<f64>, Vector3<f64>)) {
         let (mut near, mut count) = ([0; LANES], 0);
         for i in 0..self.len {
             near[count] = i;
-            count += usize::from(beyond(&self.place(i), &center, &half) < self.distances[i]);
+            count += usize::from(beyond(&self.place(i), center, half) < self.distances[i]);
         }
         if count == self.len {
             return body.unite(self);

@@ -1,10 +1,9 @@
 use crate::lattice::Lattice;
 use crate::{ContactError, GridError, GridOptions, GridReport, GridSdf, MeshOpenness};
 use nalgebra::Point3;
-use std::fs::{self, File, OpenOptions};
+use std::fs::{self, File};
 use std::io::{self, Read, Write};
-use std::path::{Path, PathBuf};
-use std::sync::atomic::{AtomicU64, Ordering};
+use std::path::Path;
 use vsf_core::TriMesh;
 
 /// Layout of a file: magic, version, key, checksum of the payload, payload; little endian.
@@ -220,22 +219,16 @@ fn store(
     grid: &GridSdf,
     report: &GridReport,
 ) -> io::Result<()> {
-    static COUNT: AtomicU64 = AtomicU64::new(0);
     fs::create_dir_all(folder)?;
-    let number = COUNT.fetch_add(1, Ordering::Relaxed);
-    let temporary: PathBuf = path.with_extension(format!("{}-{number}.tmp", std::process::id()));
-    let written = OpenOptions::new()
-        .write(true)
-        .create_new(true)
-        .open(&temporary)
-        .and_then(|mut file| {
-            file.write_all(&to_bytes(key, grid, report))?;
-            file.sync_all()
-        })
-        .and_then(|()| fs::rename(&temporary, path));
-    if written.is_err() {
-        // What is left of the attempt is of no use; that it cannot be removed is no news either.
-        let _ = fs::remove_file(&temporary);
-    }
-    written
+    let mut options = tempfile::Builder::new();
+    options.prefix(".vsf-").suffix(".part");
+    // Readable as any other file is, not only by its owner as temporary files are.
+    #[cfg(unix)]
+    options.permissions(std::os::unix::fs::PermissionsExt::from_mode(0o666));
+    let mut file = options.tempfile_in(folder)?;
+    // Not through the wrapper, which adds its own name to errors.
+    file.as_file_mut().write_all(&to_bytes(key, grid, report))?;
+    file.as_file().sync_all()?;
+    file.persist(path)?;
+    Ok(())
 }

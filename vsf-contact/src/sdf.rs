@@ -1,4 +1,4 @@
-use crate::Batch;
+use crate::{Batch, UnionSdf};
 use nalgebra::{Point3, Vector3};
 use std::sync::Arc;
 
@@ -39,14 +39,14 @@ pub trait Sdf: Send + Sync {
         }
     }
 
-    /// Shows many places to several bodies, as [`unite`](Sdf::unite) does for each of them in turn.
+    /// Shows many places to the parts of a union, as [`unite`](Sdf::unite) does for each of them in turn.
     /// The default leaves out places that are nearer to a body than another one's box is; bodies that
     /// can do better for all of them together say how.
-    fn unite_all(bodies: &[Self], batch: &mut Batch)
+    fn unite_all(union: &UnionSdf<Self>, batch: &mut Batch)
     where
         Self: Sized,
     {
-        bodies.iter().for_each(|body| batch.show(body));
+        union.show_parts(batch);
     }
 
     /// Lower and upper corner of an axis-aligned box in the body frame that holds the inside and

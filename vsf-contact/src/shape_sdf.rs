@@ -1,6 +1,6 @@
 use crate::forms::{Form, RoundedBox, RoundedCylinder, SweptBall};
 use crate::lanes::{Number, Triple, dispatch, vectors};
-use crate::{Batch, ContactError, Sdf, SdfSample};
+use crate::{Batch, ContactError, Sdf, SdfSample, UnionSdf};
 use nalgebra::{Isometry3, Matrix3, Point3, Vector2, Vector3};
 use pulp::{Scalar, Simd, WithSimd};
 use vsf_core::{CoreError, Shape};
@@ -117,10 +117,12 @@ impl Sdf for ShapeSdf {
     }
 
     fn unite(&self, batch: &mut Batch) {
-        Self::unite_all(std::slice::from_ref(self), batch);
+        let shapes = std::slice::from_ref(self);
+        dispatch(Unite { shapes, batch });
     }
 
-    fn unite_all(shapes: &[Self], batch: &mut Batch) {
+    fn unite_all(union: &UnionSdf<Self>, batch: &mut Batch) {
+        let shapes = union.parts();
         dispatch(Unite { shapes, batch });
     }
 

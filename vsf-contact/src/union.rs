@@ -21,7 +21,7 @@ pub struct UnionSdf<S> {
 
 /// Centre and half extents of the box of a body, grown by its slack and by what may be rounding: places are no
 /// nearer to the body than to that box.
-pub(crate) fn grown_box(body: &(impl Sdf + ?Sized)) -> (Point3<f64>, Vector3<f64>) {
+fn grown_box(body: &impl Sdf) -> (Point3<f64>, Vector3<f64>) {
     let (lower, upper) = body.bounds();
     let center = nalgebra::center(&lower, &upper);
     let rounding = 1e-12 * (upper.coords.amax() + lower.coords.amax());
@@ -41,6 +41,13 @@ impl<S: Sdf> UnionSdf<S> {
     /// The parts.
     pub fn parts(&self) -> &[S] {
         &self.parts
+    }
+
+    /// Shows a batch to every part whose box is near enough.
+    pub(crate) fn show_parts(&self, batch: &mut Batch) {
+        for (part, grown) in self.parts.iter().zip(&self.boxes) {
+            batch.show(part, grown);
+        }
     }
 
     /// The nearest part, the first of several, and its distance.
@@ -75,7 +82,7 @@ impl<S: Sdf> Sdf for UnionSdf<S> {
     }
 
     fn unite(&self, batch: &mut Batch) {
-        S::unite_all(&self.parts, batch);
+        S::unite_all(self, batch);
     }
 
     fn bounds(&self) -> (Point3<f64>, Point3<f64>) {

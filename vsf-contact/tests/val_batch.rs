@@ -140,7 +140,7 @@ proptest! {
         let mut together = batch.clone();
         BODIES.iter().for_each(|body| body.unite(&mut batch));
         // Those that are farther away than another one's box are left out.
-        Box::unite_all(&BODIES, &mut together);
+        UnionSdf::new(BODIES.iter().collect()).unite(&mut together);
         for (i, p) in places.iter().enumerate() {
             let samples = BODIES.iter().map(|body| body.sample(p));
             let nearest = samples.reduce(|a, b| if b.distance < a.distance { b } else { a });

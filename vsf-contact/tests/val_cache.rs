@@ -48,6 +48,20 @@ fn a_stored_grid_is_read_back_bit_by_bit() {
     assert_eq!(files(&below).len(), 1, "no temporary file is left");
 }
 
+/// A cache may be shared by users.
+#[cfg(unix)]
+#[test]
+fn a_stored_grid_is_as_readable_as_any_file() {
+    use std::os::unix::fs::PermissionsExt;
+    let folder = tempfile::tempdir().unwrap();
+    bake(folder.path());
+    let stored = files(folder.path()).remove(0);
+    let plain = folder.path().join("plain");
+    fs::write(&plain, "").unwrap();
+    let mode = |path: &Path| fs::metadata(path).unwrap().permissions().mode();
+    assert_eq!(mode(&stored), mode(&plain));
+}
+
 #[test]
 fn other_meshes_and_options_have_other_files() {
     let folder = tempfile::tempdir().unwrap();

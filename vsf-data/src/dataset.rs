@@ -3,7 +3,7 @@ use crate::metadata::{self, Attachment, JointType, Overrides, RobotRef, Splits, 
 use crate::sequence::{self, Sequence};
 use crate::staged::Staged;
 use crate::{CameraView, ContactParameters, DataError, DataWarning, StiffnessField};
-use crate::{field, files, natural, npy, signal};
+use crate::{field, files, natural, npy};
 use nalgebra::{Isometry3, Point3, Vector3};
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
@@ -34,7 +34,7 @@ pub struct Dataset {
     /// Smallest and largest corner of the object's box \[m\], world frame.
     pub object_bbox: Option<[Point3<f64>; 2]>,
     /// Number of contact-free samples at the start of every sequence, which tare the torque
-    /// sensor; see [`tare`](Self::tare).
+    /// sensor: where external torques are used, their mean over these is taken off. The recording keeps its readings.
     pub tare_samples: usize,
     /// Which sequences train and which test.
     pub splits: Splits,
@@ -238,11 +238,12 @@ impl Dataset {
     /// Data that [`open`](Self::open) would refuse, [`DataError::Leftover`] for parts of another
     /// recording in the way, [`DataError::Link`] for a link in the place of a file, [`DataError::Io`] when the folder cannot be written.
     pub fn save(&self, dir: impl AsRef<Path>) -> Result<(), DataError> {
-        self.save_with(dir, &[])
+        self.save_with(dir, &[], &[])
     }
 
     /// [`save`](Self::save) with further files, such as those of the robot, by their paths in the
-    /// folder: they are written with it or not at all.
+    /// folder: they are written with it or not at all. So are `outdated` ones removed, such as what was computed from
+    /// sequences that are replaced, where they are there and not written.
     ///
     /// # Errors
     /// As [`save`](Self::save).
@@ -250,6 +251,7 @@ impl Dataset {
         &self,
         dir: impl AsRef<Path>,
         files: &[(PathBuf, Vec<u8>)],
+        outdated: &[PathBuf],
     ) -> Result<(), DataError> {
         let dir = dir.as_ref();
         self.check_in(dir)?;
@@ -271,6 +273,9 @@ impl Dataset {
         }
         for (name, bytes) in files {
             staged.file(&dir.join(name), bytes)?;
+        }
+        for name in outdated {
+            staged.remove(&dir.join(name))?;
         }
         metadata::stage(dir, self.metadata(), &self.extra, &mut staged)?;
         staged.commit()
@@ -307,30 +312,6 @@ impl Dataset {
     /// Number of joints `d`; 0 without sequences.
     pub fn width(&self) -> usize {
         self.sequences.first().map_or(0, Sequence::width)
-    }
-
-    /// Subtracts from every torque column of every sequence its mean over the first
-    /// [`tare_samples`](Self::tare_samples), and sets that number to 0, so that nothing is ever
-    /// tared twice. Without tare samples nothing changes.
-    ///
-    /// For [`TorqueKind::Measured`] the mean holds gravity as well as the sensor's offset.
-    ///
-    /// # Errors
-    /// [`DataError::Argument`] if a sequence is shorter; then no sequence is changed.
-    pub fn tare(&mut self) -> Result<(), DataError> {
-        if self.tare_samples == 0 {
-            return Ok(());
-        }
-        let tared = self
-            .sequences
-            .iter()
-            .map(|s| signal::tare(&s.torques, self.tare_samples))
-            .collect::<Result<Vec<_>, _>>()?;
-        for (sequence, torques) in self.sequences.iter_mut().zip(tared) {
-            sequence.torques = torques;
-        }
-        self.tare_samples = 0;
-        Ok(())
     }
 
     /// The metadata as the file holds it: defaults of the maps left out.

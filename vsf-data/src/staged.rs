@@ -69,6 +69,8 @@ pub(crate) struct Staged {
     /// What all files lie in, if they do not lie anywhere.
     folder: Option<Folder>,
     files: Vec<(TempPath, PathBuf)>,
+    /// Files that go, unless they are written.
+    removed: Vec<PathBuf>,
     /// Digests of files in the folder.
     written: edits::Files,
 }
@@ -119,10 +121,7 @@ impl Staged {
     /// Writes the new content of a file.
     pub fn file(&mut self, path: &Path, bytes: &[u8]) -> Result<(), DataError> {
         let failed = |e| DataError::io("write", path, e);
-        let place = match &self.folder {
-            Some(folder) => folder.place_of(path)?,
-            None => path.canonicalize().unwrap_or_else(|_| path.to_owned()),
-        };
+        let place = self.place_of(path)?;
         if let Some(Ok(inside)) = self.folder.as_ref().map(|f| path.strip_prefix(&f.given)) {
             self.written.insert(inside.to_owned(), blake3::hash(bytes));
         }
@@ -166,6 +165,19 @@ impl Staged {
         Ok(())
     }
 
+    /// Removes a file, if there is one, where nothing is written in its place.
+    pub fn remove(&mut self, path: &Path) -> Result<(), DataError> {
+        self.removed.push(self.place_of(path)?);
+        Ok(())
+    }
+
+    fn place_of(&self, path: &Path) -> Result<PathBuf, DataError> {
+        match &self.folder {
+            Some(folder) => folder.place_of(path),
+            None => Ok(path.canonicalize().unwrap_or_else(|_| path.to_owned())),
+        }
+    }
+
     /// Digests of the files of the folder that were written so far.
     pub fn written(&self) -> &edits::Files {
         &self.written
@@ -188,7 +200,7 @@ impl Staged {
         matches!(state, Some(State::New(_)))
     }
 
-    /// Puts all files in their places, in the order in which they were written; refused where another program has
+    /// Puts all files in their places, in the order in which they were written, and removes what is to go; refused where another program has
     /// changed the folder meanwhile.
     pub fn commit(self) -> Result<(), DataError> {
         let mut created = Created::default();
@@ -229,6 +241,10 @@ impl Staged {
                 aside = Aside::put(last)?;
             }
         }
+        let is_written = |place: &PathBuf| self.files.iter().any(|(_, p)| p == place);
+        let removed = self.removed.iter().filter(|place| !is_written(place));
+        let removed = removed.map(|place| Aside::put(place));
+        let removed = removed.collect::<Result<Vec<_>, _>>()?;
         let mut above = BTreeSet::new();
         for (file, place) in self.files {
             above.extend(file.parent().map(ToOwned::to_owned));
@@ -236,9 +252,8 @@ impl Staged {
                 .map_err(|e| DataError::io("write", place, e.error))?;
         }
         created.0.clear();
-        if let Some(aside) = aside {
-            aside.remove();
-        }
+        aside.into_iter().for_each(Aside::remove);
+        removed.into_iter().flatten().for_each(Aside::remove);
         above.iter().for_each(|folder| remove_stale(folder));
         Ok(())
     }
@@ -288,7 +303,7 @@ fn existing(path: &Path) -> &Path {
     }
 }
 
-/// A file that is to be replaced, under another name until then; it comes back where it is dropped.
+/// A file that is to be replaced or removed, under another name until then; it comes back where it is dropped.
 struct Aside {
     file: Option<TempPath>,
     place: PathBuf,
@@ -421,6 +436,40 @@ mod tests {
         staged.commit().unwrap_err();
         assert_eq!(fs::read(home.path().join("last")).unwrap(), b"old");
         assert_eq!(fs::read_dir(home.path()).unwrap().count(), 2);
+    }
+
+    #[test]
+    fn files_are_removed_with_the_others_or_not_at_all() {
+        let home = tempfile::tempdir().unwrap();
+        let at = |name: &str| home.path().join(name);
+        for name in ["a", "gone", "last"] {
+            fs::write(at(name), b"old").unwrap();
+        }
+        let stage = || {
+            let mut staged = Staged::below(home.path()).unwrap();
+            for name in ["gone", "never_there", "last"] {
+                staged.remove(&at(name)).unwrap();
+            }
+            for name in ["a", "last"] {
+                staged.file(&at(name), b"new").unwrap();
+            }
+            staged
+        };
+        drop(stage());
+        assert_eq!(fs::read(at("gone")).unwrap(), b"old");
+        let staged = stage();
+        fs::remove_file(at("a")).unwrap();
+        fs::create_dir(at("a")).unwrap();
+        staged.commit().unwrap_err();
+        assert_eq!(fs::read(at("gone")).unwrap(), b"old");
+        fs::remove_dir(at("a")).unwrap();
+        fs::write(at("a"), b"old").unwrap();
+        stage().commit().unwrap();
+        assert!(!at("gone").exists());
+        assert_eq!(fs::read(at("last")).unwrap(), b"new");
+        assert_eq!(fs::read_dir(home.path()).unwrap().count(), 2);
+        let mut outside = Staged::below(home.path()).unwrap();
+        outside.remove(&at("../gone")).unwrap_err();
     }
 
     #[test]

@@ -422,19 +422,6 @@ fn a_robot_file_is_found_from_the_new_folder() {
 }
 
 #[test]
-fn taring_happens_once() {
-    let folder = Folder::new();
-    folder.with(r#""tare_samples": 2"#);
-    let (mut dataset, _) = folder.open().unwrap();
-    dataset.tare().unwrap();
-    let expected = [-0.125, -0.125, 0.125, 0.125, 0.375, 0.375, 0.625, 0.625];
-    assert_eq!(dataset.sequences[0].torques.data(), expected);
-    assert_eq!(dataset.tare_samples, 0);
-    dataset.tare().unwrap();
-    assert_eq!(dataset.sequences[1].torques.data(), expected);
-}
-
-#[test]
 fn a_field_folder_is_not_mixed_with_another() {
     let folder = tempfile::tempdir().unwrap();
     let mut field = StiffnessField {

@@ -62,7 +62,7 @@ impl Campaign {
     /// The readings, of the recording's kind, that a model gives with a stiffness per rest point
     /// (N/m): one table per sequence, in session order. Effects that follow the load take it from
     /// the readings that the recording has. In a scene with a tare, torques are relative to their mean over its samples, so
-    /// that a constant one leaves no trace; for readings as a sensor gives them take [`vsf_pipeline::Scene::tared`].
+    /// that a constant one leaves no trace; for readings as a sensor gives them take [`vsf_pipeline::Scene::without_tare`].
     ///
     /// # Errors
     /// As [`Campaign::corrected`]; a stiffness of another length than the rest points or that is not finite.

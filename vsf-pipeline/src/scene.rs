@@ -285,7 +285,7 @@ impl Scene {
 
     /// Checks that this is the scene of a recording: the robot has its joints and stands where it stood, and torques and
     /// gravity mean the same. Points may be others, such as those of a field, and a scene may go without the tare
-    /// ([`Scene::tared`]).
+    /// ([`Scene::without_tare`]).
     ///
     /// # Errors
     /// [`PipelineError::OtherScene`], joints that contradict the robot.
@@ -324,9 +324,9 @@ impl Scene {
         })
     }
 
-    /// The same scene, whose readings need no tare.
+    /// The same scene, whose readings are not tared: they have been, or are wanted as a sensor gives them.
     #[must_use]
-    pub fn tared(self) -> Self {
+    pub fn without_tare(self) -> Self {
         Self {
             tare_samples: 0,
             ..self

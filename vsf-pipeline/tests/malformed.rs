@@ -296,7 +296,7 @@ fn scenes_of_other_recordings() {
     let data = dataset(TorqueKind::Measured);
     let scene = open(&data).unwrap();
     scene.check_recording(&data).unwrap();
-    scene.clone().tared().check_recording(&data).unwrap();
+    scene.clone().without_tare().check_recording(&data).unwrap();
     let other = |what: &str, data: Dataset| {
         let error = scene.check_recording(&data).unwrap_err();
         assert!(error.to_string().contains(what), "{error}");

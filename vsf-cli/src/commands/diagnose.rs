@@ -12,33 +12,34 @@ use vsf::gap::{DiagnosisStep, Effect, ModelFile, VerdictKind, diagnose, effects}
 #[derive(Debug, clap::Args)]
 #[command(after_help = "\
 Example:
-  vsf diagnose DATASET --effects payload,latency --html report.html --model corrected.json
+  vsf diagnose DATASET --effects payload,latency --html report.html \\
+      --model corrected.json
 
 Six sequences with 700 samples each take some ten seconds of two cores; recordings in which thousands of points are touched at a \
 time take minutes.
 
-In the report, `score` is the gain of log evidence over the model without effects, `null` what of it says nothing \
-yet, as it is gained where nothing acts (probabilities follow what is beyond), `test score` the gain of log density on
-the test sequences, `absorbed by K` how much of the effect the stiffness takes. Parameters of joints are numbered
+In the report, `score` is the gain of log evidence over the model without effects, `null` the score that is \
+reached where nothing acts (probabilities follow what is beyond), `test score` the gain of log density on \
+the test sequences, `absorbed by K` how much of the effect the stiffness takes. Parameters of joints are numbered \
 by their columns, from 1.
 
-Recordings without points are those of an arm in free air; effects that a recording cannot show are listed
-as untestable. Probabilities are those of the catalogue's effects, of pairs of them (in free air of up to four), and of
-no gap. With contact, errors before and after are those of the fields that `vsf estimate --threshold` gives without the corrected
-model and with it, at a contact threshold of 0.8 of the points' spacing (for models of contact at that of the search, where it predicts
-better; see threshold), where there are test sequences that no model has learned from; those of single effects (in JSON, and
-in the report where there are no such fields) are of fields that the diagnosis fits to windows of the train sequences,
-in the same way for every model. `stiffness_field`, among what an effect is not
+Recordings without points are those of an arm in free air; effects that a recording cannot show are listed \
+as untestable. Probabilities are those of the catalogue's effects, of pairs of them (in free air of up to four), and of \
+no gap. With contact, errors before and after are those of the fields that `vsf estimate --threshold` gives without the corrected \
+model and with it, at a contact threshold of 0.8 of the points' spacing (for models of contact at that of the search, where it predicts \
+better; see threshold), where there are test sequences that no model has learned from; those of single effects (in JSON, and \
+in the report where there are no such fields) are of fields that the diagnosis fits to windows of the train sequences, \
+in the same way for every model. `stiffness_field`, among what an effect is not \
 told from, is an object whose stiffness differs from place to place.
 
-JSON keys: schema, dataset, gap (test_error_nominal, test_error_corrected, noise_floor, closed_fraction: share of
-the squared errors beyond noise, closed_interval, unit, corrected_by, estimated: whether the errors are of fields of `vsf estimate`,
-threshold, threshold_nominal: contact thresholds (m) of the corrected and of the nominal model's field), where (joint, phase, link, sequence and frequency, each a list of its own key, share,
-interval and excess; region: center, radius, share), effects (effect, summary, probability, score, null_score, parameters (name,
-value, std, unit), undetermined, at_bound, joints, test_error, closed_fraction, test_score, absorbed_share, ambiguous_with, shows_from
-(name, value: the size of the parameter below which the effect would not show, null where no plausible one
-does, unit; the parameter that shows best first), testable, reason), verdict (effects, kind: effects, no_gap, unknown or not_diagnosable, probability, effect_set_95,
-hidden: the probability that an effect acts which the stiffness takes up, shared by the effects where there is no gap),
+JSON keys: schema, dataset, gap (test_error_nominal, test_error_corrected, noise_floor, closed_fraction: share of \
+the squared errors beyond noise, closed_interval, unit, corrected_by, estimated: whether the errors are of fields of `vsf estimate`, \
+threshold, threshold_nominal: contact thresholds (m) of the corrected and of the nominal model's field), where (joint, phase, link, sequence and frequency, each a list of its own key, share, \
+interval and excess; region: center, radius, share), effects (effect, summary, probability, score, null_score, parameters (name, \
+value, std, unit), undetermined, at_bound, joints, test_error, closed_fraction, test_score, absorbed_share, ambiguous_with, shows_from \
+(name, value: the size of the parameter below which the effect would not show, null where no plausible one \
+does, unit; the parameter that shows best first), testable, reason), verdict (effects, kind: effects, no_gap, unknown or not_diagnosable, probability, effect_set_95, \
+hidden: the probability that an effect acts which the stiffness takes up, shared by the effects where there is no gap), \
 next_experiment (action, why), notes.")]
 pub struct Args {
     /// Names of the effects that may act; the whole catalogue by default

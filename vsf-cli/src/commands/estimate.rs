@@ -1,21 +1,21 @@
-use crate::console::{Console, number, texts};
+pub mod text;
+
+use crate::console::{Console, texts};
 use crate::corrected::{CorrectedModel, ModelArgs};
 use crate::exit::usage;
 use crate::field_file::{FieldFormat, claim, save};
+use crate::fit::{Compared, Threshold, at_threshold, compare, fit};
 use crate::range::length;
-use crate::recording::{RecordingArgs, SplitPart, traces, untouched};
+use crate::recording::{RecordingArgs, SplitPart, traces};
 use crate::settings::EstimatorSettings;
-use serde::Serialize;
+use serde::{Serialize, Serializer};
 use std::path::PathBuf;
-use vsf::contact::ContactConfig;
+use text::text;
 use vsf::data::StiffnessField;
 use vsf::pipeline::{
-    Candidate, Estimate, EstimatorSpec, Hyper, HyperChoice, HyperMethod, PipelineError, Scene,
-    Trace, VisionCandidate, VisionEstimate, VisionSpec, choose_contact, choose_hyper,
-    closer_thresholds, estimate, estimate_with_vision, field_warnings, fit_warnings,
-    health_warnings, view_warnings,
+    Candidate, Estimate, EstimatorSpec, HyperMethod, PipelineError, Scene, Trace, VisionCandidate,
+    closer_thresholds, field_warnings, fit_warnings, health_warnings, view_warnings,
 };
-use vsf::vision::RgbdView;
 
 #[derive(Debug, clap::Args)]
 #[command(after_help = "\
@@ -51,10 +51,6 @@ pub struct Args {
     estimator: EstimatorSettings,
 }
 
-/// Names of what may be given or is chosen.
-const PRIOR_SD: &str = "prior_sd";
-const NOISE_SD: &str = "noise_sd";
-
 #[derive(Serialize)]
 struct Report<'a> {
     estimator: String,
@@ -65,7 +61,8 @@ struct Report<'a> {
     level_sd: f64,
     noise_sd: &'a [f64],
     given: &'a [&'static str],
-    chosen_by: &'a str,
+    #[serde(serialize_with = "or_given")]
+    chosen_by: Option<HyperMethod>,
     candidates: &'a [Candidate],
     threshold: f64,
     thresholds: &'a [Threshold],
@@ -82,27 +79,12 @@ struct Report<'a> {
     out: Vec<String>,
 }
 
-/// A contact threshold that was compared.
-#[derive(Serialize)]
-struct Threshold {
-    /// m.
-    threshold: f64,
-    /// Mean error norm on held-out touches.
-    error: f64,
-}
-
-/// An estimate and where its prior and noise come from.
-pub struct Chosen {
-    pub estimate: Estimate,
-    pub hyper: Hyper,
-    /// Which of `prior_sd` and `noise_sd` were given.
-    pub given: Vec<&'static str>,
-    /// How the others were chosen; `given` when there are none.
-    pub method: &'static str,
-    pub candidates: Vec<Candidate>,
-    /// Share of what the camera suggests, and those tried.
-    pub vision_share: f64,
-    pub vision_candidates: Vec<VisionCandidate>,
+/// `given` where nothing was chosen.
+fn or_given<S: Serializer>(method: &Option<HyperMethod>, serializer: S) -> Result<S::Ok, S::Error> {
+    match method {
+        Some(method) => method.serialize(serializer),
+        None => serializer.serialize_str("given"),
+    }
 }
 
 pub fn run(args: &Args, console: &Console) -> anyhow::Result<()> {
@@ -131,7 +113,7 @@ pub fn run(args: &Args, console: &Console) -> anyhow::Result<()> {
     let own = recording.scene_to_learn(model.as_ref(), console)?;
     let follows = model.as_ref().is_some_and(CorrectedModel::follows_contact);
     let own = match &args.thresholds {
-        Some(_) if settings.method().0 != HyperMethod::HeldOut => {
+        Some(_) if settings.method() != HyperMethod::HeldOut => {
             return Err(usage(
                 "--thresholds are compared on held-out touches; leave out --hyper, or give --threshold",
             ));
@@ -146,9 +128,7 @@ pub fn run(args: &Args, console: &Console) -> anyhow::Result<()> {
         None => own,
     };
     if let Some((view, _)) = &view {
-        view_warnings(own.rest(), view)
-            .iter()
-            .for_each(|w| console.warn(w));
+        console.warn_all(view_warnings(own.rest(), view));
     }
     let traces = match &model {
         None => traces(&own, &sequences, console)?,
@@ -178,17 +158,13 @@ pub fn run(args: &Args, console: &Console) -> anyhow::Result<()> {
         thresholds,
         choice,
     } = compare((own, traces), &others, asked, contact, settings, console)?;
-    let chosen = learn(&scene, view.as_ref(), &traces, settings, choice, console)?;
-    let health = health_warnings(&chosen.estimate.health);
-    let fit = match spec {
-        EstimatorSpec::Batch => {
-            fit_warnings(&chosen.estimate.belief, &chosen.hyper.noise_sd, &traces)
-        }
-        _ => Vec::new(),
-    };
-    let field = field_warnings(&chosen.estimate.belief, &traces);
-    let all = health.iter().chain(&fit).chain(&field);
-    all.for_each(|w| console.warn(w));
+    let chosen = fit(&scene, view.as_ref(), &traces, settings, choice, console)?;
+    let belief = &chosen.estimate.belief;
+    console.warn_all(health_warnings(&chosen.estimate.health));
+    if spec == EstimatorSpec::Batch {
+        console.warn_all(fit_warnings(belief, &chosen.hyper.noise_sd, &traces));
+    }
+    console.warn_all(field_warnings(belief, &traces));
     let name = &recording.dataset.name;
     let estimate = &chosen.estimate;
     let field = estimate.to_field(&scene, &chosen.hyper, name, &traces)?;
@@ -229,279 +205,8 @@ pub fn run(args: &Args, console: &Console) -> anyhow::Result<()> {
     console.report(text(&report, &scene, spec.keeps_correlations()))
 }
 
-/// A scene with its traces, and the thresholds and the prior that it was chosen by, if it was.
-struct Compared {
-    scene: Scene,
-    traces: Vec<Trace>,
-    thresholds: Vec<Threshold>,
-    choice: Option<HyperChoice>,
-}
-
-fn at_threshold(scene: &Scene, threshold: f64) -> Result<Scene, PipelineError> {
-    scene.with_contact(ContactConfig {
-        threshold,
-        ..*scene.contact()
-    })
-}
-
-/// Chooses between a scene with its traces and the same with `others` for its contact threshold (m), by the prediction of held-out touches;
-/// `contact` runs the sequences there. Where nobody `asked`, thresholds at which nothing is touched are left out, and one alone is
-/// not told of.
-fn compare(
-    own: (Scene, Vec<Trace>),
-    others: &[f64],
-    asked: bool,
-    contact: impl Fn(&Scene) -> anyhow::Result<Vec<Trace>>,
-    settings: &EstimatorSettings,
-    console: &Console,
-) -> anyhow::Result<Compared> {
-    let mut all = vec![own];
-    for &threshold in others {
-        let scene = at_threshold(&all[0].0, threshold)?;
-        let traces = contact(&scene)?;
-        match untouched(&scene, &traces) {
-            None => all.push((scene, traces)),
-            Some(error) if asked => {
-                return Err(
-                    anyhow::Error::from(error).context(format!("--thresholds: {threshold:?} m"))
-                );
-            }
-            Some(_) => {}
-        }
-    }
-    let contacts: Vec<&[Trace]> = all.iter().map(|(_, traces)| traces.as_slice()).collect();
-    let found = if asked || contacts.len() > 1 {
-        let spinner = console.spinner("choosing contact, prior and noise");
-        let found = choose_contact(all[0].0.rest(), &contacts, &settings.shapes())?;
-        spinner.finish_and_clear();
-        Some(found)
-    } else {
-        None
-    };
-    let errors = found.iter().flat_map(|f| &f.errors);
-    let tried = all
-        .iter()
-        .zip(errors)
-        .map(|((scene, _), &error)| Threshold {
-            threshold: scene.contact().threshold,
-            error,
-        });
-    let thresholds = tried.collect();
-    let (scene, traces) = all.swap_remove(found.as_ref().map_or(0, |f| f.contact));
-    Ok(Compared {
-        scene,
-        traces,
-        thresholds,
-        choice: found.map(|f| f.choice),
-    })
-}
-
-/// Chooses what is not given and estimates, with a view if untouched points are to be guessed by it; `choice` is of prior
-/// and noise, if it has been made.
-pub fn learn(
-    scene: &Scene,
-    view: Option<&(RgbdView, VisionSpec)>,
-    traces: &[Trace],
-    settings: &EstimatorSettings,
-    choice: Option<HyperChoice>,
-    console: &Console,
-) -> anyhow::Result<Chosen> {
-    if let Some(error) = untouched(scene, traces) {
-        return Err(error.into());
-    }
-    let spec = settings.spec()?;
-    let given = match &settings.noise_sd {
-        None => None,
-        Some(noise_sd) => Some(per_channel(noise_sd, scene.robot().joint_count())?),
-    };
-    let shape = settings.shape();
-    let flags = [
-        (PRIOR_SD, settings.prior_sd.is_some()),
-        (NOISE_SD, given.is_some()),
-    ];
-    let named = flags.into_iter().filter(|f| f.1).map(|f| f.0).collect();
-    let (hyper, method, candidates) = match (settings.prior_sd, given) {
-        (Some(prior_sd), Some(noise_sd)) => {
-            let hyper = Hyper {
-                prior_sd,
-                shape,
-                noise_sd,
-            };
-            (hyper, "given", Vec::new())
-        }
-        (prior_sd, noise_sd) => {
-            let (by, name) = settings.method();
-            let choice = match choice {
-                Some(choice) => choice,
-                None => {
-                    let spinner = console.spinner("choosing prior and noise");
-                    let choice = choose_hyper(scene.rest(), traces, &settings.shapes(), by)?;
-                    spinner.finish_and_clear();
-                    choice
-                }
-            };
-            let hyper = rescaled(choice.hyper, prior_sd, noise_sd);
-            (hyper, name, choice.candidates)
-        }
-    };
-    let bar = console.bar(traces.len(), "estimate");
-    let progress = |done: usize| bar.set_position(done as u64);
-    let found = match view {
-        None => VisionEstimate {
-            estimate: estimate(scene.rest(), traces, &spec, &hyper, progress)?,
-            share: 0.0,
-            candidates: Vec::new(),
-        },
-        Some((view, vision)) => {
-            estimate_with_vision(scene.rest(), view, traces, &spec, &hyper, vision, progress)?
-        }
-    };
-    bar.finish_and_clear();
-    Ok(Chosen {
-        estimate: found.estimate,
-        hyper,
-        given: named,
-        method,
-        candidates,
-        vision_share: found.share,
-        vision_candidates: found.candidates,
-    })
-}
-
-/// One of the two given: their ratio, which decides the fit, stays as chosen.
-fn rescaled(chosen: Hyper, prior_sd: Option<f64>, noise_sd: Option<Vec<f64>>) -> Hyper {
-    let norm = |x: &[f64]| x.iter().map(|v| v * v).sum::<f64>().sqrt();
-    let factor = match (&prior_sd, &noise_sd) {
-        (Some(sd), _) => sd / chosen.prior_sd,
-        (_, Some(sd)) => norm(sd) / norm(&chosen.noise_sd),
-        _ => 1.0,
-    };
-    let scaled = || chosen.noise_sd.iter().map(|v| v * factor).collect();
-    Hyper {
-        prior_sd: prior_sd.unwrap_or(chosen.prior_sd * factor),
-        shape: chosen.shape,
-        noise_sd: noise_sd.unwrap_or_else(scaled),
-    }
-}
-
-/// One deviation for all channels, or one each.
-fn per_channel(given: &[f64], channels: usize) -> anyhow::Result<Vec<f64>> {
-    match given {
-        [one] => Ok(vec![*one; channels]),
-        all if all.len() == channels => Ok(all.to_vec()),
-        all => Err(usage(format!(
-            "--noise-sd takes 1 or {channels} numbers, {} given",
-            all.len()
-        ))),
-    }
-}
-
 fn mean_stiffness(estimate: &Estimate) -> f64 {
     let pairs = estimate.belief.mean().iter().zip(&estimate.touched);
     let touched: Vec<f64> = pairs.filter(|(_, t)| **t).map(|(k, _)| *k).collect();
     touched.iter().sum::<f64>() / touched.len().max(1) as f64
-}
-
-/// The noise of the channels in words.
-pub fn noise_text(scene: &Scene, noise_sd: &[f64]) -> String {
-    let sds: Vec<String> = noise_sd.iter().map(|&sd| number(sd)).collect();
-    format!("{} {}", sds.join(", "), scene.error_unit())
-}
-
-/// How prior or noise were found, in words.
-fn found(what: &str, given: &[&str], method: &str) -> String {
-    match given {
-        given if given.contains(&what) => "as given".to_owned(),
-        [] => how(method).to_owned(),
-        [other, ..] => format!("its ratio to {other} {}", how(method)),
-    }
-}
-
-/// How prior and noise were chosen, in words.
-pub fn how(method: &str) -> &'static str {
-    match method {
-        "held-out" => "chosen on held-out readings",
-        "likelihood" => "chosen by marginal likelihood",
-        _ => "as given",
-    }
-}
-
-fn text(report: &Report, scene: &Scene, correlates: bool) -> String {
-    let mut text = format!(
-        "estimated from {} samples of {} ({} in contact): {}\n",
-        report.samples,
-        match report.sequences.len() {
-            1 => "one sequence".to_owned(),
-            n => format!("{n} sequences"),
-        },
-        report.contact_samples,
-        report.sequences.join(", "),
-    );
-    text += &format!(
-        "  contact     from {} mm before the surface on\n",
-        number(1e3 * report.threshold)
-    );
-    if !report.thresholds.is_empty() {
-        let one = |t: &Threshold| format!("{} mm {}", number(1e3 * t.threshold), number(t.error));
-        let all: Vec<String> = report.thresholds.iter().map(one).collect();
-        text += &format!(
-            "              chosen on held-out readings: {} {}\n",
-            all.join(", "),
-            scene.error_unit()
-        );
-    }
-    let robust = match report.robust.as_str() {
-        "none" => String::new(),
-        loss => format!(", robust ({loss})"),
-    };
-    text += &format!(
-        "  estimator   {}{robust}\n  prior       N(0, {}²) N/m, {}\n",
-        report.estimator,
-        number(report.prior_sd),
-        found(PRIOR_SD, report.given, report.chosen_by),
-    );
-    if report.smooth_sd > 0.0 {
-        text += &format!(
-            "              and N(0, {}²) N/m smooth over {} m{}\n",
-            number(report.smooth_sd),
-            number(report.smooth_length),
-            if correlates {
-                ""
-            } else {
-                ", of which this estimator keeps the variance alone"
-            },
-        );
-    }
-    if report.level_sd > 0.0 {
-        let sd = number(report.level_sd);
-        text += &format!("              and N(0, {sd}²) N/m common to all points\n");
-    }
-    if report.vision != "none" {
-        text += &format!(
-            "  vision      {}, {} of its guess in the prior's mean\n",
-            report.vision,
-            number(report.vision_share),
-        );
-    }
-    text += &format!(
-        "  noise sd    {}, {}\n",
-        noise_text(scene, report.noise_sd),
-        found(NOISE_SD, report.given, report.chosen_by),
-    );
-    if let Some(ratio) = report.nis_ratio {
-        text += &format!(
-            "  innovations their squares are {} times what prior and noise allow\n",
-            number(ratio)
-        );
-    }
-    text += &format!(
-        "  field       {} of {} points touched, mean stiffness there {} N/m\n",
-        report.touched_points,
-        report.points,
-        number(report.mean_stiffness),
-    );
-    for out in &report.out {
-        text += &format!("wrote {out}\n");
-    }
-    text
 }

@@ -19,9 +19,12 @@ use vsf::robots::RobotModel;
 #[command(after_help = "\
 Examples:
   vsf export field.npz --out field.ply --out field.png
-  vsf export DATASET --field field.npz --out field.png     with camera view and robot
-  vsf export DATASET --field field.npz --torques plots/    one SVG per test sequence
-  vsf export DATASET --field field.npz --out touches.mcap  for Foxglove, PlotJuggler, ros2 bag play
+  vsf export DATASET --field field.npz --out field.png
+      with camera view and robot
+  vsf export DATASET --field field.npz --torques plots/
+      one SVG per test sequence
+  vsf export DATASET --field field.npz --out touches.mcap
+      for Foxglove, PlotJuggler, ros2 bag play
 
 With a corrected model (--model) predicted torques have its effects in them; in free air it alone predicts.
 

@@ -20,12 +20,17 @@ const MOST_POINTS: f64 = 1e7;
 #[derive(Debug, clap::Args)]
 #[command(after_help = "\
 Examples:
-  vsf import bag/ --robot kinova_gen3 --torque-kind measured --out DATASET
-  vsf import touch_*.mcap --robot arm.urdf --torque-kind external --points object.ply --out DATASET
-  vsf import bag/ --robot kinova_gen3 --names joint_1,joint_2,joint_3,joint_4,joint_5,joint_6,joint_7 \
-    --torque-kind measured --out DATASET
-  vsf import exported.mcap --robot arm.urdf --out DATASET   what `vsf export` wrote; built-in robots are known
-  vsf import touch_*.csv --robot arm.urdf --torque-kind measured --out DATASET
+  vsf import bag/ --robot kinova_gen3 --torque-kind measured \\
+      --out DATASET
+  vsf import touch_*.mcap --robot arm.urdf --torque-kind external \\
+      --points object.ply --out DATASET
+  vsf import bag/ --robot kinova_gen3 --torque-kind measured \\
+      --names joint_1,joint_2,joint_3,joint_4,joint_5,joint_6,joint_7 \\
+      --out DATASET
+  vsf import exported.mcap --robot arm.urdf --out DATASET
+      what `vsf export` wrote; built-in robots are known
+  vsf import touch_*.csv --robot arm.urdf --torque-kind measured \\
+      --out DATASET
 
 Reads sensor_msgs/JointState of ROS 2 (CDR) or ROS 1: position, velocity if there is one, and effort as \
 torques. Joints are found by their names in the robot (or --names), whatever their order; others are ignored, \
@@ -139,7 +144,7 @@ pub fn run(args: &Args, console: &Console) -> anyhow::Result<()> {
     }
     if let Some(path) = &args.points {
         let (points, warnings) = read_points(path)?;
-        warnings.iter().for_each(|w| console.warn(w));
+        console.warn_all(warnings);
         log = log.with_points(points);
     }
     if let Some(Filled { points, corners }) = filled {
@@ -172,9 +177,7 @@ pub fn run(args: &Args, console: &Console) -> anyhow::Result<()> {
             "--names takes a name for each of {joints}; {count} given"
         )));
     }
-    exchanged(&names, &joints)
-        .iter()
-        .for_each(|w| console.warn(w));
+    console.warn_all(exchanged(&names, &joints));
     let (mut dataset, warnings) = (log.recording(&given, &names, args.gap)).map_err(refused)?;
     if args.planned && given.splits.is_none() {
         dataset.splits = Splits {
@@ -184,12 +187,10 @@ pub fn run(args: &Args, console: &Console) -> anyhow::Result<()> {
     }
     let as_planned =
         |w: &&DataWarning| args.planned && matches!(w, DataWarning::ZeroTorques { .. });
-    let others = warnings.iter().filter(|w| !as_planned(w));
-    others.for_each(|w| console.warn(w));
+    console.warn_all(warnings.iter().filter(|w| !as_planned(w)));
     let robot = robot_of(&dataset, &packages).map_err(|e| explain(&args.metadata, e))?;
     let sequences: Vec<&Sequence> = dataset.sequences.iter().collect();
-    let motion = motion_warnings(&robot, &sequences);
-    motion.iter().for_each(|w| console.warn(w));
+    console.warn_all(motion_warnings(&robot, &sequences));
     check_readable(&dataset, robot)?;
 
     let report = report(args, &log, joints, &dataset);

@@ -73,9 +73,7 @@ pub fn run(args: &Args, console: &Console) -> anyhow::Result<()> {
     let sequences = recording.sequences(None, SplitPart::All)?;
     let scene = recording.scene_to_learn_or_air(console)?;
     let traces = traces(&scene, &sequences, console)?;
-    untouched(&scene, &traces)
-        .iter()
-        .for_each(|w| console.warn(w));
+    console.warn_all(untouched(&scene, &traces));
     // A recording of free motion has no points, and nothing can be said about contact.
     let report = if recording.has_points() {
         describe(&recording, scene.robot(), Some(&scene), &traces)

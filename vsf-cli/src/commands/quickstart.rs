@@ -1,9 +1,10 @@
-use crate::commands::estimate::{how, learn, noise_text};
+use crate::commands::estimate::text::{how, noise_text};
 use crate::commands::evaluate::measure;
 use crate::console::{Console, number, table, write_file};
 use crate::exit::usage;
 use crate::field_file::save;
 use crate::file_kind::FileKind;
+use crate::fit::fit;
 use crate::pictures::{self, Surroundings, View};
 use crate::recording::{Recording, SplitPart, traces};
 use crate::samples::ONE_PLACE;
@@ -66,7 +67,7 @@ pub fn run(console: &Console) -> anyhow::Result<()> {
     let test = recording.sequences(None, SplitPart::Test)?;
     let scene = recording.scene_to_learn(None, console)?;
     let learned = traces(&scene, &train, console)?;
-    let chosen = learn(
+    let chosen = fit(
         &scene,
         None,
         &learned,

@@ -10,7 +10,7 @@ use vsf::pipeline::{add_noise, motion_warnings, simulate};
 #[derive(Debug, clap::Args)]
 #[command(after_help = "\
 The new recording has the joint angles and times of DATASET, its points, camera and robot, and the \
-torques that the field gives, of the same torque kind. With a corrected model (--model) effects that follow the load take that of the field
+torques that the field gives, of the same torque kind. With a corrected model (--model) effects that follow the load take that of the field \
 alone.
 
 JSON keys: out, sequences, samples, threshold (of contact, m; null in free air), noise_sd, seed.")]
@@ -45,14 +45,11 @@ struct Report<'a> {
 pub fn run(args: &Args, console: &Console) -> anyhow::Result<()> {
     let (recording, field, scene, model) = args.of.open_for(&args.out, console)?;
     let sequences = recording.sequences(args.sequences.as_deref(), SplitPart::All)?;
-    let motion = motion_warnings(scene.robot(), &sequences);
-    motion.iter().for_each(|w| console.warn(w));
+    console.warn_all(motion_warnings(scene.robot(), &sequences));
     let spinner = console.spinner("simulating");
     let stiffness = &field.field.stiffness;
     let traces = scene.traces(&sequences, || {})?;
-    if let Some(warning) = untouched(&scene, &traces) {
-        console.warn(warning);
-    }
+    console.warn_all(untouched(&scene, &traces));
     let mut simulated = match model {
         None => simulate(&scene, stiffness, &sequences, &traces)?,
         Some(model) => model.simulate(&recording.dataset, &scene, stiffness, &sequences)?,

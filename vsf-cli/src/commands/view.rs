@@ -17,11 +17,13 @@ use vsf::pipeline::motion_warnings;
 #[command(after_help = "\
 Examples:
   vsf view field.npz --out field.html
-  vsf view DATASET --field field.npz --out touches.html    with the robot and what it touches
-  vsf view gap.json --out gap.html                         what `vsf diagnose --json=gap.json` found
+  vsf view DATASET --field field.npz --out touches.html
+      with the robot and what it touches
+  vsf view gap.json --out gap.html
+      what `vsf diagnose --json=gap.json` found
 
-The page needs nothing else: no network, no graphics card. Drag turns it, the wheel or two fingers
-bring it nearer, shift and drag moves it. It shows at most 200000 points, touched ones first. Of a
+The page needs nothing else: no network, no graphics card. Drag turns it, the wheel or two fingers \
+bring it nearer, shift and drag moves it. It shows at most 200000 points, touched ones first. Of a \
 diagnosis it is the page of `vsf diagnose --html`, without the torques, which the recording has.
 
 JSON keys: written.")]
@@ -126,10 +128,7 @@ fn of_recording(args: &Args, console: &Console) -> anyhow::Result<String> {
     } else {
         None
     };
-    let warn = |robot| {
-        let warnings = motion_warnings(robot, &sequences);
-        warnings.iter().for_each(|w| console.warn(w));
-    };
+    let warn = |robot| console.warn_all(motion_warnings(robot, &sequences));
     let (cloud, motion) = match found {
         Some((scene, cloud)) => {
             warn(scene.robot());

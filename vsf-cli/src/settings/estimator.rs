@@ -27,8 +27,8 @@ pub struct EstimatorSettings {
     #[arg(long, value_parser = replays)]
     replay: Option<usize>,
     /// Whether a replay leaves the variances (keep, default) or shrinks them again (shrink)
-    #[arg(long, value_parser = ["keep", "shrink"])]
-    replay_variance: Option<String>,
+    #[arg(long)]
+    replay_variance: Option<VarianceKind>,
     /// Whether each sequence starts with an empty replay buffer, default false
     #[arg(long, num_args = 0..=1, default_missing_value = "true")]
     clear_replay: Option<bool>,
@@ -97,6 +97,12 @@ enum RobustKind {
     None,
     Huber,
     StudentT,
+}
+
+#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
+enum VarianceKind {
+    Keep,
+    Shrink,
 }
 
 #[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
@@ -190,9 +196,9 @@ impl EstimatorSettings {
             } else {
                 self.replay.unwrap_or(defaults.replays)
             },
-            variance: match self.replay_variance.as_deref() {
-                Some("shrink") => ReplayVariance::Shrink,
-                _ => ReplayVariance::Keep,
+            variance: match self.replay_variance {
+                Some(VarianceKind::Shrink) => ReplayVariance::Shrink,
+                None | Some(VarianceKind::Keep) => ReplayVariance::Keep,
             },
             seed: self.seed.unwrap_or(defaults.seed),
             clear_on_sequence: self.clear_replay.unwrap_or(defaults.clear_on_sequence),
@@ -218,18 +224,18 @@ impl EstimatorSettings {
         }
     }
 
-    /// How prior and noise are chosen, and its name for reports.
-    pub fn method(&self) -> (HyperMethod, &'static str) {
+    /// How prior and noise are chosen.
+    pub fn method(&self) -> HyperMethod {
         match self.hyper {
-            None | Some(HyperKind::HeldOut) => (HyperMethod::HeldOut, "held-out"),
-            Some(HyperKind::Likelihood) => (HyperMethod::Likelihood, "likelihood"),
+            None | Some(HyperKind::HeldOut) => HyperMethod::HeldOut,
+            Some(HyperKind::Likelihood) => HyperMethod::Likelihood,
         }
     }
 
     /// Whether prior or noise are chosen by the prediction of held-out touches.
     pub fn chooses_on_held_out(&self) -> bool {
         let given = self.prior_sd.is_some() && self.noise_sd.is_some();
-        !given && self.method().0 == HyperMethod::HeldOut
+        !given && self.method() == HyperMethod::HeldOut
     }
 
     /// How untouched points are guessed by what the camera sees, if they are.

@@ -1,6 +1,6 @@
 use crate::exit::usage;
 use crate::range::{finite, positive};
-use clap::Args;
+use clap::{Args, ValueEnum};
 use std::collections::BTreeMap;
 use std::f64::consts::TAU;
 use std::path::{Path, PathBuf};
@@ -18,8 +18,8 @@ pub struct MetadataSettings {
     #[arg(long, value_delimiter = ',', allow_hyphen_values = true, value_parser = finite)]
     base_pose: Option<Vec<f64>>,
     /// What the torques mean: external, or measured (actuator side, with gravity)
-    #[arg(long, value_parser = ["external", "measured"])]
-    torque_kind: Option<String>,
+    #[arg(long)]
+    torque_kind: Option<TorqueName>,
     /// Sample rate of sequences without time.npy [Hz]
     #[arg(long, value_parser = positive)]
     rate_hz: Option<f64>,
@@ -33,8 +33,8 @@ pub struct MetadataSettings {
     #[arg(long, value_delimiter = ',')]
     joints: Option<Vec<String>>,
     /// Types of the columns: revolute or prismatic
-    #[arg(long, value_delimiter = ',', value_parser = ["revolute", "prismatic"])]
-    joint_types: Option<Vec<String>>,
+    #[arg(long, value_delimiter = ',')]
+    joint_types: Option<Vec<JointName>>,
     /// IDs of the train split; without --test nothing tests
     #[arg(long, value_delimiter = ',')]
     train: Option<Vec<String>>,
@@ -46,6 +46,36 @@ pub struct MetadataSettings {
     package: Option<Vec<(String, PathBuf)>>,
 }
 
+#[derive(Debug, Clone, Copy, ValueEnum)]
+enum TorqueName {
+    External,
+    Measured,
+}
+
+impl From<TorqueName> for TorqueKind {
+    fn from(name: TorqueName) -> Self {
+        match name {
+            TorqueName::External => Self::External,
+            TorqueName::Measured => Self::Measured,
+        }
+    }
+}
+
+#[derive(Debug, Clone, Copy, ValueEnum)]
+enum JointName {
+    Revolute,
+    Prismatic,
+}
+
+impl From<JointName> for JointType {
+    fn from(name: JointName) -> Self {
+        match name {
+            JointName::Revolute => Self::Revolute,
+            JointName::Prismatic => Self::Prismatic,
+        }
+    }
+}
+
 impl MetadataSettings {
     /// What goes before `dataset.json`.
     pub fn overrides(&self) -> anyhow::Result<Overrides> {
@@ -54,25 +84,11 @@ impl MetadataSettings {
             train: self.train.clone().unwrap_or_default(),
             test: self.test.clone().unwrap_or_default(),
         });
-        let torque_kind = |kind: &str| {
-            if kind == "measured" {
-                TorqueKind::Measured
-            } else {
-                TorqueKind::External
-            }
-        };
-        let joint_type = |kind: &String| {
-            if kind == "prismatic" {
-                JointType::Prismatic
-            } else {
-                JointType::Revolute
-            }
-        };
         Ok(Overrides {
             robot: robot
                 .map(|r| RobotRef::resolve(r, Path::new(".")))
                 .transpose()?,
-            torque_kind: self.torque_kind.as_deref().map(torque_kind),
+            torque_kind: self.torque_kind.map(TorqueKind::from),
             rate_hz: self.rate_hz,
             gravity: match &self.gravity {
                 Some(g) => Some(Vector3::from(numbers::<3>("gravity", g)?)),
@@ -86,7 +102,7 @@ impl MetadataSettings {
             splits,
             joints: self.joints.clone(),
             joint_types: (self.joint_types.as_ref())
-                .map(|types| types.iter().map(joint_type).collect()),
+                .map(|types| types.iter().map(|&t| t.into()).collect()),
             ..Overrides::default()
         })
     }

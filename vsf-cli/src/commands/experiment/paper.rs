@@ -157,8 +157,7 @@ fn entry(
     if vision.is_some()
         && let Some(view) = recording.view()?
     {
-        let warnings = view_warnings(campaign.scene().rest(), &view);
-        warnings.iter().for_each(|w| console.warn(w));
+        console.warn_all(view_warnings(campaign.scene().rest(), &view));
     }
     let shares = OverlapShares::of(campaign);
     let overlap = shares.overlap();

@@ -6,10 +6,10 @@ use vsf::pipeline::{Table1Row, table1};
 
 #[derive(Debug, clap::Args)]
 #[command(after_help = "\
-Prints a Markdown table: the error of the fit to the train sequences (the paper's figure), the error on
+Prints a Markdown table: the error of the fit to the train sequences (the paper's figure), the error on \
 the test sequences, and the rate of contact and estimator together. Run it alone on the machine.
 
-JSON keys: rows (recording, unit, mean_contacts, touched_points, hyper, zero_error, cells (estimator,
+JSON keys: rows (recording, unit, mean_contacts, touched_points, hyper, zero_error, cells (estimator, \
 fit_error, fit_sd, test_error, test_sd, rate_hz)), failed (recording, error).")]
 pub struct Args {
     /// Recordings with train and test sequences, one row each

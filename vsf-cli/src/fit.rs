@@ -1,0 +1,209 @@
+//! Chooses contact, prior and noise where they are not given, and estimates.
+
+use crate::console::Console;
+use crate::exit::usage;
+use crate::recording::untouched;
+use crate::settings::EstimatorSettings;
+use serde::Serialize;
+use vsf::contact::ContactConfig;
+use vsf::pipeline::{
+    Candidate, Estimate, Hyper, HyperChoice, HyperMethod, PipelineError, Scene, Trace,
+    VisionCandidate, VisionEstimate, VisionSpec, choose_contact, choose_hyper, estimate,
+    estimate_with_vision,
+};
+use vsf::vision::RgbdView;
+
+/// Names of what may be given or is chosen.
+pub const PRIOR_SD: &str = "prior_sd";
+pub const NOISE_SD: &str = "noise_sd";
+
+/// A contact threshold that was compared.
+#[derive(Serialize)]
+pub struct Threshold {
+    /// m.
+    pub threshold: f64,
+    /// Mean error norm on held-out touches.
+    pub error: f64,
+}
+
+/// An estimate and where its prior and noise come from.
+pub struct Chosen {
+    pub estimate: Estimate,
+    pub hyper: Hyper,
+    /// Which of `prior_sd` and `noise_sd` were given.
+    pub given: Vec<&'static str>,
+    /// How the others were chosen, if there are any.
+    pub method: Option<HyperMethod>,
+    pub candidates: Vec<Candidate>,
+    /// Share of what the camera suggests, and those tried.
+    pub vision_share: f64,
+    pub vision_candidates: Vec<VisionCandidate>,
+}
+
+/// A scene with its traces, and the thresholds and the prior that it was chosen by, if it was.
+pub struct Compared {
+    pub scene: Scene,
+    pub traces: Vec<Trace>,
+    pub thresholds: Vec<Threshold>,
+    pub choice: Option<HyperChoice>,
+}
+
+/// The scene with another contact threshold (m).
+pub fn at_threshold(scene: &Scene, threshold: f64) -> Result<Scene, PipelineError> {
+    scene.with_contact(ContactConfig {
+        threshold,
+        ..*scene.contact()
+    })
+}
+
+/// Chooses between a scene with its traces and the same with `others` for its contact threshold (m), by the prediction of held-out touches;
+/// `contact` runs the sequences there. Where nobody `asked`, thresholds at which nothing is touched are left out, and one alone is
+/// not told of.
+pub fn compare(
+    own: (Scene, Vec<Trace>),
+    others: &[f64],
+    asked: bool,
+    contact: impl Fn(&Scene) -> anyhow::Result<Vec<Trace>>,
+    settings: &EstimatorSettings,
+    console: &Console,
+) -> anyhow::Result<Compared> {
+    let mut all = vec![own];
+    for &threshold in others {
+        let scene = at_threshold(&all[0].0, threshold)?;
+        let traces = contact(&scene)?;
+        match untouched(&scene, &traces) {
+            None => all.push((scene, traces)),
+            Some(error) if asked => {
+                return Err(
+                    anyhow::Error::from(error).context(format!("--thresholds: {threshold:?} m"))
+                );
+            }
+            Some(_) => {}
+        }
+    }
+    let contacts: Vec<&[Trace]> = all.iter().map(|(_, traces)| traces.as_slice()).collect();
+    let found = if asked || contacts.len() > 1 {
+        let spinner = console.spinner("choosing contact, prior and noise");
+        let found = choose_contact(all[0].0.rest(), &contacts, &settings.shapes())?;
+        spinner.finish_and_clear();
+        Some(found)
+    } else {
+        None
+    };
+    let errors = found.iter().flat_map(|f| &f.errors);
+    let tried = all
+        .iter()
+        .zip(errors)
+        .map(|((scene, _), &error)| Threshold {
+            threshold: scene.contact().threshold,
+            error,
+        });
+    let thresholds = tried.collect();
+    let (scene, traces) = all.swap_remove(found.as_ref().map_or(0, |f| f.contact));
+    Ok(Compared {
+        scene,
+        traces,
+        thresholds,
+        choice: found.map(|f| f.choice),
+    })
+}
+
+/// Chooses what is not given and estimates, with a view if untouched points are to be guessed by it; `choice` is of prior
+/// and noise, if it has been made.
+pub fn fit(
+    scene: &Scene,
+    view: Option<&(RgbdView, VisionSpec)>,
+    traces: &[Trace],
+    settings: &EstimatorSettings,
+    choice: Option<HyperChoice>,
+    console: &Console,
+) -> anyhow::Result<Chosen> {
+    if let Some(error) = untouched(scene, traces) {
+        return Err(error.into());
+    }
+    let spec = settings.spec()?;
+    let given = match &settings.noise_sd {
+        None => None,
+        Some(noise_sd) => Some(per_channel(noise_sd, scene.robot().joint_count())?),
+    };
+    let shape = settings.shape();
+    let flags = [
+        (PRIOR_SD, settings.prior_sd.is_some()),
+        (NOISE_SD, given.is_some()),
+    ];
+    let named = flags.into_iter().filter(|f| f.1).map(|f| f.0).collect();
+    let (hyper, method, candidates) = match (settings.prior_sd, given) {
+        (Some(prior_sd), Some(noise_sd)) => {
+            let hyper = Hyper {
+                prior_sd,
+                shape,
+                noise_sd,
+            };
+            (hyper, None, Vec::new())
+        }
+        (prior_sd, noise_sd) => {
+            let method = settings.method();
+            let choice = match choice {
+                Some(choice) => choice,
+                None => {
+                    let spinner = console.spinner("choosing prior and noise");
+                    let choice = choose_hyper(scene.rest(), traces, &settings.shapes(), method)?;
+                    spinner.finish_and_clear();
+                    choice
+                }
+            };
+            let hyper = rescaled(choice.hyper, prior_sd, noise_sd);
+            (hyper, Some(method), choice.candidates)
+        }
+    };
+    let bar = console.bar(traces.len(), "estimate");
+    let progress = |done: usize| bar.set_position(done as u64);
+    let found = match view {
+        None => VisionEstimate {
+            estimate: estimate(scene.rest(), traces, &spec, &hyper, progress)?,
+            share: 0.0,
+            candidates: Vec::new(),
+        },
+        Some((view, vision)) => {
+            estimate_with_vision(scene.rest(), view, traces, &spec, &hyper, vision, progress)?
+        }
+    };
+    bar.finish_and_clear();
+    Ok(Chosen {
+        estimate: found.estimate,
+        hyper,
+        given: named,
+        method,
+        candidates,
+        vision_share: found.share,
+        vision_candidates: found.candidates,
+    })
+}
+
+/// One of the two given: their ratio, which decides the fit, stays as chosen.
+fn rescaled(chosen: Hyper, prior_sd: Option<f64>, noise_sd: Option<Vec<f64>>) -> Hyper {
+    let norm = |x: &[f64]| x.iter().map(|v| v * v).sum::<f64>().sqrt();
+    let factor = match (&prior_sd, &noise_sd) {
+        (Some(sd), _) => sd / chosen.prior_sd,
+        (_, Some(sd)) => norm(sd) / norm(&chosen.noise_sd),
+        _ => 1.0,
+    };
+    let scaled = || chosen.noise_sd.iter().map(|v| v * factor).collect();
+    Hyper {
+        prior_sd: prior_sd.unwrap_or(chosen.prior_sd * factor),
+        shape: chosen.shape,
+        noise_sd: noise_sd.unwrap_or_else(scaled),
+    }
+}
+
+/// One deviation for all channels, or one each.
+fn per_channel(given: &[f64], channels: usize) -> anyhow::Result<Vec<f64>> {
+    match given {
+        [one] => Ok(vec![*one; channels]),
+        all if all.len() == channels => Ok(all.to_vec()),
+        all => Err(usage(format!(
+            "--noise-sd takes 1 or {channels} numbers, {} given",
+            all.len()
+        ))),
+    }
+}
