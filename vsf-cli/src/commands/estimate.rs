@@ -36,11 +36,10 @@ pub struct Args {
     /// IDs of the sequences to learn from, in this order; the train split by default
     #[arg(long, value_delimiter = ',')]
     sequences: Option<Vec<String>>,
-    /// Contact thresholds to choose among [m], such as 0.008,0.016, by the prediction of held-out touches: the first that is as
-    /// good as the best one, within a standard error, so that the one that you would rather have goes first; prior and noise are chosen
-    /// for each. By default, where a batch or exact estimator takes prior and noise from held-out touches, of which there are four (each a
-    /// sequence, or a part of touch_starts) and more, with up to 1500 touched points: 0.8 of the points' spacing, and a
-    /// quarter and a sixteenth of it down to 0.1 mm
+    /// Contact thresholds to choose among [m], such as 0.008,0.016: the first one that predicts held-out touches as well as
+    /// the best does, within a standard error; prior and noise are chosen for each. Default: 0.8 of the points' spacing, a
+    /// quarter and a sixteenth of it (0.1 mm at least), where a batch or exact estimator takes prior and noise from
+    /// held-out touches, of four touches and more with up to 1500 touched points
     #[arg(long, value_delimiter = ',', value_parser = length, conflicts_with = "threshold")]
     thresholds: Option<Vec<f64>>,
     #[command(flatten)]
