@@ -37,23 +37,21 @@ impl Campaign {
             motion.check(d)?;
             log.check(&self.site, motion)?;
         }
-        let mut compensators = model.compensators(&self.site)?;
+        let mut effects = model.compensator(&self.site)?;
         let mut out = Prediction::new(d);
         for (s, (motion, log)) in motions.iter().zip(logs).enumerate() {
             if !goes_on(motions, s) {
-                compensators
-                    .iter_mut()
-                    .for_each(|c| c.begin_sequence(&motion.id));
+                effects.begin_sequence(&motion.id);
             }
             let touch = |row| log.touch(&self.site, row);
             let tared = motion.tare.min(motion.len());
             let mut begin: Vec<Prediction> = Vec::with_capacity(tared);
             let mut offset = vec![0.0; d];
             for range in &motion.touches {
-                compensators.iter_mut().for_each(|c| c.begin_touch());
+                effects.begin_touch();
                 for row in range.clone() {
                     let sample = log.felt(motion.sample(row, range.start, log.forces[row]), row);
-                    out.step(&mut compensators, &sample, &touch(row))
+                    out.step(&mut *effects, &sample, &touch(row))
                         .map_err(|e| GapError::Model {
                             effect: model.name(),
                             problem: format!("sequence {} row {row}: {e}", motion.id),
@@ -111,13 +109,13 @@ impl Prediction {
         })
     }
 
-    /// Asks the compensators.
+    /// Asks the effects.
     ///
     /// # Errors
     /// What they answer is not finite.
     pub(crate) fn step(
         &mut self,
-        compensators: &mut [Box<dyn Compensator>],
+        effects: &mut dyn Compensator,
         sample: &Sample<'_>,
         touch: &Touch<'_>,
     ) -> Result<(), CoreError> {
@@ -126,11 +124,9 @@ impl Prediction {
             .extend_from_slice(touch.contacts.displacements());
         self.gains.fill(1.0);
         self.torques.fill(0.0);
-        for c in compensators {
-            c.springs(sample, touch, &mut self.springs);
-            c.gains(sample, touch, &mut self.gains);
-            c.torques(sample, touch, &mut self.torques);
-        }
+        effects.springs(sample, touch, &mut self.springs);
+        effects.gains(sample, touch, &mut self.gains);
+        effects.torques(sample, touch, &mut self.torques);
         CoreError::check_finite("gains of the model", &self.gains)?;
         CoreError::check_finite("torques of the model", &self.torques)?;
         (self.springs.iter())
