@@ -13,37 +13,37 @@ const PANEL_SPREAD: usize = 2;
 
 /// Brings observations to unit noise: `L^-1 W` and `L^-1 tau` with `L L^T = R`.
 #[derive(Debug, Default)]
-pub(super) struct Whitener(SymmetricFactor);
+pub(super) struct Whitener {
+    factor: SymmetricFactor,
+    inverse: Vec<f64>,
+}
 
 impl Whitener {
     /// Takes the noise of an observation.
     pub(super) fn set(&mut self, obs: &Observation<f64>) -> Result<(), CoreError> {
         let covariance = obs.noise().covariance();
-        self.0.factor("noise covariance", obs.dim(), covariance)
+        (self.factor).factor("noise covariance", obs.dim(), covariance)
     }
 
     /// `log det R`.
     pub(super) fn log_det(&self) -> f64 {
-        self.0.log_det()
+        self.factor.log_det()
     }
 
     /// `L^-1 b` in place.
     pub(super) fn whiten(&self, b: &mut [f64]) {
-        self.0.solve_lower(b);
+        self.factor.solve_lower(b);
     }
 
     /// `L^-1 W`, row after row.
-    fn rows(&self, obs: &Observation<f64>, out: &mut Vec<f64>) {
+    fn rows(&mut self, obs: &Observation<f64>, out: &mut Vec<f64>) {
         let (d, n) = (obs.dim(), obs.len());
         out.clear();
         out.resize(d * n, 0.0);
-        // Column j of L^-1 spreads row j of W.
-        let mut column = vec![0.0; d];
-        for j in 0..d {
-            column.fill(0.0);
-            column[j] = 1.0;
-            self.whiten(&mut column);
-            for (i, &c) in column.iter().enumerate().filter(|(_, c)| **c != 0.0) {
+        self.factor.inverse_lower(&mut self.inverse);
+        for i in 0..d {
+            let entries = self.inverse[i * d..].iter().enumerate().take(i + 1);
+            for (j, &c) in entries.filter(|(_, c)| **c != 0.0) {
                 add_scaled(&mut out[i * n..(i + 1) * n], c, obs.row(j));
             }
         }
@@ -181,7 +181,7 @@ pub(super) fn project<'a>(
         r.clear();
         r.extend_from_slice(obs.reading());
         residual(obs, &mut r);
-        whitener.0.solve(&mut r);
+        whitener.factor.solve(&mut r);
         for (i, &r) in r.iter().enumerate() {
             for (&p, &w) in obs.points().iter().zip(obs.row(i)) {
                 if place[p as usize] != NONE {
