@@ -129,21 +129,7 @@ pub trait Estimator: DynClone + Send + Sync {
         obs: &Observation<Self::Scalar>,
         out: &mut Prediction,
     ) -> Result<(), CoreError> {
-        let belief = self.belief();
-        obs.check_fits(belief.len())?;
-        out.mean.resize(obs.dim(), 0.0);
-        out.sd.resize(obs.dim(), 0.0);
-        for i in 0..obs.dim() {
-            let (mut mean, mut variance) = (0.0, 0.0);
-            for (&w, &p) in obs.row(i).iter().zip(obs.points()) {
-                let w = w.to_f64();
-                mean += w * belief.mean()[p as usize].to_f64();
-                variance += w * w * belief.variance()[p as usize].to_f64();
-            }
-            out.mean[i] = mean;
-            out.sd[i] = (variance + obs.noise().sd(i).powi(2)).sqrt();
-        }
-        out.check_finite()
+        self.belief().predict(obs, |i| obs.noise().sd(i), out)
     }
 }
 

@@ -243,7 +243,7 @@ impl Posterior<'_> {
     fn predict(&self, obs: &Observation<f64>, noise_sd: &[f64]) -> Result<Prediction, CoreError> {
         match self {
             Self::Optimum(fit) => fit.predict(obs),
-            Self::Online(belief) => Ok(predict_independent(belief, noise_sd, obs)),
+            Self::Online(belief) => predict_independent(belief, noise_sd, obs),
         }
     }
 }
