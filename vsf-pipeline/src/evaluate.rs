@@ -177,13 +177,17 @@ pub(crate) fn mean_prediction(mean: &[f64], trace: &Trace) -> SequencePrediction
 }
 
 /// Norm of the error of a field of means at every sample.
-pub(crate) fn sample_errors<'a>(
-    mean: &'a [f64],
-    trace: &'a Trace,
-) -> impl Iterator<Item = f64> + 'a {
+fn sample_errors<'a>(mean: &'a [f64], trace: &'a Trace) -> impl Iterator<Item = f64> + 'a {
     fits(mean, trace)
         .zip(trace.readings())
         .map(|(fit, tau)| distance(&fit, tau))
+}
+
+/// Mean of [`sample_errors`] over all samples of traces, 0 without any.
+pub(crate) fn mean_error<'a>(mean: &[f64], traces: impl IntoIterator<Item = &'a Trace>) -> f64 {
+    let errors = (traces.into_iter()).flat_map(|trace| sample_errors(mean, trace));
+    let (sum, count) = errors.fold((0.0, 0usize), |(sum, n), error| (sum + error, n + 1));
+    sum / count.max(1) as f64
 }
 
 fn distance(a: &[f64], b: &[f64]) -> f64 {

@@ -1,5 +1,5 @@
 use crate::estimate::{batch_map, run, touched_points};
-use crate::evaluate::sample_errors;
+use crate::evaluate::mean_error;
 use crate::trace::{MOST_FOLDS, check_traces, split, touched_alone, with_noise};
 use crate::{Estimate, EstimatorSpec, Hyper, PipelineError, PriorShape, Trace};
 use rayon::prelude::*;
@@ -231,12 +231,7 @@ impl Guess<'_> {
         let batch = batch_map(&kept, self.rest.len())?;
         for (error, share) in errors.iter_mut().zip(SHARES) {
             let fit = batch.solve(&self.prior(&means, share)?, 1.0)?.mean();
-            let (mut sum, mut count) = (0.0, 0usize);
-            for e in held.iter().flat_map(|t| sample_errors(&fit, t)) {
-                sum += e;
-                count += 1;
-            }
-            *error = sum / count.max(1) as f64;
+            *error = mean_error(&fit, held.iter().copied());
         }
         CoreError::check_finite("held-out errors", &errors)?;
         Ok(Some(errors))

@@ -1,6 +1,6 @@
 use super::{Candidate, ContactChoice, HyperChoice, POWERS, PriorShape, Problem};
 use crate::estimate::{estimate_online, touched_points};
-use crate::evaluate::{predict_independent, sample_errors};
+use crate::evaluate::{mean_error, predict_independent};
 use crate::trace::{MOST_FOLDS, split};
 use crate::{FilterSpec, PipelineError, Trace};
 use rayon::prelude::*;
@@ -121,7 +121,10 @@ impl Choice<'_> {
                     Posterior::Optimum(_) => None,
                     Posterior::Online(_) => Some(fold.misfit(posterior, self.problem)?),
                 };
-                Ok((mean_error(&posterior.mean(), &fold.held), misfit))
+                Ok((
+                    mean_error(&posterior.mean(), fold.held.iter().copied()),
+                    misfit,
+                ))
             })?;
             let error = tried.add(prior, of_folds);
             let what = "the error on held-out touches";
@@ -246,13 +249,6 @@ impl Posterior<'_> {
             Self::Online(belief) => predict_independent(belief, noise_sd, obs),
         }
     }
-}
-
-/// Mean norm of the errors of a field over all samples.
-fn mean_error(mean: &[f64], held: &[&Trace]) -> f64 {
-    let errors = held.iter().flat_map(|trace| sample_errors(mean, trace));
-    let (sum, count) = errors.fold((0.0, 0usize), |(sum, n), error| (sum + error, n + 1));
-    sum / count.max(1) as f64
 }
 
 /// What every prior that was tried does on every held-out part.
