@@ -191,7 +191,7 @@ impl<'a> Fold<'a> {
         }
         let mut filter = FilterSpec::replay().build::<f64>(prior.clone(), None)?;
         for trace in &self.kept {
-            estimate_online(&mut *filter, trace, |_, _| {})?;
+            estimate_online(&mut *filter, trace, None, |_, _| {})?;
         }
         Ok(Posterior::Online(filter.belief().clone()))
     }
