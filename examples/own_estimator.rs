@@ -16,7 +16,6 @@
 //! against 19.3 N/m, at a cost that is linear in the number of touched points.
 
 use std::error::Error;
-use std::f64::consts::TAU;
 use std::path::PathBuf;
 use std::sync::Arc;
 use vsf::contact::link_sdfs;
@@ -87,15 +86,15 @@ impl Estimator for FullKalman {
             mean.as_slice().to_vec(),
             covariance.diagonal().as_slice().to_vec(),
         )?;
-        let nis = whitened.norm_squared();
         let report = UpdateReport {
-            contacts: obs.len(),
-            dof: d,
-            nis,
-            log_likelihood: -0.5 * (nis + factor.ln_determinant() + d as f64 * TAU.ln()),
-            prefit: residual.norm(),
             postfit: (&tau - &w * &mean).norm(),
             projected: free.iter().filter(|k| **k < 0.0).count(),
+            ..UpdateReport::from_innovation(
+                obs.len(),
+                residual.as_slice(),
+                whitened.as_slice(),
+                factor.ln_determinant(),
+            )
         };
         self.whitened = whitened.as_slice().to_vec();
         (self.mean, self.covariance) = (mean, covariance);

@@ -16,6 +16,6 @@ fuzz_target!(|text: &str| {
     let again = ModelFile::from_json(&file.to_json()).expect("what was written is read");
     assert_eq!(again, file);
     if let Ok(model) = file.model(&SITE, &catalogue()) {
-        model.compensators(&SITE).expect("a model was checked");
+        model.compensator(&SITE).expect("a model was checked");
     }
 });

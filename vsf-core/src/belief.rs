@@ -1,4 +1,4 @@
-use crate::{CoreError, Scalar};
+use crate::{CoreError, Observation, Prediction, Scalar};
 
 /// Independent Gaussian belief about the stiffness of every point, `K_i ~ N(mean_i, variance_i)`
 /// (eq. 6), in N/m and N²/m².
@@ -117,6 +117,33 @@ impl<T: Scalar> Belief<T> {
             *v += variance;
         }
         Ok(())
+    }
+
+    /// Predicts the reading of `obs` (its own reading and noise are not looked at), written to `out`. `noise_sd(i)` is
+    /// the standard deviation (N m or N, >= 0) of the noise of channel `i`.
+    ///
+    /// # Errors
+    /// An observation that reaches beyond the field, or a prediction beyond the range of numbers.
+    pub fn predict(
+        &self,
+        obs: &Observation<T>,
+        noise_sd: impl Fn(usize) -> f64,
+        out: &mut Prediction,
+    ) -> Result<(), CoreError> {
+        obs.check_fits(self.len())?;
+        out.mean.resize(obs.dim(), 0.0);
+        out.sd.resize(obs.dim(), 0.0);
+        for i in 0..obs.dim() {
+            let (mut mean, mut variance) = (0.0, 0.0);
+            for (&w, &p) in obs.row(i).iter().zip(obs.points()) {
+                let w = w.to_f64();
+                mean += w * self.mean[p as usize].to_f64();
+                variance += w * w * self.variance[p as usize].to_f64();
+            }
+            out.mean[i] = mean;
+            out.sd[i] = (variance + noise_sd(i).powi(2)).sqrt();
+        }
+        out.check_finite()
     }
 
     /// The same belief in another precision.

@@ -1,5 +1,6 @@
 use crate::{Belief, CoreError, Observation, Scalar};
 use dyn_clone::DynClone;
+use std::f64::consts::TAU;
 
 /// What one update did, for monitoring. All numbers are in units of the reading unless said.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
@@ -21,6 +22,29 @@ pub struct UpdateReport {
     pub postfit: f64,
     /// Points whose mean the projection `K >= 0` moved.
     pub projected: usize,
+}
+
+impl UpdateReport {
+    /// What can be said before the belief is corrected, of `contacts` touched points, the residual `r = tau - W mu`,
+    /// the residual `L^-1 r` whitened with `L L^T = S = W Sigma W^T + R`, and `log_det = log det S`. The other fields
+    /// are 0.
+    pub fn from_innovation(
+        contacts: usize,
+        residual: &[f64],
+        whitened: &[f64],
+        log_det: f64,
+    ) -> Self {
+        let dof = whitened.len();
+        let nis: f64 = whitened.iter().map(|x| x * x).sum();
+        Self {
+            contacts,
+            dof,
+            nis,
+            log_likelihood: -0.5 * (nis + log_det + dof as f64 * TAU.ln()),
+            prefit: residual.iter().map(|r| r * r).sum::<f64>().sqrt(),
+            ..Self::default()
+        }
+    }
 }
 
 /// A predicted reading with its uncertainty.
@@ -105,21 +129,7 @@ pub trait Estimator: DynClone + Send + Sync {
         obs: &Observation<Self::Scalar>,
         out: &mut Prediction,
     ) -> Result<(), CoreError> {
-        let belief = self.belief();
-        obs.check_fits(belief.len())?;
-        out.mean.resize(obs.dim(), 0.0);
-        out.sd.resize(obs.dim(), 0.0);
-        for i in 0..obs.dim() {
-            let (mut mean, mut variance) = (0.0, 0.0);
-            for (&w, &p) in obs.row(i).iter().zip(obs.points()) {
-                let w = w.to_f64();
-                mean += w * belief.mean()[p as usize].to_f64();
-                variance += w * w * belief.variance()[p as usize].to_f64();
-            }
-            out.mean[i] = mean;
-            out.sd[i] = (variance + obs.noise().sd(i).powi(2)).sqrt();
-        }
-        out.check_finite()
+        self.belief().predict(obs, |i| obs.noise().sd(i), out)
     }
 }
 

@@ -123,6 +123,21 @@ impl SymmetricFactor {
         }
     }
 
+    /// Writes `L^-1` to `out`, row-major `dim x dim` with zeros above the diagonal, keeping its memory.
+    pub fn inverse_lower(&self, out: &mut Vec<f64>) {
+        let n = self.dim;
+        out.clear();
+        out.resize(n * n, 0.0);
+        for i in 0..n {
+            let row = &self.lower[i * n..];
+            out[i * n + i] = 1.0 / row[i];
+            for j in 0..i {
+                let left = (j..i).fold(0.0, |left, k| left - row[k] * out[k * n + j]);
+                out[i * n + j] = left / row[i];
+            }
+        }
+    }
+
     /// Dimension of the factored matrix.
     pub fn dim(&self) -> usize {
         self.dim

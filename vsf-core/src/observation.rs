@@ -197,10 +197,18 @@ impl<T: Scalar> Observation<T> {
     /// # Errors
     /// Noise of another dimension, or so small that the reading overflows in it; nothing has changed then.
     pub fn set_noise(&mut self, noise: &Noise) -> Result<(), CoreError> {
-        CoreError::check_len("noise", noise.dim(), self.dim())?;
-        check_scale(self.reading.iter().copied(), noise)?;
+        self.check_noise(noise)?;
         self.noise.clone_from(noise);
         Ok(())
+    }
+
+    /// Checks that its noise could be this one.
+    ///
+    /// # Errors
+    /// As [`Observation::set_noise`].
+    pub fn check_noise(&self, noise: &Noise) -> Result<(), CoreError> {
+        CoreError::check_len("noise", noise.dim(), self.dim())?;
+        check_scale(self.reading.iter().copied(), noise)
     }
 
     /// Replaces the reading.

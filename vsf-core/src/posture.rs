@@ -153,7 +153,7 @@ impl Posture {
 
     /// Joint torques `J(q, p)^T f` of a force `f_W` (N) on `link` at the world point `p_W`, written
     /// to `out` (length `d`; zero for joints that do not move the link). The Jacobian is never
-    /// formed: joint j gets `angular_j . (p x f) + linear_j . f`.
+    /// formed: this is [`Posture::add_torques`] of the moment `p x f`.
     ///
     /// # Panics
     /// If `link` is out of range or `out` is shorter than `d`.
@@ -166,10 +166,25 @@ impl Posture {
         out: &mut [f64],
     ) {
         out[..self.screws.len()].fill(0.0);
-        let moment = p_W.coords.cross(f_W);
+        self.add_torques(link, &p_W.coords.cross(f_W), f_W, out);
+    }
+
+    /// Adds the joint torques of forces on `link` to `out` (length `d`): of their sum `f_W` (N) and of their moment
+    /// `m_W` (N m) about the world origin, the sum of all `p x f`. Joint j gets `angular_j . m + linear_j . f`.
+    ///
+    /// # Panics
+    /// If `link` is out of range or `out` is shorter than `d`.
+    #[inline]
+    pub fn add_torques(
+        &self,
+        link: usize,
+        m_W: &Vector3<f64>,
+        f_W: &Vector3<f64>,
+        out: &mut [f64],
+    ) {
         for &j in self.chains.chain(link) {
             let s = &self.screws[j as usize];
-            out[j as usize] = s.angular.dot(&moment) + s.linear.dot(f_W);
+            out[j as usize] += s.angular.dot(m_W) + s.linear.dot(f_W);
         }
     }
 

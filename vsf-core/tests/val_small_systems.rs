@@ -1,10 +1,11 @@
-//! The small Cholesky factor against nalgebra.
+//! The small Cholesky factor, and what is told of an innovation by it, against nalgebra.
 
 #![allow(clippy::unwrap_used)]
 
 use proptest::prelude::*;
-use vsf_core::SymmetricFactor;
+use std::f64::consts::TAU;
 use vsf_core::nalgebra::{DMatrix, DVector};
+use vsf_core::{SymmetricFactor, UpdateReport};
 
 proptest! {
     #[test]
@@ -27,6 +28,45 @@ proptest! {
             prop_assert!((a - b).abs() < 1e-9 * (1.0 + b.abs()));
         }
         prop_assert!((factor.log_det() - spd.determinant().ln()).abs() < 1e-8);
+
+        let lower = spd.cholesky().unwrap().l();
+        let mut inverse = vec![f64::NAN; 3];
+        factor.inverse_lower(&mut inverse);
+        let product = DMatrix::from_row_slice(d, d, &inverse) * lower;
+        prop_assert!((product - DMatrix::identity(d, d)).amax() < 1e-9);
+        for j in 0..d {
+            let mut column = vec![0.0; d];
+            column[j] = 1.0;
+            factor.solve_lower(&mut column);
+            let found = inverse[j..].iter().step_by(d);
+            prop_assert!(found.zip(&column).all(|(a, b)| a.to_bits() == b.to_bits()));
+        }
+    }
+
+    /// The density of a Gaussian, by its definition.
+    #[test]
+    fn a_report_holds_the_density_of_the_innovation(
+        (d, entries, residual) in (1usize..6).prop_flat_map(|d| (
+            Just(d),
+            prop::collection::vec(-1.0..1.0f64, d * d),
+            prop::collection::vec(-1.0..1.0f64, d),
+        ))
+    ) {
+        let a = DMatrix::from_row_slice(d, d, &entries);
+        let s = &a * a.transpose() + DMatrix::identity(d, d) * 0.1;
+        let mut factor = SymmetricFactor::default();
+        factor.factor("test", d, s.as_slice()).unwrap();
+        let mut whitened = residual.clone();
+        factor.solve_lower(&mut whitened);
+        let report = UpdateReport::from_innovation(7, &residual, &whitened, factor.log_det());
+        let r = DVector::from_vec(residual);
+        let nis = r.dot(&(s.clone().try_inverse().unwrap() * &r));
+        let density = (-0.5 * nis).exp() / (TAU.powi(d as i32) * s.determinant()).sqrt();
+        prop_assert!((report.nis - nis).abs() < 1e-9 * (1.0 + nis));
+        prop_assert!((report.log_likelihood - density.ln()).abs() < 1e-8);
+        prop_assert!((report.prefit - r.norm()).abs() < 1e-12);
+        prop_assert_eq!((report.contacts, report.dof), (7, d));
+        prop_assert_eq!((report.postfit, report.projected), (0.0, 0));
     }
 }
 

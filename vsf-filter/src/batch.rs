@@ -22,7 +22,7 @@ use rows::ByRows;
 use std::borrow::Cow;
 use std::f64::consts::TAU;
 use std::ops::Range;
-use vsf_core::{CoreError, Observation};
+use vsf_core::{CoreError, Noise, Observation};
 
 /// The problem is solved by rows when there are this many times more touched points.
 const POINTS_PER_ROW: usize = 3;
@@ -33,7 +33,8 @@ const POINTS_PER_ROW: usize = 3;
 /// `argmin_{K >= 0} sum_t |tau_t - W_t K|²_{(s² R_t)^-1} + |K - m|²_{C^-1}`
 ///
 /// for any [`FieldPrior`] `N(m, C)` and any scale `s` of the noise. The observations are turned
-/// into normal equations once, at the noise `R_t` that they carry; every prior and scale is then
+/// into normal equations once, at the noise `R_t` that they carry ([`BatchMap::new`]) or that is
+/// given for all ([`BatchMap::with_noise`]); every prior and scale is then
 /// solved from there.
 ///
 /// With `n` touched points and `m` rows (channels of all observations in contact), `n` may be tens
@@ -72,6 +73,8 @@ const POINTS_PER_ROW: usize = 3;
 #[derive(Debug)]
 pub struct BatchMap<'a> {
     sequences: Vec<&'a [Observation<f64>]>,
+    /// Of all observations, in place of their own.
+    noise: Option<Noise>,
     /// Touched points and, for every point of the field, its place among them.
     points: Vec<u32>,
     slot: Vec<u32>,
@@ -124,10 +127,32 @@ impl<'a> BatchMap<'a> {
         field_len: usize,
         sequences: impl IntoIterator<Item = &'a [Observation<f64>]>,
     ) -> Result<Self, CoreError> {
+        Self::build(field_len, sequences.into_iter().collect(), None)
+    }
+
+    /// As [`BatchMap::new`] of copies of the observations that all have this noise.
+    ///
+    /// # Errors
+    /// As [`BatchMap::new`]; noise of another dimension, or so small that a reading overflows in it.
+    pub fn with_noise(
+        field_len: usize,
+        sequences: impl IntoIterator<Item = &'a [Observation<f64>]>,
+        noise: &Noise,
+    ) -> Result<Self, CoreError> {
         let sequences: Vec<_> = sequences.into_iter().collect();
+        let mut all = sequences.iter().copied().flatten();
+        all.try_for_each(|obs| obs.check_noise(noise))?;
+        Self::build(field_len, sequences, Some(noise.clone()))
+    }
+
+    fn build(
+        field_len: usize,
+        sequences: Vec<&'a [Observation<f64>]>,
+        noise: Option<Noise>,
+    ) -> Result<Self, CoreError> {
         let all = || sequences.iter().copied().flatten();
         let mut slot = vec![NONE; field_len];
-        let mut whitener = Whitener::default();
+        let mut whitener = Whitener::new(noise.as_ref());
         let (mut channels, mut log_det_noise) = (0, 0.0);
         for obs in all() {
             obs.check_fits(field_len)?;
@@ -154,7 +179,9 @@ impl<'a> BatchMap<'a> {
         check_entries(n, if by_rows { rows } else { n }, "touched points")?;
         let store = if by_rows {
             let touching: Vec<_> = all().filter(|o| !o.is_empty()).collect();
-            let w = panel(&touching, &slot, n)?.transpose().to_owned();
+            let w = panel(&touching, &slot, n, &mut whitener)?
+                .transpose()
+                .to_owned();
             let mut tau = Vec::with_capacity(rows);
             for obs in touching {
                 whitener.set(obs)?;
@@ -164,11 +191,12 @@ impl<'a> BatchMap<'a> {
             }
             Store::Rows(w, tau)
         } else {
-            Store::Gram(gram(all(), &slot, n)?)
+            Store::Gram(gram(all(), &slot, n, &mut whitener)?)
         };
-        let rhs = project(all(), &slot, n, |_, _| {})?;
+        let rhs = project(all(), &slot, n, &mut whitener, |_, _| {})?;
         Ok(Self {
             sequences,
+            noise,
             points,
             slot,
             store,
@@ -288,6 +316,10 @@ impl<'a> BatchMap<'a> {
         Precision::new(prior, &self.points)
     }
 
+    fn whitener(&self) -> Whitener<'_> {
+        Whitener::new(self.noise.as_ref())
+    }
+
     /// Prior means of the touched points.
     fn means(&self, prior: &FieldPrior) -> Vec<f64> {
         let mean = |&p: &u32| prior.mean()[p as usize];
@@ -356,7 +388,7 @@ impl<'a> BatchMap<'a> {
 
     /// Whitened residuals of sequence `s`, of the observations in contact.
     fn whitened_residuals(&self, s: usize, x: &[f64]) -> Result<Vec<f64>, CoreError> {
-        let mut whitener = Whitener::default();
+        let mut whitener = self.whitener();
         let mut out = Vec::with_capacity(self.rows_of[s].len());
         for obs in self.sequences[s].iter().filter(|o| !o.is_empty()) {
             let mut r = obs.reading().to_vec();
@@ -370,7 +402,7 @@ impl<'a> BatchMap<'a> {
 
     /// `sum_t (tau_t - W_t x)^T R_t^-1 (tau_t - W_t y)` over sequence `s`.
     fn squares(&self, s: usize, x: &[f64], y: &[f64]) -> Result<f64, CoreError> {
-        let mut whitener = Whitener::default();
+        let mut whitener = self.whitener();
         let mut sum = 0.0;
         for obs in self.sequences[s] {
             whitener.set(obs)?;

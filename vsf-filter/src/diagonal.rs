@@ -1,6 +1,5 @@
 use crate::replay::{ReplayVariance, Revisit};
 use crate::{kernel, values};
-use std::f64::consts::TAU;
 use vsf_core::{
     Belief, CoreError, Estimator, Observation, Prediction, Scalar, SymmetricFactor, UpdateReport,
 };
@@ -139,16 +138,7 @@ impl<T: Scalar> Correction<T> {
         self.blend.clear();
         self.blend.extend(pairs.map(|(r, s)| (1.0 - c) * r + c * s));
         self.factor.factor("noise covariance", d, &self.blend)?;
-        self.whitener.resize(d * d, 0.0);
-        self.gain.resize(d, 0.0);
-        for j in 0..d {
-            self.gain.fill(0.0);
-            self.gain[j] = 1.0;
-            self.factor.solve_lower(&mut self.gain);
-            for i in 0..d {
-                self.whitener[i * d + j] = self.gain[i];
-            }
-        }
+        self.factor.inverse_lower(&mut self.whitener);
         kernel::shrink(obs, &self.whitener, c, &mut self.variance);
         if values::all_positive(&self.variance) {
             Ok(())
@@ -223,16 +213,12 @@ impl<T: Scalar> Revisit for DiagonalKalman<T> {
             values::scatter(obs.points(), &scratch.variance, variance);
         }
         std::mem::swap(&mut self.whitened, &mut scratch.whitened);
-        let nis: f64 = self.whitened.iter().map(|x| x * x).sum();
-        let dof = obs.dim();
-        Ok(UpdateReport {
-            contacts: obs.len(),
-            dof,
-            nis,
-            log_likelihood: -0.5 * (nis + scratch.log_det + dof as f64 * TAU.ln()),
-            prefit: norm(&scratch.residual),
-            ..UpdateReport::default()
-        })
+        Ok(UpdateReport::from_innovation(
+            obs.len(),
+            &scratch.residual,
+            &self.whitened,
+            scratch.log_det,
+        ))
     }
 
     fn belief_mut(&mut self) -> &mut Belief<T> {
@@ -302,8 +288,4 @@ pub(crate) fn postfit<T: Scalar>(
         .map(|(t, p)| (t.to_f64() - p).powi(2))
         .sum::<f64>()
         .sqrt()
-}
-
-fn norm(x: &[f64]) -> f64 {
-    x.iter().map(|v| v * v).sum::<f64>().sqrt()
 }

@@ -84,8 +84,8 @@ impl Campaign {
     /// that contact cannot take.
     pub fn contact_log(&self, model: &Model, motion: &Motion) -> Result<ContactLog, GapError> {
         motion.check(self.site.joints())?;
-        let mut compensators = model.compensators(&self.site)?;
-        let mut driver = ContactDriver::new(&self.site, &self.scene, &compensators)?;
+        let mut effects = model.compensator(&self.site)?;
+        let mut driver = ContactDriver::new(&self.site, &self.scene, &*effects)?;
         let mut log = ContactLog {
             postures: Vec::with_capacity(motion.len()),
             contacts: Vec::with_capacity(motion.len()),
@@ -97,17 +97,15 @@ impl Campaign {
         let mut workspace = self.site.robot.dynamics_workspace();
         let mut posture = self.site.robot.posture();
         let mut contacts = Contacts::new();
-        compensators
-            .iter_mut()
-            .for_each(|c| c.begin_sequence(&motion.id));
+        effects.begin_sequence(&motion.id);
         for touch in &motion.touches {
             driver.reset();
-            compensators.iter_mut().for_each(|c| c.begin_touch());
+            effects.begin_touch();
             for row in touch.clone() {
                 let sample = motion.sample(row, touch.start, driver.force);
                 driver.step(
                     &self.site,
-                    &mut compensators,
+                    &mut *effects,
                     &sample,
                     &mut posture,
                     &mut contacts,
@@ -130,18 +128,14 @@ impl Campaign {
 }
 
 impl ContactDriver {
-    /// Contact as the compensators have it.
+    /// Contact as the effects have it.
     ///
     /// # Errors
     /// Parameters of contact out of range.
-    pub fn new(
-        site: &Site,
-        scene: &Scene,
-        compensators: &[Box<dyn Compensator>],
-    ) -> Result<Self, GapError> {
+    pub fn new(site: &Site, scene: &Scene, effects: &dyn Compensator) -> Result<Self, GapError> {
         Ok(Self {
             model: scene
-                .with_contact(contact_config(scene, compensators))?
+                .with_contact(contact_config(scene, effects))?
                 .contact_model()?,
             force: Vector3::zeros(),
             links: Links::new(site.joints()),
@@ -171,12 +165,12 @@ impl ContactDriver {
     pub fn step(
         &mut self,
         site: &Site,
-        compensators: &mut [Box<dyn Compensator>],
+        effects: &mut dyn Compensator,
         sample: &Sample<'_>,
         posture: &mut Posture,
         contacts: &mut Contacts,
     ) -> Result<(), GapError> {
-        self.links.place(site, compensators, sample, posture)?;
+        self.links.place(site, effects, sample, posture)?;
         self.model.step(&site.rest, posture, contacts)?;
         let touch = Touch {
             rest: &site.rest,
@@ -188,13 +182,10 @@ impl ContactDriver {
     }
 }
 
-/// The parameters of contact as the compensators have them.
-pub(crate) fn contact_config(
-    scene: &Scene,
-    compensators: &[Box<dyn Compensator>],
-) -> ContactConfig {
+/// The parameters of contact as the effects have them.
+pub(crate) fn contact_config(scene: &Scene, effects: &dyn Compensator) -> ContactConfig {
     let mut config = *scene.contact();
-    compensators.iter().for_each(|c| c.contact(&mut config));
+    effects.contact(&mut config);
     config
 }
 

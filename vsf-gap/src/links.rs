@@ -20,27 +20,24 @@ impl Links {
         }
     }
 
-    /// Moves the links as the compensators have it, in the frame of the object.
+    /// Moves the links as the effects have it, in the frame of the object.
     ///
     /// # Errors
     /// Positions that the robot cannot take.
     pub(crate) fn place(
         &mut self,
         site: &Site,
-        compensators: &mut [Box<dyn Compensator>],
+        effects: &mut dyn Compensator,
         sample: &Sample<'_>,
         posture: &mut Posture,
     ) -> Result<(), GapError> {
         self.q.copy_from_slice(sample.q);
         self.qd.copy_from_slice(sample.qd);
         self.qdd.copy_from_slice(sample.qdd);
-        for c in compensators.iter_mut() {
-            c.joints(sample, &mut self.q);
-            c.motion(sample, &mut self.qd, &mut self.qdd);
-        }
+        effects.joints(sample, &mut self.q);
+        effects.motion(sample, &mut self.qd, &mut self.qdd);
         site.robot.update_posture(&self.q, posture)?;
-        let shifts = compensators.iter_mut().map(|c| c.object_shift(sample));
-        let shift: Vector3<f64> = shifts.sum();
+        let shift = effects.object_shift(sample);
         if shift != Vector3::zeros() {
             translate(posture, &-shift);
         }

@@ -48,19 +48,21 @@ impl Model {
         acts.max().unwrap_or(Acts::Torques)
     }
 
-    /// The compensators, in order.
+    /// Its effects as one: each changes what those before it left, and object shifts add up.
     ///
     /// # Errors
     /// Parameters of another number, not finite, or that an effect cannot take.
-    pub fn compensators(&self, site: &Site) -> Result<Vec<Box<dyn Compensator>>, GapError> {
+    pub fn compensator(&self, site: &Site) -> Result<Box<dyn Compensator>, GapError> {
         let make = |(effect, theta): &(Arc<dyn Effect>, Vec<f64>)| {
             check(effect.name(), theta, effect.parameters(site).len())?;
-            Ok(Box::new(Declared {
-                acts: effect.acts(),
-                inner: effect.compensator(site, theta)?,
-            }) as Box<dyn Compensator>)
+            Ok((effect.acts(), effect.compensator(site, theta)?))
         };
-        self.parts.iter().map(make).collect()
+        let parts = self
+            .parts
+            .iter()
+            .map(make)
+            .collect::<Result<_, GapError>>()?;
+        Ok(Box::new(Effects(parts)))
     }
 
     /// How its effects stray from what their parameters say.
@@ -93,58 +95,58 @@ impl std::fmt::Debug for Model {
     }
 }
 
-/// A compensator that does no more than its effect says it [acts](Effect::acts) on: contacts are shared between
-/// models by that.
-struct Declared {
-    acts: Acts,
-    inner: Box<dyn Compensator>,
+/// Effects in order. None does more than it says it [acts](Effect::acts) on: contacts are shared between models by
+/// that.
+struct Effects(Vec<(Acts, Box<dyn Compensator>)>);
+
+impl Effects {
+    /// Those that act on this, or deeper.
+    fn on(&mut self, least: Acts) -> impl Iterator<Item = &mut Box<dyn Compensator>> {
+        let deep = self.0.iter_mut().filter(move |(acts, _)| *acts >= least);
+        deep.map(|(_, c)| c)
+    }
 }
 
-impl Compensator for Declared {
+impl Compensator for Effects {
     fn begin_sequence(&mut self, sequence: &str) {
-        self.inner.begin_sequence(sequence);
+        self.on(Acts::Torques)
+            .for_each(|c| c.begin_sequence(sequence));
     }
 
     fn begin_touch(&mut self) {
-        self.inner.begin_touch();
+        self.on(Acts::Torques).for_each(|c| c.begin_touch());
     }
 
     fn joints(&mut self, sample: &Sample<'_>, q: &mut [f64]) {
-        if self.acts == Acts::Contact {
-            self.inner.joints(sample, q);
-        }
+        self.on(Acts::Contact).for_each(|c| c.joints(sample, q));
     }
 
     fn motion(&mut self, sample: &Sample<'_>, qd: &mut [f64], qdd: &mut [f64]) {
-        if self.acts == Acts::Contact {
-            self.inner.motion(sample, qd, qdd);
-        }
+        self.on(Acts::Contact)
+            .for_each(|c| c.motion(sample, qd, qdd));
     }
 
     fn contact(&self, config: &mut ContactConfig) {
-        if self.acts == Acts::Contact {
-            self.inner.contact(config);
-        }
+        let of_contact = self.0.iter().filter(|(acts, _)| *acts == Acts::Contact);
+        of_contact.for_each(|(_, c)| c.contact(config));
     }
 
     fn object_shift(&mut self, sample: &Sample<'_>) -> Vector3<f64> {
-        match self.acts {
-            Acts::Contact => self.inner.object_shift(sample),
-            Acts::Springs | Acts::Torques => Vector3::zeros(),
-        }
+        self.on(Acts::Contact).map(|c| c.object_shift(sample)).sum()
     }
 
     fn springs(&mut self, sample: &Sample<'_>, touch: &Touch<'_>, springs: &mut [Vector3<f64>]) {
-        if self.acts >= Acts::Springs {
-            self.inner.springs(sample, touch, springs);
-        }
+        self.on(Acts::Springs)
+            .for_each(|c| c.springs(sample, touch, springs));
     }
 
     fn gains(&mut self, sample: &Sample<'_>, touch: &Touch<'_>, gains: &mut [f64]) {
-        self.inner.gains(sample, touch, gains);
+        self.on(Acts::Torques)
+            .for_each(|c| c.gains(sample, touch, gains));
     }
 
     fn torques(&mut self, sample: &Sample<'_>, touch: &Touch<'_>, tau: &mut [f64]) {
-        self.inner.torques(sample, touch, tau);
+        self.on(Acts::Torques)
+            .for_each(|c| c.torques(sample, touch, tau));
     }
 }

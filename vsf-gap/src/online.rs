@@ -46,7 +46,7 @@ use vsf_robots::DynamicsWorkspace;
 /// ```
 pub struct Corrector {
     site: Site,
-    compensators: Vec<Box<dyn Compensator>>,
+    effects: Box<dyn Compensator>,
     driver: ContactDriver,
     posture: Posture,
     contacts: Contacts,
@@ -62,7 +62,6 @@ pub struct Corrector {
 impl std::fmt::Debug for Corrector {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
         f.debug_struct("Corrector")
-            .field("effects", &self.compensators.len())
             .field("samples", &self.sum.1)
             .field("tare", &self.tare)
             .finish_non_exhaustive()
@@ -75,10 +74,10 @@ impl Corrector {
     /// # Errors
     /// Parameters that an effect or contact cannot take.
     pub fn new(site: &Site, scene: &Scene, model: &Model) -> Result<Self, GapError> {
-        let compensators = model.compensators(site)?;
+        let effects = model.compensator(site)?;
         Ok(Self {
-            driver: ContactDriver::new(site, scene, &compensators)?,
-            compensators,
+            driver: ContactDriver::new(site, scene, &*effects)?,
+            effects,
             posture: site.robot.posture(),
             contacts: Contacts::new(),
             prediction: Prediction::new(site.joints()),
@@ -92,9 +91,7 @@ impl Corrector {
 
     /// A sequence begins, with its first touch.
     pub fn begin_sequence(&mut self, id: &str) {
-        self.compensators
-            .iter_mut()
-            .for_each(|c| c.begin_sequence(id));
+        self.effects.begin_sequence(id);
         self.sum.0.fill(0.0);
         self.sum.1 = 0;
         self.tare.fill(0.0);
@@ -115,7 +112,7 @@ impl Corrector {
     /// A touch begins after motion that was not seen.
     pub fn begin_touch(&mut self) {
         self.driver.reset();
-        self.compensators.iter_mut().for_each(|c| c.begin_touch());
+        self.effects.begin_touch();
     }
 
     /// One sample: writes the columns `G W` and the reading less the model's torques to `obs`, and
@@ -153,9 +150,9 @@ impl Corrector {
             ..*sample
         };
         let (posture, contacts) = (&mut self.posture, &mut self.contacts);
-        let compensators = &mut self.compensators;
+        let effects = &mut *self.effects;
         self.driver
-            .step(&self.site, compensators, &known, posture, contacts)?;
+            .step(&self.site, effects, &known, posture, contacts)?;
         let felt = Sample {
             force_W: self.driver.force(),
             ..self.driver.links().felt(sample)
@@ -165,7 +162,7 @@ impl Corrector {
             posture,
             contacts,
         };
-        self.prediction.step(compensators, &felt, &touch)?;
+        self.prediction.step(effects, &felt, &touch)?;
         let torques = &mut self.prediction.torques;
         if self.site.torque_kind == TorqueKind::Measured {
             let change =

@@ -37,23 +37,21 @@ impl Campaign {
             motion.check(d)?;
             log.check(&self.site, motion)?;
         }
-        let mut compensators = model.compensators(&self.site)?;
+        let mut effects = model.compensator(&self.site)?;
         let mut out = Prediction::new(d);
         for (s, (motion, log)) in motions.iter().zip(logs).enumerate() {
             if !goes_on(motions, s) {
-                compensators
-                    .iter_mut()
-                    .for_each(|c| c.begin_sequence(&motion.id));
+                effects.begin_sequence(&motion.id);
             }
             let touch = |row| log.touch(&self.site, row);
             let tared = motion.tare.min(motion.len());
             let mut begin: Vec<Prediction> = Vec::with_capacity(tared);
             let mut offset = vec![0.0; d];
             for range in &motion.touches {
-                compensators.iter_mut().for_each(|c| c.begin_touch());
+                effects.begin_touch();
                 for row in range.clone() {
                     let sample = log.felt(motion.sample(row, range.start, log.forces[row]), row);
-                    out.step(&mut compensators, &sample, &touch(row))
+                    out.step(&mut *effects, &sample, &touch(row))
                         .map_err(|e| GapError::Model {
                             effect: model.name(),
                             problem: format!("sequence {} row {row}: {e}", motion.id),
@@ -111,13 +109,13 @@ impl Prediction {
         })
     }
 
-    /// Asks the compensators.
+    /// Asks the effects.
     ///
     /// # Errors
     /// What they answer is not finite.
     pub(crate) fn step(
         &mut self,
-        compensators: &mut [Box<dyn Compensator>],
+        effects: &mut dyn Compensator,
         sample: &Sample<'_>,
         touch: &Touch<'_>,
     ) -> Result<(), CoreError> {
@@ -126,11 +124,9 @@ impl Prediction {
             .extend_from_slice(touch.contacts.displacements());
         self.gains.fill(1.0);
         self.torques.fill(0.0);
-        for c in compensators {
-            c.springs(sample, touch, &mut self.springs);
-            c.gains(sample, touch, &mut self.gains);
-            c.torques(sample, touch, &mut self.torques);
-        }
+        effects.springs(sample, touch, &mut self.springs);
+        effects.gains(sample, touch, &mut self.gains);
+        effects.torques(sample, touch, &mut self.torques);
         CoreError::check_finite("gains of the model", &self.gains)?;
         CoreError::check_finite("torques of the model", &self.torques)?;
         (self.springs.iter())
@@ -155,19 +151,83 @@ impl Prediction {
     /// The torques `G W K + a` of a stiffness per rest point, written to `out`.
     ///
     /// # Panics
-    /// If a touched point is none of the rest points or has no stiffness, or `out` is not one torque per joint.
+    /// If a touched point is none of the rest points or has no stiffness, or `out` is shorter than one torque per joint.
     pub fn apply(&self, touch: &Touch<'_>, stiffness: &[f64], out: &mut [f64]) {
-        let d = self.gains.len();
-        out.copy_from_slice(&self.torques);
-        let mut column = vec![0.0; d];
-        for (k, &p) in touch.contacts.points().iter().enumerate() {
-            let stiffness = stiffness[p as usize];
-            if stiffness != 0.0 {
-                self.column(touch, k, &mut column);
-                out.iter_mut()
-                    .zip(&column)
-                    .for_each(|(t, w)| *t += w * stiffness);
+        let contacts = touch.contacts;
+        let none = Vector3::zeros();
+        let (mut moment, mut force) = (none, none);
+        let out = &mut out[..self.torques.len()];
+        out.fill(0.0);
+        for (k, (&p, u)) in (contacts.points().iter())
+            .zip(contacts.displacements())
+            .enumerate()
+        {
+            let pull = self.springs[k] * -stiffness[p as usize];
+            let place = touch.rest.positions()[p as usize] + u;
+            moment += place.coords.cross(&pull);
+            force += pull;
+            // Neighbours are mostly on one link, whose joints then feel them together.
+            let link = contacts.links()[k];
+            if contacts.links().get(k + 1) != Some(&link) {
+                (touch.posture).add_torques(link as usize, &moment, &force, out);
+                (moment, force) = (none, none);
             }
+        }
+        let model = self.gains.iter().zip(&self.torques);
+        (out.iter_mut().zip(model)).for_each(|(t, (gain, torque))| *t = gain * *t + torque);
+    }
+}
+
+#[cfg(test)]
+#[allow(clippy::unwrap_used)]
+mod tests {
+    use super::*;
+    use nalgebra::Point3;
+    use vsf_core::{Contacts, RestPoints};
+    use vsf_robots::planar_arm;
+
+    /// Against the sum of all columns, over links that take turns and links with a run of points.
+    #[test]
+    fn val_apply_is_the_sum_of_the_columns() {
+        let robot = planar_arm(4, 0.3, 0.03).unwrap();
+        let mut posture = robot.posture();
+        (robot.update_posture(&[0.3, -0.8, 1.1, 0.4], &mut posture)).unwrap();
+        let wave = |k: f64| Vector3::new(k.sin(), (2.0 * k).cos(), (3.0 * k).sin());
+        let places = (0..90).map(|k| Point3::from(0.5 * wave(0.7 * f64::from(k))));
+        let rest = RestPoints::new(places.collect()).unwrap();
+        let (mut contacts, mut springs) = (Contacts::new(), Vec::new());
+        for k in (0..90).step_by(2) {
+            let joint = if k < 40 { k / 2 % 4 } else { k / 30 };
+            let link = robot.joints()[joint as usize].child() as u32;
+            let u = 0.01 * wave(f64::from(k));
+            contacts.push(k, link, u, Vector3::z()).unwrap();
+            springs.push(0.02 * wave(0.3 * f64::from(k)));
+        }
+        let touch = Touch {
+            rest: &rest,
+            posture: &posture,
+            contacts: &contacts,
+        };
+        let prediction = Prediction {
+            springs,
+            gains: vec![1.0, 0.9, 1.2, -0.5],
+            torques: vec![0.1, 0.0, -2.0, 0.3],
+        };
+        let stiffness: Vec<f64> = (0..90).map(|k| f64::from(k * 37 % 11)).collect();
+        let mut found = [f64::NAN; 4];
+        prediction.apply(&touch, &stiffness, &mut found);
+        let mut expected = prediction.torques.clone();
+        let mut sizes: Vec<f64> = expected.iter().map(|t| t.abs()).collect();
+        let mut column = [0.0; 4];
+        for (k, &p) in contacts.points().iter().enumerate() {
+            prediction.column(&touch, k, &mut column);
+            add(&mut expected, &column, stiffness[p as usize]);
+            add(&mut sizes, &column.map(f64::abs), stiffness[p as usize]);
+        }
+        for (j, (found, expected)) in found.iter().zip(&expected).enumerate() {
+            assert!(expected.abs() > 1e-3 * sizes[j], "{j}: {expected}");
+            let gap = (found - expected).abs();
+            assert!(gap <= 1e-12 * sizes[j], "{j}: {found} {expected}");
         }
     }
 }

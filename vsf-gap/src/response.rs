@@ -22,8 +22,8 @@ impl Campaign {
         motion: &Motion,
         log: &ContactLog,
     ) -> Result<Option<ContactLog>, GapError> {
-        let mut compensators = model.compensators(&self.site)?;
-        let Some(padding) = self.padding(&base.compensators(&self.site)?, &compensators) else {
+        let mut effects = model.compensator(&self.site)?;
+        let Some(padding) = self.padding(&*base.compensator(&self.site)?, &*effects) else {
             return Ok(None);
         };
         let mut answer = ContactLog {
@@ -34,11 +34,9 @@ impl Campaign {
         let measured = self.site.torque_kind == TorqueKind::Measured;
         let mut workspace = self.site.robot.dynamics_workspace();
         let mut links = Links::new(self.site.joints());
-        compensators
-            .iter_mut()
-            .for_each(|c| c.begin_sequence(&motion.id));
+        effects.begin_sequence(&motion.id);
         for touch in &motion.touches {
-            compensators.iter_mut().for_each(|c| c.begin_touch());
+            effects.begin_touch();
             for row in touch.clone() {
                 // As in a run of contact: the force known when a sample begins.
                 let force = if row > touch.start {
@@ -48,7 +46,7 @@ impl Campaign {
                 };
                 let sample = motion.sample(row, touch.start, force);
                 let posture = &mut answer.postures[row];
-                links.place(&self.site, &mut compensators, &sample, posture)?;
+                links.place(&self.site, &mut *effects, &sample, posture)?;
                 if measured {
                     let change = links.rigid_change(&self.site, &sample, &mut workspace)?;
                     answer.rigid.extend(change);
@@ -70,12 +68,8 @@ impl Campaign {
         Ok(Some(answer))
     }
 
-    /// By how much padding differs between two sets of compensators, unless more of contact does.
-    fn padding(
-        &self,
-        base: &[Box<dyn Compensator>],
-        other: &[Box<dyn Compensator>],
-    ) -> Option<f64> {
+    /// By how much padding differs between two sets of effects, unless more of contact does.
+    fn padding(&self, base: &dyn Compensator, other: &dyn Compensator) -> Option<f64> {
         let [base, mut other] = [base, other].map(|c| contact_config(&self.scene, c));
         let padding = other.padding - base.padding;
         other.padding = base.padding;

@@ -143,9 +143,9 @@ impl Search<'_> {
         let Some(fitted) = self.model_of(&others.with(&padding, &[0.0])) else {
             return Ok(None);
         };
-        let compensators = fitted.model.compensators(&campaign.site)?;
+        let effects = fitted.model.compensator(&campaign.site)?;
         let nominal = *campaign.scene.contact();
-        let level = contact_config(&campaign.scene, &compensators).level();
+        let level = contact_config(&campaign.scene, &*effects).level();
         let scene = campaign.scene.with_contact(ContactConfig {
             threshold: level - nominal.padding,
             ..nominal

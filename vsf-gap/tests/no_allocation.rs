@@ -10,10 +10,11 @@ use common::campaign::plate;
 use nalgebra::{Point3, Vector3};
 use std::alloc::{GlobalAlloc, Layout, System};
 use std::cell::Cell;
+use std::sync::Arc;
 use vsf_core::{Contacts, Noise, Observation};
 use vsf_data::TorqueKind;
 use vsf_gap::effects::catalogue;
-use vsf_gap::{Corrector, Model, Sample, Touch};
+use vsf_gap::{Campaign, Corrector, Model, Prediction, Sample, Touch};
 use vsf_robots::planar_arm;
 
 thread_local! {
@@ -64,6 +65,7 @@ fn control_loop() {
         (vec![0.02 * t, 0.0, z], vec![0.1, -0.1, 3.0 * t])
     };
     let campaign = plate(&points, &[(0..60).map(press).collect()]);
+    torques_of_a_field(&campaign);
     let motion = &campaign.train()[0];
     let mut obs = Observation::new(Noise::uniform(3, 1.0).unwrap());
     for effect in catalogue() {
@@ -89,6 +91,23 @@ fn control_loop() {
             assert!(touch == 0 || calls == 0, "{}: {calls}", effect.name());
         }
     }
+}
+
+/// What a field gives at the contacts of a sequence.
+fn torques_of_a_field(campaign: &Campaign) {
+    let motion = &campaign.train()[0];
+    let log = campaign.contact_log(&Model::default(), motion).unwrap();
+    let stiffness = vec![100.0; campaign.site().rest.len()];
+    let (mut tau, mut touching) = ([0.0; 3], 0);
+    let count = |_, _, touch: &Touch<'_>, prediction: &Prediction| {
+        let before = CALLS.get();
+        prediction.apply(touch, &stiffness, &mut tau);
+        assert_eq!(CALLS.get(), before);
+        touching += usize::from(tau[2] != 0.0);
+    };
+    let logs = [Arc::new(log)];
+    (campaign.predict(&Model::default(), &[motion], &logs, count)).unwrap();
+    assert!(touching > 0);
 }
 
 fn compensators() {

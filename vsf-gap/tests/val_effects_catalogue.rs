@@ -504,7 +504,7 @@ fn effects_that_are_not_what_they_say_are_refused() {
         assert!(text.contains(problem), "{text}");
     }
     let few = Model::of(&odd("odd", 12.0, 1.0), &[]);
-    let error = few.compensators(waving().site()).err().unwrap().to_string();
+    let error = few.compensator(waving().site()).err().unwrap().to_string();
     assert!(error.contains("takes 1 parameters, got 0"), "{error}");
 }
 

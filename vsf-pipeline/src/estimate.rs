@@ -1,4 +1,4 @@
-use crate::trace::{check_traces, with_noise};
+use crate::trace::check_traces;
 use crate::{Hyper, PipelineError, Trace};
 use vsf_core::{
     Belief, CoreError, Estimator, FilterHealth, Noise, Observation, RestPoints, Scalar,
@@ -181,23 +181,30 @@ pub fn estimate_from(
     progress: impl FnMut(usize),
 ) -> Result<Estimate, PipelineError> {
     check_traces(traces, prior.len(), noise_sd.len())?;
-    let traces = with_noise(traces, &Noise::per_channel(noise_sd)?)?;
-    run(spec, prior, &traces, progress)
+    let traces: Vec<&Trace> = traces.iter().collect();
+    run(
+        spec,
+        prior,
+        &traces,
+        &Noise::per_channel(noise_sd)?,
+        progress,
+    )
 }
 
-/// [`estimate_from`] with the noise that the traces have.
+/// [`estimate_from`] traces that were checked.
 pub(crate) fn run(
     spec: &EstimatorSpec,
     prior: FieldPrior,
-    traces: &[Trace],
+    traces: &[&Trace],
+    noise: &Noise,
     mut progress: impl FnMut(usize),
 ) -> Result<Estimate, PipelineError> {
-    let touched = touched_points(traces, prior.len());
+    let touched = touched_points(traces.iter().copied(), prior.len());
     let mut health = FilterHealth::default();
     let mut estimator = match *spec {
         EstimatorSpec::Online { filter, robust } => filter.build(prior, robust)?,
         EstimatorSpec::Batch => {
-            let belief = optimum(traces, &prior)?;
+            let belief = optimum(traces, &prior, noise)?;
             progress(traces.len());
             return Ok(Estimate {
                 belief,
@@ -207,7 +214,7 @@ pub(crate) fn run(
         }
     };
     for (done, trace) in traces.iter().enumerate() {
-        estimate_online(&mut *estimator, trace, |obs, report| {
+        estimate_online(&mut *estimator, trace, Some(noise), |obs, report| {
             if !obs.is_empty() {
                 health.record(report);
             }
@@ -221,14 +228,19 @@ pub(crate) fn run(
     })
 }
 
-/// The problem of all observations.
-pub(crate) fn batch_map(traces: &[Trace], field_len: usize) -> Result<BatchMap<'_>, CoreError> {
-    BatchMap::new(field_len, traces.iter().map(|t| t.observations.as_slice()))
+/// The problem of all observations, with one noise.
+pub(crate) fn batch_map<'a>(
+    traces: impl IntoIterator<Item = &'a Trace>,
+    field_len: usize,
+    noise: &Noise,
+) -> Result<BatchMap<'a>, CoreError> {
+    let readings = traces.into_iter().map(|t| t.observations.as_slice());
+    BatchMap::with_noise(field_len, readings, noise)
 }
 
 /// The optimum. Points never touched keep the variance of the prior, an upper bound.
-fn optimum(traces: &[Trace], prior: &FieldPrior) -> Result<Belief<f64>, CoreError> {
-    let batch = batch_map(traces, prior.len())?;
+fn optimum(traces: &[&Trace], prior: &FieldPrior, noise: &Noise) -> Result<Belief<f64>, CoreError> {
+    let batch = batch_map(traces.iter().copied(), prior.len(), noise)?;
     let fit = batch.solve(prior, 1.0)?;
     let mut variance = prior.marginals()?.variance().to_vec();
     let touched = fit.marginals(batch.points())?;
@@ -251,24 +263,34 @@ pub(crate) fn touched_points<'a>(
     touched
 }
 
-/// Runs an estimator over one sequence, `seen` is told every observation and what it did.
+/// Runs an estimator over one sequence, `seen` is told every observation and what it did. Readings have `noise`, or
+/// where none is given that of their observations.
 ///
 /// # Errors
-/// As the estimator's update; the row is named.
+/// As the estimator's update and [`Observation::set_noise`]; the row is named.
 pub fn estimate_online(
     estimator: &mut dyn Estimator<Scalar = f64>,
     trace: &Trace,
+    noise: Option<&Noise>,
     mut seen: impl FnMut(&Observation<f64>, &UpdateReport),
 ) -> Result<(), PipelineError> {
     estimator.begin_sequence();
+    let mut copy = noise.map(|noise| (noise, Observation::new(noise.clone())));
     for (row, obs) in trace.observations.iter().enumerate() {
-        let report = estimator
-            .update(obs)
-            .map_err(|source| PipelineError::Sequence {
-                id: trace.id.clone(),
-                row,
-                source,
-            })?;
+        let at = |source| PipelineError::Sequence {
+            id: trace.id.clone(),
+            row,
+            source,
+        };
+        let obs = match &mut copy {
+            None => obs,
+            Some((noise, copy)) => {
+                copy.clone_from(obs);
+                copy.set_noise(noise).map_err(at)?;
+                copy
+            }
+        };
+        let report = estimator.update(obs).map_err(at)?;
         seen(obs, &report);
     }
     Ok(())

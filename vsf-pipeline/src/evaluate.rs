@@ -177,13 +177,17 @@ pub(crate) fn mean_prediction(mean: &[f64], trace: &Trace) -> SequencePrediction
 }
 
 /// Norm of the error of a field of means at every sample.
-pub(crate) fn sample_errors<'a>(
-    mean: &'a [f64],
-    trace: &'a Trace,
-) -> impl Iterator<Item = f64> + 'a {
+fn sample_errors<'a>(mean: &'a [f64], trace: &'a Trace) -> impl Iterator<Item = f64> + 'a {
     fits(mean, trace)
         .zip(trace.readings())
         .map(|(fit, tau)| distance(&fit, tau))
+}
+
+/// Mean of [`sample_errors`] over all samples of traces, 0 without any.
+pub(crate) fn mean_error<'a>(mean: &[f64], traces: impl IntoIterator<Item = &'a Trace>) -> f64 {
+    let errors = (traces.into_iter()).flat_map(|trace| sample_errors(mean, trace));
+    let (sum, count) = errors.fold((0.0, 0usize), |(sum, n), error| (sum + error, n + 1));
+    sum / count.max(1) as f64
 }
 
 fn distance(a: &[f64], b: &[f64]) -> f64 {
@@ -210,7 +214,7 @@ fn check_size(belief: &Belief<f64>, scene: &Scene) -> Result<(), PipelineError> 
 ///
 /// # Errors
 /// A belief of another size than the scene's points, a noise that is negative or not finite, a trace that [`Trace::check`]
-/// refuses, such as one of another number of channels than the noise.
+/// refuses, such as one of another number of channels than the noise; predictions beyond the range of numbers.
 pub fn predict(
     scene: &Scene,
     belief: &Belief<f64>,
@@ -231,7 +235,7 @@ pub fn predict(
         .into());
     }
     trace.check(belief.len(), noise_sd.len())?;
-    sequence_prediction(trace, |obs| Ok(predict_independent(belief, noise_sd, obs)))
+    sequence_prediction(trace, |obs| predict_independent(belief, noise_sd, obs))
 }
 
 /// What `of` predicts of every observation of a trace.
@@ -257,20 +261,10 @@ pub(crate) fn predict_independent(
     belief: &Belief<f64>,
     noise_sd: &[f64],
     obs: &Observation<f64>,
-) -> Prediction {
-    let mut mean = vec![0.0; obs.dim()];
-    obs.apply(belief.mean(), &mut mean);
-    let spread = |(i, noise): (usize, &f64)| {
-        let terms = obs.row(i).iter().zip(obs.points());
-        let field: f64 = terms
-            .map(|(w, &p)| w * w * belief.variance()[p as usize])
-            .sum();
-        (field + noise * noise).sqrt()
-    };
-    Prediction {
-        mean,
-        sd: noise_sd.iter().enumerate().map(spread).collect(),
-    }
+) -> Result<Prediction, CoreError> {
+    let mut out = Prediction::default();
+    belief.predict(obs, |i| noise_sd[i], &mut out)?;
+    Ok(out)
 }
 
 /// Errors of a field on sequences it was not estimated from (or on any others).

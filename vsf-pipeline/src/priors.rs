@@ -1,6 +1,5 @@
 use crate::estimate::batch_map;
 use crate::evaluate::{score, sequence_prediction};
-use crate::trace::with_noise;
 use crate::{Campaign, Evaluation, HyperMethod, PipelineError, PriorShape, Trace, choose_hyper};
 use serde::Serialize;
 use vsf_core::Noise;
@@ -63,8 +62,7 @@ fn row(
     );
     let hyper = choose_hyper(scene.rest(), train, &[shape], HyperMethod::HeldOut)?.hyper;
     let noise = Noise::per_channel(&hyper.noise_sd)?;
-    let (train, test) = (with_noise(train, &noise)?, with_noise(test, &noise)?);
-    let batch = batch_map(&train, scene.rest().len())?;
+    let batch = batch_map(train, scene.rest().len(), &noise)?;
     let fit = batch.solve(&shape.prior(scene.rest(), hyper.prior_sd)?, 1.0)?;
     let predict = |trace: &Trace| sequence_prediction(trace, |obs| fit.predict(obs));
     let predictions: Vec<_> = test.iter().map(predict).collect::<Result<_, _>>()?;
@@ -72,6 +70,6 @@ fn row(
         prior: name,
         shape,
         prior_sd: hyper.prior_sd,
-        evaluation: score(scene, &test, &predictions)?,
+        evaluation: score(scene, test, &predictions)?,
     })
 }

@@ -1,5 +1,5 @@
 use crate::estimate::touched_points;
-use crate::evaluate::sample_errors;
+use crate::evaluate::mean_error;
 use crate::{
     Campaign, EstimatorSpec, FilterSpec, Hyper, PipelineError, Scene, Trace, estimate,
     estimate_online, evaluate,
@@ -119,12 +119,13 @@ impl Run<'_> {
         let mut estimator = filter.build::<f64>(prior, None)?;
         let (mut fits, mut seconds, mut updates) = (Vec::new(), 0.0, 0usize);
         for trace in self.train {
+            // Copied before the clock runs: on the robot noise comes with the readings.
             let trace = trace.with_noise(&noise)?;
             let clock = Instant::now();
-            estimate_online(&mut *estimator, &trace, |_, _| {})?;
+            estimate_online(&mut *estimator, &trace, None, |_, _| {})?;
             seconds += clock.elapsed().as_secs_f64();
             updates += trace.observations.len();
-            fits.push(fit_error(estimator.belief().mean(), &trace));
+            fits.push(mean_error(estimator.belief().mean(), [&trace]));
         }
         let step = self.contact_seconds + seconds / updates.max(1) as f64;
         self.cell(name, &fits, estimator.belief(), Some(1.0 / step))
@@ -139,7 +140,7 @@ impl Run<'_> {
             self.hyper,
             |_| {},
         )?;
-        let of = |trace| fit_error(field.belief.mean(), trace);
+        let of = |trace| mean_error(field.belief.mean(), [trace]);
         let fits: Vec<f64> = self.train.iter().map(of).collect();
         self.cell("batch".to_owned(), &fits, &field.belief, None)
     }
@@ -164,8 +165,4 @@ impl Run<'_> {
             rate_hz,
         })
     }
-}
-
-fn fit_error(mean: &[f64], trace: &Trace) -> f64 {
-    sample_errors(mean, trace).sum::<f64>() / trace.observations.len().max(1) as f64
 }

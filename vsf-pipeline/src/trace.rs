@@ -222,11 +222,6 @@ pub(crate) fn check_traces(
     traces.iter().try_for_each(|t| t.check(points, joints))
 }
 
-/// [`Trace::with_noise`] of all traces.
-pub(crate) fn with_noise(traces: &[Trace], noise: &Noise) -> Result<Vec<Trace>, CoreError> {
-    traces.iter().map(|t| t.with_noise(noise)).collect()
-}
-
 /// The same problem without the points that are never touched, with another noise and a trace per
 /// touch.
 pub(crate) fn touched_alone(

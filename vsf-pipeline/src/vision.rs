@@ -1,6 +1,6 @@
 use crate::estimate::{batch_map, run, touched_points};
-use crate::evaluate::sample_errors;
-use crate::trace::{MOST_FOLDS, check_traces, split, touched_alone, with_noise};
+use crate::evaluate::mean_error;
+use crate::trace::{MOST_FOLDS, check_traces, split, touched_alone};
 use crate::{Estimate, EstimatorSpec, Hyper, PipelineError, PriorShape, Trace};
 use rayon::prelude::*;
 use serde::Serialize;
@@ -104,29 +104,30 @@ pub fn estimate_with_vision(
 ) -> Result<VisionEstimate, PipelineError> {
     check_traces(traces, rest.len(), hyper.noise_sd.len())?;
     let noise = Noise::per_channel(&hyper.noise_sd)?;
-    let traces = with_noise(traces, &noise)?;
+    let all: Vec<&Trace> = traces.iter().collect();
     let guess = Guess {
         rest,
+        noise: &noise,
         seen: Seen::new(view, rest.positions(), 0.5 * rest.spacing())?,
         hyper,
         vision,
     };
-    let seen = guess.touched_and_seen(&traces)?;
+    let seen = guess.touched_and_seen(&all)?;
     if seen < LEAST_SEEN {
-        let touched = touched_points(&traces, rest.len());
+        let touched = touched_points(traces, rest.len());
         let touched = touched.iter().filter(|t| **t).count();
         return Err(VisionError::Unseen { touched, seen }.into());
     }
-    let candidates = guess.candidates(&traces, &noise)?;
+    let candidates = guess.candidates(traces)?;
     let from_rule = |c: &VisionCandidate| (c.share - RULE).abs();
     let best = candidates.iter().min_by(|a, b| {
         let by_error = a.error.total_cmp(&b.error);
         by_error.then(from_rule(a).total_cmp(&from_rule(b)))
     });
     let share = best.map_or(RULE, |c| c.share);
-    let prior = guess.prior(&guess.means(&traces)?, share)?;
+    let prior = guess.prior(&guess.means(&all)?, share)?;
     Ok(VisionEstimate {
-        estimate: run(spec, prior, &traces, progress)?,
+        estimate: run(spec, prior, &all, &noise, progress)?,
         share,
         candidates,
     })
@@ -135,19 +136,21 @@ pub fn estimate_with_vision(
 /// The points and what is seen of them.
 struct Guess<'a> {
     rest: &'a RestPoints,
+    /// Of all readings.
+    noise: &'a Noise,
     seen: Seen,
     hyper: &'a Hyper,
     vision: &'a VisionSpec,
 }
 
 impl Guess<'_> {
-    /// Stiffness of all points as traces with noise suggest it.
-    fn means(&self, traces: &[Trace]) -> Result<Vec<f64>, PipelineError> {
+    /// Stiffness of all points as traces suggest it.
+    fn means(&self, traces: &[&Trace]) -> Result<Vec<f64>, PipelineError> {
         match self.vision {
             VisionSpec::Level => {
                 let shape = self.seen.occupancy(Extrapolation::FADE)?;
                 let readings = traces.iter().map(|t| t.observations.as_slice());
-                let level = Level::fit(&shape, readings)?.mean;
+                let level = Level::fit(&shape, readings, Some(self.noise))?.mean;
                 Ok(shape.iter().map(|s| level * s).collect())
             }
             VisionSpec::Learned(learned) => Ok(learned.stiffness(&self.seen)?),
@@ -155,7 +158,7 @@ impl Guess<'_> {
                 let sd = self.hyper.prior_sd;
                 // Each point speaks for itself: what neighbours share is for the regressor to find.
                 let prior = PriorShape::independent().prior(self.rest, sd)?;
-                let field = run(&EstimatorSpec::Batch, prior, traces, |_| {})?;
+                let field = run(&EstimatorSpec::Batch, prior, traces, self.noise, |_| {})?;
                 let regressor = || Calibrated::new(spec.build()?, CALIBRATION);
                 let mut extrapolation = Extrapolation::new(regressor()?, regressor()?);
                 let points = self.rest.positions();
@@ -176,12 +179,8 @@ impl Guess<'_> {
     }
 
     /// Errors of all shares on held-out touches; none with a single touch.
-    fn candidates(
-        &self,
-        traces: &[Trace],
-        noise: &Noise,
-    ) -> Result<Vec<VisionCandidate>, PipelineError> {
-        let (rest, touches) = touched_alone(self.rest, traces, noise)?;
+    fn candidates(&self, traces: &[Trace]) -> Result<Vec<VisionCandidate>, PipelineError> {
+        let (rest, touches) = touched_alone(self.rest, traces, self.noise)?;
         if touches.len() < 2 {
             return Ok(Vec::new());
         }
@@ -222,30 +221,24 @@ impl Guess<'_> {
         folds: usize,
     ) -> Result<Option<[f64; SHARES.len()]>, PipelineError> {
         let (kept, held) = split(traces, fold, folds);
-        let kept: Vec<Trace> = kept.into_iter().cloned().collect();
         let mut errors = [0.0; SHARES.len()];
         if self.touched_and_seen(&kept)? < LEAST_SEEN {
             return Ok(None);
         }
         let means = self.means(&kept)?;
-        let batch = batch_map(&kept, self.rest.len())?;
+        let batch = batch_map(kept.iter().copied(), self.rest.len(), self.noise)?;
         for (error, share) in errors.iter_mut().zip(SHARES) {
             let fit = batch.solve(&self.prior(&means, share)?, 1.0)?.mean();
-            let (mut sum, mut count) = (0.0, 0usize);
-            for e in held.iter().flat_map(|t| sample_errors(&fit, t)) {
-                sum += e;
-                count += 1;
-            }
-            *error = sum / count.max(1) as f64;
+            *error = mean_error(&fit, held.iter().copied());
         }
         CoreError::check_finite("held-out errors", &errors)?;
         Ok(Some(errors))
     }
 
     /// How many points are touched and likely to be there, by what is seen.
-    fn touched_and_seen(&self, traces: &[Trace]) -> Result<usize, PipelineError> {
+    fn touched_and_seen(&self, traces: &[&Trace]) -> Result<usize, PipelineError> {
         let occupancy = self.seen.occupancy(Extrapolation::FADE)?;
-        let touched = touched_points(traces, self.rest.len());
+        let touched = touched_points(traces.iter().copied(), self.rest.len());
         let both = touched.iter().zip(occupancy);
         Ok(both
             .filter(|(t, o)| **t && *o >= Extrapolation::LEAST_OCCUPANCY)

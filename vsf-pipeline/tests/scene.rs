@@ -4,12 +4,12 @@
 use nalgebra::{Isometry3, Point3, Vector3};
 use std::sync::Arc;
 use vsf_contact::{LinkSdf, Sdf, SdfSample};
-use vsf_core::{Belief, ContactModel, Contacts};
+use vsf_core::{Belief, ContactModel, Contacts, Noise, Observation, UpdateReport};
 use vsf_data::{Dataset, RobotRef, Sequence, Table, TorqueKind};
 use vsf_filter::FieldPrior;
 use vsf_pipeline::{
-    EstimatorSpec, Hyper, PipelineError, PriorShape, Scene, SceneOptions, Trace, estimate,
-    estimate_from, external_torques,
+    EstimatorSpec, FilterSpec, Hyper, PipelineError, PriorShape, Scene, SceneOptions, Trace,
+    estimate, estimate_from, estimate_online, external_torques,
 };
 use vsf_robots::{RobotModel, UrdfOptions};
 
@@ -133,6 +133,35 @@ fn shapes_of_ones_own_touch_as_those_of_the_robot() {
     assert!(matches!(
         scene.with_link_shapes(Vec::new()),
         Err(PipelineError::NoShapes { .. })
+    ));
+}
+
+/// A noise beside a trace is what a copy of the trace with that noise has, to the bit.
+#[test]
+fn online_estimates_take_a_noise_beside_the_trace() {
+    let scene = Scene::new(robot(), points(), &SceneOptions::default()).unwrap();
+    let trace = scene.trace(&measured().sequences[0]).unwrap();
+    let noise = Noise::uniform(1, 0.3).unwrap();
+    let run = |trace: &Trace, noise: Option<&Noise>| {
+        let prior = Belief::uniform(scene.rest().len(), 1.0, 5.0).unwrap();
+        let mut filter = FilterSpec::replay()
+            .build::<f64>(prior.into(), None)
+            .unwrap();
+        let mut seen = Vec::new();
+        let see = |obs: &Observation<f64>, report: &UpdateReport| seen.push((obs.clone(), *report));
+        estimate_online(&mut *filter, trace, noise, see).unwrap();
+        (filter.belief().clone(), seen)
+    };
+    let copy = trace.with_noise(&noise).unwrap();
+    assert_eq!(run(&trace, Some(&noise)), run(&copy, None));
+    assert_ne!(run(&trace, None).0, run(&copy, None).0);
+    let prior = Belief::uniform(scene.rest().len(), 1.0, 5.0).unwrap();
+    let mut filter = (FilterSpec::replay().build::<f64>(prior.into(), None)).unwrap();
+    let foreign = Noise::uniform(2, 0.3).unwrap();
+    let refused = estimate_online(&mut *filter, &trace, Some(&foreign), |_, _| {});
+    assert!(matches!(
+        refused,
+        Err(PipelineError::Sequence { row: 0, .. })
     ));
 }
 

@@ -1,4 +1,4 @@
-use vsf_core::{CoreError, Observation};
+use vsf_core::{CoreError, Noise, Observation};
 
 /// The one stiffness that explains readings best when all points have it in the proportions of a
 /// `shape`: `K_i = level * shape_i`.
@@ -15,13 +15,15 @@ pub struct Level {
 }
 
 impl Level {
-    /// Fits the level to the readings of sequences, each channel counted by its own noise.
+    /// Fits the level to the readings of sequences, each channel counted by its own noise: that of the observation, or
+    /// `noise` where one is given for all.
     ///
     /// # Errors
-    /// An observation that reaches beyond the shape, readings that no point of the shape bears on.
+    /// An observation that reaches beyond the shape, or of another number of channels than `noise`, readings that no point of the shape bears on.
     pub fn fit<'a>(
         shape: &[f64],
         sequences: impl IntoIterator<Item = &'a [Observation<f64>]>,
+        noise: Option<&Noise>,
     ) -> Result<Self, CoreError> {
         CoreError::check_finite("shape", shape)?;
         // Weights and levels of the sequences.
@@ -30,10 +32,12 @@ impl Level {
             let (mut cross, mut square) = (0.0, 0.0);
             for obs in sequence.iter().filter(|o| !o.is_empty()) {
                 obs.check_fits(shape.len())?;
+                let noise = noise.unwrap_or(obs.noise());
+                CoreError::check_len("noise", noise.dim(), obs.dim())?;
                 let mut unit = vec![0.0; obs.dim()];
                 obs.apply(shape, &mut unit);
                 for (i, (a, b)) in unit.iter().zip(obs.reading()).enumerate() {
-                    let weight = obs.noise().sd(i).powi(-2);
+                    let weight = noise.sd(i).powi(-2);
                     cross += weight * a * b;
                     square += weight * a * a;
                 }

@@ -198,14 +198,20 @@ fn the_level_is_the_least_squares_one() {
     let shape = [1.0, 9.0, 2.0];
     let first = [reading([1.0, 1.0], [6.0, 9.0])];
     let second = [reading([0.0, 0.5], [5.0, 5.0])];
-    let level = Level::fit(&shape, [&first[..], &second[..]]).unwrap();
+    let level = Level::fit(&shape, [&first[..], &second[..]], None).unwrap();
     // Weights 1 and 4: (3*6 + 4*3*9 + 5 + 4*5) / (9 + 36 + 1 + 4).
     assert!((level.mean - 151.0 / 50.0).abs() < 1e-12, "{level:?}");
     assert!(level.variance > 0.0);
-    let alone = Level::fit(&shape, [&second[..]]).unwrap();
+    // All readings with noise of which the second channel's is the greater: weights 4 and 1.
+    let noise = Noise::per_channel(&[0.5, 1.0]).unwrap();
+    let other = Level::fit(&shape, [&first[..], &second[..]], Some(&noise)).unwrap();
+    assert!((other.mean - 124.0 / 50.0).abs() < 1e-12, "{other:?}");
+    let alone = Level::fit(&shape, [&second[..]], None).unwrap();
     assert!((alone.mean - 5.0).abs() < 1e-12 && (alone.variance - 25.0).abs() < 1e-9);
-    assert!(Level::fit(&[0.0, 1.0, 0.0], [&first[..]]).is_err());
-    assert!(Level::fit(&shape[..2], [&first[..]]).is_err());
+    assert!(Level::fit(&[0.0, 1.0, 0.0], [&first[..]], None).is_err());
+    assert!(Level::fit(&shape[..2], [&first[..]], None).is_err());
+    let noise = Noise::uniform(3, 1.0).unwrap();
+    assert!(Level::fit(&shape, [&first[..]], Some(&noise)).is_err());
 }
 
 #[test]

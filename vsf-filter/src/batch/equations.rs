@@ -1,6 +1,6 @@
 use super::dense::{add_scaled, mirror, outer};
 use faer::Mat;
-use vsf_core::{CoreError, Observation, SymmetricFactor};
+use vsf_core::{CoreError, Noise, Observation, SymmetricFactor};
 
 /// Marks a point without a place in a matrix.
 pub(super) const NONE: u32 = u32::MAX;
@@ -12,38 +12,48 @@ const PANEL_ROWS: usize = 224;
 const PANEL_SPREAD: usize = 2;
 
 /// Brings observations to unit noise: `L^-1 W` and `L^-1 tau` with `L L^T = R`.
-#[derive(Debug, Default)]
-pub(super) struct Whitener(SymmetricFactor);
+#[derive(Debug)]
+pub(super) struct Whitener<'a> {
+    noise: Option<&'a Noise>,
+    factor: SymmetricFactor,
+    inverse: Vec<f64>,
+}
 
-impl Whitener {
+impl<'a> Whitener<'a> {
+    /// For observations that all have this noise, or each its own.
+    pub(super) fn new(noise: Option<&'a Noise>) -> Self {
+        Self {
+            noise,
+            factor: SymmetricFactor::default(),
+            inverse: Vec::new(),
+        }
+    }
+
     /// Takes the noise of an observation.
     pub(super) fn set(&mut self, obs: &Observation<f64>) -> Result<(), CoreError> {
-        let covariance = obs.noise().covariance();
-        self.0.factor("noise covariance", obs.dim(), covariance)
+        let covariance = self.noise.unwrap_or(obs.noise()).covariance();
+        (self.factor).factor("noise covariance", obs.dim(), covariance)
     }
 
     /// `log det R`.
     pub(super) fn log_det(&self) -> f64 {
-        self.0.log_det()
+        self.factor.log_det()
     }
 
     /// `L^-1 b` in place.
     pub(super) fn whiten(&self, b: &mut [f64]) {
-        self.0.solve_lower(b);
+        self.factor.solve_lower(b);
     }
 
     /// `L^-1 W`, row after row.
-    fn rows(&self, obs: &Observation<f64>, out: &mut Vec<f64>) {
+    fn rows(&mut self, obs: &Observation<f64>, out: &mut Vec<f64>) {
         let (d, n) = (obs.dim(), obs.len());
         out.clear();
         out.resize(d * n, 0.0);
-        // Column j of L^-1 spreads row j of W.
-        let mut column = vec![0.0; d];
-        for j in 0..d {
-            column.fill(0.0);
-            column[j] = 1.0;
-            self.whiten(&mut column);
-            for (i, &c) in column.iter().enumerate().filter(|(_, c)| **c != 0.0) {
+        self.factor.inverse_lower(&mut self.inverse);
+        for i in 0..d {
+            let entries = self.inverse[i * d..].iter().enumerate().take(i + 1);
+            for (j, &c) in entries.filter(|(_, c)| **c != 0.0) {
                 add_scaled(&mut out[i * n..(i + 1) * n], c, obs.row(j));
             }
         }
@@ -56,11 +66,12 @@ pub(super) fn panel(
     observations: &[&Observation<f64>],
     place: &[u32],
     n: usize,
+    whitener: &mut Whitener<'_>,
 ) -> Result<Mat<f64>, CoreError> {
     let touching = observations.iter().filter(|o| !o.is_empty());
     let rows = touching.clone().map(|o| o.dim()).sum();
     let mut out = Mat::zeros(n, rows);
-    let (mut whitener, mut white) = (Whitener::default(), Vec::new());
+    let mut white = Vec::new();
     let mut column = 0;
     for obs in touching {
         whitener.set(obs)?;
@@ -84,16 +95,17 @@ pub(super) fn gram<'a>(
     observations: impl IntoIterator<Item = &'a Observation<f64>>,
     place: &[u32],
     n: usize,
+    whitener: &mut Whitener<'_>,
 ) -> Result<Mat<f64>, CoreError> {
     let mut total = Mat::zeros(n, n);
     let mut group = Group::new(place.len());
     for obs in observations.into_iter().filter(|o| !o.is_empty()) {
         if !group.admits(obs, place) {
-            group.add_to(&mut total, place)?;
+            group.add_to(&mut total, place, whitener)?;
         }
         group.push(obs, place);
     }
-    group.add_to(&mut total, place)?;
+    group.add_to(&mut total, place, whitener)?;
     mirror(&mut total);
     Ok(total)
 }
@@ -144,12 +156,18 @@ impl<'a> Group<'a> {
     }
 
     /// Adds the group to the lower triangle of `total` and empties it.
-    fn add_to(&mut self, total: &mut Mat<f64>, place: &[u32]) -> Result<(), CoreError> {
+    fn add_to(
+        &mut self,
+        total: &mut Mat<f64>,
+        place: &[u32],
+        whitener: &mut Whitener<'_>,
+    ) -> Result<(), CoreError> {
         self.points.sort_unstable();
         for (k, &p) in self.points.iter().enumerate() {
             self.order[p as usize] = k as u32;
         }
-        let part = outer(panel(&self.observations, &self.order, self.points.len())?.as_ref());
+        let n = self.points.len();
+        let part = outer(panel(&self.observations, &self.order, n, whitener)?.as_ref());
         for (k, &q) in self.points.iter().enumerate() {
             let to = total.col_as_slice_mut(place[q as usize] as usize);
             for (&p, v) in self.points.iter().zip(part.col_as_slice(k)).skip(k) {
@@ -171,17 +189,17 @@ pub(super) fn project<'a>(
     observations: impl IntoIterator<Item = &'a Observation<f64>>,
     place: &[u32],
     n: usize,
+    whitener: &mut Whitener<'_>,
     mut residual: impl FnMut(&Observation<f64>, &mut [f64]),
 ) -> Result<Vec<f64>, CoreError> {
     let mut out = vec![0.0; n];
-    let mut whitener = Whitener::default();
     let mut r = Vec::new();
     for obs in observations.into_iter().filter(|o| !o.is_empty()) {
         whitener.set(obs)?;
         r.clear();
         r.extend_from_slice(obs.reading());
         residual(obs, &mut r);
-        whitener.0.solve(&mut r);
+        whitener.factor.solve(&mut r);
         for (i, &r) in r.iter().enumerate() {
             for (&p, &w) in obs.points().iter().zip(obs.row(i)) {
                 if place[p as usize] != NONE {

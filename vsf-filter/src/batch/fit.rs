@@ -183,11 +183,12 @@ impl<'a> BatchFit<'a> {
     }
 
     /// Predicts the reading of an observation (its own reading is not looked at), the correlations
-    /// of the points included. The sd holds the noise of the observation times the noise scale.
+    /// of the points included. The sd holds the noise of the observation, or that of [`BatchMap::with_noise`], times
+    /// the noise scale.
     /// Points held at zero count as known.
     ///
     /// # Errors
-    /// An observation that reaches beyond the field.
+    /// An observation that reaches beyond the field, or of another number of channels than the noise.
     pub fn predict(&self, obs: &Observation<f64>) -> Result<Prediction, CoreError> {
         let (mean, covariance) = self.predict_joint(obs)?;
         let d = obs.dim();
@@ -205,7 +206,8 @@ impl<'a> BatchFit<'a> {
         let rows = Mat::from_fn(obs.len(), d, |k, i| obs.row(i)[k]);
         let sums = self.sums(obs.points(), &rows);
         let covariance = self.covariance(&sums);
-        let noise = obs.noise().covariance().iter();
+        let noise = self.batch.noise.as_ref().unwrap_or(obs.noise());
+        CoreError::check_len("noise", noise.dim(), d)?;
         let scale = self.noise_scale * self.noise_scale;
         let entry = |(k, r): (usize, &f64)| {
             let (i, j) = (k / d, k % d);
@@ -215,7 +217,8 @@ impl<'a> BatchFit<'a> {
                 own => own + scale * r,
             }
         };
-        Ok((sums.mean, noise.enumerate().map(entry).collect()))
+        let noise = noise.covariance().iter().enumerate();
+        Ok((sums.mean, noise.map(entry).collect()))
     }
 
     /// `C^-1 (x - m)`, by which a correlated prior moves points that were never touched.

@@ -1,5 +1,4 @@
 use super::BatchFit;
-use super::equations::Whitener;
 use std::f64::consts::TAU;
 use vsf_core::{CoreError, Observation};
 
@@ -44,7 +43,7 @@ impl BatchFit<'_> {
         // Residuals of the fit times those without the sequence: r^T (I - H)^-1 r.
         let squares = self.batch.squares(s, x, &without)?;
         let mut log_sum = channels as f64 * (TAU * variance).ln() - log_det + squares / variance;
-        let mut whitener = Whitener::default();
+        let mut whitener = self.batch.whitener();
         let mut prediction = Vec::with_capacity(channels);
         let mut errors = 0.0;
         for obs in sequence {

@@ -90,7 +90,12 @@ impl<'a> ByPoints<'a> {
         places: &[usize],
     ) -> Result<(f64, Vec<f64>), CoreError> {
         let observations: Vec<_> = self.observations(s).collect();
-        let w = panel(&observations, &self.order(factor, places), places.len())?;
+        let w = panel(
+            &observations,
+            &self.order(factor, places),
+            places.len(),
+            &mut self.batch.whitener(),
+        )?;
         let gain = product(principal(factor.inverse(), places).as_ref(), w.as_ref());
         let mut kept = product(w.transpose(), gain.as_ref());
         for j in 0..kept.ncols() {
@@ -121,13 +126,24 @@ impl<'a> ByPoints<'a> {
             (part.inverse(), -part.log_det())
         };
         let order = self.order(factor, places);
-        let own = gram(self.observations(s), &order, places.len())?;
+        let own = gram(
+            self.observations(s),
+            &order,
+            places.len(),
+            &mut self.batch.whitener(),
+        )?;
         for j in 0..places.len() {
             add_scaled(precision.col_as_slice_mut(j), -1.0, own.col_as_slice(j));
         }
         let kept = Cholesky::new(WITHOUT, precision)?;
         let residual = |obs: &Observation<f64>, r: &mut [f64]| self.batch.subtract(obs, x, r);
-        let mut change = project(self.observations(s), &order, places.len(), residual)?;
+        let mut change = project(
+            self.observations(s),
+            &order,
+            places.len(),
+            &mut self.batch.whitener(),
+            residual,
+        )?;
         kept.solve(&mut change);
         change.iter_mut().for_each(|v| *v = -*v);
         Ok((kept.log_det() - log_det, change))

@@ -231,9 +231,11 @@ impl<T: Scalar> CovarianceFilter<T> {
         )?;
         whitening.clear();
         whitening.resize(groups * groups, zero());
-        innovation.each_whitening(|i, j, x| {
-            whitening[i / OCTET * groups + j / OCTET][j % OCTET].0[i % OCTET] = T::from_f64(x);
-        });
+        for (i, row) in innovation.whitening().chunks_exact(d.max(1)).enumerate() {
+            for (j, &x) in row.iter().enumerate().take(i + 1) {
+                whitening[i / OCTET * groups + j / OCTET][j % OCTET].0[i % OCTET] = T::from_f64(x);
+            }
+        }
         shift.clear();
         shift.extend(innovation.whitened.iter().map(|&x| T::from_f64(x)));
         shift.resize(groups * OCTET, T::ZERO);

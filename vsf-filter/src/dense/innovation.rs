@@ -1,4 +1,3 @@
-use std::f64::consts::TAU;
 use vsf_core::{CoreError, Observation, Scalar, SymmetricFactor, UpdateReport};
 
 /// What a Gaussian belief did not know of a reading: `r = tau - W mu` and `S = W P W^T + R`.
@@ -11,6 +10,7 @@ pub(super) struct Innovation {
     /// `L^-1 r` with `L L^T = S`.
     pub(super) whitened: Vec<f64>,
     column: Vec<f64>,
+    inverse: Vec<f64>,
 }
 
 impl Innovation {
@@ -51,30 +51,20 @@ impl Innovation {
         self.factor.solve_lower(r);
     }
 
-    /// Entries `(i, j)`, `j <= i`, of `L^-1`.
-    pub(super) fn each_whitening(&mut self, mut entry: impl FnMut(usize, usize, f64)) {
-        for j in 0..self.factor.dim() {
-            self.column.fill(0.0);
-            self.column[j] = 1.0;
-            self.factor.solve_lower(&mut self.column);
-            for (i, &x) in self.column.iter().enumerate().skip(j) {
-                entry(i, j, x);
-            }
-        }
+    /// `L^-1`, row-major.
+    pub(super) fn whitening(&mut self) -> &[f64] {
+        self.factor.inverse_lower(&mut self.inverse);
+        &self.inverse
     }
 
     /// What can be said before the belief is projected.
     pub(super) fn report<T: Scalar>(&self, obs: &Observation<T>) -> UpdateReport {
-        let dof = obs.dim();
-        let nis: f64 = self.whitened.iter().map(|x| x * x).sum();
-        UpdateReport {
-            contacts: obs.len(),
-            dof,
-            nis,
-            log_likelihood: -0.5 * (nis + self.factor.log_det() + dof as f64 * TAU.ln()),
-            prefit: norm(&self.residual),
-            ..UpdateReport::default()
-        }
+        UpdateReport::from_innovation(
+            obs.len(),
+            &self.residual,
+            &self.whitened,
+            self.factor.log_det(),
+        )
     }
 }
 

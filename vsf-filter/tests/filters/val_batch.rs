@@ -345,6 +345,40 @@ fn leaving_a_sequence_out_is_a_fit_without_it() {
     }
 }
 
+/// Noise that is given beside the observations is what copies of them with that noise have, to the bit; by points and
+/// by rows.
+#[test]
+fn noise_beside_the_observations_is_theirs() {
+    let covariance = vec![0.3, 0.1, 0.0, 0.1, 0.5, -0.2, 0.0, -0.2, 0.4];
+    let noise = Noise::full(3, covariance).unwrap();
+    for world in [world(40, 30, &[6, 4], 3, 12), world(60, 60, &[1, 2], 3, 20)] {
+        let mut copies = world.sequences.clone();
+        for obs in copies.iter_mut().flatten() {
+            obs.set_noise(&noise).unwrap();
+        }
+        let sequences = || world.sequences.iter().map(Vec::as_slice);
+        let beside = BatchMap::with_noise(world.field, sequences(), &noise).unwrap();
+        let copied = BatchMap::new(world.field, copies.iter().map(Vec::as_slice)).unwrap();
+        for (name, prior) in priors(world.field) {
+            let [a, b] = [&beside, &copied].map(|batch| batch.solve(&prior, 1.5).unwrap());
+            assert_eq!(a.belief().unwrap(), b.belief().unwrap(), "{name}");
+            assert_eq!(
+                a.leave_one_out().unwrap(),
+                b.leave_one_out().unwrap(),
+                "{name}"
+            );
+            let [own, copy] = [&world.sequences, &copies].map(|s| &s[0][0]);
+            let [own, copy] = [a.predict_joint(own), b.predict_joint(copy)];
+            assert_eq!(own.unwrap(), copy.unwrap(), "{name}");
+            let [a, b] = [&beside, &copied].map(|batch| batch.best_level(&prior, 1.5).unwrap());
+            assert_eq!(a, b, "{name}");
+        }
+        for noise in [Noise::uniform(2, 1.0), Noise::uniform(3, 1e-160)] {
+            assert!(BatchMap::with_noise(world.field, sequences(), &noise.unwrap()).is_err());
+        }
+    }
+}
+
 /// A scale of the noise is what the same factor on every observation's noise does.
 #[test]
 fn noise_scale_is_noise() {

@@ -1,6 +1,6 @@
 use super::{Candidate, ContactChoice, HyperChoice, POWERS, PriorShape, Problem};
 use crate::estimate::{estimate_online, touched_points};
-use crate::evaluate::{predict_independent, sample_errors};
+use crate::evaluate::{mean_error, predict_independent};
 use crate::trace::{MOST_FOLDS, split};
 use crate::{FilterSpec, PipelineError, Trace};
 use rayon::prelude::*;
@@ -121,7 +121,10 @@ impl Choice<'_> {
                     Posterior::Optimum(_) => None,
                     Posterior::Online(_) => Some(fold.misfit(posterior, self.problem)?),
                 };
-                Ok((mean_error(&posterior.mean(), &fold.held), misfit))
+                Ok((
+                    mean_error(&posterior.mean(), fold.held.iter().copied()),
+                    misfit,
+                ))
             })?;
             let error = tried.add(prior, of_folds);
             let what = "the error on held-out touches";
@@ -188,7 +191,7 @@ impl<'a> Fold<'a> {
         }
         let mut filter = FilterSpec::replay().build::<f64>(prior.clone(), None)?;
         for trace in &self.kept {
-            estimate_online(&mut *filter, trace, |_, _| {})?;
+            estimate_online(&mut *filter, trace, None, |_, _| {})?;
         }
         Ok(Posterior::Online(filter.belief().clone()))
     }
@@ -243,16 +246,9 @@ impl Posterior<'_> {
     fn predict(&self, obs: &Observation<f64>, noise_sd: &[f64]) -> Result<Prediction, CoreError> {
         match self {
             Self::Optimum(fit) => fit.predict(obs),
-            Self::Online(belief) => Ok(predict_independent(belief, noise_sd, obs)),
+            Self::Online(belief) => predict_independent(belief, noise_sd, obs),
         }
     }
-}
-
-/// Mean norm of the errors of a field over all samples.
-fn mean_error(mean: &[f64], held: &[&Trace]) -> f64 {
-    let errors = held.iter().flat_map(|trace| sample_errors(mean, trace));
-    let (sum, count) = errors.fold((0.0, 0usize), |(sum, n), error| (sum + error, n + 1));
-    sum / count.max(1) as f64
 }
 
 /// What every prior that was tried does on every held-out part.

@@ -1,10 +1,11 @@
 use super::{Candidate, HyperChoice, POWERS, PriorShape, Problem};
 use crate::PipelineError;
-use crate::estimate::batch_map;
+use vsf_filter::BatchMap;
 
 /// Chooses by [`super::HyperMethod::Likelihood`].
 pub fn choose(problem: &Problem, shapes: &[PriorShape]) -> Result<HyperChoice, PipelineError> {
-    let batch = batch_map(&problem.touches, problem.rest.len())?;
+    let readings = problem.touches.iter().map(|t| t.observations.as_slice());
+    let batch = BatchMap::new(problem.rest.len(), readings)?;
     let mut tried = Vec::new();
     let mut best: Option<((PriorShape, f64), f64, f64)> = None;
     let ratios = |shape: &PriorShape| POWERS.map(|power| (*shape, power));
