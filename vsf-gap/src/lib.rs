@@ -113,7 +113,7 @@ pub use model_file::{EffectEntry, ModelFile};
 pub use motion::Motion;
 pub use next::NextExperiment;
 pub use noise::JointNoise;
-pub use online::Corrector;
+pub use online::{Corrector, JointState};
 pub use phase::Phase;
 pub use prediction::Prediction;
 pub use report::{
