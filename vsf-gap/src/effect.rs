@@ -198,7 +198,7 @@ pub(crate) fn acting_sets(effect: &dyn Effect, site: &Site) -> Vec<Vec<usize>> {
 ///
 /// # Errors
 /// [`GapError::Model`] for names, needed gains, bounds, scales, joints, sequences or starts that cannot be.
-pub fn check_effect(effect: &dyn Effect, site: &Site) -> Result<(), GapError> {
+pub fn check_declaration(effect: &dyn Effect, site: &Site) -> Result<(), GapError> {
     let wrong = |problem: String| {
         Err(GapError::Model {
             effect: effect.name().to_owned(),

@@ -100,9 +100,9 @@ pub use closure::Residuals;
 pub use contact::{ContactLog, centre};
 pub use corrected::Corrected;
 pub use diagnose::{DiagnosisStep, diagnose};
-pub use effect::check_effect as check_declaration;
 pub use effect::{
     Acts, Compensator, Effect, Need, Parameter, Probe, RandomWalk, Role, Sample, Site, Touch,
+    check_declaration,
 };
 pub use error::GapError;
 pub use estimated::Estimated;

@@ -2,7 +2,7 @@
 
 use crate::base::Base;
 use crate::diagnose::DiagnosisStep;
-use crate::effect::check_effect;
+use crate::effect::check_declaration;
 use crate::evidence::Spread;
 use crate::fitted::Fitted;
 use crate::judge::{Hypothesis, named_from};
@@ -210,7 +210,7 @@ impl Campaign {
             match effect.untestable(self) {
                 Some(reason) => untestable.push((effect.clone(), reason)),
                 None => {
-                    check_effect(effect.as_ref(), &self.site)?;
+                    check_declaration(effect.as_ref(), &self.site)?;
                     let own = self.tangents(&model, &nominal, &field, effect)?;
                     if own.iter().any(Tangent::shows) {
                         tangents.extend(own)
