@@ -421,7 +421,7 @@ fn reports(
     for candidate in &search.candidates {
         let mut report = EffectReport::of(campaign, candidate, search.base, &answer.probabilities);
         if let Some(refined) = &candidate.refined {
-            report.null_score = Some(search.hypothesis(refined).null_gain());
+            report.null_score = Some(search.hypothesis(refined).required_gain());
             let mut tried = judgement.refused.iter().chain(&judgement.named);
             let own = tried.find(|t| t.effects == [report.effect.as_str()]);
             match own {

@@ -247,8 +247,8 @@ impl Campaign {
         } = self.base(&mut nominal, &smoothest)?;
         let limits = (candidates.iter().map(|c| c.effect.as_ref()))
             .map(|effect| {
-                let needed = named_from(effect, spread.contact, nominal.touches());
-                let found = limits(effect, &self.site, &tangents, &screening, needed);
+                let required_gain = named_from(effect, spread.contact, nominal.touches());
+                let found = limits(effect, &self.site, &tangents, &screening, required_gain);
                 (effect.name().to_owned(), found)
             })
             .collect();
