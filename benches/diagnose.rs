@@ -42,9 +42,7 @@ fn main() -> Result<(), Box<dyn Error>> {
         let campaign = Campaign::open(dataset, &SceneOptions::default())?.with_suited_fields();
         let mut begins = Vec::new();
         let step = |step| begins.push((step, clock.elapsed().as_secs_f64()));
-        let verdict = diagnose(&campaign, "bench", &catalogue, 0, step)?
-            .diagnosis
-            .verdict;
+        let verdict = diagnose(&campaign, &catalogue, 0, step)?.diagnosis.verdict;
         let seconds = clock.elapsed().as_secs_f64();
         let points = campaign.site().rest.len();
         let memory = ProcessMemory::now();

@@ -4,11 +4,10 @@
 use libfuzzer_sys::arbitrary::{Result, Unstructured};
 use libfuzzer_sys::fuzz_target;
 use std::sync::{Arc, LazyLock};
-use vsf::core::nalgebra::Vector3;
 use vsf::core::{Noise, Observation};
 use vsf::data::TorqueKind;
 use vsf::gap::effects::catalogue;
-use vsf::gap::{Corrector, Effect, Model, Sample, Site};
+use vsf::gap::{Corrector, Effect, JointState, Model, Site};
 use vsf::pipeline::{Scene, SceneOptions};
 use vsf_fuzz::{JOINTS, number, recording, row, site};
 
@@ -50,23 +49,23 @@ fn run(u: &mut Unstructured<'_>) -> Result<()> {
     };
     let mut obs = Observation::new(Noise::uniform(JOINTS, 0.1).expect("noise"));
     corrector.begin_sequence("1");
+    let mut clock = 0.0;
     while !u.is_empty() {
         match u.arbitrary::<u8>()? {
             0 => corrector.begin_sequence("2"),
             1 => corrector.begin_touch(),
-            _ => {
-                let sample = Sample {
-                    clock: number(u)?,
-                    dt: number(u)?,
+            2 => corrector.tare(),
+            step => {
+                // Seldom any time, or else one that goes on.
+                clock += 0.01;
+                let state = JointState {
+                    clock: if step == 3 { number(u)? } else { clock },
                     q: &row(u, JOINTS)?,
                     qd: &row(u, JOINTS)?,
                     qdd: &row(u, JOINTS)?,
-                    reading: &row(u, JOINTS)?,
-                    load: &row(u, JOINTS)?,
-                    force_W: Vector3::new(number(u)?, 0.0, number(u)?),
+                    torques: &row(u, JOINTS)?,
                 };
-                let reading = row(u, JOINTS)?;
-                if let Ok(torques) = corrector.step(&sample, &reading, &mut obs) {
+                if let Ok(torques) = corrector.step(&state, &mut obs) {
                     assert!(torques.iter().all(|t| t.is_finite()));
                     assert!(obs.rows().iter().all(|w| w.is_finite()));
                 }

@@ -841,10 +841,7 @@ fn a_field_brings_its_contact() {
 fn the_threshold_is_chosen_on_held_out_touches() {
     let bench = Bench::touched();
     let text = bench.ok("estimate touch --thresholds 0.006,0.002 --json=a.json");
-    assert!(
-        text.contains("threshold 2.000 mm"),
-        "{text}"
-    );
+    assert!(text.contains("threshold 2.000 mm"), "{text}");
     assert!(
         text.contains("chosen on held-out readings: 6.000 mm"),
         "{text}"

@@ -11,6 +11,7 @@ use vsf_pipeline::{Scene, SceneOptions, robot_of};
 /// A recording as a diagnosis sees it. A clone shares sequences, points, link shapes and known contacts.
 #[derive(Clone)]
 pub struct Campaign {
+    name: String,
     pub(crate) site: Site,
     pub(crate) scene: Scene,
     /// The scene in which fields are estimated, if it is another.
@@ -37,6 +38,7 @@ impl std::fmt::Debug for Campaign {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
         let ids = |motions: &[Motion]| motions.iter().map(|m| m.id.clone()).collect::<Vec<_>>();
         f.debug_struct("Campaign")
+            .field("name", &self.name)
             .field("scene", &self.scene)
             .field("train", &ids(&self.train))
             .field("test", &ids(&self.test))
@@ -162,6 +164,7 @@ impl Campaign {
             _ => site.duration,
         };
         let mut campaign = Self {
+            name: dataset.name.clone(),
             site,
             scene,
             fields: None,
@@ -240,6 +243,11 @@ impl Campaign {
         let free = (logs.iter().flat_map(|l| &l.contacts)).filter(|c| c.is_empty());
         self.moves_free = free.count() >= FREE;
         self.touched = Touched::of(self.site.rest.len(), logs);
+    }
+
+    /// Name of the recording; empty if it has none.
+    pub fn name(&self) -> &str {
+        &self.name
     }
 
     /// Robot and object.
@@ -338,6 +346,7 @@ impl Campaign {
     ) -> Self {
         let (train, test) = (train.into(), test.into());
         Self {
+            name: self.name.clone(),
             site: self.site.clone(),
             scene: self.scene.clone(),
             fields: self.fields.clone(),

@@ -83,12 +83,11 @@ impl DiagnosisStep {
 /// covariances that are not positive definite.
 pub fn diagnose(
     campaign: &Campaign,
-    name: &str,
     effects: &[Arc<dyn Effect>],
     seed: u64,
     mut progress: impl FnMut(DiagnosisStep),
 ) -> Result<Outcome, GapError> {
-    let first = attempt(campaign, name, effects, seed, Split::Whole, &mut progress)?;
+    let first = attempt(campaign, effects, seed, Split::Whole, &mut progress)?;
     let own = |e: &Arc<dyn Effect>| is_of_sequences(e.as_ref(), campaign);
     if !first.is_open() || !effects.iter().any(own) {
         return Ok(first);
@@ -101,7 +100,7 @@ pub fn diagnose(
     let named = &first.diagnosis.verdict.effects;
     let stays = |e: &&Arc<dyn Effect>| own(e) || named.iter().any(|n| n == e.name());
     let candidates: Vec<Arc<dyn Effect>> = effects.iter().filter(stays).cloned().collect();
-    let second = attempt(&halved, name, &candidates, seed, Split::Halves, &mut |_| {})?;
+    let second = attempt(&halved, &candidates, seed, Split::Halves, &mut |_| {})?;
     if second.explains() && second.model.parts.iter().any(|(e, _)| own(e)) {
         Ok(second.in_place_of(first))
     } else {
@@ -159,7 +158,6 @@ enum Split {
 /// The diagnosis of a campaign as it is split.
 fn attempt(
     campaign: &Campaign,
-    name: &str,
     effects: &[Arc<dyn Effect>],
     seed: u64,
     split: Split,
@@ -191,7 +189,7 @@ fn attempt(
     let mut judgement = trial.judge(hypotheses, &nominal)?;
     let anew = |c: &Campaign| {
         progress(DiagnosisStep::Contact);
-        attempt(c, name, effects, seed, split, &mut |_| {})
+        attempt(c, effects, seed, split, &mut |_| {})
     };
     let of_contact = match in_other_contact(campaign, thinned, &search, &judgement, anew) {
         OtherContact::Explains(outcome) => return Ok(*outcome),
@@ -271,7 +269,7 @@ fn attempt(
     Ok(Outcome {
         diagnosis: Diagnosis {
             schema: 1,
-            dataset: name.to_owned(),
+            dataset: campaign.name().to_owned(),
             gap: gap(campaign, &compared, &model, estimated),
             location: locate(campaign, &model, &own_field, before, trial.sequences, seed)?,
             next_experiment: next_experiment(&answer.verdict, &reports, effects, arm),
@@ -423,7 +421,7 @@ fn reports(
     for candidate in &search.candidates {
         let mut report = EffectReport::of(campaign, candidate, search.base, &answer.probabilities);
         if let Some(refined) = &candidate.refined {
-            report.null_score = Some(search.hypothesis(refined).null_gain());
+            report.null_score = Some(search.hypothesis(refined).required_gain());
             let mut tried = judgement.refused.iter().chain(&judgement.named);
             let own = tried.find(|t| t.effects == [report.effect.as_str()]);
             match own {

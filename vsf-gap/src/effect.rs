@@ -197,8 +197,8 @@ pub(crate) fn acting_sets(effect: &dyn Effect, site: &Site) -> Vec<Vec<usize>> {
 /// its compensators do is not looked at; `check_effect` of the crate `vsf-testkit` does that, in tests.
 ///
 /// # Errors
-/// [`GapError::Model`] for names, needed gains, bounds, scales, joints, sequences or starts that cannot be.
-pub fn check_effect(effect: &dyn Effect, site: &Site) -> Result<(), GapError> {
+/// [`GapError::Model`] for names, null gains, bounds, scales, joints, sequences or starts that cannot be.
+pub fn check_declaration(effect: &dyn Effect, site: &Site) -> Result<(), GapError> {
     let wrong = |problem: String| {
         Err(GapError::Model {
             effect: effect.name().to_owned(),

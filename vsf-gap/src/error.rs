@@ -56,7 +56,7 @@ pub enum GapError {
         /// How much there is, and what to do.
         problem: String,
     },
-    /// A sample that is earlier than the one before it.
+    /// A sample whose time does not go on from the one before it.
     #[error("the time step is {dt:?} s; samples go forwards in time, a touch begins with 0")]
     TimeBackwards {
         /// The time step (s).

@@ -26,7 +26,7 @@ const ROUGHNESS: [Rough; 2] = [
         others: 3.0,
     },
 ];
-/// A gain of so many thresholds is clear.
+/// A gain of so many times what is required is clear.
 const CLEAR: f64 = 2.0;
 /// Roughness of contact from which on effects that choose other contacts have to prove themselves, and
 /// the share of the gap that they have to close on the checked sequences.
@@ -67,7 +67,7 @@ pub(crate) struct Hypothesis<'a> {
     /// The model.
     pub(crate) refined: &'a Refined,
     gain: f64,
-    threshold: f64,
+    required_gain: f64,
     rough: f64,
 }
 
@@ -80,7 +80,7 @@ impl<'a> Hypothesis<'a> {
         rough: f64,
         alone: impl Fn(&str) -> Option<f64>,
     ) -> Self {
-        let needed = |(e, own): (&Arc<dyn Effect>, Range<usize>)| {
+        let required = |(e, own): (&Arc<dyn Effect>, Range<usize>)| {
             let [theta, sd, prior_sd] =
                 [&refined.theta, &refined.sd, &refined.prior.sd].map(|of| &of[own.clone()]);
             let parameters = &refined.prior.parameters[own.clone()];
@@ -89,19 +89,19 @@ impl<'a> Hypothesis<'a> {
             } else {
                 e.extends().and_then(&alone).unwrap_or(0.0).max(0.0)
             };
-            threshold(e.as_ref(), rough) + MISFIT * of_special_case
+            required_gain(e.as_ref(), rough) + MISFIT * of_special_case
         };
         Self {
             refined,
             gain: refined.log_evidence - base,
-            threshold: refined.model.places().map(needed).sum(),
+            required_gain: refined.model.places().map(required).sum(),
             rough,
         }
     }
 
-    /// The gain that is reached without any effect.
-    pub(crate) fn null_gain(&self) -> f64 {
-        self.threshold
+    /// The gain that it needs; less is reached without any effect.
+    pub(crate) fn required_gain(&self) -> f64 {
+        self.required_gain
     }
 
     /// Names of its effects.
@@ -119,7 +119,7 @@ impl<'a> Hypothesis<'a> {
     pub(crate) fn stands(&self, closed: f64, foretold: f64, worse: bool) -> bool {
         let mut parts = self.refined.model.parts.iter();
         if !parts.any(|(e, _)| e.chooses_contacts()) {
-            !worse || self.gain + foretold > CLEAR * self.threshold
+            !worse || self.gain + foretold > CLEAR * self.required_gain
         } else if self.rough >= UNSURE {
             closed >= PROOF && !worse
         } else {
@@ -129,13 +129,13 @@ impl<'a> Hypothesis<'a> {
 }
 
 /// The gain that a further effect needs beside those of a model that gains so much.
-pub(crate) fn needed_beside(further: &dyn Effect, gain: f64, rough: f64) -> f64 {
-    threshold(further, rough) + MISFIT * gain
+pub(crate) fn required_gain_beside(further: &dyn Effect, gain: f64, rough: f64) -> f64 {
+    required_gain(further, rough) + MISFIT * gain
 }
 
 /// The gain of log evidence (nats) that an effect needs: [`Effect::null_gain`], and for those that act on
 /// springs and contact more where contact itself is rough.
-pub(crate) fn threshold(effect: &dyn Effect, rough: f64) -> f64 {
+pub(crate) fn required_gain(effect: &dyn Effect, rough: f64) -> f64 {
     let times = match ROUGHNESS.iter().rfind(|r| rough >= r.from) {
         Some(r) if effect.chooses_contacts() => r.choosing,
         Some(r) if effect.acts() != Acts::Torques => r.others,
@@ -149,8 +149,8 @@ pub(crate) fn threshold(effect: &dyn Effect, rough: f64) -> f64 {
 /// is absorbed is a share of information, not a probability.
 pub(crate) fn hidden_weight(effect: &dyn Effect, absorbed: f64, gain: f64, rough: f64) -> f64 {
     let absorbed = absorbed.min(MOST_ABSORBED);
-    let threshold = threshold(effect, rough).max(f64::MIN_POSITIVE);
-    absorbed / (1.0 - absorbed) * SELDOM.powf((gain / threshold).min(1.0))
+    let required = required_gain(effect, rough).max(f64::MIN_POSITIVE);
+    absorbed / (1.0 - absorbed) * SELDOM.powf((gain / required).min(1.0))
 }
 
 /// Weight of effects that do not show, beside one for every effect.
@@ -166,7 +166,7 @@ fn hidden(touches: bool, rough: f64) -> f64 {
 pub(crate) fn named_from(effect: &dyn Effect, rough: f64, touches: bool) -> f64 {
     let against = NO_GAP + hidden(touches, rough);
     let weight = NO_GAP.max(NAMED / (1.0 - NAMED) * against);
-    threshold(effect, rough) + TEMPERATURE * weight.ln()
+    required_gain(effect, rough) + TEMPERATURE * weight.ln()
 }
 
 /// How the nominal model does.
@@ -239,7 +239,7 @@ pub(crate) fn effect_set(hypotheses: &[(Vec<String>, f64)], mut covered: f64) ->
 
 /// Weighs the hypotheses against each other and against no gap.
 pub(crate) fn judge(hypotheses: &[Hypothesis<'_>], nominal: &Nominal) -> Judged {
-    let weight = |h: &Hypothesis<'_>| (h.gain - h.threshold) / TEMPERATURE;
+    let weight = |h: &Hypothesis<'_>| (h.gain - h.required_gain) / TEMPERATURE;
     let top = hypotheses.iter().map(weight).fold(0.0_f64, f64::max);
     let weights: Vec<f64> = hypotheses.iter().map(|h| (weight(h) - top).exp()).collect();
     let none = NO_GAP * (-top).exp();

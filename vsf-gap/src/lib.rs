@@ -100,9 +100,9 @@ pub use closure::Residuals;
 pub use contact::{ContactLog, centre};
 pub use corrected::Corrected;
 pub use diagnose::{DiagnosisStep, diagnose};
-pub use effect::check_effect as check_declaration;
 pub use effect::{
     Acts, Compensator, Effect, Need, Parameter, Probe, RandomWalk, Role, Sample, Site, Touch,
+    check_declaration,
 };
 pub use error::GapError;
 pub use estimated::Estimated;
@@ -113,7 +113,7 @@ pub use model_file::{EffectEntry, ModelFile};
 pub use motion::Motion;
 pub use next::NextExperiment;
 pub use noise::JointNoise;
-pub use online::Corrector;
+pub use online::{Corrector, JointState};
 pub use phase::Phase;
 pub use prediction::Prediction;
 pub use report::{

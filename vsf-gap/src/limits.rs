@@ -28,14 +28,14 @@ pub struct Limit {
     pub unit: String,
 }
 
-/// The limits of the amplitudes of an effect that has to gain `needed` nats, the parameter that shows best first: as
+/// The limits of the amplitudes of an effect that has to gain `required_gain` nats, the parameter that shows best first: as
 /// a multiple of its typical size. Of a more general form, those that its special case has not.
 pub(crate) fn limits(
     effect: &dyn Effect,
     site: &Site,
     tangents: &[Tangent],
     screening: &Screening,
-    needed: f64,
+    required_gain: f64,
 ) -> Vec<Limit> {
     let special = (tangents.iter()).find(|t| Some(t.effect.name()) == effect.extends());
     let special = special.map_or_else(Vec::new, |t| t.effect.parameters(site));
@@ -56,8 +56,8 @@ pub(crate) fn limits(
             if special.iter().any(|p| p.name == parameters[i].name) {
                 continue;
             }
-            let needed = needed + tangent.choice;
-            if let Some(size) = size(&screening.nominal, &shown, k, needed) {
+            let required_gain = required_gain + tangent.choice;
+            if let Some(size) = size(&screening.nominal, &shown, k, required_gain) {
                 let size = tangent.sd[k] * size;
                 least[i] = Some(least[i].map_or(size, |other| other.min(size)));
             }
@@ -102,11 +102,11 @@ fn shown(normal: &Normal, sd: &[f64]) -> Option<Shown> {
     })
 }
 
-/// The size of amplitude `k` alone, in its prior deviations, at which the evidence grows by `needed` nats; infinite for
+/// The size of amplitude `k` alone, in its prior deviations, at which the evidence grows by `required_gain` nats; infinite for
 /// one that changes nothing, `None` where numbers do not tell. `nominal` and `all` are the log evidence of the nominal
 /// model and what the amplitudes tell at every spread: what acts makes rougher models likelier, with and without the
 /// effect.
-fn size(nominal: &[f64], all: &[Shown], k: usize, needed: f64) -> Option<f64> {
+fn size(nominal: &[f64], all: &[Shown], k: usize, required_gain: f64) -> Option<f64> {
     let gain = |amplitude: f64| {
         let square = 0.5 * amplitude * amplitude;
         let each = |of: &dyn Fn(&Shown) -> f64| -> Vec<f64> {
@@ -123,7 +123,7 @@ fn size(nominal: &[f64], all: &[Shown], k: usize, needed: f64) -> Option<f64> {
     }
     let deviation = 1.0 / explained.sqrt();
     let (mut low, mut high) = (0.0, deviation);
-    while gain(high) < needed {
+    while gain(high) < required_gain {
         (low, high) = (high, 2.0 * high);
         if !gain(high).is_finite() {
             return None;
@@ -131,7 +131,7 @@ fn size(nominal: &[f64], all: &[Shown], k: usize, needed: f64) -> Option<f64> {
     }
     for _ in 0..HALVINGS {
         let middle = 0.5 * (low + high);
-        if gain(middle) < needed {
+        if gain(middle) < required_gain {
             low = middle
         } else {
             high = middle
@@ -150,10 +150,10 @@ mod tests {
         normals: &[Normal],
         sd: &[f64],
         k: usize,
-        needed: f64,
+        required_gain: f64,
     ) -> Option<f64> {
         let all: Option<Vec<Shown>> = normals.iter().map(|n| shown(n, sd)).collect();
-        Some(sd[k] * size(nominal, &all?, k, needed)?)
+        Some(sd[k] * size(nominal, &all?, k, required_gain)?)
     }
 
     /// One column of ten readings with white noise of deviation 0.1: the closed form.
@@ -162,20 +162,26 @@ mod tests {
         let noise = 0.1;
         let white = [1.0 / noise; 10];
         let normal = Normal::new(&[0.0; 10], &[&white]);
-        let (sd, needed) = (50.0, 12.0);
-        let found = size_of(&[-3.0], std::slice::from_ref(&normal), &[sd], 0, needed);
+        let (sd, required_gain) = (50.0, 12.0);
+        let found = size_of(
+            &[-3.0],
+            std::slice::from_ref(&normal),
+            &[sd],
+            0,
+            required_gain,
+        );
         let deviation = noise / 10f64.sqrt();
         let cost = (sd / deviation).powi(2).ln_1p();
-        let expected = deviation * ((2.0 * needed + cost).sqrt() + POWER);
+        let expected = deviation * ((2.0 * required_gain + cost).sqrt() + POWER);
         let found = found.unwrap_or(0.0);
         assert!((found / expected - 1.0).abs() < 1e-4, "{found} {expected}");
-        // At that size less the power's share, the evidence grows by what is needed.
+        // At that size less the power's share, the evidence grows by what is required.
         let size = found - POWER * deviation;
         let readings = white.map(|w| size * w);
         let gain = Normal::new(&readings, &[&white])
             .fit(&[sd], &[[-100.0, 100.0]])
             .map_or(0.0, |fit| fit.gain);
-        assert!((gain / needed - 1.0).abs() < 1e-3, "{gain}");
+        assert!((gain / required_gain - 1.0).abs() < 1e-3, "{gain}");
     }
 
     /// A rougher model that is as likely without the effect explains some of it.

@@ -35,12 +35,33 @@ pub enum Place {
     Joint(String),
     /// A phase of touch.
     Phase(Phase),
-    /// Name of the link in contact, `none` in free motion.
-    Link(String),
+    /// Name of the link in contact, `None` in free motion; in JSON the latter is `"none"`.
+    Link(#[serde(with = "link_or_none")] Option<String>),
     /// ID of a sequence.
     Sequence(String),
     /// Lower and upper frequency (Hz).
     Frequency([f64; 2]),
+}
+
+/// The link in contact as JSON has it.
+mod link_or_none {
+    use serde::{Deserialize, Deserializer, Serializer};
+
+    const NONE: &str = "none";
+
+    pub(super) fn serialize<S: Serializer>(
+        link: &Option<String>,
+        to: S,
+    ) -> Result<S::Ok, S::Error> {
+        to.serialize_str(link.as_deref().unwrap_or(NONE))
+    }
+
+    pub(super) fn deserialize<'de, D: Deserializer<'de>>(
+        from: D,
+    ) -> Result<Option<String>, D::Error> {
+        let name = String::deserialize(from)?;
+        Ok(Some(name).filter(|name| name != NONE))
+    }
 }
 
 /// The gap at a place.
@@ -169,9 +190,9 @@ pub(crate) fn locate(
         .collect();
     let mut names: Vec<Place> = links
         .iter()
-        .map(|&l| Place::Link(robot.links()[l].name().to_owned()))
+        .map(|&l| Place::Link(Some(robot.links()[l].name().to_owned())))
         .collect();
-    names.push(Place::Link("none".to_owned()));
+    names.push(Place::Link(None));
     let link = parts(names, &|row, _| match row.link {
         Some(l) => links.iter().position(|k| *k == l),
         None => Some(links.len()),
@@ -328,6 +349,29 @@ fn octaves(rows: &[f64], d: usize) -> Vec<f64> {
 #[allow(clippy::unwrap_used)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn free_motion_is_the_link_none_in_json() {
+        for (place, json) in [
+            (
+                Place::Link(None),
+                r#"{"link":"none","share":1.0,"interval":[1.0,1.0],"excess":0.0}"#,
+            ),
+            (
+                Place::Link(Some("palm".to_owned())),
+                r#"{"link":"palm","share":1.0,"interval":[1.0,1.0],"excess":0.0}"#,
+            ),
+        ] {
+            let share = LocatedShare {
+                of: place,
+                share: 1.0,
+                interval: [1.0; 2],
+                excess: 0.0,
+            };
+            assert_eq!(serde_json::to_string(&share).unwrap(), json);
+            assert_eq!(serde_json::from_str::<LocatedShare>(json).unwrap(), share);
+        }
+    }
 
     /// Touches with pauses between them, of a residual that alternates from sample to sample at one rate, and of one
     /// that does so at another.

@@ -1,5 +1,7 @@
 use crate::effect::{acting_sets, follows_contact};
-use crate::{Diagnosis, Effect, GapError, Model, Parameter, ParameterEstimate, Role, Site};
+use crate::{
+    Diagnosis, Effect, GapError, Model, Outcome, Parameter, ParameterEstimate, Role, Site,
+};
 use serde::{Deserialize, Serialize};
 use std::sync::Arc;
 use vsf_data::ContactParameters;
@@ -194,6 +196,23 @@ impl ModelFile {
             model.parts.push((effect.clone(), theta));
         }
         Ok(model)
+    }
+}
+
+impl Outcome {
+    /// The corrected model as a file: with the recording's name, the sequences that it was fitted to and the contact
+    /// that it was found in. [`ModelFile::made_by`] is left to the program that writes it.
+    ///
+    /// # Errors
+    /// As [`ModelFile::new`].
+    pub fn model_file(&self) -> Result<ModelFile, GapError> {
+        let (campaign, scene) = (&self.campaign, self.campaign.scene());
+        Ok(ModelFile {
+            contact: (!scene.rest().is_empty()).then(|| scene.contact_parameters()),
+            recording: Some(campaign.name().to_owned()).filter(|name| !name.is_empty()),
+            learned_from: campaign.train().iter().map(|m| m.id.clone()).collect(),
+            ..ModelFile::new(campaign.site(), &self.model, &self.sd)?
+        })
     }
 }
 

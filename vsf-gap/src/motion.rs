@@ -6,7 +6,7 @@ use vsf_data::{Sequence, Table, TorqueKind};
 use vsf_pipeline::{Scene, external_torques, motion_of, rigid_body_torques, unwound};
 
 /// Half the window (samples) of [`Motion::smooth`]: halves white noise, hardly blunts an onset.
-const HALF_MEAN: usize = 2;
+pub(crate) const HALF_MEAN: usize = 2;
 
 /// One sequence with all that effects may depend on.
 #[derive(Debug, Clone)]

@@ -1,24 +1,41 @@
 use crate::contact::ContactDriver;
+use crate::motion::HALF_MEAN;
 use crate::{Compensator, GapError, Model, Prediction, Sample, Site, Touch};
 use vsf_core::{Contacts, CoreError, Observation, Posture};
 use vsf_data::TorqueKind;
 use vsf_pipeline::Scene;
 use vsf_robots::DynamicsWorkspace;
 
-/// A corrected model in a control loop: contact, columns and torques, sample by sample. After
+/// What the joint sensors of a robot say at one moment of a control loop.
+#[derive(Debug, Clone, Copy)]
+pub struct JointState<'a> {
+    /// Time since the session began (s), later than that of the state before it in the same touch.
+    pub clock: f64,
+    /// Joint positions (rad or m); continuous joints turn on beyond a turn.
+    pub q: &'a [f64],
+    /// Joint velocities (rad/s or m/s).
+    pub qd: &'a [f64],
+    /// Joint accelerations (rad/s² or m/s²).
+    pub qdd: &'a [f64],
+    /// Torques as the sensors give them (N m or N), of the kind of [`Site::torque_kind`]; not tared, see
+    /// [`Corrector::tare`].
+    pub torques: &'a [f64],
+}
+
+/// A corrected model in a control loop: contact, columns and torques, state by state. After
 /// warm-up a step allocates nothing.
 ///
-/// Fed with the samples of a recording it gives the observations of
+/// Fed with the states of a recording it gives the observations of
 /// [`Campaign::corrected`](crate::Campaign::corrected), which any
-/// [`Estimator`](vsf_core::Estimator) takes; of a recording that is tared, after [`Corrector::tare`].
+/// [`Estimator`](vsf_core::Estimator) takes; of a recording that is tared, after [`Corrector::tare`]. For effects that go by
+/// the reading ([`Sample::reading`]) a recording averages it over the samples around, a loop over those that it has had.
 ///
 /// In place of a [`Session`](vsf_core::Session), whose contact knows no effects, it stands before the estimator:
 ///
 /// ```no_run
-/// # use nalgebra::Vector3;
 /// # use vsf_core::{Estimator, Noise, Observation};
-/// # use vsf_gap::{Campaign, Corrector, GapError, Model, Sample};
-/// # struct Row { clock: f64, dt: f64, q: Vec<f64>, qd: Vec<f64>, qdd: Vec<f64>, tau: Vec<f64> }
+/// # use vsf_gap::{Campaign, Corrector, GapError, JointState, Model};
+/// # struct Row { clock: f64, q: Vec<f64>, qd: Vec<f64>, qdd: Vec<f64>, torques: Vec<f64> }
 /// # fn demo<E: Estimator<Scalar = f64>>(
 /// #     campaign: &Campaign, model: &Model, mut filter: E, stream: impl Iterator<Item = Row>,
 /// # ) -> Result<(), GapError> {
@@ -26,19 +43,14 @@ use vsf_robots::DynamicsWorkspace;
 /// let mut obs = Observation::new(Noise::uniform(campaign.site().joints(), 0.3)?);
 /// corrector.begin_sequence("live");
 /// for row in stream {
-///     // Of `external` torques, load and reading are both what the sensors say. Of `measured` ones the load is what
-///     // `RobotModel::inverse_dynamics` needs, and the reading that less what the sensors say.
-///     let sample = Sample {
+///     let state = JointState {
 ///         clock: row.clock,
-///         dt: row.dt,
 ///         q: &row.q,
 ///         qd: &row.qd,
 ///         qdd: &row.qdd,
-///         reading: &row.tau,
-///         load: &row.tau,
-///         force_W: Vector3::zeros(), // found by the corrector
+///         torques: &row.torques,
 ///     };
-///     corrector.step(&sample, &row.tau, &mut obs)?;
+///     corrector.step(&state, &mut obs)?;
 ///     filter.update(&obs)?;
 /// }
 /// # Ok(())
@@ -52,18 +64,66 @@ pub struct Corrector {
     contacts: Contacts,
     prediction: Prediction,
     workspace: DynamicsWorkspace,
+    /// Clock of the last state of the touch.
+    clock: Option<f64>,
+    /// Load of the gears.
+    load: Vec<f64>,
+    /// Reading as load of the environment, not tared; those of the last states of the touch, oldest first; their mean, tared.
+    felt: Vec<f64>,
+    recent: Vec<f64>,
+    smooth: Vec<f64>,
+    readings: Tare,
+    torques: Tare,
+    /// Torques of the model, tared, and the reading less them.
+    modelled: Vec<f64>,
     left: Vec<f64>,
-    /// Sum of the torques since the sequence began, and number of samples.
-    sum: (Vec<f64>, usize),
-    /// Torques that are taken as zero.
-    tare: Vec<f64>,
+}
+
+/// What is taken as zero, and what it is made of: a row per sample since the sequence began.
+struct Tare {
+    sum: Vec<f64>,
+    samples: usize,
+    zero: Vec<f64>,
+}
+
+impl Tare {
+    fn new(joints: usize) -> Self {
+        Self {
+            sum: vec![0.0; joints],
+            samples: 0,
+            zero: vec![0.0; joints],
+        }
+    }
+
+    fn begin(&mut self) {
+        self.sum.fill(0.0);
+        self.samples = 0;
+        self.zero.fill(0.0);
+    }
+
+    fn add(&mut self, row: &[f64]) {
+        self.sum.iter_mut().zip(row).for_each(|(s, x)| *s += x);
+        self.samples += 1;
+    }
+
+    fn take(&mut self) {
+        let each = 1.0 / self.samples.max(1) as f64;
+        let means = self.sum.iter().map(|s| each * s);
+        self.zero.iter_mut().zip(means).for_each(|(z, m)| *z = m);
+    }
+
+    fn apply(&self, row: &[f64], out: &mut [f64]) {
+        let tared = row.iter().zip(&self.zero).map(|(x, z)| x - z);
+        out.iter_mut().zip(tared).for_each(|(o, t)| *o = t);
+    }
 }
 
 impl std::fmt::Debug for Corrector {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
         f.debug_struct("Corrector")
-            .field("samples", &self.sum.1)
-            .field("tare", &self.tare)
+            .field("samples", &self.readings.samples)
+            .field("zero_of_readings", &self.readings.zero)
+            .field("zero_of_torques", &self.torques.zero)
             .finish_non_exhaustive()
     }
 }
@@ -75,87 +135,86 @@ impl Corrector {
     /// Parameters that an effect or contact cannot take.
     pub fn new(site: &Site, scene: &Scene, model: &Model) -> Result<Self, GapError> {
         let effects = model.compensator(site)?;
+        let d = site.joints();
         Ok(Self {
             driver: ContactDriver::new(site, scene, &*effects)?,
             effects,
             posture: site.robot.posture(),
             contacts: Contacts::new(),
-            prediction: Prediction::new(site.joints()),
+            prediction: Prediction::new(d),
             workspace: site.robot.dynamics_workspace(),
-            left: vec![0.0; site.joints()],
-            sum: (vec![0.0; site.joints()], 0),
-            tare: vec![0.0; site.joints()],
+            clock: None,
+            load: vec![0.0; d],
+            felt: vec![0.0; d],
+            recent: Vec::with_capacity(HALF_MEAN * d),
+            smooth: vec![0.0; d],
+            readings: Tare::new(d),
+            torques: Tare::new(d),
+            modelled: vec![0.0; d],
+            left: vec![0.0; d],
             site: site.clone(),
         })
     }
 
-    /// A sequence begins, with its first touch.
+    /// A sequence begins, with its first touch; nothing is tared.
     pub fn begin_sequence(&mut self, id: &str) {
         self.effects.begin_sequence(id);
-        self.sum.0.fill(0.0);
-        self.sum.1 = 0;
-        self.tare.fill(0.0);
+        self.readings.begin();
+        self.torques.begin();
         self.begin_touch();
     }
 
-    /// The sensors have been tared: from here on, readings are relative to their mean over the samples
-    /// since the sequence began, and so are the torques of the model.
+    /// Tares: from here on, readings and torques of the model are relative to their means over the steps since the sequence
+    /// began. A recording with `tare_samples` is tared after so many.
+    ///
+    /// It alone tares: [`JointState::torques`] go on as the sensors give them. Where sensors are set to zero by
+    /// themselves, do that before the sequence begins, take some steps while the robot stays as it is, and tare here, too:
+    /// what is zero already stays, and the model's torques follow.
     pub fn tare(&mut self) {
-        let (sum, samples) = &self.sum;
-        let each = 1.0 / (*samples).max(1) as f64;
-        self.tare
-            .iter_mut()
-            .zip(sum)
-            .for_each(|(t, s)| *t = each * s);
+        self.readings.take();
+        self.torques.take();
     }
 
-    /// A touch begins after motion that was not seen.
+    /// A touch begins after motion that was not seen; its clock may be any.
     pub fn begin_touch(&mut self) {
         self.driver.reset();
         self.effects.begin_touch();
+        self.clock = None;
+        self.recent.clear();
     }
 
-    /// One sample: writes the columns `G W` and the reading less the model's torques to `obs`, and
-    /// returns those torques (N m or N). `reading` is that of this sample; [`Sample::reading`] may be
-    /// smoother. The force of the sample is found here.
+    /// One state: writes the columns `G W` and the reading less the model's torques to `obs`, and
+    /// returns those torques (N m or N). The reading is the load of the environment on the joints: of `external` torques
+    /// these themselves, of `measured` ones what the rigid body needs less these.
     ///
     /// # Errors
-    /// Numbers that are not finite or not one per joint, a time step below zero; effects whose answers are not
-    /// finite; a row that robot or contact cannot take. The observation is then empty or as before; begin a touch to
-    /// go on.
+    /// Numbers that are not finite or not one per joint, [`GapError::TimeBackwards`] for a clock that does not go on within a
+    /// touch: all is then as before. Effects whose answers are not finite, a row that robot or contact cannot take: the
+    /// observation is then empty or as before; begin a touch to go on.
     pub fn step(
         &mut self,
-        sample: &Sample<'_>,
-        reading: &[f64],
+        state: &JointState<'_>,
         obs: &mut Observation<f64>,
     ) -> Result<&[f64], GapError> {
-        let rows = [
-            ("positions of the sample", sample.q),
-            ("velocities of the sample", sample.qd),
-            ("accelerations of the sample", sample.qdd),
-            ("smoothed reading of the sample", sample.reading),
-            ("load of the sample", sample.load),
-            ("reading of the sample", reading),
-        ];
-        for (what, row) in rows {
-            CoreError::check_len(what, row.len(), self.site.joints())?;
-            CoreError::check_finite(what, row)?;
-        }
-        CoreError::check_finite("clock and time step", &[sample.clock, sample.dt])?;
-        if sample.dt < 0.0 {
-            return Err(GapError::TimeBackwards { dt: sample.dt });
-        }
-        let known = Sample {
+        let dt = self.check(state)?;
+        self.read(state)?;
+        let recorded = Sample {
+            clock: state.clock,
+            dt,
+            q: state.q,
+            qd: state.qd,
+            qdd: state.qdd,
+            reading: &self.smooth,
+            load: &self.load,
             force_W: self.driver.force(),
-            ..*sample
         };
         let (posture, contacts) = (&mut self.posture, &mut self.contacts);
         let effects = &mut *self.effects;
         self.driver
-            .step(&self.site, effects, &known, posture, contacts)?;
+            .step(&self.site, effects, &recorded, posture, contacts)?;
         let felt = Sample {
             force_W: self.driver.force(),
-            ..self.driver.links().felt(sample)
+            ..self.driver.links().felt(&recorded)
         };
         let touch = Touch {
             rest: &self.site.rest,
@@ -166,23 +225,72 @@ impl Corrector {
         let torques = &mut self.prediction.torques;
         if self.site.torque_kind == TorqueKind::Measured {
             let change =
-                (self.driver.links()).rigid_change(&self.site, sample, &mut self.workspace)?;
+                (self.driver.links()).rigid_change(&self.site, &recorded, &mut self.workspace)?;
             torques.iter_mut().zip(change).for_each(|(t, c)| *t += c);
         }
-        torques
-            .iter_mut()
-            .zip(&self.tare)
-            .for_each(|(t, o)| *t -= o);
-        let pairs = reading.iter().zip(&*torques);
-        self.left
-            .iter_mut()
-            .zip(pairs)
-            .for_each(|(l, (y, a))| *l = y - a);
+        self.torques.apply(torques, &mut self.modelled);
+        self.readings.apply(&self.felt, &mut self.left);
+        let pairs = self.left.iter_mut().zip(&self.modelled);
+        pairs.for_each(|(l, a)| *l -= a);
         self.prediction.observation(&touch, &self.left, obs)?;
-        // A step that failed is not part of the tare.
-        self.sum.1 += 1;
-        let untared = self.prediction.torques.iter().zip(&self.tare);
-        (self.sum.0.iter_mut().zip(untared)).for_each(|(s, (t, o))| *s += t + o);
-        Ok(&self.prediction.torques)
+        // A step that failed is part of neither means nor time.
+        self.torques.add(&self.prediction.torques);
+        self.readings.add(&self.felt);
+        let d = self.felt.len();
+        if self.recent.len() == HALF_MEAN * d {
+            self.recent.drain(..d);
+        }
+        self.recent.extend_from_slice(&self.felt);
+        self.clock = Some(state.clock);
+        Ok(&self.modelled)
+    }
+
+    /// Checks a state, and returns the time since the one before it in the touch (s), 0 at the first.
+    fn check(&self, state: &JointState<'_>) -> Result<f64, GapError> {
+        let rows = [
+            ("positions of the joint state", state.q),
+            ("velocities of the joint state", state.qd),
+            ("accelerations of the joint state", state.qdd),
+            ("torques of the joint state", state.torques),
+        ];
+        for (what, row) in rows {
+            CoreError::check_len(what, row.len(), self.site.joints())?;
+            CoreError::check_finite(what, row)?;
+        }
+        let dt = self.clock.map(|last| state.clock - last);
+        let numbers = [state.clock, dt.unwrap_or(0.0)];
+        CoreError::check_finite("clock of the joint state", &numbers)?;
+        match dt {
+            Some(dt) if dt <= 0.0 => Err(GapError::TimeBackwards { dt }),
+            _ => Ok(dt.unwrap_or(0.0)),
+        }
+    }
+
+    /// Load of the gears, and the reading as it is and smooth.
+    fn read(&mut self, state: &JointState<'_>) -> Result<(), GapError> {
+        match self.site.torque_kind {
+            TorqueKind::External => {
+                self.felt.copy_from_slice(state.torques);
+                self.readings.apply(&self.felt, &mut self.load);
+            }
+            TorqueKind::Measured => {
+                let (q, qd, qdd) = (state.q, state.qd, state.qdd);
+                let (robot, gravity) = (&self.site.robot, &self.site.gravity);
+                let rigid = robot.inverse_dynamics(q, qd, qdd, gravity, &mut self.workspace)?;
+                self.load.copy_from_slice(rigid);
+                let pairs = rigid.iter().zip(state.torques);
+                (self.felt.iter_mut().zip(pairs)).for_each(|(f, (r, tau))| *f = r - tau);
+            }
+        }
+        let d = self.felt.len();
+        for (j, smooth) in self.smooth.iter_mut().enumerate() {
+            let before = self.recent.iter().skip(j).step_by(d).copied();
+            let all = before.chain([self.felt[j]]);
+            *smooth = all.clone().sum::<f64>() / all.count() as f64 - self.readings.zero[j];
+        }
+        Ok(CoreError::check_finite(
+            "reading of the joint state",
+            &self.smooth,
+        )?)
     }
 }

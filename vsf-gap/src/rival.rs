@@ -21,11 +21,11 @@ pub(crate) struct Rival {
     thresholds: [f64; 2],
     /// What the other contact gains without effects (nats), and what such a gain has to exceed.
     gain: f64,
-    by_chance: f64,
+    null_gain: f64,
     /// What the named effects gain that are relative to the contact (nats).
     of_effects: f64,
     /// What they gain without acting (nats).
-    needed: f64,
+    null_gain_of_effects: f64,
     /// Their names.
     effects: Vec<String>,
 }
@@ -34,12 +34,12 @@ pub(crate) struct Rival {
 struct Other {
     scene: Scene,
     gain: f64,
-    by_chance: f64,
+    null_gain: f64,
 }
 
 impl Other {
     fn says(&self) -> f64 {
-        self.gain - self.by_chance
+        self.gain - self.null_gain
     }
 }
 
@@ -47,7 +47,7 @@ impl Rival {
     /// Whether these effects are not told from it: where another contact gains much, contact is described so roughly that
     /// they have to gain twice as much, beyond their null gain.
     pub(crate) fn outdoes(&self) -> bool {
-        self.of_effects < TIMES * (self.gain - self.by_chance) + self.needed
+        self.of_effects < TIMES * (self.gain - self.null_gain) + self.null_gain_of_effects
     }
 
     /// The effects that are not told from it.
@@ -103,7 +103,7 @@ impl Search<'_> {
         let suited = match campaign.suited() {
             Some(c) => Some(Other {
                 gain: c.log_evidence()? - self.base,
-                by_chance: 0.0,
+                null_gain: 0.0,
                 scene: c.scene,
             }),
             None => None,
@@ -116,13 +116,13 @@ impl Search<'_> {
             return Ok(None);
         };
         // How rough contact is, the other one tells.
-        let needed = following.parts.iter().map(|(e, _)| e.null_gain());
+        let null_gains = following.parts.iter().map(|(e, _)| e.null_gain());
         let rival = Rival {
             thresholds: [&other.scene, &campaign.scene].map(|s| s.contact().threshold),
             gain: other.gain,
-            by_chance: other.by_chance,
+            null_gain: other.null_gain,
             of_effects: named.log_evidence - before,
-            needed: needed.sum(),
+            null_gain_of_effects: null_gains.sum(),
             effects: (following.parts.iter().map(|(e, _)| e.name().to_owned())).collect(),
         };
         Ok(Some((rival, other.scene)))
@@ -154,7 +154,7 @@ impl Search<'_> {
         Ok(scene.ok().map(|scene| Other {
             scene,
             gain: fitted.log_evidence - before,
-            by_chance: padding.null_gain(),
+            null_gain: padding.null_gain(),
         }))
     }
 
@@ -173,12 +173,12 @@ mod tests {
     /// Gains as they were found: an encoder offset on a jointed plant, and pokes into a pad that nothing is wrong with.
     #[test]
     fn effects_have_to_gain_twice_as_much() {
-        let of = |gain, of_effects, needed| Rival {
+        let of = |gain, of_effects, null_gain_of_effects| Rival {
             thresholds: [0.0032, 0.002],
             gain,
-            by_chance: 0.0,
+            null_gain: 0.0,
             of_effects,
-            needed,
+            null_gain_of_effects,
             effects: vec!["encoder_offset".to_owned()],
         };
         for (rival, outdoes, says) in [
@@ -192,7 +192,7 @@ mod tests {
         }
         // What a padding gains by chance does not count.
         let padded = Rival {
-            by_chance: 25.0,
+            null_gain: 25.0,
             ..of(40.0, 90.0, 24.0)
         };
         assert!(!padded.outdoes() && of(40.0, 90.0, 24.0).outdoes());

@@ -2,7 +2,7 @@
 
 use crate::base::Base;
 use crate::diagnose::DiagnosisStep;
-use crate::effect::check_effect;
+use crate::effect::check_declaration;
 use crate::evidence::Spread;
 use crate::fitted::Fitted;
 use crate::judge::{Hypothesis, named_from};
@@ -210,7 +210,7 @@ impl Campaign {
             match effect.untestable(self) {
                 Some(reason) => untestable.push((effect.clone(), reason)),
                 None => {
-                    check_effect(effect.as_ref(), &self.site)?;
+                    check_declaration(effect.as_ref(), &self.site)?;
                     let own = self.tangents(&model, &nominal, &field, effect)?;
                     if own.iter().any(Tangent::shows) {
                         tangents.extend(own)
@@ -247,8 +247,8 @@ impl Campaign {
         } = self.base(&mut nominal, &smoothest)?;
         let limits = (candidates.iter().map(|c| c.effect.as_ref()))
             .map(|effect| {
-                let needed = named_from(effect, spread.contact, nominal.touches());
-                let found = limits(effect, &self.site, &tangents, &screening, needed);
+                let required_gain = named_from(effect, spread.contact, nominal.touches());
+                let found = limits(effect, &self.site, &tangents, &screening, required_gain);
                 (effect.name().to_owned(), found)
             })
             .collect();

@@ -2,7 +2,7 @@
 
 use crate::effect::EVIDENT;
 use crate::evidence::Spread;
-use crate::judge::{needed_beside, threshold};
+use crate::judge::{required_gain, required_gain_beside};
 use crate::refine::Refined;
 use crate::screen::{Tangent, log_mean_exp, screen};
 use crate::search::{Candidate, Standard, best_starts};
@@ -67,8 +67,8 @@ fn add(models: &mut Vec<Combination>, new: Combination) {
 /// The gain of a model (nats) beyond what is reached without any effect.
 fn margin(refined: &Refined, base: f64, rough: f64) -> f64 {
     let effects = refined.model.parts.iter();
-    let needed: f64 = effects.map(|(e, _)| threshold(e.as_ref(), rough)).sum();
-    refined.log_evidence - base - needed
+    let required: f64 = effects.map(|(e, _)| required_gain(e.as_ref(), rough)).sum();
+    refined.log_evidence - base - required
 }
 
 fn best_first<T>(models: &mut [T], worth: impl Fn(&T) -> f64) {
@@ -120,7 +120,8 @@ impl Campaign {
         let all_that_move = shows_in_air && best.spread.contact > CONTACT[0];
         for Further { refined, effect } in self.extended(best, &effects, rough, all_that_move)? {
             let gained = refined.log_evidence - best.log_evidence;
-            let gains_beside = |gain: f64| gained > needed_beside(effect.as_ref(), gain, rough);
+            let gains_beside =
+                |gain: f64| gained > required_gain_beside(effect.as_ref(), gain, rough);
             let is_of_contact = || {
                 let own = self.gain_in_air(&refined.model, &best.model, &refined.spread)?;
                 Ok::<_, GapError>(own <= EVIDENT)
@@ -136,11 +137,11 @@ impl Campaign {
                     self.fit_alone(alone, tangents, standard)?;
                 }
                 let gained = refined.log_evidence - base - alone.score(base);
-                if gained <= threshold(leader.effect.as_ref(), rough) {
+                if gained <= required_gain(leader.effect.as_ref(), rough) {
                     continue;
                 }
                 // Where both show in contact alone, a second that says nothing by itself mends the form of the first.
-                if !shows_in_air && alone.score(base) <= threshold(effect.as_ref(), rough) {
+                if !shows_in_air && alone.score(base) <= required_gain(effect.as_ref(), rough) {
                     continue;
                 }
             }
@@ -247,8 +248,8 @@ impl Campaign {
         let (mut longer, mut instead) = (Vec::new(), Vec::new());
         for Further { refined, effect } in models {
             let gains = |further: &dyn Effect, rest: &Refined| {
-                let needed = needed_beside(further, rest.log_evidence - base, rough);
-                refined.log_evidence - rest.log_evidence > needed
+                let required = required_gain_beside(further, rest.log_evidence - base, rough);
+                refined.log_evidence - rest.log_evidence > required
             };
             let mut earned = shorter.earned && gains(effect.as_ref(), before);
             let mut spared = 0;
@@ -257,7 +258,7 @@ impl Campaign {
                 let without = self.refine(&model, prior, &refined.spread)?;
                 let of_part = refined.model.parts[part].0.as_ref();
                 earned &= gains(of_part, &without);
-                if refined.log_evidence - without.log_evidence > threshold(of_part, rough) {
+                if refined.log_evidence - without.log_evidence > required_gain(of_part, rough) {
                     continue;
                 }
                 spared += 1;
@@ -319,7 +320,7 @@ impl Campaign {
             })
             .collect::<Result<_, GapError>>()?;
         models.retain(|Further { refined, effect }| {
-            refined.log_evidence - best.log_evidence > threshold(effect.as_ref(), rough)
+            refined.log_evidence - best.log_evidence > required_gain(effect.as_ref(), rough)
         });
         Ok(models)
     }

@@ -6,7 +6,7 @@
 
 mod common;
 
-use common::campaign::plate;
+use common::campaign::{free_arm, plate};
 use nalgebra::{Point3, Vector3};
 use std::alloc::{GlobalAlloc, Layout, System};
 use std::cell::Cell;
@@ -14,7 +14,7 @@ use std::sync::Arc;
 use vsf_core::{Contacts, Noise, Observation};
 use vsf_data::TorqueKind;
 use vsf_gap::effects::catalogue;
-use vsf_gap::{Campaign, Corrector, Model, Prediction, Sample, Touch};
+use vsf_gap::{Campaign, Corrector, JointState, Model, Prediction, Sample, Touch};
 use vsf_robots::planar_arm;
 
 thread_local! {
@@ -64,12 +64,22 @@ fn control_loop() {
         let z = 0.003 - 0.02 * (std::f64::consts::PI * t).sin();
         (vec![0.02 * t, 0.0, z], vec![0.1, -0.1, 3.0 * t])
     };
-    let campaign = plate(&points, &[(0..60).map(press).collect()]);
-    torques_of_a_field(&campaign);
+    let swing = |k: usize| {
+        let t = k as f64 / 60.0;
+        (vec![t, 2.0 * t, -t], vec![0.1, -0.1, 3.0 * t])
+    };
+    // Torques of the environment, and those of the actuators.
+    let touching = plate(&points, &[(0..60).map(press).collect()]);
+    torques_of_a_field(&touching);
+    control_loop_on(&touching);
+    control_loop_on(&free_arm(&[(0..60).map(swing).collect()]));
+}
+
+fn control_loop_on(campaign: &Campaign) {
     let motion = &campaign.train()[0];
     let mut obs = Observation::new(Noise::uniform(3, 1.0).unwrap());
     for effect in catalogue() {
-        if effect.untestable(&campaign).is_some() {
+        if effect.untestable(campaign).is_some() {
             continue;
         }
         let parameters = effect.parameters(campaign.site());
@@ -83,8 +93,17 @@ fn control_loop() {
             let before = CALLS.get();
             online.begin_sequence(&motion.id);
             for row in 0..motion.len() {
-                let sample = motion.sample(row, 0, Vector3::zeros());
-                let torques = online.step(&sample, &motion.reading[row], &mut obs);
+                if row == 10 {
+                    online.tare();
+                }
+                let state = JointState {
+                    clock: motion.clock[row],
+                    q: &motion.q[row],
+                    qd: &motion.qd[row],
+                    qdd: &motion.qdd[row],
+                    torques: &motion.reading[row],
+                };
+                let torques = online.step(&state, &mut obs);
                 assert_eq!(torques.unwrap().len(), 3);
             }
             let calls = CALLS.get() - before;

@@ -13,8 +13,8 @@ use vsf_core::{Contacts, Noise, Observation};
 use vsf_data::Table;
 use vsf_gap::effects::catalogue;
 use vsf_gap::{
-    Acts, Campaign, Corrector, EffectEntry, GapError, Model, ModelFile, Motion, ParameterEstimate,
-    Role,
+    Acts, Campaign, Corrector, EffectEntry, GapError, JointState, Model, ModelFile, Motion,
+    ParameterEstimate, Prediction, Role, Touch,
 };
 
 /// A block of points under the plate.
@@ -36,18 +36,24 @@ fn press(depth: f64) -> Rows {
     (0..60).map(row).collect()
 }
 
+const DEPTHS: [f64; 3] = [0.01, 0.02, 0.015];
+
 fn pressed() -> Campaign {
-    plate(&points(), &[press(0.01), press(0.02), press(0.015)])
+    plate(&points(), &DEPTHS.map(press))
 }
 
 fn swung() -> Campaign {
+    free_arm(&[swing()])
+}
+
+fn swing() -> Rows {
     let row = |k: usize| {
         let t = k as f64 / 100.0;
         let q: Vec<f64> = (0..3).map(|j| (t * (1.0 + j as f64)).sin()).collect();
         let tau = vec![0.5 + t, 0.2 - t, 0.1];
         (q, tau)
     };
-    free_arm(&[(0..80).map(row).collect()])
+    (0..80).map(row).collect()
 }
 
 /// An effect with amplitudes of one scale each.
@@ -145,33 +151,86 @@ fn the_state_of_the_object_lasts() {
     assert!(peak(&with[2]) < 0.5 * peak(&fresh[0]));
 }
 
+/// Effects that go by the smooth reading, or by the force behind it.
+const BY_READING: [&str; 3] = [
+    "joint_elasticity",
+    "joint_load_friction",
+    "object_base_motion",
+];
+
+/// What a loop has at a row, `torques` being those of the sensors.
+fn state<'a>(motion: &'a Motion, row: usize, torques: &'a [f64]) -> JointState<'a> {
+    JointState {
+        clock: motion.clock[row],
+        q: &motion.q[row],
+        qd: &motion.qd[row],
+        qdd: &motion.qdd[row],
+        torques,
+    }
+}
+
+/// The motion with readings that are averaged over those samples alone that a loop has had.
+fn as_a_loop_has_it(motion: &Motion) -> Motion {
+    let d = motion.reading.cols();
+    let mean = |row: usize, j: usize| {
+        let all = row.saturating_sub(2)..=row;
+        let count = all.clone().count() as f64;
+        all.map(|k| motion.reading[k][j]).sum::<f64>() / count
+    };
+    let rows = (0..motion.len()).flat_map(|row| (0..d).map(move |j| (row, j)));
+    let means = rows.map(|(row, j)| mean(row, j)).collect();
+    Motion {
+        smooth: Table::new(d, means).unwrap(),
+        ..motion.clone()
+    }
+}
+
 #[test]
 fn a_loop_has_the_observations_of_the_recording() {
-    for campaign in [pressed(), swung()] {
+    for (campaign, rows) in [
+        (pressed(), DEPTHS.map(press).to_vec()),
+        (swung(), vec![swing()]),
+    ] {
+        let session = campaign.session().into_iter();
+        let session: Vec<Motion> = session.map(as_a_loop_has_it).collect();
+        let session: Vec<&Motion> = session.iter().collect();
+        let unit = Noise::uniform(campaign.site().joints(), 1.0).unwrap();
         for k in 0..catalogue().len() {
             let model = model(&campaign, k);
             if model.parts[0].0.untestable(&campaign).is_some() {
                 continue;
             }
             let name = model.parts[0].0.name().to_owned();
-            let offline = campaign.corrected(&model).unwrap();
+            let corrected = campaign.corrected(&model).unwrap();
+            let logs = campaign.contact_logs(&model, &session).unwrap();
             let mut online = Corrector::new(campaign.site(), campaign.scene(), &model).unwrap();
-            let unit = Noise::uniform(campaign.site().joints(), 1.0).unwrap();
-            let mut obs = Observation::new(unit);
-            for (c, motion) in offline.iter().zip(campaign.session()) {
-                online.begin_sequence(&motion.id);
-                for row in 0..motion.len() {
-                    let sample = motion.sample(row, 0, Vector3::zeros());
-                    let torques = online
-                        .step(&sample, &motion.reading[row], &mut obs)
-                        .unwrap();
-                    assert_eq!(torques, &c.torques[row], "{name} row {row}");
-                    let same = &c.trace.observations[row];
+            let [mut obs, mut same] = [0, 1].map(|_| Observation::new(unit.clone()));
+            let visit = |s: usize, row: usize, touch: &Touch<'_>, p: &Prediction| {
+                let motion = session[s];
+                if row == 0 {
+                    online.begin_sequence(&motion.id);
+                }
+                let torques = &rows[s][row].1;
+                let torques = online.step(&state(motion, row, torques), &mut obs).unwrap();
+                assert_eq!(torques, p.torques, "{name} row {row}");
+                let left = motion.reading[row].iter().zip(torques);
+                let left: Vec<f64> = left.map(|(y, a)| y - a).collect();
+                let points = touch.contacts.points();
+                same.rebuild(touch.rest.len(), points, &left, |k, w| {
+                    p.column(touch, k, w)
+                })
+                .unwrap();
+                let mut recorded = vec![&same];
+                if !BY_READING.contains(&name.as_str()) {
+                    recorded.push(&corrected[s].trace.observations[row]);
+                }
+                for same in recorded {
                     assert_eq!(obs.points(), same.points(), "{name} row {row}");
                     assert_eq!(obs.rows(), same.rows(), "{name} row {row}");
                     assert_eq!(obs.reading(), same.reading(), "{name} row {row}");
                 }
-            }
+            };
+            campaign.predict(&model, &session, &logs, visit).unwrap();
         }
     }
 }
@@ -186,7 +245,7 @@ fn val_a_control_loop_tares_as_a_recording_does() {
         (q, vec![0.5 + t, 0.2 - t, 0.1])
     };
     let rows: Rows = (0..60).map(row).collect();
-    let campaign = free_arm_tared(&[rows.clone(), rows], TARE);
+    let campaign = free_arm_tared(&[rows.clone(), rows.clone()], TARE);
     for name in ["payload", "torque_drift", "latency"] {
         let of_name = |e: &Arc<dyn vsf_gap::Effect>| e.name() == name;
         let k = catalogue().iter().position(of_name).unwrap();
@@ -197,15 +256,15 @@ fn val_a_control_loop_tares_as_a_recording_does() {
         let corrected = campaign.corrected(&model).unwrap();
         for (motion, c) in campaign.session().into_iter().zip(&corrected) {
             online.begin_sequence(&motion.id);
-            for row in 0..motion.len() {
+            for (row, (_, torques)) in rows.iter().enumerate() {
                 if row == TARE {
                     online.tare();
                 }
-                let sample = motion.sample(row, 0, Vector3::zeros());
-                let reading = &motion.reading[row];
-                let torques = online.step(&sample, reading, &mut obs).unwrap();
-                let offline = &c.torques[row];
-                for (a, b) in torques.iter().zip(offline).filter(|_| row >= TARE) {
+                let torques = online.step(&state(motion, row, torques), &mut obs).unwrap();
+                let offline = &c.trace.observations[row];
+                let pairs = (torques.iter().zip(&c.torques[row]))
+                    .chain(obs.reading().iter().zip(offline.reading()));
+                for (a, b) in pairs.filter(|_| row >= TARE) {
                     assert!((a - b).abs() < 1e-12, "{name} row {row}: {a} {b}");
                 }
             }
@@ -213,40 +272,77 @@ fn val_a_control_loop_tares_as_a_recording_does() {
     }
 }
 
+/// Neither time nor readings of the touch before count.
 #[test]
-fn a_control_loop_refuses_samples_that_do_not_fit() {
+fn a_touch_of_a_control_loop_begins_anew() {
+    let (campaign, rows) = (swung(), swing());
+    let model = Model::of(&common::effect("joint_elasticity"), &[1e-2; 3]);
+    let of = || Corrector::new(campaign.site(), campaign.scene(), &model).unwrap();
+    let (mut fresh, mut online) = (of(), of());
+    let unit = Noise::uniform(3, 1.0).unwrap();
+    let [mut first, mut again] = [0, 1].map(|_| Observation::new(unit.clone()));
+    let motion = &campaign.train()[0];
+    let state = |row: usize| state(motion, row, &rows[row].1);
+    for row in 0..20 {
+        online.step(&state(row), &mut again).unwrap();
+    }
+    online.begin_touch();
+    for row in 0..20 {
+        let fresh = fresh.step(&state(row), &mut first).unwrap();
+        let online = online.step(&state(row), &mut again).unwrap();
+        assert_eq!(fresh, online, "row {row}");
+        assert_eq!(first.reading(), again.reading(), "row {row}");
+    }
+}
+
+#[test]
+fn a_control_loop_refuses_states_that_do_not_fit() {
     for campaign in [pressed(), swung()] {
         let model = Model::default();
-        let mut online = Corrector::new(campaign.site(), campaign.scene(), &model).unwrap();
+        let of = || Corrector::new(campaign.site(), campaign.scene(), &model).unwrap();
+        let (mut online, mut other) = (of(), of());
         let unit = Noise::uniform(campaign.site().joints(), 1.0).unwrap();
-        let mut obs = Observation::new(unit);
+        let [mut obs, mut same] = [0, 1].map(|_| Observation::new(unit.clone()));
         let motion = campaign.session()[0];
-        let good = motion.sample(0, 0, Vector3::zeros());
-        let reading = &motion.reading[0];
+        let good = |row: usize| state(motion, row, &motion.reading[row]);
+        let now = good(1);
+        online.step(&good(0), &mut obs).unwrap();
+        other.step(&good(0), &mut same).unwrap();
         let bad = [f64::NAN, 0.0, 0.0];
-        for row in [&reading[..2], &[], &bad] {
-            let samples = [
-                vsf_gap::Sample { q: row, ..good },
-                vsf_gap::Sample { qd: row, ..good },
-                vsf_gap::Sample { qdd: row, ..good },
-                vsf_gap::Sample { load: row, ..good },
-                vsf_gap::Sample {
-                    reading: row,
-                    ..good
+        let infinite = [0.0, 0.0, f64::INFINITY];
+        for row in [&now.q[..2], &[], &bad, &infinite] {
+            for state in [
+                JointState { q: row, ..now },
+                JointState { qd: row, ..now },
+                JointState { qdd: row, ..now },
+                JointState {
+                    torques: row,
+                    ..now
                 },
-            ];
-            for sample in samples {
-                let refused = online.step(&sample, reading, &mut obs).unwrap_err();
+            ] {
+                let refused = online.step(&state, &mut obs).unwrap_err();
                 assert!(matches!(refused, GapError::Core(_)), "{refused}");
-                assert!(refused.to_string().contains("of the sample"), "{refused}");
+                assert!(
+                    refused.to_string().contains("of the joint state"),
+                    "{refused}"
+                );
             }
-            let refused = online.step(&good, row, &mut obs).unwrap_err();
-            assert!(refused.to_string().contains("reading of the sample"));
         }
-        let dt = f64::INFINITY;
-        let late = vsf_gap::Sample { dt, ..good };
-        online.step(&late, reading, &mut obs).unwrap_err();
-        online.step(&good, reading, &mut obs).unwrap();
+        for clock in [f64::NAN, f64::INFINITY] {
+            let refused = online.step(&JointState { clock, ..now }, &mut obs);
+            assert!(matches!(refused, Err(GapError::Core(_))));
+        }
+        let begin = motion.clock[0];
+        for clock in [begin, begin - 0.01] {
+            let refused = online.step(&JointState { clock, ..now }, &mut obs);
+            assert!(matches!(refused, Err(GapError::TimeBackwards { dt }) if dt <= 0.0));
+        }
+        // All is as before.
+        assert_eq!(obs.reading(), same.reading());
+        let torques = online.step(&now, &mut obs).unwrap();
+        assert_eq!(torques, other.step(&now, &mut same).unwrap());
+        assert_eq!(obs.rows(), same.rows());
+        assert_eq!(obs.reading(), same.reading());
     }
 }
 
@@ -546,7 +642,7 @@ fn parts_of_a_sequence_are_predicted_as_the_whole() {
     let of = |motions: &[&Motion]| -> Vec<f64> {
         let logs = campaign.contact_logs(&model, motions).unwrap();
         let mut all = Vec::new();
-        let visit = |_, _, _: &vsf_gap::Touch<'_>, p: &vsf_gap::Prediction| {
+        let visit = |_, _, _: &Touch<'_>, p: &Prediction| {
             all.extend_from_slice(&p.torques);
         };
         campaign.predict(&model, motions, &logs, visit).unwrap();

@@ -45,7 +45,7 @@ fn some() -> Vec<Arc<dyn Effect>> {
 fn diagnosed(truth: &[&str], seed: u64) -> Outcome {
     let folder = tempfile::tempdir().unwrap();
     let campaign = made(folder.path(), truth, seed);
-    diagnose(&campaign, "case", &some(), 0, |_| {}).unwrap()
+    diagnose(&campaign, &some(), 0, |_| {}).unwrap()
 }
 
 #[test]
@@ -59,6 +59,19 @@ fn a_payload_is_named_and_the_gap_closes() {
     assert!(d.gap.closed_interval[0] <= d.gap.closed_fraction);
     assert!(d.gap.closed_fraction <= d.gap.closed_interval[1]);
     assert_eq!(outcome.model.parts.len(), 1);
+
+    // Its file says what it was found in.
+    let (file, campaign) = (outcome.model_file().unwrap(), &outcome.campaign);
+    assert_eq!(
+        file.model(campaign.site(), &some()).unwrap().theta(),
+        outcome.model.theta()
+    );
+    assert_eq!(file.recording.as_ref(), Some(&d.dataset));
+    assert!(!d.dataset.is_empty() && d.dataset == campaign.name());
+    let train: Vec<&str> = campaign.train().iter().map(|m| m.id.as_str()).collect();
+    assert_eq!(file.learned_from, train);
+    assert_eq!(file.contact, Some(campaign.scene().contact_parameters()));
+    assert_eq!(file.made_by, None);
 }
 
 /// Whether the test sequences are told to contradict the others.
@@ -89,9 +102,7 @@ fn torques_of_the_wrong_sign_are_a_gap_and_zeros_are_none() {
         torques.for_each(|t| t.data_mut().iter_mut().for_each(|t| *t *= by));
         let campaign = Campaign::open(&dataset, &SceneOptions::default()).unwrap();
         let bias = effects::named(&["torque_bias".to_owned()]).unwrap();
-        diagnose(&campaign, "case", &bias, 0, |_| {})
-            .unwrap()
-            .diagnosis
+        diagnose(&campaign, &bias, 0, |_| {}).unwrap().diagnosis
     };
     let wrong = scaled(-1.0);
     assert_eq!(wrong.verdict.kind, VerdictKind::Unknown);
@@ -137,9 +148,7 @@ fn dry_friction_is_not_named_by_its_general_form() {
     let campaign = Campaign::open(&dataset, &SceneOptions::default()).unwrap();
     let names = ["joint_stribeck_friction", "joint_coulomb_friction"];
     let both = effects::named(&names.map(str::to_owned)).unwrap();
-    let d = diagnose(&campaign, "case", &both, 0, |_| {})
-        .unwrap()
-        .diagnosis;
+    let d = diagnose(&campaign, &both, 0, |_| {}).unwrap().diagnosis;
     assert_eq!(d.verdict.effects, ["joint_coulomb_friction"]);
     let of = |name: &str| d.effects.iter().find(|e| e.effect == name).unwrap();
     assert!(names.iter().all(|name| of(name).null_score.is_some()));
@@ -161,9 +170,7 @@ fn test_sequences_that_contradict_the_others_are_no_absence_of_a_gap() {
                 felt(row)
             }
         });
-        diagnose(&campaign, "case", &bias, 0, |_| {})
-            .unwrap()
-            .diagnosis
+        diagnose(&campaign, &bias, 0, |_| {}).unwrap().diagnosis
     };
     let opposite = |row: &mut [f64]| row.iter_mut().for_each(|t| *t = -*t);
     for felt in [opposite, |row: &mut [f64]| row.swap(1, 3)] {
@@ -179,9 +186,7 @@ fn gains_are_relative_to_the_joints_that_agree() {
     let gain = effects::named(&["torque_gain".to_owned()]).unwrap();
     let of = |gains: [f64; 7]| {
         let campaign = of_springs(|_, row| row.iter_mut().zip(gains).for_each(|(t, g)| *t *= g));
-        let d = diagnose(&campaign, "case", &gain, 0, |_| {})
-            .unwrap()
-            .diagnosis;
+        let d = diagnose(&campaign, &gain, 0, |_| {}).unwrap().diagnosis;
         let joint = |j: usize| campaign.site().robot.joints()[j].name().to_owned();
         (d, joint(2))
     };
@@ -210,9 +215,7 @@ fn gains_are_relative_to_the_joints_that_agree() {
 fn a_hum_in_free_motion_is_a_gap() {
     let hum = |t: f64| 0.8 * (9.0 * TAU * t).sin();
     let campaign = of_springs(|t, row| row.iter_mut().for_each(|tau| *tau += hum(t)));
-    let d = diagnose(&campaign, "case", &some(), 0, |_| {})
-        .unwrap()
-        .diagnosis;
+    let d = diagnose(&campaign, &some(), 0, |_| {}).unwrap().diagnosis;
     assert_eq!(d.verdict.kind, VerdictKind::Unknown, "{:?}", d.verdict);
     let free = d.gap.free.unwrap();
     // Seven joints feel it.
@@ -235,7 +238,7 @@ fn handfuls_of_samples_and_arms_that_rest_tell_nothing() {
     };
     let refused = |rows: usize, way: f64| {
         let campaign = free_arm(&vec![sequence(rows, way); 3]);
-        let outcome = diagnose(&campaign, "case", &some(), 0, |_| {});
+        let outcome = diagnose(&campaign, &some(), 0, |_| {});
         outcome.map(|_| ()).map_err(|e| e.to_string())
     };
     let short = refused(3, 0.1).unwrap_err();
@@ -290,7 +293,7 @@ fn named_in_air(campaign: &Campaign) -> vsf_gap::Diagnosis {
     let free: Vec<_> = (effects::catalogue().into_iter())
         .filter(|e| e.acts() == Acts::Torques && e.name() != "inertial_error")
         .collect();
-    let outcome = diagnose(campaign, "case", &free, 0, |_| {}).unwrap();
+    let outcome = diagnose(campaign, &free, 0, |_| {}).unwrap();
     outcome.diagnosis
 }
 
@@ -323,7 +326,7 @@ fn what_all_sequences_together_do_not_bear_out_is_not_named() {
     });
     assert_eq!((campaign.train().len(), campaign.test().len()), (3, 1));
     let bias = effects::named(&["torque_bias"]).unwrap();
-    let outcome = diagnose(&campaign, "case", &bias, 0, |_| {}).unwrap();
+    let outcome = diagnose(&campaign, &bias, 0, |_| {}).unwrap();
     let d = &outcome.diagnosis;
     assert!(d.verdict.effects.is_empty(), "{:?}", d.verdict);
     assert_eq!(d.verdict.effect_set_95, ["torque_bias"]);
@@ -418,7 +421,7 @@ fn effects_show_from_the_stated_size_on() {
     ];
     let few = effects::named(&few).unwrap();
     let diagnosed = |felt: &dyn Fn([f64; 3], [f64; 3]) -> [f64; 3]| {
-        let outcome = diagnose(&swinging(felt), "case", &few, 0, |_| {}).unwrap();
+        let outcome = diagnose(&swinging(felt), &few, 0, |_| {}).unwrap();
         outcome.diagnosis
     };
     let quiet = diagnosed(&|tau, _| tau);
@@ -453,7 +456,7 @@ fn effects_of_the_stated_size_are_named_most_of_the_time() {
     let bias = effects::named(&["torque_bias"]).unwrap();
     let diagnosed = |seed: u64, by: f64| {
         let campaign = swinging_with_noise(seed, |tau, _| [tau[0], tau[1] + by, tau[2]]);
-        let outcome = diagnose(&campaign, "case", &bias, 0, |_| {}).unwrap();
+        let outcome = diagnose(&campaign, &bias, 0, |_| {}).unwrap();
         outcome.diagnosis
     };
     let named: Vec<bool> = (100..112)
@@ -481,7 +484,7 @@ fn effects_in_contact_show_from_the_stated_size_on() {
             torques.skip(2).step_by(joints).for_each(|t| *t += by);
         }
         let campaign = Campaign::open(&dataset, &SceneOptions::default()).unwrap();
-        let outcome = diagnose(&campaign, "case", &few, 0, |_| {}).unwrap();
+        let outcome = diagnose(&campaign, &few, 0, |_| {}).unwrap();
         outcome.diagnosis
     };
     let size = shows_from(&biased(0.0), "torque_bias", "b_3");
@@ -521,7 +524,7 @@ fn what_a_named_effect_leaves_is_white_or_something_else_acts() {
     ] {
         let folder = tempfile::tempdir().unwrap();
         let campaign = made(folder.path(), &[cause], 41034);
-        let outcome = diagnose(&campaign, "case", &few, 0, |_| {}).unwrap();
+        let outcome = diagnose(&campaign, &few, 0, |_| {}).unwrap();
         let d = outcome.diagnosis;
         assert_eq!(d.verdict.effects, ["torque_gain"], "{cause}");
         assert_eq!(d.verdict.kind, kind, "{cause}");
@@ -540,7 +543,7 @@ fn what_is_left_in_free_motion_is_unknown() {
     let few = effects::named(&["torque_bias", "viscoelastic"]).unwrap();
     let verdict = |dataset: &Dataset| {
         let campaign = Campaign::open(dataset, &SceneOptions::default()).unwrap();
-        let outcome = diagnose(&campaign, "case", &few, 0, |_| {}).unwrap();
+        let outcome = diagnose(&campaign, &few, 0, |_| {}).unwrap();
         (outcome.diagnosis.verdict.kind, outcome.diagnosis.notes)
     };
     dataset.tare_samples = 10;
@@ -572,9 +575,7 @@ fn what_a_tare_leaves_is_no_drift() {
     dataset.tare_samples = 4;
     let campaign = Campaign::open(&dataset, &SceneOptions::default()).unwrap();
     let drifts = effects::named(&["torque_drift", "torque_bias"].map(str::to_owned)).unwrap();
-    let d = diagnose(&campaign, "case", &drifts, 0, |_| {})
-        .unwrap()
-        .diagnosis;
+    let d = diagnose(&campaign, &drifts, 0, |_| {}).unwrap().diagnosis;
     assert_eq!(d.verdict.kind, VerdictKind::NoGap);
     for effect in &d.effects {
         assert!(
@@ -611,7 +612,7 @@ fn a_drift_that_begins_anew_and_wanders_is_a_drift() {
     }
     let campaign = Campaign::open(&dataset, &SceneOptions::default()).unwrap();
     let few = effects::named(&["torque_drift", "torque_bias", "viscoelastic"]).unwrap();
-    let outcome = diagnose(&campaign, "case", &few, 0, |_| {}).unwrap();
+    let outcome = diagnose(&campaign, &few, 0, |_| {}).unwrap();
     let d = &outcome.diagnosis;
     assert_eq!(d.verdict.kind, VerdictKind::Effects, "{:?}", d.notes);
     assert_eq!(d.verdict.effects, ["torque_drift"]);
@@ -633,7 +634,7 @@ fn an_object_that_is_put_back_elsewhere_shows_on_halves_of_the_test_sequences() 
     let folder = tempfile::tempdir().unwrap();
     let campaign = made(folder.path(), &["registration_offset"], 48);
     let registration = effects::named(&["registration_offset"]).unwrap();
-    let outcome = diagnose(&campaign, "case", &registration, 0, |_| {}).unwrap();
+    let outcome = diagnose(&campaign, &registration, 0, |_| {}).unwrap();
     let d = &outcome.diagnosis;
     assert_eq!(d.verdict.kind, VerdictKind::Effects);
     assert_eq!(d.verdict.effects, ["registration_offset"]);
@@ -655,11 +656,7 @@ fn shares_are_shares_and_the_same_seed_gives_the_same_diagnosis() {
         "torque_bias".to_owned(),
     ])
     .unwrap();
-    let run = || {
-        diagnose(&campaign, "case", &bias, 7, |_| {})
-            .unwrap()
-            .diagnosis
-    };
+    let run = || diagnose(&campaign, &bias, 7, |_| {}).unwrap().diagnosis;
     let d = run();
     assert_eq!(d.verdict.effects, ["joint_viscous_friction"]);
     for parts in [&d.location.joint, &d.location.phase, &d.location.sequence] {

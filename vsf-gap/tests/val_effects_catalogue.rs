@@ -404,7 +404,7 @@ impl Compensator for Moves {
 
 /// Why a diagnosis with these candidates is refused.
 fn refused(candidates: &[Arc<dyn Effect>]) -> String {
-    let error = vsf_gap::diagnose(&waving(), "test", candidates, 0, |_| {}).err();
+    let error = vsf_gap::diagnose(&waving(), candidates, 0, |_| {}).err();
     error.unwrap().to_string()
 }
 
@@ -564,7 +564,7 @@ fn what_changes_no_reading_is_not_testable() {
         "torque_bias",
     ];
     let candidates = vsf_gap::effects::named(&names).unwrap();
-    let outcome = vsf_gap::diagnose(&away, "away", &candidates, 0, |_| {}).unwrap();
+    let outcome = vsf_gap::diagnose(&away, &candidates, 0, |_| {}).unwrap();
     for report in &outcome.diagnosis.effects {
         assert_eq!(
             report.testable,
@@ -587,7 +587,7 @@ fn a_robot_of_one_joint_is_diagnosed() {
     };
     let rows: Rows = (0..200).map(row).collect();
     let campaign = free_link_tared(&[rows.clone(), rows], 20);
-    let outcome = vsf_gap::diagnose(&campaign, "test", &catalogue(), 0, |_| {}).unwrap();
+    let outcome = vsf_gap::diagnose(&campaign, &catalogue(), 0, |_| {}).unwrap();
     let reason = |name: &str| {
         let mut all = outcome.diagnosis.effects.iter();
         all.find(|e| e.effect == name).unwrap().reason.clone()

@@ -95,7 +95,7 @@ fn no_other_order_of_columns_is_told() {
 fn from_where_on_points_are_touched_is_no_cause() {
     let few = ["contact_friction", "encoder_offset", "latency"].map(str::to_owned);
     let few = effects::named(&few).unwrap();
-    let of = |campaign: Campaign| diagnose(&campaign, "pad", &few, 0, |_| {}).unwrap();
+    let of = |campaign: Campaign| diagnose(&campaign, &few, 0, |_| {}).unwrap();
     let campaign = Campaign::open(&pad(&PLACES), &SceneOptions::default()).unwrap();
     let own = of(campaign.clone()).diagnosis;
     assert_eq!(own.verdict.kind, VerdictKind::Effects, "{:?}", own.verdict);
@@ -116,10 +116,10 @@ fn an_onset_that_a_padding_finds_is_no_cause() {
     let few = ["contact_friction", "geometry_padding"].map(str::to_owned);
     let few = effects::named(&few).unwrap();
     let campaign = Campaign::open(&pad(&PLACES), &SceneOptions::default()).unwrap();
-    let given = diagnose(&campaign, "pad", &few, 0, |_| {}).unwrap();
+    let given = diagnose(&campaign, &few, 0, |_| {}).unwrap();
     assert_eq!(given.campaign.scene().contact(), campaign.scene().contact());
     let free = campaign.clone().with_suited_fields();
-    let outcome = diagnose(&free, "pad", &few, 0, |_| {}).unwrap();
+    let outcome = diagnose(&free, &few, 0, |_| {}).unwrap();
     let found = outcome.diagnosis;
     assert!(found.verdict.effects.is_empty(), "{:?}", found.verdict);
     let [own, chosen] = [&campaign, &outcome.campaign].map(|c| c.scene().contact().threshold);

@@ -20,9 +20,7 @@ fn diagnosis() -> Diagnosis {
         "torque_drift",
     ];
     let few = effects::named(&few).unwrap();
-    diagnose(&campaign, "phantom", &few, 0, |_| {})
-        .unwrap()
-        .diagnosis
+    diagnose(&campaign, &few, 0, |_| {}).unwrap().diagnosis
 }
 
 #[test]

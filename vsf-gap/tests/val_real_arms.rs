@@ -19,7 +19,7 @@ fn recording(arm: &str) -> Dataset {
 /// With the whole catalogue.
 fn diagnosis(dataset: &Dataset) -> Diagnosis {
     let campaign = Campaign::open(dataset, &SceneOptions::default()).unwrap();
-    let outcome = diagnose(&campaign, "arm", &effects::catalogue(), 0, |_| {}).unwrap();
+    let outcome = diagnose(&campaign, &effects::catalogue(), 0, |_| {}).unwrap();
     outcome.diagnosis
 }
 

@@ -143,7 +143,7 @@ fn online_estimates_take_a_noise_beside_the_trace() {
     let trace = scene.trace(&measured().sequences[0]).unwrap();
     let noise = Noise::uniform(1, 0.3).unwrap();
     let run = |trace: &Trace, noise: Option<&Noise>| {
-        let prior = Belief::uniform(scene.rest().len(), 1.0, 5.0).unwrap();
+        let prior = Belief::<f64>::uniform(scene.rest().len(), 1.0, 5.0).unwrap();
         let mut filter = FilterSpec::replay()
             .build::<f64>(prior.into(), None)
             .unwrap();
@@ -155,7 +155,7 @@ fn online_estimates_take_a_noise_beside_the_trace() {
     let copy = trace.with_noise(&noise).unwrap();
     assert_eq!(run(&trace, Some(&noise)), run(&copy, None));
     assert_ne!(run(&trace, None).0, run(&copy, None).0);
-    let prior = Belief::uniform(scene.rest().len(), 1.0, 5.0).unwrap();
+    let prior = Belief::<f64>::uniform(scene.rest().len(), 1.0, 5.0).unwrap();
     let mut filter = (FilterSpec::replay().build::<f64>(prior.into(), None)).unwrap();
     let foreign = Noise::uniform(2, 0.3).unwrap();
     let refused = estimate_online(&mut *filter, &trace, Some(&foreign), |_, _| {});

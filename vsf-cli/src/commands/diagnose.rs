@@ -7,7 +7,7 @@ use crate::recording::RecordingArgs;
 use clap::builder::{PossibleValue, PossibleValuesParser};
 use std::path::PathBuf;
 use std::sync::Arc;
-use vsf::gap::{DiagnosisStep, Effect, ModelFile, VerdictKind, diagnose, effects};
+use vsf::gap::{DiagnosisStep, Effect, VerdictKind, diagnose, effects};
 
 #[derive(Debug, clap::Args)]
 #[command(after_help = "\
@@ -84,30 +84,20 @@ pub fn run(args: &Args, console: &Console) -> anyhow::Result<()> {
     }
     let recording = args.recording.open(console)?;
     let campaign = recording.campaign(console)?;
-    let name = &recording.dataset.name;
     let bar = console.bar(DiagnosisStep::ALL.len(), "diagnosis");
     let progress = |step: DiagnosisStep| {
         let done = DiagnosisStep::ALL.iter().position(|s| *s == step);
         bar.set_position(done.unwrap_or(0) as u64);
     };
-    let mut outcome = diagnose(&campaign, name, &candidates, args.seed, progress)?;
+    let mut outcome = diagnose(&campaign, &candidates, args.seed, progress)?;
     bar.finish_and_clear();
     if args.effects.is_some() {
         outcome.diagnosis.notes.push(
             "only the effects of --effects were looked for; what others would explain may be laid to them".to_owned(),
         );
     }
-    let scene = outcome.campaign.scene();
-    let mut model = ModelFile::new(outcome.campaign.site(), &outcome.model, &outcome.sd)?;
+    let mut model = outcome.model_file()?;
     model.made_by = Some(MADE_BY.to_owned());
-    model.recording = Some(name.clone());
-    model.learned_from = outcome
-        .campaign
-        .train()
-        .iter()
-        .map(|m| m.id.clone())
-        .collect();
-    model.contact = (!scene.rest().is_empty()).then(|| scene.contact_parameters());
     let mut files = Vec::new();
     if let Some(path) = &args.html {
         files.push((path.clone(), page(&outcome, &model)?));

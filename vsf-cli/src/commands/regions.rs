@@ -13,16 +13,16 @@ const SHOWN: usize = 10;
 
 #[derive(Debug, clap::Args)]
 #[command(after_help = "\
-A point is stiff if its stiffness is, with --confidence, more than --contrast times the background: the median of the \ \
-touched points that have any. Stiff points within --reach of each other are one region. Untouched points say nothing \ \
+A point is stiff if its stiffness is, with --confidence, more than --contrast times the background: the median of the \
+touched points that have any. Stiff points within --reach of each other are one region. Untouched points say nothing \
 and are left out, where the field tells which were touched. Places are in the world frame.
 
 Example:
   vsf estimate DATASET --out field.npz
   vsf regions field.npz --contrast 3
 
-JSON keys: field, points (that were looked at), background, stiff_from (N/m), contrast, confidence, reach (m), scattered \ \
-(stiff points of no region), regions (center, bounds ([lower, upper] in m), mean, sd, largest (N/m), times_background, \ \
+JSON keys: field, points (that were looked at), background, stiff_from (N/m), contrast, confidence, reach (m), scattered \
+(stiff points of no region), regions (center, bounds ([lower, upper] in m), mean, sd, largest (N/m), times_background, \
 points (their indices)).")]
 pub struct Args {
     /// The field, .npz or folder

@@ -385,7 +385,8 @@ pub fn fixed(value: f64, decimals: usize) -> String {
 /// The part of a recording.
 pub fn part(of: &Place) -> String {
     match of {
-        Place::Joint(name) | Place::Link(name) | Place::Sequence(name) => name.clone(),
+        Place::Joint(name) | Place::Link(Some(name)) | Place::Sequence(name) => name.clone(),
+        Place::Link(None) => "none".to_owned(),
         Place::Phase(phase) => phase.name().to_owned(),
         Place::Frequency(band) => {
             let [low, high] = band.map(|hertz| {

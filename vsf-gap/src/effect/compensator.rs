@@ -63,7 +63,7 @@ pub struct Sample<'a> {
     pub qdd: &'a [f64],
     /// The reading as load of the environment on the joints (N m or N); for `measured` readings
     /// the rigid-body torque of the model less the reading. Of a recording, the mean over a few
-    /// samples around.
+    /// samples around; of a control loop, over those of them that it has had.
     pub reading: &'a [f64],
     /// The load that the joints' gears carry (N m or N): the reading, or for `measured` readings
     /// the rigid-body torque of the model.

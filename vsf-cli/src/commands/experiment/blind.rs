@@ -71,7 +71,7 @@ pub fn run(args: &Args, console: &Console) -> anyhow::Result<()> {
         let outcome = (|| {
             let (dataset, _) = Dataset::open(&path, &Overrides::default())?;
             let campaign = Campaign::open(&dataset, &SceneOptions::default())?.with_suited_fields();
-            let outcome = diagnose(&campaign, &id, &catalogue, args.seed, |_| {})?;
+            let outcome = diagnose(&campaign, &catalogue, args.seed, |_| {})?;
             Ok::<_, anyhow::Error>((campaign, outcome))
         })();
         cases.push(match outcome {
