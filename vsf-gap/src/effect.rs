@@ -140,6 +140,13 @@ pub trait Effect: Send + Sync {
         false
     }
 
+    /// Whether it scales the torques of contact joint by joint; false by default. So do errors of the place where the
+    /// force acts, above all at joints that it hardly turns: where contact is rough, such an effect has to gain as many
+    /// times more as one that chooses contacts.
+    fn scales_contact(&self) -> bool {
+        false
+    }
+
     /// Name of an effect of which it is a more general form, if there is one: it has to explain more than
     /// what is wrong with the form of that one, or to show what it adds to it ([`Effect::exceeds`]).
     fn extends(&self) -> Option<&str> {

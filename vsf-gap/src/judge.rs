@@ -56,7 +56,7 @@ const SELDOM: f64 = 100.0;
 struct Rough {
     /// Roughness of contact from which on.
     from: f64,
-    /// Those that choose contacts ([`Effect::chooses_contacts`]).
+    /// Those that choose contacts or scale their torques ([`Effect::chooses_contacts`], [`Effect::scales_contact`]).
     choosing: f64,
     /// The others on springs and contact.
     others: f64,
@@ -133,11 +133,11 @@ pub(crate) fn required_gain_beside(further: &dyn Effect, gain: f64, rough: f64) 
     required_gain(further, rough) + MISFIT * gain
 }
 
-/// The gain of log evidence (nats) that an effect needs: [`Effect::null_gain`], and for those that act on
-/// springs and contact more where contact itself is rough.
+/// The gain of log evidence (nats) that an effect needs: [`Effect::null_gain`], and where contact is rough more for those
+/// that act on springs and contact or scale its torques.
 pub(crate) fn required_gain(effect: &dyn Effect, rough: f64) -> f64 {
     let times = match ROUGHNESS.iter().rfind(|r| rough >= r.from) {
-        Some(r) if effect.chooses_contacts() => r.choosing,
+        Some(r) if effect.chooses_contacts() || effect.scales_contact() => r.choosing,
         Some(r) if effect.acts() != Acts::Torques => r.others,
         _ => 1.0,
     };

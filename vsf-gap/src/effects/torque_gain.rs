@@ -40,6 +40,10 @@ impl Effect for TorqueGain {
         &[]
     }
 
+    fn scales_contact(&self) -> bool {
+        true
+    }
+
     fn response(&self, probe: Probe) -> Option<&str> {
         matches!(
             probe,

@@ -21,7 +21,8 @@ pub(crate) struct Spread {
     pub(crate) smooth: f64,
     /// Standard deviation of the common level of the stiffness (N/m).
     pub(crate) level: f64,
-    /// Roughness of contact: unexplained force as a share of the force.
+    /// Roughness of contact: unexplained force as a share of the force, and as much of its place
+    /// ([`crate::Campaign::lever`]).
     pub(crate) contact: f64,
     /// Roughness of joints: unexplained torque as a share of each joint's RMS torque.
     pub(crate) joint: f64,
