@@ -57,7 +57,9 @@ pub enum GapError {
         problem: String,
     },
     /// A sample whose time does not go on from the one before it.
-    #[error("the time step is {dt:?} s; samples go forwards in time, a touch begins with 0")]
+    #[error(
+        "the clock goes on by {dt:?} s; within a touch it has to increase, begin a touch after a gap"
+    )]
     TimeBackwards {
         /// The time step (s).
         dt: f64,

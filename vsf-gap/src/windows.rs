@@ -8,8 +8,6 @@ use vsf_robots::jacobian;
 
 /// Most numbers (windows times joints) that a diagnosis works with.
 const MOST_ROWS: usize = 1300;
-/// Contact that errs by as much as its force errs by so much (m) in the place where this acts.
-const PLACE: f64 = 0.05;
 /// Noise that is less correlated is not.
 const FADED: f64 = 1e-9;
 
@@ -230,9 +228,9 @@ impl Campaign {
         Ok(out)
     }
 
-    /// How the joints feel what contact gets wrong, over windows, per axis of the world: three columns for a force as large
-    /// as that of the window, three for a shift of the place where this acts, by [`PLACE`]. What contact leaves unexplained
-    /// is of this form, whatever its cause.
+    /// How the joints feel a force at the contact, over windows: three columns, one per axis of
+    /// the world, times the size of the force in that window. What contact leaves unexplained is of
+    /// this form, whatever its cause.
     ///
     /// # Errors
     /// None in practice: contacts are of this robot.
@@ -242,9 +240,8 @@ impl Campaign {
         windows: &Windows,
     ) -> Result<Mat<f64>, GapError> {
         let d = windows.joints;
-        let mut lever = Mat::zeros(windows.rows(), 6);
+        let mut lever = Mat::zeros(windows.rows(), 3);
         let mut columns = vec![Vector3::zeros(); d];
-        let mut shifted = columns.clone();
         for (i, w) in windows.list.iter().enumerate() {
             let log = &logs[w.sequence];
             let share = 1.0 / w.rows.len() as f64;
@@ -254,13 +251,10 @@ impl Campaign {
                     continue;
                 };
                 jacobian(touch.posture, link, &p, &mut columns)?;
-                let force = log.forces[row];
-                for axis in 0..3 {
-                    let there = p + PLACE * Vector3::ith(axis, 1.0);
-                    jacobian(touch.posture, link, &there, &mut shifted)?;
-                    for (j, (v, w)) in columns.iter().zip(&shifted).enumerate() {
-                        lever[(i * d + j, axis)] += share * force.norm() * v[axis];
-                        lever[(i * d + j, 3 + axis)] += share * force.dot(&(w - v));
+                let force = log.forces[row].norm();
+                for (j, v) in columns.iter().enumerate() {
+                    for axis in 0..3 {
+                        lever[(i * d + j, axis)] += share * force * v[axis];
                     }
                 }
             }
