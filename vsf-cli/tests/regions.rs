@@ -92,5 +92,8 @@ fn what_cannot_be_is_refused() {
     npy(&folder.join("points.npy"), &[5, 3], &[0.1; 15]);
     npy(&folder.join("K.npy"), &[5], &[2.0; 5]);
     let text = bench.ok("regions heap --contrast 0.5");
-    assert!(text.contains("0.1000, 0.1000, 0.1000"), "{text}");
+    assert!(text.contains("0.100"), "{text}");
+    npy(&folder.join("K.npy"), &[5], &[0.0; 5]);
+    let warning = bench.warned("regions heap");
+    assert!(warning.contains("no background"), "{warning}");
 }

@@ -1,6 +1,7 @@
 //! Where a field is stiff: regions of points that stand out from the rest, as inclusions in tissue do.
 
 use nalgebra::{Point3, Vector3};
+use std::collections::HashMap;
 use vsf_core::{Belief, CoreError, RestPoints, median};
 
 /// What counts as a stiff region.
@@ -10,8 +11,8 @@ pub struct RegionOptions {
     pub contrast: f64,
     /// The least probability that a point is that stiff, of each point by itself; 0.5 to below 1, default 0.95.
     pub confidence: f64,
-    /// Stiff points up to so far apart (m) belong together; by default 1.8 times [`RestPoints::spacing`], which joins
-    /// neighbours on a lattice, diagonal ones too.
+    /// Stiff points up to so far apart (m) belong together; by default 1.8 times the [`RestPoints::spacing`] of the points
+    /// that are looked at, which joins neighbours on a lattice, diagonal ones too.
     pub reach: Option<f64>,
     /// Fewest points of a region; at least 1, default 3. Single points are the least certain of a field: deep ones,
     /// which are hardly felt, take up what others leave.
@@ -34,10 +35,12 @@ impl Default for RegionOptions {
 pub struct StiffRegions {
     /// Points that were looked at.
     pub looked_at: usize,
-    /// The background (N/m): the median stiffness of those that have any; 0 where none has.
-    pub background: f64,
+    /// Those of them that have any stiffness.
+    pub felt: usize,
+    /// The background (N/m), the median stiffness of these; `None` where there are none.
+    pub background: Option<f64>,
     /// The stiffness (N/m) from which on a point is stiff.
-    pub stiff_from: f64,
+    pub stiff_from: Option<f64>,
     /// Stiff points up to so far apart belong together (m).
     pub reach: f64,
     /// The regions, that with the most stiffness in all first.
@@ -58,7 +61,7 @@ pub struct StiffRegion {
     /// Mean stiffness of its points (N/m).
     pub mean: f64,
     /// Bound of the standard deviation of that mean (N/m): the mean of the points' own deviations, which is the deviation
-    /// of the mean if they err alike, and more than that if not.
+    /// of the mean if they err alike, and more than that if not. That of a belief of no deviations is next to nothing.
     pub sd: f64,
     /// Stiffness of its stiffest point (N/m).
     pub largest: f64,
@@ -68,7 +71,7 @@ pub struct StiffRegion {
 /// whose stiffness was felt; empty, all are. Of a belief that keeps no correlations, or of variances that are next to
 /// nothing, means alone decide.
 ///
-/// Time: O(N), and for every stiff point that of those within reach.
+/// Time: O(N) for a reach of some spacings of the points.
 ///
 /// # Errors
 /// [`CoreError::Length`] for a belief or a `touched` of another number of points, [`CoreError::Parameter`] for options
@@ -83,7 +86,7 @@ pub struct StiffRegion {
 /// let rest = RestPoints::new((0..10).map(|k| Point3::new(0.01 * f64::from(k), 0.0, 0.0)).collect())?;
 /// let stiffness = [5.0, 5.0, 5.0, 5.0, 40.0, 50.0, 40.0, 5.0, 5.0, 5.0];
 /// let found = stiff_regions(&rest, &Belief::new(stiffness.to_vec(), vec![4.0; 10])?, &[], &Default::default())?;
-/// assert_eq!(found.background, 5.0);
+/// assert_eq!(found.background, Some(5.0));
 /// assert_eq!(found.regions[0].points, [4, 5, 6]);
 /// assert!((found.regions[0].center.x - 0.05).abs() < 1e-9);
 /// # Ok::<(), vsf_core::CoreError>(())
@@ -111,20 +114,30 @@ pub fn stiff_regions(
         }
     }
     options.check()?;
-    let reach = (options.reach).unwrap_or_else(|| NEIGHBOURS * rest.spacing());
     let (mean, variance) = (belief.mean(), belief.variance());
     let looked_at: Vec<usize> = (0..rest.len())
         .filter(|i| touched.is_empty() || touched[*i])
         .collect();
-    let felt = looked_at.iter().map(|i| mean[*i]).filter(|k| *k > 0.0);
-    let background = median(felt.collect()).unwrap_or(0.0);
-    let stiff_from = options.contrast * background;
-    let mut stiff = vec![false; rest.len()];
-    for &i in &looked_at {
-        let deviations = (mean[i] - stiff_from) / variance[i].sqrt();
-        stiff[i] = background > 0.0 && probability_below(deviations) >= options.confidence;
-    }
-    let groups = groups(rest, stiff, reach);
+    let reach = match options.reach {
+        Some(reach) => reach,
+        None => {
+            let points = looked_at.iter().map(|i| rest.positions()[*i]);
+            NEIGHBOURS * RestPoints::new(points.collect())?.spacing()
+        }
+    };
+    let felt: Vec<f64> = (looked_at.iter().map(|i| mean[*i]))
+        .filter(|k| *k > 0.0)
+        .collect();
+    let count = felt.len();
+    let background = median(felt);
+    let stiff_from = background.map(|background| options.contrast * background);
+    let is_stiff = |i: &usize| {
+        stiff_from.is_some_and(|from| {
+            probability_below((mean[*i] - from) / variance[*i].sqrt()) >= options.confidence
+        })
+    };
+    let stiff = looked_at.iter().copied().filter(is_stiff).collect();
+    let groups = groups(rest.positions(), stiff, reach);
     let is_region = |group: &&Vec<usize>| group.len() >= options.fewest;
     let mut regions: Vec<StiffRegion> = (groups.iter().filter(is_region))
         .map(|points| StiffRegion::of(points, rest, belief))
@@ -135,6 +148,7 @@ pub fn stiff_regions(
     let in_regions: usize = regions.iter().map(|r| r.points.len()).sum();
     Ok(StiffRegions {
         looked_at: looked_at.len(),
+        felt: count,
         background,
         stiff_from,
         reach,
@@ -145,6 +159,8 @@ pub fn stiff_regions(
 
 /// Neighbours on a cubic lattice are up to the root of 3 spacings apart.
 const NEIGHBOURS: f64 = 1.8;
+/// Smallest edge of a cell (m), by which all coordinates of points can be counted.
+const LEAST_CELL: f64 = 1e-9;
 
 impl RegionOptions {
     fn check(&self) -> Result<(), CoreError> {
@@ -203,28 +219,34 @@ fn probability_below(x: f64) -> f64 {
     0.5 * libm::erfc(-x / std::f64::consts::SQRT_2)
 }
 
-/// Points in question that are linked by steps of at most `reach`, each group increasing.
-fn groups(rest: &RestPoints, mut open: Vec<bool>, reach: f64) -> Vec<Vec<usize>> {
-    let half = Vector3::repeat(reach);
+/// Points of these, increasing, that are linked by steps of at most `reach`, each group increasing.
+fn groups(positions: &[Point3<f64>], points: Vec<usize>, reach: f64) -> Vec<Vec<usize>> {
+    // Cells of the size of the reach hold the points that are in no group yet: each is taken out once.
+    let size = reach.max(LEAST_CELL) * (1.0 + 1e-9);
+    let cell = |p: &Point3<f64>| [p.x, p.y, p.z].map(|c| (c / size).floor() as i64);
+    let mut open: HashMap<[i64; 3], Vec<usize>> = HashMap::new();
+    for &i in &points {
+        open.entry(cell(&positions[i])).or_default().push(i);
+    }
     let mut groups = Vec::new();
-    for start in 0..open.len() {
-        if !std::mem::take(&mut open[start]) {
+    for start in points {
+        let own = open.entry(cell(&positions[start])).or_default();
+        let Some(place) = own.iter().position(|i| *i == start) else {
             continue;
-        }
-        let mut group = vec![start];
+        };
+        let mut group = vec![own.swap_remove(place)];
         let mut next = 0;
         while let Some(&i) = group.get(next) {
             next += 1;
-            let p = rest.positions()[i];
-            rest.for_cells_in(&(p - half), &(p + half), |cell| {
-                for &other in cell.points {
-                    let other = other as usize;
-                    if open[other] && (rest.positions()[other] - p).norm() <= reach {
-                        open[other] = false;
-                        group.push(other);
-                    }
+            let p = positions[i];
+            let [x, y, z] = cell(&p);
+            for k in 0..27 {
+                let at = [x + k % 3 - 1, y + k / 3 % 3 - 1, z + k / 9 - 1];
+                if let Some(others) = open.get_mut(&at) {
+                    let is_near = |i: &mut usize| (positions[*i] - p).norm() <= reach;
+                    group.extend(others.extract_if(.., is_near));
                 }
-            });
+            }
         }
         group.sort_unstable();
         groups.push(group);
@@ -277,7 +299,9 @@ mod tests {
             reach in 0.005..0.1,
         ) {
             let (points, open): (Vec<[f64; 3]>, Vec<bool>) = points.into_iter().unzip();
-            let found = groups(&cloud(&points), open.clone(), reach);
+            let all = cloud(&points);
+            let stiff = (0..points.len()).filter(|i| open[*i]).collect();
+            let found = groups(all.positions(), stiff, reach);
             prop_assert_eq!(found, merged(&points, &open, reach));
         }
     }
@@ -313,7 +337,7 @@ mod tests {
         let found = of(1.0, &[], &RegionOptions::default());
         assert_eq!(
             (found.background, found.stiff_from, found.scattered),
-            (4.0, 8.0, 1)
+            (Some(4.0), Some(8.0), 1)
         );
         let [region] = &found.regions[..] else {
             panic!("{found:?}");
@@ -343,6 +367,25 @@ mod tests {
         assert_eq!(points(of(3.0, &touched, &wide)), [vec![2, 4]]);
     }
 
+    /// Untouched points that lie closer together do not say what neighbours are.
+    #[test]
+    fn points_that_were_not_touched_say_nothing() {
+        let mut points: Vec<[f64; 3]> = (0..9).map(|k| [1e-3 * f64::from(k), 0.0, 0.0]).collect();
+        points.extend((0..100).map(|k| [1e-5 * f64::from(k), 0.01, 0.0]));
+        let mut mean = vec![4.0; 109];
+        mean[3..6].fill(30.0);
+        mean[9..].fill(1e3);
+        let touched: Vec<bool> = (0..109).map(|k| k < 9).collect();
+        let belief = Belief::new(mean, vec![1.0; 109]).unwrap();
+        let found = stiff_regions(&cloud(&points), &belief, &touched, &Default::default()).unwrap();
+        assert_eq!(
+            (found.looked_at, found.felt, found.background),
+            (9, 9, Some(4.0))
+        );
+        assert_eq!(found.regions.len(), 1);
+        assert_eq!(found.regions[0].points, [3, 4, 5]);
+    }
+
     #[test]
     fn a_field_of_zeros_has_no_regions_and_bad_input_is_refused() {
         let (rest, mean) = row();
@@ -351,7 +394,7 @@ mod tests {
         let nothing = stiff_regions(&rest, &belief(0.0, 9), &[], &options).unwrap();
         assert!(nothing.regions.is_empty() && nothing.scattered == 0);
         let empty = stiff_regions(&cloud(&[]), &belief(0.0, 0), &[], &options).unwrap();
-        assert_eq!((empty.looked_at, empty.background), (0, 0.0));
+        assert_eq!((empty.looked_at, empty.background), (0, None));
         let belief = Belief::new(mean, vec![1.0; 9]).unwrap();
         let fails = |touched: &[bool], options: RegionOptions| {
             stiff_regions(&rest, &belief, touched, &options).is_err()

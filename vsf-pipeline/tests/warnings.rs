@@ -102,7 +102,7 @@ fn links_and_thresholds_that_are_not_in_metres() {
     let [afar] = &sphere(0.02)(0.05)[..] else {
         panic!()
     };
-    let text = "points touched from 0.05 m before the robot's surface on, and the object is 0.100 m across";
+    let text = "reach 0.05 m beyond the robot's surface, and the object is 0.100 m across";
     assert!(afar.to_string().contains(text), "{afar}");
 }
 

@@ -21,7 +21,7 @@ Example:
   vsf estimate DATASET --out field.npz
   vsf regions field.npz --contrast 3
 
-JSON keys: field, points (that were looked at), background, stiff_from (N/m), contrast, confidence, reach (m), scattered \
+JSON keys: field, points (that were looked at), felt (those with any stiffness), background, stiff_from (N/m), contrast, confidence, reach (m), scattered \
 (stiff points of no region), regions (center, bounds ([lower, upper] in m), mean, sd, largest (N/m), times_background, \
 points (their indices)).")]
 pub struct Args {
@@ -45,8 +45,9 @@ pub struct Args {
 struct Report<'a> {
     field: String,
     points: usize,
-    background: f64,
-    stiff_from: f64,
+    felt: usize,
+    background: Option<f64>,
+    stiff_from: Option<f64>,
     contrast: f64,
     confidence: f64,
     reach: f64,
@@ -59,22 +60,22 @@ struct Entry<'a> {
     center: [f64; 3],
     bounds: [[f64; 3]; 2],
     mean: f64,
-    sd: f64,
+    sd: Option<f64>,
     largest: f64,
-    times_background: f64,
+    times_background: Option<f64>,
     points: &'a [usize],
 }
 
 impl<'a> Entry<'a> {
-    fn of(region: &'a StiffRegion, background: f64) -> Self {
+    fn of(region: &'a StiffRegion, found: &StiffRegions, has_sd: bool) -> Self {
         let coordinates = |p: &Point3<f64>| [p.x, p.y, p.z];
         Self {
             center: coordinates(&region.center),
             bounds: region.bounds.each_ref().map(coordinates),
             mean: region.mean,
-            sd: region.sd,
+            sd: has_sd.then_some(region.sd),
             largest: region.largest,
-            times_background: region.mean / background,
+            times_background: found.background.map(|background| region.mean / background),
             points: &region.points,
         }
     }
@@ -88,10 +89,11 @@ pub fn run(args: &Args, console: &Console) -> anyhow::Result<()> {
         );
     }
     let file = FieldFile::open(&args.field, console)?;
-    if file.field.sd.is_none() {
+    let path = args.field.display();
+    let has_sd = file.field.sd.is_some();
+    if !has_sd {
         console.warn(format!(
-            "{}: without K_std, the stiffness alone decides what is stiff; --confidence has no effect",
-            args.field.display()
+            "{path}: without K_std, the stiffness alone decides what is stiff; --confidence has no effect"
         ));
     }
     let options = RegionOptions {
@@ -102,9 +104,20 @@ pub fn run(args: &Args, console: &Console) -> anyhow::Result<()> {
     };
     let rest = RestPoints::new(file.field.points)?;
     let found = stiff_regions(&rest, &file.stored.belief, &file.stored.touched, &options)?;
+    if found.background.is_none() {
+        let what = if found.looked_at == 0 {
+            "no point was touched"
+        } else {
+            "no touched point has any stiffness"
+        };
+        console.warn(format!(
+            "{path}: {what}: there is no background to compare with"
+        ));
+    }
     console.json(&Report {
-        field: args.field.display().to_string(),
+        field: path.to_string(),
         points: found.looked_at,
+        felt: found.felt,
         background: found.background,
         stiff_from: found.stiff_from,
         contrast: args.contrast,
@@ -112,34 +125,49 @@ pub fn run(args: &Args, console: &Console) -> anyhow::Result<()> {
         reach: found.reach,
         scattered: found.scattered,
         regions: (found.regions.iter())
-            .map(|r| Entry::of(r, found.background))
+            .map(|r| Entry::of(r, &found, has_sd))
             .collect(),
     })?;
-    console.report(text(args, &found, !file.stored.touched.is_empty()))
+    console.report(text(args, &found, !file.stored.touched.is_empty(), has_sd))
 }
 
-fn text(args: &Args, found: &StiffRegions, touched: bool) -> String {
+fn text(args: &Args, found: &StiffRegions, touched: bool, has_sd: bool) -> String {
     let points = if touched { "touched points" } else { "points" };
+    let (Some(background), Some(stiff_from)) = (found.background, found.stiff_from) else {
+        return format!("none of {} {points} has any stiffness\n", found.looked_at);
+    };
+    let sure = if has_sd {
+        format!(", each point with a probability of {}", args.confidence)
+    } else {
+        String::new()
+    };
     let mut text = format!(
-        "background  {} N/m, the median of {} {points} without those of no stiffness\n\
-         stiff       from {} N/m on, {} times that, each point with a probability of {} %\n",
-        number(found.background),
+        "background  {} N/m, the median of the {} of {} {points} that have any stiffness\n\
+         stiff       from {} N/m on, {} times that{sure}\n\
+         regions     of stiff points that are up to {} mm apart\n",
+        number(background),
+        found.felt,
         found.looked_at,
-        number(found.stiff_from),
-        args.contrast,
-        number(100.0 * args.confidence),
+        number(stiff_from),
+        number(args.contrast),
+        number(1e3 * found.reach),
     );
+    let decimals = (1.0 - found.reach.max(1e-9).log10()).ceil().clamp(3.0, 9.0) as usize;
     let row = |(k, r): (usize, &StiffRegion)| {
         let size = r.bounds[1] - r.bounds[0];
-        let vector = |v: [f64; 3]| v.map(|c| format!("{c:.4}")).join(", ");
+        let vector = |v: [f64; 3]| v.map(|c| format!("{c:.decimals$}")).join(", ");
         vec![
             (k + 1).to_string(),
             r.points.len().to_string(),
             vector([r.center.x, r.center.y, r.center.z]),
             vector([size.x, size.y, size.z]),
-            format!("{} ± {}", number(r.mean), number(r.sd)),
+            if has_sd {
+                format!("{} ± {}", number(r.mean), number(r.sd))
+            } else {
+                number(r.mean)
+            },
             number(r.largest),
-            number(r.mean / found.background),
+            number(r.mean / background),
         ]
     };
     let rows: Vec<Vec<String>> = found
