@@ -68,8 +68,7 @@ pub struct StiffRegion {
 }
 
 /// Finds the regions of a field that are stiffer than its background. `touched` says which points are looked at, those
-/// whose stiffness was felt; empty, all are. Of a belief that keeps no correlations, or of variances that are next to
-/// nothing, means alone decide.
+/// whose stiffness was felt; empty, all are. Where variances are next to nothing, means alone decide.
 ///
 /// Time: O(N) for a reach of some spacings of the points.
 ///
@@ -97,21 +96,9 @@ pub fn stiff_regions(
     touched: &[bool],
     options: &RegionOptions,
 ) -> Result<StiffRegions, CoreError> {
-    for (what, got) in [
-        ("the belief", Some(belief.len())),
-        (
-            "touched",
-            Some(touched.len()).filter(|_| !touched.is_empty()),
-        ),
-    ] {
-        if let Some(got) = got.filter(|got| *got != rest.len()) {
-            let expected = rest.len();
-            return Err(CoreError::Length {
-                what,
-                got,
-                expected,
-            });
-        }
+    CoreError::check_len("the belief", belief.len(), rest.len())?;
+    if !touched.is_empty() {
+        CoreError::check_len("touched", touched.len(), rest.len())?;
     }
     options.check()?;
     let (mean, variance) = (belief.mean(), belief.variance());
@@ -137,22 +124,21 @@ pub fn stiff_regions(
         })
     };
     let stiff = looked_at.iter().copied().filter(is_stiff).collect();
-    let groups = groups(rest.positions(), stiff, reach);
-    let is_region = |group: &&Vec<usize>| group.len() >= options.fewest;
-    let mut regions: Vec<StiffRegion> = (groups.iter().filter(is_region))
+    let (large, small): (Vec<_>, Vec<_>) = groups(rest.positions(), stiff, reach)
+        .into_iter()
+        .partition(|group| group.len() >= options.fewest);
+    let mut regions: Vec<StiffRegion> = (large.into_iter())
         .map(|points| StiffRegion::of(points, rest, belief))
         .collect();
     let in_all = |r: &StiffRegion| r.mean * r.points.len() as f64;
     regions.sort_by(|a, b| in_all(b).total_cmp(&in_all(a)));
-    let in_groups: usize = groups.iter().map(Vec::len).sum();
-    let in_regions: usize = regions.iter().map(|r| r.points.len()).sum();
     Ok(StiffRegions {
         looked_at: looked_at.len(),
         felt: count,
         background,
         stiff_from,
         reach,
-        scattered: in_groups - in_regions,
+        scattered: small.iter().map(Vec::len).sum(),
         regions,
     })
 }
@@ -188,7 +174,7 @@ impl RegionOptions {
 
 impl StiffRegion {
     /// Of its points, of which there is one at least, all with a stiffness above 0.
-    fn of(points: &[usize], rest: &RestPoints, belief: &Belief<f64>) -> Self {
+    fn of(points: Vec<usize>, rest: &RestPoints, belief: &Belief<f64>) -> Self {
         let n = points.len() as f64;
         let at = |i: usize| rest.positions()[i];
         let stiffness = |i: usize| belief.mean()[i];
@@ -199,17 +185,14 @@ impl StiffRegion {
         let corner = |of: fn(&Point3<f64>, &Point3<f64>) -> Point3<f64>| {
             points.iter().fold(first, |corner, i| of(&corner, &at(*i)))
         };
+        let deviation = |i: usize| belief.variance()[i].sqrt();
         Self {
-            points: points.to_vec(),
             center: first + moments.sum::<Vector3<f64>>() / all,
             bounds: [corner(Point3::inf), corner(Point3::sup)],
             mean: all / n,
-            sd: points
-                .iter()
-                .map(|i| belief.variance()[*i].sqrt())
-                .sum::<f64>()
-                / n,
+            sd: points.iter().map(|i| deviation(*i)).sum::<f64>() / n,
             largest: points.iter().map(|i| stiffness(*i)).fold(0.0, f64::max),
+            points,
         }
     }
 }
