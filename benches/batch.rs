@@ -60,11 +60,11 @@ fn push(points: &[Point3<f64>], number: usize) -> Result<Vec<Observation<f64>>, 
     let along = Vector3::new(0.22, 0.1 * (draw(2) - 0.5), 0.1 * (draw(3) - 0.5));
     let sample = |t: usize| {
         let time = t as f64 / SAMPLES as f64;
-        let centre = enter + along * (time / 0.6).min((1.0 - time) / 0.4);
+        let center = enter + along * (time / 0.6).min((1.0 - time) / 0.4);
         let mut touched = Vec::new();
         let mut displaced = Vec::new();
         for (i, p) in points.iter().enumerate() {
-            let out = p.coords - centre;
+            let out = p.coords - center;
             let depth = RADIUS - out.norm();
             if depth > 0.0 {
                 touched.push(i as u32);
@@ -136,9 +136,9 @@ fn batch(c: &mut Criterion) {
     }
     let fit = must(batch.solve(&independent, 0.1));
     eprintln!(
-        "{} free points, {} factorisations, KKT residual {:.1e}",
+        "{} free points, {} factorizations, KKT residual {:.1e}",
         fit.free_points().count(),
-        fit.factorisations(),
+        fit.factorizations(),
         fit.kkt_residual()
     );
     group.bench_function("leave_one_out", |b| b.iter(|| must(fit.leave_one_out())));

@@ -184,7 +184,7 @@ fn stages(c: &mut Criterion) {
     let mut turn = 0;
     group.bench_function(format!("contact/{contacts}"), |b| {
         b.iter(|| {
-            // Two neighbouring postures in turn, so that points move.
+            // Two neighboring postures in turn, so that points move.
             turn = 1 - turn;
             must(scene.place(STEPS - 2 + turn));
             must(scene.touch());

@@ -31,7 +31,7 @@ use vsf_examples::write_picture;
 
 const SOFT: f64 = 5.0;
 const STIFF: f64 = 40.0;
-/// Centre of the stiff ball (m).
+/// Center of the stiff ball (m).
 const INCLUSION: Point3<f64> = Point3::new(0.038, 0.026, -0.010);
 const NOISE_SD: f64 = 0.02;
 
@@ -108,7 +108,7 @@ fn main() -> Result<(), Box<dyn Error>> {
         let off = 1e3 * (region.center - INCLUSION).norm();
         let (points, mean) = (region.points.len(), region.mean);
         println!(
-            "stiff region: {points} points of {mean:.1} N/m, its centre {off:.1} mm off that of the ball"
+            "stiff region: {points} points of {mean:.1} N/m, its center {off:.1} mm off that of the ball"
         );
     }
 

@@ -18,14 +18,14 @@ pub struct ModelArgs {
 }
 
 /// Sequences with what they touch, under a corrected model if there is one.
-pub struct Modelled {
+pub struct Modeled {
     /// With the readings as they are.
     pub traces: Vec<Trace>,
     corrected: Option<Vec<Corrected>>,
     in_air: bool,
 }
 
-impl Modelled {
+impl Modeled {
     /// The sequences in this order, with warnings about motions, readings and contact.
     pub fn new(
         model: Option<&CorrectedModel>,

@@ -1,13 +1,13 @@
 use vsf::core::nalgebra::Point3;
 use vsf::data::{CameraView, Sequence, StiffnessField};
 use vsf::pipeline::{Scene, SequencePrediction, StoredEstimate, Trace};
-use vsf::plot::{ColourLimit, FieldView, JointTrace, PlotError, TorquePlot};
+use vsf::plot::{ColorLimit, FieldView, JointTrace, PlotError, TorquePlot};
 
 /// What stands around a field in its picture.
 #[derive(Default)]
 pub struct Surroundings {
     points_W: Vec<Point3<f64>>,
-    colours: Vec<[u8; 3]>,
+    colors: Vec<[u8; 3]>,
     robot_W: Vec<Vec<Point3<f64>>>,
 }
 
@@ -36,7 +36,7 @@ impl Surroundings {
             let p_W = view.X_WC * p_C;
             if (0..3).all(|k| p_W[k] > lower[k] - MARGIN && p_W[k] < upper[k] + MARGIN) {
                 self.points_W.push(p_W);
-                self.colours.push([
+                self.colors.push([
                     view.color[3 * i],
                     view.color[3 * i + 1],
                     view.color[3 * i + 2],
@@ -101,7 +101,7 @@ pub struct View<'a> {
     pub title: &'a str,
     /// The standard deviation in place of the stiffness.
     pub deviation: bool,
-    /// Value at the end of the colour bar [N/m].
+    /// Value at the end of the color bar [N/m].
     pub limit: Option<f64>,
 }
 
@@ -127,7 +127,7 @@ pub fn field<T>(
         stiffness: values,
         touched: &stored.touched,
         context_W: &around.points_W,
-        context_colours: &around.colours,
+        context_colors: &around.colors,
         robot_W: &around.robot_W,
         title: view.title,
         quantity: if view.deviation {
@@ -137,7 +137,7 @@ pub fn field<T>(
         },
         limit: view
             .limit
-            .map_or_else(ColourLimit::default, ColourLimit::Value),
+            .map_or_else(ColorLimit::default, ColorLimit::Value),
         ..FieldView::default()
     })
     .map_err(|e| match &e {

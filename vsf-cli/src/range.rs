@@ -95,7 +95,7 @@ pub fn fits(spacing: f64, [lower, upper]: &[Point3<f64>; 2]) -> anyhow::Result<(
     let size = (upper - lower).max();
     if spacing > size {
         Err(usage(format!(
-            "--spacing {spacing:?} is more than the box, {size:?} m; lengths are in metres"
+            "--spacing {spacing:?} is more than the box, {size:?} m; lengths are in meters"
         )))
     } else {
         Ok(())

@@ -331,7 +331,7 @@ impl Recording {
             let (error, threshold) = (grid.report.error.p99, scene.contact().threshold);
             if error > threshold {
                 let advice = match options.grid.resolution {
-                    None => "are its units metres? If so, give --grid-resolution",
+                    None => "are its units meters? If so, give --grid-resolution",
                     Some(_) => "give a finer --grid-resolution, or none",
                 };
                 console.warn(format!(

@@ -47,7 +47,7 @@ pub const ONE_PLACE: Sample = sample!["orange_tree":
     "dataset.json",
 ];
 
-/// Pushes at neighbouring places. The robot is that of [`ONE_PLACE`].
+/// Pushes at neighboring places. The robot is that of [`ONE_PLACE`].
 pub const NEAR_PLACES: Sample = sample!["orange_tree_partial":
     "camera/camera.json",
     "camera/color.png",

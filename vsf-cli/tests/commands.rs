@@ -182,13 +182,13 @@ fn a_simulation_that_touches_nothing_is_warned_of() {
     assert!(!near.contains("touches none"), "{near}");
 }
 
-/// More neighbours than there are samples are all of them.
+/// More neighbors than there are samples are all of them.
 #[test]
-fn neighbours_without_end() {
+fn neighbors_without_end() {
     let bench = Bench::touched();
     let errors = ["1000000", "18446744073709551615"].map(|n| {
         let json = bench.ok(&format!(
-            "evaluate touch --baseline knn --neighbours {n} --json"
+            "evaluate touch --baseline knn --neighbors {n} --json"
         ));
         value(&json, "mean_error")
     });
@@ -286,7 +286,7 @@ fn files_set_what_flags_set() {
     let bench = Bench::new();
     let file = "threshold = 0.003\nprior-sd = 5\nnoise-sd = 2\n\
         [simulate]\nout = \"by file\"\nnoise-sd = 0.05\nseed = 7\n\
-        [evaluate]\nbaseline = [\"zero\"]\nneighbours = 3\n\
+        [evaluate]\nbaseline = [\"zero\"]\nneighbors = 3\n\
         [export]\ndeviation = true\nout = [\"a.ply\", \"b.ply\"]\n\
         [estimate]\nprior-sd = 6\n";
     fs::write(bench.root.join("vsf.toml"), file).unwrap();
@@ -312,10 +312,10 @@ fn files_set_what_flags_set() {
     assert!(bench.root.join("b.ply").is_file());
 
     for (text, parts) in [
-        ("\nneighbours = 3", ["line 2", "neighbours"]),
-        ("[evaluate]\nneighbors = 3", ["line 2", "neighbours"]),
+        ("\nneighbors = 3", ["line 2", "neighbors"]),
+        ("[evaluate]\nneighbors = 3", ["line 2", "neighbors"]),
         (
-            "[evaluate]\nneighbours = 0",
+            "[evaluate]\nneighbors = 0",
             ["line 2", "must be a whole number >= 1"],
         ),
         (
@@ -362,7 +362,7 @@ fn numbers_out_of_range_name_their_flag() {
         ),
         ("experiment blind --cases=18446744073709551615", "--cases"),
         ("estimate data --prior-sd=1e200", "--prior-sd"),
-        ("evaluate data --neighbours=0", "--neighbours"),
+        ("evaluate data --neighbors=0", "--neighbors"),
         ("estimate data --replay=99999999999", "--replay"),
         ("bench --replay=99999999999", "--replay"),
         ("export truth --out a.ply --full-scale=0", "--full-scale"),

@@ -472,7 +472,7 @@ fn an_arm_in_free_air() {
         trained.contains(said) && !tested.contains("was fitted"),
         "{trained}{tested}"
     );
-    json(&bench, "evaluate air --baseline knn --neighbours 5 --json");
+    json(&bench, "evaluate air --baseline knn --neighbors 5 --json");
     let own = bench.warned("evaluate air --baseline knn --sequences 1,3");
     assert!(
         own.contains("baselines learn from the train split, and 1 is of it"),

@@ -22,7 +22,7 @@ const LINKS: [&str; 4] = [
     "SphericalWrist2_Link",
     "Bracelet_Link",
 ];
-/// Distance of neighbouring points (m).
+/// Distance of neighboring points (m).
 const SPACING: f64 = 7.15e-3;
 /// Every step counts with its least time in so many runs: the machine may be busy.
 const RUNS: usize = 5;

@@ -103,7 +103,7 @@ impl Batch {
     }
 
     /// Shows a body the places that may be nearer to it than to what they have been shown to before. They are no nearer
-    /// to it than to its box, of this centre and these half extents.
+    /// to it than to its box, of this center and these half extents.
     pub(crate) fn show(&mut self, body: &impl Sdf, (center, half): &(Point3<f64>, Vector3<f64>)) {
         let (mut near, mut count) = ([0; LANES], 0);
         for i in 0..self.len {

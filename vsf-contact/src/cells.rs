@@ -63,13 +63,13 @@ impl Cells {
 
 /// Contact of cells: every rest point stands for a cube of the object, sampled by sub-points.
 ///
-/// Rest points are often a centimetre apart while a push is a few: with points alone, contact
+/// Rest points are often a centimeter apart while a push is a few: with points alone, contact
 /// comes and goes in jumps of whole cells. Here the inner model moves the sub-points, and the
 /// cube's displacement is their mean; cubes touched in part count in part. A cube's
 /// stiffness is that of all of its sub-points together.
 ///
-/// The mean displacement acts at the displaced centre of the cube: moments are off by at most the
-/// force times the sub-points' offset from the centre. The link of a cube is that of the sub-point
+/// The mean displacement acts at the displaced center of the cube: moments are off by at most the
+/// force times the sub-points' offset from the center. The link of a cube is that of the sub-point
 /// that is displaced most. Cost is that of the inner model on all sub-points.
 #[derive(Debug, Clone)]
 pub struct CellContact<C> {

@@ -46,7 +46,7 @@ impl Form for SweptBall {
         let z = p.z - all(self.bottom);
         // Position along the cone's side, which ends at cosine * length.
         let along = cosine * z - sine * radial;
-        // The centres of both ends belong to the side, whose normal is right there.
+        // The centers of both ends belong to the side, whose normal is right there.
         let below = along.below(all(0.0));
         let on_side = !below & along.at_most(all(self.cosine * self.length));
         let from_side = cosine * radial + sine * z - all(self.radius_bottom);

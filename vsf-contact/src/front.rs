@@ -7,7 +7,7 @@ use vsf_core::{Block, RestPoints};
 
 /// A front is set up anew when it has doubled by more than this many watches.
 const GROWTH: usize = 1024;
-/// And when the link has travelled this far (m), which keeps the sum of its ways exact.
+/// And when the link has traveled this far (m), which keeps the sum of its ways exact.
 const FAR: f64 = 10.0;
 
 /// Finds the rest points that come within reach of one link, by conservative advancement.
@@ -22,16 +22,16 @@ pub(crate) struct Front {
     points: Vec<Watch<u32>>,
     /// Watches after the set-up.
     at_first: usize,
-    /// How far the link has moved since the set-up (m): nothing within [`NEAR`] radii of its centre
+    /// How far the link has moved since the set-up (m): nothing within [`NEAR`] radii of its center
     /// has moved farther in the frame of the link.
     travel: f64,
     last: Option<(Point3<f64>, Matrix3<f64>)>,
 }
 
-/// Radii of the link around its centre for which turns are counted.
+/// Radii of the link around its center for which turns are counted.
 const NEAR: f64 = 2.0;
 
-/// Points that stay within reach, or out of it, while the link has travelled less than `due`.
+/// Points that stay within reach, or out of it, while the link has traveled less than `due`.
 #[derive(Debug, Clone, Copy)]
 struct Watch<T> {
     due: f64,
@@ -103,7 +103,7 @@ impl Reach<'_> {
 }
 
 /// A ball seen from a link: so far away that its distance from the surface does not matter, or
-/// where its centre is in the link's frame.
+/// where its center is in the link's frame.
 enum Look {
     Far(Outlook),
     Near(Point3<f64>, Near),
@@ -112,7 +112,7 @@ enum Look {
 /// A ball near a link.
 #[derive(Clone, Copy)]
 struct Near {
-    /// How far its centre is outside of the link's box.
+    /// How far its center is outside of the link's box.
     outside: f64,
     /// Its radius and the rounding of distances.
     unsure: f64,

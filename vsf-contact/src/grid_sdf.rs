@@ -8,7 +8,7 @@ use nalgebra::{Point3, Vector3};
 /// Between nodes the distance errs by what [`GridReport::error`](crate::GridReport::error) states,
 /// mostly at edges and where two surfaces are equally near, and never by more than
 /// `sqrt(3)/2` spacings. So the 1-Lipschitz bound holds up to a [`slack`](Sdf::slack) of `sqrt(3)`
-/// spacings, in practice `2 error.max`. The normal is the normalised gradient of the interpolant; where that vanishes it
+/// spacings, in practice `2 error.max`. The normal is the normalized gradient of the interpolant; where that vanishes it
 /// is +x.
 ///
 /// Outside of the grid the distance is a lower bound that continues the value at the boundary:

@@ -1,6 +1,6 @@
 //! Numbers of many points side by side, in vector registers whose width is found at run time. Every
 //! operation rounds as its scalar twin does: a point's result depends neither on the width nor on
-//! its neighbours.
+//! its neighbors.
 
 use nalgebra::Vector3;
 use pulp::{Arch, Simd, WithSimd};

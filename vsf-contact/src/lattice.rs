@@ -28,7 +28,7 @@ impl Lattice {
                 max: max_nodes,
             });
         }
-        // Centred, so that both ends keep the same margin.
+        // Centered, so that both ends keep the same margin.
         let origin = nalgebra::center(lower, upper) - 0.5 * spacing * steps;
         Ok(Self {
             origin,

@@ -7,7 +7,7 @@ pub(crate) struct LinkPose {
     pub p_WL: Vector3<f64>,
     pub center_L: Point3<f64>,
     pub half_L: Vector3<f64>,
-    /// Centre and radius of the ball around the box.
+    /// Center and radius of the ball around the box.
     pub center_W: Point3<f64>,
     pub radius: f64,
     /// Size of the coordinates that distances are computed from, which their rounding follows.

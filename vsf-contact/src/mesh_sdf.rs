@@ -22,7 +22,7 @@ const FARTHEST: f64 = 1e6;
 /// The exact signed distance of a triangle mesh, which may be open: the slow reference (some
 /// microseconds a sample) that a [`GridSdf`](crate::GridSdf) is baked from.
 ///
-/// Inside is where the generalised winding number exceeds 1/2, which needs no watertight mesh.
+/// Inside is where the generalized winding number exceeds 1/2, which needs no watertight mesh.
 /// The distance is that to the mesh or to a sheet that closes its openings where the winding
 /// number is 1/2. Without the sheet the distance would jump from `+d` to `-d` in the middle of an
 /// opening; with it the field stays 1-Lipschitz, except for gaps narrower than
@@ -125,7 +125,7 @@ impl MeshSdf {
         Ok(())
     }
 
-    /// The generalised winding number: 1 inside, 0 outside, between 0.1 and 0.9 where openings
+    /// The generalized winding number: 1 inside, 0 outside, between 0.1 and 0.9 where openings
     /// make the side a guess; accurate to 0.02. A face that comes several times counts as often.
     pub fn winding_number(&self, p_B: &Point3<f64>) -> f64 {
         self.winding.at(p_B)

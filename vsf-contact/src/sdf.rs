@@ -8,7 +8,7 @@ pub struct SdfSample {
     /// Signed distance \[m\], negative inside.
     pub distance: f64,
     /// Outward unit normal: the gradient of the distance. Where the gradient does not exist (the
-    /// centre of a ball, an edge seen from inside) it is the normal of one of the nearest faces.
+    /// center of a ball, an edge seen from inside) it is the normal of one of the nearest faces.
     pub normal: Vector3<f64>,
 }
 

@@ -8,7 +8,7 @@ use vsf_core::{CoreError, Shape};
 /// The exact signed distance of a posed analytic shape: ball, capsule, round cone, cylinder, box.
 ///
 /// Where the nearest surface point is not unique the normal is that of one of them: on the axis of
-/// a round shape (and in the centre of a ball) the one towards the shape's +x, in a box that of
+/// a round shape (and in the center of a ball) the one towards the shape's +x, in a box that of
 /// the nearest face, the first of x, y, z and the positive side when several are as near.
 ///
 /// ```
@@ -108,7 +108,7 @@ impl Sdf for ShapeSdf {
     }
 
     fn distance(&self, p_B: &Point3<f64>) -> f64 {
-        // The unused normal is optimised away.
+        // The unused normal is optimized away.
         match &self.form {
             AnyForm::SweptBall(form) => self.sample_one(form, p_B).distance,
             AnyForm::Cylinder(form) => self.sample_one(form, p_B).distance,

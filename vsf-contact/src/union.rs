@@ -19,7 +19,7 @@ pub struct UnionSdf<S> {
     boxes: Vec<(Point3<f64>, Vector3<f64>)>,
 }
 
-/// Centre and half extents of the box of a body, grown by its slack and by what may be rounding: places are no
+/// Center and half extents of the box of a body, grown by its slack and by what may be rounding: places are no
 /// nearer to the body than to that box.
 fn grown_box(body: &impl Sdf) -> (Point3<f64>, Vector3<f64>) {
     let (lower, upper) = body.bounds();

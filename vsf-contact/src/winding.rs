@@ -7,7 +7,7 @@ const LEAF: usize = 8;
 /// A cluster farther than this many of its radii is replaced by its expansion.
 const FAR: f64 = 3.0;
 
-/// Generalised winding number of a triangle mesh: 1 inside, 0 outside, in between near openings.
+/// Generalized winding number of a triangle mesh: 1 inside, 0 outside, in between near openings.
 ///
 /// Near triangles by their exact solid angle, far clusters by the first two terms of their
 /// expansion. The error, below 0.02, is far less than the distance of both sides from 1/2.

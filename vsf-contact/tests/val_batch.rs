@@ -103,7 +103,7 @@ static BODIES: LazyLock<Vec<Box<dyn Sdf>>> = LazyLock::new(|| {
     bodies
 });
 
-/// Anywhere near the bodies, often on an axis, a plane of symmetry or in a centre.
+/// Anywhere near the bodies, often on an axis, a plane of symmetry or in a center.
 fn place() -> impl Strategy<Value = Point3<f64>> {
     let coordinate = || prop_oneof![2 => -0.3..0.3f64, 1 => Just(0.0), 1 => Just(1e-120)];
     prop::array::uniform3(coordinate()).prop_map(Point3::from)

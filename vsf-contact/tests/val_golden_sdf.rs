@@ -130,7 +130,7 @@ fn grid_errors(link: &str, mesh: &TriMesh, options: &GridOptions) -> Vec<f64> {
 }
 
 #[test]
-fn default_grids_stay_within_half_a_millimetre() {
+fn default_grids_stay_within_half_a_millimeter() {
     let errors: Vec<f64> = LINKS
         .iter()
         .filter_map(|link| Some(grid_errors(link, &mesh(link)?, &GridOptions::default())))

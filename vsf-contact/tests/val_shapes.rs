@@ -124,7 +124,7 @@ fn directions(n: usize) -> Vec<Vector3<f64>> {
         .collect()
 }
 
-/// The surface by bisection of `is_inside` along rays from the centre (all shapes are convex).
+/// The surface by bisection of `is_inside` along rays from the center (all shapes are convex).
 fn surface(shape: &Shape, n: usize) -> Vec<Point3<f64>> {
     directions(n)
         .iter()

@@ -145,7 +145,7 @@ fn a_ball_pressed_into_a_half_space_displaces_radially() {
         force -= u;
     }
     // Integral of (offset/r - 1) z over the cap, in spherical shells: with c the height of the
-    // centre, a shell has the moment pi (r^2 - c^2) r / r.
+    // center, a shell has the moment pi (r^2 - c^2) r / r.
     let (c, n) = (center.z, 100_000);
     let h = (offset - c) / f64::from(n);
     let shell = |r: f64| (offset / r - 1.0) * std::f64::consts::PI * (r * r - c * c) * r;
@@ -292,7 +292,7 @@ fn a_sticky_point_follows_until_it_is_pulled_too_far() {
     };
     let rest = points(&[[0.0, 0.0, 0.0]]);
     let mut model = model_of(vec![Arc::new(Floor)], config);
-    // The surface rises to 1 cm above the point, then falls by a millimetre a step.
+    // The surface rises to 1 cm above the point, then falls by a millimeter a step.
     for k in 0..=20 {
         let height = 0.01 - 1e-3 * f64::from(k);
         let contacts = step(&mut model, &rest, &[at(0.0, 0.0, height)]);
@@ -502,7 +502,7 @@ fn reset_forgets_everything() {
 
 #[test]
 fn links_may_jump_and_begin_around_points() {
-    // Points all through the ball, one in its very centre, some of them twice.
+    // Points all through the ball, one in its very center, some of them twice.
     let mut positions = cloud(2000, 13);
     positions.push(Point3::origin());
     positions.extend_from_within(..50);

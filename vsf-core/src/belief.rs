@@ -106,7 +106,7 @@ impl<T: Scalar> Belief<T> {
                 range: ">= 0 N²/m²",
             });
         }
-        // No early exit, which would keep the loop from vectorising.
+        // No early exit, which would keep the loop from vectorizing.
         let sums = self.variance.iter().map(|&v| v + variance);
         if !sums.fold(true, |ok, v| ok & v.is_finite()) {
             return Err(CoreError::Overflow {

@@ -29,7 +29,7 @@ impl RestPoints {
         }
     }
 
-    /// Centre and radius (m) of a ball that holds the points of a block.
+    /// Center and radius (m) of a ball that holds the points of a block.
     pub fn ball(&self, block: &Block) -> (Point3<f64>, f64) {
         let from = Vector3::from_fn(|k, _| f64::from(block.corner[k]));
         let to = Vector3::from_fn(|k, _| self.end(block, k) as f64);

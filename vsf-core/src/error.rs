@@ -78,7 +78,7 @@ pub enum CoreError {
     NotPositiveDefinite {
         /// The matrix, in the words of the caller.
         what: &'static str,
-        /// Row at which the factorisation failed.
+        /// Row at which the factorization failed.
         pivot: usize,
         /// The pivot found there.
         value: f64,

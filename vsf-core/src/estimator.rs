@@ -9,7 +9,7 @@ pub struct UpdateReport {
     pub contacts: usize,
     /// Degrees of freedom of `nis`: the channels of the reading.
     pub dof: usize,
-    /// Normalised innovation squared, `r^T S^-1 r` with `S = W Sigma W^T + R`; its mean is `dof`
+    /// Normalized innovation squared, `r^T S^-1 r` with `S = W Sigma W^T + R`; its mean is `dof`
     /// for an exact filter whose prior and noise are right.
     pub nis: f64,
     /// Log-density of the reading under the belief before the update,

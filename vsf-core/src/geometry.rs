@@ -1,7 +1,7 @@
 use crate::CoreError;
 use nalgebra::{Isometry3, Point3, Vector3};
 
-/// A triangle mesh: vertices in metres and faces as triples of vertex indices.
+/// A triangle mesh: vertices in meters and faces as triples of vertex indices.
 ///
 /// The mesh may be open; contact models decide inside and outside by the winding number.
 #[derive(Debug, Clone, PartialEq)]
@@ -72,7 +72,7 @@ impl TriMesh {
     }
 }
 
-/// The shape of a body in its own frame, centred on the origin; lengths in metres.
+/// The shape of a body in its own frame, centered on the origin; lengths in meters.
 #[derive(Debug, Clone, PartialEq)]
 #[non_exhaustive]
 pub enum Shape {

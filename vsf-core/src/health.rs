@@ -2,7 +2,7 @@ use crate::UpdateReport;
 
 /// Running statistics of a filter's innovations: is it consistent with what it claims to know?
 ///
-/// An exact filter whose prior and noise are right has a mean normalised innovation squared (NIS)
+/// An exact filter whose prior and noise are right has a mean normalized innovation squared (NIS)
 /// equal to the number of channels. Above the interval it is overconfident (or the model is wrong), below
 /// it is too cautious.
 ///

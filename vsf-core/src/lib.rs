@@ -23,7 +23,7 @@
 //! The feature `serde` saves and restores [`Belief`], [`Noise`] and [`Observation`]; what is read
 //! in is checked like the arguments of their constructors.
 //!
-//! Units are SI (metres, radians, newtons, newton metres), the world frame has z up. Names carry
+//! Units are SI (meters, radians, newtons, newton meters), the world frame has z up. Names carry
 //! their frame: `p_W` is a point in world coordinates, `X_WL` the pose of link L in world.
 
 #![forbid(unsafe_code)]

@@ -174,7 +174,7 @@ impl<T: Scalar> Observation<T> {
     }
 
     fn check_rows(&self) -> Result<(), CoreError> {
-        // No early exit, which would keep the loop from vectorising.
+        // No early exit, which would keep the loop from vectorizing.
         if self.rows.iter().fold(true, |ok, w| ok & w.is_finite()) {
             return Ok(());
         }

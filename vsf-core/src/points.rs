@@ -27,7 +27,7 @@ pub struct RestPoints {
 /// One non-empty cell of the grid: the points in a cube.
 #[derive(Debug, Clone, Copy)]
 pub struct Cell<'a> {
-    /// Centre of the cube.
+    /// Center of the cube.
     pub center: Point3<f64>,
     /// Half the length of its diagonal: no point of the cell is farther from `center`.
     pub radius: f64,
@@ -35,7 +35,7 @@ pub struct Cell<'a> {
     pub points: &'a [u32],
 }
 
-/// Coordinates of more (m) are no metres.
+/// Coordinates of more (m) are no meters.
 const FARTHEST: f64 = 1e6;
 
 impl RestPoints {
@@ -182,7 +182,7 @@ impl RestPoints {
         bounds(&self.positions)
     }
 
-    /// Typical distance between neighbours (m): the median, over at most 1000 points spread over the
+    /// Typical distance between neighbors (m): the median, over at most 1000 points spread over the
     /// cloud, of the distance to the nearest point at another place. 0 when there is but one place.
     pub fn spacing(&self) -> f64 {
         let step = self.len().div_ceil(1000).max(1);

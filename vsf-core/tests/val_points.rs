@@ -134,7 +134,7 @@ fn repeated_points_keep_their_spacing() {
     assert_eq!(spacing(vec![lattice[7]; 5]), 0.0);
 }
 
-/// A single point a kilometre off does not make one cell of all others.
+/// A single point a kilometer off does not make one cell of all others.
 #[test]
 fn strays_leave_the_grid_as_it_is() {
     let lattice: Vec<_> = (0..8000)

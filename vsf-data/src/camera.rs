@@ -21,18 +21,18 @@ pub struct CameraView {
     pub height: u32,
     /// Red, green, blue, row by row from the top left; 3 bytes a pixel.
     pub color: Vec<u8>,
-    /// Depth along z, row by row; metres = value * [`depth_scale`](Self::depth_scale), 0 means no
+    /// Depth along z, row by row; meters = value * [`depth_scale`](Self::depth_scale), 0 means no
     /// return.
     pub depth: Vec<u16>,
     /// Focal length in x \[pixels\], positive.
     pub fx: f64,
     /// Focal length in y \[pixels\], positive.
     pub fy: f64,
-    /// Principal point in x \[pixels\]; the centre of the first pixel is 0.
+    /// Principal point in x \[pixels\]; the center of the first pixel is 0.
     pub cx: f64,
     /// Principal point in y \[pixels\].
     pub cy: f64,
-    /// Metres per unit of depth, positive.
+    /// Meters per unit of depth, positive.
     pub depth_scale: f64,
     /// Pose of the camera in the world.
     pub X_WC: Isometry3<f64>,
@@ -57,7 +57,7 @@ struct Raw {
 }
 
 impl CameraView {
-    /// Reads `color.png` (8-bit RGB), `depth.png` (16-bit grey) and `camera.json` of a folder.
+    /// Reads `color.png` (8-bit RGB), `depth.png` (16-bit gray) and `camera.json` of a folder.
     ///
     /// # Errors
     /// A missing or damaged file, images of another kind or size, values without meaning, a
@@ -189,7 +189,7 @@ fn check_size(path: &Path, (width, height): (u32, u32)) -> Result<(), DataError>
     })
 }
 
-/// Bits per sample: 8 for colour, 16 for depth.
+/// Bits per sample: 8 for color, 16 for depth.
 fn bit_depth(color: png::ColorType) -> png::BitDepth {
     match color {
         png::ColorType::Rgb => png::BitDepth::Eight,

@@ -9,7 +9,7 @@ use std::hash::{DefaultHasher, Hash, Hasher};
 use std::ops::RangeInclusive;
 use std::path::{Path, PathBuf};
 
-/// How far outside `object_bbox` a point may lie without a warning, in metres: rounding to f32.
+/// How far outside `object_bbox` a point may lie without a warning, in meters: rounding to f32.
 const BOX_SLACK: f64 = 1e-6;
 /// What a joint state is sampled at (Hz): times that follow from it are numbers.
 const RATES: RangeInclusive<f64> = 1e-6..=1e9;

@@ -14,12 +14,12 @@ const ANCHORS: [[f64; 3]; 10] = [
     [253.0, 231.0, 37.0],
 ];
 
-/// The colour of a value on a scale from 0 (dark violet) to 1 (yellow), as red, green, blue:
-/// linear between ten colours of the perceptually uniform map "viridis", which stays readable in
-/// grey and to the colour-blind. Values outside take the colour of the nearer end, NaN that of 0.
+/// The color of a value on a scale from 0 (dark violet) to 1 (yellow), as red, green, blue:
+/// linear between ten colors of the perceptually uniform map "viridis", which stays readable in
+/// gray and to the color-blind. Values outside take the color of the nearer end, NaN that of 0.
 ///
 /// Clouds in PLY and MCAP files are seen in viewers with a dark background: there what is stiff has to be bright.
-/// Pictures and pages are on white paper, where `vsf_plot::stiffness_colour` makes it dark.
+/// Pictures and pages are on white paper, where `vsf_plot::stiffness_color` makes it dark.
 ///
 /// ```
 /// assert_eq!(vsf_data::color(0.0), [68, 1, 84]);
@@ -35,10 +35,10 @@ pub fn color(value: f64) -> [u8; 3] {
     [0, 1, 2].map(|k| mix(k).round() as u8)
 }
 
-/// How the stiffness of a field is coloured.
+/// How the stiffness of a field is colored.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Scale {
-    /// Stiffness of the brightest colour [N/m]; 0 where there is none anywhere.
+    /// Stiffness of the brightest color [N/m]; 0 where there is none anywhere.
     pub full: f64,
 }
 

@@ -206,7 +206,7 @@ impl StiffnessField {
     }
 
     /// Writes a binary PLY point cloud with the properties `x y z`, `stiffness` and, if known,
-    /// `sd` (doubles), and a colour by [`color`](crate::color): 0 N/m is dark violet,
+    /// `sd` (doubles), and a color by [`color`](crate::color): 0 N/m is dark violet,
     /// `full_scale` [N/m] and beyond yellow. The default full scale is the largest stiffness.
     ///
     /// # Errors

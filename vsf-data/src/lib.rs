@@ -5,7 +5,7 @@
 //! view, and metadata in `dataset.json`. A folder of OpenVSF's `MultiModalDataset` (only
 //! `seq_*/angles.npy` and `seq_*/torques.npy`) opens with the metadata in [`Overrides`]. A
 //! [`StiffnessField`] is an `.npz` archive or a folder in OpenVSF's layout, and can be looked at
-//! as a coloured PLY cloud. [`McapExport`] writes both as ROS 2 messages, and [`JointLog`] makes a
+//! as a colored PLY cloud. [`McapExport`] writes both as ROS 2 messages, and [`JointLog`] makes a
 //! recording of the joint states in an MCAP or CSV file.
 //!
 //! ```

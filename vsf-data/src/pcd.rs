@@ -9,7 +9,7 @@ use std::path::Path;
 const MOST_PACKED: u64 = 88;
 
 /// Reads the points `x y z` of a PCD file, ascii, binary or binary_compressed, in the units of the file
-/// (metres everywhere in this crate). Other fields are skipped. Points whose coordinates are all NaN
+/// (meters everywhere in this crate). Other fields are skipped. Points whose coordinates are all NaN
 /// are left out: pixels without a return, as the Point Cloud Library writes them. [`read_points`](crate::read_points)
 /// says how many.
 ///
@@ -26,11 +26,11 @@ pub(crate) fn read_returns(path: &Path) -> Result<(Vec<Point3<f64>>, usize), Dat
     Ok((cloud.iter().map(|p| p.position).collect(), left_out))
 }
 
-/// The points of a PCD file as [`read_pcd_points`] reads them, and their colours: the field `rgb` or
+/// The points of a PCD file as [`read_pcd_points`] reads them, and their colors: the field `rgb` or
 /// `rgba`, one number of 4 bytes with 8 bits for each of red, green and blue.
 ///
 /// # Errors
-/// As [`read_pcd_points`]; points without colour.
+/// As [`read_pcd_points`]; points without color.
 pub fn read_pcd_cloud(path: impl AsRef<Path>) -> Result<Vec<ColoredPoint>, DataError> {
     Ok(read(path.as_ref(), true)?.0)
 }

@@ -18,7 +18,7 @@ pub(crate) fn write(path: &Path, field: &StiffnessField, scale: Scale) -> Result
     let mut bytes = format!(
         "ply\nformat binary_little_endian 1.0\n\
          comment {MADE_BY}\n\
-         comment stiffness in N/m; colour from 0 to {} N/m\n\
+         comment stiffness in N/m; color from 0 to {} N/m\n\
          element vertex {}\n\
          property double x\nproperty double y\nproperty double z\n\
          property uchar red\nproperty uchar green\nproperty uchar blue\n\
@@ -39,7 +39,7 @@ pub(crate) fn write(path: &Path, field: &StiffnessField, scale: Scale) -> Result
 }
 
 /// Reads the points `x y z` of the element `vertex` of a PLY file, ascii or binary, in the units
-/// of the file (metres everywhere in this crate). Everything else in the file is skipped.
+/// of the file (meters everywhere in this crate). Everything else in the file is skipped.
 ///
 /// # Errors
 /// A damaged file, more than its header counts, no vertices, coordinates that are missing or not finite.
@@ -48,11 +48,11 @@ pub fn read_ply_points(path: impl AsRef<Path>) -> Result<Vec<Point3<f64>>, DataE
     Ok(vertices.iter().map(|v| v.0.position).collect())
 }
 
-/// The points of a PLY file as [`read_ply_points`] reads them, and their colours, `red green blue`
+/// The points of a PLY file as [`read_ply_points`] reads them, and their colors, `red green blue`
 /// of 8 bits.
 ///
 /// # Errors
-/// As [`read_ply_points`]; vertices without colour.
+/// As [`read_ply_points`]; vertices without color.
 pub fn read_ply_cloud(path: impl AsRef<Path>) -> Result<Vec<ColoredPoint>, DataError> {
     let vertices = read_vertices(path.as_ref(), &["x", "y", "z", "red", "green", "blue"])?;
     Ok(vertices.into_iter().map(|v| v.0).collect())
@@ -127,7 +127,7 @@ fn not_finite(path: &Path, bytes: &[u8], header: &Header) -> Option<DataError> {
     })
 }
 
-/// A point with a colour.
+/// A point with a color.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct ColoredPoint {
     /// Position \[m\].
@@ -136,7 +136,7 @@ pub struct ColoredPoint {
     pub color: [u8; 3],
 }
 
-/// Position and colour of a vertex; any other property or element leaves it alone.
+/// Position and color of a vertex; any other property or element leaves it alone.
 struct Vertex(ColoredPoint);
 
 impl PropertyAccess for Vertex {

@@ -50,7 +50,7 @@ pub fn tare(torques: &Table, samples: usize) -> Result<Table, DataError> {
 /// doi:10.1021/ac60214a047). `half_window = 1` is the plain central difference, without
 /// smoothing; on white noise a wider window of `m` evenly spaced samples divides the variance by
 /// about `m^3 / 24`. It is exact for parabolas. Near the ends the window keeps its size and is
-/// no longer centred; two samples give their straight slope.
+/// no longer centered; two samples give their straight slope.
 ///
 /// # Errors
 /// [`DataError::Argument`] for times that do not increase or do not match the rows, values that

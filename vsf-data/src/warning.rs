@@ -26,7 +26,7 @@ pub enum DataWarning {
         /// The keys, `attachment` or `gauge_length`.
         keys: Vec<&'static str>,
     },
-    /// Rest points lie outside the box of the object (by more than a micrometre).
+    /// Rest points lie outside the box of the object (by more than a micrometer).
     #[error("{}: {count} of {total} points lie outside object_bbox", path.display())]
     PointsOutsideBox {
         /// The points.

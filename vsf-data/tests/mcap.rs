@@ -380,7 +380,7 @@ fn joints_are_named_once() {
 
 /// Compression of rosbag2's own, which other programs do not read either.
 #[test]
-fn bags_that_rosbag2_compressed_are_recognised() {
+fn bags_that_rosbag2_compressed_are_recognized() {
     const ZSTD: [u8; 4] = [0x28, 0xb5, 0x2f, 0xfd];
     let (folder, path) = in_folder();
     let compressed = folder.path().join("bag_0.mcap.zstd");

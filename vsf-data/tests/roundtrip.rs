@@ -530,7 +530,7 @@ fn contact_out_of_range_is_refused() {
 }
 
 #[test]
-fn ply_colours_follow_the_scale() {
+fn ply_colors_follow_the_scale() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("a.ply");
     let field = StiffnessField {
@@ -544,7 +544,7 @@ fn ply_colours_follow_the_scale() {
     ] {
         field.save_ply(&path, full_scale).unwrap();
         let bytes = fs::read(&path).unwrap();
-        // Last vertex: 24 bytes position, 3 colour, 8 stiffness.
+        // Last vertex: 24 bytes position, 3 color, 8 stiffness.
         let vertex = &bytes[bytes.len() - 35..];
         assert_eq!(vertex[24..27], top);
         assert_eq!(vertex[27..], 500f64.to_le_bytes());
@@ -577,7 +577,7 @@ fn points_of_an_ascii_ply() {
 }
 
 #[test]
-fn colours_of_a_ply() {
+fn colors_of_a_ply() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("a.ply");
     let text = |of: &str| {
@@ -596,7 +596,7 @@ fn colours_of_a_ply() {
         [Point3::new(1.0, 2.0, 3.0), Point3::new(4.0, 5.0, 6.0)]
     );
     assert_eq!(colors, [[10, 20, 30], [0, 255, 1]]);
-    // Colours of another scale are not guessed; positions can still be read.
+    // Colors of another scale are not guessed; positions can still be read.
     fs::write(&path, text("float")).unwrap();
     assert!(matches!(read_ply_cloud(&path), Err(DataError::Ply { .. })));
     assert_eq!(read_ply_points(&path).unwrap(), points);
@@ -604,7 +604,7 @@ fn colours_of_a_ply() {
     assert!(matches!(read_ply_cloud(&path), Err(DataError::Ply { .. })));
 }
 
-/// Header of a PCD file of three points with a normal, padding and colour.
+/// Header of a PCD file of three points with a normal, padding and color.
 fn pcd(points: usize, data: &str) -> String {
     format!(
         "# .PCD v.7 - Point Cloud Data file format\nVERSION .7\nFIELDS x y z n _ rgb\n\
@@ -613,7 +613,7 @@ fn pcd(points: usize, data: &str) -> String {
     )
 }
 
-/// The example of the Point Cloud Library's documentation packs colours so.
+/// The example of the Point Cloud Library's documentation packs colors so.
 const PACKED: f32 = 4.2108e6;
 
 /// Values of three points by field: the second one is a pixel without return.
@@ -633,7 +633,7 @@ fn pcd_columns() -> [Vec<Vec<u8>>; 6] {
 }
 
 #[test]
-fn points_and_colours_of_a_pcd() {
+fn points_and_colors_of_a_pcd() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("a.pcd");
     let positions = [Point3::new(0.5, 1.0, 2.0), Point3::new(-1.0, 0.25, 1e-3)];
@@ -725,7 +725,7 @@ fn pcd_files_that_are_refused() {
     );
     refused(pcd(0, "ascii"), "empty");
     refused("ply\n".to_owned(), "DATA");
-    // Positions can be read without colours.
+    // Positions can be read without colors.
     fs::write(&path, pcd(1, "ascii").replace("rgb", "label") + row).unwrap();
     assert_eq!(
         read_pcd_points(&path).unwrap(),

@@ -69,7 +69,7 @@ fn the_error_on_a_sine_falls_with_the_square_of_the_step() {
 
 #[test]
 fn smoothing_divides_the_noise_as_documented() {
-    // White noise with even stamps: variance of the slope 12 / (m (m^2 - 1) h^2) for the centred
+    // White noise with even stamps: variance of the slope 12 / (m (m^2 - 1) h^2) for the centered
     // window of m samples, against 1 / (2 h^2) for the central difference.
     let n = 20_000;
     let mut state = 1u64;

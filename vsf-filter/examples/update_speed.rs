@@ -23,7 +23,7 @@ fn noise(index: u64) -> f64 {
     (x >> 11) as f64 / (1u64 << 53) as f64
 }
 
-/// Touches that wander through the field: runs of 41 neighbours, as layers of a point grid.
+/// Touches that wander through the field: runs of 41 neighbors, as layers of a point grid.
 fn observations<T: Scalar>() -> Result<Vec<Observation<T>>, Box<dyn Error>> {
     (0..OBSERVATIONS)
         .map(|t| {

@@ -39,7 +39,7 @@ const POINTS_PER_ROW: usize = 3;
 ///
 /// With `n` touched points and `m` rows (channels of all observations in contact), `n` may be tens
 /// of thousands and `m` hundreds of thousands: building takes `O(k² m)` time for `k` contacts per
-/// observation, a solution some ten factorisations of the points with `K > 0`, memory is a few
+/// observation, a solution some ten factorizations of the points with `K > 0`, memory is a few
 /// times `8 n²` bytes. When points outnumber rows by far, an independent prior is solved in
 /// `O(m² n)` time and `8 m n` bytes instead. Work is spread over the threads of the current rayon
 /// pool; results do not depend on their number.
@@ -224,7 +224,7 @@ impl<'a> BatchMap<'a> {
     pub fn solve(&self, prior: &FieldPrior, noise_scale: f64) -> Result<BatchFit<'_>, CoreError> {
         let precision = self.check(prior, noise_scale)?;
         let problem = self.problem(prior, &precision, noise_scale)?;
-        let optimum = pivoting::minimise(&*problem)?;
+        let optimum = pivoting::minimize(&*problem)?;
         Ok(BatchFit::new(
             self,
             prior.clone(),
@@ -239,7 +239,7 @@ impl<'a> BatchMap<'a> {
     /// prior and noise, by which their values can be compared. `K >= 0` is not imposed: the model
     /// is Gaussian, so that the number is exact.
     ///
-    /// Costs one factorisation of all touched points (two with a correlated prior).
+    /// Costs one factorization of all touched points (two with a correlated prior).
     ///
     /// # Errors
     /// As [`BatchMap::solve`].
@@ -276,7 +276,7 @@ impl<'a> BatchMap<'a> {
         let precision = self.check(prior, noise_scale)?;
         let problem = self.problem(prior, &precision, noise_scale)?;
         let factor = problem.factor((0..self.points.len()).collect())?;
-        let x = problem.minimiser(&factor);
+        let x = problem.minimizer(&factor);
         let mut squares = 0.0;
         for s in 0..self.sequences.len() {
             squares += self.squares(s, &x, &x)?;

@@ -40,7 +40,7 @@ impl Default for DualConfig {
 ///
 /// The optimum over `K >= 0` of a prior `N(mu, diag(p))` and observations `tau_j = W_j K + n_j`,
 /// `n_j ~ N(0, R_j)`, is `K = max(0, z)` with `z = mu + p sum_j W_j^T a_j`, where the multipliers
-/// `a_j` (one per channel) maximise the dual problem. A replay takes one observation and moves
+/// `a_j` (one per channel) maximize the dual problem. A replay takes one observation and moves
 /// its multipliers uphill,
 ///
 /// ```text

@@ -12,7 +12,7 @@ pub(crate) use state::PriorParts;
 /// - `local_i`, independent of all others, with the variances of a [`Belief`];
 /// - `level`, one number for all points (homogeneous plus heterogeneous: touching one point tells
 ///   how stiff the others are);
-/// - `smooth`, a Matérn process in space: neighbouring points of real tissue are alike.
+/// - `smooth`, a Matérn process in space: neighboring points of real tissue are alike.
 ///
 /// A [`Belief`] alone (uniform, per point, or an earlier field) is a prior too:
 /// `FieldPrior::from(belief)`.

@@ -2,10 +2,10 @@
 
 use vsf_core::Scalar;
 
-/// Neighbouring points that are copied at once.
+/// Neighboring points that are copied at once.
 const RUN: usize = 4;
 
-/// Copies `from[i][points[k]]` to `to[i][k]`. Points increase, and many are neighbours.
+/// Copies `from[i][points[k]]` to `to[i][k]`. Points increase, and many are neighbors.
 #[inline(always)]
 pub(crate) fn gather<T: Scalar, const N: usize>(
     points: &[u32],
@@ -53,7 +53,7 @@ pub(crate) fn scatter<T: Scalar>(points: &[u32], from: &[T], to: &mut [T]) {
     }
 }
 
-/// The first of points that increase, if they are neighbours.
+/// The first of points that increase, if they are neighbors.
 #[inline(always)]
 fn run(points: &[u32; RUN]) -> Option<usize> {
     let [first, .., last] = *points;
@@ -62,7 +62,7 @@ fn run(points: &[u32; RUN]) -> Option<usize> {
 
 /// Whether all values are finite.
 pub(crate) fn all_finite<T: Scalar>(values: &[T]) -> bool {
-    // No early exit, which would keep the loop from vectorising.
+    // No early exit, which would keep the loop from vectorizing.
     values.iter().fold(true, |ok, x| ok & x.is_finite())
 }
 

@@ -8,7 +8,7 @@ const LENGTH: f64 = 3.0;
 const FEWEST: f64 = 8.0;
 const DRAWS: usize = 400;
 
-/// Intervals of what is made of sums over samples, by drawing blocks of them: neighbours are not independent.
+/// Intervals of what is made of sums over samples, by drawing blocks of them: neighbors are not independent.
 pub(crate) struct Bootstrap {
     /// Each within a sequence; samples count on from one sequence to the next.
     blocks: Vec<Range<usize>>,

@@ -195,7 +195,7 @@ impl Campaign {
 
     /// With errors told of fields in the contact in which one estimates them ([`Scene::with_suited_threshold`]), under
     /// models that do not [follow the contact](Model::follows_contact). Effects are looked for in the scene's own contact
-    /// all the same, in which the constants of the judgement were settled, unless another threshold explains as much as
+    /// all the same, in which the constants of the judgment were settled, unless another threshold explains as much as
     /// they do: it is taken for unknown. Where surfaces are drawn in by more than the threshold that suits the points, fields
     /// keep the scene's contact.
     #[must_use]

@@ -193,7 +193,7 @@ pub(crate) fn contact_config(scene: &Scene, effects: &dyn Compensator) -> Contac
 ///
 /// # Panics
 /// If a touched point is none of the rest points.
-pub fn centre(touch: &Touch<'_>) -> Option<(usize, Point3<f64>)> {
+pub fn center(touch: &Touch<'_>) -> Option<(usize, Point3<f64>)> {
     let contacts = touch.contacts;
     let n = contacts.len();
     if n == 0 {
@@ -214,7 +214,7 @@ pub fn centre(touch: &Touch<'_>) -> Option<(usize, Point3<f64>)> {
 /// The force at the middle of the contact whose joint torques come closest to the reading, a
 /// little towards zero where the arm feels a direction badly.
 fn force_behind(touch: &Touch<'_>, reading: &[f64]) -> Vector3<f64> {
-    let Some((link, p)) = centre(touch) else {
+    let Some((link, p)) = center(touch) else {
         return Vector3::zeros();
     };
     let (mut jjt, mut jt) = (Matrix3::zeros(), Vector3::zeros());

@@ -13,7 +13,7 @@ use crate::report::{
     Diagnosis, EffectReport, Gap, MeanErrors, Outcome, STIFFNESS_FIELD, is_perfect,
 };
 use crate::search::Search;
-use crate::trial::{Judgement, Trial};
+use crate::trial::{Judgment, Trial};
 use crate::verdict::{Answer, Findings};
 use crate::windows::Windows;
 use crate::{Campaign, Effect, GapError, Model, Motion, effects};
@@ -186,51 +186,51 @@ fn attempt(
         perfect: is_perfect(trial.before.mean_error(), noise_norm(&campaign.noise)),
     };
     let hypotheses = search.hypotheses(|part, whole| trial.completes(part, whole))?;
-    let mut judgement = trial.judge(hypotheses, &nominal)?;
+    let mut judgment = trial.judge(hypotheses, &nominal)?;
     let anew = |c: &Campaign| {
         progress(DiagnosisStep::Contact);
         attempt(c, effects, seed, split, &mut |_| {})
     };
-    let of_contact = match in_other_contact(campaign, thinned, &search, &judgement, anew) {
+    let of_contact = match in_other_contact(campaign, thinned, &search, &judgment, anew) {
         OtherContact::Explains(outcome) => return Ok(*outcome),
         OtherContact::Noted(note) => note,
     };
 
     progress(DiagnosisStep::Fields);
-    let (extent, failed) = compared_fields(campaign, &trial, &judgement, &search, split, seed)?;
+    let (extent, failed) = compared_fields(campaign, &trial, &judgment, &search, split, seed)?;
     let closed = extent.closed();
-    judgement.worse = extent.worse();
-    judgement.persistence = judgement.persistence.filter(|_| closed < NEARLY);
+    judgment.worse = extent.worse();
+    judgment.persistence = judgment.persistence.filter(|_| closed < NEARLY);
     let likeness = Likeness::new(&search)?;
     let in_field = if nominal.perfect {
         Vec::new()
     } else {
         in_field(thinned, &search, &likeness)?
     };
-    let undecided = !in_field.is_empty() && judgement.leaves_field(closed);
+    let undecided = !in_field.is_empty() && judgment.leaves_field(closed);
     if undecided {
-        judgement.withdraw();
+        judgment.withdraw();
     }
     let estimated = extent.estimated;
-    let compared = extent.told(judgement.corrected().is_some());
+    let compared = extent.told(judgment.corrected().is_some());
     let silence = trial.of_silence()?;
-    let silent = judgement.is_silent(compared.after.error(), silence, nominal.touches);
-    let refused = judgement.names_refused();
+    let silent = judgment.is_silent(compared.after.error(), silence, nominal.touches);
+    let refused = judgment.names_refused();
     let like_field = in_field.iter().map(|(p, _)| p.effect.name().to_owned());
-    let answer = judgement.judged.conclude(&Findings {
+    let answer = judgment.judged.conclude(&Findings {
         closed: compared.closed.fraction,
         in_field: like_field.filter(|_| undecided).collect(),
         hidden: hidden(&search, &likeness, &refused, effects.len()),
         refused,
-        left_free: judgement.left_free.is_some(),
-        lasts: judgement.persistence.is_some(),
-        stopped: judgement.is_stopped(nominal.touches)
+        left_free: judgment.left_free.is_some(),
+        lasts: judgment.persistence.is_some(),
+        stopped: judgment.is_stopped(nominal.touches)
             && is_far(&compared, noise_norm(&campaign.noise), nominal.touches),
         contradicted: trial.surprise.is_some(),
         silent,
     });
 
-    let (model, sd, own_field) = match judgement.corrected() {
+    let (model, sd, own_field) = match judgment.corrected() {
         Some(t) => (
             t.refined.model.clone(),
             t.refined.sd.clone(),
@@ -239,7 +239,7 @@ fn attempt(
         None => (Model::default(), Vec::new(), search.field.clone()),
     };
     let mut notes = notes(
-        campaign, &trial, &compared, estimated, &judgement, &answer, &nominal,
+        campaign, &trial, &compared, estimated, &judgment, &answer, &nominal,
     );
     notes.extend(of_contact);
     notes.extend(failed.map(|e| {
@@ -262,7 +262,7 @@ fn attempt(
         notes.extend(few_rows(campaign, &model, &own_field)?);
     }
     let reports = reports(
-        thinned, &search, &likeness, &in_field, &trial, &judgement, &answer,
+        thinned, &search, &likeness, &in_field, &trial, &judgment, &answer,
     )?;
     let before = &compared.before.residuals;
     let arm = Arm::of(&campaign.site);
@@ -316,10 +316,10 @@ fn in_other_contact(
     campaign: &Campaign,
     thinned: &Campaign,
     search: &Search<'_>,
-    judgement: &Judgement<'_>,
+    judgment: &Judgment<'_>,
     anew: impl FnOnce(&Campaign) -> Result<Outcome, GapError>,
 ) -> OtherContact {
-    let (rival, scene) = match search.rival(thinned, judgement) {
+    let (rival, scene) = match search.rival(thinned, judgment) {
         Ok(Some(found)) => found,
         Ok(None) => return OtherContact::Noted(None),
         Err(e) => {
@@ -351,17 +351,17 @@ fn in_other_contact(
 fn compared_fields(
     campaign: &Campaign,
     trial: &Trial<'_>,
-    judgement: &Judgement<'_>,
+    judgment: &Judgment<'_>,
     search: &Search<'_>,
     split: Split,
     seed: u64,
 ) -> Result<(Extent, Option<GapError>), GapError> {
     let outside = match split {
-        Split::Whole => Extent::outside(campaign, judgement, seed),
+        Split::Whole => Extent::outside(campaign, judgment, seed),
         // A field would have learned from test sequences.
         Split::Halves => Ok(None),
     };
-    let inside = || Extent::inside(campaign, trial, judgement, &search.field);
+    let inside = || Extent::inside(campaign, trial, judgment, &search.field);
     Ok(match outside {
         Ok(Some(extent)) => (extent, None),
         Ok(None) => (inside()?, None),
@@ -414,7 +414,7 @@ fn reports(
     likeness: &Likeness,
     in_field: &[(&Plain, f64)],
     trial: &Trial<'_>,
-    judgement: &Judgement<'_>,
+    judgment: &Judgment<'_>,
     answer: &Answer,
 ) -> Result<Vec<EffectReport>, GapError> {
     let mut reports = Vec::new();
@@ -422,7 +422,7 @@ fn reports(
         let mut report = EffectReport::of(campaign, candidate, search.base, &answer.probabilities);
         if let Some(refined) = &candidate.refined {
             report.null_score = Some(search.hypothesis(refined).required_gain());
-            let mut tried = judgement.refused.iter().chain(&judgement.named);
+            let mut tried = judgment.refused.iter().chain(&judgment.named);
             let own = tried.find(|t| t.effects == [report.effect.as_str()]);
             match own {
                 Some(tried) => report.check(&tried.checked),
@@ -430,7 +430,7 @@ fn reports(
                 None => {}
             }
         }
-        if let Some(named) = judgement.corrected() {
+        if let Some(named) = judgment.corrected() {
             report.together(campaign, named.refined);
         }
         report.absorbed_share = likeness.absorbed(&report.effect);

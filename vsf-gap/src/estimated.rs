@@ -1,7 +1,7 @@
 //! What a model is worth to those who estimate fields with it.
 
 use crate::closure::{Closure, Residuals, closure};
-use crate::trial::{Judgement, Trial};
+use crate::trial::{Judgment, Trial};
 use crate::{Campaign, GapError, Model, Motion};
 use vsf_pipeline::{
     EstimatorSpec, HyperMethod, PriorShape, Trace, choose_hyper, estimate, predict,
@@ -116,7 +116,7 @@ impl Extent {
     /// As [`Campaign::estimated`].
     pub(crate) fn outside(
         campaign: &Campaign,
-        judgement: &Judgement<'_>,
+        judgment: &Judgment<'_>,
         seed: u64,
     ) -> Result<Option<Self>, GapError> {
         if campaign.scene.rest().is_empty() {
@@ -128,7 +128,7 @@ impl Extent {
             return Ok(None);
         };
         let mut named = None;
-        if let Some(tried) = &judgement.named {
+        if let Some(tried) = &judgment.named {
             let model = &tried.refined.model;
             let there = if model.follows_contact() {
                 campaign
@@ -173,7 +173,7 @@ impl Extent {
     pub(crate) fn inside(
         campaign: &Campaign,
         trial: &Trial<'_>,
-        judgement: &Judgement<'_>,
+        judgment: &Judgment<'_>,
         field: &[f64],
     ) -> Result<Self, GapError> {
         let nominal = Estimated {
@@ -183,7 +183,7 @@ impl Extent {
         let has_points = !campaign.scene.rest().is_empty();
         let threshold = has_points.then_some(campaign.scene.contact().threshold);
         let touches = campaign.touches(trial.sequences)?;
-        let named = judgement.named.as_ref().map(|t| Compared {
+        let named = judgment.named.as_ref().map(|t| Compared {
             before: nominal.clone(),
             after: Estimated {
                 field: t.checked.field.clone(),

@@ -56,7 +56,7 @@ fn mean(prior: &Prior, theta: &[f64]) -> f64 {
 }
 
 /// Parameters whose shares have the mean zero, and by what the stiffness is to be scaled so that torques stay.
-pub(crate) fn centred(prior: &Prior, mut theta: Vec<f64>) -> (Vec<f64>, f64) {
+pub(crate) fn centered(prior: &Prior, mut theta: Vec<f64>) -> (Vec<f64>, f64) {
     let scale = 1.0 + mean(prior, &theta);
     for (_, i) in tied(prior) {
         let [low, high] = prior.parameters[i].bounds;
@@ -210,8 +210,8 @@ mod tests {
 
     /// Torques stay, and the mean is zero.
     #[test]
-    fn val_centred_shares_scale_the_stiffness() {
-        let (theta, scale) = centred(&prior(0.3), vec![0.5, 0.2]);
+    fn val_centered_shares_scale_the_stiffness() {
+        let (theta, scale) = centered(&prior(0.3), vec![0.5, 0.2]);
         assert!((mean(&prior(0.3), &theta)).abs() < 1e-12);
         for (now, was) in theta.iter().zip([0.5, 0.2]) {
             assert!(((1.0 + now) * scale - (1.0 + was)).abs() < 1e-12);

@@ -7,7 +7,7 @@ use crate::{Acts, Effect};
 use std::ops::Range;
 use std::sync::Arc;
 
-// The constants of the judgement were settled on labelled recordings of other worlds; of those of `vsf-world` with
+// The constants of the judgment were settled on labeled recordings of other worlds; of those of `vsf-world` with
 // other seeds than the blind cases that are reported.
 
 /// Nats for one e-fold of probability. Models are never quite right, so that evidence overstates

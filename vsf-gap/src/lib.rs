@@ -1,4 +1,4 @@
-//! Diagnosis of the sim-to-real gap: *where* it lies, *which* unmodelled effect causes it, *how far*
+//! Diagnosis of the sim-to-real gap: *where* it lies, *which* unmodeled effect causes it, *how far*
 //! it closes once that effect is added, checked on sequences that no model was fitted to. What is named has to stand
 //! that check, so that the share that a named effect closes is a little optimistic.
 //!
@@ -9,7 +9,7 @@
 //! effects do, so that they are judged by what it cannot absorb:
 //!
 //! 1. Readings are averaged over windows. Noise comes from differences of
-//!    neighbouring samples, second ones as a rule.
+//!    neighboring samples, second ones as a rule.
 //! 2. The readings are Gaussian with the covariance of noise, of the stiffness (single points, a part
 //!    that is smooth over 4 cm, a common level) and of the model's own roughness (of forces at the
 //!    contact, of joints, of effects that wander). The stiffness is integrated out.
@@ -35,7 +35,7 @@
 //!    it is fitted with the first half of every test sequence, and checked on the second halves.
 //!
 //! [`diagnose`] runs all of it. Time is dominated by the contact that effects change, some hundred runs
-//! over the train sequences, and by some hundred factorisations of some 1300 rows, twice as many at most.
+//! over the train sequences, and by some hundred factorizations of some 1300 rows, twice as many at most.
 //! Couplings of joints take columns that grow with the square of their number.
 //!
 //! Rejected: choosing by the fit's error. On recordings without effect the best wrong effect fits much
@@ -97,7 +97,7 @@ mod windows;
 
 pub use campaign::Campaign;
 pub use closure::Residuals;
-pub use contact::{ContactLog, centre};
+pub use contact::{ContactLog, center};
 pub use corrected::Corrected;
 pub use diagnose::{DiagnosisStep, diagnose};
 pub use effect::{

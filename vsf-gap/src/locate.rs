@@ -1,6 +1,6 @@
 use crate::bootstrap::Bootstrap;
 use crate::closure::Residuals;
-use crate::{Campaign, GapError, Model, Motion, Phase, centre};
+use crate::{Campaign, GapError, Model, Motion, Phase, center};
 use nalgebra::{Point3, Vector3};
 use serde::{Deserialize, Serialize};
 use vsf_core::median;
@@ -144,7 +144,7 @@ pub(crate) fn locate(
             ids.len() - 1
         });
         for (row, &phase) in phases.iter().enumerate() {
-            let at = centre(&logs[0].touch(&campaign.site, row));
+            let at = center(&logs[0].touch(&campaign.site, row));
             let beyond =
                 |s: usize, j: usize| before.rows[s][row * d + j].powi(2) - noise[j].sd.powi(2);
             let excess: Option<Vec<f64>> = tested.map(|s| (0..d).map(|j| beyond(s, j)).collect());

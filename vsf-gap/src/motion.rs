@@ -240,7 +240,7 @@ fn average(table: &Table, rows: Range<usize>, mean: &mut [f64]) {
     }
 }
 
-/// The mean of each sample and its neighbours in the same touch.
+/// The mean of each sample and its neighbors in the same touch.
 fn smoothed(table: &Table, touches: impl Iterator<Item = Range<usize>>) -> Result<Table, GapError> {
     let d = table.cols();
     let mut means = Table::new(d, vec![0.0; table.rows() * d])?;

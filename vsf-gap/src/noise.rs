@@ -33,7 +33,7 @@ impl JointNoise {
 /// Fewest free samples that speak for the noise on their own.
 const FEWEST: usize = 150;
 /// Second differences beyond so many times their median are steps of the signal, not noise; unless they
-/// are more than this share, as in readings that are quantised.
+/// are more than this share, as in readings that are quantized.
 const STEP: f64 = 5.0;
 const FEW: f64 = 0.1;
 /// The largest correlation that is told from a signal.
@@ -45,7 +45,7 @@ const ORDERS: [usize; 3] = [2, 4, 6];
 /// Noise below this share of what second differences take for it is none.
 const FILTERED: f64 = 0.01;
 
-/// The noise of every joint, from differences of neighbouring samples: in free motion where there is
+/// The noise of every joint, from differences of neighboring samples: in free motion where there is
 /// enough of it, else of all samples. Differences leave out what is smooth, whatever its cause. Second
 /// ones do, as a rule; where what they leave is smoother than noise, such as a hum or friction that
 /// turns over again and again, those of a higher order are taken.

@@ -7,7 +7,7 @@ use crate::judge::Nominal;
 use crate::outliers::outlier;
 use crate::plain::Plain;
 use crate::refine::Refined;
-use crate::trial::{Judgement, Trial, Tried};
+use crate::trial::{Judgment, Trial, Tried};
 use crate::verdict::{Answer, VerdictKind};
 use crate::{Campaign, GapError, Model, Motion, Parameter};
 use vsf_pipeline::reading_unit;
@@ -82,7 +82,7 @@ pub(crate) fn notes(
     trial: &Trial<'_>,
     told: &Compared,
     estimated: bool,
-    judgement: &Judgement<'_>,
+    judgment: &Judgment<'_>,
     answer: &Answer,
     nominal: &Nominal,
 ) -> Vec<String> {
@@ -98,7 +98,7 @@ pub(crate) fn notes(
     }
     notes.extend(rounded(campaign));
     let verdict = &answer.verdict;
-    if let (Some(named), Some([error, without])) = (&judgement.named, judgement.worse) {
+    if let (Some(named), Some([error, without])) = (&judgment.named, judgment.worse) {
         let which = named.effects.join(" and ");
         notes.push(format!(
             "with {which} the test sequences are predicted worse ({} instead of {}): the corrected model is \
@@ -131,7 +131,7 @@ pub(crate) fn notes(
             100.0 * verdict.hidden
         ));
     }
-    let unexplained = verdict.effects.is_empty() && judgement.left_free.is_none();
+    let unexplained = verdict.effects.is_empty() && judgment.left_free.is_none();
     if let Some(surprise) = trial.surprise.filter(|_| unexplained) {
         notes.push(format!(
             "the test sequences contradict the train sequences: they are off by {} times what these lead to expect, new places \
@@ -140,7 +140,7 @@ pub(crate) fn notes(
             number(surprise)
         ));
     }
-    if let Some(left) = judgement.left_free {
+    if let Some(left) = judgment.left_free {
         let unit = campaign.scene.error_unit();
         notes.push(format!(
             "in free motion {} {unit} persist or oscillate on the test sequences, which no stiffness explains and no named \
@@ -148,7 +148,7 @@ pub(crate) fn notes(
             number(left)
         ));
     }
-    let stopped = judgement.corrected().map(|t| t.refined.at_bounds());
+    let stopped = judgment.corrected().map(|t| t.refined.at_bounds());
     if let Some(stopped) = stopped.filter(|s| !s.is_empty()) {
         notes.push(format!(
             "at a bound of what is plausible: {}; {} may stand for what is not looked for, such as torques of \
@@ -157,8 +157,8 @@ pub(crate) fn notes(
             verdict.effects.join(" and ")
         ));
     }
-    notes.extend((judgement.named.as_ref()).and_then(|t| relative(campaign, t.refined)));
-    if let Some(persistence) = judgement.persistence {
+    notes.extend((judgment.named.as_ref()).and_then(|t| relative(campaign, t.refined)));
+    if let Some(persistence) = judgment.persistence {
         notes.push(format!(
             "what {} leaves unexplained lasts, with a correlation of {persistence:.2} from one stretch of samples to \
              the next: something else acts, beside it or in its place",
@@ -170,7 +170,7 @@ pub(crate) fn notes(
         let effects = t.effects.join(" and ");
         format!("{effects} (test error {} {unit})", number(t.error()))
     };
-    let aside: Vec<String> = judgement.refused.iter().map(aside).collect();
+    let aside: Vec<String> = judgment.refused.iter().map(aside).collect();
     if !aside.is_empty() {
         notes.push(format!(
             "left aside, since the test sequences do not bear them out enough for what they gain on the \
@@ -186,7 +186,7 @@ pub(crate) fn notes(
         let floor = noise_norm(&campaign.noise);
         notes.extend(overstated(floor, error, campaign.scene.error_unit()));
         // With contact, errors are far from a perfect model's for many reasons.
-        if judgement.corrected().is_some() && !nominal.touches {
+        if judgment.corrected().is_some() && !nominal.touches {
             notes.extend(incomplete(floor, error));
         }
     }

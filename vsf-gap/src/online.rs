@@ -75,7 +75,7 @@ pub struct Corrector {
     readings: Tare,
     torques: Tare,
     /// Torques of the model, tared, and the reading less them.
-    modelled: Vec<f64>,
+    modeled: Vec<f64>,
     left: Vec<f64>,
 }
 
@@ -150,7 +150,7 @@ impl Corrector {
             smooth: vec![0.0; d],
             readings: Tare::new(d),
             torques: Tare::new(d),
-            modelled: vec![0.0; d],
+            modeled: vec![0.0; d],
             left: vec![0.0; d],
             site: site.clone(),
         })
@@ -228,9 +228,9 @@ impl Corrector {
                 (self.driver.links()).rigid_change(&self.site, &recorded, &mut self.workspace)?;
             torques.iter_mut().zip(change).for_each(|(t, c)| *t += c);
         }
-        self.torques.apply(torques, &mut self.modelled);
+        self.torques.apply(torques, &mut self.modeled);
         self.readings.apply(&self.felt, &mut self.left);
-        let pairs = self.left.iter_mut().zip(&self.modelled);
+        let pairs = self.left.iter_mut().zip(&self.modeled);
         pairs.for_each(|(l, a)| *l -= a);
         self.prediction.observation(&touch, &self.left, obs)?;
         // A step that failed is part of neither means nor time.
@@ -242,7 +242,7 @@ impl Corrector {
         }
         self.recent.extend_from_slice(&self.felt);
         self.clock = Some(state.clock);
-        Ok(&self.modelled)
+        Ok(&self.modeled)
     }
 
     /// Checks a state, and returns the time since the one before it in the touch (s), 0 at the first.

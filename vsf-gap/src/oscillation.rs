@@ -16,7 +16,7 @@ const PERIOD: usize = 4;
 /// these deviations; 0 without one. The mean of a run is no part of it. Time: samples times the length of the period.
 pub(crate) fn oscillation(runs: &[&[f64]], noise: &[f64]) -> f64 {
     let joints = noise.len();
-    let runs: Vec<Vec<f64>> = runs.iter().map(|run| centred(run, joints)).collect();
+    let runs: Vec<Vec<f64>> = runs.iter().map(|run| centered(run, joints)).collect();
     // Every joint counts by its own noise: a wrist is heard beside a shoulder.
     let weights: Vec<f64> = noise.iter().map(|sd| (sd * sd).recip()).collect();
     let weights = if weights.iter().all(|w| w.is_finite()) {
@@ -55,7 +55,7 @@ pub(crate) fn oscillation(runs: &[&[f64]], noise: &[f64]) -> f64 {
 }
 
 /// A run without its mean, joint by joint.
-fn centred(run: &[f64], joints: usize) -> Vec<f64> {
+fn centered(run: &[f64], joints: usize) -> Vec<f64> {
     let samples = (run.len() / joints.max(1)).max(1) as f64;
     let mean = |j: usize| run.iter().skip(j).step_by(joints).sum::<f64>() / samples;
     let means: Vec<f64> = (0..joints).map(mean).collect();

@@ -1,4 +1,4 @@
-use crate::{Campaign, ContactLog, GapError, Motion, centre};
+use crate::{Campaign, ContactLog, GapError, Motion, center};
 use nalgebra::Vector3;
 use serde::{Deserialize, Serialize};
 use vsf_robots::jacobian;
@@ -82,7 +82,7 @@ impl Campaign {
         let mut columns = vec![Vector3::zeros(); self.site.joints()];
         for (row, phase) in phases.iter_mut().enumerate() {
             let touch = log.touch(&self.site, row);
-            let Some((link, p)) = centre(&touch) else {
+            let Some((link, p)) = center(&touch) else {
                 continue;
             };
             jacobian(touch.posture, link, &p, &mut columns)?;

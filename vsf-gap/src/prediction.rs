@@ -166,7 +166,7 @@ impl Prediction {
             let place = touch.rest.positions()[p as usize] + u;
             moment += place.coords.cross(&pull);
             force += pull;
-            // Neighbours are mostly on one link, whose joints then feel them together.
+            // Neighbors are mostly on one link, whose joints then feel them together.
             let link = contacts.links()[k];
             if contacts.links().get(k + 1) != Some(&link) {
                 (touch.posture).add_torques(link as usize, &moment, &force, out);

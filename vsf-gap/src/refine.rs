@@ -184,7 +184,7 @@ impl Campaign {
         prior: Prior,
         spread: &Spread,
     ) -> Result<Refined, GapError> {
-        let (mut theta, scale) = gauge::centred(&prior, start.theta());
+        let (mut theta, scale) = gauge::centered(&prior, start.theta());
         let start = &start.at(&theta);
         let mut fitted = self.fitted(start, self.train.iter())?;
         let spread = &fitted.adapted(&spread.scaled(scale))?;

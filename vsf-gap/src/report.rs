@@ -56,7 +56,7 @@ pub struct EffectReport {
     /// Gain of log evidence over the nominal model (nats); of effects that were not fitted, to first
     /// order.
     pub score: f64,
-    /// The score (nats) that is reached where nothing acts; higher where contact is rough, or where the effect generalises
+    /// The score (nats) that is reached where nothing acts; higher where contact is rough, or where the effect generalizes
     /// another one. Probabilities follow what the score is above it; to be named alone takes some 8 to 20
     /// nats more. `null` where it was not fitted.
     #[serde(default)]

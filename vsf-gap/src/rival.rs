@@ -6,7 +6,7 @@ use crate::effects::GeometryPadding;
 use crate::notes::mm;
 use crate::refine::Refined;
 use crate::search::Search;
-use crate::trial::Judgement;
+use crate::trial::Judgment;
 use crate::{Campaign, Effect, GapError, Model};
 use std::sync::Arc;
 use vsf_contact::ContactConfig;
@@ -86,9 +86,9 @@ impl Search<'_> {
     pub(crate) fn rival(
         &self,
         campaign: &Campaign,
-        judgement: &Judgement<'_>,
+        judgment: &Judgment<'_>,
     ) -> Result<Option<(Rival, Scene)>, GapError> {
-        let named = judgement.named.as_ref().map(|t| t.refined);
+        let named = judgment.named.as_ref().map(|t| t.refined);
         let follows = |r: &&Refined| campaign.threshold_is_free && r.model.follows_contact();
         let Some(named) = named.filter(follows) else {
             return Ok(None);

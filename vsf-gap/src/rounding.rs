@@ -19,11 +19,11 @@ const MOST: f64 = 0.45;
 /// What rounding adds to the noise of a joint whose readings come in steps.
 ///
 /// Next to noise that is small against the step, the error of rounding is a sawtooth of the signal: it lasts
-/// while the signal stays in a step, and differences of neighbouring samples miss it, or take the jumps from step to
+/// while the signal stays in a step, and differences of neighboring samples miss it, or take the jumps from step to
 /// step for noise.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Rounding {
-    /// Distance of neighbouring readings (N m or N).
+    /// Distance of neighboring readings (N m or N).
     pub(crate) step: f64,
     /// Share of the readings that are as the ones before.
     same: f64,

@@ -77,7 +77,7 @@ pub(crate) struct Tried<'a> {
 }
 
 /// What the trial leaves.
-pub(crate) struct Judgement<'a> {
+pub(crate) struct Judgment<'a> {
     pub(crate) judged: Judged,
     /// The model that stood it.
     pub(crate) named: Option<Tried<'a>>,
@@ -119,7 +119,7 @@ impl Tried<'_> {
     }
 }
 
-impl<'a> Judgement<'a> {
+impl<'a> Judgment<'a> {
     /// The named model, if it predicts no worse than the nominal one.
     pub(crate) fn corrected(&self) -> Option<&Tried<'a>> {
         self.named.as_ref().filter(|_| self.worse.is_none())
@@ -353,7 +353,7 @@ impl<'a> Trial<'a> {
         &self,
         mut hypotheses: Vec<Hypothesis<'h>>,
         nominal: &Nominal,
-    ) -> Result<Judgement<'h>, GapError> {
+    ) -> Result<Judgment<'h>, GapError> {
         let before = self.left_free(&self.before, nominal.perfect);
         let noticed = self.noticed();
         let much = |after: f64| (after > noticed && after > REMAINS * before).then_some(after);
@@ -361,7 +361,7 @@ impl<'a> Trial<'a> {
         loop {
             let judged = judge(&hypotheses, nominal);
             let Some(i) = judged.named else {
-                return Ok(Judgement {
+                return Ok(Judgment {
                     judged,
                     named: None,
                     worse: None,
@@ -381,7 +381,7 @@ impl<'a> Trial<'a> {
             let closed = closure.fraction;
             let worse = tried.error() > self.before.mean_error();
             if hypotheses[i].stands(closed, *foretold, worse) {
-                return Ok(Judgement {
+                return Ok(Judgment {
                     judged,
                     persistence: Some(tried.checked.persistence)
                         .filter(|p| *p > PERSISTENT)

@@ -1,4 +1,4 @@
-use crate::{Campaign, ContactLog, GapError, JointNoise, Model, Motion, centre};
+use crate::{Campaign, ContactLog, GapError, JointNoise, Model, Motion, center};
 use faer::Mat;
 use nalgebra::Vector3;
 use std::ops::Range;
@@ -247,7 +247,7 @@ impl Campaign {
             let share = 1.0 / w.rows.len() as f64;
             for row in w.rows.clone() {
                 let touch = log.touch(&self.site, row);
-                let Some((link, p)) = centre(&touch) else {
+                let Some((link, p)) = center(&touch) else {
                     continue;
                 };
                 jacobian(touch.posture, link, &p, &mut columns)?;

@@ -185,7 +185,7 @@ fn a_tilt_turns_the_weight_of_all_links() {
     let g = Vector3::new(0.0, 0.0, -GRAVITY);
     let change = R.transpose() * g - g;
     let mass = 1000.0 * PI * RADIUS * RADIUS * LENGTH;
-    // Weight of the links in a gravity (x, z): mass times gravity times what a centre moves by.
+    // Weight of the links in a gravity (x, z): mass times gravity times what a center moves by.
     let weight = |q: &[f64]| {
         let (a, b) = (q[0], q[0] + q[1]);
         let along = |angle: f64, l: f64| (-l * angle.sin()) * change.x + l * angle.cos() * change.z;

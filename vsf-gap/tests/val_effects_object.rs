@@ -176,7 +176,7 @@ fn directions_differ() {
 }
 
 #[test]
-fn neighbours_hold_each_other() {
+fn neighbors_hold_each_other() {
     // A row of three points and one far away; the last of the row is never touched.
     let points = [
         [0.0; 3],

@@ -27,10 +27,10 @@ pub enum Baseline {
     /// No torque at all.
     Zero,
     /// For each joint a [`KnnRegressor`]: the mean of the `k` nearest train samples with RBF weights.
-    /// The width of the RBF is the median distance of the train samples to their neighbours; the
+    /// The width of the RBF is the median distance of the train samples to their neighbors; the
     /// paper gives none.
     Knn {
-        /// Number of neighbours, at least 1, 50 in the paper; fewer samples than that are all used.
+        /// Number of neighbors, at least 1, 50 in the paper; fewer samples than that are all used.
         k: usize,
     },
     /// A multilayer perceptron, by default of the size among the paper's that does best.
@@ -79,7 +79,7 @@ impl Baseline {
             }
             Self::Knn { k } => {
                 let config = KnnConfig {
-                    neighbours: *k,
+                    neighbors: *k,
                     width: Width::Median,
                     shrink: false,
                 };

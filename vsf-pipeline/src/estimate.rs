@@ -55,7 +55,7 @@ impl EstimatorSpec {
         FilterSpec::replay().into()
     }
 
-    /// Whether it uses what the prior says of neighbouring points, not the marginals alone.
+    /// Whether it uses what the prior says of neighboring points, not the marginals alone.
     pub fn keeps_correlations(&self) -> bool {
         match self {
             Self::Batch => true,

@@ -17,7 +17,7 @@ pub struct Hyper {
     /// Standard deviation of the part of the stiffness that is each point's own (N/m); the mean of
     /// the prior is 0.
     pub prior_sd: f64,
-    /// What neighbours share.
+    /// What neighbors share.
     pub shape: PriorShape,
     /// Standard deviation of the reading of every channel (N m or N), model error included.
     pub noise_sd: Vec<f64>,
@@ -35,7 +35,7 @@ impl Hyper {
     }
 }
 
-/// The smooth part of the prior: neighbouring points of a real object are alike. Estimators that
+/// The smooth part of the prior: neighboring points of a real object are alike. Estimators that
 /// keep no correlations see its variance only.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct PriorShape {
@@ -154,7 +154,7 @@ pub enum HyperMethod {
 /// One tried prior.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct Candidate {
-    /// What neighbours share.
+    /// What neighbors share.
     #[serde(flatten)]
     pub shape: PriorShape,
     /// Standard deviation of the signal that the prior expects in one typical reading, per

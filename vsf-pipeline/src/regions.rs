@@ -12,7 +12,7 @@ pub struct RegionOptions {
     /// The least probability that a point is that stiff, of each point by itself; 0.5 to below 1, default 0.95.
     pub confidence: f64,
     /// Stiff points up to so far apart (m) belong together; by default 1.8 times the [`RestPoints::spacing`] of the points
-    /// that are looked at, which joins neighbours on a lattice, diagonal ones too.
+    /// that are looked at, which joins neighbors on a lattice, diagonal ones too.
     pub reach: Option<f64>,
     /// Fewest points of a region; at least 1, default 3. Single points are the least certain of a field: deep ones,
     /// which are hardly felt, take up what others leave.
@@ -54,7 +54,7 @@ pub struct StiffRegions {
 pub struct StiffRegion {
     /// Indices of its points, increasing.
     pub points: Vec<usize>,
-    /// Centre of its stiffness (m, world frame).
+    /// Center of its stiffness (m, world frame).
     pub center: Point3<f64>,
     /// Smallest and largest corner of the box around its points (m, world frame).
     pub bounds: [Point3<f64>; 2],
@@ -109,7 +109,7 @@ pub fn stiff_regions(
         Some(reach) => reach,
         None => {
             let points = looked_at.iter().map(|i| rest.positions()[*i]);
-            NEIGHBOURS * RestPoints::new(points.collect())?.spacing()
+            NEIGHBORS * RestPoints::new(points.collect())?.spacing()
         }
     };
     let felt: Vec<f64> = (looked_at.iter().map(|i| mean[*i]))
@@ -143,8 +143,8 @@ pub fn stiff_regions(
     })
 }
 
-/// Neighbours on a cubic lattice are up to the root of 3 spacings apart.
-const NEIGHBOURS: f64 = 1.8;
+/// Neighbors on a cubic lattice are up to the root of 3 spacings apart.
+const NEIGHBORS: f64 = 1.8;
 /// Smallest edge of a cell (m), by which all coordinates of points can be counted.
 const LEAST_CELL: f64 = 1e-9;
 
@@ -350,7 +350,7 @@ mod tests {
         assert_eq!(points(of(3.0, &touched, &wide)), [vec![2, 4]]);
     }
 
-    /// Untouched points that lie closer together do not say what neighbours are.
+    /// Untouched points that lie closer together do not say what neighbors are.
     #[test]
     fn points_that_were_not_touched_say_nothing() {
         let mut points: Vec<[f64; 3]> = (0..9).map(|k| [1e-3 * f64::from(k), 0.0, 0.0]).collect();

@@ -399,7 +399,7 @@ impl Scene {
     }
 
     /// The same scene with a contact threshold that suits the spacing of its points, for estimating a field: 0.8 of
-    /// [`RestPoints::spacing`] to a hundredth of a millimetre, from 0.1 mm to 1 cm; a cloud without spacing keeps the
+    /// [`RestPoints::spacing`] to a hundredth of a millimeter, from 0.1 mm to 1 cm; a cloud without spacing keeps the
     /// threshold that it has. A point stands for what lies around it, up to half a spacing away along an edge and 0.87
     /// of one along a diagonal.
     ///

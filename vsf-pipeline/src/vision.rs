@@ -21,7 +21,7 @@ pub enum VisionSpec {
     /// ask for ([`Level`]); the default.
     #[default]
     Level,
-    /// Regression of the touched points' stiffness on position and colour ([`Extrapolation`], section
+    /// Regression of the touched points' stiffness on position and color ([`Extrapolation`], section
     /// III-D), with calibrated variances.
     Regression(RegressorSpec),
     /// What fields of other objects teach ([`LearnedPrior::stiffness`]); the touches of this one have no part
@@ -156,7 +156,7 @@ impl Guess<'_> {
             VisionSpec::Learned(learned) => Ok(learned.stiffness(&self.seen)?),
             VisionSpec::Regression(spec) => {
                 let sd = self.hyper.prior_sd;
-                // Each point speaks for itself: what neighbours share is for the regressor to find.
+                // Each point speaks for itself: what neighbors share is for the regressor to find.
                 let prior = PriorShape::independent().prior(self.rest, sd)?;
                 let field = run(&EstimatorSpec::Batch, prior, traces, self.noise, |_| {})?;
                 let regressor = || Calibrated::new(spec.build()?, CALIBRATION);

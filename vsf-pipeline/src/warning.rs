@@ -38,7 +38,7 @@ const LEAST_NEAR: f64 = 0.01;
 /// whose side may be a guess.
 const MOST_TURNED: f64 = 0.005;
 const MOST_UNSURE: f64 = 0.25;
-/// No robot that touches soft things has a link of more metres.
+/// No robot that touches soft things has a link of more meters.
 const MOST_SIZE: f64 = 10.0;
 /// From how far on points may be touched: share of the object, and spacings of points.
 const MOST_REACH: f64 = 0.25;

@@ -66,7 +66,7 @@ fn learned() -> [Baseline; 3] {
     ]
 }
 
-/// The bounds leave the neighbours a fifth of the load, and the smooth regressions a twentieth.
+/// The bounds leave the neighbors a fifth of the load, and the smooth regressions a twentieth.
 #[test]
 fn learn_a_function_of_the_posture() {
     let (scene, train, test) = recording();

@@ -59,7 +59,7 @@ fn touch(recorded: &Scene) -> Sequence {
 }
 
 #[test]
-fn links_and_thresholds_that_are_not_in_metres() {
+fn links_and_thresholds_that_are_not_in_meters() {
     let sphere = |radius: f64| {
         let urdf = format!(
             r#"<robot name="stick"><link name="base"/><link name="tip"><collision><geometry>

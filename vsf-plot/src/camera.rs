@@ -112,7 +112,7 @@ impl Bounds {
         (self.max_W - self.min_W).max()
     }
 
-    pub(crate) fn centre_W(&self) -> Point3<f64> {
+    pub(crate) fn center_W(&self) -> Point3<f64> {
         nalgebra::center(&self.min_W, &self.max_W)
     }
 
@@ -135,7 +135,7 @@ impl Bounds {
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Camera {
     pub(crate) view: View,
-    /// Pixels per metre.
+    /// Pixels per meter.
     pub(crate) scale: f64,
     pub(crate) rect: Rect,
     /// What lies in the middle of the rectangle, along right and up \[m\].
@@ -165,7 +165,7 @@ impl Camera {
     /// Position in the picture \[px\].
     pub(crate) fn project(&self, p_W: &Point3<f64>) -> (f64, f64) {
         let (right, up) = self.view.flat(p_W);
-        let (cx, cy) = self.rect.centre();
+        let (cx, cy) = self.rect.center();
         (
             cx + self.scale * (right - self.middle.0),
             cy - self.scale * (up - self.middle.1),

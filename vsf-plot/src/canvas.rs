@@ -1,4 +1,4 @@
-use crate::colour::Rgb;
+use crate::color::Rgb;
 
 pub(crate) const WHITE: Rgb = [255, 255, 255];
 pub(crate) const INK: Rgb = [32, 32, 36];
@@ -23,7 +23,7 @@ impl Rect {
         self.y1 - self.y0
     }
 
-    pub(crate) fn centre(&self) -> (f64, f64) {
+    pub(crate) fn center(&self) -> (f64, f64) {
         (0.5 * (self.x0 + self.x1), 0.5 * (self.y0 + self.y1))
     }
 
@@ -72,7 +72,7 @@ impl Rect {
 pub(crate) struct Disc {
     pub(crate) at: (f64, f64),
     pub(crate) radius: f64,
-    pub(crate) colour: Rgb,
+    pub(crate) color: Rgb,
     /// Opacity, 0..=1.
     pub(crate) alpha: f64,
     /// Looks like a ball, with a highlight at the upper left. The SVG leaves that out: it would
@@ -100,15 +100,15 @@ pub(crate) enum Anchor {
 /// What a picture is made of; the two file formats implement it.
 pub(crate) trait Canvas {
     fn disc(&mut self, disc: Disc);
-    fn line(&mut self, a: (f64, f64), b: (f64, f64), width: f64, colour: Rgb);
-    fn rect(&mut self, rect: Rect, colour: Rgb);
-    /// Text, vertically centred at `at`.
-    fn text(&mut self, text: &str, at: (f64, f64), anchor: Anchor, font: Font, colour: Rgb);
+    fn line(&mut self, a: (f64, f64), b: (f64, f64), width: f64, color: Rgb);
+    fn rect(&mut self, rect: Rect, color: Rgb);
+    /// Text, vertically centered at `at`.
+    fn text(&mut self, text: &str, at: (f64, f64), anchor: Anchor, font: Font, color: Rgb);
 
-    fn frame(&mut self, r: Rect, colour: Rgb) {
+    fn frame(&mut self, r: Rect, color: Rgb) {
         let corners = [(r.x0, r.y0), (r.x1, r.y0), (r.x1, r.y1), (r.x0, r.y1)];
         for i in 0..4 {
-            self.line(corners[i], corners[(i + 1) % 4], 1.0, colour);
+            self.line(corners[i], corners[(i + 1) % 4], 1.0, color);
         }
     }
 }

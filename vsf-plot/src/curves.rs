@@ -1,6 +1,6 @@
 use crate::PlotError;
 use crate::canvas::{Anchor, Canvas, Disc, FAINT_INK, Font, GRID, INK, Rect};
-use crate::colour::Rgb;
+use crate::color::Rgb;
 use crate::error::{check_len, check_values};
 use crate::raster::Raster;
 use crate::ticks::{Ticks, log_ticks};
@@ -10,7 +10,7 @@ use crate::vector::{Vector, svg_file};
 const LARGE: f64 = 1e12;
 const SMALL: f64 = 1e-12;
 
-/// The palette for all colour visions of M. Okabe and K. Ito (2008), without its yellow.
+/// The palette for all color visions of M. Okabe and K. Ito (2008), without its yellow.
 const PALETTE: [Rgb; 7] = [
     [0, 114, 178],
     [213, 94, 0],
@@ -166,11 +166,11 @@ impl CurvePlot<'_> {
             let place = (FRAME.x0 - 10.0, at);
             canvas.text(&label, place, Anchor::End, Font::Label, INK);
         }
-        let below = (FRAME.centre().0, FRAME.y1 + 48.0);
+        let below = (FRAME.center().0, FRAME.y1 + 48.0);
         canvas.text(self.x_label, below, Anchor::Middle, Font::Label, INK);
         let above = (FRAME.x0 - 50.0, FRAME.y0 - 20.0);
         canvas.text(self.y_label, above, Anchor::Start, Font::Label, INK);
-        for (k, (curve, colour)) in self.curves.iter().zip(PALETTE).enumerate() {
+        for (k, (curve, color)) in self.curves.iter().zip(PALETTE).enumerate() {
             // Bars side by side stay apart.
             let shift = if curve.low.is_empty() {
                 0.0
@@ -183,15 +183,15 @@ impl CurvePlot<'_> {
             };
             for (i, (&low, &high)) in curve.low.iter().zip(curve.high).enumerate() {
                 if let Some((a, b)) = FRAME.clip(at(i, low), at(i, high)) {
-                    canvas.line(a, b, 1.5, colour);
+                    canvas.line(a, b, 1.5, color);
                 }
             }
             for i in 1..curve.x.len() {
                 let (a, b) = (at(i - 1, curve.y[i - 1]), at(i, curve.y[i]));
-                canvas.line(a, b, 2.0, colour);
+                canvas.line(a, b, 2.0, color);
             }
             for i in 0..curve.x.len() {
-                dot(at(i, curve.y[i]), colour, canvas);
+                dot(at(i, curve.y[i]), color, canvas);
             }
         }
         canvas.frame(FRAME, FAINT_INK);
@@ -199,13 +199,13 @@ impl CurvePlot<'_> {
 
     fn legend(&self, canvas: &mut dyn Canvas) {
         let (mut x, mut y) = (40.0, LEGEND_TOP);
-        for (curve, colour) in self.curves.iter().zip(PALETTE) {
+        for (curve, color) in self.curves.iter().zip(PALETTE) {
             let width = 52.0 + 11.0 * curve.name.chars().count() as f64 + 24.0;
             if x > 40.0 && x + width > FRAME.x1 {
                 (x, y) = (40.0, y + LINE);
             }
-            canvas.line((x, y), (x + 36.0, y), 2.0, colour);
-            dot((x + 18.0, y), colour, canvas);
+            canvas.line((x, y), (x + 36.0, y), 2.0, color);
+            dot((x + 18.0, y), color, canvas);
             let place = (x + 46.0, y);
             canvas.text(curve.name, place, Anchor::Start, Font::Label, INK);
             x += width;
@@ -247,11 +247,11 @@ impl CurvePlot<'_> {
     }
 }
 
-fn dot(at: (f64, f64), colour: Rgb, canvas: &mut dyn Canvas) {
+fn dot(at: (f64, f64), color: Rgb, canvas: &mut dyn Canvas) {
     canvas.disc(Disc {
         at,
         radius: 4.5,
-        colour,
+        color,
         alpha: 1.0,
         ball: false,
     });

@@ -1,4 +1,4 @@
-use crate::colour::{ColourLimit, Rgb};
+use crate::color::{ColorLimit, Rgb};
 use crate::error::{check_len, check_values};
 use crate::raster::Raster;
 use crate::scene::Scene;
@@ -12,7 +12,7 @@ const FAR: f64 = 1e6;
 const STIFF: f64 = 1e15;
 
 /// A picture of a stiffness field: a three-quarter view, a top view and a side view, with a
-/// colour bar.
+/// color bar.
 ///
 /// Inside a dense volumetric cloud the stiff spots would hide behind soft points. Therefore
 /// - the top and side view show the *stiffest* point along each line of sight (a maximum
@@ -20,7 +20,7 @@ const STIFF: f64 = 1e15;
 /// - the three-quarter view draws far to near, and a point's size and opacity grow with its
 ///   stiffness, so that soft material is a haze around the stiff parts.
 ///
-/// All views are orthographic, so that lengths can be read off the axes. Grey is never stiffness:
+/// All views are orthographic, so that lengths can be read off the axes. Gray is never stiffness:
 /// it marks points that were not touched and, on request, the visible surface of the object.
 ///
 /// ```
@@ -56,23 +56,23 @@ pub struct FieldView<'a> {
     /// together with a matching [`quantity`](Self::quantity).
     pub stiffness: &'a [f64],
     /// One flag per point, or empty when all points count. A point with `false` was not touched:
-    /// its value says nothing, so it is drawn in grey and does not influence the colours.
+    /// its value says nothing, so it is drawn in gray and does not influence the colors.
     pub touched: &'a [bool],
-    /// Points without a value that help to recognise the object, such as the surface a camera
+    /// Points without a value that help to recognize the object, such as the surface a camera
     /// saw \[m\]. Drawn faintly, behind the field. May be empty.
     pub context_W: &'a [Point3<f64>],
-    /// One sRGB colour per context point, or empty for grey.
-    pub context_colours: &'a [Rgb],
+    /// One sRGB color per context point, or empty for gray.
+    pub context_colors: &'a [Rgb],
     /// Outline of the robot: polylines in the world frame \[m\], such as the link frames' origins
     /// from base to tool. Cut off at the panel's edge; the picture frames the points only.
     pub robot_W: &'a [Vec<Point3<f64>>],
     /// First line of the picture. May be empty. In a PNG, characters outside Latin-1 read `?`.
     pub title: &'a str,
-    /// What the values are: caption of the colour bar, without its unit, and name of the largest value
+    /// What the values are: caption of the color bar, without its unit, and name of the largest value
     /// in the legend. Default "stiffness".
     pub quantity: &'a str,
-    /// Upper end of the colour bar. Default: the 99 % quantile.
-    pub limit: ColourLimit,
+    /// Upper end of the color bar. Default: the 99 % quantile.
+    pub limit: ColorLimit,
     /// Where the three-quarter view is seen from: degrees from +x about +z. Default -60. The side
     /// view is seen from the nearest horizontal axis.
     pub azimuth_deg: f64,
@@ -87,11 +87,11 @@ impl Default for FieldView<'_> {
             stiffness: &[],
             touched: &[],
             context_W: &[],
-            context_colours: &[],
+            context_colors: &[],
             robot_W: &[],
             title: "",
             quantity: "stiffness",
-            limit: ColourLimit::default(),
+            limit: ColorLimit::default(),
             azimuth_deg: -60.0,
             elevation_deg: 25.0,
         }
@@ -103,9 +103,9 @@ impl FieldView<'_> {
     pub const WIDTH: u32 = 1600;
     /// Height of the picture \[px\].
     pub const HEIGHT: u32 = 960;
-    /// An SVG holds at most this many coloured points, the stiffest ones; its second line says so.
+    /// An SVG holds at most this many colored points, the stiffest ones; its second line says so.
     pub const SVG_POINTS: usize = 12_000;
-    /// An SVG holds at most this many grey or context points, evenly picked.
+    /// An SVG holds at most this many gray or context points, evenly picked.
     pub const SVG_CONTEXT: usize = 3_000;
 
     /// The picture as a PNG file, 1600 x 960 pixels. Equal input gives equal bytes.
@@ -151,10 +151,10 @@ impl FieldView<'_> {
             check_len("touched", self.touched.len(), count)?;
         }
         check_points("context_W", self.context_W)?;
-        if !self.context_colours.is_empty() {
+        if !self.context_colors.is_empty() {
             check_len(
-                "context_colours",
-                self.context_colours.len(),
+                "context_colors",
+                self.context_colors.len(),
                 self.context_W.len(),
             )?;
         }

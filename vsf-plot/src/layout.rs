@@ -1,6 +1,6 @@
 use crate::camera::{Camera, View};
 use crate::canvas::{Anchor, Canvas, FAINT_INK, Font, INK, Rect};
-use crate::colour::stiffness_colour;
+use crate::color::stiffness_color;
 use crate::panel::{projection_panel, slanted_panel};
 use crate::scene::Scene;
 use crate::ticks::Ticks;
@@ -64,7 +64,7 @@ pub(crate) fn draw(scene: &Scene<'_>, canvas: &mut dyn Canvas) {
     let side_title = format!("side view, from {}", scene.side.seen_from());
     projection_panel(scene, &cameras[1], &side_title, canvas);
 
-    colour_bar(scene, canvas);
+    color_bar(scene, canvas);
     canvas.text(
         &legend(scene),
         (40.0, 937.0),
@@ -78,7 +78,7 @@ pub(crate) fn draw(scene: &Scene<'_>, canvas: &mut dyn Canvas) {
 fn legend(scene: &Scene<'_>) -> String {
     let mut parts = Vec::new();
     if scene.faint.iter().any(|p| !p.surface) {
-        parts.push("grey: not touched");
+        parts.push("gray: not touched");
     }
     if scene.faint.iter().any(|p| p.surface) {
         parts.push("pale: object surface");
@@ -94,7 +94,7 @@ fn legend(scene: &Scene<'_>) -> String {
     parts.join("  |  ")
 }
 
-fn colour_bar(scene: &Scene<'_>, canvas: &mut dyn Canvas) {
+fn color_bar(scene: &Scene<'_>, canvas: &mut dyn Canvas) {
     let caption = format!("{} [N/m]", scene.quantity);
     canvas.text(
         &caption,
@@ -113,7 +113,7 @@ fn colour_bar(scene: &Scene<'_>, canvas: &mut dyn Canvas) {
             y1,
             ..BAR
         };
-        canvas.rect(slice, stiffness_colour(level));
+        canvas.rect(slice, stiffness_color(level));
     }
     canvas.frame(BAR, INK);
     let ticks = Ticks::new(0.0, scene.limit, 6);

@@ -18,7 +18,7 @@
 
 mod camera;
 mod canvas;
-mod colour;
+mod color;
 mod curves;
 mod decimate;
 mod error;
@@ -35,7 +35,7 @@ mod wire_box;
 /// What files say of the program that wrote them.
 const MADE_BY: &str = concat!("vsf ", env!("CARGO_PKG_VERSION"));
 
-pub use colour::{ColourLimit, Rgb, stiffness_colour};
+pub use color::{ColorLimit, Rgb, stiffness_color};
 pub use curves::{Curve, CurvePlot};
 pub use error::PlotError;
 pub use field::FieldView;

@@ -1,6 +1,6 @@
 use crate::camera::Camera;
 use crate::canvas::{Anchor, Canvas, Disc, FAINT_INK, Font, GRID, INK, Rect, WHITE};
-use crate::colour::{Rgb, mix, stiffness_colour};
+use crate::color::{Rgb, mix, stiffness_color};
 use crate::scene::{FaintPoint, FieldPoint, Scene};
 use crate::ticks::Ticks;
 use crate::wire_box::{axes, wire_box};
@@ -33,7 +33,7 @@ pub(crate) fn projection_panel(
         INK,
     );
 
-    let middle = scene.bounds.centre_W();
+    let middle = scene.bounds.center_W();
     let place = |axis: usize, value: f64| {
         let mut p_W = middle;
         p_W[axis] = value;
@@ -77,11 +77,11 @@ pub(crate) fn projection_panel(
     robot(scene, camera, rect, canvas);
     let radius = (0.72 * scene.spacing * camera.scale).clamp(1.4, 14.0);
     for point in &scene.field {
-        let colour = stiffness_colour(point.level);
+        let color = stiffness_color(point.level);
         canvas.disc(Disc {
             at: camera.project(&point.p_W),
             radius,
-            colour,
+            color,
             alpha: 1.0,
             ball: false,
         });
@@ -112,7 +112,7 @@ pub(crate) fn slanted_panel(
 
     // Far to near, but a stiffer point counts as nearer: soft material never veils a stiff part.
     let (middle, size) = (
-        camera.view.nearness(&scene.bounds.centre_W()),
+        camera.view.nearness(&scene.bounds.center_W()),
         scene.bounds.size(),
     );
     let nearness = |p: &FieldPoint| (camera.view.nearness(&p.p_W) - middle) / size;
@@ -132,7 +132,7 @@ pub(crate) fn slanted_panel(
         canvas.disc(Disc {
             at: camera.project(&point.p_W),
             radius: (scene.spacing * camera.scale * (0.28 + 0.3 * level)).clamp(1.2, 16.0),
-            colour: mix(stiffness_colour(level), WHITE, 0.35 * distance),
+            color: mix(stiffness_color(level), WHITE, 0.35 * distance),
             alpha: haze + (1.0 - haze) * solid * solid * (3.0 - 2.0 * solid),
             ball: true,
         });
@@ -159,7 +159,7 @@ fn faint_points(scene: &Scene<'_>, camera: &Camera, canvas: &mut dyn Canvas) {
         canvas.disc(Disc {
             at: camera.project(&point.p_W),
             radius,
-            colour: point.colour,
+            color: point.color,
             alpha,
             ball: false,
         });
@@ -178,14 +178,14 @@ fn robot(scene: &Scene<'_>, camera: &Camera, clip: Rect, canvas: &mut dyn Canvas
             canvas.disc(Disc {
                 at: joint,
                 radius: 5.5,
-                colour: ROBOT,
+                color: ROBOT,
                 alpha: 1.0,
                 ball: false,
             });
             canvas.disc(Disc {
                 at: joint,
                 radius: 2.5,
-                colour: WHITE,
+                color: WHITE,
                 alpha: 1.0,
                 ball: false,
             });

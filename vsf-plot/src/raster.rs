@@ -1,9 +1,9 @@
 use crate::canvas::{Anchor, Canvas, Disc, Font, Rect, WHITE};
-use crate::colour::Rgb;
+use crate::color::Rgb;
 use crate::{MADE_BY, PlotError};
 use noto_sans_mono_bitmap::{FontWeight, RasterHeight, RasterizedChar, get_raster};
 
-/// The pixel canvas. Edges are anti-aliased by their distance to the pixel's centre.
+/// The pixel canvas. Edges are anti-aliased by their distance to the pixel's center.
 pub(crate) struct Raster {
     width: usize,
     height: usize,
@@ -43,31 +43,31 @@ impl Raster {
         Ok(file)
     }
 
-    /// Blends `colour` over pixels with the opacity that `cover` gives for a pixel's centre.
-    /// Visits the rows between `rows` and in each the columns that `columns` gives for its centre.
+    /// Blends `color` over pixels with the opacity that `cover` gives for a pixel's center.
+    /// Visits the rows between `rows` and in each the columns that `columns` gives for its center.
     fn fill(
         &mut self,
         rows: (f64, f64),
         columns: impl Fn(f64) -> (f64, f64),
-        colour: Rgb,
+        color: Rgb,
         cover: impl Fn(f64, f64) -> f64,
     ) {
-        let colour = colour.map(f32::from);
+        let color = color.map(f32::from);
         // The cast from float saturates, so a negative start becomes zero.
         let range = |(a, b): (f64, f64), n: usize| (a.floor() as usize, (b.ceil() as usize).min(n));
         let (y0, y1) = range(rows, self.height);
         for y in y0..y1 {
-            let centre_y = y as f64 + 0.5;
-            let (x0, x1) = range(columns(centre_y), self.width);
+            let center_y = y as f64 + 0.5;
+            let (x0, x1) = range(columns(center_y), self.width);
             for x in x0..x1 {
-                let alpha = cover(x as f64 + 0.5, centre_y) as f32;
+                let alpha = cover(x as f64 + 0.5, center_y) as f32;
                 if alpha > 0.0 {
                     let pixel = &mut self.pixels[y * self.width + x];
                     let [r, g, b] = *pixel;
                     *pixel = [
-                        r + alpha * (colour[0] - r),
-                        g + alpha * (colour[1] - g),
-                        b + alpha * (colour[2] - b),
+                        r + alpha * (color[0] - r),
+                        g + alpha * (color[1] - g),
+                        b + alpha * (color[2] - b),
                     ];
                 }
             }
@@ -75,19 +75,13 @@ impl Raster {
     }
 
     /// Fills a circle; `alpha` gets the distance inwards from the anti-aliased edge \[px\].
-    fn round(
-        &mut self,
-        (cx, cy): (f64, f64),
-        radius: f64,
-        colour: Rgb,
-        alpha: impl Fn(f64) -> f64,
-    ) {
+    fn round(&mut self, (cx, cy): (f64, f64), radius: f64, color: Rgb, alpha: impl Fn(f64) -> f64) {
         let reach = radius + 0.5;
         let half = |y: f64| (reach * reach - (y - cy) * (y - cy)).max(0.0).sqrt();
         self.fill(
             (cy - reach, cy + reach),
             |y| (cx - half(y), cx + half(y)),
-            colour,
+            color,
             |x, y| {
                 let (dx, dy) = (x - cx, y - cy);
                 alpha((reach - (dx * dx + dy * dy).sqrt()).max(0.0))
@@ -98,7 +92,7 @@ impl Raster {
 
 impl Canvas for Raster {
     fn disc(&mut self, disc: Disc) {
-        self.round(disc.at, disc.radius, disc.colour, |edge| {
+        self.round(disc.at, disc.radius, disc.color, |edge| {
             disc.alpha * edge.min(1.0)
         });
         if disc.ball && disc.radius > 2.0 {
@@ -110,7 +104,7 @@ impl Canvas for Raster {
         }
     }
 
-    fn line(&mut self, a: (f64, f64), b: (f64, f64), width: f64, colour: Rgb) {
+    fn line(&mut self, a: (f64, f64), b: (f64, f64), width: f64, color: Rgb) {
         let reach = 0.5 * width + 0.5;
         let (dx, dy) = (b.0 - a.0, b.1 - a.1);
         let length_squared = dx * dx + dy * dy;
@@ -125,7 +119,7 @@ impl Canvas for Raster {
             ((middle - half).max(ends.0), (middle + half).min(ends.1))
         };
         let rows = (a.1.min(b.1) - reach, a.1.max(b.1) + reach);
-        self.fill(rows, columns, colour, |x, y| {
+        self.fill(rows, columns, color, |x, y| {
             let along = (x - a.0) * dx + (y - a.1) * dy;
             let t = if length_squared > 0.0 {
                 (along / length_squared).clamp(0.0, 1.0)
@@ -137,13 +131,13 @@ impl Canvas for Raster {
         });
     }
 
-    fn rect(&mut self, r: Rect, colour: Rgb) {
+    fn rect(&mut self, r: Rect, color: Rgb) {
         let inside = |v: f64, lo: f64, hi: f64| ((v + 0.5).min(hi) - (v - 0.5).max(lo)).max(0.0);
         let cover = |x, y| inside(x, r.x0, r.x1) * inside(y, r.y0, r.y1);
-        self.fill((r.y0, r.y1), |_| (r.x0, r.x1), colour, cover);
+        self.fill((r.y0, r.y1), |_| (r.x0, r.x1), color, cover);
     }
 
-    fn text(&mut self, text: &str, at: (f64, f64), anchor: Anchor, font: Font, colour: Rgb) {
+    fn text(&mut self, text: &str, at: (f64, f64), anchor: Anchor, font: Font, color: Rgb) {
         let glyphs: Vec<RasterizedChar> = text.chars().filter_map(|c| glyph(c, font)).collect();
         let width = glyphs.iter().map(|g| g.width()).sum::<usize>() as f64;
         let height = glyphs.first().map_or(0, |g| g.height()) as f64;
@@ -160,7 +154,7 @@ impl Canvas for Raster {
             self.fill(
                 (y0, y0 + height),
                 |_| (x0, x1),
-                colour,
+                color,
                 |x, y| ink(x, y).map_or(0.0, |v| f64::from(v) / 255.0),
             );
             x0 = x1;

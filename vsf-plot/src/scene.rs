@@ -1,7 +1,7 @@
 use crate::camera::{Bounds, View};
-use crate::colour::{Rgb, mix};
+use crate::color::{Rgb, mix};
 use crate::ticks::significant;
-use crate::{ColourLimit, FieldView, PlotError};
+use crate::{ColorLimit, FieldView, PlotError};
 use nalgebra::Point3;
 
 /// Sampled points for the estimate of the cloud's spacing.
@@ -10,14 +10,14 @@ const SPACING_SAMPLES: usize = 64;
 /// A point with an estimated value.
 pub(crate) struct FieldPoint {
     pub(crate) p_W: Point3<f64>,
-    /// Value relative to the colour limit, 0..=1.
+    /// Value relative to the color limit, 0..=1.
     pub(crate) level: f64,
 }
 
 /// A point without a value.
 pub(crate) struct FaintPoint {
     pub(crate) p_W: Point3<f64>,
-    pub(crate) colour: Rgb,
+    pub(crate) color: Rgb,
     /// Belongs to the visible surface, not to the untouched part of the field.
     pub(crate) surface: bool,
 }
@@ -29,12 +29,12 @@ pub(crate) struct Scene<'a> {
     pub(crate) faint: Vec<FaintPoint>,
     pub(crate) robot_W: &'a [Vec<Point3<f64>>],
     pub(crate) bounds: Bounds,
-    /// Typical distance between neighbouring points \[m\].
+    /// Typical distance between neighboring points \[m\].
     pub(crate) spacing: f64,
     pub(crate) title: &'a str,
     pub(crate) summary: String,
     pub(crate) quantity: &'a str,
-    /// Value at the upper end of the colour bar \[N/m\].
+    /// Value at the upper end of the color bar \[N/m\].
     pub(crate) limit: f64,
     /// What that value is, and what lies above.
     pub(crate) limit_notes: Vec<String>,
@@ -94,15 +94,15 @@ fn faint_points(view: &FieldView<'_>, untouched: &[usize]) -> Vec<FaintPoint> {
         .enumerate()
         .map(|(i, &p_W)| FaintPoint {
             p_W,
-            colour: match view.context_colours.get(i) {
-                Some(&colour) => mix(colour, [255; 3], 0.55),
+            color: match view.context_colors.get(i) {
+                Some(&color) => mix(color, [255; 3], 0.55),
                 None => [206, 208, 212],
             },
             surface: true,
         });
     let untouched = untouched.iter().map(|&i| FaintPoint {
         p_W: view.points_W[i],
-        colour: [178, 182, 190],
+        color: [178, 182, 190],
         surface: false,
     });
     surface.chain(untouched).collect()
@@ -139,15 +139,15 @@ fn summary(view: &FieldView<'_>, touched: usize, drawn: usize, largest: f64) -> 
     text
 }
 
-/// The small print under the colour bar: what its upper end is, and how much lies above.
-fn limit_notes(kind: ColourLimit, limit: f64, largest: f64, above: usize) -> Vec<String> {
+/// The small print under the color bar: what its upper end is, and how much lies above.
+fn limit_notes(kind: ColorLimit, limit: f64, largest: f64, above: usize) -> Vec<String> {
     if largest == 0.0 {
         return vec!["all are zero".into()];
     }
     let meaning = match kind {
-        ColourLimit::Quantile(1.0) => "the largest".into(),
-        ColourLimit::Quantile(level) => format!("{} % quantile", (1e4 * level).round() / 1e2),
-        ColourLimit::Value(_) => "as chosen".into(),
+        ColorLimit::Quantile(1.0) => "the largest".into(),
+        ColorLimit::Quantile(level) => format!("{} % quantile", (1e4 * level).round() / 1e2),
+        ColorLimit::Value(_) => "as chosen".into(),
     };
     let mut notes = vec![format!("top end {}:", significant(limit)), meaning];
     if above > 0 {
@@ -159,7 +159,7 @@ fn limit_notes(kind: ColourLimit, limit: f64, largest: f64, above: usize) -> Vec
     notes
 }
 
-/// Median distance to the nearest neighbour over an even sample of the points \[m\]; `None` when
+/// Median distance to the nearest neighbor over an even sample of the points \[m\]; `None` when
 /// all points coincide.
 fn spacing(points_W: &[Point3<f64>]) -> Option<f64> {
     // Sorted along x, a search can stop as soon as the step in x alone is too long.
@@ -233,7 +233,7 @@ mod tests {
         let view = FieldView {
             points_W: &points_W,
             stiffness: &stiffness,
-            limit: ColourLimit::Value(49.0),
+            limit: ColorLimit::Value(49.0),
             ..FieldView::default()
         };
         let scene = Scene::new(&view, 10, 10).unwrap();

@@ -82,11 +82,11 @@ pub(crate) fn log_ticks(lo: f64, hi: f64) -> Vec<(f64, String)> {
     };
     let tick = |power: i32| {
         let decimals = (-power).clamp(0, 12) as usize;
-        let labelled = move |factor: &f64| {
+        let labeled = move |factor: &f64| {
             let value = factor * 10f64.powi(power);
             (value, format!("{value:.decimals$}"))
         };
-        factors.iter().map(labelled)
+        factors.iter().map(labeled)
     };
     let all = (first..=last).flat_map(tick);
     all.filter(|(v, _)| (lo..=hi).contains(v)).collect()

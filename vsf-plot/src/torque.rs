@@ -11,7 +11,7 @@ const LARGE: f64 = 1e9;
 /// Most panels in one picture.
 const MAX_JOINTS: usize = 32;
 
-// Blue, vermilion and orange of M. Okabe and K. Ito's palette for all colour visions (2008).
+// Blue, vermilion and orange of M. Okabe and K. Ito's palette for all color visions (2008).
 const PREDICTED: Rgb = [0, 114, 178];
 const NOMINAL: Rgb = [213, 94, 0];
 const CONTACT: Rgb = [230, 159, 0];
@@ -174,13 +174,13 @@ impl TorquePlot<'_> {
             ("contact", !self.contact.is_empty(), CONTACT, CONTACT_ALPHA),
         ];
         let mut x = LEFT;
-        for (name, _, colour, alpha) in entries.into_iter().filter(|e| e.1) {
+        for (name, _, color, alpha) in entries.into_iter().filter(|e| e.1) {
             let half = if alpha < 1.0 { 7.0 } else { 1.25 };
             let swatch = [
                 (units(x), units(y - half)),
                 (units(x + 28.0), units(y + half)),
             ];
-            root.draw(&Rectangle::new(swatch, rgb(colour).mix(alpha).filled()))?;
+            root.draw(&Rectangle::new(swatch, rgb(color).mix(alpha).filled()))?;
             text(root, name, (x + 36.0, y), 17.0, INK)?;
             x += 36.0 + 9.0 * name.chars().count() as f64 + 30.0;
         }
@@ -262,9 +262,9 @@ impl TorquePlot<'_> {
             (joint.nominal, NOMINAL),
             (joint.predicted, PREDICTED),
         ];
-        for (values, colour) in curves.into_iter().filter(|c| !c.0.is_empty()) {
+        for (values, color) in curves.into_iter().filter(|c| !c.0.is_empty()) {
             let curve = thin_curve(self.time, values, span, columns);
-            let style = rgb(colour).stroke_width(units(1.5) as u32);
+            let style = rgb(color).stroke_width(units(1.5) as u32);
             chart.draw_series(LineSeries::new(curve, style))?;
         }
         Ok(())
@@ -345,12 +345,12 @@ fn text<D: DrawingBackend>(
     words: &str,
     (x, y): (f64, f64),
     pixels: f64,
-    colour: Rgb,
+    color: Rgb,
 ) -> Drawn<D> {
     use plotters::style::text_anchor::{HPos, Pos, VPos};
-    let colour = rgb(colour);
+    let color = rgb(color);
     let style = TextStyle::from(("sans-serif", UNITS * pixels).into_font())
-        .color(&colour)
+        .color(&color)
         .pos(Pos::new(HPos::Left, VPos::Center));
     root.draw(&Text::new(printable(words), (units(x), units(y)), style))
 }

@@ -1,5 +1,5 @@
 use crate::canvas::{Anchor, Canvas, Disc, Font, Rect};
-use crate::colour::Rgb;
+use crate::color::Rgb;
 use crate::{MADE_BY, PlotError};
 use plotters::backend::{DrawingBackend, SVGBackend};
 use plotters::style::text_anchor::{HPos, Pos, VPos};
@@ -87,13 +87,13 @@ impl Canvas for Vector<'_> {
         let radius = units(disc.radius).max(1) as u32;
         let outcome = self
             .backend
-            .draw_circle(at, radius, &rgb(disc.colour).mix(alpha), true);
+            .draw_circle(at, radius, &rgb(disc.color).mix(alpha), true);
         self.note(outcome);
     }
 
-    fn line(&mut self, a: (f64, f64), b: (f64, f64), width: f64, colour: Rgb) {
+    fn line(&mut self, a: (f64, f64), b: (f64, f64), width: f64, color: Rgb) {
         let style = ShapeStyle {
-            color: rgb(colour).to_rgba(),
+            color: rgb(color).to_rgba(),
             filled: false,
             stroke_width: units(width).max(1) as u32,
         };
@@ -102,13 +102,13 @@ impl Canvas for Vector<'_> {
         self.note(outcome);
     }
 
-    fn rect(&mut self, r: Rect, colour: Rgb) {
+    fn rect(&mut self, r: Rect, color: Rgb) {
         let (a, b) = ((units(r.x0), units(r.y0)), (units(r.x1), units(r.y1)));
-        let outcome = self.backend.draw_rect(a, b, &rgb(colour), true);
+        let outcome = self.backend.draw_rect(a, b, &rgb(color), true);
         self.note(outcome);
     }
 
-    fn text(&mut self, text: &str, at: (f64, f64), anchor: Anchor, font: Font, colour: Rgb) {
+    fn text(&mut self, text: &str, at: (f64, f64), anchor: Anchor, font: Font, color: Rgb) {
         let (pixels, weight) = match font {
             Font::Title => (24.0, FontStyle::Bold),
             Font::Heading => (20.0, FontStyle::Bold),
@@ -120,7 +120,7 @@ impl Canvas for Vector<'_> {
             Anchor::Middle => HPos::Center,
             Anchor::End => HPos::Right,
         };
-        let fill = rgb(colour);
+        let fill = rgb(color);
         let style = TextStyle::from((FontFamily::SansSerif, UNITS * pixels, weight))
             .color(&fill)
             .pos(Pos::new(h_pos, VPos::Center));

@@ -1,6 +1,6 @@
 use crate::camera::{Bounds, Camera};
 use crate::canvas::{Anchor, Canvas, FAINT_INK, Font, GRID, INK};
-use crate::colour::Rgb;
+use crate::color::Rgb;
 use crate::panel::AXIS_NAMES;
 use crate::ticks::Ticks;
 use nalgebra::Point3;
@@ -27,8 +27,8 @@ fn far(b: &Bounds, camera: &Camera, k: usize) -> f64 {
 pub(crate) fn wire_box(b: &Bounds, ticks: &[Ticks; 3], camera: &Camera, canvas: &mut dyn Canvas) {
     let (near, far) = (|k| near(b, camera, k), |k| far(b, camera, k));
     let (floor, ceiling) = (b.min_W.z, b.max_W.z);
-    let mut rule = |from: Point3<f64>, to: Point3<f64>, colour: Rgb| {
-        canvas.line(camera.project(&from), camera.project(&to), 1.0, colour);
+    let mut rule = |from: Point3<f64>, to: Point3<f64>, color: Rgb| {
+        canvas.line(camera.project(&from), camera.project(&to), 1.0, color);
     };
     for &x in &ticks[0].values {
         rule(
@@ -100,29 +100,29 @@ pub(crate) fn wire_box(b: &Bounds, ticks: &[Ticks; 3], camera: &Camera, canvas: 
 /// Numbers and names of the three axes, on the outer edges of the box.
 pub(crate) fn axes(b: &Bounds, ticks: &[Ticks; 3], camera: &Camera, canvas: &mut dyn Canvas) {
     let (near, far) = (|k| near(b, camera, k), |k| far(b, camera, k));
-    let centre = b.centre_W();
+    let center = b.center_W();
     let (floor, x_edge, y_edge) = (b.min_W.z, near(1), near(0));
     // The upright edge at the left of the picture carries the z axis.
-    let uprights = [(far(0), near(1)), (near(0), far(1))].map(|(x, y)| Point3::new(x, y, centre.z));
+    let uprights = [(far(0), near(1)), (near(0), far(1))].map(|(x, y)| Point3::new(x, y, center.z));
     let [p, q] = uprights.map(|p| camera.project(&p).0);
     let z_edge = uprights[usize::from(q < p)];
     axis(
         camera,
         &ticks[0],
         0,
-        Point3::new(centre.x, x_edge, floor),
-        centre,
+        Point3::new(center.x, x_edge, floor),
+        center,
         canvas,
     );
     axis(
         camera,
         &ticks[1],
         1,
-        Point3::new(y_edge, centre.y, floor),
-        centre,
+        Point3::new(y_edge, center.y, floor),
+        center,
         canvas,
     );
-    axis(camera, &ticks[2], 2, z_edge, centre, canvas);
+    axis(camera, &ticks[2], 2, z_edge, center, canvas);
 }
 
 /// Numbers and name of an axis, outside the edge through `on_edge_W`.
@@ -131,10 +131,10 @@ fn axis(
     ticks: &Ticks,
     k: usize,
     on_edge_W: Point3<f64>,
-    centre_W: Point3<f64>,
+    center_W: Point3<f64>,
     canvas: &mut dyn Canvas,
 ) {
-    let mut inner_W = centre_W;
+    let mut inner_W = center_W;
     inner_W.z = on_edge_W.z;
     let (inner, edge) = (camera.project(&inner_W), camera.project(&on_edge_W));
     // Away from the box, square to the edge.

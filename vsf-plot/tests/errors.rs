@@ -3,7 +3,7 @@
 #![allow(clippy::unwrap_used)]
 
 use nalgebra::Point3;
-use vsf_plot::{ColourLimit, FieldView, JointTrace, PlotError, TorquePlot};
+use vsf_plot::{ColorLimit, FieldView, JointTrace, PlotError, TorquePlot};
 
 fn point(x: f64, y: f64, z: f64) -> Point3<f64> {
     Point3::new(x, y, z)
@@ -92,11 +92,11 @@ fn field_errors_name_the_place() {
     });
     length(FieldView {
         context_W: &points_W,
-        context_colours: &[[0; 3]],
+        context_colors: &[[0; 3]],
         ..good
     });
     length(FieldView {
-        context_colours: &[[0; 3]],
+        context_colors: &[[0; 3]],
         ..good
     });
 
@@ -116,11 +116,11 @@ fn field_errors_name_the_place() {
         ..good
     });
     parameter(FieldView {
-        limit: ColourLimit::Value(-1.0),
+        limit: ColorLimit::Value(-1.0),
         ..good
     });
     parameter(FieldView {
-        limit: ColourLimit::Quantile(2.0),
+        limit: ColorLimit::Quantile(2.0),
         ..good
     });
 }

@@ -3,7 +3,7 @@
 #![allow(clippy::unwrap_used)]
 
 use nalgebra::Point3;
-use vsf_plot::{ColourLimit, FieldView};
+use vsf_plot::{ColorLimit, FieldView};
 
 struct Picture {
     width: usize,
@@ -44,7 +44,7 @@ impl Picture {
     }
 }
 
-/// The dark violet end of the colour map; ink and grey are not blue enough.
+/// The dark violet end of the color map; ink and gray are not blue enough.
 fn stiff([r, g, b]: [i32; 3]) -> bool {
     r < 120 && g < 80 && b > g + 20
 }
@@ -61,29 +61,29 @@ fn cube(side: i32) -> Vec<Point3<f64>> {
         .collect()
 }
 
-fn distance_from_centre(points_W: &[Point3<f64>]) -> Vec<f64> {
+fn distance_from_center(points_W: &[Point3<f64>]) -> Vec<f64> {
     let sum = points_W
         .iter()
         .map(|p| p.coords)
         .sum::<nalgebra::Vector3<f64>>();
-    let centre = Point3::from(sum / points_W.len() as f64);
+    let center = Point3::from(sum / points_W.len() as f64);
     points_W
         .iter()
-        .map(|p| nalgebra::distance(p, &centre))
+        .map(|p| nalgebra::distance(p, &center))
         .collect()
 }
 
 #[test]
 fn a_stiff_core_shows_through_the_soft_cloud_in_every_panel() {
     let points_W = cube(20);
-    let stiffness: Vec<f64> = distance_from_centre(&points_W)
+    let stiffness: Vec<f64> = distance_from_center(&points_W)
         .iter()
         .map(|&d| if d < 0.03 { 300.0 } else { 10.0 })
         .collect();
     let view = FieldView {
         points_W: &points_W,
         stiffness: &stiffness,
-        limit: ColourLimit::Value(300.0),
+        limit: ColorLimit::Value(300.0),
         ..FieldView::default()
     };
     let picture = decode(&view.png().unwrap());
@@ -110,7 +110,7 @@ fn a_stiff_core_shows_through_the_soft_cloud_in_every_panel() {
 }
 
 #[test]
-fn untouched_points_have_no_stiffness_colour() {
+fn untouched_points_have_no_stiffness_color() {
     let points_W = cube(8);
     let stiffness = vec![500.0; points_W.len()];
     let touched = vec![false; points_W.len()];
@@ -123,15 +123,15 @@ fn untouched_points_have_no_stiffness_colour() {
     let picture = decode(&view.png().unwrap());
     for panel in PANELS {
         assert_eq!(picture.count(panel, stiff), 0);
-        // Grey only: no channel differs much from another.
-        let coloured = |[r, g, b]: [i32; 3]| r.max(g).max(b) - r.min(g).min(b) > 20;
-        assert_eq!(picture.count(panel, coloured), 0);
+        // Gray only: no channel differs much from another.
+        let colored = |[r, g, b]: [i32; 3]| r.max(g).max(b) - r.min(g).min(b) > 20;
+        assert_eq!(picture.count(panel, colored), 0);
     }
     assert!(view.svg().unwrap().contains("none of 512 points touched"));
 }
 
 #[test]
-fn surface_colours_and_robot_are_drawn_behind_the_field() {
+fn surface_colors_and_robot_are_drawn_behind_the_field() {
     let points_W = [Point3::new(0.5, 0.0, 0.1)];
     let context_W = cube(8);
     let red = vec![[255, 0, 0]; context_W.len()];
@@ -143,7 +143,7 @@ fn surface_colours_and_robot_are_drawn_behind_the_field() {
         points_W: &points_W,
         stiffness: &[100.0],
         context_W: &context_W,
-        context_colours: &red,
+        context_colors: &red,
         robot_W: &robot_W,
         ..FieldView::default()
     };
@@ -179,7 +179,7 @@ fn the_bar_states_quantile_and_clipped_points() {
 #[test]
 fn equal_input_gives_equal_bytes() {
     let points_W = cube(6);
-    let stiffness = distance_from_centre(&points_W);
+    let stiffness = distance_from_center(&points_W);
     let view = FieldView {
         points_W: &points_W,
         stiffness: &stiffness,

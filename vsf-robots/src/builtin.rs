@@ -73,8 +73,8 @@ pub fn cartesian_stage(tip_radius: f64) -> Result<RobotModel, RobotError> {
     }
     if let Some(tip) = stage.links.last_mut() {
         let ball = Shape::Sphere { radius: tip_radius };
-        let centre = Isometry3::translation(0.0, 0.0, tip_radius);
-        tip.shapes.push((centre, ball));
+        let center = Isometry3::translation(0.0, 0.0, tip_radius);
+        tip.shapes.push((center, ball));
     }
     RobotModel::assemble(stage, None)
 }

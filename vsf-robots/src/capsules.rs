@@ -1,7 +1,7 @@
 use nalgebra::{Isometry3, Point3};
 use vsf_core::Shape;
 
-/// How far apart radii and centres may be and still mean the same capsule (m).
+/// How far apart radii and centers may be and still mean the same capsule (m).
 const TOLERANCE: f64 = 1e-6;
 
 /// URDF before 1.2 has no capsule, so makers write a cylinder and a sphere at each of its ends.
@@ -83,7 +83,7 @@ mod tests {
     }
 
     #[test]
-    fn neighbours_share_a_ball() {
+    fn neighbors_share_a_ball() {
         let mut shapes = vec![
             ball(0.0, 0.1),
             ball(1.0, 0.1),

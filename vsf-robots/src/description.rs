@@ -15,9 +15,9 @@ pub(crate) struct Description {
 pub(crate) struct LinkDescription {
     pub name: String,
     pub mass: f64,
-    /// Inertial frame I in the link: its origin is the centre of mass.
+    /// Inertial frame I in the link: its origin is the center of mass.
     pub X_LI: Isometry3<f64>,
-    /// Rotational inertia about the centre of mass, in the axes of I.
+    /// Rotational inertia about the center of mass, in the axes of I.
     pub inertia_I: Matrix3<f64>,
     /// Collision shapes with their poses in the link frame.
     pub shapes: Vec<(Isometry3<f64>, Shape)>,

@@ -3,7 +3,7 @@ use crate::{JointKind, JointLimits, RobotError, RobotModel, kinova_gen3_shapes};
 use nalgebra::{Isometry3, Matrix3, UnitQuaternion, Vector3};
 use std::f64::consts::PI;
 
-/// Name, mass (kg), centre of mass (m), inertia xx, xy, xz, yy, yz, zz about it (kg m^2).
+/// Name, mass (kg), center of mass (m), inertia xx, xy, xz, yy, yz, zz about it (kg m^2).
 type LinkRow = (&'static str, f64, [f64; 3], [f64; 6]);
 
 #[rustfmt::skip]

@@ -7,8 +7,8 @@
 //! yz-plane, as the links are. Lengths are rounded to 0.1 mm.
 //!
 //! Deviation over the outer surface (mesh points whose outward directions are free by more than
-//! 15 %), without what a neighbouring link hides (joint faces, collars and the cup on top of the
-//! base), as median / 90th percentile / maximum in millimetres:
+//! 15 %), without what a neighboring link hides (joint faces, collars and the cup on top of the
+//! base), as median / 90th percentile / maximum in millimeters:
 //!
 //! | link | shapes | mesh to shapes | shapes to mesh |
 //! | --- | --- | --- | --- |
@@ -22,12 +22,12 @@
 //! | `Bracelet_Link` | 3 | 0.05 / 0.31 / 1.9 | 0.05 / 0.34 / 0.6 |
 //! | last four | 22 | 0.24 / 1.06 / 4.6 | 0.24 / 1.21 / 5.7 |
 //!
-//! The collars inside the neighbouring links, the screw holes and the buttons are left out.
+//! The collars inside the neighboring links, the screw holes and the buttons are left out.
 
 use nalgebra::{Isometry3, Point3, UnitQuaternion, Vector3};
 use vsf_core::Shape;
 
-/// Link, centres of the two end faces in the link frame, radius, rounding of the edges, in metres.
+/// Link, centers of the two end faces in the link frame, radius, rounding of the edges, in meters.
 type CylinderRow = (&'static str, [f64; 3], [f64; 3], f64, f64);
 
 #[rustfmt::skip]
@@ -57,7 +57,7 @@ const CYLINDERS: [CylinderRow; 23] = [
     ("Bracelet_Link",        [0.0, 0.0, -0.0644], [0.0, 0.0, -0.0125], 0.0353, 0.0),
 ];
 
-/// Link, centre and radius of the ball at one end in the link frame, and at the other end, in metres.
+/// Link, center and radius of the ball at one end in the link frame, and at the other end, in meters.
 type RoundConeRow = (&'static str, [f64; 3], f64, [f64; 3], f64);
 
 #[rustfmt::skip]
@@ -71,7 +71,7 @@ const ROUND_CONES: [RoundConeRow; 7] = [
     ("ForeArm_Link",         [-0.0076, -0.0875, -0.034], 0.0157, [-0.0023, -0.1677, -0.0076], 0.0323),
 ];
 
-/// Link, centre in the link frame, turn about x (rad), half extents, rounding of the edges; metres.
+/// Link, center in the link frame, turn about x (rad), half extents, rounding of the edges; meters.
 type BoxRow = (&'static str, [f64; 3], f64, [f64; 3], f64);
 
 #[rustfmt::skip]
@@ -96,9 +96,9 @@ fn along(a: [f64; 3], b: [f64; 3]) -> (Isometry3<f64>, f64) {
     let axis = b - a;
     let rotation = UnitQuaternion::rotation_between(&Vector3::z(), &axis)
         .unwrap_or_else(|| UnitQuaternion::from_euler_angles(std::f64::consts::PI, 0.0, 0.0));
-    let centre = a + axis / 2.0;
+    let center = a + axis / 2.0;
     (
-        Isometry3::from_parts(centre.into(), rotation),
+        Isometry3::from_parts(center.into(), rotation),
         axis.norm() / 2.0,
     )
 }
@@ -127,13 +127,13 @@ pub(crate) fn shapes() -> Vec<(&'static str, Isometry3<f64>, Shape)> {
         });
     let boxes = BOXES
         .iter()
-        .map(|&(link, centre, roll, half_extents, rounding)| {
+        .map(|&(link, center, roll, half_extents, rounding)| {
             let turn = UnitQuaternion::from_euler_angles(roll, 0.0, 0.0);
             let shape = Shape::Box {
                 half_extents: half_extents.into(),
                 rounding,
             };
-            (link, Isometry3::from_parts(centre.into(), turn), shape)
+            (link, Isometry3::from_parts(center.into(), turn), shape)
         });
     cylinders.chain(cones).chain(boxes).collect()
 }

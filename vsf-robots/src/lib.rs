@@ -16,7 +16,7 @@
 //!
 //! Joints are numbered in chain order: depth-first from the root, whatever the order in the file,
 //! or in an order given by name ([`UrdfOptions::joint_order`]). Gravity is never implied: every
-//! dynamics call takes it. Units are SI; a prismatic joint has positions in metres and "torques" in
+//! dynamics call takes it. Units are SI; a prismatic joint has positions in meters and "torques" in
 //! newtons.
 //!
 //! ```

@@ -111,7 +111,7 @@ pub struct Link {
     pub(crate) motion: Motion,
     pub(crate) mass: f64,
     pub(crate) com_L: Point3<f64>,
-    /// About the centre of mass, in the axes of the link.
+    /// About the center of mass, in the axes of the link.
     pub(crate) inertia_L: Matrix3<f64>,
 }
 
@@ -131,7 +131,7 @@ impl Link {
         self.mass
     }
 
-    /// Centre of mass (m) in the link frame.
+    /// Center of mass (m) in the link frame.
     pub fn com_L(&self) -> &Point3<f64> {
         &self.com_L
     }

@@ -55,7 +55,7 @@ fn all_of_them_read() {
 }
 
 #[test]
-fn capsules_of_the_plant_robot_are_recognised() {
+fn capsules_of_the_plant_robot_are_recognized() {
     let Some(dir) = data() else { return };
     let path = dir.join("plants/orange_tree_full_overlap/robot.urdf");
     let robot = RobotModel::from_urdf_file(path, &UrdfOptions::default()).unwrap();

@@ -78,8 +78,8 @@ fn the_stage_puts_the_lowest_point_of_its_tip_at_the_joint_position() {
         .update_posture(&[0.1, -0.2, 0.3], &mut posture)
         .unwrap();
     let [tip] = stage.colliders() else { panic!() };
-    let centre = posture.link_poses()[tip.link] * tip.X_LS;
-    let lowest = centre.translation.vector - Vector3::new(0.0, 0.0, 0.01);
+    let center = posture.link_poses()[tip.link] * tip.X_LS;
+    let lowest = center.translation.vector - Vector3::new(0.0, 0.0, 0.01);
     assert!((lowest - Vector3::new(0.1, -0.2, 0.3)).norm() < 1e-16);
     let mut workspace = stage.dynamics_workspace();
     let gravity = Vector3::new(0.0, 0.0, -G);

@@ -29,7 +29,7 @@ const DISTAL_FACES: [Face; 7] = [
     ("SphericalWrist2_Link", [0.0, -0.10593, -0.00017505], [0.0, -1.0, 0.0], 0.011,  0.047),
 ];
 
-/// Whether a neighbour hides the point, inside it or face to face.
+/// Whether a neighbor hides the point, inside it or face to face.
 fn hidden(link: &str, p_L: &P3) -> bool {
     let within = |origin: P3, out: V3, depth: f64, radius: f64| {
         let along = (p_L - origin).dot(&out);
@@ -139,9 +139,9 @@ struct Triangle([P3; 3], P3, f64);
 fn triangles(mesh: &TriMesh) -> Vec<Triangle> {
     let corners = |f: &[u32; 3]| f.map(|i| mesh.vertices()[i as usize]);
     let triangle = |c: [P3; 3]| {
-        let centre = P3::from((c[0].coords + c[1].coords + c[2].coords) / 3.0);
-        let radius = c.iter().map(|p| (p - centre).norm()).fold(0.0, f64::max);
-        Triangle(c, centre, radius)
+        let center = P3::from((c[0].coords + c[1].coords + c[2].coords) / 3.0);
+        let radius = c.iter().map(|p| (p - center).norm()).fold(0.0, f64::max);
+        Triangle(c, center, radius)
     };
     mesh.faces().iter().map(corners).map(triangle).collect()
 }
@@ -149,8 +149,8 @@ fn triangles(mesh: &TriMesh) -> Vec<Triangle> {
 /// First point of the mesh along a ray, seen from either side of its faces.
 fn cast(mesh: &[Triangle], origin: &P3, d: &V3) -> Option<P3> {
     let mut first = f64::INFINITY;
-    for Triangle([a, b, c], centre, radius) in mesh {
-        let w = centre - origin;
+    for Triangle([a, b, c], center, radius) in mesh {
+        let w = center - origin;
         let along = w.dot(d);
         if w.norm_squared() - along * along > radius * radius {
             continue;
@@ -175,8 +175,8 @@ fn distance_to_mesh(mesh: &[Triangle], p: &P3) -> f64 {
         (p - a - t * ab).norm()
     };
     let mut best = f64::INFINITY;
-    for Triangle([a, b, c], centre, radius) in mesh {
-        if (p - centre).norm() - radius > best {
+    for Triangle([a, b, c], center, radius) in mesh {
+        if (p - center).norm() - radius > best {
             continue;
         }
         let n = (b - a).cross(&(c - a));
@@ -193,7 +193,7 @@ fn distance_to_mesh(mesh: &[Triangle], p: &P3) -> f64 {
 }
 
 /// Deviations [mm] of the mesh from the shapes and of the shapes from the mesh, each over what can
-/// be seen from outside and no neighbour hides.
+/// be seen from outside and no neighbor hides.
 fn deviations(link: &str, mesh: &TriMesh, shapes: &[Placed]) -> [Vec<f64>; 2] {
     let margin = V3::repeat(0.02);
     let corner =

@@ -77,7 +77,7 @@ type Property<'a, T, E> = fn(&Suite<'a, T, E>);
 /// | an error leaves the belief unchanged; points beyond the field are refused | all |
 /// | an empty observation teaches nothing | all |
 /// | non-finite numbers cannot enter | all |
-/// | relabelling points relabels the belief | `local` |
+/// | relabeling points relabels the belief | `local` |
 /// | the unit of torque does not matter | all |
 /// | the unit of stiffness does not matter | `local`; a prior of its own has a unit |
 /// | untouched points keep their prior | `local` |
@@ -136,7 +136,7 @@ pub fn check_estimator<T: Scalar, E: Estimator<Scalar = T> + 'static>(
         ("an empty observation teaches nothing", true, Suite::empty),
         ("non-finite numbers cannot enter", true, Suite::non_finite),
         (
-            "relabelling points relabels the belief",
+            "relabeling points relabels the belief",
             local,
             Suite::permutation,
         ),

@@ -72,7 +72,7 @@ fn wave(i: usize, phase: usize) -> Vector3<f64> {
 }
 
 impl<T: Scalar> Suite<'_, T> {
-    /// Contacts of these points by all links in turn, displaced by some centimetres, or by `scale` of that.
+    /// Contacts of these points by all links in turn, displaced by some centimeters, or by `scale` of that.
     fn contacts(&self, points: impl IntoIterator<Item = usize>, scale: f64) -> Contacts {
         let (mut contacts, links) = (Contacts::new(), self.posture.link_poses().len());
         for p in points {

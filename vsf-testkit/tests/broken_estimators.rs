@@ -374,7 +374,7 @@ fn every_fault_is_found_by_name() {
         ),
         (Fault::LetsInfinityIn, "overflow does no harm"),
         (Fault::PredictsInfinity, "overflow does no harm"),
-        (Fault::TreatsOnePointApart, "relabelling points"),
+        (Fault::TreatsOnePointApart, "relabeling points"),
         (Fault::ForgetsNoise, "the unit of torque"),
         (Fault::ClampsStiffness, "the unit of stiffness"),
         (Fault::ResetsHalf, "reset starts over"),

@@ -19,7 +19,7 @@ fn quickest<T>(mut run: impl FnMut() -> Result<T, Box<dyn Error>>) -> Result<f64
 }
 
 fn main() -> Result<(), Box<dyn Error>> {
-    // A wavy surface 1 m away, coloured in bands.
+    // A wavy surface 1 m away, colored in bands.
     let (width, height) = (640, 480);
     let camera = Camera {
         fx: 500.0,
@@ -56,7 +56,7 @@ fn main() -> Result<(), Box<dyn Error>> {
     let mut knn = Extrapolation::new(KnnRegressor::default(), KnnRegressor::default());
     let all = quickest(|| Ok(knn.extend(&points, &seen, &field, &touched, 100.0)?))?;
     println!(
-        "extrapolation from {} touched points to {} points, 200 neighbours: {:.0} ms",
+        "extrapolation from {} touched points to {} points, 200 neighbors: {:.0} ms",
         touched.iter().filter(|t| **t).count(),
         points.len(),
         1e3 * all

@@ -2,7 +2,7 @@ use crate::{Bounds, PointCloud};
 use nalgebra::{Isometry3, Point3};
 use vsf_core::CoreError;
 
-/// A pinhole camera in OpenCV axes: x right, y down, z forward; the centre of the first pixel is
+/// A pinhole camera in OpenCV axes: x right, y down, z forward; the center of the first pixel is
 /// (0, 0). Images of a lens with distortion are to be undistorted first.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Camera {
@@ -50,14 +50,14 @@ impl Camera {
     }
 }
 
-/// One registered colour and depth image.
+/// One registered color and depth image.
 #[derive(Debug, Clone)]
 pub struct RgbdView {
     camera: Camera,
     width: usize,
     height: usize,
     color: Vec<[u8; 3]>,
-    /// Metres along z; 0 without a return.
+    /// Meters along z; 0 without a return.
     depth: Vec<f32>,
 }
 
@@ -69,7 +69,7 @@ pub enum Sight {
     Surface {
         /// Depth of the point less that of the surface (m).
         behind: f64,
-        /// Colour of the surface.
+        /// Color of the surface.
         color: [u8; 3],
     },
     /// The ray met nothing.
@@ -79,7 +79,7 @@ pub enum Sight {
 }
 
 impl RgbdView {
-    /// A view of `width` x `height` pixels, row by row from the top left: colours as 3 bytes a
+    /// A view of `width` x `height` pixels, row by row from the top left: colors as 3 bytes a
     /// pixel (red, green, blue), depths along z in units of `depth_scale` (m), 0 where there was no
     /// return.
     ///
@@ -94,7 +94,7 @@ impl RgbdView {
     ) -> Result<Self, CoreError> {
         camera.validate()?;
         let pixels = width.saturating_mul(height);
-        CoreError::check_len("colour image", color.len(), pixels.saturating_mul(3))?;
+        CoreError::check_len("color image", color.len(), pixels.saturating_mul(3))?;
         CoreError::check_len("depth image", depth.len(), pixels)?;
         if !(depth_scale > 0.0 && depth_scale.is_finite()) {
             return Err(CoreError::Parameter {
@@ -119,7 +119,7 @@ impl RgbdView {
         &self.camera
     }
 
-    /// The coloured world points of all pixels with a return inside the bounds, by rows.
+    /// The colored world points of all pixels with a return inside the bounds, by rows.
     pub fn cloud(&self, bounds: &Bounds) -> PointCloud {
         let mut cloud = PointCloud::default();
         for (i, (&depth, &color)) in self.depth.iter().zip(&self.color).enumerate() {

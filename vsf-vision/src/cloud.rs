@@ -2,7 +2,7 @@ use nalgebra::{Point3, Vector3};
 use std::collections::BTreeMap;
 use vsf_core::CoreError;
 
-/// A coloured point cloud in the world (m).
+/// A colored point cloud in the world (m).
 #[derive(Debug, Clone, Default, PartialEq)]
 pub struct PointCloud {
     /// Positions.
@@ -23,11 +23,11 @@ impl PointCloud {
     }
 
     /// One point per cube of edge `size` (m, > 0) that holds any: the mean of their positions and
-    /// colours. Ordered by cube, whatever the order of the points.
+    /// colors. Ordered by cube, whatever the order of the points.
     ///
     /// # Errors
     /// A size that is not positive and finite, so small a size that cubes cannot be counted, a
-    /// coordinate that is not finite, another number of colours than points.
+    /// coordinate that is not finite, another number of colors than points.
     pub fn downsampled(&self, size: f64) -> Result<Self, CoreError> {
         if !(size > 0.0 && size.is_finite()) {
             return Err(CoreError::Parameter {
@@ -63,7 +63,7 @@ impl PointCloud {
     /// The points of which `keep` is true.
     ///
     /// # Errors
-    /// Another number of flags or colours than points.
+    /// Another number of flags or colors than points.
     pub fn filtered(&self, keep: &[bool]) -> Result<Self, CoreError> {
         self.check()?;
         CoreError::check_len("flags", keep.len(), self.len())?;
@@ -73,6 +73,6 @@ impl PointCloud {
     }
 
     fn check(&self) -> Result<(), CoreError> {
-        CoreError::check_len("colours", self.colors.len(), self.len())
+        CoreError::check_len("colors", self.colors.len(), self.len())
     }
 }

@@ -3,7 +3,7 @@ use nalgebra::Point3;
 use vsf_core::{Belief, CoreError};
 
 /// Extrapolates a field from its touched points to all others (section III-D): for visible points
-/// by position and colour, for hidden ones by position alone, each with its own regressor.
+/// by position and color, for hidden ones by position alone, each with its own regressor.
 ///
 /// A hidden point may be empty space. The stiffness of a point is taken as `K_i = o_i k_i`: `k_i`
 /// is what the regressors learn, the stiffness of what is there, and `o_i` says whether anything

@@ -105,7 +105,7 @@ impl Features {
         self.with(["red", "green", "blue"], rows)
     }
 
-    /// Adds CIELAB colour as `L`, `a`, `b`, see [`lab`].
+    /// Adds CIELAB color as `L`, `a`, `b`, see [`lab`].
     ///
     /// # Errors
     /// As [`Features::with_column`].

@@ -8,7 +8,7 @@ use vsf_core::CoreError;
 ///
 /// A target is the mean of all targets, plus a smooth part `s² (1 + a) exp(-a)`, `a = sqrt(3) r / l`,
 /// plus a scatter of variance `eta²` of its own, plus an error of the variance that comes with it.
-/// `s²`, `l` and `eta²` maximise the marginal likelihood (pattern search in their logarithms, on at
+/// `s²`, `l` and `eta²` maximize the marginal likelihood (pattern search in their logarithms, on at
 /// most 300 samples evenly spread over the order given).
 ///
 /// The mean of all targets is itself uncertain, by what their variances and the kernel leave open: a
@@ -41,7 +41,7 @@ impl Default for GpConfig {
     }
 }
 
-/// Samples on which the likelihood is maximised, at most.
+/// Samples on which the likelihood is maximized, at most.
 const LIKELIHOOD_SAMPLES: usize = 300;
 /// Predictions that are solved together.
 const BLOCK: usize = 256;
@@ -346,7 +346,7 @@ mod tests {
         }
     }
 
-    /// Equation 2.30, but for its constant; and no neighbouring parameters are likelier.
+    /// Equation 2.30, but for its constant; and no neighboring parameters are likelier.
     #[test]
     fn likelihood_is_that_of_the_targets_and_greatest() {
         let fitted = fitted(&samples());

@@ -4,18 +4,18 @@ use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 use vsf_core::{CoreError, median};
 
-/// Regression on the nearest neighbours with RBF weights, the extrapolation of the paper (section
+/// Regression on the nearest neighbors with RBF weights, the extrapolation of the paper (section
 /// III-D).
 ///
 /// Features are scaled to unit deviation. Around a point, the targets `y_j` of its `k` nearest
 /// samples at distances `r_j` are noisy looks at one value `f`, the worse the farther away:
 /// `y_j ~ N(f, (eta² + v_j) exp(r_j² / 2h²))`, with `v_j` the variance of the target and `eta²` the
-/// scatter among neighbours, measured at the samples themselves. With the prior that `f` scatters
+/// scatter among neighbors, measured at the samples themselves. With the prior that `f` scatters
 /// about the mean of all targets as they do, `f` is the RBF-weighted mean near the samples; far
 /// from all of them the mean of all targets and their variance are left, with the variance of that
 /// mean.
 ///
-/// Exact neighbours; a query costs some microseconds for thousands of samples. Queries are spread
+/// Exact neighbors; a query costs some microseconds for thousands of samples. Queries are spread
 /// over the threads of the current rayon pool.
 ///
 /// # Reference
@@ -30,12 +30,12 @@ pub struct KnnRegressor {
 /// Parameters of [`KnnRegressor`].
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct KnnConfig {
-    /// Neighbours, at least 1, default 200; all samples where there are fewer.
-    pub neighbours: usize,
+    /// Neighbors, at least 1, default 200; all samples where there are fewer.
+    pub neighbors: usize,
     /// Width `h` of the RBF, in standard deviations of the features.
     pub width: Width,
     /// Whether means are drawn to the mean of all targets where the samples are far, default true;
-    /// false leaves the RBF-weighted mean of the neighbours, however far they are. Variances are the
+    /// false leaves the RBF-weighted mean of the neighbors, however far they are. Variances are the
     /// same.
     pub shrink: bool,
 }
@@ -44,7 +44,7 @@ pub struct KnnConfig {
 #[derive(Debug, Clone, Copy, PartialEq, Default, Serialize, Deserialize)]
 #[non_exhaustive]
 pub enum Width {
-    /// The median distance of the samples to their neighbours; the default.
+    /// The median distance of the samples to their neighbors; the default.
     #[default]
     Median,
     /// This one, > 0, in standard deviations of the features.
@@ -54,7 +54,7 @@ pub enum Width {
 impl Default for KnnConfig {
     fn default() -> Self {
         Self {
-            neighbours: 200,
+            neighbors: 200,
             width: Width::Median,
             shrink: true,
         }
@@ -68,7 +68,7 @@ const PROBES: usize = 1000;
 struct Fitted {
     scaler: Scaler,
     tree: Neighbors,
-    neighbours: usize,
+    neighbors: usize,
     shrink: bool,
     targets: Vec<f64>,
     variances: Vec<f64>,
@@ -84,11 +84,11 @@ impl KnnRegressor {
     /// A regressor that has not learned yet.
     ///
     /// # Errors
-    /// No neighbours, a width that is not positive and finite.
+    /// No neighbors, a width that is not positive and finite.
     pub fn new(config: KnnConfig) -> Result<Self, VisionError> {
-        if config.neighbours == 0 {
+        if config.neighbors == 0 {
             return Err(CoreError::Parameter {
-                name: "neighbours",
+                name: "neighbors",
                 value: 0.0,
                 range: ">= 1",
             }
@@ -122,7 +122,7 @@ impl Fitted {
         let mut fitted = Self {
             scaler,
             tree: Neighbors::new(&rows, width)?,
-            neighbours: config.neighbours,
+            neighbors: config.neighbors,
             shrink: config.shrink,
             targets: samples.targets().to_vec(),
             variances: samples.variances().to_vec(),
@@ -140,7 +140,7 @@ impl Fitted {
             let row = &rows[i * width..(i + 1) * width];
             fitted
                 .tree
-                .nearest(row, config.neighbours.saturating_add(1), &mut found);
+                .nearest(row, config.neighbors.saturating_add(1), &mut found);
             // Without the sample itself, or one at the same place.
             let own = found.iter().position(|n| n.index == i).unwrap_or(0);
             found.remove(own);
@@ -165,12 +165,12 @@ impl Fitted {
     }
 
     /// Mean and variance of `f`.
-    fn level(&self, neighbours: &[Neighbor]) -> (f64, f64) {
+    fn level(&self, neighbors: &[Neighbor]) -> (f64, f64) {
         // Weights are reckoned from the nearest sample, so that not all of them vanish far away.
-        let nearest = neighbours.first().map_or(0.0, |n| n.squared);
+        let nearest = neighbors.first().map_or(0.0, |n| n.squared);
         let scale = -0.5 / (self.width * self.width);
         let (mut weights, mut sum) = (0.0, 0.0);
-        for n in neighbours {
+        for n in neighbors {
             let weight = (scale * (n.squared - nearest)).exp();
             let weight = weight / (self.within + self.variances[n.index]);
             weights += weight;
@@ -200,7 +200,7 @@ impl Regressor for KnnRegressor {
         let fitted = self.fitted.as_ref().ok_or(VisionError::NotFitted { by })?;
         let rows = fitted.scaler.apply(features)?;
         let of_row = |found: &mut Vec<Neighbor>, row: &[f64]| {
-            fitted.tree.nearest(row, fitted.neighbours, found);
+            fitted.tree.nearest(row, fitted.neighbors, found);
             let (mean, variance) = fitted.level(found);
             (mean, variance + fitted.within)
         };

@@ -1,4 +1,4 @@
-/// CIELAB coordinates `L*`, `a*`, `b*` of an sRGB colour under D65, in which distances are closer to
+/// CIELAB coordinates `L*`, `a*`, `b*` of an sRGB color under D65, in which distances are closer to
 /// what eyes tell apart, and lightness (shade) is a coordinate of its own.
 ///
 /// # Reference

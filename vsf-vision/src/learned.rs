@@ -41,7 +41,7 @@ impl RegressorSpec {
 }
 
 /// What fields of some objects teach about the next one: stiffness by features that mean the same on
-/// every object, such as colour, height, or depth behind the surface.
+/// every object, such as color, height, or depth behind the surface.
 ///
 /// Objects are held out in turn, so that variances are calibrated from object to object (with two
 /// objects or more). A file holds samples and regressor as JSON; it is fitted again when it is

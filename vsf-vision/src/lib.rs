@@ -5,7 +5,7 @@
 //!
 //! | part | what it does |
 //! | --- | --- |
-//! | [`RgbdView`], [`PointCloud`] | a colour and depth image to coloured world points, thinned, cleaned, with normals |
+//! | [`RgbdView`], [`PointCloud`] | a color and depth image to colored world points, thinned, cleaned, with normals |
 //! | [`OcclusionGrid`] | what is surface, hidden or free in the object's box: the rest points |
 //! | [`Seen`], [`Features`] | what the view says about each point, as numbers to learn from |
 //! | [`Regressor`] | stiffness from features, with a variance: [`KnnRegressor`], [`Ridge`], [`GaussianProcess`] |

@@ -4,7 +4,7 @@ use std::num::NonZeroUsize;
 use std::sync::Arc;
 use vsf_core::CoreError;
 
-/// Exact nearest neighbours among rows of numbers, by squared Euclidean distance.
+/// Exact nearest neighbors among rows of numbers, by squared Euclidean distance.
 ///
 /// A k-d tree up to 12 dimensions. Beyond, where trees help little, every row is looked at: a query
 /// costs `O(rows x dimensions)`.
@@ -31,7 +31,7 @@ pub(crate) fn check_reach(name: &'static str, values: &[f64]) -> Result<(), Core
     }
 }
 
-/// A neighbour.
+/// A neighbor.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Neighbor {
     /// Its row.
@@ -79,7 +79,7 @@ impl Search for Exhaustive {
 fn build<const D: usize>(rows: &[f64]) -> Result<Arc<dyn Search>, CoreError> {
     let (points, _) = rows.as_chunks::<D>();
     let tree = ImmutableKdTree::new_from_slice(points)
-        .map_err(|e| CoreError::Other(format!("nearest-neighbour tree: {e}")))?;
+        .map_err(|e| CoreError::Other(format!("nearest-neighbor tree: {e}")))?;
     Ok(Arc::new(Tree(tree)))
 }
 

@@ -9,10 +9,10 @@ impl PointCloud {
     /// points (the point among them, at least 3, commonly 20; all where there are fewer) spread
     /// least, turned towards the camera at `eye`.
     ///
-    /// Points whose neighbours all coincide get the direction to the camera.
+    /// Points whose neighbors all coincide get the direction to the camera.
     ///
     /// # Errors
-    /// Fewer than 3 points or neighbours, a coordinate that is not within -1e100 to 1e100 m.
+    /// Fewer than 3 points or neighbors, a coordinate that is not within -1e100 to 1e100 m.
     ///
     /// # Reference
     /// H. Hoppe et al., *Surface reconstruction from unorganized points*, SIGGRAPH 1992,
@@ -46,7 +46,7 @@ impl PointCloud {
     /// no more than `ratio` (commonly 2) standard deviations.
     ///
     /// # Errors
-    /// Fewer than 2 points, no neighbours, a ratio that is not positive and finite, a coordinate
+    /// Fewer than 2 points, no neighbors, a ratio that is not positive and finite, a coordinate
     /// that is not within -1e100 to 1e100 m.
     ///
     /// # Reference
@@ -78,12 +78,9 @@ impl PointCloud {
         Ok(distances.iter().map(|d| *d <= most).collect())
     }
 
-    /// For `k` neighbours each, where there are at least so many points and neighbours.
-    fn tree(&self, points: usize, k: usize, neighbours: usize) -> Result<Neighbors, VisionError> {
-        for (what, got, least) in [
-            ("points", self.len(), points),
-            ("neighbours", k, neighbours),
-        ] {
+    /// For `k` neighbors each, where there are at least so many points and neighbors.
+    fn tree(&self, points: usize, k: usize, neighbors: usize) -> Result<Neighbors, VisionError> {
+        for (what, got, least) in [("points", self.len(), points), ("neighbors", k, neighbors)] {
             if got < least {
                 return Err(VisionError::TooFew { what, got, least });
             }

@@ -16,7 +16,7 @@ pub enum Visibility {
 
 /// A uniform grid over the object's box, with what one view says about each cell.
 ///
-/// A cell is decided by the pixel that its centre projects to: in front of the surface there, on
+/// A cell is decided by the pixel that its center projects to: in front of the surface there, on
 /// it (within half the cell's diagonal), or behind it. Rejected: walking along the ray of every
 /// pixel. It decides the same cells where pixels are finer than cells, and leaves holes between
 /// the rays where they are coarser.
@@ -77,7 +77,7 @@ impl OcclusionGrid {
         self.bounds.size().component_div(&Vector3::new(x, y, z))
     }
 
-    /// Centre of cell `i`, counted with z fastest and x slowest.
+    /// Center of cell `i`, counted with z fastest and x slowest.
     pub fn center(&self, i: usize) -> Point3<f64> {
         let [_, ny, nz] = self.dims;
         let at = Vector3::new(
@@ -93,7 +93,7 @@ impl OcclusionGrid {
         &self.cells
     }
 
-    /// Centres of the cells of one kind.
+    /// Centers of the cells of one kind.
     pub fn centers(&self, of: Visibility) -> impl Iterator<Item = Point3<f64>> {
         let cells = self.cells.iter().enumerate();
         cells
@@ -101,7 +101,7 @@ impl OcclusionGrid {
             .map(|(i, _)| self.center(i))
     }
 
-    /// The rest points of a field (section IV-A): the points of the surface, and the centres of the
+    /// The rest points of a field (section IV-A): the points of the surface, and the centers of the
     /// cells behind it. Free space has none. How many of them are of the surface comes second.
     pub fn rest_points(&self, surface: &PointCloud) -> (Vec<Point3<f64>>, usize) {
         let mut points = surface.positions.clone();

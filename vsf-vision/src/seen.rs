@@ -12,7 +12,7 @@ pub struct Seen {
     pub behind: Vec<f64>,
     /// Whether the point lies in the picture; of others the view says nothing.
     pub in_picture: Vec<bool>,
-    /// Colour of the surface in front of it; black where there is none.
+    /// Color of the surface in front of it; black where there is none.
     pub colors: Vec<[u8; 3]>,
     /// How high it lies above the lowest of the points that were looked at (m).
     pub heights: Vec<f64>,
@@ -76,7 +76,7 @@ impl Seen {
         for (what, got) in [
             ("depths behind the surface", self.behind.len()),
             ("picture flags", self.in_picture.len()),
-            ("colours", self.colors.len()),
+            ("colors", self.colors.len()),
             ("heights", self.heights.len()),
         ] {
             CoreError::check_len(what, got, self.len())?;
@@ -128,7 +128,7 @@ impl Seen {
         Ok(depth.map(occupancy).collect())
     }
 
-    /// What the points `of` look like, by features that mean the same on every object: colour of the
+    /// What the points `of` look like, by features that mean the same on every object: color of the
     /// surface in front of them (CIELAB), `depth` behind it (m), and `height` above the lowest of all
     /// points (m).
     ///
@@ -163,7 +163,7 @@ impl Seen {
         if self.visible[i] { 0.0 } else { self.behind[i] }
     }
 
-    /// Positions and colours of the points `of`, or positions alone.
+    /// Positions and colors of the points `of`, or positions alone.
     pub(crate) fn features(
         &self,
         points: &[Point3<f64>],

@@ -14,7 +14,7 @@ fn all() -> Vec<(String, Box<dyn Regressor>)> {
     let specs = [
         RegressorSpec::Knn(KnnConfig::default()),
         RegressorSpec::Knn(KnnConfig {
-            neighbours: 10,
+            neighbors: 10,
             ..KnnConfig::default()
         }),
         RegressorSpec::Knn(KnnConfig {
@@ -126,7 +126,7 @@ fn vague_targets_leave_their_mean_uncertain() {
         for (name, mut regressor) in all() {
             regressor.fit(&samples).unwrap();
             let of = |f: &Features| regressor.predict(f).unwrap().variance;
-            // Neighbours take the targets for more than noise, and their mean for known twice.
+            // Neighbors take the targets for more than noise, and their mean for known twice.
             let least = if name.contains("nn") { 15.0 } else { 20.0 };
             let case = format!("{name}, {slope}: {:?}, {:?}", of(&near), of(&far));
             assert!(of(&near).iter().all(|v| *v > 0.99 * least), "{case}");

@@ -28,7 +28,7 @@ fn view(hit: impl Fn(&Point3<f64>, &Vector3<f64>) -> f64) -> RgbdView {
     let depth: Vec<u16> = (0..SIZE.0 * SIZE.1)
         .map(|i| {
             let (u, v) = ((i % SIZE.0) as f64, (i / SIZE.0) as f64);
-            // One metre along z, so that the parameter of the ray is the depth.
+            // One meter along z, so that the parameter of the ray is the depth.
             let ray = camera.unproject(u, v, 1.0) - eye;
             (hit(&eye, &ray) * 1e4).round() as u16
         })
@@ -100,7 +100,7 @@ fn normals_of_a_sphere_point_outward() {
     for (p, n) in cloud.positions.iter().zip(&normals) {
         let radial = (p - Point3::new(1.0, 0.0, 1.0)) / 0.2;
         assert!((n.norm() - 1.0).abs() < 1e-9);
-        // Where the surface turns away from the camera its neighbours lie to one side.
+        // Where the surface turns away from the camera its neighbors lie to one side.
         if radial.x < -0.5 {
             assert!(radial.dot(n) > 0.97, "{p}: {n}");
         }
@@ -143,7 +143,7 @@ fn downsampling_keeps_one_mean_per_cube() {
     }
 }
 
-/// What each cell is by the exact ray from the eye to its centre.
+/// What each cell is by the exact ray from the eye to its center.
 #[test]
 fn cells_around_a_sphere_are_free_on_it_or_behind() {
     let bounds = around_sphere();
@@ -249,11 +249,11 @@ fn refuses_images_and_cameras_that_do_not_fit() {
     assert!(few.inliers(5, 1.0).is_ok());
     assert!(few.inliers(1, f64::INFINITY).is_err());
     let none = few.inliers(0, 2.0).unwrap_err();
-    assert_eq!(none.to_string(), "0 neighbours, at least 1 are needed");
+    assert_eq!(none.to_string(), "0 neighbors, at least 1 are needed");
 }
 
 #[test]
-fn more_neighbours_than_points_are_all_points() {
+fn more_neighbors_than_points_are_all_points() {
     let cloud = view(sphere).cloud(&around_sphere());
     let cloud = cloud.downsampled(0.05).unwrap();
     let eye = Point3::new(0.0, 0.0, 1.0);
@@ -282,7 +282,7 @@ fn refuses_clouds_that_are_none() {
     assert!(normals.iter().all(|n| (n.norm() - 1.0).abs() < 1e-9));
     let mut bare = cloud(1.0);
     bare.colors.truncate(2);
-    let expected = "colours has length 2, expected 5";
+    let expected = "colors has length 2, expected 5";
     for lost in [bare.filtered(&[true; 5]), bare.downsampled(0.1)] {
         assert_eq!(lost.unwrap_err().to_string(), expected);
     }
@@ -298,9 +298,9 @@ fn a_grid_has_cells_along_every_edge() {
     assert_eq!(grid([0, usize::MAX, 2]).to_string(), flat);
 }
 
-/// Values of B. Lindbloom's CIE colour calculator (sRGB, D65), to its rounding.
+/// Values of B. Lindbloom's CIE color calculator (sRGB, D65), to its rounding.
 #[test]
-fn lab_of_known_colours() {
+fn lab_of_known_colors() {
     for (rgb, expected) in [
         ([255, 0, 0], [53.24, 80.09, 67.20]),
         ([0, 255, 0], [87.73, -86.18, 83.18]),

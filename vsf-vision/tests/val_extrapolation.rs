@@ -11,7 +11,7 @@ use vsf_vision::{
 
 const PRIOR: f64 = 400.0;
 
-/// A block whose stiffness goes with its colour: green 5, brown 20 N/m in bands of 5 cm, in sight
+/// A block whose stiffness goes with its color: green 5, brown 20 N/m in bands of 5 cm, in sight
 /// down to 2 cm; what lies deeper is hidden, and empty from 6 cm on.
 struct Block {
     points: Vec<Point3<f64>>,
@@ -76,7 +76,7 @@ impl Block {
 }
 
 #[test]
-fn colours_tell_stiff_from_soft_where_nothing_was_touched() {
+fn colors_tell_stiff_from_soft_where_nothing_was_touched() {
     let block = block();
     let all = block.extended(&mut Extrapolation::new(
         Ridge::new(),
@@ -142,7 +142,7 @@ fn a_later_touch_corrects_the_guess() {
 }
 
 #[test]
-fn without_colours_in_sight_positions_do() {
+fn without_colors_in_sight_positions_do() {
     let mut block = block();
     block
         .seen
@@ -265,7 +265,7 @@ fn a_prior_learned_from_objects_is_the_same_from_its_file() {
     assert!(LearnedPrior::fit(RegressorSpec::Ridge, &[]).is_err());
 }
 
-/// What is stiff by its colour on two objects is so on a third, which was never touched.
+/// What is stiff by its color on two objects is so on a third, which was never touched.
 #[test]
 fn looks_carry_over_to_another_object() {
     let mut block = block();

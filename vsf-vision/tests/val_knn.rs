@@ -1,4 +1,4 @@
-//! The weighted mean of neighbours against its formula, near the samples and far away.
+//! The weighted mean of neighbors against its formula, near the samples and far away.
 #![allow(clippy::unwrap_used)]
 
 use vsf_vision::{Features, KnnConfig, KnnRegressor, Regressor, Samples, Width};
@@ -14,7 +14,7 @@ fn without_shrinkage_it_is_the_weighted_mean() {
             .unwrap()
     };
     let config = KnnConfig {
-        neighbours: 3,
+        neighbors: 3,
         width: Width::Fixed(0.8),
         shrink: false,
     };

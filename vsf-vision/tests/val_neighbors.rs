@@ -1,4 +1,4 @@
-//! Nearest neighbours against brute force.
+//! Nearest neighbors against brute force.
 #![allow(clippy::unwrap_used)]
 
 use proptest::prelude::*;

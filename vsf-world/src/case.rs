@@ -10,7 +10,7 @@ use serde::{Deserialize, Serialize};
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Kind {
-    /// A soft body of irregular nodes on springs, tied to their neighbours.
+    /// A soft body of irregular nodes on springs, tied to their neighbors.
     Springs,
     /// Jointed stems and branches: rigid segments on torsional springs.
     Plant,

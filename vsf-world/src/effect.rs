@@ -42,7 +42,7 @@ pub const EFFECTS: [&str; 27] = [
 pub const UNKNOWN_EFFECTS: [&str; 8] = [
     "cable_torque",
     "backlash",
-    "quantisation",
+    "quantization",
     "saturation",
     "offset_jump",
     "second_object",
@@ -143,9 +143,9 @@ pub enum Effect {
     },
     /// Force `k u (1 + gain (cosh(u / length) - 1))`.
     StrainStiffening { gain: f64, length_m: f64 },
-    /// Springs between neighbours are `factor` times stiffer.
+    /// Springs between neighbors are `factor` times stiffer.
     SpatialCoupling { factor: f64 },
-    /// Stiffer by `1 + alpha` along fibres whose direction winds with the place.
+    /// Stiffer by `1 + alpha` along fibers whose direction winds with the place.
     Anisotropy {
         alpha: f64,
         heading: f64,
@@ -164,7 +164,7 @@ pub enum Effect {
     /// The link lags within a play of the gear, on the side of the load.
     Backlash { play: JointVector },
     /// Torques come in steps.
-    Quantisation { step: JointVector },
+    Quantization { step: JointVector },
     /// Torques stop growing at a share of what the joint feels at most.
     Saturation { keep: JointVector },
     /// Offsets jump once, at a time of the session.
@@ -224,7 +224,7 @@ impl Effect {
             Self::InertiaDrag { .. } => "inertia_drag",
             Self::CableTorque { .. } => "cable_torque",
             Self::Backlash { .. } => "backlash",
-            Self::Quantisation { .. } => "quantisation",
+            Self::Quantization { .. } => "quantization",
             Self::Saturation { .. } => "saturation",
             Self::OffsetJump { .. } => "offset_jump",
             Self::SecondObject { .. } => "second_object",
@@ -248,7 +248,7 @@ impl Effect {
             | Self::JointElasticity { compliance: v, .. }
             | Self::CableTorque { amplitude: v, .. }
             | Self::Backlash { play: v }
-            | Self::Quantisation { step: v }
+            | Self::Quantization { step: v }
             | Self::Saturation { keep: v }
             | Self::OffsetJump { jump: v, .. }
             | Self::PeriodicDisturbance { amplitude: v, .. }

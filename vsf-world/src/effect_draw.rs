@@ -181,7 +181,7 @@ impl Effect {
             "backlash" => Self::Backlash {
                 play: even_joints(rng, 0.01, false),
             },
-            "quantisation" => Self::Quantisation {
+            "quantization" => Self::Quantization {
                 step: even_joints(rng, 1.2, false),
             },
             "saturation" => Self::Saturation {

@@ -19,7 +19,7 @@ impl Effect {
             | Self::JointElasticity { compliance: v, .. }
             | Self::CableTorque { amplitude: v, .. }
             | Self::Backlash { play: v }
-            | Self::Quantisation { step: v }
+            | Self::Quantization { step: v }
             | Self::OffsetJump { jump: v, .. }
             | Self::PeriodicDisturbance { amplitude: v, .. }
             | Self::ThermalGain { loss: v, .. }

@@ -9,7 +9,7 @@ use std::fmt::Write;
 /// One moving or fixed part of the arm with the joint that carries it.
 pub(crate) struct Link {
     pub name: &'static str,
-    /// Mass \[kg\], centre of mass \[m\], and `[ixx, ixy, ixz, iyy, iyz, izz]` about it.
+    /// Mass \[kg\], center of mass \[m\], and `[ixx, ixy, ixz, iyy, iyz, izz]` about it.
     pub mass: f64,
     pub com: [f64; 3],
     pub inertia: [f64; 6],
@@ -140,7 +140,7 @@ pub(crate) fn urdf() -> String {
     let mut out = String::from(
         "<?xml version=\"1.0\"?>\n\
          <!-- Kinova Gen3 (7 joints): kinematics and inertials; collision shapes are capsules,\n     \
-         each one cylinder and two spheres of the same radius. Lengths in metres. -->\n\
+         each one cylinder and two spheres of the same radius. Lengths in meters. -->\n\
          <robot name=\"gen3_capsules\">\n  <link name=\"world\"/>\n",
     );
     let text = |v: &[f64; 3]| format!("{} {} {}", v[0], v[1], v[2]);

@@ -1,4 +1,4 @@
-//! An independent simulated world that makes labelled recordings.
+//! An independent simulated world that makes labeled recordings.
 //!
 //! A Kinova Gen3 pushes into a soft object; one effect, two or none disturb what is recorded. Each
 //! [`CaseSpec`] becomes a recording without a hint of its cause, by [`generate`], and a [`Label`] with
@@ -18,7 +18,7 @@
 //! every effect, unlike those of textbooks. A model that is tested on data of its own making proves
 //! nothing.
 //!
-//! Two kinds of objects: a soft body of irregular nodes on springs, tied to their neighbours, and
+//! Two kinds of objects: a soft body of irregular nodes on springs, tied to their neighbors, and
 //! plants of rigid segments on torsional springs ([`Kind`]). Plants have a damping of 20 ms of their
 //! own, bodies none. A session has six sequences, which begin 20 s apart though the time stamps of
 //! each begin at zero; the first four train, the last two test. They touch two places in turn, each

@@ -18,7 +18,7 @@ pub(crate) struct Material {
     plastic: Option<(f64, f64)>,
     viscous: Option<(f64, f64)>,
     relaxation: Option<([f64; 3], [f64; 3])>,
-    fibres: Option<(f64, f64, f64)>,
+    fibers: Option<(f64, f64, f64)>,
     drag: Option<(f64, f64)>,
     /// Mean stiffness of the object \[N/m\]. Mass and drag are as that of a mean element everywhere.
     pub typical_stiffness: f64,
@@ -38,8 +38,8 @@ pub(crate) struct Element {
     largest: f64,
     branches: [Vector3<f64>; 3],
     flow: Vector3<f64>,
-    /// Direction of its fibre.
-    fibre: Vector3<f64>,
+    /// Direction of its fiber.
+    fiber: Vector3<f64>,
     /// Uneven strength: yield and adhesion, about 1.
     pub strength: f64,
 }
@@ -63,7 +63,7 @@ impl Element {
             largest: 0.0,
             branches: [Vector3::zeros(); 3],
             flow: Vector3::zeros(),
-            fibre: Vector3::x(),
+            fiber: Vector3::x(),
             strength: rng.random_range(0.6..1.4),
         }
     }
@@ -107,7 +107,7 @@ impl Material {
                     heading,
                     winding,
                 } => {
-                    m.fibres = Some((alpha, heading, winding));
+                    m.fibers = Some((alpha, heading, winding));
                 }
                 Effect::InertiaDrag { mass_s2, drag_s } => m.drag = Some((mass_s2, drag_s)),
                 _ => {}
@@ -116,11 +116,11 @@ impl Material {
         m
     }
 
-    /// Lays the fibre of an element at `place`.
-    pub fn lay_fibre(&self, element: &mut Element, place: &Point3<f64>) {
-        if let Some((_, heading, winding)) = self.fibres {
+    /// Lays the fiber of an element at `place`.
+    pub fn lay_fiber(&self, element: &mut Element, place: &Point3<f64>) {
+        if let Some((_, heading, winding)) = self.fibers {
             let angle = heading + winding * (place.z + 0.5 * place.y);
-            element.fibre = Vector3::new(angle.cos(), angle.sin(), 0.4).normalize();
+            element.fiber = Vector3::new(angle.cos(), angle.sin(), 0.4).normalize();
         }
     }
 
@@ -156,8 +156,8 @@ impl Material {
         if let Some((gain, scale)) = self.stiffening {
             slope += gain * (length / scale) * (length / scale).min(5.0).sinh();
         }
-        if let Some((alpha, ..)) = self.fibres {
-            pull += e.fibre * (alpha * factor * e.fibre.dot(&stretch));
+        if let Some((alpha, ..)) = self.fibers {
+            pull += e.fiber * (alpha * factor * e.fiber.dot(&stretch));
             slope *= 1.0 + alpha;
         }
         let step = u - e.u;

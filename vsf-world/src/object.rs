@@ -34,7 +34,7 @@ pub(crate) struct Physics {
     /// Displacement whose spring force the surfaces bear in tension \[m\], and the time \[s\] of
     /// contact until they do.
     pub adhesion: Option<(f64, f64)>,
-    /// Factor on the springs between neighbours.
+    /// Factor on the springs between neighbors.
     pub coupling: f64,
 }
 

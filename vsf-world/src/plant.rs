@@ -1,7 +1,7 @@
 //! Jointed stems and branches: rigid segments, each on a torsional spring in three axes.
 //!
 //! Pushes are slow, so that the plant is always in balance, but for a little damping. A step finds
-//! that balance by a few linearisations; in each, contacts are solved one after the other until the
+//! that balance by a few linearizations; in each, contacts are solved one after the other until the
 //! forces are within their friction cones.
 
 use crate::arm::{Touch, WorldCapsule};
@@ -18,7 +18,7 @@ const LEVER: f64 = 0.5;
 /// Time in which a bend recovers by itself \[s\].
 const DAMPING: f64 = 0.02;
 
-/// Linearisations in a step.
+/// Linearizations in a step.
 const ROUNDS: usize = 3;
 
 /// Largest bend in one of them \[rad\].
@@ -52,7 +52,7 @@ pub(crate) struct Plant {
     pub segments: Vec<Segment>,
     pub physics: Physics,
     pub holds: Vec<Hold>,
-    /// Compliance of every joint in this linearisation [rad/(N m)], and its turn.
+    /// Compliance of every joint in this linearization [rad/(N m)], and its turn.
     pub compliance: Vec<f64>,
     pub turns: Vec<Vector3<f64>>,
 }
@@ -163,7 +163,7 @@ impl Plant {
     }
 
     /// Compliances and turns of joints that no contact hinders.
-    fn linearise(&mut self, dt: f64) {
+    fn linearize(&mut self, dt: f64) {
         self.compliance.clear();
         self.turns.clear();
         for s in &self.segments {
@@ -285,14 +285,14 @@ impl Object for Plant {
             s.last = s.rest;
             s.element.reset();
             let [a, _] = s.ends(&s.rest);
-            self.physics.material.lay_fibre(&mut s.element, &a);
+            self.physics.material.lay_fiber(&mut s.element, &a);
         }
     }
 
     fn step(&mut self, arm: &Meeting<'_>, touches: &mut Vec<Touch>) {
         let mut contacts: Vec<Contact> = Vec::new();
         for _ in 0..ROUNDS {
-            self.linearise(arm.dt);
+            self.linearize(arm.dt);
             contacts = self.meet(arm);
             self.solve(&mut contacts);
             self.turn();

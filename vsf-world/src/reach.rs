@@ -23,7 +23,7 @@ pub(crate) fn reach(arm: &mut Arm, start: &JointVector, goal: &Goal) -> Option<J
     let mut q = *start;
     for _ in 0..60 {
         arm.set(&q);
-        let (error, jacobian) = linearise(arm, goal);
+        let (error, jacobian) = linearize(arm, goal);
         if error.fixed_rows::<3>(0).norm() < 1e-4 && error.fixed_rows::<3>(3).norm() < 1e-3 * LEVER
         {
             let allowed = q
@@ -48,7 +48,7 @@ pub(crate) fn reach(arm: &mut Arm, start: &JointVector, goal: &Goal) -> Option<J
 }
 
 /// What is missing, and its derivative with respect to the joints.
-fn linearise(arm: &Arm, goal: &Goal) -> (SVector<f64, 6>, SMatrix<f64, 6, JOINTS>) {
+fn linearize(arm: &Arm, goal: &Goal) -> (SVector<f64, 6>, SMatrix<f64, 6, JOINTS>) {
     let hand = &arm.poses()[JOINTS];
     let tip = hand * TIP;
     let pointing = hand * -Vector3::z();

@@ -244,7 +244,7 @@ fn change(effect: &Effect, j: usize, q: &JointVector, qd: &JointVector, tau: f64
             periods,
             phase,
         } => amplitude[j] * (periods * q[j] + phase + j as f64).sin(),
-        Effect::Quantisation { step } if step[j] > 0.0 => (tau / step[j]).round() * step[j] - tau,
+        Effect::Quantization { step } if step[j] > 0.0 => (tau / step[j]).round() * step[j] - tau,
         Effect::OffsetJump { jump, at_s } if t >= *at_s => jump[j],
         Effect::PeriodicDisturbance {
             amplitude,

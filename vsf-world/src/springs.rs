@@ -1,4 +1,4 @@
-//! A soft body of irregular nodes, each on a spring of its own and tied to its neighbours.
+//! A soft body of irregular nodes, each on a spring of its own and tied to its neighbors.
 //!
 //! A node that the arm has reached stays on the arm's surface and moves along with it; the force
 //! that holds it there is returned to the friction cone by sliding. All others are where their
@@ -18,7 +18,7 @@ use rand_pcg::Pcg64Mcg;
 /// Sweeps in a step.
 const SWEEPS: usize = 8;
 
-/// Stiffness of a spring between neighbours over that of a mean node.
+/// Stiffness of a spring between neighbors over that of a mean node.
 const TIE: f64 = 0.03;
 
 #[derive(Debug, Clone, Copy)]
@@ -32,7 +32,7 @@ pub(crate) struct Springs {
     body: Body,
     rest: Vec<Point3<f64>>,
     tree: ImmutableKdTree<f64, 3>,
-    /// Neighbours of node `i` are `ties[first_tie[i]..first_tie[i + 1]]`.
+    /// Neighbors of node `i` are `ties[first_tie[i]..first_tie[i + 1]]`.
     ties: Vec<u32>,
     first_tie: Vec<usize>,
     elements: Vec<Element>,
@@ -97,7 +97,7 @@ impl Springs {
         })
     }
 
-    fn neighbours(&self, i: usize) -> &[u32] {
+    fn neighbors(&self, i: usize) -> &[u32] {
         &self.ties[self.first_tie[i]..self.first_tie[i + 1]]
     }
 
@@ -108,7 +108,7 @@ impl Springs {
         }
     }
 
-    /// Wakes what the arm has reached, and the neighbours of what is held.
+    /// Wakes what the arm has reached, and the neighbors of what is held.
     fn wake_touched(&mut self, capsules: &[WorldCapsule]) {
         let mut found = std::mem::take(&mut self.found);
         found.clear();
@@ -118,7 +118,7 @@ impl Springs {
         for k in 0..self.active.len() {
             let i = self.active[k] as usize;
             if self.u[i].norm() > 0.05 * SPACING {
-                found.extend_from_slice(self.neighbours(i));
+                found.extend_from_slice(self.neighbors(i));
             }
         }
         found.sort_unstable();
@@ -139,16 +139,16 @@ impl Springs {
     /// Whether a capsule reaches into the box around the body.
     fn is_near(&self, c: &WorldCapsule) -> bool {
         let [low, high] = self.body.bounds();
-        // Neighbours pull nodes out of the box, but never this far.
+        // Neighbors pull nodes out of the box, but never this far.
         let reach = c.radius + 0.02;
         (0..3).all(|k| c.a[k].min(c.b[k]) - reach < high[k] && c.a[k].max(c.b[k]) + reach > low[k])
     }
 
-    /// Force on node `i` at `u` by its spring and its neighbours.
+    /// Force on node `i` at `u` by its spring and its neighbors.
     fn response(&self, i: usize, u: &Vector3<f64>, dt: f64) -> Response {
         let mut r = self.physics.material.response(&self.elements[i], u, dt);
         let tie = TIE * self.mean_stiffness * self.physics.coupling;
-        for &j in self.neighbours(i) {
+        for &j in self.neighbors(i) {
             r.force += (self.u[j as usize] - u) * tie;
             r.slope += tie;
         }
@@ -210,7 +210,7 @@ impl Object for Springs {
         self.physics.material.typical_stiffness = self.mean_stiffness;
         for (e, p) in self.elements.iter_mut().zip(&self.rest) {
             e.reset();
-            self.physics.material.lay_fibre(e, p);
+            self.physics.material.lay_fiber(e, p);
         }
         self.u.fill(Vector3::zeros());
         self.holds.fill(None);

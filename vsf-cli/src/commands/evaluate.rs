@@ -1,5 +1,5 @@
 use crate::console::{Console, number, table};
-use crate::corrected::Modelled;
+use crate::corrected::Modeled;
 use crate::exit::usage;
 use crate::field_file::FieldFile;
 use crate::range::count;
@@ -33,9 +33,9 @@ pub struct Args {
     /// over the train split
     #[arg(long, value_enum, value_delimiter = ',')]
     baseline: Vec<Kind>,
-    /// Neighbours of the knn baseline
+    /// Neighbors of the knn baseline
     #[arg(long, default_value_t = 50, value_parser = count)]
-    neighbours: usize,
+    neighbors: usize,
     /// Units of each hidden layer of the mlp baseline, 1 to 4096; by default the best of the paper's sizes on
     /// samples held out
     #[arg(long, value_delimiter = ',',
@@ -85,8 +85,8 @@ pub fn run(args: &Args, console: &Console) -> anyhow::Result<()> {
     } else {
         (None, recording.scene_to_learn_or_air(console)?)
     };
-    let modelled = Modelled::new(model.as_ref(), &recording, &scene, &sequences, console)?;
-    let traces = &modelled.traces;
+    let modeled = Modeled::new(model.as_ref(), &recording, &scene, &sequences, console)?;
+    let traces = &modeled.traces;
     let mut found = Vec::new();
     if let Some(field) = &field {
         let (name, ids) = (
@@ -97,7 +97,7 @@ pub fn run(args: &Args, console: &Console) -> anyhow::Result<()> {
         if let Some(model) = &model {
             model.compare_sequences(name, &others, console);
         }
-        let predictions = modelled.predict(predictor(field, &scene, console)?)?;
+        let predictions = modeled.predict(predictor(field, &scene, console)?)?;
         let name = if in_air { "model" } else { "field" };
         let mut errors = score(&scene, traces, &predictions)?;
         let touched = &field.stored.touched;
@@ -156,7 +156,7 @@ pub fn run(args: &Args, console: &Console) -> anyhow::Result<()> {
     for &kind in &args.baseline {
         let (name, baseline) = match kind {
             Kind::Zero => ("zero", Baseline::Zero),
-            Kind::Knn => ("knn", Baseline::Knn { k: args.neighbours }),
+            Kind::Knn => ("knn", Baseline::Knn { k: args.neighbors }),
             Kind::Mlp => {
                 let (hidden, seed) = (args.hidden.clone(), args.seed);
                 ("mlp", Baseline::Mlp(MlpConfig { hidden, seed }))

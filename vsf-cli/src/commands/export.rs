@@ -1,6 +1,6 @@
 use crate::config::Sources;
 use crate::console::{Console, Written, create_parent, texts, write_file, write_folder};
-use crate::corrected::{CorrectedModel, ModelArgs, Modelled};
+use crate::corrected::{CorrectedModel, ModelArgs, Modeled};
 use crate::exit::usage;
 use crate::field_file::{FieldFile, FieldFormat, claim, save};
 use crate::file_kind::FileKind;
@@ -51,7 +51,7 @@ pub struct Args {
     /// Show the standard deviation in place of the stiffness (pictures, .mcap)
     #[arg(long)]
     deviation: bool,
-    /// Stiffness, or deviation, at the end of the colour scale [N/m]; default the largest (.ply, .mcap), or the
+    /// Stiffness, or deviation, at the end of the color scale [N/m]; default the largest (.ply, .mcap), or the
     /// 99 % quantile (pictures)
     #[arg(long, value_parser = positive)]
     full_scale: Option<f64>,
@@ -159,7 +159,7 @@ fn from_recording(args: &Args, console: &Console) -> anyhow::Result<Vec<PathBuf>
     let plot_of = |id: &str| format!("torques_{id}.svg");
     (sequences.iter())
         .try_for_each(|s| FileKind::Svg.check("--torques", &folder.join(plot_of(&s.id))))?;
-    let (modelled, predictions) = predicted(
+    let (modeled, predictions) = predicted(
         &recording,
         &field,
         &scene,
@@ -168,7 +168,7 @@ fn from_recording(args: &Args, console: &Console) -> anyhow::Result<Vec<PathBuf>
         console,
     )?;
     let mut plots = Vec::new();
-    for (trace, prediction) in modelled.traces.iter().zip(&predictions) {
+    for (trace, prediction) in modeled.traces.iter().zip(&predictions) {
         let title = format!("{}, sequence {}", dataset.name, trace.id);
         let svg = pictures::torques(&scene, trace, prediction, &title)
             .with_context(|| format!("sequence {}", trace.id))?;
@@ -240,12 +240,12 @@ fn predicted(
     model: Option<&CorrectedModel>,
     sequences: &[&Sequence],
     console: &Console,
-) -> anyhow::Result<(Modelled, Vec<SequencePrediction>)> {
+) -> anyhow::Result<(Modeled, Vec<SequencePrediction>)> {
     let belief = &field.stored.belief;
     let noise_sd = field.noise_sd(scene.robot().joint_count(), console)?;
-    let modelled = Modelled::new(model, recording, scene, sequences, console)?;
-    let predictions = modelled.predict(|trace| predict(scene, belief, &noise_sd, trace))?;
-    Ok((modelled, predictions))
+    let modeled = Modeled::new(model, recording, scene, sequences, console)?;
+    let predictions = modeled.predict(|trace| predict(scene, belief, &noise_sd, trace))?;
+    Ok((modeled, predictions))
 }
 
 /// What they predict the torques of the whole recording to be, as they were recorded: with gravity and
@@ -263,8 +263,8 @@ fn efforts(
         TorqueKind::Measured => -1.0,
     };
     let sequences = recording.sequences(None, SplitPart::All)?;
-    let (modelled, predictions) = predicted(recording, field, scene, model, &sequences, console)?;
-    let traces = modelled.traces.iter().zip(&predictions);
+    let (modeled, predictions) = predicted(recording, field, scene, model, &sequences, console)?;
+    let traces = modeled.traces.iter().zip(&predictions);
     let of = |((trace, prediction), sequence): ((&Trace, &SequencePrediction), &&Sequence)| {
         let mut mean = sequence.torques.clone();
         let errors = prediction.mean.iter().zip(trace.readings());

@@ -271,7 +271,7 @@ struct Filled {
 }
 
 impl Filled {
-    /// Each point is the centre of a cube; together they are as near to the box as cubes of this size
+    /// Each point is the center of a cube; together they are as near to the box as cubes of this size
     /// come.
     fn new(corners: &[f64], spacing: f64) -> anyhow::Result<Self> {
         let corners = range::corners(corners)?;

@@ -183,8 +183,8 @@ fn text(report: &Report) -> String {
         None => text += "  points    none: free motion, no stiffness to estimate\n",
     }
     if let Some(threshold) = report.threshold {
-        let millimetres = number(1e3 * threshold);
-        text += &format!("  contact   threshold {millimetres} mm\n");
+        let millimeters = number(1e3 * threshold);
+        text += &format!("  contact   threshold {millimeters} mm\n");
     }
     let yes = |b: bool| if b { "yes" } else { "no" };
     text += &format!(

@@ -15,7 +15,7 @@ use vsf::vision::{GpConfig, KnnConfig, LearnedPrior, RegressorSpec, Samples, See
 
 #[derive(Debug, clap::Args)]
 #[command(after_help = "\
-The touched points of each field are described by colour, depth behind the seen surface and height, and \
+The touched points of each field are described by color, depth behind the seen surface and height, and \
 their stiffness is learned over all objects. `vsf estimate NEW --vision FILE` takes what was learned as the \
 mean of the prior of another recording with a camera/.
 

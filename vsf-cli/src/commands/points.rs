@@ -16,7 +16,7 @@ const MOST_CELLS: f64 = 1e8;
 
 #[derive(Debug, clap::Args)]
 #[command(after_help = "\
-The points are those of the seen surface, one per cube of the spacing, and the centres of the cubes of the box \
+The points are those of the seen surface, one per cube of the spacing, and the centers of the cubes of the box \
 that lie behind it or outside of the picture: the object may be there. What the camera sees through has no points \
 (section IV-A of the paper).
 

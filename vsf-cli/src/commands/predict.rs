@@ -1,5 +1,5 @@
 use crate::console::Console;
-use crate::corrected::Modelled;
+use crate::corrected::Modeled;
 use crate::derived::{PREDICTED, derived, deviations_of, save};
 use crate::recording::{FieldArgs, SplitPart};
 use serde::Serialize;
@@ -56,8 +56,8 @@ pub fn run(args: &Args, console: &Console) -> anyhow::Result<()> {
              joint_load_friction and joint_elasticity, have none; `vsf simulate` takes it from the field",
         );
     }
-    let modelled = Modelled::new(model.as_ref(), &recording, &scene, &sequences, console)?;
-    let predictions = modelled.predict(|trace| predict(&scene, belief, &noise_sd, trace))?;
+    let modeled = Modeled::new(model.as_ref(), &recording, &scene, &sequences, console)?;
+    let predictions = modeled.predict(|trace| predict(&scene, belief, &noise_sd, trace))?;
 
     let predicted = sequences
         .iter()
@@ -75,7 +75,7 @@ pub fn run(args: &Args, console: &Console) -> anyhow::Result<()> {
     });
     let deviations = deviations.collect::<anyhow::Result<Vec<_>>>()?;
     save(dataset, &recording.packages(), &args.out, deviations)?;
-    let entries = modelled.traces.iter().map(|t| Entry {
+    let entries = modeled.traces.iter().map(|t| Entry {
         sequence: &t.id,
         samples: t.observations.len(),
         contact_samples: t.contact_samples(),

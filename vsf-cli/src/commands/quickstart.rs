@@ -148,7 +148,7 @@ fn errors(ours: &Evaluation, zero: &Evaluation, knn: &Evaluation) -> String {
         "unseen push",
         "stiffness field",
         "zero torque",
-        "nearest neighbours",
+        "nearest neighbors",
     ];
     format!(
         "Mean error of the predicted joint torques, ||tau_hat - tau|| [N m]:\n{}",
@@ -160,9 +160,9 @@ fn tail(seconds: f64) -> String {
     format!(
         "
 Done in {seconds:.1} s. In ./{FOLDER}:
-  field.png    the field: stiff parts dark, untouched points grey
+  field.png    the field: stiff parts dark, untouched points gray
   torques.svg  measured and predicted torques of one unseen push
-  field.ply    the field as a coloured point cloud (MeshLab, CloudCompare, Blender)
+  field.ply    the field as a colored point cloud (MeshLab, CloudCompare, Blender)
   field.npz    the field for NumPy and for the other commands
   recording/   the touch recording: angles, torques, points, robot
 

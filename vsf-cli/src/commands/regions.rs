@@ -180,7 +180,7 @@ fn text(args: &Args, found: &StiffRegions, touched: bool, has_sd: bool) -> Strin
     let header = [
         "region",
         "points",
-        "centre x, y, z [m]",
+        "center x, y, z [m]",
         "size [m]",
         "stiffness [N/m]",
         "largest",

@@ -40,7 +40,7 @@ pub struct Args {
     /// IDs of the sequences to show; all by default
     #[arg(long, value_delimiter = ',')]
     sequences: Option<Vec<String>>,
-    /// Stiffness at the end of the colour bar [N/m], default the 99 % quantile
+    /// Stiffness at the end of the color bar [N/m], default the 99 % quantile
     #[arg(long, value_parser = positive)]
     full_scale: Option<f64>,
     #[command(flatten)]

@@ -215,7 +215,7 @@ fn panel(title: &str, bars: &str) -> String {
     format!("<div><h3>{title}</h3>\n{bars}</div>\n")
 }
 
-/// A labelled bar of a share with its interval.
+/// A labeled bar of a share with its interval.
 fn bar(label: &str, share: f64, interval: Option<[f64; 2]>) -> String {
     let x = |share: f64| 100.0 * share.clamp(0.0, 1.0);
     let whisker = interval.filter(|[low, high]| high - low > 0.005).map_or_else(String::new, |i| {

@@ -59,7 +59,7 @@ pub struct EstimatorSettings {
     /// What the recording's camera/ says about points, touched or not, as the mean of the prior;
     /// how much of it is chosen on held-out sequences: none (default, touches alone), level (one
     /// stiffness, fading behind the seen surface), knn, ridge or gp (regression of the touched points
-    /// on colour and position), or a FILE that `vsf learn` wrote
+    /// on color and position), or a FILE that `vsf learn` wrote
     #[arg(long, value_name = "METHOD|FILE", value_parser = vision)]
     vision: Option<Vision>,
 }

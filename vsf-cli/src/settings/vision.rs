@@ -57,11 +57,11 @@ pub enum VisionKind {
     None,
     /// One stiffness, fading behind the seen surface
     Level,
-    /// Regression on the 200 nearest touched points in colour and position
+    /// Regression on the 200 nearest touched points in color and position
     Knn,
-    /// Linear regression on colour and position
+    /// Linear regression on color and position
     Ridge,
-    /// Gaussian process over colour and position
+    /// Gaussian process over color and position
     Gp,
 }
 

@@ -4,7 +4,7 @@ use anyhow::Context;
 use serde::Serialize;
 use vsf::core::RestPoints;
 use vsf::core::nalgebra::{Point3, center};
-use vsf::plot::ColourLimit;
+use vsf::plot::ColorLimit;
 
 /// Most points that are drawn: as many as turn smoothly in a browser without a graphics card.
 const MOST: usize = 200_000;
@@ -27,7 +27,7 @@ pub struct Cloud {
     points: Numbers,
     /// Whether each was touched, if that is known.
     touched: Option<Numbers>,
-    /// What its colour may show.
+    /// What its color may show.
     layers: Vec<Layer>,
     /// Indices of the drawn points, increasing.
     #[serde(skip)]
@@ -40,7 +40,7 @@ struct Layer {
     name: &'static str,
     unit: &'static str,
     values: Numbers,
-    /// Value at the end of the colour bar.
+    /// Value at the end of the color bar.
     limit: f64,
 }
 
@@ -51,15 +51,15 @@ impl Cloud {
         Self::of(points, &[], origin_W)
     }
 
-    /// A field; `limit` is the stiffness at the end of the colour bar [N/m], the 99 % quantile by
+    /// A field; `limit` is the stiffness at the end of the color bar [N/m], the 99 % quantile by
     /// default.
     pub fn of_field(file: &FieldFile, limit: Option<f64>) -> anyhow::Result<Self> {
         let field = &file.field;
         let place = || file.path.display().to_string();
         let flags = &file.stored.touched;
         let mut cloud = Self::of(&field.points, flags, Point3::origin()).with_context(place)?;
-        let quantile = ColourLimit::default();
-        let stiff = limit.map_or(quantile, ColourLimit::Value);
+        let quantile = ColorLimit::default();
+        let stiff = limit.map_or(quantile, ColorLimit::Value);
         let of = |name, values, limit| {
             Layer::of(name, values, limit, flags, &cloud.drawn).with_context(place)
         };
@@ -115,11 +115,11 @@ impl Cloud {
 }
 
 impl Layer {
-    /// Values of touched points make the colour bar, as in pictures.
+    /// Values of touched points make the color bar, as in pictures.
     fn of(
         name: &'static str,
         values: &[f64],
-        limit: ColourLimit,
+        limit: ColorLimit,
         flags: &[bool],
         drawn: &[u32],
     ) -> anyhow::Result<Self> {
@@ -151,7 +151,7 @@ fn drawn(n: usize, flags: &[bool], most: usize) -> Vec<u32> {
     all
 }
 
-/// A number that looks random and is never the same for two: the finaliser of MurmurHash3.
+/// A number that looks random and is never the same for two: the finalizer of MurmurHash3.
 fn scrambled(i: u32) -> u32 {
     let i = (i ^ (i >> 16)).wrapping_mul(0x85eb_ca6b);
     let i = (i ^ (i >> 13)).wrapping_mul(0xc2b2_ae35);

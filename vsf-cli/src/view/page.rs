@@ -2,7 +2,7 @@ use super::{Cloud, Motion};
 use crate::console::harmless;
 use crate::html::{Script, document, escape};
 use serde::Serialize;
-use vsf::plot::stiffness_colour;
+use vsf::plot::stiffness_color;
 
 const STYLE: &str = concat!(
     include_str!("../diagnosis/page.css"),
@@ -10,8 +10,8 @@ const STYLE: &str = concat!(
 );
 const BODY: &str = include_str!("view.html");
 const SCRIPT: &str = include_str!("view.js");
-/// Colours of the bar.
-const COLOURS: u32 = 64;
+/// Colors of the bar.
+const COLORS: u32 = 64;
 
 /// What a page shows.
 #[derive(Serialize)]
@@ -33,11 +33,11 @@ struct Data<'a> {
 
 /// The page: it needs nothing else, no network and no graphics card.
 pub fn page(view: &View) -> anyhow::Result<String> {
-    let colour = |k| stiffness_colour(f64::from(k) / f64::from(COLOURS - 1));
+    let color = |k| stiffness_color(f64::from(k) / f64::from(COLORS - 1));
     let data = Data {
         view,
         origin: view.cloud.origin_W.coords.into(),
-        palette: (0..COLOURS).map(colour).collect(),
+        palette: (0..COLORS).map(color).collect(),
     };
     // Within a script element no text of the data may close it or open a comment.
     let data = harmless(&serde_json::to_string(&data)?).replace('<', "\\u003c");

@@ -63,33 +63,33 @@ const bounds = boxOf([points], 3, () => true) || boxOf(tracks.map(t => t.poses),
 const focus = touched !== null && boxOf([points], 3, i => touched[i] === 1) || bounds;
 /** The view of what is shown; of untouched points, of some around those that were touched. */
 function start() {
-  const shown = boxOf([points], 3, i => colours[i] !== EMPTY) || bounds;
+  const shown = boxOf([points], 3, i => colors[i] !== EMPTY) || bounds;
   return { azimuth: -60, elevation: 25, distance: 3.1 * Math.min(shown.radius, 2 * focus.radius), target: [...focus.middle] };
 }
 let camera;
 
-// ---- Colours ----------------------------------------------------------------------------------
+// ---- Colors ----------------------------------------------------------------------------------
 
-const PAPER = [255, 255, 255], GREY = [182, 190, 199], NOW = [0, 114, 178], LINK = [120, 132, 146];
+const PAPER = [255, 255, 255], GRAY = [182, 190, 199], NOW = [0, 114, 178], LINK = [120, 132, 146];
 const FOG = 16, EMPTY = 255, NEVER = data.palette.length;
 const packed = c => (255 << 24 | c[2] << 16 | c[1] << 8 | c[0]) >>> 0;
 const mix = (a, b, f) => a.map((v, k) => Math.round(v + f * (b[k] - v)));
-/** Colours of the palette and of untouched points, paler with distance; the rim is darker. */
+/** Colors of the palette and of untouched points, paler with distance; the rim is darker. */
 const shades = [0, 0.25].map(dark => Array.from({ length: FOG }, (_, f) => Uint32Array.from(
-  [...data.palette, GREY], c => packed(mix(mix(c, [0, 0, 0], dark), PAPER, 0.4 * f / (FOG - 1))))));
+  [...data.palette, GRAY], c => packed(mix(mix(c, [0, 0, 0], dark), PAPER, 0.4 * f / (FOG - 1))))));
 
-/** The colour of each point: a number in the palette, NEVER for untouched ones, EMPTY for hidden. */
-const colours = new Uint8Array(n);
+/** The color of each point: a number in the palette, NEVER for untouched ones, EMPTY for hidden. */
+const colors = new Uint8Array(n);
 function paint() {
   const shown = layers[layer], last = data.palette.length - 1;
   const least = shown ? shown.limit * $("least").value / 100 : 0;
   const rest = $("untouched").value;
   for (let i = 0; i < n; i++) {
-    const own = touched === null || touched[i] === 1 || rest === "coloured";
-    if (!shown) colours[i] = NEVER;
-    else if (!own) colours[i] = rest === "hidden" || least > 0 ? EMPTY : NEVER;
-    else if (shown.values[i] < least) colours[i] = EMPTY;
-    else colours[i] = Math.min(last, Math.round(last * shown.values[i] / shown.limit));
+    const own = touched === null || touched[i] === 1 || rest === "colored";
+    if (!shown) colors[i] = NEVER;
+    else if (!own) colors[i] = rest === "hidden" || least > 0 ? EMPTY : NEVER;
+    else if (shown.values[i] < least) colors[i] = EMPTY;
+    else colors[i] = Math.min(last, Math.round(last * shown.values[i] / shown.limit));
   }
 }
 
@@ -155,14 +155,14 @@ function drawCloud(l, moved) {
   const first = project(l, ...bounds.middle)[2] - bounds.radius, range = FOG / (2 * bounds.radius);
   const rims = shades[size * l.focal / camera.distance > 2 ? 1 : 0];
   for (let i = 0; i < n; i++) {
-    if (colours[i] === EMPTY || moved !== null && moved.has(i)) continue;
+    if (colors[i] === EMPTY || moved !== null && moved.has(i)) continue;
     const [x, y, away] = project(l, points[3 * i], points[3 * i + 1], points[3 * i + 2]);
     if (away < l.near) continue;
-    const small = colours[i] === NEVER && layers.length > 0 ? 0.6 : 1;
+    const small = colors[i] === NEVER && layers.length > 0 ? 0.6 : 1;
     const r = Math.min(60, Math.max(least, small * size * l.focal / away));
     if (x < -r || y < -r || x > W + r || y > H + r) continue;
     const fog = Math.min(FOG - 1, Math.max(0, Math.floor((away - first) * range)));
-    disc(x, y, away, r, shades[0][fog][colours[i]], rims[fog][colours[i]], i);
+    disc(x, y, away, r, shades[0][fog][colors[i]], rims[fog][colors[i]], i);
   }
 }
 
@@ -240,10 +240,10 @@ function triangle(l, s, w, i, j, k) {
 
 const AXES = [["x", "#c0392b"], ["y", "#2e8540"], ["z", "#1f5fa8"]];
 
-function line(l, p, q, colour, width) {
+function line(l, p, q, color, width) {
   const [a, b] = [project(l, ...p), project(l, ...q)];
   if (a[2] < l.near || b[2] < l.near) return b;
-  context.strokeStyle = colour;
+  context.strokeStyle = color;
   context.lineWidth = width * W / stage.clientWidth;
   context.beginPath();
   context.moveTo(a[0], a[1]);
@@ -257,7 +257,7 @@ function drawFrames(l, poses, first) {
   for (let k = 0; k < links; k++) {
     const at = first + 7 * k, here = place(poses, at, 0, 0, 0);
     if (parents[k] >= 0) line(l, place(poses, first + 7 * parents[k], 0, 0, 0), here, "#1b2430", 1.5);
-    AXES.forEach(([, colour], a) => line(l, here, place(poses, at, ...[0, 1, 2].map(b => a === b ? length : 0)), colour, 2));
+    AXES.forEach(([, color], a) => line(l, here, place(poses, at, ...[0, 1, 2].map(b => a === b ? length : 0)), color, 2));
   }
 }
 
@@ -265,9 +265,9 @@ function drawFrames(l, poses, first) {
 function drawAxes(l) {
   const unit = W / stage.clientWidth, [x, y] = [40 * unit, H - 40 * unit];
   context.font = `${12 * unit}px system-ui, sans-serif`;
-  AXES.forEach(([name, colour], a) => {
+  AXES.forEach(([name, color], a) => {
     const [dx, dy] = [28 * unit * l.right[a], 28 * unit * l.down[a]];
-    context.strokeStyle = context.fillStyle = colour;
+    context.strokeStyle = context.fillStyle = color;
     context.lineWidth = 2 * unit;
     context.beginPath();
     context.moveTo(x, y);
@@ -396,7 +396,7 @@ function showLayer() {
     }));
     $("least-value").textContent = `${number(shown.limit * $("least").value / 100)} ${shown.unit}`;
   }
-  $("grey-of").hidden = !shown || touched === null || $("untouched").value !== "grey";
+  $("gray-of").hidden = !shown || touched === null || $("untouched").value !== "gray";
   paint();
   refresh(false);
 }
@@ -443,7 +443,7 @@ function showTrack() {
   $("sample").max = t.time.length - 1;
   setPlaying(false);
   $("course-of").textContent = canTouch
-    ? `Grey: touched points, at most ${t.counts.reduce((a, b) => Math.max(a, b), 0)}. Orange: norm of the external torques, at most ${number(t.loads.reduce((a, b) => Math.max(a, b), 0))} ${motion.unit}.`
+    ? `Gray: touched points, at most ${t.counts.reduce((a, b) => Math.max(a, b), 0)}. Orange: norm of the external torques, at most ${number(t.loads.reduce((a, b) => Math.max(a, b), 0))} ${motion.unit}.`
     : "";
   showSample();
 }

@@ -64,9 +64,9 @@ pub struct McapExport<'a> {
     pub predictions: &'a [EffortPrediction],
     /// The field.
     pub field: Option<&'a StiffnessField>,
-    /// Colour the field by its standard deviation in place of its stiffness.
+    /// Color the field by its standard deviation in place of its stiffness.
     pub deviation: bool,
-    /// Stiffness, or deviation, of the brightest colour [N/m], positive; default the largest.
+    /// Stiffness, or deviation, of the brightest color [N/m], positive; default the largest.
     pub full_scale: Option<f64>,
 }
 

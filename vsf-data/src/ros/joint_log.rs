@@ -30,7 +30,7 @@ pub enum Clock {
 
 /// The joint states of MCAP or CSV files, before it is known which joints make a recording.
 ///
-/// Of MCAP files, `sensor_msgs/JointState` is read as ROS 2 (CDR) and ROS 1 serialise it, from chunks with or without
+/// Of MCAP files, `sensor_msgs/JointState` is read as ROS 2 (CDR) and ROS 1 serialize it, from chunks with or without
 /// zstd and lz4 compression; messages of other topics are passed over one by one. Files that
 /// [`McapExport`](crate::McapExport) wrote also hold metadata, points, and the sequences with their
 /// exact times.
@@ -127,7 +127,7 @@ impl JointLog {
     ///
     /// # Errors
     /// [`DataError::Mcap`] for a damaged file, no joint states, a topic of another type or
-    /// serialisation, more than 4 GiB of all that is kept; [`DataError::Advised`] for several topics;
+    /// serialization, more than 4 GiB of all that is kept; [`DataError::Advised`] for several topics;
     /// [`DataError::Message`] for a message that cannot be read, and for more than 1000 different lists
     /// of names. [`DataError::Csv`] for columns without titles, without time or joints, or of which two are the same,
     /// and for CSV files among others; [`DataError::CsvLine`] for a line of another length, [`DataError::CsvCell`] for

@@ -179,7 +179,7 @@ pub(crate) fn joint_state(
 }
 
 /// `sensor_msgs/msg/PointCloud2` in CDR, one `float32` each of `x y z stiffness`, `sd` if the field
-/// has it, and `rgb`, the colours of `values`, whose bits are `0x00RRGGBB`. `None` for a cloud beyond 4 GiB.
+/// has it, and `rgb`, the colors of `values`, whose bits are `0x00RRGGBB`. `None` for a cloud beyond 4 GiB.
 pub(crate) fn point_cloud(
     stamp: i64,
     frame: &str,
@@ -354,7 +354,7 @@ mod tests {
             &[20, 0, 0, 0],                     // data
             &[0, 0, 0x80, 0x3f, 0, 0, 0, 0x40], // 1, 2
             &[0, 0, 0, 0xbf, 0, 0, 0x40, 0x40], // -0.5, 3
-            &[37, 231, 253, 0],                 // the brightest colour, blue first
+            &[37, 231, 253, 0],                 // the brightest color, blue first
             &[1],                               // is_dense
         ]
         .concat();

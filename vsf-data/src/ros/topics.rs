@@ -14,7 +14,7 @@ pub(super) struct Topics {
     wanted: Option<String>,
     schemas: HashMap<u16, Schema>,
     channels: HashMap<u16, Channel>,
-    /// Types and serialisations by topic.
+    /// Types and serializations by topic.
     all: BTreeMap<String, String>,
     /// Topics that have joint states.
     heard: Vec<String>,
@@ -31,7 +31,7 @@ struct Schema {
 #[derive(PartialEq)]
 struct Channel {
     topic: String,
-    /// How its joint states are serialised; `None` for anything else.
+    /// How its joint states are serialized; `None` for anything else.
     version: Option<Version>,
 }
 
@@ -87,7 +87,7 @@ impl Topics {
         size
     }
 
-    /// How a message of this channel is serialised, if it is a joint state of the chosen topic.
+    /// How a message of this channel is serialized, if it is a joint state of the chosen topic.
     pub fn version(&mut self, channel: u16) -> Result<Option<Version>, String> {
         let Some(Channel { topic, version }) = self.channels.get(&channel) else {
             return Err(format!(

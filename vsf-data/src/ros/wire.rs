@@ -204,7 +204,7 @@ impl Writer {
 mod tests {
     use super::*;
 
-    /// The example of the OMG, DDSI-RTPS 2.3, section 10.7: a colour and three `int32`.
+    /// The example of the OMG, DDSI-RTPS 2.3, section 10.7: a color and three `int32`.
     #[test]
     fn val_example_of_the_specification() {
         let mut to = Writer::new();

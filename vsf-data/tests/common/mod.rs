@@ -120,7 +120,7 @@ pub fn check_pause(dataset: &Dataset, effort: [f64; 2]) {
     assert_eq!(a.velocities, None);
 }
 
-/// `sensor_msgs/msg/JointState` as ROS 2 serialises it, written independently of the crate.
+/// `sensor_msgs/msg/JointState` as ROS 2 serializes it, written independently of the crate.
 #[derive(Debug, Clone)]
 pub struct State {
     pub topic: &'static str,

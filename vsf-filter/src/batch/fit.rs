@@ -63,9 +63,9 @@ impl<'a> BatchFit<'a> {
         self.optimum.kkt_residual
     }
 
-    /// Factorisations needed.
-    pub fn factorisations(&self) -> usize {
-        self.optimum.factorisations
+    /// Factorizations needed.
+    pub fn factorizations(&self) -> usize {
+        self.optimum.factorizations
     }
 
     /// The touched points that the optimum leaves free (`K > 0`), increasing.

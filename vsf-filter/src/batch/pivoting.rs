@@ -9,7 +9,7 @@ const PATIENCE: usize = 10;
 /// Largest violation of the optimality conditions that counts as none.
 const TOLERANCE: f64 = 1e-12;
 
-/// The minimiser within `x >= 0`.
+/// The minimizer within `x >= 0`.
 #[derive(Debug)]
 pub(super) struct Optimum {
     pub(super) x: Vec<f64>,
@@ -19,7 +19,7 @@ pub(super) struct Optimum {
     /// Largest violation of the optimality conditions. With every unknown in units of
     /// `H_ii^-1/2`, relative to the largest of `b` and `x`.
     pub(super) kkt_residual: f64,
-    pub(super) factorisations: usize,
+    pub(super) factorizations: usize,
 }
 
 /// Block principal pivoting: solve for the free unknowns, then exchange all that came out wrong
@@ -31,7 +31,7 @@ pub(super) struct Optimum {
 /// Comparisons*, SIAM J. Sci. Comput. 33 (2011), doi 10.1137/110821172. J. J. Júdice, F. M. Pires,
 /// *A block principal pivoting algorithm for large-scale strictly monotone linear complementarity
 /// problems*, Comput. Oper. Res. 21 (1994), doi 10.1016/0305-0548(94)90106-6.
-pub(super) fn minimise(problem: &dyn Quadratic) -> Result<Optimum, CoreError> {
+pub(super) fn minimize(problem: &dyn Quadratic) -> Result<Optimum, CoreError> {
     let n = problem.linear().len();
     let unit: Vec<f64> = problem.diagonal().iter().map(|h| 1.0 / h.sqrt()).collect();
     let largest = |values: &mut dyn Iterator<Item = f64>| values.fold(0.0, f64::max);
@@ -40,7 +40,7 @@ pub(super) fn minimise(problem: &dyn Quadratic) -> Result<Optimum, CoreError> {
     let mut free: Vec<bool> = guess.iter().map(|x| *x > 0.0).collect();
     let mut factor: Option<Factor> = None;
     let (mut fewest, mut patience, mut singles) = (n + 1, PATIENCE, 0);
-    let mut factorisations = 0;
+    let mut factorizations = 0;
     while singles <= 100 * n {
         let near = factor
             .as_ref()
@@ -49,9 +49,9 @@ pub(super) fn minimise(problem: &dyn Quadratic) -> Result<Optimum, CoreError> {
         let x = if let Some(x) = near {
             x
         } else {
-            factorisations += 1;
+            factorizations += 1;
             let new = problem.factor((0..n).filter(|&i| free[i]).collect())?;
-            let x = problem.minimiser(&new);
+            let x = problem.minimizer(&new);
             factor = Some(new);
             x
         };
@@ -83,7 +83,7 @@ pub(super) fn minimise(problem: &dyn Quadratic) -> Result<Optimum, CoreError> {
                     gradient,
                     factor,
                     kkt_residual: rounding.max(held) / size.max(f64::MIN_POSITIVE),
-                    factorisations,
+                    factorizations,
                 });
             }
             factor = None;

@@ -81,7 +81,7 @@ impl<'a> ByPoints<'a> {
     }
 
     /// As [`Quadratic::leave_out`] with a system of the size of the sequence's rows: its touched
-    /// `places`, the change of the minimiser there.
+    /// `places`, the change of the minimizer there.
     fn leave_out_rows(
         &self,
         factor: &Factor,
@@ -189,7 +189,7 @@ impl Quadratic for ByPoints<'_> {
         Ok(Factor::new(self.linear.len(), free, cholesky))
     }
 
-    fn minimiser(&self, factor: &Factor) -> Vec<f64> {
+    fn minimizer(&self, factor: &Factor) -> Vec<f64> {
         let mut part = vec![0.0; factor.free.len()];
         self.gather_linear(&factor.free, &mut part);
         factor.cholesky.solve(&mut part);

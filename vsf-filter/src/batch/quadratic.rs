@@ -5,7 +5,7 @@ use std::fmt::Debug;
 use std::sync::OnceLock;
 use vsf_core::CoreError;
 
-/// What the optimum minimises over the touched points, `x^T H x / 2 - b^T x` up to a constant,
+/// What the optimum minimizes over the touched points, `x^T H x / 2 - b^T x` up to a constant,
 /// with `H = W^T R^-1 W + C^-1` times the square of the noise scale.
 ///
 /// Two implementations: by points, where `H` is a matrix, and by rows, where it is `W` and the
@@ -22,9 +22,9 @@ pub(super) trait Quadratic: Debug + Send + Sync {
 
     /// Factors the problem of the free unknowns, the others held at zero.
     fn factor(&self, free: Vec<usize>) -> Result<Factor, CoreError>;
-    /// Its minimiser.
-    fn minimiser(&self, factor: &Factor) -> Vec<f64>;
-    /// The minimiser for other free unknowns with an old factor, `None` where a new one is cheaper.
+    /// Its minimizer.
+    fn minimizer(&self, factor: &Factor) -> Vec<f64>;
+    /// The minimizer for other free unknowns with an old factor, `None` where a new one is cheaper.
     fn minimiser_near(&self, _factor: &Factor, _free: &[bool]) -> Option<Vec<f64>> {
         None
     }
@@ -37,12 +37,12 @@ pub(super) trait Quadratic: Debug + Send + Sync {
     /// `v^T H_FF^-1 v`, where row `k` of `v` belongs to unknown `slots[k]`.
     fn spread(&self, factor: &Factor, slots: &[usize], v: &Mat<f64>) -> Mat<f64>;
     /// Takes out the rows `W_s` of sequence `s` for the same free unknowns:
-    /// `log det(I - W_s H_FF^-1 W_s^T)` and the minimiser without them.
+    /// `log det(I - W_s H_FF^-1 W_s^T)` and the minimizer without them.
     fn leave_out(&self, factor: &Factor, s: usize, x: &[f64])
     -> Result<(f64, Vec<f64>), CoreError>;
 }
 
-/// The factorised problem of some free unknowns.
+/// The factorized problem of some free unknowns.
 #[derive(Debug)]
 pub(super) struct Factor {
     pub(super) free: Vec<usize>,

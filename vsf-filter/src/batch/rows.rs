@@ -49,7 +49,7 @@ impl<'a> ByRows<'a> {
         self.tau.iter().zip(predicted).map(|(t, p)| t - p).collect()
     }
 
-    /// `mean + ridge^-1 W^T alpha` of the free unknowns: every minimiser has this form.
+    /// `mean + ridge^-1 W^T alpha` of the free unknowns: every minimizer has this form.
     fn represent(&self, factor: &Factor, alpha: &[f64]) -> Vec<f64> {
         let mut x = vec![0.0; self.ridge.len()];
         for &i in &factor.free {
@@ -104,7 +104,7 @@ impl Quadratic for ByRows<'_> {
         Ok(Factor::new(self.ridge.len(), free, cholesky))
     }
 
-    fn minimiser(&self, factor: &Factor) -> Vec<f64> {
+    fn minimizer(&self, factor: &Factor) -> Vec<f64> {
         let mut start = vec![0.0; self.mean.len()];
         factor.free.iter().for_each(|&i| start[i] = self.mean[i]);
         let mut alpha = self.residual(&start);

@@ -16,7 +16,7 @@ pub(super) const TILE_SQUARES: usize = BANDS * BANDS;
 /// Rows whose sums stay in registers.
 const ROWS: usize = 4;
 
-/// Eight neighbouring numbers, aligned so that no vector straddles a cache line.
+/// Eight neighboring numbers, aligned so that no vector straddles a cache line.
 #[derive(Debug, Clone, Copy, PartialEq)]
 #[repr(align(32))]
 pub(super) struct Octet<T>(pub(super) [T; OCTET]);

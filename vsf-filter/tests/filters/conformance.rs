@@ -150,7 +150,7 @@ fn replay_f64() {
     replay::<f64>();
 }
 
-/// Normalised least mean squares with one channel after the other: no noise model, variances
+/// Normalized least mean squares with one channel after the other: no noise model, variances
 /// stay.
 #[derive(Clone)]
 struct Nlms<T: Scalar> {

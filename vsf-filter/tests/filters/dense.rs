@@ -78,7 +78,7 @@ fn a_prior_in_space_is_not_local() {
         gaussian: false,
         ..EstimatorOptions::default()
     };
-    // A level that is a share of the mean variance stands relabelling and other units, which are asked first.
+    // A level that is a share of the mean variance stands relabeling and other units, which are asked first.
     let make = |p: Belief<f64>| {
         let mean = p.variance().iter().sum::<f64>() / p.len() as f64;
         let prior = FieldPrior::from(p).with_level(0.3 * mean.sqrt()).unwrap();

@@ -86,7 +86,7 @@ fn val_golden_case_comes_down_to_its_optimum() {
     assert!(far < 1e-8, "{far:e} N/m away");
 }
 
-/// Readings of a link that presses to and fro into a row of points: neighbours are felt together, and all by
+/// Readings of a link that presses to and fro into a row of points: neighbors are felt together, and all by
 /// nearly the same lever, which changes slowly.
 fn press(t: usize, truth: &[f64], rng: &mut Pcg64Mcg) -> Observation<f64> {
     let (n, phase) = (truth.len(), 0.01 * t as f64);

@@ -242,7 +242,7 @@ fn outliers_ruin_the_plain_filter_and_not_the_robust_one() {
                      {inside:.3}, outside {outside:.3}, without outliers {clean:.3}"
                 );
                 assert!(inside < 2.0 * clean);
-                // Early judgements that are kept are not always right.
+                // Early judgments that are kept are not always right.
                 assert!(noise < 0.3 || outside < 2.0 * clean);
             }
         }

@@ -78,7 +78,7 @@ impl RigidMotion {
 pub(super) struct Body {
     /// Mass (kg).
     pub m: f64,
-    /// Mass times place of its centre in the frame of the link (kg m).
+    /// Mass times place of its center in the frame of the link (kg m).
     pub h_L: Vector3<f64>,
 }
 

@@ -7,7 +7,7 @@ use nalgebra::{Rotation3, Vector3};
 use std::sync::Arc;
 use vsf_robots::RobotModel;
 
-/// Gravity of another direction than assumed: a robot that is not levelled.
+/// Gravity of another direction than assumed: a robot that is not leveled.
 ///
 /// Parameters `tilt_x` and `tilt_y` (rad), a rotation vector about the world axes with rotation `R`:
 /// the arm stands tilted by it, so that gravity is `R^T g` where the model, and whoever freed the

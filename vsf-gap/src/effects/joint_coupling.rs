@@ -9,11 +9,11 @@ use std::ops::Range;
 /// tendons that pass by: `-c_jk tanh(qd_k / eps) - d_jk qd_k - i_jk qdd_k`.
 ///
 /// Parameters `c_<j>_<k>` (N m or N), `d_<j>_<k>` (N m s/rad, N s/m, ...) and `i_<j>_<k>` (kg m², kg, ...) for every
-/// joint `j` and every other joint `k`, and the shape `eps` (rad/s or m/s). All neighbours along the arm may act
+/// joint `j` and every other joint `k`, and the shape `eps` (rad/s or m/s). All neighbors along the arm may act
 /// together, or any one pair alone. Tell-tale: the residual of one joint follows the velocity or the acceleration of another.
 ///
 /// # Reference
-/// B. Siciliano, L. Sciavicco, L. Villani, G. Oriolo, *Robotics: Modelling, Planning and Control*,
+/// B. Siciliano, L. Sciavicco, L. Villani, G. Oriolo, *Robotics: Modeling, Planning and Control*,
 /// 2009, chapter 7, doi:10.1007/978-1-84628-642-1.
 #[derive(Debug, Clone, Copy)]
 pub struct JointCoupling;

@@ -1,6 +1,6 @@
 use super::joint::{sign, speed_unit, unit};
 use crate::GapError;
-use crate::contact::centre;
+use crate::contact::center;
 use crate::effect::{Acts, Compensator, Effect, Need, Parameter, Probe, Sample, Site, Touch};
 use crate::effect::{check, per_joint};
 use vsf_data::TorqueKind;
@@ -92,7 +92,7 @@ impl Compensator for Friction {
         if self.measured {
             return;
         }
-        let Some((link, p)) = centre(touch) else {
+        let Some((link, p)) = center(touch) else {
             return;
         };
         let load = &mut self.load;

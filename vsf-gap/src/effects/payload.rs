@@ -6,11 +6,11 @@ use crate::{Campaign, GapError};
 use nalgebra::Vector3;
 use vsf_data::TorqueKind;
 
-/// Something that the last link carries: a mass `m` with its centre at `c`, frame of that link.
+/// Something that the last link carries: a mass `m` with its center at `c`, frame of that link.
 ///
 /// Parameters `m` (kg) and first moments `mx`, `my`, `mz` (kg m), that is `m c`; torques are linear in
 /// them. Its weight loads the joints; where the readings are those of the actuators, so does its
-/// inertia, that about the link's origin left out. Moments without mass are a link whose own centre of
+/// inertia, that about the link's origin left out. Moments without mass are a link whose own center of
 /// mass lies elsewhere than the model has it. Tell-tale: depends on posture, there in free motion
 /// too. A bias does not depend on posture, a tilt acts on all links.
 ///

@@ -6,11 +6,11 @@ use crate::effect::{
 use nalgebra::Vector3;
 use vsf_core::RestPoints;
 
-/// Springs between neighbouring points: the force on the robot at a touched point `i` is
-/// `-kappa sum_j (u_i - u_j)` over its neighbours `j`, besides that of its own spring.
+/// Springs between neighboring points: the force on the robot at a touched point `i` is
+/// `-kappa sum_j (u_i - u_j)` over its neighbors `j`, besides that of its own spring.
 ///
 /// One parameter, `kappa` (N/m), of every pair of points at most 1.5 times the typical distance of
-/// neighbours apart. Neighbours that are not touched stay at rest. Tell-tale: the force of two
+/// neighbors apart. Neighbors that are not touched stay at rest. Tell-tale: the force of two
 /// places pressed together is not the sum of what they take alone.
 ///
 /// # Reference
@@ -19,13 +19,13 @@ use vsf_core::RestPoints;
 #[derive(Debug, Clone, Copy)]
 pub struct SpatialCoupling;
 
-/// How far apart neighbours are at most, in typical distances: the faces and edges of a cubic grid.
+/// How far apart neighbors are at most, in typical distances: the faces and edges of a cubic grid.
 const REACH: f64 = 1.5;
 
 struct Lattice {
     kappa: f64,
-    /// Neighbours of all points, one after the other, and where those of each point begin.
-    neighbours: Vec<u32>,
+    /// Neighbors of all points, one after the other, and where those of each point begin.
+    neighbors: Vec<u32>,
     starts: Vec<u32>,
     /// Displacements of all points (m).
     u: Vec<Vector3<f64>>,
@@ -37,7 +37,7 @@ impl Effect for SpatialCoupling {
     }
 
     fn summary(&self) -> &str {
-        "neighbouring points hold each other by springs `kappa`"
+        "neighboring points hold each other by springs `kappa`"
     }
 
     fn acts(&self) -> Acts {
@@ -58,20 +58,20 @@ impl Effect for SpatialCoupling {
 
     fn compensator(&self, site: &Site, theta: &[f64]) -> Result<Box<dyn Compensator>, GapError> {
         check(self.name(), theta, 1)?;
-        let (neighbours, starts) = neighbours(&site.rest);
+        let (neighbors, starts) = neighbors(&site.rest);
         Ok(Box::new(Lattice {
             kappa: theta[0],
-            neighbours,
+            neighbors,
             starts,
             u: vec![Vector3::zeros(); site.rest.len()],
         }))
     }
 }
 
-fn neighbours(rest: &RestPoints) -> (Vec<u32>, Vec<u32>) {
+fn neighbors(rest: &RestPoints) -> (Vec<u32>, Vec<u32>) {
     let reach = REACH * rest.spacing();
     let half = Vector3::repeat(reach);
-    let mut neighbours = Vec::new();
+    let mut neighbors = Vec::new();
     let mut starts = vec![0];
     for (i, p) in rest.positions().iter().enumerate() {
         rest.for_cells_in(&(p - half), &(p + half), |cell| {
@@ -79,11 +79,11 @@ fn neighbours(rest: &RestPoints) -> (Vec<u32>, Vec<u32>) {
                 let j = **j as usize;
                 j != i && (rest.positions()[j] - p).norm() <= reach
             };
-            neighbours.extend(cell.points.iter().filter(near));
+            neighbors.extend(cell.points.iter().filter(near));
         });
-        starts.push(neighbours.len() as u32);
+        starts.push(neighbors.len() as u32);
     }
-    (neighbours, starts)
+    (neighbors, starts)
 }
 
 impl Compensator for Lattice {
@@ -97,7 +97,7 @@ impl Compensator for Lattice {
             let p = p as usize;
             let of_p = self.starts[p] as usize..self.starts[p + 1] as usize;
             let apart = |j: &u32| u - self.u[*j as usize];
-            let force: Vector3<f64> = self.neighbours[of_p].iter().map(apart).sum();
+            let force: Vector3<f64> = self.neighbors[of_p].iter().map(apart).sum();
             let place = touch.rest.positions()[p] + u;
             let force = force * -self.kappa;
             add_force(touch.posture, link as usize, &place, &force, tau);

@@ -5,7 +5,7 @@ use crate::{Campaign, GapError};
 /// A constant error of the torque sensors: joint `j` reads `b_j` more than its torque, also in free motion.
 ///
 /// Parameters `b_<joint>` (N m or N). Tell-tale: it neither depends on posture nor on motion; an
-/// unmodelled weight changes with the posture.
+/// unmodeled weight changes with the posture.
 ///
 /// # Reference
 /// A. De Luca, A. Albu-Schaffer, S. Haddadin, G. Hirzinger, "Collision detection and safe reaction

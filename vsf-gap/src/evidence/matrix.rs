@@ -65,7 +65,7 @@ pub(super) fn outer(a: &Mat<f64>) -> Mat<f64> {
     out
 }
 
-/// Adds `sign A A^T` on and below the diagonal. Neighbouring rows touch the same few points: of two bands of rows
+/// Adds `sign A A^T` on and below the diagonal. Neighboring rows touch the same few points: of two bands of rows
 /// only the columns count that are not zero in both.
 pub(super) fn add_outer(to: &mut Mat<f64>, a: &Mat<f64>, sign: f64) {
     let n = a.nrows();

@@ -152,7 +152,7 @@ fn parts<'s, 'a>(touching: &'s [Sample<'a>], most: usize) -> Vec<&'s [Sample<'a>
     parts.into_iter().step_by(every).collect()
 }
 
-/// Log marginal likelihood of readings in any convention, from one factorisation per ratio of springs and noise.
+/// Log marginal likelihood of readings in any convention, from one factorization per ratio of springs and noise.
 struct Evidence {
     joints: usize,
     /// For every ratio, `log det C` and, for every joint in turn, the readings of every column in its rows, whitened.
@@ -287,7 +287,7 @@ fn springs_along(parts: &[&[Sample]], joints: usize) -> DMatrix<f64> {
     let mut points: Vec<u32> = (0..is_touched.len() as u32)
         .filter(|p| is_touched[*p as usize])
         .collect();
-    // Scattered, since neighbours in a lattice have like indices.
+    // Scattered, since neighbors in a lattice have like indices.
     points.sort_by_key(|p| p.wrapping_mul(0x9E37_79B1));
     points.truncate(MOST_POINTS);
     let mut column = vec![None; is_touched.len()];

@@ -570,7 +570,7 @@ pub enum PipelineWarning {
     },
     /// A link of more than 10 m.
     #[error(
-        "link {link:?} is {} m across; lengths are in metres, check its shapes and, for a mesh in millimetres, \
+        "link {link:?} is {} m across; lengths are in meters, check its shapes and, for a mesh in millimeters, \
          its scale (scale=\"0.001 0.001 0.001\" in the URDF)", whole(*size)
     )]
     HugeLink {
@@ -582,7 +582,7 @@ pub enum PipelineWarning {
     /// A contact threshold of more than a quarter of the object, and than four spacings of its points.
     #[error(
         "contact threshold and padding reach {} m beyond the robot's surface, and the object is {size:.3} m across: much of \
-         it is touched at once, which takes long and tells little; lengths are in metres",
+         it is touched at once, which takes long and tells little; lengths are in meters",
         (level * 1e6).round() / 1e6
     )]
     TouchesFromAfar {

@@ -42,11 +42,11 @@ impl Weighed {
         if readings.nrows() == 0 {
             return;
         }
-        let centred = |rows: &DMatrix<f64>| {
+        let centered = |rows: &DMatrix<f64>| {
             let means = rows.row_mean();
             DMatrix::from_fn(rows.nrows(), rows.ncols(), |i, j| rows[(i, j)] - means[j])
         };
-        let (readings, rigid) = (centred(readings), centred(rigid));
+        let (readings, rigid) = (centered(readings), centered(rigid));
         self.count += readings.nrows();
         self.readings += readings.map(|v| v * v).row_sum_tr();
         self.rigid += rigid.map(|v| v * v).row_sum_tr();

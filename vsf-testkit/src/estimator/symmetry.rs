@@ -7,13 +7,13 @@ impl<T: Scalar, E: Estimator<Scalar = T>> Suite<'_, T, E> {
         let n = self.options.points;
         let mut scrambled: Vec<usize> = (0..n).collect();
         scrambled.sort_by_key(|&i| (i * 17 % 31, i));
-        self.relabelling(&scrambled);
+        self.relabeling(&scrambled);
         // No point keeps its place.
         let shifted: Vec<usize> = (0..n).map(|i| (i + 1) % n).collect();
-        self.relabelling(&shifted);
+        self.relabeling(&shifted);
     }
 
-    fn relabelling(&self, order: &[usize]) {
+    fn relabeling(&self, order: &[usize]) {
         let (n, prior) = (self.options.points, self.prior());
         let mut rank = vec![0; n];
         order.iter().enumerate().for_each(|(r, &i)| rank[i] = r);
@@ -22,7 +22,7 @@ impl<T: Scalar, E: Estimator<Scalar = T>> Suite<'_, T, E> {
             Belief::new(pick(belief.mean()), pick(belief.variance())).unwrap()
         };
         let readings = self.sequence(n);
-        let relabelled: Vec<Reading> = readings
+        let relabeled: Vec<Reading> = readings
             .iter()
             .map(|r| {
                 let mut touched: Vec<(u32, Vec<f64>)> = r
@@ -42,10 +42,10 @@ impl<T: Scalar, E: Estimator<Scalar = T>> Suite<'_, T, E> {
             .collect();
         let expected = relabel(&self.run(prior.clone(), &readings));
         self.close(
-            &self.run(relabel(&prior), &relabelled),
+            &self.run(relabel(&prior), &relabeled),
             &expected,
             1.0,
-            "relabelled",
+            "relabeled",
         );
     }
 

@@ -100,7 +100,7 @@ impl<'a> Figures<'a> {
     }
 
     /// Fig. 5: the field of the train sequences by touch alone and, with a camera, with what it
-    /// sees, in the same colours.
+    /// sees, in the same colors.
     pub fn fields(
         &self,
         number: usize,

@@ -5,7 +5,7 @@ use rand_pcg::Pcg64Mcg;
 /// Fully connected layers, with `tanh` after every one but the last.
 ///
 /// The parameters of all layers lie in one vector, each layer's weights (outputs x inputs, column
-/// by column) before its biases, so that an optimiser need not know of layers. Inputs, targets and
+/// by column) before its biases, so that an optimizer need not know of layers. Inputs, targets and
 /// outputs are matrices with one column per sample.
 #[derive(Clone)]
 pub struct Network {

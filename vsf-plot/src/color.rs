@@ -1,12 +1,12 @@
 use crate::PlotError;
 
-/// An sRGB colour, 8 bits per channel.
+/// An sRGB color, 8 bits per channel.
 pub type Rgb = [u8; 3];
 
-/// Anchors of the colour map inferno at t = 0, 1/16, ..., 1, rounded to 8 bits.
+/// Anchors of the color map inferno at t = 0, 1/16, ..., 1, rounded to 8 bits.
 ///
 /// Reference: N. J. Smith and S. van der Walt, inferno, in matplotlib 1.5 (CC0). Perceptually
-/// uniform, monotone in lightness, readable with colour vision deficiency and in grey print.
+/// uniform, monotone in lightness, readable with color vision deficiency and in gray print.
 const INFERNO: [Rgb; 17] = [
     [0, 0, 4],
     [11, 7, 36],
@@ -27,19 +27,19 @@ const INFERNO: [Rgb; 17] = [
     [252, 255, 164],
 ];
 
-/// Colour of `t` in 0..=1: pale yellow for soft, over red, to dark violet for stiff. Values outside
-/// take the colour of the nearer end.
+/// Color of `t` in 0..=1: pale yellow for soft, over red, to dark violet for stiff. Values outside
+/// take the color of the nearer end.
 ///
 /// Inferno runs backwards so that on white paper more ink means stiffer, and stops short of its
-/// ends, which are nearly white and nearly black. Clouds for viewers with a dark background are coloured by
+/// ends, which are nearly white and nearly black. Clouds for viewers with a dark background are colored by
 /// `vsf_data::color`, bright where stiff.
 ///
 /// ```
-/// let [soft, stiff] = [0.0, 1.0].map(vsf_plot::stiffness_colour);
+/// let [soft, stiff] = [0.0, 1.0].map(vsf_plot::stiffness_color);
 /// assert!(soft.iter().map(|&c| u32::from(c)).sum::<u32>() > 500);
 /// assert!(stiff.iter().map(|&c| u32::from(c)).sum::<u32>() < 100);
 /// ```
-pub fn stiffness_colour(t: f64) -> Rgb {
+pub fn stiffness_color(t: f64) -> Rgb {
     let s = (0.95 - 0.87 * t.clamp(0.0, 1.0)) * (INFERNO.len() - 1) as f64;
     let i = (s as usize).min(INFERNO.len() - 2);
     mix(INFERNO[i], INFERNO[i + 1], s - i as f64)
@@ -50,10 +50,10 @@ pub(crate) fn mix(a: Rgb, b: Rgb, f: f64) -> Rgb {
     [0, 1, 2].map(|c| (f64::from(a[c]) * (1.0 - f) + f64::from(b[c]) * f).round() as u8)
 }
 
-/// The value at the dark end of the colour bar; larger values get the same colour.
+/// The value at the dark end of the color bar; larger values get the same color.
 #[derive(Debug, Clone, Copy, PartialEq)]
 #[non_exhaustive]
-pub enum ColourLimit {
+pub enum ColorLimit {
     /// The quantile of the positive drawn values at this level, in (0, 1]. Robust against a few
     /// runaway points. Where fewer points are stiff than the level leaves out, state a `Value`.
     Quantile(f64),
@@ -61,14 +61,14 @@ pub enum ColourLimit {
     Value(f64),
 }
 
-impl Default for ColourLimit {
+impl Default for ColorLimit {
     /// The 99 % quantile.
     fn default() -> Self {
         Self::Quantile(0.99)
     }
 }
 
-impl ColourLimit {
+impl ColorLimit {
     /// The limit \[N/m\] for these values; 1 where no value is positive.
     ///
     /// # Errors
@@ -109,7 +109,7 @@ mod tests {
             |c: Rgb| 0.2126 * f64::from(c[0]) + 0.7152 * f64::from(c[1]) + 0.0722 * f64::from(c[2]);
         let mut last = f64::INFINITY;
         for i in 0..=100 {
-            let now = luma(stiffness_colour(f64::from(i) / 100.0));
+            let now = luma(stiffness_color(f64::from(i) / 100.0));
             assert!(now < last + 1.0, "at {i} %: {now} after {last}");
             last = now;
         }
@@ -118,10 +118,10 @@ mod tests {
     #[test]
     fn quantile_counts_positive_values_only() {
         let values = (0..200).map(|i| f64::from(i.max(99) - 99));
-        let limit = ColourLimit::Quantile(0.9).resolve(values).unwrap();
+        let limit = ColorLimit::Quantile(0.9).resolve(values).unwrap();
         assert_eq!(limit, 90.0);
         assert_eq!(
-            ColourLimit::default().resolve([0.0].into_iter()).unwrap(),
+            ColorLimit::default().resolve([0.0].into_iter()).unwrap(),
             1.0
         );
     }
@@ -129,12 +129,12 @@ mod tests {
     #[test]
     fn limits_outside_their_range_are_refused() {
         for bad in [
-            ColourLimit::Value(0.0),
-            ColourLimit::Value(f64::NAN),
-            ColourLimit::Value(f64::INFINITY),
-            ColourLimit::Quantile(0.0),
-            ColourLimit::Quantile(1.5),
-            ColourLimit::Quantile(f64::NAN),
+            ColorLimit::Value(0.0),
+            ColorLimit::Value(f64::NAN),
+            ColorLimit::Value(f64::INFINITY),
+            ColorLimit::Quantile(0.0),
+            ColorLimit::Quantile(1.5),
+            ColorLimit::Quantile(f64::NAN),
         ] {
             let got = bad.resolve([1.0].into_iter());
             assert!(matches!(got, Err(PlotError::Parameter { .. })), "{bad:?}");
