@@ -8,7 +8,7 @@ use std::fs;
 use std::path::Path;
 use vsf::data::{CameraView, Dataset, Overrides};
 use vsf::pipeline::{
-    Campaign, EstimatorSpec, HyperMethod, Method, Overlap, OverlapShares, PriorShape, Scene,
+    EstimatorSpec, Experiment, HyperMethod, Method, Overlap, OverlapShares, PriorShape, Scene,
     SceneOptions, choose_hyper, estimate, evaluate, rgbd_view, view_warnings,
 };
 
@@ -174,8 +174,8 @@ fn overlap_is_told_from_contacts() {
         let (dataset, scene) = sample(name);
         let sequences: Vec<_> = dataset.train().chain(dataset.test()).collect();
         let traces = scene.traces(&sequences, || {}).unwrap();
-        let campaign = Campaign::new(&dataset, &scene, &traces).unwrap();
-        assert_eq!(OverlapShares::of(&campaign).overlap(), overlap, "{name}");
+        let experiment = Experiment::new(&dataset, &scene, &traces).unwrap();
+        assert_eq!(OverlapShares::of(&experiment).overlap(), overlap, "{name}");
     }
 }
 
@@ -185,13 +185,13 @@ fn errors_are_those_of_sequences_left_out() {
     let (dataset, scene) = sample("orange_tree_no");
     let sequences: Vec<_> = dataset.train().chain(dataset.test()).collect();
     let traces = scene.traces(&sequences, || {}).unwrap();
-    let campaign = Campaign::new(&dataset, &scene, &traces).unwrap();
-    assert!(campaign.leave_one_out());
+    let experiment = Experiment::new(&dataset, &scene, &traces).unwrap();
+    assert!(experiment.leave_one_out());
     assert_eq!(
-        (campaign.test_len(), campaign.curve_lens()),
+        (experiment.test_len(), experiment.curve_lens()),
         (4, vec![1, 2, 3])
     );
-    let errors = campaign.errors_after(1, None).unwrap();
+    let errors = experiment.errors_after(1, None).unwrap();
     let blind = errors.iter().find(|e| e.method == Method::Blind).unwrap();
     for (k, found) in blind.evaluation.per_sequence.iter().enumerate() {
         // The one that follows, the first after the last.

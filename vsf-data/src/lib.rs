@@ -91,7 +91,7 @@ pub use ply::{ColoredPoint, read_ply_cloud, read_ply_points};
 pub use points::read_points;
 pub use ros::{Clock, EffortPrediction, JointLog, McapExport};
 pub use sequence::Sequence;
-pub use signal::{Motion, differentiate, tare};
+pub use signal::{Derivatives, differentiate, tare};
 pub use staged::{write_file, write_files, write_folder};
 pub use table::Table;
 pub use warning::DataWarning;

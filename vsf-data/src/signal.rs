@@ -5,7 +5,7 @@ use std::ops::Range;
 
 /// Velocity and acceleration of every joint at every sample.
 #[derive(Debug, Clone, PartialEq)]
-pub struct Motion {
+pub struct Derivatives {
     /// Joint velocities [rad/s or m/s].
     pub velocities: Table,
     /// Joint accelerations [rad/s^2 or m/s^2].
@@ -78,7 +78,7 @@ impl Sequence {
     /// # Errors
     /// As [`Sequence::check`] and [`differentiate`]; in particular a touch of one sample without recorded
     /// velocities.
-    pub fn motion(&self, half_window: usize) -> Result<Motion, DataError> {
+    pub fn derivatives(&self, half_window: usize) -> Result<Derivatives, DataError> {
         self.check()?;
         let slope =
             |table, of_one| derivative(&self.time, table, half_window, self.touches(), of_one);
@@ -86,7 +86,7 @@ impl Sequence {
             Some(recorded) => (recorded.clone(), Some(0.0)),
             None => (slope(&self.angles, None)?, None),
         };
-        Ok(Motion {
+        Ok(Derivatives {
             accelerations: slope(&velocities, of_one)?,
             velocities,
         })

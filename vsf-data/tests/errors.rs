@@ -625,7 +625,7 @@ fn data_in_memory_is_checked_without_a_folder() {
     };
     let of_sequence = |change: fn(&mut Dataset), text: &str| {
         let wrong = &refused(change, text).sequences[0];
-        for error in [wrong.check().err(), wrong.motion(1).err()] {
+        for error in [wrong.check().err(), wrong.derivatives(1).err()] {
             let found = error.unwrap().to_string();
             assert!(found.contains(text), "{found}");
         }

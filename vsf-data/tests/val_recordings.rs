@@ -53,7 +53,7 @@ fn every_recording_opens_and_saves() {
             let rows: usize = sequence.touches().map(|r| r.len()).sum();
             assert_eq!(rows, sequence.len());
             sequence
-                .motion(2)
+                .derivatives(2)
                 .unwrap_or_else(|e| panic!("{}: {e}", path.display()));
         }
         // Saving waits for the disk, so not all of them.

@@ -153,7 +153,7 @@ fn sequence(velocities: Option<Table>) -> Sequence {
 #[test]
 fn motion_does_not_differentiate_across_touches() {
     let s = sequence(None);
-    let motion = s.motion(2).unwrap();
+    let motion = s.derivatives(2).unwrap();
     for k in 0..20 {
         let a = if k < 10 { 2.0 } else { -6.0 };
         assert!((motion.velocities[k][0] - a * s.time[k]).abs() < 1e-8);
@@ -164,7 +164,7 @@ fn motion_does_not_differentiate_across_touches() {
 #[test]
 fn recorded_velocities_are_kept() {
     let recorded = column(stamps(20).iter().map(|t| 1.0 + 4.0 * t));
-    let motion = sequence(Some(recorded.clone())).motion(1).unwrap();
+    let motion = sequence(Some(recorded.clone())).derivatives(1).unwrap();
     assert_eq!(motion.velocities, recorded);
     assert!(
         motion
@@ -201,9 +201,9 @@ fn bad_arguments_are_errors() {
     assert_eq!(tare(&x, 0).unwrap(), x);
     let mut s = sequence(None);
     s.touch_starts = vec![0, 19];
-    assert!(s.motion(1).is_err());
+    assert!(s.derivatives(1).is_err());
     s.touch_starts = vec![7, 3, 90];
-    assert!(s.motion(1).is_err());
+    assert!(s.derivatives(1).is_err());
     assert!(Table::new(0, vec![]).is_err());
     assert!(Table::new(2, vec![1.0]).is_err());
     assert_eq!(x.get(3), None);

@@ -152,10 +152,10 @@ impl Campaign {
             })?;
             places[s].push((k, first..first + asked.len()));
         }
-        self.predict(model, session, logs, |s, row, touch, prediction| {
+        self.predict(model, session, logs, |s, row, touch, terms| {
             for (k, rows) in places[s].iter().filter(|(_, rows)| rows.contains(&row)) {
                 let own = (row - rows.start) * joints;
-                prediction.apply(touch, field, &mut predicted[*k][own..][..joints]);
+                terms.apply(touch, field, &mut predicted[*k][own..][..joints]);
             }
         })?;
         let rows = (motions.iter().zip(&predicted))

@@ -29,19 +29,19 @@ impl Campaign {
         let mut torques: Vec<Vec<f64>> = vec![Vec::new(); session.len()];
         let mut outcome: Result<(), PipelineError> = Ok(());
         let mut left = vec![0.0; d];
-        self.predict(model, &session, &logs, |s, row, touch, prediction| {
+        self.predict(model, &session, &logs, |s, row, touch, terms| {
             let mut obs = Observation::new(unit.clone());
-            let pairs = session[s].reading[row].iter().zip(&prediction.torques);
+            let pairs = session[s].reading[row].iter().zip(&terms.torques);
             left.iter_mut()
                 .zip(pairs)
                 .for_each(|(l, (y, a))| *l = y - a);
-            let built = prediction.observation(touch, &left, &mut obs);
+            let built = terms.observation(touch, &left, &mut obs);
             if let (Err(source), true) = (built, outcome.is_ok()) {
                 let id = session[s].id.clone();
                 outcome = Err(PipelineError::Sequence { id, row, source });
             }
             observations[s].push(obs);
-            torques[s].extend_from_slice(&prediction.torques);
+            torques[s].extend_from_slice(&terms.torques);
         })?;
         outcome?;
         (session.iter().zip(observations).zip(torques))
@@ -74,8 +74,8 @@ impl Campaign {
         let logs: Vec<Arc<_>> = self.contact_logs(model, &session)?;
         let mut readings: Vec<Vec<f64>> = vec![Vec::new(); session.len()];
         let mut tau = vec![0.0; d];
-        self.predict(model, &session, &logs, |s, row, touch, prediction| {
-            prediction.apply(touch, stiffness, &mut tau);
+        self.predict(model, &session, &logs, |s, row, touch, terms| {
+            terms.apply(touch, stiffness, &mut tau);
             if self.site.torque_kind == TorqueKind::Measured {
                 let rigid = &session[s].load[row];
                 tau.iter_mut().zip(rigid).for_each(|(t, r)| *t = r - *t);

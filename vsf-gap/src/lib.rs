@@ -70,6 +70,7 @@ mod links;
 mod locate;
 mod model;
 mod model_file;
+mod model_terms;
 mod motion;
 mod next;
 mod noise;
@@ -79,7 +80,6 @@ mod oscillation;
 mod outliers;
 mod phase;
 mod plain;
-mod prediction;
 mod predictive;
 mod refine;
 mod report;
@@ -110,12 +110,12 @@ pub use limits::Limit;
 pub use locate::{LocatedShare, Location, Place, Region};
 pub use model::Model;
 pub use model_file::{EffectEntry, ModelFile};
+pub use model_terms::ModelTerms;
 pub use motion::Motion;
 pub use next::NextExperiment;
 pub use noise::JointNoise;
 pub use online::{Corrector, JointState};
 pub use phase::Phase;
-pub use prediction::Prediction;
 pub use report::{
     Diagnosis, EffectReport, Gap, MeanErrors, Outcome, ParameterEstimate, Roughness,
     STIFFNESS_FIELD,

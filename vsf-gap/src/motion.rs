@@ -3,7 +3,7 @@ use nalgebra::Vector3;
 use std::ops::Range;
 use vsf_core::CoreError;
 use vsf_data::{Sequence, Table, TorqueKind};
-use vsf_pipeline::{Scene, external_torques, motion_of, rigid_body_torques, unwound};
+use vsf_pipeline::{Scene, derivatives_of, external_torques, rigid_body_torques, unwound};
 
 /// Half the window (samples) of [`Motion::smooth`]: halves white noise, hardly blunts an onset.
 pub(crate) const HALF_MEAN: usize = 2;
@@ -42,7 +42,7 @@ impl Motion {
     /// # Errors
     /// Torques or motions that cannot be read.
     pub(crate) fn of(scene: &Scene, sequence: &Sequence, origin: f64) -> Result<Self, GapError> {
-        let motion = motion_of(scene.robot(), sequence)?;
+        let motion = derivatives_of(scene.robot(), sequence)?;
         let clock = sequence.time.iter().map(|t| t - origin).collect();
         let reading = external_torques(scene, sequence)?;
         let load = match scene.torque_kind() {

@@ -1,6 +1,6 @@
 use crate::contact::ContactDriver;
 use crate::motion::HALF_MEAN;
-use crate::{Compensator, GapError, Model, Prediction, Sample, Site, Touch};
+use crate::{Compensator, GapError, Model, ModelTerms, Sample, Site, Touch};
 use vsf_core::{Contacts, CoreError, Observation, Posture};
 use vsf_data::TorqueKind;
 use vsf_pipeline::Scene;
@@ -62,7 +62,7 @@ pub struct Corrector {
     driver: ContactDriver,
     posture: Posture,
     contacts: Contacts,
-    prediction: Prediction,
+    terms: ModelTerms,
     workspace: DynamicsWorkspace,
     /// Clock of the last state of the touch.
     clock: Option<f64>,
@@ -141,7 +141,7 @@ impl Corrector {
             effects,
             posture: site.robot.posture(),
             contacts: Contacts::new(),
-            prediction: Prediction::new(d),
+            terms: ModelTerms::new(d),
             workspace: site.robot.dynamics_workspace(),
             clock: None,
             load: vec![0.0; d],
@@ -221,8 +221,8 @@ impl Corrector {
             posture,
             contacts,
         };
-        self.prediction.step(effects, &felt, &touch)?;
-        let torques = &mut self.prediction.torques;
+        self.terms.step(effects, &felt, &touch)?;
+        let torques = &mut self.terms.torques;
         if self.site.torque_kind == TorqueKind::Measured {
             let change =
                 (self.driver.links()).rigid_change(&self.site, &recorded, &mut self.workspace)?;
@@ -232,9 +232,9 @@ impl Corrector {
         self.readings.apply(&self.felt, &mut self.left);
         let pairs = self.left.iter_mut().zip(&self.modeled);
         pairs.for_each(|(l, a)| *l -= a);
-        self.prediction.observation(&touch, &self.left, obs)?;
+        self.terms.observation(&touch, &self.left, obs)?;
         // A step that failed is part of neither means nor time.
-        self.torques.add(&self.prediction.torques);
+        self.torques.add(&self.terms.torques);
         self.readings.add(&self.felt);
         let d = self.felt.len();
         if self.recent.len() == HALF_MEAN * d {

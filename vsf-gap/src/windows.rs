@@ -184,14 +184,14 @@ impl Campaign {
         };
         let index = windows.index(motions);
         let mut column = vec![0.0; d];
-        self.predict(model, motions, logs, |s, row, touch, prediction| {
+        self.predict(model, motions, logs, |s, row, touch, terms| {
             let i = index[s][row] as usize;
             let share = 1.0 / windows.list[i].rows.len() as f64;
-            for (a, t) in design.a[i * d..].iter_mut().zip(&prediction.torques) {
+            for (a, t) in design.a[i * d..].iter_mut().zip(&terms.torques) {
                 *a += share * t;
             }
             for (k, &p) in touch.contacts.points().iter().enumerate() {
-                prediction.column(touch, k, &mut column);
+                terms.column(touch, k, &mut column);
                 let entries = design.w.col_as_slice_mut(slot[p as usize] as usize);
                 for (w, c) in entries[i * d..].iter_mut().zip(&column) {
                     *w += share * c;
@@ -217,10 +217,10 @@ impl Campaign {
         let mut out = vec![0.0; windows.rows()];
         let index = windows.index(motions);
         let mut tau = vec![0.0; d];
-        self.predict(model, motions, logs, |s, row, touch, prediction| {
+        self.predict(model, motions, logs, |s, row, touch, terms| {
             let i = index[s][row] as usize;
             let share = 1.0 / windows.list[i].rows.len() as f64;
-            prediction.apply(touch, stiffness, &mut tau);
+            terms.apply(touch, stiffness, &mut tau);
             for (o, t) in out[i * d..].iter_mut().zip(&tau) {
                 *o += share * t;
             }

@@ -14,7 +14,7 @@ use std::sync::Arc;
 use vsf_core::{Contacts, Noise, Observation};
 use vsf_data::TorqueKind;
 use vsf_gap::effects::catalogue;
-use vsf_gap::{Campaign, Corrector, JointState, Model, Prediction, Sample, Touch};
+use vsf_gap::{Campaign, Corrector, JointState, Model, ModelTerms, Sample, Touch};
 use vsf_robots::planar_arm;
 
 thread_local! {
@@ -118,9 +118,9 @@ fn torques_of_a_field(campaign: &Campaign) {
     let log = campaign.contact_log(&Model::default(), motion).unwrap();
     let stiffness = vec![100.0; campaign.site().rest.len()];
     let (mut tau, mut touching) = ([0.0; 3], 0);
-    let count = |_, _, touch: &Touch<'_>, prediction: &Prediction| {
+    let count = |_, _, touch: &Touch<'_>, terms: &ModelTerms| {
         let before = CALLS.get();
-        prediction.apply(touch, &stiffness, &mut tau);
+        terms.apply(touch, &stiffness, &mut tau);
         assert_eq!(CALLS.get(), before);
         touching += usize::from(tau[2] != 0.0);
     };

@@ -13,8 +13,8 @@ use vsf_core::{Contacts, Noise, Observation};
 use vsf_data::Table;
 use vsf_gap::effects::catalogue;
 use vsf_gap::{
-    Acts, Campaign, Corrector, EffectEntry, GapError, JointState, Model, ModelFile, Motion,
-    ParameterEstimate, Prediction, Role, Touch,
+    Acts, Campaign, Corrector, EffectEntry, GapError, JointState, Model, ModelFile, ModelTerms,
+    Motion, ParameterEstimate, Role, Touch,
 };
 
 /// A block of points under the plate.
@@ -205,7 +205,7 @@ fn a_loop_has_the_observations_of_the_recording() {
             let logs = campaign.contact_logs(&model, &session).unwrap();
             let mut online = Corrector::new(campaign.site(), campaign.scene(), &model).unwrap();
             let [mut obs, mut same] = [0, 1].map(|_| Observation::new(unit.clone()));
-            let visit = |s: usize, row: usize, touch: &Touch<'_>, p: &Prediction| {
+            let visit = |s: usize, row: usize, touch: &Touch<'_>, p: &ModelTerms| {
                 let motion = session[s];
                 if row == 0 {
                     online.begin_sequence(&motion.id);
@@ -642,7 +642,7 @@ fn parts_of_a_sequence_are_predicted_as_the_whole() {
     let of = |motions: &[&Motion]| -> Vec<f64> {
         let logs = campaign.contact_logs(&model, motions).unwrap();
         let mut all = Vec::new();
-        let visit = |_, _, _: &Touch<'_>, p: &Prediction| {
+        let visit = |_, _, _: &Touch<'_>, p: &ModelTerms| {
             all.extend_from_slice(&p.torques);
         };
         campaign.predict(&model, motions, &logs, visit).unwrap();

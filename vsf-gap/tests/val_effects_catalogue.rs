@@ -91,7 +91,7 @@ fn models_are_shared_and_kept() {
     shared::<vsf_gap::Corrector>();
     kept::<Campaign>();
     kept::<vsf_gap::Outcome>();
-    kept::<vsf_pipeline::Campaign<'_>>();
+    kept::<vsf_pipeline::Experiment<'_>>();
     let effect = catalogue().swap_remove(0);
     assert_eq!(format!("{effect:?}"), "Effect(\"torque_bias\")");
 }

@@ -13,8 +13,8 @@
 //!    too), [`estimate`] runs an estimator over them; [`estimate_with_vision`] guesses untouched points by what a camera saw. The field is
 //!    stored by [`Estimate::to_field`] and read back by [`StoredEstimate::of`].
 //! 5. [`predict`] and [`evaluate`] compare a field with sequences; [`Baseline`]s stand beside it.
-//! 6. A [`Campaign`] repeats the paper's experiments on a recording: [`table1`],
-//!    [`Campaign::errors`], [`Campaign::curve`], [`update_speed`].
+//! 6. An [`Experiment`] repeats the paper's experiments on a recording: [`table1`],
+//!    [`Experiment::errors`], [`Experiment::curve`], [`update_speed`].
 //! 7. [`stiff_regions`] finds what stands out of a field.
 //! 8. [`simulate`] turns a field and a joint trajectory into readings.
 
@@ -23,10 +23,10 @@
 
 mod baseline;
 mod bench;
-mod campaign;
 mod error;
 mod estimate;
 mod evaluate;
+mod experiment;
 mod hyper;
 mod memory;
 mod paper;
@@ -48,13 +48,13 @@ pub use baseline::{Baseline, MlpConfig};
 pub use bench::{
     BenchOptions, BenchReport, LOADED_STEPS, Loaded, OnlineEstimator, StageTimes, bench,
 };
-pub use campaign::Campaign;
 pub use error::PipelineError;
 pub use estimate::{Estimate, EstimatorSpec, FilterSpec, estimate, estimate_from, estimate_online};
 pub use evaluate::{
     Calibration, Evaluation, JointError, SequenceError, SequencePrediction, evaluate, predict,
     score,
 };
+pub use experiment::Experiment;
 pub use hyper::{
     Candidate, ContactChoice, Hyper, HyperChoice, HyperMethod, PriorShape, choose_contact,
     choose_hyper, closer_thresholds,
@@ -66,7 +66,7 @@ pub use paper::{
 };
 pub use priors::{PriorRow, compare_priors};
 pub use readings::{
-    check_readable, check_torques, external_torques, motion_of, rigid_body_torques, unwound,
+    check_readable, check_torques, derivatives_of, external_torques, rigid_body_torques, unwound,
 };
 pub use regions::{RegionOptions, StiffRegion, StiffRegions, stiff_regions};
 pub use robot::{load_robot, reading_unit, robot_of};

@@ -1,6 +1,6 @@
 use crate::estimate::batch_map;
 use crate::evaluate::{score, sequence_prediction};
-use crate::{Campaign, Evaluation, HyperMethod, PipelineError, PriorShape, Trace, choose_hyper};
+use crate::{Evaluation, Experiment, HyperMethod, PipelineError, PriorShape, Trace, choose_hyper};
 use serde::Serialize;
 use vsf_core::Noise;
 
@@ -25,7 +25,7 @@ pub struct PriorRow {
 ///
 /// # Errors
 /// Train sequences that touch nothing; failures of the estimator.
-pub fn compare_priors(campaign: &Campaign) -> Result<Vec<PriorRow>, PipelineError> {
+pub fn compare_priors(experiment: &Experiment) -> Result<Vec<PriorRow>, PipelineError> {
     let independent = PriorShape::independent();
     let smooth = |smooth_share, length| PriorShape {
         smooth_share,
@@ -46,19 +46,19 @@ pub fn compare_priors(campaign: &Campaign) -> Result<Vec<PriorRow>, PipelineErro
         ("smooth part 4 over 1 cm", smooth(4.0, 0.01)),
     ]
     .into_iter()
-    .map(|(name, shape)| row(campaign, name, shape))
+    .map(|(name, shape)| row(experiment, name, shape))
     .collect()
 }
 
 fn row(
-    campaign: &Campaign,
+    experiment: &Experiment,
     name: &'static str,
     shape: PriorShape,
 ) -> Result<PriorRow, PipelineError> {
     let (scene, train, test) = (
-        campaign.scene(),
-        campaign.train_traces(),
-        campaign.test_traces(),
+        experiment.scene(),
+        experiment.train_traces(),
+        experiment.test_traces(),
     );
     let hyper = choose_hyper(scene.rest(), train, &[shape], HyperMethod::HeldOut)?.hyper;
     let noise = Noise::per_channel(&hyper.noise_sd)?;

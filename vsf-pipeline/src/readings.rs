@@ -3,7 +3,7 @@ use nalgebra::Vector3;
 use std::borrow::Cow;
 use std::f64::consts::TAU;
 use vsf_core::{CoreError, MOST_READING, RestPoints, median};
-use vsf_data::{Dataset, Motion, Sequence, Table, TorqueKind, tare};
+use vsf_data::{Dataset, Derivatives, Sequence, Table, TorqueKind, tare};
 use vsf_robots::{JointKind, RobotModel};
 
 /// Largest position and velocity (rad, m and each second): far beyond what their numbers still tell apart.
@@ -86,7 +86,7 @@ pub fn check_readable(dataset: &Dataset, robot: RobotModel) -> Result<(), Pipeli
 /// The external joint torques of a sequence: what touch adds, with the rigid body removed and tared.
 ///
 /// Measured torques become `tau_ext = M(q) qdd + C(q, qd) qd + g(q) - tau_meas`, with the motion of
-/// [`motion_of`]. Taring subtracts the mean of the first [`Scene::tare_samples`] external torques,
+/// [`derivatives_of`]. Taring subtracts the mean of the first [`Scene::tare_samples`] external torques,
 /// where nothing is touched.
 ///
 /// # Errors
@@ -99,7 +99,7 @@ pub fn external_torques(scene: &Scene, sequence: &Sequence) -> Result<Table, Pip
     check_torques(scene, sequence)?;
     let mut torques = sequence.torques.clone();
     if scene.torque_kind() == TorqueKind::Measured {
-        let motion = motion_of(scene.robot(), sequence)?;
+        let motion = derivatives_of(scene.robot(), sequence)?;
         let rigid = rigid_body_torques(scene.robot(), &scene.gravity(), sequence, &motion)?;
         let pairs = torques.data_mut().iter_mut().zip(rigid.data());
         pairs.for_each(|(tau, r)| *tau = r - *tau);
@@ -133,14 +133,17 @@ pub fn unwound<'s>(robot: &RobotModel, sequence: &'s Sequence) -> Cow<'s, Sequen
 /// of 0.025 s or of nine samples, whichever is longer. Angles are taken as [`unwound`].
 ///
 /// # Errors
-/// As [`Sequence::motion`]; angles and velocities beyond 1e9, another number of joints than the robot's.
-pub fn motion_of(robot: &RobotModel, sequence: &Sequence) -> Result<Motion, PipelineError> {
+/// As [`Sequence::derivatives`]; angles and velocities beyond 1e9, another number of joints than the robot's.
+pub fn derivatives_of(
+    robot: &RobotModel,
+    sequence: &Sequence,
+) -> Result<Derivatives, PipelineError> {
     check_sequence(robot, sequence)?;
     check_states(robot, sequence)?;
     // Touches may be far apart.
     let step = median(sequence.time.windows(2).map(|t| t[1] - t[0]).collect());
     let samples = step.map_or(0.0, |step| (HALF_WINDOW / step).round());
-    let motion = unwound(robot, sequence).motion((samples as usize).max(LEAST_HALF_WINDOW));
+    let motion = unwound(robot, sequence).derivatives((samples as usize).max(LEAST_HALF_WINDOW));
     motion.map_err(|source| PipelineError::Motion {
         id: sequence.id.clone(),
         source,
@@ -156,7 +159,7 @@ pub fn rigid_body_torques(
     robot: &RobotModel,
     gravity: &Vector3<f64>,
     sequence: &Sequence,
-    motion: &Motion,
+    motion: &Derivatives,
 ) -> Result<Table, PipelineError> {
     for table in [&motion.velocities, &motion.accelerations] {
         CoreError::check_len("rows of the motion", table.rows(), sequence.len())?;

@@ -1,5 +1,5 @@
 use crate::readings::check_sequence;
-use crate::{PipelineError, Scene, Trace, motion_of, rigid_body_torques};
+use crate::{PipelineError, Scene, Trace, derivatives_of, rigid_body_torques};
 use rand::SeedableRng;
 use rand_distr::{Distribution, Normal};
 use rand_pcg::Pcg64Mcg;
@@ -14,7 +14,7 @@ use vsf_data::{Sequence, Table, TorqueKind};
 ///
 /// # Errors
 /// A field of another size, stiffness that is negative or not finite, sequences that [`Sequence::check`]
-/// refuses, traces of other lengths than these or that [`Trace::check`] refuses, measured torques whose motion is not known ([`motion_of`]).
+/// refuses, traces of other lengths than these or that [`Trace::check`] refuses, measured torques whose motion is not known ([`derivatives_of`]).
 pub fn simulate(
     scene: &Scene,
     stiffness: &[f64],
@@ -45,7 +45,7 @@ pub fn simulate(
             torques.extend_from_slice(&tau);
         }
         if scene.torque_kind() == TorqueKind::Measured {
-            let motion = motion_of(scene.robot(), sequence)?;
+            let motion = derivatives_of(scene.robot(), sequence)?;
             let rigid = rigid_body_torques(scene.robot(), &scene.gravity(), sequence, &motion)?;
             let pairs = torques.iter_mut().zip(rigid.data());
             pairs.for_each(|(tau, r)| *tau = r - *tau);

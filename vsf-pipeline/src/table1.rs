@@ -1,7 +1,7 @@
 use crate::estimate::touched_points;
 use crate::evaluate::mean_error;
 use crate::{
-    Campaign, EstimatorSpec, FilterSpec, Hyper, PipelineError, Scene, Trace, estimate,
+    EstimatorSpec, Experiment, FilterSpec, Hyper, PipelineError, Scene, Trace, estimate,
     estimate_online, evaluate,
 };
 use serde::Serialize;
@@ -52,11 +52,11 @@ pub struct Table1Row {
 ///
 /// # Errors
 /// Train sequences that touch nothing; failures of an estimator.
-pub fn table1(campaign: &Campaign) -> Result<Table1Row, PipelineError> {
-    let (scene, hyper) = (campaign.scene(), campaign.hyper()?);
-    let (train, test) = (campaign.train_traces(), campaign.test_traces());
+pub fn table1(experiment: &Experiment) -> Result<Table1Row, PipelineError> {
+    let (scene, hyper) = (experiment.scene(), experiment.hyper()?);
+    let (train, test) = (experiment.train_traces(), experiment.test_traces());
     let clock = Instant::now();
-    for sequence in &campaign.train {
+    for sequence in &experiment.train {
         scene.trace(sequence)?;
     }
     let samples: usize = train.iter().map(|t| t.observations.len()).sum();
@@ -88,7 +88,7 @@ pub fn table1(campaign: &Campaign) -> Result<Table1Row, PipelineError> {
     let zero = Belief::uniform(scene.rest().len(), 0.0, 1.0)?;
     let contacts: f64 = train.iter().map(Trace::mean_contacts).sum();
     Ok(Table1Row {
-        recording: campaign.name.to_owned(),
+        recording: experiment.name.to_owned(),
         unit: scene.error_unit().to_owned(),
         mean_contacts: contacts / train.len() as f64,
         touched_points: touched_points(train, scene.rest().len())

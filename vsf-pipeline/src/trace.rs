@@ -152,7 +152,7 @@ impl Scene {
     /// The same with another sensor, such as a force gauge at the wrist: `readings` has a row of its channels for every
     /// sample, as the load of the environment on the robot. [`crate::choose_hyper`], [`crate::estimate`] and
     /// [`crate::predict`] take such traces; what is of joint torques alone ([`crate::score`], [`crate::reading_warnings`],
-    /// [`crate::Campaign`]) refuses those with another number of channels than the robot has joints. Readings are taken
+    /// [`crate::Experiment`]) refuses those with another number of channels than the robot has joints. Readings are taken
     /// as they are: not tared, and the weight of what the gauge carries not taken off.
     ///
     /// # Errors

@@ -7,10 +7,10 @@ use std::ops::Range;
 use vsf_core::{Belief, Noise, Observation};
 use vsf_data::{DataError, Dataset, RobotRef, Sequence, Table, TorqueKind};
 use vsf_pipeline::{
-    Campaign, EstimatorSpec, Evaluation, Hyper, HyperChoice, HyperMethod, PipelineError,
+    EstimatorSpec, Evaluation, Experiment, Hyper, HyperChoice, HyperMethod, PipelineError,
     PipelineWarning, PriorShape, Scene, SceneOptions, SequencePrediction, Trace, choose_hyper,
-    estimate, evaluate, external_torques, motion_of, motion_warnings, predict, reading_warnings,
-    score, simulate,
+    derivatives_of, estimate, evaluate, external_torques, motion_warnings, predict,
+    reading_warnings, score, simulate,
 };
 use vsf_robots::planar_arm;
 
@@ -103,7 +103,7 @@ fn sequences() {
             refused("trace", scene.trace(&wrong).err());
             refused("follow", scene.follow(&wrong, |_, _, _| Ok(())).err());
             refused("torques", external_torques(&scene, &wrong).err());
-            refused("motion", motion_of(scene.robot(), &wrong).err());
+            refused("motion", derivatives_of(scene.robot(), &wrong).err());
             let simulated = simulate(&scene, &stiffness, &[&wrong], &traces);
             refused("simulate", simulated.err());
             for warnings in [
@@ -127,15 +127,15 @@ fn data_sets() {
     let traces = scene
         .traces(&[&good.sequences[0], &good.sequences[1]], || {})
         .unwrap();
-    let campaign = Campaign::new(&good, &scene, &traces).unwrap();
-    assert!(format!("{campaign:?} {scene:?}").contains("planar"));
+    let experiment = Experiment::new(&good, &scene, &traces).unwrap();
+    assert!(format!("{experiment:?} {scene:?}").contains("planar"));
     let check = |change: fn(&mut Dataset), is: fn(&DataError) -> bool| {
         let mut wrong = good.clone();
         change(&mut wrong);
         for error in [
             open(&wrong).unwrap_err(),
             Scene::in_air(&wrong, robot()).unwrap_err(),
-            Campaign::new(&wrong, &scene, &traces).unwrap_err(),
+            Experiment::new(&wrong, &scene, &traces).unwrap_err(),
         ] {
             assert!(
                 matches!(&error, PipelineError::Data(e) if is(e)),
@@ -249,7 +249,7 @@ fn traces() {
         for method in [HyperMethod::HeldOut, HyperMethod::Likelihood] {
             refused("hyper", choose_hyper(rest, &both, &[shape], method).err());
         }
-        refused("campaign", Campaign::new(&data, &scene, &both).err());
+        refused("experiment", Experiment::new(&data, &scene, &both).err());
         let simulated = simulate(&scene, &[1.0; POINTS], &[&data.sequences[0]], &both[1..]);
         refused("simulate", simulated.err());
         let warnings = reading_warnings(&scene, &[], &both);
@@ -303,7 +303,7 @@ fn scenes_of_other_recordings() {
         let traces: Vec<Trace> = (data.sequences.iter())
             .map(|s| scene.trace(s).unwrap())
             .collect();
-        assert!(Campaign::new(&data, &scene, &traces).is_err());
+        assert!(Experiment::new(&data, &scene, &traces).is_err());
     };
     other("torque_kind", dataset(TorqueKind::External));
     other(

@@ -6,7 +6,8 @@ use std::borrow::Cow;
 use std::f64::consts::{PI, TAU};
 use vsf_data::{Dataset, RobotRef, Sequence, Table, TorqueKind};
 use vsf_pipeline::{
-    Scene, SceneOptions, external_torques, motion_of, motion_warnings, rigid_body_torques, unwound,
+    Scene, SceneOptions, derivatives_of, external_torques, motion_warnings, rigid_body_torques,
+    unwound,
 };
 use vsf_robots::{RobotModel, kinova_gen3, planar_arm};
 
@@ -97,11 +98,11 @@ fn pauses_do_not_change_the_motion() {
         touch_starts: vec![0, half],
         ..steady
     };
-    let [a, b] = [&paused, &parted].map(|s| motion_of(&planar(), s).unwrap());
+    let [a, b] = [&paused, &parted].map(|s| derivatives_of(&planar(), s).unwrap());
     for (a, b) in a.accelerations.data().iter().zip(b.accelerations.data()) {
         assert!((a - b).abs() < 1e-6 * (1.0 + b.abs()), "{a} {b}");
     }
-    let short = motion_of(&planar(), &swing(10.0)).unwrap();
+    let short = derivatives_of(&planar(), &swing(10.0)).unwrap();
     assert!(
         rigid_body_torques(scene(&parted).robot(), &Vector3::zeros(), &parted, &short).is_err()
     );
@@ -152,7 +153,7 @@ fn a_continuous_joint_turns_on_where_its_encoder_begins_anew() {
     for (a, b) in unwound.angles.data().iter().zip(on.angles.data()) {
         assert!((a - b).abs() < 1e-12, "{a} {b}");
     }
-    let [a, b] = [&anew, &on].map(|s| motion_of(&robot, s).unwrap());
+    let [a, b] = [&anew, &on].map(|s| derivatives_of(&robot, s).unwrap());
     for (row, (a, b)) in a.velocities.iter().zip(b.velocities.iter()).enumerate() {
         assert!((a[0] - pace).abs() < 1e-9, "row {row}: {a:?} {b:?}");
     }

@@ -13,7 +13,7 @@ use crate::settings::SceneSettings;
 use clap::Subcommand;
 use serde::Serialize;
 use std::path::{Path, PathBuf};
-use vsf::pipeline::Campaign;
+use vsf::pipeline::Experiment;
 
 #[derive(Debug, clap::Args)]
 #[command(after_help = "\
@@ -142,7 +142,7 @@ fn open(
 fn each<T>(
     opened: Found<(usize, Recording)>,
     console: &Console,
-    of: impl Fn(usize, &Recording, &Campaign) -> anyhow::Result<T>,
+    of: impl Fn(usize, &Recording, &Experiment) -> anyhow::Result<T>,
     keep: impl Fn(&Found<T>) -> anyhow::Result<()>,
 ) -> anyhow::Result<Found<T>> {
     let run = |number: usize, recording: &Recording| {
@@ -150,8 +150,8 @@ fn each<T>(
         sequences.extend(recording.sequences(None, SplitPart::Test)?);
         let scene = recording.scene_to_learn(None, console)?;
         let traces = traces(&scene, &sequences, console)?;
-        let campaign = Campaign::new(&recording.dataset, &scene, &traces)?;
-        of(number, recording, &campaign)
+        let experiment = Experiment::new(&recording.dataset, &scene, &traces)?;
+        of(number, recording, &experiment)
     };
     let mut found = Found {
         all: Vec::new(),

@@ -1,6 +1,6 @@
 use crate::evaluate::mean_prediction;
 use crate::{
-    Baseline, Campaign, EstimatorSpec, Evaluation, HyperMethod, MlpConfig, PipelineError,
+    Baseline, EstimatorSpec, Evaluation, Experiment, HyperMethod, MlpConfig, PipelineError,
     PriorShape, SequencePrediction, Trace, VisionSpec, choose_hyper, estimate,
     estimate_with_vision, rgbd_view, score,
 };
@@ -81,7 +81,7 @@ struct Fold {
     test: Vec<usize>,
 }
 
-impl Campaign<'_> {
+impl Experiment<'_> {
     /// Whether each sequence is the test sequence in turn. That is so where the recording's test
     /// split is a single one, as in the paper's PARTIAL and NO datasets: one touch says little of a
     /// method.
@@ -102,7 +102,7 @@ impl Campaign<'_> {
             .sum()
     }
 
-    /// Numbers of train sequences of [`Campaign::curve`]: 1, 2, 3, 5, 8 and so on, and all.
+    /// Numbers of train sequences of [`Experiment::curve`]: 1, 2, 3, 5, 8 and so on, and all.
     pub fn curve_lens(&self) -> Vec<usize> {
         let all = self.train.len();
         let mut lens: Vec<usize> = std::iter::successors(Some((1, 2)), |&(a, b)| Some((b, a + b)))
@@ -126,7 +126,7 @@ impl Campaign<'_> {
     /// [one is left out](Self::leave_one_out) in turn, after those that follow it.
     ///
     /// # Errors
-    /// As [`Campaign::errors`].
+    /// As [`Experiment::errors`].
     pub fn errors_after(
         &self,
         train_len: usize,
@@ -163,10 +163,10 @@ impl Campaign<'_> {
     }
 
     /// Errors against the number of train sequences (Fig. 7), one entry per number of
-    /// [`Campaign::curve_lens`]. `done` is called after each.
+    /// [`Experiment::curve_lens`]. `done` is called after each.
     ///
     /// # Errors
-    /// As [`Campaign::errors`].
+    /// As [`Experiment::errors`].
     pub fn curve(
         &self,
         vision: Option<&VisionSpec>,

@@ -1,5 +1,5 @@
 use crate::estimate::touched_points;
-use crate::{Campaign, Trace};
+use crate::{Experiment, Trace};
 use serde::Serialize;
 use std::fmt;
 use vsf_core::median;
@@ -41,9 +41,9 @@ pub struct OverlapShares {
 }
 
 impl OverlapShares {
-    /// Shares of the sequences of a campaign.
-    pub fn of(campaign: &Campaign) -> Self {
-        Self::between(campaign.traces(), campaign.scene().rest().len())
+    /// Shares of the sequences of an experiment.
+    pub fn of(experiment: &Experiment) -> Self {
+        Self::between(experiment.traces(), experiment.scene().rest().len())
     }
 
     fn between(traces: &[Trace], field_len: usize) -> Self {

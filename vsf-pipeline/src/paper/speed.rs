@@ -1,5 +1,5 @@
 use super::Spread;
-use crate::{Campaign, PipelineError, Scene, SceneContact, external_torques};
+use crate::{Experiment, PipelineError, Scene, SceneContact, external_torques};
 use serde::Serialize;
 use std::time::Instant;
 use vsf_core::{Belief, Noise, Session};
@@ -17,12 +17,12 @@ pub struct UpdateSpeed {
     pub rate_hz: Spread,
 }
 
-/// Times the online estimation on the train sequences of a campaign.
+/// Times the online estimation on the train sequences of an experiment.
 ///
 /// # Errors
 /// Train sequences that touch nothing; rows that robot, contact or filter cannot take.
-pub fn update_speed(campaign: &Campaign) -> Result<UpdateSpeed, PipelineError> {
-    let scene = campaign.scene();
+pub fn update_speed(experiment: &Experiment) -> Result<UpdateSpeed, PipelineError> {
+    let scene = experiment.scene();
     // Their values make no difference to the time.
     let prior = Belief::<f32>::uniform(scene.rest().len(), 0.0, 0.1)?;
     let noise = Noise::uniform(scene.robot().joint_count(), 1.0)?;
@@ -34,7 +34,7 @@ pub fn update_speed(campaign: &Campaign) -> Result<UpdateSpeed, PipelineError> {
         MemoryReplay::new(DiagonalKalman::new(prior), ReplayConfig::default())?,
     )?;
     let mut in_contact: Vec<Vec<Step>> = Vec::new();
-    for sequence in &campaign.train {
+    for sequence in &experiment.train {
         session.begin_sequence();
         let mut steps = run(scene, sequence, &mut session)?;
         steps.retain(|s| s.contacts > 0);

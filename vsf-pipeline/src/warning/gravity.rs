@@ -4,7 +4,7 @@ use super::PipelineWarning;
 use super::readings::{GRAVITY_CORRELATION, GRAVITY_SIZE};
 use crate::{PipelineError, Scene, Trace};
 use nalgebra::{Matrix3, Matrix4, Vector3, Vector4};
-use vsf_data::{Motion, Sequence, Table, TorqueKind};
+use vsf_data::{Derivatives, Sequence, Table, TorqueKind};
 
 /// Another gravity has to leave less than this share of the squared residuals, and to differ by so much (m/s²): less is
 /// an arm that was set up askew. It has to be about as strong as it is on earth (m/s²): a load at the hand is weight, too.
@@ -25,7 +25,7 @@ const ROUNDING: f64 = 1e-12;
 pub fn warning(
     scene: &Scene,
     sequences: &[&Sequence],
-    motions: &[Option<Motion>],
+    motions: &[Option<Derivatives>],
     rigid: &[Table],
     traces: &[Trace],
     least_samples: usize,
@@ -108,7 +108,7 @@ impl Free {
 fn free(
     scene: &Scene,
     sequence: &Sequence,
-    motion: &Motion,
+    motion: &Derivatives,
     rigid: &Table,
     trace: &Trace,
 ) -> Result<Vec<Free>, PipelineError> {

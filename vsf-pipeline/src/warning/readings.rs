@@ -4,10 +4,10 @@ use super::{
     uncovered,
 };
 use crate::readings::check_sequence;
-use crate::{Scene, Trace, motion_of, reading_unit, rigid_body_torques};
+use crate::{Scene, Trace, derivatives_of, reading_unit, rigid_body_torques};
 use nalgebra::DMatrix;
 use vsf_core::Observation;
-use vsf_data::{Motion, Sequence, Table, TorqueKind, tare};
+use vsf_data::{Derivatives, Sequence, Table, TorqueKind, tare};
 use vsf_robots::Joint;
 
 /// Readings above so many times what the joint can bear are of another unit.
@@ -74,8 +74,8 @@ pub fn reading_warnings(
     let spiked = spike.is_some();
     warnings.extend(spike);
     let sensors = sensors::warnings(scene, sequences, traces);
-    let motions: Vec<Option<Motion>> = (sequences.iter())
-        .map(|s| motion_of(scene.robot(), s).ok())
+    let motions: Vec<Option<Derivatives>> = (sequences.iter())
+        .map(|s| derivatives_of(scene.robot(), s).ok())
         .collect();
     // Angles that traces were made of can be taken.
     let pairs = sequences.iter().zip(&motions);
@@ -219,14 +219,14 @@ impl Likeness {
 }
 
 /// The torques of the arm alone; where its motion is not known, its weight, which is nearly all.
-fn rigid(scene: &Scene, sequence: &Sequence, motion: Option<&Motion>) -> Option<Table> {
-    let torques = |motion: &Motion| {
+fn rigid(scene: &Scene, sequence: &Sequence, motion: Option<&Derivatives>) -> Option<Table> {
+    let torques = |motion: &Derivatives| {
         rigid_body_torques(scene.robot(), &scene.gravity(), sequence, motion).ok()
     };
     let Some(motion) = motion else {
         let mut still = sequence.angles.clone();
         still.data_mut().fill(0.0);
-        return torques(&Motion {
+        return torques(&Derivatives {
             velocities: still.clone(),
             accelerations: still,
         });

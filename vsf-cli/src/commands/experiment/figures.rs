@@ -7,7 +7,7 @@ use crate::recording::Recording;
 use std::cell::RefCell;
 use std::path::{Path, PathBuf};
 use vsf::data::StiffnessField;
-use vsf::pipeline::{Campaign, Estimate, UpdateTime, UpdateTimes, VisionSpec};
+use vsf::pipeline::{Estimate, Experiment, UpdateTime, UpdateTimes, VisionSpec};
 use vsf::plot::{Curve, CurvePlot};
 
 /// A folder of figures.
@@ -105,18 +105,18 @@ impl<'a> Figures<'a> {
         &self,
         number: usize,
         recording: &Recording,
-        campaign: &Campaign,
+        experiment: &Experiment,
         vision: Option<&VisionSpec>,
     ) -> anyhow::Result<Vec<String>> {
         let name = &recording.dataset.name;
-        let blind = campaign.blind_field()?;
+        let blind = experiment.blind_field()?;
         let limit = quantile(&blind);
         let mut around = Surroundings::default();
         if let Some(view) = &recording.dataset.camera {
-            around = around.camera(view, campaign.scene().rest().positions());
+            around = around.camera(view, experiment.scene().rest().positions());
         }
         let field = |estimate: &Estimate| -> anyhow::Result<StiffnessField> {
-            Ok(estimate.to_field(campaign.scene(), campaign.hyper()?, name, &[])?)
+            Ok(estimate.to_field(experiment.scene(), experiment.hyper()?, name, &[])?)
         };
         let draw = |estimate: &Estimate, suffix: &str, how: &str| {
             let view = View {
@@ -131,7 +131,7 @@ impl<'a> Figures<'a> {
         };
         let mut written = vec![draw(&blind, "blind", "touch alone")?];
         if let Some(vision) = vision
-            && let Some(mut seen) = campaign.vision_field(vision)?
+            && let Some(mut seen) = experiment.vision_field(vision)?
         {
             // All points have a value: touched, guessed, or nothing there.
             seen.touched.fill(true);

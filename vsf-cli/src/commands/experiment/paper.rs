@@ -9,8 +9,8 @@ use crate::settings::VisionKind;
 use serde::Serialize;
 use std::path::{Path, PathBuf};
 use vsf::pipeline::{
-    Campaign, MethodErrors, Overlap, OverlapShares, Table1Row, TrainedOn, UpdateSpeed, UpdateTimes,
-    table1, update_speed, update_times, view_warnings,
+    Experiment, MethodErrors, Overlap, OverlapShares, Table1Row, TrainedOn, UpdateSpeed,
+    UpdateTimes, table1, update_speed, update_times, view_warnings,
 };
 
 #[derive(Debug, clap::Args)]
@@ -115,9 +115,9 @@ pub fn run(args: &Args, console: &Console) -> anyhow::Result<()> {
     let figures = Figures::new(out);
     // First of all: it tells the folder for that of a report, should the run end before there is one.
     figures.update_times(&update_times)?;
-    let of = |number: usize, recording: &Recording, campaign: &Campaign| {
+    let of = |number: usize, recording: &Recording, experiment: &Experiment| {
         let what = progress("experiments", number, all);
-        let entry = entry(args, &figures, number, recording, campaign, what, console)?;
+        let entry = entry(args, &figures, number, recording, experiment, what, console)?;
         figures.curve(number, &entry)?;
         Ok(entry)
     };
@@ -149,7 +149,7 @@ fn entry(
     figures: &Figures,
     number: usize,
     recording: &Recording,
-    campaign: &Campaign,
+    experiment: &Experiment,
     what: String,
     console: &Console,
 ) -> anyhow::Result<Entry> {
@@ -157,29 +157,29 @@ fn entry(
     if vision.is_some()
         && let Some(view) = recording.view()?
     {
-        console.warn_all(view_warnings(campaign.scene().rest(), &view));
+        console.warn_all(view_warnings(experiment.scene().rest(), &view));
     }
-    let shares = OverlapShares::of(campaign);
+    let shares = OverlapShares::of(experiment);
     let overlap = shares.overlap();
-    let with_curve = overlap == Overlap::Partial && campaign.curve_lens().len() > 1;
+    let with_curve = overlap == Overlap::Partial && experiment.curve_lens().len() > 1;
     let steps = if with_curve {
-        campaign.curve_lens().len()
+        experiment.curve_lens().len()
     } else {
         1
     };
     let bar = console.bar(steps + 3, what);
-    let update_speed = update_speed(campaign)?;
+    let update_speed = update_speed(experiment)?;
     bar.inc(1);
-    let table1 = table1(campaign)?;
+    let table1 = table1(experiment)?;
     bar.inc(1);
-    let fields = figures.fields(number, recording, campaign, vision.as_ref())?;
+    let fields = figures.fields(number, recording, experiment, vision.as_ref())?;
     bar.inc(1);
     let mut curve = Vec::new();
     let errors = if with_curve {
-        curve = campaign.curve(vision.as_ref(), || bar.inc(1))?;
+        curve = experiment.curve(vision.as_ref(), || bar.inc(1))?;
         curve.last().map_or_else(Vec::new, |all| all.errors.clone())
     } else {
-        campaign.errors(vision.as_ref())?
+        experiment.errors(vision.as_ref())?
     };
     bar.finish_and_clear();
     Ok(Entry {
@@ -188,10 +188,10 @@ fn entry(
         unit: table1.unit.clone(),
         overlap,
         shares,
-        train_sequences: campaign.train_len(),
-        test_sequences: campaign.test_len(),
-        leave_one_out: campaign.leave_one_out(),
-        threshold: campaign.scene().contact().threshold,
+        train_sequences: experiment.train_len(),
+        test_sequences: experiment.test_len(),
+        leave_one_out: experiment.leave_one_out(),
+        threshold: experiment.scene().contact().threshold,
         table1,
         update_speed,
         errors,

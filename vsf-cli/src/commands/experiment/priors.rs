@@ -38,9 +38,9 @@ pub fn run(args: &Args, console: &Console) -> anyhow::Result<()> {
     let found = each(
         open(&args.recordings, &args.contact, console)?,
         console,
-        |number, recording, campaign| {
+        |number, recording, experiment| {
             let spinner = console.spinner(progress("priors", number, all));
-            let rows = compare_priors(campaign)?;
+            let rows = compare_priors(experiment)?;
             spinner.finish_and_clear();
             Ok(PriorTable {
                 recording: recording.dataset.name.clone(),

@@ -30,9 +30,9 @@ pub fn run(args: &Args, console: &Console) -> anyhow::Result<()> {
     let found = each(
         open(&args.recordings, &args.contact, console)?,
         console,
-        |number, _, campaign| {
+        |number, _, experiment| {
             let spinner = console.spinner(progress("estimators", number, all));
-            let row = table1(campaign)?;
+            let row = table1(experiment)?;
             spinner.finish_and_clear();
             Ok(row)
         },

@@ -10,7 +10,7 @@ use vsf_vision::VisionError;
 
 /// A recording on which an experiment is made: touches to learn from and touches to predict.
 #[derive(Clone)]
-pub struct Campaign<'a> {
+pub struct Experiment<'a> {
     pub(crate) name: &'a str,
     pub(crate) scene: &'a Scene,
     pub(crate) camera: Option<&'a CameraView>,
@@ -21,9 +21,9 @@ pub struct Campaign<'a> {
     hyper: OnceLock<Hyper>,
 }
 
-impl fmt::Debug for Campaign<'_> {
+impl fmt::Debug for Experiment<'_> {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        f.debug_struct("Campaign")
+        f.debug_struct("Experiment")
             .field("name", &self.name)
             .field("train", &self.train.len())
             .field("test", &self.test.len())
@@ -31,7 +31,7 @@ impl fmt::Debug for Campaign<'_> {
     }
 }
 
-impl<'a> Campaign<'a> {
+impl<'a> Experiment<'a> {
     /// Puts a recording together with the traces of its train sequences, followed by those of its test
     /// sequences.
     ///
@@ -102,7 +102,7 @@ impl<'a> Campaign<'a> {
     /// The field of the train sequences, by touch alone.
     ///
     /// # Errors
-    /// As [`Campaign::hyper`].
+    /// As [`Experiment::hyper`].
     pub fn blind_field(&self) -> Result<Estimate, PipelineError> {
         let (rest, spec) = (self.scene.rest(), EstimatorSpec::Batch);
         estimate(rest, self.train_traces(), &spec, self.hyper()?, |_| {})
@@ -112,7 +112,7 @@ impl<'a> Campaign<'a> {
     /// without a camera, or where no touched point is seen.
     ///
     /// # Errors
-    /// As [`Campaign::hyper`]; images that do not fit.
+    /// As [`Experiment::hyper`]; images that do not fit.
     pub fn vision_field(&self, vision: &VisionSpec) -> Result<Option<Estimate>, PipelineError> {
         let Some(camera) = self.camera else {
             return Ok(None);

@@ -6,7 +6,7 @@ use vsf_core::{CoreError, Observation};
 
 /// What a model says about one sample, given its contacts.
 #[derive(Debug, Clone)]
-pub struct Prediction {
+pub struct ModelTerms {
     /// Springs of the touched points (m, world): the stiffness multiplies them.
     pub springs: Vec<Vector3<f64>>,
     /// Gain of the field's torque per joint.
@@ -18,7 +18,7 @@ pub struct Prediction {
 impl Campaign {
     /// Runs springs, gains and torques of a model over sequences whose contacts are known, in
     /// session order: what an effect does to the object lasts from one sequence to the next.
-    /// `visit` is given the sequence's index, the row, what was touched and the prediction. Torques are
+    /// `visit` is given the sequence's index, the row, what was touched and the terms. Torques are
     /// relative to their mean over the samples of the tare, as the readings are.
     ///
     /// # Errors
@@ -29,7 +29,7 @@ impl Campaign {
         model: &Model,
         motions: &[&Motion],
         logs: &[Arc<ContactLog>],
-        mut visit: impl FnMut(usize, usize, &Touch<'_>, &Prediction),
+        mut visit: impl FnMut(usize, usize, &Touch<'_>, &ModelTerms),
     ) -> Result<(), GapError> {
         let d = self.site.joints();
         CoreError::check_len("contacts of sequences", logs.len(), motions.len())?;
@@ -38,14 +38,14 @@ impl Campaign {
             log.check(&self.site, motion)?;
         }
         let mut effects = model.compensator(&self.site)?;
-        let mut out = Prediction::new(d);
+        let mut out = ModelTerms::new(d);
         for (s, (motion, log)) in motions.iter().zip(logs).enumerate() {
             if !goes_on(motions, s) {
                 effects.begin_sequence(&motion.id);
             }
             let touch = |row| log.touch(&self.site, row);
             let tared = motion.tare.min(motion.len());
-            let mut begin: Vec<Prediction> = Vec::with_capacity(tared);
+            let mut begin: Vec<ModelTerms> = Vec::with_capacity(tared);
             let mut offset = vec![0.0; d];
             for range in &motion.touches {
                 effects.begin_touch();
@@ -66,9 +66,9 @@ impl Campaign {
                         if row + 1 < tared {
                             continue;
                         }
-                        for (row, prediction) in begin.iter_mut().enumerate() {
-                            add(&mut prediction.torques, &offset, -1.0);
-                            visit(s, row, &touch(row), prediction);
+                        for (row, terms) in begin.iter_mut().enumerate() {
+                            add(&mut terms.torques, &offset, -1.0);
+                            visit(s, row, &touch(row), terms);
                         }
                     } else {
                         add(&mut out.torques, &offset, -1.0);
@@ -86,7 +86,7 @@ fn add(to: &mut [f64], x: &[f64], times: f64) {
     to.iter_mut().zip(x).for_each(|(t, x)| *t += times * x);
 }
 
-impl Prediction {
+impl ModelTerms {
     /// Of nothing yet, for a robot with this many joints.
     pub(crate) fn new(joints: usize) -> Self {
         Self {
@@ -208,19 +208,19 @@ mod tests {
             posture: &posture,
             contacts: &contacts,
         };
-        let prediction = Prediction {
+        let terms = ModelTerms {
             springs,
             gains: vec![1.0, 0.9, 1.2, -0.5],
             torques: vec![0.1, 0.0, -2.0, 0.3],
         };
         let stiffness: Vec<f64> = (0..90).map(|k| f64::from(k * 37 % 11)).collect();
         let mut found = [f64::NAN; 4];
-        prediction.apply(&touch, &stiffness, &mut found);
-        let mut expected = prediction.torques.clone();
+        terms.apply(&touch, &stiffness, &mut found);
+        let mut expected = terms.torques.clone();
         let mut sizes: Vec<f64> = expected.iter().map(|t| t.abs()).collect();
         let mut column = [0.0; 4];
         for (k, &p) in contacts.points().iter().enumerate() {
-            prediction.column(&touch, k, &mut column);
+            terms.column(&touch, k, &mut column);
             add(&mut expected, &column, stiffness[p as usize]);
             add(&mut sizes, &column.map(f64::abs), stiffness[p as usize]);
         }
