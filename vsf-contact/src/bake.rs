@@ -57,7 +57,7 @@ impl GridOptions {
     ///
     /// # Errors
     /// [`CoreError::Parameter`] names the first value out of range.
-    pub fn validate(&self) -> Result<(), CoreError> {
+    pub fn check(&self) -> Result<(), CoreError> {
         let positive = |name, value: f64| {
             if value > 0.0 && value.is_finite() {
                 Ok(())
@@ -141,7 +141,7 @@ impl GridSdf {
     /// [`GridOptions::max_nodes`]. A cache that cannot be used is no error, see
     /// [`GridReport::cache`].
     pub fn bake(mesh: &TriMesh, options: &GridOptions) -> Result<(Self, GridReport), ContactError> {
-        options.validate()?;
+        options.check()?;
         let make = || {
             let exact = MeshSdf::new(mesh)?;
             refine(&exact, options)

@@ -71,7 +71,7 @@ impl ContactConfig {
     ///
     /// # Errors
     /// [`CoreError::Parameter`] names the first value out of range.
-    pub fn validate(&self) -> Result<(), CoreError> {
+    pub fn check(&self) -> Result<(), CoreError> {
         let check = |name, value: f64, ok: bool, range| {
             if ok && value.is_finite() {
                 Ok(())

@@ -48,7 +48,7 @@ struct Parts {
 /// # Errors
 /// [`ContactError::Collider`] names the collider whose shape, pose or grid is out of range.
 pub fn link_sdfs(colliders: &[Collider], options: &GridOptions) -> Result<LinkSdfs, ContactError> {
-    options.validate()?;
+    options.check()?;
     let mut by_link: BTreeMap<usize, Parts> = BTreeMap::new();
     let mut grids = Vec::new();
     for (collider, c) in colliders.iter().enumerate() {

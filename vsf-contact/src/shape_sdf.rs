@@ -45,7 +45,7 @@ impl ShapeSdf {
     /// A dimension out of range, a pose that is not finite, or a mesh, which needs a
     /// [`GridSdf`](crate::GridSdf) or a [`MeshSdf`](crate::MeshSdf).
     pub fn new(shape: &Shape, X_BS: &Isometry3<f64>) -> Result<Self, ContactError> {
-        shape.validate()?;
+        shape.check()?;
         CoreError::check_finite("shape position", X_BS.translation.vector.as_slice())?;
         CoreError::check_finite("shape rotation", X_BS.rotation.coords.as_slice())?;
         let (form, lower_S, upper_S) = match *shape {

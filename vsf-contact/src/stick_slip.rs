@@ -66,7 +66,7 @@ impl StickSlip {
     /// # Errors
     /// A parameter out of range.
     pub fn new(links: impl Into<Arc<[LinkSdf]>>, config: ContactConfig) -> Result<Self, CoreError> {
-        config.validate()?;
+        config.check()?;
         let links = links.into();
         Ok(Self {
             entering: vec![Vec::new(); links.len()],

@@ -122,7 +122,7 @@ impl Shape {
     ///
     /// # Errors
     /// [`CoreError::Parameter`] names the first value out of range.
-    pub fn validate(&self) -> Result<(), CoreError> {
+    pub fn check(&self) -> Result<(), CoreError> {
         fn check(
             name: &'static str,
             value: f64,

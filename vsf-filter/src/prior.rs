@@ -69,7 +69,7 @@ pub enum Smoothness {
 }
 
 impl Matern {
-    fn validate(&self) -> Result<(), CoreError> {
+    fn check(&self) -> Result<(), CoreError> {
         for (name, value, range) in [
             ("smooth prior sd", self.sd, "> 0 N/m"),
             ("prior length", self.length, "> 0 m"),
@@ -133,7 +133,7 @@ impl FieldPrior {
     /// # Errors
     /// A parameter that is not positive and finite, another number of points than the field's.
     pub fn with_smooth(mut self, matern: Matern, rest: &RestPoints) -> Result<Self, CoreError> {
-        matern.validate()?;
+        matern.check()?;
         CoreError::check_len("rest points", rest.len(), self.len())?;
         self.smooth = Some((matern, rest.positions().into()));
         Ok(self)

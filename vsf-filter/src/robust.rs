@@ -47,7 +47,7 @@ impl RobustLoss {
         weight.clamp(MIN_WEIGHT, 1.0)
     }
 
-    pub(crate) fn validate(&self) -> Result<(), CoreError> {
+    pub(crate) fn check(&self) -> Result<(), CoreError> {
         let (name, value) = match *self {
             Self::Huber { k } => ("Huber's k", k),
             Self::StudentT { nu } => ("degrees of freedom nu of Student's t", nu),
@@ -228,7 +228,7 @@ impl<E: Estimator> RobustNoise<E> {
     /// # Errors
     /// A parameter of the loss that is not positive and finite.
     pub fn new(inner: E, loss: RobustLoss) -> Result<Self, CoreError> {
-        loss.validate()?;
+        loss.check()?;
         Ok(Self {
             inner,
             loss,

@@ -211,7 +211,7 @@ impl Scene {
         if points.is_empty() {
             return Err(PipelineError::NoPoints);
         }
-        options.contact.validate()?;
+        options.contact.check()?;
         let rest = Arc::new(RestPoints::new(points)?);
         let spacing = rest.spacing();
         let cells = if options.subdivision == 1 || spacing == 0.0 {
@@ -338,7 +338,7 @@ impl Scene {
     /// # Errors
     /// Parameters out of range.
     pub fn with_contact(&self, contact: ContactConfig) -> Result<Self, PipelineError> {
-        contact.validate()?;
+        contact.check()?;
         Ok(Self {
             contact,
             ..self.clone()

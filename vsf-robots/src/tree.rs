@@ -69,7 +69,7 @@ impl RobotModel {
             model_links.push(body(link, parent, X_PJ, motion)?);
             for (X_LS, shape) in &link.shapes {
                 check_pose("pose of a collision shape", &link.name, X_LS)?;
-                shape.validate().map_err(|source| RobotError::Shape {
+                shape.check().map_err(|source| RobotError::Shape {
                     link: link.name.clone(),
                     source,
                 })?;

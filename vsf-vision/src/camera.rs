@@ -34,7 +34,7 @@ impl Camera {
         })
     }
 
-    fn validate(&self) -> Result<(), CoreError> {
+    fn check(&self) -> Result<(), CoreError> {
         for (name, value) in [("fx", self.fx), ("fy", self.fy)] {
             if !(value > 0.0 && value.is_finite()) {
                 return Err(CoreError::Parameter {
@@ -92,7 +92,7 @@ impl RgbdView {
         depth: &[u16],
         depth_scale: f64,
     ) -> Result<Self, CoreError> {
-        camera.validate()?;
+        camera.check()?;
         let pixels = width.saturating_mul(height);
         CoreError::check_len("color image", color.len(), pixels.saturating_mul(3))?;
         CoreError::check_len("depth image", depth.len(), pixels)?;

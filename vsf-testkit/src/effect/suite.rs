@@ -188,7 +188,7 @@ impl<'a> Suite<'a> {
                     panic!("{theta:?}: {what} is {bad}");
                 }
             }
-            if let Err(error) = found.contact.validate() {
+            if let Err(error) = found.contact.check() {
                 panic!("{theta:?}: {error}");
             }
         }
