@@ -32,7 +32,7 @@
 //!
 //! Nothing is repaired on the way in. Whatever a folder holds, opening it gives the data, or a
 //! [`DataError`] that names file, sequence and row; never a panic, and never a shortened or
-//! zero-filled sequence. Arrays may be of any little-endian float or integer type of NumPy, in C
+//! zero-filled sequence. Arrays may be of any little-endian float or integer type of NumPy or of truth values, in C
 //! or Fortran order, and become `f64`; pickled objects are never executed. What can be read but
 //! should be known comes as a [`DataWarning`].
 //!
@@ -41,7 +41,8 @@
 //! whole or not there, and one that was being replaced as it was or as [`DataError::Interrupted`].
 //!
 //! Rejected: the `ndarray-npy` crate. It reads into one static type per call, so every dtype
-//! would be a trial, and it has no half floats; the format is one file here. Likewise the `cdr` and
+//! would be a trial, and it has no half floats; `npyz` multiplies the lengths that a header states without a check, and
+//! panics on those of a hostile one. The format is one file here. Likewise the `cdr` and
 //! `cdr-encoding` crates for ROS messages: they know neither ROS 1 nor the bytes in front of a message,
 //! and two messages of numbers and names are less than their descriptions for serde.
 

@@ -35,9 +35,9 @@ pub enum NpyError {
     /// Numbers in big-endian byte order.
     #[error("big-endian dtype {0:?}; save a.astype(a.dtype.newbyteorder('<'))")]
     BigEndian(String),
-    /// A dtype that is not a float or integer of at most 8 bytes.
+    /// A dtype that is not a float or integer of at most 8 bytes, nor a truth value.
     #[error(
-        "dtype {0:?} is not supported, expected float (f2, f4, f8) or integer (i1 to i8, u1 to u8)"
+        "dtype {0:?} is not supported, expected float (f2, f4, f8), integer (i1 to i8, u1 to u8) or bool"
     )]
     Dtype(String),
     /// Not one text, where a text is expected.
@@ -85,6 +85,8 @@ enum Dtype {
     Float(usize),
     Signed(usize),
     Unsigned(usize),
+    /// One byte, 1 for all but 0.
+    Bool,
     /// So many UCS-4 characters.
     Text(usize),
 }
@@ -103,6 +105,7 @@ pub(crate) fn parse(bytes: &[u8]) -> Result<NpyArray, NpyError> {
     let header = parse_header(bytes)?;
     let size = match header.dtype {
         Dtype::Float(n) | Dtype::Signed(n) | Dtype::Unsigned(n) => n,
+        Dtype::Bool => 1,
         Dtype::Text(_) => return Err(NpyError::Dtype(header.descr)),
     };
     let data: Vec<f64> = header
@@ -184,6 +187,7 @@ fn parse_header(bytes: &[u8]) -> Result<Header<'_>, NpyError> {
     let dtype = parse_dtype(&descr)?;
     let size = match dtype {
         Dtype::Float(n) | Dtype::Signed(n) | Dtype::Unsigned(n) => Some(n),
+        Dtype::Bool => Some(1),
         Dtype::Text(n) => n.checked_mul(4),
     };
     let expected = shape
@@ -226,6 +230,7 @@ fn parse_dtype(descr: &str) -> Result<Dtype, NpyError> {
         (Some('f'), 2 | 4 | 8) => Dtype::Float(size),
         (Some('i'), 1 | 2 | 4 | 8) => Dtype::Signed(size),
         (Some('u'), 1 | 2 | 4 | 8) => Dtype::Unsigned(size),
+        (Some('b'), 1) => Dtype::Bool,
         (Some('U'), _) => Dtype::Text(size),
         _ => return Err(unsupported()),
     };
@@ -254,6 +259,7 @@ fn number(dtype: Dtype, raw: &[u8]) -> Option<f64> {
             let value = ((bits << unused) as i64) >> unused;
             (value.unsigned_abs() <= MAX_EXACT).then_some(value as f64)
         }
+        Dtype::Bool => Some(f64::from(bits != 0)),
         Dtype::Text(_) => None,
     }
 }

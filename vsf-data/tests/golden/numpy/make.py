@@ -8,7 +8,7 @@ for dtype in "f2 f4 f8 i1 i2 i4 i8 u1 u2 u4 u8".split():
 np.save("special_f2.npy", np.array([-0.0, 6e-8, -65504.0, 0.1, np.inf, np.nan], dtype="f2"))
 np.save("cube_f.npy", np.asfortranarray(np.arange(24.0).reshape(4, 3, 2)))
 np.save("object.npy", np.array([{"a": 1}, None], dtype=object))
-np.save("bool.npy", np.array([True, False]))
+np.save("bool.npy", np.array([True, False, False, True]))
 np.save("big_endian.npy", values.astype(">f8"))
 np.save("complex.npy", values.astype("c16"))
 np.save("structured.npy", np.zeros(3, dtype=[("x", "<f8"), ("y", "<i4")]))
