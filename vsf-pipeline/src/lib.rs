@@ -70,7 +70,7 @@ pub use readings::{
 };
 pub use regions::{RegionOptions, StiffRegion, StiffRegions, stiff_regions};
 pub use robot::{load_robot, reading_unit, robot_of};
-pub use scene::{Scene, SceneOptions};
+pub use scene::{LEAST_THRESHOLD, Scene, SceneOptions};
 pub use scene_contact::SceneContact;
 pub use simulate::{add_noise, simulate};
 pub use soak::{SoakOptions, SoakReport, SoakTenth, soak};

@@ -18,6 +18,10 @@ const GRAVITY: Vector3<f64> = Vector3::new(0.0, 0.0, -9.81);
 
 /// Contact threshold that suits an estimation, as a share of the spacing of the points.
 const SUITED: f64 = 0.8;
+/// Least distance (m) at which points come into contact where the threshold is chosen or fitted, not given.
+pub const LEAST_THRESHOLD: f64 = 1e-4;
+/// Largest threshold (m) that is chosen by the spacing of points.
+const LARGEST_SUITED: f64 = 1e-2;
 
 /// How a [`Scene`] is put together; the defaults fit most recordings.
 #[derive(Debug, Clone)]
@@ -412,7 +416,7 @@ impl Scene {
     pub fn with_suited_threshold(&self) -> Result<Self, PipelineError> {
         let spacing = self.rest.spacing();
         let threshold = if spacing > 0.0 {
-            ((SUITED * spacing * 1e5).round() / 1e5).clamp(1e-4, 1e-2)
+            ((SUITED * spacing * 1e5).round() / 1e5).clamp(LEAST_THRESHOLD, LARGEST_SUITED)
         } else {
             self.contact.threshold
         };

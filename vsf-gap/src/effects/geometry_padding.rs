@@ -1,6 +1,7 @@
 use crate::GapError;
 use crate::effect::{Acts, Compensator, Effect, Need, Parameter, Probe, Site, check};
 use vsf_contact::ContactConfig;
+use vsf_pipeline::LEAST_THRESHOLD;
 
 /// Links that are thicker or thinner than their model: surfaces lie `padding` further out.
 ///
@@ -13,9 +14,6 @@ use vsf_contact::ContactConfig;
 /// of signed distances), doi:10.1007/b98879.
 #[derive(Debug, Clone, Copy)]
 pub struct GeometryPadding;
-
-/// Least distance (m) at which points come into contact.
-const LEAST: f64 = 1e-4;
 
 struct Padding(f64);
 
@@ -64,7 +62,7 @@ impl Effect for GeometryPadding {
 
 impl Compensator for Padding {
     fn contact(&self, config: &mut ContactConfig) {
-        let least = (LEAST - config.threshold).min(config.padding);
+        let least = (LEAST_THRESHOLD - config.threshold).min(config.padding);
         config.padding = (config.padding + self.0).max(least);
     }
 }

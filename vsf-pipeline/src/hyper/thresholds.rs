@@ -3,13 +3,11 @@
 use super::held_out::LEAVE_ONE_OUT_POINTS;
 use crate::estimate::touched_points;
 use crate::trace::check_traces;
-use crate::{PipelineError, Scene, Trace};
+use crate::{LEAST_THRESHOLD, PipelineError, Scene, Trace};
 use std::ops::Range;
 
 /// Shares of the scene's threshold that are worth a comparison.
 const SHARES: [f64; 2] = [0.25, 0.0625];
-/// No threshold is smaller (m).
-const LEAST: f64 = 1e-4;
 /// Fewer touches tell little of it.
 const FEWEST_TOUCHES: usize = 4;
 
@@ -18,7 +16,7 @@ const FEWEST_TOUCHES: usize = 4;
 /// need the larger threshold of the scene.
 ///
 /// `traces` are the train sequences in the scene. Empty for fewer than four touches, which tell too little, and for more
-/// than 1500 touched points, which take too long. Thresholds below 0.1 mm, below the error of a mesh's distance grid (its
+/// than 1500 touched points, which take too long. Thresholds below [`LEAST_THRESHOLD`], below the error of a mesh's distance grid (its
 /// 99 % quantile), or at which a negative [`padding`](vsf_contact::ContactConfig::padding) leaves nothing to touch are left out.
 ///
 /// # Errors
@@ -40,11 +38,11 @@ pub fn closer_thresholds(scene: &Scene, traces: &[Trace]) -> Result<Vec<f64>, Pi
         return Ok(Vec::new());
     }
     let grids = scene.grids().iter().map(|grid| grid.report.error.p99);
-    let least = grids.fold(LEAST, f64::max);
+    let least = grids.fold(LEAST_THRESHOLD, f64::max);
     let contact = scene.contact();
     let closer = SHARES.into_iter().map(|share| share * contact.threshold);
     Ok(closer
-        .filter(|t| *t >= least && t + contact.padding >= LEAST)
+        .filter(|t| *t >= least && t + contact.padding >= LEAST_THRESHOLD)
         .collect())
 }
 
