@@ -1,6 +1,7 @@
 //! A diagnosis for people: in words, on the terminal, and as a page.
 
 mod page;
+mod sentence;
 mod text;
 mod torques;
 mod words;

@@ -1,8 +1,9 @@
+use super::sentence::{found, is_uncertain, verdict};
 use super::torques::torques;
 use super::words::{
     NEVER_SHOWS, OUT_OF_SIGHT, SHOWS_FROM, SQUARES, all_looked_for, closed, determined, figures,
-    fitted, fixed, found, headings, is_uncertain, limits, look_alikes, none_of_these, out_of_sight,
-    part, parts, percent, screened_out, size, summary, touches, untestable, verdict,
+    fitted, fixed, headings, limits, look_alikes, none_of_these, out_of_sight, part, parts,
+    percent, screened_out, size, summary, touches, untestable,
 };
 use crate::console::number;
 use crate::html::{Script, document, escape};
@@ -351,33 +352,10 @@ fn row(d: &Diagnosis, e: &EffectReport) -> String {
 #[cfg(test)]
 mod tests {
     #![allow(clippy::unwrap_used)]
+    use super::super::sentence::tests::report;
     use super::super::words::errors;
     use super::*;
     use vsf::gap::MeanErrors;
-
-    fn of_effect(name: &str) -> serde_json::Value {
-        serde_json::json!({
-            "effect": name, "probability": 0.0, "score": 0.0, "parameters": [], "joints": [], "test_error": null,
-            "closed_fraction": null, "absorbed_share": null, "roughness": null, "ambiguous_with": [],
-            "testable": true,
-        })
-    }
-
-    fn report(kind: &str, probability: f64, after: f64) -> Diagnosis {
-        let effects: &[&str] = if kind == "effects" { &["payload"] } else { &[] };
-        let catalogue = vsf::gap::effects::catalogue();
-        let all: Vec<_> = catalogue.iter().map(|e| of_effect(e.name())).collect();
-        serde_json::from_value(serde_json::json!({
-            "schema": 1, "dataset": "a", "effects": all, "notes": [],
-            "gap": {"test_error_nominal": 1.0, "test_error_corrected": after, "noise_floor": 0.1,
-                "closed_fraction": -0.09, "closed_interval": [-0.2, 0.1], "unit": "N",
-                "corrected_by": effects},
-            "where": {"joint": [], "phase": [], "link": [], "sequence": [], "frequency": [], "region": []},
-            "verdict": {"effects": effects, "kind": kind, "probability": probability, "effect_set_95": effects},
-            "next_experiment": {"action": "", "why": ""},
-        }))
-        .unwrap()
-    }
 
     #[test]
     fn what_is_less_likely_than_not_is_uncertain() {
@@ -422,65 +400,6 @@ mod tests {
         assert!(!page.contains("No gap"), "{page}");
     }
 
-    #[test]
-    fn how_much_is_explained_is_said() {
-        for (closed, after, words) in [
-            (0.995, 0.5, "payload explains the gap (probability 90 %)."),
-            (
-                0.7,
-                0.5,
-                "payload explains most of the gap (probability 90 %).",
-            ),
-            (
-                0.3,
-                0.9,
-                "payload explains part of the gap (probability 90 %).",
-            ),
-            (0.3, 0.29, "payload explains the gap (probability 90 %)."),
-        ] {
-            let mut found = report("effects", 0.9, after);
-            found.gap.closed_fraction = closed;
-            found.gap.closed_interval = [0.1, 1.0];
-            assert_eq!(verdict(&found), words);
-        }
-    }
-
-    /// What test sequences leave open, or ends at a bound, is said first.
-    #[test]
-    fn what_is_not_sure_is_not_claimed() {
-        let mut found = report("effects", 0.9, 0.5);
-        (found.gap.closed_fraction, found.gap.closed_interval) = (0.43, [-0.02, 0.58]);
-        let open = "payload fits best (probability 90 %); whether it closes any of the gap, the test sequences do not tell.";
-        assert_eq!(verdict(&found), open);
-        found.gap.closed_interval = [0.1, 0.6];
-        let payload = found.effects.iter_mut().find(|e| e.effect == "payload");
-        payload.unwrap().at_bound = vec!["m".to_owned()];
-        let stopped = "m stopped at a bound of what is plausible: what is named may stand for something else.";
-        assert_eq!(
-            verdict(&found),
-            format!("payload fits best (probability 90 %). {stopped}")
-        );
-        found.gap.closed_interval = [-0.02, 0.58];
-        assert_eq!(verdict(&found), format!("{open} {stopped}"));
-    }
-
-    /// One of several effects may act for certain, whatever acts beside it.
-    #[test]
-    fn what_acts_for_certain_is_told() {
-        let mut d = report("effects", 0.55, 0.5);
-        (d.gap.closed_fraction, d.gap.closed_interval) = (0.7, [0.1, 1.0]);
-        let names = ["payload", "adhesion", "anisotropy"].map(str::to_owned);
-        d.verdict.effects = names[..2].to_vec();
-        d.verdict.effect_set_95 = names.to_vec();
-        let payload = d.effects.iter_mut().find(|e| e.effect == "payload");
-        payload.unwrap().probability = 0.99;
-        let named = "payload and adhesion explain most of the gap (probability 55 %; that payload acts: 95 % or more).";
-        assert_eq!(verdict(&d), named);
-        d.verdict.kind = VerdictKind::NotDiagnosable;
-        let open = "Not diagnosable: beside payload something acts, but this recording fits adhesion, anisotropy alike.";
-        assert_eq!(verdict(&d), open);
-    }
-
     /// Of an arm in free air there are no links in contact, nor a stiffness.
     #[test]
     fn nothing_is_said_of_contact_in_free_air() {
@@ -523,19 +442,6 @@ mod tests {
             parts(&d.gap).unwrap(),
             "In the air 2.000 N; in contact 3.000 N."
         );
-    }
-
-    /// Errors of touches that were never touched before say less than densities.
-    #[test]
-    fn test_sequences_that_speak_for_an_effect_are_told() {
-        let mut d = report("effects", 0.9, 0.9);
-        let named = d
-            .effects
-            .iter_mut()
-            .find(|e| e.effect == "payload")
-            .unwrap();
-        named.test_score = Some(41.6);
-        assert!(verdict(&d).ends_with("they are 42 nats likelier with it."));
     }
 
     #[test]

@@ -1,7 +1,8 @@
+use super::sentence::{found, verdict};
 use super::words::{
     LIKELY_ENOUGH, NEVER_SHOWS, OUT_OF_SIGHT, SHOWS_FROM, determined, errors, figures, fitted,
-    found, headings, limits, look_alikes, none_of_these, out_of_sight, part, parts, percent,
-    screened_out, size, summary, touches, untestable, verdict,
+    headings, limits, look_alikes, none_of_these, out_of_sight, part, parts, percent, screened_out,
+    size, summary, touches, untestable,
 };
 use crate::console::{number, table};
 use vsf::gap::{Diagnosis, Limit, LocatedShare, ModelFile, Site, VerdictKind};
