@@ -1,17 +1,15 @@
 use crate::alike::Likeness;
-use crate::campaign::FREE;
 use crate::closure::noise_norm;
 use crate::effect::Arm;
-use crate::estimated::{Compared, Extent};
+use crate::enough::enough;
+use crate::estimated::{Extent, NEARLY};
 use crate::halves::is_of_sequences;
 use crate::judge::{Nominal, hidden_weight};
 use crate::locate::locate;
 use crate::next::next_experiment;
 use crate::notes::{closest, few_rows, notes, told};
 use crate::plain::Plain;
-use crate::report::{
-    Diagnosis, EffectReport, Gap, MeanErrors, Outcome, STIFFNESS_FIELD, is_perfect,
-};
+use crate::report::{Diagnosis, EffectReport, Outcome, STIFFNESS_FIELD, is_perfect};
 use crate::search::Search;
 use crate::trial::{Judgment, Trial};
 use crate::verdict::{Answer, Findings};
@@ -21,17 +19,8 @@ use std::sync::Arc;
 
 /// Fewest samples of a window that contact is run through.
 const PER_WINDOW: usize = 5;
-/// Samples in a row that noise is read from, and how many such runs tell it.
-const SHORTEST_RUN: usize = 4;
-const FEWEST_RUNS: usize = 8;
-/// A joint that moves by less (rad or m) stands still.
-const STILL: f64 = 1e-3;
 /// Effects of which it is told how they do on the test sequences, whether they were up to be named or not.
 const CHECKED: usize = 3;
-/// A model that closes so much of the gap leaves nothing that would call for another, though what is left may last.
-const NEARLY: f64 = 0.9;
-/// A model whose error is more than so many times that of a perfect one is far from it.
-const FAR: f64 = 3.0;
 /// Two probabilities closer than this count as equal.
 const ALIKE: f64 = 1e-6;
 /// From this share of its information on, that the stiffness absorbs, an effect may be what the field shows.
@@ -106,44 +95,6 @@ pub fn diagnose(
     } else {
         Ok(first)
     }
-}
-
-/// Checks that the train sequences tell noise from a gap, and a gap from a constant.
-fn enough(campaign: &Campaign) -> Result<(), GapError> {
-    if campaign.train.is_empty() {
-        return Err(GapError::TooLittle {
-            what: "train sequences",
-            problem: "there are none; give the recording a train split".to_owned(),
-        });
-    }
-    let runs: usize = (campaign.train.iter())
-        .map(|m| (m.len() + 1).saturating_sub(SHORTEST_RUN))
-        .sum();
-    if runs < FEWEST_RUNS {
-        return Err(GapError::TooLittle {
-            what: "train samples",
-            problem: format!(
-                "noise is read from {SHORTEST_RUN} samples in a row, of which there are {runs} in the train sequences \
-                 and {FEWEST_RUNS} are needed; record longer sequences"
-            ),
-        });
-    }
-    let rows = || campaign.train.iter().flat_map(|m| m.q.iter());
-    let range = |j: usize| {
-        let (low, high) = rows().fold((f64::MAX, f64::MIN), |(low, high), q| {
-            (low.min(q[j]), high.max(q[j]))
-        });
-        high - low
-    };
-    if (0..campaign.site.joints()).all(|j| range(j) < STILL) {
-        return Err(GapError::TooLittle {
-            what: "motion in the train sequences",
-            problem: format!(
-                "no joint moves by {STILL} rad (or m), so that any constant explains the readings; record motion"
-            ),
-        });
-    }
-    Ok(())
 }
 
 /// How a campaign is split.
@@ -225,7 +176,7 @@ fn attempt(
         left_free: judgment.left_free.is_some(),
         lasts: judgment.persistence.is_some(),
         stopped: judgment.is_stopped(nominal.touches)
-            && is_far(&compared, noise_norm(&campaign.noise), nominal.touches),
+            && compared.is_far(noise_norm(&campaign.noise), nominal.touches),
         contradicted: trial.surprise.is_some(),
         silent,
     });
@@ -270,7 +221,7 @@ fn attempt(
         diagnosis: Diagnosis {
             schema: 1,
             dataset: campaign.name().to_owned(),
-            gap: gap(campaign, &compared, &model, estimated),
+            gap: compared.gap(campaign, &model, estimated),
             location: locate(campaign, &model, &own_field, before, trial.sequences, seed)?,
             next_experiment: next_experiment(&answer.verdict, &reports, effects, arm),
             effects: reports,
@@ -367,44 +318,6 @@ fn compared_fields(
         Ok(None) => (inside()?, None),
         Err(e) => (inside()?, Some(e)),
     })
-}
-
-/// Whether what a model leaves is far from the noise: in the air, since in contact it is for many reasons.
-fn is_far(compared: &Compared, noise: f64, touches: bool) -> bool {
-    let in_air = |k: usize| compared.touches.get(k) != Some(&true);
-    let tells = !touches || compared.touches.iter().filter(|t| !**t).count() >= FREE;
-    let open = !touches && compared.closed.fraction < NEARLY;
-    open || tells && compared.after.residuals.mean_error_of(in_air) > FAR * noise
-}
-
-/// Errors on the checked sequences.
-fn gap(campaign: &Campaign, compared: &Compared, model: &Model, estimated: bool) -> Gap {
-    let (before, after) = (&compared.before.residuals, &compared.after.residuals);
-    let errors = |touching: bool| {
-        let is_one = |k: usize| compared.touches.get(k) == Some(&touching);
-        let samples = compared.touches.iter().filter(|t| **t == touching).count();
-        (samples > 0).then(|| MeanErrors {
-            nominal: before.mean_error_of(is_one),
-            corrected: after.mean_error_of(is_one),
-            samples,
-        })
-    };
-    Gap {
-        test_error_nominal: before.mean_error(),
-        test_error_corrected: after.mean_error(),
-        noise_floor: noise_norm(&campaign.noise),
-        closed_fraction: compared.closed.fraction,
-        closed_interval: compared.closed.interval,
-        unit: campaign.scene.error_unit().to_owned(),
-        corrected_by: (model.parts.iter())
-            .map(|(effect, _)| effect.name().to_owned())
-            .collect(),
-        free: errors(false),
-        contact: errors(true),
-        estimated,
-        threshold: compared.thresholds.map(|[_, after]| after),
-        threshold_nominal: compared.thresholds.map(|[before, _]| before),
-    }
 }
 
 /// All effects: those that were fitted, the others, those that the recording cannot show.
@@ -504,49 +417,4 @@ fn in_field<'s>(
         absorbed.is_some_and(|share| share >= TAKEN_UP)
     });
     Ok(found)
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-    use crate::closure::{Closure, Residuals};
-    use crate::estimated::Estimated;
-
-    /// With contact, only what is left in the air counts, and where there is enough of it.
-    #[test]
-    fn what_is_left_far_from_the_noise_is_left_in_the_air() {
-        let compared = |in_air: usize, left: [f64; 2], closed: f64| {
-            let rows = [vec![left[0]; in_air], vec![left[1]; 30]].concat();
-            let estimated = Estimated {
-                field: Vec::new(),
-                residuals: Residuals {
-                    joints: 1,
-                    predicted: vec![vec![0.0; rows.len()]],
-                    rows: vec![rows],
-                },
-            };
-            Compared {
-                before: estimated.clone(),
-                after: estimated,
-                closed: Closure {
-                    fraction: closed,
-                    interval: [closed; 2],
-                },
-                thresholds: None,
-                touches: [vec![false; in_air], vec![true; 30]].concat(),
-            }
-        };
-        let far = |in_air, left, closed| is_far(&compared(in_air, left, closed), 0.1, true);
-        assert!(far(16, [0.5, 0.1], 0.99));
-        assert!(!far(15, [0.5, 0.1], 0.99) && !far(16, [0.2, 5.0], 0.1));
-        // In free air, so does a gap that stays open.
-        let in_air = |left, closed| {
-            let all = Compared {
-                touches: vec![false; 46],
-                ..compared(16, [left; 2], closed)
-            };
-            is_far(&all, 0.1, false)
-        };
-        assert!(in_air(0.5, 0.99) && in_air(0.1, 0.5) && !in_air(0.1, 0.99));
-    }
 }

@@ -1,11 +1,18 @@
 //! What a model is worth to those who estimate fields with it.
 
-use crate::closure::{Closure, Residuals, closure};
+use crate::campaign::FREE;
+use crate::closure::{Closure, Residuals, closure, noise_norm};
+use crate::report::{Gap, MeanErrors};
 use crate::trial::{Judgment, Trial};
 use crate::{Campaign, GapError, Model, Motion};
 use vsf_pipeline::{
     EstimatorSpec, HyperMethod, PriorShape, Trace, choose_hyper, estimate, predict,
 };
+
+/// A model that closes so much of the gap leaves nothing that would call for another, though what is left may last.
+pub(crate) const NEARLY: f64 = 0.9;
+/// A model whose error is more than so many times that of a perfect one is far from it.
+const FAR: f64 = 3.0;
 
 /// A field that was estimated under a model, and what both together leave on the test sequences.
 #[derive(Debug, Clone)]
@@ -34,9 +41,7 @@ impl Campaign {
         let contacts = logs.iter().flat_map(|log| &log.contacts);
         Ok(contacts.map(|c| !c.is_empty()).collect())
     }
-}
 
-impl Campaign {
     /// A field as one would estimate it outside of a diagnosis, under a model: the batch optimum over the train sequences
     /// with every parameter chosen from them. `None` without test sequences (without a test split it is the last train
     /// sequence that checks, and does not train) or train sequences that touch.
@@ -105,6 +110,46 @@ pub(crate) struct Compared {
     pub(crate) thresholds: Option<[f64; 2]>,
     /// Which samples touch anything in either, in turn.
     pub(crate) touches: Vec<bool>,
+}
+
+impl Compared {
+    /// Whether what a model leaves is far from the noise: in the air, since in contact it is for many reasons.
+    pub(crate) fn is_far(&self, noise: f64, touches: bool) -> bool {
+        let in_air = |k: usize| self.touches.get(k) != Some(&true);
+        let tells = !touches || self.touches.iter().filter(|t| !**t).count() >= FREE;
+        let open = !touches && self.closed.fraction < NEARLY;
+        open || tells && self.after.residuals.mean_error_of(in_air) > FAR * noise
+    }
+
+    /// Errors on the checked sequences.
+    pub(crate) fn gap(&self, campaign: &Campaign, model: &Model, estimated: bool) -> Gap {
+        let (before, after) = (&self.before.residuals, &self.after.residuals);
+        let errors = |touching: bool| {
+            let is_one = |k: usize| self.touches.get(k) == Some(&touching);
+            let samples = self.touches.iter().filter(|t| **t == touching).count();
+            (samples > 0).then(|| MeanErrors {
+                nominal: before.mean_error_of(is_one),
+                corrected: after.mean_error_of(is_one),
+                samples,
+            })
+        };
+        Gap {
+            test_error_nominal: before.mean_error(),
+            test_error_corrected: after.mean_error(),
+            noise_floor: noise_norm(&campaign.noise),
+            closed_fraction: self.closed.fraction,
+            closed_interval: self.closed.interval,
+            unit: campaign.scene.error_unit().to_owned(),
+            corrected_by: (model.parts.iter())
+                .map(|(effect, _)| effect.name().to_owned())
+                .collect(),
+            free: errors(false),
+            contact: errors(true),
+            estimated,
+            threshold: self.thresholds.map(|[_, after]| after),
+            threshold_nominal: self.thresholds.map(|[before, _]| before),
+        }
+    }
 }
 
 impl Extent {
@@ -226,5 +271,48 @@ impl Extent {
             thresholds: self.threshold.map(|t| [t; 2]),
             touches: self.touches,
         })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// With contact, only what is left in the air counts, and where there is enough of it.
+    #[test]
+    fn what_is_left_far_from_the_noise_is_left_in_the_air() {
+        let compared = |in_air: usize, left: [f64; 2], closed: f64| {
+            let rows = [vec![left[0]; in_air], vec![left[1]; 30]].concat();
+            let estimated = Estimated {
+                field: Vec::new(),
+                residuals: Residuals {
+                    joints: 1,
+                    predicted: vec![vec![0.0; rows.len()]],
+                    rows: vec![rows],
+                },
+            };
+            Compared {
+                before: estimated.clone(),
+                after: estimated,
+                closed: Closure {
+                    fraction: closed,
+                    interval: [closed; 2],
+                },
+                thresholds: None,
+                touches: [vec![false; in_air], vec![true; 30]].concat(),
+            }
+        };
+        let far = |in_air, left, closed| compared(in_air, left, closed).is_far(0.1, true);
+        assert!(far(16, [0.5, 0.1], 0.99));
+        assert!(!far(15, [0.5, 0.1], 0.99) && !far(16, [0.2, 5.0], 0.1));
+        // In free air, so does a gap that stays open.
+        let in_air = |left, closed| {
+            let all = Compared {
+                touches: vec![false; 46],
+                ..compared(16, [left; 2], closed)
+            };
+            all.is_far(0.1, false)
+        };
+        assert!(in_air(0.5, 0.99) && in_air(0.1, 0.5) && !in_air(0.1, 0.99));
     }
 }

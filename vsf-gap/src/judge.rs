@@ -28,10 +28,13 @@ const ROUGHNESS: [Rough; 2] = [
 ];
 /// A gain of so many times what is required is clear.
 const CLEAR: f64 = 2.0;
-/// Roughness of contact from which on effects that choose other contacts have to prove themselves, and
-/// the share of the gap that they have to close on the checked sequences.
+/// Roughness of contact from which on effects that choose other contacts have to prove themselves on the checked
+/// sequences: by the share of the gap that they close, or by what they gain there as a share of their gain on the others.
 const UNSURE: f64 = 0.1;
 const PROOF: f64 = 0.4;
+const PROOF_FORETOLD: f64 = 0.2;
+/// A model under which the test sequences are less likely by so many nats than under the nominal one does not stand.
+const UNLIKELIER: f64 = 3.0;
 /// The share of an effect's gain that is left where its form is wrong by a third of its size: a further
 /// effect, or a more general form, that gains less mends the forms of those before.
 const MISFIT: f64 = 0.12;
@@ -113,15 +116,19 @@ impl<'a> Hypothesis<'a> {
     /// Whether it stands the check on the test sequences. `closed` is the share of their gap that it closes, `foretold` its
     /// gain of log predictive density over the nominal model (nats); `worse` tells that the plain error grows.
     ///
-    /// A plain error that grows is excused by clear evidence of all sequences together, since test sequences touch new places,
-    /// which have errors of their own. Effects that choose other contacts are not excused; where contact is rough, they
-    /// have to close much of the gap.
+    /// What makes the test sequences less likely does not. A plain error that grows is excused by clear evidence of all
+    /// sequences together, since test sequences touch new places, which have errors of their own. Effects that choose other
+    /// contacts are not excused; where contact is rough, they have to close much of the gap, or to foretell the test
+    /// sequences as they explain the others.
     pub(crate) fn stands(&self, closed: f64, foretold: f64, worse: bool) -> bool {
+        if foretold < -UNLIKELIER {
+            return false;
+        }
         let mut parts = self.refined.model.parts.iter();
         if !parts.any(|(e, _)| e.chooses_contacts()) {
             !worse || self.gain + foretold > CLEAR * self.required_gain
         } else if self.rough >= UNSURE {
-            closed >= PROOF && !worse
+            !worse && (closed >= PROOF || foretold >= PROOF_FORETOLD * self.gain)
         } else {
             !worse
         }

@@ -58,6 +58,7 @@ mod corrected;
 mod diagnose;
 mod effect;
 pub mod effects;
+mod enough;
 mod error;
 mod estimated;
 mod evidence;

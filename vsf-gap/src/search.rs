@@ -307,10 +307,12 @@ impl Campaign {
         if let Some((first, others)) = candidates.split_first_mut() {
             self.fit_alone(first, tangents, standard)?;
             let leader = first.score(base);
+            let moves = |c: &Candidate| c.effect.acts() == Acts::Contact;
+            // Of effects that move contacts screening says little: they are tried together, or if nothing else gains much.
+            let all_that_move = moves(first) || leader < HOPELESS;
             (others.par_iter_mut().enumerate()).try_for_each(|(rank, candidate)| {
-                let moves = candidate.effect.acts() == Acts::Contact;
-                let near = candidate.screened > leader - HOPELESS;
-                if near && (rank + 1 < FINALISTS || moves && leader < HOPELESS) {
+                let near = rank + 1 < FINALISTS && candidate.screened > leader - HOPELESS;
+                if near || all_that_move && moves(candidate) {
                     self.fit_alone(candidate, tangents, standard)?;
                 }
                 Ok::<(), GapError>(())

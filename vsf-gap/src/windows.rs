@@ -8,6 +8,9 @@ use vsf_robots::jacobian;
 
 /// Most numbers (windows times joints) that a diagnosis works with.
 const MOST_ROWS: usize = 1300;
+/// Where the force at the contact is wrong by all of its size, the place where it acts is wrong by so much (m): about the
+/// thickness of a link.
+const PLACE: f64 = 0.1;
 /// Noise that is less correlated is not.
 const FADED: f64 = 1e-9;
 
@@ -228,9 +231,9 @@ impl Campaign {
         Ok(out)
     }
 
-    /// How the joints feel a force at the contact, over windows: three columns, one per axis of
-    /// the world, times the size of the force in that window. What contact leaves unexplained is of
-    /// this form, whatever its cause.
+    /// How the joints feel what contact gets wrong, over windows, per axis of the world: three columns for a force as large
+    /// as that of the window, three for a shift of the place where that acts, by [`PLACE`]. What contact leaves
+    /// unexplained is of this form, whatever its cause.
     ///
     /// # Errors
     /// None in practice: contacts are of this robot.
@@ -240,8 +243,9 @@ impl Campaign {
         windows: &Windows,
     ) -> Result<Mat<f64>, GapError> {
         let d = windows.joints;
-        let mut lever = Mat::zeros(windows.rows(), 3);
+        let mut lever = Mat::zeros(windows.rows(), 6);
         let mut columns = vec![Vector3::zeros(); d];
+        let mut shifted = columns.clone();
         for (i, w) in windows.list.iter().enumerate() {
             let log = &logs[w.sequence];
             let share = 1.0 / w.rows.len() as f64;
@@ -251,10 +255,13 @@ impl Campaign {
                     continue;
                 };
                 jacobian(touch.posture, link, &p, &mut columns)?;
-                let force = log.forces[row].norm();
-                for (j, v) in columns.iter().enumerate() {
-                    for axis in 0..3 {
-                        lever[(i * d + j, axis)] += share * force * v[axis];
+                let force = log.forces[row];
+                for axis in 0..3 {
+                    let there = p + PLACE * Vector3::ith(axis, 1.0);
+                    jacobian(touch.posture, link, &there, &mut shifted)?;
+                    for (j, (v, w)) in columns.iter().zip(&shifted).enumerate() {
+                        lever[(i * d + j, axis)] += share * force.norm() * v[axis];
+                        lever[(i * d + j, 3 + axis)] += share * force.dot(&(w - v));
                     }
                 }
             }
@@ -264,8 +271,49 @@ impl Campaign {
 }
 
 #[cfg(test)]
+#[allow(clippy::unwrap_used)]
 mod tests {
     use super::*;
+    use nalgebra::Point3;
+    use vsf_data::{Dataset, RobotRef, Sequence};
+    use vsf_pipeline::SceneOptions;
+
+    /// An arm in the plane sweeps into points. To joints that turn about z, a force that acts further along x is a moment of
+    /// its y component, one further along y of its x component, whichever joint it is.
+    #[test]
+    fn val_the_place_of_a_force_turns_all_joints_alike() {
+        let arm = RobotRef::resolve("planar_arm", ".".as_ref()).unwrap();
+        let rows = 60;
+        let sweep = (0..rows).flat_map(|k| [0.002 * f64::from(k), 0.0, 0.0]);
+        let torques = (0..rows).flat_map(|k| [-0.06, -0.04, -0.01].map(|t| t * f64::from(k)));
+        let time = (0..rows).map(|k| f64::from(k) / 100.0).collect();
+        let table = |values: Vec<f64>| Table::new(3, values).unwrap();
+        let sequence = Sequence::new("0", time, table(sweep.collect()), table(torques.collect()));
+        let points = (0..20).map(|k| Point3::new(0.65 + 0.01 * f64::from(k), 0.06, 0.0));
+        let dataset = Dataset {
+            rest_points: Some(points.collect()),
+            ..Dataset::new(arm, vec![sequence])
+        };
+        let campaign = Campaign::open(&dataset, &SceneOptions::default()).unwrap();
+        let motions: Vec<&Motion> = campaign.train.iter().collect();
+        let logs = campaign.contact_logs(&Model::default(), &motions).unwrap();
+        let windows = Windows::new(&motions, 3);
+        let lever = campaign.lever(&logs, &windows).unwrap();
+        let mut pushes = 0;
+        for (i, w) in windows.list.iter().enumerate() {
+            let forces = &logs[0].forces[w.rows.clone()];
+            let force = forces.iter().sum::<Vector3<f64>>() / forces.len() as f64;
+            for j in 0..3 {
+                let place = [3, 4, 5].map(|k| lever[(3 * i + j, k)]);
+                let expected = [PLACE * force.y, -PLACE * force.x, 0.0];
+                for (found, expected) in place.iter().zip(expected) {
+                    assert!((found - expected).abs() < 1e-12, "{place:?} {force:?}");
+                }
+            }
+            pushes += usize::from(force.norm() > 0.01);
+        }
+        assert!(pushes > 3, "{pushes}");
+    }
 
     #[test]
     fn windows_hold_every_sample_once_however_many_touches_there_are() {

@@ -21,7 +21,8 @@ pub(crate) struct Spread {
     pub(crate) smooth: f64,
     /// Standard deviation of the common level of the stiffness (N/m).
     pub(crate) level: f64,
-    /// Roughness of contact: unexplained force as a share of the force.
+    /// Roughness of contact: what is unexplained of the force at the contact, as a share of it, and of its place
+    /// ([`crate::Campaign::lever`]).
     pub(crate) contact: f64,
     /// Roughness of joints: unexplained torque as a share of each joint's RMS torque.
     pub(crate) joint: f64,
@@ -151,13 +152,15 @@ impl Parts {
                     (contact * fade(&CONTACT_TIMES), joint * fade(&JOINT_TIMES));
                 for j in 0..d {
                     let col = i * d + j;
-                    let at = |axis| self.lever[(col, axis)];
-                    let arm = [at(0), at(1), at(2)];
+                    let arm: [f64; 6] = std::array::from_fn(|k| self.lever[(col, k)]);
                     for m in 0..d {
                         let row = k * d + m;
                         if row >= col {
-                            let along: f64 =
-                                (0..3).map(|axis| arm[axis] * self.lever[(row, axis)]).sum();
+                            let along: f64 = arm
+                                .iter()
+                                .enumerate()
+                                .map(|(k, a)| a * self.lever[(row, k)])
+                                .sum();
                             c[(row, col)] += of_contact * along;
                         }
                     }
@@ -296,7 +299,7 @@ mod tests {
             begins: begins.to_vec(),
             tared: tared.to_vec(),
         };
-        let parts = Parts::new(&design, &[], &windows, Mat::zeros(n, 3), errors);
+        let parts = Parts::new(&design, &[], &windows, Mat::zeros(n, 6), errors);
         let spread = Spread {
             point: 0.0,
             smooth: 0.0,
