@@ -297,8 +297,11 @@ pub(crate) fn judge(hypotheses: &[Hypothesis<'_>], nominal: &Nominal) -> Judged 
 }
 
 #[cfg(test)]
+#[allow(clippy::unwrap_used)]
 mod tests {
     use super::*;
+    use crate::Model;
+    use crate::refine::Prior;
 
     /// A field that differs from place to place explains some of anything.
     #[test]
@@ -322,6 +325,66 @@ mod tests {
         assert_eq!(of(-0.7, 0.4, false).kind(), VerdictKind::Unknown);
         assert_eq!(of(-0.7, 0.4, true).kind(), VerdictKind::NoGap);
         assert_eq!(of(0.9, 0.6, false).kind(), VerdictKind::Unknown);
+    }
+
+    /// Error and log density on the test sequences decide, each in its place.
+    #[test]
+    fn what_the_test_sequences_speak_against_does_not_stand() {
+        let effects = crate::effects::catalogue();
+        let refined = |name: &str| {
+            let effect = effects.iter().find(|e| e.name() == name).unwrap();
+            Refined {
+                model: Model::of(effect, &[]),
+                theta: Vec::new(),
+                prior: Prior {
+                    parameters: Vec::new(),
+                    mean: Vec::new(),
+                    sd: Vec::new(),
+                    choice: Vec::new(),
+                    weights: Vec::new(),
+                },
+                sd: Vec::new(),
+                log_evidence: 100.0,
+                spread: Spread {
+                    point: 1.0,
+                    smooth: 1.0,
+                    level: 1.0,
+                    contact: 0.3,
+                    joint: 0.0,
+                    white: 0.0,
+                    walk: 0.0,
+                },
+                stiffness: Vec::new(),
+                tangent: Vec::new(),
+                touches: true,
+                reference: None,
+            }
+        };
+        let [relaxation, offset] = ["stress_relaxation", "registration_offset"].map(refined);
+        let stands = |of: &Refined, rough, closed, foretold, worse| {
+            let h = Hypothesis {
+                refined: of,
+                gain: 100.0,
+                required_gain: 45.0,
+                rough,
+            };
+            h.stands(closed, foretold, worse)
+        };
+        assert!(stands(&relaxation, 0.3, 0.0, -2.0, false));
+        assert!(!stands(&relaxation, 0.3, 0.9, -4.0, false));
+        // A plain error that grows needs evidence of more than twice what is required.
+        assert!(stands(&relaxation, 0.3, 0.0, 0.0, true));
+        let little = Hypothesis {
+            refined: &relaxation,
+            gain: 80.0,
+            required_gain: 45.0,
+            rough: 0.3,
+        };
+        assert!(little.stands(0.0, 11.0, true) && !little.stands(0.0, 9.0, true));
+        // Other contacts have to prove themselves where contact is rough, by either.
+        assert!(stands(&offset, 0.03, 0.1, 0.0, false) && !stands(&offset, 0.3, 0.1, 0.0, false));
+        assert!(stands(&offset, 0.3, 0.5, 0.0, false) && stands(&offset, 0.3, 0.1, 25.0, false));
+        assert!(!stands(&offset, 0.3, 0.5, 25.0, true));
     }
 
     #[test]

@@ -12,7 +12,7 @@
 //!    neighboring samples, second ones as a rule.
 //! 2. The readings are Gaussian with the covariance of noise, of the stiffness (single points, a part
 //!    that is smooth over 4 cm, a common level) and of the model's own roughness (of forces at the
-//!    contact, of joints, of effects that wander). The stiffness is integrated out.
+//!    contact and the place where they act, of joints, of effects that wander). The stiffness is integrated out.
 //! 3. **Screening**: the evidence with every effect, linear in its amplitudes, whose prior is an effect
 //!    of 30 % of the torque. Roughness is averaged over, so that an effect must explain better than
 //!    "something rough acts here".
@@ -21,8 +21,9 @@
 //!    spread of the stiffness of their own: that of the nominal model makes up for what it lacks.
 //! 5. A second effect is added if it earns its place, and the first is kept only if the second does
 //!    not do as well alone. In free air a third and a fourth may follow, if none before can be spared.
-//! 6. **Verdict**: evidence beyond what the effect gains where nothing acts, as probabilities. What predicts the
-//!    test sequences worse is left aside, unless their log density given the train sequences leaves it clear. Something
+//! 6. **Verdict**: evidence beyond what the effect gains where nothing acts, as probabilities. What makes the test
+//!    sequences less likely, given the train sequences, is left aside, and so is what predicts them worse, unless their
+//!    log density leaves it clear. Something
 //!    rough that no effect explains, or that remains in free motion, is *unknown*, and so is a cause whose
 //!    model leaves innovations that are not white; several effects that fit alike are *not diagnosable*, and
 //!    so is one that with a single stiffness everywhere explains what the field shows, as stiffening does of

@@ -278,8 +278,8 @@ mod tests {
     use vsf_data::{Dataset, RobotRef, Sequence};
     use vsf_pipeline::SceneOptions;
 
-    /// An arm in the plane sweeps into points. To joints that turn about z, a force that acts further along x is a moment of
-    /// its y component, one further along y of its x component, whichever joint it is.
+    /// An arm in the vertical plane lifts into points. To joints that turn about -y, a force that acts further along x is a
+    /// moment of its z component, one further along z of its x component, whichever joint it is.
     #[test]
     fn val_the_place_of_a_force_turns_all_joints_alike() {
         let arm = RobotRef::resolve("planar_arm", ".".as_ref()).unwrap();
@@ -289,7 +289,7 @@ mod tests {
         let time = (0..rows).map(|k| f64::from(k) / 100.0).collect();
         let table = |values: Vec<f64>| Table::new(3, values).unwrap();
         let sequence = Sequence::new("0", time, table(sweep.collect()), table(torques.collect()));
-        let points = (0..20).map(|k| Point3::new(0.65 + 0.01 * f64::from(k), 0.06, 0.0));
+        let points = (0..20).map(|k| Point3::new(0.65 + 0.01 * f64::from(k), 0.0, 0.06));
         let dataset = Dataset {
             rest_points: Some(points.collect()),
             ..Dataset::new(arm, vec![sequence])
@@ -305,7 +305,7 @@ mod tests {
             let force = forces.iter().sum::<Vector3<f64>>() / forces.len() as f64;
             for j in 0..3 {
                 let place = [3, 4, 5].map(|k| lever[(3 * i + j, k)]);
-                let expected = [PLACE * force.y, -PLACE * force.x, 0.0];
+                let expected = [PLACE * force.z, 0.0, -PLACE * force.x];
                 for (found, expected) in place.iter().zip(expected) {
                     assert!((found - expected).abs() < 1e-12, "{place:?} {force:?}");
                 }
