@@ -313,7 +313,7 @@ fn files_set_what_flags_set() {
 
     for (text, parts) in [
         ("\nneighbors = 3", ["line 2", "neighbors"]),
-        ("[evaluate]\nneighbors = 3", ["line 2", "neighbors"]),
+        ("[evaluate]\nneighbours = 3", ["line 2", "neighbors"]),
         (
             "[evaluate]\nneighbors = 0",
             ["line 2", "must be a whole number >= 1"],

@@ -396,7 +396,7 @@ impl Source {
         let mut features = BTreeMap::new();
         for (name, bytes) in self.entries {
             let path = entry(&self.path, &name);
-            let array = match npy::parse(&bytes) {
+            let array = match npy::parse_with_bools(&bytes) {
                 Ok(array) => array,
                 Err(NpyError::Dtype(_) | NpyError::Magic) => {
                     warnings.push(DataWarning::Ignored {

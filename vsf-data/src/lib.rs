@@ -32,8 +32,8 @@
 //!
 //! Nothing is repaired on the way in. Whatever a folder holds, opening it gives the data, or a
 //! [`DataError`] that names file, sequence and row; never a panic, and never a shortened or
-//! zero-filled sequence. Arrays may be of any little-endian float or integer type of NumPy or of truth values, in C
-//! or Fortran order, and become `f64`; pickled objects are never executed. What can be read but
+//! zero-filled sequence. Arrays may be of any little-endian float or integer type of NumPy, in C
+//! or Fortran order, features of truth values, too, and become `f64`; pickled objects are never executed. What can be read but
 //! should be known comes as a [`DataWarning`].
 //!
 //! Files are written next to their places and renamed once all of them are whole: a full disk

@@ -35,9 +35,9 @@ pub enum NpyError {
     /// Numbers in big-endian byte order.
     #[error("big-endian dtype {0:?}; save a.astype(a.dtype.newbyteorder('<'))")]
     BigEndian(String),
-    /// A dtype that is not a float or integer of at most 8 bytes, nor a truth value.
+    /// A dtype that is not a float or integer of at most 8 bytes; of features, nor a truth value.
     #[error(
-        "dtype {0:?} is not supported, expected float (f2, f4, f8), integer (i1 to i8, u1 to u8) or bool"
+        "dtype {0:?} is not supported, expected float (f2, f4, f8) or integer (i1 to i8, u1 to u8)"
     )]
     Dtype(String),
     /// Not one text, where a text is expected.
@@ -103,6 +103,18 @@ struct Header<'a> {
 /// Reads an array of numbers, converted to `f64`.
 pub(crate) fn parse(bytes: &[u8]) -> Result<NpyArray, NpyError> {
     let header = parse_header(bytes)?;
+    match header.dtype {
+        Dtype::Bool => Err(NpyError::Dtype(header.descr)),
+        _ => read(header),
+    }
+}
+
+/// Reads an array of numbers, or of truth values as zeros and ones.
+pub(crate) fn parse_with_bools(bytes: &[u8]) -> Result<NpyArray, NpyError> {
+    read(parse_header(bytes)?)
+}
+
+fn read(header: Header<'_>) -> Result<NpyArray, NpyError> {
     let size = match header.dtype {
         Dtype::Float(n) | Dtype::Signed(n) | Dtype::Unsigned(n) => n,
         Dtype::Bool => 1,

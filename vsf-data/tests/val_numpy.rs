@@ -41,6 +41,16 @@ fn truth_values_are_zeros_and_ones() {
     let (field, warnings) = with_feature(&golden("bool.npy")).unwrap();
     assert_eq!(field.features["x"].data(), [1.0, 0.0, 0.0, 1.0]);
     assert_eq!(warnings, []);
+    // No angle, torque or stiffness is true.
+    let folder = Folder::new();
+    folder.write("seq_2/angles.npy", &fs::read(golden("bool.npy")).unwrap());
+    assert!(matches!(
+        folder.error().0,
+        DataError::Npy {
+            source: NpyError::Dtype(_),
+            ..
+        }
+    ));
 }
 
 #[test]

@@ -133,9 +133,9 @@ pub trait Effect: Send + Sync {
     }
 
     /// Whether, by where surfaces are or how they stick, it decides which points are touched and where to;
-    /// false by default. Each such choice is another model: one that predicts other sequences worse is not
-    /// named. Where contact is rough the best of many gains hundreds of nats though none is right: there it
-    /// has to close much of the gap on them.
+    /// false by default. Each such choice is another model: one that predicts other sequences worse, or makes them less
+    /// likely, is not named. Where contact is rough the best of many gains hundreds of nats though none is right: there it
+    /// has to close much of the gap on them, or to gain as much on them, nearly, as on those that it was fitted to.
     fn chooses_contacts(&self) -> bool {
         false
     }

@@ -42,21 +42,21 @@ impl Motion {
     /// # Errors
     /// Torques or motions that cannot be read.
     pub(crate) fn of(scene: &Scene, sequence: &Sequence, origin: f64) -> Result<Self, GapError> {
-        let motion = derivatives_of(scene.robot(), sequence)?;
+        let derivatives = derivatives_of(scene.robot(), sequence)?;
         let clock = sequence.time.iter().map(|t| t - origin).collect();
         let reading = external_torques(scene, sequence)?;
         let load = match scene.torque_kind() {
             TorqueKind::External => reading.clone(),
             TorqueKind::Measured => {
-                rigid_body_torques(scene.robot(), &scene.gravity(), sequence, &motion)?
+                rigid_body_torques(scene.robot(), &scene.gravity(), sequence, &derivatives)?
             }
         };
         Ok(Self {
             id: sequence.id.clone(),
             clock,
             q: unwound(scene.robot(), sequence).into_owned().angles,
-            qd: motion.velocities,
-            qdd: motion.accelerations,
+            qd: derivatives.velocities,
+            qdd: derivatives.accelerations,
             smooth: smoothed(&reading, sequence.touches())?,
             reading,
             load,

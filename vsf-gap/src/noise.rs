@@ -335,7 +335,7 @@ mod tests {
     }
 
     #[test]
-    fn quantised_readings_have_noise() {
+    fn quantized_readings_have_noise() {
         // Steps of 0.1 under a slow motion that the model knows almost.
         let read = |k: i32| (0.1 * f64::from(k)).round() * 0.1 - 0.0099 * f64::from(k);
         let sd = found(&(0..3000).map(read).collect::<Vec<_>>()).sd;

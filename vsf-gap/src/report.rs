@@ -103,7 +103,7 @@ pub struct EffectReport {
 /// Unexplained torques that persist, as shares of what is measured; lattice values.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct Roughness {
-    /// Of the force in contact.
+    /// Of the force in contact, and as large a share of 0.1 m of the place where it acts.
     pub contact: f64,
     /// Of each joint's RMS torque.
     pub joint: f64,

@@ -21,8 +21,11 @@ use std::sync::Arc;
 const FINALISTS: usize = 6;
 /// From this gain on (nats) an effect explains so much that the stiffness may vary less than it seemed.
 const MUCH: f64 = 50.0;
-/// An effect that screening puts so far below the best (nats) is no finalist.
+/// An effect that screening puts so far below the best (nats) is no finalist, unless it moves contacts ([`LITTLE`]).
 const HOPELESS: f64 = 400.0;
+/// Screening says little of effects that move contacts: all of them are fitted where one of them leads, or where what leads
+/// gains no more than this (nats).
+const LITTLE: f64 = 400.0;
 
 /// Why an effect that the recording lacks nothing for cannot be tested all the same.
 const UNSEEN: &str = "a small effect of this kind changes none of the train readings";
@@ -308,8 +311,7 @@ impl Campaign {
             self.fit_alone(first, tangents, standard)?;
             let leader = first.score(base);
             let moves = |c: &Candidate| c.effect.acts() == Acts::Contact;
-            // Of effects that move contacts screening says little: they are tried together, or if nothing else gains much.
-            let all_that_move = moves(first) || leader < HOPELESS;
+            let all_that_move = moves(first) || leader < LITTLE;
             (others.par_iter_mut().enumerate()).try_for_each(|(rank, candidate)| {
                 let near = rank + 1 < FINALISTS && candidate.screened > leader - HOPELESS;
                 if near || all_that_move && moves(candidate) {

@@ -4,7 +4,7 @@ use crate::closure::{Closure, Residuals, closure, noise_norm};
 use crate::effect::{Need, follows_contact};
 use crate::evidence::Spread;
 use crate::fitted::Fitted;
-use crate::judge::{Hypothesis, Judged, Nominal, judge};
+use crate::judge::{Hypothesis, Judged, Nominal, OnTest, judge};
 use crate::oscillation::oscillation;
 use crate::predictive::TestDensity;
 use crate::refine::Refined;
@@ -354,6 +354,7 @@ impl<'a> Trial<'a> {
         mut hypotheses: Vec<Hypothesis<'h>>,
         nominal: &Nominal,
     ) -> Result<Judgment<'h>, GapError> {
+        let samples = |of: &[Motion]| of.iter().map(Motion::len).sum::<usize>() as f64;
         let before = self.left_free(&self.before, nominal.perfect);
         let noticed = self.noticed();
         let much = |after: f64| (after > noticed && after > REMAINS * before).then_some(after);
@@ -375,12 +376,13 @@ impl<'a> Trial<'a> {
                 refined: hypotheses[i].refined,
                 checked: self.of(hypotheses[i].refined)?,
             };
-            let Checked {
-                closure, foretold, ..
-            } = &tried.checked;
-            let closed = closure.fraction;
-            let worse = tried.error() > self.before.mean_error();
-            if hypotheses[i].stands(closed, *foretold, worse) {
+            let on_test = OnTest {
+                closed: tried.checked.closure.fraction,
+                foretold: tried.checked.foretold,
+                worse: tried.error() > self.before.mean_error(),
+                share: samples(self.sequences) / samples(&self.whole.train).max(1.0),
+            };
+            if hypotheses[i].stands(&on_test) {
                 return Ok(Judgment {
                     judged,
                     persistence: Some(tried.checked.persistence)

@@ -245,7 +245,6 @@ impl Campaign {
         let d = windows.joints;
         let mut lever = Mat::zeros(windows.rows(), 6);
         let mut columns = vec![Vector3::zeros(); d];
-        let mut shifted = columns.clone();
         for (i, w) in windows.list.iter().enumerate() {
             let log = &logs[w.sequence];
             let share = 1.0 / w.rows.len() as f64;
@@ -256,12 +255,15 @@ impl Campaign {
                 };
                 jacobian(touch.posture, link, &p, &mut columns)?;
                 let force = log.forces[row];
-                for axis in 0..3 {
-                    let there = p + PLACE * Vector3::ith(axis, 1.0);
-                    jacobian(touch.posture, link, &there, &mut shifted)?;
-                    for (j, (v, w)) in columns.iter().zip(&shifted).enumerate() {
-                        lever[(i * d + j, axis)] += share * force.norm() * v[axis];
-                        lever[(i * d + j, 3 + axis)] += share * force.dot(&(w - v));
+                for &j in touch.posture.chains().chain(link) {
+                    let j = j as usize;
+                    let of_force = force.norm() * columns[j];
+                    // f . (omega x shift), linear in the shift.
+                    let angular = touch.posture.screws()[j].angular;
+                    let of_place = PLACE * force.cross(&angular);
+                    for axis in 0..3 {
+                        lever[(i * d + j, axis)] += share * of_force[axis];
+                        lever[(i * d + j, 3 + axis)] += share * of_place[axis];
                     }
                 }
             }

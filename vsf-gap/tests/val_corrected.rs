@@ -205,19 +205,19 @@ fn a_loop_has_the_observations_of_the_recording() {
             let logs = campaign.contact_logs(&model, &session).unwrap();
             let mut online = Corrector::new(campaign.site(), campaign.scene(), &model).unwrap();
             let [mut obs, mut same] = [0, 1].map(|_| Observation::new(unit.clone()));
-            let visit = |s: usize, row: usize, touch: &Touch<'_>, p: &ModelTerms| {
+            let visit = |s: usize, row: usize, touch: &Touch<'_>, terms: &ModelTerms| {
                 let motion = session[s];
                 if row == 0 {
                     online.begin_sequence(&motion.id);
                 }
                 let torques = &rows[s][row].1;
                 let torques = online.step(&state(motion, row, torques), &mut obs).unwrap();
-                assert_eq!(torques, p.torques, "{name} row {row}");
+                assert_eq!(torques, terms.torques, "{name} row {row}");
                 let left = motion.reading[row].iter().zip(torques);
                 let left: Vec<f64> = left.map(|(y, a)| y - a).collect();
                 let points = touch.contacts.points();
                 same.rebuild(touch.rest.len(), points, &left, |k, w| {
-                    p.column(touch, k, w)
+                    terms.column(touch, k, w)
                 })
                 .unwrap();
                 let mut recorded = vec![&same];
@@ -642,8 +642,8 @@ fn parts_of_a_sequence_are_predicted_as_the_whole() {
     let of = |motions: &[&Motion]| -> Vec<f64> {
         let logs = campaign.contact_logs(&model, motions).unwrap();
         let mut all = Vec::new();
-        let visit = |_, _, _: &Touch<'_>, p: &ModelTerms| {
-            all.extend_from_slice(&p.torques);
+        let visit = |_, _, _: &Touch<'_>, terms: &ModelTerms| {
+            all.extend_from_slice(&terms.torques);
         };
         campaign.predict(&model, motions, &logs, visit).unwrap();
         all

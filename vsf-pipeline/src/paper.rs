@@ -1,4 +1,4 @@
-//! The experiments of section IV on a campaign: Tables II to V, Figs. 4 and 7.
+//! The experiments of section IV on a recording: Tables II to V, Figs. 4 and 7.
 
 mod errors;
 mod overlap;

@@ -99,8 +99,8 @@ pub fn external_torques(scene: &Scene, sequence: &Sequence) -> Result<Table, Pip
     check_torques(scene, sequence)?;
     let mut torques = sequence.torques.clone();
     if scene.torque_kind() == TorqueKind::Measured {
-        let motion = derivatives_of(scene.robot(), sequence)?;
-        let rigid = rigid_body_torques(scene.robot(), &scene.gravity(), sequence, &motion)?;
+        let derivatives = derivatives_of(scene.robot(), sequence)?;
+        let rigid = rigid_body_torques(scene.robot(), &scene.gravity(), sequence, &derivatives)?;
         let pairs = torques.data_mut().iter_mut().zip(rigid.data());
         pairs.for_each(|(tau, r)| *tau = r - *tau);
     }
@@ -143,8 +143,9 @@ pub fn derivatives_of(
     // Touches may be far apart.
     let step = median(sequence.time.windows(2).map(|t| t[1] - t[0]).collect());
     let samples = step.map_or(0.0, |step| (HALF_WINDOW / step).round());
-    let motion = unwound(robot, sequence).derivatives((samples as usize).max(LEAST_HALF_WINDOW));
-    motion.map_err(|source| PipelineError::Motion {
+    let derivatives =
+        unwound(robot, sequence).derivatives((samples as usize).max(LEAST_HALF_WINDOW));
+    derivatives.map_err(|source| PipelineError::Motion {
         id: sequence.id.clone(),
         source,
     })
@@ -154,20 +155,23 @@ pub fn derivatives_of(
 /// row per sample. `gravity` is in the world frame (m/s²).
 ///
 /// # Errors
-/// Angles or motions that the robot cannot take, a motion of another length than the sequence.
+/// Angles or motions that the robot cannot take, derivatives of another length than the sequence.
 pub fn rigid_body_torques(
     robot: &RobotModel,
     gravity: &Vector3<f64>,
     sequence: &Sequence,
-    motion: &Derivatives,
+    derivatives: &Derivatives,
 ) -> Result<Table, PipelineError> {
-    for table in [&motion.velocities, &motion.accelerations] {
-        CoreError::check_len("rows of the motion", table.rows(), sequence.len())?;
+    for table in [&derivatives.velocities, &derivatives.accelerations] {
+        CoreError::check_len("rows of the derivatives", table.rows(), sequence.len())?;
     }
     let mut workspace = robot.dynamics_workspace();
     let mut torques = Vec::with_capacity(sequence.angles.data().len());
     for (row, q) in sequence.angles.iter().enumerate() {
-        let (qd, qdd) = (&motion.velocities[row], &motion.accelerations[row]);
+        let (qd, qdd) = (
+            &derivatives.velocities[row],
+            &derivatives.accelerations[row],
+        );
         let rigid = robot.inverse_dynamics(q, qd, qdd, gravity, &mut workspace)?;
         torques.extend_from_slice(rigid);
     }

@@ -45,8 +45,9 @@ pub fn simulate(
             torques.extend_from_slice(&tau);
         }
         if scene.torque_kind() == TorqueKind::Measured {
-            let motion = derivatives_of(scene.robot(), sequence)?;
-            let rigid = rigid_body_torques(scene.robot(), &scene.gravity(), sequence, &motion)?;
+            let derivatives = derivatives_of(scene.robot(), sequence)?;
+            let rigid =
+                rigid_body_torques(scene.robot(), &scene.gravity(), sequence, &derivatives)?;
             let pairs = torques.iter_mut().zip(rigid.data());
             pairs.for_each(|(tau, r)| *tau = r - *tau);
         }

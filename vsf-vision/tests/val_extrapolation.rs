@@ -446,19 +446,19 @@ fn what_a_regressor_does_not_know_is_not_certain() {
 #[test]
 fn views_that_are_none_are_refused() {
     let (points, seen, field, touched) = row(10);
-    let spoilt = |spoil: fn(&mut Seen)| {
+    let spoiled = |spoil: fn(&mut Seen)| {
         let mut seen = seen.clone();
         spoil(&mut seen);
         seen
     };
     let wrong = [
-        spoilt(|s| s.behind.truncate(3)),
-        spoilt(|s| s.in_picture.truncate(3)),
-        spoilt(|s| s.colors.truncate(3)),
-        spoilt(|s| s.heights.truncate(3)),
-        spoilt(|s| s.heights.push(0.0)),
-        spoilt(|s| s.behind[4] = -5.0),
-        spoilt(|s| s.behind[4] = f64::NAN),
+        spoiled(|s| s.behind.truncate(3)),
+        spoiled(|s| s.in_picture.truncate(3)),
+        spoiled(|s| s.colors.truncate(3)),
+        spoiled(|s| s.heights.truncate(3)),
+        spoiled(|s| s.heights.push(0.0)),
+        spoiled(|s| s.behind[4] = -5.0),
+        spoiled(|s| s.behind[4] = f64::NAN),
     ];
     let mut extrapolation = Extrapolation::new(Ridge::new(), Ridge::new());
     for seen in wrong {

@@ -395,7 +395,7 @@ mod tests {
         let mut some = report("no_gap", 0.9, 1.0);
         some.effects.truncate(2);
         let page = page_of_report(&some);
-        let words = "class=\"verdict uncertain\">Nothing of the 2 effects looked for";
+        let words = "class=\"verdict uncertain\">None of the 2 effects looked for";
         assert!(page.contains(words), "{page}");
         assert!(!page.contains("No gap"), "{page}");
     }

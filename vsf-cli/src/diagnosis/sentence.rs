@@ -61,10 +61,10 @@ fn sentence(diagnosis: &Diagnosis) -> String {
             "{effects} fit{s} best (probability {p}), but with {them} the test sequences are predicted worse."
         ),
         VerdictKind::Effects if gap.test_error_corrected == gap.test_error_nominal => format!(
-            "{effects} fit{s} best (probability {p}); the test sequences do not show it: their errors stay the same."
+            "{effects} fit{s} best (probability {p}); the test sequences do not show {them}: their errors stay the same."
         ),
         VerdictKind::Effects if is_uncertain(diagnosis) => {
-            format!("Uncertain: {effects} fit{s} best, with a probability of {p} only.")
+            format!("Uncertain: {effects} fit{s} best, with a probability of only {p}.")
         }
         VerdictKind::Effects if gap.closed_fraction <= 0.0 => format!(
             "{effects} fit{s} best (probability {p}); squared errors on the test sequences do not shrink{}.",
@@ -81,17 +81,17 @@ fn sentence(diagnosis: &Diagnosis) -> String {
             extent(gap)
         ),
         VerdictKind::NoGap if !all_looked_for(diagnosis) => {
-            let those = match diagnosis.effects.len() {
-                1 => "the one effect looked for".to_owned(),
-                n => format!("the {n} effects looked for"),
+            let none = match diagnosis.effects.len() {
+                1 => "The one effect looked for is not".to_owned(),
+                n => format!("None of the {n} effects looked for is"),
             };
             format!(
-                "Nothing of {those} is borne out by this recording (probability that none of this acts: {p}); other effects of \
-                 the catalogue were not looked for."
+                "{none} borne out by this recording (probability that nothing of this acts: {p}); other effects of the \
+                 catalogue were not looked for."
             )
         }
         VerdictKind::NoGap if is_uncertain(diagnosis) => format!(
-            "Uncertain: no effect is borne out by this recording, but that none acts has a probability of {p} only."
+            "Uncertain: no effect is borne out by this recording, but that none acts has a probability of only {p}."
         ),
         VerdictKind::NoGap => format!(
             "No gap: no effect is borne out by this recording (probability that none acts: {p}{}).",
@@ -115,10 +115,16 @@ fn sentence(diagnosis: &Diagnosis) -> String {
             } else {
                 format!("beside {} something acts", certain.join(" and "))
             };
-            format!(
-                "Not diagnosable: {beside}, but this recording fits {} alike.",
-                open.join(", ")
-            )
+            match open.as_slice() {
+                [] => format!("Not diagnosable: {beside}, but this recording does not tell what."),
+                [one] => format!(
+                    "Not diagnosable: {beside}, but this recording does not tell whether {one}."
+                ),
+                _ => format!(
+                    "Not diagnosable: {beside}, but this recording fits {} alike.",
+                    open.join(", ")
+                ),
+            }
         }
     }
 }

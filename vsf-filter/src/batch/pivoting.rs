@@ -44,7 +44,7 @@ pub(super) fn minimize(problem: &dyn Quadratic) -> Result<Optimum, CoreError> {
     while singles <= 100 * n {
         let near = factor
             .as_ref()
-            .and_then(|f| problem.minimiser_near(f, &free));
+            .and_then(|f| problem.minimizer_near(f, &free));
         let is_near = near.is_some();
         let x = if let Some(x) = near {
             x

@@ -204,7 +204,7 @@ impl Quadratic for ByPoints<'_> {
     /// and `P` the columns of those that join, `z`, and unit columns `E` with the multipliers `y`
     /// that hold those that leave at zero. With `H = L L^T`, what is left is of the size of the
     /// changes.
-    fn minimiser_near(&self, factor: &Factor, free: &[bool]) -> Option<Vec<f64>> {
+    fn minimizer_near(&self, factor: &Factor, free: &[bool]) -> Option<Vec<f64>> {
         let old = &factor.free;
         let leaving: Vec<usize> = (0..old.len()).filter(|&k| !free[old[k]]).collect();
         let joins = |i: &usize| free[*i] && factor.place[*i] == NONE;

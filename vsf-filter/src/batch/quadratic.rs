@@ -25,7 +25,7 @@ pub(super) trait Quadratic: Debug + Send + Sync {
     /// Its minimizer.
     fn minimizer(&self, factor: &Factor) -> Vec<f64>;
     /// The minimizer for other free unknowns with an old factor, `None` where a new one is cheaper.
-    fn minimiser_near(&self, _factor: &Factor, _free: &[bool]) -> Option<Vec<f64>> {
+    fn minimizer_near(&self, _factor: &Factor, _free: &[bool]) -> Option<Vec<f64>> {
         None
     }
     /// `log det H_FF` of the free unknowns.

@@ -13,7 +13,7 @@ use std::ops::Range;
 /// together, or any one pair alone. Tell-tale: the residual of one joint follows the velocity or the acceleration of another.
 ///
 /// # Reference
-/// B. Siciliano, L. Sciavicco, L. Villani, G. Oriolo, *Robotics: Modeling, Planning and Control*,
+/// B. Siciliano, L. Sciavicco, L. Villani, G. Oriolo, *Robotics: Modelling, Planning and Control*,
 /// 2009, chapter 7, doi:10.1007/978-1-84628-642-1.
 #[derive(Debug, Clone, Copy)]
 pub struct JointCoupling;

@@ -21,8 +21,8 @@ pub(crate) struct Spread {
     pub(crate) smooth: f64,
     /// Standard deviation of the common level of the stiffness (N/m).
     pub(crate) level: f64,
-    /// Roughness of contact: what is unexplained of the force at the contact, as a share of it, and of its place
-    /// ([`crate::Campaign::lever`]).
+    /// Roughness of contact: the share of the force at the contact that is unexplained; the place where it acts is off by as
+    /// large a share of 0.1 m ([`crate::Campaign::lever`]).
     pub(crate) contact: f64,
     /// Roughness of joints: unexplained torque as a share of each joint's RMS torque.
     pub(crate) joint: f64,

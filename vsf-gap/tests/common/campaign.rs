@@ -105,8 +105,8 @@ pub fn torques(campaign: &Campaign, model: &Model, k: f64) -> Vec<f64> {
     let mut out = vec![0.0; campaign.site().joints()];
     for motion in campaign.train().iter().chain(campaign.test()) {
         let logs = campaign.contact_logs(model, &[motion]).unwrap();
-        let visit = |_, _, touch: &vsf_gap::Touch<'_>, p: &vsf_gap::ModelTerms| {
-            p.apply(touch, &stiffness, &mut out);
+        let visit = |_, _, touch: &vsf_gap::Touch<'_>, terms: &vsf_gap::ModelTerms| {
+            terms.apply(touch, &stiffness, &mut out);
             all.extend_from_slice(&out);
         };
         campaign.predict(model, &[motion], &logs, visit).unwrap();

@@ -7,7 +7,7 @@ use vsf_core::median;
 /// Least share of contacts on common points of touches that overlap.
 const OVERLAP: f64 = 0.25;
 
-/// Where the touches of a campaign lie: the three datasets of section IV-B, told from the contacts
+/// Where the touches of an experiment lie: the three datasets of section IV-B, told from the contacts
 /// alone. A *share* is that of a sequence's contacts, summed over its samples, on points that other
 /// sequences touch.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
