@@ -22,8 +22,9 @@
 //! 5. A second effect is added if it earns its place, and the first is kept only if the second does
 //!    not do as well alone. In free air a third and a fourth may follow, if none before can be spared.
 //! 6. **Verdict**: evidence beyond what the effect gains where nothing acts, as probabilities. The test sequences have a
-//!    veto: an effect may make them less likely by 7 nats at most, given the train sequences, one that chooses other
-//!    contacts not at all; it may predict them worse only with twice the evidence that it needs. Something
+//!    veto: unless it closes half of their gap, an effect may make them less likely by 7 nats at most, given the train
+//!    sequences, one that chooses other contacts not at all; it may predict them worse only with twice the evidence that
+//!    it needs. Something
 //!    rough that no effect explains, or that remains in free motion, is *unknown*, and so is a cause whose
 //!    model leaves innovations that are not white; several effects that fit alike are *not diagnosable*, and
 //!    so is one that with a single stiffness everywhere explains what the field shows, as stiffening does of
