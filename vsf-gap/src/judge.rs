@@ -3,6 +3,7 @@
 use crate::evidence::Spread;
 use crate::refine::Refined;
 use crate::report::MOSTLY;
+use crate::spread_search::CONTACT;
 use crate::verdict::{NAMED, Verdict, VerdictKind, kind_of_claim};
 use crate::{Acts, Effect};
 use std::ops::Range;
@@ -18,12 +19,12 @@ const TEMPERATURE: f64 = 7.0;
 /// Where contact is rough, effects of contact gain by chance: so many times more.
 const ROUGHNESS: [Rough; 2] = [
     Rough {
-        from: 0.1,
+        from: CONTACT[1],
         choosing: 5.0,
         others: 1.6,
     },
     Rough {
-        from: 0.3,
+        from: CONTACT[2],
         choosing: 14.0,
         others: 3.0,
     },
@@ -33,7 +34,7 @@ const CLEAR: f64 = 2.0;
 /// Roughness of contact from which on effects that choose other contacts have to prove themselves on the checked
 /// sequences: by the share of the gap that they close, or by what they gain per sample there as a share of what they gain
 /// per sample on the others.
-const UNSURE: f64 = 0.1;
+const UNSURE: f64 = CONTACT[1];
 const PROOF: f64 = 0.4;
 const PROOF_FORETOLD: f64 = 0.5;
 /// Nats that tell nothing.

@@ -4,7 +4,7 @@ use super::lattice::hats;
 use super::matrix::{Factor, add_outer, outer};
 use crate::GapError;
 use crate::effect::RandomWalk;
-use crate::windows::{Design, Windows};
+use crate::windows::{Design, LEVERS, Windows};
 use faer::Mat;
 use nalgebra::Point3;
 
@@ -152,16 +152,13 @@ impl Parts {
                     (contact * fade(&CONTACT_TIMES), joint * fade(&JOINT_TIMES));
                 for j in 0..d {
                     let col = i * d + j;
-                    let arm: [f64; 6] = std::array::from_fn(|k| self.lever[(col, k)]);
+                    let arm: [f64; LEVERS] = std::array::from_fn(|l| self.lever[(col, l)]);
                     for m in 0..d {
                         let row = k * d + m;
                         if row >= col {
-                            let along: f64 = arm
-                                .iter()
-                                .enumerate()
-                                .map(|(k, a)| a * self.lever[(row, k)])
-                                .sum();
-                            c[(row, col)] += of_contact * along;
+                            let along = arm.iter().enumerate();
+                            let along = along.map(|(l, a)| a * self.lever[(row, l)]);
+                            c[(row, col)] += of_contact * along.sum::<f64>();
                         }
                     }
                     let own = of_joint + if k == i { white } else { 0.0 };
@@ -263,6 +260,83 @@ mod tests {
     use super::*;
     use crate::windows::Window;
 
+    impl Spread {
+        fn none() -> Self {
+            Self {
+                point: 0.0,
+                smooth: 0.0,
+                level: 0.0,
+                contact: 0.0,
+                joint: 0.0,
+                white: 0.0,
+                walk: 0.0,
+            }
+        }
+    }
+
+    impl Errors {
+        /// Of so many rows.
+        fn none(n: usize, joints: usize) -> Self {
+            Self {
+                noise: Vec::new(),
+                zeros: vec![0.0; n],
+                joint_rms: vec![0.0; joints],
+                walks: Vec::new(),
+                begins: Vec::new(),
+                tared: Vec::new(),
+            }
+        }
+    }
+
+    fn untouched(n: usize) -> Design {
+        Design {
+            points: Vec::new(),
+            w: Mat::zeros(n, 0),
+            a: vec![0.0; n],
+        }
+    }
+
+    /// What contact gets wrong fades with the time between two windows of a sequence, and begins anew with the next one.
+    #[test]
+    fn val_contact_is_rough_by_all_of_its_levers() {
+        let joints = 2;
+        let places = [(0, 0.0), (0, 0.2), (0, 1.5), (1, 1.6)];
+        let list = places.map(|(sequence, clock)| Window {
+            sequence,
+            run: sequence,
+            rows: 0..1,
+            clock,
+        });
+        let windows = Windows {
+            list: list.to_vec(),
+            joints,
+        };
+        let n = windows.rows();
+        let lever = Mat::from_fn(n, LEVERS, |i, l| {
+            (1.0 + 3.7 * i as f64 + 0.9 * l as f64).sin()
+        });
+        let errors = Errors::none(n, joints);
+        let parts = Parts::new(&untouched(n), &[], &windows, lever.clone(), errors);
+        let c = parts.covariance(&Spread {
+            contact: 0.5,
+            ..Spread::none()
+        });
+        for row in 0..n {
+            for col in 0..=row {
+                let [v, w] = [row, col].map(|i| &list[i / joints]);
+                let dt = v.clock - w.clock;
+                let fade = ((-dt / 0.05).exp() + (-dt / 0.3).exp() + (-dt / 3.0).exp()) / 3.0;
+                let along: f64 = (0..LEVERS).map(|l| lever[(row, l)] * lever[(col, l)]).sum();
+                let expected = if v.sequence == w.sequence {
+                    0.25 * fade * along
+                } else {
+                    0.0
+                };
+                assert!((c[(row, col)] - expected).abs() < 1e-12, "{row}, {col}");
+            }
+        }
+    }
+
     /// Against sums of the steps that two readings have walked together. The last sequence is tared, and in two parts.
     #[test]
     fn val_walks_are_sums_of_steps() {
@@ -286,28 +360,16 @@ mod tests {
             of_sequence: vec![0.2, 3.0],
         };
         let n = windows.rows();
-        let design = Design {
-            points: Vec::new(),
-            w: Mat::zeros(n, 0),
-            a: vec![0.0; n],
-        };
         let errors = Errors {
-            noise: Vec::new(),
-            zeros: vec![0.0; n],
-            joint_rms: vec![0.0; joints],
             walks: vec![walk.clone()],
             begins: begins.to_vec(),
             tared: tared.to_vec(),
+            ..Errors::none(n, joints)
         };
-        let parts = Parts::new(&design, &[], &windows, Mat::zeros(n, 6), errors);
+        let parts = Parts::new(&untouched(n), &[], &windows, Mat::zeros(n, LEVERS), errors);
         let spread = Spread {
-            point: 0.0,
-            smooth: 0.0,
-            level: 0.0,
-            contact: 0.0,
-            joint: 0.0,
-            white: 0.0,
             walk: 0.3,
+            ..Spread::none()
         };
         let c = parts.covariance(&spread);
         // Steps of the session, then those of the sequences, each of which has its own.
