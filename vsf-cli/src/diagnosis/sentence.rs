@@ -118,7 +118,7 @@ fn sentence(diagnosis: &Diagnosis) -> String {
             match open.as_slice() {
                 [] => format!("Not diagnosable: {beside}, but this recording does not tell what."),
                 [one] => format!(
-                    "Not diagnosable: {beside}, but this recording does not tell whether {one}."
+                    "Not diagnosable: {beside}, but this recording does not tell whether that is {one}."
                 ),
                 _ => format!(
                     "Not diagnosable: {beside}, but this recording fits {} alike.",
@@ -330,6 +330,12 @@ pub mod tests {
         d.verdict.kind = VerdictKind::NotDiagnosable;
         let open = "Not diagnosable: beside payload something acts, but this recording fits adhesion, anisotropy alike.";
         assert_eq!(verdict(&d), open);
+        d.verdict.effect_set_95.pop();
+        let one = "Not diagnosable: beside payload something acts, but this recording does not tell whether that is adhesion.";
+        assert_eq!(verdict(&d), one);
+        (d.verdict.kind, d.verdict.probability) = (VerdictKind::Effects, 0.45);
+        let uncertain = "Uncertain: payload and adhesion fit best, with a probability of only 45 %; that payload acts: 95 % or more.";
+        assert_eq!(verdict(&d), uncertain);
     }
 
     /// Errors of touches that were never touched before say less than densities.
