@@ -288,6 +288,20 @@ mod tests {
         }
     }
 
+    /// One window for each sequence and time.
+    fn windows(places: &[(usize, f64)], joints: usize) -> Windows {
+        let of = |&(sequence, clock): &(usize, f64)| Window {
+            sequence,
+            run: sequence,
+            rows: 0..1,
+            clock,
+        };
+        Windows {
+            list: places.iter().map(of).collect(),
+            joints,
+        }
+    }
+
     fn untouched(n: usize) -> Design {
         Design {
             points: Vec::new(),
@@ -301,16 +315,7 @@ mod tests {
     fn val_contact_is_rough_by_all_of_its_levers() {
         let joints = 2;
         let places = [(0, 0.0), (0, 0.2), (0, 1.5), (1, 1.6)];
-        let list = places.map(|(sequence, clock)| Window {
-            sequence,
-            run: sequence,
-            rows: 0..1,
-            clock,
-        });
-        let windows = Windows {
-            list: list.to_vec(),
-            joints,
-        };
+        let windows = windows(&places, joints);
         let n = windows.rows();
         let lever = Mat::from_fn(n, LEVERS, |i, l| {
             (1.0 + 3.7 * i as f64 + 0.9 * l as f64).sin()
@@ -323,7 +328,7 @@ mod tests {
         });
         for row in 0..n {
             for col in 0..=row {
-                let [v, w] = [row, col].map(|i| &list[i / joints]);
+                let [v, w] = [row, col].map(|i| &windows.list[i / joints]);
                 let dt = v.clock - w.clock;
                 let fade = ((-dt / 0.05).exp() + (-dt / 0.3).exp() + (-dt / 3.0).exp()) / 3.0;
                 let along: f64 = (0..LEVERS).map(|l| lever[(row, l)] * lever[(col, l)]).sum();
@@ -343,16 +348,7 @@ mod tests {
         const STEP: f64 = 0.01;
         let joints = 2;
         let places = [(0, 0.3), (0, 1.1), (1, 2.5), (1, 2.9), (2, 4.2), (3, 4.9)];
-        let list = places.map(|(sequence, clock)| Window {
-            sequence,
-            run: sequence,
-            rows: 0..1,
-            clock,
-        });
-        let windows = Windows {
-            list: list.to_vec(),
-            joints,
-        };
+        let windows = windows(&places, joints);
         let begins = [0.0, 2.0, 4.0, 4.0];
         let tared = [false, false, true, true];
         let walk = RandomWalk {
