@@ -96,6 +96,8 @@ struct Header<'a> {
     descr: String,
     fortran_order: bool,
     shape: Vec<usize>,
+    /// Bytes of one element.
+    size: usize,
     /// Exactly the bytes the shape needs.
     data: &'a [u8],
 }
@@ -115,14 +117,12 @@ pub(crate) fn parse_with_bools(bytes: &[u8]) -> Result<NpyArray, NpyError> {
 }
 
 fn read(header: Header<'_>) -> Result<NpyArray, NpyError> {
-    let size = match header.dtype {
-        Dtype::Float(n) | Dtype::Signed(n) | Dtype::Unsigned(n) => n,
-        Dtype::Bool => 1,
-        Dtype::Text(_) => return Err(NpyError::Dtype(header.descr)),
-    };
+    if let Dtype::Text(_) = header.dtype {
+        return Err(NpyError::Dtype(header.descr));
+    }
     let data: Vec<f64> = header
         .data
-        .chunks_exact(size)
+        .chunks_exact(header.size)
         .enumerate()
         .map(|(index, raw)| number(header.dtype, raw).ok_or(NpyError::Inexact { index }))
         .collect::<Result<_, _>>()?;
@@ -207,7 +207,7 @@ fn parse_header(bytes: &[u8]) -> Result<Header<'_>, NpyError> {
         .try_fold(1usize, |a, &n| a.checked_mul(n))
         .and_then(|n| n.checked_mul(size?))
         .filter(|_| shape.len() <= MAX_RANK);
-    let Some(expected) = expected else {
+    let (Some(size), Some(expected)) = (size, expected) else {
         return Err(NpyError::Shape(shape));
     };
     if data.len() < expected {
@@ -226,6 +226,7 @@ fn parse_header(bytes: &[u8]) -> Result<Header<'_>, NpyError> {
         descr,
         fortran_order,
         shape,
+        size,
         data,
     })
 }

@@ -55,7 +55,7 @@ impl Campaign {
         let mut noise = windows.noise(&self.noise);
         let own = noise.iter_mut().filter(|(row, col, _)| row == col);
         own.for_each(|(.., v)| *v = v.max(1e-6 * scale * scale));
-        let lever = self.lever(&logs, &windows)?;
+        let lever = self.lever(&logs, &windows);
         let errors = Errors {
             noise,
             zeros: windows.zeros(&motions, &self.noise),

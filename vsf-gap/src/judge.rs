@@ -327,15 +327,7 @@ mod tests {
     #[test]
     fn readings_opposite_to_springs_are_no_absence_of_a_gap() {
         let of = |likeness: f64, left: f64, perfect: bool| Nominal {
-            spread: Spread {
-                point: 1.0,
-                smooth: 1.0,
-                level: 1.0,
-                contact: 0.0,
-                joint: 0.0,
-                white: 0.0,
-                walk: 0.0,
-            },
+            spread: Spread::default(),
             touches: true,
             left,
             likeness,
@@ -356,24 +348,10 @@ mod tests {
             Refined {
                 model: Model::of(effect, &[]),
                 theta: Vec::new(),
-                prior: Prior {
-                    parameters: Vec::new(),
-                    mean: Vec::new(),
-                    sd: Vec::new(),
-                    choice: Vec::new(),
-                    weights: Vec::new(),
-                },
+                prior: Prior::default(),
                 sd: Vec::new(),
                 log_evidence: 100.0,
-                spread: Spread {
-                    point: 1.0,
-                    smooth: 1.0,
-                    level: 1.0,
-                    contact: 0.3,
-                    joint: 0.0,
-                    white: 0.0,
-                    walk: 0.0,
-                },
+                spread: Spread::default(),
                 stiffness: Vec::new(),
                 tangent: Vec::new(),
                 touches: true,

@@ -95,6 +95,7 @@ fn is_stopped(p: &Parameter, value: f64) -> bool {
 
 /// Prior of all parameters of a model.
 #[derive(Clone)]
+#[cfg_attr(test, derive(Default))]
 pub(crate) struct Prior {
     /// The parameters, part after part.
     pub(crate) parameters: Vec<Parameter>,

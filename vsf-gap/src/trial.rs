@@ -112,6 +112,11 @@ fn free_blocks(sequences: &[Motion], logs: &[Arc<ContactLog>]) -> Vec<(usize, Ra
     blocks
 }
 
+/// Number of samples, 1 at least.
+fn samples(of: &[Motion]) -> f64 {
+    of.iter().map(Motion::len).sum::<usize>().max(1) as f64
+}
+
 impl Tried<'_> {
     /// Mean error (N m or N).
     pub(crate) fn error(&self) -> f64 {
@@ -340,8 +345,7 @@ impl<'a> Trial<'a> {
     /// From which size on (N m or N) what is left in free motion is much.
     fn noticed(&self) -> f64 {
         let readings = self.sequences.iter().flat_map(|m| m.reading.data());
-        let samples = self.sequences.iter().map(Motion::len).sum::<usize>().max(1) as f64;
-        let rms = (readings.map(|v| v * v).sum::<f64>() / samples).sqrt();
+        let rms = (readings.map(|v| v * v).sum::<f64>() / samples(self.sequences)).sqrt();
         (NOTICED * noise_norm(&self.whole.noise)).max(LEAST * rms)
     }
 
@@ -354,7 +358,7 @@ impl<'a> Trial<'a> {
         mut hypotheses: Vec<Hypothesis<'h>>,
         nominal: &Nominal,
     ) -> Result<Judgment<'h>, GapError> {
-        let samples = |of: &[Motion]| of.iter().map(Motion::len).sum::<usize>() as f64;
+        let share = samples(self.sequences) / samples(&self.whole.train);
         let before = self.left_free(&self.before, nominal.perfect);
         let noticed = self.noticed();
         let much = |after: f64| (after > noticed && after > REMAINS * before).then_some(after);
@@ -380,7 +384,7 @@ impl<'a> Trial<'a> {
                 closed: tried.checked.closure.fraction,
                 foretold: tried.checked.foretold,
                 worse: tried.error() > self.before.mean_error(),
-                share: samples(self.sequences) / samples(&self.whole.train).max(1.0),
+                share,
             };
             if hypotheses[i].stands(&on_test) {
                 return Ok(Judgment {

@@ -1,10 +1,8 @@
 use crate::{Campaign, ContactLog, GapError, JointNoise, Model, Motion, center};
 use faer::Mat;
-use nalgebra::Vector3;
 use std::ops::Range;
 use std::sync::Arc;
 use vsf_data::Table;
-use vsf_robots::jacobian;
 
 /// Most numbers (windows times joints) that a diagnosis works with.
 const MOST_ROWS: usize = 1300;
@@ -236,17 +234,9 @@ impl Campaign {
     /// How the joints feel what contact gets wrong, over windows, per axis of the world: three columns for a force as large
     /// as that of the window, three for a shift of the place where that acts, by [`PLACE`]. What contact leaves
     /// unexplained is of this form, whatever its cause.
-    ///
-    /// # Errors
-    /// None in practice: contacts are of this robot.
-    pub(crate) fn lever(
-        &self,
-        logs: &[Arc<ContactLog>],
-        windows: &Windows,
-    ) -> Result<Mat<f64>, GapError> {
+    pub(crate) fn lever(&self, logs: &[Arc<ContactLog>], windows: &Windows) -> Mat<f64> {
         let d = windows.joints;
         let mut lever = Mat::zeros(windows.rows(), LEVERS);
-        let mut columns = vec![Vector3::zeros(); d];
         for (i, w) in windows.list.iter().enumerate() {
             let log = &logs[w.sequence];
             let share = 1.0 / w.rows.len() as f64;
@@ -255,14 +245,13 @@ impl Campaign {
                 let Some((link, p)) = center(&touch) else {
                     continue;
                 };
-                jacobian(touch.posture, link, &p, &mut columns)?;
                 let force = log.forces[row];
                 for &j in touch.posture.chains().chain(link) {
                     let j = j as usize;
-                    let of_force = force.norm() * columns[j];
+                    let screw = &touch.posture.screws()[j];
+                    let of_force = force.norm() * screw.velocity_at(&p);
                     // f . (omega x shift), linear in the shift.
-                    let angular = touch.posture.screws()[j].angular;
-                    let of_place = PLACE * force.cross(&angular);
+                    let of_place = PLACE * force.cross(&screw.angular);
                     for axis in 0..3 {
                         lever[(i * d + j, axis)] += share * of_force[axis];
                         lever[(i * d + j, 3 + axis)] += share * of_place[axis];
@@ -270,7 +259,7 @@ impl Campaign {
                 }
             }
         }
-        Ok(lever)
+        lever
     }
 }
 
@@ -278,7 +267,7 @@ impl Campaign {
 #[allow(clippy::unwrap_used)]
 mod tests {
     use super::*;
-    use nalgebra::Point3;
+    use nalgebra::{Point3, Vector3};
     use vsf_data::{Dataset, RobotRef, Sequence};
     use vsf_pipeline::SceneOptions;
 
@@ -305,7 +294,7 @@ mod tests {
             let motions: Vec<&Motion> = campaign.train.iter().collect();
             let logs = campaign.contact_logs(&Model::default(), &motions).unwrap();
             let windows = Windows::new(&motions, 3);
-            let lever = campaign.lever(&logs, &windows).unwrap();
+            let lever = campaign.lever(&logs, &windows);
             let mut pushes = 0;
             for (i, w) in windows.list.iter().enumerate() {
                 assert!(w.rows.len() > 1);
@@ -370,7 +359,7 @@ mod tests {
         let motions: Vec<&Motion> = campaign.train.iter().collect();
         let logs = campaign.contact_logs(&Model::default(), &motions).unwrap();
         let windows = Windows::new(&motions, 3);
-        let lever = campaign.lever(&logs, &windows).unwrap();
+        let lever = campaign.lever(&logs, &windows);
         let size = |l: usize| lever.col_as_slice(l).iter().map(|v| v.abs()).sum::<f64>();
         assert!((0..3).all(|l| size(l) > 0.1) && (3..LEVERS).all(|l| size(l) == 0.0));
     }

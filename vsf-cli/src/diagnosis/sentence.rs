@@ -248,7 +248,8 @@ pub mod tests {
     use super::*;
     use vsf::data::TorqueKind;
 
-    fn of_effect(name: &str) -> serde_json::Value {
+    /// An effect that was not fitted.
+    pub fn of_effect(name: &str) -> serde_json::Value {
         serde_json::json!({
             "effect": name, "probability": 0.0, "score": 0.0, "parameters": [], "joints": [], "test_error": null,
             "closed_fraction": null, "absorbed_share": null, "roughness": null, "ambiguous_with": [],

@@ -293,6 +293,7 @@ pub fn untestable(effects: &[EffectReport]) -> Vec<(&str, Vec<&str>)> {
 #[cfg(test)]
 mod tests {
     #![allow(clippy::unwrap_used)]
+    use super::super::sentence::tests::of_effect;
     use super::*;
 
     #[test]
@@ -310,11 +311,7 @@ mod tests {
         };
         let of = EffectReport {
             undetermined: vec!["c_1".to_owned()],
-            ..serde_json::from_value(serde_json::json!({
-                "effect": "a", "probability": 0.5, "score": 1.0, "parameters": [], "joints": [], "test_error": null,
-                "closed_fraction": null, "absorbed_share": null, "roughness": null, "ambiguous_with": [], "testable": true,
-            }))
-            .unwrap()
+            ..serde_json::from_value(of_effect("a")).unwrap()
         };
         assert_eq!(
             determined(std::slice::from_ref(&of), "a", &p("c_2")),

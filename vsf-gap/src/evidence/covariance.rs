@@ -14,6 +14,7 @@ const JOINT_TIMES: [f64; 2] = [0.5, 5.0];
 
 /// Sizes of what readings vary by.
 #[derive(Debug, Clone, Copy, PartialEq)]
+#[cfg_attr(test, derive(Default))]
 pub(crate) struct Spread {
     /// Standard deviation of each point's stiffness on its own (N/m).
     pub(crate) point: f64,
@@ -260,20 +261,6 @@ mod tests {
     use super::*;
     use crate::windows::Window;
 
-    impl Spread {
-        fn none() -> Self {
-            Self {
-                point: 0.0,
-                smooth: 0.0,
-                level: 0.0,
-                contact: 0.0,
-                joint: 0.0,
-                white: 0.0,
-                walk: 0.0,
-            }
-        }
-    }
-
     impl Errors {
         /// Of so many rows.
         fn none(n: usize, joints: usize) -> Self {
@@ -324,7 +311,7 @@ mod tests {
         let parts = Parts::new(&untouched(n), &[], &windows, lever.clone(), errors);
         let c = parts.covariance(&Spread {
             contact: 0.5,
-            ..Spread::none()
+            ..Spread::default()
         });
         for row in 0..n {
             for col in 0..=row {
@@ -365,7 +352,7 @@ mod tests {
         let parts = Parts::new(&untouched(n), &[], &windows, Mat::zeros(n, LEVERS), errors);
         let spread = Spread {
             walk: 0.3,
-            ..Spread::none()
+            ..Spread::default()
         };
         let c = parts.covariance(&spread);
         // Steps of the session, then those of the sequences, each of which has its own.
