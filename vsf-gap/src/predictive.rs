@@ -1,7 +1,8 @@
 //! What readings of a fitted model tell of further ones: predictive densities, and what its innovations say of the model.
 
-use crate::evidence::{Factor, Spread};
+use crate::evidence::{Factor, Spread, add_outer};
 use crate::fitted::{Fitted, log_density, whitened};
+use crate::refine::Refined;
 use crate::screen::{best_of, log_mean_exp};
 use crate::spread_search::CONTACT;
 use crate::windows::Window;
@@ -14,6 +15,10 @@ use std::collections::BTreeSet;
 pub(crate) struct TestDensity<'a> {
     all: Fitted<'a>,
     given: Vec<&'a Motion>,
+    /// Readings less the torques that depend neither on the stiffness nor on a parameter that is open.
+    rest: Vec<f64>,
+    /// What one prior deviation of every such parameter changes, to first order.
+    open: Mat<f64>,
 }
 
 impl<'a> TestDensity<'a> {
@@ -38,9 +43,42 @@ impl<'a> TestDensity<'a> {
             |p: u32| touched.contains(&p) && fitted.design.points.binary_search(&p).is_err();
         all.leave_out(campaign, left_out);
         Ok(Some(Self {
+            rest: all.rest(),
+            open: Mat::zeros(all.windows.rows(), 0),
             all,
             given: fitted.motions.clone(),
         }))
+    }
+
+    /// With the parameters of the fitted model as uncertain as its prior has them, so that the given sequences tell what they
+    /// are: other postures show what these leave open. `field` is the model's stiffness per rest point (N/m).
+    ///
+    /// # Errors
+    /// Rows that contact cannot take.
+    pub(crate) fn with_open(
+        mut self,
+        campaign: &Campaign,
+        refined: &Refined,
+        field: &[f64],
+    ) -> Result<Self, GapError> {
+        let prior = refined.open();
+        let columns = campaign.columns(&refined.model, &self.all, field, &prior)?;
+        let moving: Vec<usize> = prior.moving().collect();
+        for &i in &moving {
+            let by = refined.theta[i] - prior.mean[i];
+            (self.rest.iter_mut().zip(&columns[i])).for_each(|(r, c)| *r += by * c);
+        }
+        self.open = Mat::from_fn(self.rest.len(), moving.len(), |row, k| {
+            prior.sd[moving[k]] * columns[moving[k]][row]
+        });
+        Ok(self)
+    }
+
+    /// The covariance of all readings, lower triangle.
+    fn covariance(&self, spread: &Spread) -> Mat<f64> {
+        let mut covariance = self.all.parts.covariance(spread);
+        add_outer(&mut covariance, &self.open, 1.0);
+        covariance
     }
 
     /// Whether a window is of a train sequence.
@@ -61,9 +99,8 @@ impl<'a> TestDensity<'a> {
             .filter(|(_, w)| self.is_given(w))
             .flat_map(|(i, _)| i * d..(i + 1) * d)
             .collect();
-        let rest = all.rest();
         let densities: Vec<(f64, f64)> = (all.roughness(stiffness).par_iter())
-            .map(|spread| log_densities(&rest, all.parts.covariance(spread), &rows))
+            .map(|spread| log_densities(&self.rest, self.covariance(spread), &rows))
             .collect::<Result<_, GapError>>()?;
         let (both, of_given): (Vec<f64>, Vec<f64>) = densities.into_iter().unzip();
         Ok(log_mean_exp(&both) - log_mean_exp(&of_given))
@@ -81,13 +118,12 @@ impl<'a> TestDensity<'a> {
             (all.windows.list.iter().enumerate()).partition(|(_, w)| self.is_given(w));
         let windows = known.iter().chain(&others);
         let rows: Vec<usize> = windows.flat_map(|(i, _)| i * d..(i + 1) * d).collect();
-        let covariance = all.parts.covariance(spread);
+        let covariance = self.covariance(spread);
         let ordered = Mat::from_fn(rows.len(), rows.len(), |i, k| {
             let (low, high) = (rows[i].min(rows[k]), rows[i].max(rows[k]));
             covariance[(high, low)]
         });
-        let rest = all.rest();
-        let values: Vec<f64> = rows.iter().map(|row| rest[*row]).collect();
+        let values: Vec<f64> = rows.iter().map(|row| self.rest[*row]).collect();
         let left = whitened(&values, &Factor::new(ordered)?).split_off(known.len() * d);
         let squares: f64 = left.iter().map(|y| y * y).sum();
         Ok((!left.is_empty()).then(|| (squares / left.len() as f64).sqrt()))

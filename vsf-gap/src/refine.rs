@@ -56,6 +56,17 @@ impl Refined {
         moving.map(|i| self.tangent[i].as_slice())
     }
 
+    /// The prior of what the data could have moved either way; other parameters are what they are.
+    pub(crate) fn open(&self) -> Prior {
+        let mut prior = self.prior.clone();
+        for (i, p) in self.prior.parameters.iter().enumerate() {
+            if self.sd[i] == 0.0 || is_stopped(p, self.theta[i]) {
+                prior.sd[i] = 0.0;
+            }
+        }
+        prior
+    }
+
     /// The model without one of its effects, by its place, and the prior of that.
     pub(crate) fn without(&self, part: usize) -> (Model, Prior) {
         let mut model = self.model.clone();
@@ -334,7 +345,7 @@ impl Campaign {
     }
 
     /// The change of the torques with every parameter of a model that may move, empty for the others.
-    fn columns(
+    pub(crate) fn columns(
         &self,
         model: &Model,
         fitted: &Fitted<'_>,

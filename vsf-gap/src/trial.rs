@@ -232,7 +232,10 @@ impl<'a> Trial<'a> {
         let all: Vec<&Motion> = self.sequences.iter().collect();
         let residuals = self.whole.residuals(&refined.model, &field, &all)?;
         let foretold = match TestDensity::new(thinned, &fitted)? {
-            Some(density) => density.log_density(&refined.spread)? - self.log_predictive,
+            Some(density) => {
+                let density = density.with_open(thinned, refined, &field)?;
+                density.log_density(&refined.spread)? - self.log_predictive
+            }
             None => 0.0,
         };
         Ok(Checked {

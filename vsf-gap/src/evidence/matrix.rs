@@ -67,7 +67,7 @@ pub(super) fn outer(a: &Mat<f64>) -> Mat<f64> {
 
 /// Adds `sign A A^T` on and below the diagonal. Neighboring rows touch the same few points: of two bands of rows
 /// only the columns count that are not zero in both.
-pub(super) fn add_outer(to: &mut Mat<f64>, a: &Mat<f64>, sign: f64) {
+pub(crate) fn add_outer(to: &mut Mat<f64>, a: &Mat<f64>, sign: f64) {
     let n = a.nrows();
     let touched = |rows: &Range<usize>| -> Vec<usize> {
         let is_touched = |k: &usize| a.col_as_slice(*k)[rows.clone()].iter().any(|v| *v != 0.0);
