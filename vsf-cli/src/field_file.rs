@@ -30,7 +30,7 @@ pub enum FieldFormat {
 impl FieldFormat {
     /// The format of a path; other endings are refused.
     pub fn of(path: &Path) -> anyhow::Result<Self> {
-        match path.extension().and_then(|e| e.to_str()) {
+        match ending(path).as_deref() {
             Some("npz") => Ok(Self::Npz),
             Some("ply") => Ok(Self::Ply),
             Some("mcap") => Ok(Self::Mcap),
@@ -58,16 +58,21 @@ impl FieldFormat {
     }
 }
 
+/// What a path ends in, in lower case.
+fn ending(path: &Path) -> Option<String> {
+    let ending = path.extension()?;
+    Some(ending.to_string_lossy().to_ascii_lowercase())
+}
+
 impl FieldFile {
     /// Whether a path is that of a field, not of a recording.
     pub fn is_at(path: &Path) -> bool {
-        let named = path.extension().is_some_and(|e| e == "npz");
-        named || path.is_file() || path.join("K.npy").is_file()
+        ending(path).as_deref() == Some("npz") || path.is_file() || path.join("K.npy").is_file()
     }
 
     /// Reads an `.npz` or a folder, which `--json` must not name, and prints its warnings.
     pub fn open(path: &Path, console: &Console) -> anyhow::Result<Self> {
-        if let Some(kind @ ("ply" | "mcap")) = path.extension().and_then(|e| e.to_str()) {
+        if let Some(kind @ ("ply" | "mcap")) = ending(path).as_deref() {
             let path = path.display();
             anyhow::bail!("{path}: a .{kind} is for looking at; give the .npz or the folder");
         }

@@ -82,7 +82,7 @@ pub fn ending(
 ) -> impl Fn(&str) -> Result<PathBuf, String> + Clone + Send + Sync + 'static {
     move |text| {
         let path = PathBuf::from(text);
-        if path.extension().is_some_and(|e| e == ending) {
+        if (path.extension()).is_some_and(|e| e.eq_ignore_ascii_case(ending)) {
             Ok(path)
         } else {
             Err(format!("must end in .{ending}"))

@@ -126,7 +126,7 @@ fn a_recording_shows_robot_and_touches() {
     let shifts = floats(&a["shifts"]);
     assert_eq!(shifts.len(), 3 * touched.len());
     let down: f64 = shifts.chunks_exact(3).map(|u| u[2]).sum();
-    assert!(down < 0.0, "pressed upwards");
+    assert!(down < 0.0, "pressed upward");
     assert!(touched.iter().all(|&i| i < 160));
     let loads = floats(&a["loads"]);
     assert!(loads.len() == ROWS && loads[12] > 5.0 * loads[0]);

@@ -210,7 +210,7 @@ fn meshes_that_are_no_bodies() {
     warns(
         &bench,
         "info arm",
-        &["tip.obj", "inside out", "normals outwards"],
+        &["tip.obj", "inside out", "normals outward"],
     );
     tip(&|face| face.starts_with('1').then(|| format!("f {face}")));
     warns(&bench, "info arm", &["tip.obj", "edges", "a guess"]);

@@ -147,7 +147,7 @@ impl Front {
         self.travel += (pose.center_W - center_W).norm() + NEAR * pose.radius * chord;
         let travel = self.travel;
         Watch::renew(&mut self.points, travel, reach, rest, skip, &mut visit);
-        // Backwards, so that the blocks that are added behind are not met.
+        // Backward, so that the blocks that are added behind are not met.
         for i in (0..self.blocks.len()).rev() {
             if self.blocks[i].is_due(travel) {
                 let block = self.blocks.swap_remove(i).what;

@@ -8,7 +8,7 @@ use vsf_core::{CoreError, Shape};
 /// The exact signed distance of a posed analytic shape: ball, capsule, round cone, cylinder, box.
 ///
 /// Where the nearest surface point is not unique the normal is that of one of them: on the axis of
-/// a round shape (and in the center of a ball) the one towards the shape's +x, in a box that of
+/// a round shape (and in the center of a ball) the one toward the shape's +x, in a box that of
 /// the nearest face, the first of x, y, z and the positive side when several are as near.
 ///
 /// ```

@@ -69,7 +69,7 @@ impl Noise {
     }
 
     /// Becomes [`Noise::full`] without allocating after its first use at a given size. `workspace`
-    /// is for the check and holds the factor of the covariance afterwards.
+    /// is for the check and holds the factor of the covariance afterward.
     ///
     /// # Errors
     /// As [`Noise::full`]; the noise is then unchanged.

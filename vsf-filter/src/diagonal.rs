@@ -43,7 +43,7 @@ impl DiagonalForm {
 /// An update costs `O(d² n)` time for `n` touched points and `d` channels, whatever the size of
 /// the field, and allocates nothing after its first use at a given size.
 ///
-/// Points that were touched together are in truth correlated afterwards; this filter does not
+/// Points that were touched together are in truth correlated afterward; this filter does not
 /// know it. Use [`crate::MemoryReplay`] to make up for it, as the paper does.
 #[derive(Debug, Clone)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]

@@ -21,7 +21,7 @@
 //! - More points, in a control loop: [`MemoryReplay`] is good after few readings, but counts a past one
 //!   as often as it is drawn. [`DualReplay`] counts it once and comes down to the optimum, soon where noise is
 //!   as large as what the prior leaves open of a reading, late where readings are much more precise. The example
-//!   `long_run` of this workspace shows the former ahead at first and the latter afterwards.
+//!   `long_run` of this workspace shows the former ahead at first and the latter afterward.
 //!
 //! ```
 //! use vsf_core::{Belief, Estimator, Noise, Observation};

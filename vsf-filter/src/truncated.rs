@@ -3,7 +3,7 @@
 ///
 /// It is `2 I_2 / I_0` with the repeated integrals of the Gaussian tail, whose ratios
 /// `r_n = I_n / I_{n-1}` obey `1 / r_{n-1} = t + n r_n` (Abramowitz and Stegun, eq. 7.2.5),
-/// stable downwards.
+/// stable downward.
 pub(crate) fn second_moment<const DEPTH: usize>(t: f64) -> f64 {
     let n = DEPTH as f64;
     // Asymptotic in n.

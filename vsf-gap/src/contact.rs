@@ -212,7 +212,7 @@ pub fn center(touch: &Touch<'_>) -> Option<(usize, Point3<f64>)> {
 }
 
 /// The force at the middle of the contact whose joint torques come closest to the reading, a
-/// little towards zero where the arm feels a direction badly.
+/// little toward zero where the arm feels a direction badly.
 fn force_behind(touch: &Touch<'_>, reading: &[f64]) -> Vector3<f64> {
     let Some((link, p)) = center(touch) else {
         return Vector3::zeros();

@@ -158,6 +158,10 @@ fn attempt(
     } else {
         in_field(thinned, &search, &likeness)?
     };
+    let saturated = match split {
+        Split::Whole => campaign.saturated()?,
+        Split::Halves => Vec::new(),
+    };
     let undecided = !in_field.is_empty() && judgment.leaves_field(closed);
     if undecided {
         judgment.withdraw();
@@ -179,6 +183,7 @@ fn attempt(
             && compared.is_far(noise_norm(&campaign.noise), nominal.touches),
         contradicted: trial.surprise.is_some(),
         silent,
+        saturated: !saturated.is_empty() && closed < NEARLY,
     });
 
     let (model, sd, own_field) = match judgment.corrected() {
@@ -192,6 +197,7 @@ fn attempt(
     let mut notes = notes(
         campaign, &trial, &compared, estimated, &judgment, &answer, &nominal,
     );
+    notes.extend(saturated.iter().map(|s| campaign.of_saturation(s)));
     notes.extend(of_contact);
     notes.extend(failed.map(|e| {
         format!(

@@ -89,6 +89,7 @@ mod report;
 mod response;
 mod rival;
 mod rounding;
+mod saturation;
 mod screen;
 mod search;
 mod sets;

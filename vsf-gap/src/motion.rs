@@ -76,7 +76,7 @@ impl Motion {
     }
 
     /// Checks that it is one of `joints` joints: every table with a row of finite numbers for each sample, the
-    /// touches one behind the other over all samples, each forwards in time.
+    /// touches one behind the other over all samples, each forward in time.
     pub(crate) fn check(&self, joints: usize) -> Result<(), GapError> {
         let n = self.len();
         for table in [

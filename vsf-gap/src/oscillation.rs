@@ -5,7 +5,7 @@
 /// An oscillation makes this part of the energy at least.
 const LEAST: f64 = 0.3;
 /// Fewest pairs of samples of which a correlation is told.
-const FEWEST: usize = 200;
+const FEWEST: usize = 100;
 /// Longest period, in samples and as a part of the longest run.
 const LONGEST: usize = 200;
 const PART: usize = 3;

@@ -76,6 +76,8 @@ pub(crate) struct Findings {
     pub(crate) contradicted: bool,
     /// Whether with them nothing is predicted better than by sensors that read nothing.
     pub(crate) silent: bool,
+    /// Whether sensors look saturated, and far from all is explained.
+    pub(crate) saturated: bool,
 }
 
 /// The conclusion.
@@ -116,7 +118,8 @@ impl Judged {
         let lasting = found.lasts && kind != VerdictKind::Unknown;
         let contradicted = found.contradicted && kind == VerdictKind::NoGap;
         let open = lasting || contradicted;
-        verdict.kind = if open || found.stopped || claims && found.silent {
+        let faulty = found.stopped || found.saturated || claims && found.silent;
+        verdict.kind = if open || faulty {
             VerdictKind::Unknown
         } else {
             kind
@@ -208,6 +211,20 @@ mod tests {
                 (names(&["adhesion"]), 0.5),
                 (names(&["strain_stiffening"]), 0.2),
             ],
+        }
+    }
+
+    #[test]
+    fn saturated_sensors_leave_the_cause_unknown() {
+        let found = Findings {
+            saturated: true,
+            ..Findings::default()
+        };
+        for effects in [&["adhesion"][..], &[]] {
+            let answer = judged(effects, VerdictKind::Effects, 0.9).conclude(&found);
+            assert_eq!(answer.verdict.kind, VerdictKind::Unknown);
+            assert_eq!(answer.verdict.effects, names(effects));
+            assert!(!answer.open);
         }
     }
 

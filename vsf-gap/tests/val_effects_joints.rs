@@ -115,14 +115,14 @@ fn friction_follows_the_velocity() {
         &[0.6, 0.3, 0.0, 0.0, 0.02],
         |r| [dry(0.6, r.qd[0], 0.02), dry(0.3, r.qd[1], 0.02)],
     );
-    // 0.75 N m forwards and 0.45 N m backwards, 0.24 and 0.36 N m.
+    // 0.75 N m forward and 0.45 N m backward, 0.24 and 0.36 N m.
     let truth = [0.6, 0.3, 0.25, -0.2, 0.02];
     recovers("joint_coulomb_friction", &site, &rows, &truth, |r| {
-        let way = |forwards: f64, backwards: f64, v: f64| {
+        let way = |forward: f64, backward: f64, v: f64| {
             if v > 0.0 {
-                dry(forwards, v, 0.02)
+                dry(forward, v, 0.02)
             } else {
-                dry(backwards, v, 0.02)
+                dry(backward, v, 0.02)
             }
         };
         [way(0.75, 0.45, r.qd[0]), way(0.24, 0.36, r.qd[1])]

@@ -79,6 +79,7 @@ pub use table1::{Table1Cell, Table1Row, table1};
 pub use trace::Trace;
 pub use vision::{VisionCandidate, VisionEstimate, VisionSpec, estimate_with_vision, rgbd_view};
 pub use warning::{
-    Outliers, PipelineWarning, field_warnings, fit_warnings, health_warnings, motion_warnings,
-    reading_warnings, scene_warnings, touch_warnings, view_warnings,
+    Outliers, PipelineWarning, Saturation, field_warnings, fit_warnings, health_warnings,
+    motion_warnings, reading_warnings, saturated_joints, scene_warnings, touch_warnings,
+    view_warnings,
 };

@@ -7,6 +7,7 @@ mod jumps;
 mod kind;
 mod order;
 mod readings;
+mod saturation;
 mod sensors;
 mod spikes;
 mod starts;
@@ -16,6 +17,7 @@ mod weight;
 
 pub use kind::{Outliers, PipelineWarning};
 pub use readings::reading_warnings;
+pub use saturation::{Saturation, saturated_joints};
 
 use crate::readings::check_sequence;
 use crate::{PipelineError, Scene, Trace, unwound};

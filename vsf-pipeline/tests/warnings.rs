@@ -262,6 +262,50 @@ fn sensors_that_are_saturated() {
     }
 }
 
+/// Noise that comes after the end of a sensor's range hides that its readings are equal.
+#[test]
+fn sensors_that_are_saturated_beneath_noise() {
+    let scene = scene(TorqueKind::External, 0);
+    let stiffness: Vec<f64> = (0..100).map(|i| 50.0 * f64::from(i % 7)).collect();
+    let told = |keep: f64, ids: &[&str]| {
+        let swings = ids.iter().map(|id| Sequence {
+            id: (*id).to_owned(),
+            ..swing()
+        });
+        let swings: Vec<Sequence> = swings.collect();
+        let swings: Vec<&Sequence> = swings.iter().collect();
+        let traces: Vec<_> = swings.iter().map(|s| scene.trace(s).unwrap()).collect();
+        let mut found = simulate(&scene, &stiffness, &swings, &traces).unwrap();
+        let first = found[0].torques.column(0);
+        let end = keep * first.fold(0.0, |end: f64, v| end.max(v.abs()));
+        for sequence in &mut found {
+            let rows = sequence.torques.data_mut().chunks_exact_mut(3);
+            rows.for_each(|row| row[0] = row[0].clamp(-end, end));
+        }
+        add_noise(&mut found, 0.02, 1).unwrap();
+        let traces: Vec<_> = found.iter().map(|s| scene.trace(s).unwrap()).collect();
+        let found: Vec<&Sequence> = found.iter().collect();
+        let warnings = reading_warnings(&scene, &found, &traces);
+        let clipped = |w: &PipelineWarning| match w {
+            PipelineWarning::ClippedReadings { joint, value, .. } => {
+                Some((joint.clone(), value.abs(), end))
+            }
+            _ => None,
+        };
+        warnings.iter().filter_map(clipped).collect::<Vec<_>>()
+    };
+    let [(joint, value, end)] = &told(0.4, &["0", "1"])[..] else {
+        panic!()
+    };
+    assert!(
+        joint == "joint_1" && (value - end).abs() < 0.02,
+        "{value} {end}"
+    );
+    assert_eq!(told(1.0, &["0", "1"]), []);
+    // An object that yields does the same once.
+    assert_eq!(told(0.4, &["0"]), []);
+}
+
 /// A sensor that stops in the middle of a touch.
 #[test]
 fn sensors_that_freeze() {

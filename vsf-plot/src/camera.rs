@@ -6,7 +6,7 @@ use nalgebra::{Point3, Vector3};
 pub(crate) struct View {
     right_W: Vector3<f64>,
     up_W: Vector3<f64>,
-    /// From the object towards the viewer.
+    /// From the object toward the viewer.
     pub(crate) toward_W: Vector3<f64>,
 }
 
@@ -58,7 +58,7 @@ impl View {
         (self.right_W.iamax(), self.up_W.iamax())
     }
 
-    /// The signed world axis that points most towards the viewer, such as `-y`.
+    /// The signed world axis that points most toward the viewer, such as `-y`.
     pub(crate) fn seen_from(&self) -> &'static str {
         let axis = self.toward_W.iamax();
         let names = if self.toward_W[axis] < 0.0 {

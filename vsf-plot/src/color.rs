@@ -30,7 +30,7 @@ const INFERNO: [Rgb; 17] = [
 /// Color of `t` in 0..=1: pale yellow for soft, over red, to dark violet for stiff. Values outside
 /// take the color of the nearer end.
 ///
-/// Inferno runs backwards so that on white paper more ink means stiffer, and stops short of its
+/// Inferno runs backward so that on white paper more ink means stiffer, and stops short of its
 /// ends, which are nearly white and nearly black. Clouds for viewers with a dark background are colored by
 /// `vsf_data::color`, bright where stiff.
 ///

@@ -44,7 +44,7 @@ pub enum PlotError {
         /// The length that fits the rest of the data.
         expected: usize,
     },
-    /// Time runs backwards.
+    /// Time runs backward.
     #[error("time[{index}] = {value:?} s is earlier than the sample before it, {previous:?} s")]
     TimeOrder {
         /// Position of the earlier time.

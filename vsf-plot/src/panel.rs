@@ -126,7 +126,7 @@ pub(crate) fn slanted_panel(
     let haze = (2.0 / (scene.field.len() as f64).cbrt()).clamp(0.04, 0.8);
     for (_, point) in order {
         let level = point.level;
-        // Far points pale towards the paper: a cue for depth.
+        // Far points pale toward the paper: a cue for depth.
         let distance = (0.5 - nearness(point)).clamp(0.0, 1.0);
         let solid = (2.0 * level).min(1.0);
         canvas.disc(Disc {

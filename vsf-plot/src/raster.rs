@@ -74,7 +74,7 @@ impl Raster {
         }
     }
 
-    /// Fills a circle; `alpha` gets the distance inwards from the anti-aliased edge \[px\].
+    /// Fills a circle; `alpha` gets the distance inward from the anti-aliased edge \[px\].
     fn round(&mut self, (cx, cy): (f64, f64), radius: f64, color: Rgb, alpha: impl Fn(f64) -> f64) {
         let reach = radius + 0.5;
         let half = |y: f64| (reach * reach - (y - cy) * (y - cy)).max(0.0).sqrt();

@@ -83,7 +83,7 @@ pub fn cartesian_stage(tip_radius: f64) -> Result<RobotModel, RobotError> {
 /// `link_1`, `link_2`, ... of `length` > 0 (m) from joint to joint and `radius` > 0 (m), revolute
 /// joints `joint_1`, `joint_2`, ..., and a frame `tip` at the end.
 ///
-/// At zero position the arm points along x; positive angles lift it towards z. Each link weighs as
+/// At zero position the arm points along x; positive angles lift it toward z. Each link weighs as
 /// much as a solid cylinder of its length and radius made of water (1000 kg/m^3).
 ///
 /// # Errors

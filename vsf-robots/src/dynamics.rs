@@ -191,7 +191,7 @@ impl RobotModel {
         } = workspace;
         let screws = posture.screws();
 
-        // Outwards: motion of every link and the wrench that it takes. Gravity enters as an upward
+        // Outward: motion of every link and the wrench that it takes. Gravity enters as an upward
         // acceleration of the base.
         let base = Twist {
             angular: Vector3::zeros(),
@@ -222,7 +222,7 @@ impl RobotModel {
             };
         }
 
-        // Inwards: each joint carries everything beyond it.
+        // Inward: each joint carries everything beyond it.
         for (l, link) in self.links.iter().enumerate().rev() {
             let w = wrenches[l];
             if let Some(j) = link.motion.joint() {

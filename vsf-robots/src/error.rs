@@ -126,6 +126,19 @@ pub enum RobotError {
         /// The link, joint or robot it belongs to.
         name: String,
     },
+    /// An angle of an origin in a URDF is larger than two full turns.
+    #[error(
+        "the origin of {what} '{name}' is turned by {angle} rad, more than two full turns; \
+         angles of a URDF are in radians, not degrees"
+    )]
+    Degrees {
+        /// What the origin is of.
+        what: &'static str,
+        /// The link or joint.
+        name: String,
+        /// The angle.
+        angle: f64,
+    },
     /// A mass is negative or not finite.
     #[error("link '{link}' has mass {mass:?} kg; it must be finite and >= 0")]
     Mass {

@@ -23,6 +23,9 @@ pub enum Meshes {
     Skip,
 }
 
+/// Largest angle of an origin (rad), two full turns: larger ones are degrees.
+const MOST_TURNED: f64 = 4.0 * std::f64::consts::PI;
+
 /// How to read a URDF.
 ///
 /// ```
@@ -166,14 +169,15 @@ fn link(
     let mut shapes = Vec::new();
     for collision in &link.collision {
         if let Some(shape) = shape(&collision.geometry, dir, options)? {
-            shapes.push((pose(&collision.origin), shape));
+            let X_LS = pose(&collision.origin, "a collision shape of link", &link.name)?;
+            shapes.push((X_LS, shape));
         }
     }
     capsules::merge(&mut shapes);
     Ok(LinkDescription {
         name: link.name.clone(),
         mass: link.inertial.mass.value,
-        X_LI: pose(&link.inertial.origin),
+        X_LI: pose(&link.inertial.origin, "the inertia of link", &link.name)?,
         inertia_I: Matrix3::new(
             i.ixx, i.ixy, i.ixz, //
             i.ixy, i.iyy, i.iyz, //
@@ -231,7 +235,7 @@ fn joint(joint: urdf_rs::Joint) -> Result<JointDescription, RobotError> {
     };
     Ok(JointDescription {
         kind,
-        X_PJ: pose(&joint.origin),
+        X_PJ: pose(&joint.origin, "joint", &joint.name)?,
         axis_J: Vector3::from(*joint.axis.xyz),
         limits: limits(&joint.limit, kind),
         name: joint.name,
@@ -257,11 +261,22 @@ fn limits(limit: &urdf_rs::JointLimit, kind: Option<JointKind>) -> JointLimits {
     }
 }
 
-/// Fixed-axis roll, pitch, yaw.
-fn pose(pose: &urdf_rs::Pose) -> Isometry3<f64> {
+/// Of `what` of the element `name`: fixed-axis roll, pitch, yaw.
+fn pose(
+    pose: &urdf_rs::Pose,
+    what: &'static str,
+    name: &str,
+) -> Result<Isometry3<f64>, RobotError> {
     let [roll, pitch, yaw] = *pose.rpy;
-    Isometry3::from_parts(
+    if let Some(angle) = (pose.rpy.iter()).find(|a| a.is_finite() && a.abs() > MOST_TURNED) {
+        return Err(RobotError::Degrees {
+            what,
+            name: name.to_owned(),
+            angle: *angle,
+        });
+    }
+    Ok(Isometry3::from_parts(
         Vector3::from(*pose.xyz).into(),
         UnitQuaternion::from_euler_angles(roll, pitch, yaw),
-    )
+    ))
 }

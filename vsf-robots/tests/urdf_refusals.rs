@@ -219,6 +219,11 @@ fn axes_origins_and_limits() {
             "{origin}"
         );
     }
+    // Two full turns are odd, more are degrees.
+    let turned = |angle: &str| joint("fixed", &format!(r#"<origin rpy="0 {angle} 0"/>"#));
+    assert!(parse(&turned("-12.5")).is_ok());
+    let text = parse(&turned("-90")).unwrap_err().to_string();
+    assert!(text.contains("joint 'knee' is turned by -90 rad"), "{text}");
     for limit in [
         r#"lower="1" upper="-1" velocity="1""#,
         r#"lower="nan" upper="1" velocity="1""#,

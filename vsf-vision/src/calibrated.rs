@@ -16,7 +16,7 @@ pub struct Calibrated<R> {
 
 /// Means and variances of held-out samples against the targets: the factor by which the variances
 /// are to be multiplied, so that `(y - mean)² / (factor * variance + v)` is 1 on average, where `v`
-/// is the variance of the target's own error. At least 1: where targets are shrunk towards a prior they
+/// is the variance of the target's own error. At least 1: where targets are shrunk toward a prior they
 /// scatter less than their errors say, and residuals can't show that a prediction is better than it says.
 ///
 /// # Errors

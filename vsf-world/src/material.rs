@@ -49,7 +49,7 @@ pub(crate) struct Element {
 pub(crate) struct Response {
     /// Force on the element \[N\], against the displacement.
     pub force: Vector3<f64>,
-    /// A bound of the slope that steps towards equilibrium use \[N/m\].
+    /// A bound of the slope that steps toward equilibrium use \[N/m\].
     pub slope: f64,
 }
 

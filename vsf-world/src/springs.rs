@@ -155,7 +155,7 @@ impl Springs {
         r
     }
 
-    /// Moves node `i` towards equilibrium, or along the surface that holds it.
+    /// Moves node `i` toward equilibrium, or along the surface that holds it.
     fn relax(&mut self, i: usize, arm: &Meeting<'_>) {
         let r = self.response(i, &self.u[i], arm.dt);
         let mut u = self.u[i] + r.force / r.slope;

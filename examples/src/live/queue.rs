@@ -86,7 +86,7 @@ impl<T> Queue<T> {
         self.lock().dropped
     }
 
-    // Items are whole whatever a thread that held the lock did afterwards.
+    // Items are whole whatever a thread that held the lock did afterward.
     fn lock(&self) -> MutexGuard<'_, State<T>> {
         self.state.lock().unwrap_or_else(PoisonError::into_inner)
     }

@@ -55,7 +55,7 @@ pub fn run(args: &Args, console: &Console) -> anyhow::Result<()> {
         .file("--out", &args.out, Some(FileKind::Page))?;
     args.sources.keep(console)?;
     console.outputs.keep(&args.input)?;
-    let html = if args.input.extension().is_some_and(|e| e == "json") {
+    let html = if (args.input.extension()).is_some_and(|e| e.eq_ignore_ascii_case("json")) {
         of_report(args)?
     } else if FieldFile::is_at(&args.input) {
         of_field(args, console)?

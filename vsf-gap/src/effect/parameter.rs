@@ -27,7 +27,7 @@ pub struct Parameter {
     /// some of what is above it.
     pub bounds: [f64; 2],
     /// A typical size, small against the change over which the prediction bends: differences are taken over it
-    /// while effects are screened and over half of it afterwards, starting values are some of it apart, and what is
+    /// while effects are screened and over half of it afterward, starting values are some of it apart, and what is
     /// far beyond (5 of an amplitude while effects are screened, 50 of the others) is thought unlikely. Of a
     /// frequency, the change that puts the wave out of step by a small part of a turn over the recording.
     pub scale: f64,

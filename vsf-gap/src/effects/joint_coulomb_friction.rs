@@ -6,7 +6,7 @@ use crate::effect::{check, per_joint};
 /// Dry friction in the joints: `-c_j (w_j + s_j |w_j|)`, with `w_j = tanh(qd_j / eps)`.
 ///
 /// Parameters `c_<joint>` (N m or N), the mean of both directions; the shapes `s_<joint>` (1, -0.5 to 0.5),
-/// by what share it is larger forwards and smaller backwards; and the shape `eps` (rad/s or m/s), the
+/// by what share it is larger forward and smaller backward; and the shape `eps` (rad/s or m/s), the
 /// speed at which friction has three quarters of its size, and at twice of it nearly all. Tell-tale: it turns
 /// round with the direction of motion, alike at all speeds and loads, in free motion too. Motion one way only makes
 /// it a bias.
@@ -30,7 +30,7 @@ impl Effect for JointCoulombFriction {
     }
 
     fn summary(&self) -> &str {
-        "dry friction `c_<joint>` against the motion, larger forwards by the share `s_<joint>`, nearly full from twice the speed `eps` on"
+        "dry friction `c_<joint>` against the motion, larger forward by the share `s_<joint>`, nearly full from twice the speed `eps` on"
     }
 
     fn acts(&self) -> Acts {

@@ -90,7 +90,7 @@ impl Normal {
         held: &[Option<f64>],
     ) -> Option<usize> {
         let pull = &self.score - &self.information * theta;
-        // Slope of the log posterior towards the inside, in units of the prior's deviation.
+        // Slope of the log posterior toward the inside, in units of the prior's deviation.
         let inward = |i: usize| {
             let slope = sd[i] * pull[i] - theta[i] / sd[i];
             match (held[i]?, bounds[i]) {

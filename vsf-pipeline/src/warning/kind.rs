@@ -595,7 +595,7 @@ pub enum PipelineWarning {
     /// are outside of the link for contact.
     #[error(
         "{mesh}: faces are turned inside out, {:.1} % of the points near the mesh lie behind them; nothing \
-         touches there. Turn the normals outwards in a mesh editor", 100.0 * share
+         touches there. Turn the normals outward in a mesh editor", 100.0 * share
     )]
     TurnedFaces {
         /// File of the mesh, or its link.

@@ -1,3 +1,4 @@
+use super::saturation::{Saturation, saturated_joints};
 use super::{PipelineWarning, springs};
 use crate::{Scene, Trace, reading_unit};
 use std::ops::Range;
@@ -39,9 +40,21 @@ pub fn warnings(scene: &Scene, sequences: &[&Sequence], traces: &[Trace]) -> Vec
     let still = joints
         .clone()
         .filter_map(|j| stuck(scene, &touched, j).or_else(|| zero(scene, &touched, j)));
-    let clipped = joints.flat_map(|j| [1.0, -1.0].map(|side| clipped(scene, &touched, j, side)));
+    let sides = joints.flat_map(|j| [1.0, -1.0].map(|side| (j, side)));
+    // Beside the weight of the arm, a light touch may be less than a step of the rounding of actuators' readings.
+    let clipped: Vec<PipelineWarning> = if scene.torque_kind() == TorqueKind::Measured {
+        Vec::new()
+    } else {
+        let noisy = saturated_joints(traces);
+        let of = |(j, side): (usize, f64)| {
+            let own = |s: &&Saturation| s.joint == j && s.level * side > 0.0;
+            let noisy = || noisy.iter().find(own).map(|s| s.warning(scene, traces));
+            clipped(scene, &touched, j, side).or_else(noisy)
+        };
+        sides.filter_map(of).collect()
+    };
     let frozen = frozen(scene, &touched);
-    still.chain(clipped.flatten()).chain(frozen).collect()
+    still.chain(clipped).chain(frozen).collect()
 }
 
 fn stuck(scene: &Scene, touched: &[Touched], j: usize) -> Option<PipelineWarning> {
@@ -132,12 +145,8 @@ fn frozen(scene: &Scene, touched: &[Touched]) -> Option<PipelineWarning> {
     })
 }
 
-/// Flat tops of the readings, or flat bottoms, where touch goes on to change. Of readings of the actuators nothing is
-/// said: beside the weight of the arm, a light touch may be less than a step of their rounding.
+/// Flat tops of the readings, or flat bottoms, where touch goes on to change.
 fn clipped(scene: &Scene, touched: &[Touched], j: usize, side: f64) -> Option<PipelineWarning> {
-    if scene.torque_kind() == TorqueKind::Measured {
-        return None;
-    }
     let readings = || touched.iter().flat_map(|t| t.readings(j).map(|v| side * v));
     let end = readings().fold(0.0, f64::max);
     let steps = touched.iter().map(|t| step(t.readings(j)));

@@ -216,7 +216,7 @@ impl<'a> Suite<'a> {
     }
 
     /// The share of the change between two values of parameter `i` that is left after the interval has been halved
-    /// towards the larger change again and again, and where; `None` where nothing changes.
+    /// toward the larger change again and again, and where; `None` where nothing changes.
     fn jump(&self, base: &[f64], i: usize, between: [f64; 2]) -> Option<(f64, f64)> {
         let at = |value: f64| {
             let mut theta = base.to_vec();

@@ -16,7 +16,7 @@ const CASE: &str = "case_";
 Recordings come from a simulated world that shares no code with the diagnosis: own kinematics, contact, \
 objects and forms of every effect. In every 20 cases 4 are without effect, 10 have one, 3 two, and 3 one that \
 is not in the catalogue; 3 in 10 touch a plant, the others a soft body; 1 in 4 is subtle, 1 in 8 a mere push. \
-Each is diagnosed without its label, which is opened afterwards: some 70 s of CPU time a case.
+Each is diagnosed without its label, which is opened afterward: some 70 s of CPU time a case.
 
 JSON keys: cases (case, kind, level, protocol, truth, kind_of_answer, named, top, probability_of_truth, \
 effect_set_95, right_joint, right_phase, test_error_nominal, test_error_corrected, closed_fraction, oracle_closed, \

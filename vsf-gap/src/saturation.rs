@@ -1,0 +1,82 @@
+//! Sensors that look saturated, for which no effect stands.
+
+use crate::notes::number;
+use crate::{Campaign, GapError, Model};
+use vsf_data::TorqueKind;
+use vsf_pipeline::{Saturation, Trace, reading_unit, saturated_joints};
+
+impl Campaign {
+    /// Sensors that read no more from a level on, as the nominal contact shows; none of readings of the actuators, in which
+    /// weight is the most.
+    ///
+    /// # Errors
+    /// Rows that contact cannot take.
+    pub(crate) fn saturated(&self) -> Result<Vec<Saturation>, GapError> {
+        if self.site.torque_kind == TorqueKind::Measured || self.site.rest.is_empty() {
+            return Ok(Vec::new());
+        }
+        let corrected = self.corrected(&Model::default())?;
+        let traces: Vec<Trace> = corrected.into_iter().map(|c| c.trace).collect();
+        Ok(saturated_joints(&traces))
+    }
+
+    /// What to say of one of them.
+    pub(crate) fn of_saturation(&self, found: &Saturation) -> String {
+        let joint = &self.site.robot.joints()[found.joint];
+        format!(
+            "{} readings of {} stay at {} {}, the end of their range, while the touch goes on to change: its sensor looks \
+             saturated, which no effect stands for; touch less hard, or leave these readings out",
+            found.count,
+            joint.name(),
+            number(found.level),
+            reading_unit(joint)
+        )
+    }
+}
+
+#[cfg(test)]
+#[allow(clippy::unwrap_used)]
+mod tests {
+    use super::*;
+    use nalgebra::Point3;
+    use vsf_data::{Dataset, RobotRef, Sequence, Table};
+    use vsf_pipeline::SceneOptions;
+
+    /// A ball comes down on points twice, to another depth each time; its third axis reads no more than so much.
+    fn pressed(most: f64) -> Campaign {
+        let sequence = |id: &str, deepest: f64| {
+            let (mut angles, mut forces) = (Vec::new(), Vec::new());
+            for k in 0..200 {
+                let height = 0.004 - (0.004 + deepest) * (1.0 - f64::from(100 - k).abs() / 100.0);
+                let noise = 0.01 * f64::from(k * k % 13 - 6) / 6.0;
+                angles.extend([0.004, 0.004, height]);
+                let pressed = (-200.0 * height).max(0.0).min(most);
+                forces.extend([noise, noise, pressed + noise]);
+            }
+            let time = (0..200).map(|k| f64::from(k) / 100.0).collect();
+            let table = |values| Table::new(3, values).unwrap();
+            Sequence::new(id, time, table(angles), table(forces))
+        };
+        let stage = RobotRef::resolve("cartesian_stage", ".".as_ref()).unwrap();
+        let points =
+            (0..9).map(|k| Point3::new(0.004 * f64::from(k % 3), 0.004 * f64::from(k / 3), 0.0));
+        let dataset = Dataset {
+            rest_points: Some(points.collect()),
+            ..Dataset::new(stage, vec![sequence("0", 0.01), sequence("1", 0.012)])
+        };
+        Campaign::open(&dataset, &SceneOptions::default()).unwrap()
+    }
+
+    #[test]
+    fn ends_of_a_range_are_those_of_all_sequences() {
+        let campaign = pressed(1.2);
+        let [found] = &campaign.saturated().unwrap()[..] else {
+            panic!()
+        };
+        assert_eq!(found.joint, 2);
+        assert!((found.level - 1.2).abs() < 0.02, "{found:?}");
+        let text = campaign.of_saturation(found);
+        assert!(text.contains(" stay at 1.2"), "{text}");
+        assert_eq!(pressed(9.0).saturated().unwrap(), []);
+    }
+}
