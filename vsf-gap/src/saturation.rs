@@ -76,7 +76,7 @@ mod tests {
         assert_eq!(found.joint, 2);
         assert!((found.level - 1.2).abs() < 0.02, "{found:?}");
         let text = campaign.of_saturation(found);
-        assert!(text.contains(" stay at 1.2"), "{text}");
+        assert!(text.contains("readings of stage_z stay at 1."), "{text}");
         assert_eq!(pressed(9.0).saturated().unwrap(), []);
     }
 }

@@ -15,9 +15,14 @@ const SECONDS: f64 = 3.0;
 /// An arm of three links along x that swings up into a block above its end and back, by the first joint;
 /// the second one moves a little, the third hardly. Velocities are right, torques zero.
 fn swing() -> Sequence {
+    swing_of(ROWS)
+}
+
+/// The same of so many samples.
+fn swing_of(rows: usize) -> Sequence {
     let (mut angles, mut velocities) = (Vec::new(), Vec::new());
-    let time: Vec<f64> = (0..ROWS)
-        .map(|k| SECONDS * k as f64 / (ROWS - 1) as f64)
+    let time: Vec<f64> = (0..rows)
+        .map(|k| SECONDS * k as f64 / (rows - 1) as f64)
         .collect();
     let pace = std::f64::consts::TAU / SECONDS;
     for (k, t) in time.iter().enumerate() {
@@ -30,7 +35,7 @@ fn swing() -> Sequence {
     let table = |data: Vec<f64>| Table::new(3, data).unwrap();
     Sequence {
         velocities: Some(table(velocities)),
-        ..Sequence::new("0", time, table(angles), table(vec![0.0; 3 * ROWS]))
+        ..Sequence::new("0", time, table(angles), table(vec![0.0; 3 * rows]))
     }
 }
 
@@ -270,7 +275,7 @@ fn sensors_that_are_saturated_beneath_noise() {
     let told = |keep: f64, ids: &[&str]| {
         let swings = ids.iter().map(|id| Sequence {
             id: (*id).to_owned(),
-            ..swing()
+            ..swing_of(10 * ROWS)
         });
         let swings: Vec<Sequence> = swings.collect();
         let swings: Vec<&Sequence> = swings.iter().collect();

@@ -66,10 +66,11 @@ fn saturated(traces: &[Trace], joint: usize, side: f64) -> Option<Saturation> {
     let reading = |y: &[f64]| side * y.get(joint).copied().unwrap_or(0.0);
     let readings = |t: &Trace| -> Vec<f64> { t.readings().map(reading).collect() };
     let readings: Vec<Vec<f64>> = traces.iter().map(readings).collect();
-    let pairs = readings.iter().flat_map(|y| y.windows(2));
-    let changes = pairs.map(|w| (w[1] - w[0]).abs());
-    // The median of the size of a normal variable is 0.6745 deviations; of a mean, less.
-    let noise = median(changes.collect())? / (0.6745 * (2.0 * AVERAGED as f64).sqrt());
+    let bend = |w: &[f64]| (w[0] - 2.0 * w[1] + w[2]).abs();
+    let bends = readings.iter().flat_map(|y| y.windows(3).map(bend));
+    // The median of the size of a normal variable is 0.6745 deviations.
+    let sd = median(bends.collect())? / (0.6745 * 6.0_f64.sqrt());
+    let noise = sd / (AVERAGED as f64).sqrt();
     let means: Vec<Vec<f64>> = readings.iter().map(|y| means(y)).collect();
     let end = means.iter().flatten().copied().fold(0.0, f64::max);
     let unit = |t: &Trace| -> Vec<f64> {
