@@ -183,7 +183,7 @@ fn attempt(
             && compared.is_far(noise_norm(&campaign.noise), nominal.touches),
         contradicted: trial.surprise.is_some(),
         silent,
-        saturated: !saturated.is_empty() && closed < NEARLY,
+        saturated: !saturated.is_empty() && !nominal.perfect && compared.closed.fraction < NEARLY,
     });
 
     let (model, sd, own_field) = match judgment.corrected() {

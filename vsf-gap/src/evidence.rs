@@ -7,5 +7,5 @@ mod matrix;
 mod normal;
 
 pub(crate) use covariance::{Errors, Parts, Spread, field_mean};
-pub(crate) use matrix::{Factor, add_outer, times};
+pub(crate) use matrix::{Factor, outer, times};
 pub(crate) use normal::{Fit, Normal};

@@ -139,11 +139,13 @@ impl Fitted<'_> {
         spread: &Spread,
         factor: &Factor,
     ) -> Vec<f64> {
-        let rest = self.rest();
-        let mut solved = Mat::from_fn(rest.len(), 1, |i, _| rest[i]);
-        factor.solve(&mut solved);
+        self.field(campaign, spread, &factor.solved(&self.rest()))
+    }
+
+    /// The same of readings that are solved with the covariance.
+    pub(crate) fn field(&self, campaign: &Campaign, spread: &Spread, solved: &[f64]) -> Vec<f64> {
         let positions = campaign.site.rest.positions();
-        let touched = field_mean(&self.design, positions, spread, solved.col_as_slice(0));
+        let touched = field_mean(&self.design, positions, spread, solved);
         let mut field = vec![0.0; positions.len()];
         for (&p, k) in self.design.points.iter().zip(touched) {
             field[p as usize] = k;

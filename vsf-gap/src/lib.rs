@@ -22,11 +22,10 @@
 //! 5. A second effect is added if it earns its place, and the first is kept only if the second does
 //!    not do as well alone. In free air a third and a fourth may follow, if none before can be spared.
 //! 6. **Verdict**: evidence beyond what the effect gains where nothing acts, as probabilities. The test sequences have a
-//!    veto: unless it closes half of their gap, an effect may make them less likely by 7 nats at most, given the train
-//!    sequences, one that chooses other contacts not at all; it may predict them worse only with twice the evidence that
-//!    it needs. Something
-//!    rough that no effect explains, or that remains in free motion, is *unknown*, and so is a cause whose
-//!    model leaves innovations that are not white; several effects that fit alike are *not diagnosable*, and
+//!    veto: given the train sequences, which leave its parameters uncertain, an effect may not make them less likely, and it
+//!    may predict them worse only with twice the evidence that it needs, one that chooses other contacts not at all.
+//!    Something rough that no effect explains, or that remains in free motion, is *unknown*, and so is a cause whose
+//!    model leaves innovations that are not white, and one beside sensors that look saturated; several effects that fit alike are *not diagnosable*, and
 //!    so is one that with a single stiffness everywhere explains what the field shows, as stiffening does of
 //!    an object that grows stiff with depth.
 //! 7. **How far** is measured on the test sequences, with field and effect fitted to train; where something is touched, with
@@ -37,7 +36,7 @@
 //!    it is fitted with the first half of every test sequence, and checked on the second halves.
 //!
 //! [`diagnose`] runs all of it. Time is dominated by the contact that effects change, some hundred runs
-//! over the train sequences, and by some hundred factorizations of some 1300 rows, twice as many at most.
+//! over the train sequences, some ten over the test sequences, and by some hundred factorizations of some 1300 rows, twice as many at most.
 //! Couplings of joints take columns that grow with the square of their number.
 //!
 //! Rejected: choosing by the fit's error. On recordings without effect the best wrong effect fits much

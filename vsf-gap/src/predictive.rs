@@ -1,6 +1,6 @@
 //! What readings of a fitted model tell of further ones: predictive densities, and what its innovations say of the model.
 
-use crate::evidence::{Factor, Spread, add_outer};
+use crate::evidence::{Factor, Spread, outer};
 use crate::fitted::{Fitted, log_density, whitened};
 use crate::refine::Refined;
 use crate::screen::{best_of, log_mean_exp};
@@ -11,13 +11,13 @@ use faer::Mat;
 use rayon::prelude::*;
 use std::collections::BTreeSet;
 
-/// The test sequences, and the train sequences that they are foretold from, in a model as it was fitted to these.
+/// The test sequences, and the train sequences that they are foretold from, in a model that was fitted to these.
 pub(crate) struct TestDensity<'a> {
     all: Fitted<'a>,
     given: Vec<&'a Motion>,
     /// Readings less the torques that depend neither on the stiffness nor on a parameter that is open.
     rest: Vec<f64>,
-    /// What one prior deviation of every such parameter changes, to first order.
+    /// The covariance of what such parameters change, to first order, lower triangle.
     open: Mat<f64>,
 }
 
@@ -44,41 +44,62 @@ impl<'a> TestDensity<'a> {
         all.leave_out(campaign, left_out);
         Ok(Some(Self {
             rest: all.rest(),
-            open: Mat::zeros(all.windows.rows(), 0),
+            open: Mat::zeros(all.windows.rows(), all.windows.rows()),
             all,
             given: fitted.motions.clone(),
         }))
     }
 
     /// With the parameters of the fitted model as uncertain as its prior has them, so that the given sequences tell what they
-    /// are: other postures show what these leave open. `field` is the model's stiffness per rest point (N/m).
+    /// are: other postures show what these leave open. Shares relative to a joint count as independent.
     ///
     /// # Errors
-    /// Rows that contact cannot take.
+    /// Rows that contact cannot take, a covariance that is not positive definite.
     pub(crate) fn with_open(
         mut self,
         campaign: &Campaign,
         refined: &Refined,
-        field: &[f64],
     ) -> Result<Self, GapError> {
         let prior = refined.open();
-        let columns = campaign.columns(&refined.model, &self.all, field, &prior)?;
+        let field = self.field(campaign, &refined.spread)?;
+        let columns = campaign.columns(&refined.model, &self.all, &field, &prior)?;
         let moving: Vec<usize> = prior.moving().collect();
         for &i in &moving {
             let by = refined.theta[i] - prior.mean[i];
             (self.rest.iter_mut().zip(&columns[i])).for_each(|(r, c)| *r += by * c);
         }
-        self.open = Mat::from_fn(self.rest.len(), moving.len(), |row, k| {
+        self.open = outer(&Mat::from_fn(self.rest.len(), moving.len(), |row, k| {
             prior.sd[moving[k]] * columns[moving[k]][row]
-        });
+        }));
         Ok(self)
+    }
+
+    /// The stiffness per rest point (N/m), not negative, that the given sequences lead to expect, also where they touch
+    /// nothing.
+    fn field(&self, campaign: &Campaign, spread: &Spread) -> Result<Vec<f64>, GapError> {
+        let given = self.given_rows();
+        let own: Vec<f64> = given.iter().map(|row| self.rest[*row]).collect();
+        let covariance = self.all.parts.covariance(spread);
+        let solved = Factor::new(part(&covariance, &given))?.solved(&own);
+        let mut all = vec![0.0; self.rest.len()];
+        (given.iter().zip(solved)).for_each(|(&row, s)| all[row] = s);
+        let mut field = self.all.field(campaign, spread, &all);
+        field.iter_mut().for_each(|k| *k = k.max(0.0));
+        Ok(field)
     }
 
     /// The covariance of all readings, lower triangle.
     fn covariance(&self, spread: &Spread) -> Mat<f64> {
-        let mut covariance = self.all.parts.covariance(spread);
-        add_outer(&mut covariance, &self.open, 1.0);
-        covariance
+        self.all.parts.covariance(spread) + &self.open
+    }
+
+    /// The rows of train sequences, in order.
+    fn given_rows(&self) -> Vec<usize> {
+        let d = self.all.windows.joints;
+        (self.all.windows.list.iter().enumerate())
+            .filter(|(_, w)| self.is_given(w))
+            .flat_map(|(i, _)| i * d..(i + 1) * d)
+            .collect()
     }
 
     /// Whether a window is of a train sequence.
@@ -94,11 +115,7 @@ impl<'a> TestDensity<'a> {
     /// A covariance that is not positive definite.
     pub(crate) fn log_density(&self, stiffness: &Spread) -> Result<f64, GapError> {
         let all = &self.all;
-        let d = all.windows.joints;
-        let rows: Vec<usize> = (all.windows.list.iter().enumerate())
-            .filter(|(_, w)| self.is_given(w))
-            .flat_map(|(i, _)| i * d..(i + 1) * d)
-            .collect();
+        let rows = self.given_rows();
         let densities: Vec<(f64, f64)> = (all.roughness(stiffness).par_iter())
             .map(|spread| log_densities(&self.rest, self.covariance(spread), &rows))
             .collect::<Result<_, GapError>>()?;
@@ -189,14 +206,18 @@ impl Fitted<'_> {
 /// Log of the density of the values of mean zero in some rows, in order, without constants; of `covariance` the lower half.
 fn log_density_of(values: &[f64], covariance: &Mat<f64>, rows: &[usize]) -> Result<f64, GapError> {
     let own: Vec<f64> = rows.iter().map(|row| values[*row]).collect();
-    let part = Mat::from_fn(rows.len(), rows.len(), |i, k| {
+    Ok(log_density(&own, &Factor::new(part(covariance, rows))?))
+}
+
+/// The lower half of a covariance in some rows, in order.
+fn part(covariance: &Mat<f64>, rows: &[usize]) -> Mat<f64> {
+    Mat::from_fn(rows.len(), rows.len(), |i, k| {
         if i >= k {
             covariance[(rows[i], rows[k])]
         } else {
             0.0
         }
-    });
-    Ok(log_density(&own, &Factor::new(part)?))
+    })
 }
 
 /// The same of all values, and of those in some rows.
@@ -233,8 +254,8 @@ mod tests {
     use vsf_data::{Dataset, RobotRef, Sequence, Table};
     use vsf_pipeline::SceneOptions;
 
-    /// An arm that hangs down while it is trained and lies when it is tested holds 0.2 kg: what a mass that is uncertain
-    /// leads to expect, integrated over many masses.
+    /// An arm that hangs down while it is trained and lies when it is tested, with torques that a mass explains in part: what
+    /// one that is uncertain leads to expect, integrated over many masses.
     #[test]
     fn val_uncertain_parameters_are_integrated_out() {
         let arm = RobotRef::resolve("planar_arm", ".".as_ref()).unwrap();
@@ -269,7 +290,7 @@ mod tests {
             .unwrap();
         let certain = TestDensity::new(&campaign, &fitted).unwrap().unwrap();
         let known = certain.log_density(&spread).unwrap();
-        let open = certain.with_open(&campaign, &refined, &[]).unwrap();
+        let open = certain.with_open(&campaign, &refined).unwrap();
         let found = open.log_density(&spread).unwrap();
 
         let (mean, sd) = (refined.prior.mean[0], refined.prior.sd[0]);

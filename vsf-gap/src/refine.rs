@@ -56,11 +56,13 @@ impl Refined {
         moving.map(|i| self.tangent[i].as_slice())
     }
 
-    /// The prior of what the data could have moved either way; other parameters are what they are.
+    /// The prior of what the data could have moved either way; other parameters are what they are, those of sequences that the
+    /// data do not hold, too.
     pub(crate) fn open(&self) -> Prior {
         let mut prior = self.prior.clone();
         for (i, p) in self.prior.parameters.iter().enumerate() {
-            if self.sd[i] == 0.0 || is_stopped(p, self.theta[i]) {
+            let shows = self.tangent[i].iter().any(|torque| *torque != 0.0);
+            if self.sd[i] == 0.0 || !shows || is_stopped(p, self.theta[i]) {
                 prior.sd[i] = 0.0;
             }
         }

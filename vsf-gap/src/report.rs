@@ -79,8 +79,8 @@ pub struct EffectReport {
     pub test_error: Option<f64>,
     /// Share of the gap that it closes on the test sequences.
     pub closed_fraction: Option<f64>,
-    /// How much likelier it makes the test sequences than the nominal model does, both fitted to the train sequences
-    /// (nats); `null` where the error is.
+    /// How much likelier it makes the test sequences than the nominal model does, both fitted to the train sequences, which
+    /// leave its parameters uncertain (nats); `null` where the error is.
     #[serde(default)]
     pub test_score: Option<f64>,
     /// Share of its information that the stiffness absorbs, 0 to 1.

@@ -63,7 +63,8 @@ pub(crate) struct Checked {
     pub(crate) field: Vec<f64>,
     pub(crate) residuals: Residuals,
     pub(crate) closure: Closure,
-    /// How much likelier it makes the test sequences than the nominal model does, given the train sequences (nats).
+    /// How much likelier it makes the test sequences than the nominal model does, given the train sequences, its parameters
+    /// being as uncertain as these leave them (nats).
     pub(crate) foretold: f64,
     /// How far innovations on the train sequences persist ([`Fitted::persistence`](crate::fitted::Fitted)).
     pub(crate) persistence: f64,
@@ -233,7 +234,7 @@ impl<'a> Trial<'a> {
         let residuals = self.whole.residuals(&refined.model, &field, &all)?;
         let foretold = match TestDensity::new(thinned, &fitted)? {
             Some(density) => {
-                let density = density.with_open(thinned, refined, &field)?;
+                let density = density.with_open(thinned, refined)?;
                 density.log_density(&refined.spread)? - self.log_predictive
             }
             None => 0.0,

@@ -117,9 +117,9 @@ impl Judged {
         // However much is closed: something else acts, too.
         let lasting = found.lasts && kind != VerdictKind::Unknown;
         let contradicted = found.contradicted && kind == VerdictKind::NoGap;
-        let open = lasting || contradicted;
         let faulty = found.stopped || found.saturated || claims && found.silent;
-        verdict.kind = if open || faulty {
+        let open = !found.saturated && (lasting || contradicted);
+        verdict.kind = if lasting || contradicted || faulty {
             VerdictKind::Unknown
         } else {
             kind
@@ -218,12 +218,15 @@ mod tests {
     fn saturated_sensors_leave_the_cause_unknown() {
         let found = Findings {
             saturated: true,
+            lasts: true,
+            contradicted: true,
             ..Findings::default()
         };
         for effects in [&["adhesion"][..], &[]] {
             let answer = judged(effects, VerdictKind::Effects, 0.9).conclude(&found);
             assert_eq!(answer.verdict.kind, VerdictKind::Unknown);
             assert_eq!(answer.verdict.effects, names(effects));
+            // Halves of test sequences would not tell.
             assert!(!answer.open);
         }
     }

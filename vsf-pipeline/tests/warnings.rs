@@ -272,10 +272,14 @@ fn sensors_that_are_saturated() {
 fn sensors_that_are_saturated_beneath_noise() {
     let scene = scene(TorqueKind::External, 0);
     let stiffness: Vec<f64> = (0..100).map(|i| 50.0 * f64::from(i % 7)).collect();
-    let told = |keep: f64, ids: &[&str]| {
-        let swings = ids.iter().map(|id| Sequence {
-            id: (*id).to_owned(),
-            ..swing_of(10 * ROWS)
+    // Touches reach so far.
+    let told = |keep: f64, rows: usize, reach: &[f64]| {
+        let swings = reach.iter().enumerate().map(|(k, reach)| {
+            let mut swing = swing_of(rows);
+            swing.id = k.to_string();
+            let angles = swing.angles.data_mut().chunks_exact_mut(3);
+            angles.for_each(|q| q[0] -= 0.185 * (1.0 - reach));
+            swing
         });
         let swings: Vec<Sequence> = swings.collect();
         let swings: Vec<&Sequence> = swings.iter().collect();
@@ -288,27 +292,32 @@ fn sensors_that_are_saturated_beneath_noise() {
             rows.for_each(|row| row[0] = row[0].clamp(-end, end));
         }
         add_noise(&mut found, 0.02, 1).unwrap();
+        // One reading that is off hides nothing.
+        found[0].torques.data_mut()[3 * (rows / 2)] *= 1.05;
         let traces: Vec<_> = found.iter().map(|s| scene.trace(s).unwrap()).collect();
         let found: Vec<&Sequence> = found.iter().collect();
         let warnings = reading_warnings(&scene, &found, &traces);
         let clipped = |w: &PipelineWarning| match w {
-            PipelineWarning::ClippedReadings { joint, value, .. } => {
-                Some((joint.clone(), value.abs(), end))
+            PipelineWarning::SaturatedReadings { joint, level, .. } => {
+                Some((joint.clone(), level.abs(), end))
             }
             _ => None,
         };
         warnings.iter().filter_map(clipped).collect::<Vec<_>>()
     };
-    let [(joint, value, end)] = &told(0.4, &["0", "1"])[..] else {
-        panic!()
-    };
-    assert!(
-        joint == "joint_1" && (value - end).abs() < 0.02,
-        "{value} {end}"
-    );
-    assert_eq!(told(1.0, &["0", "1"]), []);
-    // An object that yields does the same once.
-    assert_eq!(told(0.4, &["0"]), []);
+    for rows in [10 * ROWS, 100 * ROWS] {
+        let [(joint, value, end)] = &told(0.4, rows, &[1.0, 0.85])[..] else {
+            panic!("{rows}")
+        };
+        assert!(
+            joint == "joint_1" && (value - end).abs() < 0.02,
+            "{value} {end}"
+        );
+    }
+    assert_eq!(told(1.0, 10 * ROWS, &[1.0, 0.85]), []);
+    // An object that yields does the same whenever it is touched alike.
+    assert_eq!(told(0.4, 10 * ROWS, &[1.0]), []);
+    assert_eq!(told(0.4, 10 * ROWS, &[1.0, 1.0]), []);
 }
 
 /// A sensor that stops in the middle of a touch.

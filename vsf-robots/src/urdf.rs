@@ -23,7 +23,7 @@ pub enum Meshes {
     Skip,
 }
 
-/// Largest angle of an origin (rad), two full turns: larger ones are degrees.
+/// Largest angle of an origin (rad), two full turns: larger ones can only be degrees.
 const MOST_TURNED: f64 = 4.0 * std::f64::consts::PI;
 
 /// How to read a URDF.

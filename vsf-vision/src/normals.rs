@@ -50,7 +50,7 @@ impl PointCloud {
     /// that is not within -1e100 to 1e100 m.
     ///
     /// # Reference
-    /// R. B. Rusu et al., *Toward 3D point cloud based object maps for household environments*,
+    /// R. B. Rusu et al., *Towards 3D point cloud based object maps for household environments*,
     /// Robotics and Autonomous Systems 56, 2008, doi:10.1016/j.robot.2008.08.005, section 3.
     pub fn inliers(&self, k: usize, ratio: f64) -> Result<Vec<bool>, VisionError> {
         if !(ratio > 0.0 && ratio.is_finite()) {

@@ -46,6 +46,13 @@ impl Factor {
         triangular_solve::solve_lower_triangular_in_place(self.0.as_ref(), x.as_mut(), Par::Seq);
     }
 
+    /// `x` of `C x = b`.
+    pub(crate) fn solved(&self, b: &[f64]) -> Vec<f64> {
+        let mut x = Mat::from_fn(b.len(), 1, |i, _| b[i]);
+        self.solve(&mut x);
+        x.col_as_slice(0).to_vec()
+    }
+
     /// Solves `C x = b` for every column in place.
     pub(crate) fn solve(&self, x: &mut Mat<f64>) {
         self.whiten(x);
@@ -59,7 +66,7 @@ impl Factor {
 }
 
 /// `A A^T`; above the diagonal it is not complete.
-pub(super) fn outer(a: &Mat<f64>) -> Mat<f64> {
+pub(crate) fn outer(a: &Mat<f64>) -> Mat<f64> {
     let mut out = Mat::zeros(a.nrows(), a.nrows());
     add_outer(&mut out, a, 1.0);
     out
@@ -67,7 +74,7 @@ pub(super) fn outer(a: &Mat<f64>) -> Mat<f64> {
 
 /// Adds `sign A A^T` on and below the diagonal. Neighboring rows touch the same few points: of two bands of rows
 /// only the columns count that are not zero in both.
-pub(crate) fn add_outer(to: &mut Mat<f64>, a: &Mat<f64>, sign: f64) {
+pub(super) fn add_outer(to: &mut Mat<f64>, a: &Mat<f64>, sign: f64) {
     let n = a.nrows();
     let touched = |rows: &Range<usize>| -> Vec<usize> {
         let is_touched = |k: &usize| a.col_as_slice(*k)[rows.clone()].iter().any(|v| *v != 0.0);

@@ -449,6 +449,26 @@ pub enum PipelineWarning {
         /// Further joints of that kind.
         others: usize,
     },
+    /// A joint whose readings stay within noise of the end of their range while the touch changes
+    /// ([`saturated_joints`](crate::saturated_joints)).
+    #[error(
+        "joint {joint}: {count} readings stay within noise of {level:?} {unit}, the end of their range, while the touch changes, \
+         the first in sequence {sequence} row {row}; its sensor looks saturated: what is stiff there comes out too soft"
+    )]
+    SaturatedReadings {
+        /// Name of the joint.
+        joint: String,
+        /// How many.
+        count: usize,
+        /// The level, relative to the tare.
+        level: f64,
+        /// `N m` or `N`.
+        unit: &'static str,
+        /// Sequence of the first one.
+        sequence: String,
+        /// Its row, from 0.
+        row: usize,
+    },
     /// A joint whose readings stay at their largest or smallest value, sample after sample, while the touch
     /// changes.
     #[error(

@@ -1,32 +1,30 @@
 //! Sensors that read no more from a level on, though noise is added to it.
 
-use super::sensors::range;
+use super::sensors::{LEAST_CHANGE, range};
 use super::{PipelineWarning, springs};
 use crate::{Scene, Trace, reading_unit};
 use std::ops::Range;
 use vsf_core::median;
 
-/// Samples that are averaged (odd).
-const AVERAGED: usize = 9;
-/// Means within so many of their deviations of the largest one may be at one level.
-const LEVEL: f64 = 6.0;
-/// Share of the largest torques of springs by which those of a joint change meanwhile, and how many deviations of the means
-/// its readings would have to change by.
-const LEAST_CHANGE: f64 = 0.2;
+/// Samples whose median is taken (odd).
+const SMOOTHED: usize = 9;
+/// The deviation of the median of so many samples, over that of one: of a mean it is a third, of a median a quarter more.
+const OF_MEDIAN: f64 = 0.42;
+/// Deviations of the medians by which readings would have to change meanwhile, were the object of one stiffness.
 const LEAST_EXPECTED: f64 = 20.0;
-/// The share of a stay at the level, at either end, in which touch may change because readings are late; and how much it has to
-/// change in between.
-const EDGE: usize = 5;
+/// How many times the band in which readings are at the level that is from zero: tops of touches are not that flat.
+const LEAST_END: f64 = 20.0;
+/// A stay at the level less a fifth of it at either end, where touch may change because readings are late; and the share of the
+/// range of the torques of springs by which it has to change in between.
+const EDGES: usize = 5;
 const LEAST_INSIDE: f64 = 0.05;
-/// Sequences that end at the level: one may by chance, as where the object yields.
-const FEWEST: usize = 2;
 
 /// A joint whose readings stop at one level.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Saturation {
     /// Index of the joint.
     pub joint: usize,
-    /// The level (N m or N), of either sign.
+    /// The level (N m or N), of either sign, as the traces have it: relative to the tare.
     pub level: f64,
     /// Number of readings at the level.
     pub count: usize,
@@ -40,10 +38,10 @@ impl Saturation {
     /// As a warning.
     pub(super) fn warning(&self, scene: &Scene, traces: &[Trace]) -> PipelineWarning {
         let joint = &scene.robot().joints()[self.joint];
-        PipelineWarning::ClippedReadings {
+        PipelineWarning::SaturatedReadings {
             joint: joint.name().to_owned(),
             count: self.count,
-            value: self.level,
+            level: self.level,
             unit: reading_unit(joint),
             sequence: traces[self.trace].id.clone(),
             row: self.row,
@@ -51,76 +49,149 @@ impl Saturation {
     }
 }
 
-/// Joints whose readings, as those of the environment, stay at the end of their range within noise, sample after sample and in
-/// more than one sequence, while the touch goes on to change: by a fifth, at least, of the torques of springs of one
-/// stiffness. One at most for each joint and sign.
+/// Joints whose readings, as those of the environment, stay within noise of the end of their range, sample after sample and in
+/// two touches that differ, while the touch goes on to change: by a fifth, at least, of the range of the torques of springs of
+/// one stiffness. One at most for each joint and sign. Time and memory grow with the number of samples.
 pub fn saturated_joints(traces: &[Trace]) -> Vec<Saturation> {
     let joints = (traces.iter().flat_map(Trace::readings).next()).map_or(0, <[f64]>::len);
-    let sides = (0..joints).flat_map(|j| [1.0, -1.0].map(|side| (j, side)));
-    sides
-        .filter_map(|(j, side)| saturated(traces, j, side))
+    let touches: Vec<Vec<Vec<f64>>> = (traces.iter())
+        .map(|t| {
+            t.observations
+                .iter()
+                .map(|obs| springs(obs).collect())
+                .collect()
+        })
+        .collect();
+    let stiffness = uniform(traces, &touches);
+    (0..joints)
+        .flat_map(|j| Readings::new(traces, &touches, stiffness, j).map(|r| r.ends()))
+        .flatten()
         .collect()
 }
 
-fn saturated(traces: &[Trace], joint: usize, side: f64) -> Option<Saturation> {
-    let reading = |y: &[f64]| side * y.get(joint).copied().unwrap_or(0.0);
-    let readings = |t: &Trace| -> Vec<f64> { t.readings().map(reading).collect() };
-    let readings: Vec<Vec<f64>> = traces.iter().map(readings).collect();
-    let bend = |w: &[f64]| (w[0] - 2.0 * w[1] + w[2]).abs();
-    let bends = readings.iter().flat_map(|y| y.windows(3).map(bend));
-    // The median of the size of a normal variable is 0.6745 deviations.
-    let sd = median(bends.collect())? / (0.6745 * 6.0_f64.sqrt());
-    let noise = sd / (AVERAGED as f64).sqrt();
-    let means: Vec<Vec<f64>> = readings.iter().map(|y| means(y)).collect();
-    let end = means.iter().flatten().copied().fold(0.0, f64::max);
-    let unit = |t: &Trace| -> Vec<f64> {
-        let torques = t.observations.iter().map(|obs| springs(obs).nth(joint));
-        torques.map(|t| t.unwrap_or(0.0)).collect()
-    };
-    let units: Vec<Vec<f64>> = traces.iter().map(unit).collect();
-    let whole = range(units.iter().flatten().copied());
-    if noise <= 0.0 || whole <= 0.0 {
-        return None;
+/// The stiffness that, everywhere the same, explains the readings best; not negative.
+fn uniform(traces: &[Trace], touches: &[Vec<Vec<f64>>]) -> f64 {
+    let readings = traces.iter().flat_map(Trace::readings);
+    let pairs = readings.zip(touches.iter().flatten());
+    let pairs = pairs.flat_map(|(y, unit)| y.iter().zip(unit));
+    let (along, squares) = pairs.fold((0.0, 0.0), |(a, s), (y, u)| (a + u * y, s + u * u));
+    if squares > 0.0 {
+        (along / squares).max(0.0)
+    } else {
+        0.0
     }
-    let least = LEAST_CHANGE.max(LEAST_EXPECTED * noise / end);
-    let mut found: Vec<(usize, Range<usize>)> = Vec::new();
-    for (k, (means, unit)) in means.iter().zip(&units).enumerate() {
-        let ends = means.iter().map(|m| *m >= end - LEVEL * noise);
-        let ends: Vec<bool> = ends.collect();
-        let mut start = 0;
-        for run in ends.chunk_by(|a, b| a == b) {
-            let rows = start..start + run.len();
-            start = rows.end;
-            let edge = rows.len() / EDGE;
-            let change = |rows: Range<usize>| range(unit[rows].iter().copied()) / whole;
-            let changes = change(rows.clone()) > least
-                && change(rows.start + edge..rows.end - edge) > LEAST_INSIDE;
-            if run[0] && run.len() >= AVERAGED && changes {
-                found.push((k, rows));
-            }
-        }
-    }
-    let (trace, first) = found.first()?.clone();
-    let sequences = found.chunk_by(|a, b| a.0 == b.0).count();
-    let at_end = (found.iter()).flat_map(|(k, rows)| &readings[*k][rows.clone()]);
-    // No digits that noise makes up.
-    let digit = 10.0_f64.powf(noise.log10().floor());
-    let level = (median(at_end.copied().collect())? / digit).round() * digit;
-    (sequences >= FEWEST).then(|| Saturation {
-        joint,
-        level: side * level,
-        count: found.iter().map(|(_, rows)| rows.len()).sum(),
-        trace,
-        row: first.start,
-    })
 }
 
-/// Means of each value and its neighbors, of fewer at the ends.
-fn means(values: &[f64]) -> Vec<f64> {
-    let half = AVERAGED / 2;
-    let mean = |k: usize| {
-        let near = &values[k.saturating_sub(half)..(k + half + 1).min(values.len())];
-        near.iter().sum::<f64>() / near.len() as f64
-    };
-    (0..values.len()).map(mean).collect()
+/// What one joint reads, and what it would read of springs.
+struct Readings<'a> {
+    joint: usize,
+    readings: Vec<Vec<f64>>,
+    /// Their running medians, and the noise of these.
+    medians: Vec<Vec<f64>>,
+    noise: f64,
+    /// Torques of springs of 1 N/m, of all joints.
+    touches: &'a [Vec<Vec<f64>>],
+    /// Those of the joint, in N m or N as far as one stiffness explains the readings of all.
+    expected: Vec<Vec<f64>>,
+}
+
+impl<'a> Readings<'a> {
+    /// `None` of readings without noise.
+    fn new(
+        traces: &[Trace],
+        touches: &'a [Vec<Vec<f64>>],
+        stiffness: f64,
+        joint: usize,
+    ) -> Option<Self> {
+        let own = |row: &[f64]| row.get(joint).copied().unwrap_or(0.0);
+        let readings: Vec<Vec<f64>> = (traces.iter())
+            .map(|t| t.readings().map(own).collect())
+            .collect();
+        let bend = |w: &[f64]| (w[0] - 2.0 * w[1] + w[2]).abs();
+        let bends = readings.iter().flat_map(|y| y.windows(3).map(bend));
+        // The median of the size of a normal variable is 0.6745 deviations.
+        let noise = OF_MEDIAN * median(bends.collect())? / (0.6745 * 6.0_f64.sqrt());
+        let expected = |t: &Vec<Vec<f64>>| t.iter().map(|u| stiffness * own(u)).collect();
+        (noise > 0.0).then(|| Self {
+            joint,
+            medians: readings.iter().map(|y| medians(y)).collect(),
+            readings,
+            noise,
+            touches,
+            expected: touches.iter().map(expected).collect(),
+        })
+    }
+
+    /// Where it is at the end of its range, upward and downward.
+    fn ends(&self) -> Vec<Saturation> {
+        [1.0, -1.0]
+            .into_iter()
+            .filter_map(|side| self.end(side))
+            .collect()
+    }
+
+    fn end(&self, side: f64) -> Option<Saturation> {
+        let values = self.medians.iter().flatten();
+        let (samples, end) = values.fold((0, 0.0_f64), |(n, end), v| (n + 1, end.max(side * v)));
+        // The largest and the smallest of many at one level lie apart.
+        let band = 2.0 * self.noise * (2.0 * f64::from(samples).ln()).sqrt();
+        if end < LEAST_END * band {
+            return None;
+        }
+        let whole = range(self.expected.iter().flatten().copied());
+        let least = (LEAST_CHANGE * whole).max(LEAST_EXPECTED * self.noise);
+        let mut found: Vec<(usize, Range<usize>)> = Vec::new();
+        for (k, (medians, expected)) in self.medians.iter().zip(&self.expected).enumerate() {
+            // Nothing is felt where nothing is touched.
+            let is_at =
+                |row: usize| side * medians[row] >= end - band && side * expected[row] > 0.0;
+            let at: Vec<bool> = (0..medians.len()).map(is_at).collect();
+            let mut rows = 0..0;
+            for run in at.chunk_by(|a, b| a == b) {
+                rows = rows.end..rows.end + run.len();
+                let change = |rows: Range<usize>| range(expected[rows].iter().copied());
+                let edge = rows.len() / EDGES;
+                let inside = rows.start + edge..rows.end - edge;
+                if run[0]
+                    && run.len() >= SMOOTHED
+                    && change(rows.clone()) > least
+                    && change(inside) > LEAST_INSIDE * whole
+                {
+                    found.push((k, rows.clone()));
+                }
+            }
+        }
+        let (trace, first) = found.first()?.clone();
+        let another = found.iter().any(|other| self.differ(&found[0], other));
+        let at_end = (found.iter()).flat_map(|(k, rows)| &self.readings[*k][rows.clone()]);
+        // No digits that noise makes up.
+        let digit = 10.0_f64.powf(self.noise.log10().floor());
+        let level = (median(at_end.copied().collect())? / digit).round() * digit;
+        another.then(|| Saturation {
+            joint: self.joint,
+            level,
+            count: found.iter().map(|(_, rows)| rows.len()).sum(),
+            trace,
+            row: first.start,
+        })
+    }
+
+    /// Whether two stays are of touches that differ, by what the joints would read of springs: an object that yields does the
+    /// same whenever it is touched alike.
+    fn differ(&self, (a, of_a): &(usize, Range<usize>), (b, of_b): &(usize, Range<usize>)) -> bool {
+        let middle = |k: usize, rows: &Range<usize>| &self.touches[k][(rows.start + rows.end) / 2];
+        let pairs = || middle(*a, of_a).iter().zip(middle(*b, of_b));
+        let apart = pairs().map(|(a, b)| (a - b).abs()).fold(0.0, f64::max);
+        let size = pairs()
+            .map(|(a, b)| a.abs().max(b.abs()))
+            .fold(0.0, f64::max);
+        a != b && apart > LEAST_CHANGE * size
+    }
+}
+
+/// The median of each value and its neighbors, of fewer at the ends.
+fn medians(values: &[f64]) -> Vec<f64> {
+    let half = SMOOTHED / 2;
+    let near = |k: usize| values[k.saturating_sub(half)..(k + half + 1).min(values.len())].to_vec();
+    (0..values.len()).filter_map(|k| median(near(k))).collect()
 }

@@ -45,11 +45,11 @@ pub fn warnings(scene: &Scene, sequences: &[&Sequence], traces: &[Trace]) -> Vec
     let clipped: Vec<PipelineWarning> = if scene.torque_kind() == TorqueKind::Measured {
         Vec::new()
     } else {
-        let noisy = saturated_joints(traces);
+        let beneath_noise = saturated_joints(traces);
         let of = |(j, side): (usize, f64)| {
             let own = |s: &&Saturation| s.joint == j && s.level * side > 0.0;
-            let noisy = || noisy.iter().find(own).map(|s| s.warning(scene, traces));
-            clipped(scene, &touched, j, side).or_else(noisy)
+            let found = || beneath_noise.iter().find(own);
+            clipped(scene, &touched, j, side).or_else(|| Some(found()?.warning(scene, traces)))
         };
         sides.filter_map(of).collect()
     };
