@@ -389,6 +389,32 @@ impl Campaign {
     }
 }
 
+#[cfg(test)]
+#[allow(clippy::unwrap_used)]
+impl Campaign {
+    /// A ball on a stage comes down on nine points, 4 mm apart: of every sequence, the positions of its axes (m) and the forces
+    /// that they read (N), a hundred a second.
+    pub(crate) fn of_stage(sequences: &[Vec<[[f64; 3]; 2]>]) -> Self {
+        let sequence = |(k, rows): (usize, &Vec<[[f64; 3]; 2]>)| {
+            let table = |part: usize| {
+                let values = rows.iter().flat_map(|row| row[part]).collect();
+                vsf_data::Table::new(3, values).unwrap()
+            };
+            let time = (0..rows.len()).map(|k| k as f64 / 100.0).collect();
+            Sequence::new(k.to_string(), time, table(0), table(1))
+        };
+        let stage = vsf_data::RobotRef::resolve("cartesian_stage", ".".as_ref()).unwrap();
+        let at = |k: i32| 0.004 * f64::from(k);
+        let points = (0..9).map(|k| nalgebra::Point3::new(at(k % 3), at(k / 3), 0.0));
+        let sequences = sequences.iter().enumerate().map(sequence).collect();
+        let dataset = Dataset {
+            rest_points: Some(points.collect()),
+            ..Dataset::new(stage, sequences)
+        };
+        Self::open(&dataset, &SceneOptions::default()).unwrap()
+    }
+}
+
 /// Whether a motion is a further part of the sequence that the one before it is of.
 pub(crate) fn goes_on(motions: &[&Motion], k: usize) -> bool {
     k > 0 && motions[k - 1].id == motions[k].id

@@ -90,7 +90,9 @@ impl<'a> TestDensity<'a> {
 
     /// The covariance of all readings, lower triangle.
     fn covariance(&self, spread: &Spread) -> Mat<f64> {
-        self.all.parts.covariance(spread) + &self.open
+        let mut covariance = self.all.parts.covariance(spread);
+        covariance += &self.open;
+        covariance
     }
 
     /// The rows of train sequences, in order.

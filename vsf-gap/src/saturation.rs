@@ -38,32 +38,19 @@ impl Campaign {
 #[allow(clippy::unwrap_used)]
 mod tests {
     use super::*;
-    use nalgebra::Point3;
-    use vsf_data::{Dataset, RobotRef, Sequence, Table};
-    use vsf_pipeline::SceneOptions;
 
     /// A ball comes down on points twice; its first axis reads so much too much, whatever it touches.
     fn pressed(bias: f64) -> Campaign {
-        let sequence = |id: &str, x: f64| {
-            let (mut angles, mut forces) = (Vec::new(), Vec::new());
-            for k in 0..200 {
+        let sequence = |x: f64| -> Vec<_> {
+            let row = |k: i32| {
                 let height = 0.004 - 0.007 * (1.0 - f64::from(100 - k).abs() / 100.0);
                 let noise = 0.01 * f64::from(k * k % 13 - 6) / 6.0;
-                angles.extend([x, 0.004, height]);
-                forces.extend([noise + bias, noise, (-800.0 * height).max(0.0) + noise]);
-            }
-            let time = (0..200).map(|k| f64::from(k) / 100.0).collect();
-            let table = |values| Table::new(3, values).unwrap();
-            Sequence::new(id, time, table(angles), table(forces))
+                let force = [noise + bias, noise, (-800.0 * height).max(0.0) + noise];
+                [[x, 0.004, height], force]
+            };
+            (0..200).map(row).collect()
         };
-        let stage = RobotRef::resolve("cartesian_stage", ".".as_ref()).unwrap();
-        let points =
-            (0..9).map(|k| Point3::new(0.004 * f64::from(k % 3), 0.004 * f64::from(k / 3), 0.0));
-        let dataset = Dataset {
-            rest_points: Some(points.collect()),
-            ..Dataset::new(stage, vec![sequence("0", 0.004), sequence("1", 0.0)])
-        };
-        Campaign::open(&dataset, &SceneOptions::default()).unwrap()
+        Campaign::of_stage(&[sequence(0.004), sequence(0.0)])
     }
 
     /// An axis that feels little stays at its bias.

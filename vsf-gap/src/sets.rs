@@ -332,32 +332,17 @@ mod tests {
     use super::*;
     use crate::effects;
     use crate::spread_search::JOINT;
-    use nalgebra::Point3;
-    use vsf_data::{Dataset, RobotRef, Sequence, Table};
-    use vsf_pipeline::SceneOptions;
 
     /// A ball comes down on points twice; its first axis reads 1 N too much, whatever it touches.
     fn poked() -> Campaign {
-        let sequence = |id: &str| {
-            let (mut angles, mut forces) = (Vec::new(), Vec::new());
-            for k in 0..120 {
-                let height = 0.02 - 4e-4 * f64::from(60 - i32::abs(60 - k));
-                let noise = 0.01 * f64::from(k * k % 13 - 6) / 6.0;
-                angles.extend([0.004, 0.004, height]);
-                forces.extend([1.0 + noise, noise, -200.0 * height.min(0.0) - noise]);
-            }
-            let time = (0..120).map(|k| f64::from(k) / 100.0).collect();
-            let table = |values| Table::new(3, values).unwrap();
-            Sequence::new(id, time, table(angles), table(forces))
+        let row = |k: i32| {
+            let height = 0.02 - 4e-4 * f64::from(60 - i32::abs(60 - k));
+            let noise = 0.01 * f64::from(k * k % 13 - 6) / 6.0;
+            let force = [1.0 + noise, noise, -200.0 * height.min(0.0) - noise];
+            [[0.004, 0.004, height], force]
         };
-        let stage = RobotRef::resolve("cartesian_stage", ".".as_ref()).unwrap();
-        let points =
-            (0..9).map(|k| Point3::new(0.004 * f64::from(k % 3), 0.004 * f64::from(k / 3), 0.0));
-        let dataset = Dataset {
-            rest_points: Some(points.collect()),
-            ..Dataset::new(stage, vec![sequence("0"), sequence("1")])
-        };
-        Campaign::open(&dataset, &SceneOptions::default()).unwrap()
+        let sequence: Vec<_> = (0..120).map(row).collect();
+        Campaign::of_stage(&[sequence.clone(), sequence])
     }
 
     /// Of what a model gains in the air, contact has no part: not even where it begins elsewhere.

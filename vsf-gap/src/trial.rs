@@ -2,7 +2,7 @@
 
 use crate::closure::{Closure, Residuals, closure, noise_norm};
 use crate::effect::{Need, follows_contact};
-use crate::evidence::Spread;
+use crate::evidence::{Factor, Spread};
 use crate::fitted::Fitted;
 use crate::judge::{Hypothesis, Judged, Nominal, OnTest, judge};
 use crate::oscillation::oscillation;
@@ -68,6 +68,15 @@ pub(crate) struct Checked {
     pub(crate) foretold: f64,
     /// How far innovations on the train sequences persist ([`Fitted::persistence`](crate::fitted::Fitted)).
     pub(crate) persistence: f64,
+}
+
+/// A model as fitted to the train sequences, the factor of its covariance, its field per rest point (N/m), and what it leaves on
+/// the sequences that check models.
+struct Predicted<'a> {
+    fitted: Fitted<'a>,
+    factor: Factor,
+    field: Vec<f64>,
+    residuals: Residuals,
 }
 
 /// A model that was up to be named.
@@ -227,14 +236,15 @@ impl<'a> Trial<'a> {
     /// # Errors
     /// Rows that contact cannot take, a covariance that is not positive definite.
     pub(crate) fn of(&self, refined: &Refined) -> Result<Checked, GapError> {
-        let thinned = self.thinned;
-        let mut fitted = thinned.fitted(&refined.model, thinned.train.iter())?;
-        let (field, factor) = thinned.field(&mut fitted, &refined.spread)?;
-        let all: Vec<&Motion> = self.sequences.iter().collect();
-        let residuals = self.whole.residuals(&refined.model, &field, &all)?;
-        let foretold = match TestDensity::new(thinned, &fitted)? {
+        let Predicted {
+            fitted,
+            factor,
+            field,
+            residuals,
+        } = self.predicted(refined)?;
+        let foretold = match TestDensity::new(self.thinned, &fitted)? {
             Some(density) => {
-                let density = density.with_open(thinned, refined)?;
+                let density = density.with_open(self.thinned, refined)?;
                 density.log_density(&refined.spread)? - self.log_predictive
             }
             None => 0.0,
@@ -248,19 +258,36 @@ impl<'a> Trial<'a> {
         })
     }
 
+    /// The same, before it is judged: how likely the test sequences are takes longer.
+    ///
+    /// # Errors
+    /// As [`Trial::of`].
+    fn predicted(&self, refined: &Refined) -> Result<Predicted<'a>, GapError> {
+        let thinned = self.thinned;
+        let mut fitted = thinned.fitted(&refined.model, thinned.train.iter())?;
+        let (field, factor) = thinned.field(&mut fitted, &refined.spread)?;
+        let all: Vec<&Motion> = self.sequences.iter().collect();
+        Ok(Predicted {
+            residuals: self.whole.residuals(&refined.model, &field, &all)?,
+            fitted,
+            factor,
+            field,
+        })
+    }
+
     /// Whether further effects take nearly all that a part of the model leaves: what is wrong with the forms of the
     /// first is nothing that others would mend so well.
     ///
     /// # Errors
     /// As [`Trial::of`].
     pub(crate) fn completes(&self, part: &Refined, whole: &Refined) -> Result<bool, GapError> {
-        let part = self.of(part)?;
-        if is_perfect(part.residuals.mean_error(), noise_norm(&self.whole.noise)) {
+        let part = self.predicted(part)?.residuals;
+        if is_perfect(part.mean_error(), noise_norm(&self.whole.noise)) {
             return Ok(false);
         }
-        let left = 1.0 - part.closure.fraction;
-        let whole = self.of(whole)?;
-        Ok(1.0 - whole.closure.fraction < (1.0 - COMPLETE) * left)
+        let whole = self.predicted(whole)?.residuals;
+        let left = |of: &Residuals| 1.0 - self.closure(of).fraction;
+        Ok(left(&whole) < (1.0 - COMPLETE) * left(&part))
     }
 
     /// Size (N m or N) of what is left of residuals in free motion beyond noise: of what persists, unless all is `perfect`,

@@ -1,6 +1,6 @@
 //! Sensors that read no more from a level on, though noise is added to it.
 
-use super::sensors::{LEAST_CHANGE, range};
+use super::sensors::{LEAST_CHANGE, range, runs};
 use super::{PipelineWarning, springs};
 use crate::{Scene, Trace, reading_unit};
 use std::ops::Range;
@@ -146,18 +146,12 @@ impl<'a> Readings<'a> {
             let is_at =
                 |row: usize| side * medians[row] >= end - band && side * expected[row] > 0.0;
             let at: Vec<bool> = (0..medians.len()).map(is_at).collect();
-            let mut rows = 0..0;
-            for run in at.chunk_by(|a, b| a == b) {
-                rows = rows.end..rows.end + run.len();
-                let change = |rows: Range<usize>| range(expected[rows].iter().copied());
+            let change = |rows: Range<usize>| range(expected[rows].iter().copied());
+            for (rows, _) in runs(&at).filter(|(rows, at)| *at && rows.len() >= SMOOTHED) {
                 let edge = rows.len() / EDGES;
                 let inside = rows.start + edge..rows.end - edge;
-                if run[0]
-                    && run.len() >= SMOOTHED
-                    && change(rows.clone()) > least
-                    && change(inside) > LEAST_INSIDE * whole
-                {
-                    found.push((k, rows.clone()));
+                if change(rows.clone()) > least && change(inside) > LEAST_INSIDE * whole {
+                    found.push((k, rows));
                 }
             }
         }

@@ -179,9 +179,9 @@ fn clipped(scene: &Scene, touched: &[Touched], j: usize, side: f64) -> Option<Pi
     })
 }
 
-/// Runs of equal readings: their rows, and what they read.
-pub(super) fn runs(readings: &[f64]) -> impl Iterator<Item = (Range<usize>, f64)> {
-    readings.chunk_by(|a, b| a == b).scan(0, |end, run| {
+/// Runs of equal values, as readings: their rows, and which they are.
+pub(super) fn runs<T: Copy + PartialEq>(values: &[T]) -> impl Iterator<Item = (Range<usize>, T)> {
+    values.chunk_by(|a, b| a == b).scan(0, |end, run| {
         let start = *end;
         *end += run.len();
         Some((start..*end, run[0]))
