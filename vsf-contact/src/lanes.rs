@@ -86,7 +86,20 @@ impl<S: Simd> Number<S> {
 
     #[inline(always)]
     pub fn abs(self) -> Self {
-        Self::new(self.simd, self.simd.abs_f64s(self.value))
+        // `abs_f64s` and `select_f64s` are not always inlined.
+        let simd = self.simd;
+        let but_sign = simd.splat_u64s(u64::MAX >> 1);
+        Self::from_bits(simd, simd.and_u64s(self.bits(), but_sign))
+    }
+
+    #[inline(always)]
+    fn bits(self) -> S::u64s {
+        pulp::cast(self.value)
+    }
+
+    #[inline(always)]
+    fn from_bits(simd: S, bits: S::u64s) -> Self {
+        Self::new(simd, pulp::cast(bits))
     }
 
     #[inline(always)]
@@ -172,8 +185,8 @@ impl<S: Simd> Mask<S> {
     /// Lane by lane, one number or the other.
     #[inline(always)]
     pub fn pick(self, yes: Number<S>, no: Number<S>) -> Number<S> {
-        let value = self.simd.select_f64s(self.value, yes.value, no.value);
-        Number::new(self.simd, value)
+        let bits = self.simd.select_u64s(self.value, yes.bits(), no.bits());
+        Number::from_bits(self.simd, bits)
     }
 
     #[inline(always)]

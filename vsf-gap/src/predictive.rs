@@ -77,10 +77,11 @@ impl<'a> TestDensity<'a> {
     /// The stiffness per rest point (N/m), not negative, that the given sequences lead to expect, also where they touch
     /// nothing.
     fn field(&self, campaign: &Campaign, spread: &Spread) -> Result<Vec<f64>, GapError> {
-        let given = self.given_rows();
+        let (order, given) = self.given_first();
+        let given = &order[..given];
         let own: Vec<f64> = given.iter().map(|row| self.rest[*row]).collect();
         let covariance = self.all.parts.covariance(spread);
-        let solved = Factor::new(part(&covariance, &given))?.solved(&own);
+        let solved = Factor::new(part(&covariance, given))?.solved(&own);
         let mut all = vec![0.0; self.rest.len()];
         (given.iter().zip(solved)).for_each(|(&row, s)| all[row] = s);
         let mut field = self.all.field(campaign, spread, &all);
@@ -95,13 +96,14 @@ impl<'a> TestDensity<'a> {
         covariance
     }
 
-    /// The rows of train sequences, in order.
-    fn given_rows(&self) -> Vec<usize> {
+    /// All rows, those of train sequences first, and how many these are.
+    fn given_first(&self) -> (Vec<usize>, usize) {
         let d = self.all.windows.joints;
-        (self.all.windows.list.iter().enumerate())
-            .filter(|(_, w)| self.is_given(w))
-            .flat_map(|(i, _)| i * d..(i + 1) * d)
-            .collect()
+        let (given, others): (Vec<_>, Vec<_>) =
+            (self.all.windows.list.iter().enumerate()).partition(|(_, w)| self.is_given(w));
+        let windows = given.iter().chain(&others);
+        let rows = windows.flat_map(|(i, _)| i * d..(i + 1) * d);
+        (rows.collect(), given.len() * d)
     }
 
     /// Whether a window is of a train sequence.
@@ -117,9 +119,9 @@ impl<'a> TestDensity<'a> {
     /// A covariance that is not positive definite.
     pub(crate) fn log_density(&self, stiffness: &Spread) -> Result<f64, GapError> {
         let all = &self.all;
-        let rows = self.given_rows();
+        let (order, given) = self.given_first();
         let densities: Vec<(f64, f64)> = (all.roughness(stiffness).par_iter())
-            .map(|spread| log_densities(&self.rest, self.covariance(spread), &rows))
+            .map(|spread| log_densities(&self.rest, &self.covariance(spread), &order, given))
             .collect::<Result<_, GapError>>()?;
         let (both, of_given): (Vec<f64>, Vec<f64>) = densities.into_iter().unzip();
         Ok(log_mean_exp(&both) - log_mean_exp(&of_given))
@@ -131,19 +133,10 @@ impl<'a> TestDensity<'a> {
     /// # Errors
     /// A covariance that is not positive definite.
     pub(crate) fn surprise(&self, spread: &Spread) -> Result<Option<f64>, GapError> {
-        let all = &self.all;
-        let d = all.windows.joints;
-        let (known, others): (Vec<_>, Vec<_>) =
-            (all.windows.list.iter().enumerate()).partition(|(_, w)| self.is_given(w));
-        let windows = known.iter().chain(&others);
-        let rows: Vec<usize> = windows.flat_map(|(i, _)| i * d..(i + 1) * d).collect();
-        let covariance = self.covariance(spread);
-        let ordered = Mat::from_fn(rows.len(), rows.len(), |i, k| {
-            let (low, high) = (rows[i].min(rows[k]), rows[i].max(rows[k]));
-            covariance[(high, low)]
-        });
-        let values: Vec<f64> = rows.iter().map(|row| self.rest[*row]).collect();
-        let left = whitened(&values, &Factor::new(ordered)?).split_off(known.len() * d);
+        let (order, given) = self.given_first();
+        let values: Vec<f64> = order.iter().map(|row| self.rest[*row]).collect();
+        let factor = Factor::new(part(&self.covariance(spread), &order))?;
+        let left = whitened(&values, &factor).split_off(given);
         let squares: f64 = left.iter().map(|y| y * y).sum();
         Ok((!left.is_empty()).then(|| (squares / left.len() as f64).sqrt()))
     }
@@ -205,31 +198,38 @@ impl Fitted<'_> {
     }
 }
 
-/// Log of the density of the values of mean zero in some rows, in order, without constants; of `covariance` the lower half.
+/// Log of the density of the values of mean zero in some rows, without constants; of `covariance` the lower half.
 fn log_density_of(values: &[f64], covariance: &Mat<f64>, rows: &[usize]) -> Result<f64, GapError> {
     let own: Vec<f64> = rows.iter().map(|row| values[*row]).collect();
     Ok(log_density(&own, &Factor::new(part(covariance, rows))?))
 }
 
-/// The lower half of a covariance in some rows, in order.
+/// The lower half of a covariance in some rows, in their order; of `covariance` the lower half.
 fn part(covariance: &Mat<f64>, rows: &[usize]) -> Mat<f64> {
     Mat::from_fn(rows.len(), rows.len(), |i, k| {
         if i >= k {
-            covariance[(rows[i], rows[k])]
+            covariance[(rows[i].max(rows[k]), rows[i].min(rows[k]))]
         } else {
             0.0
         }
     })
 }
 
-/// The same of all values, and of those in some rows.
+/// Log of the density of all values of mean zero, in the rows of `order`, and of so many first ones, without constants.
 fn log_densities(
     values: &[f64],
-    covariance: Mat<f64>,
-    rows: &[usize],
+    covariance: &Mat<f64>,
+    order: &[usize],
+    given: usize,
 ) -> Result<(f64, f64), GapError> {
-    let of_rows = log_density_of(values, &covariance, rows)?;
-    Ok((log_density(values, &Factor::new(covariance)?), of_rows))
+    let own: Vec<f64> = order.iter().map(|row| values[*row]).collect();
+    let factor = Factor::new(part(covariance, order))?;
+    let white = whitened(&own, &factor);
+    let of = |rows: usize| {
+        let squares: f64 = white[..rows].iter().map(|y| y * y).sum();
+        -0.5 * (factor.log_det_of(rows) + squares)
+    };
+    Ok((of(order.len()), of(given)))
 }
 
 /// Correlation of the values of every window with those of the one before it, of those that follow one; `joints`
@@ -340,7 +340,8 @@ mod tests {
         let expected = -0.5 * (spread.determinant().ln() + squares);
 
         let covariance = Mat::from_fn(n, n, |i, k| covariance[(i, k)]);
-        let (all, of_given) = log_densities(values.as_slice(), covariance, &given).unwrap();
+        let order = [given, others].concat();
+        let (all, of_given) = log_densities(values.as_slice(), &covariance, &order, 3).unwrap();
         assert!(
             (all - of_given - expected).abs() < 1e-12,
             "{}",

@@ -42,6 +42,18 @@ impl Windows {
         (samples * joints).div_ceil(MOST_ROWS).max(1)
     }
 
+    /// The rows of each sequence.
+    pub(crate) fn rows_of_sequences(&self) -> Vec<Range<usize>> {
+        let mut end = 0;
+        let of = |own: &[Window]| {
+            let start = end;
+            end += own.len() * self.joints;
+            start..end
+        };
+        let sequences = self.list.chunk_by(|w, v| w.sequence == v.sequence);
+        sequences.map(of).collect()
+    }
+
     /// Cuts sequences into windows of about equal length, so that there are not many more than 1300
     /// rows; none across two touches, unless there are too many of them.
     pub(crate) fn new(motions: &[&Motion], joints: usize) -> Self {

@@ -7,6 +7,7 @@ use crate::effect::RandomWalk;
 use crate::windows::{Design, LEVERS, Windows};
 use faer::Mat;
 use nalgebra::Point3;
+use std::ops::Range;
 
 /// Times (s) over which the model's roughness persists: of contact, and of joints.
 const CONTACT_TIMES: [f64; 3] = [0.05, 0.3, 3.0];
@@ -48,11 +49,14 @@ impl Spread {
 /// The parts of the covariance of a design, ready to be put together for any [`Spread`].
 pub(crate) struct Parts {
     windows: Windows,
+    /// Of a stiffness that is independent from point to point, and of one that is smooth; empty where nothing is touched.
     points: Mat<f64>,
     smooth: Mat<f64>,
     level: Vec<f64>,
     lever: Mat<f64>,
     errors: Errors,
+    /// Rows that have nothing to do with those of other blocks.
+    blocks: Vec<Range<usize>>,
 }
 
 /// What readings are off by, whatever is touched.
@@ -81,13 +85,20 @@ impl Parts {
         errors: Errors,
     ) -> Self {
         let (smooth, level) = common(design, rest);
+        // What is touched and what wanders is common to sequences.
+        let blocks = if design.points.is_empty() && errors.walks.is_empty() {
+            windows.rows_of_sequences()
+        } else {
+            vec![0..windows.rows()]
+        };
         Self {
             windows: windows.clone(),
-            points: outer(&design.w),
+            points: outer_of_touched(&design.w),
             smooth,
             level,
             lever,
             errors,
+            blocks,
         }
     }
 
@@ -112,7 +123,7 @@ impl Parts {
     /// # Errors
     /// A covariance that is not positive definite.
     pub(crate) fn factor(&self, spread: &Spread) -> Result<Factor, GapError> {
-        Factor::new(self.covariance(spread))
+        Factor::of_blocks(self.covariance(spread), self.blocks.clone())
     }
 
     /// The covariance of the readings, lower triangle.
@@ -125,15 +136,22 @@ impl Parts {
             spread.level * spread.level,
         );
         let mut c = Mat::zeros(n, n);
-        for col in 0..n {
-            let (a, b, l) = (
-                self.points.col_as_slice(col),
-                self.smooth.col_as_slice(col),
-                level * self.level[col],
-            );
-            let out = c.col_as_slice_mut(col);
-            for row in col..n {
-                out[row] = point * a[row] + smooth * b[row] + l * self.level[row];
+        let touched = if self.smooth.ncols() > 0 {
+            &self.blocks[..]
+        } else {
+            &[]
+        };
+        for block in touched {
+            for col in block.clone() {
+                let (a, b, l) = (
+                    self.points.col_as_slice(col),
+                    self.smooth.col_as_slice(col),
+                    level * self.level[col],
+                );
+                let out = c.col_as_slice_mut(col);
+                for row in col..block.end {
+                    out[row] = point * a[row] + smooth * b[row] + l * self.level[row];
+                }
             }
         }
         for &(row, col, value) in &self.errors.noise {
@@ -222,7 +240,16 @@ fn common(design: &Design, rest: &[Point3<f64>]) -> (Mat<f64>, Vec<f64>) {
         let column = design.w.col_as_slice(k);
         level.iter_mut().zip(column).for_each(|(l, w)| *l += w);
     }
-    (outer(&smooth), level)
+    (outer_of_touched(&smooth), level)
+}
+
+/// `A A^T`, lower triangle; empty where nothing is touched.
+fn outer_of_touched(a: &Mat<f64>) -> Mat<f64> {
+    if a.ncols() > 0 {
+        outer(a)
+    } else {
+        Mat::zeros(0, 0)
+    }
 }
 
 /// The field's mean over touched points, given readings without the additive torques, already

@@ -5,45 +5,79 @@ use faer::dyn_stack::{MemBuffer, MemStack};
 use faer::linalg::cholesky::llt::factor::{LltError, cholesky_in_place, cholesky_in_place_scratch};
 use faer::linalg::matmul::matmul;
 use faer::linalg::triangular_solve;
-use faer::{Accum, Mat, Par};
+use faer::{Accum, Mat, MatRef, Par};
 use std::ops::Range;
 use vsf_core::CoreError;
 
 /// Rows of a band in [`add_outer`].
 const BAND: usize = 64;
 
-/// A factored covariance.
-pub(crate) struct Factor(Mat<f64>);
+/// A factored covariance, of blocks of rows that have nothing to do with each other.
+pub(crate) struct Factor {
+    lower: Mat<f64>,
+    blocks: Vec<Range<usize>>,
+}
 
 impl Factor {
     /// Of a covariance, by its lower triangle.
     ///
     /// # Errors
     /// A matrix that is not positive definite.
-    pub(crate) fn new(mut a: Mat<f64>) -> Result<Self, GapError> {
-        let scratch = cholesky_in_place_scratch::<f64>(a.nrows(), Par::Seq, Default::default());
+    pub(crate) fn new(covariance: Mat<f64>) -> Result<Self, GapError> {
+        let all = 0..covariance.nrows();
+        Self::of_blocks(covariance, vec![all])
+    }
+
+    /// The same, of one that is zero but for blocks along its diagonal.
+    ///
+    /// # Errors
+    /// A matrix that is not positive definite.
+    pub(crate) fn of_blocks(
+        mut covariance: Mat<f64>,
+        blocks: Vec<Range<usize>>,
+    ) -> Result<Self, GapError> {
+        let most = blocks.iter().map(Range::len).max().unwrap_or(0);
+        let scratch = cholesky_in_place_scratch::<f64>(most, Par::Seq, Default::default());
         let mut memory = MemBuffer::new(scratch);
-        let stack = MemStack::new(&mut memory);
-        let factored = cholesky_in_place(
-            a.as_mut(),
-            Default::default(),
-            Par::Seq,
-            stack,
-            Default::default(),
-        );
-        if let Err(LltError::NonPositivePivot { index: pivot }) = factored {
-            return Err(GapError::from(CoreError::NotPositiveDefinite {
-                what: "the covariance of the readings",
-                pivot,
-                value: a[(pivot, pivot)],
-            }));
+        for block in &blocks {
+            let (start, rows) = (block.start, block.len());
+            let factored = cholesky_in_place(
+                covariance.submatrix_mut(start, start, rows, rows),
+                Default::default(),
+                Par::Seq,
+                MemStack::new(&mut memory),
+                Default::default(),
+            );
+            if let Err(LltError::NonPositivePivot { index }) = factored {
+                let pivot = start + index;
+                return Err(GapError::from(CoreError::NotPositiveDefinite {
+                    what: "the covariance of the readings",
+                    pivot,
+                    value: covariance[(pivot, pivot)],
+                }));
+            }
         }
-        Ok(Self(a))
+        Ok(Self {
+            lower: covariance,
+            blocks,
+        })
+    }
+
+    /// The lower triangles of the blocks, each with its rows.
+    fn parts(&self) -> impl Iterator<Item = (MatRef<'_, f64>, &Range<usize>)> {
+        let part = |rows: &Range<usize>| {
+            let (start, len) = (rows.start, rows.len());
+            self.lower.submatrix(start, start, len, len)
+        };
+        self.blocks.iter().map(move |rows| (part(rows), rows))
     }
 
     /// Whitens every column in place: `L^-1 x`.
     pub(crate) fn whiten(&self, x: &mut Mat<f64>) {
-        triangular_solve::solve_lower_triangular_in_place(self.0.as_ref(), x.as_mut(), Par::Seq);
+        for (lower, rows) in self.parts() {
+            let own = x.subrows_mut(rows.start, rows.len());
+            triangular_solve::solve_lower_triangular_in_place(lower, own, Par::Seq);
+        }
     }
 
     /// `x` of `C x = b`.
@@ -56,12 +90,21 @@ impl Factor {
     /// Solves `C x = b` for every column in place.
     pub(crate) fn solve(&self, x: &mut Mat<f64>) {
         self.whiten(x);
-        triangular_solve::solve_upper_triangular_in_place(self.0.transpose(), x.as_mut(), Par::Seq);
+        for (lower, rows) in self.parts() {
+            let own = x.subrows_mut(rows.start, rows.len());
+            triangular_solve::solve_upper_triangular_in_place(lower.transpose(), own, Par::Seq);
+        }
     }
 
     /// `log det C`.
     pub(crate) fn log_det(&self) -> f64 {
-        (0..self.0.nrows()).map(|i| 2.0 * self.0[(i, i)].ln()).sum()
+        self.log_det_of(self.lower.nrows())
+    }
+
+    /// The same of the first rows, so many.
+    pub(crate) fn log_det_of(&self, rows: usize) -> f64 {
+        let diagonal = (0..rows).map(|i| self.lower[(i, i)]);
+        diagonal.map(|pivot| 2.0 * pivot.ln()).sum()
     }
 }
 
@@ -129,6 +172,7 @@ pub(crate) fn times(a: &Mat<f64>, x: &[f64]) -> Vec<f64> {
 }
 
 #[cfg(test)]
+#[allow(clippy::unwrap_used)]
 mod tests {
     use super::*;
 
@@ -146,6 +190,30 @@ mod tests {
                 0.0
             }
         })
+    }
+
+    /// The same as of the whole.
+    #[test]
+    fn blocks_are_factored_on_their_own() {
+        let blocks = vec![0..4, 4..5, 5..12];
+        let of = |i: usize| blocks.iter().position(|b| b.contains(&i));
+        let a = sparse(12, 40);
+        let covariance = Mat::from_fn(12, 12, |i, j| {
+            let product: f64 = (0..40).map(|k| a[(i, k)] * a[(j, k)]).sum();
+            let noise = if i == j { 0.1 } else { 0.0 };
+            if of(i) == of(j) { product + noise } else { 0.0 }
+        });
+        let whole = Factor::new(covariance.clone()).unwrap();
+        let parts = Factor::of_blocks(covariance.clone(), blocks).unwrap();
+        assert!((whole.log_det() - parts.log_det()).abs() < 1e-12);
+        let b: Vec<f64> = (0..12).map(|i| f64::from(i).cos()).collect();
+        let (x, y) = (whole.solved(&b), parts.solved(&b));
+        assert!(x.iter().zip(&y).all(|(x, y)| (x - y).abs() < 1e-10));
+
+        let mut broken = covariance;
+        broken[(7, 7)] = -1.0;
+        let refused = Factor::of_blocks(broken, vec![0..4, 4..5, 5..12]).err();
+        assert!(refused.unwrap().to_string().contains('7'));
     }
 
     #[test]
