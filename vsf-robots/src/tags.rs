@@ -7,7 +7,7 @@ pub(crate) fn depth(text: &str) -> usize {
     for tag in tags(text) {
         if tag.starts_with("</") {
             depth = depth.saturating_sub(1);
-        } else if !(tag.starts_with("<?") || tag.starts_with("<!") || tag.ends_with("/>")) {
+        } else if opens(tag) {
             depth += 1;
             deepest = deepest.max(depth);
         }
@@ -18,11 +18,7 @@ pub(crate) fn depth(text: &str) -> usize {
 /// What is wrong first with how elements open and close, and its line. The parser reads a text of its own making,
 /// whose lines are others.
 pub(crate) fn unbalanced(text: &str) -> Option<(usize, String)> {
-    let line = |tag: &str| {
-        // Tags are parts of the text.
-        let at = tag.as_ptr() as usize - text.as_ptr() as usize;
-        1 + text[..at].matches('\n').count()
-    };
+    let line = |tag: &str| line(text, place(text, tag));
     let mut open: Vec<&str> = Vec::new();
     for tag in tags(text) {
         if !tag.ends_with('>') {
@@ -38,12 +34,66 @@ pub(crate) fn unbalanced(text: &str) -> Option<(usize, String)> {
                 }
                 None => return Some((line(tag), format!("</{closed}> closes nothing"))),
             }
-        } else if !(tag.starts_with("<?") || tag.starts_with("<!") || tag.ends_with("/>")) {
+        } else if opens(tag) {
             open.push(tag);
         }
     }
     let opened = open.pop()?;
     Some((line(opened), format!("<{}> is never closed", name(opened))))
+}
+
+/// An element of the outermost one, as a text of its own.
+pub(crate) struct Child<'a> {
+    /// The line that it begins in.
+    pub(crate) line: usize,
+    /// The name of the element.
+    pub(crate) element: &'a str,
+    /// It alone within the outermost one.
+    pub(crate) alone: String,
+}
+
+/// The elements of the outermost one of a text that is balanced.
+pub(crate) fn children(text: &str) -> Vec<Child<'_>> {
+    let mut found = Vec::new();
+    let mut open: Vec<&str> = Vec::new();
+    for tag in tags(text) {
+        let first = if tag.starts_with("</") {
+            open.pop()
+        } else if opens(tag) {
+            open.push(tag);
+            None
+        } else {
+            tag.ends_with("/>").then_some(tag)
+        };
+        if let (Some(first), [outermost]) = (first, &open[..]) {
+            let begin = place(text, first);
+            let whole = &text[begin..place(text, tag) + tag.len()];
+            found.push(Child {
+                line: line(text, begin),
+                element: name(first),
+                alone: format!("{outermost}{whole}</{}>", name(outermost)),
+            });
+        }
+    }
+    found
+}
+
+/// Whether a tag opens an element that another one closes.
+fn opens(tag: &str) -> bool {
+    !(tag.starts_with("</")
+        || tag.starts_with("<?")
+        || tag.starts_with("<!")
+        || tag.ends_with("/>"))
+}
+
+/// Where a tag, which is a part of the text, begins.
+fn place(text: &str, tag: &str) -> usize {
+    tag.as_ptr() as usize - text.as_ptr() as usize
+}
+
+/// The line of a place in the text.
+fn line(text: &str, at: usize) -> usize {
+    1 + text[..at].matches('\n').count()
 }
 
 /// Name of the element of a tag.
@@ -140,6 +190,20 @@ mod tests {
         for text in ["", "hello", "<a><b/><c d='</e>'></c><!-- <f> --></a>"] {
             assert_eq!(unbalanced(text), None, "{text}");
         }
+    }
+
+    #[test]
+    fn children_are_those_of_the_outermost_element() {
+        let text = "<?xml?>\n<r a='1'>\n <b/>\n <c x='>'><d/>\n </c><!-- <e/> -->\n</r>";
+        let found = children(text);
+        let of = |c: &Child<'_>| (c.line, c.element.to_owned(), c.alone.clone());
+        let expected = [
+            (3, "b", "<r a='1'><b/></r>"),
+            (4, "c", "<r a='1'><c x='>'><d/>\n </c></r>"),
+        ];
+        let expected = expected.map(|(l, e, a)| (l, e.to_owned(), a.to_owned()));
+        assert_eq!(found.iter().map(of).collect::<Vec<_>>(), expected);
+        assert!(children("<r/>").is_empty() && children("").is_empty());
     }
 
     #[test]

@@ -134,7 +134,27 @@ pub(crate) fn parse(text: &str, origin: &str) -> Result<urdf_rs::Robot, RobotErr
     if let Some((line, problem)) = tags::unbalanced(text) {
         return Err(invalid(format!("line {line}: {problem}")));
     }
-    urdf_rs::read_from_string(text).map_err(|e| invalid(e.to_string()))
+    urdf_rs::read_from_string(text).map_err(|e| {
+        let reason = reason(&e);
+        invalid(first_broken(text).unwrap_or(reason))
+    })
+}
+
+/// Where the first link or joint that cannot be read begins, and why: the parser does not tell where.
+fn first_broken(text: &str) -> Option<String> {
+    tags::children(text).iter().find_map(|child| {
+        let reason = reason(&urdf_rs::read_from_string(&child.alone).err()?);
+        Some(format!(
+            "<{}> of line {}: {reason}",
+            child.element, child.line
+        ))
+    })
+}
+
+/// What the parser says.
+fn reason(error: &urdf_rs::UrdfError) -> String {
+    let says = error.to_string();
+    says.strip_prefix("custom: ").unwrap_or(&says).to_owned()
 }
 
 fn read(

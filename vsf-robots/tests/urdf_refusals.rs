@@ -51,6 +51,32 @@ fn collision(geometry: &str) -> String {
     ))
 }
 
+/// The parser tells neither a line nor an element.
+#[test]
+fn what_cannot_be_read_has_an_element_and_a_line() {
+    for (text, says) in [
+        (
+            joint("revolute", "<axis xyz=\"0 1\"/>"),
+            "<joint> of line 2: Wrong vector element count, expected 3 found 2",
+        ),
+        (
+            joint("revolte", ""),
+            "<joint> of line 2: unknown variant `revolte`",
+        ),
+        (
+            inertial("heavy", "1", "0"),
+            "<link> of line 1: invalid float literal",
+        ),
+        (
+            "<robot name=\"r\">\n<link name=\"a\"/>\n\n<joint type=\"fixed\"/></robot>".to_owned(),
+            "<joint> of line 4: missing field",
+        ),
+    ] {
+        let error = parse(&text).unwrap_err().to_string();
+        assert!(error.contains(says), "{error}");
+    }
+}
+
 #[test]
 fn text_that_is_not_urdf() {
     for text in [
