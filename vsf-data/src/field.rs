@@ -483,7 +483,7 @@ pub(crate) fn is_folder(path: &Path) -> bool {
 }
 
 fn has_extension(path: &Path, extension: &str) -> bool {
-    path.extension().is_some_and(|e| e == extension)
+    (path.extension()).is_some_and(|e| e.eq_ignore_ascii_case(extension))
 }
 
 fn check_rows(path: &Path, got: usize, points: usize) -> Result<(), DataError> {

@@ -251,6 +251,14 @@ fn lines_that_cannot_be_samples_are_named() {
             "line 3: 4 cells below 5 titles",
         ),
         (
+            changed("0.1,-0.1", "0.1,\"-0.1"),
+            "line 3: a quote (\") is opened and not closed",
+        ),
+        (
+            changed("tau_elbow", "\"tau_elbow"),
+            "line 1: a quote (\") is opened and not closed",
+        ),
+        (
             changed("-0.2", "-0.2 rad"),
             "line 4 column \"q_elbow\": \"-0.2 rad\" is not a number",
         ),

@@ -298,7 +298,7 @@ fn other_types_are_refused() {
 fn bags_in_several_files_are_one_recording() {
     let folder = tempfile::tempdir().unwrap();
     let whole = states();
-    for (name, part) in [("bag_2.mcap", &whole[..1]), ("bag_10.mcap", &whole[1..])] {
+    for (name, part) in [("bag_2.mcap", &whole[..1]), ("bag_10.MCAP", &whole[1..])] {
         bag(&folder.path().join(name), None, part);
     }
     fs::write(folder.path().join("metadata.yaml"), "").unwrap();
@@ -306,7 +306,7 @@ fn bags_in_several_files_are_one_recording() {
     dataset.name = "touch".to_owned();
     assert_eq!(dataset, recorded(&whole).unwrap().0);
 
-    let files = ["bag_10.mcap", "bag_2.mcap"].map(|name| folder.path().join(name));
+    let files = ["bag_10.MCAP", "bag_2.mcap"].map(|name| folder.path().join(name));
     let log = JointLog::open(&files, None, Clock::Header).unwrap();
     let error = log
         .recording(&arm_measured(), &arm(), None)

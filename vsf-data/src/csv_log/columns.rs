@@ -131,6 +131,11 @@ impl Columns {
         (self.joints.iter()).map(move |joint| joint.columns[quantity as usize])
     }
 
+    /// How many there are.
+    pub fn count(&self) -> usize {
+        self.titles.len()
+    }
+
     /// The title of what is measured of a joint, or what is wrong if it has no such column.
     pub fn title_of(&self, joint: usize, quantity: Quantity) -> Result<&str, String> {
         let Joint { name, columns } = &self.joints[joint];

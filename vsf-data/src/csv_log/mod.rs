@@ -59,8 +59,10 @@ impl<'a> CsvLog<'a> {
         let mut reader = ReaderBuilder::new()
             .delimiter(separator(path).unwrap_or(b','))
             .trim(Trim::All)
+            .flexible(true)
             .from_reader(file);
         let titles = reader.headers().map_err(|e| damaged(path, e))?;
+        check_cells(path, titles, titles.len())?;
         if titles.is_empty() {
             return Err(DataError::Empty {
                 path: path.to_owned(),
@@ -83,6 +85,7 @@ impl<'a> CsvLog<'a> {
         let mut record = StringRecord::new();
         let mut is_empty = true;
         while (self.reader.read_record(&mut record)).map_err(|e| damaged(self.path, e))? {
+            check_cells(self.path, &record, self.columns.count())?;
             visit(self.line(&record)?)?;
             is_empty = false;
         }
@@ -126,6 +129,23 @@ impl<'a> CsvLog<'a> {
     }
 }
 
+/// Refuses records of fewer or more cells than there are titles, and cells of several lines: a quote that is not closed makes
+/// one cell of all that follows.
+fn check_cells(path: &Path, record: &StringRecord, titles: usize) -> Result<(), DataError> {
+    let problem = if record.iter().any(|cell| cell.contains(['\n', '\r'])) {
+        "a quote (\") is opened and not closed".to_owned()
+    } else if record.len() != titles {
+        format!("{} cells below {titles} titles", record.len())
+    } else {
+        return Ok(());
+    };
+    Err(DataError::CsvLine {
+        path: path.to_owned(),
+        line: record.position().map_or(1, Position::line),
+        problem,
+    })
+}
+
 /// A cell; one that is empty is NaN.
 fn number(text: &str) -> Result<f64, String> {
     match text {
@@ -166,9 +186,6 @@ fn damaged(path: &Path, error: csv::Error) -> DataError {
     let at = error.position().map_or(0, Position::line);
     let problem = match error.into_kind() {
         ErrorKind::Io(source) => return DataError::io("read", path, source),
-        ErrorKind::UnequalLengths {
-            expected_len, len, ..
-        } => format!("{len} cells below {expected_len} titles"),
         ErrorKind::Utf8 { .. } => "not UTF-8 text".to_owned(),
         other => format!("{other:?}"),
     };

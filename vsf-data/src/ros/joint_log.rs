@@ -396,7 +396,7 @@ fn bag(folder: &Path) -> Result<Vec<PathBuf>, DataError> {
     let mut files = files::list(folder)?;
     let ends = |path: &PathBuf, end: &str| {
         let name = path.file_name().unwrap_or_default();
-        name.to_string_lossy().ends_with(end)
+        (name.to_string_lossy().to_ascii_lowercase()).ends_with(end)
     };
     // What rosbag2 compressed is named when it is opened, unless it was unpacked already.
     let end = if files.iter().any(|path| ends(path, ".mcap")) {
