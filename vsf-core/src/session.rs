@@ -105,13 +105,17 @@ where
         Ok(())
     }
 
-    /// A new touch begins within the sequence: contacts are forgotten.
+    /// A new touch begins within the sequence: contacts are forgotten. To be called after motion that the session has not seen,
+    /// as where samples are missing; not where the robot leaves the object and comes back step by step.
     pub fn begin_touch(&mut self) {
         self.contact.reset();
         self.contacts.clear();
     }
 
     /// Moves the robot to `posture`, takes in the `reading` there and updates the belief.
+    ///
+    /// What a reading is, its sensor says. That of joint torques takes the load of the environment on the robot, one number per
+    /// joint (N m or N), without gravity; what actuators read has the other sign and the weight of the arm in it.
     ///
     /// # Errors
     /// A posture or reading of the wrong size or not finite, a reading beyond [`MOST_READING`], a posture of another robot

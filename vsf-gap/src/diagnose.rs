@@ -64,8 +64,26 @@ impl DiagnosisStep {
 
 /// Diagnoses a recording: which of the effects, if any, explains what the nominal model leaves.
 /// `progress` is called at the start of each step. Prediction errors are those of fields at the campaign's own contact
-/// threshold, or at the one that suits the points ([`Campaign::with_suited_fields`], as the command has it). Time: seconds
-/// for a few hundred touched points, minutes for thousands.
+/// threshold, or at the one that suits the points ([`Campaign::with_suited_fields`], as the command has it). `seed` is that of
+/// the bootstrap of intervals. Time: seconds for a few hundred touched points, minutes for thousands.
+///
+/// ```
+/// use vsf_data::{Dataset, Overrides};
+/// use vsf_gap::{Campaign, Corrector, diagnose, effects};
+/// use vsf_pipeline::SceneOptions;
+///
+/// let (recording, _warnings) = Dataset::open("tests/data/unisa_ur10", &Overrides::default())?;
+/// let campaign = Campaign::open(&recording, &SceneOptions::default())?.with_suited_fields();
+/// let sought = effects::named(&["joint_coulomb_friction", "joint_viscous_friction"])?; // or `effects::catalogue()`
+/// let outcome = diagnose(&campaign, &sought, 0, |_step| {})?;
+/// println!("{:?}: {:?}", outcome.diagnosis.verdict.kind, outcome.diagnosis.verdict.effects);
+///
+/// let corrected = outcome.model_file()?.to_json(); // what `--model corrected.json` reads
+/// let corrector = Corrector::new(campaign.site(), campaign.scene(), &outcome.model)?; // the same in a control loop
+/// # assert!(outcome.diagnosis.gap.test_error_corrected < outcome.diagnosis.gap.test_error_nominal);
+/// # assert!(!corrected.is_empty());
+/// # Ok::<(), Box<dyn std::error::Error>>(())
+/// ```
 ///
 /// # Errors
 /// No train sequence, effects whose parameters or starts cannot be, rows that contact cannot take,

@@ -76,8 +76,14 @@ pub(crate) fn next_experiment(
                 None => groups.push((own, vec![&e.effect])),
             }
         }
-        let words = groups.iter().map(|(_, names)| names.join(", "));
-        words.collect::<Vec<_>>().join(" from ")
+        let words: Vec<String> = groups.iter().map(|(_, names)| names.join(", ")).collect();
+        match &words[..] {
+            [one, other] => format!("{one} from {other}"),
+            _ => {
+                let numbered = words.iter().zip(1..).map(|(w, k)| format!("({k}) {w}"));
+                format!("apart {}", numbered.collect::<Vec<_>>().join("; "))
+            }
+        }
     };
     match (best, verdict.kind) {
         (Some((_, probe)), _) => NextExperiment {
@@ -235,6 +241,28 @@ mod tests {
             })
             .contains("another posture")
         );
+    }
+
+    /// Effects that answer alike are one group; more than two groups are numbered.
+    #[test]
+    fn groups_that_an_experiment_tells_apart_are_told() {
+        let why = |effects: &[&str]| {
+            let verdict = verdict(VerdictKind::NotDiagnosable, effects);
+            next(&verdict, &reports(effects), STAGE).why
+        };
+        let two = why(&["torque_bias", "torque_gain"]);
+        assert_eq!(two, "it tells torque_bias from torque_gain");
+        let more = why(&[
+            "damage_softening",
+            "strain_stiffening",
+            "plastic_set",
+            "geometry_padding",
+        ]);
+        assert!(
+            more.starts_with("it tells apart (1) damage_softening"),
+            "{more}"
+        );
+        assert!(more.contains("; (2) ") && more.contains("; (3) "), "{more}");
     }
 
     /// What a field imitates is told from it by another side: with one rail, it is the object that turns.

@@ -98,7 +98,7 @@ fn text(report: &BenchReport, replays: usize) -> String {
     format!(
         "{} rest points, {} contacts at the end of the push, {replays} replays per update\n{}\
          {:.0} steps per second on one thread; over the last {LOADED_STEPS} steps, with {:.0} contacts, {:.0}\n\
-         an update there takes {:.2} times as long as reading its {:.1} MB once at {:.1} GB/s\n",
+         an update with these replays takes {:.2} times as long as reading its {:.1} MB once at {:.1} GB/s\n",
         report.points,
         report.contacts,
         table(&["stage", "median ms", "p99 ms"], &rows),

@@ -72,8 +72,9 @@ pub fn run(args: &Args, console: &Console) -> anyhow::Result<()> {
         None => "in free air".to_owned(),
         Some(threshold) => format!("contact threshold {} mm", number(1e3 * threshold)),
     };
+    let s = if report.sequences == 1 { "" } else { "s" };
     console.report(format!(
-        "wrote {out}: {} sequences, {} samples, {contact}\n",
+        "wrote {out}: {} sequence{s}, {} samples, {contact}\n",
         report.sequences, report.samples,
     ))
 }

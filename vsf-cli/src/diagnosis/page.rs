@@ -255,7 +255,7 @@ fn effects(d: &Diagnosis) -> String {
         html,
         "<p class=\"small\">{}.</p>\n<div class=\"wide\"><table>\n<tr><th>effect</th><th>probability</th>{}\
          <th class=\"words\">joints</th><th class=\"words\">looks like</th></tr>\n{rows}{left}</table></div>\n",
-        headings(&d.gap),
+        headings(d),
         columns.concat()
     );
     html

@@ -56,7 +56,7 @@ fn effects(diagnosis: &Diagnosis, model: &ModelFile) -> String {
             row.resize(header.len(), or_none(None));
             rows.push(row);
         }
-        text += &format!("\neffects ({})\n", headings(&diagnosis.gap));
+        text += &format!("\neffects ({})\n", headings(diagnosis));
         text += &table(&header, &rows);
     }
     for e in fitted(all).filter(|e| e.probability >= LIKELY_ENOUGH) {

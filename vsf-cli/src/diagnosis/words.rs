@@ -125,15 +125,23 @@ pub fn touches(gap: &Gap) -> bool {
 }
 
 /// What the table's headings stand for.
-pub fn headings(gap: &Gap) -> String {
-    let closed = if gap.estimated {
+pub fn headings(diagnosis: &Diagnosis) -> String {
+    let closed = if diagnosis.gap.estimated {
         ""
     } else {
         "; closed: share of the squared errors beyond noise"
     };
+    let hides = |e: &EffectReport| {
+        e.probability >= LIKELY_ENOUGH && e.null_score.is_some_and(|null| e.score < null)
+    };
+    let hidden = if fitted(&diagnosis.effects).any(hides) {
+        "; a probability beside a score below its null is no evidence: it is a share of what the stiffness may hide"
+    } else {
+        ""
+    };
     format!(
         "score: gain of log evidence; null: score that is reached without any effect; test score: gain of log density on \
-         the test sequences{closed}"
+         the test sequences{closed}{hidden}"
     )
 }
 
