@@ -65,7 +65,7 @@ pub enum DataWarning {
         of: usize,
     },
     /// Sequences that neither split lists: neither training nor test uses them.
-    #[error("{}: in no split, not used: {}", path.display(), ids.join(", "))]
+    #[error("{}: in neither split, used only where they are named: {}", path.display(), ids.join(", "))]
     UnassignedSequences {
         /// The metadata file.
         path: PathBuf,

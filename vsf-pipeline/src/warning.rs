@@ -49,6 +49,8 @@ const MOST_SPACINGS: f64 = 4.0;
 const MOST_NIS: f64 = 30.0;
 /// Share of the energy of the readings in contact below which a field explains nothing of them.
 const LEAST_EXPLAINED: f64 = 0.02;
+/// Share of the energy of all readings in contact that a sequence has at least to be judged on its own.
+const LEAST_ENERGY: f64 = 0.1;
 
 /// What looks wrong with the joint positions and velocities: degrees, positions outside the robot's limits,
 /// jumps, missing samples, velocities that are not how fast positions change. Of sequences that [`Sequence::check`] refuses, or
@@ -151,8 +153,8 @@ pub fn fit_warnings(
     misfit.into_iter().collect()
 }
 
-/// What looks wrong with any estimate: a field that explains nothing of the readings that it has learned from. `traces`
-/// are those; of ones that [`Trace::check`] refuses, only that.
+/// What looks wrong with any estimate: a field that explains nothing of the readings that it has learned from, or of some
+/// of their sequences. `traces` are those; of ones that [`Trace::check`] refuses, only that.
 pub fn field_warnings(field: &Belief<f64>, traces: &[Trace]) -> Vec<PipelineWarning> {
     let first = traces.iter().find_map(|t| t.observations.first());
     let channels = first.map_or(0, Observation::dim);
@@ -161,15 +163,35 @@ pub fn field_warnings(field: &Belief<f64>, traces: &[Trace]) -> Vec<PipelineWarn
     if !malformed.is_empty() {
         return malformed;
     }
-    let (mut left, mut all) = (0.0, 0.0);
-    in_contact(field, traces, |reading, predicted| {
-        let pairs = reading.iter().zip(predicted);
-        left += pairs.map(|(y, p)| (y - p).powi(2)).sum::<f64>();
-        all += reading.iter().map(|y| y * y).sum::<f64>();
+    // What is left of each, and what it reads.
+    let of_trace = |trace: &Trace| {
+        let (mut left, mut all) = (0.0, 0.0);
+        in_contact(field, std::slice::from_ref(trace), |reading, predicted| {
+            let pairs = reading.iter().zip(predicted);
+            left += pairs.map(|(y, p)| (y - p).powi(2)).sum::<f64>();
+            all += reading.iter().map(|y| y * y).sum::<f64>();
+        });
+        (left, all)
+    };
+    let sums: Vec<(f64, f64)> = traces.iter().map(of_trace).collect();
+    let total: f64 = sums.iter().map(|(_, all)| all).sum();
+    let share = 1.0 - sums.iter().map(|(left, _)| left).sum::<f64>() / total;
+    if share < LEAST_EXPLAINED {
+        return vec![PipelineWarning::ExplainsNothing { share }];
+    }
+    let judged = traces.iter().zip(&sums).filter_map(|(trace, (left, all))| {
+        let share = 1.0 - left / all;
+        (share < LEAST_EXPLAINED && *all >= LEAST_ENERGY * total).then_some((trace, share))
     });
-    let share = 1.0 - left / all;
-    let nothing = (share < LEAST_EXPLAINED).then_some(PipelineWarning::ExplainsNothing { share });
-    nothing.into_iter().collect()
+    let missed: Vec<(&Trace, f64)> = judged.collect();
+    let warning = missed
+        .first()
+        .map(|(trace, share)| PipelineWarning::ExplainsNothingOf {
+            sequence: trace.id.clone(),
+            share: *share,
+            others: missed.len() - 1,
+        });
+    warning.into_iter().collect()
 }
 
 /// Shows `visit` every reading in contact, and what a field predicts of it.

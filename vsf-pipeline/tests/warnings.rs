@@ -525,6 +525,81 @@ fn fields_that_explain_nothing() {
     assert!(matches!(short[..], [PipelineWarning::Malformed { .. }]));
 }
 
+/// One whose readings are of the other sign, among others.
+#[test]
+fn sequences_that_a_field_explains_nothing_of() {
+    let scene = scene(TorqueKind::External, 0);
+    let belief = Belief::new(vec![150.0; 100], vec![1.0; 100]).unwrap();
+    let warnings = |factor: f64| {
+        let other = Sequence {
+            id: "1".to_owned(),
+            torques: scaled(&touch(&scene).torques, factor),
+            ..touch(&scene)
+        };
+        let right = scene.trace(&touch(&scene)).unwrap();
+        let wrong = scene.trace(&other).unwrap();
+        field_warnings(&belief, &[right.clone(), right.clone(), right, wrong])
+    };
+    let told = warnings(-0.6);
+    assert!(
+        matches!(&told[..], [PipelineWarning::ExplainsNothingOf { sequence, others: 0, .. }] if sequence == "1"),
+        "{told:?}"
+    );
+    assert_eq!(warnings(0.9), []);
+    // Next to nothing was read in it.
+    assert_eq!(warnings(-0.1), []);
+}
+
+/// Of actuators, which read what is right, on a rail that lifts a mass.
+#[test]
+fn masses_of_a_urdf_that_cannot_be() {
+    let told = |mass: f64, read: f64| {
+        let urdf = format!(
+            r#"<robot name="lift"><link name="base"/><link name="tip"><inertial><mass value="{mass}"/>
+            <inertia ixx="0" ixy="0" ixz="0" iyy="0" iyz="0" izz="0"/></inertial></link>
+            <joint name="j" type="prismatic"><parent link="base"/><child link="tip"/><axis xyz="0 0 1"/>
+            <limit lower="-1" upper="1" effort="10" velocity="1"/></joint></robot>"#
+        );
+        let folder = tempfile::tempdir().unwrap();
+        std::fs::write(folder.path().join("lift.urdf"), urdf).unwrap();
+        let robot = RobotRef::resolve("lift.urdf", folder.path()).unwrap();
+        let table = |of: &dyn Fn(f64) -> f64| {
+            let data = (0..50).map(|k| of(f64::from(k) / 50.0)).collect();
+            Table::new(1, data).unwrap()
+        };
+        let time = (0..50).map(|k| f64::from(k) / 50.0).collect();
+        let sequence = Sequence::new("0", time, table(&|t| 0.1 * t), table(&|_| read));
+        let dataset = Dataset {
+            torque_kind: TorqueKind::Measured,
+            ..Dataset::new(robot, vec![sequence.clone()])
+        };
+        let robot = robot_of(&dataset, &Default::default()).unwrap();
+        let scene = Scene::in_air(&dataset, robot).unwrap();
+        let traces = [scene.trace(&sequence).unwrap()];
+        reading_warnings(&scene, &[&sequence], &traces)
+    };
+    let is_heavy = |w: &PipelineWarning| matches!(w, PipelineWarning::HeavyArm { .. });
+    let is_strong = |w: &PipelineWarning| matches!(w, PipelineWarning::BeyondEffort { .. });
+    let is_weightless = |w: &PipelineWarning| matches!(w, PipelineWarning::Weightless { .. });
+    let count = |all: &[PipelineWarning], of: &dyn Fn(&PipelineWarning) -> bool| {
+        all.iter().filter(|w| of(w)).count()
+    };
+    for (mass, read, expected) in [
+        (0.5, 4.9, [0, 0, 0]),
+        (500.0, 4.9, [1, 0, 0]),
+        (0.5, 4900.0, [0, 1, 0]),
+        (0.0, 4.9, [0, 0, 1]),
+    ] {
+        let all = told(mass, read);
+        let found = [
+            count(&all, &is_heavy),
+            count(&all, &is_strong),
+            count(&all, &is_weightless),
+        ];
+        assert_eq!(found, expected, "{mass} {read}: {all:?}");
+    }
+}
+
 /// A payload that is not in the model weighs like the arm, but less.
 #[test]
 fn a_payload_is_no_gravity_left() {

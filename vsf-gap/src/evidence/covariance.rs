@@ -89,7 +89,8 @@ impl Parts {
         let blocks = if design.points.is_empty() && errors.walks.is_empty() {
             windows.rows_of_sequences()
         } else {
-            vec![0..windows.rows()]
+            let all = 0..windows.rows();
+            vec![all]
         };
         Self {
             windows: windows.clone(),

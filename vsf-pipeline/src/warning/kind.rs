@@ -154,11 +154,24 @@ pub enum PipelineWarning {
         /// Further touches of that kind.
         others: usize,
     },
-    /// External torques of more than ten times the joint's effort limit.
+    /// Readings of more than ten times the joint's effort limit.
     #[error(
         "more than ten times the robot's limit of {effort:?} {unit}, check the unit of torques: {outliers}"
     )]
     BeyondEffort {
+        /// The limit.
+        effort: f64,
+        /// `N m` or `N`.
+        unit: &'static str,
+        /// Where.
+        outliers: Outliers,
+    },
+    /// An arm whose own torques, by its URDF and its angles, are more than ten times a joint's effort limit.
+    #[error(
+        "by the URDF the arm itself takes more than ten times its limit of {effort:?} {unit}, check masses, inertias, gravity \
+         and the unit of angles: {outliers}"
+    )]
+    HeavyArm {
         /// The limit.
         effort: f64,
         /// `N m` or `N`.
@@ -538,6 +551,21 @@ pub enum PipelineWarning {
     ExplainsNothing {
         /// Share of the squared readings in contact.
         share: f64,
+    },
+    /// Sequences of which a field explains next to nothing, though it has learned from them and explains others. Only those
+    /// with a tenth of the squared readings at least.
+    #[error(
+        "the field explains {} of the squared readings of sequence {sequence}, from which it has learned, and more of others: \
+         its torques may be those of another sequence or clock than its angles, or the object has moved{}",
+        percent(*share), more(*others, "sequence")
+    )]
+    ExplainsNothingOf {
+        /// The first such sequence.
+        sequence: String,
+        /// Share of its squared readings in contact.
+        share: f64,
+        /// Further sequences of that kind.
+        others: usize,
     },
     /// Samples that tare the sensor, and touch.
     #[error(

@@ -8,7 +8,7 @@ use crate::{Scene, Trace, derivatives_of, reading_unit, rigid_body_torques};
 use nalgebra::DMatrix;
 use vsf_core::Observation;
 use vsf_data::{Derivatives, Sequence, Table, TorqueKind, tare};
-use vsf_robots::Joint;
+use vsf_robots::{Joint, Link};
 
 /// Readings above so many times what the joint can bear are of another unit.
 const MOST_EFFORT: f64 = 10.0;
@@ -43,20 +43,15 @@ pub fn reading_warnings(
     if !malformed.is_empty() {
         return malformed;
     }
-    let rows: Vec<Rows> = (traces.iter())
-        .map(|t| (t.id.as_str(), t.readings().collect()))
+    let motions: Vec<Option<Derivatives>> = (sequences.iter())
+        .map(|s| derivatives_of(scene.robot(), s).ok())
         .collect();
-    let of_joint = |(j, joint): (usize, &Joint)| {
-        let effort = joint.limits().effort;
-        let strong = |tau: f64| tau.abs() > MOST_EFFORT * effort;
-        Some(PipelineWarning::BeyondEffort {
-            effort,
-            unit: reading_unit(joint),
-            outliers: outliers(joint, j, &rows, strong)?,
-        })
-    };
-    let joints = scene.robot().joints().iter().enumerate();
-    let mut warnings: Vec<_> = joints.filter_map(of_joint).collect();
+    // Angles that traces were made of can be taken.
+    let pairs = sequences.iter().zip(&motions);
+    let rigid = pairs.map(|(s, motion)| rigid(scene, s, motion.as_ref()));
+    let rigid: Option<Vec<Table>> = rigid.collect();
+    let rigid = rigid.unwrap_or_default();
+    let mut warnings = beyond_effort(scene, sequences, &rigid);
     warnings.extend(weightless(scene));
     warnings.extend(impossible_inertia(scene));
     let tares = |of: &dyn Fn(&Trace) -> Option<PipelineWarning>| {
@@ -74,14 +69,6 @@ pub fn reading_warnings(
     let spiked = spike.is_some();
     warnings.extend(spike);
     let sensors = sensors::warnings(scene, sequences, traces);
-    let motions: Vec<Option<Derivatives>> = (sequences.iter())
-        .map(|s| derivatives_of(scene.robot(), s).ok())
-        .collect();
-    // Angles that traces were made of can be taken.
-    let pairs = sequences.iter().zip(&motions);
-    let rigid = pairs.map(|(s, motion)| rigid(scene, s, motion.as_ref()));
-    let rigid: Option<Vec<Table>> = rigid.collect();
-    let rigid = rigid.unwrap_or_default();
     let told = |w: &PipelineWarning| {
         use PipelineWarning::{StuckReadings, ZeroReadings};
         matches!(w, StuckReadings { .. } | ZeroReadings { .. })
@@ -111,14 +98,52 @@ pub fn reading_warnings(
     warnings
 }
 
-/// Bodies without mass, where their weight is needed; frames have no shape.
+/// Torques far beyond what joints can bear: that were read, or, of actuators, that the arm itself would take.
+fn beyond_effort(scene: &Scene, sequences: &[&Sequence], rigid: &[Table]) -> Vec<PipelineWarning> {
+    let ids = || sequences.iter().map(|s| s.id.as_str());
+    let read: Vec<Rows> = ids()
+        .zip(sequences.iter().map(|s| s.torques.iter().collect()))
+        .collect();
+    let own: Vec<Rows> = match scene.torque_kind() {
+        TorqueKind::Measured => ids()
+            .zip(rigid.iter().map(|r| r.iter().collect()))
+            .collect(),
+        _ => Vec::new(),
+    };
+    let of_joint = |(j, joint): (usize, &Joint)| {
+        let (effort, unit) = (joint.limits().effort, reading_unit(joint));
+        let strong = |tau: f64| tau.abs() > MOST_EFFORT * effort;
+        let of_arm = || {
+            Some(PipelineWarning::HeavyArm {
+                effort,
+                unit,
+                outliers: outliers(joint, j, &own, strong)?,
+            })
+        };
+        match outliers(joint, j, &read, strong) {
+            Some(outliers) => Some(PipelineWarning::BeyondEffort {
+                effort,
+                unit,
+                outliers,
+            }),
+            None => of_arm(),
+        }
+    };
+    let joints = scene.robot().joints().iter().enumerate();
+    joints.filter_map(of_joint).collect()
+}
+
+/// Bodies without mass, where their weight is needed; frames have no shape, unless nothing of the arm has a mass.
 fn weightless(scene: &Scene) -> Option<PipelineWarning> {
     let robot = scene.robot();
     let colliders = robot.colliders();
-    let is_body = |name: &str| (colliders.iter()).any(|c| robot.links()[c.link].name() == name);
+    let weighs =
+        |(l, link): (usize, &Link)| link.mass() > 0.0 && !robot.chains().chain(l).is_empty();
+    let is_light = !robot.links().iter().enumerate().any(weighs);
+    let has_shape = |name: &str| (colliders.iter()).any(|c| robot.links()[c.link].name() == name);
     let links: Vec<&str> = (robot.links_without_inertia())
         .map(|link| link.name())
-        .filter(|name| is_body(name))
+        .filter(|name| is_light || has_shape(name))
         .collect();
     let needed = scene.torque_kind() == TorqueKind::Measured && !links.is_empty();
     needed.then(|| PipelineWarning::Weightless {
