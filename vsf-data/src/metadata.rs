@@ -66,7 +66,7 @@ pub struct RobotRef {
 
 impl RobotRef {
     /// Understands `given`: the name of a built-in robot, or, when it has a file extension or
-    /// more than one part, or is a dot, the path of a URDF relative to `base`.
+    /// more than one part, or is `.` or `..`, the path of a URDF relative to `base`.
     ///
     /// # Errors
     /// [`DataError::RobotNotFound`] when it is empty, or a path at which there is no file;
@@ -81,7 +81,9 @@ impl RobotRef {
     /// ```
     pub fn resolve(given: &str, base: &Path) -> Result<Self, DataError> {
         let as_path = Path::new(given);
-        let is_path = as_path.extension().is_some() || given.contains(['/', '\\']) || given == ".";
+        let is_path = as_path.extension().is_some()
+            || given.contains(['/', '\\'])
+            || matches!(given, "." | "..");
         let path = base.join(as_path);
         if is_path && path.exists() && !path.is_dir() {
             files::check_kind(&path)?;

@@ -252,11 +252,11 @@ fn lines_that_cannot_be_samples_are_named() {
         ),
         (
             changed("0.1,-0.1", "0.1,\"-0.1"),
-            "line 3: a quote (\") is opened and not closed",
+            "line 3: a cell of several lines; a quote (\") may be opened and not closed",
         ),
         (
             changed("tau_elbow", "\"tau_elbow"),
-            "line 1: a quote (\") is opened and not closed",
+            "line 1: a cell of several lines; a quote (\") may be opened and not closed",
         ),
         (
             changed("-0.2", "-0.2 rad"),

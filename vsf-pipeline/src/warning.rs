@@ -49,7 +49,7 @@ const MOST_SPACINGS: f64 = 4.0;
 const MOST_NIS: f64 = 30.0;
 /// Share of the energy of the readings in contact below which a field explains nothing of them.
 const LEAST_EXPLAINED: f64 = 0.02;
-/// Share of the energy of all readings in contact that a sequence has at least to be judged on its own.
+/// Share of the mean energy of sequences, of readings in contact, that one has at least to be judged on its own.
 const LEAST_ENERGY: f64 = 0.1;
 
 /// What looks wrong with the joint positions and velocities: degrees, positions outside the robot's limits,
@@ -179,9 +179,10 @@ pub fn field_warnings(field: &Belief<f64>, traces: &[Trace]) -> Vec<PipelineWarn
     if share < LEAST_EXPLAINED {
         return vec![PipelineWarning::ExplainsNothing { share }];
     }
+    let count = sums.iter().filter(|(_, all)| *all > 0.0).count() as f64;
     let judged = traces.iter().zip(&sums).filter_map(|(trace, (left, all))| {
         let share = 1.0 - left / all;
-        (share < LEAST_EXPLAINED && *all >= LEAST_ENERGY * total).then_some((trace, share))
+        (share < LEAST_EXPLAINED && *all * count >= LEAST_ENERGY * total).then_some((trace, share))
     });
     let missed: Vec<(&Trace, f64)> = judged.collect();
     let warning = missed

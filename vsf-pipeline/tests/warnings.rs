@@ -538,7 +538,9 @@ fn sequences_that_a_field_explains_nothing_of() {
         };
         let right = scene.trace(&touch(&scene)).unwrap();
         let wrong = scene.trace(&other).unwrap();
-        field_warnings(&belief, &[right.clone(), right.clone(), right, wrong])
+        let mut traces = vec![right; 11];
+        traces.push(wrong);
+        field_warnings(&belief, &traces)
     };
     let told = warnings(-0.6);
     assert!(

@@ -42,14 +42,30 @@ pub(crate) fn unbalanced(text: &str) -> Option<(usize, String)> {
     Some((line(opened), format!("<{}> is never closed", name(opened))))
 }
 
-/// An element of the outermost one, as a text of its own.
+/// An element of the outermost one.
 pub(crate) struct Child<'a> {
-    /// The line that it begins in.
-    pub(crate) line: usize,
+    /// Its text.
+    whole: &'a str,
+    /// The tag that opens the outermost one.
+    outermost: &'a str,
+}
+
+impl<'a> Child<'a> {
     /// The name of the element.
-    pub(crate) element: &'a str,
-    /// It alone within the outermost one.
-    pub(crate) alone: String,
+    pub(crate) fn name(&self) -> &'a str {
+        name(self.whole)
+    }
+
+    /// The line of the whole text that it begins in.
+    pub(crate) fn line(&self, text: &str) -> usize {
+        line(text, place(text, self.whole))
+    }
+
+    /// It alone within the outermost one, as a text.
+    pub(crate) fn alone(&self) -> String {
+        let Self { whole, outermost } = self;
+        format!("{outermost}{whole}</{}>", name(outermost))
+    }
 }
 
 /// The elements of the outermost one of a text that is balanced.
@@ -68,11 +84,7 @@ pub(crate) fn children(text: &str) -> Vec<Child<'_>> {
         if let (Some(first), [outermost]) = (first, &open[..]) {
             let begin = place(text, first);
             let whole = &text[begin..place(text, tag) + tag.len()];
-            found.push(Child {
-                line: line(text, begin),
-                element: name(first),
-                alone: format!("{outermost}{whole}</{}>", name(outermost)),
-            });
+            found.push(Child { whole, outermost });
         }
     }
     found
@@ -86,9 +98,9 @@ fn opens(tag: &str) -> bool {
         || tag.ends_with("/>"))
 }
 
-/// Where a tag, which is a part of the text, begins.
-fn place(text: &str, tag: &str) -> usize {
-    tag.as_ptr() as usize - text.as_ptr() as usize
+/// Where a part of the text begins.
+fn place(text: &str, part: &str) -> usize {
+    part.as_ptr() as usize - text.as_ptr() as usize
 }
 
 /// The line of a place in the text.
@@ -196,7 +208,7 @@ mod tests {
     fn children_are_those_of_the_outermost_element() {
         let text = "<?xml?>\n<r a='1'>\n <b/>\n <c x='>'><d/>\n </c><!-- <e/> -->\n</r>";
         let found = children(text);
-        let of = |c: &Child<'_>| (c.line, c.element.to_owned(), c.alone.clone());
+        let of = |c: &Child<'_>| (c.line(text), c.name().to_owned(), c.alone());
         let expected = [
             (3, "b", "<r a='1'><b/></r>"),
             (4, "c", "<r a='1'><c x='>'><d/>\n </c></r>"),

@@ -11,6 +11,9 @@ use vsf_core::Shape;
 const MAX_NESTING: usize = 100;
 /// Longest file that is read \[bytes\], far beyond any URDF.
 const MAX_LENGTH: u64 = 64 << 20;
+/// Bytes and elements in which what is broken is searched for, element by element.
+const MOST_SEARCHED: usize = 16 << 20;
+const MOST_CHILDREN: usize = 10_000;
 
 /// What to do with `<mesh>` collision shapes.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
@@ -135,26 +138,32 @@ pub(crate) fn parse(text: &str, origin: &str) -> Result<urdf_rs::Robot, RobotErr
         return Err(invalid(format!("line {line}: {problem}")));
     }
     urdf_rs::read_from_string(text).map_err(|e| {
-        let reason = reason(&e);
-        invalid(first_broken(text).unwrap_or(reason))
+        let says = e.to_string();
+        invalid(match says.strip_prefix("custom: ") {
+            // Of what it has no line for.
+            Some(reason) => first_broken(text).unwrap_or_else(|| reason.to_owned()),
+            None => says,
+        })
     })
 }
 
 /// Where the first link or joint that cannot be read begins, and why: the parser does not tell where.
 fn first_broken(text: &str) -> Option<String> {
-    tags::children(text).iter().find_map(|child| {
-        let reason = reason(&urdf_rs::read_from_string(&child.alone).err()?);
-        Some(format!(
-            "<{}> of line {}: {reason}",
-            child.element, child.line
-        ))
-    })
-}
-
-/// What the parser says.
-fn reason(error: &urdf_rs::UrdfError) -> String {
-    let says = error.to_string();
-    says.strip_prefix("custom: ").unwrap_or(&says).to_owned()
+    let mut left = MOST_SEARCHED;
+    for child in tags::children(text).iter().take(MOST_CHILDREN) {
+        let alone = child.alone();
+        left = left.checked_sub(alone.len())?;
+        if let Err(error) = urdf_rs::read_from_string(&alone) {
+            let says = error.to_string();
+            let reason = says.strip_prefix("custom: ")?;
+            return Some(format!(
+                "<{}> of line {}: {reason}",
+                child.name(),
+                child.line(text)
+            ));
+        }
+    }
+    None
 }
 
 fn read(

@@ -75,6 +75,18 @@ fn what_cannot_be_read_has_an_element_and_a_line() {
         let error = parse(&text).unwrap_err().to_string();
         assert!(error.contains(says), "{error}");
     }
+    // The parser tells a line.
+    let unquoted = "<robot name=\"r\">\n\n<link name=a/></robot>";
+    let unquoted = parse(unquoted).unwrap_err().to_string();
+    assert!(unquoted.contains("Line: 3"), "{unquoted}");
+    // Too many elements to look at each.
+    let many = "<link name=\"a\"/>\n".repeat(20_000);
+    let many = format!("<robot name=\"r\">{many}<joint type=\"fixed\"/></robot>");
+    let many = parse(&many).unwrap_err().to_string();
+    assert!(
+        many.contains("missing field") && !many.contains("of line"),
+        "{many}"
+    );
 }
 
 #[test]

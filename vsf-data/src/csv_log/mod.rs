@@ -129,11 +129,11 @@ impl<'a> CsvLog<'a> {
     }
 }
 
-/// Refuses records of fewer or more cells than there are titles, and cells of several lines: a quote that is not closed makes
-/// one cell of all that follows.
+/// Refuses records of fewer or more cells than there are titles, and cells of several lines, which no number has: a quote that is
+/// not closed makes one cell of all that follows.
 fn check_cells(path: &Path, record: &StringRecord, titles: usize) -> Result<(), DataError> {
     let problem = if record.iter().any(|cell| cell.contains(['\n', '\r'])) {
-        "a quote (\") is opened and not closed".to_owned()
+        "a cell of several lines; a quote (\") may be opened and not closed".to_owned()
     } else if record.len() != titles {
         format!("{} cells below {titles} titles", record.len())
     } else {

@@ -504,7 +504,7 @@ pub enum PipelineWarning {
     },
     /// Links without inertia, of an arm whose own torques are taken off the readings.
     #[error(
-        "links without <inertial> count as weightless, and torque_kind measured needs their weight: {links}; give \
+        "links without mass count as weightless, and torque_kind measured needs their weight: {links}; give \
          them mass and inertia in the URDF"
     )]
     Weightless {
@@ -553,7 +553,7 @@ pub enum PipelineWarning {
         share: f64,
     },
     /// Sequences of which a field explains next to nothing, though it has learned from them and explains others. Only those
-    /// with a tenth of the squared readings at least.
+    /// with a tenth of the squared readings of the mean sequence at least.
     #[error(
         "the field explains {} of the squared readings of sequence {sequence}, from which it has learned, and more of others: \
          its torques may be those of another sequence or clock than its angles, or the object has moved{}",

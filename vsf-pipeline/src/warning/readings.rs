@@ -133,7 +133,7 @@ fn beyond_effort(scene: &Scene, sequences: &[&Sequence], rigid: &[Table]) -> Vec
     joints.filter_map(of_joint).collect()
 }
 
-/// Bodies without mass, where their weight is needed; frames have no shape, unless nothing of the arm has a mass.
+/// Bodies without mass, where their weight is needed; frames have no shape. Of an arm without any shapes, all where none has a mass.
 fn weightless(scene: &Scene) -> Option<PipelineWarning> {
     let robot = scene.robot();
     let colliders = robot.colliders();
@@ -143,7 +143,7 @@ fn weightless(scene: &Scene) -> Option<PipelineWarning> {
     let has_shape = |name: &str| (colliders.iter()).any(|c| robot.links()[c.link].name() == name);
     let links: Vec<&str> = (robot.links_without_inertia())
         .map(|link| link.name())
-        .filter(|name| is_light || has_shape(name))
+        .filter(|name| is_light && colliders.is_empty() || has_shape(name))
         .collect();
     let needed = scene.torque_kind() == TorqueKind::Measured && !links.is_empty();
     needed.then(|| PipelineWarning::Weightless {
