@@ -213,6 +213,11 @@ pub fn table(header: &[&str], rows: &[Vec<String>]) -> String {
     text
 }
 
+/// What the name of so many things ends in.
+pub fn plural(count: usize) -> &'static str {
+    if count == 1 { "" } else { "s" }
+}
+
 /// Four significant digits.
 pub fn number(value: f64) -> String {
     if value == 0.0 || !value.is_finite() {

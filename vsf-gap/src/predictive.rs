@@ -1,7 +1,7 @@
 //! What readings of a fitted model tell of further ones: predictive densities, and what its innovations say of the model.
 
 use crate::evidence::{Factor, Spread, outer};
-use crate::fitted::{Fitted, log_density, whitened};
+use crate::fitted::{Fitted, whitened};
 use crate::refine::Refined;
 use crate::screen::{best_of, log_mean_exp};
 use crate::spread_search::CONTACT;
@@ -134,9 +134,8 @@ impl<'a> TestDensity<'a> {
     /// A covariance that is not positive definite.
     pub(crate) fn surprise(&self, spread: &Spread) -> Result<Option<f64>, GapError> {
         let (order, given) = self.given_first();
-        let values: Vec<f64> = order.iter().map(|row| self.rest[*row]).collect();
-        let factor = Factor::new(part(&self.covariance(spread), &order))?;
-        let left = whitened(&values, &factor).split_off(given);
+        let (mut white, _) = whitened_in(&self.rest, &self.covariance(spread), &order)?;
+        let left = white.split_off(given);
         let squares: f64 = left.iter().map(|y| y * y).sum();
         Ok((!left.is_empty()).then(|| (squares / left.len() as f64).sqrt()))
     }
@@ -200,8 +199,7 @@ impl Fitted<'_> {
 
 /// Log of the density of the values of mean zero in some rows, without constants; of `covariance` the lower half.
 fn log_density_of(values: &[f64], covariance: &Mat<f64>, rows: &[usize]) -> Result<f64, GapError> {
-    let own: Vec<f64> = rows.iter().map(|row| values[*row]).collect();
-    Ok(log_density(&own, &Factor::new(part(covariance, rows))?))
+    Ok(log_densities(values, covariance, rows, rows.len())?.0)
 }
 
 /// The lower half of a covariance in some rows, in their order; of `covariance` the lower half.
@@ -215,6 +213,17 @@ fn part(covariance: &Mat<f64>, rows: &[usize]) -> Mat<f64> {
     })
 }
 
+/// The values in some rows, in their order, whitened, and the factor of their covariance; of `covariance` the lower half.
+fn whitened_in(
+    values: &[f64],
+    covariance: &Mat<f64>,
+    rows: &[usize],
+) -> Result<(Vec<f64>, Factor), GapError> {
+    let own: Vec<f64> = rows.iter().map(|row| values[*row]).collect();
+    let factor = Factor::new(part(covariance, rows))?;
+    Ok((whitened(&own, &factor), factor))
+}
+
 /// Log of the density of all values of mean zero, in the rows of `order`, and of so many first ones, without constants.
 fn log_densities(
     values: &[f64],
@@ -222,9 +231,7 @@ fn log_densities(
     order: &[usize],
     given: usize,
 ) -> Result<(f64, f64), GapError> {
-    let own: Vec<f64> = order.iter().map(|row| values[*row]).collect();
-    let factor = Factor::new(part(covariance, order))?;
-    let white = whitened(&own, &factor);
+    let (white, factor) = whitened_in(values, covariance, order)?;
     let of = |rows: usize| {
         let squares: f64 = white[..rows].iter().map(|y| y * y).sum();
         -0.5 * (factor.log_det_of(rows) + squares)

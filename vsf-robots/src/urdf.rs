@@ -138,13 +138,17 @@ pub(crate) fn parse(text: &str, origin: &str) -> Result<urdf_rs::Robot, RobotErr
         return Err(invalid(format!("line {line}: {problem}")));
     }
     urdf_rs::read_from_string(text).map_err(|e| {
-        let says = e.to_string();
-        invalid(match says.strip_prefix("custom: ") {
-            // Of what it has no line for.
-            Some(reason) => first_broken(text).unwrap_or_else(|| reason.to_owned()),
-            None => says,
+        invalid(match unplaced(&e) {
+            Some(reason) => first_broken(text).unwrap_or(reason),
+            None => e.to_string(),
         })
     })
+}
+
+/// What the parser says of an error that it has no line for.
+fn unplaced(error: &urdf_rs::UrdfError) -> Option<String> {
+    let says = error.to_string();
+    says.strip_prefix("custom: ").map(str::to_owned)
 }
 
 /// Where the first link or joint that cannot be read begins, and why: the parser does not tell where.
@@ -154,13 +158,8 @@ fn first_broken(text: &str) -> Option<String> {
         let alone = child.alone();
         left = left.checked_sub(alone.len())?;
         if let Err(error) = urdf_rs::read_from_string(&alone) {
-            let says = error.to_string();
-            let reason = says.strip_prefix("custom: ")?;
-            return Some(format!(
-                "<{}> of line {}: {reason}",
-                child.name(),
-                child.line(text)
-            ));
+            let (name, line, reason) = (child.name(), child.line(text), unplaced(&error)?);
+            return Some(format!("<{name}> of line {line}: {reason}"));
         }
     }
     None

@@ -1,4 +1,4 @@
-use crate::console::{Console, write_file};
+use crate::console::{Console, plural, write_file};
 use crate::exit::usage;
 use crate::file_kind::FileKind;
 use crate::outputs::place;
@@ -104,7 +104,7 @@ pub fn run(args: &Args, console: &Console) -> anyhow::Result<()> {
     write_file(&args.out, learned.to_json().as_bytes())?;
     let (objects, points) = learned.learned_from();
     let out = args.out.to_string_lossy();
-    let s = if objects == 1 { "" } else { "s" };
+    let s = plural(objects);
     let text =
         format!("learned from {points} touched points of {objects} object{s}\nwrote {out}\n");
     console.json(&Report {

@@ -1,4 +1,4 @@
-use crate::console::Console;
+use crate::console::{Console, plural};
 use crate::corrected::Modeled;
 use crate::derived::{PREDICTED, derived, deviations_of, save};
 use crate::recording::{FieldArgs, SplitPart};
@@ -91,7 +91,7 @@ pub fn run(args: &Args, console: &Console) -> anyhow::Result<()> {
     } else {
         "torques.npy and torques_sd.npy"
     };
-    let s = if count == 1 { "" } else { "s" };
+    let s = plural(count);
     console.report(format!("wrote {out}: {files} of {count} sequence{s}\n"))
 }
 

@@ -1,4 +1,4 @@
-use crate::console::{Console, number};
+use crate::console::{Console, number, plural};
 use crate::derived::{SIMULATED, derived, save};
 use crate::range::scatter;
 use crate::recording::{FieldArgs, SplitPart, untouched};
@@ -72,7 +72,7 @@ pub fn run(args: &Args, console: &Console) -> anyhow::Result<()> {
         None => "in free air".to_owned(),
         Some(threshold) => format!("contact threshold {} mm", number(1e3 * threshold)),
     };
-    let s = if report.sequences == 1 { "" } else { "s" };
+    let s = plural(report.sequences);
     console.report(format!(
         "wrote {out}: {} sequence{s}, {} samples, {contact}\n",
         report.sequences, report.samples,

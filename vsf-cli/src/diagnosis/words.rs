@@ -135,7 +135,7 @@ pub fn headings(diagnosis: &Diagnosis) -> String {
         e.probability >= LIKELY_ENOUGH && e.null_score.is_some_and(|null| e.score < null)
     };
     let verdict = &diagnosis.verdict;
-    let is_spread = matches!(verdict.kind, VerdictKind::NoGap) && verdict.hidden > 0.0;
+    let is_spread = verdict.kind == VerdictKind::NoGap && verdict.hidden > 0.0;
     let hidden = if is_spread && fitted(&diagnosis.effects).any(hides) {
         "; a probability beside a score below its null is hardly evidence, but a share of what the stiffness may hide"
     } else {

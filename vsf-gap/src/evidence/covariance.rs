@@ -137,22 +137,16 @@ impl Parts {
             spread.level * spread.level,
         );
         let mut c = Mat::zeros(n, n);
-        let touched = if self.smooth.ncols() > 0 {
-            &self.blocks[..]
-        } else {
-            &[]
-        };
-        for block in touched {
-            for col in block.clone() {
-                let (a, b, l) = (
-                    self.points.col_as_slice(col),
-                    self.smooth.col_as_slice(col),
-                    level * self.level[col],
-                );
-                let out = c.col_as_slice_mut(col);
-                for row in col..block.end {
-                    out[row] = point * a[row] + smooth * b[row] + l * self.level[row];
-                }
+        // None where nothing is touched.
+        for col in 0..self.smooth.ncols() {
+            let (a, b, l) = (
+                self.points.col_as_slice(col),
+                self.smooth.col_as_slice(col),
+                level * self.level[col],
+            );
+            let out = c.col_as_slice_mut(col);
+            for row in col..n {
+                out[row] = point * a[row] + smooth * b[row] + l * self.level[row];
             }
         }
         for &(row, col, value) in &self.errors.noise {

@@ -113,21 +113,19 @@ fn beyond_effort(scene: &Scene, sequences: &[&Sequence], rigid: &[Table]) -> Vec
     let of_joint = |(j, joint): (usize, &Joint)| {
         let (effort, unit) = (joint.limits().effort, reading_unit(joint));
         let strong = |tau: f64| tau.abs() > MOST_EFFORT * effort;
-        let of_arm = || {
+        let read =
+            outliers(joint, j, &read, strong).map(|outliers| PipelineWarning::BeyondEffort {
+                effort,
+                unit,
+                outliers,
+            });
+        read.or_else(|| {
             Some(PipelineWarning::HeavyArm {
                 effort,
                 unit,
                 outliers: outliers(joint, j, &own, strong)?,
             })
-        };
-        match outliers(joint, j, &read, strong) {
-            Some(outliers) => Some(PipelineWarning::BeyondEffort {
-                effort,
-                unit,
-                outliers,
-            }),
-            None => of_arm(),
-        }
+        })
     };
     let joints = scene.robot().joints().iter().enumerate();
     joints.filter_map(of_joint).collect()
