@@ -86,7 +86,7 @@ impl WindingTree {
         if self.clusters.is_empty() {
             return 0.0;
         }
-        let mut sum = 0.0;
+        let (mut sum, mut near) = (0.0, Angles::default());
         // The tree halves its triangles, so that its depth stays below 32.
         let mut stack = [0usize; 40];
         let mut top = 1;
@@ -99,15 +99,25 @@ impl WindingTree {
             if distance_squared > (FAR * c.radius).powi(2) {
                 sum += c.expansion(&r, distance_squared);
             } else if c.second_child == 0 {
-                let near = &self.triangles[c.first..c.first + c.len];
-                sum += c.times * near.iter().map(|t| solid_angle(t, p)).sum::<f64>();
+                let triangles = &self.triangles[c.first..c.first + c.len];
+                if c.times == 1.0 {
+                    triangles
+                        .iter()
+                        .for_each(|t| near.add(half_solid_angle(t, p)));
+                } else {
+                    let mut once = Angles::default();
+                    triangles
+                        .iter()
+                        .for_each(|t| once.add(half_solid_angle(t, p)));
+                    sum += c.times * 2.0 * once.sum();
+                }
             } else {
                 stack[top] = id + 1;
                 stack[top + 1] = c.second_child;
                 top += 2;
             }
         }
-        sum / (4.0 * PI)
+        (sum + 2.0 * near.sum()) / (4.0 * PI)
     }
 }
 
@@ -174,18 +184,74 @@ fn centroid(t: &Triangle) -> Point3<f64> {
     Point3::from((t[0].coords + t[1].coords + t[2].coords) / 3.0)
 }
 
-/// Signed solid angle of a triangle (van Oosterom, Strackee 1983, doi:10.1109/TBME.1983.325207).
-fn solid_angle(t: &Triangle, p: &Point3<f64>) -> f64 {
+/// Half the signed solid angle of a triangle, the angle of the complex number that is returned (van Oosterom, Strackee 1983,
+/// doi:10.1109/TBME.1983.325207).
+fn half_solid_angle(t: &Triangle, p: &Point3<f64>) -> [f64; 2] {
     let [a, b, c] = [t[0] - p, t[1] - p, t[2] - p];
     let (la, lb, lc) = (a.norm(), b.norm(), c.norm());
     let volume = a.dot(&b.cross(&c));
     let scale = la * lb * lc + a.dot(&b) * lc + b.dot(&c) * la + c.dot(&a) * lb;
-    2.0 * volume.atan2(scale)
+    [scale, volume]
+}
+
+/// A sum of angles of complex numbers: that of their product, and the turns that it loses. One arctangent for all of them.
+struct Angles {
+    product: [f64; 2],
+    turns: f64,
+}
+
+impl Default for Angles {
+    fn default() -> Self {
+        Self {
+            product: [1.0, 0.0],
+            turns: 0.0,
+        }
+    }
+}
+
+impl Angles {
+    /// Adds the angle of a number, from -pi to pi; zero has none.
+    #[inline]
+    fn add(&mut self, [x, y]: [f64; 2]) {
+        let [a, b] = self.product;
+        let (re, im) = (a * x - b * y, a * y + b * x);
+        let size = re.abs() + im.abs();
+        if !(size > 0.0 && size.is_finite()) {
+            return;
+        }
+        // An angle of at most half a turn leaves the side that it is on by way of pi alone.
+        let (forward, above) = (y.is_sign_positive(), b.is_sign_positive());
+        if forward && above && im < 0.0 {
+            self.turns += 1.0;
+        } else if !forward && !above && im > 0.0 {
+            self.turns -= 1.0;
+        }
+        self.product = [re / size, im / size];
+    }
+
+    fn sum(&self) -> f64 {
+        let [x, y] = self.product;
+        y.atan2(x) + 2.0 * PI * self.turns
+    }
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
+    use proptest::prelude::*;
+
+    proptest! {
+        #[test]
+        fn val_angles_of_products(angles in prop::collection::vec((-PI..PI, 1e-12..1e3), 0..300)) {
+            let mut sum = Angles::default();
+            sum.add([0.0, 0.0]);
+            angles.iter().for_each(|(angle, size): &(f64, f64)| {
+                sum.add([size * angle.cos(), size * angle.sin()]);
+            });
+            let expected: f64 = angles.iter().map(|(angle, _)| angle).sum();
+            prop_assert!((sum.sum() - expected).abs() < 1e-11, "{} {expected}", sum.sum());
+        }
+    }
 
     /// A query near a triangle asks all clusters around it, so that copies must not make any.
     #[test]

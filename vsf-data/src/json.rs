@@ -44,14 +44,7 @@ impl<'de, V: Deserialize<'de>> Deserialize<'de> for UniqueMap<V> {
 }
 
 pub(crate) fn parse<T: DeserializeOwned>(path: &Path, bytes: &[u8]) -> Result<T, DataError> {
-    if bytes.starts_with(b"\xef\xbb\xbf") {
-        return Err(DataError::Json {
-            path: path.to_owned(),
-            line: 1,
-            column: 1,
-            problem: "a byte order mark; save it as UTF-8 without one".to_owned(),
-        });
-    }
+    check_text(path, bytes)?;
     let mut text = serde_json::Deserializer::from_slice(bytes);
     let value = serde_path_to_error::deserialize(&mut text).map_err(|e| {
         let key = e.path().to_string();
@@ -77,6 +70,31 @@ pub(crate) fn parse<T: DeserializeOwned>(path: &Path, bytes: &[u8]) -> Result<T,
     })?;
     text.end().map_err(|e| failure(path, &e))?;
     Ok(value)
+}
+
+/// UTF-8 without a byte order mark.
+fn check_text(path: &Path, bytes: &[u8]) -> Result<(), DataError> {
+    let (at, problem) = if bytes.starts_with(b"\xef\xbb\xbf") {
+        (0, "a byte order mark; save it as UTF-8 without one")
+    } else if bytes.starts_with(b"\xff\xfe") || bytes.starts_with(b"\xfe\xff") {
+        (0, "UTF-16; save it as UTF-8")
+    } else {
+        match std::str::from_utf8(bytes) {
+            Ok(_) => return Ok(()),
+            Err(e) => (e.valid_up_to(), "not UTF-8 text; save it as UTF-8"),
+        }
+    };
+    let before = &bytes[..at];
+    let begin = before
+        .iter()
+        .rposition(|b| *b == b'\n')
+        .map_or(0, |n| n + 1);
+    Err(DataError::Json {
+        path: path.to_owned(),
+        line: before.iter().filter(|b| **b == b'\n').count() + 1,
+        column: at - begin + 1,
+        problem: problem.to_owned(),
+    })
 }
 
 pub(crate) fn encode<T: Serialize>(path: &Path, value: &T) -> Result<Vec<u8>, DataError> {

@@ -4,6 +4,7 @@
 #![allow(clippy::unwrap_used)]
 #![allow(unsafe_code)]
 
+#[path = "gap/common/mod.rs"]
 mod common;
 
 use common::campaign::{free_arm, plate};

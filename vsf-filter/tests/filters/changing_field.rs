@@ -1,7 +1,5 @@
 //! Memory replay of a field that changes: what past readings still say, and that it is followed.
 
-#![allow(clippy::unwrap_used)]
-
 use crate::common::Probe;
 use nalgebra::{DMatrix, DVector};
 use rand::SeedableRng;

@@ -1,8 +1,6 @@
 //! Every estimator keeps the promises of `vsf_core::Estimator`; one of them is defined here, as a
 //! user of the library would.
 
-#![allow(clippy::unwrap_used)]
-
 use vsf_core::{Belief, CoreError, Estimator, Observation, Scalar, UpdateReport};
 use vsf_filter::{
     DiagonalForm, DiagonalKalman, DualConfig, DualReplay, MemoryReplay, ReplayConfig,

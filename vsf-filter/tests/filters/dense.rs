@@ -1,8 +1,6 @@
 //! The dense filters keep the promises of every estimator, in both precisions; what `f32` costs,
 //! and that threads change nothing.
 
-#![allow(clippy::unwrap_used)]
-
 use nalgebra::Point3;
 use rayon::ThreadPoolBuilder;
 use vsf_core::{Belief, CoreError, Estimator, Noise, Observation, RestPoints, Scalar};

@@ -1,8 +1,6 @@
 //! Replay in dual form: it comes down to the constrained optimum, however often readings are drawn, within
 //! bounded memory.
 
-#![allow(clippy::unwrap_used)]
-
 use crate::common::golden_observations;
 use proptest::prelude::*;
 use rand::SeedableRng;

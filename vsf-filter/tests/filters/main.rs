@@ -1,4 +1,6 @@
-//! Tests of all filters in one program: in several, each would compile them anew.
+//! Tests in one program: in several, each would compile what it takes of the libraries anew.
+
+#![allow(clippy::panic, clippy::unwrap_used)]
 
 mod changing_field;
 mod common;

@@ -1,7 +1,5 @@
 //! Memory replay: determinism, the buffer, errors, consistency.
 
-#![allow(clippy::unwrap_used)]
-
 use crate::common::{Orders, Probe};
 use std::sync::{Arc, Mutex};
 use vsf_core::{Belief, CoreError, Estimator, FilterHealth, Noise, Observation};

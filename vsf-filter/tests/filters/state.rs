@@ -1,8 +1,6 @@
 //! Estimations saved and restored: the continued one is the uninterrupted one, bit for bit, and
 //! states that cannot be are refused.
 
-#![allow(clippy::unwrap_used, clippy::panic)]
-
 use proptest::prelude::*;
 use serde::{Serialize, de::DeserializeOwned};
 use serde_json::{Value, json};

@@ -1,7 +1,5 @@
 //! The batch optimum against an independent solver, brute-force Gaussian conditioning and refits.
 
-#![allow(clippy::unwrap_used)]
-
 use clarabel::algebra::{CscMatrix, MatrixMathMut};
 use clarabel::solver::{
     DefaultSettingsBuilder, DefaultSolver, IPSolver, NonnegativeConeT, SolverStatus,

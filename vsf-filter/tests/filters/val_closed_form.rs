@@ -1,7 +1,5 @@
 //! The diagonal filter against closed forms, and the documented divergence of eq. 7 as printed.
 
-#![allow(clippy::unwrap_used)]
-
 use nalgebra::{DMatrix, DVector};
 use rand::SeedableRng;
 use rand_pcg::Pcg64Mcg;

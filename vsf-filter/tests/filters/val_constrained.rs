@@ -2,8 +2,6 @@
 //! another way (block principal pivoting on all readings at once), and against numbers made by
 //! other software (see `golden/README.md`).
 
-#![allow(clippy::unwrap_used)]
-
 use crate::common::{archive, golden_observations};
 use nalgebra::Point3;
 use ndarray::Array1;

@@ -1,8 +1,6 @@
 //! The dense filters against numbers made by other software (see `golden/README.md`) and against
 //! the closed form of a Gaussian posterior.
 
-#![allow(clippy::unwrap_used)]
-
 use crate::common::{archive, golden_observations};
 use nalgebra::{DMatrix, DVector, Point3};
 use ndarray::Array2;

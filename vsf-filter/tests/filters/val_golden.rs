@@ -1,7 +1,5 @@
 //! The diagonal filter against numbers made by other software (see `golden/README.md`).
 
-#![allow(clippy::unwrap_used)]
-
 use crate::common::{archive, golden_observations};
 use ndarray::{Array1, Array2};
 use ndarray_npy::ReadableElement;

@@ -1,8 +1,6 @@
 //! Outliers: what they do to a filter, and what is left of it under robust noise. Closed forms of
 //! one reading.
 
-#![allow(clippy::unwrap_used)]
-
 use nalgebra::{DMatrix, DVector};
 use proptest::prelude::*;
 use rand::SeedableRng;

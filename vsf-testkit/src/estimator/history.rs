@@ -2,7 +2,7 @@ use super::suite::{Suite, same};
 use crate::Reading;
 use vsf_core::{Belief, CoreError, Estimator, Noise, Observation, Prediction, Scalar};
 
-impl<T: Scalar, E: Estimator<Scalar = T>> Suite<'_, T, E> {
+impl<T: Scalar> Suite<'_, T> {
     pub(super) fn determinism(&self) {
         let readings = self.sequence(self.options.points);
         let first = self.run(self.prior(), &readings);
@@ -159,41 +159,41 @@ impl<T: Scalar, E: Estimator<Scalar = T>> Suite<'_, T, E> {
         let expected = self.afresh(&readings);
         same(estimator.belief(), &expected, "steps before a reset");
     }
+}
 
-    /// A box passes everything on.
-    pub(super) fn boxed(&self)
-    where
-        E: 'static,
-    {
-        let o = &self.options;
-        let mut plain = (self.make)(self.prior());
-        let mut boxed: Box<dyn Estimator<Scalar = T>> = Box::new((self.make)(self.prior()));
-        let (mut a, mut b) = (Prediction::default(), Prediction::default());
-        for (t, reading) in self.sequence(o.points).iter().enumerate() {
-            let obs = reading.observation(o.points).unwrap();
-            plain.predict(&obs, &mut a).unwrap();
-            boxed.predict(&obs, &mut b).unwrap();
-            assert!(a == b, "step {t}: predictions {a:?} and {b:?}");
-            let (a, b) = (plain.update(&obs).unwrap(), boxed.update(&obs).unwrap());
-            assert!(a == b, "step {t}: reports {a:?} and {b:?}");
-            assert_eq!(
-                plain.whitened_residual(),
-                boxed.whitened_residual(),
-                "step {t}"
-            );
-            if t == o.steps / 3 {
-                plain.begin_sequence();
-                boxed.begin_sequence();
-            }
-            if t == o.steps / 2 {
-                let step = T::from_f64(0.1 * o.prior_sd.powi(2));
-                let (a, b) = (plain.diffuse(step), boxed.diffuse(step));
-                assert_eq!(a.is_ok(), b.is_ok(), "step {t}: diffusion {a:?} and {b:?}");
-            }
-            same(boxed.belief(), plain.belief(), "in a box");
+/// A box passes everything on.
+pub(super) fn boxed<T: Scalar, E: Estimator<Scalar = T>>(
+    suite: &Suite<'_, T>,
+    make: &dyn Fn(Belief<T>) -> E,
+) {
+    let o = &suite.options;
+    let mut plain = make(suite.prior());
+    let mut boxed = (suite.make)(suite.prior());
+    let (mut a, mut b) = (Prediction::default(), Prediction::default());
+    for (t, reading) in suite.sequence(o.points).iter().enumerate() {
+        let obs = reading.observation(o.points).unwrap();
+        plain.predict(&obs, &mut a).unwrap();
+        boxed.predict(&obs, &mut b).unwrap();
+        assert!(a == b, "step {t}: predictions {a:?} and {b:?}");
+        let (a, b) = (plain.update(&obs).unwrap(), boxed.update(&obs).unwrap());
+        assert!(a == b, "step {t}: reports {a:?} and {b:?}");
+        assert_eq!(
+            plain.whitened_residual(),
+            boxed.whitened_residual(),
+            "step {t}"
+        );
+        if t == o.steps / 3 {
+            plain.begin_sequence();
+            boxed.begin_sequence();
         }
-        plain.reset(self.prior()).unwrap();
-        boxed.reset(self.prior()).unwrap();
-        same(boxed.belief(), plain.belief(), "reset in a box");
+        if t == o.steps / 2 {
+            let step = T::from_f64(0.1 * o.prior_sd.powi(2));
+            let (a, b) = (plain.diffuse(step), boxed.diffuse(step));
+            assert_eq!(a.is_ok(), b.is_ok(), "step {t}: diffusion {a:?} and {b:?}");
+        }
+        same(boxed.belief(), plain.belief(), "in a box");
     }
+    plain.reset(suite.prior()).unwrap();
+    boxed.reset(suite.prior()).unwrap();
+    same(boxed.belief(), plain.belief(), "reset in a box");
 }

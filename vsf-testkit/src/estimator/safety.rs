@@ -1,7 +1,7 @@
 use super::suite::{Suite, same};
 use vsf_core::{Belief, CoreError, Estimator, Prediction, Scalar};
 
-impl<T: Scalar, E: Estimator<Scalar = T>> Suite<'_, T, E> {
+impl<T: Scalar> Suite<'_, T> {
     pub(super) fn never_negative(&self) {
         let o = &self.options;
         let prior = Belief::uniform(o.points, 0.0, o.prior_sd).unwrap();

@@ -4,7 +4,7 @@ use rand::SeedableRng;
 use rand_pcg::Pcg64Mcg;
 use vsf_core::{Belief, Estimator, Prediction, Scalar, SymmetricFactor};
 
-impl<T: Scalar, E: Estimator<Scalar = T>> Suite<'_, T, E> {
+impl<T: Scalar> Suite<'_, T> {
     pub(super) fn reports(&self) {
         let o = &self.options;
         let mut estimator = (self.make)(self.prior());

@@ -3,12 +3,13 @@ use crate::{LinearWorld, Reading};
 use vsf_core::{Belief, Estimator, Scalar};
 
 /// One maker of estimators and the problems that are posed to what it makes.
-pub(super) struct Suite<'a, T: Scalar, E> {
-    pub(super) make: &'a dyn Fn(Belief<T>) -> E,
+pub(super) struct Suite<'a, T: Scalar> {
+    /// Boxed, so that the problems are compiled once for all estimators.
+    pub(super) make: &'a dyn Fn(Belief<T>) -> Box<dyn Estimator<Scalar = T>>,
     pub(super) options: EstimatorOptions,
 }
 
-impl<T: Scalar, E: Estimator<Scalar = T>> Suite<'_, T, E> {
+impl<T: Scalar> Suite<'_, T> {
     /// A prior that differs from point to point, so that mixed-up points show.
     pub(super) fn prior(&self) -> Belief<T> {
         let o = &self.options;
@@ -30,7 +31,7 @@ impl<T: Scalar, E: Estimator<Scalar = T>> Suite<'_, T, E> {
             .collect()
     }
 
-    pub(super) fn feed(&self, estimator: &mut E, readings: &[Reading]) {
+    pub(super) fn feed(&self, estimator: &mut dyn Estimator<Scalar = T>, readings: &[Reading]) {
         for (t, reading) in readings.iter().enumerate() {
             let obs = reading.observation(self.options.points).unwrap();
             if let Err(error) = estimator.update(&obs) {

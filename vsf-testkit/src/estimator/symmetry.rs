@@ -1,8 +1,8 @@
 use super::suite::Suite;
 use crate::Reading;
-use vsf_core::{Belief, Estimator, Scalar};
+use vsf_core::{Belief, Scalar};
 
-impl<T: Scalar, E: Estimator<Scalar = T>> Suite<'_, T, E> {
+impl<T: Scalar> Suite<'_, T> {
     pub(super) fn permutation(&self) {
         let n = self.options.points;
         let mut scrambled: Vec<usize> = (0..n).collect();

@@ -1,0 +1,67 @@
+//! Every filter by name can take spikes for what they are.
+
+use nalgebra::Point3;
+use vsf_core::{Noise, Observation, RestPoints};
+use vsf_filter::{DiagonalForm, DualConfig, Projection, ReplayConfig, RobustLoss};
+use vsf_pipeline::{EstimatorSpec, FilterSpec, Hyper, PriorShape, Trace, estimate};
+
+const STIFFNESS: f64 = 20.0;
+
+/// A spring pressed by 1 m sixty times; every fifteenth reading is a spike.
+fn trace() -> Trace {
+    let reading = |k: usize| {
+        let tau = if k % 15 == 14 {
+            10.0 * STIFFNESS
+        } else {
+            STIFFNESS
+        };
+        let mut obs = Observation::new(Noise::uniform(1, 1.0).unwrap());
+        obs.rebuild(1, &[0], &[tau], |_, w| w[0] = 1.0).unwrap();
+        obs
+    };
+    Trace {
+        id: "000".to_owned(),
+        time: (0..60).map(f64::from).collect(),
+        observations: (0..60).map(reading).collect(),
+        touches: std::iter::once(0..60).collect(),
+    }
+}
+
+#[test]
+fn val_spikes_hardly_move_a_robust_filter() {
+    let rest = RestPoints::new(vec![Point3::origin()]).unwrap();
+    let hyper = Hyper {
+        prior_sd: 50.0,
+        shape: PriorShape::independent(),
+        noise_sd: vec![0.5],
+    };
+    let replay = |replays| FilterSpec::Replay {
+        form: DiagonalForm::default(),
+        config: ReplayConfig {
+            replays,
+            ..ReplayConfig::default()
+        },
+    };
+    for filter in [
+        FilterSpec::Exact(Projection::Constrained),
+        FilterSpec::Information(Projection::OutputOnly),
+        FilterSpec::Dual(DualConfig::default()),
+        replay(0),
+        replay(20),
+    ] {
+        let error = |robust| {
+            let spec = EstimatorSpec::Online { filter, robust };
+            let found = estimate(&rest, &[trace()], &spec, &hyper, |_| {}).unwrap();
+            (found.belief.mean()[0] - STIFFNESS).abs()
+        };
+        // Dual replay goes from reading to reading where they contradict each other, and ends at any of them.
+        if !matches!(filter, FilterSpec::Dual(_)) {
+            let plain = error(None);
+            assert!(plain > 5.0, "{filter:?}: {plain}");
+        }
+        for loss in [RobustLoss::HUBER, RobustLoss::STUDENT_T] {
+            let robust = error(Some(loss));
+            assert!(robust < 0.5, "{filter:?}, {loss:?}: {robust}");
+        }
+    }
+}

@@ -1,0 +1,770 @@
+//! Recordings with one thing wrong each, and the warning of it.
+
+use nalgebra::Point3;
+use vsf_core::{Belief, FilterHealth, UpdateReport};
+use vsf_data::{Dataset, RobotRef, Sequence, Table, TorqueKind};
+use vsf_pipeline::{
+    PipelineWarning, Scene, SceneOptions, add_noise, field_warnings, fit_warnings, health_warnings,
+    motion_warnings, reading_warnings, robot_of, scene_warnings, simulate, touch_warnings,
+};
+
+const ROWS: usize = 61;
+const SECONDS: f64 = 3.0;
+
+/// An arm of three links along x that swings up into a block above its end and back, by the first joint;
+/// the second one moves a little, the third hardly. Velocities are right, torques zero.
+fn swing() -> Sequence {
+    swing_of(ROWS)
+}
+
+/// The same of so many samples.
+fn swing_of(rows: usize) -> Sequence {
+    let (mut angles, mut velocities) = (Vec::new(), Vec::new());
+    let time: Vec<f64> = (0..rows)
+        .map(|k| SECONDS * k as f64 / (rows - 1) as f64)
+        .collect();
+    let pace = std::f64::consts::TAU / SECONDS;
+    for (k, t) in time.iter().enumerate() {
+        let (sin, cos) = (pace * t).sin_cos();
+        // An encoder that cannot make up its mind.
+        let jitter = if k.is_multiple_of(2) { 1e-4 } else { 0.0 };
+        angles.extend([-0.115 - 0.185 * cos, 0.02 * cos, jitter]);
+        velocities.extend([0.185 * pace * sin, -0.02 * pace * sin, 0.0]);
+    }
+    let table = |data: Vec<f64>| Table::new(3, data).unwrap();
+    Sequence {
+        velocities: Some(table(velocities)),
+        ..Sequence::new("0", time, table(angles), table(vec![0.0; 3 * rows]))
+    }
+}
+
+fn scene(torque_kind: TorqueKind, tare_samples: usize) -> Scene {
+    let block = (0..100).map(|i| {
+        let at = |from: f64, k: usize| from + 0.015 * k as f64;
+        Point3::new(at(0.75, i % 5), at(-0.02, i / 25), at(0.045, i / 5 % 5))
+    });
+    let robot = RobotRef::resolve("planar_arm", ".".as_ref()).unwrap();
+    let dataset = Dataset {
+        torque_kind,
+        tare_samples,
+        rest_points: Some(block.collect()),
+        ..Dataset::new(robot, vec![swing()])
+    };
+    Scene::open(&dataset, &SceneOptions::default()).unwrap()
+}
+
+/// The swing with the readings of an uneven block, as they are recorded.
+fn touch(recorded: &Scene) -> Sequence {
+    let stiffness: Vec<f64> = (0..100).map(|i| 50.0 * f64::from(i % 7)).collect();
+    let traces = [recorded.trace(&swing()).unwrap()];
+    let mut found = simulate(recorded, &stiffness, &[&swing()], &traces).unwrap();
+    add_noise(&mut found, 0.02, 1).unwrap();
+    found.remove(0)
+}
+
+#[test]
+fn links_and_thresholds_that_are_not_in_meters() {
+    let sphere = |radius: f64| {
+        let urdf = format!(
+            r#"<robot name="stick"><link name="base"/><link name="tip"><collision><geometry>
+            <sphere radius="{radius}"/></geometry></collision></link>
+            <joint name="j" type="prismatic"><parent link="base"/><child link="tip"/><axis xyz="1 0 0"/>
+            <limit lower="-1" upper="1" effort="1" velocity="1"/></joint></robot>"#
+        );
+        let folder = tempfile::tempdir().unwrap();
+        std::fs::write(folder.path().join("stick.urdf"), urdf).unwrap();
+        let robot = RobotRef::resolve("stick.urdf", folder.path()).unwrap();
+        let sequence = Sequence::new("0", vec![0.0], zeros(), zeros());
+        let points: Vec<_> = (10..=20)
+            .map(|k| Point3::new(0.01 * f64::from(k), 0.0, 0.0))
+            .collect();
+        let dataset = Dataset {
+            rest_points: Some(points),
+            ..Dataset::new(robot, vec![sequence])
+        };
+        move |threshold: f64| {
+            let mut options = SceneOptions::default();
+            options.contact.threshold = threshold;
+            let _ = &folder;
+            scene_warnings(&Scene::open(&dataset, &options).unwrap())
+        }
+    };
+    fn zeros() -> Table {
+        Table::new(1, vec![0.0]).unwrap()
+    }
+    assert_eq!(sphere(0.02)(0.002), []);
+    let [huge] = &sphere(20.0)(0.002)[..] else {
+        panic!()
+    };
+    assert!(huge.to_string().starts_with("link \"tip\" is 40 m across"));
+    let [huge] = &sphere(1e150)(0.002)[..] else {
+        panic!()
+    };
+    assert!(huge.to_string().contains("is 2.0e150 m across"), "{huge}");
+    // Up to four spacings of the points, 1 cm, or a quarter of the object are no mistake.
+    assert_eq!(sphere(0.02)(0.035), []);
+    let [afar] = &sphere(0.02)(0.05)[..] else {
+        panic!()
+    };
+    let text = "reach 0.05 m beyond the robot's surface, and the object is 0.100 m across";
+    assert!(afar.to_string().contains(text), "{afar}");
+}
+
+fn warned(taken: &Scene, sequence: &Sequence) -> Vec<PipelineWarning> {
+    let traces = [taken.trace(sequence).unwrap()];
+    let in_contact = traces[0].contact_samples();
+    assert!((5..ROWS / 2).contains(&in_contact), "{in_contact}");
+    reading_warnings(taken, &[sequence], &traces)
+}
+
+fn scaled(table: &Table, factor: f64) -> Table {
+    let data = table.data().iter().map(|v| factor * v);
+    Table::new(table.cols(), data.collect()).unwrap()
+}
+
+#[test]
+fn right_readings_are_not_warned_of() {
+    for kind in [TorqueKind::External, TorqueKind::Measured] {
+        for tare_samples in [0, 5] {
+            let scene = scene(kind, tare_samples);
+            assert_eq!(warned(&scene, &touch(&scene)), []);
+        }
+    }
+}
+
+#[test]
+fn torques_of_the_robot_on_the_object() {
+    let scene = scene(TorqueKind::External, 0);
+    let right = touch(&scene);
+    let turned = Sequence {
+        torques: scaled(&right.torques, -1.0),
+        ..right
+    };
+    let warnings = warned(&scene, &turned);
+    assert!(
+        matches!(warnings[..], [PipelineWarning::OppositeTorques { correlation }] if correlation < -0.8),
+        "{warnings:?}"
+    );
+    assert!(warnings[0].to_string().contains("check their sign"));
+}
+
+#[test]
+fn torques_of_the_other_kind() {
+    let (external, measured) = (TorqueKind::External, TorqueKind::Measured);
+    for (was, taken) in [(external, measured), (measured, external)] {
+        for tare_samples in [0, 5] {
+            let taken = scene(taken, tare_samples);
+            let warnings = warned(&taken, &touch(&scene(was, 0)));
+            let found = warnings
+                .iter()
+                .find(|w| matches!(w, PipelineWarning::GravityLeft { size, .. } if (size - 1.0).abs() < 0.05));
+            let text = found.unwrap().to_string();
+            let asks = match was {
+                TorqueKind::External => "check whether they are external",
+                TorqueKind::Measured => "check whether they are measured",
+            };
+            assert!(text.contains(asks), "{text}");
+        }
+    }
+}
+
+/// The readings of the first joint, each of them changed.
+fn first_joint(right: &Sequence, change: impl Fn(f64) -> f64) -> Sequence {
+    let mut changed = right.clone();
+    let rows = changed.torques.data_mut().chunks_exact_mut(3);
+    rows.for_each(|row| row[0] = change(row[0]));
+    changed
+}
+
+#[test]
+fn sensors_that_are_stuck() {
+    for kind in [TorqueKind::External, TorqueKind::Measured] {
+        let scene = scene(kind, 0);
+        let right = touch(&scene);
+        let warnings = warned(&scene, &first_joint(&right, |_| -1.25));
+        let stuck = |w: &PipelineWarning| matches!(w, PipelineWarning::StuckReadings { joint, value, .. } if joint == "joint_1" && *value == -1.25);
+        assert!(warnings.iter().any(stuck), "{warnings:?}");
+        // Nor does it take another joint that moves.
+        let mut all = right.clone();
+        all.torques.data_mut().fill(-1.25);
+        let warnings = warned(&scene, &all);
+        assert!(warnings.iter().any(stuck), "{warnings:?}");
+        // Channels that were not measured are zeros, all of them where nothing was.
+        let zero = |w: &PipelineWarning| matches!(w, PipelineWarning::ZeroReadings { joint } if joint == "joint_1");
+        let none = Sequence {
+            torques: scaled(&right.torques, 0.0),
+            ..right.clone()
+        };
+        for (still, is_one) in [(first_joint(&right, |_| 0.0), true), (none, false)] {
+            let warnings = warned(&scene, &still);
+            let stuck = |w: &PipelineWarning| matches!(w, PipelineWarning::StuckReadings { .. });
+            assert!(!warnings.iter().any(stuck), "{warnings:?}");
+            assert_eq!(warnings.iter().any(zero), is_one, "{warnings:?}");
+        }
+    }
+}
+
+/// In free air the weight of the arm tells: what holds it changes, and a reading does not.
+#[test]
+fn actuators_that_are_still() {
+    let robot = RobotRef::resolve("planar_arm", ".".as_ref()).unwrap();
+    let dataset = Dataset {
+        torque_kind: TorqueKind::Measured,
+        ..Dataset::new(robot, vec![swing()])
+    };
+    let robot = robot_of(&dataset, &Default::default()).unwrap();
+    let arm = Scene::in_air(&dataset, robot).unwrap();
+    let traces = [arm.trace(&swing()).unwrap()];
+    let mut right = simulate(&arm, &[], &[&swing()], &traces).unwrap();
+    add_noise(&mut right, 0.02, 1).unwrap();
+    let right = right.remove(0);
+    let warned = |of: &Sequence| reading_warnings(&arm, &[of], &[arm.trace(of).unwrap()]);
+    assert_eq!(warned(&right), []);
+    let still = |changed: &Sequence| {
+        warned(changed).into_iter().find_map(|w| match w {
+            PipelineWarning::StillActuator {
+                joint, row, count, ..
+            } => Some((joint, row, count)),
+            _ => None,
+        })
+    };
+    for value in [0.0, -1.25] {
+        let dead = first_joint(&right, |_| value);
+        assert_eq!(still(&dead), Some(("joint_1".to_owned(), 0, ROWS)));
+    }
+    let mut frozen = right.clone();
+    let rows = frozen.torques.data_mut().chunks_exact_mut(3).skip(20);
+    rows.for_each(|row| row[0] = 3.5);
+    assert_eq!(still(&frozen), Some(("joint_1".to_owned(), 20, ROWS - 20)));
+    // Readings in coarse steps stay at a value as well.
+    let rounded = first_joint(&right, |v| (10.0 * v).round() / 10.0);
+    assert_eq!(still(&rounded), None);
+}
+
+#[test]
+fn sensors_that_are_saturated() {
+    let scene = scene(TorqueKind::External, 0);
+    let right = touch(&scene);
+    let (least, most) =
+        (right.torques.column(0)).fold((0f64, 0f64), |(lo, hi), v| (lo.min(v), hi.max(v)));
+    let (end, size) = if most > -least {
+        (most, most)
+    } else {
+        (least, -least)
+    };
+    let clipped = |w: &PipelineWarning| matches!(w, PipelineWarning::ClippedReadings { joint, value, .. } if joint == "joint_1" && *value == 0.4 * end);
+    let warnings = warned(
+        &scene,
+        &first_joint(&right, |v| v.clamp(-0.4 * size, 0.4 * size)),
+    );
+    assert!(warnings.iter().any(clipped), "{warnings:?}");
+    // Coarse steps, and touches that are held, stay at a value without an end to it.
+    for steps in [3.0, 10.0, 100.0] {
+        let step = size / steps;
+        let rounded = first_joint(&right, |v| (v / step).round() * step);
+        assert_eq!(warned(&scene, &rounded), [], "{steps}");
+    }
+}
+
+/// Noise that comes after the end of a sensor's range hides that its readings are equal.
+#[test]
+fn sensors_that_are_saturated_beneath_noise() {
+    let scene = scene(TorqueKind::External, 0);
+    let stiffness: Vec<f64> = (0..100).map(|i| 50.0 * f64::from(i % 7)).collect();
+    // Touches reach so far.
+    let told = |keep: f64, rows: usize, reach: &[f64]| {
+        let swings = reach.iter().enumerate().map(|(k, reach)| {
+            let mut swing = swing_of(rows);
+            swing.id = k.to_string();
+            let angles = swing.angles.data_mut().chunks_exact_mut(3);
+            angles.for_each(|q| q[0] -= 0.185 * (1.0 - reach));
+            swing
+        });
+        let swings: Vec<Sequence> = swings.collect();
+        let swings: Vec<&Sequence> = swings.iter().collect();
+        let traces: Vec<_> = swings.iter().map(|s| scene.trace(s).unwrap()).collect();
+        let mut found = simulate(&scene, &stiffness, &swings, &traces).unwrap();
+        let first = found[0].torques.column(0);
+        let end = keep * first.fold(0.0, |end: f64, v| end.max(v.abs()));
+        for sequence in &mut found {
+            let rows = sequence.torques.data_mut().chunks_exact_mut(3);
+            rows.for_each(|row| row[0] = row[0].clamp(-end, end));
+        }
+        add_noise(&mut found, 0.02, 1).unwrap();
+        // One reading that is off hides nothing.
+        found[0].torques.data_mut()[3 * (rows / 2)] *= 1.05;
+        let traces: Vec<_> = found.iter().map(|s| scene.trace(s).unwrap()).collect();
+        let found: Vec<&Sequence> = found.iter().collect();
+        let warnings = reading_warnings(&scene, &found, &traces);
+        let clipped = |w: &PipelineWarning| match w {
+            PipelineWarning::SaturatedReadings { joint, level, .. } => {
+                Some((joint.clone(), level.abs(), end))
+            }
+            _ => None,
+        };
+        warnings.iter().filter_map(clipped).collect::<Vec<_>>()
+    };
+    for rows in [10 * ROWS, 100 * ROWS] {
+        let [(joint, value, end)] = &told(0.4, rows, &[1.0, 0.92])[..] else {
+            panic!("{rows}")
+        };
+        assert!(
+            joint == "joint_1" && (value - end).abs() < 0.02,
+            "{value} {end}"
+        );
+    }
+    assert_eq!(told(1.0, 10 * ROWS, &[1.0, 0.92]), []);
+    // An object that yields does the same whenever it is touched alike.
+    assert_eq!(told(0.4, 10 * ROWS, &[1.0]), []);
+    assert_eq!(told(0.4, 10 * ROWS, &[1.0, 1.0]), []);
+}
+
+/// A sensor that stops in the middle of a touch.
+#[test]
+fn sensors_that_freeze() {
+    let scene = scene(TorqueKind::External, 0);
+    let right = touch(&scene);
+    let other = Sequence {
+        id: "1".to_owned(),
+        ..right.clone()
+    };
+    // The arm swings back from the middle on; frozen on the way in, a sensor reads no more than what it read last, as if
+    // it were saturated, had not another sequence more.
+    for (first, count) in [(ROWS / 2 + 2, 8), (ROWS / 2 - 4, 8), (ROWS / 2 - 4, ROWS)] {
+        for joints in [1, 3] {
+            let mut frozen = right.clone();
+            let held = frozen.torques[first].to_vec();
+            let rows = frozen.torques.data_mut().chunks_exact_mut(3);
+            for row in rows.skip(first).take(count) {
+                row[..joints].copy_from_slice(&held[..joints]);
+            }
+            let both = [&frozen, &other];
+            let traces = both.map(|s| scene.trace(s).unwrap());
+            let warnings = reading_warnings(&scene, &both, &traces);
+            let count = count.min(ROWS - first);
+            let is_told = |w: &PipelineWarning| matches!(w, PipelineWarning::FrozenReadings { joint, row, count: n, value, .. } if joint == "joint_1" && (*row, *n) == (first, count) && *value == held[0]);
+            assert!(warnings.iter().any(is_told), "{first} {count} {warnings:?}");
+        }
+    }
+}
+
+/// One joint of the other sign, and columns of another order.
+#[test]
+fn readings_of_other_joints() {
+    let scene = scene(TorqueKind::External, 0);
+    let right = touch(&scene);
+    for (turned, says) in [
+        (&[0][..], "joint_1"),
+        (&[1], "joint_2"),
+        (&[2], "joint_3"),
+        (&[0, 1], "joint_1, joint_2"),
+        (&[0, 2], "joint_1, joint_3"),
+    ] {
+        let mut changed = right.clone();
+        for row in changed.torques.data_mut().chunks_exact_mut(3) {
+            turned.iter().for_each(|&j| row[j] = -row[j]);
+        }
+        let warnings = warned(&scene, &changed);
+        let [PipelineWarning::OppositeJoints { joints, gain }] = &warnings[..] else {
+            panic!("{warnings:?}");
+        };
+        assert!(joints == says && *gain > 100.0, "{warnings:?}");
+    }
+
+    let reordered = |order: [usize; 3]| {
+        let mut changed = right.clone();
+        for row in changed.torques.data_mut().chunks_exact_mut(3) {
+            let own = [row[0], row[1], row[2]];
+            row.iter_mut().zip(order).for_each(|(to, k)| *to = own[k]);
+        }
+        changed
+    };
+    for (order, says) in [
+        ([2, 1, 0], "in reverse order"),
+        ([2, 0, 1], "turned on (joint_1 in the column of joint_2)"),
+        ([1, 0, 2], "of joint_1 and joint_2 exchanged"),
+        ([0, 2, 1], "of joint_2 and joint_3 exchanged"),
+    ] {
+        let warnings = warned(&scene, &reordered(order));
+        let [PipelineWarning::MixedColumns { order, .. }] = &warnings[..] else {
+            panic!("{warnings:?}");
+        };
+        assert_eq!(order, says);
+    }
+    // Of torques of the robot on the object as well.
+    let mut both = reordered([2, 1, 0]);
+    both.torques.data_mut().iter_mut().for_each(|v| *v = -*v);
+    let warnings = warned(&scene, &both);
+    let [PipelineWarning::MixedColumns { order, .. }] = &warnings[..] else {
+        panic!("{warnings:?}");
+    };
+    assert_eq!(order, "in reverse order");
+}
+
+/// Points that do not cover all that was touched.
+#[test]
+fn touches_of_nothing() {
+    let scene = scene(TorqueKind::External, 0);
+    let right = touch(&scene);
+    let mut away = Sequence {
+        id: "1".to_owned(),
+        ..right.clone()
+    };
+    let angles = away.angles.data_mut().iter_mut();
+    angles.step_by(3).for_each(|q| *q -= 1.0);
+    let warned = |away: &Sequence| {
+        let sequences = [&right, away];
+        let traces: Vec<_> = (sequences.iter())
+            .map(|s| scene.trace(s).unwrap())
+            .collect();
+        assert!(traces[0].contact_samples() > 0 && traces[1].contact_samples() == 0);
+        reading_warnings(&scene, &sequences, &traces)
+    };
+    let warnings = warned(&away);
+    let [PipelineWarning::NothingTouched { sequence, .. }] = &warnings[..] else {
+        panic!("{warnings:?}");
+    };
+    assert_eq!(sequence, "1");
+    assert!(
+        warnings[0]
+            .to_string()
+            .contains("the points may not cover what was touched")
+    );
+    // Motion that feels little is none.
+    away.torques.data_mut().iter_mut().for_each(|t| *t *= 0.1);
+    assert_eq!(warned(&away), []);
+}
+
+/// Offsets that nobody took off.
+#[test]
+fn readings_that_are_not_tared() {
+    let (plain, tared) = (
+        scene(TorqueKind::External, 0),
+        scene(TorqueKind::External, 5),
+    );
+    // Of one joint, and of all of them.
+    let mut all = touch(&plain);
+    all.torques.data_mut().iter_mut().for_each(|v| *v += 30.0);
+    let one = first_joint(&touch(&plain), |v| v + 30.0);
+    for (readings, size) in [(one, 30.0), (all, 30.0 * 3f64.sqrt())] {
+        let warnings = warned(&plain, &readings);
+        let [PipelineWarning::NotTared { mean, offset, .. }] = &warnings[..] else {
+            panic!("{warnings:?}");
+        };
+        assert!((mean - 30.0).abs() < 0.1 && (offset - size).abs() < 0.1);
+        assert_eq!(warned(&tared, &readings), []);
+    }
+    // A small one is for the diagnosis.
+    assert_eq!(
+        warned(&plain, &first_joint(&touch(&plain), |v| v + 0.1)),
+        []
+    );
+}
+
+/// A clock that counts milliseconds.
+#[test]
+fn time_in_milliseconds() {
+    let scene = scene(TorqueKind::External, 0);
+    let right = Sequence {
+        velocities: None,
+        ..swing()
+    };
+    assert_eq!(motion_warnings(scene.robot(), &[&right]), []);
+    let slow = Sequence {
+        time: right.time.iter().map(|t| 1000.0 * t).collect(),
+        ..right.clone()
+    };
+    let warnings = motion_warnings(scene.robot(), &[&slow]);
+    let [PipelineWarning::SlowClock { step, .. }] = &warnings[..] else {
+        panic!("{warnings:?}");
+    };
+    assert!((step - 50.0).abs() < 1e-9);
+    // Nothing moves, whatever the clock.
+    let mut still = slow.clone();
+    still.angles.data_mut().fill(0.1);
+    assert_eq!(motion_warnings(scene.robot(), &[&still]), []);
+}
+
+/// An encoder that stops.
+#[test]
+fn positions_that_stand_still() {
+    let scene = scene(TorqueKind::External, 0);
+    for from in [0, ROWS / 2] {
+        let mut stuck = swing();
+        let held = stuck.angles[from][0];
+        let rows = stuck.angles.data_mut().chunks_exact_mut(3).skip(from);
+        rows.for_each(|row| row[0] = held);
+        let warnings = motion_warnings(scene.robot(), &[&stuck]);
+        assert!(
+            matches!(&warnings[..], [PipelineWarning::StillPositions { joint, others: 0 }] if joint == "joint_1"),
+            "{warnings:?}"
+        );
+    }
+}
+
+#[test]
+fn fields_that_explain_nothing() {
+    let scene = scene(TorqueKind::External, 0);
+    let traces = [scene.trace(&touch(&scene)).unwrap()];
+    let told = |stiffness: f64| {
+        let belief = Belief::new(vec![stiffness; 100], vec![1.0; 100]).unwrap();
+        field_warnings(&belief, &traces)
+    };
+    assert_eq!(told(150.0), []);
+    let warnings = told(0.5);
+    assert!(
+        matches!(warnings[..], [PipelineWarning::ExplainsNothing { share }] if (0.0..0.02).contains(&share)),
+        "{warnings:?}"
+    );
+    assert_eq!(
+        field_warnings(&Belief::uniform(0, 0.0, 1.0).unwrap(), &[]),
+        []
+    );
+    let short = field_warnings(&Belief::uniform(9, 0.0, 1.0).unwrap(), &traces);
+    assert!(matches!(short[..], [PipelineWarning::Malformed { .. }]));
+}
+
+/// One whose readings are of the other sign, among others.
+#[test]
+fn sequences_that_a_field_explains_nothing_of() {
+    let scene = scene(TorqueKind::External, 0);
+    let belief = Belief::new(vec![150.0; 100], vec![1.0; 100]).unwrap();
+    let warnings = |factor: f64| {
+        let other = Sequence {
+            id: "1".to_owned(),
+            torques: scaled(&touch(&scene).torques, factor),
+            ..touch(&scene)
+        };
+        let right = scene.trace(&touch(&scene)).unwrap();
+        let wrong = scene.trace(&other).unwrap();
+        let mut traces = vec![right; 11];
+        traces.push(wrong);
+        field_warnings(&belief, &traces)
+    };
+    let told = warnings(-0.6);
+    assert!(
+        matches!(&told[..], [PipelineWarning::ExplainsNothingOf { sequence, others: 0, .. }] if sequence == "1"),
+        "{told:?}"
+    );
+    assert_eq!(warnings(0.9), []);
+    // Next to nothing was read in it.
+    assert_eq!(warnings(-0.1), []);
+}
+
+/// Of actuators, which read what is right, on a rail that lifts a mass.
+#[test]
+fn masses_of_a_urdf_that_cannot_be() {
+    let told = |mass: f64, read: f64| {
+        let urdf = format!(
+            r#"<robot name="lift"><link name="base"/><link name="tip"><inertial><mass value="{mass}"/>
+            <inertia ixx="0" ixy="0" ixz="0" iyy="0" iyz="0" izz="0"/></inertial></link>
+            <joint name="j" type="prismatic"><parent link="base"/><child link="tip"/><axis xyz="0 0 1"/>
+            <limit lower="-1" upper="1" effort="10" velocity="1"/></joint></robot>"#
+        );
+        let folder = tempfile::tempdir().unwrap();
+        std::fs::write(folder.path().join("lift.urdf"), urdf).unwrap();
+        let robot = RobotRef::resolve("lift.urdf", folder.path()).unwrap();
+        let table = |of: &dyn Fn(f64) -> f64| {
+            let data = (0..50).map(|k| of(f64::from(k) / 50.0)).collect();
+            Table::new(1, data).unwrap()
+        };
+        let time = (0..50).map(|k| f64::from(k) / 50.0).collect();
+        let sequence = Sequence::new("0", time, table(&|t| 0.1 * t), table(&|_| read));
+        let dataset = Dataset {
+            torque_kind: TorqueKind::Measured,
+            ..Dataset::new(robot, vec![sequence.clone()])
+        };
+        let robot = robot_of(&dataset, &Default::default()).unwrap();
+        let scene = Scene::in_air(&dataset, robot).unwrap();
+        let traces = [scene.trace(&sequence).unwrap()];
+        reading_warnings(&scene, &[&sequence], &traces)
+    };
+    let is_heavy = |w: &PipelineWarning| matches!(w, PipelineWarning::HeavyArm { .. });
+    let is_strong = |w: &PipelineWarning| matches!(w, PipelineWarning::BeyondEffort { .. });
+    let is_weightless = |w: &PipelineWarning| matches!(w, PipelineWarning::Weightless { .. });
+    let count = |all: &[PipelineWarning], of: &dyn Fn(&PipelineWarning) -> bool| {
+        all.iter().filter(|w| of(w)).count()
+    };
+    for (mass, read, expected) in [
+        (0.5, 4.9, [0, 0, 0]),
+        (500.0, 4.9, [1, 0, 0]),
+        (0.5, 4900.0, [0, 1, 0]),
+        (0.0, 4.9, [0, 0, 1]),
+    ] {
+        let all = told(mass, read);
+        let found = [
+            count(&all, &is_heavy),
+            count(&all, &is_strong),
+            count(&all, &is_weightless),
+        ];
+        assert_eq!(found, expected, "{mass} {read}: {all:?}");
+    }
+}
+
+/// A payload that is not in the model weighs like the arm, but less.
+#[test]
+fn a_payload_is_no_gravity_left() {
+    let (external, measured) = (
+        scene(TorqueKind::External, 0),
+        scene(TorqueKind::Measured, 0),
+    );
+    let gravity = touch(&measured);
+    let loaded = Sequence {
+        torques: scaled(&gravity.torques, 0.4),
+        ..gravity
+    };
+    let warnings = warned(&external, &loaded);
+    let left = |w: &PipelineWarning| matches!(w, PipelineWarning::GravityLeft { .. });
+    assert!(!warnings.iter().any(left), "{warnings:?}");
+}
+
+#[test]
+fn velocities_of_another_unit() {
+    let (scene, right) = (scene(TorqueKind::External, 0), swing());
+    let robot = scene.robot();
+    assert_eq!(motion_warnings(robot, &[&right]), []);
+    let velocities = |factor: f64| Sequence {
+        velocities: right.velocities.as_ref().map(|v| scaled(v, factor)),
+        ..right.clone()
+    };
+    let in_ms = Sequence {
+        time: right.time.iter().map(|t| 1e3 * t).collect(),
+        ..right.clone()
+    };
+    for (sequence, expected, cause) in [
+        (velocities(1f64.to_degrees()), 57.3, "degrees a second"),
+        (in_ms, 1e3, "milliseconds"),
+        (velocities(1e-3), 1e-3, "millisecond"),
+        (velocities(-1.0), -1.0, "sign"),
+        (velocities(0.0), 0.0, "unit and order"),
+    ] {
+        let warnings = motion_warnings(robot, &[&sequence]);
+        let [
+            PipelineWarning::Velocities {
+                factor, others: 1, ..
+            },
+        ] = &warnings[..]
+        else {
+            panic!("{expected}: {warnings:?}");
+        };
+        assert!(
+            (factor - expected).abs() <= 0.01 * f64::abs(expected),
+            "{factor}"
+        );
+        let text = warnings[0].to_string();
+        assert!(
+            text.contains(cause) && text.contains("1 more joint"),
+            "{text}"
+        );
+    }
+}
+
+#[test]
+fn samples_that_are_missing() {
+    let scene = scene(TorqueKind::External, 0);
+    let whole = swing();
+    let keep: Vec<usize> = (0..ROWS).filter(|k| !(20..32).contains(k)).collect();
+    let rows = |table: &Table| {
+        let rows: Vec<f64> = keep.iter().flat_map(|k| table[*k].to_vec()).collect();
+        Table::new(3, rows).unwrap()
+    };
+    let mut thinned = Sequence::new(
+        "0",
+        keep.iter().map(|k| whole.time[*k]).collect(),
+        rows(&whole.angles),
+        rows(&whole.torques),
+    );
+    let warned = |s: &Sequence| motion_warnings(scene.robot(), &[s]);
+    let [gap @ PipelineWarning::TimeGap { row: 20, .. }] = &warned(&thinned)[..] else {
+        panic!("{:?}", warned(&thinned));
+    };
+    let text = "sequence 0 row 20 comes 0.650 s after the row before, others 0.050 s";
+    assert!(gap.to_string().starts_with(text), "{gap}");
+    thinned.touch_starts = vec![0, 20];
+    assert_eq!(warned(&thinned), []);
+}
+
+/// Where a recording goes from one touch to the next, the arm jumps.
+#[test]
+fn jumps_between_touches_are_no_moves() {
+    let scene = scene(TorqueKind::External, 0);
+    let robot = scene.robot();
+    let mut sequence = swing();
+    let jump = 3 * ROWS / 2;
+    sequence.angles.data_mut()[jump / 3 * 3..]
+        .iter_mut()
+        .for_each(|q| *q += 1.0);
+    sequence.touch_starts = vec![0, jump / 3];
+    assert_eq!(motion_warnings(robot, &[&sequence]), []);
+}
+
+#[test]
+fn touches_that_begin_inside_of_the_object() {
+    let scene = scene(TorqueKind::External, 0);
+    let mut sequence = swing();
+    assert_eq!(touch_warnings(&scene, &[&sequence]), []);
+    // Where the arm barely touches, as held at the end of a touch; deepest in the middle.
+    let deepest = ROWS / 2;
+    let traces = scene.trace(&sequence).unwrap();
+    let first = traces.observations.iter().position(|o| !o.is_empty());
+    sequence.touch_starts = vec![0, first.unwrap()];
+    assert_eq!(touch_warnings(&scene, &[&sequence]), []);
+    sequence.touch_starts = vec![0, deepest];
+    let [
+        warning @ PipelineWarning::StartsInside {
+            row, depth, others, ..
+        },
+    ] = &touch_warnings(&scene, &[&sequence, &sequence])[..]
+    else {
+        panic!()
+    };
+    assert_eq!((*row, *others), (deepest, 1));
+    assert!((0.017..0.03).contains(depth), "{depth}");
+    let text = warning.to_string();
+    assert!(text.contains("in 1 more touch"), "{text}");
+    sequence.angles.data_mut()[0] = f64::NAN;
+    assert!(matches!(
+        touch_warnings(&scene, &[&sequence])[..],
+        [PipelineWarning::Malformed { .. }]
+    ));
+}
+
+#[test]
+fn fields_that_miss_what_they_have_learned_from() {
+    let scene = scene(TorqueKind::External, 0);
+    let traces = [scene.trace(&touch(&scene)).unwrap()];
+    let truth: Vec<f64> = (0..100).map(|i| 50.0 * f64::from(i % 7)).collect();
+    let belief = |mean: &[f64]| Belief::new(mean.to_vec(), vec![1.0; mean.len()]).unwrap();
+    // Readings have a noise of 0.02 N m.
+    let ratio = |sd: f64| match &fit_warnings(&belief(&truth), &[sd; 3], &traces)[..] {
+        [] => None,
+        [PipelineWarning::Misfit { ratio }] => Some(*ratio),
+        other => panic!("{other:?}"),
+    };
+    assert_eq!((ratio(0.02), ratio(0.004)), (None, None));
+    assert!((50.0..200.0).contains(&ratio(0.002).unwrap()));
+    let short = fit_warnings(&belief(&truth[..9]), &[1.0; 3], &traces);
+    assert!(matches!(short[..], [PipelineWarning::Malformed { .. }]));
+}
+
+#[test]
+fn estimators_that_are_far_too_sure() {
+    let after = |ratio: f64| {
+        let mut health = FilterHealth::default();
+        for _ in 0..10 {
+            health.record(&UpdateReport {
+                dof: 7,
+                nis: 7.0 * ratio,
+                ..UpdateReport::default()
+            });
+        }
+        health_warnings(&health)
+    };
+    assert_eq!(health_warnings(&FilterHealth::default()), []);
+    assert_eq!(after(3.0), []);
+    let warnings = after(400.0);
+    assert!(
+        matches!(warnings[..], [PipelineWarning::Overconfident { ratio }] if (ratio - 400.0).abs() < 1e-9)
+    );
+    assert!(warnings[0].to_string().contains("larger noise sd"));
+}

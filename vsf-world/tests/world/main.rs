@@ -1,0 +1,6 @@
+//! Tests in one program: in several, each would compile what it takes of the libraries anew.
+
+#![allow(clippy::unwrap_used)]
+
+mod cases;
+mod val_kinematics;
