@@ -102,7 +102,8 @@ impl Refined {
     }
 }
 
-fn is_stopped(p: &Parameter, value: f64) -> bool {
+/// Whether a value lies at a bound of its parameter.
+pub(crate) fn is_stopped(p: &Parameter, value: f64) -> bool {
     (p.bounds.iter()).any(|bound| (value - bound).abs() <= NEAR_BOUND * bound.abs())
 }
 

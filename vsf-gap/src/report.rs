@@ -4,7 +4,7 @@ use crate::closure::Residuals;
 use crate::limits::Limit;
 use crate::locate::Location;
 use crate::next::NextExperiment;
-use crate::refine::Refined;
+use crate::refine::{Refined, is_stopped};
 use crate::search::Candidate;
 use crate::trial::Checked;
 use crate::verdict::{Verdict, VerdictKind};
@@ -71,6 +71,10 @@ pub struct EffectReport {
     /// Names of the amplitudes that stopped at a bound of what is plausible: the effect may stand for something else.
     #[serde(default)]
     pub at_bound: Vec<String>,
+    /// Names of the shapes that lie at a bound of what is plausible, beyond which the data may want them: their deviations
+    /// tell of the inner side alone.
+    #[serde(default)]
+    pub shapes_at_bound: Vec<String>,
     /// Joints with a parameter that is at least 2.7 deviations from zero; five, if it is less than a twentieth of the
     /// largest of the effect.
     pub joints: Vec<String>,
@@ -297,6 +301,7 @@ impl EffectReport {
             parameters: Vec::new(),
             undetermined: Vec::new(),
             at_bound: Vec::new(),
+            shapes_at_bound: Vec::new(),
             joints: Vec::new(),
             test_error: None,
             closed_fraction: None,
@@ -345,6 +350,9 @@ impl EffectReport {
             .collect();
         let stopped = model.at_bounds_among(places).into_iter();
         self.at_bound = stopped.map(str::to_owned).collect();
+        let at_bound = |(p, t): &(&Parameter, &f64)| p.role == Role::Shape && is_stopped(p, **t);
+        let shapes = own.iter().zip(theta).filter(at_bound);
+        self.shapes_at_bound = shapes.map(|(p, _)| p.name.clone()).collect();
         let amplitudes = || {
             let all = own.iter().zip(theta).zip(sd);
             all.filter(|((p, _), _)| p.role == Role::Amplitude)

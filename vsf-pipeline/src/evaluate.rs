@@ -326,7 +326,7 @@ pub fn score(
     if all.count == 0 {
         return Err(PipelineError::NoSequences {
             what: "evaluation",
-            hint: "name sequences, or give the recording a test split",
+            hint: "name sequences, or give the recording a test split (--test of the command, `splits` of dataset.json)",
         });
     }
     let n = all.count as f64;

@@ -45,7 +45,7 @@ the robot, from 1 or from 0. Other columns are ignored. Each file begins a new s
 
 Without points the recording is one of free motion, for `vsf diagnose`.
 
-JSON keys: out, topic (null of CSV files), joints, points, sequences (sequence, samples, duration_s, file (of CSV files)).")]
+JSON keys: out, topic (null of CSV files), joints, points, sequences (sequence, samples, duration_s, split, file (of CSV files)).")]
 pub struct Args {
     /// MCAP files, in the order of recording, the folder of a ROS 2 bag, or CSV files
     #[arg(required = true)]
@@ -103,6 +103,8 @@ struct Entry {
     sequence: String,
     samples: usize,
     duration_s: f64,
+    /// `train`, `test` or `neither`.
+    split: &'static str,
     /// Of CSV files.
     #[serde(skip_serializing_if = "Option::is_none")]
     file: Option<String>,
@@ -296,10 +298,20 @@ impl Filled {
 
 fn report(args: &Args, log: &JointLog, joints: Vec<String>, dataset: &Dataset) -> Report {
     let files = log.files_of(dataset);
+    let split = |id: &String| {
+        if dataset.splits.train.contains(id) {
+            "train"
+        } else if dataset.splits.test.contains(id) {
+            "test"
+        } else {
+            "neither"
+        }
+    };
     let entry = |(k, s): (usize, &Sequence)| Entry {
         sequence: s.id.clone(),
         samples: s.len(),
         duration_s: s.time.last().unwrap_or(&0.0) - s.time.first().unwrap_or(&0.0),
+        split: split(&s.id),
         file: files.get(k).map(|f| f.to_string_lossy().into_owned()),
     };
     Report {
@@ -315,12 +327,12 @@ fn text(report: &Report) -> String {
     let rows = report.sequences.iter().map(|s| {
         let (samples, seconds) = (s.samples.to_string(), number(s.duration_s));
         let file = s.file.clone();
-        [s.sequence.clone(), samples, seconds]
+        [s.sequence.clone(), samples, seconds, s.split.to_owned()]
             .into_iter()
             .chain(file)
             .collect()
     });
-    let mut titles = vec!["sequence", "samples", "seconds"];
+    let mut titles = vec!["sequence", "samples", "seconds", "split"];
     if report.topic.is_none() {
         titles.push("file");
     }
@@ -328,8 +340,13 @@ fn text(report: &Report) -> String {
         0 => "no points: free motion (--points or --box for an object)".to_owned(),
         n => format!("{n} points"),
     };
+    let untested = if report.sequences.iter().any(|s| s.split == "test") {
+        ""
+    } else {
+        "\nno sequence tests what the others teach; --train and --test say which do\n"
+    };
     format!(
-        "wrote {}: {} joints from {}, {points}\n\n{}",
+        "wrote {}: {} joints from {}, {points}\n\n{}{untested}",
         report.out,
         report.joints.len(),
         report.topic.as_deref().unwrap_or("CSV"),

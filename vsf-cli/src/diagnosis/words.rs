@@ -192,12 +192,16 @@ pub fn estimate(value: f64, std: f64, unit: &str) -> String {
     format!("{} ± {std:.decimals$}{unit}", fixed(value, decimals))
 }
 
-/// A parameter of an effect, or that the recording does not tell it.
+/// A parameter of an effect, and that the recording does not tell it, or that it lies at a bound.
 pub fn determined(effects: &[EffectReport], effect: &str, p: &ParameterEstimate) -> String {
     let value = estimate(p.value, p.sd, &p.unit);
-    let of = effects.iter().find(|e| e.effect == effect);
-    if of.is_some_and(|e| e.undetermined.contains(&p.name)) {
+    let Some(of) = effects.iter().find(|e| e.effect == effect) else {
+        return value;
+    };
+    if of.undetermined.contains(&p.name) {
         format!("{value}, as before any reading: not determined by this recording")
+    } else if of.at_bound.contains(&p.name) || of.shapes_at_bound.contains(&p.name) {
+        format!("{value}, at a bound of what is plausible")
     } else {
         value
     }
@@ -321,11 +325,16 @@ mod tests {
         };
         let of = EffectReport {
             undetermined: vec!["c_1".to_owned()],
+            shapes_at_bound: vec!["s_1".to_owned()],
             ..serde_json::from_value(of_effect("a")).unwrap()
         };
         assert_eq!(
             determined(std::slice::from_ref(&of), "a", &p("c_2")),
             "0.0 ± 1.5 N m"
+        );
+        assert_eq!(
+            determined(std::slice::from_ref(&of), "a", &p("s_1")),
+            "0.0 ± 1.5 N m, at a bound of what is plausible"
         );
         let untold = determined(&[of], "a", &p("c_1"));
         assert!(

@@ -60,6 +60,16 @@ fn sequences_come_back_as_they_were() {
              --points touch/points.npy --train 000,001 --test 002 --out {case}_rec --json"
         ));
         assert!(json.contains("\"topic\": null"), "{json}");
+        let of = |split: &str| json.matches(&format!("\"split\": \"{split}\"")).count();
+        assert_eq!([of("train"), of("test")], [2, 1], "{json}");
+        let untested = bench.ok(&format!(
+            "import {case}/a.csv {case}/b.csv --robot cartesian_stage --torque-kind external \
+             --points touch/points.npy --out {case}_untested"
+        ));
+        assert!(
+            untested.contains("--train and --test say which do"),
+            "{untested}"
+        );
         let metadata = fs::read_to_string(root.join(format!("{case}_rec/dataset.json"))).unwrap();
         assert!(
             metadata.contains(&format!("\"name\": \"{case}_rec\"")),
