@@ -219,11 +219,11 @@ impl Angles {
         if !(size > 0.0 && size.is_finite()) {
             return;
         }
-        // An angle of at most half a turn leaves the side that it is on by way of pi alone.
-        let (forward, above) = (y.is_sign_positive(), b.is_sign_positive());
-        if forward && above && im < 0.0 {
+        // Half a turn at most leaves the side that it goes from by way of pi alone. Zeros have sides, too.
+        let [forward, above, ends_above] = [y, b, im].map(f64::is_sign_positive);
+        if forward && above && !ends_above {
             self.turns += 1.0;
-        } else if !forward && !above && im > 0.0 {
+        } else if !forward && !above && ends_above {
             self.turns -= 1.0;
         }
         self.product = [re / size, im / size];
@@ -242,13 +242,28 @@ mod tests {
 
     proptest! {
         #[test]
-        fn val_angles_of_products(angles in prop::collection::vec((-PI..PI, 1e-12..1e3), 0..300)) {
-            let mut sum = Angles::default();
-            sum.add([0.0, 0.0]);
-            angles.iter().for_each(|(angle, size): &(f64, f64)| {
-                sum.add([size * angle.cos(), size * angle.sin()]);
+        fn val_angles_of_products(
+            angles in prop::collection::vec((-PI..PI, 1e-12..1e3), 0..200),
+            exact in prop::collection::vec((0..3u8, any::<bool>(), 0..5usize), 0..50),
+        ) {
+            let any = angles.iter().map(|(angle, size): &(f64, f64)| {
+                [size * angle.cos(), size * angle.sin()]
             });
-            let expected: f64 = angles.iter().map(|(angle, _)| angle).sum();
+            // Eighths of a turn, with zeros of both signs.
+            let zero = |negative: bool| if negative { -0.0 } else { 0.0 };
+            let exact = exact.iter().map(|&(size, negative, eighth)| {
+                let size = f64::from(size);
+                let [x, y] = [[1.0, 0.0], [1.0, 1.0], [0.0, 1.0], [-1.0, 1.0], [-1.0, 0.0]][eighth];
+                let y = if y == 0.0 { zero(negative) } else if negative { -y } else { y };
+                [size * x, size * y]
+            });
+            let (mut sum, mut expected) = (Angles::default(), 0.0);
+            for [x, y] in any.chain(exact) {
+                sum.add([x, y]);
+                if [x, y] != [0.0, 0.0] {
+                    expected += y.atan2(x);
+                }
+            }
             prop_assert!((sum.sum() - expected).abs() < 1e-11, "{} {expected}", sum.sum());
         }
     }
