@@ -44,15 +44,15 @@ impl<'de, V: Deserialize<'de>> Deserialize<'de> for UniqueMap<V> {
 }
 
 pub(crate) fn parse<T: DeserializeOwned>(path: &Path, bytes: &[u8]) -> Result<T, DataError> {
-    check_text(path, bytes)?;
-    let mut text = serde_json::Deserializer::from_slice(bytes);
-    let value = serde_path_to_error::deserialize(&mut text).map_err(|e| {
+    let text = text(path, bytes)?;
+    let mut json = serde_json::Deserializer::from_str(text);
+    let value = serde_path_to_error::deserialize(&mut json).map_err(|e| {
         let key = e.path().to_string();
         let mut failure = match failure(path, e.inner()) {
             // Where an array is too long, or a number stands for a name, serde_json finds fault with the syntax.
             DataError::Json {
                 path, line, column, ..
-            } if serde_json::from_slice::<IgnoredAny>(bytes).is_ok() => DataError::JsonType {
+            } if serde_json::from_str::<IgnoredAny>(text).is_ok() => DataError::JsonType {
                 path,
                 line,
                 column,
@@ -68,19 +68,21 @@ pub(crate) fn parse<T: DeserializeOwned>(path: &Path, bytes: &[u8]) -> Result<T,
         }
         failure
     })?;
-    text.end().map_err(|e| failure(path, &e))?;
+    json.end().map_err(|e| failure(path, &e))?;
     Ok(value)
 }
 
-/// UTF-8 without a byte order mark.
-fn check_text(path: &Path, bytes: &[u8]) -> Result<(), DataError> {
+/// The text of a file of UTF-8, without a byte order mark.
+fn text<'a>(path: &Path, bytes: &'a [u8]) -> Result<&'a str, DataError> {
+    // JSON begins with a character of ASCII, which the others fill up with zeros.
+    let wide = bytes.iter().take(4).any(|b| *b == 0) || bytes.starts_with(b"\xff\xfe");
     let (at, problem) = if bytes.starts_with(b"\xef\xbb\xbf") {
         (0, "a byte order mark; save it as UTF-8 without one")
-    } else if bytes.starts_with(b"\xff\xfe") || bytes.starts_with(b"\xfe\xff") {
-        (0, "UTF-16; save it as UTF-8")
+    } else if wide || bytes.starts_with(b"\xfe\xff") {
+        (0, "UTF-16 or UTF-32; save it as UTF-8")
     } else {
         match std::str::from_utf8(bytes) {
-            Ok(_) => return Ok(()),
+            Ok(text) => return Ok(text),
             Err(e) => (e.valid_up_to(), "not UTF-8 text; save it as UTF-8"),
         }
     };

@@ -17,7 +17,7 @@ pub enum ReplayVariance {
     /// They stay: an observation counts once, however often it is replayed. The default. The
     /// filter stays somewhat overconfident, as the diagonal filter is by itself, because it leaves
     /// out correlations: on well-specified data the normalized innovation squared is 1.45 times its
-    /// dof with 20 replays, 2.3 times without (`tests/filters/replay.rs`).
+    /// dof with 20 replays, 2.3 times without (`tests/filter/replay.rs`).
     #[default]
     Keep,
     /// They shrink every time (Alg. 1 as printed). The filter then believes to have seen

@@ -84,7 +84,7 @@ impl Default for RobustLoss {
 /// A [`MemoryReplay`](crate::MemoryReplay) around it has past observations judged anew at every
 /// replay, by all that is known by then (iteratively reweighted least squares): the better way.
 /// A replay inside it remembers every observation with the noise that it was given when it came.
-/// An example (`tests/filters/val_robust.rs`): with 5 % spikes of 60 deviations the field errs by 1.9 N/m
+/// An example (`tests/filter/val_robust.rs`): with 5 % spikes of 60 deviations the field errs by 1.9 N/m
 /// with replay alone, by 0.16 N/m with either, by 0.15 N/m without spikes. With six times less noise,
 /// where first judgments are often wrong: 0.31 N/m with replay alone, 0.03 N/m with the former,
 /// 0.2 to 0.4 N/m with the latter, 0.03 N/m without spikes.

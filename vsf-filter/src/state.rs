@@ -4,7 +4,7 @@
 //! on bit for bit. How to add one: derive `Serialize` and `Deserialize`, `#[serde(skip)]` the
 //! scratch, and make sure that nothing comes in which the constructor would refuse. Beliefs, noise
 //! and observations check themselves; fields that must fit each other are read as a struct of parts
-//! and put together by `TryFrom`, as in `robust/state.rs`. Then add it to `tests/filters/state.rs`.
+//! and put together by `TryFrom`, as in `robust/state.rs`. Then add it to `tests/filter/state.rs`.
 
 use rand_pcg::Pcg64Mcg;
 use serde::de::Error;

@@ -71,8 +71,8 @@ pub struct EffectReport {
     /// Names of the amplitudes that stopped at a bound of what is plausible: the effect may stand for something else.
     #[serde(default)]
     pub at_bound: Vec<String>,
-    /// Names of the shapes that lie at a bound of what is plausible, beyond which the data may want them: their deviations
-    /// tell of the inner side alone.
+    /// Names of the shapes that are determined and lie at a bound of what is plausible, beyond which the data may want them:
+    /// their deviations tell of the inner side alone.
     #[serde(default)]
     pub shapes_at_bound: Vec<String>,
     /// Joints with a parameter that is at least 2.7 deviations from zero; five, if it is less than a twentieth of the
@@ -350,7 +350,9 @@ impl EffectReport {
             .collect();
         let stopped = model.at_bounds_among(places).into_iter();
         self.at_bound = stopped.map(str::to_owned).collect();
-        let at_bound = |(p, t): &(&Parameter, &f64)| p.role == Role::Shape && is_stopped(p, **t);
+        let at_bound = |(p, t): &(&Parameter, &f64)| {
+            p.role == Role::Shape && !self.undetermined.contains(&p.name) && is_stopped(p, **t)
+        };
         let shapes = own.iter().zip(theta).filter(at_bound);
         self.shapes_at_bound = shapes.map(|(p, _)| p.name.clone()).collect();
         let amplitudes = || {

@@ -340,10 +340,12 @@ fn text(report: &Report) -> String {
         0 => "no points: free motion (--points or --box for an object)".to_owned(),
         n => format!("{n} points"),
     };
-    let untested = if report.sequences.iter().any(|s| s.split == "test") {
+    // Of free motion, `vsf diagnose` holds a sequence out.
+    let tests = report.sequences.iter().any(|s| s.split == "test");
+    let untested = if tests || report.points == 0 || report.sequences.len() < 2 {
         ""
     } else {
-        "\nno sequence tests what the others teach; --train and --test say which do\n"
+        "\nno sequence tests what the others teach (`vsf evaluate` needs one); --train and --test say which do\n"
     };
     format!(
         "wrote {}: {} joints from {}, {points}\n\n{}{untested}",

@@ -325,6 +325,7 @@ mod tests {
         };
         let of = EffectReport {
             undetermined: vec!["c_1".to_owned()],
+            at_bound: vec!["a_1".to_owned()],
             shapes_at_bound: vec!["s_1".to_owned()],
             ..serde_json::from_value(of_effect("a")).unwrap()
         };
@@ -332,10 +333,12 @@ mod tests {
             determined(std::slice::from_ref(&of), "a", &p("c_2")),
             "0.0 ± 1.5 N m"
         );
-        assert_eq!(
-            determined(std::slice::from_ref(&of), "a", &p("s_1")),
-            "0.0 ± 1.5 N m, at a bound of what is plausible"
-        );
+        for name in ["a_1", "s_1"] {
+            assert_eq!(
+                determined(std::slice::from_ref(&of), "a", &p(name)),
+                "0.0 ± 1.5 N m, at a bound of what is plausible"
+            );
+        }
         let untold = determined(&[of], "a", &p("c_1"));
         assert!(
             untold.contains("0.0 ± 1.5 N m")

@@ -295,6 +295,7 @@ fn json_that_is_not_json_or_of_wrong_type() {
             &b"\xff\xfe{\0}\0"[..],
             "line 1 column 1: invalid JSON: UTF-16",
         ),
+        (b"{\0}\0", "line 1 column 1: invalid JSON: UTF-16"),
         (
             b"{\n \"name\": \"caf\xe9\"}",
             "line 2 column 14: invalid JSON: not UTF-8",

@@ -24,7 +24,7 @@ pub enum Projection {
     /// come closer to the truth (distance 0.61 instead of 0.64 of the field's norm after 60
     /// readings of 200 points). But it moves the mean off combinations of points that are known
     /// well, the covariance does not know of it, and the filter can diverge: 17.6 instead of 0.19
-    /// after 300 readings that all push the same way (`tests/filters/val_dense.rs`).
+    /// after 300 readings that all push the same way (`tests/filter/val_dense.rs`).
     FedBack,
 }
 

@@ -8,15 +8,15 @@ use rand_distr::{Distribution, StandardNormal};
 use rand_pcg::Pcg64Mcg;
 use std::cell::RefCell;
 use std::f64::consts::TAU;
-use std::path::Path;
 use std::sync::{Arc, LazyLock};
+use tempfile::TempDir;
 use vsf_data::{Dataset, Overrides};
 use vsf_gap::{Acts, Campaign, Effect, Outcome, VerdictKind, diagnose, effects};
 use vsf_pipeline::SceneOptions;
 use vsf_world::{CaseSpec, Kind as World, Level, Protocol, generate};
 
-/// In the target folder, since a data set reads its robot when it is opened as a campaign.
-fn recorded(truth: &[&str], seed: u64) -> Dataset {
+/// With its folder, where the robot is read from when it is opened.
+fn recorded(truth: &[&str], seed: u64) -> (TempDir, Dataset) {
     let spec = CaseSpec {
         kind: World::Springs,
         protocol: Protocol::Rich,
@@ -24,20 +24,22 @@ fn recorded(truth: &[&str], seed: u64) -> Dataset {
         level: Level::Clear,
         seed,
     };
-    let name = format!("springs_{}_{seed}", truth.join("_"));
-    let folder = Path::new(env!("CARGO_TARGET_TMPDIR")).join(name);
-    if folder.exists() {
-        std::fs::remove_dir_all(&folder).unwrap();
-    }
-    generate(&spec, &folder).unwrap();
-    let (dataset, _) = Dataset::open(&folder, &Overrides::default()).unwrap();
-    dataset
+    let folder = tempfile::tempdir_in(env!("CARGO_TARGET_TMPDIR")).unwrap();
+    generate(&spec, folder.path()).unwrap();
+    let (dataset, _) = Dataset::open(folder.path(), &Overrides::default()).unwrap();
+    (folder, dataset)
 }
 
-/// The springs world without effect, whose readings tests change.
+/// The springs world without effect, whose readings tests change. Its folder stays with the build.
 fn quiet() -> Dataset {
-    static QUIET: LazyLock<Dataset> = LazyLock::new(|| recorded(&[], 42));
-    QUIET.clone()
+    static QUIET: LazyLock<(TempDir, Dataset)> = LazyLock::new(|| recorded(&[], 42));
+    QUIET.1.clone()
+}
+
+/// What was recorded with effects.
+fn made(truth: &[&str], seed: u64) -> Campaign {
+    let (_folder, dataset) = recorded(truth, seed);
+    opened(&dataset)
 }
 
 fn opened(dataset: &Dataset) -> Campaign {
@@ -58,7 +60,7 @@ fn some() -> Vec<Arc<dyn Effect>> {
 }
 
 fn diagnosed(truth: &[&str], seed: u64) -> Outcome {
-    let campaign = opened(&recorded(truth, seed));
+    let campaign = made(truth, seed);
     diagnose(&campaign, &some(), 0, |_| {}).unwrap()
 }
 
@@ -528,7 +530,7 @@ fn what_a_named_effect_leaves_is_white_or_something_else_acts() {
         ("torque_gain", VerdictKind::Effects),
         ("thermal_gain", VerdictKind::Unknown),
     ] {
-        let campaign = opened(&recorded(&[cause], 41034));
+        let campaign = made(&[cause], 41034);
         let outcome = diagnose(&campaign, &few, 0, |_| {}).unwrap();
         let d = outcome.diagnosis;
         assert_eq!(d.verdict.effects, ["torque_gain"], "{cause}");
@@ -630,7 +632,7 @@ fn a_drift_that_begins_anew_and_wanders_is_a_drift() {
 /// sequences among them.
 #[test]
 fn an_object_that_is_put_back_elsewhere_shows_on_halves_of_the_test_sequences() {
-    let campaign = opened(&recorded(&["registration_offset"], 48));
+    let campaign = made(&["registration_offset"], 48);
     let registration = effects::named(&["registration_offset"]).unwrap();
     let outcome = diagnose(&campaign, &registration, 0, |_| {}).unwrap();
     let d = &outcome.diagnosis;
@@ -647,7 +649,7 @@ fn an_object_that_is_put_back_elsewhere_shows_on_halves_of_the_test_sequences() 
 
 #[test]
 fn shares_are_shares_and_the_same_seed_gives_the_same_diagnosis() {
-    let campaign = opened(&recorded(&["joint_viscous_friction"], 43));
+    let campaign = made(&["joint_viscous_friction"], 43);
     let bias: Vec<Arc<dyn Effect>> = effects::named(&[
         "joint_viscous_friction".to_owned(),
         "torque_bias".to_owned(),

@@ -48,6 +48,13 @@ fn a_ur10_has_dry_and_viscous_friction() {
             .iter()
             .any(|e| e.effect == "adhesion" && !e.testable)
     );
+    // The speed within which friction turns over: 0.043 rad/s, which no other form than Coulomb's finds.
+    let at_bound = |name: &str| {
+        let of = d.effects.iter().find(|e| e.effect == name);
+        of.unwrap().shapes_at_bound.clone()
+    };
+    assert!(at_bound("joint_coulomb_friction").is_empty());
+    assert_eq!(at_bound("joint_stribeck_friction"), ["eps"]);
 }
 
 #[test]
