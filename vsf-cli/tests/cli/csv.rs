@@ -62,18 +62,22 @@ fn sequences_come_back_as_they_were() {
         assert!(json.contains("\"topic\": null"), "{json}");
         let of = |split: &str| json.matches(&format!("\"split\": \"{split}\"")).count();
         assert_eq!([of("train"), of("test")], [2, 1], "{json}");
-        let imported = |files: &[&str], flags: &str| {
+        let says = |out: &str, files: &[&str], flags: &str| {
             let files: String = files.iter().map(|f| format!("{case}/{f}.csv ")).collect();
             let text = bench.ok(&format!(
-                "import {files}--robot cartesian_stage --torque-kind external {flags} --out {case}_other"
+                "import {files}--robot cartesian_stage --torque-kind external {flags} --out {case}_{out}"
             ));
             text.contains("--train and --test say which do")
         };
         let points = "--points touch/points.npy";
-        assert!(imported(&["a", "b"], points));
-        assert!(!imported(&["a", "b"], &format!("{points} --planned")));
-        assert!(!imported(&["a"], points));
-        assert!(!imported(&["a", "b"], ""));
+        assert!(says("untested", &["a", "b"], points));
+        assert!(!says(
+            "planned",
+            &["a", "b"],
+            &format!("{points} --planned")
+        ));
+        assert!(!says("one", &["a"], points));
+        assert!(!says("free", &["a", "b"], ""));
         let metadata = fs::read_to_string(root.join(format!("{case}_rec/dataset.json"))).unwrap();
         assert!(
             metadata.contains(&format!("\"name\": \"{case}_rec\"")),
