@@ -5,20 +5,29 @@ use anyhow::Context;
 use std::process::exit;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Mutex, PoisonError};
+use std::thread::{sleep, spawn};
+use std::time::Duration;
 
 /// Held while files are written.
 static WRITING: Mutex<()> = Mutex::new(());
 const INTERRUPTED: i32 = 130;
+/// So long an interruption waits for them: a pipe that nobody reads takes for ever.
+const PATIENCE: Duration = Duration::from_secs(5);
 
-/// The first signal (Ctrl-C, SIGTERM, SIGHUP) waits for files that are being written and ends the process, the second ends
-/// it at once (files are replaced by a rename, so that none is ever half).
+/// The first signal (Ctrl-C, SIGTERM, SIGHUP) waits a few seconds for files that are being written and ends the process, the
+/// second ends it at once (files are replaced by a rename, so that none is ever half).
 pub fn install() -> anyhow::Result<()> {
     let again = AtomicBool::new(false);
     ctrlc::set_handler(move || {
         if again.swap(true, Ordering::SeqCst) {
             exit(INTERRUPTED);
         }
-        std::thread::spawn(|| {
+        spawn(|| {
+            sleep(PATIENCE);
+            complain("interrupted while writing");
+            exit(INTERRUPTED);
+        });
+        spawn(|| {
             let _whole = WRITING.lock().unwrap_or_else(PoisonError::into_inner);
             complain("interrupted");
             exit(INTERRUPTED);

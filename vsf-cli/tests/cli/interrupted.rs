@@ -4,6 +4,8 @@
 use crate::common::Bench;
 use std::fs;
 use std::process::{Command, Output};
+#[cfg(target_os = "linux")]
+use std::{process::Stdio, thread::sleep, time::Duration};
 
 /// Runs a command that may write no file of more than 1 KiB. The system kills it when it does, or refuses
 /// to write as a full disk does, where `refuse` says so.
@@ -94,17 +96,11 @@ fn a_full_device() {
     bench.fails(line, 3, &["full.npz", "No space"]);
 }
 
-/// A service manager ends a command as Ctrl-C does: what is being written is ended first.
+/// Terminates a command that has run for so long since it has a handler of signals, and returns its exit code.
 #[cfg(target_os = "linux")]
-#[test]
-fn termination_is_an_interruption() {
+fn terminated(command: &mut Command, after: Duration) -> Option<i32> {
     const SIGTERM: u32 = 15;
-    let mut child = Command::new(env!("CARGO_BIN_EXE_vsf"))
-        .args(["bench", "--soak", "10", "--points", "1000", "--quiet"])
-        .stderr(std::process::Stdio::null())
-        .spawn()
-        .unwrap();
-    // Until it has a handler: its bit among the signals that are caught.
+    let mut child = command.stderr(Stdio::null()).spawn().unwrap();
     let status = format!("/proc/{}/status", child.id());
     loop {
         let status = fs::read_to_string(&status).unwrap();
@@ -117,9 +113,32 @@ fn termination_is_an_interruption() {
             child.try_wait().unwrap().is_none(),
             "ended without a handler"
         );
-        std::thread::sleep(std::time::Duration::from_millis(10));
+        sleep(Duration::from_millis(10));
     }
+    sleep(after);
     let sent = Command::new("kill").arg(child.id().to_string()).status();
     assert!(sent.unwrap().success());
-    assert_eq!(child.wait().unwrap().code(), Some(130));
+    child.wait().unwrap().code()
+}
+
+/// A service manager ends a command as Ctrl-C does: what is being written is ended first.
+#[cfg(target_os = "linux")]
+#[test]
+fn termination_is_an_interruption() {
+    let mut soak = Command::new(env!("CARGO_BIN_EXE_vsf"));
+    soak.args(["bench", "--soak", "10", "--points", "1000", "--quiet"]);
+    assert_eq!(terminated(&mut soak, Duration::ZERO), Some(130));
+}
+
+/// Were it waited for, this would not end.
+#[cfg(target_os = "linux")]
+#[test]
+fn a_pipe_that_nobody_reads_is_not_waited_for() {
+    let bench = Bench::touched();
+    let made = Command::new("mkfifo").arg(bench.root.join("pipe")).status();
+    assert!(made.unwrap().success());
+    let mut info = Command::new(env!("CARGO_BIN_EXE_vsf"));
+    info.args(["info", "touch", "--json=pipe"]);
+    info.current_dir(&bench.root);
+    assert_eq!(terminated(&mut info, Duration::from_secs(2)), Some(130));
 }
