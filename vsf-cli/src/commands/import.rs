@@ -136,6 +136,12 @@ pub fn run(args: &Args, console: &Console) -> anyhow::Result<()> {
     }
 
     let mut given = args.metadata.overrides()?;
+    let learns = given.splits.as_ref().is_some_and(|s| !s.train.is_empty());
+    if args.planned && learns {
+        return Err(usage(
+            "--train: motions that are planned have no torques to learn from",
+        ));
+    }
     if args.files.len() > 1 {
         // None of them names the whole.
         let name = args
@@ -231,6 +237,9 @@ fn in_flags(args: &Args, error: DataError) -> anyhow::Error {
             hint,
             ..
         } => usage(format!("--torque-kind is required: {hint}")),
+        DataError::UnknownSequence { id, .. } => usage(format!(
+            "--train, --test: there is no sequence {id:?}; those of CSV and MCAP files are 000, 001, ... in their order"
+        )),
         DataError::RobotNotFound { .. } => {
             anyhow::Error::from(error).context("give the robot by --robot")
         }

@@ -246,6 +246,16 @@ fn motions_that_are_planned_need_no_torques() {
     fs::write(root.join("plan.csv"), text).unwrap();
     let import = "import plan.csv --robot cartesian_stage --torque-kind external --points touch/points.npy --out plan";
     bench.fails(import, 1, &["has no column of its effort", "--planned"]);
+    bench.fails(
+        &format!("{import} --planned --train 000"),
+        2,
+        &["--train", "no torques to learn from"],
+    );
+    bench.fails(
+        &format!("{import} --planned --test 0"),
+        2,
+        &["--test", "no sequence \"0\"", "000, 001"],
+    );
     bench.ok(&format!("{import} --planned"));
     for recording in ["touch", "plan"] {
         bench.ok(&format!(
