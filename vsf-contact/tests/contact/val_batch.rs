@@ -1,5 +1,6 @@
 //! Batches give the same bits as single points, whatever else is in them.
 
+use crate::common::Floor;
 use nalgebra::{Isometry3, Point3, Translation3, UnitQuaternion, Vector3};
 use proptest::prelude::*;
 use std::sync::{Arc, LazyLock};
@@ -8,21 +9,6 @@ use vsf_contact::{
     StickSlip, UnionSdf,
 };
 use vsf_core::{ContactModel, Contacts, LinkChains, Posture, RestPoints, Shape, TriMesh};
-
-/// A body from outside of the crate, which knows nothing of batches.
-struct Floor;
-
-impl Sdf for Floor {
-    fn sample(&self, p_B: &Point3<f64>) -> SdfSample {
-        SdfSample {
-            distance: p_B.z,
-            normal: Vector3::z(),
-        }
-    }
-    fn bounds(&self) -> (Point3<f64>, Point3<f64>) {
-        (Point3::new(-1.0, -1.0, -1.0), Point3::new(1.0, 1.0, 0.0))
-    }
-}
 
 fn shapes() -> Vec<ShapeSdf> {
     let half_extents = Vector3::new(0.05, 0.08, 0.03);

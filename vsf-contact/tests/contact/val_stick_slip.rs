@@ -1,5 +1,6 @@
 //! Stick-slip contact against closed forms and the invariants that the model promises.
 
+use crate::common::Floor;
 use approx::assert_relative_eq;
 use nalgebra::{Isometry3, Point3, Translation3, UnitQuaternion, Vector3};
 use proptest::prelude::*;
@@ -26,21 +27,6 @@ impl Sdf for Ball {
     fn bounds(&self) -> (Point3<f64>, Point3<f64>) {
         let r = Vector3::repeat(self.0);
         (Point3::from(-r), Point3::from(r))
-    }
-}
-
-/// Everything below z = 0, with a box of 1 m around it.
-struct Floor;
-
-impl Sdf for Floor {
-    fn sample(&self, p_B: &Point3<f64>) -> SdfSample {
-        SdfSample {
-            distance: p_B.z,
-            normal: Vector3::z(),
-        }
-    }
-    fn bounds(&self) -> (Point3<f64>, Point3<f64>) {
-        (Point3::new(-1.0, -1.0, -1.0), Point3::new(1.0, 1.0, 0.0))
     }
 }
 

@@ -1,8 +1,24 @@
-//! Meshes made for the tests.
+//! Shapes made for the tests.
 
-use nalgebra::Point3;
+use nalgebra::{Point3, Vector3};
 use std::collections::HashMap;
+use vsf_contact::{Sdf, SdfSample};
 use vsf_core::TriMesh;
+
+/// Everything below z = 0, with a box of 1 m around it: a body from outside of the crate, which knows nothing of batches.
+pub struct Floor;
+
+impl Sdf for Floor {
+    fn sample(&self, p_B: &Point3<f64>) -> SdfSample {
+        SdfSample {
+            distance: p_B.z,
+            normal: Vector3::z(),
+        }
+    }
+    fn bounds(&self) -> (Point3<f64>, Point3<f64>) {
+        (Point3::new(-1.0, -1.0, -1.0), Point3::new(1.0, 1.0, 0.0))
+    }
+}
 
 /// A cube of half edge `h`, outward faces; faces 0 and 1 are the top.
 pub fn cube(h: f64) -> (Vec<Point3<f64>>, Vec<[u32; 3]>) {
