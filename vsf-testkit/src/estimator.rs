@@ -110,26 +110,29 @@ pub fn check_estimator<T: Scalar, E: Estimator<Scalar = T> + 'static>(
         make: &|prior| Box::new(make(prior)),
         options,
     };
-    check_options(&options);
-    // First: the others take it in a box.
+    check(&suite);
+    // Last: what differs from its like differs in a box.
     ask(&who::<T>(), "a box changes nothing", || {
         boxed(&suite, &make);
     });
-    check(&suite);
 }
 
 fn who<T: Scalar>() -> String {
     format!("{} estimator", T::NAME)
 }
 
-fn check_options(options: &EstimatorOptions) {
+/// All but what takes the estimator's own type.
+fn check<'a, T: Scalar>(suite: &Suite<'a, T>) {
     let EstimatorOptions {
         points,
         channels,
         steps,
         weight,
+        local,
+        gaussian,
+        exact,
         ..
-    } = *options;
+    } = suite.options;
     assert!(points >= 8, "option points: {points}, at least 8");
     assert!(channels >= 1, "option channels: {channels}, at least 1");
     assert!(steps >= 2, "option steps: {steps}, at least 2");
@@ -137,16 +140,6 @@ fn check_options(options: &EstimatorOptions) {
         weight > 0.0 && weight.is_finite(),
         "option weight: {weight}, > 0 and finite"
     );
-}
-
-/// All but what takes the estimator's own type.
-fn check<'a, T: Scalar>(suite: &Suite<'a, T>) {
-    let EstimatorOptions {
-        local,
-        gaussian,
-        exact,
-        ..
-    } = suite.options;
     let properties: [(&str, bool, Property<'a, T>); 19] = [
         ("two of a kind behave the same", true, Suite::determinism),
         ("means are never negative", true, Suite::never_negative),
