@@ -100,16 +100,11 @@ impl WindingTree {
                 sum += c.expansion(&r, distance_squared);
             } else if c.second_child == 0 {
                 let triangles = &self.triangles[c.first..c.first + c.len];
+                let halves = triangles.iter().map(|t| half_solid_angle(t, p));
                 if c.times == 1.0 {
-                    triangles
-                        .iter()
-                        .for_each(|t| near.add(half_solid_angle(t, p)));
+                    halves.for_each(|half| near.add(half));
                 } else {
-                    let mut once = Angles::default();
-                    triangles
-                        .iter()
-                        .for_each(|t| once.add(half_solid_angle(t, p)));
-                    sum += c.times * 2.0 * once.sum();
+                    sum += c.times * halves.map(|[x, y]| 2.0 * y.atan2(x)).sum::<f64>();
                 }
             } else {
                 stack[top] = id + 1;

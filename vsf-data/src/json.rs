@@ -74,11 +74,11 @@ pub(crate) fn parse<T: DeserializeOwned>(path: &Path, bytes: &[u8]) -> Result<T,
 
 /// The text of a file of UTF-8, without a byte order mark.
 fn text<'a>(path: &Path, bytes: &'a [u8]) -> Result<&'a str, DataError> {
-    // JSON begins with a character of ASCII, which the others fill up with zeros.
-    let wide = bytes.iter().take(4).any(|b| *b == 0) || bytes.starts_with(b"\xff\xfe");
+    // JSON begins with a character of ASCII, which the wider ones fill up with zeros, after a mark, too.
+    let is_wide = bytes.iter().take(4).any(|b| *b == 0);
     let (at, problem) = if bytes.starts_with(b"\xef\xbb\xbf") {
         (0, "a byte order mark; save it as UTF-8 without one")
-    } else if wide || bytes.starts_with(b"\xfe\xff") {
+    } else if is_wide {
         (0, "UTF-16 or UTF-32; save it as UTF-8")
     } else {
         match std::str::from_utf8(bytes) {
