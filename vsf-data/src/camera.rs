@@ -6,11 +6,16 @@ use serde::{Deserialize, Serialize};
 use serde_json::{Map, Value};
 use std::collections::BTreeMap;
 use std::io::Cursor;
+use std::ops::RangeInclusive;
 use std::path::Path;
 
 const CONVENTION: &str = "opencv: x right, y down, z forward";
 /// Larger images are refused before memory is reserved for them.
 const MAX_PIXELS: u64 = 1 << 26;
+/// What a pinhole camera may have (pixels), and how deep a unit may be (m), far beyond any that there is.
+const FOCAL_LENGTHS: RangeInclusive<f64> = 1e-3..=1e6;
+const CENTERS: RangeInclusive<f64> = -1e6..=1e6;
+const DEPTH_SCALES: RangeInclusive<f64> = 1e-9..=1e3;
 
 /// One registered RGB-D view with pinhole intrinsics, in OpenCV axes: x right, y down, z forward.
 #[derive(Debug, Clone, PartialEq)]
@@ -24,15 +29,15 @@ pub struct CameraView {
     /// Depth along z, row by row; meters = value * [`depth_scale`](Self::depth_scale), 0 means no
     /// return.
     pub depth: Vec<u16>,
-    /// Focal length in x \[pixels\], positive.
+    /// Focal length in x \[pixels\], 1e-3 to 1e6.
     pub fx: f64,
-    /// Focal length in y \[pixels\], positive.
+    /// Focal length in y \[pixels\], 1e-3 to 1e6.
     pub fy: f64,
-    /// Principal point in x \[pixels\]; the center of the first pixel is 0.
+    /// Principal point in x \[pixels\]; the center of the first pixel is 0; within 1e6.
     pub cx: f64,
-    /// Principal point in y \[pixels\].
+    /// Principal point in y \[pixels\], within 1e6.
     pub cy: f64,
-    /// Meters per unit of depth, positive.
+    /// Meters per unit of depth, 1e-9 to 1e3.
     pub depth_scale: f64,
     /// Pose of the camera in the world.
     pub X_WC: Isometry3<f64>,
@@ -159,18 +164,17 @@ impl CameraView {
                 });
             }
         }
-        for (key, value) in [
-            ("fx", self.fx),
-            ("fy", self.fy),
-            ("depth_scale", self.depth_scale),
+        for (key, value, range) in [
+            ("fx", self.fx, FOCAL_LENGTHS),
+            ("fy", self.fy, FOCAL_LENGTHS),
+            ("cx", self.cx, CENTERS),
+            ("cy", self.cy, CENTERS),
+            ("depth_scale", self.depth_scale, DEPTH_SCALES),
         ] {
-            if !(value.is_finite() && value > 0.0) {
-                return Err(wrong(key, format!("{value:?} must be positive and finite")));
-            }
-        }
-        for (key, value) in [("cx", self.cx), ("cy", self.cy)] {
-            if !value.is_finite() {
-                return Err(wrong(key, format!("{value:?} must be finite")));
+            if !range.contains(&value) {
+                let (least, most) = (range.start(), range.end());
+                let problem = format!("{value:?} must be from {least:e} to {most:e}");
+                return Err(wrong(key, problem));
             }
         }
         pose::check(&self.X_WC).map_err(|problem| wrong("world_from_camera", problem))

@@ -2,6 +2,9 @@ use crate::DataError;
 use serde::{Deserialize, Serialize};
 use std::path::Path;
 
+/// Their name in files.
+const KEY: &str = "contact_parameters";
+
 /// Parameters of contact that a field was estimated, or a corrected model found, with. A field makes up for the contact
 /// that it was learned through: predicted through another, torques err by its share of the difference.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -27,7 +30,11 @@ pub struct ContactParameters {
 }
 
 impl ContactParameters {
-    pub(crate) fn check(&self, path: &Path) -> Result<(), DataError> {
+    /// Checks the ranges of all parameters.
+    ///
+    /// # Errors
+    /// [`DataError::Argument`], which names the first that is out of its range.
+    pub fn check(&self) -> Result<(), DataError> {
         let length = |v: f64| (1e-9..=1.0).contains(&v);
         let problem = if !length(self.threshold) {
             format!("threshold {:?} must be 1e-9 to 1 m", self.threshold)
@@ -49,10 +56,18 @@ impl ContactParameters {
         } else {
             return Ok(());
         };
-        Err(DataError::Metadata {
-            path: path.to_owned(),
-            key: "contact_parameters",
-            problem,
+        Err(DataError::Argument { what: KEY, problem })
+    }
+
+    /// [`check`](Self::check) that names the file.
+    pub(crate) fn check_in(&self, path: &Path) -> Result<(), DataError> {
+        self.check().map_err(|error| match error {
+            DataError::Argument { what: key, problem } => DataError::Metadata {
+                path: path.to_owned(),
+                key,
+                problem,
+            },
+            other => other,
         })
     }
 }

@@ -258,7 +258,7 @@ impl StiffnessField {
             }
         }
         if let Some(contact) = &self.contact {
-            contact.check(path)?;
+            contact.check_in(path)?;
         }
         if let Some(base) = &self.base_pose {
             pose::check(base).map_err(|problem| wrong_pose(path, problem))?;

@@ -51,13 +51,19 @@ pub(crate) fn parse<T: DeserializeOwned>(path: &Path, bytes: &[u8]) -> Result<T,
         let mut failure = match failure(path, e.inner()) {
             // Where an array is too long, or a number stands for a name, serde_json finds fault with the syntax.
             DataError::Json {
-                path, line, column, ..
+                path,
+                line,
+                column,
+                problem,
             } if serde_json::from_str::<IgnoredAny>(text).is_ok() => DataError::JsonType {
                 path,
                 line,
                 column,
-                problem: "a value of another type, or of more entries, than it has to be"
-                    .to_owned(),
+                problem: if problem.starts_with("expected") || problem.starts_with("trailing") {
+                    "a value of another type, or of more entries, than it has to be".to_owned()
+                } else {
+                    problem
+                },
             },
             other => other,
         };
@@ -110,7 +116,7 @@ pub(crate) fn failure(path: &Path, e: &serde_json::Error) -> DataError {
     // The position is a field of the error already.
     let text = e.to_string();
     let position = format!(" at line {line} column {column}");
-    let problem = text.strip_suffix(&position).unwrap_or(&text).to_owned();
+    let problem = plain(text.strip_suffix(&position).unwrap_or(&text));
     match e.classify() {
         Category::Data => DataError::JsonType {
             path,
@@ -124,6 +130,17 @@ pub(crate) fn failure(path: &Path, e: &serde_json::Error) -> DataError {
             column,
             problem,
         },
+    }
+}
+
+/// The problem with the type that is expected in words of JSON.
+fn plain(problem: &str) -> String {
+    match problem.rsplit_once(", expected ") {
+        Some((before, "f64")) => format!("{before}, expected a number"),
+        Some((before, "u32" | "u64" | "usize")) => {
+            format!("{before}, expected a whole number >= 0")
+        }
+        _ => problem.to_owned(),
     }
 }
 

@@ -401,7 +401,7 @@ pub(crate) fn parse(
         contact: raw.contact,
     };
     if let Some(contact) = &metadata.contact {
-        contact.check(path)?;
+        contact.check_in(path)?;
     }
     Ok((given.clone().or(metadata), json::to_text(raw.extra)))
 }

@@ -2,6 +2,7 @@ use crate::effect::{acting_sets, follows_contact};
 use crate::{
     Diagnosis, Effect, GapError, Model, Outcome, Parameter, ParameterEstimate, Role, Site,
 };
+use serde::de::DeserializeOwned;
 use serde::{Deserialize, Serialize};
 use std::sync::Arc;
 use vsf_data::ContactParameters;
@@ -28,7 +29,7 @@ const SCHEMA: u32 = 1;
 /// # Ok::<(), GapError>(())
 /// ```
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields)]
+#[serde(deny_unknown_fields, expecting = "an object of a corrected model")]
 pub struct ModelFile {
     schema: u32,
     /// Names of the robot's joints, in order; none if they are not known.
@@ -58,7 +59,7 @@ pub struct ModelFile {
 
 /// An effect of a [`ModelFile`].
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields)]
+#[serde(deny_unknown_fields, expecting = "an effect, an object")]
 pub struct EffectEntry {
     /// Its name.
     pub effect: String,
@@ -128,24 +129,26 @@ impl ModelFile {
     /// Reads JSON.
     ///
     /// # Errors
-    /// [`GapError::ModelFile`] for anything but JSON of this form; what the effects make of it is
-    /// left to [`ModelFile::model`].
+    /// [`GapError::ModelFile`] for anything but JSON of this form, [`GapError::Data`] for parameters of contact that cannot
+    /// be; what the effects make of it is left to [`ModelFile::model`].
     pub fn from_json(text: &str) -> Result<Self, GapError> {
-        let file: Self = serde_json::from_str(text).map_err(|e| {
+        let file: Self = read(text).map_err(|problem| {
             let is_report = serde_json::from_str::<Diagnosis>(text).is_ok();
             GapError::ModelFile(if is_report {
                 "it is the report of a diagnosis; `vsf diagnose --model` writes the model"
                     .to_owned()
             } else {
-                e.to_string()
+                problem
             })
         })?;
-        match file.schema {
-            SCHEMA => Ok(file),
-            other => Err(GapError::ModelFile(format!(
-                "schema {other}, this version reads {SCHEMA}"
-            ))),
+        if file.schema != SCHEMA {
+            let problem = format!("schema {}, this version reads {SCHEMA}", file.schema);
+            return Err(GapError::ModelFile(problem));
         }
+        if let Some(contact) = &file.contact {
+            contact.check()?;
+        }
+        Ok(file)
     }
 
     /// Writes JSON.
@@ -214,6 +217,22 @@ impl Outcome {
             ..ModelFile::new(campaign.site(), &self.model, &self.sd)?
         })
     }
+}
+
+/// Reads JSON, or says where it is another, by the path of the key.
+fn read<T: DeserializeOwned>(text: &str) -> Result<T, String> {
+    let mut json = serde_json::Deserializer::from_str(text);
+    let value = serde_path_to_error::deserialize(&mut json).map_err(|e| {
+        let (key, problem) = (e.path().to_string(), e.inner());
+        // The root has a name of its own, and what is no JSON at all is nowhere.
+        if key == "." || !problem.is_data() {
+            problem.to_string()
+        } else {
+            format!("{key}: {problem}")
+        }
+    })?;
+    json.end().map_err(|e| e.to_string())?;
+    Ok(value)
 }
 
 /// Names for a message, the first of them where there are many, shortened where they are long.

@@ -31,6 +31,7 @@ const UNDETERMINED: f64 = 0.9;
 
 /// A parameter of an effect, estimated.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(expecting = "a parameter, an object")]
 pub struct ParameterEstimate {
     /// Name of the parameter.
     pub name: String,

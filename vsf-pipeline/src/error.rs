@@ -125,7 +125,7 @@ pub enum PipelineError {
         row: usize,
         /// The joint, from 1.
         joint: usize,
-        /// What `torques.npy` holds there.
+        /// Its value.
         value: f64,
         /// `N m`, or `N` for a sliding joint.
         unit: &'static str,
@@ -134,8 +134,8 @@ pub enum PipelineError {
     },
     /// A position or velocity that no robot has, and whose square endangers the arithmetic.
     #[error(
-        "sequence {id} row {row} joint {joint}: {file} holds {value:?} {unit}; at most {most:e} is taken, check the \
-         file and its units"
+        "sequence {id} row {row} joint {joint}: {what} of {value:?} {unit}; at most {most:e} is taken, check the file and \
+         its units"
     )]
     State {
         /// The sequence.
@@ -144,9 +144,9 @@ pub enum PipelineError {
         row: usize,
         /// The joint, from 1.
         joint: usize,
-        /// `angles.npy` or `velocities.npy`.
-        file: &'static str,
-        /// What it holds there.
+        /// A position or a velocity.
+        what: &'static str,
+        /// Its value.
         value: f64,
         /// `rad` or `m`, of velocities each second.
         unit: &'static str,

@@ -28,10 +28,10 @@ pub(crate) fn check_sequence(robot: &RobotModel, sequence: &Sequence) -> Result<
 fn check_states(robot: &RobotModel, sequence: &Sequence) -> Result<(), PipelineError> {
     let velocities = sequence.velocities.as_ref();
     let tables = [
-        ("angles.npy", ["rad", "m"], Some(&sequence.angles)),
-        ("velocities.npy", ["rad/s", "m/s"], velocities),
+        ("a position", ["rad", "m"], Some(&sequence.angles)),
+        ("a velocity", ["rad/s", "m/s"], velocities),
     ];
-    for (file, [turning, sliding], table) in tables {
+    for (what, [turning, sliding], table) in tables {
         let values = table.map_or(&[][..], Table::data);
         if let Some(k) = values.iter().position(|v| v.abs() > MOST_STATE) {
             let column = k % sequence.width();
@@ -39,7 +39,7 @@ fn check_states(robot: &RobotModel, sequence: &Sequence) -> Result<(), PipelineE
                 id: sequence.id.clone(),
                 row: k / sequence.width(),
                 joint: column + 1,
-                file,
+                what,
                 value: values[k],
                 unit: match robot.joints()[column].kind() {
                     JointKind::Prismatic => sliding,

@@ -12,7 +12,7 @@ use vsf::core::nalgebra::{Point3, Vector3};
 use vsf::data::{
     Advice, Clock, DataError, DataWarning, Dataset, JointLog, Sequence, Splits, read_points,
 };
-use vsf::pipeline::{check_readable, load_robot, motion_warnings, robot_of};
+use vsf::pipeline::{PipelineError, check_readable, load_robot, motion_warnings, robot_of};
 
 /// Most points of a box.
 const MOST_POINTS: f64 = 1e7;
@@ -116,6 +116,13 @@ pub fn run(args: &Args, console: &Console) -> anyhow::Result<()> {
     inputs.try_for_each(|f| console.outputs.keep(f))?;
     args.sources.keep(console)?;
     keep_made(&args.out, &[IMPORT])?;
+    let mut given = args.metadata.overrides()?;
+    let learns = given.splits.as_ref().is_some_and(|s| !s.train.is_empty());
+    if args.planned && learns {
+        return Err(usage(
+            "--train: motions that are planned have no torques to learn from",
+        ));
+    }
     let filled = args.corners.as_ref().map(|c| Filled::new(c, args.spacing));
     let filled = filled.transpose()?;
     let clock = if args.log_time {
@@ -135,13 +142,6 @@ pub fn run(args: &Args, console: &Console) -> anyhow::Result<()> {
         log = log.planned();
     }
 
-    let mut given = args.metadata.overrides()?;
-    let learns = given.splits.as_ref().is_some_and(|s| !s.train.is_empty());
-    if args.planned && learns {
-        return Err(usage(
-            "--train: motions that are planned have no torques to learn from",
-        ));
-    }
     if args.files.len() > 1 {
         // None of them names the whole.
         let name = args
@@ -199,12 +199,30 @@ pub fn run(args: &Args, console: &Console) -> anyhow::Result<()> {
     let robot = robot_of(&dataset, &packages).map_err(|e| explain(&args.metadata, e))?;
     let sequences: Vec<&Sequence> = dataset.sequences.iter().collect();
     console.warn_all(motion_warnings(&robot, &sequences));
-    check_readable(&dataset, robot)?;
+    check_readable(&dataset, robot).map_err(|e| in_file(&log, &dataset, e))?;
 
     let report = report(args, &log, joints, &dataset);
     save(dataset, &packages, &args.out, Vec::new())?;
     console.json(&report)?;
     console.report(text(&report))
+}
+
+/// With the file of a reading that is not taken, where it is known.
+fn in_file(log: &JointLog, dataset: &Dataset, error: PipelineError) -> anyhow::Error {
+    let id = match &error {
+        PipelineError::State { id, .. } | PipelineError::Torque { id, .. } => id,
+        _ => return error.into(),
+    };
+    let place = dataset.sequences.iter().position(|s| s.id == *id);
+    let file = place.and_then(|k| {
+        log.files_of(dataset)
+            .get(k)
+            .map(|f| f.display().to_string())
+    });
+    match file {
+        Some(file) => anyhow::Error::from(error).context(file),
+        None => error.into(),
+    }
 }
 
 /// A warning of names that are those of the robot in another order.
@@ -238,7 +256,8 @@ fn in_flags(args: &Args, error: DataError) -> anyhow::Error {
             ..
         } => usage(format!("--torque-kind is required: {hint}")),
         DataError::UnknownSequence { id, .. } => usage(format!(
-            "--train, --test: there is no sequence {id:?}; those of CSV and MCAP files are 000, 001, ... in their order"
+            "--train, --test: there is no sequence {id:?}; they are 000, 001, ... in their order, but for files of `vsf export`, which name \
+             their own"
         )),
         DataError::RobotNotFound { .. } => {
             anyhow::Error::from(error).context("give the robot by --robot")

@@ -684,7 +684,7 @@ fn motions_beyond_all_robots() {
         velocities[3 * 7 + 1] = value;
         let path = bench.root.join("data/seq_b/velocities.npy");
         npy(&path, &[ROWS, 3], &velocities);
-        let place = "sequence b row 7 joint 2: velocities.npy holds";
+        let place = "sequence b row 7 joint 2: a velocity of";
         for line in [
             INFO,
             "estimate data --prior-sd 1 --noise-sd 1",
@@ -704,7 +704,7 @@ fn motions_beyond_all_robots() {
     bench.fails(
         INFO,
         1,
-        &["sequence b row 9 joint 3: angles.npy holds 1e200 m"],
+        &["sequence b row 9 joint 3: a position of 1e200 m"],
     );
 }
 

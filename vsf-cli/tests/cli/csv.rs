@@ -203,12 +203,12 @@ fn what_cannot_be_worked_with_is_no_recording() {
         (
             "0,0,1e30,0,0,0,0\n0.1,0,0,0,0,0,0",
             "",
-            &["angles.npy", "joint 2", "1e30"][..],
+            &["a.csv: sequence 000 row 0 joint 2: a position of 1e30"][..],
         ),
         (
             "0,0,0,0,0,0,0\n0.1,0,0,0,0,0,1e300",
             "",
-            &["joint 3", "1e300"],
+            &["a.csv: sequence 000 row 1 joint 3: a torque of 1e300"],
         ),
         (
             "0,0,0,0,0,0,0\n0.1,0,0,0,0,0,0",
@@ -246,8 +246,12 @@ fn motions_that_are_planned_need_no_torques() {
     fs::write(root.join("plan.csv"), text).unwrap();
     let import = "import plan.csv --robot cartesian_stage --torque-kind external --points touch/points.npy --out plan";
     bench.fails(import, 1, &["has no column of its effort", "--planned"]);
+    // Which needs no look at the files.
     bench.fails(
-        &format!("{import} --planned --train 000"),
+        &format!(
+            "{} --planned --train 000",
+            import.replace("plan.csv", "none.csv")
+        ),
         2,
         &["--train", "no torques to learn from"],
     );

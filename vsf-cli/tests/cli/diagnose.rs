@@ -343,6 +343,25 @@ fn a_corrected_model_brings_its_contact() {
         1,
         &["remembers which links touched", "no link 'tail'"],
     );
+
+    // What cannot be is told with the file, before anything is computed.
+    for (from, to, part) in [
+        (
+            "\"friction\": 0.3",
+            "\"friction\": -1",
+            "m.json: contact_parameters: friction -1.0 must be",
+        ),
+        (
+            "\"friction\": 0.3",
+            "\"friction\": []",
+            "m.json: corrected model: contact_parameters.friction: invalid type: sequence",
+        ),
+    ] {
+        let text = model.replace(from, to);
+        assert_ne!(text, model);
+        fs::write(bench.root.join("m.json"), text).unwrap();
+        bench.fails(line, 1, &[part]);
+    }
 }
 
 /// A field knows the corrected model that it was estimated with.

@@ -263,6 +263,21 @@ fn json_that_is_not_json_or_of_wrong_type() {
         DataError::JsonType { .. },
         ": torque_kind: a value of another type"
     );
+    refused!(
+        |f: &Folder| f.json(r#"{"rate_hz": [70]}"#),
+        DataError::JsonType { .. },
+        ": rate_hz: invalid type: sequence, expected a number"
+    );
+    refused!(
+        |f: &Folder| f.json(r#"{"tare_samples": -1}"#),
+        DataError::JsonType { .. },
+        ": tare_samples: invalid value: integer `-1`, expected a whole number >= 0"
+    );
+    refused!(
+        |f: &Folder| f.json(r#"{"rate_hz": 1e400}"#),
+        DataError::JsonType { .. },
+        ": rate_hz: number out of range"
+    );
     for text in [
         "[]",
         r#"{"robot": "a", "robot": "b"}"#,
@@ -579,6 +594,8 @@ fn cameras() {
     }
     for (from, to, key) in [
         ("\"fx\": 1", "\"fx\": 0", "fx"),
+        ("\"fx\": 1", "\"fx\": 1e300", "fx"),
+        ("\"cy\": 0", "\"cy\": -1e7", "cy"),
         ("\"width\": 2", "\"width\": 4000000000", "width"),
         ("[0,0,1,0]", "[0,0,1.1,0]", "world_from_camera"),
         (

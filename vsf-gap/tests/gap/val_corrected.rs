@@ -492,7 +492,11 @@ fn files_that_are_no_models() {
         ("{\"schema\": 1, \"effects\": [], \"more\": 1}", "more"),
         (
             "{\"schema\": 1, \"effects\": [{\"effect\": \"latency\"}]}",
-            "parameters",
+            "effects[0]: missing field `parameters`",
+        ),
+        (
+            "{\"schema\": 1, \"effects\": [7]}",
+            "effects[0]: invalid type: integer `7`, expected an effect",
         ),
         (
             "{\"schema\": 1, \"effects\": [{\"effect\": \"latency\", \"parameters\": [{\"name\": \"delta\", \
