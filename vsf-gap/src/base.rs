@@ -43,16 +43,16 @@ impl Campaign {
         })
     }
 
-    /// The log evidence of the nominal model.
+    /// The log evidence of a model, its parameters being as they are.
     ///
     /// # Errors
-    /// Rows that contact cannot take, a covariance that is not positive definite.
-    pub(crate) fn log_evidence(&self) -> Result<f64, GapError> {
-        let mut nominal = self.fitted(&Model::default(), self.train.iter())?;
-        let stiffness = nominal.best_stiffness(CONTACT[1], JOINT[1])?;
-        let spreads = nominal.roughness(&stiffness);
-        let smoothest = spreads[best_of(&evidence(&nominal, &spreads)?)];
-        Ok(self.base(&mut nominal, &smoothest)?.log_evidence)
+    /// Rows that contact cannot take, parameters that an effect cannot take, a covariance that is not positive definite.
+    pub(crate) fn log_evidence(&self, model: &Model) -> Result<f64, GapError> {
+        let mut fitted = self.fitted(model, self.train.iter())?;
+        let stiffness = fitted.best_stiffness(CONTACT[1], JOINT[1])?;
+        let spreads = fitted.roughness(&stiffness);
+        let smoothest = spreads[best_of(&evidence(&fitted, &spreads)?)];
+        Ok(self.base(&mut fitted, &smoothest)?.log_evidence)
     }
 }
 

@@ -15,11 +15,13 @@ use vsf_pipeline::Scene;
 /// Named effects have to gain so many times what the other contact does.
 const TIMES: f64 = 2.0;
 
-/// The nominal model with another contact threshold, beside the effects that were named.
+/// The model without the effects that are relative to contact, with another contact threshold.
 pub(crate) struct Rival {
     /// Contact thresholds (m): its own, and that of the search.
     thresholds: [f64; 2],
-    /// What the other contact gains without effects (nats), and what such a gain has to exceed.
+    /// Names of its effects.
+    beside: Vec<String>,
+    /// What the other contact gains beside them (nats), and what such a gain has to exceed.
     gain: f64,
     null_gain: f64,
     /// What the named effects gain that are relative to the contact (nats).
@@ -58,9 +60,14 @@ impl Rival {
     /// What a reader should know of it.
     pub(crate) fn told(&self) -> String {
         let [own, searched] = self.thresholds.map(mm);
+        let without = if self.beside.is_empty() {
+            "without any effect".to_owned()
+        } else {
+            format!("beside {}", self.beside.join(" and "))
+        };
         let gains = format!(
             "a contact threshold of {own} instead of {searched} raises the log evidence of the train sequences by {:.0} \
-             nats without any effect; {} at {searched} by {:.0}",
+             nats {without}; {} at {searched} by {:.0}",
             self.gain,
             self.effects.join(" and "),
             self.of_effects,
@@ -94,18 +101,26 @@ impl Search<'_> {
             return Ok(None);
         };
         let (following, others) = named.model.by_contact();
-        let before = self.model_of(&others).map_or(self.base, |m| m.log_evidence);
+        let alone = self.model_of(&others);
+        let before = alone.map_or(self.base, |m| m.log_evidence);
         let padded = if following.has(GeometryPadding.name()) {
             None
         } else {
             self.padded(campaign, &others, before)?
         };
         let suited = match campaign.suited() {
-            Some(c) => Some(Other {
-                gain: c.log_evidence()? - self.base,
-                null_gain: 0.0,
-                scene: c.scene,
-            }),
+            // The other effects as they come out alone in the contact of the search, and where the contact is mended.
+            Some(c) => {
+                let in_search = match alone {
+                    Some(m) => campaign.log_evidence(&m.model)?,
+                    None => self.base,
+                };
+                Some(Other {
+                    gain: c.log_evidence(&others)? - in_search,
+                    null_gain: 0.0,
+                    scene: c.scene,
+                })
+            }
             None => None,
         };
         let best = suited
@@ -119,11 +134,12 @@ impl Search<'_> {
         let null_gains = following.parts.iter().map(|(e, _)| e.null_gain());
         let rival = Rival {
             thresholds: [&other.scene, &campaign.scene].map(|s| s.contact().threshold),
+            beside: names(&others),
             gain: other.gain,
             null_gain: other.null_gain,
             of_effects: named.log_evidence - before,
             null_gain_of_effects: null_gains.sum(),
-            effects: (following.parts.iter().map(|(e, _)| e.name().to_owned())).collect(),
+            effects: names(&following),
         };
         Ok(Some((rival, other.scene)))
     }
@@ -166,6 +182,11 @@ impl Search<'_> {
     }
 }
 
+fn names(model: &Model) -> Vec<String> {
+    let effects = model.parts.iter().map(|(e, _)| e.name().to_owned());
+    effects.collect()
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -175,6 +196,7 @@ mod tests {
     fn effects_have_to_gain_twice_as_much() {
         let of = |gain, of_effects, null_gain_of_effects| Rival {
             thresholds: [0.0032, 0.002],
+            beside: Vec::new(),
             gain,
             null_gain: 0.0,
             of_effects,
@@ -196,5 +218,10 @@ mod tests {
             ..of(40.0, 90.0, 24.0)
         };
         assert!(!padded.outdoes() && of(40.0, 90.0, 24.0).outdoes());
+        let beside = Rival {
+            beside: vec!["payload".to_owned()],
+            ..of(588.0, 1390.0, 25.0)
+        };
+        assert!(beside.told().contains("by 588 nats beside payload; "));
     }
 }

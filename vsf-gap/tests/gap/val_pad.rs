@@ -6,7 +6,7 @@ use rand::SeedableRng;
 use rand_distr::{Distribution, StandardNormal};
 use rand_pcg::Pcg64Mcg;
 use vsf_data::{Dataset, RobotRef, Sequence, Splits, Table};
-use vsf_gap::{Campaign, VerdictKind, diagnose, effects};
+use vsf_gap::{Campaign, Diagnosis, VerdictKind, diagnose, effects};
 use vsf_pipeline::{SceneOptions, reading_warnings};
 
 /// Spacing of the points, the depth that pokes go to, and the noise (m, N).
@@ -128,4 +128,41 @@ fn an_onset_that_a_padding_finds_is_no_cause() {
     assert!(found.notes.iter().any(told), "{:?}", found.notes);
     let set = &found.verdict.effect_set_95;
     assert!(set.iter().any(|e| e == "contact_friction"), "{set:?}");
+}
+
+/// What that onset is worth is asked beside the causes that are named beside the padding: without them, they hide most of it.
+#[test]
+fn an_onset_is_compared_beside_other_causes() {
+    let mut dataset = pad(&PLACES);
+    for sequence in &mut dataset.sequences {
+        // Dry friction along z.
+        let rows = sequence.angles.data().chunks_exact(3);
+        let heights: Vec<f64> = rows.map(|row| row[2]).collect();
+        let last = heights.len() - 1;
+        for row in 0..=last {
+            let rise = heights[(row + 1).min(last)] - heights[row.saturating_sub(1)];
+            if rise.abs() > 1e-9 {
+                sequence.torques.data_mut()[3 * row + 2] -= 0.6 * rise.signum();
+            }
+        }
+    }
+    let few = ["joint_coulomb_friction", "geometry_padding"].map(str::to_owned);
+    let few = effects::named(&few).unwrap();
+    let campaign = Campaign::open(&dataset, &SceneOptions::default()).unwrap();
+    let found = diagnose(&campaign.with_suited_fields(), &few, 0, |_| {}).unwrap();
+    let Diagnosis { verdict, notes, .. } = found.diagnosis;
+    assert_eq!(verdict.effects, ["joint_coulomb_friction"]);
+    let told = notes
+        .iter()
+        .find(|n| n.contains("3.200 mm instead of 2.000"));
+    let (of_threshold, of_padding) = told
+        .unwrap()
+        .split_once("nats beside joint_coulomb_friction;")
+        .unwrap();
+    let nats = |text: &str| -> f64 {
+        let mut words = text.split([' ', '.']).skip_while(|w| *w != "by").skip(1);
+        words.next().unwrap().parse().unwrap()
+    };
+    let (of_threshold, of_padding) = (nats(of_threshold), nats(of_padding));
+    assert!(of_threshold > of_padding, "{of_threshold} {of_padding}");
 }
