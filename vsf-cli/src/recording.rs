@@ -168,7 +168,7 @@ impl Recording {
         if chosen.is_empty() {
             let path = self.path.display();
             anyhow::bail!(
-                "{path}: the {what} split is empty; name sequences by --sequences, or give \
+                "{path}: the {what} split is empty; name sequences by --sequences or --{what}, or give \
                  dataset.json a `splits` with {what} sequences"
             );
         }
@@ -297,13 +297,24 @@ impl Recording {
         let points = &field.field.points;
         let of_model = model.and_then(CorrectedModel::contact);
         let known = field.field.contact.as_ref().or(of_model);
-        let options = self
-            .settings
-            .options(known.or(self.dataset.contact.as_ref()));
+        let known = known.or(self.dataset.contact.as_ref());
+        let options = self.settings.options(known);
         let scene = self.scene_by(&options, console, |dataset, options| {
             Scene::with_points(dataset, points.clone(), options)
         })?;
         field.compare_contact(&scene, console);
+        let is_guessed = known.is_none() && !self.settings.has_threshold();
+        if let Ok(suited) = scene.with_suited_threshold()
+            && is_guessed
+            && suited.contact() != scene.contact()
+        {
+            let [taken, suited] = [&scene, &suited].map(|s| number(s.contact().threshold));
+            console.warn(format!(
+                "{}: does not say in which contact it was estimated: {taken} m is taken for the threshold, where {suited} m \
+                 suits the points; give --threshold",
+                field.path.display(),
+            ));
+        }
         Ok(scene)
     }
 

@@ -53,6 +53,10 @@ impl<T: Scalar> Belief<T> {
 
     /// The same prior `N(mean, sd²)` for each of `n` points; the paper uses mean 0 and sd 0.1 N/m.
     ///
+    /// Points are independent. Over many points that were never touched the deviations average out, and predictions beside
+    /// touched places come out too sure: where these matter, take a prior in which neighbors are alike (`FieldPrior` of
+    /// `vsf-filter`) and an estimator that keeps correlations.
+    ///
     /// # Errors
     /// As [`Belief::new`].
     pub fn uniform(n: usize, mean: f64, sd: f64) -> Result<Self, CoreError> {

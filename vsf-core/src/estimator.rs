@@ -78,6 +78,16 @@ pub trait Estimator: DynClone + Send + Sync {
     /// The current belief: marginal mean and variance of every point.
     fn belief(&self) -> &Belief<Self::Scalar>;
 
+    /// The whole field, as one keeps it at the end: the [`belief`](Self::belief) and, by estimators whose prior ties points
+    /// together, what the touched points suggest of the others: their means, with the variances of the prior, which
+    /// are upper bounds. By default the belief.
+    ///
+    /// # Errors
+    /// Means beyond the range of numbers.
+    fn field(&self) -> Result<Belief<Self::Scalar>, CoreError> {
+        Ok(self.belief().clone())
+    }
+
     /// Forgets everything and starts from `prior`.
     ///
     /// # Errors
@@ -151,6 +161,9 @@ where
     type Scalar = E::Scalar;
     fn belief(&self) -> &Belief<E::Scalar> {
         (**self).belief()
+    }
+    fn field(&self) -> Result<Belief<E::Scalar>, CoreError> {
+        (**self).field()
     }
     fn reset(&mut self, prior: Belief<E::Scalar>) -> Result<(), CoreError> {
         (**self).reset(prior)

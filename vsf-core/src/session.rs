@@ -138,7 +138,8 @@ where
     }
 
     /// Moves the robot to `posture` and predicts the reading there. Learns nothing, but contacts follow as in
-    /// [`step`](Self::step): it is for motions whose readings are not known.
+    /// [`step`](Self::step): it is for motions whose readings are not known. Its deviations are those of the estimator: with
+    /// independent points ([`Belief::uniform`]) too small beside touched places.
     ///
     /// # Errors
     /// A posture that is not finite or does not fit, is of another robot or never written.

@@ -382,6 +382,10 @@ impl<E: Revisit + Clone> Estimator for MemoryReplay<E> {
         self.inner.belief()
     }
 
+    fn field(&self) -> Result<Belief<E::Scalar>, CoreError> {
+        self.inner.field()
+    }
+
     fn reset(&mut self, prior: Belief<E::Scalar>) -> Result<(), CoreError> {
         self.inner.reset(prior)?;
         self.rng = Pcg64Mcg::seed_from_u64(self.config.seed);

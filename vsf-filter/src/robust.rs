@@ -291,6 +291,10 @@ impl<E: Estimator + Clone> Estimator for RobustNoise<E> {
         self.inner.belief()
     }
 
+    fn field(&self) -> Result<Belief<E::Scalar>, CoreError> {
+        self.inner.field()
+    }
+
     fn reset(&mut self, prior: Belief<E::Scalar>) -> Result<(), CoreError> {
         self.inner.reset(prior)?;
         self.weights.clear();

@@ -79,7 +79,8 @@ impl DiagnosisStep {
 /// println!("{:?}: {:?}", outcome.diagnosis.verdict.kind, outcome.diagnosis.verdict.effects);
 ///
 /// let corrected = outcome.model_file()?.to_json(); // what `--model corrected.json` reads
-/// let corrector = Corrector::new(campaign.site(), campaign.scene(), &outcome.model)?; // the same in a control loop
+/// let found_in = &outcome.campaign; // with the contact that the model was found in
+/// let corrector = Corrector::new(found_in.site(), found_in.scene(), &outcome.model)?; // the same in a control loop
 /// # assert!(outcome.diagnosis.gap.test_error_corrected < outcome.diagnosis.gap.test_error_nominal);
 /// # assert!(!corrected.is_empty());
 /// # Ok::<(), Box<dyn std::error::Error>>(())

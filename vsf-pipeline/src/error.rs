@@ -53,7 +53,7 @@ pub enum PipelineError {
         problem: String,
     },
     /// There is no view to extrapolate by.
-    #[error("the recording has no camera/ (color.png, depth.png, camera.json) to extrapolate by")]
+    #[error("the recording has no camera/ (color.png, depth.png, camera.json) to see points with")]
     NoCamera,
     /// Something about sequence `id`.
     #[error("sequence {id} row {row}: {source}")]
@@ -152,6 +152,14 @@ pub enum PipelineError {
         unit: &'static str,
         /// Largest magnitude that is taken.
         most: f64,
+    },
+    /// A name of no estimator.
+    #[error("unknown estimator {name:?}: there are {known}")]
+    UnknownEstimator {
+        /// The name.
+        name: String,
+        /// Those that there are.
+        known: String,
     },
     /// A robot name that is neither built in nor a file.
     #[error("unknown robot {name:?}: built in are {known}; a URDF is given by its path")]

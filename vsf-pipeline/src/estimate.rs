@@ -1,5 +1,6 @@
 use crate::trace::check_traces;
 use crate::{Hyper, PipelineError, Trace};
+use std::str::FromStr;
 use vsf_core::{
     Belief, CoreError, Estimator, FilterHealth, Noise, Observation, RestPoints, Scalar,
     UpdateReport,
@@ -50,6 +51,18 @@ pub enum FilterSpec {
 }
 
 impl EstimatorSpec {
+    /// The names that [`EstimatorSpec::from_str`] knows, those of `vsf estimate --estimator`.
+    pub const NAMES: [&str; 8] = [
+        "batch",
+        "exact",
+        "information",
+        "dual",
+        "replay",
+        "diagonal",
+        "printed",
+        "updated",
+    ];
+
     /// The diagonal filter with memory replay, all parameters at their defaults.
     pub fn replay() -> Self {
         FilterSpec::replay().into()
@@ -64,6 +77,52 @@ impl EstimatorSpec {
                 FilterSpec::Dual(_) | FilterSpec::Replay { .. } => false,
             },
         }
+    }
+}
+
+/// An estimator by its name, all parameters at their defaults: `batch`, `exact`, `information` (which shows negative means as
+/// zero), `dual`, `replay`, `diagonal` (without replay), and the diagonal filter with replay in its other forms,
+/// `printed` (eq. 7 as printed) and `updated`.
+///
+/// ```
+/// use vsf_pipeline::EstimatorSpec;
+///
+/// let spec: EstimatorSpec = "exact".parse()?;
+/// assert!(spec.keeps_correlations());
+/// # for name in EstimatorSpec::NAMES { name.parse::<EstimatorSpec>()?; }
+/// # Ok::<(), vsf_pipeline::PipelineError>(())
+/// ```
+impl FromStr for EstimatorSpec {
+    type Err = PipelineError;
+
+    fn from_str(name: &str) -> Result<Self, PipelineError> {
+        let replay = |form| FilterSpec::Replay {
+            form,
+            config: ReplayConfig::default(),
+        };
+        let filter = match name {
+            "batch" => return Ok(Self::Batch),
+            "exact" => FilterSpec::Exact(Projection::Constrained),
+            "information" => FilterSpec::Information(Projection::OutputOnly),
+            "dual" => FilterSpec::Dual(DualConfig::default()),
+            "replay" => replay(DiagonalForm::Innovation),
+            "diagonal" => FilterSpec::Replay {
+                form: DiagonalForm::Innovation,
+                config: ReplayConfig {
+                    replays: 0,
+                    ..ReplayConfig::default()
+                },
+            },
+            "printed" => replay(DiagonalForm::Printed),
+            "updated" => replay(DiagonalForm::InnovationUpdated),
+            _ => {
+                return Err(PipelineError::UnknownEstimator {
+                    name: name.to_owned(),
+                    known: Self::NAMES.join(", "),
+                });
+            }
+        };
+        Ok(filter.into())
     }
 }
 
@@ -222,7 +281,7 @@ pub(crate) fn run(
         progress(done + 1);
     }
     Ok(Estimate {
-        belief: estimator.belief().clone(),
+        belief: estimator.field()?,
         touched,
         health,
     })

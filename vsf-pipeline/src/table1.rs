@@ -128,7 +128,7 @@ impl Run<'_> {
             fits.push(mean_error(estimator.belief().mean(), [&trace]));
         }
         let step = self.contact_seconds + seconds / updates.max(1) as f64;
-        self.cell(name, &fits, estimator.belief(), Some(1.0 / step))
+        self.cell(name, &fits, &estimator.field()?, Some(1.0 / step))
     }
 
     fn batch(&self) -> Result<Table1Cell, PipelineError> {

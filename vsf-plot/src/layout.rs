@@ -91,6 +91,7 @@ fn legend(scene: &Scene<'_>) -> String {
         scene.quantity
     );
     parts.push(&largest);
+    parts.push("3D: soft and far points are paler");
     parts.join("  |  ")
 }
 

@@ -8,6 +8,8 @@ use crate::wire_box::{axes, wire_box};
 pub(crate) const AXIS_NAMES: [&str; 3] = ["x [m]", "y [m]", "z [m]"];
 /// Light enough for labels to stay readable on top.
 const ROBOT: Rgb = [122, 158, 204];
+/// Most numbers along an edge.
+const MOST_TICKS: usize = 9;
 
 /// A view along a world axis with ruled axes, the stiffest points in front.
 pub(crate) fn projection_panel(
@@ -98,12 +100,14 @@ pub(crate) fn slanted_panel(
 ) {
     let ticks = [0, 1, 2].map(|k| {
         let b = &scene.bounds;
-        let share = (b.max_W[k] - b.min_W[k]) / b.size();
-        Ticks::new(
-            b.min_W[k],
-            b.max_W[k],
-            ((5.0 * share).ceil() as usize).max(2),
-        )
+        let (lo, hi) = (b.min_W[k], b.max_W[k]);
+        let count = ((5.0 * (hi - lo) / b.size()).ceil() as usize).max(2);
+        // One number alone gives no scale.
+        let finer = (count..=MOST_TICKS).map(|n| Ticks::new(lo, hi, n));
+        let mut with_scale = finer.filter(|ticks| ticks.values.len() > 1);
+        with_scale
+            .next()
+            .unwrap_or_else(|| Ticks::new(lo, hi, count))
     });
     wire_box(&scene.bounds, &ticks, &camera, canvas);
     faint_points(scene, &camera, canvas);

@@ -5,5 +5,8 @@ pub use vsf_core::{
     Belief, ContactModel, Contacts, CoreError, Estimator, Noise, Observation, Posture, Prediction,
     RestPoints, Sensor, Session, UpdateReport,
 };
-pub use vsf_filter::{DiagonalKalman, DualConfig, DualReplay, MemoryReplay, ReplayConfig};
+pub use vsf_filter::{
+    CovarianceFilter, DiagonalKalman, DualConfig, DualReplay, FieldPrior, MemoryReplay,
+    ReplayConfig,
+};
 pub use vsf_robots::{JointTorques, RobotModel, UrdfOptions};

@@ -63,6 +63,9 @@ enum Kind {
     Gp,
 }
 
+/// Predictions are told to be too sure where a smaller share of readings lies within two standard deviations.
+const SURE: f64 = 0.8;
+
 #[derive(Serialize)]
 struct Report {
     predictor: &'static str,
@@ -136,6 +139,14 @@ pub fn run(args: &Args, console: &Console) -> anyhow::Result<()> {
                 number(errors.mean_error),
                 number(errors.zero_error),
                 unit = errors.unit,
+            ));
+        }
+        if let Some(c) = (errors.calibration).filter(|c| c.within_2_sigma < SURE) {
+            console.warn(format!(
+                "{:.0} % of the readings in contact lie within two predicted standard deviations, where 95 % would by chance \
+                 alone: predictions are surer than they are right, as beside touched places, or by an estimator that \
+                 keeps no correlations",
+                100.0 * c.within_2_sigma
             ));
         }
         found.push((name, errors));

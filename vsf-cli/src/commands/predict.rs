@@ -10,7 +10,7 @@ use vsf::pipeline::{SequencePrediction, predict};
 
 #[derive(Debug, clap::Args)]
 #[command(after_help = "\
-DIR becomes a recording of its own, robot and camera included: the same joint angles, and in \
+What --out names becomes a recording of its own, robot and camera included: the same joint angles, and in \
 torques.npy the predicted external torques, those of a corrected model (--model) included. Each sequence also gets torques_sd.npy, (T, d): the standard deviation of independent points \
 plus the noise that the field was estimated with; not in free air, where a model alone predicts.
 

@@ -15,6 +15,8 @@ const LEAST_HIDDEN: f64 = 0.05;
 /// A claim of less probability is uncertain; an effect of more acts, whatever acts beside it.
 const LIKELY: f64 = 0.5;
 const CERTAIN: f64 = 0.95;
+/// Most effects that are told to be likely in place of those named.
+const MOST_RIVALS: usize = 2;
 
 /// From so many nats on, test sequences speak for an effect.
 const NATS: f64 = 3.0;
@@ -134,21 +136,34 @@ fn is_certain(diagnosis: &Diagnosis, effect: &str) -> bool {
     of.is_some_and(|e| e.probability >= CERTAIN)
 }
 
-/// Which of several effects act for certain, where their whole does not.
+/// Where effects are not named for certain, which of them act for certain, and what may act in their place.
 fn whatever_else(diagnosis: &Diagnosis) -> String {
     let Verdict {
         kind,
         effects,
         probability,
+        effect_set_95,
         ..
     } = &diagnosis.verdict;
+    if *kind != VerdictKind::Effects || *probability >= CERTAIN {
+        return String::new();
+    }
     let certain = effects.iter().filter(|e| is_certain(diagnosis, e));
     let certain: Vec<&str> = certain.map(String::as_str).collect();
-    if *kind == VerdictKind::Effects && *probability < CERTAIN && !certain.is_empty() {
-        format!("; that {} acts: 95 % or more", certain.join(" and "))
-    } else {
-        String::new()
-    }
+    let acts = match certain[..] {
+        [] => String::new(),
+        _ => format!("; that {} acts: 95 % or more", certain.join(" and ")),
+    };
+    let may_act = |e: &&EffectReport| {
+        effect_set_95.contains(&e.effect)
+            && !effects.contains(&e.effect)
+            && e.probability >= 1.0 - CERTAIN
+    };
+    let mut others: Vec<&EffectReport> = diagnosis.effects.iter().filter(may_act).collect();
+    others.sort_by(|a, b| b.probability.total_cmp(&a.probability));
+    let others = others.iter().take(MOST_RIVALS);
+    let others = others.map(|e| format!("; {}: {}", e.effect, percent(e.probability)));
+    acts + &others.collect::<String>()
 }
 
 /// The amplitudes of the effects named that stopped at a bound.
@@ -337,6 +352,21 @@ pub mod tests {
         (d.verdict.kind, d.verdict.probability) = (VerdictKind::Effects, 0.45);
         let uncertain = "Uncertain: payload and adhesion fit best, with a probability of only 45 %; that payload acts: 95 % or more.";
         assert_eq!(verdict(&d), uncertain);
+    }
+
+    /// What fits nearly as well is named with it.
+    #[test]
+    fn what_may_act_in_its_place_is_told() {
+        let mut d = report("effects", 0.65, 0.5);
+        d.verdict.effects = vec!["payload".to_owned()];
+        d.verdict.effect_set_95 = vec!["payload".to_owned(), "adhesion".to_owned()];
+        let adhesion = d.effects.iter_mut().find(|e| e.effect == "adhesion");
+        adhesion.unwrap().probability = 0.35;
+        let told = verdict(&d);
+        assert!(
+            told.contains("(probability 65 %; adhesion: 35 %)"),
+            "{told}"
+        );
     }
 
     /// Errors of touches that were never touched before say less than densities.

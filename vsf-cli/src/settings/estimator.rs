@@ -4,7 +4,7 @@ use crate::exit::usage;
 use crate::range::{deviation, positive, replays, share};
 use clap::{Args, ValueEnum};
 use std::path::Path;
-use vsf::filter::{DiagonalForm, DualConfig, Projection, ReplayConfig, ReplayVariance, RobustLoss};
+use vsf::filter::{DualConfig, Projection, ReplayConfig, ReplayVariance, RobustLoss};
 use vsf::pipeline::{EstimatorSpec, FilterSpec, HyperMethod, PriorShape, VisionSpec};
 
 /// The estimator, prior and noise.
@@ -44,7 +44,8 @@ pub struct EstimatorSettings {
     #[arg(long, value_delimiter = ',', value_parser = deviation)]
     pub noise_sd: Option<Vec<f64>>,
     /// Standard deviation of the smooth part of the prior, per that of a point's own part, 0 for independent
-    /// points; by default 0.25 or 0, whichever suits better (with more than 1500 touched points 0.25)
+    /// points; by default 0.25 or 0, whichever suits better (with more than 1500 touched points 0.25), and 0 for estimators
+    /// that keep no correlations
     #[arg(long, value_parser = share)]
     smooth_share: Option<f64>,
     /// Length over which the smooth part of the prior stays alike [m], default 0.04
@@ -115,7 +116,7 @@ enum ProjectionKind {
 impl EstimatorSettings {
     /// The estimator.
     pub fn spec(&self) -> anyhow::Result<EstimatorSpec> {
-        use EstimatorKind::{Batch, Diagonal, Dual, Exact, Information, Printed, Replay, Updated};
+        use EstimatorKind::{Batch, Dual, Exact, Information, Printed, Replay, Updated};
         let kind = self.kind();
         let replays = self.replay.is_some_and(|r| r > 0);
         if replays && !matches!(kind, Dual | Replay | Printed | Updated) {
@@ -129,9 +130,9 @@ impl EstimatorSettings {
             let what = "buffer that a sequence empties";
             return Err(self.without("--clear-replay", what, "replay"));
         }
-        if self.smooth_share == Some(0.0) && self.smooth_length.is_some() {
+        if self.shape().smooth_share == 0.0 && self.smooth_length.is_some() {
             return Err(usage(
-                "--smooth-length: with --smooth-share 0 nothing is smooth; give a share, or leave out the length",
+                "--smooth-length: nothing is smooth without a share; give --smooth-share too, or leave out the length",
             ));
         }
         if !matches!(kind, Exact | Information) && self.projection.is_some() {
@@ -141,17 +142,12 @@ impl EstimatorSettings {
             Some(ProjectionKind::Constrained) if kind == Information => {
                 return Err(self.without("--projection", "constrained projection", "exact"));
             }
-            None if kind == Information => Projection::OutputOnly,
-            None | Some(ProjectionKind::Constrained) => Projection::Constrained,
-            Some(ProjectionKind::OutputOnly) => Projection::OutputOnly,
-            Some(ProjectionKind::FedBack) => Projection::FedBack,
+            None => None,
+            Some(ProjectionKind::Constrained) => Some(Projection::Constrained),
+            Some(ProjectionKind::OutputOnly) => Some(Projection::OutputOnly),
+            Some(ProjectionKind::FedBack) => Some(Projection::FedBack),
         };
-        let form = match kind {
-            Printed => DiagonalForm::Printed,
-            Updated => DiagonalForm::InnovationUpdated,
-            _ => DiagonalForm::Innovation,
-        };
-        let robust = match self.robust {
+        let loss = match self.robust {
             None | Some(RobustKind::None) => None,
             Some(_) if kind == Batch => {
                 return Err(self.without("--robust", "robust noise", "exact"));
@@ -159,17 +155,19 @@ impl EstimatorSettings {
             Some(RobustKind::Huber) => Some(RobustLoss::HUBER),
             Some(RobustKind::StudentT) => Some(RobustLoss::STUDENT_T),
         };
-        let filter = match kind {
-            Batch => return Ok(EstimatorSpec::Batch),
-            Exact => FilterSpec::Exact(projection),
-            Information => FilterSpec::Information(projection),
-            Dual => FilterSpec::Dual(self.dual_config()),
-            Replay | Diagonal | Printed | Updated => FilterSpec::Replay {
-                form,
-                config: self.replay_config(kind == Diagonal),
-            },
-        };
-        Ok(EstimatorSpec::Online { filter, robust })
+        let mut spec: EstimatorSpec = self.name().parse()?;
+        if let EstimatorSpec::Online { filter, robust } = &mut spec {
+            *robust = loss;
+            match filter {
+                FilterSpec::Exact(own) | FilterSpec::Information(own) => {
+                    *own = projection.unwrap_or(*own);
+                }
+                FilterSpec::Dual(config) => self.tune_dual(config),
+                FilterSpec::Replay { config, .. } => self.tune_replay(config),
+                _ => {}
+            }
+        }
+        Ok(spec)
     }
 
     fn without(&self, flag: &str, feature: &str, other: &str) -> anyhow::Error {
@@ -179,36 +177,29 @@ impl EstimatorSettings {
         ))
     }
 
-    fn dual_config(&self) -> DualConfig {
-        let defaults = DualConfig::default();
-        DualConfig {
-            replays: self.replay.unwrap_or(defaults.replays),
-            seed: self.seed.unwrap_or(defaults.seed),
-            ..defaults
-        }
+    fn tune_dual(&self, config: &mut DualConfig) {
+        config.replays = self.replay.unwrap_or(config.replays);
+        config.seed = self.seed.unwrap_or(config.seed);
     }
 
-    fn replay_config(&self, none: bool) -> ReplayConfig {
-        let defaults = ReplayConfig::default();
-        ReplayConfig {
-            replays: if none {
-                0
-            } else {
-                self.replay.unwrap_or(defaults.replays)
-            },
-            variance: match self.replay_variance {
-                Some(VarianceKind::Shrink) => ReplayVariance::Shrink,
-                None | Some(VarianceKind::Keep) => ReplayVariance::Keep,
-            },
-            seed: self.seed.unwrap_or(defaults.seed),
-            clear_on_sequence: self.clear_replay.unwrap_or(defaults.clear_on_sequence),
-            ..defaults
-        }
+    fn tune_replay(&self, config: &mut ReplayConfig) {
+        config.replays = self.replay.unwrap_or(config.replays);
+        config.variance = match self.replay_variance {
+            Some(VarianceKind::Shrink) => ReplayVariance::Shrink,
+            Some(VarianceKind::Keep) => ReplayVariance::Keep,
+            None => config.variance,
+        };
+        config.seed = self.seed.unwrap_or(config.seed);
+        config.clear_on_sequence = self.clear_replay.unwrap_or(config.clear_on_sequence);
     }
 
     /// The smooth part of the prior.
     pub fn shape(&self) -> PriorShape {
-        let defaults = PriorShape::default();
+        let defaults = if self.keeps_correlations() {
+            PriorShape::default()
+        } else {
+            PriorShape::independent()
+        };
         PriorShape {
             smooth_share: self.smooth_share.unwrap_or(defaults.smooth_share),
             length: self.smooth_length.unwrap_or(defaults.length),
@@ -257,6 +248,12 @@ impl EstimatorSettings {
     /// Name of how outliers count, for reports.
     pub fn robust_name(&self) -> String {
         name_of(&self.robust.unwrap_or(RobustKind::None))
+    }
+
+    /// As [`EstimatorSpec::keeps_correlations`].
+    fn keeps_correlations(&self) -> bool {
+        use EstimatorKind::{Batch, Exact, Information};
+        matches!(self.kind(), Batch | Exact | Information)
     }
 
     fn kind(&self) -> EstimatorKind {

@@ -27,7 +27,7 @@ pub struct ContactSettings {
     links: Option<Vec<String>>,
     /// Contact threshold delta [m]: distance from a link's surface within which a point is touched. Default: 0.8 of the
     /// points' spacing (see --thresholds of `estimate`), 0.002 for `diagnose`; a field, corrected model or simulated
-    /// recording brings its own
+    /// recording brings its own, and a field that says nothing of it is taken to have 0.002
     #[arg(long, value_parser = length)]
     threshold: Option<f64>,
     /// Friction coefficient nu_f, default 0.15

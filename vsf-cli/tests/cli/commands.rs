@@ -446,7 +446,7 @@ fn usage_errors() {
     bench.fails(
         "estimate data --preset paper --smooth-length 0.1",
         2,
-        &["--smooth-length", "--smooth-share 0"],
+        &["--smooth-length", "nothing is smooth without a share"],
     );
     bench.fails(
         "evaluate data --field truth --baseline gp --gp-samples 1",

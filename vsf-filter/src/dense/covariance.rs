@@ -39,8 +39,8 @@ use vsf_core::{Belief, CoreError, Estimator, Observation, Prediction, Scalar, Up
 /// # Untouched points
 /// [`Estimator::belief`] shows the prior's marginals of points that were neither touched nor
 /// included. For an independent prior that is their posterior. For a correlated one touches say
-/// something of them too: [`JointEstimator::extrapolate`] tells what, in `O(n²)` a point, and
-/// [`Estimator::predict`] makes use of it.
+/// something of them too: [`JointEstimator::extrapolate`] tells what, in `O(n²)` a point, [`Estimator::field`] tells the
+/// means of all, in `O(n)` a point, and [`Estimator::predict`] makes use of it.
 ///
 /// # Signs
 /// The mean of the belief is the mode of the posterior within `K >= 0`
@@ -355,6 +355,10 @@ impl<T: Scalar> Estimator for CovarianceFilter<T> {
 
     fn belief(&self) -> &Belief<T> {
         &self.shown.belief
+    }
+
+    fn field(&self) -> Result<Belief<T>, CoreError> {
+        self.whole(&self.shown.belief)
     }
 
     fn reset(&mut self, prior: Belief<T>) -> Result<(), CoreError> {

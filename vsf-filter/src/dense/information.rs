@@ -332,6 +332,10 @@ impl<T: Scalar> Estimator for InformationFilter<T> {
         &self.shown.belief
     }
 
+    fn field(&self) -> Result<Belief<T>, CoreError> {
+        self.whole(&self.shown.belief)
+    }
+
     fn reset(&mut self, prior: Belief<T>) -> Result<(), CoreError> {
         self.restart(prior.into())
     }

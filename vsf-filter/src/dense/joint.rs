@@ -112,6 +112,21 @@ pub(super) trait Joint<T: Scalar> {
         out.check_finite()
     }
 
+    /// [`vsf_core::Estimator::field`] of what is shown: `O(n)` a point that was never touched, after `O(n²)`.
+    fn whole(&self, shown: &Belief<T>) -> Result<Belief<T>, CoreError> {
+        let touched = self.touched();
+        let prior = touched.prior().mean();
+        let offsets = touched.points().iter().enumerate();
+        let offsets: Vec<f64> = offsets
+            .map(|(slot, &p)| self.marginal(slot).0.to_f64() - prior[p as usize])
+            .collect();
+        let mut mean = shown.mean().to_vec();
+        for (p, shift) in touched.shifts(&offsets) {
+            mean[p] = T::from_f64((prior[p] + shift).max(0.0));
+        }
+        Belief::new(mean, shown.variance().to_vec())
+    }
+
     /// Marginals of given points, in their order.
     fn marginals(&self, points: &[u32]) -> Result<Belief<T>, CoreError> {
         let touched = self.touched();

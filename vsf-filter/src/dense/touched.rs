@@ -225,6 +225,35 @@ impl Touched {
         }
     }
 
+    /// How far the prior mean of every point that was never touched moves, given how far the touched points are off
+    /// theirs; of points that nothing links, none.
+    pub(super) fn shifts(&self, offsets: &[f64]) -> Vec<(usize, f64)> {
+        let unseen = (0..self.slots.len()).filter(|&p| self.slots[p] == UNTOUCHED);
+        match &self.link {
+            Link::Nothing => Vec::new(),
+            Link::Level {
+                variance,
+                precision,
+            } => {
+                let (onto, _) = self.level(*variance, *precision);
+                let level = onto.col(0).iter().zip(offsets).map(|(w, o)| w * o).sum();
+                unseen.map(|p| (p, level)).collect()
+            }
+            Link::Field { root } => {
+                let mut pull = Mat::from_fn(offsets.len(), 1, |slot, _| offsets[slot]);
+                solve_lower(root, &mut pull);
+                solve_lower_transposed(root, &mut pull);
+                let shift = |p: usize| -> f64 {
+                    let touched = self.points.iter().zip(pull.col(0).iter());
+                    touched
+                        .map(|(&t, a)| self.prior.covariance(p, t as usize) * a)
+                        .sum()
+                };
+                unseen.map(|p| (p, shift(p))).collect()
+            }
+        }
+    }
+
     /// Weights of the touched points in the expected level, and the level's variance given them.
     fn level(&self, variance: f64, precision: f64) -> (Mat<f64>, f64) {
         let left = variance / (1.0 + variance * precision);

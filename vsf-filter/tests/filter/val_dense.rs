@@ -217,10 +217,14 @@ fn the_posterior_is_that_of_all_readings_at_once() {
                 }
                 // Untouched points: the belief shows the prior, extrapolation the posterior.
                 let belief = filter.extrapolate(&all).unwrap();
+                let field = filter.field().unwrap();
                 let marginals = prior.marginals().unwrap();
                 for i in 0..N {
                     let gap = belief.mean()[i] - mean[i].max(0.0);
                     assert!(gap.abs() < 1e-9, "{what}: extrapolated mean {i}: {gap:e}");
+                    let gap = field.mean()[i] - mean[i].max(0.0);
+                    assert!(gap.abs() < 1e-9, "{what}: mean {i} of the field: {gap:e}");
+                    assert_eq!(field.variance()[i], filter.belief().variance()[i]);
                     let gap = belief.variance()[i] - covariance[(i, i)];
                     assert!(
                         gap.abs() < 1e-9,

@@ -12,13 +12,17 @@ impl<T: Scalar> Suite<'_, T> {
             let obs = reading.observation(o.points).unwrap();
             let report = estimator.update(&obs).unwrap();
             let belief = estimator.belief();
-            for i in 0..belief.len() {
-                let (m, v) = (belief.mean()[i], belief.variance()[i]);
-                assert!(m.is_finite() && m >= T::ZERO, "mean {i} is {m} at step {t}");
-                assert!(
-                    v.is_finite() && v > T::ZERO,
-                    "variance {i} is {v} at step {t}"
-                );
+            let field = estimator.field().unwrap();
+            assert_eq!(field.len(), belief.len(), "points of the field");
+            for known in [belief, &field] {
+                for i in 0..known.len() {
+                    let (m, v) = (known.mean()[i], known.variance()[i]);
+                    assert!(m.is_finite() && m >= T::ZERO, "mean {i} is {m} at step {t}");
+                    assert!(
+                        v.is_finite() && v > T::ZERO,
+                        "variance {i} is {v} at step {t}"
+                    );
+                }
             }
             assert!(
                 report.projected <= belief.len(),
