@@ -1,3 +1,5 @@
+#[cfg(feature = "serde")]
+use crate::CoreError;
 use crate::UpdateReport;
 
 /// Running statistics of a filter's innovations: is it consistent with what it claims to know?
@@ -20,6 +22,11 @@ use crate::UpdateReport;
 /// assert!(health.is_consistent());
 /// ```
 #[derive(Debug, Clone, Copy, Default, PartialEq)]
+#[cfg_attr(
+    feature = "serde",
+    derive(serde::Serialize, serde::Deserialize),
+    serde(try_from = "crate::state::HealthParts")
+)]
 pub struct FilterHealth {
     updates: usize,
     dof: usize,
@@ -27,6 +34,20 @@ pub struct FilterHealth {
 }
 
 impl FilterHealth {
+    /// Statistics that were kept: the number of updates, their channels, and the sum of their NIS.
+    #[cfg(feature = "serde")]
+    pub(crate) fn from_sums(updates: usize, dof: usize, nis: f64) -> Result<Self, CoreError> {
+        CoreError::check_finite("sum of NIS", &[nis])?;
+        if nis < 0.0 {
+            return Err(CoreError::Parameter {
+                name: "sum of NIS",
+                value: nis,
+                range: ">= 0",
+            });
+        }
+        Ok(Self { updates, dof, nis })
+    }
+
     /// Takes in one update. Updates without contacts count too: they show the noise alone.
     pub fn record(&mut self, report: &UpdateReport) {
         self.updates += 1;

@@ -20,7 +20,7 @@
 //! GPU backend. It would spread through every signature, while a GPU estimator is simply one
 //! more [`Estimator`].
 //!
-//! The feature `serde` saves and restores [`Belief`], [`Noise`] and [`Observation`]; what is read
+//! The feature `serde` saves and restores [`Belief`], [`Noise`], [`Observation`] and [`FilterHealth`]; what is read
 //! in is checked like the arguments of their constructors.
 //!
 //! Units are SI (meters, radians, newtons, newton meters), the world frame has z up. Names carry

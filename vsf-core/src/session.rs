@@ -11,8 +11,8 @@ pub const MOST_READING: f64 = 1e12;
 /// them. After warm-up a step allocates nothing of its own. A clone goes its own way from where the session stands:
 /// for a motion tried out, while [`predict_at`](Self::predict_at) is for a single posture.
 ///
-/// To go on after a restart, build a session anew around the restored estimator, between two touches: contacts and
-/// [`FilterHealth`] are not saved.
+/// To go on after a restart, build a session anew around the restored estimator, between two touches, as contacts are not
+/// saved, and hand it the [`FilterHealth`] that was kept ([`with_health`](Self::with_health)).
 ///
 /// ```no_run
 /// # use vsf_core::*;
@@ -83,6 +83,12 @@ where
             sensor,
             estimator,
         })
+    }
+
+    /// The session with statistics that go on from others, such as those before a restart.
+    #[must_use]
+    pub fn with_health(self, health: FilterHealth) -> Self {
+        Self { health, ..self }
     }
 
     /// A new touch sequence begins: contacts are forgotten, and the estimator drops what is bound

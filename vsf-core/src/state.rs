@@ -1,7 +1,7 @@
 //! What is read in under the feature `serde` goes through the constructors, and so obeys their
 //! rules. The parts have the fields of the types, in the same order.
 
-use crate::{Belief, CoreError, Noise, Observation, Scalar, SymmetricFactor};
+use crate::{Belief, CoreError, FilterHealth, Noise, Observation, Scalar, SymmetricFactor};
 use serde::Deserialize;
 
 #[derive(Deserialize)]
@@ -31,6 +31,22 @@ impl TryFrom<NoiseParts> for Noise {
 
     fn try_from(parts: NoiseParts) -> Result<Self, CoreError> {
         Self::full(parts.dim, parts.covariance)
+    }
+}
+
+#[derive(Deserialize)]
+#[serde(rename = "FilterHealth")]
+pub(crate) struct HealthParts {
+    updates: usize,
+    dof: usize,
+    nis: f64,
+}
+
+impl TryFrom<HealthParts> for FilterHealth {
+    type Error = CoreError;
+
+    fn try_from(parts: HealthParts) -> Result<Self, CoreError> {
+        Self::from_sums(parts.updates, parts.dof, parts.nis)
     }
 }
 

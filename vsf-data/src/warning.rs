@@ -73,7 +73,11 @@ pub enum DataWarning {
         ids: Vec<String>,
     },
     /// Sequences whose torques are all zero: a sensor that was not recorded, or a planned motion.
-    #[error("{}: torques are all zero, as if nothing was measured, in sequence {}", path.display(), ids.join(", "))]
+    #[error(
+        "{}: torques are all zero, as if nothing was measured, in sequence {}; right for motions that are planned and not made",
+        path.display(),
+        ids.join(", ")
+    )]
     ZeroTorques {
         /// The data set.
         path: PathBuf,

@@ -76,7 +76,8 @@ impl DiagnosisStep {
 /// let campaign = Campaign::open(&recording, &SceneOptions::default())?.with_suited_fields();
 /// let sought = effects::named(&["joint_coulomb_friction", "joint_viscous_friction"])?; // or `effects::catalogue()`
 /// let outcome = diagnose(&campaign, &sought, 0, |_step| {})?;
-/// println!("{:?}: {:?}", outcome.diagnosis.verdict.kind, outcome.diagnosis.verdict.effects);
+/// let verdict = &outcome.diagnosis.verdict;
+/// println!("{}: {}", verdict.kind, verdict.effects.join(" and "));
 ///
 /// let corrected = outcome.model_file()?.to_json(); // what `--model corrected.json` reads
 /// let found_in = &outcome.campaign; // with the contact that the model was found in

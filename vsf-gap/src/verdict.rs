@@ -24,6 +24,18 @@ pub enum VerdictKind {
     NotDiagnosable,
 }
 
+/// In words.
+impl std::fmt::Display for VerdictKind {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.write_str(match self {
+            Self::Effects => "effects",
+            Self::NoGap => "no gap",
+            Self::Unknown => "unknown",
+            Self::NotDiagnosable => "not diagnosable",
+        })
+    }
+}
+
 /// The answer.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Verdict {

@@ -72,9 +72,9 @@ impl<T: Scalar> Sensor<T> for JointTorques {
 
     fn check_robot(&self, chains: &LinkChains) -> Result<(), CoreError> {
         CoreError::check_len(
-            "joints of the robot",
-            chains.joint_count(),
+            "noise of the joint torques",
             self.noise.dim(),
+            chains.joint_count(),
         )
     }
 

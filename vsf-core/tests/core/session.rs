@@ -255,6 +255,16 @@ fn a_step_runs_all_three_parts() {
     assert_eq!(session.health().updates(), 2);
 }
 
+/// A session after a restart goes on counting.
+#[test]
+fn statistics_go_on_from_others() {
+    let mut before = session();
+    before.step(&posture(1.5), &[3.0]).unwrap();
+    let mut after = session().with_health(*before.health());
+    after.step(&posture(0.5), &[3.0]).unwrap();
+    assert_eq!(after.health().updates(), 2);
+}
+
 #[test]
 fn a_prediction_learns_nothing_and_carries_both_uncertainties() {
     let mut session = session();

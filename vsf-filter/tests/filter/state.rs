@@ -5,7 +5,10 @@ use proptest::prelude::*;
 use serde::{Serialize, de::DeserializeOwned};
 use serde_json::{Value, json};
 use vsf_core::nalgebra::Point3;
-use vsf_core::{Belief, CoreError, Estimator, Noise, Observation, RestPoints, Scalar};
+use vsf_core::{
+    Belief, CoreError, Estimator, FilterHealth, Noise, Observation, RestPoints, Scalar,
+    UpdateReport,
+};
 use vsf_filter::{
     CovarianceFilter, DiagonalForm, DiagonalKalman, DualConfig, DualReplay, FieldPrior,
     JointEstimator, Matern, MemoryReplay, Projection, ReplayConfig, ReplayVariance, RobustLoss,
@@ -530,5 +533,27 @@ proptest! {
             prop_assert_eq!(belief, &before);
         }
         prop_assert!(Belief::new(belief.mean().to_vec(), belief.variance().to_vec()).is_ok());
+    }
+}
+
+/// Statistics of the innovations go on over a restart; what cannot be is refused.
+#[test]
+fn filter_health_is_kept() {
+    let mut health = FilterHealth::default();
+    for nis in [6.0, 8.5] {
+        health.record(&UpdateReport {
+            dof: 7,
+            nis,
+            ..UpdateReport::default()
+        });
+    }
+    assert_eq!(Json::copy(&health), health);
+    assert_eq!(Postcard::copy(&health), health);
+    for bad in ["-1.0", "1e999", "null"] {
+        let text = format!(r#"{{"updates": 2, "dof": 14, "nis": {bad}}}"#);
+        assert!(
+            serde_json::from_str::<FilterHealth>(&text).is_err(),
+            "{bad}"
+        );
     }
 }
