@@ -65,13 +65,10 @@ pub(crate) fn draw(scene: &Scene<'_>, canvas: &mut dyn Canvas) {
     projection_panel(scene, &cameras[1], &side_title, canvas);
 
     color_bar(scene, canvas);
-    canvas.text(
-        &legend(scene),
-        (40.0, 937.0),
-        Anchor::Start,
-        Font::Small,
-        FAINT_INK,
-    );
+    let lines = ["in space, soft and far points are paler", &legend(scene)];
+    for (line, y) in lines.into_iter().zip([917.0, 937.0]) {
+        canvas.text(line, (40.0, y), Anchor::Start, Font::Small, FAINT_INK);
+    }
 }
 
 /// What the marks mean, for those that occur.
@@ -91,7 +88,6 @@ fn legend(scene: &Scene<'_>) -> String {
         scene.quantity
     );
     parts.push(&largest);
-    parts.push("3D: soft and far points are paler");
     parts.join("  |  ")
 }
 
