@@ -69,7 +69,7 @@ pub struct Args {
     #[arg(long)]
     no_velocities: bool,
     /// Motions that are planned and not made, for `vsf predict`: torques are zero, whatever the files have, and all sequences are
-    /// test sequences unless --train or --test say otherwise
+    /// test sequences unless --test says otherwise
     #[arg(long)]
     planned: bool,
     /// Rest points of the object in the world frame [m]: .ply, .pcd, .npy, or the .npz of a field

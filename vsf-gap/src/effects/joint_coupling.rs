@@ -98,10 +98,16 @@ impl Effect for JointCoupling {
         let near = |(j, k)| before(j) == Some(k) || before(k) == Some(j);
         match start.checked_sub(1) {
             Some(alone) => of_pair(alone).collect(),
-            None => (pairs(site).enumerate())
-                .filter(|(_, pair)| near(*pair))
-                .flat_map(|(n, _)| of_pair(n))
-                .collect(),
+            None => {
+                let near = (pairs(site).enumerate()).filter(|(_, pair)| near(*pair));
+                let near: Vec<usize> = near.flat_map(|(n, _)| of_pair(n)).collect();
+                // Joints of separate branches have no neighbors: the first pair is as good as any.
+                if near.is_empty() {
+                    of_pair(0).collect()
+                } else {
+                    near
+                }
+            }
         }
     }
 

@@ -2,12 +2,14 @@
 
 use crate::common;
 
-use common::campaign::{RATE, Rows, free_arm, free_arm_tared, free_link_tared, plate, torques};
+use common::campaign::{
+    RATE, Rows, free_arm, free_arm_tared, free_jaws, free_link_tared, plate, torques,
+};
 use nalgebra::Vector3;
 use std::f64::consts::{PI, TAU};
 use std::sync::Arc;
 use vsf_data::TorqueKind;
-use vsf_gap::effects::catalogue;
+use vsf_gap::effects::{self, catalogue};
 use vsf_gap::{
     Acts, Campaign, Compensator, Effect, GapError, Model, Need, Parameter, RandomWalk, Role,
     Sample, Site, Touch,
@@ -572,6 +574,23 @@ fn what_changes_no_reading_is_not_testable() {
             report.effect
         );
     }
+}
+
+/// Joints of separate branches have no neighbors, and drag each other all the same.
+#[test]
+fn joints_of_separate_branches_are_diagnosed() {
+    let row = |k: usize| {
+        let t = k as f64 / RATE;
+        let noise = 0.01 * (977.0 * t).sin();
+        let speeds = [2.1 * (3.0 * t).cos(), 1.5 * (5.0 * t).cos()];
+        let angles = vec![0.7 * (3.0 * t).sin(), 0.3 * (5.0 * t).sin()];
+        (angles, speeds.map(|v| 0.4 * v + noise).to_vec())
+    };
+    let rows: Rows = (0..200).map(row).collect();
+    let campaign = free_jaws(&[rows.clone(), rows]);
+    let few = effects::named(&["joint_coupling", "joint_viscous_friction"]).unwrap();
+    let outcome = vsf_gap::diagnose(&campaign, &few, 0, |_| {}).unwrap();
+    assert!(outcome.diagnosis.effects.iter().all(|e| e.testable));
 }
 
 /// A gauge on one axis: whatever needs more joints is untestable, nothing fails.

@@ -4,6 +4,7 @@ use nalgebra::{Point3, Vector3};
 use vsf_data::{Dataset, RobotRef, Sequence, Table, TorqueKind};
 use vsf_gap::{Campaign, Model};
 use vsf_pipeline::{Scene, SceneOptions};
+use vsf_robots::{RobotModel, UrdfOptions};
 
 /// A plate that faces down, on three linear axes; its lower face is at the joint positions.
 const PLATE: &str = "<robot name='plate'><link name='l0'/>
@@ -84,6 +85,27 @@ pub fn free_link_tared(rows: &[Rows], tare_samples: usize) -> Campaign {
         ..dataset(robot, TorqueKind::Measured, None, rows)
     };
     let robot = vsf_robots::planar_arm(1, 0.3, 0.03).unwrap();
+    Campaign::in_scene(&dataset, Scene::in_air(&dataset, robot).unwrap()).unwrap()
+}
+
+/// Two jaws, neither of which carries the other, in free air.
+pub fn free_jaws(rows: &[Rows]) -> Campaign {
+    let jaw = |name: &str| {
+        format!(
+            r#"<link name="{name}"><inertial><origin xyz="0 0 0.05"/><mass value="0.2"/>
+              <inertia ixx="1e-4" ixy="0" ixz="0" iyy="1e-4" iyz="0" izz="1e-4"/></inertial></link>
+            <joint name="turns_{name}" type="revolute"><parent link="palm"/><child link="{name}"/><axis xyz="0 1 0"/>
+              <limit lower="-2" upper="2" effort="10" velocity="10"/></joint>"#
+        )
+    };
+    let urdf = format!(
+        r#"<robot name="jaws"><link name="palm"/>{}{}</robot>"#,
+        jaw("left"),
+        jaw("right")
+    );
+    let robot = RobotModel::from_urdf_str(&urdf, ".", &UrdfOptions::default()).unwrap();
+    let named = RobotRef::resolve("planar_arm", ".".as_ref()).unwrap();
+    let dataset = dataset(named, TorqueKind::Measured, None, rows);
     Campaign::in_scene(&dataset, Scene::in_air(&dataset, robot).unwrap()).unwrap()
 }
 
