@@ -125,9 +125,9 @@ fn what_does_not_fit_is_refused() {
     assert!(matches!(
         wide,
         Err(CoreError::Length {
-            got: 7,
-            expected: 3,
-            ..
+            what: "noise of the joint torques",
+            got: 3,
+            expected: 7,
         })
     ));
     let mut small: Observation<f64> = other.blank();
