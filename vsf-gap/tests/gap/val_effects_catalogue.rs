@@ -564,7 +564,7 @@ fn what_changes_no_reading_is_not_testable() {
         "torque_gain",
         "torque_bias",
     ];
-    let candidates = vsf_gap::effects::named(&names).unwrap();
+    let candidates = effects::named(&names).unwrap();
     let outcome = vsf_gap::diagnose(&away, &candidates, 0, |_| {}).unwrap();
     for report in &outcome.diagnosis.effects {
         assert_eq!(
