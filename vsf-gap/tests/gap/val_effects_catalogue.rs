@@ -11,8 +11,8 @@ use std::sync::Arc;
 use vsf_data::TorqueKind;
 use vsf_gap::effects::{self, catalogue};
 use vsf_gap::{
-    Acts, Campaign, Compensator, Effect, GapError, Model, Need, Parameter, RandomWalk, Role,
-    Sample, Site, Touch,
+    Acts, Campaign, Compensator, Effect, GapError, Model, ModelFile, Need, Parameter, RandomWalk,
+    Role, Sample, Site, Touch,
 };
 use vsf_robots::kinova_gen3;
 use vsf_testkit::{check_effect, sites};
@@ -611,6 +611,11 @@ fn a_robot_of_one_joint_is_diagnosed() {
         all.find(|e| e.effect == name).unwrap().reason.clone()
     };
     assert!(reason("joint_coupling").unwrap().contains("one joint"));
+    // A model of it may come from a file.
+    let text = r#"{"schema": 1, "effects": [{"effect": "joint_coupling", "parameters":
+        [{"name": "eps", "value": 0.02, "std": 0, "unit": "rad/s"}]}]}"#;
+    let file = ModelFile::from_json(text).unwrap();
+    assert!(file.model(campaign.site(), &catalogue()).is_ok());
     assert!(
         reason("torque_bias")
             .unwrap()
