@@ -304,8 +304,8 @@ impl Recording {
         })?;
         field.compare_contact(&scene, console);
         let is_guessed = known.is_none() && !self.settings.has_threshold();
-        if let Ok(suited) = scene.with_suited_threshold()
-            && is_guessed
+        if is_guessed
+            && let Ok(suited) = scene.with_suited_threshold()
             && suited.contact() != scene.contact()
         {
             let [taken, suited] = [&scene, &suited].map(|s| number(s.contact().threshold));

@@ -35,8 +35,28 @@ impl ContactParameters {
     /// # Errors
     /// [`DataError::Argument`], which names the first that is out of its range.
     pub fn check(&self) -> Result<(), DataError> {
+        match self.problem() {
+            Some(problem) => Err(DataError::Argument { what: KEY, problem }),
+            None => Ok(()),
+        }
+    }
+
+    /// [`check`](Self::check) that names the file.
+    pub(crate) fn check_in(&self, path: &Path) -> Result<(), DataError> {
+        match self.problem() {
+            Some(problem) => Err(DataError::Metadata {
+                path: path.to_owned(),
+                key: KEY,
+                problem,
+            }),
+            None => Ok(()),
+        }
+    }
+
+    /// The first parameter that is out of its range, and what that is.
+    fn problem(&self) -> Option<String> {
         let length = |v: f64| (1e-9..=1.0).contains(&v);
-        let problem = if !length(self.threshold) {
+        Some(if !length(self.threshold) {
             format!("threshold {:?} must be 1e-9 to 1 m", self.threshold)
         } else if !(0.0..=1e100).contains(&self.friction) {
             format!("friction {:?} must be 0 to 1e100", self.friction)
@@ -54,20 +74,7 @@ impl ContactParameters {
         } else if let Some(links) = self.links.as_ref().filter(|l| has_none_or_twice(l)) {
             format!("links {links:?} must name one link at least, and none twice")
         } else {
-            return Ok(());
-        };
-        Err(DataError::Argument { what: KEY, problem })
-    }
-
-    /// [`check`](Self::check) that names the file.
-    pub(crate) fn check_in(&self, path: &Path) -> Result<(), DataError> {
-        self.check().map_err(|error| match error {
-            DataError::Argument { what: key, problem } => DataError::Metadata {
-                path: path.to_owned(),
-                key,
-                problem,
-            },
-            other => other,
+            return None;
         })
     }
 }

@@ -52,7 +52,7 @@ pub enum PipelineError {
         /// What is wrong with it.
         problem: String,
     },
-    /// There is no view to extrapolate by.
+    /// There is no view of the object.
     #[error("the recording has no camera/ (color.png, depth.png, camera.json) to see points with")]
     NoCamera,
     /// Something about sequence `id`.

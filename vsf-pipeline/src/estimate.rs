@@ -96,10 +96,8 @@ impl FromStr for EstimatorSpec {
     type Err = PipelineError;
 
     fn from_str(name: &str) -> Result<Self, PipelineError> {
-        let replay = |form| FilterSpec::Replay {
-            form,
-            config: ReplayConfig::default(),
-        };
+        let config = ReplayConfig::default();
+        let replay = |form| FilterSpec::Replay { form, config };
         let filter = match name {
             "batch" => return Ok(Self::Batch),
             "exact" => FilterSpec::Exact(Projection::Constrained),
@@ -110,7 +108,7 @@ impl FromStr for EstimatorSpec {
                 form: DiagonalForm::Innovation,
                 config: ReplayConfig {
                     replays: 0,
-                    ..ReplayConfig::default()
+                    ..config
                 },
             },
             "printed" => replay(DiagonalForm::Printed),

@@ -195,7 +195,8 @@ impl EstimatorSettings {
 
     /// The smooth part of the prior.
     pub fn shape(&self) -> PriorShape {
-        let defaults = if self.keeps_correlations() {
+        let named = self.name().parse::<EstimatorSpec>();
+        let defaults = if named.is_ok_and(|spec| spec.keeps_correlations()) {
             PriorShape::default()
         } else {
             PriorShape::independent()
@@ -250,12 +251,6 @@ impl EstimatorSettings {
         name_of(&self.robust.unwrap_or(RobustKind::None))
     }
 
-    /// As [`EstimatorSpec::keeps_correlations`].
-    fn keeps_correlations(&self) -> bool {
-        use EstimatorKind::{Batch, Exact, Information};
-        matches!(self.kind(), Batch | Exact | Information)
-    }
-
     fn kind(&self) -> EstimatorKind {
         self.estimator.unwrap_or(EstimatorKind::Batch)
     }
@@ -263,5 +258,17 @@ impl EstimatorSettings {
     /// Name of the estimator, for reports.
     pub fn name(&self) -> String {
         name_of(&self.kind())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// The library knows every estimator by the name that the command has for it, and no other.
+    #[test]
+    fn estimators_are_named_as_in_the_library() {
+        let names = EstimatorKind::value_variants().iter().map(name_of);
+        assert_eq!(names.collect::<Vec<_>>(), EstimatorSpec::NAMES);
     }
 }

@@ -101,10 +101,11 @@ impl Effect for JointCoupling {
             None => {
                 let near = (pairs(site).enumerate()).filter(|(_, pair)| near(*pair));
                 let near: Vec<usize> = near.flat_map(|(n, _)| of_pair(n)).collect();
-                // Joints of separate branches have no neighbors: the first pair is as good as any. One joint has no pair.
-                match pairs(site).next() {
-                    Some(_) if near.is_empty() => of_pair(0).collect(),
-                    _ => near,
+                // Joints of separate branches have no neighbors: the first pair is as good as any.
+                if near.is_empty() && site.joints() > 1 {
+                    of_pair(0).collect()
+                } else {
+                    near
                 }
             }
         }
