@@ -1,5 +1,5 @@
 use crate::effect::{Need, Site};
-use crate::noise::{JointNoise, noise_floor};
+use crate::noise::{JointNoise, NoiseFloor};
 use crate::rounding::Rounding;
 use crate::{Acts, ContactLog, GapError, Model, Motion, effect::slides};
 use nalgebra::Vector3;
@@ -23,6 +23,8 @@ pub struct Campaign {
     /// Sequences that check it.
     pub(crate) test: Arc<[Motion]>,
     pub(crate) noise: Vec<JointNoise>,
+    /// Whether noise was read in contact alone.
+    pub(crate) noise_is_bound: bool,
     /// Joints whose readings are rounded by more than their noise.
     pub(crate) rounded: Vec<(usize, Rounding)>,
     /// Whether the last train sequence checks, for want of a test split.
@@ -173,6 +175,7 @@ impl Campaign {
             train: trained.into(),
             test: tested.into(),
             noise: Vec::new(),
+            noise_is_bound: false,
             rounded: Vec::new(),
             held_out,
             touched: Touched::Nothing,
@@ -180,15 +183,16 @@ impl Campaign {
         };
         let motions: Vec<&Motion> = campaign.train.iter().collect();
         let logs = campaign.contact_logs(&Model::default(), &motions)?;
-        let mut noise = noise_floor(&motions, &logs, campaign.site.joints());
-        for (j, noise) in noise.iter_mut().enumerate() {
+        let mut floor = NoiseFloor::of(&motions, &logs, campaign.site.joints());
+        for (j, noise) in floor.joints.iter_mut().enumerate() {
             let rounding = Rounding::of(&recorded, j).filter(|r| r.lasts(noise));
             if let Some(rounding) = rounding {
                 *noise = rounding.with(noise);
                 campaign.rounded.push((j, rounding));
             }
         }
-        campaign.noise = noise;
+        campaign.noise = floor.joints;
+        campaign.noise_is_bound = floor.is_bound;
         campaign.take_in(&logs);
         Ok(campaign)
     }
@@ -263,6 +267,11 @@ impl Campaign {
     /// Noise of every joint's reading in a sample of the train sequences.
     pub fn noise(&self) -> &[JointNoise] {
         &self.noise
+    }
+
+    /// Whether noise was read in contact alone: then it is at most that.
+    pub fn noise_is_bound(&self) -> bool {
+        self.noise_is_bound
     }
 
     /// The sequences that the model is fitted to, in session order.

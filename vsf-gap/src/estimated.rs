@@ -137,6 +137,7 @@ impl Compared {
             test_error_nominal: before.mean_error(),
             test_error_corrected: after.mean_error(),
             noise_floor: noise_norm(&campaign.noise),
+            noise_floor_is_bound: campaign.noise_is_bound,
             closed_fraction: self.closed.fraction,
             closed_interval: self.closed.interval,
             unit: campaign.scene.error_unit().to_owned(),

@@ -32,10 +32,14 @@ impl JointNoise {
 
 /// Fewest free samples that speak for the noise on their own.
 const FEWEST: usize = 150;
-/// Second differences beyond so many times their median are steps of the signal, not noise; unless they
-/// are more than this share, as in readings that are quantized.
+/// Fewest that are asked at all, and how many times as large what all samples take for noise is when these few are
+/// believed instead.
+const SOME: usize = 24;
+const CLEARLY: f64 = 1.5;
+/// Differences beyond so many times their median are steps of the signal, not noise; unless the median is below this
+/// share of the largest: then most are none, as in readings that are quantized.
 const STEP: f64 = 5.0;
-const FEW: f64 = 0.1;
+const NONE: f64 = 1e-6;
 /// The largest correlation that is told from a signal.
 pub(crate) const SMOOTHEST: f64 = 0.95;
 
@@ -45,33 +49,50 @@ const ORDERS: [usize; 3] = [2, 4, 6];
 /// Noise below this share of what second differences take for it is none.
 const FILTERED: f64 = 0.01;
 
-/// The noise of every joint, from differences of neighboring samples: in free motion where there is
-/// enough of it, else of all samples. Differences leave out what is smooth, whatever its cause. Second
-/// ones do, as a rule; where what they leave is smoother than noise, such as a hum or friction that
-/// turns over again and again, those of a higher order are taken.
-pub(crate) fn noise_floor(
-    motions: &[&Motion],
-    logs: &[Arc<ContactLog>],
-    joints: usize,
-) -> Vec<JointNoise> {
-    let source = Source::of(motions, logs);
-    let of_joint = |j: usize| {
-        joint_noise(|order| {
-            let weights = binomials(order);
-            let difference = |s: usize, row: usize| -> f64 {
-                let at = |(back, w): (usize, &f64)| w * motions[s].reading[row - back][j];
-                weights.iter().enumerate().map(at).sum()
-            };
-            let pair = |(s, row): (usize, usize)| (difference(s, row - 1), difference(s, row));
-            let runs = source.runs(motions, logs, order + 2);
-            runs.into_iter().map(pair).collect()
-        })
-    };
-    (0..joints).map(of_joint).collect()
+/// Noise of the readings of every joint.
+pub(crate) struct NoiseFloor {
+    pub(crate) joints: Vec<JointNoise>,
+    /// Whether it was read in contact alone, whose changes from one sample to the next count as noise.
+    pub(crate) is_bound: bool,
+}
+
+impl NoiseFloor {
+    /// From differences of neighboring samples: in free motion where there is enough of it, else of all samples, unless
+    /// what free motion there is shows that these have more than noise. Differences leave out what is smooth, whatever
+    /// its cause. Second ones do, as a rule; where what they leave is smoother than noise, such as a hum or friction that
+    /// turns over again and again, those of a higher order are taken.
+    pub(crate) fn of(motions: &[&Motion], logs: &[Arc<ContactLog>], joints: usize) -> Self {
+        let source = |source| Differences {
+            motions,
+            logs,
+            source,
+        };
+        let [free, touches] = [Source::Free, Source::Touches].map(source);
+        let samples = free.count();
+        let all = if touches.count() >= FEWEST {
+            touches
+        } else {
+            source(Source::Sequences)
+        };
+        let of_joint = |j: usize| {
+            if samples >= FEWEST {
+                return free.noise(j);
+            }
+            let all = all.noise(j);
+            let quiet = (samples >= SOME).then(|| free.noise(j));
+            quiet
+                .filter(|free| all.sd > CLEARLY * free.sd)
+                .unwrap_or(all)
+        };
+        Self {
+            joints: (0..joints).map(of_joint).collect(),
+            is_bound: samples < SOME && samples < touches.count(),
+        }
+    }
 }
 
 /// Where noise is read from.
-#[derive(Clone, Copy)]
+#[derive(Clone, Copy, PartialEq)]
 enum Source {
     Free,
     Touches,
@@ -79,33 +100,47 @@ enum Source {
     Sequences,
 }
 
-impl Source {
-    /// Free motion where second differences find enough of it, else all touches.
-    fn of(motions: &[&Motion], logs: &[Arc<ContactLog>]) -> Self {
-        let enough = |source: &Self| source.runs(motions, logs, ORDERS[0] + 2).len() >= FEWEST;
-        let mut sources = [Self::Free, Self::Touches].into_iter();
-        sources.find(enough).unwrap_or(Self::Sequences)
+/// Differences of neighboring samples.
+#[derive(Clone, Copy)]
+struct Differences<'a> {
+    motions: &'a [&'a Motion],
+    logs: &'a [Arc<ContactLog>],
+    source: Source,
+}
+
+impl Differences<'_> {
+    /// How many pairs of second differences there are.
+    fn count(&self) -> usize {
+        self.runs(ORDERS[0] + 2).len()
+    }
+
+    fn noise(&self, j: usize) -> JointNoise {
+        joint_noise(|order| {
+            let weights = binomials(order);
+            let difference = |s: usize, row: usize| -> f64 {
+                let at = |(back, w): (usize, &f64)| w * self.motions[s].reading[row - back][j];
+                weights.iter().enumerate().map(at).sum()
+            };
+            let pair = |(s, row): (usize, usize)| (difference(s, row - 1), difference(s, row));
+            self.runs(order + 2).into_iter().map(pair).collect()
+        })
     }
 
     /// Sequence and last row of all samples in a row, so many.
-    fn runs(
-        self,
-        motions: &[&Motion],
-        logs: &[Arc<ContactLog>],
-        length: usize,
-    ) -> Vec<(usize, usize)> {
-        let free =
-            |s: usize, row: usize| (row + 1 - length..=row).all(|r| logs[s].contacts[r].is_empty());
+    fn runs(&self, length: usize) -> Vec<(usize, usize)> {
+        let is_free = |s: usize, row: usize| {
+            (row + 1 - length..=row).all(|r| self.logs[s].contacts[r].is_empty())
+        };
         let mut rows = Vec::new();
-        for (s, motion) in motions.iter().enumerate() {
+        for (s, motion) in self.motions.iter().enumerate() {
             let whole = 0..motion.len();
-            let ranges = match self {
-                Self::Sequences => std::slice::from_ref(&whole),
+            let ranges = match self.source {
+                Source::Sequences => std::slice::from_ref(&whole),
                 _ => &motion.touches,
             };
             for range in ranges {
                 let own = (range.start + length - 1..range.end)
-                    .filter(|&row| !matches!(self, Self::Free) || free(s, row));
+                    .filter(|&row| self.source != Source::Free || is_free(s, row));
                 rows.extend(own.map(|row| (s, row)));
             }
         }
@@ -157,12 +192,12 @@ fn joint_noise(pairs: impl Fn(usize) -> Vec<(f64, f64)>) -> JointNoise {
 fn moments(pairs: &[(f64, f64)]) -> (f64, f64) {
     let mut sizes: Vec<f64> = pairs.iter().map(|(a, _)| a.abs()).collect();
     sizes.sort_by(f64::total_cmp);
-    let limit = STEP * sizes.get(sizes.len() / 2).copied().unwrap_or(0.0);
-    let beyond = sizes.len() - sizes.partition_point(|s| *s <= limit);
-    let limit = if beyond as f64 > FEW * sizes.len() as f64 {
-        f64::INFINITY
+    let median = sizes.get(sizes.len() / 2).copied().unwrap_or(0.0);
+    let largest = sizes.last().copied().unwrap_or(0.0);
+    let limit = if median > NONE * largest {
+        STEP * median
     } else {
-        limit
+        f64::INFINITY
     };
     let kept = || (pairs.iter()).filter(|(a, b)| a.abs() <= limit && b.abs() <= limit);
     let n = kept().count().max(1) as f64;
@@ -332,6 +367,18 @@ mod tests {
         let sd = (r.iter().map(|v| v * v).sum::<f64>() / r.len() as f64).sqrt();
         let of = found(&r);
         assert!((0.1..10.0).contains(&(of.sd / sd)), "{of:?} of {sd}");
+    }
+
+    /// Every tenth sample begins a step twenty times as large as the noise.
+    #[test]
+    fn val_steps_of_the_signal_are_not_noise() {
+        let noise = JointNoise {
+            sd: 0.05,
+            correlation: 0.0,
+        };
+        let stairs = |t: f64| (t / 0.1).floor();
+        let of = found(&readings(noise, 4, stairs));
+        assert!((of.sd / 0.05 - 1.0).abs() < 0.2, "{of:?}");
     }
 
     #[test]

@@ -126,6 +126,9 @@ pub struct Gap {
     pub test_error_corrected: f64,
     /// Mean error of a perfect model.
     pub noise_floor: f64,
+    /// Whether it is at most that: read in contact alone, whose changes from one sample to the next count as noise.
+    #[serde(default)]
+    pub noise_floor_is_bound: bool,
     /// Share of the gap that the corrected model closes.
     pub closed_fraction: f64,
     /// Interval of that share, 95 %, by drawing stretches of the test sequences anew, the fitted model given: how

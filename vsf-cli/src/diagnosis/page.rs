@@ -81,7 +81,12 @@ fn answer(d: &Diagnosis, found: Option<String>) -> String {
     let floor = (
         "A perfect model",
         error(gap.noise_floor),
-        "noise alone".to_owned(),
+        if gap.noise_floor_is_bound {
+            "at most: noise and what changes from sample to sample in contact"
+        } else {
+            "noise alone"
+        }
+        .to_owned(),
     );
     let numbers = if corrects {
         vec![

@@ -38,7 +38,15 @@ pub fn errors(diagnosis: &Diagnosis) -> String {
     let gap = &diagnosis.gap;
     let unit = &gap.unit;
     let floor = if gap.noise_floor > 0.0 {
-        format!(" (a perfect model: {} {unit})", number(gap.noise_floor))
+        let most = if gap.noise_floor_is_bound {
+            "at most "
+        } else {
+            ""
+        };
+        format!(
+            " (a perfect model: {most}{} {unit})",
+            number(gap.noise_floor)
+        )
     } else {
         String::new()
     };

@@ -10,6 +10,7 @@ mod val_effects_contact;
 mod val_effects_inertia;
 mod val_effects_joints;
 mod val_effects_object;
+mod val_noise;
 mod val_pad;
 mod val_phantom;
 mod val_real_arms;
