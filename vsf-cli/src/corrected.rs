@@ -1,12 +1,12 @@
 //! Recordings under a corrected model, as `vsf diagnose --model` writes it.
 
 use crate::console::{Console, read_text};
-use crate::recording::{Recording, traces, untouched, warn_of_motions};
+use crate::recording::{Recording, untouched, warn_of_motions};
 use anyhow::Context;
 use std::path::PathBuf;
 use vsf::data::{ContactParameters, Dataset, Sequence};
 use vsf::gap::{Campaign, Corrected, EffectEntry, Model, ModelFile, effects};
-use vsf::pipeline::{PipelineError, Scene, SequencePrediction, Trace, reading_warnings, simulate};
+use vsf::pipeline::{PipelineError, Scene, SequencePrediction, Trace, simulate};
 
 /// The flag that takes a corrected model.
 #[derive(Debug, clap::Args)]
@@ -43,7 +43,7 @@ impl Modeled {
                 .iter()
                 .map(Corrected::recorded)
                 .collect::<Result<_, _>>()?,
-            None => traces(scene, sequences, console)?,
+            None => recording.traces(scene, sequences, console)?,
         };
         console.warn_all(untouched(scene, &traces));
         Ok(Self {
@@ -153,7 +153,7 @@ impl CorrectedModel {
             ));
         }
         let traces: Vec<Trace> = found.iter().map(|c| c.trace.clone()).collect();
-        console.warn_all(reading_warnings(scene, sequences, &traces));
+        recording.warn_of_readings(scene, sequences, &traces, console);
         Ok(found)
     }
 

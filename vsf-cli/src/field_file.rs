@@ -1,4 +1,5 @@
 use crate::console::{Console, create_parent};
+use crate::contact_flags::difference;
 use crate::corrected::{CorrectedModel, effects_of};
 use crate::exit::usage;
 use crate::file_kind::FileKind;
@@ -196,40 +197,6 @@ impl FieldFile {
 /// What a field says, laid to its file where that cannot be.
 fn stored(field: &StiffnessField, path: &Path) -> anyhow::Result<StoredEstimate> {
     StoredEstimate::of(field).with_context(|| path.display().to_string())
-}
-
-/// What parameters of contact are, by their flags, and what others are in their place.
-fn difference(was: &ContactParameters, is: &ContactParameters) -> Option<(String, String)> {
-    let pairs = contact_flags(was).into_iter().zip(contact_flags(is));
-    let (was, is): (Vec<_>, Vec<_>) = pairs
-        .filter(|((_, was), (_, is))| was != is)
-        .map(|((flag, was), (_, is))| (format!("{flag} {was}"), is))
-        .unzip();
-    (!was.is_empty()).then(|| (was.join(" "), is.join(" ")))
-}
-
-/// Parameters of contact by their flags.
-fn contact_flags(contact: &ContactParameters) -> [(&'static str, String); 7] {
-    let links = match &contact.links {
-        Some(names) => {
-            let mut names = names.clone();
-            names.sort();
-            names.join(",")
-        }
-        None => "of all links".to_owned(),
-    };
-    [
-        ("--threshold", contact.threshold.to_string()),
-        ("--friction", contact.friction.to_string()),
-        ("--slip-step", contact.slip_step.to_string()),
-        (
-            "--max-slip-iterations",
-            contact.max_slip_iterations.to_string(),
-        ),
-        ("--padding", contact.padding.to_string()),
-        ("--subdivision", contact.subdivision.to_string()),
-        ("--links", links),
-    ]
 }
 
 /// Claims the place that [`save`] is to write to.

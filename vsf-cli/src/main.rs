@@ -7,6 +7,7 @@ mod cli;
 mod commands;
 mod config;
 mod console;
+mod contact_flags;
 mod corrected;
 mod derived;
 mod diagnosis;

@@ -1,5 +1,6 @@
 use crate::config::Sources;
 use crate::console::{Console, number, read_text};
+use crate::contact_flags::{contact_flags, difference};
 use crate::corrected::{CorrectedModel, ModelArgs};
 use crate::derived::{PREDICTED, SIMULATED, stems_from};
 use crate::exit::usage;
@@ -303,16 +304,17 @@ impl Recording {
             Scene::with_points(dataset, points.clone(), options)
         })?;
         field.compare_contact(&scene, console);
-        let is_guessed = known.is_none() && !self.settings.has_threshold();
-        if is_guessed
-            && let Ok(suited) = scene.with_suited_threshold()
-            && suited.contact() != scene.contact()
-        {
-            let [taken, suited] = [&scene, &suited].map(|s| number(s.contact().threshold));
+        let guessed = self.settings.left_open();
+        if known.is_none() && !guessed.is_empty() {
+            let taken = contact_flags(&scene.contact_parameters());
+            let taken = taken.iter().filter(|(flag, _)| guessed.contains(flag));
+            let taken: Vec<String> = taken
+                .map(|(flag, value)| format!("{flag} {value}"))
+                .collect();
             console.warn(format!(
-                "{}: does not say in which contact it was estimated: {taken} m is taken for the threshold, where {suited} m \
-                 suits the points; give --threshold",
+                "{}: does not say in which contact it was estimated: {} is taken; give what it was estimated with",
                 field.path.display(),
+                taken.join(" "),
             ));
         }
         Ok(scene)
@@ -367,6 +369,42 @@ impl Recording {
         self.dataset.rest_points.is_some() || self.dataset.field.is_some()
     }
 
+    /// Contacts of all sequences, with warnings about their motions and readings.
+    pub fn traces(
+        &self,
+        scene: &Scene,
+        sequences: &[&Sequence],
+        console: &Console,
+    ) -> anyhow::Result<Vec<Trace>> {
+        warn_of_motions(scene, sequences, console);
+        let bar = console.bar(sequences.len(), "contact");
+        let traces = scene.traces(sequences, || bar.inc(1))?;
+        bar.finish_and_clear();
+        self.warn_of_readings(scene, sequences, &traces, console);
+        Ok(traces)
+    }
+
+    /// Warns of what looks wrong with the readings. Of those that were computed in another contact, that alone: springs in
+    /// this one do not explain them, whatever their signs and columns.
+    pub fn warn_of_readings(
+        &self,
+        scene: &Scene,
+        sequences: &[&Sequence],
+        traces: &[Trace],
+        console: &Console,
+    ) {
+        let own = self.dataset.contact.as_ref();
+        let other = own.and_then(|own| difference(own, &scene.contact_parameters()));
+        match other.filter(|_| !scene.rest().is_empty()) {
+            Some((was, is)) => console.warn(format!(
+                "{}: the torques were computed with {was} (contact_parameters of dataset.json), not {is}: errors and fields \
+                 hold what that changes",
+                self.path.display()
+            )),
+            None => console.warn_all(reading_warnings(scene, sequences, traces)),
+        }
+    }
+
     /// The recording as a diagnosis sees it, with warnings about its motions and readings.
     pub fn campaign(&self, console: &Console) -> anyhow::Result<Campaign> {
         let sequences: Vec<&Sequence> = self.dataset.sequences.iter().collect();
@@ -378,7 +416,7 @@ impl Recording {
         } else {
             scene.with_suited_threshold()?
         };
-        let traces = traces(&looked_at, &sequences, console)?;
+        let traces = self.traces(&looked_at, &sequences, console)?;
         console.warn_all(untouched(&looked_at, &traces));
         let campaign = Campaign::in_scene(&self.dataset, scene)?;
         Ok(if is_given {
@@ -482,20 +520,6 @@ pub fn needs_recording(input: &Path, flags: &[(&str, bool)]) -> anyhow::Result<(
         }
         None => Ok(()),
     }
-}
-
-/// Contacts of all sequences, with warnings about their motions and readings.
-pub fn traces(
-    scene: &Scene,
-    sequences: &[&Sequence],
-    console: &Console,
-) -> anyhow::Result<Vec<Trace>> {
-    warn_of_motions(scene, sequences, console);
-    let bar = console.bar(sequences.len(), "contact");
-    let traces = scene.traces(sequences, || bar.inc(1))?;
-    bar.finish_and_clear();
-    console.warn_all(reading_warnings(scene, sequences, &traces));
-    Ok(traces)
 }
 
 /// Warns of what looks wrong with how the arm moves, and with where it begins to touch.

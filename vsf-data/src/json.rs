@@ -43,43 +43,97 @@ impl<'de, V: Deserialize<'de>> Deserialize<'de> for UniqueMap<V> {
     }
 }
 
-pub(crate) fn parse<T: DeserializeOwned>(path: &Path, bytes: &[u8]) -> Result<T, DataError> {
-    let text = text(path, bytes)?;
-    let mut json = serde_json::Deserializer::from_str(text);
-    let value = serde_path_to_error::deserialize(&mut json).map_err(|e| {
-        let key = e.path().to_string();
-        let mut failure = match failure(path, e.inner()) {
-            // Where an array is too long, or a number stands for a name, serde_json finds fault with the syntax.
+/// JSON that is none, or of another form than it has to be.
+#[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
+#[error("line {line} column {column}: {problem}")]
+pub struct JsonError {
+    /// Line, from 1.
+    pub line: usize,
+    /// Column, from 1.
+    pub column: usize,
+    /// Key and problem.
+    pub problem: String,
+    /// Whether it is JSON, with a value of another form.
+    pub is_json: bool,
+}
+
+impl JsonError {
+    pub(crate) fn at(self, path: &Path) -> DataError {
+        let (path, line, column, problem) = (path.to_owned(), self.line, self.column, self.problem);
+        if self.is_json {
+            DataError::JsonType {
+                path,
+                line,
+                column,
+                problem,
+            }
+        } else {
             DataError::Json {
                 path,
                 line,
                 column,
                 problem,
-            } if serde_json::from_str::<IgnoredAny>(text).is_ok() => DataError::JsonType {
-                path,
-                line,
-                column,
-                problem: if problem.starts_with("expected") || problem.starts_with("trailing") {
-                    "a value of another type, or of more entries, than it has to be".to_owned()
-                } else {
-                    problem
-                },
-            },
-            other => other,
-        };
-        if let DataError::JsonType { problem, .. } = &mut failure
-            && key != "."
-        {
-            *problem = format!("{key}: {problem}");
+            }
         }
-        failure
+    }
+}
+
+impl From<&serde_json::Error> for JsonError {
+    fn from(e: &serde_json::Error) -> Self {
+        let (line, column) = (e.line(), e.column());
+        // The position is a field of the error already.
+        let text = e.to_string();
+        let position = format!(" at line {line} column {column}");
+        Self {
+            line,
+            column,
+            problem: plain(text.strip_suffix(&position).unwrap_or(&text)),
+            is_json: e.classify() == Category::Data,
+        }
+    }
+}
+
+/// Reads a file of JSON.
+pub(crate) fn parse<T: DeserializeOwned>(path: &Path, bytes: &[u8]) -> Result<T, DataError> {
+    parse_json(bytes).map_err(|e| e.at(path))
+}
+
+/// Reads JSON.
+///
+/// # Errors
+/// What is no JSON in UTF-8, or not of the form of `T`: line and column, and in words of JSON the key and what is wrong
+/// with it.
+///
+/// ```
+/// let error = vsf_data::parse_json::<Vec<f64>>(br#"[0.1, "b"]"#).unwrap_err();
+/// assert_eq!(error.problem, "[1]: invalid type: string \"b\", expected a number");
+/// ```
+pub fn parse_json<T: DeserializeOwned>(bytes: &[u8]) -> Result<T, JsonError> {
+    let text = text(bytes)?;
+    let mut json = serde_json::Deserializer::from_str(text);
+    let value = serde_path_to_error::deserialize(&mut json).map_err(|e| {
+        let key = e.path().to_string();
+        let mut found = JsonError::from(e.inner());
+        // Where an array is too long, or a number stands for a name, serde_json finds fault with the syntax.
+        if !found.is_json && serde_json::from_str::<IgnoredAny>(text).is_ok() {
+            found.is_json = true;
+            let problem = &found.problem;
+            if problem.starts_with("expected") || problem.starts_with("trailing") {
+                found.problem =
+                    "a value of another type, or of more entries, than it has to be".to_owned();
+            }
+        }
+        if found.is_json && key != "." {
+            found.problem = format!("{key}: {}", found.problem);
+        }
+        found
     })?;
-    json.end().map_err(|e| failure(path, &e))?;
+    json.end().map_err(|e| JsonError::from(&e))?;
     Ok(value)
 }
 
 /// The text of a file of UTF-8, without a byte order mark.
-fn text<'a>(path: &Path, bytes: &'a [u8]) -> Result<&'a str, DataError> {
+fn text(bytes: &[u8]) -> Result<&str, JsonError> {
     // JSON begins with a character of ASCII, which the wider ones fill up with zeros, after a mark, too.
     let is_wide = bytes.iter().take(4).any(|b| *b == 0);
     let (at, problem) = if bytes.starts_with(b"\xef\xbb\xbf") {
@@ -97,11 +151,11 @@ fn text<'a>(path: &Path, bytes: &'a [u8]) -> Result<&'a str, DataError> {
         .iter()
         .rposition(|b| *b == b'\n')
         .map_or(0, |n| n + 1);
-    Err(DataError::Json {
-        path: path.to_owned(),
+    Err(JsonError {
         line: before.iter().filter(|b| **b == b'\n').count() + 1,
         column: at - begin + 1,
         problem: problem.to_owned(),
+        is_json: false,
     })
 }
 
@@ -112,25 +166,7 @@ pub(crate) fn encode<T: Serialize>(path: &Path, value: &T) -> Result<Vec<u8>, Da
 }
 
 pub(crate) fn failure(path: &Path, e: &serde_json::Error) -> DataError {
-    let (path, line, column) = (path.to_owned(), e.line(), e.column());
-    // The position is a field of the error already.
-    let text = e.to_string();
-    let position = format!(" at line {line} column {column}");
-    let problem = plain(text.strip_suffix(&position).unwrap_or(&text));
-    match e.classify() {
-        Category::Data => DataError::JsonType {
-            path,
-            line,
-            column,
-            problem,
-        },
-        _ => DataError::Json {
-            path,
-            line,
-            column,
-            problem,
-        },
-    }
+    JsonError::from(e).at(path)
 }
 
 /// The problem with the type that is expected in words of JSON.

@@ -85,6 +85,7 @@ pub use dataset::Dataset;
 pub use error::{Advice, DataError};
 pub use field::StiffnessField;
 pub use files::read_text;
+pub use json::{JsonError, parse_json};
 pub use metadata::{Attachment, JointType, Overrides, RobotRef, Splits, TorqueKind};
 pub use npy::NpyError;
 pub use pcd::{read_pcd_cloud, read_pcd_points};

@@ -2,10 +2,9 @@ use crate::effect::{acting_sets, follows_contact};
 use crate::{
     Diagnosis, Effect, GapError, Model, Outcome, Parameter, ParameterEstimate, Role, Site,
 };
-use serde::de::DeserializeOwned;
 use serde::{Deserialize, Serialize};
 use std::sync::Arc;
-use vsf_data::ContactParameters;
+use vsf_data::{ContactParameters, JsonError, parse_json};
 
 /// Version of the form.
 const SCHEMA: u32 = 1;
@@ -132,13 +131,13 @@ impl ModelFile {
     /// [`GapError::ModelFile`] for anything but JSON of this form, [`GapError::Data`] for parameters of contact that cannot
     /// be; what the effects make of it is left to [`ModelFile::model`].
     pub fn from_json(text: &str) -> Result<Self, GapError> {
-        let file: Self = read(text).map_err(|problem| {
+        let file: Self = parse_json(text.as_bytes()).map_err(|e: JsonError| {
             let is_report = serde_json::from_str::<Diagnosis>(text).is_ok();
             GapError::ModelFile(if is_report {
                 "it is the report of a diagnosis; `vsf diagnose --model` writes the model"
                     .to_owned()
             } else {
-                problem
+                e.to_string()
             })
         })?;
         if file.schema != SCHEMA {
@@ -217,22 +216,6 @@ impl Outcome {
             ..ModelFile::new(campaign.site(), &self.model, &self.sd)?
         })
     }
-}
-
-/// Reads JSON, or says where it is another, by the path of the key.
-fn read<T: DeserializeOwned>(text: &str) -> Result<T, String> {
-    let mut json = serde_json::Deserializer::from_str(text);
-    let value = serde_path_to_error::deserialize(&mut json).map_err(|e| {
-        let (key, problem) = (e.path().to_string(), e.inner());
-        // The root has a name of its own, and what is no JSON at all is nowhere.
-        if key == "." || !problem.is_data() {
-            problem.to_string()
-        } else {
-            format!("{key}: {problem}")
-        }
-    })?;
-    json.end().map_err(|e| e.to_string())?;
-    Ok(value)
 }
 
 /// Names for a message, the first of them where there are many, shortened where they are long.

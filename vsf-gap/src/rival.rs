@@ -102,32 +102,37 @@ impl Search<'_> {
         };
         let (following, others) = named.model.by_contact();
         let alone = self.model_of(&others);
-        let before = alone.map_or(self.base, |m| m.log_evidence);
+        // As fitted beside the effects of contact, and alone: each contact takes what explains more in it.
+        let fits: Vec<&Model> = [&others]
+            .into_iter()
+            .chain(alone.map(|m| &m.model))
+            .collect();
+        let best = |campaign: &Campaign| -> Result<f64, GapError> {
+            let of = |fit: &&Model| campaign.log_evidence(fit);
+            let all: Vec<f64> = fits.iter().map(of).collect::<Result<_, _>>()?;
+            Ok(all.into_iter().fold(f64::NEG_INFINITY, f64::max))
+        };
+        let in_search = best(campaign)?;
+        // What effects gain counts that their parameters are fitted, as far as that is known.
+        let before = alone.map_or(in_search, |m| m.log_evidence);
         let padded = if following.has(GeometryPadding.name()) {
             None
         } else {
             self.padded(campaign, &others, before)?
         };
         let suited = match campaign.suited() {
-            // The other effects as they come out alone in the contact of the search, and where the contact is mended.
-            Some(c) => {
-                let in_search = match alone {
-                    Some(m) => campaign.log_evidence(&m.model)?,
-                    None => self.base,
-                };
-                Some(Other {
-                    gain: c.log_evidence(&others)? - in_search,
-                    null_gain: 0.0,
-                    scene: c.scene,
-                })
-            }
+            Some(c) => Some(Other {
+                gain: best(&c)? - in_search,
+                null_gain: 0.0,
+                scene: c.scene,
+            }),
             None => None,
         };
-        let best = suited
+        let other = suited
             .into_iter()
             .chain(padded)
             .max_by(|a, b| a.says().total_cmp(&b.says()));
-        let Some(other) = best.filter(|other| other.says() > EVIDENT) else {
+        let Some(other) = other.filter(|other| other.says() > EVIDENT) else {
             return Ok(None);
         };
         // How rough contact is, the other one tells.

@@ -1,5 +1,5 @@
 use crate::trace::check_traces;
-use crate::{Hyper, PipelineError, Trace};
+use crate::{Hyper, PipelineError, PriorShape, Trace};
 use std::str::FromStr;
 use vsf_core::{
     Belief, CoreError, Estimator, FilterHealth, Noise, Observation, RestPoints, Scalar,
@@ -76,6 +76,16 @@ impl EstimatorSpec {
                 FilterSpec::Exact(_) | FilterSpec::Information(_) => true,
                 FilterSpec::Dual(_) | FilterSpec::Replay { .. } => false,
             },
+        }
+    }
+
+    /// Shapes of the prior to choose from ([`choose_hyper`](crate::choose_hyper)): with and without a smooth part for those
+    /// that [keep correlations](Self::keeps_correlations), independent points for the others.
+    pub fn shapes(&self) -> Vec<PriorShape> {
+        if self.keeps_correlations() {
+            PriorShape::default().or_independent()
+        } else {
+            vec![PriorShape::independent()]
         }
     }
 }

@@ -1,7 +1,7 @@
 use crate::trace::check_traces;
 use crate::{
-    Estimate, EstimatorSpec, Hyper, HyperMethod, PipelineError, PriorShape, Scene, Trace,
-    VisionSpec, choose_hyper, estimate, estimate_with_vision, rgbd_view,
+    Estimate, EstimatorSpec, Hyper, HyperMethod, PipelineError, Scene, Trace, VisionSpec,
+    choose_hyper, estimate, estimate_with_vision, rgbd_view,
 };
 use std::fmt;
 use std::sync::OnceLock;
@@ -94,7 +94,7 @@ impl<'a> Experiment<'a> {
             return Ok(hyper);
         }
         let (rest, train) = (self.scene.rest(), self.train_traces());
-        let shapes = PriorShape::default().or_independent();
+        let shapes = EstimatorSpec::Batch.shapes();
         let choice = choose_hyper(rest, train, &shapes, HyperMethod::HeldOut)?;
         Ok(self.hyper.get_or_init(|| choice.hyper))
     }

@@ -197,9 +197,8 @@ const POWERS: [f64; 8] = [-4.0, -2.0, -1.0, 0.0, 1.0, 2.0, 4.0, 6.0];
 /// *Noise by channel*: most of what a field leaves unexplained is error of the model, which grows
 /// with the load. The noise of a channel is in proportion to its RMS reading in contact, plus 5 % of
 /// the RMS norm of the whole reading. Its level, the sd of the prior and one of `shapes`, of equals the first, are
-/// chosen by `method`: `&PriorShape::default().or_independent()` asks whether there is a smooth part. For an estimator that keeps no
-/// correlations ([`EstimatorSpec::keeps_correlations`](crate::EstimatorSpec::keeps_correlations)) take
-/// `&[PriorShape::independent()]`: what suits points that are alike leaves it too sure of sums over points.
+/// chosen by `method`; [`EstimatorSpec::shapes`](crate::EstimatorSpec::shapes) has those for an estimator. What suits points that are
+/// alike leaves estimators that keep no correlations too sure of sums over points.
 ///
 /// # Errors
 /// No shape; traces that [`Trace::check`] refuses or that differ in their number of joints; no train sequence ever

@@ -6,7 +6,7 @@ use crate::exit::usage;
 use crate::field_file::{FieldFormat, claim, save};
 use crate::fit::{Compared, Threshold, at_threshold, compare, fit};
 use crate::range::length;
-use crate::recording::{RecordingArgs, SplitPart, traces};
+use crate::recording::{RecordingArgs, SplitPart};
 use crate::settings::EstimatorSettings;
 use serde::{Serialize, Serializer};
 use std::path::PathBuf;
@@ -19,7 +19,8 @@ use vsf::pipeline::{
 
 #[derive(Debug, clap::Args)]
 #[command(after_help = "\
-The field holds points, K (mean, N/m), K_std, the features touched, prior_sd (all parts of the prior together) and \
+The field holds points, K (mean, N/m), K_std (of points that were never touched that of the prior, an upper bound, also \
+where their neighbors suggest their K), the features touched, prior_sd (all parts of the prior together) and \
 noise_sd, and the parameters of contact, which `vsf predict`, `evaluate`, `simulate`, `export` and `view` take from \
 it; they warn of flags that contradict it, and of another corrected model than it was estimated with.
 
@@ -130,7 +131,7 @@ pub fn run(args: &Args, console: &Console) -> anyhow::Result<()> {
         console.warn_all(view_warnings(own.rest(), view));
     }
     let traces = match &model {
-        None => traces(&own, &sequences, console)?,
+        None => recording.traces(&own, &sequences, console)?,
         Some(model) => {
             let corrected = model.sequences(&recording, &own, &sequences, console)?;
             corrected.into_iter().map(|c| c.trace).collect()

@@ -8,7 +8,7 @@ mod table1;
 use crate::console::Console;
 use crate::exit::{message, usage};
 use crate::range::length;
-use crate::recording::{Recording, SplitPart, traces};
+use crate::recording::{Recording, SplitPart};
 use crate::settings::SceneSettings;
 use clap::Subcommand;
 use serde::Serialize;
@@ -149,7 +149,7 @@ fn each<T>(
         let mut sequences = recording.sequences(None, SplitPart::Train)?;
         sequences.extend(recording.sequences(None, SplitPart::Test)?);
         let scene = recording.scene_to_learn(None, console)?;
-        let traces = traces(&scene, &sequences, console)?;
+        let traces = recording.traces(&scene, &sequences, console)?;
         let experiment = Experiment::new(&recording.dataset, &scene, &traces)?;
         of(number, recording, &experiment)
     };

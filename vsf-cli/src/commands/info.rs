@@ -1,5 +1,5 @@
 use crate::console::{Console, number, table};
-use crate::recording::{Recording, RecordingArgs, SplitPart, traces, untouched};
+use crate::recording::{Recording, RecordingArgs, SplitPart, untouched};
 use serde::Serialize;
 use vsf::core::nalgebra::Point3;
 use vsf::data::TorqueKind;
@@ -72,7 +72,7 @@ pub fn run(args: &Args, console: &Console) -> anyhow::Result<()> {
     let recording = args.recording.open(console)?;
     let sequences = recording.sequences(None, SplitPart::All)?;
     let scene = recording.scene_to_learn_or_air(console)?;
-    let traces = traces(&scene, &sequences, console)?;
+    let traces = recording.traces(&scene, &sequences, console)?;
     console.warn_all(untouched(&scene, &traces));
     // A recording of free motion has no points, and nothing can be said about contact.
     let report = if recording.has_points() {

@@ -6,7 +6,7 @@ use crate::field_file::save;
 use crate::file_kind::FileKind;
 use crate::fit::fit;
 use crate::pictures::{self, Surroundings, View};
-use crate::recording::{Recording, SplitPart, traces};
+use crate::recording::{Recording, SplitPart};
 use crate::samples::ONE_PLACE;
 use crate::settings::{EstimatorSettings, SceneSettings};
 use serde::Serialize;
@@ -66,7 +66,7 @@ pub fn run(console: &Console) -> anyhow::Result<()> {
     let train = recording.sequences(None, SplitPart::Train)?;
     let test = recording.sequences(None, SplitPart::Test)?;
     let scene = recording.scene_to_learn(None, console)?;
-    let learned = traces(&scene, &train, console)?;
+    let learned = recording.traces(&scene, &train, console)?;
     let chosen = fit(
         &scene,
         None,
@@ -77,7 +77,7 @@ pub fn run(console: &Console) -> anyhow::Result<()> {
     )?;
     let hyper = &chosen.hyper;
 
-    let unseen = traces(&scene, &test, console)?;
+    let unseen = recording.traces(&scene, &test, console)?;
     let ours = evaluate(&scene, &chosen.estimate.belief, &unseen)?;
     let of = |baseline: Baseline| measure(&baseline, &recording, &scene, &test, &unseen);
     let (zero, knn) = (of(Baseline::Zero)?, of(Baseline::Knn { k: 50 })?);

@@ -131,9 +131,11 @@ impl EstimatorSettings {
             return Err(self.without("--clear-replay", what, "replay"));
         }
         if self.shape().smooth_share == 0.0 && self.smooth_length.is_some() {
-            return Err(usage(
-                "--smooth-length: nothing is smooth without a share; give --smooth-share too, or leave out the length",
-            ));
+            return Err(usage(format!(
+                "--smooth-length (or smooth_length of a configuration): the prior of `{}` has no smooth part unless its share \
+                 is given; give --smooth-share too, or leave out the length",
+                self.name()
+            )));
         }
         if !matches!(kind, Exact | Information) && self.projection.is_some() {
             return Err(self.without("--projection", "projection", "exact"));
@@ -196,11 +198,7 @@ impl EstimatorSettings {
     /// The smooth part of the prior.
     pub fn shape(&self) -> PriorShape {
         let named = self.name().parse::<EstimatorSpec>();
-        let defaults = if named.is_ok_and(|spec| spec.keeps_correlations()) {
-            PriorShape::default()
-        } else {
-            PriorShape::independent()
-        };
+        let defaults = named.map_or_else(|_| PriorShape::default(), |spec| spec.shapes()[0]);
         PriorShape {
             smooth_share: self.smooth_share.unwrap_or(defaults.smooth_share),
             length: self.smooth_length.unwrap_or(defaults.length),

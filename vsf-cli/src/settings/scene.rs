@@ -87,6 +87,18 @@ impl SceneSettings {
         self.contact.threshold.is_some()
     }
 
+    /// Flags of contact that depend on the points' spacing and are not given.
+    pub fn left_open(&self) -> Vec<&'static str> {
+        let open = [
+            ("--threshold", self.contact.threshold.is_none()),
+            ("--subdivision", self.contact.subdivision.is_none()),
+        ];
+        open.iter()
+            .filter(|(_, open)| *open)
+            .map(|(flag, _)| *flag)
+            .collect()
+    }
+
     /// How the scene is put together: the flags, over the contact that a field or a model remembers, over the defaults.
     pub fn options(&self, remembered: Option<&ContactParameters>) -> SceneOptions {
         let given = &self.contact;

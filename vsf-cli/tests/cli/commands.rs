@@ -446,7 +446,10 @@ fn usage_errors() {
     bench.fails(
         "estimate data --preset paper --smooth-length 0.1",
         2,
-        &["--smooth-length", "nothing is smooth without a share"],
+        &[
+            "--smooth-length",
+            "no smooth part unless its share is given",
+        ],
     );
     bench.fails(
         "evaluate data --field truth --baseline gp --gp-samples 1",
@@ -822,7 +825,7 @@ fn a_field_brings_its_contact() {
     // A finer slip step may slip as far.
     bench.ok("estimate touch --out fine.npz --slip-step 0.00001");
     let (_, told) = error("fine.npz", "--slip-step 0.0001");
-    let says = "--slip-step 0.00001 --max-slip-iterations 2000, not 0.0001 200;";
+    let says = "--slip-step 0.00001 --max-slip-iterations 2000, not 0.0001 and 200;";
     assert!(told.contains(says), "{told}");
 
     // Which links touch is part of it.
@@ -964,6 +967,15 @@ fn a_simulation_brings_its_contact() {
         let line = format!("estimate simulated --out field.npz --json{flag}");
         assert_eq!(value(&bench.ok(&line), "threshold"), threshold);
     }
+    let told = bench.warned("estimate simulated --out field.npz --threshold 0.002 --friction 0.3");
+    let says = "simulated: the torques were computed with --threshold 0.003 --friction 0.15 (contact_parameters of \
+        dataset.json), not 0.002 and 0.3";
+    assert!(told.contains(says), "{told}");
+    let quiet = bench.warned("evaluate simulated --field truth");
+    assert!(
+        !quiet.contains("computed") && !quiet.contains("in which contact"),
+        "{quiet}"
+    );
     let json = bench.ok("evaluate simulated --field truth --json");
     assert!(value(&json, "mean_error") < 1e-9, "{json}");
     // Measured torques are of contact that nobody knows: one that suits the points.
@@ -974,6 +986,19 @@ fn a_simulation_brings_its_contact() {
     fs::write(&metadata, known.to_string()).unwrap();
     let json = bench.ok("estimate simulated --out field.npz --json");
     assert_eq!(value(&json, "threshold"), 0.0032);
+    // Nor does this field say in which contact it holds.
+    for (flag, taken) in [
+        ("", Some("--threshold 0.002 --subdivision 2 is taken")),
+        (" --threshold 0.003", Some("--subdivision 2 is taken")),
+        (" --threshold 0.003 --subdivision 2", None),
+    ] {
+        let told = bench.warned(&format!("evaluate simulated --field truth{flag}"));
+        let about = "truth: does not say in which contact it was estimated: ";
+        match taken {
+            Some(taken) => assert!(told.contains(&format!("{about}{taken}")), "{told}"),
+            None => assert!(!told.contains(about), "{told}"),
+        }
+    }
 }
 
 /// What is in no split may be predicted, too.

@@ -122,7 +122,9 @@ pub(super) trait Joint<T: Scalar> {
             .collect();
         let mut mean = shown.mean().to_vec();
         for (p, shift) in touched.shifts(&offsets) {
-            mean[p] = T::from_f64((prior[p] + shift).max(0.0));
+            // Not `max`, which takes 0 for NaN; `Belief::new` refuses that.
+            let free = prior[p] + shift;
+            mean[p] = T::from_f64(if free < 0.0 { 0.0 } else { free });
         }
         Belief::new(mean, shown.variance().to_vec())
     }

@@ -5,9 +5,10 @@ use crate::common::{archive, golden_observations};
 use nalgebra::{DMatrix, DVector, Point3};
 use ndarray::Array2;
 use proptest::prelude::*;
-use vsf_core::{Belief, CoreError, Observation, Prediction, RestPoints, Scalar};
+use vsf_core::{Belief, CoreError, Estimator, Observation, Prediction, RestPoints, Scalar};
 use vsf_filter::{
-    CovarianceFilter, FieldPrior, InformationFilter, JointEstimator, Matern, Projection, Smoothness,
+    CovarianceFilter, FieldPrior, InformationFilter, JointEstimator, Matern, Projection,
+    RobustLoss, RobustNoise, Smoothness,
 };
 use vsf_testkit::{LinearWorld, Reading};
 
@@ -246,6 +247,24 @@ fn the_posterior_is_that_of_all_readings_at_once() {
                 }
             }
         }
+    }
+}
+
+/// What wraps a filter hands its field on, not its belief.
+#[test]
+fn the_field_of_a_wrapped_filter_is_its_own() {
+    let readings = wandering(3, 10);
+    for (name, prior) in priors() {
+        let filter = CovarianceFilter::<f64>::with_projection(prior, Projection::OutputOnly);
+        let mut filter = filter.unwrap();
+        feed(&mut filter, &readings);
+        let field = filter.field().unwrap();
+        // Independent points say nothing of each other.
+        assert_eq!(&field == filter.belief(), name == "independent", "{name}");
+        let boxed: Box<dyn Estimator<Scalar = f64>> = Box::new(filter.clone());
+        let robust = RobustNoise::new(filter, RobustLoss::Huber { k: 1.345 }).unwrap();
+        assert_eq!(boxed.field().unwrap(), field, "{name}");
+        assert_eq!(robust.field().unwrap(), field, "{name}");
     }
 }
 

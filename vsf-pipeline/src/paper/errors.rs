@@ -1,8 +1,8 @@
 use crate::evaluate::mean_prediction;
 use crate::{
     Baseline, EstimatorSpec, Evaluation, Experiment, HyperMethod, MlpConfig, PipelineError,
-    PriorShape, SequencePrediction, Trace, VisionSpec, choose_hyper, estimate,
-    estimate_with_vision, rgbd_view, score,
+    SequencePrediction, Trace, VisionSpec, choose_hyper, estimate, estimate_with_vision, rgbd_view,
+    score,
 };
 use rayon::prelude::*;
 use serde::Serialize;
@@ -206,16 +206,18 @@ impl Experiment<'_> {
         let sequences =
             |of: &[usize]| -> Vec<&Sequence> { of.iter().map(|&k| self.sequence(k)).collect() };
         let (learned, asked) = (sequences(&fold.train), sequences(&fold.test));
-        let by_field = |mean: &[f64]| test.iter().map(|t| mean_prediction(mean, t)).collect();
+        let by_field = |mean: &[f64]| -> Vec<SequencePrediction> {
+            test.iter().map(|t| mean_prediction(mean, t)).collect()
+        };
         let by_regression = |baseline: Baseline| baseline.predict(scene, &learned, &asked);
 
-        let shapes = PriorShape::default().or_independent();
-        let hyper = choose_hyper(rest, &train, &shapes, HyperMethod::HeldOut)?.hyper;
+        // Each estimator with the prior and noise that are chosen for it.
         let of = |spec: &EstimatorSpec| {
+            let hyper = choose_hyper(rest, &train, &spec.shapes(), HyperMethod::HeldOut)?.hyper;
             let found = estimate(rest, &train, spec, &hyper, |_| {})?;
-            Ok::<Vec<_>, PipelineError>(by_field(found.belief.mean()))
+            Ok::<_, PipelineError>((by_field(found.belief.mean()), hyper))
         };
-        let blind = of(&EstimatorSpec::Batch)?;
+        let (blind, hyper) = of(&EstimatorSpec::Batch)?;
         let mut found = Vec::new();
         if let Some((view, vision)) = view {
             let batch = &EstimatorSpec::Batch;
@@ -235,7 +237,7 @@ impl Experiment<'_> {
         };
         found.extend([
             (Method::Blind, blind),
-            (Method::BlindOnline, of(&EstimatorSpec::replay())?),
+            (Method::BlindOnline, of(&EstimatorSpec::replay())?.0),
             (Method::Mlp, by_regression(Baseline::Mlp(mlp))?),
             (
                 Method::Gp,

@@ -16,7 +16,7 @@ const MOST_EFFORT: f64 = 10.0;
 const MOST_SPREAD: f64 = 0.25;
 /// Readings in the air that are on average more than this share of those in contact are no noise; and how many of them
 /// tell.
-const MOST_OFFSET: f64 = 0.5;
+const MOST_OFFSET: f64 = 0.3;
 const LEAST_FREE: usize = 16;
 /// Readings in the air that are at least so much like the torques of gravity, and within a factor of their
 /// size, are these. A payload is like them too, but smaller.

@@ -454,6 +454,17 @@ fn readings_that_are_not_tared() {
         assert!((mean - 30.0).abs() < 0.1 && (offset - size).abs() < 0.1);
         assert_eq!(warned(&tared, &readings), []);
     }
+    // One of two fifths of what is felt in contact.
+    let [PipelineWarning::NotTared { touch: felt, .. }] =
+        warned(&plain, &first_joint(&touch(&plain), |v| v + 30.0))[..]
+    else {
+        panic!("an offset that is not told of");
+    };
+    let readings = first_joint(&touch(&plain), |v| v + 0.4 * felt);
+    assert!(matches!(
+        warned(&plain, &readings)[..],
+        [PipelineWarning::NotTared { .. }]
+    ));
     // A small one is for the diagnosis.
     assert_eq!(
         warned(&plain, &first_joint(&touch(&plain), |v| v + 0.1)),
