@@ -1,6 +1,9 @@
-//! Recordings that are made from something else.
+//! Recordings that these commands make, and which of them they replace.
 
+use crate::console::{Console, read_text};
+use crate::exit::usage;
 use crate::interrupt::writing;
+use crate::outputs::unmarked;
 use crate::recording::{FieldArgs, Recording};
 use anyhow::Context;
 use std::collections::BTreeMap;
@@ -12,6 +15,11 @@ use vsf::robots::urdf_bundle;
 /// What is computed from a recording: the word for it, which ends the new one's name, and the command.
 pub const SIMULATED: (&str, &str) = ("simulated", "vsf simulate");
 pub const PREDICTED: (&str, &str) = ("predicted", "vsf predict");
+
+/// Commands that compute a recording from another one.
+pub const COMPUTED: [&str; 2] = [SIMULATED.1, PREDICTED.1];
+/// That which converts one.
+pub const IMPORT: &str = "vsf import";
 
 /// The recording with these sequences, whose torques are `made` by a field in a scene and this command: named after
 /// it, without stored field. Torques that no command would read again are refused.
@@ -105,4 +113,48 @@ pub fn save(
     let deviations = dataset.sequences.iter().map(|s| deviations_of(&s.id));
     let deviations: Vec<_> = deviations.collect();
     Ok(writing(|| dataset.save_with(out, &files, &deviations))?)
+}
+
+/// Claims a folder for a recording, be it one whose writing was interrupted.
+pub fn claim(out: &Path, console: &Console) -> anyhow::Result<()> {
+    let was_there = Dataset::maker(out).is_some();
+    let what = "a recording that vsf has made";
+    console.outputs.folder("--out", out, what, |names| {
+        unmarked(names, &["dataset.json"]).filter(|_| !was_there)
+    })
+}
+
+/// Refuses to replace a recording that none of these commands has made: one that was measured is lost for ever.
+pub fn keep_made(out: &Path, by: &[&str]) -> anyhow::Result<()> {
+    let metadata = out.join("dataset.json");
+    let made_by = match Dataset::maker(out) {
+        Some(command) if by.contains(&&*command) => {
+            if Dataset::is_edited(out) {
+                return Err(usage(format!(
+                    "--out {}: the recording there was edited since {command:?} wrote it, which would be lost; choose a new \
+                     folder, or remove that one",
+                    out.display()
+                )));
+            } else {
+                return Ok(());
+            }
+        }
+        Some(command) => format!("is by {command:?}"),
+        None if !metadata.exists() => return Ok(()),
+        None => {
+            read_text(&metadata)?;
+            "may be measured (no made_by in its dataset.json)".to_owned()
+        }
+    };
+    Err(usage(format!(
+        "--out {}: the recording there {made_by} and is replaced by no other kind; choose a new folder, or remove that \
+         one",
+        out.display()
+    )))
+}
+
+/// Refuses an output in the place of a robot's file.
+pub fn keep_robot(robot: Option<&RobotRef>, console: &Console) -> anyhow::Result<()> {
+    let urdf = robot.and_then(|robot| robot.path.as_deref());
+    urdf.map_or(Ok(()), |urdf| console.outputs.keep(urdf))
 }

@@ -1,17 +1,16 @@
 use crate::config::Sources;
-use crate::console::{Console, number, read_text};
+use crate::console::{Console, number};
 use crate::contact_flags::{contact_flags, difference};
 use crate::corrected::{CorrectedModel, ModelArgs};
-use crate::derived::{PREDICTED, SIMULATED, stems_from};
+use crate::derived::{COMPUTED, claim, keep_made, keep_robot, stems_from};
 use crate::exit::usage;
 use crate::explain::{blame, explain};
 use crate::field_file::FieldFile;
-use crate::outputs::unmarked;
 use crate::settings::SceneSettings;
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 use vsf::contact::{CacheUse, ContactConfig};
-use vsf::data::{DataWarning, Dataset, RobotRef, Sequence, StiffnessField};
+use vsf::data::{DataWarning, Dataset, Sequence, StiffnessField};
 use vsf::gap::Campaign;
 use vsf::pipeline::{
     PipelineError, Scene, SceneOptions, Trace, motion_warnings, reading_warnings, rgbd_view,
@@ -24,11 +23,6 @@ use vsf::vision::RgbdView;
 const SAME_POINT: f64 = 1e-5;
 /// So may places and turns of the robot's base [m or rad].
 const SAME_POSE: f64 = 1e-5;
-
-/// Commands that compute a recording from another one.
-pub const COMPUTED: [&str; 2] = [SIMULATED.1, PREDICTED.1];
-/// That which converts one.
-pub const IMPORT: &str = "vsf import";
 
 /// A recording and how to read it, as most commands take it.
 #[derive(Debug, clap::Args)]
@@ -331,7 +325,7 @@ impl Recording {
             PipelineError::Robot(e @ RobotError::UnknownLink { .. })
                 if !self.settings.has_links() =>
             {
-                anyhow::anyhow!("the field or model remembers which links touched (--links): {e}")
+                anyhow::anyhow!("the field, model or recording (contact_parameters) remembers which links touched (--links): {e}")
             }
             other => explain(&self.settings.metadata, other),
         })?;
@@ -463,50 +457,6 @@ impl Recording {
 /// Whether contact is to be that in which a corrected model was found.
 fn follows(model: Option<&CorrectedModel>) -> bool {
     model.is_some_and(|m| m.contact().is_some() && m.follows_contact())
-}
-
-/// Claims a folder for a recording, be it one whose writing was interrupted.
-pub fn claim(out: &Path, console: &Console) -> anyhow::Result<()> {
-    let was_there = Dataset::maker(out).is_some();
-    let what = "a recording that vsf has made";
-    console.outputs.folder("--out", out, what, |names| {
-        unmarked(names, &["dataset.json"]).filter(|_| !was_there)
-    })
-}
-
-/// Refuses to replace a recording that none of these commands has made: one that was measured is lost for ever.
-pub fn keep_made(out: &Path, by: &[&str]) -> anyhow::Result<()> {
-    let metadata = out.join("dataset.json");
-    let made_by = match Dataset::maker(out) {
-        Some(command) if by.contains(&&*command) => {
-            if Dataset::is_edited(out) {
-                return Err(usage(format!(
-                    "--out {}: the recording there was edited since {command:?} wrote it, which would be lost; choose a new \
-                     folder, or remove that one",
-                    out.display()
-                )));
-            } else {
-                return Ok(());
-            }
-        }
-        Some(command) => format!("is by {command:?}"),
-        None if !metadata.exists() => return Ok(()),
-        None => {
-            read_text(&metadata)?;
-            "may be measured (no made_by in its dataset.json)".to_owned()
-        }
-    };
-    Err(usage(format!(
-        "--out {}: the recording there {made_by} and is replaced by no other kind; choose a new folder, or remove that \
-         one",
-        out.display()
-    )))
-}
-
-/// Refuses an output in the place of a robot's file.
-pub fn keep_robot(robot: Option<&RobotRef>, console: &Console) -> anyhow::Result<()> {
-    let urdf = robot.and_then(|robot| robot.path.as_deref());
-    urdf.map_or(Ok(()), |urdf| console.outputs.keep(urdf))
 }
 
 /// Refuses flags that are of recordings where the input is a field.

@@ -1,10 +1,10 @@
 use crate::config::Sources;
 use crate::console::{Console, number, table};
 use crate::derived::save;
+use crate::derived::{IMPORT, claim, keep_made, keep_robot};
 use crate::exit::usage;
 use crate::explain::{blame, explain};
 use crate::range::{self, finite, positive};
-use crate::recording::{IMPORT, claim, keep_made, keep_robot};
 use crate::settings::MetadataSettings;
 use serde::Serialize;
 use std::path::PathBuf;

@@ -10,6 +10,7 @@ use crate::settings::SceneSettings;
 use crate::view::{Cloud, View, in_air, in_scene, page};
 use std::path::PathBuf;
 use vsf::core::nalgebra::Point3;
+use vsf::data::parse_json;
 use vsf::gap::Diagnosis;
 use vsf::pipeline::motion_warnings;
 
@@ -81,7 +82,7 @@ fn of_report(args: &Args) -> anyhow::Result<String> {
     }
     let text = read_text(&args.input)?;
     let path = args.input.display();
-    let report: Diagnosis = serde_json::from_str(&text).map_err(|e| {
+    let report: Diagnosis = parse_json(text.as_bytes()).map_err(|e| {
         anyhow::anyhow!("{path} is no diagnosis, as `vsf diagnose --json` writes it: {e}")
     })?;
     match report.schema {

@@ -354,7 +354,7 @@ fn a_corrected_model_brings_its_contact() {
         (
             "\"friction\": 0.3",
             "\"friction\": []",
-            "m.json: corrected model: contact_parameters.friction: invalid type: sequence",
+            "m.json: corrected model: line 10 column 16: contact_parameters.friction: invalid type: sequence, expected a number",
         ),
     ] {
         let text = model.replace(from, to);

@@ -64,21 +64,21 @@ pub(super) fn text(report: &Report, scene: &Scene, correlates: bool) -> String {
         number(report.prior_sd),
         found(PRIOR_SD, report.given, report.chosen_by),
     );
+    let kept = if correlates {
+        ""
+    } else {
+        ", of which this estimator keeps the variance alone"
+    };
     if report.smooth_sd > 0.0 {
         text += &format!(
-            "              and N(0, {}²) N/m smooth over {} m{}\n",
+            "              and N(0, {}²) N/m smooth over {} m{kept}\n",
             number(report.smooth_sd),
             number(report.smooth_length),
-            if correlates {
-                ""
-            } else {
-                ", of which this estimator keeps the variance alone"
-            },
         );
     }
     if report.level_sd > 0.0 {
         let sd = number(report.level_sd);
-        text += &format!("              and N(0, {sd}²) N/m common to all points\n");
+        text += &format!("              and N(0, {sd}²) N/m common to all points{kept}\n");
     }
     if report.vision != "none" {
         text += &format!(
