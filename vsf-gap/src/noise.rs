@@ -81,12 +81,13 @@ impl NoiseFloor {
             let all = all.noise(j);
             let quiet = (samples >= SOME).then(|| free.noise(j));
             quiet
-                .filter(|free| all.sd > CLEARLY * free.sd)
+                // Readings that are zero in the air tell nothing of others.
+                .filter(|free| free.sd > 0.0 && all.sd > CLEARLY * free.sd)
                 .unwrap_or(all)
         };
         Self {
             joints: (0..joints).map(of_joint).collect(),
-            is_bound: samples < SOME && samples < touches.count(),
+            is_bound: samples < SOME && samples < all.count(),
         }
     }
 }
