@@ -13,14 +13,14 @@ pub fn difference(was: &ContactParameters, is: &ContactParameters) -> Option<(St
 }
 
 /// Parameters of contact by their flags.
-pub fn contact_flags(contact: &ContactParameters) -> [(&'static str, String); 7] {
+pub fn contact_flags(contact: &ContactParameters) -> [(&'static str, String); 8] {
     let links = match &contact.links {
         Some(names) => {
             let mut names = names.clone();
             names.sort();
             names.join(",")
         }
-        None => "of all links".to_owned(),
+        None => "(all)".to_owned(),
     };
     [
         ("--threshold", contact.threshold.to_string()),
@@ -31,6 +31,7 @@ pub fn contact_flags(contact: &ContactParameters) -> [(&'static str, String); 7]
             contact.max_slip_iterations.to_string(),
         ),
         ("--padding", contact.padding.to_string()),
+        ("adhesion", contact.adhesion.to_string()),
         ("--subdivision", contact.subdivision.to_string()),
         ("--links", links),
     ]

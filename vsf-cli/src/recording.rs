@@ -13,8 +13,8 @@ use vsf::contact::{CacheUse, ContactConfig};
 use vsf::data::{DataWarning, Dataset, Sequence, StiffnessField};
 use vsf::gap::Campaign;
 use vsf::pipeline::{
-    PipelineError, Scene, SceneOptions, Trace, motion_warnings, reading_warnings, rgbd_view,
-    robot_of, scene_warnings, touch_warnings,
+    PipelineError, PipelineWarning, Scene, SceneOptions, Trace, motion_warnings, reading_warnings,
+    rgbd_view, robot_of, scene_warnings, touch_warnings,
 };
 use vsf::robots::{RobotError, RobotModel};
 use vsf::vision::RgbdView;
@@ -305,10 +305,20 @@ impl Recording {
             let taken: Vec<String> = taken
                 .map(|(flag, value)| format!("{flag} {value}"))
                 .collect();
+            let suited = match scene.with_suited_threshold() {
+                Ok(suited) if suited.contact() != scene.contact() => {
+                    let suited = number(suited.contact().threshold);
+                    format!(" ({suited} m suits the points)")
+                }
+                _ => String::new(),
+            };
             console.warn(format!(
-                "{}: does not say in which contact it was estimated: {} is taken; give what it was estimated with",
+                "{}: does not say in which contact it was estimated: {} taken{suited}; give what it was estimated with",
                 field.path.display(),
-                taken.join(" "),
+                match &taken[..] {
+                    [one] => format!("{one} is"),
+                    all => format!("{} are", all.join(" and ")),
+                },
             ));
         }
         Ok(scene)
@@ -378,8 +388,8 @@ impl Recording {
         Ok(traces)
     }
 
-    /// Warns of what looks wrong with the readings. Of those that were computed in another contact, that alone: springs in
-    /// this one do not explain them, whatever their signs and columns.
+    /// Warns of what looks wrong with the readings; of those that were computed in another contact not of signs and
+    /// columns, which springs in this one do not tell.
     pub fn warn_of_readings(
         &self,
         scene: &Scene,
@@ -387,16 +397,27 @@ impl Recording {
         traces: &[Trace],
         console: &Console,
     ) {
-        let own = self.dataset.contact.as_ref();
-        let other = own.and_then(|own| difference(own, &scene.contact_parameters()));
-        match other.filter(|_| !scene.rest().is_empty()) {
-            Some((was, is)) => console.warn(format!(
-                "{}: the torques were computed with {was} (contact_parameters of dataset.json), not {is}: errors and fields \
-                 hold what that changes",
+        let in_other_contact = self.other_contact(scene).is_some();
+        let told = |w: &PipelineWarning| !(in_other_contact && w.is_of_springs());
+        let warnings = reading_warnings(scene, sequences, traces);
+        console.warn_all(warnings.iter().filter(|w| told(w)));
+    }
+
+    /// Warns where readings that were computed are compared to springs in another contact.
+    pub fn compare_contact(&self, scene: &Scene, console: &Console) {
+        if let Some((was, is)) = self.other_contact(scene) {
+            console.warn(format!(
+                "{}: the torques were computed with {was} (contact_parameters of dataset.json), not {is}: what that changes is \
+                 no property of the object",
                 self.path.display()
-            )),
-            None => console.warn_all(reading_warnings(scene, sequences, traces)),
+            ));
         }
+    }
+
+    /// The contact that the torques were computed in, and how the scene differs, if it does.
+    fn other_contact(&self, scene: &Scene) -> Option<(String, String)> {
+        let own = (self.dataset.contact.as_ref()).filter(|_| !scene.rest().is_empty());
+        own.and_then(|own| difference(own, &scene.contact_parameters()))
     }
 
     /// The recording as a diagnosis sees it, with warnings about its motions and readings.
@@ -410,6 +431,7 @@ impl Recording {
         } else {
             scene.with_suited_threshold()?
         };
+        self.compare_contact(&looked_at, console);
         let traces = self.traces(&looked_at, &sequences, console)?;
         console.warn_all(untouched(&looked_at, &traces));
         let campaign = Campaign::in_scene(&self.dataset, scene)?;

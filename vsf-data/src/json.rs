@@ -43,22 +43,35 @@ impl<'de, V: Deserialize<'de>> Deserialize<'de> for UniqueMap<V> {
     }
 }
 
-/// JSON that is none, or of another form than it has to be.
+/// Text that is no JSON, or JSON of another form than it has to be.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 #[error("line {line} column {column}: {problem}")]
 pub struct JsonError {
     /// Line, from 1.
     pub line: usize,
-    /// Column, from 1.
+    /// Column in bytes, from 1; 0 for the end of the line before.
     pub column: usize,
     /// Key and problem.
     pub problem: String,
-    /// Whether it is JSON, with a value of another form.
+    /// Whether the text is JSON, of another form.
     pub is_json: bool,
 }
 
 impl JsonError {
-    pub(crate) fn at(self, path: &Path) -> DataError {
+    fn new(e: &serde_json::Error) -> Self {
+        let (line, column) = (e.line(), e.column());
+        // The position is a field of the error already.
+        let text = e.to_string();
+        let position = format!(" at line {line} column {column}");
+        Self {
+            line,
+            column,
+            problem: plain(text.strip_suffix(&position).unwrap_or(&text)),
+            is_json: e.classify() == Category::Data,
+        }
+    }
+
+    fn at(self, path: &Path) -> DataError {
         let (path, line, column, problem) = (path.to_owned(), self.line, self.column, self.problem);
         if self.is_json {
             DataError::JsonType {
@@ -74,21 +87,6 @@ impl JsonError {
                 column,
                 problem,
             }
-        }
-    }
-}
-
-impl From<&serde_json::Error> for JsonError {
-    fn from(e: &serde_json::Error) -> Self {
-        let (line, column) = (e.line(), e.column());
-        // The position is a field of the error already.
-        let text = e.to_string();
-        let position = format!(" at line {line} column {column}");
-        Self {
-            line,
-            column,
-            problem: plain(text.strip_suffix(&position).unwrap_or(&text)),
-            is_json: e.classify() == Category::Data,
         }
     }
 }
@@ -113,7 +111,7 @@ pub fn parse_json<T: DeserializeOwned>(bytes: &[u8]) -> Result<T, JsonError> {
     let mut json = serde_json::Deserializer::from_str(text);
     let value = serde_path_to_error::deserialize(&mut json).map_err(|e| {
         let key = e.path().to_string();
-        let mut found = JsonError::from(e.inner());
+        let mut found = JsonError::new(e.inner());
         // Where an array is too long, or a number stands for a name, serde_json finds fault with the syntax.
         if !found.is_json && serde_json::from_str::<IgnoredAny>(text).is_ok() {
             found.is_json = true;
@@ -128,7 +126,7 @@ pub fn parse_json<T: DeserializeOwned>(bytes: &[u8]) -> Result<T, JsonError> {
         }
         found
     })?;
-    json.end().map_err(|e| JsonError::from(&e))?;
+    json.end().map_err(|e| JsonError::new(&e))?;
     Ok(value)
 }
 
@@ -166,7 +164,7 @@ pub(crate) fn encode<T: Serialize>(path: &Path, value: &T) -> Result<Vec<u8>, Da
 }
 
 pub(crate) fn failure(path: &Path, e: &serde_json::Error) -> DataError {
-    JsonError::from(e).at(path)
+    JsonError::new(e).at(path)
 }
 
 /// The problem with the type that is expected in words of JSON.

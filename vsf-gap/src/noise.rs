@@ -30,12 +30,9 @@ impl JointNoise {
     }
 }
 
-/// Fewest free samples that speak for the noise on their own.
+/// Pairs of second differences of free motion that speak for the noise on their own, and that are asked at all.
 const FEWEST: usize = 150;
-/// Fewest that are asked at all, and how many times as large what all samples take for noise is when these few are
-/// believed instead.
 const SOME: usize = 24;
-const CLEARLY: f64 = 1.5;
 /// Differences beyond so many times their median are steps of the signal, not noise; unless they are more than this
 /// share, as in readings that are quantized, and in contact that changes all the time.
 const STEP: f64 = 5.0;
@@ -57,8 +54,8 @@ pub(crate) struct NoiseFloor {
 }
 
 impl NoiseFloor {
-    /// From differences of neighboring samples: in free motion where there is enough of it, else of all samples, unless
-    /// what free motion there is shows that these have more than noise. Differences leave out what is smooth, whatever
+    /// From differences of neighboring samples: in free motion where there is enough of it, else of all samples, of which
+    /// some free motion tells how large differences of noise are. Differences leave out what is smooth, whatever
     /// its cause. Second ones do, as a rule; where what they leave is smoother than noise, such as a hum or friction that
     /// turns over again and again, those of a higher order are taken.
     pub(crate) fn of(motions: &[&Motion], logs: &[Arc<ContactLog>], joints: usize) -> Self {
@@ -75,19 +72,18 @@ impl NoiseFloor {
             source(Source::Sequences)
         };
         let of_joint = |j: usize| {
-            if samples >= FEWEST {
-                return free.noise(j);
-            }
-            let all = all.noise(j);
-            let quiet = (samples >= SOME).then(|| free.noise(j));
-            quiet
-                // Readings that are zero in the air tell nothing of others.
-                .filter(|free| free.sd > 0.0 && all.sd > CLEARLY * free.sd)
-                .unwrap_or(all)
+            joint_noise(|order| {
+                if samples >= FEWEST {
+                    return moments(&free.pairs(j, order), None);
+                }
+                let steps_from = (samples >= SOME).then(|| STEP * median(&free.pairs(j, order)));
+                moments(&all.pairs(j, order), steps_from)
+            })
         };
+        let touches_something = || logs.iter().flat_map(|l| &l.contacts).any(|c| !c.is_empty());
         Self {
             joints: (0..joints).map(of_joint).collect(),
-            is_bound: samples < SOME && samples < all.count(),
+            is_bound: samples < SOME && touches_something(),
         }
     }
 }
@@ -115,16 +111,15 @@ impl Differences<'_> {
         self.runs(ORDERS[0] + 2).len()
     }
 
-    fn noise(&self, j: usize) -> JointNoise {
-        joint_noise(|order| {
-            let weights = binomials(order);
-            let difference = |s: usize, row: usize| -> f64 {
-                let at = |(back, w): (usize, &f64)| w * self.motions[s].reading[row - back][j];
-                weights.iter().enumerate().map(at).sum()
-            };
-            let pair = |(s, row): (usize, usize)| (difference(s, row - 1), difference(s, row));
-            self.runs(order + 2).into_iter().map(pair).collect()
-        })
+    /// Those of joint `j`, each with the one before.
+    fn pairs(&self, j: usize, order: usize) -> Vec<(f64, f64)> {
+        let weights = binomials(order);
+        let difference = |s: usize, row: usize| -> f64 {
+            let at = |(back, w): (usize, &f64)| w * self.motions[s].reading[row - back][j];
+            weights.iter().enumerate().map(at).sum()
+        };
+        let pair = |(s, row): (usize, usize)| (difference(s, row - 1), difference(s, row));
+        self.runs(order + 2).into_iter().map(pair).collect()
     }
 
     /// Sequence and last row of all samples in a row, so many.
@@ -160,16 +155,19 @@ fn binomials(order: usize) -> Vec<f64> {
     (0..=order).map(weight).collect()
 }
 
-/// From the pairs of differences in a row, by their order: the lowest one whose correlation is one of
+/// From the moments of differences, by their order: the lowest one whose correlation is one of
 /// AR(1) noise. Without one, or where next to nothing is left, noise itself is smooth, as in readings that were
 /// filtered: then second differences bound it.
-fn joint_noise(pairs: impl Fn(usize) -> Vec<(f64, f64)>) -> JointNoise {
+fn joint_noise(moments: impl Fn(usize) -> Moments) -> JointNoise {
     // Their correlation, known from `n` pairs to within about `1 / sqrt(n)`, is to lie below that of the smoothest
     // noise by `margins` of these.
     let of_order = |order: usize, margins: f64| {
-        let pairs = pairs(order);
-        let (variance, covariance) = moments(&pairs);
-        let margin = margins / (pairs.len().max(1) as f64).sqrt();
+        let Moments {
+            variance,
+            covariance,
+            pairs,
+        } = moments(order);
+        let margin = margins / (pairs.max(1) as f64).sqrt();
         let correlation = if variance > 0.0 {
             correlation(order, covariance / variance, margin)
         } else {
@@ -189,22 +187,39 @@ fn joint_noise(pairs: impl Fn(usize) -> Vec<(f64, f64)>) -> JointNoise {
     others.find(is_noise).unwrap_or(bound)
 }
 
-/// Variance of differences and covariance of two in a row, without steps of the signal.
-fn moments(pairs: &[(f64, f64)]) -> (f64, f64) {
+/// Variance of differences and covariance of two in a row.
+struct Moments {
+    variance: f64,
+    covariance: f64,
+    /// From so many, those left out included.
+    pairs: usize,
+}
+
+/// The median size of differences.
+fn median(pairs: &[(f64, f64)]) -> f64 {
     let mut sizes: Vec<f64> = pairs.iter().map(|(a, _)| a.abs()).collect();
     sizes.sort_by(f64::total_cmp);
-    let limit = STEP * sizes.get(sizes.len() / 2).copied().unwrap_or(0.0);
-    let beyond = sizes.len() - sizes.partition_point(|s| *s <= limit);
-    let limit = if beyond as f64 > FEW * sizes.len() as f64 {
-        f64::INFINITY
-    } else {
-        limit
-    };
+    sizes.get(sizes.len() / 2).copied().unwrap_or(0.0)
+}
+
+/// Moments without steps of the signal: what lies beyond `steps_from`, if that is known.
+fn moments(pairs: &[(f64, f64)], steps_from: Option<f64>) -> Moments {
+    let limit = steps_from.unwrap_or_else(|| {
+        let limit = STEP * median(pairs);
+        let beyond = pairs.iter().filter(|(a, _)| a.abs() > limit).count();
+        if beyond as f64 > FEW * pairs.len() as f64 {
+            f64::INFINITY
+        } else {
+            limit
+        }
+    });
     let kept = || (pairs.iter()).filter(|(a, b)| a.abs() <= limit && b.abs() <= limit);
     let n = kept().count().max(1) as f64;
-    let variance = kept().map(|(a, b)| 0.5 * (a * a + b * b)).sum::<f64>() / n;
-    let covariance = kept().map(|(a, b)| a * b).sum::<f64>() / n;
-    (variance, covariance)
+    Moments {
+        variance: kept().map(|(a, b)| 0.5 * (a * a + b * b)).sum::<f64>() / n,
+        covariance: kept().map(|(a, b)| a * b).sum::<f64>() / n,
+        pairs: pairs.len(),
+    }
 }
 
 /// The same of AR(1) noise of variance 1 and this correlation.
@@ -271,9 +286,9 @@ mod tests {
             let weights = binomials(order);
             let difference =
                 |k: usize| -> f64 { weights.iter().zip(&r[k..]).map(|(w, r)| w * r).sum() };
-            (0..r.len() - order - 1)
-                .map(|k| (difference(k), difference(k + 1)))
-                .collect()
+            let pair = |k: usize| (difference(k), difference(k + 1));
+            let pairs: Vec<_> = (0..r.len() - order - 1).map(pair).collect();
+            moments(&pairs, None)
         })
     }
 

@@ -236,6 +236,8 @@ impl Scene {
                 reason: "its URDF has no <collision> shapes on the links that may touch".to_owned(),
             });
         }
+        // Where all that can touch are named, none is chosen.
+        let is_choice = colliders.len() < robot.colliders().len();
         // Grids reach beyond where points are touched, with a padding that is looked for.
         let grid = GridOptions {
             margin: options.grid.margin.max(options.contact.level() + SPARE),
@@ -257,7 +259,7 @@ impl Scene {
             tare_samples: 0,
             grids: shapes.grids,
             links: shapes.links.into(),
-            chosen: options.links.clone(),
+            chosen: options.links.clone().filter(|_| is_choice),
             contact: options.contact,
             subdivision: options.subdivision,
             cells,

@@ -75,6 +75,7 @@ type Property<'a, T> = fn(&Suite<'a, T>);
 /// | --- | --- |
 /// | two of a kind behave the same, bit for bit | all |
 /// | means are never negative, variances are positive | all |
+/// | the field has the belief's variances, and its means of touched points | all |
 /// | an error leaves the belief unchanged; points beyond the field are refused | all |
 /// | an empty observation teaches nothing | all |
 /// | non-finite numbers cannot enter | all |
@@ -140,9 +141,10 @@ fn check<'a, T: Scalar>(suite: &Suite<'a, T>) {
         weight > 0.0 && weight.is_finite(),
         "option weight: {weight}, > 0 and finite"
     );
-    let properties: [(&str, bool, Property<'a, T>); 19] = [
+    let properties: [(&str, bool, Property<'a, T>); 20] = [
         ("two of a kind behave the same", true, Suite::determinism),
         ("means are never negative", true, Suite::never_negative),
+        ("the field knows what the belief does", true, Suite::field),
         ("an error leaves the belief unchanged", true, Suite::errors),
         ("an empty observation teaches nothing", true, Suite::empty),
         ("non-finite numbers cannot enter", true, Suite::non_finite),

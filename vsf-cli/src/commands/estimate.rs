@@ -19,8 +19,8 @@ use vsf::pipeline::{
 
 #[derive(Debug, clap::Args)]
 #[command(after_help = "\
-The field holds points, K (mean, N/m), K_std (of points that were never touched that of the prior, an upper bound, also \
-where their neighbors suggest their K), the features touched, prior_sd (all parts of the prior together) and \
+The field holds points, K (mean, N/m), K_std (for points never touched, that of the prior: an upper bound where \
+their neighbors say something of their K), the features touched, prior_sd (all parts of the prior together) and \
 noise_sd, and the parameters of contact, which `vsf predict`, `evaluate`, `simulate`, `export` and `view` take from \
 it; they warn of flags that contradict it, and of another corrected model than it was estimated with.
 
@@ -158,6 +158,7 @@ pub fn run(args: &Args, console: &Console) -> anyhow::Result<()> {
         thresholds,
         choice,
     } = compare((own, traces), &others, asked, contact, settings, console)?;
+    recording.compare_contact(&scene, console);
     let chosen = fit(&scene, view.as_ref(), &traces, settings, choice, console)?;
     let belief = &chosen.estimate.belief;
     console.warn_all(health_warnings(&chosen.estimate.health));

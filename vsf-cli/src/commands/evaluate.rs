@@ -65,8 +65,6 @@ enum Kind {
 
 /// Predictions are told to be too sure where a smaller share of readings lies within two standard deviations.
 const SURE: f64 = 0.8;
-/// Errors beyond this share of those of zero torque are hardly better.
-const HARDLY: f64 = 0.9;
 
 #[derive(Serialize)]
 struct Report {
@@ -90,6 +88,7 @@ pub fn run(args: &Args, console: &Console) -> anyhow::Result<()> {
     } else {
         (None, recording.scene_to_learn_or_air(console)?)
     };
+    recording.compare_contact(&scene, console);
     let modeled = Modeled::new(model.as_ref(), &recording, &scene, &sequences, console)?;
     let traces = &modeled.traces;
     let mut found = Vec::new();
@@ -113,9 +112,9 @@ pub fn run(args: &Args, console: &Console) -> anyhow::Result<()> {
         let touching = || errors.per_sequence.iter().filter(|s| s.contact_samples > 0);
         let fails = || touching().filter(|s| s.mean_error >= s.zero_error);
         let worst = fails().max_by(|a, b| of_zero(a).total_cmp(&of_zero(b)));
-        if touching().count() > 0 && errors.mean_error >= HARDLY * errors.zero_error {
+        if touching().count() > 0 && errors.mean_error >= errors.zero_error {
             console.warn(format!(
-                "the field's error, {} {unit}, is not clearly below that of zero torque, {} {unit}: these touches are of places \
+                "the field's error, {} {unit}, is not below that of zero torque, {} {unit}: these touches are of places \
                  that it has not learned from, or units, signs or parameters of contact are wrong",
                 number(errors.mean_error),
                 number(errors.zero_error),

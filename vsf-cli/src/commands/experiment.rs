@@ -149,6 +149,7 @@ fn each<T>(
         let mut sequences = recording.sequences(None, SplitPart::Train)?;
         sequences.extend(recording.sequences(None, SplitPart::Test)?);
         let scene = recording.scene_to_learn(None, console)?;
+        recording.compare_contact(&scene, console);
         let traces = recording.traces(&scene, &sequences, console)?;
         let experiment = Experiment::new(&recording.dataset, &scene, &traces)?;
         of(number, recording, &experiment)

@@ -1,7 +1,6 @@
 use crate::config::Sources;
 use crate::console::{Console, number, table};
-use crate::derived::save;
-use crate::derived::{IMPORT, claim, keep_made, keep_robot};
+use crate::derived::{IMPORT, claim, keep_made, keep_robot, save};
 use crate::exit::usage;
 use crate::explain::{blame, explain};
 use crate::range::{self, finite, positive};

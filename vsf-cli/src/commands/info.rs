@@ -72,6 +72,7 @@ pub fn run(args: &Args, console: &Console) -> anyhow::Result<()> {
     let recording = args.recording.open(console)?;
     let sequences = recording.sequences(None, SplitPart::All)?;
     let scene = recording.scene_to_learn_or_air(console)?;
+    recording.compare_contact(&scene, console);
     let traces = recording.traces(&scene, &sequences, console)?;
     console.warn_all(untouched(&scene, &traces));
     // A recording of free motion has no points, and nothing can be said about contact.

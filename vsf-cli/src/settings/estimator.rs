@@ -132,8 +132,8 @@ impl EstimatorSettings {
         }
         if self.shape().smooth_share == 0.0 && self.smooth_length.is_some() {
             return Err(usage(format!(
-                "--smooth-length (or smooth_length of a configuration): the prior of `{}` has no smooth part unless its share \
-                 is given; give --smooth-share too, or leave out the length",
+                "--smooth-length (or smooth_length of a configuration): the prior of `{}` has no smooth part without a share above \
+                 0; give such a --smooth-share, or leave out the length",
                 self.name()
             )));
         }

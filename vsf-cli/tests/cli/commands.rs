@@ -446,10 +446,7 @@ fn usage_errors() {
     bench.fails(
         "estimate data --preset paper --smooth-length 0.1",
         2,
-        &[
-            "--smooth-length",
-            "no smooth part unless its share is given",
-        ],
+        &["--smooth-length", "no smooth part without a share above 0"],
     );
     bench.fails(
         "evaluate data --field truth --baseline gp --gp-samples 1",
@@ -833,7 +830,7 @@ fn a_field_brings_its_contact() {
     let (_, quiet) = error("tip.npz", "");
     assert!(!quiet.contains("was estimated with"), "{quiet}");
     let (_, told) = error("field.npz", "--links link_3");
-    let says = "the field was estimated with --links of all links, not link_3;";
+    let says = "the field was estimated with --links (all), not link_3;";
     assert!(told.contains(says), "{told}");
 }
 
@@ -988,7 +985,10 @@ fn a_simulation_brings_its_contact() {
     assert_eq!(value(&json, "threshold"), 0.0032);
     // Nor does this field say in which contact it holds.
     for (flag, taken) in [
-        ("", Some("--threshold 0.002 --subdivision 2 is taken")),
+        (
+            "",
+            Some("--threshold 0.002 and --subdivision 2 are taken (0.003200 m suits the points)"),
+        ),
         (" --threshold 0.003", Some("--subdivision 2 is taken")),
         (" --threshold 0.003 --subdivision 2", None),
     ] {

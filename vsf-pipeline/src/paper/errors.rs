@@ -18,7 +18,8 @@ pub enum Method {
     Vision,
     /// The stiffness field of touch alone: the constrained optimum over the train samples.
     Blind,
-    /// The same by the online filter, the diagonal Kalman filter with memory replay.
+    /// The same by the online filter, the diagonal Kalman filter with memory replay, with the prior and noise that are
+    /// chosen for it.
     BlindOnline,
     /// Multilayer perceptron of two layers of 128 units, as the paper's.
     Mlp,

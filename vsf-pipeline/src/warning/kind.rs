@@ -734,6 +734,18 @@ fn other(than: TorqueKind) -> TorqueKind {
 }
 
 impl PipelineWarning {
+    /// Whether it rests on how springs explain the readings in the scene's contact: in another one than that of the readings
+    /// it tells nothing.
+    pub fn is_of_springs(&self) -> bool {
+        matches!(
+            self,
+            Self::OppositeTorques { .. }
+                | Self::OppositeJoints { .. }
+                | Self::MixedColumns { .. }
+                | Self::NothingTouched { .. }
+        )
+    }
+
     pub(super) fn and_others(mut self, count: usize) -> Self {
         if let Self::TareInContact { others, .. } | Self::TareSpread { others, .. } = &mut self {
             *others = count;
