@@ -36,3 +36,45 @@ pub fn contact_flags(contact: &ContactParameters) -> [(&'static str, String); 8]
         ("--links", links),
     ]
 }
+
+#[cfg(test)]
+#[allow(clippy::unwrap_used)]
+mod tests {
+    use super::*;
+    use vsf::pipeline::{Scene, SceneOptions};
+
+    #[test]
+    fn what_differs_is_told_by_its_flags() {
+        let robot = vsf::robots::planar_arm(2, 0.3, 0.03).unwrap();
+        let points = vec![vsf::core::nalgebra::Point3::origin()];
+        let scene = |links: Option<Vec<String>>| {
+            let options = SceneOptions {
+                links,
+                ..SceneOptions::default()
+            };
+            Scene::new(robot.clone(), points.clone(), &options).unwrap()
+        };
+        let all = scene(None).contact_parameters();
+        let names: Vec<String> = (robot.colliders().iter())
+            .map(|c| robot.links()[c.link].name().to_owned())
+            .collect();
+        let one = scene(Some(vec![names[0].clone()])).contact_parameters();
+        let told = Some(("--links (all)".to_owned(), names[0].clone()));
+        assert_eq!(difference(&all, &one), told);
+        // All of them named are no choice.
+        assert_eq!(
+            difference(&all, &scene(Some(names)).contact_parameters()),
+            None
+        );
+        let rough = ContactParameters {
+            threshold: 0.5,
+            friction: 1.0,
+            ..all.clone()
+        };
+        let told = (
+            "--threshold 0.002 --friction 0.15".to_owned(),
+            "0.5 and 1".to_owned(),
+        );
+        assert_eq!(difference(&all, &rough), Some(told));
+    }
+}
