@@ -13,6 +13,7 @@ impl<T: Scalar> Suite<'_, T> {
             let report = estimator.update(&obs).unwrap();
             let belief = estimator.belief();
             let field = estimator.field().unwrap();
+            assert_eq!(field.len(), belief.len(), "points of the field");
             for known in [belief, &field] {
                 for i in 0..known.len() {
                     let (m, v) = (known.mean()[i], known.variance()[i]);
