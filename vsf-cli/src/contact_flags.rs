@@ -15,11 +15,7 @@ pub fn difference(was: &ContactParameters, is: &ContactParameters) -> Option<(St
 /// Parameters of contact by their flags.
 pub fn contact_flags(contact: &ContactParameters) -> [(&'static str, String); 8] {
     let links = match &contact.links {
-        Some(names) => {
-            let mut names = names.clone();
-            names.sort();
-            names.join(",")
-        }
+        Some(names) => names.join(","),
         None => "(all)".to_owned(),
     };
     [
@@ -61,11 +57,14 @@ mod tests {
         let one = scene(Some(vec![names[0].clone()])).contact_parameters();
         let told = Some(("--links (all)".to_owned(), names[0].clone()));
         assert_eq!(difference(&all, &one), told);
-        // All of them named are no choice.
-        assert_eq!(
-            difference(&all, &scene(Some(names)).contact_parameters()),
-            None
-        );
+        // All of them named are no choice, in a scene and in what is stored.
+        let named = ContactParameters {
+            links: Some(names.clone()),
+            ..all.clone()
+        };
+        let scene = scene(Some(names));
+        assert_eq!(difference(&all, &scene.contact_parameters()), None);
+        assert_eq!(difference(&all, &scene.as_stored_here(&named)), None);
         let rough = ContactParameters {
             threshold: 0.5,
             friction: 1.0,

@@ -99,7 +99,9 @@ impl FieldFile {
         let Some(stored) = &self.field.contact else {
             return;
         };
-        if let Some((was, is)) = difference(stored, &scene.contact_parameters()) {
+        if let Some((was, is)) =
+            difference(&scene.as_stored_here(stored), &scene.contact_parameters())
+        {
             let path = self.path.display();
             console.warn(format!(
                 "{path}: the field was estimated with {was}, not {is}; without these flags it predicts as it was \

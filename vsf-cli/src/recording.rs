@@ -305,8 +305,9 @@ impl Recording {
             let taken: Vec<String> = taken
                 .map(|(flag, value)| format!("{flag} {value}"))
                 .collect();
+            let threshold_is_taken = guessed.contains(&"--threshold");
             let suited = match scene.with_suited_threshold() {
-                Ok(suited) if suited.contact() != scene.contact() => {
+                Ok(suited) if threshold_is_taken && suited.contact() != scene.contact() => {
                     let suited = number(suited.contact().threshold);
                     format!(" ({suited} m suits the points)")
                 }
@@ -388,8 +389,8 @@ impl Recording {
         Ok(traces)
     }
 
-    /// Warns of what looks wrong with the readings; of those that were computed in another contact not of signs and
-    /// columns, which springs in this one do not tell.
+    /// Warns of what looks wrong with the readings; of those that were computed in another contact not of signs, columns
+    /// and offsets, which this one does not tell.
     pub fn warn_of_readings(
         &self,
         scene: &Scene,
@@ -398,7 +399,7 @@ impl Recording {
         console: &Console,
     ) {
         let in_other_contact = self.other_contact(scene).is_some();
-        let told = |w: &PipelineWarning| !(in_other_contact && w.is_of_springs());
+        let told = |w: &PipelineWarning| !(in_other_contact && w.rests_on_contact());
         let warnings = reading_warnings(scene, sequences, traces);
         console.warn_all(warnings.iter().filter(|w| told(w)));
     }
@@ -407,8 +408,8 @@ impl Recording {
     pub fn compare_contact(&self, scene: &Scene, console: &Console) {
         if let Some((was, is)) = self.other_contact(scene) {
             console.warn(format!(
-                "{}: the torques were computed with {was} (contact_parameters of dataset.json), not {is}: what that changes is \
-                 no property of the object",
+                "{}: the torques were computed with {was} (contact_parameters of dataset.json), not {is}: errors, and \
+                 fields that are estimated from them, have that difference in them",
                 self.path.display()
             ));
         }
@@ -417,7 +418,7 @@ impl Recording {
     /// The contact that the torques were computed in, and how the scene differs, if it does.
     fn other_contact(&self, scene: &Scene) -> Option<(String, String)> {
         let own = (self.dataset.contact.as_ref()).filter(|_| !scene.rest().is_empty());
-        own.and_then(|own| difference(own, &scene.contact_parameters()))
+        own.and_then(|own| difference(&scene.as_stored_here(own), &scene.contact_parameters()))
     }
 
     /// The recording as a diagnosis sees it, with warnings about its motions and readings.

@@ -33,6 +33,8 @@ impl JointNoise {
 /// Pairs of second differences of free motion that speak for the noise on their own, and that are asked at all.
 const FEWEST: usize = 150;
 const SOME: usize = 24;
+/// Samples whose mean compares one noise with another, as smoother noise is worse in means.
+const A_FEW: usize = 5;
 /// Differences beyond so many times their median are steps of the signal, not noise; unless they are more than this
 /// share, as in readings that are quantized, and in contact that changes all the time.
 const STEP: f64 = 5.0;
@@ -49,7 +51,8 @@ const FILTERED: f64 = 0.01;
 /// Noise of the readings of every joint.
 pub(crate) struct NoiseFloor {
     pub(crate) joints: Vec<JointNoise>,
-    /// Whether it was read in contact alone, whose changes from one sample to the next count as noise.
+    /// Whether that of a joint was read without the air, so that changes of contact from one sample to the next count as
+    /// noise.
     pub(crate) is_bound: bool,
 }
 
@@ -65,26 +68,41 @@ impl NoiseFloor {
             source,
         };
         let [free, touches] = [Source::Free, Source::Touches].map(source);
-        let samples = free.count();
+        let is_enough = free.count() >= FEWEST;
         let all = if touches.count() >= FEWEST {
             touches
         } else {
             source(Source::Sequences)
         };
+        let touches_something = logs.iter().flat_map(|l| &l.contacts).any(|c| !c.is_empty());
+        let mut is_bound = false;
         let of_joint = |j: usize| {
-            joint_noise(|order| {
-                if samples >= FEWEST {
-                    return moments(&free.pairs(j, order), None);
-                }
-                let steps_from = (samples >= SOME).then(|| STEP * median(&free.pairs(j, order)));
-                moments(&all.pairs(j, order), steps_from)
-            })
+            let in_air = || joint_noise(|order| moments(&free.pairs(j, order), None));
+            if is_enough {
+                return in_air();
+            }
+            // Readings that are zero in the air tell nothing of others.
+            let largest = |order: usize| {
+                let pairs = free.pairs(j, order);
+                let is_told = pairs.len() >= SOME;
+                Some(STEP * median(&pairs)).filter(|largest| is_told && *largest > 0.0)
+            };
+            let noise = joint_noise(|order| moments(&all.pairs(j, order), largest(order)));
+            if largest(ORDERS[0]).is_none() {
+                is_bound |= touches_something && noise.sd > 0.0;
+                return noise;
+            }
+            // Where the force in contact changes by a few deviations of noise from sample to sample, all of these
+            // differences pass for noise, and the air knows better.
+            let in_air = in_air();
+            if in_air.of_means(A_FEW).sd < noise.of_means(A_FEW).sd {
+                in_air
+            } else {
+                noise
+            }
         };
-        let touches_something = || logs.iter().flat_map(|l| &l.contacts).any(|c| !c.is_empty());
-        Self {
-            joints: (0..joints).map(of_joint).collect(),
-            is_bound: samples < SOME && touches_something(),
-        }
+        let joints = (0..joints).map(of_joint).collect();
+        Self { joints, is_bound }
     }
 }
 
@@ -191,7 +209,7 @@ fn joint_noise(moments: impl Fn(usize) -> Moments) -> JointNoise {
 struct Moments {
     variance: f64,
     covariance: f64,
-    /// From so many, those left out included.
+    /// From so many.
     pairs: usize,
 }
 
@@ -214,11 +232,12 @@ fn moments(pairs: &[(f64, f64)], steps_from: Option<f64>) -> Moments {
         }
     });
     let kept = || (pairs.iter()).filter(|(a, b)| a.abs() <= limit && b.abs() <= limit);
-    let n = kept().count().max(1) as f64;
+    let pairs = kept().count();
+    let n = pairs.max(1) as f64;
     Moments {
         variance: kept().map(|(a, b)| 0.5 * (a * a + b * b)).sum::<f64>() / n,
         covariance: kept().map(|(a, b)| a * b).sum::<f64>() / n,
-        pairs: pairs.len(),
+        pairs,
     }
 }
 

@@ -112,11 +112,12 @@ impl Search<'_> {
             let all: Vec<f64> = fits.iter().map(of).collect::<Result<_, _>>()?;
             Ok(all.into_iter().fold(f64::NEG_INFINITY, f64::max))
         };
+        let here = best(campaign)?;
         // What effects gain counts what their parameters cost; of others that were never fitted alone that is not known.
         let before = match alone {
             Some(m) => m.log_evidence,
             None if others.parts.is_empty() => self.base,
-            None => best(campaign)?,
+            None => here,
         };
         let padded = if following.has(GeometryPadding.name()) {
             None
@@ -125,7 +126,7 @@ impl Search<'_> {
         };
         let suited = match campaign.suited() {
             Some(c) => Some(Other {
-                gain: best(&c)? - best(campaign)?,
+                gain: best(&c)? - here,
                 null_gain: 0.0,
                 scene: c.scene,
             }),

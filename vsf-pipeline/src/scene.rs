@@ -1,7 +1,7 @@
 use crate::robot::{check_joints, placed};
 use crate::{PipelineError, SceneContact, reading_unit, robot_of};
 use nalgebra::{Point3, Vector3};
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 use std::fmt;
 use std::path::PathBuf;
 use std::sync::Arc;
@@ -117,7 +117,7 @@ pub struct Scene {
     grids: Vec<LinkGrid>,
     links: Arc<[LinkSdf]>,
     /// Names of the links that may touch, if some were chosen.
-    chosen: Option<Vec<String>>,
+    choice: Option<Vec<String>>,
     contact: ContactConfig,
     subdivision: usize,
     /// What the points stand for; `None` where they are moved alone.
@@ -236,8 +236,7 @@ impl Scene {
                 reason: "its URDF has no <collision> shapes on the links that may touch".to_owned(),
             });
         }
-        // Where all that can touch are named, none is chosen.
-        let is_choice = colliders.len() < robot.colliders().len();
+        let choice = options.links.as_deref().and_then(|l| choice(&robot, l));
         // Grids reach beyond where points are touched, with a padding that is looked for.
         let grid = GridOptions {
             margin: options.grid.margin.max(options.contact.level() + SPARE),
@@ -259,7 +258,7 @@ impl Scene {
             tare_samples: 0,
             grids: shapes.grids,
             links: shapes.links.into(),
-            chosen: options.links.clone().filter(|_| is_choice),
+            choice,
             contact: options.contact,
             subdivision: options.subdivision,
             cells,
@@ -282,7 +281,7 @@ impl Scene {
             tare_samples: dataset.tare_samples,
             grids: Vec::new(),
             links: Arc::new([]),
-            chosen: None,
+            choice: None,
             contact: options.contact,
             subdivision: options.subdivision,
             cells: None,
@@ -452,7 +451,18 @@ impl Scene {
             padding,
             adhesion,
             subdivision: self.subdivision,
-            links: self.chosen.clone(),
+            links: self.choice.clone(),
+        }
+    }
+
+    /// Parameters of contact that were stored elsewhere, in the form that a scene of this robot
+    /// [gives](Scene::contact_parameters) them: names of links that cannot touch are left out, and where all that can are
+    /// named, none is chosen.
+    pub fn as_stored_here(&self, contact: &ContactParameters) -> ContactParameters {
+        let links = contact.links.as_deref();
+        ContactParameters {
+            links: links.and_then(|names| choice(&self.robot, names)),
+            ..contact.clone()
         }
     }
 
@@ -491,6 +501,20 @@ fn chosen_links(robot: &RobotModel, names: Option<&[String]>) -> Result<Vec<bool
         chosen[robot.link_index(name)?] = true;
     }
     Ok(chosen)
+}
+
+/// The names, in order, without those of links that have no shape; `None` where all that have one are named.
+fn choice(robot: &RobotModel, names: &[String]) -> Option<Vec<String>> {
+    let with_shape = robot
+        .colliders()
+        .iter()
+        .map(|c| robot.links()[c.link].name());
+    let with_shape: BTreeSet<&str> = with_shape.collect();
+    let can_touch = |name: &str| with_shape.contains(name) || robot.link_index(name).is_err();
+    let names: BTreeSet<&str> = names.iter().map(String::as_str).collect();
+    let is_choice = !with_shape.is_subset(&names);
+    let kept = names.into_iter().filter(|name| can_touch(name));
+    is_choice.then(|| kept.map(str::to_owned).collect())
 }
 
 #[cfg(test)]

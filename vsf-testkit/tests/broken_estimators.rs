@@ -39,6 +39,10 @@ enum Fault {
     DistrustsEverySecond,
     SharesNoiseAmongChannels,
     CountsTwice,
+    KeepsAPartOfTheField,
+    KeepsOtherMeans,
+    KeepsPullsApart,
+    KeepsOtherVariances,
 }
 
 static MADE: AtomicUsize = AtomicUsize::new(0);
@@ -251,6 +255,28 @@ impl<T: Scalar> Estimator for Dense<T> {
         &self.belief
     }
 
+    fn field(&self) -> Result<Belief<T>, CoreError> {
+        let (mut mean, mut variance) =
+            (self.belief.mean().to_vec(), self.belief.variance().to_vec());
+        match self.fault {
+            Fault::KeepsAPartOfTheField => {
+                mean.pop();
+                variance.pop();
+            }
+            Fault::KeepsOtherMeans => mean.iter_mut().for_each(|m| *m *= T::from_f64(1.01)),
+            // The means that were not projected.
+            Fault::KeepsPullsApart => {
+                let points = mean.iter_mut().filter(|m| **m == T::ZERO);
+                points.for_each(|m| *m = T::from_f64(1e-3));
+            }
+            Fault::KeepsOtherVariances => {
+                variance.iter_mut().for_each(|v| *v *= T::from_f64(2.0));
+            }
+            _ => {}
+        }
+        Belief::new(mean, variance)
+    }
+
     fn reset(&mut self, prior: Belief<T>) -> Result<(), CoreError> {
         let old = std::mem::replace(self, Self::new(prior, self.fault));
         self.number = old.number;
@@ -395,6 +421,10 @@ fn every_fault_is_found_by_name() {
         (Fault::DistrustsEverySecond, "the order of observations"),
         (Fault::SharesNoiseAmongChannels, "channel by channel"),
         (Fault::CountsTwice, "NIS of sequences"),
+        (Fault::KeepsAPartOfTheField, "points of the field"),
+        (Fault::KeepsOtherMeans, "the field knows"),
+        (Fault::KeepsPullsApart, "the field knows"),
+        (Fault::KeepsOtherVariances, "the field knows"),
     ] {
         for check in [check::<f32>, check::<f64>] {
             let cause = catch_unwind(|| check(fault)).expect_err("nothing was found");

@@ -32,7 +32,7 @@ in the report where there are no such fields) are of fields that the diagnosis f
 in the same way for every model. `stiffness_field`, among what an effect is not \
 told from, is an object whose stiffness differs from place to place.
 
-JSON keys: schema, dataset, gap (test_error_nominal, test_error_corrected, noise_floor, noise_floor_is_bound: whether it was read in contact alone, closed_fraction: share of \
+JSON keys: schema, dataset, gap (test_error_nominal, test_error_corrected, noise_floor, noise_floor_is_bound: whether it is at most that, as read in contact, closed_fraction: share of \
 the squared errors beyond noise, closed_interval, unit, corrected_by, estimated: whether the errors are of fields of `vsf estimate`, \
 threshold, threshold_nominal: contact thresholds (m) of the corrected and of the nominal model's field), where (joint, phase, link, sequence and frequency, each a list of its own key, share, \
 interval and excess; region: center, radius, share), effects (effect, summary, probability, score, null_score, parameters (name, \

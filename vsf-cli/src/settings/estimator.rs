@@ -197,8 +197,8 @@ impl EstimatorSettings {
 
     /// The smooth part of the prior.
     pub fn shape(&self) -> PriorShape {
-        let named = self.name().parse::<EstimatorSpec>();
-        let defaults = named.map_or_else(|_| PriorShape::default(), |spec| spec.shapes()[0]);
+        let spec = self.name().parse::<EstimatorSpec>();
+        let defaults = spec.map(|s| s.shapes()[0]).unwrap_or_default();
         PriorShape {
             smooth_share: self.smooth_share.unwrap_or(defaults.smooth_share),
             length: self.smooth_length.unwrap_or(defaults.length),

@@ -994,7 +994,7 @@ fn a_simulation_brings_its_contact() {
         let told = bench.warned(&format!("evaluate simulated --field truth{flag}"));
         let about = "truth: does not say in which contact it was estimated: ";
         match taken {
-            Some(taken) => assert!(told.contains(&format!("{about}{taken}")), "{told}"),
+            Some(taken) => assert!(told.contains(&format!("{about}{taken};")), "{told}"),
             None => assert!(!told.contains(about), "{told}"),
         }
     }

@@ -734,15 +734,16 @@ fn other(than: TorqueKind) -> TorqueKind {
 }
 
 impl PipelineWarning {
-    /// Whether it rests on how springs explain the readings in the scene's contact: in another one than that of the readings
-    /// it tells nothing.
-    pub fn is_of_springs(&self) -> bool {
+    /// Whether it rests on when the scene's contact begins and what springs explain in it: in another contact than that of the
+    /// readings it tells nothing.
+    pub fn rests_on_contact(&self) -> bool {
         matches!(
             self,
             Self::OppositeTorques { .. }
                 | Self::OppositeJoints { .. }
                 | Self::MixedColumns { .. }
                 | Self::NothingTouched { .. }
+                | Self::NotTared { .. }
         )
     }
 

@@ -34,17 +34,21 @@ impl<T: Scalar> Suite<'_, T> {
     }
 
     pub(super) fn field(&self) {
-        let mut estimator = (self.make)(self.prior());
-        let mut touched = vec![false; self.options.points];
-        for (t, reading) in self.sequence(touched.len()).iter().enumerate() {
-            let obs = reading.observation(touched.len()).unwrap();
-            estimator.update(&obs).unwrap();
-            (obs.points().iter()).for_each(|&p| touched[p as usize] = true);
-            let (belief, field) = (estimator.belief(), estimator.field().unwrap());
-            assert_eq!(field.variance(), belief.variance(), "variances at step {t}");
-            for (i, _) in touched.iter().enumerate().filter(|(_, touched)| **touched) {
-                let (known, kept) = (belief.mean()[i], field.mean()[i]);
-                assert_eq!(kept, known, "mean {i}, touched, at step {t}");
+        // Pushes, and pulls, which no stiffness explains.
+        for sign in [1.0, -1.0] {
+            let mut estimator = (self.make)(self.prior());
+            let mut touched = vec![false; self.options.points];
+            for (t, mut reading) in self.sequence(touched.len()).into_iter().enumerate() {
+                reading.tau.iter_mut().for_each(|x| *x *= sign);
+                let obs = reading.observation(touched.len()).unwrap();
+                estimator.update(&obs).unwrap();
+                (obs.points().iter()).for_each(|&p| touched[p as usize] = true);
+                let (belief, field) = (estimator.belief(), estimator.field().unwrap());
+                assert_eq!(field.variance(), belief.variance(), "variances at step {t}");
+                for (i, _) in touched.iter().enumerate().filter(|(_, touched)| **touched) {
+                    let (known, kept) = (belief.mean()[i], field.mean()[i]);
+                    assert_eq!(kept, known, "mean {i}, touched, at step {t}");
+                }
             }
         }
     }
