@@ -4,7 +4,7 @@ use super::lattice::hats;
 use super::matrix::{Factor, add_outer, outer};
 use crate::GapError;
 use crate::effect::RandomWalk;
-use crate::windows::{Design, LEVERS, Windows};
+use crate::windows::{Design, LEVERS, Window, Windows};
 use faer::Mat;
 use nalgebra::Point3;
 use std::ops::Range;
@@ -54,6 +54,9 @@ pub(crate) struct Parts {
     smooth: Mat<f64>,
     level: Vec<f64>,
     lever: Mat<f64>,
+    /// By window: how much of the roughness of contact, and of joints, persists to each of the windows that follow in its
+    /// sequence, itself the first.
+    fades: Vec<Vec<[f64; 2]>>,
     errors: Errors,
     /// Rows that have nothing to do with those of other blocks.
     blocks: Vec<Range<usize>>,
@@ -98,6 +101,7 @@ impl Parts {
             smooth,
             level,
             lever,
+            fades: fades(windows),
             errors,
             blocks,
         }
@@ -139,46 +143,47 @@ impl Parts {
         let mut c = Mat::zeros(n, n);
         // None where nothing is touched.
         for col in 0..self.smooth.ncols() {
-            let (a, b, l) = (
-                self.points.col_as_slice(col),
-                self.smooth.col_as_slice(col),
-                level * self.level[col],
-            );
-            let out = c.col_as_slice_mut(col);
-            for row in col..n {
-                out[row] = point * a[row] + smooth * b[row] + l * self.level[row];
+            let below = col..n;
+            let l = level * self.level[col];
+            let parts = (self.points.col_as_slice(col)[below.clone()].iter())
+                .zip(&self.smooth.col_as_slice(col)[below.clone()])
+                .zip(&self.level[below.clone()]);
+            let out = &mut c.col_as_slice_mut(col)[below];
+            for (out, ((a, b), unit)) in out.iter_mut().zip(parts) {
+                *out = point * a + smooth * b + l * unit;
             }
         }
         for &(row, col, value) in &self.errors.noise {
             c[(row, col)] += value;
         }
         let [contact, joint, white] = [spread.contact, spread.joint, spread.white].map(|s| s * s);
-        for (i, w) in self.windows.list.iter().enumerate() {
-            for (k, v) in self.windows.list.iter().enumerate().skip(i) {
-                if v.sequence != w.sequence {
-                    break;
-                }
-                let dt = (v.clock - w.clock).abs();
-                let fade = |times: &[f64]| {
-                    times.iter().map(|t| (-dt / t).exp()).sum::<f64>() / times.len() as f64
-                };
-                let (of_contact, of_joint) =
-                    (contact * fade(&CONTACT_TIMES), joint * fade(&JOINT_TIMES));
-                for j in 0..d {
-                    let col = i * d + j;
-                    let arm: [f64; LEVERS] = std::array::from_fn(|l| self.lever[(col, l)]);
-                    for m in 0..d {
-                        let row = k * d + m;
-                        if row >= col {
-                            let along = arm.iter().enumerate();
-                            let along = along.map(|(l, a)| a * self.lever[(row, l)]);
-                            c[(row, col)] += of_contact * along.sum::<f64>();
-                        }
+        let mut along = Vec::new();
+        for (i, fades) in self.fades.iter().enumerate() {
+            for j in 0..d {
+                let col = i * d + j;
+                let below = col..(i + fades.len()) * d;
+                let out = &mut c.col_as_slice_mut(col)[below.clone()];
+                if contact > 0.0 {
+                    along.clear();
+                    along.resize(below.len(), 0.0);
+                    for l in 0..LEVERS {
+                        let levers = &self.lever.col_as_slice(l)[below.clone()];
+                        let arm = self.lever[(col, l)];
+                        (along.iter_mut().zip(levers)).for_each(|(a, lever)| *a += arm * lever);
                     }
-                    let own = of_joint + if k == i { white } else { 0.0 };
-                    let row = k * d + j;
-                    c[(row, col)] += own * errors.joint_rms[j] * errors.joint_rms[j]
-                        + errors.zeros[row] * errors.zeros[col];
+                    let mut rows = out.iter_mut().zip(&along);
+                    let mut rows_of_window = d - j;
+                    for [fade, _] in fades {
+                        let of_contact = contact * fade;
+                        let of_window = rows.by_ref().take(rows_of_window);
+                        of_window.for_each(|(out, along)| *out += of_contact * along);
+                        rows_of_window = d;
+                    }
+                }
+                let (rms, zero) = (errors.joint_rms[j], errors.zeros[col]);
+                for (k, [_, fade]) in fades.iter().enumerate() {
+                    let own = joint * fade + if k == 0 { white } else { 0.0 };
+                    out[k * d] += own * rms * rms + errors.zeros[col + k * d] * zero;
                 }
             }
         }
@@ -217,6 +222,24 @@ impl Parts {
             }
         }
     }
+}
+
+/// What persists from each window to those that follow in its sequence, of contact and of joints.
+fn fades(windows: &Windows) -> Vec<Vec<[f64; 2]>> {
+    let of = |(i, w): (usize, &Window)| {
+        let followers = windows.list[i..].iter();
+        followers
+            .take_while(|v| v.sequence == w.sequence)
+            .map(|v| {
+                let dt = (v.clock - w.clock).abs();
+                let fade = |times: &[f64]| {
+                    times.iter().map(|t| (-dt / t).exp()).sum::<f64>() / times.len() as f64
+                };
+                [fade(&CONTACT_TIMES), fade(&JOINT_TIMES)]
+            })
+            .collect()
+    };
+    windows.list.iter().enumerate().map(of).collect()
 }
 
 /// The covariance of the torques of a field that is smooth, lower triangle, and the torques of one that
@@ -281,7 +304,6 @@ pub(crate) fn field_mean(
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::windows::Window;
 
     impl Errors {
         /// Of so many rows.

@@ -105,7 +105,10 @@ fn a_row_that_holds_much_of_what_is_left_is_named() {
     let mut dataset = recording("unisa_panda");
     let said = |d: &Diagnosis, row: &str| d.notes.iter().any(|n| n.starts_with(row));
     dataset.sequences[0].torques.data_mut()[7 * 50 + 1] += 60.0;
-    let d = diagnosis(&dataset);
+    let campaign = Campaign::open(&dataset, &SceneOptions::default()).unwrap();
+    let friction = ["joint_coulomb_friction", "joint_viscous_friction"];
+    let friction = effects::named(&friction).unwrap();
+    let d = diagnose(&campaign, &friction, 0, |_| {}).unwrap().diagnosis;
     assert!(said(&d, "row 50 of sequence 000 holds"), "{:?}", d.notes);
 }
 
