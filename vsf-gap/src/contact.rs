@@ -70,6 +70,7 @@ impl ContactLog {
 }
 
 /// The contact of one robot with one object, step by step, as a model has it.
+#[derive(Clone)]
 pub(crate) struct ContactDriver {
     model: SceneContact,
     force: Vector3<f64>,

@@ -4,6 +4,7 @@ use vsf_core::{JointScrew, Posture};
 use vsf_robots::DynamicsWorkspace;
 
 /// Motion of the links, which is not always what the recording has.
+#[derive(Clone)]
 pub(crate) struct Links {
     q: Vec<f64>,
     qd: Vec<f64>,

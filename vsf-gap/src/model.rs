@@ -97,6 +97,7 @@ impl std::fmt::Debug for Model {
 
 /// Effects in order. None does more than it says it [acts](Effect::acts) on: contacts are shared between models by
 /// that.
+#[derive(Clone)]
 struct Effects(Vec<(Acts, Box<dyn Compensator>)>);
 
 impl Effects {

@@ -30,6 +30,8 @@ pub struct JointState<'a> {
 /// [`Estimator`](vsf_core::Estimator) takes; of a recording that is tared, after [`Corrector::tare`]. For effects that go by
 /// the reading ([`Sample::reading`]) a recording averages it over the samples around, a loop over those that it has had.
 ///
+/// A clone goes on by itself, with the memory of effects and contact: to look ahead, clone it and step the planned states.
+///
 /// In place of a [`Session`](vsf_core::Session), whose contact knows no effects, it stands before the estimator:
 ///
 /// ```no_run
@@ -56,6 +58,7 @@ pub struct JointState<'a> {
 /// # Ok(())
 /// # }
 /// ```
+#[derive(Clone)]
 pub struct Corrector {
     site: Site,
     effects: Box<dyn Compensator>,
@@ -80,6 +83,7 @@ pub struct Corrector {
 }
 
 /// What is taken as zero, and what it is made of: a row per sample since the sequence began.
+#[derive(Clone)]
 struct Tare {
     sum: Vec<f64>,
     samples: usize,

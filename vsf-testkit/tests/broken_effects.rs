@@ -35,6 +35,7 @@ static MADE: AtomicUsize = AtomicUsize::new(0);
 /// Drag of the air, weaker springs and a slippery surface, with a fault.
 struct Weather(Fault);
 
+#[derive(Clone)]
 struct Compensate {
     fault: Fault,
     k: f64,

@@ -1,3 +1,4 @@
+use dyn_clone::DynClone;
 use nalgebra::Vector3;
 use std::sync::Arc;
 use vsf_contact::ContactConfig;
@@ -89,8 +90,9 @@ pub struct Touch<'a> {
 /// `tau = G W K + a` of a reading, with gains `G`, columns `W` and torques `a`.
 ///
 /// Stateful; every method does nothing by default. Samples come in time order, so that a
-/// compensator also runs in a control loop; none may allocate after its first samples.
-pub trait Compensator: Send + Sync {
+/// compensator also runs in a control loop; none may allocate after its first samples. Compensators are [`Clone`], and
+/// so are their boxes: a copy goes on from the same state on its own.
+pub trait Compensator: DynClone + Send + Sync {
     /// A sequence begins: the object has had time to recover, the clock goes on.
     fn begin_sequence(&mut self, sequence: &str) {
         let _ = sequence;
@@ -138,3 +140,5 @@ pub trait Compensator: Send + Sync {
         let _ = (sample, touch, tau);
     }
 }
+
+dyn_clone::clone_trait_object!(Compensator);

@@ -15,6 +15,7 @@ use vsf_contact::ContactConfig;
 #[derive(Debug, Clone, Copy)]
 pub struct Adhesion;
 
+#[derive(Clone)]
 struct Bond(f64);
 
 impl Effect for Adhesion {

@@ -19,6 +19,7 @@ use nalgebra::{Matrix3, Vector3};
 #[derive(Debug, Clone, Copy)]
 pub struct Anisotropy;
 
+#[derive(Clone)]
 struct Directions {
     tangential: f64,
     friction: f64,

@@ -14,6 +14,7 @@ pub(super) fn masses_untestable(campaign: &Campaign) -> Option<String> {
 }
 
 /// Velocity and acceleration of a link, its linear parts those of its point at the world origin.
+#[derive(Clone)]
 pub(super) struct RigidMotion {
     /// Angular velocity (rad/s).
     w: Vector3<f64>,
@@ -75,6 +76,7 @@ impl RigidMotion {
 }
 
 /// Mass that moves with a link.
+#[derive(Clone)]
 pub(super) struct Body {
     /// Mass (kg).
     pub m: f64,

@@ -15,6 +15,7 @@ pub struct ContactFriction;
 /// The largest coefficient that is looked for, where the nominal one is not near it.
 const MOST: f64 = 1.5;
 
+#[derive(Clone)]
 struct Coefficient(f64);
 
 impl Effect for ContactFriction {

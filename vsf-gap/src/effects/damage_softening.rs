@@ -18,6 +18,7 @@ use nalgebra::Vector3;
 #[derive(Debug, Clone, Copy)]
 pub struct DamageSoftening;
 
+#[derive(Clone)]
 struct Damage {
     most: f64,
     onset: f64,

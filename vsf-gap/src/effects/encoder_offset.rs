@@ -16,6 +16,7 @@ use crate::effect::{check, per_joint, slides};
 #[derive(Debug, Clone, Copy)]
 pub struct EncoderOffset;
 
+#[derive(Clone)]
 struct Offset(Vec<f64>);
 
 impl Effect for EncoderOffset {

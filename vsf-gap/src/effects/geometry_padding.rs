@@ -15,6 +15,7 @@ use vsf_pipeline::LEAST_THRESHOLD;
 #[derive(Debug, Clone, Copy)]
 pub struct GeometryPadding;
 
+#[derive(Clone)]
 struct Padding(f64);
 
 impl Effect for GeometryPadding {

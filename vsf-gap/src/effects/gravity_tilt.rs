@@ -21,6 +21,7 @@ use vsf_robots::RobotModel;
 #[derive(Debug, Clone, Copy)]
 pub struct GravityTilt;
 
+#[derive(Clone)]
 struct Tilt {
     /// Change of gravity (m/s²) whose weight is added.
     change: Vector3<f64>,

@@ -17,6 +17,7 @@ use crate::effect::{
 #[derive(Debug, Clone, Copy)]
 pub struct InertiaDrag;
 
+#[derive(Clone)]
 struct Moved {
     mass: f64,
     drag: f64,

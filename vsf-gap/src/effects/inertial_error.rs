@@ -36,6 +36,7 @@ const ROTOR: &str = "I_";
 const SURE: f64 = 10.0;
 const TOLD: f64 = 0.5;
 
+#[derive(Clone)]
 struct Masses {
     robot: Arc<RobotModel>,
     gravity: Vector3<f64>,

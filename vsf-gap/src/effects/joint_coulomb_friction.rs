@@ -18,6 +18,7 @@ use crate::effect::{check, per_joint};
 #[derive(Debug, Clone, Copy)]
 pub struct JointCoulombFriction;
 
+#[derive(Clone)]
 struct Friction {
     c: Vec<f64>,
     skew: Vec<f64>,

@@ -18,6 +18,7 @@ use std::ops::Range;
 #[derive(Debug, Clone, Copy)]
 pub struct JointCoupling;
 
+#[derive(Clone)]
 struct Coupling {
     /// Joint, the one that drives it, dry and viscous friction, inertia.
     pairs: Vec<(usize, usize, [f64; OF_PAIR])>,

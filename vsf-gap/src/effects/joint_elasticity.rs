@@ -17,6 +17,7 @@ use vsf_data::TorqueKind;
 #[derive(Debug, Clone, Copy)]
 pub struct JointElasticity;
 
+#[derive(Clone)]
 struct Gears {
     compliance: Vec<f64>,
     measured: bool,

@@ -26,6 +26,7 @@ const FAINT: f64 = 0.1;
 /// A motor whose torque is a smaller share of the arm's is off; readings are averaged over a few samples.
 const OFF: f64 = 0.1;
 
+#[derive(Clone)]
 struct Friction {
     m: Vec<f64>,
     eps: f64,

@@ -24,6 +24,7 @@ const SURE: f64 = 4.0;
 /// Standard deviation of an excess that the data tell, per that of its prior.
 const TOLD: f64 = 0.5;
 
+#[derive(Clone)]
 struct Friction {
     c: Vec<f64>,
     excess: Vec<f64>,

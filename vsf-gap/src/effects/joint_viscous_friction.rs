@@ -15,6 +15,7 @@ use crate::effect::{check, per_joint};
 #[derive(Debug, Clone, Copy)]
 pub struct JointViscousFriction;
 
+#[derive(Clone)]
 struct Damping(Vec<f64>);
 
 impl Effect for JointViscousFriction {

@@ -16,6 +16,7 @@ use vsf_robots::RobotModel;
 #[derive(Debug, Clone, Copy)]
 pub struct Latency;
 
+#[derive(Clone)]
 struct Delay {
     robot: Arc<RobotModel>,
     delta: f64,

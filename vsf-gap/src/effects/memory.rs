@@ -16,6 +16,7 @@ const AT_REST: State = State {
 };
 
 /// The states of all rest points; those that are not touched are at rest.
+#[derive(Clone)]
 pub(super) struct Memory {
     states: Vec<State>,
     /// Points touched at the last sample.

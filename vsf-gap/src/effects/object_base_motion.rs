@@ -14,6 +14,7 @@ use nalgebra::Vector3;
 #[derive(Debug, Clone, Copy)]
 pub struct ObjectBaseMotion;
 
+#[derive(Clone)]
 struct Base(Vector3<f64>);
 
 impl Effect for ObjectBaseMotion {

@@ -20,6 +20,7 @@ use vsf_data::TorqueKind;
 #[derive(Debug, Clone, Copy)]
 pub struct Payload;
 
+#[derive(Clone)]
 struct Carried {
     body: Body,
     link: usize,

@@ -17,6 +17,7 @@ use nalgebra::Vector3;
 #[derive(Debug, Clone, Copy)]
 pub struct PlasticSet;
 
+#[derive(Clone)]
 struct Set {
     share: f64,
     yield_at: f64,

@@ -16,6 +16,7 @@ use nalgebra::Vector3;
 #[derive(Debug, Clone, Copy)]
 pub struct RegistrationOffset;
 
+#[derive(Clone)]
 struct Offset {
     common: Vector3<f64>,
     own: Vec<(String, Vector3<f64>)>,

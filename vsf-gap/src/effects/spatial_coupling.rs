@@ -22,6 +22,7 @@ pub struct SpatialCoupling;
 /// How far apart neighbors are at most, in typical distances: the faces and edges of a cubic grid.
 const REACH: f64 = 1.5;
 
+#[derive(Clone)]
 struct Lattice {
     kappa: f64,
     /// Neighbors of all points, one after the other, and where those of each point begin.

@@ -19,6 +19,7 @@ pub struct StrainStiffening;
 /// Displacement (m) at which all exponents agree.
 const LENGTH: f64 = 0.03;
 
+#[derive(Clone)]
 struct Stiffening {
     beta: f64,
     exponent: f64,

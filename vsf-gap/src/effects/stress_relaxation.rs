@@ -23,6 +23,7 @@ const SHORTEST: f64 = 0.5;
 #[derive(Debug, Clone, Copy)]
 pub struct StressRelaxation;
 
+#[derive(Clone)]
 struct Branches {
     g: f64,
     tau: f64,

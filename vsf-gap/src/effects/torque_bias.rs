@@ -14,6 +14,7 @@ use crate::{Campaign, GapError};
 pub struct TorqueBias;
 
 /// Per joint, on the load of the environment (N m or N).
+#[derive(Clone)]
 struct Bias(Vec<f64>);
 
 impl Effect for TorqueBias {

@@ -30,6 +30,7 @@ const TYPICAL: f64 = 3.0;
 /// Longest time constant (s) that is told from a line, if the session is not longer still.
 const LONGEST: f64 = 1e6;
 
+#[derive(Clone)]
 struct Drift {
     /// Per joint, on the load of the environment per time of the session and of the sequence (N m/s or N/s).
     rates: [Vec<f64>; 2],

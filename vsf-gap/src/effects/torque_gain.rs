@@ -17,6 +17,7 @@ use vsf_data::TorqueKind;
 #[derive(Debug, Clone, Copy)]
 pub struct TorqueGain;
 
+#[derive(Clone)]
 struct Gain {
     g: Vec<f64>,
     /// The readings hold the load of the gears, which has the gain too.

@@ -21,6 +21,7 @@ pub struct Viscoelastic;
 /// Longest lag (s).
 const LONGEST: f64 = 0.3;
 
+#[derive(Clone)]
 struct Dampers {
     eta: f64,
     lag: f64,

@@ -208,8 +208,12 @@ fn a_loop_has_the_observations_of_the_recording() {
                 if row == 0 {
                     online.begin_sequence(&motion.id);
                 }
-                let torques = &rows[s][row].1;
-                let torques = online.step(&state(motion, row, torques), &mut obs).unwrap();
+                let state = state(motion, row, &rows[s][row].1);
+                // A clone goes ahead by itself.
+                let mut clone = online.clone();
+                let ahead = clone.step(&state, &mut obs).unwrap().to_vec();
+                let torques = online.step(&state, &mut obs).unwrap();
+                assert_eq!(torques, ahead, "{name} row {row}");
                 assert_eq!(torques, terms.torques, "{name} row {row}");
                 let left = motion.reading[row].iter().zip(torques);
                 let left: Vec<f64> = left.map(|(y, a)| y - a).collect();

@@ -157,6 +157,7 @@ fn corners_of_the_bounds_are_finite() {
 /// Drag of the air on the first joint, from outside the crate.
 struct AirDrag;
 
+#[derive(Clone)]
 struct Drag(f64);
 
 impl Effect for AirDrag {
@@ -391,6 +392,7 @@ impl Effect for Odd {
 }
 
 /// Moves joints, which effects on torques do not.
+#[derive(Clone)]
 struct Moves(f64);
 
 impl Compensator for Moves {

@@ -18,6 +18,7 @@ pub(super) struct Suite<'a> {
 }
 
 /// Does nothing.
+#[derive(Clone)]
 struct Nothing;
 
 impl vsf_gap::Compensator for Nothing {}
