@@ -110,8 +110,8 @@ impl FieldFile {
         }
     }
 
-    /// Warns where predictions run under another corrected model than the field was estimated with.
-    pub fn compare_model(&self, given: Option<&CorrectedModel>, console: &Console) {
+    /// Warns where predictions in a scene run under another corrected model than the field was estimated with.
+    pub fn compare_model(&self, given: Option<&CorrectedModel>, scene: &Scene, console: &Console) {
         let path = self.path.display();
         if let Some(own) = &self.field.contact
             && let Some(model) = given
@@ -124,9 +124,9 @@ impl FieldFile {
                     } else {
                         own.threshold
                     },
-                    ..of_model.clone()
+                    ..scene.as_stored_here(of_model)
                 },
-                own,
+                &scene.as_stored_here(own),
             )
         {
             console.warn(format!(

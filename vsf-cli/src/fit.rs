@@ -49,7 +49,7 @@ pub struct Compared {
 }
 
 /// The scene with another contact threshold (m).
-pub fn at_threshold(scene: &Scene, threshold: f64) -> Result<Scene, PipelineError> {
+fn at_threshold(scene: &Scene, threshold: f64) -> Result<Scene, PipelineError> {
     scene.with_contact(ContactConfig {
         threshold,
         ..*scene.contact()

@@ -173,15 +173,28 @@ impl Recording {
     /// The scene of the recording alone, as fields are estimated in it: in the contact that a corrected model remembers, if
     /// there is one, or that its torques were computed in. Where no flag says from which distance on points are touched,
     /// and torques were measured, it is the one that suits their spacing, unless the model's parameters are relative to
-    /// their own.
+    /// their own. Of `thresholds` to compare, the first is taken; shapes reach as far as the largest asks for, and warnings are
+    /// those of all.
     pub fn scene_to_learn(
         &self,
         model: Option<&CorrectedModel>,
+        thresholds: Option<&[f64]>,
         console: &Console,
     ) -> anyhow::Result<Scene> {
         let remembered = model.and_then(CorrectedModel::contact);
         let computed = (self.dataset.contact.as_ref()).filter(|_| !follows(model));
-        let options = self.settings.options(remembered.or(computed));
+        let mut options = self.settings.options(remembered.or(computed));
+        if let Some(all) = thresholds.filter(|all| !all.is_empty()) {
+            options.contact.threshold = all.iter().copied().fold(0.0, f64::max);
+            let scene = self.scene_by(&options, console, Scene::open)?;
+            let own = *scene.contact();
+            let at = |threshold| scene.with_contact(ContactConfig { threshold, ..own });
+            let least = at(all.iter().copied().fold(own.threshold, f64::min))?;
+            if least.contact() != scene.contact() {
+                warn_of_grids(&least, &options, console);
+            }
+            return Ok(at(all[0])?);
+        }
         self.scene_by(&options, console, |dataset, options| {
             let scene = Scene::open(dataset, options)?;
             match computed {
@@ -203,7 +216,7 @@ impl Recording {
     /// The same, without points if the recording has none.
     pub fn scene_to_learn_or_air(&self, console: &Console) -> anyhow::Result<Scene> {
         if self.has_points() {
-            self.scene_to_learn(None, console)
+            self.scene_to_learn(None, None, console)
         } else {
             self.scene_or_air(console)
         }
@@ -233,8 +246,8 @@ impl Recording {
             return Ok((nothing, self.scene_or_air(console)?));
         }
         let field = self.field(given, console)?;
-        field.compare_model(model, console);
         let scene = self.scene_of(&field, model, console)?;
+        field.compare_model(model, &scene, console);
         Ok((field, scene))
     }
 
@@ -346,21 +359,8 @@ impl Recording {
             if let CacheUse::NotStored(why) = &grid.report.cache {
                 console.warn(format!("grid not cached: {why}"));
             }
-            let (error, threshold) = (grid.report.error.p99, scene.contact().threshold);
-            if error > threshold {
-                let advice = match options.grid.resolution {
-                    None => "are its units meters? If so, give --grid-resolution",
-                    Some(_) => "give a finer --grid-resolution, or none",
-                };
-                console.warn(format!(
-                    "link {:?}: the distance grid of its mesh is off by {} m (99 %), more than the \
-                     contact threshold of {} m; {advice}",
-                    scene.robot().links()[grid.link].name(),
-                    number(error),
-                    number(threshold),
-                ));
-            }
         }
+        warn_of_grids(&scene, options, console);
         Ok(scene)
     }
 
@@ -499,6 +499,26 @@ pub fn needs_recording(input: &Path, flags: &[(&str, bool)]) -> anyhow::Result<(
 pub fn warn_of_motions(scene: &Scene, sequences: &[&Sequence], console: &Console) {
     console.warn_all(motion_warnings(scene.robot(), sequences));
     console.warn_all(touch_warnings(scene, sequences));
+}
+
+/// Warns of meshes whose grids are coarser than the contact threshold.
+fn warn_of_grids(scene: &Scene, options: &SceneOptions, console: &Console) {
+    for grid in scene.grids() {
+        let (error, threshold) = (grid.report.error.p99, scene.contact().threshold);
+        if error > threshold {
+            let advice = match options.grid.resolution {
+                None => "are its units meters? If so, give --grid-resolution",
+                Some(_) => "give a finer --grid-resolution, or none",
+            };
+            console.warn(format!(
+                "link {:?}: the distance grid of its mesh is off by {} m (99 %), more than the \
+                 contact threshold of {} m; {advice}",
+                scene.robot().links()[grid.link].name(),
+                number(error),
+                number(threshold),
+            ));
+        }
+    }
 }
 
 /// That the robot touches nothing though there are points, in words.

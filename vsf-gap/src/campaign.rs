@@ -23,7 +23,7 @@ pub struct Campaign {
     /// Sequences that check it.
     pub(crate) test: Arc<[Motion]>,
     pub(crate) noise: Vec<JointNoise>,
-    /// Whether noise was read in contact, for want of motion in the air.
+    /// Whether noise of a joint was read in contact, for want of readings in the air other than zero.
     pub(crate) noise_is_bound: bool,
     /// Joints whose readings are rounded by more than their noise.
     pub(crate) rounded: Vec<(usize, Rounding)>,
@@ -269,7 +269,7 @@ impl Campaign {
         &self.noise
     }
 
-    /// Whether noise was read in contact, for want of motion in the air: then it is at most that.
+    /// Whether noise of a joint was read in contact, for want of readings in the air other than zero: then it is at most that.
     pub fn noise_is_bound(&self) -> bool {
         self.noise_is_bound
     }

@@ -33,8 +33,10 @@ impl JointNoise {
 /// Pairs of second differences of free motion that speak for the noise on their own, and that are asked at all.
 const FEWEST: usize = 150;
 const SOME: usize = 24;
-/// Samples whose mean compares one noise with another, as smoother noise is worse in means.
+/// Samples whose mean compares one noise with another, as smoother noise is worse in means, and how many times as large
+/// that of contact is where the air alone is believed: its correlation, from few samples, is often too small.
 const A_FEW: usize = 5;
+const CLEARLY: f64 = 2.0;
 /// Differences beyond so many times their median are steps of the signal, not noise; unless they are more than this
 /// share, as in readings that are quantized, and in contact that changes all the time.
 const STEP: f64 = 5.0;
@@ -78,24 +80,25 @@ impl NoiseFloor {
         let mut is_bound = false;
         let of_joint = |j: usize| {
             let in_air = || joint_noise(|order| moments(&free.pairs(j, order), None));
-            if is_enough {
-                return in_air();
-            }
             // Readings that are zero in the air tell nothing of others.
             let largest = |order: usize| {
                 let pairs = free.pairs(j, order);
                 let is_told = pairs.len() >= SOME;
                 Some(STEP * median(&pairs)).filter(|largest| is_told && *largest > 0.0)
             };
+            let is_told = largest(ORDERS[0]).is_some();
+            if is_enough && is_told {
+                return in_air();
+            }
             let noise = joint_noise(|order| moments(&all.pairs(j, order), largest(order)));
-            if largest(ORDERS[0]).is_none() {
+            if !is_told {
                 is_bound |= touches_something && noise.sd > 0.0;
                 return noise;
             }
             // Where the force in contact changes by a few deviations of noise from sample to sample, all of these
-            // differences pass for noise, and the air knows better.
+            // differences pass for noise, and the air knows better, for all that it is short.
             let in_air = in_air();
-            if in_air.of_means(A_FEW).sd < noise.of_means(A_FEW).sd {
+            if noise.of_means(A_FEW).sd > CLEARLY * in_air.of_means(A_FEW).sd {
                 in_air
             } else {
                 noise

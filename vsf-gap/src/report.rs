@@ -126,7 +126,7 @@ pub struct Gap {
     pub test_error_corrected: f64,
     /// Mean error of a perfect model.
     pub noise_floor: f64,
-    /// Whether it is at most that: read in contact, for want of motion in the air, whose changes from one sample to the next count as noise.
+    /// Whether it is at most that: read in contact, for want of readings in the air other than zero, whose changes from one sample to the next count as noise.
     #[serde(default)]
     pub noise_floor_is_bound: bool,
     /// Share of the gap that the corrected model closes.

@@ -78,7 +78,7 @@ impl Rival {
                  searched at {own}, and paddings are relative to that"
             )
         } else {
-            format!("{gains}, which is more than twice as much")
+            format!("{gains}, which is more than twice as much beyond what either gains by chance")
         }
     }
 }
@@ -213,7 +213,11 @@ mod tests {
             effects: vec!["encoder_offset".to_owned()],
         };
         for (rival, outdoes, says) in [
-            (of(588.0, 1390.0, 25.0), false, "more than twice as much"),
+            (
+                of(588.0, 1390.0, 25.0),
+                false,
+                "more than twice as much beyond",
+            ),
             (of(595.0, 1185.0, 50.0), true, "searched at 3.200 mm"),
             (of(254.0, 356.0, 50.0), true, "searched at 3.200 mm"),
         ] {

@@ -204,8 +204,8 @@ pub enum PipelineError {
     },
     /// There are no rest points to estimate stiffness at.
     #[error(
-        "the recording has no rest points (points.npy); give some, or a field with points: \
-         a recording without points is free motion and has no stiffness to estimate"
+        "the recording has no rest points (points.npy); give some (`vsf points` makes them of a view in camera/), or a field \
+         with points: a recording without points is free motion and has no stiffness to estimate"
     )]
     NoPoints,
     /// The robot has no collision shapes, or none on the chosen links.

@@ -6,7 +6,6 @@ use crate::{
 use std::fmt;
 use std::sync::OnceLock;
 use vsf_data::{CameraView, Dataset, Sequence};
-use vsf_vision::VisionError;
 
 /// A recording on which an experiment is made: touches to learn from and touches to predict.
 #[derive(Clone)]
@@ -109,7 +108,7 @@ impl<'a> Experiment<'a> {
     }
 
     /// The field of the train sequences with untouched points guessed from what the camera sees; `None`
-    /// without a camera, or where no touched point is seen.
+    /// without a camera, or where touched points in sight tell too little.
     ///
     /// # Errors
     /// As [`Experiment::hyper`]; images that do not fit.
@@ -122,7 +121,7 @@ impl<'a> Experiment<'a> {
         let traces = self.train_traces();
         match estimate_with_vision(rest, &view, traces, &spec, hyper, vision, |_| {}) {
             Ok(found) => Ok(Some(found.estimate)),
-            Err(PipelineError::Vision(VisionError::Unseen { .. })) => Ok(None),
+            Err(PipelineError::Vision(e)) if e.is_blind() => Ok(None),
             Err(other) => Err(other),
         }
     }

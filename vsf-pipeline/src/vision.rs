@@ -9,8 +9,7 @@ use vsf_core::{Belief, CoreError, Noise, RestPoints};
 use vsf_data::CameraView;
 use vsf_filter::FieldPrior;
 use vsf_vision::{
-    Calibrated, Camera, Extrapolation, LearnedPrior, Level, RegressorSpec, RgbdView, Seen,
-    VisionError,
+    Camera, Extrapolation, LearnedPrior, Level, RegressorSpec, RgbdView, Seen, VisionError,
 };
 
 /// How the stiffness of points is guessed from what the camera sees.
@@ -22,7 +21,7 @@ pub enum VisionSpec {
     #[default]
     Level,
     /// Regression of the touched points' stiffness on position and color ([`Extrapolation`], section
-    /// III-D), with calibrated variances.
+    /// III-D).
     Regression(RegressorSpec),
     /// What fields of other objects teach ([`LearnedPrior::stiffness`]); the touches of this one have no part
     /// in it.
@@ -54,8 +53,6 @@ const SHARES: [f64; 3] = [0.0, 0.5, 1.0];
 const RULE: f64 = 0.5;
 /// Least number of points that are touched and seen, to guess the others from.
 const LEAST_SEEN: usize = 2;
-/// Folds that calibrate a regressor's variances.
-const CALIBRATION: usize = 5;
 
 /// The view of a recording.
 ///
@@ -159,8 +156,7 @@ impl Guess<'_> {
                 // Each point speaks for itself: what neighbors share is for the regressor to find.
                 let prior = PriorShape::independent().prior(self.rest, sd)?;
                 let field = run(&EstimatorSpec::Batch, prior, traces, self.noise, |_| {})?;
-                let regressor = || Calibrated::new(spec.build()?, CALIBRATION);
-                let mut extrapolation = Extrapolation::new(regressor()?, regressor()?);
+                let mut extrapolation = Extrapolation::new(spec.build()?, spec.build()?);
                 let points = self.rest.positions();
                 let known = (&field.belief, field.touched.as_slice());
                 extrapolation.fit(points, &self.seen, known.0, known.1, sd * sd)?;
@@ -225,7 +221,10 @@ impl Guess<'_> {
         if self.touched_and_seen(&kept)? < LEAST_SEEN {
             return Ok(None);
         }
-        let means = self.means(&kept)?;
+        let means = match self.means(&kept) {
+            Err(PipelineError::Vision(e)) if e.is_blind() => return Ok(None),
+            means => means?,
+        };
         let batch = batch_map(kept.iter().copied(), self.rest.len(), self.noise)?;
         for (error, share) in errors.iter_mut().zip(SHARES) {
             let fit = batch.solve(&self.prior(&means, share)?, 1.0)?.mean();

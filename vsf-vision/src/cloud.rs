@@ -2,6 +2,9 @@ use nalgebra::{Point3, Vector3};
 use std::collections::BTreeMap;
 use vsf_core::CoreError;
 
+/// As far as whole numbers are exact.
+const MOST_CUBES: f64 = 9e15;
+
 /// A colored point cloud in the world (m).
 #[derive(Debug, Clone, Default, PartialEq)]
 pub struct PointCloud {
@@ -38,12 +41,12 @@ impl PointCloud {
         }
         self.check()?;
         let mut cubes: BTreeMap<[i64; 3], (Vector3<f64>, [u32; 3], u32)> = BTreeMap::new();
-        for (index, (p, c)) in self.positions.iter().zip(&self.colors).enumerate() {
-            if let Some(&value) = p.iter().find(|x| !(**x / size).is_finite()) {
-                return Err(CoreError::NotFinite {
-                    what: "point cloud, in voxels",
-                    index,
-                    value,
+        for (p, c) in self.positions.iter().zip(&self.colors) {
+            if p.iter().any(|x| (x / size).abs() >= MOST_CUBES) {
+                return Err(CoreError::Parameter {
+                    name: "voxel size",
+                    value: size,
+                    range: "so large that cubes between the origin and each point can be counted",
                 });
             }
             let cube = [0, 1, 2].map(|k| (p[k] / size).floor() as i64);

@@ -51,6 +51,15 @@ pub enum VisionError {
         /// Those where something is probably seen.
         seen: usize,
     },
+    /// What is touched is seen, but the readings tell next to nothing of it.
+    #[error(
+        "of {told} of the touched points in sight the readings tell anything, at least 2 are needed: touches are too \
+         light for their noise, or the prior is too sure"
+    )]
+    Untold {
+        /// Those of which they do.
+        told: usize,
+    },
     /// A model cannot be read or written.
     #[error("{}: {problem}", path.display())]
     File {
@@ -59,4 +68,11 @@ pub enum VisionError {
         /// What is wrong with it.
         problem: String,
     },
+}
+
+impl VisionError {
+    /// Whether touched points in sight are too few, or tell too little, to guess others from: touch alone is left.
+    pub fn is_blind(&self) -> bool {
+        matches!(self, Self::Unseen { .. } | Self::Untold { .. })
+    }
 }

@@ -239,11 +239,7 @@ impl<'a> Known<'a> {
         let told = known.points.iter().copied();
         known.points = told.filter(|&i| known.told(i) >= LEAST_TOLD).collect();
         match known.points.len() {
-            got if got < LEAST => Err(VisionError::TooFew {
-                what: "touched points in sight of whose stiffness the readings tell anything",
-                got,
-                least: LEAST,
-            }),
+            told if told < LEAST => Err(VisionError::Untold { told }),
             _ => Ok(known),
         }
     }

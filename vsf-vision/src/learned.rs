@@ -43,8 +43,8 @@ impl RegressorSpec {
 /// What fields of some objects teach about the next one: stiffness by features that mean the same on
 /// every object, such as color, height, or depth behind the surface.
 ///
-/// Objects are held out in turn, so that variances are calibrated from object to object (with two
-/// objects or more). A file holds samples and regressor as JSON; it is fitted again when it is
+/// As many equal parts as there are objects are held out in turn, so that variances are calibrated from object to object,
+/// the more so the more alike the objects are in size. A file holds samples and regressor as JSON; it is fitted again when it is
 /// read, to the same predictions.
 ///
 /// ```

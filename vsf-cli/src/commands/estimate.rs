@@ -4,7 +4,7 @@ use crate::console::{Console, texts};
 use crate::corrected::{CorrectedModel, ModelArgs};
 use crate::exit::usage;
 use crate::field_file::{FieldFormat, claim, save};
-use crate::fit::{Compared, Threshold, at_threshold, compare, fit};
+use crate::fit::{Compared, Threshold, compare, fit};
 use crate::range::length;
 use crate::recording::{RecordingArgs, SplitPart};
 use crate::settings::EstimatorSettings;
@@ -110,23 +110,21 @@ pub fn run(args: &Args, console: &Console) -> anyhow::Result<()> {
         None => None,
         Some(vision) => Some((recording.view()?.ok_or(PipelineError::NoCamera)?, vision)),
     };
-    let own = recording.scene_to_learn(model.as_ref(), console)?;
     let follows = model.as_ref().is_some_and(CorrectedModel::follows_contact);
-    let own = match &args.thresholds {
-        Some(_) if settings.method() != HyperMethod::HeldOut => {
+    if args.thresholds.is_some() {
+        if settings.method() != HyperMethod::HeldOut {
             return Err(usage(
                 "--thresholds are compared on held-out touches; leave out --hyper, or give --threshold",
             ));
         }
-        Some(_) if follows => {
+        if follows {
             return Err(usage(
                 "--thresholds cannot be compared under this --model, whose effects are relative to the contact that they were \
                  found in; leave one of them out",
             ));
         }
-        Some(all) => at_threshold(&own, all[0])?,
-        None => own,
-    };
+    }
+    let own = recording.scene_to_learn(model.as_ref(), args.thresholds.as_deref(), console)?;
     if let Some((view, _)) = &view {
         console.warn_all(view_warnings(own.rest(), view));
     }

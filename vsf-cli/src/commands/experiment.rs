@@ -148,7 +148,7 @@ fn each<T>(
     let run = |number: usize, recording: &Recording| {
         let mut sequences = recording.sequences(None, SplitPart::Train)?;
         sequences.extend(recording.sequences(None, SplitPart::Test)?);
-        let scene = recording.scene_to_learn(None, console)?;
+        let scene = recording.scene_to_learn(None, None, console)?;
         recording.compare_contact(&scene, console);
         let traces = recording.traces(&scene, &sequences, console)?;
         let experiment = Experiment::new(&recording.dataset, &scene, &traces)?;

@@ -181,6 +181,9 @@ fn text(report: &Report) -> String {
             let (x, y, z) = (range(0), range(1), range(2));
             text += &format!("  points    {}, x {x}, y {y}, z {z} m\n", report.points);
         }
+        None if report.camera => {
+            text += "  points    none: `vsf points` makes them of what camera/ sees; without, it is free motion\n";
+        }
         None => text += "  points    none: free motion, no stiffness to estimate\n",
     }
     if let Some(threshold) = report.threshold {

@@ -65,7 +65,7 @@ pub fn run(console: &Console) -> anyhow::Result<()> {
     let recording = Recording::open(&dataset, &SceneSettings::default(), console)?;
     let train = recording.sequences(None, SplitPart::Train)?;
     let test = recording.sequences(None, SplitPart::Test)?;
-    let scene = recording.scene_to_learn(None, console)?;
+    let scene = recording.scene_to_learn(None, None, console)?;
     let learned = recording.traces(&scene, &train, console)?;
     let chosen = fit(
         &scene,

@@ -115,15 +115,15 @@ fn of_recording(args: &Args, console: &Console) -> anyhow::Result<String> {
     let dataset = &recording.dataset;
     let found = if args.field.is_some() || dataset.field.is_some() {
         let field = recording.field(args.field.as_deref(), console)?;
-        field.compare_model(None, console);
         let scene = recording.scene_of(&field, None, console)?;
+        field.compare_model(None, &scene, console);
         Some((scene, Cloud::of_field(&field, args.full_scale)?))
     } else if args.full_scale.is_some() {
         return Err(usage(
             "--full-scale needs --field: the recording stores no field",
         ));
     } else if recording.has_points() {
-        let scene = recording.scene_to_learn(None, console)?;
+        let scene = recording.scene_to_learn(None, None, console)?;
         let cloud = Cloud::of_points(scene.rest().positions(), Point3::origin())?;
         Some((scene, cloud))
     } else {

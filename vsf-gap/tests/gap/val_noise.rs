@@ -95,9 +95,41 @@ fn val_few_samples_in_the_air_tell_the_noise_from_small_jumps() {
 #[test]
 fn readings_that_are_zero_in_the_air_tell_no_noise() {
     let only_in_contact = |is_touching: bool| if is_touching { NOISE } else { 0.0 };
-    let campaign = plate_presses(60, 3, only_in_contact, |_, _| 0.0);
-    for noise in campaign.noise() {
-        assert!((0.7..1.5).contains(&(noise.sd / NOISE)), "{noise:?}");
+    for samples_in_air in [60, 200] {
+        let campaign = plate_presses(samples_in_air, 3, only_in_contact, |_, _| 0.0);
+        for noise in campaign.noise() {
+            assert!((0.7..1.5).contains(&(noise.sd / NOISE)), "{noise:?}");
+        }
+        assert!(campaign.noise_is_bound());
     }
-    assert!(campaign.noise_is_bound());
+}
+
+/// Without jumps a few samples in the air, whose correlation comes out wrong, take nothing from what contact tells.
+#[test]
+fn val_smooth_noise_is_not_taken_for_less() {
+    const SMOOTH: f64 = 0.4;
+    let expected = NOISE * ((1.0 + SMOOTH) / (1.0 - SMOOTH)).sqrt() / 20.0_f64.sqrt();
+    let mut off: Vec<f64> = (0..12)
+        .flat_map(|seed| {
+            let mut random = Pcg64Mcg::seed_from_u64(100 + seed);
+            let rows: [Rows; 2] = std::array::from_fn(|_| {
+                let mut last = [0.0; 3];
+                let row = |k: usize| {
+                    let fresh = NOISE * (1.0 - SMOOTH * SMOOTH).sqrt();
+                    last = last.map(|e| SMOOTH * e + fresh * normal(&mut random));
+                    let height = if k < 60 { 0.05 } else { -0.004 };
+                    (vec![0.0, 0.0, height], last.to_vec())
+                };
+                (0..360).map(row).collect()
+            });
+            let campaign = campaign::plate(&[[0.0, 0.0, 0.0]], &rows);
+            let of_means = campaign.noise().iter().map(|n| n.of_means(20).sd);
+            of_means.map(|sd| sd / expected).collect::<Vec<_>>()
+        })
+        .collect();
+    off.sort_by(f64::total_cmp);
+    let low = off.iter().filter(|off| **off < 0.7).count();
+    assert!(10 * low <= off.len(), "{low}: {off:?}");
+    let middle = off[off.len() / 2];
+    assert!((0.85..1.3).contains(&middle), "{off:?}");
 }

@@ -7,7 +7,7 @@ use crate::{
 use rayon::prelude::*;
 use serde::Serialize;
 use vsf_data::Sequence;
-use vsf_vision::{RgbdView, VisionError};
+use vsf_vision::RgbdView;
 
 /// What predicts torques in Tables III to V.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
@@ -227,7 +227,7 @@ impl Experiment<'_> {
                 Method::Vision,
                 match seen {
                     Ok(seen) => by_field(seen.estimate.belief.mean()),
-                    Err(PipelineError::Vision(VisionError::Unseen { .. })) => blind.clone(),
+                    Err(PipelineError::Vision(e)) if e.is_blind() => blind.clone(),
                     Err(other) => return Err(other),
                 },
             ));

@@ -9,7 +9,7 @@ const OVERLAP: f64 = 0.25;
 
 /// Where the touches of an experiment lie: the three datasets of section IV-B, told from the contacts
 /// alone. A *share* is that of a sequence's contacts, summed over its samples, on points that other
-/// sequences touch.
+/// sequences touch. Sequences that touch nothing have no part in it.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "lowercase")]
 pub enum Overlap {
@@ -47,13 +47,22 @@ impl OverlapShares {
     }
 
     fn between(traces: &[Trace], field_len: usize) -> Self {
-        let others = |k: usize| (0..traces.len()).filter(move |&j| j != k);
-        let pairs = (0..traces.len()).flat_map(|k| others(k).map(move |j| (k, j)));
-        let shares = pairs.map(|(k, j)| share([&traces[j]], &traces[k], field_len));
-        let with_all = |k: usize| share(others(k).map(|j| &traces[j]), &traces[k], field_len);
+        let touching: Vec<&Trace> = (traces.iter())
+            .filter(|t| t.contact_samples() > 0)
+            .collect();
+        let touched = touching.iter().map(|&t| touched_points([t], field_len));
+        let touched: Vec<Vec<bool>> = touched.collect();
+        let pairs = (0..touching.len()).flat_map(|k| (0..touched.len()).map(move |j| (k, j)));
+        let pairs = pairs.filter(|(k, j)| k != j);
+        let least_pair = pairs
+            .map(|(k, j)| share(touching[k], |p| touched[j][p]))
+            .reduce(f64::min);
+        // Its own touch is one of them.
+        let by_another = |p: usize| touched.iter().filter(|t| t[p]).count() > 1;
+        let with_all = touching.iter().map(|t| share(t, by_another)).collect();
         Self {
-            least_pair: shares.fold(1.0, f64::min),
-            with_all: median((0..traces.len()).map(with_all).collect()).unwrap_or(0.0),
+            least_pair: least_pair.unwrap_or(0.0),
+            with_all: median(with_all).unwrap_or(0.0),
         }
     }
 
@@ -69,15 +78,18 @@ impl OverlapShares {
     }
 }
 
-/// Share of the contacts of a trace on points that `others` touch; 0 without contact.
-fn share<'a>(others: impl IntoIterator<Item = &'a Trace>, trace: &Trace, field_len: usize) -> f64 {
-    let known = touched_points(others, field_len);
+/// Share of the contacts of a trace that touches on known points.
+fn share(trace: &Trace, is_known: impl Fn(usize) -> bool) -> f64 {
     let (mut shared, mut all) = (0usize, 0usize);
     for obs in &trace.observations {
         all += obs.len();
-        shared += obs.points().iter().filter(|&&p| known[p as usize]).count();
+        shared += obs
+            .points()
+            .iter()
+            .filter(|&&p| is_known(p as usize))
+            .count();
     }
-    shared as f64 / all.max(1) as f64
+    shared as f64 / all as f64
 }
 
 #[cfg(test)]
@@ -112,6 +124,8 @@ mod tests {
         // The first and the last have nothing in common.
         assert_eq!(overlap(&[&[0, 1], &[1, 2], &[2, 3]]), Overlap::Partial);
         assert_eq!(overlap(&[&[0, 1], &[2, 3], &[4, 5]]), Overlap::No);
+        // A push that missed says nothing of places.
         assert_eq!(overlap(&[&[], &[2, 3]]), Overlap::No);
+        assert_eq!(overlap(&[&[0, 1], &[], &[0, 1]]), Overlap::Full);
     }
 }

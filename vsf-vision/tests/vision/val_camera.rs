@@ -137,7 +137,7 @@ fn downsampling_keeps_one_mean_per_cube() {
     reversed.positions.reverse();
     reversed.colors.reverse();
     assert_eq!(reversed.downsampled(1.0).unwrap().colors, thin.colors);
-    for wrong in [0.0, -1.0, f64::NAN, 1e-320] {
+    for wrong in [0.0, -1.0, f64::NAN, 1e-20, 1e-320] {
         assert!(cloud.downsampled(wrong).is_err());
     }
 }

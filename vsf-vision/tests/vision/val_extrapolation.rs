@@ -177,7 +177,7 @@ fn extrapolation_says_what_is_wrong() {
     // Touches that told nothing.
     assert!(matches!(
         fit(&block.touched, 1.0),
-        Err(VisionError::TooFew { .. })
+        Err(VisionError::Untold { told: 0 })
     ));
     assert!(fit(&none[1..], PRIOR).is_err());
     assert!(fit(&block.touched, 0.0).is_err());

@@ -11,8 +11,8 @@ pub fn tables(entries: &[Entry], update_times: &[UpdateTimes]) -> String {
 ## Recordings
 
 Overlap is told from contacts: the share of a sequence's contacts on points that another one touches, the
-least of all pairs, and on points that any other touches, the median. The threshold is that
-of contact.
+least of all pairs, and on points that any other touches, the median. Sequences that touch nothing have no part in it. The
+threshold is that of contact.
 
 | recording | overlap | least pair | with all others | train | test | threshold [mm] |
 | --- | --- | --- | --- | --- | --- | --- |
@@ -37,7 +37,10 @@ of contact.
     text += "
 ## Table I: with and without memory replay
 
-By the train and test split of each recording, also where Tables IV and V test on every sequence in turn.
+By the train and test split of each recording, also where Tables IV and V test on every sequence in turn. Where the paper has
+its equation (7), variances that replays shrink, a buffer for each sequence, and equation (5) with means set to zero, here the
+diagonal filter takes the whole innovation, replays keep variances, the buffer keeps past sequences, and the exact filter has
+the constrained mean.
 
 ";
     text += &table1::text(entries.iter().map(|e| &e.table1));
