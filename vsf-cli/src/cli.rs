@@ -43,7 +43,7 @@ pub struct Cli {
 pub enum Command {
     /// Make a recording of the joint states in MCAP files, as ROS 2 bags are, or in CSV files
     Import(import::Args),
-    /// Describe a recording: metadata, robot, sequences, points, contact
+    /// Describe a recording: metadata, robot, sequences, points, contact; or a field: what it learned from, and how
     Info(info::Args),
     /// Make the rest points of an object from what a depth camera saw of it
     Points(points::Args),

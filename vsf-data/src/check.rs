@@ -177,7 +177,7 @@ impl Dataset {
             .collect();
         if !ids.is_empty() {
             warnings.push(DataWarning::UnassignedSequences {
-                path: dir.join(metadata::FILE),
+                path: dir.to_owned(),
                 ids,
             });
         }

@@ -65,9 +65,9 @@ pub enum DataWarning {
         of: usize,
     },
     /// Sequences that neither split lists: neither training nor test uses them.
-    #[error("{}: in neither split, used only where they are named: {}", path.display(), ids.join(", "))]
+    #[error("{}: in neither split, used only where they are named: {}", path.display(), some_of(ids))]
     UnassignedSequences {
-        /// The metadata file.
+        /// The data set.
         path: PathBuf,
         /// Their IDs.
         ids: Vec<String>,
@@ -76,7 +76,7 @@ pub enum DataWarning {
     #[error(
         "{}: torques are all zero, as if nothing was measured, in sequence {}; right for motions that are planned and not made",
         path.display(),
-        ids.join(", ")
+        some_of(ids)
     )]
     ZeroTorques {
         /// The data set.
@@ -186,4 +186,13 @@ pub enum DataWarning {
         /// Why.
         why: &'static str,
     },
+}
+
+/// The first names of a list.
+fn some_of(names: &[String]) -> String {
+    const MOST: usize = 12;
+    match names.len().checked_sub(MOST) {
+        Some(others @ 1..) => format!("{} and {others} more", names[..MOST].join(", ")),
+        _ => names.join(", "),
+    }
 }

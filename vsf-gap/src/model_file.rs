@@ -261,7 +261,8 @@ impl EffectEntry {
         let needed = sets.iter().min_by_key(|set| missing(set));
         let may_rest = |k: usize| {
             let of_set = needed.is_some_and(|set| !set.contains(&k));
-            parameters[k].role == Role::Amplitude && of_set
+            // What a sequence adds is nothing unless it is told, as for the sequences of another recording.
+            parameters[k].role == Role::Amplitude && (of_set || parameters[k].sequence.is_some())
         };
         let missing = (0..parameters.len()).filter(|k| !is_given(k) && !may_rest(*k));
         let missing: Vec<String> = (missing.map(|k| &parameters[k]))

@@ -107,6 +107,11 @@ impl StoredEstimate {
         self.has_sd && self.noise_sd.is_some()
     }
 
+    /// Deviation of the readings (N m or N) as the field has it, one for all channels or one each; `None` where it does not say.
+    pub fn stored_noise_sd(&self) -> Option<&[f64]> {
+        self.noise_sd.as_deref()
+    }
+
     /// Deviation of the reading of each of `channels` (N m or N), `None` where the field does not say.
     ///
     /// # Errors

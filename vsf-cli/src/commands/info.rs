@@ -1,4 +1,7 @@
+mod field;
+
 use crate::console::{Console, number, table};
+use crate::field_file::FieldFile;
 use crate::recording::{Recording, RecordingArgs, SplitPart, untouched};
 use serde::Serialize;
 use vsf::core::nalgebra::Point3;
@@ -12,7 +15,11 @@ JSON keys: name, description, robot, joints (name, unit), torque_kind, rate_hz, 
 test, points, bounds ([lower, upper] in m), threshold (of contact, m), stored_field, camera, sequences (sequence, \
 samples, duration_s, touches, contact_samples, mean_contacts; the last two null without points), grids \
 (link, mesh, resolution_m, error_p99_m, reached, boundary_edges, edges, unsure_share, turned_share), \
-links_without_inertia.")]
+links_without_inertia.
+
+Of a field, for which the other options have no meaning: points, bounds, touched_points, mean_stiffness and largest_stiffness \
+(N/m, of touched points, or of all where the field does not say which those are), recording, learned_from, prior_sd, noise_sd, \
+contact_parameters, corrected_model; null for what it does not say.")]
 pub struct Args {
     #[command(flatten)]
     recording: RecordingArgs,
@@ -69,6 +76,12 @@ struct Grid {
 }
 
 pub fn run(args: &Args, console: &Console) -> anyhow::Result<()> {
+    if FieldFile::is_at(&args.recording.dataset) {
+        let file = FieldFile::open(&args.recording.dataset, console)?;
+        let report = field::describe(&file);
+        console.json(&report)?;
+        return console.report(field::text(&report));
+    }
     let recording = args.recording.open(console)?;
     let sequences = recording.sequences(None, SplitPart::All)?;
     let scene = recording.scene_to_learn_or_air(console)?;

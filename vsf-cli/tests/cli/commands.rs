@@ -1054,3 +1054,36 @@ fn help_fits_the_terminal() {
         }
     }
 }
+
+/// What a field says of itself, and what one of another program leaves open.
+#[test]
+fn fields_are_described() {
+    let bench = Bench::touched();
+    let estimated: serde_json::Value =
+        serde_json::from_str(&bench.ok("estimate touch --out field.npz --json")).unwrap();
+    let json: serde_json::Value = serde_json::from_str(&bench.ok("info field.npz --json")).unwrap();
+    for key in ["points", "touched_points", "noise_sd"] {
+        assert_eq!(json[key], estimated[key], "{key}");
+    }
+    assert_eq!(json["learned_from"], estimated["sequences"]);
+    assert_eq!(
+        json["contact_parameters"]["threshold"],
+        estimated["threshold"]
+    );
+    assert!(json["mean_stiffness"].as_f64().unwrap() > 0.0);
+    let text = bench.ok("info field.npz");
+    for part in ["touched points: mean", "--threshold", "model     none"] {
+        assert!(text.contains(part), "{part}: {text}");
+    }
+    let json: serde_json::Value = serde_json::from_str(&bench.ok("info truth --json")).unwrap();
+    for key in [
+        "touched_points",
+        "learned_from",
+        "prior_sd",
+        "contact_parameters",
+    ] {
+        assert!(json[key].is_null(), "{key}: {json}");
+    }
+    assert!(bench.ok("info truth").contains("of all points: mean"));
+    bench.fails("info data/points.npy", 1, &["points.npy"]);
+}

@@ -443,6 +443,15 @@ fn warnings_name_what_was_seen() {
     };
     assert_eq!(warnings[1], box_);
     assert!(matches!(&warnings[2], DataWarning::UnassignedSequences { ids, .. } if ids == &["10"]));
+    let many = DataWarning::UnassignedSequences {
+        path: folder.path().to_owned(),
+        ids: (0..800).map(|id| format!("{id:03}")).collect(),
+    };
+    let told = many.to_string();
+    assert!(
+        told.ends_with(": 000, 001, 002, 003, 004, 005, 006, 007, 008, 009, 010, 011 and 788 more"),
+        "{told}"
+    );
     assert_eq!(warnings.len(), 3);
 
     let folder = Folder::new();

@@ -525,6 +525,27 @@ fn files_that_are_no_models() {
     );
 }
 
+/// An offset that was found in another recording, or written by hand, is one of all sequences.
+#[test]
+fn offsets_of_single_sequences_may_be_left_out() {
+    let campaign = pressed();
+    let text = r#"{"schema": 1, "effects": [{"effect": "registration_offset", "parameters": [
+        {"name": "dx", "value": 0.001, "unit": "m"}, {"name": "dy", "value": 0, "unit": "m"},
+        {"name": "dz", "value": -0.01, "unit": "m"}]}]}"#;
+    let file = ModelFile::from_json(text).unwrap();
+    let model = file.model(campaign.site(), &catalogue()).unwrap();
+    let (common, own) = model.parts[0].1.split_at(3);
+    assert_eq!(common, [0.001, 0.0, -0.01]);
+    assert!(!own.is_empty() && own.iter().all(|offset| *offset == 0.0));
+    let mut part = file;
+    part.effects[0].parameters.pop();
+    let error = part.model(campaign.site(), &catalogue()).err().unwrap();
+    assert!(
+        error.to_string().contains("\"dz\" (m) is missing"),
+        "{error}"
+    );
+}
+
 #[test]
 fn residuals_are_of_the_session_and_of_a_field_of_its_points() {
     let campaign = pressed();
