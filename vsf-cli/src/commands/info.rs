@@ -1,7 +1,7 @@
 mod field;
 
 use crate::console::{Console, number, table};
-use crate::field_file::FieldFile;
+use crate::field_file::{FieldFile, FieldFormat};
 use crate::recording::{Recording, RecordingArgs, SplitPart, untouched};
 use serde::Serialize;
 use vsf::core::nalgebra::Point3;
@@ -76,8 +76,11 @@ struct Grid {
 }
 
 pub fn run(args: &Args, console: &Console) -> anyhow::Result<()> {
-    if FieldFile::is_at(&args.recording.dataset) {
-        let file = FieldFile::open(&args.recording.dataset, console)?;
+    let input = &args.recording.dataset;
+    let format = FieldFormat::of(input);
+    let may_be_field = matches!(format, Ok(FieldFormat::Npz | FieldFormat::Folder));
+    if may_be_field && FieldFile::is_at(input) {
+        let file = FieldFile::open(input, console)?;
         let report = field::describe(&file);
         console.json(&report)?;
         return console.report(field::text(&report));
