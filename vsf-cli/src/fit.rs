@@ -49,7 +49,7 @@ pub struct Compared {
 }
 
 /// The scene with another contact threshold (m).
-fn at_threshold(scene: &Scene, threshold: f64) -> Result<Scene, PipelineError> {
+pub fn at_threshold(scene: &Scene, threshold: f64) -> Result<Scene, PipelineError> {
     scene.with_contact(ContactConfig {
         threshold,
         ..*scene.contact()

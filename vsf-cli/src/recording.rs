@@ -6,6 +6,7 @@ use crate::derived::{COMPUTED, claim, keep_made, keep_robot, stems_from};
 use crate::exit::usage;
 use crate::explain::{blame, explain};
 use crate::field_file::FieldFile;
+use crate::fit::at_threshold;
 use crate::settings::SceneSettings;
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
@@ -187,13 +188,14 @@ impl Recording {
         if let Some(all) = thresholds.filter(|all| !all.is_empty()) {
             options.contact.threshold = all.iter().copied().fold(0.0, f64::max);
             let scene = self.scene_by(&options, console, Scene::open)?;
-            let own = *scene.contact();
-            let at = |threshold| scene.with_contact(ContactConfig { threshold, ..own });
-            let least = at(all.iter().copied().fold(own.threshold, f64::min))?;
-            if least.contact() != scene.contact() {
-                warn_of_grids(&least, &options, console);
+            let least = all
+                .iter()
+                .copied()
+                .fold(options.contact.threshold, f64::min);
+            if least < options.contact.threshold {
+                warn_of_grids(&at_threshold(&scene, least)?, &options, console);
             }
-            return Ok(at(all[0])?);
+            return Ok(at_threshold(&scene, all[0])?);
         }
         self.scene_by(&options, console, |dataset, options| {
             let scene = Scene::open(dataset, options)?;

@@ -164,6 +164,12 @@ fn bounds(points: &[Point3<f64>]) -> Option<[[f64; 3]; 2]> {
     Some([lower.coords.into(), upper.coords.into()])
 }
 
+/// Bounds by axis.
+fn place([a, b]: &[[f64; 3]; 2]) -> String {
+    let range = |k: usize| format!("{:.3}..{:.3}", a[k], b[k]);
+    format!("x {}, y {}, z {} m", range(0), range(1), range(2))
+}
+
 fn text(report: &Report) -> String {
     let list = |ids: &[String]| {
         if ids.is_empty() {
@@ -192,11 +198,7 @@ fn text(report: &Report) -> String {
         list(&report.test)
     );
     match report.bounds {
-        Some([a, b]) => {
-            let range = |k: usize| format!("{:.3}..{:.3}", a[k], b[k]);
-            let (x, y, z) = (range(0), range(1), range(2));
-            text += &format!("  points    {}, x {x}, y {y}, z {z} m\n", report.points);
-        }
+        Some(bounds) => text += &format!("  points    {}, {}\n", report.points, place(&bounds)),
         None if report.camera => {
             text += "  points    none: `vsf points` makes them of what camera/ sees; without, it is free motion\n";
         }

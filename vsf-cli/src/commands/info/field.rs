@@ -1,6 +1,6 @@
 //! What a field says of itself.
 
-use super::bounds;
+use super::{bounds, place};
 use crate::console::number;
 use crate::contact_flags::contact_flags;
 use crate::field_file::FieldFile;
@@ -49,9 +49,8 @@ pub fn describe(file: &FieldFile) -> Report<'_> {
 pub fn text(report: &Report<'_>) -> String {
     let unsaid = || "not said".to_owned();
     let mut text = format!("field of {} points", report.points);
-    if let Some([a, b]) = report.bounds {
-        let range = |k: usize| format!("{:.3}..{:.3}", a[k], b[k]);
-        text += &format!(", x {}, y {}, z {} m", range(0), range(1), range(2));
+    if let Some(bounds) = &report.bounds {
+        text += &format!(", {}", place(bounds));
     }
     let of = match report.touched_points {
         Some(touched) => format!("of {touched} touched points"),
