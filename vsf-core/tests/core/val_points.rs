@@ -197,6 +197,11 @@ fn spacing_is_the_typical_nearest_distance() {
         .map(|i| Point3::new((i / 100) as f64, (i / 10 % 10) as f64, (i % 10) as f64) * 0.02);
     let rest = RestPoints::new(lattice.collect()).unwrap();
     assert!((rest.spacing() - 0.02).abs() < 1e-12);
+    // Two scans of one object, that differ by rounding.
+    let twice = rest.positions().iter();
+    let twice = twice.flat_map(|p| [*p, p + Vector3::new(1e-6, -1e-7, 0.0)]);
+    let rest = RestPoints::new(twice.collect()).unwrap();
+    assert!((rest.spacing() - 0.02).abs() < 2e-6);
     assert_eq!(
         RestPoints::new(vec![Point3::origin()]).unwrap().spacing(),
         0.0

@@ -32,8 +32,13 @@ pub fn warning(robot: &RobotModel, sequences: &[&Sequence]) -> Option<PipelineWa
                 _ => LEAST_SPEED.0,
             };
             let way = |row: usize| joint.change(s.angles[row - 1][j], s.angles[row][j]).abs();
-            let speed = moves(s).map(|row| way(row) / dt(row)).fold(0.0, f64::max);
-            moved |= moves(s).map(way).sum::<f64>() > LEAST_WAY;
+            let all: f64 = moves(s).map(way).sum();
+            // By way: neither rest nor one brisk step counts for much.
+            let speed = moves(s)
+                .map(|row| way(row) * way(row) / dt(row))
+                .sum::<f64>()
+                / all.max(f64::MIN_POSITIVE);
+            moved |= all > LEAST_WAY;
             is_slow &= speed < least;
             fastest = fastest.max(speed);
         }

@@ -371,9 +371,10 @@ pub enum PipelineWarning {
         /// `N m`, `N` or both.
         unit: &'static str,
     },
-    /// Samples that come more than a second apart, in which nothing moves at a speed that one would touch with.
+    /// Samples that come a second or more apart, in which nothing moves at a speed that one would touch with.
     #[error(
-        "sequence {sequence}: samples come {step:.3} s apart, and no joint moves faster than {fastest:.1e} rad/s (or m/s); \
+        "sequence {sequence}: samples come {step:.3} s apart, and no joint moves faster than {fastest:.1e} rad/s (or m/s) on \
+         most of its way; \
          time stamps must be in seconds, these look like {}{}", clock::unit(*step), more(*others, "sequence")
     )]
     SlowClock {
@@ -381,7 +382,7 @@ pub enum PipelineWarning {
         sequence: String,
         /// Median time between rows (s).
         step: f64,
-        /// Largest speed of a joint (rad/s or m/s).
+        /// Largest mean speed of a joint, by way (rad/s or m/s).
         fastest: f64,
         /// Further sequences of that kind.
         others: usize,

@@ -490,6 +490,13 @@ fn time_in_milliseconds() {
         panic!("{warnings:?}");
     };
     assert!((step - 50.0).abs() < 1e-9);
+    // Nor does it matter that one step is brisk.
+    let mut brisk = slow.clone();
+    brisk.angles.data_mut()[3 * ROWS - 3] += 0.15;
+    assert!(matches!(
+        motion_warnings(scene.robot(), &[&brisk])[..],
+        [PipelineWarning::SlowClock { .. }]
+    ));
     // Nothing moves, whatever the clock.
     let mut still = slow.clone();
     still.angles.data_mut().fill(0.1);
