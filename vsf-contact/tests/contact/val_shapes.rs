@@ -2,6 +2,7 @@
 
 use nalgebra::{Isometry3, Point3, Translation3, UnitQuaternion, Vector3};
 use proptest::prelude::*;
+use std::sync::LazyLock;
 use vsf_contact::{ContactError, GridOptions, Sdf, ShapeSdf, UnionSdf, link_sdfs};
 use vsf_core::{Collider, Shape};
 use vsf_testkit::check_sdf;
@@ -123,8 +124,8 @@ fn directions(n: usize) -> Vec<Vector3<f64>> {
 }
 
 /// The surface by bisection of `is_inside` along rays from the center (all shapes are convex).
-fn surface(shape: &Shape, n: usize) -> Vec<Point3<f64>> {
-    directions(n)
+fn surface(shape: &Shape) -> Vec<Point3<f64>> {
+    directions(20_000)
         .iter()
         .map(|d| {
             let (mut inside, mut outside) = (0.0, 0.3);
@@ -141,6 +142,15 @@ fn surface(shape: &Shape, n: usize) -> Vec<Point3<f64>> {
         .collect()
 }
 
+/// Every shape with its surface, dense.
+static SURFACES: LazyLock<Vec<(Shape, Vec<Point3<f64>>)>> = LazyLock::new(|| {
+    let dense = |shape: Shape| {
+        let surface = surface(&shape);
+        (shape, surface)
+    };
+    shapes().into_iter().map(dense).collect()
+});
+
 fn probes(n: usize) -> Vec<Point3<f64>> {
     directions(n)
         .iter()
@@ -151,15 +161,14 @@ fn probes(n: usize) -> Vec<Point3<f64>> {
 
 #[test]
 fn distances_agree_with_dense_surface_samples() {
-    for shape in shapes() {
-        let sdf = ShapeSdf::new(&shape, &pose()).unwrap();
-        let surface = surface(&shape, 20_000);
+    for (shape, surface) in SURFACES.iter() {
+        let sdf = ShapeSdf::new(shape, &pose()).unwrap();
         for p in probes(60) {
             let brute = surface
                 .iter()
                 .map(|s| (s - p).norm())
                 .fold(f64::MAX, f64::min);
-            let sign = if is_inside(&shape, &p) { -1.0 } else { 1.0 };
+            let sign = if is_inside(shape, &p) { -1.0 } else { 1.0 };
             let d = sdf.distance(&(pose() * p));
             // No sample may be nearer than the distance; some sample lies near the foot point,
             // which the next test finds on the surface.
@@ -236,12 +245,12 @@ fn degenerate_points_have_unit_normals_that_lead_to_the_surface() {
 
 #[test]
 fn bounds_hold_the_shape_and_touch_it() {
-    for shape in shapes() {
-        let sdf = ShapeSdf::new(&shape, &Isometry3::identity()).unwrap();
+    for (shape, surface) in SURFACES.iter() {
+        let sdf = ShapeSdf::new(shape, &Isometry3::identity()).unwrap();
         let (lower, upper) = sdf.bounds();
         let (mut l, mut u) = (upper, lower);
-        for s in surface(&shape, 20_000) {
-            (l, u) = (l.inf(&s), u.sup(&s));
+        for s in surface {
+            (l, u) = (l.inf(s), u.sup(s));
         }
         assert!(
             l >= lower.map(|x| x - 1e-9) && u <= upper.map(|x| x + 1e-9),
@@ -251,10 +260,9 @@ fn bounds_hold_the_shape_and_touch_it() {
             (l - lower).amax() < 2e-3 && (u - upper).amax() < 2e-3,
             "{shape:?}"
         );
-        let posed = ShapeSdf::new(&shape, &pose()).unwrap();
+        let posed = ShapeSdf::new(shape, &pose()).unwrap();
         let (lower, upper) = posed.bounds();
-        for s in surface(&shape, 500) {
-            let s = pose() * s;
+        for s in surface.iter().map(|s| pose() * s) {
             assert!(
                 s >= lower.map(|x| x - 1e-9) && s <= upper.map(|x| x + 1e-9),
                 "{shape:?}"
