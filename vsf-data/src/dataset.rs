@@ -155,6 +155,7 @@ impl Dataset {
         let sequences = (ids.iter())
             .map(|(id, folder)| Sequence::load(folder, id, metadata.rate_hz))
             .collect::<Result<Vec<_>, _>>()?;
+        warnings.extend(other_arrays(ids.iter().map(|(_, folder)| folder))?);
         let points = dir.join(POINTS);
         let rest_points = if files::is_there(&points) {
             Some(files::points(&points, files::read_npy(&points)?)?)
@@ -430,6 +431,26 @@ pub(crate) fn sequence_ids_or_none(dir: &Path) -> Result<Vec<(String, PathBuf)>,
     }
     ids.sort_by(|a, b| natural::compare(&a.0, &b.0));
     Ok(ids)
+}
+
+/// Arrays of sequences that the format does not know, as of names that are misspelled.
+fn other_arrays<'a>(
+    folders: impl Iterator<Item = &'a PathBuf>,
+) -> Result<Option<DataWarning>, DataError> {
+    let mut found = Vec::new();
+    for folder in folders {
+        let is_other = |path: &PathBuf| {
+            let name = path
+                .file_name()
+                .and_then(|n| n.to_str())
+                .unwrap_or_default();
+            name.to_lowercase().ends_with(".npy") && !sequence::ARRAYS.contains(&name)
+        };
+        found.extend(files::list(folder)?.into_iter().filter(is_other));
+    }
+    let others = found.len().saturating_sub(1);
+    let first = found.into_iter().next();
+    Ok(first.map(|path| DataWarning::OtherArrays { path, others }))
 }
 
 /// The one stored field of a data set.

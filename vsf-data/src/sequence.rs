@@ -3,6 +3,9 @@ use crate::{DataError, Table, files, metadata, npy};
 use std::ops::Range;
 use std::path::{Path, PathBuf};
 
+/// The arrays of a sequence.
+pub(crate) const ARRAYS: [&str; 4] = ["time.npy", "angles.npy", "velocities.npy", "torques.npy"];
+
 /// What the folder of a sequence begins with.
 pub(crate) const PREFIX: &str = "seq_";
 

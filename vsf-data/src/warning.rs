@@ -1,3 +1,4 @@
+use crate::sequence;
 use std::path::PathBuf;
 use thiserror::Error;
 
@@ -25,6 +26,17 @@ pub enum DataWarning {
         path: PathBuf,
         /// The keys, `attachment` or `gauge_length`.
         keys: Vec<&'static str>,
+    },
+    /// Arrays in the folders of sequences that the format does not know. They are not read.
+    #[error(
+        "{}: not read; the arrays of a sequence are {}{}", path.display(), sequence::ARRAYS.join(", "),
+        more_of_kind(*others)
+    )]
+    OtherArrays {
+        /// The first.
+        path: PathBuf,
+        /// Further ones.
+        others: usize,
     },
     /// Rest points lie outside the box of the object (by more than a micrometer).
     #[error("{}: {count} of {total} points lie outside object_bbox", path.display())]
@@ -90,7 +102,7 @@ pub enum DataWarning {
         "{}: test sequence {first} has the very angles of train sequence {of}: errors on it are those of a touch that \
          was trained on{}",
         path.display(),
-        match others { 0 => String::new(), n => format!("; there are {n} more of that kind") }
+        more_of_kind(*others)
     )]
     RetracedSequences {
         /// The data set.
@@ -186,6 +198,13 @@ pub enum DataWarning {
         /// Why.
         why: &'static str,
     },
+}
+
+fn more_of_kind(others: usize) -> String {
+    match others {
+        0 => String::new(),
+        n => format!("; {n} more of that kind"),
+    }
 }
 
 /// The first names of a list.

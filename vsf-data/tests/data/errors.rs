@@ -467,6 +467,23 @@ fn warnings_name_what_was_seen() {
     let (_, warnings) = folder.open().unwrap();
     assert!(matches!(&warnings[..], [DataWarning::ZeroTorques { ids, .. }] if ids == &["10"]));
 
+    let folder = Folder::new();
+    for name in ["Torques.npy", "velocity.NPY", "notes.txt"] {
+        folder.write(&format!("seq_10/{name}"), b"what is not read");
+    }
+    let (_, warnings) = folder.open().unwrap();
+    let [warning @ DataWarning::OtherArrays { others: 1, .. }] = &warnings[..] else {
+        panic!("{warnings:?}");
+    };
+    assert_eq!(
+        warning.to_string(),
+        format!(
+            "{}: not read; the arrays of a sequence are time.npy, angles.npy, velocities.npy, torques.npy; 1 \
+             more of that kind",
+            folder.path().join("seq_10/Torques.npy").display()
+        )
+    );
+
     // One touch under two names.
     let folder = Folder::new();
     for file in ["angles.npy", "torques.npy"] {
