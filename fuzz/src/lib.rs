@@ -11,8 +11,8 @@ use vsf::contact::GridOptions;
 use vsf::core::nalgebra::{Isometry3, Point3, Vector3};
 use vsf::core::{Belief, CoreError, RestPoints, TriMesh};
 use vsf::data::{
-    CameraView, ContactParameters, Dataset, RobotRef, Sequence, Splits, StiffnessField, Table,
-    TorqueKind,
+    CameraView, ContactParameters, Dataset, JointLog, Overrides, RobotRef, Sequence, Splits,
+    StiffnessField, Table, TorqueKind,
 };
 use vsf::filter::{
     CovarianceFilter, DiagonalKalman, DualReplay, MemoryReplay, ReplayConfig, RobustLoss,
@@ -75,6 +75,19 @@ pub fn points() -> Vec<Point3<f64>> {
     });
     let twice = [Point3::new(0.5, 0.0, 0.0); 3];
     lattice.chain(twice).collect()
+}
+
+/// The recordings that joint states make, one by file and by pauses.
+pub fn recordings(log: &JointLog) {
+    let given = Overrides {
+        robot: RobotRef::resolve("planar_arm", Path::new(".")).ok(),
+        torque_kind: Some(TorqueKind::Measured),
+        ..Overrides::default()
+    };
+    let joints: Vec<String> = (1..=JOINTS).map(|j| format!("joint_{j}")).collect();
+    for gap in [None, Some(0.5)] {
+        let _ = log.recording(&given, &joints, gap);
+    }
 }
 
 /// A recording of the built-in planar arm with all that a folder may hold.

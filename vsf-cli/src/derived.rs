@@ -84,7 +84,7 @@ pub fn stems_from(name: &str, origin: &str) -> bool {
 
 /// Where the deviations of a sequence's predicted torques are, in the folder of their recording.
 pub fn deviations_of(id: &str) -> PathBuf {
-    PathBuf::from(format!("seq_{id}/torques_sd.npy"))
+    Path::new(&format!("seq_{id}")).join(Sequence::DEVIATIONS)
 }
 
 /// Writes a new recording to the folder `out`, with the files of its robot, which has these

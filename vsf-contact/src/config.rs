@@ -7,8 +7,8 @@ const LENGTHS: RangeInclusive<f64> = 1e-9..=1.0;
 /// Parameters of the stick-slip contact model; section III-B-a of the paper.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct ContactConfig {
-    /// Contact threshold delta (m), 1e-9 to 1, default 2 mm (paper). A point is in contact while it is
-    /// closer than this to the surface of a link, and rests on the surface offset by this much.
+    /// Contact threshold delta (m), 1e-9 to 1, default 2 mm (paper). A point comes into contact
+    /// when it is closer than this to the surface of a link, rests on the surface offset by this much, and leaves when `u . n < 0`.
     pub threshold: f64,
     /// Friction coefficient nu_f (1), >= 0, default 0.15 (paper). A point sticks while its
     /// displacement lies in the cone `u . n >= |u| / sqrt(1 + nu_f²)`, that is, its tangential

@@ -186,7 +186,7 @@ impl RestPoints {
 
     /// Typical distance between neighbors (m): the median, over at most 1000 points spread over the
     /// cloud, of the distance to the nearest point at another place. Points nearer than a thousandth of an edge of the grid,
-    /// some 5e-4 of the mean distance where they fill their box, share a place. 0 when there is but one.
+    /// some 2e-3 of the mean distance where they fill their box, share a place. 0 when there is but one.
     pub fn spacing(&self) -> f64 {
         let step = self.len().div_ceil(1000).max(1);
         let (lower, upper) = self.bounds();

@@ -444,7 +444,9 @@ fn other_arrays<'a>(
                 .file_name()
                 .and_then(|n| n.to_str())
                 .unwrap_or_default();
-            name.to_lowercase().ends_with(".npy") && !sequence::ARRAYS.contains(&name)
+            let known = sequence::ARRAYS.contains(&name) || name == Sequence::DEVIATIONS;
+            // Hidden ones are other programs'.
+            name.to_lowercase().ends_with(".npy") && !known && !name.starts_with('.')
         };
         found.extend(files::list(folder)?.into_iter().filter(is_other));
     }

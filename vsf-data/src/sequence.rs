@@ -34,6 +34,9 @@ pub struct Sequence {
 }
 
 impl Sequence {
+    /// The array of a predicted sequence that has the standard deviations of its torques; not read.
+    pub const DEVIATIONS: &'static str = "torques_sd.npy";
+
     /// One touch without velocities and tags.
     pub fn new(id: impl Into<String>, time: Vec<f64>, angles: Table, torques: Table) -> Self {
         Self {

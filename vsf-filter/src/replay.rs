@@ -14,7 +14,7 @@ mod state;
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 #[non_exhaustive]
 pub enum ReplayVariance {
-    /// They stay: an observation counts once, however often it is replayed. The default. The
+    /// They stay: an observation shrinks them once, however often the means are fitted to it. The default. The
     /// filter stays somewhat overconfident, as the diagonal filter is by itself, because it leaves
     /// out correlations: on well-specified data the normalized innovation squared is 1.45 times its
     /// dof with 20 replays, 2.3 times without (`tests/filter/replay.rs`).

@@ -68,7 +68,13 @@ fn recordings() -> Result {
         ..McapExport::default()
     }
     .save(&bag)?;
-    seed("mcap", "1", &fs::read(bag)?)
+    seed("mcap", "1", &fs::read(bag)?)?;
+    let header = "time,q_joint_1,q_joint_2,q_joint_3,tau_joint_1,tau_joint_2,tau_joint_3\n";
+    seed(
+        "csv",
+        "1",
+        format!("{header}0,1,2,3,4,5,6\n0.1,1,2,3,4,5,6\n").as_bytes(),
+    )
 }
 
 fn clouds() -> Result {

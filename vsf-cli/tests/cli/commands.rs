@@ -76,6 +76,8 @@ fn round_trip() {
     // Predictions are a recording whose torques the field explains exactly.
     bench.ok("predict touch --field field.npz --out predicted");
     assert!(bench.root.join("predicted/seq_c/torques_sd.npy").is_file());
+    let warned = bench.warned("info predicted");
+    assert!(!warned.contains("torques_sd"), "{warned}");
     let json = bench.ok("evaluate predicted --field field.npz --json");
     assert!(value(&json, "mean_error") < 1e-9, "{json}");
 
@@ -1085,4 +1087,5 @@ fn fields_are_described() {
         assert!(json[key].is_null(), "{key}: {json}");
     }
     assert!(bench.ok("info truth").contains("of all points: mean"));
+    bench.fails("info data/points.npy", 1, &["points.npy"]);
 }

@@ -468,7 +468,8 @@ fn warnings_name_what_was_seen() {
     assert!(matches!(&warnings[..], [DataWarning::ZeroTorques { ids, .. }] if ids == &["10"]));
 
     let folder = Folder::new();
-    for name in ["Torques.npy", "velocity.NPY", "notes.txt"] {
+    let beside = ["torques_sd.npy", "._time.npy", "notes.txt"];
+    for name in ["Torques.npy", "velocity.NPY"].iter().chain(&beside) {
         folder.write(&format!("seq_10/{name}"), b"what is not read");
     }
     let (_, warnings) = folder.open().unwrap();

@@ -22,9 +22,9 @@ use vsf_core::{Belief, CoreError, Estimator, Observation, Prediction, Scalar, Up
 ///
 /// An update takes the gain `P W^T (W P W^T + R)^-1`: the posterior of eq. 5 without its `n x n`
 /// inverse, in `O(n² d)` for `n` touched points and `d` channels, against `O(n³)` of
-/// [`crate::InformationFilter`]: 6.4 ms of processor time in `f32` and 13 ms in `f64` for 7 channels
+/// [`crate::InformationFilter`]: 6.2 ms of processor time in `f32` and 12.0 ms in `f64` for 7 channels
 /// and 4100 contacts of 4300 touched points (AMD Zen 4; `benches/dense.rs`), shared by the threads.
-/// To follow the constrained mean takes another 3.6 ms in `f32`, on one thread.
+/// To follow the constrained mean takes another 2.3 ms in `f32`, on one thread.
 /// The covariance takes `n² / 2` numbers. A point enters with its first touch and costs nothing
 /// before, whatever the size of the field.
 ///

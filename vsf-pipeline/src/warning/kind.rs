@@ -373,8 +373,8 @@ pub enum PipelineWarning {
     },
     /// Samples that come a second or more apart, in which nothing moves at a speed that one would touch with.
     #[error(
-        "sequence {sequence}: samples come {step:.3} s apart, and no joint moves faster than {fastest:.1e} rad/s (or m/s) on \
-         most of its way; \
+        "sequence {sequence}: samples come {step:.3} s apart, and joints move at {fastest:.1e} rad/s (or m/s) at most, \
+         averaged along the way; \
          time stamps must be in seconds, these look like {}{}", clock::unit(*step), more(*others, "sequence")
     )]
     SlowClock {
