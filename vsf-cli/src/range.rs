@@ -109,7 +109,12 @@ pub fn corners(given: &[f64]) -> anyhow::Result<[Point3<f64>; 2]> {
         return Err(usage(format!("--box takes 6 numbers, {count} given")));
     };
     let (a, b) = (Point3::new(ax, ay, az), Point3::new(bx, by, bz));
-    if (a - b).iter().any(|edge| *edge == 0.0) {
+    const FARTHEST: f64 = 1e6;
+    if let Some(far) = given.iter().find(|c| c.abs() > FARTHEST) {
+        Err(usage(format!(
+            "--box: {far:e} m is beyond 1e6 m; check units"
+        )))
+    } else if (a - b).iter().any(|edge| *edge == 0.0) {
         Err(usage(
             "--box has an edge of length 0; it takes two opposite corners, x,y,z,x,y,z [m]",
         ))

@@ -212,6 +212,18 @@ pub enum DataError {
         /// The offending value.
         value: f64,
     },
+    /// A coordinate of a point beyond 1e6 m.
+    #[error("{} row {row} {axis}: {value:e} m is beyond 1e6 m; check units", path.display())]
+    FarPoint {
+        /// The file.
+        path: PathBuf,
+        /// Row, from 0.
+        row: usize,
+        /// `x`, `y` or `z`.
+        axis: &'static str,
+        /// The coordinate (m).
+        value: f64,
+    },
     /// A time stamp that no clock shows.
     #[error("{} row {row}: time {value:e} s is beyond 1e12 s (30,000 years); stamps are seconds", path.display())]
     FarTime {

@@ -1,7 +1,7 @@
 //! Files read as a whole, and what their arrays mean.
 
 use crate::npy::{self, NpyArray};
-use crate::{DataError, Table, write_file};
+use crate::{DataError, Table, pose, write_file};
 use nalgebra::Point3;
 use std::fs::{self, File};
 use std::io::{Error, ErrorKind};
@@ -124,13 +124,24 @@ pub(crate) fn check_points(path: &Path, points: &[Point3<f64>]) -> Result<(), Da
         });
     }
     for (row, p) in points.iter().enumerate() {
-        if let Some(k) = (0..3).find(|&k| !p[k].is_finite()) {
-            return Err(DataError::NotFinite {
-                path: path.to_owned(),
-                row,
-                column: ["x", "y", "z"][k].to_owned(),
-                value: p[k],
-            });
+        for (axis, &value) in ["x", "y", "z"].into_iter().zip(p.iter()) {
+            let path = path.to_owned();
+            if !value.is_finite() {
+                return Err(DataError::NotFinite {
+                    path,
+                    row,
+                    column: axis.to_owned(),
+                    value,
+                });
+            }
+            if value.abs() > pose::FARTHEST {
+                return Err(DataError::FarPoint {
+                    path,
+                    row,
+                    axis,
+                    value,
+                });
+            }
         }
     }
     Ok(())

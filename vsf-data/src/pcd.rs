@@ -122,6 +122,12 @@ fn check_size(meta: &PcdMeta, kind: &str, data: &[u8]) -> Result<(), String> {
         (_, Some(needed)) => needed <= length,
     };
     let points = meta.num_points;
+    let (width, height) = (meta.width, meta.height);
+    if width.checked_mul(height) != Some(points) {
+        return Err(format!(
+            "its header says WIDTH {width}, HEIGHT {height} and POINTS {points}; correct the one that is wrong"
+        ));
+    }
     if !fits {
         return Err(format!(
             "{points} points do not fit into {length} bytes of data"

@@ -5,7 +5,8 @@ use crate::{DataError, MADE_BY, StiffnessField, files, write_file};
 use nalgebra::Point3;
 use ply_rs_bw::parser::{Parser, Reader};
 use ply_rs_bw::ply::{
-    Header, Property, PropertyAccess, PropertyAccessResult, PropertyDef, PropertyType, ScalarType,
+    ElementDef, Encoding, Header, Property, PropertyAccess, PropertyAccessResult, PropertyDef,
+    PropertyType, ScalarType,
 };
 use std::io::Cursor;
 use std::path::Path;
@@ -69,6 +70,9 @@ fn read_vertices(path: &Path, needed: &[&str]) -> Result<Vec<Vertex>, DataError>
     let mut reader = Reader::new(Cursor::new(&bytes[..]));
     let parser = Parser::<Vertex>::new();
     let header = parser.read_header(&mut reader).map_err(damaged)?;
+    if let Some(problem) = repeated(&bytes, &header).or_else(|| too_long(&bytes, &header)) {
+        return Err(wrong(problem));
+    }
     for (name, element) in &header.elements {
         // Every element takes a byte at least, so larger counts are not worth starting on.
         if element.count > length || (element.properties.is_empty() && element.count > 0) {
@@ -104,16 +108,73 @@ fn read_vertices(path: &Path, needed: &[&str]) -> Result<Vec<Vertex>, DataError>
     Ok(vertices)
 }
 
-/// The first number of ASCII vertices that is NaN or infinite: the parser takes its line for damaged.
-fn not_finite(path: &Path, bytes: &[u8], header: &Header) -> Option<DataError> {
-    let text = std::str::from_utf8(bytes).ok()?;
-    let (_, data) = text.split_once("end_header")?;
+/// What comes before the data of a file, and the data.
+fn split(bytes: &[u8]) -> Option<(&str, &[u8])> {
+    const END: &[u8] = b"\nend_header";
+    let at = bytes.windows(END.len()).position(|w| w == END)?;
+    Some((
+        std::str::from_utf8(&bytes[..at]).ok()?,
+        &bytes[at + END.len()..],
+    ))
+}
+
+/// Elements or properties that the header names twice: the parser takes them for one, and what follows for others.
+fn repeated(bytes: &[u8], header: &Header) -> Option<String> {
+    let (text, _) = split(bytes)?;
+    let lines = |word: &str| {
+        text.lines()
+            .filter(|l| l.split_whitespace().next() == Some(word))
+            .count()
+    };
+    let properties: usize = header.elements.values().map(|e| e.properties.len()).sum();
+    let named = [
+        ("element", "an element", header.elements.len()),
+        ("property", "a property", properties),
+    ];
+    let (_, what, _) = named.into_iter().find(|(word, _, n)| lines(word) != *n)?;
+    Some(format!("its header names {what} twice"))
+}
+
+/// A line of ASCII vertices with more numbers than they have: the parser leaves the others out.
+fn too_long(bytes: &[u8], header: &Header) -> Option<String> {
+    if header.encoding != Encoding::Ascii {
+        return None;
+    }
+    let (vertex, mut rows) = vertex_rows(bytes, header)?;
+    if !vertex.properties.values().all(|p| is_scalar(&p)) {
+        return None;
+    }
+    let needed = vertex.properties.len();
+    let numbers = |line: &str| line.split_ascii_whitespace().count();
+    let (row, line) = rows.find(|(_, line)| numbers(line) > needed)?;
+    let found = numbers(line);
+    Some(format!(
+        "vertex {row} has {found} numbers, but its header has {needed} properties"
+    ))
+}
+
+/// The element `vertex` of an ASCII file, and its lines, counted from 0.
+fn vertex_rows<'a>(
+    bytes: &'a [u8],
+    header: &'a Header,
+) -> Option<(&'a ElementDef, impl Iterator<Item = (usize, &'a str)>)> {
+    let (_, data) = split(bytes)?;
+    let data = std::str::from_utf8(data).ok()?;
     let others = header.elements.values().take_while(|e| e.name != "vertex");
     let before: usize = others.map(|e| e.count).sum();
     let vertex = header.elements.get("vertex")?;
-    let is_scalar = |p: &&PropertyDef| matches!(p.data_type, PropertyType::Scalar(_));
     let rows = data.lines().skip(1 + before).take(vertex.count);
-    rows.enumerate().find_map(|(row, line)| {
+    Some((vertex, rows.enumerate()))
+}
+
+fn is_scalar(property: &&PropertyDef) -> bool {
+    matches!(property.data_type, PropertyType::Scalar(_))
+}
+
+/// The first number of ASCII vertices that is NaN or infinite: the parser takes its line for damaged.
+fn not_finite(path: &Path, bytes: &[u8], header: &Header) -> Option<DataError> {
+    let (vertex, mut rows) = vertex_rows(bytes, header)?;
+    rows.find_map(|(row, line)| {
         let names = vertex.properties.values().take_while(is_scalar);
         let values = names.zip(line.split_ascii_whitespace());
         let mut numbers = values.filter_map(|(p, word)| Some((&p.name, word.parse::<f64>().ok()?)));

@@ -6,7 +6,7 @@ use nalgebra::{Isometry3, Matrix3, Rotation3, Translation3, UnitQuaternion, Vect
 const TOLERANCE: f64 = 1e-6;
 
 /// Farthest of anything from the origin, as of rest points \[m\].
-const FARTHEST: f64 = 1e6;
+pub(crate) const FARTHEST: f64 = 1e6;
 
 pub(crate) type Rows4 = [[f64; 4]; 4];
 

@@ -20,10 +20,19 @@ pub(crate) fn depth(text: &str) -> usize {
 pub(crate) fn unbalanced(text: &str) -> Option<(usize, String)> {
     let line = |tag: &str| line(text, place(text, tag));
     let mut open: Vec<&str> = Vec::new();
+    let mut outermost = None;
+    let mut end = 0;
     for tag in tags(text) {
         if !tag.ends_with('>') {
             return Some((line(tag), format!("<{} has no end", name(tag))));
         }
+        end = place(text, tag) + tag.len();
+        let is_element = !["</", "<?", "<!"].iter().any(|s| tag.starts_with(s));
+        if let (true, true, Some(first)) = (is_element, open.is_empty(), outermost) {
+            let problem = format!("<{}> after the end of <{first}>", name(tag));
+            return Some((line(tag), problem));
+        }
+        outermost = outermost.or(is_element.then(|| name(tag)));
         if let Some(closed) = tag.strip_prefix("</").map(|_| name(tag)) {
             match open.pop() {
                 Some(opened) if name(opened) == closed => {}
@@ -38,8 +47,16 @@ pub(crate) fn unbalanced(text: &str) -> Option<(usize, String)> {
             open.push(tag);
         }
     }
-    let opened = open.pop()?;
-    Some((line(opened), format!("<{}> is never closed", name(opened))))
+    if let Some(opened) = open.pop() {
+        return Some((line(opened), format!("<{}> is never closed", name(opened))));
+    }
+    let mut behind = text[end..].trim_start();
+    while let Some(comment) = behind.strip_prefix("<!--") {
+        behind = comment.split_once("-->").map_or("", |(_, rest)| rest);
+        behind = behind.trim_start();
+    }
+    let first = outermost.filter(|_| !behind.is_empty())?;
+    Some((line(behind), format!("text after the end of <{first}>")))
 }
 
 /// An element of the outermost one.
@@ -189,6 +206,8 @@ mod tests {
             ("<a/>\n\n</c >", 3, "</c> closes nothing"),
             ("<?xml?>\n<a x='>'>\n<b/>", 2, "<a> is never closed"),
             ("<a>\n<b x='1'", 2, "<b has no end"),
+            ("<a/>\n<!-- x -->\n<b></b>", 3, "<b> after the end of <a>"),
+            ("<a></a><!-- x -->\nb\n", 2, "text after the end of <a>"),
             (
                 "<a\nx='1'><!--\n</b>\n--></b>",
                 4,
@@ -199,7 +218,11 @@ mod tests {
             assert_eq!(at, line, "{text}: {problem}");
             assert!(problem.contains(says), "{text}: {problem}");
         }
-        for text in ["", "hello", "<a><b/><c d='</e>'></c><!-- <f> --></a>"] {
+        for text in [
+            "",
+            "hello",
+            "<a><b/><c d='</e>'></c><!-- <f> --></a>\n<!-- b -->\n",
+        ] {
             assert_eq!(unbalanced(text), None, "{text}");
         }
     }

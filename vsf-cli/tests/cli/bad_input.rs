@@ -91,7 +91,7 @@ fn clouds_beyond_reach() {
     let bench = Bench::new();
     let points: Vec<f64> = (0..480).map(|k| 1e6 + k as f64).collect();
     npy(&bench.root.join("data/points.npy"), &[160, 3], &points);
-    bench.fails(INFO, 1, &["rest point 0", "beyond 1e6 m", "units"]);
+    bench.fails(INFO, 1, &["points.npy row 0 y", "beyond 1e6 m", "units"]);
     let points: Vec<f64> = (0..480).map(|k| 1e5 + k as f64).collect();
     npy(&bench.root.join("data/points.npy"), &[160, 3], &points);
     let given = "estimate data --prior-sd 1 --noise-sd 1";

@@ -211,11 +211,6 @@ fn what_cannot_be_worked_with_is_no_recording() {
             &["a.csv: sequence 000 row 1 joint 3: a torque of 1e300"],
         ),
         (
-            "0,0,0,0,0,0,0\n0.1,0,0,0,0,0,0",
-            "--box 1e8,0,0,100000000.1,0.1,0.1",
-            &["rest point 0", "e8 m"],
-        ),
-        (
             "0,0,0,0,0,0,0",
             "--torque-kind measured",
             &["at least two samples"],
@@ -230,6 +225,8 @@ fn what_cannot_be_worked_with_is_no_recording() {
         bench.fails(&line, 1, parts);
         assert!(!bench.root.join("new").exists(), "{line}");
     }
+    let far = format!("{import} --box 1e8,0,0,100000000.1,0.1,0.1");
+    bench.fails(&far, 2, &["--box: 1e8 m is beyond 1e6 m"]);
 }
 
 /// A motion that is planned has no torques: it is predicted as the recording of the same motion is.

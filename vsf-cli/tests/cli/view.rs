@@ -227,7 +227,7 @@ fn what_is_refused() {
         &[160, 3],
         &[1e300; 480],
     );
-    refused("view truth --out a.html", 1, &["truth", "point 0", "1e6 m"]);
+    refused("view truth --out a.html", 1, &["truth", "row 0 x", "1e6 m"]);
 
     let mut angles = vec![0.0; 3 * ROWS];
     angles[3 * 5] = 1e9;

@@ -22,8 +22,9 @@ fn positive() -> impl Strategy<Value = f64> {
     prop::num::f64::POSITIVE | prop::num::f64::NORMAL
 }
 
+/// Within reach.
 fn point() -> impl Strategy<Value = Point3<f64>> {
-    [number(), number(), number()].prop_map(Point3::from)
+    [number(), number(), number()].prop_map(|p| Point3::from(p.map(|c| c % 1e6)))
 }
 
 fn table(rows: usize, cols: usize) -> impl Strategy<Value = Table> {
@@ -569,6 +570,33 @@ fn points_of_an_ascii_ply() {
             "{error}"
         );
     }
+    let data = "0.5 1 2\n-1 0 7\n3 0 1 1\n";
+    for (header, data, part) in [
+        (
+            header.replace("property int z", "property int y\nproperty int z"),
+            data,
+            "its header names a property twice",
+        ),
+        (
+            header.replace("element face", "element vertex"),
+            data,
+            "its header names an element twice",
+        ),
+        (
+            header.to_owned(),
+            "0.5 1 2\n-1 0 7 8\n3 0 1 1\n",
+            "vertex 1 has 4 numbers, but its header has 3 properties",
+        ),
+        (
+            header.to_owned(),
+            "0.5 1 2\n-1 2e6 7\n3 0 1 1\n",
+            "row 1 y: 2e6 m is beyond 1e6 m",
+        ),
+    ] {
+        fs::write(&path, header + data).unwrap();
+        let error = read_ply_points(&path).unwrap_err().to_string();
+        assert!(error.contains(part), "{error}");
+    }
     fs::write(&path, header.replace("vertex 2", "vertex 99999999999")).unwrap();
     assert!(matches!(read_ply_points(&path), Err(DataError::Ply { .. })));
 }
@@ -719,6 +747,10 @@ fn pcd_files_that_are_refused() {
     refused(
         pcd(1, "binary") + &"1".repeat(2 * 31),
         "2 points, but its header",
+    );
+    refused(
+        pcd(1, "ascii").replace("HEIGHT 1", "HEIGHT 480") + row,
+        "WIDTH 1, HEIGHT 480 and POINTS 1",
     );
     refused(pcd(0, "ascii"), "empty");
     refused("ply\n".to_owned(), "DATA");
