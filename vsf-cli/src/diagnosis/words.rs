@@ -57,7 +57,7 @@ pub fn errors(diagnosis: &Diagnosis) -> String {
             && !diagnosis.location.region.is_empty()
             && gap.test_error_nominal > ROUGH * gap.noise_floor
         {
-            " What is left is places not touched before, and contact that independent points describe roughly."
+            " What is left is the field's: places of which train touches tell little, and contact that independent points describe roughly."
         } else {
             ""
         };
