@@ -517,8 +517,8 @@ fn nothing_seen_is_the_prior() {
     }
 }
 
-/// Interior point solution of `min x^T H x / 2 - b^T x`, `x >= 0`.
-fn clarabel(h: &DMatrix<f64>, b: &DVector<f64>) -> Vec<f64> {
+/// Interior point solution of `min x^T H x / 2 - b^T x`, `x >= 0`; none where it gets stuck, as it seldom does.
+fn clarabel(h: &DMatrix<f64>, b: &DVector<f64>) -> Option<Vec<f64>> {
     let n = b.len();
     let upper: Vec<Vec<f64>> = (0..n)
         .map(|i| {
@@ -542,8 +542,12 @@ fn clarabel(h: &DMatrix<f64>, b: &DVector<f64>) -> Vec<f64> {
     let mut solver =
         DefaultSolver::new(&p, &q, &a, &zeros, &[NonnegativeConeT(n)], settings).unwrap();
     solver.solve();
-    assert_eq!(solver.solution.status, SolverStatus::Solved);
-    solver.solution.x.clone()
+    let status = solver.solution.status;
+    assert!(
+        matches!(status, SolverStatus::Solved | SolverStatus::MaxIterations),
+        "{status:?}"
+    );
+    (status == SolverStatus::Solved).then(|| solver.solution.x.clone())
 }
 
 #[derive(Debug, Clone)]
@@ -681,7 +685,10 @@ proptest! {
             let h = DMatrix::from_fn(t, t, |i, j| h[(i, j)] / (unit[i] * unit[j]));
             let b = b.component_div(&unit) / size;
             let x = x_t.component_mul(&unit) / size;
-            let other = DVector::from_vec(clarabel(&h, &b));
+            // Another case in the place of one that only the optimality conditions answer for.
+            let other = clarabel(&h, &b);
+            prop_assume!(other.is_some());
+            let other = DVector::from_vec(other.unwrap_or_default());
             let objective = |x: &DVector<f64>| 0.5 * x.dot(&(&h * x)) - b.dot(x);
             let (ours, theirs) = (objective(&x), objective(&other));
             prop_assert!((ours - theirs).abs() < 1e-7, "{ours}, {theirs}");
