@@ -27,12 +27,13 @@ pub(crate) fn unbalanced(text: &str) -> Option<(usize, String)> {
             return Some((line(tag), format!("<{} has no end", name(tag))));
         }
         end = place(text, tag) + tag.len();
-        let is_element = !["</", "<?", "<!"].iter().any(|s| tag.starts_with(s));
-        if let (true, true, Some(first)) = (is_element, open.is_empty(), outermost) {
-            let problem = format!("<{}> after the end of <{first}>", name(tag));
-            return Some((line(tag), problem));
+        if begins_element(tag) {
+            if let (true, Some(first)) = (open.is_empty(), outermost) {
+                let problem = format!("<{}> after the end of <{first}>", name(tag));
+                return Some((line(tag), problem));
+            }
+            outermost = outermost.or(Some(name(tag)));
         }
-        outermost = outermost.or(is_element.then(|| name(tag)));
         if let Some(closed) = tag.strip_prefix("</").map(|_| name(tag)) {
             match open.pop() {
                 Some(opened) if name(opened) == closed => {}
@@ -109,10 +110,12 @@ pub(crate) fn children(text: &str) -> Vec<Child<'_>> {
 
 /// Whether a tag opens an element that another one closes.
 fn opens(tag: &str) -> bool {
-    !(tag.starts_with("</")
-        || tag.starts_with("<?")
-        || tag.starts_with("<!")
-        || tag.ends_with("/>"))
+    begins_element(tag) && !tag.ends_with("/>")
+}
+
+/// Whether a tag begins an element, which it may be the whole of.
+fn begins_element(tag: &str) -> bool {
+    !["</", "<?", "<!"].iter().any(|s| tag.starts_with(s))
 }
 
 /// Where a part of the text begins.
