@@ -1,10 +1,11 @@
 use crate::effect::{Need, Site};
+use crate::known_contacts::KnownContacts;
 use crate::noise::{JointNoise, NoiseFloor};
 use crate::rounding::Rounding;
-use crate::{Acts, ContactLog, GapError, Model, Motion, effect::slides};
+use crate::{ContactLog, GapError, Model, Motion, effect::slides};
 use nalgebra::Vector3;
 use rayon::prelude::*;
-use std::sync::{Arc, OnceLock};
+use std::sync::Arc;
 use vsf_data::{Dataset, Sequence};
 use vsf_pipeline::{Scene, SceneOptions, robot_of};
 
@@ -32,8 +33,8 @@ pub struct Campaign {
     touched: Touched,
     /// Whether the train sequences hold free motion.
     moves_free: bool,
-    /// Contacts of the nominal model, of train and test sequences; empty until they are asked for.
-    contacts: Vec<OnceLock<Arc<ContactLog>>>,
+    /// Of train and test sequences.
+    contacts: Arc<[KnownContacts]>,
 }
 
 impl std::fmt::Debug for Campaign {
@@ -171,7 +172,7 @@ impl Campaign {
             scene,
             fields: None,
             threshold_is_free: false,
-            contacts: vec![OnceLock::new(); trained.len() + tested.len()],
+            contacts: KnownContacts::of_none(trained.len() + tested.len()),
             train: trained.into(),
             test: tested.into(),
             noise: Vec::new(),
@@ -284,8 +285,9 @@ impl Campaign {
         &self.test
     }
 
-    /// Contacts of several sequences. Models whose effects leave contacts as they are share those of the
-    /// nominal model, where the sequences are those of this campaign, or of a clone, themselves and no copies.
+    /// Contacts of several sequences. Of sequences of this campaign, or of a clone, themselves and no copies, they are
+    /// remembered: those of the nominal model, which all models share whose effects leave contacts as they are, and of the
+    /// last few other models.
     ///
     /// # Errors
     /// As [`Campaign::contact_log`].
@@ -294,22 +296,14 @@ impl Campaign {
         model: &Model,
         motions: &[&Motion],
     ) -> Result<Vec<Arc<ContactLog>>, GapError> {
-        let is_nominal = model.acts() != Acts::Contact;
         let log = |motion: &&Motion| {
-            let mut own = self
-                .train
-                .iter()
-                .chain(self.test.iter())
-                .zip(&self.contacts);
-            let shared = own.find(|(m, _)| is_nominal && std::ptr::eq(*m, *motion));
-            if let Some(log) = shared.and_then(|(_, contacts)| contacts.get()) {
-                return Ok(log.clone());
+            let run = || self.contact_log(model, motion);
+            let own = self.train.iter().chain(self.test.iter());
+            let mut known = own.zip(&*self.contacts);
+            match known.find(|(own, _)| std::ptr::eq(*own, *motion)) {
+                Some((_, known)) => known.of(model, run),
+                None => run().map(Arc::new),
             }
-            let log = Arc::new(self.contact_log(model, motion)?);
-            Ok(match shared {
-                Some((_, contacts)) => contacts.get_or_init(|| log).clone(),
-                None => log,
-            })
         };
         motions.par_iter().map(log).collect()
     }
@@ -359,7 +353,7 @@ impl Campaign {
             site: self.site.clone(),
             scene: self.scene.clone(),
             fields: self.fields.clone(),
-            contacts: vec![OnceLock::new(); train.len() + test.len()],
+            contacts: KnownContacts::of_none(train.len() + test.len()),
             train,
             test,
             noise: self.noise.clone(),

@@ -67,6 +67,7 @@ mod fitted;
 mod gauge;
 mod halves;
 mod judge;
+mod known_contacts;
 mod limits;
 mod links;
 mod locate;

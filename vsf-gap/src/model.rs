@@ -48,6 +48,25 @@ impl Model {
         acts.max().unwrap_or(Acts::Torques)
     }
 
+    /// The model with the effects alone that act on this.
+    pub(crate) fn acting_on(&self, acts: Acts) -> Self {
+        let parts = self.parts.iter().filter(|(e, _)| e.acts() == acts);
+        Self {
+            parts: parts.cloned().collect(),
+        }
+    }
+
+    /// Whether another has the very same effects and parameters, in the same order.
+    pub(crate) fn is(&self, other: &Self) -> bool {
+        self.parts.len() == other.parts.len()
+            && (self.parts.iter().zip(&other.parts)).all(|((a, x), (b, y))| {
+                Arc::ptr_eq(a, b)
+                    && x.iter()
+                        .map(|v| v.to_bits())
+                        .eq(y.iter().map(|v| v.to_bits()))
+            })
+    }
+
     /// Its effects as one: each changes what those before it left, and object shifts add up.
     ///
     /// # Errors
