@@ -3,6 +3,7 @@
 use crate::exit::usage;
 use std::ops::RangeInclusive;
 use std::path::PathBuf;
+use vsf::core::RestPoints;
 use vsf::core::nalgebra::Point3;
 
 const MOST: f64 = 1e100;
@@ -109,8 +110,7 @@ pub fn corners(given: &[f64]) -> anyhow::Result<[Point3<f64>; 2]> {
         return Err(usage(format!("--box takes 6 numbers, {count} given")));
     };
     let (a, b) = (Point3::new(ax, ay, az), Point3::new(bx, by, bz));
-    const FARTHEST: f64 = 1e6;
-    if let Some(far) = given.iter().find(|c| c.abs() > FARTHEST) {
+    if let Some(far) = given.iter().find(|c| c.abs() > RestPoints::FARTHEST) {
         Err(usage(format!(
             "--box: {far:e} m is beyond 1e6 m; check units"
         )))

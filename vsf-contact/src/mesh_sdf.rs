@@ -6,7 +6,7 @@ use crate::{ContactError, Sdf, SdfSample};
 use nalgebra::{Point3, Vector3};
 use rayon::prelude::*;
 use std::collections::HashMap;
-use vsf_core::TriMesh;
+use vsf_core::{RestPoints, TriMesh};
 
 /// Cells of the lattice that looks for openings along the diagonal of the mesh.
 const CLOSING_CELLS: f64 = 128.0;
@@ -15,9 +15,8 @@ const LONGEST_EDGE: f64 = 16.0;
 const CLOSING_MAX_NODES: usize = 4_000_000;
 /// Nearer to the surface than this the normal is that of the face \[m\].
 const ON_SURFACE: f64 = 1e-9;
-/// Least diagonal and farthest coordinate of a mesh (m).
+/// Least diagonal of a mesh (m).
 const SMALLEST: f64 = 1e-6;
-const FARTHEST: f64 = 1e6;
 
 /// The exact signed distance of a triangle mesh, which may be open: the slow reference (some
 /// microseconds a sample) that a [`GridSdf`](crate::GridSdf) is baked from.
@@ -73,7 +72,7 @@ impl MeshSdf {
 
         let diagonal = (upper - lower).norm();
         let farthest = lower.coords.amax().max(upper.coords.amax());
-        if !(diagonal >= SMALLEST && farthest <= FARTHEST) {
+        if !(diagonal >= SMALLEST && farthest <= RestPoints::FARTHEST) {
             return Err(ContactError::MeshSize {
                 extent: diagonal,
                 farthest,

@@ -37,14 +37,14 @@ pub struct Cell<'a> {
     pub points: &'a [u32],
 }
 
-/// Coordinates of more (m) are no meters.
-const FARTHEST: f64 = 1e6;
-
 impl RestPoints {
+    /// Largest coordinate (m): more are no meters. As far as anything is from the origin here: bases, meshes, boxes.
+    pub const FARTHEST: f64 = 1e6;
+
     /// Takes the positions and builds the grid, in O(N).
     ///
     /// # Errors
-    /// A coordinate that is not finite or beyond 1e6 m, or more than `u32::MAX - 1` points.
+    /// A coordinate that is not finite or beyond [`FARTHEST`](Self::FARTHEST), or more than `u32::MAX - 1` points.
     pub fn new(positions: Vec<Point3<f64>>) -> Result<Self, CoreError> {
         let n = positions.len();
         if n >= u32::MAX as usize {
@@ -62,7 +62,7 @@ impl RestPoints {
                     value,
                 });
             }
-            if let Some(&value) = p.iter().find(|c| c.abs() > FARTHEST) {
+            if let Some(&value) = p.iter().find(|c| c.abs() > Self::FARTHEST) {
                 return Err(CoreError::TooFar { index, value });
             }
         }

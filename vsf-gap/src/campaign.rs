@@ -296,6 +296,8 @@ impl Campaign {
         model: &Model,
         motions: &[&Motion],
     ) -> Result<Vec<Arc<ContactLog>>, GapError> {
+        // Contacts that are known would hide parameters that effects refuse.
+        model.compensator(&self.site)?;
         let log = |motion: &&Motion| {
             let run = || self.contact_log(model, motion);
             let own = self.train.iter().chain(self.test.iter());

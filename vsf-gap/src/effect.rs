@@ -111,7 +111,8 @@ pub trait Effect: Send + Sync {
         (0..parameters.len()).filter(amplitude).collect()
     }
 
-    /// The effect with parameters `theta`, in the order of [`Effect::parameters`].
+    /// The effect with parameters `theta`, in the order of [`Effect::parameters`]. With the same parameters it is always the
+    /// same: contacts under it are remembered.
     ///
     /// # Errors
     /// Parameters of another number, or that the robot cannot take.

@@ -29,18 +29,19 @@ impl KnownContacts {
         run: impl FnOnce() -> Result<ContactLog, GapError>,
     ) -> Result<Arc<ContactLog>, GapError> {
         let model = model.acting_on(Acts::Contact);
-        let is_nominal = model.parts.is_empty();
-        let known = match is_nominal {
-            true => self.nominal.get().cloned(),
-            false => self.recall(&model),
-        };
-        if let Some(log) = known {
+        if model.parts.is_empty() {
+            return match self.nominal.get() {
+                Some(log) => Ok(log.clone()),
+                None => run().map(|log| self.nominal.get_or_init(|| Arc::new(log)).clone()),
+            };
+        }
+        if let Some(log) = self.recall(&model) {
             return Ok(log);
         }
         // Not under the lock: another thread may need other contacts of the same sequence meanwhile.
         let log = Arc::new(run()?);
-        if is_nominal {
-            return Ok(self.nominal.get_or_init(|| log).clone());
+        if let Some(log) = self.recall(&model) {
+            return Ok(log);
         }
         let mut changed = self.changed.lock().unwrap_or_else(PoisonError::into_inner);
         if changed.len() == KEPT {

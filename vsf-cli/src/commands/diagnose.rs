@@ -34,9 +34,10 @@ told from, is an object whose stiffness differs from place to place.
 
 JSON keys: schema, dataset, gap (test_error_nominal, test_error_corrected, noise_floor, noise_floor_is_bound: whether it is at most that, as read in contact, closed_fraction: share of \
 the squared errors beyond noise, closed_interval, unit, corrected_by, estimated: whether the errors are of fields of `vsf estimate`, \
-threshold, threshold_nominal: contact thresholds (m) of the corrected and of the nominal model's field), where (joint, phase, link, sequence and frequency, each a list of its own key, share, \
+threshold, threshold_nominal: contact thresholds (m) of the corrected and of the nominal model's field, free and contact: the \
+errors with nothing touched and in contact, where there is both (nominal, corrected, samples)), where (joint, phase, link, sequence and frequency, each a list of its own key, share, \
 interval and excess; region: center, radius, share), effects (effect, summary, probability, score, null_score, parameters (name, \
-value, std, unit), undetermined, at_bound, shapes_at_bound, joints, test_error, closed_fraction, test_score, absorbed_share, ambiguous_with, shows_from \
+value, std, unit), undetermined, at_bound, shapes_at_bound, joints, roughness (contact, joint, walk: what the fit takes for the roughness of the model), test_error, closed_fraction, test_score, absorbed_share, ambiguous_with, shows_from \
 (name, value: the size of the parameter below which the effect would not show, null where no plausible one \
 does, unit; the parameter that shows best first), testable, reason), verdict (effects, kind: effects, no_gap, unknown or not_diagnosable, probability, effect_set_95, \
 hidden: the probability that an effect acts which the stiffness takes up, shared by the effects where there is no gap), \

@@ -28,7 +28,7 @@ Examples:
 
 With a corrected model (--model) predicted torques have its effects in them; in free air it alone predicts.
 
-An .mcap file holds ROS 2 messages: /joint_states of all sequences of a recording, effort being its torques; with a field, /stiffness_field (PointCloud2, frame world: x, y, z, stiffness, sd, rgb) at the start of each of them, and of the torques that it predicts, /predicted/joint_states and their standard deviations, /predicted/joint_states_sd, both as effort and to be compared with the recorded ones (gravity and offsets as there). Stamps start at 1 s, sequences are 2 s apart. `vsf import` makes the recording of it again.
+An .mcap file holds ROS 2 messages: /joint_states of all sequences of a recording, effort being its torques, and /tf, the pose of the robot's root link in the frame world (viewers that have the URDF show the arm there); with a field, /stiffness_field (PointCloud2, frame world: x, y, z, stiffness, sd, rgb) at the start of each of them, and of the torques that it predicts, /predicted/joint_states and their standard deviations, /predicted/joint_states_sd, both as effort and to be compared with the recorded ones (gravity and offsets as there). Stamps start at 1 s, sequences are 2 s apart. `vsf import` makes the recording of it again.
 
 JSON keys: written.")]
 pub struct Args {
@@ -113,10 +113,12 @@ fn from_recording(args: &Args, console: &Console) -> anyhow::Result<Vec<PathBuf>
                 "--deviation and --full-scale are of a field; give it by --field",
             ));
         }
-        let joints = names(&recording.robot()?);
+        let robot = recording.robot()?;
+        let joints = names(&robot);
         let export = McapExport {
             recording: Some(dataset),
             joints: &joints,
+            base: base(&robot),
             ..McapExport::default()
         };
         for out in &args.out {
@@ -148,6 +150,7 @@ fn from_recording(args: &Args, console: &Console) -> anyhow::Result<Vec<PathBuf>
     let export = McapExport {
         recording: Some(dataset),
         joints: &joints,
+        base: base(scene.robot()),
         predictions: &predictions,
         ..McapExport::default()
     };
@@ -226,6 +229,10 @@ fn write_field(
         }
     }
     Ok(args.out.clone())
+}
+
+fn base(robot: &RobotModel) -> Option<&str> {
+    robot.links().first().map(|link| link.name())
 }
 
 fn names(robot: &RobotModel) -> Vec<String> {

@@ -44,7 +44,7 @@ the robot, from 1 or from 0. Other columns are ignored. Each file begins a new s
 
 Without points the recording is one of free motion, for `vsf diagnose`.
 
-JSON keys: out, topic (null of CSV files), joints, points, sequences (sequence, samples, duration_s, split, file (of CSV files)).")]
+JSON keys: out, robot, topic (null of CSV files), joints, points, sequences (sequence, samples, duration_s, split, file (of CSV files)).")]
 pub struct Args {
     /// MCAP files, in the order of recording, the folder of a ROS 2 bag, or CSV files
     #[arg(required = true)]
@@ -90,6 +90,7 @@ pub struct Args {
 #[derive(Serialize)]
 struct Report {
     out: String,
+    robot: String,
     /// None of CSV files.
     topic: Option<String>,
     joints: Vec<String>,
@@ -198,9 +199,10 @@ pub fn run(args: &Args, console: &Console) -> anyhow::Result<()> {
     let robot = robot_of(&dataset, &packages).map_err(|e| explain(&args.metadata, e))?;
     let sequences: Vec<&Sequence> = dataset.sequences.iter().collect();
     console.warn_all(motion_warnings(&robot, &sequences));
+    let name = robot.name().to_owned();
     check_readable(&dataset, robot).map_err(|e| in_file(&log, &dataset, e))?;
 
-    let report = report(args, &log, joints, &dataset);
+    let report = report(args, &log, name, joints, &dataset);
     save(dataset, &packages, &args.out, Vec::new())?;
     console.json(&report)?;
     console.report(text(&report))
@@ -247,7 +249,7 @@ fn exchanged(names: &[String], joints: &[String]) -> Option<String> {
 fn in_flags(args: &Args, error: DataError) -> anyhow::Error {
     match &error {
         DataError::MissingKey { key: "robot", .. } => usage(
-            "--robot is required: a built-in robot such as kinova_gen3, or the path of a URDF",
+            "--robot is required: a built-in robot such as kinova_gen3, or the path of a URDF, which no recorded file holds",
         ),
         DataError::MissingKey {
             key: "torque_kind",
@@ -323,7 +325,13 @@ impl Filled {
     }
 }
 
-fn report(args: &Args, log: &JointLog, joints: Vec<String>, dataset: &Dataset) -> Report {
+fn report(
+    args: &Args,
+    log: &JointLog,
+    robot: String,
+    joints: Vec<String>,
+    dataset: &Dataset,
+) -> Report {
     let files = log.files_of(dataset);
     let split = |id: &String| {
         if dataset.splits.train.contains(id) {
@@ -343,6 +351,7 @@ fn report(args: &Args, log: &JointLog, joints: Vec<String>, dataset: &Dataset) -
     };
     Report {
         out: args.out.to_string_lossy().into_owned(),
+        robot,
         topic: log.topic().map(str::to_owned),
         joints,
         points: dataset.rest_points.as_ref().map_or(0, Vec::len),
@@ -369,16 +378,22 @@ fn text(report: &Report) -> String {
     };
     // Of free motion, `vsf diagnose` holds a sequence out.
     let tests = report.sequences.iter().any(|s| s.split == "test");
-    let untested = if tests || report.points == 0 || report.sequences.len() < 2 {
-        ""
-    } else {
-        "\nno sequence tests what the others teach (`vsf evaluate` needs one); --train and --test say which do\n"
+    let untested = match report.sequences.len() {
+        _ if tests || report.points == 0 => "",
+        1 => {
+            "\none sequence alone: nothing tests what it teaches (`vsf evaluate` needs a second one)\n"
+        }
+        _ => {
+            "\nno sequence tests what the others teach (`vsf evaluate` needs one); --train and --test say which do\n"
+        }
     };
     format!(
-        "wrote {}: {} joints from {}, {points}\n\n{}{untested}",
+        "wrote {}: {} joints of {} from {}, {points}\n\n{}{untested}\nwhat it looks like, and what looks wrong: vsf info {}\n",
         report.out,
         report.joints.len(),
+        report.robot,
         report.topic.as_deref().unwrap_or("CSV"),
-        table(&titles, &rows.collect::<Vec<_>>())
+        table(&titles, &rows.collect::<Vec<_>>()),
+        report.out
     )
 }

@@ -3,7 +3,7 @@ use super::torques::torques;
 use super::words::{
     NEVER_SHOWS, OUT_OF_SIGHT, SHOWS_FROM, SQUARES, all_looked_for, closed, determined, figures,
     fitted, fixed, headings, limits, look_alikes, none_of_these, out_of_sight, part, parts,
-    percent, screened_out, size, summary, touches, untestable,
+    percent, screened_out, size, summary, touches, untestable, what_is_left,
 };
 use crate::console::number;
 use crate::html::{Script, document, escape};
@@ -132,9 +132,10 @@ fn answer(d: &Diagnosis, found: Option<String>) -> String {
         format!("<span class=\"found\">{}</span>", escape(&found))
     });
     let parts = parts(gap).map_or_else(String::new, |parts| small(&parts));
+    let left = what_is_left(d).map_or_else(String::new, small);
     format!(
         "<p class=\"verdict {kind}\">{sentence}{found}</p>\n\
-         <dl class=\"numbers\">\n{numbers}</dl>\n{parts}{squares}"
+         <dl class=\"numbers\">\n{numbers}</dl>\n{parts}{squares}{left}"
     )
 }
 

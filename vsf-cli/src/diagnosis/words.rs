@@ -33,6 +33,20 @@ pub fn look_alikes<'e>(all: &[EffectReport], of: &'e EffectReport) -> (Vec<&'e s
 pub const SQUARES: &str = "What is closed is a share of the squared errors beyond noise, in which large errors \
     count more than in the mean.";
 
+/// Whose errors are left where no effect is found and a perfect model would err far less.
+pub fn what_is_left(diagnosis: &Diagnosis) -> Option<&'static str> {
+    let gap = &diagnosis.gap;
+    let is_the_fields = diagnosis.verdict.kind == VerdictKind::NoGap
+        && all_looked_for(diagnosis)
+        && gap.corrected_by.is_empty()
+        && !diagnosis.location.region.is_empty()
+        && gap.test_error_nominal > ROUGH * gap.noise_floor;
+    is_the_fields.then_some(
+        "What is left is the field's: places of which train touches tell little, and contact that independent points \
+         describe roughly.",
+    )
+}
+
 /// The errors before and after in one sentence.
 pub fn errors(diagnosis: &Diagnosis) -> String {
     let gap = &diagnosis.gap;
@@ -52,15 +66,7 @@ pub fn errors(diagnosis: &Diagnosis) -> String {
     };
     if gap.corrected_by.is_empty() {
         let error = number(gap.test_error_nominal);
-        let left = if diagnosis.verdict.kind == VerdictKind::NoGap
-            && all_looked_for(diagnosis)
-            && !diagnosis.location.region.is_empty()
-            && gap.test_error_nominal > ROUGH * gap.noise_floor
-        {
-            " What is left is the field's: places of which train touches tell little, and contact that independent points describe roughly."
-        } else {
-            ""
-        };
+        let left = what_is_left(diagnosis).map_or_else(String::new, |left| format!(" {left}"));
         return format!("Test error {error} {unit}{floor}; nothing is corrected.{left}");
     }
     let worse = gap.test_error_corrected > gap.test_error_nominal;

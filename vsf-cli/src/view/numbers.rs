@@ -3,10 +3,8 @@
 use base64::Engine;
 use base64::engine::general_purpose::STANDARD;
 use serde::Serialize;
+use vsf::core::RestPoints;
 use vsf::core::nalgebra::Point3;
-
-/// Largest magnitude of a coordinate [m], as in pictures.
-const FAR: f64 = 1e6;
 
 /// An array of numbers of one type.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize)]
@@ -34,7 +32,7 @@ impl Numbers {
 
 /// Refuses places that cannot be drawn; `what` is said of the point.
 pub fn check_near(p_W: &Point3<f64>, what: impl FnOnce() -> String) -> anyhow::Result<()> {
-    if p_W.iter().all(|v| v.abs() <= FAR) {
+    if p_W.iter().all(|v| v.abs() <= RestPoints::FARTHEST) {
         Ok(())
     } else {
         anyhow::bail!("{} is at {p_W:?} m, beyond 1e6 m; check units", what())

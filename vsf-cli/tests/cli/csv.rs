@@ -257,7 +257,12 @@ fn motions_that_are_planned_need_no_torques() {
         2,
         &["--test", "no sequence \"0\"", "000, 001"],
     );
-    bench.ok(&format!("{import} --planned"));
+    let text = bench.ok(&format!("{import} --planned"));
+    assert!(
+        text.contains("3 joints of cartesian_stage from CSV"),
+        "{text}"
+    );
+    assert!(text.contains("vsf info plan"), "{text}");
     for recording in ["touch", "plan"] {
         bench.ok(&format!(
             "predict {recording} --field truth --threshold 0.002 --out of_{recording}"

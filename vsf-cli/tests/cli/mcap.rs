@@ -62,6 +62,7 @@ fn exports_come_back_as_they_were() {
     bench.ok("export touch --out plain.mcap");
     let json = bench.ok("import plain.mcap --out back --json");
     assert!(json.contains("\"topic\": \"/joint_states\""), "{json}");
+    assert!(json.contains("\"robot\": \"cartesian_stage"), "{json}");
     same_arrays(
         &root.join("touch"),
         &root.join("back"),

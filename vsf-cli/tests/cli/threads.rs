@@ -12,7 +12,7 @@ fn files_do_not_depend_on_threads() {
         for line in [
             "estimate --out field.npz --json=estimate.json",
             "estimate --estimator replay --out online.npz",
-            "diagnose --train 000 --test 001 --effects torque_bias --html gap.html --model model.json --json=gap.json",
+            "diagnose --train 000 --test 001 --effects torque_bias,geometry_padding --html gap.html --model model.json --json=gap.json",
         ] {
             let output = Command::new(env!("CARGO_BIN_EXE_vsf"))
                 .args(line.split_whitespace())

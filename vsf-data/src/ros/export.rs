@@ -1,5 +1,7 @@
 use super::container::{Output, wrong};
-use super::messages::{JOINT_STATE, LAST, POINT_CLOUD, SECOND, joint_state, point_cloud};
+use super::messages::{
+    JOINT_STATE, LAST, POINT_CLOUD, SECOND, TRANSFORMS, joint_state, point_cloud, transform,
+};
 use super::{RECORDED, times_path};
 use crate::colormap::Scale;
 use crate::dataset::POINTS;
@@ -33,6 +35,7 @@ pub struct EffortPrediction {
 /// | topic | type | what |
 /// | --- | --- | --- |
 /// | `/joint_states` | `sensor_msgs/msg/JointState` | angles \[rad\], velocities if recorded, and as effort the torques of the recording \[N m\] (prismatic: m, N) |
+/// | `/tf` | `tf2_msgs/msg/TFMessage` | with every joint state the pose of the [base](Self::base) in the frame `world` |
 /// | `/predicted/joint_states` | the same | as effort the predicted torques; nothing else |
 /// | `/predicted/joint_states_sd` | the same | as effort their standard deviations; nothing else |
 /// | `/stiffness_field` | `sensor_msgs/msg/PointCloud2` | the same cloud at the start of every sequence: `x y z` \[m\] in the frame `world`, `stiffness` and, if known, `sd` [N/m], `rgb`; `float32` |
@@ -60,6 +63,9 @@ pub struct McapExport<'a> {
     pub recording: Option<&'a Dataset>,
     /// Names of its joints, one per column.
     pub joints: &'a [String],
+    /// Name of the robot's root link, if viewers are to know where it is: with it and the robot's URDF they show the arm at
+    /// the cloud.
+    pub base: Option<&'a str>,
     /// Predictions for its sequences, one each in their order, or none at all.
     pub predictions: &'a [EffortPrediction],
     /// The field.
@@ -165,6 +171,9 @@ impl McapExport<'_> {
         let mean = topic_of("/predicted/joint_states", !predictions.is_empty())?;
         let has_sd = predictions.iter().any(|p| p.sd.is_some());
         let sd = topic_of("/predicted/joint_states_sd", has_sd)?;
+        let poses = (self.base)
+            .map(|base| Ok((base, out.topic("/tf", &TRANSFORMS)?)))
+            .transpose()?;
         let state = |stamp, position: &[f64], velocity: &[f64], effort: &[f64]| {
             joint_state(stamp, self.joints, position, velocity, effort)
         };
@@ -178,6 +187,10 @@ impl McapExport<'_> {
             let velocity = s.velocities.as_ref().map_or(&[][..], |v| &v[row]);
             let measured = state(stamp, &s.angles[row], velocity, &s.torques[row]);
             out.message(joints, number, stamp, &measured)?;
+            if let Some((base, topic)) = poses {
+                let pose = transform(stamp, FRAME, base, &recording.base_pose);
+                out.message(topic, number, stamp, &pose)?;
+            }
             let of = predictions.get(i);
             let tables = [
                 (mean, of.map(|p| &p.mean)),

@@ -25,7 +25,7 @@ impl JointLog {
     /// [`McapExport`](crate::McapExport) did not write say nothing.
     ///
     /// # Errors
-    /// Damaged metadata, a robot whose URDF is not there.
+    /// Damaged metadata; a robot that is a URDF, which is not in the file, unless it is `given`.
     pub fn metadata(&self, given: &Overrides) -> Result<Overrides, DataError> {
         Ok(self.all_metadata(given)?.0)
     }
@@ -43,7 +43,7 @@ impl JointLog {
     ///
     /// # Errors
     /// [`DataError::MissingKey`] without a robot or a kind of torque, neither of which joint states
-    /// tell; [`DataError::Argument`] for joints that are empty or there twice, and for a `gap` that leaves most samples
+    /// tell, and for a robot that is a URDF and not `given`; [`DataError::Argument`] for joints that are empty or there twice, and for a `gap` that leaves most samples
     /// alone; [`DataError::Message`] for
     /// positions or efforts that are missing or not finite; [`DataError::Message`] or
     /// [`DataError::Advised`] for stamps that do not increase, velocities of which some are missing or
@@ -164,7 +164,20 @@ impl JointLog {
         let folder = file.parent().unwrap_or(Path::new(""));
         let (path, bytes) = self.part(metadata::FILE).unwrap_or((file.clone(), b"{}"));
         let stem = file.file_stem().unwrap_or_default().to_string_lossy();
-        let (mut metadata, extra) = metadata::parse(&path, bytes, folder, given)?;
+        let parsed = metadata::parse(&path, bytes, folder, given);
+        // A file of that name which happens to lie here may be of any robot.
+        let is_urdf = match &parsed {
+            Ok((metadata, _)) => metadata.robot.as_ref().is_some_and(|r| r.path.is_some()),
+            Err(error) => matches!(error, DataError::RobotNotFound { .. }),
+        };
+        if is_urdf && given.robot.is_none() {
+            return Err(DataError::MissingKey {
+                path,
+                key: "robot",
+                hint: "it is a URDF, which is not in this file: give its path",
+            });
+        }
+        let (mut metadata, extra) = parsed?;
         metadata.name.get_or_insert(stem.into_owned());
         Ok((metadata, extra))
     }

@@ -3,6 +3,7 @@
 use super::wire::{Reader, Writer};
 use crate::StiffnessField;
 use crate::colormap::Scale;
+use nalgebra::Isometry3;
 
 /// Nanoseconds in a second.
 pub(crate) const SECOND: i64 = 1_000_000_000;
@@ -61,6 +62,41 @@ string name
 uint32 offset
 uint8 datatype
 uint32 count
+================================================================================
+MSG: std_msgs/Header
+builtin_interfaces/Time stamp
+string frame_id
+================================================================================
+MSG: builtin_interfaces/Time
+int32 sec
+uint32 nanosec
+",
+};
+
+pub(crate) const TRANSFORMS: Definition = Definition {
+    name: "tf2_msgs/msg/TFMessage",
+    text: "\
+geometry_msgs/TransformStamped[] transforms
+================================================================================
+MSG: geometry_msgs/TransformStamped
+std_msgs/Header header
+string child_frame_id
+geometry_msgs/Transform transform
+================================================================================
+MSG: geometry_msgs/Transform
+geometry_msgs/Vector3 translation
+geometry_msgs/Quaternion rotation
+================================================================================
+MSG: geometry_msgs/Vector3
+float64 x
+float64 y
+float64 z
+================================================================================
+MSG: geometry_msgs/Quaternion
+float64 x 0
+float64 y 0
+float64 z 0
+float64 w 1
 ================================================================================
 MSG: std_msgs/Header
 builtin_interfaces/Time stamp
@@ -170,7 +206,8 @@ pub(crate) fn joint_state(
     velocity: &[f64],
     effort: &[f64],
 ) -> Vec<u8> {
-    let mut to = header(stamp, "");
+    let mut to = Writer::new();
+    header(&mut to, stamp, "");
     to.texts(names);
     to.numbers(position);
     to.numbers(velocity);
@@ -204,7 +241,8 @@ pub(crate) fn point_cloud(
         data.extend([b, g, r, 0]);
     }
 
-    let mut to = header(stamp, frame);
+    let mut to = Writer::new();
+    header(&mut to, stamp, frame);
     to.u32(1);
     to.u32(width);
     to.u32(names.len() as u32);
@@ -222,19 +260,30 @@ pub(crate) fn point_cloud(
     Some(to.done())
 }
 
-/// Stamp from 0 to [`LAST`].
-fn header(stamp: i64, frame: &str) -> Writer {
+/// `tf2_msgs/msg/TFMessage` in CDR: the pose of one frame in another.
+pub(crate) fn transform(stamp: i64, frame: &str, child: &str, pose: &Isometry3<f64>) -> Vec<u8> {
     let mut to = Writer::new();
+    to.u32(1);
+    header(&mut to, stamp, frame);
+    to.text(child);
+    // Both x, y, z; the rotation then w.
+    let rotation = pose.rotation.coords;
+    let numbers = pose.translation.vector.iter().chain(&rotation);
+    numbers.for_each(|v| to.f64(*v));
+    to.done()
+}
+
+/// Stamp from 0 to [`LAST`].
+fn header(to: &mut Writer, stamp: i64, frame: &str) {
     to.i32((stamp / SECOND) as i32);
     to.u32((stamp % SECOND) as u32);
     to.text(frame);
-    to
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
-    use nalgebra::Point3;
+    use nalgebra::{Point3, Quaternion, Translation3, UnitQuaternion};
 
     fn state() -> JointState {
         JointState {
@@ -359,6 +408,29 @@ mod tests {
         ]
         .concat();
         assert_eq!(bytes, expected);
+    }
+
+    #[test]
+    fn val_transform_in_cdr() {
+        // Half a turn about z.
+        let turn = UnitQuaternion::new_unchecked(Quaternion::new(0.0, 0.0, 0.0, 1.0));
+        let pose = Isometry3::from_parts(Translation3::new(1.0, 0.0, -2.0), turn);
+        let one = [0, 0, 0, 0, 0, 0, 0xf0, 0x3f];
+        let expected = [
+            &[0, 1, 0, 0][..],
+            &[1, 0, 0, 0],
+            &[1, 0, 0, 0, 0x00, 0x65, 0xcd, 0x1d], // 1 s, 500000000 ns
+            &[2, 0, 0, 0, b'w', 0, 0, 0],          // frame_id, with padding
+            &[5, 0, 0, 0, b'b', b'a', b's', b'e', 0, 0, 0, 0], // child_frame_id, with padding
+            &one,
+            &[0; 8],
+            &[0, 0, 0, 0, 0, 0, 0, 0xc0],
+            &[0; 16],
+            &one,
+            &[0; 8],
+        ]
+        .concat();
+        assert_eq!(transform(1_500_000_000, "w", "base", &pose), expected);
     }
 
     #[test]

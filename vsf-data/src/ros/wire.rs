@@ -168,6 +168,10 @@ impl Writer {
         self.number(value.to_le_bytes());
     }
 
+    pub fn f64(&mut self, value: f64) {
+        self.number(value.to_le_bytes());
+    }
+
     /// A text of less than 4 GiB.
     pub fn text(&mut self, text: &str) {
         self.u32(text.len() as u32 + 1);
@@ -184,7 +188,7 @@ impl Writer {
     /// A sequence of less than 2^32 `float64`.
     pub fn numbers(&mut self, numbers: &[f64]) {
         self.u32(numbers.len() as u32);
-        numbers.iter().for_each(|v| self.number(v.to_le_bytes()));
+        numbers.iter().for_each(|v| self.f64(*v));
     }
 
     /// A sequence of less than 2^32 bytes.

@@ -591,13 +591,22 @@ fn robots_of_files_stay_files() {
     };
     export.save(&path).unwrap();
     let log = JointLog::open(&[&path], None, Clock::Header).unwrap();
-    let robot = log.metadata(&Overrides::default()).unwrap().robot.unwrap();
+    let given = Overrides {
+        robot: Some(dataset.robot.clone()),
+        ..Overrides::default()
+    };
+    let robot = log.metadata(&given).unwrap().robot.unwrap();
     assert_eq!(robot.path, dataset.robot.path);
+    // Nor is one that lies there taken for it.
+    let refused = || {
+        matches!(
+            log.metadata(&Overrides::default()),
+            Err(DataError::MissingKey { key: "robot", .. })
+        )
+    };
+    assert!(refused());
     folder.remove("planar_arm");
-    assert!(matches!(
-        log.metadata(&Overrides::default()),
-        Err(DataError::RobotNotFound { .. })
-    ));
+    assert!(refused());
 }
 
 /// What a file says of its sequences is not of those split anew.

@@ -639,6 +639,49 @@ fn effects_that_leave_contacts_as_they_are_share_those_of_the_nominal_model() {
     }
 }
 
+#[test]
+fn contacts_that_effects_change_are_remembered_and_not_mixed_up() {
+    let campaign = pressed();
+    let session = campaign.session();
+    let named = vsf_gap::effects::named(&["geometry_padding", "torque_bias"]).unwrap();
+    let bias = vec![0.1; named[1].parameters(campaign.site()).len()];
+    let padded = |by: f64| Model::of(&named[0], &[by]);
+    let logs = |model: &Model| campaign.contact_logs(model, &session).unwrap();
+    let first = logs(&padded(1e-3));
+    for again in [padded(1e-3), padded(1e-3).with(&named[1], &bias)] {
+        let again = logs(&again);
+        assert!(first.iter().zip(&again).all(|(a, b)| Arc::ptr_eq(a, b)));
+    }
+    // More than are kept, and back.
+    for by in [2e-3, 1e-3, -1e-3, 0.0, 3e-3, 1e-3] {
+        let model = padded(by);
+        for (known, motion) in logs(&model).iter().zip(&session) {
+            let own = campaign.contact_log(&model, motion).unwrap();
+            assert!(format!("{known:?}") == format!("{own:?}"), "{by}");
+        }
+    }
+    // A clone has the same; the same sequences elsewhere do not.
+    let last = logs(&padded(1e-3));
+    let of = |campaign: &Campaign| {
+        campaign
+            .contact_logs(&padded(1e-3), &campaign.session())
+            .unwrap()
+    };
+    assert!(
+        last.iter()
+            .zip(of(&campaign.clone()))
+            .all(|(a, b)| Arc::ptr_eq(a, &b))
+    );
+    assert!(
+        last.iter()
+            .zip(of(&pressed()))
+            .all(|(a, b)| !Arc::ptr_eq(a, &b))
+    );
+    // What effects refuse is refused, known contacts or not.
+    let wrong = padded(1e-3).with(&named[1], &bias[1..]);
+    assert!(campaign.contact_logs(&wrong, &session).is_err());
+}
+
 /// Rows of a motion.
 fn cut(motion: &Motion, rows: Range<usize>) -> Motion {
     let table = |of: &Table| {

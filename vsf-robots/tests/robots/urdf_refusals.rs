@@ -500,6 +500,9 @@ fn prefixes_that_are_none_are_refused() {
         "<robot name='a' xmlns='u' :b='1'/>",
         "<robot name='a' xmlns='u'><:b/></robot>",
         "<robot name='a' xmlns:xmlns='u'/>",
+        // Found by the fuzzer: the parser sees a name where quotes do not match.
+        "\u{1c}_<o.\n<<Q=\n'<\0\0\0\0<?'?/\u{1}\0\0?'\n=\n''''''/='\0,\0\0\0@<?<<Q=\n'<\0\0\0\0<?'?/='\0o\0\0?/=\
+         'xmlns:xmlns='\0,,,,,,,\0/'?/='\0,,,,,,,\0/i?/='\0,,,,,,,\0/'?/='\0,,,,,,$\0/i'/>",
     ] {
         let error = RobotModel::from_urdf_str(text, ".", &UrdfOptions::default());
         let error = error.unwrap_err().to_string();
