@@ -91,6 +91,11 @@ impl Console {
         }
     }
 
+    /// All warnings so far.
+    pub fn warnings(&self) -> Vec<String> {
+        self.warnings.borrow().clone()
+    }
+
     /// [`warn`](Self::warn) of each.
     pub fn warn_all(&self, warnings: impl IntoIterator<Item = impl Display>) {
         warnings.into_iter().for_each(|w| self.warn(w));

@@ -1,8 +1,13 @@
 use crate::{Acts, ContactLog, GapError, Model};
+use nalgebra::Vector3;
 use std::sync::{Arc, Mutex, OnceLock, PoisonError};
 
-/// Logs of models that change contact that are kept: searches return to the best of few neighbours, and logs are large.
-const KEPT: usize = 2;
+/// Bytes for the contacts of models that change them, of all sequences together. Searches return to the best of few
+/// neighbors: one or two logs of a sequence are most of what is asked for again.
+const BUDGET: usize = 128 << 20;
+
+/// A contact: point, link, displacement and normal.
+const CONTACT: usize = 2 * size_of::<u32>() + 2 * size_of::<Vector3<f64>>();
 
 /// Contacts of one sequence that were run already.
 #[derive(Default)]
@@ -11,12 +16,18 @@ pub(crate) struct KnownContacts {
     nominal: OnceLock<Arc<ContactLog>>,
     /// Of the last models that change them, the latest at the end. Of a model, the effects that act on contact.
     changed: Mutex<Vec<(Model, Arc<ContactLog>)>>,
+    /// Most bytes of these.
+    budget: usize,
 }
 
 impl KnownContacts {
     /// Of sequences whose contacts nobody asked for.
     pub(crate) fn of_none(sequences: usize) -> Arc<[Self]> {
-        (0..sequences).map(|_| Self::default()).collect()
+        let none = |_| Self {
+            budget: BUDGET / sequences,
+            ..Self::default()
+        };
+        (0..sequences).map(none).collect()
     }
 
     /// The contacts of a model: known, or as `run` finds them.
@@ -40,14 +51,9 @@ impl KnownContacts {
         }
         // Not under the lock: another thread may need other contacts of the same sequence meanwhile.
         let log = Arc::new(run()?);
-        if let Some(log) = self.recall(&model) {
-            return Ok(log);
+        if self.recall(&model).is_none() {
+            self.keep(model, &log);
         }
-        let mut changed = self.changed.lock().unwrap_or_else(PoisonError::into_inner);
-        if changed.len() == KEPT {
-            changed.remove(0);
-        }
-        changed.push((model, log.clone()));
         Ok(log)
     }
 
@@ -56,5 +62,67 @@ impl KnownContacts {
         let at = changed.iter().position(|(known, _)| known.is(model))?;
         changed[at..].rotate_left(1);
         changed.last().map(|(_, log)| log.clone())
+    }
+
+    fn keep(&self, model: Model, log: &Arc<ContactLog>) {
+        let mut changed = self.changed.lock().unwrap_or_else(PoisonError::into_inner);
+        changed.push((model, log.clone()));
+        let all: usize = changed.iter().map(|(_, log)| bytes(log)).sum();
+        let mut over = all.saturating_sub(self.budget);
+        while over > 0 {
+            over = over.saturating_sub(bytes(&changed.remove(0).1));
+        }
+    }
+}
+
+/// Of its contacts, which are most of a log.
+fn bytes(log: &ContactLog) -> usize {
+    let contacts: usize = log.contacts.iter().map(|c| c.len()).sum();
+    CONTACT * contacts
+}
+
+#[cfg(test)]
+#[allow(clippy::unwrap_used)]
+mod tests {
+    use super::*;
+    use vsf_core::Contacts;
+
+    /// A log of so many contacts.
+    fn log(contacts: u32) -> ContactLog {
+        let mut all = Contacts::new();
+        for k in 0..contacts {
+            all.push(k, 0, Vector3::z(), Vector3::z()).unwrap();
+        }
+        ContactLog {
+            postures: Vec::new(),
+            contacts: vec![all],
+            forces: Vec::new(),
+            rigid: Vec::new(),
+            moved: Vec::new(),
+        }
+    }
+
+    #[test]
+    fn beyond_the_budget_the_oldest_goes() {
+        let known = KnownContacts {
+            budget: 5 * CONTACT,
+            ..KnownContacts::default()
+        };
+        let padding = crate::effects::named(&["geometry_padding"]).unwrap();
+        let is_run = |by: f64, contacts: u32| {
+            let mut runs = false;
+            let run = || {
+                runs = true;
+                Ok(log(contacts))
+            };
+            known.of(&Model::of(&padding[0], &[by]), run).unwrap();
+            runs
+        };
+        assert!(is_run(1.0, 2) && is_run(2.0, 2));
+        // Asked for once more, the first is not the oldest.
+        assert!(!is_run(1.0, 2) && is_run(3.0, 3));
+        assert!(!is_run(1.0, 2) && !is_run(3.0, 3) && is_run(2.0, 2));
+        // More than fits is not kept, nor is anything beside it.
+        assert!(is_run(4.0, 6) && is_run(4.0, 6) && is_run(2.0, 2));
     }
 }

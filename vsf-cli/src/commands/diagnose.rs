@@ -101,7 +101,7 @@ pub fn run(args: &Args, console: &Console) -> anyhow::Result<()> {
     model.made_by = Some(MADE_BY.to_owned());
     let mut files = Vec::new();
     if let Some(path) = &args.html {
-        files.push((path.clone(), page(&outcome, &model)?));
+        files.push((path.clone(), page(&outcome, &model, &console.warnings())?));
     }
     if let Some(path) = &args.model {
         files.push((path.clone(), model.to_json()));

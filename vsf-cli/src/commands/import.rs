@@ -376,6 +376,10 @@ fn text(report: &Report) -> String {
         0 => "no points: free motion (--points or --box for an object)".to_owned(),
         n => format!("{n} points"),
     };
+    let joints = match report.joints.len() {
+        1 => "1 joint".to_owned(),
+        n => format!("{n} joints"),
+    };
     // Of free motion, `vsf diagnose` holds a sequence out.
     let tests = report.sequences.iter().any(|s| s.split == "test");
     let untested = match report.sequences.len() {
@@ -388,9 +392,9 @@ fn text(report: &Report) -> String {
         }
     };
     format!(
-        "wrote {}: {} joints of {} from {}, {points}\n\n{}{untested}\nwhat it looks like, and what looks wrong: vsf info {}\n",
+        "wrote {}: {} of {} from {}, {points}\n\n{}{untested}\nwhat it looks like, and what looks wrong: vsf info {}\n",
         report.out,
-        report.joints.len(),
+        joints,
         report.robot,
         report.topic.as_deref().unwrap_or("CSV"),
         table(&titles, &rows.collect::<Vec<_>>()),

@@ -85,12 +85,20 @@ fn of_report(args: &Args) -> anyhow::Result<String> {
     let report: Diagnosis = parse_json(text.as_bytes()).map_err(|e| {
         anyhow::anyhow!("{path} is no diagnosis, as `vsf diagnose --json` writes it: {e}")
     })?;
+    let told: Told = parse_json(text.as_bytes()).map_err(|e| anyhow::anyhow!("{path}: {e}"))?;
     match report.schema {
-        1 => Ok(page_of_report(&report)),
+        1 => Ok(page_of_report(&report, &told.warnings)),
         other => {
             anyhow::bail!("{path} is of schema {other}; this version reads schema 1: diagnose anew")
         }
     }
+}
+
+/// What stands in a diagnosis beside it.
+#[derive(serde::Deserialize)]
+struct Told {
+    #[serde(default)]
+    warnings: Vec<String>,
 }
 
 fn of_field(args: &Args, console: &Console) -> anyhow::Result<String> {

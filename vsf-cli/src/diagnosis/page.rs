@@ -20,25 +20,37 @@ const STYLE: &str = include_str!("page.css");
 const LEAST: f64 = 0.005;
 
 /// The diagnosis as one page that needs nothing else: no script, no network.
-pub fn page(outcome: &Outcome, model: &ModelFile) -> anyhow::Result<String> {
+pub fn page(outcome: &Outcome, model: &ModelFile, warnings: &[String]) -> anyhow::Result<String> {
     let torques = before_and_after(outcome)?;
     let found = found(
         &outcome.diagnosis.verdict,
         &model.effects,
         outcome.campaign.site(),
     );
-    Ok(with(&outcome.diagnosis, found, &torques, &model.effects))
+    Ok(with(
+        &outcome.diagnosis,
+        found,
+        warnings,
+        &torques,
+        &model.effects,
+    ))
 }
 
 /// The same of a report alone, which has no torques to draw.
-pub fn page_of_report(d: &Diagnosis) -> String {
-    with(d, None, "", &[])
+pub fn page_of_report(d: &Diagnosis, warnings: &[String]) -> String {
+    with(d, None, warnings, "", &[])
 }
 
-fn with(d: &Diagnosis, found: Option<String>, torques: &str, corrected: &[EffectEntry]) -> String {
+fn with(
+    d: &Diagnosis,
+    found: Option<String>,
+    warnings: &[String],
+    torques: &str,
+    corrected: &[EffectEntry],
+) -> String {
     let title = format!("Sim-to-real gap of {}", d.dataset);
     let mut html = format!("<h1>{}</h1>\n", escape(&title));
-    html += &answer(d, found);
+    html += &answer(d, found, warnings);
     html += torques;
     html += &places(d);
     html += &effects(d);
@@ -61,7 +73,17 @@ fn with(d: &Diagnosis, found: Option<String>, torques: &str, corrected: &[Effect
     document(&title, STYLE, Script::None, &html)
 }
 
-fn answer(d: &Diagnosis, found: Option<String>) -> String {
+/// What may be wrong with the recording: it may be the whole gap.
+fn warned(warnings: &[String]) -> String {
+    let paragraph = |w: &String| format!("<p>{}</p>\n", escape(w));
+    let all: String = warnings.iter().map(paragraph).collect();
+    match warnings.len() {
+        0 => all,
+        _ => format!("<div class=\"warned\">\n<h3>Warnings: check these first</h3>\n{all}</div>\n"),
+    }
+}
+
+fn answer(d: &Diagnosis, found: Option<String>, warnings: &[String]) -> String {
     let gap = &d.gap;
     let unit = escape(&gap.unit);
     let corrects = !gap.corrected_by.is_empty();
@@ -133,8 +155,9 @@ fn answer(d: &Diagnosis, found: Option<String>) -> String {
     });
     let parts = parts(gap).map_or_else(String::new, |parts| small(&parts));
     let left = what_is_left(d).map_or_else(String::new, small);
+    let warned = warned(warnings);
     format!(
-        "<p class=\"verdict {kind}\">{sentence}{found}</p>\n\
+        "<p class=\"verdict {kind}\">{sentence}{found}</p>\n{warned}\
          <dl class=\"numbers\">\n{numbers}</dl>\n{parts}{squares}{left}"
     )
 }
@@ -364,6 +387,16 @@ mod tests {
     use vsf::gap::MeanErrors;
 
     #[test]
+    fn warnings_stand_below_the_verdict() {
+        let d = report("effects", 0.6, 0.9);
+        assert!(!page_of_report(&d, &[]).contains("class=\"warned\""));
+        let page = page_of_report(&d, &["check < sign".to_owned()]);
+        let place = |part: &str| page.find(part).unwrap();
+        assert!(place("class=\"verdict") < place("<p>check &lt; sign</p>"));
+        assert!(place("<p>check &lt; sign</p>") < place("class=\"numbers\""));
+    }
+
+    #[test]
     fn what_is_less_likely_than_not_is_uncertain() {
         for (kind, probability, class, words) in [
             ("no_gap", 0.33, "uncertain", "Uncertain: no effect"),
@@ -376,7 +409,7 @@ mod tests {
                 "payload fits best (probability 60&nbsp;%); squared errors on the test sequences do not shrink.",
             ),
         ] {
-            let page = page_of_report(&report(kind, probability, 0.9));
+            let page = page_of_report(&report(kind, probability, 0.9), &[]);
             let verdict = format!("class=\"verdict {class}\">{words}");
             assert!(page.contains(&verdict), "{verdict}: {page}");
         }
@@ -387,12 +420,12 @@ mod tests {
     fn what_the_stiffness_takes_up_is_told_beside() {
         let mut d = report("no_gap", 0.6, 1.0);
         d.verdict.hidden = 0.3;
-        let page = page_of_report(&d);
+        let page = page_of_report(&d, &[]);
         let words =
             "none acts: 60&nbsp;%, that one acts which the stiffness K takes up: 30&nbsp;%).";
         assert!(page.contains(words), "{page}");
         d.verdict.hidden = 0.01;
-        assert!(page_of_report(&d).contains("none acts: 60&nbsp;%)."));
+        assert!(page_of_report(&d, &[]).contains("none acts: 60&nbsp;%)."));
     }
 
     /// A gap of which only some effects were looked for may be there.
@@ -400,7 +433,7 @@ mod tests {
     fn a_restricted_search_finds_no_absence_of_a_gap() {
         let mut some = report("no_gap", 0.9, 1.0);
         some.effects.truncate(2);
-        let page = page_of_report(&some);
+        let page = page_of_report(&some, &[]);
         let words = "class=\"verdict uncertain\">None of the 2 effects looked for";
         assert!(page.contains(words), "{page}");
         assert!(!page.contains("No gap"), "{page}");
@@ -412,19 +445,19 @@ mod tests {
         let mut d = report("effects", 0.9, 0.5);
         let none = serde_json::json!({"link": "none", "share": 1.0, "interval": [1.0, 1.0], "excess": 0.0});
         d.location.link = vec![serde_json::from_value(none).unwrap()];
-        assert!(!page_of_report(&d).contains("Link in contact"));
+        assert!(!page_of_report(&d, &[]).contains("Link in contact"));
         d.gap.threshold = Some(0.002);
-        assert!(page_of_report(&d).contains("Link in contact"));
+        assert!(page_of_report(&d, &[]).contains("Link in contact"));
     }
 
     /// A mean error that falls beside a gap that grows.
     #[test]
     fn what_is_closed_is_explained() {
         let corrected = report("effects", 0.9, 0.9);
-        assert!(page_of_report(&corrected).contains(SQUARES));
+        assert!(page_of_report(&corrected, &[]).contains(SQUARES));
         assert!(errors(&corrected).ends_with(SQUARES));
         assert!(!errors(&report("effects", 0.9, 1.1)).contains(SQUARES));
-        assert!(!page_of_report(&report("no_gap", 0.9, 1.0)).contains(SQUARES));
+        assert!(!page_of_report(&report("no_gap", 0.9, 1.0), &[]).contains(SQUARES));
     }
 
     /// Where nothing is touched, or all the time, there is nothing to tell apart.
@@ -442,7 +475,7 @@ mod tests {
         d.gap.contact = Some(errors(3.0, 1.5));
         let words =
             "In the air 2.000 N before, 0.1000 N after; in contact 3.000 N before, 1.500 N after.";
-        assert!(page_of_report(&d).contains(words));
+        assert!(page_of_report(&d, &[]).contains(words));
         d.gap.corrected_by.clear();
         assert_eq!(
             parts(&d.gap).unwrap(),

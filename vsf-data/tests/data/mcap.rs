@@ -451,6 +451,7 @@ fn exports_have_one_clock() {
     let mut export = McapExport {
         recording: Some(&dataset),
         joints: &arm(),
+        base: Some("base"),
         predictions: &predictions,
         ..McapExport::default()
     };
@@ -468,6 +469,7 @@ fn exports_have_one_clock() {
         "/joint_states",
         "/predicted/joint_states",
         "/predicted/joint_states_sd",
+        "/tf",
     ];
     assert!(stamps.keys().eq(topics), "{:?}", stamps.keys());
     assert!(stamps.values().all(|s| *s == expected), "{stamps:?}");

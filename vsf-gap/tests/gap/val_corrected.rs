@@ -652,7 +652,7 @@ fn contacts_that_effects_change_are_remembered_and_not_mixed_up() {
         let again = logs(&again);
         assert!(first.iter().zip(&again).all(|(a, b)| Arc::ptr_eq(a, b)));
     }
-    // More than are kept, and back.
+    // Others in between, and back.
     for by in [2e-3, 1e-3, -1e-3, 0.0, 3e-3, 1e-3] {
         let model = padded(by);
         for (known, motion) in logs(&model).iter().zip(&session) {
