@@ -202,14 +202,18 @@ fn bounding_box<'a>(
     Some(points.fold((first, first), |(l, u), p| (l.inf(p), u.sup(p))))
 }
 
-/// Halves triangles across their longest edge until none is longer than `longest`. The shape stays
-/// the same, but a tree of compact triangles answers sooner than one of slivers.
+/// Pieces that cutting may add: real meshes stay far below, those that repeat long faces end there.
+const MOST_PIECES: usize = 1 << 20;
+
+/// Halves triangles across their longest edge until none is longer than `longest`, or [`MOST_PIECES`] were added. The
+/// shape stays the same, but a tree of compact triangles answers sooner than one of slivers.
 fn cut_long(triangles: &mut Vec<Triangle>, longest: f64) {
     let mut todo = std::mem::take(triangles);
+    let most_of_all = todo.len() + MOST_PIECES;
     while let Some([a, b, c]) = todo.pop() {
         let edges = [(b - a).norm(), (c - b).norm(), (a - c).norm()];
         let most = edges[0].max(edges[1]).max(edges[2]);
-        if most <= longest {
+        if most <= longest || triangles.len() + todo.len() + 1 >= most_of_all {
             triangles.push([a, b, c]);
             continue;
         }
@@ -257,4 +261,26 @@ fn count_edges(triangles: &[Triangle]) -> (usize, usize) {
         }
     }
     (balance.values().filter(|b| **b != 0).count(), balance.len())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// A small file may repeat a long face any number of times.
+    #[test]
+    fn cutting_is_bounded() {
+        let face = [
+            Point3::origin(),
+            Point3::new(1.0, 0.0, 0.0),
+            Point3::new(0.0, 1.0, 0.0),
+        ];
+        let faces = 20_000;
+        let mut pieces = vec![face; faces];
+        cut_long(&mut pieces, 1.0 / LONGEST_EDGE);
+        assert!(pieces.len() <= faces + MOST_PIECES);
+        let area = |[a, b, c]: &Triangle| 0.5 * (b - a).cross(&(c - a)).norm();
+        let all: f64 = pieces.iter().map(area).sum();
+        assert!((all / faces as f64 - 0.5).abs() < 1e-9, "{all}");
+    }
 }

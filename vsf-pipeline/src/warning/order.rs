@@ -43,11 +43,28 @@ pub fn orders(joints: usize) -> impl Iterator<Item = (Order, Columns)> {
     let turned = (1..joints).map(move |by| (Order::Turned(by), with(&|c| c.rotate_left(by))));
     let pairs = (0..joints).flat_map(move |a| (a + 1..joints).map(move |b| (a, b)));
     let exchanged = pairs.map(move |(a, b)| (Order::Exchanged(a, b), with(&|c| c.swap(a, b))));
-    // Of few joints, several are the same.
-    let mut once: Vec<(Order, Columns)> = Vec::new();
-    for next in exchanged.chain(turned).chain([reversed]) {
-        once.retain(|(_, columns)| *columns != next.1);
-        once.push(next);
+    // Of two and of three joints, some of them are the reverse order.
+    let others = exchanged.chain(turned);
+    let others = others.filter(move |(_, columns)| {
+        (columns.iter().rev().enumerate()).any(|(place, (column, _))| place != *column)
+    });
+    others.chain([reversed])
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use std::collections::BTreeSet;
+
+    #[test]
+    fn every_order_comes_once() {
+        for (joints, count) in [(1, 1), (2, 1), (3, 5), (4, 6 + 3 + 1), (40, 780 + 39 + 1)] {
+            let columns = |(_, columns): (Order, Columns)| -> Vec<usize> {
+                columns.iter().map(|(column, _)| *column).collect()
+            };
+            let all: Vec<_> = orders(joints).map(columns).collect();
+            assert_eq!(all.len(), count);
+            assert_eq!(all.iter().collect::<BTreeSet<_>>().len(), count);
+        }
     }
-    once.into_iter()
 }
