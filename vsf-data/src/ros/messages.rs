@@ -17,14 +17,10 @@ pub(crate) struct Definition {
     pub text: &'static str,
 }
 
-pub(crate) const JOINT_STATE: Definition = Definition {
-    name: "sensor_msgs/msg/JointState",
-    text: "\
-std_msgs/Header header
-string[] name
-float64[] position
-float64[] velocity
-float64[] effort
+/// What every definition with a header ends in.
+macro_rules! header_definition {
+    () => {
+        "\
 ================================================================================
 MSG: std_msgs/Header
 builtin_interfaces/Time stamp
@@ -33,12 +29,28 @@ string frame_id
 MSG: builtin_interfaces/Time
 int32 sec
 uint32 nanosec
+"
+    };
+}
+
+pub(crate) const JOINT_STATE: Definition = Definition {
+    name: "sensor_msgs/msg/JointState",
+    text: concat!(
+        "\
+std_msgs/Header header
+string[] name
+float64[] position
+float64[] velocity
+float64[] effort
 ",
+        header_definition!()
+    ),
 };
 
 pub(crate) const POINT_CLOUD: Definition = Definition {
     name: "sensor_msgs/msg/PointCloud2",
-    text: "\
+    text: concat!(
+        "\
 std_msgs/Header header
 uint32 height
 uint32 width
@@ -62,20 +74,15 @@ string name
 uint32 offset
 uint8 datatype
 uint32 count
-================================================================================
-MSG: std_msgs/Header
-builtin_interfaces/Time stamp
-string frame_id
-================================================================================
-MSG: builtin_interfaces/Time
-int32 sec
-uint32 nanosec
 ",
+        header_definition!()
+    ),
 };
 
 pub(crate) const TRANSFORMS: Definition = Definition {
     name: "tf2_msgs/msg/TFMessage",
-    text: "\
+    text: concat!(
+        "\
 geometry_msgs/TransformStamped[] transforms
 ================================================================================
 MSG: geometry_msgs/TransformStamped
@@ -97,15 +104,9 @@ float64 x 0
 float64 y 0
 float64 z 0
 float64 w 1
-================================================================================
-MSG: std_msgs/Header
-builtin_interfaces/Time stamp
-string frame_id
-================================================================================
-MSG: builtin_interfaces/Time
-int32 sec
-uint32 nanosec
 ",
+        header_definition!()
+    ),
 };
 
 /// Which ROS put a message into bytes.
