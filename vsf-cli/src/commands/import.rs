@@ -260,9 +260,6 @@ fn in_flags(args: &Args, error: DataError) -> anyhow::Error {
             "--train, --test: there is no sequence {id:?}; they are 000, 001, ... in their order, but for files of `vsf export`, which name \
              their own"
         )),
-        DataError::RobotNotFound { .. } => {
-            anyhow::Error::from(error).context("give the robot by --robot")
-        }
         DataError::Argument {
             what: what @ ("joints" | "topic" | "clock" | "gap"),
             problem,
