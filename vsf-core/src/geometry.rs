@@ -1,4 +1,4 @@
-use crate::CoreError;
+use crate::{CoreError, RestPoints};
 use nalgebra::{Isometry3, Point3, Vector3};
 
 /// A triangle mesh: vertices in meters and faces as triples of vertex indices.
@@ -72,7 +72,8 @@ impl TriMesh {
     }
 }
 
-/// The shape of a body in its own frame, centered on the origin; lengths in meters.
+/// The shape of a body in its own frame, centered on the origin; lengths in meters, up to 1e6, and where they are
+/// positive from 1e-9.
 #[derive(Debug, Clone, PartialEq)]
 #[non_exhaustive]
 pub enum Shape {
@@ -117,6 +118,9 @@ pub enum Shape {
     Mesh(TriMesh),
 }
 
+/// Smallest radius or half extent of a body (m): its square is a number.
+const SMALLEST: f64 = 1e-9;
+
 impl Shape {
     /// Checks the ranges that the variants state.
     ///
@@ -129,13 +133,13 @@ impl Shape {
             ok: bool,
             range: &'static str,
         ) -> Result<(), CoreError> {
-            if ok && value.is_finite() {
+            if ok && value <= RestPoints::FARTHEST {
                 Ok(())
             } else {
                 Err(CoreError::Parameter { name, value, range })
             }
         }
-        let positive = |name, v: f64| check(name, v, v > 0.0, "> 0 m");
+        let positive = |name, v: f64| check(name, v, v >= SMALLEST, "1e-9 m to 1e6 m");
         match *self {
             Self::Sphere { radius } => positive("sphere radius", radius),
             Self::Capsule {
@@ -147,7 +151,7 @@ impl Shape {
                     "capsule half length",
                     half_length,
                     half_length >= 0.0,
-                    ">= 0 m",
+                    "0 m to 1e6 m",
                 )
             }
             Self::RoundCone {
@@ -161,7 +165,7 @@ impl Shape {
                     "round cone half length",
                     half_length,
                     2.0 * half_length > (radius_top - radius_bottom).abs(),
-                    "more than half the difference of the radii",
+                    "more than half the difference of the radii, up to 1e6 m",
                 )
             }
             Self::Cylinder {

@@ -234,8 +234,12 @@ pub enum DataError {
         /// The offending value \[s\].
         value: f64,
     },
-    /// Time stamps do not increase.
-    #[error("{} row {row}: time {value:?} s is not after {previous:?} s of the row before", path.display())]
+    /// Time stamps that do not increase, by half a nanosecond at least.
+    #[error(
+        "{} row {row}: time {value:?} s is not after {previous:?} s of the row before{}",
+        path.display(),
+        if value > previous { " by a nanosecond" } else { "" }
+    )]
     TimeOrder {
         /// The file.
         path: PathBuf,

@@ -92,9 +92,18 @@ fn read_vertices(path: &Path, needed: &[&str]) -> Result<Vec<Vertex>, DataError>
     if let Some(odd) = colors.filter(|k| !typed(k)).copied().next() {
         return Err(wrong(format!("{odd} is not of type uchar")));
     }
-    let payload = parser.read_payload(&mut reader, &header);
-    let mut payload =
-        payload.map_err(|e| not_finite(path, &bytes, &header).unwrap_or(damaged(e)))?;
+    let others = Parser::<Skipped>::new();
+    let mut vertices = Vec::new();
+    for element in header.elements.values() {
+        let read = if element.name == "vertex" {
+            let read = parser.read_payload_for_element(&mut reader, element, &header);
+            read.map(|all| vertices = all)
+        } else {
+            let read = others.read_payload_for_element(&mut reader, element, &header);
+            read.map(drop)
+        };
+        read.map_err(|e| not_finite(path, &bytes, &header).unwrap_or(damaged(e)))?;
+    }
     let end = usize::try_from(reader.get_ref().position()).unwrap_or(length);
     let left = bytes[end..].trim_ascii().len();
     if left > 0 {
@@ -102,7 +111,6 @@ fn read_vertices(path: &Path, needed: &[&str]) -> Result<Vec<Vertex>, DataError>
             "{left} bytes are left behind the elements that the header counts"
         )));
     }
-    let vertices = payload.swap_remove("vertex").unwrap_or_default();
     let points: Vec<_> = vertices.iter().map(|v| v.0.position).collect();
     files::check_points(path, &points)?;
     Ok(vertices)
@@ -197,7 +205,20 @@ pub struct ColoredPoint {
     pub color: [u8; 3],
 }
 
-/// Position and color of a vertex; any other property or element leaves it alone.
+/// Any other element: nothing of it is kept.
+struct Skipped;
+
+impl PropertyAccess for Skipped {
+    fn new() -> Self {
+        Self
+    }
+
+    fn set_property(&mut self, _: &str, _: Property) -> PropertyAccessResult {
+        PropertyAccessResult::Ignored
+    }
+}
+
+/// Position and color of a vertex; any other property leaves it alone.
 struct Vertex(ColoredPoint);
 
 impl PropertyAccess for Vertex {

@@ -11,6 +11,8 @@ pub(crate) const PREFIX: &str = "seq_";
 
 /// The latest time stamp that is taken (s), before and after the clock's zero.
 const LATEST: f64 = 1e12;
+/// Steps between samples that are taken (s): those of the highest sample rate, rounded. Speeds follow from them.
+const SHORTEST: f64 = 0.5e-9;
 
 /// One touch sequence: `T` samples of `d` joints.
 #[derive(Debug, Clone, PartialEq)]
@@ -238,7 +240,7 @@ impl Sequence {
                 value: self.time[row],
             });
         }
-        match self.time.windows(2).position(|w| w[1] <= w[0]) {
+        match self.time.windows(2).position(|w| w[1] - w[0] < SHORTEST) {
             None => Ok(()),
             Some(k) => Err(DataError::TimeOrder {
                 path,

@@ -119,7 +119,7 @@ pub enum RobotError {
         velocity: f64,
     },
     /// A pose contains NaN or infinity.
-    #[error("the {what} of '{name}' is not finite")]
+    #[error("the {what} of '{name}' is not finite, or farther off than 1e6 m")]
     Pose {
         /// Which pose.
         what: &'static str,
@@ -140,7 +140,7 @@ pub enum RobotError {
         angle: f64,
     },
     /// A mass is negative or not finite.
-    #[error("link '{link}' has mass {mass:?} kg; it must be finite and >= 0")]
+    #[error("link '{link}' has mass {mass:?} kg; it must be in 0 .. 1e9")]
     Mass {
         /// The link.
         link: String,
@@ -150,7 +150,7 @@ pub enum RobotError {
     /// A rotational inertia is not finite or not positive semidefinite.
     #[error(
         "the inertia of link '{link}' has the principal moment {moment:e} kg m^2; \
-         all must be finite and >= 0"
+         all must be in 0 .. 1e15"
     )]
     Inertia {
         /// The link.

@@ -2,7 +2,7 @@ use crate::RobotError;
 use nalgebra::{Isometry3, Matrix3, Point3, Unit, Vector3};
 use std::f64::consts::TAU;
 use std::sync::Arc;
-use vsf_core::{Collider, LinkChains};
+use vsf_core::{Collider, LinkChains, RestPoints};
 
 /// How a joint moves.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -280,9 +280,9 @@ impl RobotModel {
     /// ```
     ///
     /// # Errors
-    /// [`RobotError::Pose`] when the pose is not finite.
+    /// [`RobotError::Pose`] when the pose is not finite or farther than 1e6 m from the world's origin.
     pub fn with_base_pose(mut self, X_WB: Isometry3<f64>) -> Result<Self, RobotError> {
-        if !is_finite(&X_WB) {
+        if !is_near(&X_WB) {
             return Err(RobotError::Pose {
                 what: "base pose",
                 name: self.name,
@@ -293,7 +293,8 @@ impl RobotModel {
     }
 }
 
-pub(crate) fn is_finite(X: &Isometry3<f64>) -> bool {
-    X.translation.vector.iter().all(|v| v.is_finite())
-        && X.rotation.coords.iter().all(|v| v.is_finite())
+/// Whether a pose is one, no farther off than points may be.
+pub(crate) fn is_near(X: &Isometry3<f64>) -> bool {
+    let near = |v: &f64| v.abs() <= RestPoints::FARTHEST;
+    X.translation.vector.iter().all(near) && X.rotation.coords.iter().all(|v| v.is_finite())
 }

@@ -1,7 +1,7 @@
 //! From a description to a model: every check, and the order of links and joints.
 
 use crate::description::{Description, JointDescription, LinkDescription};
-use crate::model::{Motion, is_finite};
+use crate::model::{Motion, is_near};
 use crate::{Joint, JointKind, Link, RobotError, RobotModel};
 use nalgebra::{Isometry3, Matrix3, Point3, Unit};
 use std::collections::HashMap;
@@ -13,6 +13,9 @@ pub(crate) const MAX_LINKS: usize = 1000;
 
 /// Rounding that a printed inertia may carry, relative to its largest entry.
 const INERTIA_ROUNDING: f64 = 1e-9;
+/// Masses (kg) and moments of inertia (kg m²) beyond any robot's, of which torques are still numbers.
+const MOST_MASS: f64 = 1e9;
+const MOST_MOMENT: f64 = 1e15;
 
 impl RobotModel {
     /// Checks a description and puts it in order. Joints are numbered depth-first, or as in
@@ -275,14 +278,13 @@ fn body(
     motion: Motion,
 ) -> Result<Link, RobotError> {
     check_pose("inertial origin", &link.name, &link.X_LI)?;
-    if !(link.mass >= 0.0 && link.mass.is_finite()) {
+    if !(0.0..=MOST_MASS).contains(&link.mass) {
         return Err(RobotError::Mass {
             link: link.name.clone(),
             mass: link.mass,
         });
     }
-    let moment = smallest_moment(&link.inertia_I);
-    if !moment.is_finite() || moment < -INERTIA_ROUNDING * link.inertia_I.amax() {
+    if let Some(moment) = odd_moment(&link.inertia_I) {
         return Err(RobotError::Inertia {
             link: link.name.clone(),
             moment,
@@ -300,17 +302,22 @@ fn body(
     })
 }
 
-fn smallest_moment(inertia: &Matrix3<f64>) -> f64 {
-    if let Some(&bad) = inertia.iter().find(|v| !v.is_finite()) {
-        return bad;
+/// A principal moment that no body has, beyond rounding.
+fn odd_moment(inertia: &Matrix3<f64>) -> Option<f64> {
+    if let Some(&bad) = inertia
+        .iter()
+        .find(|v| !(0.0..=MOST_MOMENT).contains(&v.abs()))
+    {
+        return Some(bad);
     }
     // Scaled to 1, so that the eigenvalue iteration stays in range.
     let scale = inertia.amax().max(f64::MIN_POSITIVE);
-    (inertia / scale).symmetric_eigenvalues().min() * scale
+    let moment = (inertia / scale).symmetric_eigenvalues().min() * scale;
+    Some(moment).filter(|m| *m < -INERTIA_ROUNDING * inertia.amax())
 }
 
 fn check_pose(what: &'static str, name: &str, X: &Isometry3<f64>) -> Result<(), RobotError> {
-    if is_finite(X) {
+    if is_near(X) {
         Ok(())
     } else {
         Err(RobotError::Pose {
@@ -356,12 +363,14 @@ mod tests {
 
     #[test]
     fn a_moment_is_found_at_any_scale() {
-        for scale in [1e-320, 1e-12, 1.0, 1e300] {
-            let inertia = Matrix3::from_diagonal(&Vector3::new(3.0, 2.0, 5.0)) * scale;
-            let moment = smallest_moment(&inertia);
-            assert!((moment / scale - 2.0).abs() < 1e-2, "{moment:e}");
+        for scale in [1e-320, 1e-12, 1.0, 1e14] {
+            let inertia =
+                |least: f64| Matrix3::from_diagonal(&Vector3::new(3.0, least, 5.0)) * scale;
+            assert_eq!(odd_moment(&inertia(2.0)), None, "{scale:e}");
+            let moment = odd_moment(&inertia(-2.0)).unwrap();
+            assert!((moment / scale + 2.0).abs() < 1e-2, "{moment:e}");
         }
-        assert!(smallest_moment(&Matrix3::from_element(f64::NAN)).is_nan());
-        assert_eq!(smallest_moment(&Matrix3::zeros()), 0.0);
+        assert!(odd_moment(&Matrix3::from_element(f64::NAN)).is_some());
+        assert_eq!(odd_moment(&Matrix3::zeros()), None);
     }
 }

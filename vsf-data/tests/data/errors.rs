@@ -125,7 +125,13 @@ fn numbers_that_are_not_finite() {
     refused!(
         |f: &Folder| f.write("seq_2/time.npy", &f8("(4,)", &[0.0, 1.0, 1.0, 3.0])),
         DataError::TimeOrder { .. },
-        "seq_2/time.npy row 2: time 1.0 s is not after 1.0 s"
+        "seq_2/time.npy row 2: time 1.0 s is not after 1.0 s of the row before"
+    );
+    // Speeds would be beyond anything.
+    refused!(
+        |f: &Folder| f.write("seq_2/time.npy", &f8("(4,)", &[0.0, 1.0, 1.0 + 1e-11, 3.0])),
+        DataError::TimeOrder { .. },
+        "is not after 1.0 s of the row before by a nanosecond"
     );
     refused!(
         |f: &Folder| f.write("seq_2/time.npy", &f8("(4,)", &[0.0, 1.0, 2.0, 1e300])),

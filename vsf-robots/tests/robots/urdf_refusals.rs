@@ -249,7 +249,7 @@ fn axes_origins_and_limits() {
         // A fixed joint has no axis to be wrong.
         assert!(parse(&joint("fixed", r#"<axis xyz="0 0 0"/>"#)).is_ok());
     }
-    for origin in [r#"xyz="0 nan 0""#, r#"rpy="0 0 inf""#] {
+    for origin in [r#"xyz="0 nan 0""#, r#"rpy="0 0 inf""#, r#"xyz="1e300 0 0""#] {
         let text = joint("fixed", &format!("<origin {origin}/>"));
         assert!(
             matches!(parse(&text), Err(RobotError::Pose { .. })),
@@ -285,7 +285,7 @@ fn axes_origins_and_limits() {
 #[test]
 fn masses_and_inertias() {
     assert!(parse(&inertial("1", "1", "0.5")).is_ok());
-    for mass in ["-1", "nan", "inf"] {
+    for mass in ["-1", "nan", "inf", "1e308"] {
         let error = parse(&inertial(mass, "1", "0")).unwrap_err();
         assert!(
             matches!(&error, RobotError::Mass { link, .. } if link == "shin"),
@@ -298,6 +298,7 @@ fn masses_and_inertias() {
         ("nan", "0"),
         ("1", "inf"),
         ("0", "1e-3"),
+        ("1e300", "0"),
     ] {
         let error = parse(&inertial("1", ixx, ixy)).unwrap_err();
         assert!(
@@ -316,6 +317,9 @@ fn shapes() {
         r#"<cylinder radius="1" length="inf"/>"#,
         r#"<capsule radius="1" length="-1"/>"#,
         r#"<box size="1 1 0"/>"#,
+        r#"<box size="1 1 1e-320"/>"#,
+        r#"<sphere radius="1e300"/>"#,
+        r#"<cylinder radius="1" length="1e300"/>"#,
     ] {
         let error = parse(&collision(bad)).unwrap_err();
         assert!(
