@@ -83,7 +83,7 @@ impl Console {
 
     /// A warning, printed whatever else is; the same one once.
     pub fn warn(&self, warning: impl Display) {
-        let warning = warning.to_string();
+        let warning = shortened(warning.to_string());
         let mut seen = self.warnings.borrow_mut();
         if !seen.contains(&warning) {
             complain(format_args!("warning: {warning}"));
@@ -127,8 +127,20 @@ impl Console {
 
 /// One line on standard error. That nobody reads it is no reason to stop.
 pub fn complain(text: impl Display) {
-    let line = harmless(&text.to_string()).replace('\n', " ");
+    let line = harmless(&shortened(text.to_string())).replace('\n', " ");
     let _ = writeln!(std::io::stderr(), "{line}");
+}
+
+/// A message of at most 4000 bytes: names that a hostile file made long are cut out of the middle.
+fn shortened(message: String) -> String {
+    const FIRST: usize = 3000;
+    const LAST: usize = 990;
+    if message.len() <= FIRST + LAST + 5 {
+        return message;
+    }
+    let head = message.floor_char_boundary(FIRST);
+    let tail = message.ceil_char_boundary(message.len() - LAST);
+    format!("{} ... {}", &message[..head], &message[tail..])
 }
 
 /// Without the characters by which names in a file could command a terminal, or turn a line around; pages and

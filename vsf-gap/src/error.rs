@@ -48,6 +48,9 @@ pub enum GapError {
     /// A file of a corrected model that is no such file, or one of another robot.
     #[error("corrected model: {0}")]
     ModelFile(String),
+    /// A file that is no diagnosis, or one with numbers that none has.
+    #[error("diagnosis: {0}")]
+    Report(String),
     /// Too little data for a diagnosis.
     #[error("{what}: {problem}")]
     TooLittle {

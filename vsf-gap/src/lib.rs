@@ -86,6 +86,7 @@ mod plain;
 mod predictive;
 mod refine;
 mod report;
+mod report_file;
 mod response;
 mod rival;
 mod rounding;

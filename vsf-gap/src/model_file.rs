@@ -8,6 +8,8 @@ use vsf_data::{ContactParameters, JsonError, parse_json};
 
 /// Version of the form.
 const SCHEMA: u32 = 1;
+/// Beyond the bounds of any parameter.
+const MOST_DEVIATION: f64 = 1e16;
 
 /// A corrected model as a file: JSON `{"schema": 1, "joints": [..], "contact_parameters": {..}, "recording_name": "..",
 /// "learned_from": [..], "made_by": "..",
@@ -171,7 +173,7 @@ impl ModelFile {
     /// [`GapError::ModelFile`] for a robot with other joints;
     /// [`GapError::UnknownEffect`] for an effect that is not among them, [`GapError::Model`] for one
     /// that is named twice, parameters that are missing, unknown, named twice, of another unit or
-    /// out of bounds, and deviations that are negative or not finite.
+    /// out of bounds, and deviations that are negative or beyond 1e16.
     pub fn model(&self, site: &Site, effects: &[Arc<dyn Effect>]) -> Result<Model, GapError> {
         let there = joints(site);
         if !self.joints.is_empty() && self.joints != there {
@@ -298,10 +300,10 @@ impl EffectEntry {
                         "parameter {name:?} is {value:?}; it must be in {lo:?} .. {hi:?} {unit}"
                     )));
                 }
-                if !(given.sd >= 0.0 && given.sd.is_finite()) {
+                if !(0.0..=MOST_DEVIATION).contains(&given.sd) {
                     let sd = given.sd;
                     return Err(self.wrong(format!(
-                        "parameter {name:?} has the deviation {sd:?}; it must be >= 0"
+                        "parameter {name:?} has the deviation {sd:?}; it must be in 0 .. {MOST_DEVIATION:?}"
                     )));
                 }
                 Ok(given.value)

@@ -82,16 +82,11 @@ fn of_report(args: &Args) -> anyhow::Result<String> {
     }
     let text = read_text(&args.input)?;
     let path = args.input.display();
-    let report: Diagnosis = parse_json(text.as_bytes()).map_err(|e| {
+    let report = Diagnosis::from_json(&text).map_err(|e| {
         anyhow::anyhow!("{path} is no diagnosis, as `vsf diagnose --json` writes it: {e}")
     })?;
     let told: Told = parse_json(text.as_bytes()).map_err(|e| anyhow::anyhow!("{path}: {e}"))?;
-    match report.schema {
-        1 => Ok(page_of_report(&report, &told.warnings)),
-        other => {
-            anyhow::bail!("{path} is of schema {other}; this version reads schema 1: diagnose anew")
-        }
-    }
+    Ok(page_of_report(&report, &told.warnings))
 }
 
 /// What stands in a diagnosis beside it.

@@ -468,7 +468,7 @@ fn files_that_are_no_models() {
     // In any order.
     assert_eq!(good(&|_| {}).unwrap().parts[0].1, [0.1, 0.2, 0.3]);
     type Change = dyn Fn(&mut EffectEntry);
-    let cases: [(&Change, &str); 9] = [
+    let cases: [(&Change, &str); 10] = [
         (&|e| e.effect = "torque_boas".into(), "torque_bias"),
         (&|e| drop(e.parameters.pop()), "\"b_2\" (N) is missing"),
         (
@@ -482,8 +482,12 @@ fn files_that_are_no_models() {
         ),
         (&|e| e.parameters[0].value = f64::NAN, "NaN"),
         (&|e| e.parameters[0].value = 1e9, "must be in"),
-        (&|e| e.parameters[0].sd = -1.0, "must be >= 0"),
-        (&|e| e.parameters[0].sd = f64::INFINITY, "must be >= 0"),
+        (&|e| e.parameters[0].sd = -1.0, "must be in 0 .. 1e16"),
+        (&|e| e.parameters[0].sd = 1e300, "must be in 0 .. 1e16"),
+        (
+            &|e| e.parameters[0].sd = f64::INFINITY,
+            "must be in 0 .. 1e16",
+        ),
     ];
     for (change, part) in cases {
         let error = good(change).err().unwrap().to_string();
