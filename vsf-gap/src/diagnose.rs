@@ -1,6 +1,6 @@
 use crate::alike::Likeness;
 use crate::closure::noise_norm;
-use crate::effect::Arm;
+use crate::effect::{Arm, Need};
 use crate::enough::enough;
 use crate::estimated::{Extent, NEARLY};
 use crate::halves::is_of_sequences;
@@ -109,7 +109,11 @@ pub fn diagnose(
     let named = &first.diagnosis.verdict.effects;
     let stays = |e: &&Arc<dyn Effect>| own(e) || named.iter().any(|n| n == e.name());
     let candidates: Vec<Arc<dyn Effect>> = effects.iter().filter(stays).cloned().collect();
-    let second = attempt(&halved, &candidates, seed, Split::Halves, &mut |_| {})?;
+    let second = match attempt(&halved, &candidates, seed, Split::Halves, &mut |_| {}) {
+        // Where the field is zero, say, there is nothing that effects of the place could change.
+        Err(GapError::TooLittle { .. }) => return Ok(first),
+        second => second?,
+    };
     if second.explains() && second.model.parts.iter().any(|(e, _)| own(e)) {
         Ok(second.in_place_of(first))
     } else {
@@ -151,7 +155,7 @@ fn attempt(
     )?;
     let nominal = Nominal {
         spread: search.spread,
-        touches: search.nominal.touches(),
+        touches: campaign.lacks(Need::Contact).is_none(),
         left: search.share_left(),
         likeness: search.nominal.likeness,
         perfect: is_perfect(trial.before.mean_error(), noise_norm(&campaign.noise)),
@@ -203,6 +207,9 @@ fn attempt(
             && compared.is_far(noise_norm(&campaign.noise), nominal.touches),
         contradicted: trial.surprise.is_some(),
         silent,
+        opposed: judgment.opposed().is_some() && !nominal.perfect,
+        untouched: !(nominal.touches || nominal.perfect || campaign.site.rest.is_empty())
+            && compared.closed.fraction < NEARLY,
         saturated: !saturated.is_empty() && !nominal.perfect && compared.closed.fraction < NEARLY,
     });
 

@@ -23,7 +23,8 @@ pub(crate) struct Fitted<'a> {
     pub(crate) parts: Parts,
     /// A stiffness (N/m) that, everywhere the same, explains the readings best.
     pub(crate) uniform: f64,
-    /// Correlation of the readings with what it gives, -1 to 1.
+    /// Correlation of what one stiffness everywhere gives with the readings less the torques that do not depend on it, in
+    /// the windows in contact, -1 to 1.
     pub(crate) likeness: f64,
 }
 impl Campaign {
@@ -74,9 +75,7 @@ impl Campaign {
         } else {
             1.0
         };
-        let energy: f64 = readings.iter().map(|y| y * y).sum();
-        let product = (squares * energy).sqrt();
-        let likeness = if product > 0.0 { along / product } else { 0.0 };
+        let likeness = likeness(unit, &readings, &design.a, d);
         Ok(Fitted {
             model: model.clone(),
             motions,
@@ -164,6 +163,22 @@ impl Fitted<'_> {
             .for_each(|(t, a)| *t += a);
         tau
     }
+}
+
+/// Correlation of `unit` with `readings - a`, each of `d` joints a window, in the windows where the former is not zero.
+fn likeness(unit: &[f64], readings: &[f64], a: &[f64], d: usize) -> f64 {
+    let [mut along, mut squares, mut energy] = [0.0; 3];
+    let windows = unit.chunks(d).zip(readings.chunks(d).zip(a.chunks(d)));
+    for (u, (y, a)) in windows.filter(|(u, _)| u.iter().any(|u| *u != 0.0)) {
+        for (u, (y, a)) in u.iter().zip(y.iter().zip(a)) {
+            let rest = y - a;
+            along += u * rest;
+            squares += u * u;
+            energy += rest * rest;
+        }
+    }
+    let product = (squares * energy).sqrt();
+    if product > 0.0 { along / product } else { 0.0 }
 }
 
 pub(crate) fn whitened(values: &[f64], factor: &Factor) -> Vec<f64> {

@@ -202,7 +202,7 @@ pub(crate) struct Nominal {
     pub(crate) touches: bool,
     /// Share of the energy of the train readings that it leaves.
     pub(crate) left: f64,
-    /// Correlation of the train readings with those of one stiffness everywhere.
+    /// Correlation of the train readings in contact with those of one stiffness everywhere.
     pub(crate) likeness: f64,
     /// Whether it predicts the checked sequences to within noise.
     pub(crate) perfect: bool,
@@ -220,13 +220,13 @@ impl Nominal {
 
     /// Whether no stiffness explains what is felt in contact.
     pub(crate) fn contradicts(&self) -> bool {
-        self.touches && !self.perfect && (self.left > FAILED || self.opposes())
+        self.touches && !self.perfect && (self.left > FAILED || opposes(self.likeness))
     }
+}
 
-    /// Whether what is felt is opposite to what springs give.
-    pub(crate) fn opposes(&self) -> bool {
-        self.likeness < OPPOSED
-    }
+/// Whether readings of such a likeness to those of springs are opposite to them.
+pub(crate) fn opposes(likeness: f64) -> bool {
+    likeness < OPPOSED
 }
 
 /// What the train sequences show.

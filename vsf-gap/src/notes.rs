@@ -3,7 +3,7 @@
 use crate::closure::noise_norm;
 use crate::effect::Need;
 use crate::estimated::Compared;
-use crate::judge::Nominal;
+use crate::judge::{Nominal, opposes};
 use crate::outliers::outlier;
 use crate::plain::Plain;
 use crate::refine::Refined;
@@ -108,7 +108,7 @@ pub(crate) fn notes(
         ));
     }
     if verdict.effects.is_empty() && nominal.contradicts() {
-        let how = if nominal.opposes() {
+        let how = if opposes(nominal.likeness) {
             format!(
                 "by and large it is opposite to what springs give (correlation {:.2})",
                 nominal.likeness
@@ -122,6 +122,20 @@ pub(crate) fn notes(
         notes.push(format!(
             "no stiffness explains what is felt in contact: {how}; check the sign and the unit of the torques, \
              base_pose and points"
+        ));
+    }
+    if !(nominal.touches || nominal.perfect || campaign.site.rest.is_empty()) {
+        notes.push(
+            "the train sequences touch no point, so that springs explain nothing: if the arm did touch the object, base_pose or \
+             points are off, or in other units; if it did not, leave the points out"
+                .to_owned(),
+        );
+    }
+    if let Some(likeness) = judgment.opposed().filter(|_| !nominal.perfect) {
+        notes.push(format!(
+            "what {} leaves to the springs is opposite to what these give (correlation {likeness:.2}), so that it may stand for \
+             something else; check the sign and the unit of the torques, base_pose and points",
+            verdict.effects.join(" and ")
         ));
     }
     if verdict.kind == VerdictKind::NoGap && verdict.hidden >= TOLD {

@@ -4,7 +4,7 @@ use crate::closure::{Closure, Residuals, closure, noise_norm};
 use crate::effect::{Need, follows_contact};
 use crate::evidence::{Factor, Spread};
 use crate::fitted::Fitted;
-use crate::judge::{Hypothesis, Judged, Nominal, OnTest, judge};
+use crate::judge::{Hypothesis, Judged, Nominal, OnTest, judge, opposes};
 use crate::oscillation::oscillation;
 use crate::predictive::TestDensity;
 use crate::refine::Refined;
@@ -68,6 +68,8 @@ pub(crate) struct Checked {
     pub(crate) foretold: f64,
     /// How far innovations on the train sequences persist ([`Fitted::persistence`](crate::fitted::Fitted)).
     pub(crate) persistence: f64,
+    /// How much like springs what the model leaves to them is ([`Fitted::likeness`](crate::fitted::Fitted)).
+    pub(crate) likeness: f64,
 }
 
 /// A model as fitted to the train sequences, the factor of its covariance, its field per rest point (N/m), and what it leaves on
@@ -169,6 +171,12 @@ impl<'a> Judgment<'a> {
         self.corrected().is_some() && error >= barely * of_silence
     }
 
+    /// How much like springs what the named model leaves to them is, where it is opposite to them.
+    pub(crate) fn opposed(&self) -> Option<f64> {
+        let likeness = self.named.as_ref()?.checked.likeness;
+        opposes(likeness).then_some(likeness)
+    }
+
     /// The effects that did not stand it.
     pub(crate) fn names_refused(&self) -> Vec<String> {
         let refused = self.refused.iter();
@@ -253,6 +261,7 @@ impl<'a> Trial<'a> {
             foretold,
             closure: self.closure(&residuals),
             persistence: fitted.persistence(&factor),
+            likeness: fitted.likeness,
             field,
             residuals,
         })

@@ -88,6 +88,10 @@ pub(crate) struct Findings {
     pub(crate) contradicted: bool,
     /// Whether with them nothing is predicted better than by sensors that read nothing.
     pub(crate) silent: bool,
+    /// Whether what they leave to the springs is opposite to these.
+    pub(crate) opposed: bool,
+    /// Whether nothing is touched, though there are points, and more is left than a known cause leaves.
+    pub(crate) untouched: bool,
     /// Whether sensors look saturated, and far from all is explained.
     pub(crate) saturated: bool,
 }
@@ -129,7 +133,10 @@ impl Judged {
         // However much is closed: something else acts, too.
         let lasting = found.lasts && kind != VerdictKind::Unknown;
         let contradicted = found.contradicted && kind == VerdictKind::NoGap;
-        let faulty = found.stopped || found.saturated || claims && found.silent;
+        let faulty = found.stopped
+            || found.untouched
+            || found.saturated
+            || claims && (found.silent || found.opposed);
         let open = !found.saturated && (lasting || contradicted);
         verdict.kind = if lasting || contradicted || faulty {
             VerdictKind::Unknown
@@ -299,12 +306,18 @@ mod tests {
         }
         let nothing = found(0.0, true, false, false);
         assert_eq!(kind(&[], NoGap, &nothing).0, Unknown);
-        let silent = Findings {
-            silent: true,
-            ..found(0.8, false, false, false)
+        let [mut silent, mut opposed] = [(); 2].map(|()| found(0.8, false, false, false));
+        (silent.silent, opposed.opposed) = (true, true);
+        for wrong in [silent, opposed] {
+            assert_eq!(kind(named, Effects, &wrong).0, Unknown);
+            assert_eq!(kind(&[], NoGap, &wrong).0, NoGap);
+        }
+        let untouched = Findings {
+            untouched: true,
+            ..Findings::default()
         };
-        assert_eq!(kind(named, Effects, &silent).0, Unknown);
-        assert_eq!(kind(&[], NoGap, &silent).0, NoGap);
+        assert_eq!(kind(named, Effects, &untouched), (Unknown, false));
+        assert_eq!(kind(&[], NoGap, &untouched), (Unknown, false));
         let contradicted = Findings {
             contradicted: true,
             ..Findings::default()

@@ -166,3 +166,35 @@ fn an_onset_is_compared_beside_other_causes() {
     let (of_threshold, of_padding) = (nats(of_threshold), nats(of_padding));
     assert!(of_threshold > of_padding, "{of_threshold} {of_padding}");
 }
+
+/// No spring pulls, so that nothing is left for effects of the object's place to change: the cause is unknown, and not that
+/// there is too little to tell.
+#[test]
+fn springs_that_pull_are_unknown() {
+    let mut dataset = pad(&PLACES);
+    for sequence in &mut dataset.sequences {
+        let torques = sequence.torques.data_mut().iter_mut();
+        torques.for_each(|t| *t = -*t);
+    }
+    let campaign = Campaign::open(&dataset, &SceneOptions::default()).unwrap();
+    let few = ["torque_bias", "registration_offset"].map(str::to_owned);
+    let found = diagnose(&campaign, &effects::named(&few).unwrap(), 0, |_| {}).unwrap();
+    let Diagnosis { verdict, notes, .. } = found.diagnosis;
+    assert_eq!(verdict.kind, VerdictKind::Unknown, "{verdict:?}");
+    let told = |n: &String| n.contains("opposite to what") && n.contains("sign");
+    assert!(notes.iter().any(told), "{notes:?}");
+}
+
+/// Where a wrong pose leaves nothing touched, what takes some of the forces is no known cause.
+#[test]
+fn what_is_felt_out_of_reach_of_the_points_is_unknown() {
+    let mut dataset = pad(&PLACES);
+    dataset.base_pose.translation.z += 0.1;
+    let few = ["joint_elasticity", "torque_bias", "joint_coulomb_friction"].map(str::to_owned);
+    let few = effects::named(&few).unwrap();
+    let campaign = Campaign::open(&dataset, &SceneOptions::default()).unwrap();
+    let Diagnosis { verdict, notes, .. } = diagnose(&campaign, &few, 0, |_| {}).unwrap().diagnosis;
+    assert_eq!(verdict.kind, VerdictKind::Unknown, "{verdict:?}");
+    let told = |n: &String| n.contains("touch no point") && n.contains("base_pose");
+    assert!(notes.iter().any(told), "{notes:?}");
+}
