@@ -168,6 +168,7 @@ Done in {seconds:.1} s. In ./{FOLDER}:
 
 Next:
   vsf info {FOLDER}/recording
+  vsf view {FOLDER}/recording --field {FOLDER}/field.npz --out view.html
   vsf evaluate {FOLDER}/recording --field {FOLDER}/field.npz --baseline zero,knn
   vsf estimate {FOLDER}/recording --preset paper --out paper.npz
   vsf --help

@@ -55,16 +55,21 @@ function boxOf(arrays, stride, take) {
   return { low, high, middle, radius: Math.max(radius, cloud.spacing, 1e-3) };
 }
 
-/** What there is: the points, or else the robot. */
-const bounds = boxOf([points], 3, () => true) || boxOf(tracks.map(t => t.poses), 7, () => true) ||
+/** What there is: the points, or else the robot, wherever its links come. */
+const reached = boxOf(tracks.map(t => t.poses), 7, () => true);
+const bounds = boxOf([points], 3, () => true) || reached ||
   { low: [0, 0, 0], high: [0, 0, 0], middle: [0, 0, 0], radius: 0.5 };
 
 /** The points that were touched; all where that is not known. */
 const focus = touched !== null && boxOf([points], 3, i => touched[i] === 1) || bounds;
+/** Points and robot, where it touches none of them: it may be anywhere. */
+const missed = reached && n > 0 && tracks.every(t => t.counts.every(c => c === 0));
+const apart = missed ? boxOf([[bounds, reached].flatMap(b => [...b.low, ...b.high])], 3, () => true) : null;
 /** The view of what is shown; of untouched points, of some around those that were touched. */
 function start() {
   const shown = boxOf([points], 3, i => colors[i] !== EMPTY) || bounds;
-  return { azimuth: -60, elevation: 25, distance: 3.1 * Math.min(shown.radius, 2 * focus.radius), target: [...focus.middle] };
+  const { middle, radius } = apart || { ...focus, radius: Math.min(shown.radius, 2 * focus.radius) };
+  return { azimuth: -60, elevation: 25, distance: 3.1 * radius, target: [...middle] };
 }
 let camera;
 
@@ -430,7 +435,8 @@ function showSample() {
   const t = tracks[track];
   $("sample").value = sample;
   let text = `${number(t.time[sample])} s, sample ${sample * motion.every}`;
-  if (canTouch) text += `, ${t.counts[sample]} points touched, load ${number(t.loads[sample])} ${motion.unit}`;
+  const touching = t.counts[sample];
+  if (canTouch) text += `, ${touching} ${touching === 1 ? "point" : "points"} touched, load ${number(t.loads[sample])} ${motion.unit}`;
   $("now").textContent = text;
   if (canTouch) drawCourse();
   refresh(playing);
@@ -438,8 +444,9 @@ function showSample() {
 
 function showTrack() {
   const t = tracks[track];
-  // Begin where most is touched, but with a field before anything is: the field is what to see.
-  sample = t.counts.length && layers.length === 0 ? t.counts.indexOf(t.counts.reduce((a, b) => Math.max(a, b), 0)) : 0;
+  // Begin where most is touched, but with a field, which is what to see, where touch begins.
+  const most = t.counts.reduce((a, b) => Math.max(a, b), 0);
+  sample = Math.max(0, t.counts.findIndex(c => layers.length === 0 ? c === most : c > 0));
   $("sample").max = t.time.length - 1;
   setPlaying(false);
   $("course-of").textContent = canTouch

@@ -21,7 +21,11 @@ const CHANGES: [(&str, &str, &str); 5] = [
     ("the deviations", "let layer = 0", "let layer = 1"),
     ("another side", "azimuth: -60", "azimuth: 60"),
     ("no robot", "drawRobot(l, t.poses, first);", ";"),
-    ("a later sample", "a, b), 0)) : 0;", "a, b), 0)) : 12;"),
+    (
+        "a later sample",
+        "sample = Math.max(0,",
+        "sample = 12 + Math.max(0,",
+    ),
 ];
 /// Those that a field alone has.
 const OF_FIELD: usize = 3;
