@@ -54,7 +54,7 @@ pub struct MeshOpenness {
 }
 
 impl MeshSdf {
-    /// Prepares a mesh; about a second for 4000 faces.
+    /// Prepares a mesh; about a second for a body of 4000 faces, up to a minute where long open faces cross at random.
     ///
     /// # Errors
     /// [`ContactError::EmptyMesh`] when no face has an area.

@@ -47,6 +47,9 @@ pub struct StiffRegions {
     pub regions: Vec<StiffRegion>,
     /// Stiff points in groups of fewer than a region has.
     pub scattered: usize,
+    /// Points whose mean is that stiff, and whose deviation is too large for them to be stiff with the
+    /// [confidence](RegionOptions::confidence) that is asked for.
+    pub unsure: usize,
 }
 
 /// One stiff region.
@@ -123,7 +126,12 @@ pub fn stiff_regions(
             probability_below((mean[*i] - from) / variance[*i].sqrt()) >= options.confidence
         })
     };
-    let stiff = looked_at.iter().copied().filter(is_stiff).collect();
+    let likely = |i: &usize| stiff_from.is_some_and(|from| mean[*i] > from);
+    let stiff: Vec<usize> = looked_at.iter().copied().filter(is_stiff).collect();
+    let unsure = looked_at
+        .iter()
+        .filter(|i| likely(i) && !is_stiff(i))
+        .count();
     let (large, small): (Vec<_>, Vec<_>) = groups(rest.positions(), stiff, reach)
         .into_iter()
         .partition(|group| group.len() >= options.fewest);
@@ -139,6 +147,7 @@ pub fn stiff_regions(
         stiff_from,
         reach,
         scattered: small.iter().map(Vec::len).sum(),
+        unsure,
         regions,
     })
 }
@@ -335,7 +344,8 @@ mod tests {
         assert_eq!(region.largest, 30.0);
         // The middle one is no more certain, and 1.8 spacings do not reach across it.
         let unsure = of(3.0, &[], &RegionOptions::default());
-        assert!(unsure.regions.is_empty() && unsure.scattered == 3);
+        assert!(unsure.regions.is_empty() && unsure.scattered == 3 && unsure.unsure == 1);
+        assert_eq!(found.unsure, 0);
         let wide = RegionOptions {
             reach: Some(2.1e-3),
             fewest: 1,

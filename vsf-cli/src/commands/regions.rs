@@ -22,7 +22,7 @@ Example:
   vsf regions field.npz --contrast 3
 
 JSON keys: field, points (that were looked at), felt (those with any stiffness), background, stiff_from (N/m), contrast, confidence, reach (m), scattered \
-(stiff points of no region), regions (center, bounds ([lower, upper] in m), mean, sd, largest (N/m), times_background, \
+(stiff points of no region), unsure (points that are likely stiff, with less than that confidence), regions (center, bounds ([lower, upper] in m), mean, sd, largest (N/m), times_background, \
 points (their indices)).")]
 pub struct Args {
     /// The field, .npz or folder
@@ -52,6 +52,7 @@ struct Report<'a> {
     confidence: f64,
     reach: f64,
     scattered: usize,
+    unsure: usize,
     regions: Vec<Entry<'a>>,
 }
 
@@ -124,6 +125,7 @@ pub fn run(args: &Args, console: &Console) -> anyhow::Result<()> {
         confidence: args.confidence,
         reach: found.reach,
         scattered: found.scattered,
+        unsure: found.unsure,
         regions: (found.regions.iter())
             .map(|r| Entry::of(r, &found, has_sd))
             .collect(),
@@ -203,6 +205,13 @@ fn text(args: &Args, found: &StiffRegions, touched: bool, has_sd: bool) -> Strin
             text,
             "stiff points in groups of fewer than {}: {}",
             args.fewest, found.scattered
+        );
+    }
+    if found.unsure > 0 {
+        let _ = writeln!(
+            text,
+            "points that are likely that stiff, but less surely: {} (touch there again, or ask for a lower --confidence)",
+            found.unsure
         );
     }
     text

@@ -60,12 +60,16 @@ fn an_estimate_says_what_was_touched_and_how_sure_it_is() {
     );
     let center = found["regions"][0]["center"][0].as_f64().unwrap();
     assert!(center > 0.018, "{text}");
-    // No point of it is that certain.
-    let sure = json(
-        &bench,
-        "regions field.npz --contrast 1.3 --confidence 0.999999999",
-    );
+    // No point of it is that certain, which is no finding that there is none.
+    let line = "regions field.npz --contrast 1.3 --confidence 0.999999999";
+    let sure = json(&bench, line);
     assert_eq!(sure["regions"].as_array().unwrap().len(), 0);
+    let unsure = sure["unsure"].as_u64().unwrap();
+    let text = bench.ok(line);
+    assert!(
+        unsure > 0 && text.contains(&format!("but less surely: {unsure} (")),
+        "{text}"
+    );
 }
 
 #[test]

@@ -355,9 +355,9 @@ pub enum PipelineWarning {
     /// Readings that are far from zero where nothing is touched.
     #[error(
         "where nothing is touched the readings are {offset:.3} {unit} on average (most of all those of joint {joint}, \
-         {mean:.3}), against {touch:.3} {unit} (rms) that touch adds: that comes out as stiffness; if sequences begin free \
-         and at rest, let their first samples tare the sensor (tare_samples); if a payload, a tilt or friction acts, a diagnosis tells \
-         which"
+         {mean:.3}), against {touch:.3} {unit} (rms) that touch adds, and a field takes them \
+         for stiffness: they may be an offset of the sensor, which first samples that are free and at rest tare (tare_samples), or a \
+         payload, a tilt or friction, which a diagnosis tells apart"
     )]
     NotTared {
         /// Name of the joint with the largest mean.
