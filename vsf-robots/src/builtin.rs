@@ -33,10 +33,10 @@ pub fn builtin(name: &str) -> Option<Result<RobotModel, RobotError>> {
 /// A probe on a three-axis linear stage: prismatic joints `stage_x`, `stage_y`, `stage_z` along
 /// the world axes (range +-1 m, 100 N, 1 m/s), links `link_0` to `link_3` of 0.1 kg each but the first.
 ///
-/// The tip on `link_3` is a ball of `tip_radius` > 0 (m) whose lowest point is the joint position.
+/// The tip on `link_3` is a ball of `tip_radius` (1e-9 m to 1e6 m) whose lowest point is the joint position.
 ///
 /// # Errors
-/// A radius that is not positive and finite.
+/// A radius out of range.
 pub fn cartesian_stage(tip_radius: f64) -> Result<RobotModel, RobotError> {
     let limits = JointLimits {
         lower: -1.0,
@@ -87,7 +87,7 @@ pub fn cartesian_stage(tip_radius: f64) -> Result<RobotModel, RobotError> {
 /// much as a solid cylinder of its length and radius made of water (1000 kg/m^3).
 ///
 /// # Errors
-/// No links or more than 998, or a length or radius that is not positive and finite.
+/// No links or more than 998, a length or radius that is not positive and finite, or one of a link beyond 1e6 m or 1e9 kg.
 pub fn planar_arm(links: usize, length: f64, radius: f64) -> Result<RobotModel, RobotError> {
     // The base and the tip are links as well.
     if !(1..=MAX_LINKS - 2).contains(&links) {

@@ -118,7 +118,7 @@ pub enum RobotError {
         /// Largest speed.
         velocity: f64,
     },
-    /// A pose contains NaN or infinity.
+    /// A pose is not finite, or beyond 1e6 m.
     #[error("the {what} of '{name}' is not finite, or farther off than 1e6 m")]
     Pose {
         /// Which pose.
@@ -139,7 +139,7 @@ pub enum RobotError {
         /// The angle.
         angle: f64,
     },
-    /// A mass is negative or not finite.
+    /// A mass is not in 0 .. 1e9 kg.
     #[error("link '{link}' has mass {mass:?} kg; it must be in 0 .. 1e9")]
     Mass {
         /// The link.
@@ -147,7 +147,7 @@ pub enum RobotError {
         /// Its mass.
         mass: f64,
     },
-    /// A rotational inertia is not finite or not positive semidefinite.
+    /// A rotational inertia is not positive semidefinite, or beyond 1e15 kg m².
     #[error(
         "the inertia of link '{link}' has the principal moment {moment:e} kg m^2; \
          all must be in 0 .. 1e15"
@@ -155,7 +155,7 @@ pub enum RobotError {
     Inertia {
         /// The link.
         link: String,
-        /// Its smallest principal moment.
+        /// Its smallest principal moment, or the entry that is beyond.
         moment: f64,
     },
     /// A collision shape is out of range.
