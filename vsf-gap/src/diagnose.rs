@@ -1,8 +1,8 @@
 use crate::alike::Likeness;
 use crate::closure::noise_norm;
-use crate::effect::{Arm, Need};
+use crate::effect::Arm;
 use crate::enough::enough;
-use crate::estimated::{Extent, NEARLY};
+use crate::estimated::{Extent, FAR, NEARLY};
 use crate::halves::is_of_sequences;
 use crate::judge::{Nominal, hidden_weight};
 use crate::locate::locate;
@@ -155,7 +155,7 @@ fn attempt(
     )?;
     let nominal = Nominal {
         spread: search.spread,
-        touches: campaign.lacks(Need::Contact).is_none(),
+        touches: search.nominal.touched,
         left: search.share_left(),
         likeness: search.nominal.likeness,
         perfect: is_perfect(trial.before.mean_error(), noise_norm(&campaign.noise)),
@@ -186,12 +186,22 @@ fn attempt(
         Split::Whole => campaign.saturated()?,
         Split::Halves => Vec::new(),
     };
-    let undecided = !in_field.is_empty() && judgment.leaves_field(closed);
+    let opposed = judgment
+        .opposed()
+        .filter(|_| closed < NEARLY && !nominal.perfect);
+    let undecided = !in_field.is_empty() && opposed.is_none() && judgment.leaves_field(closed);
     if undecided {
         judgment.withdraw();
     }
     let estimated = extent.estimated;
     let compared = extent.told(judgment.corrected().is_some());
+    let named = judgment.named.as_ref();
+    let vague = named.map_or_else(Vec::new, |t| t.refined.vague());
+    let may_touch = nominal.touches || judgment.corrected().is_some_and(|t| t.refined.touches);
+    let untouched = !may_touch
+        && !campaign.site.rest.is_empty()
+        && compared.closed.fraction < NEARLY
+        && compared.after.error() > FAR * noise_norm(&campaign.noise);
     let silence = trial.of_silence()?;
     let silent = judgment.is_silent(compared.after.error(), silence, nominal.touches);
     let refused = judgment.names_refused();
@@ -207,9 +217,9 @@ fn attempt(
             && compared.is_far(noise_norm(&campaign.noise), nominal.touches),
         contradicted: trial.surprise.is_some(),
         silent,
-        opposed: judgment.opposed().is_some() && !nominal.perfect,
-        untouched: !(nominal.touches || nominal.perfect || campaign.site.rest.is_empty())
-            && compared.closed.fraction < NEARLY,
+        opposed: opposed.is_some(),
+        vague: !vague.is_empty(),
+        untouched,
         saturated: !saturated.is_empty() && !nominal.perfect && compared.closed.fraction < NEARLY,
     });
 
@@ -231,6 +241,26 @@ fn attempt(
             "no field could be estimated to tell errors of ({e}): they are those of the diagnosis' own fields"
         )
     }));
+    if untouched {
+        notes.push(
+            "the train sequences touch no point, so that springs explain nothing: if the arm did touch the object, base_pose or \
+             points are off, or in other units; if it did not, leave the points out"
+                .to_owned(),
+        );
+    }
+    if let (Some(likeness), Some(named)) = (opposed, &judgment.named) {
+        notes.push(format!(
+            "what {} leaves to the springs is opposite to what these give (correlation {likeness:.2}), so that it may stand for \
+             something else; check the sign and the unit of the torques, base_pose and points",
+            named.effects.join(" and ")
+        ));
+    }
+    if !vague.is_empty() {
+        notes.push(format!(
+            "the readings say nothing of any parameter of {}, so that it may stand for something else",
+            vague.join(" and ")
+        ));
+    }
     if silent {
         notes.push(format!(
             "sensors that are taken to read nothing leave {silence:.4} {}, the corrected model hardly less or even more: it may \

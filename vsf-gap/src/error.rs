@@ -49,7 +49,7 @@ pub enum GapError {
     #[error("corrected model: {0}")]
     ModelFile(String),
     /// A file that is no diagnosis, or one with numbers that none has.
-    #[error("diagnosis: {0}")]
+    #[error("{0}")]
     Report(String),
     /// Too little data for a diagnosis.
     #[error("{what}: {problem}")]

@@ -12,7 +12,7 @@ use vsf_pipeline::{
 /// A model that closes so much of the gap leaves nothing that would call for another, though what is left may last.
 pub(crate) const NEARLY: f64 = 0.9;
 /// A model whose error is more than so many times that of a perfect one is far from it.
-const FAR: f64 = 3.0;
+pub(crate) const FAR: f64 = 3.0;
 
 /// A field that was estimated under a model, and what both together leave on the test sequences.
 #[derive(Debug, Clone)]

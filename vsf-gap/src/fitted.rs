@@ -5,6 +5,9 @@ use crate::{Campaign, ContactLog, GapError, Model, Motion};
 use faer::Mat;
 use std::sync::Arc;
 
+/// By so many standard deviations of noise readings are like torques, or opposite to them.
+const SURE: f64 = 4.0;
+
 /// A model fitted to sequences: contacts, columns and the spread that the readings call for.
 pub(crate) struct Fitted<'a> {
     /// The model.
@@ -24,8 +27,10 @@ pub(crate) struct Fitted<'a> {
     /// A stiffness (N/m) that, everywhere the same, explains the readings best.
     pub(crate) uniform: f64,
     /// Correlation of what one stiffness everywhere gives with the readings less the torques that do not depend on it, in
-    /// the windows in contact, -1 to 1.
+    /// the windows in contact, -1 to 1; 0 where it may be one of noise.
     pub(crate) likeness: f64,
+    /// Whether anything is touched, points that are taken out included.
+    pub(crate) touched: bool,
 }
 impl Campaign {
     /// Contacts, columns and covariance of a model over sequences.
@@ -75,17 +80,18 @@ impl Campaign {
         } else {
             1.0
         };
-        let likeness = likeness(unit, &readings, &design.a, d);
+        let likeness = likeness(unit, &readings, &design.a, d, parts.noise_along(unit));
         Ok(Fitted {
             model: model.clone(),
             motions,
             logs,
             windows,
+            uniform,
+            likeness,
+            touched: !design.points.is_empty(),
             design,
             readings,
             parts,
-            uniform,
-            likeness,
         })
     }
 }
@@ -165,8 +171,9 @@ impl Fitted<'_> {
     }
 }
 
-/// Correlation of `unit` with `readings - a`, each of `d` joints a window, in the windows where the former is not zero.
-fn likeness(unit: &[f64], readings: &[f64], a: &[f64], d: usize) -> f64 {
+/// Correlation of `unit` with `readings - a`, each of `d` joints a window, in the windows where the former is not zero;
+/// `noise` is the variance of their product.
+fn likeness(unit: &[f64], readings: &[f64], a: &[f64], d: usize, noise: f64) -> f64 {
     let [mut along, mut squares, mut energy] = [0.0; 3];
     let windows = unit.chunks(d).zip(readings.chunks(d).zip(a.chunks(d)));
     for (u, (y, a)) in windows.filter(|(u, _)| u.iter().any(|u| *u != 0.0)) {
@@ -178,7 +185,11 @@ fn likeness(unit: &[f64], readings: &[f64], a: &[f64], d: usize) -> f64 {
         }
     }
     let product = (squares * energy).sqrt();
-    if product > 0.0 { along / product } else { 0.0 }
+    if product > 0.0 && along.abs() > SURE * noise.sqrt() {
+        along / product
+    } else {
+        0.0
+    }
 }
 
 pub(crate) fn whitened(values: &[f64], factor: &Factor) -> Vec<f64> {
@@ -191,4 +202,26 @@ pub(crate) fn whitened(values: &[f64], factor: &Factor) -> Vec<f64> {
 pub(crate) fn log_density(values: &[f64], factor: &Factor) -> f64 {
     let squares: f64 = whitened(values, factor).iter().map(|y| y * y).sum();
     -0.5 * (factor.log_det() + squares)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Of windows without contact nothing counts, and what does not depend on the stiffness is taken off first.
+    #[test]
+    fn likeness_is_of_what_is_left_to_the_springs() {
+        let unit = [1.0, 2.0, 0.0, 0.0, 2.0, 1.0];
+        let a = [5.0, 5.0, 5.0, 5.0, 5.0, 5.0];
+        let of = |k: f64, air: f64, noise: f64| {
+            let readings = [k + 5.0, 2.0 * k + 5.0, air, air, 2.0 * k + 5.0, k + 5.0];
+            likeness(&unit, &readings, &a, 2, noise)
+        };
+        assert!((of(3.0, 100.0, 0.0) - 1.0).abs() < 1e-12);
+        assert!((of(-3.0, 100.0, 0.0) + 1.0).abs() < 1e-12);
+        // The product is 30, and has to be more than four deviations.
+        assert!(of(-3.0, 0.0, 49.0) < -0.9);
+        assert_eq!(of(-3.0, 0.0, 64.0), 0.0);
+        assert_eq!(likeness(&[0.0; 2], &[1.0; 2], &[0.0; 2], 2, 0.0), 0.0);
+    }
 }

@@ -37,9 +37,13 @@ impl Model {
 
     /// The model with the effects of which [`Model::follows_contact`] holds alone, and with the others.
     pub(crate) fn by_contact(&self) -> (Self, Self) {
-        let (follow, others) =
-            (self.parts.iter().cloned()).partition(|(e, _)| follows_contact(e.as_ref()));
-        (Self { parts: follow }, Self { parts: others })
+        self.parted(follows_contact)
+    }
+
+    /// The model with some of its effects alone, and with the others.
+    pub(crate) fn parted(&self, some: impl Fn(&dyn Effect) -> bool) -> (Self, Self) {
+        let (some, others) = (self.parts.iter().cloned()).partition(|(e, _)| some(e.as_ref()));
+        (Self { parts: some }, Self { parts: others })
     }
 
     /// The deepest that any of the effects acts.

@@ -124,20 +124,6 @@ pub(crate) fn notes(
              base_pose and points"
         ));
     }
-    if !(nominal.touches || nominal.perfect || campaign.site.rest.is_empty()) {
-        notes.push(
-            "the train sequences touch no point, so that springs explain nothing: if the arm did touch the object, base_pose or \
-             points are off, or in other units; if it did not, leave the points out"
-                .to_owned(),
-        );
-    }
-    if let Some(likeness) = judgment.opposed().filter(|_| !nominal.perfect) {
-        notes.push(format!(
-            "what {} leaves to the springs is opposite to what these give (correlation {likeness:.2}), so that it may stand for \
-             something else; check the sign and the unit of the torques, base_pose and points",
-            verdict.effects.join(" and ")
-        ));
-    }
     if verdict.kind == VerdictKind::NoGap && verdict.hidden >= TOLD {
         notes.push(format!(
             "an effect, of contact or material above all, may act that the stiffness takes up, so that it does not show \

@@ -40,6 +40,8 @@ pub(crate) struct Refined {
 
 /// A parameter that is this near to a bound, as a share of it, was stopped there.
 const NEAR_BOUND: f64 = 1e-3;
+/// A parameter whose deviation is more than this share of that of its prior is not determined.
+const UNDETERMINED: f64 = 0.9;
 /// Many deviations away from zero, it is there because the data want it.
 const WANTED: f64 = 5.0;
 
@@ -87,6 +89,20 @@ impl Refined {
     /// Names of the amplitudes that the data press against a bound of what is plausible.
     pub(crate) fn at_bounds(&self) -> Vec<&str> {
         self.at_bounds_among(0..self.theta.len())
+    }
+
+    /// Whether the data say next to nothing of a parameter.
+    pub(crate) fn is_undetermined(&self, place: usize) -> bool {
+        self.sd[place] > UNDETERMINED * self.prior.sd[place]
+    }
+
+    /// Names of the effects of none of whose parameters the data say anything, as where an object was moved to where nothing
+    /// touches it any more.
+    pub(crate) fn vague(&self) -> Vec<&str> {
+        let tells = |place: usize| self.prior.sd[place] > 0.0 && !self.is_undetermined(place);
+        let effects = self.model.places();
+        let vague = effects.filter(|(_, own)| !own.clone().any(tells));
+        vague.map(|(e, _)| e.name()).collect()
     }
 
     /// The same of some parameters.

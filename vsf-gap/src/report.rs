@@ -26,9 +26,6 @@ const SHOWS: f64 = 2.7;
 const SMALL: f64 = 0.05;
 const SHOWS_SMALL: f64 = 5.0;
 
-/// A parameter whose deviation is more than this share of that of its prior is not determined.
-const UNDETERMINED: f64 = 0.9;
-
 /// A parameter of an effect, estimated.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(expecting = "a parameter, an object")]
@@ -346,10 +343,9 @@ impl EffectReport {
         let own = effect.parameters(&campaign.site);
         let [theta, sd, prior_sd] =
             [&model.theta, &model.sd, &model.prior.sd].map(|of| &of[places.clone()]);
-        let deviations = sd.iter().zip(prior_sd);
-        let undetermined = own.iter().zip(deviations);
+        let undetermined = own.iter().zip(places.clone());
         self.undetermined = undetermined
-            .filter(|(_, (sd, prior))| **sd > UNDETERMINED * **prior)
+            .filter(|(_, place)| model.is_undetermined(*place))
             .map(|(p, _)| p.name.clone())
             .collect();
         let stopped = model.at_bounds_among(places).into_iter();

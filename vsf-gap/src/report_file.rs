@@ -1,5 +1,6 @@
 use crate::{Diagnosis, GapError, MeanErrors, Place};
 use std::ops::RangeInclusive;
+use vsf_core::RestPoints;
 use vsf_data::parse_json;
 
 /// Version of the form.
@@ -10,8 +11,6 @@ const ROUNDING: f64 = 1e-9;
 const SHARE: RangeInclusive<f64> = -ROUNDING..=1.0 + ROUNDING;
 /// What no torque, evidence or parameter of a diagnosis comes to.
 const MOST: f64 = 1e16;
-/// Points lie within (m).
-const FARTHEST: f64 = 1e6;
 
 impl Diagnosis {
     /// Reads JSON, as it is written by `vsf diagnose --json`; further keys beside its own are left aside.
@@ -20,11 +19,11 @@ impl Diagnosis {
     /// [`GapError::Report`] for anything but JSON of this form and schema, and for numbers that no diagnosis has: a
     /// probability or share that is not in 0 .. 1, an error below zero, anything beyond 1e16.
     pub fn from_json(text: &str) -> Result<Self, GapError> {
-        let report: Self =
-            parse_json(text.as_bytes()).map_err(|e| GapError::Report(e.to_string()))?;
+        let report: Self = parse_json(text.as_bytes())
+            .map_err(|e| GapError::Report(format!("no diagnosis: {e}")))?;
         if report.schema != SCHEMA {
             return Err(GapError::Report(format!(
-                "schema {}, this version reads {SCHEMA}: diagnose anew",
+                "a diagnosis of schema {}; this version reads {SCHEMA}: diagnose anew",
                 report.schema
             )));
         }
@@ -49,7 +48,7 @@ impl Diagnosis {
         let [low, high] = gap.closed_interval;
         closed("gap.closed_fraction", gap.closed_fraction)?;
         closed("gap.closed_interval", low)?;
-        closed("gap.closed_interval", high)?;
+        within("gap.closed_interval", high, low..=MOST)?;
         for (key, errors) in [("gap.free", gap.free), ("gap.contact", gap.contact)] {
             if let Some(MeanErrors {
                 nominal, corrected, ..
@@ -83,9 +82,15 @@ impl Diagnosis {
         }
         for region in &location.region {
             share("where.region", region.share)?;
-            within("where.region", region.radius, 0.0..=FARTHEST)?;
+            within("where.region", region.radius, 0.0..=RestPoints::FARTHEST)?;
             let mut center = region.center.iter();
-            center.try_for_each(|&x| within("where.region", x, -FARTHEST..=FARTHEST))?;
+            center.try_for_each(|&x| {
+                within(
+                    "where.region",
+                    x,
+                    -RestPoints::FARTHEST..=RestPoints::FARTHEST,
+                )
+            })?;
         }
 
         for effect in effects {
@@ -100,6 +105,12 @@ impl Diagnosis {
             let scores = [Some(effect.score), effect.null_score, effect.test_score];
             for score in scores.into_iter().flatten() {
                 within(&key("score"), score, -MOST..=MOST)?;
+            }
+            if let Some(rough) = effect.roughness {
+                let parts = [rough.contact, rough.joint, rough.walk];
+                parts
+                    .into_iter()
+                    .try_for_each(|r| size(&key("roughness"), r))?;
             }
             for p in &effect.parameters {
                 within(&key(&p.name), p.value, -MOST..=MOST)?;
@@ -133,7 +144,7 @@ fn within(key: &str, value: f64, range: RangeInclusive<f64>) -> Result<(), GapEr
     // What is allowed for rounding is no part of the range.
     let (from, to) = (range.start().round() + 0.0, range.end().round());
     Err(GapError::Report(format!(
-        "{key} is {value:?}; it must be in {from:?} .. {to:?}"
+        "a diagnosis in which {key} is {value:?}; it must be in {from:?} .. {to:?}"
     )))
 }
 
@@ -206,6 +217,16 @@ mod tests {
                 r#""absorbed_share": 0.25"#,
                 r#""absorbed_share": 3"#,
                 "absorbed_share",
+            ),
+            (
+                r#""closed_interval": [-0.5, 1.0]"#,
+                r#""closed_interval": [0.9, 0.5]"#,
+                "gap.closed_interval is 0.5",
+            ),
+            (
+                r#""roughness": null"#,
+                r#""roughness": {"contact": 1e308, "joint": 0}"#,
+                "roughness is 1e308",
             ),
             (r#""notes": [], "#, "", "notes"),
         ] {

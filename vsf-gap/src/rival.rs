@@ -100,7 +100,32 @@ impl Search<'_> {
         let Some(named) = named.filter(follows) else {
             return Ok(None);
         };
-        let (following, others) = named.model.by_contact();
+        let together = named.model.by_contact();
+        // A padding, which a threshold amounts to, beside all others, too: what else follows contact hides what that is worth.
+        let padding = (together.0.parts.len() > 1 && together.0.has(GeometryPadding.name()))
+            .then(|| named.model.parted(|e| e.name() == GeometryPadding.name()));
+        let mut first = None;
+        for (following, others) in std::iter::once(together).chain(padding) {
+            let found = self.rival_of(campaign, named, &following, others)?;
+            if found.as_ref().is_some_and(|(rival, _)| rival.outdoes()) {
+                return Ok(found);
+            }
+            first = first.or(found);
+        }
+        Ok(first)
+    }
+
+    /// That of some effects of a named model, beside its others.
+    ///
+    /// # Errors
+    /// As [`Search::rival`].
+    fn rival_of(
+        &self,
+        campaign: &Campaign,
+        named: &Refined,
+        following: &Model,
+        others: Model,
+    ) -> Result<Option<(Rival, Scene)>, GapError> {
         let alone = self.model_of(&others);
         // As fitted beside the effects of contact, and alone: each contact takes what explains more in it.
         let fits: Vec<&Model> = [&others]
@@ -148,7 +173,7 @@ impl Search<'_> {
             null_gain: other.null_gain,
             of_effects: named.log_evidence - before,
             null_gain_of_effects: null_gains.sum(),
-            effects: names(&following),
+            effects: names(following),
         };
         Ok(Some((rival, other.scene)))
     }

@@ -90,6 +90,8 @@ pub(crate) struct Findings {
     pub(crate) silent: bool,
     /// Whether what they leave to the springs is opposite to these.
     pub(crate) opposed: bool,
+    /// Whether the readings say nothing of any parameter of one of them.
+    pub(crate) vague: bool,
     /// Whether nothing is touched, though there are points, and more is left than a known cause leaves.
     pub(crate) untouched: bool,
     /// Whether sensors look saturated, and far from all is explained.
@@ -136,8 +138,9 @@ impl Judged {
         let faulty = found.stopped
             || found.untouched
             || found.saturated
-            || claims && (found.silent || found.opposed);
-        let open = !found.saturated && (lasting || contradicted);
+            || claims && (found.silent || found.opposed || found.vague);
+        let fault = found.saturated || found.opposed || found.untouched;
+        let open = !fault && (lasting || contradicted);
         verdict.kind = if lasting || contradicted || faulty {
             VerdictKind::Unknown
         } else {
@@ -306,15 +309,18 @@ mod tests {
         }
         let nothing = found(0.0, true, false, false);
         assert_eq!(kind(&[], NoGap, &nothing).0, Unknown);
-        let [mut silent, mut opposed] = [(); 2].map(|()| found(0.8, false, false, false));
-        (silent.silent, opposed.opposed) = (true, true);
-        for wrong in [silent, opposed] {
+        let [mut silent, mut opposed, mut vague] =
+            [(); 3].map(|()| found(0.8, false, false, false));
+        (silent.silent, opposed.opposed, vague.vague) = (true, true, true);
+        for wrong in [silent, opposed, vague] {
             assert_eq!(kind(named, Effects, &wrong).0, Unknown);
             assert_eq!(kind(&[], NoGap, &wrong).0, NoGap);
         }
+        // Halves of test sequences would not tell.
         let untouched = Findings {
             untouched: true,
-            ..Findings::default()
+            contradicted: true,
+            ..found(0.2, false, true, false)
         };
         assert_eq!(kind(named, Effects, &untouched), (Unknown, false));
         assert_eq!(kind(&[], NoGap, &untouched), (Unknown, false));

@@ -4,7 +4,7 @@ use super::words::{
     headings, limits, look_alikes, none_of_these, out_of_sight, part, parts, percent, screened_out,
     size, summary, touches, untestable,
 };
-use crate::console::{number, table};
+use crate::console::table;
 use vsf::gap::{Diagnosis, Limit, LocatedShare, ModelFile, Site, VerdictKind};
 
 /// Parts named of every kind, and the share below which a part is not worth a word.
@@ -151,7 +151,7 @@ fn places(diagnosis: &Diagnosis) -> String {
         }
     }
     if let Some(region) = found.region.first() {
-        let [x, y, z] = region.center.map(number);
+        let [x, y, z] = region.center.map(|v| format!("{:.4}", v + 0.0));
         let share = percent(region.share);
         text += &format!("  {:<10} {x}, {y}, {z} m {share} of contact\n", "region");
     }

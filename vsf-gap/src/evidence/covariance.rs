@@ -123,6 +123,15 @@ impl Parts {
         &self.level
     }
 
+    /// Variance of the noise of the readings' product with some torques.
+    pub(crate) fn noise_along(&self, torques: &[f64]) -> f64 {
+        let product = |&(row, col, value): &(usize, usize, f64)| {
+            let times = if row == col { 1.0 } else { 2.0 };
+            times * value * torques[row] * torques[col]
+        };
+        self.errors.noise.iter().map(product).sum()
+    }
+
     /// The covariance of the readings, factored.
     ///
     /// # Errors

@@ -178,10 +178,24 @@ fn springs_that_pull_are_unknown() {
     }
     let campaign = Campaign::open(&dataset, &SceneOptions::default()).unwrap();
     let few = ["torque_bias", "registration_offset"].map(str::to_owned);
-    let found = diagnose(&campaign, &effects::named(&few).unwrap(), 0, |_| {}).unwrap();
-    let Diagnosis { verdict, notes, .. } = found.diagnosis;
+    let few = effects::named(&few).unwrap();
+    let Diagnosis { verdict, notes, .. } = diagnose(&campaign, &few, 0, |_| {}).unwrap().diagnosis;
     assert_eq!(verdict.kind, VerdictKind::Unknown, "{verdict:?}");
-    let told = |n: &String| n.contains("opposite to what") && n.contains("sign");
+    assert!(verdict.effects.is_empty(), "{verdict:?}");
+    let told = |n: &String| n.contains("opposite to what springs give") && n.contains("sign");
+    assert!(notes.iter().any(told), "{notes:?}");
+
+    // What acts beside, and shows in the air, is named all the same, and is not all.
+    for sequence in &mut dataset.sequences {
+        let rows = sequence.torques.data_mut().chunks_exact_mut(3);
+        rows.for_each(|row| row[2] += 1.0);
+    }
+    let campaign = Campaign::open(&dataset, &SceneOptions::default()).unwrap();
+    let Diagnosis { verdict, notes, .. } =
+        diagnose(&campaign, &few[..1], 0, |_| {}).unwrap().diagnosis;
+    assert_eq!(verdict.kind, VerdictKind::Unknown, "{verdict:?}");
+    assert_eq!(verdict.effects, ["torque_bias"]);
+    let told = |n: &String| n.contains("torque_bias leaves to the springs is opposite");
     assert!(notes.iter().any(told), "{notes:?}");
 }
 
