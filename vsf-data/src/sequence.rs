@@ -19,7 +19,7 @@ const SHORTEST: f64 = 0.5e-9;
 pub struct Sequence {
     /// The ID; its folder is `seq_<ID>`.
     pub id: String,
-    /// Time stamps \[s\], strictly increasing, within 1e12 s of zero, length `T`.
+    /// Time stamps \[s\], increasing by half a nanosecond at least, within 1e12 s of zero, length `T`.
     pub time: Vec<f64>,
     /// Joint angles \[rad\] (prismatic: positions \[m\]), `T` x `d`.
     pub angles: Table,

@@ -161,6 +161,18 @@ pub enum DataWarning {
         /// The pause (s).
         gap: f64,
     },
+    /// Text files whose last line has no end, as of writers that were interrupted.
+    #[error(
+        "{}: its last line has no end; if the file was cut off there, the last number is not all that was written{}",
+        path.display(),
+        more_of_kind(*others)
+    )]
+    NoLineEnd {
+        /// The first.
+        path: PathBuf,
+        /// Further ones.
+        others: usize,
+    },
     /// Joint states without any of the robot's joints, as of a gripper on the same topic. They are
     /// left out.
     #[error("{} {topic}: {count} messages have none of the robot's joints, left out", path.display())]

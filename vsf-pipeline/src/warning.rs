@@ -85,7 +85,8 @@ pub fn motion_warnings(robot: &RobotModel, sequences: &[&Sequence]) -> Vec<Pipel
     let joints = robot.joints().iter().enumerate();
     let mut found: Vec<PipelineWarning> = joints.filter_map(of_joint).collect();
     if !(found.iter()).any(|w| matches!(w, PipelineWarning::Degrees(_))) {
-        found.extend(jumps::warning(robot, sequences));
+        let jumps = || jumps::warning(robot, sequences);
+        found.extend(clock::fast(robot, sequences).or_else(jumps));
     }
     found.extend(gaps::warning(sequences));
     let unwound: Vec<_> = sequences.iter().map(|s| unwound(robot, s)).collect();

@@ -8,6 +8,7 @@ use crate::ros::SECOND;
 use crate::{DataError, files};
 use csv::{ErrorKind, Position, Reader, ReaderBuilder, StringRecord, Trim};
 use std::fs::File;
+use std::io::{Read, Seek, SeekFrom};
 use std::path::Path;
 
 /// Files that are longer are refused: a text without the end of a line is read as a whole.
@@ -77,11 +78,11 @@ impl<'a> CsvLog<'a> {
         })
     }
 
-    /// Shows `visit` all lines below the titles.
+    /// Shows `visit` all lines below the titles. Returns the columns, and whether the last line has an end.
     pub fn read(
         mut self,
         mut visit: impl FnMut(Line) -> Result<(), DataError>,
-    ) -> Result<Columns, DataError> {
+    ) -> Result<(Columns, bool), DataError> {
         let mut record = StringRecord::new();
         let mut is_empty = true;
         while (self.reader.read_record(&mut record)).map_err(|e| damaged(self.path, e))? {
@@ -92,8 +93,20 @@ impl<'a> CsvLog<'a> {
         if is_empty {
             Err(wrong(self.path, "no samples below the titles"))
         } else {
-            Ok(self.columns)
+            let ends = self
+                .ends()
+                .map_err(|e| DataError::io("read", self.path, e))?;
+            Ok((self.columns, ends))
         }
+    }
+
+    /// Whether the file ends with a line.
+    fn ends(&mut self) -> std::io::Result<bool> {
+        let file = self.reader.get_mut();
+        file.seek(SeekFrom::End(-1))?;
+        let mut last = [0];
+        file.read_exact(&mut last)?;
+        Ok(matches!(last[0], b'\n' | b'\r'))
     }
 
     fn line(&self, record: &StringRecord) -> Result<Line, DataError> {

@@ -29,7 +29,7 @@ impl JointLog {
                 problem,
             };
             let names = self.list(log.columns.names()).map_err(whole)?;
-            log.read(|line| {
+            let (columns, ends) = log.read(|line| {
                 let sample = Sample {
                     file,
                     place: line.number,
@@ -40,7 +40,11 @@ impl JointLog {
                     effort: line.effort,
                 };
                 self.push(sample).map_err(whole)
-            })
+            })?;
+            if !ends {
+                self.open_ended.push(file);
+            }
+            Ok(columns)
         });
         columns.collect::<Result<_, _>>().map(Source::Csv)
     }

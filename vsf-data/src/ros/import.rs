@@ -148,6 +148,12 @@ impl JointLog {
                 gap: GAP,
             });
         }
+        if let Some((&first, others)) = self.open_ended.split_first() {
+            warnings.push(DataWarning::NoLineEnd {
+                path: self.files[first].clone(),
+                others: others.len(),
+            });
+        }
         let count = self.samples.len() - rows.len();
         if let Some(topic) = self.topic().filter(|_| count > 0) {
             let (path, topic) = (path.clone(), topic.to_owned());

@@ -78,6 +78,8 @@ pub struct JointLog {
     pub(super) points: Option<Vec<Point3<f64>>>,
     /// Bytes held so far, of joint states, names, topics and parts.
     held: u64,
+    /// Indices of the files whose last line has no end.
+    pub(super) open_ended: Vec<usize>,
 }
 
 /// What the files are.
@@ -179,6 +181,7 @@ impl JointLog {
             parts: Vec::new(),
             points: None,
             held: 0,
+            open_ended: Vec::new(),
         }
     }
 

@@ -55,6 +55,30 @@ fn lines_are_samples_and_pauses_end_sequences() {
     check_pause(&dataset, [4.0, 5.0]);
 }
 
+/// A writer that was interrupted may have left a part of the last number.
+#[test]
+fn a_last_line_without_an_end_is_told() {
+    let cut = TOUCH.trim_end();
+    let (_, warnings) = recorded(cut).unwrap();
+    let [warning @ DataWarning::NoLineEnd { others: 0, .. }] = &warnings[..] else {
+        panic!("{warnings:?}");
+    };
+    assert!(
+        warning
+            .to_string()
+            .contains("touch.csv: its last line has no end")
+    );
+    let bytes = cut.as_bytes();
+    let (_, warnings) = read(&[
+        ("a.csv", TOUCH.as_bytes()),
+        ("b.csv", bytes),
+        ("c.csv", bytes),
+    ])
+    .unwrap();
+    let told = |w: &DataWarning| matches!(w, DataWarning::NoLineEnd { path, others: 1 } if path.ends_with("b.csv"));
+    assert!(warnings.iter().any(told), "{warnings:?}");
+}
+
 /// Whatever titles, order, separators and marks programs write.
 #[test]
 fn the_same_columns_by_other_titles() {

@@ -1,5 +1,5 @@
-use super::PipelineWarning;
 use super::jumps::moves;
+use super::{PipelineWarning, unit as unit_of};
 use vsf_core::median;
 use vsf_data::Sequence;
 use vsf_robots::{JointKind, RobotModel};
@@ -10,6 +10,9 @@ const MOST_STEP: f64 = 1.0;
 const LEAST_SPEED: (f64, f64) = (2e-3, 1e-4);
 /// Joints that move by less (rad or m) stand still.
 const LEAST_WAY: f64 = 1e-3;
+
+/// Times a joint's velocity limit that no joint moves at on average.
+const MOST_SPEED: f64 = 3.0;
 
 /// What a step between samples looks like that should be in seconds.
 pub fn unit(step: f64) -> &'static str {
@@ -50,6 +53,29 @@ pub fn warning(robot: &RobotModel, sequences: &[&Sequence]) -> Option<PipelineWa
         sequence,
         step,
         fastest,
+        others: found.count(),
+    })
+}
+
+/// Time that goes on far too slowly: all the way long, joints move faster than they can.
+pub fn fast(robot: &RobotModel, sequences: &[&Sequence]) -> Option<PipelineWarning> {
+    let fast = |s: &&Sequence| {
+        let all: f64 = moves(s).map(|row| s.time[row] - s.time[row - 1]).sum();
+        robot.joints().iter().enumerate().find_map(|(j, joint)| {
+            let way = |row: usize| joint.change(s.angles[row - 1][j], s.angles[row][j]).abs();
+            let speed = moves(s).map(way).sum::<f64>() / all.max(f64::MIN_POSITIVE);
+            let limit = joint.limits().velocity;
+            (speed > MOST_SPEED * limit).then(|| (s.id.clone(), joint, speed, limit))
+        })
+    };
+    let mut found = sequences.iter().filter_map(fast);
+    let (sequence, joint, speed, limit) = found.next()?;
+    Some(PipelineWarning::FastClock {
+        sequence,
+        joint: joint.name().to_owned(),
+        speed,
+        limit,
+        unit: unit_of(joint),
         others: found.count(),
     })
 }

@@ -387,6 +387,25 @@ pub enum PipelineWarning {
         /// Further sequences of that kind.
         others: usize,
     },
+    /// Joints that move, all the way of a sequence, at more than three times their velocity limit.
+    #[error(
+        "sequence {sequence}: joint {joint} moves at {speed:.3e} {unit}/s on average, its limit is {limit:?}; time stamps must be in \
+         seconds, and go on too slowly here{}", more(*others, "sequence")
+    )]
+    FastClock {
+        /// The first such sequence.
+        sequence: String,
+        /// The first such joint there.
+        joint: String,
+        /// Its mean speed (rad/s or m/s).
+        speed: f64,
+        /// Its limit.
+        limit: f64,
+        /// `rad` or `m`.
+        unit: &'static str,
+        /// Further sequences of that kind.
+        others: usize,
+    },
     /// A joint whose readings stay at one value for a part of a sequence, not at the end of their range, while touch
     /// would change them.
     #[error(

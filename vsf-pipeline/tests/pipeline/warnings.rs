@@ -497,6 +497,15 @@ fn time_in_milliseconds() {
         motion_warnings(scene.robot(), &[&brisk])[..],
         [PipelineWarning::SlowClock { .. }]
     ));
+    let fast = Sequence {
+        time: right.time.iter().map(|t| 1e-3 * t).collect(),
+        ..right.clone()
+    };
+    let warnings = motion_warnings(scene.robot(), &[&fast]);
+    let [PipelineWarning::FastClock { speed, limit, .. }] = &warnings[..] else {
+        panic!("{warnings:?}");
+    };
+    assert!(*speed > 3.0 * limit);
     // Nothing moves, whatever the clock.
     let mut still = slow.clone();
     still.angles.data_mut().fill(0.1);
