@@ -127,7 +127,7 @@ impl Console {
 
 /// One line on standard error. That nobody reads it is no reason to stop.
 pub fn complain(text: impl Display) {
-    let line = harmless(&shortened(text.to_string())).replace('\n', " ");
+    let line = shortened(harmless(&text.to_string())).replace('\n', " ");
     let _ = writeln!(std::io::stderr(), "{line}");
 }
 
@@ -258,5 +258,15 @@ mod tests {
             harmless("a\u{1b}[2Jb\u{7}\u{202E}c\u{2028}"),
             "a\u{FFFD}[2Jb\u{FFFD}\u{FFFD}c\u{FFFD}"
         );
+    }
+
+    #[test]
+    fn long_messages_keep_their_ends() {
+        assert_eq!(shortened("a".repeat(3995)).len(), 3995);
+        // Characters of several bytes are not cut.
+        let long = format!("{}: check it", "\u{1d6d1}".repeat(100_000));
+        let short = shortened(long);
+        assert!(short.len() <= 4000 && short.starts_with('\u{1d6d1}'));
+        assert!(short.contains(" ... ") && short.ends_with(": check it"));
     }
 }

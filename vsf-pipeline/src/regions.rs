@@ -47,9 +47,9 @@ pub struct StiffRegions {
     pub regions: Vec<StiffRegion>,
     /// Stiff points in groups of fewer than a region has.
     pub scattered: usize,
-    /// Points whose mean is that stiff, and whose deviation is too large for them to be stiff with the
-    /// [confidence](RegionOptions::confidence) that is asked for.
-    pub unsure: usize,
+    /// Indices of the points, increasing, whose mean is that stiff, and whose deviation is too large for them to be stiff
+    /// with the [confidence](RegionOptions::confidence) that is asked for.
+    pub unsure: Vec<usize>,
 }
 
 /// One stiff region.
@@ -130,8 +130,8 @@ pub fn stiff_regions(
     let stiff: Vec<usize> = looked_at.iter().copied().filter(is_stiff).collect();
     let unsure = looked_at
         .iter()
-        .filter(|i| likely(i) && !is_stiff(i))
-        .count();
+        .copied()
+        .filter(|i| likely(i) && !is_stiff(i));
     let (large, small): (Vec<_>, Vec<_>) = groups(rest.positions(), stiff, reach)
         .into_iter()
         .partition(|group| group.len() >= options.fewest);
@@ -147,7 +147,7 @@ pub fn stiff_regions(
         stiff_from,
         reach,
         scattered: small.iter().map(Vec::len).sum(),
-        unsure,
+        unsure: unsure.collect(),
         regions,
     })
 }
@@ -344,8 +344,8 @@ mod tests {
         assert_eq!(region.largest, 30.0);
         // The middle one is no more certain, and 1.8 spacings do not reach across it.
         let unsure = of(3.0, &[], &RegionOptions::default());
-        assert!(unsure.regions.is_empty() && unsure.scattered == 3 && unsure.unsure == 1);
-        assert_eq!(found.unsure, 0);
+        assert!(unsure.regions.is_empty() && unsure.scattered == 3 && unsure.unsure == [3]);
+        assert!(found.unsure.is_empty());
         let wide = RegionOptions {
             reach: Some(2.1e-3),
             fewest: 1,

@@ -22,7 +22,7 @@ Example:
   vsf regions field.npz --contrast 3
 
 JSON keys: field, points (that were looked at), felt (those with any stiffness), background, stiff_from (N/m), contrast, confidence, reach (m), scattered \
-(stiff points of no region), unsure (points that are likely stiff, with less than that confidence), regions (center, bounds ([lower, upper] in m), mean, sd, largest (N/m), times_background, \
+(stiff points of no region), unsure (the indices of points that are likely that stiff, with less than that confidence), regions (center, bounds ([lower, upper] in m), mean, sd, largest (N/m), times_background, \
 points (their indices)).")]
 pub struct Args {
     /// The field, .npz or folder
@@ -52,7 +52,7 @@ struct Report<'a> {
     confidence: f64,
     reach: f64,
     scattered: usize,
-    unsure: usize,
+    unsure: &'a [usize],
     regions: Vec<Entry<'a>>,
 }
 
@@ -125,7 +125,7 @@ pub fn run(args: &Args, console: &Console) -> anyhow::Result<()> {
         confidence: args.confidence,
         reach: found.reach,
         scattered: found.scattered,
-        unsure: found.unsure,
+        unsure: &found.unsure,
         regions: (found.regions.iter())
             .map(|r| Entry::of(r, &found, has_sd))
             .collect(),
@@ -207,11 +207,11 @@ fn text(args: &Args, found: &StiffRegions, touched: bool, has_sd: bool) -> Strin
             args.fewest, found.scattered
         );
     }
-    if found.unsure > 0 {
+    if !found.unsure.is_empty() {
         let _ = writeln!(
             text,
-            "points that are likely that stiff, but less surely: {} (touch there again, or ask for a lower --confidence)",
-            found.unsure
+            "points that are likely that stiff, but less surely: {} (--json has them; further touches there, or a lower --confidence, tell)",
+            found.unsure.len()
         );
     }
     text

@@ -82,9 +82,7 @@ fn of_report(args: &Args) -> anyhow::Result<String> {
     }
     let text = read_text(&args.input)?;
     let path = args.input.display();
-    let report = Diagnosis::from_json(&text).map_err(|e| {
-        anyhow::anyhow!("{path} is no diagnosis, as `vsf diagnose --json` writes it: {e}")
-    })?;
+    let report = Diagnosis::from_json(&text).map_err(|e| anyhow::anyhow!("{path}: {e}"))?;
     let told: Told = parse_json(text.as_bytes()).map_err(|e| anyhow::anyhow!("{path}: {e}"))?;
     Ok(page_of_report(&report, &told.warnings))
 }

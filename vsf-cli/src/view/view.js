@@ -333,7 +333,7 @@ function shift(dx, dy) {
   camera.target = camera.target.map((v, k) => v - f * (dx * l.right[k] + dy * l.down[k]));
 }
 function zoom(factor) {
-  camera.distance = Math.min(100 * bounds.radius, Math.max(0.05 * bounds.radius, camera.distance * factor));
+  camera.distance = Math.min(100 * (apart || bounds).radius, Math.max(0.05 * bounds.radius, camera.distance * factor));
 }
 
 stage.addEventListener("pointerdown", e => {
@@ -346,8 +346,8 @@ stage.addEventListener("pointermove", e => {
   const now = [e.clientX, e.clientY], [dx, dy] = [now[0] - old[0], now[1] - old[1]];
   if (held.size === 2) {
     const other = [...held].find(([id]) => id !== e.pointerId)[1];
-    const apart = p => Math.hypot(p[0] - other[0], p[1] - other[1]);
-    zoom(apart(old) / Math.max(1, apart(now)));
+    const span = p => Math.hypot(p[0] - other[0], p[1] - other[1]);
+    zoom(span(old) / Math.max(1, span(now)));
     shift(dx / 2, dy / 2);
   } else if (e.shiftKey || e.buttons & 6) shift(dx, dy);
   else turn(dx, dy);

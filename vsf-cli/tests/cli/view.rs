@@ -217,7 +217,7 @@ fn what_is_refused() {
     fs::write(bench.root.join("f.ply"), b"ply").unwrap();
     refused("view f.ply --out a.html", 1, &["f.ply", ".npz"]);
     fs::write(bench.root.join("gap.json"), b"{\"schema\": 1}").unwrap();
-    let parts = ["gap.json is no diagnosis", "dataset"];
+    let parts = ["gap.json: no diagnosis", "dataset"];
     refused("view gap.json --out a.html", 1, &parts);
 
     npy(&bench.root.join("truth/K.npy"), &[160], &[1e99; 160]);
