@@ -157,6 +157,11 @@ pub fn harmless(text: &str) -> String {
     text.chars().map(shown).collect()
 }
 
+/// The same in one line, of a name among other words.
+pub fn in_line(name: &str) -> String {
+    harmless(name).replace('\n', "\u{FFFD}")
+}
+
 /// A reader that went away (`vsf info | head`) is no error.
 fn print(text: &str) -> anyhow::Result<()> {
     let mut out = std::io::stdout().lock();
@@ -257,6 +262,14 @@ mod tests {
         assert_eq!(
             harmless("a\u{1b}[2Jb\u{7}\u{202E}c\u{2028}"),
             "a\u{FFFD}[2Jb\u{FFFD}\u{FFFD}c\u{FFFD}"
+        );
+    }
+
+    #[test]
+    fn names_begin_no_line() {
+        assert_eq!(
+            in_line("touch\nerror: forged"),
+            "touch\u{FFFD}error: forged"
         );
     }
 

@@ -15,7 +15,7 @@ impl TriMesh {
     /// Builds a mesh.
     ///
     /// # Errors
-    /// A vertex that is not finite or beyond 1e6 m, a face index out of range, or a mesh without faces.
+    /// A vertex that is not finite, a face index out of range, or a mesh without faces.
     pub fn new(vertices: Vec<Point3<f64>>, faces: Vec<[u32; 3]>) -> Result<Self, CoreError> {
         for (index, v) in vertices.iter().enumerate() {
             if let Some(&value) = v.iter().find(|c| !c.is_finite()) {
@@ -25,15 +25,6 @@ impl TriMesh {
                     value,
                 });
             }
-        }
-        let coordinates = vertices.iter().flat_map(|v| v.iter());
-        let mut sizes = coordinates.map(|c| c.abs());
-        if let Some(value) = sizes.find(|c| *c > RestPoints::FARTHEST) {
-            return Err(CoreError::Parameter {
-                name: "mesh vertex",
-                value,
-                range: "within 1e6 m of the origin",
-            });
         }
         if faces.is_empty() {
             return Err(CoreError::TooFew {
@@ -123,7 +114,7 @@ pub enum Shape {
         /// Rounding radius of the edges, 0 for sharp ones; at most the smallest half extent.
         rounding: f64,
     },
-    /// A triangle mesh.
+    /// A triangle mesh, whose size is checked where distances to it are taken.
     Mesh(TriMesh),
 }
 

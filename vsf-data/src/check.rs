@@ -340,12 +340,10 @@ pub(crate) fn check_metadata(dir: &Path, metadata: &Overrides) -> Result<(), Dat
     if metadata.gravity.is_some_and(|g| !pose::is_finite(&g)) {
         return Err(wrong("gravity", "must be finite".to_owned()));
     }
-    if let Some(g) = metadata
-        .gravity
-        .map(|g| g.norm())
-        .filter(|g| *g > MOST_GRAVITY)
-    {
-        let problem = format!("is {g:?} m/s^2 long, more than {MOST_GRAVITY}; check its unit");
+    if let Some(g) = metadata.gravity.filter(|g| g.norm() > MOST_GRAVITY) {
+        let [x, y, z] = [g.x, g.y, g.z];
+        let problem =
+            format!("[{x:?}, {y:?}, {z:?}] m/s^2 is longer than {MOST_GRAVITY}; check its unit");
         return Err(wrong("gravity", problem));
     }
     if let Some(base) = &metadata.base_pose {

@@ -191,7 +191,10 @@ pub enum PipelineError {
         names: String,
     },
     /// `joints` or `joint_types` of the recording contradict the robot.
-    #[error("column {column} of the recording is {recorded}, the robot's joint there is {robot}")]
+    #[error(
+        "column {column} of the recording is {recorded} by {key}, the robot's joint there is {robot}; bring the columns \
+         into the robot's order, or mend {key}"
+    )]
     JointMismatch {
         /// What says so, `joints` or `joint_types` of the recording.
         key: &'static str,

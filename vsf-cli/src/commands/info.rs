@@ -1,6 +1,6 @@
 mod field;
 
-use crate::console::{Console, number, table};
+use crate::console::{Console, in_line, number, table};
 use crate::field_file::{FieldFile, FieldFormat};
 use crate::recording::{Recording, RecordingArgs, SplitPart, untouched};
 use serde::Serialize;
@@ -178,9 +178,9 @@ fn text(report: &Report) -> String {
             ids.join(", ")
         }
     };
-    let mut text = format!("{}\n", report.name);
-    if !report.description.is_empty() {
-        text += &format!("{}\n", report.description);
+    let mut text = format!("{}\n", in_line(&report.name));
+    for line in report.description.lines() {
+        text += &format!("  {line}\n");
     }
     let joints: Vec<_> = report
         .joints

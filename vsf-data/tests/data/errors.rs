@@ -719,7 +719,10 @@ fn data_in_memory_is_checked_without_a_folder() {
         "sequence \"2\" is listed twice in splits train and test",
     );
     refused(|d| d.gravity.z = f64::NAN, "gravity: must be finite");
-    refused(|d| d.gravity.z = -9810.0, "9810.0 m/s^2 long");
+    refused(
+        |d| d.gravity.z = -9810.0,
+        "-9810.0] m/s^2 is longer than 100;",
+    );
 }
 
 #[test]

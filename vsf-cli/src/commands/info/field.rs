@@ -1,7 +1,7 @@
 //! What a field says of itself.
 
 use super::{bounds, place};
-use crate::console::number;
+use crate::console::{in_line, number};
 use crate::contact_flags::contact_flags;
 use crate::field_file::FieldFile;
 use serde::Serialize;
@@ -65,8 +65,8 @@ pub fn text(report: &Report<'_>) -> String {
         _ => of,
     };
     let learned_from = match (report.recording, report.learned_from) {
-        (Some(name), Some(ids)) => format!("{name}: {}", ids.join(", ")),
-        (Some(name), None) => name.to_owned(),
+        (Some(name), Some(ids)) => format!("{}: {}", in_line(name), ids.join(", ")),
+        (Some(name), None) => in_line(name),
         (None, Some(ids)) => ids.join(", "),
         (None, None) => unsaid(),
     };
