@@ -167,24 +167,6 @@ fn an_onset_is_compared_beside_other_causes() {
     assert!(of_threshold > of_padding, "{of_threshold} {of_padding}");
 }
 
-/// Late readings hide what the threshold is worth, so that it is asked beside them, too, whether a padding is one.
-#[test]
-fn a_padding_is_compared_beside_what_moves_contacts() {
-    const LATE: usize = 3 * 2;
-    let mut dataset = pad(&PLACES);
-    for sequence in &mut dataset.sequences {
-        let torques = sequence.torques.data_mut();
-        let end = torques.len();
-        torques.copy_within(..end - LATE, LATE);
-    }
-    let few = ["latency", "geometry_padding"].map(str::to_owned);
-    let few = effects::named(&few).unwrap();
-    let campaign = Campaign::open(&dataset, &SceneOptions::default()).unwrap();
-    let found = diagnose(&campaign.with_suited_fields(), &few, 0, |_| {}).unwrap();
-    let Diagnosis { verdict, notes, .. } = found.diagnosis;
-    assert_eq!(verdict.effects, ["latency"], "{notes:#?}");
-}
-
 /// No spring pulls, so that nothing is left for effects of the object's place to change: the cause is unknown, and not that
 /// there is too little to tell.
 #[test]
