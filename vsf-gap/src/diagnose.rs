@@ -186,15 +186,14 @@ fn attempt(
         Split::Whole => campaign.saturated()?,
         Split::Halves => Vec::new(),
     };
-    let opposed = judgment
-        .opposed()
-        .filter(|_| closed < NEARLY && !nominal.perfect);
+    let opposed = judgment.opposed().filter(|_| !nominal.perfect);
     let undecided = !in_field.is_empty() && opposed.is_none() && judgment.leaves_field(closed);
     if undecided {
         judgment.withdraw();
     }
     let estimated = extent.estimated;
     let compared = extent.told(judgment.corrected().is_some());
+    let opposed = opposed.filter(|_| closed < NEARLY || compared.is_worse_in_contact());
     let named = judgment.named.as_ref();
     let vague = named.map_or_else(Vec::new, |t| t.refined.vague());
     let may_touch = nominal.touches || judgment.corrected().is_some_and(|t| t.refined.touches);

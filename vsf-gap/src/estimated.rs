@@ -121,6 +121,16 @@ impl Compared {
         open || tells && self.after.residuals.mean_error_of(in_air) > FAR * noise
     }
 
+    /// Whether far more is left in contact than in the air.
+    pub(crate) fn is_worse_in_contact(&self) -> bool {
+        let error = |touching: bool| {
+            let is_one = |k: usize| self.touches.get(k) == Some(&touching);
+            self.after.residuals.mean_error_of(is_one)
+        };
+        let air = self.touches.iter().filter(|t| !**t).count();
+        air >= FREE && error(true) > FAR * error(false)
+    }
+
     /// Errors on the checked sequences.
     pub(crate) fn gap(&self, campaign: &Campaign, model: &Model, estimated: bool) -> Gap {
         let (before, after) = (&self.before.residuals, &self.after.residuals);
