@@ -10,6 +10,7 @@ use crate::next::next_experiment;
 use crate::notes::{closest, few_rows, notes, told};
 use crate::plain::Plain;
 use crate::report::{Diagnosis, EffectReport, Outcome, STIFFNESS_FIELD, is_perfect};
+use crate::report_file::SCHEMA;
 use crate::search::Search;
 use crate::trial::{Judgment, Trial};
 use crate::verdict::{Answer, Findings};
@@ -281,7 +282,7 @@ fn attempt(
     let arm = Arm::of(&campaign.site);
     Ok(Outcome {
         diagnosis: Diagnosis {
-            schema: 1,
+            schema: SCHEMA,
             dataset: campaign.name().to_owned(),
             gap: compared.gap(campaign, &model, estimated),
             location: locate(campaign, &model, &own_field, before, trial.sequences, seed)?,

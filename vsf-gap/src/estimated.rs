@@ -113,33 +113,38 @@ pub(crate) struct Compared {
 }
 
 impl Compared {
+    /// Whether a sample is one that touches anything, or one that does not.
+    fn is_one(&self, touching: bool) -> impl Fn(usize) -> bool {
+        move |k| self.touches.get(k) == Some(&touching)
+    }
+
+    /// How many such samples there are.
+    fn samples(&self, touching: bool) -> usize {
+        self.touches.iter().filter(|t| **t == touching).count()
+    }
+
     /// Whether what a model leaves is far from the noise: in the air, since in contact it is for many reasons.
     pub(crate) fn is_far(&self, noise: f64, touches: bool) -> bool {
         let in_air = |k: usize| self.touches.get(k) != Some(&true);
-        let tells = !touches || self.touches.iter().filter(|t| !**t).count() >= FREE;
+        let tells = !touches || self.samples(false) >= FREE;
         let open = !touches && self.closed.fraction < NEARLY;
         open || tells && self.after.residuals.mean_error_of(in_air) > FAR * noise
     }
 
     /// Whether far more is left in contact than in the air.
     pub(crate) fn is_worse_in_contact(&self) -> bool {
-        let error = |touching: bool| {
-            let is_one = |k: usize| self.touches.get(k) == Some(&touching);
-            self.after.residuals.mean_error_of(is_one)
-        };
-        let air = self.touches.iter().filter(|t| !**t).count();
-        air >= FREE && error(true) > FAR * error(false)
+        let error = |touching| self.after.residuals.mean_error_of(self.is_one(touching));
+        self.samples(false) >= FREE && error(true) > FAR * error(false)
     }
 
     /// Errors on the checked sequences.
     pub(crate) fn gap(&self, campaign: &Campaign, model: &Model, estimated: bool) -> Gap {
         let (before, after) = (&self.before.residuals, &self.after.residuals);
         let errors = |touching: bool| {
-            let is_one = |k: usize| self.touches.get(k) == Some(&touching);
-            let samples = self.touches.iter().filter(|t| **t == touching).count();
+            let samples = self.samples(touching);
             (samples > 0).then(|| MeanErrors {
-                nominal: before.mean_error_of(is_one),
-                corrected: after.mean_error_of(is_one),
+                nominal: before.mean_error_of(self.is_one(touching)),
+                corrected: after.mean_error_of(self.is_one(touching)),
                 samples,
             })
         };

@@ -91,6 +91,18 @@ impl Refined {
         self.at_bounds_among(0..self.theta.len())
     }
 
+    /// The same of some parameters.
+    pub(crate) fn at_bounds_among(&self, places: Range<usize>) -> Vec<&str> {
+        let stopped = |i: &usize| {
+            let p = &self.prior.parameters[*i];
+            let wanted = self.theta[*i].abs() > WANTED * self.sd[*i];
+            p.role == Role::Amplitude && is_stopped(p, self.theta[*i]) && wanted
+        };
+        let own = places.filter(stopped);
+        own.map(|i| self.prior.parameters[i].name.as_str())
+            .collect()
+    }
+
     /// Whether the data say next to nothing of a parameter.
     pub(crate) fn is_undetermined(&self, place: usize) -> bool {
         self.sd[place] > UNDETERMINED * self.prior.sd[place]
@@ -103,18 +115,6 @@ impl Refined {
         let effects = self.model.places();
         let vague = effects.filter(|(_, own)| !own.clone().any(tells));
         vague.map(|(e, _)| e.name()).collect()
-    }
-
-    /// The same of some parameters.
-    pub(crate) fn at_bounds_among(&self, places: Range<usize>) -> Vec<&str> {
-        let stopped = |i: &usize| {
-            let p = &self.prior.parameters[*i];
-            let wanted = self.theta[*i].abs() > WANTED * self.sd[*i];
-            p.role == Role::Amplitude && is_stopped(p, self.theta[*i]) && wanted
-        };
-        let own = places.filter(stopped);
-        own.map(|i| self.prior.parameters[i].name.as_str())
-            .collect()
     }
 }
 

@@ -4,7 +4,7 @@ use vsf_core::RestPoints;
 use vsf_data::parse_json;
 
 /// Version of the form.
-const SCHEMA: u32 = 1;
+pub(crate) const SCHEMA: u32 = 1;
 
 /// Rounding of what adds up to 1.
 const ROUNDING: f64 = 1e-9;

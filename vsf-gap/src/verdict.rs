@@ -139,8 +139,8 @@ impl Judged {
             || found.untouched
             || found.saturated
             || claims && (found.silent || found.opposed || found.vague);
-        let fault = found.saturated || found.opposed || found.untouched;
-        let open = !fault && (lasting || contradicted);
+        let known = found.saturated || found.opposed || found.untouched;
+        let open = !known && (lasting || contradicted);
         verdict.kind = if lasting || contradicted || faulty {
             VerdictKind::Unknown
         } else {
