@@ -6,6 +6,7 @@ use crate::recording::untouched;
 use crate::settings::EstimatorSettings;
 use serde::Serialize;
 use vsf::contact::ContactConfig;
+use vsf::core::CoreError;
 use vsf::pipeline::{
     Candidate, Estimate, Hyper, HyperChoice, HyperMethod, PipelineError, Scene, Trace,
     VisionCandidate, VisionEstimate, VisionSpec, choose_contact, choose_hyper, estimate,
@@ -131,7 +132,7 @@ pub fn fit(
         (PRIOR_SD, settings.prior_sd.is_some()),
         (NOISE_SD, given.is_some()),
     ];
-    let named = flags.into_iter().filter(|f| f.1).map(|f| f.0).collect();
+    let named: Vec<&str> = flags.into_iter().filter(|f| f.1).map(|f| f.0).collect();
     let (hyper, method, candidates) = match (settings.prior_sd, given) {
         (Some(prior_sd), Some(noise_sd)) => {
             let hyper = Hyper {
@@ -159,15 +160,19 @@ pub fn fit(
     let bar = console.bar(traces.len(), "estimate");
     let progress = |done: usize| bar.set_position(done as u64);
     let found = match view {
-        None => VisionEstimate {
-            estimate: estimate(scene.rest(), traces, &spec, &hyper, progress)?,
-            share: 0.0,
-            candidates: Vec::new(),
-        },
+        None => {
+            let of_touch = estimate(scene.rest(), traces, &spec, &hyper, progress);
+            of_touch.map(|estimate| VisionEstimate {
+                estimate,
+                share: 0.0,
+                candidates: Vec::new(),
+            })
+        }
         Some((view, vision)) => {
-            estimate_with_vision(scene.rest(), view, traces, &spec, &hyper, vision, progress)?
+            estimate_with_vision(scene.rest(), view, traces, &spec, &hyper, vision, progress)
         }
     };
+    let found = found.map_err(|error| with_flags(error, &named))?;
     bar.finish_and_clear();
     Ok(Chosen {
         estimate: found.estimate,
@@ -178,6 +183,27 @@ pub fn fit(
         vision_share: found.share,
         vision_candidates: found.candidates,
     })
+}
+
+/// Names the flags that were given where prior and noise are too far apart for numbers to hold both.
+fn with_flags(error: PipelineError, given: &[&str]) -> anyhow::Error {
+    let indefinite = match &error {
+        PipelineError::Core(e) | PipelineError::Sequence { source: e, .. } => {
+            matches!(e, CoreError::NotPositiveDefinite { .. })
+        }
+        _ => false,
+    };
+    if !indefinite || given.is_empty() {
+        return error.into();
+    }
+    let flags: Vec<String> = given
+        .iter()
+        .map(|name| format!("--{}", name.replace('_', "-")))
+        .collect();
+    usage(format!(
+        "{}: prior and noise are further apart than numbers can tell: {error}",
+        flags.join(" and ")
+    ))
 }
 
 /// One of the two given: their ratio, which decides the fit, stays as chosen.

@@ -1,7 +1,7 @@
 //! Files read as a whole, and what their arrays mean.
 
 use crate::npy::{self, NpyArray};
-use crate::{DataError, Table, pose, write_file};
+use crate::{DataError, DataWarning, Table, pose, write_file};
 use nalgebra::Point3;
 use std::fs::{self, File};
 use std::io::{Error, ErrorKind};
@@ -26,6 +26,14 @@ pub fn read_text(path: impl AsRef<Path>) -> Result<String, DataError> {
         )
     };
     String::from_utf8(read(path)?).map_err(not_text)
+}
+
+/// A warning if the last line of a text file has no end.
+pub(crate) fn open_ended(path: &Path, text: &[u8]) -> Option<DataWarning> {
+    (!text.ends_with(b"\n")).then(|| DataWarning::NoLineEnd {
+        path: path.to_owned(),
+        others: 0,
+    })
 }
 
 /// A file to be read in parts, and its length.

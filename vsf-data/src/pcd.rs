@@ -1,6 +1,6 @@
 //! Point clouds in the PCD format of the Point Cloud Library.
 
-use crate::{ColoredPoint, DataError, files};
+use crate::{ColoredPoint, DataError, DataWarning, files};
 use nalgebra::Point3;
 use pcd_rs::{DynReader, DynRecord, Field, PcdMeta, ValueKind};
 use std::path::Path;
@@ -17,13 +17,13 @@ const MOST_PACKED: u64 = 88;
 /// A damaged file, more points than its header says, none with coordinates, coordinates that are missing or
 /// not finite.
 pub fn read_pcd_points(path: impl AsRef<Path>) -> Result<Vec<Point3<f64>>, DataError> {
-    Ok(read_returns(path.as_ref())?.0)
+    Ok(points_of(path.as_ref())?.0)
 }
 
-/// [`read_pcd_points`], and how many were left out.
-pub(crate) fn read_returns(path: &Path) -> Result<(Vec<Point3<f64>>, usize), DataError> {
-    let (cloud, left_out) = read(path, false)?;
-    Ok((cloud.iter().map(|p| p.position).collect(), left_out))
+/// [`read_pcd_points`], and what should be known of them.
+pub(crate) fn points_of(path: &Path) -> Result<(Vec<Point3<f64>>, Vec<DataWarning>), DataError> {
+    let (cloud, warnings) = read(path, false)?;
+    Ok((cloud.iter().map(|p| p.position).collect(), warnings))
 }
 
 /// The points of a PCD file as [`read_pcd_points`] reads them, and their colors: the field `rgb` or
@@ -41,8 +41,8 @@ struct Places {
     color: Option<usize>,
 }
 
-/// The points with coordinates, and how many have none.
-fn read(path: &Path, with_color: bool) -> Result<(Vec<ColoredPoint>, usize), DataError> {
+/// The points with coordinates; those without are warned of.
+fn read(path: &Path, with_color: bool) -> Result<(Vec<ColoredPoint>, Vec<DataWarning>), DataError> {
     let wrong = |problem: String| DataError::Pcd {
         path: path.to_owned(),
         problem,
@@ -79,7 +79,14 @@ fn read(path: &Path, with_color: bool) -> Result<(Vec<ColoredPoint>, usize), Dat
     }
     let points: Vec<_> = cloud.iter().map(|p| p.position).collect();
     files::check_points(path, &points)?;
-    Ok((cloud, left_out))
+    let without_return = (left_out > 0).then(|| DataWarning::WithoutReturn {
+        path: path.to_owned(),
+        count: left_out,
+        total: left_out + cloud.len(),
+    });
+    let open_ended = (kind == "ascii").then(|| files::open_ended(path, &bytes));
+    let warnings = without_return.into_iter().chain(open_ended.flatten());
+    Ok((cloud, warnings.collect()))
 }
 
 /// The header without its last line, the kind of data that this line names, and the data.

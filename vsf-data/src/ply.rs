@@ -1,7 +1,7 @@
 //! Point clouds in the PLY format.
 
 use crate::colormap::Scale;
-use crate::{DataError, MADE_BY, StiffnessField, files, write_file};
+use crate::{DataError, DataWarning, MADE_BY, StiffnessField, files, write_file};
 use nalgebra::Point3;
 use ply_rs_bw::parser::{Parser, Reader};
 use ply_rs_bw::ply::{
@@ -45,8 +45,14 @@ pub(crate) fn write(path: &Path, field: &StiffnessField, scale: Scale) -> Result
 /// # Errors
 /// A damaged file, more than its header counts, no vertices, coordinates that are missing or not finite.
 pub fn read_ply_points(path: impl AsRef<Path>) -> Result<Vec<Point3<f64>>, DataError> {
-    let vertices = read_vertices(path.as_ref(), &["x", "y", "z"])?;
-    Ok(vertices.iter().map(|v| v.0.position).collect())
+    Ok(points_of(path.as_ref())?.0)
+}
+
+/// [`read_ply_points`], and what should be known of them.
+pub(crate) fn points_of(path: &Path) -> Result<(Vec<Point3<f64>>, Vec<DataWarning>), DataError> {
+    let (vertices, warning) = read_vertices(path, &["x", "y", "z"])?;
+    let points = vertices.iter().map(|v| v.0.position).collect();
+    Ok((points, warning.into_iter().collect()))
 }
 
 /// The points of a PLY file as [`read_ply_points`] reads them, and their colors, `red green blue`
@@ -55,11 +61,14 @@ pub fn read_ply_points(path: impl AsRef<Path>) -> Result<Vec<Point3<f64>>, DataE
 /// # Errors
 /// As [`read_ply_points`]; vertices without color.
 pub fn read_ply_cloud(path: impl AsRef<Path>) -> Result<Vec<ColoredPoint>, DataError> {
-    let vertices = read_vertices(path.as_ref(), &["x", "y", "z", "red", "green", "blue"])?;
+    let (vertices, _) = read_vertices(path.as_ref(), &["x", "y", "z", "red", "green", "blue"])?;
     Ok(vertices.into_iter().map(|v| v.0).collect())
 }
 
-fn read_vertices(path: &Path, needed: &[&str]) -> Result<Vec<Vertex>, DataError> {
+fn read_vertices(
+    path: &Path,
+    needed: &[&str],
+) -> Result<(Vec<Vertex>, Option<DataWarning>), DataError> {
     let wrong = |problem: String| DataError::Ply {
         path: path.to_owned(),
         problem,
@@ -113,7 +122,11 @@ fn read_vertices(path: &Path, needed: &[&str]) -> Result<Vec<Vertex>, DataError>
     }
     let points: Vec<_> = vertices.iter().map(|v| v.0.position).collect();
     files::check_points(path, &points)?;
-    Ok(vertices)
+    let open_ended = match header.encoding {
+        Encoding::Ascii => files::open_ended(path, &bytes),
+        _ => None,
+    };
+    Ok((vertices, open_ended))
 }
 
 /// What comes before the data of a file, and the data.

@@ -1,6 +1,6 @@
 //! Points of an object, whatever file they come in.
 
-use crate::{DataError, DataWarning, StiffnessField, files, pcd, read_ply_points};
+use crate::{DataError, DataWarning, StiffnessField, files, pcd, ply};
 use nalgebra::Point3;
 use std::path::Path;
 
@@ -15,32 +15,21 @@ pub fn read_points(
 ) -> Result<(Vec<Point3<f64>>, Vec<DataWarning>), DataError> {
     let path = path.as_ref();
     let ending = path.extension().unwrap_or_default().to_string_lossy();
-    let points = match &*ending.to_ascii_lowercase() {
-        "ply" => read_ply_points(path)?,
-        "pcd" => {
-            let (points, left_out) = pcd::read_returns(path)?;
-            let warning = (left_out > 0).then(|| DataWarning::WithoutReturn {
-                path: path.to_owned(),
-                count: left_out,
-                total: left_out + points.len(),
-            });
-            return Ok((points, warning.into_iter().collect()));
-        }
+    match &*ending.to_ascii_lowercase() {
+        "ply" => ply::points_of(path),
+        "pcd" => pcd::points_of(path),
         "npz" => {
             let (field, warnings) = StiffnessField::open(path)?;
-            return Ok((field.points, warnings));
+            Ok((field.points, warnings))
         }
         "npy" => {
             let points = files::points(path, files::read_npy(path)?)?;
             files::check_points(path, &points)?;
-            points
+            Ok((points, Vec::new()))
         }
-        _ => {
-            return Err(DataError::Argument {
-                what: "points",
-                problem: format!("{} is no .ply, .pcd, .npy or .npz", path.display()),
-            });
-        }
-    };
-    Ok((points, Vec::new()))
+        _ => Err(DataError::Argument {
+            what: "points",
+            problem: format!("{} is no .ply, .pcd, .npy or .npz", path.display()),
+        }),
+    }
 }

@@ -28,12 +28,14 @@ pub enum PipelineError {
     #[error(transparent)]
     Contact(#[from] ContactError),
     /// A collision shape of a link cannot be used.
-    #[error("robot {robot:?}, a collision shape of link {link:?}: {source}")]
+    #[error("robot {robot:?}, {shape} of link {link:?}: {source}")]
     LinkShape {
         /// Name of the robot.
         robot: String,
         /// The link.
         link: String,
+        /// `a collision shape`, or the mesh with its file.
+        shape: String,
         /// What is wrong with it.
         source: ContactError,
     },

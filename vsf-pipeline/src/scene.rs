@@ -9,7 +9,7 @@ use vsf_contact::{
     CellContact, Cells, ContactConfig, ContactError, GridOptions, LinkGrid, LinkSdf, StickSlip,
     link_sdfs,
 };
-use vsf_core::{CoreError, RestPoints};
+use vsf_core::{CoreError, RestPoints, Shape};
 use vsf_data::{ContactParameters, Dataset, TorqueKind};
 use vsf_robots::RobotModel;
 
@@ -242,10 +242,19 @@ impl Scene {
             margin: options.grid.margin.max(options.contact.level() + SPARE),
             ..options.grid.clone()
         };
+        let shape = |collider: usize| match &colliders[collider].shape {
+            Shape::Mesh(mesh) => mesh.source().map(|file| format!("mesh {file}")),
+            _ => None,
+        };
         let shapes = link_sdfs(&colliders, &grid).map_err(|e| match e {
-            ContactError::Collider { link, source, .. } => PipelineError::LinkShape {
+            ContactError::Collider {
+                link,
+                source,
+                collider,
+            } => PipelineError::LinkShape {
                 robot: robot.name().to_owned(),
                 link: robot.links()[link].name().to_owned(),
+                shape: shape(collider).unwrap_or_else(|| "a collision shape".to_owned()),
                 source: *source,
             },
             other => other.into(),

@@ -92,6 +92,7 @@ pub fn run(args: &Args, console: &Console) -> anyhow::Result<()> {
     };
     let mut outcome = diagnose(&campaign, &candidates, args.seed, progress)?;
     bar.finish_and_clear();
+    let warnings = console.warnings();
     if args.effects.is_some() {
         outcome.diagnosis.notes.push(
             "only the effects of --effects were looked for; what others would explain may be laid to them".to_owned(),
@@ -101,7 +102,7 @@ pub fn run(args: &Args, console: &Console) -> anyhow::Result<()> {
     model.made_by = Some(MADE_BY.to_owned());
     let mut files = Vec::new();
     if let Some(path) = &args.html {
-        files.push((path.clone(), page(&outcome, &model, &console.warnings())?));
+        files.push((path.clone(), page(&outcome, &model, &warnings)?));
     }
     if let Some(path) = &args.model {
         files.push((path.clone(), model.to_json()));
@@ -120,5 +121,6 @@ pub fn run(args: &Args, console: &Console) -> anyhow::Result<()> {
         .iter()
         .map(|p| format!("wrote {p}\n"))
         .collect();
-    console.report(text(&outcome.diagnosis, &model, outcome.campaign.site()) + &lines)
+    let site = outcome.campaign.site();
+    console.report(text(&outcome.diagnosis, &model, site, warnings.len()) + &lines)
 }

@@ -303,7 +303,7 @@ fn text(found: &[(&'static str, Evaluation)]) -> String {
     text += &table(&["joint", "mean abs", "rms", "unit"], &rows);
     if let Some(c) = &evaluation.calibration {
         text += &format!(
-            "\nreadings in contact within 1 and 2 predicted standard deviations: {:.0} %, {:.0} %\n",
+            "\nreadings in contact within 1 and 2 predicted standard deviations: {:.0} %, {:.0} % (of normal errors: 68 %, 95 %)\n",
             100.0 * c.within_1_sigma,
             100.0 * c.within_2_sigma
         );

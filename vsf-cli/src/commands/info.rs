@@ -125,7 +125,7 @@ fn describe(
         reached: g.report.reached,
         boundary_edges: g.report.openness.boundary_edges,
         edges: g.report.openness.edges,
-        unsure_share: g.report.openness.unsure_share,
+        unsure_share: 1.0 - g.report.error.sure_share,
         turned_share: g.report.error.turned_share,
     });
     let joint = |joint: &vsf::robots::Joint| Joint {

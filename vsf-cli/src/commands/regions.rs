@@ -1,4 +1,4 @@
-use crate::console::{Console, number, table};
+use crate::console::{Console, fixed, number, table};
 use crate::field_file::FieldFile;
 use crate::range::{confidence, count, length, positive};
 use serde::Serialize;
@@ -157,7 +157,7 @@ fn text(args: &Args, found: &StiffRegions, touched: bool, has_sd: bool) -> Strin
     let decimals = (1.0 - found.reach.max(1e-9).log10()).ceil().clamp(3.0, 9.0) as usize;
     let row = |(k, r): (usize, &StiffRegion)| {
         let size = r.bounds[1] - r.bounds[0];
-        let vector = |v: [f64; 3]| v.map(|c| format!("{c:.decimals$}")).join(", ");
+        let vector = |v: [f64; 3]| v.map(|c| fixed(c, decimals)).join(", ");
         vec![
             (k + 1).to_string(),
             r.points.len().to_string(),

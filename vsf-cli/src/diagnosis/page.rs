@@ -2,10 +2,10 @@ use super::sentence::{found, is_uncertain, verdict};
 use super::torques::torques;
 use super::words::{
     NEVER_SHOWS, OUT_OF_SIGHT, SHOWS_FROM, SQUARES, all_looked_for, closed, determined, figures,
-    fitted, fixed, headings, limits, look_alikes, none_of_these, out_of_sight, part, parts,
-    percent, screened_out, size, summary, touches, untestable, what_is_left,
+    fitted, headings, limits, look_alikes, none_of_these, out_of_sight, part, parts, percent,
+    screened_out, size, summary, touches, untestable, what_is_left,
 };
-use crate::console::number;
+use crate::console::{fixed, number};
 use crate::html::{Script, document, escape};
 use std::fmt::Write;
 use vsf::gap::{

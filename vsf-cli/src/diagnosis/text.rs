@@ -4,16 +4,23 @@ use super::words::{
     headings, limits, look_alikes, none_of_these, out_of_sight, part, parts, percent, screened_out,
     size, summary, touches, untestable,
 };
-use crate::console::table;
+use crate::console::{fixed, table};
 use vsf::gap::{Diagnosis, Limit, LocatedShare, ModelFile, Site, VerdictKind};
 
 /// Parts named of every kind, and the share below which a part is not worth a word.
 const PARTS: usize = 4;
 const LEAST: f64 = 0.05;
+/// Longer lists of parameters leave out those within a deviation of zero.
+const MOST_PARAMETERS: usize = 18;
 
-/// The report on the terminal.
-pub fn text(diagnosis: &Diagnosis, model: &ModelFile, site: &Site) -> String {
+/// The report on the terminal, below so many warnings about the recording.
+pub fn text(diagnosis: &Diagnosis, model: &ModelFile, site: &Site, warnings: usize) -> String {
     let mut text = format!("{}\n", verdict(diagnosis));
+    text += &match warnings {
+        0 => String::new(),
+        1 => "Check the warning above first: what it tells may be the cause.\n".to_owned(),
+        n => format!("Check the {n} warnings above first: what they tell may be the cause.\n"),
+    };
     if let Some(found) = found(&diagnosis.verdict, &model.effects, site) {
         text += &format!("Found {found}.\n");
     }
@@ -78,8 +85,15 @@ fn effects(diagnosis: &Diagnosis, model: &ModelFile) -> String {
             e.effect,
             summary(all, &e.effect)
         );
-        for p in &e.parameters {
+        // Longer lists are those of a place for every sequence.
+        let (small, shown): (Vec<_>, Vec<_>) = (e.parameters.iter())
+            .partition(|p| e.parameters.len() > MOST_PARAMETERS && p.value.abs() <= p.sd);
+        for p in shown {
             text += &format!("  {:<8} {}\n", p.name, determined(all, &e.effect, p));
+        }
+        if !small.is_empty() {
+            let names: Vec<&str> = small.iter().map(|p| p.name.as_str()).collect();
+            text += &format!("  within a deviation of zero: {}\n", names.join(", "));
         }
     }
     let hidden = out_of_sight(all);
@@ -151,7 +165,7 @@ fn places(diagnosis: &Diagnosis) -> String {
         }
     }
     if let Some(region) = found.region.first() {
-        let [x, y, z] = region.center.map(|v| format!("{:.4}", v + 0.0));
+        let [x, y, z] = region.center.map(|v| fixed(v, 4));
         let share = percent(region.share);
         text += &format!("  {:<10} {x}, {y}, {z} m {share} of contact\n", "region");
     }

@@ -1,4 +1,4 @@
-use crate::console::number;
+use crate::console::{fixed, number};
 use vsf::gap::{
     Diagnosis, EffectReport, Gap, Limit, MeanErrors, ParameterEstimate, Place, VerdictKind, effects,
 };
@@ -164,15 +164,6 @@ pub fn headings(diagnosis: &Diagnosis) -> String {
 /// A share or a probability.
 pub fn percent(share: f64) -> String {
     format!("{} %", fixed(100.0 * share, 0))
-}
-
-/// A number with so many decimals; what is rounded to zero has no sign.
-pub fn fixed(value: f64, decimals: usize) -> String {
-    let text = format!("{value:.decimals$}");
-    match text.strip_prefix('-') {
-        Some(zero) if zero.bytes().all(|b| b == b'0' || b == b'.') => zero.to_owned(),
-        _ => text,
-    }
 }
 
 /// The part of a recording.

@@ -419,6 +419,11 @@ fn usage_errors() {
         bench.fails(line, 2, &["--replay", "choose `dual`"]);
     }
     bench.fails("estimate data --prior-sd 0 --noise-sd 1", 2, &["prior-sd"]);
+    bench.fails(
+        "estimate data --estimator diagonal --prior-sd 1e12 --noise-sd 1e-12",
+        2,
+        &["--prior-sd and --noise-sd", "further apart"],
+    );
     let all = [".npz", ".ply", "folder", "`vsf export`", ".png", ".svg"];
     for line in ["estimate data --out a.jpg", "export truth --out a.jpg"] {
         bench.fails(line, 2, &all);

@@ -601,6 +601,28 @@ fn points_of_an_ascii_ply() {
     assert!(matches!(read_ply_points(&path), Err(DataError::Ply { .. })));
 }
 
+/// Text that was cut off within its last number is still text.
+#[test]
+fn clouds_whose_last_line_has_no_end_are_told() {
+    let folder = tempfile::tempdir().unwrap();
+    let ply = "ply\nformat ascii 1.0\nelement vertex 2\nproperty float x\nproperty float y\n\
+               property float z\nend_header\n0 0 0\n1 2 3.25\n";
+    let pcd = "VERSION .7\nFIELDS x y z\nSIZE 4 4 4\nTYPE F F F\nCOUNT 1 1 1\nWIDTH 2\nHEIGHT 1\n\
+               VIEWPOINT 0 0 0 1 0 0 0\nPOINTS 2\nDATA ascii\n0 0 0\n1 2 3.25\n";
+    for (name, text) in [("a.ply", ply), ("a.pcd", pcd)] {
+        let path = folder.path().join(name);
+        fs::write(&path, text).unwrap();
+        assert_eq!(read_points(&path).unwrap().1, []);
+        fs::write(&path, &text[..text.len() - 2]).unwrap();
+        let (points, warnings) = read_points(&path).unwrap();
+        assert_eq!(points[1], Point3::new(1.0, 2.0, 3.2f32.into()));
+        let [warning @ DataWarning::NoLineEnd { .. }] = &warnings[..] else {
+            panic!("{warnings:?}");
+        };
+        assert!(warning.to_string().contains(name), "{warning}");
+    }
+}
+
 #[test]
 fn colors_of_a_ply() {
     let folder = tempfile::tempdir().unwrap();

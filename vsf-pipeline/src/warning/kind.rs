@@ -576,7 +576,8 @@ pub enum PipelineWarning {
     /// with a tenth of the squared readings of the mean sequence at least.
     #[error(
         "the field explains {} of the squared readings of sequence {sequence}, from which it has learned, and more of others: \
-         its torques may be those of another sequence or clock than its angles, or the object has moved{}",
+         its torques may be those of another sequence or clock than its angles, the object may have moved, or the readings hold what \
+         no stiffness explains (an offset, a payload, friction){}",
         percent(*share), more(*others, "sequence")
     )]
     ExplainsNothingOf {
