@@ -67,18 +67,23 @@ impl Console {
         result: &impl Serialize,
         mut files: Vec<(PathBuf, String)>,
     ) -> anyhow::Result<()> {
-        let result = WithWarnings {
-            made_by: MADE_BY,
-            result,
-            warnings: &self.warnings.borrow(),
-        };
-        let text = serde_json::to_string_pretty(&result).context("cannot write JSON")? + "\n";
+        let text = self.to_json(result)?;
         if let Some(Some(path)) = &self.json {
             files.push((path.clone(), text));
         } else if self.json.is_some() {
             print(&text)?;
         }
         Ok(writing(|| vsf::data::write_files(files))?)
+    }
+
+    /// The text of a result, with its maker and all warnings so far.
+    pub fn to_json(&self, result: &impl Serialize) -> anyhow::Result<String> {
+        let result = WithWarnings {
+            made_by: MADE_BY,
+            result,
+            warnings: &self.warnings.borrow(),
+        };
+        Ok(serde_json::to_string_pretty(&result).context("cannot write JSON")? + "\n")
     }
 
     /// A warning, printed whatever else is; the same one once.

@@ -153,7 +153,7 @@ impl CorrectedModel {
             ));
         }
         let traces: Vec<Trace> = found.iter().map(|c| c.trace.clone()).collect();
-        recording.warn_of_readings(scene, sequences, &traces, console);
+        console.warn_all(recording.of_readings(scene, sequences, &traces));
         Ok(found)
     }
 

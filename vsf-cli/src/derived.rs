@@ -124,14 +124,14 @@ pub fn claim(out: &Path, console: &Console) -> anyhow::Result<()> {
     })
 }
 
-/// Refuses to replace a recording that none of these commands has made: one that was measured is lost for ever.
-pub fn keep_made(out: &Path, by: &[&str]) -> anyhow::Result<()> {
+/// Refuses to replace a recording in the folder of a flag that none of these has made: one that was measured is lost for ever.
+pub fn keep_made(flag: &str, out: &Path, by: &[&str]) -> anyhow::Result<()> {
     let metadata = out.join("dataset.json");
     let made_by = match Dataset::maker(out) {
         Some(command) if by.contains(&&*command) => {
             if Dataset::is_edited(out) {
                 return Err(usage(format!(
-                    "--out {}: the recording there was edited since {command:?} wrote it, which would be lost; choose a new \
+                    "{flag} {}: the recording there was edited since {command:?} wrote it, which would be lost; choose a new \
                      folder, or remove that one",
                     out.display()
                 )));
@@ -147,7 +147,7 @@ pub fn keep_made(out: &Path, by: &[&str]) -> anyhow::Result<()> {
         }
     };
     Err(usage(format!(
-        "--out {}: the recording there {made_by} and is replaced by no other kind; choose a new folder, or remove that \
+        "{flag} {}: the recording there {made_by} and is replaced by no other kind; choose a new folder, or remove that \
          one",
         out.display()
     )))

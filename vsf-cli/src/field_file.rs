@@ -211,7 +211,15 @@ pub fn claim(out: &Path, console: &Console) -> anyhow::Result<()> {
         let other = names.iter().find(|n| !is_ours(n));
         // Others have files of the name K.npy, too.
         other.or_else(|| unmarked(names, &["format.json"]))
-    })
+    })?;
+    if StiffnessField::is_edited(out) {
+        return Err(usage(format!(
+            "--out {}: the field there was edited since vsf wrote it, which would be lost; choose a new folder, or remove that \
+             one",
+            out.display()
+        )));
+    }
+    Ok(())
 }
 
 /// Writes a field as data: `.npz`, `.ply`, `.mcap` or a folder. What could not be read back is refused.

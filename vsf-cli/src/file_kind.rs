@@ -28,6 +28,8 @@ pub enum FileKind {
     Mcap,
     Png,
     Svg,
+    /// A report in Markdown.
+    Report,
 }
 
 impl FileKind {
@@ -58,6 +60,7 @@ impl FileKind {
             Self::Ply => "a .ply of a field",
             Self::Mcap => "an .mcap",
             Self::Png | Self::Svg => "a picture",
+            Self::Report => "a report",
         }
     }
 
@@ -77,6 +80,7 @@ impl FileKind {
             Self::Mcap => holds(path, b"\x89MCAP", b"\0\0\0vsf "),
             Self::Png => holds(path, b"\x89PNG", b"tEXtSoftware\0vsf "),
             Self::Svg => holds(path, b"<svg", b"<!-- vsf "),
+            Self::Report => holds(path, b"# ", b"<!-- vsf "),
         }
     }
 }

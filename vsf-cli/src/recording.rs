@@ -80,7 +80,7 @@ impl FieldArgs {
         sources.keep(console)?;
         let planned = |w: &DataWarning| matches!(w, DataWarning::ZeroTorques { .. });
         let recording = Recording::open_but(dataset, scene, planned, console)?;
-        keep_made(out, &COMPUTED)?;
+        keep_made("--out", out, &COMPUTED)?;
         let given = self.field.as_deref();
         let (field, scene) = recording.field_and_scene(given, model.as_ref(), console)?;
         Ok((recording, field, scene, model))
@@ -383,27 +383,23 @@ impl Recording {
         sequences: &[&Sequence],
         console: &Console,
     ) -> anyhow::Result<Vec<Trace>> {
-        warn_of_motions(scene, sequences, console);
-        let bar = console.bar(sequences.len(), "contact");
-        let traces = scene.traces(sequences, || bar.inc(1))?;
-        bar.finish_and_clear();
-        self.warn_of_readings(scene, sequences, &traces, console);
+        let traces = contacts(scene, sequences, console)?;
+        console.warn_all(self.of_readings(scene, sequences, &traces));
         Ok(traces)
     }
 
-    /// Warns of what looks wrong with the readings; of those that were computed in another contact not of signs, columns
+    /// What looks wrong with the readings; of those that were computed in another contact not of signs, columns
     /// and offsets, which this one does not tell.
-    pub fn warn_of_readings(
+    pub fn of_readings(
         &self,
         scene: &Scene,
         sequences: &[&Sequence],
         traces: &[Trace],
-        console: &Console,
-    ) {
+    ) -> Vec<PipelineWarning> {
         let in_other_contact = self.other_contact(scene).is_some();
-        let told = |w: &PipelineWarning| !(in_other_contact && w.rests_on_contact());
-        let warnings = reading_warnings(scene, sequences, traces);
-        console.warn_all(warnings.iter().filter(|w| told(w)));
+        let mut warnings = reading_warnings(scene, sequences, traces);
+        warnings.retain(|w| !(in_other_contact && w.rests_on_contact()));
+        warnings
     }
 
     /// Warns where readings that were computed are compared to springs in another contact.
@@ -435,7 +431,11 @@ impl Recording {
             scene.with_suited_threshold()?
         };
         self.compare_contact(&looked_at, console);
-        let traces = self.traces(&looked_at, &sequences, console)?;
+        let traces = contacts(&looked_at, &sequences, console)?;
+        let mut warnings = self.of_readings(&looked_at, &sequences, &traces);
+        // A diagnosis tells what that is.
+        warnings.retain(|w| !matches!(w, PipelineWarning::NotTared { .. }));
+        console.warn_all(warnings);
         console.warn_all(untouched(&looked_at, &traces));
         let campaign = Campaign::in_scene(&self.dataset, scene)?;
         Ok(if is_given {
@@ -495,6 +495,19 @@ pub fn needs_recording(input: &Path, flags: &[(&str, bool)]) -> anyhow::Result<(
         }
         None => Ok(()),
     }
+}
+
+/// Contacts of sequences, with warnings about their motions.
+fn contacts(
+    scene: &Scene,
+    sequences: &[&Sequence],
+    console: &Console,
+) -> anyhow::Result<Vec<Trace>> {
+    warn_of_motions(scene, sequences, console);
+    let bar = console.bar(sequences.len(), "contact");
+    let traces = scene.traces(sequences, || bar.inc(1))?;
+    bar.finish_and_clear();
+    Ok(traces)
 }
 
 /// Warns of what looks wrong with how the arm moves, and with where it begins to touch.

@@ -63,8 +63,8 @@ impl<T: Scalar> Observation<T> {
     /// `w_{points[k]}` into `w`.
     ///
     /// # Errors
-    /// Point indices out of order or `>= field_len`, a reading of another length than the noise,
-    /// any value that is not finite in `T`. The observation is then empty.
+    /// Point indices out of order or `>= field_len`, a reading of another length than the noise, or one that
+    /// overflows in it, any value that is not finite in `T`. The observation is then empty.
     pub fn rebuild(
         &mut self,
         field_len: usize,

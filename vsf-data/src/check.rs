@@ -1,7 +1,7 @@
 //! What the format promises about a data set, checked on the way in and on the way out.
 
 use crate::dataset::{CAMERA, FIELD, POINTS, sequence_ids_or_none, stored_field};
-use crate::{Attachment, DataError, DataWarning, Dataset, Overrides, Sequence, Splits};
+use crate::{Attachment, DataError, DataWarning, Dataset, Overrides, Sequence, Splits, Table};
 use crate::{files, metadata, pose};
 use nalgebra::Point3;
 use std::collections::{BTreeMap, BTreeSet, HashMap};
@@ -195,35 +195,34 @@ impl Dataset {
         warnings
     }
 
-    /// Sequences of the same numbers, and test sequences of the very angles of train sequences; planned motions, of zero
-    /// torque, may repeat.
+    /// Sequences of the same numbers, test sequences of the very angles of train sequences, and torques that come again
+    /// with other angles; planned motions, of zero torque, may repeat.
     fn copied_sequences(&self, dir: &Path) -> Vec<DataWarning> {
-        let hash = |s: &Sequence| {
-            let mut hasher = DefaultHasher::new();
-            let values = s.angles.data().iter();
-            values.for_each(|v| v.to_bits().hash(&mut hasher));
-            hasher.finish()
-        };
         let measured = |s: &&Sequence| s.torques.data().iter().any(|v| *v != 0.0);
-        let mut alike: HashMap<u64, Vec<&Sequence>> = HashMap::new();
-        let (mut copies, mut retraced) = (Vec::new(), Vec::new());
+        let (train, test) = (&self.splits.train, &self.splits.test);
+        let mut by_angles = Alike::default();
+        let mut by_torques = Alike::default();
+        let (mut copies, mut retraced, mut reread) = (Vec::new(), Vec::new(), Vec::new());
         for s in self.sequences.iter().filter(measured) {
-            let before = alike.entry(hash(s)).or_default();
-            let mut same = before.iter().filter(|of| of.angles == s.angles);
-            let both_ways = same.clone().flat_map(|of| [(s, *of), (*of, s)]);
-            let (train, test) = (&self.splits.train, &self.splits.test);
+            let moves_alike = by_angles.before(s, |of| &of.angles);
+            let reads_alike = by_torques.before(s, |of| &of.torques);
+            // Of sensors that are stuck something else is said.
+            let reads = (s.torques.data().iter()).zip(s.torques.data().iter().skip(s.width()));
+            let is_stuck = reads.into_iter().all(|(a, b)| a == b);
+            let both_ways = moves_alike.iter().flat_map(|of| [(s, *of), (*of, s)]);
             let mut again =
                 both_ways.filter(|(s, of)| test.contains(&s.id) && train.contains(&of.id));
             let pair = |s: &Sequence, of: &Sequence| (s.id.clone(), of.id.clone());
-            if let Some(of) = same.find(|of| of.torques == s.torques) {
+            if let Some(of) = moves_alike.iter().find(|of| of.torques == s.torques) {
                 copies.push(pair(s, of));
+            } else if let Some(of) = reads_alike.first().filter(|_| !is_stuck) {
+                reread.push(pair(s, of));
             } else if let Some((s, of)) = again.next() {
                 retraced.push(pair(s, of));
             }
-            before.push(s);
         }
         let path = || dir.to_owned();
-        let others = |of: &Vec<_>| of.len().saturating_sub(1);
+        let others = |of: &[_]| of.len().saturating_sub(1);
         let of_copies = copies
             .first()
             .map(|(first, of)| DataWarning::CopiedSequences {
@@ -231,6 +230,14 @@ impl Dataset {
                 first: first.clone(),
                 of: of.clone(),
                 others: others(&copies),
+            });
+        let of_reread = reread
+            .first()
+            .map(|(first, of)| DataWarning::CopiedTorques {
+                path: path(),
+                first: first.clone(),
+                of: of.clone(),
+                others: others(&reread),
             });
         let of_retraced = retraced
             .first()
@@ -240,7 +247,10 @@ impl Dataset {
                 of: of.clone(),
                 others: others(&retraced),
             });
-        of_copies.into_iter().chain(of_retraced).collect()
+        (of_copies.into_iter())
+            .chain(of_reread)
+            .chain(of_retraced)
+            .collect()
     }
 
     /// Time stamps that are not those of `rate_hz`.
@@ -315,6 +325,28 @@ impl Dataset {
             Some(path) if self.field.is_none() || path != dir.join(FIELD) => leftover(path),
             _ => Ok(()),
         }
+    }
+}
+
+/// Sequences by the bits of one of their tables.
+#[derive(Default)]
+struct Alike<'a>(HashMap<u64, Vec<&'a Sequence>>);
+
+impl<'a> Alike<'a> {
+    /// Those before `s` with the same table.
+    fn before(
+        &mut self,
+        s: &'a Sequence,
+        table: impl Fn(&Sequence) -> &Table,
+    ) -> Vec<&'a Sequence> {
+        let mut hasher = DefaultHasher::new();
+        let values = table(s).data().iter();
+        values.for_each(|v| v.to_bits().hash(&mut hasher));
+        let there = self.0.entry(hasher.finish()).or_default();
+        let same = |of: &&&Sequence| table(of) == table(s);
+        let found = there.iter().filter(same).copied().collect();
+        there.push(s);
+        found
     }
 }
 

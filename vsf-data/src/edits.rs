@@ -1,5 +1,5 @@
-//! Whether a recording was edited since it was written: what a command has made it makes again, what a hand has set it does
-//! not.
+//! Whether a recording or a field was edited since it was written: what a command has made it makes again, what a hand has set
+//! it does not.
 
 use crate::Dataset;
 use crate::dataset::{CAMERA, FIELD, POINTS};
@@ -13,7 +13,7 @@ use std::path::{Path, PathBuf};
 /// The key of the digest, in metadata that have one.
 const KEY: &str = "digest";
 
-/// Digests of files, by their paths in the folder of the recording.
+/// Digests of files, by their paths in the folder.
 pub(crate) type Files = BTreeMap<PathBuf, blake3::Hash>;
 
 /// Digest of other files and of the values of the metadata, a JSON object: whatever their order, the blanks between them
@@ -35,13 +35,22 @@ pub(crate) fn digest(metadata: &[u8], files: &Files) -> Result<String, serde_jso
 /// Whether a recording in a folder is as a command wrote it, the metadata being `bytes`. Of links nothing is said: they are
 /// not written to.
 pub(crate) fn is_as_written(folder: &Path, bytes: &[u8]) -> bool {
-    let values: Map<String, Value> = serde_json::from_slice(bytes).unwrap_or_default();
-    let known = values.get(KEY).and_then(Value::as_str);
-    match (known, found(folder)) {
-        (Some(known), Ok(Some(files))) => digest(bytes, &files).is_ok_and(|own| own == known),
-        (known, Ok(None)) => known.is_some(),
-        _ => false,
+    match found(folder) {
+        Ok(Some(files)) => agrees(bytes, &files),
+        Ok(None) => known(bytes).is_some(),
+        Err(_) => false,
     }
+}
+
+/// Whether metadata hold the digest of themselves and of these files.
+pub(crate) fn agrees(metadata: &[u8], files: &Files) -> bool {
+    known(metadata).is_some_and(|known| digest(metadata, files).is_ok_and(|own| own == known))
+}
+
+/// The digest that metadata hold.
+fn known(metadata: &[u8]) -> Option<String> {
+    let values: Map<String, Value> = serde_json::from_slice(metadata).ok()?;
+    values.get(KEY)?.as_str().map(str::to_owned)
 }
 
 /// The files of a recording, without what others have put beside them; `None` if one is a link.

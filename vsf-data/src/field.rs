@@ -2,7 +2,8 @@ use crate::colormap::Scale;
 use crate::npy::{self, NpyError};
 use crate::staged::{self, Staged};
 use crate::{
-    ContactParameters, DataError, DataWarning, Table, files, json, npz, ply, pose, write_file,
+    ContactParameters, DataError, DataWarning, Table, edits, files, json, npz, ply, pose,
+    write_file,
 };
 use nalgebra::{Isometry3, Point3};
 use serde::de::DeserializeOwned;
@@ -84,6 +85,9 @@ struct Marks {
     contact: Option<ContactParameters>,
     #[serde(skip_serializing_if = "Option::is_none")]
     base_pose: Option<pose::Rows4>,
+    /// Of a folder: what it was written as.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    digest: Option<String>,
 }
 
 /// The arrays of a field before they are understood, from an archive or a folder.
@@ -164,6 +168,7 @@ impl StiffnessField {
             model: self.model.clone(),
             contact: self.contact.clone(),
             base_pose: self.base_pose.as_ref().map(pose::to_rows),
+            digest: None,
         }
     }
 
@@ -179,21 +184,21 @@ impl StiffnessField {
         let folder = folder.as_ref();
         self.check(folder)?;
         let mut staged = Staged::below(folder)?;
-        let marks = folder.join(MARKS);
+        let path = folder.join(MARKS);
         let mut contents: BTreeMap<_, _> = (self.arrays().into_iter())
             .map(|(name, bytes)| (entry(folder, &name), bytes))
             .collect();
-        contents.insert(marks.clone(), json::encode(&marks, &self.marks())?);
-        let hidden = |path: &PathBuf| {
-            let name = path.file_name().unwrap_or_default();
-            name.to_string_lossy().starts_with('.')
-        };
+        let mut marks = self.marks();
+        let files = contents.iter().map(|(path, bytes)| digest_of(path, bytes));
+        let digest = edits::digest(&json::encode(&path, &marks)?, &files.collect());
+        marks.digest = Some(digest.map_err(|e| json::failure(&path, &e))?);
+        contents.insert(path.clone(), json::encode(&path, &marks)?);
         let mut there = if files::is_there(folder) {
             files::list(folder)?.into_iter()
         } else {
             Vec::new().into_iter()
         };
-        if let Some(path) = there.find(|p| !hidden(p) && !contents.contains_key(p)) {
+        if let Some(path) = there.find(|p| !is_hidden(p) && !contents.contains_key(p)) {
             return Err(DataError::Leftover { path });
         }
         // Without points it is no field: they come last.
@@ -203,6 +208,28 @@ impl StiffnessField {
             staged.file(path, bytes)?;
         }
         staged.commit()
+    }
+
+    /// Whether the field in a folder was edited since [`save_folder`](Self::save_folder) wrote it, as by hand: `format.json`
+    /// holds a digest of its values and of the arrays. One without a digest is taken for edited; a folder without points,
+    /// as of an interrupted write, holds no field.
+    pub fn is_edited(folder: impl AsRef<Path>) -> bool {
+        let folder = folder.as_ref();
+        if !files::is_there(&entry(folder, POINTS)) {
+            return false;
+        }
+        let marks = folder.join(MARKS);
+        let arrays = || -> Result<edits::Files, DataError> {
+            let there = files::list(folder)?.into_iter();
+            there
+                .filter(|path| !is_hidden(path) && *path != marks)
+                .map(|path| Ok(digest_of(&path, &files::read(&path)?)))
+                .collect()
+        };
+        match (files::read(&marks), arrays()) {
+            (Ok(marks), Ok(arrays)) => !edits::agrees(&marks, &arrays),
+            _ => true,
+        }
     }
 
     /// Writes a binary PLY point cloud with the properties `x y z`, `stiffness` and, if known,
@@ -309,6 +336,17 @@ fn structured<T: DeserializeOwned>(
         .transpose()
 }
 
+fn is_hidden(path: &Path) -> bool {
+    let name = path.file_name().unwrap_or_default();
+    name.to_string_lossy().starts_with('.')
+}
+
+/// A file of a folder by its name.
+fn digest_of(path: &Path, bytes: &[u8]) -> (PathBuf, blake3::Hash) {
+    let name = path.file_name().unwrap_or_default();
+    (name.into(), blake3::hash(bytes))
+}
+
 impl Source {
     fn archive(path: &Path) -> Result<Self, DataError> {
         let mut entries = npz::read(path)?;
@@ -328,6 +366,7 @@ impl Source {
             recording: text(RECORDING)?,
             learned_from: structured(path, LEARNED_FROM, text(LEARNED_FROM)?)?,
             model: text(MODEL)?,
+            digest: None,
         };
         Ok(Self {
             path: path.to_owned(),

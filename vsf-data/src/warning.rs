@@ -131,6 +131,22 @@ pub enum DataWarning {
         /// Further copies.
         others: usize,
     },
+    /// Sequences with the torques of others to the last digit, and other angles: no sensor reads the same twice.
+    #[error(
+        "{}: sequence {first} has the very torques of {of}, with other angles: one of the two has the other's file{}",
+        path.display(),
+        more_of_kind(*others)
+    )]
+    CopiedTorques {
+        /// The data set.
+        path: PathBuf,
+        /// ID of the first of them.
+        first: String,
+        /// ID of the sequence whose torques it has.
+        of: String,
+        /// Further ones.
+        others: usize,
+    },
     /// Time stamps that go on slower or faster than the metadata say, by more than a factor of 2; or of 1.2, where those of
     /// no sequence are any closer. The stamps count.
     #[error(

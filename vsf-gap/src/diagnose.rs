@@ -89,8 +89,9 @@ impl DiagnosisStep {
 /// ```
 ///
 /// # Errors
-/// No train sequence, effects whose parameters or starts cannot be, rows that contact cannot take,
-/// covariances that are not positive definite.
+/// [`GapError::TooLittle`]: no train sequence, fewer than 8 runs of 4 train samples, joints that all stand still (within 1e-3 rad
+/// or m), or no effect that these data could show. Effects whose parameters or starts cannot be, rows that contact
+/// cannot take, covariances that are not positive definite.
 pub fn diagnose(
     campaign: &Campaign,
     effects: &[Arc<dyn Effect>],
@@ -348,9 +349,16 @@ fn in_other_contact(
     let other = campaign.to_search_in(scene);
     match other.and_then(|c| anew(&c)) {
         Ok(mut outcome) => {
-            outcome.diagnosis.notes.push(told);
-            // Not told from another contact is not ruled out.
-            (outcome.diagnosis.verdict).leave_open(rival.effects());
+            let found = &mut outcome.diagnosis;
+            found.notes.insert(0, told);
+            // Not told from another contact is not ruled out, and would not show from any size on.
+            found.verdict.leave_open(rival.effects());
+            found.verdict.or_threshold = rival.effects().to_vec();
+            for report in &mut found.effects {
+                if rival.effects().contains(&report.effect) {
+                    report.shows_from.clear();
+                }
+            }
             OtherContact::Explains(Box::new(outcome))
         }
         Err(e) => OtherContact::Noted(Some(format!("{told}, but there they cannot be ({e})"))),

@@ -306,6 +306,7 @@ pub(crate) fn judge(hypotheses: &[Hypothesis<'_>], nominal: &Nominal) -> Judged 
             probability,
             effect_set_95,
             hidden: hidden / total,
+            or_threshold: Vec::new(),
         },
         named,
         probabilities,

@@ -24,7 +24,7 @@
 //! 6. **Verdict**: evidence beyond what the effect gains where nothing acts, as probabilities. The test sequences have a
 //!    veto: given the train sequences, which leave its parameters uncertain, an effect may not make them less likely, and it
 //!    may predict them worse only with twice the evidence that it needs, one that chooses other contacts not at all.
-//!    Something rough that no effect explains, or that remains in free motion, is *unknown*, and so is a cause whose
+//!    Something rough that no effect explains, or that remains in free motion where no effect closes half of the gap, is *unknown*, and so is a cause whose
 //!    model leaves innovations that are not white, and one beside sensors that look saturated; several effects that fit alike are *not diagnosable*, and
 //!    so is one that with a single stiffness everywhere explains what the field shows, as stiffening does of
 //!    an object that grows stiff with depth.

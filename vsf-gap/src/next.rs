@@ -5,6 +5,9 @@ use crate::{Effect, Probe};
 use serde::{Deserialize, Serialize};
 use std::sync::Arc;
 
+/// From this probability on that nothing acts, a cause that is named is still to be shown.
+const DOUBTFUL: f64 = 0.05;
+
 /// What to record next.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct NextExperiment {
@@ -31,8 +34,13 @@ pub(crate) fn next_experiment(
         let effect = effects.iter().find(|e| e.name() == report.effect)?;
         effect.response(probe)
     };
+    // Of what is named, beside nothing at all.
+    let nothing = 1.0 - reports.iter().map(|e| e.probability).sum::<f64>();
+    let doubted = verdict.kind == VerdictKind::Effects && nothing >= DOUBTFUL;
+    let shows = |e: &&&EffectReport, probe| doubted && named(e) && response(e, probe).is_some();
     let told = |probe: Probe| {
-        let mut sum = 0.0;
+        let shown = survivors.iter().filter(|e| shows(e, probe));
+        let mut sum: f64 = shown.map(|e| e.probability * nothing).sum();
         for (i, a) in survivors.iter().enumerate() {
             for b in &survivors[i + 1..] {
                 if response(a, probe) != response(b, probe) && !(named(a) && named(b)) {
@@ -67,7 +75,7 @@ pub(crate) fn next_experiment(
         names.join(", ")
     };
     // Those that it answers alike stay together.
-    let groups = |probe: Probe| {
+    let told_by = |probe: Probe| {
         let mut groups: Vec<(Option<&str>, Vec<&str>)> = Vec::new();
         for e in &survivors {
             let own = response(e, probe);
@@ -78,10 +86,11 @@ pub(crate) fn next_experiment(
         }
         let words: Vec<String> = groups.iter().map(|(_, names)| names.join(", ")).collect();
         match &words[..] {
-            [one, other] => format!("{one} from {other}"),
+            [all] => format!("shows whether {all} acts"),
+            [one, other] => format!("tells {one} from {other}"),
             _ => {
                 let numbered = words.iter().zip(1..).map(|(w, k)| format!("({k}) {w}"));
-                format!("apart {}", numbered.collect::<Vec<_>>().join("; "))
+                format!("tells apart {}", numbered.collect::<Vec<_>>().join("; "))
             }
         }
     };
@@ -89,8 +98,8 @@ pub(crate) fn next_experiment(
         (Some((_, probe)), _) => NextExperiment {
             action: probe.action().to_owned(),
             why: match verdict.kind {
-                VerdictKind::NoGap => format!("of what may act without showing it tells {}", groups(probe)),
-                _ => format!("it tells {}", groups(probe)),
+                VerdictKind::NoGap => format!("of what may act without showing it {}", told_by(probe)),
+                _ => format!("it {}", told_by(probe)),
             },
         },
         (None, VerdictKind::Unknown) => NextExperiment {
@@ -150,6 +159,7 @@ mod tests {
             probability: 0.5,
             effect_set_95: names,
             hidden: 0.0,
+            or_threshold: Vec::new(),
         }
     }
 
@@ -263,6 +273,19 @@ mod tests {
             "{more}"
         );
         assert!(more.contains("; (2) ") && more.contains("; (3) "), "{more}");
+    }
+
+    /// A cause that is doubted is looked for where it would answer.
+    #[test]
+    fn what_is_doubted_is_looked_for() {
+        let found = verdict(VerdictKind::Effects, &["strain_stiffening"]);
+        let mut effects = reports(&["strain_stiffening"]);
+        let of = |effects: &[EffectReport]| next(&found, effects, STAGE);
+        let doubted = of(&effects);
+        assert!(doubted.action.contains("deeper"), "{}", doubted.action);
+        assert_eq!(doubted.why, "it shows whether strain_stiffening acts");
+        effects[0].probability = 0.99;
+        assert!(of(&effects).action.contains("repeat one touch"));
     }
 
     /// What a field imitates is told from it by another side: with one rail, it is the object that turns.

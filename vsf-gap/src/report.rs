@@ -55,7 +55,7 @@ pub struct EffectReport {
     /// order.
     pub score: f64,
     /// The score (nats) that is reached where nothing acts; higher where contact is rough, or where the effect generalizes
-    /// another one. Probabilities follow what the score is above it; to be named alone takes some 8 to 20
+    /// another one. Probabilities follow what the score is above it; to be named alone takes some 8 to 10
     /// nats more. `null` where it was not fitted.
     #[serde(default)]
     pub null_score: Option<f64>,
@@ -92,7 +92,8 @@ pub struct EffectReport {
     /// What these recordings cannot tell from it: effects, and [`STIFFNESS_FIELD`] where it explains, with one
     /// stiffness everywhere, what a field explains that differs from place to place.
     pub ambiguous_with: Vec<String>,
-    /// How large it has to be for the recording to show it, by amplitude, the one that shows best first.
+    /// How large it has to be for the recording to show it, by amplitude, the one that shows best first; empty where
+    /// another contact threshold does as much ([`Verdict::or_threshold`]).
     #[serde(default)]
     pub shows_from: Vec<Limit>,
     /// Whether the recording can show it.

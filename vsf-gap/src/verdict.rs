@@ -54,6 +54,10 @@ pub struct Verdict {
     /// [`probability`](Self::probability) includes it.
     #[serde(default)]
     pub hidden: f64,
+    /// Effects that were named in the contact in which the search began, which another contact threshold explains as well.
+    /// That one is taken, and is no cause; they stay in the set.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub or_threshold: Vec<String>,
 }
 
 impl Verdict {
@@ -225,6 +229,7 @@ mod tests {
                 probability,
                 effect_set_95: names(&["adhesion", "strain_stiffening"]),
                 hidden: 0.2,
+                or_threshold: Vec::new(),
             },
             named: Some(0).filter(|_| !effects.is_empty()),
             probabilities: probabilities.map(|(e, p)| (e.to_owned(), p)).to_vec(),
@@ -269,6 +274,7 @@ mod tests {
                 probability: third,
                 effect_set_95: names(&["strain_stiffening", "plastic_set", "adhesion"]),
                 hidden: 0.2 * third,
+                or_threshold: Vec::new(),
             }
         );
         // Beside the field, others are as likely as they were.

@@ -73,7 +73,7 @@ impl Trace {
     /// The same observations with another noise.
     ///
     /// # Errors
-    /// Noise of another dimension.
+    /// Noise of another dimension, or so small that a reading overflows in it.
     pub fn with_noise(&self, noise: &Noise) -> Result<Self, CoreError> {
         let mut trace = self.clone();
         for obs in &mut trace.observations {

@@ -242,7 +242,16 @@ pub fn scene_warnings(scene: &Scene) -> Vec<PipelineWarning> {
     let most = (MOST_REACH * size).max(MOST_SPACINGS * scene.rest().spacing());
     let from_afar = size > 0.0 && level > most;
     let from_afar = from_afar.then_some(PipelineWarning::TouchesFromAfar { level, size });
-    let found = scene.link_shapes().iter().filter_map(huge).chain(from_afar);
+    let unread = scene.robot().unread();
+    let misread = unread.first().map(|first| PipelineWarning::UnreadUrdf {
+        robot: scene.robot().name().to_owned(),
+        first: first.clone(),
+        others: unread.len() - 1,
+    });
+    let found = misread
+        .into_iter()
+        .chain(scene.link_shapes().iter().filter_map(huge));
+    let found = found.chain(from_afar);
     found.chain(mesh_warnings(scene)).collect()
 }
 

@@ -53,6 +53,7 @@ pub fn cartesian_stage(tip_radius: f64) -> Result<RobotModel, RobotError> {
         name: "cartesian_stage".into(),
         links: vec![LinkDescription::frame("link_0")],
         joints: Vec::new(),
+        unread: Vec::new(),
     };
     for (k, (name, axis_J)) in axes.into_iter().enumerate() {
         let child = format!("link_{}", k + 1);
@@ -129,6 +130,7 @@ pub fn planar_arm(links: usize, length: f64, radius: f64) -> Result<RobotModel, 
         name: "planar_arm".into(),
         links: vec![LinkDescription::frame("base")],
         joints: Vec::new(),
+        unread: Vec::new(),
     };
     let mut parent = "base".to_owned();
     for k in 1..=links + 1 {

@@ -9,6 +9,8 @@ pub(crate) struct Description {
     pub name: String,
     pub links: Vec<LinkDescription>,
     pub joints: Vec<JointDescription>,
+    /// What was not understood.
+    pub unread: Vec<String>,
 }
 
 #[derive(Debug, Clone)]

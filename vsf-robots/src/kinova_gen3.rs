@@ -106,6 +106,7 @@ pub fn kinova_gen3() -> Result<RobotModel, RobotError> {
             name: "kinova_gen3".into(),
             links,
             joints,
+            unread: Vec::new(),
         },
         None,
     )

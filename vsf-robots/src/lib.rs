@@ -62,6 +62,7 @@ mod model;
 mod resource;
 mod tags;
 mod tree;
+mod unread;
 mod urdf;
 
 pub use builtin::{BUILTIN_NAMES, builtin, cartesian_stage, planar_arm};

@@ -149,12 +149,19 @@ pub struct RobotModel {
     pub(crate) colliders: Vec<Collider>,
     pub(crate) chains: Arc<LinkChains>,
     pub(crate) X_WB: Isometry3<f64>,
+    pub(crate) unread: Vec<String>,
 }
 
 impl RobotModel {
     /// Name of the robot.
     pub fn name(&self) -> &str {
         &self.name
+    }
+
+    /// Elements and attributes of the URDF's links and joints that are not understood, and so have no effect, each with its
+    /// line. Those with a prefix, and what is in visuals and extensions, are not looked at.
+    pub fn unread(&self) -> &[String] {
+        &self.unread
     }
 
     /// Number of moving joints, `d`.

@@ -109,27 +109,27 @@ pub(crate) fn children(text: &str) -> Vec<Child<'_>> {
 }
 
 /// Whether a tag opens an element that another one closes.
-fn opens(tag: &str) -> bool {
+pub(crate) fn opens(tag: &str) -> bool {
     begins_element(tag) && !tag.ends_with("/>")
 }
 
 /// Whether a tag begins an element, which it may be the whole of.
-fn begins_element(tag: &str) -> bool {
+pub(crate) fn begins_element(tag: &str) -> bool {
     !["</", "<?", "<!"].iter().any(|s| tag.starts_with(s))
 }
 
 /// Where a part of the text begins.
-fn place(text: &str, part: &str) -> usize {
+pub(crate) fn place(text: &str, part: &str) -> usize {
     part.as_ptr() as usize - text.as_ptr() as usize
 }
 
 /// The line of a place in the text.
-fn line(text: &str, at: usize) -> usize {
+pub(crate) fn line(text: &str, at: usize) -> usize {
     1 + text[..at].matches('\n').count()
 }
 
 /// Name of the element of a tag.
-fn name(tag: &str) -> &str {
+pub(crate) fn name(tag: &str) -> &str {
     let from = tag.trim_start_matches(['<', '/']);
     let end = from.find(|c: char| c.is_whitespace() || matches!(c, '/' | '>'));
     &from[..end.unwrap_or(from.len())]
@@ -148,6 +148,18 @@ pub(crate) fn bad_prefix(text: &str) -> bool {
         })
 }
 
+/// Names of the attributes of a tag.
+pub(crate) fn attributes(tag: &str) -> impl Iterator<Item = &str> {
+    let mut from = 0;
+    without_values(tag).filter_map(move |(at, c)| {
+        if c != '=' {
+            return None;
+        }
+        let before = &tag[std::mem::replace(&mut from, at + 1)..at];
+        before.split_whitespace().next_back()
+    })
+}
+
 /// The characters of a text that begins outside of quotes, each with its place; blanks for values in quotes.
 fn without_values(text: &str) -> impl Iterator<Item = (usize, char)> {
     let mut quote = None;
@@ -162,7 +174,7 @@ fn without_values(text: &str) -> impl Iterator<Item = (usize, char)> {
 }
 
 /// The tags in order, without comments and character data.
-fn tags(text: &str) -> impl Iterator<Item = &str> {
+pub(crate) fn tags(text: &str) -> impl Iterator<Item = &str> {
     let mut rest = text;
     std::iter::from_fn(move || {
         loop {

@@ -28,6 +28,7 @@ impl RobotModel {
             name,
             links,
             joints,
+            unread,
         } = description;
         if links.len() > MAX_LINKS {
             return Err(RobotError::Value(CoreError::TooMany {
@@ -90,6 +91,7 @@ impl RobotModel {
             joints: model_joints.into_iter().flatten().collect(),
             colliders,
             X_WB: Isometry3::identity(),
+            unread,
         })
     }
 }

@@ -1,4 +1,5 @@
 use crate::description::{Description, JointDescription, LinkDescription};
+use crate::unread::unread;
 use crate::{JointKind, JointLimits, RobotError, RobotModel, capsules, file, mesh, resource, tags};
 use nalgebra::{Isometry3, Matrix3, UnitQuaternion, Vector3};
 use std::collections::BTreeMap;
@@ -184,6 +185,7 @@ fn read(
             .into_iter()
             .map(joint)
             .collect::<Result<_, _>>()?,
+        unread: unread(text),
     };
     RobotModel::assemble(description, options.joint_order.as_deref())
 }

@@ -172,7 +172,8 @@ impl LearnedPrior {
     pub fn open(path: impl AsRef<Path>) -> Result<Self, VisionError> {
         let path = path.as_ref();
         let text = std::fs::read(path).map_err(|e| wrong(path, &e))?;
-        let saved: Saved = serde_json::from_slice(&text).map_err(|e| wrong(path, &e))?;
+        let saved: Saved = serde_json::from_slice(&text)
+            .map_err(|e| wrong(path, &format!("not a learned prior in JSON: {e}")))?;
         Self::of(saved).map_err(|e| wrong(path, &e))
     }
 }

@@ -1,4 +1,3 @@
-use std::path::PathBuf;
 use thiserror::Error;
 use vsf_data::DataError;
 
@@ -46,14 +45,6 @@ pub enum WorldError {
     Search {
         /// Why.
         problem: String,
-    },
-    /// The folder of a case could not be made.
-    #[error("cannot write {path}: {source}")]
-    Io {
-        /// What could not be written.
-        path: PathBuf,
-        /// Why.
-        source: std::io::Error,
     },
     /// The recording was refused or could not be written.
     #[error(transparent)]

@@ -1,7 +1,7 @@
 //! The Kinova Gen3 with seven joints, in numbers.
 //!
 //! Joint frames and inertials are those of the maker's description. The capsules are a fit of this
-//! world: what is recorded says so in its `robot.urdf`.
+//! world: what is recorded says so in its `robot/robot.urdf`.
 
 use crate::arm::JOINTS;
 use std::fmt::Write;

@@ -21,7 +21,7 @@ use nalgebra::{Isometry3, Point3, Translation3, UnitQuaternion, Vector3};
 use rand::{RngExt, SeedableRng};
 use rand_distr::{Distribution, StandardNormal};
 use rand_pcg::Pcg64Mcg;
-use std::path::Path;
+use std::path::{Path, PathBuf};
 use vsf_data::{Dataset, RobotRef, Sequence, Splits, Table};
 
 /// Standard deviation of the torque noise of a joint \[N m\].
@@ -161,11 +161,14 @@ impl World {
     }
 }
 
+/// What the recordings name as their maker ([`Dataset::made_by`]).
+pub const MAKER: &str = "vsf-world";
+
 /// Makes the case `spec` and writes its recording into the folder `dir`, which is created. The
 /// folder holds no hint of the case: its own name is all that it says of itself.
 ///
 /// The recording has the form of all recordings: `dataset.json`, `points.npy` (a regular grid of
-/// 12 mm over the object and 1 cm around it), `robot.urdf`, and `angles`, `velocities` and `torques`
+/// 12 mm over the object and 1 cm around it), `robot/robot.urdf`, and `angles`, `velocities` and `torques`
 /// of six sequences of 700 samples at 70 Hz, four to train and two to test.
 ///
 /// # Errors
@@ -217,7 +220,7 @@ pub fn generate(spec: &CaseSpec, dir: &Path) -> Result<Label, WorldError> {
     let (with, oracle) = world.with_and_without(&effects, &nominal, 1);
     let noise_ar1 = rng.random_range(0.2..0.4);
     let dataset = recording(&world, &effects, &with, noise_ar1, &mut rng, dir)?;
-    dataset.save(dir)?;
+    dataset.save_with(dir, &[(urdf(), gen3::urdf().into())], &[])?;
 
     let diff = difference(&with, &oracle);
     let (rms_tau_test, rms_diff_test) = (rms_test(&oracle), rms_test(&diff));
@@ -274,6 +277,11 @@ fn alike(peaks: &[f64]) -> bool {
     (0..2).all(|s| site(s).fold(0.0, f64::max) < 1.9 * site(s).fold(f64::INFINITY, f64::min))
 }
 
+/// The robot's place in a recording.
+fn urdf() -> PathBuf {
+    Path::new(Dataset::ROBOT).join("robot.urdf")
+}
+
 fn recording(
     world: &World,
     effects: &[Effect],
@@ -282,12 +290,6 @@ fn recording(
     rng: &mut Pcg64Mcg,
     dir: &Path,
 ) -> Result<Dataset, WorldError> {
-    let io = |source| WorldError::Io {
-        path: dir.to_owned(),
-        source,
-    };
-    std::fs::create_dir_all(dir).map_err(io)?;
-    std::fs::write(dir.join("robot.urdf"), gen3::urdf()).map_err(io)?;
     let table = |rows: Rows| Table::new(JOINTS, rows.into_iter().flatten().collect());
     let mut sequences = Vec::new();
     for (s, q) in world.recorded_angles(effects).into_iter().enumerate() {
@@ -307,8 +309,8 @@ fn recording(
     let ids = |range: std::ops::Range<usize>| range.map(sequence_id).collect();
     let name = dir.file_name().map(|n| n.to_string_lossy().into_owned());
     let robot = RobotRef {
-        given: "robot.urdf".to_owned(),
-        path: Some(dir.join("robot.urdf")),
+        given: urdf().to_string_lossy().into_owned(),
+        path: Some(dir.join(urdf())),
     };
     Ok(Dataset {
         name: name.unwrap_or_default(),
@@ -324,6 +326,7 @@ fn recording(
             test: ids(FIRST_TEST..SEQUENCES),
         },
         rest_points: Some(points),
+        made_by: Some(MAKER.to_owned()),
         ..Dataset::new(robot, sequences)
     })
 }

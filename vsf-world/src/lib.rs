@@ -61,6 +61,6 @@ pub use arm::{Arm, JOINTS, JointVector, Touch};
 pub use case::{CaseSpec, Class, Kind, Level, draw_cases};
 pub use effect::{EFFECTS, Effect, UNKNOWN_EFFECTS};
 pub use error::WorldError;
-pub use generate::generate;
+pub use generate::{MAKER, generate};
 pub use label::{AppliedEffect, Label, TruthShare};
 pub use motion::{Phase, Protocol, RATE_HZ, SAMPLES, SEQUENCES, SESSION_STEP_S};

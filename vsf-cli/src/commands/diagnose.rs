@@ -40,7 +40,8 @@ interval and excess; region: center, radius, share), effects (effect, summary, p
 value, std, unit), undetermined, at_bound, shapes_at_bound, joints, roughness (contact, joint, walk: what the fit takes for the roughness of the model), test_error, closed_fraction, test_score, absorbed_share, ambiguous_with, shows_from \
 (name, value: the size of the parameter below which the effect would not show, null where no plausible one \
 does, unit; the parameter that shows best first), testable, reason), verdict (effects, kind: effects, no_gap, unknown or not_diagnosable, probability, effect_set_95, \
-hidden: the probability that an effect acts which the stiffness takes up, shared by the effects where there is no gap), \
+hidden: the probability that an effect acts which the stiffness takes up, shared by the effects where there is no gap, or_threshold: \
+effects in whose place another contact threshold is taken, where there are any), \
 next_experiment (action, why), notes.")]
 pub struct Args {
     /// Names of the effects that may act; the whole catalogue by default

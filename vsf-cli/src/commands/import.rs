@@ -115,7 +115,7 @@ pub fn run(args: &Args, console: &Console) -> anyhow::Result<()> {
     let mut inputs = args.files.iter().chain(&args.points);
     inputs.try_for_each(|f| console.outputs.keep(f))?;
     args.sources.keep(console)?;
-    keep_made(&args.out, &[IMPORT])?;
+    keep_made("--out", &args.out, &[IMPORT])?;
     let mut given = args.metadata.overrides()?;
     let learns = given.splits.as_ref().is_some_and(|s| !s.train.is_empty());
     if args.planned && learns {

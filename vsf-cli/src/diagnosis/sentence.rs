@@ -34,19 +34,25 @@ pub fn is_uncertain(diagnosis: &Diagnosis) -> bool {
         && verdict.probability < LIKELY
 }
 
-/// The answer in a sentence, and in another one that a parameter stopped at a bound.
+/// The answer in a sentence, and in others that a parameter stopped at a bound, and that a contact threshold stands for an effect.
 pub fn verdict(diagnosis: &Diagnosis) -> String {
-    let sentence = sentence(diagnosis);
+    let mut text = sentence(diagnosis);
     let stopped = at_bounds(diagnosis);
-    let names = matches!(diagnosis.verdict.kind, VerdictKind::Effects) && !stopped.is_empty();
-    if names {
-        format!(
-            "{sentence} {} stopped at a bound of what is plausible: what is named may stand for something else.",
+    if matches!(diagnosis.verdict.kind, VerdictKind::Effects) && !stopped.is_empty() {
+        text += &format!(
+            " {} stopped at a bound of what is plausible: what is named may stand for something else.",
             stopped.join(" and ")
-        )
-    } else {
-        sentence
+        );
     }
+    let open = &diagnosis.verdict.or_threshold;
+    if !open.is_empty() {
+        text += &format!(
+            " What {} would do, another contact threshold does as well, and is taken here: where the threshold is known, \
+             give it (--threshold).",
+            open.join(" and ")
+        );
+    }
+    text
 }
 
 fn sentence(diagnosis: &Diagnosis) -> String {
@@ -333,6 +339,19 @@ pub mod tests {
 
     /// One of several effects may act for certain, whatever acts beside it.
     #[test]
+    fn a_threshold_that_stands_for_an_effect_is_told() {
+        let mut d = report("no_gap", 0.6, 1.0);
+        let before = verdict(&d);
+        d.verdict.or_threshold = vec!["geometry_padding".to_owned()];
+        let told = verdict(&d);
+        let more = told.strip_prefix(&before).unwrap();
+        assert!(
+            more.contains("geometry_padding") && more.contains("--threshold"),
+            "{told}"
+        );
+    }
+
+    #[test]
     fn what_acts_for_certain_is_told() {
         let mut d = report("effects", 0.55, 0.5);
         (d.gap.closed_fraction, d.gap.closed_interval) = (0.7, [0.1, 1.0]);
@@ -382,19 +401,24 @@ pub mod tests {
         assert!(verdict(&d).ends_with("they are 42 nats likelier with it."));
     }
 
-    /// Not what may be zero, nor what is small beside others of its unit, nor what only gives an effect its form.
-    #[test]
-    fn the_largest_amplitudes_are_told_first() {
-        let site = Site {
+    /// An arm without points, and these sequences.
+    pub fn site(sequences: Vec<String>) -> Site {
+        Site {
             robot: vsf::robots::planar_arm(5, 0.3, 0.03).unwrap().into(),
             rest: vsf::core::RestPoints::new(Vec::new()).unwrap().into(),
             gravity: vsf::core::nalgebra::Vector3::zeros(),
             torque_kind: TorqueKind::External,
             friction: 0.0,
-            sequences: Vec::new(),
+            sequences,
             duration: 1.0,
             sequence_duration: 1.0,
-        };
+        }
+    }
+
+    /// Not what may be zero, nor what is small beside others of its unit, nor what only gives an effect its form.
+    #[test]
+    fn the_largest_amplitudes_are_told_first() {
+        let site = site(Vec::new());
         let parameter = |(name, value, sd, unit): &(&str, f64, f64, &str)| ParameterEstimate {
             name: (*name).to_owned(),
             value: *value,

@@ -1,8 +1,8 @@
 use super::sentence::{found, verdict};
 use super::words::{
     LIKELY_ENOUGH, NEVER_SHOWS, OUT_OF_SIGHT, SHOWS_FROM, determined, errors, figures, fitted,
-    headings, limits, look_alikes, none_of_these, out_of_sight, part, parts, percent, screened_out,
-    size, summary, touches, untestable,
+    headings, limits, listed, look_alikes, none_of_these, out_of_sight, part, parts, percent,
+    screened_out, size, summary, touches, untestable,
 };
 use crate::console::{fixed, table};
 use vsf::gap::{Diagnosis, Limit, LocatedShare, ModelFile, Site, VerdictKind};
@@ -10,16 +10,14 @@ use vsf::gap::{Diagnosis, Limit, LocatedShare, ModelFile, Site, VerdictKind};
 /// Parts named of every kind, and the share below which a part is not worth a word.
 const PARTS: usize = 4;
 const LEAST: f64 = 0.05;
-/// Longer lists of parameters leave out those within a deviation of zero.
-const MOST_PARAMETERS: usize = 18;
 
-/// The report on the terminal, below so many warnings about the recording.
+/// The report on the terminal, below so many warnings.
 pub fn text(diagnosis: &Diagnosis, model: &ModelFile, site: &Site, warnings: usize) -> String {
     let mut text = format!("{}\n", verdict(diagnosis));
     text += &match warnings {
         0 => String::new(),
-        1 => "Check the warning above first: what it tells may be the cause.\n".to_owned(),
-        n => format!("Check the {n} warnings above first: what they tell may be the cause.\n"),
+        1 => "Read the warning above first: it may tell the cause.\n".to_owned(),
+        n => format!("Read the {n} warnings above first: one of them may tell the cause.\n"),
     };
     if let Some(found) = found(&diagnosis.verdict, &model.effects, site) {
         text += &format!("Found {found}.\n");
@@ -28,7 +26,7 @@ pub fn text(diagnosis: &Diagnosis, model: &ModelFile, site: &Site, warnings: usi
     if let Some(parts) = parts(&diagnosis.gap) {
         text += &format!("{parts}\n");
     }
-    text += &effects(diagnosis, model);
+    text += &effects(diagnosis, model, site);
     if diagnosis.verdict.kind == VerdictKind::NoGap {
         text += &unseen(diagnosis);
     }
@@ -41,7 +39,7 @@ pub fn text(diagnosis: &Diagnosis, model: &ModelFile, site: &Site, warnings: usi
     text
 }
 
-fn effects(diagnosis: &Diagnosis, model: &ModelFile) -> String {
+fn effects(diagnosis: &Diagnosis, model: &ModelFile, site: &Site) -> String {
     let all = &diagnosis.effects;
     let or_none = |value: Option<String>| value.unwrap_or_else(|| "-".to_owned());
     let mut header = vec!["effect".to_owned(), "probability".to_owned()];
@@ -85,15 +83,12 @@ fn effects(diagnosis: &Diagnosis, model: &ModelFile) -> String {
             e.effect,
             summary(all, &e.effect)
         );
-        // Longer lists are those of a place for every sequence.
-        let (small, shown): (Vec<_>, Vec<_>) = (e.parameters.iter())
-            .partition(|p| e.parameters.len() > MOST_PARAMETERS && p.value.abs() <= p.sd);
+        let (shown, near_zero) = listed(all, e, site);
         for p in shown {
             text += &format!("  {:<8} {}\n", p.name, determined(all, &e.effect, p));
         }
-        if !small.is_empty() {
-            let names: Vec<&str> = small.iter().map(|p| p.name.as_str()).collect();
-            text += &format!("  within a deviation of zero: {}\n", names.join(", "));
+        if !near_zero.is_empty() {
+            text += &format!("  within a deviation of zero: {}\n", near_zero.join(", "));
         }
     }
     let hidden = out_of_sight(all);

@@ -1,7 +1,11 @@
 use crate::console::{fixed, number};
 use vsf::gap::{
-    Diagnosis, EffectReport, Gap, Limit, MeanErrors, ParameterEstimate, Place, VerdictKind, effects,
+    Diagnosis, EffectEntry, EffectReport, Gap, Limit, MeanErrors, Parameter, ParameterEstimate,
+    Place, Site, VerdictKind, effects,
 };
+
+/// Longer lists of parameters leave out what is near zero.
+const MOST_PARAMETERS: usize = 18;
 
 /// Headings of what would show, and of what would not.
 pub const SHOWS_FROM: &str = "would not have shown below this size (the parameter that shows best, to first order; in contact it takes more)";
@@ -200,16 +204,46 @@ pub fn estimate(value: f64, std: f64, unit: &str) -> String {
 /// A parameter of an effect, and that the recording does not tell it, or that it lies at a bound.
 pub fn determined(effects: &[EffectReport], effect: &str, p: &ParameterEstimate) -> String {
     let value = estimate(p.value, p.sd, &p.unit);
-    let Some(of) = effects.iter().find(|e| e.effect == effect) else {
-        return value;
-    };
-    if of.undetermined.contains(&p.name) {
-        format!("{value}, as before any reading: not determined by this recording")
-    } else if of.at_bound.contains(&p.name) || of.shapes_at_bound.contains(&p.name) {
-        format!("{value}, at a bound of what is plausible")
-    } else {
-        value
+    match doubt(effects, effect, &p.name) {
+        Some(doubt) => format!("{value}, {doubt}"),
+        None => value,
     }
+}
+
+/// What keeps a parameter from being known.
+fn doubt(effects: &[EffectReport], effect: &str, name: &String) -> Option<&'static str> {
+    let of = effects.iter().find(|e| e.effect == effect)?;
+    if of.undetermined.contains(name) {
+        Some("as before any reading: not determined by this recording")
+    } else if of.at_bound.contains(name) || of.shapes_at_bound.contains(name) {
+        Some("at a bound of what is plausible")
+    } else {
+        None
+    }
+}
+
+/// The parameters of an effect that are listed one by one, and the names of the others: in long lists, which hold a place for
+/// every sequence, the places within a deviation of zero that nothing keeps from being known.
+pub fn listed<'a>(
+    all: &[EffectReport],
+    entry: &'a EffectEntry,
+    site: &Site,
+) -> (Vec<&'a ParameterEstimate>, Vec<&'a str>) {
+    let known: Vec<Parameter> = effects::named(&[&entry.effect])
+        .into_iter()
+        .flatten()
+        .flat_map(|e| e.parameters(site))
+        .collect();
+    let is_place = |p: &ParameterEstimate| {
+        (known.iter()).any(|known| known.name == p.name && known.sequence.is_some())
+    };
+    let is_long = entry.parameters.len() > MOST_PARAMETERS;
+    let (near_zero, shown): (Vec<_>, Vec<_>) = entry.parameters.iter().partition(|p| {
+        let sure = doubt(all, &entry.effect, &p.name).is_none();
+        is_long && is_place(p) && p.value.abs() <= p.sd && sure
+    });
+    let names = near_zero.iter().map(|p| p.name.as_str()).collect();
+    (shown, names)
 }
 
 /// Decimals that show two digits of a number.
@@ -312,7 +346,7 @@ pub fn untestable(effects: &[EffectReport]) -> Vec<(&str, Vec<&str>)> {
 #[cfg(test)]
 mod tests {
     #![allow(clippy::unwrap_used)]
-    use super::super::sentence::tests::of_effect;
+    use super::super::sentence::tests::{of_effect, site};
     use super::*;
 
     #[test]
@@ -352,5 +386,36 @@ mod tests {
         assert_eq!(percent(-0.001), "0 %");
         assert_eq!(percent(-0.01), "-1 %");
         assert_eq!(part(&Place::Frequency([0.5469, 17.5])), "0.55 to 18 Hz");
+    }
+
+    /// Only places of sequences are summed up, and none of which something is said.
+    #[test]
+    fn long_lists_are_shortened() {
+        let sequences: Vec<String> = ["a", "b", "c", "d", "e", "f"].map(String::from).into();
+        let parameter = |name: String| ParameterEstimate {
+            value: if name == "dx_a" { 0.003 } else { 0.0005 },
+            name,
+            sd: 0.001,
+            unit: "m".to_owned(),
+        };
+        let list = |effect: &str, sequences: &[String]| {
+            let site = site(sequences.to_owned());
+            let all = effects::named(&[effect]).unwrap()[0].parameters(&site);
+            let entry = EffectEntry {
+                effect: effect.to_owned(),
+                parameters: all.into_iter().map(|p| parameter(p.name)).collect(),
+            };
+            let reports = [EffectReport {
+                undetermined: vec!["dy_b".to_owned()],
+                ..serde_json::from_value(of_effect(effect)).unwrap()
+            }];
+            let (shown, near_zero) = listed(&reports, &entry, &site);
+            let shown: Vec<String> = shown.iter().map(|p| p.name.clone()).collect();
+            (shown.join(" "), near_zero.len())
+        };
+        let (shown, near_zero) = list("registration_offset", &sequences);
+        assert_eq!((shown.as_str(), near_zero), ("dx dy dz dx_a dy_b", 16));
+        assert_eq!(list("registration_offset", &sequences[..3]).1, 0);
+        assert_eq!(list("joint_coupling", &sequences).1, 0);
     }
 }

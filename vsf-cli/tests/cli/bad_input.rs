@@ -199,6 +199,28 @@ fn packages_without_a_folder() {
 }
 
 #[test]
+fn meshes_without_area_are_named() {
+    let bench = Bench::new();
+    let mut urdf = r#"<robot name="r"><link name="l0"/>"#.to_owned();
+    let flat = r#"<collision><geometry><mesh filename="flat.obj"/></geometry></collision>"#;
+    for (joint, collision) in [(1, ""), (2, ""), (3, flat)] {
+        let parent = joint - 1;
+        urdf += &format!(
+            r#"<link name="l{joint}">{collision}</link><joint name="j{joint}" type="continuous">
+            <parent link="l{parent}"/><child link="l{joint}"/><axis xyz="0 0 1"/></joint>"#
+        );
+    }
+    fs::write(bench.root.join("r.urdf"), urdf + "</robot>").unwrap();
+    fs::write(
+        bench.root.join("flat.obj"),
+        "v 0 0 0\nv 1 0 0\nv 2 0 0\nf 1 2 3\n",
+    )
+    .unwrap();
+    let words = ["flat.obj of link \"l3\"", "no area", "check its units"];
+    bench.fails("info data --robot r.urdf", 1, &words);
+}
+
+#[test]
 fn robots_that_cannot_move() {
     let bench = Bench::new();
     let urdf = r#"<robot name="rock"><link name="a"/></robot>"#;

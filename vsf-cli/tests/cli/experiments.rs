@@ -55,10 +55,31 @@ fn the_paper_in_one_report() {
     has(&file("update_time.svg"), &["dense"]);
     assert!(bench.root.join("report/01____a_b_blind.png").is_file());
 
-    // An earlier report is replaced, other files are not.
-    fs::create_dir(bench.root.join("mine")).unwrap();
-    fs::write(bench.root.join("mine/notes.txt"), "").unwrap();
-    bench.fails("experiment paper touch --out mine", 2, &["--out", "mine"]);
+    // An earlier report is replaced, other files are not, whatever their names.
+    let mine = bench.root.join("mine");
+    let refuses = |name: &str| {
+        bench.fails(
+            "experiment paper touch --out mine",
+            2,
+            &["--out", "mine", name],
+        );
+        assert_eq!(fs::read(mine.join(name)).unwrap(), b"mine");
+    };
+    fs::create_dir(&mine).unwrap();
+    fs::write(mine.join("notes.txt"), "mine").unwrap();
+    refuses("notes.txt");
+    for name in [
+        "report.md",
+        "report.json",
+        "update_time.svg",
+        "01_a_blind.png",
+    ] {
+        fs::remove_dir_all(&mine).unwrap();
+        fs::create_dir(&mine).unwrap();
+        fs::copy(bench.root.join("report/report.md"), mine.join("report.md")).unwrap();
+        fs::write(mine.join(name), "mine").unwrap();
+        refuses(name);
+    }
 }
 
 /// An earlier report outlives a run that comes to nothing.
@@ -66,11 +87,12 @@ fn the_paper_in_one_report() {
 fn reports_are_kept_until_there_is_another() {
     let bench = Bench::new();
     fs::create_dir(bench.root.join("report")).unwrap();
-    fs::write(bench.root.join("report/report.md"), "earlier").unwrap();
+    let earlier = b"# Experiments\n<!-- vsf 0.1.0 -->\nearlier";
+    fs::write(bench.root.join("report/report.md"), earlier).unwrap();
     bench.fails("experiment paper nowhere --out report", 1, &["nowhere"]);
     let names = fs::read_dir(bench.root.join("report")).unwrap().count();
     let report = fs::read(bench.root.join("report/report.md")).unwrap();
-    assert_eq!((names, &report[..]), (1, &b"earlier"[..]));
+    assert_eq!((names, &report[..]), (1, &earlier[..]));
 }
 
 #[test]
@@ -80,6 +102,17 @@ fn folders_of_blind_cases_are_checked() {
     bench.fails(&keep("data"), 2, &["--keep data", "other files"]);
     bench.fails(&keep("data/points.npy"), 2, &["--keep", "no folder"]);
     bench.fails(&keep("data/points.npy/x"), 3, &["points.npy/x"]);
+    // Recordings of others, whatever their names, and what was edited.
+    let cases = bench.root.join("cases");
+    fs::create_dir_all(cases.join("case_000")).unwrap();
+    bench.fails(&keep("cases"), 2, &["other files", "case_000"]);
+    let metadata = |text: &str| fs::write(cases.join("case_000/dataset.json"), text).unwrap();
+    metadata("{}");
+    bench.fails(&keep("cases"), 2, &["other files", "case_000"]);
+    metadata(r#"{"made_by": "vsf import"}"#);
+    bench.fails(&keep("cases"), 2, &["case_000", "vsf import"]);
+    metadata(r#"{"made_by": "vsf-world"}"#);
+    bench.fails(&keep("cases"), 2, &["case_000", "was edited"]);
 }
 
 #[test]

@@ -1,6 +1,6 @@
 //! What `--out` replaces, and what it leaves alone.
 
-use crate::common::{Bench, METADATA};
+use crate::common::{Bench, METADATA, npy};
 use std::fs;
 use std::path::Path;
 use std::time::{Duration, SystemTime};
@@ -108,6 +108,22 @@ fn predictions_that_stay_keep_their_deviations() {
     std::os::unix::fs::symlink(at("time.npy"), &link).unwrap();
     bench.fails(SIMULATE, 2, &["seq_c/time.npy", "link"]);
     assert!(at("out/seq_a/torques_sd.npy").exists());
+}
+
+/// What was set by hand in a field is not estimated again.
+#[test]
+fn edited_fields_are_replaced_by_none() {
+    let bench = Bench::touched();
+    let estimate = "estimate touch --prior-sd 10 --noise-sd 1 --out field";
+    bench.ok(estimate);
+    bench.ok(estimate);
+    let path = bench.root.join("field/K.npy");
+    npy(&path, &[160], &[3.0; 160]);
+    let mine = fs::read(&path).unwrap();
+    for line in [estimate, "export touch --field truth --out field"] {
+        bench.fails(line, 2, &["--out field", "edited"]);
+    }
+    assert_eq!(fs::read(&path).unwrap(), mine);
 }
 
 /// What an output replaces is of its own kind, as vsf writes it.

@@ -48,3 +48,16 @@ fn files_do_not_depend_on_threads() {
         assert!(one == two, "{} differs", name.display());
     }
 }
+
+/// Thousands of threads take minutes to do nothing.
+#[test]
+fn too_many_threads_are_refused() {
+    let output = Command::new(env!("CARGO_BIN_EXE_vsf"))
+        .args(["bench", "--steps", "1"])
+        .env("RAYON_NUM_THREADS", "100000")
+        .output()
+        .unwrap();
+    let error = String::from_utf8_lossy(&output.stderr);
+    assert_eq!(output.status.code(), Some(2), "{error}");
+    assert!(error.contains("RAYON_NUM_THREADS=100000"), "{error}");
+}

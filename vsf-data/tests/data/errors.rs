@@ -504,6 +504,17 @@ fn warnings_name_what_was_seen() {
         "{warnings:?}"
     );
 
+    // The torques of one touch with the angles of another.
+    let folder = Folder::new();
+    let torques = fs::read(folder.path().join("seq_10/torques.npy")).unwrap();
+    folder.write("seq_2/torques.npy", &torques);
+    let (_, warnings) = folder.open().unwrap();
+    assert!(
+        matches!(&warnings[..], [DataWarning::CopiedTorques { first, of, others: 0, .. }]
+            if first == "10" && of == "2"),
+        "{warnings:?}"
+    );
+
     // A touch that trains, and nearly the same once more to test.
     let folder = Folder::new();
     let angles = fs::read(folder.path().join("seq_10/angles.npy")).unwrap();

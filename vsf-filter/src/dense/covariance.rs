@@ -167,7 +167,7 @@ impl<T: Scalar> CovarianceFilter<T> {
     }
 
     /// Brings the mean of [`Projection::Constrained`] to the optimum (a
-    /// [`CovarianceFilter::kkt_residual`] of 1e-10, 8e-6 in `f32`), whatever time it takes: for a
+    /// [`CovarianceFilter::kkt_residual`] of 1e-10, 8e-6 in `f32`), or gives up after 2000 turns, as the residual tells: for a
     /// field to keep, after the last reading. Does nothing with other projections.
     pub fn settle(&mut self) {
         if let Some(mode) = &mut self.mode {

@@ -70,7 +70,8 @@ pub struct Sample<'a> {
     /// the rigid-body torque of the model.
     pub load: &'a [f64],
     /// Force of the environment on the robot (N, world) that explains the reading best if it acts
-    /// at the middle of the contact; zero while nothing is touched.
+    /// at the middle of the contact; zero while nothing is touched. Where an effect moves robot or object, it is that of the
+    /// sample before, since contact follows from it.
     pub force_W: Vector3<f64>,
 }
 

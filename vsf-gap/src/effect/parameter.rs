@@ -98,8 +98,7 @@ impl Parameter {
     }
 }
 
-/// One amplitude per joint, named `<prefix>_<joint from 1>`, with the joint's unit of torque per
-/// `per`: `""`, `s/rad`, ... Bounds and scale are those of a rotating joint.
+/// One amplitude per joint, named `<prefix>_<joint from 1>`, with the unit that `unit` gives each. Bounds and scale are those of a rotating joint.
 pub(crate) fn per_joint(
     site: &Site,
     prefix: &str,

@@ -60,9 +60,11 @@ impl Effect for Anisotropy {
     }
 
     fn parameters(&self, _: &Site) -> Vec<Parameter> {
-        ["a_t", "s_xx", "s_yy", "s_xy", "s_xz", "s_yz"]
-            .map(|name| Parameter::amplitude(name, "1", [-0.95, 10.0], 0.2))
-            .to_vec()
+        let bounded = |name, bounds| Parameter::amplitude(name, "1", bounds, 0.2);
+        let along = ["a_t", "s_xx", "s_yy"].map(|name| bounded(name, [-0.95, 10.0]));
+        // Those of a direction that is stiffer by 10 and lies between two axes.
+        let between = ["s_xy", "s_xz", "s_yz"].map(|name| bounded(name, [-5.0, 5.0]));
+        along.into_iter().chain(between).collect()
     }
 
     fn compensator(&self, site: &Site, theta: &[f64]) -> Result<Box<dyn Compensator>, GapError> {

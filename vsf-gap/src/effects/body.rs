@@ -13,14 +13,16 @@ pub(super) fn masses_untestable(campaign: &Campaign) -> Option<String> {
     }
 }
 
-/// Velocity and acceleration of a link, its linear parts those of its point at the world origin.
+/// Spatial velocity and acceleration of a link, at the world origin.
 #[derive(Clone)]
 pub(super) struct RigidMotion {
     /// Angular velocity (rad/s).
     w: Vector3<f64>,
+    /// Velocity (m/s) of the link's point at the origin.
     v: Vector3<f64>,
     /// Angular acceleration (rad/s²).
     dw: Vector3<f64>,
+    /// Spatial acceleration (m/s²): the point at the origin accelerates by `dv + w x v`.
     dv: Vector3<f64>,
 }
 

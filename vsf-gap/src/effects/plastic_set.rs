@@ -21,7 +21,7 @@ pub struct PlasticSet;
 struct Set {
     share: f64,
     yield_at: f64,
-    /// Largest displacement (m) of every rest point beyond its yield so far.
+    /// Largest displacement (m) of every rest point so far.
     largest: Vec<Vector3<f64>>,
 }
 

@@ -104,9 +104,16 @@ fn from_where_on_points_are_touched_is_no_cause() {
     let found = outcome.diagnosis;
     assert!(found.verdict.effects.is_empty(), "{:?}", found.verdict);
     assert!(found.gap.threshold == Some(suited) && found.gap.threshold_nominal == Some(suited));
-    let told =
-        |n: &String| n.contains("without any effect; contact_friction") && n.contains("3.200 mm");
-    assert!(found.notes.iter().any(told), "{:?}", found.notes);
+    let told = &found.notes[0];
+    assert!(
+        told.contains("without any effect; contact_friction") && told.contains("3.200 mm"),
+        "{told}"
+    );
+    assert_eq!(found.verdict.or_threshold, own.verdict.effects);
+    for report in &found.effects {
+        let open = found.verdict.or_threshold.contains(&report.effect);
+        assert!(!open || report.shows_from.is_empty(), "{}", report.effect);
+    }
 }
 
 /// So does an onset that a padding finds, with which nothing else is to be told from that padding.

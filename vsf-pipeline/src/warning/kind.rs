@@ -522,6 +522,19 @@ pub enum PipelineWarning {
         /// Its row, from 0.
         row: usize,
     },
+    /// Words of a URDF that are not understood: misspelled, they leave out a pose, a shape or a mass.
+    #[error(
+        "robot {robot:?}: its URDF has {first}, which is not understood and has no effect: misspelled, it is missing \
+         from the robot{}", more(*others, "place")
+    )]
+    UnreadUrdf {
+        /// Name of the robot.
+        robot: String,
+        /// What, and in which line.
+        first: String,
+        /// How many others there are.
+        others: usize,
+    },
     /// Links without inertia, of an arm whose own torques are taken off the readings.
     #[error(
         "links without mass count as weightless, and torque_kind measured needs their weight: {links}; give \

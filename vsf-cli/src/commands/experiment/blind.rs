@@ -1,12 +1,13 @@
 use crate::blind::{Case, Score, text};
 use crate::console::{Console, create_folder};
+use crate::derived::keep_made;
 use clap::builder::RangedU64ValueParser;
 use serde::Serialize;
 use std::path::PathBuf;
 use vsf::data::{Dataset, Overrides};
 use vsf::gap::{Campaign, diagnose, effects};
 use vsf::pipeline::SceneOptions;
-use vsf_world::{WorldError, draw_cases, generate};
+use vsf_world::{MAKER, WorldError, draw_cases, generate};
 
 /// What names of cases begin with.
 const CASE: &str = "case_";
@@ -45,22 +46,24 @@ struct Report<'a> {
 pub fn run(args: &Args, console: &Console) -> anyhow::Result<()> {
     let scratch = tempfile::tempdir()?;
     let folder = args.keep.as_deref().unwrap_or(scratch.path());
-    console
-        .outputs
-        .folder("--keep", folder, "earlier cases", |names| {
-            names.iter().find(|name| !name.starts_with(CASE))
-        })?;
+    (console.outputs).folder("--keep", folder, "earlier cases", |names| {
+        let is_case =
+            |name: &&String| name.starts_with(CASE) && Dataset::maker(folder.join(name)).is_some();
+        names.iter().find(|name| !is_case(name))
+    })?;
+    let id = |i: usize| format!("{CASE}{i:03}");
+    (0..args.cases).try_for_each(|i| keep_made("--keep", &folder.join(id(i)), &[MAKER]))?;
     create_folder(folder)?;
     let specs = draw_cases(args.cases, args.seed);
     let bar = console.bar(specs.len(), "blind cases");
     let catalogue = effects::catalogue();
     let mut cases = Vec::with_capacity(specs.len());
     for (i, spec) in specs.iter().enumerate() {
-        let id = format!("{CASE}{i:03}");
+        let id = id(i);
         let path = folder.join(&id);
         let label = match generate(spec, &path) {
             Ok(label) => label,
-            Err(e @ (WorldError::Io { .. } | WorldError::Data(_))) => return Err(e.into()),
+            Err(e @ WorldError::Data(_)) => return Err(e.into()),
             Err(e) => {
                 // Some draws have no strength that fits; they are no cases.
                 console.warn(format!("{id}: {e}"));

@@ -2,6 +2,7 @@
 
 use super::paper::Entry;
 use crate::console::write_folder;
+use crate::file_kind::FileKind;
 use crate::pictures::{self, Surroundings, View};
 use crate::recording::Recording;
 use std::cell::RefCell;
@@ -17,8 +18,26 @@ pub struct Figures<'a> {
 }
 
 impl<'a> Figures<'a> {
-    /// Name of Fig. 4.
+    /// Names of the tables, in words and for machines, and of Fig. 4.
+    pub const REPORT: &'static str = "report.md";
+    pub const RESULTS: &'static str = "report.json";
     pub const UPDATE_TIMES: &'static str = "update_time.svg";
+
+    /// What a file of this name is, if it is one of the folder's: figures of recordings begin with their number.
+    pub fn kind(name: &str) -> Option<FileKind> {
+        let is_numbered = || {
+            let (number, _) = name.split_once('_')?;
+            (number.len() >= 2 && number.bytes().all(|b| b.is_ascii_digit())).then_some(())
+        };
+        match name.rsplit_once('.')?.1 {
+            _ if name == Self::REPORT => Some(FileKind::Report),
+            _ if name == Self::RESULTS => Some(FileKind::Results),
+            "svg" if name == Self::UPDATE_TIMES => Some(FileKind::Svg),
+            "svg" => is_numbered().map(|()| FileKind::Svg),
+            "png" => is_numbered().map(|()| FileKind::Png),
+            _ => None,
+        }
+    }
 
     pub fn new(folder: &'a Path) -> Self {
         Self {

@@ -1,10 +1,11 @@
 use super::figures::Figures;
 use super::report::{figures_text, tables};
 use super::{ContactArgs, Failed, Found, each, open, progress};
-use crate::console::{Console, create_folder, texts};
+use crate::console::{Console, MADE_BY, create_folder, texts};
+use crate::exit::usage;
 use crate::outputs::unmarked;
 use crate::recording::Recording;
-use crate::samples::{FAR_PLACES, NEAR_PLACES, ONE_PLACE};
+use crate::samples::{FAR_PLACES, NEAR_PLACES, ONE_PLACE, Sample};
 use crate::settings::VisionKind;
 use serde::Serialize;
 use std::path::{Path, PathBuf};
@@ -12,6 +13,9 @@ use vsf::pipeline::{
     Experiment, MethodErrors, Overlap, OverlapShares, Table1Row, TrainedOn, UpdateSpeed,
     UpdateTimes, table1, update_speed, update_times, view_warnings,
 };
+
+/// Where the recordings of the built-in set are written to.
+const RECORDINGS: &str = "recordings";
 
 #[derive(Debug, clap::Args)]
 #[command(after_help = "\
@@ -96,13 +100,27 @@ pub fn run(args: &Args, console: &Console) -> anyhow::Result<()> {
     console
         .outputs
         .folder("--out", out, "an earlier report", |names| {
-            unmarked(names, &["report.md", "recordings", Figures::UPDATE_TIMES])
+            let foreign = |name: &&String| {
+                let kind = Figures::kind(name);
+                kind.is_some_and(|kind| kind.check("--out", &out.join(name)).is_err())
+            };
+            let marks = [Figures::REPORT, RECORDINGS, Figures::UPDATE_TIMES];
+            unmarked(names, &marks).or_else(|| names.iter().find(foreign))
         })?;
     let recordings = if args.recordings.is_empty() {
-        [ONE_PLACE, NEAR_PLACES, FAR_PLACES]
-            .iter()
-            .map(|sample| sample.unpack(out, &Path::new("recordings").join(sample.name)))
-            .collect::<Result<_, _>>()?
+        let samples = [ONE_PLACE, NEAR_PLACES, FAR_PLACES];
+        let place = |sample: &Sample| Path::new(RECORDINGS).join(sample.name);
+        for sample in &samples {
+            if let Some(path) = sample.changed_in(&out.join(place(sample))) {
+                return Err(usage(format!(
+                    "{}: it is not as this command writes it, which would replace it; choose another folder (--out), or move \
+                     it away",
+                    path.display()
+                )));
+            }
+        }
+        let unpack = |sample: &Sample| sample.unpack(out, &place(sample));
+        samples.iter().map(unpack).collect::<Result<_, _>>()?
     } else {
         args.recordings.clone()
     };
@@ -125,13 +143,12 @@ pub fn run(args: &Args, console: &Console) -> anyhow::Result<()> {
     let keep = |found: &Found<Entry>| {
         let tables = tables(&found.all, &update_times);
         let text = format!(
-            "# The experiments of the paper\n\n{tables}{}",
+            "# The experiments of the paper\n\n<!-- {MADE_BY} -->\n\n{tables}{}",
             figures_text(&found.all)
         );
-        figures.write("report.md", text.as_bytes())?;
-        let json =
-            serde_json::to_string_pretty(&Report::of(found, args, &update_times, &figures))? + "\n";
-        figures.write("report.json", json.as_bytes())
+        figures.write(Figures::REPORT, text.as_bytes())?;
+        let json = console.to_json(&Report::of(found, args, &update_times, &figures))?;
+        figures.write(Figures::RESULTS, json.as_bytes())
     };
     let found = each(opened, console, of, keep)?;
     keep(&found)?;
@@ -139,7 +156,7 @@ pub fn run(args: &Args, console: &Console) -> anyhow::Result<()> {
     let tables = tables(&found.all, &update_times);
     console.report(format!(
         "{tables}wrote {}\n",
-        out.join("report.md").display()
+        out.join(Figures::REPORT).display()
     ))?;
     found.end()
 }

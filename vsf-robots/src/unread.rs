@@ -1,0 +1,176 @@
+//! What a URDF says in words that are not understood: misspelled, it changes the robot without an error.
+
+use crate::tags;
+
+/// Elements of links and joints by their path: the elements that may be in them, and their attributes. What is in others,
+/// as in visuals and extensions of simulators, is not looked at; names with a prefix (`drake:...`) are such extensions.
+const KNOWN: [(&str, &[&str], &[&str]); 23] = [
+    (
+        "link",
+        &[
+            "inertial",
+            "visual",
+            "collision",
+            "contact",
+            "sensor",
+            "gazebo",
+            "verbose",
+        ],
+        &["name", "type"],
+    ),
+    ("link/inertial", &["origin", "mass", "inertia"], &[]),
+    ("link/inertial/origin", &[], ORIGIN),
+    ("link/inertial/mass", &[], &["value"]),
+    (
+        "link/inertial/inertia",
+        &[],
+        &["ixx", "ixy", "ixz", "iyy", "iyz", "izz"],
+    ),
+    (
+        "link/collision",
+        &[
+            "origin",
+            "geometry",
+            "material",
+            "contact_coefficients",
+            "verbose",
+        ],
+        &["name", "group"],
+    ),
+    ("link/collision/origin", &[], ORIGIN),
+    (
+        "link/collision/geometry",
+        &["box", "cylinder", "sphere", "capsule", "mesh"],
+        &["name"],
+    ),
+    ("link/collision/geometry/box", &[], &["size"]),
+    (
+        "link/collision/geometry/cylinder",
+        &[],
+        &["radius", "length"],
+    ),
+    (
+        "link/collision/geometry/capsule",
+        &[],
+        &["radius", "length"],
+    ),
+    ("link/collision/geometry/sphere", &[], &["radius"]),
+    ("link/collision/geometry/mesh", &[], &["filename", "scale"]),
+    (
+        "joint",
+        &[
+            "origin",
+            "parent",
+            "child",
+            "axis",
+            "limit",
+            "dynamics",
+            "mimic",
+            "calibration",
+            "safety_controller",
+            "gazebo",
+        ],
+        &["name", "type"],
+    ),
+    ("joint/origin", &[], ORIGIN),
+    ("joint/parent", &[], &["link"]),
+    ("joint/child", &[], &["link"]),
+    ("joint/axis", &[], &["xyz"]),
+    (
+        "joint/limit",
+        &[],
+        &[
+            "lower",
+            "upper",
+            "effort",
+            "velocity",
+            "acceleration",
+            "jerk",
+        ],
+    ),
+    ("joint/dynamics", &[], &["damping", "friction"]),
+    ("joint/mimic", &[], &["joint", "multiplier", "offset"]),
+    (
+        "joint/calibration",
+        &[],
+        &["rising", "falling", "reference_position"],
+    ),
+    (
+        "joint/safety_controller",
+        &[],
+        &[
+            "soft_lower_limit",
+            "soft_upper_limit",
+            "k_position",
+            "k_velocity",
+        ],
+    ),
+];
+
+const ORIGIN: &[&str] = &["xyz", "rpy", "quat_xyzw"];
+
+/// Elements and attributes of links and joints that are not understood, each with its line, of a text that is balanced.
+pub(crate) fn unread(text: &str) -> Vec<String> {
+    let mut found = Vec::new();
+    let mut open: Vec<&str> = Vec::new();
+    for tag in tags::tags(text) {
+        if tag.starts_with("</") {
+            open.pop();
+            continue;
+        }
+        if !tags::begins_element(tag) {
+            continue;
+        }
+        let name = tags::name(tag);
+        let above = open.get(1..).unwrap_or_default().join("/");
+        let at = || tags::line(text, tags::place(text, tag));
+        if let Some((_, elements, _)) = KNOWN.iter().find(|(path, ..)| *path == above)
+            && is_strange(name, elements)
+        {
+            found.push(format!(
+                "<{name}> in <{}> (line {})",
+                open[open.len() - 1],
+                at()
+            ));
+        }
+        let path = match above.as_str() {
+            "" => name.to_owned(),
+            above => format!("{above}/{name}"),
+        };
+        if let Some((_, _, attributes)) = KNOWN.iter().find(|(known, ..)| *known == path) {
+            let strange = tags::attributes(tag).filter(|a| is_strange(a, attributes));
+            found.extend(strange.map(|a| format!("{a} of <{name}> (line {})", at())));
+        }
+        if tags::opens(tag) {
+            open.push(name);
+        }
+    }
+    found
+}
+
+fn is_strange(name: &str, known: &[&str]) -> bool {
+    !known.contains(&name) && !name.contains(':') && name != "xmlns"
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn misspelled_words_are_found() {
+        let text = "<robot name='r'><gazebo><link><orign/></link></gazebo>\n<link name='a'>\n\
+            <Inertial/><collision><origin RPY='1 0 0'/>\n<geometry><bax size='1 1 1'/></geometry></collision>\n\
+            <visual><geometry><bax/></geometry></visual></link>\n<joint name='j' tipe='fixed' drake:x='1'>\n\
+            <orign xyz='0 0 1'/><drake:y/><axis xyz = \"0 0 1\" /></joint>\n<transmission><joint x='1'><y/></joint>\
+            </transmission><joints/></robot>";
+        let expected = [
+            "<Inertial> in <link> (line 3)",
+            "RPY of <origin> (line 3)",
+            "<bax> in <geometry> (line 4)",
+            "tipe of <joint> (line 6)",
+            "<orign> in <joint> (line 7)",
+        ];
+        assert_eq!(unread(text), expected);
+        assert!(unread("").is_empty() && unread("<robot/>").is_empty());
+    }
+}
