@@ -508,6 +508,7 @@ fn warnings_name_what_was_seen() {
     let folder = Folder::new();
     let torques = fs::read(folder.path().join("seq_10/torques.npy")).unwrap();
     folder.write("seq_2/torques.npy", &torques);
+    folder.write("seq_2/angles.npy", &f8("(4, 2)", &[0.5; 8]));
     let (_, warnings) = folder.open().unwrap();
     assert!(
         matches!(&warnings[..], [DataWarning::CopiedTorques { first, of, others: 0, .. }]
