@@ -9,6 +9,8 @@ const POINTS_PER_STRAY: usize = 100;
 const MOST_STRAYS: usize = 64;
 /// Points nearer than this share of a cell's edge are copies of one, off by rounding, where neighbors are meant.
 const SAME_PLACE: f64 = 1e-3;
+/// Neighbors that tell how far apart points are where the nearest is nearer.
+const NEIGHBORS: usize = 8;
 
 /// The rest positions `p_i` of a stiffness field (m, world frame), with a uniform grid over them
 /// for range queries, and a tree of [`Block`](crate::Block)s over its cells. Few points that lie far from
@@ -188,36 +190,62 @@ impl RestPoints {
     /// cloud, of the distance to the nearest point at another place. Points nearer than a thousandth of an edge of the grid,
     /// some 2e-3 of the mean distance where they fill their box, share a place. 0 when there is but one.
     pub fn spacing(&self) -> f64 {
-        let step = self.len().div_ceil(1000).max(1);
-        let (lower, upper) = self.bounds();
-        let widest = (upper - lower).norm();
-        let nearest = (0..self.len())
-            .step_by(step)
-            .filter_map(|i| self.nearest_other(i, widest));
-        median(nearest.collect()).unwrap_or(0.0)
+        let (same, widest) = (SAME_PLACE * self.cell, self.widest());
+        let nearest = |i| self.around(i, 1, same, widest).first().copied();
+        median(self.sampled().filter_map(nearest).collect()).unwrap_or(0.0)
     }
 
-    /// Distance to the nearest point at another place, which is not beyond `widest`, by boxes of growing size.
-    fn nearest_other(&self, i: usize, widest: f64) -> Option<f64> {
+    /// How many times as far as the nearest point the eighth is: the median, over as many points; points in the very same
+    /// place do not count. Some 2 where points fill a body or a surface, 4 along a line, and far more where they come in
+    /// pairs or clusters, as where scans of one object are put together. `None` below 9 places.
+    pub fn clustering(&self) -> Option<f64> {
+        let widest = self.widest();
+        let ratio = |i| match self.around(i, NEIGHBORS, 0.0, widest)[..] {
+            [nearest, .., last] if nearest > 0.0 => Some(last / nearest),
+            _ => None,
+        };
+        median(self.sampled().filter_map(ratio).collect())
+    }
+
+    fn widest(&self) -> f64 {
+        let (lower, upper) = self.bounds();
+        (upper - lower).norm()
+    }
+
+    /// At most 1000 points spread over the cloud.
+    fn sampled(&self) -> impl Iterator<Item = usize> {
+        let step = self.len().div_ceil(1000).max(1);
+        (0..self.len()).step_by(step)
+    }
+
+    /// Distances beyond `same` to the `count` nearest points in order, of which none is beyond `widest`, by boxes of growing
+    /// size; none where there are fewer.
+    fn around(&self, i: usize, count: usize, same: f64, widest: f64) -> Vec<f64> {
         let p = &self.positions[i];
         let mut reach = self.cell;
-        while self.len() > 1 {
+        let mut found = Vec::new();
+        while self.len() > count {
+            found.clear();
             let half = Vector3::repeat(reach);
-            let mut best = f64::INFINITY;
             self.for_cells_in(&(p - half), &(p + half), |cell| {
-                for &other in cell.points {
-                    let distance = (self.positions[other as usize] - p).norm();
-                    if distance > SAME_PLACE * self.cell {
-                        best = best.min(distance);
-                    }
-                }
+                let others = cell
+                    .points
+                    .iter()
+                    .map(|&o| (self.positions[o as usize] - p).norm());
+                found.extend(others.filter(|distance| *distance > same));
             });
-            if best <= reach || reach >= widest {
-                return best.is_finite().then_some(best);
+            found.sort_unstable_by(f64::total_cmp);
+            let enough = found.get(count - 1).is_some_and(|last| *last <= reach);
+            if enough || reach >= widest {
+                break;
             }
             reach *= 2.0;
         }
-        None
+        if found.len() < count {
+            found.clear();
+        }
+        found.truncate(count);
+        found
     }
 
     /// Visits the non-empty cells that overlap the box `[lo, hi]`, in a fixed order, each stray in it as a cell

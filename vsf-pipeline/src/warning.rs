@@ -45,6 +45,8 @@ const MOST_SIZE: f64 = 10.0;
 /// From how far on points may be touched: share of the object, and spacings of points.
 const MOST_REACH: f64 = 0.25;
 const MOST_SPACINGS: f64 = 4.0;
+/// Points come in clusters where the eighth nearest is so many times as far as the nearest.
+const MOST_CLUSTERED: f64 = 20.0;
 /// NIS per channel beyond which a filter knows nothing of its errors: diagonal filters reach 3 on good data.
 const MOST_NIS: f64 = 30.0;
 /// Share of the energy of the readings in contact below which a field explains nothing of them.
@@ -248,11 +250,20 @@ pub fn scene_warnings(scene: &Scene) -> Vec<PipelineWarning> {
         first: first.clone(),
         others: unread.len() - 1,
     });
-    let found = misread
-        .into_iter()
-        .chain(scene.link_shapes().iter().filter_map(huge));
-    let found = found.chain(from_afar);
-    found.chain(mesh_warnings(scene)).collect()
+    let clustering = scene.rest().clustering();
+    let clustered = clustering
+        .filter(|times| *times > MOST_CLUSTERED)
+        .map(|times| PipelineWarning::ClusteredPoints {
+            spacing: scene.rest().spacing(),
+            times,
+        });
+    let of_links = scene.link_shapes().iter().filter_map(huge);
+    (misread.into_iter())
+        .chain(clustered)
+        .chain(of_links)
+        .chain(from_afar)
+        .chain(mesh_warnings(scene))
+        .collect()
 }
 
 fn mesh_warnings(scene: &Scene) -> Vec<PipelineWarning> {

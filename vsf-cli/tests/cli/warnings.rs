@@ -334,6 +334,41 @@ fn points_in_one_place() {
     assert!(!text.contains("repeat"), "{text}");
 }
 
+/// As of two scans of one object, off by a tenth of a millimeter.
+#[test]
+fn points_in_pairs() {
+    let bench = Bench::touched();
+    let path = bench.root.join("touch/points.npy");
+    let (dataset, _) = Dataset::open(bench.root.join("touch"), &Overrides::default()).unwrap();
+    let places = dataset.rest_points.unwrap();
+    let twice = places
+        .iter()
+        .flat_map(|p| [0.0, 1e-4].map(|by| [p.x + by, p.y, p.z]));
+    let twice: Vec<f64> = twice.flatten().collect();
+    npy(&path, &[2 * places.len(), 3], &twice);
+    warns(
+        &bench,
+        "info touch",
+        &["points come in clusters", "40 times", "1.00e-4 m"],
+    );
+}
+
+/// A joint that is elsewhere, since a word is misspelled.
+#[test]
+fn words_of_a_urdf_that_are_not_understood() {
+    let bench = Bench::new();
+    arm(&bench, &[0.0; 3], &[1.0; 3]);
+    points(&bench);
+    let urdf = bench.root.join("arm/arm.urdf");
+    fs::write(
+        &urdf,
+        ARM.replace("<origin", "<orign").replace("<axis", "<Axis"),
+    )
+    .unwrap();
+    let parts = ["<orign> in <collision> (line 2)", "1 more place"];
+    warns(&bench, "info arm", &parts);
+}
+
 /// As where a flag of the estimate is left out of the evaluation.
 #[test]
 fn fields_of_a_robot_that_stood_elsewhere() {

@@ -231,3 +231,37 @@ fn clouds_of_no_size_are_one_cell() {
         );
     }
 }
+
+/// Lattices, random clouds, surfaces and lines are no clusters; pairs are, however near.
+#[test]
+fn pairs_are_told_from_clouds() {
+    let of = |points: Vec<Point3<f64>>| RestPoints::new(points).unwrap().clustering();
+    let lattice: Vec<Point3<f64>> = (0..1000)
+        .map(|i| Point3::new((i % 10) as f64, (i / 10 % 10) as f64, (i / 100) as f64) * 0.005)
+        .collect();
+    let line = (0..100).map(|i| Point3::new(0.01 * i as f64, 0.0, 0.0));
+    let random = (0..2000).map(|i| {
+        let of = |share: f64| (f64::from(i) * share).fract();
+        Point3::new(of(0.754_877), of(0.569_840), of(0.312_345))
+    });
+    let sheet = lattice
+        .iter()
+        .map(|p| Point3::new(p.x, p.y, 0.0) + Vector3::z() * 0.1 * p.z);
+    for (points, at_most) in [
+        (lattice.clone(), 1.8),
+        (line.collect(), 4.1),
+        (sheet.collect(), 15.0),
+        (random.collect(), 4.0),
+    ] {
+        let found = of(points).unwrap();
+        assert!((1.0..at_most).contains(&found), "{found}");
+    }
+    for apart in [1e-9, 1e-6, 1e-4] {
+        let moved = lattice.iter().map(|p| p + Vector3::x() * apart);
+        let found = of(lattice.iter().copied().chain(moved).collect()).unwrap();
+        assert!((found * apart / 0.005 - 1.0).abs() < 0.5, "{found}");
+    }
+    // The very same places do not count.
+    assert!(of([&lattice[..], &lattice[..]].concat()).unwrap() < 1.8);
+    assert_eq!(of(lattice[..8].to_vec()), None);
+}

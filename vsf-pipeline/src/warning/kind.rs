@@ -522,6 +522,18 @@ pub enum PipelineWarning {
         /// Its row, from 0.
         row: usize,
     },
+    /// Rest points in pairs or clusters: what contact takes for their spacing is that within a cluster.
+    #[error(
+        "the rest points come in clusters: the eighth nearest to a point is {times:.0} times as far away as the nearest, as \
+         where scans of one object are put together; their spacing of {spacing:.2e} m, which the contact threshold follows, is that \
+         within a cluster: keep one point of each"
+    )]
+    ClusteredPoints {
+        /// Median distance to the nearest point at another place (m).
+        spacing: f64,
+        /// How many times as far the eighth nearest is.
+        times: f64,
+    },
     /// Words of a URDF that are not understood: misspelled, they leave out a pose, a shape or a mass.
     #[error(
         "robot {robot:?}: its URDF has {first}, which is not understood and has no effect: misspelled, it is missing \
