@@ -352,10 +352,14 @@ fn in_other_contact(
             let found = &mut outcome.diagnosis;
             found.notes.insert(0, told);
             // Not told from another contact is not ruled out, and would not show from any size on.
-            found.verdict.leave_open(rival.effects());
-            found.verdict.or_threshold = rival.effects().to_vec();
+            let verdict = &mut found.verdict;
+            verdict.leave_open(rival.effects());
+            verdict.or_threshold = rival.effects().to_vec();
+            verdict
+                .or_threshold
+                .retain(|e| !verdict.effects.contains(e));
             for report in &mut found.effects {
-                if rival.effects().contains(&report.effect) {
+                if verdict.or_threshold.contains(&report.effect) {
                     report.shows_from.clear();
                 }
             }

@@ -55,7 +55,7 @@ pub struct Verdict {
     #[serde(default)]
     pub hidden: f64,
     /// Effects that were named in the contact in which the search began, which another contact threshold explains as well.
-    /// That one is taken, and is no cause; they stay in the set.
+    /// That one is taken, is no cause, and leaves nothing to them; they stay in the set.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub or_threshold: Vec<String>,
 }
