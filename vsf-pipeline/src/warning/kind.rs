@@ -522,11 +522,11 @@ pub enum PipelineWarning {
         /// Its row, from 0.
         row: usize,
     },
-    /// Rest points in pairs or clusters: what contact takes for their spacing is that within a cluster.
+    /// Rest points in pairs or clusters: what contact takes for their spacing may be that within a cluster.
     #[error(
         "the rest points come in clusters: the eighth nearest to a point is {times:.0} times as far away as the nearest, as \
-         where scans of one object are put together; their spacing of {spacing:.2e} m, which the contact threshold follows, is that \
-         within a cluster: keep one point of each"
+         where scans of one object are put together; the stiffness of a place is shared out between its points, and the \
+         contact threshold follows their spacing, {spacing:.2e} m: keep one point of each cluster"
     )]
     ClusteredPoints {
         /// Median distance to the nearest point at another place (m).
