@@ -48,7 +48,7 @@ fn run() -> anyhow::Result<()> {
     commands::run(&cli.command, &console).map_err(|e| origins.locate(e))
 }
 
-/// Refuses more threads than a machine has: each takes memory and time before it does anything.
+/// Refuses thousands of threads: each takes memory and time before it does anything.
 fn threads() -> anyhow::Result<()> {
     let given = std::env::var(THREADS).unwrap_or_default();
     match given.parse::<usize>() {

@@ -207,8 +207,11 @@ impl Dataset {
             let moves_alike = by_angles.before(s, |of| &of.angles);
             let reads_alike = by_torques.before(s, |of| &of.torques);
             // Of sensors that are stuck something else is said.
-            let reads = (s.torques.data().iter()).zip(s.torques.data().iter().skip(s.width()));
-            let is_stuck = reads.into_iter().all(|(a, b)| a == b);
+            let reads = s.torques.data().iter();
+            let is_stuck = reads
+                .clone()
+                .zip(reads.skip(s.width()))
+                .all(|(a, b)| a == b);
             let both_ways = moves_alike.iter().flat_map(|of| [(s, *of), (*of, s)]);
             let mut again =
                 both_ways.filter(|(s, of)| test.contains(&s.id) && train.contains(&of.id));
@@ -221,35 +224,42 @@ impl Dataset {
                 retraced.push(pair(s, of));
             }
         }
-        let path = || dir.to_owned();
-        let others = |of: &[_]| of.len().saturating_sub(1);
-        let of_copies = copies
-            .first()
-            .map(|(first, of)| DataWarning::CopiedSequences {
-                path: path(),
-                first: first.clone(),
-                of: of.clone(),
-                others: others(&copies),
-            });
-        let of_reread = reread
-            .first()
-            .map(|(first, of)| DataWarning::CopiedTorques {
-                path: path(),
-                first: first.clone(),
-                of: of.clone(),
-                others: others(&reread),
-            });
-        let of_retraced = retraced
-            .first()
-            .map(|(first, of)| DataWarning::RetracedSequences {
-                path: path(),
-                first: first.clone(),
-                of: of.clone(),
-                others: others(&retraced),
-            });
-        (of_copies.into_iter())
-            .chain(of_reread)
-            .chain(of_retraced)
+        let told = |pairs: &[(String, String)], warning: fn(_, _, _, _) -> DataWarning| {
+            let (first, of) = pairs.first()?;
+            Some(warning(
+                dir.to_owned(),
+                first.clone(),
+                of.clone(),
+                pairs.len() - 1,
+            ))
+        };
+        let of_copies = told(&copies, |path, first, of, others| {
+            DataWarning::CopiedSequences {
+                path,
+                first,
+                of,
+                others,
+            }
+        });
+        let of_reread = told(&reread, |path, first, of, others| {
+            DataWarning::CopiedTorques {
+                path,
+                first,
+                of,
+                others,
+            }
+        });
+        let of_retraced = told(&retraced, |path, first, of, others| {
+            DataWarning::RetracedSequences {
+                path,
+                first,
+                of,
+                others,
+            }
+        });
+        [of_copies, of_reread, of_retraced]
+            .into_iter()
+            .flatten()
             .collect()
     }
 

@@ -228,8 +228,8 @@ pub fn view_warnings(rest: &RestPoints, view: &RgbdView) -> Vec<PipelineWarning>
     elsewhere.then_some(warning).into_iter().collect()
 }
 
-/// What looks wrong with the shapes that contact uses: links far too large, points that are touched from afar,
-/// meshes with faces turned over or sides that are a guess.
+/// What looks wrong with robot, points and the shapes that contact uses: words of a URDF that are not understood, points in
+/// clusters, links far too large, points that are touched from afar, meshes with faces turned over or sides that are a guess.
 pub fn scene_warnings(scene: &Scene) -> Vec<PipelineWarning> {
     let huge = |link: &LinkSdf| {
         let (low, high) = link.sdf.bounds();
@@ -240,8 +240,9 @@ pub fn scene_warnings(scene: &Scene) -> Vec<PipelineWarning> {
         })
     };
     let (low, high) = scene.rest().bounds();
+    let spacing = scene.rest().spacing();
     let (level, size) = (scene.contact().level(), (high - low).norm());
-    let most = (MOST_REACH * size).max(MOST_SPACINGS * scene.rest().spacing());
+    let most = (MOST_REACH * size).max(MOST_SPACINGS * spacing);
     let from_afar = size > 0.0 && level > most;
     let from_afar = from_afar.then_some(PipelineWarning::TouchesFromAfar { level, size });
     let unread = scene.robot().unread();
@@ -253,10 +254,7 @@ pub fn scene_warnings(scene: &Scene) -> Vec<PipelineWarning> {
     let clustering = scene.rest().clustering();
     let clustered = clustering
         .filter(|times| *times > MOST_CLUSTERED)
-        .map(|times| PipelineWarning::ClusteredPoints {
-            spacing: scene.rest().spacing(),
-            times,
-        });
+        .map(|times| PipelineWarning::ClusteredPoints { spacing, times });
     let of_links = scene.link_shapes().iter().filter_map(huge);
     (misread.into_iter())
         .chain(clustered)

@@ -158,8 +158,8 @@ impl RobotModel {
         &self.name
     }
 
-    /// Elements and attributes of the URDF's links and joints that are not understood, and so have no effect, each with its
-    /// line. Those with a prefix, and what is in visuals and extensions, are not looked at.
+    /// The first 100 elements and attributes of the URDF's links and joints that are not understood, and so have no effect,
+    /// each with its line. Those with a prefix, and what is in visuals and extensions, are not looked at.
     pub fn unread(&self) -> &[String] {
         &self.unread
     }

@@ -109,11 +109,18 @@ const KNOWN: [(&str, &[&str], &[&str]); 23] = [
 
 const ORIGIN: &[&str] = &["xyz", "rpy", "quat_xyzw"];
 
-/// Elements and attributes of links and joints that are not understood, each with its line, of a text that is balanced.
+/// Most that are told: of a text that is none of links and joints all would be, and each line is counted from its beginning.
+const MOST: usize = 100;
+
+/// The first elements and attributes of links and joints that are not understood, each with its line, of a text that is
+/// balanced.
 pub(crate) fn unread(text: &str) -> Vec<String> {
     let mut found = Vec::new();
     let mut open: Vec<&str> = Vec::new();
     for tag in tags::tags(text) {
+        if found.len() >= MOST {
+            break;
+        }
         if tag.starts_with("</") {
             open.pop();
             continue;
@@ -139,6 +146,7 @@ pub(crate) fn unread(text: &str) -> Vec<String> {
         };
         if let Some((_, _, attributes)) = KNOWN.iter().find(|(known, ..)| *known == path) {
             let strange = tags::attributes(tag).filter(|a| is_strange(a, attributes));
+            let strange = strange.take(MOST);
             found.extend(strange.map(|a| format!("{a} of <{name}> (line {})", at())));
         }
         if tags::opens(tag) {
@@ -172,5 +180,7 @@ mod tests {
         ];
         assert_eq!(unread(text), expected);
         assert!(unread("").is_empty() && unread("<robot/>").is_empty());
+        let many = format!("<r><link name='a'>{}</link></r>", "<b/>".repeat(1_000_000));
+        assert_eq!(unread(&many).len(), MOST);
     }
 }
