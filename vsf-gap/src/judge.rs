@@ -158,6 +158,11 @@ pub(crate) fn required_gain_beside(further: &dyn Effect, gain: f64, rough: f64) 
     required_gain(further, rough) + MISFIT * gain
 }
 
+/// Whether what gains so much may be another form of what gains the most.
+pub(crate) fn is_form_of(gain: f64, most: f64) -> bool {
+    gain >= (1.0 - MISFIT) * most
+}
+
 /// The gain of log evidence (nats) that an effect needs: [`Effect::null_gain`], and where contact is rough more for those
 /// that act on springs and contact or scale its torques.
 pub(crate) fn required_gain(effect: &dyn Effect, rough: f64) -> f64 {

@@ -15,6 +15,7 @@ const MOST_HALVINGS: usize = 2;
 const ENOUGH: f64 = 0.3;
 
 /// A model with effects whose parameters are fitted together with the field.
+#[derive(Clone)]
 pub(crate) struct Refined {
     /// The model.
     pub(crate) model: Model,

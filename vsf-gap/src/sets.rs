@@ -2,7 +2,7 @@
 
 use crate::effect::EVIDENT;
 use crate::evidence::Spread;
-use crate::judge::{required_gain, required_gain_beside};
+use crate::judge::{is_form_of, required_gain, required_gain_beside};
 use crate::refine::Refined;
 use crate::screen::{Tangent, log_mean_exp, screen};
 use crate::search::{Candidate, Standard, best_starts};
@@ -95,35 +95,62 @@ impl Campaign {
         }
     }
 
-    /// The best single effect and each of those that earn a place beside it.
+    /// The best single effect and each of those that earn a place beside it; and in its place the others that explain about as
+    /// much alone, since what is beside it may have bent its form.
     fn pairs(
         &self,
         tangents: &[Tangent],
         candidates: &mut [Candidate],
         standard: &Standard,
     ) -> Result<Vec<Combination>, GapError> {
+        let base = standard.base;
+        let mut firsts: Vec<Refined> = (candidates.iter())
+            .filter_map(|c| c.refined.clone())
+            .filter(|r| r.log_evidence - base > EVIDENT)
+            .collect();
+        best_first(&mut firsts, |r| r.log_evidence);
+        let most = firsts.first().map_or(0.0, |r| r.log_evidence - base);
+        firsts.retain(|r| is_form_of(r.log_evidence - base, most));
+        let mut seconds: Vec<Arc<dyn Effect>> =
+            candidates.iter().map(|c| c.effect.clone()).collect();
+        let mut found = Vec::new();
+        for (rank, first) in firsts.iter().enumerate() {
+            let pairs = self.beside(first, &seconds, tangents, candidates, standard)?;
+            if rank == 0 {
+                seconds = pairs.iter().map(|p| p.effect.clone()).collect();
+            }
+            for Further { refined, .. } in pairs {
+                let earned = true;
+                add(&mut found, Combination { refined, earned });
+            }
+        }
+        Ok(found)
+    }
+
+    /// One effect and each of those among `seconds` that earn a place beside it.
+    fn beside(
+        &self,
+        first: &Refined,
+        seconds: &[Arc<dyn Effect>],
+        tangents: &[Tangent],
+        candidates: &mut [Candidate],
+        standard: &Standard,
+    ) -> Result<Vec<Further>, GapError> {
         let (base, rough) = (standard.base, standard.spread.contact);
-        let Some((leader, rest)) = candidates.split_first_mut() else {
-            return Ok(Vec::new());
-        };
-        let evident = |r: &&Refined| r.log_evidence - base > EVIDENT;
-        let Some(best) = leader.refined.as_ref().filter(evident) else {
-            return Ok(Vec::new());
-        };
-        let gain = best.log_evidence - base;
+        let gain = first.log_evidence - base;
         let nominal = Model::default();
-        let in_air = self.gain_in_air(&best.model, &nominal, &best.spread)?;
+        let in_air = self.gain_in_air(&first.model, &nominal, &first.spread)?;
         let (in_contact, shows_in_air) = (gain - in_air.clamp(0.0, gain), in_air > EVIDENT);
-        let effects: Vec<_> = rest.iter().map(|c| c.effect.clone()).collect();
-        let mut found: Vec<Combination> = Vec::new();
         // Where contact comes out as smooth as can be told, surfaces are where they should be.
-        let all_that_move = shows_in_air && best.spread.contact > CONTACT[0];
-        for Further { refined, effect } in self.extended(best, &effects, rough, all_that_move)? {
-            let gained = refined.log_evidence - best.log_evidence;
+        let all_that_move = shows_in_air && first.spread.contact > CONTACT[0];
+        let mut found = Vec::new();
+        for further in self.extended(first, seconds, rough, all_that_move)? {
+            let Further { refined, effect } = &further;
+            let gained = refined.log_evidence - first.log_evidence;
             let gains_beside =
                 |gain: f64| gained > required_gain_beside(effect.as_ref(), gain, rough);
             let is_of_contact = || {
-                let own = self.gain_in_air(&refined.model, &best.model, &refined.spread)?;
+                let own = self.gain_in_air(&refined.model, &first.model, &refined.spread)?;
                 Ok::<_, GapError>(own <= EVIDENT)
             };
             // What shows in contact alone does not mend the form of the first effect in the air.
@@ -132,12 +159,16 @@ impl Campaign {
             }
             // Backward: the second on its own must not do as well.
             let name = effect.name();
-            if let Some(alone) = rest.iter_mut().find(|c| c.effect.name() == name) {
+            if let Some(alone) = candidates.iter_mut().find(|c| c.effect.name() == name) {
                 if alone.refined.is_none() {
                     self.fit_alone(alone, tangents, standard)?;
                 }
                 let gained = refined.log_evidence - base - alone.score(base);
-                if gained <= required_gain(leader.effect.as_ref(), rough) {
+                let of_first = first.model.parts.iter();
+                let required: f64 = of_first
+                    .map(|(e, _)| required_gain(e.as_ref(), rough))
+                    .sum();
+                if gained <= required {
                     continue;
                 }
                 // Where both show in contact alone, a second that says nothing by itself mends the form of the first.
@@ -145,8 +176,7 @@ impl Campaign {
                     continue;
                 }
             }
-            let earned = true;
-            found.push(Combination { refined, earned });
+            found.push(further);
         }
         Ok(found)
     }
@@ -333,12 +363,18 @@ mod tests {
     use crate::effects;
     use crate::spread_search::JOINT;
 
-    /// A ball comes down on points twice; its first axis reads 1 N too much, whatever it touches.
-    fn poked() -> Campaign {
+    /// A ball comes down on points twice, at one speed, and up again; its first axis reads 1 N too much, whatever it touches,
+    /// and the third has a friction (N).
+    fn poked(friction: f64) -> Campaign {
         let row = |k: i32| {
             let height = 0.02 - 4e-4 * f64::from(60 - i32::abs(60 - k));
             let noise = 0.01 * f64::from(k * k % 13 - 6) / 6.0;
-            let force = [1.0 + noise, noise, -200.0 * height.min(0.0) - noise];
+            let against = friction * f64::from((60 - k).signum());
+            let force = [
+                1.0 + noise,
+                noise,
+                against - 200.0 * height.min(0.0) - noise,
+            ];
             [[0.004, 0.004, height], force]
         };
         let sequence: Vec<_> = (0..120).map(row).collect();
@@ -348,7 +384,7 @@ mod tests {
     /// Of what a model gains in the air, contact has no part: not even where it begins elsewhere.
     #[test]
     fn a_gain_in_the_air_is_of_readings_where_neither_model_touches() {
-        let campaign = poked();
+        let campaign = poked(0.0);
         let with = |name: &str, own: &str, value: f64| {
             let effect = effects::named(&[name.to_owned()]).unwrap().remove(0);
             let theta = effect.parameters(&campaign.site);
@@ -370,5 +406,20 @@ mod tests {
         assert!(gain(&bias, &nominal) > EVIDENT);
         assert_eq!(gain(&nominal, &bias), -gain(&bias, &nominal));
         assert_eq!(gain(&bias, &wider), -gain(&wider, &bias));
+    }
+
+    /// At one speed dry friction and a damper are the same: whichever leads, both are tried beside the bias.
+    #[test]
+    fn the_first_effect_of_a_pair_is_exchanged_for_others_that_explain_as_much() {
+        let campaign = poked(0.15);
+        let friction = ["joint_coulomb_friction", "joint_viscous_friction"];
+        let all = [friction[0], friction[1], "torque_bias"].map(str::to_owned);
+        let of = effects::named(&all).unwrap();
+        let search = campaign.search(&of, false, &mut |_| {}).unwrap();
+        let beside_bias = |name: &&str| {
+            let mut pairs = search.combinations.iter().map(|c| &c.refined.model);
+            pairs.any(|m| m.has(name) && m.has("torque_bias"))
+        };
+        assert!(friction.iter().all(beside_bias));
     }
 }
