@@ -16,11 +16,11 @@ use std::sync::Arc;
 /// they do not imitate, all of them are tried where it leaves contact rough.
 const FURTHER: usize = 4;
 const FURTHER_IN_AIR: usize = 6;
-/// Models of each length that are looked into further in free air, further effects that each is kept with, and most
-/// effects of one.
+/// Models of each length that are looked into further, and further effects that each is kept with in free air.
 const KEPT: usize = 3;
 const BRANCHES: usize = 2;
-const MOST_IN_AIR: usize = 4;
+/// Most effects of a model.
+const MOST_EFFECTS: usize = 4;
 
 /// A model of several effects.
 pub(crate) struct Combination {
@@ -89,49 +89,58 @@ impl Campaign {
     ) -> Result<Vec<Combination>, GapError> {
         let touches = |c: &Candidate| c.refined.as_ref().is_some_and(|r| r.touches);
         if candidates.first().is_some_and(touches) {
-            self.pairs(tangents, candidates, standard)
+            self.sets_in_contact(tangents, candidates, standard)
         } else {
             self.sets_in_air(tangents, candidates, standard)
         }
     }
 
-    /// The best single effect and each of those that earn a place beside it; and in its place the others that explain about as
-    /// much alone, since what is beside it may have bent its form.
-    fn pairs(
+    /// The best single effect and each of those that earn a place beside it, and so on from the best such models. With it go
+    /// others that explain about as much, since what is beside it may have bent its form.
+    fn sets_in_contact(
         &self,
         tangents: &[Tangent],
         candidates: &mut [Candidate],
         standard: &Standard,
     ) -> Result<Vec<Combination>, GapError> {
-        let base = standard.base;
-        let mut firsts: Vec<Refined> = (candidates.iter())
-            .filter_map(|c| c.refined.clone())
-            .filter(|r| r.log_evidence - base > EVIDENT)
-            .collect();
-        best_first(&mut firsts, |r| r.log_evidence);
-        let most = firsts.first().map_or(0.0, |r| r.log_evidence - base);
-        firsts.retain(|r| is_form_of(r.log_evidence - base, most));
-        let mut seconds: Vec<Arc<dyn Effect>> =
-            candidates.iter().map(|c| c.effect.clone()).collect();
+        let (base, rough) = (standard.base, standard.spread.contact);
+        let alone = candidates.iter().filter_map(|c| c.refined.clone());
+        let mut shorter: Vec<Refined> = alone.filter(|r| r.log_evidence - base > EVIDENT).collect();
+        best_first(&mut shorter, |r| r.log_evidence);
+        let effects: Vec<_> = candidates.iter().map(|c| c.effect.clone()).collect();
         let mut found = Vec::new();
-        for (rank, first) in firsts.iter().enumerate() {
-            let pairs = self.beside(first, &seconds, tangents, candidates, standard)?;
-            if rank == 0 {
-                seconds = pairs.iter().map(|p| p.effect.clone()).collect();
+        for _ in 1..MOST_EFFECTS {
+            let most = shorter.first().map_or(0.0, |r| r.log_evidence - base);
+            shorter.retain(|r| is_form_of(r.log_evidence - base, most));
+            shorter.truncate(KEPT);
+            let (mut further, mut longer, mut next) = (effects.clone(), Vec::new(), Vec::new());
+            for (rank, first) in shorter.iter().enumerate() {
+                let mut models = self.beside(first, &further, tangents, candidates, standard)?;
+                best_first(&mut models, |m| margin(&m.refined, base, rough));
+                next.extend(models.first().map(|m| m.refined.clone()));
+                if rank == 0 {
+                    further = models.iter().map(|m| m.effect.clone()).collect();
+                }
+                for Further { refined, .. } in models {
+                    let earned = true;
+                    add(&mut longer, Combination { refined, earned });
+                }
+                if further.is_empty() {
+                    break;
+                }
             }
-            for Further { refined, .. } in pairs {
-                let earned = true;
-                add(&mut found, Combination { refined, earned });
-            }
+            best_first(&mut next, |r| margin(r, base, rough));
+            shorter = next;
+            found.append(&mut longer);
         }
         Ok(found)
     }
 
-    /// One effect and each of those among `seconds` that earn a place beside it.
+    /// A model with each of `further` effects that earn a place beside its own.
     fn beside(
         &self,
         first: &Refined,
-        seconds: &[Arc<dyn Effect>],
+        further: &[Arc<dyn Effect>],
         tangents: &[Tangent],
         candidates: &mut [Candidate],
         standard: &Standard,
@@ -141,23 +150,26 @@ impl Campaign {
         let nominal = Model::default();
         let in_air = self.gain_in_air(&first.model, &nominal, &first.spread)?;
         let (in_contact, shows_in_air) = (gain - in_air.clamp(0.0, gain), in_air > EVIDENT);
-        // Where contact comes out as smooth as can be told, surfaces are where they should be.
-        let all_that_move = shows_in_air && first.spread.contact > CONTACT[0];
+        // Where contact comes out as smooth as can be told, surfaces are where they should be. Beside several it takes too long.
+        let rough_contact = shows_in_air && first.spread.contact > CONTACT[0];
+        let all_that_move = rough_contact && first.model.parts.len() == 1;
+        let forms = first.model.parts.len() as f64;
         let mut found = Vec::new();
-        for further in self.extended(first, seconds, rough, all_that_move)? {
-            let Further { refined, effect } = &further;
+        for longer in self.extended(first, further, rough, all_that_move)? {
+            let Further { refined, effect } = &longer;
             let gained = refined.log_evidence - first.log_evidence;
+            // The form of each of those before may be as wrong as that of one.
             let gains_beside =
-                |gain: f64| gained > required_gain_beside(effect.as_ref(), gain, rough);
+                |gain: f64| gained > required_gain_beside(effect.as_ref(), forms * gain, rough);
             let is_of_contact = || {
                 let own = self.gain_in_air(&refined.model, &first.model, &refined.spread)?;
                 Ok::<_, GapError>(own <= EVIDENT)
             };
-            // What shows in contact alone does not mend the form of the first effect in the air.
+            // What shows in contact alone does not mend forms in the air.
             if !(gains_beside(gain) || gains_beside(in_contact) && is_of_contact()?) {
                 continue;
             }
-            // Backward: the second on its own must not do as well.
+            // Backward: on its own it must not do as well, nor may one of the others be spared.
             let name = effect.name();
             if let Some(alone) = candidates.iter_mut().find(|c| c.effect.name() == name) {
                 if alone.refined.is_none() {
@@ -171,14 +183,31 @@ impl Campaign {
                 if gained <= required {
                     continue;
                 }
-                // Where both show in contact alone, a second that says nothing by itself mends the form of the first.
+                // Where all show in contact alone, one that says nothing by itself mends the forms of the others.
                 if !shows_in_air && alone.score(base) <= required_gain(effect.as_ref(), rough) {
                     continue;
                 }
             }
-            found.push(further);
+            let several = first.model.parts.len() > 1;
+            if !several || self.needs_those_before(refined, rough)? {
+                found.push(longer);
+            }
         }
         Ok(found)
+    }
+
+    /// Whether a model gains by each of its effects but the last what that needs.
+    fn needs_those_before(&self, refined: &Refined, rough: f64) -> Result<bool, GapError> {
+        let parts = &refined.model.parts;
+        for (part, (effect, _)) in parts.iter().enumerate().rev().skip(1) {
+            let (model, prior) = refined.without(part);
+            let without = self.refine(&model, prior, &refined.spread)?;
+            let gained = refined.log_evidence - without.log_evidence;
+            if gained <= required_gain(effect.as_ref(), rough) {
+                return Ok(false);
+            }
+        }
+        Ok(true)
     }
 
     /// What a model gains over another (nats) of the readings where neither touches anything; of the spread only what is beside
@@ -216,7 +245,7 @@ impl Campaign {
             }
             found.append(&mut last);
             longer.into_iter().for_each(|model| add(&mut last, model));
-            if last.is_empty() || length == MOST_IN_AIR {
+            if last.is_empty() || length == MOST_EFFECTS {
                 break;
             }
             let shorter = last.iter().map(|c| Shorter {
