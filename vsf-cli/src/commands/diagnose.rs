@@ -24,7 +24,7 @@ the test sequences, `absorbed by K` how much of the effect the stiffness takes. 
 by their columns, from 1.
 
 Recordings without points are those of an arm in free air; effects that a recording cannot show are listed \
-as untestable. Probabilities are those of the catalogue's effects, of pairs of them (in free air of up to four), and of \
+as untestable. Probabilities are those of the catalogue's effects, of sets of up to four of them, and of \
 no gap. With contact, errors before and after are those of the fields that `vsf estimate --threshold` gives without the corrected \
 model and with it, at a contact threshold of 0.8 of the points' spacing (for models of contact at that of the search, where it predicts \
 better; see threshold), where there are test sequences that no model has learned from; those of single effects (in JSON, and \

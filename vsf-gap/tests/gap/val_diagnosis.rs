@@ -353,6 +353,21 @@ fn what_all_sequences_together_do_not_bear_out_is_not_named() {
     );
 }
 
+/// Any two of them leave much, and bend to explain it.
+#[test]
+fn three_effects_beside_contact_are_named() {
+    let truth = [
+        "joint_coulomb_friction",
+        "joint_viscous_friction",
+        "payload",
+    ];
+    let d = diagnosed(&truth, 100).diagnosis;
+    let mut named = d.verdict.effects.clone();
+    named.sort();
+    assert_eq!(named, truth, "{:?}", d.verdict);
+    assert!(d.gap.closed_fraction > 0.95, "{:?}", d.gap);
+}
+
 /// Friction that is larger one way takes some of a constant, which is small beside it.
 #[test]
 fn a_bias_beside_friction_is_named() {
