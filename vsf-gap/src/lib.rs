@@ -20,7 +20,8 @@
 //!    simulated anew, from several starts where an effect moves surfaces. Those that explain much get a
 //!    spread of the stiffness of their own: that of the nominal model makes up for what it lacks.
 //! 5. A second effect is added if it earns its place, and the first is kept only if the second does
-//!    not do as well alone. A third and a fourth may follow, if none before can be spared.
+//!    not do as well alone. A third and a fourth may follow, if none before can be spared. With contact, too, others that
+//!    explain nearly as much as the first are tried in its place.
 //! 6. **Verdict**: evidence beyond what the effect gains where nothing acts, as probabilities. The test sequences have a
 //!    veto: given the train sequences, which leave its parameters uncertain, an effect may not make them less likely, and it
 //!    may predict them worse only with twice the evidence that it needs, one that chooses other contacts not at all.

@@ -25,8 +25,8 @@ const MOST_EFFECTS: usize = 4;
 /// A model of several effects.
 pub(crate) struct Combination {
     pub(crate) refined: Refined,
-    /// Whether each effect gains more than what may be wrong with the forms of the others. Else all together have to
-    /// explain nearly all that the longest part of them leaves that stands.
+    /// Whether each effect (with contact, the last) gains more than what may be wrong with the forms of the others. Else all
+    /// together have to explain nearly all that the longest part of them leaves that stands.
     pub(crate) earned: bool,
 }
 
@@ -95,8 +95,9 @@ impl Campaign {
         }
     }
 
-    /// The best single effect and each of those that earn a place beside it, and so on from the best such models. With it go
-    /// others that explain about as much, since what is beside it may have bent its form.
+    /// The best single effect and each of those that earn a place beside it, and so on from the best of these. With it go
+    /// others that explain about as much, since what is beside it may have bent its form: each with the effects that earned a
+    /// place beside the best, and on from the best of its own.
     fn sets_in_contact(
         &self,
         tangents: &[Tangent],
@@ -158,7 +159,7 @@ impl Campaign {
         for longer in self.extended(first, further, rough, all_that_move)? {
             let Further { refined, effect } = &longer;
             let gained = refined.log_evidence - first.log_evidence;
-            // The form of each of those before may be as wrong as that of one.
+            // Each of the forms before may be wrong by that share of all.
             let gains_beside =
                 |gain: f64| gained > required_gain_beside(effect.as_ref(), forms * gain, rough);
             let is_of_contact = || {
@@ -445,6 +446,7 @@ mod tests {
         let all = [friction[0], friction[1], "torque_bias"].map(str::to_owned);
         let of = effects::named(&all).unwrap();
         let search = campaign.search(&of, false, &mut |_| {}).unwrap();
+        assert_ne!(search.candidates[0].effect.name(), "torque_bias");
         let beside_bias = |name: &&str| {
             let mut pairs = search.combinations.iter().map(|c| &c.refined.model);
             pairs.any(|m| m.has(name) && m.has("torque_bias"))

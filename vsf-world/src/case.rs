@@ -24,7 +24,7 @@ pub enum Class {
     None,
     /// One effect of the catalogue.
     Single,
-    /// Two effects of the catalogue.
+    /// Two effects of the catalogue, or more.
     Pair,
     /// An effect outside the catalogue.
     Unknown,
