@@ -66,9 +66,13 @@ fn add(models: &mut Vec<Combination>, new: Combination) {
 
 /// The gain of a model (nats) beyond what is reached without any effect.
 fn margin(refined: &Refined, base: f64, rough: f64) -> f64 {
-    let effects = refined.model.parts.iter();
-    let required: f64 = effects.map(|(e, _)| required_gain(e.as_ref(), rough)).sum();
-    refined.log_evidence - base - required
+    refined.log_evidence - base - required_gain_of(&refined.model, rough)
+}
+
+/// The gain that all effects of a model need together.
+fn required_gain_of(model: &Model, rough: f64) -> f64 {
+    let effects = model.parts.iter();
+    effects.map(|(e, _)| required_gain(e.as_ref(), rough)).sum()
 }
 
 fn best_first<T>(models: &mut [T], worth: impl Fn(&T) -> f64) {
@@ -105,8 +109,9 @@ impl Campaign {
         standard: &Standard,
     ) -> Result<Vec<Combination>, GapError> {
         let (base, rough) = (standard.base, standard.spread.contact);
-        let alone = candidates.iter().filter_map(|c| c.refined.clone());
-        let mut shorter: Vec<Refined> = alone.filter(|r| r.log_evidence - base > EVIDENT).collect();
+        let alone = candidates.iter().filter_map(|c| c.refined.as_ref());
+        let evident = alone.filter(|r| r.log_evidence - base > EVIDENT);
+        let mut shorter: Vec<Refined> = evident.cloned().collect();
         best_first(&mut shorter, |r| r.log_evidence);
         let effects: Vec<_> = candidates.iter().map(|c| c.effect.clone()).collect();
         let mut found = Vec::new();
@@ -153,15 +158,17 @@ impl Campaign {
         let (in_contact, shows_in_air) = (gain - in_air.clamp(0.0, gain), in_air > EVIDENT);
         // Where contact comes out as smooth as can be told, surfaces are where they should be. Beside several it takes too long.
         let rough_contact = shows_in_air && first.spread.contact > CONTACT[0];
-        let all_that_move = rough_contact && first.model.parts.len() == 1;
-        let forms = first.model.parts.len() as f64;
+        let parts = first.model.parts.len();
+        let all_that_move = rough_contact && parts == 1;
         let mut found = Vec::new();
         for longer in self.extended(first, further, rough, all_that_move)? {
             let Further { refined, effect } = &longer;
             let gained = refined.log_evidence - first.log_evidence;
             // Each of the forms before may be wrong by that share of all.
-            let gains_beside =
-                |gain: f64| gained > required_gain_beside(effect.as_ref(), forms * gain, rough);
+            let gains_beside = |gain: f64| {
+                let of_all = parts as f64 * gain;
+                gained > required_gain_beside(effect.as_ref(), of_all, rough)
+            };
             let is_of_contact = || {
                 let own = self.gain_in_air(&refined.model, &first.model, &refined.spread)?;
                 Ok::<_, GapError>(own <= EVIDENT)
@@ -177,11 +184,7 @@ impl Campaign {
                     self.fit_alone(alone, tangents, standard)?;
                 }
                 let gained = refined.log_evidence - base - alone.score(base);
-                let of_first = first.model.parts.iter();
-                let required: f64 = of_first
-                    .map(|(e, _)| required_gain(e.as_ref(), rough))
-                    .sum();
-                if gained <= required {
+                if gained <= required_gain_of(&first.model, rough) {
                     continue;
                 }
                 // Where all show in contact alone, one that says nothing by itself mends the forms of the others.
@@ -189,8 +192,7 @@ impl Campaign {
                     continue;
                 }
             }
-            let several = first.model.parts.len() > 1;
-            if !several || self.needs_those_before(refined, rough)? {
+            if parts == 1 || self.needs_those_before(refined, rough)? {
                 found.push(longer);
             }
         }
@@ -201,14 +203,19 @@ impl Campaign {
     fn needs_those_before(&self, refined: &Refined, rough: f64) -> Result<bool, GapError> {
         let parts = &refined.model.parts;
         for (part, (effect, _)) in parts.iter().enumerate().rev().skip(1) {
-            let (model, prior) = refined.without(part);
-            let without = self.refine(&model, prior, &refined.spread)?;
+            let without = self.refined_without(refined, part)?;
             let gained = refined.log_evidence - without.log_evidence;
             if gained <= required_gain(effect.as_ref(), rough) {
                 return Ok(false);
             }
         }
         Ok(true)
+    }
+
+    /// A model without one of its effects, by its place, fitted anew.
+    fn refined_without(&self, refined: &Refined, part: usize) -> Result<Refined, GapError> {
+        let (model, prior) = refined.without(part);
+        self.refine(&model, prior, &refined.spread)
     }
 
     /// What a model gains over another (nats) of the readings where neither touches anything; of the spread only what is beside
@@ -314,8 +321,7 @@ impl Campaign {
             let mut earned = shorter.earned && gains(effect.as_ref(), before);
             let mut spared = 0;
             for part in 0..before.model.parts.len() {
-                let (model, prior) = refined.without(part);
-                let without = self.refine(&model, prior, &refined.spread)?;
+                let without = self.refined_without(&refined, part)?;
                 let of_part = refined.model.parts[part].0.as_ref();
                 earned &= gains(of_part, &without);
                 if refined.log_evidence - without.log_evidence > required_gain(of_part, rough) {
