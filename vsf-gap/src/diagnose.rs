@@ -38,7 +38,7 @@ pub enum DiagnosisStep {
     /// Finalists are fitted with the field.
     Finalists,
     /// Several effects together are tried.
-    Pairs,
+    Sets,
     /// Models are checked on the test sequences.
     Check,
     /// Effects are looked for anew in another contact, which explains as much.
@@ -55,7 +55,7 @@ impl DiagnosisStep {
         Self::Nominal,
         Self::Screen,
         Self::Finalists,
-        Self::Pairs,
+        Self::Sets,
         Self::Check,
         Self::Contact,
         Self::Fields,

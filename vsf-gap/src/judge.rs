@@ -297,7 +297,7 @@ pub(crate) fn judge(hypotheses: &[Hypothesis<'_>], nominal: &Nominal) -> Judged 
             let kind = if hypotheses[i].refined.spread.joint >= ROUGH {
                 VerdictKind::Unknown
             } else {
-                kind_of_claim(p, &effect_set_95)
+                kind_of_claim(&of_hypotheses[i].0, p, &effect_set_95)
             };
             (kind, p)
         }

@@ -72,17 +72,14 @@ impl Refined {
         prior
     }
 
-    /// The model without one of its effects, by its place, and the prior of that.
-    pub(crate) fn without(&self, part: usize) -> (Model, Prior) {
-        let mut model = self.model.clone();
-        model.parts.remove(part);
-        let mut prior = self.prior.clone();
-        if let Some((_, own)) = self.model.places().nth(part) {
-            prior.parameters.drain(own.clone());
-            prior.mean.drain(own.clone());
-            prior.weights.drain(own.clone());
-            prior.sd.drain(own);
-            prior.choice.remove(part);
+    /// The model without some of its effects, and the prior of that.
+    pub(crate) fn without(&self, dropped: impl Fn(&dyn Effect) -> bool) -> (Model, Prior) {
+        let (mut model, mut prior) = (Model::default(), Prior::default());
+        for (part, (effect, own)) in self.model.places().enumerate() {
+            if !dropped(effect.as_ref()) {
+                model.parts.push(self.model.parts[part].clone());
+                prior = prior.and(self.prior.of_part(part, own));
+            }
         }
         (model, prior)
     }
@@ -125,8 +122,7 @@ pub(crate) fn is_stopped(p: &Parameter, value: f64) -> bool {
 }
 
 /// Prior of all parameters of a model.
-#[derive(Clone)]
-#[cfg_attr(test, derive(Default))]
+#[derive(Clone, Default)]
 pub(crate) struct Prior {
     /// The parameters, part after part.
     pub(crate) parameters: Vec<Parameter>,
@@ -144,6 +140,18 @@ impl Prior {
     /// Indices of the parameters that may move.
     pub(crate) fn moving(&self) -> impl Iterator<Item = usize> {
         (0..self.sd.len()).filter(|&i| self.sd[i] > 0.0)
+    }
+
+    /// That of one effect, by its place and where its parameters are.
+    fn of_part(&self, part: usize, own: Range<usize>) -> Self {
+        let of = |values: &[f64]| values[own.clone()].to_vec();
+        Self {
+            parameters: self.parameters[own.clone()].to_vec(),
+            mean: of(&self.mean),
+            sd: of(&self.sd),
+            choice: vec![self.choice[part]],
+            weights: of(&self.weights),
+        }
     }
 
     /// That of a model with one more effect.

@@ -3,12 +3,13 @@
 use crate::contact::contact_config;
 use crate::effect::EVIDENT;
 use crate::effects::GeometryPadding;
+use crate::evidence::Spread;
 use crate::notes::mm;
 use crate::refine::Refined;
-use crate::search::Search;
+use crate::search::{Candidate, Search};
 use crate::trial::Judgment;
 use crate::{Campaign, Effect, GapError, Model};
-use std::sync::Arc;
+use std::borrow::Cow;
 use vsf_contact::ContactConfig;
 use vsf_pipeline::Scene;
 
@@ -126,11 +127,11 @@ impl Search<'_> {
         following: &Model,
         others: Model,
     ) -> Result<Option<(Rival, Scene)>, GapError> {
-        let alone = self.model_of(&others);
+        let alone = self.without(campaign, named, following, &others)?;
         // As fitted beside the effects of contact, and alone: each contact takes what explains more in it.
         let fits: Vec<&Model> = [&others]
             .into_iter()
-            .chain(alone.map(|m| &m.model))
+            .chain(alone.as_deref().map(|m| &m.model))
             .collect();
         let best = |campaign: &Campaign| -> Result<f64, GapError> {
             let of = |fit: &&Model| campaign.log_evidence(fit);
@@ -138,16 +139,12 @@ impl Search<'_> {
             Ok(all.into_iter().fold(f64::NEG_INFINITY, f64::max))
         };
         let here = best(campaign)?;
-        // What effects gain counts what their parameters cost; of others that were never fitted alone that is not known.
-        let before = match alone {
-            Some(m) => m.log_evidence,
-            None if others.parts.is_empty() => self.base,
-            None => here,
-        };
+        // What effects gain counts what their parameters cost.
+        let before = alone.as_deref().map_or(self.base, |m| m.log_evidence);
         let padded = if following.has(GeometryPadding.name()) {
             None
         } else {
-            self.padded(campaign, &others, before)?
+            self.padded(campaign, alone.as_deref(), &named.spread)?
         };
         let suited = match campaign.suited() {
             Some(c) => Some(Other {
@@ -178,20 +175,54 @@ impl Search<'_> {
         Ok(Some((rival, other.scene)))
     }
 
-    /// The scene whose contact threshold has a padding in it, if one was fitted beside `others`, which alone have the log
-    /// evidence `before`.
+    /// A named model without some of its effects, fitted so; `None` where that leaves no others.
     ///
     /// # Errors
-    /// Parameters that the effect cannot take.
+    /// As [`Search::rival`].
+    fn without(
+        &self,
+        campaign: &Campaign,
+        named: &Refined,
+        some: &Model,
+        others: &Model,
+    ) -> Result<Option<Cow<'_, Refined>>, GapError> {
+        if others.parts.is_empty() {
+            return Ok(None);
+        }
+        if let Some(found) = self.model_of(others) {
+            return Ok(Some(Cow::Borrowed(found)));
+        }
+        let (model, prior) = named.without(|e| some.has(e.name()));
+        let fitted = campaign.refine(&model, prior, &named.spread)?;
+        Ok(Some(Cow::Owned(fitted)))
+    }
+
+    /// The scene whose contact threshold has a padding in it, which is fitted beside others; `None` where none shows.
+    ///
+    /// # Errors
+    /// Parameters that the effect cannot take, rows that contact cannot take, a covariance that is not positive definite.
     fn padded(
         &self,
         campaign: &Campaign,
-        others: &Model,
-        before: f64,
+        others: Option<&Refined>,
+        spread: &Spread,
     ) -> Result<Option<Other>, GapError> {
-        let padding: Arc<dyn Effect> = Arc::new(GeometryPadding);
-        let Some(fitted) = self.model_of(&others.with(&padding, &[0.0])) else {
+        let is_padding = |c: &&Candidate| c.effect.name() == GeometryPadding.name();
+        let Some(candidate) = self.candidates.iter().find(is_padding) else {
             return Ok(None);
+        };
+        let padding = &candidate.effect;
+        let (model, prior) =
+            others.map_or_else(Default::default, |m| (m.model.clone(), m.prior.clone()));
+        let before = others.map_or(self.base, |m| m.log_evidence);
+        let fitted = match self.model_of(&model.with(padding, &[])) {
+            Some(found) => Cow::Borrowed(found),
+            None => {
+                let tangent = &self.tangents[candidate.found.tangent];
+                let start = campaign.start(&model, tangent, &candidate.found, spread)?;
+                let prior = prior.and(tangent.prior(&campaign.site));
+                Cow::Owned(campaign.refine(&start, prior, spread)?)
+            }
         };
         let effects = fitted.model.compensator(&campaign.site)?;
         let nominal = *campaign.scene.contact();

@@ -274,7 +274,7 @@ impl Campaign {
         };
         self.finalists(&tangents, &mut candidates, &standard)?;
 
-        progress(DiagnosisStep::Pairs);
+        progress(DiagnosisStep::Sets);
         let mut combinations = self.combinations(&tangents, &mut candidates, &standard)?;
         best_first(&mut candidates, base);
         if !nominal.touches() {

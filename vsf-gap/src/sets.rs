@@ -101,7 +101,7 @@ impl Campaign {
 
     /// The best single effect and each of those that earn a place beside it, and so on from the best of these. With it go
     /// others that explain about as much, since what is beside it may have bent its form: each with the effects that earned a
-    /// place beside the best, and on from the best of its own.
+    /// place beside the best.
     fn sets_in_contact(
         &self,
         tangents: &[Tangent],
@@ -112,18 +112,16 @@ impl Campaign {
         let alone = candidates.iter().filter_map(|c| c.refined.as_ref());
         let evident = alone.filter(|r| r.log_evidence - base > EVIDENT);
         let mut shorter: Vec<Refined> = evident.cloned().collect();
-        best_first(&mut shorter, |r| r.log_evidence);
         let effects: Vec<_> = candidates.iter().map(|c| c.effect.clone()).collect();
         let mut found = Vec::new();
         for _ in 1..MOST_EFFECTS {
+            best_first(&mut shorter, |r| margin(r, base, rough));
             let most = shorter.first().map_or(0.0, |r| r.log_evidence - base);
             shorter.retain(|r| is_form_of(r.log_evidence - base, most));
             shorter.truncate(KEPT);
-            let (mut further, mut longer, mut next) = (effects.clone(), Vec::new(), Vec::new());
-            for (rank, first) in shorter.iter().enumerate() {
-                let mut models = self.beside(first, &further, tangents, candidates, standard)?;
-                best_first(&mut models, |m| margin(&m.refined, base, rough));
-                next.extend(models.first().map(|m| m.refined.clone()));
+            let (mut further, mut longer) = (effects.clone(), Vec::new());
+            for (rank, before) in shorter.iter().enumerate() {
+                let models = self.beside(before, &further, tangents, candidates, standard)?;
                 if rank == 0 {
                     further = models.iter().map(|m| m.effect.clone()).collect();
                 }
@@ -135,8 +133,7 @@ impl Campaign {
                     break;
                 }
             }
-            best_first(&mut next, |r| margin(r, base, rough));
-            shorter = next;
+            shorter = longer.iter().map(|c| c.refined.clone()).collect();
             found.append(&mut longer);
         }
         Ok(found)
@@ -145,32 +142,32 @@ impl Campaign {
     /// A model with each of `further` effects that earn a place beside its own.
     fn beside(
         &self,
-        first: &Refined,
+        before: &Refined,
         further: &[Arc<dyn Effect>],
         tangents: &[Tangent],
         candidates: &mut [Candidate],
         standard: &Standard,
     ) -> Result<Vec<Further>, GapError> {
         let (base, rough) = (standard.base, standard.spread.contact);
-        let gain = first.log_evidence - base;
+        let gain = before.log_evidence - base;
         let nominal = Model::default();
-        let in_air = self.gain_in_air(&first.model, &nominal, &first.spread)?;
+        let in_air = self.gain_in_air(&before.model, &nominal, &before.spread)?;
         let (in_contact, shows_in_air) = (gain - in_air.clamp(0.0, gain), in_air > EVIDENT);
         // Where contact comes out as smooth as can be told, surfaces are where they should be. Beside several it takes too long.
-        let rough_contact = shows_in_air && first.spread.contact > CONTACT[0];
-        let parts = first.model.parts.len();
+        let rough_contact = shows_in_air && before.spread.contact > CONTACT[0];
+        let parts = before.model.parts.len();
         let all_that_move = rough_contact && parts == 1;
         let mut found = Vec::new();
-        for longer in self.extended(first, further, rough, all_that_move)? {
+        for longer in self.extended(before, further, rough, all_that_move)? {
             let Further { refined, effect } = &longer;
-            let gained = refined.log_evidence - first.log_evidence;
+            let gained = refined.log_evidence - before.log_evidence;
             // Each of the forms before may be wrong by that share of all.
             let gains_beside = |gain: f64| {
                 let of_all = parts as f64 * gain;
                 gained > required_gain_beside(effect.as_ref(), of_all, rough)
             };
             let is_of_contact = || {
-                let own = self.gain_in_air(&refined.model, &first.model, &refined.spread)?;
+                let own = self.gain_in_air(&refined.model, &before.model, &refined.spread)?;
                 Ok::<_, GapError>(own <= EVIDENT)
             };
             // What shows in contact alone does not mend forms in the air.
@@ -184,7 +181,7 @@ impl Campaign {
                     self.fit_alone(alone, tangents, standard)?;
                 }
                 let gained = refined.log_evidence - base - alone.score(base);
-                if gained <= required_gain_of(&first.model, rough) {
+                if gained <= required_gain_of(&before.model, rough) {
                     continue;
                 }
                 // Where all show in contact alone, one that says nothing by itself mends the forms of the others.
@@ -214,7 +211,8 @@ impl Campaign {
 
     /// A model without one of its effects, by its place, fitted anew.
     fn refined_without(&self, refined: &Refined, part: usize) -> Result<Refined, GapError> {
-        let (model, prior) = refined.without(part);
+        let name = refined.model.parts[part].0.name();
+        let (model, prior) = refined.without(|e| e.name() == name);
         self.refine(&model, prior, &refined.spread)
     }
 
@@ -458,5 +456,69 @@ mod tests {
             pairs.any(|m| m.has(name) && m.has("torque_bias"))
         };
         assert!(friction.iter().all(beside_bias));
+    }
+
+    /// It is one set, by whichever effect the search came to it first.
+    #[test]
+    fn of_two_ways_to_one_set_the_better_fit_stays() {
+        let campaign = poked(0.15);
+        let of = effects::named(&["joint_coulomb_friction", "torque_bias"].map(str::to_owned));
+        let search = campaign.search(&of.unwrap(), false, &mut |_| {}).unwrap();
+        let pair = &search.combinations[0].refined;
+        let way = |log_evidence: f64, turned: bool, earned: bool| {
+            let mut refined = pair.clone();
+            refined.log_evidence = log_evidence;
+            if turned {
+                refined.model.parts.reverse();
+            }
+            Combination { refined, earned }
+        };
+        let mut models = Vec::new();
+        for (log_evidence, turned, earned) in
+            [(5.0, false, false), (7.0, true, true), (6.0, false, false)]
+        {
+            add(&mut models, way(log_evidence, turned, earned));
+        }
+        assert_eq!(models.len(), 1);
+        assert_eq!(models[0].refined.log_evidence, 7.0);
+        assert!(models[0].earned);
+        assert_ne!(
+            models[0].refined.model.parts[0].0.name(),
+            pair.model.parts[0].0.name()
+        );
+    }
+
+    /// A damper beside dry friction takes some of its form at one speed, and can be spared once that is there.
+    #[test]
+    fn a_set_that_can_spare_an_effect_is_refused() {
+        let campaign = poked(0.15);
+        let all = [
+            "joint_viscous_friction",
+            "torque_bias",
+            "joint_coulomb_friction",
+        ];
+        let of = effects::named(&all.map(str::to_owned)).unwrap();
+        let search = campaign.search(&of, false, &mut |_| {}).unwrap();
+        let alone = |name: &str| {
+            let mut of = search.candidates.iter();
+            of.find(|c| c.effect.name() == name)
+                .unwrap()
+                .refined
+                .clone()
+                .unwrap()
+        };
+        let needs = |names: &[&str]| {
+            let (mut model, mut prior) = (Model::default(), crate::refine::Prior::default());
+            for refined in names.iter().map(|name| alone(name)) {
+                model.parts.extend(refined.model.parts);
+                prior = prior.and(refined.prior);
+            }
+            let refined = campaign.refine(&model, prior, &search.spread).unwrap();
+            campaign
+                .needs_those_before(&refined, search.spread.contact)
+                .unwrap()
+        };
+        assert!(needs(&["torque_bias", "joint_coulomb_friction"]));
+        assert!(!needs(&all));
     }
 }

@@ -6,8 +6,8 @@ use serde::{Deserialize, Serialize};
 
 /// A hypothesis is named when it has at least this probability.
 pub(crate) const NAMED: f64 = 0.3;
-/// An answer of more effects than this is none.
-const MOST_ALIKE: usize = 5;
+/// An answer that leaves more effects than this open beside those that it names is none.
+const MOST_OPEN: usize = 4;
 
 /// What a diagnosis concludes.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
@@ -114,8 +114,13 @@ pub(crate) struct Answer {
 }
 
 /// The kind of an answer that names effects.
-pub(crate) fn kind_of_claim(probability: f64, effect_set_95: &[String]) -> VerdictKind {
-    if probability >= NAMED && effect_set_95.len() <= MOST_ALIKE {
+pub(crate) fn kind_of_claim(
+    effects: &[String],
+    probability: f64,
+    effect_set_95: &[String],
+) -> VerdictKind {
+    let others = effect_set_95.iter().filter(|e| !effects.contains(e));
+    if probability >= NAMED && others.count() <= MOST_OPEN {
         VerdictKind::Effects
     } else {
         VerdictKind::NotDiagnosable
@@ -130,9 +135,11 @@ impl Judged {
         let claims = !verdict.effects.is_empty();
         let kind = match (found.closed >= MOSTLY, verdict.kind) {
             // However rough the rest.
-            (true, VerdictKind::Unknown) if claims => {
-                kind_of_claim(verdict.probability, &verdict.effect_set_95)
-            }
+            (true, VerdictKind::Unknown) if claims => kind_of_claim(
+                &verdict.effects,
+                verdict.probability,
+                &verdict.effect_set_95,
+            ),
             (false, _) if found.left_free => VerdictKind::Unknown,
             (_, kind) => kind,
         };
@@ -256,6 +263,23 @@ mod tests {
             // Halves of test sequences would not tell.
             assert!(!answer.open);
         }
+    }
+
+    /// Named effects are no alternatives to each other.
+    #[test]
+    fn a_claim_may_leave_few_others_open() {
+        let set = names(&[
+            "payload",
+            "latency",
+            "adhesion",
+            "torque_gain",
+            "torque_bias",
+            "torque_drift",
+        ]);
+        let kind = |named: usize, probability| kind_of_claim(&set[..named], probability, &set);
+        assert_eq!(kind(1, 0.9), VerdictKind::NotDiagnosable);
+        assert_eq!(kind(2, 0.9), VerdictKind::Effects);
+        assert_eq!(kind(2, 0.29), VerdictKind::NotDiagnosable);
     }
 
     #[test]

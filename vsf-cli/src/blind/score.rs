@@ -54,6 +54,8 @@ pub struct Score {
     set_size: Option<f64>,
     both_of_two: Share,
     one_of_two: Share,
+    /// Of cases with known effects in which any is named: those in which no other one is.
+    none_besides: Share,
     quiet_without_effect: Share,
     unknown_flagged: Share,
     right_joint: Share,
@@ -93,6 +95,7 @@ impl Score {
             ("mean size of that set", optional(self.set_size)),
             ("both of two effects", self.both_of_two.text()),
             ("one of two effects", self.one_of_two.text()),
+            ("named, and none besides", self.none_besides.text()),
             ("quiet without effect", self.quiet_without_effect.text()),
             ("unknown effects flagged", self.unknown_flagged.text()),
             ("right joint", self.right_joint.text()),
@@ -143,6 +146,10 @@ impl Score {
             one_of_two: Share::of(of(Class::Pair), |c| {
                 c.truth.iter().any(|t| c.named.contains(t))
             }),
+            none_besides: Share::of(
+                (of(Class::Single).chain(of(Class::Pair))).filter(|c| !c.named.is_empty()),
+                |c| c.named.iter().all(|n| c.truth.contains(n)),
+            ),
             quiet_without_effect: Share::of(of(Class::None), Case::answered),
             unknown_flagged: Share::of(of(Class::Unknown), Case::answered),
             right_joint: Share::of(all().filter(|c| c.right_joint.is_some()), |c| {
@@ -251,6 +258,7 @@ mod tests {
         let s = &Score::all(&cases)[0];
         assert_eq!((s.top1.hits, s.top1.of), (1, 2));
         assert_eq!((s.both_of_two.hits, s.one_of_two.hits), (0, 1));
+        assert_eq!((s.none_besides.hits, s.none_besides.of), (2, 3));
         assert_eq!(
             (s.quiet_without_effect.hits, s.unknown_flagged.hits),
             (1, 1)
