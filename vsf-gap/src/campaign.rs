@@ -418,6 +418,24 @@ impl Campaign {
         };
         Self::open(&dataset, &SceneOptions::default()).unwrap()
     }
+
+    /// A ball comes down on points twice, at one speed, and up again; its first axis reads 1 N too much, whatever it touches,
+    /// and the third has a friction (N).
+    pub(crate) fn poked(friction: f64) -> Self {
+        let row = |k: i32| {
+            let height = 0.02 - 4e-4 * f64::from(60 - i32::abs(60 - k));
+            let noise = 0.01 * f64::from(k * k % 13 - 6) / 6.0;
+            let against = friction * f64::from((60 - k).signum());
+            let force = [
+                1.0 + noise,
+                noise,
+                against - 200.0 * height.min(0.0) - noise,
+            ];
+            [[0.004, 0.004, height], force]
+        };
+        let sequence: Vec<_> = (0..120).map(row).collect();
+        Self::of_stage(&[sequence.clone(), sequence])
+    }
 }
 
 /// Whether a motion is a further part of the sequence that the one before it is of.

@@ -253,8 +253,10 @@ fn names(model: &Model) -> Vec<String> {
 }
 
 #[cfg(test)]
+#[allow(clippy::unwrap_used)]
 mod tests {
     use super::*;
+    use crate::effects;
 
     /// Gains as they were found: an encoder offset on a jointed plant, and pokes into a pad that nothing is wrong with.
     #[test]
@@ -292,5 +294,33 @@ mod tests {
             ..of(588.0, 1390.0, 25.0)
         };
         assert!(beside.told().contains("by 588 nats beside payload; "));
+    }
+
+    /// What the search did not pass by is fitted, and comes to the same, but for the roughness that it starts from.
+    #[test]
+    fn models_that_the_search_did_not_pass_are_fitted() {
+        let campaign = Campaign::poked(0.15);
+        let names = ["joint_coulomb_friction", "torque_bias", "geometry_padding"];
+        let of = effects::named(&names.map(str::to_owned)).unwrap();
+        let mut search = campaign.search(&of, false, &mut |_| {}).unwrap();
+        let mut pairs = search.combinations.iter().map(|c| &c.refined);
+        let pair = pairs.find(|r| !r.model.has(names[2])).unwrap().clone();
+        let gains = |search: &Search<'_>| {
+            let (some, others) = pair.model.parted(|e| e.name() == names[0]);
+            let without = search.without(&campaign, &pair, &some, &others);
+            let padded = search.padded(&campaign, None, &search.spread);
+            [
+                without.unwrap().unwrap().log_evidence,
+                padded.unwrap().unwrap().gain,
+            ]
+        };
+        let found = gains(&search);
+        search.combinations.clear();
+        search.candidates.iter_mut().for_each(|c| c.refined = None);
+        for (anew, found) in gains(&search).iter().zip(found) {
+            assert!((anew - found).abs() < EVIDENT, "{anew} {found}");
+        }
+        let beside = search.padded(&campaign, Some(&pair), &pair.spread);
+        assert!(beside.unwrap().is_some());
     }
 }

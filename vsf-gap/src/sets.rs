@@ -397,28 +397,10 @@ mod tests {
     use crate::effects;
     use crate::spread_search::JOINT;
 
-    /// A ball comes down on points twice, at one speed, and up again; its first axis reads 1 N too much, whatever it touches,
-    /// and the third has a friction (N).
-    fn poked(friction: f64) -> Campaign {
-        let row = |k: i32| {
-            let height = 0.02 - 4e-4 * f64::from(60 - i32::abs(60 - k));
-            let noise = 0.01 * f64::from(k * k % 13 - 6) / 6.0;
-            let against = friction * f64::from((60 - k).signum());
-            let force = [
-                1.0 + noise,
-                noise,
-                against - 200.0 * height.min(0.0) - noise,
-            ];
-            [[0.004, 0.004, height], force]
-        };
-        let sequence: Vec<_> = (0..120).map(row).collect();
-        Campaign::of_stage(&[sequence.clone(), sequence])
-    }
-
     /// Of what a model gains in the air, contact has no part: not even where it begins elsewhere.
     #[test]
     fn a_gain_in_the_air_is_of_readings_where_neither_model_touches() {
-        let campaign = poked(0.0);
+        let campaign = Campaign::poked(0.0);
         let with = |name: &str, own: &str, value: f64| {
             let effect = effects::named(&[name.to_owned()]).unwrap().remove(0);
             let theta = effect.parameters(&campaign.site);
@@ -445,7 +427,7 @@ mod tests {
     /// At one speed dry friction and a damper are the same: whichever leads, both are tried beside the bias.
     #[test]
     fn the_first_effect_of_a_pair_is_exchanged_for_others_that_explain_as_much() {
-        let campaign = poked(0.15);
+        let campaign = Campaign::poked(0.15);
         let friction = ["joint_coulomb_friction", "joint_viscous_friction"];
         let all = [friction[0], friction[1], "torque_bias"].map(str::to_owned);
         let of = effects::named(&all).unwrap();
@@ -461,7 +443,7 @@ mod tests {
     /// It is one set, by whichever effect the search came to it first.
     #[test]
     fn of_two_ways_to_one_set_the_better_fit_stays() {
-        let campaign = poked(0.15);
+        let campaign = Campaign::poked(0.15);
         let of = effects::named(&["joint_coulomb_friction", "torque_bias"].map(str::to_owned));
         let search = campaign.search(&of.unwrap(), false, &mut |_| {}).unwrap();
         let pair = &search.combinations[0].refined;
@@ -491,7 +473,7 @@ mod tests {
     /// A damper beside dry friction takes some of its form at one speed, and can be spared once that is there.
     #[test]
     fn a_set_that_can_spare_an_effect_is_refused() {
-        let campaign = poked(0.15);
+        let campaign = Campaign::poked(0.15);
         let all = [
             "joint_viscous_friction",
             "torque_bias",
