@@ -7,7 +7,10 @@ use crate::halves::is_of_sequences;
 use crate::judge::{Nominal, hidden_weight};
 use crate::locate::locate;
 use crate::next::next_experiment;
-use crate::notes::{closest, few_rows, notes, told};
+use crate::notes::{
+    as_good_as_silence, closest, few_rows, nothing_said_of, nothing_touched, of_search, opposite,
+    told,
+};
 use crate::plain::Plain;
 use crate::report::{Diagnosis, EffectReport, Outcome, STIFFNESS_FIELD, is_perfect};
 use crate::report_file::SCHEMA;
@@ -232,43 +235,15 @@ fn attempt(
         ),
         None => (Model::default(), Vec::new(), search.field.clone()),
     };
-    let mut notes = notes(
-        campaign, &trial, &compared, estimated, &judgment, &answer, &nominal,
-    );
+    // What the answer stands or falls with comes first.
+    let mut notes = Vec::new();
+    notes.extend(untouched.then(nothing_touched));
     notes.extend(saturated.iter().map(|s| campaign.of_saturation(s)));
-    notes.extend(of_contact);
-    notes.extend(failed.map(|e| {
-        format!(
-            "no field could be estimated to tell errors of ({e}): they are those of the diagnosis' own fields"
-        )
-    }));
-    if untouched {
-        notes.push(
-            "the train sequences touch no point, so that springs explain nothing: if the arm did touch the object, base_pose or \
-             points are off, or in other units; if it did not, leave the points out"
-                .to_owned(),
-        );
-    }
     if let (Some(likeness), Some(named)) = (opposed, &judgment.named) {
-        notes.push(format!(
-            "what {} leaves to the springs is opposite to what these give (correlation {likeness:.2}), so that it may stand for \
-             something else; check the sign and the unit of the torques, base_pose and points",
-            named.effects.join(" and ")
-        ));
+        notes.push(opposite(&named.effects, likeness));
     }
-    if !vague.is_empty() {
-        notes.push(format!(
-            "the readings say nothing of any parameter of {}, so that it may stand for something else",
-            vague.join(" and ")
-        ));
-    }
-    if silent {
-        notes.push(format!(
-            "sensors that are taken to read nothing leave {silence:.4} {}, the corrected model hardly less or even more: it may \
-             stand for readings that are not of this motion, or hold no torques",
-            campaign.scene.error_unit()
-        ));
-    }
+    notes.extend((!vague.is_empty()).then(|| nothing_said_of(&vague)));
+    notes.extend(silent.then(|| as_good_as_silence(campaign, silence)));
     if let Some((plain, share)) = in_field.first().filter(|_| undecided) {
         notes.push(told(campaign, plain, *share));
     }
@@ -276,6 +251,15 @@ fn attempt(
     if split == Split::Whole {
         notes.extend(few_rows(campaign, &model, &own_field)?);
     }
+    notes.extend(of_search(
+        campaign, &trial, &compared, estimated, &judgment, &answer, &nominal,
+    ));
+    notes.extend(of_contact);
+    notes.extend(failed.map(|e| {
+        format!(
+            "no field could be estimated to tell errors of ({e}): they are those of the diagnosis' own fields"
+        )
+    }));
     let reports = reports(
         thinned, &search, &likeness, &in_field, &trial, &judgment, &answer,
     )?;

@@ -77,7 +77,7 @@ fn contact(campaign: &Campaign, told: &Compared) -> Option<String> {
 }
 
 /// What the search and the trial left to say.
-pub(crate) fn notes(
+pub(crate) fn of_search(
     campaign: &Campaign,
     trial: &Trial<'_>,
     told: &Compared,
@@ -192,6 +192,39 @@ pub(crate) fn notes(
     }
     notes.extend(contact(campaign, told));
     notes
+}
+
+/// That springs have no part in it.
+pub(crate) fn nothing_touched() -> String {
+    "the train sequences touch no point, so that springs explain nothing: if the arm did touch the object, base_pose or points \
+     are off, or in other units; if it did not, leave the points out"
+        .to_owned()
+}
+
+/// That what effects leave to the springs is opposite to what these give.
+pub(crate) fn opposite(effects: &[String], likeness: f64) -> String {
+    format!(
+        "what {} leaves to the springs is opposite to what these give (correlation {likeness:.2}), so that it may stand for \
+         something else; check the sign and the unit of the torques, base_pose and points",
+        effects.join(" and ")
+    )
+}
+
+/// That effects have no parameter that the readings determine.
+pub(crate) fn nothing_said_of(effects: &[&str]) -> String {
+    format!(
+        "the readings say nothing of any parameter of {}, so that it may stand for something else",
+        effects.join(" and ")
+    )
+}
+
+/// That the corrected model hardly does better than sensors that read nothing, with their error.
+pub(crate) fn as_good_as_silence(campaign: &Campaign, silence: f64) -> String {
+    format!(
+        "sensors that are taken to read nothing leave {silence:.4} {}, the corrected model hardly less or even more: it may \
+         stand for readings that are not of this motion, or hold no torques",
+        campaign.scene.error_unit()
+    )
 }
 
 /// That a few rows hold much of what a model leaves: with contact of the train sequences, since others touch what its field
