@@ -135,11 +135,15 @@ impl Case {
         self.error.is_none()
     }
 
+    /// Whether the answer is right, as a whole.
     fn answered(&self) -> bool {
         match self.class {
             Class::None => self.kind_of_answer == Some(VerdictKind::NoGap),
             Class::Unknown => self.kind_of_answer == Some(VerdictKind::Unknown),
-            _ => self.named.iter().all(|e| self.truth.contains(e)) && !self.named.is_empty(),
+            _ => {
+                self.named.len() == self.truth.len()
+                    && self.truth.iter().all(|e| self.named.contains(e))
+            }
         }
     }
 }

@@ -235,7 +235,7 @@ fn attempt(
         ),
         None => (Model::default(), Vec::new(), search.field.clone()),
     };
-    // What the answer stands or falls with comes first.
+    // Doubts about the answer come first.
     let mut notes = Vec::new();
     notes.extend(untouched.then(nothing_touched));
     notes.extend(saturated.iter().map(|s| campaign.of_saturation(s)));
@@ -247,13 +247,13 @@ fn attempt(
     if let Some((plain, share)) = in_field.first().filter(|_| undecided) {
         notes.push(told(campaign, plain, *share));
     }
-    notes.extend(closest(answer.verdict.kind, &model));
     if split == Split::Whole {
         notes.extend(few_rows(campaign, &model, &own_field)?);
     }
     notes.extend(of_search(
         campaign, &trial, &compared, estimated, &judgment, &answer, &nominal,
     ));
+    notes.extend(closest(answer.verdict.kind, &model));
     notes.extend(of_contact);
     notes.extend(failed.map(|e| {
         format!(

@@ -258,7 +258,6 @@ fn shares(
 fn regions(rows: &[Row]) -> Vec<Region> {
     let mut cells: std::collections::BTreeMap<[i64; 3], (f64, Vector3<f64>, f64)> =
         std::collections::BTreeMap::new();
-    let mut total = 0.0;
     for row in rows {
         let Some(p) = row.place else { continue };
         let energy: f64 = row.energy.iter().sum();
@@ -267,14 +266,14 @@ fn regions(rows: &[Row]) -> Vec<Region> {
         cell.0 += energy;
         cell.1 += p.coords;
         cell.2 += 1.0;
-        total += energy;
     }
+    let total: f64 = cells.values().map(|(energy, ..)| energy.max(0.0)).sum();
     let mut found: Vec<Region> = (cells.values())
-        .filter(|(energy, ..)| *energy > 0.0 && total > 0.0)
+        .filter(|(energy, ..)| *energy > 0.0)
         .map(|(energy, sum, count)| Region {
             center: (sum / *count).into(),
             radius: 0.5 * CELL,
-            share: (energy / total).min(1.0),
+            share: energy / total,
         })
         .collect();
     found.sort_by(|a, b| b.share.total_cmp(&a.share));
@@ -286,13 +285,21 @@ fn regions(rows: &[Row]) -> Vec<Region> {
 fn frequencies(before: &Residuals, motions: &[Motion]) -> Vec<LocatedShare> {
     let d = before.joints;
     let mut bands: Vec<([f64; 2], f64, usize)> = Vec::new();
+    // What changes more slowly than a touch shows, constant parts included.
+    let mut slow = ([0.0; 2], 0.0, 0);
     for (rows, motion) in before.rows.iter().zip(motions) {
         for touch in &motion.touches {
             let Some(step) = median_step(&motion.clock[touch.clone()]) else {
                 continue;
             };
             let rows = &rows[touch.start * d..touch.end * d];
-            for (octave, energy) in octaves(rows, d).into_iter().enumerate() {
+            let octaves = octaves(rows, d);
+            let lowest = 0.5_f64.powi(octaves.len() as i32 + 1) / step;
+            let all: f64 = rows.iter().map(|r| r * r).sum();
+            let quick: f64 = octaves.iter().sum();
+            slow.0[1] = lowest.max(slow.0[1]);
+            (slow.1, slow.2) = (slow.1 + (all - quick).max(0.0), slow.2 + rows.len());
+            for (octave, energy) in octaves.into_iter().enumerate() {
                 let rate = 0.5_f64.powi(octave as i32) / step;
                 let is_of =
                     |b: &&mut ([f64; 2], f64, usize)| (b.0[1] / (0.5 * rate)).log2().abs() < 0.5;
@@ -304,6 +311,7 @@ fn frequencies(before: &Residuals, motions: &[Motion]) -> Vec<LocatedShare> {
         }
     }
     bands.sort_by(|a, b| b.0[1].total_cmp(&a.0[1]));
+    bands.push(slow);
     let total: f64 = bands.iter().map(|b| b.1).sum();
     bands
         .into_iter()

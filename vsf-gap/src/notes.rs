@@ -87,16 +87,6 @@ pub(crate) fn of_search(
     nominal: &Nominal,
 ) -> Vec<String> {
     let mut notes = Vec::new();
-    if campaign.test.is_empty() {
-        notes.push("there is one sequence only: errors are those of the fit itself".to_owned());
-    }
-    if let Some(last) = campaign.test.first().filter(|_| campaign.held_out) {
-        notes.push(format!(
-            "there is no test split: sequence {} is held out",
-            last.id
-        ));
-    }
-    notes.extend(rounded(campaign));
     let verdict = &answer.verdict;
     if let (Some(named), Some([error, without])) = (&judgment.named, judgment.worse) {
         let which = named.effects.join(" and ");
@@ -180,6 +170,16 @@ pub(crate) fn of_search(
             if estimated { ", of the diagnosis' own fields" } else { "" }
         ));
     }
+    if campaign.test.is_empty() {
+        notes.push("there is one sequence only: errors are those of the fit itself".to_owned());
+    }
+    if let Some(last) = campaign.test.first().filter(|_| campaign.held_out) {
+        notes.push(format!(
+            "there is no test split: sequence {} is held out",
+            last.id
+        ));
+    }
+    notes.extend(rounded(campaign));
     let error = told.after.residuals.mean_error();
     // Of the fit itself, errors are below the noise.
     if !campaign.test.is_empty() {

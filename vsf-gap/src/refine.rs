@@ -290,7 +290,7 @@ impl Campaign {
             spread: spreads[best],
             stiffness,
             tangent: columns,
-            touches: fitted.touches(),
+            touches: fitted.touched,
             reference: None,
         };
         if let Some(fit) = &found[best].1 {

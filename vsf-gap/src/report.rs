@@ -242,6 +242,15 @@ impl Outcome {
         let left = 1.0 - d.verdict.probability;
         others.iter_mut().for_each(|e| e.probability *= left);
         d.effects.extend(others);
+        // Both were looked for in that contact.
+        let mut or_threshold = whole.diagnosis.verdict.or_threshold;
+        if !or_threshold.is_empty() {
+            d.notes
+                .splice(..0, whole.diagnosis.notes.into_iter().take(1));
+        }
+        or_threshold.retain(|e| !d.verdict.effects.contains(e));
+        d.verdict.leave_open(&or_threshold);
+        d.verdict.or_threshold = or_threshold;
         d.notes.push(format!(
             "with {} the first halves of the test sequences are fitted, too: where the object lies in a sequence, no other \
              sequence tells. Errors, and what is closed, are those of the second halves, of effects that are not named \

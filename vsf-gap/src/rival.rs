@@ -3,7 +3,6 @@
 use crate::contact::contact_config;
 use crate::effect::EVIDENT;
 use crate::effects::GeometryPadding;
-use crate::evidence::Spread;
 use crate::notes::mm;
 use crate::refine::Refined;
 use crate::search::{Candidate, Search};
@@ -144,7 +143,7 @@ impl Search<'_> {
         let padded = if following.has(GeometryPadding.name()) {
             None
         } else {
-            self.padded(campaign, alone.as_deref(), &named.spread)?
+            self.padded(campaign, alone.as_deref())?
         };
         let suited = match campaign.suited() {
             Some(c) => Some(Other {
@@ -205,7 +204,6 @@ impl Search<'_> {
         &self,
         campaign: &Campaign,
         others: Option<&Refined>,
-        spread: &Spread,
     ) -> Result<Option<Other>, GapError> {
         let is_padding = |c: &&Candidate| c.effect.name() == GeometryPadding.name();
         let Some(candidate) = self.candidates.iter().find(is_padding) else {
@@ -219,6 +217,7 @@ impl Search<'_> {
             Some(found) => Cow::Borrowed(found),
             None => {
                 let tangent = &self.tangents[candidate.found.tangent];
+                let spread = &others.map_or(self.spread, |m| m.spread);
                 let start = campaign.start(&model, tangent, &candidate.found, spread)?;
                 let prior = prior.and(tangent.prior(&campaign.site));
                 Cow::Owned(campaign.refine(&start, prior, spread)?)
@@ -308,7 +307,7 @@ mod tests {
         let gains = |search: &Search<'_>| {
             let (some, others) = pair.model.parted(|e| e.name() == names[0]);
             let without = search.without(&campaign, &pair, &some, &others);
-            let padded = search.padded(&campaign, None, &search.spread);
+            let padded = search.padded(&campaign, None);
             [
                 without.unwrap().unwrap().log_evidence,
                 padded.unwrap().unwrap().gain,
@@ -320,7 +319,7 @@ mod tests {
         for (anew, found) in gains(&search).iter().zip(found) {
             assert!((anew - found).abs() < EVIDENT, "{anew} {found}");
         }
-        let beside = search.padded(&campaign, Some(&pair), &pair.spread);
+        let beside = search.padded(&campaign, Some(&pair));
         assert!(beside.unwrap().is_some());
     }
 }

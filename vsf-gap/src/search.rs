@@ -250,7 +250,7 @@ impl Campaign {
         } = self.base(&mut nominal, &smoothest)?;
         let limits = (candidates.iter().map(|c| c.effect.as_ref()))
             .map(|effect| {
-                let required_gain = named_from(effect, spread.contact, nominal.touches());
+                let required_gain = named_from(effect, spread.contact, nominal.touched);
                 let found = limits(effect, &self.site, &tangents, &screening, required_gain);
                 (effect.name().to_owned(), found)
             })
@@ -277,7 +277,7 @@ impl Campaign {
         progress(DiagnosisStep::Sets);
         let mut combinations = self.combinations(&tangents, &mut candidates, &standard)?;
         best_first(&mut candidates, base);
-        if !nominal.touches() {
+        if !nominal.touched {
             let models = candidates.iter_mut().filter_map(|c| c.refined.as_mut());
             for refined in models.chain(combinations.iter_mut().map(|c| &mut c.refined)) {
                 self.settle(refined)?;

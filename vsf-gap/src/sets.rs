@@ -36,24 +36,20 @@ struct Further {
     effect: Arc<dyn Effect>,
 }
 
-/// A model that may get longer.
-#[derive(Clone, Copy)]
-struct Shorter<'a> {
-    refined: &'a Refined,
-    earned: bool,
-}
-
 impl Combination {
-    fn has_same_effects(&self, other: &Self) -> bool {
-        let (own, others) = (&self.refined.model, &other.refined.model);
-        own.is_part_of(others) && others.is_part_of(own)
+    fn has_effects_of(&self, model: &Model) -> bool {
+        let own = &self.refined.model;
+        own.is_part_of(model) && model.is_part_of(own)
     }
 }
 
 /// Adds a model to others, in place of one of the same effects that does worse. Whether one is earned is a matter of its
 /// effects, and not looked into on every way to it.
 fn add(models: &mut Vec<Combination>, new: Combination) {
-    match models.iter_mut().find(|m| m.has_same_effects(&new)) {
+    match models
+        .iter_mut()
+        .find(|m| m.has_effects_of(&new.refined.model))
+    {
         Some(same) => {
             same.earned |= new.earned;
             if new.refined.log_evidence > same.refined.log_evidence {
@@ -61,6 +57,20 @@ fn add(models: &mut Vec<Combination>, new: Combination) {
             }
         }
         None => models.push(new),
+    }
+}
+
+/// Gives candidates the fits of their effects alone that do better than their own.
+fn keep_better(candidates: &mut [Candidate], singles: Vec<Combination>) {
+    for Combination { refined, .. } in singles {
+        let is_of = |c: &&mut Candidate| refined.model.has(c.effect.name());
+        let better = |c: &&mut Candidate| {
+            let own = c.refined.as_ref();
+            own.is_none_or(|own| own.log_evidence < refined.log_evidence)
+        };
+        if let Some(candidate) = candidates.iter_mut().find(is_of).filter(better) {
+            candidate.refined = Some(refined);
+        }
     }
 }
 
@@ -121,7 +131,8 @@ impl Campaign {
             shorter.truncate(KEPT);
             let (mut further, mut longer) = (effects.clone(), Vec::new());
             for (rank, before) in shorter.iter().enumerate() {
-                let models = self.beside(before, &further, tangents, candidates, standard)?;
+                let models =
+                    self.beside(before, &further, &found, tangents, candidates, standard)?;
                 if rank == 0 {
                     further = models.iter().map(|m| m.effect.clone()).collect();
                 }
@@ -139,11 +150,12 @@ impl Campaign {
         Ok(found)
     }
 
-    /// A model with each of `further` effects that earn a place beside its own.
+    /// A model with each of `further` effects that earn a place beside its own; `shorter` sets are known.
     fn beside(
         &self,
         before: &Refined,
         further: &[Arc<dyn Effect>],
+        shorter: &[Combination],
         tangents: &[Tangent],
         candidates: &mut [Candidate],
         standard: &Standard,
@@ -189,19 +201,29 @@ impl Campaign {
                     continue;
                 }
             }
-            if parts == 1 || self.needs_those_before(refined, rough)? {
+            if parts == 1 || self.needs_those_before(refined, rough, shorter)? {
                 found.push(longer);
             }
         }
         Ok(found)
     }
 
-    /// Whether a model gains by each of its effects but the last what that needs.
-    fn needs_those_before(&self, refined: &Refined, rough: f64) -> Result<bool, GapError> {
+    /// Whether a model gains by each of its effects but the last what that needs, over the best of the `shorter` models without it
+    /// and a new fit.
+    fn needs_those_before(
+        &self,
+        refined: &Refined,
+        rough: f64,
+        shorter: &[Combination],
+    ) -> Result<bool, GapError> {
         let parts = &refined.model.parts;
         for (part, (effect, _)) in parts.iter().enumerate().rev().skip(1) {
             let without = self.refined_without(refined, part)?;
-            let gained = refined.log_evidence - without.log_evidence;
+            let known = shorter.iter().filter(|c| c.has_effects_of(&without.model));
+            let best = known.fold(without.log_evidence, |best, c| {
+                best.max(c.refined.log_evidence)
+            });
+            let gained = refined.log_evidence - best;
             if gained <= required_gain(effect.as_ref(), rough) {
                 return Ok(false);
             }
@@ -216,8 +238,8 @@ impl Campaign {
         self.refine(&model, prior, &refined.spread)
     }
 
-    /// What a model gains over another (nats) of the readings where neither touches anything; of the spread only what is beside
-    /// roughness.
+    /// What a model gains over another (nats) of the readings where neither touches anything, as both are fitted: the log of a
+    /// ratio of likelihoods, which does not count what parameters cost. Of the spread only what is beside roughness.
     fn gain_in_air(&self, model: &Model, other: &Model, spread: &Spread) -> Result<f64, GapError> {
         let [own, others] = [model, other].map(|m| self.fitted(m, self.train.iter()));
         let (own, others) = (own?, others?);
@@ -227,50 +249,55 @@ impl Campaign {
         Ok(own.log_density_in(&rows, spread)? - others.log_density_in(&rows, spread)?)
     }
 
-    /// The best models of each length that go on from the best shorter ones.
+    /// The best models of each length, which go on from the best shorter ones; and from those that do better than they, found where
+    /// a further effect makes one before it needless.
     fn sets_in_air(
         &self,
         tangents: &[Tangent],
         candidates: &mut [Candidate],
         standard: &Standard,
     ) -> Result<Vec<Combination>, GapError> {
+        let (base, rough) = (standard.base, standard.spread.contact);
         let effects: Vec<_> = candidates.iter().map(|c| c.effect.clone()).collect();
         let alone = candidates.iter().filter_map(|c| c.refined.as_ref());
-        let evident = alone.filter(|r| r.log_evidence - standard.base > EVIDENT);
-        let earned = true;
-        let shorter = evident.map(|refined| Shorter { refined, earned });
-        let mut next = self.continued(shorter.collect(), &effects, standard)?;
-        let (mut found, mut last, mut singles) = (Vec::new(), Vec::new(), Vec::new());
-        for length in 2.. {
-            let (longer, instead) = next;
-            for model in instead {
-                match model.refined.model.parts.len() {
-                    1 => singles.push(model.refined),
-                    _ => add(&mut last, model),
+        let evident = alone.filter(|r| r.log_evidence - base > EVIDENT);
+        let single = |refined: &Refined| Combination {
+            refined: refined.clone(),
+            earned: true,
+        };
+        let mut shorter: Vec<Combination> = evident.map(single).collect();
+        let mut found = Vec::new();
+        for length in 1..MOST_EFFECTS {
+            let (mut longer, mut seen) = (Vec::new(), Vec::<Model>::new());
+            loop {
+                best_first(&mut shorter, |s| margin(&s.refined, base, rough));
+                let best = shorter.iter().take(KEPT);
+                let is_new = |s: &&Combination| !seen.iter().any(|m| s.has_effects_of(m));
+                let new: Vec<&Combination> = best.filter(is_new).collect();
+                if new.is_empty() {
+                    break;
+                }
+                let of_each: Vec<_> = (new.par_iter())
+                    .map(|s| self.longer(s, &effects, base, rough))
+                    .collect::<Result<_, GapError>>()?;
+                seen.extend(new.iter().map(|s| s.refined.model.clone()));
+                for (more, instead) in of_each {
+                    more.into_iter().for_each(|model| add(&mut longer, model));
+                    instead
+                        .into_iter()
+                        .for_each(|model| add(&mut shorter, model));
                 }
             }
-            found.append(&mut last);
-            longer.into_iter().for_each(|model| add(&mut last, model));
-            if last.is_empty() || length == MOST_EFFECTS {
+            if length == 1 {
+                keep_better(candidates, std::mem::take(&mut shorter));
+            }
+            found.append(&mut shorter);
+            shorter = longer;
+            if shorter.is_empty() {
                 break;
             }
-            let shorter = last.iter().map(|c| Shorter {
-                refined: &c.refined,
-                earned: c.earned,
-            });
-            next = self.continued(shorter.collect(), &effects, standard)?;
         }
-        found.append(&mut last);
-        for single in singles {
-            let is_of = |c: &&mut Candidate| single.model.has(c.effect.name());
-            let better = |c: &&mut Candidate| {
-                let own = c.refined.as_ref();
-                own.is_none_or(|own| own.log_evidence < single.log_evidence)
-            };
-            if let Some(candidate) = candidates.iter_mut().find(is_of).filter(better) {
-                candidate.refined = Some(single);
-            }
-        }
+        found.append(&mut shorter);
         for candidate in candidates.iter_mut().filter(|c| c.refined.is_none()) {
             let name = candidate.effect.name();
             if found.iter().any(|c| c.refined.model.has(name)) {
@@ -280,54 +307,44 @@ impl Campaign {
         Ok(found)
     }
 
-    /// For the best of some models: those with one more effect, and those with another instead ([`Campaign::longer`]).
-    fn continued(
-        &self,
-        mut shorter: Vec<Shorter<'_>>,
-        effects: &[Arc<dyn Effect>],
-        standard: &Standard,
-    ) -> Result<(Vec<Combination>, Vec<Combination>), GapError> {
-        let (base, rough) = (standard.base, standard.spread.contact);
-        best_first(&mut shorter, |s| margin(s.refined, base, rough));
-        shorter.truncate(KEPT);
-        let of_each: Vec<_> = (shorter.par_iter())
-            .map(|s| self.longer(*s, effects, base, rough))
-            .collect::<Result<_, GapError>>()?;
-        let (longer, instead): (Vec<_>, Vec<_>) = of_each.into_iter().unzip();
-        let all = |of: Vec<Vec<Combination>>| of.into_iter().flatten().collect();
-        Ok((all(longer), all(instead)))
-    }
-
     /// The best models with one more effect, of which none of those before can be spared; and models of as many effects
     /// as before that do better, with the new one instead of another.
     fn longer(
         &self,
-        shorter: Shorter<'_>,
+        shorter: &Combination,
         effects: &[Arc<dyn Effect>],
         base: f64,
         rough: f64,
     ) -> Result<(Vec<Combination>, Vec<Combination>), GapError> {
-        let before = shorter.refined;
+        let before = &shorter.refined;
         let mut models = self.extended(before, effects, rough, false)?;
         best_first(&mut models, |m| margin(&m.refined, base, rough));
+        let gains = |whole: &Refined, further: &dyn Effect, rest: &Refined| {
+            let required = required_gain_beside(further, rest.log_evidence - base, rough);
+            whole.log_evidence - rest.log_evidence > required
+        };
+        let each_gains = |whole: &Refined| -> Result<bool, GapError> {
+            let mut all = true;
+            for (part, (effect, _)) in whole.model.parts.iter().enumerate() {
+                all &= gains(whole, effect.as_ref(), &self.refined_without(whole, part)?);
+            }
+            Ok(all)
+        };
         let (mut longer, mut instead) = (Vec::new(), Vec::new());
         for Further { refined, effect } in models {
-            let gains = |further: &dyn Effect, rest: &Refined| {
-                let required = required_gain_beside(further, rest.log_evidence - base, rough);
-                refined.log_evidence - rest.log_evidence > required
-            };
-            let mut earned = shorter.earned && gains(effect.as_ref(), before);
+            let mut earned = shorter.earned && gains(&refined, effect.as_ref(), before);
             let mut spared = 0;
             for part in 0..before.model.parts.len() {
                 let without = self.refined_without(&refined, part)?;
                 let of_part = refined.model.parts[part].0.as_ref();
-                earned &= gains(of_part, &without);
+                earned &= gains(&refined, of_part, &without);
                 if refined.log_evidence - without.log_evidence > required_gain(of_part, rough) {
                     continue;
                 }
                 spared += 1;
                 if without.log_evidence > before.log_evidence {
-                    let (refined, earned) = (without, false);
+                    let earned = without.model.parts.len() == 1 || each_gains(&without)?;
+                    let refined = without;
                     instead.push(Combination { refined, earned });
                 }
             }
@@ -497,7 +514,7 @@ mod tests {
             }
             let refined = campaign.refine(&model, prior, &search.spread).unwrap();
             campaign
-                .needs_those_before(&refined, search.spread.contact)
+                .needs_those_before(&refined, search.spread.contact, &search.combinations)
                 .unwrap()
         };
         assert!(needs(&["torque_bias", "joint_coulomb_friction"]));

@@ -158,11 +158,11 @@ impl Score {
             right_phase: Share::of(all().filter(|c| c.right_phase.is_some()), |c| {
                 c.right_phase == Some(true)
             }),
-            never_worse: Share::of(all(), |c| {
+            never_worse: Share::of(all().filter(|c| c.is_diagnosed()), |c| {
                 c.test_error_corrected <= c.test_error_nominal + 1e-12
             }),
             mean_probability: mean(of(Class::Single).map(|c| c.probability_of_truth).collect()),
-            ece: calibration(&all().collect::<Vec<_>>()),
+            ece: calibration(&all().filter(|c| c.is_diagnosed()).collect::<Vec<_>>()),
             closed_of_oracle: median(closed.collect()),
         }
     }
