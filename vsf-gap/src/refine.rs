@@ -213,12 +213,32 @@ impl Model {
 }
 
 impl Campaign {
-    /// Fits the parameters of a model together with the field by Gauss-Newton steps on the
-    /// evidence, from where they are.
+    /// Fits the parameters of a model together with the field, from where they are. In free air, where that takes little time, once
+    /// more with the roughness that is left: that of a model which lacks what this one has leads to what changes quickly. With
+    /// contact see [`Campaign::with_own_spread`].
     ///
     /// # Errors
     /// Rows that contact cannot take, a covariance that is not positive definite.
     pub(crate) fn refine(
+        &self,
+        start: &Model,
+        prior: Prior,
+        spread: &Spread,
+    ) -> Result<Refined, GapError> {
+        let refined = self.refined_at(start, prior, spread)?;
+        if refined.touches || refined.spread == *spread {
+            return Ok(refined);
+        }
+        let again = self.refined_at(&refined.model, refined.prior.clone(), &refined.spread)?;
+        Ok(if again.log_evidence > refined.log_evidence {
+            again
+        } else {
+            refined
+        })
+    }
+
+    /// The same by Gauss-Newton steps on the evidence with this spread.
+    fn refined_at(
         &self,
         start: &Model,
         prior: Prior,
@@ -353,7 +373,7 @@ impl Campaign {
         *refined = Refined {
             log_evidence: refined.log_evidence,
             spread: refined.spread,
-            ..self.refine(&refined.model, refined.prior.clone(), &spread)?
+            ..self.refined_at(&refined.model, refined.prior.clone(), &spread)?
         };
         Ok(())
     }
