@@ -307,6 +307,29 @@ fn named_in_air(campaign: &Campaign) -> vsf_gap::Diagnosis {
     outcome.diagnosis
 }
 
+/// Before friction is known, roughness of joints has its place; weights that allow for that see reversals alone, and a fit by
+/// them was many deviations off.
+#[test]
+fn val_parameters_in_air_are_as_certain_as_they_are_said_to_be() {
+    let size = [1.5, 2.0, 0.4];
+    let dry = effects::named(&["joint_coulomb_friction".to_owned()]).unwrap();
+    for seed in [1, 2, 3] {
+        let campaign = swinging_with_noise(seed, |tau, qd| {
+            [0, 1, 2].map(|j| tau[j] + size[j] * (qd[j] / 0.05).tanh())
+        });
+        let d = diagnose(&campaign, &dry, 0, |_| {}).unwrap().diagnosis;
+        for p in &d.effects[0].parameters {
+            let truth = match p.name.split_once('_') {
+                Some(("c", joint)) => size[joint.parse::<usize>().unwrap() - 1],
+                Some(_) => 0.0,
+                None => 0.05,
+            };
+            let off = (p.value - truth) / p.sd;
+            assert!(off.abs() < 4.0, "{} {} ± {}", p.name, p.value, p.sd);
+        }
+    }
+}
+
 /// Alone, the bias takes the mean of what the gain adds: with the gain beside it, it has to give that back.
 #[test]
 fn a_gain_beside_a_bias_is_named() {
