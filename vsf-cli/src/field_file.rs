@@ -139,8 +139,8 @@ impl FieldFile {
         let is_ours = self.field.contact.is_some();
         match (&self.field.model, &given) {
             (Some(stored), None) => console.warn(format!(
-                "{path}: the field was estimated with a corrected model ({}); without --model its effects are \
-                 missing from predictions",
+                "{path}: the field was estimated with a corrected model ({}); what is predicted without that \
+                 (`vsf predict --model` and its like) lacks its effects",
                 effects_of(stored)
             )),
             (Some(stored), Some(given)) if stored != given => console.warn(format!(

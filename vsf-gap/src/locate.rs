@@ -18,7 +18,7 @@ pub struct LocatedShare {
     #[serde(flatten)]
     pub of: Place,
     /// Share of the energy of the gap, 0 to 1. Of a band of frequencies, of that of all that the nominal model
-    /// leaves, noise included.
+    /// leaves, noise included; what a touch is too short for, constants among it, is in the band from 0.
     pub share: f64,
     /// Interval of the share, 95 %; without width where there is none (frequencies).
     pub interval: [f64; 2],
@@ -311,7 +311,7 @@ fn frequencies(before: &Residuals, motions: &[Motion]) -> Vec<LocatedShare> {
         }
     }
     bands.sort_by(|a, b| b.0[1].total_cmp(&a.0[1]));
-    bands.push(slow);
+    bands.extend((slow.2 > 0).then_some(slow));
     let total: f64 = bands.iter().map(|b| b.1).sum();
     bands
         .into_iter()
@@ -408,5 +408,17 @@ mod tests {
         assert_eq!(other.len(), 2, "{found:?}");
         // Its 2.5 Hz lie nearest to the octave below 3.125 Hz.
         assert!((share(3.125) - 40.0 / 240.0).abs() < 1e-12, "{found:?}");
+        // A constant is slower than all of them.
+        let constant = Residuals {
+            rows: before
+                .rows
+                .iter()
+                .map(|rows| vec![2.0; rows.len()])
+                .collect(),
+            ..before
+        };
+        let found = frequencies(&constant, &motions);
+        let slowest = found.last().unwrap();
+        assert!(matches!(slowest.of, Place::Frequency([0.0, _])) && slowest.share == 1.0);
     }
 }

@@ -87,6 +87,16 @@ pub(crate) fn of_search(
     nominal: &Nominal,
 ) -> Vec<String> {
     let mut notes = Vec::new();
+    let error = told.after.residuals.mean_error();
+    // Of the fit itself, errors are below the noise.
+    if !campaign.test.is_empty() {
+        let floor = noise_norm(&campaign.noise);
+        notes.extend(overstated(floor, error, campaign.scene.error_unit()));
+        // With contact, errors are far from a perfect model's for many reasons.
+        if judgment.corrected().is_some() && !nominal.touches {
+            notes.extend(incomplete(floor, error));
+        }
+    }
     let verdict = &answer.verdict;
     if let (Some(named), Some([error, without])) = (&judgment.named, judgment.worse) {
         let which = named.effects.join(" and ");
@@ -180,16 +190,6 @@ pub(crate) fn of_search(
         ));
     }
     notes.extend(rounded(campaign));
-    let error = told.after.residuals.mean_error();
-    // Of the fit itself, errors are below the noise.
-    if !campaign.test.is_empty() {
-        let floor = noise_norm(&campaign.noise);
-        notes.extend(overstated(floor, error, campaign.scene.error_unit()));
-        // With contact, errors are far from a perfect model's for many reasons.
-        if judgment.corrected().is_some() && !nominal.touches {
-            notes.extend(incomplete(floor, error));
-        }
-    }
     notes.extend(contact(campaign, told));
     notes
 }

@@ -19,8 +19,11 @@ impl Diagnosis {
     /// [`GapError::Report`] for anything but JSON of this form and schema, and for numbers that no diagnosis has: a
     /// probability or share that is not in 0 .. 1, an error below zero, anything beyond 1e16.
     pub fn from_json(text: &str) -> Result<Self, GapError> {
-        let report: Self = parse_json(text.as_bytes())
-            .map_err(|e| GapError::Report(format!("no diagnosis: {e}")))?;
+        let report: Self = parse_json(text.as_bytes()).map_err(|e| {
+            GapError::Report(format!(
+                "no diagnosis, as `vsf diagnose --json` writes it: {e}"
+            ))
+        })?;
         if report.schema != SCHEMA {
             return Err(GapError::Report(format!(
                 "a diagnosis of schema {}; this version reads {SCHEMA}: diagnose anew",

@@ -176,12 +176,13 @@ pub fn part(of: &Place) -> String {
         Place::Joint(name) | Place::Link(Some(name)) | Place::Sequence(name) => name.clone(),
         Place::Link(None) => "none".to_owned(),
         Place::Phase(phase) => phase.name().to_owned(),
-        Place::Frequency(band) => {
-            let [low, high] = band.map(|hertz| {
-                let decimals = decimals(hertz);
-                format!("{hertz:.decimals$}")
-            });
-            format!("{low} to {high} Hz")
+        Place::Frequency([low, high]) => {
+            let hertz = |f: f64| format!("{f:.*}", decimals(f));
+            if *low > 0.0 {
+                format!("{} to {} Hz", hertz(*low), hertz(*high))
+            } else {
+                format!("below {} Hz", hertz(*high))
+            }
         }
     }
 }
@@ -386,6 +387,7 @@ mod tests {
         assert_eq!(percent(-0.001), "0 %");
         assert_eq!(percent(-0.01), "-1 %");
         assert_eq!(part(&Place::Frequency([0.5469, 17.5])), "0.55 to 18 Hz");
+        assert_eq!(part(&Place::Frequency([0.0, 0.5469])), "below 0.55 Hz");
     }
 
     /// Only places of sequences are summed up, and none of which something is said.
