@@ -144,7 +144,9 @@ impl Campaign {
                     break;
                 }
             }
-            shorter = longer.iter().map(|c| c.refined.clone()).collect();
+            // What stopped at a bound stands for something else, and further effects would take what it could not.
+            let free = longer.iter().filter(|c| !c.refined.is_stopped(true));
+            shorter = free.map(|c| c.refined.clone()).collect();
             found.append(&mut longer);
         }
         Ok(found)

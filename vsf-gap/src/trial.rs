@@ -1,7 +1,7 @@
 //! The trial on the sequences that no model was fitted to: what is named has to stand it.
 
 use crate::closure::{Closure, Residuals, closure, noise_norm};
-use crate::effect::{Need, follows_contact};
+use crate::effect::Need;
 use crate::evidence::{Factor, Spread};
 use crate::fitted::Fitted;
 use crate::judge::{Hypothesis, Judged, Nominal, OnTest, judge, opposes};
@@ -10,7 +10,7 @@ use crate::predictive::TestDensity;
 use crate::refine::Refined;
 use crate::report::{MOSTLY, is_perfect};
 use crate::verdict::VerdictKind;
-use crate::{Acts, Campaign, ContactLog, Effect, GapError, Model, Motion};
+use crate::{Acts, Campaign, ContactLog, GapError, Model, Motion};
 use std::ops::Range;
 use std::sync::Arc;
 use vsf_core::median;
@@ -153,12 +153,14 @@ impl<'a> Judgment<'a> {
     /// Whether a parameter of the corrected model stopped at a bound of what is plausible; where it `touches`, of an effect
     /// that does not follow contact.
     pub(crate) fn is_stopped(&self, touches: bool) -> bool {
-        let Some(Tried { refined, .. }) = self.corrected() else {
-            return false;
-        };
-        let counts = |effect: &dyn Effect| !(touches && follows_contact(effect));
-        let mut places = (refined.model.places()).filter(|(e, _)| counts(e.as_ref()));
-        places.any(|(_, own)| !refined.at_bounds_among(own).is_empty())
+        let corrected = self.corrected();
+        corrected.is_some_and(|t| t.refined.is_stopped(touches))
+    }
+
+    /// Whether most of what is clearly wanted of an effect of the corrected model stopped there.
+    pub(crate) fn is_mostly_stopped(&self, touches: bool) -> bool {
+        let corrected = self.corrected();
+        corrected.is_some_and(|t| t.refined.is_mostly_stopped(touches))
     }
 
     /// Whether the corrected model, with this `error`, hardly predicts better than sensors that read nothing, with theirs.
