@@ -1,6 +1,6 @@
 use crate::alike::Likeness;
 use crate::closure::noise_norm;
-use crate::effect::Arm;
+use crate::effect::{Arm, Need};
 use crate::enough::enough;
 use crate::estimated::{Extent, FAR, NEARLY};
 use crate::halves::is_of_sequences;
@@ -295,7 +295,8 @@ fn attempt(
 /// None in practice: tables keep their form.
 fn few_samples(campaign: &Campaign) -> Result<Option<Campaign>, GapError> {
     let samples = campaign.train.iter().map(Motion::len).sum();
-    let by = if campaign.test.is_empty() {
+    // Without contact there is none to run, and friction of mean speeds is not the mean of friction.
+    let by = if campaign.test.is_empty() || campaign.lacks(Need::Contact).is_some() {
         1
     } else {
         Windows::size(samples, campaign.site.joints()) / PER_WINDOW
