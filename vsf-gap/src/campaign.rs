@@ -400,6 +400,16 @@ impl Campaign {
     /// A ball on a stage comes down on nine points, 4 mm apart: of every sequence, the positions of its axes (m) and the forces
     /// that they read (N), a hundred a second.
     pub(crate) fn of_stage(sequences: &[Vec<[[f64; 3]; 2]>]) -> Self {
+        let at = |k: i32| 0.004 * f64::from(k);
+        let points = (0..9).map(|k| nalgebra::Point3::new(at(k % 3), at(k / 3), 0.0));
+        Self::of_stage_with(Some(points.collect()), sequences)
+    }
+
+    /// The same with other points, or without.
+    pub(crate) fn of_stage_with(
+        rest_points: Option<Vec<nalgebra::Point3<f64>>>,
+        sequences: &[Vec<[[f64; 3]; 2]>],
+    ) -> Self {
         let sequence = |(k, rows): (usize, &Vec<[[f64; 3]; 2]>)| {
             let table = |part: usize| {
                 let values = rows.iter().flat_map(|row| row[part]).collect();
@@ -409,11 +419,9 @@ impl Campaign {
             Sequence::new(k.to_string(), time, table(0), table(1))
         };
         let stage = vsf_data::RobotRef::resolve("cartesian_stage", ".".as_ref()).unwrap();
-        let at = |k: i32| 0.004 * f64::from(k);
-        let points = (0..9).map(|k| nalgebra::Point3::new(at(k % 3), at(k / 3), 0.0));
         let sequences = sequences.iter().enumerate().map(sequence).collect();
         let dataset = Dataset {
-            rest_points: Some(points.collect()),
+            rest_points,
             ..Dataset::new(stage, sequences)
         };
         Self::open(&dataset, &SceneOptions::default()).unwrap()

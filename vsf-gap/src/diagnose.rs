@@ -1,6 +1,6 @@
 use crate::alike::Likeness;
 use crate::closure::noise_norm;
-use crate::effect::{Arm, Need};
+use crate::effect::Arm;
 use crate::enough::enough;
 use crate::estimated::{Extent, FAR, NEARLY};
 use crate::halves::is_of_sequences;
@@ -296,7 +296,7 @@ fn attempt(
 fn few_samples(campaign: &Campaign) -> Result<Option<Campaign>, GapError> {
     let samples = campaign.train.iter().map(Motion::len).sum();
     // Without contact there is none to run, and friction of mean speeds is not the mean of friction.
-    let by = if campaign.test.is_empty() || campaign.lacks(Need::Contact).is_some() {
+    let by = if campaign.test.is_empty() || campaign.site.rest.is_empty() {
         1
     } else {
         Windows::size(samples, campaign.site.joints()) / PER_WINDOW
@@ -478,4 +478,21 @@ fn in_field<'s>(
         absorbed.is_some_and(|share| share >= TAKEN_UP)
     });
     Ok(found)
+}
+
+#[cfg(test)]
+#[allow(clippy::unwrap_used)]
+mod tests {
+    use super::*;
+
+    /// A mean of speeds has another friction than the mean of friction.
+    #[test]
+    fn long_recordings_are_thinned_for_contact_alone() {
+        let row = |k: i32| [[0.004, 0.004, 0.01 * f64::from(k % 100)], [0.0; 3]];
+        let sequences = [0, 1].map(|_| (0..6000).map(row).collect::<Vec<_>>());
+        let touching = Campaign::of_stage(&sequences);
+        let in_air = Campaign::of_stage_with(None, &sequences);
+        assert!(few_samples(&touching).unwrap().is_some());
+        assert!(few_samples(&in_air).unwrap().is_none());
+    }
 }
