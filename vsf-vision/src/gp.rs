@@ -31,8 +31,13 @@ pub struct GaussianProcess {
 /// Parameters of [`GaussianProcess`].
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct GpConfig {
-    /// Most samples that are used, at least 2, default 1000.
+    /// Most samples that are used, 2 to [`GpConfig::MOST_SAMPLES`], default 1000.
     pub max_samples: usize,
+}
+
+impl GpConfig {
+    /// Their covariance takes 3.2 GB.
+    pub const MOST_SAMPLES: usize = 20_000;
 }
 
 impl Default for GpConfig {
@@ -171,13 +176,13 @@ impl GaussianProcess {
     /// A regressor that has not learned yet.
     ///
     /// # Errors
-    /// Fewer than 2 samples.
+    /// Fewer than 2 samples, or more than [`GpConfig::MOST_SAMPLES`].
     pub fn new(config: GpConfig) -> Result<Self, VisionError> {
-        if config.max_samples < 2 {
+        if !(2..=GpConfig::MOST_SAMPLES).contains(&config.max_samples) {
             return Err(CoreError::Parameter {
                 name: "max_samples",
                 value: config.max_samples as f64,
-                range: ">= 2",
+                range: "2 .. 20000",
             }
             .into());
         }

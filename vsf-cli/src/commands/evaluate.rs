@@ -12,6 +12,7 @@ use vsf::pipeline::{
     Baseline, Evaluation, MlpConfig, PipelineError, Scene, SequenceError, SequencePrediction,
     Trace, predict, score,
 };
+use vsf::vision::GpConfig;
 
 #[derive(Debug, clap::Args)]
 #[command(after_help = "\
@@ -45,7 +46,7 @@ pub struct Args {
     #[arg(long, default_value_t = 0)]
     seed: u64,
     /// Train samples that the gp baseline takes at most, evenly spread
-    #[arg(long, default_value_t = 1500, value_parser = RangedU64ValueParser::<usize>::new().range(2..=1_000_000))]
+    #[arg(long, default_value_t = 1500, value_parser = RangedU64ValueParser::<usize>::new().range(2..=GpConfig::MOST_SAMPLES as u64))]
     gp_samples: usize,
     #[command(flatten)]
     of: FieldArgs,

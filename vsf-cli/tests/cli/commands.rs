@@ -363,6 +363,7 @@ fn numbers_out_of_range_name_their_flag() {
         ("experiment blind --cases=18446744073709551615", "--cases"),
         ("estimate data --prior-sd=1e200", "--prior-sd"),
         ("evaluate data --neighbors=0", "--neighbors"),
+        ("evaluate data --gp-samples=20001", "--gp-samples"),
         ("estimate data --replay=99999999999", "--replay"),
         ("bench --replay=99999999999", "--replay"),
         ("export truth --out a.ply --full-scale=0", "--full-scale"),

@@ -140,6 +140,9 @@ fn refuse() {
     for baseline in [
         Baseline::Knn { k: 0 },
         Baseline::Gp { max_samples: 1 },
+        Baseline::Gp {
+            max_samples: 20_001,
+        },
         mlp(vec![]),
         mlp(vec![8, 0]),
     ] {
