@@ -388,15 +388,15 @@ fn fields_remember_their_model() {
     }
     let model = "corrected model (torque_bias)";
     for (line, part) in [
-        ("evaluate touch --field field.npz", "without --model"),
-        ("predict touch --field folder --out a", "without --model"),
+        ("evaluate touch --field field.npz", "lacks its effects"),
+        ("predict touch --field folder --out a", "lacks its effects"),
         (
             "simulate touch --field field.npz --out b",
-            "without --model",
+            "lacks its effects",
         ),
         (
             "export touch --field field.npz --torques plots",
-            "without --model",
+            "lacks its effects",
         ),
         (
             "evaluate touch --field field.npz --model other.json",
