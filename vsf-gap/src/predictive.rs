@@ -292,7 +292,7 @@ mod tests {
         prior.sd[1..].fill(0.0);
         let spread = nominal.best_stiffness(CONTACT[0], 0.0).unwrap();
         let start = Model::of(&payload, &[0.1, 0.0, 0.0, 0.0]);
-        let refined = campaign.refine(&start, prior, &spread).unwrap();
+        let refined = campaign.refined_at(&start, prior, &spread).unwrap();
 
         let fitted = campaign
             .fitted(&refined.model, campaign.train.iter())

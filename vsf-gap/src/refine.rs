@@ -269,7 +269,7 @@ impl Campaign {
     }
 
     /// The same by Gauss-Newton steps on the evidence with this spread.
-    fn refined_at(
+    pub(crate) fn refined_at(
         &self,
         start: &Model,
         prior: Prior,
