@@ -218,8 +218,7 @@ fn attempt(
         left_free: judgment.left_free.is_some(),
         lasts: judgment.persistence.is_some(),
         stopped: judgment.is_stopped(nominal.touches)
-            && compared.is_far(noise_norm(&campaign.noise), nominal.touches)
-            || judgment.is_mostly_stopped(nominal.touches) && compared.closed.fraction < NEARLY,
+            && compared.is_far(noise_norm(&campaign.noise), nominal.touches),
         contradicted: trial.surprise.is_some(),
         silent,
         opposed: opposed.is_some(),

@@ -92,44 +92,21 @@ impl Refined {
 
     /// The same of some parameters.
     pub(crate) fn at_bounds_among(&self, places: Range<usize>) -> Vec<&str> {
-        let name = |i: usize| self.prior.parameters[i].name.as_str();
-        self.stopped_among(places).map(name).collect()
+        let stopped = |i: &usize| {
+            let p = &self.prior.parameters[*i];
+            let wanted = self.theta[*i].abs() > WANTED * self.sd[*i];
+            p.role == Role::Amplitude && is_stopped(p, self.theta[*i]) && wanted
+        };
+        let own = places.filter(stopped);
+        own.map(|i| self.prior.parameters[i].name.as_str())
+            .collect()
     }
 
     /// Whether there are any; where it `touches`, of an effect that does not follow contact.
     pub(crate) fn is_stopped(&self, touches: bool) -> bool {
-        let mut own = self.places_that_stop(touches);
-        own.any(|own| self.stopped_among(own).next().is_some())
-    }
-
-    /// Whether they are most of the amplitudes of an effect that the data clearly want.
-    pub(crate) fn is_mostly_stopped(&self, touches: bool) -> bool {
-        let mut own = self.places_that_stop(touches);
-        own.any(|own| {
-            let wanted = self.wanted_among(own.clone()).count();
-            2 * self.stopped_among(own).count() > wanted
-        })
-    }
-
-    /// Where the parameters of effects are; where it `touches`, of those that do not follow contact.
-    fn places_that_stop(&self, touches: bool) -> impl Iterator<Item = Range<usize>> {
-        let counts = move |e: &dyn Effect| !(touches && follows_contact(e));
-        let places = self.model.places();
-        places
-            .filter(move |(e, _)| counts(e.as_ref()))
-            .map(|(_, own)| own)
-    }
-
-    fn wanted_among(&self, places: Range<usize>) -> impl Iterator<Item = usize> {
-        places.filter(|i| {
-            let amplitude = self.prior.parameters[*i].role == Role::Amplitude;
-            amplitude && self.theta[*i].abs() > WANTED * self.sd[*i]
-        })
-    }
-
-    fn stopped_among(&self, places: Range<usize>) -> impl Iterator<Item = usize> {
-        let stopped = |i: &usize| is_stopped(&self.prior.parameters[*i], self.theta[*i]);
-        self.wanted_among(places).filter(stopped)
+        let counts = |effect: &dyn Effect| !(touches && follows_contact(effect));
+        let mut places = self.model.places().filter(|(e, _)| counts(e.as_ref()));
+        places.any(|(_, own)| !self.at_bounds_among(own).is_empty())
     }
 
     /// Whether the data say next to nothing of a parameter.

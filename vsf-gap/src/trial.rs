@@ -157,12 +157,6 @@ impl<'a> Judgment<'a> {
         corrected.is_some_and(|t| t.refined.is_stopped(touches))
     }
 
-    /// Whether most of what is clearly wanted of an effect of the corrected model stopped there.
-    pub(crate) fn is_mostly_stopped(&self, touches: bool) -> bool {
-        let corrected = self.corrected();
-        corrected.is_some_and(|t| t.refined.is_mostly_stopped(touches))
-    }
-
     /// Whether the corrected model, with this `error`, hardly predicts better than sensors that read nothing, with theirs.
     pub(crate) fn is_silent(&self, error: f64, of_silence: f64, touches: bool) -> bool {
         let barely = if !touches && self.is_stopped(touches) {
