@@ -210,6 +210,11 @@ impl Model {
         self.parts.iter().all(|(e, _)| other.has(e.name()))
     }
 
+    /// Whether another model has all of its effects, and no others.
+    pub(crate) fn has_effects_of(&self, other: &Self) -> bool {
+        self.is_part_of(other) && other.is_part_of(self)
+    }
+
     /// The same effects with other parameters, as many as [`Model::theta`] gives.
     #[must_use]
     pub(crate) fn at(&self, theta: &[f64]) -> Self {
@@ -341,10 +346,10 @@ impl Campaign {
         refined: Refined,
         start: &Model,
     ) -> Result<Refined, GapError> {
-        let fitted = self.fitted(&refined.model, self.train.iter())?;
-        if !fitted.touches() {
+        if !refined.touches {
             return Ok(refined);
         }
+        let fitted = self.fitted(&refined.model, self.train.iter())?;
         let own = fitted.best_stiffness(refined.spread.contact, refined.spread.joint)?;
         let own = fitted.raised(&own)?;
         let mut best = refined;

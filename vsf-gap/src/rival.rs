@@ -126,7 +126,7 @@ impl Search<'_> {
         following: &Model,
         others: Model,
     ) -> Result<Option<(Rival, Scene)>, GapError> {
-        let alone = self.without(campaign, named, following, &others)?;
+        let alone = self.with_only(campaign, named, &others)?;
         // As fitted beside the effects of contact, and alone: each contact takes what explains more in it.
         let fits: Vec<&Model> = [&others]
             .into_iter()
@@ -174,15 +174,14 @@ impl Search<'_> {
         Ok(Some((rival, other.scene)))
     }
 
-    /// A named model without some of its effects, fitted so; `None` where that leaves no others.
+    /// A named model with some of its effects alone, fitted so; `None` without any.
     ///
     /// # Errors
     /// As [`Search::rival`].
-    fn without(
+    fn with_only(
         &self,
         campaign: &Campaign,
         named: &Refined,
-        some: &Model,
         others: &Model,
     ) -> Result<Option<Cow<'_, Refined>>, GapError> {
         if others.parts.is_empty() {
@@ -191,7 +190,7 @@ impl Search<'_> {
         if let Some(found) = self.model_of(others) {
             return Ok(Some(Cow::Borrowed(found)));
         }
-        let (model, prior) = named.without(|e| some.has(e.name()));
+        let (model, prior) = named.without(|e| !others.has(e.name()));
         let fitted = campaign.refine(&model, prior, &named.spread)?;
         Ok(Some(Cow::Owned(fitted)))
     }
@@ -242,7 +241,7 @@ impl Search<'_> {
     fn model_of(&self, effects: &Model) -> Option<&Refined> {
         let mut all = (self.candidates.iter().filter_map(|c| c.refined.as_ref()))
             .chain(self.combinations.iter().map(|c| &c.refined));
-        all.find(|m| m.model.is_part_of(effects) && effects.is_part_of(&m.model))
+        all.find(|m| m.model.has_effects_of(effects))
     }
 }
 
@@ -305,8 +304,8 @@ mod tests {
         let mut pairs = search.combinations.iter().map(|c| &c.refined);
         let pair = pairs.find(|r| !r.model.has(names[2])).unwrap().clone();
         let gains = |search: &Search<'_>| {
-            let (some, others) = pair.model.parted(|e| e.name() == names[0]);
-            let without = search.without(&campaign, &pair, &some, &others);
+            let (_, others) = pair.model.parted(|e| e.name() == names[0]);
+            let without = search.with_only(&campaign, &pair, &others);
             let padded = search.padded(&campaign, None);
             [
                 without.unwrap().unwrap().log_evidence,

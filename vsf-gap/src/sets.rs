@@ -36,20 +36,11 @@ struct Further {
     effect: Arc<dyn Effect>,
 }
 
-impl Combination {
-    fn has_effects_of(&self, model: &Model) -> bool {
-        let own = &self.refined.model;
-        own.is_part_of(model) && model.is_part_of(own)
-    }
-}
-
 /// Adds a model to others, in place of one of the same effects that does worse. Whether one is earned is a matter of its
 /// effects, and not looked into on every way to it.
 fn add(models: &mut Vec<Combination>, new: Combination) {
-    match models
-        .iter_mut()
-        .find(|m| m.has_effects_of(&new.refined.model))
-    {
+    let is_same = |m: &&mut Combination| m.refined.model.has_effects_of(&new.refined.model);
+    match models.iter_mut().find(is_same) {
         Some(same) => {
             same.earned |= new.earned;
             if new.refined.log_evidence > same.refined.log_evidence {
@@ -221,7 +212,9 @@ impl Campaign {
         let parts = &refined.model.parts;
         for (part, (effect, _)) in parts.iter().enumerate().rev().skip(1) {
             let without = self.refined_without(refined, part)?;
-            let known = shorter.iter().filter(|c| c.has_effects_of(&without.model));
+            let known = shorter
+                .iter()
+                .filter(|c| c.refined.model.has_effects_of(&without.model));
             let best = known.fold(without.log_evidence, |best, c| {
                 best.max(c.refined.log_evidence)
             });
@@ -274,7 +267,8 @@ impl Campaign {
             loop {
                 best_first(&mut shorter, |s| margin(&s.refined, base, rough));
                 let best = shorter.iter().take(KEPT);
-                let is_new = |s: &&Combination| !seen.iter().any(|m| s.has_effects_of(m));
+                let is_new =
+                    |s: &&Combination| !seen.iter().any(|m| m.has_effects_of(&s.refined.model));
                 let new: Vec<&Combination> = best.filter(is_new).collect();
                 if new.is_empty() {
                     break;
@@ -326,11 +320,12 @@ impl Campaign {
             whole.log_evidence - rest.log_evidence > required
         };
         let each_gains = |whole: &Refined| -> Result<bool, GapError> {
-            let mut all = true;
             for (part, (effect, _)) in whole.model.parts.iter().enumerate() {
-                all &= gains(whole, effect.as_ref(), &self.refined_without(whole, part)?);
+                if !gains(whole, effect.as_ref(), &self.refined_without(whole, part)?) {
+                    return Ok(false);
+                }
             }
-            Ok(all)
+            Ok(true)
         };
         let (mut longer, mut instead) = (Vec::new(), Vec::new());
         for Further { refined, effect } in models {
