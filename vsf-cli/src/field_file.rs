@@ -149,8 +149,8 @@ impl FieldFile {
                 effects_of(given)
             )),
             (None, Some(given)) if is_ours => console.warn(format!(
-                "{path}: the field was estimated without the corrected model ({}); its stiffness makes up for \
-                 the same effects",
+                "{path}: the field was estimated without the corrected model ({}); if these effects acted there, its \
+                 stiffness makes up for them",
                 effects_of(given)
             )),
             _ => {}

@@ -168,6 +168,7 @@ impl Dataset {
         }
         warnings.extend(self.repeated_points(dir));
         warnings.extend(self.other_rate(dir));
+        warnings.extend(self.earlier_sequences(dir));
         warnings.extend(self.copied_sequences(dir));
         let Splits { train, test } = &self.splits;
         let used: BTreeSet<&String> = train.iter().chain(test).collect();
@@ -193,6 +194,22 @@ impl Dataset {
             });
         }
         warnings
+    }
+
+    /// Sequences that were over before the one named before them began.
+    fn earlier_sequences(&self, dir: &Path) -> Option<DataWarning> {
+        let earlier = |pair: &&[Sequence]| {
+            let (begin, end) = (pair[0].time.first(), pair[1].time.last());
+            pair[1].time.len() > 1 && end.zip(begin).is_some_and(|(end, begin)| end < begin)
+        };
+        let mut found = self.sequences.windows(2).filter(earlier);
+        let pair = found.next()?;
+        Some(DataWarning::EarlierSequences {
+            path: dir.to_owned(),
+            first: pair[1].id.clone(),
+            of: pair[0].id.clone(),
+            others: found.count(),
+        })
     }
 
     /// Sequences of the same numbers, test sequences of the very angles of train sequences, and torques that come again

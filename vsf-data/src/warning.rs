@@ -164,6 +164,23 @@ pub enum DataWarning {
         /// IDs of the sequences.
         ids: Vec<String>,
     },
+    /// Sequences that were over before one began that is named before them. A session goes by names.
+    #[error(
+        "{}: sequence {first} was over before {of} began, but is taken to follow it: sessions go by the order of names, and \
+         what drifts, wears or softens comes out wrong; name sequences in the order of recording{}",
+        path.display(),
+        more_of_kind(*others)
+    )]
+    EarlierSequences {
+        /// The data set.
+        path: PathBuf,
+        /// ID of the first of them.
+        first: String,
+        /// ID of the sequence named before it.
+        of: String,
+        /// Further ones.
+        others: usize,
+    },
     /// Samples that are all further apart than the pause that ends a sequence, as where times are not in seconds.
     #[error(
         "{}: each of the {count} samples is a sequence of its own, more than {gap:?} s from the next: times must be in \

@@ -17,12 +17,10 @@ use crate::report_file::SCHEMA;
 use crate::search::Search;
 use crate::trial::{Judgment, Trial};
 use crate::verdict::{Answer, Findings};
-use crate::windows::Windows;
+use crate::windows::{FEW, Windows};
 use crate::{Campaign, Effect, GapError, Model, Motion, effects};
 use std::sync::Arc;
 
-/// Fewest samples of a window that contact is run through.
-const PER_WINDOW: usize = 5;
 /// Effects of which it is told how they do on the test sequences, whether they were up to be named or not.
 const CHECKED: usize = 3;
 /// Two probabilities closer than this count as equal.
@@ -93,7 +91,7 @@ impl DiagnosisStep {
 ///
 /// # Errors
 /// [`GapError::TooLittle`]: no train sequence, fewer than 8 runs of 4 train samples, joints that all stand still (within 1e-3 rad
-/// or m), or no effect that these data could show. Effects whose parameters or starts cannot be, rows that contact
+/// or m), or no effect that these data could show. [`GapError::TooMuch`]: a robot of more than 48 joints. Effects whose parameters or starts cannot be, rows that contact
 /// cannot take, covariances that are not positive definite.
 pub fn diagnose(
     campaign: &Campaign,
@@ -293,12 +291,12 @@ fn attempt(
 /// # Errors
 /// None in practice: tables keep their form.
 fn few_samples(campaign: &Campaign) -> Result<Option<Campaign>, GapError> {
-    let samples = campaign.train.iter().map(Motion::len).sum();
+    let motions: Vec<&Motion> = campaign.train.iter().collect();
     // Without contact there is none to run, and friction of mean speeds is not the mean of friction.
     let by = if campaign.test.is_empty() || campaign.site.rest.is_empty() {
         1
     } else {
-        Windows::size(samples, campaign.site.joints()) / PER_WINDOW
+        Windows::size(&motions, campaign.site.joints()) / FEW
     };
     (by > 1).then(|| campaign.thinned(by)).transpose()
 }

@@ -3,11 +3,23 @@ use crate::{Campaign, GapError};
 /// Samples in a row that noise is read from, and how many such runs tell it.
 const SHORTEST_RUN: usize = 4;
 const FEWEST_RUNS: usize = 8;
+/// Most joints: every pair of them may be coupled, and all pairs are held at once.
+const MOST_JOINTS: usize = 48;
 /// A joint that moves by less (rad or m) stands still.
 const STILL: f64 = 1e-3;
 
-/// Checks that the train sequences tell noise from a gap, and a gap from a constant.
+/// Checks that the train sequences tell noise from a gap, and a gap from a constant, and that the arm has no more joints than
+/// a diagnosis takes.
 pub(crate) fn enough(campaign: &Campaign) -> Result<(), GapError> {
+    let joints = campaign.site.joints();
+    if joints > MOST_JOINTS {
+        return Err(GapError::TooMuch {
+            what: "joints",
+            problem: format!(
+                "the robot has {joints}, a diagnosis takes {MOST_JOINTS} at most; make joints that stand still fixed ones"
+            ),
+        });
+    }
     if campaign.train.is_empty() {
         return Err(GapError::TooLittle {
             what: "train sequences",
@@ -42,4 +54,56 @@ pub(crate) fn enough(campaign: &Campaign) -> Result<(), GapError> {
         });
     }
     Ok(())
+}
+
+#[cfg(test)]
+#[allow(clippy::unwrap_used)]
+mod tests {
+    use super::*;
+    use std::fmt::Write;
+    use vsf_data::{Dataset, RobotRef, Sequence, Table};
+    use vsf_pipeline::SceneOptions;
+
+    /// Every pair of joints may be coupled: of 250 joints that is 93 GB of places to start from.
+    #[test]
+    fn arms_of_very_many_joints_are_refused() {
+        for joints in [MOST_JOINTS, MOST_JOINTS + 1, 250] {
+            let mut urdf = String::from("<robot name='snake'><link name='l0'/>");
+            for j in 0..joints {
+                let (child, axis) = (j + 1, ["1 0 0", "0 1 0"][j % 2]);
+                write!(
+                    urdf,
+                    "<link name='l{child}'><inertial><origin xyz='0.1 0 0'/><mass value='0.1'/>
+                     <inertia ixx='1e-4' iyy='1e-4' izz='1e-4' ixy='0' ixz='0' iyz='0'/></inertial></link>
+                     <joint name='j{j}' type='continuous'><parent link='l{j}'/><child link='l{child}'/>
+                     <origin xyz='0.2 0 0'/><axis xyz='{axis}'/></joint>"
+                )
+                .unwrap();
+            }
+            urdf += "</robot>";
+            let folder = tempfile::tempdir().unwrap();
+            std::fs::write(folder.path().join("snake.urdf"), urdf).unwrap();
+            let table = || {
+                let sweep = (0..40 * joints).map(|k| 0.01 * (k / joints) as f64);
+                Table::new(joints, sweep.collect()).unwrap()
+            };
+            let sequence = |id: &str| {
+                let time = (0..40).map(f64::from).collect();
+                Sequence::new(id, time, table(), table())
+            };
+            let robot = RobotRef::resolve("snake.urdf", folder.path()).unwrap();
+            let dataset = Dataset::new(robot, vec![sequence("0"), sequence("1")]);
+            let campaign = Campaign::open(&dataset, &SceneOptions::default()).unwrap();
+            let result = enough(&campaign);
+            if joints == MOST_JOINTS {
+                result.unwrap();
+            } else {
+                let error = result.unwrap_err().to_string();
+                assert!(
+                    error.contains(&format!("has {joints}, a diagnosis takes 48")),
+                    "{error}"
+                );
+            }
+        }
+    }
 }

@@ -59,6 +59,14 @@ pub enum GapError {
         /// How much there is, and what to do.
         problem: String,
     },
+    /// More than a diagnosis takes.
+    #[error("{what}: {problem}")]
+    TooMuch {
+        /// What there is too much of.
+        what: &'static str,
+        /// How much there is, and what to do.
+        problem: String,
+    },
     /// A sample whose time does not go on from the one before it.
     #[error(
         "the clock goes on by {dt:?} s; within a touch it has to increase, begin a touch after a gap"

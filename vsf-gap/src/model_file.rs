@@ -267,16 +267,31 @@ impl EffectEntry {
             parameters[k].role == Role::Amplitude && (of_set || parameters[k].sequence.is_some())
         };
         let missing = (0..parameters.len()).filter(|k| !is_given(k) && !may_rest(*k));
-        let missing: Vec<String> = (missing.map(|k| &parameters[k]))
-            .map(|p| format!("{:?} ({})", p.name, p.unit))
-            .collect();
+        let missing: Vec<&Parameter> = missing.map(|k| &parameters[k]).collect();
         if !missing.is_empty() {
+            let shapes = missing.iter().filter(|p| p.role == Role::Shape);
+            let shapes: Vec<String> = shapes
+                .map(|p| {
+                    format!(
+                        "{:?} from {:?} to {:?} {}",
+                        p.name, p.bounds[0], p.bounds[1], p.unit
+                    )
+                })
+                .collect();
+            let values = match shapes.len() {
+                0 => "0 for what does not act".to_owned(),
+                n if n == missing.len() => format!("give {}", listed(&shapes)),
+                _ => format!("0 for what does not act, but {}", listed(&shapes)),
+            };
+            let missing: Vec<String> = (missing.iter())
+                .map(|p| format!("{:?} ({})", p.name, p.unit))
+                .collect();
             let (are, what) = match missing.len() {
                 1 => ("is", "parameter"),
                 _ => ("are", "parameters"),
             };
             return Err(self.wrong(format!(
-                "{what} {} {are} missing, 0 for what does not act; it has {}",
+                "{what} {} {are} missing, {values}; it has {}",
                 listed(&missing),
                 names()
             )));

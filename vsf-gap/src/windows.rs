@@ -6,6 +6,11 @@ use vsf_data::Table;
 
 /// Most numbers (windows times joints) that a diagnosis works with.
 const MOST_ROWS: usize = 1300;
+/// Longest window (s), unless it is of few samples: what effects do quickly would be smeared over longer ones, and contact
+/// that is run through their fifths would be a rougher one than the judgment was settled with.
+const LONGEST: f64 = 0.23;
+/// Few samples for a window.
+pub(crate) const FEW: usize = 5;
 /// Where the force at the contact is wrong by all of its size, the place where it acts is wrong by so much (m): about the
 /// thickness of a link.
 const PLACE: f64 = 0.1;
@@ -14,7 +19,7 @@ pub(crate) const LEVERS: usize = 6;
 /// Noise that is less correlated is not.
 const FADED: f64 = 1e-9;
 
-/// Samples in a row that are averaged.
+/// Samples in a row that are averaged; of long recordings there are some between one window and the next.
 #[derive(Debug, Clone, PartialEq)]
 pub(crate) struct Window {
     /// Index of the sequence.
@@ -37,9 +42,24 @@ pub(crate) struct Windows {
 }
 
 impl Windows {
-    /// Samples per window.
-    pub(crate) fn size(samples: usize, joints: usize) -> usize {
+    /// Samples from one window to the next.
+    fn spacing(motions: &[&Motion], joints: usize) -> usize {
+        let samples: usize = motions.iter().map(|m| m.len()).sum();
         (samples * joints).div_ceil(MOST_ROWS).max(1)
+    }
+
+    /// Most samples of a window.
+    pub(crate) fn size(motions: &[&Motion], joints: usize) -> usize {
+        let touches = || {
+            motions
+                .iter()
+                .flat_map(|m| m.touches.iter().map(|t| &m.clock[t.clone()]))
+        };
+        let steps: usize = touches().map(|clock| clock.len().saturating_sub(1)).sum();
+        let time: f64 = (touches().filter_map(|clock| Some(clock.last()? - clock.first()?))).sum();
+        // Without a step none is too long.
+        let longest = (LONGEST * steps as f64 / time) as usize;
+        Self::spacing(motions, joints).min(longest.max(FEW))
     }
 
     /// The rows of each sequence.
@@ -54,10 +74,11 @@ impl Windows {
         sequences.map(of).collect()
     }
 
-    /// Cuts sequences into windows of about equal length, so that there are not many more than 1300
-    /// rows; none across two touches, unless there are too many of them.
+    /// Windows at about equal distances, so that there are not many more than 1300 rows; none across two touches, unless
+    /// there are too many of them.
     pub(crate) fn new(motions: &[&Motion], joints: usize) -> Self {
-        let size = Self::size(motions.iter().map(|m| m.len()).sum(), joints);
+        let spacing = Self::spacing(motions, joints);
+        let size = Self::size(motions, joints);
         let touches: usize = motions.iter().map(|m| m.touches.len()).sum();
         let many = touches * joints > MOST_ROWS;
         let (mut list, mut run) = (Vec::new(), 0);
@@ -69,10 +90,10 @@ impl Windows {
                 &motion.touches
             };
             for range in ranges {
-                let parts = range.len().div_ceil(size).max(1);
+                let parts = range.len().div_ceil(spacing).max(1);
                 for k in 0..parts {
                     let cut = |k: usize| range.start + k * range.len() / parts;
-                    let rows = cut(k)..cut(k + 1);
+                    let rows = cut(k)..cut(k + 1).min(cut(k) + size);
                     if !rows.is_empty() {
                         let clock = motion.clock[rows.start + rows.len() / 2];
                         list.push(Window {
@@ -95,10 +116,10 @@ impl Windows {
     }
 
     /// For every sample of every sequence, its window.
-    fn index(&self, motions: &[&Motion]) -> Vec<Vec<u32>> {
-        let mut index: Vec<_> = motions.iter().map(|m| vec![0; m.len()]).collect();
+    fn index(&self, motions: &[&Motion]) -> Vec<Vec<Option<u32>>> {
+        let mut index: Vec<_> = motions.iter().map(|m| vec![None; m.len()]).collect();
         for (i, w) in self.list.iter().enumerate() {
-            index[w.sequence][w.rows.clone()].fill(i as u32);
+            index[w.sequence][w.rows.clone()].fill(Some(i as u32));
         }
         index
     }
@@ -200,7 +221,9 @@ impl Campaign {
         let index = windows.index(motions);
         let mut column = vec![0.0; d];
         self.predict(model, motions, logs, |s, row, touch, terms| {
-            let i = index[s][row] as usize;
+            let Some(i) = index[s][row].map(|i| i as usize) else {
+                return;
+            };
             let share = 1.0 / windows.list[i].rows.len() as f64;
             for (a, t) in design.a[i * d..].iter_mut().zip(&terms.torques) {
                 *a += share * t;
@@ -233,7 +256,9 @@ impl Campaign {
         let index = windows.index(motions);
         let mut tau = vec![0.0; d];
         self.predict(model, motions, logs, |s, row, touch, terms| {
-            let i = index[s][row] as usize;
+            let Some(i) = index[s][row].map(|i| i as usize) else {
+                return;
+            };
             let share = 1.0 / windows.list[i].rows.len() as f64;
             terms.apply(touch, stiffness, &mut tau);
             for (o, t) in out[i * d..].iter_mut().zip(&tau) {
@@ -376,18 +401,26 @@ mod tests {
         assert!((0..3).all(|l| size(l) > 0.1) && (3..LEVERS).all(|l| size(l) == 0.0));
     }
 
+    /// Ten samples a second: as long as a window may be, they are of five.
     #[test]
-    fn windows_hold_every_sample_once_however_many_touches_there_are() {
-        for (touches, samples) in [(1, 700), (3, 5000), (900, 8), (40_000, 3)] {
+    fn windows_hold_every_sample_once_until_they_are_too_long() {
+        for (touches, samples) in [(1, 700), (3, 2000), (3, 50_000), (900, 7), (40_000, 3)] {
             let ranges = (0..touches).map(|t| t * samples..(t + 1) * samples);
             let motion = Motion::counting(touches * samples, ranges.collect());
             let windows = Windows::new(&[&motion], 1);
+            let fits = touches * samples <= FEW * MOST_ROWS;
             let mut next = 0;
             for w in &windows.list {
-                assert_eq!(w.rows.start, next);
+                assert!(if fits {
+                    w.rows.start == next
+                } else {
+                    w.rows.start > next || next == 0
+                });
+                assert!((1..=FEW).contains(&w.rows.len()));
                 next = w.rows.end;
             }
-            assert_eq!(next, motion.len());
+            assert!(next > motion.len() - motion.len() / MOST_ROWS - FEW);
+            assert!(!fits || next == motion.len());
             assert!(
                 windows.rows() <= MOST_ROWS + touches.min(MOST_ROWS),
                 "{touches}"
@@ -398,7 +431,13 @@ mod tests {
     /// Against `A S A^T`, S the covariance of the samples of AR(1) noise that begins afresh with every touch.
     #[test]
     fn val_noise_of_windows_is_that_of_averaged_samples() {
-        let (touches, samples, joints) = (3, 600, 2);
+        for samples in [600, 2000] {
+            check_noise(samples);
+        }
+    }
+
+    fn check_noise(samples: usize) {
+        let (touches, joints) = (3, 2);
         let ranges = (0..touches).map(|t| t * samples..(t + 1) * samples);
         let motion = Motion::counting(touches * samples, ranges.collect());
         let windows = Windows::new(&[&motion], joints);

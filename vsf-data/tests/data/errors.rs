@@ -491,6 +491,20 @@ fn warnings_name_what_was_seen() {
         )
     );
 
+    // Names that do not go on as the time does; a clock that starts anew is none of that.
+    let time = |from: f64| f8("(4,)", &[from, from + 1.0, from + 2.0, from + 3.0]);
+    for (first, second, earlier) in [(100.0, 0.0, true), (0.0, 100.0, false), (1.0, 0.0, false)] {
+        let folder = Folder::new();
+        folder.write("seq_2/time.npy", &time(first));
+        folder.write("seq_10/time.npy", &time(second));
+        let (_, warnings) = folder.open().unwrap();
+        let told = warnings.iter().any(|w| {
+            matches!(w, DataWarning::EarlierSequences { first, of, others: 0, .. }
+                if first == "10" && of == "2")
+        });
+        assert_eq!(told, earlier, "{warnings:?}");
+    }
+
     // One touch under two names.
     let folder = Folder::new();
     for file in ["angles.npy", "torques.npy"] {

@@ -426,7 +426,7 @@ fn amplitudes_that_may_not_act_are_left_out_of_files() {
         error
             .unwrap()
             .to_string()
-            .contains("\"eps\" (m/s) is missing")
+            .contains("\"eps\" (m/s) is missing, give \"eps\" from 0.001 to 0.2 m/s")
     );
     for taken in 0..3 {
         let mut part = file.clone();
