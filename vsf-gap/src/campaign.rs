@@ -327,7 +327,8 @@ impl Campaign {
         };
         let (train, test) = (thinned(&self.train)?, thinned(&self.test)?);
         let samples = |motions: &[Motion]| motions.iter().map(Motion::len).sum::<usize>();
-        // Touches end before a block is full.
+        // Touches end before a block is full. Rounded down: that takes noise for larger than it is, as it was when the
+        // constants of the judgment were settled, and leaves room for contact that is run through means.
         let by = samples(&self.train) / samples(&train).max(1);
         Ok(Self {
             noise: self.noise.iter().map(|n| n.of_means(by)).collect(),

@@ -14,7 +14,7 @@ const ROUNDS: usize = 3;
 pub struct Residuals {
     /// Number of joints.
     pub joints: usize,
-    /// Measured less predicted (N m or N), one row per sample of each sequence.
+    /// Measured less predicted (N m or N), of each sequence: samples one behind the other, all joints of each.
     pub rows: Vec<Vec<f64>>,
     /// What the model predicts (N m or N), alike.
     pub predicted: Vec<Vec<f64>>,

@@ -16,9 +16,9 @@ pub struct ContactLog {
     /// Force on the robot that explains the readings best (N, world).
     pub forces: Vec<Vector3<f64>>,
     /// What the rigid body adds to the reading because the links are not where the recording has
-    /// them (N m or N); empty where the readings leave it out.
+    /// them (N m or N), all joints of every row; empty where the readings leave it out.
     pub rigid: Vec<f64>,
-    /// Positions, velocities and accelerations of all joints as the links moved, row after row.
+    /// Of every row the positions (rad or m) of all joints as the links moved, then their velocities, then their accelerations.
     pub moved: Vec<f64>,
 }
 
@@ -190,7 +190,8 @@ pub(crate) fn contact_config(scene: &Scene, effects: &dyn Compensator) -> Contac
     config
 }
 
-/// The middle of the contact, and the link with most of the touched points.
+/// The link with most of the touched points, the last one of several, and the middle of the contact (m, world); `None` where
+/// nothing is touched.
 ///
 /// # Panics
 /// If a touched point is none of the rest points.

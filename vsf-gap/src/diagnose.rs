@@ -17,8 +17,7 @@ use crate::report_file::SCHEMA;
 use crate::search::Search;
 use crate::trial::{Judgment, Trial};
 use crate::verdict::{Answer, Findings};
-use crate::windows::{FEW, Windows};
-use crate::{Campaign, Effect, GapError, Model, Motion, effects};
+use crate::{Campaign, Effect, GapError, Model, effects};
 use std::sync::Arc;
 
 /// Effects of which it is told how they do on the test sequences, whether they were up to be named or not.
@@ -91,8 +90,8 @@ impl DiagnosisStep {
 ///
 /// # Errors
 /// [`GapError::TooLittle`]: no train sequence, fewer than 8 runs of 4 train samples, joints that all stand still (within 1e-3 rad
-/// or m), or no effect that these data could show. [`GapError::TooMuch`]: a robot of more than 48 joints. Effects whose parameters or starts cannot be, rows that contact
-/// cannot take, covariances that are not positive definite.
+/// or m), or no effect that these data could show. [`GapError::TooMuch`]: a robot of more than 48 joints. Effects whose
+/// parameters or starts cannot be, rows that contact cannot take, covariances that are not positive definite.
 pub fn diagnose(
     campaign: &Campaign,
     effects: &[Arc<dyn Effect>],
@@ -291,12 +290,11 @@ fn attempt(
 /// # Errors
 /// None in practice: tables keep their form.
 fn few_samples(campaign: &Campaign) -> Result<Option<Campaign>, GapError> {
-    let motions: Vec<&Motion> = campaign.train.iter().collect();
     // Without contact there is none to run, and friction of mean speeds is not the mean of friction.
     let by = if campaign.test.is_empty() || campaign.site.rest.is_empty() {
         1
     } else {
-        Windows::size(&motions, campaign.site.joints()) / FEW
+        campaign.averaged()
     };
     (by > 1).then(|| campaign.thinned(by)).transpose()
 }

@@ -44,7 +44,7 @@ impl Campaign {
     ) -> Result<Fitted<'a>, GapError> {
         let d = self.site.joints();
         let motions: Vec<&Motion> = motions.into_iter().collect();
-        let windows = Windows::new(&motions, d);
+        let windows = self.windows(&motions);
         let logs = self.contact_logs(model, &motions)?;
         let design = self.design(model, &motions, &logs, &windows)?;
         let readings = windows.means(|s| &motions[s].reading);
@@ -88,7 +88,8 @@ impl Campaign {
             windows,
             uniform,
             likeness,
-            touched: !design.points.is_empty(),
+            touched: (0..design.w.ncols())
+                .any(|k| design.w.col_as_slice(k).iter().any(|w| *w != 0.0)),
             design,
             readings,
             parts,

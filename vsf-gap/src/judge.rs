@@ -149,7 +149,7 @@ pub(crate) struct OnTest {
     pub(crate) foretold: f64,
     /// Whether the plain error grows.
     pub(crate) worse: bool,
-    /// Number of their samples over that of the train sequences.
+    /// Number of their samples that the gain is of, over that of the train sequences.
     pub(crate) share: f64,
 }
 

@@ -133,10 +133,10 @@ impl ModelTerms {
             .try_for_each(|s| CoreError::check_finite("springs of the model", s.as_slice()))
     }
 
-    /// The column `-G J(q, p + u)^T s` of contact `k`, written to `out`.
+    /// The column `-G J(q, p + u)^T s` of contact `k`, written to `out`, a number per joint (m², or m of joints that slide).
     ///
     /// # Panics
-    /// If there is no such contact, or it is none of the rest points.
+    /// If there is no such contact, it is none of the rest points, or `out` is too short.
     pub fn column(&self, touch: &Touch<'_>, k: usize, out: &mut [f64]) {
         let contacts = touch.contacts;
         let point = contacts.points()[k] as usize;

@@ -99,7 +99,7 @@ impl Motion {
         }
         CoreError::check_len("samples of all touches", end, n)?;
         let steps = |touch: &Range<usize>| self.clock[touch.clone()].windows(2);
-        let back = (self.touches.iter()).find_map(|t| steps(t).find(|c| c[1] < c[0]));
+        let back = (self.touches.iter()).find_map(|t| steps(t).find(|c| c[1] <= c[0]));
         match back {
             Some(clock) => Err(GapError::TimeBackwards {
                 dt: clock[1] - clock[0],

@@ -1,5 +1,6 @@
 use crate::{ContactLog, Motion};
 use std::sync::Arc;
+use vsf_core::median;
 
 /// Noise of one joint's reading: first-order autoregressive.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -84,7 +85,7 @@ impl NoiseFloor {
             let largest = |order: usize| {
                 let pairs = free.pairs(j, order);
                 let is_told = pairs.len() >= SOME;
-                Some(STEP * median(&pairs)).filter(|largest| is_told && *largest > 0.0)
+                Some(STEP * median_size(&pairs)).filter(|largest| is_told && *largest > 0.0)
             };
             let is_told = largest(ORDERS[0]).is_some();
             if is_enough && is_told {
@@ -217,16 +218,14 @@ struct Moments {
 }
 
 /// The median size of differences.
-fn median(pairs: &[(f64, f64)]) -> f64 {
-    let mut sizes: Vec<f64> = pairs.iter().map(|(a, _)| a.abs()).collect();
-    sizes.sort_by(f64::total_cmp);
-    sizes.get(sizes.len() / 2).copied().unwrap_or(0.0)
+fn median_size(pairs: &[(f64, f64)]) -> f64 {
+    median(pairs.iter().map(|(a, _)| a.abs()).collect()).unwrap_or(0.0)
 }
 
 /// Moments without steps of the signal: what lies beyond `steps_from`, if that is known.
 fn moments(pairs: &[(f64, f64)], steps_from: Option<f64>) -> Moments {
     let limit = steps_from.unwrap_or_else(|| {
-        let limit = STEP * median(pairs);
+        let limit = STEP * median_size(pairs);
         let beyond = pairs.iter().filter(|(a, _)| a.abs() > limit).count();
         if beyond as f64 > FEW * pairs.len() as f64 {
             f64::INFINITY

@@ -180,12 +180,12 @@ impl Fitted<'_> {
         whitened(&self.rest(), factor)
     }
 
-    /// How far innovations persist: their correlation from window to window of a touch, over all joints. About 0
-    /// if the model is right; less than three deviations of what white ones have count as 0.
+    /// How far innovations persist: their correlation from a window to the next of a touch, over all joints, where less than
+    /// a window lies between. About 0 if the model is right; less than three deviations of what white ones have count as 0.
     pub(crate) fn persistence(&self, factor: &Factor) -> f64 {
         let list = &self.windows.list;
         let follows: Vec<bool> = (0..list.len())
-            .map(|i| i > 0 && list[i].run == list[i - 1].run)
+            .map(|i| i > 0 && list[i].follows(&list[i - 1]))
             .collect();
         let correlation = correlation(&self.innovations(factor), self.windows.joints, &follows);
         let pairs = follows.iter().filter(|f| **f).count() * self.windows.joints;

@@ -209,7 +209,8 @@ pub struct Outcome {
     /// [`Campaign::with_suited_fields`] where effects are not told from it; as it was split, where halves of test
     /// sequences were fitted.
     pub campaign: Campaign,
-    /// Whether the cause is unknown since what the named effects leave lasts, and for no other reason.
+    /// Whether the cause is unknown since what the named effects leave lasts, or the test sequences contradict that there is
+    /// none, and no sensor, sign or place is at fault.
     pub(crate) open: bool,
 }
 

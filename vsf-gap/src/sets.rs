@@ -135,7 +135,7 @@ impl Campaign {
                     break;
                 }
             }
-            // What stopped at a bound stands for something else, and further effects would take what it could not.
+            // Of several, what stopped at a bound stands for something else, and further effects would take what it could not.
             let free = longer.iter().filter(|c| !c.refined.is_stopped(true));
             shorter = free.map(|c| c.refined.clone()).collect();
             found.append(&mut longer);

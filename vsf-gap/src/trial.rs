@@ -385,6 +385,16 @@ impl<'a> Trial<'a> {
         (NOTICED * noise_norm(&self.whole.noise)).max(LEAST * rms)
     }
 
+    /// Samples in windows of these sequences, among those of all, over those in windows of the train sequences: what the
+    /// former may tell of what the latter do.
+    fn share(&self) -> f64 {
+        let train: Vec<&Motion> = self.thinned.train.iter().collect();
+        let session = self.thinned.session();
+        let is_test = |k: usize| (self.thinned.test.iter()).any(|m| std::ptr::eq(m, session[k]));
+        let tested = self.thinned.windows(&session).samples(is_test);
+        tested as f64 / self.thinned.windows(&train).samples(|_| true).max(1) as f64
+    }
+
     /// Judges the hypotheses, and leaves aside the best one as long as it does not stand.
     ///
     /// # Errors
@@ -394,7 +404,7 @@ impl<'a> Trial<'a> {
         mut hypotheses: Vec<Hypothesis<'h>>,
         nominal: &Nominal,
     ) -> Result<Judgment<'h>, GapError> {
-        let share = samples(self.sequences) / samples(&self.whole.train);
+        let share = self.share();
         let before = self.left_free(&self.before, nominal.perfect);
         let noticed = self.noticed();
         let much = |after: f64| (after > noticed && after > REMAINS * before).then_some(after);

@@ -6,11 +6,15 @@ use vsf_data::Table;
 
 /// Most numbers (windows times joints) that a diagnosis works with.
 const MOST_ROWS: usize = 1300;
-/// Longest window (s), unless it is of few samples: what effects do quickly would be smeared over longer ones, and contact
-/// that is run through their fifths would be a rougher one than the judgment was settled with.
-const LONGEST: f64 = 0.23;
+/// Longest window where something may be touched (s), unless it is of few samples: over longer ones what effects do
+/// quickly is smeared.
+const LONGEST: f64 = 0.35;
 /// Few samples for a window.
-pub(crate) const FEW: usize = 5;
+const FEW: usize = 5;
+/// The longest time of samples that are averaged before contact is run (s): through coarser ones it is too rough.
+const COARSEST: f64 = 0.046;
+/// Windows take their places between the next ones by multiples of the golden ratio, which never keep step with touches.
+const GOLDEN: f64 = 0.618_033_988_749_895;
 /// Where the force at the contact is wrong by all of its size, the place where it acts is wrong by so much (m): about the
 /// thickness of a link.
 const PLACE: f64 = 0.1;
@@ -32,6 +36,13 @@ pub(crate) struct Window {
     pub(crate) clock: f64,
 }
 
+impl Window {
+    /// Whether it is of the same touch as one before it, and less than a window lies between.
+    pub(crate) fn follows(&self, before: &Self) -> bool {
+        self.run == before.run && self.rows.start - before.rows.end < before.rows.len()
+    }
+}
+
 /// The windows of some sequences. Row `i d + j` of a vector over windows is joint `j` in window `i`.
 #[derive(Debug, Clone)]
 pub(crate) struct Windows {
@@ -42,26 +53,6 @@ pub(crate) struct Windows {
 }
 
 impl Windows {
-    /// Samples from one window to the next.
-    fn spacing(motions: &[&Motion], joints: usize) -> usize {
-        let samples: usize = motions.iter().map(|m| m.len()).sum();
-        (samples * joints).div_ceil(MOST_ROWS).max(1)
-    }
-
-    /// Most samples of a window.
-    pub(crate) fn size(motions: &[&Motion], joints: usize) -> usize {
-        let touches = || {
-            motions
-                .iter()
-                .flat_map(|m| m.touches.iter().map(|t| &m.clock[t.clone()]))
-        };
-        let steps: usize = touches().map(|clock| clock.len().saturating_sub(1)).sum();
-        let time: f64 = (touches().filter_map(|clock| Some(clock.last()? - clock.first()?))).sum();
-        // Without a step none is too long.
-        let longest = (LONGEST * steps as f64 / time) as usize;
-        Self::spacing(motions, joints).min(longest.max(FEW))
-    }
-
     /// The rows of each sequence.
     pub(crate) fn rows_of_sequences(&self) -> Vec<Range<usize>> {
         let mut end = 0;
@@ -74,11 +65,10 @@ impl Windows {
         sequences.map(of).collect()
     }
 
-    /// Windows at about equal distances, so that there are not many more than 1300 rows; none across two touches, unless
-    /// there are too many of them.
-    pub(crate) fn new(motions: &[&Motion], joints: usize) -> Self {
-        let spacing = Self::spacing(motions, joints);
-        let size = Self::size(motions, joints);
+    /// Windows in places at about equal distances, so that there are not many more than 1300 rows; none across two touches,
+    /// unless there are too many of them. One that is `longest` (s) does not fill its place.
+    pub(crate) fn new(motions: &[&Motion], joints: usize, longest: f64) -> Self {
+        let spacing = spacing(motions, joints);
         let touches: usize = motions.iter().map(|m| m.touches.len()).sum();
         let many = touches * joints > MOST_ROWS;
         let (mut list, mut run) = (Vec::new(), 0);
@@ -90,10 +80,15 @@ impl Windows {
                 &motion.touches
             };
             for range in ranges {
+                let size = samples_within(longest, &motion.clock[range.clone()]).max(FEW);
                 let parts = range.len().div_ceil(spacing).max(1);
                 for k in 0..parts {
                     let cut = |k: usize| range.start + k * range.len() / parts;
-                    let rows = cut(k)..cut(k + 1).min(cut(k) + size);
+                    let place = cut(k)..cut(k + 1);
+                    let spare = place.len().saturating_sub(size) as f64;
+                    let start =
+                        place.start + ((GOLDEN * list.len() as f64).fract() * spare) as usize;
+                    let rows = start..place.end.min(start + size);
                     if !rows.is_empty() {
                         let clock = motion.clock[rows.start + rows.len() / 2];
                         list.push(Window {
@@ -108,6 +103,12 @@ impl Windows {
             }
         }
         Self { list, joints }
+    }
+
+    /// Samples in windows of some sequences.
+    pub(crate) fn samples(&self, of: impl Fn(usize) -> bool) -> usize {
+        let own = self.list.iter().filter(|w| of(w.sequence));
+        own.map(|w| w.rows.len()).sum()
     }
 
     /// Number of rows.
@@ -176,6 +177,20 @@ impl Windows {
     }
 }
 
+/// Samples from one window to the next.
+fn spacing(motions: &[&Motion], joints: usize) -> usize {
+    let samples: usize = motions.iter().map(|m| m.len()).sum();
+    (samples * joints).div_ceil(MOST_ROWS).max(1)
+}
+
+/// Samples in so much time (s), by the mean of their steps; without a step, none.
+fn samples_within(time: f64, clock: &[f64]) -> usize {
+    match clock {
+        [first, .., last] => (time * (clock.len() - 1) as f64 / (last - first)) as usize,
+        _ => 0,
+    }
+}
+
 /// A model over windows: `tau = W K + a`.
 #[derive(Debug, Clone)]
 pub(crate) struct Design {
@@ -188,6 +203,25 @@ pub(crate) struct Design {
 }
 
 impl Campaign {
+    /// Windows of some sequences. In free air means over any time are those of the model, too.
+    pub(crate) fn windows(&self, motions: &[&Motion]) -> Windows {
+        let longest = if self.site.rest.is_empty() {
+            f64::INFINITY
+        } else {
+            LONGEST
+        };
+        Windows::new(motions, self.site.joints(), longest)
+    }
+
+    /// How many samples may be averaged into one before contact is run: a fifth of a window of the train sequences, of no
+    /// touch too many.
+    pub(crate) fn averaged(&self) -> usize {
+        let motions: Vec<&Motion> = self.train.iter().collect();
+        let touches = (motions.iter()).flat_map(|m| m.touches.iter().map(|t| &m.clock[t.clone()]));
+        let most = touches.map(|clock| samples_within(COARSEST, clock)).min();
+        (spacing(&motions, self.site.joints()) / FEW).min(most.unwrap_or(0))
+    }
+
     /// The model's columns and torques over windows.
     ///
     /// # Errors
@@ -330,7 +364,7 @@ mod tests {
             let campaign = Campaign::open(&dataset, &SceneOptions::default()).unwrap();
             let motions: Vec<&Motion> = campaign.train.iter().collect();
             let logs = campaign.contact_logs(&Model::default(), &motions).unwrap();
-            let windows = Windows::new(&motions, 3);
+            let windows = campaign.windows(&motions);
             let lever = campaign.lever(&logs, &windows);
             let mut pushes = 0;
             for (i, w) in windows.list.iter().enumerate() {
@@ -395,7 +429,7 @@ mod tests {
         let campaign = Campaign::open(&dataset, &SceneOptions::default()).unwrap();
         let motions: Vec<&Motion> = campaign.train.iter().collect();
         let logs = campaign.contact_logs(&Model::default(), &motions).unwrap();
-        let windows = Windows::new(&motions, 3);
+        let windows = campaign.windows(&motions);
         let lever = campaign.lever(&logs, &windows);
         let size = |l: usize| lever.col_as_slice(l).iter().map(|v| v.abs()).sum::<f64>();
         assert!((0..3).all(|l| size(l) > 0.1) && (3..LEVERS).all(|l| size(l) == 0.0));
@@ -407,15 +441,10 @@ mod tests {
         for (touches, samples) in [(1, 700), (3, 2000), (3, 50_000), (900, 7), (40_000, 3)] {
             let ranges = (0..touches).map(|t| t * samples..(t + 1) * samples);
             let motion = Motion::counting(touches * samples, ranges.collect());
-            let windows = Windows::new(&[&motion], 1);
+            let windows = Windows::new(&[&motion], 1, LONGEST);
             let fits = touches * samples <= FEW * MOST_ROWS;
             let mut next = 0;
             for w in &windows.list {
-                assert!(if fits {
-                    w.rows.start == next
-                } else {
-                    w.rows.start > next || next == 0
-                });
                 assert!((1..=FEW).contains(&w.rows.len()));
                 next = w.rows.end;
             }
@@ -440,7 +469,7 @@ mod tests {
         let (touches, joints) = (3, 2);
         let ranges = (0..touches).map(|t| t * samples..(t + 1) * samples);
         let motion = Motion::counting(touches * samples, ranges.collect());
-        let windows = Windows::new(&[&motion], joints);
+        let windows = Windows::new(&[&motion], joints, LONGEST);
         let noise =
             [(0.3, 0.9), (2.0, 0.2)].map(|(sd, correlation)| JointNoise { sd, correlation });
         let n = windows.rows();

@@ -53,7 +53,7 @@ pub(crate) fn slides(site: &Site, j: usize) -> bool {
 pub struct Sample<'a> {
     /// Time since the session began (s).
     pub clock: f64,
-    /// Time since the previous sample of the sequence (s), 0 at its first.
+    /// Time since the previous sample of the touch (s), 0 at its first.
     pub dt: f64,
     /// Joint positions (rad or m): as recorded, for springs, gains and torques those of the links, that is, as
     /// [`Compensator::joints`] and [`Compensator::motion`] of all effects have them, such as those a latency ago.
