@@ -14,6 +14,11 @@ pub fn positive(text: &str) -> Result<f64, String> {
     ranged(text, range, "a number > 0, from 1e-100 to 1e100")
 }
 
+/// Minutes of a run, a hundred years at most.
+pub fn minutes(text: &str) -> Result<f64, String> {
+    ranged(text, 1e-4..=5.2e7, "a number from 1e-4 to 5.2e7 min")
+}
+
 /// A length > 0 [m] on the scale of what is touched.
 pub fn length(text: &str) -> Result<f64, String> {
     ranged(text, 1e-9..=1.0, "a length > 0, from 1e-9 to 1 m")

@@ -130,7 +130,8 @@ pub struct Gap {
     /// Share of the gap that the corrected model closes.
     pub closed_fraction: f64,
     /// Interval of that share, 95 %, by drawing stretches of the test sequences anew, the fitted model given: how
-    /// sure these recordings are of it, not how it comes out in another touch.
+    /// sure these recordings are of it, not how it comes out in another touch. Beyond 0 and 1 where the gap is hardly larger
+    /// than the noise.
     pub closed_interval: [f64; 2],
     /// Unit of the errors.
     pub unit: String,

@@ -31,6 +31,8 @@ use vsf_vision::{RgbdView, Sight};
 
 /// Joint limits are rounded in URDFs and met by controllers with a little overshoot (rad or m).
 const LIMIT_SLACK: f64 = 1e-3;
+/// Joints of arms turn no faster than this (rad/s).
+const MOST_TURNING: f64 = 15.0;
 /// No joint that counts in radians turns further than this from zero, or from its limits.
 const MOST_TURNS: f64 = 4.0 * PI;
 const MOST_BEYOND: f64 = PI;
@@ -71,7 +73,12 @@ pub fn motion_warnings(robot: &RobotModel, sequences: &[&Sequence]) -> Vec<Pipel
         move |q: f64| !(lower..=upper).contains(&q)
     };
     let of_joint = |(j, joint): (usize, &Joint)| {
-        let turns = joint.kind() != JointKind::Prismatic;
+        let turns = match joint.kind() {
+            JointKind::Prismatic => false,
+            JointKind::Revolute => true,
+            // Goes on and on, if no faster than joints turn.
+            JointKind::Continuous => sequences.iter().any(|s| top_speed(s, j) > MOST_TURNING),
+        };
         let far = beyond(joint, MOST_BEYOND);
         if turns && let Some(found) = outliers(joint, j, &rows, |q| q.abs() > MOST_TURNS || far(q))
         {
@@ -102,6 +109,15 @@ pub fn motion_warnings(robot: &RobotModel, sequences: &[&Sequence]) -> Vec<Pipel
             .or_else(clock),
     );
     found
+}
+
+/// Most that a position changes from sample to sample, per time between them.
+fn top_speed(sequence: &Sequence, j: usize) -> f64 {
+    let speed = |k: usize| {
+        let way = sequence.angles[k][j] - sequence.angles[k - 1][j];
+        way.abs() / (sequence.time[k] - sequence.time[k - 1])
+    };
+    (1..sequence.len()).map(speed).fold(0.0, f64::max)
 }
 
 /// Unit of a joint's positions.

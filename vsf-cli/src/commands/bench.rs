@@ -1,6 +1,6 @@
 use crate::console::{Console, number, table};
 use crate::exit::usage;
-use crate::range::{positive, replays};
+use crate::range::{minutes, replays};
 use vsf::pipeline::{
     BenchOptions, BenchReport, LOADED_STEPS, OnlineEstimator, SoakOptions, SoakReport, SoakTenth,
     bench, soak,
@@ -31,7 +31,7 @@ pub struct Args {
     #[arg(long, default_value_t = BenchOptions::default().replays, value_parser = replays)]
     replay: usize,
     /// Run at 1 kHz for so long instead, pushing to and fro [min]: does the step stay quick, and the memory flat?
-    #[arg(long, value_name = "MINUTES", value_parser = positive, conflicts_with = "steps")]
+    #[arg(long, value_name = "MINUTES", value_parser = minutes, conflicts_with = "steps")]
     soak: Option<f64>,
 }
 

@@ -4,10 +4,11 @@ use crate::exit::usage;
 use crate::file_kind::FileKind;
 use crate::range::ending;
 use crate::recording::RecordingArgs;
+use anyhow::Context;
 use clap::builder::{PossibleValue, PossibleValuesParser};
 use std::path::PathBuf;
 use std::sync::Arc;
-use vsf::gap::{DiagnosisStep, Effect, VerdictKind, diagnose, effects};
+use vsf::gap::{DiagnosisStep, Effect, ModelFile, Outcome, VerdictKind, diagnose, effects};
 
 #[derive(Debug, clap::Args)]
 #[command(after_help = "\
@@ -15,8 +16,8 @@ Example:
   vsf diagnose DATASET --effects payload,latency --html report.html \\
       --model corrected.json
 
-Six sequences with 700 samples each take some ten seconds of two cores; recordings in which thousands of points are touched at a \
-time take minutes.
+Six sequences with 700 samples each take some ten seconds of two cores; recordings with ten minutes of contact, or in which \
+thousands of points are touched at a time, take minutes. Robots have 48 joints at most.
 
 In the report, `score` is the gain of log evidence over the model without effects, `null` the score that is \
 reached where nothing acts (probabilities follow what is beyond), `test score` the gain of log density on \
@@ -101,13 +102,6 @@ pub fn run(args: &Args, console: &Console) -> anyhow::Result<()> {
     }
     let mut model = outcome.model_file()?;
     model.made_by = Some(MADE_BY.to_owned());
-    let mut files = Vec::new();
-    if let Some(path) = &args.html {
-        files.push((path.clone(), page(&outcome, &model, &warnings)?));
-    }
-    if let Some(path) = &args.model {
-        files.push((path.clone(), model.to_json()));
-    }
     let verdict = &outcome.diagnosis.verdict;
     let unknown = verdict.kind != VerdictKind::Effects && !model.effects.is_empty();
     if let Some(path) = args.model.as_deref().filter(|_| unknown) {
@@ -116,12 +110,43 @@ pub fn run(args: &Args, console: &Console) -> anyhow::Result<()> {
             "{path} holds what comes closest, not a known cause: see the verdict"
         ));
     }
-    let written: Vec<PathBuf> = files.iter().map(|(path, _)| path.clone()).collect();
-    console.json_and(&outcome.diagnosis, files)?;
-    let lines: String = texts(&written)
-        .iter()
-        .map(|p| format!("wrote {p}\n"))
-        .collect();
     let site = outcome.campaign.site();
-    console.report(text(&outcome.diagnosis, &model, site, warnings.len()) + &lines)
+    let report = text(&outcome.diagnosis, &model, site, warnings.len());
+    let written = write(args, &outcome, &model, &warnings, console);
+    let lines = written.as_ref().map_or_else(
+        |_| String::new(),
+        |paths| {
+            texts(paths)
+                .iter()
+                .map(|p| format!("wrote {p}\n"))
+                .collect()
+        },
+    );
+    // What was computed is told, whatever can be written.
+    console.report(report + &lines)?;
+    written.map(|_| ())
+}
+
+/// Writes results, page and model, all or none; where the latter two lie.
+fn write(
+    args: &Args,
+    outcome: &Outcome,
+    model: &ModelFile,
+    warnings: &[String],
+    console: &Console,
+) -> anyhow::Result<Vec<PathBuf>> {
+    let mut files = Vec::new();
+    if let Some(path) = &args.html {
+        let page = page(outcome, model, warnings);
+        files.push((
+            path.clone(),
+            page.context("--html: a page cannot show this recording")?,
+        ));
+    }
+    if let Some(path) = &args.model {
+        files.push((path.clone(), model.to_json()));
+    }
+    let written = files.iter().map(|(path, _)| path.clone()).collect();
+    console.json_and(&outcome.diagnosis, files)?;
+    Ok(written)
 }

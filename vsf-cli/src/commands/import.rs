@@ -9,7 +9,8 @@ use serde::Serialize;
 use std::path::PathBuf;
 use vsf::core::nalgebra::{Point3, Vector3};
 use vsf::data::{
-    Advice, Clock, DataError, DataWarning, Dataset, JointLog, Sequence, Splits, read_points,
+    Advice, Clock, DataError, DataWarning, Dataset, JointLog, Overrides, Sequence, Splits,
+    read_points,
 };
 use vsf::pipeline::{PipelineError, check_readable, load_robot, motion_warnings, robot_of};
 
@@ -186,7 +187,23 @@ pub fn run(args: &Args, console: &Console) -> anyhow::Result<()> {
         )));
     }
     console.warn_all(exchanged(&names, &joints));
-    let (mut dataset, warnings) = (log.recording(&given, &names, args.gap)).map_err(refused)?;
+    let (mut dataset, warnings) = (log.recording(&given, &names, args.gap)).map_err(|e| {
+        if matches!(e, DataError::UnknownSequence { .. }) {
+            // What is wrong may be how they were split.
+            let whole = Overrides {
+                splits: None,
+                ..given.clone()
+            };
+            if let Ok((dataset, warnings)) = log.recording(&whole, &names, args.gap) {
+                console.warn_all(warnings);
+                let count = dataset.sequences.len();
+                console.warn(format!(
+                    "the files hold {count} sequences, by pauses (--gap)"
+                ));
+            }
+        }
+        refused(e)
+    })?;
     if args.planned && given.splits.is_none() {
         dataset.splits = Splits {
             train: Vec::new(),
@@ -257,8 +274,8 @@ fn in_flags(args: &Args, error: DataError) -> anyhow::Error {
             ..
         } => usage(format!("--torque-kind is required: {hint}")),
         DataError::UnknownSequence { id, .. } => usage(format!(
-            "--train, --test: there is no sequence {id:?}; they are 000, 001, ... in their order, but for files of `vsf export`, which name \
-             their own"
+            "--train, --test: there is no sequence {id:?}; they are numbered in their order, 000, 001, ..., with as many digits as it takes, \
+             but for files of `vsf export`, which name their own"
         )),
         DataError::Argument {
             what: what @ ("joints" | "topic" | "clock" | "gap"),

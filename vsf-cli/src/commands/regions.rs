@@ -22,8 +22,8 @@ Example:
   vsf regions field.npz --contrast 3
 
 JSON keys: field, points (that were looked at), felt (those with any stiffness), background, stiff_from (N/m), contrast, confidence, reach (m), scattered \
-(stiff points of no region), unsure (the indices of points that are likely that stiff, with less than that confidence), regions (center, bounds ([lower, upper] in m), mean, sd, largest (N/m), times_background, \
-points (their indices)).")]
+(stiff points of no region), unsure (the indices of points that are likely that stiff, with less than that confidence), regions (center, bounds ([lower, upper] in m), mean, sd (a bound \
+of the deviation of the mean: the mean of those of the points), largest (N/m), times_background, points (their indices)).")]
 pub struct Args {
     /// The field, .npz or folder
     field: PathBuf,

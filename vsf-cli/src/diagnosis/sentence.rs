@@ -186,9 +186,10 @@ fn likelier(diagnosis: &Diagnosis) -> String {
     let named = |e: &&EffectReport| diagnosis.verdict.effects == [e.effect.as_str()];
     let score = (diagnosis.effects.iter().find(named)).and_then(|e| e.test_score);
     match score.filter(|s| *s >= NATS) {
-        Some(score) => format!(
+        Some(score) if diagnosis.gap.contact.is_some() => format!(
             ", though in the contact in which effects are looked for they are {score:.0} nats likelier with it"
         ),
+        Some(score) => format!(", though they are {score:.0} nats likelier with it"),
         None => String::new(),
     }
 }

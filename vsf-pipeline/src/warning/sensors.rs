@@ -122,9 +122,10 @@ fn frozen(scene: &Scene, touched: &[Touched]) -> Option<PipelineWarning> {
         touched.iter().find_map(|t| {
             let readings: Vec<f64> = t.readings(j).collect();
             let springs = range(t.springs.iter().map(|s| s[j]));
+            let step = step(readings.iter().copied());
             runs(&readings).find_map(|(rows, value)| {
                 let change = range(t.springs[rows.clone()].iter().map(|s| s[j])) / springs;
-                let steps = change * (high - low) / step(readings.iter().copied());
+                let steps = change * (high - low) / step;
                 let inside = low < value && value < high && value != 0.0;
                 (inside && rows.len() >= LEAST_ROWS && change > LEAST_CHANGE && steps > LEAST_STEPS)
                     .then_some((t.sequence, rows, value))
