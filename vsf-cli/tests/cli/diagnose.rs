@@ -69,6 +69,16 @@ fn a_bias_is_named_and_corrected() {
     assert!(text.contains("next experiment"), "{text}");
     assert!(text.contains("wrote d.html") && text.contains("wrote m.json"));
 
+    // What was computed is told where it cannot be written.
+    #[cfg(unix)]
+    {
+        let output = bench.run(&format!("diagnose touch {FEW} --json=/dev/full"));
+        assert_eq!(output.status.code(), Some(3));
+        let told = String::from_utf8(output.stdout).unwrap();
+        assert!(told.contains("torque_bias explains the gap"), "{told}");
+        assert!(String::from_utf8_lossy(&output.stderr).contains("/dev/full"));
+    }
+
     let d = fs::read_to_string(bench.root.join("d.json")).unwrap();
     let d: Value = serde_json::from_str(&d).unwrap();
     assert_eq!(d["schema"], 1);

@@ -60,6 +60,20 @@ fn angles_in_degrees() {
     warns(&bench, "info arm", &["degrees", "wrap", "row 1 with 5.0"]);
 }
 
+/// A joint without limits may go on turning, as fast as joints do; degrees go faster.
+#[test]
+fn turns_of_continuous_joints_are_no_degrees() {
+    let bench = Bench::new();
+    for (step, degrees) in [(0.5, false), (3.0, true)] {
+        let angles: Vec<f64> = (0..80).map(|k| step * f64::from(k)).collect();
+        arm(&bench, &angles, &[1.0; 80]);
+        let urdf = bench.root.join("arm/arm.urdf");
+        fs::write(urdf, ARM.replace("revolute", "continuous")).unwrap();
+        let error = bench.warned("info arm");
+        assert_eq!(error.contains("degrees"), degrees, "{error}");
+    }
+}
+
 #[test]
 fn angles_outside_the_limits() {
     let bench = Bench::new();
