@@ -11,7 +11,8 @@ const MOST_ROWS: usize = 1300;
 const LONGEST: f64 = 0.35;
 /// Few samples for a window.
 const FEW: usize = 5;
-/// The longest time of samples that are averaged before contact is run (s): through coarser ones it is too rough.
+/// The longest time of samples that are averaged before contact is run (s), of long recordings: through coarser ones contact
+/// is so rough that it looks like padding.
 const COARSEST: f64 = 0.046;
 /// Windows take their places between the next ones by multiples of the golden ratio, which never keep step with touches.
 const GOLDEN: f64 = 0.618_033_988_749_895;
@@ -213,13 +214,21 @@ impl Campaign {
         Windows::new(motions, self.site.joints(), longest)
     }
 
-    /// How many samples may be averaged into one before contact is run: a fifth of a window of the train sequences, of no
-    /// touch too many.
+    /// How many samples may be averaged into one before contact is run: a fifth of a window of the train sequences; of
+    /// recordings so long that windows leave samples out, of no touch too many.
     pub(crate) fn averaged(&self) -> usize {
         let motions: Vec<&Motion> = self.train.iter().collect();
-        let touches = (motions.iter()).flat_map(|m| m.touches.iter().map(|t| &m.clock[t.clone()]));
-        let most = touches.map(|clock| samples_within(COARSEST, clock)).min();
-        (spacing(&motions, self.site.joints()) / FEW).min(most.unwrap_or(0))
+        let touches = || {
+            motions
+                .iter()
+                .flat_map(|m| m.touches.iter().map(|t| &m.clock[t.clone()]))
+        };
+        let fewest = |time: f64| touches().map(|clock| samples_within(time, clock)).min();
+        let spacing = spacing(&motions, self.site.joints());
+        match (fewest(LONGEST), fewest(COARSEST)) {
+            (Some(longest), Some(coarsest)) if spacing > longest => coarsest.min(spacing / FEW),
+            _ => spacing / FEW,
+        }
     }
 
     /// The model's columns and torques over windows.
