@@ -1,8 +1,10 @@
 //! What the values of flags may be. Squares and products of the numbers are finite.
 
 use crate::exit::usage;
+use std::fmt::Display;
 use std::ops::RangeInclusive;
 use std::path::PathBuf;
+use std::str::FromStr;
 use vsf::core::RestPoints;
 use vsf::core::nalgebra::Point3;
 
@@ -75,6 +77,26 @@ pub fn replays(text: &str) -> Result<usize, String> {
 pub fn count(text: &str) -> Result<usize, String> {
     let value = text.parse().ok().filter(|n| *n > 0);
     value.ok_or_else(|| "must be a whole number >= 1".to_owned())
+}
+
+/// A whole number of a range.
+pub fn whole<T: FromStr + PartialOrd + Display>(
+    range: RangeInclusive<T>,
+) -> impl Fn(&str) -> Result<T, String> + Clone + Send + Sync + 'static
+where
+    RangeInclusive<T>: Clone + Send + Sync + 'static,
+{
+    move |text| {
+        let value = text.parse().ok().filter(|n| range.contains(n));
+        let words = || {
+            format!(
+                "must be a whole number from {} to {}",
+                range.start(),
+                range.end()
+            )
+        };
+        value.ok_or_else(words)
+    }
 }
 
 fn ranged(text: &str, range: RangeInclusive<f64>, words: &str) -> Result<f64, String> {

@@ -73,7 +73,13 @@ fn read_vertices(
         path: path.to_owned(),
         problem,
     };
-    let damaged = |e: ply_rs_bw::parser::ParseError| wrong(format!("damaged PLY: {e}"));
+    let damaged = |e: ply_rs_bw::parser::ParseError| {
+        // What follows is of the parser's insides.
+        let text = e.to_string();
+        let place = text.split("Error:").next().unwrap_or_default();
+        let words: Vec<&str> = place.split_whitespace().collect();
+        wrong(format!("damaged PLY: {}", words.join(" ")))
+    };
     let bytes = files::read(path)?;
     let length = bytes.len();
     let mut reader = Reader::new(Cursor::new(&bytes[..]));

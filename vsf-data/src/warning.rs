@@ -181,9 +181,9 @@ pub enum DataWarning {
         /// Further ones.
         others: usize,
     },
-    /// Samples that are all further apart than the pause that ends a sequence, as where times are not in seconds.
+    /// Samples most of which are further apart than the pause that ends a sequence, as where times are not in seconds.
     #[error(
-        "{}: each of the {count} samples is a sequence of its own, more than {gap:?} s from the next: times must be in \
+        "{}: the {count} samples fall into {sequences} sequences, at pauses of more than {gap:?} s: times must be in \
          seconds, and poses in which the robot only rests take a longer gap", path.display()
     )]
     SingleSamples {
@@ -191,6 +191,8 @@ pub enum DataWarning {
         path: PathBuf,
         /// How many.
         count: usize,
+        /// Of how many sequences.
+        sequences: usize,
         /// The pause (s).
         gap: f64,
     },

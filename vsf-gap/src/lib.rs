@@ -8,8 +8,8 @@
 //! `theta` that are zero in the nominal model. A field with a stiffness per point absorbs much of what
 //! effects do, so that they are judged by what it cannot absorb:
 //!
-//! 1. Readings are averaged over windows. Noise comes from differences of
-//!    neighboring samples, second ones as a rule.
+//! 1. Readings are averaged over windows, of long recordings with contact over short ones from all
+//!    over them. Noise comes from differences of neighboring samples, second ones as a rule.
 //! 2. The readings are Gaussian with the covariance of noise, of the stiffness (single points, a part
 //!    that is smooth over 4 cm, a common level) and of the model's own roughness (of forces at the
 //!    contact and the place where they act, of joints, of effects that wander). The stiffness is integrated out.

@@ -1,6 +1,6 @@
 use crate::console::{Console, number, table};
 use crate::exit::usage;
-use crate::range::{minutes, replays};
+use crate::range::{minutes, replays, whole};
 use vsf::pipeline::{
     BenchOptions, BenchReport, LOADED_STEPS, OnlineEstimator, SoakOptions, SoakReport, SoakTenth,
     bench, soak,
@@ -18,11 +18,11 @@ p99_ms, max_ms, resident_mb.")]
 pub struct Args {
     /// Rest points, rounded to a cube number, up to 50 million
     #[arg(long, default_value_t = BenchOptions::default().points as u64,
-          value_parser = clap::value_parser!(u64).range(1..=50_000_000))]
+          value_parser = whole(1_u64..=50_000_000))]
     points: u64,
     /// Steps of the push, 2 to 100000
     #[arg(long, default_value_t = BenchOptions::default().steps as u64,
-          value_parser = clap::value_parser!(u64).range(2..=100_000))]
+          value_parser = whole(2_u64..=100_000))]
     steps: u64,
     /// The estimator
     #[arg(long, value_enum, default_value = "replay")]

@@ -2,9 +2,8 @@ use crate::console::{Console, number, table};
 use crate::corrected::Modeled;
 use crate::exit::usage;
 use crate::field_file::FieldFile;
-use crate::range::count;
+use crate::range::{count, whole};
 use crate::recording::{FieldArgs, Recording, SplitPart};
-use clap::builder::RangedU64ValueParser;
 use serde::Serialize;
 use std::collections::BTreeMap;
 use vsf::data::Sequence;
@@ -40,13 +39,13 @@ pub struct Args {
     /// Units of each hidden layer of the mlp baseline, 1 to 4096; by default the best of the paper's sizes on
     /// samples held out
     #[arg(long, value_delimiter = ',',
-          value_parser = RangedU64ValueParser::<usize>::new().range(1..=4096))]
+          value_parser = whole(1_usize..=4096))]
     hidden: Option<Vec<usize>>,
     /// Seed of the mlp baseline
     #[arg(long, default_value_t = 0)]
     seed: u64,
     /// Train samples that the gp baseline takes at most, evenly spread
-    #[arg(long, default_value_t = 1500, value_parser = RangedU64ValueParser::<usize>::new().range(2..=GpConfig::MOST_SAMPLES as u64))]
+    #[arg(long, default_value_t = 1500, value_parser = whole(2..=GpConfig::MOST_SAMPLES))]
     gp_samples: usize,
     #[command(flatten)]
     of: FieldArgs,

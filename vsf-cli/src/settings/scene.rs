@@ -1,8 +1,7 @@
 use super::MetadataSettings;
 use crate::exit::usage;
-use crate::range::{length, not_negative, offset, spacing};
+use crate::range::{length, not_negative, offset, spacing, whole};
 use clap::Args;
-use clap::builder::RangedU64ValueParser;
 use std::path::PathBuf;
 use vsf::contact::{ContactConfig, GridOptions};
 use vsf::data::ContactParameters;
@@ -38,14 +37,14 @@ pub struct ContactSettings {
     #[arg(long, value_parser = length)]
     slip_step: Option<f64>,
     /// Most slip steps of one point per sample; by default as many as make 2 cm, 200 of 0.0001
-    #[arg(long)]
+    #[arg(long, value_parser = whole(1..=u32::MAX))]
     max_slip_iterations: Option<u32>,
     /// Offset added to the robot's surface [m], default 0
     #[arg(long, value_parser = offset)]
     padding: Option<f64>,
     /// Sub-points per edge of the cube that a rest point stands for, 1 to 8, default 2; 1 moves
     /// the rest points alone, as the paper does, at an eighth of the cost
-    #[arg(long, value_parser = RangedU64ValueParser::<usize>::new().range(1..=8))]
+    #[arg(long, value_parser = whole(1_usize..=8))]
     subdivision: Option<usize>,
     /// Spacing of the distance grids of meshes [m], 1e-6 to 1; chosen for an error of 0.5 mm by default
     #[arg(long, value_parser = spacing)]

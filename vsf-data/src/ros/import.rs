@@ -118,7 +118,7 @@ impl JointLog {
             });
         }
         let single = if named.is_empty() {
-            all_single(&sequences, &rows)
+            mostly_single(&sequences, &rows)
         } else {
             None
         };
@@ -141,10 +141,11 @@ impl JointLog {
             let path = path.clone();
             warnings.push(DataWarning::TareSamplesLeftOut { path, tare_samples });
         }
-        if let Some((file, count)) = single {
+        if let Some((file, sequences, count)) = single {
             warnings.push(DataWarning::SingleSamples {
                 path: self.files[file].clone(),
                 count,
+                sequences,
                 gap: GAP,
             });
         }
@@ -469,8 +470,9 @@ impl JointLog {
     }
 }
 
-/// The first file whose samples, two at least, are each a sequence, and how many these are; `sequences` are of `rows`.
-fn all_single(sequences: &[Sequence], rows: &[Row]) -> Option<(usize, usize)> {
+/// The first file whose sequences are of less than two samples on average, how many these are, and how many samples;
+/// `sequences` are of `rows`.
+fn mostly_single(sequences: &[Sequence], rows: &[Row]) -> Option<(usize, usize, usize)> {
     let mut next = 0;
     let mut files: BTreeMap<usize, (usize, usize)> = BTreeMap::new();
     for sequence in sequences {
@@ -483,7 +485,7 @@ fn all_single(sequences: &[Sequence], rows: &[Row]) -> Option<(usize, usize)> {
         }
     }
     let single =
-        |(_, (pieces, samples)): &(usize, (usize, usize))| pieces == samples && *samples > 1;
+        |(_, (pieces, samples)): &(usize, (usize, usize))| *pieces > 1 && *samples < 2 * pieces;
     let found = files.into_iter().find(single);
-    found.map(|(file, (_, samples))| (file, samples))
+    found.map(|(file, (pieces, samples))| (file, pieces, samples))
 }

@@ -391,6 +391,7 @@ fn samples_that_are_all_sequences_are_warned_of() {
             w,
             DataWarning::SingleSamples {
                 count: 3,
+                sequences: 3,
                 gap: 1.0,
                 ..
             }
@@ -401,6 +402,19 @@ fn samples_that_are_all_sequences_are_warned_of() {
     let log = JointLog::open(&paths, None, Clock::Header).unwrap();
     let (dataset, warnings) = recording(&log, Some(10.0)).unwrap();
     assert_eq!((dataset.sequences.len(), warnings), (1, vec![]));
+
+    // Poses a second apart, or a little more.
+    let rows = (0..10).map(|k| format!("{},0,0,0,1\n", f64::from(k) + 0.1 * f64::from(k % 3)));
+    let text_of_poses = format!("t,q1,q2,tau1,tau2\n{}", rows.collect::<String>());
+    let (dataset, warnings) = recorded(&text_of_poses).unwrap();
+    let count = dataset.sequences.len();
+    assert!((6..10).contains(&count));
+    assert!(
+        warnings.iter().any(
+            |w| matches!(w, DataWarning::SingleSamples { count: 10, sequences, .. } if *sequences == count)
+        ),
+        "{warnings:?}"
+    );
 
     // Of one file among others, too.
     let seconds = "t,q1,q2,tau1,tau2\n0,0,0,0,1\n0.1,0.5,0,0,1\n0.2,0.7,0,0,1\n";

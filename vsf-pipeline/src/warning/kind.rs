@@ -52,6 +52,14 @@ pub enum PipelineWarning {
         /// What is wrong.
         problem: String,
     },
+    /// What looks wrong with one sequence and not with all of them.
+    #[error("sequence {sequence}: {warning}")]
+    InSequence {
+        /// The first such sequence.
+        sequence: String,
+        /// What it is.
+        warning: Box<PipelineWarning>,
+    },
     /// Angles beyond two turns, or beyond the joint's limits by half a turn: degrees, or within a turn perhaps angles that
     /// wrap around.
     #[error("angles must be in radians, these look {like}: {0}", like = alike(.0.value))]

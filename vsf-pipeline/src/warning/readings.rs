@@ -81,12 +81,17 @@ pub fn reading_warnings(
     // Gravity that is left, and other offsets, may turn readings round; without one joint's, columns mean little.
     let turned = gravity::warning(scene, sequences, &motions, &rigid, traces, LEAST_FREE);
     let rigid = tared(scene, rigid).unwrap_or_default();
-    let misread = (!sick).then(|| misread(scene, &rigid, traces)).flatten();
+    let all_misread = (!sick).then(|| misread(scene, &rigid, traces)).flatten();
     // What leaves less.
-    let (first, second) = less_left(misread, turned);
+    let (first, second) = less_left(all_misread, turned);
     let offset = first
         .or_else(|| gravity_left(scene, &rigid, traces))
         .or(second)
+        .or_else(|| {
+            (!sick)
+                .then(|| one_misread(scene, &rigid, traces))
+                .flatten()
+        })
         .or_else(|| not_tared(scene, traces));
     if sick || offset.is_some() {
         warnings.extend(offset);
@@ -294,6 +299,26 @@ fn gravity_left(scene: &Scene, rigid: &[Table], traces: &[Trace]) -> Option<Pipe
     } else {
         None
     }
+}
+
+/// A sequence whose readings, alone, have other signs or another scale than weight and motion of the arm ask for, or hold
+/// its weight. Of a robot with one joint any offset may look so.
+fn one_misread(scene: &Scene, rigid: &[Table], traces: &[Trace]) -> Option<PipelineWarning> {
+    if scene.robot().joint_count() < 2 {
+        return None;
+    }
+    let told = |(rigid, trace): (&Table, &Trace)| {
+        let (rigid, traces) = (std::slice::from_ref(rigid), std::slice::from_ref(trace));
+        if in_air(&rigid[0], trace).count() < LEAST_FREE {
+            return None;
+        }
+        let found = misread(scene, rigid, traces).or_else(|| gravity_left(scene, rigid, traces));
+        Some(PipelineWarning::InSequence {
+            sequence: trace.id.clone(),
+            warning: Box::new(found?),
+        })
+    };
+    rigid.iter().zip(traces).find_map(told)
 }
 
 /// Two warnings, the one first whose convention leaves less.

@@ -13,14 +13,25 @@ const LEAST_MOVES: usize = 3;
 /// Moves by velocities alone count from this on (rad or m), and from this share of the longer ones on.
 const LEAST_STILL: f64 = 0.01;
 const STILL_SHARE: f64 = 0.1;
-/// Most that velocities may be of what they should be, or that of them.
+/// Most that velocities may be of what they should be, or that of them; those of one sequence alone, of few moves.
 const MOST: f64 = 1.5;
+const MOST_ALONE: f64 = 3.0;
 
-/// Velocities that are not how fast positions change.
+/// Velocities that are not how fast positions change, of all sequences or of one.
 pub fn warning(robot: &RobotModel, sequences: &[Cow<'_, Sequence>]) -> Option<PipelineWarning> {
+    let alone = |s: &Cow<'_, Sequence>| {
+        Some(PipelineWarning::InSequence {
+            sequence: s.id.clone(),
+            warning: Box::new(odd(robot, std::slice::from_ref(s), MOST_ALONE)?),
+        })
+    };
+    odd(robot, sequences, MOST).or_else(|| sequences.iter().find_map(alone))
+}
+
+fn odd(robot: &RobotModel, sequences: &[Cow<'_, Sequence>], most: f64) -> Option<PipelineWarning> {
     let odd = |(j, joint): (usize, &vsf_robots::Joint)| {
         let factor = factor(sequences, j)?;
-        let is_odd = !(1.0 / MOST..=MOST).contains(&factor);
+        let is_odd = !(1.0 / most..=most).contains(&factor);
         is_odd.then(|| (joint.name().to_owned(), factor))
     };
     let mut found = robot.joints().iter().enumerate().filter_map(odd);

@@ -646,6 +646,46 @@ fn a_payload_is_no_gravity_left() {
     assert!(!warnings.iter().any(left), "{warnings:?}");
 }
 
+/// What is right in most sequences hides what is wrong in one.
+#[test]
+fn one_sequence_of_the_other_sign() {
+    let scene = scene(TorqueKind::Measured, 0);
+    let right = touch(&scene);
+    let of = |id: &str, reading: f64, speed: f64| Sequence {
+        id: id.to_owned(),
+        torques: scaled(&right.torques, reading),
+        velocities: right.velocities.as_ref().map(|v| scaled(v, speed)),
+        ..right.clone()
+    };
+    let told = |wrong: &Sequence| {
+        let all = [
+            of("a", 1.0, 1.0),
+            of("b", 1.0, 1.0),
+            wrong.clone(),
+            of("d", 1.0, 1.0),
+        ];
+        let all: Vec<&Sequence> = all.iter().collect();
+        let traces: Vec<_> = all.iter().map(|s| scene.trace(s).unwrap()).collect();
+        let mut warnings = motion_warnings(scene.robot(), &all);
+        warnings.extend(reading_warnings(&scene, &all, &traces));
+        warnings
+    };
+    assert_eq!(told(&of("c", 1.0, 1.0)), []);
+    for (wrong, is) in [
+        (of("c", -1.0, 1.0), "2.00 times"),
+        (of("c", 0.001, 1.0), "0.001"),
+        (of("c", 1.0, -1.0), "velocities"),
+    ] {
+        let warnings = told(&wrong);
+        let of_c = |w: &PipelineWarning| matches!(w, PipelineWarning::InSequence { sequence, .. } if sequence == "c");
+        assert!(
+            !warnings.is_empty() && warnings.iter().all(of_c),
+            "{warnings:?}"
+        );
+        assert!(warnings[0].to_string().contains(is), "{warnings:?}");
+    }
+}
+
 #[test]
 fn velocities_of_another_unit() {
     let (scene, right) = (scene(TorqueKind::External, 0), swing());

@@ -1,7 +1,7 @@
 use crate::blind::{Case, Score, text};
 use crate::console::{Console, create_folder};
 use crate::derived::keep_made;
-use clap::builder::RangedU64ValueParser;
+use crate::range::whole;
 use serde::Serialize;
 use std::path::PathBuf;
 use vsf::data::{Dataset, Overrides};
@@ -26,7 +26,7 @@ closed_of_oracle, null where there is no case).")]
 pub struct Args {
     /// Number of cases, 1 to 10000
     #[arg(long, default_value_t = 20,
-          value_parser = RangedU64ValueParser::<usize>::new().range(1..=10_000))]
+          value_parser = whole(1_usize..=10_000))]
     cases: usize,
     /// Seed of the cases
     #[arg(long, default_value_t = 0)]
