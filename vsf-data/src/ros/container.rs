@@ -146,6 +146,8 @@ fn check_lengths(opcode: u8, data: &[u8]) -> Result<(), String> {
             let size = from.u32()?;
             let mut metadata = Reader::packed(from.bytes(size as usize)?);
             while metadata.left() > 0 {
+                // A name, and what it stands for.
+                metadata.text()?;
                 metadata.text()?;
             }
             Ok(())

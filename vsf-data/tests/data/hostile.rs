@@ -236,6 +236,18 @@ fn records_that_contradict_themselves_are_errors() {
     let channel = [&[0; 4][..], &[0; 4], &[0; 4], &9u32.to_le_bytes(), &[0; 8]].concat();
     let text = refused(&record(4, &channel));
     assert!(text.contains("9 bytes are announced"), "{text}");
+    // Metadata whose last name has no value: what follows them would be taken for its length.
+    let channel = [
+        &[0; 4][..],
+        &[0; 4],
+        &[0; 4],
+        &4u32.to_le_bytes(),
+        &[0; 4],
+        &[0xef; 8],
+    ]
+    .concat();
+    let text = refused(&record(4, &channel));
+    assert!(text.contains("a record of kind 4"), "{text}");
     // A message of a channel that was never defined.
     let text = refused(&record(5, &[0; 30]));
     assert!(text.contains("channel 0, which is not defined"), "{text}");
