@@ -801,6 +801,14 @@ impl PipelineWarning {
         )
     }
 
+    /// The same as one of a single sequence.
+    pub(super) fn in_sequence(self, id: &str) -> Self {
+        Self::InSequence {
+            sequence: id.to_owned(),
+            warning: Box::new(self),
+        }
+    }
+
     pub(super) fn and_others(mut self, count: usize) -> Self {
         if let Self::TareInContact { others, .. } | Self::TareSpread { others, .. } = &mut self {
             *others = count;

@@ -313,10 +313,7 @@ fn one_misread(scene: &Scene, rigid: &[Table], traces: &[Trace]) -> Option<Pipel
             return None;
         }
         let found = misread(scene, rigid, traces).or_else(|| gravity_left(scene, rigid, traces));
-        Some(PipelineWarning::InSequence {
-            sequence: trace.id.clone(),
-            warning: Box::new(found?),
-        })
+        Some(found?.in_sequence(&trace.id))
     };
     rigid.iter().zip(traces).find_map(told)
 }

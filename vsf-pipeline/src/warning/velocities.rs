@@ -20,10 +20,8 @@ const MOST_ALONE: f64 = 3.0;
 /// Velocities that are not how fast positions change, of all sequences or of one.
 pub fn warning(robot: &RobotModel, sequences: &[Cow<'_, Sequence>]) -> Option<PipelineWarning> {
     let alone = |s: &Cow<'_, Sequence>| {
-        Some(PipelineWarning::InSequence {
-            sequence: s.id.clone(),
-            warning: Box::new(odd(robot, std::slice::from_ref(s), MOST_ALONE)?),
-        })
+        let found = odd(robot, std::slice::from_ref(s), MOST_ALONE)?;
+        Some(found.in_sequence(&s.id))
     };
     odd(robot, sequences, MOST).or_else(|| sequences.iter().find_map(alone))
 }
