@@ -56,12 +56,15 @@ impl Console {
         }
     }
 
-    /// The result for machines, if wanted, with all warnings so far.
-    pub fn json(&self, result: &impl Serialize) -> anyhow::Result<()> {
-        self.json_and(result, Vec::new())
+    /// The result for machines, if wanted, with all warnings so far; and the report for people, also where the former cannot
+    /// be written.
+    pub fn results(&self, result: &impl Serialize, report: impl Display) -> anyhow::Result<()> {
+        let written = self.json_and(result, Vec::new());
+        self.report(report)?;
+        written
     }
 
-    /// [`Console::json`], and further files: all of them are written, or none.
+    /// The result for machines, if wanted, and further files: all of them are written, or none.
     pub fn json_and(
         &self,
         result: &impl Serialize,

@@ -89,8 +89,8 @@ impl DiagnosisStep {
 /// ```
 ///
 /// # Errors
-/// [`GapError::TooLittle`]: no train sequence, fewer than 8 runs of 4 train samples, joints that all stand still (within 1e-3 rad
-/// or m), or no effect that these data could show. [`GapError::TooMuch`]: a robot of more than 48 joints. Effects whose
+/// [`GapError::TooLittle`]: no train sequence, fewer than 8 runs of 4 train samples, torques that are all zero, joints that all
+/// stand still (within 1e-3 rad or m), or no effect that these data could show. [`GapError::TooMuch`]: a robot of more than 48 joints. Effects whose
 /// parameters or starts cannot be, rows that contact cannot take, covariances that are not positive definite.
 pub fn diagnose(
     campaign: &Campaign,

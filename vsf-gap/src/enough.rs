@@ -1,4 +1,5 @@
-use crate::{Campaign, GapError};
+use crate::{Campaign, GapError, Motion};
+use vsf_data::TorqueKind;
 
 /// Samples in a row that noise is read from, and how many such runs tell it.
 const SHORTEST_RUN: usize = 4;
@@ -8,7 +9,7 @@ const MOST_JOINTS: usize = 48;
 /// A joint that moves by less (rad or m) stands still.
 const STILL: f64 = 1e-3;
 
-/// Checks that the train sequences tell noise from a gap, and a gap from a constant, and that the arm has no more joints than
+/// Checks that the train sequences read something, tell noise from a gap, and a gap from a constant, and that the arm has no more joints than
 /// a diagnosis takes.
 pub(crate) fn enough(campaign: &Campaign) -> Result<(), GapError> {
     let joints = campaign.site.joints();
@@ -24,6 +25,16 @@ pub(crate) fn enough(campaign: &Campaign) -> Result<(), GapError> {
         return Err(GapError::TooLittle {
             what: "train sequences",
             problem: "there are none; give the recording a train split".to_owned(),
+        });
+    }
+    let is_read = |m: &Motion| match campaign.site.torque_kind {
+        TorqueKind::External => m.reading.data().iter().any(|r| *r != 0.0),
+        TorqueKind::Measured => m.reading != m.load,
+    };
+    if !campaign.train.iter().any(is_read) {
+        return Err(GapError::TooLittle {
+            what: "torques of the train sequences",
+            problem: "all are zero, as of planned motions; record what the joints feel".to_owned(),
         });
     }
     let runs: usize = (campaign.train.iter())

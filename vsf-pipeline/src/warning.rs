@@ -8,6 +8,7 @@ mod kind;
 mod order;
 mod readings;
 mod saturation;
+mod scale;
 mod sensors;
 mod spikes;
 mod starts;
@@ -228,6 +229,32 @@ fn in_contact(field: &Belief<f64>, traces: &[Trace], mut visit: impl FnMut(&[f64
 /// The torques of springs of 1 N/m at every point that is touched.
 fn springs(obs: &Observation<f64>) -> impl Iterator<Item = f64> {
     (0..obs.dim()).map(|j| obs.row(j).iter().sum())
+}
+
+/// Inner products of readings with what they are compared to.
+#[derive(Default)]
+struct Likeness {
+    readings: f64,
+    both: f64,
+    others: f64,
+}
+
+impl Likeness {
+    fn add(&mut self, reading: f64, other: f64) {
+        self.readings += reading * reading;
+        self.both += reading * other;
+        self.others += other * other;
+    }
+
+    /// Readings per other, by least squares.
+    fn slope(&self) -> f64 {
+        self.both / self.others
+    }
+
+    /// Cosine of the angle between them, NaN where one is zero.
+    fn correlation(&self) -> f64 {
+        self.both / (self.readings * self.others).sqrt()
+    }
 }
 
 /// What looks wrong with a view: a surface where there are no rest points.

@@ -63,8 +63,7 @@ pub fn run(args: &Args, console: &Console) -> anyhow::Result<()> {
             seconds: 60.0 * minutes,
         })?;
         spinner.finish_and_clear();
-        console.json(&report)?;
-        return console.report(soak_text(&report, args.replay));
+        return console.results(&report, soak_text(&report, args.replay));
     }
     let report = bench(&BenchOptions {
         points: args.points as usize,
@@ -79,8 +78,7 @@ pub fn run(args: &Args, console: &Console) -> anyhow::Result<()> {
             "--points {points}: the push ends without contact, there is nothing to time; take more"
         )));
     }
-    console.json(&report)?;
-    console.report(text(&report, args.replay))
+    console.results(&report, text(&report, args.replay))
 }
 
 fn text(report: &BenchReport, replays: usize) -> String {

@@ -200,8 +200,7 @@ pub fn run(args: &Args, console: &Console) -> anyhow::Result<()> {
         nis_ratio: chosen.estimate.health.nis_ratio(),
         out: texts(&args.out),
     };
-    console.json(&report)?;
-    console.report(text(&report, &scene, spec.keeps_correlations()))
+    console.results(&report, text(&report, &scene, spec.keeps_correlations()))
 }
 
 fn mean_stiffness(estimate: &Estimate) -> f64 {

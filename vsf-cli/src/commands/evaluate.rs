@@ -191,12 +191,14 @@ pub fn run(args: &Args, console: &Console) -> anyhow::Result<()> {
         return Err(usage("nothing to evaluate: give --field or --baseline"));
     };
     let baselines = found.collect();
-    console.json(&Report {
-        predictor,
-        evaluation,
-        baselines,
-    })?;
-    console.report(text)
+    console.results(
+        &Report {
+            predictor,
+            evaluation,
+            baselines,
+        },
+        text,
+    )
 }
 
 /// What a field predicts of a trace, with deviations where the field has them.

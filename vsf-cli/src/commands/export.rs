@@ -94,8 +94,7 @@ pub fn run(args: &Args, console: &Console) -> anyhow::Result<()> {
     };
     let written = texts(&written);
     let lines: String = written.iter().map(|p| format!("wrote {p}\n")).collect();
-    console.json(&Written { written })?;
-    console.report(lines)
+    console.results(&Written { written }, lines)
 }
 
 fn from_recording(args: &Args, console: &Console) -> anyhow::Result<Vec<PathBuf>> {

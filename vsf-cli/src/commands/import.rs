@@ -221,8 +221,7 @@ pub fn run(args: &Args, console: &Console) -> anyhow::Result<()> {
 
     let report = report(args, &log, name, joints, &dataset);
     save(dataset, &packages, &args.out, Vec::new())?;
-    console.json(&report)?;
-    console.report(text(&report))
+    console.results(&report, text(&report))
 }
 
 /// With the file of a reading that is not taken, where it is known.

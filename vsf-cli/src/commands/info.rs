@@ -82,8 +82,7 @@ pub fn run(args: &Args, console: &Console) -> anyhow::Result<()> {
     if may_be_field && FieldFile::is_at(input) {
         let file = FieldFile::open(input, console)?;
         let report = field::describe(&file);
-        console.json(&report)?;
-        return console.report(field::text(&report));
+        return console.results(&report, field::text(&report));
     }
     let recording = args.recording.open(console)?;
     let sequences = recording.sequences(None, SplitPart::All)?;
@@ -97,8 +96,7 @@ pub fn run(args: &Args, console: &Console) -> anyhow::Result<()> {
     } else {
         describe(&recording, scene.robot(), None, &[])
     };
-    console.json(&report)?;
-    console.report(text(&report))
+    console.results(&report, text(&report))
 }
 
 fn describe(

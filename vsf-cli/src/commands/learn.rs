@@ -107,12 +107,14 @@ pub fn run(args: &Args, console: &Console) -> anyhow::Result<()> {
     let s = plural(objects);
     let text =
         format!("learned from {points} touched points of {objects} object{s}\nwrote {out}\n");
-    console.json(&Report {
-        out,
-        objects,
-        points,
-    })?;
-    console.report(text)
+    console.results(
+        &Report {
+            out,
+            objects,
+            points,
+        },
+        text,
+    )
 }
 
 /// What one object teaches.

@@ -109,13 +109,15 @@ pub fn run(args: &Args, console: &Console) -> anyhow::Result<()> {
         spacing: args.spacing,
         r#box: [lower, upper].map(Into::into),
     };
-    console.json(&report)?;
-    console.report(format!(
-        "wrote {}: {} points {} m apart, {} on the seen surface and {} behind it\n",
-        report.out,
-        report.points,
-        number(report.spacing),
-        report.surface,
-        report.occluded
-    ))
+    console.results(
+        &report,
+        format!(
+            "wrote {}: {} points {} m apart, {} on the seen surface and {} behind it\n",
+            report.out,
+            report.points,
+            number(report.spacing),
+            report.surface,
+            report.occluded
+        ),
+    )
 }

@@ -2,11 +2,12 @@ use crate::console::{Console, plural};
 use crate::corrected::Modeled;
 use crate::derived::{PREDICTED, derived, deviations_of, save};
 use crate::recording::{FieldArgs, SplitPart};
+use anyhow::Context;
 use serde::Serialize;
 use std::borrow::Cow;
 use std::path::PathBuf;
 use vsf::data::{Dataset, Sequence, Table, TorqueKind};
-use vsf::pipeline::{SequencePrediction, predict};
+use vsf::pipeline::{SequencePrediction, check_torques, predict};
 
 #[derive(Debug, clap::Args)]
 #[command(after_help = "\
@@ -68,10 +69,17 @@ pub fn run(args: &Args, console: &Console) -> anyhow::Result<()> {
         torque_kind: TorqueKind::External,
         ..derived(&recording, PREDICTED, &args.of, &scene, predicted)?
     };
-    let deviations = predictions.iter().filter(|p| !p.sd.is_empty()).map(|p| {
-        let path = deviations_of(&p.id);
+    let predicted = sequences.iter().zip(&predictions);
+    let deviations = predicted.filter(|(_, p)| !p.sd.is_empty()).map(|(s, p)| {
         let sd = Table::new(scene.robot().joint_count(), p.sd.concat())?;
-        Ok((path, sd.npy()))
+        let npy = sd.npy();
+        let as_torques = Sequence {
+            torques: sd,
+            ..Sequence::clone(s)
+        };
+        check_torques(&scene, &as_torques)
+            .context("deviations of the predictions, by K_std of the field")?;
+        Ok((deviations_of(&p.id), npy))
     });
     let deviations = deviations.collect::<anyhow::Result<Vec<_>>>()?;
     save(dataset, &recording.packages(), &args.out, deviations)?;
@@ -80,11 +88,11 @@ pub fn run(args: &Args, console: &Console) -> anyhow::Result<()> {
         samples: t.observations.len(),
         contact_samples: t.contact_samples(),
     });
-    console.json(&Report {
+    let report = Report {
         out: args.out.to_string_lossy(),
         noise_sd,
         sequences: entries.collect(),
-    })?;
+    };
     let (count, out) = (predictions.len(), args.out.display());
     let files = if scene.rest().is_empty() {
         "torques.npy"
@@ -92,7 +100,8 @@ pub fn run(args: &Args, console: &Console) -> anyhow::Result<()> {
         "torques.npy and torques_sd.npy"
     };
     let s = plural(count);
-    console.report(format!("wrote {out}: {files} of {count} sequence{s}\n"))
+    let text = format!("wrote {out}: {files} of {count} sequence{s}\n");
+    console.results(&report, text)
 }
 
 fn with_torques(sequence: &Sequence, prediction: &SequencePrediction) -> anyhow::Result<Sequence> {

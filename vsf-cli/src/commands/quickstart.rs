@@ -106,15 +106,6 @@ pub fn run(console: &Console) -> anyhow::Result<()> {
     write_file(&svg, plot.as_bytes())?;
 
     let touched_points = chosen.estimate.touched.iter().filter(|t| **t).count();
-    console.json(&Report {
-        folder: FOLDER,
-        prior_sd: hyper.prior_sd,
-        noise_sd: &hyper.noise_sd,
-        touched_points,
-        field: &ours,
-        zero: &zero,
-        knn: &knn,
-    })?;
     let mut text = format!(
         "{touched_points} of {} points were touched; prior N(0, {}²) N/m and noise sd {},\n{}.\n\n",
         scene.rest().len(),
@@ -124,7 +115,16 @@ pub fn run(console: &Console) -> anyhow::Result<()> {
     );
     text += &errors(&ours, &zero, &knn);
     text += &tail(start.elapsed().as_secs_f64());
-    console.report(text)
+    let report = Report {
+        folder: FOLDER,
+        prior_sd: hyper.prior_sd,
+        noise_sd: &hyper.noise_sd,
+        touched_points,
+        field: &ours,
+        zero: &zero,
+        knn: &knn,
+    };
+    console.results(&report, text)
 }
 
 fn errors(ours: &Evaluation, zero: &Evaluation, knn: &Evaluation) -> String {

@@ -115,22 +115,24 @@ pub fn run(args: &Args, console: &Console) -> anyhow::Result<()> {
             "{path}: {what}: there is no background to compare with"
         ));
     }
-    console.json(&Report {
-        field: path.to_string(),
-        points: found.looked_at,
-        felt: found.felt,
-        background: found.background,
-        stiff_from: found.stiff_from,
-        contrast: args.contrast,
-        confidence: args.confidence,
-        reach: found.reach,
-        scattered: found.scattered,
-        unsure: &found.unsure,
-        regions: (found.regions.iter())
-            .map(|r| Entry::of(r, &found, has_sd))
-            .collect(),
-    })?;
-    console.report(text(args, &found, !file.stored.touched.is_empty(), has_sd))
+    console.results(
+        &Report {
+            field: path.to_string(),
+            points: found.looked_at,
+            felt: found.felt,
+            background: found.background,
+            stiff_from: found.stiff_from,
+            contrast: args.contrast,
+            confidence: args.confidence,
+            reach: found.reach,
+            scattered: found.scattered,
+            unsure: &found.unsure,
+            regions: (found.regions.iter())
+                .map(|r| Entry::of(r, &found, has_sd))
+                .collect(),
+        },
+        text(args, &found, !file.stored.touched.is_empty(), has_sd),
+    )
 }
 
 fn text(args: &Args, found: &StiffRegions, touched: bool, has_sd: bool) -> String {

@@ -66,15 +66,15 @@ pub fn run(args: &Args, console: &Console) -> anyhow::Result<()> {
     };
     let dataset = derived(&recording, SIMULATED, &args.of, &scene, simulated)?;
     save(dataset, &recording.packages(), &args.out, Vec::new())?;
-    console.json(&report)?;
     let out = args.out.display();
     let contact = match report.threshold {
         None => "in free air".to_owned(),
         Some(threshold) => format!("contact threshold {} mm", number(1e3 * threshold)),
     };
     let s = plural(report.sequences);
-    console.report(format!(
+    let text = format!(
         "wrote {out}: {} sequence{s}, {} samples, {contact}\n",
         report.sequences, report.samples,
-    ))
+    );
+    console.results(&report, text)
 }

@@ -506,9 +506,10 @@ fn pictures_of_what_is_not_there() {
     bench.fails(deviation, 1, &["truth: K_std row 0 is 1e99"]);
     bench.fails("export truth --out a.mcap", 1, &["row 0 of K_std ", "1e99"]);
     bench.fails(plot, 1, &["joint stage_x: a deviation of the predicted"]);
+    let line = "predict data --field truth --out p";
+    bench.fails(line, 1, &["K_std of the field", "joint 1: a torque of"]);
     let far = "[[1, 0, 0, 0], [0, 1, 0, 1e200], [0, 0, 1, 0], [0, 0, 0, 1]]";
     mark(&format!("{{\"base_pose\": {far}}}"));
-    let line = "predict data --field truth --out p";
     bench.fails(line, 1, &["truth", "base_pose", "1e200 m, beyond 1e6"]);
     let line = "info data --base-pose 0,0,1e50,0,0,0";
     bench.fails(line, 2, &["--base-pose: ", "1e50 m, beyond 1e6"]);
@@ -620,7 +621,11 @@ fn outputs_that_cannot_be_written() {
             3,
             &["/proc/a.npz"],
         );
-        bench.fails(&format!("{estimate} --json=/dev/full"), 3, &["/dev/full"]);
+        let full = format!("{estimate} --json=/dev/full");
+        bench.fails(&full, 3, &["/dev/full"]);
+        // What was computed is told all the same.
+        let told = bench.run(&full).stdout;
+        assert!(String::from_utf8_lossy(&told).contains("touched"));
         for line in ["--help", "--version", "help estimate"] {
             let full = fs::File::options().write(true).open("/dev/full").unwrap();
             let output = Command::new(env!("CARGO_BIN_EXE_vsf"))

@@ -681,8 +681,15 @@ fn recordings_of_next_to_nothing() {
             _ => assert!(error.contains("error: "), "{rows} rows: {error}"),
         }
     }
+    // Silence is no absence of a gap.
+    for id in ["a", "b", "c"] {
+        let torques = bench.root.join(format!("touch/seq_{id}/torques.npy"));
+        common::npy(&torques, &[5, 3], &[0.0; 15]);
+    }
+    let silent = "torques of the train sequences: all are zero";
+    bench.fails("diagnose touch --rate-hz 50", 1, &[silent]);
     let points: Vec<f64> = (0..480).map(|k| 1e3 + k as f64).collect();
     common::npy(&bench.root.join("data/points.npy"), &[160, 3], &points);
-    let warning = bench.warned("diagnose data --effects torque_bias,contact_friction");
+    let warning = bench.warned("info data");
     assert!(warning.contains("touches none of the 160"), "{warning}");
 }

@@ -11,7 +11,7 @@ use std::f64::consts::TAU;
 use std::sync::{Arc, LazyLock};
 use tempfile::TempDir;
 use vsf_data::{Dataset, Overrides};
-use vsf_gap::{Acts, Campaign, Effect, Outcome, VerdictKind, diagnose, effects};
+use vsf_gap::{Acts, Campaign, Effect, GapError, Outcome, VerdictKind, diagnose, effects};
 use vsf_pipeline::SceneOptions;
 use vsf_world::{CaseSpec, Kind as World, Level, Protocol, generate};
 
@@ -106,9 +106,9 @@ fn nothing_is_named_where_nothing_acts() {
     assert_eq!(d.gap.closed_fraction, 0.0);
 }
 
-/// No spring pushes the other way, and zero is predicted by no spring at all.
+/// No spring pushes the other way; zeros were not read.
 #[test]
-fn torques_of_the_wrong_sign_are_a_gap_and_zeros_are_none() {
+fn torques_of_the_wrong_sign_are_a_gap_and_zeros_tell_nothing() {
     let dataset = quiet();
     let scaled = |by: f64| {
         let mut dataset = dataset.clone();
@@ -116,12 +116,13 @@ fn torques_of_the_wrong_sign_are_a_gap_and_zeros_are_none() {
         torques.for_each(|t| t.data_mut().iter_mut().for_each(|t| *t *= by));
         let campaign = opened(&dataset);
         let bias = effects::named(&["torque_bias".to_owned()]).unwrap();
-        diagnose(&campaign, &bias, 0, |_| {}).unwrap().diagnosis
+        diagnose(&campaign, &bias, 0, |_| {})
     };
-    let wrong = scaled(-1.0);
+    let wrong = scaled(-1.0).unwrap().diagnosis;
     assert_eq!(wrong.verdict.kind, VerdictKind::Unknown);
     assert!(wrong.notes.iter().any(|n| n.contains("sign")));
-    assert_eq!(scaled(0.0).verdict.kind, VerdictKind::NoGap);
+    let zeros = scaled(0.0).map(drop).unwrap_err();
+    assert!(matches!(zeros, GapError::TooLittle { .. }), "{zeros}");
 }
 
 /// The springs world without effect, its readings changed: `felt` gets the time (s) and the torques of a sample.

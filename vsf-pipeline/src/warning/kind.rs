@@ -220,6 +220,32 @@ pub enum PipelineWarning {
         /// With the torques of 1 N/m at every point, -1 to 1.
         correlation: f64,
     },
+    /// A sequence whose torques in contact, by depth of the touch, are over 100 times those of the median sequence, or less
+    /// than a hundredth of them.
+    #[error(
+        "sequence {sequence}: torques in contact are {} times those of sequence {than} at like depth; check \
+         their unit{}", times(*factor), more(*others, "sequence")
+    )]
+    ScaledTorques {
+        /// The first such sequence.
+        sequence: String,
+        /// The one stiffness that explains its readings in contact best, in that of the median sequence.
+        factor: f64,
+        /// The median sequence.
+        than: String,
+        /// Further sequences of that kind.
+        others: usize,
+    },
+    /// Readings of less than 1e-6 N m (or N) that are not all zero.
+    #[error(
+        "the largest torque that was read is {largest:e} {unit}: no sensor resolves that; check the unit"
+    )]
+    TinyReadings {
+        /// Its size.
+        largest: f64,
+        /// `N m`, `N` or both.
+        unit: &'static str,
+    },
     /// Readings that are the torques of gravity and of the arm's own motion where nothing is touched.
     #[error(
         "where nothing is touched the readings, taken as torque_kind {}, leave {size:.2} times the torques of \
@@ -733,9 +759,9 @@ fn alike(angle: f64) -> &'static str {
     }
 }
 
-/// A factor, however large.
+/// A factor, however large or small.
 fn times(factor: f64) -> String {
-    if factor < 1e6 {
+    if factor == 0.0 || (1e-3..1e6).contains(&factor.abs()) {
         format!("{factor:.3}")
     } else {
         format!("{factor:.1e}")
@@ -791,14 +817,16 @@ impl PipelineWarning {
     /// Whether it rests on when the scene's contact begins and what springs explain in it: in another contact than that of the
     /// readings it tells nothing.
     pub fn rests_on_contact(&self) -> bool {
-        matches!(
-            self,
+        match self {
+            Self::InSequence { warning, .. } => warning.rests_on_contact(),
             Self::OppositeTorques { .. }
-                | Self::OppositeJoints { .. }
-                | Self::MixedColumns { .. }
-                | Self::NothingTouched { .. }
-                | Self::NotTared { .. }
-        )
+            | Self::ScaledTorques { .. }
+            | Self::OppositeJoints { .. }
+            | Self::MixedColumns { .. }
+            | Self::NothingTouched { .. }
+            | Self::NotTared { .. } => true,
+            _ => false,
+        }
     }
 
     /// The same as one of a single sequence.

@@ -1,7 +1,7 @@
 use super::weight::Weighed;
 use super::{
-    PipelineWarning, Rows, actuators, conventions, gravity, malformed, outliers, sensors, spikes,
-    uncovered,
+    Likeness, PipelineWarning, Rows, actuators, conventions, gravity, malformed, outliers, scale,
+    sensors, spikes, uncovered,
 };
 use crate::readings::check_sequence;
 use crate::{Scene, Trace, derivatives_of, reading_unit, rigid_body_torques};
@@ -12,6 +12,8 @@ use vsf_robots::{Joint, Link};
 
 /// Readings above so many times what the joint can bear are of another unit.
 const MOST_EFFORT: f64 = 10.0;
+/// The finest joint torque sensors resolve a thousand times this (N m or N).
+const LEAST_READING: f64 = 1e-6;
 /// Tare samples that spread by more than this share of the touch itself are no rest.
 const MOST_SPREAD: f64 = 0.25;
 /// Readings in the air that are on average more than this share of those in contact are no noise; and how many of them
@@ -65,6 +67,10 @@ pub fn reading_warnings(
     if (sequences.iter().flat_map(|s| s.torques.data())).all(|v| *v == 0.0) {
         return warnings;
     }
+    if let Some(tiny) = tiny(scene, sequences) {
+        warnings.push(tiny);
+        return warnings;
+    }
     let spike = spikes::warning(scene, sequences, traces);
     let spiked = spike.is_some();
     warnings.extend(spike);
@@ -99,7 +105,11 @@ pub fn reading_warnings(
     }
     // Points that are missing turn columns round.
     let uncovered = uncovered::warning(scene, traces);
-    warnings.extend(uncovered.or_else(|| conventions::warning(scene, traces)));
+    warnings.extend(
+        uncovered
+            .or_else(|| scale::warning(traces))
+            .or_else(|| conventions::warning(scene, traces)),
+    );
     warnings
 }
 
@@ -134,6 +144,16 @@ fn beyond_effort(scene: &Scene, sequences: &[&Sequence], rigid: &[Table]) -> Vec
     };
     let joints = scene.robot().joints().iter().enumerate();
     joints.filter_map(of_joint).collect()
+}
+
+/// Readings that are all far below what a sensor resolves; not all are zero.
+fn tiny(scene: &Scene, sequences: &[&Sequence]) -> Option<PipelineWarning> {
+    let readings = sequences.iter().flat_map(|s| s.torques.data());
+    let largest = readings.fold(0.0, |largest: f64, v| largest.max(v.abs()));
+    (largest < LEAST_READING).then(|| PipelineWarning::TinyReadings {
+        largest,
+        unit: scene.error_unit(),
+    })
 }
 
 /// Bodies without mass, where their weight is needed; frames have no shape. Of an arm without any shapes, all where none has a mass.
@@ -225,27 +245,6 @@ fn not_tared(scene: &Scene, traces: &[Trace]) -> Option<PipelineWarning> {
     })
 }
 
-/// Inner products of readings with what they are compared to.
-#[derive(Default)]
-struct Likeness {
-    readings: f64,
-    both: f64,
-    others: f64,
-}
-
-impl Likeness {
-    fn add(&mut self, reading: f64, other: f64) {
-        self.readings += reading * reading;
-        self.both += reading * other;
-        self.others += other * other;
-    }
-
-    /// Cosine of the angle between them, NaN where one is zero.
-    fn correlation(&self) -> f64 {
-        self.both / (self.readings * self.others).sqrt()
-    }
-}
-
 /// The torques of the arm alone; where its motion is not known, its weight, which is nearly all.
 fn rigid(scene: &Scene, sequence: &Sequence, motion: Option<&Derivatives>) -> Option<Table> {
     let torques = |motion: &Derivatives| {
@@ -285,7 +284,7 @@ fn gravity_left(scene: &Scene, rigid: &[Table], traces: &[Trace]) -> Option<Pipe
         let pairs = readings.iter().zip(rigid);
         pairs.for_each(|(tau, r)| likeness.add(*tau, *r));
     }
-    let (size, correlation) = (likeness.both / likeness.others, likeness.correlation());
+    let (size, correlation) = (likeness.slope(), likeness.correlation());
     let given = scene.torque_kind();
     let alike = correlation > GRAVITY_CORRELATION;
     if alike && GRAVITY_SIZE.contains(&size) {

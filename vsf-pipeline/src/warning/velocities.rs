@@ -13,6 +13,8 @@ const LEAST_MOVES: usize = 3;
 /// Moves by velocities alone count from this on (rad or m), and from this share of the longer ones on.
 const LEAST_STILL: f64 = 0.01;
 const STILL_SHARE: f64 = 0.1;
+/// Positions that follow so closely, with this correlation, do move.
+const FOLLOWS: f64 = 0.9;
 /// Most that velocities may be of what they should be, or that of them; those of one sequence alone, of few moves.
 const MOST: f64 = 1.5;
 const MOST_ALONE: f64 = 3.0;
@@ -50,7 +52,8 @@ pub fn still(robot: &RobotModel, sequences: &[Cow<'_, Sequence>]) -> Option<Pipe
         let long = || moves.iter().filter(|(_, integral)| integral.abs() >= least);
         let still = long().filter(|(way, integral)| way.abs() < 0.01 * integral.abs());
         let still = still.count();
-        still >= LEAST_MOVES && still as f64 > STILL_SHARE * long().count() as f64
+        let is_often = still >= LEAST_MOVES && still as f64 > STILL_SHARE * long().count() as f64;
+        is_often && !follows(&moves)
     };
     let mut found = robot.joints().iter().enumerate().filter(is_still);
     let (_, joint) = found.next()?;
@@ -58,6 +61,13 @@ pub fn still(robot: &RobotModel, sequences: &[Cow<'_, Sequence>]) -> Option<Pipe
         joint: joint.name().to_owned(),
         others: found.count(),
     })
+}
+
+/// Whether positions do change as velocities say, if by another measure.
+fn follows(moves: &[(f64, f64)]) -> bool {
+    let sum = |of: fn(&(f64, f64)) -> f64| moves.iter().map(of).sum::<f64>();
+    let [ways, both, integrals] = [sum(|m| m.0 * m.0), sum(|m| m.0 * m.1), sum(|m| m.1 * m.1)];
+    both > FOLLOWS * (ways * integrals).sqrt()
 }
 
 /// What such a factor is likely to come from.
@@ -81,10 +91,14 @@ pub fn cause(factor: f64) -> &'static str {
 /// Median over the longer moves of joint `j` of the integral of its velocity per change of its position.
 fn factor(sequences: &[Cow<'_, Sequence>], j: usize) -> Option<f64> {
     let moves: Vec<_> = sequences.iter().flat_map(|s| moves(s, j)).collect();
-    let longest = moves
-        .iter()
-        .fold(0.0, |most: f64, (way, _)| most.max(way.abs()));
-    let least = LEAST_MOVE.max(0.5 * longest);
+    let most = |of: fn(&(f64, f64)) -> f64| moves.iter().map(of).fold(0.0, f64::max);
+    let [longest, by_velocities] = [most(|m| m.0.abs()), most(|m| m.1.abs())];
+    // Short ones tell, too, where velocities make long ones of them and they are alike.
+    let least = if by_velocities >= LEAST_STILL && follows(&moves) {
+        0.5 * longest
+    } else {
+        LEAST_MOVE.max(0.5 * longest)
+    };
     let long = moves.iter().filter(|(way, _)| way.abs() >= least);
     let factors: Vec<f64> = long.map(|(way, integral)| integral / way).collect();
     if factors.len() >= LEAST_MOVES {

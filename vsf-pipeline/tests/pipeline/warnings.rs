@@ -686,6 +686,53 @@ fn one_sequence_of_the_other_sign() {
     }
 }
 
+/// Nor does the field tell, of which the diagnosis knows nothing.
+#[test]
+fn one_sequence_of_another_unit_in_contact() {
+    let scene = scene(TorqueKind::External, 0);
+    let right = touch(&scene);
+    let told = |factors: &[f64]| {
+        let of = |(k, factor): (usize, &f64)| Sequence {
+            id: k.to_string(),
+            torques: scaled(&right.torques, *factor),
+            ..right.clone()
+        };
+        let all: Vec<Sequence> = factors.iter().enumerate().map(of).collect();
+        let traces: Vec<_> = all.iter().map(|s| scene.trace(s).unwrap()).collect();
+        let all: Vec<&Sequence> = all.iter().collect();
+        let warnings = reading_warnings(&scene, &all, &traces);
+        let [warning] = &warnings[..] else {
+            assert_eq!(warnings, [], "{factors:?}");
+            return String::new();
+        };
+        warning.to_string()
+    };
+    // Ten times as stiff is another place, not another unit.
+    for right in [&[1.0, 1.0, 1.0][..], &[1.0, 10.0, 0.1], &[1.0]] {
+        assert_eq!(told(right), "");
+    }
+    for (wrong, is) in [
+        (
+            &[1.0, 1.0, 1e-3, 1.0][..],
+            "sequence 2: torques in contact are 0.001 times",
+        ),
+        (
+            &[1.0, 1e3, 1.0, 1e3, 1.0],
+            "sequence 1: torques in contact are 1000.000 times",
+        ),
+        (&[1.0, 1e-3], "sequence 1: torques in contact are"),
+        (
+            &[1.0, -1.0, 1.0],
+            "sequence 1: torques in contact are opposite",
+        ),
+        (&[-1.0, -1.0], "torques in contact are opposite"),
+        (&[1e-9, 1e-9], "no sensor resolves"),
+    ] {
+        assert!(told(wrong).contains(is), "{}", told(wrong));
+    }
+    assert!(told(&[1.0, 1e3, 1.0, 1e3, 1.0]).contains("1 more sequence"));
+}
+
 #[test]
 fn velocities_of_another_unit() {
     let (scene, right) = (scene(TorqueKind::External, 0), swing());
@@ -703,6 +750,7 @@ fn velocities_of_another_unit() {
         (velocities(1f64.to_degrees()), 57.3, "degrees a second"),
         (in_ms, 1e3, "milliseconds"),
         (velocities(1e-3), 1e-3, "millisecond"),
+        (velocities(2e3), 2e3, "unit and order"),
         (velocities(-1.0), -1.0, "sign"),
         (velocities(0.0), 0.0, "unit and order"),
     ] {

@@ -86,12 +86,14 @@ pub fn run(args: &Args, console: &Console) -> anyhow::Result<()> {
     bar.finish_and_clear();
     let scores = Score::all(&cases);
     let report = text(&cases, &scores);
-    console.json(&Report {
-        seed: args.seed,
-        cases: &cases,
-        scores,
-    })?;
-    console.report(report)?;
+    console.results(
+        &Report {
+            seed: args.seed,
+            cases: &cases,
+            scores,
+        },
+        report,
+    )?;
     if cases.iter().any(Case::is_diagnosed) {
         Ok(())
     } else {

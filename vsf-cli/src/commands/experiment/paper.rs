@@ -152,12 +152,12 @@ pub fn run(args: &Args, console: &Console) -> anyhow::Result<()> {
     };
     let found = each(opened, console, of, keep)?;
     keep(&found)?;
-    console.json(&Report::of(&found, args, &update_times, &figures))?;
     let tables = tables(&found.all, &update_times);
-    console.report(format!(
-        "{tables}wrote {}\n",
-        out.join(Figures::REPORT).display()
-    ))?;
+    let report = out.join(Figures::REPORT);
+    console.results(
+        &Report::of(&found, args, &update_times, &figures),
+        format!("{tables}wrote {}\n", report.display()),
+    )?;
     found.end()
 }
 

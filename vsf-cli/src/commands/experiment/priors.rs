@@ -49,11 +49,13 @@ pub fn run(args: &Args, console: &Console) -> anyhow::Result<()> {
         },
         |_| Ok(()),
     )?;
-    console.json(&Report {
-        recordings: &found.all,
-        failed: &found.failed,
-    })?;
-    console.report(found.all.iter().map(text).collect::<String>())?;
+    console.results(
+        &Report {
+            recordings: &found.all,
+            failed: &found.failed,
+        },
+        found.all.iter().map(text).collect::<String>(),
+    )?;
     found.end()
 }
 

@@ -38,11 +38,13 @@ pub fn run(args: &Args, console: &Console) -> anyhow::Result<()> {
         },
         |_| Ok(()),
     )?;
-    console.json(&Report {
-        rows: &found.all,
-        failed: &found.failed,
-    })?;
-    console.report(text(&found.all))?;
+    console.results(
+        &Report {
+            rows: &found.all,
+            failed: &found.failed,
+        },
+        text(&found.all),
+    )?;
     found.end()
 }
 

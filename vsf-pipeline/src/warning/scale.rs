@@ -1,0 +1,68 @@
+//! Scale and sign of the readings in contact of each sequence beside those of the others, by the one stiffness that explains
+//! it best.
+
+use super::{Likeness, PipelineWarning, springs};
+use crate::Trace;
+
+/// Stiffnesses further apart than this come from units: of places on one soft object they are not.
+const MOST_TIMES: f64 = 100.0;
+/// Samples in contact, and correlation with the torques of springs, from which on a stiffness tells.
+const LEAST_CONTACT: usize = 8;
+const ALIKE: f64 = 0.5;
+
+/// The first sequence whose readings in contact are of another unit, or of another sign, than those of most.
+pub fn warning(traces: &[Trace]) -> Option<PipelineWarning> {
+    let mut told: Vec<Told> = traces.iter().filter_map(Told::of).collect();
+    let in_order = told.clone();
+    told.sort_by(|a, b| a.stiffness.abs().total_cmp(&b.stiffness.abs()));
+    let middle = told.get(told.len() / 2)?;
+    let times = |t: &Told| (t.stiffness / middle.stiffness).abs();
+    let is_scaled = |t: &&Told| !(1.0 / MOST_TIMES..=MOST_TIMES).contains(&times(t));
+    let mut scaled = in_order.iter().filter(is_scaled);
+    if let Some(first) = scaled.next() {
+        return Some(PipelineWarning::ScaledTorques {
+            sequence: first.trace.id.clone(),
+            factor: times(first),
+            than: middle.trace.id.clone(),
+            others: scaled.count(),
+        });
+    }
+    let is_opposite = |t: &&Told| t.stiffness < 0.0;
+    let count = told.iter().filter(is_opposite).count();
+    // Of most sequences it is the sign of all.
+    if 2 * count > told.len() {
+        return None;
+    }
+    let opposite = in_order.iter().find(is_opposite)?;
+    let warning = PipelineWarning::OppositeTorques {
+        correlation: opposite.correlation,
+    };
+    Some(warning.in_sequence(&opposite.trace.id))
+}
+
+/// A sequence that tells of its scale.
+#[derive(Clone, Copy)]
+struct Told<'a> {
+    trace: &'a Trace,
+    /// The one stiffness that explains its readings in contact best (N/m), and their correlation with what that gives.
+    stiffness: f64,
+    correlation: f64,
+}
+
+impl<'a> Told<'a> {
+    fn of(trace: &'a Trace) -> Option<Self> {
+        let touching = || trace.observations.iter().filter(|o| !o.is_empty());
+        let mut likeness = Likeness::default();
+        for observation in touching() {
+            let pairs = observation.reading().iter().zip(springs(observation));
+            pairs.for_each(|(reading, spring)| likeness.add(*reading, spring));
+        }
+        let correlation = likeness.correlation();
+        let tells = touching().count() >= LEAST_CONTACT && correlation.abs() >= ALIKE;
+        tells.then_some(Self {
+            trace,
+            stiffness: likeness.slope(),
+            correlation,
+        })
+    }
+}
