@@ -22,6 +22,10 @@ pub struct Console {
 /// What results say of the program that wrote them.
 pub const MADE_BY: &str = concat!("vsf ", env!("CARGO_PKG_VERSION"));
 
+/// Most rows of a table of sequences, and how many of more are shown.
+const MOST_ROWS: usize = 100;
+const FIRST_ROWS: usize = 40;
+
 /// What machines read.
 #[derive(Serialize)]
 struct WithWarnings<'a, T: Serialize> {
@@ -243,6 +247,15 @@ pub fn table(header: &[&str], rows: &[Vec<String>]) -> String {
     text
 }
 
+/// A table with a row for every sequence; of very many, the first ones.
+pub fn sequence_table(header: &[&str], rows: &[Vec<String>]) -> String {
+    if rows.len() <= MOST_ROWS {
+        return table(header, rows);
+    }
+    let more = rows.len() - FIRST_ROWS;
+    table(header, &rows[..FIRST_ROWS]) + &format!("  and {more} more sequences (--json has all)\n")
+}
+
 /// What the name of so many things ends in.
 pub fn plural(count: usize) -> &'static str {
     if count == 1 { "" } else { "s" }
@@ -280,6 +293,17 @@ mod tests {
             harmless("a\u{1b}[2Jb\u{7}\u{202E}c\u{2028}"),
             "a\u{FFFD}[2Jb\u{FFFD}\u{FFFD}c\u{FFFD}"
         );
+    }
+
+    #[test]
+    fn of_very_many_sequences_the_first_are_shown() {
+        let rows = |count: usize| -> Vec<Vec<String>> {
+            (0..count).map(|k| vec![k.to_string()]).collect()
+        };
+        let lines = |count| sequence_table(&["sequence"], &rows(count)).lines().count();
+        assert_eq!((lines(3), lines(100), lines(5000)), (4, 101, 42));
+        let text = sequence_table(&["sequence"], &rows(5000));
+        assert!(text.ends_with("39\n  and 4960 more sequences (--json has all)\n"));
     }
 
     #[test]

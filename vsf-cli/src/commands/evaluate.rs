@@ -1,4 +1,4 @@
-use crate::console::{Console, number, table};
+use crate::console::{Console, number, sequence_table, table};
 use crate::corrected::Modeled;
 use crate::exit::usage;
 use crate::field_file::FieldFile;
@@ -288,7 +288,7 @@ fn text(found: &[(&'static str, Evaluation)]) -> String {
     if tells_new {
         header.push("at new places");
     }
-    text += &table(&header, &rows);
+    text += &sequence_table(&header, &rows);
     text += &format!("\nby joint, {first}\n");
     let rows: Vec<_> = evaluation
         .per_joint

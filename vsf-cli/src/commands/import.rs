@@ -1,5 +1,5 @@
 use crate::config::Sources;
-use crate::console::{Console, number, table};
+use crate::console::{Console, number, sequence_table};
 use crate::derived::{IMPORT, claim, keep_made, keep_robot, save};
 use crate::exit::usage;
 use crate::explain::{blame, explain};
@@ -410,7 +410,7 @@ fn text(report: &Report) -> String {
         joints,
         report.robot,
         report.topic.as_deref().unwrap_or("CSV"),
-        table(&titles, &rows.collect::<Vec<_>>()),
+        sequence_table(&titles, &rows.collect::<Vec<_>>()),
         report.out
     )
 }

@@ -1,6 +1,6 @@
 mod field;
 
-use crate::console::{Console, in_line, number, table};
+use crate::console::{Console, in_line, number, sequence_table, table};
 use crate::field_file::{FieldFile, FieldFormat};
 use crate::recording::{Recording, RecordingArgs, SplitPart, untouched};
 use serde::Serialize;
@@ -239,7 +239,7 @@ fn text(report: &Report) -> String {
         "in contact",
         "mean contacts",
     ];
-    text += &table(&header, &rows);
+    text += &sequence_table(&header, &rows);
     if !report.grids.is_empty() {
         let rows: Vec<_> = report
             .grids

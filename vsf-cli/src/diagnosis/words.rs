@@ -149,19 +149,25 @@ pub fn headings(diagnosis: &Diagnosis) -> String {
     } else {
         "; closed: share of the squared errors beyond noise"
     };
-    let hides = |e: &EffectReport| {
+    let is_below = |e: &&EffectReport| {
         e.probability >= LIKELY_ENOUGH && e.null_score.is_some_and(|null| e.score < null)
     };
+    let below: Vec<&EffectReport> = fitted(&diagnosis.effects).filter(is_below).collect();
     let verdict = &diagnosis.verdict;
-    let is_spread = verdict.kind == VerdictKind::NoGap && verdict.hidden > 0.0;
-    let hidden = if is_spread && fitted(&diagnosis.effects).any(hides) {
-        "; a probability beside a score below its null is hardly evidence, but a share of what the stiffness may hide"
-    } else {
+    // Where a likely effect has a score that says nothing.
+    let why = if below.is_empty() {
         ""
+    } else if verdict.kind == VerdictKind::NoGap && verdict.hidden > 0.0 {
+        "; a probability beside a score below its null is hardly evidence, but a share of what the stiffness may hide"
+    } else if below.iter().all(|e| e.is_like_field()) {
+        "; a probability beside a score below its null is that of the effect in place of a stiffness that differs from place \
+         to place, which leaves it nothing"
+    } else {
+        "; a probability beside a score below its null is that of the effect beside others, without which it does not show"
     };
     format!(
         "score: gain of log evidence; null: score that is reached without any effect; test score: gain of log density on \
-         the test sequences{closed}{hidden}"
+         the test sequences{closed}{why}"
     )
 }
 
