@@ -12,7 +12,7 @@ pub use fit::BatchFit;
 pub use held_out::HeldOut;
 
 use crate::FieldPrior;
-use crate::limit::check_entries;
+use crate::limit::{FACTORIZED, check_entries};
 use equations::{NONE, Whitener, gram, panel, project};
 use faer::Mat;
 use points::ByPoints;
@@ -176,7 +176,8 @@ impl<'a> BatchMap<'a> {
             rows += own;
         }
         let by_rows = POINTS_PER_ROW * rows <= n;
-        check_entries(n, if by_rows { rows } else { n }, "touched points")?;
+        let each = if by_rows { rows } else { n };
+        check_entries(n, each, FACTORIZED, "touched points")?;
         let store = if by_rows {
             let touching: Vec<_> = all().filter(|o| !o.is_empty()).collect();
             let w = panel(&touching, &slot, n, &mut whitener)?
@@ -311,7 +312,8 @@ impl<'a> BatchMap<'a> {
         }
         if !prior.is_independent() {
             let n = self.points.len();
-            check_entries(n, n, "touched points under a prior that correlates them")?;
+            let what = "touched points under a prior that correlates them";
+            check_entries(n, n, FACTORIZED, what)?;
         }
         Precision::new(prior, &self.points)
     }

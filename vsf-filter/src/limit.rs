@@ -3,12 +3,17 @@ use vsf_core::CoreError;
 /// Most numbers in a matrix (8.6 GB in `f64`): 32768 points squared.
 const MAX_ENTRIES: usize = 1 << 30;
 
-/// Such matrices that a fit holds at once, at least.
-const COPIES: usize = 3;
+/// What a factorization in `f64` holds of an entry, at least: the matrix, its factor, and one more of their size (bytes).
+pub(crate) const FACTORIZED: usize = 3 * size_of::<f64>();
 
-/// Refuses a matrix of `n` points by as many numbers `each` that is too large, or for which there is no memory: later
-/// nothing could be done but to abort.
-pub(crate) fn check_entries(n: usize, each: usize, what: &'static str) -> Result<(), CoreError> {
+/// Refuses a matrix of `n` points by as many numbers `each` that is too large, or for which there is no memory, by how many
+/// bytes are held of an entry: later nothing could be done but to abort.
+pub(crate) fn check_entries(
+    n: usize,
+    each: usize,
+    held: usize,
+    what: &'static str,
+) -> Result<(), CoreError> {
     if n.saturating_mul(each) > MAX_ENTRIES {
         return Err(CoreError::TooMany {
             what,
@@ -20,7 +25,7 @@ pub(crate) fn check_entries(n: usize, each: usize, what: &'static str) -> Result
             },
         });
     }
-    let bytes = COPIES * n * each * size_of::<f64>();
+    let bytes = held * n * each;
     let room = Vec::<u8>::new().try_reserve_exact(bytes);
     room.map_err(|_| CoreError::OutOfMemory {
         what,

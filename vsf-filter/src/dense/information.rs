@@ -3,6 +3,7 @@ use super::innovation::Innovation;
 use super::joint::{Joint, JointEstimator};
 use super::projection::{Projection, Shown};
 use super::touched::{Conditional, Touched};
+use crate::limit::FACTORIZED;
 use crate::prior::FieldPrior;
 use crate::values::all_positive;
 use faer::Mat;
@@ -110,7 +111,7 @@ impl<T: Scalar> InformationFilter<T> {
         if unseen.is_empty() {
             return Ok(());
         }
-        self.touched.check_room(unseen.len())?;
+        self.touched.check_room(unseen.len(), FACTORIZED)?;
         let conditional = self.touched.condition(&unseen)?;
         let Conditional { onto, share, .. } = &conditional;
         let gain = product(onto.as_ref(), share.transpose());

@@ -88,10 +88,15 @@ impl Touched {
         (slot != UNTOUCHED).then_some(slot as usize)
     }
 
-    /// Whether there is room for so many new points.
-    pub(super) fn check_room(&self, new: usize) -> Result<(), CoreError> {
+    /// Whether there is room for so many new points, of a filter that holds so many bytes of a pair of them.
+    pub(super) fn check_room(&self, new: usize, held: usize) -> Result<(), CoreError> {
         let all = self.len() + new;
-        check_entries(all, all, "touched points of a dense filter")
+        // The factor, and a larger one while it grows.
+        let of_link = match self.link {
+            Link::Field { .. } => 2 * size_of::<f64>(),
+            Link::Nothing | Link::Level { .. } => 0,
+        };
+        check_entries(all, all, held + of_link, "touched points of a dense filter")
     }
 
     /// Those of `points` that were never touched, each once, increasing.

@@ -14,7 +14,8 @@ impl<T: Scalar> CovarianceFilter<T> {
             return Ok(());
         }
         let unseen = self.touched.unseen(points)?;
-        self.touched.check_room(unseen.len())?;
+        // Half of the entries, with room for the rest.
+        self.touched.check_room(unseen.len(), size_of::<T>())?;
         unseen
             .chunks(CHUNK)
             .try_for_each(|chunk| self.append(chunk))
