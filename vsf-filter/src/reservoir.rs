@@ -14,9 +14,9 @@ const FADED: f64 = 3.0;
 /// A uniform sample of a stream of observations within a bound on memory.
 ///
 /// Every observation draws a random key; kept are those with the smallest keys, as many as fit.
-/// Which ones these are does not depend on the order in which they came, also when their sizes
-/// differ (a bottom-k sample; for equal sizes the law of Vitter's algorithm R,
-/// doi 10.1145/3147.3165). An observation is taken in or out in O(log n), apart from its copy.
+/// For equal sizes, which ones these are does not depend on the order in which they came (a bottom-k sample, the law of
+/// Vitter's algorithm R, doi 10.1145/3147.3165); memory that a larger one leaves is reused as it is, so that a few less
+/// may fit. An observation is taken in or out in O(log n), apart from its copy.
 #[derive(Debug, Clone)]
 pub(crate) struct Reservoir<T: Scalar, X = ()> {
     /// The sample, followed by slots whose memory waits for reuse.

@@ -67,8 +67,8 @@ enum Touched {
 }
 
 impl Touched {
-    /// By logs of the train sequences.
-    fn of(points: usize, logs: &[Arc<ContactLog>]) -> Self {
+    /// By the train sequences and their logs.
+    fn of(points: usize, train: &[Motion], logs: &[Arc<ContactLog>]) -> Self {
         #[derive(Clone, Copy, Default)]
         struct Depth {
             most: f64,
@@ -77,7 +77,13 @@ impl Touched {
         }
         let mut depths = vec![Depth::default(); points];
         let mut touched = Self::Nothing;
-        for (row, contacts) in logs.iter().flat_map(|l| &l.contacts).enumerate() {
+        let touches = (train.iter().zip(logs))
+            .flat_map(|(m, log)| m.touches.iter().map(|rows| &log.contacts[rows.clone()]));
+        // All points are let off between two touches.
+        let rows = touches
+            .enumerate()
+            .flat_map(|(k, contacts)| contacts.iter().map(move |c| (k, c)));
+        for (row, contacts) in rows.enumerate().map(|(row, (k, c))| (row + k, c)) {
             for (&p, u) in contacts.points().iter().zip(contacts.displacements()) {
                 let (depth, u) = (&mut depths[p as usize], u.norm());
                 if depth.row + 1 < row {
@@ -247,7 +253,7 @@ impl Campaign {
     fn take_in(&mut self, logs: &[Arc<ContactLog>]) {
         let free = (logs.iter().flat_map(|l| &l.contacts)).filter(|c| c.is_empty());
         self.moves_free = free.count() >= FREE;
-        self.touched = Touched::of(self.site.rest.len(), logs);
+        self.touched = Touched::of(self.site.rest.len(), &self.train, logs);
     }
 
     /// Name of the recording; empty if it has none.

@@ -83,11 +83,13 @@ impl Compensator for Directions {
         for (s, n) in springs.iter_mut().zip(touch.contacts.normals()) {
             let (pressed, along) = parts(s, n);
             let (stiffer, mut aside) = parts(&(*s + along * self.tangential + self.world * *s), n);
+            // Where `S` outweighs the rest, nothing is left to push; nothing pulls.
+            let stiffer = stiffer.max(0.0);
             // Contact itself may be steeper, where it is the mean of several sub-points.
             let steepest = self
                 .friction
                 .max(along.norm() / pressed.max(f64::MIN_POSITIVE));
-            let most = steepest * stiffer.max(0.0);
+            let most = steepest * stiffer;
             if aside.norm() > most {
                 aside *= most / aside.norm();
             }

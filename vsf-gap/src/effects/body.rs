@@ -110,7 +110,7 @@ impl Body {
         let felt = gravity - motion.acceleration(&o);
         let force = felt * self.m - motion.dw.cross(&h) - motion.w.cross(&motion.w.cross(&h));
         let moment = o.coords.cross(&force) + h.cross(&felt);
-        add_wrench(posture, link, &moment, &force, tau);
+        posture.add_torques(link, &moment, &force, tau);
     }
 }
 
@@ -122,19 +122,5 @@ pub(super) fn add_force(
     f_W: &Vector3<f64>,
     tau: &mut [f64],
 ) {
-    add_wrench(posture, link, &p_W.coords.cross(f_W), f_W, tau);
-}
-
-/// The same of a force and a moment about the world origin (N m).
-fn add_wrench(
-    posture: &Posture,
-    link: usize,
-    moment_W: &Vector3<f64>,
-    force_W: &Vector3<f64>,
-    tau: &mut [f64],
-) {
-    for &j in posture.chains().chain(link) {
-        let s = &posture.screws()[j as usize];
-        tau[j as usize] += s.angular.dot(moment_W) + s.linear.dot(force_W);
-    }
+    posture.add_torques(link, &p_W.coords.cross(f_W), f_W, tau);
 }

@@ -1,6 +1,7 @@
+use super::joint::{unit, where_sliding};
 use crate::GapError;
 use crate::effect::{Acts, Compensator, Effect, Need, Parameter, Probe, Sample, Site};
-use crate::effect::{check, per_joint, slides};
+use crate::effect::{check, per_joint};
 
 /// Joint encoders that are off by a constant: the links are at `q_j + o_j`.
 ///
@@ -54,14 +55,8 @@ impl Effect for EncoderOffset {
     }
 
     fn parameters(&self, site: &Site) -> Vec<Parameter> {
-        let unit = |j| if slides(site, j) { "m" } else { "rad" };
-        let mut parameters = per_joint(site, "o", unit, [-0.2, 0.2], 0.01);
-        for (j, p) in parameters.iter_mut().enumerate() {
-            if slides(site, j) {
-                (p.bounds, p.scale) = ([-0.05, 0.05], 1e-3);
-            }
-        }
-        parameters
+        let parameters = per_joint(site, "o", unit(site, "rad", "m"), [-0.2, 0.2], 0.01);
+        where_sliding(site, parameters, [-0.05, 0.05], 1e-3)
     }
 
     fn compensator(&self, site: &Site, theta: &[f64]) -> Result<Box<dyn Compensator>, GapError> {

@@ -1,7 +1,7 @@
 //! What the effects of the joints share.
 
-use crate::Site;
 use crate::effect::slides;
+use crate::{Parameter, Site};
 
 /// The first unit where a joint turns, the second where it slides.
 pub(super) fn unit(
@@ -10,6 +10,21 @@ pub(super) fn unit(
     sliding: &'static str,
 ) -> impl Fn(usize) -> &'static str {
     move |j| if slides(site, j) { sliding } else { turning }
+}
+
+/// Parameters of the joints, with these bounds and this scale where they slide.
+pub(super) fn where_sliding(
+    site: &Site,
+    mut parameters: Vec<Parameter>,
+    bounds: [f64; 2],
+    scale: f64,
+) -> Vec<Parameter> {
+    for (j, p) in parameters.iter_mut().enumerate() {
+        if slides(site, j) {
+            (p.bounds, p.scale) = (bounds, scale);
+        }
+    }
+    parameters
 }
 
 /// Unit of a speed that all joints share.

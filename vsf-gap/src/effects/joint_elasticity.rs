@@ -1,7 +1,7 @@
-use super::joint::unit;
+use super::joint::{unit, where_sliding};
 use crate::GapError;
 use crate::effect::{Acts, Compensator, Effect, Need, Parameter, Probe, Sample, Site};
-use crate::effect::{check, per_joint, slides};
+use crate::effect::{check, per_joint};
 use vsf_data::TorqueKind;
 
 /// Gears that give way: a link turns ahead of its encoder by `c_j tau_j`, where `tau_j` is the load of
@@ -58,13 +58,8 @@ impl Effect for JointElasticity {
 
     fn parameters(&self, site: &Site) -> Vec<Parameter> {
         let unit = unit(site, "rad/(N m)", "m/N");
-        let mut parameters = per_joint(site, "c", unit, [0.0, 0.02], 1e-3);
-        for (j, p) in parameters.iter_mut().enumerate() {
-            if slides(site, j) {
-                (p.bounds, p.scale) = ([0.0, 5e-3], 1e-4);
-            }
-        }
-        parameters
+        let parameters = per_joint(site, "c", unit, [0.0, 0.02], 1e-3);
+        where_sliding(site, parameters, [0.0, 5e-3], 1e-4)
     }
 
     fn compensator(&self, site: &Site, theta: &[f64]) -> Result<Box<dyn Compensator>, GapError> {

@@ -1,4 +1,4 @@
-use super::joint::{sign, speed_unit, unit};
+use super::joint::{sign, speed_unit};
 use crate::GapError;
 use crate::contact::center;
 use crate::effect::{Acts, Compensator, Effect, Need, Parameter, Probe, Sample, Site, Touch};
@@ -8,7 +8,8 @@ use vsf_data::TorqueKind;
 /// Dry friction in the joints that is proportional to the load of the gears: `-m_j |tau_j| sign(qd_j)`.
 ///
 /// Parameters `m_<joint>` (1) and the shape `eps` (rad/s or m/s), the speed at which friction has
-/// three quarters of its size, and at twice of it nearly all. The load is that of the contact; for readings of
+/// three quarters of its size, and at twice of it nearly all. The load is that of the contact, and friction fades where it
+/// is so small that its sign is noise: to three quarters of its size at 0.1 N m (or N), `-m_j tau_j tanh(tau_j / 0.1)`; for readings of
 /// the actuators it is that of the arm's weight and motion, unless the motor is off: then friction alone stands against these, and they would
 /// be explained by themselves. Tell-tale: nothing in free motion without weight, and a loop between pressing
 /// and letting go that each joint has for itself; friction on the object's surface acts on all joints at once.
@@ -59,7 +60,7 @@ impl Effect for JointLoadFriction {
     }
 
     fn parameters(&self, site: &Site) -> Vec<Parameter> {
-        let mut parameters = per_joint(site, "m", unit(site, "1", "1"), [0.0, 3.0], 0.1);
+        let mut parameters = per_joint(site, "m", |_| "1", [0.0, 3.0], 0.1);
         parameters.push(Parameter::shape("eps", speed_unit(site), [1e-3, 0.2], 0.01));
         parameters
     }

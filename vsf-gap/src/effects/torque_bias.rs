@@ -1,5 +1,6 @@
+use super::joint::unit;
 use crate::effect::{Acts, Compensator, Effect, Need, Parameter, Probe, Sample, Site, Touch};
-use crate::effect::{check, per_joint, slides};
+use crate::effect::{check, per_joint};
 use crate::{Campaign, GapError};
 
 /// A constant error of the torque sensors: joint `j` reads `b_j` more than its torque, also in free motion.
@@ -52,8 +53,7 @@ impl Effect for TorqueBias {
     }
 
     fn parameters(&self, site: &Site) -> Vec<Parameter> {
-        let unit = |j| if slides(site, j) { "N" } else { "N m" };
-        per_joint(site, "b", unit, [-100.0, 100.0], 0.5)
+        per_joint(site, "b", unit(site, "N m", "N"), [-100.0, 100.0], 0.5)
     }
 
     fn compensator(&self, site: &Site, theta: &[f64]) -> Result<Box<dyn Compensator>, GapError> {

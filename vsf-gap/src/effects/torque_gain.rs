@@ -1,4 +1,3 @@
-use super::joint::unit;
 use crate::effect::{Acts, Compensator, Effect, Need, Parameter, Probe, Sample, Site, Touch};
 use crate::effect::{check, per_joint};
 use crate::{Campaign, GapError, Motion};
@@ -54,7 +53,7 @@ impl Effect for TorqueGain {
     }
 
     fn parameters(&self, site: &Site) -> Vec<Parameter> {
-        let gains = per_joint(site, "g", unit(site, "1", "1"), [-0.9, 3.0], 0.1);
+        let gains = per_joint(site, "g", |_| "1", [-0.9, 3.0], 0.1);
         match site.torque_kind {
             TorqueKind::External => gains.into_iter().map(Parameter::of_field).collect(),
             TorqueKind::Measured => gains,
