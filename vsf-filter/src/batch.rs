@@ -260,7 +260,7 @@ impl<'a> BatchMap<'a> {
     /// # Errors
     /// As [`BatchMap::solve`]; readings that the mean of the prior predicts without error have no
     /// greatest evidence.
-    pub fn best_level(
+    pub fn best_scale(
         &self,
         prior: &FieldPrior,
         noise_scale: f64,

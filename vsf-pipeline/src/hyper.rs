@@ -144,7 +144,7 @@ pub enum HyperMethod {
     /// 6. *Level.* Prior and noise are scaled together until held-out residuals are as large as predicted.
     #[default]
     HeldOut,
-    /// By the marginal likelihood of all readings ([`vsf_filter::BatchMap::best_level`]), over all
+    /// By the marginal likelihood of all readings ([`vsf_filter::BatchMap::best_scale`]), over all
     /// of these ratios and the same shapes. It takes the error of the model as independent from sample to
     /// sample. Where it is not, as in most recordings of pushes, the readings are followed too
     /// closely.

@@ -258,7 +258,7 @@ fn posterior_is_that_of_brute_force() {
 
 /// The closed form beside the evidence with every deviation multiplied by a factor.
 #[test]
-fn best_level_has_the_greatest_evidence() {
+fn best_scale_has_the_greatest_evidence() {
     let mut sequence = Vec::new();
     for (w, force) in [([1.0, 0.4], 3.0), ([0.2, -1.0], 5.0), ([0.5, 0.5], -1.0)] {
         let mut obs = Observation::new(Noise::uniform(1, 0.7).unwrap());
@@ -272,11 +272,11 @@ fn best_level_has_the_greatest_evidence() {
             .with_level(2.0 * sd)
             .unwrap()
     };
-    let (level, greatest) = batch.best_level(&prior(0.5), 1.3).unwrap();
+    let (scale, greatest) = batch.best_scale(&prior(0.5), 1.3).unwrap();
     let scaled = |s: f64| batch.log_evidence(&prior(0.5 * s), 1.3 * s).unwrap();
-    close("evidence", greatest, scaled(level), 1e-12);
+    close("evidence", greatest, scaled(scale), 1e-12);
     for factor in [0.5, 0.99, 1.01, 3.0] {
-        assert!(scaled(level * factor) < greatest, "{factor}");
+        assert!(scaled(scale * factor) < greatest, "{factor}");
     }
 }
 
@@ -368,7 +368,7 @@ fn noise_beside_the_observations_is_theirs() {
             let [own, copy] = [&world.sequences, &copies].map(|s| &s[0][0]);
             let [own, copy] = [a.predict_joint(own), b.predict_joint(copy)];
             assert_eq!(own.unwrap(), copy.unwrap(), "{name}");
-            let [a, b] = [&beside, &copied].map(|batch| batch.best_level(&prior, 1.5).unwrap());
+            let [a, b] = [&beside, &copied].map(|batch| batch.best_scale(&prior, 1.5).unwrap());
             assert_eq!(a, b, "{name}");
         }
         for noise in [Noise::uniform(2, 1.0), Noise::uniform(3, 1e-160)] {

@@ -10,7 +10,7 @@ pub fn choose(problem: &Problem, shapes: &[PriorShape]) -> Result<HyperChoice, P
     let mut best: Option<((PriorShape, f64), f64, f64)> = None;
     let ratios = |shape: &PriorShape| POWERS.map(|power| (*shape, power));
     for candidate in shapes.iter().flat_map(ratios) {
-        let (level, log_evidence) = batch.best_level(&problem.prior(&candidate)?, 1.0)?;
+        let (scale, log_evidence) = batch.best_scale(&problem.prior(&candidate)?, 1.0)?;
         let (shape, power) = candidate;
         tried.push(Candidate {
             shape,
@@ -19,15 +19,15 @@ pub fn choose(problem: &Problem, shapes: &[PriorShape]) -> Result<HyperChoice, P
             log_evidence: Some(log_evidence),
         });
         if best.is_none_or(|(_, _, greatest)| log_evidence > greatest) {
-            best = Some((candidate, level, log_evidence));
+            best = Some((candidate, scale, log_evidence));
         }
     }
-    let (chosen, level, _) = best.ok_or(PipelineError::NoContact {
+    let (chosen, scale, _) = best.ok_or(PipelineError::NoContact {
         what: "train",
         points: problem.rest.len(),
     })?;
     Ok(HyperChoice {
-        hyper: problem.hyper(chosen, level),
+        hyper: problem.hyper(chosen, scale),
         candidates: tried,
     })
 }
