@@ -434,7 +434,8 @@ impl Recording {
         let traces = contacts(&looked_at, &sequences, console)?;
         let mut warnings = self.of_readings(&looked_at, &sequences, &traces);
         // A diagnosis tells what that is.
-        warnings.retain(|w| !matches!(w, PipelineWarning::NotTared { .. }));
+        use PipelineWarning::{FeltInAir, NotTared};
+        warnings.retain(|w| !matches!(w, NotTared { .. } | FeltInAir { .. }));
         console.warn_all(warnings);
         console.warn_all(untouched(&looked_at, &traces));
         let campaign = Campaign::in_scene(&self.dataset, scene)?;

@@ -104,6 +104,8 @@ pub struct JointError {
     pub unit: String,
     /// Mean absolute error over all samples.
     pub mean_abs_error: f64,
+    /// Mean absolute reading: the error of predicting no touch at all.
+    pub zero_error: f64,
     /// Root mean square error.
     pub rms_error: f64,
 }
@@ -295,7 +297,7 @@ pub fn score(
     CoreError::check_len("predictions", predictions.len(), traces.len())?;
     let joints = scene.robot().joint_count();
     check_traces(traces, scene.rest().len(), joints)?;
-    let (mut absolute, mut squared) = (vec![0.0; joints], vec![0.0; joints]);
+    let [mut absolute, mut squared, mut read] = [(); 3].map(|()| vec![0.0; joints]);
     let mut all = Moments::default();
     let mut per_sequence = Vec::new();
     for (trace, prediction) in traces.iter().zip(predictions) {
@@ -308,6 +310,7 @@ pub fn score(
             );
             for (j, (f, tau)) in fit.iter().zip(obs.reading()).enumerate() {
                 absolute[j] += (f - tau).abs();
+                read[j] += tau.abs();
                 squared[j] += (f - tau) * (f - tau);
             }
         }
@@ -339,6 +342,7 @@ pub fn score(
             joint: joint.name().to_owned(),
             unit: scene.unit(j).to_owned(),
             mean_abs_error: absolute[j] / n,
+            zero_error: read[j] / n,
             rms_error: (squared[j] / n).sqrt(),
         });
     Ok(Evaluation {

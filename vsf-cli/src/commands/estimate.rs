@@ -27,7 +27,7 @@ it; they warn of flags that contradict it, and of another corrected model than i
 JSON keys: estimator, robust (none, huber or student-t), prior_sd, smooth_sd, smooth_length, level_sd, noise_sd (by channel), given \
 (which of prior_sd and noise_sd), chosen_by (how the rest was: held-out, likelihood, or given), candidates (smooth_share, length, level_share, signal_to_noise, error or log_evidence), threshold (of contact, m), thresholds (those compared: threshold, error), \
 sequences, samples, contact_samples, points, touched_points, mean_stiffness (over touched \
-points), vision (none, a method or a file), vision_share (of its guess, in the prior), vision_candidates (share, \
+points), points_at_zero (of these), vision (none, a method or a file), vision_share (of its guess, in the prior), vision_candidates (share, \
 error), nis_ratio, out.")]
 pub struct Args {
     /// Where to write the field, by ending: .npz, .ply, .mcap, or a folder, which must be new, empty or a
@@ -72,6 +72,7 @@ struct Report<'a> {
     points: usize,
     touched_points: usize,
     mean_stiffness: f64,
+    points_at_zero: usize,
     vision: String,
     vision_share: f64,
     vision_candidates: &'a [VisionCandidate],
@@ -194,6 +195,7 @@ pub fn run(args: &Args, console: &Console) -> anyhow::Result<()> {
         points: scene.rest().len(),
         touched_points: chosen.estimate.touched.iter().filter(|t| **t).count(),
         mean_stiffness: mean_stiffness(&chosen.estimate),
+        points_at_zero: touched(&chosen.estimate).filter(|k| *k == 0.0).count(),
         vision: settings.vision_name(),
         vision_share: chosen.vision_share,
         vision_candidates: &chosen.vision_candidates,
@@ -203,8 +205,12 @@ pub fn run(args: &Args, console: &Console) -> anyhow::Result<()> {
     console.results(&report, text(&report, &scene, spec.keeps_correlations()))
 }
 
-fn mean_stiffness(estimate: &Estimate) -> f64 {
+/// Stiffness of the touched points.
+fn touched(estimate: &Estimate) -> impl Iterator<Item = f64> {
     let pairs = estimate.belief.mean().iter().zip(&estimate.touched);
-    let touched: Vec<f64> = pairs.filter(|(_, t)| **t).map(|(k, _)| *k).collect();
-    touched.iter().sum::<f64>() / touched.len().max(1) as f64
+    pairs.filter(|(_, t)| **t).map(|(k, _)| *k)
+}
+
+fn mean_stiffness(estimate: &Estimate) -> f64 {
+    touched(estimate).sum::<f64>() / touched(estimate).count().max(1) as f64
 }

@@ -22,15 +22,16 @@ A recording without points, of an arm in free air, has no field: give --model, o
 JSON keys: predictor (field, model, zero, knn, mlp or gp), mean_error, sd_error, samples, unit (N m or N), zero_error \
 (mean norm of the readings), per_sequence (sequence, mean_error, sd_error, samples, zero_error, \
 contact_samples, mean_contacts, new_places: the share of contact at points that the field has not learned from, if it says \
-which these are), per_joint (joint, unit, mean_abs_error, rms_error), calibration (within_1_sigma, within_2_sigma: \
-shares of single readings in contact; of predictors with deviations), and with a field and --baseline: baselines, an object of the same keys by name.")]
+which these are), per_joint (joint, unit, mean_abs_error, rms_error, zero_error: mean absolute reading), calibration (within_1_sigma, within_2_sigma: \
+shares of single readings in contact; of predictors with deviations), and with a field and --baseline or --model: baselines, an object \
+of the same keys by name (model: the corrected model with a field of zeros).")]
 pub struct Args {
     /// IDs of the sequences to predict; the test split by default
     #[arg(long, value_delimiter = ',')]
     sequences: Option<Vec<String>>,
     /// Predictors to set beside the field, or in its place when --field is left out: zero torque, and
     /// the paper's regressions of torques on joint positions, place and axis of the end effector
-    /// over the train split
+    /// over the train split; none of them has the effects of --model
     #[arg(long, value_enum, value_delimiter = ',')]
     baseline: Vec<Kind>,
     /// Neighbors of the knn baseline
@@ -115,7 +116,8 @@ pub fn run(args: &Args, console: &Console) -> anyhow::Result<()> {
         if touching().count() > 0 && errors.mean_error >= errors.zero_error {
             console.warn(format!(
                 "the field's error, {} {unit}, is not below that of zero torque, {} {unit}: these touches are of places \
-                 that it has not learned from, or units, signs or parameters of contact are wrong",
+                 that it has not learned from (at new places, below), units, signs or parameters of contact are wrong, or the readings \
+                 hold what no stiffness explains, such as friction of the joints (`vsf diagnose` looks for it)",
                 number(errors.mean_error),
                 number(errors.zero_error),
                 unit = errors.unit,
@@ -151,6 +153,17 @@ pub fn run(args: &Args, console: &Console) -> anyhow::Result<()> {
             ));
         }
         found.push((name, errors));
+        if model.is_some() && !in_air {
+            let joints = scene.robot().joint_count();
+            let zeros = |trace: &Trace| {
+                Ok(SequencePrediction {
+                    id: trace.id.clone(),
+                    mean: vec![vec![0.0; joints]; trace.observations.len()],
+                    sd: Vec::new(),
+                })
+            };
+            found.push(("model", score(&scene, traces, &modeled.predict(zeros)?)?));
+        }
     }
     let train = &recording.dataset.splits.train;
     let learns = args.baseline.iter().any(|kind| *kind != Kind::Zero);
@@ -298,11 +311,15 @@ fn text(found: &[(&'static str, Evaluation)]) -> String {
                 j.joint.clone(),
                 number(j.mean_abs_error),
                 number(j.rms_error),
+                number(j.zero_error),
                 j.unit.to_owned(),
             ]
         })
         .collect();
-    text += &table(&["joint", "mean abs", "rms", "unit"], &rows);
+    text += &table(
+        &["joint", "mean abs", "rms", "zero torque, mean abs", "unit"],
+        &rows,
+    );
     if let Some(c) = &evaluation.calibration {
         text += &format!(
             "\nreadings in contact within 1 and 2 predicted standard deviations: {:.0} %, {:.0} % (of normal errors: 68 %, 95 %)\n",

@@ -1,4 +1,4 @@
-use crate::console::{Console, plural};
+use crate::console::{Console, number, plural, sequence_table};
 use crate::corrected::Modeled;
 use crate::derived::{PREDICTED, derived, deviations_of, save};
 use crate::recording::{FieldArgs, SplitPart};
@@ -18,7 +18,7 @@ plus the noise that the field was estimated with; not in free air, where a model
 To be read as the recording's own readings are, and by the same model again, take `vsf simulate`: external torques \
 leave out the weight that some effects act on, and effects that last from one sequence to the next need all of them.
 
-JSON keys: out, noise_sd, sequences (sequence, samples, contact_samples).")]
+JSON keys: out, noise_sd, sequences (sequence, samples, contact_samples, largest: the largest norm of the torques over the joints, unit).")]
 pub struct Args {
     /// IDs of the sequences to predict; the test split by default
     #[arg(long, value_delimiter = ',')]
@@ -43,6 +43,8 @@ struct Entry<'a> {
     sequence: &'a str,
     samples: usize,
     contact_samples: usize,
+    largest: f64,
+    unit: &'static str,
 }
 
 pub fn run(args: &Args, console: &Console) -> anyhow::Result<()> {
@@ -83,10 +85,13 @@ pub fn run(args: &Args, console: &Console) -> anyhow::Result<()> {
     });
     let deviations = deviations.collect::<anyhow::Result<Vec<_>>>()?;
     save(dataset, &recording.packages(), &args.out, deviations)?;
-    let entries = modeled.traces.iter().map(|t| Entry {
+    let norm = |row: &Vec<f64>| row.iter().map(|t| t * t).sum::<f64>().sqrt();
+    let entries = modeled.traces.iter().zip(&predictions).map(|(t, p)| Entry {
         sequence: &t.id,
         samples: t.observations.len(),
         contact_samples: t.contact_samples(),
+        largest: p.mean.iter().map(norm).fold(0.0, f64::max),
+        unit: scene.error_unit(),
     });
     let report = Report {
         out: args.out.to_string_lossy(),
@@ -100,7 +105,15 @@ pub fn run(args: &Args, console: &Console) -> anyhow::Result<()> {
         "torques.npy and torques_sd.npy"
     };
     let s = plural(count);
-    let text = format!("wrote {out}: {files} of {count} sequence{s}\n");
+    let row = |e: &Entry<'_>| {
+        let (samples, touching) = (e.samples.to_string(), e.contact_samples.to_string());
+        let largest = format!("{} {}", number(e.largest), e.unit);
+        vec![e.sequence.to_owned(), samples, touching, largest]
+    };
+    let rows: Vec<_> = report.sequences.iter().map(row).collect();
+    let header = ["sequence", "samples", "in contact", "largest ||tau_hat||"];
+    let text =
+        sequence_table(&header, &rows) + &format!("wrote {out}: {files} of {count} sequence{s}\n");
     console.results(&report, text)
 }
 

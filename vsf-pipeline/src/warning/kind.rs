@@ -405,6 +405,22 @@ pub enum PipelineWarning {
         /// `N m`, `N` or both.
         unit: &'static str,
     },
+    /// Readings that last where nothing is touched, and change their sign, as those of friction do.
+    #[error(
+        "where nothing is touched the readings are {size:.3} {unit} (rms, most of all those of joint {joint}), in contact {touch:.3}: \
+         friction of the joints, drift or a payload is in them, and an estimate takes it for stiffness; a diagnosis tells which, and \
+         corrects it"
+    )]
+    FeltInAir {
+        /// Name of the joint where they are largest.
+        joint: String,
+        /// Root mean square of means over 16 samples in a row, over all joints.
+        size: f64,
+        /// Root mean square of the readings in contact, over all joints.
+        touch: f64,
+        /// `N m`, `N` or both.
+        unit: &'static str,
+    },
     /// Samples that come a second or more apart, in which nothing moves at a speed that one would touch with.
     #[error(
         "sequence {sequence}: samples come {step:.3} s apart, and joints move at {fastest:.1e} rad/s (or m/s) at most, \
@@ -824,7 +840,8 @@ impl PipelineWarning {
             | Self::OppositeJoints { .. }
             | Self::MixedColumns { .. }
             | Self::NothingTouched { .. }
-            | Self::NotTared { .. } => true,
+            | Self::NotTared { .. }
+            | Self::FeltInAir { .. } => true,
             _ => false,
         }
     }

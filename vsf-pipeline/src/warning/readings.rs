@@ -98,7 +98,8 @@ pub fn reading_warnings(
                 .then(|| one_misread(scene, &rigid, traces))
                 .flatten()
         })
-        .or_else(|| not_tared(scene, traces));
+        .or_else(|| not_tared(scene, traces))
+        .or_else(|| felt_in_air(scene, traces));
     if sick || offset.is_some() {
         warnings.extend(offset);
         return warnings;
@@ -240,6 +241,45 @@ fn not_tared(scene: &Scene, traces: &[Trace]) -> Option<PipelineWarning> {
         joint: joints[largest].name().to_owned(),
         mean: means[largest],
         offset,
+        touch,
+        unit: scene.error_unit(),
+    })
+}
+
+/// Readings that last where nothing is touched, but change their sign, so that their mean tells nothing.
+fn felt_in_air(scene: &Scene, traces: &[Trace]) -> Option<PipelineWarning> {
+    let joints = scene.robot().joints();
+    let square = |o: &Observation<f64>| o.reading().iter().map(|t| t * t).sum::<f64>();
+    let (mut touch, mut touches) = (0.0, 0_usize);
+    let (mut of_joints, mut blocks) = (vec![0.0; joints.len()], 0_usize);
+    for trace in traces {
+        let parts = (trace.observations).chunk_by(|a, b| a.is_empty() == b.is_empty());
+        for part in parts {
+            if !part[0].is_empty() {
+                touch += part.iter().map(square).sum::<f64>();
+                touches += part.len();
+                continue;
+            }
+            // Noise shrinks in their means.
+            for block in part.chunks_exact(LEAST_FREE) {
+                blocks += 1;
+                for (j, sum) in of_joints.iter_mut().enumerate() {
+                    let mean =
+                        block.iter().map(|o| o.reading()[j]).sum::<f64>() / block.len() as f64;
+                    *sum += mean * mean;
+                }
+            }
+        }
+    }
+    if blocks == 0 || touches == 0 {
+        return None;
+    }
+    let size = (of_joints.iter().sum::<f64>() / blocks as f64).sqrt();
+    let touch = (touch / touches as f64).sqrt();
+    let largest = (0..joints.len()).max_by(|a, b| of_joints[*a].total_cmp(&of_joints[*b]))?;
+    (size > MOST_OFFSET * touch).then(|| PipelineWarning::FeltInAir {
+        joint: joints[largest].name().to_owned(),
+        size,
         touch,
         unit: scene.error_unit(),
     })

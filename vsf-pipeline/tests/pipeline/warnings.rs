@@ -472,6 +472,27 @@ fn readings_that_are_not_tared() {
     );
 }
 
+/// Friction that nobody models: as large one way as the other.
+#[test]
+fn friction_in_the_air() {
+    let scene = scene(TorqueKind::External, 0);
+    let right = touch(&scene);
+    let of = |size: f64| {
+        let mut rubbing = right.clone();
+        let speeds = right.velocities.clone().unwrap();
+        let rows = rubbing.torques.data_mut().chunks_exact_mut(3);
+        rows.zip(speeds.iter())
+            .for_each(|(t, qd)| t[0] -= size * qd[0].signum());
+        warned(&scene, &rubbing)
+    };
+    assert_eq!(of(0.02), []);
+    let warnings = of(30.0);
+    let [PipelineWarning::FeltInAir { joint, size, .. }] = &warnings[..] else {
+        panic!("{warnings:?}")
+    };
+    assert!(joint == "joint_1" && (size - 30.0).abs() < 3.0, "{size}");
+}
+
 /// A clock that counts milliseconds.
 #[test]
 fn time_in_milliseconds() {

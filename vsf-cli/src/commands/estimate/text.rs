@@ -99,9 +99,10 @@ pub(super) fn text(report: &Report, scene: &Scene, correlates: bool) -> String {
         );
     }
     text += &format!(
-        "  field       {} of {} points touched, mean stiffness there {} N/m\n",
+        "  field       {} of {} points touched, {} of them at 0 N/m; mean over all touched {} N/m\n",
         report.touched_points,
         report.points,
+        report.points_at_zero,
         number(report.mean_stiffness),
     );
     for out in &report.out {
