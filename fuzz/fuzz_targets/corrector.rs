@@ -44,6 +44,9 @@ fn run(u: &mut Unstructured<'_>) -> Result<()> {
     } else {
         &WORLD.air
     };
+    if u.ratio(15, 16)? {
+        site.rest = scene.rest().clone();
+    }
     let Ok(mut corrector) = Corrector::new(&site, scene, &Model::of(effect, &theta)) else {
         return Ok(());
     };

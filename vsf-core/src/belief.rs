@@ -1,4 +1,4 @@
-use crate::{CoreError, Observation, Prediction, Scalar};
+use crate::{CoreError, Observation, Prediction, RestPoints, Scalar};
 
 /// Independent Gaussian belief about the stiffness of every point, `K_i ~ N(mean_i, variance_i)`
 /// (eq. 6), in N/m and N²/m².
@@ -58,8 +58,9 @@ impl<T: Scalar> Belief<T> {
     /// `vsf-filter`) and an estimator that keeps correlations.
     ///
     /// # Errors
-    /// As [`Belief::new`].
+    /// As [`Belief::new`]; more points than [`RestPoints`](crate::RestPoints) can have.
     pub fn uniform(n: usize, mean: f64, sd: f64) -> Result<Self, CoreError> {
+        RestPoints::check_count(n)?;
         if !(sd > 0.0 && sd.is_finite()) {
             return Err(CoreError::Parameter {
                 name: "prior sd",

@@ -15,6 +15,20 @@ pub struct Noise {
     covariance: Vec<f64>,
 }
 
+/// Covariances are dense.
+const MOST_CHANNELS: usize = 4096;
+
+fn check_channels(dim: usize) -> Result<(), CoreError> {
+    if dim <= MOST_CHANNELS {
+        return Ok(());
+    }
+    Err(CoreError::TooMany {
+        what: "channels of the noise",
+        got: dim,
+        max: MOST_CHANNELS,
+    })
+}
+
 impl Clone for Noise {
     fn clone(&self) -> Self {
         Self {
@@ -34,17 +48,19 @@ impl Noise {
     /// The same standard deviation for all `dim` channels, independent; the paper's sigma_tau.
     ///
     /// # Errors
-    /// A standard deviation that is not positive and finite.
+    /// A standard deviation that is not positive and finite, more than 4096 channels.
     pub fn uniform(dim: usize, sd: f64) -> Result<Self, CoreError> {
+        check_channels(dim)?;
         Self::per_channel(&vec![sd; dim])
     }
 
     /// One standard deviation per channel, independent.
     ///
     /// # Errors
-    /// A standard deviation that is not positive and finite.
+    /// As [`Noise::uniform`].
     pub fn per_channel(sd: &[f64]) -> Result<Self, CoreError> {
         let dim = sd.len();
+        check_channels(dim)?;
         let mut covariance = vec![0.0; dim * dim];
         for (i, &s) in sd.iter().enumerate() {
             if !(s > 0.0 && (s * s).is_finite() && s * s > 0.0) {

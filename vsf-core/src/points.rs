@@ -43,19 +43,29 @@ impl RestPoints {
     /// Largest coordinate (m): more are no meters. As far as anything is from the origin here: bases, meshes, boxes.
     pub const FARTHEST: f64 = 1e6;
 
+    /// Checks that there may be so many points: indices are `u32`.
+    ///
+    /// # Errors
+    /// More than `u32::MAX - 1`.
+    pub fn check_count(n: usize) -> Result<(), CoreError> {
+        let max = u32::MAX as usize - 1;
+        if n <= max {
+            return Ok(());
+        }
+        Err(CoreError::TooMany {
+            what: "rest points",
+            got: n,
+            max,
+        })
+    }
+
     /// Takes the positions and builds the grid, in O(N).
     ///
     /// # Errors
     /// A coordinate that is not finite or beyond [`FARTHEST`](Self::FARTHEST), or more than `u32::MAX - 1` points.
     pub fn new(positions: Vec<Point3<f64>>) -> Result<Self, CoreError> {
         let n = positions.len();
-        if n >= u32::MAX as usize {
-            return Err(CoreError::TooMany {
-                what: "rest points",
-                got: n,
-                max: u32::MAX as usize - 1,
-            });
-        }
+        Self::check_count(n)?;
         for (index, p) in positions.iter().enumerate() {
             if let Some(&value) = p.iter().find(|c| !c.is_finite()) {
                 return Err(CoreError::NotFinite {

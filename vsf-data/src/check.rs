@@ -170,6 +170,7 @@ impl Dataset {
         warnings.extend(self.other_rate(dir));
         warnings.extend(self.earlier_sequences(dir));
         warnings.extend(self.copied_sequences(dir));
+        warnings.extend(self.overlapping_sequences(dir));
         let Splits { train, test } = &self.splits;
         let used: BTreeSet<&String> = train.iter().chain(test).collect();
         let ids: Vec<String> = (self.sequences.iter())

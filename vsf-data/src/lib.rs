@@ -64,6 +64,7 @@ mod metadata;
 mod natural;
 mod npy;
 mod npz;
+mod overlap;
 mod pcd;
 mod ply;
 mod points;

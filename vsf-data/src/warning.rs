@@ -131,6 +131,25 @@ pub enum DataWarning {
         /// Further copies.
         others: usize,
     },
+    /// Test sequences half of whose rows, or more, are those of a train sequence.
+    #[error(
+        "{}: {rows} rows of the test sequence {first} are rows of the train sequence {of}, angles and torques alike, as if the one \
+         were cut out of the other: errors there are those of a fit{}",
+        path.display(),
+        match others { 0 => String::new(), n => format!("; so it is in {n} more") }
+    )]
+    OverlappingSequences {
+        /// The data set.
+        path: PathBuf,
+        /// ID of the first such test sequence.
+        first: String,
+        /// ID of the train sequence.
+        of: String,
+        /// Rows that both have.
+        rows: usize,
+        /// Further test sequences of that kind.
+        others: usize,
+    },
     /// Sequences with the torques of others to the last digit, and other angles: no sensor reads the same twice.
     #[error(
         "{}: sequence {first} has the very torques of {of}, with other angles: one of the two has the other's file{}",

@@ -22,7 +22,7 @@ use rows::ByRows;
 use std::borrow::Cow;
 use std::f64::consts::TAU;
 use std::ops::Range;
-use vsf_core::{CoreError, Noise, Observation};
+use vsf_core::{CoreError, Noise, Observation, RestPoints};
 
 /// The problem is solved by rows when there are this many times more touched points.
 const POINTS_PER_ROW: usize = 3;
@@ -121,8 +121,8 @@ impl<'a> BatchMap<'a> {
     /// contacts only speak of the noise.
     ///
     /// # Errors
-    /// An observation that reaches beyond the field, too many touched points for a dense matrix
-    /// (32768 with as many rows), an overflow of the normal equations.
+    /// More points than [`RestPoints`] can have, an observation that reaches beyond the field, too many touched points for a dense
+    /// matrix (32768 with as many rows), an overflow of the normal equations.
     pub fn new(
         field_len: usize,
         sequences: impl IntoIterator<Item = &'a [Observation<f64>]>,
@@ -150,6 +150,7 @@ impl<'a> BatchMap<'a> {
         sequences: Vec<&'a [Observation<f64>]>,
         noise: Option<Noise>,
     ) -> Result<Self, CoreError> {
+        RestPoints::check_count(field_len)?;
         let all = || sequences.iter().copied().flatten();
         let mut slot = vec![NONE; field_len];
         let mut whitener = Whitener::new(noise.as_ref());
@@ -258,7 +259,7 @@ impl<'a> BatchMap<'a> {
     /// cost of [`BatchMap::log_evidence`]. The factor leaves the optimum where it is.
     ///
     /// # Errors
-    /// As [`BatchMap::solve`]; readings that the mean of the prior predicts without error have no
+    /// As [`BatchMap::solve`]; no readings, and readings that the mean of the prior predicts without error, have no
     /// greatest evidence.
     pub fn best_scale(
         &self,
@@ -266,6 +267,11 @@ impl<'a> BatchMap<'a> {
         noise_scale: f64,
     ) -> Result<(f64, f64), CoreError> {
         let evidence = self.evidence(prior, noise_scale)?;
+        if self.channels == 0 {
+            return Err(CoreError::Other(
+                "without readings no scale has more evidence than another".into(),
+            ));
+        }
         let readings = self.channels as f64;
         let variance = evidence.exponent / readings;
         let log_det = evidence.log_det + readings * variance.ln();

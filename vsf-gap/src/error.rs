@@ -67,6 +67,12 @@ pub enum GapError {
         /// How much there is, and what to do.
         problem: String,
     },
+    /// A scene and a site of different campaigns.
+    #[error("the scene has other {what} than the site; take both from one campaign")]
+    OtherScene {
+        /// What differs.
+        what: &'static str,
+    },
     /// A sample whose time does not go on from the one before it.
     #[error(
         "the clock goes on by {dt:?} s; within a touch it has to increase, begin a touch after a gap"

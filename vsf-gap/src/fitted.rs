@@ -74,7 +74,8 @@ impl Campaign {
         let parts = Parts::new(&design, rest, &windows, lever, errors);
         let unit = parts.unit_field();
         let squares: f64 = unit.iter().map(|u| u * u).sum();
-        let along: f64 = unit.iter().zip(&readings).map(|(u, y)| u * y).sum();
+        let rest = readings.iter().zip(&design.a).map(|(y, a)| y - a);
+        let along: f64 = unit.iter().zip(rest).map(|(u, y)| u * y).sum();
         let uniform = if squares > 0.0 {
             (along / squares).abs()
         } else {

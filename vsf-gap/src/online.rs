@@ -4,7 +4,7 @@ use crate::{Compensator, GapError, Model, ModelTerms, Sample, Site, Touch};
 use vsf_core::{Contacts, CoreError, Observation, Posture};
 use vsf_data::TorqueKind;
 use vsf_pipeline::Scene;
-use vsf_robots::DynamicsWorkspace;
+use vsf_robots::{DynamicsWorkspace, RobotModel};
 
 /// What the joint sensors of a robot say at one moment of a control loop.
 #[derive(Debug, Clone, Copy)]
@@ -132,12 +132,32 @@ impl std::fmt::Debug for Corrector {
     }
 }
 
+/// Checks that a scene has the robot and the points of a site.
+fn check_scene(site: &Site, scene: &Scene) -> Result<(), GapError> {
+    let names = |robot: &RobotModel| -> Vec<String> {
+        robot.joints().iter().map(|j| j.name().to_owned()).collect()
+    };
+    let others = [
+        ("joints", names(&site.robot) != names(scene.robot())),
+        (
+            "rest points",
+            site.rest.positions() != scene.rest().positions(),
+        ),
+    ];
+    match others.iter().find(|(_, differs)| *differs) {
+        None => Ok(()),
+        Some((what, _)) => Err(GapError::OtherScene { what }),
+    }
+}
+
 impl Corrector {
-    /// A model at a site, with the scene of its contacts.
+    /// A model at a site, with the scene of its contacts: both of one campaign. Whether parameters are plausible is not asked;
+    /// [`ModelFile`](crate::ModelFile) does, of models that it reads.
     ///
     /// # Errors
-    /// Parameters that an effect or contact cannot take.
+    /// [`GapError::OtherScene`]; parameters that an effect or contact cannot take.
     pub fn new(site: &Site, scene: &Scene, model: &Model) -> Result<Self, GapError> {
+        check_scene(site, scene)?;
         let effects = model.compensator(site)?;
         let d = site.joints();
         Ok(Self {

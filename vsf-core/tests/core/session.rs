@@ -353,6 +353,15 @@ fn observations_are_checked_on_building() {
 
 #[test]
 fn beliefs_and_noise_are_checked_on_building() {
+    // Memory that nothing could give is not asked for.
+    assert!(matches!(
+        Noise::uniform(1 << 33, 1.0),
+        Err(CoreError::TooMany { .. })
+    ));
+    assert!(matches!(
+        Belief::<f64>::uniform(usize::MAX, 1.0, 1.0),
+        Err(CoreError::TooMany { .. })
+    ));
     assert!(Belief::<f64>::uniform(3, 0.0, 0.0).is_err());
     assert!(Belief::<f64>::uniform(3, -1.0, 1.0).is_err());
     assert!(

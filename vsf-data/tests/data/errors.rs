@@ -530,6 +530,34 @@ fn warnings_name_what_was_seen() {
         "{warnings:?}"
     );
 
+    // A touch that tests, cut out of one that trains, and rounded anew.
+    let folder = Folder::new();
+    let numbers = |skip: usize, by: f64| -> Vec<f64> {
+        (2 * skip..40)
+            .map(|k| (0.3 * k as f64).sin() + by)
+            .collect()
+    };
+    for (id, skip, by) in [("10", 0, 0.0), ("2", 4, 1e-9)] {
+        let shape = format!("({}, 2)", 20 - skip);
+        for file in ["angles.npy", "torques.npy"] {
+            folder.write(&format!("seq_{id}/{file}"), &f8(&shape, &numbers(skip, by)));
+        }
+        let stamps: Vec<f64> = (0..20 - skip).map(|k| 0.01 * k as f64).collect();
+        let shape = format!("({},)", 20 - skip);
+        folder.write(&format!("seq_{id}/time.npy"), &f8(&shape, &stamps));
+    }
+    for (train, test) in [("10", "2"), ("2", "10")] {
+        folder.with(&format!(
+            r#""splits": {{"train": ["{train}"], "test": ["{test}"]}}"#
+        ));
+        let (_, warnings) = folder.open().unwrap();
+        let told = warnings.iter().any(|w| {
+            matches!(w, DataWarning::OverlappingSequences { first, of, rows: 16, others: 0, .. }
+                if first == test && of == train)
+        });
+        assert!(told, "{warnings:?}");
+    }
+
     // A touch that trains, and nearly the same once more to test.
     let folder = Folder::new();
     let angles = fs::read(folder.path().join("seq_10/angles.npy")).unwrap();

@@ -51,7 +51,10 @@ use vsf_core::{Belief, CoreError, Estimator, Observation, Prediction, Scalar, Up
 ///
 /// An update leaves the mode at a [`CovarianceFilter::kkt_residual`] of at most 1e-6 (8e-6 in
 /// `f32`), or as near to that as correcting 16 blocks of 64 points brings it, the worst first; what is
-/// left goes on with the next update. [`CovarianceFilter::settle`] does all of it at once.
+/// left goes on with the next update. [`CovarianceFilter::settle`] does all of it at once, and [`Estimator::field`] shows
+/// that. The correction is slow where readings tie points together far more tightly than the prior lets them vary (`W P W^T`
+/// of points at zero above some 1e5 times the noise): there the residual stays large, also after settling, and the mean may be off
+/// by as much of a prior's sd.
 ///
 /// Variances of points with `K > 0` are the marginals of that Gaussian. Of points held at zero they
 /// are the mean squared distance from zero of the Gaussian of which `K_i >= 0` cuts off all but the
@@ -357,8 +360,15 @@ impl<T: Scalar> Estimator for CovarianceFilter<T> {
         &self.shown.belief
     }
 
+    /// With the mode [settled](CovarianceFilter::settle), which the filter itself is not by that.
     fn field(&self) -> Result<Belief<T>, CoreError> {
-        self.whole(&self.shown.belief)
+        let Some(mode) = &self.mode else {
+            return self.whole(&self.shown.belief, |slot| self.mean[slot]);
+        };
+        let (mut mode, mut shown) = (mode.clone(), self.shown.clone());
+        mode.settle(&self.covariance);
+        shown.show_mode(self.touched.points(), &mode);
+        self.whole(&shown.belief, |slot| mode.marginal(slot).0)
     }
 
     fn reset(&mut self, prior: Belief<T>) -> Result<(), CoreError> {

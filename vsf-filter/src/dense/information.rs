@@ -334,7 +334,7 @@ impl<T: Scalar> Estimator for InformationFilter<T> {
     }
 
     fn field(&self) -> Result<Belief<T>, CoreError> {
-        self.whole(&self.shown.belief)
+        self.whole(&self.shown.belief, |slot| self.marginal(slot).0)
     }
 
     fn reset(&mut self, prior: Belief<T>) -> Result<(), CoreError> {

@@ -112,21 +112,22 @@ pub(super) trait Joint<T: Scalar> {
         out.check_finite()
     }
 
-    /// [`vsf_core::Estimator::field`] of what is shown: `O(n)` a point that was never touched, after `O(n²)`.
-    fn whole(&self, shown: &Belief<T>) -> Result<Belief<T>, CoreError> {
+    /// [`vsf_core::Estimator::field`] of what is shown and of the means by slot: `O(n)` a point that was never touched, after
+    /// `O(n²)`.
+    fn whole(&self, shown: &Belief<T>, mean: impl Fn(usize) -> T) -> Result<Belief<T>, CoreError> {
         let touched = self.touched();
         let prior = touched.prior().mean();
         let offsets = touched.points().iter().enumerate();
         let offsets: Vec<f64> = offsets
-            .map(|(slot, &p)| self.marginal(slot).0.to_f64() - prior[p as usize])
+            .map(|(slot, &p)| mean(slot).to_f64() - prior[p as usize])
             .collect();
-        let mut mean = shown.mean().to_vec();
+        let mut all = shown.mean().to_vec();
         for (p, shift) in touched.shifts(&offsets) {
             // Not `max`, which takes 0 for NaN; `Belief::new` refuses that.
             let free = prior[p] + shift;
-            mean[p] = T::from_f64(if free < 0.0 { 0.0 } else { free });
+            all[p] = T::from_f64(if free < 0.0 { 0.0 } else { free });
         }
-        Belief::new(mean, shown.variance().to_vec())
+        Belief::new(all, shown.variance().to_vec())
     }
 
     /// Marginals of given points, in their order.

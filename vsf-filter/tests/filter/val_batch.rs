@@ -280,6 +280,18 @@ fn best_scale_has_the_greatest_evidence() {
     }
 }
 
+#[test]
+fn without_readings_no_scale_is_best() {
+    let prior = FieldPrior::from(Belief::<f64>::uniform(2, 0.3, 1.0).unwrap());
+    let batch = BatchMap::new(2, [&[][..]]).unwrap();
+    let error = batch.best_scale(&prior, 1.0).unwrap_err();
+    assert!(error.to_string().contains("without readings"), "{error}");
+    assert!(matches!(
+        BatchMap::new(usize::MAX, [&[][..]]),
+        Err(CoreError::TooMany { .. })
+    ));
+}
+
 /// A point held at zero, alone: its posterior without the bound, cut off there.
 #[test]
 fn points_at_zero_have_the_moment_of_a_cut_off_gaussian() {

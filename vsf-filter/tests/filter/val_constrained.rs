@@ -90,6 +90,9 @@ fn compare(what: &str, prior: &FieldPrior, data: &[Observation<f64>]) -> usize {
     let fit = batch.solve(prior, 1.0).unwrap();
     let all: Vec<u32> = (0..prior.len() as u32).collect();
     let mut filter = run(prior, data);
+    let field = filter.field().unwrap();
+    let off = gap(field.mean(), &fit.mean());
+    assert!(off < 1e-6, "{what}: a field off by {off:.1e}");
     filter.settle();
     let residual = filter.kkt_residual();
     assert!(residual <= 1e-10, "{what}: KKT residual {residual:.1e}");

@@ -47,8 +47,8 @@ impl Normal {
     }
 
     /// The evidence with the parameters integrated out under independent priors of mean zero and
-    /// deviations `sd`. Parameters that would leave their bounds are held there; a bound
-    /// at zero takes them out of the model. `None` where numbers do not tell.
+    /// deviations `sd`. Parameters that would leave their bounds are held there, and cost as much as others: that they might
+    /// have been anywhere inside. `None` where numbers do not tell.
     pub(crate) fn fit(&self, sd: &[f64], bounds: &[[f64; 2]]) -> Option<Fit> {
         let p = sd.len();
         let mut theta = DVector::from_fn(p, |i, _| 0.0_f64.clamp(bounds[i][0], bounds[i][1]));
@@ -119,13 +119,12 @@ impl Normal {
         let score = DVector::from_fn(n, |a, _| sd[free[a]] * moved[free[a]]);
         let factor = precision.cholesky()?;
         let best = factor.solve(&score);
-        let log_det: f64 = (0..n).map(|i| 2.0 * factor.l_dirty()[(i, i)].ln()).sum();
         let of_held = self.score.dot(&at_bound)
             - 0.5 * at_bound.dot(&(&self.information * &at_bound))
             - (0..p)
                 .map(|i| 0.5 * (at_bound[i] / sd[i]).powi(2))
                 .sum::<f64>();
-        let gain = 0.5 * score.dot(&best) - 0.5 * log_det + of_held;
+        let gain = 0.5 * score.dot(&best) - 0.5 * self.log_det(sd) + of_held;
         let inverse = factor.inverse();
         let (mut theta, mut covariance) = (at_bound, DMatrix::zeros(p, p));
         // A bound is no certainty.

@@ -14,6 +14,7 @@ use vsf_gap::{
     Acts, Campaign, Corrector, EffectEntry, GapError, JointState, Model, ModelFile, ModelTerms,
     Motion, ParameterEstimate, Role, Touch,
 };
+use vsf_pipeline::Scene;
 
 /// A block of points under the plate.
 fn points() -> Vec<[f64; 3]> {
@@ -272,6 +273,24 @@ fn val_a_control_loop_tares_as_a_recording_does() {
             }
         }
     }
+}
+
+/// In a scene without the points nothing would ever be touched.
+#[test]
+fn a_scene_of_another_campaign_is_refused() {
+    let (campaign, other) = (plate(&points(), &[press(0.01)]), swung());
+    let of = |scene: &Scene| Corrector::new(campaign.site(), scene, &Model::default());
+    of(campaign.scene()).unwrap();
+    let error = of(other.scene()).unwrap_err();
+    assert!(
+        matches!(
+            error,
+            GapError::OtherScene {
+                what: "rest points"
+            }
+        ),
+        "{error}"
+    );
 }
 
 /// Neither time nor readings of the touch before count.

@@ -3,6 +3,7 @@ use super::{PipelineWarning, springs};
 use crate::{Scene, Trace, reading_unit};
 use std::ops::Range;
 use vsf_data::{Sequence, TorqueKind};
+use vsf_robots::Joint;
 
 /// Samples in contact that say something.
 pub(super) const LEAST_ROWS: usize = 6;
@@ -15,6 +16,8 @@ pub(super) const LEAST_CHANGE: f64 = 0.2;
 /// of its largest reading where one step is more than this share of their range.
 pub(super) const LEAST_STEPS: f64 = 4.0;
 const MOST_STEP: f64 = 0.02;
+/// Share of its largest reading from which a sensor does not come down to zero in one sample.
+const LEAST_DROP: f64 = 0.3;
 
 /// A sequence beside the torques of springs of one stiffness, zero where nothing is touched.
 struct Touched<'a> {
@@ -22,6 +25,9 @@ struct Touched<'a> {
     springs: Vec<Vec<f64>>,
     contact: Vec<bool>,
 }
+
+/// Rows of a sequence in which a joint reads one value.
+type Run<'a> = (&'a Sequence, Range<usize>, f64);
 
 /// Joints whose readings stay at one value while touch changes: over a sequence, or at the end of their range.
 pub fn warnings(scene: &Scene, sequences: &[&Sequence], traces: &[Trace]) -> Vec<PipelineWarning> {
@@ -108,6 +114,26 @@ impl Touched<'_> {
         let steps = expected > LEAST_STEPS * step(self.readings(other));
         (steps && spread(j) > LEAST_CHANGE * widest).then_some(value)
     }
+
+    /// Where all joints read zero from one sample to the next in the middle of a touch, and the joint that loses most.
+    fn lost(&self) -> Option<(usize, Run<'_>)> {
+        let torques = &self.sequence.torques;
+        let norm = |row: &[f64]| row.iter().map(|t| t * t).sum::<f64>().sqrt();
+        let largest = torques.iter().map(norm).fold(0.0, f64::max);
+        let silent: Vec<bool> = torques.iter().map(|row| norm(row) == 0.0).collect();
+        let (rows, _) = runs(&silent).find(|(rows, is_silent)| {
+            let touches = || self.contact[rows.start..].iter().take(LEAST_ROWS);
+            *is_silent
+                && rows.len() >= LEAST_ROWS
+                && rows.start > 0
+                && norm(&torques[rows.start - 1]) >= LEAST_DROP * largest
+                && touches().all(|c| *c)
+        })?;
+        let before = &torques[rows.start - 1];
+        let most =
+            (0..before.len()).max_by(|a, b| before[*a].abs().total_cmp(&before[*b].abs()))?;
+        Some((most, (self.sequence, rows, 0.0)))
+    }
 }
 
 /// Joints that stay at one value for a while, inside of their range and while touch would change them. Of readings of the
@@ -134,16 +160,24 @@ fn frozen(scene: &Scene, touched: &[Touched]) -> Option<PipelineWarning> {
     };
     let joints = scene.robot().joints().iter().enumerate();
     let mut found = joints.filter_map(|(j, joint)| Some((joint, of_joint(j)?)));
-    let (joint, (sequence, rows, value)) = found.next()?;
-    Some(PipelineWarning::FrozenReadings {
-        joint: joint.name().to_owned(),
-        sequence: sequence.id.clone(),
-        row: rows.start,
-        count: rows.len(),
-        value,
-        unit: reading_unit(joint),
-        others: found.count(),
-    })
+    let warning =
+        |joint: &Joint, (sequence, rows, value): Run, others| PipelineWarning::FrozenReadings {
+            joint: joint.name().to_owned(),
+            sequence: sequence.id.clone(),
+            row: rows.start,
+            count: rows.len(),
+            value,
+            unit: reading_unit(joint),
+            others,
+        };
+    match found.next() {
+        Some((joint, run)) => Some(warning(joint, run, found.count())),
+        None => {
+            let (j, run) = touched.iter().find_map(Touched::lost)?;
+            let all = scene.robot().joints();
+            Some(warning(&all[j], run, all.len() - 1))
+        }
+    }
 }
 
 /// Flat tops of the readings, or flat bottoms, where touch goes on to change.

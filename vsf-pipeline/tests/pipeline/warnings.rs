@@ -319,6 +319,33 @@ fn sensors_that_are_saturated_beneath_noise() {
     assert_eq!(told(0.4, 10 * ROWS, &[1.0, 1.0]), []);
 }
 
+/// All of them, from one sample to the next; a touch that ends is no loss.
+#[test]
+fn sensors_that_are_lost_in_a_touch() {
+    let scene = scene(TorqueKind::External, 0);
+    let mut lost = touch(&scene);
+    let contact = &scene.trace(&lost).unwrap().observations;
+    let first = contact.iter().position(|o| !o.is_empty()).unwrap();
+    let last = contact.iter().rposition(|o| !o.is_empty()).unwrap();
+    let from = first + (last - first) / 2;
+    lost.torques.data_mut()[3 * from..].fill(0.0);
+    let warnings = warned(&scene, &lost);
+    let row = |w: &PipelineWarning| match w {
+        PipelineWarning::FrozenReadings {
+            row, value, others, ..
+        } => Some((*row, *value, *others)),
+        _ => None,
+    };
+    assert_eq!(
+        warnings.iter().find_map(row),
+        Some((from, 0.0, 2)),
+        "{warnings:?}"
+    );
+    let mut over = touch(&scene);
+    over.torques.data_mut()[3 * (last + 1)..].fill(0.0);
+    assert_eq!(warned(&scene, &over), []);
+}
+
 /// A sensor that stops in the middle of a touch.
 #[test]
 fn sensors_that_freeze() {
