@@ -283,12 +283,7 @@ fn a_scene_of_another_campaign_is_refused() {
     of(campaign.scene()).unwrap();
     let error = of(other.scene()).unwrap_err();
     assert!(
-        matches!(
-            error,
-            GapError::OtherScene {
-                what: "rest points"
-            }
-        ),
+        matches!(error, GapError::OtherScene { what: "joints" }),
         "{error}"
     );
 }
