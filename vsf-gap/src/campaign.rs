@@ -453,6 +453,22 @@ impl Campaign {
     }
 }
 
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// What is pressed when a sequence ends, and when the next one begins, was let off between.
+    #[test]
+    fn points_are_let_off_between_sequences() {
+        let row = |k: i32| [[0.004, 0.004 + 1e-5 * f64::from(k), -0.004], [0.0; 3]];
+        let pressed: Vec<_> = (0..20).map(row).collect();
+        let of = |sequences: &[Vec<_>]| Campaign::of_stage(sequences).lacks(Need::Retouch);
+        assert!(of(std::slice::from_ref(&pressed)).is_some());
+        // Of three, two train.
+        assert_eq!(of(&[pressed.clone(), pressed.clone(), pressed]), None);
+    }
+}
+
 /// Whether a motion is a further part of the sequence that the one before it is of.
 pub(crate) fn goes_on(motions: &[&Motion], k: usize) -> bool {
     k > 0 && motions[k - 1].id == motions[k].id

@@ -78,22 +78,29 @@ impl Effect for Anisotropy {
     }
 }
 
+impl Directions {
+    /// What a point gives per stiffness (m) that is displaced by `u`.
+    fn spring(&self, u: &Vector3<f64>, n: &Vector3<f64>) -> Vector3<f64> {
+        let (pressed, along) = parts(u, n);
+        let (stiffer, mut aside) = parts(&(u + along * self.tangential + self.world * u), n);
+        // Where `S` outweighs the rest, nothing is left to push; nothing pulls.
+        let stiffer = stiffer.max(0.0);
+        // Contact itself may be steeper, where it is the mean of several sub-points.
+        let steepest = self
+            .friction
+            .max(along.norm() / pressed.max(f64::MIN_POSITIVE));
+        let most = steepest * stiffer;
+        if aside.norm() > most {
+            aside *= most / aside.norm();
+        }
+        n * stiffer + aside
+    }
+}
+
 impl Compensator for Directions {
     fn springs(&mut self, _: &Sample<'_>, touch: &Touch<'_>, springs: &mut [Vector3<f64>]) {
         for (s, n) in springs.iter_mut().zip(touch.contacts.normals()) {
-            let (pressed, along) = parts(s, n);
-            let (stiffer, mut aside) = parts(&(*s + along * self.tangential + self.world * *s), n);
-            // Where `S` outweighs the rest, nothing is left to push; nothing pulls.
-            let stiffer = stiffer.max(0.0);
-            // Contact itself may be steeper, where it is the mean of several sub-points.
-            let steepest = self
-                .friction
-                .max(along.norm() / pressed.max(f64::MIN_POSITIVE));
-            let most = steepest * stiffer;
-            if aside.norm() > most {
-                aside *= most / aside.norm();
-            }
-            *s = n * stiffer + aside;
+            *s = self.spring(s, n);
         }
     }
 }
@@ -102,4 +109,23 @@ impl Compensator for Directions {
 fn parts(v: &Vector3<f64>, n: &Vector3<f64>) -> (f64, Vector3<f64>) {
     let along = n.dot(v);
     (along, v - n * along)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// `1 + S` may be indefinite within the bounds of its numbers.
+    #[test]
+    fn no_direction_pulls() {
+        let of = |xy: f64| Directions {
+            tangential: 0.0,
+            friction: 0.15,
+            world: Matrix3::new(0.0, xy, 0.0, xy, 0.0, 0.0, 0.0, 0.0, 0.0),
+        };
+        let n = Vector3::new(1.0, -1.0, 0.0).normalize();
+        let u = n * 0.01;
+        assert_eq!(of(5.0).spring(&u, &n), Vector3::zeros());
+        assert!((of(-5.0).spring(&u, &n) - u * 6.0).norm() < 1e-12);
+    }
 }

@@ -193,6 +193,15 @@ mod tests {
         best.map_or_else(Vec::new, |b| b.as_slice().to_vec())
     }
 
+    /// As much as one that is found to be zero: that it might have been anywhere inside.
+    #[test]
+    fn val_a_parameter_held_at_zero_costs_its_share() {
+        let normal = Normal::new(&[-1.0, 0.0], &[&[10.0, 0.0]]);
+        let fit = normal.fit(&[1.0], &[[0.0, 5.0]]);
+        let gain = fit.map_or(f64::NAN, |f| f.gain);
+        assert!((gain + 0.5 * 101_f64.ln()).abs() < 1e-12, "{gain}");
+    }
+
     proptest! {
         /// Columns that resemble each other, so that what is held may have to be let go.
         #[test]
