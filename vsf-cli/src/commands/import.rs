@@ -227,7 +227,9 @@ pub fn run(args: &Args, console: &Console) -> anyhow::Result<()> {
 /// With the file of a reading that is not taken, where it is known.
 fn in_file(log: &JointLog, dataset: &Dataset, error: PipelineError) -> anyhow::Error {
     let id = match &error {
-        PipelineError::State { id, .. } | PipelineError::Torque { id, .. } => id,
+        PipelineError::State { id, .. }
+        | PipelineError::Torque { id, .. }
+        | PipelineError::Motion { id, .. } => id,
         _ => return error.into(),
     };
     let place = dataset.sequences.iter().position(|s| s.id == *id);

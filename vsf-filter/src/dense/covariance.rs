@@ -52,9 +52,9 @@ use vsf_core::{Belief, CoreError, Estimator, Observation, Prediction, Scalar, Up
 /// An update leaves the mode at a [`CovarianceFilter::kkt_residual`] of at most 1e-6 (8e-6 in
 /// `f32`), or as near to that as correcting 16 blocks of 64 points brings it, the worst first; what is
 /// left goes on with the next update. [`CovarianceFilter::settle`] does all of it at once, and [`Estimator::field`] shows
-/// that. The correction is slow where readings tie points together far more tightly than the prior lets them vary (`W P W^T`
-/// of points at zero above some 1e5 times the noise): there the residual stays large, also after settling, and the mean may be off
-/// by as much of a prior's sd.
+/// that. Between updates the correction is slow where readings tie points together far more tightly than the prior lets them vary
+/// (`W P W^T` of points at zero above some 1e5 times the noise): there the residual stays large, and the mean may be off by as much of
+/// a prior's sd.
 ///
 /// Variances of points with `K > 0` are the marginals of that Gaussian. Of points held at zero they
 /// are the mean squared distance from zero of the Gaussian of which `K_i >= 0` cuts off all but the
@@ -170,11 +170,12 @@ impl<T: Scalar> CovarianceFilter<T> {
     }
 
     /// Brings the mean of [`Projection::Constrained`] to the optimum (a
-    /// [`CovarianceFilter::kkt_residual`] of 1e-10, 8e-6 in `f32`), or gives up after 2000 turns, as the residual tells: for a
-    /// field to keep, after the last reading. Does nothing with other projections.
+    /// [`CovarianceFilter::kkt_residual`] of 1e-10, 8e-6 in `f32`), by the points that are held at zero (`O(m³)` for `m` of them) where
+    /// correcting them one after the other takes too long. Where more than 4096 are held, or rounding keeps it from an end, it gives up
+    /// after 2000 turns, as the residual tells. For a field to keep, after the last reading. Does nothing with other projections.
     pub fn settle(&mut self) {
         if let Some(mode) = &mut self.mode {
-            mode.settle(&self.covariance);
+            mode.settle(&self.covariance, &self.mean);
             self.show();
         }
     }
@@ -366,7 +367,7 @@ impl<T: Scalar> Estimator for CovarianceFilter<T> {
             return self.whole(&self.shown.belief, |slot| self.mean[slot]);
         };
         let (mut mode, mut shown) = (mode.clone(), self.shown.clone());
-        mode.settle(&self.covariance);
+        mode.settle(&self.covariance, &self.mean);
         shown.show_mode(self.touched.points(), &mode);
         self.whole(&shown.belief, |slot| mode.marginal(slot).0)
     }

@@ -1,8 +1,8 @@
 //! Exact Gaussian filters over the touched points. [`touched`] says what the prior makes of points
 //! that come in late, [`joint`] what a posterior of the touched points says of all others.
 //! [`information`] is eq. 5 of the paper by matrices of `faer`. [`covariance`] is the fast form:
-//! [`tiles`] hold the matrix, [`product`] multiplies it, [`square`] has the inner loops. [`mode`] finds
-//! the constrained optimum by [`columns`] of it.
+//! [`tiles`] hold the matrix, [`product`] multiplies it, [`square`] has the inner loops. [`mode`] follows
+//! the constrained optimum by [`columns`] of it, [`pivoting`] finds it.
 
 mod algebra;
 mod channels;
@@ -13,6 +13,7 @@ mod information;
 mod innovation;
 mod joint;
 mod mode;
+mod pivoting;
 mod product;
 mod projection;
 mod square;

@@ -1,5 +1,6 @@
 use super::channels::Channels;
 use super::columns::Vector;
+use super::pivoting::pivot;
 use super::square::{BANDS, Kernel, OCTET, Octet, Square, TILE, add_scaled, dispatch, zero};
 use super::tiles::Tiles;
 use crate::truncated::second_moment;
@@ -16,7 +17,8 @@ const SETTLED: f64 = 1e-10;
 const ROUNDINGS: f64 = 64.0;
 /// Distance from zero, in standard deviations, that is as good as any other.
 const FAR: f64 = 1e9;
-/// Turns of every block after which settling gives up.
+/// Turns of every block before settling looks for the points at zero itself, and after which it gives up where that fails.
+const FEW_TURNS: usize = 50;
 const TURNS: usize = 2000;
 
 /// The mode of a Gaussian `N(mu, P)` within `K >= 0`: the minimum of `(K - mu)^T P^-1 (K - mu)`.
@@ -140,9 +142,37 @@ impl<T: Scalar> Mode<T> {
         self.descend(covariance, TOLERANCE, BLOCKS);
     }
 
-    /// Corrects multipliers until there is nothing left to correct.
-    pub(super) fn settle(&mut self, covariance: &Tiles<T>) {
-        self.descend(covariance, SETTLED, TURNS * self.x.len());
+    /// Corrects multipliers until there is nothing left to correct; `mean` is `mu`.
+    pub(super) fn settle(&mut self, covariance: &Tiles<T>, mean: &[T]) {
+        self.descend(covariance, SETTLED, FEW_TURNS * self.x.len());
+        if self.residual > SETTLED.max(rounded::<T>()) && !self.pivot(covariance, mean) {
+            self.descend(covariance, SETTLED, TURNS * self.x.len());
+        }
+    }
+
+    /// Goes to the optimum at once, from the points that are held now; whether it does. Where these are tied to each other far more
+    /// tightly than the prior lets them vary, descent takes turns without end.
+    fn pivot(&mut self, covariance: &Tiles<T>, mean: &[T]) -> bool {
+        let slots = || 0..self.len;
+        let mean: Vec<f64> = mean.iter().map(|m| m.to_f64()).collect();
+        let unit: Vec<f64> = slots().map(|s| at(&self.unit, s).to_f64()).collect();
+        let held = slots().map(|s| self.is_held(s)).collect();
+        let of = |i: usize, j: usize| {
+            if i == j {
+                at(&self.variance, i).to_f64()
+            } else {
+                covariance.get(i, j).to_f64()
+            }
+        };
+        let Some(found) = pivot(&mean, of, held, &unit, SETTLED.max(rounded::<T>())) else {
+            return false;
+        };
+        for slot in 0..self.len {
+            *at_mut(&mut self.x, slot) = T::from_f64(found.x[slot]);
+            *at_mut(&mut self.lambda, slot) = T::from_f64(found.lambda[slot]);
+        }
+        self.measure();
+        true
     }
 
     fn descend(&mut self, covariance: &Tiles<T>, tolerance: f64, blocks: usize) {
@@ -158,7 +188,7 @@ impl<T: Scalar> Mode<T> {
     }
 
     fn sweep(&mut self, covariance: &Tiles<T>, tolerance: f64, blocks: usize) {
-        let tolerance = tolerance.max(ROUNDINGS * T::EPSILON.to_f64());
+        let tolerance = tolerance.max(rounded::<T>());
         for _ in 0..blocks {
             let worst = self.worst();
             if self.residual <= tolerance {
@@ -210,6 +240,11 @@ impl<T: Scalar> Mode<T> {
         self.residual = largest.to_f64().sqrt();
         worst
     }
+}
+
+/// What rounding leaves.
+fn rounded<T: Scalar>() -> f64 {
+    ROUNDINGS * T::EPSILON.to_f64()
 }
 
 fn all_finite<T: Scalar>(values: &[Vector<T>]) -> bool {

@@ -84,6 +84,23 @@ fn compare_unsettled(what: &str, prior: &FieldPrior, data: &[Observation<f64>]) 
     assert!(off < 1e-2, "{what}: off by {off:.1e} before settling");
 }
 
+/// Readings that tie three points together a million times more tightly than the prior: one after the other, their multipliers
+/// would take turns without end.
+#[test]
+fn points_that_are_tied_together_settle() {
+    for noise in [1e-2, 1e-3] {
+        let mut obs = Observation::new(Noise::uniform(2, noise).unwrap());
+        obs.rebuild(4, &[0, 1, 3], &[1.0; 2], |k, column| {
+            for (i, w) in column.iter_mut().enumerate() {
+                *w = 1.0 + k as f64 + 0.3 * i as f64;
+            }
+        })
+        .unwrap();
+        let prior = FieldPrior::from(Belief::<f64>::uniform(4, 1.0, 10.0).unwrap());
+        assert_eq!(compare("tied", &prior, &[obs]), 2);
+    }
+}
+
 /// Compares filter and batch; returns how many points are held at zero.
 fn compare(what: &str, prior: &FieldPrior, data: &[Observation<f64>]) -> usize {
     let batch = BatchMap::new(prior.len(), [data]).unwrap();

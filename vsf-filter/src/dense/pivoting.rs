@@ -1,0 +1,89 @@
+//! The mode within `K >= 0`, exactly, by the points that are held at zero.
+
+use super::algebra::{cholesky, solve_lower, solve_lower_transposed};
+use faer::Mat;
+
+/// Exchanges of all points that came out wrong that may fail to leave fewer of them, before single exchanges guarantee the end;
+/// and exchanges at all.
+const PATIENCE: usize = 10;
+const MOST: usize = 500;
+/// Most points held at zero: their covariance is factored.
+const MOST_HELD: usize = 4096;
+
+/// Mode and multipliers of a Gaussian of mean `mu`: `x = mu + P lambda`, both `>= 0` and one of them zero in every point.
+pub(super) struct Pivoted {
+    pub(super) x: Vec<f64>,
+    pub(super) lambda: Vec<f64>,
+}
+
+/// Block principal pivoting from the points that are `held` at zero: solve for their multipliers, then exchange all points
+/// that came out wrong (a negative multiplier, or a negative value). `covariance(i, j)` is `P`; `unit` are one over the deviations in
+/// which violations up to `tolerance` count as none. `None` where rounding keeps it from an end, or too many points are held.
+///
+/// # Reference
+/// J. J. Júdice, F. M. Pires, *A block principal pivoting algorithm for large-scale strictly monotone linear
+/// complementarity problems*, Comput. Oper. Res. 21 (1994), doi 10.1016/0305-0548(94)90106-6.
+pub(super) fn pivot(
+    mu: &[f64],
+    covariance: impl Fn(usize, usize) -> f64,
+    mut held: Vec<bool>,
+    unit: &[f64],
+    tolerance: f64,
+) -> Option<Pivoted> {
+    let n = mu.len();
+    let (mut fewest, mut patience) = (n + 1, PATIENCE);
+    for _ in 0..MOST {
+        let of: Vec<usize> = (0..n).filter(|&i| held[i]).collect();
+        if of.len() > MOST_HELD {
+            return None;
+        }
+        let mut factor = Mat::from_fn(of.len(), of.len(), |a, b| {
+            if a >= b {
+                covariance(of[a], of[b])
+            } else {
+                0.0
+            }
+        });
+        cholesky("covariance of the points at zero", &mut factor).ok()?;
+        let mut multipliers = Mat::from_fn(of.len(), 1, |a, _| -mu[of[a]]);
+        solve_lower(&factor, &mut multipliers);
+        solve_lower_transposed(&factor, &mut multipliers);
+        let (mut x, mut lambda) = (mu.to_vec(), vec![0.0; n]);
+        for (a, &j) in of.iter().enumerate() {
+            lambda[j] = multipliers[(a, 0)];
+            for (i, x) in x.iter_mut().enumerate() {
+                *x += lambda[j] * covariance(i, j);
+            }
+        }
+        of.iter().for_each(|&j| x[j] = 0.0);
+        let violation = |i: usize| {
+            unit[i]
+                * if held[i] {
+                    lambda[i] * covariance(i, i)
+                } else {
+                    x[i]
+                }
+        };
+        if (0..n).any(|i| !violation(i).is_finite()) {
+            return None;
+        }
+        let wrong: Vec<usize> = (0..n).filter(|&i| violation(i) < -tolerance).collect();
+        let Some(&last) = wrong.last() else {
+            let zeros = x.iter_mut().chain(&mut lambda);
+            zeros.for_each(|v| *v = v.max(0.0));
+            return Some(Pivoted { x, lambda });
+        };
+        if wrong.len() < fewest {
+            (fewest, patience) = (wrong.len(), PATIENCE);
+        } else {
+            patience = patience.saturating_sub(1);
+        }
+        let exchanged = if patience > 0 {
+            &wrong[..]
+        } else {
+            std::slice::from_ref(&last)
+        };
+        exchanged.iter().for_each(|&i| held[i] = !held[i]);
+    }
+    None
+}
