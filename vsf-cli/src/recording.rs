@@ -93,6 +93,13 @@ impl RecordingArgs {
         self.sources.keep(console)?;
         Recording::open(&self.dataset, &self.scene, console)
     }
+
+    /// The same to look for causes of a gap, of which a sequence in neither split is none.
+    pub fn open_to_diagnose(&self, console: &Console) -> anyhow::Result<Recording> {
+        self.sources.keep(console)?;
+        let unused = |w: &DataWarning| matches!(w, DataWarning::UnassignedSequences { .. });
+        Recording::open_but(&self.dataset, &self.scene, unused, console)
+    }
 }
 
 impl Recording {

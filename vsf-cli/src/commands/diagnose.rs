@@ -85,7 +85,7 @@ pub fn run(args: &Args, console: &Console) -> anyhow::Result<()> {
         path.iter()
             .try_for_each(|path| console.outputs.file(flag, path, Some(kind)))?;
     }
-    let recording = args.recording.open(console)?;
+    let recording = args.recording.open_to_diagnose(console)?;
     let campaign = recording.campaign(console)?;
     let bar = console.bar(DiagnosisStep::ALL.len(), "diagnosis");
     let progress = |step: DiagnosisStep| {

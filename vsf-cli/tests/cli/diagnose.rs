@@ -69,6 +69,10 @@ fn a_bias_is_named_and_corrected() {
     assert!(text.contains("next experiment"), "{text}");
     assert!(text.contains("wrote d.html") && text.contains("wrote m.json"));
 
+    // A sequence in neither split is no cause.
+    let text = bench.ok(&format!("diagnose touch {FEW} --train a --test b"));
+    assert!(!text.contains("Read the warning"), "{text}");
+
     // What was computed is told where it cannot be written.
     #[cfg(unix)]
     {
