@@ -55,7 +55,7 @@ pub fn derived(
     let by: Vec<String> = field.into_iter().chain(model).collect();
     let torques = format!("torques {made} by {}", by.join(" and "));
     for sequence in &sequences {
-        check_torques(scene, sequence).with_context(|| torques.clone())?;
+        check_torques(scene, &sequence.id, &sequence.torques).with_context(|| torques.clone())?;
     }
     let description = format!(
         "Made from the recording {:?}: {torques}. {}",

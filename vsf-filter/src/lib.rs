@@ -79,6 +79,7 @@ mod batch;
 mod dense;
 mod diagonal;
 mod dual;
+mod exchange;
 mod kernel;
 mod key_heap;
 mod lanes;

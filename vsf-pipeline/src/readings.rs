@@ -52,17 +52,16 @@ fn check_states(robot: &RobotModel, sequence: &Sequence) -> Result<(), PipelineE
     Ok(())
 }
 
-/// Refuses torques that no recording is taken with, be they read or computed: of more than 1e12 N m (or N), or NaN.
+/// Refuses torques of sequence `id` that no recording is taken with, be they read or computed, or their deviations: of more than 1e12 N m (or N), or NaN.
 ///
 /// # Errors
 /// [`PipelineError::Torque`], which names the first of them.
-pub fn check_torques(scene: &Scene, sequence: &Sequence) -> Result<(), PipelineError> {
-    let torques = &sequence.torques;
+pub fn check_torques(scene: &Scene, id: &str, torques: &Table) -> Result<(), PipelineError> {
     let is_taken = |v: &f64| v.abs() <= MOST_READING;
     match torques.data().iter().position(|v| !is_taken(v)) {
         None => Ok(()),
         Some(k) => Err(PipelineError::Torque {
-            id: sequence.id.clone(),
+            id: id.to_owned(),
             row: k / torques.cols(),
             joint: k % torques.cols() + 1,
             value: torques.data()[k],
@@ -96,7 +95,7 @@ pub fn check_readable(dataset: &Dataset, robot: RobotModel) -> Result<(), Pipeli
 pub fn external_torques(scene: &Scene, sequence: &Sequence) -> Result<Table, PipelineError> {
     check_sequence(scene.robot(), sequence)?;
     check_states(scene.robot(), sequence)?;
-    check_torques(scene, sequence)?;
+    check_torques(scene, &sequence.id, &sequence.torques)?;
     let mut torques = sequence.torques.clone();
     if scene.torque_kind() == TorqueKind::Measured {
         let derivatives = derivatives_of(scene.robot(), sequence)?;

@@ -71,17 +71,11 @@ pub fn run(args: &Args, console: &Console) -> anyhow::Result<()> {
         torque_kind: TorqueKind::External,
         ..derived(&recording, PREDICTED, &args.of, &scene, predicted)?
     };
-    let predicted = sequences.iter().zip(&predictions);
-    let deviations = predicted.filter(|(_, p)| !p.sd.is_empty()).map(|(s, p)| {
+    let deviations = predictions.iter().filter(|p| !p.sd.is_empty()).map(|p| {
         let sd = Table::new(scene.robot().joint_count(), p.sd.concat())?;
-        let npy = sd.npy();
-        let as_torques = Sequence {
-            torques: sd,
-            ..Sequence::clone(s)
-        };
-        check_torques(&scene, &as_torques)
+        check_torques(&scene, &p.id, &sd)
             .context("deviations of the predictions, by K_std of the field")?;
-        Ok((deviations_of(&p.id), npy))
+        Ok((deviations_of(&p.id), sd.npy()))
     });
     let deviations = deviations.collect::<anyhow::Result<Vec<_>>>()?;
     save(dataset, &recording.packages(), &args.out, deviations)?;

@@ -694,6 +694,13 @@ fn recordings_of_next_to_nothing() {
     bench.fails("diagnose touch --rate-hz 50", 1, &[silent]);
     let points: Vec<f64> = (0..480).map(|k| 1e3 + k as f64).collect();
     common::npy(&bench.root.join("data/points.npy"), &[160, 3], &points);
-    let warning = bench.warned("info data");
+    for id in ["a", "b", "c"] {
+        let torques = bench.root.join(format!("data/seq_{id}/torques.npy"));
+        let readings: Vec<f64> = (0..3 * common::ROWS)
+            .map(|k| 0.01 * (k % 7) as f64)
+            .collect();
+        common::npy(&torques, &[common::ROWS, 3], &readings);
+    }
+    let warning = bench.warned("diagnose data --effects torque_bias,contact_friction");
     assert!(warning.contains("touches none of the 160"), "{warning}");
 }

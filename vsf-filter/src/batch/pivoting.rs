@@ -1,11 +1,9 @@
 use super::quadratic::{Factor, Quadratic};
+use crate::exchange::Exchanges;
 use vsf_core::CoreError;
 
 /// Sweeps of coordinate descent that guess which unknowns are free.
 const SWEEPS: usize = 10;
-/// Exchanges of the whole wrong set that may fail to make it smaller before single exchanges
-/// guarantee the end.
-const PATIENCE: usize = 10;
 /// Largest violation of the optimality conditions that counts as none.
 const TOLERANCE: f64 = 1e-12;
 
@@ -22,15 +20,12 @@ pub(super) struct Optimum {
     pub(super) factorizations: usize,
 }
 
-/// Block principal pivoting: solve for the free unknowns, then exchange all that came out wrong
-/// (negative, or held at zero against the gradient). When that stops making progress, exchanging
-/// the last wrong one alone is finite (Murty's rule).
+/// [Block principal pivoting](Exchanges): solve for the free unknowns, then exchange those that came out wrong
+/// (negative, or held at zero against the gradient).
 ///
 /// # Reference
 /// J. Kim, H. Park, *Fast Nonnegative Matrix Factorization: An Active-Set-Like Method and
-/// Comparisons*, SIAM J. Sci. Comput. 33 (2011), doi 10.1137/110821172. J. J. Júdice, F. M. Pires,
-/// *A block principal pivoting algorithm for large-scale strictly monotone linear complementarity
-/// problems*, Comput. Oper. Res. 21 (1994), doi 10.1016/0305-0548(94)90106-6.
+/// Comparisons*, SIAM J. Sci. Comput. 33 (2011), doi 10.1137/110821172.
 pub(super) fn minimize(problem: &dyn Quadratic) -> Result<Optimum, CoreError> {
     let n = problem.linear().len();
     let unit: Vec<f64> = problem.diagonal().iter().map(|h| 1.0 / h.sqrt()).collect();
@@ -39,9 +34,9 @@ pub(super) fn minimize(problem: &dyn Quadratic) -> Result<Optimum, CoreError> {
     let guess = problem.descend(SWEEPS);
     let mut free: Vec<bool> = guess.iter().map(|x| *x > 0.0).collect();
     let mut factor: Option<Factor> = None;
-    let (mut fewest, mut patience, mut singles) = (n + 1, PATIENCE, 0);
+    let mut exchanges = Exchanges::new(n);
     let mut factorizations = 0;
-    while singles <= 100 * n {
+    while exchanges.singles() <= 100 * n {
         let near = factor
             .as_ref()
             .and_then(|f| problem.minimizer_near(f, &free));
@@ -74,7 +69,7 @@ pub(super) fn minimize(problem: &dyn Quadratic) -> Result<Optimum, CoreError> {
             }
         };
         let wrong: Vec<usize> = (0..n).filter(is_wrong).collect();
-        let Some(&last) = wrong.last() else {
+        if wrong.is_empty() {
             // The end is solved with a factor of its own.
             if let Some(factor) = factor.take_if(|_| !is_near) {
                 let held = largest(&mut (0..n).filter(|&i| !free[i]).map(|i| -slope(i)));
@@ -88,18 +83,8 @@ pub(super) fn minimize(problem: &dyn Quadratic) -> Result<Optimum, CoreError> {
             }
             factor = None;
             continue;
-        };
-        if wrong.len() < fewest {
-            (fewest, patience) = (wrong.len(), PATIENCE);
-        } else {
-            patience = patience.saturating_sub(1);
         }
-        if patience > 0 {
-            wrong.iter().for_each(|&i| free[i] = !free[i]);
-        } else {
-            free[last] = !free[last];
-            singles += 1;
-        }
+        exchanges.exchange(&mut free, &wrong);
     }
     // Only rounding can make the exchanges go round in circles.
     Err(CoreError::Other(

@@ -139,20 +139,21 @@ impl<T: Scalar> Mode<T> {
 
     /// Corrects the multipliers of a few blocks, the worst first.
     pub(super) fn follow(&mut self, covariance: &Tiles<T>) {
-        self.descend(covariance, TOLERANCE, BLOCKS);
+        self.descend(covariance, above_rounding::<T>(TOLERANCE), BLOCKS);
     }
 
     /// Corrects multipliers until there is nothing left to correct; `mean` is `mu`.
     pub(super) fn settle(&mut self, covariance: &Tiles<T>, mean: &[T]) {
-        self.descend(covariance, SETTLED, FEW_TURNS * self.x.len());
-        if self.residual > SETTLED.max(rounded::<T>()) && !self.pivot(covariance, mean) {
-            self.descend(covariance, SETTLED, TURNS * self.x.len());
+        let tolerance = above_rounding::<T>(SETTLED);
+        self.descend(covariance, tolerance, FEW_TURNS * self.x.len());
+        if self.residual > tolerance && !self.pivot(covariance, mean, tolerance) {
+            self.descend(covariance, tolerance, TURNS * self.x.len());
         }
     }
 
     /// Goes to the optimum at once, from the points that are held now; whether it does. Where these are tied to each other far more
     /// tightly than the prior lets them vary, descent takes turns without end.
-    fn pivot(&mut self, covariance: &Tiles<T>, mean: &[T]) -> bool {
+    fn pivot(&mut self, covariance: &Tiles<T>, mean: &[T], tolerance: f64) -> bool {
         let slots = || 0..self.len;
         let mean: Vec<f64> = mean.iter().map(|m| m.to_f64()).collect();
         let unit: Vec<f64> = slots().map(|s| at(&self.unit, s).to_f64()).collect();
@@ -164,7 +165,7 @@ impl<T: Scalar> Mode<T> {
                 covariance.get(i, j).to_f64()
             }
         };
-        let Some(found) = pivot(&mean, of, held, &unit, SETTLED.max(rounded::<T>())) else {
+        let Some(found) = pivot(&mean, of, held, &unit, tolerance) else {
             return false;
         };
         for slot in 0..self.len {
@@ -188,7 +189,6 @@ impl<T: Scalar> Mode<T> {
     }
 
     fn sweep(&mut self, covariance: &Tiles<T>, tolerance: f64, blocks: usize) {
-        let tolerance = tolerance.max(rounded::<T>());
         for _ in 0..blocks {
             let worst = self.worst();
             if self.residual <= tolerance {
@@ -242,9 +242,9 @@ impl<T: Scalar> Mode<T> {
     }
 }
 
-/// What rounding leaves.
-fn rounded<T: Scalar>() -> f64 {
-    ROUNDINGS * T::EPSILON.to_f64()
+/// A tolerance that rounding leaves room for.
+fn above_rounding<T: Scalar>(tolerance: f64) -> f64 {
+    tolerance.max(ROUNDINGS * T::EPSILON.to_f64())
 }
 
 fn all_finite<T: Scalar>(values: &[Vector<T>]) -> bool {

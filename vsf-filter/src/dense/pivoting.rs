@@ -1,11 +1,10 @@
 //! The mode within `K >= 0`, exactly, by the points that are held at zero.
 
 use super::algebra::{cholesky, solve_lower, solve_lower_transposed};
+use crate::exchange::Exchanges;
 use faer::Mat;
 
-/// Exchanges of all points that came out wrong that may fail to leave fewer of them, before single exchanges guarantee the end;
-/// and exchanges at all.
-const PATIENCE: usize = 10;
+/// Most exchanges.
 const MOST: usize = 500;
 /// Most points held at zero: their covariance is factored.
 const MOST_HELD: usize = 4096;
@@ -16,13 +15,9 @@ pub(super) struct Pivoted {
     pub(super) lambda: Vec<f64>,
 }
 
-/// Block principal pivoting from the points that are `held` at zero: solve for their multipliers, then exchange all points
+/// [Block principal pivoting](Exchanges) from the points that are `held` at zero: solve for their multipliers, then exchange all points
 /// that came out wrong (a negative multiplier, or a negative value). `covariance(i, j)` is `P`; `unit` are one over the deviations in
 /// which violations up to `tolerance` count as none. `None` where rounding keeps it from an end, or too many points are held.
-///
-/// # Reference
-/// J. J. Júdice, F. M. Pires, *A block principal pivoting algorithm for large-scale strictly monotone linear
-/// complementarity problems*, Comput. Oper. Res. 21 (1994), doi 10.1016/0305-0548(94)90106-6.
 pub(super) fn pivot(
     mu: &[f64],
     covariance: impl Fn(usize, usize) -> f64,
@@ -31,7 +26,7 @@ pub(super) fn pivot(
     tolerance: f64,
 ) -> Option<Pivoted> {
     let n = mu.len();
-    let (mut fewest, mut patience) = (n + 1, PATIENCE);
+    let mut exchanges = Exchanges::new(n);
     for _ in 0..MOST {
         let of: Vec<usize> = (0..n).filter(|&i| held[i]).collect();
         if of.len() > MOST_HELD {
@@ -68,22 +63,12 @@ pub(super) fn pivot(
             return None;
         }
         let wrong: Vec<usize> = (0..n).filter(|&i| violation(i) < -tolerance).collect();
-        let Some(&last) = wrong.last() else {
+        if wrong.is_empty() {
             let zeros = x.iter_mut().chain(&mut lambda);
             zeros.for_each(|v| *v = v.max(0.0));
             return Some(Pivoted { x, lambda });
-        };
-        if wrong.len() < fewest {
-            (fewest, patience) = (wrong.len(), PATIENCE);
-        } else {
-            patience = patience.saturating_sub(1);
         }
-        let exchanged = if patience > 0 {
-            &wrong[..]
-        } else {
-            std::slice::from_ref(&last)
-        };
-        exchanged.iter().for_each(|&i| held[i] = !held[i]);
+        exchanges.exchange(&mut held, &wrong);
     }
     None
 }

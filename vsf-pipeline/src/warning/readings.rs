@@ -63,12 +63,15 @@ pub fn reading_warnings(
     };
     warnings.extend(tares(&|t| tare_in_contact(t, scene.tare_samples())));
     warnings.extend(tares(&|t| tare_spread(t, scene)));
+    let readings = sequences.iter().flat_map(|s| s.torques.data());
+    let largest = readings.fold(0.0, |largest: f64, v| largest.max(v.abs()));
     // Of planned motions, and of motors that are off.
-    if (sequences.iter().flat_map(|s| s.torques.data())).all(|v| *v == 0.0) {
+    if largest == 0.0 {
         return warnings;
     }
-    if let Some(tiny) = tiny(scene, sequences) {
-        warnings.push(tiny);
+    if largest < LEAST_READING {
+        let unit = scene.error_unit();
+        warnings.push(PipelineWarning::TinyReadings { largest, unit });
         return warnings;
     }
     let spike = spikes::warning(scene, sequences, traces);
@@ -147,16 +150,6 @@ fn beyond_effort(scene: &Scene, sequences: &[&Sequence], rigid: &[Table]) -> Vec
     joints.filter_map(of_joint).collect()
 }
 
-/// Readings that are all far below what a sensor resolves; not all are zero.
-fn tiny(scene: &Scene, sequences: &[&Sequence]) -> Option<PipelineWarning> {
-    let readings = sequences.iter().flat_map(|s| s.torques.data());
-    let largest = readings.fold(0.0, |largest: f64, v| largest.max(v.abs()));
-    (largest < LEAST_READING).then(|| PipelineWarning::TinyReadings {
-        largest,
-        unit: scene.error_unit(),
-    })
-}
-
 /// Bodies without mass, where their weight is needed; frames have no shape. Of an arm without any shapes, all where none has a mass.
 fn weightless(scene: &Scene) -> Option<PipelineWarning> {
     let robot = scene.robot();
@@ -198,14 +191,18 @@ fn tare_in_contact(trace: &Trace, tare_samples: usize) -> Option<PipelineWarning
     })
 }
 
+/// Squared reading, over all joints.
+fn energy(observation: &Observation<f64>) -> f64 {
+    observation.reading().iter().map(|t| t * t).sum()
+}
+
 fn tare_spread(trace: &Trace, scene: &Scene) -> Option<PipelineWarning> {
     // Readings are tared: their mean over these samples is zero.
     let rms = |squares: f64, count: usize| (squares / count.max(1) as f64).sqrt();
-    let square = |o: &Observation<f64>| o.reading().iter().map(|t| t * t).sum::<f64>();
     let tare = || trace.observations.iter().take(scene.tare_samples());
     let touch = || trace.observations.iter().filter(|o| !o.is_empty());
-    let spread = rms(tare().map(square).sum(), tare().count());
-    let touch = rms(touch().map(square).sum(), touch().count());
+    let spread = rms(tare().map(energy).sum(), tare().count());
+    let touch = rms(touch().map(energy).sum(), touch().count());
     (touch > 0.0 && spread > MOST_SPREAD * touch).then(|| PipelineWarning::TareSpread {
         sequence: trace.id.clone(),
         spread,
@@ -249,14 +246,13 @@ fn not_tared(scene: &Scene, traces: &[Trace]) -> Option<PipelineWarning> {
 /// Readings that last where nothing is touched, but change their sign, so that their mean tells nothing.
 fn felt_in_air(scene: &Scene, traces: &[Trace]) -> Option<PipelineWarning> {
     let joints = scene.robot().joints();
-    let square = |o: &Observation<f64>| o.reading().iter().map(|t| t * t).sum::<f64>();
     let (mut touch, mut touches) = (0.0, 0_usize);
     let (mut of_joints, mut blocks) = (vec![0.0; joints.len()], 0_usize);
     for trace in traces {
         let parts = (trace.observations).chunk_by(|a, b| a.is_empty() == b.is_empty());
         for part in parts {
             if !part[0].is_empty() {
-                touch += part.iter().map(square).sum::<f64>();
+                touch += part.iter().map(energy).sum::<f64>();
                 touches += part.len();
                 continue;
             }

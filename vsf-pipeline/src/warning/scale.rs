@@ -12,13 +12,13 @@ const ALIKE: f64 = 0.5;
 
 /// The first sequence whose readings in contact are of another unit, or of another sign, than those of most.
 pub fn warning(traces: &[Trace]) -> Option<PipelineWarning> {
-    let mut told: Vec<Told> = traces.iter().filter_map(Told::of).collect();
-    let in_order = told.clone();
-    told.sort_by(|a, b| a.stiffness.abs().total_cmp(&b.stiffness.abs()));
-    let middle = told.get(told.len() / 2)?;
+    let told: Vec<Told> = traces.iter().filter_map(Told::of).collect();
+    let mut by_size: Vec<&Told> = told.iter().collect();
+    by_size.sort_by(|a, b| a.stiffness.abs().total_cmp(&b.stiffness.abs()));
+    let middle = by_size.get(by_size.len() / 2)?;
     let times = |t: &Told| (t.stiffness / middle.stiffness).abs();
     let is_scaled = |t: &&Told| !(1.0 / MOST_TIMES..=MOST_TIMES).contains(&times(t));
-    let mut scaled = in_order.iter().filter(is_scaled);
+    let mut scaled = told.iter().filter(is_scaled);
     if let Some(first) = scaled.next() {
         return Some(PipelineWarning::ScaledTorques {
             sequence: first.trace.id.clone(),
@@ -28,12 +28,11 @@ pub fn warning(traces: &[Trace]) -> Option<PipelineWarning> {
         });
     }
     let is_opposite = |t: &&Told| t.stiffness < 0.0;
-    let count = told.iter().filter(is_opposite).count();
     // Of most sequences it is the sign of all.
-    if 2 * count > told.len() {
+    if 2 * told.iter().filter(is_opposite).count() > told.len() {
         return None;
     }
-    let opposite = in_order.iter().find(is_opposite)?;
+    let opposite = told.iter().find(is_opposite)?;
     let warning = PipelineWarning::OppositeTorques {
         correlation: opposite.correlation,
     };
@@ -41,7 +40,6 @@ pub fn warning(traces: &[Trace]) -> Option<PipelineWarning> {
 }
 
 /// A sequence that tells of its scale.
-#[derive(Clone, Copy)]
 struct Told<'a> {
     trace: &'a Trace,
     /// The one stiffness that explains its readings in contact best (N/m), and their correlation with what that gives.
