@@ -6,11 +6,13 @@
 //! 3. [`your_robot`]: URDF files, package maps, joint order, shapes.
 //! 4. [`your_parts`]: an estimator, a sensor and a contact model of your own.
 //! 5. [`filter_health`]: is the filter right about how much it knows?
-//! 6. [`sim_to_real`]: what the model lacks, by the effects of the catalogue or your own.
-//! 7. [`catalogue`]: the effects, their parameters and bounds.
-//! 8. [`touch_protocol`]: how to touch so that effects can be told apart.
-//! 9. [`accuracy`]: how well it predicts and how fast it is, and where it ends.
-//! 10. [`from_openvsf`]: folders, fields and options of OpenVSF, and what differs here.
+//! 6. [`sim_to_real`]: reading a diagnosis of what the model lacks.
+//! 7. [`judgment`]: how a diagnosis decides.
+//! 8. [`catalogue`]: the effects, their parameters and bounds.
+//! 9. [`your_effects`]: an effect of your own, and a corrected model in your own program.
+//! 10. [`touch_protocol`]: how to touch so that effects can be told apart.
+//! 11. [`accuracy`]: how well it predicts and how fast it is, and where it ends.
+//! 12. [`from_openvsf`]: folders, fields and options of OpenVSF, and what differs here.
 
 #[doc = include_str!("guide/first_field.md")]
 pub mod first_field {}
@@ -30,8 +32,14 @@ pub mod filter_health {}
 #[doc = include_str!("guide/sim_to_real.md")]
 pub mod sim_to_real {}
 
+#[doc = include_str!("guide/judgment.md")]
+pub mod judgment {}
+
 #[doc = include_str!("guide/catalogue.md")]
 pub mod catalogue {}
+
+#[doc = include_str!("guide/your_effects.md")]
+pub mod your_effects {}
 
 #[doc = include_str!("guide/touch_protocol.md")]
 pub mod touch_protocol {}
