@@ -44,6 +44,14 @@ pub enum CoreError {
         /// Number of elements.
         len: usize,
     },
+    /// An index occurs twice where each may once.
+    #[error("{what} {index} occurs twice")]
+    Repeated {
+        /// What the index counts.
+        what: &'static str,
+        /// The index.
+        index: usize,
+    },
     /// Point indices of an observation or of contacts are not strictly increasing.
     #[error("point indices must be strictly increasing: index {index} follows {previous}")]
     Unordered {

@@ -1,13 +1,14 @@
 use crate::{CoreError, RestPoints};
 use nalgebra::{Isometry3, Point3, Vector3};
+use std::sync::Arc;
 
 /// A triangle mesh: vertices in meters and faces as triples of vertex indices.
 ///
-/// The mesh may be open; contact models decide inside and outside by the winding number.
+/// The mesh may be open; contact models decide inside and outside by the winding number. Clones share vertices and faces.
 #[derive(Debug, Clone, PartialEq)]
 pub struct TriMesh {
-    vertices: Vec<Point3<f64>>,
-    faces: Vec<[u32; 3]>,
+    vertices: Arc<[Point3<f64>]>,
+    faces: Arc<[[u32; 3]]>,
     source: Option<String>,
 }
 
@@ -43,8 +44,8 @@ impl TriMesh {
             }
         }
         Ok(Self {
-            vertices,
-            faces,
+            vertices: vertices.into(),
+            faces: faces.into(),
             source: None,
         })
     }

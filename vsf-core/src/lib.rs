@@ -15,12 +15,12 @@
 //! theirs to say (a memory of past observations grows until its budget is full).
 //!
 //! The seams are dyn-safe on purpose, so that a program can choose at run time. Only
-//! [`Observation`], [`Belief`] and [`Estimator`] are generic over the [`Scalar`] (`f32` or
+//! [`Observation`], [`Belief`], [`Sensor`] and [`Estimator`] are generic over the [`Scalar`] (`f32` or
 //! `f64`); geometry and kinematics are always `f64`. Rejected: a type parameter for an array or
 //! GPU backend. It would spread through every signature, while a GPU estimator is simply one
 //! more [`Estimator`].
 //!
-//! The feature `serde` saves and restores [`Belief`], [`Noise`], [`Observation`] and [`FilterHealth`]; what is read
+//! The feature `serde` saves and restores [`Belief`], [`Noise`], [`SymmetricFactor`], [`Observation`] and [`FilterHealth`]; what is read
 //! in is checked like the arguments of their constructors.
 //!
 //! Units are SI (meters, radians, newtons, newton meters), the world frame has z up. Names carry

@@ -78,7 +78,7 @@ impl Noise {
     /// A full covariance, row-major `dim x dim`.
     ///
     /// # Errors
-    /// A matrix that is not finite, symmetric (to 1e-9 of its largest entry) and positive definite.
+    /// A matrix that is not finite, symmetric (to 1e-9 of its largest entry) and positive definite, more than 4096 channels.
     pub fn full(dim: usize, covariance: Vec<f64>) -> Result<Self, CoreError> {
         Self::check(dim, &covariance, &mut SymmetricFactor::default())?;
         Ok(Self { dim, covariance })
@@ -107,6 +107,7 @@ impl Noise {
         covariance: &[f64],
         workspace: &mut SymmetricFactor,
     ) -> Result<(), CoreError> {
+        check_channels(dim)?;
         let size = dim.saturating_mul(dim);
         CoreError::check_len("noise covariance", covariance.len(), size)?;
         CoreError::check_finite("noise covariance", covariance)?;

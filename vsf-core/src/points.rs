@@ -244,6 +244,11 @@ impl RestPoints {
                     .map(|&o| (self.positions[o as usize] - p).norm());
                 found.extend(others.filter(|distance| *distance > same));
             });
+            // Of many in one place the nearest alone are put in order.
+            if found.len() > count {
+                found.select_nth_unstable_by(count, f64::total_cmp);
+                found.truncate(count);
+            }
             found.sort_unstable_by(f64::total_cmp);
             let enough = found.get(count - 1).is_some_and(|last| *last <= reach);
             if enough || reach >= widest {
@@ -254,7 +259,6 @@ impl RestPoints {
         if found.len() < count {
             found.clear();
         }
-        found.truncate(count);
         found
     }
 

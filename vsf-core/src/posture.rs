@@ -1,5 +1,6 @@
 use crate::CoreError;
 use nalgebra::{Isometry3, Point3, Vector3};
+use std::collections::HashSet;
 use std::sync::Arc;
 
 /// For every link, the moving joints between the base and that link, in order.
@@ -16,15 +17,31 @@ impl LinkChains {
     /// `chains[l]` lists the joints that move link `l`; `joints` is their number in total.
     ///
     /// # Errors
-    /// A joint index out of range.
+    /// A joint index out of range, a joint twice in a chain, more joints than a `u32` counts.
     pub fn new(joints: usize, chains: Vec<Vec<u32>>) -> Result<Self, CoreError> {
-        for &j in chains.iter().flatten() {
-            if j as usize >= joints {
-                return Err(CoreError::OutOfRange {
-                    what: "joint",
-                    index: j as usize,
-                    len: joints,
-                });
+        if joints > u32::MAX as usize {
+            return Err(CoreError::TooMany {
+                what: "joints",
+                got: joints,
+                max: u32::MAX as usize,
+            });
+        }
+        for chain in &chains {
+            let mut seen = HashSet::new();
+            for &j in chain {
+                if j as usize >= joints {
+                    return Err(CoreError::OutOfRange {
+                        what: "joint",
+                        index: j as usize,
+                        len: joints,
+                    });
+                }
+                if !seen.insert(j) {
+                    return Err(CoreError::Repeated {
+                        what: "in the chain of a link, joint",
+                        index: j as usize,
+                    });
+                }
             }
         }
         let others = |chain: &Vec<u32>| {

@@ -93,6 +93,16 @@ fn chains() -> Arc<LinkChains> {
     Arc::new(LinkChains::new(1, vec![vec![0]]).unwrap())
 }
 
+#[test]
+fn a_joint_is_once_in_a_chain() {
+    let error = LinkChains::new(2, vec![vec![0], vec![0, 1, 0]]).unwrap_err();
+    assert_eq!(
+        error.to_string(),
+        "in the chain of a link, joint 0 occurs twice"
+    );
+    assert!(LinkChains::new(2, vec![vec![0, 2]]).is_err());
+}
+
 fn posture(q: f64) -> Posture {
     let mut posture = Posture::new(chains());
     posture.parts_mut().0[0] = q;
