@@ -137,8 +137,8 @@ impl GridSdf {
     /// is bit-equal for any number of threads. Cost: about 3 us per node and thread.
     ///
     /// # Errors
-    /// Options out of range, a mesh without area, or a given resolution that needs more than
-    /// [`GridOptions::max_nodes`]. A cache that cannot be used is no error, see
+    /// Options out of range, a mesh without area, too small or too far away, or a resolution, given or the coarsest that is
+    /// tried, that needs more than [`GridOptions::max_nodes`]. A cache that cannot be used is no error, see
     /// [`GridReport::cache`].
     pub fn bake(mesh: &TriMesh, options: &GridOptions) -> Result<(Self, GridReport), ContactError> {
         options.check()?;

@@ -95,11 +95,11 @@ fn read(path: &Path, key: &[u8; 32], options: &GridOptions) -> Result<Made, Unfi
     }
     let file = File::open(path).map_err(refused)?;
     // However long the file is, no more is read than a legal one can hold.
-    let most = HEADER + 8 * NUMBERS + 4 * options.max_nodes;
+    let most = (HEADER + 8 * NUMBERS).saturating_add(options.max_nodes.saturating_mul(4)) as u64;
     let mut bytes = Vec::new();
-    let read = file.take(most as u64 + 1).read_to_end(&mut bytes);
+    let read = file.take(most.saturating_add(1)).read_to_end(&mut bytes);
     read.map_err(|e| Unfit::Bad(e.to_string()))?;
-    if bytes.len() > most {
+    if bytes.len() as u64 > most {
         return Err(bad("longer than any grid within max_nodes"));
     }
     parse(&bytes, key, options.max_error)

@@ -31,6 +31,8 @@ impl Cells {
                 range: "1 to 8",
             });
         }
+        let per_cell = per_axis.pow(3);
+        RestPoints::check_count(rest.len().saturating_mul(per_cell))?;
         let offset = |i: usize| spacing * ((i as f64 + 0.5) / per_axis as f64 - 0.5);
         let axis = || 0..per_axis;
         let fine: Vec<Point3<f64>> = rest
@@ -44,7 +46,6 @@ impl Cells {
                 })
             })
             .collect();
-        let per_cell = per_axis.pow(3);
         // By its point, which is the one that somebody wrote.
         let of_point = |error| match error {
             CoreError::TooFar { index, value } => CoreError::TooFar {
@@ -86,6 +87,16 @@ impl<C: ContactModel> CellContact<C> {
             cells,
             contacts: Contacts::new(),
         }
+    }
+
+    /// The model that moves the sub-points.
+    pub fn inner(&self) -> &C {
+        &self.inner
+    }
+
+    /// The model that moves the sub-points, to change what it knows of the world.
+    pub fn inner_mut(&mut self) -> &mut C {
+        &mut self.inner
     }
 
     /// The mean displacement of the sub-points `range` of one cell.
@@ -150,5 +161,16 @@ mod tests {
             matches!(error, CoreError::TooFar { index: 2, value } if value > 1e6),
             "{error}"
         );
+    }
+
+    /// A hundred GB would be reserved for them.
+    #[test]
+    fn more_sub_points_than_can_be_counted_are_refused_at_once() {
+        let points = (0..8_400_000).map(|i| Point3::new(0.01 * f64::from(i), 0.0, 0.0));
+        let rest = RestPoints::new(points.collect()).unwrap();
+        assert!(matches!(
+            Cells::new(&rest, 0.01, 8),
+            Err(CoreError::TooMany { .. })
+        ));
     }
 }

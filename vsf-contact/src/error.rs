@@ -19,10 +19,10 @@ pub enum ContactError {
         source: Box<ContactError>,
     },
     /// A shape of a kind that this version does not know.
-    #[error("signed distances of this kind of shape are not supported: {shape}")]
+    #[error("signed distances of a {shape} are not supported in closed form; bake it into a grid")]
     UnsupportedShape {
-        /// The shape.
-        shape: String,
+        /// The kind of shape.
+        shape: &'static str,
     },
     /// A mesh has no extent: every face is degenerate.
     #[error("the mesh has no area: all of its {faces} faces are degenerate; check its units")]

@@ -57,7 +57,7 @@ impl MeshSdf {
     /// Prepares a mesh; about a second for a body of 4000 faces, up to a minute where long open faces cross at random.
     ///
     /// # Errors
-    /// [`ContactError::EmptyMesh`] when no face has an area.
+    /// [`ContactError::EmptyMesh`] when no face has an area, [`ContactError::MeshSize`] of one too small or too far away.
     pub fn new(mesh: &TriMesh) -> Result<Self, ContactError> {
         let corners = mesh
             .faces()

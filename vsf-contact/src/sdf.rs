@@ -60,6 +60,15 @@ pub trait Sdf: Send + Sync {
     }
 }
 
+impl std::fmt::Debug for dyn Sdf {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        let (lower, upper) = self.bounds();
+        let mut shape = f.debug_struct("Sdf");
+        shape.field("lower", &lower).field("upper", &upper);
+        shape.finish_non_exhaustive()
+    }
+}
+
 macro_rules! forward {
     ($($pointer:ty),*) => {$(
         impl<S: Sdf + ?Sized> Sdf for $pointer {

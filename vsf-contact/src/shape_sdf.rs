@@ -77,9 +77,11 @@ impl ShapeSdf {
                 let form = AnyForm::Box(RoundedBox { core, rounding });
                 (form, -half_extents, half_extents)
             }
-            ref other => {
-                let shape = format!("{other:.40?}");
-                return Err(ContactError::UnsupportedShape { shape });
+            Shape::Mesh(_) => return Err(ContactError::UnsupportedShape { shape: "mesh" }),
+            _ => {
+                return Err(ContactError::UnsupportedShape {
+                    shape: "new kind of shape",
+                });
             }
         };
         let R_SB = X_BS.rotation.to_rotation_matrix().matrix().transpose();

@@ -32,6 +32,20 @@ fn files(folder: &Path) -> Vec<PathBuf> {
         .collect()
 }
 
+/// Four bytes for each of as many nodes as there are numbers.
+#[test]
+fn any_number_of_nodes_may_be_allowed() {
+    let folder = tempfile::tempdir().unwrap();
+    let unlimited = GridOptions {
+        max_nodes: usize::MAX,
+        ..options(folder.path())
+    };
+    for found in [CacheUse::Stored, CacheUse::Hit] {
+        let (_, report) = GridSdf::bake(&mesh(0.04), &unlimited).unwrap();
+        assert_eq!(report.cache, found);
+    }
+}
+
 #[test]
 fn a_stored_grid_is_read_back_bit_by_bit() {
     let folder = tempfile::tempdir().unwrap();
