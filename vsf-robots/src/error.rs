@@ -223,7 +223,7 @@ pub enum RobotError {
     ForeignWorkspace,
     /// Numbers of the wrong count, out of range or not finite.
     #[error(transparent)]
-    Value(#[from] CoreError),
+    Core(#[from] CoreError),
 }
 
 /// Names for a message, the first of them where there are many.

@@ -160,6 +160,12 @@ pub(crate) fn attributes(tag: &str) -> impl Iterator<Item = &str> {
     })
 }
 
+/// The line of the first tag that has an attribute of this name.
+pub(crate) fn attribute(text: &str, wanted: &str) -> Option<usize> {
+    let mut having = tags(text).filter(|tag| attributes(tag).any(|a| a == wanted));
+    having.next().map(|tag| line(text, place(text, tag)))
+}
+
 /// The characters of a text that begins outside of quotes, each with its place; blanks for values in quotes.
 fn without_values(text: &str) -> impl Iterator<Item = (usize, char)> {
     let mut quote = None;

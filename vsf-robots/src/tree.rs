@@ -6,7 +6,7 @@ use crate::{Joint, JointKind, Link, RobotError, RobotModel};
 use nalgebra::{Isometry3, Matrix3, Point3, Unit};
 use std::collections::HashMap;
 use std::sync::Arc;
-use vsf_core::{Collider, CoreError, LinkChains};
+use vsf_core::{Collider, LinkChains};
 
 /// Far beyond any robot. Every link knows the joints above it, so that a chain costs the square.
 pub(crate) const MAX_LINKS: usize = 1000;
@@ -30,13 +30,6 @@ impl RobotModel {
             joints,
             unread,
         } = description;
-        if links.len() > MAX_LINKS {
-            return Err(RobotError::Value(CoreError::TooMany {
-                what: "links of a robot",
-                got: links.len(),
-                max: MAX_LINKS,
-            }));
-        }
         let tree = Tree::new(&name, &links, &joints)?;
         let joint_of = number_joints(&tree, &joints, joint_order)?;
 

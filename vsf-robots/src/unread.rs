@@ -85,6 +85,7 @@ const KNOWN: [(&str, &[&str], &[&str]); 23] = [
             "effort",
             "velocity",
             "acceleration",
+            "deceleration",
             "jerk",
         ],
     ),
@@ -114,6 +115,8 @@ const MOST: usize = 100;
 
 /// The first elements and attributes of links and joints that are not understood, each with its line, of a text that is
 /// balanced.
+///
+/// Paths are compared name by name: a text may nest many elements in one with a long name.
 pub(crate) fn unread(text: &str) -> Vec<String> {
     let mut found = Vec::new();
     let mut open: Vec<&str> = Vec::new();
@@ -129,9 +132,11 @@ pub(crate) fn unread(text: &str) -> Vec<String> {
             continue;
         }
         let name = tags::name(tag);
-        let above = open.get(1..).unwrap_or_default().join("/");
+        let above = open.get(1..).unwrap_or_default();
+        let is_above = |path: &str| path.split('/').eq(above.iter().copied());
+        let is_here = |path: &str| path.split('/').eq(above.iter().copied().chain([name]));
         let at = || tags::line(text, tags::place(text, tag));
-        if let Some((_, elements, _)) = KNOWN.iter().find(|(path, ..)| *path == above)
+        if let Some((_, elements, _)) = KNOWN.iter().find(|(path, ..)| is_above(path))
             && is_strange(name, elements)
         {
             found.push(format!(
@@ -140,11 +145,7 @@ pub(crate) fn unread(text: &str) -> Vec<String> {
                 at()
             ));
         }
-        let path = match above.as_str() {
-            "" => name.to_owned(),
-            above => format!("{above}/{name}"),
-        };
-        if let Some((_, _, attributes)) = KNOWN.iter().find(|(known, ..)| *known == path) {
+        if let Some((_, _, attributes)) = KNOWN.iter().find(|(path, ..)| is_here(path)) {
             let strange = tags::attributes(tag).filter(|a| is_strange(a, attributes));
             let strange = strange.take(MOST);
             found.extend(strange.map(|a| format!("{a} of <{name}> (line {})", at())));
@@ -182,5 +183,11 @@ mod tests {
         assert!(unread("").is_empty() && unread("<robot/>").is_empty());
         let many = format!("<r><link name='a'>{}</link></r>", "<b/>".repeat(1_000_000));
         assert_eq!(unread(&many).len(), MOST);
+        let long = "n".repeat(1 << 20);
+        let nested = format!(
+            "<r><link name='a'/><{long}>{}</{long}></r>",
+            "<b/>".repeat(250_000)
+        );
+        assert!(unread(&nested).is_empty());
     }
 }

@@ -1,12 +1,14 @@
 use crate::description::{Description, JointDescription, LinkDescription};
+use crate::tree::MAX_LINKS;
 use crate::unread::unread;
 use crate::{JointKind, JointLimits, RobotError, RobotModel, capsules, file, mesh, resource, tags};
 use nalgebra::{Isometry3, Matrix3, UnitQuaternion, Vector3};
-use std::collections::BTreeMap;
+use std::collections::hash_map::Entry;
+use std::collections::{BTreeMap, HashMap};
 use std::io::{Error, ErrorKind};
 use std::path::{Path, PathBuf};
 use urdf_rs::{Geometry, JointType};
-use vsf_core::Shape;
+use vsf_core::{CoreError, Shape, TriMesh};
 
 /// Far beyond any URDF, which has 4 or 5 levels.
 const MAX_NESTING: usize = 100;
@@ -15,6 +17,8 @@ const MAX_LENGTH: u64 = 64 << 20;
 /// Bytes and elements in which what is broken is searched for, element by element.
 const MOST_SEARCHED: usize = 16 << 20;
 const MOST_CHILDREN: usize = 10_000;
+/// Far beyond any robot, also one of many small balls.
+const MAX_SHAPES: usize = 10_000;
 
 /// What to do with `<mesh>` collision shapes.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
@@ -138,12 +142,40 @@ pub(crate) fn parse(text: &str, origin: &str) -> Result<urdf_rs::Robot, RobotErr
     if let Some((line, problem)) = tags::unbalanced(text) {
         return Err(invalid(format!("line {line}: {problem}")));
     }
-    urdf_rs::read_from_string(text).map_err(|e| {
+    let robot = urdf_rs::read_from_string(text).map_err(|e| {
         invalid(match unplaced(&e) {
             Some(reason) => first_broken(text).unwrap_or(reason),
             None => e.to_string(),
         })
-    })
+    })?;
+    if let (false, Some(line)) = (knows_quaternions(&robot), tags::attribute(text, QUATERNION)) {
+        return Err(invalid(format!(
+            "line {line}: {QUATERNION} counts from <robot version=\"1.1\"> on; state the version, or write rpy"
+        )));
+    }
+    let shapes = robot.links.iter().map(|l| l.collision.len()).sum();
+    for (what, got, max) in [
+        ("links of a robot", robot.links.len(), MAX_LINKS),
+        ("collision shapes of a robot", shapes, MAX_SHAPES),
+    ] {
+        if got > max {
+            return Err(RobotError::Core(CoreError::TooMany { what, got, max }));
+        }
+    }
+    Ok(robot)
+}
+
+/// What the parser skips in older versions, and in texts that state none.
+const QUATERNION: &str = "quat_xyzw";
+
+fn knows_quaternions(robot: &urdf_rs::Robot) -> bool {
+    let stated = robot
+        .version
+        .as_deref()
+        .and_then(|v| v.trim().split_once('.'));
+    let number = |part: &str| part.parse::<u32>().ok();
+    let version = stated.and_then(|(major, minor)| Some((number(major)?, number(minor)?)));
+    version.is_some_and(|v| v >= (1, 1))
 }
 
 /// What the parser says of an error that it has no line for.
@@ -173,12 +205,13 @@ fn read(
     origin: &str,
 ) -> Result<RobotModel, RobotError> {
     let robot = parse(text, origin)?;
+    let mut meshes = MeshFiles::default();
     let description = Description {
         name: robot.name,
         links: robot
             .links
             .iter()
-            .map(|l| link(l, dir, options))
+            .map(|l| link(l, dir, options, &mut meshes))
             .collect::<Result<_, _>>()?,
         joints: robot
             .joints
@@ -190,15 +223,19 @@ fn read(
     RobotModel::assemble(description, options.joint_order.as_deref())
 }
 
+/// Meshes that have been read, by file and scale: shapes may share them.
+type MeshFiles = HashMap<(PathBuf, [u64; 3]), TriMesh>;
+
 fn link(
     link: &urdf_rs::Link,
     dir: &Path,
     options: &UrdfOptions,
+    meshes: &mut MeshFiles,
 ) -> Result<LinkDescription, RobotError> {
     let i = &link.inertial.inertia;
     let mut shapes = Vec::new();
     for collision in &link.collision {
-        if let Some(shape) = shape(&collision.geometry, dir, options)? {
+        if let Some(shape) = shape(&collision.geometry, dir, options, meshes)? {
             let X_LS = pose(&collision.origin, "a collision shape of link", &link.name)?;
             shapes.push((X_LS, shape));
         }
@@ -221,6 +258,7 @@ fn shape(
     geometry: &Geometry,
     dir: &Path,
     options: &UrdfOptions,
+    meshes: &mut MeshFiles,
 ) -> Result<Option<Shape>, RobotError> {
     Ok(Some(match geometry {
         Geometry::Box { size } => Shape::Box {
@@ -241,7 +279,14 @@ fn shape(
         Geometry::Mesh { filename, scale } => {
             let path = resource::resolve(filename, dir, &options.packages)?;
             let scale = scale.map_or(Vector3::repeat(1.0), |s| Vector3::from(*s));
-            Shape::Mesh(mesh::load(&path, &scale)?)
+            let key = (path, <[f64; 3]>::from(scale).map(f64::to_bits));
+            Shape::Mesh(match meshes.entry(key) {
+                Entry::Occupied(read) => read.get().clone(),
+                Entry::Vacant(place) => {
+                    let mesh = mesh::load(&place.key().0, &scale)?;
+                    place.insert(mesh).clone()
+                }
+            })
         }
     }))
 }

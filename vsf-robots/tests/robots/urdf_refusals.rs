@@ -50,6 +50,26 @@ fn collision(geometry: &str) -> String {
     ))
 }
 
+/// Before version 1.1 the parser drops them without a word.
+#[test]
+fn quaternions_of_an_older_version_are_refused() {
+    let turned = "<origin xyz=\"0 0 1\" quat_xyzw=\"0.7071067811865476 0 0 0.7071067811865476\"/>";
+    let text = joint("revolute", turned);
+    for version in ["", "version=\"1.0\"", "version=\"one\""] {
+        let text = text.replace("<robot", &format!("<robot {version}"));
+        let error = parse(&text).unwrap_err().to_string();
+        assert!(error.contains("line 2: quat_xyzw counts from"), "{error}");
+    }
+    for version in ["1.1", "1.2"] {
+        let text = text.replace("<robot", &format!("<robot version=\"{version}\""));
+        let robot = parse(&text).unwrap();
+        let mut posture = robot.posture();
+        robot.update_posture(&[0.0], &mut posture).unwrap();
+        let y = posture.link_poses()[1].rotation * Vector3::y();
+        assert!((y - Vector3::z()).norm() < 1e-9, "{y}");
+    }
+}
+
 /// The parser tells neither a line nor an element.
 #[test]
 fn what_cannot_be_read_has_an_element_and_a_line() {
@@ -227,7 +247,10 @@ fn more_links_than_any_robot_has() {
         got: 1001,
         max: 1000,
     };
-    assert!(matches!(&error, RobotError::Value(e) if *e == too_many));
+    assert!(matches!(&error, RobotError::Core(e) if *e == too_many));
+    let ball = "<collision><geometry><sphere radius=\"1\"/></geometry></collision>";
+    let error = parse(&with_link(&ball.repeat(10_001))).unwrap_err();
+    assert!(error.to_string().contains("10001"), "{error}");
     // Long lists are cut, long numbers are short.
     let robot = parse(&chain(100)).unwrap();
     let text = robot.link_index("knee").unwrap_err().to_string();
