@@ -4,7 +4,7 @@ use crate::console::read_text;
 use crate::exit::usage;
 use anyhow::Context;
 use std::fs::File;
-use std::io::Read;
+use std::io::{Read, Seek, SeekFrom};
 use std::path::Path;
 use vsf::gap::ModelFile;
 use vsf::vision::LearnedPrior;
@@ -12,7 +12,7 @@ use vsf::vision::LearnedPrior;
 /// Where a file says what it is, in bytes from its start.
 const HEAD: u64 = 4096;
 /// Where an archive does, in bytes from its end.
-const TAIL: usize = 64;
+const TAIL: u64 = 64;
 
 /// What a command writes to a file.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -66,14 +66,16 @@ impl FileKind {
 
     fn is_at(self, path: &Path) -> bool {
         match self {
-            Self::Results => read_text(path).is_ok_and(|text| are_results(&text)),
+            Self::Results => object(path).is_some_and(|text| are_results(&text)),
             Self::Page => holds(
                 path,
                 b"<!DOCTYPE html>",
                 b"name=\"generator\" content=\"vsf ",
             ),
-            Self::Model => read_text(path).is_ok_and(|text| is_own_model(&text)),
-            Self::Learned => LearnedPrior::open(path).is_ok(),
+            Self::Model => object(path).is_some_and(|text| is_own_model(&text)),
+            Self::Learned => {
+                object(path).is_some_and(|text| LearnedPrior::from_json(&text).is_ok())
+            }
             Self::Npz => is_own_archive(path),
             Self::Ply => holds(path, b"ply", b"\ncomment vsf "),
             // The library that the header names, behind the length of that name.
@@ -94,9 +96,24 @@ fn holds(path: &Path, begin: &[u8], mark: &[u8]) -> bool {
 
 /// Whether an archive has a comment of `vsf`: it ends with that, behind the comment's length.
 fn is_own_archive(path: &Path) -> bool {
-    let bytes = std::fs::read(path).unwrap_or_default();
-    let end = &bytes[bytes.len().saturating_sub(TAIL)..];
-    bytes.starts_with(b"PK") && contains(end, b"\0vsf ")
+    let ends = || {
+        let (mut file, mut begin, mut end) = (File::open(path)?, [0; 2], Vec::new());
+        file.read_exact(&mut begin)?;
+        let length = file.metadata()?.len();
+        file.seek(SeekFrom::Start(length.saturating_sub(TAIL)))?;
+        file.take(TAIL).read_to_end(&mut end)?;
+        std::io::Result::Ok((begin, end))
+    };
+    ends().is_ok_and(|(begin, end)| begin == *b"PK" && contains(&end, b"\0vsf "))
+}
+
+/// The text of a file that may be an object of JSON.
+fn object(path: &Path) -> Option<String> {
+    let mut begin = [0; 1];
+    File::open(path)
+        .and_then(|mut file| file.read_exact(&mut begin))
+        .ok()?;
+    (begin == *b"{").then(|| read_text(path).ok()).flatten()
 }
 
 /// Whether they hold a mark, which the version follows.

@@ -57,11 +57,12 @@ impl<R: Regressor> Calibrated<R> {
     /// Fewer than 2 parts.
     pub fn new(inner: R, folds: usize) -> Result<Self, VisionError> {
         if folds < 2 {
-            return Err(VisionError::TooFew {
+            return Err(CoreError::TooFew {
                 what: "folds",
                 got: folds,
                 least: 2,
-            });
+            }
+            .into());
         }
         Ok(Self {
             inner,
@@ -85,7 +86,7 @@ impl<R> std::fmt::Debug for Calibrated<R> {
     }
 }
 
-impl<R: Regressor> Regressor for Calibrated<R> {
+impl<R: Regressor + Clone> Regressor for Calibrated<R> {
     /// Fits once per part and once on all. With fewer than four samples per part the variances stay
     /// as they are.
     fn fit(&mut self, samples: &Samples) -> Result<(), VisionError> {

@@ -40,7 +40,16 @@ impl PointCloud {
             });
         }
         self.check()?;
-        let mut cubes: BTreeMap<[i64; 3], (Vector3<f64>, [u32; 3], u32)> = BTreeMap::new();
+        for (index, p) in self.positions.iter().enumerate() {
+            if let Some(&value) = p.iter().find(|x| !x.is_finite()) {
+                return Err(CoreError::NotFinite {
+                    what: "positions of the cloud",
+                    index,
+                    value,
+                });
+            }
+        }
+        let mut cubes: BTreeMap<[i64; 3], (Vector3<f64>, [u64; 3], u64)> = BTreeMap::new();
         for (p, c) in self.positions.iter().zip(&self.colors) {
             if p.iter().any(|x| (x / size).abs() >= MOST_CUBES) {
                 return Err(CoreError::Parameter {
@@ -52,12 +61,12 @@ impl PointCloud {
             let cube = [0, 1, 2].map(|k| (p[k] / size).floor() as i64);
             let (sum, color, count) = cubes.entry(cube).or_default();
             *sum += p.coords;
-            (0..3).for_each(|k| color[k] += u32::from(c[k]));
+            (0..3).for_each(|k| color[k] += u64::from(c[k]));
             *count += 1;
         }
-        let mean = |(sum, color, count): &(Vector3<f64>, [u32; 3], u32)| {
+        let mean = |(sum, color, count): &(Vector3<f64>, [u64; 3], u64)| {
             let colors = color.map(|c| ((c + count / 2) / count) as u8);
-            (Point3::from(sum / f64::from(*count)), colors)
+            (Point3::from(sum / *count as f64), colors)
         };
         let (positions, colors) = cubes.values().map(mean).unzip();
         Ok(Self { positions, colors })

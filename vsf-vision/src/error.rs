@@ -1,4 +1,3 @@
-use std::path::PathBuf;
 use thiserror::Error;
 use vsf_core::CoreError;
 
@@ -29,16 +28,6 @@ pub enum VisionError {
         /// The name.
         name: String,
     },
-    /// Too little to learn from.
-    #[error("{got} {what}, at least {least} are needed")]
-    TooFew {
-        /// Of what.
-        what: &'static str,
-        /// How many there are.
-        got: usize,
-        /// How many it takes.
-        least: usize,
-    },
     /// What is touched is not what the camera sees.
     #[error(
         "camera/: of the {touched} touched points {seen} lie on or shortly behind the surface that is seen, at \
@@ -60,14 +49,9 @@ pub enum VisionError {
         /// Those of which they do.
         told: usize,
     },
-    /// A model cannot be read or written.
-    #[error("{}: {problem}", path.display())]
-    File {
-        /// The file.
-        path: PathBuf,
-        /// What is wrong with it.
-        problem: String,
-    },
+    /// A text that is no learned prior.
+    #[error("not a learned prior in JSON: {0}")]
+    Json(#[from] serde_json::Error),
 }
 
 impl VisionError {

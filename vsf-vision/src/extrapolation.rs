@@ -42,6 +42,7 @@ use vsf_core::{Belief, CoreError};
 /// assert_eq!(all.mean()[0], 20.0); // touched: as it was
 /// # Ok::<(), vsf_vision::VisionError>(())
 /// ```
+#[derive(Clone)]
 pub struct Extrapolation {
     visible: Box<dyn Regressor>,
     hidden: Box<dyn Regressor>,
@@ -50,7 +51,7 @@ pub struct Extrapolation {
 }
 
 /// What the regressors have learned from.
-#[derive(Debug)]
+#[derive(Debug, Clone)]
 struct Learned {
     /// Whether visible points have a regressor of their own.
     by_color: bool,

@@ -242,11 +242,12 @@ impl Scaler {
     pub fn of(features: &Features) -> Result<Self, VisionError> {
         let n = features.len() as f64;
         if features.is_empty() {
-            return Err(VisionError::TooFew {
+            return Err(CoreError::TooFew {
                 what: "rows of features",
                 got: 0,
                 least: 1,
-            });
+            }
+            .into());
         }
         let width = features.width();
         let column = |c: usize| features.data().iter().skip(c).step_by(width).copied();

@@ -4,8 +4,7 @@ use crate::{
     Predictions, Regressor, Ridge, Samples, Seen, VisionError,
 };
 use serde::{Deserialize, Serialize};
-use std::path::Path;
-use vsf_core::Belief;
+use vsf_core::{Belief, CoreError};
 
 /// A regressor by name, with its parameters.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
@@ -43,8 +42,8 @@ impl RegressorSpec {
 /// What fields of some objects teach about the next one: stiffness by features that mean the same on
 /// every object, such as color, height, or depth behind the surface.
 ///
-/// As many equal parts as there are objects are held out in turn, so that variances are calibrated from object to object,
-/// the more so the more alike the objects are in size. A file holds samples and regressor as JSON; it is fitted again when it is
+/// As many equal parts as there are objects, 20 at most, are held out in turn, so that variances are calibrated from object to object,
+/// the more so the more alike the objects are in size. Its JSON holds samples and regressor; it is fitted again when it is
 /// read, to the same predictions.
 ///
 /// ```
@@ -60,12 +59,13 @@ impl RegressorSpec {
 /// assert!((low.mean[0] - 9.5).abs() < 0.5);
 /// # Ok::<(), vsf_vision::VisionError>(())
 /// ```
+#[derive(Clone)]
 pub struct LearnedPrior {
     saved: Saved,
     fitted: Calibrated<Box<dyn Regressor>>,
 }
 
-#[derive(PartialEq, Serialize, Deserialize)]
+#[derive(Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 struct Saved {
     regressor: RegressorSpec,
@@ -75,6 +75,9 @@ struct Saved {
     variances: Vec<f64>,
 }
 
+/// Each is a fit, and a file says how many there are.
+const MOST_FOLDS: usize = 20;
+
 impl LearnedPrior {
     /// Learns from the samples of each object; with one object its quarters are held out. Objects of
     /// very different size should be thinned to like numbers, since equal parts are held out.
@@ -82,7 +85,7 @@ impl LearnedPrior {
     /// # Errors
     /// No object, objects with other features, what the regressor refuses.
     pub fn fit(regressor: RegressorSpec, objects: &[Samples]) -> Result<Self, VisionError> {
-        let (first, others) = objects.split_first().ok_or(VisionError::TooFew {
+        let (first, others) = objects.split_first().ok_or(CoreError::TooFew {
             what: "objects",
             got: 0,
             least: 1,
@@ -103,7 +106,11 @@ impl LearnedPrior {
     }
 
     fn of(saved: Saved) -> Result<Self, VisionError> {
-        let folds = if saved.objects < 2 { 4 } else { saved.objects };
+        let folds = if saved.objects < 2 {
+            4
+        } else {
+            saved.objects.min(MOST_FOLDS)
+        };
         let mut fitted = Calibrated::new(saved.regressor.build()?, folds)?;
         let (targets, variances) = (saved.targets.clone(), saved.variances.clone());
         fitted.fit(&Samples::new(saved.features.clone(), targets, variances)?)?;
@@ -159,22 +166,18 @@ impl LearnedPrior {
         self.fitted.predict(features)
     }
 
-    /// Samples and regressor as JSON, the content of a file for [`open`](Self::open).
+    /// Samples and regressor as JSON, for [`from_json`](Self::from_json).
     pub fn to_json(&self) -> String {
         // Texts and finite numbers alone: nothing that JSON cannot hold.
         serde_json::to_string(&self.saved).unwrap_or_default()
     }
 
-    /// Reads a file of [`to_json`](Self::to_json).
+    /// What [`to_json`](Self::to_json) has written, fitted again.
     ///
     /// # Errors
-    /// A file that cannot be read, or is none of these; numbers that do not fit.
-    pub fn open(path: impl AsRef<Path>) -> Result<Self, VisionError> {
-        let path = path.as_ref();
-        let text = std::fs::read(path).map_err(|e| wrong(path, &e))?;
-        let saved: Saved = serde_json::from_slice(&text)
-            .map_err(|e| wrong(path, &format!("not a learned prior in JSON: {e}")))?;
-        Self::of(saved).map_err(|e| wrong(path, &e))
+    /// [`VisionError::Json`]; numbers that do not fit.
+    pub fn from_json(text: &str) -> Result<Self, VisionError> {
+        Self::of(serde_json::from_str(text)?)
     }
 }
 
@@ -192,12 +195,5 @@ impl std::fmt::Debug for LearnedPrior {
             .field("objects", &self.saved.objects)
             .field("samples", &self.saved.targets.len())
             .finish_non_exhaustive()
-    }
-}
-
-fn wrong(path: &Path, problem: &dyn std::fmt::Display) -> VisionError {
-    VisionError::File {
-        path: path.to_owned(),
-        problem: problem.to_string(),
     }
 }

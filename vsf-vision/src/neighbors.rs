@@ -92,11 +92,12 @@ impl Neighbors {
         check_reach("rows to search", rows)?;
         let len = rows.len() / dimensions.max(1);
         if len == 0 {
-            return Err(VisionError::TooFew {
+            return Err(CoreError::TooFew {
                 what: "rows to search",
                 got: 0,
                 least: 1,
-            });
+            }
+            .into());
         }
         if len > u32::MAX as usize {
             return Err(CoreError::TooMany {

@@ -82,7 +82,7 @@ impl PointCloud {
     fn tree(&self, points: usize, k: usize, neighbors: usize) -> Result<Neighbors, VisionError> {
         for (what, got, least) in [("points", self.len(), points), ("neighbors", k, neighbors)] {
             if got < least {
-                return Err(VisionError::TooFew { what, got, least });
+                return Err(CoreError::TooFew { what, got, least }.into());
             }
         }
         let rows: Vec<f64> = (self.positions.iter())

@@ -1,4 +1,5 @@
 use crate::{Features, VisionError};
+use dyn_clone::DynClone;
 use vsf_core::CoreError;
 
 /// What a [`Regressor`] learns from: features of points, and what is known of their stiffness.
@@ -37,7 +38,7 @@ impl Samples {
             ("features", features.width(), 1),
         ] {
             if got < least {
-                return Err(VisionError::TooFew { what, got, least });
+                return Err(CoreError::TooFew { what, got, least }.into());
             }
         }
         let samples = Self {
@@ -153,10 +154,10 @@ impl Predictions {
 /// learned, to that of all targets or beyond, and counts what their own variances leave open about
 /// their mean.
 ///
-/// Dyn-safe, so that a program chooses at run time; `Box<dyn Regressor>` is a regressor.
+/// Dyn-safe, so that a program chooses at run time; `Box<dyn Regressor>` is a regressor, and can be cloned.
 /// Implementations give the same result for any number of threads, and leave their state alone on
 /// an error. `check_regressor` of `vsf-testkit` is a suite that every implementation must pass.
-pub trait Regressor: Send + Sync {
+pub trait Regressor: DynClone + Send + Sync {
     /// Learns, and forgets what it learned before.
     ///
     /// # Errors
@@ -174,13 +175,18 @@ pub trait Regressor: Send + Sync {
     fn fresh(&self) -> Box<dyn Regressor>;
 }
 
+dyn_clone::clone_trait_object!(Regressor);
+
 impl std::fmt::Debug for dyn Regressor {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
         f.debug_struct("Regressor").finish_non_exhaustive()
     }
 }
 
-impl<R: Regressor + ?Sized> Regressor for Box<R> {
+impl<R: Regressor + ?Sized> Regressor for Box<R>
+where
+    Self: Clone,
+{
     fn fit(&mut self, samples: &Samples) -> Result<(), VisionError> {
         (**self).fit(samples)
     }

@@ -1,7 +1,9 @@
 use super::name_of;
+use anyhow::Context;
 use clap::ValueEnum;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
+use vsf::data::read_text;
 use vsf::pipeline::VisionSpec;
 use vsf::vision::{GpConfig, KnnConfig, LearnedPrior, RegressorSpec};
 
@@ -18,7 +20,8 @@ impl Vision {
         match self {
             Self::Kind(kind) => Ok(kind.spec()),
             Self::Learned(path) => {
-                let learned = LearnedPrior::open(path)?;
+                let learned = LearnedPrior::from_json(&read_text(path)?)
+                    .with_context(|| path.display().to_string())?;
                 Ok(Some(VisionSpec::Learned(Arc::new(learned))))
             }
         }

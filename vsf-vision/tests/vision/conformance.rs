@@ -169,6 +169,7 @@ fn the_same_for_any_number_of_threads() {
 }
 
 /// Refuses targets of 1000.
+#[derive(Clone)]
 struct Choosy(Ridge);
 
 impl Regressor for Choosy {
@@ -219,6 +220,7 @@ fn copies_predict_the_same() {
 }
 
 /// Answers the same, whatever is asked.
+#[derive(Clone)]
 struct Fixed(Predictions);
 
 impl Regressor for Fixed {

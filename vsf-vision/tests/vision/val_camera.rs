@@ -1,6 +1,7 @@
 //! Views against closed forms: pinhole geometry, planes, spheres, boxes that hide what is behind.
 
 use proptest::prelude::*;
+use vsf_core::CoreError;
 use vsf_core::nalgebra::{Isometry3, Point3, Translation3, UnitQuaternion, Vector3};
 use vsf_vision::{
     Bounds, Camera, OcclusionGrid, PointCloud, RgbdView, Seen, Sight, Visibility, VisionError, lab,
@@ -140,6 +141,12 @@ fn downsampling_keeps_one_mean_per_cube() {
     for wrong in [0.0, -1.0, f64::NAN, 1e-20, 1e-320] {
         assert!(cloud.downsampled(wrong).is_err());
     }
+    let mut lost = cloud.clone();
+    lost.positions[2].y = f64::NAN;
+    assert!(matches!(
+        lost.downsampled(1.0),
+        Err(CoreError::NotFinite { index: 2, .. })
+    ));
 }
 
 /// What each cell is by the exact ray from the eye to its center.
@@ -242,7 +249,7 @@ fn refuses_images_and_cameras_that_do_not_fit() {
     };
     assert!(matches!(
         few.normals(5, &flat),
-        Err(VisionError::TooFew { .. })
+        Err(VisionError::Core(CoreError::TooFew { .. }))
     ));
     assert!(few.inliers(0, 1.0).is_err() && few.inliers(1, f64::NAN).is_err());
     assert!(few.inliers(5, 1.0).is_ok());

@@ -214,16 +214,15 @@ fn the_level_is_the_least_squares_one() {
 }
 
 #[test]
-fn a_prior_learned_from_objects_is_the_same_from_its_file() {
+fn a_prior_learned_from_objects_is_the_same_from_its_json() {
     let object = |shift: f64| {
         let height: Vec<f64> = (0..60).map(|i| f64::from(i) / 60.0).collect();
         let targets = height.iter().map(|h| 10.0 - 8.0 * h + shift).collect();
         let features = Features::new(60).with_column("height", &height).unwrap();
         Samples::new(features, targets, vec![0.1; 60]).unwrap()
     };
-    let folder = tempfile::tempdir().unwrap();
-    let path = folder.path().join("prior.json");
     let asked = Features::new(2).with_column("height", &[0.2, 0.9]).unwrap();
+    let mut text = String::new();
     for regressor in [
         RegressorSpec::default(),
         RegressorSpec::Ridge,
@@ -238,29 +237,23 @@ fn a_prior_learned_from_objects_is_the_same_from_its_file() {
         );
         // Objects differ by 2 N/m, and a fourth one may as well.
         assert!(found.variance[0] > 1.0, "{regressor:?}: {found:?}");
-        std::fs::write(&path, prior.to_json()).unwrap();
-        let again = LearnedPrior::open(&path).unwrap().predict(&asked).unwrap();
-        assert_eq!(again, found, "{regressor:?}");
+        text = prior.to_json();
+        let again = LearnedPrior::from_json(&text).unwrap();
+        assert_eq!(again.predict(&asked).unwrap(), found, "{regressor:?}");
     }
-    let text = std::fs::read_to_string(&path).unwrap();
-    for damaged in [
-        "{}".to_owned(),
-        text.replacen("\"variances\":[0.1", "\"variances\":[-0.1", 1),
-        text[..90].to_owned(),
-    ] {
-        std::fs::write(&path, damaged).unwrap();
-        assert!(matches!(
-            LearnedPrior::open(&path),
-            Err(VisionError::File { .. })
-        ));
+    for damaged in ["{}", &text[..90]] {
+        let refused = LearnedPrior::from_json(damaged);
+        assert!(matches!(refused, Err(VisionError::Json(_))), "{damaged}");
     }
+    let negative = text.replacen("\"variances\":[0.1", "\"variances\":[-0.1", 1);
+    let refused = LearnedPrior::from_json(&negative);
+    assert!(matches!(refused, Err(VisionError::Core(_))));
     // More objects than there are samples: too few of each to hold out.
-    let text = text.replacen("\"objects\":3", "\"objects\":4611686018427387904", 1);
-    assert!(text.contains("4611686018427387904"));
-    std::fs::write(&path, text).unwrap();
-    let found = LearnedPrior::open(&path).unwrap().predict(&asked).unwrap();
+    let many = text.replacen("\"objects\":3", "\"objects\":4611686018427387904", 1);
+    assert!(many.contains("4611686018427387904"));
+    let found = LearnedPrior::from_json(&many).unwrap().predict(&asked);
+    let found = found.unwrap();
     assert!(found.mean[0] > found.mean[1] + 2.0);
-    assert!(LearnedPrior::open(folder.path().join("none")).is_err());
     assert!(LearnedPrior::fit(RegressorSpec::Ridge, &[]).is_err());
 }
 
@@ -409,6 +402,7 @@ fn vague_touches_leave_the_others_uncertain() {
 }
 
 /// Answers every row with the same mean and variance.
+#[derive(Clone)]
 struct Fixed(f64, f64);
 
 impl Regressor for Fixed {

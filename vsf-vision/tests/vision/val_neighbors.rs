@@ -1,6 +1,7 @@
 //! Nearest neighbors against brute force.
 
 use proptest::prelude::*;
+use vsf_core::CoreError;
 use vsf_vision::{Neighbors, VisionError};
 
 fn brute(rows: &[f64], dim: usize, query: &[f64], k: usize) -> Vec<f64> {
@@ -77,7 +78,7 @@ proptest! {
 fn refuses() {
     assert!(matches!(
         Neighbors::new(&[], 3),
-        Err(VisionError::TooFew { .. })
+        Err(VisionError::Core(CoreError::TooFew { .. }))
     ));
     assert!(Neighbors::new(&[0.0; 26], 0).is_err());
     assert!(Neighbors::new(&[0.0, f64::NAN, 0.0], 3).is_err());
