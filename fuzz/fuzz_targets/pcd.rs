@@ -2,11 +2,11 @@
 #![no_main]
 
 use libfuzzer_sys::fuzz_target;
-use vsf::data::{read_pcd_cloud, read_pcd_points};
+use vsf::data::{read_cloud, read_points};
 use vsf_fuzz::file;
 
 fuzz_target!(|data: &[u8]| {
     let path = file("a.pcd", data);
-    let _ = read_pcd_cloud(&path);
-    let _ = read_pcd_points(&path);
+    let _ = read_cloud(&path);
+    let _ = read_points(&path);
 });

@@ -118,10 +118,11 @@ impl Dataset {
                 split: "train",
             });
         }
+        let there: BTreeSet<&str> = self.sequences.iter().map(|s| &*s.id).collect();
         let mut listed = BTreeMap::new();
         for (split, ids) in [("train", train), ("test", test)] {
             for id in ids {
-                if self.sequence(id).is_none() {
+                if !there.contains(&**id) {
                     return Err(DataError::UnknownSequence {
                         path,
                         key: "splits",

@@ -5,7 +5,7 @@ use crate::staged::Staged;
 use crate::{CameraView, ContactParameters, DataError, DataWarning, StiffnessField};
 use crate::{field, files, natural, npy};
 use nalgebra::{Isometry3, Point3, Vector3};
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, HashMap};
 use std::path::{Path, PathBuf};
 
 pub(crate) const POINTS: &str = "points.npy";
@@ -194,11 +194,21 @@ impl Dataset {
     ) -> Result<(Self, Vec<DataWarning>), DataError> {
         let robot = check_robot(dir, &metadata)?.clone();
         let mut sequences = parts.sequences;
+        let ids = sequences.iter().map(|s| s.id.clone()).zip(0..);
+        let places: HashMap<String, usize> = ids.collect();
+        let place = |key: &'static str, id: String| match places.get(&id) {
+            Some(place) => Ok(*place),
+            None => Err(DataError::UnknownSequence {
+                path: dir.join(metadata::FILE),
+                key,
+                id,
+            }),
+        };
         for (id, starts) in metadata.touch_starts.unwrap_or_default() {
-            named(&mut sequences, dir, "touch_starts", id)?.touch_starts = starts;
+            sequences[place("touch_starts", id)?].touch_starts = starts;
         }
         for (id, tags) in metadata.sequence_tags.unwrap_or_default() {
-            named(&mut sequences, dir, "sequence_tags", id)?.tags = tags;
+            sequences[place("sequence_tags", id)?].tags = tags;
         }
         let plain = Self::new(robot, sequences);
         let dataset = Self {
@@ -297,12 +307,18 @@ impl Dataset {
 
     /// The sequences to estimate from, in the order of the split.
     pub fn train(&self) -> impl Iterator<Item = &Sequence> {
-        self.splits.train.iter().filter_map(|id| self.sequence(id))
+        self.of(&self.splits.train)
     }
 
     /// The sequences to predict, in the order of the split.
     pub fn test(&self) -> impl Iterator<Item = &Sequence> {
-        self.splits.test.iter().filter_map(|id| self.sequence(id))
+        self.of(&self.splits.test)
+    }
+
+    fn of<'a>(&'a self, ids: &'a [String]) -> impl Iterator<Item = &'a Sequence> {
+        let all = self.sequences.iter().map(|s| (&*s.id, s));
+        let by_id: HashMap<&str, &Sequence> = all.collect();
+        ids.iter().filter_map(move |id| by_id.get(&**id).copied())
     }
 
     /// The sequence with this ID.
@@ -372,22 +388,6 @@ pub(crate) fn unknown_keys(path: PathBuf, extra: &BTreeMap<String, String>) -> V
             path,
             keys: extra.keys().cloned().collect(),
         }]
-    }
-}
-
-fn named<'a>(
-    sequences: &'a mut [Sequence],
-    dir: &Path,
-    key: &'static str,
-    id: String,
-) -> Result<&'a mut Sequence, DataError> {
-    match sequences.iter_mut().find(|s| s.id == id) {
-        Some(sequence) => Ok(sequence),
-        None => Err(DataError::UnknownSequence {
-            path: dir.join(metadata::FILE),
-            key,
-            id,
-        }),
     }
 }
 

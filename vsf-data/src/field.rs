@@ -304,7 +304,9 @@ impl StiffnessField {
                 BASE_POSE,
                 PICKLE,
             ];
-            let not_a_file = name.is_empty() || name.contains(['/', '\\', '\0']);
+            // Readers of folders leave hidden files alone.
+            let hidden = name.starts_with('.');
+            let not_a_file = hidden || name.is_empty() || name.contains(['/', '\\', '\0']);
             if not_a_file || reserved.contains(&name.as_str()) {
                 return Err(DataError::FeatureName {
                     path: path.to_owned(),
@@ -388,7 +390,7 @@ impl Source {
             Err(e) => return Err(e),
         };
         let mut entries = BTreeMap::new();
-        for file in files::list(path)? {
+        for file in files::list(path)?.into_iter().filter(|p| !is_hidden(p)) {
             let name = file.file_stem().unwrap_or_default().to_str();
             match name.filter(|_| has_extension(&file, "npy")) {
                 Some(name) => {
@@ -447,11 +449,18 @@ impl Source {
                 Err(source) => return Err(DataError::Npy { path, source }),
             };
             check_rows(&path, *array.shape.first().unwrap_or(&0), points.len())?;
-            let cols = array.shape.iter().skip(1).product();
-            if cols == 0 {
-                let what = "the feature";
-                return Err(DataError::Empty { path, what });
-            }
+            let mut inner = array.shape.iter().skip(1);
+            let cols = match inner.try_fold(1, |n: usize, size| n.checked_mul(*size)) {
+                Some(0) => {
+                    let what = "the feature";
+                    return Err(DataError::Empty { path, what });
+                }
+                Some(cols) => cols,
+                None => {
+                    let source = NpyError::Shape(array.shape);
+                    return Err(DataError::Npy { path, source });
+                }
+            };
             features.insert(name, Table::new(cols, array.data)?);
         }
         let base_pose = self.marks.base_pose.map(|rows| pose::from_rows(&rows));

@@ -126,30 +126,36 @@ pub(crate) fn coordinates(points: &[Point3<f64>]) -> Vec<f64> {
 
 pub(crate) fn check_points(path: &Path, points: &[Point3<f64>]) -> Result<(), DataError> {
     if points.is_empty() {
-        return Err(DataError::Empty {
-            path: path.to_owned(),
-            what: "the point cloud",
-        });
+        return Err(no_points(path));
     }
-    for (row, p) in points.iter().enumerate() {
-        for (axis, &value) in ["x", "y", "z"].into_iter().zip(p.iter()) {
-            let path = path.to_owned();
-            if !value.is_finite() {
-                return Err(DataError::NotFinite {
-                    path,
-                    row,
-                    column: axis.to_owned(),
-                    value,
-                });
-            }
-            if value.abs() > pose::FARTHEST {
-                return Err(DataError::FarPoint {
-                    path,
-                    row,
-                    axis,
-                    value,
-                });
-            }
+    (points.iter().enumerate()).try_for_each(|(row, p)| check_point(path, row, p))
+}
+
+pub(crate) fn no_points(path: &Path) -> DataError {
+    DataError::Empty {
+        path: path.to_owned(),
+        what: "the point cloud",
+    }
+}
+
+pub(crate) fn check_point(path: &Path, row: usize, p: &Point3<f64>) -> Result<(), DataError> {
+    for (axis, &value) in ["x", "y", "z"].into_iter().zip(p.iter()) {
+        let path = || path.to_owned();
+        if !value.is_finite() {
+            return Err(DataError::NotFinite {
+                path: path(),
+                row,
+                column: axis.to_owned(),
+                value,
+            });
+        }
+        if value.abs() > pose::FARTHEST {
+            return Err(DataError::FarPoint {
+                path: path(),
+                row,
+                axis,
+                value,
+            });
         }
     }
     Ok(())

@@ -1,7 +1,7 @@
 //! Test sequences that are cut out of train sequences.
 
 use crate::{DataWarning, Dataset, Sequence};
-use std::collections::BTreeSet;
+use std::collections::{BTreeMap, BTreeSet, HashMap};
 use std::hash::{DefaultHasher, Hash, Hasher};
 use std::path::Path;
 
@@ -13,22 +13,28 @@ const LEAST_ROWS: usize = 8;
 
 impl Dataset {
     /// Test sequences that hold rows of train sequences, trimmed or with rounding of another kind. Copies as a whole are told
-    /// of as such. In time proportional to the rows.
+    /// of as such. A row that is in several train sequences counts for the first. In time proportional to the rows.
     pub(crate) fn overlapping_sequences(&self, dir: &Path) -> Option<DataWarning> {
-        let of = |ids: &[String]| -> Vec<(&Sequence, BTreeSet<u64>)> {
-            let own = self.sequences.iter().filter(|s| ids.contains(&s.id));
-            own.map(|s| (s, rows(s))).collect()
+        let train: Vec<&Sequence> = self.train().collect();
+        let mut having: HashMap<u64, usize> = HashMap::new();
+        for (k, sequence) in train.iter().enumerate() {
+            for row in rows(sequence) {
+                having.entry(row).or_insert(k);
+            }
+        }
+        let overlap = |s: &Sequence| {
+            let own = rows(s);
+            let mut same: BTreeMap<usize, usize> = BTreeMap::new();
+            for k in own.iter().filter_map(|row| having.get(row)) {
+                *same.entry(*k).or_default() += 1;
+            }
+            let enough = |n: usize| n >= LEAST_ROWS && n as f64 >= LEAST_SHARE * own.len() as f64;
+            let is_copy = |of: &Sequence| s.angles == of.angles && s.torques == of.torques;
+            let mut of = same.into_iter().map(|(k, n)| (train[k], n));
+            let (of, n) = of.find(|(of, n)| enough(*n) && !is_copy(of))?;
+            Some((s.id.clone(), of.id.clone(), n))
         };
-        let (train, test) = (of(&self.splits.train), of(&self.splits.test));
-        let overlap = |(s, own): &(&Sequence, BTreeSet<u64>)| {
-            train.iter().find_map(|(of, others)| {
-                let same = own.intersection(others).count();
-                let is_copy = s.angles == of.angles && s.torques == of.torques;
-                let overlaps = same >= LEAST_ROWS && same as f64 >= LEAST_SHARE * own.len() as f64;
-                (overlaps && !is_copy).then(|| (s.id.clone(), of.id.clone(), same))
-            })
-        };
-        let mut found = test.iter().filter_map(overlap);
+        let mut found = self.test().filter_map(overlap);
         let (first, of, rows) = found.next()?;
         Some(DataWarning::OverlappingSequences {
             path: dir.to_owned(),

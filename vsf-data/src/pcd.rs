@@ -8,31 +8,15 @@ use std::path::Path;
 /// LZF packs 264 bytes into 3 at best.
 const MOST_PACKED: u64 = 88;
 
-/// Reads the points `x y z` of a PCD file, ascii, binary or binary_compressed, in the units of the file
-/// (meters everywhere in this crate). Other fields are skipped. Points whose coordinates are all NaN
-/// are left out: pixels without a return, as the Point Cloud Library writes them. [`read_points`](crate::read_points)
-/// says how many.
-///
-/// # Errors
-/// A damaged file, more points than its header says, none with coordinates, coordinates that are missing or
-/// not finite.
-pub fn read_pcd_points(path: impl AsRef<Path>) -> Result<Vec<Point3<f64>>, DataError> {
-    Ok(points_of(path.as_ref())?.0)
-}
-
-/// [`read_pcd_points`], and what should be known of them.
+/// The points `x y z`.
 pub(crate) fn points_of(path: &Path) -> Result<(Vec<Point3<f64>>, Vec<DataWarning>), DataError> {
     let (cloud, warnings) = read(path, false)?;
     Ok((cloud.iter().map(|p| p.position).collect(), warnings))
 }
 
-/// The points of a PCD file as [`read_pcd_points`] reads them, and their colors: the field `rgb` or
-/// `rgba`, one number of 4 bytes with 8 bits for each of red, green and blue.
-///
-/// # Errors
-/// As [`read_pcd_points`]; points without color.
-pub fn read_pcd_cloud(path: impl AsRef<Path>) -> Result<Vec<ColoredPoint>, DataError> {
-    Ok(read(path.as_ref(), true)?.0)
+/// Points and their colors: the field `rgb` or `rgba`, one number of 4 bytes with 8 bits for each of red, green and blue.
+pub(crate) fn cloud_of(path: &Path) -> Result<(Vec<ColoredPoint>, Vec<DataWarning>), DataError> {
+    read(path, true)
 }
 
 /// Places of the fields in a record, padding left out.
@@ -41,7 +25,8 @@ struct Places {
     color: Option<usize>,
 }
 
-/// The points with coordinates; those without are warned of.
+/// The points of which any coordinate is a number; the others, pixels without a return as the Point Cloud Library writes
+/// them, are warned of.
 fn read(path: &Path, with_color: bool) -> Result<(Vec<ColoredPoint>, Vec<DataWarning>), DataError> {
     let wrong = |problem: String| DataError::Pcd {
         path: path.to_owned(),
@@ -59,7 +44,7 @@ fn read(path: &Path, with_color: bool) -> Result<(Vec<ColoredPoint>, Vec<DataWar
 
     let mut cloud = Vec::new();
     let mut left_out = 0;
-    for record in DynReader::from_bytes(&bytes).map_err(damaged)? {
+    for (row, record) in DynReader::from_bytes(&bytes).map_err(damaged)?.enumerate() {
         let DynRecord(fields) = record.map_err(damaged)?;
         let number = |k: usize| fields.get(k).and_then(number).unwrap_or(f64::NAN);
         let position = Point3::from(places.xyz.map(number));
@@ -67,6 +52,7 @@ fn read(path: &Path, with_color: bool) -> Result<(Vec<ColoredPoint>, Vec<DataWar
             left_out += 1;
             continue;
         }
+        files::check_point(path, row, &position)?;
         let color = places.color.and_then(|k| color(fields.get(k)?));
         cloud.push(ColoredPoint {
             position,
@@ -77,8 +63,9 @@ fn read(path: &Path, with_color: bool) -> Result<(Vec<ColoredPoint>, Vec<DataWar
         let problem = format!("no points: the coordinates of all {left_out} are NaN");
         return Err(wrong(problem));
     }
-    let points: Vec<_> = cloud.iter().map(|p| p.position).collect();
-    files::check_points(path, &points)?;
+    if cloud.is_empty() {
+        return Err(files::no_points(path));
+    }
     let without_return = (left_out > 0).then(|| DataWarning::WithoutReturn {
         path: path.to_owned(),
         count: left_out,

@@ -39,30 +39,18 @@ pub(crate) fn write(path: &Path, field: &StiffnessField, scale: Scale) -> Result
     write_file(path, &bytes)
 }
 
-/// Reads the points `x y z` of the element `vertex` of a PLY file, ascii or binary, in the units
-/// of the file (meters everywhere in this crate). Everything else in the file is skipped.
-///
-/// # Errors
-/// A damaged file, more than its header counts, no vertices, coordinates that are missing or not finite.
-pub fn read_ply_points(path: impl AsRef<Path>) -> Result<Vec<Point3<f64>>, DataError> {
-    Ok(points_of(path.as_ref())?.0)
-}
-
-/// [`read_ply_points`], and what should be known of them.
+/// The points `x y z` of the element `vertex`.
 pub(crate) fn points_of(path: &Path) -> Result<(Vec<Point3<f64>>, Vec<DataWarning>), DataError> {
     let (vertices, warning) = read_vertices(path, &["x", "y", "z"])?;
     let points = vertices.iter().map(|v| v.0.position).collect();
     Ok((points, warning.into_iter().collect()))
 }
 
-/// The points of a PLY file as [`read_ply_points`] reads them, and their colors, `red green blue`
-/// of 8 bits.
-///
-/// # Errors
-/// As [`read_ply_points`]; vertices without color.
-pub fn read_ply_cloud(path: impl AsRef<Path>) -> Result<Vec<ColoredPoint>, DataError> {
-    let (vertices, _) = read_vertices(path.as_ref(), &["x", "y", "z", "red", "green", "blue"])?;
-    Ok(vertices.into_iter().map(|v| v.0).collect())
+/// Vertices and their colors, `red green blue` of 8 bits.
+pub(crate) fn cloud_of(path: &Path) -> Result<(Vec<ColoredPoint>, Vec<DataWarning>), DataError> {
+    let (vertices, warning) = read_vertices(path, &["x", "y", "z", "red", "green", "blue"])?;
+    let cloud = vertices.into_iter().map(|v| v.0).collect();
+    Ok((cloud, warning.into_iter().collect()))
 }
 
 fn read_vertices(

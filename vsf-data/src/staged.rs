@@ -26,10 +26,11 @@ pub fn write_file(path: impl AsRef<Path>, bytes: &[u8]) -> Result<(), DataError>
     write_files([(path, bytes)])
 }
 
-/// [`write_file`] of several files, all of them or none.
+/// [`write_file`] of several files, none before all can be.
 ///
 /// # Errors
-/// [`DataError::Io`] of the first that cannot be written; all old files are then as they were.
+/// [`DataError::Io`] of the first that cannot be written; all old files are then as they were. If only a rename is refused, as
+/// over a file of another user in `/tmp`, those before it are new.
 pub fn write_files<P: AsRef<Path>, B: AsRef<[u8]>>(
     files: impl IntoIterator<Item = (P, B)>,
 ) -> Result<(), DataError> {
@@ -45,7 +46,7 @@ pub fn write_files<P: AsRef<Path>, B: AsRef<[u8]>>(
 /// The folder itself may be a link; one in it is not followed.
 ///
 /// # Errors
-/// [`DataError::Link`], [`DataError::Io`]; all old files are then as they were.
+/// [`DataError::Link`], [`DataError::Io`]; all old files are then as they were, but for renames as in [`write_files`].
 pub fn write_folder<P: AsRef<Path>, B: AsRef<[u8]>>(
     folder: impl AsRef<Path>,
     files: impl IntoIterator<Item = (P, B)>,

@@ -1,5 +1,7 @@
 //! What columns are by their titles.
 
+use std::collections::HashMap;
+
 /// Titles of the time \[s\].
 const TIME: [&str; 4] = ["time", "t", "timestamp", "time_s"];
 
@@ -81,16 +83,16 @@ impl Columns {
             [a, b, ..] => return Err(format!("columns {a:?} and {b:?} are both the time")),
         };
         let mut joints: Vec<Joint> = Vec::new();
+        let mut known: HashMap<String, usize> = HashMap::new();
         for (k, title) in titles.iter().enumerate() {
             let Some((name, quantity)) = meaning(title)? else {
                 continue;
             };
-            let known = joints.iter().position(|joint| joint.name == name);
-            let joint = known.unwrap_or_else(|| {
+            let joint = *known.entry(name.clone()).or_insert(joints.len());
+            if joint == joints.len() {
                 let columns = [None; 3];
                 joints.push(Joint { name, columns });
-                joints.len() - 1
-            });
+            }
             let joint = &mut joints[joint];
             if let Some(other) = joint.columns[quantity as usize].replace(k) {
                 let (other, name, what) = (&titles[other], &joint.name, quantity.name());

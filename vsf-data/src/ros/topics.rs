@@ -2,7 +2,7 @@ use super::RECORDED;
 use super::container::{self, SchemaHeader};
 use super::messages::{Version, defines_joint_states};
 use crate::Advice;
-use std::collections::{BTreeMap, HashMap};
+use std::collections::{BTreeMap, BTreeSet, HashMap};
 
 /// What a type or channel takes beside its texts, in bytes.
 const OVERHEAD: usize = 256;
@@ -16,8 +16,9 @@ pub(super) struct Topics {
     channels: HashMap<u16, Channel>,
     /// Types and serializations by topic.
     all: BTreeMap<String, String>,
-    /// Topics that have joint states.
-    heard: Vec<String>,
+    /// Topics that have joint states, and the first of them.
+    heard: BTreeSet<String>,
+    first: Option<String>,
 }
 
 #[derive(PartialEq)]
@@ -98,25 +99,26 @@ impl Topics {
             return Ok(None);
         }
         if !self.heard.contains(topic) {
-            self.heard.push(topic.clone());
+            self.first.get_or_insert_with(|| topic.clone());
+            self.heard.insert(topic.clone());
         }
         Ok(version.filter(|_| topic == self.chosen()))
     }
 
     /// The topic asked for, or the first one with joint states.
     pub fn chosen(&self) -> &str {
-        let first = || self.heard.first();
-        self.wanted.as_ref().or_else(first).map_or("", |t| t)
+        let topic = self.wanted.as_ref().or(self.first.as_ref());
+        topic.map_or("", |t| t)
     }
 
     /// The topic of the joint states, or what keeps the files from having one. `exported`: whether
     /// [`McapExport`](crate::McapExport) wrote them, which puts predictions on other topics.
-    pub fn done(mut self, exported: bool) -> Result<String, (String, Option<Advice>)> {
+    pub fn done(self, exported: bool) -> Result<String, (String, Option<Advice>)> {
         if exported && self.wanted.is_none() && self.chosen() == RECORDED {
             return Ok(RECORDED.to_owned());
         }
-        self.heard.sort();
-        let others = match &self.heard[..] {
+        let heard: Vec<String> = self.heard.into_iter().collect();
+        let others = match &heard[..] {
             [] => {
                 let all = self.all.iter();
                 let all: Vec<String> = all
@@ -126,7 +128,7 @@ impl Topics {
             }
             heard => format!("there are joint states on {}", some(heard)),
         };
-        match (self.wanted, &self.heard[..]) {
+        match (self.wanted, &heard[..]) {
             (None, [only]) => Ok(only.clone()),
             (None, []) => {
                 let problem = format!("no messages of sensor_msgs/JointState; {others}");

@@ -1,13 +1,13 @@
 //! Damaged bytes give data or an error, never a panic.
 
-use crate::common::{ARM, Folder, State, bag, golden};
+use crate::common::{ARM, Folder, State, bag, cloud_of, golden, points_of};
 use proptest::prelude::*;
 use proptest::sample::Index;
 use std::fs;
 use std::sync::LazyLock;
 use vsf_data::{
     Clock, DataError, Dataset, JointLog, McapExport, Overrides, RobotRef, StiffnessField,
-    TorqueKind, read_pcd_cloud, read_pcd_points, read_ply_points,
+    TorqueKind,
 };
 
 /// One way to damage a file.
@@ -286,7 +286,7 @@ fn clouds_with_more_than_they_count() {
     for bytes in [text.as_bytes().to_vec(), fs::read(&path).unwrap()] {
         for (more, fits) in [(&b"\n \n"[..], true), (b"3 4 5\n", false)] {
             fs::write(&path, [&bytes, more].concat()).unwrap();
-            match read_ply_points(&path) {
+            match points_of(&path) {
                 Ok(_) => assert!(fits),
                 Err(e) => assert!(!fits && e.to_string().contains("left behind"), "{e}"),
             }
@@ -325,7 +325,7 @@ proptest! {
         };
         apply(&mut bytes, &damage);
         fs::write(&path, &bytes).unwrap();
-        let _ = read_ply_points(&path);
+        let _ = points_of(&path);
     }
 
     #[test]
@@ -347,11 +347,11 @@ proptest! {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("a.pcd");
         fs::write(&path, &bytes).unwrap();
-        prop_assert_eq!(read_pcd_cloud(&path).unwrap().len(), 2);
+        prop_assert_eq!(cloud_of(&path).unwrap().len(), 2);
         apply(&mut bytes, &damage);
         fs::write(&path, &bytes).unwrap();
-        let _ = read_pcd_points(&path);
-        let _ = read_pcd_cloud(&path);
+        let _ = points_of(&path);
+        let _ = cloud_of(&path);
     }
 
     #[test]
@@ -383,8 +383,11 @@ proptest! {
             let path = folder.path().join("a.npz");
             fs::write(&path, [magic, &bytes].concat()).unwrap();
             prop_assert!(StiffnessField::open(&path).is_err());
-            prop_assert!(read_ply_points(&path).is_err());
-            prop_assert!(read_pcd_points(&path).is_err());
+            for name in ["a.ply", "a.pcd"] {
+                let cloud = folder.path().join(name);
+                fs::copy(&path, &cloud).unwrap();
+                prop_assert!(points_of(&cloud).is_err());
+            }
             prop_assert!(JointLog::open(&[&path], None, Clock::Header).is_err());
             let text = folder.path().join("a.csv");
             fs::copy(&path, &text).unwrap();

@@ -1,6 +1,6 @@
 //! What is saved is read back: arrays and scalars bit by bit, poses to the last digit.
 
-use crate::common::{Folder, golden};
+use crate::common::{Folder, cloud_of, golden, points_of};
 use nalgebra::{Isometry3, Point3, Vector3};
 use proptest::collection::{btree_map, vec};
 use proptest::prelude::*;
@@ -9,7 +9,7 @@ use std::fs;
 use vsf_data::{
     Attachment, CameraView, Clock, ContactParameters, DataError, DataWarning, Dataset, JointLog,
     JointType, McapExport, Overrides, RobotRef, Sequence, Splits, StiffnessField, Table,
-    TorqueKind, read_pcd_cloud, read_pcd_points, read_ply_cloud, read_ply_points, read_points,
+    TorqueKind, read_points,
 };
 
 /// Any finite double, subnormals and both zeros included.
@@ -313,7 +313,7 @@ proptest! {
             prop_assert_eq!(warnings.len(), 0);
         }
         saved.save_ply(folder.path().join("vsf.ply"), None).unwrap();
-        prop_assert_eq!(&saved.points, &read_ply_points(folder.path().join("vsf.ply")).unwrap());
+        prop_assert_eq!(&saved.points, &points_of(folder.path().join("vsf.ply")).unwrap());
     }
 }
 
@@ -449,6 +449,12 @@ fn a_field_folder_is_not_mixed_with_another() {
     let error = field.save_npz(folder.path().join("a.npz")).unwrap_err();
     assert!(matches!(error, DataError::FeatureName { .. }));
     field.features.clear();
+    // Hidden files of a folder are others'.
+    let hidden = Table::new(1, vec![1.0]).unwrap();
+    field.features.insert(".x".to_owned(), hidden);
+    let error = field.save_folder(folder.path()).unwrap_err();
+    assert!(matches!(error, DataError::FeatureName { .. }), "{error}");
+    field.features.clear();
     field.sd = Some(vec![-1.0]);
     let error = field.save_npz(folder.path().join("a.npz")).unwrap_err();
     assert!(matches!(error, DataError::NegativeDeviation { row: 0, .. }));
@@ -558,12 +564,12 @@ fn points_of_an_ascii_ply() {
         property int z\nelement face 1\nproperty list uchar int vertex_indices\nend_header\n";
     fs::write(&path, format!("{header}0.5 1 2\n-1 0 7\n3 0 1 1\n")).unwrap();
     let expected = [Point3::new(0.5, 1.0, 2.0), Point3::new(-1.0, 0.0, 7.0)];
-    assert_eq!(read_ply_points(&path).unwrap(), expected);
+    assert_eq!(points_of(&path).unwrap(), expected);
     fs::write(&path, format!("{header}0.5 1 2\n-1 0 7\n")).unwrap();
-    assert!(matches!(read_ply_points(&path), Err(DataError::Ply { .. })));
+    assert!(matches!(points_of(&path), Err(DataError::Ply { .. })));
     for (line, part) in [("-1 nan 7", "row 1 y: NaN"), ("-inf 0 7", "row 1 x: -inf")] {
         fs::write(&path, format!("{header}0.5 1 2\n{line}\n3 0 1 1\n")).unwrap();
-        let error = read_ply_points(&path).unwrap_err();
+        let error = points_of(&path).unwrap_err();
         assert!(matches!(error, DataError::NotFinite { .. }), "{error:?}");
         assert!(
             error.to_string().ends_with(&format!("a.ply {part}")),
@@ -594,11 +600,11 @@ fn points_of_an_ascii_ply() {
         ),
     ] {
         fs::write(&path, header + data).unwrap();
-        let error = read_ply_points(&path).unwrap_err().to_string();
+        let error = points_of(&path).unwrap_err().to_string();
         assert!(error.contains(part), "{error}");
     }
     fs::write(&path, header.replace("vertex 2", "vertex 99999999999")).unwrap();
-    assert!(matches!(read_ply_points(&path), Err(DataError::Ply { .. })));
+    assert!(matches!(points_of(&path), Err(DataError::Ply { .. })));
 }
 
 /// Text that was cut off within its last number is still text.
@@ -635,7 +641,7 @@ fn colors_of_a_ply() {
         )
     };
     fs::write(&path, text("uchar")).unwrap();
-    let cloud = read_ply_cloud(&path).unwrap();
+    let cloud = cloud_of(&path).unwrap();
     let points: Vec<_> = cloud.iter().map(|p| p.position).collect();
     let colors: Vec<_> = cloud.iter().map(|p| p.color).collect();
     assert_eq!(
@@ -645,10 +651,10 @@ fn colors_of_a_ply() {
     assert_eq!(colors, [[10, 20, 30], [0, 255, 1]]);
     // Colors of another scale are not guessed; positions can still be read.
     fs::write(&path, text("float")).unwrap();
-    assert!(matches!(read_ply_cloud(&path), Err(DataError::Ply { .. })));
-    assert_eq!(read_ply_points(&path).unwrap(), points);
+    assert!(matches!(cloud_of(&path), Err(DataError::Ply { .. })));
+    assert_eq!(points_of(&path).unwrap(), points);
     fs::write(&path, text("uchar").replace("blue", "b")).unwrap();
-    assert!(matches!(read_ply_cloud(&path), Err(DataError::Ply { .. })));
+    assert!(matches!(cloud_of(&path), Err(DataError::Ply { .. })));
 }
 
 /// Header of a PCD file of three points with a normal, padding and color.
@@ -687,8 +693,8 @@ fn points_and_colors_of_a_pcd() {
     let colors = [[128, 128, 224], [255, 1, 2]];
     let check = |bytes: &[u8], kind: &str| {
         fs::write(&path, bytes).unwrap();
-        assert_eq!(read_pcd_points(&path).unwrap(), positions, "{kind}");
-        let cloud = read_pcd_cloud(&path).unwrap();
+        assert_eq!(points_of(&path).unwrap(), positions, "{kind}");
+        let cloud = cloud_of(&path).unwrap();
         assert!(cloud.iter().map(|p| p.color).eq(colors), "{kind}");
         assert!(cloud.iter().map(|p| p.position).eq(positions), "{kind}");
         let (points, warnings) = read_points(&path).unwrap();
@@ -735,7 +741,7 @@ fn pcd_files_that_are_refused() {
     let row = "0.5 1 2 7 7 0 0 0 1\n";
     let refused = |text: String, part: &str| {
         fs::write(&path, text).unwrap();
-        let error = read_pcd_cloud(&path).unwrap_err().to_string();
+        let error = cloud_of(&path).unwrap_err().to_string();
         assert!(error.contains("a.pcd") && error.contains(part), "{error}");
     };
     refused(pcd(2, "ascii") + row, "damaged");
@@ -753,6 +759,8 @@ fn pcd_files_that_are_refused() {
     refused(pcd(1, "ascii").replace("rgb", "label") + row, "rgb");
     refused(pcd(1, "ascii") + &row.replace("0.5", "inf"), "row 0 x: inf");
     refused(pcd(1, "ascii") + &row.replace("0.5", "nan"), "row 0 x: NaN");
+    let second = "nan nan nan 7 7 0 0 0 1\n".to_owned() + &row.replace("0.5", "inf");
+    refused(pcd(2, "ascii") + &second, "row 1 x: inf");
     refused(pcd(1, "ascii") + &row.replace("0.5", "half"), "damaged");
     refused(
         pcd(1, "ascii") + &row.replace("0.5 1 2", "nan nan nan"),
@@ -778,12 +786,9 @@ fn pcd_files_that_are_refused() {
     refused("ply\n".to_owned(), "DATA");
     // Positions can be read without colors.
     fs::write(&path, pcd(1, "ascii").replace("rgb", "label") + row).unwrap();
-    assert_eq!(
-        read_pcd_points(&path).unwrap(),
-        [Point3::new(0.5, 1.0, 2.0)]
-    );
+    assert_eq!(points_of(&path).unwrap(), [Point3::new(0.5, 1.0, 2.0)]);
     assert!(matches!(
-        read_pcd_points(folder.path().join("b.pcd")),
+        points_of(folder.path().join("b.pcd")),
         Err(DataError::Missing { .. })
     ));
 }

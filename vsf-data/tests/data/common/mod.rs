@@ -1,9 +1,22 @@
 //! Small recordings on disk, and bytes of `.npy` files written independently of the crate.
 
+use nalgebra::Point3;
 use std::fs;
 use std::path::{Path, PathBuf};
 use tempfile::TempDir;
-use vsf_data::{DataError, DataWarning, Dataset, Overrides, RobotRef, TorqueKind};
+use vsf_data::{
+    ColoredPoint, DataError, DataWarning, Dataset, Overrides, RobotRef, TorqueKind, read_cloud,
+    read_points,
+};
+
+/// The points of a cloud, without what should be known of them.
+pub fn points_of(path: impl AsRef<Path>) -> Result<Vec<Point3<f64>>, DataError> {
+    Ok(read_points(path)?.0)
+}
+
+pub fn cloud_of(path: impl AsRef<Path>) -> Result<Vec<ColoredPoint>, DataError> {
+    Ok(read_cloud(path)?.0)
+}
 
 pub const ROWS: usize = 4;
 pub const COLS: usize = 2;
