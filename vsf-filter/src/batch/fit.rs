@@ -188,7 +188,8 @@ impl<'a> BatchFit<'a> {
     /// Points held at zero count as known.
     ///
     /// # Errors
-    /// An observation that reaches beyond the field, or of another number of channels than the noise.
+    /// An observation that reaches beyond the field, or of another number of channels than the noise; predictions beyond the
+    /// range of numbers.
     pub fn predict(&self, obs: &Observation<f64>) -> Result<Prediction, CoreError> {
         let (mean, covariance) = self.predict_joint(obs)?;
         let d = obs.dim();
@@ -211,14 +212,17 @@ impl<'a> BatchFit<'a> {
         let scale = self.noise_scale * self.noise_scale;
         let entry = |(k, r): (usize, &f64)| {
             let (i, j) = (k / d, k % d);
-            // What rounding leaves of nothing may lie below zero; NaN stays.
+            // What rounding leaves of nothing may lie below zero.
             match covariance[(i, j)] {
                 below if i == j && below < 0.0 => scale * r,
                 own => own + scale * r,
             }
         };
         let noise = noise.covariance().iter().enumerate();
-        Ok((sums.mean, noise.map(entry).collect()))
+        let covariance: Vec<f64> = noise.map(entry).collect();
+        CoreError::check_finite("predicted reading", &sums.mean)?;
+        CoreError::check_finite("covariance of the predicted reading", &covariance)?;
+        Ok((sums.mean, covariance))
     }
 
     /// `C^-1 (x - m)`, by which a correlated prior moves points that were never touched.

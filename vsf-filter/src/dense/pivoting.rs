@@ -6,8 +6,11 @@ use faer::Mat;
 
 /// Most exchanges.
 const MOST: usize = 500;
-/// Most points held at zero: their covariance is factored.
+/// Most points held at zero, whose covariance is factored; and most multiplications of all turns, about a minute's.
 const MOST_HELD: usize = 4096;
+const MOST_WORK: f64 = 1e11;
+/// Those of a covariance that is looked up.
+const COVARIANCE: f64 = 10.0;
 
 /// Mode and multipliers of a Gaussian of mean `mu`: `x = mu + P lambda`, both `>= 0` and one of them zero in every point.
 pub(super) struct Pivoted {
@@ -17,7 +20,8 @@ pub(super) struct Pivoted {
 
 /// [Block principal pivoting](Exchanges) from the points that are `held` at zero: solve for their multipliers, then exchange all points
 /// that came out wrong (a negative multiplier, or a negative value). `covariance(i, j)` is `P`; `unit` are one over the deviations in
-/// which violations up to `tolerance` count as none. `None` where rounding keeps it from an end, or too many points are held.
+/// which violations up to `tolerance` count as none. `None` where rounding keeps it from an end, too many points are held, or it would
+/// take minutes.
 pub(super) fn pivot(
     mu: &[f64],
     covariance: impl Fn(usize, usize) -> f64,
@@ -27,9 +31,12 @@ pub(super) fn pivot(
 ) -> Option<Pivoted> {
     let n = mu.len();
     let mut exchanges = Exchanges::new(n);
+    let mut work = 0.0;
     for _ in 0..MOST {
         let of: Vec<usize> = (0..n).filter(|&i| held[i]).collect();
-        if of.len() > MOST_HELD {
+        let held_points = of.len() as f64;
+        work += held_points.powi(3) / 3.0 + COVARIANCE * held_points * n as f64;
+        if of.len() > MOST_HELD || work > MOST_WORK {
             return None;
         }
         let mut factor = Mat::from_fn(of.len(), of.len(), |a, b| {

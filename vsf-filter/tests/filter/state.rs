@@ -207,6 +207,18 @@ fn saved_dense() -> CovarianceFilter<f64> {
     filter
 }
 
+/// Without touched points nothing else tells how large the ring is; the first touch would reserve it.
+#[test]
+fn a_ring_larger_than_any_noise_is_refused() {
+    let prior = Belief::<f64>::uniform(2, 1.0, 1.0).unwrap();
+    let filter = CovarianceFilter::<f64>::new(prior);
+    let mut state = serde_json::to_value(filter.unwrap()).unwrap();
+    let pushed = 1u64 << 50;
+    (state["ring"], state["pushed"]) = (json!(pushed), json!(pushed));
+    let refused = serde_json::from_value::<CovarianceFilter<f64>>(state);
+    assert!(refused.unwrap_err().to_string().contains("lacks"));
+}
+
 #[test]
 fn dense_states_that_cannot_be_are_refused() {
     let good = serde_json::to_value(saved_dense()).unwrap();
@@ -224,6 +236,7 @@ fn dense_states_that_cannot_be_are_refused() {
         ("/mode/0/1", json!(-1.0), "multiplier"),
         ("/ring", json!(0), "lacks"),
         ("/ring", json!(1u64 << 40), "lacks"),
+        ("/ring", json!(513), "lacks"),
         ("/pushed", json!(u64::MAX), "lacks"),
         ("/applied/0", json!(0), "lacks"),
         ("/ranks", json!([1.0]), "ranks"),
@@ -379,7 +392,7 @@ fn states_that_cannot_be_are_refused() {
         (
             format!("{past}/obs/noise/dim"),
             json!(u64::MAX),
-            "noise covariance has length 4",
+            "more than the 4096",
         ),
         (
             format!("{past}/obs/noise/covariance/1"),

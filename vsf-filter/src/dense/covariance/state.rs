@@ -13,6 +13,8 @@ use vsf_core::{Belief, CoreError, Scalar};
 const SQUARE: usize = OCTET * OCTET;
 /// No filter counts as far as that.
 const MOST_RANKS: u64 = 1 << 50;
+/// Most squares of 8 ranks that are pending: noise has 4096 channels at most.
+const MOST_RING: u64 = 4096 / 8;
 
 /// What is saved of a [`CovarianceFilter`]: the matrix as it is, for what waits to be subtracted
 /// decides how later sums are rounded.
@@ -190,7 +192,7 @@ fn tiles<T: Scalar>(
     let blocks = len.div_ceil(TILE);
     CoreError::check_len("blocks of a covariance", panels.len(), blocks)?;
     CoreError::check_len("blocks of a covariance", applied.len(), blocks)?;
-    let counts = ring >= 1 && ring <= pushed && pushed <= MOST_RANKS;
+    let counts = (1..=MOST_RING).contains(&ring) && ring <= pushed && pushed <= MOST_RANKS;
     if !counts
         || applied
             .iter()
