@@ -256,6 +256,7 @@ fn read_bandwidth() -> f64 {
 }
 
 fn cube(side: usize) -> Result<Arc<RestPoints>, PipelineError> {
+    RestPoints::check_count(side.saturating_pow(3))?;
     let at = |k: usize, i: usize| CORNER[k] + EDGE * (i as f64 + 0.5) / side as f64;
     let points = (0..side * side * side).map(|i| {
         Point3::new(

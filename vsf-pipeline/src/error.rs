@@ -87,10 +87,10 @@ pub enum PipelineError {
         /// The model of contact, from 0.
         index: usize,
     },
-    /// Touches of a trace that are not ranges of its samples, one after another.
+    /// Touches of a trace that do not follow each other from its first sample to its last.
     #[error(
-        "sequence {id}: touch {index} is samples {start} to {end} (exclusive) of {rows}; touches lie within the \
-         samples, in order and without overlap"
+        "sequence {id}: touch {index} is samples {start} to {end} (exclusive) of {rows}; touches follow each other from the \
+         first sample to the last"
     )]
     Touches {
         /// The sequence.

@@ -12,6 +12,8 @@ const MOST_STATE: f64 = 1e9;
 /// so many samples. Shorter ones would make noise of rounded angles, longer ones blunt the motion.
 const HALF_WINDOW: f64 = 0.0125;
 const LEAST_HALF_WINDOW: usize = 4;
+/// Samples come in bursts where the mean time between them is so many times the median.
+const BURSTS: f64 = 2.0;
 
 /// Checks that a sequence is as [`Sequence::check`] asks, with a column for every joint of the robot.
 pub(crate) fn check_sequence(robot: &RobotModel, sequence: &Sequence) -> Result<(), PipelineError> {
@@ -139,15 +141,24 @@ pub fn derivatives_of(
 ) -> Result<Derivatives, PipelineError> {
     check_sequence(robot, sequence)?;
     check_states(robot, sequence)?;
-    // Touches may be far apart.
-    let step = median(sequence.time.windows(2).map(|t| t[1] - t[0]).collect());
-    let samples = step.map_or(0.0, |step| (HALF_WINDOW / step).round());
+    let samples = step(sequence).map_or(0.0, |step| (HALF_WINDOW / step).round());
     let derivatives =
         unwound(robot, sequence).derivatives((samples as usize).max(LEAST_HALF_WINDOW));
     derivatives.map_err(|source| PipelineError::Motion {
         id: sequence.id.clone(),
         source,
     })
+}
+
+/// Time from one sample to the next (s): the median, since touches may be far apart; the mean within touches, where samples
+/// come in bursts.
+fn step(sequence: &Sequence) -> Option<f64> {
+    let median = median(sequence.time.windows(2).map(|t| t[1] - t[0]).collect())?;
+    let spans = || sequence.touches().map(|touch| &sequence.time[touch]);
+    let steps: usize = spans().map(|t| t.len().saturating_sub(1)).sum();
+    let time: f64 = spans().filter_map(|t| Some(t.last()? - t.first()?)).sum();
+    let mean = time / steps.max(1) as f64;
+    Some(if mean > BURSTS * median { mean } else { median })
 }
 
 /// What the arm itself needs to move as a sequence does: `M(q) qdd + C(q, qd) qd + g(q)` (N m or N), one

@@ -74,6 +74,8 @@ const RATE_HZ: f64 = 1000.0;
 /// One push and the way back (s).
 const PERIOD: f64 = 20.0;
 const NOISE_SD: f64 = 0.05;
+/// Longest run (s).
+const LONGEST: f64 = 1e9;
 /// Half of the points have one of these, half the other (N/m).
 const TRUTH: [f32; 2] = [10.0, 30.0];
 
@@ -81,18 +83,19 @@ const TRUTH: [f32; 2] = [10.0, 30.0];
 /// of known stiffness and back, again and again, and learns from noisy torques. It needs no data.
 ///
 /// # Errors
-/// No points, a time that is not positive and finite.
+/// No points or more than [`RestPoints`](vsf_core::RestPoints) holds, a time that is not positive or beyond 1e9 s.
 pub fn soak(options: &SoakOptions) -> Result<SoakReport, PipelineError> {
     let side = (options.points as f64).cbrt().round() as usize;
     if side == 0 {
         return Err(PipelineError::NoPoints);
     }
+    let is_long = options.seconds <= LONGEST;
     let duration = Duration::try_from_secs_f64(options.seconds).unwrap_or_default();
-    if duration.is_zero() {
+    if duration.is_zero() || !is_long {
         let what = CoreError::Parameter {
             name: "seconds",
             value: options.seconds,
-            range: "positive and finite",
+            range: "> 0 s, up to 1e9 s",
         };
         return Err(what.into());
     }

@@ -20,13 +20,13 @@ pub struct Trace {
     pub time: Vec<f64>,
     /// One observation per sample; free samples have no points.
     pub observations: Vec<Observation<f64>>,
-    /// Samples of each touch, in order: contacts are forgotten where one begins.
+    /// Samples of each touch, in order and without gaps: contacts are forgotten where one begins.
     pub touches: Vec<Range<usize>>,
 }
 
 impl Trace {
     /// Checks that the trace fits so many rest points and joints: times that go on and an observation of these for
-    /// every sample, touches within the samples, in order and without overlap.
+    /// every sample, touches that follow each other from the first sample to the last.
     ///
     /// # Errors
     /// The first sample or touch that does not fit; it is named.
@@ -54,18 +54,25 @@ impl Trace {
                 }));
             }
         }
+        let wrong = |index, start, end| {
+            let id = self.id.clone();
+            Err(PipelineError::Touches {
+                id,
+                index,
+                start,
+                end,
+                rows,
+            })
+        };
         let mut last = 0;
         for (index, &Range { start, end }) in self.touches.iter().enumerate() {
-            if !(last <= start && start <= end && end <= rows) {
-                return Err(PipelineError::Touches {
-                    id: self.id.clone(),
-                    index,
-                    start,
-                    end,
-                    rows,
-                });
+            if !(last == start && start <= end && end <= rows) {
+                return wrong(index, start, end);
             }
             last = end;
+        }
+        if last < rows {
+            return wrong(self.touches.len(), last, last);
         }
         Ok(())
     }

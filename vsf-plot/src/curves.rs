@@ -214,19 +214,20 @@ impl CurvePlot<'_> {
 
     fn x_axis(&self) -> Axis {
         let (lo, hi) = range(self.curves.iter().flat_map(|c| c.x));
-        let margin = 0.04 * (hi - lo).max(1e-6 * hi.abs().max(1.0));
+        let is_whole = |c: &Curve<'_>| c.x.iter().all(|x| x.fract() == 0.0);
+        let scale = if self.curves.iter().all(is_whole) {
+            Scale::Whole
+        } else {
+            Scale::Linear
+        };
+        let margin = match scale {
+            Scale::Whole if lo == hi => 0.5,
+            _ => 0.04 * (hi - lo).max(1e-6 * hi.abs().max(1.0)),
+        };
         Axis {
             lo: lo - margin,
             hi: hi + margin,
-            scale: if self
-                .curves
-                .iter()
-                .all(|c| c.x.iter().all(|x| x.fract() == 0.0))
-            {
-                Scale::Whole
-            } else {
-                Scale::Linear
-            },
+            scale,
         }
     }
 
@@ -332,6 +333,17 @@ mod tests {
         assert!(log.lo < 0.5 && log.hi > 4.0);
         let middle = (log.lo * log.hi).sqrt();
         assert!((log.place(middle, 0.0, 1.0) - 0.5).abs() < 1e-12);
+    }
+
+    #[test]
+    fn a_single_place_has_one_number() {
+        let curves = [Curve {
+            x: &[3.0],
+            y: &[1.0],
+            ..Curve::default()
+        }];
+        let ticks = plot(&curves, false).x_axis().ticks(900.0);
+        assert_eq!(ticks, [(3.0, "3".to_owned())]);
     }
 
     #[test]

@@ -103,9 +103,14 @@ impl Choice<'_> {
                 fold.misfit(posterior, self.problem)
             })?,
         };
+        let level = level(&misfits);
+        CoreError::check_finite(
+            "squared errors of held-out touches over their variances",
+            &[level],
+        )?;
         let choice = HyperChoice {
             // A perfect fit would ask for zero noise.
-            hyper: (self.problem).hyper(prior, level(&misfits).sqrt().max(1e-9)),
+            hyper: (self.problem).hyper(prior, level.sqrt().max(1e-9)),
             candidates: tried.candidates(self.problem),
         };
         Ok((choice, tried.errors.swap_remove(chosen)))

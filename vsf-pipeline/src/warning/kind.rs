@@ -272,7 +272,7 @@ pub enum PipelineWarning {
     /// A single reading that is far larger than all others of its joint in a sequence.
     #[error(
         "joint {joint} reads {value:.3} {unit} in row {row} of sequence {sequence}, and {beside:.3} {unit} beside it{}; it looks \
-         like a fault of the sensor: leave the row out, or estimate with --robust",
+         like a fault of the sensor: leave the row out, or estimate with robust noise (--robust of the command)",
         more(*others, "reading")
     )]
     Spike {

@@ -6,7 +6,7 @@ use super::{
 use crate::readings::check_sequence;
 use crate::{Scene, Trace, derivatives_of, reading_unit, rigid_body_torques};
 use nalgebra::DMatrix;
-use vsf_core::Observation;
+use vsf_core::{CoreError, Observation};
 use vsf_data::{Derivatives, Sequence, Table, TorqueKind, tare};
 use vsf_robots::{Joint, Link};
 
@@ -38,9 +38,15 @@ pub fn reading_warnings(
     traces: &[Trace],
 ) -> Vec<PipelineWarning> {
     let (points, channels) = (scene.rest().len(), scene.robot().joint_count());
-    let of_sequence = |s: &&Sequence| (s.id.clone(), check_sequence(scene.robot(), s));
+    let of_sequence = |(k, s): (usize, &&Sequence)| {
+        let observed = traces.get(k).map_or(0, |t| t.observations.len());
+        let paired = CoreError::check_len("trace", observed, s.len());
+        let checked = check_sequence(scene.robot(), s);
+        (s.id.clone(), checked.and(paired.map_err(Into::into)))
+    };
     let of_trace = |t: &Trace| (t.id.clone(), t.check(points, channels));
-    let checked = (sequences.iter().map(of_sequence)).chain(traces.iter().map(of_trace));
+    let checked = sequences.iter().enumerate().map(of_sequence);
+    let checked = checked.chain(traces.iter().map(of_trace));
     let malformed = malformed(checked);
     if !malformed.is_empty() {
         return malformed;

@@ -118,6 +118,28 @@ fn sequences() {
     }
 }
 
+/// Traces of other sequences, or fewer.
+#[test]
+fn sequences_and_traces_in_pairs() {
+    let scene = scene(TorqueKind::External);
+    let mut cut = sequence("a");
+    cut.torques.data_mut()[JOINTS * 70] = 100.0;
+    let whole = scene.trace(&cut).unwrap();
+    let short = Trace {
+        time: whole.time[..20].to_vec(),
+        observations: whole.observations[..20].to_vec(),
+        touches: std::iter::once(0..20).collect(),
+        ..whole
+    };
+    for traces in [&[short][..], &[]] {
+        let warnings = reading_warnings(&scene, &[&cut], traces);
+        let [PipelineWarning::Malformed { problem, .. }] = &warnings[..] else {
+            panic!("{warnings:?}");
+        };
+        assert!(problem.contains("trace has length"), "{problem}");
+    }
+}
+
 #[test]
 fn data_sets() {
     let robot = || planar_arm(JOINTS, 0.3, 0.03).unwrap();
@@ -206,6 +228,9 @@ fn wrong_traces() -> Vec<(Trace, &'static str)> {
         (touches(&[0..40, 40..500]), "touch 1 is samples 40 to 500"),
         (touches(&[0..40, 30..ROWS]), "touch 1 is samples 30 to 80"),
         (touches(&[0..40, backward]), "touch 1 is samples 60 to 50"),
+        (touches(&[0..40, 41..ROWS]), "touch 1 is samples 41 to 80"),
+        (touches(&[0..40, 40..70]), "touch 2 is samples 70 to 70"),
+        (touches(&[]), "touch 0 is samples 0 to 0"),
     ]
 }
 

@@ -107,6 +107,22 @@ fn pauses_do_not_change_the_motion() {
     );
 }
 
+/// Stamps of receiving: ten at a time, a microsecond apart.
+#[test]
+fn bursts_do_not_change_the_motion() {
+    let steady = swing(1000.0);
+    let at = |k: usize| 0.01 * (k / 10) as f64 + 1e-6 * (k % 10) as f64;
+    let bursts = Sequence {
+        time: (0..steady.len()).map(at).collect(),
+        velocities: steady.velocities.clone(),
+        ..steady.clone()
+    };
+    let [a, b] = [&bursts, &steady].map(|s| derivatives_of(&planar(), s).unwrap());
+    let largest = |d: &[f64]| d.iter().fold(0.0, |m: f64, v| m.max(v.abs()));
+    let [a, b] = [a, b].map(|d| largest(d.velocities.data()));
+    assert!((a / b - 1.0).abs() < 0.2, "{a} for {b} rad/s");
+}
+
 /// Neither weight nor inertia is left, at any sample rate.
 #[test]
 fn what_the_arm_needs_to_move_is_taken_off() {
