@@ -6,10 +6,12 @@ const SHORTEST_RUN: usize = 4;
 const FEWEST_RUNS: usize = 8;
 /// Most joints: every pair of them may be coupled, and all pairs are held at once.
 const MOST_JOINTS: usize = 48;
+/// Most means over windows, of which each sequence has one for every joint at least: matrices of them squared are factored.
+const MOST_MEANS: usize = 5200;
 /// A joint that moves by less (rad or m) stands still.
 const STILL: f64 = 1e-3;
 
-/// Checks that the train sequences read something, tell noise from a gap, and a gap from a constant, and that the arm has no more joints than
+/// Checks that the train sequences read something, tell noise from a gap, and a gap from a constant, and that there are no more joints and sequences than
 /// a diagnosis takes.
 pub(crate) fn enough(campaign: &Campaign) -> Result<(), GapError> {
     let joints = campaign.site.joints();
@@ -20,6 +22,19 @@ pub(crate) fn enough(campaign: &Campaign) -> Result<(), GapError> {
                 "the robot has {joints}, a diagnosis takes {MOST_JOINTS} at most; make joints that stand still fixed ones"
             ),
         });
+    }
+    for (split, motions) in [("train", &campaign.train), ("test", &campaign.test)] {
+        if motions.len() * joints > MOST_MEANS {
+            return Err(GapError::TooMuch {
+                what: "sequences",
+                problem: format!(
+                    "the {split} split has {}, a diagnosis takes {} at most of {joints} joints; put several touches into a \
+                     sequence (touch_starts), or choose some (--train and --test of the command)",
+                    motions.len(),
+                    MOST_MEANS / joints
+                ),
+            });
+        }
     }
     if campaign.train.is_empty() {
         return Err(GapError::TooLittle {
@@ -74,6 +89,29 @@ mod tests {
     use std::fmt::Write;
     use vsf_data::{Dataset, RobotRef, Sequence, Table};
     use vsf_pipeline::SceneOptions;
+
+    /// A thousand pokes, each a sequence, make a covariance of 392 MB.
+    #[test]
+    fn very_many_sequences_are_refused() {
+        let robot = RobotRef::resolve("planar_arm", ".".as_ref()).unwrap();
+        let of = |count: usize| {
+            let sequence = |k: usize| {
+                let rows: Vec<f64> = (0..30).map(|i| 0.01 * f64::from(i)).collect();
+                let table = || Table::new(3, rows.clone()).unwrap();
+                let time = (0..10).map(f64::from).collect();
+                Sequence::new(k.to_string(), time, table(), table())
+            };
+            let mut dataset = Dataset::new(robot.clone(), (0..=count).map(sequence).collect());
+            dataset.splits.test = dataset.splits.train.split_off(count);
+            enough(&Campaign::open(&dataset, &SceneOptions::default()).unwrap())
+        };
+        of(MOST_MEANS / 3).unwrap();
+        let error = of(MOST_MEANS / 3 + 1).unwrap_err().to_string();
+        assert!(
+            error.contains("has 1734, a diagnosis takes 1733 at most of 3 joints"),
+            "{error}"
+        );
+    }
 
     /// Every pair of joints may be coupled: of 250 joints that is 93 GB of places to start from.
     #[test]

@@ -1,6 +1,7 @@
 use crate::{Acts, ContactLog, GapError, Model};
 use nalgebra::Vector3;
 use std::sync::{Arc, Mutex, OnceLock, PoisonError};
+use vsf_core::Posture;
 
 /// Bytes for the contacts of models that change them, of all sequences together. Searches return to the best of few
 /// neighbors: one or two logs of a sequence are most of what is asked for again.
@@ -75,10 +76,21 @@ impl KnownContacts {
     }
 }
 
-/// Of its contacts, which are most of a log.
+/// Of its contacts and, in every row, of where the links are: all of a log, where nothing is touched.
 fn bytes(log: &ContactLog) -> usize {
     let contacts: usize = log.contacts.iter().map(|c| c.len()).sum();
+    let posture = log.postures.first().map_or(0, |p| {
+        size_of::<Posture>()
+            + size_of_val(p.q())
+            + size_of_val(p.link_poses())
+            + size_of_val(p.screws())
+    });
     CONTACT * contacts
+        + posture * log.postures.len()
+        + size_of_val(&log.contacts[..])
+        + size_of_val(&log.forces[..])
+        + size_of_val(&log.rigid[..])
+        + size_of_val(&log.moved[..])
 }
 
 #[cfg(test)]
@@ -102,10 +114,26 @@ mod tests {
         }
     }
 
+    /// Of an arm in free air, too.
+    #[test]
+    fn rows_without_contacts_take_memory() {
+        let robot = vsf_robots::kinova_gen3().unwrap();
+        let rows = 10;
+        let free = ContactLog {
+            postures: vec![robot.posture(); rows],
+            contacts: vec![Contacts::new(); rows],
+            forces: vec![Vector3::zeros(); rows],
+            rigid: vec![0.0; 7 * rows],
+            moved: vec![0.0; 21 * rows],
+        };
+        let numbers = 7 * 8 + 7 * 6 * 8 + robot.link_count() * 7 * 8 + 3 * 8 + 28 * 8;
+        assert!(bytes(&free) > rows * numbers);
+    }
+
     #[test]
     fn beyond_the_budget_the_oldest_goes() {
         let known = KnownContacts {
-            budget: 5 * CONTACT,
+            budget: 5 * CONTACT + 2 * size_of::<Contacts>(),
             ..KnownContacts::default()
         };
         let padding = crate::effects::named(&["geometry_padding"]).unwrap();
@@ -123,6 +151,6 @@ mod tests {
         assert!(!is_run(1.0, 2) && is_run(3.0, 3));
         assert!(!is_run(1.0, 2) && !is_run(3.0, 3) && is_run(2.0, 2));
         // More than fits is not kept, nor is anything beside it.
-        assert!(is_run(4.0, 6) && is_run(4.0, 6) && is_run(2.0, 2));
+        assert!(is_run(4.0, 8) && is_run(4.0, 8) && is_run(2.0, 2));
     }
 }

@@ -21,6 +21,9 @@ pub struct SpatialCoupling;
 
 /// How far apart neighbors are at most, in typical distances: the faces and edges of a cubic grid.
 const REACH: f64 = 1.5;
+/// Points nearer than this share of it are in one place, as invalid pixels are: nothing is between them, and of thousands all
+/// would be each other's neighbors.
+const SAME_PLACE: f64 = 1e-3;
 
 #[derive(Clone)]
 struct Lattice {
@@ -78,7 +81,8 @@ fn neighbors(rest: &RestPoints) -> (Vec<u32>, Vec<u32>) {
         rest.for_cells_in(&(p - half), &(p + half), |cell| {
             let near = |j: &&u32| {
                 let j = **j as usize;
-                j != i && (rest.positions()[j] - p).norm() <= reach
+                let distance = (rest.positions()[j] - p).norm();
+                j != i && SAME_PLACE * reach < distance && distance <= reach
             };
             neighbors.extend(cell.points.iter().filter(near));
         });

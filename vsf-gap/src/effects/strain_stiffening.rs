@@ -31,7 +31,7 @@ impl Effect for StrainStiffening {
     }
 
     fn summary(&self) -> &str {
-        "springs stiffen as they are compressed by u, by the share `beta` u^2; with the power `n` in place of 2, alike at 3 cm"
+        "springs stiffen as they are compressed by u, by the share `beta` u^2; powers `n` other than 2 agree with it at u = 3 cm"
     }
 
     fn acts(&self) -> Acts {
