@@ -13,7 +13,7 @@ type Property<'a, C> = fn(&Suite<'a, C>);
 /// | contacts are of points and links that there are, with normals of unit length |
 /// | what `out` held before does not matter |
 /// | reset forgets all contacts |
-/// | postures that are not finite, never written or without links are refused or touch nothing |
+/// | postures that are not finite or were never written are refused; those without links are, or touch nothing |
 /// | an error leaves the contact state unchanged |
 ///
 /// # Panics

@@ -40,8 +40,10 @@ type Property<'a> = fn(&Suite<'a>);
 /// ```
 pub fn check_effect(effect: &dyn Effect, sites: &[Site]) {
     let mut acts = false;
-    let all = sites.iter().enumerate();
-    for (k, site) in all.filter(|(_, site)| holds(site, effect.needs())) {
+    let fit: Vec<_> = (sites.iter().enumerate())
+        .filter(|(_, site)| holds(site, effect.needs()))
+        .collect();
+    for &(k, site) in &fit {
         let robot = site.robot.name();
         let who = format!("effect {:?}, site {k} ({robot})", effect.name());
         // The other properties take parameters from it.
@@ -69,8 +71,8 @@ pub fn check_effect(effect: &dyn Effect, sites: &[Site]) {
     ask(&format!("effect {:?}", effect.name()), "it acts", || {
         assert!(
             acts,
-            "with all amplitudes at their scales nothing changes at any of {} sites that have what it needs",
-            sites.len()
+            "with all amplitudes at their scales nothing that it says it acts on changes at any of {} sites that have what it needs",
+            fit.len()
         );
     });
 }

@@ -20,11 +20,11 @@ pub struct EstimatorOptions {
     pub steps: usize,
     /// Entries of W lie within `[-weight, weight]`, > 0 and finite; default 0.05.
     pub weight: f64,
-    /// Standard deviation of the reading noise; default 0.1.
+    /// Standard deviation of the reading noise, > 0 and finite; default 0.1.
     pub noise_sd: f64,
-    /// Prior mean; default 3, far above 0 in units of the prior sd.
+    /// Prior mean, at least 4 times the prior sd, so that `K >= 0` hardly acts; default 3.
     pub prior_mean: f64,
-    /// Prior standard deviation; default 0.5.
+    /// Prior standard deviation, > 0 and finite; default 0.5.
     pub prior_sd: f64,
     /// Whether points are independent in the prior, so that touched points teach nothing about others. Default
     /// true; false for priors that correlate points, in space or by a level they share: what rests on
@@ -129,6 +129,9 @@ fn check<'a, T: Scalar>(suite: &Suite<'a, T>) {
         channels,
         steps,
         weight,
+        noise_sd,
+        prior_mean,
+        prior_sd,
         local,
         gaussian,
         exact,
@@ -137,9 +140,19 @@ fn check<'a, T: Scalar>(suite: &Suite<'a, T>) {
     assert!(points >= 8, "option points: {points}, at least 8");
     assert!(channels >= 1, "option channels: {channels}, at least 1");
     assert!(steps >= 2, "option steps: {steps}, at least 2");
+    for (option, value) in [
+        ("weight", weight),
+        ("noise_sd", noise_sd),
+        ("prior_sd", prior_sd),
+    ] {
+        assert!(
+            value > 0.0 && value.is_finite(),
+            "option {option}: {value}, > 0 and finite"
+        );
+    }
     assert!(
-        weight > 0.0 && weight.is_finite(),
-        "option weight: {weight}, > 0 and finite"
+        prior_mean >= 4.0 * prior_sd && prior_mean.is_finite(),
+        "option prior_mean: {prior_mean}, at least 4 times prior_sd"
     );
     let properties: [(&str, bool, Property<'a, T>); 20] = [
         ("two of a kind behave the same", true, Suite::determinism),

@@ -20,7 +20,7 @@ type Property = fn(&dyn Regressor);
 /// | --- |
 /// | one that has not learned refuses to predict |
 /// | a plane is predicted better than by its mean, and errors are as large as predicted |
-/// | far away the variance is that of all targets at least, and larger than among them |
+/// | far away the variance is nearly that of all targets (0.8 of it) or more, and larger than among them |
 /// | what is learned anew replaces what was learned |
 /// | a fresh one learns the same |
 /// | coincident samples, lattices and constant features are taken |

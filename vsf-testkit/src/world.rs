@@ -20,8 +20,12 @@ impl Reading {
     /// The observation of a field of `field_len` points.
     ///
     /// # Errors
-    /// As [`Observation::rebuild`] and [`Noise::per_channel`].
+    /// As [`Observation::rebuild`] and [`Noise::per_channel`]; columns of another number or length.
     pub fn observation<T: Scalar>(&self, field_len: usize) -> Result<Observation<T>, CoreError> {
+        CoreError::check_len("columns", self.columns.len(), self.points.len())?;
+        for column in &self.columns {
+            CoreError::check_len("column", column.len(), self.tau.len())?;
+        }
         let mut obs = Observation::new(Noise::per_channel(&self.noise_sd)?);
         obs.rebuild(field_len, &self.points, &self.tau, |k, w| {
             w.copy_from_slice(&self.columns[k]);

@@ -20,6 +20,7 @@ enum Fault {
     ActsAtZeroAfterOthers,
     ReachesDeeper,
     DoesNothing,
+    ActsOnTorquesAlone,
     AssignsTorques,
     AssignsGains,
     AssignsSprings,
@@ -125,7 +126,7 @@ impl Compensate {
 impl Compensator for Compensate {
     fn contact(&self, config: &mut ContactConfig) {
         match self.fault {
-            Fault::DoesNothing => {}
+            Fault::DoesNothing | Fault::ActsOnTorquesAlone => {}
             Fault::LeavesContactOutOfRange => config.friction -= self.k,
             _ => config.friction += self.k,
         }
@@ -133,7 +134,7 @@ impl Compensator for Compensate {
 
     fn springs(&mut self, _: &Sample<'_>, touch: &Touch<'_>, springs: &mut [Vector3<f64>]) {
         match self.fault {
-            Fault::DoesNothing => {}
+            Fault::DoesNothing | Fault::ActsOnTorquesAlone => {}
             Fault::AssignsSprings if self.k > 0.0 => {
                 let displacements = touch.contacts.displacements().iter();
                 (springs.iter_mut().zip(displacements)).for_each(|(s, u)| *s = u * (1.0 - self.k));
@@ -144,7 +145,7 @@ impl Compensator for Compensate {
 
     fn gains(&mut self, _: &Sample<'_>, _: &Touch<'_>, gains: &mut [f64]) {
         match self.fault {
-            Fault::DoesNothing => {}
+            Fault::DoesNothing | Fault::ActsOnTorquesAlone => {}
             Fault::AssignsGains if self.k > 0.0 => gains.fill(1.0 + self.k),
             Fault::ActsAtZeroAfterOthers if gains.iter().any(|g| *g != 1.0) => gains.fill(1.0),
             _ => gains.iter_mut().for_each(|g| *g *= 1.0 + self.k),
@@ -188,6 +189,7 @@ fn every_fault_is_found_by_name() {
         (Fault::ActsAtZeroAfterOthers, "amplitudes at zero"),
         (Fault::ReachesDeeper, "no deeper than it says"),
         (Fault::DoesNothing, "it acts"),
+        (Fault::ActsOnTorquesAlone, "it acts"),
         (Fault::AssignsTorques, "what other effects did stays"),
         (Fault::AssignsGains, "what other effects did stays"),
         (Fault::AssignsSprings, "what other effects did stays"),

@@ -454,6 +454,27 @@ fn options_that_cannot_be_are_named() {
             },
             "option weight",
         ),
+        (
+            EstimatorOptions {
+                noise_sd: 0.0,
+                ..good
+            },
+            "option noise_sd",
+        ),
+        (
+            EstimatorOptions {
+                prior_sd: f64::NAN,
+                ..good
+            },
+            "option prior_sd",
+        ),
+        (
+            EstimatorOptions {
+                prior_mean: 0.0,
+                ..good
+            },
+            "option prior_mean",
+        ),
     ] {
         let check =
             || check_estimator(|prior: Belief<f64>| Dense::new(prior, Fault::None), options);

@@ -21,6 +21,7 @@ enum Fault {
 }
 
 /// A ridge, with a fault.
+#[derive(Clone)]
 struct Broken {
     fault: Fault,
     ridge: Ridge,

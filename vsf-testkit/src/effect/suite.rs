@@ -53,10 +53,18 @@ impl<'a> Suite<'a> {
         self.parameters.iter().zip(start).map(value).collect()
     }
 
-    /// Whether it changes anything with all amplitudes at their scales.
+    /// Whether it changes what it says that it acts on, with all amplitudes at their scales.
     pub fn acts(&self) -> bool {
-        let changes =
-            |start: &Vec<f64>| self.run(&self.at(start, 1.0), Others::NONE) != self.nominal;
+        let own: &[&str] = match self.effect.acts() {
+            Acts::Torques => &["gains", "torques"],
+            Acts::Springs => &["springs"],
+            Acts::Contact => &["joints and motion", "object_shift", "contact"],
+        };
+        let changes = |start: &Vec<f64>| {
+            let found = self.run(&self.at(start, 1.0), Others::NONE).parts();
+            let mut pairs = found.iter().zip(self.nominal.parts());
+            pairs.any(|((what, got), (_, nominal))| own.contains(what) && *got != nominal)
+        };
         self.starts.iter().any(changes)
     }
 
