@@ -6,7 +6,7 @@ use clap::{Command as Line, CommandFactory, Parser, Subcommand};
 use std::path::PathBuf;
 
 /// Lines of a table are broken here, short enough for narrow terminals: where `clap` breaks one, its columns are lost.
-const EXIT_CODES: &str = "\
+const AFTER_HELP: &str = "\
 Exit codes:
   0    done
   1    a recording, field, robot or other input is missing or cannot
@@ -15,14 +15,17 @@ Exit codes:
        parameter out of range
   3    the system refuses to read or write a file
   130  interrupted (Ctrl-C, SIGTERM); files already written are whole,
-       a second signal stops at once";
+       a second signal stops at once
+
+RAYON_NUM_THREADS is the number of threads (1 to 1024), by default that
+of the cores; results do not depend on it";
 
 /// Stiffness fields of soft objects from a robot arm's joint angles and torques.
 ///
 /// Without a command: the quick start. It estimates a field from an embedded recording, predicts
 /// touches that it has not seen, and writes the results to ./vsf-quickstart/.
 #[derive(Debug, Parser)]
-#[command(version, after_help = EXIT_CODES, args_conflicts_with_subcommands = false)]
+#[command(version, after_help = AFTER_HELP, args_conflicts_with_subcommands = false)]
 #[command(max_term_width = 100)]
 pub struct Cli {
     /// What to do; the quick start if nothing is given

@@ -17,7 +17,7 @@ samples, duration_s, touches, contact_samples, mean_contacts; the last two null 
 (link, mesh, resolution_m, error_p99_m, reached, boundary_edges, edges, unsure_share, turned_share), \
 links_without_inertia.
 
-Of a field (.npz or folder), which may stand in the place of <DATASET>, and for which the other options have no meaning: points, bounds, touched_points, mean_stiffness and largest_stiffness \
+Of a field (.npz or folder), which may stand in the place of <DATASET>, and for which the options of recording and contact have no meaning: points, bounds, touched_points, mean_stiffness and largest_stiffness \
 (N/m, of touched points, or of all where the field does not say which those are), recording, learned_from, prior_sd, noise_sd, \
 contact_parameters, corrected_model; null for what it does not say.")]
 pub struct Args {

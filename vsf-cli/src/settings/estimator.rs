@@ -122,6 +122,9 @@ impl EstimatorSettings {
         if replays && !matches!(kind, Dual | Replay | Printed | Updated) {
             return Err(self.without("--replay", "replay", "dual"));
         }
+        if self.seed.is_some() && !matches!(kind, Dual | Replay | Printed | Updated) {
+            return Err(self.without("--seed", "random draws", "dual"));
+        }
         let replays_variance = matches!(kind, Replay | Printed | Updated);
         if !replays_variance && self.replay_variance.is_some() {
             return Err(self.without("--replay-variance", "replay of variances", "replay"));

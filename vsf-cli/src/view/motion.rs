@@ -69,11 +69,12 @@ pub fn in_scene(
     cloud: &Cloud,
     done: impl Fn(),
 ) -> anyhow::Result<Motion> {
-    let every = every(scene.robot(), sequences);
-    let mut all = Vec::new();
+    let mut every = every(scene.robot(), sequences);
+    let mut all: Vec<Frames> = Vec::new();
     for &sequence in sequences {
         let torques = external_torques(scene, sequence)?;
         let mut frames = Frames::default();
+        let mut earlier: usize = all.iter().map(Frames::held).sum();
         let norm = |row: &[f64]| row.iter().map(|t| t * t).sum::<f64>().sqrt();
         scene.follow(sequence, |row, posture, contacts| {
             if row % every == 0 {
@@ -81,6 +82,12 @@ pub fn in_scene(
                 frames.time.push(sequence.time[row]);
                 frames.touch(contacts, cloud);
                 frames.loads.push(norm(&torques[row]));
+                // Far too many contacts: half of the samples.
+                if earlier + frames.held() > 2 * CONTACTS {
+                    all.iter_mut().chain([&mut frames]).for_each(|f| f.thin(2));
+                    earlier = all.iter().map(Frames::held).sum();
+                    every *= 2;
+                }
             }
             Ok(())
         })?;
@@ -88,11 +95,7 @@ pub fn in_scene(
         done();
     }
     // Too many contacts: fewer samples.
-    let contacts = all
-        .iter()
-        .flat_map(|f| &f.contacts)
-        .map(Vec::len)
-        .sum::<usize>();
+    let contacts: usize = all.iter().map(Frames::held).sum();
     let further = contacts.div_ceil(CONTACTS).max(1);
     all.iter_mut().for_each(|f| f.thin(further));
     let unit = scene.error_unit();
@@ -182,6 +185,11 @@ impl Frames {
         let drawn = all.filter_map(|(&point, &u_W)| Some((cloud.place(point)?, u_W)));
         self.contacts.push(drawn.collect());
         self.counts.push(contacts.len() as u32);
+    }
+
+    /// Contacts of all samples.
+    fn held(&self) -> usize {
+        self.contacts.iter().map(Vec::len).sum()
     }
 
     /// Keeps one of `every` samples.

@@ -447,6 +447,11 @@ fn usage_errors() {
         &["--replay", "`batch` has no replay"],
     );
     bench.fails(
+        "estimate data --estimator exact --seed 3",
+        2,
+        &["--seed", "`exact` has no random draws"],
+    );
+    bench.fails(
         "estimate data --preset paper --smooth-length 0.1",
         2,
         &["--smooth-length", "no smooth part without a share above 0"],

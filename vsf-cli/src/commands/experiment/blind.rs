@@ -19,10 +19,11 @@ objects and forms of every effect. In every 20 cases 4 are without effect, 10 ha
 is not in the catalogue; 3 in 10 touch a plant, the others a soft body; 1 in 4 is subtle, 1 in 8 a mere push. \
 Each is diagnosed without its label, which is opened afterward: some 70 s of CPU time a case.
 
-JSON keys: cases (case, kind, level, protocol, truth, kind_of_answer, named, top, probability_of_truth, \
+JSON keys: seed, cases (case, kind, level, protocol, truth, kind_of_answer, named, top, probability_of_truth, \
 effect_set_95, right_joint, right_phase, test_error_nominal, test_error_corrected, closed_fraction, oracle_closed, \
-error), scores (group, and for each measure hits, of, share, interval; mean_probability, ece, set_size, \
-closed_of_oracle, null where there is no case).")]
+error), scores (group; of top1, top2, in_set, both_of_two, one_of_two, none_besides, quiet_without_effect, unknown_flagged, right_joint, \
+right_phase and never_worse hits, of, share, interval; mean_probability, ece, set_size, closed_of_oracle, null where there is no \
+case).")]
 pub struct Args {
     /// Number of cases, 1 to 10000
     #[arg(long, default_value_t = 20,
