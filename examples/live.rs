@@ -34,8 +34,8 @@ use std::sync::Arc;
 use std::time::{Duration, Instant};
 use vsf::contact::link_sdfs;
 use vsf::core::nalgebra::Point3;
-use vsf::data::{Dataset, Overrides};
-use vsf::pipeline::{Scene, SceneContact, SceneOptions};
+use vsf::data::{Dataset, Overrides, TorqueKind};
+use vsf::pipeline::{Estimate, Hyper, PriorShape, Scene, SceneContact, SceneOptions};
 use vsf::plot::{Curve, CurvePlot};
 use vsf::prelude::*;
 use vsf::robots::kinova_gen3;
@@ -52,6 +52,9 @@ struct Args {
     /// Recording whose robot and points are taken; a block before a Kinova Gen3 by default
     #[arg(long)]
     recording: Option<PathBuf>,
+    /// Where the field goes in the end, with --recording: a .npz for `vsf evaluate`, `vsf predict` and others
+    #[arg(long, requires = "recording", value_name = "NPZ")]
+    field: Option<PathBuf>,
     /// Take lines from standard input
     #[arg(long, conflicts_with = "udp")]
     stdin: bool,
@@ -100,17 +103,13 @@ fn loopback(text: &str) -> Result<SocketAddr, String> {
 
 fn main() -> Result<(), Box<dyn Error>> {
     let args = Args::parse();
-    let (robot, rest, contact) = match &args.recording {
-        Some(folder) => {
-            let (dataset, warnings) = Dataset::open(folder, &Overrides::default())?;
-            warnings.iter().for_each(|w| eprintln!("warning: {w}"));
-            let scene = Scene::open(&dataset, &SceneOptions::default())?.with_suited_threshold()?;
-            (
-                scene.robot().clone(),
-                scene.rest().clone(),
-                scene.contact_model()?,
-            )
-        }
+    let scene = args.recording.as_deref().map(scene_of).transpose()?;
+    let (robot, rest, contact) = match &scene {
+        Some((_, scene)) => (
+            scene.robot().clone(),
+            scene.rest().clone(),
+            scene.contact_model()?,
+        ),
         None => block_and_arm()?,
     };
     let sensor = JointTorques::new(Noise::uniform(robot.joint_count(), args.noise_sd)?);
@@ -136,21 +135,19 @@ fn main() -> Result<(), Box<dyn Error>> {
         None => Box::new(io::stdout()),
     };
     let refuse = |number: u64, why: &str| eprintln!("line {number}: {why}");
+    let save = |node: &Node| match (&args.field, &scene) {
+        (Some(path), Some((name, scene))) => save_field(path, node, name, scene, &args),
+        _ => Ok(()),
+    };
     if args.stdin {
-        run(
-            node,
-            &mut Lines(BufReader::new(io::stdin())),
-            &mut out,
-            &refuse,
-        )?;
-        return Ok(());
+        let mut lines = Lines(BufReader::new(io::stdin()));
+        return save(&run(node, &mut lines, &mut out, &refuse)?);
     }
     let socket = UdpSocket::bind(args.udp.unwrap_or((Ipv4Addr::LOCALHOST, 0).into()))?;
     let idle = args.idle.map(|s| Duration::from_secs(s.into()));
     socket.set_read_timeout(idle)?;
     if args.udp.is_some() {
-        run(node, &mut Datagrams(socket), &mut out, &refuse)?;
-        return Ok(());
+        return save(&run(node, &mut Datagrams(socket), &mut out, &refuse)?);
     }
     if args.recording.is_some() {
         return Err("a recording says nothing of the stream: give --stdin or --udp".into());
@@ -165,6 +162,44 @@ fn main() -> Result<(), Box<dyn Error>> {
         Some(path) => draw(path),
         None => Ok(()),
     }
+}
+
+/// Name of a recording, and its robot, points and contact.
+fn scene_of(folder: &Path) -> Result<(String, Scene), Box<dyn Error>> {
+    let (dataset, warnings) = Dataset::open(folder, &Overrides::default())?;
+    warnings.iter().for_each(|w| eprintln!("warning: {w}"));
+    if dataset.torque_kind == TorqueKind::Measured {
+        eprintln!(
+            "warning: torques of the recording are those at the actuators; those of the stream are taken to be of the \
+             environment on the robot, gravity removed"
+        );
+    }
+    let scene = Scene::open(&dataset, &SceneOptions::default())?.with_suited_threshold()?;
+    Ok((dataset.name, scene))
+}
+
+/// Writes what a node knows of the field.
+fn save_field(
+    path: &Path,
+    node: &Node,
+    recording: &str,
+    scene: &Scene,
+    args: &Args,
+) -> Result<(), Box<dyn Error>> {
+    let belief = node.session().belief();
+    let widen = |values: &[f32]| values.iter().map(|v| f64::from(*v)).collect();
+    let estimate = Estimate {
+        belief: Belief::new(widen(belief.mean()), widen(belief.variance()))?,
+        touched: node.touched().to_vec(),
+        health: *node.session().health(),
+    };
+    let hyper = Hyper {
+        prior_sd: args.prior_sd,
+        shape: PriorShape::independent(),
+        noise_sd: vec![args.noise_sd; node.joints()],
+    };
+    let field = estimate.to_field(scene, &hyper, recording, &[])?;
+    Ok(field.save_npz(path)?)
 }
 
 /// Draws the residuals of summaries.

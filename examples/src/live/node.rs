@@ -193,6 +193,11 @@ impl Node {
         &self.session
     }
 
+    /// Which points were touched so far.
+    pub fn touched(&self) -> &[bool] {
+        &self.touched
+    }
+
     /// What became of the samples so far.
     pub fn counts(&self) -> &Counts {
         &self.counts
