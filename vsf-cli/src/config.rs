@@ -67,8 +67,8 @@ const ESTIMATOR: &str = "estimator";
 enum Preset {
     /// All values of the paper: prior N(0, 0.1²), noise sd 1, eq. 7 and Alg. 1 as printed (20
     /// replays, buffer emptied before each sequence, variances shrunk again by every replay),
-    /// threshold 2 mm, friction 0.15, slip step 0.1 mm, points instead of cubes. Another `--estimator` keeps its own
-    /// replays
+    /// threshold 2 mm, friction 0.15, slip step 0.1 mm, points instead of cubes. Means are set to K >= 0 once after all
+    /// replays of an update; readings without contact are not replayed. Another `--estimator` keeps its own replays
     Paper,
 }
 

@@ -1,3 +1,4 @@
+use vsf::core::bounds;
 use vsf::core::nalgebra::Point3;
 use vsf::data::{CameraView, Sequence, StiffnessField};
 use vsf::pipeline::{Scene, SequencePrediction, StoredEstimate, Trace};
@@ -16,11 +17,10 @@ impl Surroundings {
     pub fn camera(mut self, view: &CameraView, near: &[Point3<f64>]) -> Self {
         const STEP: usize = 3;
         const MARGIN: f64 = 0.05;
-        let Some(first) = near.first() else {
+        if near.is_empty() {
             return self;
-        };
-        let lower = near.iter().fold(*first, |a, b| a.inf(b));
-        let upper = near.iter().fold(*first, |a, b| a.sup(b));
+        }
+        let (lower, upper) = bounds(near);
         let width = view.width as usize;
         for (i, &depth) in view.depth.iter().enumerate().filter(|(_, d)| **d > 0) {
             let (row, column) = (i / width, i % width);

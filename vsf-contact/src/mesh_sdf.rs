@@ -6,7 +6,7 @@ use crate::{ContactError, Sdf, SdfSample};
 use nalgebra::{Point3, Vector3};
 use rayon::prelude::*;
 use std::collections::HashMap;
-use vsf_core::{RestPoints, TriMesh};
+use vsf_core::{RestPoints, TriMesh, bounds};
 
 /// Cells of the lattice that looks for openings along the diagonal of the mesh.
 const CLOSING_CELLS: f64 = 128.0;
@@ -67,7 +67,10 @@ impl MeshSdf {
         let empty = ContactError::EmptyMesh {
             faces: mesh.faces().len(),
         };
-        let (lower, upper) = bounding_box(triangles.iter().flatten()).ok_or(empty.clone())?;
+        if triangles.is_empty() {
+            return Err(empty);
+        }
+        let (lower, upper) = bounds(triangles.iter().flatten());
         let (boundary_edges, edges) = count_edges(&triangles);
 
         let diagonal = (upper - lower).norm();
@@ -193,13 +196,6 @@ impl std::fmt::Debug for MeshSdf {
 
 fn area([a, b, c]: &Triangle) -> f64 {
     0.5 * (b - a).cross(&(c - a)).norm()
-}
-
-fn bounding_box<'a>(
-    mut points: impl Iterator<Item = &'a Point3<f64>>,
-) -> Option<(Point3<f64>, Point3<f64>)> {
-    let first = *points.next()?;
-    Some(points.fold((first, first), |(l, u), p| (l.inf(p), u.sup(p))))
 }
 
 /// Pieces that cutting may add: real meshes stay far below, those that repeat long faces end there.

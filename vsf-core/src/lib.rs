@@ -59,7 +59,7 @@ pub use linalg::SymmetricFactor;
 pub use median::median;
 pub use noise::Noise;
 pub use observation::Observation;
-pub use points::{Cell, RestPoints};
+pub use points::{Cell, RestPoints, bounds};
 pub use posture::{JointScrew, LinkChains, Posture};
 pub use scalar::{PerScalar, Scalar};
 pub use sensor::Sensor;

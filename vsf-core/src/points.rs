@@ -314,8 +314,15 @@ fn within(p: &Point3<f64>, lower: &Point3<f64>, upper: &Point3<f64>) -> bool {
     (0..3).all(|k| lower[k] <= p[k] && p[k] <= upper[k])
 }
 
-/// Corners of the box of points; the origin without any.
-fn bounds<'a>(points: impl IntoIterator<Item = &'a Point3<f64>>) -> (Point3<f64>, Point3<f64>) {
+/// Smallest and largest corner of the axis-aligned box of some points; the origin without any.
+///
+/// ```
+/// use vsf_core::{bounds, nalgebra::Point3};
+/// let points = [Point3::new(0.0, 2.0, 0.0), Point3::new(1.0, -1.0, 0.0)];
+/// assert_eq!(bounds(&points), (Point3::new(0.0, -1.0, 0.0), Point3::new(1.0, 2.0, 0.0)));
+/// ```
+#[must_use]
+pub fn bounds<'a>(points: impl IntoIterator<Item = &'a Point3<f64>>) -> (Point3<f64>, Point3<f64>) {
     let wider = |b: Option<(Point3<f64>, Point3<f64>)>, p: &Point3<f64>| {
         Some(b.map_or((*p, *p), |(lo, hi)| (lo.inf(p), hi.sup(p))))
     };

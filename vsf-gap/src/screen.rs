@@ -113,7 +113,7 @@ impl Campaign {
         let needed: BTreeSet<(usize, usize)> = (alike.iter().zip(&acting))
             .flat_map(|(k, set)| set.iter().map(move |i| (*k, *i)))
             .collect();
-        if let Some(start) = starts.first().filter(|_| effect.acts() == Acts::Torques) {
+        if let Some(start) = starts.first().filter(|_| effect.acts() != Acts::Contact) {
             let (motions, logs, windows) = (&fitted.motions, &fitted.logs, &fitted.windows);
             let idle =
                 self.torques(&base.with(effect, start), motions, logs, windows, stiffness)?;

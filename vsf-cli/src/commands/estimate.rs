@@ -39,7 +39,7 @@ pub struct Args {
     sequences: Option<Vec<String>>,
     /// Contact thresholds to choose among [m], such as 0.008,0.016: the first one that predicts held-out touches as well as
     /// the best does, within a standard error; prior and noise are chosen for each. Default: 0.8 of the points' spacing, a
-    /// quarter and a sixteenth of it (0.1 mm at least), where a batch or exact estimator takes prior and noise from
+    /// quarter and a sixteenth of it (0.1 mm at least, and more than the error of mesh grids), where a batch or exact estimator takes prior and noise from
     /// held-out touches, of four touches and more with up to 1500 touched points
     #[arg(long, value_delimiter = ',', value_parser = length, conflicts_with = "threshold")]
     thresholds: Option<Vec<f64>>,

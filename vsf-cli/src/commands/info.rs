@@ -156,10 +156,8 @@ fn describe(
 }
 
 fn bounds(points: &[Point3<f64>]) -> Option<[[f64; 3]; 2]> {
-    let first = points.first()?;
-    let lower = points.iter().fold(*first, |a, b| a.inf(b));
-    let upper = points.iter().fold(*first, |a, b| a.sup(b));
-    Some([lower.coords.into(), upper.coords.into()])
+    let (lower, upper) = vsf::core::bounds(points);
+    (!points.is_empty()).then(|| [lower.coords.into(), upper.coords.into()])
 }
 
 /// Bounds by axis.

@@ -44,8 +44,8 @@ pub struct EstimatorSettings {
     #[arg(long, value_delimiter = ',', value_parser = deviation)]
     pub noise_sd: Option<Vec<f64>>,
     /// Standard deviation of the smooth part of the prior, per that of a point's own part, 0 for independent
-    /// points; by default 0.25 or 0, whichever suits better (with more than 1500 touched points 0.25), and 0 for estimators
-    /// that keep no correlations
+    /// points; by default 0.25 or 0, whichever suits better (0.25 with more than 1500 touched points, and where prior and noise are both
+    /// given), and 0 for estimators that keep no correlations
     #[arg(long, value_parser = share)]
     smooth_share: Option<f64>,
     /// Length over which the smooth part of the prior stays alike [m], default 0.04

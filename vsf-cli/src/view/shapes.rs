@@ -5,7 +5,7 @@ use serde::Serialize;
 use std::collections::BTreeMap;
 use std::f64::consts::FRAC_PI_2;
 use vsf::core::nalgebra::{Point3, Vector3};
-use vsf::core::{Collider, Shape, TriMesh};
+use vsf::core::{Collider, Shape, TriMesh, bounds};
 
 /// Most triangles of all meshes together.
 const MOST: usize = 60_000;
@@ -154,10 +154,7 @@ fn area(vertices: &[Point3<f64>], face: &[u32; 3]) -> f64 {
 fn coarse(mesh: &TriMesh, most: usize) -> Triangles {
     let vertices = mesh.vertices();
     let mut faces = mesh.faces().to_vec();
-    let first = vertices.first().copied().unwrap_or_default();
-    let (lower, upper) = vertices
-        .iter()
-        .fold((first, first), |(a, b), p| (a.inf(p), b.sup(p)));
+    let (lower, upper) = bounds(vertices);
     let mut cell = (upper - lower).norm() / 400.0;
     while faces.len() > most {
         let key = |p: &Point3<f64>| ((p - lower) / cell).map(|v| v as i64);

@@ -7,7 +7,8 @@ use nalgebra::{Matrix3, Vector3};
 /// Springs whose stiffness depends on the direction: `K (u + a_t (u - n (n . u)) + S u)`, with `n` the
 /// normal of the touching surface and `S` a symmetric matrix in world axes, `S_zz = 0`.
 ///
-/// Friction bounds the force along the surface: what exceeds its cone about `n` is left out.
+/// Friction bounds the force along the surface: what exceeds the cone about `n` of the assumed coefficient (without
+/// `contact_friction`), or of the displacement itself, is left out. Points that are pulled (`n . u <= 0`) keep `K u`.
 ///
 /// Parameters `a_t`, `s_xx`, `s_yy`, `s_xy`, `s_xz`, `s_yz` (1): what the stiffness is larger by along
 /// the surface, and in directions of the world compared to z. Tell-tale: the force is not along the
@@ -82,13 +83,15 @@ impl Directions {
     /// What a point gives per stiffness (m) that is displaced by `u`.
     fn spring(&self, u: &Vector3<f64>, n: &Vector3<f64>) -> Vector3<f64> {
         let (pressed, along) = parts(u, n);
+        // What adhesion pulls, or the mean of several sub-points is ahead of, has no cone to stay in.
+        if pressed <= 0.0 {
+            return *u;
+        }
         let (stiffer, mut aside) = parts(&(u + along * self.tangential + self.world * u), n);
         // Where `S` outweighs the rest, nothing is left to push; nothing pulls.
         let stiffer = stiffer.max(0.0);
         // Contact itself may be steeper, where it is the mean of several sub-points.
-        let steepest = self
-            .friction
-            .max(along.norm() / pressed.max(f64::MIN_POSITIVE));
+        let steepest = self.friction.max(along.norm() / pressed);
         let most = steepest * stiffer;
         if aside.norm() > most {
             aside *= most / aside.norm();
@@ -114,6 +117,21 @@ fn parts(v: &Vector3<f64>, n: &Vector3<f64>) -> (f64, Vector3<f64>) {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    /// As under adhesion.
+    #[test]
+    fn what_is_pulled_stays() {
+        let n = Vector3::z();
+        let u = Vector3::new(0.001, 0.0, -0.002);
+        for tangential in [0.0, 3.0] {
+            let directions = Directions {
+                tangential,
+                friction: 0.15,
+                world: Matrix3::zeros(),
+            };
+            assert_eq!(directions.spring(&u, &n), u);
+        }
+    }
 
     /// `1 + S` may be indefinite within the bounds of its numbers.
     #[test]

@@ -5,7 +5,7 @@ use vsf_pipeline::LEAST_THRESHOLD;
 
 /// Links that are thicker or thinner than their model: surfaces lie `padding` further out.
 ///
-/// One parameter, `padding` (m); surfaces never shrink by more than the contact threshold. Tell-tale:
+/// One parameter, `padding` (m); surfaces never shrink so far that less than 0.1 mm of the contact threshold is left. Tell-tale:
 /// contact begins early or late from all sides; a misplaced object is early on one side and late on
 /// the other.
 ///

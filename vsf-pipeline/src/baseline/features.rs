@@ -1,4 +1,4 @@
-use crate::{PipelineError, Scene, external_torques, unwound};
+use crate::{PipelineError, Scene, Spread, external_torques, unwound};
 use nalgebra::DMatrix;
 use std::ops::Range;
 use vsf_core::CoreError;
@@ -40,7 +40,9 @@ impl Known {
         let joints = scene.robot().joint_count();
         CoreError::check_len("train readings", readings.len(), joints * start)?;
         let columns = columns(scene.robot(), train)?;
-        let deviations: Vec<f64> = columns.iter().map(|c| deviation(c)).collect();
+        let deviations: Vec<f64> = (columns.iter())
+            .map(|c| Spread::of(c.iter().copied()).sd)
+            .collect();
         let greatest = deviations.iter().copied().fold(0.0, f64::max);
         let moves = |sd: &f64| *sd >= LEAST_DEVIATION * greatest;
         let chosen: Vec<bool> = deviations.iter().map(moves).collect();
@@ -60,12 +62,6 @@ impl Known {
     ) -> Result<Features, PipelineError> {
         table(&columns(robot, sequences)?, &self.chosen)
     }
-}
-
-fn deviation(values: &[f64]) -> f64 {
-    let n = values.len().max(1) as f64;
-    let mean = values.iter().sum::<f64>() / n;
-    (values.iter().map(|v| (v - mean).powi(2)).sum::<f64>() / n).sqrt()
 }
 
 fn table(columns: &[Vec<f64>], chosen: &[bool]) -> Result<Features, PipelineError> {

@@ -90,6 +90,10 @@ impl Done {
     }
 }
 
+/// Share of a touch from which on a point is pulled, and by how much (m).
+const STICKS: f64 = 0.85;
+const PULLED: f64 = 0.001;
+
 /// Two touches of every sequence of a site, or of one where it names none.
 pub(super) struct Drive<'a> {
     site: &'a Site,
@@ -175,7 +179,7 @@ impl Row {
     }
 }
 
-/// A row of a touch: joints swing, points are pressed down and dragged aside, the second time deeper.
+/// A row of a touch: joints swing, points are pressed down and dragged aside, the second time deeper, and one is pulled in the end.
 fn make(site: &Site, touch: usize, row: usize) -> Row {
     let t = DT * row as f64;
     let joints = || site.robot.joints().iter().enumerate();
@@ -205,7 +209,13 @@ fn make(site: &Site, touch: usize, row: usize) -> Row {
         let depth = (0.02 + 0.01 * (touch % 2) as f64) * (PI * pressed).sin();
         for p in 0..site.rest.len().min(TOUCHED) {
             let aside = 0.004 * (2.0 * PI * pressed + p as f64).sin();
-            let u_W = Vector3::new(aside, 0.3 * aside, -depth * (1.0 + 0.1 * p as f64));
+            // The first one sticks to the link as that leaves.
+            let down = if p == 0 && pressed > STICKS {
+                -PULLED
+            } else {
+                depth
+            };
+            let u_W = Vector3::new(aside, 0.3 * aside, -down * (1.0 + 0.1 * p as f64));
             let pushed = contacts.push(p as u32, link as u32, u_W, -Vector3::z());
             pushed.expect("contacts in order");
         }
