@@ -52,8 +52,9 @@ struct Args {
     /// Recording whose robot and points are taken; a block before a Kinova Gen3 by default
     #[arg(long)]
     recording: Option<PathBuf>,
-    /// Where the field goes in the end, with --recording: a .npz for `vsf evaluate`, `vsf predict` and others
-    #[arg(long, requires = "recording", value_name = "NPZ")]
+    /// Where the field goes when the stream ends, with --recording: a .npz for `vsf evaluate`, `vsf predict` and others. A
+    /// stream of datagrams ends by --idle or an empty one; what is stopped by Ctrl-C writes no field
+    #[arg(long, requires = "recording", value_name = "NPZ", value_parser = archive)]
     field: Option<PathBuf>,
     /// Take lines from standard input
     #[arg(long, conflicts_with = "udp")]
@@ -79,6 +80,19 @@ struct Args {
     /// Standard deviation of the readings [N m or N], model error included
     #[arg(long, default_value_t = 0.05)]
     noise_sd: f64,
+}
+
+/// A place that can be written to, before there is anything to write.
+fn archive(text: &str) -> Result<PathBuf, String> {
+    let path = PathBuf::from(text);
+    let above = path.parent().filter(|p| !p.as_os_str().is_empty());
+    if path.extension().is_none_or(|e| e != "npz") {
+        Err("must be a .npz".to_owned())
+    } else if above.is_some_and(|folder| !folder.is_dir()) {
+        Err("must be in a folder that is there".to_owned())
+    } else {
+        Ok(path)
+    }
 }
 
 /// The picture would replace the summaries.
@@ -198,8 +212,12 @@ fn save_field(
         shape: PriorShape::independent(),
         noise_sd: vec![args.noise_sd; node.joints()],
     };
-    let field = estimate.to_field(scene, &hyper, recording, &[])?;
-    Ok(field.save_npz(path)?)
+    let mut field = estimate.to_field(scene, &hyper, recording, &[])?;
+    // Of a stream, not of its sequences.
+    field.learned_from = None;
+    field.save_npz(path)?;
+    eprintln!("wrote {}", path.display());
+    Ok(())
 }
 
 /// Draws the residuals of summaries.

@@ -103,7 +103,7 @@ fn main() -> Result<(), Box<dyn Error>> {
     }
     let health = session.health();
     if let (Some(ratio), Some((low, high))) = (health.nis_ratio(), health.nis_ratio_interval()) {
-        println!("NIS per channel {ratio:.2}, consistent within {low:.2} to {high:.2}");
+        println!("NIS per channel {ratio:.2}; a consistent filter has {low:.2} to {high:.2}");
     }
     let means = before.map(|residuals| -> Vec<f64> {
         let blocks = residuals.chunks(BLOCK);

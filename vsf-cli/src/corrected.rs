@@ -72,6 +72,9 @@ impl Modeled {
     }
 }
 
+/// Effects of the catalogue that go by the load of the joints.
+const FOLLOW_LOAD: [&str; 2] = ["joint_load_friction", "joint_elasticity"];
+
 /// A corrected model that was read, not yet fitted to a robot.
 pub struct CorrectedModel {
     path: PathBuf,
@@ -106,6 +109,12 @@ impl CorrectedModel {
     /// Whether its parameters are relative to that contact.
     pub fn follows_contact(&self) -> bool {
         self.file.follows_contact(&effects::catalogue())
+    }
+
+    /// Its effects that go by the torques that were read.
+    pub fn following_load(&self) -> Vec<&str> {
+        let names = self.file.effects.iter().map(|e| &*e.effect);
+        names.filter(|e| FOLLOW_LOAD.contains(e)).collect()
     }
 
     /// Its effects with the values of their parameters, which tell it from other models.

@@ -269,7 +269,8 @@ impl EffectEntry {
         let missing = (0..parameters.len()).filter(|k| !is_given(k) && !may_rest(*k));
         let missing: Vec<&Parameter> = missing.map(|k| &parameters[k]).collect();
         if !missing.is_empty() {
-            let shapes = missing.iter().filter(|p| p.role == Role::Shape);
+            let needs_more = |p: &&&Parameter| !(p.bounds[0]..=p.bounds[1]).contains(&0.0);
+            let shapes = missing.iter().filter(needs_more);
             let shapes: Vec<String> = shapes
                 .map(|p| {
                     format!(

@@ -160,10 +160,15 @@ pub(crate) fn attributes(tag: &str) -> impl Iterator<Item = &str> {
     })
 }
 
-/// The line of the first tag that has an attribute of this name.
-pub(crate) fn attribute(text: &str, wanted: &str) -> Option<usize> {
-    let mut having = tags(text).filter(|tag| attributes(tag).any(|a| a == wanted));
-    having.next().map(|tag| line(text, place(text, tag)))
+/// The values of all attributes of this name, each with the tag that it is in.
+pub(crate) fn values<'a>(text: &'a str, wanted: &str) -> impl Iterator<Item = (&'a str, &'a str)> {
+    tags(text).filter_map(move |tag| {
+        let name = attributes(tag).find(|a| *a == wanted)?;
+        let behind = &tag[place(tag, name) + name.len()..];
+        let quote = behind.find(['"', '\''])?;
+        let value = &behind[quote + 1..];
+        Some((tag, value.split(&behind[quote..=quote]).next()?))
+    })
 }
 
 /// The characters of a text that begins outside of quotes, each with its place; blanks for values in quotes.

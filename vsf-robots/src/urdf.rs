@@ -148,10 +148,24 @@ pub(crate) fn parse(text: &str, origin: &str) -> Result<urdf_rs::Robot, RobotErr
             None => e.to_string(),
         })
     })?;
-    if let (false, Some(line)) = (knows_quaternions(&robot), tags::attribute(text, QUATERNION)) {
-        return Err(invalid(format!(
-            "line {line}: {QUATERNION} counts from <robot version=\"1.1\"> on; state the version, or write rpy"
-        )));
+    for (tag, value) in tags::values(text, QUATERNION) {
+        let line = || tags::line(text, tags::place(text, tag));
+        if !knows_quaternions(&robot) {
+            return Err(invalid(format!(
+                "line {}: {QUATERNION} counts from <robot version=\"1.1\"> on; state the version, or write rpy",
+                line()
+            )));
+        }
+        let squares = value
+            .split_whitespace()
+            .map(|v| v.parse::<f64>().map(|v| v * v));
+        let square: f64 = squares.sum::<Result<_, _>>().unwrap_or(f64::NAN);
+        if !((square - 1.0).abs() < MOST_STRETCHED) {
+            return Err(invalid(format!(
+                "line {}: {QUATERNION}=\"{value}\" is no rotation; x y z w must be of length 1",
+                line()
+            )));
+        }
     }
     let shapes = robot.links.iter().map(|l| l.collision.len()).sum();
     for (what, got, max) in [
@@ -165,6 +179,8 @@ pub(crate) fn parse(text: &str, origin: &str) -> Result<urdf_rs::Robot, RobotErr
     Ok(robot)
 }
 
+/// What the square of a printed quaternion's length may differ from 1 by.
+const MOST_STRETCHED: f64 = 1e-2;
 /// What the parser skips in older versions, and in texts that state none.
 const QUATERNION: &str = "quat_xyzw";
 

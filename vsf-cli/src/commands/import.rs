@@ -7,7 +7,7 @@ use crate::range::{self, finite, positive};
 use crate::settings::MetadataSettings;
 use serde::Serialize;
 use std::path::PathBuf;
-use vsf::core::nalgebra::{Point3, Vector3};
+use vsf::core::nalgebra::Point3;
 use vsf::data::{
     Advice, Clock, DataError, DataWarning, Dataset, JointLog, Overrides, Sequence, Splits,
     read_points,
@@ -79,7 +79,7 @@ pub struct Args {
     #[arg(long = "box", id = "box", value_delimiter = ',', num_args = 1, allow_hyphen_values = true,
         value_name = "X,Y,Z,X,Y,Z", value_parser = finite)]
     corners: Option<Vec<f64>>,
-    /// Spacing of the points in the box [m]
+    /// Spacing of the points in the box [m]; along an edge that is no multiple of it as near to it as fills the box
     #[arg(long, requires = "box", conflicts_with = "points", default_value_t = 0.01, value_parser = positive)]
     spacing: f64,
     #[command(flatten)]
@@ -317,8 +317,7 @@ struct Filled {
 }
 
 impl Filled {
-    /// Each point is the center of a cube; together they are as near to the box as cubes of this size
-    /// come.
+    /// Each point is the center of a cell; cells fill the box, and are as near to cubes of this size as that allows.
     fn new(corners: &[f64], spacing: f64) -> anyhow::Result<Self> {
         let corners = range::corners(corners)?;
         range::fits(spacing, &corners)?;
@@ -329,8 +328,9 @@ impl Filled {
                 "--box with --spacing {spacing:?} has more than {MOST_POINTS} points"
             )));
         }
-        let first = lower + (upper - lower - (counts - Vector3::repeat(1.0)) * spacing) / 2.0;
-        let range = |k: usize| (0..counts[k] as usize).map(move |i| first[k] + i as f64 * spacing);
+        let cell = (upper - lower).component_div(&counts);
+        let at = move |k: usize, i: usize| lower[k] + (i as f64 + 0.5) * cell[k];
+        let range = |k: usize| (0..counts[k] as usize).map(move |i| at(k, i));
         let points = range(0)
             .flat_map(|x| range(1).flat_map(move |y| range(2).map(move |z| Point3::new(x, y, z))));
         Ok(Self {

@@ -53,11 +53,13 @@ pub fn run(args: &Args, console: &Console) -> anyhow::Result<()> {
     let belief = &field.stored.belief;
     let noise_sd = field.noise_sd(scene.robot().joint_count(), console)?;
     let is_zero = |s: &&Sequence| s.torques.data().iter().all(|tau| *tau == 0.0);
-    if model.is_some() && sequences.iter().all(is_zero) {
-        console.warn(
-            "all torques that were read are zero, as of planned motions: effects of the model that follow the load, such as \
-             joint_load_friction and joint_elasticity, have none; `vsf simulate` takes it from the field",
-        );
+    let loaded = model.as_ref().map_or_else(Vec::new, |m| m.following_load());
+    if !loaded.is_empty() && sequences.iter().all(is_zero) {
+        console.warn(format!(
+            "all torques that were read are zero, as of planned motions: {} of the model, which follows the load, has none; \
+             `vsf simulate` takes it from the field",
+            loaded.join(" and ")
+        ));
     }
     let modeled = Modeled::new(model.as_ref(), &recording, &scene, &sequences, console)?;
     let predictions = modeled.predict(|trace| predict(&scene, belief, &noise_sd, trace))?;

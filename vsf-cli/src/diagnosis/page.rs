@@ -483,6 +483,25 @@ mod tests {
         );
     }
 
+    /// An arm that is right in the air leaves the field what is wrong in contact.
+    #[test]
+    fn what_is_left_beside_an_effect_is_the_fields() {
+        let mut d = report("effects", 0.9, 0.5);
+        let errors = |corrected| MeanErrors {
+            nominal: 9.0,
+            corrected,
+            samples: 10,
+        };
+        d.gap.noise_floor = 0.1;
+        let at = serde_json::json!({"center": [0.0, 0.0, 0.0], "radius": 0.1, "share": 1.0});
+        d.location.region = vec![serde_json::from_value(at).unwrap()];
+        for (free, contact, told) in [(0.1, 0.9, true), (0.9, 0.9, false), (0.1, 0.1, false)] {
+            d.gap.free = Some(errors(free));
+            d.gap.contact = Some(errors(contact));
+            assert_eq!(what_is_left(&d).is_some(), told, "{free} {contact}");
+        }
+    }
+
     #[test]
     fn names_are_text() {
         assert!(!bar("<script>", 0.5, None).contains("<script"));

@@ -37,15 +37,24 @@ pub fn look_alikes<'e>(all: &[EffectReport], of: &'e EffectReport) -> (Vec<&'e s
 pub const SQUARES: &str = "What is closed is a share of the squared errors beyond noise, in which large errors \
     count more than in the mean.";
 
-/// Whose errors are left where no effect is found and a perfect model would err far less.
+/// Whose errors are left where a perfect model would err far less and no effect is found, or with those that are found the arm is
+/// right in the air.
 pub fn what_is_left(diagnosis: &Diagnosis) -> Option<&'static str> {
     let gap = &diagnosis.gap;
-    let is_the_fields = diagnosis.verdict.kind == VerdictKind::NoGap
-        && all_looked_for(diagnosis)
-        && gap.corrected_by.is_empty()
-        && !diagnosis.location.region.is_empty()
-        && gap.test_error_nominal > ROUGH * gap.noise_floor;
-    is_the_fields.then_some(
+    let is_far = |error: f64| error > ROUGH * gap.noise_floor;
+    let is_the_fields = match diagnosis.verdict.kind {
+        VerdictKind::NoGap => gap.corrected_by.is_empty() && is_far(gap.test_error_nominal),
+        VerdictKind::Effects => {
+            let is_right = |free: MeanErrors| !is_far(free.corrected);
+            !gap.corrected_by.is_empty()
+                && gap.free.is_some_and(is_right)
+                && gap.contact.is_some_and(|contact| is_far(contact.corrected))
+        }
+        _ => false,
+    };
+    let is_told =
+        is_the_fields && all_looked_for(diagnosis) && !diagnosis.location.region.is_empty();
+    is_told.then_some(
         "What is left is the field's: places of which train touches tell little, and contact that independent points \
          describe roughly.",
     )
@@ -79,8 +88,9 @@ pub fn errors(diagnosis: &Diagnosis) -> String {
     } else {
         format!(" {SQUARES}")
     };
+    let left = what_is_left(diagnosis).map_or_else(String::new, |left| format!(" {left}"));
     format!(
-        "Test error {} {unit} before, {} {unit} after{floor}: {} of the gap closed (95 %: {} to {}).{apart}",
+        "Test error {} {unit} before, {} {unit} after{floor}: {} of the gap closed (95 %: {} to {}).{apart}{left}",
         number(gap.test_error_nominal),
         number(gap.test_error_corrected),
         closed(gap.closed_fraction),

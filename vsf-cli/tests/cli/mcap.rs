@@ -190,6 +190,15 @@ fn bags_become_fields() {
             .any(|q| p.iter().zip(q).all(|(a, b)| (a - b).abs() < 1e-12))
     };
     assert!(found.chunks(3).all(near));
+
+    // A depth of 14 mm makes four layers of 3.5 mm: the surface stays where it is.
+    bench.ok(
+        "import bag --robot cartesian_stage --torque-kind external --gap 100 --log-time \
+         --box 0,0,-0.014,0.04,0.04,0 --spacing 0.004 --out deep",
+    );
+    let deep = numbers(&root.join("deep/points.npy"));
+    let top = deep.chunks(3).map(|p| p[2]).fold(f64::MIN, f64::max);
+    assert!((top + 0.00175).abs() < 1e-12, "{top}");
 }
 
 #[test]

@@ -5,7 +5,7 @@ use crate::{Campaign, GapError};
 
 /// A constant error of the torque sensors: joint `j` reads `b_j` more than its torque, also in free motion.
 ///
-/// Parameters `b_<joint>` (N m or N). Tell-tale: it neither depends on posture nor on motion; an
+/// Parameters `b_<joint>` (N m or N), of all joints or of one alone. Tell-tale: it neither depends on posture nor on motion; an
 /// unmodeled weight changes with the posture.
 ///
 /// # Reference
@@ -54,6 +54,20 @@ impl Effect for TorqueBias {
 
     fn parameters(&self, site: &Site) -> Vec<Parameter> {
         per_joint(site, "b", unit(site, "N m", "N"), [-100.0, 100.0], 0.5)
+    }
+
+    /// One start for all joints, and one for each alone: else a bias of one joint pays for those of all others, and loses to
+    /// what imitates it with fewer parameters, such as dry coupling to a joint that moves one way.
+    fn starts(&self, site: &Site) -> Vec<Vec<f64>> {
+        let alone = if site.joints() > 1 { site.joints() } else { 0 };
+        vec![vec![0.0; site.joints()]; 1 + alone]
+    }
+
+    fn acting(&self, site: &Site, start: usize) -> Vec<usize> {
+        match start.checked_sub(1) {
+            Some(alone) => vec![alone],
+            None => (0..site.joints()).collect(),
+        }
     }
 
     fn compensator(&self, site: &Site, theta: &[f64]) -> Result<Box<dyn Compensator>, GapError> {

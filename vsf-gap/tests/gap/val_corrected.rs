@@ -481,10 +481,20 @@ fn files_that_are_no_models() {
     };
     // In any order.
     assert_eq!(good(&|_| {}).unwrap().parts[0].1, [0.1, 0.2, 0.3]);
+    // Of an effect of which one part may act alone, the others rest.
+    let fewer = good(&|e| drop(e.parameters.pop())).unwrap();
+    assert_eq!(fewer.parts[0].1, [0.1, 0.0, 0.3]);
     type Change = dyn Fn(&mut EffectEntry);
     let cases: [(&Change, &str); 10] = [
         (&|e| e.effect = "torque_boas".into(), "torque_bias"),
-        (&|e| drop(e.parameters.pop()), "\"b_2\" (N) is missing"),
+        (
+            &|e| {
+                e.effect = "joint_viscous_friction".to_owned();
+                e.parameters = vec![parameter("d_1", 1.0), parameter("d_3", 1.0)];
+                (e.parameters.iter_mut()).for_each(|p| p.unit = "N s/m".to_owned());
+            },
+            "\"d_2\" (N s/m) is missing",
+        ),
         (
             &|e| e.parameters[0].name = "b_9".into(),
             "no parameter \"b_9\"",

@@ -10,7 +10,7 @@ use std::cell::RefCell;
 use std::f64::consts::TAU;
 use std::sync::{Arc, LazyLock};
 use tempfile::TempDir;
-use vsf_data::{Dataset, Overrides};
+use vsf_data::{Dataset, Overrides, RobotRef, Sequence, Table, TorqueKind};
 use vsf_gap::{Acts, Campaign, Effect, GapError, Outcome, VerdictKind, diagnose, effects};
 use vsf_pipeline::SceneOptions;
 use vsf_world::{CaseSpec, Kind as World, Level, Protocol, generate};
@@ -413,6 +413,53 @@ fn a_bias_beside_friction_is_named() {
         "{:?}",
         d.gap
     );
+}
+
+/// Joints that move slowly, mostly one way: dry coupling of one pair out of 42 imitates a bias.
+#[test]
+fn a_bias_of_one_joint_of_many_is_no_coupling() {
+    let robot = vsf_robots::kinova_gen3().unwrap();
+    let mut workspace = robot.dynamics_workspace();
+    let gravity = nalgebra::Vector3::new(0.0, 0.0, -common::GRAVITY);
+    let mut right = 0;
+    for seed in 0..4 {
+        let mut rng = Pcg64Mcg::seed_from_u64(seed);
+        let mut sequence = |s: u32| {
+            let pace = |j: usize| 0.02 + 0.08 * f64::from((7 * s + 3 * j as u32) % 11) / 11.0;
+            let time: Vec<f64> = (0..60).map(|k| 0.1 * f64::from(k)).collect();
+            let (mut angles, mut torques) = (Vec::new(), Vec::new());
+            for t in &time {
+                let phase = |j: usize| pace(j) * t + f64::from(s) + 2.0 * j as f64;
+                let q: Vec<f64> = (0..7).map(|j| 0.5 * phase(j).sin()).collect();
+                let hold = robot.gravity_torques(&q, &gravity, &mut workspace).unwrap();
+                let bias = |j: usize| if j == 0 { 0.5 } else { 0.0 };
+                let mut noise = || -> f64 { StandardNormal.sample(&mut rng) };
+                let read = hold
+                    .iter()
+                    .enumerate()
+                    .map(|(j, h)| h + bias(j) + 0.05 * noise());
+                torques.extend(read);
+                angles.extend(q);
+            }
+            let [angles, torques] = [angles, torques].map(|rows| Table::new(7, rows).unwrap());
+            Sequence::new(s.to_string(), time, angles, torques)
+        };
+        let robot = RobotRef::resolve("kinova_gen3", ".".as_ref()).unwrap();
+        let mut dataset = Dataset {
+            torque_kind: TorqueKind::Measured,
+            ..Dataset::new(robot, (0..4).map(&mut sequence).collect())
+        };
+        dataset.splits.test = dataset.splits.train.split_off(3);
+        let d = named_in_air(&Campaign::open(&dataset, &SceneOptions::default()).unwrap());
+        right += usize::from(d.verdict.effects == ["torque_bias"]);
+        let bias = d
+            .effects
+            .iter()
+            .find(|e| e.effect == "torque_bias")
+            .unwrap();
+        assert!(bias.probability > 0.3, "{:?}", d.verdict);
+    }
+    assert!(right >= 3, "{right} of 4");
 }
 
 /// Any two or three of them leave much.

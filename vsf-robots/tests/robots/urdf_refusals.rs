@@ -60,6 +60,12 @@ fn quaternions_of_an_older_version_are_refused() {
         let error = parse(&text).unwrap_err().to_string();
         assert!(error.contains("line 2: quat_xyzw counts from"), "{error}");
     }
+    for length in ["0 0 0 0", "5 0 0 0"] {
+        let turned = format!("<origin xyz='0 0 1' quat_xyzw='{length}'/>");
+        let text = joint("revolute", &turned).replace("<robot", "<robot version='1.1'");
+        let error = parse(&text).unwrap_err().to_string();
+        assert!(error.contains("must be of length 1"), "{error}");
+    }
     for version in ["1.1", "1.2"] {
         let text = text.replace("<robot", &format!("<robot version=\"{version}\""));
         let robot = parse(&text).unwrap();
