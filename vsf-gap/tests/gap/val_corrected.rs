@@ -490,8 +490,10 @@ fn files_that_are_no_models() {
         (
             &|e| {
                 e.effect = "joint_viscous_friction".to_owned();
-                e.parameters = vec![parameter("d_1", 1.0), parameter("d_3", 1.0)];
-                (e.parameters.iter_mut()).for_each(|p| p.unit = "N s/m".to_owned());
+                e.parameters.pop();
+                for p in &mut e.parameters {
+                    (p.name, p.unit) = (p.name.replace('b', "d"), "N s/m".to_owned());
+                }
             },
             "\"d_2\" (N s/m) is missing",
         ),
