@@ -159,8 +159,8 @@ pub(crate) fn parse(text: &str, origin: &str) -> Result<urdf_rs::Robot, RobotErr
         let squares = value
             .split_whitespace()
             .map(|v| v.parse::<f64>().map(|v| v * v));
-        let square: f64 = squares.sum::<Result<_, _>>().unwrap_or(f64::NAN);
-        if !((square - 1.0).abs() < MOST_STRETCHED) {
+        let square: f64 = squares.sum::<Result<_, _>>().unwrap_or(f64::INFINITY);
+        if square.is_nan() || (square - 1.0).abs() > MOST_STRETCHED {
             return Err(invalid(format!(
                 "line {}: {QUATERNION}=\"{value}\" is no rotation; x y z w must be of length 1",
                 line()
