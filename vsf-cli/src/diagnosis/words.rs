@@ -77,9 +77,9 @@ pub fn errors(diagnosis: &Diagnosis) -> String {
     } else {
         String::new()
     };
+    let left = what_is_left(diagnosis).map_or_else(String::new, |left| format!(" {left}"));
     if gap.corrected_by.is_empty() {
         let error = number(gap.test_error_nominal);
-        let left = what_is_left(diagnosis).map_or_else(String::new, |left| format!(" {left}"));
         return format!("Test error {error} {unit}{floor}; nothing is corrected.{left}");
     }
     let worse = gap.test_error_corrected > gap.test_error_nominal;
@@ -88,7 +88,6 @@ pub fn errors(diagnosis: &Diagnosis) -> String {
     } else {
         format!(" {SQUARES}")
     };
-    let left = what_is_left(diagnosis).map_or_else(String::new, |left| format!(" {left}"));
     format!(
         "Test error {} {unit} before, {} {unit} after{floor}: {} of the gap closed (95 %: {} to {}).{apart}{left}",
         number(gap.test_error_nominal),

@@ -71,10 +71,10 @@ pub fn in_scene(
 ) -> anyhow::Result<Motion> {
     let mut every = every(scene.robot(), sequences);
     let mut all: Vec<Frames> = Vec::new();
+    let mut held = 0;
     for &sequence in sequences {
         let torques = external_torques(scene, sequence)?;
         let mut frames = Frames::default();
-        let mut earlier: usize = all.iter().map(Frames::held).sum();
         let norm = |row: &[f64]| row.iter().map(|t| t * t).sum::<f64>().sqrt();
         scene.follow(sequence, |row, posture, contacts| {
             if row % every == 0 {
@@ -82,10 +82,11 @@ pub fn in_scene(
                 frames.time.push(sequence.time[row]);
                 frames.touch(contacts, cloud);
                 frames.loads.push(norm(&torques[row]));
+                held += frames.contacts.last().map_or(0, Vec::len);
                 // Far too many contacts: half of the samples.
-                if earlier + frames.held() > 2 * CONTACTS {
+                if held > 2 * CONTACTS {
                     all.iter_mut().chain([&mut frames]).for_each(|f| f.thin(2));
-                    earlier = all.iter().map(Frames::held).sum();
+                    held = all.iter().chain([&frames]).map(Frames::held).sum();
                     every *= 2;
                 }
             }
@@ -95,8 +96,7 @@ pub fn in_scene(
         done();
     }
     // Too many contacts: fewer samples.
-    let contacts: usize = all.iter().map(Frames::held).sum();
-    let further = contacts.div_ceil(CONTACTS).max(1);
+    let further = held.div_ceil(CONTACTS).max(1);
     all.iter_mut().for_each(|f| f.thin(further));
     let unit = scene.error_unit();
     Motion::new(scene.robot(), sequences, all, every * further, unit)
