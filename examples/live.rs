@@ -1,15 +1,11 @@
 //! Question: can a field be learned from a stream of 1 kHz that is not perfect?
 //!
-//! A node takes lines of JSON, `{"t": 12.345, "q": [..], "tau": [..]}`, from standard input or from
-//! datagrams on this machine, feeds a session, and writes what it knows of the field as lines of JSON.
-//! Torques are those of the environment on the robot, gravity removed; where the number `"touch"` changes, a new
-//! touch begins. Without a source the node feeds itself: a Kinova Gen3 pushes into a block of foam twice, sent
-//! as datagrams at 1 kHz, some of them twice, late, missing or broken.
+//! A Kinova Gen3 pushes into a block of foam twice. Its samples, lines of JSON `{"t": 12.345, "q": [..], "tau": [..]}`,
+//! are sent as datagrams at 1 kHz, some of them twice, late, missing or broken; a node takes them and
+//! publishes what it knows of the field.
 //!
 //! ```sh
 //! cargo run --release -p vsf-examples --example live -- out/live.jsonl
-//! cargo run --release -p vsf-examples --example live -- --recording my_recording --udp 127.0.0.1:9000
-//! my_driver | cargo run --release -p vsf-examples --example live -- --recording my_recording --stdin
 //! ```
 //!
 //! Answer: yes. 1978 of 1981 lines are used, none is dropped, and the line with NaN, the repeated and the late one
@@ -18,206 +14,61 @@
 //! second, of which 0.13 N m are the noise of the sensors. The end of each push says that the filter is too sure
 //! (`nis_ratio` 1.45), as in `online_session`.
 //!
-//! How it works is in `examples/src/live.rs`.
+//! A robot and a recording of your own: `vsf live`.
 
-use clap::Parser;
 use rand::SeedableRng;
 use rand_distr::{Distribution, Normal};
 use rand_pcg::Pcg64Mcg;
 use serde_json::Value;
 use std::error::Error;
 use std::fs::File;
-use std::io::{self, BufReader, Write};
+use std::io::{self, Write};
 use std::net::{Ipv4Addr, SocketAddr, UdpSocket};
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 use vsf::contact::link_sdfs;
 use vsf::core::nalgebra::Point3;
-use vsf::data::{Dataset, Overrides, TorqueKind};
-use vsf::pipeline::{Estimate, Hyper, PriorShape, Scene, SceneContact, SceneOptions};
+use vsf::pipeline::live::{Datagrams, LiveSession, Node, run};
+use vsf::pipeline::{FilterSpec, SceneContact};
 use vsf::plot::{Curve, CurvePlot};
 use vsf::prelude::*;
 use vsf::robots::kinova_gen3;
-use vsf_examples::live::{Datagrams, Lines, LiveSession, Node, Options, WhenFull, run};
 use vsf_examples::write_picture;
 
-/// A node that estimates a field from a stream of samples.
-#[derive(Parser)]
-struct Args {
-    /// Where summaries go, such as live.jsonl; standard output by default. Of the node that feeds itself, a picture of
-    /// the residuals comes beside them, in a .png of the same name
-    #[arg(value_parser = no_picture)]
-    out: Option<PathBuf>,
-    /// Recording whose robot and points are taken; a block before a Kinova Gen3 by default
-    #[arg(long)]
-    recording: Option<PathBuf>,
-    /// Where the field goes when the stream ends, with --recording: a .npz for `vsf evaluate`, `vsf predict` and others. A
-    /// stream of datagrams ends by --idle or an empty one; what is stopped by Ctrl-C writes no field
-    #[arg(long, requires = "recording", value_name = "NPZ", value_parser = archive)]
-    field: Option<PathBuf>,
-    /// Take lines from standard input
-    #[arg(long, conflicts_with = "udp")]
-    stdin: bool,
-    /// Take datagrams at an address of this machine, such as 127.0.0.1:9000
-    #[arg(long, value_parser = loopback)]
-    udp: Option<SocketAddr>,
-    /// End after so many seconds without a datagram; never by default
-    #[arg(long, value_parser = clap::value_parser!(u32).range(1..))]
-    idle: Option<u32>,
-    /// Hold the sender of a pipe back instead of dropping samples
-    #[arg(long)]
-    wait: bool,
-    /// Rate of the samples [Hz]
-    #[arg(long, default_value_t = 1000.0)]
-    rate_hz: f64,
-    /// Summaries a second
-    #[arg(long, default_value_t = 10.0)]
-    publish_hz: f64,
-    /// Prior standard deviation of the stiffness [N/m]
-    #[arg(long, default_value_t = 30.0)]
-    prior_sd: f64,
-    /// Standard deviation of the readings [N m or N], model error included
-    #[arg(long, default_value_t = 0.05)]
-    noise_sd: f64,
-}
-
-/// A place that can be written to, before there is anything to write.
-fn archive(text: &str) -> Result<PathBuf, String> {
-    let path = PathBuf::from(text);
-    let above = path.parent().filter(|p| !p.as_os_str().is_empty());
-    if path.extension().is_none_or(|e| e != "npz") {
-        Err("must be a .npz".to_owned())
-    } else if above.is_some_and(|folder| !folder.is_dir()) {
-        Err("must be in a folder that is there".to_owned())
-    } else {
-        Ok(path)
-    }
-}
-
-/// The picture would replace the summaries.
-fn no_picture(text: &str) -> Result<PathBuf, String> {
-    let path = PathBuf::from(text);
-    if path.extension().is_some_and(|e| e == "png") {
-        Err("must be a file of lines, such as live.jsonl".to_owned())
-    } else {
-        Ok(path)
-    }
-}
-
-/// The stream is not protected: it stays on this machine.
-fn loopback(text: &str) -> Result<SocketAddr, String> {
-    let address: SocketAddr = text.parse().map_err(|_| "must be ADDRESS:PORT")?;
-    if address.ip().is_loopback() {
-        Ok(address)
-    } else {
-        Err("must be an address of this machine, such as 127.0.0.1".to_owned())
-    }
-}
-
+/// With an argument, summaries go there, and a picture of their residuals beside them.
 fn main() -> Result<(), Box<dyn Error>> {
-    let args = Args::parse();
-    let scene = args.recording.as_deref().map(scene_of).transpose()?;
-    let (robot, rest, contact) = match &scene {
-        Some((_, scene)) => (
-            scene.robot().clone(),
-            scene.rest().clone(),
-            scene.contact_model()?,
-        ),
-        None => block_and_arm()?,
-    };
-    let sensor = JointTorques::new(Noise::uniform(robot.joint_count(), args.noise_sd)?);
-    let prior = Belief::uniform(rest.len(), 0.0, args.prior_sd)?;
-    let filter = MemoryReplay::new(DiagonalKalman::new(prior), Default::default())?;
-    let session = LiveSession::new(robot.chains().clone(), rest, contact, sensor, filter)?;
-    let options = Options {
-        rate_hz: args.rate_hz,
-        publish_hz: args.publish_hz,
-        when_full: if args.wait {
-            WhenFull::Wait
-        } else {
-            WhenFull::DropOldest
-        },
-        ..Options::default()
-    };
-    let node = Node::new(robot, session, options)?;
-    let mut out: Box<dyn Write> = match &args.out {
+    let path = std::env::args_os().nth(1).map(PathBuf::from);
+    let mut out: Box<dyn Write> = match &path {
         Some(path) => {
             path.parent().map_or(Ok(()), std::fs::create_dir_all)?;
             Box::new(File::create(path)?)
         }
         None => Box::new(io::stdout()),
     };
-    let refuse = |number: u64, why: &str| eprintln!("line {number}: {why}");
-    let save = |node: &Node| match (&args.field, &scene) {
-        (Some(path), Some((name, scene))) => save_field(path, node, name, scene, &args),
-        _ => Ok(()),
-    };
-    if args.stdin {
-        let mut lines = Lines(BufReader::new(io::stdin()));
-        return save(&run(node, &mut lines, &mut out, &refuse)?);
-    }
-    let socket = UdpSocket::bind(args.udp.unwrap_or((Ipv4Addr::LOCALHOST, 0).into()))?;
-    let idle = args.idle.map(|s| Duration::from_secs(s.into()));
-    socket.set_read_timeout(idle)?;
-    if args.udp.is_some() {
-        return save(&run(node, &mut Datagrams(socket), &mut out, &refuse)?);
-    }
-    if args.recording.is_some() {
-        return Err("a recording says nothing of the stream: give --stdin or --udp".into());
-    }
-    let address = socket.local_addr()?;
-    let lines = demonstration()?;
+    let (robot, rest, contact) = block_and_arm()?;
+    let sensor = JointTorques::new(Noise::uniform(robot.joint_count(), 0.05)?);
+    let prior = Belief::<f64>::uniform(rest.len(), 0.0, 30.0)?;
+    let filter = FilterSpec::replay().build(prior.into(), None)?;
+    let session = LiveSession::new(robot.chains().clone(), rest, contact, sensor, filter)?;
+    let mut node = Node::new(robot, session, Default::default())?;
+
+    let socket = UdpSocket::bind((Ipv4Addr::LOCALHOST, 0))?;
+    let (address, lines) = (socket.local_addr()?, demonstration()?);
     let sender = std::thread::spawn(move || send(&lines, address));
-    run(node, &mut Datagrams(socket), &mut out, &refuse)?;
+    let queue = node.queue();
+    run(
+        &mut node,
+        &queue,
+        Datagrams(socket),
+        &mut out,
+        |line, why| {
+            eprintln!("line {line}: {why}");
+        },
+    )?;
     sender.join().map_err(|_| "the sender crashed")??;
     drop(out);
-    match &args.out {
-        Some(path) => draw(path),
-        None => Ok(()),
-    }
-}
-
-/// Name of a recording, and its robot, points and contact.
-fn scene_of(folder: &Path) -> Result<(String, Scene), Box<dyn Error>> {
-    let (dataset, warnings) = Dataset::open(folder, &Overrides::default())?;
-    warnings.iter().for_each(|w| eprintln!("warning: {w}"));
-    if dataset.torque_kind == TorqueKind::Measured {
-        eprintln!(
-            "warning: torques of the recording are those at the actuators; those of the stream are taken to be of the \
-             environment on the robot, gravity removed"
-        );
-    }
-    let scene = Scene::open(&dataset, &SceneOptions::default())?.with_suited_threshold()?;
-    Ok((dataset.name, scene))
-}
-
-/// Writes what a node knows of the field.
-fn save_field(
-    path: &Path,
-    node: &Node,
-    recording: &str,
-    scene: &Scene,
-    args: &Args,
-) -> Result<(), Box<dyn Error>> {
-    let belief = node.session().belief();
-    let widen = |values: &[f32]| values.iter().map(|v| f64::from(*v)).collect();
-    let estimate = Estimate {
-        belief: Belief::new(widen(belief.mean()), widen(belief.variance()))?,
-        touched: node.touched().to_vec(),
-        health: *node.session().health(),
-    };
-    let hyper = Hyper {
-        prior_sd: args.prior_sd,
-        shape: PriorShape::independent(),
-        noise_sd: vec![args.noise_sd; node.joints()],
-    };
-    let mut field = estimate.to_field(scene, &hyper, recording, &[])?;
-    // Of a stream, not of its sequences.
-    field.learned_from = None;
-    field.save_npz(path)?;
-    eprintln!("wrote {}", path.display());
-    Ok(())
+    path.map_or(Ok(()), |path| draw(&path))
 }
 
 /// Draws the residuals of summaries.

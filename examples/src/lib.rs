@@ -2,7 +2,5 @@
 
 #![forbid(unsafe_code)]
 
-pub mod live;
-
 mod picture;
 pub use picture::write_picture;

@@ -1,20 +1,21 @@
-//! Any stream for the node of the example `live`: lines that are none, and samples that are late, repeated, missing
+//! Any stream for the node of `vsf live`: lines that are none, and samples that are late, repeated, missing
 //! or beyond any robot. What it publishes are numbers, its belief is one, and its counts add up.
 #![no_main]
 
 use libfuzzer_sys::arbitrary::{Result, Unstructured};
 use libfuzzer_sys::fuzz_target;
+use std::io::Cursor;
 use vsf::core::{Belief, Noise};
-use vsf::filter::{DiagonalKalman, MemoryReplay};
+use vsf::pipeline::FilterSpec;
+use vsf::pipeline::live::{Lines, LiveSession, Node, Options, WhenFull, run};
 use vsf::robots::JointTorques;
-use vsf_examples::live::{Lines, LiveSession, Node, Options, WhenFull, run};
 use vsf_fuzz::{JOINTS, WORLD, number, row};
 
 fn node(of_cells: bool) -> Node {
     let (rest, contact) = (WORLD.rest.clone(), WORLD.contact(of_cells));
     let sensor = JointTorques::new(Noise::uniform(JOINTS, 0.1).expect("noise"));
-    let prior = Belief::uniform(rest.len(), 1.0, 10.0).expect("a prior");
-    let filter = MemoryReplay::new(DiagonalKalman::new(prior), Default::default());
+    let prior = Belief::<f64>::uniform(rest.len(), 1.0, 10.0).expect("a prior");
+    let filter = FilterSpec::replay().build(prior.into(), None);
     let filter = filter.expect("a filter");
     let chains = WORLD.robot.chains().clone();
     let session = LiveSession::new(chains, rest, contact, sensor, filter).expect("a session");
@@ -53,11 +54,12 @@ fn stream(u: &mut Unstructured<'_>) -> Result<Vec<u8>> {
 
 fuzz_target!(|data: &[u8]| {
     let mut u = Unstructured::new(data);
-    let node = node(u.arbitrary().unwrap_or_default());
+    let mut node = node(u.arbitrary().unwrap_or_default());
     let text = stream(&mut u).unwrap_or_default();
     let mut out = Vec::new();
-    let done = run(node, &mut Lines(&text[..]), &mut out, &|_, _| ());
-    let mut node = done.expect("a source and a sink that work");
+    let (queue, source) = (node.queue(), Lines(Cursor::new(text)));
+    let done = run(&mut node, &queue, source, &mut out, |_, _| ());
+    done.expect("a source and a sink that work");
     // JSON has null for what is no number.
     let published = String::from_utf8(out).expect("text");
     let published = published.replace("\"nis_ratio\":null", "");

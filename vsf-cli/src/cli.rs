@@ -1,6 +1,6 @@
 use crate::commands::{
-    bench, diagnose, estimate, evaluate, experiment, export, import, info, learn, points, predict,
-    regions, simulate, view,
+    bench, diagnose, estimate, evaluate, experiment, export, import, info, learn, live, points,
+    predict, regions, simulate, view,
 };
 use clap::{Command as Line, CommandFactory, Parser, Subcommand};
 use std::path::PathBuf;
@@ -52,6 +52,8 @@ pub enum Command {
     Points(points::Args),
     /// Estimate a stiffness field from the train sequences of a recording
     Estimate(estimate::Args),
+    /// Estimate a stiffness field while samples come in, as lines of JSON on standard input or datagrams
+    Live(live::Args),
     /// Learn how stiff things are that look so, from the fields of several objects
     Learn(learn::Args),
     /// Predict the torques of sequences from a field, with their standard deviations

@@ -53,10 +53,10 @@ impl Console {
 
     /// The report for people, unless quiet or standard output belongs to the machine.
     pub fn report(&self, text: impl Display) -> anyhow::Result<()> {
-        if self.quiet || self.json == Some(None) {
-            Ok(())
-        } else {
+        if self.reports() {
             print(&harmless(&text.to_string()))
+        } else {
+            Ok(())
         }
     }
 
@@ -101,6 +101,18 @@ impl Console {
             complain(format_args!("warning: {warning}"));
             seen.push(warning);
         }
+    }
+
+    /// A line on standard error beside a report that machines read, unless quiet.
+    pub fn remark(&self, text: impl Display) {
+        if !self.quiet {
+            complain(text);
+        }
+    }
+
+    /// Whether standard output belongs to the report.
+    pub fn reports(&self) -> bool {
+        !self.quiet && self.json != Some(None)
     }
 
     /// All warnings so far.

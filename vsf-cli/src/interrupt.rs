@@ -1,15 +1,18 @@
-//! Ctrl-C and requests to terminate. Nothing is polled: work in memory may be dropped at any time, and writing is guarded.
+//! Ctrl-C and requests to terminate. Nothing is polled: work in memory may be dropped at any time, and writing is guarded. A
+//! command that is ended by them says how.
 
 use crate::console::complain;
 use anyhow::Context;
 use std::process::exit;
 use std::sync::atomic::{AtomicBool, Ordering};
-use std::sync::{Mutex, PoisonError};
+use std::sync::{Mutex, OnceLock, PoisonError};
 use std::thread::{sleep, spawn};
 use std::time::Duration;
 
 /// Held while files are written.
 static WRITING: Mutex<()> = Mutex::new(());
+/// What the first signal does in place of ending the process.
+static FIRST: OnceLock<Box<dyn Fn() + Send + Sync>> = OnceLock::new();
 const INTERRUPTED: i32 = 130;
 /// So long an interruption waits for them: a pipe that nobody reads takes for ever.
 const PATIENCE: Duration = Duration::from_secs(5);
@@ -21,6 +24,9 @@ pub fn install() -> anyhow::Result<()> {
     ctrlc::set_handler(move || {
         if again.swap(true, Ordering::SeqCst) {
             exit(INTERRUPTED);
+        }
+        if let Some(first) = FIRST.get() {
+            return first();
         }
         spawn(|| {
             sleep(PATIENCE);
@@ -34,6 +40,11 @@ pub fn install() -> anyhow::Result<()> {
         });
     })
     .context("cannot handle Ctrl-C")
+}
+
+/// From now on the first signal calls `end` alone, which ends what the command does; it then goes on to its end. Once a process.
+pub fn first(end: impl Fn() + Send + Sync + 'static) {
+    let _ = FIRST.set(Box::new(end));
 }
 
 /// Runs something that writes files; an interruption waits for its end.

@@ -31,6 +31,11 @@ pub fn offset(text: &str) -> Result<f64, String> {
     ranged(text, -1.0..=1.0, "a length from -1 to 1 m")
 }
 
+/// Times a second.
+pub fn rate(text: &str) -> Result<f64, String> {
+    ranged(text, 1e-3..=1e6, "a number from 0.001 to 1e6 Hz")
+}
+
 /// A number >= 0.
 pub fn not_negative(text: &str) -> Result<f64, String> {
     ranged(text, 0.0..=MOST, "a number >= 0 and at most 1e100")

@@ -1,6 +1,6 @@
-//! From a touch recording to a stiffness field and its prediction errors.
+//! From a touch recording, or a stream of joint states, to a stiffness field and its prediction errors.
 //!
-//! The offline side of the workspace, what the `vsf` command runs:
+//! What the `vsf` command runs:
 //!
 //! 1. [`Scene::open`] puts robot, link shapes and rest points of a recording together.
 //! 2. [`scene_warnings`], [`motion_warnings`], [`touch_warnings`], [`reading_warnings`] and [`view_warnings`] say what
@@ -17,6 +17,7 @@
 //!    [`Experiment::errors`], [`Experiment::curve`], [`update_speed`].
 //! 7. [`stiff_regions`] finds what stands out of a field.
 //! 8. [`simulate`] turns a field and a joint trajectory into readings.
+//! 9. A [`live::Node`] estimates while samples come in.
 
 #![forbid(unsafe_code)]
 #![deny(clippy::print_stdout, clippy::print_stderr)]
@@ -28,6 +29,7 @@ mod estimate;
 mod evaluate;
 mod experiment;
 mod hyper;
+pub mod live;
 mod memory;
 mod paper;
 mod priors;

@@ -1,9 +1,10 @@
 use crate::console::{Console, number, table};
 use crate::exit::usage;
 use crate::range::{minutes, replays, whole};
+use vsf::filter::{DualConfig, ReplayConfig};
 use vsf::pipeline::{
-    BenchOptions, BenchReport, LOADED_STEPS, OnlineEstimator, SoakOptions, SoakReport, SoakTenth,
-    bench, soak,
+    BenchOptions, BenchReport, FilterSpec, LOADED_STEPS, OnlineEstimator, SoakOptions, SoakReport,
+    SoakTenth, bench, soak,
 };
 
 #[derive(Debug, clap::Args)]
@@ -35,12 +36,32 @@ pub struct Args {
     soak: Option<f64>,
 }
 
+/// An estimator of control loops.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, clap::ValueEnum)]
-enum Online {
+pub enum Online {
     /// Diagonal Kalman filter with memory replay (Alg. 1)
     Replay,
     /// Replays that come down to the constrained optimum of independent points
     Dual,
+}
+
+impl Online {
+    /// The filter with so many replays.
+    pub fn filter(self, replays: usize) -> FilterSpec {
+        match self {
+            Self::Replay => FilterSpec::Replay {
+                form: Default::default(),
+                config: ReplayConfig {
+                    replays,
+                    ..ReplayConfig::default()
+                },
+            },
+            Self::Dual => FilterSpec::Dual(DualConfig {
+                replays,
+                ..DualConfig::default()
+            }),
+        }
+    }
 }
 
 impl From<Online> for OnlineEstimator {

@@ -7,6 +7,7 @@ pub mod export;
 pub mod import;
 pub mod info;
 pub mod learn;
+pub mod live;
 pub mod points;
 pub mod predict;
 mod quickstart;
@@ -25,6 +26,7 @@ pub fn run(command: &Option<Command>, console: &Console) -> anyhow::Result<()> {
         Some(Command::Points(args)) => points::run(args, console),
         Some(Command::Estimate(args)) => estimate::run(args, console),
         Some(Command::Learn(args)) => learn::run(args, console),
+        Some(Command::Live(args)) => live::run(args, console),
         Some(Command::Predict(args)) => predict::run(args, console),
         Some(Command::Evaluate(args)) => evaluate::run(args, console),
         Some(Command::Diagnose(args)) => diagnose::run(args, console),

@@ -10,6 +10,7 @@ mod csv;
 mod diagnose;
 mod experiments;
 mod interrupted;
+mod live;
 mod mcap;
 mod points;
 mod regions;

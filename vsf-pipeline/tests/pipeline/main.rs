@@ -2,6 +2,7 @@
 
 #![allow(clippy::panic, clippy::unwrap_used)]
 
+mod live;
 mod malformed;
 mod robust;
 mod scene;

@@ -1,24 +1,26 @@
-//! The node of `examples/live.rs`, on streams that are not perfect.
+//! Streams that are not perfect.
 
-#![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
-
+use nalgebra::{Point3, Vector3};
 use serde_json::Value;
-use std::io::{self, Write};
+use std::io::{self, BufReader, Cursor, Write};
 use std::net::UdpSocket;
 use std::sync::mpsc::{Receiver, Sender, channel};
 use std::sync::{Arc, Mutex};
 use std::time::Duration;
-use vsf::contact::link_sdfs;
-use vsf::core::nalgebra::Point3;
-use vsf::pipeline::SceneContact;
-use vsf::prelude::*;
-use vsf::robots::cartesian_stage;
-use vsf_examples::live::{
+use vsf_contact::{StickSlip, link_sdfs};
+use vsf_core::{Belief, Noise, RestPoints, Session};
+use vsf_pipeline::live::{
     Counts, Datagrams, Lines, LiveSession, MAX_LINE, Node, Options, Queue, Received, Sample,
     Source, WhenFull, run,
 };
+use vsf_pipeline::{FilterSpec, SceneContact};
+use vsf_robots::{JointTorques, RobotModel, cartesian_stage, planar_arm};
 
 fn session() -> (RobotModel, LiveSession) {
+    session_of(cartesian_stage(0.01).unwrap())
+}
+
+fn session_of(robot: RobotModel) -> (RobotModel, LiveSession) {
     let points = (0..200).map(|i| {
         Point3::new(
             f64::from(i % 10),
@@ -27,14 +29,13 @@ fn session() -> (RobotModel, LiveSession) {
         ) * 0.005
     });
     let rest = Arc::new(RestPoints::new(points.collect()).unwrap());
-    let robot = cartesian_stage(0.01).unwrap();
     let links = link_sdfs(robot.colliders(), &Default::default())
         .unwrap()
         .links;
     let contact = SceneContact::Points(StickSlip::new(links, Default::default()).unwrap());
-    let sensor = JointTorques::new(Noise::uniform(3, 0.02).unwrap());
-    let prior = Belief::uniform(rest.len(), 0.0, 50.0).unwrap();
-    let filter = MemoryReplay::new(DiagonalKalman::new(prior), Default::default()).unwrap();
+    let sensor = JointTorques::new(Noise::uniform(robot.joint_count(), 0.02).unwrap());
+    let prior = Belief::<f64>::uniform(rest.len(), 0.0, 50.0).unwrap();
+    let filter = FilterSpec::replay().build(prior.into(), None).unwrap();
     let chains = robot.chains().clone();
     let session = Session::new(chains, rest, contact, sensor, filter).unwrap();
     (robot, session)
@@ -52,6 +53,8 @@ const PATIENT: Options = Options {
     restart: 1.0,
     queue: 4,
     when_full: WhenFull::Wait,
+    weight: None,
+    tare: 0,
 };
 
 /// Sample `k` of a poke at 100 Hz, and its line.
@@ -68,20 +71,23 @@ fn sample(k: u32) -> (Sample, String) {
     (sample, line)
 }
 
-type Refused = Mutex<Vec<(u64, String)>>;
-
 /// Runs a text through a node: the node, its summaries, and the lines that it refused.
 fn stream(text: &[u8], options: Options) -> (Node, Vec<Value>, Vec<(u64, String)>) {
-    let refused = Refused::default();
+    let refused = Arc::new(Mutex::new(Vec::new()));
     let mut out = Vec::new();
-    let note = |k: u64, why: &str| refused.lock().unwrap().push((k, why.to_owned()));
-    let node = run(node(options), &mut Lines(text), &mut out, &note).unwrap();
+    let note = {
+        let refused = Arc::clone(&refused);
+        move |k: u64, why: &str| refused.lock().unwrap().push((k, why.to_owned()))
+    };
+    let mut node = node(options);
+    let (queue, source) = (node.queue(), Lines(Cursor::new(text.to_owned())));
+    run(&mut node, &queue, source, &mut out, note).unwrap();
     let lines = String::from_utf8(out).unwrap();
     let summaries = lines
         .lines()
         .map(|l| serde_json::from_str(l).unwrap())
         .collect();
-    let mut refused = refused.into_inner().unwrap();
+    let mut refused = refused.lock().unwrap().clone();
     refused.sort();
     (node, summaries, refused)
 }
@@ -299,10 +305,10 @@ fn a_new_touch_is_seen_though_its_first_samples_are_lost() {
 }
 
 /// A source that says when it has nothing more, and a sink that waits for that at its first line.
-struct Hasty<'a>(Lines<&'a [u8]>, Sender<()>);
+struct Hasty(Lines<Cursor<String>>, Sender<()>);
 struct Slow(Option<Receiver<()>>, Vec<u8>);
 
-impl Source for Hasty<'_> {
+impl Source for Hasty {
     fn receive(&mut self, line: &mut Vec<u8>) -> io::Result<Received> {
         let received = self.0.receive(line)?;
         if received == Received::End {
@@ -335,8 +341,10 @@ fn a_slow_node_keeps_the_newest() {
         ..PATIENT
     };
     let mut out = Slow(Some(ended), Vec::new());
-    let mut source = Hasty(Lines(text.as_bytes()), end);
-    let node = run(node(options), &mut source, &mut out, &|_, _| ()).unwrap();
+    let source = Hasty(Lines(Cursor::new(text)), end);
+    let mut node = node(options);
+    let queue = node.queue();
+    run(&mut node, &queue, source, &mut out, |_, _| ()).unwrap();
     let counts = node.counts();
     // Up to two before it stands still, the last four in the end.
     assert!((4..=6).contains(&counts.used), "{counts:?}");
@@ -360,13 +368,9 @@ fn nobody_reads_any_more() {
         }
     }
     let text: String = (0..100).map(|k| sample(k).1).collect();
-    let node = run(
-        node(PATIENT),
-        &mut Lines(text.as_bytes()),
-        &mut Gone,
-        &|_, _| (),
-    )
-    .unwrap();
+    let mut node = node(PATIENT);
+    let (queue, source) = (node.queue(), Lines(Cursor::new(text)));
+    run(&mut node, &queue, source, &mut Gone, |_, _| ()).unwrap();
     assert!(node.counts().used < 100);
 }
 
@@ -385,7 +389,9 @@ fn datagrams() {
     }
     sender.send_to(b"", socket.local_addr().unwrap()).unwrap();
     let mut out = Vec::new();
-    let node = run(node(PATIENT), &mut Datagrams(socket), &mut out, &|_, _| ()).unwrap();
+    let mut node = node(PATIENT);
+    let queue = node.queue();
+    run(&mut node, &queue, Datagrams(socket), &mut out, |_, _| ()).unwrap();
     assert_eq!((node.counts().used, node.counts().received), (50, 50));
 
     // Silence ends it too.
@@ -419,5 +425,131 @@ fn options_out_of_range() {
     ] {
         let (robot, session) = session();
         assert!(Node::new(robot, session, options).is_err(), "{options:?}");
+    }
+}
+
+/// What it has learned is kept, though the source never ends.
+#[test]
+fn whoever_closes_the_queue_ends_the_stream() {
+    let (reader, mut writer) = io::pipe().unwrap();
+    let mut node = node(PATIENT);
+    let queue = node.queue();
+    let other = Arc::clone(&queue);
+    let text: String = (0..50).map(|k| sample(k).1).collect();
+    let (told, hears) = channel();
+    let sender = std::thread::spawn(move || {
+        writer.write_all(text.as_bytes()).unwrap();
+        writer.write_all(b"no sample\n").unwrap();
+        // All lines before this one are in the queue, or were taken out of it.
+        hears.recv().unwrap();
+        other.close();
+        writer
+    });
+    let mut out = Vec::new();
+    let source = Lines(BufReader::new(reader));
+    let refuse = move |_: u64, _: &str| told.send(()).unwrap();
+    run(&mut node, &queue, source, &mut out, refuse).unwrap();
+    let counts = node.counts();
+    assert_eq!((counts.received, counts.used, counts.refused), (51, 50, 1));
+    drop(sender.join().unwrap());
+}
+
+/// A source or a sink that fails is told, and what came before is there.
+#[test]
+fn a_source_or_a_sink_that_fails() {
+    struct Failing(u32);
+    impl Source for Failing {
+        fn receive(&mut self, line: &mut Vec<u8>) -> io::Result<Received> {
+            self.0 += 1;
+            if self.0 > 30 {
+                return Err(io::Error::other("unplugged"));
+            }
+            *line = sample(self.0).1.into_bytes();
+            Ok(Received::Line)
+        }
+    }
+    struct Full;
+    impl Write for Full {
+        fn write(&mut self, _: &[u8]) -> io::Result<usize> {
+            Err(io::ErrorKind::StorageFull.into())
+        }
+        fn flush(&mut self) -> io::Result<()> {
+            Ok(())
+        }
+    }
+    let mut failing = node(PATIENT);
+    let queue = failing.queue();
+    let error = run(&mut failing, &queue, Failing(0), &mut Vec::new(), |_, _| ());
+    assert_eq!(error.unwrap_err().to_string(), "unplugged");
+    assert_eq!(failing.counts().used, 30);
+
+    let mut full = node(PATIENT);
+    let queue = full.queue();
+    let error = run(&mut full, &queue, Failing(0), &mut Full, |_, _| ()).unwrap_err();
+    assert_eq!(error.kind(), io::ErrorKind::StorageFull);
+    assert!(full.counts().used > 0);
+}
+
+/// Readings of actuators that hold the arm up, in free air, are those of no touch.
+#[test]
+fn the_weight_of_the_arm_is_taken_off() {
+    let (robot, session) = session_of(planar_arm(3, 0.3, 0.02).unwrap());
+    let gravity = Vector3::new(0.0, 0.0, -9.81);
+    let weight = Some(gravity);
+    let options = Options { weight, ..PATIENT };
+    let mut node = Node::new(robot.clone(), session, options).unwrap();
+    let mut workspace = robot.dynamics_workspace();
+    let q = vec![0.3; robot.joint_count()];
+    let held = robot.gravity_torques(&q, &gravity, &mut workspace).unwrap();
+    let mut last = vec![0.0; held.len()];
+    for (k, reading) in [held.to_vec(), held.iter().map(|t| t - 0.5).collect()]
+        .into_iter()
+        .enumerate()
+    {
+        let sample = Sample {
+            t: k as f64,
+            q: q.clone(),
+            tau: reading,
+            touch: 0,
+        };
+        node.take(&sample).unwrap();
+        last[k] = node.summary().residual;
+    }
+    // Held by the environment: by 0.5 N m in each joint.
+    let expected = 0.5 * (held.len() as f64).sqrt();
+    assert_eq!(last[0], 0.0);
+    assert!((last[1] - expected).abs() < 1e-9, "{last:?}");
+}
+
+/// A sensor that is off by as much all the time, as first readings in free air say, is none of the object.
+#[test]
+fn the_first_readings_are_zero() {
+    let off = [0.3, -0.2, 5.0];
+    let tare = 5;
+    let mut tared = node(Options { tare, ..PATIENT });
+    let mut plain = node(PATIENT);
+    for k in 0..60 {
+        let mut right = sample(k).0;
+        if k < 5 {
+            right.q[2] = 0.02;
+            right.tau = vec![0.0; 3];
+        }
+        let tau = right.tau.iter().zip(off).map(|(t, o)| t + o).collect();
+        tared
+            .take(&Sample {
+                tau,
+                ..right.clone()
+            })
+            .unwrap();
+        plain.take(&right).unwrap();
+    }
+    let (counts, all) = (tared.counts(), plain.counts());
+    assert_eq!((counts.tared, counts.used, all.used), (5, 55, 60));
+    let pairs = tared.session().belief().mean().iter();
+    let pairs = pairs.zip(plain.session().belief().mean());
+    let largest = pairs.clone().map(|(_, b)| *b).fold(0.0, f32::max);
+    assert!(largest > 1.0);
+    for (a, b) in pairs {
+        assert!((a - b).abs() < 1e-3 * largest, "{a} {b}");
     }
 }

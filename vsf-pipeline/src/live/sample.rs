@@ -1,10 +1,10 @@
-use serde::Deserialize;
+use serde::{Deserialize, Serialize};
 
 /// Largest joint position and torque that is taken, beyond any robot.
 const MOST: [f64; 2] = [1e6, 1e12];
 
 /// One sample of the stream.
-#[derive(Debug, Clone, PartialEq, Deserialize)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Sample {
     /// Time \[s\], of any clock.

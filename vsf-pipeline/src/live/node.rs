@@ -1,13 +1,14 @@
-use super::{Sample, WhenFull};
+use super::{Numbered, Queue, Sample, WhenFull};
+use crate::{PipelineError, SceneContact};
+use nalgebra::Vector3;
 use serde::Serialize;
 use std::sync::Arc;
 use std::time::Instant;
-use vsf::core::{CoreError, Posture};
-use vsf::pipeline::SceneContact;
-use vsf::prelude::*;
+use vsf_core::{CoreError, Estimator, Posture, Sensor, Session};
+use vsf_robots::{DynamicsWorkspace, JointTorques, RobotModel};
 
-/// The session of a node.
-pub type LiveSession = Session<SceneContact, JointTorques, MemoryReplay<DiagonalKalman<f32>>>;
+/// The session of a node: any estimator that [`FilterSpec::build`](crate::FilterSpec::build) makes.
+pub type LiveSession = Session<SceneContact, JointTorques, Box<dyn Estimator<Scalar = f32>>>;
 
 /// How a node takes a stream that is not perfect.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -26,6 +27,12 @@ pub struct Options {
     pub queue: usize,
     /// What becomes of more.
     pub when_full: WhenFull,
+    /// The acceleration of free fall in world \[m/s²\], where torques are those at the actuators: what holds the arm up, by
+    /// its URDF, is taken off them. What moves it is not, which at the speed of touches is little. `None`, the default, where
+    /// torques are those of the environment.
+    pub weight: Option<Vector3<f64>>,
+    /// So many samples in the beginning, in free air, whose mean reading is zero; default 0.
+    pub tare: u64,
 }
 
 impl Default for Options {
@@ -37,11 +44,13 @@ impl Default for Options {
             restart: 1.0,
             queue: 64,
             when_full: WhenFull::DropOldest,
+            weight: None,
+            tare: 0,
         }
     }
 }
 
-/// What became of the samples. `received = refused + dropped + repeated + late + used` in the end.
+/// What became of the samples. `received = refused + dropped + repeated + late + tared + used` in the end.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize)]
 pub struct Counts {
     /// Lines.
@@ -54,11 +63,13 @@ pub struct Counts {
     pub repeated: u64,
     /// Samples older than the one before.
     pub late: u64,
+    /// Samples whose mean reading is zero.
+    pub tared: u64,
     /// Samples that the belief has in it.
     pub used: u64,
-    /// Samples that should have come between those that were used, dropped ones included.
+    /// Samples that should have come between those of a touch that were used, dropped ones included.
     pub missing: u64,
-    /// Gaps after which contacts were forgotten.
+    /// Gaps within a touch after which contacts were forgotten.
     pub gaps: u64,
     /// Times that the clock went back.
     pub restarts: u64,
@@ -105,6 +116,10 @@ pub struct Node {
     session: LiveSession,
     options: Options,
     posture: Posture,
+    workspace: DynamicsWorkspace,
+    /// Torques of the environment, and what is zero of them.
+    reading: Vec<f64>,
+    zero: Vec<f64>,
     /// Time of the last sample that was used, and its touch.
     last: Option<f64>,
     touch: u64,
@@ -127,12 +142,13 @@ impl Node {
     /// A node of a robot and a session of its joint torques.
     ///
     /// # Errors
-    /// Rates that are not positive, a gap or a restart that is negative or not a number.
+    /// Rates that are not positive, a gap or a restart that is negative or not a number, a session of another robot, a weight that
+    /// the robot cannot have.
     pub fn new(
         robot: impl Into<Arc<RobotModel>>,
         session: LiveSession,
         options: Options,
-    ) -> Result<Self, CoreError> {
+    ) -> Result<Self, PipelineError> {
         let Options {
             rate_hz,
             publish_hz,
@@ -142,29 +158,29 @@ impl Node {
         } = options;
         for (name, value) in [("rate", rate_hz), ("rate of summaries", publish_hz)] {
             if !(value > 0.0 && value.is_finite()) {
-                return Err(CoreError::Parameter {
-                    name,
-                    value,
-                    range: "> 0 Hz",
-                });
+                return Err(parameter(name, value, "> 0 Hz"));
             }
         }
         for (name, value) in [("longest gap", max_gap), ("restart", restart)] {
             if value.is_nan() || value <= 0.0 {
-                return Err(CoreError::Parameter {
-                    name,
-                    value,
-                    range: "> 0 s",
-                });
+                return Err(parameter(name, value, "> 0 s"));
             }
         }
         let options = Options {
             max_gap: max_gap.max(2.5 / rate_hz),
             ..options
         };
-        let robot = robot.into();
+        let robot: Arc<RobotModel> = robot.into();
+        Sensor::<f32>::check_robot(session.sensor(), robot.chains())?;
+        let (joints, mut workspace) = (robot.joint_count(), robot.dynamics_workspace());
+        if let Some(gravity) = &options.weight {
+            robot.gravity_torques(&vec![0.0; joints], gravity, &mut workspace)?;
+        }
         Ok(Self {
             posture: robot.posture(),
+            workspace,
+            reading: vec![0.0; joints],
+            zero: vec![0.0; joints],
             touched: vec![false; session.rest().len()],
             last: None,
             touch: 0,
@@ -181,6 +197,11 @@ impl Node {
     /// Joints of the robot.
     pub fn joints(&self) -> usize {
         self.robot.joint_count()
+    }
+
+    /// A queue for its samples, empty, for [`run`](super::run).
+    pub fn queue(&self) -> Arc<Queue<Numbered>> {
+        Arc::new(Queue::new(self.options.queue, self.options.when_full))
     }
 
     /// How it takes the stream.
@@ -207,7 +228,7 @@ impl Node {
     ///
     /// # Errors
     /// A sample that robot or session refuse; the belief is unchanged.
-    pub fn take(&mut self, sample: &Sample) -> Result<(), CoreError> {
+    pub fn take(&mut self, sample: &Sample) -> Result<(), PipelineError> {
         CoreError::check_finite("time", &[sample.t])?;
         let Options {
             rate_hz,
@@ -225,20 +246,33 @@ impl Node {
             return Ok(());
         }
         self.robot.update_posture(&sample.q, &mut self.posture)?;
-        CoreError::check_finite("reading", &sample.tau)?;
-        let (restarted, gap) = (step < 0.0, step > max_gap && self.last.is_some());
+        self.read(sample)?;
+        if self.counts.tared < self.options.tare {
+            self.counts.tared += 1;
+            let share = 1.0 / self.counts.tared as f64;
+            let pairs = self.zero.iter_mut().zip(&self.reading);
+            pairs.for_each(|(zero, tau)| *zero += share * (tau - *zero));
+            self.last = Some(sample.t);
+            self.touch = sample.touch;
+            return Ok(());
+        }
+        let pairs = self.reading.iter_mut().zip(&self.zero);
+        pairs.for_each(|(tau, zero)| *tau -= zero);
+        let (restarted, begins) = (step < 0.0, sample.touch != self.touch);
+        let within = self.last.is_some() && !restarted && !begins;
+        let gap = step > max_gap && within;
         if restarted {
             self.session.begin_sequence();
-        } else if gap || sample.touch != self.touch {
+        } else if gap || begins {
             self.session.begin_touch();
         }
         let begin = Instant::now();
-        let report = self.session.step(&self.posture, &sample.tau)?;
+        let report = self.session.step(&self.posture, &self.reading)?;
         let took = 1e3 * begin.elapsed().as_secs_f64();
         for &point in self.session.contacts().points() {
             self.touched[point as usize] = true;
         }
-        if self.last.is_some() && !restarted {
+        if within {
             let between = (step * rate_hz).round() - 1.0;
             self.counts.missing = self.counts.missing.saturating_add(between.max(0.0) as u64);
         }
@@ -264,6 +298,19 @@ impl Node {
         } else {
             sample.t + period
         });
+        Ok(())
+    }
+
+    /// Torques of the environment.
+    fn read(&mut self, sample: &Sample) -> Result<(), PipelineError> {
+        CoreError::check_len("reading", sample.tau.len(), self.reading.len())?;
+        CoreError::check_finite("reading", &sample.tau)?;
+        self.reading.copy_from_slice(&sample.tau);
+        if let Some(gravity) = &self.options.weight {
+            let held = (self.robot).gravity_torques(&sample.q, gravity, &mut self.workspace)?;
+            let pairs = self.reading.iter_mut().zip(held);
+            pairs.for_each(|(tau, held)| *tau = held - *tau);
+        }
         Ok(())
     }
 
@@ -299,4 +346,8 @@ impl Node {
             counts: self.counts,
         }
     }
+}
+
+fn parameter(name: &'static str, value: f64, range: &'static str) -> PipelineError {
+    CoreError::Parameter { name, value, range }.into()
 }
