@@ -141,8 +141,8 @@ impl Recording {
         named: Option<&[String]>,
         part: SplitPart,
     ) -> anyhow::Result<Vec<&Sequence>> {
-        let dataset = &self.dataset;
         if let Some(ids) = named {
+            let dataset = &self.dataset;
             let find = |(k, id): (usize, &String)| {
                 if ids[..k].contains(id) {
                     return Err(usage(format!("--sequences names {id:?} twice")));
@@ -163,6 +163,12 @@ impl Recording {
             };
             return ids.iter().enumerate().map(find).collect();
         }
+        self.split(part, true)
+    }
+
+    /// The sequences of a split, which flags may name where the command has any.
+    pub fn split(&self, part: SplitPart, by_flags: bool) -> anyhow::Result<Vec<&Sequence>> {
+        let dataset = &self.dataset;
         let (chosen, what): (Vec<_>, _) = match part {
             SplitPart::Train => (dataset.train().collect(), "train"),
             SplitPart::Test => (dataset.test().collect(), "test"),
@@ -170,9 +176,13 @@ impl Recording {
         };
         if chosen.is_empty() {
             let path = self.path.display();
+            let flags = if by_flags {
+                format!("name sequences by --sequences or --{what}, or ")
+            } else {
+                String::new()
+            };
             anyhow::bail!(
-                "{path}: the {what} split is empty; name sequences by --sequences or --{what}, or give \
-                 dataset.json a `splits` with {what} sequences"
+                "{path}: the {what} split is empty; {flags}give dataset.json a `splits` with {what} sequences"
             );
         }
         Ok(chosen)

@@ -162,6 +162,7 @@ impl Compared {
             free: errors(false),
             contact: errors(true),
             estimated,
+            in_sample: campaign.test.is_empty(),
             threshold: self.thresholds.map(|[_, after]| after),
             threshold_nominal: self.thresholds.map(|[before, _]| before),
         }

@@ -148,6 +148,9 @@ pub struct Gap {
     /// diagnosis' own, as where nothing is touched or test sequences were learned from.
     #[serde(default)]
     pub estimated: bool,
+    /// Whether there are no test sequences: errors are those of the fit itself, on the one sequence that there is.
+    #[serde(default)]
+    pub in_sample: bool,
     /// Contact threshold (m) of the corrected model's field; `null` in free air.
     #[serde(default)]
     pub threshold: Option<f64>,

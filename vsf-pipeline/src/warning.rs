@@ -5,6 +5,7 @@ mod gaps;
 mod gravity;
 mod jumps;
 mod kind;
+mod lag;
 mod order;
 mod readings;
 mod saturation;

@@ -65,8 +65,11 @@ pub(crate) fn draw(scene: &Scene<'_>, canvas: &mut dyn Canvas) {
     projection_panel(scene, &cameras[1], &side_title, canvas);
 
     color_bar(scene, canvas);
-    let lines = ["in space, soft and far points are paler", &legend(scene)];
-    for (line, y) in lines.into_iter().zip([917.0, 937.0]) {
+    let paler = format!(
+        "in space, points far away or of little {} are paler",
+        scene.quantity
+    );
+    for (line, y) in [paler, legend(scene)].iter().zip([917.0, 937.0]) {
         canvas.text(line, (40.0, y), Anchor::Start, Font::Small, FAINT_INK);
     }
 }

@@ -123,13 +123,16 @@ fn thin_out<T>(all: Vec<T>, cap: usize) -> Vec<T> {
 }
 
 fn summary(view: &FieldView<'_>, touched: usize, drawn: usize, largest: f64) -> String {
-    let total = view.points_W.len();
+    let (total, quantity) = (view.points_W.len(), view.quantity);
     let mut text = match touched {
         0 => format!("none of {total} points touched yet"),
-        1 if total == 1 => format!("1 point, {} N/m", significant(largest)),
-        _ if touched == total => format!("{total} points, largest {} N/m", significant(largest)),
+        1 if total == 1 => format!("1 point, {quantity} {} N/m", significant(largest)),
+        _ if touched == total => format!(
+            "{total} points, largest {quantity} {} N/m",
+            significant(largest)
+        ),
         _ => format!(
-            "{touched} of {total} points touched, largest {} N/m",
+            "{touched} of {total} points touched, largest {quantity} {} N/m",
             significant(largest)
         ),
     };
@@ -150,7 +153,7 @@ fn limit_notes(kind: ColorLimit, limit: f64, largest: f64, above: usize) -> Vec<
         ColorLimit::Value(_) => "as chosen".into(),
     };
     let mut notes = vec![format!("top end {}:", significant(limit)), meaning];
-    if above > 0 {
+    if above > 0 && significant(largest) != significant(limit) {
         notes.extend([
             format!("{above} above,"),
             format!("up to {}", significant(largest)),

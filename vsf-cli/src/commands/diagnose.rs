@@ -35,6 +35,7 @@ told from, is an object whose stiffness differs from place to place.
 
 JSON keys: schema, dataset, gap (test_error_nominal, test_error_corrected, noise_floor, noise_floor_is_bound: whether it is at most that, as read in contact, closed_fraction: share of \
 the squared errors beyond noise, closed_interval, unit, corrected_by, estimated: whether the errors are of fields of `vsf estimate`, \
+in_sample: whether they are those of the fit, for want of test sequences, \
 threshold, threshold_nominal: contact thresholds (m) of the corrected and of the nominal model's field, free and contact: the \
 errors with nothing touched and in contact, where there is both (nominal, corrected, samples)), where (joint, phase, link, sequence and frequency, each a list of its own key, share, \
 interval and excess; region: center, radius, share), effects (effect, summary, probability, score, null_score, parameters (name, \

@@ -146,8 +146,8 @@ fn each<T>(
     keep: impl Fn(&Found<T>) -> anyhow::Result<()>,
 ) -> anyhow::Result<Found<T>> {
     let run = |number: usize, recording: &Recording| {
-        let mut sequences = recording.sequences(None, SplitPart::Train)?;
-        sequences.extend(recording.sequences(None, SplitPart::Test)?);
+        let mut sequences = recording.split(SplitPart::Train, false)?;
+        sequences.extend(recording.split(SplitPart::Test, false)?);
         let scene = recording.scene_to_learn(None, None, console)?;
         recording.compare_contact(&scene, console);
         let traces = recording.traces(&scene, &sequences, console)?;

@@ -1,5 +1,5 @@
 use crate::config::Sources;
-use crate::console::{Console, number, sequence_table};
+use crate::console::{Console, number, plural, sequence_table};
 use crate::derived::{IMPORT, claim, keep_made, keep_robot, save};
 use crate::exit::usage;
 use crate::explain::{blame, explain};
@@ -10,7 +10,7 @@ use std::path::PathBuf;
 use vsf::core::nalgebra::Point3;
 use vsf::data::{
     Advice, Clock, DataError, DataWarning, Dataset, JointLog, Overrides, Sequence, Splits,
-    read_points,
+    TorqueKind, read_points,
 };
 use vsf::pipeline::{PipelineError, check_readable, load_robot, motion_warnings, robot_of};
 
@@ -164,6 +164,10 @@ pub fn run(args: &Args, console: &Console) -> anyhow::Result<()> {
     let packages = args.metadata.packages();
     let known = log.metadata(&given).map_err(refused)?;
     given.made_by = Some(IMPORT.to_owned());
+    if args.planned {
+        // Of either kind they are zero.
+        given.torque_kind = known.torque_kind.or(Some(TorqueKind::External));
+    }
     let joints: Vec<String> = match &known.robot {
         Some(robot) => {
             let robot = load_robot(robot, known.joints.clone(), &packages)
@@ -198,7 +202,8 @@ pub fn run(args: &Args, console: &Console) -> anyhow::Result<()> {
                 console.warn_all(warnings);
                 let count = dataset.sequences.len();
                 console.warn(format!(
-                    "the files hold {count} sequences, by pauses (--gap)"
+                    "split at pauses (--gap) the files hold {count} sequence{}",
+                    plural(count)
                 ));
             }
         }

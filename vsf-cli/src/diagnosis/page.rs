@@ -2,8 +2,8 @@ use super::sentence::{found, is_uncertain, verdict};
 use super::torques::torques;
 use super::words::{
     NEVER_SHOWS, OUT_OF_SIGHT, SHOWS_FROM, SQUARES, all_looked_for, closed, determined, figures,
-    fitted, headings, limits, look_alikes, none_of_these, out_of_sight, part, parts, percent,
-    screened_out, size, summary, touches, untestable, what_is_left,
+    fitted, headings, kind_of_error, limits, look_alikes, none_of_these, out_of_sight, part, parts,
+    percent, screened_out, size, summary, touches, untestable, what_is_left,
 };
 use crate::console::{fixed, number};
 use crate::html::{Script, document, escape};
@@ -101,7 +101,7 @@ fn answer(d: &Diagnosis, found: Option<String>, warnings: &[String]) -> String {
     let [low, high] = gap.closed_interval.map(closed);
     let error = |value: f64| format!("{} {unit}", number(value));
     let floor = (
-        "A perfect model",
+        "A perfect model".to_owned(),
         error(gap.noise_floor),
         if gap.noise_floor_is_bound {
             "at most: noise and what changes from sample to sample in contact"
@@ -110,21 +110,22 @@ fn answer(d: &Diagnosis, found: Option<String>, warnings: &[String]) -> String {
         }
         .to_owned(),
     );
+    let kind = kind_of_error(gap);
     let numbers = if corrects {
         vec![
             (
-                "Test error, nominal",
+                format!("{kind}, nominal"),
                 error(gap.test_error_nominal),
                 String::new(),
             ),
             (
-                "Test error, corrected",
+                format!("{kind}, corrected"),
                 error(gap.test_error_corrected),
                 String::new(),
             ),
             floor,
             (
-                "Gap closed",
+                "Gap closed".to_owned(),
                 closed(gap.closed_fraction),
                 format!("95 %: {low} to {high}"),
             ),
@@ -132,7 +133,7 @@ fn answer(d: &Diagnosis, found: Option<String>, warnings: &[String]) -> String {
     } else {
         vec![
             (
-                "Test error",
+                kind.to_owned(),
                 error(gap.test_error_nominal),
                 "nothing is corrected".to_owned(),
             ),

@@ -60,10 +60,19 @@ pub fn what_is_left(diagnosis: &Diagnosis) -> Option<&'static str> {
     )
 }
 
+/// What the errors are, with a capital letter.
+pub fn kind_of_error(gap: &Gap) -> &'static str {
+    if gap.in_sample {
+        "Error of the fit"
+    } else {
+        "Test error"
+    }
+}
+
 /// The errors before and after in one sentence.
 pub fn errors(diagnosis: &Diagnosis) -> String {
     let gap = &diagnosis.gap;
-    let unit = &gap.unit;
+    let (kind, unit) = (kind_of_error(gap), &gap.unit);
     let floor = if gap.noise_floor > 0.0 {
         let most = if gap.noise_floor_is_bound {
             "at most "
@@ -80,7 +89,7 @@ pub fn errors(diagnosis: &Diagnosis) -> String {
     let left = what_is_left(diagnosis).map_or_else(String::new, |left| format!(" {left}"));
     if gap.corrected_by.is_empty() {
         let error = number(gap.test_error_nominal);
-        return format!("Test error {error} {unit}{floor}; nothing is corrected.{left}");
+        return format!("{kind} {error} {unit}{floor}; nothing is corrected.{left}");
     }
     let worse = gap.test_error_corrected > gap.test_error_nominal;
     let apart = if worse == (gap.closed_fraction < 0.0) {
@@ -89,7 +98,7 @@ pub fn errors(diagnosis: &Diagnosis) -> String {
         format!(" {SQUARES}")
     };
     format!(
-        "Test error {} {unit} before, {} {unit} after{floor}: {} of the gap closed (95 %: {} to {}).{apart}{left}",
+        "{kind} {} {unit} before, {} {unit} after{floor}: {} of the gap closed (95 %: {} to {}).{apart}{left}",
         number(gap.test_error_nominal),
         number(gap.test_error_corrected),
         closed(gap.closed_fraction),
@@ -133,10 +142,12 @@ pub fn figures(gap: &Gap, e: &EffectReport) -> Vec<(String, Option<String>)> {
     let mut figures = vec![
         (heading("score [nats]"), Some(nats(e.score))),
         (heading("null"), e.null_score.map(nats)),
-        (heading("test score"), e.test_score.map(nats)),
     ];
+    if !gap.in_sample {
+        figures.push((heading("test score"), e.test_score.map(nats)));
+    }
     if !gap.estimated {
-        let error = format!("test error [{}]", gap.unit);
+        let error = format!("{} [{}]", kind_of_error(gap).to_lowercase(), gap.unit);
         figures.push((error, e.test_error.map(number)));
         figures.push((heading("closed"), e.closed_fraction.map(percent)));
     }
@@ -158,6 +169,11 @@ pub fn headings(diagnosis: &Diagnosis) -> String {
     } else {
         "; closed: share of the squared errors beyond noise"
     };
+    let tested = if diagnosis.gap.in_sample {
+        ""
+    } else {
+        "; test score: gain of log density on the test sequences"
+    };
     let is_below = |e: &&EffectReport| {
         e.probability >= LIKELY_ENOUGH && e.null_score.is_some_and(|null| e.score < null)
     };
@@ -175,8 +191,7 @@ pub fn headings(diagnosis: &Diagnosis) -> String {
         "; a probability beside a score below its null is that of the effect beside others, without which it does not show"
     };
     format!(
-        "score: gain of log evidence; null: score that is reached without any effect; test score: gain of log density on \
-         the test sequences{closed}{why}"
+        "score: gain of log evidence; null: score that is reached without any effect{tested}{closed}{why}"
     )
 }
 

@@ -236,6 +236,18 @@ pub enum PipelineWarning {
         /// Further sequences of that kind.
         others: usize,
     },
+    /// Readings in contact that fit the touches better at another time, 0.08 to 1 s off.
+    #[error(
+        "torques come {} the touches do, by some {:.2} s: springs then leave {:.0} % of what they leave now; check the clocks of \
+         joints and torques, or diagnose a latency",
+        if *seconds > 0.0 { "later than" } else { "before" }, seconds.abs(), 100.0 * left
+    )]
+    Lag {
+        /// How much later they come (s), negative where earlier.
+        seconds: f64,
+        /// Share of what springs of one stiffness everywhere leave of the readings that is left with it.
+        left: f64,
+    },
     /// Readings of less than 1e-6 N m (or N) that are not all zero.
     #[error(
         "the largest torque that was read is {largest:e} {unit}: no sensor resolves that; check the unit"

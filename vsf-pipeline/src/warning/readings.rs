@@ -1,7 +1,7 @@
 use super::weight::Weighed;
 use super::{
-    Likeness, PipelineWarning, Rows, actuators, conventions, gravity, malformed, outliers, scale,
-    sensors, spikes, uncovered,
+    Likeness, PipelineWarning, Rows, actuators, conventions, gravity, lag, malformed, outliers,
+    scale, sensors, spikes, uncovered,
 };
 use crate::readings::check_sequence;
 use crate::{Scene, Trace, derivatives_of, reading_unit, rigid_body_torques};
@@ -107,6 +107,8 @@ pub fn reading_warnings(
                 .then(|| one_misread(scene, &rigid, traces))
                 .flatten()
         })
+        // What comes late is read where nothing is touched any more.
+        .or_else(|| (!sick).then(|| lag::warning(traces)).flatten())
         .or_else(|| not_tared(scene, traces))
         .or_else(|| felt_in_air(scene, traces));
     if sick || offset.is_some() {

@@ -132,6 +132,35 @@ fn right_readings_are_not_warned_of() {
     }
 }
 
+/// Torques whose clock is another one.
+#[test]
+fn torques_that_come_later_or_earlier_than_touches() {
+    let scene = scene(TorqueKind::External, 0);
+    let right = touch(&scene);
+    let step = right.time[1] - right.time[0];
+    for rows in [-8, 8] {
+        let free = right.torques[0].to_vec();
+        let of_row = |k: usize| {
+            let at = k.checked_add_signed(-rows);
+            at.filter(|k| *k < right.len())
+                .map_or(&free[..], |k| &right.torques[k])
+        };
+        let shifted: Vec<f64> = (0..right.len()).flat_map(|k| of_row(k).to_vec()).collect();
+        let late = Sequence {
+            torques: Table::new(right.torques.cols(), shifted).unwrap(),
+            ..right.clone()
+        };
+        let [PipelineWarning::Lag { seconds, left }] = warned(&scene, &late)[..] else {
+            panic!("{rows}: {:?}", warned(&scene, &late))
+        };
+        assert!(
+            (seconds - step * rows as f64).abs() < 1.5 * step,
+            "{seconds}"
+        );
+        assert!(left < 0.5, "{left}");
+    }
+}
+
 #[test]
 fn torques_of_the_robot_on_the_object() {
     let scene = scene(TorqueKind::External, 0);
