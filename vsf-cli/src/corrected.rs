@@ -72,9 +72,6 @@ impl Modeled {
     }
 }
 
-/// Effects of the catalogue that go by the load of the joints.
-const FOLLOW_LOAD: [&str; 2] = ["joint_load_friction", "joint_elasticity"];
-
 /// A corrected model that was read, not yet fitted to a robot.
 pub struct CorrectedModel {
     path: PathBuf,
@@ -112,9 +109,8 @@ impl CorrectedModel {
     }
 
     /// Its effects that go by the torques that were read.
-    pub fn following_load(&self) -> Vec<&str> {
-        let names = self.file.effects.iter().map(|e| &*e.effect);
-        names.filter(|e| FOLLOW_LOAD.contains(e)).collect()
+    pub fn following_reading(&self) -> Vec<&str> {
+        self.file.following_reading(&effects::catalogue())
     }
 
     /// Its effects with the values of their parameters, which tell it from other models.

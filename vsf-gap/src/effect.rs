@@ -148,6 +148,12 @@ pub trait Effect: Send + Sync {
         false
     }
 
+    /// Whether it goes by the torques that were read ([`Sample::reading`](crate::Sample::reading)); false by default. Where none
+    /// were, as of motions that are planned, it does nothing.
+    fn follows_reading(&self) -> bool {
+        false
+    }
+
     /// Name of an effect of which it is a more general form, if there is one: it has to explain more than
     /// what is wrong with the form of that one, or to show what it adds to it ([`Effect::exceeds`]).
     fn extends(&self) -> Option<&str> {

@@ -167,6 +167,16 @@ impl ModelFile {
         })
     }
 
+    /// Names of its effects, out of `effects`, that [go by the reading](Effect::follows_reading).
+    pub fn following_reading(&self, effects: &[Arc<dyn Effect>]) -> Vec<&str> {
+        let follows = |name: &&str| {
+            let effect = effects.iter().find(|e| e.name() == *name);
+            effect.is_some_and(|e| e.follows_reading())
+        };
+        let names = self.effects.iter().map(|entry| &*entry.effect);
+        names.filter(follows).collect()
+    }
+
     /// The model of the file at a site, with effects out of `effects`.
     ///
     /// # Errors

@@ -53,7 +53,9 @@ pub fn run(args: &Args, console: &Console) -> anyhow::Result<()> {
     let belief = &field.stored.belief;
     let noise_sd = field.noise_sd(scene.robot().joint_count(), console)?;
     let is_zero = |s: &&Sequence| s.torques.data().iter().all(|tau| *tau == 0.0);
-    let loaded = model.as_ref().map_or_else(Vec::new, |m| m.following_load());
+    let loaded = model
+        .as_ref()
+        .map_or_else(Vec::new, |m| m.following_reading());
     if !loaded.is_empty() && sequences.iter().all(is_zero) {
         console.warn(format!(
             "all torques that were read are zero, as of planned motions: {} of the model, which follows the load, has none; \

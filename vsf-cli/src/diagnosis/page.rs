@@ -110,16 +110,16 @@ fn answer(d: &Diagnosis, found: Option<String>, warnings: &[String]) -> String {
         }
         .to_owned(),
     );
-    let kind = kind_of_error(gap);
+    let what = kind_of_error(gap);
     let numbers = if corrects {
         vec![
             (
-                format!("{kind}, nominal"),
+                format!("{what}, nominal"),
                 error(gap.test_error_nominal),
                 String::new(),
             ),
             (
-                format!("{kind}, corrected"),
+                format!("{what}, corrected"),
                 error(gap.test_error_corrected),
                 String::new(),
             ),
@@ -133,7 +133,7 @@ fn answer(d: &Diagnosis, found: Option<String>, warnings: &[String]) -> String {
     } else {
         vec![
             (
-                kind.to_owned(),
+                what.to_owned(),
                 error(gap.test_error_nominal),
                 "nothing is corrected".to_owned(),
             ),

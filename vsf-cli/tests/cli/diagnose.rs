@@ -73,6 +73,16 @@ fn a_bias_is_named_and_corrected() {
     let text = bench.ok(&format!("diagnose touch {FEW} --train a --test b"));
     assert!(!text.contains("Read the warning"), "{text}");
 
+    // Of one sequence alone nothing is tested.
+    let text = bench.ok(&format!("diagnose touch {FEW} --train a --html one.html"));
+    assert!(text.contains("Error of the fit 0."), "{text}");
+    let page = fs::read_to_string(bench.root.join("one.html")).unwrap();
+    assert!(page.contains("Error of the fit, corrected"));
+    for told in [text, page] {
+        assert!(!told.to_lowercase().contains("test error"), "{told}");
+        assert!(!told.contains("test score"), "{told}");
+    }
+
     // What was computed is told where it cannot be written.
     #[cfg(unix)]
     {

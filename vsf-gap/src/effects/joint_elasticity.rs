@@ -48,6 +48,10 @@ impl Effect for JointElasticity {
         &[]
     }
 
+    fn follows_reading(&self) -> bool {
+        true
+    }
+
     fn response(&self, probe: Probe) -> Option<&str> {
         matches!(
             probe,

@@ -55,6 +55,10 @@ impl Effect for JointLoadFriction {
         &[]
     }
 
+    fn follows_reading(&self) -> bool {
+        true
+    }
+
     fn response(&self, probe: Probe) -> Option<&str> {
         matches!(probe, Probe::Unload).then_some(self.name())
     }
