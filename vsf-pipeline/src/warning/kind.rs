@@ -750,8 +750,8 @@ pub enum PipelineWarning {
     /// A mesh with faces turned over: more than 0.5 % of the points near it lie behind such faces, and
     /// are outside of the link for contact.
     #[error(
-        "{mesh}: faces are turned inside out, {:.1} % of the points near the mesh lie behind them; nothing \
-         touches there. Turn the normals outward in a mesh editor", 100.0 * share
+        "{mesh}: faces are turned inside out, {:.1} % of the points near the mesh lie behind them and are \
+         taken to be outside of the link; turn the normals outward in a mesh editor", 100.0 * share
     )]
     TurnedFaces {
         /// File of the mesh, or its link.
@@ -799,7 +799,8 @@ fn times(factor: f64) -> String {
 /// A share, however far below zero.
 fn percent(share: f64) -> String {
     if share > -10.0 {
-        format!("{:.1} %", 100.0 * share)
+        // What is rounded to zero has no sign.
+        format!("{:.1} %", (1e3 * share).round() / 10.0 + 0.0)
     } else {
         format!("{share:.1e} times")
     }
