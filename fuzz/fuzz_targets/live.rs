@@ -5,26 +5,35 @@
 use libfuzzer_sys::arbitrary::{Result, Unstructured};
 use libfuzzer_sys::fuzz_target;
 use std::io::Cursor;
-use vsf::core::{Belief, Noise};
-use vsf::pipeline::FilterSpec;
-use vsf::pipeline::live::{Lines, LiveSession, Node, Options, WhenFull, run};
+use vsf::core::nalgebra::Vector3;
+use vsf::core::{Belief, Estimator, Noise};
+use vsf::pipeline::live::{Lines, LiveSession, Node, Options, Summary, WhenFull, run};
+use vsf::pipeline::{FilterSpec, SceneContact};
 use vsf::robots::JointTorques;
 use vsf_fuzz::{JOINTS, WORLD, number, row};
 
-fn node(of_cells: bool) -> Node {
+type Session = vsf::core::Session<SceneContact, JointTorques, Box<dyn Estimator<Scalar = f32>>>;
+
+fn node(
+    of_cells: bool,
+    gravity: Option<Vector3<f64>>,
+    tare: u64,
+) -> Node<LiveSession<Box<dyn Estimator<Scalar = f32>>>> {
     let (rest, contact) = (WORLD.rest.clone(), WORLD.contact(of_cells));
     let sensor = JointTorques::new(Noise::uniform(JOINTS, 0.1).expect("noise"));
     let prior = Belief::<f64>::uniform(rest.len(), 1.0, 10.0).expect("a prior");
     let filter = FilterSpec::replay().build(prior.into(), None);
     let filter = filter.expect("a filter");
     let chains = WORLD.robot.chains().clone();
-    let session = LiveSession::new(chains, rest, contact, sensor, filter).expect("a session");
+    let session = Session::new(chains, rest, contact, sensor, filter).expect("a session");
     // Samples that are dropped depend on the time that the estimation takes.
     let options = Options {
         when_full: WhenFull::Wait,
         ..Options::default()
     };
-    Node::new(WORLD.robot.clone(), session, options).expect("a node")
+    let robot = WORLD.robot.clone();
+    let session = LiveSession::new(robot, session, gravity).expect("a robot of its own");
+    Node::new(session, Vec::new(), Options { tare, ..options }).expect("a node")
 }
 
 /// Samples one after the other, and in the end the bytes that are left as they are.
@@ -43,10 +52,11 @@ fn stream(u: &mut Unstructured<'_>) -> Result<Vec<u8>> {
                 clock
             }
         };
-        let touch = u.arbitrary::<u8>()? / 64;
+        let (touch, sequence) = (u.arbitrary::<u8>()? / 64, u.arbitrary::<u8>()? / 64);
         let (q, tau) = (row(u, JOINTS)?, row(u, JOINTS)?);
-        let line =
-            format!("{{\"t\": {t:?}, \"q\": {q:?}, \"tau\": {tau:?}, \"touch\": {touch}}}\n");
+        let line = format!(
+            "{{\"t\": {t:?}, \"q\": {q:?}, \"tau\": {tau:?}, \"touch\": {touch}, \"sequence\": {sequence}}}\n"
+        );
         text.extend(line.bytes());
     }
     Ok(text)
@@ -54,20 +64,34 @@ fn stream(u: &mut Unstructured<'_>) -> Result<Vec<u8>> {
 
 fuzz_target!(|data: &[u8]| {
     let mut u = Unstructured::new(data);
-    let mut node = node(u.arbitrary().unwrap_or_default());
+    let weighs: bool = u.arbitrary().unwrap_or_default();
+    let gravity = weighs.then(|| Vector3::new(0.0, 0.0, -9.81));
+    let tare = u.arbitrary::<u8>().unwrap_or_default() % 4;
+    let mut node = node(u.arbitrary().unwrap_or_default(), gravity, tare.into());
     let text = stream(&mut u).unwrap_or_default();
-    let mut out = Vec::new();
-    let (queue, source) = (node.queue(), Lines(Cursor::new(text)));
-    let done = run(&mut node, &queue, source, &mut out, |_, _| ());
-    done.expect("a source and a sink that work");
-    // JSON has null for what is no number.
-    let published = String::from_utf8(out).expect("text");
-    let published = published.replace("\"nis_ratio\":null", "");
-    assert!(!published.contains("null"), "{published}");
-    assert!(node.summary().nis_ratio.is_none_or(f64::is_finite));
-    let belief = node.session().belief();
+    let mut all = Vec::new();
+    let (queue, source) = (node.new_queue(), Lines(Cursor::new(text)));
+    let publish = |_: &Node<_>, summary: &Summary| {
+        all.push(*summary);
+        Ok(())
+    };
+    let done = run(&mut node, &queue, source, publish, |_, _| ());
+    done.expect("a source that works");
+    for Summary {
+        stiffness,
+        residual,
+        nis_ratio,
+        slowest_ms,
+        ..
+    } in all
+    {
+        let numbers = [stiffness.mean, stiffness.sd, stiffness.max, slowest_ms];
+        assert!(numbers.iter().all(|x| x.is_finite()), "{numbers:?}");
+        assert!(residual.is_none_or(f64::is_finite) && nis_ratio.is_none_or(f64::is_finite));
+    }
+    let belief = node.learner().session().belief();
     Belief::new(belief.mean().to_vec(), belief.variance().to_vec()).expect("a belief");
     let c = node.counts();
-    let all = c.refused + c.dropped + c.repeated + c.late + c.used;
+    let all = c.refused + c.dropped + c.repeated + c.late + c.tared + c.skipped + c.used;
     assert_eq!(c.received, all);
 });

@@ -5,7 +5,7 @@ use crate::recording::{Recording, untouched, warn_of_motions};
 use anyhow::Context;
 use std::path::PathBuf;
 use vsf::data::{ContactParameters, Dataset, Sequence};
-use vsf::gap::{Campaign, Corrected, EffectEntry, Model, ModelFile, effects};
+use vsf::gap::{Campaign, Corrected, Corrector, EffectEntry, Model, ModelFile, effects};
 use vsf::pipeline::{PipelineError, Scene, SequencePrediction, Trace, simulate};
 
 /// The flag that takes a corrected model.
@@ -190,6 +190,14 @@ impl CorrectedModel {
         let of = |s: &&Sequence| all.iter().find(|c| c.trace.id == s.id).cloned();
         let found = sequences.iter().filter_map(of).collect();
         Ok((campaign, model, found))
+    }
+
+    /// The model for a stream.
+    pub fn corrector(&self, dataset: &Dataset, scene: &Scene) -> anyhow::Result<Corrector> {
+        let all: Vec<&Sequence> = dataset.sequences.iter().collect();
+        let campaign = Campaign::in_scene(&with(dataset, &all), scene.clone())?;
+        let model = self.at(&campaign)?;
+        Ok(Corrector::new(campaign.site(), campaign.scene(), &model)?)
     }
 
     /// Warns where the model was fitted to sequences of `recording` that are to be predicted.

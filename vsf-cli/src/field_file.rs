@@ -46,6 +46,12 @@ impl FieldFormat {
         }
     }
 
+    /// Refuses a file that holds something else than its ending says.
+    pub fn check(path: &Path) -> anyhow::Result<()> {
+        let kind = Self::of(path)?.kind();
+        kind.map_or(Ok(()), |kind| kind.check("--out", path))
+    }
+
     /// What its files are; none of a folder.
     fn kind(self) -> Option<FileKind> {
         Some(match self {

@@ -27,15 +27,10 @@ pub struct Threshold {
     pub error: f64,
 }
 
-/// An estimate and where its prior and noise come from.
+/// An estimate, and its prior and noise.
 pub struct Chosen {
     pub estimate: Estimate,
-    pub hyper: Hyper,
-    /// Which of `prior_sd` and `noise_sd` were given.
-    pub given: Vec<&'static str>,
-    /// How the others were chosen, if there are any.
-    pub method: Option<HyperMethod>,
-    pub candidates: Vec<Candidate>,
+    pub prior: PriorAndNoise,
     /// Share of what the camera suggests, and those tried.
     pub vision_share: f64,
     pub vision_candidates: Vec<VisionCandidate>,
@@ -109,6 +104,66 @@ pub fn compare(
     })
 }
 
+/// A prior and a noise, and where they come from.
+pub struct PriorAndNoise {
+    pub hyper: Hyper,
+    /// Which of `prior_sd` and `noise_sd` were given.
+    pub given: Vec<&'static str>,
+    /// How the others were chosen, if there are any.
+    pub method: Option<HyperMethod>,
+    pub candidates: Vec<Candidate>,
+}
+
+/// Those of the flags; what they leave open is chosen by what sequences touch, unless that has been done (`choice`).
+pub fn prior_and_noise(
+    scene: &Scene,
+    traces: &[Trace],
+    settings: &EstimatorSettings,
+    choice: Option<HyperChoice>,
+    console: &Console,
+) -> anyhow::Result<PriorAndNoise> {
+    let noise_sd = match &settings.noise_sd {
+        None => None,
+        Some(noise_sd) => Some(per_channel(noise_sd, scene.robot().joint_count())?),
+    };
+    let flags = [
+        (PRIOR_SD, settings.prior_sd.is_some()),
+        (NOISE_SD, noise_sd.is_some()),
+    ];
+    let given = flags.into_iter().filter(|f| f.1).map(|f| f.0).collect();
+    if let (Some(prior_sd), Some(noise_sd)) = (settings.prior_sd, &noise_sd) {
+        return Ok(PriorAndNoise {
+            hyper: Hyper {
+                prior_sd,
+                shape: settings.shape(),
+                noise_sd: noise_sd.clone(),
+            },
+            given,
+            method: None,
+            candidates: Vec::new(),
+        });
+    }
+    if let Some(error) = untouched(scene, traces) {
+        return Err(error.into());
+    }
+    let method = settings.method();
+    let choice = match choice {
+        Some(choice) => choice,
+        None => {
+            let spinner = console.spinner("choosing prior and noise");
+            let choice = choose_hyper(scene.rest(), traces, &settings.shapes(), method)?;
+            spinner.finish_and_clear();
+            choice
+        }
+    };
+    Ok(PriorAndNoise {
+        hyper: rescaled(choice.hyper, settings.prior_sd, noise_sd),
+        given,
+        method: Some(method),
+        candidates: choice.candidates,
+    })
+}
+
 /// Chooses what is not given and estimates, with a view if untouched points are to be guessed by it; `choice` is of prior
 /// and noise, if it has been made.
 pub fn fit(
@@ -123,45 +178,13 @@ pub fn fit(
         return Err(error.into());
     }
     let spec = settings.spec()?;
-    let given = match &settings.noise_sd {
-        None => None,
-        Some(noise_sd) => Some(per_channel(noise_sd, scene.robot().joint_count())?),
-    };
-    let shape = settings.shape();
-    let flags = [
-        (PRIOR_SD, settings.prior_sd.is_some()),
-        (NOISE_SD, given.is_some()),
-    ];
-    let named: Vec<&str> = flags.into_iter().filter(|f| f.1).map(|f| f.0).collect();
-    let (hyper, method, candidates) = match (settings.prior_sd, given) {
-        (Some(prior_sd), Some(noise_sd)) => {
-            let hyper = Hyper {
-                prior_sd,
-                shape,
-                noise_sd,
-            };
-            (hyper, None, Vec::new())
-        }
-        (prior_sd, noise_sd) => {
-            let method = settings.method();
-            let choice = match choice {
-                Some(choice) => choice,
-                None => {
-                    let spinner = console.spinner("choosing prior and noise");
-                    let choice = choose_hyper(scene.rest(), traces, &settings.shapes(), method)?;
-                    spinner.finish_and_clear();
-                    choice
-                }
-            };
-            let hyper = rescaled(choice.hyper, prior_sd, noise_sd);
-            (hyper, Some(method), choice.candidates)
-        }
-    };
+    let prior = prior_and_noise(scene, traces, settings, choice, console)?;
+    let hyper = &prior.hyper;
     let bar = console.bar(traces.len(), "estimate");
     let progress = |done: usize| bar.set_position(done as u64);
     let found = match view {
         None => {
-            let of_touch = estimate(scene.rest(), traces, &spec, &hyper, progress);
+            let of_touch = estimate(scene.rest(), traces, &spec, hyper, progress);
             of_touch.map(|estimate| VisionEstimate {
                 estimate,
                 share: 0.0,
@@ -169,17 +192,14 @@ pub fn fit(
             })
         }
         Some((view, vision)) => {
-            estimate_with_vision(scene.rest(), view, traces, &spec, &hyper, vision, progress)
+            estimate_with_vision(scene.rest(), view, traces, &spec, hyper, vision, progress)
         }
     };
-    let found = found.map_err(|error| with_flags(error, &named))?;
+    let found = found.map_err(|error| with_flags(error, &prior.given))?;
     bar.finish_and_clear();
     Ok(Chosen {
         estimate: found.estimate,
-        hyper,
-        given: named,
-        method,
-        candidates,
+        prior,
         vision_share: found.share,
         vision_candidates: found.candidates,
     })
@@ -223,7 +243,7 @@ fn rescaled(chosen: Hyper, prior_sd: Option<f64>, noise_sd: Option<Vec<f64>>) ->
 }
 
 /// One deviation for all channels, or one each.
-fn per_channel(given: &[f64], channels: usize) -> anyhow::Result<Vec<f64>> {
+pub fn per_channel(given: &[f64], channels: usize) -> anyhow::Result<Vec<f64>> {
     match given {
         [one] => Ok(vec![*one; channels]),
         all if all.len() == channels => Ok(all.to_vec()),

@@ -78,8 +78,7 @@ impl FieldArgs {
             scene,
         } = &self.recording;
         sources.keep(console)?;
-        let planned = |w: &DataWarning| matches!(w, DataWarning::ZeroTorques { .. });
-        let recording = Recording::open_but(dataset, scene, planned, console)?;
+        let recording = Recording::open_but(dataset, scene, is_planned, console)?;
         keep_made("--out", out, &COMPUTED)?;
         let given = self.field.as_deref();
         let (field, scene) = recording.field_and_scene(given, model.as_ref(), console)?;
@@ -92,6 +91,12 @@ impl RecordingArgs {
     pub fn open(&self, console: &Console) -> anyhow::Result<Recording> {
         self.sources.keep(console)?;
         Recording::open(&self.dataset, &self.scene, console)
+    }
+
+    /// The same as of a stream, whose motions and readings are others: those here may be planned.
+    pub fn open_to_stream(&self, console: &Console) -> anyhow::Result<Recording> {
+        self.sources.keep(console)?;
+        Recording::open_but(&self.dataset, &self.scene, is_planned, console)
     }
 
     /// The same to look for causes of a gap, of which a sequence in neither split is none.
@@ -495,6 +500,11 @@ impl Recording {
             (None, None) => Ok(None),
         }
     }
+}
+
+/// Whether that is so of motions that are planned and not made.
+fn is_planned(warning: &DataWarning) -> bool {
+    matches!(warning, DataWarning::ZeroTorques { .. })
 }
 
 /// Whether contact is to be that in which a corrected model was found.

@@ -148,7 +148,8 @@ pub trait Effect: Send + Sync {
         false
     }
 
-    /// Whether it goes by the torques that were read ([`Sample::reading`](crate::Sample::reading)); false by default. Where none
+    /// Whether it goes by the torques that were read ([`Sample::reading`](crate::Sample::reading), or the
+    /// [force](crate::Sample::force_W) behind them); false by default. Where none
     /// were, as of motions that are planned, it does nothing.
     fn follows_reading(&self) -> bool {
         false

@@ -71,6 +71,7 @@ mod judge;
 mod known_contacts;
 mod limits;
 mod links;
+mod live;
 mod locate;
 mod model;
 mod model_file;
@@ -113,6 +114,7 @@ pub use effect::{
 pub use error::GapError;
 pub use estimated::Estimated;
 pub use limits::Limit;
+pub use live::LiveCorrector;
 pub use locate::{LocatedShare, Location, Place, Region};
 pub use model::Model;
 pub use model_file::{EffectEntry, ModelFile};

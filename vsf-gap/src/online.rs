@@ -64,6 +64,7 @@ pub struct Corrector {
     effects: Box<dyn Compensator>,
     driver: ContactDriver,
     posture: Posture,
+    level: f64,
     contacts: Contacts,
     terms: ModelTerms,
     workspace: DynamicsWorkspace,
@@ -164,6 +165,7 @@ impl Corrector {
             driver: ContactDriver::new(site, scene, &*effects)?,
             effects,
             posture: site.robot.posture(),
+            level: scene.contact().level(),
             contacts: Contacts::new(),
             terms: ModelTerms::new(d),
             workspace: site.robot.dynamics_workspace(),
@@ -178,6 +180,21 @@ impl Corrector {
             left: vec![0.0; d],
             site: site.clone(),
         })
+    }
+
+    /// Its site.
+    pub fn site(&self) -> &Site {
+        &self.site
+    }
+
+    /// Contacts of the last step.
+    pub fn contacts(&self) -> &Contacts {
+        &self.contacts
+    }
+
+    /// Distance from a link's surface at which points in contact rest (m): threshold and padding of the scene.
+    pub fn level(&self) -> f64 {
+        self.level
     }
 
     /// A sequence begins, with its first touch; nothing is tared.

@@ -1,20 +1,28 @@
-//! A node: joint angles and torques come in as lines of JSON, what is known of the field goes out.
+//! Fields that are estimated while samples come in.
 //!
-//! Each line is one [`Sample`], `{"t": 12.345, "q": [..], "tau": [..]}`. One thread reads and checks
-//! lines, the other estimates; between them lies a [`Queue`] that drops its oldest samples when the
-//! estimation is too slow, and counts them. Whoever closes it ends the node, as Ctrl-C does `vsf live`.
+//! A [`Node`] takes [`Sample`]s as they come, late, repeated or with gaps, and hands those that are of use to a [`Learner`]: a
+//! [`LiveSession`], or one with a corrected model (`LiveCorrector` of `vsf-gap`). [`run`] feeds it from a [`Source`] of lines of JSON,
+//! `{"t": 12.345, "q": [..], "tau": [..]}`: one thread reads and checks
+//! them, the other estimates; between them lies a [`Queue`] that drops its oldest samples when the
+//! estimation is too slow, and counts them. Whoever closes it ends the node, as Ctrl-C does `vsf live`. What blocks in
+//! `publish` makes samples wait.
 
+mod learner;
+mod motion;
 mod node;
 mod queue;
 mod sample;
 mod source;
 
-pub use node::{Counts, LiveSession, Node, Options, Stiffness, Summary};
+pub use learner::{Begins, Guard, Learner, LiveSession, check_free};
+pub use motion::Motion;
+pub use node::{Counts, Node, Options, Stiffness, Summary};
 pub use queue::{Queue, WhenFull};
 pub use sample::Sample;
 pub use source::{Datagrams, Lines, MAX_LINE, Received, Source};
 
-use std::io::{self, ErrorKind, Write};
+use std::io;
+use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::{Arc, Mutex, PoisonError};
 use std::thread::spawn;
@@ -23,6 +31,7 @@ use std::thread::spawn;
 pub type Numbered = (u64, Sample);
 
 /// What the reading thread has seen.
+#[derive(Default)]
 struct Reading {
     received: AtomicU64,
     refused: AtomicU64,
@@ -30,19 +39,19 @@ struct Reading {
     failed: Mutex<Option<io::Error>>,
 }
 
-/// Runs a node until its source ends, `queue` ([`Node::queue`]) is closed or nobody reads `out` any more.
+/// Runs a node until its source ends, or until `queue`, a new one ([`Node::new_queue`]), is closed by someone else.
 ///
-/// [`Summary`]s go to `out`, one JSON object a line, [`Options::publish_hz`] times a second of the
-/// samples' time, and once more in the end. A line that is no sample is passed to `refuse` with its
-/// number, counted from 1, and why; it changes nothing else. The thread that reads is left to itself where the source has not
-/// ended: it ends with the next line, or with the process.
+/// `publish` is told what is known [`Options::publish_hz`] times a second of the samples' time, and once more in the end; while it
+/// works, samples wait. A line that is no sample is passed to `refuse` with its number, counted from 1, and why; it changes
+/// nothing else. The thread that reads is not waited for where the source has not ended: it ends with the next line, of datagrams within
+/// a tenth of a second.
 ///
 /// ```
 /// use std::io::Cursor;
 /// use std::sync::Arc;
 /// use vsf_contact::{StickSlip, link_sdfs};
-/// use vsf_core::{Belief, Noise, RestPoints};
-/// use vsf_pipeline::live::{Lines, LiveSession, Node, run};
+/// use vsf_core::{Belief, Noise, RestPoints, Session};
+/// use vsf_pipeline::live::{Learner, Lines, LiveSession, Node, Summary, run};
 /// use vsf_pipeline::{FilterSpec, SceneContact};
 /// # use nalgebra::Point3;
 /// use vsf_robots::{JointTorques, cartesian_stage};
@@ -54,38 +63,35 @@ struct Reading {
 /// let contact = SceneContact::Points(StickSlip::new(links, Default::default())?);
 /// let sensor = JointTorques::new(Noise::uniform(3, 0.05)?);
 /// let prior = Belief::<f64>::uniform(1, 0.0, 50.0)?;
-/// let filter = FilterSpec::replay().build(prior.into(), None)?;
-/// let session = LiveSession::new(robot.chains().clone(), rest, contact, sensor, filter)?;
-/// let mut node = Node::new(robot, session, Default::default())?;
+/// let filter = FilterSpec::replay().build::<f32>(prior.into(), None)?;
+/// let session = Session::new(robot.chains().clone(), rest, contact, sensor, filter)?;
+/// let session = LiveSession::new(robot, session, None)?;
+/// let mut node = Node::new(session, Vec::new(), Default::default())?;
 ///
 /// let lines = r#"{"t": 0.000, "q": [0, 0, 0.02], "tau": [0, 0, 0]}
 /// {"t": 0.001, "q": [0, 0, -0.001], "tau": [0, 0, NaN]}
 /// {"t": 0.002, "q": [0, 0, -0.001], "tau": [0, 0, 0.3]}"#;
-/// let queue = node.queue();
-/// let mut out = Vec::new();
-/// run(&mut node, &queue, Lines(Cursor::new(lines)), &mut out, |line, why| {
+/// let queue = node.new_queue();
+/// let publish = |_: &Node<_>, summary: &Summary| Ok(println!("{} points touched", summary.touched));
+/// run(&mut node, &queue, Lines(Cursor::new(lines)), publish, |line, why| {
 ///     println!("line {line}: {why}");
 /// })?;
 /// assert_eq!((node.counts().used, node.counts().refused), (2, 1));
-/// assert!(node.session().belief().mean()[0] > 0.0);
+/// assert!(node.learner().stiffness(0)[0] > 0.0);
 /// # Ok::<(), Box<dyn std::error::Error>>(())
 /// ```
 ///
 /// # Errors
-/// What `source` cannot read or `out` cannot write; the node has what came before.
-pub fn run(
-    node: &mut Node,
+/// What `source` cannot read, or its panic; the first error of `publish`. The node has what came before.
+pub fn run<L: Learner>(
+    node: &mut Node<L>,
     queue: &Arc<Queue<Numbered>>,
     source: impl Source + Send + 'static,
-    out: &mut impl Write,
+    mut publish: impl FnMut(&Node<L>, &Summary) -> io::Result<()>,
     refuse: impl Fn(u64, &str) + Send + Sync + 'static,
 ) -> io::Result<()> {
-    let joints = node.joints();
-    let reading = Arc::new(Reading {
-        received: AtomicU64::new(0),
-        refused: AtomicU64::new(0),
-        failed: Mutex::new(None),
-    });
+    let joints = node.learner().joints();
+    let reading = Arc::new(Reading::default());
     let refuse = {
         let reading = Arc::clone(&reading);
         Arc::new(move |number: u64, why: &str| {
@@ -96,33 +102,36 @@ pub fn run(
     spawn({
         let (queue, reading, refuse) = (Arc::clone(queue), Arc::clone(&reading), refuse.clone());
         move || {
-            // Also where it panics, or the estimation would wait for ever.
-            let _close = Close(&queue);
-            if let Err(error) = read(source, joints, &queue, &reading.received, &*refuse) {
-                *(reading.failed.lock()).unwrap_or_else(PoisonError::into_inner) = Some(error);
-            }
+            let done = catch_unwind(AssertUnwindSafe(|| {
+                read(source, joints, &queue, &reading.received, &*refuse)
+            }));
+            let failed = match done {
+                Ok(done) => done.err(),
+                Err(_) => Some(io::Error::other("the reading thread panicked")),
+            };
+            *(reading.failed.lock()).unwrap_or_else(PoisonError::into_inner) = failed;
+            queue.close();
         }
     });
-    let publish = |node: &mut Node, out: &mut dyn Write| {
-        node.counts.received = reading.received.load(Ordering::Relaxed);
-        node.counts.refused = reading.refused.load(Ordering::Relaxed);
-        node.counts.dropped = queue.dropped();
-        let line = serde_json::to_string(&node.summary())?;
-        writeln!(out, "{line}")?;
-        out.flush()
+    let before = node.counts;
+    let mut tell = |node: &mut Node<L>| {
+        node.counts.received = before.received + reading.received.load(Ordering::Relaxed);
+        node.counts.refused = before.refused + reading.refused.load(Ordering::Relaxed);
+        node.counts.dropped = before.dropped + queue.dropped();
+        let summary = node.summary();
+        publish(node, &summary)
     };
     let _close = Close(queue);
-    let estimated = estimate(node, queue, out, &*refuse, &publish);
-    let published = estimated.and_then(|()| publish(node, out));
-    let mut failed = (reading.failed.lock()).unwrap_or_else(PoisonError::into_inner);
-    match (failed.take(), published) {
-        (Some(error), _) => Err(error),
-        (None, Err(e)) if e.kind() != ErrorKind::BrokenPipe => Err(e),
-        _ => Ok(()),
-    }
+    let estimated = estimate(node, queue, &*refuse, &mut tell);
+    queue.close();
+    let published = estimated.and_then(|()| tell(node));
+    let failed = (reading.failed.lock())
+        .unwrap_or_else(PoisonError::into_inner)
+        .take();
+    failed.map_or(published, Err)
 }
 
-/// Closes a queue once it is dropped.
+/// Closes a queue once it is dropped, as where a caller's code panics: the reading thread would wait for ever.
 struct Close<'a>(&'a Queue<Numbered>);
 
 impl Drop for Close<'_> {
@@ -139,21 +148,24 @@ fn read(
     received: &AtomicU64,
     refuse: &impl Fn(u64, &str),
 ) -> io::Result<()> {
-    let mut line = Vec::new();
-    for number in 1.. {
+    let (mut line, mut number) = (Vec::new(), 0);
+    while !queue.is_closed() {
         let sample = match source.receive(&mut line)? {
+            Received::Nothing => continue,
             Received::End => break,
             Received::Line => Sample::parse(&line, joints),
             Received::TooLong => Err(format!("longer than {MAX_LINE} bytes")),
         };
-        received.store(number, Ordering::Relaxed);
+        number += 1;
         match sample {
-            Err(why) => refuse(number, &why),
+            Err(why) => {
+                received.store(number, Ordering::Relaxed);
+                refuse(number, &why);
+            }
+            // Counted before anyone can take it.
             Ok(sample) => {
-                if !queue.push((number, sample)) {
-                    received.store(number - 1, Ordering::Relaxed);
-                    break;
-                }
+                let count = || received.store(number, Ordering::Relaxed);
+                queue.push_with((number, sample), count);
             }
         }
     }
@@ -161,19 +173,18 @@ fn read(
 }
 
 /// Takes samples out of the queue until it is closed and empty.
-fn estimate<W: Write>(
-    node: &mut Node,
+fn estimate<L: Learner>(
+    node: &mut Node<L>,
     queue: &Queue<Numbered>,
-    out: &mut W,
     refuse: &impl Fn(u64, &str),
-    publish: &impl Fn(&mut Node, &mut dyn Write) -> io::Result<()>,
+    tell: &mut impl FnMut(&mut Node<L>) -> io::Result<()>,
 ) -> io::Result<()> {
     while let Some((number, sample)) = queue.pop() {
         if let Err(why) = node.take(&sample) {
             refuse(number, &why.to_string());
         }
         if node.is_due() {
-            publish(node, out)?;
+            tell(node)?;
         }
     }
     Ok(())

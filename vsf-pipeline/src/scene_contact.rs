@@ -12,6 +12,17 @@ pub enum SceneContact {
     Cells(CellContact<StickSlip>),
 }
 
+impl SceneContact {
+    /// Distance from a link's surface at which points in contact rest (m): threshold and padding.
+    pub fn level(&self) -> f64 {
+        let points = match self {
+            Self::Points(points) => points,
+            Self::Cells(cells) => cells.inner(),
+        };
+        points.config().level()
+    }
+}
+
 impl ContactModel for SceneContact {
     fn reset(&mut self) {
         match self {

@@ -1,10 +1,9 @@
 use crate::console::{Console, number, table};
 use crate::exit::usage;
 use crate::range::{minutes, replays, whole};
-use vsf::filter::{DualConfig, ReplayConfig};
 use vsf::pipeline::{
-    BenchOptions, BenchReport, FilterSpec, LOADED_STEPS, OnlineEstimator, SoakOptions, SoakReport,
-    SoakTenth, bench, soak,
+    BenchOptions, BenchReport, LOADED_STEPS, OnlineEstimator, SoakOptions, SoakReport, SoakTenth,
+    bench, soak,
 };
 
 #[derive(Debug, clap::Args)]
@@ -36,32 +35,12 @@ pub struct Args {
     soak: Option<f64>,
 }
 
-/// An estimator of control loops.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, clap::ValueEnum)]
-pub enum Online {
+enum Online {
     /// Diagonal Kalman filter with memory replay (Alg. 1)
     Replay,
     /// Replays that come down to the constrained optimum of independent points
     Dual,
-}
-
-impl Online {
-    /// The filter with so many replays.
-    pub fn filter(self, replays: usize) -> FilterSpec {
-        match self {
-            Self::Replay => FilterSpec::Replay {
-                form: Default::default(),
-                config: ReplayConfig {
-                    replays,
-                    ..ReplayConfig::default()
-                },
-            },
-            Self::Dual => FilterSpec::Dual(DualConfig {
-                replays,
-                ..DualConfig::default()
-            }),
-        }
-    }
 }
 
 impl From<Online> for OnlineEstimator {

@@ -159,15 +159,15 @@ pub fn run(args: &Args, console: &Console) -> anyhow::Result<()> {
     } = compare((own, traces), &others, asked, contact, settings, console)?;
     recording.compare_contact(&scene, console);
     let chosen = fit(&scene, view.as_ref(), &traces, settings, choice, console)?;
-    let belief = &chosen.estimate.belief;
+    let (belief, prior) = (&chosen.estimate.belief, &chosen.prior);
     console.warn_all(health_warnings(&chosen.estimate.health));
     if spec == EstimatorSpec::Batch {
-        console.warn_all(fit_warnings(belief, &chosen.hyper.noise_sd, &traces));
+        console.warn_all(fit_warnings(belief, &prior.hyper.noise_sd, &traces));
     }
     console.warn_all(field_warnings(belief, &traces));
     let name = &recording.dataset.name;
     let estimate = &chosen.estimate;
-    let field = estimate.to_field(&scene, &chosen.hyper, name, &traces)?;
+    let field = estimate.to_field(&scene, &prior.hyper, name, &traces)?;
     let field = StiffnessField {
         // A model without effects is the nominal one.
         model: (model.as_ref().map(CorrectedModel::text)).filter(|text| !text.is_empty()),
@@ -179,14 +179,14 @@ pub fn run(args: &Args, console: &Console) -> anyhow::Result<()> {
     let report = Report {
         estimator: settings.name(),
         robust: settings.robust_name(),
-        prior_sd: chosen.hyper.prior_sd,
-        smooth_sd: chosen.hyper.prior_sd * chosen.hyper.shape.smooth_share,
-        smooth_length: chosen.hyper.shape.length,
-        level_sd: chosen.hyper.prior_sd * chosen.hyper.shape.level_share,
-        noise_sd: &chosen.hyper.noise_sd,
-        given: &chosen.given,
-        chosen_by: chosen.method,
-        candidates: &chosen.candidates,
+        prior_sd: prior.hyper.prior_sd,
+        smooth_sd: prior.hyper.prior_sd * prior.hyper.shape.smooth_share,
+        smooth_length: prior.hyper.shape.length,
+        level_sd: prior.hyper.prior_sd * prior.hyper.shape.level_share,
+        noise_sd: &prior.hyper.noise_sd,
+        given: &prior.given,
+        chosen_by: prior.method,
+        candidates: &prior.candidates,
         threshold: scene.contact().threshold,
         thresholds: &thresholds,
         sequences: traces.iter().map(|t| t.id.as_str()).collect(),

@@ -1,41 +1,61 @@
-use crate::commands::bench::Online;
-use crate::console::{Console, complain};
-use crate::exit::usage;
-use crate::field_file::{FieldFile, claim, save};
+mod kept;
+mod played;
+mod printer;
+mod start;
+
+use crate::console::{Console, complain, number, plural};
+use crate::corrected::ModelArgs;
+use crate::exit::{message, usage};
+use crate::field_file::{FieldFormat, claim, save};
 use crate::interrupt;
-use crate::range::{deviation, rate, replays, whole};
-use crate::recording::{Recording, RecordingArgs, SplitPart};
+use crate::range::{minutes, rate, whole};
+use crate::recording::{RecordingArgs, SplitPart};
+use crate::settings::EstimatorSettings;
 use anyhow::Context;
+use kept::Kept;
+use played::Played;
+use printer::Printer;
 use serde::Serialize;
-use std::io::{BufReader, Cursor, IsTerminal, Write, sink, stdin, stdout};
-use std::net::{SocketAddr, UdpSocket};
-use std::path::{Path, PathBuf};
+use start::Start;
+use std::io::{BufReader, IsTerminal, stdin};
+use std::net::{SocketAddr, ToSocketAddrs, UdpSocket};
+use std::path::PathBuf;
 use std::sync::Arc;
-use std::time::Duration;
-use vsf::core::{Belief, Noise, median};
+use std::sync::atomic::{AtomicU32, Ordering};
+use std::time::{Duration, Instant};
+use vsf::core::{Noise, Session};
 use vsf::data::{Dataset, Sequence, StiffnessField, TorqueKind};
+use vsf::gap::LiveCorrector;
 use vsf::pipeline::live::{
-    Counts, Datagrams, Lines, LiveSession, Node, Options, Sample, Stiffness, Summary, WhenFull,
-    run as feed,
+    Counts, Datagrams, Learner, Lines, LiveSession, Node, Options, Source, Stiffness, Summary,
+    WhenFull, run as feed,
 };
-use vsf::pipeline::{Estimate, Hyper, PipelineError, PriorShape, Scene, health_warnings};
+use vsf::pipeline::{EstimatorSpec, Scene, health_warnings};
 use vsf::robots::JointTorques;
 
 #[derive(Debug, clap::Args)]
 #[command(after_help = "\
-Each sample is a line (or datagram) of JSON, {\"t\": 12.345, \"q\": [..], \"tau\": [..]}: time [s], joint positions [rad or m] in \
-the order of the robot's joints, and torques of the kind that the recording has (torque_kind): those of the environment on the \
-robot, or those at the actuators, from which the weight of the arm is taken off. Where the recording has tare_samples, the mean of so \
-many in the beginning is zero. A number \"touch\" begins a new touch where it \
-changes, as does a gap of more than 0.1 s, below 25 Hz of two missing samples. A line that is no sample is told on standard error \
-and changes nothing.
+Each sample is a line, or a datagram, of JSON:
 
-Summaries are lines of JSON on standard output: t, contacts (points touched now), touched (so far), stiffness (mean, sd and max \
-of those, N/m), residual (before the update, root mean square of its norm since the last summary, N m), nis_ratio (1 where the \
-filter is as sure as it may be), slowest_ms (of a step), and counts of samples: received, refused, dropped (the estimation was \
-too slow), repeated, late, tared, used, missing, gaps, restarts (the clock went back).
+  {\"t\": 12.345, \"q\": [0.1, 0.2], \"tau\": [0.3, 0.4]}
 
-The stream ends with the pipe, with an empty datagram, after --idle, or by Ctrl-C; then the field is written.
+time [s], joint positions [rad or m] in the order of the robot's joints, and torques [N m or N] of the kind that the recording's \
+are (torque_kind): those of the environment on the robot, or those at the actuators, from which all that the arm itself needs is \
+taken off. Further keys: \"qd\", joint velocities, estimated if not given (of use where torques are measured, and with --model); \
+\"touch\", a number that changes where a touch begins; \"sequence\", one that changes where clock or sensors begin anew. The robot, \
+its points and contact are those of a recording, of which one sequence is enough, or a motion that is planned (`vsf import --planned`).
+
+A gap of more than 0.1 s, of slow streams of two missing samples, ends a touch. Of a touch whose beginning was not seen, with the arm \
+inside of the object, nothing is learned until the arm has been in free air: such samples are skipped.
+
+Summaries are lines of JSON on standard output: t, contacts (points touched now), touched (so far, --field included), stiffness \
+(mean, sd and max of those, N/m), residual (before the update, root mean square of its norm since the last summary, null without \
+a sample), nis_ratio (since the start, in contact; 1 where the filter is as sure as it may be), slowest_ms (of a step), and counts of \
+samples: received, refused, dropped (the estimation was too slow), repeated, late, tared, skipped, used, missing, gaps, restarts (the \
+clock went back). They come by the clock of the samples; where nobody reads them they are left out.
+
+The stream ends with the pipe, with an empty datagram, after --idle, or by Ctrl-C, with exit code 0. Then the field is written, and what \
+looks wrong with the samples is told.
 
 JSON keys: points, touched, stiffness, nis_ratio, the counts, out.")]
 pub struct Args {
@@ -51,39 +71,34 @@ pub struct Args {
     /// End after so many seconds without a datagram; never by default
     #[arg(long, requires = "udp", value_name = "SECONDS", value_parser = whole(1_u32..=86_400))]
     idle: Option<u32>,
-    /// Hold the sender of a pipe back instead of dropping samples, as for a recording that is played
+    /// Hold the sender of a pipe back instead of dropping samples, as is done for a file
     #[arg(long, conflicts_with = "udp")]
     wait: bool,
-    /// Rate of the samples [Hz], by which missing ones are counted; by default that of the recording
-    #[arg(long, value_parser = rate)]
-    stream_hz: Option<f64>,
     /// Summaries a second
     #[arg(long, default_value_t = Options::default().publish_hz, value_parser = rate)]
     publish_hz: f64,
-    /// Where to write the field in the end: .npz, .ply, .mcap, or a folder
-    #[arg(long, default_value = "field.npz")]
-    out: PathBuf,
-    /// An earlier field of the recording's points, to go on from
+    /// So many samples in the beginning, in free air, whose mean reading is zero; by default tare_samples of the recording
+    #[arg(long, value_name = "SAMPLES", conflicts_with = "play", value_parser = whole(0_u64..=1_000_000))]
+    tare: Option<u64>,
+    /// Where to write the field in the end: .npz, .ply, .mcap, or a folder, which must be new, empty or a field to replace
+    #[arg(long, required_unless_present = "play")]
+    out: Option<PathBuf>,
+    /// Write it every so many minutes, too; samples wait meanwhile
+    #[arg(long, value_name = "MINUTES", requires = "out", value_parser = minutes)]
+    save_every: Option<f64>,
+    /// An earlier field of the recording's points, to go on from, with its prior and noise
     #[arg(long)]
     field: Option<PathBuf>,
-    /// Standard deviation of every point's stiffness before it is touched [N/m], default 30 or that of --field
-    #[arg(long, value_parser = deviation, conflicts_with = "field")]
-    prior_sd: Option<f64>,
-    /// Standard deviation of the readings [N m or N], model error included, default 0.05 or that of --field
-    #[arg(long, value_parser = deviation)]
-    noise_sd: Option<f64>,
-    /// The estimator
-    #[arg(long, value_enum, default_value = "replay")]
-    estimator: Online,
-    /// Past observations replayed after every update
-    #[arg(long, default_value_t = 20, value_parser = replays)]
-    replay: usize,
+    #[command(flatten)]
+    model: ModelArgs,
     #[command(flatten)]
     recording: RecordingArgs,
+    #[command(flatten)]
+    estimator: EstimatorSettings,
 }
 
-const PRIOR_SD: f64 = 30.0;
-const NOISE_SD: f64 = 0.05;
+/// Bad lines are told so often; their count is in the summaries.
+const MOST_TOLD: u32 = 10;
 
 /// What is known in the end.
 #[derive(Serialize)]
@@ -94,12 +109,13 @@ struct Report {
     nis_ratio: Option<f64>,
     #[serde(flatten)]
     counts: Counts,
-    out: String,
+    out: Option<String>,
 }
 
 /// The stream is not protected: it stays on this machine.
 fn loopback(text: &str) -> Result<SocketAddr, String> {
-    let address: SocketAddr = text.parse().map_err(|_| "must be ADDRESS:PORT")?;
+    let found = text.to_socket_addrs().ok().and_then(|mut all| all.next());
+    let address = found.ok_or("must be ADDRESS:PORT")?;
     if address.ip().is_loopback() {
         Ok(address)
     } else {
@@ -107,236 +123,342 @@ fn loopback(text: &str) -> Result<SocketAddr, String> {
     }
 }
 
-/// What the estimation begins with.
-struct Start {
-    belief: Belief<f64>,
-    hyper: Hyper,
-    touched: Vec<bool>,
-}
-
 pub fn run(args: &Args, console: &Console) -> anyhow::Result<()> {
-    claim(&args.out, console)?;
+    if let Some(out) = &args.out {
+        if matches!(FieldFormat::of(out)?, FieldFormat::Png | FieldFormat::Svg) {
+            let out = out.display();
+            return Err(usage(format!(
+                "--out {out}: pictures are drawn by `vsf export`; give .npz, .ply, .mcap or a folder (no ending)"
+            )));
+        }
+        claim(out, console)?;
+    }
     if args.udp.is_none() && !args.play && stdin().is_terminal() {
         return Err(usage(
             "no samples: pipe lines of JSON into this command, or give --udp or --play; see --help",
         ));
     }
-    let recording = args.recording.open(console)?;
-    let (scene, start) = match &args.field {
-        None => anew(args, &recording, console)?,
-        Some(path) => go_on(path, args, &recording, console)?,
+    let settings = args.estimator.online();
+    let EstimatorSpec::Online { filter, robust } = settings.spec()? else {
+        return Err(usage(
+            "--estimator: `batch` takes all readings at once; choose one that learns sample by sample, such as `replay`",
+        ));
     };
+    if settings.vision()?.is_some() {
+        return Err(usage(
+            "--vision: untouched points are guessed by `vsf estimate`, whose field --field takes",
+        ));
+    }
+    let model = args.model.open(console)?;
+    let recording = args.recording.open_to_stream(console)?;
     let dataset = &recording.dataset;
-    let options = Options {
-        rate_hz: (args.stream_hz.or_else(|| rate_of(dataset)))
-            .unwrap_or(Options::default().rate_hz),
-        publish_hz: args.publish_hz,
-        when_full: if args.wait || args.play {
-            WhenFull::Wait
-        } else {
-            WhenFull::DropOldest
-        },
-        weight: (dataset.torque_kind == TorqueKind::Measured).then_some(dataset.gravity),
-        tare: dataset.tare_samples as u64,
-        ..Options::default()
+    let (scene, start) = match &args.field {
+        None => Start::anew(&settings, &recording, model.as_ref(), console)?,
+        Some(path) => Start::go_on(path, &settings, &recording, model.as_ref(), console)?,
     };
-    let mut node = node(&scene, &start, args, options)?;
     let played = if args.play {
         Some(recording.sequences(args.sequences.as_deref(), SplitPart::Train)?)
     } else {
         None
     };
-    let ran = stream(&mut node, args, played.as_deref(), console);
-    let used = node.counts().used;
-    if used == 0 {
+    let noise = Noise::per_channel(&start.hyper.noise_sd)?;
+    let prior = start.prior.clone();
+    let place = || match &args.field {
+        Some(path) => path.display().to_string(),
+        None => "--prior-sd".to_owned(),
+    };
+    let live = Live {
+        args,
+        dataset,
+        played,
+        scene: &scene,
+        start: &start,
+        console,
+    };
+    match &model {
+        Some(model) => {
+            let corrector = model.corrector(dataset, &scene)?;
+            let filter = filter.build::<f64>(prior, robust).with_context(place)?;
+            let text = model.text();
+            live.run(LiveCorrector::new(corrector, filter, noise)?, Some(text))
+        }
+        None => {
+            let robot = scene.robot();
+            let filter = filter.build::<f32>(prior, robust).with_context(place)?;
+            let contact = scene.contact_model()?;
+            let (chains, rest) = (robot.chains().clone(), scene.rest().clone());
+            let sensor = JointTorques::new(noise);
+            let session = Session::new(chains, rest, contact, sensor, filter)?;
+            let gravity = (dataset.torque_kind == TorqueKind::Measured).then_some(dataset.gravity);
+            live.run(LiveSession::new(robot.clone(), session, gravity)?, None)
+        }
+    }
+}
+
+/// What is to be done, whatever learns.
+struct Live<'a> {
+    args: &'a Args,
+    dataset: &'a Dataset,
+    played: Option<Vec<&'a Sequence>>,
+    scene: &'a Scene,
+    start: &'a Start,
+    console: &'a Console,
+}
+
+impl Live<'_> {
+    /// Learns until the stream ends, and writes the field.
+    fn run<L: Learner>(&self, learner: L, model: Option<String>) -> anyhow::Result<()> {
+        let Self {
+            args,
+            scene,
+            start,
+            console,
+            ..
+        } = self;
+        let options = Options {
+            publish_hz: args.publish_hz,
+            when_full: if self.waits() {
+                WhenFull::Wait
+            } else {
+                WhenFull::DropOldest
+            },
+            tare: (args.tare).unwrap_or(self.dataset.tare_samples as u64),
+            ..Options::default()
+        };
+        let mut node = Node::new(Kept::new(learner), start.touched.clone(), options)?;
+        let ran = self.stream(&mut node, model.as_deref());
+        let counts = *node.counts();
+        if counts.used == 0 {
+            ran?;
+            anyhow::bail!(
+                "the stream had no sample to learn from ({}); no field is written",
+                told(&counts)
+            );
+        }
+        let warnings = node
+            .learner()
+            .warnings(scene, model.is_none() && node.options().tare == 0);
+        console.warn_all(warnings?);
+        if node.health().updates() == 0 {
+            ran?;
+            anyhow::bail!(
+                "the stream touched none of the {} points ({}); no field is written",
+                scene.rest().len(),
+                told(&counts)
+            );
+        }
+        // What was learned until then is not lost where the stream breaks.
+        let saved = self.save(&node, model.as_deref());
+        let Summary {
+            touched,
+            stiffness,
+            nis_ratio,
+            ..
+        } = node.summary();
+        let report = Report {
+            points: scene.rest().len(),
+            touched,
+            stiffness,
+            nis_ratio,
+            counts,
+            out: (args.out.as_ref()).map(|out| out.to_string_lossy().into_owned()),
+        };
+        let wrote = report.out.as_ref().filter(|_| saved.is_ok());
+        let wrote = wrote.map(|out| format!(": wrote {out}"));
+        console.remark(format_args!(
+            "{}; {touched} of {} points touched{}",
+            told(&counts),
+            report.points,
+            wrote.unwrap_or_default()
+        ));
+        if counts.dropped > 0 {
+            console.warn(format_args!(
+                "{} samples were dropped, since the estimation was too slow for them; give --wait where they need not be taken \
+                 at their time, or a lower --replay",
+                counts.dropped
+            ));
+        }
+        if counts.skipped > 0 {
+            console.warn(format_args!(
+                "nothing was learned from {} samples in touches whose beginning was not seen: the stream began in contact, or \
+                 samples were missing in a touch ({} gaps)",
+                counts.skipped, counts.gaps
+            ));
+        }
+        console.warn_all(health_warnings(node.health()));
+        saved?;
         ran?;
-        return Err(anyhow::anyhow!(
-            "the stream had no sample to learn from ({} lines, {} of them refused); no field is written",
-            node.counts().received,
-            node.counts().refused
-        ));
+        console.json_and(&report, Vec::new())
     }
-    // What was learned until then is not lost where the stream breaks.
-    let estimate = estimate(&node, &start.touched)?;
-    let field = estimate.to_field(&scene, &start.hyper, &dataset.name, &[])?;
-    let field = StiffnessField {
-        // Of a stream, not of its sequences.
-        learned_from: None,
-        ..field
-    };
-    save(&field, &args.out)?;
-    let Summary {
-        stiffness,
-        nis_ratio,
-        counts,
-        ..
-    } = node.summary();
-    let report = Report {
-        points: scene.rest().len(),
-        touched: estimate.touched.iter().filter(|t| **t).count(),
-        stiffness,
-        nis_ratio,
-        counts,
-        out: args.out.to_string_lossy().into_owned(),
-    };
-    console.remark(format_args!(
-        "{} of {} samples used, {} of {} points touched: wrote {}",
-        counts.used, counts.received, report.touched, report.points, report.out
-    ));
-    if counts.dropped > 0 {
-        console.warn(format_args!(
-            "{} samples were dropped, since the estimation was too slow for them; give --wait where a recording is played, or a \
-             lower --replay",
-            counts.dropped
-        ));
+
+    /// Sequences that the field has learned from, where that is known.
+    fn learned_from(&self) -> Option<Vec<String>> {
+        let played = self.played.iter().flatten().map(|s| s.id.clone());
+        let mut all = self.start.learned_from.clone().unwrap_or_default();
+        all.extend(played);
+        let mut seen = Vec::new();
+        all.retain(|id| {
+            let is_new = !seen.contains(id);
+            seen.push(id.clone());
+            is_new
+        });
+        (!all.is_empty()).then_some(all)
     }
-    console.warn_all(health_warnings(&estimate.health));
-    ran?;
-    console.json_and(&report, Vec::new())
-}
 
-/// Samples a second, by `dataset.json` or its first sequence.
-fn rate_of(dataset: &Dataset) -> Option<f64> {
-    let time = &dataset.sequences.first()?.time;
-    let steps = time.windows(2).map(|w| w[1] - w[0]).collect();
-    (dataset.rate_hz).or_else(|| median(steps).map(f64::recip))
-}
-
-/// From the prior of the flags.
-fn anew(args: &Args, recording: &Recording, console: &Console) -> anyhow::Result<(Scene, Start)> {
-    let scene = recording.scene_to_learn(None, None, console)?;
-    let prior_sd = args.prior_sd.unwrap_or(PRIOR_SD);
-    let noise_sd = vec![args.noise_sd.unwrap_or(NOISE_SD); scene.robot().joint_count()];
-    let start = Start {
-        belief: Belief::uniform(scene.rest().len(), 0.0, prior_sd)?,
-        hyper: hyper(prior_sd, noise_sd),
-        touched: vec![false; scene.rest().len()],
-    };
-    Ok((scene, start))
-}
-
-/// From an earlier field.
-fn go_on(
-    path: &Path,
-    args: &Args,
-    recording: &Recording,
-    console: &Console,
-) -> anyhow::Result<(Scene, Start)> {
-    let (FieldFile { stored, .. }, scene) = recording.field_and_scene(Some(path), None, console)?;
-    let joints = scene.robot().joint_count();
-    let known = (
-        stored.noise_sd(joints)?,
-        stored.prior_sd,
-        stored.has_deviations(),
-    );
-    let (Some(noise_sd), Some(prior_sd), true) = known else {
-        let path = path.display();
-        anyhow::bail!(
-            "{path}: the field does not say how sure it is (K_std, prior_sd and noise_sd); give one that `vsf estimate` or \
-             `vsf live` wrote"
-        );
-    };
-    let start = Start {
-        hyper: hyper(
-            prior_sd,
-            args.noise_sd.map_or(noise_sd, |sd| vec![sd; joints]),
-        ),
-        touched: match stored.touched {
-            none if none.is_empty() => vec![false; scene.rest().len()],
-            touched => touched,
-        },
-        belief: stored.belief,
-    };
-    Ok((scene, start))
-}
-
-/// What a node knows of points that were touched now or before.
-fn estimate(node: &Node, before: &[bool]) -> Result<Estimate, PipelineError> {
-    let belief = node.session().belief();
-    let widen = |values: &[f32]| values.iter().map(|v| f64::from(*v)).collect();
-    let pairs = node.touched().iter().zip(before);
-    Ok(Estimate {
-        belief: Belief::new(widen(belief.mean()), widen(belief.variance()))?,
-        touched: pairs.map(|(now, before)| *now || *before).collect(),
-        health: *node.session().health(),
-    })
-}
-
-fn hyper(prior_sd: f64, noise_sd: Vec<f64>) -> Hyper {
-    Hyper {
-        prior_sd,
-        shape: PriorShape::independent(),
-        noise_sd,
+    /// Whether samples wait for the estimation, not it for them.
+    fn waits(&self) -> bool {
+        self.args.wait || self.args.play || self.args.udp.is_none() && is_file()
     }
-}
 
-fn node(scene: &Scene, start: &Start, args: &Args, options: Options) -> anyhow::Result<Node> {
-    let robot = scene.robot();
-    let sensor = JointTorques::new(Noise::per_channel(&start.hyper.noise_sd)?);
-    let filter = args.estimator.filter(args.replay);
-    let filter = filter.build(start.belief.clone().into(), None)?;
-    let (chains, rest) = (robot.chains().clone(), scene.rest().clone());
-    let session = LiveSession::new(chains, rest, scene.contact_model()?, sensor, filter)?;
-    Ok(Node::new(robot.clone(), session, options)?)
-}
+    /// Runs until the stream ends, by itself or by Ctrl-C.
+    fn stream<L: Learner>(
+        &self,
+        node: &mut Node<Kept<L>>,
+        model: Option<&str>,
+    ) -> anyhow::Result<()> {
+        if let Some(sequences) = &self.played {
+            let ids: Vec<&str> = sequences.iter().map(|s| s.id.as_str()).collect();
+            let from = format!("playing {}", ids.join(", "));
+            return self.take(node, model, Played::new(sequences), [&from, "sample"]);
+        }
+        let Some(address) = self.args.udp else {
+            let lines = Lines(BufReader::new(stdin()));
+            return self.take(node, model, lines, ["reading standard input", "line"]);
+        };
+        let bound = UdpSocket::bind(address);
+        let socket = bound.with_context(|| format!("--udp {address}: cannot listen there"))?;
+        let from = format!("listening at {}", socket.local_addr()?);
+        let idle = self.args.idle.map(|s| Duration::from_secs(s.into()));
+        let source = Datagrams::new(socket, idle)?;
+        self.take(node, model, source, [&from, "datagram"])
+    }
 
-/// Sequences as lines, a second apart.
-fn lines(sequences: &[&Sequence]) -> anyhow::Result<String> {
-    let (mut text, mut begin, mut touch) = (String::new(), 0.0, 0);
-    for sequence in sequences {
-        let (first, mut last) = (sequence.time.first().copied().unwrap_or_default(), begin);
-        let rows = sequence.angles.iter().zip(sequence.torques.iter());
-        for (row, (time, (q, tau))) in sequence.time.iter().zip(rows).enumerate() {
-            touch += u64::from(sequence.touch_starts.contains(&row));
-            last = begin + (time - first);
-            let sample = Sample {
-                t: last,
-                q: q.to_vec(),
-                tau: tau.to_vec(),
-                touch,
+    fn take<L: Learner>(
+        &self,
+        node: &mut Node<Kept<L>>,
+        model: Option<&str>,
+        source: impl Source + Send + 'static,
+        [from, part]: [&str; 2],
+    ) -> anyhow::Result<()> {
+        self.console.remark(self.introduction(from));
+        let queue = node.new_queue();
+        let end = Arc::clone(&queue);
+        interrupt::first(move || {
+            complain("ending; a second Ctrl-C ends at once, without the field");
+            end.close();
+        });
+        let mut printer = Printer::new(self.console.reports(), self.waits());
+        let closing = Arc::clone(&queue);
+        let mut saved = Instant::now();
+        let publish = |node: &Node<Kept<L>>, summary: &Summary| {
+            printer.print(serde_json::to_string(summary)?, || closing.is_closed());
+            if let Some(minutes) = self.args.save_every
+                && saved.elapsed() >= Duration::from_secs_f64(60.0 * minutes)
+            {
+                saved = Instant::now();
+                // It may succeed the next time.
+                if let Err(error) = self.save(node, model) {
+                    complain(format_args!("warning: not saved: {}", message(&error)));
+                }
+            }
+            Ok(())
+        };
+        let (count, part) = (AtomicU32::new(0), part.to_owned());
+        let refuse = move |number: u64, why: &str| {
+            match count.fetch_add(1, Ordering::Relaxed) {
+                k if k < MOST_TOLD => complain(format_args!("warning: {part} {number}: {why}")),
+                MOST_TOLD => complain(format_args!(
+                    "warning: further {part}s are refused; summaries count them"
+                )),
+                _ => {}
             };
-            text += &serde_json::to_string(&sample)?;
-            text.push('\n');
-        }
-        begin = last + 1.0;
+        };
+        let done = feed(node, &queue, source, publish, refuse);
+        printer.finish();
+        done.context("the stream broke")
     }
-    Ok(text)
+
+    /// Writes what is known, if it is to be.
+    fn save<L: Learner>(&self, node: &Node<L>, model: Option<&str>) -> anyhow::Result<()> {
+        let Some(out) = &self.args.out else {
+            return Ok(());
+        };
+        // Something else may have come there meanwhile.
+        FieldFormat::check(out)?;
+        let (hyper, name) = (&self.start.hyper, &self.dataset.name);
+        let field = node.estimate()?.to_field(self.scene, hyper, name, &[])?;
+        let field = StiffnessField {
+            model: model.filter(|text| !text.is_empty()).map(str::to_owned),
+            learned_from: self.learned_from(),
+            ..field
+        };
+        let Err(error) = save(&field, out) else {
+            return Ok(());
+        };
+        // Hours may be in it.
+        let elsewhere = std::env::temp_dir().join(format!("vsf-live-{}.npz", std::process::id()));
+        match save(&field, &elsewhere) {
+            Ok(()) => Err(error.context(format!("the field is in {}", elsewhere.display()))),
+            Err(_) => Err(error),
+        }
+    }
+
+    /// What is about to happen, in a line.
+    fn introduction(&self, from: &str) -> String {
+        let Self {
+            dataset,
+            scene,
+            start,
+            ..
+        } = self;
+        let names: Vec<&str> = scene.robot().joints().iter().map(|j| j.name()).collect();
+        let torques = match dataset.torque_kind {
+            TorqueKind::Measured => "at the actuators (measured)",
+            _ => "of the environment on the robot (external)",
+        };
+        let noise: Vec<String> = start.hyper.noise_sd.iter().map(|&sd| number(sd)).collect();
+        format!(
+            "{from}: torques {torques} of joint{} {}; {} points, prior sd {} N/m, noise sd {} {}",
+            plural(names.len()),
+            names.join(", "),
+            scene.rest().len(),
+            number(start.hyper.prior_sd),
+            noise.join(", "),
+            scene.error_unit()
+        )
+    }
 }
 
-/// Runs until the stream ends, by itself or by Ctrl-C.
-fn stream(
-    node: &mut Node,
-    args: &Args,
-    played: Option<&[&Sequence]>,
-    console: &Console,
-) -> anyhow::Result<()> {
-    let queue = node.queue();
-    let end = Arc::clone(&queue);
-    interrupt::first(move || end.close());
-    let mut out: Box<dyn Write> = if console.reports() {
-        Box::new(stdout())
-    } else {
-        Box::new(sink())
-    };
-    let refuse = |line: u64, why: &str| complain(format_args!("line {line}: {why}"));
-    match (args.udp, played) {
-        (_, Some(sequences)) => {
-            let lines = Lines(Cursor::new(lines(sequences)?));
-            feed(node, &queue, lines, &mut out, refuse)
-        }
-        (None, _) => feed(
-            node,
-            &queue,
-            Lines(BufReader::new(stdin())),
-            &mut out,
-            refuse,
-        ),
-        (Some(address), _) => {
-            let socket = UdpSocket::bind(address)
-                .with_context(|| format!("--udp {address}: cannot listen there"))?;
-            socket.set_read_timeout(args.idle.map(|s| Duration::from_secs(s.into())))?;
-            feed(node, &queue, Datagrams(socket), &mut out, refuse)
-        }
+/// Counts in words, those that are zero left out.
+fn told(counts: &Counts) -> String {
+    let kinds = [
+        ("refused", counts.refused),
+        ("dropped", counts.dropped),
+        ("repeated", counts.repeated),
+        ("late", counts.late),
+        ("tared", counts.tared),
+        ("skipped", counts.skipped),
+        ("missing", counts.missing),
+    ];
+    let others = kinds.iter().filter(|(_, count)| *count > 0);
+    let others: String = others
+        .map(|(kind, count)| format!(", {count} {kind}"))
+        .collect();
+    format!(
+        "{} of {} samples used{others}",
+        counts.used, counts.received
+    )
+}
+
+/// Whether standard input is a file, which can wait.
+fn is_file() -> bool {
+    #[cfg(unix)]
+    {
+        use std::os::fd::AsFd;
+        let input = stdin().as_fd().try_clone_to_owned();
+        let file = input.map(std::fs::File::from);
+        file.and_then(|f| f.metadata()).is_ok_and(|m| m.is_file())
     }
-    .context("the stream broke")
+    #[cfg(not(unix))]
+    false
 }

@@ -75,7 +75,7 @@ pub fn run(console: &Console) -> anyhow::Result<()> {
         None,
         console,
     )?;
-    let hyper = &chosen.hyper;
+    let hyper = &chosen.prior.hyper;
 
     let unseen = recording.traces(&scene, &test, console)?;
     let ours = evaluate(&scene, &chosen.estimate.belief, &unseen)?;
@@ -111,7 +111,7 @@ pub fn run(console: &Console) -> anyhow::Result<()> {
         scene.rest().len(),
         number(hyper.prior_sd),
         noise_text(&scene, &hyper.noise_sd),
-        how(chosen.method),
+        how(chosen.prior.method),
     );
     text += &errors(&ours, &zero, &knn);
     text += &tail(start.elapsed().as_secs_f64());

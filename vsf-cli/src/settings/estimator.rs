@@ -11,7 +11,7 @@ use vsf::pipeline::{EstimatorSpec, FilterSpec, HyperMethod, PriorShape, VisionSp
 #[derive(Debug, Clone, Default, Args)]
 #[command(next_help_heading = "Estimator")]
 pub struct EstimatorSettings {
-    /// Which estimator, default batch
+    /// Which estimator, default batch; of a stream (`vsf live`) replay
     #[arg(long)]
     estimator: Option<EstimatorKind>,
     /// What an exact filter does with means below zero: takes the optimum within K >= 0
@@ -114,6 +114,14 @@ enum ProjectionKind {
 }
 
 impl EstimatorSettings {
+    /// The same for a stream, of which not all readings are there at once.
+    pub fn online(&self) -> Self {
+        Self {
+            estimator: Some(self.estimator.unwrap_or(EstimatorKind::Replay)),
+            ..self.clone()
+        }
+    }
+
     /// The estimator.
     pub fn spec(&self) -> anyhow::Result<EstimatorSpec> {
         use EstimatorKind::{Batch, Dual, Exact, Information, Printed, Replay, Updated};

@@ -320,7 +320,7 @@ fn files_set_what_flags_set() {
         ),
         (
             "[bench]\npoints = 3",
-            ["[bench]", "info, estimate, predict"],
+            ["[bench]", "info, estimate, live, predict"],
         ),
         ("threshold = nan", ["line 1", "length > 0"]),
         ("links = []", ["links", "not empty"]),

@@ -26,46 +26,74 @@ fn piped(bench: &Bench, line: &str, samples: &str) -> Output {
     child.wait_with_output().unwrap()
 }
 
-/// Sample `k` of a press of 4 mm at 50 Hz.
+/// Sample `k` of a press of 4 mm at 50 Hz, from 2 mm above the points.
 fn sample(k: u32) -> String {
-    let depth = 0.0005 * f64::from(k.min(8));
+    let depth = 0.0005 * (f64::from(k.min(12)) - 4.0);
     format!(
         "{{\"t\": {}, \"q\": [0.018, 0.016, {}], \"tau\": [0, 0, {}]}}\n",
         0.02 * f64::from(k),
         -depth,
-        50.0 * depth
+        50.0 * depth.max(0.0)
     )
 }
 
-/// The field of a stream is that of the filter of the same name over the recording that it is.
+/// The field of a stream is that of the filter of the same name over the recording that it is, with the prior and noise
+/// that are chosen for it.
 #[test]
 fn a_recording_played_is_the_recording() {
     let bench = Bench::touched();
-    let text = bench.ok("live touch --play --publish-hz 20 --out live.npz --noise-sd 0.01");
+    let text = bench.ok("live touch --play --publish-hz 20 --out live.npz");
     let lines: Vec<Value> = (text.lines())
         .map(|l| serde_json::from_str(l).unwrap())
         .collect();
     assert!(lines.len() > 10, "{text}");
     let last = &lines[lines.len() - 1];
-    assert_eq!(
-        (&last["used"], &last["missing"], &last["gaps"]),
-        (&Value::from(48), &Value::from(0), &Value::from(0))
-    );
-    bench.ok(
-        "estimate touch --estimator replay --prior-sd 30 --noise-sd 0.01 --smooth-share 0 --out whole.npz",
-    );
-    let evaluated = |field: &str| -> Value {
+    assert_eq!(last["used"], 48);
+    assert_eq!((&last["missing"], &last["gaps"]), (&0.into(), &0.into()));
+    bench.ok("estimate touch --estimator replay --out whole.npz");
+    let error = |field: &str| {
         let text = bench.ok(&format!("evaluate touch --field {field} --json"));
-        serde_json::from_str(&text).unwrap()
+        let report: Value = serde_json::from_str(&text).unwrap();
+        report["mean_error"].as_f64().unwrap()
     };
-    let (live, whole) = (evaluated("live.npz"), evaluated("whole.npz"));
-    let (a, b) = (
-        live["mean_error"].as_f64().unwrap(),
-        whole["mean_error"].as_f64().unwrap(),
-    );
-    assert!((a - b).abs() < 1e-3 * b, "{a} {b}");
-    let told = bench.ok("info live.npz");
-    assert!(told.contains("touch") && told.contains("0.01000"), "{told}");
+    let (live, whole) = (error("live.npz"), error("whole.npz"));
+    assert!((live - whole).abs() < 1e-3 * whole, "{live} {whole}");
+    // What it has learned from is known.
+    let warning = bench.warned("evaluate touch --field live.npz --sequences a");
+    assert!(warning.contains("has learned from"), "{warning}");
+}
+
+#[test]
+fn a_recording_played_under_a_model_is_the_recording() {
+    let bench = Bench::touched();
+    let line = "diagnose touch --effects torque_bias,payload --model m.json --train a --test c";
+    bench.ok(line);
+    let model = fs::read_to_string(bench.root.join("m.json")).unwrap();
+    let mut model: Value = serde_json::from_str(&model).unwrap();
+    let parameter = |j: usize, value: f64| serde_json::json!({"name": format!("b_{}", j + 1), "value": value, "std": 0.01, "unit": "N"});
+    let values = [0.02, -0.03, 0.1];
+    model["effects"] = serde_json::json!([{
+        "effect": "torque_bias",
+        "parameters": values.iter().enumerate().map(|(j, v)| parameter(j, *v)).collect::<Vec<_>>(),
+    }]);
+    fs::write(bench.root.join("m.json"), model.to_string()).unwrap();
+    let given = "--model m.json --prior-sd 40 --noise-sd 0.02";
+    bench.ok(&format!("live touch --play {given} --out live.npz"));
+    bench.ok(&format!(
+        "estimate touch --estimator replay {given} --out whole.npz"
+    ));
+    let mean = |field: &str| {
+        let text = bench.ok(&format!(
+            "evaluate touch --field {field} --model m.json --json"
+        ));
+        let report: Value = serde_json::from_str(&text).unwrap();
+        report["mean_error"].as_f64().unwrap()
+    };
+    let (live, whole) = (mean("live.npz"), mean("whole.npz"));
+    assert!((live - whole).abs() < 1e-6 * whole, "{live} {whole}");
+    // Fields remember the model.
+    let warning = bench.warned("evaluate touch --field live.npz");
+    assert!(warning.contains("torque_bias"), "{warning}");
 }
 
 #[test]
@@ -73,11 +101,21 @@ fn lines_of_a_pipe() {
     let bench = Bench::touched();
     let samples: String = (0..20).map(sample).collect();
     let bad = samples.replacen("[0, 0, 0]", "[0, NaN, 0]", 1);
-    let output = piped(&bench, "live touch --wait --json=told.json", &bad);
+    let output = piped(
+        &bench,
+        "live touch --wait --out field.npz --json=told.json",
+        &bad,
+    );
     let error = String::from_utf8(output.stderr).unwrap();
     assert!(output.status.success(), "{error}");
-    assert!(error.contains("line 1: expected value"), "{error}");
-    assert!(error.contains("19 of 20 samples used"), "{error}");
+    assert!(
+        error.contains("warning: line 1: no sample in JSON: expected value"),
+        "{error}"
+    );
+    assert!(
+        error.contains("19 of 20 samples used, 1 refused"),
+        "{error}"
+    );
     assert!(bench.root.join("field.npz").is_file());
     let told = fs::read_to_string(bench.root.join("told.json")).unwrap();
     let told: Value = serde_json::from_str(&told).unwrap();
@@ -85,9 +123,13 @@ fn lines_of_a_pipe() {
     assert_eq!(told["out"], "field.npz");
 
     // Quiet, or with its result there, nothing else is on standard output.
-    let quiet = piped(&bench, "live touch --wait --quiet", &samples);
+    let quiet = piped(
+        &bench,
+        "live touch --wait --quiet --out field.npz",
+        &samples,
+    );
     assert!(quiet.status.success() && quiet.stdout.is_empty());
-    let json = piped(&bench, "live touch --wait --json", &samples);
+    let json = piped(&bench, "live touch --wait --out field.npz --json", &samples);
     let result: Value = serde_json::from_slice(&json.stdout).unwrap();
     assert_eq!(result["used"], 20);
 }
@@ -115,17 +157,44 @@ fn a_field_goes_on() {
 #[test]
 fn streams_without_samples_write_no_field() {
     let bench = Bench::touched();
-    for samples in ["", "no sample\n", "{\"t\": 0, \"q\": [1], \"tau\": [1]}\n"] {
-        let output = piped(&bench, "live touch", samples);
+    let none = [
+        "",
+        "no sample\n",
+        "[0, [0, 0, 0], [0, 0, 0]]\n",
+        "{\"t\": 0, \"q\": [1], \"tau\": [1]}\n",
+    ];
+    for samples in none {
+        let output = piped(&bench, "live touch --out field.npz", samples);
         let error = String::from_utf8(output.stderr).unwrap();
         assert_eq!(output.status.code(), Some(1), "{error}");
         assert!(error.contains("had no sample to learn from"), "{error}");
         assert!(!bench.root.join("field.npz").exists());
     }
-    bench.fails("live touch --udp 192.0.2.1:9000", 2, &["this machine"]);
+    // Nor do those that touch nothing.
+    let free = sample(0).replacen("0.002", "0.05", 1);
+    let output = piped(&bench, "live touch --out field.npz", &free);
+    let error = String::from_utf8(output.stderr).unwrap();
+    assert_eq!(output.status.code(), Some(1), "{error}");
+    assert!(error.contains("touched none of the 160 points"), "{error}");
+    assert!(!bench.root.join("field.npz").exists());
+    bench.fails(
+        "live touch --out f.npz --udp 192.0.2.1:9000",
+        2,
+        &["this machine"],
+    );
     bench.fails("live touch --play --udp 127.0.0.1:0", 2, &["--udp"]);
-    bench.fails("live touch --idle 3", 2, &["--udp"]);
-    bench.fails("live touch --sequences a", 2, &["--play"]);
+    bench.fails("live touch --out f.npz --idle 3", 2, &["--udp"]);
+    bench.fails("live touch --out f.npz --sequences a", 2, &["--play"]);
+    bench.fails("live touch --out f.png", 2, &["--out f.png: pictures"]);
+    bench.fails("live touch", 2, &["--out"]);
+    bench.fails(
+        "live touch --play --estimator batch",
+        2,
+        &["learns sample by sample"],
+    );
+    bench.fails("live touch --play --vision knn", 2, &["--vision"]);
+    let both = "--prior-sd and --noise-sd are required";
+    bench.fails("live data --play", 2, &[both]);
 }
 
 /// Ctrl-C ends a stream; what was learned is kept.
@@ -133,7 +202,7 @@ fn streams_without_samples_write_no_field() {
 #[test]
 fn an_interruption_ends_the_stream() {
     let bench = Bench::touched();
-    let mut child = started(&bench, "live touch --publish-hz 50");
+    let mut child = started(&bench, "live touch --publish-hz 50 --out field.npz");
     let mut stdin = child.stdin.take().unwrap();
     let mut lines = BufReader::new(child.stdout.take().unwrap()).lines();
     for k in 0..20 {
@@ -149,49 +218,112 @@ fn an_interruption_ends_the_stream() {
     drop(stdin);
 }
 
-/// A command whose summaries nobody reads any more ends, and keeps what it has.
+/// That nobody reads what it says is no reason to learn less, be the reader gone or asleep.
 #[test]
 fn nobody_reads_the_summaries() {
     let bench = Bench::touched();
-    let mut child = started(&bench, "live touch --wait --publish-hz 1000");
-    let mut stdin = child.stdin.take().unwrap();
-    drop(child.stdout.take());
-    for k in 0..1000 {
-        if stdin.write_all(sample(k).as_bytes()).is_err() {
-            break;
+    let mut used = Vec::new();
+    for gone in [true, false] {
+        let mut child = started(
+            &bench,
+            "live touch --wait --publish-hz 1000 --out field.npz",
+        );
+        let mut stdin = child.stdin.take().unwrap();
+        let asleep = child.stdout.take().filter(|_| !gone);
+        // More than a pipe holds.
+        for k in 0..1000 {
+            if stdin.write_all(sample(k).as_bytes()).is_err() {
+                break;
+            }
+            // With the reader asleep the writer would wait for ever.
+            if !gone && k == 100 {
+                break;
+            }
         }
+        drop(stdin);
+        let output = child.wait_with_output().unwrap();
+        drop(asleep);
+        let error = String::from_utf8(output.stderr).unwrap();
+        assert!(output.status.success(), "{error}");
+        used.push(error.contains("no further summaries"));
+        assert!(error.contains("samples used"), "{error}");
+        bench.ok("info field.npz");
     }
-    drop(stdin);
-    assert_eq!(child.wait().unwrap().code(), Some(0));
+    assert_eq!(used, [true, false]);
+}
+
+/// A field is there before the stream has ended, if one wants that.
+#[test]
+fn fields_are_saved_meanwhile() {
+    let bench = Bench::touched();
+    let line = "live touch --wait --publish-hz 50 --save-every 0.0001 --out field.npz";
+    let mut child = started(&bench, line);
+    let mut stdin = child.stdin.take().unwrap();
+    for k in 0..40 {
+        stdin.write_all(sample(k).as_bytes()).unwrap();
+        std::thread::sleep(std::time::Duration::from_millis(2));
+    }
+    while !bench.root.join("field.npz").exists() {
+        assert!(child.try_wait().unwrap().is_none());
+        stdin.write_all(sample(40).as_bytes()).unwrap();
+        std::thread::sleep(std::time::Duration::from_millis(10));
+    }
+    child.kill().unwrap();
+    child.wait().unwrap();
     bench.ok("info field.npz");
+}
+
+/// Units, signs and order are looked at as those of recordings are.
+#[test]
+fn samples_that_look_wrong() {
+    let bench = Bench::touched();
+    let pressed = |tau: f64| -> String {
+        let there = (0..200).map(|k| if k <= 100 { k } else { 200 - k });
+        let lines = there.enumerate().map(|(k, depth)| {
+            let depth = 0.00005 * (f64::from(depth) - 40.0);
+            let force = tau * 50.0 * depth.max(0.0);
+            let t = 0.02 * k as f64;
+            format!(
+                "{{\"t\": {t}, \"q\": [0.018, 0.016, {}], \"tau\": [0, 0, {force}]}}\n",
+                -depth
+            )
+        });
+        lines.collect()
+    };
+    let line = "live touch --wait --out field.npz";
+    let told = |samples: &str| String::from_utf8(piped(&bench, line, samples).stderr).unwrap();
+    let right = told(&pressed(1.0));
+    assert!(!right.contains("the stream:"), "{right}");
+    let opposite = told(&pressed(-1.0));
+    assert!(
+        opposite.contains("the stream: torques in contact are opposite"),
+        "{opposite}"
+    );
+    let tiny = told(&pressed(1e-9));
+    assert!(tiny.contains("check the unit"), "{tiny}");
 }
 
 #[cfg(target_os = "linux")]
 #[test]
 fn datagrams_until_silence() {
     let bench = Bench::touched();
-    let free = std::net::UdpSocket::bind("127.0.0.1:0").unwrap();
-    let address = free.local_addr().unwrap();
-    drop(free);
-    let mut child = started(&bench, &format!("live touch --udp {address} --idle 2"));
-    let mut lines = BufReader::new(child.stdout.take().unwrap()).lines();
-    let (told, hears) = std::sync::mpsc::channel();
-    let reader = std::thread::spawn(move || {
-        lines.next().unwrap().unwrap();
-        told.send(()).unwrap();
-        lines.count()
-    });
-    // Until it listens, datagrams are lost.
+    let line = "live touch --udp localhost:0 --idle 2 --out field.npz";
+    let mut child = started(&bench, line);
+    let mut errors = BufReader::new(child.stderr.take().unwrap()).lines();
+    let first = errors.by_ref().map(Result::unwrap);
+    let listening = |line: String| line.strip_prefix("listening at ").map(str::to_owned);
+    let address = first.filter_map(listening).next().unwrap();
+    let address = address.split(": ").next().unwrap();
     let socket = std::net::UdpSocket::bind("127.0.0.1:0").unwrap();
-    let mut k = 0;
-    while hears.try_recv().is_err() {
-        let _ = socket.send_to(sample(k).as_bytes(), address);
+    for k in 0..100 {
+        socket.send_to(sample(k).as_bytes(), address).unwrap();
         std::thread::sleep(std::time::Duration::from_millis(1));
-        k += 1;
     }
-    assert!(reader.join().unwrap() > 0);
-    let output = child.wait_with_output().unwrap();
-    let error = String::from_utf8(output.stderr).unwrap();
-    assert!(output.status.success(), "{error}");
+    assert!(child.wait_with_output().unwrap().status.success());
+    let told: Vec<String> = errors.map(Result::unwrap).collect();
+    assert!(
+        told.iter().any(|l| l.contains("of 100 samples used")),
+        "{told:?}"
+    );
     bench.ok("info field.npz");
 }

@@ -38,6 +38,10 @@ impl Effect for ObjectBaseMotion {
         true
     }
 
+    fn follows_reading(&self) -> bool {
+        true
+    }
+
     fn needs(&self) -> &[Need] {
         &[Need::Contact]
     }

@@ -7,14 +7,16 @@ use nalgebra::Vector3;
 use proptest::prelude::*;
 use std::ops::Range;
 use std::sync::Arc;
-use vsf_core::{Contacts, Noise, Observation};
+use vsf_core::{Belief, Contacts, Estimator, Noise, Observation};
 use vsf_data::Table;
+use vsf_filter::DiagonalKalman;
 use vsf_gap::effects::catalogue;
 use vsf_gap::{
-    Acts, Campaign, Corrector, EffectEntry, GapError, JointState, Model, ModelFile, ModelTerms,
-    Motion, ParameterEstimate, Role, Touch,
+    Acts, Campaign, Corrector, EffectEntry, GapError, JointState, LiveCorrector, Model, ModelFile,
+    ModelTerms, Motion, ParameterEstimate, Role, Touch,
 };
 use vsf_pipeline::Scene;
+use vsf_pipeline::live::{Begins, Learner, Sample as LiveSample};
 
 /// A block of points under the plate.
 fn points() -> Vec<[f64; 3]> {
@@ -88,6 +90,73 @@ fn the_nominal_model_has_the_observations_of_the_pipeline() {
         }
         assert!(corrected.torques.data().iter().all(|a| *a == 0.0));
     }
+}
+
+/// A stream of a recording's samples teaches what the recording does.
+#[test]
+fn a_stream_is_the_recording() {
+    let campaign = pressed();
+    let (site, d) = (campaign.site(), campaign.site().joints());
+    let noise = Noise::uniform(d, 0.3).unwrap();
+    let filter =
+        || DiagonalKalman::new(Belief::<f64>::uniform(site.rest.len(), 0.0, 30.0).unwrap());
+    let mut seen = 0;
+    for (k, effect) in catalogue().iter().enumerate() {
+        // Those of accelerations and means around a sample are others in a stream.
+        if effect.follows_reading() || effect.name() == "inertia_drag" {
+            continue;
+        }
+        // A stream is none of the sequences that a model knows.
+        if (effect.parameters(site).iter()).any(|p| p.sequence.is_some()) {
+            continue;
+        }
+        let model = model(&campaign, k);
+        let mut offline = filter();
+        for corrected in campaign.corrected(&model).unwrap() {
+            offline.begin_sequence();
+            for obs in &corrected.trace.observations {
+                let mut obs = obs.clone();
+                obs.set_noise(&noise).unwrap();
+                offline.update(&obs).unwrap();
+            }
+        }
+        let corrector = Corrector::new(site, campaign.scene(), &model).unwrap();
+        let mut live = LiveCorrector::new(corrector, filter(), noise.clone()).unwrap();
+        let mut skipped = false;
+        for (number, motion) in (0..).zip(campaign.session()) {
+            for row in 0..motion.clock.len() {
+                let sample = LiveSample {
+                    t: motion.clock[row],
+                    q: motion.q[row].to_vec(),
+                    tau: motion.reading[row].to_vec(),
+                    qd: Some(motion.qd[row].to_vec()),
+                    touch: 0,
+                    sequence: number,
+                };
+                let begins = if row == 0 {
+                    Begins::Sequence
+                } else {
+                    Begins::Nothing
+                };
+                skipped |= live.learn(&sample, begins).unwrap().is_none();
+            }
+        }
+        // With another surface a touch may begin too deep.
+        if skipped {
+            continue;
+        }
+        let (a, b) = (live.estimator().belief(), offline.belief());
+        let largest = b.mean().iter().copied().fold(0.0, f64::max);
+        for (a, b) in a.mean().iter().zip(b.mean()) {
+            let name = effect.name();
+            // Accelerations of a stream lag.
+            let accelerates = ["joint_coupling", "payload", "inertial_error"].contains(&name);
+            let most = if accelerates { 1e-2 } else { 1e-6 };
+            assert!((a - b).abs() < most * (1.0 + largest), "{name}: {a} {b}");
+        }
+        seen += 1;
+    }
+    assert!(seen > 20, "{seen}");
 }
 
 /// Columns times stiffness and the model's torques are what the diagnosis predicts, for every

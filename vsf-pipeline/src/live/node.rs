@@ -1,24 +1,20 @@
-use super::{Numbered, Queue, Sample, WhenFull};
-use crate::{PipelineError, SceneContact};
-use nalgebra::Vector3;
+use super::{Begins, Learner, Numbered, Queue, Sample, WhenFull};
+use crate::Estimate;
 use serde::Serialize;
+use std::collections::VecDeque;
 use std::sync::Arc;
 use std::time::Instant;
-use vsf_core::{CoreError, Estimator, Posture, Sensor, Session};
-use vsf_robots::{DynamicsWorkspace, JointTorques, RobotModel};
-
-/// The session of a node: any estimator that [`FilterSpec::build`](crate::FilterSpec::build) makes.
-pub type LiveSession = Session<SceneContact, JointTorques, Box<dyn Estimator<Scalar = f32>>>;
+use vsf_core::{CoreError, FilterHealth, median};
 
 /// How a node takes a stream that is not perfect.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Options {
-    /// Rate of the samples \[Hz\], by which missing ones are counted; default 1000.
-    pub rate_hz: f64,
+    /// Rate of the samples \[Hz\], by which missing ones are counted; by default that of the last 101 within a touch, in the median.
+    pub rate_hz: Option<f64>,
     /// Summaries a second; default 10.
     pub publish_hz: f64,
-    /// After a longer gap contacts are forgotten \[s\], since the path in between is not known;
-    /// default 0.1. A single missing sample is no gap, however slow the stream.
+    /// After a longer gap contacts are forgotten \[s\], since the path in between is not known, and nothing is learned from a touch
+    /// that has begun meanwhile; default 0.1. A single missing sample is no gap, however slow the stream.
     pub max_gap: f64,
     /// A sample this much older than the last is of a clock that was set anew, not late \[s\];
     /// default 1.
@@ -27,30 +23,26 @@ pub struct Options {
     pub queue: usize,
     /// What becomes of more.
     pub when_full: WhenFull,
-    /// The acceleration of free fall in world \[m/s²\], where torques are those at the actuators: what holds the arm up, by
-    /// its URDF, is taken off them. What moves it is not, which at the speed of touches is little. `None`, the default, where
-    /// torques are those of the environment.
-    pub weight: Option<Vector3<f64>>,
-    /// So many samples in the beginning, in free air, whose mean reading is zero; default 0.
+    /// So many samples at the beginning of each sequence, in free air, whose mean reading is zero; default 0.
     pub tare: u64,
 }
 
 impl Default for Options {
     fn default() -> Self {
         Self {
-            rate_hz: 1000.0,
+            rate_hz: None,
             publish_hz: 10.0,
             max_gap: 0.1,
             restart: 1.0,
             queue: 64,
             when_full: WhenFull::DropOldest,
-            weight: None,
             tare: 0,
         }
     }
 }
 
-/// What became of the samples. `received = refused + dropped + repeated + late + tared + used` in the end.
+/// What became of the samples. `received = refused + dropped + repeated + late + tared + skipped + used`
+/// in the end.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize)]
 pub struct Counts {
     /// Lines.
@@ -65,13 +57,15 @@ pub struct Counts {
     pub late: u64,
     /// Samples whose mean reading is zero.
     pub tared: u64,
+    /// Samples of touches whose beginning was not seen, of which nothing is learned.
+    pub skipped: u64,
     /// Samples that the belief has in it.
     pub used: u64,
     /// Samples that should have come between those of a touch that were used, dropped ones included.
     pub missing: u64,
     /// Gaps within a touch after which contacts were forgotten.
     pub gaps: u64,
-    /// Times that the clock went back.
+    /// Times that the clock went back within a sequence.
     pub restarts: u64,
 }
 
@@ -98,9 +92,9 @@ pub struct Summary {
     /// Their stiffness.
     pub stiffness: Stiffness,
     /// Root mean square of the norm of the residuals since the last summary, before their update
-    /// \[N m\].
-    pub residual: f64,
-    /// Squared innovations over expected ones since the start; see the guide on filter health.
+    /// \[N m\]; `None` where nothing was learned since.
+    pub residual: Option<f64>,
+    /// Squared innovations over expected ones since the start, of samples in contact; see the guide on filter health.
     pub nis_ratio: Option<f64>,
     /// Longest step since the last summary \[ms\].
     pub slowest_ms: f64,
@@ -109,25 +103,60 @@ pub struct Summary {
     pub counts: Counts,
 }
 
-/// A session that takes samples as they come.
+/// A stream that something learns from, however late, broken or repeated its samples are.
 #[derive(Debug)]
-pub struct Node {
-    robot: Arc<RobotModel>,
-    session: LiveSession,
+pub struct Node<L> {
+    learner: L,
     options: Options,
-    posture: Posture,
-    workspace: DynamicsWorkspace,
-    /// Torques of the environment, and what is zero of them.
-    reading: Vec<f64>,
-    zero: Vec<f64>,
-    /// Time of the last sample that was used, and its touch.
+    /// Time of the last sample that was taken, its touch and sequence.
     last: Option<f64>,
     touch: u64,
+    sequence: u64,
+    /// Tare samples of the sequence so far.
+    tared: u64,
+    steps: Steps,
+    health: FilterHealth,
     due: Option<f64>,
     is_due: bool,
     touched: Vec<bool>,
     since: Since,
     pub(super) counts: Counts,
+}
+
+/// Until the rate is known, only longer gaps than this (s) are any.
+const SLOWEST: f64 = 1.0;
+
+/// The last steps from sample to sample within a touch (s).
+#[derive(Debug, Default)]
+struct Steps {
+    last: VecDeque<f64>,
+    since: usize,
+    usual: Option<f64>,
+}
+
+impl Steps {
+    const MOST: usize = 101;
+    const LEAST: usize = 5;
+    /// The median is found anew after so many.
+    const OFTEN: usize = 16;
+
+    fn add(&mut self, step: f64) {
+        if self.last.len() == Self::MOST {
+            self.last.pop_front();
+        }
+        self.last.push_back(step);
+        self.since += 1;
+        let is_new = self.last.len() <= Self::OFTEN || self.since >= Self::OFTEN;
+        if self.last.len() >= Self::LEAST && is_new {
+            self.since = 0;
+            self.usual = median(self.last.iter().copied().collect());
+        }
+    }
+
+    /// The median, where there are enough.
+    fn usual(&self) -> Option<f64> {
+        self.usual
+    }
 }
 
 /// What was seen since the last summary.
@@ -138,17 +167,17 @@ struct Since {
     slowest: f64,
 }
 
-impl Node {
-    /// A node of a robot and a session of its joint torques.
+impl<L: Learner> Node<L> {
+    /// A node that nothing has come to yet; `touched` are the points that the learner knows from before, or empty.
     ///
     /// # Errors
-    /// Rates that are not positive, a gap or a restart that is negative or not a number, a session of another robot, a weight that
-    /// the robot cannot have.
-    pub fn new(
-        robot: impl Into<Arc<RobotModel>>,
-        session: LiveSession,
-        options: Options,
-    ) -> Result<Self, PipelineError> {
+    /// `touched` of another number of points than the learner's;
+    /// Rates that are not positive, a gap or a restart that is negative or not a number.
+    pub fn new(learner: L, mut touched: Vec<bool>, options: Options) -> Result<Self, CoreError> {
+        if touched.is_empty() {
+            touched.resize(learner.points(), false);
+        }
+        CoreError::check_len("touched points", touched.len(), learner.points())?;
         let Options {
             rate_hz,
             publish_hz,
@@ -156,7 +185,11 @@ impl Node {
             restart,
             ..
         } = options;
-        for (name, value) in [("rate", rate_hz), ("rate of summaries", publish_hz)] {
+        let rates = [
+            ("rate", rate_hz.unwrap_or(1.0)),
+            ("rate of summaries", publish_hz),
+        ];
+        for (name, value) in rates {
             if !(value > 0.0 && value.is_finite()) {
                 return Err(parameter(name, value, "> 0 Hz"));
             }
@@ -166,41 +199,25 @@ impl Node {
                 return Err(parameter(name, value, "> 0 s"));
             }
         }
-        let options = Options {
-            max_gap: max_gap.max(2.5 / rate_hz),
-            ..options
-        };
-        let robot: Arc<RobotModel> = robot.into();
-        Sensor::<f32>::check_robot(session.sensor(), robot.chains())?;
-        let (joints, mut workspace) = (robot.joint_count(), robot.dynamics_workspace());
-        if let Some(gravity) = &options.weight {
-            robot.gravity_torques(&vec![0.0; joints], gravity, &mut workspace)?;
-        }
         Ok(Self {
-            posture: robot.posture(),
-            workspace,
-            reading: vec![0.0; joints],
-            zero: vec![0.0; joints],
-            touched: vec![false; session.rest().len()],
+            touched,
             last: None,
             touch: 0,
+            sequence: 0,
+            tared: 0,
+            steps: Steps::default(),
+            health: FilterHealth::default(),
             due: None,
             is_due: false,
             since: Since::default(),
             counts: Counts::default(),
-            robot,
-            session,
+            learner,
             options,
         })
     }
 
-    /// Joints of the robot.
-    pub fn joints(&self) -> usize {
-        self.robot.joint_count()
-    }
-
-    /// A queue for its samples, empty, for [`run`](super::run).
-    pub fn queue(&self) -> Arc<Queue<Numbered>> {
+    /// A new queue for its samples, for one [`run`](super::run).
+    pub fn new_queue(&self) -> Arc<Queue<Numbered>> {
         Arc::new(Queue::new(self.options.queue, self.options.when_full))
     }
 
@@ -209,9 +226,36 @@ impl Node {
         &self.options
     }
 
-    /// The session.
-    pub fn session(&self) -> &LiveSession {
-        &self.session
+    /// What learns.
+    pub fn learner(&self) -> &L {
+        &self.learner
+    }
+
+    /// What learns, to change what it knows of the world.
+    pub fn learner_mut(&mut self) -> &mut L {
+        &mut self.learner
+    }
+
+    /// What has learned.
+    pub fn into_learner(self) -> L {
+        self.learner
+    }
+
+    /// Statistics of its updates in contact.
+    pub fn health(&self) -> &FilterHealth {
+        &self.health
+    }
+
+    /// What is known of the field.
+    ///
+    /// # Errors
+    /// As [`Learner::field`].
+    pub fn estimate(&self) -> Result<Estimate, CoreError> {
+        Ok(Estimate {
+            belief: self.learner.field()?,
+            touched: self.touched.clone(),
+            health: self.health,
+        })
     }
 
     /// Which points were touched so far.
@@ -227,8 +271,8 @@ impl Node {
     /// Takes in a sample, unless it is late or repeated, which is counted.
     ///
     /// # Errors
-    /// A sample that robot or session refuse; the belief is unchanged.
-    pub fn take(&mut self, sample: &Sample) -> Result<(), PipelineError> {
+    /// A sample that is not finite or that the [`Learner`] refuses; the belief is unchanged.
+    pub fn take(&mut self, sample: &Sample) -> Result<(), L::Error> {
         CoreError::check_finite("time", &[sample.t])?;
         let Options {
             rate_hz,
@@ -236,7 +280,11 @@ impl Node {
             restart,
             ..
         } = self.options;
-        let step = self.last.map_or(f64::INFINITY, |last| sample.t - last);
+        let is_next = self.last.is_some() && sample.sequence != self.sequence;
+        let step = match self.last {
+            Some(last) if !is_next => sample.t - last,
+            _ => f64::INFINITY,
+        };
         if step == 0.0 {
             self.counts.repeated += 1;
             return Ok(());
@@ -245,52 +293,71 @@ impl Node {
             self.counts.late += 1;
             return Ok(());
         }
-        self.robot.update_posture(&sample.q, &mut self.posture)?;
-        self.read(sample)?;
-        if self.counts.tared < self.options.tare {
+        let (restarted, begins) = (step < 0.0, sample.touch != self.touch);
+        let within = self.last.is_some() && !restarted && !begins && !is_next;
+        let usual = rate_hz.map(f64::recip).or_else(|| self.steps.usual());
+        let longest = match usual {
+            Some(usual) => max_gap.max(2.5 * usual),
+            None => max_gap.max(SLOWEST),
+        };
+        let gap = step > longest && within;
+        let begins = if restarted || is_next {
+            Begins::Sequence
+        } else if gap || begins {
+            Begins::Touch
+        } else {
+            Begins::Nothing
+        };
+        let tared = match begins {
+            Begins::Sequence => 0,
+            _ => self.tared,
+        };
+        if tared < self.options.tare {
+            let last = tared + 1 == self.options.tare;
+            self.learner.tare(sample, begins, last)?;
+            self.tared = tared + 1;
             self.counts.tared += 1;
-            let share = 1.0 / self.counts.tared as f64;
-            let pairs = self.zero.iter_mut().zip(&self.reading);
-            pairs.for_each(|(zero, tau)| *zero += share * (tau - *zero));
-            self.last = Some(sample.t);
-            self.touch = sample.touch;
+            self.counts.restarts += u64::from(restarted);
+            self.went_to(sample);
             return Ok(());
         }
-        let pairs = self.reading.iter_mut().zip(&self.zero);
-        pairs.for_each(|(tau, zero)| *tau -= zero);
-        let (restarted, begins) = (step < 0.0, sample.touch != self.touch);
-        let within = self.last.is_some() && !restarted && !begins;
-        let gap = step > max_gap && within;
-        if restarted {
-            self.session.begin_sequence();
-        } else if gap || begins {
-            self.session.begin_touch();
-        }
-        let begin = Instant::now();
-        let report = self.session.step(&self.posture, &self.reading)?;
-        let took = 1e3 * begin.elapsed().as_secs_f64();
-        for &point in self.session.contacts().points() {
-            self.touched[point as usize] = true;
-        }
+        let start = Instant::now();
+        let report = self.learner.learn(sample, begins)?;
+        let took = 1e3 * start.elapsed().as_secs_f64();
         if within {
-            let between = (step * rate_hz).round() - 1.0;
+            self.steps.add(step);
+        }
+        if let Some(usual) = usual.filter(|_| within) {
+            let between = (step / usual).round() - 1.0;
             self.counts.missing = self.counts.missing.saturating_add(between.max(0.0) as u64);
         }
         self.counts.gaps += u64::from(gap);
         self.counts.restarts += u64::from(restarted);
-        self.counts.used += 1;
-        self.last = Some(sample.t);
-        self.touch = sample.touch;
-        self.since.steps += 1;
-        self.since.squares += report.prefit * report.prefit;
+        self.tared = tared;
+        self.went_to(sample);
         self.since.slowest = self.since.slowest.max(took);
+        match report {
+            None => self.counts.skipped += 1,
+            Some(report) => {
+                self.counts.used += 1;
+                self.since.steps += 1;
+                self.since.squares += report.prefit * report.prefit;
+                let touching = self.learner.touching();
+                if !touching.is_empty() {
+                    self.health.record(&report);
+                }
+                for &point in touching {
+                    self.touched[point as usize] = true;
+                }
+            }
+        }
         let period = 1.0 / self.options.publish_hz;
         let due = match self.due {
-            Some(due) if !restarted => due,
+            Some(due) if !restarted && !is_next => due,
             _ => sample.t + period,
         };
         // The sample next to the time that is due, not the one after it.
-        self.is_due = sample.t + 0.5 / rate_hz >= due;
+        self.is_due = sample.t + 0.5 * usual.unwrap_or(0.0) >= due;
         self.due = Some(if !self.is_due {
             due
         } else if due + period > sample.t {
@@ -301,17 +368,10 @@ impl Node {
         Ok(())
     }
 
-    /// Torques of the environment.
-    fn read(&mut self, sample: &Sample) -> Result<(), PipelineError> {
-        CoreError::check_len("reading", sample.tau.len(), self.reading.len())?;
-        CoreError::check_finite("reading", &sample.tau)?;
-        self.reading.copy_from_slice(&sample.tau);
-        if let Some(gravity) = &self.options.weight {
-            let held = (self.robot).gravity_torques(&sample.q, gravity, &mut self.workspace)?;
-            let pairs = self.reading.iter_mut().zip(held);
-            pairs.for_each(|(tau, held)| *tau = held - *tau);
-        }
-        Ok(())
+    fn went_to(&mut self, sample: &Sample) {
+        self.last = Some(sample.t);
+        self.touch = sample.touch;
+        self.sequence = sample.sequence;
     }
 
     /// Whether it is time for a summary.
@@ -323,13 +383,12 @@ impl Node {
     pub fn summary(&mut self) -> Summary {
         self.is_due = false;
         let since = std::mem::take(&mut self.since);
-        let belief = self.session.belief();
         let mut stiffness = Stiffness::default();
         let mut touched = 0;
         for (i, _) in self.touched.iter().enumerate().filter(|(_, t)| **t) {
-            let k = f64::from(belief.mean()[i]);
+            let [k, variance] = self.learner.stiffness(i);
             stiffness.mean += k;
-            stiffness.sd += f64::from(belief.variance()[i]).sqrt();
+            stiffness.sd += variance.sqrt();
             stiffness.max = stiffness.max.max(k);
             touched += 1;
         }
@@ -337,17 +396,17 @@ impl Node {
         stiffness.sd /= f64::max(1.0, touched as f64);
         Summary {
             t: self.last.unwrap_or(0.0),
-            contacts: self.session.contacts().len(),
+            contacts: self.learner.touching().len(),
             touched,
             stiffness,
-            residual: (since.squares / f64::from(since.steps.max(1))).sqrt(),
-            nis_ratio: self.session.health().nis_ratio(),
-            slowest_ms: since.slowest,
+            residual: (since.steps > 0).then(|| (since.squares / f64::from(since.steps)).sqrt()),
+            nis_ratio: self.health.nis_ratio(),
+            slowest_ms: (1e3 * since.slowest).round() / 1e3,
             counts: self.counts,
         }
     }
 }
 
-fn parameter(name: &'static str, value: f64, range: &'static str) -> PipelineError {
-    CoreError::Parameter { name, value, range }.into()
+fn parameter(name: &'static str, value: f64, range: &'static str) -> CoreError {
+    CoreError::Parameter { name, value, range }
 }

@@ -45,6 +45,11 @@ impl<T> Queue<T> {
 
     /// Adds an item; false, and nothing added, once the queue is closed.
     pub fn push(&self, item: T) -> bool {
+        self.push_with(item, || ())
+    }
+
+    /// The same; `added` is called before anyone can take it.
+    pub(super) fn push_with(&self, item: T, added: impl FnOnce()) -> bool {
         let mut state = self.lock();
         while self.when_full == WhenFull::Wait
             && state.items.len() == self.capacity
@@ -60,6 +65,7 @@ impl<T> Queue<T> {
             state.dropped += 1;
         }
         state.items.push_back(item);
+        added();
         self.changed.notify_all();
         true
     }
@@ -79,6 +85,11 @@ impl<T> Queue<T> {
     pub fn close(&self) {
         self.lock().closed = true;
         self.changed.notify_all();
+    }
+
+    /// Whether it is closed.
+    pub fn is_closed(&self) -> bool {
+        self.lock().closed
     }
 
     /// How many were dropped.

@@ -1,7 +1,9 @@
 use serde::{Deserialize, Serialize};
 
-/// Largest joint position and torque that is taken, beyond any robot.
-const MOST: [f64; 2] = [1e6, 1e12];
+/// Largest joint position, torque and velocity that is taken, beyond any robot.
+const MOST: [f64; 3] = [1e6, 1e12, 1e6];
+/// Latest time that is taken (s): stamps in milliseconds or less since 1970 are later.
+const LATEST: f64 = 1e11;
 
 /// One sample of the stream.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -11,12 +13,19 @@ pub struct Sample {
     pub t: f64,
     /// Joint positions \[rad or m\].
     pub q: Vec<f64>,
-    /// Torques of the environment on the robot, gravity removed \[N m or N\].
+    /// Joint torques \[N m or N\], of the environment on the robot or at the actuators, as the [`Learner`](super::Learner) takes
+    /// them.
     pub tau: Vec<f64>,
+    /// Joint velocities \[rad/s or m/s\]; a [`Learner`](super::Learner) that goes by them estimates those that are not given.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub qd: Option<Vec<f64>>,
     /// Number of the touch, 0 if not given: where it changes contacts are forgotten. A mark on the
     /// first sample of a touch alone could be lost with it.
     #[serde(default)]
     pub touch: u64,
+    /// Number of the sequence, 0 if not given: where it changes the clock may be another one, and sensors are tared anew.
+    #[serde(default)]
+    pub sequence: u64,
 }
 
 impl Sample {
@@ -26,12 +35,26 @@ impl Sample {
     /// In words: what is no JSON, a key that is missing, unknown or there twice, another number of
     /// joints, a number that is not finite or beyond any robot.
     pub fn parse(line: &[u8], joints: usize) -> Result<Self, String> {
+        if line.trim_ascii_start().first() != Some(&b'{') {
+            return Err(
+                "no sample in JSON: not an object, {\"t\": .., \"q\": [..], \"tau\": [..]}"
+                    .to_owned(),
+            );
+        }
         let sample: Self = serde_json::from_slice(line).map_err(|e| {
             let text = e.to_string();
             let what = text.split(" at line ").next().unwrap_or_default();
-            format!("{what} (column {})", e.column())
+            format!("no sample in JSON: {what} (column {})", e.column())
         })?;
-        for ((name, values), most) in [("q", &sample.q), ("tau", &sample.tau)].iter().zip(MOST) {
+        if sample.t.abs() > LATEST {
+            let t = sample.t;
+            return Err(format!(
+                "t is {t:?}, beyond {LATEST:e}; times are in seconds"
+            ));
+        }
+        let rows = [("q", &sample.q), ("tau", &sample.tau)].into_iter();
+        let rows = rows.chain(sample.qd.iter().map(|qd| ("qd", qd)));
+        for ((name, values), most) in rows.zip(MOST) {
             if values.len() != joints {
                 let got = values.len();
                 return Err(format!(

@@ -1,5 +1,6 @@
 use std::io::{self, BufRead, ErrorKind, Read};
 use std::net::UdpSocket;
+use std::time::{Duration, Instant};
 
 /// Longest line that is taken \[bytes\].
 pub const MAX_LINE: usize = 64 * 1024;
@@ -11,6 +12,8 @@ pub enum Received {
     Line,
     /// A line longer than [`MAX_LINE`], which was left out.
     TooLong,
+    /// Nothing yet: the source gives whoever wants to end it the chance to.
+    Nothing,
     /// Nothing more.
     End,
 }
@@ -50,22 +53,52 @@ impl<R: BufRead> Source for Lines<R> {
     }
 }
 
-/// Datagrams, one line each. An empty one ends the stream, and so does a read that times out
-/// ([`UdpSocket::set_read_timeout`]).
+/// Datagrams, one line each. An empty one ends the stream.
 #[derive(Debug)]
-pub struct Datagrams(pub UdpSocket);
+pub struct Datagrams {
+    socket: UdpSocket,
+    idle: Option<Duration>,
+    /// When the last one came.
+    last: Instant,
+}
+
+impl Datagrams {
+    /// So long a read waits.
+    const POLL: Duration = Duration::from_millis(100);
+
+    /// The datagrams of a socket; a silence of `idle` ends the stream, too.
+    ///
+    /// # Errors
+    /// A socket whose reads cannot be limited in time.
+    pub fn new(socket: UdpSocket, idle: Option<Duration>) -> io::Result<Self> {
+        socket.set_read_timeout(Some(Self::POLL))?;
+        Ok(Self {
+            socket,
+            idle,
+            last: Instant::now(),
+        })
+    }
+}
 
 impl Source for Datagrams {
     fn receive(&mut self, line: &mut Vec<u8>) -> io::Result<Received> {
+        use ErrorKind::{Interrupted, TimedOut, WouldBlock};
         line.resize(MAX_LINE, 0);
-        match self.0.recv(line) {
+        match self.socket.recv(line) {
             Ok(0) => Ok(Received::End),
             Ok(length) => {
                 line.truncate(length);
+                self.last = Instant::now();
                 Ok(Received::Line)
             }
-            Err(e) if matches!(e.kind(), ErrorKind::WouldBlock | ErrorKind::TimedOut) => {
-                Ok(Received::End)
+            // A process that was stopped and goes on is interrupted.
+            Err(e) if matches!(e.kind(), WouldBlock | TimedOut | Interrupted) => {
+                let is_over = self.idle.is_some_and(|idle| self.last.elapsed() >= idle);
+                Ok(if is_over {
+                    Received::End
+                } else {
+                    Received::Nothing
+                })
             }
             Err(e) => Err(e),
         }

@@ -236,15 +236,17 @@ pub enum PipelineWarning {
         /// Further sequences of that kind.
         others: usize,
     },
-    /// Readings in contact that fit the touches better at another time, 0.08 to 1 s off.
+    /// Readings by which touches give back more work than was put into them, and which fit them better some time later.
     #[error(
-        "torques come {} the touches do, by some {:.2} s: springs then leave {:.0} % of what they leave now; check the clocks of \
-         joints and torques, or diagnose a latency",
-        if *seconds > 0.0 { "later than" } else { "before" }, seconds.abs(), 100.0 * left
+        "torques come later than the touches do, by {}{seconds:.2} s{}: springs then leave {:.0} % of what they leave now; \
+         check the clocks of joints and torques, or diagnose a latency",
+        if *is_more { "" } else { "some " }, if *is_more { " or more" } else { "" }, 100.0 * left
     )]
-    Lag {
-        /// How much later they come (s), negative where earlier.
+    Late {
+        /// How much later they come (s).
         seconds: f64,
+        /// Whether it may be more.
+        is_more: bool,
         /// Share of what springs of one stiffness everywhere leave of the readings that is left with it.
         left: f64,
     },

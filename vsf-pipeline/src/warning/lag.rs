@@ -1,82 +1,157 @@
-//! Readings that come later, or earlier, than the touches that they are of, by springs of one stiffness everywhere.
+//! Readings that come later than the touches that they are of.
+//!
+//! A touch from free air to free air is a loop: whatever the force is of what is displaced, the arm gets no more work out of it than
+//! it has put in. Readings that come late show more force on the way out than on the way in, as if it did. Their lag is then found by
+//! shifting them against springs of one stiffness everywhere, if it is no longer than a touch. Readings that come early look like those of a viscous object, and are
+//! not told.
 
 use super::{Likeness, PipelineWarning, springs};
 use crate::Trace;
+use std::ops::Range;
 use vsf_core::median;
 
-/// Lags that are looked at, to both sides (s), and in how many steps.
+/// Lags that are looked at (s), and in how many steps.
 const MOST_LAG: f64 = 1.0;
-const MOST_STEPS: usize = 50;
-/// Lags below this (s), or of fewer samples, may be those of the object: what is viscous is felt early, what is dragged along late.
+const STEPS: usize = 50;
+/// A lag from which on it is told (s).
 const LEAST_LAG: f64 = 0.08;
-const LEAST_SAMPLES: usize = 2;
-/// Share of what springs leave of the readings that they leave with the lag. Of plants, soft bodies and silicone, with any effect of a
-/// diagnosis but latency or none, it is 0.89 and more; with 0.2 s of latency 0.48 to 0.81.
+/// With half of it taken away, work has to tell of so much of the other half. Without one it tells of none, or of less than none.
+const LEAST_BY_WORK: f64 = 0.1;
+/// Share of what springs leave of the readings that they leave with the lag. On plants and soft bodies, with any effect of a
+/// diagnosis but latency, it is 0.89 and more.
 const MOST_LEFT: f64 = 0.85;
-/// Samples that are looked at.
+/// Share of the loops that show it.
+const LEAST_SHARE: f64 = 0.75;
+/// Samples of touches, of all loops, and all samples that are looked at.
+const LEAST_SAMPLES: usize = 16;
 const MOST_SAMPLES: usize = 20_000;
 
-/// Readings that fit the touches far better some time later or earlier.
+/// Readings that give more work than was put in, and fit the touches far better some time later.
 pub fn warning(traces: &[Trace]) -> Option<PipelineWarning> {
-    let steps = traces
-        .iter()
-        .flat_map(|t| t.time.windows(2).map(|w| w[1] - w[0]));
-    let step = median(steps.collect())?;
-    let samples = (MOST_LAG / step).min(MOST_SAMPLES as f64) as usize;
-    let stride = samples.div_ceil(MOST_STEPS).max(1);
-    let most = (samples / stride * stride) as isize;
-    let given = Lagging::new(traces);
-    let own = given.left(0);
-    // Readings of the other sign are for others to tell.
-    if own >= 1.0 {
-        return None;
-    }
-    let lags = (-most..=most).step_by(stride);
-    let all = lags.map(|lag| (lag, given.left(lag) / own));
-    let (lag, left) = all
-        .filter(|(_, left)| left.is_finite())
+    let lagging = Lagging::new(traces);
+    let step = MOST_LAG / STEPS as f64;
+    let left = |likeness: &Likeness| 1.0 - likeness.correlation().max(0.0).powi(2);
+    let own = left(&lagging.at(0.0));
+    let lags = (1..=STEPS).map(|k| step * k as f64);
+    let all = lags.map(|lag| (lag, lagging.at(lag)));
+    let all = all.map(|(lag, likeness)| (lag, left(&likeness) / own, likeness.slope()));
+    let (seconds, left, stiffness) = all
+        .filter(|(_, left, _)| left.is_finite())
         .min_by(|a, b| a.1.total_cmp(&b.1))?;
-    let seconds = lag as f64 * step;
-    let is_evident =
-        left < MOST_LEFT && seconds.abs() >= LEAST_LAG && lag.unsigned_abs() >= LEAST_SAMPLES;
-    is_evident.then_some(PipelineWarning::Lag { seconds, left })
+    let is_better = left < MOST_LEFT && seconds >= LEAST_LAG;
+    // By half of it, since a touch that is over does no work any more.
+    let half = 0.5 * seconds;
+    (is_better && lagging.by_work(half, stiffness)? >= LEAST_BY_WORK * half).then_some(
+        PipelineWarning::Late {
+            seconds,
+            is_more: seconds > MOST_LAG - 0.5 * step,
+            left,
+        },
+    )
 }
 
-/// Readings, and what springs give.
+/// Readings, and what springs of 1 N/m at all points give, a row per sample.
 struct Lagging<'a> {
     traces: &'a [Trace],
-    springs: Vec<Vec<Vec<f64>>>,
-    /// Every so many samples are looked at.
+    springs: Vec<Vec<f64>>,
+    /// Time from sample to sample of each trace (s).
+    steps: Vec<f64>,
+    /// Every so many samples are shifted.
     every: usize,
 }
 
 impl<'a> Lagging<'a> {
     fn new(traces: &'a [Trace]) -> Self {
-        let of_trace = |t: &Trace| {
-            let rows = t.observations.iter();
-            rows.map(|o| springs(o).collect()).collect()
-        };
         let samples: usize = traces.iter().map(|t| t.observations.len()).sum();
+        let step_of = |t: &Trace| {
+            let steps = t.time.windows(2).map(|w| w[1] - w[0]);
+            median(steps.collect()).unwrap_or(MOST_LAG)
+        };
         Self {
-            springs: traces.iter().map(of_trace).collect(),
+            springs: (traces.iter())
+                .map(|t| t.observations.iter().flat_map(springs).collect())
+                .collect(),
+            steps: traces.iter().map(step_of).collect(),
             every: samples.div_ceil(MOST_SAMPLES).max(1),
             traces,
         }
     }
 
-    /// Share of the readings that springs leave so many samples later.
-    fn left(&self, lag: isize) -> f64 {
+    /// The lag (s) by which springs of a stiffness (N/m) would give the work that is gained with readings of some time later (s), to
+    /// first order; `None` where too few touches begin and end in free air, or too few of them gain any.
+    fn by_work(&self, lag: f64, stiffness: f64) -> Option<f64> {
+        let (mut gained, mut speed) = (0.0, 0.0);
+        let (mut loops, mut late, mut samples) = (0_u32, 0_u32, 0);
+        for ((trace, springs), step) in self.traces.iter().zip(&self.springs).zip(&self.steps) {
+            let later = (lag / step).round() as usize;
+            for rows in loops_of(trace) {
+                samples += rows.len();
+                let (done, fast) = work(trace, springs, rows, later);
+                gained -= done;
+                speed += fast;
+                loops += 1;
+                late += u32::from(done < 0.0);
+            }
+        }
+        let tells = samples >= LEAST_SAMPLES && f64::from(late) >= LEAST_SHARE * f64::from(loops);
+        tells.then_some(gained / (stiffness * speed))
+    }
+
+    /// What springs give beside what is read so much later (s), the same samples for every lag, without the mean of either at each
+    /// joint. What would come after the end is as in the end.
+    fn at(&self, lag: f64) -> Likeness {
         let mut likeness = Likeness::default();
-        for (trace, springs) in self.traces.iter().zip(&self.springs) {
-            for (row, obs) in trace.observations.iter().enumerate().step_by(self.every) {
-                let touched = row.checked_add_signed(-lag).and_then(|k| springs.get(k));
-                if let Some(springs) = touched {
-                    let pairs = obs.reading().iter().zip(springs);
-                    pairs.for_each(|(reading, spring)| likeness.add(*reading, *spring));
+        for ((trace, springs), step) in self.traces.iter().zip(&self.springs).zip(&self.steps) {
+            let (all, later) = (trace.observations.len(), (lag / step).round() as usize);
+            let joints = springs.len() / all.max(1);
+            let rows = (0..all).step_by(self.every);
+            for j in 0..joints {
+                let spring = |row: usize| springs[row * joints + j];
+                let read = |row: usize| trace.observations[(row + later).min(all - 1)].reading()[j];
+                let count = rows.clone().count() as f64;
+                let mean_read = rows.clone().map(read).sum::<f64>() / count;
+                let mean_spring = rows.clone().map(spring).sum::<f64>() / count;
+                for row in rows.clone() {
+                    likeness.add(read(row) - mean_read, spring(row) - mean_spring);
                 }
             }
         }
-        let correlation = likeness.correlation().max(0.0);
-        1.0 - correlation * correlation
+        likeness
     }
+}
+
+/// Touches from free air to free air, with a free sample at each end.
+fn loops_of(trace: &Trace) -> Vec<Range<usize>> {
+    let mut found = Vec::new();
+    for touch in &trace.touches {
+        let mut start = touch.start;
+        let rows = &trace.observations[touch.clone()];
+        for part in rows.chunk_by(|a, b| a.is_empty() == b.is_empty()) {
+            let end = start + part.len();
+            if !part[0].is_empty() && start > touch.start && end < touch.end {
+                found.push(start - 1..end + 1);
+            }
+            start = end;
+        }
+    }
+    found
+}
+
+/// Work that the arm does on the object along a loop, per what springs of 1 N/m do, and the speed of that (squares over time), with
+/// what is read so many samples later. A constant offset of the readings does none.
+fn work(trace: &Trace, springs: &[f64], rows: Range<usize>, later: usize) -> (f64, f64) {
+    let all = trace.observations.len();
+    let joints = springs.len() / all;
+    let (mut work, mut speed) = (0.0, 0.0);
+    for row in rows.start..rows.end - 1 {
+        let time = trace.time[row + 1] - trace.time[row];
+        let [now, next] =
+            [row, row + 1].map(|row| trace.observations[(row + later).min(all - 1)].reading());
+        for j in 0..joints {
+            let way = springs[(row + 1) * joints + j] - springs[row * joints + j];
+            work += 0.5 * (now[j] + next[j]) * way;
+            speed += way * way / time;
+        }
+    }
+    (work, speed)
 }

@@ -97,6 +97,7 @@ pub fn reading_warnings(
     let turned = gravity::warning(scene, sequences, &motions, &rigid, traces, LEAST_FREE);
     let rigid = tared(scene, rigid).unwrap_or_default();
     let all_misread = (!sick).then(|| misread(scene, &rigid, traces)).flatten();
+    let late = (!sick).then(|| lag::warning(traces)).flatten();
     // What leaves less.
     let (first, second) = less_left(all_misread, turned);
     let offset = first
@@ -107,10 +108,14 @@ pub fn reading_warnings(
                 .then(|| one_misread(scene, &rigid, traces))
                 .flatten()
         })
-        // What comes late is read where nothing is touched any more.
-        .or_else(|| (!sick).then(|| lag::warning(traces)).flatten())
         .or_else(|| not_tared(scene, traces))
-        .or_else(|| felt_in_air(scene, traces));
+        // What comes late is read where nothing is touched any more.
+        .or_else(|| {
+            (late.is_none())
+                .then(|| felt_in_air(scene, traces))
+                .flatten()
+        });
+    warnings.extend(late);
     if sick || offset.is_some() {
         warnings.extend(offset);
         return warnings;

@@ -134,30 +134,69 @@ fn right_readings_are_not_warned_of() {
 
 /// Torques whose clock is another one.
 #[test]
-fn torques_that_come_later_or_earlier_than_touches() {
+fn torques_that_come_later_than_touches() {
     let scene = scene(TorqueKind::External, 0);
     let right = touch(&scene);
     let step = right.time[1] - right.time[0];
-    for rows in [-8, 8] {
+    let shifted = |rows: isize, offset: f64| {
         let free = right.torques[0].to_vec();
         let of_row = |k: usize| {
-            let at = k.checked_add_signed(-rows);
-            at.filter(|k| *k < right.len())
-                .map_or(&free[..], |k| &right.torques[k])
+            let at = k.checked_add_signed(-rows).filter(|k| *k < right.len());
+            at.map_or(&free[..], |k| &right.torques[k])
         };
-        let shifted: Vec<f64> = (0..right.len()).flat_map(|k| of_row(k).to_vec()).collect();
-        let late = Sequence {
-            torques: Table::new(right.torques.cols(), shifted).unwrap(),
+        let all = (0..right.len()).flat_map(|k| of_row(k).iter().map(move |tau| tau + offset));
+        Sequence {
+            torques: Table::new(right.torques.cols(), all.collect()).unwrap(),
             ..right.clone()
-        };
-        let [PipelineWarning::Lag { seconds, left }] = warned(&scene, &late)[..] else {
-            panic!("{rows}: {:?}", warned(&scene, &late))
-        };
-        assert!(
-            (seconds - step * rows as f64).abs() < 1.5 * step,
-            "{seconds}"
-        );
-        assert!(left < 0.5, "{left}");
+        }
+    };
+    let late = |rows: isize, offset: f64| {
+        let warnings = warned(&scene, &shifted(rows, offset));
+        warnings.into_iter().find_map(|w| match w {
+            PipelineWarning::Late { seconds, left, .. } => Some((seconds, left)),
+            _ => None,
+        })
+    };
+    for offset in [0.0, 3.0] {
+        let (seconds, left) = late(8, offset).unwrap();
+        assert!((seconds - 8.0 * step).abs() < 1.5 * step, "{seconds}");
+        assert!(left < 0.9, "{left}");
+        // Nothing is late, or early, as that of a viscous object is.
+        assert_eq!(late(0, offset), None);
+        assert_eq!(late(-8, offset), None);
+    }
+    // Nearly as late as the touch is long.
+    let (seconds, _) = late(12, 0.0).unwrap();
+    assert!((seconds - 12.0 * step).abs() < 1.5 * step, "{seconds}");
+}
+
+/// Forces that grow faster or slower than springs' do, or fade while the arm waits, are not late.
+#[test]
+fn objects_that_are_no_springs_are_not_late() {
+    let scene = scene(TorqueKind::External, 0);
+    let right = touch(&scene);
+    let largest = right
+        .torques
+        .data()
+        .iter()
+        .fold(0.0_f64, |a, b| a.max(b.abs()));
+    for power in [0.5, 1.5, 3.0] {
+        let curved = |tau: &f64| tau.signum() * largest * (tau.abs() / largest).powf(power);
+        let data = right.torques.data().iter().map(curved).collect();
+        for rows in [right.len(), right.len() / 2] {
+            let torques: Vec<f64> = Vec::clone(&data);
+            let cut = 3 * rows;
+            let part = Sequence::new(
+                "0",
+                right.time[..rows].to_vec(),
+                Table::new(3, right.angles.data()[..cut].to_vec()).unwrap(),
+                Table::new(3, torques[..cut].to_vec()).unwrap(),
+            );
+            let traces = [scene.trace(&part).unwrap()];
+            let warnings = reading_warnings(&scene, &[&part], &traces);
+            let late = |w: &PipelineWarning| matches!(w, PipelineWarning::Late { .. });
+            assert!(!warnings.iter().any(late), "{power}: {warnings:?}");
+        }
     }
 }
 

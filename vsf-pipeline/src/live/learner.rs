@@ -1,0 +1,295 @@
+use super::{Motion, Sample};
+use crate::{PipelineError, SceneContact};
+use nalgebra::Vector3;
+use std::sync::Arc;
+use vsf_core::{
+    Belief, Contacts, CoreError, Estimator, Posture, Prediction, Scalar, Sensor, Session,
+    UpdateReport,
+};
+use vsf_robots::{DynamicsWorkspace, JointTorques, RobotModel};
+
+/// What begins with a sample.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Begins {
+    /// Nothing: the arm moved here from where the last sample was.
+    Nothing,
+    /// A touch, after motion that was not seen.
+    Touch,
+    /// A sequence, whose clock is another one.
+    Sequence,
+}
+
+/// What a [`Node`](super::Node) learns with: contact, sensors and an estimator. A sample that is refused leaves the belief as it
+/// was.
+pub trait Learner {
+    /// What is wrong with a sample.
+    type Error: std::error::Error + From<CoreError>;
+
+    /// Joints of the robot.
+    fn joints(&self) -> usize;
+
+    /// Takes one of the first samples of a sequence, in free air: from the `last` of them on their mean reading is zero.
+    ///
+    /// # Errors
+    /// A sample that the robot cannot have, or that is in contact.
+    fn tare(&mut self, sample: &Sample, begins: Begins, last: bool) -> Result<(), Self::Error>;
+
+    /// Learns from a sample; `None` where nothing is learned from it, since it is of a touch whose beginning was not seen
+    /// ([`Guard`]).
+    ///
+    /// # Errors
+    /// A sample that the robot cannot have, what contact or estimator cannot take.
+    fn learn(
+        &mut self,
+        sample: &Sample,
+        begins: Begins,
+    ) -> Result<Option<UpdateReport>, Self::Error>;
+
+    /// Points that are touched now.
+    fn touching(&self) -> &[u32];
+
+    /// Mean and variance of the stiffness of a point (N/m and its square).
+    fn stiffness(&self, point: usize) -> [f64; 2];
+
+    /// The whole field.
+    ///
+    /// # Errors
+    /// As [`Estimator::field`].
+    fn field(&self) -> Result<Belief<f64>, CoreError>;
+
+    /// Rest points.
+    fn points(&self) -> usize;
+}
+
+/// A session that takes samples: of the nominal model, with any estimator, such as
+/// [`FilterSpec::build`](crate::FilterSpec::build) makes.
+#[derive(Debug)]
+pub struct LiveSession<E: Estimator> {
+    robot: Arc<RobotModel>,
+    session: Session<SceneContact, JointTorques, E>,
+    gravity: Option<Vector3<f64>>,
+    motion: Motion,
+    posture: Posture,
+    workspace: DynamicsWorkspace,
+    guard: Guard,
+    reading: Vec<f64>,
+    prediction: Prediction,
+    tare: Tare,
+}
+
+impl<E: Estimator> LiveSession<E> {
+    /// A session of the joint torques of a robot. Samples have the torques of the environment on the robot; or, with `gravity`, the
+    /// acceleration of free fall in the world frame (m/s²), those at the actuators: of what the arm itself needs to move
+    /// ([`Motion`]) they are then taken off.
+    ///
+    /// # Errors
+    /// A session of another robot, a gravity that it cannot have.
+    pub fn new(
+        robot: impl Into<Arc<RobotModel>>,
+        session: Session<SceneContact, JointTorques, E>,
+        gravity: Option<Vector3<f64>>,
+    ) -> Result<Self, PipelineError> {
+        let robot: Arc<RobotModel> = robot.into();
+        Sensor::<E::Scalar>::check_robot(session.sensor(), robot.chains())?;
+        let (joints, mut workspace) = (robot.joint_count(), robot.dynamics_workspace());
+        if let Some(gravity) = &gravity {
+            robot.gravity_torques(&vec![0.0; joints], gravity, &mut workspace)?;
+        }
+        Ok(Self {
+            guard: Guard::new(session.contact().level() + session.rest().spacing()),
+            motion: Motion::new(Arc::clone(&robot)),
+            posture: robot.posture(),
+            workspace,
+            reading: vec![0.0; joints],
+            prediction: Prediction::default(),
+            tare: Tare::new(joints),
+            robot,
+            session,
+            gravity,
+        })
+    }
+
+    /// The session.
+    pub fn session(&self) -> &Session<SceneContact, JointTorques, E> {
+        &self.session
+    }
+
+    /// The session, to change what its parts know of the world.
+    pub fn session_mut(&mut self) -> &mut Session<SceneContact, JointTorques, E> {
+        &mut self.session
+    }
+
+    fn begin(&mut self, begins: Begins) {
+        self.guard.begin(begins);
+        match begins {
+            Begins::Nothing => {}
+            Begins::Touch => self.session.begin_touch(),
+            Begins::Sequence => {
+                self.session.begin_sequence();
+                self.tare = Tare::new(self.reading.len());
+            }
+        }
+    }
+
+    /// Posture and torques of the environment.
+    fn read(&mut self, sample: &Sample, begins: Begins) -> Result<(), PipelineError> {
+        self.robot.update_posture(&sample.q, &mut self.posture)?;
+        CoreError::check_len("reading", sample.tau.len(), self.reading.len())?;
+        CoreError::check_finite("reading", &sample.tau)?;
+        self.reading.copy_from_slice(&sample.tau);
+        if let Some(gravity) = &self.gravity {
+            self.motion.follow(sample, begins)?;
+            let (q, qd, qdd) = (self.motion.q(), self.motion.qd(), self.motion.qdd());
+            let needed = (self.robot).inverse_dynamics(q, qd, qdd, gravity, &mut self.workspace)?;
+            let pairs = self.reading.iter_mut().zip(needed);
+            pairs.for_each(|(tau, needed)| *tau = needed - *tau);
+        }
+        Ok(())
+    }
+}
+
+impl<E: Estimator> Learner for LiveSession<E> {
+    type Error = PipelineError;
+
+    fn joints(&self) -> usize {
+        self.robot.joint_count()
+    }
+
+    fn tare(&mut self, sample: &Sample, begins: Begins, _: bool) -> Result<(), PipelineError> {
+        self.read(sample, begins)?;
+        self.begin(begins);
+        self.session.predict(&self.posture, &mut self.prediction)?;
+        check_free(self.session.contacts().len())?;
+        self.tare.add(&self.reading);
+        Ok(())
+    }
+
+    fn learn(
+        &mut self,
+        sample: &Sample,
+        begins: Begins,
+    ) -> Result<Option<UpdateReport>, PipelineError> {
+        self.read(sample, begins)?;
+        self.begin(begins);
+        if self.guard.is_alert() {
+            self.session.predict(&self.posture, &mut self.prediction)?;
+            let begins = self.guard.at_beginning();
+            if self.guard.skips(self.session.contacts()) {
+                return Ok(None);
+            }
+            if begins {
+                // The step is made anew, with its reading.
+                self.session.begin_touch();
+            }
+        }
+        self.tare.apply(&mut self.reading);
+        Ok(Some(self.session.step(&self.posture, &self.reading)?))
+    }
+
+    fn touching(&self) -> &[u32] {
+        self.session.contacts().points()
+    }
+
+    fn stiffness(&self, point: usize) -> [f64; 2] {
+        let belief = self.session.belief();
+        [belief.mean()[point], belief.variance()[point]].map(Scalar::to_f64)
+    }
+
+    fn field(&self) -> Result<Belief<f64>, CoreError> {
+        self.session.estimator().field()?.cast()
+    }
+
+    fn points(&self) -> usize {
+        self.session.rest().len()
+    }
+}
+
+/// Looks out for touches whose beginning was not seen, as where samples are missing or a stream begins in contact: with the arm inside
+/// of the object, how points got to where they are is not known. Nothing is to be learned until it has been in free air.
+#[derive(Debug, Clone)]
+pub struct Guard {
+    /// How deep a touch may begin (m).
+    most: f64,
+    begins: bool,
+    blind: bool,
+}
+
+impl Guard {
+    /// At the beginning of a stream. A touch may begin so deep (m): the contact threshold and the space between points.
+    pub fn new(most: f64) -> Self {
+        Self {
+            most,
+            begins: true,
+            blind: false,
+        }
+    }
+
+    /// Told what begins with the next sample.
+    pub fn begin(&mut self, begins: Begins) {
+        self.begins |= begins != Begins::Nothing;
+    }
+
+    /// Whether a touch begins, or its beginning was not seen: contacts are to be looked at before anything is learned.
+    pub fn is_alert(&self) -> bool {
+        self.begins || self.blind
+    }
+
+    /// Whether a touch begins with this sample.
+    pub fn at_beginning(&self) -> bool {
+        self.begins
+    }
+
+    /// Whether nothing is to be learned from a sample with these contacts.
+    pub fn skips(&mut self, contacts: &Contacts) -> bool {
+        if std::mem::take(&mut self.begins) {
+            let pairs = contacts.displacements().iter().zip(contacts.normals());
+            self.blind = pairs.into_iter().any(|(u, n)| u.dot(n) > self.most);
+        } else if contacts.is_empty() {
+            self.blind = false;
+        }
+        self.blind
+    }
+}
+
+/// Refuses a tare sample that touches so many points.
+///
+/// # Errors
+/// If these are any.
+pub fn check_free(touching: usize) -> Result<(), CoreError> {
+    if touching == 0 {
+        return Ok(());
+    }
+    Err(CoreError::Parameter {
+        name: "points touched in a sample that tares the sensors",
+        value: touching as f64,
+        range: "0: begin in free air, or take fewer tare samples",
+    })
+}
+
+/// The mean of some readings, taken as zero.
+#[derive(Debug)]
+struct Tare {
+    samples: u64,
+    zero: Vec<f64>,
+}
+
+impl Tare {
+    fn new(joints: usize) -> Self {
+        Self {
+            samples: 0,
+            zero: vec![0.0; joints],
+        }
+    }
+
+    fn add(&mut self, reading: &[f64]) {
+        self.samples += 1;
+        let share = 1.0 / self.samples as f64;
+        let pairs = self.zero.iter_mut().zip(reading);
+        pairs.for_each(|(zero, tau)| *zero += share * (tau - *zero));
+    }
+
+    fn apply(&self, reading: &mut [f64]) {
+        let pairs = reading.iter_mut().zip(&self.zero);
+        pairs.for_each(|(tau, zero)| *tau -= zero);
+    }
+}

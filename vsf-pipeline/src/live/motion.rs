@@ -1,0 +1,122 @@
+use super::{Begins, Sample};
+use std::collections::VecDeque;
+use std::sync::Arc;
+use vsf_core::CoreError;
+use vsf_robots::RobotModel;
+
+/// Slopes are over this long (s), and over so many samples at least.
+const WINDOW: f64 = 0.025;
+const LEAST_SAMPLES: usize = 5;
+
+/// How the joints of a stream move. Velocities that its samples do not have, and accelerations, are slopes of the last 0.025 s, of
+/// five samples at least: they lag by half of that, and are zero until there are so many.
+#[derive(Debug, Clone)]
+pub struct Motion {
+    robot: Arc<RobotModel>,
+    q: Vec<f64>,
+    qd: Vec<f64>,
+    qdd: Vec<f64>,
+    positions: Slopes,
+    velocities: Slopes,
+}
+
+impl Motion {
+    /// Of a robot that nothing is known of yet.
+    pub fn new(robot: Arc<RobotModel>) -> Self {
+        let zeros = vec![0.0; robot.joint_count()];
+        Self {
+            q: zeros.clone(),
+            qd: zeros.clone(),
+            qdd: zeros,
+            positions: Slopes::default(),
+            velocities: Slopes::default(),
+            robot,
+        }
+    }
+
+    /// Goes on to a sample, or begins there.
+    ///
+    /// # Errors
+    /// Times, positions or velocities that are not finite, or not one per joint; nothing has changed then.
+    pub fn follow(&mut self, sample: &Sample, begins: Begins) -> Result<(), CoreError> {
+        CoreError::check_finite("time", &[sample.t])?;
+        let rows = [Some(&sample.q), sample.qd.as_ref()];
+        for (row, what) in rows.into_iter().zip(["positions", "velocities"]) {
+            if let Some(row) = row {
+                CoreError::check_len(what, row.len(), self.q.len())?;
+                CoreError::check_finite(what, row)?;
+            }
+        }
+        if begins == Begins::Nothing {
+            // Continuous joints turn on beyond a turn.
+            let pairs = self.q.iter_mut().zip(&sample.q);
+            let joints = self.robot.joints().iter();
+            pairs
+                .zip(joints)
+                .for_each(|((q, next), joint)| *q += joint.change(*q, *next));
+        } else {
+            self.q.copy_from_slice(&sample.q);
+            self.positions.0.clear();
+            self.velocities.0.clear();
+        }
+        let mut is_known = self.positions.add(sample.t, &self.q, &mut self.qd);
+        if let Some(qd) = &sample.qd {
+            self.qd.copy_from_slice(qd);
+            is_known = true;
+        }
+        self.qdd.fill(0.0);
+        if is_known {
+            self.velocities.add(sample.t, &self.qd, &mut self.qdd);
+        }
+        Ok(())
+    }
+
+    /// Positions (rad or m).
+    pub fn q(&self) -> &[f64] {
+        &self.q
+    }
+
+    /// Velocities (rad/s or m/s).
+    pub fn qd(&self) -> &[f64] {
+        &self.qd
+    }
+
+    /// Accelerations (rad/s² or m/s²).
+    pub fn qdd(&self) -> &[f64] {
+        &self.qdd
+    }
+}
+
+/// Slopes of the last rows of a stream, by least squares.
+#[derive(Debug, Clone, Default)]
+struct Slopes(VecDeque<(f64, Vec<f64>)>);
+
+impl Slopes {
+    /// Adds a row and writes the slopes of the last ones; says whether there are enough of them, else these are zero.
+    fn add(&mut self, time: f64, row: &[f64], slopes: &mut [f64]) -> bool {
+        // What is left out is used again.
+        let mut kept = Vec::new();
+        let is_old = |(then, _): &mut (f64, Vec<f64>)| time - *then > WINDOW;
+        while self.0.len() >= LEAST_SAMPLES
+            && let Some((_, row)) = self.0.pop_front_if(is_old)
+        {
+            kept = row;
+        }
+        kept.clear();
+        kept.extend_from_slice(row);
+        self.0.push_back((time, kept));
+        slopes.fill(0.0);
+        if self.0.len() < LEAST_SAMPLES {
+            return false;
+        }
+        let ago = |then: &f64| then - time;
+        let mean = self.0.iter().map(|(t, _)| ago(t)).sum::<f64>() / self.0.len() as f64;
+        let spread: f64 = self.0.iter().map(|(t, _)| (ago(t) - mean).powi(2)).sum();
+        for (then, row) in &self.0 {
+            let weight = (ago(then) - mean) / spread;
+            let pairs = slopes.iter_mut().zip(row);
+            pairs.for_each(|(slope, x)| *slope += weight * x);
+        }
+        spread > 0.0
+    }
+}
