@@ -141,6 +141,11 @@ pub trait Estimator: DynClone + Send + Sync {
     ) -> Result<(), CoreError> {
         self.belief().predict(obs, |i| obs.noise().sd(i), out)
     }
+
+    /// Bytes that it holds for past observations, to replay them; by default none. Memory that waits for reuse counts.
+    fn buffered_bytes(&self) -> usize {
+        0
+    }
 }
 
 dyn_clone::clone_trait_object!(<T: Scalar> Estimator<Scalar = T>);
@@ -182,5 +187,8 @@ where
     }
     fn predict(&self, obs: &Observation<E::Scalar>, out: &mut Prediction) -> Result<(), CoreError> {
         (**self).predict(obs, out)
+    }
+    fn buffered_bytes(&self) -> usize {
+        (**self).buffered_bytes()
     }
 }

@@ -247,12 +247,6 @@ impl<T: Scalar> DualReplay<T> {
         self.buffer.len()
     }
 
-    /// Bytes held for the observations in the buffer, at most [`DualConfig::byte_budget`] (or
-    /// one observation, if that alone is larger). Memory that waits for reuse counts.
-    pub fn buffered_bytes(&self) -> usize {
-        self.buffer.bytes()
-    }
-
     fn replay(&mut self) {
         let len = self.buffer.len();
         let replays = if len == 0 { 0 } else { self.config.replays };
@@ -314,6 +308,11 @@ impl<T: Scalar> Estimator for DualReplay<T> {
         } = &mut self.scratch.step;
         report.postfit = postfit(obs, self.filter.belief().mean(), mean, predicted);
         Ok(report)
+    }
+
+    /// At most [`DualConfig::byte_budget`], or one observation, if that alone is larger.
+    fn buffered_bytes(&self) -> usize {
+        self.buffer.bytes()
     }
 
     fn whitened_residual(&self) -> &[f64] {

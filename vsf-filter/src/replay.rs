@@ -210,12 +210,6 @@ impl<E: Revisit> MemoryReplay<E> {
         self.buffer.len()
     }
 
-    /// Bytes held for the observations in the buffer, at most [`ReplayConfig::byte_budget`] (or
-    /// one observation, if that alone is larger). Memory that waits for reuse counts.
-    pub fn buffered_bytes(&self) -> usize {
-        self.buffer.bytes()
-    }
-
     /// Takes in `obs` and then the buffered observations `replays`, in this order: an update whose
     /// draws are given, to repeat a run from elsewhere. `obs` itself is the last of the buffer if
     /// it was stored.
@@ -420,6 +414,11 @@ impl<E: Revisit + Clone> Estimator for MemoryReplay<E> {
         self.inner.diffuse(variance)?;
         self.diffused = diffused;
         Ok(())
+    }
+
+    /// At most [`ReplayConfig::byte_budget`], or one observation, if that alone is larger.
+    fn buffered_bytes(&self) -> usize {
+        self.buffer.bytes()
     }
 
     fn whitened_residual(&self) -> &[f64] {

@@ -314,6 +314,10 @@ impl<E: Estimator + Clone> Estimator for RobustNoise<E> {
         self.inner.diffuse(variance)
     }
 
+    fn buffered_bytes(&self) -> usize {
+        self.inner.buffered_bytes()
+    }
+
     fn whitened_residual(&self) -> &[f64] {
         self.inner.whitened_residual()
     }

@@ -1,4 +1,4 @@
-use crate::PipelineError;
+use crate::{FilterSpec, PipelineError};
 use nalgebra::Point3;
 use serde::Serialize;
 use std::sync::Arc;
@@ -8,7 +8,6 @@ use vsf_core::{
     Belief, ContactModel, Contacts, CoreError, Estimator, Noise, Observation, Posture, RestPoints,
     Scalar, Sensor,
 };
-use vsf_filter::{DiagonalKalman, DualConfig, DualReplay, MemoryReplay, ReplayConfig};
 use vsf_robots::{JointTorques, RobotModel, kinova_gen3};
 
 /// What [`bench()`] runs.
@@ -18,63 +17,8 @@ pub struct BenchOptions {
     pub points: usize,
     /// Steps of the push, default 150; at least 2.
     pub steps: usize,
-    /// The estimator, default [`OnlineEstimator::Replay`].
-    pub estimator: OnlineEstimator,
-    /// Replays per update, default 20.
-    pub replays: usize,
-}
-
-/// An estimator for control loops, with what it remembers within the default of bytes.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
-#[non_exhaustive]
-pub enum OnlineEstimator {
-    /// [`MemoryReplay`] of a [`DiagonalKalman`].
-    #[default]
-    Replay,
-    /// [`DualReplay`].
-    Dual,
-}
-
-/// An estimator whose memory of past observations fills up.
-pub(crate) trait Online: Estimator<Scalar = f32> {
-    fn buffered_bytes(&self) -> usize;
-}
-
-impl Online for MemoryReplay<DiagonalKalman<f32>> {
-    fn buffered_bytes(&self) -> usize {
-        self.buffered_bytes()
-    }
-}
-
-impl Online for DualReplay<f32> {
-    fn buffered_bytes(&self) -> usize {
-        self.buffered_bytes()
-    }
-}
-
-impl OnlineEstimator {
-    pub(crate) fn build(
-        self,
-        prior: Belief<f32>,
-        replays: usize,
-    ) -> Result<Box<dyn Online>, CoreError> {
-        Ok(match self {
-            Self::Replay => {
-                let config = ReplayConfig {
-                    replays,
-                    ..ReplayConfig::default()
-                };
-                Box::new(MemoryReplay::new(DiagonalKalman::new(prior), config)?)
-            }
-            Self::Dual => {
-                let config = DualConfig {
-                    replays,
-                    ..DualConfig::default()
-                };
-                Box::new(DualReplay::new(prior, config)?)
-            }
-        })
-    }
+    /// The estimator, default [`FilterSpec::replay`].
+    pub estimator: FilterSpec,
 }
 
 impl Default for BenchOptions {
@@ -82,8 +26,7 @@ impl Default for BenchOptions {
         Self {
             points: 100_000,
             steps: 150,
-            estimator: OnlineEstimator::default(),
-            replays: 20,
+            estimator: FilterSpec::replay(),
         }
     }
 }
@@ -178,8 +121,8 @@ pub fn bench(options: &BenchOptions) -> Result<BenchReport, PipelineError> {
         .into());
     }
     let mut bench = Push::new(side, options.steps)?;
-    let prior = Belief::<f32>::uniform(bench.rest.len(), 0.0, 0.1)?;
-    let mut estimator = options.estimator.build(prior, options.replays)?;
+    let prior = Belief::<f64>::uniform(bench.rest.len(), 0.0, 0.1)?;
+    let mut estimator = options.estimator.build::<f32>(prior.into(), None)?;
     // The first push warms up caches, all of them the buffer of past observations.
     for _ in 0..MOST_WARMING {
         let held = estimator.buffered_bytes();
@@ -206,7 +149,7 @@ pub fn bench(options: &BenchOptions) -> Result<BenchReport, PipelineError> {
         contact: stage(1),
         columns: stage(2),
         update: stage(3),
-        loaded: loaded(&pushes, options.replays, bandwidth),
+        loaded: loaded(&pushes, options.estimator.replays(), bandwidth),
     })
 }
 

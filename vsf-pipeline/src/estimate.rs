@@ -150,6 +150,15 @@ impl FilterSpec {
         }
     }
 
+    /// Past observations replayed after every update.
+    pub fn replays(&self) -> usize {
+        match self {
+            Self::Exact(_) | Self::Information(_) => 0,
+            Self::Dual(config) => config.replays,
+            Self::Replay { config, .. } => config.replays,
+        }
+    }
+
     /// Makes the filter, robust against outliers if a loss is given: in `f32` for control loops, or in `f64`.
     ///
     /// ```

@@ -47,9 +47,7 @@ mod vision;
 mod warning;
 
 pub use baseline::{Baseline, MlpConfig};
-pub use bench::{
-    BenchOptions, BenchReport, LOADED_STEPS, Loaded, OnlineEstimator, StageTimes, bench,
-};
+pub use bench::{BenchOptions, BenchReport, LOADED_STEPS, Loaded, StageTimes, bench};
 pub use error::PipelineError;
 pub use estimate::{Estimate, EstimatorSpec, FilterSpec, estimate, estimate_from, estimate_online};
 pub use evaluate::{

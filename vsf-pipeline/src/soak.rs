@@ -1,5 +1,5 @@
-use crate::bench::{JOINTS, OnlineEstimator, Push, quantiles};
-use crate::{PipelineError, ProcessMemory};
+use crate::bench::{JOINTS, Push, quantiles};
+use crate::{FilterSpec, PipelineError, ProcessMemory};
 use rand::SeedableRng;
 use rand_distr::{Distribution, StandardNormal};
 use rand_pcg::Pcg64Mcg;
@@ -14,10 +14,8 @@ use vsf_core::{Belief, CoreError};
 pub struct SoakOptions {
     /// Number of rest points in a cube of 0.33 m, default 100,000. It is rounded to a cube number.
     pub points: usize,
-    /// The estimator, default [`OnlineEstimator::Replay`].
-    pub estimator: OnlineEstimator,
-    /// Replays per update, default 20.
-    pub replays: usize,
+    /// The estimator, default [`FilterSpec::replay`].
+    pub estimator: FilterSpec,
     /// How long it takes (s), default 60, more than 0.
     pub seconds: f64,
 }
@@ -26,8 +24,7 @@ impl Default for SoakOptions {
     fn default() -> Self {
         Self {
             points: 100_000,
-            estimator: OnlineEstimator::default(),
-            replays: 20,
+            estimator: FilterSpec::replay(),
             seconds: 60.0,
         }
     }
@@ -102,8 +99,8 @@ pub fn soak(options: &SoakOptions) -> Result<SoakReport, PipelineError> {
     let mut push = Push::new(side, 2)?;
     let points = push.rest.len();
     let truth: Vec<f32> = (0..points).map(|i| TRUTH[2 * i / points]).collect();
-    let prior = Belief::<f32>::uniform(points, 0.0, 30.0)?;
-    let mut estimator = options.estimator.build(prior, options.replays)?;
+    let prior = Belief::<f64>::uniform(points, 0.0, 30.0)?;
+    let mut estimator = options.estimator.build::<f32>(prior.into(), None)?;
     let mut buffers = push.buffers::<f32>();
     let mut rng = Pcg64Mcg::seed_from_u64(0);
     // A reading comes one sample late.
@@ -168,7 +165,6 @@ mod tests {
     fn every_step_is_counted_once() {
         let options = SoakOptions {
             points: 1000,
-            replays: 1,
             seconds: 0.3,
             ..SoakOptions::default()
         };

@@ -1,9 +1,10 @@
 use crate::console::{Console, number, table};
 use crate::exit::usage;
 use crate::range::{minutes, replays, whole};
+use vsf::filter::{DiagonalForm, DualConfig, ReplayConfig};
 use vsf::pipeline::{
-    BenchOptions, BenchReport, LOADED_STEPS, OnlineEstimator, SoakOptions, SoakReport, SoakTenth,
-    bench, soak,
+    BenchOptions, BenchReport, FilterSpec, LOADED_STEPS, SoakOptions, SoakReport, SoakTenth, bench,
+    soak,
 };
 
 #[derive(Debug, clap::Args)]
@@ -28,7 +29,7 @@ pub struct Args {
     #[arg(long, value_enum, default_value = "replay")]
     estimator: Online,
     /// Replays per update
-    #[arg(long, default_value_t = BenchOptions::default().replays, value_parser = replays)]
+    #[arg(long, default_value_t = FilterSpec::replay().replays(), value_parser = replays)]
     replay: usize,
     /// Run at 1 kHz for so long instead, pushing to and fro [min]: does the step stay quick, and the memory flat?
     #[arg(long, value_name = "MINUTES", value_parser = minutes, conflicts_with = "steps")]
@@ -43,11 +44,21 @@ enum Online {
     Dual,
 }
 
-impl From<Online> for OnlineEstimator {
-    fn from(online: Online) -> Self {
-        match online {
-            Online::Replay => Self::Replay,
-            Online::Dual => Self::Dual,
+impl Args {
+    fn spec(&self) -> FilterSpec {
+        let replays = self.replay;
+        match self.estimator {
+            Online::Replay => FilterSpec::Replay {
+                form: DiagonalForm::default(),
+                config: ReplayConfig {
+                    replays,
+                    ..ReplayConfig::default()
+                },
+            },
+            Online::Dual => FilterSpec::Dual(DualConfig {
+                replays,
+                ..DualConfig::default()
+            }),
         }
     }
 }
@@ -58,8 +69,7 @@ pub fn run(args: &Args, console: &Console) -> anyhow::Result<()> {
     if let Some(minutes) = args.soak {
         let report = soak(&SoakOptions {
             points: args.points as usize,
-            estimator: args.estimator.into(),
-            replays: args.replay,
+            estimator: args.spec(),
             seconds: 60.0 * minutes,
         })?;
         spinner.finish_and_clear();
@@ -68,8 +78,7 @@ pub fn run(args: &Args, console: &Console) -> anyhow::Result<()> {
     let report = bench(&BenchOptions {
         points: args.points as usize,
         steps: args.steps as usize,
-        estimator: args.estimator.into(),
-        replays: args.replay,
+        estimator: args.spec(),
     })?;
     spinner.finish_and_clear();
     if report.contacts == 0 {
