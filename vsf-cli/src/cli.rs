@@ -15,7 +15,8 @@ Exit codes:
        parameter out of range
   3    the system refuses to read or write a file
   130  interrupted (Ctrl-C, SIGTERM); files already written are whole,
-       a second signal stops at once
+       a second signal stops at once (the first one ends the stream of
+       `vsf live`, which then writes its field: 0)
 
 RAYON_NUM_THREADS is the number of threads (1 to 1024), by default that
 of the cores; results do not depend on it";

@@ -193,10 +193,21 @@ impl CorrectedModel {
     }
 
     /// The model for a stream.
-    pub fn corrector(&self, dataset: &Dataset, scene: &Scene) -> anyhow::Result<Corrector> {
+    pub fn corrector(
+        &self,
+        dataset: &Dataset,
+        scene: &Scene,
+        console: &Console,
+    ) -> anyhow::Result<Corrector> {
         let all: Vec<&Sequence> = dataset.sequences.iter().collect();
         let campaign = Campaign::in_scene(&with(dataset, &all), scene.clone())?;
         let model = self.at(&campaign)?;
+        if all.iter().any(|s| knows(&model, &campaign, &s.id)) {
+            console.warn(format_args!(
+                "{}: has parameters of their own for sequences of the recording, which a stream is not: there they are zero",
+                self.path.display()
+            ));
+        }
         Ok(Corrector::new(campaign.site(), campaign.scene(), &model)?)
     }
 

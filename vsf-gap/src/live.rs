@@ -6,7 +6,8 @@ use vsf_pipeline::live::{Begins, Guard, Learner, Motion, Sample, check_free};
 const STREAM: &str = "";
 
 /// A corrected model that learns from a stream: a [`Corrector`] before an estimator. Torques of the samples are of the kind of its
-/// site; velocities that they do not have are estimated, as are accelerations ([`Motion`]).
+/// site; velocities that they do not have are estimated, as are accelerations ([`Motion`]). Effects that change with time go by that
+/// since the first sample, which a stamp far ahead moves for good.
 #[derive(Debug)]
 pub struct LiveCorrector<E> {
     corrector: Corrector,
@@ -101,7 +102,7 @@ impl<E: Estimator<Scalar = f64>> Learner for LiveCorrector<E> {
     fn tare(&mut self, sample: &Sample, begins: Begins, last: bool) -> Result<(), GapError> {
         self.observe(sample, begins)?;
         if let Err(error) = check_free(self.observation.points().len()) {
-            // Its reading is not to be among those that tare.
+            // Its reading is not to be among those that tare: they are taken anew.
             self.corrector.begin_sequence(STREAM);
             return Err(error.into());
         }

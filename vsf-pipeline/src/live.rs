@@ -43,7 +43,7 @@ struct Reading {
 ///
 /// `publish` is told what is known [`Options::publish_hz`] times a second of the samples' time, and once more in the end; while it
 /// works, samples wait. A line that is no sample is passed to `refuse` with its number, counted from 1, and why; it changes
-/// nothing else. The thread that reads is not waited for where the source has not ended: it ends with the next line, of datagrams within
+/// nothing else; `refuse` is called by both threads, also for samples that the learner refuses. The thread that reads is not waited for where the source has not ended: it ends with the next line, of datagrams within
 /// a tenth of a second.
 ///
 /// ```

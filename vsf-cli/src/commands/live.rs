@@ -21,7 +21,7 @@ use std::io::{BufReader, IsTerminal, stdin};
 use std::net::{SocketAddr, ToSocketAddrs, UdpSocket};
 use std::path::PathBuf;
 use std::sync::Arc;
-use std::sync::atomic::{AtomicU32, Ordering};
+use std::sync::atomic::{AtomicBool, AtomicU32, Ordering};
 use std::time::{Duration, Instant};
 use vsf::core::{Noise, Session};
 use vsf::data::{Dataset, Sequence, StiffnessField, TorqueKind};
@@ -42,7 +42,7 @@ Each sample is a line, or a datagram, of JSON:
 time [s], joint positions [rad or m] in the order of the robot's joints, and torques [N m or N] of the kind that the recording's \
 are (torque_kind): those of the environment on the robot, or those at the actuators, from which all that the arm itself needs is \
 taken off. Further keys: \"qd\", joint velocities, estimated if not given (of use where torques are measured, and with --model); \
-\"touch\", a number that changes where a touch begins; \"sequence\", one that changes where clock or sensors begin anew. The robot, \
+\"touch\", a number that changes where a touch begins; \"sequence\", one that grows where clock or sensors begin anew. The robot, \
 its points and contact are those of a recording, of which one sequence is enough, or a motion that is planned (`vsf import --planned`).
 
 A gap of more than 0.1 s, of slow streams of two missing samples, ends a touch. Of a touch whose beginning was not seen, with the arm \
@@ -52,10 +52,12 @@ Summaries are lines of JSON on standard output: t, contacts (points touched now)
 (mean, sd and max of those, N/m), residual (before the update, root mean square of its norm since the last summary, null without \
 a sample), nis_ratio (since the start, in contact; 1 where the filter is as sure as it may be), slowest_ms (of a step), and counts of \
 samples: received, refused, dropped (the estimation was too slow), repeated, late, tared, skipped, used, missing, gaps, restarts (the \
-clock went back). They come by the clock of the samples; where nobody reads them they are left out.
+clock went back). They come by the clock of the samples. Where nobody reads them they are left out, but of a file, with --wait or \
+--play, which wait for their reader.
 
 The stream ends with the pipe, with an empty datagram, after --idle, or by Ctrl-C, with exit code 0. Then the field is written, and what \
-looks wrong with the samples is told.
+looks wrong with the samples is told, of a long stream with parts from all over it; of readings that are tared or corrected \
+by --model, that of their motions alone.
 
 JSON keys: points, touched, stiffness, nis_ratio, the counts, out.")]
 pub struct Args {
@@ -177,7 +179,7 @@ pub fn run(args: &Args, console: &Console) -> anyhow::Result<()> {
     };
     match &model {
         Some(model) => {
-            let corrector = model.corrector(dataset, &scene)?;
+            let corrector = model.corrector(dataset, &scene, console)?;
             let filter = filter.build::<f64>(prior, robust).with_context(place)?;
             let text = model.text();
             live.run(LiveCorrector::new(corrector, filter, noise)?, Some(text))
@@ -235,12 +237,18 @@ impl Live<'_> {
                 told(&counts)
             );
         }
-        let warnings = node
-            .learner()
-            .warnings(scene, model.is_none() && node.options().tare == 0);
-        console.warn_all(warnings?);
+        let check = || -> anyhow::Result<()> {
+            let spinner = console.spinner("checking the samples");
+            let is_plain = model.is_none() && node.options().tare == 0;
+            let warnings = node.learner().warnings(scene, is_plain)?;
+            spinner.finish_and_clear();
+            console.warn_all(warnings);
+            Ok(())
+        };
         if node.health().updates() == 0 {
             ran?;
+            // Why they do may be told by their motions.
+            check()?;
             anyhow::bail!(
                 "the stream touched none of the {} points ({}); no field is written",
                 scene.rest().len(),
@@ -249,6 +257,10 @@ impl Live<'_> {
         }
         // What was learned until then is not lost where the stream breaks.
         let saved = self.save(&node, model.as_deref());
+        if let Err(error) = check() {
+            let error = message(&error);
+            console.warn(format_args!("the samples cannot be checked: {error}"));
+        }
         let Summary {
             touched,
             stiffness,
@@ -343,15 +355,18 @@ impl Live<'_> {
         self.console.remark(self.introduction(from));
         let queue = node.new_queue();
         let end = Arc::clone(&queue);
+        let interrupted = Arc::new(AtomicBool::new(false));
+        let flag = Arc::clone(&interrupted);
         interrupt::first(move || {
             complain("ending; a second Ctrl-C ends at once, without the field");
+            flag.store(true, Ordering::Relaxed);
             end.close();
         });
+        let interrupted = || interrupted.load(Ordering::Relaxed);
         let mut printer = Printer::new(self.console.reports(), self.waits());
-        let closing = Arc::clone(&queue);
         let mut saved = Instant::now();
         let publish = |node: &Node<Kept<L>>, summary: &Summary| {
-            printer.print(serde_json::to_string(summary)?, || closing.is_closed());
+            printer.print(serde_json::to_string(summary)?, interrupted);
             if let Some(minutes) = self.args.save_every
                 && saved.elapsed() >= Duration::from_secs_f64(60.0 * minutes)
             {
@@ -374,7 +389,7 @@ impl Live<'_> {
             };
         };
         let done = feed(node, &queue, source, publish, refuse);
-        printer.finish();
+        printer.finish(interrupted);
         done.context("the stream broke")
     }
 
@@ -384,7 +399,7 @@ impl Live<'_> {
             return Ok(());
         };
         // Something else may have come there meanwhile.
-        FieldFormat::check(out)?;
+        let is_ours = FieldFormat::check(out);
         let (hyper, name) = (&self.start.hyper, &self.dataset.name);
         let field = node.estimate()?.to_field(self.scene, hyper, name, &[])?;
         let field = StiffnessField {
@@ -392,7 +407,7 @@ impl Live<'_> {
             learned_from: self.learned_from(),
             ..field
         };
-        let Err(error) = save(&field, out) else {
+        let Err(error) = is_ours.and_then(|()| save(&field, out)) else {
             return Ok(());
         };
         // Hours may be in it.

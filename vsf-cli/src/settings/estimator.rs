@@ -225,6 +225,21 @@ impl EstimatorSettings {
         }
     }
 
+    /// The first flag that says what the prior is, or how it is chosen, if there is any.
+    pub fn flag_of_prior(&self) -> Option<&'static str> {
+        let flags = [
+            ("--prior-sd", self.prior_sd.is_some()),
+            ("--smooth-share", self.smooth_share.is_some()),
+            ("--smooth-length", self.smooth_length.is_some()),
+            ("--level-share", self.level_share.is_some()),
+            ("--hyper", self.hyper.is_some()),
+        ];
+        flags
+            .into_iter()
+            .find(|(_, given)| *given)
+            .map(|(flag, _)| flag)
+    }
+
     /// How prior and noise are chosen.
     pub fn method(&self) -> HyperMethod {
         match self.hyper {

@@ -31,7 +31,7 @@ pub trait Learner {
     /// Takes one of the first samples of a sequence, in free air: from the `last` of them on their mean reading is zero.
     ///
     /// # Errors
-    /// A sample that the robot cannot have, or that is in contact.
+    /// A sample that the robot cannot have, or that is in contact: it then begins to tare anew.
     fn tare(&mut self, sample: &Sample, begins: Begins, last: bool) -> Result<(), Self::Error>;
 
     /// Learns from a sample; `None` where nothing is learned from it, since it is of a touch whose beginning was not seen
@@ -159,7 +159,10 @@ impl<E: Estimator> Learner for LiveSession<E> {
         self.read(sample, begins)?;
         self.begin(begins);
         self.session.predict(&self.posture, &mut self.prediction)?;
-        check_free(self.session.contacts().len())?;
+        if let Err(error) = check_free(self.session.contacts().len()) {
+            self.tare = Tare::new(self.reading.len());
+            return Err(error.into());
+        }
         self.tare.add(&self.reading);
         Ok(())
     }

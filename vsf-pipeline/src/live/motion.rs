@@ -7,9 +7,11 @@ use vsf_robots::RobotModel;
 /// Slopes are over this long (s), and over so many samples at least.
 const WINDOW: f64 = 0.025;
 const LEAST_SAMPLES: usize = 5;
+/// After a longer time (s) in which a touch begins nothing is known of the motion.
+const MOST_GAP: f64 = 0.1;
 
 /// How the joints of a stream move. Velocities that its samples do not have, and accelerations, are slopes of the last 0.025 s, of
-/// five samples at least: they lag by half of that, and are zero until there are so many.
+/// five samples at least, and zero until there are so many: velocities lag by half of that, accelerations behind these by as much.
 #[derive(Debug, Clone)]
 pub struct Motion {
     robot: Arc<RobotModel>,
@@ -18,6 +20,8 @@ pub struct Motion {
     qdd: Vec<f64>,
     positions: Slopes,
     velocities: Slopes,
+    /// Time of the last sample (s).
+    last: f64,
 }
 
 impl Motion {
@@ -30,6 +34,7 @@ impl Motion {
             qdd: zeros,
             positions: Slopes::default(),
             velocities: Slopes::default(),
+            last: f64::NEG_INFINITY,
             robot,
         }
     }
@@ -47,7 +52,14 @@ impl Motion {
                 CoreError::check_finite(what, row)?;
             }
         }
-        if begins == Begins::Nothing {
+        // A touch may begin while the arm moves on.
+        let goes_on = match begins {
+            Begins::Nothing => true,
+            Begins::Touch => sample.t - self.last <= MOST_GAP,
+            Begins::Sequence => false,
+        };
+        self.last = sample.t;
+        if goes_on {
             // Continuous joints turn on beyond a turn.
             let pairs = self.q.iter_mut().zip(&sample.q);
             let joints = self.robot.joints().iter();

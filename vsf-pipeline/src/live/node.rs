@@ -41,7 +41,7 @@ impl Default for Options {
     }
 }
 
-/// What became of the samples. `received = refused + dropped + repeated + late + tared + skipped + used`
+/// What became of the samples; lines, and those that were refused or dropped, are counted by [`run`](super::run) alone. `received = refused + dropped + repeated + late + tared + skipped + used`
 /// in the end.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize)]
 pub struct Counts {
@@ -53,7 +53,7 @@ pub struct Counts {
     pub dropped: u64,
     /// Samples with the time of the one before.
     pub repeated: u64,
-    /// Samples older than the one before.
+    /// Samples older than the one before, or of a sequence before it.
     pub late: u64,
     /// Samples whose mean reading is zero.
     pub tared: u64,
@@ -112,6 +112,8 @@ pub struct Node<L> {
     last: Option<f64>,
     touch: u64,
     sequence: u64,
+    /// Earliest time of the samples that were late since.
+    earliest: f64,
     /// Tare samples of the sequence so far.
     tared: u64,
     steps: Steps,
@@ -204,6 +206,7 @@ impl<L: Learner> Node<L> {
             last: None,
             touch: 0,
             sequence: 0,
+            earliest: f64::INFINITY,
             tared: 0,
             steps: Steps::default(),
             health: FilterHealth::default(),
@@ -289,8 +292,13 @@ impl<L: Learner> Node<L> {
             self.counts.repeated += 1;
             return Ok(());
         }
-        if step < 0.0 && step > -restart {
+        // Sequences do not come back.
+        let is_over = self.last.is_some() && sample.sequence < self.sequence;
+        if is_over || step < 0.0 && step > -restart {
             self.counts.late += 1;
+            if !is_over {
+                self.earliest = self.earliest.min(sample.t);
+            }
             return Ok(());
         }
         let (restarted, begins) = (step < 0.0, sample.touch != self.touch);
@@ -300,7 +308,12 @@ impl<L: Learner> Node<L> {
             Some(usual) => max_gap.max(2.5 * usual),
             None => max_gap.max(SLOWEST),
         };
-        let gap = step > longest && within;
+        // Of a clock that was set back, samples are late until it has caught up: the way there was not seen.
+        let unseen = self.last.map_or(0.0, |last| last - self.earliest);
+        let gap = within && (step > longest || unseen > longest);
+        if restarted || is_next {
+            self.due = None;
+        }
         let begins = if restarted || is_next {
             Begins::Sequence
         } else if gap || begins {
@@ -314,6 +327,8 @@ impl<L: Learner> Node<L> {
         };
         if tared < self.options.tare {
             let last = tared + 1 == self.options.tare;
+            // A touch begins it anew.
+            self.tared = 0;
             self.learner.tare(sample, begins, last)?;
             self.tared = tared + 1;
             self.counts.tared += 1;
@@ -353,8 +368,8 @@ impl<L: Learner> Node<L> {
         }
         let period = 1.0 / self.options.publish_hz;
         let due = match self.due {
-            Some(due) if !restarted && !is_next => due,
-            _ => sample.t + period,
+            Some(due) => due,
+            None => sample.t + period,
         };
         // The sample next to the time that is due, not the one after it.
         self.is_due = sample.t + 0.5 * usual.unwrap_or(0.0) >= due;
@@ -370,6 +385,7 @@ impl<L: Learner> Node<L> {
 
     fn went_to(&mut self, sample: &Sample) {
         self.last = Some(sample.t);
+        self.earliest = f64::INFINITY;
         self.touch = sample.touch;
         self.sequence = sample.sequence;
     }

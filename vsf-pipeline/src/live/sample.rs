@@ -23,7 +23,7 @@ pub struct Sample {
     /// first sample of a touch alone could be lost with it.
     #[serde(default)]
     pub touch: u64,
-    /// Number of the sequence, 0 if not given: where it changes the clock may be another one, and sensors are tared anew.
+    /// Number of the sequence, 0 if not given: where it grows the clock may be another one, and sensors are tared anew.
     #[serde(default)]
     pub sequence: u64,
 }

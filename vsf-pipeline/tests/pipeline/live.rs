@@ -11,8 +11,8 @@ use vsf_contact::{StickSlip, link_sdfs};
 use vsf_core::{Belief, Estimator, Noise, RestPoints, Session};
 use vsf_data::{Dataset, RobotRef, Sequence, Table, TorqueKind};
 use vsf_pipeline::live::{
-    Counts, Datagrams, Lines, LiveSession, MAX_LINE, Node, Options, Queue, Received, Sample,
-    Source, Summary, WhenFull, run,
+    Begins, Counts, Datagrams, Lines, LiveSession, MAX_LINE, Motion, Node, Options, Queue,
+    Received, Sample, Source, Summary, WhenFull, run,
 };
 use vsf_pipeline::{FilterSpec, Scene, SceneContact, external_torques};
 use vsf_robots::{JointTorques, RobotModel, cartesian_stage, planar_arm};
@@ -232,7 +232,7 @@ fn a_touch_whose_beginning_is_missing_is_skipped() {
 fn bad_lines_are_refused_by_number_and_change_nothing() {
     let good = |k: u32| sample(k).1;
     let long = "1".repeat(3 * MAX_LINE) + "\n";
-    let bad: [(&str, &str); 17] = [
+    let bad: [(&str, &str); 18] = [
         (
             "{\"t\": 0.1, \"q\": [0, 0, 0], \"tau\": [NaN, 0, 0]}\n",
             "expected value (column 36)",
@@ -271,8 +271,9 @@ fn bad_lines_are_refused_by_number_and_change_nothing() {
             "unknown field `touhc`",
         ),
         ("{\"t\": 0.1, \"q\": [0, 0, 0], \"tau\": [0, 0,\n", "EOF"),
-        ("\n", "EOF"),
-        ("no json\n", "expected"),
+        ("\n", "not an object"),
+        ("no json\n", "not an object"),
+        ("[0.1, [0, 0, 0], [0, 0, 0], null, 1, 0]\n", "not an object"),
         (&long, "longer than 65536 bytes"),
         // Numbers beyond any robot.
         (
@@ -301,7 +302,7 @@ fn bad_lines_are_refused_by_number_and_change_nothing() {
     let (clean, ..) = stream([good(0), good(1), good(2)].concat().as_bytes(), PATIENT);
     assert!(node.learner().session().belief() == clean.learner().session().belief());
     let counts = node.counts();
-    assert_eq!((counts.received, counts.used), (21, 3));
+    assert_eq!((counts.received, counts.used), (22, 3));
     for ((number, why), (line, part)) in refused.iter().zip(bad) {
         assert!(
             why.contains(part),
@@ -309,8 +310,8 @@ fn bad_lines_are_refused_by_number_and_change_nothing() {
         );
     }
     let numbers: Vec<u64> = refused.iter().map(|r| r.0).collect();
-    assert_eq!(numbers, (2..=19).collect::<Vec<_>>());
-    assert_eq!(counts.refused, 18);
+    assert_eq!(numbers, (2..=20).collect::<Vec<_>>());
+    assert_eq!(counts.refused, 19);
 }
 
 #[test]
@@ -591,7 +592,11 @@ fn readings_of_actuators_are_those_of_a_recording() {
 
     let session = LiveSession::new(robot, session, Some(gravity)).unwrap();
     let tare = TARE as u64;
-    let options = Options { tare, ..PATIENT };
+    let options = Options {
+        tare,
+        rate_hz: Some(10.0),
+        ..PATIENT
+    };
     let mut node = Node::new(session, Vec::new(), options).unwrap();
     for (number, sequence) in (0..).zip(&dataset.sequences) {
         let expected = external_torques(&scene, sequence).unwrap();
@@ -615,6 +620,155 @@ fn readings_of_actuators_are_those_of_a_recording() {
         assert!(expected[19][0] > 1.0 && expected[19][2] < -0.5);
     }
     assert_eq!((node.counts().tared, node.counts().used), (8, 32));
+    assert_eq!(node.counts().gaps, 0);
+}
+
+/// Joints that swing, at 1 kHz: their velocities and accelerations are those of the swing, a little later, whether velocities are
+/// given or not, and over a turn of a joint that has no end.
+#[test]
+fn how_joints_move() {
+    let robot = Arc::new(planar_arm(3, 0.3, 0.02).unwrap());
+    for given in [false, true] {
+        let mut motion = Motion::new(Arc::clone(&robot));
+        let swing = |t: f64, j: f64| (1.0 + j) * t;
+        // Lags (s): half a window of positions, and one of velocities on top, where these are not given.
+        let lags = if given {
+            [0.0, 0.0125]
+        } else {
+            [0.0125, 0.025]
+        };
+        for k in 0..3000 {
+            let t = 0.001 * f64::from(k);
+            let of = |f: &dyn Fn(f64, f64) -> f64| {
+                (0..3).map(|j| f(f64::from(j), t)).collect::<Vec<_>>()
+            };
+            let sample = Sample {
+                t: 1.7e9 + t,
+                q: of(&|j, t| swing(t, j).sin()),
+                tau: vec![0.0; 3],
+                qd: given.then(|| of(&|j, t| (1.0 + j) * swing(t, j).cos())),
+                touch: 0,
+                sequence: 0,
+            };
+            let begins = if k == 0 {
+                Begins::Sequence
+            } else {
+                Begins::Nothing
+            };
+            motion.follow(&sample, begins).unwrap();
+            if k < 60 {
+                continue;
+            }
+            for (j, (qd, qdd)) in (0..3).zip(motion.qd().iter().zip(motion.qdd())) {
+                let (j, pace) = (f64::from(j), 1.0 + f64::from(j));
+                let right = [
+                    pace * swing(t - lags[0], j).cos(),
+                    -pace * pace * swing(t - lags[1], j).sin(),
+                ];
+                assert!((qd - right[0]).abs() < 0.01, "{k}: {qd} {}", right[0]);
+                // Stamps since 1970 are rounded to 0.2 us.
+                assert!((qdd - right[1]).abs() < 0.1, "{k}: {qdd} {}", right[1]);
+            }
+        }
+    }
+}
+
+/// Readings of an arm that swings freely are those of no touch, but for the lag of what is known of its motion.
+#[test]
+fn what_moves_the_arm_is_taken_off() {
+    let (robot, session) = session_of(planar_arm(3, 0.3, 0.02).unwrap(), -5.0);
+    let gravity = Vector3::new(0.0, 0.0, -9.81);
+    let (joints, mut workspace) = (robot.clone(), robot.dynamics_workspace());
+    let session = LiveSession::new(robot, session, Some(gravity)).unwrap();
+    let options = Options {
+        rate_hz: None,
+        ..PATIENT
+    };
+    let mut node = Node::new(session, Vec::new(), options).unwrap();
+    let (mut most, mut inertia) = (0.0_f64, 0.0_f64);
+    for k in 0..2000 {
+        let t = 0.001 * f64::from(k);
+        let of = |f: fn(f64) -> f64, pace: f64| [0.5, -0.3, 0.2].map(|a| a * pace * f(4.0 * t));
+        let (q, qd) = (of(f64::sin, 1.0), of(f64::cos, 4.0));
+        let qdd = of(f64::sin, -16.0);
+        let needed = joints
+            .inverse_dynamics(&q, &qd, &qdd, &gravity, &mut workspace)
+            .unwrap();
+        let tau = needed.to_vec();
+        let held = joints
+            .gravity_torques(&q, &gravity, &mut workspace)
+            .unwrap();
+        let own = tau.iter().zip(held).map(|(n, h)| (n - h).abs());
+        inertia = own.fold(inertia, f64::max);
+        let sample = Sample {
+            t,
+            q: q.to_vec(),
+            tau,
+            qd: None,
+            touch: 0,
+            sequence: 0,
+        };
+        node.take(&sample).unwrap();
+        if k > 100 {
+            let reading = node.learner().session().observation().reading();
+            most = reading
+                .iter()
+                .map(|r| f64::from(r.abs()))
+                .fold(most, f64::max);
+        }
+    }
+    assert_eq!((node.counts().gaps, node.counts().used), (0, 2000));
+    // 4 rad/s times 25 ms.
+    assert!(
+        inertia > 1.0 && most < 0.12 * inertia,
+        "{most} of {inertia}"
+    );
+}
+
+/// A clock that is another one, or was set back, is told of as soon, and what moved meanwhile was not seen.
+#[test]
+fn clocks_that_begin_anew() {
+    let mut node = node(Options { tare: 2, ..PATIENT });
+    let (mut summaries, mut free) = (0, sample(0).0);
+    free.q[2] = 0.02;
+    for sequence in 0..2 {
+        let begin = if sequence == 0 { 300.0 } else { 0.0 };
+        for k in 0..50 {
+            let t = begin + 0.01 * f64::from(k);
+            node.take(&Sample {
+                t,
+                sequence,
+                ..free.clone()
+            })
+            .unwrap();
+            summaries += u32::from(node.is_due());
+            if node.is_due() {
+                node.summary();
+            }
+        }
+    }
+    assert_eq!((node.counts().tared, node.counts().used), (4, 96));
+    assert!((8..=10).contains(&summaries), "{summaries}");
+    // An old one is no new sequence.
+    let old = Sample {
+        t: 400.0,
+        sequence: 0,
+        ..free.clone()
+    };
+    node.take(&old).unwrap();
+    assert_eq!((node.counts().late, node.counts().restarts), (1, 0));
+    // Set back by half a second: deep in a touch when it has caught up.
+    for k in 0..60 {
+        let mut deep = sample(60).0;
+        deep.t = 0.01 * f64::from(k);
+        node.take(&Sample {
+            sequence: 1,
+            ..deep
+        })
+        .unwrap();
+    }
+    assert_eq!((node.counts().late, node.counts().gaps), (50, 1));
+    assert_eq!(node.counts().skipped, 10);
 }
 
 /// What tares the sensors has to be free: readings of a touch are not zero.

@@ -1,107 +1,122 @@
 //! Samples of a stream that are kept, to be looked at in the end.
 
-use crate::recording::untouched;
 use vsf::core::{Belief, CoreError, UpdateReport};
 use vsf::data::{Sequence, Table};
 use vsf::pipeline::live::{Begins, Learner, Sample};
 use vsf::pipeline::{Scene, motion_warnings, reading_warnings};
 
-/// At most so many samples are kept, from all over the stream.
-const MOST: usize = 20_000;
+/// A stretch has so many samples at least, and ends where nothing is touched, but for one of so many.
+const LEAST: usize = 250;
+const MOST: usize = 2_500;
+/// Between so many stretches and twice as many are kept of a long stream, from all over it.
+const STRETCHES: usize = 16;
 
-/// A learner whose samples are kept.
+/// A learner whose samples are kept, in stretches that begin and end in free air.
 pub struct Kept<L> {
     learner: L,
-    samples: Vec<(Begins, Sample)>,
-    /// Every so many samples one is kept.
+    kept: Vec<Stretch>,
+    now: Stretch,
+    /// Every so many stretches one is kept, of so many that there were.
     every: usize,
     seen: usize,
-    /// What has begun since the last one that was.
-    begun: Begins,
+    /// Whether the arm is in a touch that has been cut off.
+    cut: bool,
 }
 
-impl<L> Kept<L> {
+type Stretch = Vec<(Begins, Sample)>;
+
+impl<L: Learner> Kept<L> {
     pub fn new(learner: L) -> Self {
         Self {
             learner,
-            samples: Vec::new(),
+            kept: Vec::new(),
+            now: Vec::new(),
             every: 1,
             seen: 0,
-            begun: Begins::Sequence,
+            cut: false,
         }
     }
 
     fn keep(&mut self, sample: &Sample, begins: Begins) {
-        self.begun = of_both(self.begun, begins);
+        let is_free = self.learner.touching().is_empty();
+        self.cut &= !is_free;
+        if begins == Begins::Sequence {
+            self.end();
+        }
+        if self.cut {
+            return;
+        }
+        self.now.push((begins, sample.clone()));
+        if self.now.len() >= MOST || is_free && self.now.len() >= LEAST {
+            self.cut = !is_free;
+            self.end();
+        }
+    }
+
+    /// A stretch ends.
+    fn end(&mut self) {
+        let stretch = std::mem::take(&mut self.now);
+        if stretch.is_empty() {
+            return;
+        }
         if self.seen.is_multiple_of(self.every) {
-            let begun = std::mem::replace(&mut self.begun, Begins::Nothing);
-            self.samples.push((begun, sample.clone()));
+            self.kept.push(stretch);
         }
         self.seen += 1;
-        if self.samples.len() == 2 * MOST {
-            let pairs = self.samples.chunks_exact(2);
-            // What begins between two samples begins with the next.
-            let mut before = Begins::Nothing;
-            let thinned = pairs.map(|pair| {
-                let begun = of_both(before, pair[0].0);
-                before = pair[1].0;
-                (begun, pair[0].1.clone())
+        if self.kept.len() == 2 * STRETCHES {
+            let mut odd = true;
+            self.kept.retain(|_| {
+                odd = !odd;
+                !odd
             });
-            self.samples = thinned.collect();
-            self.begun = of_both(before, self.begun);
             self.every *= 2;
         }
     }
 
     /// What looks wrong with them; with the readings only where these are `plain`, neither tared nor corrected.
     pub fn warnings(&self, scene: &Scene, plain: bool) -> anyhow::Result<Vec<String>> {
-        let sequences = self.sequences()?;
+        let stretches = self.kept.iter().chain([&self.now]);
+        let sequences = stretches.filter_map(|s| sequence(s).transpose());
+        let sequences = sequences.collect::<anyhow::Result<Vec<_>>>()?;
         let all: Vec<&Sequence> = sequences.iter().collect();
         let mut found = motion_warnings(scene.robot(), &all);
-        let scene = scene.clone().without_tare();
-        let traces = scene.traces(&all, || {})?;
-        let nothing = untouched(&scene, &traces);
-        if plain && nothing.is_none() {
+        if plain {
+            let scene = scene.clone().without_tare();
+            let traces = scene.traces(&all, || {})?;
             found.extend(reading_warnings(&scene, &all, &traces));
         }
         let texts = found.iter().map(|w| format!("the stream: {w}"));
-        let nothing = nothing.map(|e| format!("the stream: {e}"));
-        Ok(texts.chain(nothing).collect())
-    }
-
-    fn sequences(&self) -> anyhow::Result<Vec<Sequence>> {
-        let mut sequences = Vec::new();
-        let parts = (self.samples).chunk_by(|_, (begun, _)| *begun != Begins::Sequence);
-        for (number, part) in parts.enumerate() {
-            let samples = || part.iter().map(|(_, sample)| sample);
-            let joints = part[0].1.q.len();
-            let angles = samples().flat_map(|s| s.q.iter().copied()).collect();
-            let torques = samples().flat_map(|s| s.tau.iter().copied()).collect();
-            let starts = part.iter().enumerate().skip(1);
-            let starts = starts.filter(|(_, (begun, _))| *begun == Begins::Touch);
-            sequences.push(Sequence {
-                touch_starts: std::iter::once(0)
-                    .chain(starts.map(|(row, _)| row))
-                    .collect(),
-                ..Sequence::new(
-                    (number + 1).to_string(),
-                    samples().map(|s| s.t).collect(),
-                    Table::new(joints, angles)?,
-                    Table::new(joints, torques)?,
-                )
-            });
-        }
-        Ok(sequences)
+        Ok(texts.collect())
     }
 }
 
-/// What has begun where this and that has.
-fn of_both(a: Begins, b: Begins) -> Begins {
-    match (a, b) {
-        (Begins::Sequence, _) | (_, Begins::Sequence) => Begins::Sequence,
-        (Begins::Touch, _) | (_, Begins::Touch) => Begins::Touch,
-        _ => Begins::Nothing,
+/// A stretch as a sequence that is named by its time; touches of a single sample, which say nothing of motion, are left out.
+fn sequence(stretch: &Stretch) -> anyhow::Result<Option<Sequence>> {
+    let touches = stretch.chunk_by(|_, (begins, _)| *begins == Begins::Nothing);
+    let (mut samples, mut starts) = (Vec::new(), Vec::new());
+    for touch in touches.filter(|touch| touch.len() > 1) {
+        starts.push(samples.len());
+        samples.extend(touch.iter().map(|(_, sample)| sample));
     }
+    let Some(first) = samples.first() else {
+        return Ok(None);
+    };
+    let joints = first.q.len();
+    let table = |of: &dyn Fn(&Sample) -> Option<&Vec<f64>>| -> anyhow::Result<Option<Table>> {
+        let rows: Option<Vec<&Vec<f64>>> = samples.iter().map(|s| of(s)).collect();
+        let data = rows.map(|rows| rows.into_iter().flatten().copied().collect());
+        Ok(data.map(|data| Table::new(joints, data)).transpose()?)
+    };
+    let tables = (table(&|s| Some(&s.q))?, table(&|s| Some(&s.tau))?);
+    let (Some(angles), Some(torques)) = tables else {
+        return Ok(None);
+    };
+    let time = samples.iter().map(|s| s.t).collect();
+    Ok(Some(Sequence {
+        touch_starts: starts,
+        velocities: table(&|s| s.qd.as_ref())?,
+        ..Sequence::new(format!("from {} s", first.t), time, angles, torques)
+    }))
 }
 
 impl<L: Learner> Learner for Kept<L> {

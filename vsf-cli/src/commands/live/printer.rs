@@ -2,14 +2,16 @@
 
 use crate::console::complain;
 use std::io::{Write, stdout};
-use std::sync::mpsc::{Receiver, SyncSender, TrySendError, channel, sync_channel};
+use std::sync::mpsc::{
+    Receiver, RecvTimeoutError, SyncSender, TrySendError, channel, sync_channel,
+};
 use std::thread::{sleep, spawn};
 use std::time::Duration;
 
 /// So many lines wait for their reader.
 const LINES: usize = 64;
 const A_MOMENT: Duration = Duration::from_millis(5);
-/// So long the last lines have in the end.
+/// So long the last lines have in the end, unless they are waited for.
 const PATIENCE: Duration = Duration::from_secs(5);
 
 pub struct Printer {
@@ -31,12 +33,12 @@ impl Printer {
         }
     }
 
-    /// Prints a line. Where there is no room for it, it is left out, or waits until there is or this is `closing`.
-    pub fn print(&mut self, line: String, closing: impl Fn() -> bool) {
+    /// Prints a line. Where there is no room for it, it is left out, or waits until there is or this is `interrupted`.
+    pub fn print(&mut self, line: String, interrupted: impl Fn() -> bool) {
         let mut line = line + "\n";
         while let Some(thread) = &self.thread {
             line = match thread.lines.try_send(line) {
-                Err(TrySendError::Full(line)) if self.waits && !closing() => line,
+                Err(TrySendError::Full(line)) if self.waits && !interrupted() => line,
                 Ok(()) | Err(TrySendError::Full(_)) => return,
                 Err(TrySendError::Disconnected(_)) => {
                     self.thread = None;
@@ -47,12 +49,16 @@ impl Printer {
         }
     }
 
-    /// Waits a while for the last lines.
-    pub fn finish(self) {
-        if let Some(Thread { lines, ended }) = self.thread {
-            drop(lines);
-            let _ = ended.recv_timeout(PATIENCE);
-        }
+    /// Waits for the last lines, but not for ever unless it `waits` for all.
+    pub fn finish(self, interrupted: impl Fn() -> bool) {
+        let Some(Thread { lines, ended }) = self.thread else {
+            return;
+        };
+        drop(lines);
+        while ended.recv_timeout(PATIENCE) == Err(RecvTimeoutError::Timeout)
+            && self.waits
+            && !interrupted()
+        {}
     }
 }
 

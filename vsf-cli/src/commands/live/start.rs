@@ -53,10 +53,10 @@ impl Start {
         model: Option<&CorrectedModel>,
         console: &Console,
     ) -> anyhow::Result<(Scene, Self)> {
-        if settings.prior_sd.is_some() {
-            return Err(usage(
-                "--prior-sd: --field says what is known before; leave it out",
-            ));
+        if let Some(flag) = settings.flag_of_prior() {
+            return Err(usage(format!(
+                "{flag}: --field says what is known before; leave one of them out"
+            )));
         }
         let (file, scene) = recording.field_and_scene(Some(path), model, console)?;
         let (stored, field) = (file.stored, file.field);
