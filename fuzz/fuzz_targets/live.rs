@@ -92,6 +92,6 @@ fuzz_target!(|data: &[u8]| {
     let belief = node.learner().session().belief();
     Belief::new(belief.mean().to_vec(), belief.variance().to_vec()).expect("a belief");
     let c = node.counts();
-    let all = c.refused + c.dropped + c.repeated + c.late + c.tared + c.skipped + c.used;
+    let all = c.refused + c.dropped + c.repeated + c.late + c.stray + c.tared + c.skipped + c.used;
     assert_eq!(c.received, all);
 });

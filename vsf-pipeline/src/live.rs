@@ -23,7 +23,7 @@ pub use source::{Datagrams, Lines, MAX_LINE, Received, Source};
 
 use std::io;
 use std::panic::{AssertUnwindSafe, catch_unwind};
-use std::sync::atomic::{AtomicU64, Ordering};
+use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use std::sync::{Arc, Mutex, PoisonError};
 use std::thread::spawn;
 
@@ -37,6 +37,7 @@ struct Reading {
     refused: AtomicU64,
     /// Why it ended, if the source failed.
     failed: Mutex<Option<io::Error>>,
+    ended: AtomicBool,
 }
 
 /// Runs a node until its source ends, or until `queue`, a new one ([`Node::new_queue`]), is closed by someone else.
@@ -99,7 +100,7 @@ pub fn run<L: Learner>(
             refuse(number, why);
         })
     };
-    spawn({
+    let reader = spawn({
         let (queue, reading, refuse) = (Arc::clone(queue), Arc::clone(&reading), refuse.clone());
         move || {
             let done = catch_unwind(AssertUnwindSafe(|| {
@@ -110,6 +111,7 @@ pub fn run<L: Learner>(
                 Err(_) => Some(io::Error::other("the reading thread panicked")),
             };
             *(reading.failed.lock()).unwrap_or_else(PoisonError::into_inner) = failed;
+            reading.ended.store(true, Ordering::Release);
             queue.close();
         }
     });
@@ -124,6 +126,10 @@ pub fn run<L: Learner>(
     let _close = Close(queue);
     let estimated = estimate(node, queue, &*refuse, &mut tell);
     queue.close();
+    if reading.ended.load(Ordering::Acquire) {
+        // It is about to.
+        let _ = reader.join();
+    }
     let published = estimated.and_then(|()| tell(node));
     let failed = (reading.failed.lock())
         .unwrap_or_else(PoisonError::into_inner)

@@ -45,17 +45,17 @@ taken off. Further keys: \"qd\", joint velocities, estimated if not given (of us
 \"touch\", a number that changes where a touch begins; \"sequence\", one that grows where clock or sensors begin anew. The robot, \
 its points and contact are those of a recording, of which one sequence is enough, or a motion that is planned (`vsf import --planned`).
 
-A gap of more than 0.1 s, of slow streams of two missing samples, ends a touch. Of a touch whose beginning was not seen, with the arm \
+A gap of more than 0.1 s in which the arm moved, of slow streams of two missing samples, ends a touch. Of a touch whose beginning was not seen, with the arm \
 inside of the object, nothing is learned until the arm has been in free air: such samples are skipped.
 
 Summaries are lines of JSON on standard output: t, contacts (points touched now), touched (so far, --field included), stiffness \
 (mean, sd and max of those, N/m), residual (before the update, root mean square of its norm since the last summary, null without \
 a sample), nis_ratio (since the start, in contact; 1 where the filter is as sure as it may be), slowest_ms (of a step), and counts of \
-samples: received, refused, dropped (the estimation was too slow), repeated, late, tared, skipped, used, missing, gaps, restarts (the \
-clock went back). They come by the clock of the samples. Where nobody reads them they are left out, but of a file, with --wait or \
+samples: received, refused, dropped (they came more quickly than they were learned), repeated, late, stray (of a time that fits no other), \
+tared, skipped, used, missing, gaps, restarts (the clock went back). They come by the clock of the samples. Where nobody reads them they are left out, but of a file, with --wait or \
 --play, which wait for their reader.
 
-The stream ends with the pipe, with an empty datagram, after --idle, or by Ctrl-C, with exit code 0. Then the field is written, and what \
+The stream ends with the pipe, with an empty datagram, after --idle, or by Ctrl-C, with exit code 0. Then the field is written, if anything was touched, and what \
 looks wrong with the samples is told, of a long stream with parts from all over it; of readings that are tared or corrected \
 by --model, that of their motions alone.
 
@@ -85,7 +85,7 @@ pub struct Args {
     /// Where to write the field in the end: .npz, .ply, .mcap, or a folder, which must be new, empty or a field to replace
     #[arg(long, required_unless_present = "play")]
     out: Option<PathBuf>,
-    /// Write it every so many minutes, too; samples wait meanwhile
+    /// Write it every so many minutes, too, with the next summary; samples wait meanwhile
     #[arg(long, value_name = "MINUTES", requires = "out", value_parser = minutes)]
     save_every: Option<f64>,
     /// An earlier field of the recording's points, to go on from, with its prior and noise
@@ -230,6 +230,20 @@ impl Live<'_> {
         let mut node = Node::new(Kept::new(learner), start.touched.clone(), options)?;
         let ran = self.stream(&mut node, model.as_deref());
         let counts = *node.counts();
+        if counts.dropped > 0 {
+            console.warn(format_args!(
+                "{} samples were dropped, since they came more quickly than they were learned; give --wait where their sender can \
+                 wait, or a lower --replay",
+                counts.dropped
+            ));
+        }
+        if counts.skipped > 0 {
+            console.warn(format_args!(
+                "nothing was learned from {} samples in touches whose beginning was not seen: the stream began in contact, or \
+                 samples were missing in a touch ({} gaps)",
+                counts.skipped, counts.gaps
+            ));
+        }
         if counts.used == 0 {
             ran?;
             anyhow::bail!(
@@ -283,20 +297,6 @@ impl Live<'_> {
             report.points,
             wrote.unwrap_or_default()
         ));
-        if counts.dropped > 0 {
-            console.warn(format_args!(
-                "{} samples were dropped, since the estimation was too slow for them; give --wait where they need not be taken \
-                 at their time, or a lower --replay",
-                counts.dropped
-            ));
-        }
-        if counts.skipped > 0 {
-            console.warn(format_args!(
-                "nothing was learned from {} samples in touches whose beginning was not seen: the stream began in contact, or \
-                 samples were missing in a touch ({} gaps)",
-                counts.skipped, counts.gaps
-            ));
-        }
         console.warn_all(health_warnings(node.health()));
         saved?;
         ran?;
@@ -451,9 +451,11 @@ fn told(counts: &Counts) -> String {
         ("dropped", counts.dropped),
         ("repeated", counts.repeated),
         ("late", counts.late),
+        ("stray", counts.stray),
         ("tared", counts.tared),
         ("skipped", counts.skipped),
         ("missing", counts.missing),
+        ("restarts of the clock", counts.restarts),
     ];
     let others = kinds.iter().filter(|(_, count)| *count > 0);
     let others: String = others

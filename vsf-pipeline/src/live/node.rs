@@ -41,7 +41,7 @@ impl Default for Options {
     }
 }
 
-/// What became of the samples; lines, and those that were refused or dropped, are counted by [`run`](super::run) alone. `received = refused + dropped + repeated + late + tared + skipped + used`
+/// What became of the samples; lines, and those that were refused or dropped, are counted by [`run`](super::run) alone. `received = refused + dropped + repeated + late + stray + tared + skipped + used`
 /// in the end.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize)]
 pub struct Counts {
@@ -55,6 +55,8 @@ pub struct Counts {
     pub repeated: u64,
     /// Samples older than the one before, or of a sequence before it.
     pub late: u64,
+    /// Samples far from those before in time that the next ones did not follow, and the first of those that they did.
+    pub stray: u64,
     /// Samples whose mean reading is zero.
     pub tared: u64,
     /// Samples of touches whose beginning was not seen, of which nothing is learned.
@@ -112,8 +114,10 @@ pub struct Node<L> {
     last: Option<f64>,
     touch: u64,
     sequence: u64,
-    /// Earliest time of the samples that were late since.
+    q: Vec<f64>,
+    /// Earliest time of the samples that were late since, and the last one that was stray.
     earliest: f64,
+    stray: Option<f64>,
     /// Tare samples of the sequence so far.
     tared: u64,
     steps: Steps,
@@ -126,7 +130,20 @@ pub struct Node<L> {
 }
 
 /// Until the rate is known, only longer gaps than this (s) are any.
-const SLOWEST: f64 = 1.0;
+const SLOWEST: f64 = 10.0;
+/// Where no joint has moved by more than this (rad or m), nothing was missed.
+const MOST_MOVED: f64 = 1e-3;
+
+/// Where a sample belongs.
+struct Placed {
+    begins: Begins,
+    /// Whether the clock went back.
+    restarted: bool,
+    /// Whether samples are missing in a touch.
+    gap: bool,
+    /// Time since the sample before it in the touch (s).
+    step: Option<f64>,
+}
 
 /// The last steps from sample to sample within a touch (s).
 #[derive(Debug, Default)]
@@ -206,7 +223,9 @@ impl<L: Learner> Node<L> {
             last: None,
             touch: 0,
             sequence: 0,
+            q: Vec::new(),
             earliest: f64::INFINITY,
+            stray: None,
             tared: 0,
             steps: Steps::default(),
             health: FilterHealth::default(),
@@ -271,56 +290,28 @@ impl<L: Learner> Node<L> {
         &self.counts
     }
 
-    /// Takes in a sample, unless it is late or repeated, which is counted.
+    /// Takes in a sample, unless it is late, repeated or stray, which is counted.
     ///
     /// # Errors
     /// A sample that is not finite or that the [`Learner`] refuses; the belief is unchanged.
     pub fn take(&mut self, sample: &Sample) -> Result<(), L::Error> {
         CoreError::check_finite("time", &[sample.t])?;
-        let Options {
-            rate_hz,
-            max_gap,
-            restart,
-            ..
-        } = self.options;
-        let is_next = self.last.is_some() && sample.sequence != self.sequence;
-        let step = match self.last {
-            Some(last) if !is_next => sample.t - last,
-            _ => f64::INFINITY,
-        };
-        if step == 0.0 {
-            self.counts.repeated += 1;
+        let usual = (self.options.rate_hz.map(f64::recip)).or_else(|| self.steps.usual());
+        let Some(placed) = self.place(sample, usual) else {
             return Ok(());
-        }
-        // Sequences do not come back.
-        let is_over = self.last.is_some() && sample.sequence < self.sequence;
-        if is_over || step < 0.0 && step > -restart {
-            self.counts.late += 1;
-            if !is_over {
-                self.earliest = self.earliest.min(sample.t);
-            }
-            return Ok(());
-        }
-        let (restarted, begins) = (step < 0.0, sample.touch != self.touch);
-        let within = self.last.is_some() && !restarted && !begins && !is_next;
-        let usual = rate_hz.map(f64::recip).or_else(|| self.steps.usual());
-        let longest = match usual {
-            Some(usual) => max_gap.max(2.5 * usual),
-            None => max_gap.max(SLOWEST),
         };
-        // Of a clock that was set back, samples are late until it has caught up: the way there was not seen.
-        let unseen = self.last.map_or(0.0, |last| last - self.earliest);
-        let gap = within && (step > longest || unseen > longest);
-        if restarted || is_next {
-            self.due = None;
+        let Placed {
+            begins,
+            restarted,
+            gap,
+            step,
+        } = placed;
+        let period = 1.0 / self.options.publish_hz;
+        if begins == Begins::Sequence {
+            // By another clock it is due as soon.
+            let left = self.due.zip(self.last).map(|(due, last)| due - last);
+            self.due = left.map(|left| sample.t + left.clamp(0.0, period));
         }
-        let begins = if restarted || is_next {
-            Begins::Sequence
-        } else if gap || begins {
-            Begins::Touch
-        } else {
-            Begins::Nothing
-        };
         let tared = match begins {
             Begins::Sequence => 0,
             _ => self.tared,
@@ -339,11 +330,9 @@ impl<L: Learner> Node<L> {
         let start = Instant::now();
         let report = self.learner.learn(sample, begins)?;
         let took = 1e3 * start.elapsed().as_secs_f64();
-        if within {
+        if let Some(step) = step {
             self.steps.add(step);
-        }
-        if let Some(usual) = usual.filter(|_| within) {
-            let between = (step / usual).round() - 1.0;
+            let between = usual.map_or(0.0, |usual| (step / usual).round() - 1.0);
             self.counts.missing = self.counts.missing.saturating_add(between.max(0.0) as u64);
         }
         self.counts.gaps += u64::from(gap);
@@ -366,11 +355,7 @@ impl<L: Learner> Node<L> {
                 }
             }
         }
-        let period = 1.0 / self.options.publish_hz;
-        let due = match self.due {
-            Some(due) => due,
-            None => sample.t + period,
-        };
+        let due = self.due.unwrap_or(sample.t + period);
         // The sample next to the time that is due, not the one after it.
         self.is_due = sample.t + 0.5 * usual.unwrap_or(0.0) >= due;
         self.due = Some(if !self.is_due {
@@ -383,8 +368,80 @@ impl<L: Learner> Node<L> {
         Ok(())
     }
 
+    /// Where a sample belongs, by its numbers and time, with the `usual` time between samples (s); `None` where it is not to be
+    /// taken, which is counted.
+    fn place(&mut self, sample: &Sample, usual: Option<f64>) -> Option<Placed> {
+        let new = |begins| Placed {
+            begins,
+            restarted: false,
+            gap: false,
+            step: None,
+        };
+        let Some(last) = self.last else {
+            return Some(new(Begins::Touch));
+        };
+        // Sequences do not come back.
+        if sample.sequence < self.sequence {
+            self.counts.late += 1;
+            return None;
+        }
+        if sample.sequence > self.sequence {
+            return Some(new(Begins::Sequence));
+        }
+        let Options {
+            max_gap, restart, ..
+        } = self.options;
+        let step = sample.t - last;
+        if step == 0.0 {
+            self.counts.repeated += 1;
+            return None;
+        }
+        if step < 0.0 && step > -restart {
+            self.counts.late += 1;
+            self.earliest = self.earliest.min(sample.t);
+            return None;
+        }
+        let begins = sample.touch != self.touch;
+        let longest = match usual {
+            Some(usual) => max_gap.max(2.5 * usual),
+            None => max_gap.max(SLOWEST),
+        };
+        if step < 0.0 || !begins && step > longest {
+            // A single stamp that fits no other is not believed.
+            let follows = |stray: f64| sample.t > stray && sample.t - stray <= longest;
+            if !self.stray.is_some_and(follows) {
+                self.stray = Some(sample.t);
+                self.counts.stray += 1;
+                return None;
+            }
+        }
+        if step < 0.0 {
+            return Some(Placed {
+                restarted: true,
+                ..new(Begins::Sequence)
+            });
+        }
+        // Of a clock that was set back, samples are late until it has caught up: the way there was not seen.
+        let unseen = step.max(last - self.earliest) > longest;
+        let pairs = self.q.iter().zip(&sample.q);
+        let rests = pairs.clone().count() == sample.q.len()
+            && pairs.into_iter().all(|(a, b)| (a - b).abs() <= MOST_MOVED);
+        let gap = !begins && unseen && !rests;
+        Some(Placed {
+            gap,
+            step: (!begins).then_some(step),
+            ..new(if gap || begins {
+                Begins::Touch
+            } else {
+                Begins::Nothing
+            })
+        })
+    }
+
     fn went_to(&mut self, sample: &Sample) {
         self.last = Some(sample.t);
+        self.q.clone_from(&sample.q);
+        self.stray = None;
         self.earliest = f64::INFINITY;
         self.touch = sample.touch;
         self.sequence = sample.sequence;

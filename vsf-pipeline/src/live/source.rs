@@ -82,17 +82,22 @@ impl Datagrams {
 
 impl Source for Datagrams {
     fn receive(&mut self, line: &mut Vec<u8>) -> io::Result<Received> {
-        use ErrorKind::{Interrupted, TimedOut, WouldBlock};
         line.resize(MAX_LINE, 0);
-        match self.socket.recv(line) {
+        let received = loop {
+            match self.socket.recv(line) {
+                // A process that was stopped and goes on is interrupted.
+                Err(e) if e.kind() == ErrorKind::Interrupted => {}
+                received => break received,
+            }
+        };
+        match received {
             Ok(0) => Ok(Received::End),
             Ok(length) => {
                 line.truncate(length);
                 self.last = Instant::now();
                 Ok(Received::Line)
             }
-            // A process that was stopped and goes on is interrupted.
-            Err(e) if matches!(e.kind(), WouldBlock | TimedOut | Interrupted) => {
+            Err(e) if matches!(e.kind(), ErrorKind::WouldBlock | ErrorKind::TimedOut) => {
                 let is_over = self.idle.is_some_and(|idle| self.last.elapsed() >= idle);
                 Ok(if is_over {
                     Received::End

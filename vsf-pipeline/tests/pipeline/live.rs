@@ -153,27 +153,34 @@ fn a_perfect_stream_is_a_session() {
 fn late_repeated_and_missing_samples() {
     let order = [0, 1, 2, 2, 3, 5, 4, 6, 7, 30, 31];
     let mut text: String = order.iter().map(|&k| sample(k).1).collect();
-    // A clock that was set anew, far ahead and then back.
-    text += &sample(0).1.replace("\"t\": 0", "\"t\": 1e10");
-    text += &sample(1).1;
-    text += &sample(2).1;
+    let at = |t: &str, k: u32| {
+        let line = sample(k).1;
+        let (_, rest) = line.split_once(", \"q\"").unwrap();
+        format!("{{\"t\": {t}, \"q\"{rest}")
+    };
+    // A single stamp far ahead, then a clock that was set anew, ahead and back.
+    text += &at("1e10", 31);
+    text += &(at("0.32", 32) + &at("5", 32) + &at("5.01", 33));
+    text += &(at("0.01", 1) + &at("0.02", 2) + &at("0.03", 3));
     let (node, summaries, refused) = stream(text.as_bytes(), PATIENT);
     assert!(refused.is_empty(), "{refused:?}");
     let counts = node.counts();
-    assert_eq!((counts.received, counts.used), (14, 12));
-    assert_eq!((counts.repeated, counts.late), (1, 1));
-    // Sample 4, 22 between 7 and 30, and those before 1e10 s.
-    assert_eq!(counts.missing, 1 + 22 + 1_000_000_000_000 - 32);
-    assert_eq!((counts.gaps, counts.restarts), (2, 1));
-    assert_eq!(summaries.last().unwrap()["t"], 0.02);
+    assert_eq!((counts.received, counts.used), (18, 12));
+    assert_eq!((counts.repeated, counts.late, counts.stray), (1, 1, 4));
+    // Sample 4, 23 between 7 and 31, and those up to 5.01 s.
+    assert_eq!(counts.missing, 1 + 23 + 468);
+    // At 5 s the arm is where it was.
+    assert_eq!((counts.gaps, counts.restarts), (1, 1));
+    assert_eq!(summaries.last().unwrap()["t"], 0.03);
     let text: String = order.iter().map(|&k| sample(k).1).collect();
     let (node, ..) = stream(text.as_bytes(), PATIENT);
     let expected = Counts {
         received: 11,
-        used: 9,
+        used: 8,
         repeated: 1,
         late: 1,
-        missing: 23,
+        stray: 1,
+        missing: 24,
         gaps: 1,
         ..Counts::default()
     };
@@ -183,17 +190,21 @@ fn late_repeated_and_missing_samples() {
 /// The rate is that of the stamps, if nobody says another.
 #[test]
 fn a_slow_stream_is_one_touch() {
-    // 0.2 s apart; one sample is missing, then three.
-    let text: Vec<String> = (0..12)
-        .chain([13, 14, 18])
-        .map(|k| sample(20 * k).1)
-        .collect();
     for rate_hz in [None, Some(5.0)] {
-        let options = Options { rate_hz, ..PATIENT };
-        let (node, ..) = stream(text.concat().as_bytes(), options);
+        let mut node = node(Options { rate_hz, ..PATIENT });
+        // 0.2 s apart; one sample is missing, then three.
+        for k in (0..12).chain([13, 14, 18, 19]) {
+            let k = f64::from(k);
+            let sliding = Sample {
+                t: 0.2 * k,
+                q: vec![0.002 * k, 0.02, -0.001],
+                ..sample(0).0
+            };
+            node.take(&sliding).unwrap();
+        }
         let counts = node.counts();
-        assert_eq!((counts.missing, counts.gaps), (4, 1), "{rate_hz:?}");
-        assert_eq!(counts.used + counts.skipped, 15);
+        assert_eq!((counts.missing, counts.gaps), (5, 1), "{rate_hz:?}");
+        assert_eq!((counts.used, counts.stray), (15, 1));
     }
 }
 
@@ -220,7 +231,7 @@ fn a_touch_whose_beginning_is_missing_is_skipped() {
         .map(|k| sample(k).1)
         .collect();
     let (node, ..) = stream(text.as_bytes(), PATIENT);
-    assert_eq!((node.counts().used, node.counts().skipped), (40, 40));
+    assert_eq!((node.counts().used, node.counts().skipped), (40, 39));
     let (before, ..) = stream(
         (0..40).map(|k| sample(k).1).collect::<String>().as_bytes(),
         PATIENT,
@@ -393,7 +404,7 @@ fn a_slow_node_keeps_the_newest() {
     run(&mut node, &queue, source, publish, |_, _| ()).unwrap();
     let counts = node.counts();
     // Up to two before it stands still, and the last four in the end, which are deep in a touch.
-    let taken = counts.used + counts.skipped;
+    let taken = counts.used + counts.skipped + counts.stray;
     assert!(
         (4..=6).contains(&taken) && counts.skipped >= 3,
         "{counts:?}"
@@ -552,6 +563,19 @@ fn a_node_takes_a_second_stream() {
         (counts.received, counts.used, counts.refused),
         (102, 100, 2)
     );
+}
+
+/// Where the arm rested, nothing was missed.
+#[test]
+fn a_pause_in_a_touch_is_no_gap() {
+    let text: String = (0..200)
+        .filter(|k| !(100..150).contains(k))
+        .map(|k| sample(k).1)
+        .collect();
+    let (node, ..) = stream(text.as_bytes(), PATIENT);
+    let counts = node.counts();
+    assert_eq!((counts.gaps, counts.skipped, counts.stray), (0, 0, 1));
+    assert_eq!((counts.used, counts.missing), (149, 51));
 }
 
 /// Readings of actuators come out as those of a recording do: of the environment, with its sign, each sequence tared anew.

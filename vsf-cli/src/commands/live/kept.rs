@@ -86,7 +86,11 @@ impl<L: Learner> Kept<L> {
             found.extend(reading_warnings(&scene, &all, &traces));
         }
         let texts = found.iter().map(|w| format!("the stream: {w}"));
-        Ok(texts.collect())
+        let mut torques = all.iter().flat_map(|s| s.torques.data());
+        let is_dead = torques.all(|tau| *tau == 0.0);
+        let dead = is_dead
+            .then(|| "the stream: all torques are zero, as if nothing was measured".to_owned());
+        Ok(texts.chain(dead).collect())
     }
 }
 
