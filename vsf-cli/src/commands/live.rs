@@ -239,9 +239,11 @@ impl Live<'_> {
         }
         if counts.skipped > 0 {
             console.warn(format_args!(
-                "nothing was learned from {} samples in touches whose beginning was not seen: the stream began in contact, or \
-                 samples were missing in a touch ({} gaps)",
-                counts.skipped, counts.gaps
+                "nothing was learned from {} samples in touches whose beginning was not seen: the stream, or a sequence of it, \
+                 began in contact, or samples were missing in a touch ({} gap{})",
+                counts.skipped,
+                counts.gaps,
+                plural(counts.gaps as usize)
             ));
         }
         if counts.used == 0 {

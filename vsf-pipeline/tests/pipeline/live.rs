@@ -197,7 +197,7 @@ fn a_slow_stream_is_one_touch() {
             let k = f64::from(k);
             let sliding = Sample {
                 t: 0.2 * k,
-                q: vec![0.002 * k, 0.02, -0.001],
+                q: vec![0.004 * k, 0.02, -0.001],
                 ..sample(0).0
             };
             node.take(&sliding).unwrap();

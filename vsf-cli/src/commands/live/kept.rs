@@ -87,7 +87,7 @@ impl<L: Learner> Kept<L> {
         }
         let texts = found.iter().map(|w| format!("the stream: {w}"));
         let mut torques = all.iter().flat_map(|s| s.torques.data());
-        let is_dead = torques.all(|tau| *tau == 0.0);
+        let is_dead = !all.is_empty() && torques.all(|tau| *tau == 0.0);
         let dead = is_dead
             .then(|| "the stream: all torques are zero, as if nothing was measured".to_owned());
         Ok(texts.chain(dead).collect())
