@@ -48,6 +48,10 @@ its points and contact are those of a recording, of which one sequence is enough
 A gap of more than 0.1 s in which the arm moved, of slow streams of two missing samples, ends a touch. Of a touch whose beginning was not seen, with the arm \
 inside of the object, nothing is learned until the arm has been in free air: such samples are skipped.
 
+Prior and noise that are not given are chosen by the recording's train sequences, as `vsf estimate` does. Each reading then counts as \
+one that knows nothing of the others: for a stream that is much quicker than the recording, or touches one place over and over, give \
+a larger --noise-sd, or the field is too sure of itself.
+
 Summaries are lines of JSON on standard output: t, contacts (points touched now), touched (so far, --field included), stiffness \
 (mean, sd and max of those, N/m), residual (before the update, root mean square of its norm since the last summary, null without \
 a sample), nis_ratio (since the start, in contact; 1 where the filter is as sure as it may be), slowest_ms (of a step), and counts of \
