@@ -15,8 +15,9 @@ const MOST_LAG: f64 = 1.0;
 const STEPS: usize = 50;
 /// A lag from which on it is told (s).
 const LEAST_LAG: f64 = 0.08;
-/// With half of it taken away, work has to tell of so much of the other half. Without one it tells of none, or of less than none.
-const LEAST_BY_WORK: f64 = 0.1;
+/// With half of it taken away, readings have to give so much of the work that springs would give with the other half. Of objects whose
+/// contact is not that of the model, such as a pad without friction, it is 0.4.
+const LEAST_BY_WORK: f64 = 0.6;
 /// Share of what springs leave of the readings that they leave with the lag. On plants and soft bodies, with any effect of a
 /// diagnosis but latency, it is 0.89 and more.
 const MOST_LEFT: f64 = 0.85;
@@ -38,16 +39,18 @@ pub fn warning(traces: &[Trace]) -> Option<PipelineWarning> {
     let (seconds, left, stiffness) = all
         .filter(|(_, left, _)| left.is_finite())
         .min_by(|a, b| a.1.total_cmp(&b.1))?;
+    eprintln!(
+        "DBG own {own} {seconds} {left} {:?}",
+        lagging.by_work(0.5 * seconds, stiffness)
+    );
     let is_better = left < MOST_LEFT && seconds >= LEAST_LAG;
     // By half of it, since a touch that is over does no work any more.
-    let half = 0.5 * seconds;
-    (is_better && lagging.by_work(half, stiffness)? >= LEAST_BY_WORK * half).then_some(
-        PipelineWarning::Late {
-            seconds,
-            is_more: seconds > MOST_LAG - 0.5 * step,
-            left,
-        },
-    )
+    let is_gained = || lagging.by_work(0.5 * seconds, stiffness) >= Some(LEAST_BY_WORK);
+    (is_better && is_gained()).then_some(PipelineWarning::Late {
+        seconds,
+        is_more: seconds > MOST_LAG - 0.5 * step,
+        left,
+    })
 }
 
 /// Readings, and what springs of 1 N/m at all points give, a row per sample.
@@ -77,24 +80,31 @@ impl<'a> Lagging<'a> {
         }
     }
 
-    /// The lag (s) by which springs of a stiffness (N/m) would give the work that is gained with readings of some time later (s), to
-    /// first order; `None` where too few touches begin and end in free air, or too few of them gain any.
+    /// Work that is gained with readings of some time later (s), per work that springs of a stiffness (N/m) would give that come so
+    /// much later; `None` where too few touches begin and end in free air, or too few of them gain any.
     fn by_work(&self, lag: f64, stiffness: f64) -> Option<f64> {
-        let (mut gained, mut speed) = (0.0, 0.0);
+        let (mut gained, mut expected) = (0.0, 0.0);
         let (mut loops, mut late, mut samples) = (0_u32, 0_u32, 0);
         for ((trace, springs), step) in self.traces.iter().zip(&self.springs).zip(&self.steps) {
-            let later = (lag / step).round() as usize;
+            let (all, later) = (trace.observations.len(), (lag / step).round() as usize);
+            let joints = springs.len() / all.max(1);
+            let read = |row: usize, j: usize| {
+                let row = (row + later).min(all - 1);
+                trace.observations[row].reading()[j]
+            };
+            let late_spring =
+                |row: usize, j: usize| springs[row.saturating_sub(later) * joints + j];
             for rows in loops_of(trace) {
-                samples += rows.len();
-                let (done, fast) = work(trace, springs, rows, later);
+                let done = work(springs, joints, rows.clone(), read);
                 gained -= done;
-                speed += fast;
+                expected -= work(springs, joints, rows.clone(), late_spring);
+                samples += rows.len();
                 loops += 1;
                 late += u32::from(done < 0.0);
             }
         }
         let tells = samples >= LEAST_SAMPLES && f64::from(late) >= LEAST_SHARE * f64::from(loops);
-        tells.then_some(gained / (stiffness * speed))
+        tells.then_some(gained / (stiffness * expected))
     }
 
     /// What springs give beside what is read so much later (s), the same samples for every lag, without the mean of either at each
@@ -137,21 +147,20 @@ fn loops_of(trace: &Trace) -> Vec<Range<usize>> {
     found
 }
 
-/// Work that the arm does on the object along a loop, per what springs of 1 N/m do, and the speed of that (squares over time), with
-/// what is read so many samples later. A constant offset of the readings does none.
-fn work(trace: &Trace, springs: &[f64], rows: Range<usize>, later: usize) -> (f64, f64) {
-    let all = trace.observations.len();
-    let joints = springs.len() / all;
-    let (mut work, mut speed) = (0.0, 0.0);
+/// Work that the arm does on the object along a loop, per what springs of 1 N/m do, if `torque` is that of a row and a joint. A constant
+/// does none.
+fn work(
+    springs: &[f64],
+    joints: usize,
+    rows: Range<usize>,
+    torque: impl Fn(usize, usize) -> f64,
+) -> f64 {
+    let mut work = 0.0;
     for row in rows.start..rows.end - 1 {
-        let time = trace.time[row + 1] - trace.time[row];
-        let [now, next] =
-            [row, row + 1].map(|row| trace.observations[(row + later).min(all - 1)].reading());
         for j in 0..joints {
             let way = springs[(row + 1) * joints + j] - springs[row * joints + j];
-            work += 0.5 * (now[j] + next[j]) * way;
-            speed += way * way / time;
+            work += 0.5 * (torque(row, j) + torque(row + 1, j)) * way;
         }
     }
-    (work, speed)
+    work
 }
