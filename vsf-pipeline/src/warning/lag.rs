@@ -39,10 +39,6 @@ pub fn warning(traces: &[Trace]) -> Option<PipelineWarning> {
     let (seconds, left, stiffness) = all
         .filter(|(_, left, _)| left.is_finite())
         .min_by(|a, b| a.1.total_cmp(&b.1))?;
-    eprintln!(
-        "DBG own {own} {seconds} {left} {:?}",
-        lagging.by_work(0.5 * seconds, stiffness)
-    );
     let is_better = left < MOST_LEFT && seconds >= LEAST_LAG;
     // By half of it, since a touch that is over does no work any more.
     let is_gained = || lagging.by_work(0.5 * seconds, stiffness) >= Some(LEAST_BY_WORK);
