@@ -46,6 +46,17 @@ impl FieldFormat {
         }
     }
 
+    /// Refuses the place of a picture where an estimate is to be kept.
+    pub fn check_estimate(out: &Path) -> anyhow::Result<()> {
+        if matches!(Self::of(out)?, Self::Png | Self::Svg) {
+            let out = out.display();
+            return Err(usage(format!(
+                "--out {out}: pictures are drawn by `vsf export`; give .npz, .ply, .mcap or a folder (no ending)"
+            )));
+        }
+        Ok(())
+    }
+
     /// Refuses a file that holds something else than its ending says.
     pub fn check(path: &Path) -> anyhow::Result<()> {
         let kind = Self::of(path)?.kind();

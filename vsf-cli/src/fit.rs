@@ -114,7 +114,7 @@ pub struct PriorAndNoise {
     pub candidates: Vec<Candidate>,
 }
 
-/// Those of the flags; what they leave open is chosen by what sequences touch, unless that has been done (`choice`).
+/// Those of the flags; what they leave open is chosen by what sequences touch, which is to be something, unless that has been done (`choice`).
 pub fn prior_and_noise(
     scene: &Scene,
     traces: &[Trace],
@@ -142,9 +142,6 @@ pub fn prior_and_noise(
             method: None,
             candidates: Vec::new(),
         });
-    }
-    if let Some(error) = untouched(scene, traces) {
-        return Err(error.into());
     }
     let method = settings.method();
     let choice = match choice {

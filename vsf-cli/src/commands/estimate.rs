@@ -89,14 +89,9 @@ fn or_given<S: Serializer>(method: &Option<HyperMethod>, serializer: S) -> Resul
 }
 
 pub fn run(args: &Args, console: &Console) -> anyhow::Result<()> {
-    for out in &args.out {
-        if matches!(FieldFormat::of(out)?, FieldFormat::Png | FieldFormat::Svg) {
-            let out = out.display();
-            return Err(usage(format!(
-                "{out}: pictures are drawn by `vsf export`; give .npz, .ply, .mcap or a folder (no ending)"
-            )));
-        }
-    }
+    args.out
+        .iter()
+        .try_for_each(|out| FieldFormat::check_estimate(out))?;
     args.out.iter().try_for_each(|out| claim(out, console))?;
     let settings = &args.estimator;
     let spec = settings.spec()?;

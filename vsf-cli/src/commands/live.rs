@@ -4,7 +4,7 @@ mod printer;
 mod start;
 
 use crate::console::{Console, complain, number, plural};
-use crate::corrected::ModelArgs;
+use crate::corrected::{CorrectedModel, ModelArgs};
 use crate::exit::{message, usage};
 use crate::field_file::{FieldFormat, claim, save};
 use crate::interrupt;
@@ -131,12 +131,7 @@ fn loopback(text: &str) -> Result<SocketAddr, String> {
 
 pub fn run(args: &Args, console: &Console) -> anyhow::Result<()> {
     if let Some(out) = &args.out {
-        if matches!(FieldFormat::of(out)?, FieldFormat::Png | FieldFormat::Svg) {
-            let out = out.display();
-            return Err(usage(format!(
-                "--out {out}: pictures are drawn by `vsf export`; give .npz, .ply, .mcap or a folder (no ending)"
-            )));
-        }
+        FieldFormat::check_estimate(out)?;
         claim(out, console)?;
     }
     if args.udp.is_none() && !args.play && stdin().is_terminal() {
@@ -179,14 +174,14 @@ pub fn run(args: &Args, console: &Console) -> anyhow::Result<()> {
         played,
         scene: &scene,
         start: &start,
+        model: model.as_ref().map(CorrectedModel::text),
         console,
     };
     match &model {
         Some(model) => {
             let corrector = model.corrector(dataset, &scene, console)?;
             let filter = filter.build::<f64>(prior, robust).with_context(place)?;
-            let text = model.text();
-            live.run(LiveCorrector::new(corrector, filter, noise)?, Some(text))
+            live.run(LiveCorrector::new(corrector, filter, noise)?)
         }
         None => {
             let robot = scene.robot();
@@ -196,7 +191,7 @@ pub fn run(args: &Args, console: &Console) -> anyhow::Result<()> {
             let sensor = JointTorques::new(noise);
             let session = Session::new(chains, rest, contact, sensor, filter)?;
             let gravity = (dataset.torque_kind == TorqueKind::Measured).then_some(dataset.gravity);
-            live.run(LiveSession::new(robot.clone(), session, gravity)?, None)
+            live.run(LiveSession::new(robot.clone(), session, gravity)?)
         }
     }
 }
@@ -208,12 +203,14 @@ struct Live<'a> {
     played: Option<Vec<&'a Sequence>>,
     scene: &'a Scene,
     start: &'a Start,
+    /// The corrected model in words, if there is one.
+    model: Option<String>,
     console: &'a Console,
 }
 
 impl Live<'_> {
     /// Learns until the stream ends, and writes the field.
-    fn run<L: Learner>(&self, learner: L, model: Option<String>) -> anyhow::Result<()> {
+    fn run<L: Learner>(&self, learner: L) -> anyhow::Result<()> {
         let Self {
             args,
             scene,
@@ -232,7 +229,7 @@ impl Live<'_> {
             ..Options::default()
         };
         let mut node = Node::new(Kept::new(learner), start.touched.clone(), options)?;
-        let ran = self.stream(&mut node, model.as_deref());
+        let ran = self.stream(&mut node);
         let counts = *node.counts();
         if counts.dropped > 0 {
             console.warn(format_args!(
@@ -259,7 +256,7 @@ impl Live<'_> {
         }
         let check = || -> anyhow::Result<()> {
             let spinner = console.spinner("checking the samples");
-            let is_plain = model.is_none() && node.options().tare == 0;
+            let is_plain = self.model.is_none() && node.options().tare == 0;
             let warnings = node.learner().warnings(scene, is_plain)?;
             spinner.finish_and_clear();
             console.warn_all(warnings);
@@ -276,7 +273,7 @@ impl Live<'_> {
             );
         }
         // What was learned until then is not lost where the stream breaks.
-        let saved = self.save(&node, model.as_deref());
+        let saved = self.save(&node);
         if let Err(error) = check() {
             let error = message(&error);
             console.warn(format_args!("the samples cannot be checked: {error}"));
@@ -313,13 +310,11 @@ impl Live<'_> {
     fn learned_from(&self) -> Option<Vec<String>> {
         let played = self.played.iter().flatten().map(|s| s.id.clone());
         let mut all = self.start.learned_from.clone().unwrap_or_default();
-        all.extend(played);
-        let mut seen = Vec::new();
-        all.retain(|id| {
-            let is_new = !seen.contains(id);
-            seen.push(id.clone());
-            is_new
-        });
+        for id in played {
+            if !all.contains(&id) {
+                all.push(id);
+            }
+        }
         (!all.is_empty()).then_some(all)
     }
 
@@ -329,32 +324,27 @@ impl Live<'_> {
     }
 
     /// Runs until the stream ends, by itself or by Ctrl-C.
-    fn stream<L: Learner>(
-        &self,
-        node: &mut Node<Kept<L>>,
-        model: Option<&str>,
-    ) -> anyhow::Result<()> {
+    fn stream<L: Learner>(&self, node: &mut Node<Kept<L>>) -> anyhow::Result<()> {
         if let Some(sequences) = &self.played {
             let ids: Vec<&str> = sequences.iter().map(|s| s.id.as_str()).collect();
             let from = format!("playing {}", ids.join(", "));
-            return self.take(node, model, Played::new(sequences), [&from, "sample"]);
+            return self.take(node, Played::new(sequences), [&from, "sample"]);
         }
         let Some(address) = self.args.udp else {
             let lines = Lines(BufReader::new(stdin()));
-            return self.take(node, model, lines, ["reading standard input", "line"]);
+            return self.take(node, lines, ["reading standard input", "line"]);
         };
         let bound = UdpSocket::bind(address);
         let socket = bound.with_context(|| format!("--udp {address}: cannot listen there"))?;
         let from = format!("listening at {}", socket.local_addr()?);
         let idle = self.args.idle.map(|s| Duration::from_secs(s.into()));
         let source = Datagrams::new(socket, idle)?;
-        self.take(node, model, source, [&from, "datagram"])
+        self.take(node, source, [&from, "datagram"])
     }
 
     fn take<L: Learner>(
         &self,
         node: &mut Node<Kept<L>>,
-        model: Option<&str>,
         source: impl Source + Send + 'static,
         [from, part]: [&str; 2],
     ) -> anyhow::Result<()> {
@@ -378,7 +368,7 @@ impl Live<'_> {
             {
                 saved = Instant::now();
                 // It may succeed the next time.
-                if let Err(error) = self.save(node, model) {
+                if let Err(error) = self.save(node) {
                     complain(format_args!("warning: not saved: {}", message(&error)));
                 }
             }
@@ -400,7 +390,7 @@ impl Live<'_> {
     }
 
     /// Writes what is known, if it is to be.
-    fn save<L: Learner>(&self, node: &Node<L>, model: Option<&str>) -> anyhow::Result<()> {
+    fn save<L: Learner>(&self, node: &Node<L>) -> anyhow::Result<()> {
         let Some(out) = &self.args.out else {
             return Ok(());
         };
@@ -409,7 +399,8 @@ impl Live<'_> {
         let (hyper, name) = (&self.start.hyper, &self.dataset.name);
         let field = node.estimate()?.to_field(self.scene, hyper, name, &[])?;
         let field = StiffnessField {
-            model: model.filter(|text| !text.is_empty()).map(str::to_owned),
+            // A model without effects is the nominal one.
+            model: self.model.clone().filter(|text| !text.is_empty()),
             learned_from: self.learned_from(),
             ..field
         };

@@ -41,8 +41,8 @@ impl Default for Options {
     }
 }
 
-/// What became of the samples; lines, and those that were refused or dropped, are counted by [`run`](super::run) alone. `received = refused + dropped + repeated + late + stray + tared + skipped + used`
-/// in the end.
+/// What became of the samples. In the end `received = refused + dropped + repeated + late + stray + tared + skipped + used`; the first
+/// three are counted by [`run`](super::run) alone.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize)]
 pub struct Counts {
     /// Lines.
@@ -150,6 +150,7 @@ struct Placed {
 struct Steps {
     last: VecDeque<f64>,
     since: usize,
+    /// The median, where there are enough.
     usual: Option<f64>,
 }
 
@@ -171,11 +172,6 @@ impl Steps {
             self.usual = median(self.last.iter().copied().collect());
         }
     }
-
-    /// The median, where there are enough.
-    fn usual(&self) -> Option<f64> {
-        self.usual
-    }
 }
 
 /// What was seen since the last summary.
@@ -190,8 +186,7 @@ impl<L: Learner> Node<L> {
     /// A node that nothing has come to yet; `touched` are the points that the learner knows from before, or empty.
     ///
     /// # Errors
-    /// `touched` of another number of points than the learner's;
-    /// Rates that are not positive, a gap or a restart that is negative or not a number.
+    /// `touched` of another number of points than the learner's, rates, a gap or a restart that are not positive.
     pub fn new(learner: L, mut touched: Vec<bool>, options: Options) -> Result<Self, CoreError> {
         if touched.is_empty() {
             touched.resize(learner.points(), false);
@@ -296,7 +291,7 @@ impl<L: Learner> Node<L> {
     /// A sample that is not finite or that the [`Learner`] refuses; the belief is unchanged.
     pub fn take(&mut self, sample: &Sample) -> Result<(), L::Error> {
         CoreError::check_finite("time", &[sample.t])?;
-        let usual = (self.options.rate_hz.map(f64::recip)).or_else(|| self.steps.usual());
+        let usual = (self.options.rate_hz.map(f64::recip)).or(self.steps.usual);
         let Some(placed) = self.place(sample, usual) else {
             return Ok(());
         };
@@ -423,9 +418,8 @@ impl<L: Learner> Node<L> {
         }
         // Of a clock that was set back, samples are late until it has caught up: the way there was not seen.
         let unseen = step.max(last - self.earliest) > longest;
-        let pairs = self.q.iter().zip(&sample.q);
-        let rests = pairs.clone().count() == sample.q.len()
-            && pairs.into_iter().all(|(a, b)| (a - b).abs() <= MOST_MOVED);
+        let mut pairs = self.q.iter().zip(&sample.q);
+        let rests = pairs.all(|(a, b)| (a - b).abs() <= MOST_MOVED);
         let gap = !begins && unseen && !rests;
         Some(Placed {
             gap,

@@ -4,7 +4,7 @@ use crate::console::Console;
 use crate::corrected::CorrectedModel;
 use crate::exit::usage;
 use crate::fit::{PriorAndNoise, per_channel, prior_and_noise};
-use crate::recording::Recording;
+use crate::recording::{Recording, untouched};
 use crate::settings::EstimatorSettings;
 use std::path::Path;
 use vsf::data::Sequence;
@@ -106,11 +106,15 @@ fn touches(
             "--prior-sd and --noise-sd are required: the recording has no train sequences with torques to choose them by",
         ));
     }
-    match model {
-        None => recording.traces(scene, &train, console),
+    let traces = match model {
+        None => recording.traces(scene, &train, console)?,
         Some(model) => {
             let corrected = model.sequences(recording, scene, &train, console)?;
-            Ok(corrected.into_iter().map(|c| c.trace).collect())
+            corrected.into_iter().map(|c| c.trace).collect()
         }
+    };
+    match untouched(scene, &traces) {
+        Some(error) => Err(error.into()),
+        None => Ok(traces),
     }
 }
