@@ -5,8 +5,9 @@
 //! feel anything. The sign of all joints together it does not tell, a stiffness may be negative there; that is
 //! told by springs of one stiffness everywhere.
 
+use super::PipelineWarning;
 use super::order::{Columns, as_given, orders, with_signs};
-use super::{PipelineWarning, springs};
+use super::springs::Springs;
 use crate::{Scene, Trace, reading_unit};
 use nalgebra::{DMatrix, DVector};
 use vsf_core::{Observation, median};
@@ -33,16 +34,21 @@ const FLOOR: f64 = 0.05;
 const OPPOSITE: f64 = -0.5;
 
 /// Torques of the wrong sign, of some joints or of all, and columns in the wrong order.
-pub fn warning<'a>(scene: &Scene, traces: &'a [Trace]) -> Option<PipelineWarning> {
-    let of_trace = |(sequence, trace): (usize, &'a Trace)| {
-        let samples = trace.time.iter().zip(&trace.observations);
-        samples.map(move |(time, observation)| Sample {
+pub fn warning<'a>(
+    scene: &Scene,
+    traces: &'a [Trace],
+    springs: &'a [Springs],
+) -> Option<PipelineWarning> {
+    let of_trace = |(sequence, (trace, springs)): (usize, (&'a Trace, &'a Springs))| {
+        let samples = trace.time.iter().zip(&trace.observations).zip(springs);
+        samples.map(move |((time, observation), springs)| Sample {
             sequence,
             time: *time,
             observation,
+            springs,
         })
     };
-    let touching = traces.iter().enumerate().flat_map(of_trace);
+    let touching = traces.iter().zip(springs).enumerate().flat_map(of_trace);
     let touching: Vec<Sample> = touching.filter(|s| !s.observation.is_empty()).collect();
     let joints = scene.robot().joints();
     let mut signs = vec![1.0; joints.len()];
@@ -106,6 +112,8 @@ struct Sample<'a> {
     /// In the sequence (s).
     time: f64,
     observation: &'a Observation<f64>,
+    /// What springs of 1 N/m give.
+    springs: &'a [f64],
 }
 
 /// Medians of readings of one sequence, one after the other, in which noise shrinks and single wrong ones do not count.
@@ -339,9 +347,9 @@ impl UniformSprings {
     fn new(touching: &[Sample], joints: usize) -> Self {
         let mut products = DMatrix::zeros(joints, joints);
         let (mut of_springs, mut of_readings) = (0.0, 0.0);
-        for Sample { observation, .. } in touching {
-            let reading = observation.reading();
-            for (j, spring) in springs(observation).enumerate() {
+        for sample in touching {
+            let reading = sample.observation.reading();
+            for (j, spring) in sample.springs.iter().enumerate() {
                 of_springs += spring * spring;
                 of_readings += reading[j] * reading[j];
                 for (c, r) in reading.iter().enumerate() {

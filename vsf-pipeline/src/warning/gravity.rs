@@ -1,7 +1,8 @@
 //! Gravity as the readings of the actuators have it where nothing is touched: weight is linear in its vector.
 
 use super::PipelineWarning;
-use super::readings::{GRAVITY_CORRELATION, GRAVITY_SIZE};
+use super::air::LEAST_FREE;
+use super::misread::{GRAVITY_CORRELATION, GRAVITY_SIZE};
 use crate::{PipelineError, Scene, Trace};
 use nalgebra::{Matrix3, Matrix4, Vector3, Vector4};
 use vsf_data::{Derivatives, Sequence, Table, TorqueKind};
@@ -28,7 +29,6 @@ pub fn warning(
     motions: &[Option<Derivatives>],
     rigid: &[Table],
     traces: &[Trace],
-    least_samples: usize,
 ) -> Option<PipelineWarning> {
     // Of the weight along every axis, per unit of gravity, and of what is left.
     let mut products = Matrix4::zeros();
@@ -53,7 +53,7 @@ pub fn warning(
         .map(|(told, direction)| direction * (direction.dot(&both) / told))
         .sum();
     let left = 1.0 - change.dot(&both) / products[(3, 3)];
-    if samples < least_samples {
+    if samples < LEAST_FREE {
         return None;
     }
     let given = scene.gravity();

@@ -5,7 +5,8 @@
 //! shifting them against springs of one stiffness everywhere, if it is no longer than a touch. Readings that come early look like those of a viscous object, and are
 //! not told.
 
-use super::{Likeness, PipelineWarning, springs};
+use super::PipelineWarning;
+use super::springs::{Likeness, Springs};
 use crate::Trace;
 use std::ops::Range;
 use vsf_core::median;
@@ -28,8 +29,8 @@ const LEAST_SAMPLES: usize = 16;
 const MOST_SAMPLES: usize = 20_000;
 
 /// Readings that give more work than was put in, and fit the touches far better some time later.
-pub fn warning(traces: &[Trace]) -> Option<PipelineWarning> {
-    let lagging = Lagging::new(traces);
+pub fn warning(traces: &[Trace], springs: &[Springs]) -> Option<PipelineWarning> {
+    let lagging = Lagging::new(traces, springs);
     let step = MOST_LAG / STEPS as f64;
     let left = |likeness: &Likeness| 1.0 - likeness.correlation().max(0.0).powi(2);
     let own = left(&lagging.at(0.0));
@@ -49,10 +50,10 @@ pub fn warning(traces: &[Trace]) -> Option<PipelineWarning> {
     })
 }
 
-/// Readings, and what springs of 1 N/m at all points give, a row per sample.
+/// Readings, and what springs give.
 struct Lagging<'a> {
     traces: &'a [Trace],
-    springs: Vec<Vec<f64>>,
+    springs: &'a [Springs],
     /// Time from sample to sample of each trace (s).
     steps: Vec<f64>,
     /// Every so many samples are shifted.
@@ -60,16 +61,14 @@ struct Lagging<'a> {
 }
 
 impl<'a> Lagging<'a> {
-    fn new(traces: &'a [Trace]) -> Self {
+    fn new(traces: &'a [Trace], springs: &'a [Springs]) -> Self {
         let samples: usize = traces.iter().map(|t| t.observations.len()).sum();
         let step_of = |t: &Trace| {
             let steps = t.time.windows(2).map(|w| w[1] - w[0]);
             median(steps.collect()).unwrap_or(MOST_LAG)
         };
         Self {
-            springs: (traces.iter())
-                .map(|t| t.observations.iter().flat_map(springs).collect())
-                .collect(),
+            springs,
             steps: traces.iter().map(step_of).collect(),
             every: samples.div_ceil(MOST_SAMPLES).max(1),
             traces,
@@ -81,19 +80,17 @@ impl<'a> Lagging<'a> {
     fn by_work(&self, lag: f64, stiffness: f64) -> Option<f64> {
         let (mut gained, mut expected) = (0.0, 0.0);
         let (mut loops, mut late, mut samples) = (0_u32, 0_u32, 0);
-        for ((trace, springs), step) in self.traces.iter().zip(&self.springs).zip(&self.steps) {
+        for ((trace, springs), step) in self.traces.iter().zip(self.springs).zip(&self.steps) {
             let (all, later) = (trace.observations.len(), (lag / step).round() as usize);
-            let joints = springs.len() / all.max(1);
             let read = |row: usize, j: usize| {
                 let row = (row + later).min(all - 1);
                 trace.observations[row].reading()[j]
             };
-            let late_spring =
-                |row: usize, j: usize| springs[row.saturating_sub(later) * joints + j];
+            let late_spring = |row: usize, j: usize| springs[row.saturating_sub(later)][j];
             for rows in loops_of(trace) {
-                let done = work(springs, joints, rows.clone(), read);
+                let done = work(springs, rows.clone(), read);
                 gained -= done;
-                expected -= work(springs, joints, rows.clone(), late_spring);
+                expected -= work(springs, rows.clone(), late_spring);
                 samples += rows.len();
                 loops += 1;
                 late += u32::from(done < 0.0);
@@ -107,12 +104,12 @@ impl<'a> Lagging<'a> {
     /// joint. What would come after the end is as in the end.
     fn at(&self, lag: f64) -> Likeness {
         let mut likeness = Likeness::default();
-        for ((trace, springs), step) in self.traces.iter().zip(&self.springs).zip(&self.steps) {
+        for ((trace, springs), step) in self.traces.iter().zip(self.springs).zip(&self.steps) {
             let (all, later) = (trace.observations.len(), (lag / step).round() as usize);
-            let joints = springs.len() / all.max(1);
             let rows = (0..all).step_by(self.every);
-            for j in 0..joints {
-                let spring = |row: usize| springs[row * joints + j];
+            let joints = springs.first().map_or(0..0, |s| 0..s.len());
+            for j in joints {
+                let spring = |row: usize| springs[row][j];
                 let read = |row: usize| trace.observations[(row + later).min(all - 1)].reading()[j];
                 let count = rows.clone().count() as f64;
                 let mean_read = rows.clone().map(read).sum::<f64>() / count;
@@ -145,17 +142,11 @@ fn loops_of(trace: &Trace) -> Vec<Range<usize>> {
 
 /// Work that the arm does on the object along a loop, per what springs of 1 N/m do, if `torque` is that of a row and a joint. A constant
 /// does none.
-fn work(
-    springs: &[f64],
-    joints: usize,
-    rows: Range<usize>,
-    torque: impl Fn(usize, usize) -> f64,
-) -> f64 {
+fn work(springs: &[Vec<f64>], rows: Range<usize>, torque: impl Fn(usize, usize) -> f64) -> f64 {
     let mut work = 0.0;
-    for row in rows.start..rows.end - 1 {
-        for j in 0..joints {
-            let way = springs[(row + 1) * joints + j] - springs[row * joints + j];
-            work += 0.5 * (torque(row, j) + torque(row + 1, j)) * way;
+    for (row, ends) in rows.clone().zip(springs[rows].windows(2)) {
+        for (j, (from, to)) in ends[0].iter().zip(&ends[1]).enumerate() {
+            work += 0.5 * (torque(row, j) + torque(row + 1, j)) * (to - from);
         }
     }
     work

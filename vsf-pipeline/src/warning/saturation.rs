@@ -1,7 +1,8 @@
 //! Sensors that read no more from a level on, though noise is added to it.
 
+use super::PipelineWarning;
 use super::sensors::{LEAST_CHANGE, range, runs};
-use super::{PipelineWarning, springs};
+use super::springs::{Springs, springs};
 use crate::{Scene, Trace, reading_unit};
 use std::ops::Range;
 use vsf_core::median;
@@ -53,24 +54,21 @@ impl Saturation {
 /// two touches that differ, while the touch goes on to change: by a fifth, at least, of the range of the torques of springs of
 /// one stiffness. One at most for each joint and sign. Time and memory grow with the number of samples.
 pub fn saturated_joints(traces: &[Trace]) -> Vec<Saturation> {
+    saturated(traces, &springs(traces))
+}
+
+/// [`saturated_joints`], with the springs of the traces.
+pub(super) fn saturated(traces: &[Trace], springs: &[Springs]) -> Vec<Saturation> {
     let joints = (traces.iter().flat_map(Trace::readings).next()).map_or(0, <[f64]>::len);
-    let touches: Vec<Vec<Vec<f64>>> = (traces.iter())
-        .map(|t| {
-            t.observations
-                .iter()
-                .map(|obs| springs(obs).collect())
-                .collect()
-        })
-        .collect();
-    let stiffness = uniform(traces, &touches);
+    let stiffness = uniform(traces, springs);
     (0..joints)
-        .flat_map(|j| Readings::new(traces, &touches, stiffness, j).map(|r| r.ends()))
+        .flat_map(|j| Readings::new(traces, springs, stiffness, j).map(|r| r.ends()))
         .flatten()
         .collect()
 }
 
 /// The stiffness that, everywhere the same, explains the readings best; not negative.
-fn uniform(traces: &[Trace], touches: &[Vec<Vec<f64>>]) -> f64 {
+fn uniform(traces: &[Trace], touches: &[Springs]) -> f64 {
     let readings = traces.iter().flat_map(Trace::readings);
     let pairs = readings.zip(touches.iter().flatten());
     let pairs = pairs.flat_map(|(y, unit)| y.iter().zip(unit));
@@ -90,19 +88,14 @@ struct Readings<'a> {
     medians: Vec<Vec<f64>>,
     noise: f64,
     /// Torques of springs of 1 N/m, of all joints.
-    touches: &'a [Vec<Vec<f64>>],
+    touches: &'a [Springs],
     /// Those of the joint, in N m or N as far as one stiffness explains the readings of all.
     expected: Vec<Vec<f64>>,
 }
 
 impl<'a> Readings<'a> {
     /// `None` of readings without noise.
-    fn new(
-        traces: &[Trace],
-        touches: &'a [Vec<Vec<f64>>],
-        stiffness: f64,
-        joint: usize,
-    ) -> Option<Self> {
+    fn new(traces: &[Trace], touches: &'a [Springs], stiffness: f64, joint: usize) -> Option<Self> {
         let own = |row: &[f64]| row.get(joint).copied().unwrap_or(0.0);
         let readings: Vec<Vec<f64>> = (traces.iter())
             .map(|t| t.readings().map(own).collect())
@@ -111,7 +104,7 @@ impl<'a> Readings<'a> {
         let bends = readings.iter().flat_map(|y| y.windows(3).map(bend));
         // The median of the size of a normal variable is 0.6745 deviations.
         let noise = OF_MEDIAN * median(bends.collect())? / (0.6745 * 6.0_f64.sqrt());
-        let expected = |t: &Vec<Vec<f64>>| t.iter().map(|u| stiffness * own(u)).collect();
+        let expected = |t: &Springs| t.iter().map(|u| stiffness * own(u)).collect();
         (noise > 0.0).then(|| Self {
             joint,
             medians: readings.iter().map(|y| medians(y)).collect(),

@@ -1,7 +1,8 @@
 //! Scale and sign of the readings in contact of each sequence beside those of the others, by the one stiffness that explains
 //! it best.
 
-use super::{Likeness, PipelineWarning, springs};
+use super::PipelineWarning;
+use super::springs::{Likeness, Springs};
 use crate::Trace;
 
 /// Stiffnesses further apart than this come from units: of places on one soft object they are not.
@@ -11,8 +12,8 @@ const LEAST_CONTACT: usize = 8;
 const ALIKE: f64 = 0.5;
 
 /// The first sequence whose readings in contact are of another unit, or of another sign, than those of most.
-pub fn warning(traces: &[Trace]) -> Option<PipelineWarning> {
-    let told: Vec<Told> = traces.iter().filter_map(Told::of).collect();
+pub fn warning(traces: &[Trace], springs: &[Springs]) -> Option<PipelineWarning> {
+    let told: Vec<Told> = traces.iter().zip(springs).filter_map(Told::of).collect();
     let mut by_size: Vec<&Told> = told.iter().collect();
     by_size.sort_by(|a, b| a.stiffness.abs().total_cmp(&b.stiffness.abs()));
     let middle = by_size.get(by_size.len() / 2)?;
@@ -48,12 +49,13 @@ struct Told<'a> {
 }
 
 impl<'a> Told<'a> {
-    fn of(trace: &'a Trace) -> Option<Self> {
-        let touching = || trace.observations.iter().filter(|o| !o.is_empty());
+    fn of((trace, springs): (&'a Trace, &Springs)) -> Option<Self> {
+        let rows = || trace.observations.iter().zip(springs);
+        let touching = || rows().filter(|(o, _)| !o.is_empty());
         let mut likeness = Likeness::default();
-        for observation in touching() {
-            let pairs = observation.reading().iter().zip(springs(observation));
-            pairs.for_each(|(reading, spring)| likeness.add(*reading, spring));
+        for (observation, springs) in touching() {
+            let pairs = observation.reading().iter().zip(springs);
+            pairs.for_each(|(reading, spring)| likeness.add(*reading, *spring));
         }
         let correlation = likeness.correlation();
         let tells = touching().count() >= LEAST_CONTACT && correlation.abs() >= ALIKE;

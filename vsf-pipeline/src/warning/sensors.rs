@@ -1,5 +1,6 @@
-use super::saturation::{Saturation, saturated_joints};
-use super::{PipelineWarning, springs};
+use super::PipelineWarning;
+use super::saturation::{Saturation, saturated};
+use super::springs::Springs;
 use crate::{Scene, Trace, reading_unit};
 use std::ops::Range;
 use vsf_data::{Sequence, TorqueKind};
@@ -16,13 +17,15 @@ pub(super) const LEAST_CHANGE: f64 = 0.2;
 /// of its largest reading where one step is more than this share of their range.
 pub(super) const LEAST_STEPS: f64 = 4.0;
 const MOST_STEP: f64 = 0.02;
+/// What a tare leaves of zero is less than this share of the range of the readings.
+const ROUNDING: f64 = 1e-9;
 /// Share of its largest reading from which a sensor does not come down to zero in one sample.
 const LEAST_DROP: f64 = 0.3;
 
 /// A sequence beside the torques of springs of one stiffness, zero where nothing is touched.
 struct Touched<'a> {
     sequence: &'a Sequence,
-    springs: Vec<Vec<f64>>,
+    springs: &'a Springs,
     contact: Vec<bool>,
 }
 
@@ -30,15 +33,17 @@ struct Touched<'a> {
 type Run<'a> = (&'a Sequence, Range<usize>, f64);
 
 /// Joints whose readings stay at one value while touch changes: over a sequence, or at the end of their range.
-pub fn warnings(scene: &Scene, sequences: &[&Sequence], traces: &[Trace]) -> Vec<PipelineWarning> {
-    let pairs = sequences.iter().zip(traces);
+pub fn warnings(
+    scene: &Scene,
+    sequences: &[&Sequence],
+    traces: &[Trace],
+    springs: &[Springs],
+) -> Vec<PipelineWarning> {
+    let pairs = sequences.iter().zip(traces).zip(springs);
     let touched: Vec<Touched> = pairs
-        .filter(|(sequence, trace)| sequence.len() == trace.observations.len())
-        .map(|(sequence, trace)| Touched {
+        .map(|((sequence, trace), springs)| Touched {
             sequence,
-            springs: (trace.observations.iter())
-                .map(|obs| springs(obs).collect())
-                .collect(),
+            springs,
             contact: trace.observations.iter().map(|o| !o.is_empty()).collect(),
         })
         .collect();
@@ -51,7 +56,7 @@ pub fn warnings(scene: &Scene, sequences: &[&Sequence], traces: &[Trace]) -> Vec
     let clipped: Vec<PipelineWarning> = if scene.torque_kind() == TorqueKind::Measured {
         Vec::new()
     } else {
-        let beneath_noise = saturated_joints(traces);
+        let beneath_noise = saturated(traces, springs);
         let of = |(j, side): (usize, f64)| {
             let own = |s: &&Saturation| s.joint == j && s.level * side > 0.0;
             let found = || beneath_noise.iter().find(own);
@@ -152,7 +157,8 @@ fn frozen(scene: &Scene, touched: &[Touched]) -> Option<PipelineWarning> {
             runs(&readings).find_map(|(rows, value)| {
                 let change = range(t.springs[rows.clone()].iter().map(|s| s[j])) / springs;
                 let steps = change * (high - low) / step;
-                let inside = low < value && value < high && value != 0.0;
+                let is_zero = value.abs() <= ROUNDING * (high - low);
+                let inside = low < value && value < high && !is_zero;
                 (inside && rows.len() >= LEAST_ROWS && change > LEAST_CHANGE && steps > LEAST_STEPS)
                     .then_some((t.sequence, rows, value))
             })
@@ -186,10 +192,11 @@ fn clipped(scene: &Scene, touched: &[Touched], j: usize, side: f64) -> Option<Pi
     let end = readings().fold(0.0, f64::max);
     let steps = touched.iter().map(|t| step(t.readings(j)));
     let step = steps.fold(f64::INFINITY, f64::min);
-    if end <= 0.0 || step > MOST_STEP * range(readings()) {
+    let all = range(readings());
+    if end <= ROUNDING * all || step > MOST_STEP * all {
         return None;
     }
-    let springs = touched.iter().flat_map(|t| &t.springs).map(|s| s[j]);
+    let springs = touched.iter().flat_map(|t| t.springs).map(|s| s[j]);
     let least = LEAST_CHANGE * range(springs);
     let (mut count, mut first) = (0, None);
     for t in touched {

@@ -1,12 +1,25 @@
-use super::PipelineWarning;
+use super::{PipelineWarning, malformed};
+use crate::readings::check_sequence;
 use crate::{PipelineError, Scene};
 use rayon::prelude::*;
 use vsf_core::{ContactModel, Contacts};
 use vsf_data::Sequence;
 
+/// Touches that begin inside of the object. Of sequences that [`Sequence::check`] refuses, or with other joints than the
+/// robot's, only that.
+pub fn touch_warnings(scene: &Scene, sequences: &[&Sequence]) -> Vec<PipelineWarning> {
+    let checked = |s: &&Sequence| (s.id.clone(), check_sequence(scene.robot(), s));
+    let malformed = malformed(sequences.iter().map(checked));
+    if malformed.is_empty() {
+        warning(scene, sequences).into_iter().collect()
+    } else {
+        malformed
+    }
+}
+
 /// The deepest that the arm is inside of the object where a touch begins, beyond what a touch that begins in
 /// contact presses: the contact threshold and the space between points.
-pub fn warning(scene: &Scene, sequences: &[&Sequence]) -> Option<PipelineWarning> {
+fn warning(scene: &Scene, sequences: &[&Sequence]) -> Option<PipelineWarning> {
     let most = scene.contact().level() + scene.rest().spacing();
     let starts = sequences
         .iter()

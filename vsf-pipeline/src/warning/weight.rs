@@ -2,8 +2,8 @@
 //! best where nothing is touched.
 
 use super::PipelineWarning;
+use super::misread::GRAVITY_CORRELATION;
 use super::order::{Columns, as_given, orders, with_signs};
-use super::readings::GRAVITY_CORRELATION;
 use crate::reading_unit;
 use nalgebra::{DMatrix, DVector};
 use vsf_robots::Joint;

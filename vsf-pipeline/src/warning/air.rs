@@ -1,0 +1,79 @@
+//! What is read where nothing is touched, beside what is read in contact.
+
+use super::{PipelineWarning, energy};
+use crate::{Scene, Trace};
+use vsf_core::Observation;
+
+/// Readings in the air that are on average more than this share of those in contact are no noise.
+const MOST_OFFSET: f64 = 0.3;
+/// Samples in the air that tell.
+pub const LEAST_FREE: usize = 16;
+
+/// Readings that are something where nothing is touched.
+pub fn not_tared(scene: &Scene, traces: &[Trace]) -> Option<PipelineWarning> {
+    let observations = || traces.iter().flat_map(|t| &t.observations);
+    let free = || observations().filter(|o| o.is_empty());
+    let touching = || observations().filter(|o| !o.is_empty());
+    let (count, touches) = (free().count(), touching().count());
+    if count < LEAST_FREE || touches == 0 {
+        return None;
+    }
+    let joints = scene.robot().joints();
+    let mean = |j: usize| free().map(|o| o.reading()[j]).sum::<f64>() / count as f64;
+    let means: Vec<f64> = (0..joints.len()).map(mean).collect();
+    let square = |o: &Observation<f64>| {
+        let beyond = o.reading().iter().zip(&means).map(|(t, m)| t - m);
+        beyond.map(|t| t * t).sum::<f64>()
+    };
+    let touch = (touching().map(square).sum::<f64>() / touches as f64).sqrt();
+    let offset = means.iter().map(|m| m * m).sum::<f64>().sqrt();
+    if offset <= MOST_OFFSET * touch {
+        return None;
+    }
+    let largest = (0..joints.len()).max_by(|a, b| means[*a].abs().total_cmp(&means[*b].abs()))?;
+    Some(PipelineWarning::NotTared {
+        joint: joints[largest].name().to_owned(),
+        mean: means[largest],
+        offset,
+        touch,
+        unit: scene.error_unit(),
+    })
+}
+
+/// Readings that last where nothing is touched, but change their sign, so that their mean tells nothing.
+pub fn felt_in_air(scene: &Scene, traces: &[Trace]) -> Option<PipelineWarning> {
+    let joints = scene.robot().joints();
+    let (mut touch, mut touches) = (0.0, 0_usize);
+    let (mut of_joints, mut blocks) = (vec![0.0; joints.len()], 0_usize);
+    for trace in traces {
+        let parts = (trace.observations).chunk_by(|a, b| a.is_empty() == b.is_empty());
+        for part in parts {
+            if !part[0].is_empty() {
+                touch += part.iter().map(energy).sum::<f64>();
+                touches += part.len();
+                continue;
+            }
+            // Noise shrinks in their means.
+            for block in part.chunks_exact(LEAST_FREE) {
+                blocks += 1;
+                for (j, sum) in of_joints.iter_mut().enumerate() {
+                    let mean =
+                        block.iter().map(|o| o.reading()[j]).sum::<f64>() / block.len() as f64;
+                    *sum += mean * mean;
+                }
+            }
+        }
+    }
+    if blocks == 0 || touches == 0 {
+        return None;
+    }
+    let size = (of_joints.iter().sum::<f64>() / blocks as f64).sqrt();
+    let touch = (touch / touches as f64).sqrt();
+    let largest = (0..joints.len()).max_by(|a, b| of_joints[*a].total_cmp(&of_joints[*b]))?;
+    (size > MOST_OFFSET * touch).then(|| PipelineWarning::FeltInAir {
+        joint: joints[largest].name().to_owned(),
+        size,
+        touch,
+        unit: scene.error_unit(),
+    })
+}

@@ -1,0 +1,92 @@
+use super::PipelineWarning;
+use crate::Scene;
+use nalgebra::Point3;
+use vsf_contact::{LinkGrid, LinkSdf};
+use vsf_core::RestPoints;
+use vsf_vision::{RgbdView, Sight};
+
+/// Least share of the rest points near the surface that a camera sees.
+const LEAST_NEAR: f64 = 0.01;
+/// Most of the points near a mesh that may lie behind turned faces (good meshes: below 0.05 %), and
+/// whose side may be a guess.
+const MOST_TURNED: f64 = 0.005;
+const MOST_UNSURE: f64 = 0.25;
+/// No robot that touches soft things has a link of more meters.
+const MOST_SIZE: f64 = 10.0;
+/// From how far on points may be touched: share of the object, and spacings of points.
+const MOST_REACH: f64 = 0.25;
+const MOST_SPACINGS: f64 = 4.0;
+/// Points come in clusters where the eighth nearest is so many times as far as the nearest.
+const MOST_CLUSTERED: f64 = 20.0;
+
+/// What looks wrong with a view: a surface where there are no rest points.
+pub fn view_warnings(rest: &RestPoints, view: &RgbdView) -> Vec<PipelineWarning> {
+    let (points, reach) = (rest.len(), rest.spacing());
+    let on_surface = |p: &&Point3<f64>| matches!(view.sight(p), Sight::Surface { behind, .. } if behind.abs() <= reach);
+    let near = rest.positions().iter().filter(on_surface).count();
+    let elsewhere = (near as f64) < LEAST_NEAR * points as f64;
+    let warning = PipelineWarning::SurfaceElsewhere {
+        near,
+        points,
+        reach,
+    };
+    elsewhere.then_some(warning).into_iter().collect()
+}
+
+/// What looks wrong with robot, points and the shapes that contact uses: words of a URDF that are not understood, points in
+/// clusters, links far too large, points that are touched from afar, meshes with faces turned over or sides that are a guess.
+pub fn scene_warnings(scene: &Scene) -> Vec<PipelineWarning> {
+    let huge = |link: &LinkSdf| {
+        let (low, high) = link.sdf.bounds();
+        let size = (high - low).max();
+        (size > MOST_SIZE).then(|| PipelineWarning::HugeLink {
+            link: scene.robot().links()[link.link].name().to_owned(),
+            size,
+        })
+    };
+    let (low, high) = scene.rest().bounds();
+    let spacing = scene.rest().spacing();
+    let (level, size) = (scene.contact().level(), (high - low).norm());
+    let most = (MOST_REACH * size).max(MOST_SPACINGS * spacing);
+    let from_afar = size > 0.0 && level > most;
+    let from_afar = from_afar.then_some(PipelineWarning::TouchesFromAfar { level, size });
+    let unread = scene.robot().unread();
+    let misread = unread.first().map(|first| PipelineWarning::UnreadUrdf {
+        robot: scene.robot().name().to_owned(),
+        first: first.clone(),
+        others: unread.len() - 1,
+    });
+    let clustering = scene.rest().clustering();
+    let clustered = clustering
+        .filter(|times| *times > MOST_CLUSTERED)
+        .map(|times| PipelineWarning::ClusteredPoints { spacing, times });
+    let of_links = scene.link_shapes().iter().filter_map(huge);
+    (misread.into_iter())
+        .chain(clustered)
+        .chain(of_links)
+        .chain(from_afar)
+        .chain(mesh_warnings(scene))
+        .collect()
+}
+
+fn mesh_warnings(scene: &Scene) -> Vec<PipelineWarning> {
+    let of_grid = |grid: &LinkGrid| {
+        let link = || format!("mesh of link {:?}", scene.robot().links()[grid.link].name());
+        let mesh = || grid.source.clone().unwrap_or_else(link);
+        let (error, openness) = (&grid.report.error, &grid.report.openness);
+        let turned = error.turned_share > MOST_TURNED;
+        let unsure = 1.0 - error.sure_share;
+        let turned = turned.then(|| PipelineWarning::TurnedFaces {
+            mesh: mesh(),
+            share: error.turned_share,
+        });
+        let open = (unsure > MOST_UNSURE).then(|| PipelineWarning::OpenMesh {
+            mesh: mesh(),
+            open: openness.boundary_edges,
+            edges: openness.edges,
+            share: unsure,
+        });
+        [turned, open].into_iter().flatten()
+    };
+    scene.grids().iter().flat_map(of_grid).collect()
+}
