@@ -99,6 +99,10 @@ impl<E: Estimator<Scalar = f64>> Learner for LiveCorrector<E> {
         self.corrector.site().joints()
     }
 
+    fn zero(&self) -> &[f64] {
+        self.corrector.zero()
+    }
+
     fn tare(&mut self, sample: &Sample, begins: Begins, last: bool) -> Result<(), GapError> {
         self.observe(sample, begins)?;
         if let Err(error) = check_free(self.observation.points().len()) {

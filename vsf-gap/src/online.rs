@@ -4,6 +4,7 @@ use crate::{Compensator, GapError, Model, ModelTerms, Sample, Site, Touch};
 use vsf_core::{Contacts, CoreError, Observation, Posture};
 use vsf_data::TorqueKind;
 use vsf_pipeline::Scene;
+use vsf_pipeline::live::Tare;
 use vsf_robots::{DynamicsWorkspace, RobotModel};
 
 /// What the joint sensors of a robot say at one moment of a control loop.
@@ -83,52 +84,12 @@ pub struct Corrector {
     left: Vec<f64>,
 }
 
-/// What is taken as zero, and what it is made of: a row per sample since the sequence began.
-#[derive(Clone)]
-struct Tare {
-    sum: Vec<f64>,
-    samples: usize,
-    zero: Vec<f64>,
-}
-
-impl Tare {
-    fn new(joints: usize) -> Self {
-        Self {
-            sum: vec![0.0; joints],
-            samples: 0,
-            zero: vec![0.0; joints],
-        }
-    }
-
-    fn begin(&mut self) {
-        self.sum.fill(0.0);
-        self.samples = 0;
-        self.zero.fill(0.0);
-    }
-
-    fn add(&mut self, row: &[f64]) {
-        self.sum.iter_mut().zip(row).for_each(|(s, x)| *s += x);
-        self.samples += 1;
-    }
-
-    fn take(&mut self) {
-        let each = 1.0 / self.samples.max(1) as f64;
-        let means = self.sum.iter().map(|s| each * s);
-        self.zero.iter_mut().zip(means).for_each(|(z, m)| *z = m);
-    }
-
-    fn apply(&self, row: &[f64], out: &mut [f64]) {
-        let tared = row.iter().zip(&self.zero).map(|(x, z)| x - z);
-        out.iter_mut().zip(tared).for_each(|(o, t)| *o = t);
-    }
-}
-
 impl std::fmt::Debug for Corrector {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
         f.debug_struct("Corrector")
-            .field("samples", &self.readings.samples)
-            .field("zero_of_readings", &self.readings.zero)
-            .field("zero_of_torques", &self.torques.zero)
+            .field("samples", &self.readings.samples())
+            .field("zero_of_readings", &self.readings.zero())
+            .field("zero_of_torques", &self.torques.zero())
             .finish_non_exhaustive()
     }
 }
@@ -190,6 +151,11 @@ impl Corrector {
     /// Contacts of the last step.
     pub fn contacts(&self) -> &Contacts {
         &self.contacts
+    }
+
+    /// What is taken as zero of the readings of each joint, as load of the environment (N m or N).
+    pub fn zero(&self) -> &[f64] {
+        self.readings.zero()
     }
 
     /// Distance from a link's surface at which points in contact rest (m): threshold and padding of the scene.
@@ -269,8 +235,10 @@ impl Corrector {
                 (self.driver.links()).rigid_change(&self.site, &recorded, &mut self.workspace)?;
             torques.iter_mut().zip(change).for_each(|(t, c)| *t += c);
         }
-        self.torques.apply(torques, &mut self.modeled);
-        self.readings.apply(&self.felt, &mut self.left);
+        self.modeled.copy_from_slice(torques);
+        self.torques.apply(&mut self.modeled);
+        self.left.copy_from_slice(&self.felt);
+        self.readings.apply(&mut self.left);
         let pairs = self.left.iter_mut().zip(&self.modeled);
         pairs.for_each(|(l, a)| *l -= a);
         self.terms.observation(&touch, &self.left, obs)?;
@@ -312,7 +280,8 @@ impl Corrector {
         match self.site.torque_kind {
             TorqueKind::External => {
                 self.felt.copy_from_slice(state.torques);
-                self.readings.apply(&self.felt, &mut self.load);
+                self.load.copy_from_slice(&self.felt);
+                self.readings.apply(&mut self.load);
             }
             TorqueKind::Measured => {
                 let (q, qd, qdd) = (state.q, state.qd, state.qdd);
@@ -327,7 +296,7 @@ impl Corrector {
         for (j, smooth) in self.smooth.iter_mut().enumerate() {
             let before = self.recent.iter().skip(j).step_by(d).copied();
             let all = before.chain([self.felt[j]]);
-            *smooth = all.clone().sum::<f64>() / all.count() as f64 - self.readings.zero[j];
+            *smooth = all.clone().sum::<f64>() / all.count() as f64 - self.readings.zero()[j];
         }
         Ok(CoreError::check_finite(
             "reading of the joint state",

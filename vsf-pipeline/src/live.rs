@@ -13,6 +13,7 @@ mod node;
 mod queue;
 mod sample;
 mod source;
+mod tare;
 
 pub use learner::{Begins, Guard, Learner, LiveSession, check_free};
 pub use motion::Motion;
@@ -20,6 +21,7 @@ pub use node::{Counts, Node, Options, Stiffness, Summary};
 pub use queue::{Queue, WhenFull};
 pub use sample::Sample;
 pub use source::{Datagrams, Lines, MAX_LINE, Received, Source};
+pub use tare::Tare;
 
 use std::io;
 use std::panic::{AssertUnwindSafe, catch_unwind};

@@ -60,8 +60,8 @@ tared, skipped, used, missing, gaps, restarts (the clock went back). They come b
 --play, which wait for their reader.
 
 The stream ends with the pipe, with an empty datagram, after --idle, or by Ctrl-C, with exit code 0. Then the field is written, if anything was touched, and what \
-looks wrong with the samples is told, of a long stream with parts from all over it; of readings that are tared or corrected \
-by --model, that of their motions alone.
+looks wrong with the samples is told, of a long stream with parts from all over it; of readings that are corrected by --model, \
+that of their motions alone.
 
 JSON keys: points, touched, stiffness, nis_ratio, the counts, out.")]
 pub struct Args {
@@ -256,8 +256,7 @@ impl Live<'_> {
         }
         let check = || -> anyhow::Result<()> {
             let spinner = console.spinner("checking the samples");
-            let is_plain = self.model.is_none() && node.options().tare == 0;
-            let warnings = node.learner().warnings(scene, is_plain)?;
+            let warnings = node.learner().warnings(scene, self.model.is_none())?;
             spinner.finish_and_clear();
             console.warn_all(warnings);
             Ok(())

@@ -279,11 +279,15 @@ fn fields_are_saved_meanwhile() {
 #[test]
 fn samples_that_look_wrong() {
     let bench = Bench::touched();
-    let pressed = |tau: f64| -> String {
-        let there = (0..200).map(|k| if k <= 100 { k } else { 200 - k });
+    let pressed = |tau: f64, zero: f64| -> String {
+        // At rest above, down, and in and out again.
+        let rest = (0..20).map(|_| -200);
+        let down = (0..20).map(|k| -200 + 10 * k);
+        let touch = (0..200).map(|k| if k <= 100 { k } else { 200 - k });
+        let there = rest.chain(down).chain(touch);
         let lines = there.enumerate().map(|(k, depth)| {
             let depth = 0.00005 * (f64::from(depth) - 40.0);
-            let force = tau * 50.0 * depth.max(0.0);
+            let force = zero + tau * 50.0 * depth.max(0.0);
             let t = 0.02 * k as f64;
             format!(
                 "{{\"t\": {t}, \"q\": [0.018, 0.016, {}], \"tau\": [0, 0, {force}]}}\n",
@@ -292,16 +296,23 @@ fn samples_that_look_wrong() {
         });
         lines.collect()
     };
-    let line = "live touch --wait --out field.npz";
-    let told = |samples: &str| String::from_utf8(piped(&bench, line, samples).stderr).unwrap();
-    let right = told(&pressed(1.0));
-    assert!(!right.contains("the stream:"), "{right}");
-    let opposite = told(&pressed(-1.0));
-    assert!(
-        opposite.contains("the stream: torques in contact are opposite"),
-        "{opposite}"
-    );
-    let tiny = told(&pressed(1e-9));
+    let told = |samples: &str, flags: &str| {
+        let line = format!("live touch --wait --out field.npz {flags}");
+        String::from_utf8(piped(&bench, &line, samples).stderr).unwrap()
+    };
+    // What is taken as zero is taken off what is looked at, too.
+    for (zero, flags) in [(0.0, ""), (0.4, "--tare 20")] {
+        let right = told(&pressed(1.0, zero), flags);
+        assert!(!right.contains("the stream:"), "{right}");
+        let opposite = told(&pressed(-1.0, zero), flags);
+        assert!(
+            opposite.contains("the stream: torques in contact are opposite"),
+            "{opposite}"
+        );
+    }
+    let untared = told(&pressed(1.0, 0.4), "");
+    assert!(untared.contains("the stream:"), "{untared}");
+    let tiny = told(&pressed(1e-9, 0.0), "");
     assert!(tiny.contains("check the unit"), "{tiny}");
 }
 

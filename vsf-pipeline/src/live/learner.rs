@@ -1,4 +1,4 @@
-use super::{Motion, Sample};
+use super::{Motion, Sample, Tare};
 use crate::{PipelineError, SceneContact};
 use nalgebra::Vector3;
 use std::sync::Arc;
@@ -27,6 +27,9 @@ pub trait Learner {
 
     /// Joints of the robot.
     fn joints(&self) -> usize;
+
+    /// What is taken as zero of the load on each joint (N m or N): the mean over the samples that tared the sequence.
+    fn zero(&self) -> &[f64];
 
     /// Takes one of the first samples of a sequence, in free air: from the `last` of them on their mean reading is zero.
     ///
@@ -126,7 +129,7 @@ impl<E: Estimator> LiveSession<E> {
             Begins::Touch => self.session.begin_touch(),
             Begins::Sequence => {
                 self.session.begin_sequence();
-                self.tare = Tare::new(self.reading.len());
+                self.tare.begin();
             }
         }
     }
@@ -155,15 +158,22 @@ impl<E: Estimator> Learner for LiveSession<E> {
         self.robot.joint_count()
     }
 
-    fn tare(&mut self, sample: &Sample, begins: Begins, _: bool) -> Result<(), PipelineError> {
+    fn zero(&self) -> &[f64] {
+        self.tare.zero()
+    }
+
+    fn tare(&mut self, sample: &Sample, begins: Begins, last: bool) -> Result<(), PipelineError> {
         self.read(sample, begins)?;
         self.begin(begins);
         self.session.predict(&self.posture, &mut self.prediction)?;
         if let Err(error) = check_free(self.session.contacts().len()) {
-            self.tare = Tare::new(self.reading.len());
+            self.tare.begin();
             return Err(error.into());
         }
         self.tare.add(&self.reading);
+        if last {
+            self.tare.take();
+        }
         Ok(())
     }
 
@@ -267,32 +277,4 @@ pub fn check_free(touching: usize) -> Result<(), CoreError> {
         value: touching as f64,
         range: "0: begin in free air, or take fewer tare samples",
     })
-}
-
-/// The mean of some readings, taken as zero.
-#[derive(Debug)]
-struct Tare {
-    samples: u64,
-    zero: Vec<f64>,
-}
-
-impl Tare {
-    fn new(joints: usize) -> Self {
-        Self {
-            samples: 0,
-            zero: vec![0.0; joints],
-        }
-    }
-
-    fn add(&mut self, reading: &[f64]) {
-        self.samples += 1;
-        let share = 1.0 / self.samples as f64;
-        let pairs = self.zero.iter_mut().zip(reading);
-        pairs.for_each(|(zero, tau)| *zero += share * (tau - *zero));
-    }
-
-    fn apply(&self, reading: &mut [f64]) {
-        let pairs = reading.iter_mut().zip(&self.zero);
-        pairs.for_each(|(tau, zero)| *tau -= zero);
-    }
 }

@@ -1,7 +1,7 @@
 //! Samples of a stream that are kept, to be looked at in the end.
 
 use vsf::core::{Belief, CoreError, UpdateReport};
-use vsf::data::{Sequence, Table};
+use vsf::data::{Sequence, Table, TorqueKind};
 use vsf::pipeline::live::{Begins, Learner, Sample};
 use vsf::pipeline::{Scene, motion_warnings, reading_warnings};
 
@@ -23,14 +23,19 @@ pub struct Kept<L> {
     cut: bool,
 }
 
-type Stretch = Vec<(Begins, Sample)>;
+/// Samples, and what is taken as zero of their loads (N m or N).
+#[derive(Default)]
+struct Stretch {
+    samples: Vec<(Begins, Sample)>,
+    zero: Vec<f64>,
+}
 
 impl<L: Learner> Kept<L> {
     pub fn new(learner: L) -> Self {
         Self {
             learner,
             kept: Vec::new(),
-            now: Vec::new(),
+            now: Stretch::default(),
             every: 1,
             seen: 0,
             cut: false,
@@ -46,8 +51,11 @@ impl<L: Learner> Kept<L> {
         if self.cut {
             return;
         }
-        self.now.push((begins, sample.clone()));
-        if self.now.len() >= MOST || is_free && self.now.len() >= LEAST {
+        self.now.zero.clear();
+        self.now.zero.extend_from_slice(self.learner.zero());
+        self.now.samples.push((begins, sample.clone()));
+        let kept = self.now.samples.len();
+        if kept >= MOST || is_free && kept >= LEAST {
             self.cut = !is_free;
             self.end();
         }
@@ -56,7 +64,7 @@ impl<L: Learner> Kept<L> {
     /// A stretch ends.
     fn end(&mut self) {
         let stretch = std::mem::take(&mut self.now);
-        if stretch.is_empty() {
+        if stretch.samples.is_empty() {
             return;
         }
         if self.seen.is_multiple_of(self.every) {
@@ -73,10 +81,10 @@ impl<L: Learner> Kept<L> {
         }
     }
 
-    /// What looks wrong with them; with the readings only where these are `plain`, neither tared nor corrected.
+    /// What looks wrong with them; with the readings only where these are `plain`, not corrected.
     pub fn warnings(&self, scene: &Scene, plain: bool) -> anyhow::Result<Vec<String>> {
         let stretches = self.kept.iter().chain([&self.now]);
-        let sequences = stretches.filter_map(|s| sequence(s).transpose());
+        let sequences = stretches.filter_map(|s| sequence(s, scene.torque_kind()).transpose());
         let sequences = sequences.collect::<anyhow::Result<Vec<_>>>()?;
         let all: Vec<&Sequence> = sequences.iter().collect();
         let mut found = motion_warnings(scene.robot(), &all);
@@ -94,9 +102,11 @@ impl<L: Learner> Kept<L> {
     }
 }
 
-/// A stretch as a sequence that is named by its time; touches of a single sample, which say nothing of motion, are left out.
-fn sequence(stretch: &Stretch) -> anyhow::Result<Option<Sequence>> {
-    let touches = stretch.chunk_by(|_, (begins, _)| *begins == Begins::Nothing);
+/// A stretch, tared, as a sequence that is named by its time; touches of a single sample, which say nothing of motion, are left out.
+fn sequence(stretch: &Stretch, kind: TorqueKind) -> anyhow::Result<Option<Sequence>> {
+    let touches = stretch
+        .samples
+        .chunk_by(|_, (begins, _)| *begins == Begins::Nothing);
     let (mut samples, mut starts) = (Vec::new(), Vec::new());
     for touch in touches.filter(|touch| touch.len() > 1) {
         starts.push(samples.len());
@@ -112,9 +122,16 @@ fn sequence(stretch: &Stretch) -> anyhow::Result<Option<Sequence>> {
         Ok(data.map(|data| Table::new(joints, data)).transpose()?)
     };
     let tables = (table(&|s| Some(&s.q))?, table(&|s| Some(&s.tau))?);
-    let (Some(angles), Some(torques)) = tables else {
+    let (Some(angles), Some(mut torques)) = tables else {
         return Ok(None);
     };
+    let zeros = stretch.zero.iter().cycle();
+    let pairs = torques.data_mut().iter_mut().zip(zeros);
+    pairs.for_each(|(tau, zero)| match kind {
+        TorqueKind::External => *tau -= zero,
+        // The load is what the arm needs less these.
+        TorqueKind::Measured => *tau += zero,
+    });
     let time = samples.iter().map(|s| s.t).collect();
     Ok(Some(Sequence {
         touch_starts: starts,
@@ -128,6 +145,10 @@ impl<L: Learner> Learner for Kept<L> {
 
     fn joints(&self) -> usize {
         self.learner.joints()
+    }
+
+    fn zero(&self) -> &[f64] {
+        self.learner.zero()
     }
 
     fn tare(&mut self, sample: &Sample, begins: Begins, last: bool) -> Result<(), L::Error> {
