@@ -81,8 +81,11 @@ pub fn reading_warnings(
         .or(second)
         .or_else(|| well(&|| misread::one(scene, &rigid, traces)))
         .or_else(|| air::not_tared(scene, traces))
-        // What comes late is read where nothing is touched any more.
-        .or_else(|| air::felt_in_air(scene, traces).filter(|_| late.is_none()));
+        .or_else(|| match late {
+            // What comes late is read where nothing is touched any more.
+            Some(_) => None,
+            None => air::felt_in_air(scene, traces),
+        });
     let is_well = !is_sick && in_air.is_none();
     warnings.extend(late.into_iter().chain(in_air));
     if is_well {

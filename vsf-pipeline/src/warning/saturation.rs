@@ -2,7 +2,7 @@
 
 use super::PipelineWarning;
 use super::sensors::{LEAST_CHANGE, range, runs};
-use super::springs::{Springs, springs};
+use super::springs::{Likeness, Springs, springs};
 use crate::{Scene, Trace, reading_unit};
 use std::ops::Range;
 use vsf_core::median;
@@ -68,16 +68,15 @@ pub(super) fn saturated(traces: &[Trace], springs: &[Springs]) -> Vec<Saturation
 }
 
 /// The stiffness that, everywhere the same, explains the readings best; not negative.
-fn uniform(traces: &[Trace], touches: &[Springs]) -> f64 {
+fn uniform(traces: &[Trace], springs: &[Springs]) -> f64 {
+    let mut likeness = Likeness::default();
     let readings = traces.iter().flat_map(Trace::readings);
-    let pairs = readings.zip(touches.iter().flatten());
-    let pairs = pairs.flat_map(|(y, unit)| y.iter().zip(unit));
-    let (along, squares) = pairs.fold((0.0, 0.0), |(a, s), (y, u)| (a + u * y, s + u * u));
-    if squares > 0.0 {
-        (along / squares).max(0.0)
-    } else {
-        0.0
+    for (reading, springs) in readings.zip(springs.iter().flatten()) {
+        let pairs = reading.iter().zip(springs);
+        pairs.for_each(|(tau, spring)| likeness.add(*tau, *spring));
     }
+    // NaN where nothing is touched.
+    likeness.slope().max(0.0)
 }
 
 /// What one joint reads, and what it would read of springs.
