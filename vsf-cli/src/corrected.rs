@@ -134,7 +134,9 @@ impl CorrectedModel {
         console: &Console,
     ) -> anyhow::Result<Vec<Corrected>> {
         warn_of_motions(scene, sequences, console);
-        let (campaign, model, found) = self.run(recording, scene, sequences, console)?;
+        let spinner = console.spinner("corrected model");
+        let (campaign, model, found) = self.run(&recording.dataset, scene, sequences)?;
+        spinner.finish_and_clear();
         let (name, own) = (&recording.dataset.name, self.file.recording.as_ref());
         if let Some(other) = own.filter(|own| *own != name)
             && sequences.iter().any(|s| knows(&model, &campaign, &s.id))
@@ -162,31 +164,27 @@ impl CorrectedModel {
         Ok(found)
     }
 
-    /// Their traces, without warnings.
+    /// Traces of sequences of a recording, or of a stream in its place, without warnings.
     pub fn traces(
         &self,
-        recording: &Recording,
+        dataset: &Dataset,
         scene: &Scene,
         sequences: &[&Sequence],
-        console: &Console,
     ) -> anyhow::Result<Vec<Trace>> {
-        let (.., found) = self.run(recording, scene, sequences, console)?;
+        let (.., found) = self.run(dataset, scene, sequences)?;
         Ok(found.into_iter().map(|c| c.trace).collect())
     }
 
     fn run(
         &self,
-        recording: &Recording,
+        dataset: &Dataset,
         scene: &Scene,
         sequences: &[&Sequence],
-        console: &Console,
     ) -> anyhow::Result<(Campaign, Model, Vec<Corrected>)> {
-        let spinner = console.spinner("corrected model");
-        let dataset = with(&recording.dataset, sequences);
+        let dataset = with(dataset, sequences);
         let campaign = Campaign::in_scene(&dataset, scene.clone())?;
         let model = self.at(&campaign)?;
         let all = campaign.corrected(&model)?;
-        spinner.finish_and_clear();
         let of = |s: &&Sequence| all.iter().find(|c| c.trace.id == s.id).cloned();
         let found = sequences.iter().filter_map(of).collect();
         Ok((campaign, model, found))

@@ -79,6 +79,7 @@ pub struct Corrector {
     smooth: Vec<f64>,
     readings: Tare,
     torques: Tare,
+    zero: Vec<f64>,
     /// Torques of the model, tared, and the reading less them.
     modeled: Vec<f64>,
     left: Vec<f64>,
@@ -88,8 +89,7 @@ impl std::fmt::Debug for Corrector {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
         f.debug_struct("Corrector")
             .field("samples", &self.readings.samples())
-            .field("zero_of_readings", &self.readings.zero())
-            .field("zero_of_torques", &self.torques.zero())
+            .field("zero", &self.zero)
             .finish_non_exhaustive()
     }
 }
@@ -137,6 +137,7 @@ impl Corrector {
             smooth: vec![0.0; d],
             readings: Tare::new(d),
             torques: Tare::new(d),
+            zero: vec![0.0; d],
             modeled: vec![0.0; d],
             left: vec![0.0; d],
             site: site.clone(),
@@ -153,9 +154,10 @@ impl Corrector {
         &self.contacts
     }
 
-    /// What is taken as zero of the readings of each joint, as load of the environment (N m or N).
+    /// What is taken off the reading of each joint, as load of the environment (N m or N): its mean over the states that
+    /// tared it, less that of the model's torques.
     pub fn zero(&self) -> &[f64] {
-        self.readings.zero()
+        &self.zero
     }
 
     /// Distance from a link's surface at which points in contact rest (m): threshold and padding of the scene.
@@ -168,6 +170,7 @@ impl Corrector {
         self.effects.begin_sequence(id);
         self.readings.begin();
         self.torques.begin();
+        self.zero.fill(0.0);
         self.begin_touch();
     }
 
@@ -180,6 +183,9 @@ impl Corrector {
     pub fn tare(&mut self) {
         self.readings.take();
         self.torques.take();
+        self.zero.copy_from_slice(self.readings.zero());
+        let pairs = self.zero.iter_mut().zip(self.torques.zero());
+        pairs.for_each(|(zero, model)| *zero -= model);
     }
 
     /// A touch begins after motion that was not seen; its clock may be any.

@@ -143,7 +143,7 @@ pub fn run(args: &Args, console: &Console) -> anyhow::Result<()> {
     };
     let contact = |scene: &Scene| match &model {
         None => Ok(scene.traces(&sequences, || {})?),
-        Some(model) => model.traces(&recording, scene, &sequences, console),
+        Some(model) => model.traces(&recording.dataset, scene, &sequences),
     };
     let asked = args.thresholds.is_some();
     let Compared {

@@ -41,7 +41,8 @@ Each sample is a line, or a datagram, of JSON:
 
 time [s], joint positions [rad or m] in the order of the robot's joints, and torques [N m or N] of the kind that the recording's \
 are (torque_kind): those of the environment on the robot, or those at the actuators, from which all that the arm itself needs is \
-taken off. Further keys: \"qd\", joint velocities, estimated if not given (of use where torques are measured, and with --model); \
+taken off. Further keys: \"qd\", joint velocities, of use where torques are measured, and with --model (estimated if not given, \
+by the slope of positions over 25 ms or five samples, so that they come half of that late); \
 \"touch\", a number that changes where a touch begins; \"sequence\", one that grows where clock or sensors begin anew. The robot, \
 its points and contact are those of a recording, of which one sequence is enough, or a motion that is planned (`vsf import --planned`).
 
@@ -49,8 +50,8 @@ A gap of more than 0.1 s in which the arm moved, of slow streams of two missing 
 inside of the object, nothing is learned until the arm has been in free air: such samples are skipped.
 
 Prior and noise that are not given are chosen by the recording's train sequences, as `vsf estimate` does. Each reading then counts as \
-one that knows nothing of the others: for a stream that is much quicker than the recording, or touches one place over and over, give \
-a larger --noise-sd, or the field is too sure of itself.
+one that knows nothing of the others: for a stream that is much quicker than the recording, which is told in the end, or touches one \
+place over and over, give a larger --noise-sd, or the field is too sure of itself.
 
 Summaries are lines of JSON on standard output: t, contacts (points touched now), touched (so far, --field included), stiffness \
 (mean, sd and max of those, N/m), residual (before the update, root mean square of its norm since the last summary, null without \
@@ -59,9 +60,8 @@ samples: received, refused, dropped (they came more quickly than they were learn
 tared, skipped, used, missing, gaps, restarts (the clock went back). They come by the clock of the samples. Where nobody reads them they are left out, but of a file, with --wait or \
 --play, which wait for their reader.
 
-The stream ends with the pipe, with an empty datagram, after --idle, or by Ctrl-C, with exit code 0. Then the field is written, if anything was touched, and what \
-looks wrong with the samples is told, of a long stream with parts from all over it; of readings that are corrected by --model, \
-that of their motions alone.
+The stream ends with the pipe, with an empty datagram, after --idle, or by Ctrl-C. Then the field is written, with exit code 0, or 1 if nothing was touched, and what \
+looks wrong with the samples is told, of a long stream with parts from all over it.
 
 JSON keys: points, touched, stiffness, nis_ratio, the counts, out.")]
 pub struct Args {
@@ -105,6 +105,8 @@ pub struct Args {
 
 /// Bad lines are told so often; their count is in the summaries.
 const MOST_TOLD: u32 = 10;
+/// A stream is much quicker than a recording with so many times its samples a second.
+const MUCH_QUICKER: f64 = 2.0;
 
 /// What is known in the end.
 #[derive(Serialize)]
@@ -174,7 +176,7 @@ pub fn run(args: &Args, console: &Console) -> anyhow::Result<()> {
         played,
         scene: &scene,
         start: &start,
-        model: model.as_ref().map(CorrectedModel::text),
+        model: model.as_ref(),
         console,
     };
     match &model {
@@ -203,50 +205,27 @@ struct Live<'a> {
     played: Option<Vec<&'a Sequence>>,
     scene: &'a Scene,
     start: &'a Start,
-    /// The corrected model in words, if there is one.
-    model: Option<String>,
+    model: Option<&'a CorrectedModel>,
     console: &'a Console,
 }
 
 impl Live<'_> {
     /// Learns until the stream ends, and writes the field.
     fn run<L: Learner>(&self, learner: L) -> anyhow::Result<()> {
-        let Self {
-            args,
-            scene,
-            start,
-            console,
-            ..
-        } = self;
         let options = Options {
-            publish_hz: args.publish_hz,
+            publish_hz: self.args.publish_hz,
             when_full: if self.waits() {
                 WhenFull::Wait
             } else {
                 WhenFull::DropOldest
             },
-            tare: (args.tare).unwrap_or(self.dataset.tare_samples as u64),
+            tare: (self.args.tare).unwrap_or(self.dataset.tare_samples as u64),
             ..Options::default()
         };
-        let mut node = Node::new(Kept::new(learner), start.touched.clone(), options)?;
+        let mut node = Node::new(Kept::new(learner), self.start.touched.clone(), options)?;
         let ran = self.stream(&mut node);
         let counts = *node.counts();
-        if counts.dropped > 0 {
-            console.warn(format_args!(
-                "{} samples were dropped, since they came more quickly than they were learned; give --wait where their sender can \
-                 wait, or a lower --replay",
-                counts.dropped
-            ));
-        }
-        if counts.skipped > 0 {
-            console.warn(format_args!(
-                "nothing was learned from {} samples in touches whose beginning was not seen: the stream, or a sequence of it, \
-                 began in contact, or samples were missing in a touch ({} gap{})",
-                counts.skipped,
-                counts.gaps,
-                plural(counts.gaps as usize)
-            ));
-        }
+        self.warn_of_losses(&counts);
         if counts.used == 0 {
             ran?;
             anyhow::bail!(
@@ -254,29 +233,89 @@ impl Live<'_> {
                 told(&counts)
             );
         }
-        let check = || -> anyhow::Result<()> {
-            let spinner = console.spinner("checking the samples");
-            let warnings = node.learner().warnings(scene, self.model.is_none())?;
-            spinner.finish_and_clear();
-            console.warn_all(warnings);
-            Ok(())
-        };
         if node.health().updates() == 0 {
             ran?;
             // Why they do may be told by their motions.
-            check()?;
+            self.check(node.learner())?;
             anyhow::bail!(
                 "the stream touched none of the {} points ({}); no field is written",
-                scene.rest().len(),
+                self.scene.rest().len(),
                 told(&counts)
             );
         }
         // What was learned until then is not lost where the stream breaks.
         let saved = self.save(&node);
-        if let Err(error) = check() {
+        if let Err(error) = self.check(node.learner()) {
             let error = message(&error);
-            console.warn(format_args!("the samples cannot be checked: {error}"));
+            (self.console).warn(format_args!("the samples cannot be checked: {error}"));
         }
+        self.warn_of_rate(node.learner());
+        self.conclude(&mut node, ran, saved)
+    }
+
+    /// Warns of samples that nothing was learned from.
+    fn warn_of_losses(&self, counts: &Counts) {
+        if counts.dropped > 0 {
+            self.console.warn(format_args!(
+                "{} samples were dropped, since they came more quickly than they were learned; give --wait where their sender can \
+                 wait, or a lower --replay",
+                counts.dropped
+            ));
+        }
+        if counts.skipped > 0 {
+            self.console.warn(format_args!(
+                "nothing was learned from {} samples in touches whose beginning was not seen: the stream, or a sequence of it, \
+                 began in contact, or samples were missing in a touch ({} gap{})",
+                counts.skipped,
+                counts.gaps,
+                plural(counts.gaps as usize)
+            ));
+        }
+    }
+
+    /// Warns of what looks wrong with the samples.
+    fn check<L: Learner>(&self, kept: &Kept<L>) -> anyhow::Result<()> {
+        let spinner = self.console.spinner("checking the samples");
+        let warnings = kept.warnings(self.dataset, self.scene, self.model);
+        spinner.finish_and_clear();
+        self.console.warn_all(warnings?);
+        Ok(())
+    }
+
+    /// Warns where the noise was chosen by samples that were much further apart.
+    fn warn_of_rate<L: Learner>(&self, kept: &Kept<L>) {
+        let steps = self.start.step_of_noise.zip(kept.step());
+        let Some((chosen, step)) = steps.filter(|(chosen, step)| *chosen > MUCH_QUICKER * step)
+        else {
+            return;
+        };
+        let times = (chosen / step).sqrt();
+        let noise = self.start.hyper.noise_sd.iter();
+        let noise: Vec<String> = noise.map(|sd| number(times * sd)).collect();
+        self.console.warn(format_args!(
+            "the stream has {} samples a second, the train sequences that its noise was chosen by have {}: readings so close to each \
+             other share their errors, so that the field may be up to {times:.1} times too sure; --noise-sd {} has a second of them \
+             tell as much",
+            (10.0 / step).round() / 10.0,
+            (10.0 / chosen).round() / 10.0,
+            noise.join(",")
+        ));
+    }
+
+    /// Tells what is known in the end.
+    fn conclude<L: Learner>(
+        &self,
+        node: &mut Node<Kept<L>>,
+        ran: anyhow::Result<()>,
+        saved: anyhow::Result<()>,
+    ) -> anyhow::Result<()> {
+        let Self {
+            args,
+            scene,
+            console,
+            ..
+        } = self;
+        let counts = *node.counts();
         let Summary {
             touched,
             stiffness,
@@ -399,7 +438,7 @@ impl Live<'_> {
         let field = node.estimate()?.to_field(self.scene, hyper, name, &[])?;
         let field = StiffnessField {
             // A model without effects is the nominal one.
-            model: self.model.clone().filter(|text| !text.is_empty()),
+            model: (self.model.map(CorrectedModel::text)).filter(|text| !text.is_empty()),
             learned_from: self.learned_from(),
             ..field
         };

@@ -37,6 +37,20 @@ fn sample(k: u32) -> String {
     )
 }
 
+/// Writes `m.json`, a corrected model of constant torques (N).
+fn write_biases(bench: &Bench, values: [f64; 3]) {
+    let line = "diagnose touch --effects torque_bias,payload --model m.json --train a --test c";
+    bench.ok(line);
+    let model = fs::read_to_string(bench.root.join("m.json")).unwrap();
+    let mut model: Value = serde_json::from_str(&model).unwrap();
+    let parameter = |j: usize, value: f64| serde_json::json!({"name": format!("b_{}", j + 1), "value": value, "std": 0.01, "unit": "N"});
+    model["effects"] = serde_json::json!([{
+        "effect": "torque_bias",
+        "parameters": values.iter().enumerate().map(|(j, v)| parameter(j, *v)).collect::<Vec<_>>(),
+    }]);
+    fs::write(bench.root.join("m.json"), model.to_string()).unwrap();
+}
+
 /// The field of a stream is that of the filter of the same name over the recording that it is, with the prior and noise
 /// that are chosen for it.
 #[test]
@@ -66,17 +80,7 @@ fn a_recording_played_is_the_recording() {
 #[test]
 fn a_recording_played_under_a_model_is_the_recording() {
     let bench = Bench::touched();
-    let line = "diagnose touch --effects torque_bias,payload --model m.json --train a --test c";
-    bench.ok(line);
-    let model = fs::read_to_string(bench.root.join("m.json")).unwrap();
-    let mut model: Value = serde_json::from_str(&model).unwrap();
-    let parameter = |j: usize, value: f64| serde_json::json!({"name": format!("b_{}", j + 1), "value": value, "std": 0.01, "unit": "N"});
-    let values = [0.02, -0.03, 0.1];
-    model["effects"] = serde_json::json!([{
-        "effect": "torque_bias",
-        "parameters": values.iter().enumerate().map(|(j, v)| parameter(j, *v)).collect::<Vec<_>>(),
-    }]);
-    fs::write(bench.root.join("m.json"), model.to_string()).unwrap();
+    write_biases(&bench, [0.02, -0.03, 0.1]);
     let given = "--model m.json --prior-sd 40 --noise-sd 0.02";
     bench.ok(&format!("live touch --play {given} --out live.npz"));
     bench.ok(&format!(
@@ -279,6 +283,7 @@ fn fields_are_saved_meanwhile() {
 #[test]
 fn samples_that_look_wrong() {
     let bench = Bench::touched();
+    write_biases(&bench, [0.0, 0.0, 0.4]);
     let pressed = |tau: f64, zero: f64| -> String {
         // At rest above, down, and in and out again.
         let rest = (0..20).map(|_| -200);
@@ -287,7 +292,8 @@ fn samples_that_look_wrong() {
         let there = rest.chain(down).chain(touch);
         let lines = there.enumerate().map(|(k, depth)| {
             let depth = 0.00005 * (f64::from(depth) - 40.0);
-            let force = zero + tau * 50.0 * depth.max(0.0);
+            let noise = 1e-4 * (k % 3) as f64;
+            let force = zero + tau * (50.0 * depth.max(0.0) + noise);
             let t = 0.02 * k as f64;
             format!(
                 "{{\"t\": {t}, \"q\": [0.018, 0.016, {}], \"tau\": [0, 0, {force}]}}\n",
@@ -300,8 +306,13 @@ fn samples_that_look_wrong() {
         let line = format!("live touch --wait --out field.npz {flags}");
         String::from_utf8(piped(&bench, &line, samples).stderr).unwrap()
     };
-    // What is taken as zero is taken off what is looked at, too.
-    for (zero, flags) in [(0.0, ""), (0.4, "--tare 20")] {
+    // What is taken as zero is taken off what is looked at, too, and so is what a model explains.
+    for (zero, flags) in [
+        (0.0, ""),
+        (0.4, "--tare 20"),
+        (0.4, "--model m.json"),
+        (0.7, "--model m.json --tare 20"),
+    ] {
         let right = told(&pressed(1.0, zero), flags);
         assert!(!right.contains("the stream:"), "{right}");
         let opposite = told(&pressed(-1.0, zero), flags);
@@ -310,10 +321,40 @@ fn samples_that_look_wrong() {
             "{opposite}"
         );
     }
-    let untared = told(&pressed(1.0, 0.4), "");
-    assert!(untared.contains("the stream:"), "{untared}");
+    for (zero, flags) in [(0.4, ""), (0.0, "--model m.json")] {
+        let untared = told(&pressed(1.0, zero), flags);
+        assert!(untared.contains("the stream:"), "{untared}");
+    }
     let tiny = told(&pressed(1e-9, 0.0), "");
     assert!(tiny.contains("check the unit"), "{tiny}");
+}
+
+/// Noise that was chosen by samples further apart has a stream of many tell too much.
+#[test]
+fn streams_that_are_quicker_than_the_recording() {
+    let bench = Bench::touched();
+    let every = |dt: f64| -> String {
+        let lines = (0..40).map(|k| {
+            sample(k).replacen(
+                &format!("{{\"t\": {}", 0.02 * f64::from(k)),
+                &format!("{{\"t\": {}", dt * f64::from(k)),
+                1,
+            )
+        });
+        lines.collect()
+    };
+    let told = |dt: f64, flags: &str| {
+        let line = format!("live touch --wait --out field.npz {flags}");
+        String::from_utf8(piped(&bench, &line, &every(dt)).stderr).unwrap()
+    };
+    let quicker = told(0.001, "");
+    assert!(
+        quicker.contains("the stream has 1000 samples a second"),
+        "{quicker}"
+    );
+    for same in [told(0.05, ""), told(0.001, "--noise-sd 0.05 --prior-sd 30")] {
+        assert!(!same.contains("samples a second"), "{same}");
+    }
 }
 
 #[cfg(target_os = "linux")]

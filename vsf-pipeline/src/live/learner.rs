@@ -28,7 +28,8 @@ pub trait Learner {
     /// Joints of the robot.
     fn joints(&self) -> usize;
 
-    /// What is taken as zero of the load on each joint (N m or N): the mean over the samples that tared the sequence.
+    /// What is taken off the load on each joint (N m or N): its mean over the samples that tared the sequence, less what a
+    /// model has it be there.
     fn zero(&self) -> &[f64];
 
     /// Takes one of the first samples of a sequence, in free air: from the `last` of them on their mean reading is zero.

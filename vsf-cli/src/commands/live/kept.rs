@@ -1,7 +1,8 @@
 //! Samples of a stream that are kept, to be looked at in the end.
 
-use vsf::core::{Belief, CoreError, UpdateReport};
-use vsf::data::{Sequence, Table, TorqueKind};
+use crate::corrected::CorrectedModel;
+use vsf::core::{Belief, CoreError, UpdateReport, median};
+use vsf::data::{Dataset, Sequence, Splits, Table, TorqueKind};
 use vsf::pipeline::live::{Begins, Learner, Sample};
 use vsf::pipeline::{Scene, motion_warnings, reading_warnings};
 
@@ -81,18 +82,50 @@ impl<L: Learner> Kept<L> {
         }
     }
 
-    /// What looks wrong with them; with the readings only where these are `plain`, not corrected.
-    pub fn warnings(&self, scene: &Scene, plain: bool) -> anyhow::Result<Vec<String>> {
+    /// Time from one sample to the next within a touch (s), in the median.
+    pub fn step(&self) -> Option<f64> {
         let stretches = self.kept.iter().chain([&self.now]);
-        let sequences = stretches.filter_map(|s| sequence(s, scene.torque_kind()).transpose());
-        let sequences = sequences.collect::<anyhow::Result<Vec<_>>>()?;
+        let pairs = stretches.flat_map(|s| s.samples.windows(2));
+        let steps = pairs.filter_map(|pair| {
+            let [(_, before), (begins, sample)] = pair else {
+                return None;
+            };
+            (*begins == Begins::Nothing).then_some(sample.t - before.t)
+        });
+        median(steps.collect())
+    }
+
+    /// What looks wrong with them, where the scene and, if there is one, a corrected model hold.
+    pub fn warnings(
+        &self,
+        dataset: &Dataset,
+        scene: &Scene,
+        model: Option<&CorrectedModel>,
+    ) -> anyhow::Result<Vec<String>> {
+        let mut sequences: Vec<Sequence> = Vec::new();
+        for stretch in self.kept.iter().chain([&self.now]) {
+            if let Some(mut sequence) = sequence(stretch, scene.torque_kind())? {
+                while sequences.iter().any(|s| s.id == sequence.id) {
+                    sequence.id += " again";
+                }
+                sequences.push(sequence);
+            }
+        }
         let all: Vec<&Sequence> = sequences.iter().collect();
         let mut found = motion_warnings(scene.robot(), &all);
-        if plain {
-            let scene = scene.clone().without_tare();
-            let traces = scene.traces(&all, || {})?;
-            found.extend(reading_warnings(&scene, &all, &traces));
-        }
+        let scene = scene.clone().without_tare();
+        let traces = match model {
+            None => scene.traces(&all, || {})?,
+            Some(model) => {
+                let stream = Dataset {
+                    sequences: sequences.clone(),
+                    splits: Splits::default(),
+                    ..dataset.clone()
+                };
+                model.traces(&stream, &scene, &all)?
+            }
+        };
+        found.extend(reading_warnings(&scene, &all, &traces));
         let texts = found.iter().map(|w| format!("the stream: {w}"));
         let mut torques = all.iter().flat_map(|s| s.torques.data());
         let is_dead = !all.is_empty() && torques.all(|tau| *tau == 0.0);

@@ -7,6 +7,7 @@ use crate::fit::{PriorAndNoise, per_channel, prior_and_noise};
 use crate::recording::{Recording, untouched};
 use crate::settings::EstimatorSettings;
 use std::path::Path;
+use vsf::core::median;
 use vsf::data::Sequence;
 use vsf::filter::FieldPrior;
 use vsf::pipeline::{Hyper, PriorShape, Scene, Trace};
@@ -18,6 +19,8 @@ pub struct Start {
     pub touched: Vec<bool>,
     /// Sequences of the recording that were learned from before, if that is known.
     pub learned_from: Option<Vec<String>>,
+    /// Time between the samples that the noise was chosen by (s), if it was.
+    pub step_of_noise: Option<f64>,
 }
 
 impl Start {
@@ -41,6 +44,10 @@ impl Start {
             hyper,
             touched: Vec::new(),
             learned_from: None,
+            step_of_noise: match settings.noise_sd {
+                None => step(recording),
+                Some(_) => None,
+            },
         };
         Ok((scene, start))
     }
@@ -87,9 +94,21 @@ impl Start {
             },
             touched: stored.touched,
             learned_from: field.learned_from.filter(|_| is_own),
+            step_of_noise: None,
         };
         Ok((scene, start))
     }
+}
+
+/// Time from one sample of the train sequences to the next (s), in the median.
+fn step(recording: &Recording) -> Option<f64> {
+    let times = recording.dataset.train().map(|s| &s.time);
+    median(
+        times
+            .flat_map(|t| t.windows(2))
+            .map(|t| t[1] - t[0])
+            .collect(),
+    )
 }
 
 /// What the train sequences touch.
