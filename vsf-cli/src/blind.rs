@@ -140,10 +140,23 @@ impl Case {
         match self.class {
             Class::None => self.kind_of_answer == Some(VerdictKind::NoGap),
             Class::Unknown => self.kind_of_answer == Some(VerdictKind::Unknown),
-            _ => {
-                self.named.len() == self.truth.len()
-                    && self.truth.iter().all(|e| self.named.contains(e))
-            }
+            _ => self.kind_of_answer == Some(VerdictKind::Effects) && self.names_truth(),
+        }
+    }
+
+    /// Whether the true effects are named, and no others.
+    fn names_truth(&self) -> bool {
+        let known = matches!(self.class, Class::Single | Class::Pair);
+        let all = self.truth.iter().all(|e| self.named.contains(e));
+        known && self.named.len() == self.truth.len() && all
+    }
+
+    /// Whether what its probability is of is so: what is named, whatever else may act; or, where nothing is, the answer.
+    fn came_true(&self) -> bool {
+        if self.named.is_empty() {
+            self.answered()
+        } else {
+            self.names_truth()
         }
     }
 }

@@ -4,7 +4,7 @@ use crate::console::{Console, read_text};
 use crate::recording::{Recording, untouched, warn_of_motions};
 use anyhow::Context;
 use std::path::PathBuf;
-use vsf::data::{ContactParameters, Dataset, Sequence};
+use vsf::data::{ContactParameters, Dataset, Sequence, listed};
 use vsf::gap::{Campaign, Corrected, Corrector, EffectEntry, Model, ModelFile, effects};
 use vsf::pipeline::{PipelineError, Scene, SequencePrediction, Trace, simulate};
 
@@ -156,7 +156,7 @@ impl CorrectedModel {
                 "{}: has parameters of their own for the test sequences {}; a diagnosis learns these from \
                  readings there, so that errors are smaller than on new sequences",
                 self.path.display(),
-                seen.join(", ")
+                listed(&seen)
             ));
         }
         let traces: Vec<Trace> = found.iter().map(|c| c.trace.clone()).collect();
@@ -219,7 +219,7 @@ impl CorrectedModel {
             console.warn(format_args!(
                 "{}: the model was fitted to sequences that are predicted ({}): errors there are those of a fit",
                 self.path.display(),
-                again.join(", ")
+                listed(&again)
             ));
         }
     }

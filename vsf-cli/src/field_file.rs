@@ -7,7 +7,7 @@ use crate::interrupt::writing;
 use crate::outputs::unmarked;
 use anyhow::Context;
 use std::path::{Path, PathBuf};
-use vsf::data::{ContactParameters, McapExport, StiffnessField};
+use vsf::data::{ContactParameters, McapExport, StiffnessField, listed};
 use vsf::pipeline::{Scene, StoredEstimate};
 
 /// A field on disk, and what it says of its estimate.
@@ -49,12 +49,16 @@ impl FieldFormat {
     /// Refuses the place of a picture where an estimate is to be kept.
     pub fn check_estimate(out: &Path) -> anyhow::Result<()> {
         if matches!(Self::of(out)?, Self::Png | Self::Svg) {
-            let out = out.display();
-            return Err(usage(format!(
-                "--out {out}: pictures are drawn by `vsf export`; give .npz, .ply, .mcap or a folder (no ending)"
-            )));
+            return Err(Self::no_estimate(out));
         }
         Ok(())
+    }
+
+    fn no_estimate(picture: &Path) -> anyhow::Error {
+        usage(format!(
+            "--out {}: pictures are drawn by `vsf export`; give .npz, .ply, .mcap or a folder (no ending)",
+            picture.display()
+        ))
     }
 
     /// Refuses a file that holds something else than its ending says.
@@ -192,7 +196,7 @@ impl FieldFile {
                 "{}: the field has learned from sequences that it predicts ({}): errors there are those of a \
                  fit",
                 self.path.display(),
-                again.join(", ")
+                listed(&again)
             ));
         }
         others
@@ -254,11 +258,6 @@ pub fn save(field: &StiffnessField, path: &Path) -> anyhow::Result<()> {
             Ok(export.save(path)?)
         }
         FieldFormat::Folder => Ok(field.save_folder(path)?),
-        FieldFormat::Png | FieldFormat::Svg => {
-            let path = path.display();
-            Err(usage(format!(
-                "{path}: pictures are drawn by `vsf export`; give .npz, .ply, .mcap or a folder (no ending)"
-            )))
-        }
+        FieldFormat::Png | FieldFormat::Svg => Err(FieldFormat::no_estimate(path)),
     })
 }

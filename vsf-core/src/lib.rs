@@ -56,7 +56,7 @@ pub use estimator::{Estimator, Prediction, UpdateReport};
 pub use geometry::{Collider, Shape, TriMesh};
 pub use health::FilterHealth;
 pub use linalg::SymmetricFactor;
-pub use median::median;
+pub use median::{median, median_of};
 pub use noise::Noise;
 pub use observation::Observation;
 pub use points::{Cell, RestPoints, bounds};

@@ -9,6 +9,12 @@
 /// ```
 #[must_use]
 pub fn median(mut values: Vec<f64>) -> Option<f64> {
+    median_of(&mut values)
+}
+
+/// The same in place: values are left in another order, and nothing is allocated.
+#[must_use]
+pub fn median_of(values: &mut [f64]) -> Option<f64> {
     let middle = values.len() / 2;
     // The sign of NaN differs from machine to machine.
     let order = |a: &f64, b: &f64| a.is_nan().cmp(&b.is_nan()).then(a.total_cmp(b));

@@ -1,4 +1,4 @@
-use crate::sequence;
+use crate::{listed, sequence};
 use std::path::PathBuf;
 use thiserror::Error;
 
@@ -77,7 +77,7 @@ pub enum DataWarning {
         of: usize,
     },
     /// Sequences that neither split lists: neither training nor test uses them.
-    #[error("{}: in neither split, used only where they are named: {}", path.display(), some_of(ids))]
+    #[error("{}: in neither split, used only where they are named: {}", path.display(), listed(ids))]
     UnassignedSequences {
         /// The data set.
         path: PathBuf,
@@ -88,7 +88,7 @@ pub enum DataWarning {
     #[error(
         "{}: torques are all zero, as if nothing was measured, in sequence {}; right for motions that are planned and not made",
         path.display(),
-        some_of(ids)
+        listed(ids)
     )]
     ZeroTorques {
         /// The data set.
@@ -170,7 +170,7 @@ pub enum DataWarning {
     /// no sequence are any closer. The stamps count.
     #[error(
         "{}: rate_hz = {rate_hz:?}, but most samples of sequence {} are {step:.3e} s apart; the time stamps count{}",
-        path.display(), ids.join(", "),
+        path.display(), listed(ids),
         if (0.1..10.0).contains(&(step * rate_hz)) { "" } else { ", which must be in seconds" }
     )]
     OtherRate {
@@ -270,14 +270,5 @@ fn more_of_kind(others: usize) -> String {
     match others {
         0 => String::new(),
         n => format!("; {n} more of that kind"),
-    }
-}
-
-/// The first names of a list.
-fn some_of(names: &[String]) -> String {
-    const MOST: usize = 12;
-    match names.len().checked_sub(MOST) {
-        Some(others @ 1..) => format!("{} and {others} more", names[..MOST].join(", ")),
-        _ => names.join(", "),
     }
 }

@@ -133,11 +133,16 @@ pub trait Effect: Send + Sync {
         }
     }
 
-    /// Whether, by where surfaces are or how they stick, it decides which points are touched and where to;
-    /// false by default. Each such choice is another model: one that predicts other sequences worse, or makes them less
+    /// Whether, by where surfaces are, how they stick or which way they push, it decides which points are touched, where to and
+    /// how; false by default. Each such choice is another model: one that predicts other sequences worse, or makes them less
     /// likely, is not named. Where contact is rough the best of many gains hundreds of nats though none is right: there it
     /// has to close much of the gap on them, or to gain as much on them, nearly, as on those that it was fitted to.
     fn chooses_contacts(&self) -> bool {
+        false
+    }
+
+    /// Whether it may be why nothing is touched at all, as where the object lies elsewhere than its points; false by default.
+    fn may_prevent_touch(&self) -> bool {
         false
     }
 
@@ -184,10 +189,9 @@ pub trait Effect: Send + Sync {
         None
     }
 
-    /// Why the campaign cannot show it, `None` when it can. An effect that chooses contacts may be why
-    /// nothing is touched.
+    /// Why the campaign cannot show it, `None` when it can.
     fn untestable(&self, campaign: &Campaign) -> Option<String> {
-        let may_touch = self.chooses_contacts() && !campaign.site.rest.is_empty();
+        let may_touch = self.may_prevent_touch() && !campaign.site.rest.is_empty();
         (self.needs().iter())
             .filter(|need| !(may_touch && **need == Need::Contact))
             .find_map(|need| campaign.lacks(*need))

@@ -12,8 +12,8 @@ use std::sync::Arc;
 // other seeds than the blind cases that are reported. Those of roughness are of a time when it was of forces alone; with
 // errors of the place, the same recordings come out less rough.
 
-/// Nats for one e-fold of probability. Models are never quite right, so that evidence overstates
-/// what it knows; with this one, stated probabilities came about roughly true.
+/// Nats for one e-fold of probability. Models are never quite right, so that evidence overstates what it knows; with this one,
+/// stated probabilities came closest to true, of what is not roughly so: blind cases (`vsf experiment blind`) print by how much.
 const TEMPERATURE: f64 = 7.0;
 /// Where contact is rough, effects of contact gain by chance: so many times more.
 const ROUGHNESS: [Rough; 2] = [

@@ -4,7 +4,7 @@ use crate::{
 };
 use serde::{Deserialize, Serialize};
 use std::sync::Arc;
-use vsf_data::{ContactParameters, JsonError, parse_json};
+use vsf_data::{ContactParameters, JsonError, listed, parse_json};
 
 /// Version of the form.
 const SCHEMA: u32 = 1;
@@ -228,16 +228,6 @@ impl Outcome {
             ..ModelFile::new(campaign.site(), &self.model, &self.sd)?
         })
     }
-}
-
-/// Names for a message, the first of them where there are many, shortened where they are long.
-fn listed(names: &[String]) -> String {
-    const MOST: usize = 12;
-    const LONGEST: usize = 40;
-    let short = |name: &String| name.chars().take(LONGEST).collect::<String>();
-    let shown: Vec<String> = names.iter().take(MOST).map(short).collect();
-    let rest = if names.len() > MOST { ", ..." } else { "" };
-    shown.join(", ") + rest
 }
 
 fn joints(site: &Site) -> Vec<String> {

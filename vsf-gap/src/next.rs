@@ -19,8 +19,10 @@ pub struct NextExperiment {
 
 /// The experiment that tells most of the surviving candidates apart, weighed by their
 /// probabilities, of those that the arm can do.
+/// `nothing` is the probability that no effect of the search acts.
 pub(crate) fn next_experiment(
     verdict: &Verdict,
+    nothing: f64,
     reports: &[EffectReport],
     effects: &[Arc<dyn Effect>],
     arm: Arm,
@@ -29,13 +31,12 @@ pub(crate) fn next_experiment(
         .filter(|e| e.testable && verdict.effect_set_95.contains(&e.effect))
         .collect();
     // Effects that are named together are no rivals.
-    let named = |e: &EffectReport| verdict.effects.contains(&e.effect);
+    let named = |e: &&EffectReport| verdict.effects.contains(&e.effect);
     let response = |report: &EffectReport, probe: Probe| {
         let effect = effects.iter().find(|e| e.name() == report.effect)?;
         effect.response(probe)
     };
     // Of what is named, beside nothing at all.
-    let nothing = 1.0 - reports.iter().map(|e| e.probability).sum::<f64>();
     let doubted = verdict.kind == VerdictKind::Effects && nothing >= DOUBTFUL;
     let shows = |e: &&&EffectReport, probe| doubted && named(e) && response(e, probe).is_some();
     let told = |probe: Probe| {
@@ -85,7 +86,9 @@ pub(crate) fn next_experiment(
             }
         }
         let words: Vec<String> = groups.iter().map(|(_, names)| names.join(", ")).collect();
+        let together = survivors.len() > 1 && survivors.iter().all(named);
         match &words[..] {
+            _ if together => format!("shows whether {} act", names()),
             [all] => format!("shows whether {all} acts"),
             [one, other] => format!("tells {one} from {other}"),
             _ => {
@@ -148,7 +151,8 @@ mod tests {
     const RAIL: Arm = Arm { joints: 1, ..STAGE };
 
     fn next(verdict: &Verdict, reports: &[EffectReport], arm: Arm) -> NextExperiment {
-        next_experiment(verdict, reports, &crate::effects::catalogue(), arm)
+        let nothing = 1.0 - verdict.probability;
+        next_experiment(verdict, nothing, reports, &crate::effects::catalogue(), arm)
     }
 
     fn verdict(kind: VerdictKind, effects: &[&str]) -> Verdict {
@@ -217,7 +221,13 @@ mod tests {
             ["adhesion", "viscoelastic"],
         ] {
             let effects = reports(&pair);
-            let next = |kind, of: &[&str], arm| next(&verdict(kind, of), &effects, arm);
+            let next = |kind, of: &[&str], arm| {
+                let sure = Verdict {
+                    probability: 1.0,
+                    ..verdict(kind, of)
+                };
+                next(&sure, &effects, arm)
+            };
             for arm in [STAGE, RAIL] {
                 for action in [
                     next(VerdictKind::NotDiagnosable, &pair, arm).action,
@@ -278,14 +288,23 @@ mod tests {
     /// A cause that is doubted is looked for where it would answer.
     #[test]
     fn what_is_doubted_is_looked_for() {
-        let found = verdict(VerdictKind::Effects, &["strain_stiffening"]);
-        let mut effects = reports(&["strain_stiffening"]);
-        let of = |effects: &[EffectReport]| next(&found, effects, STAGE);
-        let doubted = of(&effects);
+        let mut found = verdict(VerdictKind::Effects, &["strain_stiffening"]);
+        let effects = reports(&["strain_stiffening"]);
+        let doubted = next(&found, &effects, STAGE);
         assert!(doubted.action.contains("deeper"), "{}", doubted.action);
         assert_eq!(doubted.why, "it shows whether strain_stiffening acts");
-        effects[0].probability = 0.99;
-        assert!(of(&effects).action.contains("repeat one touch"));
+        found.probability = 0.99;
+        let sure = next(&found, &effects, STAGE);
+        assert!(sure.action.contains("repeat one touch"));
+        // Of effects that act together each has the probability of both.
+        let pair = ["payload", "torque_bias"];
+        let both = Verdict {
+            effects: pair.map(str::to_owned).to_vec(),
+            probability: 0.6,
+            ..verdict(VerdictKind::Effects, &pair)
+        };
+        let why = next(&both, &reports(&pair), STAGE).why;
+        assert!(why.contains("it shows whether"), "{why}");
     }
 
     /// What a field imitates is told from it by another side: with one rail, it is the object that turns.

@@ -44,10 +44,12 @@ pub struct Verdict {
     /// What kind of answer it is.
     pub kind: VerdictKind,
     /// Its probability. For [`VerdictKind::Unknown`] without effects, that no effect of the search is the cause; with effects,
-    /// theirs among those of the search.
+    /// theirs among those of the search. All probabilities are under the condition that models which the check on other
+    /// sequences refused are not the cause: these have none.
     pub probability: f64,
-    /// The smallest set of effects that, with "no gap", holds 95 % of the probability ([`hidden`](Self::hidden) included,
-    /// unless the answer is "no gap"); and effects that fit well but did not pass the check on other sequences.
+    /// The effects of the likeliest models that, with "no gap", hold 95 % of the probability ([`hidden`](Self::hidden) included,
+    /// unless the answer is "no gap"); and effects that fit well but did not pass the check on other sequences, which
+    /// does not rule them out.
     pub effect_set_95: Vec<String>,
     /// Probability that an effect acts which the stiffness field absorbs, mostly one of contact or material. For
     /// [`VerdictKind::NoGap`] it is also distributed over the effects; for [`VerdictKind::Unknown`] without effects
@@ -108,6 +110,8 @@ pub(crate) struct Answer {
     pub(crate) verdict: Verdict,
     /// Those of every effect that was fitted.
     pub(crate) probabilities: Vec<(String, f64)>,
+    /// That none of them acts.
+    pub(crate) nothing: f64,
     /// Whether the cause is unknown since what the named effects leave lasts, or the test sequences contradict the others,
     /// and for no other reason.
     pub(crate) open: bool,
@@ -169,6 +173,7 @@ impl Judged {
         Answer {
             verdict,
             probabilities,
+            nothing: self.none + self.verdict.hidden,
             open,
         }
     }

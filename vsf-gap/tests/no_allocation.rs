@@ -12,11 +12,13 @@ use nalgebra::{Point3, Vector3};
 use std::alloc::{GlobalAlloc, Layout, System};
 use std::cell::Cell;
 use std::sync::Arc;
-use vsf_core::{Contacts, Noise, Observation};
+use vsf_core::{Belief, Contacts, Noise, Observation, Session};
 use vsf_data::TorqueKind;
-use vsf_gap::effects::catalogue;
-use vsf_gap::{Campaign, Corrector, JointState, Model, ModelTerms, Sample, Touch};
-use vsf_robots::planar_arm;
+use vsf_filter::DiagonalKalman;
+use vsf_gap::effects::{self, catalogue};
+use vsf_gap::{Campaign, Corrector, JointState, LiveCorrector, Model, ModelTerms, Sample, Touch};
+use vsf_pipeline::live::{self, Learner, LiveSession, Node, Options};
+use vsf_robots::{JointTorques, planar_arm};
 
 thread_local! {
     static CALLS: Cell<usize> = const { Cell::new(0) };
@@ -53,6 +55,69 @@ const TOUCHES: usize = 4;
 fn nothing_allocates_after_warm_up() {
     compensators();
     control_loop();
+    streams();
+}
+
+/// Nodes that learn from streams of 1 kHz, with stamps that are not quite even.
+fn streams() {
+    let points: Vec<[f64; 3]> = (0..25)
+        .map(|k| [0.02 * (k % 5) as f64, 0.02 * (k / 5) as f64, 0.0])
+        .collect();
+    let campaign = plate(&points, &[vec![(vec![0.0; 3], vec![0.0; 3]); 20]]);
+    let (site, scene) = (campaign.site(), campaign.scene());
+    let noise = Noise::uniform(3, 0.3).unwrap();
+    let prior = || Belief::uniform(points.len(), 0.0, 100.0).unwrap();
+    let gravity = Some(Vector3::new(0.0, 0.0, -9.81));
+    let session = Session::new(
+        site.robot.chains().clone(),
+        site.rest.clone(),
+        scene.contact_model().unwrap(),
+        JointTorques::new(noise.clone()),
+        DiagonalKalman::<f64>::new(prior()),
+    );
+    let nominal = LiveSession::new(site.robot.clone(), session.unwrap(), gravity).unwrap();
+    stream(nominal);
+    let friction = Model::of(
+        &effects::named(&["joint_viscous_friction"]).unwrap()[0],
+        &[0.1; 3],
+    );
+    let corrector = Corrector::new(site, scene, &friction).unwrap();
+    let filter = DiagonalKalman::new(prior());
+    stream(LiveCorrector::new(corrector, filter, noise).unwrap());
+}
+
+fn stream<L: Learner>(learner: L) {
+    let mut node = Node::new(learner, Vec::new(), Options::default()).unwrap();
+    let sample = |k: usize| {
+        let jitter = 1e-5 * ((k * 7919) % 13) as f64;
+        let t = 1e-3 * k as f64 + jitter;
+        let z = 0.003 - 0.01 * (6.0 * t).sin();
+        live::Sample {
+            t,
+            q: vec![0.02 * t, 0.0, z],
+            tau: vec![0.1, -0.1, 10.0 * (6.0 * t).sin().max(0.0)],
+            qd: None,
+            touch: 0,
+            sequence: 0,
+        }
+    };
+    let samples: Vec<_> = (0..4000).map(sample).collect();
+    let (warm_up, rest) = samples.split_at(2000);
+    let mut touching = 0;
+    let mut run = |samples: &[live::Sample]| {
+        for sample in samples {
+            node.take(sample).unwrap();
+            touching += node.learner().touching().len();
+            if node.is_due() {
+                node.summary();
+            }
+        }
+    };
+    run(warm_up);
+    let before = CALLS.get();
+    run(rest);
+    assert_eq!(CALLS.get() - before, 0);
+    assert!(touching > 0);
 }
 
 /// A loop with an effect in its model: contact, columns, torques.

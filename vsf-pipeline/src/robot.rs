@@ -1,7 +1,7 @@
 use crate::PipelineError;
 use std::collections::BTreeMap;
 use std::path::PathBuf;
-use vsf_data::{Dataset, JointType, RobotRef};
+use vsf_data::{Dataset, JointType, RobotRef, listed};
 use vsf_robots::{BUILTIN_NAMES, Joint, JointKind, RobotError, RobotModel, UrdfOptions, builtin};
 
 /// Unit of a joint's readings: `N m`, or `N` for a sliding joint.
@@ -50,7 +50,7 @@ pub(crate) fn check_joints(dataset: &Dataset, robot: &RobotModel) -> Result<(), 
             columns: dataset.width(),
             robot: robot.name().to_owned(),
             joints: names.len(),
-            names: some(&names),
+            names: listed(&names),
         });
     }
     let mismatch = |key, column: usize, recorded: &str, robot: &str| PipelineError::JointMismatch {
@@ -117,11 +117,4 @@ pub fn load_robot(
                 known: BUILTIN_NAMES.join(", "),
             }),
     }
-}
-
-/// Names for a message, the first of them where there are many.
-fn some(names: &[&str]) -> String {
-    const MOST: usize = 30;
-    let rest = if names.len() > MOST { ", ..." } else { "" };
-    names[..names.len().min(MOST)].join(", ") + rest
 }

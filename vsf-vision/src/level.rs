@@ -9,8 +9,8 @@ use vsf_core::{CoreError, Noise, Observation};
 pub struct Level {
     /// Least-squares level over all readings (N/m), >= 0.
     pub mean: f64,
-    /// Variance of the level from sequence to sequence (N²/m²); the square of the mean with a
-    /// single sequence.
+    /// Variance of the level from sequence to sequence (N²/m²), unbiased where each counts by the weight of its readings; the
+    /// square of the mean with a single sequence.
     pub variance: f64,
 }
 
@@ -56,9 +56,10 @@ impl Level {
         }
         let mean = found.iter().map(|(w, l)| w * l).sum::<f64>() / weight;
         let squares: f64 = found.iter().map(|(w, l)| w * (l - mean).powi(2)).sum();
+        let square_of_weights: f64 = found.iter().map(|(w, _)| w * w).sum();
         let variance = match found.len() {
             1 => mean * mean,
-            n => squares / weight * n as f64 / (n - 1) as f64,
+            _ => squares / (weight - square_of_weights / weight),
         };
         Ok(Self {
             mean: mean.max(0.0),

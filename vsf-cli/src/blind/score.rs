@@ -126,7 +126,7 @@ impl Score {
         let among = |c: &Case, k: usize| c.top.iter().take(k).any(|e| c.truth.contains(e));
         let mean = |x: Vec<f64>| (!x.is_empty()).then(|| sum(x.iter().copied()) / x.len() as f64);
         let closed = of(Class::Single)
-            .filter(|c| c.answered() && c.oracle_closed > 0.05)
+            .filter(|c| c.names_truth() && c.oracle_closed > 0.05)
             .map(|c| c.closed_fraction / c.oracle_closed);
         Self {
             group: group.to_owned(),
@@ -168,7 +168,8 @@ impl Score {
     }
 }
 
-/// Mean gap between stated probability and share of right answers, over five bins; `None` without cases.
+/// Mean gap between stated probability and share of those that came true, over five bins; `None` without cases. Few cases
+/// give a gap by chance, however well probabilities are stated.
 fn calibration(cases: &[&Case]) -> Option<f64> {
     let bins = 5;
     let mut error = 0.0;
@@ -178,7 +179,7 @@ fn calibration(cases: &[&Case]) -> Option<f64> {
             .collect();
         let n = own.len() as f64;
         let stated: f64 = own.iter().map(|c| c.probability).sum();
-        let right = own.iter().filter(|c| c.answered()).count() as f64;
+        let right = own.iter().filter(|c| c.came_true()).count() as f64;
         if n > 0.0 {
             error += (stated - right).abs();
         }
@@ -299,5 +300,18 @@ mod tests {
         let wrong: Vec<Case> = (0..10).map(|_| sure(false)).collect();
         let wrong: Vec<&Case> = wrong.iter().collect();
         assert!((calibration(&wrong).unwrap() - 0.9).abs() < 1e-9);
+    }
+
+    /// The probability of an answer that names effects though it calls the cause unknown is that of these effects.
+    #[test]
+    fn named_but_unknown() {
+        let named =
+            |class, truth: &[&str]| case(class, truth, &["payload"], VerdictKind::Unknown, 1.0);
+        let known = named(Class::Single, &["payload"]);
+        assert!(!known.answered() && known.came_true());
+        assert_eq!(calibration(&[&known]), Some(0.0));
+        let other = named(Class::Unknown, &["backlash"]);
+        assert!(other.answered() && !other.came_true());
+        assert_eq!(calibration(&[&other]), Some(1.0));
     }
 }

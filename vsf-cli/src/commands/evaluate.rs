@@ -6,7 +6,7 @@ use crate::range::{count, whole};
 use crate::recording::{FieldArgs, Recording, SplitPart};
 use serde::Serialize;
 use std::collections::BTreeMap;
-use vsf::data::Sequence;
+use vsf::data::{Sequence, listed};
 use vsf::pipeline::{
     Baseline, Evaluation, MlpConfig, PipelineError, Scene, SequenceError, SequencePrediction,
     Trace, predict, score,
@@ -175,7 +175,7 @@ pub fn run(args: &Args, console: &Console) -> anyhow::Result<()> {
     if !trained.is_empty() {
         console.warn(format!(
             "baselines learn from the train split, and {} is of it: their errors there are those of a fit",
-            trained.join(", ")
+            listed(&trained)
         ));
     }
     for &kind in &args.baseline {

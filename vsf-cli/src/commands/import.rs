@@ -10,7 +10,7 @@ use std::path::PathBuf;
 use vsf::core::nalgebra::Point3;
 use vsf::data::{
     Advice, Clock, DataError, DataWarning, Dataset, JointLog, Overrides, Sequence, Splits,
-    TorqueKind, read_points,
+    TorqueKind, listed, read_points,
 };
 use vsf::pipeline::{PipelineError, check_readable, load_robot, motion_warnings, robot_of};
 
@@ -185,7 +185,7 @@ pub fn run(args: &Args, console: &Console) -> anyhow::Result<()> {
         None => log.names_of(&joints),
     };
     if known.robot.is_some() && names.len() != joints.len() {
-        let (count, joints) = (names.len(), joints.join(", "));
+        let (count, joints) = (names.len(), listed(&joints));
         return Err(usage(format!(
             "--names takes a name for each of {joints}; {count} given"
         )));
@@ -263,7 +263,7 @@ fn exchanged(names: &[String], joints: &[String]) -> Option<String> {
         format!(
             "--names has the robot's own names in another order: {}; joints are found by name, so leave it out unless \
              the files exchange them",
-            others.join(", ")
+            listed(&others)
         )
     })
 }

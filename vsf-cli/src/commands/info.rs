@@ -5,7 +5,7 @@ use crate::field_file::{FieldFile, FieldFormat};
 use crate::recording::{Recording, RecordingArgs, SplitPart, untouched};
 use serde::Serialize;
 use vsf::core::nalgebra::Point3;
-use vsf::data::TorqueKind;
+use vsf::data::{TorqueKind, listed};
 use vsf::pipeline::{Scene, Trace, reading_unit};
 use vsf::robots::RobotModel;
 
@@ -171,7 +171,7 @@ fn text(report: &Report) -> String {
         if ids.is_empty() {
             "none".to_owned()
         } else {
-            ids.join(", ")
+            listed(ids)
         }
     };
     let mut text = format!("{}\n", in_line(&report.name));

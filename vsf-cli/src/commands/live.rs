@@ -24,7 +24,7 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, AtomicU32, Ordering};
 use std::time::{Duration, Instant};
 use vsf::core::{Noise, Session};
-use vsf::data::{Dataset, Sequence, StiffnessField, TorqueKind};
+use vsf::data::{Dataset, Sequence, StiffnessField, TorqueKind, listed};
 use vsf::gap::LiveCorrector;
 use vsf::pipeline::live::{
     Counts, Datagrams, Learner, Lines, LiveSession, Node, Options, Source, Stiffness, Summary,
@@ -365,7 +365,7 @@ impl Live<'_> {
     fn stream<L: Learner>(&self, node: &mut Node<Kept<L>>) -> anyhow::Result<()> {
         if let Some(sequences) = &self.played {
             let ids: Vec<&str> = sequences.iter().map(|s| s.id.as_str()).collect();
-            let from = format!("playing {}", ids.join(", "));
+            let from = format!("playing {}", listed(&ids));
             return self.take(node, Played::new(sequences), [&from, "sample"]);
         }
         let Some(address) = self.args.udp else {

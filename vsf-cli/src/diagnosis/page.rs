@@ -3,7 +3,7 @@ use super::torques::torques;
 use super::words::{
     NEVER_SHOWS, OUT_OF_SIGHT, SHOWS_FROM, SQUARES, all_looked_for, closed, determined, figures,
     fitted, headings, kind_of_error, limits, look_alikes, none_of_these, out_of_sight, part, parts,
-    percent, screened_out, size, summary, touches, untestable, what_is_left,
+    percent, screened_out, size, stated, summary, touches, untestable, what_is_left,
 };
 use crate::console::{fixed, number};
 use crate::html::{Script, document, escape};
@@ -373,7 +373,7 @@ fn row(d: &Diagnosis, e: &EffectReport) -> String {
         "<tr{class}><td>{}</td><td>{}</td>{values}\
          <td class=\"words\">{}</td><td class=\"words\">{}</td></tr>\n",
         escape(&e.effect),
-        percent(e.probability),
+        stated(e.probability),
         escape(&e.joints.join(", ")),
         escape(&like),
     )

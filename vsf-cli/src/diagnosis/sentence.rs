@@ -1,6 +1,6 @@
 //! The answer of a diagnosis in a sentence, and what it found.
 
-use super::words::{ROUGH, all_looked_for, estimate, percent};
+use super::words::{ROUGH, all_looked_for, estimate, percent, stated};
 use vsf::gap::{
     Diagnosis, EffectEntry, EffectReport, Gap, ParameterEstimate, Role, Site, Verdict, VerdictKind,
     effects,
@@ -57,7 +57,7 @@ pub fn verdict(diagnosis: &Diagnosis) -> String {
 
 fn sentence(diagnosis: &Diagnosis) -> String {
     let Diagnosis { verdict, gap, .. } = diagnosis;
-    let p = percent(verdict.probability) + &whatever_else(diagnosis);
+    let p = stated(verdict.probability) + &whatever_else(diagnosis);
     let effects = verdict.effects.join(" and ");
     // Ending of a verb whose subject these are, and what stands for them as subject and object.
     let (s, pronoun, them) = match verdict.effects.len() {
@@ -168,7 +168,7 @@ fn whatever_else(diagnosis: &Diagnosis) -> String {
     let mut others: Vec<&EffectReport> = diagnosis.effects.iter().filter(may_act).collect();
     others.sort_by(|a, b| b.probability.total_cmp(&a.probability));
     let others = others.iter().take(MOST_RIVALS);
-    let others = others.map(|e| format!("; {}: {}", e.effect, percent(e.probability)));
+    let others = others.map(|e| format!("; {}: {}", e.effect, stated(e.probability)));
     acts + &others.collect::<String>()
 }
 

@@ -2,7 +2,7 @@ use super::sentence::{found, verdict};
 use super::words::{
     LIKELY_ENOUGH, NEVER_SHOWS, OUT_OF_SIGHT, SHOWS_FROM, determined, errors, figures, fitted,
     headings, limits, listed, look_alikes, none_of_these, out_of_sight, part, parts, percent,
-    screened_out, size, summary, touches, untestable,
+    screened_out, size, stated, summary, touches, untestable,
 };
 use crate::console::{fixed, table};
 use vsf::gap::{Diagnosis, Limit, LocatedShare, ModelFile, Site, VerdictKind};
@@ -49,7 +49,7 @@ fn effects(diagnosis: &Diagnosis, model: &ModelFile, site: &Site) -> String {
         if rows.is_empty() {
             header.extend(headings);
         }
-        let mut row = vec![e.effect.clone(), percent(e.probability)];
+        let mut row = vec![e.effect.clone(), stated(e.probability)];
         row.extend(values.into_iter().map(or_none));
         rows.push(row);
     }

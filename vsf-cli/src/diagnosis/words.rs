@@ -200,6 +200,15 @@ pub fn percent(share: f64) -> String {
     format!("{} %", fixed(100.0 * share, 0))
 }
 
+/// A probability: no evidence makes one certain.
+pub fn stated(p: f64) -> String {
+    if p >= 0.995 {
+        "over 99 %".to_owned()
+    } else {
+        percent(p)
+    }
+}
+
 /// The part of a recording.
 pub fn part(of: &Place) -> String {
     match of {
@@ -322,7 +331,7 @@ pub const OUT_OF_SIGHT: &str = "not fitted, since nothing of them shows, but K m
 
 /// These effects, each with its probability.
 pub fn out_of_sight(effects: &[EffectReport]) -> Vec<String> {
-    let of = |e: &EffectReport| format!("{} {}", e.effect, percent(e.probability));
+    let of = |e: &EffectReport| format!("{} {}", e.effect, stated(e.probability));
     let not_fitted = effects.iter().filter(|e| !is_shown(e));
     not_fitted
         .filter(|e| e.probability >= LIKELY_ENOUGH)
@@ -416,6 +425,7 @@ mod tests {
         );
         assert_eq!(percent(-0.001), "0 %");
         assert_eq!(percent(-0.01), "-1 %");
+        assert_eq!([0.994, 1.0].map(stated), ["99 %", "over 99 %"]);
         assert_eq!(part(&Place::Frequency([0.5469, 17.5])), "0.55 to 18 Hz");
         assert_eq!(part(&Place::Frequency([0.0, 0.5469])), "below 0.55 Hz");
     }

@@ -221,7 +221,7 @@ pub(crate) fn numbered(names: &[String], count: usize) -> Option<Vec<String>> {
 
 fn quoted(titles: &[String]) -> String {
     let titles: Vec<String> = titles.iter().map(|t| format!("{t:?}")).collect();
-    crate::ros::some(&titles)
+    crate::listed(&titles)
 }
 
 /// What may be wrong with the first line, where it has one title.

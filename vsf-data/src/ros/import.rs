@@ -2,10 +2,10 @@
 
 use super::joint_log::{JointLog, Sample, Source};
 use super::messages::SECOND;
-use super::topics::some;
 use super::{times_of, times_path};
 use crate::csv_log::{Quantity, numbered};
 use crate::dataset::{POINTS, Parts, check_robot};
+use crate::listed;
 use crate::{Advice, Clock, DataError, DataWarning, Dataset, Overrides, Sequence, Table};
 use crate::{check, files, metadata};
 use std::collections::{BTreeMap, BTreeSet};
@@ -241,8 +241,8 @@ impl JointLog {
                 problem: format!(
                     "its joints are {}, and those of other files {}: joints are numbered in the order of the robot, all of them, in \
                      every file",
-                    some(&self.names[sample.names]),
-                    some(joints)
+                    listed(&self.names[sample.names]),
+                    listed(joints)
                 ),
             }),
         }
@@ -263,7 +263,7 @@ impl JointLog {
                     let place = |j: &&String| names.iter().position(|n| n == *j);
                     return Ok(Some(known.iter().filter_map(place).collect()));
                 }
-                None => format!("no joint {}; there are {}", some(&missing), some(names)),
+                None => format!("no joint {}; there are {}", listed(&missing), listed(names)),
             };
             let of_list = self.samples.iter().find(|s| s.names == k);
             Err(of_list.map_or_else(
@@ -278,8 +278,8 @@ impl JointLog {
             let error = self.wrong(format!(
                 "no message on {} has the robot's joints {}; there are {}",
                 self.topic().unwrap_or_default(),
-                some(joints),
-                some(&there)
+                listed(joints),
+                listed(&there)
             ));
             return Err(error.advise(Advice::Names));
         }

@@ -17,7 +17,6 @@ mod wire;
 pub use export::{EffortPrediction, McapExport};
 pub use joint_log::{Clock, JointLog};
 pub(crate) use messages::SECOND;
-pub(crate) use topics::some;
 
 use crate::dataset::POINTS;
 use crate::metadata;

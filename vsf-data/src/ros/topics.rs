@@ -1,7 +1,7 @@
 use super::RECORDED;
 use super::container::{self, SchemaHeader};
 use super::messages::{Version, defines_joint_states};
-use crate::Advice;
+use crate::{Advice, listed};
 use std::collections::{BTreeMap, BTreeSet, HashMap};
 
 /// What a type or channel takes beside its texts, in bytes.
@@ -124,9 +124,9 @@ impl Topics {
                 let all: Vec<String> = all
                     .map(|(topic, kind)| format!("{topic} ({kind})"))
                     .collect();
-                format!("there is {}", some(&all))
+                format!("there is {}", listed(&all))
             }
-            heard => format!("there are joint states on {}", some(heard)),
+            heard => format!("there are joint states on {}", listed(heard)),
         };
         match (self.wanted, &heard[..]) {
             (None, [only]) => Ok(only.clone()),
@@ -135,7 +135,7 @@ impl Topics {
                 Err((problem, None))
             }
             (None, heard) => {
-                let problem = format!("joint states on several topics, {}", some(heard));
+                let problem = format!("joint states on several topics, {}", listed(heard));
                 Err((problem, Some(Advice::Topic)))
             }
             (Some(topic), heard) if heard.contains(&topic) => Ok(topic),
@@ -150,15 +150,4 @@ impl Topics {
             }
         }
     }
-}
-
-/// Names for a message, the first of them where there are many.
-pub(crate) fn some<T: AsRef<str>>(names: &[T]) -> String {
-    const MOST: usize = 20;
-    if names.is_empty() {
-        return "nothing".to_owned();
-    }
-    let shown: Vec<&str> = names.iter().take(MOST).map(AsRef::as_ref).collect();
-    let rest = if names.len() > MOST { ", ..." } else { "" };
-    shown.join(", ") + rest
 }

@@ -41,6 +41,10 @@ impl Effect for EncoderOffset {
         true
     }
 
+    fn may_prevent_touch(&self) -> bool {
+        true
+    }
+
     fn needs(&self) -> &[Need] {
         &[]
     }

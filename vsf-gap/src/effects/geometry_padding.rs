@@ -39,6 +39,10 @@ impl Effect for GeometryPadding {
         true
     }
 
+    fn may_prevent_touch(&self) -> bool {
+        true
+    }
+
     fn needs(&self) -> &[Need] {
         &[Need::Contact]
     }

@@ -44,6 +44,10 @@ impl Effect for RegistrationOffset {
         true
     }
 
+    fn may_prevent_touch(&self) -> bool {
+        true
+    }
+
     fn needs(&self) -> &[Need] {
         &[Need::Contact]
     }

@@ -68,8 +68,8 @@ impl Motion {
                 .for_each(|((q, next), joint)| *q += joint.change(*q, *next));
         } else {
             self.q.copy_from_slice(&sample.q);
-            self.positions.0.clear();
-            self.velocities.0.clear();
+            self.positions.begin();
+            self.velocities.begin();
         }
         let mut is_known = self.positions.add(sample.t, &self.q, &mut self.qd);
         if let Some(qd) = &sample.qd {
@@ -101,34 +101,43 @@ impl Motion {
 
 /// Slopes of the last rows of a stream, by least squares.
 #[derive(Debug, Clone, Default)]
-struct Slopes(VecDeque<(f64, Vec<f64>)>);
+struct Slopes {
+    rows: VecDeque<(f64, Vec<f64>)>,
+    /// Rows that are no longer needed, to be used again.
+    spare: Vec<Vec<f64>>,
+}
 
 impl Slopes {
     /// Adds a row and writes the slopes of the last ones; says whether there are enough of them, else these are zero.
     fn add(&mut self, time: f64, row: &[f64], slopes: &mut [f64]) -> bool {
-        // What is left out is used again.
-        let mut kept = Vec::new();
         let is_old = |(then, _): &mut (f64, Vec<f64>)| time - *then > WINDOW;
-        while self.0.len() >= LEAST_SAMPLES
-            && let Some((_, row)) = self.0.pop_front_if(is_old)
+        while self.rows.len() >= LEAST_SAMPLES
+            && let Some((_, row)) = self.rows.pop_front_if(is_old)
         {
-            kept = row;
+            self.spare.push(row);
         }
+        let mut kept = self.spare.pop().unwrap_or_default();
         kept.clear();
         kept.extend_from_slice(row);
-        self.0.push_back((time, kept));
+        self.rows.push_back((time, kept));
         slopes.fill(0.0);
-        if self.0.len() < LEAST_SAMPLES {
+        let ago = |then: &f64| then - time;
+        let mean = self.rows.iter().map(|(t, _)| ago(t)).sum::<f64>() / self.rows.len() as f64;
+        let spread: f64 = (self.rows.iter().map(|(t, _)| (ago(t) - mean).powi(2))).sum();
+        // Samples of one time say nothing of motion.
+        if self.rows.len() < LEAST_SAMPLES || spread <= 0.0 {
             return false;
         }
-        let ago = |then: &f64| then - time;
-        let mean = self.0.iter().map(|(t, _)| ago(t)).sum::<f64>() / self.0.len() as f64;
-        let spread: f64 = self.0.iter().map(|(t, _)| (ago(t) - mean).powi(2)).sum();
-        for (then, row) in &self.0 {
+        for (then, row) in &self.rows {
             let weight = (ago(then) - mean) / spread;
             let pairs = slopes.iter_mut().zip(row);
             pairs.for_each(|(slope, x)| *slope += weight * x);
         }
-        spread > 0.0
+        true
+    }
+
+    /// What comes next does not go on from the rows so far.
+    fn begin(&mut self) {
+        self.spare.extend(self.rows.drain(..).map(|(_, row)| row));
     }
 }

@@ -4,7 +4,7 @@ use serde::Serialize;
 use std::collections::VecDeque;
 use std::sync::Arc;
 use std::time::Instant;
-use vsf_core::{CoreError, FilterHealth, median};
+use vsf_core::{CoreError, FilterHealth, median_of};
 
 /// How a node takes a stream that is not perfect.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -152,6 +152,7 @@ struct Steps {
     since: usize,
     /// The median, where there are enough.
     usual: Option<f64>,
+    scratch: Vec<f64>,
 }
 
 impl Steps {
@@ -169,7 +170,9 @@ impl Steps {
         let is_new = self.last.len() <= Self::OFTEN || self.since >= Self::OFTEN;
         if self.last.len() >= Self::LEAST && is_new {
             self.since = 0;
-            self.usual = median(self.last.iter().copied().collect());
+            self.scratch.clear();
+            self.scratch.extend(&self.last);
+            self.usual = median_of(&mut self.scratch);
         }
     }
 }

@@ -200,7 +200,8 @@ fn the_level_is_the_least_squares_one() {
     let level = Level::fit(&shape, [&first[..], &second[..]], None).unwrap();
     // Weights 1 and 4: (3*6 + 4*3*9 + 5 + 4*5) / (9 + 36 + 1 + 4).
     assert!((level.mean - 151.0 / 50.0).abs() < 1e-12, "{level:?}");
-    assert!(level.variance > 0.0);
+    // That of levels 126 / 45 and 25 / 5, whatever their weights.
+    assert!((level.variance - 2.42).abs() < 1e-12, "{level:?}");
     // All readings with noise of which the second channel's is the greater: weights 4 and 1.
     let noise = Noise::per_channel(&[0.5, 1.0]).unwrap();
     let other = Level::fit(&shape, [&first[..], &second[..]], Some(&noise)).unwrap();

@@ -3,6 +3,7 @@
 use super::Report;
 use crate::console::number;
 use crate::fit::{NOISE_SD, PRIOR_SD, Threshold};
+use vsf::data::listed;
 use vsf::pipeline::{HyperMethod, Scene};
 
 /// The noise of the channels in words.
@@ -39,7 +40,7 @@ pub(super) fn text(report: &Report, scene: &Scene, correlates: bool) -> String {
             n => format!("{n} sequences"),
         },
         report.contact_samples,
-        report.sequences.join(", "),
+        listed(&report.sequences),
     );
     text += &format!(
         "  contact     threshold {} mm\n",

@@ -5,7 +5,7 @@ use crate::console::{in_line, number};
 use crate::contact_flags::contact_flags;
 use crate::field_file::FieldFile;
 use serde::Serialize;
-use vsf::data::ContactParameters;
+use vsf::data::{ContactParameters, listed};
 
 #[derive(Serialize)]
 pub struct Report<'a> {
@@ -65,9 +65,9 @@ pub fn text(report: &Report<'_>) -> String {
         _ => of,
     };
     let learned_from = match (report.recording, report.learned_from) {
-        (Some(name), Some(ids)) => format!("{}: {}", in_line(name), ids.join(", ")),
+        (Some(name), Some(ids)) => format!("{}: {}", in_line(name), listed(ids)),
         (Some(name), None) => in_line(name),
-        (None, Some(ids)) => ids.join(", "),
+        (None, Some(ids)) => listed(ids),
         (None, None) => unsaid(),
     };
     let prior = report
