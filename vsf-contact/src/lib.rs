@@ -52,7 +52,7 @@ pub use error::ContactError;
 pub use grid_sdf::GridSdf;
 pub use links::{LinkGrid, LinkSdf, LinkSdfs, link_sdfs};
 pub use mesh_sdf::{MeshOpenness, MeshSdf};
-pub use sdf::{Sdf, SdfSample};
+pub use sdf::{Sdf, SdfSample, thickness};
 pub use shape_sdf::ShapeSdf;
 pub use stick_slip::StickSlip;
 pub use union::UnionSdf;

@@ -60,6 +60,20 @@ pub trait Sdf: Send + Sync {
     }
 }
 
+/// How thick a body is: the greatest depth below its surface (m), of the middles of a lattice of 9 x 9 x 9 cells of its box, so
+/// that it may be short of it by a cell.
+pub fn thickness(sdf: &dyn Sdf) -> f64 {
+    const CELLS: usize = 9;
+    let (low, high) = sdf.bounds();
+    let middle = |k: usize| (k as f64 + 0.5) / CELLS as f64;
+    let place = |k: usize| {
+        let along = [k % CELLS, k / CELLS % CELLS, k / CELLS / CELLS].map(middle);
+        low + (high - low).component_mul(&Vector3::from(along))
+    };
+    let depths = (0..CELLS.pow(3)).map(|k| -sdf.distance(&place(k)));
+    depths.fold(0.0, f64::max)
+}
+
 impl std::fmt::Debug for dyn Sdf {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
         let (lower, upper) = self.bounds();

@@ -82,6 +82,11 @@ impl StickSlip {
         })
     }
 
+    /// The shapes of its links.
+    pub fn links(&self) -> &[LinkSdf] {
+        &self.links
+    }
+
     /// The parameters.
     pub fn config(&self) -> &ContactConfig {
         &self.config

@@ -72,8 +72,16 @@ fn read(path: &Path, with_color: bool) -> Result<(Vec<ColoredPoint>, Vec<DataWar
         total: left_out + cloud.len(),
     });
     let open_ended = (kind == "ascii").then(|| files::open_ended(path, &bytes));
+    let view = &meta.meta().viewpoint;
+    let pose = [
+        view.tx, view.ty, view.tz, view.qw, view.qx, view.qy, view.qz,
+    ];
+    let moved = (pose != [0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0]).then(|| DataWarning::Viewpoint {
+        path: path.to_owned(),
+        pose,
+    });
     let warnings = without_return.into_iter().chain(open_ended.flatten());
-    Ok((cloud, warnings.collect()))
+    Ok((cloud, warnings.chain(moved).collect()))
 }
 
 /// The header without its last line, the kind of data that this line names, and the data.

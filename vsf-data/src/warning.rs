@@ -58,6 +58,17 @@ pub enum DataWarning {
         /// Out of how many.
         total: usize,
     },
+    /// A PCD file that says where its sensor was. Points are taken as they are written, in the frame of the world.
+    #[error(
+        "{}: VIEWPOINT {} is not applied: if the points are in the frame of the sensor, bring them into that of the world first",
+        path.display(), pose.map(|v| v.to_string()).join(" ")
+    )]
+    Viewpoint {
+        /// The points.
+        path: PathBuf,
+        /// Place (m) and unit quaternion (w first).
+        pose: [f64; 7],
+    },
     /// Rest points in the place of others: springs there share what is one stiffness.
     #[error(
         "{}: {count} of {total} points repeat others, the first in row {row} that of row {of}; their stiffness is \

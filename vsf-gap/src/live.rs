@@ -32,7 +32,7 @@ impl<E: Estimator<Scalar = f64>> LiveCorrector<E> {
         CoreError::check_len("noise", noise.dim(), site.joints())?;
         CoreError::check_len("belief", estimator.belief().len(), site.rest.len())?;
         let motion = Motion::new(site.robot.clone());
-        let guard = Guard::new(corrector.level() + site.rest.spacing());
+        let guard = Guard::new(corrector.deepest_starts().to_vec());
         corrector.begin_sequence(STREAM);
         Ok(Self {
             corrector,

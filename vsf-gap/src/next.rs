@@ -1,6 +1,6 @@
 use crate::effect::Arm;
 use crate::report::EffectReport;
-use crate::verdict::{Verdict, VerdictKind};
+use crate::verdict::{Answer, VerdictKind};
 use crate::{Effect, Probe};
 use serde::{Deserialize, Serialize};
 use std::sync::Arc;
@@ -19,14 +19,13 @@ pub struct NextExperiment {
 
 /// The experiment that tells most of the surviving candidates apart, weighed by their
 /// probabilities, of those that the arm can do.
-/// `nothing` is the probability that no effect of the search acts.
 pub(crate) fn next_experiment(
-    verdict: &Verdict,
-    nothing: f64,
+    answer: &Answer,
     reports: &[EffectReport],
     effects: &[Arc<dyn Effect>],
     arm: Arm,
 ) -> NextExperiment {
+    let (verdict, nothing) = (&answer.verdict, answer.nothing);
     let survivors: Vec<&EffectReport> = (reports.iter())
         .filter(|e| e.testable && verdict.effect_set_95.contains(&e.effect))
         .collect();
@@ -105,6 +104,12 @@ pub(crate) fn next_experiment(
                 _ => format!("it {}", told_by(probe)),
             },
         },
+        (None, VerdictKind::Unknown) if arm.touches && !answer.left_free => NextExperiment {
+            action: "touch the same places again, deeper, at two speeds and with a hold, and places between them".to_owned(),
+            why: "none of the effects looked for explains what is left in contact; so it shows whether it follows depth, \
+                  speed, time or place"
+                .to_owned(),
+        },
         (None, VerdictKind::Unknown) => NextExperiment {
             action: "move one joint at a time, slowly, through its range in free air".to_owned(),
             why: "none of the effects looked for explains it; so it shows on which joint, and whether it \
@@ -137,6 +142,7 @@ pub(crate) fn next_experiment(
 #[allow(clippy::unwrap_used)]
 mod tests {
     use super::*;
+    use crate::Verdict;
 
     const AIR: Arm = Arm {
         joints: 7,
@@ -151,8 +157,22 @@ mod tests {
     const RAIL: Arm = Arm { joints: 1, ..STAGE };
 
     fn next(verdict: &Verdict, reports: &[EffectReport], arm: Arm) -> NextExperiment {
-        let nothing = 1.0 - verdict.probability;
-        next_experiment(verdict, nothing, reports, &crate::effects::catalogue(), arm)
+        next_experiment(
+            &answer(verdict, false),
+            reports,
+            &crate::effects::catalogue(),
+            arm,
+        )
+    }
+
+    fn answer(verdict: &Verdict, left_free: bool) -> Answer {
+        Answer {
+            verdict: verdict.clone(),
+            probabilities: Vec::new(),
+            nothing: 1.0 - verdict.probability,
+            left_free,
+            open: false,
+        }
     }
 
     fn verdict(kind: VerdictKind, effects: &[&str]) -> Verdict {
@@ -305,6 +325,18 @@ mod tests {
         };
         let why = next(&both, &reports(&pair), STAGE).why;
         assert!(why.contains("it shows whether"), "{why}");
+    }
+
+    /// What no effect explains is looked for where it is.
+    #[test]
+    fn what_is_unknown_is_looked_for_where_it_is_left() {
+        let unknown = verdict(VerdictKind::Unknown, &[]);
+        let effects = crate::effects::catalogue();
+        let action =
+            |left_free| next_experiment(&answer(&unknown, left_free), &[], &effects, STAGE).action;
+        assert!(action(true).contains("free air"));
+        assert!(action(false).contains("touch the same places"));
+        assert!(next(&unknown, &[], AIR).action.contains("free air"));
     }
 
     /// What a field imitates is told from it by another side: with one rail, it is the object that turns.

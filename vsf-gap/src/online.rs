@@ -65,7 +65,7 @@ pub struct Corrector {
     effects: Box<dyn Compensator>,
     driver: ContactDriver,
     posture: Posture,
-    level: f64,
+    deepest_starts: Vec<f64>,
     contacts: Contacts,
     terms: ModelTerms,
     workspace: DynamicsWorkspace,
@@ -126,7 +126,7 @@ impl Corrector {
             driver: ContactDriver::new(site, scene, &*effects)?,
             effects,
             posture: site.robot.posture(),
-            level: scene.contact().level(),
+            deepest_starts: (scene.contact_model()?).deepest_starts(site.rest.spacing()),
             contacts: Contacts::new(),
             terms: ModelTerms::new(d),
             workspace: site.robot.dynamics_workspace(),
@@ -160,9 +160,10 @@ impl Corrector {
         &self.zero
     }
 
-    /// Distance from a link's surface at which points in contact rest (m): threshold and padding of the scene.
-    pub fn level(&self) -> f64 {
-        self.level
+    /// How far each link may displace points where a touch begins (m):
+    /// [`SceneContact::deepest_starts`](vsf_pipeline::SceneContact::deepest_starts).
+    pub fn deepest_starts(&self) -> &[f64] {
+        &self.deepest_starts
     }
 
     /// A sequence begins, with its first touch; nothing is tared.

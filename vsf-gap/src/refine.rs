@@ -95,7 +95,8 @@ impl Refined {
         let stopped = |i: &usize| {
             let p = &self.prior.parameters[*i];
             let wanted = self.theta[*i].abs() > WANTED * self.sd[*i];
-            p.role == Role::Amplitude && is_stopped(p, self.theta[*i]) && wanted
+            let ends = p.ends_low && self.theta[*i] < 0.0;
+            p.role == Role::Amplitude && is_stopped(p, self.theta[*i]) && wanted && !ends
         };
         let own = places.filter(stopped);
         own.map(|i| self.prior.parameters[i].name.as_str())
@@ -428,8 +429,10 @@ impl Campaign {
                     theta[i] = value;
                     self.predicted_near(&model.at(&theta), p, fitted, stiffness, &here)
                 };
+                // Torques bend with shapes, and what they do to contact with all.
+                let central = deep || p.role == Role::Shape;
                 let up = (theta[i] + step).min(hi);
-                let down = if deep || up == theta[i] {
+                let down = if central || up == theta[i] {
                     (theta[i] - step).max(lo)
                 } else {
                     theta[i]

@@ -112,6 +112,8 @@ pub(crate) struct Answer {
     pub(crate) probabilities: Vec<(String, f64)>,
     /// That none of them acts.
     pub(crate) nothing: f64,
+    /// Whether much is left where nothing is touched.
+    pub(crate) left_free: bool,
     /// Whether the cause is unknown since what the named effects leave lasts, or the test sequences contradict the others,
     /// and for no other reason.
     pub(crate) open: bool,
@@ -174,6 +176,7 @@ impl Judged {
             verdict,
             probabilities,
             nothing: self.none + self.verdict.hidden,
+            left_free: found.left_free,
             open,
         }
     }

@@ -15,6 +15,7 @@ mod sample;
 mod source;
 mod tare;
 
+pub(crate) use learner::deepest_start;
 pub use learner::{Begins, Guard, Learner, LiveSession, check_free};
 pub use motion::Motion;
 pub use node::{Counts, Node, Options, Stiffness, Summary};

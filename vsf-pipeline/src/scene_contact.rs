@@ -1,5 +1,8 @@
-use vsf_contact::{CellContact, StickSlip};
+use vsf_contact::{CellContact, LinkSdf, StickSlip, thickness};
 use vsf_core::{ContactModel, Contacts, CoreError, Posture, RestPoints};
+
+/// A touch that begins may be at least so deep in a link (m): the arm moves on from sample to sample.
+const LEAST_DEEP: f64 = 2e-3;
 
 /// The contact model of a [`Scene`](crate::Scene). A clone remembers the same contacts and shares link shapes and
 /// sub-points.
@@ -13,13 +16,29 @@ pub enum SceneContact {
 }
 
 impl SceneContact {
-    /// Distance from a link's surface at which points in contact rest (m): threshold and padding.
-    pub fn level(&self) -> f64 {
-        let points = match self {
+    fn points(&self) -> &StickSlip {
+        match self {
             Self::Points(points) => points,
             Self::Cells(cells) => cells.inner(),
-        };
-        points.config().level()
+        }
+    }
+
+    /// Distance from a link's surface at which points in contact rest (m): threshold and padding.
+    pub fn level(&self) -> f64 {
+        self.points().config().level()
+    }
+
+    /// How far a link may displace points where a touch begins (m), link by link of the robot: with the arm deeper inside of
+    /// the object, the beginning was not seen. Beyond the [`level`](Self::level) that is the `spacing` of the points, or half
+    /// of what the link is [thick](thickness), 2 mm at least: no point comes deeper than that into a thin one.
+    pub fn deepest_starts(&self, spacing: f64) -> Vec<f64> {
+        let mut deepest = Vec::new();
+        for LinkSdf { link, sdf } in self.points().links() {
+            let own = spacing.min((0.5 * thickness(&**sdf)).max(LEAST_DEEP));
+            deepest.resize(deepest.len().max(link + 1), self.level() + spacing);
+            deepest[*link] = self.level() + own;
+        }
+        deepest
     }
 }
 

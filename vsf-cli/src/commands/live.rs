@@ -105,6 +105,8 @@ pub struct Args {
 
 /// Bad lines are told so often; their count is in the summaries.
 const MOST_TOLD: u32 = 10;
+/// Share of the samples from which on it is told that they are left out.
+const MANY: f64 = 0.05;
 /// A stream is much quicker than a recording with so many times its samples a second.
 const MUCH_QUICKER: f64 = 2.0;
 
@@ -228,8 +230,14 @@ impl Live<'_> {
         self.warn_of_losses(&counts);
         if counts.used == 0 {
             ran?;
+            let tared = match counts.tared {
+                0 => "",
+                _ => {
+                    "; it begins with fewer samples in free air than --tare (or tare_samples of the recording) takes"
+                }
+            };
             anyhow::bail!(
-                "the stream had no sample to learn from ({}); no field is written",
+                "the stream had no sample to learn from ({}){tared}; no field is written",
                 told(&counts)
             );
         }
@@ -255,6 +263,14 @@ impl Live<'_> {
 
     /// Warns of samples that nothing was learned from.
     fn warn_of_losses(&self, counts: &Counts) {
+        let untimely = counts.repeated + counts.late + counts.stray;
+        if untimely as f64 > MANY * counts.received as f64 {
+            self.console.warn(format_args!(
+                "{untimely} of {} samples were left out for their time: {} with that of the one before, {} late, {} of a time that \
+                 fits no other; t is in seconds, as fine as the samples, grows from one to the next, and has one clock",
+                counts.received, counts.repeated, counts.late, counts.stray
+            ));
+        }
         if counts.dropped > 0 {
             self.console.warn(format_args!(
                 "{} samples were dropped, since they came more quickly than they were learned; give --wait where their sender can \

@@ -35,6 +35,9 @@ pub struct Parameter {
     /// -1, or none. Such shares, the same for all joints, are a scale of the stiffness, which no recording tells from it:
     /// of them, what joints differ by is sought, and told relative to the joint that most others agree with.
     pub scales_field: bool,
+    /// Whether what it stands for ends at its lower bound, as friction does at none: a value there is as good as any, and no
+    /// sign that something else acts.
+    pub ends_low: bool,
 }
 
 impl Parameter {
@@ -54,6 +57,7 @@ impl Parameter {
             bounds,
             scale,
             scales_field: false,
+            ends_low: false,
         }
     }
 
@@ -84,6 +88,15 @@ impl Parameter {
     pub fn of_field(self) -> Self {
         Self {
             scales_field: true,
+            ..self
+        }
+    }
+
+    /// The same parameter as one that ends at its lower bound ([`Parameter::ends_low`]).
+    #[must_use]
+    pub fn ending_low(self) -> Self {
+        Self {
+            ends_low: true,
             ..self
         }
     }

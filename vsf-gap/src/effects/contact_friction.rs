@@ -49,7 +49,7 @@ impl Effect for ContactFriction {
 
     fn parameters(&self, site: &Site) -> Vec<Parameter> {
         let bounds = [-site.friction, (MOST - site.friction).max(MOST / 3.0)];
-        vec![Parameter::amplitude("d_mu", "1", bounds, 0.1)]
+        vec![Parameter::amplitude("d_mu", "1", bounds, 0.1).ending_low()]
     }
 
     fn compensator(&self, _: &Site, theta: &[f64]) -> Result<Box<dyn Compensator>, GapError> {

@@ -100,7 +100,7 @@ impl<E: Estimator> LiveSession<E> {
             robot.gravity_torques(&vec![0.0; joints], gravity, &mut workspace)?;
         }
         Ok(Self {
-            guard: Guard::new(session.contact().level() + session.rest().spacing()),
+            guard: Guard::new((session.contact()).deepest_starts(session.rest().spacing())),
             motion: Motion::new(Arc::clone(&robot)),
             posture: robot.posture(),
             workspace,
@@ -222,15 +222,16 @@ impl<E: Estimator> Learner for LiveSession<E> {
 /// of the object, how points got to where they are is not known. Nothing is to be learned until it has been in free air.
 #[derive(Debug, Clone)]
 pub struct Guard {
-    /// How deep a touch may begin (m).
-    most: f64,
+    /// How far each link may displace points where a touch begins (m).
+    most: Vec<f64>,
     begins: bool,
     blind: bool,
 }
 
 impl Guard {
-    /// At the beginning of a stream. A touch may begin so deep (m): the contact threshold and the space between points.
-    pub fn new(most: f64) -> Self {
+    /// At the beginning of a stream. Where a touch begins, links displace points at most so far (m):
+    /// [`SceneContact::deepest_starts`].
+    pub fn new(most: Vec<f64>) -> Self {
         Self {
             most,
             begins: true,
@@ -256,13 +257,22 @@ impl Guard {
     /// Whether nothing is to be learned from a sample with these contacts.
     pub fn skips(&mut self, contacts: &Contacts) -> bool {
         if std::mem::take(&mut self.begins) {
-            let pairs = contacts.displacements().iter().zip(contacts.normals());
-            self.blind = pairs.into_iter().any(|(u, n)| u.dot(n) > self.most);
+            self.blind = deepest_start(contacts, &self.most).is_some();
         } else if contacts.is_empty() {
             self.blind = false;
         }
         self.blind
     }
+}
+
+/// The link that displaces a point the furthest beyond what one may where a touch begins, and how far (m).
+pub(crate) fn deepest_start(contacts: &Contacts, most: &[f64]) -> Option<(usize, f64)> {
+    let pairs = contacts.displacements().iter().zip(contacts.normals());
+    let depths = pairs.map(|(u, n)| u.dot(n));
+    let links = contacts.links().iter().map(|l| *l as usize);
+    let too_deep = |(link, depth): &(usize, f64)| most.get(*link).is_none_or(|most| depth > most);
+    let found = links.zip(depths).filter(too_deep);
+    found.max_by(|a, b| a.1.total_cmp(&b.1))
 }
 
 /// Refuses a tare sample that touches so many points.

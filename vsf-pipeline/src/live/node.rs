@@ -3,7 +3,7 @@ use crate::Estimate;
 use serde::Serialize;
 use std::collections::VecDeque;
 use std::sync::Arc;
-use std::time::Instant;
+use std::time::{Duration, Instant};
 use vsf_core::{CoreError, FilterHealth, median_of};
 
 /// How a node takes a stream that is not perfect.
@@ -23,6 +23,8 @@ pub struct Options {
     pub queue: usize,
     /// What becomes of more.
     pub when_full: WhenFull,
+    /// For so long from the first sample on more of them wait, too: those that came before the node began \[s\]; default 2.
+    pub patience: f64,
     /// So many samples at the beginning of each sequence, in free air, whose mean reading is zero; default 0.
     pub tare: u64,
 }
@@ -36,6 +38,7 @@ impl Default for Options {
             restart: 1.0,
             queue: 64,
             when_full: WhenFull::DropOldest,
+            patience: 2.0,
             tare: 0,
         }
     }
@@ -189,7 +192,8 @@ impl<L: Learner> Node<L> {
     /// A node that nothing has come to yet; `touched` are the points that the learner knows from before, or empty.
     ///
     /// # Errors
-    /// `touched` of another number of points than the learner's, rates, a gap or a restart that are not positive.
+    /// `touched` of another number of points than the learner's, rates, a gap or a restart that are not positive, a patience that is
+    /// negative or of more than a day.
     pub fn new(learner: L, mut touched: Vec<bool>, options: Options) -> Result<Self, CoreError> {
         if touched.is_empty() {
             touched.resize(learner.points(), false);
@@ -200,6 +204,7 @@ impl<L: Learner> Node<L> {
             publish_hz,
             max_gap,
             restart,
+            patience,
             ..
         } = options;
         let rates = [
@@ -215,6 +220,9 @@ impl<L: Learner> Node<L> {
             if value.is_nan() || value <= 0.0 {
                 return Err(parameter(name, value, "> 0 s"));
             }
+        }
+        if !(0.0..=86_400.0).contains(&patience) {
+            return Err(parameter("patience", patience, "0 to 86400 s"));
         }
         Ok(Self {
             touched,
@@ -238,7 +246,9 @@ impl<L: Learner> Node<L> {
 
     /// A new queue for its samples, for one [`run`](super::run).
     pub fn new_queue(&self) -> Arc<Queue<Numbered>> {
-        Arc::new(Queue::new(self.options.queue, self.options.when_full))
+        let patience = Duration::from_secs_f64(self.options.patience);
+        let queue = Queue::new(self.options.queue, self.options.when_full);
+        Arc::new(queue.with_patience(patience))
     }
 
     /// How it takes the stream.
@@ -349,7 +359,10 @@ impl<L: Learner> Node<L> {
                     self.health.record(&report);
                 }
                 for &point in touching {
-                    self.touched[point as usize] = true;
+                    let (index, len) = (point as usize, self.touched.len());
+                    let what = "touched point of the learner";
+                    let foreign = CoreError::OutOfRange { what, index, len };
+                    *self.touched.get_mut(index).ok_or(foreign)? = true;
                 }
             }
         }

@@ -1,5 +1,6 @@
 use std::collections::VecDeque;
 use std::sync::{Condvar, Mutex, MutexGuard, PoisonError};
+use std::time::{Duration, Instant};
 
 /// What a full queue does with one more.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -17,11 +18,14 @@ pub struct Queue<T> {
     changed: Condvar,
     capacity: usize,
     when_full: WhenFull,
+    patience: Duration,
 }
 
 #[derive(Debug)]
 struct State<T> {
     items: VecDeque<T>,
+    /// When the first item came.
+    began: Option<Instant>,
     dropped: u64,
     closed: bool,
 }
@@ -32,6 +36,7 @@ impl<T> Queue<T> {
         let capacity = capacity.max(1);
         let state = State {
             items: VecDeque::with_capacity(capacity),
+            began: None,
             dropped: 0,
             closed: false,
         };
@@ -40,7 +45,15 @@ impl<T> Queue<T> {
             changed: Condvar::new(),
             capacity,
             when_full,
+            patience: Duration::ZERO,
         }
+    }
+
+    /// The queue, which waits in any case for so long from its first item on: what has piled up before anyone took items is not
+    /// dropped.
+    #[must_use]
+    pub fn with_patience(self, patience: Duration) -> Self {
+        Self { patience, ..self }
     }
 
     /// Adds an item; false, and nothing added, once the queue is closed.
@@ -51,11 +64,17 @@ impl<T> Queue<T> {
     /// The same; `added` is called before anyone can take it.
     pub(super) fn push_with(&self, item: T, added: impl FnOnce()) -> bool {
         let mut state = self.lock();
-        while self.when_full == WhenFull::Wait
-            && state.items.len() == self.capacity
-            && !state.closed
-        {
-            state = self.wait(state);
+        let began = *state.began.get_or_insert_with(Instant::now);
+        while state.items.len() == self.capacity && !state.closed {
+            let left = self.patience.saturating_sub(began.elapsed());
+            state = match self.when_full {
+                WhenFull::Wait => self.wait(state),
+                WhenFull::DropOldest if left.is_zero() => break,
+                WhenFull::DropOldest => {
+                    let waited = self.changed.wait_timeout(state, left);
+                    waited.unwrap_or_else(PoisonError::into_inner).0
+                }
+            };
         }
         if state.closed {
             return false;

@@ -2,6 +2,8 @@ use serde::{Deserialize, Serialize};
 
 /// Largest joint position, torque and velocity that is taken, beyond any robot.
 const MOST: [f64; 3] = [1e6, 1e12, 1e6];
+/// So many letters before what is wrong are told.
+const EXCERPT: usize = 20;
 /// Latest time that is taken (s): stamps in milliseconds or less since 1970 are later.
 const LATEST: f64 = 1e11;
 
@@ -44,7 +46,13 @@ impl Sample {
         let sample: Self = serde_json::from_slice(line).map_err(|e| {
             let text = e.to_string();
             let what = text.split(" at line ").next().unwrap_or_default();
-            format!("no sample in JSON: {what} (column {})", e.column())
+            // Columns count bytes, from 1.
+            let end = e.column().min(line.len());
+            let near = String::from_utf8_lossy(&line[end.saturating_sub(EXCERPT)..end]);
+            format!(
+                "no sample in JSON: {what} (column {}, after {near:?})",
+                e.column()
+            )
         })?;
         if sample.t.abs() > LATEST {
             let t = sample.t;

@@ -1,13 +1,13 @@
-//! Signs and columns of readings in contact: those under which independent springs explain them best.
+//! Signs, columns and units of readings in contact: those under which independent springs explain them best.
 //!
 //! What touches one point at several joints has to agree, whatever the stiffness. The marginal likelihood of readings with
-//! signs turned or columns exchanged, stiffness integrated out, tells by hundreds of nats; but for joints that hardly
-//! feel anything. The sign of all joints together it does not tell, a stiffness may be negative there; that is
+//! signs turned, columns exchanged or one joint in another unit, stiffness integrated out, tells by hundreds of nats; but for
+//! joints that hardly feel anything. The sign of all joints together it does not tell, a stiffness may be negative there; that is
 //! told by springs of one stiffness everywhere.
 
 use super::PipelineWarning;
 use super::order::{Columns, as_given, orders, with_signs};
-use super::springs::Springs;
+use super::springs::{Likeness, Springs};
 use crate::{Scene, Trace, reading_unit};
 use nalgebra::{DMatrix, DVector};
 use vsf_core::{Observation, median};
@@ -33,7 +33,15 @@ const FLOOR: f64 = 0.05;
 /// Readings that are less like those of springs of one stiffness everywhere are of the other sign.
 const OPPOSITE: f64 = -0.5;
 
-/// Torques of the wrong sign, of some joints or of all, and columns in the wrong order.
+/// Units of one joint that are tried (its readings per those of the others), and the least times by which its best scale differs
+/// from that of the others where it is told.
+const UNITS: std::ops::RangeInclusive<i32> = -12..=12;
+const UNITS_PER_DECADE: f64 = 4.0;
+const LEAST_TIMES: f64 = 4.0;
+/// Correlation of its readings with the torques of springs from which on a scale is one.
+const FELT: f64 = 0.6;
+
+/// Torques of the wrong sign, of some joints or of all, columns in the wrong order, and one joint in another unit.
 pub fn warning<'a>(
     scene: &Scene,
     traces: &'a [Trace],
@@ -59,6 +67,7 @@ pub fn warning<'a>(
         let own = evidence.of(&as_given(joints.len()));
         let turned = evidence.signs();
         gain = evidence.of(&with_signs(&turned)) - own;
+        let scaled = evidence.scaled();
         let orders = orders(joints.len()).map(|(order, columns)| {
             let value = evidence.of(&columns);
             (columns, order, value)
@@ -70,6 +79,20 @@ pub fn warning<'a>(
         let better = orders.filter(|(.., v)| v - own > gain + EVIDENT);
         let mut better: Vec<_> = better.map(|(_, order, value)| (order, value)).collect();
         better.sort_by(|a, b| b.1.total_cmp(&a.1));
+        let best_order = better
+            .first()
+            .map_or(own + gain, |(_, best)| best - EVIDENT);
+        if let Some((joint, factor, value)) = scaled
+            && value - own > EVIDENT
+            && value > best_order
+            && is_felt(&touching, joint)
+        {
+            return Some(PipelineWarning::ScaledJoint {
+                joint: joints[joint].name().to_owned(),
+                factor,
+                gain: value - own,
+            });
+        }
         if let Some((_, best)) = better.first() {
             // Those that do nearly as well are not told from the best.
             let near = better.iter().take_while(|(_, v)| best - v < EVIDENT);
@@ -104,6 +127,15 @@ pub fn warning<'a>(
             gain,
         }),
     }
+}
+
+/// Whether the readings of a joint follow what springs of one stiffness everywhere give there: then their scale tells.
+fn is_felt(touching: &[Sample], joint: usize) -> bool {
+    let mut likeness = Likeness::default();
+    for sample in touching {
+        likeness.add(sample.observation.reading()[joint], sample.springs[joint]);
+    }
+    likeness.correlation() > FELT
 }
 
 /// A reading in contact.
@@ -224,6 +256,22 @@ impl Evidence {
             -0.5 * (n * (all.norm_squared() / n).ln() + log_det)
         };
         self.ratios.iter().map(at).fold(f64::NEG_INFINITY, f64::max)
+    }
+
+    /// The joint whose readings, in another unit, do best, what they are per those that the others ask for, and how well they do
+    /// then (nats); `None` where that is less than [`LEAST_TIMES`] off.
+    fn scaled(&self) -> Option<(usize, f64, f64)> {
+        let units = UNITS.map(|k| 10_f64.powf(f64::from(k) / UNITS_PER_DECADE));
+        let cases = (0..self.joints).flat_map(|joint| units.clone().map(move |unit| (joint, unit)));
+        let of = |(joint, unit): (usize, f64)| {
+            let mut columns = as_given(self.joints);
+            columns[joint].1 = 1.0 / unit;
+            // Densities of the readings themselves.
+            let rows = self.ratios[0].1.nrows() / self.joints;
+            (joint, unit, self.of(&columns) - rows as f64 * unit.ln())
+        };
+        let best = cases.map(of).max_by(|a, b| a.2.total_cmp(&b.2))?;
+        (best.1.ln().abs() >= LEAST_TIMES.ln()).then_some(best)
     }
 
     /// Whether each joint's sign is evident, those of the others being these.

@@ -238,8 +238,9 @@ pub enum PipelineWarning {
     },
     /// Readings by which touches give back more work than was put into them, and which fit them better some time later.
     #[error(
-        "torques come later than the touches do, by {}{seconds:.2} s{}: springs then leave {:.0} % of what they leave now; \
-         check the clocks of joints and torques, or diagnose a latency",
+        "torques come later than the touches do: with {}{seconds:.2} s{} taken off, springs leave {:.0} % of what they leave now; \
+         check the clocks of joints and torques, or diagnose a latency, which is less where the contact threshold has \
+         touches begin before there is a force",
         if *is_more { "" } else { "some " }, if *is_more { " or more" } else { "" }, 100.0 * left
     )]
     Late {
@@ -249,6 +250,19 @@ pub enum PipelineWarning {
         is_more: bool,
         /// Share of what springs of one stiffness everywhere leave of the readings that is left with it.
         left: f64,
+    },
+    /// Torques of a joint of another scale than those of the others, in contact.
+    #[error(
+        "in contact the torques of {joint} are some {factor:.2} times what springs at the points ask for that the other joints \
+         feel, by {gain:.0} nats; check the unit, gear ratio and torque constant of that joint"
+    )]
+    ScaledJoint {
+        /// The joint.
+        joint: String,
+        /// Its torques, per those that the others ask for; to within a factor of 1.3.
+        factor: f64,
+        /// Gain of log evidence (nats) if it is divided by that.
+        gain: f64,
     },
     /// Readings of less than 1e-6 N m (or N) that are not all zero.
     #[error(
@@ -737,6 +751,25 @@ pub enum PipelineWarning {
         /// Longest edge of its box (m).
         size: f64,
     },
+    /// A link of less than 1 mm.
+    #[error(
+        "link {link:?} is {size:e} m across; lengths are in meters, check its shapes and, for a mesh, that its scale is not \
+         applied twice"
+    )]
+    TinyLink {
+        /// Name of the link.
+        link: String,
+        /// Longest edge of its box (m).
+        size: f64,
+    },
+    /// An object of more than 10 m.
+    #[error(
+        "the points are {size:.1} m across; lengths are in meters, and points in the frame of the world"
+    )]
+    HugeObject {
+        /// Diagonal of the box of the points (m).
+        size: f64,
+    },
     /// A contact threshold of more than a quarter of the object, and than four spacings of its points.
     #[error(
         "contact threshold and padding reach {} m beyond the robot's surface, and the object is {size:.3} m across: much of \
@@ -854,6 +887,7 @@ impl PipelineWarning {
             | Self::ScaledTorques { .. }
             | Self::OppositeJoints { .. }
             | Self::MixedColumns { .. }
+            | Self::ScaledJoint { .. }
             | Self::NothingTouched { .. }
             | Self::NotTared { .. }
             | Self::FeltInAir { .. } => true,

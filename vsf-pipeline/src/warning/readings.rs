@@ -1,7 +1,7 @@
 use super::springs::springs;
 use super::{
-    PipelineWarning, actuators, air, arm, conventions, gravity, lag, malformed, misread, scale,
-    sensors, spikes, tare, uncovered,
+    PipelineWarning, actuators, air, arm, conventions, gravity, lag, malformed, misread,
+    motion_warnings, scale, sensors, spikes, tare, uncovered,
 };
 use crate::readings::check_sequence;
 use crate::{Scene, Trace, derivatives_of, rigid_body_torques};
@@ -76,10 +76,18 @@ pub fn reading_warnings(
     let all = well(&|| misread::all(scene, &rigid, traces));
     let late = well(&|| lag::warning(traces, &springs));
     let (first, second) = misread::less_left(all, gravity);
-    let in_air = first
-        .or_else(|| misread::gravity_left(scene, &rigid, traces))
-        .or(second)
-        .or_else(|| well(&|| misread::one(scene, &rigid, traces)))
+    let of_arm = || {
+        first
+            .or_else(|| misread::gravity_left(scene, &rigid, traces))
+            .or(second)
+            .or_else(|| well(&|| misread::one(scene, &rigid, traces)))
+    };
+    // What the arm itself needs is not known with angles or velocities of another unit.
+    use PipelineWarning::{Degrees, Velocities};
+    let mut motions = motion_warnings(scene.robot(), sequences).into_iter();
+    let moves_oddly = motions.any(|w| matches!(w, Degrees(_) | Velocities { .. }));
+    let of_arm = if moves_oddly { None } else { of_arm() };
+    let in_air = of_arm
         .or_else(|| air::not_tared(scene, traces))
         .or_else(|| match late {
             // What comes late is read where nothing is touched any more.

@@ -11,8 +11,10 @@ const LEAST_NEAR: f64 = 0.01;
 /// whose side may be a guess.
 const MOST_TURNED: f64 = 0.005;
 const MOST_UNSURE: f64 = 0.25;
-/// No robot that touches soft things has a link of more meters.
+/// No robot that touches soft things has a link of more meters, nor is there such a thing.
 const MOST_SIZE: f64 = 10.0;
+/// Nor one of less.
+const LEAST_SIZE: f64 = 1e-3;
 /// From how far on points may be touched: share of the object, and spacings of points.
 const MOST_REACH: f64 = 0.25;
 const MOST_SPACINGS: f64 = 4.0;
@@ -34,15 +36,21 @@ pub fn view_warnings(rest: &RestPoints, view: &RgbdView) -> Vec<PipelineWarning>
 }
 
 /// What looks wrong with robot, points and the shapes that contact uses: words of a URDF that are not understood, points in
-/// clusters, links far too large, points that are touched from afar, meshes with faces turned over or sides that are a guess.
+/// clusters, links and objects of another unit of length, points that are touched from afar, meshes with faces turned over or sides that are a guess.
 pub fn scene_warnings(scene: &Scene) -> Vec<PipelineWarning> {
-    let huge = |link: &LinkSdf| {
+    let odd = |link: &LinkSdf| {
         let (low, high) = link.sdf.bounds();
         let size = (high - low).max();
-        (size > MOST_SIZE).then(|| PipelineWarning::HugeLink {
-            link: scene.robot().links()[link.link].name().to_owned(),
-            size,
-        })
+        let link = || scene.robot().links()[link.link].name().to_owned();
+        if size > MOST_SIZE {
+            let link = link();
+            Some(PipelineWarning::HugeLink { link, size })
+        } else if size < LEAST_SIZE {
+            let link = link();
+            Some(PipelineWarning::TinyLink { link, size })
+        } else {
+            None
+        }
     };
     let (low, high) = scene.rest().bounds();
     let spacing = scene.rest().spacing();
@@ -60,8 +68,10 @@ pub fn scene_warnings(scene: &Scene) -> Vec<PipelineWarning> {
     let clustered = clustering
         .filter(|times| *times > MOST_CLUSTERED)
         .map(|times| PipelineWarning::ClusteredPoints { spacing, times });
-    let of_links = scene.link_shapes().iter().filter_map(huge);
+    let of_links = scene.link_shapes().iter().filter_map(odd);
+    let huge = (size > MOST_SIZE).then_some(PipelineWarning::HugeObject { size });
     (misread.into_iter())
+        .chain(huge)
         .chain(clustered)
         .chain(of_links)
         .chain(from_afar)

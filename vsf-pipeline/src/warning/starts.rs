@@ -1,6 +1,7 @@
 use super::{PipelineWarning, malformed};
+use crate::live::deepest_start;
 use crate::readings::check_sequence;
-use crate::{PipelineError, Scene};
+use crate::{PipelineError, Scene, SceneContact};
 use rayon::prelude::*;
 use vsf_core::{ContactModel, Contacts};
 use vsf_data::Sequence;
@@ -18,16 +19,18 @@ pub fn touch_warnings(scene: &Scene, sequences: &[&Sequence]) -> Vec<PipelineWar
 }
 
 /// The deepest that the arm is inside of the object where a touch begins, beyond what a touch that begins in
-/// contact presses: the contact threshold and the space between points.
+/// contact presses.
 fn warning(scene: &Scene, sequences: &[&Sequence]) -> Option<PipelineWarning> {
-    let most = scene.contact().level() + scene.rest().spacing();
+    let contact = scene.contact_model().ok()?;
+    let most = contact.deepest_starts(scene.rest().spacing());
     let starts = sequences
         .iter()
         .flat_map(|s| s.touches().map(move |touch| (*s, touch.start)));
     let starts: Vec<(&Sequence, usize)> = starts.collect();
     let inside = |&(sequence, row): &(&Sequence, usize)| {
-        let (link, depth) = deepest(scene, sequence, row).ok()??;
-        (depth > most).then(|| (sequence.id.clone(), row, link, depth))
+        let contacts = first_contacts(scene, contact.clone(), sequence, row).ok()?;
+        let (link, depth) = deepest_start(&contacts, &most)?;
+        Some((sequence.id.clone(), row, link, depth))
     };
     let found: Vec<_> = starts.par_iter().filter_map(inside).collect();
     let others = found.len().saturating_sub(1);
@@ -41,25 +44,18 @@ fn warning(scene: &Scene, sequences: &[&Sequence]) -> Option<PipelineWarning> {
     })
 }
 
-/// The link that has a point furthest behind its surface, and how far (m).
-fn deepest(
+/// What is touched in a row that nothing is known before.
+fn first_contacts(
     scene: &Scene,
+    mut contact: SceneContact,
     sequence: &Sequence,
     row: usize,
-) -> Result<Option<(usize, f64)>, PipelineError> {
+) -> Result<Contacts, PipelineError> {
     let mut posture = scene.robot().posture();
     scene
         .robot()
         .update_posture(&sequence.angles[row], &mut posture)?;
     let mut contacts = Contacts::new();
-    scene
-        .contact_model()?
-        .step(scene.rest(), &posture, &mut contacts)?;
-    let depths = contacts
-        .displacements()
-        .iter()
-        .zip(contacts.normals())
-        .map(|(u, n)| u.dot(n));
-    let links = contacts.links().iter().map(|l| *l as usize);
-    Ok(links.zip(depths).max_by(|a, b| a.1.total_cmp(&b.1)))
+    contact.step(scene.rest(), &posture, &mut contacts)?;
+    Ok(contacts)
 }

@@ -59,6 +59,7 @@ const PATIENT: Options = Options {
     restart: 1.0,
     queue: 4,
     when_full: WhenFull::Wait,
+    patience: 0.0,
     tare: 0,
 };
 
@@ -246,7 +247,7 @@ fn bad_lines_are_refused_by_number_and_change_nothing() {
     let bad: [(&str, &str); 18] = [
         (
             "{\"t\": 0.1, \"q\": [0, 0, 0], \"tau\": [NaN, 0, 0]}\n",
-            "expected value (column 36)",
+            "expected value (column 36, after \"[0, 0, 0], \\\"tau\\\": [N\")",
         ),
         (
             "{\"t\": 0.1, \"q\": [0, 0, 0], \"tau\": [0, Infinity, 0]}\n",
@@ -334,6 +335,16 @@ fn a_full_queue_drops_its_oldest_or_waits() {
     assert!(!queue.push(10));
     let left: Vec<i32> = std::iter::from_fn(|| queue.pop()).collect();
     assert_eq!(left, [6, 7, 8, 9]);
+
+    // In the beginning it waits in any case, but not for ever.
+    let queue = Queue::new(2, WhenFull::DropOldest).with_patience(Duration::from_millis(20));
+    assert!((0..5).all(|k| queue.push(k)));
+    assert_eq!(queue.dropped(), 3);
+    let queue = Queue::new(2, WhenFull::DropOldest).with_patience(Duration::from_secs(3600));
+    std::thread::scope(|scope| {
+        scope.spawn(|| assert!((0..1000).all(|k| queue.push(k))));
+        assert!((0..1000).all(|k| queue.pop() == Some(k)));
+    });
 
     let queue = Queue::new(2, WhenFull::Wait);
     let sum: u64 = std::thread::scope(|scope| {

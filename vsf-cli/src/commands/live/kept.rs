@@ -7,7 +7,7 @@ use vsf::pipeline::live::{Begins, Learner, Sample};
 use vsf::pipeline::{Scene, motion_warnings, reading_warnings};
 
 /// A stretch has so many samples at least, and ends where nothing is touched, but for one of so many.
-const LEAST: usize = 250;
+const LEAST: usize = 1_000;
 const MOST: usize = 2_500;
 /// Between so many stretches and twice as many are kept of a long stream, from all over it.
 const STRETCHES: usize = 16;
@@ -22,6 +22,8 @@ pub struct Kept<L> {
     seen: usize,
     /// Whether the arm is in a touch that has been cut off.
     cut: bool,
+    /// Whether all samples have been kept since the last stretch ended.
+    goes_on: bool,
 }
 
 /// Samples, and what is taken as zero of their loads (N m or N).
@@ -29,6 +31,9 @@ pub struct Kept<L> {
 struct Stretch {
     samples: Vec<(Begins, Sample)>,
     zero: Vec<f64>,
+    /// Its place among all that there were, and whether it goes on from the one before.
+    place: usize,
+    follows: bool,
 }
 
 impl<L: Learner> Kept<L> {
@@ -40,6 +45,7 @@ impl<L: Learner> Kept<L> {
             every: 1,
             seen: 0,
             cut: false,
+            goes_on: false,
         }
     }
 
@@ -50,7 +56,13 @@ impl<L: Learner> Kept<L> {
             self.end();
         }
         if self.cut {
+            self.goes_on = false;
             return;
+        }
+        if self.now.samples.is_empty() {
+            self.now.place = self.seen;
+            self.now.follows = self.goes_on && begins != Begins::Sequence;
+            self.goes_on = true;
         }
         self.now.zero.clear();
         self.now.zero.extend_from_slice(self.learner.zero());
@@ -102,9 +114,12 @@ impl<L: Learner> Kept<L> {
         scene: &Scene,
         model: Option<&CorrectedModel>,
     ) -> anyhow::Result<Vec<String>> {
+        let stretches: Vec<&Stretch> = self.kept.iter().chain([&self.now]).collect();
         let mut sequences: Vec<Sequence> = Vec::new();
-        for stretch in self.kept.iter().chain([&self.now]) {
-            if let Some(mut sequence) = sequence(stretch, scene.torque_kind())? {
+        let goes_on =
+            |a: &&Stretch, b: &&Stretch| b.follows && b.place == a.place + 1 && a.zero == b.zero;
+        for stretches in stretches.chunk_by(goes_on) {
+            if let Some(mut sequence) = sequence(stretches, scene.torque_kind())? {
                 while sequences.iter().any(|s| s.id == sequence.id) {
                     sequence.id += " again";
                 }
@@ -135,11 +150,11 @@ impl<L: Learner> Kept<L> {
     }
 }
 
-/// A stretch, tared, as a sequence that is named by its time; touches of a single sample, which say nothing of motion, are left out.
-fn sequence(stretch: &Stretch, kind: TorqueKind) -> anyhow::Result<Option<Sequence>> {
-    let touches = stretch
-        .samples
-        .chunk_by(|_, (begins, _)| *begins == Begins::Nothing);
+/// Stretches one after the other, tared, as a sequence that is named by its time; touches of a single sample, which say nothing of
+/// motion, are left out.
+fn sequence(stretches: &[&Stretch], kind: TorqueKind) -> anyhow::Result<Option<Sequence>> {
+    let all: Vec<&(Begins, Sample)> = stretches.iter().flat_map(|s| &s.samples).collect();
+    let touches = all.chunk_by(|_, (begins, _)| *begins == Begins::Nothing);
     let (mut samples, mut starts) = (Vec::new(), Vec::new());
     for touch in touches.filter(|touch| touch.len() > 1) {
         starts.push(samples.len());
@@ -158,7 +173,8 @@ fn sequence(stretch: &Stretch, kind: TorqueKind) -> anyhow::Result<Option<Sequen
     let (Some(angles), Some(mut torques)) = tables else {
         return Ok(None);
     };
-    let zeros = stretch.zero.iter().cycle();
+    // They have the same.
+    let zeros = stretches[0].zero.iter().cycle();
     let pairs = torques.data_mut().iter_mut().zip(zeros);
     pairs.for_each(|(tau, zero)| match kind {
         TorqueKind::External => *tau -= zero,
