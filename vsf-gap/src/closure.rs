@@ -25,8 +25,10 @@ pub struct Residuals {
 pub(crate) struct Closure {
     /// `(G0² - G1²) / (G0² - F²)`; NaN never: 0 where the first model leaves no gap.
     pub fraction: f64,
-    /// Interval that holds 95 % of block-bootstrap draws.
+    /// Interval of 95 %, by block bootstrap.
     pub interval: [f64; 2],
+    /// What it is above, with 95 %.
+    pub least: f64,
 }
 
 impl Residuals {
@@ -193,10 +195,11 @@ pub(crate) fn closure(
         sums[1] += after[sample] - floor;
     };
     let motions: Vec<&Motion> = motions.iter().collect();
-    let (whole, intervals) = Bootstrap::new(&motions, seed).intervals(2, add, fraction);
+    let found = &Bootstrap::new(&motions, seed).intervals(2, add, fraction)[0];
     Closure {
-        fraction: whole[0],
-        interval: intervals[0],
+        fraction: found.value,
+        interval: found.interval,
+        least: found.least,
     }
 }
 

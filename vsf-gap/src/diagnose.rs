@@ -261,6 +261,7 @@ fn attempt(
         thinned, &search, &likeness, &in_field, &trial, &judgment, &answer,
     )?;
     let before = &compared.before.residuals;
+    let surely_closes = compared.closed.least > 0.0;
     let arm = Arm::of(&campaign.site);
     Ok(Outcome {
         diagnosis: Diagnosis {
@@ -281,6 +282,7 @@ fn attempt(
         corrected: compared.after.residuals,
         campaign: campaign.clone(),
         open: answer.open,
+        surely_closes,
     })
 }
 

@@ -284,6 +284,7 @@ impl Extent {
             closed: Closure {
                 fraction: 0.0,
                 interval: [0.0; 2],
+                least: 0.0,
             },
             thresholds: self.threshold.map(|t| [t; 2]),
             touches: self.touches,
@@ -314,6 +315,7 @@ mod tests {
                 closed: Closure {
                     fraction: closed,
                     interval: [closed; 2],
+                    least: closed,
                 },
                 thresholds: None,
                 touches: [vec![false; in_air], vec![true; 30]].concat(),

@@ -231,7 +231,7 @@ fn shares(
         let of_total = |s: &f64| if total > 0.0 { s.max(0.0) / total } else { 0.0 };
         sums.iter().map(of_total).collect()
     };
-    let (whole, intervals) = bootstrap.intervals(ofs.len(), add, share);
+    let found = bootstrap.intervals(ofs.len(), add, share);
     let mut parts: Vec<LocatedShare> = (ofs.into_iter().enumerate())
         .map(|(k, of)| {
             let (mut excess, mut count) = (0.0, 0usize);
@@ -244,8 +244,8 @@ fn shares(
             }
             LocatedShare {
                 of,
-                share: whole[k],
-                interval: intervals[k],
+                share: found[k].value,
+                interval: found[k].interval,
                 excess: (excess / count.max(1) as f64).max(0.0).sqrt(),
             }
         })

@@ -216,6 +216,8 @@ pub struct Outcome {
     /// Whether the cause is unknown since what the named effects leave lasts, or the test sequences contradict that there is
     /// none, and no sensor, sign or place is at fault.
     pub(crate) open: bool,
+    /// Whether the corrected model closes some of the gap, with 95 %.
+    pub(crate) surely_closes: bool,
 }
 
 /// Whether a model with this mean error leaves no gap, `noise_floor` being that of a perfect one.
@@ -235,7 +237,7 @@ impl Outcome {
     /// Whether effects are named, and the corrected model surely closes, and closes most of, the gap.
     pub(crate) fn explains(&self) -> bool {
         let Diagnosis { verdict, gap, .. } = &self.diagnosis;
-        let closes = gap.closed_fraction >= MOSTLY && gap.closed_interval[0] > 0.0;
+        let closes = gap.closed_fraction >= MOSTLY && self.surely_closes;
         verdict.kind == VerdictKind::Effects && closes
     }
 

@@ -82,9 +82,8 @@ pub fn warning<'a>(
         let best_order = better
             .first()
             .map_or(own + gain, |(_, best)| best - EVIDENT);
+        let scaled = scaled.filter(|(.., v)| v - own > EVIDENT && *v > best_order);
         if let Some((joint, factor, value)) = scaled
-            && value - own > EVIDENT
-            && value > best_order
             && is_felt(&touching, joint)
         {
             return Some(PipelineWarning::ScaledJoint {
@@ -93,7 +92,8 @@ pub fn warning<'a>(
                 gain: value - own,
             });
         }
-        if let Some((_, best)) = better.first() {
+        // Columns of a joint that is read in another unit, or hardly feels what is touched, are not told.
+        if let Some((_, best)) = better.first().filter(|_| scaled.is_none()) {
             // Those that do nearly as well are not told from the best.
             let near = better.iter().take_while(|(_, v)| best - v < EVIDENT);
             let near: Vec<String> = near.map(|(order, _)| order.in_words(joints)).collect();
