@@ -27,7 +27,7 @@ pub(crate) struct Closure {
     pub fraction: f64,
     /// Interval of 95 %, by block bootstrap.
     pub interval: [f64; 2],
-    /// What it is above, with 95 %.
+    /// What it is above in 95 % of the draws.
     pub least: f64,
 }
 

@@ -216,7 +216,7 @@ pub struct Outcome {
     /// Whether the cause is unknown since what the named effects leave lasts, or the test sequences contradict that there is
     /// none, and no sensor, sign or place is at fault.
     pub(crate) open: bool,
-    /// Whether the corrected model closes some of the gap, with 95 %.
+    /// Whether the corrected model closes some of the gap in 95 % of the draws of its test sequences.
     pub(crate) surely_closes: bool,
 }
 
