@@ -72,7 +72,7 @@ impl Estimator for FullKalman {
         let gain = &self.covariance * w.transpose();
         let noise = DMatrix::from_row_slice(d, d, obs.noise().covariance());
         let factor = Cholesky::new(&w * &gain + noise)
-            .ok_or_else(|| CoreError::Other("innovation covariance is singular".into()))?;
+            .ok_or_else(|| CoreError::other("innovation covariance is singular"))?;
         let whitened = factor
             .l()
             .solve_lower_triangular(&residual)

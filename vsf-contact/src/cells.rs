@@ -1,6 +1,6 @@
 use nalgebra::{Point3, Vector3};
 use std::sync::Arc;
-use vsf_core::{ContactModel, Contacts, CoreError, Posture, RestPoints};
+use vsf_core::{ContactModel, Contacts, CoreError, LinkChains, Posture, RestPoints};
 
 /// Cubes around rest points, each sampled by sub-points. A clone shares them.
 #[derive(Debug, Clone)]
@@ -122,6 +122,10 @@ impl<C: ContactModel> CellContact<C> {
 impl<C: ContactModel + Clone> ContactModel for CellContact<C> {
     fn reset(&mut self) {
         self.inner.reset();
+    }
+
+    fn check_robot(&self, chains: &LinkChains) -> Result<(), CoreError> {
+        self.inner.check_robot(chains)
     }
 
     /// `rest` must be the points that the cells were made from; the count is checked.

@@ -60,7 +60,7 @@ impl From<ContactError> for CoreError {
     fn from(error: ContactError) -> Self {
         match error {
             ContactError::Core(core) => core,
-            other => Self::Other(other.to_string()),
+            other => Self::other(other),
         }
     }
 }

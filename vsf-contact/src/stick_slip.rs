@@ -5,7 +5,7 @@ use crate::rivals::Rival;
 use crate::{ContactConfig, LinkSdf};
 use rayon::prelude::*;
 use std::sync::Arc;
-use vsf_core::{ContactModel, Contacts, CoreError, Posture, RestPoints};
+use vsf_core::{ContactModel, Contacts, CoreError, LinkChains, Posture, RestPoints};
 
 /// Stick-slip contact of a robot's links with independent points (section III-B-a).
 ///
@@ -255,6 +255,18 @@ impl ContactModel for StickSlip {
         self.active.clear();
         self.fronts.iter_mut().for_each(Front::clear);
         self.cloud = None;
+    }
+
+    fn check_robot(&self, chains: &LinkChains) -> Result<(), CoreError> {
+        let len = chains.link_count();
+        match self.links.iter().find(|l| l.link >= len) {
+            None => Ok(()),
+            Some(LinkSdf { link: index, .. }) => Err(CoreError::OutOfRange {
+                what: "link of a shape",
+                index: *index,
+                len,
+            }),
+        }
     }
 
     fn step(

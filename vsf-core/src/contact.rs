@@ -1,4 +1,4 @@
-use crate::{CoreError, Posture, RestPoints};
+use crate::{CoreError, LinkChains, Posture, RestPoints};
 use dyn_clone::DynClone;
 use nalgebra::Vector3;
 
@@ -122,6 +122,16 @@ pub trait ContactModel: DynClone + Send + Sync {
     /// Forgets all contacts, as before the first touch of a sequence.
     fn reset(&mut self);
 
+    /// Checks that it is made for the robot with these chains, such as by the links that it has shapes of. Asked once, by
+    /// [`Session::new`](crate::Session::new). By default every robot will do.
+    ///
+    /// # Errors
+    /// What does not fit.
+    fn check_robot(&self, chains: &LinkChains) -> Result<(), CoreError> {
+        let _ = chains;
+        Ok(())
+    }
+
     /// Moves the robot to `posture` and writes the contacts into `out` (cleared first): of points of `rest`, by
     /// links of the posture, with normals of unit length.
     ///
@@ -150,6 +160,9 @@ where
 {
     fn reset(&mut self) {
         (**self).reset();
+    }
+    fn check_robot(&self, chains: &LinkChains) -> Result<(), CoreError> {
+        (**self).check_robot(chains)
     }
     fn step(
         &mut self,

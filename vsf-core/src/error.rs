@@ -1,7 +1,9 @@
-use thiserror::Error;
+use std::error::Error;
+use std::sync::Arc;
+use thiserror::Error as ThisError;
 
 /// What can be wrong with data handed to the shared types or to an implementation of a seam.
-#[derive(Debug, Clone, PartialEq, Error)]
+#[derive(Debug, Clone, PartialEq, ThisError)]
 #[non_exhaustive]
 pub enum CoreError {
     /// A number that must be finite is NaN or infinite.
@@ -147,12 +149,55 @@ pub enum CoreError {
         /// Type name of the implementation.
         by: &'static str,
     },
-    /// An implementation of a seam outside this workspace failed for a reason of its own.
-    #[error("{0}")]
-    Other(String),
+    /// An implementation of a seam failed for a reason of its own: [`CoreError::other`].
+    #[error(transparent)]
+    Other(OtherError),
+}
+
+/// An error of another crate, shared by the copies of a [`CoreError`]. Two are equal that say the same.
+#[derive(Debug, Clone)]
+pub struct OtherError(Arc<dyn Error + Send + Sync>);
+
+impl OtherError {
+    /// The error itself, to look at as what it is (`downcast_ref`).
+    pub fn get(&self) -> &(dyn Error + Send + Sync + 'static) {
+        &*self.0
+    }
+}
+
+impl std::fmt::Display for OtherError {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        self.0.fmt(f)
+    }
+}
+
+impl Error for OtherError {
+    fn source(&self) -> Option<&(dyn Error + 'static)> {
+        self.0.source()
+    }
+}
+
+impl PartialEq for OtherError {
+    fn eq(&self, other: &Self) -> bool {
+        self.to_string() == other.to_string()
+    }
 }
 
 impl CoreError {
+    /// An error of an implementation's own, or its text.
+    ///
+    /// ```
+    /// use vsf_core::CoreError;
+    ///
+    /// let error = CoreError::other("the gauge does not answer");
+    /// assert_eq!(error.to_string(), "the gauge does not answer");
+    /// let CoreError::Other(own) = CoreError::other(std::fmt::Error) else { unreachable!() };
+    /// assert!(own.get().is::<std::fmt::Error>());
+    /// ```
+    pub fn other(error: impl Into<Box<dyn Error + Send + Sync>>) -> Self {
+        Self::Other(OtherError(error.into().into()))
+    }
+
     /// Checks that every value of `values` is finite.
     ///
     /// # Errors

@@ -48,8 +48,12 @@ impl FilterHealth {
         Ok(Self { updates, dof, nis })
     }
 
-    /// Takes in one update. Updates without contacts count too: they show the noise alone.
+    /// Takes in one update. Updates without contacts count too: they show the noise alone. One whose NIS is not finite, which no
+    /// estimator of this workspace reports, is left out.
     pub fn record(&mut self, report: &UpdateReport) {
+        if !report.nis.is_finite() {
+            return;
+        }
         self.updates += 1;
         self.dof = self.dof.saturating_add(report.dof);
         self.nis += report.nis;

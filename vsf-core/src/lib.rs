@@ -51,7 +51,7 @@ mod state;
 pub use belief::Belief;
 pub use blocks::Block;
 pub use contact::{ContactModel, Contacts};
-pub use error::CoreError;
+pub use error::{CoreError, OtherError};
 pub use estimator::{Estimator, Prediction, UpdateReport};
 pub use geometry::{Collider, Shape, TriMesh};
 pub use health::FilterHealth;

@@ -3,7 +3,7 @@ use crate::{CoreError, SymmetricFactor};
 /// Covariance of the reading noise, `R` (`d x d`, in squared units of the reading).
 ///
 /// One value for all channels, one each, or a full matrix. Noise that changes with time is written
-/// with [`Noise::set_full`] or [`Clone::clone_from`], which keep the memory.
+/// with [`Noise::set_per_channel`], [`Noise::set_full`] or [`Clone::clone_from`], which keep the memory.
 #[derive(Debug, PartialEq)]
 #[cfg_attr(
     feature = "serde",
@@ -45,7 +45,7 @@ impl Clone for Noise {
 }
 
 impl Noise {
-    /// The same standard deviation for all `dim` channels, independent; the paper's sigma_tau.
+    /// The same standard deviation for all `dim` channels, independent; the paper's sigma_tau. Of no channels it is empty.
     ///
     /// # Errors
     /// A standard deviation that is not positive and finite, more than 4096 channels.
@@ -59,20 +59,34 @@ impl Noise {
     /// # Errors
     /// As [`Noise::uniform`].
     pub fn per_channel(sd: &[f64]) -> Result<Self, CoreError> {
+        let mut noise = Self {
+            dim: 0,
+            covariance: Vec::new(),
+        };
+        noise.set_per_channel(sd)?;
+        Ok(noise)
+    }
+
+    /// Becomes [`Noise::per_channel`] without allocating after its first use at a given size.
+    ///
+    /// # Errors
+    /// As [`Noise::uniform`]; the noise is then unchanged.
+    pub fn set_per_channel(&mut self, sd: &[f64]) -> Result<(), CoreError> {
         let dim = sd.len();
         check_channels(dim)?;
-        let mut covariance = vec![0.0; dim * dim];
-        for (i, &s) in sd.iter().enumerate() {
-            if !(s > 0.0 && (s * s).is_finite() && s * s > 0.0) {
-                return Err(CoreError::Parameter {
-                    name: "noise sd",
-                    value: s,
-                    range: "> 0 and finite, its square too",
-                });
-            }
-            covariance[i * dim + i] = s * s;
+        let is_deviation = |s: f64| s > 0.0 && (s * s).is_finite() && s * s > 0.0;
+        if let Some(&value) = sd.iter().find(|s| !is_deviation(**s)) {
+            return Err(CoreError::Parameter {
+                name: "noise sd",
+                value,
+                range: "> 0 and finite, its square too",
+            });
         }
-        Ok(Self { dim, covariance })
+        self.dim = dim;
+        self.covariance.clear();
+        self.covariance.resize(dim * dim, 0.0);
+        (sd.iter().enumerate()).for_each(|(i, s)| self.covariance[i * dim + i] = s * s);
+        Ok(())
     }
 
     /// A full covariance, row-major `dim x dim`.

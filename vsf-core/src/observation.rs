@@ -202,6 +202,42 @@ impl<T: Scalar> Observation<T> {
         Ok(())
     }
 
+    /// Replaces the noise by independent one of a standard deviation per channel, in the memory that is there.
+    ///
+    /// # Errors
+    /// As [`Noise::per_channel`] and [`Observation::set_noise`]. Where a reading overflows in it, the noise is that one all the
+    /// same.
+    pub fn set_noise_sd(&mut self, sd: &[f64]) -> Result<(), CoreError> {
+        CoreError::check_len("noise", sd.len(), self.dim())?;
+        self.noise.set_per_channel(sd)?;
+        check_scale(self.reading.iter().copied(), &self.noise)
+    }
+
+    /// Becomes a copy of an observation in another number type, in the memory that is there.
+    ///
+    /// # Errors
+    /// A number beyond the range of `T`; the observation is then empty.
+    pub fn cast_from<U: Scalar>(&mut self, other: &Observation<U>) -> Result<(), CoreError> {
+        fn cast<T: Scalar, U: Scalar>(to: &mut Vec<T>, from: &[U]) -> bool {
+            to.clear();
+            to.extend(from.iter().map(|v| T::from_f64(v.to_f64())));
+            to.iter().all(|v| v.is_finite())
+        }
+        self.noise.clone_from(&other.noise);
+        self.column.clone_from(&other.column);
+        self.points.clone_from(&other.points);
+        let fits = cast(&mut self.rows, &other.rows) & cast(&mut self.reading, &other.reading);
+        if fits {
+            return Ok(());
+        }
+        self.points.clear();
+        self.rows.clear();
+        self.reading.fill(T::ZERO);
+        Err(CoreError::Overflow {
+            what: "observation in another number type",
+        })
+    }
+
     /// Checks that its noise could be this one.
     ///
     /// # Errors
@@ -242,10 +278,10 @@ impl<T: Scalar> Observation<T> {
         &self.points
     }
 
-    /// Row `i` of the observation matrix: one entry per touched point.
+    /// Row `i` of the observation matrix: one entry per touched point, of channel `i < dim`.
     ///
     /// # Panics
-    /// If `i >= dim`.
+    /// If `i >= dim`, where points are touched.
     pub fn row(&self, i: usize) -> &[T] {
         let n = self.points.len();
         &self.rows[i * n..(i + 1) * n]

@@ -58,7 +58,7 @@ where
     /// `RobotModel::chains` of `vsf-robots`; `rest` may be shared.
     ///
     /// # Errors
-    /// A belief of another size than the field, a sensor that is not of this robot, or whose blank observation
+    /// A belief of another size than the field, a sensor or contact that is not of this robot, a sensor whose blank observation
     /// has other channels than it says.
     pub fn new(
         chains: Arc<LinkChains>,
@@ -69,6 +69,7 @@ where
     ) -> Result<Self, CoreError> {
         let rest = rest.into();
         CoreError::check_len("belief", estimator.belief().len(), rest.len())?;
+        contact.check_robot(&chains)?;
         sensor.check_robot(&chains)?;
         let observation = sensor.blank();
         CoreError::check_len("blank observation", observation.dim(), sensor.dim())?;
@@ -126,7 +127,8 @@ where
     /// # Errors
     /// A posture or reading of the wrong size or not finite, a reading beyond [`MOST_READING`], a posture of another robot
     /// or never written, a sensor or an estimator whose size was changed. The belief is then unchanged; contact has
-    /// advanced if posture and reading passed these checks.
+    /// advanced if posture and reading passed these checks. An estimator whose report is not finite breaks its promise, and
+    /// what it believes then is its own.
     pub fn step(&mut self, posture: &Posture, reading: &[f64]) -> Result<UpdateReport, CoreError> {
         CoreError::check_len("reading", reading.len(), self.sensor.dim())?;
         CoreError::check_finite("reading", reading)?;
@@ -139,6 +141,7 @@ where
         }
         self.observe(posture, Some(reading))?;
         let report = self.estimator.update(&self.observation)?;
+        CoreError::check_finite("NIS that the estimator reports", &[report.nis])?;
         self.health.record(&report);
         Ok(report)
     }

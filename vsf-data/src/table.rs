@@ -77,6 +77,19 @@ impl Table {
     }
 }
 
+impl<'a> IntoIterator for &'a Table {
+    type Item = &'a [f64];
+    type IntoIter = std::slice::ChunksExact<'a, f64>;
+
+    fn into_iter(self) -> Self::IntoIter {
+        self.data.chunks_exact(self.cols)
+    }
+}
+
+/// Row by row.
+///
+/// # Panics
+/// Beyond the last row.
 impl Index<usize> for Table {
     type Output = [f64];
 

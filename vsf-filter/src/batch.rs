@@ -268,8 +268,8 @@ impl<'a> BatchMap<'a> {
     ) -> Result<(f64, f64), CoreError> {
         let evidence = self.evidence(prior, noise_scale)?;
         if self.channels == 0 {
-            return Err(CoreError::Other(
-                "without readings no scale has more evidence than another".into(),
+            return Err(CoreError::other(
+                "without readings no scale has more evidence than another",
             ));
         }
         let readings = self.channels as f64;

@@ -12,7 +12,6 @@ mod state;
 /// What happens to the variances when an observation is taken in again.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
-#[non_exhaustive]
 pub enum ReplayVariance {
     /// They stay: an observation shrinks them once, however often the means are fitted to it. The default. The
     /// filter stays somewhat overconfident, as the diagonal filter is by itself, because it leaves
@@ -28,7 +27,7 @@ pub enum ReplayVariance {
 /// An estimator that can take in an observation again, the building block of [`MemoryReplay`].
 ///
 /// Its belief is all that it learns: marginals without correlations, so that writing back earlier
-/// marginals undoes a correction.
+/// marginals undoes a correction. `Box<dyn Revisit<Scalar = T>>` is one as well, to choose at run time.
 pub trait Revisit: Estimator {
     /// One correction without projection. With [`ReplayVariance::Keep`] only the means move.
     /// Nothing but the touched points changes.
@@ -44,6 +43,34 @@ pub trait Revisit: Estimator {
 
     /// The belief, to project it or to undo corrections.
     fn belief_mut(&mut self) -> &mut Belief<Self::Scalar>;
+}
+
+dyn_clone::clone_trait_object!(<T: Scalar> Revisit<Scalar = T>);
+
+impl<T: Scalar> std::fmt::Debug for dyn Revisit<Scalar = T> {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.debug_struct("Revisit")
+            .field("scalar", &T::NAME)
+            .field("points", &self.belief().len())
+            .finish_non_exhaustive()
+    }
+}
+
+impl<E: Revisit + ?Sized> Revisit for Box<E>
+where
+    Self: Clone,
+{
+    fn correct(
+        &mut self,
+        obs: &Observation<E::Scalar>,
+        variance: ReplayVariance,
+    ) -> Result<UpdateReport, CoreError> {
+        (**self).correct(obs, variance)
+    }
+
+    fn belief_mut(&mut self) -> &mut Belief<E::Scalar> {
+        (**self).belief_mut()
+    }
 }
 
 /// More replays than any control loop has time for.
@@ -62,7 +89,8 @@ pub struct ReplayConfig {
     /// Upper bound of the memory held by past observations (bytes), default 256 MiB. When it is
     /// reached, new observations replace random old ones so that the buffer stays a uniform
     /// sample of the history. One observation is always kept, however large. Memory is reused
-    /// and never shrinks, so that an observation counts with the largest one it replaced.
+    /// and never shrinks, so that an observation counts with the largest one it replaced. An update allocates while the buffer
+    /// fills, and later where an observation is larger than all that its place has held.
     pub byte_budget: usize,
     /// Whether a new touch sequence empties the buffer, default false. The paper empties it,
     /// which bounds memory; here the byte budget does, and earlier touches are not forgotten.
@@ -203,6 +231,16 @@ impl<E: Revisit> MemoryReplay<E> {
     /// The estimator inside.
     pub fn inner(&self) -> &E {
         &self.inner
+    }
+
+    /// The estimator inside, to reconfigure it between updates.
+    pub fn inner_mut(&mut self) -> &mut E {
+        &mut self.inner
+    }
+
+    /// Takes the estimator out.
+    pub fn into_inner(self) -> E {
+        self.inner
     }
 
     /// Number of observations in the buffer.

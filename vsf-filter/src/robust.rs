@@ -251,6 +251,16 @@ impl<E: Estimator> RobustNoise<E> {
         &self.inner
     }
 
+    /// The estimator inside, to reconfigure it between updates.
+    pub fn inner_mut(&mut self) -> &mut E {
+        &mut self.inner
+    }
+
+    /// Takes the estimator out.
+    pub fn into_inner(self) -> E {
+        self.inner
+    }
+
     /// Weight in (0, 1] of every channel in the last update; empty before the first one. A joint
     /// whose weight stays small has a sensor that does not fit the field.
     pub fn weights(&self) -> &[f64] {

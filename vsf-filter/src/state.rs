@@ -26,8 +26,8 @@ pub(crate) fn save_rng<S: Serializer>(rng: &Pcg64Mcg, to: S) -> Result<S::Ok, S:
 /// What [`save_rng`] saved.
 pub(crate) fn load_rng([low, high]: [u64; 2]) -> Result<Pcg64Mcg, CoreError> {
     if low % 2 == 0 {
-        return Err(CoreError::Other(
-            "the state of a replay's random generator must be odd".into(),
+        return Err(CoreError::other(
+            "the state of a replay's random generator must be odd",
         ));
     }
     Ok(Pcg64Mcg::new(u128::from(high) << 64 | u128::from(low)))

@@ -51,6 +51,16 @@ impl<E: Estimator<Scalar = f64>> LiveCorrector<E> {
         &self.estimator
     }
 
+    /// The estimator, to reconfigure it.
+    pub fn estimator_mut(&mut self) -> &mut E {
+        &mut self.estimator
+    }
+
+    /// Takes the estimator out.
+    pub fn into_estimator(self) -> E {
+        self.estimator
+    }
+
     /// The corrector.
     pub fn corrector(&self) -> &Corrector {
         &self.corrector

@@ -267,6 +267,48 @@ pub fn estimate_from(
     )
 }
 
+/// Runs an estimator of one's own, of any number type, over sequences. Readings have `noise`, or where none is given that of their
+/// observations. Calls `progress` after every sequence with the number done.
+///
+/// ```
+/// # use vsf_core::{Belief, Estimator};
+/// # use vsf_filter::DiagonalKalman;
+/// # use vsf_pipeline::{Trace, estimate_with};
+/// # fn traces() -> Vec<Trace> { Vec::new() }
+/// let mut own: DiagonalKalman<f32> = DiagonalKalman::new(Belief::uniform(100, 0.0, 30.0)?);
+/// let estimate = estimate_with(&mut own, &traces(), None, |_| ())?;
+/// assert_eq!(estimate.belief.len(), 100);
+/// # Ok::<(), Box<dyn std::error::Error>>(())
+/// ```
+///
+/// # Errors
+/// Traces that [`Trace::check`] refuses; as the estimator's update; the row is named.
+pub fn estimate_with<E: Estimator + ?Sized>(
+    estimator: &mut E,
+    traces: &[Trace],
+    noise: Option<&Noise>,
+    mut progress: impl FnMut(usize),
+) -> Result<Estimate, PipelineError> {
+    let points = estimator.belief().len();
+    let channels = traces.iter().flat_map(|t| &t.observations).map(|o| o.dim());
+    let channels = noise.map(Noise::dim).or(channels.max()).unwrap_or(0);
+    check_traces(traces, points, channels)?;
+    let mut health = FilterHealth::default();
+    for (done, trace) in traces.iter().enumerate() {
+        estimate_online(estimator, trace, noise, |obs, report| {
+            if !obs.is_empty() {
+                health.record(report);
+            }
+        })?;
+        progress(done + 1);
+    }
+    Ok(Estimate {
+        belief: estimator.field()?.cast()?,
+        touched: touched_points(traces, points),
+        health,
+    })
+}
+
 /// [`estimate_from`] traces that were checked.
 pub(crate) fn run(
     spec: &EstimatorSpec,
@@ -344,30 +386,29 @@ pub(crate) fn touched_points<'a>(
 ///
 /// # Errors
 /// As the estimator's update and [`Observation::set_noise`]; the row is named.
-pub fn estimate_online(
-    estimator: &mut dyn Estimator<Scalar = f64>,
+pub fn estimate_online<E: Estimator + ?Sized>(
+    estimator: &mut E,
     trace: &Trace,
     noise: Option<&Noise>,
-    mut seen: impl FnMut(&Observation<f64>, &UpdateReport),
+    mut seen: impl FnMut(&Observation<E::Scalar>, &UpdateReport),
 ) -> Result<(), PipelineError> {
     estimator.begin_sequence();
-    let mut copy = noise.map(|noise| (noise, Observation::new(noise.clone())));
+    let Some(first) = trace.observations.first() else {
+        return Ok(());
+    };
+    let mut own: Observation<E::Scalar> = Observation::new(first.noise().clone());
     for (row, obs) in trace.observations.iter().enumerate() {
         let at = |source| PipelineError::Sequence {
             id: trace.id.clone(),
             row,
             source,
         };
-        let obs = match &mut copy {
-            None => obs,
-            Some((noise, copy)) => {
-                copy.clone_from(obs);
-                copy.set_noise(noise).map_err(at)?;
-                copy
-            }
-        };
-        let report = estimator.update(obs).map_err(at)?;
-        seen(obs, &report);
+        own.cast_from(obs).map_err(at)?;
+        if let Some(noise) = noise {
+            own.set_noise(noise).map_err(at)?;
+        }
+        let report = estimator.update(&own).map_err(at)?;
+        seen(&own, &report);
     }
     Ok(())
 }

@@ -49,7 +49,9 @@ mod warning;
 pub use baseline::{Baseline, MlpConfig};
 pub use bench::{BenchOptions, BenchReport, LOADED_STEPS, Loaded, StageTimes, bench};
 pub use error::PipelineError;
-pub use estimate::{Estimate, EstimatorSpec, FilterSpec, estimate, estimate_from, estimate_online};
+pub use estimate::{
+    Estimate, EstimatorSpec, FilterSpec, estimate, estimate_from, estimate_online, estimate_with,
+};
 pub use evaluate::{
     Calibration, Evaluation, JointError, SequenceError, SequencePrediction, evaluate, predict,
     score,

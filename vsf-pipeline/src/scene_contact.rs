@@ -1,5 +1,5 @@
 use vsf_contact::{CellContact, LinkSdf, StickSlip, thickness};
-use vsf_core::{ContactModel, Contacts, CoreError, Posture, RestPoints};
+use vsf_core::{ContactModel, Contacts, CoreError, LinkChains, Posture, RestPoints};
 
 /// A touch that begins may be at least so deep in a link (m): the arm moves on from sample to sample.
 const LEAST_DEEP: f64 = 2e-3;
@@ -48,6 +48,10 @@ impl ContactModel for SceneContact {
             Self::Points(points) => points.reset(),
             Self::Cells(cells) => cells.reset(),
         }
+    }
+
+    fn check_robot(&self, chains: &LinkChains) -> Result<(), CoreError> {
+        self.points().check_robot(chains)
     }
 
     fn step(

@@ -59,11 +59,28 @@ impl JointTorques {
     pub fn noise(&self) -> &Noise {
         &self.noise
     }
+
+    /// Number of joints: that of the channels ([`Sensor::dim`], which asks for a number type).
+    pub fn dim(&self) -> usize {
+        self.noise.dim()
+    }
+
+    /// Checks that it has a channel for every joint of a robot ([`Sensor::check_robot`]).
+    ///
+    /// # Errors
+    /// Another number of joints.
+    pub fn check_robot(&self, chains: &LinkChains) -> Result<(), CoreError> {
+        CoreError::check_len(
+            "noise of the joint torques",
+            self.dim(),
+            chains.joint_count(),
+        )
+    }
 }
 
 impl<T: Scalar> Sensor<T> for JointTorques {
     fn dim(&self) -> usize {
-        self.noise.dim()
+        self.dim()
     }
 
     fn blank(&self) -> Observation<T> {
@@ -71,11 +88,7 @@ impl<T: Scalar> Sensor<T> for JointTorques {
     }
 
     fn check_robot(&self, chains: &LinkChains) -> Result<(), CoreError> {
-        CoreError::check_len(
-            "noise of the joint torques",
-            self.noise.dim(),
-            chains.joint_count(),
-        )
+        self.check_robot(chains)
     }
 
     fn observe(

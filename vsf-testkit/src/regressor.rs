@@ -19,7 +19,7 @@ type Property = fn(&dyn Regressor);
 /// | property |
 /// | --- |
 /// | one that has not learned refuses to predict |
-/// | a plane is predicted better than by its mean, and errors are as large as predicted |
+/// | a plane is predicted better than by its mean, and the mean square of errors is 0.5 to 2 times the variances predicted |
 /// | far away the variance is nearly that of all targets (0.8 of it) or more, and larger than among them |
 /// | what is learned anew replaces what was learned |
 /// | a fresh one learns the same |

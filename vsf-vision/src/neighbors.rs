@@ -79,7 +79,7 @@ impl Search for Exhaustive {
 fn build<const D: usize>(rows: &[f64]) -> Result<Arc<dyn Search>, CoreError> {
     let (points, _) = rows.as_chunks::<D>();
     let tree = ImmutableKdTree::new_from_slice(points)
-        .map_err(|e| CoreError::Other(format!("nearest-neighbor tree: {e}")))?;
+        .map_err(|e| CoreError::other(format!("nearest-neighbor tree: {e}")))?;
     Ok(Arc::new(Tree(tree)))
 }
 

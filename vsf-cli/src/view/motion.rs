@@ -171,8 +171,7 @@ impl Frames {
     ) -> Result<(), CoreError> {
         for (link, X_WL) in robot.links().iter().zip(posture.link_poses()) {
             let p_W = Point3::from(X_WL.translation.vector);
-            check_near(&p_W, || format!("link {:?}", link.name()))
-                .map_err(|e| CoreError::Other(e.to_string()))?;
+            check_near(&p_W, || format!("link {:?}", link.name())).map_err(CoreError::other)?;
             let p = p_W - origin_W;
             let q = X_WL.rotation.coords;
             self.poses.extend([p.x, p.y, p.z, q.x, q.y, q.z, q.w]);

@@ -3,8 +3,8 @@
 use std::sync::Arc;
 use vsf_core::nalgebra::{Point3, Vector3};
 use vsf_core::{
-    Belief, ContactModel, Contacts, CoreError, Estimator, LinkChains, Noise, Observation, Posture,
-    Prediction, RestPoints, Sensor, Session, SymmetricFactor, UpdateReport,
+    Belief, ContactModel, Contacts, CoreError, Estimator, FilterHealth, LinkChains, Noise,
+    Observation, Posture, Prediction, RestPoints, Sensor, Session, SymmetricFactor, UpdateReport,
 };
 
 /// A wall at height q that presses every point above it down. Remembers how often it has moved.
@@ -244,6 +244,57 @@ fn sensors_of_the_wrong_width_are_refused_at_once() {
     assert!(made(Wide { dim: 1, blank: 1 }).is_ok());
 }
 
+/// A contact of another robot, and an estimator that reports what is no number.
+#[test]
+fn foreign_parts_are_refused_by_what_they_say() {
+    #[derive(Clone)]
+    struct Elsewhere;
+    impl ContactModel for Elsewhere {
+        fn reset(&mut self) {}
+        fn check_robot(&self, _: &LinkChains) -> Result<(), CoreError> {
+            Err(CoreError::other("of another robot"))
+        }
+        fn step(&mut self, _: &RestPoints, _: &Posture, _: &mut Contacts) -> Result<(), CoreError> {
+            Ok(())
+        }
+    }
+    let contact: Box<dyn ContactModel> = Box::new(Elsewhere);
+    let error = Session::new(chains(), rest(), contact, Gauge, nudge()).unwrap_err();
+    assert_eq!(error, CoreError::other("of another robot"));
+
+    #[derive(Clone)]
+    struct Boundless(Nudge);
+    impl Estimator for Boundless {
+        type Scalar = f64;
+        fn belief(&self) -> &Belief<f64> {
+            self.0.belief()
+        }
+        fn reset(&mut self, prior: Belief<f64>) -> Result<(), CoreError> {
+            self.0.reset(prior)
+        }
+        fn update(&mut self, obs: &Observation<f64>) -> Result<UpdateReport, CoreError> {
+            let report = self.0.update(obs)?;
+            let nis = f64::NAN;
+            Ok(UpdateReport { nis, ..report })
+        }
+        fn whitened_residual(&self) -> &[f64] {
+            &[]
+        }
+    }
+    let parts = (Wall::default(), Gauge, Boundless(nudge()));
+    let mut session = Session::new(chains(), rest(), parts.0, parts.1, parts.2).unwrap();
+    let error = session.step(&posture(1.5), &[0.1]).unwrap_err();
+    assert!(matches!(error, CoreError::NotFinite { .. }), "{error}");
+    assert_eq!(session.health().updates(), 0);
+    let mut health = FilterHealth::default();
+    health.record(&UpdateReport {
+        dof: 1,
+        nis: f64::INFINITY,
+        ..Default::default()
+    });
+    assert_eq!(health, FilterHealth::default());
+}
+
 /// What a contact model knows of the world may change while the session runs.
 #[test]
 fn the_contact_model_is_within_reach() {
@@ -412,6 +463,35 @@ fn noise_is_replaced_within_its_memory_or_not_at_all() {
     assert_eq!(noise, Noise::full(2, r.to_vec()).unwrap());
     set(&mut noise, 1, &[4.0]).unwrap();
     assert_eq!(noise, Noise::uniform(1, 2.0).unwrap());
+    for bad in [&[1.0, 0.0][..], &[1.0, f64::NAN], &[-1.0], &[1e-200]] {
+        assert!(noise.set_per_channel(bad).is_err(), "{bad:?}");
+        assert_eq!(noise, Noise::uniform(1, 2.0).unwrap());
+    }
+    noise.set_per_channel(&[1.0, 2.0]).unwrap();
+    assert_eq!(noise, Noise::per_channel(&[1.0, 2.0]).unwrap());
+    let mut obs = Observation::<f64>::new(noise);
+    assert!(obs.set_noise_sd(&[1.0]).is_err());
+    obs.set_noise_sd(&[3.0, 4.0]).unwrap();
+    assert_eq!(obs.noise(), &Noise::per_channel(&[3.0, 4.0]).unwrap());
+}
+
+/// Observations in another number type are the same, or say that they cannot be.
+#[test]
+fn observations_change_their_number_type() {
+    let mut obs = Observation::<f64>::new(Noise::uniform(1, 1.0).unwrap());
+    let column = |k: usize, w: &mut [f64]| w[0] = 0.5 + k as f64;
+    obs.rebuild(3, &[0, 2], &[1.5], column).unwrap();
+    let mut cast = Observation::<f32>::new(Noise::uniform(2, 7.0).unwrap());
+    cast.cast_from(&obs).unwrap();
+    let mut expected = Observation::<f32>::new(Noise::uniform(1, 1.0).unwrap());
+    expected.rebuild(3, &[0, 2], &[1.5], column).unwrap();
+    assert_eq!(cast, expected);
+    obs.rebuild(3, &[0], &[1.5], |_, w| w[0] = 1e300).unwrap();
+    assert!(matches!(
+        cast.cast_from(&obs),
+        Err(CoreError::Overflow { .. })
+    ));
+    assert!(cast.is_empty() && cast.reading() == [0.0]);
 }
 
 #[test]

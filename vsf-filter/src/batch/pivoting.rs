@@ -87,9 +87,8 @@ pub(super) fn minimize(problem: &dyn Quadratic) -> Result<Optimum, CoreError> {
         exchanges.exchange(&mut free, &wrong);
     }
     // Only rounding can make the exchanges go round in circles.
-    Err(CoreError::Other(
+    Err(CoreError::other(
         "the points at zero of the batch optimum did not settle: prior and noise are further apart than numbers \
-         of 64 bits can tell; give a larger noise sd or a smaller prior sd"
-            .into(),
+         of 64 bits can tell; give a larger noise sd or a smaller prior sd",
     ))
 }

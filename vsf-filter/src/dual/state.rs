@@ -32,8 +32,8 @@ impl<T: Scalar> TryFrom<DualParts<T>> for DualReplay<T> {
         if !pairs.fold(true, |ok, (free, mean)| {
             ok & free.is_finite() & (free.max(T::ZERO) == *mean)
         }) {
-            return Err(CoreError::Other(
-                "the means of a dual replay are not its free means, cut off at zero".into(),
+            return Err(CoreError::other(
+                "the means of a dual replay are not its free means, cut off at zero",
             ));
         }
         let bad = |p: &&T| !(**p > T::ZERO && p.is_finite());

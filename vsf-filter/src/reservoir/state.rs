@@ -46,8 +46,8 @@ impl<T: Scalar, X: Extra + Default> TryFrom<Parts<Vec<Slot<T, X>>>> for Reservoi
         let mut slots = parts.kept;
         for slot in &slots {
             if slot.key > parts.limit || slot.held < Slot::<T, X>::memory(&slot.obs) {
-                return Err(CoreError::Other(
-                    "a replay buffer holds an observation that it could not have kept".into(),
+                return Err(CoreError::other(
+                    "a replay buffer holds an observation that it could not have kept",
                 ));
             }
             if !(slot.diffused >= 0.0 && slot.diffused.is_finite()) {

@@ -54,7 +54,7 @@ impl Revisit for Probe {
     ) -> Result<UpdateReport, CoreError> {
         let mut orders = self.1.lock().unwrap();
         match &mut orders.fail_in {
-            Some(0) => return Err(CoreError::Other("on demand".into())),
+            Some(0) => return Err(CoreError::other("on demand")),
             Some(calls) => *calls -= 1,
             None => {}
         }

@@ -3,7 +3,7 @@
 use crate::common::{Orders, Probe};
 use std::sync::{Arc, Mutex};
 use vsf_core::{Belief, CoreError, Estimator, FilterHealth, Noise, Observation};
-use vsf_filter::{DiagonalKalman, MemoryReplay, ReplayConfig, ReplayVariance};
+use vsf_filter::{DiagonalKalman, MemoryReplay, ReplayConfig, ReplayVariance, Revisit};
 use vsf_testkit::LinearWorld;
 
 const N: usize = 30;
@@ -45,6 +45,24 @@ fn probe(config: ReplayConfig) -> (MemoryReplay<Probe>, Arc<Mutex<Orders>>) {
 fn seen(orders: &Mutex<Orders>) -> Vec<f64> {
     let seen = std::mem::take(&mut orders.lock().unwrap().seen);
     seen.iter().map(|obs| obs.reading()[0]).collect()
+}
+
+/// What is replayed may be chosen at run time.
+#[test]
+fn a_boxed_one_replays_alike() {
+    let own: Box<dyn Revisit<Scalar = f64>> = Box::new(DiagonalKalman::new(prior()));
+    assert_eq!(
+        format!("{own:?}"),
+        "Revisit { scalar: \"float64\", points: 30, .. }"
+    );
+    let mut boxed = MemoryReplay::new(own, ReplayConfig::default()).unwrap();
+    for obs in &sequence(20, 1) {
+        boxed.update(obs).unwrap();
+    }
+    assert_eq!(
+        boxed.clone().into_inner().belief(),
+        &run(ReplayConfig::default())
+    );
 }
 
 #[test]

@@ -3,8 +3,7 @@ use crate::{PipelineError, SceneContact};
 use nalgebra::Vector3;
 use std::sync::Arc;
 use vsf_core::{
-    Belief, Contacts, CoreError, Estimator, Posture, Prediction, Scalar, Sensor, Session,
-    UpdateReport,
+    Belief, Contacts, CoreError, Estimator, Posture, Prediction, Scalar, Session, UpdateReport,
 };
 use vsf_robots::{DynamicsWorkspace, JointTorques, RobotModel};
 
@@ -20,10 +19,10 @@ pub enum Begins {
 }
 
 /// What a [`Node`](super::Node) learns with: contact, sensors and an estimator. A sample that is refused leaves the belief as it
-/// was.
-pub trait Learner {
+/// was. `Box<dyn Learner<Error = E>>` is one as well.
+pub trait Learner: Send {
     /// What is wrong with a sample.
-    type Error: std::error::Error + From<CoreError>;
+    type Error: std::error::Error + From<CoreError> + Send + Sync + 'static;
 
     /// Joints of the robot.
     fn joints(&self) -> usize;
@@ -65,6 +64,41 @@ pub trait Learner {
     fn points(&self) -> usize;
 }
 
+impl<E> std::fmt::Debug for dyn Learner<Error = E> {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.debug_struct("Learner").finish_non_exhaustive()
+    }
+}
+
+impl<L: Learner + ?Sized> Learner for Box<L> {
+    type Error = L::Error;
+
+    fn joints(&self) -> usize {
+        (**self).joints()
+    }
+    fn zero(&self) -> &[f64] {
+        (**self).zero()
+    }
+    fn tare(&mut self, sample: &Sample, begins: Begins, last: bool) -> Result<(), L::Error> {
+        (**self).tare(sample, begins, last)
+    }
+    fn learn(&mut self, sample: &Sample, begins: Begins) -> Result<Option<UpdateReport>, L::Error> {
+        (**self).learn(sample, begins)
+    }
+    fn touching(&self) -> &[u32] {
+        (**self).touching()
+    }
+    fn stiffness(&self, point: usize) -> [f64; 2] {
+        (**self).stiffness(point)
+    }
+    fn field(&self) -> Result<Belief<f64>, CoreError> {
+        (**self).field()
+    }
+    fn points(&self) -> usize {
+        (**self).points()
+    }
+}
+
 /// A session that takes samples: of the nominal model, with any estimator, such as
 /// [`FilterSpec::build`](crate::FilterSpec::build) makes.
 #[derive(Debug)]
@@ -94,7 +128,7 @@ impl<E: Estimator> LiveSession<E> {
         gravity: Option<Vector3<f64>>,
     ) -> Result<Self, PipelineError> {
         let robot: Arc<RobotModel> = robot.into();
-        Sensor::<E::Scalar>::check_robot(session.sensor(), robot.chains())?;
+        session.sensor().check_robot(robot.chains())?;
         let (joints, mut workspace) = (robot.joint_count(), robot.dynamics_workspace());
         if let Some(gravity) = &gravity {
             robot.gravity_torques(&vec![0.0; joints], gravity, &mut workspace)?;
@@ -121,6 +155,11 @@ impl<E: Estimator> LiveSession<E> {
     /// The session, to change what its parts know of the world.
     pub fn session_mut(&mut self) -> &mut Session<SceneContact, JointTorques, E> {
         &mut self.session
+    }
+
+    /// Takes the session out.
+    pub fn into_session(self) -> Session<SceneContact, JointTorques, E> {
+        self.session
     }
 
     fn begin(&mut self, begins: Begins) {

@@ -244,6 +244,12 @@ impl<L: Learner> Node<L> {
         })
     }
 
+    /// The node with statistics that go on from others, such as those before a restart.
+    #[must_use]
+    pub fn with_health(self, health: FilterHealth) -> Self {
+        Self { health, ..self }
+    }
+
     /// A new queue for its samples, for one [`run`](super::run).
     pub fn new_queue(&self) -> Arc<Queue<Numbered>> {
         let patience = Duration::from_secs_f64(self.options.patience);
@@ -339,7 +345,9 @@ impl<L: Learner> Node<L> {
         let report = self.learner.learn(sample, begins)?;
         let took = 1e3 * start.elapsed().as_secs_f64();
         if let Some(step) = step {
-            self.steps.add(step);
+            if self.options.rate_hz.is_none() {
+                self.steps.add(step);
+            }
             let between = usual.map_or(0.0, |usual| (step / usual).round() - 1.0);
             self.counts.missing = self.counts.missing.saturating_add(between.max(0.0) as u64);
         }

@@ -8,13 +8,13 @@ use std::sync::mpsc::{Sender, channel};
 use std::sync::{Arc, Mutex};
 use std::time::Duration;
 use vsf_contact::{StickSlip, link_sdfs};
-use vsf_core::{Belief, Estimator, Noise, RestPoints, Session};
+use vsf_core::{Belief, CoreError, Estimator, Noise, RestPoints, Session, UpdateReport};
 use vsf_data::{Dataset, RobotRef, Sequence, Table, TorqueKind};
 use vsf_pipeline::live::{
-    Begins, Counts, Datagrams, Lines, LiveSession, MAX_LINE, Motion, Node, Options, Queue,
+    Begins, Counts, Datagrams, Learner, Lines, LiveSession, MAX_LINE, Motion, Node, Options, Queue,
     Received, Sample, Source, Summary, WhenFull, run,
 };
-use vsf_pipeline::{FilterSpec, Scene, SceneContact, external_torques};
+use vsf_pipeline::{FilterSpec, PipelineError, Scene, SceneContact, external_torques};
 use vsf_robots::{JointTorques, RobotModel, cartesian_stage, planar_arm};
 
 type JointSession = Session<SceneContact, JointTorques, Box<dyn Estimator<Scalar = f32>>>;
@@ -804,6 +804,61 @@ fn clocks_that_begin_anew() {
     }
     assert_eq!((node.counts().late, node.counts().gaps), (50, 1));
     assert_eq!(node.counts().skipped, 10);
+}
+
+/// A learner that is chosen at run time learns alike; one that names points that it has not got is refused.
+#[test]
+fn learners_of_ones_own() {
+    let (robot, session) = session();
+    let own = LiveSession::new(robot, session, None).unwrap();
+    let own: Box<dyn Learner<Error = PipelineError>> = Box::new(own);
+    let mut boxed = Node::new(own, Vec::new(), PATIENT).unwrap();
+    let mut plain = node(PATIENT);
+    for k in 0..60 {
+        boxed.take(&sample(k).0).unwrap();
+        plain.take(&sample(k).0).unwrap();
+    }
+    assert_eq!(boxed.touched(), plain.touched());
+    assert_eq!(boxed.counts(), plain.counts());
+
+    struct Liar;
+    impl Learner for Liar {
+        type Error = CoreError;
+        fn joints(&self) -> usize {
+            3
+        }
+        fn zero(&self) -> &[f64] {
+            &[0.0; 3]
+        }
+        fn tare(&mut self, _: &Sample, _: Begins, _: bool) -> Result<(), CoreError> {
+            Ok(())
+        }
+        fn learn(&mut self, _: &Sample, _: Begins) -> Result<Option<UpdateReport>, CoreError> {
+            Ok(Some(UpdateReport::default()))
+        }
+        fn touching(&self) -> &[u32] {
+            &[5]
+        }
+        fn stiffness(&self, _: usize) -> [f64; 2] {
+            [0.0; 2]
+        }
+        fn field(&self) -> Result<Belief<f64>, CoreError> {
+            Belief::uniform(2, 0.0, 1.0)
+        }
+        fn points(&self) -> usize {
+            2
+        }
+    }
+    let mut node = Node::new(Liar, Vec::new(), PATIENT).unwrap();
+    let error = node.take(&sample(0).0).unwrap_err();
+    assert!(matches!(
+        error,
+        CoreError::OutOfRange {
+            index: 5,
+            len: 2,
+            ..
+        }
+    ));
 }
 
 /// What tares the sensors has to be free: readings of a touch are not zero.

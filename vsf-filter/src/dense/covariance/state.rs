@@ -100,7 +100,7 @@ impl<T: Scalar> TryFrom<Parts<T>> for CovarianceFilter<T> {
         let n = parts.points.len();
         let touched = &mut filter.touched;
         if touched.unseen(&parts.points)?.len() < n {
-            return Err(CoreError::Other("a point was touched first twice".into()));
+            return Err(CoreError::other("a point was touched first twice"));
         }
         for (slot, &p) in parts.points.iter().enumerate() {
             touched.slots[p as usize] = slot as u32;
@@ -198,8 +198,8 @@ fn tiles<T: Scalar>(
             .iter()
             .any(|a| !(pushed - ring..=pushed).contains(a))
     {
-        return Err(CoreError::Other(
-            "a covariance lacks more ranks than it keeps".into(),
+        return Err(CoreError::other(
+            "a covariance lacks more ranks than it keeps",
         ));
     }
     let rank = (ring as usize).saturating_mul(blocks * BANDS * SQUARE);
