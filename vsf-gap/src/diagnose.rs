@@ -17,7 +17,7 @@ use crate::report_file::SCHEMA;
 use crate::search::Search;
 use crate::trial::{Judgment, Trial};
 use crate::verdict::{Answer, Findings};
-use crate::{Campaign, Effect, GapError, Model, effects};
+use crate::{Acts, Campaign, Effect, GapError, Model, effects};
 use std::sync::Arc;
 
 /// Effects of which it is told how they do on the test sequences, whether they were up to be named or not.
@@ -177,7 +177,6 @@ fn attempt(
     let (extent, failed) = compared_fields(campaign, &trial, &judgment, &search, split, seed)?;
     let closed = extent.closed();
     judgment.worse = extent.worse();
-    judgment.persistence = judgment.persistence.filter(|_| closed < NEARLY);
     let likeness = Likeness::new(&search)?;
     let in_field = if nominal.perfect {
         Vec::new()
@@ -195,6 +194,14 @@ fn attempt(
     }
     let estimated = extent.estimated;
     let compared = extent.told(judgment.corrected().is_some());
+    // What a cause that is shown in the air leaves in contact is the field's.
+    let is_shown = judgment
+        .corrected()
+        .is_some_and(|t| t.refined.model.acts() == Acts::Torques)
+        && compared.is_shown_in_air(noise_norm(&campaign.noise));
+    judgment.persistence = judgment
+        .persistence
+        .filter(|_| closed < NEARLY && !is_shown);
     let opposed = opposed.filter(|_| closed < NEARLY || compared.is_worse_in_contact());
     let named = judgment.named.as_ref();
     let vague = named.map_or_else(Vec::new, |t| t.refined.vague());

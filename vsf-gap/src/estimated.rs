@@ -13,6 +13,8 @@ use vsf_pipeline::{
 pub(crate) const NEARLY: f64 = 0.9;
 /// A model whose error is more than so many times that of a perfect one is far from it.
 pub(crate) const FAR: f64 = 3.0;
+/// One whose error is at most so many times that is down to it.
+const NEAR: f64 = 1.2;
 
 /// A field that was estimated under a model, and what both together leave on the test sequences.
 #[derive(Debug, Clone)]
@@ -129,6 +131,13 @@ impl Compared {
         let tells = !touches || self.samples(false) >= FREE;
         let open = !touches && self.closed.fraction < NEARLY;
         open || tells && self.after.residuals.mean_error_of(in_air) > FAR * noise
+    }
+
+    /// Whether a model takes what is far from the noise in the air down to it: there, no stiffness has a part in what it explains.
+    pub(crate) fn is_shown_in_air(&self, noise: f64) -> bool {
+        let error = |of: &Estimated| of.residuals.mean_error_of(self.is_one(false));
+        let (before, after) = (error(&self.before), error(&self.after));
+        self.samples(false) >= FREE && before > FAR * noise && after < NEAR * noise
     }
 
     /// Whether far more is left in contact than in the air.
@@ -324,6 +333,18 @@ mod tests {
         let far = |in_air, left, closed| compared(in_air, left, closed).is_far(0.1, true);
         assert!(far(16, [0.5, 0.1], 0.99));
         assert!(!far(15, [0.5, 0.1], 0.99) && !far(16, [0.2, 5.0], 0.1));
+        // A cause is shown where no field has a part.
+        let shown = |in_air, before: f64, after: f64| {
+            let residuals = |left: f64| compared(in_air, [left, 0.5], 0.2).after;
+            let all = Compared {
+                before: residuals(before),
+                after: residuals(after),
+                ..compared(in_air, [0.0; 2], 0.2)
+            };
+            all.is_shown_in_air(0.1)
+        };
+        assert!(shown(16, 0.5, 0.1));
+        assert!(!shown(15, 0.5, 0.1) && !shown(16, 0.2, 0.1) && !shown(16, 0.5, 0.15));
         // In free air, so does a gap that stays open.
         let in_air = |left, closed| {
             let all = Compared {
