@@ -1,32 +1,27 @@
 use crate::alike::Likeness;
 use crate::closure::noise_norm;
+use crate::doubts::{Case, Doubts};
 use crate::effect::Arm;
 use crate::enough::enough;
-use crate::estimated::{Extent, FAR, NEARLY};
+use crate::estimated::Extent;
 use crate::halves::is_of_sequences;
 use crate::judge::{Nominal, hidden_weight};
 use crate::locate::locate;
 use crate::next::next_experiment;
-use crate::notes::{
-    as_good_as_silence, closest, few_rows, nothing_said_of, nothing_touched, of_search, opposite,
-    told,
-};
+use crate::notes::{closest, few_rows, of_search};
 use crate::plain::Plain;
 use crate::report::{Diagnosis, EffectReport, Outcome, STIFFNESS_FIELD, is_perfect};
 use crate::report_file::SCHEMA;
 use crate::search::Search;
 use crate::trial::{Judgment, Trial};
-use crate::verdict::{Answer, Findings};
-use crate::{Acts, Campaign, Effect, GapError, Model, effects};
+use crate::verdict::Answer;
+use crate::{Campaign, Effect, GapError, Model, effects};
 use std::sync::Arc;
 
 /// Effects of which it is told how they do on the test sequences, whether they were up to be named or not.
 const CHECKED: usize = 3;
 /// Two probabilities closer than this count as equal.
 const ALIKE: f64 = 1e-6;
-/// From this share of its information on, that the stiffness absorbs, an effect may be what the field shows.
-const TAKEN_UP: f64 = 0.95;
-
 /// One step of a diagnosis, for progress reports.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 #[non_exhaustive]
@@ -175,61 +170,24 @@ fn attempt(
 
     progress(DiagnosisStep::Fields);
     let (extent, failed) = compared_fields(campaign, &trial, &judgment, &search, split, seed)?;
-    let closed = extent.closed();
-    judgment.worse = extent.worse();
     let likeness = Likeness::new(&search)?;
-    let in_field = if nominal.perfect {
-        Vec::new()
-    } else {
-        in_field(thinned, &search, &likeness)?
+    let case = Case {
+        campaign,
+        thinned,
+        search: &search,
+        likeness: &likeness,
+        trial: &trial,
+        nominal: &nominal,
     };
     let saturated = match split {
         Split::Whole => campaign.saturated()?,
         Split::Halves => Vec::new(),
     };
-    let opposed = judgment.opposed().filter(|_| !nominal.perfect);
-    let undecided = !in_field.is_empty() && opposed.is_none() && judgment.leaves_field(closed);
-    if undecided {
-        judgment.withdraw();
-    }
     let estimated = extent.estimated;
-    let compared = extent.told(judgment.corrected().is_some());
-    // What a cause that is shown in the air leaves in contact is the field's.
-    let is_shown = judgment
-        .corrected()
-        .is_some_and(|t| t.refined.model.acts() == Acts::Torques)
-        && compared.is_shown_in_air(noise_norm(&campaign.noise));
-    judgment.persistence = judgment
-        .persistence
-        .filter(|_| closed < NEARLY && !is_shown);
-    let opposed = opposed.filter(|_| closed < NEARLY || compared.is_worse_in_contact());
-    let named = judgment.named.as_ref();
-    let vague = named.map_or_else(Vec::new, |t| t.refined.vague());
-    let may_touch = nominal.touches || judgment.corrected().is_some_and(|t| t.refined.touches);
-    let untouched = !may_touch
-        && !campaign.site.rest.is_empty()
-        && compared.closed.fraction < NEARLY
-        && compared.after.error() > FAR * noise_norm(&campaign.noise);
-    let silence = trial.of_silence()?;
-    let silent = judgment.is_silent(compared.after.error(), silence, nominal.touches);
-    let refused = judgment.names_refused();
-    let like_field = in_field.iter().map(|(p, _)| p.effect.name().to_owned());
-    let answer = judgment.judged.conclude(&Findings {
-        closed: compared.closed.fraction,
-        in_field: like_field.filter(|_| undecided).collect(),
-        hidden: hidden(&search, &likeness, &refused, effects.len()),
-        refused,
-        left_free: judgment.left_free.is_some(),
-        lasts: judgment.persistence.is_some(),
-        stopped: judgment.is_stopped(nominal.touches)
-            && compared.is_far(noise_norm(&campaign.noise), nominal.touches),
-        contradicted: trial.surprise.is_some(),
-        silent,
-        opposed: opposed.is_some(),
-        vague: !vague.is_empty(),
-        untouched,
-        saturated: !saturated.is_empty() && !nominal.perfect && compared.closed.fraction < NEARLY,
-    });
+    let (doubts, compared) = Doubts::find(&case, &mut judgment, extent, saturated)?;
+    let hidden = hidden(&case, &judgment.names_refused(), effects.len());
+    let findings = doubts.findings(&case, &judgment, &compared, hidden);
+    let answer = judgment.judged.conclude(&findings);
 
     let (model, sd, own_field) = match judgment.corrected() {
         Some(t) => (
@@ -240,17 +198,7 @@ fn attempt(
         None => (Model::default(), Vec::new(), search.field.clone()),
     };
     // Doubts about the answer come first.
-    let mut notes = Vec::new();
-    notes.extend(untouched.then(nothing_touched));
-    notes.extend(saturated.iter().map(|s| campaign.of_saturation(s)));
-    if let (Some(likeness), Some(named)) = (opposed, &judgment.named) {
-        notes.push(opposite(&named.effects, likeness));
-    }
-    notes.extend((!vague.is_empty()).then(|| nothing_said_of(&vague)));
-    notes.extend(silent.then(|| as_good_as_silence(campaign, silence)));
-    if let Some((plain, share)) = in_field.first().filter(|_| undecided) {
-        notes.push(told(campaign, plain, *share));
-    }
+    let mut notes = doubts.notes(campaign, &judgment);
     if split == Split::Whole {
         notes.extend(few_rows(campaign, &model, &own_field)?);
     }
@@ -264,9 +212,7 @@ fn attempt(
             "no field could be estimated to tell errors of ({e}): they are those of the diagnosis' own fields"
         )
     }));
-    let reports = reports(
-        thinned, &search, &likeness, &in_field, &trial, &judgment, &answer,
-    )?;
+    let reports = reports(&case, &doubts, &judgment, &answer)?;
     let before = &compared.before.residuals;
     let surely_closes = compared.closed.least > 0.0;
     let arm = Arm::of(&campaign.site);
@@ -387,14 +333,18 @@ fn compared_fields(
 
 /// All effects: those that were fitted, the others, those that the recording cannot show.
 fn reports(
-    campaign: &Campaign,
-    search: &Search<'_>,
-    likeness: &Likeness,
-    in_field: &[(&Plain, f64)],
-    trial: &Trial<'_>,
+    case: &Case<'_>,
+    doubts: &Doubts<'_>,
     judgment: &Judgment<'_>,
     answer: &Answer,
 ) -> Result<Vec<EffectReport>, GapError> {
+    let Case {
+        thinned: campaign,
+        search,
+        likeness,
+        trial,
+        ..
+    } = *case;
     let mut reports = Vec::new();
     for candidate in &search.candidates {
         let mut report = EffectReport::of(campaign, candidate, search.base, &answer.probabilities);
@@ -418,10 +368,8 @@ fn reports(
             .get(&report.effect)
             .cloned()
             .unwrap_or_default();
-        if in_field
-            .iter()
-            .any(|(p, _)| p.effect.name() == report.effect)
-        {
+        let is_own = |(p, _): &(&Plain, f64)| p.effect.name() == report.effect;
+        if doubts.in_field.iter().any(is_own) {
             report.ambiguous_with.push(STIFFNESS_FIELD.to_owned());
         }
         reports.push(report);
@@ -441,12 +389,8 @@ fn reports(
 
 /// The effects that may act without showing, with the share of each: all together, as many as were looked for beside the
 /// number of the catalogue. Other sequences speak against the ones that were refused.
-fn hidden(
-    search: &Search<'_>,
-    likeness: &Likeness,
-    refused: &[String],
-    looked_for: usize,
-) -> Vec<(String, f64)> {
+fn hidden(case: &Case<'_>, refused: &[String], looked_for: usize) -> Vec<(String, f64)> {
+    let (search, likeness) = (case.search, case.likeness);
     let weights: Vec<(String, f64)> = (search.candidates.iter())
         .filter(|c| !refused.iter().any(|e| e == c.effect.name()))
         .filter_map(|c| {
@@ -464,24 +408,6 @@ fn hidden(
     } else {
         Vec::new()
     }
-}
-
-/// The effects that explain with one stiffness everywhere what the field explains, and absorbs; and the share
-/// that they explain.
-fn in_field<'s>(
-    campaign: &Campaign,
-    search: &'s Search<'_>,
-    likeness: &Likeness,
-) -> Result<Vec<(&'s Plain, f64)>, GapError> {
-    let free = search.left();
-    let mut found = search
-        .plainly
-        .instead_of_field(campaign, &search.nominal, free)?;
-    found.retain(|(plain, _)| {
-        let absorbed = likeness.absorbed(plain.effect.name());
-        absorbed.is_some_and(|share| share >= TAKEN_UP)
-    });
-    Ok(found)
 }
 
 #[cfg(test)]

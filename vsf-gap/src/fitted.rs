@@ -1,6 +1,7 @@
 use crate::campaign::sequence_begins;
+use crate::design::Design;
 use crate::evidence::{Errors, Factor, Parts, Spread, field_mean, times};
-use crate::windows::{Design, Windows};
+use crate::windows::Windows;
 use crate::{Campaign, ContactLog, GapError, Model, Motion};
 use faer::Mat;
 use std::sync::Arc;

@@ -188,7 +188,7 @@ mod tests {
 
     /// Against the sum of all columns, over links that take turns and links with a run of points.
     #[test]
-    fn val_apply_is_the_sum_of_the_columns() {
+    fn apply_is_the_sum_of_the_columns() {
         let robot = planar_arm(4, 0.3, 0.03).unwrap();
         let mut posture = robot.posture();
         (robot.update_posture(&[0.3, -0.8, 1.1, 0.4], &mut posture)).unwrap();

@@ -211,7 +211,7 @@ pub(crate) fn opposite(effects: &[String], likeness: f64) -> String {
 }
 
 /// That effects have no parameter that the readings determine.
-pub(crate) fn nothing_said_of(effects: &[&str]) -> String {
+pub(crate) fn nothing_said_of(effects: &[String]) -> String {
     format!(
         "the readings say nothing of any parameter of {}, so that it may stand for something else",
         effects.join(" and ")

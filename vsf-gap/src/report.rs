@@ -54,8 +54,8 @@ pub struct EffectReport {
     /// Gain of log evidence over the nominal model (nats); of effects that were not fitted, to first
     /// order.
     pub score: f64,
-    /// The score (nats) that is reached where nothing acts; higher where contact is rough, or where the effect generalizes
-    /// another one. Probabilities follow what the score is above it; to be named alone takes some 8 to 10
+    /// The score (nats) that is reached where nothing acts: a constant of the effect, settled on other recordings; higher where
+    /// contact is rough, or where the effect generalizes another one. Probabilities follow what the score is above it; to be named alone takes some 8 to 10
     /// nats more. `null` where it was not fitted.
     #[serde(default)]
     pub null_score: Option<f64>,
@@ -122,7 +122,7 @@ pub struct Gap {
     pub test_error_nominal: f64,
     /// That of the corrected model.
     pub test_error_corrected: f64,
-    /// Mean error of a perfect model.
+    /// Mean error of a perfect model, by the noise of the train sequences.
     pub noise_floor: f64,
     /// Whether it is at most that: read in contact, for want of readings in the air other than zero, whose changes from one sample to the next count as noise.
     #[serde(default)]

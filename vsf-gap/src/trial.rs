@@ -167,6 +167,13 @@ impl<'a> Judgment<'a> {
         self.corrected().is_some() && error >= barely * of_silence
     }
 
+    /// Names of the named effects of none of whose parameters the data say anything.
+    pub(crate) fn vague(&self) -> Vec<String> {
+        let named = self.named.iter();
+        let vague = named.flat_map(|t| t.refined.vague());
+        vague.map(str::to_owned).collect()
+    }
+
     /// How much like springs what the named model leaves to them is, where it is opposite to them.
     pub(crate) fn opposed(&self) -> Option<f64> {
         let likeness = self.named.as_ref()?.checked.likeness;

@@ -1,7 +1,5 @@
-use crate::{Campaign, ContactLog, GapError, JointNoise, Model, Motion, center};
-use faer::Mat;
+use crate::{Campaign, JointNoise, Motion};
 use std::ops::Range;
-use std::sync::Arc;
 use vsf_data::Table;
 
 /// Most numbers (windows times joints) that a diagnosis works with.
@@ -16,11 +14,6 @@ const FEW: usize = 5;
 const COARSEST: f64 = 0.046;
 /// Windows take their places between the next ones by multiples of the golden ratio, which never keep step with touches.
 const GOLDEN: f64 = 0.618_033_988_749_895;
-/// Where the force at the contact is wrong by all of its size, the place where it acts is wrong by so much (m): about the
-/// thickness of a link.
-const PLACE: f64 = 0.1;
-/// Columns of [`Campaign::lever`]: of a force, and of a shift of its place, along each axis.
-pub(crate) const LEVERS: usize = 6;
 /// Noise that is less correlated is not.
 const FADED: f64 = 1e-9;
 
@@ -118,7 +111,7 @@ impl Windows {
     }
 
     /// For every sample of every sequence, its window.
-    fn index(&self, motions: &[&Motion]) -> Vec<Vec<Option<u32>>> {
+    pub(crate) fn index(&self, motions: &[&Motion]) -> Vec<Vec<Option<u32>>> {
         let mut index: Vec<_> = motions.iter().map(|m| vec![None; m.len()]).collect();
         for (i, w) in self.list.iter().enumerate() {
             index[w.sequence][w.rows.clone()].fill(Some(i as u32));
@@ -192,17 +185,6 @@ fn samples_within(time: f64, clock: &[f64]) -> usize {
     }
 }
 
-/// A model over windows: `tau = W K + a`.
-#[derive(Debug, Clone)]
-pub(crate) struct Design {
-    /// Touched points, increasing.
-    pub(crate) points: Vec<u32>,
-    /// Columns of the touched points, rows as in [`Windows`].
-    pub(crate) w: Mat<f64>,
-    /// What does not depend on the stiffness.
-    pub(crate) a: Vec<f64>,
-}
-
 impl Campaign {
     /// Windows of some sequences. In free air means over any time are those of the model, too.
     pub(crate) fn windows(&self, motions: &[&Motion]) -> Windows {
@@ -230,219 +212,13 @@ impl Campaign {
             _ => spacing / FEW,
         }
     }
-
-    /// The model's columns and torques over windows.
-    ///
-    /// # Errors
-    /// Parameters that an effect cannot take.
-    pub(crate) fn design(
-        &self,
-        model: &Model,
-        motions: &[&Motion],
-        logs: &[Arc<ContactLog>],
-        windows: &Windows,
-    ) -> Result<Design, GapError> {
-        let d = windows.joints;
-        let mut slot = vec![u32::MAX; self.site.rest.len()];
-        for &p in logs
-            .iter()
-            .flat_map(|l| &l.contacts)
-            .flat_map(|c| c.points())
-        {
-            slot[p as usize] = 0;
-        }
-        let mut points = Vec::new();
-        for (p, slot) in slot.iter_mut().enumerate().filter(|(_, s)| **s == 0) {
-            *slot = points.len() as u32;
-            points.push(p as u32);
-        }
-        let mut design = Design {
-            w: Mat::zeros(windows.rows(), points.len()),
-            a: vec![0.0; windows.rows()],
-            points,
-        };
-        let index = windows.index(motions);
-        let mut column = vec![0.0; d];
-        self.predict(model, motions, logs, |s, row, touch, terms| {
-            let Some(i) = index[s][row].map(|i| i as usize) else {
-                return;
-            };
-            let share = 1.0 / windows.list[i].rows.len() as f64;
-            for (a, t) in design.a[i * d..].iter_mut().zip(&terms.torques) {
-                *a += share * t;
-            }
-            for (k, &p) in touch.contacts.points().iter().enumerate() {
-                terms.column(touch, k, &mut column);
-                let entries = design.w.col_as_slice_mut(slot[p as usize] as usize);
-                for (w, c) in entries[i * d..].iter_mut().zip(&column) {
-                    *w += share * c;
-                }
-            }
-        })?;
-        Ok(design)
-    }
-
-    /// The model's torques over windows for a stiffness per rest point.
-    ///
-    /// # Errors
-    /// Parameters that an effect cannot take.
-    pub(crate) fn torques(
-        &self,
-        model: &Model,
-        motions: &[&Motion],
-        logs: &[Arc<ContactLog>],
-        windows: &Windows,
-        stiffness: &[f64],
-    ) -> Result<Vec<f64>, GapError> {
-        let d = windows.joints;
-        let mut out = vec![0.0; windows.rows()];
-        let index = windows.index(motions);
-        let mut tau = vec![0.0; d];
-        self.predict(model, motions, logs, |s, row, touch, terms| {
-            let Some(i) = index[s][row].map(|i| i as usize) else {
-                return;
-            };
-            let share = 1.0 / windows.list[i].rows.len() as f64;
-            terms.apply(touch, stiffness, &mut tau);
-            for (o, t) in out[i * d..].iter_mut().zip(&tau) {
-                *o += share * t;
-            }
-        })?;
-        Ok(out)
-    }
-
-    /// How the joints feel what contact gets wrong, over windows, per axis of the world: three columns for a force as large
-    /// as that of the window, three for a shift of the place where that acts, by [`PLACE`]. What contact leaves
-    /// unexplained is of this form, whatever its cause.
-    pub(crate) fn lever(&self, logs: &[Arc<ContactLog>], windows: &Windows) -> Mat<f64> {
-        let d = windows.joints;
-        let mut lever = Mat::zeros(windows.rows(), LEVERS);
-        for (i, w) in windows.list.iter().enumerate() {
-            let log = &logs[w.sequence];
-            let share = 1.0 / w.rows.len() as f64;
-            for row in w.rows.clone() {
-                let touch = log.touch(&self.site, row);
-                let Some((link, p)) = center(&touch) else {
-                    continue;
-                };
-                let force = log.forces[row];
-                for &j in touch.posture.chains().chain(link) {
-                    let j = j as usize;
-                    let screw = &touch.posture.screws()[j];
-                    let of_force = force.norm() * screw.velocity_at(&p);
-                    // f . (omega x shift), linear in the shift.
-                    let of_place = PLACE * force.cross(&screw.angular);
-                    for axis in 0..3 {
-                        lever[(i * d + j, axis)] += share * of_force[axis];
-                        lever[(i * d + j, 3 + axis)] += share * of_place[axis];
-                    }
-                }
-            }
-        }
-        lever
-    }
 }
 
 #[cfg(test)]
 #[allow(clippy::unwrap_used)]
 mod tests {
     use super::*;
-    use nalgebra::{Point3, Vector3};
-    use vsf_data::{Dataset, RobotRef, Sequence};
-    use vsf_pipeline::SceneOptions;
-
-    /// An arm in the vertical plane lifts into points, with its last link or the one before. To the joints that carry the
-    /// link, which turn about -y, a force that acts further along x is a moment of its z component, one further along z of
-    /// its x component, whichever joint it is; the others feel nothing. As many samples as it takes for windows of several.
-    #[test]
-    fn val_levers_are_forces_and_moments() {
-        let arm = RobotRef::resolve("planar_arm", ".".as_ref()).unwrap();
-        let rows = 1000;
-        let of = |k: i32, most: f64| most * f64::from(k) / f64::from(rows);
-        for (from, carried) in [(0.65, 3), (0.35, 2)] {
-            let sweep = (0..rows).flat_map(|k| [of(k, 0.25), 0.0, 0.0]);
-            let torques = (0..rows).flat_map(|k| [-0.06, -0.04, -0.01].map(|t| of(k, 60.0 * t)));
-            let time = (0..rows).map(|k| f64::from(k) / 500.0).collect();
-            let table = |values: Vec<f64>| Table::new(3, values).unwrap();
-            let [sweep, torques] = [sweep.collect(), torques.collect()].map(table);
-            let points = (0..20).map(|k| Point3::new(from + 0.01 * f64::from(k), 0.0, 0.06));
-            let dataset = Dataset {
-                rest_points: Some(points.collect()),
-                ..Dataset::new(arm.clone(), vec![Sequence::new("0", time, sweep, torques)])
-            };
-            let campaign = Campaign::open(&dataset, &SceneOptions::default()).unwrap();
-            let motions: Vec<&Motion> = campaign.train.iter().collect();
-            let logs = campaign.contact_logs(&Model::default(), &motions).unwrap();
-            let windows = campaign.windows(&motions);
-            let lever = campaign.lever(&logs, &windows);
-            let mut pushes = 0;
-            for (i, w) in windows.list.iter().enumerate() {
-                assert!(w.rows.len() > 1);
-                let mut expected = [[0.0; LEVERS]; 3];
-                let mut force = Vector3::zeros();
-                for row in w.rows.clone() {
-                    let share = 1.0 / w.rows.len() as f64;
-                    let touch = logs[0].touch(&campaign.site, row);
-                    let Some((_, p)) = center(&touch) else {
-                        continue;
-                    };
-                    let f = logs[0].forces[row];
-                    force += share * f;
-                    for (j, expected) in expected.iter_mut().enumerate().take(carried) {
-                        let axis = touch.posture.link_poses()[j + 1].translation.vector;
-                        let arm = p.coords - axis;
-                        // The arm turns from x to z.
-                        let by_force = [-arm.z, 0.0, arm.x].map(|v| f.norm() * v);
-                        let by_place = [f.z, 0.0, -f.x].map(|v| PLACE * v);
-                        let all = by_force.into_iter().chain(by_place);
-                        expected
-                            .iter_mut()
-                            .zip(all)
-                            .for_each(|(e, v)| *e += share * v);
-                    }
-                }
-                for (j, expected) in expected.iter().enumerate() {
-                    for (l, expected) in expected.iter().enumerate() {
-                        let found = lever[(3 * i + j, l)];
-                        assert!(
-                            (found - expected).abs() < 1e-12,
-                            "{j} {l}: {found} {expected}"
-                        );
-                    }
-                }
-                pushes += usize::from(force.norm() > 0.01);
-            }
-            assert!(pushes > 3, "{pushes}");
-        }
-    }
-
-    /// A stage does not turn: where a force acts, it does not feel.
-    #[test]
-    fn a_stage_has_no_moments() {
-        let stage = RobotRef::resolve("cartesian_stage", ".".as_ref()).unwrap();
-        let table = |values: Vec<f64>| Table::new(3, values).unwrap();
-        let path = (0..40)
-            .flat_map(|k| [0.0, 0.0, 0.01 - 5e-4 * f64::from(k)])
-            .collect();
-        let forces = (0..40)
-            .flat_map(|k| [0.0, 0.1, 0.1 * f64::from(k)])
-            .collect();
-        let time = (0..40).map(|k| f64::from(k) / 100.0).collect();
-        let dataset = Dataset {
-            rest_points: Some(vec![Point3::origin(), Point3::new(0.003, 0.0, 0.0)]),
-            ..Dataset::new(
-                stage,
-                vec![Sequence::new("0", time, table(path), table(forces))],
-            )
-        };
-        let campaign = Campaign::open(&dataset, &SceneOptions::default()).unwrap();
-        let motions: Vec<&Motion> = campaign.train.iter().collect();
-        let logs = campaign.contact_logs(&Model::default(), &motions).unwrap();
-        let windows = campaign.windows(&motions);
-        let lever = campaign.lever(&logs, &windows);
-        let size = |l: usize| lever.col_as_slice(l).iter().map(|v| v.abs()).sum::<f64>();
-        assert!((0..3).all(|l| size(l) > 0.1) && (3..LEVERS).all(|l| size(l) == 0.0));
-    }
+    use faer::Mat;
 
     /// Ten samples a second: as long as a window may be, they are of five.
     #[test]

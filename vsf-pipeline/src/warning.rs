@@ -6,6 +6,7 @@ mod conventions;
 mod fit;
 mod gaps;
 mod gravity;
+mod joints;
 mod jumps;
 mod kind;
 mod lag;

@@ -3,8 +3,10 @@
 use super::lattice::hats;
 use super::matrix::{Factor, add_outer, outer};
 use crate::GapError;
+use crate::design::Design;
 use crate::effect::RandomWalk;
-use crate::windows::{Design, LEVERS, Window, Windows};
+use crate::lever::LEVERS;
+use crate::windows::{Window, Windows};
 use faer::Mat;
 use nalgebra::Point3;
 use std::ops::Range;

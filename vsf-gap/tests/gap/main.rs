@@ -3,7 +3,7 @@
 #![allow(clippy::panic, clippy::unwrap_used)]
 
 mod common;
-mod val_corrected;
+mod corrected;
 mod val_diagnosis;
 mod val_effects_catalogue;
 mod val_effects_contact;

@@ -314,7 +314,8 @@ fn named_in_air(campaign: &Campaign) -> vsf_gap::Diagnosis {
 fn val_parameters_in_air_are_as_certain_as_they_are_said_to_be() {
     let size = [1.5, 2.0, 0.4];
     let dry = effects::named(&["joint_coulomb_friction".to_owned()]).unwrap();
-    for seed in [1, 2, 3] {
+    let mut squares = Vec::new();
+    for seed in 1..=8 {
         let campaign = swinging_with_noise(seed, |tau, qd| {
             [0, 1, 2].map(|j| tau[j] + size[j] * (qd[j] / 0.05).tanh())
         });
@@ -327,8 +328,14 @@ fn val_parameters_in_air_are_as_certain_as_they_are_said_to_be() {
             };
             let off = (p.value - truth) / p.sd;
             assert!(off.abs() < 4.0, "{} {} ± {}", p.name, p.value, p.sd);
+            if p.name.starts_with("c_") {
+                squares.push(off * off);
+            }
         }
     }
+    // Nor less certain: of 24, one in a hundred would be beyond.
+    let mean = squares.iter().sum::<f64>() / squares.len() as f64;
+    assert!((0.4..1.8).contains(&mean), "{mean}");
 }
 
 /// Alone, the bias takes the mean of what the gain adds: with the gain beside it, it has to give that back.

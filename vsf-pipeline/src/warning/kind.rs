@@ -396,6 +396,31 @@ pub enum PipelineWarning {
         /// Share of their squared differences from the model that it leaves.
         left: f64,
     },
+    /// Positions, and maybe torques, in another order than that of the joints, as weight and motion of the arm tell.
+    #[error(
+        "where nothing is touched weight and motion of the arm explain the readings far better with the columns of {of} \
+         {order} ({percent:.0} % of the squares that are left would be left); check which column is which joint's, as in \
+         joint states that are sorted by name",
+        percent = 100.0 * left
+    )]
+    MixedJoints {
+        /// Of what.
+        of: &'static str,
+        /// The order, in words.
+        order: String,
+        /// Share of the squares that the given order leaves that it leaves.
+        left: f64,
+    },
+    /// Readings of actuators that are not those of this arm.
+    #[error(
+        "where nothing is touched weight and motion of the arm explain {percent:.0} % of the squares that its actuators read; check \
+         that it is this robot, its masses, the zero of its joints, base_pose and gravity, or whether the torques are external",
+        percent = 100.0 * explained
+    )]
+    UnexplainedArm {
+        /// Share of their squares that is explained, 0 to 1.
+        explained: f64,
+    },
     /// Sequences that touch no point, with readings as of touches.
     #[error(
         "sequence {sequence} touches no point, but its readings change by {change:.3} {unit}, those of touches by {touch:.3}{}: the \

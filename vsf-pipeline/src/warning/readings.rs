@@ -1,3 +1,4 @@
+use super::joints::InAir;
 use super::springs::springs;
 use super::{
     PipelineWarning, actuators, air, arm, conventions, gravity, lag, malformed, misread,
@@ -76,11 +77,16 @@ pub fn reading_warnings(
     let all = well(&|| misread::all(scene, &rigid, traces));
     let late = well(&|| lag::warning(traces, &springs));
     let (first, second) = misread::less_left(all, gravity);
+    let air = InAir::new(scene, sequences, &motions, traces);
+    let other_order = || air.as_ref()?.other_order();
+    let unexplained = || air.as_ref()?.unexplained();
     let of_arm = || {
         first
             .or_else(|| misread::gravity_left(scene, &rigid, traces))
             .or(second)
+            .or_else(|| well(&other_order))
             .or_else(|| well(&|| misread::one(scene, &rigid, traces)))
+            .or_else(|| well(&unexplained))
     };
     // What the arm itself needs is not known with angles or velocities of another unit.
     use PipelineWarning::{Degrees, Velocities};

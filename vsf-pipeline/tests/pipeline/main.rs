@@ -2,14 +2,14 @@
 
 #![allow(clippy::panic, clippy::unwrap_used)]
 
+mod baseline;
+mod hyper;
 mod live;
 mod malformed;
+mod readings;
 mod robust;
 mod scene;
 mod stored;
-mod val_baseline;
-mod val_hyper;
-mod val_readings;
 mod val_sensors;
 mod vision;
 mod warnings;

@@ -91,7 +91,37 @@ pub fn text(report: &Report<'_>) -> String {
     text += &format!(
         "\n  stiffness {stiffness}\n  learned   {learned_from}\n  prior     {prior}\n  noise     {noise}\n  contact   \
          {contact}\n  model     {}\n",
-        report.corrected_model.unwrap_or("none"),
+        report
+            .corrected_model
+            .map_or_else(|| "none".to_owned(), shortened),
     );
     text
+}
+
+/// The effects of a model, their numbers to four digits, without the unit of those that have none.
+fn shortened(model: &str) -> String {
+    let word = |word: &str| {
+        let parsed = word.split_once('=').and_then(|(name, value)| {
+            let value = value.parse().ok()?;
+            Some(format!("{name}={}", number(value)))
+        });
+        parsed.unwrap_or_else(|| word.to_owned())
+    };
+    let effect = |effect: &str| {
+        let words = effect.split(' ').filter(|word| *word != "1");
+        words.map(word).collect::<Vec<_>>().join(" ")
+    };
+    in_line(&model.split("; ").map(effect).collect::<Vec<_>>().join("; "))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn models_are_told_in_four_digits() {
+        let model = "joint_coulomb_friction c_2=0.2986280661467844 N m s_2=-0.0012410849 1; latency delta=0.02 s";
+        let short = "joint_coulomb_friction c_2=0.2986 N m s_2=-0.001241; latency delta=0.02000 s";
+        assert_eq!(shortened(model), short);
+    }
 }

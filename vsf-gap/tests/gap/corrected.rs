@@ -312,7 +312,7 @@ fn a_loop_has_the_observations_of_the_recording() {
 
 /// A loop that tares when the recording has been tared goes on as the recording does.
 #[test]
-fn val_a_control_loop_tares_as_a_recording_does() {
+fn a_control_loop_tares_as_a_recording_does() {
     const TARE: usize = 10;
     let row = |k: usize| {
         let t = k as f64 / 100.0;
