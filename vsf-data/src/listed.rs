@@ -1,6 +1,6 @@
 /// Most names that are told, and most letters of one.
 const MOST: usize = 20;
-const LONGEST: usize = 60;
+const LONGEST: usize = 120;
 
 /// Names for a message, the first twenty of them, and how many more there are; long ones are cut; "nothing" where there are none.
 ///

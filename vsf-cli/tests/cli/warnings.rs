@@ -427,6 +427,15 @@ fn warnings_with(
     recording: &str,
     mut change: impl FnMut(&mut [f64]),
 ) -> Vec<String> {
+    warnings_of_all(given, recording, |[.., torques]| change(torques))
+}
+
+/// The same of one whose rows of angles, velocities and torques are changed.
+fn warnings_of_all(
+    given: &Overrides,
+    recording: &str,
+    mut change: impl FnMut([&mut [f64]; 3]),
+) -> Vec<String> {
     let recording = Path::new(env!("CARGO_MANIFEST_DIR")).join(recording);
     let (dataset, _) = Dataset::open(&recording, given).unwrap();
     let scene = match dataset.rest_points {
@@ -436,11 +445,15 @@ fn warnings_with(
     let scene = scene.unwrap();
     let mut sequences = dataset.sequences.clone();
     for sequence in &mut sequences {
-        let rows = sequence
-            .torques
-            .data_mut()
-            .chunks_exact_mut(scene.robot().joint_count());
-        rows.for_each(&mut change);
+        let joints = scene.robot().joint_count();
+        // Of those without velocities nothing is changed.
+        let mut none = sequence.angles.clone();
+        let velocities = sequence.velocities.as_mut().unwrap_or(&mut none);
+        let angles = sequence.angles.data_mut().chunks_exact_mut(joints);
+        let velocities = velocities.data_mut().chunks_exact_mut(joints);
+        let torques = sequence.torques.data_mut().chunks_exact_mut(joints);
+        let rows = angles.zip(velocities).zip(torques);
+        rows.for_each(|((q, qd), tau)| change([q, qd, tau]));
     }
     let sequences: Vec<&Sequence> = sequences.iter().collect();
     let traces = scene.traces(&sequences, || {}).unwrap();
@@ -451,6 +464,45 @@ fn warnings_with(
 fn says_once(warnings: &[String], part: &str) {
     let once = warnings.len() == 1 && warnings[0].contains(part);
     assert!(once, "{part}: {warnings:?}");
+}
+
+/// Of a real arm, whose joint states were sorted by name; another arm, and one whose joint stands elsewhere.
+#[test]
+fn joint_states_of_another_order() {
+    let own = "../vsf-gap/tests/data/unisa_ur10";
+    let of = |change: &dyn Fn([&mut [f64]; 3])| warnings_of_all(&Overrides::default(), own, change);
+    assert_eq!(of(&|_| {}), [""; 0]);
+    let sorted = of(&|rows| rows.into_iter().for_each(|row| row.swap(0, 2)));
+    let names = "shoulder_pan_joint and elbow_joint exchanged";
+    says_once(
+        &sorted,
+        &format!("columns of positions and torques of {names}"),
+    );
+    let positions = of(&|[q, qd, _]| [q, qd].into_iter().for_each(|row| row.swap(0, 2)));
+    says_once(&positions, &format!("columns of positions of {names}"));
+    let elsewhere = of(&|[q, ..]| q[1] += std::f64::consts::FRAC_PI_2);
+    says_once(
+        &elsewhere,
+        "explain 0 % of the squares that its actuators read",
+    );
+}
+
+/// One joint in another unit, and one that hardly feels anything.
+#[test]
+fn a_joint_of_another_unit_in_contact() {
+    let changed =
+        |joint: usize, factor: f64| warnings_of("data/orange_tree", |row| row[joint] *= factor);
+    for (joint, factor, says) in [
+        (1, 0.1, "torques of Actuator2 are some 0.10 times"),
+        (3, 10.0, "torques of Actuator4 are some 10.00 times"),
+        (3, 0.01, "torques of Actuator4 are some 0.01 times"),
+    ] {
+        says_once(&changed(joint, factor), says);
+    }
+    // A gain, and what is next to nothing.
+    for (joint, factor) in [(3, 1.5), (1, 0.6), (6, 10.0)] {
+        assert_eq!(changed(joint, factor), [""; 0], "{joint} {factor}");
+    }
 }
 
 /// In readings of a plant, whose stiffness differs from place to place. The last joint feels next to nothing.

@@ -455,7 +455,7 @@ fn warnings_name_what_was_seen() {
     };
     let told = many.to_string();
     assert!(
-        told.ends_with(": 000, 001, 002, 003, 004, 005, 006, 007, 008, 009, 010, 011 and 788 more"),
+        told.contains(": 000, 001, 002") && told.ends_with("018, 019 and 780 more"),
         "{told}"
     );
     assert_eq!(warnings.len(), 3);

@@ -716,6 +716,14 @@ fn points_and_colors_of_a_pcd() {
         "0.5 1 2 7 7 0 0 0 4.2108e+06\nnan nan nan 7 7 0 0 0 0\n-1 0.25 1e-3 7 7 0 0 0 {last:e}\n"
     );
     check((pcd(3, "ascii") + &ascii).as_bytes(), "ascii");
+    // Where the sensor was changes nothing, but is told.
+    let moved = pcd(3, "ascii").replace("0 0 0 1 0 0 0", "0 0 1.5 1 0 0 0") + &ascii;
+    fs::write(&path, moved).unwrap();
+    let (points, warnings) = read_points(&path).unwrap();
+    assert_eq!(points, positions);
+    let told = warnings.iter().map(ToString::to_string);
+    let text = "VIEWPOINT 0 0 1.5 1 0 0 0 is not applied";
+    assert_eq!(told.filter(|w| w.contains(text)).count(), 1);
     let columns = pcd_columns();
     let rows: Vec<u8> = (0..3)
         .flat_map(|i| columns.iter().flat_map(move |c| c[i].clone()))

@@ -60,7 +60,7 @@ impl<'a> InAir<'a> {
         (samples.len() >= LEAST_FREE).then_some(Self { scene, samples })
     }
 
-    /// That positions, and maybe torques, of the joints in another order explain far more.
+    /// That positions or torques of the joints, or both, in another order explain far more.
     pub fn other_order(&self) -> Option<PipelineWarning> {
         let joints = self.scene.robot().joints();
         let given = as_given(joints.len());
@@ -69,13 +69,14 @@ impl<'a> InAir<'a> {
             return None;
         }
         let with = |(order, columns): (Order, Columns)| {
-            let both = self.left(&columns, &columns)?;
-            let positions = self.left(&columns, &given)?;
-            let (left, of) = if both <= positions {
-                (both, "positions and torques")
-            } else {
-                (positions, "positions")
-            };
+            let cases = [
+                ("positions and torques", &columns, &columns),
+                ("positions", &columns, &given),
+                ("torques", &given, &columns),
+            ];
+            let left = |(of, positions, readings)| Some((of, self.left(positions, readings)?));
+            let best = cases.into_iter().filter_map(left);
+            let (of, left) = best.min_by(|a, b| a.1.total_cmp(&b.1))?;
             Some((order, of, left))
         };
         let all = orders(joints.len()).filter_map(with);

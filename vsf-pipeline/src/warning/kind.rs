@@ -396,7 +396,7 @@ pub enum PipelineWarning {
         /// Share of their squared differences from the model that it leaves.
         left: f64,
     },
-    /// Positions, and maybe torques, in another order than that of the joints, as weight and motion of the arm tell.
+    /// Positions or torques, or both, in another order than that of the joints, as weight and motion of the arm tell.
     #[error(
         "where nothing is touched weight and motion of the arm explain the readings far better with the columns of {of} \
          {order} ({percent:.0} % of the squares that are left would be left); check which column is which joint's, as in \

@@ -101,6 +101,10 @@ fn links_and_thresholds_that_are_not_in_meters() {
         panic!()
     };
     assert!(huge.to_string().contains("is 1.2e6 m across"), "{huge}");
+    let [tiny] = &sphere(2e-5)(0.002)[..] else {
+        panic!()
+    };
+    assert!(tiny.to_string().contains("is 4e-5 m across"), "{tiny}");
     // Up to four spacings of the points, 1 cm, or a quarter of the object are no mistake.
     assert_eq!(sphere(0.02)(0.035), []);
     let [afar] = &sphere(0.02)(0.05)[..] else {
