@@ -85,6 +85,7 @@ pub fn warning<'a>(
         let scaled = scaled.filter(|(.., v)| v - own > EVIDENT && *v > best_order);
         if let Some((joint, factor, value)) = scaled
             && is_felt(&touching, joint)
+            && (0..joints.len()).any(|other| other != joint && is_felt(&touching, other))
         {
             return Some(PipelineWarning::ScaledJoint {
                 joint: joints[joint].name().to_owned(),
