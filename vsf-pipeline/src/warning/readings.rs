@@ -90,10 +90,12 @@ pub fn reading_warnings(
     };
     // What the arm itself needs is not known with angles or velocities of another unit.
     use PipelineWarning::{Degrees, Velocities};
-    let mut motions = motion_warnings(scene.robot(), sequences).into_iter();
-    let moves_oddly = motions.any(|w| matches!(w, Degrees(_) | Velocities { .. }));
-    let of_arm = if moves_oddly { None } else { of_arm() };
-    let in_air = of_arm
+    let moves_oddly = || {
+        let mut motions = motion_warnings(scene.robot(), sequences).into_iter();
+        motions.any(|w| matches!(w, Degrees(_) | Velocities { .. }))
+    };
+    let in_air = of_arm()
+        .filter(|_| !moves_oddly())
         .or_else(|| air::not_tared(scene, traces))
         .or_else(|| match late {
             // What comes late is read where nothing is touched any more.

@@ -94,10 +94,14 @@ impl<L: Learner> Kept<L> {
         }
     }
 
+    /// Those that are kept, in their order.
+    fn stretches(&self) -> impl Iterator<Item = &Stretch> {
+        self.kept.iter().chain([&self.now])
+    }
+
     /// Time from one sample to the next within a touch (s), in the median.
     pub fn step(&self) -> Option<f64> {
-        let stretches = self.kept.iter().chain([&self.now]);
-        let pairs = stretches.flat_map(|s| s.samples.windows(2));
+        let pairs = self.stretches().flat_map(|s| s.samples.windows(2));
         let steps = pairs.filter_map(|pair| {
             let [(_, before), (begins, sample)] = pair else {
                 return None;
@@ -114,7 +118,7 @@ impl<L: Learner> Kept<L> {
         scene: &Scene,
         model: Option<&CorrectedModel>,
     ) -> anyhow::Result<Vec<String>> {
-        let stretches: Vec<&Stretch> = self.kept.iter().chain([&self.now]).collect();
+        let stretches: Vec<&Stretch> = self.stretches().collect();
         let mut sequences: Vec<Sequence> = Vec::new();
         let goes_on =
             |a: &&Stretch, b: &&Stretch| b.follows && b.place == a.place + 1 && a.zero == b.zero;
