@@ -439,6 +439,21 @@ pub enum PipelineWarning {
         /// `N m`, `N` or both.
         unit: &'static str,
     },
+    /// Parts of touches that are felt where no points are.
+    #[error(
+        "samples in which no point is touched hold {:.0} % of what touches change the squared readings by, {:.0} % in sequence {sequence}: \
+         the points may not cover what was touched, base_pose or the zeros of joints be others, readings be late or of other samples; \
+         or weight or friction of the arm is in them",
+        100.0 * share, 100.0 * of_sequence
+    )]
+    FeltOutside {
+        /// Their share of the energy of readings, beyond noise and about their median in the air.
+        share: f64,
+        /// ID of the sequence with most of it.
+        sequence: String,
+        /// The share there.
+        of_sequence: f64,
+    },
     /// Readings that are far from zero where nothing is touched.
     #[error(
         "where nothing is touched the readings are {offset:.3} {unit} on average (most of all those of joint {joint}, \
@@ -914,6 +929,7 @@ impl PipelineWarning {
             | Self::MixedColumns { .. }
             | Self::ScaledJoint { .. }
             | Self::NothingTouched { .. }
+            | Self::FeltOutside { .. }
             | Self::NotTared { .. }
             | Self::FeltInAir { .. } => true,
             _ => false,

@@ -1,8 +1,8 @@
-//! Sequences of an object that touch none of its points, though they feel as much as those that do.
+//! Touches that are felt where none of the object's points are: whole sequences of them, and parts.
 
 use super::PipelineWarning;
 use crate::{Scene, Trace};
-use vsf_core::median;
+use vsf_core::{Observation, median};
 use vsf_data::TorqueKind;
 
 /// Fewest samples of a sequence that tell.
@@ -12,11 +12,19 @@ const ALIKE: f64 = 0.3;
 /// Share of samples that are farther from the median than what a sequence changes by.
 const FAR: f64 = 0.05;
 
+/// Share of the energy of what touches change readings by that samples without contact hold at most.
+const MOST_OUTSIDE: f64 = 0.05;
+
 /// Where readings are those of the environment: friction of joints changes those of actuators as touches do.
 pub fn warning(scene: &Scene, traces: &[Trace]) -> Option<PipelineWarning> {
     if scene.torque_kind() != TorqueKind::External {
         return None;
     }
+    sequences(scene, traces).or_else(|| parts(traces))
+}
+
+/// Sequences that touch no points, though they feel as much as those that do.
+fn sequences(scene: &Scene, traces: &[Trace]) -> Option<PipelineWarning> {
     let changes = |touches: bool| {
         let of = traces
             .iter()
@@ -33,6 +41,58 @@ pub fn warning(scene: &Scene, traces: &[Trace]) -> Option<PipelineWarning> {
         touch,
         unit: scene.error_unit(),
     })
+}
+
+/// Parts of touches that are felt where no points are.
+fn parts(traces: &[Trace]) -> Option<PipelineWarning> {
+    let of_trace = |t| Some((t, energies(t)?));
+    let found: Vec<(&Trace, [f64; 2])> = traces.iter().filter_map(of_trace).collect();
+    let sum = |of: usize| found.iter().map(|(_, energy)| energy[of]).sum::<f64>();
+    let share = |[outside, inside]: [f64; 2]| outside / (outside + inside);
+    let all = share([sum(0), sum(1)]);
+    if all.is_nan() || all <= MOST_OUTSIDE {
+        return None;
+    }
+    let most = found
+        .iter()
+        .max_by(|(_, a), (_, b)| a[0].total_cmp(&b[0]))?;
+    Some(PipelineWarning::FeltOutside {
+        share: all,
+        sequence: most.0.id.clone(),
+        of_sequence: share(most.1),
+    })
+}
+
+/// Energy of the readings of a sequence that touches, about their median in the air and beyond their noise: of samples without
+/// contact, and with.
+fn energies(trace: &Trace) -> Option<[f64; 2]> {
+    let free = || trace.observations.iter().filter(|o| o.is_empty());
+    let count = free().count();
+    if count < LEAST || trace.contact_samples() < LEAST {
+        return None;
+    }
+    let zero = free().next()?.reading().iter().enumerate();
+    let zero: Vec<f64> = zero
+        .map(|(j, _)| median(free().map(|o| o.reading()[j]).collect()))
+        .collect::<Option<_>>()?;
+    let square = |a: &[f64], b: &[f64]| -> f64 {
+        let pairs = a.iter().zip(b);
+        pairs.map(|(a, b)| (a - b).powi(2)).sum()
+    };
+    // What changes from one sample to the next is noise, twice.
+    let pairs = trace.observations.windows(2);
+    let steps = pairs.filter(|pair| pair.iter().all(Observation::is_empty));
+    let steps: Vec<f64> = steps
+        .map(|pair| square(pair[0].reading(), pair[1].reading()))
+        .collect();
+    let noise = steps.iter().sum::<f64>() / (2 * steps.len().max(1)) as f64;
+    let energy = |touches: bool| {
+        let of = trace.observations.iter();
+        let of = of.filter(|o| o.is_empty() != touches);
+        let beyond = of.map(|o| square(o.reading(), &zero) - noise);
+        beyond.sum::<f64>().max(0.0)
+    };
+    Some([energy(false), energy(true)])
 }
 
 /// How far the readings of a sequence get from their median, all joints together, but for a few samples.

@@ -55,9 +55,13 @@ fn scene(torque_kind: TorqueKind, tare_samples: usize) -> Scene {
 
 /// The swing with the readings of an uneven block, as they are recorded.
 fn touch(recorded: &Scene) -> Sequence {
+    touch_along(recorded, &swing())
+}
+
+fn touch_along(recorded: &Scene, motion: &Sequence) -> Sequence {
     let stiffness: Vec<f64> = (0..100).map(|i| 50.0 * f64::from(i % 7)).collect();
-    let traces = [recorded.trace(&swing()).unwrap()];
-    let mut found = simulate(recorded, &stiffness, &[&swing()], &traces).unwrap();
+    let traces = [recorded.trace(motion).unwrap()];
+    let mut found = simulate(recorded, &stiffness, &[motion], &traces).unwrap();
     add_noise(&mut found, 0.02, 1).unwrap();
     found.remove(0)
 }
@@ -532,6 +536,34 @@ fn touches_of_nothing() {
     // Motion that feels little is none.
     away.torques.data_mut().iter_mut().for_each(|t| *t *= 0.1);
     assert_eq!(warned(&away), []);
+}
+
+/// Points that are elsewhere than what was touched: part of the touch is in the air.
+#[test]
+fn touches_beside_the_points() {
+    let scene = scene(TorqueKind::External, 0);
+    let right = touch_along(&scene, &swing_of(200));
+    let warned = |sequence: &Sequence| {
+        let trace = scene.trace(sequence).unwrap();
+        let free = trace.observations.iter().filter(|o| o.is_empty()).count();
+        assert!(trace.contact_samples() > 16 && free > 16);
+        reading_warnings(&scene, &[sequence], &[trace])
+    };
+    assert_eq!(warned(&right), []);
+    // Readings of samples some way before.
+    let mut early = right.clone();
+    let joints = scene.robot().joint_count();
+    early.torques.data_mut().rotate_left(20 * joints);
+    let warnings = warned(&early);
+    let [
+        PipelineWarning::FeltOutside {
+            share, sequence, ..
+        },
+    ] = &warnings[..]
+    else {
+        panic!("{warnings:?}");
+    };
+    assert!(*share > 0.05 && *share < 1.0 && sequence == "0", "{share}");
 }
 
 /// Offsets that nobody took off.
