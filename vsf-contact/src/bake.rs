@@ -93,6 +93,7 @@ impl GridOptions {
 
 /// What a grid made from a mesh is worth.
 #[derive(Debug, Clone, PartialEq)]
+#[non_exhaustive]
 pub struct GridReport {
     /// Spacing of the nodes \[m\].
     pub resolution: f64,
@@ -112,6 +113,7 @@ pub struct GridReport {
 /// Errors of a grid at 20,000 random points within 1 cm of the mesh, at those of them where the
 /// side is sure (winding number below 0.1 or above 0.9).
 #[derive(Debug, Clone, Copy, PartialEq)]
+#[non_exhaustive]
 pub struct GridError {
     /// Root mean square of the distance error \[m\].
     pub rms: f64,

@@ -14,6 +14,7 @@ pub struct LinkSdf {
 
 /// The shapes of a robot's links and how good they are.
 #[derive(Debug)]
+#[non_exhaustive]
 pub struct LinkSdfs {
     /// One entry per link that has a collider, ordered by link.
     pub links: Vec<LinkSdf>,
@@ -23,6 +24,7 @@ pub struct LinkSdfs {
 
 /// The grid made from a mesh collider.
 #[derive(Debug, Clone, PartialEq)]
+#[non_exhaustive]
 pub struct LinkGrid {
     /// Position in the list of colliders.
     pub collider: usize,

@@ -39,6 +39,7 @@ pub struct MeshSdf {
 
 /// How far a mesh is from being the closed surface of a body.
 #[derive(Debug, Clone, Copy, PartialEq)]
+#[non_exhaustive]
 pub struct MeshOpenness {
     /// Edges whose faces do not cancel: open edges and faces turned the wrong way. 0 when closed.
     pub boundary_edges: usize,

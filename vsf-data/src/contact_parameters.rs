@@ -58,8 +58,8 @@ impl ContactParameters {
         let length = |v: f64| (1e-9..=1.0).contains(&v);
         Some(if !length(self.threshold) {
             format!("threshold {:?} must be 1e-9 to 1 m", self.threshold)
-        } else if !(0.0..=1e100).contains(&self.friction) {
-            format!("friction {:?} must be 0 to 1e100", self.friction)
+        } else if !(self.friction >= 0.0 && self.friction.is_finite()) {
+            format!("friction {:?} must be >= 0 and finite", self.friction)
         } else if !length(self.slip_step) {
             format!("slip_step {:?} must be 1e-9 to 1 m", self.slip_step)
         } else if !(self.padding <= 1.0 && self.threshold + self.padding > 0.0) {

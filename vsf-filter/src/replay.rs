@@ -259,7 +259,21 @@ impl<E: Revisit> MemoryReplay<E> {
         obs: &Observation<E::Scalar>,
         replays: &[usize],
     ) -> Result<UpdateReport, CoreError> {
+        // An observation that random keys leave out is found where it is replayed.
+        let len = self.buffer.len() + usize::from(self.may_store(obs));
+        if let Some(&index) = replays.iter().find(|index| **index >= len) {
+            return Err(CoreError::OutOfRange {
+                what: "replayed observation",
+                index,
+                len,
+            });
+        }
         self.run(obs, |_, k, _| replays.get(k).copied())
+    }
+
+    /// Whether an observation is one to be replayed.
+    fn may_store(&self, obs: &Observation<E::Scalar>) -> bool {
+        !obs.is_empty() && self.config.replays > 0
     }
 
     fn run(
@@ -276,8 +290,7 @@ impl<E: Revisit> MemoryReplay<E> {
         self.predicted.clear();
         self.predicted
             .extend_from_slice(self.inner.whitened_residual());
-        let stored = !obs.is_empty()
-            && self.config.replays > 0
+        let stored = self.may_store(obs)
             && self.buffer.push(
                 obs,
                 &(),

@@ -11,6 +11,7 @@ const ROUNDS: usize = 3;
 
 /// Residuals of a model on sequences, per sample and joint.
 #[derive(Debug, Clone, PartialEq)]
+#[non_exhaustive]
 pub struct Residuals {
     /// Number of joints.
     pub joints: usize,

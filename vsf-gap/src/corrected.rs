@@ -6,6 +6,7 @@ use vsf_pipeline::{PipelineError, SequencePrediction, Trace};
 
 /// One sequence under a corrected model `tau = G W K + a`.
 #[derive(Debug, Clone)]
+#[non_exhaustive]
 pub struct Corrected {
     /// Columns `G W`, and readings less the model's torques `a`: what the stiffness has to explain.
     /// Its time is the clock of the session (s).

@@ -18,6 +18,7 @@ const NEAR: f64 = 1.2;
 
 /// A field that was estimated under a model, and what both together leave on the test sequences.
 #[derive(Debug, Clone)]
+#[non_exhaustive]
 pub struct Estimated {
     /// Mean stiffness per rest point (N/m).
     pub field: Vec<f64>,

@@ -13,6 +13,7 @@ const OCTAVES: usize = 10;
 
 /// The gap in one part of the recording.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[non_exhaustive]
 pub struct LocatedShare {
     /// What part, under the key of its kind.
     #[serde(flatten)]
@@ -66,6 +67,7 @@ mod link_or_none {
 
 /// The gap at a place.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[non_exhaustive]
 pub struct Region {
     /// Middle (m, world).
     pub center: [f64; 3],
@@ -78,6 +80,7 @@ pub struct Region {
 /// Where the gap lies. Where effects are named, shares are those of the torques that they change;
 /// else of the residuals of the nominal model on the checked sequences.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[non_exhaustive]
 pub struct Location {
     /// By joint.
     pub joint: Vec<LocatedShare>,

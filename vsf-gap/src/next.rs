@@ -10,6 +10,7 @@ const DOUBTFUL: f64 = 0.05;
 
 /// What to record next.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[non_exhaustive]
 pub struct NextExperiment {
     /// What to do.
     pub action: String,

@@ -4,6 +4,7 @@ use vsf_core::median;
 
 /// Noise of one joint's reading: first-order autoregressive.
 #[derive(Debug, Clone, Copy, PartialEq)]
+#[non_exhaustive]
 pub struct JointNoise {
     /// Standard deviation of a sample (N m or N).
     pub sd: f64,

@@ -105,6 +105,7 @@ pub struct EffectReport {
 
 /// Unexplained torques that persist, as shares of what is measured; lattice values.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[non_exhaustive]
 pub struct Roughness {
     /// Of the force in contact, and as large a share of 0.1 m of the place where it acts.
     pub contact: f64,
@@ -117,6 +118,7 @@ pub struct Roughness {
 
 /// Errors before and after.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[non_exhaustive]
 pub struct Gap {
     /// Mean error of the nominal model on the test sequences (N m or N).
     pub test_error_nominal: f64,
@@ -172,6 +174,7 @@ pub struct MeanErrors {
 
 /// A diagnosis, as `vsf diagnose --json` writes it.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[non_exhaustive]
 pub struct Diagnosis {
     /// Version of this form, 1.
     pub schema: u32,
@@ -194,6 +197,7 @@ pub struct Diagnosis {
 
 /// A diagnosis and what it rests on.
 #[derive(Debug, Clone)]
+#[non_exhaustive]
 pub struct Outcome {
     /// The diagnosis.
     pub diagnosis: Diagnosis,

@@ -38,6 +38,7 @@ impl std::fmt::Display for VerdictKind {
 
 /// The answer.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[non_exhaustive]
 pub struct Verdict {
     /// The effects named; empty for no gap.
     pub effects: Vec<String>,

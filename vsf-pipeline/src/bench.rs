@@ -33,6 +33,7 @@ impl Default for BenchOptions {
 
 /// Times of one stage over the steps in contact (ms).
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
+#[non_exhaustive]
 pub struct StageTimes {
     /// Median.
     pub median_ms: f64,
@@ -62,6 +63,7 @@ pub struct Loaded {
 
 /// Times of a whole online step, in `f32`, on one thread.
 #[derive(Debug, Clone, PartialEq, Serialize)]
+#[non_exhaustive]
 pub struct BenchReport {
     /// Rest points.
     pub points: usize,

@@ -5,6 +5,7 @@ use vsf_core::{Belief, CoreError, Observation, Prediction};
 
 /// Prediction error over sequences: the paper's metric `||tau_hat - tau||_2` over time steps.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[non_exhaustive]
 pub struct Evaluation {
     /// Mean of the error norm over all samples, in `unit`.
     pub mean_error: f64,
@@ -28,6 +29,7 @@ pub struct Evaluation {
 /// Shares of the readings of single channels, over the samples in contact, that lie near their
 /// prediction. Of a Gaussian they would be 0.683 and 0.954.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[non_exhaustive]
 pub struct Calibration {
     /// Within one predicted standard deviation.
     pub within_1_sigma: f64,
@@ -74,6 +76,7 @@ impl Evaluation {
 
 /// Errors of one sequence.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[non_exhaustive]
 pub struct SequenceError {
     /// ID of the sequence.
     pub sequence: String,
@@ -97,6 +100,7 @@ pub struct SequenceError {
 
 /// Errors of one joint.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[non_exhaustive]
 pub struct JointError {
     /// Name of the joint.
     pub joint: String,

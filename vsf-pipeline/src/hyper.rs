@@ -153,6 +153,7 @@ pub enum HyperMethod {
 
 /// One tried prior.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[non_exhaustive]
 pub struct Candidate {
     /// What neighbors share.
     #[serde(flatten)]
@@ -170,6 +171,7 @@ pub struct Candidate {
 
 /// Which contact was chosen, with prior and noise for it.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[non_exhaustive]
 pub struct ContactChoice {
     /// Index of the contact.
     pub contact: usize,
@@ -182,6 +184,7 @@ pub struct ContactChoice {
 
 /// How prior and noise were chosen.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[non_exhaustive]
 pub struct HyperChoice {
     /// The choice.
     pub hyper: Hyper,

@@ -1,5 +1,6 @@
 /// Memory of this process that is not swapped out.
 #[derive(Debug, Clone, Copy, PartialEq)]
+#[non_exhaustive]
 pub struct ProcessMemory {
     /// Now (MB).
     pub resident_mb: f64,

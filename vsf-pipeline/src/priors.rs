@@ -6,6 +6,7 @@ use vsf_core::Noise;
 
 /// One prior on one recording.
 #[derive(Debug, Clone, PartialEq, Serialize)]
+#[non_exhaustive]
 pub struct PriorRow {
     /// What it assumes, in words.
     pub prior: &'static str,

@@ -32,6 +32,7 @@ impl Default for RegionOptions {
 
 /// The stiff regions of a field.
 #[derive(Debug, Clone, PartialEq)]
+#[non_exhaustive]
 pub struct StiffRegions {
     /// Points that were looked at.
     pub looked_at: usize,
@@ -54,6 +55,7 @@ pub struct StiffRegions {
 
 /// One stiff region.
 #[derive(Debug, Clone, PartialEq)]
+#[non_exhaustive]
 pub struct StiffRegion {
     /// Indices of its points, increasing.
     pub points: Vec<usize>,

@@ -32,6 +32,7 @@ impl Default for SoakOptions {
 
 /// One tenth of the run.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
+#[non_exhaustive]
 pub struct SoakTenth {
     /// Steps in it.
     pub steps: usize,
@@ -49,6 +50,7 @@ pub struct SoakTenth {
 
 /// How an online estimation does over time, in `f32`, on one thread.
 #[derive(Debug, Clone, PartialEq, Serialize)]
+#[non_exhaustive]
 pub struct SoakReport {
     /// Rest points.
     pub points: usize,

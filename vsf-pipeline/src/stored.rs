@@ -58,6 +58,7 @@ impl Estimate {
 
 /// What a field on disk says of the estimate it was, whoever wrote it.
 #[derive(Debug, Clone, PartialEq)]
+#[non_exhaustive]
 pub struct StoredEstimate {
     /// Mean and variance. Where the field has no deviation, or 0, the variance is next to nothing: a belief has one.
     pub belief: Belief<f64>,

@@ -11,6 +11,7 @@ use vsf_filter::{DiagonalForm, DualConfig, Projection, ReplayConfig};
 
 /// One estimator on one recording: a cell of Table I.
 #[derive(Debug, Clone, PartialEq, Serialize)]
+#[non_exhaustive]
 pub struct Table1Cell {
     /// `replay 0`, `replay 10`, `replay 20`, `dual 20`, `exact` or `batch`.
     pub estimator: String,
@@ -30,6 +31,7 @@ pub struct Table1Cell {
 
 /// The row of Table I of one recording.
 #[derive(Debug, Clone, PartialEq, Serialize)]
+#[non_exhaustive]
 pub struct Table1Row {
     /// Name of the recording.
     pub recording: String,

@@ -9,7 +9,7 @@ use vsf_core::{Belief, CoreError, Noise, RestPoints};
 use vsf_data::CameraView;
 use vsf_filter::FieldPrior;
 use vsf_vision::{
-    Camera, Extrapolation, LearnedPrior, Level, RegressorSpec, RgbdView, Seen, VisionError,
+    Camera, Extrapolation, LearnedPrior, RegressorSpec, RgbdView, Seen, VisionError, fit_level,
 };
 
 /// How the stiffness of points is guessed from what the camera sees.
@@ -17,7 +17,7 @@ use vsf_vision::{
 #[non_exhaustive]
 pub enum VisionSpec {
     /// One stiffness for all that is seen, fading behind the surface, at the level that the readings
-    /// ask for ([`Level`]); the default.
+    /// ask for ([`fit_level`]); the default.
     #[default]
     Level,
     /// Regression of the touched points' stiffness on position and color ([`Extrapolation`], section
@@ -41,6 +41,7 @@ pub struct VisionEstimate {
 
 /// One tried share.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
+#[non_exhaustive]
 pub struct VisionCandidate {
     /// Of the guess.
     pub share: f64,
@@ -146,8 +147,8 @@ impl Guess<'_> {
         match self.vision {
             VisionSpec::Level => {
                 let shape = self.seen.occupancy(Extrapolation::FADE)?;
-                let readings = traces.iter().map(|t| t.observations.as_slice());
-                let level = Level::fit(&shape, readings, Some(self.noise))?.mean;
+                let observations = traces.iter().flat_map(|t| &t.observations);
+                let level = fit_level(&shape, observations, Some(self.noise))?;
                 Ok(shape.iter().map(|s| level * s).collect())
             }
             VisionSpec::Learned(learned) => Ok(learned.stiffness(&self.seen)?),

@@ -50,8 +50,11 @@ pub enum VisionError {
         told: usize,
     },
     /// A text that is no learned prior.
-    #[error("not a learned prior in JSON: {0}")]
-    Json(#[from] serde_json::Error),
+    #[error("not a learned prior in JSON: {problem}")]
+    Json {
+        /// What is wrong, and where in the text.
+        problem: String,
+    },
 }
 
 impl VisionError {

@@ -177,7 +177,10 @@ impl LearnedPrior {
     /// # Errors
     /// [`VisionError::Json`]; numbers that do not fit.
     pub fn from_json(text: &str) -> Result<Self, VisionError> {
-        Self::of(serde_json::from_str(text)?)
+        let saved = serde_json::from_str(text).map_err(|error| VisionError::Json {
+            problem: error.to_string(),
+        })?;
+        Self::of(saved)
     }
 }
 

@@ -11,7 +11,7 @@
 //! | [`Regressor`] | stiffness from features, with a variance: [`KnnRegressor`], [`Ridge`], [`GaussianProcess`] |
 //! | [`Calibrated`] | variances that hold on samples that were held out |
 //! | [`Extrapolation`] | a belief about all points from one about the touched ones |
-//! | [`Level`] | the stiffness of a whole object by its readings alone |
+//! | [`fit_level`] | the stiffness of a whole object by its readings alone |
 //! | [`LearnedPrior`] | what other objects teach about a new one, on disk |
 //!
 //! The result is a [`vsf_core::Belief`], thus a prior for any estimator: later touches correct it.
@@ -71,7 +71,7 @@ pub use gp::{GaussianProcess, GpConfig};
 pub use knn::{KnnConfig, KnnRegressor, Width};
 pub use lab::lab;
 pub use learned::{LearnedPrior, RegressorSpec};
-pub use level::Level;
+pub use level::fit_level;
 pub use neighbors::{Neighbor, Neighbors};
 pub use occlusion::{OcclusionGrid, Visibility};
 pub use regressor::{Predictions, Regressor, Samples};

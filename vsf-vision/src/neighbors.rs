@@ -33,6 +33,7 @@ pub(crate) fn check_reach(name: &'static str, values: &[f64]) -> Result<(), Core
 
 /// A neighbor.
 #[derive(Debug, Clone, Copy, PartialEq)]
+#[non_exhaustive]
 pub struct Neighbor {
     /// Its row.
     pub index: usize,

@@ -4,6 +4,7 @@ use vsf_core::{CoreError, Observation};
 
 /// What the other sequences predict of one sequence: see [`BatchFit::leave_one_out`].
 #[derive(Debug, Clone, PartialEq)]
+#[non_exhaustive]
 pub struct HeldOut {
     /// `log p(tau_s | others)`, the joint density of all readings of the sequence.
     pub log_density: f64,

@@ -7,7 +7,7 @@ use vsf_core::{Belief, CoreError, Estimator, Observation, Prediction, Scalar};
 const CHUNK: usize = 8;
 
 /// An estimator that keeps the joint Gaussian of the points it has touched, and knows by its prior
-/// what that says of all others. Dyn-safe.
+/// what that says of all others. Dyn-safe, and boxes of it can be cloned.
 pub trait JointEstimator: Estimator {
     /// Forgets everything and starts from any prior; [`Estimator::reset`] takes marginals only.
     ///
@@ -36,6 +36,42 @@ pub trait JointEstimator: Estimator {
     /// # Errors
     /// A point beyond the field, a variance that rounding left without a positive value.
     fn extrapolate(&self, points: &[u32]) -> Result<Belief<Self::Scalar>, CoreError>;
+}
+
+dyn_clone::clone_trait_object!(<T: Scalar> JointEstimator<Scalar = T>);
+
+impl<T: Scalar> std::fmt::Debug for dyn JointEstimator<Scalar = T> {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.debug_struct("JointEstimator")
+            .field("scalar", &T::NAME)
+            .field("touched", &self.points().len())
+            .finish_non_exhaustive()
+    }
+}
+
+impl<E: JointEstimator + ?Sized> JointEstimator for Box<E>
+where
+    Self: Clone,
+{
+    fn restart(&mut self, prior: FieldPrior) -> Result<(), CoreError> {
+        (**self).restart(prior)
+    }
+
+    fn points(&self) -> &[u32] {
+        (**self).points()
+    }
+
+    fn covariance(&self, i: usize, j: usize) -> Option<E::Scalar> {
+        (**self).covariance(i, j)
+    }
+
+    fn include(&mut self, points: &[u32]) -> Result<(), CoreError> {
+        (**self).include(points)
+    }
+
+    fn extrapolate(&self, points: &[u32]) -> Result<Belief<E::Scalar>, CoreError> {
+        (**self).extrapolate(points)
+    }
 }
 
 /// A joint Gaussian of the touched points, by slots, and what follows from it for all points.

@@ -113,6 +113,15 @@ fn faded_readings_leave_the_buffer() {
         (&before, 4),
         "a failed update"
     );
+    // Nor is there one where nothing was ever buffered.
+    let mut fresh = MemoryReplay::new(
+        DiagonalKalman::new(Belief::<f64>::uniform(4, 0.0, 10.0).unwrap()),
+        ReplayConfig::default(),
+    )
+    .unwrap();
+    let free = Observation::new(Noise::uniform(1, 0.1).unwrap());
+    fresh.update_with(&free, &[0]).unwrap_err();
+    fresh.update_with(&observation(0), &[0, 0]).unwrap();
     filter.update_with(&observation(3), &[0, 2, 0]).unwrap();
     assert_eq!(filter.buffered(), 4, "one came, one left");
     assert_eq!(

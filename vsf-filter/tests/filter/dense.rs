@@ -5,7 +5,8 @@ use nalgebra::Point3;
 use rayon::ThreadPoolBuilder;
 use vsf_core::{Belief, CoreError, Estimator, Noise, Observation, RestPoints, Scalar};
 use vsf_filter::{
-    CovarianceFilter, FieldPrior, InformationFilter, JointEstimator, Matern, Projection, Smoothness,
+    CovarianceFilter, FieldPrior, InformationFilter, JointEstimator, Matern, Projection,
+    RobustLoss, RobustNoise, Smoothness,
 };
 use vsf_testkit::{EstimatorOptions, LinearWorld, check_estimator};
 
@@ -104,11 +105,15 @@ fn more_points_than_a_matrix_holds_are_refused() {
     let mut one = Observation::new(Noise::uniform(1, 1.0).unwrap());
     one.rebuild(n, &[7], &[1.0], |_, w| w[0] = 1.0).unwrap();
     let prior = Belief::<f64>::uniform(n, 0.0, 1.0).unwrap();
+    // Chosen at run time, they are estimators like any other.
     let filters: [Box<dyn JointEstimator<Scalar = f64>>; 2] = [
         Box::new(CovarianceFilter::new(prior.clone()).unwrap()),
         Box::new(InformationFilter::new(prior).unwrap()),
     ];
-    for mut filter in filters {
+    for filter in filters {
+        let mut filter = RobustNoise::new(filter.clone(), RobustLoss::HUBER)
+            .unwrap()
+            .into_inner();
         filter.update(&one).unwrap();
         let before = filter.belief().clone();
         let error = filter.update(&obs).unwrap_err();

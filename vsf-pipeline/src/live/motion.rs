@@ -55,7 +55,7 @@ impl Motion {
         // A touch may begin while the arm moves on.
         let goes_on = match begins {
             Begins::Nothing => true,
-            Begins::Touch => sample.t - self.last <= MOST_GAP,
+            Begins::Touch => (0.0..=MOST_GAP).contains(&(sample.t - self.last)),
             Begins::Sequence => false,
         };
         self.last = sample.t;

@@ -76,6 +76,7 @@ pub struct Counts {
 
 /// Stiffness of the points touched so far \[N/m\].
 #[derive(Debug, Clone, Copy, Default, PartialEq, Serialize)]
+#[non_exhaustive]
 pub struct Stiffness {
     /// Mean of the points.
     pub mean: f64,
@@ -87,6 +88,7 @@ pub struct Stiffness {
 
 /// What a node says of its belief.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Serialize)]
+#[non_exhaustive]
 pub struct Summary {
     /// Time of the last sample \[s\].
     pub t: f64,

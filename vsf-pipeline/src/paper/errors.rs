@@ -59,6 +59,7 @@ impl Method {
 
 /// Errors of one method.
 #[derive(Debug, Clone, PartialEq, Serialize)]
+#[non_exhaustive]
 pub struct MethodErrors {
     /// The method.
     pub method: Method,

@@ -33,6 +33,7 @@ impl fmt::Display for Overlap {
 
 /// What [`Overlap`] is told from.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
+#[non_exhaustive]
 pub struct OverlapShares {
     /// Least share of a sequence with another one.
     pub least_pair: f64,

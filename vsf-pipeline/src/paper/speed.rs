@@ -10,6 +10,7 @@ use vsf_robots::JointTorques;
 /// How fast the online estimation goes on the train sequences (a row of Table II): kinematics,
 /// contact, columns and update with 20 replays, in `f32`, on one thread.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
+#[non_exhaustive]
 pub struct UpdateSpeed {
     /// Contacts, over the samples in contact.
     pub contacts: Spread,

@@ -13,6 +13,7 @@ const GROUPS: usize = 12;
 
 /// Time of an update against its number of contacts, of one estimator (a curve of Fig. 4).
 #[derive(Debug, Clone, PartialEq, Serialize)]
+#[non_exhaustive]
 pub struct UpdateTimes {
     /// What is timed: `contact`, or an estimator.
     pub stage: &'static str,
@@ -22,6 +23,7 @@ pub struct UpdateTimes {
 
 /// Updates with similarly many contacts.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
+#[non_exhaustive]
 pub struct UpdateTime {
     /// Mean number of contacts.
     pub contacts: f64,

@@ -6,6 +6,7 @@ use vsf_data::TorqueKind;
 
 /// Values of one joint that stand out.
 #[derive(Debug, Clone, PartialEq)]
+#[non_exhaustive]
 pub struct Outliers {
     /// Name of the joint.
     pub joint: String,
@@ -929,7 +930,6 @@ impl PipelineWarning {
             | Self::MixedColumns { .. }
             | Self::ScaledJoint { .. }
             | Self::NothingTouched { .. }
-            | Self::FeltOutside { .. }
             | Self::NotTared { .. }
             | Self::FeltInAir { .. } => true,
             _ => false,

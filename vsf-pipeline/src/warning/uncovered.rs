@@ -15,16 +15,16 @@ const FAR: f64 = 0.05;
 /// Share of the energy of what touches change readings by that samples without contact hold at most.
 const MOST_OUTSIDE: f64 = 0.05;
 
-/// Where readings are those of the environment: friction of joints changes those of actuators as touches do.
 pub fn warning(scene: &Scene, traces: &[Trace]) -> Option<PipelineWarning> {
-    if scene.torque_kind() != TorqueKind::External {
-        return None;
-    }
     sequences(scene, traces).or_else(|| parts(traces))
 }
 
-/// Sequences that touch no points, though they feel as much as those that do.
+/// Sequences that touch no points, though they feel as much as those that do. Of readings of the environment alone: friction
+/// of joints changes those of actuators as touches do.
 fn sequences(scene: &Scene, traces: &[Trace]) -> Option<PipelineWarning> {
+    if scene.torque_kind() != TorqueKind::External {
+        return None;
+    }
     let changes = |touches: bool| {
         let of = traces
             .iter()
@@ -79,13 +79,11 @@ fn energies(trace: &Trace) -> Option<[f64; 2]> {
         let pairs = a.iter().zip(b);
         pairs.map(|(a, b)| (a - b).powi(2)).sum()
     };
-    // What changes from one sample to the next is noise, twice.
+    // What changes from one sample to the next is noise, twice, but where a touch begins.
     let pairs = trace.observations.windows(2);
     let steps = pairs.filter(|pair| pair.iter().all(Observation::is_empty));
-    let steps: Vec<f64> = steps
-        .map(|pair| square(pair[0].reading(), pair[1].reading()))
-        .collect();
-    let noise = steps.iter().sum::<f64>() / (2 * steps.len().max(1)) as f64;
+    let steps = steps.map(|pair| square(pair[0].reading(), pair[1].reading()));
+    let noise = median(steps.collect())? / 2.0;
     let energy = |touches: bool| {
         let of = trace.observations.iter();
         let of = of.filter(|o| o.is_empty() != touches);

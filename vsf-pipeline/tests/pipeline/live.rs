@@ -708,6 +708,40 @@ fn how_joints_move() {
     }
 }
 
+/// A clock that goes back is another one: nothing is known of how the arm moves until enough samples have come by it.
+#[test]
+fn a_clock_that_goes_back() {
+    let mut motion = Motion::new(Arc::new(planar_arm(3, 0.3, 0.02).unwrap()));
+    let mut follow = |t: f64, q: f64, begins| {
+        let sample = Sample {
+            t,
+            q: vec![q; 3],
+            tau: vec![0.0; 3],
+            qd: None,
+            touch: 0,
+            sequence: 0,
+        };
+        motion.follow(&sample, begins).unwrap();
+        motion.qd()[0]
+    };
+    for k in 0..100 {
+        let t = 100.0 + 0.001 * f64::from(k);
+        follow(t, 0.5 * (t - 100.0), Begins::Nothing);
+    }
+    for k in 0..100 {
+        let begins = if k == 0 {
+            Begins::Touch
+        } else {
+            Begins::Nothing
+        };
+        let t = 5.0 + 0.001 * f64::from(k);
+        let qd = follow(t, 1.0 - 0.2 * (t - 5.0), begins);
+        if k >= 50 {
+            assert!((qd + 0.2).abs() < 1e-6, "{k}: {qd}");
+        }
+    }
+}
+
 /// Readings of an arm that swings freely are those of no touch, but for the lag of what is known of its motion.
 #[test]
 fn what_moves_the_arm_is_taken_off() {

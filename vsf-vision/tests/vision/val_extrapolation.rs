@@ -4,8 +4,8 @@ use vsf_core::nalgebra::Point3;
 use vsf_core::{Belief, Estimator, Noise, Observation};
 use vsf_filter::DiagonalKalman;
 use vsf_vision::{
-    Calibrated, Extrapolation, Features, KnnRegressor, LearnedPrior, Level, Predictions, Regressor,
-    RegressorSpec, Ridge, Samples, Seen, VisionError,
+    Calibrated, Extrapolation, Features, KnnRegressor, LearnedPrior, Predictions, Regressor,
+    RegressorSpec, Ridge, Samples, Seen, VisionError, fit_level,
 };
 
 const PRIOR: f64 = 400.0;
@@ -197,21 +197,19 @@ fn the_level_is_the_least_squares_one() {
     let shape = [1.0, 9.0, 2.0];
     let first = [reading([1.0, 1.0], [6.0, 9.0])];
     let second = [reading([0.0, 0.5], [5.0, 5.0])];
-    let level = Level::fit(&shape, [&first[..], &second[..]], None).unwrap();
+    let level = fit_level(&shape, first.iter().chain(&second), None).unwrap();
     // Weights 1 and 4: (3*6 + 4*3*9 + 5 + 4*5) / (9 + 36 + 1 + 4).
-    assert!((level.mean - 151.0 / 50.0).abs() < 1e-12, "{level:?}");
-    // That of levels 126 / 45 and 25 / 5, whatever their weights.
-    assert!((level.variance - 2.42).abs() < 1e-12, "{level:?}");
+    assert!((level - 151.0 / 50.0).abs() < 1e-12, "{level}");
     // All readings with noise of which the second channel's is the greater: weights 4 and 1.
     let noise = Noise::per_channel(&[0.5, 1.0]).unwrap();
-    let other = Level::fit(&shape, [&first[..], &second[..]], Some(&noise)).unwrap();
-    assert!((other.mean - 124.0 / 50.0).abs() < 1e-12, "{other:?}");
-    let alone = Level::fit(&shape, [&second[..]], None).unwrap();
-    assert!((alone.mean - 5.0).abs() < 1e-12 && (alone.variance - 25.0).abs() < 1e-9);
-    assert!(Level::fit(&[0.0, 1.0, 0.0], [&first[..]], None).is_err());
-    assert!(Level::fit(&shape[..2], [&first[..]], None).is_err());
+    let other = fit_level(&shape, first.iter().chain(&second), Some(&noise)).unwrap();
+    assert!((other - 124.0 / 50.0).abs() < 1e-12, "{other}");
+    let alone = fit_level(&shape, &second, None).unwrap();
+    assert!((alone - 5.0).abs() < 1e-12, "{alone}");
+    assert!(fit_level(&[0.0, 1.0, 0.0], &first, None).is_err());
+    assert!(fit_level(&shape[..2], &first, None).is_err());
     let noise = Noise::uniform(3, 1.0).unwrap();
-    assert!(Level::fit(&shape, [&first[..]], Some(&noise)).is_err());
+    assert!(fit_level(&shape, &first, Some(&noise)).is_err());
 }
 
 #[test]
@@ -244,7 +242,10 @@ fn a_prior_learned_from_objects_is_the_same_from_its_json() {
     }
     for damaged in ["{}", &text[..90]] {
         let refused = LearnedPrior::from_json(damaged);
-        assert!(matches!(refused, Err(VisionError::Json(_))), "{damaged}");
+        assert!(
+            matches!(refused, Err(VisionError::Json { .. })),
+            "{damaged}"
+        );
     }
     let negative = text.replacen("\"variances\":[0.1", "\"variances\":[-0.1", 1);
     let refused = LearnedPrior::from_json(&negative);

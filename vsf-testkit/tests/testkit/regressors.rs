@@ -1,7 +1,5 @@
 //! The suite of regressors passes a good one, and finds each of its faults by name.
 
-#![allow(clippy::unwrap_used, clippy::panic)]
-
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use vsf_testkit::check_regressor;
 use vsf_vision::{Features, Predictions, Regressor, Ridge, Samples, VisionError};

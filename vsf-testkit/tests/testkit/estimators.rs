@@ -1,7 +1,5 @@
 //! The conformance suite passes an exact filter, and finds each of its faults by name.
 
-#![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
-
 use std::panic::catch_unwind;
 use std::sync::atomic::{AtomicUsize, Ordering};
 use vsf_core::{

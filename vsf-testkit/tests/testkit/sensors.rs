@@ -1,7 +1,5 @@
 //! The suite of sensors passes a good one, and finds each of its faults by name.
 
-#![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
-
 use std::panic::catch_unwind;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicUsize, Ordering};

@@ -1,7 +1,5 @@
 //! The suite of effects passes a good one, and finds each of its faults by name.
 
-#![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
-
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::sync::atomic::{AtomicUsize, Ordering};
 use vsf_contact::ContactConfig;

@@ -1,7 +1,5 @@
 //! The suite of shapes passes a good one, and finds each of its faults by name.
 
-#![allow(clippy::unwrap_used, clippy::panic)]
-
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use vsf_contact::{Batch, Sdf, SdfSample};
 use vsf_core::nalgebra::{Point3, Vector3};
