@@ -99,6 +99,11 @@ impl<C: ContactModel> CellContact<C> {
         &mut self.inner
     }
 
+    /// The contacts of the sub-points in the last step, by their own numbers: the first of them are those of the first rest point.
+    pub fn sub_contacts(&self) -> &Contacts {
+        &self.contacts
+    }
+
     /// The mean displacement of the sub-points `range` of one cell.
     fn average(&self, range: std::ops::Range<usize>, out: &mut Contacts) -> Result<(), CoreError> {
         let (mut u_W, mut n_W) = (Vector3::zeros(), Vector3::zeros());

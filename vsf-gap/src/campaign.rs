@@ -106,7 +106,8 @@ impl Touched {
 }
 
 impl Campaign {
-    /// Prepares a recording. Without rest points, or without a stored field's, the arm is taken to
+    /// Prepares a recording, in the contact of the options; where it was computed in one of its own, [`SceneOptions::of`] it. Without
+    /// rest points, or without a stored field's, the arm is taken to
     /// move in free air. Without a test split the last train sequence checks, where there are two.
     ///
     /// # Errors

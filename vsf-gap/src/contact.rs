@@ -153,6 +153,11 @@ impl ContactDriver {
         &self.links
     }
 
+    /// What was moved in the last step, whose contacts are these.
+    pub(crate) fn moved<'a>(&'a self, contacts: &'a Contacts) -> &'a Contacts {
+        self.model.moved(contacts)
+    }
+
     /// Forgets all contacts.
     pub fn reset(&mut self) {
         self.model.reset();

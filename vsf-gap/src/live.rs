@@ -128,7 +128,7 @@ impl<E: Estimator<Scalar = f64>> Learner for LiveCorrector<E> {
 
     fn learn(&mut self, sample: &Sample, begins: Begins) -> Result<Option<UpdateReport>, GapError> {
         self.observe(sample, begins)?;
-        if self.guard.is_alert() && self.guard.skips(self.corrector.contacts()) {
+        if self.guard.is_alert() && self.guard.skips(self.corrector.moved()) {
             return Ok(None);
         }
         Ok(Some(self.estimator.update(&self.observation)?))

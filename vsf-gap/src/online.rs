@@ -154,13 +154,18 @@ impl Corrector {
         &self.contacts
     }
 
+    /// What the last step moved: [`SceneContact::moved`](vsf_pipeline::SceneContact::moved).
+    pub fn moved(&self) -> &Contacts {
+        self.driver.moved(&self.contacts)
+    }
+
     /// What is taken off the reading of each joint, as load of the environment (N m or N): its mean over the states that
     /// tared it, less that of the model's torques.
     pub fn zero(&self) -> &[f64] {
         &self.zero
     }
 
-    /// How far each link may displace points where a touch begins (m):
+    /// How far each link may displace what it moves where a touch begins (m):
     /// [`SceneContact::deepest_starts`](vsf_pipeline::SceneContact::deepest_starts).
     pub fn deepest_starts(&self) -> &[f64] {
         &self.deepest_starts

@@ -46,6 +46,23 @@ pub struct SceneOptions {
 }
 
 impl SceneOptions {
+    /// The defaults, with the contact that the torques of a recording were computed in, if they were ([`Dataset::contact`]): in another
+    /// one, such as the default, the difference is a gap.
+    ///
+    /// ```
+    /// # use vsf_pipeline::{Scene, SceneOptions};
+    /// # fn demo(dataset: &vsf_data::Dataset) -> Result<Scene, vsf_pipeline::PipelineError> {
+    /// Scene::open(dataset, &SceneOptions::of(dataset))
+    /// # }
+    /// ```
+    pub fn of(dataset: &Dataset) -> Self {
+        let own = Self::default();
+        match &dataset.contact {
+            Some(contact) => own.with_contact_of(contact),
+            None => own,
+        }
+    }
+
     /// With the parameters of contact that a field was estimated, or a corrected model found, with, in place of its own.
     /// A scene in which they are to predict needs them.
     ///
@@ -134,7 +151,7 @@ impl fmt::Debug for Scene {
 }
 
 impl Scene {
-    /// The scene of a recording.
+    /// The scene of a recording, in the contact of the options; where it was computed in one of its own, [`SceneOptions::of`] it.
     ///
     /// # Errors
     /// No rest points, what [`Dataset::check`] refuses, an unknown or unreadable robot, joints that

@@ -28,8 +28,17 @@ impl SceneContact {
         self.points().config().level()
     }
 
-    /// How far a link may displace points where a touch begins (m), link by link of the robot: with the arm deeper inside of
-    /// the object, the beginning was not seen. Beyond the [`level`](Self::level) that is the `spacing` of the points, or half
+    /// What was moved in the last step, whose `contacts` are these: they themselves, or the contacts of sub-points, whose
+    /// displacements in and around a small tip cancel each other in the mean of a cell.
+    pub fn moved<'a>(&'a self, contacts: &'a Contacts) -> &'a Contacts {
+        match self {
+            Self::Points(_) => contacts,
+            Self::Cells(cells) => cells.sub_contacts(),
+        }
+    }
+
+    /// How far a link may displace what it [moves](Self::moved) where a touch begins (m), link by link of the robot: with the arm
+    /// deeper inside of the object, the beginning was not seen. Beyond the [`level`](Self::level) that is the `spacing` of the points, or half
     /// of what the link is [thick](thickness), 2 mm at least: no point comes deeper than that into a thin one.
     pub fn deepest_starts(&self, spacing: f64) -> Vec<f64> {
         let mut deepest = Vec::new();

@@ -3,7 +3,7 @@ use crate::corrected::Modeled;
 use crate::exit::usage;
 use crate::field_file::FieldFile;
 use crate::range::{count, whole};
-use crate::recording::{FieldArgs, Recording, SplitPart};
+use crate::recording::{FieldArgs, Recording, SplitPart, is_unmeasured};
 use serde::Serialize;
 use std::collections::BTreeMap;
 use vsf::data::{Sequence, listed};
@@ -80,6 +80,12 @@ pub fn run(args: &Args, console: &Console) -> anyhow::Result<()> {
     let model = args.of.model.open(console)?;
     let recording = args.of.recording.open(console)?;
     let sequences = recording.sequences(args.sequences.as_deref(), SplitPart::Test)?;
+    if sequences.iter().all(|s| is_unmeasured(s)) {
+        return Err(usage(
+            "all torques of these sequences are zero, as of motions that are planned and not made: there is nothing to compare \
+             predictions to; `vsf predict` writes them",
+        ));
+    }
     let given = args.of.field.as_deref();
     let in_air = given.is_none() && !recording.has_points();
     let by_model = in_air && model.is_some();

@@ -1,7 +1,7 @@
 use crate::console::{Console, number, plural, sequence_table};
 use crate::corrected::Modeled;
 use crate::derived::{PREDICTED, derived, deviations_of, save};
-use crate::recording::{FieldArgs, SplitPart};
+use crate::recording::{FieldArgs, SplitPart, is_unmeasured};
 use anyhow::Context;
 use serde::Serialize;
 use std::borrow::Cow;
@@ -52,11 +52,10 @@ pub fn run(args: &Args, console: &Console) -> anyhow::Result<()> {
     let sequences = recording.sequences(args.sequences.as_deref(), SplitPart::Test)?;
     let belief = &field.stored.belief;
     let noise_sd = field.noise_sd(scene.robot().joint_count(), console)?;
-    let is_zero = |s: &&Sequence| s.torques.data().iter().all(|tau| *tau == 0.0);
     let loaded = model
         .as_ref()
         .map_or_else(Vec::new, |m| m.following_reading());
-    if !loaded.is_empty() && sequences.iter().all(is_zero) {
+    if !loaded.is_empty() && sequences.iter().all(|s| is_unmeasured(s)) {
         console.warn(format!(
             "all torques that were read are zero, as of planned motions: {} of the model, which follows the load, has none; \
              `vsf simulate` takes it from the field",

@@ -3,6 +3,7 @@
 use super::cloud::Cloud;
 use super::numbers::{Numbers, check_near};
 use super::shapes::{Surface, surfaces};
+use crate::recording::is_unmeasured;
 use serde::Serialize;
 use vsf::core::nalgebra::{Point3, Vector3};
 use vsf::core::{Contacts, CoreError, Posture};
@@ -74,6 +75,8 @@ pub fn in_scene(
     let mut held = 0;
     for &sequence in sequences {
         let torques = external_torques(scene, sequence)?;
+        // Of a planned motion what is left would be the weight of the arm.
+        let is_felt = !is_unmeasured(sequence);
         let mut frames = Frames::default();
         let norm = |row: &[f64]| row.iter().map(|t| t * t).sum::<f64>().sqrt();
         scene.follow(sequence, |row, posture, contacts| {
@@ -81,7 +84,8 @@ pub fn in_scene(
                 frames.push(scene.robot(), posture, cloud.origin_W)?;
                 frames.time.push(sequence.time[row]);
                 frames.touch(contacts, cloud);
-                frames.loads.push(norm(&torques[row]));
+                let load = if is_felt { norm(&torques[row]) } else { 0.0 };
+                frames.loads.push(load);
                 held += frames.contacts.last().map_or(0, Vec::len);
                 // Far too many contacts: half of the samples.
                 if held > 2 * CONTACTS {

@@ -227,7 +227,10 @@ impl<E: Estimator> Learner for LiveSession<E> {
         if self.guard.is_alert() {
             self.session.predict(&self.posture, &mut self.prediction)?;
             let begins = self.guard.at_beginning();
-            if self.guard.skips(self.session.contacts()) {
+            if self
+                .guard
+                .skips(self.session.contact().moved(self.session.contacts()))
+            {
                 return Ok(None);
             }
             if begins {
@@ -268,7 +271,7 @@ pub struct Guard {
 }
 
 impl Guard {
-    /// At the beginning of a stream. Where a touch begins, links displace points at most so far (m):
+    /// At the beginning of a stream. Where a touch begins, links displace what they move at most so far (m):
     /// [`SceneContact::deepest_starts`].
     pub fn new(most: Vec<f64>) -> Self {
         Self {
@@ -293,22 +296,22 @@ impl Guard {
         self.begins
     }
 
-    /// Whether nothing is to be learned from a sample with these contacts.
-    pub fn skips(&mut self, contacts: &Contacts) -> bool {
+    /// Whether nothing is to be learned from a sample that moved this ([`SceneContact::moved`]).
+    pub fn skips(&mut self, moved: &Contacts) -> bool {
         if std::mem::take(&mut self.begins) {
-            self.blind = deepest_start(contacts, &self.most).is_some();
-        } else if contacts.is_empty() {
+            self.blind = deepest_start(moved, &self.most).is_some();
+        } else if moved.is_empty() {
             self.blind = false;
         }
         self.blind
     }
 }
 
-/// The link that displaces a point the furthest beyond what one may where a touch begins, and how far (m).
-pub(crate) fn deepest_start(contacts: &Contacts, most: &[f64]) -> Option<(usize, f64)> {
-    let pairs = contacts.displacements().iter().zip(contacts.normals());
+/// The link that displaces what it moves the furthest beyond what one may where a touch begins, and how far (m).
+pub(crate) fn deepest_start(moved: &Contacts, most: &[f64]) -> Option<(usize, f64)> {
+    let pairs = moved.displacements().iter().zip(moved.normals());
     let depths = pairs.map(|(u, n)| u.dot(n));
-    let links = contacts.links().iter().map(|l| *l as usize);
+    let links = moved.links().iter().map(|l| *l as usize);
     let too_deep = |(link, depth): &(usize, f64)| most.get(*link).is_none_or(|most| depth > most);
     let found = links.zip(depths).filter(too_deep);
     found.max_by(|a, b| a.1.total_cmp(&b.1))

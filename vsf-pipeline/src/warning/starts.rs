@@ -28,8 +28,7 @@ fn warning(scene: &Scene, sequences: &[&Sequence]) -> Option<PipelineWarning> {
         .flat_map(|s| s.touches().map(move |touch| (*s, touch.start)));
     let starts: Vec<(&Sequence, usize)> = starts.collect();
     let inside = |&(sequence, row): &(&Sequence, usize)| {
-        let contacts = first_contacts(scene, contact.clone(), sequence, row).ok()?;
-        let (link, depth) = deepest_start(&contacts, &most)?;
+        let (link, depth) = deepest(scene, contact.clone(), sequence, row, &most).ok()??;
         Some((sequence.id.clone(), row, link, depth))
     };
     let found: Vec<_> = starts.par_iter().filter_map(inside).collect();
@@ -44,18 +43,19 @@ fn warning(scene: &Scene, sequences: &[&Sequence]) -> Option<PipelineWarning> {
     })
 }
 
-/// What is touched in a row that nothing is known before.
-fn first_contacts(
+/// The link that is too deep inside in a row that nothing is known before, and how deep (m).
+fn deepest(
     scene: &Scene,
     mut contact: SceneContact,
     sequence: &Sequence,
     row: usize,
-) -> Result<Contacts, PipelineError> {
+    most: &[f64],
+) -> Result<Option<(usize, f64)>, PipelineError> {
     let mut posture = scene.robot().posture();
     scene
         .robot()
         .update_posture(&sequence.angles[row], &mut posture)?;
     let mut contacts = Contacts::new();
     contact.step(scene.rest(), &posture, &mut contacts)?;
-    Ok(contacts)
+    Ok(deepest_start(contact.moved(&contacts), most))
 }

@@ -997,6 +997,36 @@ fn touches_that_begin_inside_of_the_object() {
     ));
 }
 
+/// A tip that is not much wider than cells are: sub-points go to all of its sides, and their means hardly anywhere.
+#[test]
+fn touches_that_begin_with_a_small_tip_inside() {
+    let bed = (0..3072).map(|i| {
+        let at = |k: i32, from: i32| 0.006 * f64::from(k - from);
+        Point3::new(at(i % 16, 8), at(i / 16 % 16, 8), at(i / 256, 11))
+    });
+    for subdivision in [1, 2, 3] {
+        let options = SceneOptions {
+            subdivision,
+            ..SceneOptions::default()
+        };
+        let robot = vsf_robots::cartesian_stage(0.012).unwrap();
+        let scene = Scene::new(robot, bed.clone().collect(), &options).unwrap();
+        let warned = |depth: f64| {
+            let row = Table::new(3, vec![0.0, 0.0, -depth]).unwrap();
+            let still = Table::new(3, vec![0.0; 3]).unwrap();
+            let sequence = Sequence::new("0", vec![0.0], row, still);
+            touch_warnings(&scene, &[&sequence])
+        };
+        assert_eq!(warned(0.003), [], "{subdivision}");
+        for depth in [0.014, 0.02] {
+            let warnings = warned(depth);
+            let [PipelineWarning::StartsInside { .. }] = &warnings[..] else {
+                panic!("{subdivision}: {warnings:?}");
+            };
+        }
+    }
+}
+
 #[test]
 fn fields_that_miss_what_they_have_learned_from() {
     let scene = scene(TorqueKind::External, 0);
