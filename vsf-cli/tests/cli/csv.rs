@@ -274,6 +274,7 @@ fn motions_that_are_planned_need_no_torques() {
         (info["train"].to_string(), info["test"].to_string()),
         ("[]".to_owned(), "[\"000\"]".to_owned())
     );
+    bench.fails("evaluate plan --field truth", 2, &["nothing to compare"]);
     let of = |folder: &str| numbers(&root.join(folder).join("torques.npy"));
     let predicted = of("of_plan/seq_000");
     assert_eq!(predicted, of("of_touch/seq_c"));
