@@ -80,12 +80,6 @@ pub fn run(args: &Args, console: &Console) -> anyhow::Result<()> {
     let model = args.of.model.open(console)?;
     let recording = args.of.recording.open(console)?;
     let sequences = recording.sequences(args.sequences.as_deref(), SplitPart::Test)?;
-    if sequences.iter().all(|s| is_unmeasured(s)) {
-        return Err(usage(
-            "all torques of these sequences are zero, as of motions that are planned and not made: there is nothing to compare \
-             predictions to; `vsf predict` writes them",
-        ));
-    }
     let given = args.of.field.as_deref();
     let in_air = given.is_none() && !recording.has_points();
     let by_model = in_air && model.is_some();
@@ -96,6 +90,12 @@ pub fn run(args: &Args, console: &Console) -> anyhow::Result<()> {
         (None, recording.scene_to_learn_or_air(console)?)
     };
     recording.compare_contact(&scene, console);
+    if sequences.iter().all(|s| is_unmeasured(s)) {
+        return Err(usage(
+            "all torques of these sequences are zero, as of motions that are planned and not made: there is nothing to compare \
+             predictions to; `vsf predict` writes them",
+        ));
+    }
     let modeled = Modeled::new(model.as_ref(), &recording, &scene, &sequences, console)?;
     let traces = &modeled.traces;
     let mut found = Vec::new();

@@ -1,8 +1,8 @@
 use super::sentence::{found, verdict};
 use super::words::{
     LIKELY_ENOUGH, NEVER_SHOWS, OUT_OF_SIGHT, SHOWS_FROM, determined, errors, figures, fitted,
-    headings, limits, listed, look_alikes, none_of_these, out_of_sight, part, parts, percent,
-    screened_out, size, stated, summary, touches, untestable,
+    headings, joint_of, limits, listed, look_alikes, none_of_these, out_of_sight, part, parts,
+    percent, screened_out, size, stated, summary, touches, untestable,
 };
 use crate::console::{fixed, table};
 use vsf::gap::{Diagnosis, Limit, LocatedShare, ModelFile, Site, VerdictKind};
@@ -85,7 +85,10 @@ fn effects(diagnosis: &Diagnosis, model: &ModelFile, site: &Site) -> String {
         );
         let (shown, near_zero) = listed(all, e, site);
         for p in shown {
-            text += &format!("  {:<8} {}\n", p.name, determined(all, &e.effect, p));
+            let joint = joint_of(&e.effect, &p.name, site);
+            let joint = joint.map_or_else(String::new, |name| format!("  ({name})"));
+            let value = determined(all, &e.effect, p);
+            text += &format!("  {:<8} {value}{joint}\n", p.name);
         }
         if !near_zero.is_empty() {
             text += &format!("  within a deviation of zero: {}\n", near_zero.join(", "));

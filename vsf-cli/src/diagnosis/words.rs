@@ -3,6 +3,7 @@ use vsf::gap::{
     Diagnosis, EffectEntry, EffectReport, Gap, Limit, MeanErrors, Parameter, ParameterEstimate,
     Place, Site, VerdictKind, effects,
 };
+use vsf::robots::Joint;
 
 /// Longer lists of parameters leave out what is near zero.
 const MOST_PARAMETERS: usize = 18;
@@ -269,11 +270,7 @@ pub fn listed<'a>(
     entry: &'a EffectEntry,
     site: &Site,
 ) -> (Vec<&'a ParameterEstimate>, Vec<&'a str>) {
-    let known: Vec<Parameter> = effects::named(&[&entry.effect])
-        .into_iter()
-        .flatten()
-        .flat_map(|e| e.parameters(site))
-        .collect();
+    let known = parameters(&entry.effect, site);
     let is_place = |p: &ParameterEstimate| {
         (known.iter()).any(|known| known.name == p.name && known.sequence.is_some())
     };
@@ -284,6 +281,19 @@ pub fn listed<'a>(
     });
     let names = near_zero.iter().map(|p| p.name.as_str()).collect();
     (shown, names)
+}
+
+/// The parameters of an effect of the catalogue at a site; none of others.
+fn parameters(effect: &str, site: &Site) -> Vec<Parameter> {
+    let known = effects::named(&[effect]).into_iter().flatten();
+    known.flat_map(|e| e.parameters(site)).collect()
+}
+
+/// Name of the joint that a parameter belongs to.
+pub fn joint_of<'a>(effect: &str, parameter: &str, site: &'a Site) -> Option<&'a str> {
+    let known = parameters(effect, site);
+    let joint = known.iter().find(|p| p.name == parameter)?.joint?;
+    site.robot.joints().get(joint).map(Joint::name)
 }
 
 /// Decimals that show two digits of a number.
