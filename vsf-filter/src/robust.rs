@@ -269,7 +269,7 @@ impl<E: Estimator> RobustNoise<E> {
 
     /// Share of all channel readings since the last reset whose weight was below 1; `None` before
     /// the first update. [`RobustLoss`] says what to expect of good readings. Replays that keep the
-    /// variances are not counted.
+    /// variances are not counted; a reading is, whose update failed in a replay after it.
     pub fn downweighted_share(&self) -> Option<f64> {
         (self.readings > 0).then(|| self.downweighted as f64 / self.readings as f64)
     }

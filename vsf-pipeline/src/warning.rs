@@ -10,6 +10,7 @@ mod joints;
 mod jumps;
 mod kind;
 mod lag;
+mod lost;
 mod misread;
 mod motion;
 mod order;

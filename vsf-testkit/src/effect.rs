@@ -87,7 +87,8 @@ fn holds(site: &Site, needs: &[Need]) -> bool {
 }
 
 /// Sites of all kinds: joints that turn and that slide, readings with and without the arm's weight, points to touch
-/// and none.
+/// and none. One arm has a single joint, the others have three: an effect has parameters for the joints that there are, none where
+/// its joint is missing; or is asked at the sites that can have it alone ([`Site::joints`](vsf_gap::Site::joints)).
 ///
 /// # Errors
 /// None in practice: the robots are built in.

@@ -208,6 +208,12 @@ fn write_field(
                 let svg = pictures::field(field, around, view, |v| v.svg());
                 write_file(out, svg.with_context(picture_of)?.as_bytes())?;
             }
+            FieldFormat::Ply if args.deviation => {
+                return Err(usage(
+                    "--deviation is of pictures and .mcap; a .ply file has stiffness as color, and both as numbers where the field \
+                     has deviations",
+                ));
+            }
             FieldFormat::Ply => {
                 writing(|| field.save_ply(out, args.full_scale))?;
             }

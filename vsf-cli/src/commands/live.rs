@@ -166,6 +166,17 @@ pub fn run(args: &Args, console: &Console) -> anyhow::Result<()> {
     } else {
         None
     };
+    let learned = start.learned_from.iter().flatten();
+    let again: Vec<&str> = (learned.map(String::as_str))
+        .filter(|id| played.iter().flatten().any(|s| s.id == *id))
+        .collect();
+    if !again.is_empty() {
+        console.warn(format!(
+            "the field has learned from sequences that are played to it again ({}): their readings count twice, and its standard \
+             deviations come out too small",
+            listed(&again)
+        ));
+    }
     let noise = Noise::per_channel(&start.hyper.noise_sd)?;
     let prior = start.prior.clone();
     let place = || match &args.field {

@@ -30,12 +30,15 @@ struct State<T> {
     closed: bool,
 }
 
+/// Items that memory is taken for at once; a longer queue takes it as it grows.
+const RESERVED: usize = 1 << 16;
+
 impl<T> Queue<T> {
     /// A queue of at most `capacity` items, at least one.
     pub fn new(capacity: usize, when_full: WhenFull) -> Self {
         let capacity = capacity.max(1);
         let state = State {
-            items: VecDeque::with_capacity(capacity),
+            items: VecDeque::with_capacity(capacity.min(RESERVED)),
             began: None,
             dropped: 0,
             closed: false,

@@ -525,6 +525,35 @@ pub enum PipelineWarning {
         /// Further sequences of that kind.
         others: usize,
     },
+    /// Samples in which all joints read exactly zero, between samples in which they read much.
+    #[error(
+        "sequence {sequence} row {row}: all joints read exactly 0 between rows in which they do not, as where readings were lost{}; \
+         an estimate takes them for free air: leave these samples out", more(*others, "sample")
+    )]
+    LostReadings {
+        /// ID of the first sequence.
+        sequence: String,
+        /// Its first such row.
+        row: usize,
+        /// Further samples of that kind, of all sequences.
+        others: usize,
+    },
+    /// Samples that repeat the one before to the last digit, while the arm moves.
+    #[error(
+        "sequence {sequence}: {count} of {rows} samples repeat the one before to the last digit, positions and readings, as where a log is \
+         quicker than what it records{}; each counts as a new one, so that standard deviations are too small: keep one of each",
+        more(*others, "sequence")
+    )]
+    RepeatedSamples {
+        /// ID of the first sequence.
+        sequence: String,
+        /// How many of its samples do.
+        count: usize,
+        /// Samples of the sequence.
+        rows: usize,
+        /// Further sequences of that kind.
+        others: usize,
+    },
     /// A joint whose readings stay at one value for a part of a sequence, not at the end of their range, while touch
     /// would change them.
     #[error(

@@ -1,7 +1,7 @@
 use super::joints::InAir;
 use super::springs::springs;
 use super::{
-    PipelineWarning, actuators, air, arm, conventions, gravity, lag, malformed, misread,
+    PipelineWarning, actuators, air, arm, conventions, gravity, lag, lost, malformed, misread,
     motion_warnings, scale, sensors, spikes, tare, uncovered,
 };
 use crate::readings::check_sequence;
@@ -60,8 +60,10 @@ pub fn reading_warnings(
     let springs = springs(traces);
     let spike = spikes::warning(scene, sequences, traces);
     let sensors = sensors::warnings(scene, sequences, traces, &springs);
-    let is_sick = spike.is_some() || !sensors.is_empty();
-    warnings.extend(spike);
+    let lost = lost::zeros(sequences);
+    let is_sick = spike.is_some() || lost.is_some() || !sensors.is_empty();
+    warnings.extend(spike.into_iter().chain(lost));
+    warnings.extend(lost::repeated(sequences));
     let told = |w: &PipelineWarning| {
         use PipelineWarning::{StuckReadings, ZeroReadings};
         matches!(w, StuckReadings { .. } | ZeroReadings { .. })

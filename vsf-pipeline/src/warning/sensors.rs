@@ -17,10 +17,12 @@ pub(super) const LEAST_CHANGE: f64 = 0.2;
 /// of its largest reading where one step is more than this share of their range.
 pub(super) const LEAST_STEPS: f64 = 4.0;
 const MOST_STEP: f64 = 0.02;
+/// A sensor that goes on again jumps by more than so many steps; readings that are rounded go on by one.
+const LEAST_JUMP: f64 = 2.5;
 /// What a tare leaves of zero is less than this share of the range of the readings.
 const ROUNDING: f64 = 1e-9;
 /// Share of its largest reading from which a sensor does not come down to zero in one sample.
-const LEAST_DROP: f64 = 0.3;
+pub(super) const LEAST_DROP: f64 = 0.3;
 
 /// A sequence beside the torques of springs of one stiffness, zero where nothing is touched.
 struct Touched<'a> {
@@ -159,7 +161,13 @@ fn frozen(scene: &Scene, touched: &[Touched]) -> Option<PipelineWarning> {
                 let steps = change * (high - low) / step;
                 let is_zero = value.abs() <= ROUNDING * (high - low);
                 let inside = low < value && value < high && !is_zero;
-                (inside && rows.len() >= LEAST_ROWS && change > LEAST_CHANGE && steps > LEAST_STEPS)
+                let next = readings.get(rows.end);
+                let jumps = next.is_none_or(|next| (next - value).abs() > LEAST_JUMP * step);
+                (inside
+                    && jumps
+                    && rows.len() >= LEAST_ROWS
+                    && change > LEAST_CHANGE
+                    && steps > LEAST_STEPS)
                     .then_some((t.sequence, rows, value))
             })
         })

@@ -708,6 +708,14 @@ fn how_joints_move() {
     }
 }
 
+/// Memory is taken as samples wait, not for all that might.
+#[test]
+fn a_queue_without_end() {
+    let queue = vsf_pipeline::live::Queue::new(usize::MAX, vsf_pipeline::live::WhenFull::Wait);
+    assert!(queue.push(1));
+    assert_eq!(queue.pop(), Some(1));
+}
+
 /// A clock that goes back is another one: nothing is known of how the arm moves until enough samples have come by it.
 #[test]
 fn a_clock_that_goes_back() {

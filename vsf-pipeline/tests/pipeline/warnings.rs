@@ -566,6 +566,81 @@ fn touches_beside_the_points() {
     assert!(*share > 0.05 && *share < 1.0 && sequence == "0", "{share}");
 }
 
+/// Rows of zeros where readings were lost; what begins and ends a touch is none.
+#[test]
+fn readings_that_were_lost() {
+    let scene = scene(TorqueKind::External, 0);
+    let warned = |sequence: &Sequence| {
+        let trace = scene.trace(sequence).unwrap();
+        reading_warnings(&scene, &[sequence], &[trace])
+    };
+    let mut sequence = touch_along(&scene, &swing_of(200));
+    let free = scene.trace(&sequence).unwrap().observations;
+    for (row, _) in free.iter().enumerate().filter(|(_, o)| o.is_empty()) {
+        sequence.torques.data_mut()[3 * row..3 * row + 3].fill(0.0);
+    }
+    assert_eq!(warned(&sequence), []);
+    for row in [95, 100, 101] {
+        sequence.torques.data_mut()[3 * row..3 * row + 3].fill(0.0);
+    }
+    let warnings = warned(&sequence);
+    let [
+        PipelineWarning::LostReadings {
+            row: 95, others: 2, ..
+        },
+    ] = &warnings[..]
+    else {
+        panic!("{warnings:?}");
+    };
+    // Where a touch begins, nothing was lost.
+    sequence.touch_starts = vec![0, 95, 101];
+    assert_eq!(warned(&sequence), []);
+}
+
+/// A log that writes every sample three times.
+#[test]
+fn samples_that_are_repeated() {
+    let scene = scene(TorqueKind::External, 0);
+    let once = touch_along(&scene, &swing_of(100));
+    let thrice = |table: &Table| {
+        let rows = table.iter().flat_map(|row| [row; 3].concat());
+        Table::new(table.cols(), rows.collect()).unwrap()
+    };
+    let time = (0..300).map(|k| 0.01 * f64::from(k)).collect();
+    let (angles, torques) = (thrice(&once.angles), thrice(&once.torques));
+    let sequence = Sequence::new("0", time, angles, torques);
+    let trace = scene.trace(&sequence).unwrap();
+    let warnings = reading_warnings(&scene, &[&sequence], &[trace]);
+    assert!(
+        warnings.iter().any(|w| matches!(
+            w,
+            PipelineWarning::RepeatedSamples {
+                count: 200,
+                rows: 300,
+                others: 0,
+                ..
+            }
+        )),
+        "{warnings:?}"
+    );
+}
+
+/// Readings that are rounded stay where they are as long as they change by less than a step: no sensor is frozen.
+#[test]
+fn readings_that_are_rounded() {
+    let scene = scene(TorqueKind::External, 0);
+    let exact = touch_along(&scene, &swing_of(400));
+    for step in [0.05, 0.1, 0.2, 0.5] {
+        let mut rounded = exact.clone();
+        let readings = rounded.torques.data_mut().iter_mut();
+        readings.for_each(|t| *t = (*t / step).round() * step);
+        let trace = scene.trace(&rounded).unwrap();
+        let warnings = reading_warnings(&scene, &[&rounded], &[trace]);
+        let frozen = |w: &PipelineWarning| matches!(w, PipelineWarning::FrozenReadings { .. });
+        assert!(!warnings.iter().any(frozen), "{step}: {warnings:?}");
+    }
+}
+
 /// Offsets that nobody took off.
 #[test]
 fn readings_that_are_not_tared() {
