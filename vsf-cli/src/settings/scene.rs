@@ -25,7 +25,7 @@ pub struct ContactSettings {
     #[arg(long, value_delimiter = ',')]
     links: Option<Vec<String>>,
     /// Contact threshold delta [m]: distance from a link's surface within which a point is touched. Default: 0.8 of the
-    /// points' spacing (see --thresholds of `estimate`), 0.002 for `diagnose`; a field, corrected model or simulated
+    /// points' spacing, 0.0001 to 0.01 (see --thresholds of `estimate`), 0.002 for `diagnose`; a field, corrected model or simulated
     /// recording brings its own, and a field that says nothing of it is taken to have 0.002
     #[arg(long, value_parser = length)]
     threshold: Option<f64>,

@@ -711,7 +711,7 @@ fn how_joints_move() {
 /// Memory is taken as samples wait, not for all that might.
 #[test]
 fn a_queue_without_end() {
-    let queue = vsf_pipeline::live::Queue::new(usize::MAX, vsf_pipeline::live::WhenFull::Wait);
+    let queue = Queue::new(usize::MAX, WhenFull::Wait);
     assert!(queue.push(1));
     assert_eq!(queue.pop(), Some(1));
 }
