@@ -469,6 +469,22 @@ fn raw(
         made_by: metadata.made_by,
         contact: metadata.contact,
         digest: None,
-        extra: json::from_text(path, extra)?,
+        extra: others(path, extra)?,
     })
+}
+
+/// Keys that the format does not know; its own would be in the file twice.
+fn others(path: &Path, extra: &BTreeMap<String, String>) -> Result<Map<String, Value>, DataError> {
+    let extra = json::from_text(path, extra)?;
+    for key in extra.keys() {
+        let alone = Map::from_iter([(key.clone(), Value::Null)]);
+        let read: Raw = json::parse(path, &json::encode(path, &alone)?)?;
+        if !read.extra.contains_key(key) {
+            return Err(DataError::Argument {
+                what: "extra",
+                problem: format!("{key:?} is a key of the format itself; set what it stands for"),
+            });
+        }
+    }
+    Ok(extra)
 }

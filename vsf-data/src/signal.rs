@@ -16,7 +16,8 @@ pub struct Derivatives {
 /// nothing.
 ///
 /// # Errors
-/// [`DataError::Argument`] when the table has fewer rows.
+/// [`DataError::Argument`] when the table has fewer rows, or numbers that are not finite or so large that what is left of them
+/// is not.
 ///
 /// ```
 /// use vsf_data::{Table, tare};
@@ -39,6 +40,12 @@ pub fn tare(torques: &Table, samples: usize) -> Result<Table, DataError> {
         for row in tared.data_mut().chunks_exact_mut(mean.len()) {
             row.iter_mut().zip(&mean).for_each(|(v, m)| *v -= m);
         }
+    }
+    if let Some(value) = tared.data().iter().find(|v| !v.is_finite()) {
+        return Err(DataError::Argument {
+            what: "tared readings",
+            problem: format!("{value} is not finite"),
+        });
     }
     Ok(tared)
 }

@@ -439,6 +439,14 @@ fn warnings_name_what_was_seen() {
     );
     let (dataset, warnings) = folder.open().unwrap();
     assert_eq!(dataset.extra["operator"], r#"{"x":[1]}"#);
+    for key in ["robot", "rate_hz", "digest", "contact_parameters"] {
+        let mut twice = dataset.clone();
+        twice.extra.insert(key.to_owned(), "1".to_owned());
+        let error = twice
+            .save(tempfile::tempdir().unwrap().path().join("twice"))
+            .unwrap_err();
+        assert!(error.to_string().contains(key), "{error}");
+    }
     assert_eq!(dataset.train().count(), 0);
     assert_eq!(dataset.test().count(), 1);
     assert!(matches!(&warnings[0], DataWarning::UnknownKeys { keys, .. } if keys == &["operator"]));

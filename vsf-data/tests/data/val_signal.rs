@@ -197,6 +197,8 @@ fn bad_arguments_are_errors() {
     refused(&[0.0], &column(std::iter::once(1.0)), 1);
     refused(&[0.0, 1.0], &column([0.0, f64::NAN].into_iter()), 1);
     assert!(tare(&x, 4).is_err());
+    let huge = Table::new(1, vec![1.7e308, 1.7e308, 0.0]).unwrap();
+    assert!(tare(&huge, 2).is_err());
     assert_eq!(tare(&x, 0).unwrap(), x);
     let mut s = sequence(None);
     s.touch_starts = vec![0, 19];
