@@ -74,7 +74,7 @@ impl Matern {
             ("smooth prior sd", self.sd, "> 0 N/m"),
             ("prior length", self.length, "> 0 m"),
         ] {
-            if !(value > 0.0 && (value * value).is_finite() && value * value > 0.0) {
+            if !(value > 0.0 && (value * value).is_normal()) {
                 return Err(CoreError::Parameter { name, value, range });
             }
         }
@@ -83,17 +83,21 @@ impl Matern {
 
     /// Covariance of two places `distance` (m) apart.
     pub fn covariance(&self, distance: f64) -> f64 {
-        let scaled = |nu2: f64| nu2.sqrt() * distance / self.length;
+        let nu2: f64 = match self.smoothness {
+            Smoothness::Half => 1.0,
+            Smoothness::ThreeHalves => 3.0,
+            Smoothness::FiveHalves => 5.0,
+        };
+        let s = nu2.sqrt() * distance / self.length;
+        let decay = (-s).exp();
+        // Far apart the other factor is infinite.
+        if decay == 0.0 {
+            return 0.0;
+        }
         let correlation = match self.smoothness {
-            Smoothness::Half => (-scaled(1.0)).exp(),
-            Smoothness::ThreeHalves => {
-                let s = scaled(3.0);
-                (1.0 + s) * (-s).exp()
-            }
-            Smoothness::FiveHalves => {
-                let s = scaled(5.0);
-                (1.0 + s + s * s / 3.0) * (-s).exp()
-            }
+            Smoothness::Half => decay,
+            Smoothness::ThreeHalves => (1.0 + s) * decay,
+            Smoothness::FiveHalves => (1.0 + s + s * s / 3.0) * decay,
         };
         self.sd * self.sd * correlation
     }

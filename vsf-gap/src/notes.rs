@@ -100,8 +100,9 @@ pub(crate) fn of_search(
     let verdict = &answer.verdict;
     if let (Some(named), Some([error, without])) = (&judgment.named, judgment.worse) {
         let which = named.effects.join(" and ");
+        let unit = campaign.scene.error_unit();
         notes.push(format!(
-            "with {which} the test sequences are predicted worse ({} instead of {}): the corrected model is \
+            "with {which} the test sequences are predicted worse ({} {unit} instead of {} {unit}): the corrected model is \
              the nominal one",
             number(error),
             number(without)

@@ -292,7 +292,7 @@ pub fn evaluate(
 ///
 /// # Errors
 /// No sequence, traces that [`Trace::check`] refuses, or predictions that are not finite, of another shape
-/// than the traces, or with a negative deviation.
+/// than the traces, or with a negative deviation, or so far off that squares of errors are not finite.
 pub fn score(
     scene: &Scene,
     traces: &[Trace],
@@ -337,6 +337,7 @@ pub fn score(
         });
     }
     let n = all.count as f64;
+    CoreError::check_finite("squared errors", &squared)?;
     let per_joint = scene
         .robot()
         .joints()

@@ -72,6 +72,7 @@ pub fn add_noise(
     let mut rng = Pcg64Mcg::seed_from_u64(seed);
     for t in sequences.iter_mut().flat_map(|s| s.torques.data_mut()) {
         *t += noise.sample(&mut rng);
+        CoreError::check_finite("noisy reading", &[*t])?;
     }
     Ok(())
 }

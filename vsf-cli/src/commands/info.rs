@@ -1,12 +1,13 @@
 mod field;
 
 use crate::console::{Console, in_line, number, sequence_table, table};
+use crate::exit::message;
 use crate::field_file::{FieldFile, FieldFormat};
 use crate::recording::{Recording, RecordingArgs, SplitPart, untouched};
 use serde::Serialize;
 use vsf::core::nalgebra::Point3;
 use vsf::data::{TorqueKind, listed};
-use vsf::pipeline::{Scene, Trace, reading_unit};
+use vsf::pipeline::{Scene, Trace, reading_unit, view_warnings};
 use vsf::robots::RobotModel;
 
 #[derive(Debug, clap::Args)]
@@ -90,6 +91,9 @@ pub fn run(args: &Args, console: &Console) -> anyhow::Result<()> {
     recording.compare_contact(&scene, console);
     let traces = recording.traces(&scene, &sequences, console)?;
     console.warn_all(untouched(&scene, &traces));
+    if recording.has_points() {
+        warn_of_extras(&recording, &scene, console);
+    }
     // A recording of free motion has no points, and nothing can be said about contact.
     let report = if recording.has_points() {
         describe(&recording, scene.robot(), Some(&scene), &traces)
@@ -97,6 +101,22 @@ pub fn run(args: &Args, console: &Console) -> anyhow::Result<()> {
         describe(&recording, scene.robot(), None, &[])
     };
     console.results(&report, text(&report))
+}
+
+/// Warns of a camera and a stored field that do not fit the points: they are needed by other commands.
+fn warn_of_extras(recording: &Recording, scene: &Scene, console: &Console) {
+    match recording.view() {
+        Ok(view) => console.warn_all(view.iter().flat_map(|v| view_warnings(scene.rest(), v))),
+        Err(error) => console.warn(message(&error)),
+    }
+    let checked = match recording.dataset.field {
+        Some(_) => (recording.field(None, console))
+            .and_then(|field| recording.check_field(&field, console)),
+        None => Ok(()),
+    };
+    if let Err(error) = checked {
+        console.warn(format!("the stored field: {}", message(&error)));
+    }
 }
 
 fn describe(
@@ -162,7 +182,10 @@ fn bounds(points: &[Point3<f64>]) -> Option<[[f64; 3]; 2]> {
 
 /// Bounds by axis.
 fn place([a, b]: &[[f64; 3]; 2]) -> String {
-    let range = |k: usize| format!("{:.3}..{:.3}", a[k], b[k]);
+    // Of a small object millimeters say nothing.
+    let widest = (0..3).map(|k| b[k] - a[k]).fold(0.0, f64::max);
+    let digits = if widest < 0.03 { 6 } else { 3 };
+    let range = |k: usize| format!("{:.digits$}..{:.digits$}", a[k], b[k]);
     format!("x {}, y {}, z {} m", range(0), range(1), range(2))
 }
 

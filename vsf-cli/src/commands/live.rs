@@ -257,7 +257,7 @@ impl Live<'_> {
             // Why they do may be told by their motions.
             self.check(node.learner())?;
             anyhow::bail!(
-                "the stream touched none of the {} points ({}); no field is written",
+                "the stream touched none of the {} points ({}); no field is written: check the order and units of q, base_pose and the robot",
                 self.scene.rest().len(),
                 told(&counts)
             );

@@ -394,6 +394,18 @@ fn fields_that_are_no_estimate() {
     )
     .unwrap();
     bench.fails("evaluate data", 1, &["K row 7", "-3.0"]);
+    // One of other points is told before any other command needs it.
+    npy(&bench.root.join("data/field/K.npy"), &[2], &[1.0; 2]);
+    npy(
+        &bench.root.join("data/field/points.npy"),
+        &[2, 3],
+        &[0.0; 6],
+    );
+    let json = bench.ok("info data --json");
+    assert!(
+        json.contains("the stored field: data: the field has 2 points"),
+        "{json}"
+    );
 }
 
 #[test]

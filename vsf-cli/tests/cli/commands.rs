@@ -162,7 +162,10 @@ fn made_recordings_travel() {
         ),
     ] {
         let json = bench.ok(&format!("info {made} --json"));
-        for part in [&format!("\"name\": \"{name}\""), how, "\"camera\": true"] {
+        // The camera is of another scene.
+        let elsewhere = "of the surface that is seen";
+        let camera = "\"camera\": true";
+        for part in [&format!("\"name\": \"{name}\""), how, camera, elsewhere] {
             assert!(json.contains(part), "{part} is not in {json}");
         }
         let json = bench.ok(&format!(

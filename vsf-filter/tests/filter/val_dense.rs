@@ -118,6 +118,34 @@ fn cloud() -> RestPoints {
     RestPoints::new((0..N).map(at).collect()).unwrap()
 }
 
+/// Correlations are finite at any distance that points can have.
+#[test]
+fn far_apart_nothing_is_shared() {
+    use Smoothness::{FiveHalves, Half, ThreeHalves};
+    for smoothness in [Half, ThreeHalves, FiveHalves] {
+        for length in [2e-154, 1e-6, 0.02, 1e153] {
+            let matern = Matern {
+                sd: 3.0,
+                length,
+                smoothness,
+            };
+            assert_eq!(matern.covariance(0.0), 9.0);
+            for distance in [1e-9, 1.0, 1e6] {
+                let found = matern.covariance(distance);
+                assert!((0.0..=9.0).contains(&found), "{length} {distance}: {found}");
+            }
+        }
+        let length = 1e-160;
+        let matern = Matern {
+            sd: 3.0,
+            length,
+            smoothness,
+        };
+        let prior = FieldPrior::from(Belief::<f64>::uniform(N, 0.0, 1.0).unwrap());
+        assert!(prior.with_smooth(matern, &cloud()).is_err());
+    }
+}
+
 fn priors() -> [(&'static str, FieldPrior); 4] {
     let local = || {
         let mean = (0..N).map(|i| 4.0 + 0.01 * i as f64).collect();

@@ -607,7 +607,7 @@ pub enum PipelineWarning {
     #[error(
         "joint {joint} reads {value:?} {unit} in {count} rows of sequence {sequence} from row {row} on, while what the arm \
          alone asks of it changes by {change:.3} {unit}; its sensor looks dead or frozen{}{}",
-        more(*again, "time"),
+        again_told(*again),
         more(*others, "joint")
     )]
     StillActuator {
@@ -926,6 +926,14 @@ fn more(others: usize, what: &str) -> String {
         1 => format!("; so it is in 1 more {what}"),
         n if what.ends_with('h') => format!("; so it is in {n} more {what}es"),
         n => format!("; so it is in {n} more {what}s"),
+    }
+}
+
+fn again_told(times: usize) -> String {
+    match times {
+        0 => String::new(),
+        1 => "; once more after that".to_owned(),
+        n => format!("; {n} times more after that"),
     }
 }
 

@@ -387,6 +387,8 @@ fn predictions() {
     );
     refused(good(), good()[1..].to_vec(), "row 79: rows of predicted sd");
     refused(good(), rows(JOINTS, -1.0), "row 0: predicted sd = -1.0");
+    // Finite, but not its square.
+    refused(rows(JOINTS, 1e200), Vec::new(), "squared errors");
 }
 
 /// What is written as JSON can be read again.
