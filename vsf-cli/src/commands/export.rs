@@ -74,6 +74,13 @@ pub fn run(args: &Args, console: &Console) -> anyhow::Result<()> {
             .folder("--torques", folder, "plots", |_| None)?;
     }
     args.sources.keep(console)?;
+    let is_ply = |out: &PathBuf| FieldFormat::of(out).is_ok_and(|f| f == FieldFormat::Ply);
+    if args.deviation && args.out.iter().any(is_ply) {
+        console.warn(
+            "--deviation is of pictures and .mcap: a .ply file has stiffness as color, and deviations, where the field has \
+             them, as numbers",
+        );
+    }
     let written = if FieldFile::is_at(&args.input) {
         let given = [
             ("--field", args.field.is_some()),
@@ -207,12 +214,6 @@ fn write_field(
             FieldFormat::Svg => {
                 let svg = pictures::field(field, around, view, |v| v.svg());
                 write_file(out, svg.with_context(picture_of)?.as_bytes())?;
-            }
-            FieldFormat::Ply if args.deviation => {
-                return Err(usage(
-                    "--deviation is of pictures and .mcap; a .ply file has stiffness as color, and both as numbers where the field \
-                     has deviations",
-                ));
             }
             FieldFormat::Ply => {
                 writing(|| field.save_ply(out, args.full_scale))?;

@@ -311,7 +311,8 @@ fn files_set_what_flags_set() {
     );
     let json = bench.ok("evaluate x --config vsf.toml --json");
     assert!(json.contains("\"predictor\": \"zero\""), "{json}");
-    bench.ok("export truth --config vsf.toml");
+    let warned = bench.warned("export truth --config vsf.toml");
+    assert!(warned.contains("--deviation is of pictures"), "{warned}");
     assert!(bench.root.join("b.ply").is_file());
 
     for (text, parts) in [
