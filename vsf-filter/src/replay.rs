@@ -136,8 +136,7 @@ pub(crate) fn check_sizes(replays: usize, byte_budget: usize) -> Result<(), Core
 /// A reading that is replayed is fitted again, so that in the end the means follow the readings,
 /// whatever the prior says ([`crate::DualReplay`] counts it once). An update costs `1 + replays`
 /// corrections. Memory of past observations is reused, also across
-/// sequences. An update that fails leaves the belief as it was; past observations that left a full buffer for the new one
-/// are gone all the same.
+/// sequences.
 ///
 /// When an update fails, the belief is as before, bit for bit, and the observation is not in the
 /// buffer; those that made room for it stay out, and the draws go on from where they were.
