@@ -502,11 +502,6 @@ impl Recording {
     }
 }
 
-/// Whether nothing was measured in a sequence, as in a planned motion.
-pub fn is_unmeasured(sequence: &Sequence) -> bool {
-    sequence.torques.data().iter().all(|tau| *tau == 0.0)
-}
-
 /// Whether that is so of motions that are planned and not made.
 fn is_planned(warning: &DataWarning) -> bool {
     matches!(warning, DataWarning::ZeroTorques { .. })

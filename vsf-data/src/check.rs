@@ -184,9 +184,8 @@ impl Dataset {
                 ids,
             });
         }
-        let silent = |s: &&Sequence| s.torques.data().iter().all(|v| *v == 0.0);
         let ids: Vec<String> = (self.sequences.iter())
-            .filter(silent)
+            .filter(|s| s.is_unmeasured())
             .map(|s| s.id.clone())
             .collect();
         if !ids.is_empty() {

@@ -57,6 +57,11 @@ impl Sequence {
         self.angles.rows()
     }
 
+    /// Whether all torques are zero, as of a motion that is planned and not made: nothing was measured.
+    pub fn is_unmeasured(&self) -> bool {
+        self.torques.data().iter().all(|tau| *tau == 0.0)
+    }
+
     /// True without samples.
     pub fn is_empty(&self) -> bool {
         self.len() == 0

@@ -62,7 +62,7 @@ pub fn simulate(
 /// Adds independent noise of `noise_sd` to every reading, seeded: same seed, same bits.
 ///
 /// # Errors
-/// A noise that is negative or not finite; the sequences are then as they were.
+/// A noise that is negative or not finite, or so large that readings are not; the sequences are then as they were.
 pub fn add_noise(
     sequences: &mut [Sequence],
     noise_sd: f64,
@@ -70,9 +70,16 @@ pub fn add_noise(
 ) -> Result<(), PipelineError> {
     let noise = gaussian(noise_sd)?;
     let mut rng = Pcg64Mcg::seed_from_u64(seed);
-    for t in sequences.iter_mut().flat_map(|s| s.torques.data_mut()) {
-        *t += noise.sample(&mut rng);
-        CoreError::check_finite("noisy reading", &[*t])?;
+    let mut noisy: Vec<Table> = sequences.iter().map(|s| s.torques.clone()).collect();
+    for torques in &mut noisy {
+        let readings = torques.data_mut();
+        readings
+            .iter_mut()
+            .for_each(|t| *t += noise.sample(&mut rng));
+        CoreError::check_finite("noisy reading", readings)?;
+    }
+    for (sequence, torques) in sequences.iter_mut().zip(noisy) {
+        sequence.torques = torques;
     }
     Ok(())
 }

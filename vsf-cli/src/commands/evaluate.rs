@@ -3,7 +3,7 @@ use crate::corrected::Modeled;
 use crate::exit::usage;
 use crate::field_file::FieldFile;
 use crate::range::{count, whole};
-use crate::recording::{FieldArgs, Recording, SplitPart, is_unmeasured};
+use crate::recording::{FieldArgs, Recording, SplitPart};
 use serde::Serialize;
 use std::collections::BTreeMap;
 use vsf::data::{Sequence, listed};
@@ -90,7 +90,7 @@ pub fn run(args: &Args, console: &Console) -> anyhow::Result<()> {
         (None, recording.scene_to_learn_or_air(console)?)
     };
     recording.compare_contact(&scene, console);
-    if sequences.iter().all(|s| is_unmeasured(s)) {
+    if sequences.iter().all(|s| s.is_unmeasured()) {
         return Err(usage(
             "all torques of these sequences are zero, as of motions that are planned and not made: there is nothing to compare \
              predictions to; `vsf predict` writes them",

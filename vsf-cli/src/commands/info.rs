@@ -91,11 +91,9 @@ pub fn run(args: &Args, console: &Console) -> anyhow::Result<()> {
     recording.compare_contact(&scene, console);
     let traces = recording.traces(&scene, &sequences, console)?;
     console.warn_all(untouched(&scene, &traces));
-    if recording.has_points() {
-        warn_of_extras(&recording, &scene, console);
-    }
     // A recording of free motion has no points, and nothing can be said about contact.
     let report = if recording.has_points() {
+        warn_of_extras(&recording, &scene, console);
         describe(&recording, scene.robot(), Some(&scene), &traces)
     } else {
         describe(&recording, scene.robot(), None, &[])

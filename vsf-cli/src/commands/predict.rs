@@ -1,7 +1,7 @@
 use crate::console::{Console, number, plural, sequence_table};
 use crate::corrected::Modeled;
 use crate::derived::{PREDICTED, derived, deviations_of, save};
-use crate::recording::{FieldArgs, SplitPart, is_unmeasured};
+use crate::recording::{FieldArgs, SplitPart};
 use anyhow::Context;
 use serde::Serialize;
 use std::borrow::Cow;
@@ -55,7 +55,7 @@ pub fn run(args: &Args, console: &Console) -> anyhow::Result<()> {
     let loaded = model
         .as_ref()
         .map_or_else(Vec::new, |m| m.following_reading());
-    if !loaded.is_empty() && sequences.iter().all(|s| is_unmeasured(s)) {
+    if !loaded.is_empty() && sequences.iter().all(|s| s.is_unmeasured()) {
         console.warn(format!(
             "all torques that were read are zero, as of planned motions: {} of the model, which follows the load, has none; \
              `vsf simulate` takes it from the field",

@@ -1,7 +1,7 @@
 use super::sentence::{found, verdict};
 use super::words::{
     LIKELY_ENOUGH, NEVER_SHOWS, OUT_OF_SIGHT, SHOWS_FROM, determined, errors, figures, fitted,
-    headings, joint_of, limits, listed, look_alikes, none_of_these, out_of_sight, part, parts,
+    headings, limits, listed, look_alikes, none_of_these, out_of_sight, parameters, part, parts,
     percent, screened_out, size, stated, summary, touches, untestable,
 };
 use crate::console::{fixed, table};
@@ -84,9 +84,11 @@ fn effects(diagnosis: &Diagnosis, model: &ModelFile, site: &Site) -> String {
             summary(all, &e.effect)
         );
         let (shown, near_zero) = listed(all, e, site);
+        let known = parameters(&e.effect, site);
         for p in shown {
-            let joint = joint_of(&e.effect, &p.name, site);
-            let joint = joint.map_or_else(String::new, |name| format!("  ({name})"));
+            let joint = (known.iter().find(|known| known.name == p.name))
+                .and_then(|known| site.robot.joints().get(known.joint?))
+                .map_or_else(String::new, |joint| format!("  ({})", joint.name()));
             let value = determined(all, &e.effect, p);
             text += &format!("  {:<8} {value}{joint}\n", p.name);
         }

@@ -3,7 +3,6 @@ use vsf::gap::{
     Diagnosis, EffectEntry, EffectReport, Gap, Limit, MeanErrors, Parameter, ParameterEstimate,
     Place, Site, VerdictKind, effects,
 };
-use vsf::robots::Joint;
 
 /// Longer lists of parameters leave out what is near zero.
 const MOST_PARAMETERS: usize = 18;
@@ -284,16 +283,9 @@ pub fn listed<'a>(
 }
 
 /// The parameters of an effect of the catalogue at a site; none of others.
-fn parameters(effect: &str, site: &Site) -> Vec<Parameter> {
+pub fn parameters(effect: &str, site: &Site) -> Vec<Parameter> {
     let known = effects::named(&[effect]).into_iter().flatten();
     known.flat_map(|e| e.parameters(site)).collect()
-}
-
-/// Name of the joint that a parameter belongs to.
-pub fn joint_of<'a>(effect: &str, parameter: &str, site: &'a Site) -> Option<&'a str> {
-    let known = parameters(effect, site);
-    let joint = known.iter().find(|p| p.name == parameter)?.joint?;
-    site.robot.joints().get(joint).map(Joint::name)
 }
 
 /// Decimals that show two digits of a number.

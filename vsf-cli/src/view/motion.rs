@@ -3,7 +3,6 @@
 use super::cloud::Cloud;
 use super::numbers::{Numbers, check_near};
 use super::shapes::{Surface, surfaces};
-use crate::recording::is_unmeasured;
 use serde::Serialize;
 use vsf::core::nalgebra::{Point3, Vector3};
 use vsf::core::{Contacts, CoreError, Posture};
@@ -76,7 +75,7 @@ pub fn in_scene(
     for &sequence in sequences {
         let torques = external_torques(scene, sequence)?;
         // Of a planned motion what is left would be the weight of the arm.
-        let is_felt = !is_unmeasured(sequence);
+        let is_felt = !sequence.is_unmeasured();
         let mut frames = Frames::default();
         let norm = |row: &[f64]| row.iter().map(|t| t * t).sum::<f64>().sqrt();
         scene.follow(sequence, |row, posture, contacts| {

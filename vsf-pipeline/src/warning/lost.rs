@@ -13,7 +13,7 @@ const LEAST_SHARE: f64 = 0.2;
 pub fn zeros(sequences: &[&Sequence]) -> Option<PipelineWarning> {
     let mut found = sequences
         .iter()
-        .flat_map(|s| lost(s).map(|row| (&s.id, row)));
+        .flat_map(|s| lost(s).into_iter().map(|row| (&s.id, row)));
     let (sequence, row) = found.next()?;
     Some(PipelineWarning::LostReadings {
         sequence: sequence.clone(),
@@ -22,7 +22,7 @@ pub fn zeros(sequences: &[&Sequence]) -> Option<PipelineWarning> {
     })
 }
 
-fn lost(sequence: &Sequence) -> impl Iterator<Item = usize> {
+fn lost(sequence: &Sequence) -> Vec<usize> {
     let norm = |row: &[f64]| row.iter().map(|t| t * t).sum::<f64>().sqrt();
     let norms: Vec<f64> = sequence.torques.iter().map(norm).collect();
     let silent: Vec<bool> = norms.iter().map(|n| *n == 0.0).collect();
@@ -36,10 +36,8 @@ fn lost(sequence: &Sequence) -> impl Iterator<Item = usize> {
             && is_much(Some(rows.end))
             && !sequence.touch_starts.iter().skip(1).any(begins)
     };
-    let all: Vec<usize> = (runs(&silent).filter(is_lost))
-        .flat_map(|(rows, _)| rows)
-        .collect();
-    all.into_iter()
+    let lost = runs(&silent).filter(is_lost);
+    lost.flat_map(|(rows, _)| rows).collect()
 }
 
 /// Sequences of which many samples repeat the one before to the last digit.

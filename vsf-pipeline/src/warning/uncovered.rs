@@ -67,18 +67,10 @@ fn parts(traces: &[Trace]) -> Option<PipelineWarning> {
 /// contact, and with.
 fn energies(trace: &Trace) -> Option<[f64; 2]> {
     let free = || trace.observations.iter().filter(|o| o.is_empty());
-    let count = free().count();
-    if count < LEAST || trace.contact_samples() < LEAST {
+    if free().count() < LEAST || trace.contact_samples() < LEAST {
         return None;
     }
-    let zero = free().next()?.reading().iter().enumerate();
-    let zero: Vec<f64> = zero
-        .map(|(j, _)| median(free().map(|o| o.reading()[j]).collect()))
-        .collect::<Option<_>>()?;
-    let square = |a: &[f64], b: &[f64]| -> f64 {
-        let pairs = a.iter().zip(b);
-        pairs.map(|(a, b)| (a - b).powi(2)).sum()
-    };
+    let zero = middle(free().map(Observation::reading))?;
     // What changes from one sample to the next is noise, twice, but where a touch begins.
     let pairs = trace.observations.windows(2);
     let steps = pairs.filter(|pair| pair.iter().all(Observation::is_empty));
@@ -95,16 +87,22 @@ fn energies(trace: &Trace) -> Option<[f64; 2]> {
 
 /// How far the readings of a sequence get from their median, all joints together, but for a few samples.
 fn change(trace: &Trace) -> Option<f64> {
-    let joints = trace.observations.first()?.dim();
-    let medians: Vec<f64> = (0..joints)
-        .map(|j| median(trace.readings().map(|r| r[j]).collect()))
-        .collect::<Option<_>>()?;
-    let norm = |r: &[f64]| {
-        let beyond = r.iter().zip(&medians).map(|(r, m)| (r - m).powi(2));
-        beyond.sum::<f64>().sqrt()
-    };
+    let middle = middle(trace.observations.iter().map(Observation::reading))?;
+    let norm = |r: &[f64]| square(r, &middle).sqrt();
     let mut norms: Vec<f64> = trace.readings().map(norm).collect();
     norms.sort_by(f64::total_cmp);
     let few = (FAR * norms.len() as f64).ceil() as usize;
     norms.iter().rev().nth(few).copied()
+}
+
+/// The median of every joint.
+fn middle<'a>(readings: impl Iterator<Item = &'a [f64]> + Clone) -> Option<Vec<f64>> {
+    let joints = 0..readings.clone().next()?.len();
+    let of_joint = |j: usize| median(readings.clone().map(|r| r[j]).collect());
+    joints.map(of_joint).collect()
+}
+
+/// Square of the distance of two readings.
+fn square(a: &[f64], b: &[f64]) -> f64 {
+    a.iter().zip(b).map(|(a, b)| (a - b).powi(2)).sum()
 }

@@ -625,6 +625,15 @@ fn samples_that_are_repeated() {
     );
 }
 
+/// Noise that readings cannot bear leaves them as they were.
+#[test]
+fn noise_without_bounds() {
+    let before = [touch(&scene(TorqueKind::External, 0))];
+    let mut after = before.clone();
+    assert!(add_noise(&mut after, 1.7e308, 0).is_err());
+    assert_eq!(after, before);
+}
+
 /// Readings that are rounded stay where they are as long as they change by less than a step: no sensor is frozen.
 #[test]
 fn readings_that_are_rounded() {
