@@ -135,7 +135,8 @@ impl Staged {
         if place.is_symlink() {
             return Err(failed(nowhere()));
         }
-        if let Ok(old) = place.metadata() {
+        let old = place.metadata().ok();
+        if let Some(old) = &old {
             if !old.is_file() && !old.is_dir() {
                 return fs::write(&place, bytes).map_err(failed);
             }
@@ -161,6 +162,11 @@ impl Staged {
         let mut file = options.tempfile_in(above).map_err(failed)?;
         // Not through the wrapper, which adds its own name to errors.
         file.as_file_mut().write_all(bytes).map_err(failed)?;
+        // What is replaced stays as private, or as open to a group, as it was.
+        if let Some(old) = old {
+            let kept = file.as_file().set_permissions(old.permissions());
+            kept.map_err(failed)?;
+        }
         file.as_file().sync_all().map_err(failed)?;
         self.files.push((file.into_temp_path(), place));
         Ok(())

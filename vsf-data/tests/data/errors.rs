@@ -862,6 +862,10 @@ fn files_are_replaced_where_they_are() {
     assert!(at("link").is_symlink());
     assert_eq!(fs::read(at("real")).unwrap(), b"new");
     write_file("/dev/null", b"gone").unwrap();
+    fs::set_permissions(at("real"), fs::Permissions::from_mode(0o640)).unwrap();
+    write_file(at("real"), b"new").unwrap();
+    let mode = at("real").metadata().unwrap().permissions().mode();
+    assert_eq!(mode & 0o777, 0o640);
     fs::set_permissions(at("real"), fs::Permissions::from_mode(0o444)).unwrap();
     let error = write_file(at("real"), b"newer").unwrap_err().to_string();
     assert!(

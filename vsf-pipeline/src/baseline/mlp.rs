@@ -28,7 +28,7 @@ use vsf_vision::{Features, Scaler};
 /// error. The same seed gives the same network, whatever the number of threads.
 #[derive(Debug, Clone, PartialEq, Eq, Default)]
 pub struct MlpConfig {
-    /// Units of each hidden layer, each at least 1; at least one layer. `None` (default) is the
+    /// Units of each hidden layer, 1 to 4096; 1 to 16 layers. `None` (default) is the
     /// paper's search: two or three layers of 64, 128 or 256, the one with the least held-out error.
     pub hidden: Option<Vec<usize>>,
     /// Seed of the first weights and of the order of samples, default 0.
@@ -45,6 +45,9 @@ const PARTS: usize = 20;
 /// The paper's sizes.
 const UNITS: [usize; 3] = [64, 128, 256];
 const LAYERS: [usize; 2] = [2, 3];
+/// More take memory that no training set of touches is worth.
+const MOST_LAYERS: usize = 16;
+const MOST_UNITS: usize = 4096;
 
 /// Scaled samples, one per column.
 struct Data {
@@ -100,7 +103,12 @@ pub fn predict(
         .zip(tried)
         .min_by(|a, b| a.1.0.total_cmp(&b.1.0));
     let Some((hidden, (_, passes))) = best else {
-        return Err(no_layers().into());
+        return Err(CoreError::TooFew {
+            what: "sizes of the network",
+            got: 0,
+            least: 1,
+        }
+        .into());
     };
     let network = train(hidden, config.seed, &data, passes, |_, _| {
         ControlFlow::Continue(())
@@ -124,18 +132,19 @@ impl MlpConfig {
             let sizes = LAYERS.iter().flat_map(|l| UNITS.map(|u| vec![u; *l]));
             return Ok(sizes.collect());
         };
-        if hidden.is_empty() || hidden.contains(&0) {
-            return Err(no_layers());
+        let refused = |name, value: usize, range| CoreError::Parameter {
+            name,
+            value: value as f64,
+            range,
+        };
+        if !(1..=MOST_LAYERS).contains(&hidden.len()) {
+            return Err(refused("hidden layers", hidden.len(), "1 to 16"));
+        }
+        let odd = |units: &&usize| !(1..=MOST_UNITS).contains(*units);
+        if let Some(units) = hidden.iter().find(odd) {
+            return Err(refused("units of a hidden layer", *units, "1 to 4096"));
         }
         Ok(vec![hidden.clone()])
-    }
-}
-
-fn no_layers() -> CoreError {
-    CoreError::Parameter {
-        name: "hidden layers, or units of one",
-        value: 0.0,
-        range: ">= 1",
     }
 }
 

@@ -494,7 +494,7 @@ pub enum PipelineWarning {
     #[error(
         "sequence {sequence}: samples come {step:.3} s apart, and joints move at {fastest:.1e} rad/s (or m/s) at most, \
          averaged along the way; \
-         time stamps must be in seconds, these look like {}{}", clock::unit(*step), more(*others, "sequence")
+         time stamps must be in seconds; unless the arm is that slow, these are {}{}", clock::unit(*step), more(*others, "sequence")
     )]
     SlowClock {
         /// The first such sequence.

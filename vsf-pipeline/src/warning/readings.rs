@@ -59,8 +59,18 @@ pub fn reading_warnings(
     }
     let springs = springs(traces);
     let spike = spikes::warning(scene, sequences, traces);
-    let sensors = sensors::warnings(scene, sequences, traces, &springs);
+    let mut sensors = sensors::warnings(scene, sequences, traces, &springs);
     let lost = lost::zeros(sequences);
+    // Readings that come late stay at their largest while the touch goes on, as those of a saturated sensor do.
+    let at_end = |w: &PipelineWarning| matches!(w, PipelineWarning::SaturatedReadings { .. });
+    let late = if spike.is_none() && lost.is_none() && sensors.iter().all(at_end) {
+        lag::warning(traces, &springs)
+    } else {
+        None
+    };
+    if late.is_some() {
+        sensors.clear();
+    }
     let is_sick = spike.is_some() || lost.is_some() || !sensors.is_empty();
     warnings.extend(spike.into_iter().chain(lost));
     warnings.extend(lost::repeated(sequences));
@@ -77,7 +87,6 @@ pub fn reading_warnings(
     let rigid = tared(scene, rigid).unwrap_or_default();
     let well = |of: &dyn Fn() -> Option<PipelineWarning>| if is_sick { None } else { of() };
     let all = well(&|| misread::all(scene, &rigid, traces));
-    let late = well(&|| lag::warning(traces, &springs));
     let (first, second) = misread::less_left(all, gravity);
     let air = InAir::new(scene, sequences, &motions, traces);
     let other_order = || air.as_ref()?.other_order();
@@ -96,15 +105,13 @@ pub fn reading_warnings(
         let mut motions = motion_warnings(scene.robot(), sequences).into_iter();
         motions.any(|w| matches!(w, Degrees(_) | Velocities { .. }))
     };
+    // What comes late is read where nothing is touched any more, and against where it pushes.
+    let is_timely = late.is_none();
+    let of_readings = || air::not_tared(scene, traces).or_else(|| air::felt_in_air(scene, traces));
     let in_air = of_arm()
         .filter(|_| !moves_oddly())
-        .or_else(|| air::not_tared(scene, traces))
-        .or_else(|| match late {
-            // What comes late is read where nothing is touched any more.
-            Some(_) => None,
-            None => air::felt_in_air(scene, traces),
-        });
-    let is_well = !is_sick && in_air.is_none();
+        .or_else(|| if is_timely { of_readings() } else { None });
+    let is_well = !is_sick && is_timely && in_air.is_none();
     warnings.extend(late.into_iter().chain(in_air));
     if is_well {
         // Points that are missing turn columns round.

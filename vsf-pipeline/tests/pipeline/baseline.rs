@@ -84,6 +84,18 @@ fn learn_a_function_of_the_posture() {
 }
 
 #[test]
+fn networks_of_no_or_endless_size_are_refused() {
+    let (scene, train, test) = recording();
+    let (train, test): (Vec<_>, Vec<_>) = (train.iter().collect(), test.iter().collect());
+    for hidden in [vec![], vec![16, 0], vec![usize::MAX], vec![1; 17]] {
+        let hidden = Some(hidden);
+        let mlp = Baseline::Mlp(MlpConfig { hidden, seed: 0 });
+        let error = mlp.predict(&scene, &train, &test).unwrap_err().to_string();
+        assert!(error.contains("hidden layer"), "{error}");
+    }
+}
+
+#[test]
 fn same_bits_on_any_number_of_threads() {
     let (scene, train, test) = recording();
     let (train, test): (Vec<_>, Vec<_>) = (train.iter().collect(), test.iter().collect());

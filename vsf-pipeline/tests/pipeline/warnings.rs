@@ -5,7 +5,8 @@ use vsf_core::{Belief, FilterHealth, UpdateReport};
 use vsf_data::{Dataset, RobotRef, Sequence, Table, TorqueKind};
 use vsf_pipeline::{
     PipelineWarning, Scene, SceneOptions, add_noise, field_warnings, fit_warnings, health_warnings,
-    motion_warnings, reading_warnings, robot_of, scene_warnings, simulate, touch_warnings,
+    motion_warnings, reading_warnings, robot_of, saturated_joints, scene_warnings, simulate,
+    touch_warnings,
 };
 
 const ROWS: usize = 61;
@@ -393,6 +394,43 @@ fn sensors_that_are_saturated_beneath_noise() {
     // An object that yields does the same whenever it is touched alike.
     assert_eq!(told(0.4, 10 * ROWS, &[1.0]), []);
     assert_eq!(told(0.4, 10 * ROWS, &[1.0, 1.0]), []);
+}
+
+/// Readings that come late stay at their largest while the arm withdraws, and are felt where nothing is touched.
+#[test]
+fn late_readings_are_not_saturated() {
+    let scene = scene(TorqueKind::External, 0);
+    let rows = 10 * ROWS;
+    // Touches that stay at one depth for a while, and noise that makes up for the rest.
+    let touch = |reach: f64| {
+        let mut swing = swing_of(rows);
+        swing.id = reach.to_string();
+        let angles = swing.angles.data_mut().chunks_exact_mut(3);
+        angles.for_each(|q| q[0] = (q[0] - 0.185 * (1.0 - reach)).min(0.055));
+        swing.velocities = None;
+        swing
+    };
+    let touches = [touch(1.0), touch(0.92)];
+    let touches: Vec<&Sequence> = touches.iter().collect();
+    let traces: Vec<_> = touches.iter().map(|s| scene.trace(s).unwrap()).collect();
+    let felt = simulate(&scene, &[50.0; 100], &touches, &traces).unwrap();
+    let mut looked_saturated = false;
+    for (noise, later) in [(0.02, 152), (0.1, 30), (0.3, 76)] {
+        let mut late = felt.clone();
+        for sequence in &mut late {
+            sequence.torques.data_mut().rotate_right(3 * later);
+        }
+        add_noise(&mut late, noise, 1).unwrap();
+        let traces: Vec<_> = late.iter().map(|s| scene.trace(s).unwrap()).collect();
+        let late: Vec<&Sequence> = late.iter().collect();
+        looked_saturated |= !saturated_joints(&traces).is_empty();
+        let warnings = reading_warnings(&scene, &late, &traces);
+        assert!(
+            matches!(warnings[..], [PipelineWarning::Late { .. }]),
+            "{warnings:?}"
+        );
+    }
+    assert!(looked_saturated);
 }
 
 /// All of them, from one sample to the next; a touch that ends is no loss.
