@@ -127,6 +127,7 @@ impl<C: ContactModel> CellContact<C> {
 impl<C: ContactModel + Clone> ContactModel for CellContact<C> {
     fn reset(&mut self) {
         self.inner.reset();
+        self.contacts.clear();
     }
 
     fn check_robot(&self, chains: &LinkChains) -> Result<(), CoreError> {

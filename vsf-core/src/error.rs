@@ -93,8 +93,8 @@ pub enum CoreError {
         /// The pivot found there.
         value: f64,
     },
-    /// The result would not be finite in the numbers that are computed with; the state before the call is kept.
-    #[error("{what} would overflow: check units and scale of the inputs; nothing has changed")]
+    /// The result would not be finite in the numbers that are computed with.
+    #[error("{what} would overflow: check units and scale of the inputs")]
     Overflow {
         /// The quantity that overflowed.
         what: &'static str,

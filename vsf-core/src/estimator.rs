@@ -20,7 +20,8 @@ pub struct UpdateReport {
     pub prefit: f64,
     /// Norm of the residual after the update and projection.
     pub postfit: f64,
-    /// Points whose mean the projection `K >= 0` moved.
+    /// Points at which `K >= 0` acts: those whose mean the projection moved, by this reading or one that was replayed after it.
+    /// Estimators that keep the mean without the constraint count those that are held at zero, and say of which points.
     pub projected: usize,
 }
 

@@ -110,9 +110,7 @@ impl<T: Scalar> Observation<T> {
 
     fn or_empty(&mut self, result: Result<(), CoreError>) -> Result<(), CoreError> {
         if result.is_err() {
-            self.points.clear();
-            self.rows.clear();
-            self.reading.fill(T::ZERO);
+            self.clear();
         }
         result
     }
@@ -205,12 +203,21 @@ impl<T: Scalar> Observation<T> {
     /// Replaces the noise by independent one of a standard deviation per channel, in the memory that is there.
     ///
     /// # Errors
-    /// As [`Noise::per_channel`] and [`Observation::set_noise`]. Where a reading overflows in it, the noise is that one all the
-    /// same.
+    /// As [`Noise::per_channel`] and [`Observation::set_noise`]; nothing has changed then.
     pub fn set_noise_sd(&mut self, sd: &[f64]) -> Result<(), CoreError> {
         CoreError::check_len("noise", sd.len(), self.dim())?;
-        self.noise.set_per_channel(sd)?;
-        check_scale(self.reading.iter().copied(), &self.noise)
+        // What are no deviations, the noise refuses.
+        if sd.iter().all(|sd| *sd > 0.0) {
+            check_scale(self.reading.iter().copied(), sd.iter().copied())?;
+        }
+        self.noise.set_per_channel(sd)
+    }
+
+    /// Leaves no contact, and a reading of zero, as of a new one; the noise stays.
+    pub fn clear(&mut self) {
+        self.points.clear();
+        self.rows.clear();
+        self.reading.fill(T::ZERO);
     }
 
     /// Becomes a copy of an observation in another number type, in the memory that is there.
@@ -230,9 +237,7 @@ impl<T: Scalar> Observation<T> {
         if fits {
             return Ok(());
         }
-        self.points.clear();
-        self.rows.clear();
-        self.reading.fill(T::ZERO);
+        self.clear();
         Err(CoreError::Overflow {
             what: "observation in another number type",
         })
@@ -244,7 +249,7 @@ impl<T: Scalar> Observation<T> {
     /// As [`Observation::set_noise`].
     pub fn check_noise(&self, noise: &Noise) -> Result<(), CoreError> {
         CoreError::check_len("noise", noise.dim(), self.dim())?;
-        check_scale(self.reading.iter().copied(), noise)
+        check_scale(self.reading.iter().copied(), sds(noise))
     }
 
     /// Replaces the reading.
@@ -346,18 +351,22 @@ impl<T: Scalar> Observation<T> {
 fn check_reading<T: Scalar>(reading: &[f64], noise: &Noise) -> Result<(), CoreError> {
     CoreError::check_len("reading", reading.len(), noise.dim())?;
     CoreError::check_finite("reading", reading)?;
-    check_scale(reading.iter().map(|r| T::from_f64(*r)), noise)
+    check_scale(reading.iter().map(|r| T::from_f64(*r)), sds(noise))
+}
+
+/// Standard deviations of the channels.
+fn sds(noise: &Noise) -> impl Iterator<Item = f64> {
+    let variances = noise.covariance().iter().step_by(noise.dim() + 1);
+    variances.map(|v| v.sqrt())
 }
 
 /// Norms and likelihoods square the reading in units of its noise.
 fn check_scale<T: Scalar>(
     reading: impl Iterator<Item = T>,
-    noise: &Noise,
+    sds: impl Iterator<Item = f64>,
 ) -> Result<(), CoreError> {
-    let d = noise.dim();
-    let variances = noise.covariance().iter().step_by(d + 1);
-    let squares: f64 = (reading.zip(variances))
-        .map(|(value, variance)| (value.to_f64() / variance.sqrt()).powi(2))
+    let squares: f64 = (reading.zip(sds))
+        .map(|(value, sd)| (value.to_f64() / sd).powi(2))
         .sum();
     if squares.is_finite() {
         Ok(())

@@ -27,8 +27,8 @@ pub struct Sequence {
     pub velocities: Option<Table>,
     /// Joint torques \[N m\] (prismatic: forces \[N\]), `T` x `d`.
     pub torques: Table,
-    /// Rows, increasing, at which a new touch begins: the contact state is reset there. `[0]` by
-    /// default.
+    /// Rows, increasing, at which a new touch begins: the contact state is reset there, and at row 0, whether it is among
+    /// them or not ([`touches`](Self::touches)). `[0]` by default.
     pub touch_starts: Vec<usize>,
     /// Free labels, never a hint of a cause. A tag that the file gives as `"key": value` reads
     /// `key=value`.

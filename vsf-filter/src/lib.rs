@@ -76,6 +76,7 @@
 
 mod aging;
 mod batch;
+mod cholesky;
 mod dense;
 mod diagonal;
 mod dual;

@@ -238,9 +238,7 @@ impl<E: Estimator> RobustNoise<E> {
             scratch: Scratch::new()?,
         })
     }
-}
 
-impl<E: Estimator> RobustNoise<E> {
     /// The loss.
     pub fn loss(&self) -> RobustLoss {
         self.loss

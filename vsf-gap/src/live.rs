@@ -114,11 +114,13 @@ impl<E: Estimator<Scalar = f64>> Learner for LiveCorrector<E> {
     }
 
     fn tare(&mut self, sample: &Sample, begins: Begins, last: bool) -> Result<(), GapError> {
-        self.observe(sample, begins)?;
-        if let Err(error) = check_free(self.observation.points().len()) {
+        let read = self
+            .observe(sample, begins)
+            .and_then(|()| Ok(check_free(self.observation.points().len())?));
+        if let Err(error) = read {
             // Its reading is not to be among those that tare: they are taken anew.
             self.corrector.begin_sequence(STREAM);
-            return Err(error.into());
+            return Err(error);
         }
         if last {
             self.corrector.tare();

@@ -404,7 +404,8 @@ mod tests {
         let r = mean(&mean(&mean(&r)));
         let sd = (r.iter().map(|v| v * v).sum::<f64>() / r.len() as f64).sqrt();
         let of = found(&r);
-        assert!((0.1..10.0).contains(&(of.sd / sd)), "{of:?} of {sd}");
+        // A ninth of it is found: what is smoother than the smoothest noise passes for signal.
+        assert!((0.08..0.16).contains(&(of.sd / sd)), "{of:?} of {sd}");
     }
 
     #[test]
@@ -412,6 +413,7 @@ mod tests {
         // Steps of 0.1 under a slow motion that the model knows almost.
         let read = |k: i32| (0.1 * f64::from(k)).round() * 0.1 - 0.0099 * f64::from(k);
         let sd = found(&(0..3000).map(read).collect::<Vec<_>>()).sd;
-        assert!((0.1..4.0).contains(&(sd * 12.0_f64.sqrt() / 0.1)), "{sd}");
+        // Its single steps are differences as large as any: found is some 3.4 times the error of rounding.
+        assert!((2.4..4.0).contains(&(sd * 12.0_f64.sqrt() / 0.1)), "{sd}");
     }
 }

@@ -302,6 +302,7 @@ pub fn score(
     let joints = scene.robot().joint_count();
     check_traces(traces, scene.rest().len(), joints)?;
     let [mut absolute, mut squared, mut read] = [(); 3].map(|()| vec![0.0; joints]);
+    let zeros = vec![0.0; joints];
     let mut all = Moments::default();
     let mut per_sequence = Vec::new();
     for (trace, prediction) in traces.iter().zip(predictions) {
@@ -310,7 +311,7 @@ pub fn score(
         for (obs, fit) in trace.observations.iter().zip(&prediction.mean) {
             own.add(
                 distance(fit, obs.reading()),
-                distance(&vec![0.0; obs.dim()], obs.reading()),
+                distance(&zeros, obs.reading()),
             );
             for (j, (f, tau)) in fit.iter().zip(obs.reading()).enumerate() {
                 absolute[j] += (f - tau).abs();

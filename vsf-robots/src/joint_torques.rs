@@ -102,6 +102,8 @@ impl<T: Scalar> Sensor<T> for JointTorques {
         let d = self.noise.dim();
         CoreError::check_len("joints of the posture", posture.screws().len(), d)?;
         CoreError::check_len("observation", out.dim(), d)?;
+        // Its noise is not to be that of the reading before.
+        out.clear();
         out.set_noise(&self.noise)?;
         contacts.check_fits(rest, posture)?;
         out.rebuild_rows(rest.len(), contacts.points(), reading, |rows| {

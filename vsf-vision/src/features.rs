@@ -121,13 +121,12 @@ impl Features {
         CoreError::check_len("feature", rows.len(), self.len)?;
         let width = self.width();
         let mut data = Vec::with_capacity(self.data.len() + D * self.len);
-        for (i, row) in rows.enumerate() {
+        for (index, row) in rows.enumerate() {
             if let Some(&value) = row.iter().find(|v| !v.is_finite()) {
                 let what = "feature";
-                let index = i;
                 return Err(CoreError::NotFinite { what, index, value }.into());
             }
-            data.extend_from_slice(&self.data[i * width..(i + 1) * width]);
+            data.extend_from_slice(&self.data[index * width..(index + 1) * width]);
             data.extend(row);
         }
         let mut all = self.names;

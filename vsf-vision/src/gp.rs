@@ -70,7 +70,7 @@ struct Data {
     width: usize,
     targets: Vec<f64>,
     variances: Vec<f64>,
-    /// Shares of the targets in their mean.
+    /// Shares of the targets in their mean, up to a factor.
     shares: Vec<f64>,
 }
 
@@ -93,11 +93,10 @@ impl Data {
         }
     }
 
-    /// Variance of the mean of the targets.
-    fn of_mean(&self, kernel: &Kernel) -> f64 {
+    /// Variance of the smooth part of the mean of the targets.
+    fn of_smooth_mean(&self, kernel: &Kernel) -> f64 {
         let mut sum = 0.0;
-        for (i, (w, v)) in self.shares.iter().zip(&self.variances).enumerate() {
-            sum += w * w * (kernel.0[2] + v);
+        for (i, w) in self.shares.iter().enumerate() {
             for (j, other) in self.shares.iter().enumerate() {
                 sum += w * other * kernel.smooth(self.row(i), self.row(j));
             }
@@ -197,12 +196,15 @@ impl Regressor for GaussianProcess {
     fn fit(&mut self, samples: &Samples) -> Result<(), VisionError> {
         let scaler = Scaler::of(samples.features())?;
         let (mean, total, shares) = samples.weighed();
+        let all = samples.variances().iter().zip(&shares);
+        // The mean is that of all samples, however few the others are thinned to: so much of it is scatter and noise.
+        let own = |scatter: f64| all.map(|(v, w)| w * w * (scatter + v)).sum::<f64>();
         let data = Data {
             rows: scaler.apply(samples.features())?,
             width: samples.features().width(),
             targets: samples.targets().iter().map(|y| y - mean).collect(),
             variances: samples.variances().to_vec(),
-            shares,
+            shares: shares.clone(),
         }
         .thinned(self.config.max_samples);
         let kernel = data.thinned(LIKELIHOOD_SAMPLES).likeliest(total)?;
@@ -214,7 +216,7 @@ impl Regressor for GaussianProcess {
         self.fitted = Some(Fitted {
             scaler,
             mean,
-            of_mean: data.of_mean(&kernel) + missing,
+            of_mean: data.of_smooth_mean(&kernel) + own(scatter) + missing,
             data,
             kernel,
             factor,
@@ -349,6 +351,25 @@ mod tests {
             assert!((found.mean[j] - mean).abs() < 1e-8, "{j}");
             assert!((found.variance[j] - variance).abs() < 1e-8, "{j}");
         }
+    }
+
+    /// 2000 samples of noise at two places: their mean is known as well from 50 of them, but for how they scatter.
+    #[test]
+    fn the_mean_is_that_of_all_samples() {
+        const MANY: usize = 2000;
+        let place: Vec<f64> = (0..MANY).map(|i| (i / 7 % 2) as f64).collect();
+        let noise = |i: usize| (12.9898 * i as f64).sin() * 43758.5453 % 1.0;
+        let features = Features::new(MANY).with_column("a", &place).unwrap();
+        let targets = (0..MANY).map(noise).collect();
+        let samples = Samples::new(features, targets, vec![0.0; MANY]).unwrap();
+        let mut gp = GaussianProcess::new(GpConfig { max_samples: 50 }).unwrap();
+        gp.fit(&samples).unwrap();
+        let fitted = gp.fitted.unwrap();
+        let [smooth, _, scatter] = fitted.kernel.0;
+        assert!(smooth < 0.01 * scatter, "{smooth} of {scatter}");
+        let own = scatter / MANY as f64;
+        let found = fitted.of_mean;
+        assert!((own..1.1 * own).contains(&found), "{found} {own}");
     }
 
     /// Equation 2.30, but for its constant; and no neighboring parameters are likelier.

@@ -96,3 +96,8 @@ pub use vsf_pipeline as pipeline;
 pub use vsf_plot as plot;
 pub use vsf_robots as robots;
 pub use vsf_vision as vision;
+
+/// The examples of the README compile.
+#[cfg(doctest)]
+#[doc = include_str!("../../README.md")]
+struct Readme;

@@ -471,6 +471,17 @@ fn noise_is_replaced_within_its_memory_or_not_at_all() {
     assert_eq!(noise, Noise::per_channel(&[1.0, 2.0]).unwrap());
     let mut obs = Observation::<f64>::new(noise);
     assert!(obs.set_noise_sd(&[1.0]).is_err());
+    obs.set_reading(&[1e9, 0.0]).unwrap();
+    let before = obs.clone();
+    for (refused, overflows) in [
+        ([1.0, 0.0], false),
+        ([f64::NAN, 1.0], false),
+        ([1e-150, 1e-150], true),
+    ] {
+        let error = obs.set_noise_sd(&refused).unwrap_err();
+        assert_eq!(matches!(error, CoreError::Overflow { .. }), overflows);
+        assert!(obs == before, "{refused:?}");
+    }
     obs.set_noise_sd(&[3.0, 4.0]).unwrap();
     assert_eq!(obs.noise(), &Noise::per_channel(&[3.0, 4.0]).unwrap());
 }

@@ -1,5 +1,6 @@
 //! The dense linear algebra of the batch estimator. Results do not depend on the number of threads.
 
+use crate::cholesky::cholesky;
 use faer::dyn_stack::{MemBuffer, MemStack};
 use faer::linalg::cholesky::llt;
 use faer::linalg::matmul::triangular::{self, BlockStructure};
@@ -27,21 +28,9 @@ pub(super) struct Cholesky(Mat<f64>);
 impl Cholesky {
     /// Factors `a` in its own memory, reading the lower triangle only.
     pub(super) fn new(what: &'static str, mut a: Mat<f64>) -> Result<Self, CoreError> {
-        let (n, par) = (a.nrows(), threads(a.nrows()));
-        let scratch = llt::factor::cholesky_in_place_scratch::<f64>(n, par, Default::default());
-        let mut memory = MemBuffer::new(scratch);
-        let stack = MemStack::new(&mut memory);
-        let options = (Default::default(), Default::default());
-        match llt::factor::cholesky_in_place(a.as_mut(), options.0, par, stack, options.1) {
-            Ok(_) => Ok(Self(a)),
-            Err(llt::factor::LltError::NonPositivePivot { index: pivot }) => {
-                Err(CoreError::NotPositiveDefinite {
-                    what,
-                    pivot,
-                    value: a[(pivot, pivot)],
-                })
-            }
-        }
+        let par = threads(a.nrows());
+        cholesky(what, &mut a, par)?;
+        Ok(Self(a))
     }
 
     pub(super) fn dim(&self) -> usize {

@@ -1,29 +1,11 @@
 //! Dense linear algebra with the parallelism said: one thread, so that the same bits come out
 //! wherever it runs.
 
-use faer::dyn_stack::{MemBuffer, MemStack};
-use faer::linalg::cholesky::llt::factor::{LltError, cholesky_in_place, cholesky_in_place_scratch};
 use faer::linalg::matmul::matmul;
 use faer::linalg::{triangular_inverse, triangular_solve};
-use faer::{Accum, Mat, MatRef, Par, Spec};
-use vsf_core::CoreError;
+use faer::{Accum, Mat, MatRef, Par};
 
-const PAR: Par = Par::Seq;
-
-/// Replaces the lower triangle of `a = L L^T` by `L`; what is above it stays.
-pub(super) fn cholesky(what: &'static str, a: &mut Mat<f64>) -> Result<(), CoreError> {
-    let scratch = cholesky_in_place_scratch::<f64>(a.nrows(), PAR, Spec::default());
-    let mut memory = MemBuffer::new(scratch);
-    let stack = MemStack::new(&mut memory);
-    match cholesky_in_place(a.as_mut(), Default::default(), PAR, stack, Spec::default()) {
-        Ok(_) => Ok(()),
-        Err(LltError::NonPositivePivot { index }) => Err(CoreError::NotPositiveDefinite {
-            what,
-            pivot: index,
-            value: a[(index, index)],
-        }),
-    }
-}
+pub(super) const PAR: Par = Par::Seq;
 
 /// `a b`.
 pub(super) fn product(a: MatRef<'_, f64>, b: MatRef<'_, f64>) -> Mat<f64> {

@@ -1,8 +1,9 @@
-use super::algebra::{add_product, cholesky, inverse_lower, product, solve_lower};
+use super::algebra::{PAR, add_product, inverse_lower, product, solve_lower};
 use super::innovation::Innovation;
 use super::joint::{Joint, JointEstimator};
 use super::projection::{Projection, Shown};
 use super::touched::{Conditional, Touched};
+use crate::cholesky::cholesky;
 use crate::limit::FACTORIZED;
 use crate::prior::FieldPrior;
 use crate::values::all_positive;
@@ -213,7 +214,7 @@ impl Gaussian {
     fn from_precision(precision: Mat<f64>) -> Result<Self, CoreError> {
         let n = precision.nrows();
         let mut root = precision.clone();
-        cholesky("precision of the touched points", &mut root)?;
+        cholesky("precision of the touched points", &mut root, PAR)?;
         let whitener = inverse_lower(&root);
         let variance: Vec<f64> = (0..n).map(|i| whitener.col(i).squared_norm_l2()).collect();
         Ok(Self {

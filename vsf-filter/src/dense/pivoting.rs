@@ -1,6 +1,7 @@
 //! The mode within `K >= 0`, exactly, by the points that are held at zero.
 
-use super::algebra::{cholesky, solve_lower, solve_lower_transposed};
+use super::algebra::{PAR, solve_lower, solve_lower_transposed};
+use crate::cholesky::cholesky;
 use crate::exchange::Exchanges;
 use faer::Mat;
 
@@ -46,7 +47,7 @@ pub(super) fn pivot(
                 0.0
             }
         });
-        cholesky("covariance of the points at zero", &mut factor).ok()?;
+        cholesky("covariance of the points at zero", &mut factor, PAR).ok()?;
         let mut multipliers = Mat::from_fn(of.len(), 1, |a, _| -mu[of[a]]);
         solve_lower(&factor, &mut multipliers);
         solve_lower_transposed(&factor, &mut multipliers);

@@ -1,4 +1,5 @@
-use super::algebra::{add_product, cholesky, solve_lower, solve_lower_transposed};
+use super::algebra::{PAR, add_product, solve_lower, solve_lower_transposed};
+use crate::cholesky::cholesky;
 use crate::limit::check_entries;
 use crate::prior::FieldPrior;
 use faer::{Mat, MatRef};
@@ -145,7 +146,7 @@ impl Touched {
             }
         };
         let mut corner = covariance.clone();
-        cholesky("prior covariance of the touched points", &mut corner)?;
+        cholesky("prior covariance of the touched points", &mut corner, PAR)?;
         Ok(Conditional {
             onto,
             share,

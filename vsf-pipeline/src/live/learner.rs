@@ -34,7 +34,8 @@ pub trait Learner: Send {
     /// Takes one of the first samples of a sequence, in free air: from the `last` of them on their mean reading is zero.
     ///
     /// # Errors
-    /// A sample that the robot cannot have, or that is in contact: it then begins to tare anew.
+    /// A sample that the robot cannot have, or that is in contact: the learner then begins to tare anew, with the next sample as
+    /// the first.
     fn tare(&mut self, sample: &Sample, begins: Begins, last: bool) -> Result<(), Self::Error>;
 
     /// Learns from a sample; `None` where nothing is learned from it, since it is of a touch whose beginning was not seen
@@ -191,6 +192,16 @@ impl<E: Estimator> LiveSession<E> {
     }
 }
 
+impl<E: Estimator> LiveSession<E> {
+    /// The same of a sample in free air.
+    fn read_free(&mut self, sample: &Sample, begins: Begins) -> Result<(), PipelineError> {
+        self.read(sample, begins)?;
+        self.begin(begins);
+        self.session.predict(&self.posture, &mut self.prediction)?;
+        Ok(check_free(self.session.contacts().len())?)
+    }
+}
+
 impl<E: Estimator> Learner for LiveSession<E> {
     type Error = PipelineError;
 
@@ -203,12 +214,9 @@ impl<E: Estimator> Learner for LiveSession<E> {
     }
 
     fn tare(&mut self, sample: &Sample, begins: Begins, last: bool) -> Result<(), PipelineError> {
-        self.read(sample, begins)?;
-        self.begin(begins);
-        self.session.predict(&self.posture, &mut self.prediction)?;
-        if let Err(error) = check_free(self.session.contacts().len()) {
+        if let Err(error) = self.read_free(sample, begins) {
             self.tare.begin();
-            return Err(error.into());
+            return Err(error);
         }
         self.tare.add(&self.reading);
         if last {

@@ -54,7 +54,7 @@ impl Motion {
         }
         // A touch may begin while the arm moves on.
         let goes_on = match begins {
-            Begins::Nothing => true,
+            Begins::Nothing => self.last.is_finite(),
             Begins::Touch => (0.0..=MOST_GAP).contains(&(sample.t - self.last)),
             Begins::Sequence => false,
         };

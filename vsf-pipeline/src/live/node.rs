@@ -60,7 +60,7 @@ pub struct Counts {
     pub late: u64,
     /// Samples far from those before in time that the next ones did not follow, and the first of those that they did.
     pub stray: u64,
-    /// Samples whose mean reading is zero.
+    /// Samples that were taken to tare the sensors, those before one in contact, with which that began anew, included.
     pub tared: u64,
     /// Samples of touches whose beginning was not seen, of which nothing is learned.
     pub skipped: u64,
@@ -334,7 +334,7 @@ impl<L: Learner> Node<L> {
         };
         if tared < self.options.tare {
             let last = tared + 1 == self.options.tare;
-            // A touch begins it anew.
+            // Where it is refused, taring begins anew.
             self.tared = 0;
             self.learner.tare(sample, begins, last)?;
             self.tared = tared + 1;
@@ -345,6 +345,12 @@ impl<L: Learner> Node<L> {
         }
         let start = Instant::now();
         let report = self.learner.learn(sample, begins)?;
+        let touching = self.learner.touching();
+        let len = self.touched.len();
+        if let Some(&point) = touching.iter().find(|p| **p as usize >= len) {
+            let (what, index) = ("touched point of the learner", point as usize);
+            return Err(CoreError::OutOfRange { what, index, len }.into());
+        }
         let took = 1e3 * start.elapsed().as_secs_f64();
         if let Some(step) = step {
             if self.options.rate_hz.is_none() {
@@ -368,12 +374,9 @@ impl<L: Learner> Node<L> {
                 if !touching.is_empty() {
                     self.health.record(&report);
                 }
-                for &point in touching {
-                    let (index, len) = (point as usize, self.touched.len());
-                    let what = "touched point of the learner";
-                    let foreign = CoreError::OutOfRange { what, index, len };
-                    *self.touched.get_mut(index).ok_or(foreign)? = true;
-                }
+                touching
+                    .iter()
+                    .for_each(|p| self.touched[*p as usize] = true);
             }
         }
         let due = self.due.unwrap_or(sample.t + period);

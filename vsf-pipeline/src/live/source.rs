@@ -42,7 +42,7 @@ impl<R: BufRead> Source for Lines<R> {
             if ended || line.len() <= MAX_LINE {
                 return Ok(match length {
                     0 => Received::End,
-                    n if n > MAX_LINE => Received::TooLong,
+                    n if n - usize::from(ended) > MAX_LINE => Received::TooLong,
                     _ => {
                         line.truncate(line.len() - usize::from(ended));
                         Received::Line

@@ -918,6 +918,45 @@ fn a_touch_tares_nothing() {
     assert_eq!((node.counts().tared, node.counts().used), (2, 1));
 }
 
+/// Of two samples, one is lost: two more tare.
+#[test]
+fn a_sample_that_is_refused_begins_to_tare_anew() {
+    let mut node = node(Options { tare: 2, ..PATIENT });
+    let mut free = sample(0).0;
+    free.q[2] = 0.02;
+    for (k, tau) in [vec![9.0; 3], vec![1.0; 2], vec![2.0; 3], vec![4.0; 3]]
+        .into_iter()
+        .enumerate()
+    {
+        let refused = tau.len() != 3;
+        let t = 0.01 * k as f64;
+        let taken = node.take(&Sample {
+            t,
+            tau,
+            ..free.clone()
+        });
+        assert_eq!(taken.is_err(), refused, "{taken:?}");
+    }
+    assert_eq!(node.learner().zero(), [3.0; 3]);
+    assert_eq!(node.counts().tared, 3);
+}
+
+/// With an end or without.
+#[test]
+fn the_longest_line_is_taken() {
+    for (length, end, expected) in [
+        (MAX_LINE, "\n", Received::Line),
+        (MAX_LINE, "", Received::Line),
+        (MAX_LINE + 1, "\n", Received::TooLong),
+        (MAX_LINE + 1, "", Received::TooLong),
+    ] {
+        let text = "1".repeat(length) + end;
+        let mut line = Vec::new();
+        let found = Lines(text.as_bytes()).receive(&mut line).unwrap();
+        assert_eq!(found, expected, "{length} {end:?}");
+    }
+}
+
 /// A sensor that is off by as much all the time, as first readings in free air say, is none of the object.
 #[test]
 fn the_first_readings_are_zero() {
