@@ -18,8 +18,9 @@ Exit codes:
        a second signal stops at once (the first one ends the stream of
        `vsf live`, which then writes its field: 0)
 
-RAYON_NUM_THREADS is the number of threads (1 to 1024), by default that
-of the cores; results do not depend on it";
+RAYON_NUM_THREADS is the number of threads (1 to 1024, no more than four
+a core are started), by default that of the cores; results do not depend
+on it";
 
 /// Stiffness fields of soft objects from a robot arm's joint angles and torques.
 ///

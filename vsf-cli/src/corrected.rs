@@ -45,7 +45,7 @@ impl Modeled {
                 .collect::<Result<_, _>>()?,
             None => recording.traces(scene, sequences, console)?,
         };
-        console.warn_all(untouched(scene, &traces));
+        console.warn_all(untouched(scene, &traces, sequences));
         Ok(Self {
             traces,
             corrected,

@@ -7,6 +7,7 @@ use crate::settings::EstimatorSettings;
 use serde::Serialize;
 use vsf::contact::ContactConfig;
 use vsf::core::CoreError;
+use vsf::data::Sequence;
 use vsf::pipeline::{
     Candidate, Estimate, Hyper, HyperChoice, HyperMethod, PipelineError, Scene, Trace,
     VisionCandidate, VisionEstimate, VisionSpec, choose_contact, choose_hyper, estimate,
@@ -59,6 +60,7 @@ pub fn compare(
     own: (Scene, Vec<Trace>),
     others: &[f64],
     asked: bool,
+    sequences: &[&Sequence],
     contact: impl Fn(&Scene) -> anyhow::Result<Vec<Trace>>,
     settings: &EstimatorSettings,
     console: &Console,
@@ -67,7 +69,7 @@ pub fn compare(
     for &threshold in others {
         let scene = at_threshold(&all[0].0, threshold)?;
         let traces = contact(&scene)?;
-        match untouched(&scene, &traces) {
+        match untouched(&scene, &traces, sequences) {
             None => all.push((scene, traces)),
             Some(error) if asked => {
                 return Err(
@@ -171,9 +173,6 @@ pub fn fit(
     choice: Option<HyperChoice>,
     console: &Console,
 ) -> anyhow::Result<Chosen> {
-    if let Some(error) = untouched(scene, traces) {
-        return Err(error.into());
-    }
     let spec = settings.spec()?;
     let prior = prior_and_noise(scene, traces, settings, choice, console)?;
     let hyper = &prior.hyper;

@@ -27,11 +27,15 @@ mod settings;
 mod view;
 
 use console::Console;
+use std::num::NonZero;
 use std::process::ExitCode;
+use std::thread::available_parallelism;
 
-/// The variable that tells the number of threads, and the most that it may.
+/// The variable that tells the number of threads, the most that it may, and the most of a core, of which more only wait for each
+/// other.
 const THREADS: &str = "RAYON_NUM_THREADS";
 const MOST_THREADS: usize = 1024;
+const MOST_OF_CORE: usize = 4;
 
 fn main() -> ExitCode {
     match run() {
@@ -48,13 +52,19 @@ fn run() -> anyhow::Result<()> {
     commands::run(&cli.command, &console).map_err(|e| origins.locate(e))
 }
 
-/// Refuses thousands of threads: each takes memory and time before it does anything.
+/// Starts as many threads as are asked for, up to [`MOST_OF_CORE`] a core.
 fn threads() -> anyhow::Result<()> {
-    let given = std::env::var(THREADS).unwrap_or_default();
-    match given.parse::<usize>() {
-        Ok(n) if n > MOST_THREADS => Err(exit::usage(format!(
-            "{THREADS}={n}: at most {MOST_THREADS} threads; give the number of cores, or unset it"
-        ))),
-        _ => Ok(()),
-    }
+    let Some(given) = std::env::var_os(THREADS).filter(|given| !given.is_empty()) else {
+        return Ok(());
+    };
+    let given = given.to_string_lossy();
+    let asked = (given.parse().ok()).filter(|n| (0..=MOST_THREADS).contains(n));
+    let asked: usize = asked.ok_or_else(|| {
+        exit::usage(format!(
+            "{THREADS}={given}: must be 1 to {MOST_THREADS}; give the number of cores, or unset it"
+        ))
+    })?;
+    let cores = available_parallelism().map_or(1, NonZero::get);
+    let pool = rayon::ThreadPoolBuilder::new().num_threads(asked.min(MOST_OF_CORE * cores));
+    Ok(pool.build_global()?)
 }

@@ -5,13 +5,17 @@ use crate::exit::usage;
 use crate::file_kind::FileKind;
 use anyhow::Context;
 use std::cell::RefCell;
-use std::fs::DirEntry;
+use std::fs::{DirEntry, File};
 use std::io::{Error, ErrorKind};
 use std::path::{Component, Path, PathBuf};
 
 /// The places that a command writes to, each with its flag.
 #[derive(Default)]
-pub struct Outputs(RefCell<Vec<(&'static str, PathBuf)>>);
+pub struct Outputs {
+    claimed: RefCell<Vec<(&'static str, PathBuf)>>,
+    /// Pipes among them, open until the end: whoever reads one leaves when it is closed.
+    pipes: RefCell<Vec<File>>,
+}
 
 impl Outputs {
     /// Claims a file in a folder that exists, new or of a kind that is replaced.
@@ -78,7 +82,7 @@ impl Outputs {
 
     /// Refuses outputs in the place of something that is read, or inside of it.
     pub fn keep(&self, input: &Path) -> anyhow::Result<()> {
-        let claimed = self.0.borrow();
+        let claimed = self.claimed.borrow();
         let lost = |(_, path): &&(&str, PathBuf)| place(path).starts_with(place(input));
         match claimed.iter().find(lost) {
             Some((flag, path)) => Err(usage(format!(
@@ -97,7 +101,9 @@ impl Outputs {
             )));
         }
         writable(path).with_context(|| cannot(flag, path))?;
-        let mut claimed = self.0.borrow_mut();
+        let pipe = open_pipe(path).with_context(|| cannot(flag, path))?;
+        self.pipes.borrow_mut().extend(pipe);
+        let mut claimed = self.claimed.borrow_mut();
         let here = place(path);
         for (other_flag, other) in claimed.iter() {
             let there = place(other);
@@ -161,6 +167,29 @@ fn opened(folder: &Path) -> &Path {
 fn names_folder(path: &Path) -> bool {
     let last = path.as_os_str().as_encoded_bytes().last();
     path.is_dir() || last.is_some_and(|b| std::path::is_separator(char::from(*b)))
+}
+
+/// Opens a pipe. One that nobody reads would have to be waited for, perhaps for ever.
+#[cfg(unix)]
+fn open_pipe(path: &Path) -> Result<Option<File>, Error> {
+    use std::os::unix::fs::{FileTypeExt, OpenOptionsExt};
+    if !path.metadata().is_ok_and(|m| m.file_type().is_fifo()) {
+        return Ok(None);
+    }
+    let mut options = File::options();
+    let opened = options.write(true).custom_flags(libc::O_NONBLOCK);
+    match opened.open(path) {
+        Err(e) if e.raw_os_error() == Some(libc::ENXIO) => {
+            let why = "it is a pipe that nothing reads; start its reader first, or name a file";
+            Err(Error::new(ErrorKind::NotConnected, why))
+        }
+        opened => opened.map(Some),
+    }
+}
+
+#[cfg(not(unix))]
+fn open_pipe(_: &Path) -> Result<Option<File>, Error> {
+    Ok(None)
 }
 
 /// Refuses what could not be written in the end: names that no file can have, what lies below a file or in a folder

@@ -14,8 +14,8 @@ use vsf::contact::{CacheUse, ContactConfig};
 use vsf::data::{DataWarning, Dataset, Sequence, StiffnessField};
 use vsf::gap::Campaign;
 use vsf::pipeline::{
-    PipelineError, PipelineWarning, Scene, SceneOptions, Trace, motion_warnings, reading_warnings,
-    rgbd_view, robot_of, scene_warnings, touch_warnings,
+    Approach, PipelineError, PipelineWarning, Scene, SceneOptions, Trace, motion_warnings,
+    reading_warnings, rgbd_view, robot_of, scene_warnings, touch_warnings,
 };
 use vsf::robots::{RobotError, RobotModel};
 use vsf::vision::RgbdView;
@@ -459,7 +459,7 @@ impl Recording {
         use PipelineWarning::{FeltInAir, NotTared};
         warnings.retain(|w| !matches!(w, NotTared { .. } | FeltInAir { .. }));
         console.warn_all(warnings);
-        console.warn_all(untouched(&looked_at, &traces));
+        console.warn_all(untouched(&looked_at, &traces, &sequences));
         let campaign = Campaign::in_scene(&self.dataset, scene)?;
         Ok(if is_given {
             campaign
@@ -564,11 +564,16 @@ fn warn_of_grids(scene: &Scene, options: &SceneOptions, console: &Console) {
     }
 }
 
-/// That the robot touches nothing though there are points, in words.
-pub fn untouched(scene: &Scene, traces: &[Trace]) -> Option<PipelineError> {
+/// That the robot touches nothing in these sequences though there are points, and how near it comes.
+pub fn untouched(
+    scene: &Scene,
+    traces: &[Trace],
+    sequences: &[&Sequence],
+) -> Option<PipelineError> {
     let touching = traces.iter().any(|t| t.contact_samples() > 0);
     (!touching && !scene.rest().is_empty()).then(|| PipelineError::NoContact {
         what: "chosen",
         points: scene.rest().len(),
+        nearest: Approach::nearest(scene, sequences).ok().flatten(),
     })
 }

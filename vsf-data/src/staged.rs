@@ -132,12 +132,17 @@ impl Staged {
             file.write_all(bytes).map_err(failed)?;
             return file.sync_all().map_err(failed);
         }
-        if place.is_symlink() {
+        // Those of /dev and /proc to a pipe have no other path, and are written through.
+        if place.is_symlink() && !place.exists() {
             return Err(failed(nowhere()));
         }
         let old = place.metadata().ok();
         if let Some(old) = &old {
             if !old.is_file() && !old.is_dir() {
+                if self.folder.is_some() {
+                    let why = "a pipe or device lies there";
+                    return Err(failed(Error::new(ErrorKind::InvalidInput, why)));
+                }
                 return fs::write(&place, bytes).map_err(failed);
             }
             if old.is_dir() {

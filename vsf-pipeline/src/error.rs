@@ -1,3 +1,4 @@
+use crate::Approach;
 use std::path::PathBuf;
 use thiserror::Error;
 use vsf_contact::ContactError;
@@ -239,14 +240,17 @@ pub enum PipelineError {
     },
     /// The robot never touched the points.
     #[error(
-        "the robot touches none of the {points} rest points in the {what} sequences; check \
-         base_pose, units and the robot"
+        "the robot touches none of the {points} rest points in the {what} sequences{}; check \
+         base_pose, units and the robot",
+        nearest.as_ref().map_or_else(String::new, |nearest| format!(": {nearest}"))
     )]
     NoContact {
         /// `train` or the like.
         what: &'static str,
         /// Number of rest points.
         points: usize,
+        /// Where it comes nearest, if that was looked at.
+        nearest: Option<Approach>,
     },
     /// The robot touched points, and no contact bears on a joint.
     #[error(

@@ -22,6 +22,7 @@
 #![forbid(unsafe_code)]
 #![deny(clippy::print_stdout, clippy::print_stderr)]
 
+mod approach;
 mod baseline;
 mod bench;
 mod error;
@@ -46,6 +47,7 @@ mod trace;
 mod vision;
 mod warning;
 
+pub use approach::Approach;
 pub use baseline::{Baseline, MlpConfig};
 pub use bench::{BenchOptions, BenchReport, LOADED_STEPS, Loaded, StageTimes, bench};
 pub use error::PipelineError;

@@ -8,6 +8,9 @@ use vsf_core::TriMesh;
 /// Longest file that is read [bytes]: 20 million triangles.
 pub(crate) const MAX_LENGTH: u64 = 1 << 30;
 
+/// How files begin that stand for what was not fetched.
+const LFS_POINTER: &[u8] = b"version https://git-lfs";
+
 /// Three corners of every face.
 type Corners = Vec<[Point3<f64>; 3]>;
 
@@ -16,8 +19,17 @@ type Corners = Vec<[Point3<f64>; 3]>;
 pub(crate) fn load(path: &Path, scale: &Vector3<f64>) -> Result<TriMesh, RobotError> {
     let format = path.extension().unwrap_or_default().to_ascii_lowercase();
     let corners = match format.to_str() {
-        Some("stl") => stl(file::read(path, MAX_LENGTH)?),
-        Some("obj") => obj(&file::read(path, MAX_LENGTH)?),
+        Some("stl" | "obj") => {
+            let bytes = file::read(path, MAX_LENGTH)?;
+            if bytes.starts_with(LFS_POINTER) {
+                let why = "it only points to the mesh, in Git LFS; fetch that with `git lfs pull`";
+                Err(why.to_owned())
+            } else if format == "stl" {
+                stl(bytes)
+            } else {
+                obj(&bytes)
+            }
+        }
         _ => Err("unknown format; convert it to STL or OBJ".to_owned()),
     };
     corners

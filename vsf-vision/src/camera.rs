@@ -119,6 +119,11 @@ impl RgbdView {
         &self.camera
     }
 
+    /// Width and height of the image (pixels).
+    pub fn size(&self) -> [usize; 2] {
+        [self.width, self.height]
+    }
+
     /// The colored world points of all pixels with a return inside the bounds, by rows.
     pub fn cloud(&self, bounds: &Bounds) -> PointCloud {
         let mut cloud = PointCloud::default();

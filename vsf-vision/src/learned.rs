@@ -70,6 +70,9 @@ pub struct LearnedPrior {
 struct Saved {
     regressor: RegressorSpec,
     objects: usize,
+    /// What they are called; none where nobody said.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    names: Vec<String>,
     features: Features,
     targets: Vec<f64>,
     variances: Vec<f64>,
@@ -93,6 +96,7 @@ impl LearnedPrior {
         let mut saved = Saved {
             regressor,
             objects: objects.len(),
+            names: Vec::new(),
             features: first.features().clone(),
             targets: first.targets().to_vec(),
             variances: first.variances().to_vec(),
@@ -150,6 +154,18 @@ impl LearnedPrior {
             stiffness[i] = occupancy[i] * k.max(0.0);
         }
         Ok(stiffness)
+    }
+
+    /// Says what the objects are called, so that it can be told where it is applied to one of them.
+    #[must_use]
+    pub fn with_names(mut self, names: Vec<String>) -> Self {
+        self.saved.names = names;
+        self
+    }
+
+    /// What the objects that it learned from are called, as [`with_names`](Self::with_names) said.
+    pub fn names(&self) -> &[String] {
+        &self.saved.names
     }
 
     /// Number of objects it learned from, and of their points.

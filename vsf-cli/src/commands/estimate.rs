@@ -6,7 +6,7 @@ use crate::exit::usage;
 use crate::field_file::{FieldFormat, claim, save};
 use crate::fit::{Compared, Threshold, compare, fit};
 use crate::range::length;
-use crate::recording::{RecordingArgs, SplitPart};
+use crate::recording::{RecordingArgs, SplitPart, untouched};
 use crate::settings::EstimatorSettings;
 use serde::{Serialize, Serializer};
 use std::path::PathBuf;
@@ -14,7 +14,7 @@ use text::text;
 use vsf::data::StiffnessField;
 use vsf::pipeline::{
     Candidate, Estimate, EstimatorSpec, HyperMethod, PipelineError, Scene, Trace, VisionCandidate,
-    closer_thresholds, field_warnings, fit_warnings, health_warnings, view_warnings,
+    VisionSpec, closer_thresholds, field_warnings, fit_warnings, health_warnings, view_warnings,
 };
 
 #[derive(Debug, clap::Args)]
@@ -106,6 +106,15 @@ pub fn run(args: &Args, console: &Console) -> anyhow::Result<()> {
         None => None,
         Some(vision) => Some((recording.view()?.ok_or(PipelineError::NoCamera)?, vision)),
     };
+    if let Some((_, VisionSpec::Learned(learned))) = &view
+        && learned.names().contains(&recording.dataset.name)
+    {
+        console.warn(format!(
+            "--vision: what it holds was learned from a recording of this name, {}, too; if that is of this object, its touches \
+         count twice, and test touches that it has learned from are no test",
+            recording.dataset.name
+        ));
+    }
     let follows = model.as_ref().is_some_and(CorrectedModel::follows_contact);
     if args.thresholds.is_some() {
         if settings.method() != HyperMethod::HeldOut {
@@ -131,6 +140,9 @@ pub fn run(args: &Args, console: &Console) -> anyhow::Result<()> {
             corrected.into_iter().map(|c| c.trace).collect()
         }
     };
+    if let Some(error) = untouched(&own, &traces, &sequences) {
+        return Err(error.into());
+    }
     // The optimum chooses, so that filters that do not come near it are left with what suits the points.
     let is_left = spec.keeps_correlations()
         && settings.chooses_on_held_out()
@@ -151,7 +163,15 @@ pub fn run(args: &Args, console: &Console) -> anyhow::Result<()> {
         traces,
         thresholds,
         choice,
-    } = compare((own, traces), &others, asked, contact, settings, console)?;
+    } = compare(
+        (own, traces),
+        &others,
+        asked,
+        &sequences,
+        contact,
+        settings,
+        console,
+    )?;
     recording.compare_contact(&scene, console);
     let chosen = fit(&scene, view.as_ref(), &traces, settings, choice, console)?;
     let (belief, prior) = (&chosen.estimate.belief, &chosen.prior);

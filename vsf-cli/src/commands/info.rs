@@ -90,7 +90,7 @@ pub fn run(args: &Args, console: &Console) -> anyhow::Result<()> {
     let scene = recording.scene_to_learn_or_air(console)?;
     recording.compare_contact(&scene, console);
     let traces = recording.traces(&scene, &sequences, console)?;
-    console.warn_all(untouched(&scene, &traces));
+    console.warn_all(untouched(&scene, &traces, &sequences));
     // A recording of free motion has no points, and nothing can be said about contact.
     let report = if recording.has_points() {
         warn_of_extras(&recording, &scene, console);

@@ -94,13 +94,14 @@ pub fn run(args: &Args, console: &Console) -> anyhow::Result<()> {
         let place = || object.recording.display().to_string();
         samples(object, console).with_context(place)
     };
-    let samples: Vec<Samples> = args.objects.iter().map(samples).collect::<Result<_, _>>()?;
+    let learned = args.objects.iter().map(samples);
+    let (names, samples): (Vec<String>, Vec<Samples>) = learned.collect::<Result<_, _>>()?;
     let regressor = match args.regressor {
         Kind::Knn => RegressorSpec::Knn(KnnConfig::default()),
         Kind::Ridge => RegressorSpec::Ridge,
         Kind::Gp => RegressorSpec::GaussianProcess(GpConfig::default()),
     };
-    let learned = LearnedPrior::fit(regressor, &samples)?;
+    let learned = LearnedPrior::fit(regressor, &samples)?.with_names(names);
     write_file(&args.out, learned.to_json().as_bytes())?;
     let (objects, points) = learned.learned_from();
     let out = args.out.to_string_lossy();
@@ -117,8 +118,8 @@ pub fn run(args: &Args, console: &Console) -> anyhow::Result<()> {
     )
 }
 
-/// What one object teaches.
-fn samples(object: &Object, console: &Console) -> anyhow::Result<Samples> {
+/// The name of an object, and what it teaches.
+fn samples(object: &Object, console: &Console) -> anyhow::Result<(String, Samples)> {
     let recording = Recording::open(&object.recording, &SceneSettings::default(), console)?;
     let view = recording.view()?.ok_or(PipelineError::NoCamera)?;
     let given = object.field.as_deref();
@@ -140,10 +141,7 @@ fn samples(object: &Object, console: &Console) -> anyhow::Result<Samples> {
     let rest = RestPoints::new(file.field.points.clone())?;
     let points = rest.positions();
     let seen = Seen::new(&view, points, 0.5 * rest.spacing())?;
-    Ok(LearnedPrior::samples(
-        &seen,
-        &stored.belief,
-        &stored.touched,
-        prior_sd * prior_sd,
-    )?)
+    let variance = prior_sd * prior_sd;
+    let samples = LearnedPrior::samples(&seen, &stored.belief, &stored.touched, variance)?;
+    Ok((recording.dataset.name, samples))
 }

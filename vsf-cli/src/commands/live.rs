@@ -143,6 +143,15 @@ pub fn run(args: &Args, console: &Console) -> anyhow::Result<()> {
             "no samples: pipe lines of JSON into this command, or give --udp or --play; see --help",
         ));
     }
+    // Not refused by the parser beside --wait, which is not for them either.
+    for (flag, given, other, taken) in [
+        ("--sequences", args.sequences.is_some(), "--play", args.play),
+        ("--idle", args.idle.is_some(), "--udp", args.udp.is_some()),
+    ] {
+        if given && !taken {
+            return Err(usage(format!("{flag} is for {other}, which is missing")));
+        }
+    }
     let settings = args.estimator.online();
     let EstimatorSpec::Online { filter, robust } = settings.spec()? else {
         return Err(usage(

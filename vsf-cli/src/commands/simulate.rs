@@ -49,7 +49,7 @@ pub fn run(args: &Args, console: &Console) -> anyhow::Result<()> {
     let spinner = console.spinner("simulating");
     let stiffness = &field.field.stiffness;
     let traces = scene.traces(&sequences, || {})?;
-    console.warn_all(untouched(&scene, &traces));
+    console.warn_all(untouched(&scene, &traces, &sequences));
     let mut simulated = match model {
         None => simulate(&scene, stiffness, &sequences, &traces)?,
         Some(model) => model.simulate(&recording.dataset, &scene, stiffness, &sequences)?,

@@ -52,12 +52,15 @@ fn files_do_not_depend_on_threads() {
 /// Thousands of threads take minutes to do nothing.
 #[test]
 fn too_many_threads_are_refused() {
-    let output = Command::new(env!("CARGO_BIN_EXE_vsf"))
-        .args(["info", "nowhere"])
-        .env("RAYON_NUM_THREADS", "100000")
-        .output()
-        .unwrap();
-    let error = String::from_utf8_lossy(&output.stderr);
-    assert_eq!(output.status.code(), Some(2), "{error}");
-    assert!(error.contains("RAYON_NUM_THREADS=100000"), "{error}");
+    for threads in ["100000", "-1", "two", "99999999999999999999"] {
+        let output = Command::new(env!("CARGO_BIN_EXE_vsf"))
+            .args(["info", "nowhere"])
+            .env("RAYON_NUM_THREADS", threads)
+            .output()
+            .unwrap();
+        let error = String::from_utf8_lossy(&output.stderr);
+        assert_eq!(output.status.code(), Some(2), "{error}");
+        let named = format!("RAYON_NUM_THREADS={threads}");
+        assert!(error.contains(&named), "{error}");
+    }
 }

@@ -43,8 +43,8 @@ impl Memory {
     }
 
     /// One sample: `next` makes the inner variable of a point from its last displacement, its last
-    /// inner variable and its displacement; `gain` times it is added to the spring. A point is never
-    /// pulled: it would leave the link.
+    /// inner variable and its displacement; `gain` times it is added to the spring. It never makes a spring
+    /// pull: the point would leave the link.
     pub(super) fn advance(
         &mut self,
         contacts: &Contacts,
@@ -57,8 +57,10 @@ impl Memory {
         for (s, (&p, u)) in springs.iter_mut().zip(touched) {
             let last = self.states[p as usize];
             let inner = next(&last.u, &last.inner, u);
+            // What effects before this one made of the spring stays.
+            let pushes = s.dot(u) >= 0.0;
             *s += inner * gain;
-            if s.dot(u) < 0.0 {
+            if pushes && s.dot(u) < 0.0 {
                 *s = Vector3::zeros();
             }
             self.now.push((p, State { u: *u, inner }));
@@ -68,5 +70,34 @@ impl Memory {
             self.states[*p as usize] = *state;
             self.before.push(*p);
         }
+    }
+}
+
+#[cfg(test)]
+#[allow(clippy::unwrap_used)]
+mod tests {
+    use super::*;
+
+    /// Springs that other effects have turned round, as anisotropy may, are theirs.
+    #[test]
+    fn no_gain_changes_no_spring() {
+        let mut contacts = Contacts::new();
+        let u = Vector3::new(0.0, 0.0, -0.002);
+        contacts.push(3, 0, u, Vector3::z()).unwrap();
+        for spring in [u, -u, Vector3::new(0.001, 0.0, 0.0005)] {
+            let mut memory = Memory::new(5);
+            for gain in [0.0, -0.9] {
+                let mut springs = [spring];
+                memory.advance(&contacts, &mut springs, gain, |_, _, u| *u);
+                let expected = spring + u * gain;
+                // Only what pushed may no longer do so.
+                let pulls = spring.dot(&u) >= 0.0 && expected.dot(&u) < 0.0;
+                let none = Vector3::zeros();
+                assert_eq!(springs[0], if pulls { none } else { expected });
+            }
+        }
+        let mut springs = [0.5 * u];
+        Memory::new(5).advance(&contacts, &mut springs, -0.9, |_, _, u| *u);
+        assert_eq!(springs[0], Vector3::zeros());
     }
 }

@@ -25,6 +25,7 @@ pub fn choose(problem: &Problem, shapes: &[PriorShape]) -> Result<HyperChoice, P
     let (chosen, scale, _) = best.ok_or(PipelineError::NoContact {
         what: "train",
         points: problem.rest.len(),
+        nearest: None,
     })?;
     Ok(HyperChoice {
         hyper: problem.hyper(chosen, scale),

@@ -33,6 +33,7 @@ impl Problem {
         let channels = channel_scales(traces).ok_or(PipelineError::NoContact {
             what,
             points: rest.len(),
+            nearest: None,
         })?;
         let typical = typical_signal(traces, &channels).ok_or_else(|| {
             let touched = touched_points(traces, rest.len());

@@ -43,6 +43,49 @@ pub fn warning<'r>(robot: &'r RobotModel, sequences: &[&Sequence]) -> Option<Pip
     })
 }
 
+/// A change of position that is so many times as fast as all of so many before and after it, but for the next ones, is a leap.
+const MOST_TIMES: f64 = 8.0;
+const BESIDE: usize = 10;
+const FEWEST_BESIDE: usize = 5;
+
+/// Positions that change, from one row to the next, far more than beside it: rows that are missing, exchanged or repeated.
+pub fn leaps<'r>(robot: &'r RobotModel, sequences: &[&Sequence]) -> Option<PipelineWarning> {
+    let leap = |(j, joint): (usize, &'r Joint)| {
+        sequences.iter().find_map(|s| {
+            let way = |row: usize| joint.change(s.angles[row - 1][j], s.angles[row][j]).abs();
+            let speed = |row: usize| way(row) / (s.time[row] - s.time[row - 1]);
+            s.touches().find_map(|touch| {
+                let leap = |row: &usize| {
+                    let before = (touch.start + 1).max(row.saturating_sub(BESIDE + 1))
+                        ..row.saturating_sub(1);
+                    let after = row + 2..touch.end.min(row + 2 + BESIDE);
+                    let is_amid = before.len().min(after.len()) >= FEWEST_BESIDE;
+                    let beside = || before.clone().chain(after.clone());
+                    is_amid
+                        && way(*row) > LEAST_JUMP
+                        && beside().all(|other| {
+                            speed(*row) > MOST_TIMES * speed(other)
+                                && way(*row) > MOST_TIMES * way(other)
+                        })
+                };
+                let row = touch.clone().skip(1).find(leap)?;
+                Some((joint, j, *s, row))
+            })
+        })
+    };
+    let mut found = robot.joints().iter().enumerate().filter_map(leap);
+    let (joint, j, sequence, row) = found.next()?;
+    Some(PipelineWarning::Leaps {
+        joint: joint.name().to_owned(),
+        unit: unit(joint),
+        sequence: sequence.id.clone(),
+        row,
+        from: sequence.angles[row - 1][j],
+        to: sequence.angles[row][j],
+        others: found.count(),
+    })
+}
+
 /// Velocities at which the robot cannot move, where positions do not change as fast.
 pub fn speeds(robot: &RobotModel, sequences: &[&Sequence]) -> Option<PipelineWarning> {
     let fast = |(j, joint): (usize, &Joint)| {

@@ -125,6 +125,52 @@ pub enum PipelineWarning {
         /// Further joints of that kind.
         others: usize,
     },
+    /// Positions that change, from one row of a touch to the next, more than eight times as fast as in any of the ten rows before
+    /// and after.
+    #[error(
+        "joint {joint} goes from {from:?} to {to:?} {unit} in one sample, sequence {sequence} row {row}, more than eight times \
+         as far as in any sample beside it; check for rows that are missing, exchanged or of another time{}",
+        more(*others, "joint")
+    )]
+    Leaps {
+        /// Name of the first such joint.
+        joint: String,
+        /// `rad` or `m`.
+        unit: &'static str,
+        /// Sequence of its first leap.
+        sequence: String,
+        /// The row it leads to, from 0.
+        row: usize,
+        /// Position before.
+        from: f64,
+        /// Position after.
+        to: f64,
+        /// Further joints of that kind.
+        others: usize,
+    },
+    /// Positions that stay at one value for a part of a sequence while their velocities go on.
+    #[error(
+        "joint {joint} stays at {value:?} {unit} in {count} successive samples of sequence {sequence}, from row {row} on, while \
+         its velocities make it move by {way:.3} {unit}; its encoder looks frozen{}", more(*others, "joint")
+    )]
+    FrozenPositions {
+        /// Name of the first such joint.
+        joint: String,
+        /// The first such sequence.
+        sequence: String,
+        /// Its first such row, from 0.
+        row: usize,
+        /// How many rows.
+        count: usize,
+        /// The position there.
+        value: f64,
+        /// How far the joint moves meanwhile by its velocities (rad or m).
+        way: f64,
+        /// `rad` or `m`.
+        unit: &'static str,
+        /// Further joints of that kind.
+        others: usize,
+    },
     /// Time steps within a touch of more than ten times the usual one, and more than 0.1 s.
     #[error(
         "sequence {sequence} row {row} comes {seconds:.3} s after the row before, others {usual:.3} s: samples are \
@@ -809,6 +855,20 @@ pub enum PipelineWarning {
         points: usize,
         /// How near (m): the spacing of the rest points.
         reach: f64,
+    },
+    /// Intrinsics that no camera has: pixels far from square, or a principal point outside of the image.
+    #[error(
+        "camera/: fx {:?} and fy {:?}, cx {:?} and cy {:?} are not those of a camera with {} x {} square pixels; check camera.json \
+         against the size of the images",
+        focal[0], focal[1], center[0], center[1], size[0], size[1]
+    )]
+    OddCamera {
+        /// Focal lengths in x and y (pixels).
+        focal: [f64; 2],
+        /// Principal point in x and y (pixels).
+        center: [f64; 2],
+        /// Width and height of the image (pixels).
+        size: [usize; 2],
     },
     /// A link of more than 10 m.
     #[error(

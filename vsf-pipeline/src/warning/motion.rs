@@ -52,16 +52,19 @@ pub fn motion_warnings(robot: &RobotModel, sequences: &[&Sequence]) -> Vec<Pipel
     let mut found: Vec<PipelineWarning> = joints.filter_map(of_joint).collect();
     if !(found.iter()).any(|w| matches!(w, PipelineWarning::Degrees(_))) {
         let jumps = || jumps::warning(robot, sequences);
-        found.extend(clock::fast(robot, sequences).or_else(jumps));
+        let leaps = || jumps::leaps(robot, sequences);
+        found.extend(clock::fast(robot, sequences).or_else(jumps).or_else(leaps));
     }
     found.extend(gaps::warning(sequences));
     let unwound: Vec<_> = sequences.iter().map(|s| unwound(robot, s)).collect();
     let clock = || clock::warning(robot, sequences);
     let still = || velocities::still(robot, &unwound);
+    let frozen = || velocities::frozen(robot, &unwound);
     let fast = || jumps::speeds(robot, sequences);
     found.extend(
         velocities::warning(robot, &unwound)
             .or_else(still)
+            .or_else(frozen)
             .or_else(fast)
             .or_else(clock),
     );

@@ -3,7 +3,7 @@ use crate::Scene;
 use nalgebra::Point3;
 use vsf_contact::{LinkGrid, LinkSdf};
 use vsf_core::RestPoints;
-use vsf_vision::{RgbdView, Sight};
+use vsf_vision::{Camera, RgbdView, Sight};
 
 /// Least share of the rest points near the surface that a camera sees.
 const LEAST_NEAR: f64 = 0.01;
@@ -21,7 +21,10 @@ const MOST_SPACINGS: f64 = 4.0;
 /// Points come in clusters where the eighth nearest is so many times as far as the nearest.
 const MOST_CLUSTERED: f64 = 20.0;
 
-/// What looks wrong with a view: a surface where there are no rest points.
+/// Pixels of cameras are square, but for this factor.
+const MOST_OBLONG: f64 = 1.2;
+
+/// What looks wrong with a view: intrinsics that no camera has, a surface where there are no rest points.
 pub fn view_warnings(rest: &RestPoints, view: &RgbdView) -> Vec<PipelineWarning> {
     let (points, reach) = (rest.len(), rest.spacing());
     let on_surface = |p: &&Point3<f64>| matches!(view.sight(p), Sight::Surface { behind, .. } if behind.abs() <= reach);
@@ -32,7 +35,19 @@ pub fn view_warnings(rest: &RestPoints, view: &RgbdView) -> Vec<PipelineWarning>
         points,
         reach,
     };
-    elsewhere.then_some(warning).into_iter().collect()
+    let (camera, [width, height]) = (view.camera(), view.size());
+    let Camera { fx, fy, cx, cy, .. } = *camera;
+    let is_square = (1.0 / MOST_OBLONG..=MOST_OBLONG).contains(&(fx / fy));
+    let is_inside = (0.0..=width as f64).contains(&cx) && (0.0..=height as f64).contains(&cy);
+    let odd = PipelineWarning::OddCamera {
+        focal: [fx, fy],
+        center: [cx, cy],
+        size: [width, height],
+    };
+    let odd = (!(is_square && is_inside)).then_some(odd);
+    odd.into_iter()
+        .chain(elsewhere.then_some(warning))
+        .collect()
 }
 
 /// What looks wrong with robot, points and the shapes that contact uses: words of a URDF that are not understood, points in

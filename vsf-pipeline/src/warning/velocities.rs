@@ -1,5 +1,6 @@
 use super::PipelineWarning;
 use std::borrow::Cow;
+use std::ops::Range;
 use vsf_core::median;
 use vsf_data::Sequence;
 use vsf_robots::RobotModel;
@@ -63,6 +64,60 @@ pub fn still(robot: &RobotModel, sequences: &[Cow<'_, Sequence>]) -> Option<Pipe
     })
 }
 
+/// Positions that stay for so many rows are frozen, if by their velocities they go on meanwhile: by so much (rad or m), and so
+/// many times what they change by at least where they change.
+const LEAST_FROZEN: usize = 8;
+const MOST_STEPS: f64 = 5.0;
+
+/// Positions that stay for a while at one value, to the last digit, while their velocities go on.
+pub fn frozen(robot: &RobotModel, sequences: &[Cow<'_, Sequence>]) -> Option<PipelineWarning> {
+    let of_joint = |(j, joint): (usize, &vsf_robots::Joint)| {
+        sequences.iter().find_map(|s| {
+            let (rows, way) = longest_stay(s, j)?;
+            Some(PipelineWarning::FrozenPositions {
+                joint: joint.name().to_owned(),
+                sequence: s.id.clone(),
+                row: rows.start,
+                count: rows.len(),
+                value: s.angles[rows.start][j],
+                way,
+                unit: super::unit(joint),
+                others: 0,
+            })
+        })
+    };
+    let mut found = robot.joints().iter().enumerate().filter_map(of_joint);
+    let first = found.next()?;
+    Some(first.and_others(found.count()))
+}
+
+/// The rows of the stay in which velocities go the furthest, and how far (rad or m), if that is far.
+fn longest_stay(s: &Sequence, j: usize) -> Option<(Range<usize>, f64)> {
+    let velocities = s.velocities.as_ref()?;
+    let mut finest = f64::INFINITY;
+    let mut most: Option<(Range<usize>, f64)> = None;
+    for touch in s.touches() {
+        let (mut start, mut way) = (touch.start, 0.0_f64);
+        for row in touch.skip(1) {
+            let step = (s.angles[row][j] - s.angles[row - 1][j]).abs();
+            if step > 0.0 {
+                finest = finest.min(step);
+                (start, way) = (row, 0.0);
+                continue;
+            }
+            let mean = 0.5 * (velocities[row][j] + velocities[row - 1][j]);
+            way += mean * (s.time[row] - s.time[row - 1]);
+            let is_longest = most.as_ref().is_none_or(|(_, most)| way.abs() > most.abs());
+            if row + 1 - start >= LEAST_FROZEN && is_longest {
+                most = Some((start..row + 1, way));
+            }
+        }
+    }
+    // A joint that never moves is another's case.
+    let far = |way: f64| way.abs() >= LEAST_STILL && way.abs() > MOST_STEPS * finest;
+    most.filter(|(_, way)| far(*way))
+}
+
 /// Whether positions do change as velocities say, if by another measure.
 fn follows(moves: &[(f64, f64)]) -> bool {
     let sum = |of: fn(&(f64, f64)) -> f64| moves.iter().map(of).sum::<f64>();
@@ -115,7 +170,7 @@ fn moves(sequence: &Sequence, j: usize) -> Vec<(f64, f64)> {
         return Vec::new();
     };
     let (angles, time) = (&sequence.angles, &sequence.time);
-    let of_touch = |touch: std::ops::Range<usize>| {
+    let of_touch = |touch: Range<usize>| {
         let rows = (touch.len() / PARTS).max(1);
         let starts = touch.clone().step_by(rows);
         starts

@@ -132,7 +132,7 @@ fn touches(
             corrected.into_iter().map(|c| c.trace).collect()
         }
     };
-    match untouched(scene, &traces) {
+    match untouched(scene, &traces, &train) {
         Some(error) => Err(error.into()),
         None => Ok(traces),
     }
