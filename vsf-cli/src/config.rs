@@ -24,15 +24,16 @@ const NO_PARAMETERS: [&str; 5] = ["config", "preset", "quiet", "json", "help"];
 
 /// Where parameters come from besides the flags.
 #[derive(Debug, Clone, Args)]
-#[command(next_help_heading = "Sources of parameters")]
+#[command(next_help_heading = "Parameter sources")]
 pub struct Sources {
-    /// TOML file of parameters, by the names of their long flags. Those of recording, contact and
-    /// estimator stand at the top and hold for every command (`threshold = 0.002`); a command's
-    /// other options stand in a table of its name (`[simulate]`, `noise-sd = 0.05`), which goes
-    /// before the top. Unknown keys are refused. A flag goes before the file
+    /// TOML file of parameters, named like the long flags; flags override it
+    ///
+    /// Parameters of recording, contact and estimator stand at the top level and apply to every command (`threshold
+    /// = 0.002`). A command's other options stand in a table of its name (`[simulate]`, `noise-sd = 0.05`), which
+    /// overrides the top level. Unknown keys are refused.
     #[arg(long, value_name = "FILE")]
     config: Option<PathBuf>,
-    /// A named set of values below the configuration file
+    /// Named set of values, overridden by the configuration file and by flags
     #[arg(long)]
     preset: Option<Preset>,
 }
@@ -65,10 +66,10 @@ const ESTIMATOR: &str = "estimator";
 
 #[derive(Debug, Clone, Copy, ValueEnum)]
 enum Preset {
-    /// All values of the paper: prior N(0, 0.1²), noise sd 1, eq. 7 and Alg. 1 as printed (20
-    /// replays, buffer emptied before each sequence, variances shrunk again by every replay),
-    /// threshold 2 mm, friction 0.15, slip step 0.1 mm, points instead of cubes. Means are set to K >= 0 once after all
-    /// replays of an update; readings without contact are not replayed. Another `--estimator` keeps its own replays
+    /// All values of the paper: prior N(0, 0.1²), noise sd 1, eq. 7 and Alg. 1 as printed (20 replays, buffer
+    /// emptied before each sequence, variances shrunk again by every replay), threshold 2 mm, friction 0.15, slip
+    /// step 0.1 mm, points instead of cubes. Means are projected to K >= 0 once, after all replays of an update;
+    /// readings without contact are not replayed. Another `--estimator` keeps its own replay settings
     Paper,
 }
 

@@ -11,8 +11,8 @@ use vsf::pipeline::{PipelineError, Scene, SequencePrediction, Trace, simulate};
 /// The flag that takes a corrected model.
 #[derive(Debug, clap::Args)]
 pub struct ModelArgs {
-    /// A corrected model, as `vsf diagnose --model` writes it: its effects are added to contact, springs
-    /// and torques
+    /// Corrected model, as written by `vsf diagnose --model`, whose effects are added to contact, springs and
+    /// torques
     #[arg(long, value_name = "FILE")]
     model: Option<PathBuf>,
 }

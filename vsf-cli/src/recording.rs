@@ -39,7 +39,7 @@ pub struct RecordingArgs {
 /// A recording and a field of its points.
 #[derive(Debug, clap::Args)]
 pub struct FieldArgs {
-    /// The field, .npz or folder; by default the one stored in the recording
+    /// Field, .npz or folder; default: the one stored in the recording
     #[arg(long)]
     pub field: Option<PathBuf>,
     #[command(flatten)]

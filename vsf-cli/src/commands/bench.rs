@@ -9,29 +9,35 @@ use vsf::pipeline::{
 
 #[derive(Debug, clap::Args)]
 #[command(after_help = "\
-JSON keys: points, contacts, steps_per_second, median_ms, p99_ms, and per stage (kinematics, contact, \
-columns, update) median_ms and p99_ms; bandwidth_gb_per_s, at which one thread reads memory; loaded, the last 20 \
-steps of the push: contacts, steps_per_second, median_ms, contact_ms, update_ms, update_bytes, \
-update_over_read.
-With --soak: points, rate_hz, steps, late (steps that had not ended when the next sample was due), \
-resident_start_mb and resident_end_mb (memory of the process), and tenths of the run: steps, contacts, median_ms, \
-p99_ms, max_ms, resident_mb.")]
+JSON keys:
+  points, contacts, steps_per_second, median_ms, p99_ms
+  kinematics, contact, columns, update (per stage: median_ms, p99_ms)
+  bandwidth_gb_per_s (at which one thread reads memory)
+  loaded (the last 20 steps of the push: contacts, steps_per_second,
+      median_ms, contact_ms, update_ms, update_bytes, update_over_read)
+
+JSON keys with --soak:
+  points, rate_hz, steps
+  late (steps that had not ended when the next sample was due)
+  resident_start_mb, resident_end_mb (memory of the process)
+  tenths (of the run: steps, contacts, median_ms, p99_ms, max_ms,
+      resident_mb)")]
 pub struct Args {
-    /// Rest points, rounded to a cube number, up to 50 million
+    /// Number of rest points, rounded to a cube number, up to 50 million
     #[arg(long, default_value_t = BenchOptions::default().points as u64,
           value_parser = whole(1_u64..=50_000_000))]
     points: u64,
-    /// Steps of the push, 2 to 100000
+    /// Number of steps of the push, 2 to 100000
     #[arg(long, default_value_t = BenchOptions::default().steps as u64,
           value_parser = whole(2_u64..=100_000))]
     steps: u64,
-    /// The estimator
+    /// Estimator to time
     #[arg(long, value_enum, default_value = "replay")]
     estimator: Online,
-    /// Replays per update
+    /// Number of past observations replayed after every update
     #[arg(long, default_value_t = FilterSpec::replay().replays(), value_parser = replays)]
     replay: usize,
-    /// Run at 1 kHz for so long instead, pushing to and fro [min]: does the step stay quick, and the memory flat?
+    /// Run at 1 kHz for this time instead [min], pushing to and fro, to check that steps stay fast and memory flat
     #[arg(long, value_name = "MINUTES", value_parser = minutes, conflicts_with = "steps")]
     soak: Option<f64>,
 }
@@ -40,7 +46,7 @@ pub struct Args {
 enum Online {
     /// Diagonal Kalman filter with memory replay (Alg. 1)
     Replay,
-    /// Replays that come down to the constrained optimum of independent points
+    /// Replays that converge to the constrained optimum of independent points
     Dual,
 }
 

@@ -16,46 +16,83 @@ Example:
   vsf diagnose DATASET --effects payload,latency --html report.html \\
       --model corrected.json
 
-Six sequences with 700 samples each take some ten seconds of two cores; recordings with ten minutes of contact, or in which \
-thousands of points are touched at a time, take minutes. Robots have 48 joints at most.
+Six sequences of 700 samples each take about ten seconds on two cores. Recordings with ten minutes of contact, \
+or with thousands of points touched at a time, take minutes. Robots have 48 joints at most.
 
-In the report, `score` is the gain of log evidence over the model without effects, `null` the score that is \
-reached where nothing acts (probabilities follow what is beyond), `test score` the gain of log density on \
-the test sequences, `absorbed by K` how much of the effect the stiffness takes. Parameters of joints are numbered \
-by their columns, from 1.
+Columns of the report:
+  score          gain of log evidence over the model without effects
+  null           score that is reached if nothing acts; probabilities
+                 depend on the score beyond it
+  test score     gain of log density on the test sequences
+  absorbed by K  how much of the effect the stiffness absorbs
 
-Recordings without points are those of an arm in free air; effects that a recording cannot show are listed \
-as untestable. Probabilities are those of the catalogue's effects, of sets of up to four of them, and of \
-no gap. With contact, errors before and after are those of the fields that `vsf estimate --threshold` gives without the corrected \
-model and with it, at a contact threshold of 0.8 of the points' spacing (for models of contact at that of the search, where it predicts \
-better; see threshold), where there are test sequences that no model has learned from; those of single effects (in JSON, and \
-in the report where there are no such fields) are of fields that the diagnosis fits to windows of the train sequences, \
-in the same way for every model. `stiffness_field`, among what an effect is not \
-told from, is an object whose stiffness differs from place to place.
+Parameters of joints are numbered by their columns, from 1.
 
-JSON keys: schema, dataset, gap (test_error_nominal, test_error_corrected, noise_floor, noise_floor_is_bound: whether it is at most that, as read in contact, closed_fraction: share of \
-the squared errors beyond noise, closed_interval, unit, corrected_by, estimated: whether the errors are of fields of `vsf estimate`, \
-in_sample: whether they are those of the fit, for want of test sequences, \
-threshold, threshold_nominal: contact thresholds (m) of the corrected and of the nominal model's field, free and contact: the \
-errors with nothing touched and in contact, where there is both (nominal, corrected, samples)), where (joint, phase, link, sequence and frequency, each a list of its own key, share, \
-interval and excess; region: center, radius, share), effects (effect, summary, probability, score, null_score, parameters (name, \
-value, std, unit), undetermined, at_bound, shapes_at_bound, joints, roughness (contact, joint, walk: what the fit takes for the roughness of the model), test_error, closed_fraction, test_score, absorbed_share, ambiguous_with, shows_from \
-(name, value: the size of the parameter below which the effect would not show, null where no plausible one \
-does, unit; the parameter that shows best first), testable, reason), verdict (effects, kind: effects, no_gap, unknown or not_diagnosable, probability, effect_set_95, \
-hidden: the probability that an effect acts which the stiffness takes up, shared by the effects where there is no gap, or_threshold: \
-effects in whose place another contact threshold is taken, where there are any), \
-next_experiment (action, why), notes.")]
+Recordings without points are those of an arm in free air. Effects that a recording cannot show are listed as \
+untestable. Probabilities are those of the catalogue's effects, of sets of up to four of them, and of no gap.
+
+With contact, and test sequences that no model has learned from, the errors before and after are those of the \
+fields that `vsf estimate --threshold` gives without and with the corrected model. Their contact threshold is \
+0.8 of the points' spacing. If the corrected model acts on contact or springs, its field has the threshold of \
+the search instead, and the nominal field the one of the two that predicts better. The errors of single \
+effects (in JSON, and in the report if there are no such fields) are those of fields that the diagnosis fits \
+to windows of the train sequences, in the same way for every model.
+
+`stiffness_field`, among the effects that another one is not told from, is an object whose stiffness differs \
+from place to place.
+
+JSON keys:
+  schema, dataset
+  gap
+      test_error_nominal, test_error_corrected
+      noise_floor, noise_floor_is_bound (whether it is an upper bound, as
+          read in contact)
+      closed_fraction (share of the squared errors beyond noise),
+          closed_interval
+      unit, corrected_by
+      estimated (whether the errors are those of fields of `vsf estimate`)
+      in_sample (whether they are those of the fit, for lack of test
+          sequences)
+      threshold, threshold_nominal (contact thresholds of the fields of
+          the corrected and the nominal model, m)
+      free, contact (errors with nothing touched and in contact, if there
+          are both: nominal, corrected, samples)
+  where
+      joint, phase, link, sequence, frequency (lists; each entry has a
+          key of that name, share, interval and excess)
+      region (center, radius, share)
+  effects
+      effect, summary, probability, score, null_score
+      parameters (name, value, std, unit)
+      undetermined, at_bound, shapes_at_bound, joints
+      roughness (contact, joint, walk: what the fit takes as the
+          roughness of the model)
+      test_error, closed_fraction, test_score, absorbed_share,
+          ambiguous_with
+      shows_from (name, value, unit: smallest size of the parameter at
+          which the effect would show, null if no plausible size would;
+          the parameter that shows best comes first)
+      testable, reason
+  verdict
+      effects, kind (effects, no_gap, unknown or not_diagnosable)
+      probability, effect_set_95
+      hidden (probability that an effect acts which the stiffness absorbs;
+          shared by the effects if there is no gap)
+      or_threshold (effects in place of which another contact threshold is
+          used, if any)
+  next_experiment (action, why)
+  notes")]
 pub struct Args {
-    /// Names of the effects that may act; the whole catalogue by default
+    /// Names of the effects that may act; default: the whole catalogue
     #[arg(long, value_delimiter = ',', value_parser = PossibleValuesParser::new(known()))]
     effects: Option<Vec<String>>,
-    /// One page for people: verdict, torques before and after, where, effects, next experiment; .html
+    /// File for a report page, .html: verdict, torques before and after, where, effects, next experiment
     #[arg(long, value_name = "FILE", value_parser = ending("html"))]
     html: Option<PathBuf>,
-    /// The corrected model, for `vsf estimate --model` and its like; .json
+    /// File for the corrected model, .json, to be used by `vsf estimate --model` and other commands
     #[arg(long, value_name = "FILE", value_parser = ending("json"))]
     model: Option<PathBuf>,
-    /// Seed of the intervals' bootstrap
+    /// Seed of the bootstrap of the intervals
     #[arg(long, default_value_t = 0)]
     seed: u64,
     #[command(flatten)]

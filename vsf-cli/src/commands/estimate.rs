@@ -19,28 +19,40 @@ use vsf::pipeline::{
 
 #[derive(Debug, clap::Args)]
 #[command(after_help = "\
-The field holds points, K (mean, N/m), K_std (for points never touched, that of the prior: an upper bound where \
-their neighbors say something of their K), the features touched, prior_sd (all parts of the prior together) and \
-noise_sd, and the parameters of contact, which `vsf predict`, `evaluate`, `simulate`, `export` and `view` take from \
-it; they warn of flags that contradict it, and of another corrected model than it was estimated with.
+The field holds the points, K (mean, N/m), K_std (standard deviation), the contact parameters, and the \
+features touched, prior_sd (of all parts of the prior together) and noise_sd. For points never touched, K_std \
+is that of the prior: an upper bound where their neighbors say something about their K. `vsf predict`, \
+`evaluate`, `simulate`, `export` and `view` use the contact parameters of the field. They warn of flags that \
+contradict these, and of a corrected model other than the one that the field was estimated with.
 
-JSON keys: estimator, robust (none, huber or student-t), prior_sd, smooth_sd, smooth_length, level_sd, noise_sd (by channel), given \
-(which of prior_sd and noise_sd), chosen_by (how the rest was: held-out, likelihood, or given), candidates (smooth_share, length, level_share, signal_to_noise, error or log_evidence), threshold (of contact, m), thresholds (those compared: threshold, error), \
-sequences, samples, contact_samples, points, touched_points, mean_stiffness (over touched \
-points), points_at_zero (of these), vision (none, a method or a file), vision_share (of its guess, in the prior), vision_candidates (share, \
-error), nis_ratio, out.")]
+JSON keys:
+  estimator, robust (none, huber or student-t)
+  prior_sd, smooth_sd, smooth_length, level_sd, noise_sd (per channel)
+  given (which of prior_sd and noise_sd)
+  chosen_by (how the others were chosen: held-out or likelihood; or given)
+  candidates (smooth_share, length, level_share, signal_to_noise, error
+      or log_evidence)
+  threshold (of contact, m)
+  thresholds (those compared: threshold, error)
+  sequences, samples, contact_samples, points, touched_points
+  mean_stiffness (of the touched points), points_at_zero (among these)
+  vision (none, a method or a file), vision_share (of its guess, in the
+      prior), vision_candidates (share, error)
+  nis_ratio, out")]
 pub struct Args {
-    /// Where to write the field, by ending: .npz, .ply, .mcap, or a folder, which must be new, empty or a
-    /// field to replace; may be repeated
+    /// Output for the field, by ending: .npz, .ply, .mcap, or none for a folder (new, empty, or with a field to
+    /// replace); may be repeated
     #[arg(long, default_value = "field.npz")]
     out: Vec<PathBuf>,
-    /// IDs of the sequences to learn from, in this order; the train split by default
+    /// IDs of the sequences to learn from, in this order; default: the train split
     #[arg(long, value_delimiter = ',')]
     sequences: Option<Vec<String>>,
-    /// Contact thresholds to choose among [m], such as 0.008,0.016: the first one that predicts held-out touches as well as
-    /// the best does, within a standard error; prior and noise are chosen for each. Default: 0.8 of the points' spacing, a
-    /// quarter and a sixteenth of it (0.1 mm at least, and more than the error of mesh grids), where a batch or exact estimator takes prior and noise from
-    /// held-out touches, of four touches and more with up to 1500 touched points
+    /// Contact thresholds to compare [m], such as 0.008,0.016: takes the first one that predicts held-out touches
+    /// as well as the best, within one standard error; prior and noise are chosen for each
+    ///
+    /// Default: 0.8 of the points' spacing, and a quarter and a sixteenth of that (if at least 0.1 mm and more than
+    /// the error of mesh grids). These are compared only if a batch or exact estimator chooses prior and noise on
+    /// held-out touches, with at least four touches and at most 1500 touched points.
     #[arg(long, value_delimiter = ',', value_parser = length, conflicts_with = "threshold")]
     thresholds: Option<Vec<f64>>,
     #[command(flatten)]

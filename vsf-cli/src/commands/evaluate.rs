@@ -17,35 +17,44 @@ use vsf::vision::GpConfig;
 #[command(after_help = "\
 The error is the paper's metric, the norm ||tau_hat - tau|| over the joints at every sample.
 
-A recording without points, of an arm in free air, has no field: give --model, or --baseline.
+A recording without points (an arm in free air) has no field: give --model or --baseline.
 
-JSON keys: predictor (field, model, zero, knn, mlp or gp), mean_error, sd_error, samples, unit (N m or N), zero_error \
-(mean norm of the readings), per_sequence (sequence, mean_error, sd_error, samples, zero_error, \
-contact_samples, mean_contacts, new_places: the share of contact at points that the field has not learned from, if it says \
-which these are), per_joint (joint, unit, mean_abs_error, rms_error, zero_error: mean absolute reading), calibration (within_1_sigma, within_2_sigma: \
-shares of single readings in contact; of predictors with deviations), and with a field and --baseline or --model: baselines, an object \
-of the same keys by name (model: the corrected model with a field of zeros).")]
+JSON keys:
+  predictor (field, model, zero, knn, mlp or gp)
+  mean_error, sd_error, samples, unit (N m or N)
+  zero_error (mean norm of the readings)
+  per_sequence (sequence, mean_error, sd_error, samples, zero_error,
+      contact_samples, mean_contacts, new_places: share of contact at
+      points that the field has not learned from, if it stores which
+      these are)
+  per_joint (joint, unit, mean_abs_error, rms_error, zero_error: mean
+      absolute reading)
+  calibration (within_1_sigma, within_2_sigma: shares of single readings
+      in contact; only for predictors with standard deviations)
+  baselines (with a field and --baseline or --model: an object with the
+      same keys, by name; model is the corrected model with a field of
+      zeros)")]
 pub struct Args {
-    /// IDs of the sequences to predict; the test split by default
+    /// IDs of the sequences to predict; default: the test split
     #[arg(long, value_delimiter = ',')]
     sequences: Option<Vec<String>>,
-    /// Predictors to set beside the field, or in its place when --field is left out: zero torque, and
-    /// the paper's regressions of torques on joint positions, place and axis of the end effector
-    /// over the train split; none of them has the effects of --model
+    /// Predictors to compare with the field, or to use instead of it if --field is left out: zero torque, and the
+    /// paper's regressions of torques on joint positions and on position and axis of the end effector, fitted to
+    /// the train split. None of them includes the effects of --model
     #[arg(long, value_enum, value_delimiter = ',')]
     baseline: Vec<Kind>,
-    /// Neighbors of the knn baseline
+    /// Number of neighbors of the knn baseline
     #[arg(long, default_value_t = 50, value_parser = count)]
     neighbors: usize,
-    /// Units of each hidden layer of the mlp baseline, 1 to 4096; by default the best of the paper's sizes on
-    /// samples held out
+    /// Units of each hidden layer of the mlp baseline, 1 to 4096; default: the best of the paper's sizes on
+    /// held-out samples
     #[arg(long, value_delimiter = ',',
           value_parser = whole(1_usize..=4096))]
     hidden: Option<Vec<usize>>,
     /// Seed of the mlp baseline
     #[arg(long, default_value_t = 0)]
     seed: u64,
-    /// Train samples that the gp baseline takes at most, evenly spread
+    /// Maximum number of train samples of the gp baseline, evenly spread
     #[arg(long, default_value_t = 1500, value_parser = whole(2..=GpConfig::MOST_SAMPLES))]
     gp_samples: usize,
     #[command(flatten)]
@@ -54,13 +63,13 @@ pub struct Args {
 
 #[derive(Debug, Clone, Copy, PartialEq, Eq, clap::ValueEnum)]
 enum Kind {
-    /// No torque at all
+    /// No torque
     Zero,
-    /// The nearest train samples, by RBF weights
+    /// Nearest train samples, with RBF weights
     Knn,
     /// Multilayer perceptron
     Mlp,
-    /// Gaussian process, Matern 3/2
+    /// Gaussian process with a Matern 3/2 kernel
     Gp,
 }
 

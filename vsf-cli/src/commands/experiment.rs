@@ -17,8 +17,8 @@ use vsf::pipeline::Experiment;
 
 #[derive(Debug, clap::Args)]
 #[command(after_help = "\
-A recording that cannot be used is left out and named at the end, with its exit code; the JSON key \
-`failed` lists such recordings (recording, error).")]
+A recording that cannot be used is left out and reported at the end; the exit code is that of the first such \
+error. The JSON key `failed` lists such recordings (recording, error).")]
 pub struct Args {
     #[command(subcommand)]
     which: Which,
@@ -26,14 +26,13 @@ pub struct Args {
 
 #[derive(Debug, Subcommand)]
 enum Which {
-    /// All experiments of the paper's section IV: Tables I to V and Figs. 4, 5, 7, as a report
+    /// All experiments of the paper's section IV, as a report: Tables I to V and Figs. 4, 5, 7
     Paper(paper::Args),
-    /// Table I: memory replay beside the exact posterior and the constrained optimum, with the same
-    /// prior and noise
+    /// Table I: memory replay, the exact posterior and the constrained optimum, with the same prior and noise
     Table1(table1::Args),
-    /// What each kind of prior gives: independent points, a common level, smooth parts
+    /// Compare kinds of priors: independent points, a common level, smooth parts
     Priors(priors::Args),
-    /// How often a diagnosis finds effects that it was not told: hidden labels from an independent world
+    /// Blind test of the diagnosis: how often it finds hidden effects in recordings of an independent world
     Blind(blind::Args),
 }
 
@@ -49,8 +48,8 @@ pub fn run(args: &Args, console: &Console) -> anyhow::Result<()> {
 /// Contact in an experiment.
 #[derive(Debug, clap::Args)]
 struct ContactArgs {
-    /// Contact threshold delta [m]: distance from a link's surface within which a point is touched. Default: 0.8 of the
-    /// points' spacing; the paper has 0.002
+    /// Contact threshold delta [m]: a point is touched within this distance of a link's surface; default: 0.8 of
+    /// the points' spacing (paper: 0.002)
     #[arg(long, value_parser = length)]
     threshold: Option<f64>,
 }

@@ -26,33 +26,49 @@ Examples:
   vsf export DATASET --field field.npz --out touches.mcap
       for Foxglove, PlotJuggler, ros2 bag play
 
-With a corrected model (--model) predicted torques have its effects in them; in free air it alone predicts.
+With a corrected model (--model), predicted torques include its effects; in free air, the model alone \
+predicts.
 
-An .mcap file holds ROS 2 messages: /joint_states of all sequences of a recording, effort being its torques, and /tf, the pose of the robot's root link in the frame world (viewers that have the URDF show the arm there); with a field, /stiffness_field (PointCloud2, frame world: x, y, z, stiffness, sd, rgb) at the start of each of them, and of the torques that it predicts, /predicted/joint_states and their standard deviations, /predicted/joint_states_sd, both as effort and to be compared with the recorded ones (gravity and offsets as there). Stamps start at 1 s, sequences are 2 s apart. `vsf import` makes the recording of it again.
+An .mcap file holds ROS 2 messages:
+  /joint_states   all sequences of a recording, with its torques as effort
+  /tf             pose of the robot's root link in the frame world
+                  (viewers that have the URDF show the arm there)
+
+With a field, also:
+  /stiffness_field
+                  PointCloud2 in the frame world (x, y, z, stiffness, sd,
+                  rgb), at the start of each sequence
+  /predicted/joint_states
+                  predicted torques as effort, to be compared with the
+                  recorded ones (gravity and offsets as there)
+  /predicted/joint_states_sd
+                  their standard deviations as effort
+
+Stamps start at 1 s, sequences are 2 s apart. `vsf import` restores the recording.
 
 JSON keys: written.")]
 pub struct Args {
-    /// A field (.npz or folder), or the folder of a recording
+    /// Field (.npz or folder) or folder of a recording
     input: PathBuf,
-    /// The field, when INPUT is a recording; by default the one stored in it
+    /// Field, if INPUT is a recording; default: the one stored in it
     #[arg(long)]
     field: Option<PathBuf>,
-    /// Where to write the field, by ending: .ply, .png, .svg, .npz, .mcap, or a folder; may be
-    /// repeated. A recording goes to .mcap without a field, too
+    /// Output for the field, by ending: .ply, .png, .svg, .npz, .mcap, or none for a folder; may be repeated. An
+    /// .mcap file can also hold a recording without a field
     #[arg(long)]
     out: Vec<PathBuf>,
-    /// Folder for plots of measured and predicted torques, torques_<ID>.svg, with a band of one
-    /// standard deviation and the samples in contact shaded; INPUT must be a recording
+    /// Folder for plots of measured and predicted torques, torques_<ID>.svg, with a band of one standard deviation
+    /// and the samples in contact shaded; INPUT must be a recording
     #[arg(long, value_name = "DIR")]
     torques: Option<PathBuf>,
-    /// IDs of the sequences to plot; the test split by default
+    /// IDs of the sequences to plot; default: the test split
     #[arg(long, value_delimiter = ',')]
     sequences: Option<Vec<String>>,
-    /// Show the standard deviation in place of the stiffness (pictures, .mcap)
+    /// Show the standard deviation instead of the stiffness (pictures, .mcap)
     #[arg(long)]
     deviation: bool,
-    /// Stiffness, or deviation, at the end of the color scale [N/m]; default the largest (.ply, .mcap), or the
-    /// 99 % quantile (pictures)
+    /// Stiffness or standard deviation at the end of the color scale [N/m]; default: the largest (.ply, .mcap) or
+    /// the 99 % quantile (pictures)
     #[arg(long, value_parser = positive)]
     full_scale: Option<f64>,
     #[command(flatten)]

@@ -28,58 +28,61 @@ Examples:
       --names joint_1,joint_2,joint_3,joint_4,joint_5,joint_6,joint_7 \\
       --out DATASET
   vsf import exported.mcap --robot arm.urdf --out DATASET
-      what `vsf export` wrote; built-in robots are known
+      a file by `vsf export`; built-in robots need no --robot
   vsf import touch_*.csv --robot arm.urdf --torque-kind measured \\
       --out DATASET
 
-Reads sensor_msgs/JointState of ROS 2 (CDR) or ROS 1: position, velocity if there is one, and effort as \
-torques. Joints are found by their names in the robot (or --names), whatever their order; others are ignored, \
-and so are messages with none of them. A pause (--gap) begins a new sequence, 000, 001, ...; what \
-`vsf export` wrote comes back with its metadata, points and sequences; the camera and the URDF of a robot (--robot) \
-are not in it.
+Reads sensor_msgs/JointState messages of ROS 2 (CDR) or ROS 1: position, effort (as torques) and, if present, \
+velocity. Joints are found by the robot's joint names (or --names), in any order; other joints are ignored, \
+and so are messages without any of the robot's. A pause (--gap) begins a new sequence: 000, 001, ... Files by \
+`vsf export` are restored with their metadata, points and sequences. They do not contain the camera and the \
+URDF of a robot (--robot).
 
-Reads CSV files (.csv, or .tsv with tabs) with the titles of the columns in the first line: time [s] (time, t, timestamp, \
-time_s) and for each joint its position [rad or m] (position, pos, q), torque or force [N m or N] (effort, torque, tau) and, \
-if there is one, velocity (velocity, vel, dq, qd), as q_NAME, NAME_position, NAME.position; or q1, q2, ... in the order of \
-the robot, from 1 or from 0. Other columns are ignored. Each file begins a new sequence.
+Reads CSV files (.csv, or .tsv with tabs) whose first line has the titles of the columns: time [s] (time, t, \
+timestamp, time_s) and for each joint its position [rad or m] (position, pos, q), its torque or force [N m or \
+N] (effort, torque, tau) and, optionally, its velocity (velocity, vel, dq, qd). Titles have the form q_NAME, \
+NAME_position or NAME.position, or number the joints, q1, q2, ..., in the order of the robot, from 1 or from \
+0. Other columns are ignored. Each file begins a new sequence.
 
-Without points the recording is one of free motion, for `vsf diagnose`.
+Without points, the recording is one of free motion, for `vsf diagnose`.
 
-JSON keys: out, robot, topic (null of CSV files), joints, points, sequences (sequence, samples, duration_s, split, file (of CSV files)).")]
+JSON keys: out, robot, topic (null for CSV files), joints, points, sequences (sequence, samples, duration_s, \
+split, file (only for CSV files)).")]
 pub struct Args {
-    /// MCAP files, in the order of recording, the folder of a ROS 2 bag, or CSV files
+    /// MCAP files in the order of recording, the folder of a ROS 2 bag, or CSV files
     #[arg(required = true)]
     files: Vec<PathBuf>,
-    /// Folder to write to: new, empty, or a recording of the same sequences, by `vsf import`, to replace
+    /// Folder to write: new, empty, or with a recording of the same sequences by `vsf import` to replace
     #[arg(long)]
     out: PathBuf,
-    /// Topic of the joint states; needed where there are several, unless `vsf export` wrote them
+    /// Topic of the joint states; required if there are several, except in files by `vsf export`
     #[arg(long)]
     topic: Option<String>,
-    /// Names of the robot's joints in the files, in its order, where they are not its own
+    /// Names of the robot's joints in the files, in the robot's order, if they differ from the robot's own
     #[arg(long, value_delimiter = ',')]
     names: Option<Vec<String>>,
-    /// Pause that ends a sequence [s]; 1 by default, and none in what `vsf export` wrote
+    /// Pause that ends a sequence [s]; default: 1, or none in files by `vsf export`
     #[arg(long, value_parser = positive)]
     gap: Option<f64>,
-    /// Take the times of logging in place of the stamps in the messages
+    /// Use the log times instead of the stamps in the messages
     #[arg(long)]
     log_time: bool,
-    /// Leave out the velocities in the files, which not all samples may have
+    /// Leave out the velocities in the files, for instance because some samples lack them
     #[arg(long)]
     no_velocities: bool,
-    /// Motions that are planned and not made, for `vsf predict`: torques are zero, whatever the files have, and all sequences are
-    /// test sequences unless --test says otherwise
+    /// Import planned motions that have not been made, for `vsf predict`: torques are set to zero, whatever the
+    /// files have, and all sequences are test sequences unless --test says otherwise
     #[arg(long)]
     planned: bool,
-    /// Rest points of the object in the world frame [m]: .ply, .pcd, .npy, or the .npz of a field
+    /// File with the rest points of the object in the world frame [m]: .ply, .pcd, .npy, or the .npz of a field
     #[arg(long, value_name = "FILE", conflicts_with = "box")]
     points: Option<PathBuf>,
-    /// Fill a box of the world frame with rest points: its corners x,y,z,x,y,z [m]
+    /// Fill a box with rest points: two opposite corners x,y,z,x,y,z in the world frame [m]
     #[arg(long = "box", id = "box", value_delimiter = ',', num_args = 1, allow_hyphen_values = true,
         value_name = "X,Y,Z,X,Y,Z", value_parser = finite)]
     corners: Option<Vec<f64>>,
-    /// Spacing of the points in the box [m]; along an edge that is no multiple of it as near to it as fills the box
+    /// Spacing of the points in the box [m]; adjusted as little as possible along edges that are not a multiple of
+    /// it
     #[arg(long, requires = "box", conflicts_with = "points", default_value_t = 0.01, value_parser = positive)]
     spacing: f64,
     #[command(flatten)]

@@ -12,15 +12,25 @@ use vsf::robots::RobotModel;
 
 #[derive(Debug, clap::Args)]
 #[command(after_help = "\
-JSON keys: name, description, robot, joints (name, unit), torque_kind, rate_hz, tare_samples, train, \
-test, points, bounds ([lower, upper] in m), threshold (of contact, m), stored_field, camera, sequences (sequence, \
-samples, duration_s, touches, contact_samples, mean_contacts; the last two null without points), grids \
-(link, mesh, resolution_m, error_p99_m, reached, boundary_edges, edges, unsure_share, turned_share), \
-links_without_inertia.
+JSON keys of a recording:
+  name, description, robot, joints (name, unit), torque_kind, rate_hz,
+  tare_samples, train, test, points, bounds ([lower, upper] in m)
+  threshold (of contact, m)
+  stored_field, camera
+  sequences (sequence, samples, duration_s, touches, contact_samples,
+      mean_contacts; the last two are null without points)
+  grids (link, mesh, resolution_m, error_p99_m, reached, boundary_edges,
+      edges, unsure_share, turned_share)
+  links_without_inertia
 
-Of a field (.npz or folder), which may stand in the place of <DATASET>, and for which the options of recording and contact have no meaning: points, bounds, touched_points, mean_stiffness and largest_stiffness \
-(N/m, of touched points, or of all where the field does not say which those are), recording, learned_from, prior_sd, noise_sd, \
-contact_parameters, corrected_model; null for what it does not say.")]
+<DATASET> may also be a field (.npz or folder); the options of recording and contact then have no effect.
+
+JSON keys of a field, null for what it does not store:
+  points, bounds, touched_points
+  mean_stiffness, largest_stiffness (N/m, of the touched points, or of
+      all points if the field does not store which were touched)
+  recording, learned_from, prior_sd, noise_sd, contact_parameters,
+  corrected_model")]
 pub struct Args {
     #[command(flatten)]
     recording: RecordingArgs,

@@ -15,9 +15,9 @@ use vsf::vision::{GpConfig, KnnConfig, LearnedPrior, RegressorSpec, Samples, See
 
 #[derive(Debug, clap::Args)]
 #[command(after_help = "\
-The touched points of each field are described by color, depth behind the seen surface and height, and \
-their stiffness is learned over all objects. `vsf estimate NEW --vision FILE` takes what was learned as the \
-mean of the prior of another recording with a camera/.
+The touched points of each field are described by color, depth behind the visible surface and height, and \
+their stiffness is learned over all objects. `vsf estimate NEW --vision FILE` uses the result as the mean of \
+the prior for another recording with a camera/.
 
 Example:
   vsf learn plant_a=a.npz plant_b=b.npz --out plants.json
@@ -25,14 +25,14 @@ Example:
 
 JSON keys: out, objects, points.")]
 pub struct Args {
-    /// Recordings with a camera/, each with the field that was estimated from it; without =FIELD the one
-    /// stored in the recording
+    /// Recordings with a camera/, each with the field estimated from it; without =FIELD, the one stored in the
+    /// recording
     #[arg(required = true, value_name = "RECORDING[=FIELD]", value_parser = object)]
     objects: Vec<Object>,
-    /// Where to write what was learned, ends in .json
+    /// File for the result, .json
     #[arg(long, value_name = "FILE", value_parser = ending("json"))]
     out: PathBuf,
-    /// How stiffness follows from looks
+    /// Regression of stiffness on appearance
     #[arg(long, value_enum, default_value = "ridge")]
     regressor: Kind,
 }
@@ -46,9 +46,9 @@ struct Object {
 
 #[derive(Debug, Clone, Copy, PartialEq, Eq, clap::ValueEnum)]
 enum Kind {
-    /// The 200 nearest points
+    /// The 200 nearest neighbors
     Knn,
-    /// Linear
+    /// Linear regression
     Ridge,
     /// Gaussian process
     Gp,

@@ -39,60 +39,93 @@ Each sample is a line, or a datagram, of JSON:
 
   {\"t\": 12.345, \"q\": [0.1, 0.2], \"tau\": [0.3, 0.4]}
 
-time [s], joint positions [rad or m] in the order of the robot's joints, and torques [N m or N] of the kind that the recording's \
-are (torque_kind): those of the environment on the robot, or those at the actuators, from which all that the arm itself needs is \
-taken off. Further keys: \"qd\", joint velocities, of use where torques are measured, and with --model (estimated if not given, \
-by the slope of positions over 25 ms or five samples, so that they come half of that late); \
-\"touch\", a number that changes where a touch begins; \"sequence\", one that grows where clock or sensors begin anew. The robot, \
-its points and contact are those of a recording, of which one sequence is enough, or a motion that is planned (`vsf import --planned`).
+  t           time [s]
+  q           joint positions [rad or m], in the order of the robot's
+              joints
+  tau         torques [N m or N] of the recording's torque_kind: external
+              (of the environment on the robot) or measured (at the
+              actuators; what the arm itself needs is removed)
 
-A gap of more than 0.1 s in which the arm moved, of slow streams of two missing samples, ends a touch. Of a touch whose beginning was not seen, with the arm \
-inside of the object, nothing is learned until the arm has been in free air: such samples are skipped.
+Optional keys:
 
-Prior and noise that are not given are chosen by the recording's train sequences, as `vsf estimate` does. Each reading then counts as \
-one that knows nothing of the others: for a stream that is much quicker than the recording, which is told in the end, or touches one \
-place over and over, give a larger --noise-sd, or the field is too sure of itself.
+  qd          joint velocities, used with measured torques and with
+              --model; if missing, estimated from the slope of the
+              positions over 25 ms or five samples, and late by half of
+              that
+  touch       a number that changes where a touch begins
+  sequence    a number that grows where the clock or the sensors start
+              anew
 
-Summaries are lines of JSON on standard output: t, contacts (points touched now), touched (so far, --field included), stiffness \
-(mean, sd and max of those, N/m), residual (before the update, root mean square of its norm since the last summary, null without \
-a sample), nis_ratio (since the start, in contact; 1 where the filter is as sure as it may be), slowest_ms (of a step), and counts of \
-samples: received, refused, dropped (they came more quickly than they were learned), repeated, late, stray (of a time that fits no other), \
-tared, skipped, used, missing, gaps, restarts (the clock went back). They come by the clock of the samples. Where nobody reads them they are left out, but of a file, with --wait or \
---play, which wait for their reader.
+The robot, its points and contact come from a recording. One sequence is enough, or a planned motion (`vsf \
+import --planned`).
 
-The stream ends with the pipe, with an empty datagram, after --idle, or by Ctrl-C. Then the field is written, with exit code 0, or 1 if nothing was touched, and what \
-looks wrong with the samples is told, of a long stream with parts from all over it.
+A gap in which the arm moved ends a touch if it is longer than 0.1 s or, in slow streams, if two samples are \
+missing. If the beginning of a touch was not seen (the arm is already inside the object), samples are skipped, \
+and nothing is learned, until the arm has been in free air.
+
+Prior and noise that are not given are chosen from the recording's train sequences, as in `vsf estimate`. Each \
+reading then counts as independent of the others. Give a larger --noise-sd if the stream is much faster than \
+the recording (a warning at the end says so), or touches one place over and over; otherwise the field is \
+overconfident.
+
+Summaries are lines of JSON on standard output:
+
+  t           time of the last sample [s]
+  contacts    points touched now
+  touched     points touched so far, those of --field included
+  stiffness   mean, sd and max of the touched points [N/m]
+  residual    root mean square, since the last summary, of the norm of
+              the residual before the update; null without a sample
+  nis_ratio   of the samples in contact since the start; 1 if the filter's
+              uncertainty is right
+  slowest_ms  longest step
+  received, refused, dropped, repeated, late, stray, tared, skipped,
+  used, missing, gaps, restarts
+              counts of samples: dropped ones came faster than they were
+              learned, stray ones have a time that fits no other, and at
+              a restart the clock went back
+
+Summaries follow the clock of the samples. Those that nobody reads are left out, except with --wait, --play or \
+a file as input, which wait for their reader.
+
+The stream ends with the pipe, with an empty datagram, after --idle, or by Ctrl-C. Then the field is written \
+(exit code 0, or 1 if nothing was touched), and warnings tell what looks wrong with the samples (of a long \
+stream, with parts from all over it).
 
 JSON keys: points, touched, stiffness, nis_ratio, the counts, out.")]
 pub struct Args {
-    /// Take datagrams at an address of this machine, such as 127.0.0.1:9000, in place of lines on standard input
+    /// Read samples as UDP datagrams at an address of this machine, such as 127.0.0.1:9000, instead of lines on
+    /// standard input
     #[arg(long, value_name = "ADDRESS:PORT", value_parser = loopback)]
     udp: Option<SocketAddr>,
-    /// Take the recording itself, one sequence after the other, as quickly as it goes: to see what comes out
+    /// Play the sequences of the recording itself, one after the other, as fast as possible: a test without a
+    /// stream
     #[arg(long, conflicts_with_all = ["udp", "wait"])]
     play: bool,
-    /// IDs of the sequences to play; the train split by default
+    /// IDs of the sequences to play; default: the train split
     #[arg(long, value_delimiter = ',', requires = "play")]
     sequences: Option<Vec<String>>,
-    /// End after so many seconds without a datagram; never by default
+    /// End after this time without a datagram [s]; default: never
     #[arg(long, requires = "udp", value_name = "SECONDS", value_parser = whole(1_u32..=86_400))]
     idle: Option<u32>,
-    /// Hold the sender of a pipe back instead of dropping samples, as is done for a file
+    /// Make the sender of a pipe wait instead of dropping samples; files always wait
     #[arg(long, conflicts_with = "udp")]
     wait: bool,
-    /// Summaries a second
+    /// Rate of the summaries [Hz]
     #[arg(long, default_value_t = Options::default().publish_hz, value_parser = rate)]
     publish_hz: f64,
-    /// So many samples in the beginning, in free air, whose mean reading is zero; by default tare_samples of the recording
+    /// Number of contact-free samples at the start of each sequence whose mean reading is taken as zero; default:
+    /// the recording's tare_samples
     #[arg(long, value_name = "SAMPLES", conflicts_with = "play", value_parser = whole(0_u64..=1_000_000))]
     tare: Option<u64>,
-    /// Where to write the field in the end: .npz, .ply, .mcap, or a folder, which must be new, empty or a field to replace
+    /// Output for the field at the end, by ending: .npz, .ply, .mcap, or none for a folder (new, empty, or with a
+    /// field to replace)
     #[arg(long, required_unless_present = "play")]
     out: Option<PathBuf>,
-    /// Write it every so many minutes, too, with the next summary; samples wait meanwhile
+    /// Also write the field at this interval [min], with the next summary; samples wait meanwhile
     #[arg(long, value_name = "MINUTES", requires = "out", value_parser = minutes)]
     save_every: Option<f64>,
-    /// An earlier field of the recording's points, to go on from, with its prior and noise
+    /// Earlier field of the recording's points to continue from, with its prior and noise
     #[arg(long)]
     field: Option<PathBuf>,
     #[command(flatten)]

@@ -16,9 +16,9 @@ const MOST_CELLS: f64 = 1e8;
 
 #[derive(Debug, clap::Args)]
 #[command(after_help = "\
-The points are those of the seen surface, one per cube of the spacing, and the centers of the cubes of the box \
-that lie behind it or outside of the picture: the object may be there. What the camera sees through has no points \
-(section IV-A of the paper).
+The points are those of the visible surface, one per cube of the spacing, and the centers of the cubes of the \
+box that lie behind it or outside the image, where the object may be. Space that the camera sees through gets \
+no points (section IV-A of the paper).
 
 Example:
   vsf points my_recording --out my_recording/points.npy
@@ -27,13 +27,13 @@ JSON keys: out, points, surface, occluded, spacing, box.")]
 pub struct Args {
     /// Folder of the recording, with a camera/
     dataset: PathBuf,
-    /// Where to write the points, (N, 3) [m], .npy: a new file
+    /// New file for the points, .npy, (N, 3) [m]
     #[arg(long, value_parser = ending("npy"))]
     out: PathBuf,
     /// Spacing of the points [m]
     #[arg(long, default_value_t = 0.01, value_parser = positive)]
     spacing: f64,
-    /// The box around the object in the world frame, its corners x,y,z,x,y,z [m]; by default the recording's
+    /// Box around the object: two opposite corners x,y,z,x,y,z in the world frame [m]; default: the recording's
     /// object_bbox
     #[arg(long = "box", id = "box", value_delimiter = ',', num_args = 1, allow_hyphen_values = true,
         value_name = "X,Y,Z,X,Y,Z", value_parser = finite)]

@@ -11,20 +11,23 @@ use vsf::pipeline::{SequencePrediction, check_torques, predict};
 
 #[derive(Debug, clap::Args)]
 #[command(after_help = "\
-What --out names becomes a recording of its own, robot and camera included: the same joint angles, and in \
-torques.npy the predicted external torques, those of a corrected model (--model) included. Each sequence also gets torques_sd.npy, (T, d): the standard deviation of independent points \
-plus the noise that the field was estimated with; not in free air, where a model alone predicts.
+--out becomes a recording of its own, robot and camera included. It has the same joint angles, and in \
+torques.npy the predicted external torques, including those of a corrected model (--model). Each sequence also \
+gets torques_sd.npy, (T, d): the standard deviation of independent points plus the noise that the field was \
+estimated with. It is missing in free air, where a model alone predicts.
 
-To be read as the recording's own readings are, and by the same model again, take `vsf simulate`: external torques \
-leave out the weight that some effects act on, and effects that last from one sequence to the next need all of them.
+For torques that can be read like the recording's own, and by the same model again, use `vsf simulate`: \
+external torques leave out the weight that some effects act on, and effects that last from one sequence to the \
+next need all sequences.
 
-JSON keys: out, noise_sd, sequences (sequence, samples, contact_samples, largest: the largest norm of the torques over the joints, unit).")]
+JSON keys: out, noise_sd, sequences (sequence, samples, contact_samples, largest (largest norm of the torques \
+over the joints), unit).")]
 pub struct Args {
-    /// IDs of the sequences to predict; the test split by default
+    /// IDs of the sequences to predict; default: the test split
     #[arg(long, value_delimiter = ',')]
     sequences: Option<Vec<String>>,
-    /// Folder to write to: new, empty, or a recording of the same sequences, by `vsf simulate` or
-    /// `vsf predict`, to replace
+    /// Folder to write: new, empty, or with a recording of the same sequences by `vsf simulate` or `vsf predict` to
+    /// replace
     #[arg(long)]
     out: PathBuf,
     #[command(flatten)]

@@ -13,30 +13,37 @@ const SHOWN: usize = 10;
 
 #[derive(Debug, clap::Args)]
 #[command(after_help = "\
-A point is stiff if its stiffness is, with --confidence, more than --contrast times the background: the median of the \
-touched points that have any. Stiff points within --reach of each other are one region. Untouched points say nothing \
-and are left out, where the field tells which were touched. Places are in the world frame.
+A point is stiff if, with a probability of --confidence, its stiffness is more than --contrast times the \
+background. The background is the median of the touched points with any stiffness. Stiff points within --reach \
+of each other form a region. Untouched points are left out, if the field stores which were touched. Positions \
+are in the world frame.
 
 Example:
   vsf estimate DATASET --out field.npz
   vsf regions field.npz --contrast 3
 
-JSON keys: field, points (that were looked at), felt (those with any stiffness), background, stiff_from (N/m), contrast, confidence, reach (m), scattered \
-(stiff points of no region), unsure (the indices of points that are likely that stiff, with less than that confidence), regions (center, bounds ([lower, upper] in m), mean, sd (a bound \
-of the deviation of the mean: the mean of those of the points), largest (N/m), times_background, points (their indices)).")]
+JSON keys:
+  field, points (examined), felt (those with any stiffness)
+  background, stiff_from (N/m), contrast, confidence, reach (m)
+  scattered (number of stiff points in no region)
+  unsure (indices of points that are probably that stiff, but with less
+      than that confidence)
+  regions (center, bounds ([lower, upper] in m), mean, sd (a bound of the
+      standard deviation of the mean: the mean of those of the points),
+      largest (N/m), times_background, points (their indices))")]
 pub struct Args {
-    /// The field, .npz or folder
+    /// Field, .npz or folder
     field: PathBuf,
-    /// Times the background from which on a point is stiff
+    /// Stiffness from which a point is stiff, as a multiple of the background
     #[arg(long, default_value_t = RegionOptions::default().contrast, value_parser = positive)]
     contrast: f64,
-    /// Least probability that a point is that stiff, 0.5 to below 1
+    /// Minimum probability that a point is that stiff, 0.5 to below 1
     #[arg(long, default_value_t = RegionOptions::default().confidence, value_parser = confidence)]
     confidence: f64,
-    /// Stiff points up to so far apart belong together [m]; default 1.8 times their spacing
+    /// Maximum distance between neighboring stiff points of a region [m]; default: 1.8 times the points' spacing
     #[arg(long, value_parser = length)]
     reach: Option<f64>,
-    /// Fewest points of a region
+    /// Minimum number of points of a region
     #[arg(long, value_name = "POINTS", default_value_t = RegionOptions::default().fewest, value_parser = count)]
     fewest: usize,
 }

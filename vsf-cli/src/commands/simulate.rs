@@ -9,23 +9,23 @@ use vsf::pipeline::{add_noise, motion_warnings, simulate};
 
 #[derive(Debug, clap::Args)]
 #[command(after_help = "\
-The new recording has the joint angles and times of DATASET, its points, camera and robot, and the \
-torques that the field gives, of the same torque kind. With a corrected model (--model) effects that follow the load take that of the field \
-alone.
+The new recording has the joint angles, times, points, camera and robot of DATASET, and the torques that the \
+field gives, of the same torque kind. With a corrected model (--model), effects that follow the load use that \
+of the field alone.
 
 JSON keys: out, sequences, samples, threshold (of contact, m; null in free air), noise_sd, seed.")]
 pub struct Args {
-    /// IDs of the sequences to take; all by default
+    /// IDs of the sequences to simulate; default: all
     #[arg(long, value_delimiter = ',')]
     sequences: Option<Vec<String>>,
-    /// Folder to write to: new, empty, or a recording of the same sequences, by `vsf simulate` or
-    /// `vsf predict`, to replace
+    /// Folder to write: new, empty, or with a recording of the same sequences by `vsf simulate` or `vsf predict` to
+    /// replace
     #[arg(long)]
     out: PathBuf,
     /// Standard deviation of the noise added to every reading [N m or N]
     #[arg(long, default_value_t = 0.0, value_parser = scatter)]
     noise_sd: f64,
-    /// Seed of the noise: same seed, same readings
+    /// Seed of the noise; the same seed gives the same readings
     #[arg(long, default_value_t = 0)]
     seed: u64,
     #[command(flatten)]

@@ -23,25 +23,24 @@ Examples:
   vsf view gap.json --out gap.html
       what `vsf diagnose --json=gap.json` found
 
-The page needs nothing else: no network, no graphics card. Drag turns it, the wheel or two fingers \
-bring it nearer, shift and drag moves it. It shows at most 200000 points, touched ones first. Of a \
-diagnosis it is the page of `vsf diagnose --html`, without the torques, which the recording has.
+The page needs no network, no graphics card and no other files. Drag to rotate, scroll or pinch to zoom, \
+shift-drag to pan. It shows at most 200000 points, touched ones first. For a diagnosis, it is the page of `vsf \
+diagnose --html` without the torques, which are in the recording.
 
 JSON keys: written.")]
 pub struct Args {
-    /// A field (.npz or folder), the folder of a recording, or a diagnosis (.json)
+    /// Field (.npz or folder), folder of a recording, or diagnosis (.json)
     input: PathBuf,
-    /// The field, when INPUT is a recording; by default the one stored in it, or points without
-    /// values
+    /// Field, if INPUT is a recording; default: the one stored in it, or else points without values
     #[arg(long)]
     field: Option<PathBuf>,
-    /// The page; .html
+    /// File for the page, .html
     #[arg(long, value_name = "FILE", value_parser = ending("html"))]
     out: PathBuf,
-    /// IDs of the sequences to show; all by default
+    /// IDs of the sequences to show; default: all
     #[arg(long, value_delimiter = ',')]
     sequences: Option<Vec<String>>,
-    /// Stiffness at the end of the color bar [N/m], default the 99 % quantile
+    /// Stiffness at the end of the color bar [N/m]; default: the 99 % quantile
     #[arg(long, value_parser = positive)]
     full_scale: Option<f64>,
     #[command(flatten)]

@@ -11,63 +11,65 @@ use vsf::pipeline::{EstimatorSpec, FilterSpec, HyperMethod, PriorShape, VisionSp
 #[derive(Debug, Clone, Default, Args)]
 #[command(next_help_heading = "Estimator")]
 pub struct EstimatorSettings {
-    /// Which estimator, default batch; of a stream (`vsf live`) replay
+    /// Estimator to use; default: batch (`vsf live`: replay)
     #[arg(long)]
     estimator: Option<EstimatorKind>,
-    /// What an exact filter does with means below zero: takes the optimum within K >= 0
-    /// (constrained, default of `exact`), shows them as zero (output-only, default of
-    /// `information`) or also goes on from zero (fed-back, eq. 5)
+    /// How an exact filter treats means below zero: it takes the optimum within K >= 0 (constrained; default of
+    /// `exact`), reports them as zero (output-only; default of `information`), or reports them as zero and
+    /// continues from zero (fed-back, eq. 5)
     #[arg(long)]
     projection: Option<ProjectionKind>,
-    /// How outliers among the readings count, such as spikes or a sensor that sticks: in full (none, default), with a
-    /// bounded pull (huber), or the less the farther out (student-t); not with `batch`
+    /// Weight of outlying readings, such as spikes or those of a stuck sensor: full (none; default), with bounded
+    /// influence (huber), or the less the farther out (student-t); not with `batch`
     #[arg(long)]
     robust: Option<RobustKind>,
-    /// Past observations replayed after every update, default 20; 0 with `diagonal`
+    /// Number of past observations replayed after every update; default: 20, or 0 with `diagonal`
     #[arg(long, value_parser = replays)]
     replay: Option<usize>,
-    /// Whether a replay leaves the variances (keep, default) or shrinks them again (shrink)
+    /// Whether replays leave the variances unchanged (keep; default) or shrink them again (shrink)
     #[arg(long)]
     replay_variance: Option<VarianceKind>,
-    /// Whether each sequence starts with an empty replay buffer, default false
+    /// Empty the replay buffer at the start of each sequence; default: false
     #[arg(long, num_args = 0..=1, default_missing_value = "true")]
     clear_replay: Option<bool>,
-    /// Seed of the replay draws, default 0
+    /// Seed for drawing replays; default: 0
     #[arg(long)]
     seed: Option<u64>,
-    /// Prior standard deviation of every point's own stiffness [N/m]; chosen from the sequences by
-    /// default. Given alone, the noise keeps its chosen ratio to it
+    /// Prior standard deviation of every point's own stiffness [N/m]; default: chosen from the sequences. If only
+    /// this is given, the noise keeps its chosen ratio to it
     #[arg(long, value_parser = deviation)]
     pub prior_sd: Option<f64>,
-    /// Standard deviation of the readings [N m or N], model error included: one for all channels or
-    /// one each; chosen from the sequences by default
+    /// Standard deviation of the readings, model error included [N m or N]: one for all channels or one per
+    /// channel; default: chosen from the sequences
     #[arg(long, value_delimiter = ',', value_parser = deviation)]
     pub noise_sd: Option<Vec<f64>>,
-    /// Standard deviation of the smooth part of the prior, per that of a point's own part, 0 for independent
-    /// points; by default 0.25 or 0, whichever suits better (0.25 with more than 1500 touched points, and where prior and noise are both
-    /// given), and 0 for estimators that keep no correlations
+    /// Standard deviation of the smooth part of the prior, relative to that of a point's own part; 0 for
+    /// independent points; default: 0.25 or 0
+    ///
+    /// The default is whichever of the two suits the sequences better. It is 0.25 with more than 1500 touched
+    /// points, and if both prior and noise are given; it is 0 for estimators that keep no correlations.
     #[arg(long, value_parser = share)]
     smooth_share: Option<f64>,
-    /// Length over which the smooth part of the prior stays alike [m], default 0.04
+    /// Length scale of the smooth part of the prior [m]; default: 0.04
     #[arg(long, value_parser = positive)]
     smooth_length: Option<f64>,
-    /// Standard deviation of a level that all points share, per that of a point's own part, default 0
+    /// Standard deviation of a level common to all points, relative to that of a point's own part; default: 0
     #[arg(long, value_parser = share)]
     level_share: Option<f64>,
-    /// How prior and noise are chosen where they are not given, default held-out
+    /// How to choose prior and noise where they are not given; default: held-out
     #[arg(long)]
     hyper: Option<HyperKind>,
-    /// What the recording's camera/ says about points, touched or not, as the mean of the prior;
-    /// how much of it is chosen on held-out sequences: none (default, touches alone), level (one
-    /// stiffness, fading behind the seen surface), knn, ridge or gp (regression of the touched points
-    /// on color and position), or a FILE that `vsf learn` wrote
+    /// Prior mean of all points, touched or not, from what the recording's camera/ sees; held-out touches decide
+    /// how much of it to use. One of none (default; touch alone), level (one stiffness, fading behind the visible
+    /// surface), knn, ridge or gp (regression of the touched points' stiffness on color and position), or a FILE
+    /// written by `vsf learn`
     #[arg(long, value_name = "METHOD|FILE", value_parser = vision)]
     vision: Option<Vision>,
 }
 
 #[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
 enum HyperKind {
-    /// By the prediction of touches that are held out, or of parts of them where they lie apart
+    /// By the prediction of held-out touches, or of held-out parts of touches that lie apart
     HeldOut,
     /// By the marginal likelihood of the readings, as if their errors were independent
     Likelihood,
@@ -75,19 +77,19 @@ enum HyperKind {
 
 #[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
 enum EstimatorKind {
-    /// The constrained optimum over all samples at once, offline
+    /// Constrained optimum over all samples at once, offline
     Batch,
-    /// The exact posterior, sample by sample
+    /// Exact posterior, sample by sample
     Exact,
-    /// The same from the precision matrix (eq. 5), slow
+    /// The same posterior from the precision matrix (eq. 5), slow
     Information,
-    /// Replays that come down to the constrained optimum of independent points, for 1 kHz loops
+    /// Replays that converge to the constrained optimum of independent points, for 1 kHz loops
     Dual,
     /// Diagonal Kalman filter with memory replay (Alg. 1), as in the paper
     Replay,
-    /// Diagonal Kalman filter alone
+    /// Diagonal Kalman filter without replay
     Diagonal,
-    /// Eq. 7 as printed, with memory replay; may diverge beyond the paper's prior
+    /// Eq. 7 as printed, with memory replay; may diverge with priors other than the paper's
     Printed,
     /// Gain from the variances after the update, with memory replay
     Updated,

@@ -9,36 +9,37 @@ use vsf::data::{JointType, Overrides, RobotRef, Splits, TorqueKind};
 
 /// The recording.
 #[derive(Debug, Clone, Default, Args)]
-#[command(next_help_heading = "Recording (instead of dataset.json)")]
+#[command(next_help_heading = "Recording (overrides dataset.json)")]
 pub struct MetadataSettings {
     /// Built-in robot (kinova_gen3, cartesian_stage, planar_arm) or path of a URDF
     #[arg(long)]
     robot: Option<String>,
-    /// Pose of the base in the world: x,y,z [m] and roll,pitch,yaw [rad]
+    /// Pose of the robot's base in the world frame: x,y,z [m] and roll,pitch,yaw [rad]
     #[arg(long, value_delimiter = ',', allow_hyphen_values = true, value_parser = finite)]
     base_pose: Option<Vec<f64>>,
-    /// What the torques mean: external, or measured (actuator side, with gravity)
+    /// Kind of the torques: external (of the environment on the robot) or measured (at the actuators, gravity
+    /// included)
     #[arg(long)]
     torque_kind: Option<TorqueName>,
     /// Sample rate of sequences without time.npy [Hz]
     #[arg(long, value_parser = positive)]
     rate_hz: Option<f64>,
-    /// Gravity in the world frame, x,y,z [m/s^2]
+    /// Gravity in the world frame: x,y,z [m/s^2]
     #[arg(long, value_delimiter = ',', allow_hyphen_values = true, value_parser = finite)]
     gravity: Option<Vec<f64>>,
-    /// Contact-free samples at the start of each sequence, which tare the sensor
+    /// Number of contact-free samples at the start of each sequence, used to tare the sensor
     #[arg(long)]
     tare_samples: Option<usize>,
     /// Joint names of the columns, in order
     #[arg(long, value_delimiter = ',')]
     joints: Option<Vec<String>>,
-    /// Types of the columns: revolute or prismatic
+    /// Joint types of the columns: revolute or prismatic
     #[arg(long, value_delimiter = ',')]
     joint_types: Option<Vec<JointName>>,
-    /// IDs of the train split; without --test nothing tests
+    /// IDs of the train sequences; without --test, the test split is empty
     #[arg(long, value_delimiter = ',')]
     train: Option<Vec<String>>,
-    /// IDs of the test split; without --train nothing trains
+    /// IDs of the test sequences; without --train, the train split is empty
     #[arg(long, value_delimiter = ',')]
     test: Option<Vec<String>>,
     /// Folder of a package:// name in the URDF; may be repeated

@@ -19,37 +19,41 @@ pub struct SceneSettings {
 
 /// The contact model.
 #[derive(Debug, Clone, Default, Args)]
-#[command(next_help_heading = "Contact (a field that predicts brings its own)")]
+#[command(next_help_heading = "Contact (defaults to what a given field stores)")]
 pub struct ContactSettings {
-    /// Links that may touch; all with collision shapes by default
+    /// Names of the links that may touch the object; default: all links with collision shapes
     #[arg(long, value_delimiter = ',')]
     links: Option<Vec<String>>,
-    /// Contact threshold delta [m]: distance from a link's surface within which a point is touched. Default: 0.8 of the
-    /// points' spacing, 0.0001 to 0.01 (see --thresholds of `estimate`), 0.002 for `diagnose`; a field, corrected model or simulated
-    /// recording brings its own, and a field that says nothing of it is taken to have 0.002
+    /// Contact threshold delta [m]: a point is touched within this distance of a link's surface; default: 0.8 of
+    /// the points' spacing
+    ///
+    /// The default is limited to 0.0001 to 0.01 (see also --thresholds of `estimate`); for `diagnose` it is 0.002.
+    /// A field, corrected model or simulated recording brings its own. A field that does not store it is taken to
+    /// have 0.002.
     #[arg(long, value_parser = length)]
     threshold: Option<f64>,
-    /// Friction coefficient nu_f, default 0.15
+    /// Friction coefficient nu_f; default: 0.15
     #[arg(long, value_parser = not_negative)]
     friction: Option<f64>,
-    /// Slip step lambda_s [m], default 0.0001. A finer one takes more steps for the same slip: see
+    /// Slip step lambda_s [m]; default: 0.0001. A smaller step takes more steps for the same slip, see
     /// --max-slip-iterations
     #[arg(long, value_parser = length)]
     slip_step: Option<f64>,
-    /// Most slip steps of one point per sample; by default as many as make 2 cm, 200 of 0.0001
+    /// Maximum number of slip steps of a point per sample; default: as many as add up to 2 cm (200 steps of 0.0001
+    /// m)
     #[arg(long, value_parser = whole(1..=u32::MAX))]
     max_slip_iterations: Option<u32>,
-    /// Offset added to the robot's surface [m], default 0
+    /// Offset added to the robot's surface [m]; default: 0
     #[arg(long, value_parser = offset)]
     padding: Option<f64>,
-    /// Sub-points per edge of the cube that a rest point stands for, 1 to 8, default 2; 1 moves
-    /// the rest points alone, as the paper does, at an eighth of the cost
+    /// Sub-points per edge of the cube that a rest point stands for, 1 to 8; default: 2. With 1, the rest points
+    /// alone move, as in the paper, at an eighth of the cost
     #[arg(long, value_parser = whole(1_usize..=8))]
     subdivision: Option<usize>,
-    /// Spacing of the distance grids of meshes [m], 1e-6 to 1; chosen for an error of 0.5 mm by default
+    /// Spacing of the distance grids of meshes [m], 1e-6 to 1; default: chosen for an error of 0.5 mm
     #[arg(long, value_parser = spacing)]
     grid_resolution: Option<f64>,
-    /// Folder that keeps finished distance grids
+    /// Folder in which to cache distance grids
     #[arg(long)]
     cache_dir: Option<PathBuf>,
 }

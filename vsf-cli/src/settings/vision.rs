@@ -56,9 +56,9 @@ pub fn vision(text: &str) -> Result<Vision, String> {
 /// How untouched points are guessed by what the camera sees.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
 pub enum VisionKind {
-    /// The prior has mean zero
+    /// Prior mean of zero
     None,
-    /// One stiffness, fading behind the seen surface
+    /// One stiffness, fading behind the visible surface
     Level,
     /// Regression on the 200 nearest touched points in color and position
     Knn,

@@ -14,16 +14,25 @@ const CASE: &str = "case_";
 
 #[derive(Debug, clap::Args)]
 #[command(after_help = "\
-Recordings come from a simulated world that shares no code with the diagnosis: own kinematics, contact, \
-objects and forms of every effect. In every 20 cases 4 are without effect, 10 have one, 3 two, and 3 one that \
-is not in the catalogue; 3 in 10 touch a plant, the others a soft body; 1 in 4 is subtle, 1 in 8 a mere push. \
-Each is diagnosed without its label, which is opened afterward: some 70 s of CPU time a case.
+The recordings come from a simulated world that shares no code with the diagnosis: it has its own kinematics, \
+contact, objects and forms of every effect. Of every 20 cases, 4 have no effect, 10 have one, 3 have two, and \
+3 have one that is not in the catalogue. 3 in 10 cases touch a plant, the others a soft body; 1 in 4 is \
+subtle, 1 in 8 is only a push. Each case is diagnosed without its label, which is opened afterward; this takes \
+about 70 s of CPU time per case.
 
-JSON keys: seed, cases (case, kind, level, protocol, truth, kind_of_answer, named, top, probability_of_truth, \
-effect_set_95, right_joint, right_phase, test_error_nominal, test_error_corrected, closed_fraction, oracle_closed, \
-error), scores (group; of top1, top2, in_set, both_of_two, one_of_two, none_besides, quiet_without_effect, unknown_flagged, right_joint, \
-right_phase and never_worse hits, of, share, interval; mean_probability, ece, set_size, closed_of_oracle, null where there is no \
-case).")]
+JSON keys:
+  seed
+  cases (case, kind, level, protocol, truth, kind_of_answer, named, top,
+      probability_of_truth, effect_set_95, right_joint, right_phase,
+      test_error_nominal, test_error_corrected, closed_fraction,
+      oracle_closed, error)
+  scores
+      group
+      top1, top2, in_set, both_of_two, one_of_two, none_besides,
+          quiet_without_effect, unknown_flagged, right_joint,
+          right_phase, never_worse (each with hits, of, share, interval)
+      mean_probability, ece, set_size, closed_of_oracle (null without a
+          case)")]
 pub struct Args {
     /// Number of cases, 1 to 10000
     #[arg(long, default_value_t = 20,
@@ -32,7 +41,7 @@ pub struct Args {
     /// Seed of the cases
     #[arg(long, default_value_t = 0)]
     seed: u64,
-    /// Folder to keep the recordings in: new, empty, or with earlier cases; by default they are thrown away
+    /// Folder in which to keep the recordings: new, empty, or with earlier cases; default: they are deleted
     #[arg(long, value_name = "FOLDER")]
     keep: Option<PathBuf>,
 }

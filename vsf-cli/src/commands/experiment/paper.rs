@@ -19,25 +19,37 @@ const RECORDINGS: &str = "recordings";
 
 #[derive(Debug, clap::Args)]
 #[command(after_help = "\
-Writes report.md, report.json and the figures to the folder, and prints the tables. Prior and noise are \
-chosen from the train sequences of each prediction. Where the test split is a single sequence, every \
-sequence is the test sequence in turn. Which of Tables III to V a recording belongs to is told from its \
-contacts: FULL overlap where every sequence has at least a quarter of its contacts on points that each \
-other one touches too, NO overlap where the median sequence has less than a quarter on points that any \
-other touches, else PARTIAL. Run it alone on the machine: Tables I and II and Fig. 4 tell times. \
-The built-in set takes some 4 minutes of CPU time.
+Writes report.md, report.json and the figures to the folder, and prints the tables. Prior and noise are chosen \
+from the train sequences of each prediction. If the test split is a single sequence, every sequence is the \
+test sequence in turn.
 
-JSON keys: recordings (recording, unit, overlap, shares (least_pair, with_all), train_sequences, test_sequences, \
-leave_one_out, threshold (m), table1 (a row as in `vsf experiment table1`), update_speed (contacts, rate_hz), errors \
-(method, and the keys of `vsf evaluate`), curve (sequences, errors; PARTIAL overlap)), vision, update_times (stage, times \
-(contacts, median_ms, low_ms, high_ms)), written, failed (recording, error).")]
+The contacts of a recording decide which of Tables III to V it belongs to:
+  FULL overlap     every sequence has at least a quarter of its contacts
+                   on points that each other sequence touches too
+  NO overlap       the median sequence has less than a quarter of its
+                   contacts on points that any other sequence touches
+  PARTIAL overlap  all others
+
+Run it alone on the machine: Tables I and II and Fig. 4 report times. The built-in set takes about 4 minutes \
+of CPU time.
+
+JSON keys:
+  recordings (recording, unit, overlap, shares (least_pair, with_all),
+      train_sequences, test_sequences, leave_one_out, threshold (m),
+      table1 (a row as in `vsf experiment table1`),
+      update_speed (contacts, rate_hz),
+      errors (method, and the keys of `vsf evaluate`),
+      curve (sequences, errors; PARTIAL overlap))
+  vision
+  update_times (stage, times (contacts, median_ms, low_ms, high_ms))
+  written, failed (recording, error)")]
 pub struct Args {
-    /// Recordings with train and test sequences; a small set built into the program by default
+    /// Recordings with train and test sequences; default: a small built-in set
     recordings: Vec<PathBuf>,
-    /// Folder for the report and the figures: new, empty, or one of an earlier report
+    /// Folder for the report and the figures: new, empty, or with an earlier report to replace
     #[arg(long, default_value = "vsf-paper")]
     out: PathBuf,
-    /// How untouched points are guessed by what the camera sees
+    /// How to guess the stiffness of untouched points from what the camera sees
     #[arg(long, value_enum, default_value_t = VisionKind::Gp)]
     vision: VisionKind,
     #[command(flatten)]

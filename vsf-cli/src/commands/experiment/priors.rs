@@ -6,11 +6,11 @@ use vsf::pipeline::{PriorRow, compare_priors};
 
 #[derive(Debug, clap::Args)]
 #[command(after_help = "\
-Prints a Markdown table per recording: the error on the test sequences, and the shares of single readings \
-in contact within 1 and 2 predicted standard deviations. Prior and noise are chosen for every row on the \
-train sequences; the estimator is the constrained optimum.
+Prints a Markdown table per recording with the error on the test sequences, and the shares of single readings \
+in contact that lie within 1 and 2 predicted standard deviations. Prior and noise are chosen for every row on \
+the train sequences; the estimator is the constrained optimum.
 
-JSON keys: recordings (recording, rows (prior, shape, prior_sd, evaluation, as in `vsf evaluate`)), failed \
+JSON keys: recordings (recording, rows (prior, shape, prior_sd, evaluation (as in `vsf evaluate`))), failed \
 (recording, error).")]
 pub struct Args {
     /// Recordings with train and test sequences

@@ -6,8 +6,8 @@ use vsf::pipeline::{Table1Row, table1};
 
 #[derive(Debug, clap::Args)]
 #[command(after_help = "\
-Prints a Markdown table: the error of the fit to the train sequences (the paper's figure), the error on \
-the test sequences, and the rate of contact and estimator together. Run it alone on the machine.
+Prints a Markdown table with the error of the fit to the train sequences (as in the paper), the error on the \
+test sequences, and the rate of contact and estimator together. Run it alone on the machine.
 
 JSON keys: rows (recording, unit, mean_contacts, touched_points, hyper, zero_error, cells (estimator, \
 fit_error, fit_sd, test_error, test_sd, rate_hz)), failed (recording, error).")]
