@@ -11,32 +11,32 @@ use vsf_core::{CoreError, TriMesh};
 
 /// Cells along the diagonal of the first grid that the automatic resolution tries.
 const FIRST_CELLS: f64 = 64.0;
-/// Number of points that the error is measured at, and how far from the surface they lie. Few under a fuzzer, which
-/// bakes anew whatever the cache refuses.
+/// Number of points at which the error is measured, and their largest distance from the surface. Few under a fuzzer,
+/// which bakes again whenever the cache rejects a file.
 const SAMPLES: usize = if cfg!(fuzzing) { 100 } else { 20_000 };
 const NEAR: f64 = 0.01;
-/// Winding number below which a point lies behind faces that are turned over; an open sheet alone
-/// comes to -1/2.
+/// Winding number below which a point lies behind faces that are turned over. An open sheet alone
+/// reaches -1/2.
 const TURNED: f64 = -0.6;
 
 /// Largest margin of a grid (m).
 const MAX_MARGIN: f64 = 1000.0;
 
-/// How meshes become grids.
+/// Options for baking meshes into grids.
 #[derive(Debug, Clone, PartialEq)]
 pub struct GridOptions {
-    /// Spacing of the grid \[m\], > 0; `None` (default) refines it until the measured
-    /// [`GridError::p99`] reaches `max_error`.
+    /// Spacing of the grid \[m\], > 0. `None` (default) refines the grid until the measured
+    /// [`GridError::p99`] is at most `max_error`.
     pub resolution: Option<f64>,
-    /// Goal of the automatic resolution \[m\], > 0, default 0.5 mm.
+    /// Target error of the automatic resolution \[m\], > 0, default 0.5 mm.
     pub max_error: f64,
-    /// How far the grid reaches beyond the body \[m\], > 0, at most 1000, default 15 mm. Farther out the distance
+    /// How far the grid extends beyond the body \[m\], > 0, at most 1000, default 15 mm. Farther out the distance
     /// is a lower bound, see [`GridSdf`].
     pub margin: f64,
-    /// Most nodes of one grid (4 bytes each), >= 64, default 4 million: about
-    /// 10 s of work on one thread.
+    /// Maximum number of nodes of one grid (4 bytes each), >= 64, default 4 million. Baking that many
+    /// takes about 10 s on one thread.
     pub max_nodes: usize,
-    /// Folder that keeps finished grids, created when missing; `None` (default) keeps none.
+    /// Folder in which finished grids are cached, created if missing. `None` (default): no cache.
     pub cache_dir: Option<PathBuf>,
 }
 
@@ -53,7 +53,7 @@ impl Default for GridOptions {
 }
 
 impl GridOptions {
-    /// Checks the ranges that the fields state.
+    /// Checks that all fields lie in their documented ranges.
     ///
     /// # Errors
     /// [`CoreError::Parameter`] names the first value out of range.
@@ -91,7 +91,7 @@ impl GridOptions {
     }
 }
 
-/// What a grid made from a mesh is worth.
+/// Quality of a grid made from a mesh.
 #[derive(Debug, Clone, PartialEq)]
 #[non_exhaustive]
 pub struct GridReport {
@@ -99,19 +99,21 @@ pub struct GridReport {
     pub resolution: f64,
     /// Number of nodes; each takes 4 bytes.
     pub nodes: usize,
-    /// Error against the exact distance.
+    /// Error relative to the exact distance.
     pub error: GridError,
-    /// Whether `error.p99` is within [`GridOptions::max_error`]; false when a given resolution is
-    /// too coarse or [`GridOptions::max_nodes`] stopped the refinement.
+    /// Whether `error.p99` is at most [`GridOptions::max_error`]. False when the given resolution is
+    /// too coarse, or when [`GridOptions::max_nodes`] stopped the refinement.
     pub reached: bool,
     /// How open the mesh is.
     pub openness: MeshOpenness,
-    /// What happened with the cache.
+    /// How the cache was used.
     pub cache: CacheUse,
 }
 
-/// Errors of a grid at 20,000 random points within 1 cm of the mesh, at those of them where the
-/// side is sure (winding number below 0.1 or above 0.9).
+/// Errors of a grid, measured at random points near the mesh.
+///
+/// Of 20,000 points within 1 cm of the mesh, the errors count those that are surely inside or outside
+/// (winding number below 0.1 or above 0.9).
 #[derive(Debug, Clone, Copy, PartialEq)]
 #[non_exhaustive]
 pub struct GridError {
@@ -119,16 +121,16 @@ pub struct GridError {
     pub rms: f64,
     /// 99th percentile of the distance error \[m\].
     pub p99: f64,
-    /// Largest distance error \[m\] at these points; in rare corners it may be larger.
+    /// Largest distance error \[m\] at these points. Elsewhere, in rare corners, it may be larger.
     pub max: f64,
     /// Median angle between the grid's normal and the exact one \[rad\].
     pub normal_median: f64,
-    /// 95th percentile of that angle \[rad\]; edges have no single normal, so this stays large.
+    /// 95th percentile of that angle \[rad\]. It stays large, since edges have no single normal.
     pub normal_p95: f64,
-    /// Share of the points whose side is sure.
+    /// Share of the 20,000 points that are surely inside or outside.
     pub sure_share: f64,
-    /// Share of the points that would be inside if faces were turned over (winding number below
-    /// -0.6): 0 where all faces are counter-clockwise seen from outside, as they should be.
+    /// Share of the 20,000 points that would be inside if faces were turned over (winding number below
+    /// -0.6). 0 when all faces are counter-clockwise seen from outside, as they should be.
     pub turned_share: f64,
 }
 
@@ -136,11 +138,11 @@ impl GridSdf {
     /// Makes the grid of a mesh, or reads it from the cache.
     ///
     /// Magnitudes and signs are those of [`MeshSdf`]. Runs on the current rayon pool; the result
-    /// is bit-equal for any number of threads. Cost: about 3 us per node and thread.
+    /// is bit-equal for any number of threads. Cost: about 3 us of one thread per node.
     ///
     /// # Errors
-    /// Options out of range, a mesh without area, too small or too far away, or a resolution, given or the coarsest that is
-    /// tried, that needs more than [`GridOptions::max_nodes`]. A cache that cannot be used is no error, see
+    /// Options out of range; a mesh without area, too small or too far away; more nodes than [`GridOptions::max_nodes`] at
+    /// the given resolution, or at the coarsest that is tried. An unusable cache is not an error, see
     /// [`GridReport::cache`].
     pub fn bake(mesh: &TriMesh, options: &GridOptions) -> Result<(Self, GridReport), ContactError> {
         options.check()?;
@@ -222,7 +224,7 @@ fn bake_values(lattice: &Lattice, exact: &MeshSdf) -> Vec<f32> {
     values
 }
 
-/// Points near the mesh whose side is sure, with the exact answer, and shares of all points.
+/// Points near the mesh that are surely inside or outside, with the exact sample, and the shares of [`GridError`].
 struct Samples {
     points: Vec<(Point3<f64>, f64, Vector3<f64>)>,
     sure_share: f64,

@@ -4,7 +4,7 @@ use crate::{Sdf, SdfSample};
 use nalgebra::{Point3, Vector3};
 
 /// Up to [`CAPACITY`](Self::CAPACITY) places in the frame of a body, each with the sample of the
-/// surface that is nearest to it among those it has been shown to by [`Sdf::unite`].
+/// nearest surface so far. [`Sdf::unite`] updates the samples with another surface.
 #[derive(Debug, Clone)]
 pub struct Batch {
     len: usize,
@@ -20,10 +20,10 @@ impl Default for Batch {
 }
 
 impl Batch {
-    /// The most places in a batch.
+    /// The largest number of places in a batch.
     pub const CAPACITY: usize = LANES;
 
-    /// A batch without places.
+    /// Creates an empty batch.
     pub const fn new() -> Self {
         Self {
             len: 0,
@@ -38,12 +38,12 @@ impl Batch {
         self.len
     }
 
-    /// Whether there is no place.
+    /// Whether the batch is empty.
     pub fn is_empty(&self) -> bool {
         self.len == 0
     }
 
-    /// Whether there is room for no more places.
+    /// Whether the batch is full.
     pub fn is_full(&self) -> bool {
         self.len == Self::CAPACITY
     }
@@ -53,10 +53,10 @@ impl Batch {
         self.len = 0;
     }
 
-    /// Adds a place that has been shown to no surface: its distance is `f64::MAX`, its normal +x.
+    /// Adds a place. Before any surface its distance is `f64::MAX` and its normal +x.
     ///
     /// # Panics
-    /// When the batch is full.
+    /// If the batch is full.
     pub fn push(&mut self, p_B: &Point3<f64>) {
         let i = self.len;
         for (row, x) in self.places.iter_mut().zip(p_B.coords.as_slice()) {
@@ -67,7 +67,7 @@ impl Batch {
         self.len += 1;
     }
 
-    /// Makes the first `len` places ones that have been shown to no surface.
+    /// Sets the number of places to `len` and resets their samples, as for [`push`](Self::push).
     pub(crate) fn start(&mut self, len: usize) {
         self.len = len;
         self.distances[..len].fill(f64::MAX);
@@ -76,16 +76,16 @@ impl Batch {
         self.normals[2][..len].fill(0.0);
     }
 
-    /// The place at an index below [`len`](Self::len).
+    /// The place at index `i`, which must be below [`len`](Self::len).
     ///
     /// # Panics
-    /// At an index of [`CAPACITY`](Self::CAPACITY) or more, as [`sample`](Self::sample) and [`offer`](Self::offer) do.
+    /// If `i` is [`CAPACITY`](Self::CAPACITY) or more, as in [`sample`](Self::sample) and [`offer`](Self::offer).
     pub fn place(&self, i: usize) -> Point3<f64> {
         let [x, y, z] = &self.places;
         Point3::new(x[i], y[i], z[i])
     }
 
-    /// Distance from the nearest surface and its normal there, at an index below [`len`](Self::len).
+    /// Sample of the nearest surface so far, for the place at index `i`, which must be below [`len`](Self::len).
     pub fn sample(&self, i: usize) -> SdfSample {
         let [x, y, z] = &self.normals;
         SdfSample {
@@ -94,7 +94,7 @@ impl Batch {
         }
     }
 
-    /// Keeps the sample of a surface if that is nearer than all before, at an index below [`len`](Self::len).
+    /// Replaces the sample at index `i`, which must be below [`len`](Self::len), if the new distance is less.
     pub fn offer(&mut self, i: usize, sample: &SdfSample) {
         if sample.distance < self.distances[i] {
             self.distances[i] = sample.distance;
@@ -102,8 +102,8 @@ impl Batch {
         }
     }
 
-    /// Shows a body the places that may be nearer to it than to what they have been shown to before. They are no nearer
-    /// to it than to its box, of this center and these half extents.
+    /// Updates the samples of those places that may be nearer to `body` than to all surfaces so far. `center` and `half`
+    /// are those of a box around the body: no place is nearer to the body than to the box.
     pub(crate) fn show(&mut self, body: &impl Sdf, (center, half): &(Point3<f64>, Vector3<f64>)) {
         let (mut near, mut count) = ([0; LANES], 0);
         for i in 0..self.len {
@@ -131,7 +131,8 @@ impl Batch {
     }
 }
 
-/// Distances of many places from a surface; every place comes with something to know it by.
+/// Computes the distances of many places from a surface. Each place comes with an identifier, which `found` gets
+/// with the distance.
 pub(crate) fn distances<T: Copy>(
     sdf: &dyn Sdf,
     places: impl Iterator<Item = (T, Point3<f64>)>,

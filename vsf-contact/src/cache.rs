@@ -14,19 +14,19 @@ const HEADER: usize = 8 + 4 + 32 + 32;
 /// Numbers (8 bytes each) of the payload before the nodes.
 const NUMBERS: usize = 3 + 22;
 
-/// What happened with the cache of grids.
+/// How the cache of grids was used.
 #[derive(Debug, Clone, PartialEq, Eq)]
 #[non_exhaustive]
 pub enum CacheUse {
-    /// No folder was given.
+    /// No cache folder was given.
     Off,
-    /// The grid was read.
+    /// The grid was read from the cache.
     Hit,
     /// The grid was made and stored.
     Stored,
-    /// A file was there but unfit, for this reason; the grid was made anew and stored.
+    /// The cached file was unusable, for this reason. The grid was made again and stored.
     Replaced(String),
-    /// The grid was made; it could not be stored, for this reason.
+    /// The grid was made but could not be stored, for this reason.
     NotStored(String),
 }
 
@@ -211,7 +211,7 @@ fn to_bytes(key: &[u8; 32], grid: &GridSdf, report: &GridReport) -> Vec<u8> {
     bytes
 }
 
-/// Writes a file of its own and renames it, so that no reader meets half a grid.
+/// Writes a temporary file and renames it, so that no reader sees half a grid.
 fn store(
     folder: &Path,
     path: &Path,

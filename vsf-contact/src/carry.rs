@@ -43,7 +43,8 @@ impl Carry<'_> {
         self.poses[slot as usize].to_link(&self.rest.positions()[point as usize])
     }
 
-    /// Steps 1-4 for up to a chunk of contacts; a point that detaches gets no link.
+    /// Steps 1-4 of [`StickSlip`](crate::StickSlip) for up to [`CHUNK`] contacts. A point that detaches gets the link
+    /// [`DETACHED`].
     pub fn advance(&self, contacts: &mut [Active]) {
         let mut own = [0; CHUNK];
         let mut takers = [None; CHUNK];
@@ -85,8 +86,8 @@ impl Carry<'_> {
         self.surface(slot).slide(|| waiting.next(), done);
     }
 
-    /// Of the contacts `own` of one link, those that are inside another by more than a slip step,
-    /// with the rival that they are deepest in.
+    /// Finds those of the contacts `own` of one link that are inside another link by more than a slip
+    /// step, with the rival in which they are deepest.
     fn find_takers<'a>(
         &'a self,
         slot: u32,

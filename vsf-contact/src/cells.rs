@@ -2,7 +2,7 @@ use nalgebra::{Point3, Vector3};
 use std::sync::Arc;
 use vsf_core::{ContactModel, Contacts, CoreError, LinkChains, Posture, RestPoints};
 
-/// Cubes around rest points, each sampled by sub-points. A clone shares them.
+/// Cubes around rest points, each sampled by sub-points. Clones share the sub-points.
 #[derive(Debug, Clone)]
 pub struct Cells {
     fine: Arc<RestPoints>,
@@ -11,8 +11,8 @@ pub struct Cells {
 }
 
 impl Cells {
-    /// Cubes of edge `spacing` (m, > 0) around the rest points, with `per_axis` sub-points along
-    /// each edge (1 to 8), evenly spread and symmetric about the rest point.
+    /// Creates cubes of edge `spacing` (m, > 0) around the rest points, with `per_axis` sub-points
+    /// along each edge (1 to 8), evenly spaced and symmetric about the rest point.
     ///
     /// # Errors
     /// A parameter out of range, or more sub-points than [`RestPoints`] holds.
@@ -46,7 +46,7 @@ impl Cells {
                 })
             })
             .collect();
-        // By its point, which is the one that somebody wrote.
+        // Name the rest point, which the caller knows.
         let of_point = |error| match error {
             CoreError::TooFar { index, value } => CoreError::TooFar {
                 index: index / per_cell,
@@ -64,14 +64,14 @@ impl Cells {
 
 /// Contact of cells: every rest point stands for a cube of the object, sampled by sub-points.
 ///
-/// Rest points are often a centimeter apart while a push is a few: with points alone, contact
-/// comes and goes in jumps of whole cells. Here the inner model moves the sub-points, and the
-/// cube's displacement is their mean; cubes touched in part count in part. A cube's
-/// stiffness is that of all of its sub-points together.
+/// Rest points are often a centimeter apart, and a push is a few centimeters deep. With points alone,
+/// contact comes and goes in jumps of whole cells. Here the inner model moves the sub-points, and the
+/// displacement of a cube is the mean over its sub-points, so that a partly touched cube counts in
+/// part. A cube's stiffness is that of all of its sub-points together.
 ///
-/// The mean displacement acts at the displaced center of the cube: moments are off by at most the
-/// force times the sub-points' offset from the center. The link of a cube is that of the sub-point
-/// that is displaced most. Cost is that of the inner model on all sub-points.
+/// The mean displacement acts at the displaced center of the cube, so that moments are off by at most
+/// the force times the offset of the sub-points from the center. The link of a cube is that of its most
+/// displaced sub-point. The cost is that of the inner model on all sub-points.
 #[derive(Debug, Clone)]
 pub struct CellContact<C> {
     inner: C,
@@ -80,7 +80,7 @@ pub struct CellContact<C> {
 }
 
 impl<C: ContactModel> CellContact<C> {
-    /// Contact of `cells` by a model that moves their sub-points.
+    /// Creates the contact model of `cells` from a model that moves their sub-points.
     pub fn new(inner: C, cells: Cells) -> Self {
         Self {
             inner,
@@ -94,12 +94,13 @@ impl<C: ContactModel> CellContact<C> {
         &self.inner
     }
 
-    /// The model that moves the sub-points, to change what it knows of the world.
+    /// The model that moves the sub-points, to change its knowledge of the world.
     pub fn inner_mut(&mut self) -> &mut C {
         &mut self.inner
     }
 
-    /// The contacts of the sub-points in the last step, by their own numbers: the first of them are those of the first rest point.
+    /// The contacts of the sub-points in the last step. Their indices count sub-points, grouped by rest point: those of the
+    /// first rest point come first.
     pub fn sub_contacts(&self) -> &Contacts {
         &self.contacts
     }
@@ -134,7 +135,7 @@ impl<C: ContactModel + Clone> ContactModel for CellContact<C> {
         self.inner.check_robot(chains)
     }
 
-    /// `rest` must be the points that the cells were made from; the count is checked.
+    /// `rest` must be the points that the cells were made from. Only their number is checked.
     fn step(
         &mut self,
         rest: &RestPoints,
@@ -173,7 +174,7 @@ mod tests {
         );
     }
 
-    /// A hundred GB would be reserved for them.
+    /// The sub-points would take a hundred GB.
     #[test]
     fn more_sub_points_than_can_be_counted_are_refused_at_once() {
         let points = (0..8_400_000).map(|i| Point3::new(0.01 * f64::from(i), 0.0, 0.0));

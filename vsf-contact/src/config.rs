@@ -4,32 +4,33 @@ use vsf_core::CoreError;
 /// Lengths (m) on the scale of what is touched.
 const LENGTHS: RangeInclusive<f64> = 1e-9..=1.0;
 
-/// Parameters of the stick-slip contact model; section III-B-a of the paper.
+/// Parameters of the stick-slip contact model of section III-B-a of the paper.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct ContactConfig {
     /// Contact threshold delta (m), 1e-9 to 1, default 2 mm (paper). A point comes into contact
-    /// when it is closer than this to the surface of a link, rests on the surface offset by this much, and leaves when `u . n < 0`.
+    /// when it is closer than this to the surface of a link. It then lies on the surface offset by
+    /// this distance, and detaches when `u . n < 0`.
     pub threshold: f64,
     /// Friction coefficient nu_f (1), >= 0, default 0.15 (paper). A point sticks while its
     /// displacement lies in the cone `u . n >= |u| / sqrt(1 + nu_f²)`, that is, its tangential
     /// part is at most `nu_f` times its normal part.
     pub friction: f64,
-    /// Slip step lambda_s (m) of one slip iteration, 1e-9 to 1, default 0.1 mm (paper).
-    /// [`with_slip_step`](Self::with_slip_step) changes it without changing how far a point may slip.
+    /// Slip step lambda_s (m), the length of one slip iteration, 1e-9 to 1, default 0.1 mm (paper).
+    /// [`with_slip_step`](Self::with_slip_step) changes it and keeps how far a point may slip.
     pub slip_step: f64,
-    /// Most slip iterations of one point in one step, >= 0, default 200 (2 cm of slip at the
-    /// default step). The paper leaves it open. A point slips until it is back in the friction
-    /// cone, so that the result converges as the sample rate grows; 1 slips once per sample, 0
-    /// sticks always.
+    /// Maximum number of slip iterations of one point in one step, >= 0, default 200 (2 cm of slip
+    /// at the default slip step). The paper does not specify it. A point slips until it is back in the
+    /// friction cone, so that the result converges as the sample rate grows. With 1 it slips once per
+    /// sample, with 0 it always sticks.
     pub max_slip_iterations: u32,
-    /// Offset added to every link's surface (m), at most 1, default 0; positive makes the robot thicker,
-    /// `threshold + padding` must stay > 0.
+    /// Offset added to every link's surface (m), at most 1, default 0. A positive value makes the robot
+    /// thicker. `threshold + padding` must be > 0.
     pub padding: f64,
-    /// How far (m) a point follows a link that leaves it, 0 to 1, default 0: it lets go when it
-    /// is farther than this from its place at rest. The paper has no adhesion.
+    /// How far (m) a point follows a receding link, 0 to 1, default 0. It detaches when it is farther
+    /// than this from its rest position. The paper has no adhesion.
     pub adhesion: f64,
     /// Whether a step may use the threads of the current rayon pool, default false. The result is
-    /// bit-equal for any number of threads; contacts are shared out 2048 at a time.
+    /// bit-equal for any number of threads. Contacts are distributed in chunks of 2048.
     pub parallel: bool,
 }
 
@@ -48,9 +49,10 @@ impl Default for ContactConfig {
 }
 
 impl ContactConfig {
-    /// With another slip step (m), and as many iterations as let a point slip as far in one step as
-    /// before, rounded up, `u32::MAX` at most: a finer step alone would reach [`max_slip_iterations`](Self::max_slip_iterations)
-    /// sooner, and leave points outside the friction cone.
+    /// Changes the slip step (m) and keeps how far a point may slip in one step.
+    ///
+    /// [`max_slip_iterations`](Self::max_slip_iterations) is scaled accordingly, rounded up, to at most `u32::MAX`.
+    /// A finer step alone would exhaust the iterations sooner and leave points outside the friction cone.
     ///
     /// ```
     /// let fine = vsf_contact::ContactConfig::default().with_slip_step(1e-5);
@@ -67,7 +69,7 @@ impl ContactConfig {
         }
     }
 
-    /// Checks the ranges that the fields state.
+    /// Checks that all fields lie in their documented ranges.
     ///
     /// # Errors
     /// [`CoreError::Parameter`] names the first value out of range.
@@ -111,7 +113,7 @@ impl ContactConfig {
         )
     }
 
-    /// Distance from a link's surface at which points in contact rest (m): threshold and padding.
+    /// Distance from a link's surface at which points in contact lie (m): `threshold + padding`.
     pub fn level(&self) -> f64 {
         self.threshold + self.padding
     }

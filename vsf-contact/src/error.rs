@@ -1,7 +1,7 @@
 use thiserror::Error;
 use vsf_core::CoreError;
 
-/// What can be wrong with the shapes that signed distances are made of.
+/// Errors of the shapes and options that signed distance fields are made from.
 #[derive(Debug, Clone, PartialEq, Error)]
 #[non_exhaustive]
 pub enum ContactError {
@@ -18,7 +18,7 @@ pub enum ContactError {
         /// What is wrong with it.
         source: Box<ContactError>,
     },
-    /// A shape of a kind that this version does not know.
+    /// There is no closed form for this kind of shape.
     #[error("signed distances of a {shape} are not supported in closed form; bake it into a grid")]
     UnsupportedShape {
         /// The kind of shape.
@@ -30,7 +30,7 @@ pub enum ContactError {
         /// Number of faces.
         faces: usize,
     },
-    /// A mesh of a size or at a place where distances are not exact.
+    /// A mesh is too small, or reaches too far from its origin, for accurate distances.
     #[error(
         "the mesh spans {extent:e} m and reaches {farthest:e} m from its origin; it must span at least \
          1e-6 m and reach no farther than 1e6 m: check its units and scale"
@@ -49,7 +49,7 @@ pub enum ContactError {
     GridTooLarge {
         /// Spacing \[m\].
         resolution: f64,
-        /// Nodes it would need.
+        /// Number of nodes needed.
         nodes: u64,
         /// [`GridOptions::max_nodes`](crate::GridOptions::max_nodes).
         max: usize,

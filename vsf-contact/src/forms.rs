@@ -1,4 +1,4 @@
-//! Signed distances in closed form, of many points at once, each in a frame of its own.
+//! Signed distances in closed form, for many points at once, each shape in its own frame.
 
 use crate::lanes::{Number, Triple};
 use nalgebra::{Vector2, Vector3};

@@ -5,25 +5,25 @@ use nalgebra::{Matrix3, Point3};
 use std::cell::Cell;
 use vsf_core::{Block, RestPoints};
 
-/// A front is set up anew when it has doubled by more than this many watches.
+/// A front is rebuilt when its number of watches exceeds twice the initial number by more than this.
 const GROWTH: usize = 1024;
-/// And when the link has traveled this far (m), which keeps the sum of its ways exact.
+/// It is also rebuilt when the link has traveled this far (m), which keeps the sum of its motions accurate.
 const FAR: f64 = 10.0;
 
 /// Finds the rest points that come within reach of one link, by conservative advancement.
 ///
-/// Points are watched in blocks, near the surface one by one. The distance from the surface changes
-/// no faster than the link moves (it is 1-Lipschitz up to [`Sdf::slack`]), so that every watch
-/// knows how far the link has to travel until the answer for it may change, and is left alone until
-/// then. What is found is the same as if every point were looked at in every step.
+/// Points are watched in blocks, and one by one near the surface. The distance from the surface
+/// changes no faster than the link moves (it is 1-Lipschitz up to [`Sdf::slack`]). So every watch
+/// knows how far the link must travel before its result may change, and is skipped until then. The
+/// result is the same as if every point were checked in every step.
 #[derive(Debug, Clone, Default)]
 pub(crate) struct Front {
     blocks: Vec<Watch<Block>>,
     points: Vec<Watch<u32>>,
     /// Watches after the set-up.
     at_first: usize,
-    /// How far the link has moved since the set-up (m): nothing within [`NEAR`] radii of its center
-    /// has moved farther in the frame of the link.
+    /// Upper bound (m) of how far the link has moved since the set-up: in the frame of the link, nothing
+    /// within [`NEAR`] radii of its center has moved farther.
     travel: f64,
     last: Option<(Point3<f64>, Matrix3<f64>)>,
 }
@@ -47,7 +47,7 @@ pub(crate) struct Reach<'a> {
 }
 
 /// Whether the points of a ball are within reach, and how far the link may travel (m) before that
-/// changes. Without credit the ball may be on both sides.
+/// may change (`credit`). If the credit is not positive, the ball may be partly within reach.
 struct Outlook {
     within: bool,
     credit: f64,
@@ -128,9 +128,9 @@ impl Front {
         self.last = None;
     }
 
-    /// Takes the link's new pose and visits all points that are within reach and may not have been
-    /// at the last one, and some that were. After [`Front::clear`] it visits all within reach.
-    /// Single points to `skip` are left for a later step, in which they are not skipped.
+    /// Takes the link's new pose and visits all points within reach that may not have been so at the
+    /// previous pose, and some that were. After [`Front::clear`] it visits all points within reach.
+    /// Points in `skip` that are watched singly are left for a later step in which they are not skipped.
     pub fn advance(
         &mut self,
         reach: &Reach,

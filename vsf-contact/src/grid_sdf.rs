@@ -2,19 +2,19 @@ use crate::lattice::Lattice;
 use crate::{Sdf, SdfSample};
 use nalgebra::{Point3, Vector3};
 
-/// A signed distance sampled on a regular grid: trilinear distance and its exact gradient, in
-/// 10-20 ns a sample. Made from a mesh by [`GridSdf::bake`].
+/// A signed distance field sampled on a regular grid, made from a mesh by [`GridSdf::bake`].
 ///
-/// Between nodes the distance errs by what [`GridReport::error`](crate::GridReport::error) states,
-/// mostly at edges and where two surfaces are equally near, and never by more than
-/// `sqrt(3)/2` spacings. So the 1-Lipschitz bound holds up to a [`slack`](Sdf::slack) of `sqrt(3)`
-/// spacings, in practice `2 error.max`. The normal is the normalized gradient of the interpolant; where that vanishes it
-/// is +x.
+/// Between nodes the distance is interpolated trilinearly. The normal is the normalized exact gradient
+/// of the interpolant, or +x where that vanishes. A sample takes 10-20 ns.
+///
+/// [`GridReport::error`](crate::GridReport::error) states the error of the distance. It is largest at
+/// edges and where two surfaces are equally near, and never more than `sqrt(3)/2` spacings. So the
+/// 1-Lipschitz bound holds up to a [`slack`](Sdf::slack) of `sqrt(3)` spacings, in practice `2 error.max`.
 ///
 /// Outside of the grid the distance is a lower bound that continues the value at the boundary:
-/// with `q` the nearest point of the grid's box, `e = |p - q|` and `m` the distance of the box
-/// from the box around the body, `sqrt(distance(q)² + 2 m e + e²)`. It is exact over flat faces and
-/// 1-Lipschitz like the distance itself.
+/// `sqrt(distance(q)² + 2 m e + e²)`, where `q` is the nearest point of the grid's box, `e = |p - q|`,
+/// and `m` is the distance of that box from the box around the body. The bound is exact over flat
+/// faces and 1-Lipschitz like the distance itself.
 #[derive(Clone, PartialEq)]
 pub struct GridSdf {
     pub(crate) lattice: Lattice,

@@ -6,15 +6,15 @@ use nalgebra::Vector3;
 use pulp::{Arch, Simd, WithSimd};
 use std::ops::{Add, BitAnd, BitOr, Div, Mul, Not, Sub};
 
-/// Points that are worked on side by side: enough to hide the latency of a division, few enough
-/// that what is known of them stays in the first-level cache.
+/// Number of points processed side by side: enough to hide the latency of a division, few enough
+/// that their state stays in the first-level cache.
 pub(crate) const LANES: usize = 64;
 
-/// A number of every point.
+/// One number per point.
 pub(crate) type Row = [f64; LANES];
 
 /// Runs `work` with the widest vectors of this machine. Everything it calls must be
-/// `#[inline(always)]`: what is not inlined is compiled for any machine.
+/// `#[inline(always)]`: code that is not inlined is compiled for the baseline target.
 pub(crate) fn dispatch<W: WithSimd>(work: W) -> W::Output {
     Arch::new().dispatch(work)
 }

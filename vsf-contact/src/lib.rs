@@ -1,15 +1,19 @@
 //! Signed distance fields and stick-slip contact of a robot with a point cloud.
 //!
-//! | part | what |
+//! | item | purpose |
 //! | --- | --- |
-//! | [`Sdf`] | signed distance and normal of a body: [`ShapeSdf`] in closed form, [`MeshSdf`] exact, [`GridSdf`] baked, [`UnionSdf`] of several |
-//! | [`link_sdfs`] | the shapes of a robot's links, from its colliders |
-//! | [`StickSlip`] | section III-B-a of the paper: points stick, slip, detach |
-//! | [`CellContact`] | the same with cubes instead of points, [`Cells`] |
+//! | [`Sdf`] | signed distance and normal of a body |
+//! | [`ShapeSdf`] | [`Sdf`] of an analytic shape, in closed form |
+//! | [`MeshSdf`] | [`Sdf`] of a mesh, exact but slow |
+//! | [`GridSdf`] | [`Sdf`] baked from a mesh to a grid |
+//! | [`UnionSdf`] | [`Sdf`] of the union of several bodies |
+//! | [`link_sdfs`] | signed distance fields of a robot's links, from its colliders |
+//! | [`StickSlip`] | contact model of section III-B-a of the paper: points stick, slip, detach |
+//! | [`CellContact`] | the same with cubes ([`Cells`]) instead of points |
 //!
-//! Points are independent and are processed side by side in vector registers: shapes answer for a [`Batch`] of places.
-//! Tried and rejected: one point at a time, with an index of the parts near it. Latency of divisions and mispredicted
-//! branches dominate, not the number of parts that are visited.
+//! Points are independent and are processed side by side in vector registers: an [`Sdf`] is evaluated for a [`Batch`] of
+//! points at once. Tried and rejected: one point at a time, with an index of the parts near it. Latency of divisions and
+//! mispredicted branches dominate, not the number of parts that are visited.
 //!
 //! Both models implement [`vsf_core::ContactModel`] and never read a belief.
 

@@ -3,7 +3,7 @@ use std::collections::BTreeMap;
 use std::sync::Arc;
 use vsf_core::{Collider, Shape, TriMesh};
 
-/// The shape of one link, in the frame of the link: the union of its colliders. A clone shares the field.
+/// The shape of one link, in the frame of the link: the union of its colliders. Clones share the field.
 #[derive(Clone)]
 pub struct LinkSdf {
     /// Index of the link.
@@ -12,7 +12,7 @@ pub struct LinkSdf {
     pub sdf: Arc<dyn Sdf>,
 }
 
-/// The shapes of a robot's links and how good they are.
+/// The shapes of a robot's links, with reports on the grids made from meshes.
 #[derive(Debug)]
 #[non_exhaustive]
 pub struct LinkSdfs {
@@ -32,7 +32,7 @@ pub struct LinkGrid {
     pub link: usize,
     /// Name of the mesh's file, if it is known.
     pub source: Option<String>,
-    /// What the grid is worth.
+    /// Quality of the grid.
     pub report: GridReport,
 }
 
@@ -42,10 +42,10 @@ struct Parts {
     grids: Vec<GridSdf>,
 }
 
-/// Signed distance fields of the links that carry `colliders`.
+/// Makes the signed distance fields of the links that carry `colliders`.
 ///
-/// Analytic shapes stay exact; meshes become grids, in the frame of the link, see
-/// [`GridSdf::bake`]. Colliders of a link are united.
+/// Analytic shapes stay exact. Meshes become grids in the frame of the link, see [`GridSdf::bake`].
+/// The field of a link is the union of its colliders.
 ///
 /// # Errors
 /// [`ContactError::Collider`] names the collider whose shape, pose or grid is out of range.

@@ -22,7 +22,7 @@ pub(crate) struct Closest {
 }
 
 impl MeshDistance {
-    /// `None` without triangles. Copies of a triangle are left out: all of them would be asked near one of them.
+    /// `None` without triangles. Copies of a triangle are left out, since a query near one would visit all of them.
     pub fn new(triangles: &[Triangle]) -> Option<Self> {
         let mut seen = HashSet::new();
         let triangles = triangles.iter().filter(|t| seen.insert(corners(t)));

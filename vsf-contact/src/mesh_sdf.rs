@@ -13,21 +13,23 @@ const CLOSING_CELLS: f64 = 128.0;
 /// The diagonal of the mesh in lengths of the longest edge of its pieces.
 const LONGEST_EDGE: f64 = 16.0;
 const CLOSING_MAX_NODES: usize = 4_000_000;
-/// Nearer to the surface than this the normal is that of the face \[m\].
+/// Within this distance of the surface \[m\] the normal is that of the face.
 const ON_SURFACE: f64 = 1e-9;
 /// Least diagonal of a mesh (m).
 const SMALLEST: f64 = 1e-6;
 
-/// The exact signed distance of a triangle mesh, which may be open: the slow reference (some
-/// microseconds a sample) that a [`GridSdf`](crate::GridSdf) is baked from.
+/// The exact signed distance of a triangle mesh, which may be open.
 ///
-/// Inside is where the generalized winding number exceeds 1/2, which needs no watertight mesh.
-/// The distance is that to the mesh or to a sheet that closes its openings where the winding
-/// number is 1/2. Without the sheet the distance would jump from `+d` to `-d` in the middle of an
-/// opening; with it the field stays 1-Lipschitz, except for gaps narrower than
+/// It is slow, some microseconds per sample, and serves as the reference from which a
+/// [`GridSdf`](crate::GridSdf) is baked.
+///
+/// A point is inside where the generalized winding number exceeds 1/2, so the mesh need not be
+/// watertight. The openings of a mesh are closed by a sheet where the winding number is 1/2. The
+/// distance is that to the mesh or to the sheet. Without the sheet it would jump from `+d` to `-d` in the
+/// middle of an opening. With it the field stays 1-Lipschitz, except at gaps narrower than
 /// [`MeshOpenness::sheet_spacing`].
 ///
-/// Faces that lie inside of the body (inner structure of a link) keep distance 0.
+/// On faces inside of the body (inner structure of a link) the distance is 0 too.
 pub struct MeshSdf {
     surface: MeshDistance,
     winding: WindingTree,
@@ -41,24 +43,28 @@ pub struct MeshSdf {
 #[derive(Debug, Clone, Copy, PartialEq)]
 #[non_exhaustive]
 pub struct MeshOpenness {
-    /// Edges whose faces do not cancel: open edges and faces turned the wrong way. 0 when closed.
+    /// Number of edges at which the orientations of the adjacent faces do not cancel: open edges, and
+    /// edges of faces turned the wrong way. 0 for a closed mesh.
     pub boundary_edges: usize,
-    /// Edges of the mesh, vertices at the same place counted as one.
+    /// Number of edges of the mesh; vertices at the same place count as one.
     pub edges: usize,
-    /// Share of the lattice around the mesh where the winding number lies between 0.1 and 0.9, so
-    /// that the side is a guess; 0 when closed.
+    /// Share of the nodes of a lattice around the mesh where the winding number lies between 0.1 and
+    /// 0.9, so that inside or outside is a guess; 0 for a closed mesh.
     pub unsure_share: f64,
     /// Area of the sheet that closes the openings \[m²\].
     pub sheet_area: f64,
-    /// Spacing of the lattice that the sheet was found on \[m\].
+    /// Spacing of the lattice on which the sheet was found \[m\].
     pub sheet_spacing: f64,
 }
 
 impl MeshSdf {
-    /// Prepares a mesh; about a second for a body of 4000 faces, up to a minute where long open faces cross at random.
+    /// Creates the signed distance field of a mesh.
+    ///
+    /// This takes about a second for a body of 4000 faces, up to a minute where long open faces cross at random.
     ///
     /// # Errors
-    /// [`ContactError::EmptyMesh`] when no face has an area, [`ContactError::MeshSize`] of one too small or too far away.
+    /// [`ContactError::EmptyMesh`] when no face has an area, [`ContactError::MeshSize`] when the mesh is too small or
+    /// too far away.
     pub fn new(mesh: &TriMesh) -> Result<Self, ContactError> {
         let corners = mesh
             .faces()
@@ -128,8 +134,10 @@ impl MeshSdf {
         Ok(())
     }
 
-    /// The generalized winding number: 1 inside, 0 outside, between 0.1 and 0.9 where openings
-    /// make the side a guess; accurate to 0.02. A face that comes several times counts as often.
+    /// The generalized winding number, accurate to 0.02: 1 inside, 0 outside.
+    ///
+    /// Between 0.1 and 0.9, near openings, inside or outside is a guess. A face that occurs several
+    /// times counts as often.
     pub fn winding_number(&self, p_B: &Point3<f64>) -> f64 {
         self.winding.at(p_B)
     }
@@ -139,7 +147,7 @@ impl MeshSdf {
         &self.openness
     }
 
-    /// Distance without sign, when it is known to be less than `within`.
+    /// Unsigned distance. It is found faster if it is less than `within`.
     pub(crate) fn unsigned_distance(&self, p_B: &Point3<f64>, within: f64) -> f64 {
         self.closest(p_B, within).distance
     }
@@ -199,11 +207,11 @@ fn area([a, b, c]: &Triangle) -> f64 {
     0.5 * (b - a).cross(&(c - a)).norm()
 }
 
-/// Pieces that cutting may add: real meshes stay far below, those that repeat long faces end there.
+/// Most pieces that cutting may add. Real meshes stay far below; meshes that repeat long faces stop there.
 const MOST_PIECES: usize = 1 << 20;
 
 /// Halves triangles across their longest edge until none is longer than `longest`, or [`MOST_PIECES`] were added. The
-/// shape stays the same, but a tree of compact triangles answers sooner than one of slivers.
+/// shape stays the same, but a tree of compact triangles is faster to query than one of slivers.
 fn cut_long(triangles: &mut Vec<Triangle>, longest: f64) {
     let mut todo = std::mem::take(triangles);
     let most_of_all = todo.len() + MOST_PIECES;

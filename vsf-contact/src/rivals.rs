@@ -1,7 +1,7 @@
 use crate::link_pose::{LinkPose, beyond};
 use nalgebra::{Matrix3, Point3, Vector3};
 
-/// A link whose box reaches into that of another one, the owner of the points it may take over.
+/// A link whose box overlaps that of another link, the owner, and which may take over the owner's points.
 #[derive(Debug, Clone)]
 pub(crate) struct Rival {
     pub slot: usize,

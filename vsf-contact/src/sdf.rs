@@ -2,7 +2,7 @@ use crate::{Batch, UnionSdf};
 use nalgebra::{Point3, Vector3};
 use std::sync::Arc;
 
-/// Signed distance and outward normal of a body's surface, seen from a point.
+/// Signed distance and outward normal of a body's surface at a point.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct SdfSample {
     /// Signed distance \[m\], negative inside.
@@ -12,36 +12,38 @@ pub struct SdfSample {
     pub normal: Vector3<f64>,
 }
 
-/// A signed distance field: the shape of a body as contact sees it.
+/// A signed distance field: the shape of a body for contact models.
 ///
 /// The distance is 1-Lipschitz: `|distance(p) - distance(q)| <= |p - q|`. The broad phase of
-/// contact relies on it to leave points alone until a link may have come near. A field that
-/// interpolates may exceed the bound by a [`slack`](Sdf::slack).
+/// contact relies on this to skip points until a link may have come near. An interpolated field
+/// may exceed the bound by its [`slack`](Sdf::slack).
 ///
-/// For a finite point every returned number is finite and the normal has unit length. A point
-/// with NaN or infinite coordinates is outside of the contract: the answer is unspecified, but no
-/// panic. `check_sdf` of `vsf-testkit` asks for all of this.
+/// For a finite point every returned number is finite and the normal has unit length. For a point
+/// with NaN or infinite coordinates the result is unspecified, but there is no panic. `check_sdf` of
+/// `vsf-testkit` tests all of this.
 pub trait Sdf: Send + Sync {
     /// Signed distance and outward unit normal at a point in the body frame.
     fn sample(&self, p_B: &Point3<f64>) -> SdfSample;
 
-    /// Signed distance \[m\] alone, where that is cheaper.
+    /// Signed distance \[m\] alone, which may be cheaper than [`sample`](Sdf::sample).
     fn distance(&self, p_B: &Point3<f64>) -> f64 {
         self.sample(p_B).distance
     }
 
-    /// Shows many places to the surface, each of which keeps its [`sample`](Sdf::sample) if that is
-    /// nearer than what it has been shown before ([`Batch::offer`]). Contact asks for most samples
-    /// in this way. The default takes place after place.
+    /// Takes the [`sample`](Sdf::sample) of every place in a batch, and keeps it where it is nearer
+    /// than that of all surfaces before ([`Batch::offer`]).
+    ///
+    /// Contact models take most samples in this way. The default processes one place at a time.
     fn unite(&self, batch: &mut Batch) {
         for i in 0..batch.len() {
             batch.offer(i, &self.sample(&batch.place(i)));
         }
     }
 
-    /// Shows many places to the parts of a union, as [`unite`](Sdf::unite) does for each of them in turn.
-    /// The default leaves out places that are nearer to a body than another one's box is; bodies that
-    /// can do better for all of them together say how.
+    /// Updates a batch with all parts of a union, like [`unite`](Sdf::unite) for each part in turn.
+    ///
+    /// The default skips a part at places that are already nearer to another part than to its bounding
+    /// box. Bodies that can process all parts together at less cost override this.
     fn unite_all(union: &UnionSdf<Self>, batch: &mut Batch)
     where
         Self: Sized,
@@ -49,8 +51,8 @@ pub trait Sdf: Send + Sync {
         union.show_parts(batch);
     }
 
-    /// Lower and upper corner of an axis-aligned box in the body frame that holds the inside and
-    /// the surface.
+    /// Lower and upper corner of an axis-aligned box in the body frame that contains the body and its
+    /// surface.
     fn bounds(&self) -> (Point3<f64>, Point3<f64>);
 
     /// By how much the distance may exceed the 1-Lipschitz bound \[m\], >= 0, default 0:
@@ -60,8 +62,10 @@ pub trait Sdf: Send + Sync {
     }
 }
 
-/// How thick a body is: the greatest depth below its surface (m), of the middles of a lattice of 9 x 9 x 9 cells of its box, so
-/// that it may be short of it by a cell.
+/// Thickness of a body: an estimate of the greatest depth below its surface (m).
+///
+/// It is the largest depth at the centers of the 9 x 9 x 9 cells of its bounding box, so it may be too small by about the
+/// size of a cell.
 pub fn thickness(sdf: &dyn Sdf) -> f64 {
     const CELLS: usize = 9;
     let (low, high) = sdf.bounds();

@@ -7,9 +7,9 @@ use vsf_core::{CoreError, Shape};
 
 /// The exact signed distance of a posed analytic shape: ball, capsule, round cone, cylinder, box.
 ///
-/// Where the nearest surface point is not unique the normal is that of one of them: on the axis of
-/// a round shape (and in the center of a ball) the one toward the shape's +x, in a box that of
-/// the nearest face, the first of x, y, z and the positive side when several are as near.
+/// Where the nearest surface point is not unique, the normal is that of one of them. On the axis of a
+/// round shape (and at the center of a ball) it points toward the shape's +x. In a box it is that of
+/// the nearest face; of several equally near faces the first of x, y, z wins, then the positive side.
 ///
 /// ```
 /// use vsf_contact::{Sdf, ShapeSdf};
@@ -25,7 +25,7 @@ pub struct ShapeSdf {
     R_SB: Matrix3<f64>,
     p_BS: Point3<f64>,
     form: AnyForm,
-    /// Box around the shape, and by how much rounding may take distances below that from the box.
+    /// Box around the shape. Due to rounding a distance may be below that from the box by `rounding`.
     center_B: Point3<f64>,
     half_B: Vector3<f64>,
     rounding: f64,
@@ -39,11 +39,11 @@ enum AnyForm {
 }
 
 impl ShapeSdf {
-    /// The signed distance of `shape` at the pose `X_BS` in the body.
+    /// Creates the signed distance field of `shape` at the pose `X_BS` in the body frame.
     ///
     /// # Errors
-    /// A dimension out of range, a pose that is not finite, or a mesh, which needs a
-    /// [`GridSdf`](crate::GridSdf) or a [`MeshSdf`](crate::MeshSdf).
+    /// A dimension out of range, a pose that is not finite, or a mesh; for meshes use
+    /// [`GridSdf`](crate::GridSdf) or [`MeshSdf`](crate::MeshSdf).
     pub fn new(shape: &Shape, X_BS: &Isometry3<f64>) -> Result<Self, ContactError> {
         shape.check()?;
         CoreError::check_finite("shape position", X_BS.translation.vector.as_slice())?;
@@ -165,8 +165,8 @@ impl ShapeSdf {
         (distance, normal)
     }
 
-    /// How far places are outside of the box, along the axis where that is most: no more than their
-    /// distance from the shape.
+    /// How far places are outside of the box, along the axis where that is most. This is a lower bound of
+    /// their distance from the shape.
     #[inline(always)]
     fn distance_from_box<S: Simd>(&self, p_B: Triple<S>) -> Number<S> {
         let from_center = p_B - p_B.all(self.center_B.coords);
@@ -175,7 +175,7 @@ impl ShapeSdf {
     }
 }
 
-/// Shows a batch to shapes.
+/// Updates a batch with several shapes.
 struct Unite<'a> {
     shapes: &'a [ShapeSdf],
     batch: &'a mut Batch,

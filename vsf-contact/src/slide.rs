@@ -5,7 +5,7 @@ use crate::{Batch, ContactConfig};
 use nalgebra::{Point3, Vector3};
 use pulp::{Simd, WithSimd};
 
-/// A point that is to slip: its place on the surface and where it would rest, in the link's frame.
+/// A point that may slip: its place on the surface and its rest position, in the link's frame.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Slider {
     pub anchor: Anchor,
@@ -13,16 +13,16 @@ pub(crate) struct Slider {
 }
 
 impl Surface<'_> {
-    /// Slips points until they stick, and gives back each of them, by the number it came with, with
-    /// its new anchor and whether it stays in contact.
+    /// Slips points until they stick. `next` supplies the points with their numbers. `done` gets each
+    /// number back with the new anchor and whether the point stays in contact.
     ///
-    /// Steps are taken in runs of at most a threshold's length, straight along the tangent and back
-    /// to the surface. On a plane that is exactly what single steps do. A run that ends beyond a
-    /// bend, shortens `u` too little or ends more than a slip step inside of the friction cone is
-    /// tried again with fewer steps, at last with one. Where another surface is in the way the point
-    /// slips along the crease between the two.
+    /// Steps are taken in runs of at most the threshold's length: straight along the tangent, then back
+    /// to the surface. On a plane this equals single steps exactly. A run that ends beyond a bend,
+    /// shortens `u` too little or ends more than a slip step inside of the friction cone is retried
+    /// with fewer steps, in the end with one. Where another surface is in the way, the point slips along
+    /// the crease between the two.
     ///
-    /// Every point keeps a lane to itself until it is done. The next one then takes its place.
+    /// Every point occupies a lane until it is done. The next point then takes over that lane.
     pub fn slide(
         &self,
         mut next: impl FnMut() -> Option<(usize, Slider)>,
@@ -66,8 +66,8 @@ pub(crate) struct Slides {
     /// Most steps of the next run, and of all that are left.
     pub most: Row,
     pub left: Row,
-    /// The run that is tried: its direction, the part of `u` against that (m), its steps and
-    /// length, and whether it is along one surface (1) or a crease (0).
+    /// The run being tried: `direction`, the component of `u` against it (`length`, m), number of `steps`,
+    /// distance covered (`way`, m), and whether it follows one surface (`single` 1) or a crease (0).
     pub direction: [Row; 3],
     pub length: Row,
     pub steps: Row,
@@ -169,7 +169,7 @@ pub(crate) fn longest(config: &ContactConfig) -> f64 {
     (config.threshold / config.slip_step).max(1.0)
 }
 
-/// Moves every lane on by what the samples at the ends of the runs say.
+/// Advances every lane according to the samples at the ends of the runs.
 struct Advance<'a> {
     lanes: &'a mut Slides,
     config: &'a ContactConfig,

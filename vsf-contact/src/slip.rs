@@ -13,7 +13,7 @@ const MAX_GAP: f64 = 0.1;
 /// Least share of the decrease of `|u|²` on a plane that a slip step must reach, to first order in its length.
 const WEDGED: f64 = 0.05;
 
-/// Judges the runs of one vector of lanes by the samples at their ends, and plans the next ones.
+/// Evaluates the runs of one vector of lanes by the samples at their ends, and plans the next ones.
 #[inline(always)]
 pub(crate) fn advance<S: Simd>(simd: S, lanes: &mut Slides, config: &ContactConfig, v: usize) {
     let all = |value| Number::splat(simd, value);

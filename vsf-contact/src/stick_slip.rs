@@ -9,34 +9,37 @@ use vsf_core::{ContactModel, Contacts, CoreError, LinkChains, Posture, RestPoint
 
 /// Stick-slip contact of a robot's links with independent points (section III-B-a).
 ///
-/// One step, for links in a new posture:
+/// Below, `u` is the displacement of a point from rest and `n` the outward normal of the link's surface
+/// at the point. One step takes the links to a new posture:
 ///
 /// 1. *Stick*: a point in contact is carried along by its link.
-/// 2. *Detach*: it goes back to rest when `u . n < 0`, `n` the outward normal at its place, and
-///    `|u|` exceeds [`ContactConfig::adhesion`], 0 unless set.
-/// 3. *Slip*: outside the friction cone it moves by `slip_step` against the tangential part of
-///    `u` and back to the surface, again and again until it sticks, detaches or has used up
-///    [`ContactConfig::max_slip_iterations`]. A last step is shortened so as not to pass the
-///    point of no tangential part. Slip never lengthens `u`, and a step that shortens it by less
-///    than a twentieth (of a step to where no pull is left, a tenth) of what it would on a plane is
-///    taken back: a point wedged in a notch of the link stays there. Many steps are taken at once, as
-///    a return mapping: along the tangent and back to the surface, on smooth surfaces to within a
-///    slip step of where single steps end.
-///    Between two parts of a link it slips along their crease, held by the friction of both.
+/// 2. *Detach*: it returns to rest when `u . n < 0` and `|u|` exceeds [`ContactConfig::adhesion`],
+///    which is 0 by default.
+/// 3. *Slip*: outside the friction cone it moves by `slip_step` against the tangential part of `u` and
+///    back to the surface. This is repeated until it sticks, detaches or has used up
+///    [`ContactConfig::max_slip_iterations`].
+///    - The last step is shortened so that it does not overshoot the place without a tangential part.
+///    - Slip never lengthens `u`. A step is undone if it decreases `|u|²` by less than a twentieth of
+///      what it would on a plane (a tenth for a step to where no tangential part is left). So a point
+///      wedged in a notch of the link stays there.
+///    - Many steps are taken at once as a return mapping: along the tangent and back to the surface.
+///      On smooth surfaces the result is within a slip step of where single steps end.
+///    - Between two parts of a link the point slips along their crease, held by the friction of both.
 /// 4. *Hand-over*: a point that is inside the offset surface of another link (see 5) by more than one
-///    `slip_step` is pushed out by that link and owned by it from then on. Links that squeeze a point take turns.
-/// 5. *Touch*: a point at rest that is closer than `threshold` plus padding to a link is moved along the
-///    normal to the surface offset by both; the link it is deepest in owns
-///    it. The displacement starts at zero, so that refining the time step converges.
+///    `slip_step` is pushed out by that link, which owns it from then on. Links that squeeze a point
+///    take turns.
+/// 5. *Touch*: a point at rest that is closer to a link than `threshold` plus padding is moved along the
+///    normal to the surface offset by that distance. The link in which it is deepest owns it. The
+///    displacement starts at zero, so that the result converges as the time step is refined.
 ///
-/// A point that a link leaves and meets again begins anew at step 5. Points are independent:
-/// results do not depend on threads or on the order of points. All steps between two resets take
-/// the same rest points; another number of them is an error.
+/// A point that a link leaves and meets again starts over at step 5. Points are independent: results
+/// do not depend on threads or on the order of points. All steps between two resets must use the same
+/// rest points; a different number of them is an error.
 ///
-/// Cost of a step: `O(|S| + points near surfaces of links)`; a point elsewhere is looked at again
-/// when a link has moved as far as it was away. Nothing is allocated once the buffers have grown.
-/// Memory: one bit per point, 56 bytes per contact and at most 50 per link and point near its
-/// surface; together with [`RestPoints`] less than 48 bytes per point that no link is near.
+/// Cost of a step: `O(|S| + points near surfaces of links)`. Any other point is checked again only when
+/// a link has moved as far as it was away. Nothing is allocated once the buffers have grown. Memory: one
+/// bit per point, 56 bytes per contact, and at most 50 bytes per link and point near its surface;
+/// together with [`RestPoints`] less than 48 bytes per point that no link is near.
 #[derive(Clone)]
 pub struct StickSlip {
     links: Arc<[LinkSdf]>,
@@ -61,7 +64,7 @@ struct Entering {
 }
 
 impl StickSlip {
-    /// A contact model of a robot with the given link shapes.
+    /// Creates a contact model of a robot with the given link shapes.
     ///
     /// # Errors
     /// A parameter out of range.
@@ -82,7 +85,7 @@ impl StickSlip {
         })
     }
 
-    /// The shapes of its links.
+    /// The shapes of the links.
     pub fn links(&self) -> &[LinkSdf] {
         &self.links
     }

@@ -3,8 +3,8 @@ use nalgebra::{Point3, Vector3};
 
 /// Newton corrections of a projection to the surface.
 pub(crate) const PROJECTION_STEPS: usize = 4;
-/// Largest gap (m) whose correction is not confirmed by another sample: it is exact for a distance,
-/// and leaves a small share of the gap for an interpolated one.
+/// Largest gap (m) whose correction is not verified by another sample. The correction is exact for an
+/// exact distance, and leaves a small share of the gap for an interpolated one.
 pub(crate) const PROJECTION_TOLERANCE: f64 = 2e-5;
 
 /// A link's surface, offset by the threshold, in the frame of the link.
@@ -44,8 +44,8 @@ impl Surface<'_> {
         (gap, anchor)
     }
 
-    /// Whether a point stays in contact whose displacement has this part along the normal and this
-    /// square: pressed, or pulled no further than it sticks.
+    /// Whether a point stays in contact, given the normal component and the square of its displacement:
+    /// it is pressed, or pulled no farther than its adhesion.
     pub fn holds(&self, normal: f64, square: f64) -> bool {
         normal >= 0.0 || square <= self.config.adhesion * self.config.adhesion
     }

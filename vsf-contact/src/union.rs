@@ -2,14 +2,13 @@ use crate::link_pose::beyond;
 use crate::{Batch, Sdf, SdfSample};
 use nalgebra::{Point3, Vector3};
 
-/// The union of bodies: the least of their distances.
+/// The union of bodies: the minimum of their signed distances.
 ///
-/// Exact outside of the union. Inside, where parts overlap, the magnitude is a lower bound of the
-/// distance to the surface of the union. With `S` a concrete type a sample needs no dynamic call;
-/// `UnionSdf<Box<dyn Sdf>>` mixes kinds.
+/// The distance is exact outside of the union. Inside, where parts overlap, its magnitude is a lower
+/// bound of the distance to the surface of the union. With a concrete type `S` a sample needs no
+/// dynamic call; `UnionSdf<Box<dyn Sdf>>` mixes types.
 ///
-/// A part whose box is farther away than another part is not asked for its distance, which cannot be
-/// less.
+/// A part is skipped when its bounding box is farther away than another part.
 ///
 /// Without parts the distance is `f64::MAX` everywhere and the bounds are the origin.
 #[derive(Debug, Clone, PartialEq)]
@@ -19,7 +18,7 @@ pub struct UnionSdf<S> {
     boxes: Vec<(Point3<f64>, Vector3<f64>)>,
 }
 
-/// Center and half extents of the box of a body, grown by its slack and by what may be rounding: places are no
+/// Center and half extents of the bounding box of a body, grown by its slack and by possible rounding: no place is
 /// nearer to the body than to that box.
 fn grown_box(body: &impl Sdf) -> (Point3<f64>, Vector3<f64>) {
     let (lower, upper) = body.bounds();
@@ -43,7 +42,7 @@ impl<S: Sdf> UnionSdf<S> {
         &self.parts
     }
 
-    /// Shows a batch to every part whose box is near enough.
+    /// Updates a batch with every part whose box is near enough.
     pub(crate) fn show_parts(&self, batch: &mut Batch) {
         for (part, grown) in self.parts.iter().zip(&self.boxes) {
             batch.show(part, grown);
@@ -93,7 +92,7 @@ impl<S: Sdf> Sdf for UnionSdf<S> {
             .unwrap_or((Point3::origin(), Point3::origin()))
     }
 
-    /// The largest of the parts.
+    /// The largest slack of the parts.
     fn slack(&self) -> f64 {
         self.parts.iter().map(Sdf::slack).fold(0.0, f64::max)
     }

@@ -9,8 +9,8 @@ const FAR: f64 = 3.0;
 
 /// Generalized winding number of a triangle mesh: 1 inside, 0 outside, in between near openings.
 ///
-/// Near triangles by their exact solid angle, far clusters by the first two terms of their
-/// expansion. The error, below 0.02, is far less than the distance of both sides from 1/2.
+/// Near triangles contribute their exact solid angle, far clusters the first two terms of their
+/// expansion. The error is below 0.02, far less than the distance of 0 and 1 from 1/2.
 ///
 /// # Reference
 /// Jacobson, Kavan, Sorkine-Hornung: Robust inside-outside segmentation using generalized winding
@@ -21,7 +21,7 @@ pub(crate) struct WindingTree {
     clusters: Vec<Cluster>,
 }
 
-/// A leaf holds few triangles or one that comes many times, which is asked once.
+/// A leaf holds few triangles, or many copies of one, which is evaluated once.
 struct Cluster {
     center: Point3<f64>,
     radius: f64,
@@ -159,8 +159,8 @@ fn cluster(triangles: &[Triangle], first: usize) -> Cluster {
     }
 }
 
-/// How often the first triangle comes when there is no other: once more for every copy, at whichever corner that begins,
-/// and once less for every copy that is turned over.
+/// How often the first triangle counts if all others are copies of it: +1 for every copy, whichever corner it starts
+/// at, and -1 for every copy that is turned over. `None` if there is a different triangle.
 fn copies(triangles: &[Triangle]) -> Option<f64> {
     let [a, b, c] = triangles[0];
     let turn = |t: &Triangle| {
@@ -179,7 +179,7 @@ fn centroid(t: &Triangle) -> Point3<f64> {
     Point3::from((t[0].coords + t[1].coords + t[2].coords) / 3.0)
 }
 
-/// Half the signed solid angle of a triangle, the angle of the complex number that is returned (van Oosterom, Strackee 1983,
+/// A complex number whose angle is half the signed solid angle of a triangle (van Oosterom, Strackee 1983,
 /// doi:10.1109/TBME.1983.325207).
 fn half_solid_angle(t: &Triangle, p: &Point3<f64>) -> [f64; 2] {
     let [a, b, c] = [t[0] - p, t[1] - p, t[2] - p];
@@ -189,7 +189,8 @@ fn half_solid_angle(t: &Triangle, p: &Point3<f64>) -> [f64; 2] {
     [scale, volume]
 }
 
-/// A sum of angles of complex numbers: that of their product, and the turns that it loses. One arctangent for all of them.
+/// A sum of angles of complex numbers: the angle of their product, plus the full turns lost by it. It takes one arctangent
+/// in total.
 struct Angles {
     product: [f64; 2],
     turns: f64,
@@ -205,7 +206,7 @@ impl Default for Angles {
 }
 
 impl Angles {
-    /// Adds the angle of a number, from -pi to pi; zero has none, and what is not finite makes the sum NaN.
+    /// Adds the angle of a number, from -pi to pi. Zero adds nothing; a number that is not finite makes the sum NaN.
     #[inline]
     fn add(&mut self, [x, y]: [f64; 2]) {
         let [a, b] = self.product;
@@ -214,7 +215,8 @@ impl Angles {
         if size == 0.0 {
             return;
         }
-        // Half a turn at most leaves the side that it goes from by way of pi alone. Zeros have sides, too.
+        // Turning forward by at most half a turn, a product leaves the upper half-plane only across pi; turning
+        // backward, the lower one only across -pi. The sign of a zero counts.
         let [forward, above, ends_above] = [y, b, im].map(f64::is_sign_positive);
         if forward && above && !ends_above {
             self.turns += 1.0;

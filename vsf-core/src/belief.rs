@@ -1,9 +1,9 @@
 use crate::{CoreError, Observation, Prediction, RestPoints, Scalar};
 
 /// Independent Gaussian belief about the stiffness of every point, `K_i ~ N(mean_i, variance_i)`
-/// (eq. 6), in N/m and N²/m².
+/// (eq. 6), with means in N/m and variances in N²/m².
 ///
-/// Estimators that keep correlations report their marginals here.
+/// Estimators that keep correlations report their marginals in it.
 #[derive(Debug, Clone, PartialEq)]
 #[cfg_attr(
     feature = "serde",
@@ -16,10 +16,10 @@ pub struct Belief<T: Scalar> {
 }
 
 impl<T: Scalar> Belief<T> {
-    /// A belief from its means (N/m) and variances (N²/m²), one each per point.
+    /// Creates a belief from one mean (N/m) and one variance (N²/m²) per point.
     ///
     /// # Errors
-    /// Different lengths, values that are not finite, negative means, variances that are not
+    /// Different lengths, values that are not finite, negative means, or variances that are not
     /// positive.
     pub fn new(mean: Vec<T>, variance: Vec<T>) -> Result<Self, CoreError> {
         CoreError::check_len("belief variance", variance.len(), mean.len())?;
@@ -51,14 +51,14 @@ impl<T: Scalar> Belief<T> {
         Ok(Self { mean, variance })
     }
 
-    /// The same prior `N(mean, sd²)` for each of `n` points; the paper uses mean 0 and sd 0.1 N/m.
+    /// The same independent prior `N(mean, sd²)` for each of `n` points. The paper uses mean 0 and sd 0.1 N/m.
     ///
-    /// Points are independent. Over many points that were never touched the deviations average out, and predictions beside
-    /// touched places come out too sure: where these matter, take a prior in which neighbors are alike (`FieldPrior` of
-    /// `vsf-filter`) and an estimator that keeps correlations.
+    /// Over many untouched points the independent deviations average out, so predictions beside touched places are
+    /// overconfident. Where these matter, use a prior that correlates neighbors (`FieldPrior` of `vsf-filter`) and an
+    /// estimator that keeps correlations.
     ///
     /// # Errors
-    /// As [`Belief::new`]; more points than [`RestPoints`](crate::RestPoints) can have.
+    /// As [`Belief::new`], or more points than [`RestPoints`](crate::RestPoints) supports.
     pub fn uniform(n: usize, mean: f64, sd: f64) -> Result<Self, CoreError> {
         RestPoints::check_count(n)?;
         if !(sd > 0.0 && sd.is_finite()) {
@@ -76,7 +76,7 @@ impl<T: Scalar> Belief<T> {
         self.mean.len()
     }
 
-    /// True without points.
+    /// True if there are no points.
     pub fn is_empty(&self) -> bool {
         self.mean.is_empty()
     }
@@ -91,14 +91,15 @@ impl<T: Scalar> Belief<T> {
         &self.variance
     }
 
-    /// Means and variances for an estimator to write. The writer keeps the invariants: means
+    /// Means and variances, for an estimator to write. The writer must keep the invariants: means
     /// finite and not negative, variances finite and positive.
     pub fn parts_mut(&mut self) -> (&mut [T], &mut [T]) {
         (&mut self.mean, &mut self.variance)
     }
 
-    /// Adds `variance` (N²/m², >= 0) to the variance of every point, as
-    /// [`Estimator::diffuse`](crate::Estimator::diffuse) asks of independent points. O(N).
+    /// Adds `variance` (N²/m², >= 0) to the variance of every point, in O(N).
+    ///
+    /// This is [`Estimator::diffuse`](crate::Estimator::diffuse) for independent points.
     ///
     /// # Errors
     /// A variance that is negative or not finite, or a sum beyond the range of `T`. The belief is
@@ -124,11 +125,12 @@ impl<T: Scalar> Belief<T> {
         Ok(())
     }
 
-    /// Predicts the reading of `obs` (its own reading and noise are not looked at), written to `out`. `noise_sd(i)` is
-    /// the standard deviation (N m or N, >= 0) of the noise of channel `i`.
+    /// Predicts the reading of `obs`, whose own reading and noise are ignored, and writes it to `out`.
+    ///
+    /// `noise_sd(i)` is the standard deviation (N m or N, >= 0) of the noise of channel `i`.
     ///
     /// # Errors
-    /// An observation that reaches beyond the field, or a prediction beyond the range of numbers.
+    /// An observation that refers to points beyond the field, or a prediction that overflows.
     pub fn predict(
         &self,
         obs: &Observation<T>,
@@ -151,10 +153,10 @@ impl<T: Scalar> Belief<T> {
         out.check_finite()
     }
 
-    /// The same belief in another precision.
+    /// Converts the belief to another number type.
     ///
     /// # Errors
-    /// A value that overflows or underflows the target type.
+    /// A value that overflows, or a variance that underflows, in the target type.
     pub fn cast<U: Scalar>(&self) -> Result<Belief<U>, CoreError> {
         let cast = |v: &[T]| v.iter().map(|x| U::from_f64(x.to_f64())).collect();
         Belief::new(cast(&self.mean), cast(&self.variance))

@@ -1,11 +1,13 @@
 use crate::RestPoints;
 use nalgebra::{Point3, Vector3};
 
-/// A node of the octree over the cells of [`RestPoints`]: a cube of `2^level` cells an edge, cut
-/// off at the border of the grid. The tree is implicit and takes no memory.
+/// A node of the octree over the cells of [`RestPoints`].
 ///
-/// A search descends from [`RestPoints::root`] and leaves out blocks whose ball
-/// ([`RestPoints::ball`]) is out of reach, so that its cost follows what it finds.
+/// It is a cube of `2^level` cells along each edge, clipped at the border of the grid. The tree is
+/// implicit and takes no memory.
+///
+/// A search descends from [`RestPoints::root`] and skips blocks whose bounding ball
+/// ([`RestPoints::ball`]) is out of reach, so that its cost depends on what it finds.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Block {
     corner: [u32; 3],
@@ -13,14 +15,14 @@ pub struct Block {
 }
 
 impl Block {
-    /// Whether it is a single cell, which has no children.
+    /// Whether the block is a single cell, which has no children.
     pub fn is_cell(&self) -> bool {
         self.level == 0
     }
 }
 
 impl RestPoints {
-    /// The block that holds all points but [strays](RestPoints::strays).
+    /// The root block, which contains all points except [strays](RestPoints::strays).
     pub fn root(&self) -> Block {
         let longest = self.dims.iter().fold(1, |a, &b| a.max(b));
         Block {
@@ -29,7 +31,7 @@ impl RestPoints {
         }
     }
 
-    /// Center and radius (m) of a ball that holds the points of a block.
+    /// Center and radius (m) of a bounding ball of the points of a block.
     pub fn ball(&self, block: &Block) -> (Point3<f64>, f64) {
         let from = Vector3::from_fn(|k, _| f64::from(block.corner[k]));
         let to = Vector3::from_fn(|k, _| self.end(block, k) as f64);
@@ -40,7 +42,7 @@ impl RestPoints {
         (center, half.norm() + rounding)
     }
 
-    /// The up to eight halves of a block; none of a single cell.
+    /// The children of a block, half as large along each edge: up to eight, none for a single cell.
     pub fn children(&self, block: &Block) -> impl Iterator<Item = Block> {
         let parent = *block;
         let octants = if parent.is_cell() { 0..0 } else { 0..8u32 };

@@ -2,8 +2,8 @@ use crate::{CoreError, LinkChains, Posture, RestPoints};
 use dyn_clone::DynClone;
 use nalgebra::Vector3;
 
-/// The touched points at one time: the set `S` and displacements `u_i` of section III-B, in
-/// order of the point index. Buffers are kept between steps.
+/// The touched points at one time step, in order of the point index: the set `S` and the
+/// displacements `u_i` of section III-B. Buffers are reused between steps.
 #[derive(Debug, Clone, Default, PartialEq)]
 pub struct Contacts {
     points: Vec<u32>,
@@ -13,12 +13,12 @@ pub struct Contacts {
 }
 
 impl Contacts {
-    /// Without contacts.
+    /// Creates an empty set of contacts.
     pub fn new() -> Self {
         Self::default()
     }
 
-    /// Forgets all contacts and keeps the memory.
+    /// Removes all contacts and keeps the allocated memory.
     pub fn clear(&mut self) {
         self.points.clear();
         self.links.clear();
@@ -26,11 +26,13 @@ impl Contacts {
         self.normals.clear();
     }
 
-    /// Adds a contact: the point's index, the link that moves it, its displacement from rest
-    /// `u_W` (m) and the outward unit normal of the link at the contact `n_W`.
+    /// Adds the contact of a point with the link that moves it.
+    ///
+    /// `u_W` is the displacement of the point from rest (m), `n_W` the outward unit normal of the link at the
+    /// contact.
     ///
     /// # Errors
-    /// An index that is not larger than the previous one, or a displacement or normal that is not finite.
+    /// A point index that is not larger than the previous one, or a displacement or normal that is not finite.
     pub fn push(
         &mut self,
         point: u32,
@@ -65,10 +67,10 @@ impl Contacts {
         Ok(())
     }
 
-    /// Checks that every touched point is one of `rest`, and every touching link one of `posture`.
+    /// Checks that every touched point exists in `rest` and every touching link in `posture`.
     ///
     /// # Errors
-    /// [`CoreError::OutOfRange`] names a point or link that there is not.
+    /// [`CoreError::OutOfRange`] names a point or link that does not exist.
     pub fn check_fits(&self, rest: &RestPoints, posture: &Posture) -> Result<(), CoreError> {
         let within = |what, index: Option<&u32>, len| match index.map(|i| *i as usize) {
             Some(index) if index >= len => Err(CoreError::OutOfRange { what, index, len }),
@@ -111,32 +113,34 @@ impl Contacts {
     }
 }
 
-/// Says which points a robot in a given posture touches, and how far it displaces them.
+/// Determines which points a robot in a given posture touches, and how far it displaces them.
 ///
-/// Stateful: sticking points are remembered from step to step. It never reads the belief (the
-/// paper's decoupling, section III-B), so contacts can be recorded once and replayed through any
-/// estimator.
+/// A model is stateful: it remembers sticking points from step to step. It never reads the belief
+/// (the paper's decoupling, section III-B), so contacts can be recorded once and replayed through
+/// any estimator.
 ///
-/// Models are [`Clone`]; `Box<dyn ContactModel>` is a model, and can be cloned, too.
+/// Models are [`Clone`]. `Box<dyn ContactModel>` is itself a model and can be cloned.
 pub trait ContactModel: DynClone + Send + Sync {
-    /// Forgets all contacts, as before the first touch of a sequence.
+    /// Forgets all contacts, to start a new touch sequence.
     fn reset(&mut self);
 
-    /// Checks that it is made for the robot with these chains, such as by the links that it has shapes of. Asked once, by
-    /// [`Session::new`](crate::Session::new). By default every robot will do.
+    /// Checks that the model fits the robot with these chains, for example that the links of its shapes exist.
+    ///
+    /// [`Session::new`](crate::Session::new) calls this once. The default accepts every robot.
     ///
     /// # Errors
-    /// What does not fit.
+    /// The model does not fit the robot; the error says why.
     fn check_robot(&self, chains: &LinkChains) -> Result<(), CoreError> {
         let _ = chains;
         Ok(())
     }
 
-    /// Moves the robot to `posture` and writes the contacts into `out` (cleared first): of points of `rest`, by
-    /// links of the posture, with normals of unit length.
+    /// Moves the robot to `posture` and writes the contacts into `out`, which is cleared first.
+    ///
+    /// Contacts refer to points of `rest` and links of `posture`. Normals have unit length.
     ///
     /// # Errors
-    /// Postures that do not fit the model, were never written or are not finite ([`Posture::check`]). The contact
+    /// A posture that does not fit the model, was never written or is not finite ([`Posture::check`]). The contact
     /// state is then unchanged.
     fn step(
         &mut self,

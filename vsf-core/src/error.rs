@@ -2,14 +2,14 @@ use std::error::Error;
 use std::sync::Arc;
 use thiserror::Error as ThisError;
 
-/// What can be wrong with data handed to the shared types or to an implementation of a seam.
+/// Errors of the shared types and of implementations of this crate's traits.
 #[derive(Debug, Clone, PartialEq, ThisError)]
 #[non_exhaustive]
 pub enum CoreError {
     /// A number that must be finite is NaN or infinite.
     #[error("{what}[{index}] is {value}; every value must be finite")]
     NotFinite {
-        /// The array, in the words of the caller.
+        /// The array, as the caller calls it.
         what: &'static str,
         /// Position in the array.
         index: usize,
@@ -19,21 +19,21 @@ pub enum CoreError {
     /// Two arrays that belong together differ in length.
     #[error("{what} has length {got}, expected {expected}")]
     Length {
-        /// The array, in the words of the caller.
+        /// The array, as the caller calls it.
         what: &'static str,
         /// Its length.
         got: usize,
         /// The length that fits the rest of the data.
         expected: usize,
     },
-    /// Fewer elements than it takes.
+    /// There are fewer elements than needed.
     #[error("{got} {what}, at least {least} are needed")]
     TooFew {
-        /// Of what.
+        /// What the elements are.
         what: &'static str,
         /// How many there are.
         got: usize,
-        /// How many it takes.
+        /// How many are needed.
         least: usize,
     },
     /// An index points outside its array.
@@ -46,7 +46,7 @@ pub enum CoreError {
         /// Number of elements.
         len: usize,
     },
-    /// An index occurs twice where each may once.
+    /// An index occurs twice where each may occur only once.
     #[error("{what} {index} occurs twice")]
     Repeated {
         /// What the index counts.
@@ -62,7 +62,7 @@ pub enum CoreError {
         /// The index that is not larger.
         index: usize,
     },
-    /// A rest point lies farther away than anything that a robot touches.
+    /// A rest point lies farther away than anything a robot can touch.
     #[error("rest point {index} has the coordinate {value:e} m, beyond 1e6 m; check units")]
     TooFar {
         /// Index of the point.
@@ -86,20 +86,20 @@ pub enum CoreError {
          check variances and noise for zeros, huge ratios or overflow"
     )]
     NotPositiveDefinite {
-        /// The matrix, in the words of the caller.
+        /// The matrix, as the caller calls it.
         what: &'static str,
         /// Row at which the factorization failed.
         pivot: usize,
         /// The pivot found there.
         value: f64,
     },
-    /// The result would not be finite in the numbers that are computed with.
+    /// A result would not be finite in the number type used.
     #[error("{what} would overflow: check units and scale of the inputs")]
     Overflow {
         /// The quantity that overflowed.
         what: &'static str,
     },
-    /// An index structure cannot hold so many elements.
+    /// There are more elements than supported.
     #[error("{what}: {got} are more than the {max} that are supported")]
     TooMany {
         /// The collection.
@@ -109,7 +109,7 @@ pub enum CoreError {
         /// The largest supported size.
         max: usize,
     },
-    /// Matrices for which the process gets no memory.
+    /// The process cannot get the memory for some matrices.
     #[error(
         "{what}: {got} need {:.1} GB at least, which this process does not get; take fewer points, a smaller contact \
          threshold or an estimator without correlations",
@@ -120,13 +120,13 @@ pub enum CoreError {
         what: &'static str,
         /// Its size.
         got: usize,
-        /// What it takes.
+        /// Memory needed, in bytes.
         bytes: usize,
     },
-    /// A posture that no robot model has written yet: all of its links lie at the world origin.
+    /// No robot model has written the posture yet: all of its links lie at the world origin.
     #[error("the posture was never written; let RobotModel::update_posture write it first")]
     UnwrittenPosture,
-    /// A posture of another robot than the rest was made for: another number of joints or links, or other chains.
+    /// The posture belongs to another robot: the number of joints or links differs, or the chains differ.
     #[error(
         "the posture belongs to another robot ({joints} joints, {links} links; expected are {expected_joints} joints and \
          {expected_links} links in the same chains): make it by RobotModel::posture of that robot"
@@ -141,7 +141,7 @@ pub enum CoreError {
         /// Links of the robot.
         expected_links: usize,
     },
-    /// An implementation of a seam cannot do what was asked; its state is unchanged.
+    /// An implementation of one of the traits does not support the request; its state is unchanged.
     #[error("{what} is not supported by {by}")]
     Unsupported {
         /// What was asked for.
@@ -149,17 +149,17 @@ pub enum CoreError {
         /// Type name of the implementation.
         by: &'static str,
     },
-    /// An implementation of a seam failed for a reason of its own: [`CoreError::other`].
+    /// An implementation of one of the traits failed for a reason of its own, see [`CoreError::other`].
     #[error(transparent)]
     Other(OtherError),
 }
 
-/// An error of another crate, shared by the copies of a [`CoreError`]. Two are equal that say the same.
+/// An error from outside this crate. Clones share it. Two errors are equal if their messages are.
 #[derive(Debug, Clone)]
 pub struct OtherError(Arc<dyn Error + Send + Sync>);
 
 impl OtherError {
-    /// The error itself, to look at as what it is (`downcast_ref`).
+    /// The error itself, for example to downcast it with `downcast_ref`.
     pub fn get(&self) -> &(dyn Error + Send + Sync + 'static) {
         &*self.0
     }
@@ -184,7 +184,7 @@ impl PartialEq for OtherError {
 }
 
 impl CoreError {
-    /// An error of an implementation's own, or its text.
+    /// Wraps an implementation's own error, or an error message.
     ///
     /// ```
     /// use vsf_core::CoreError;
@@ -201,7 +201,7 @@ impl CoreError {
     /// Checks that every value of `values` is finite.
     ///
     /// # Errors
-    /// [`CoreError::NotFinite`] names the first offender.
+    /// [`CoreError::NotFinite`] names the first value that is not.
     pub fn check_finite(what: &'static str, values: &[f64]) -> Result<(), Self> {
         match values.iter().position(|v| !v.is_finite()) {
             None => Ok(()),
@@ -213,7 +213,7 @@ impl CoreError {
         }
     }
 
-    /// Checks a length.
+    /// Checks that a length is as expected.
     ///
     /// # Errors
     /// [`CoreError::Length`] when `got != expected`.

@@ -2,33 +2,35 @@ use crate::{Belief, CoreError, Observation, Scalar};
 use dyn_clone::DynClone;
 use std::f64::consts::TAU;
 
-/// What one update did, for monitoring. All numbers are in units of the reading unless said.
+/// Diagnostics of one update. [`prefit`](Self::prefit) and [`postfit`](Self::postfit) are in units of the reading.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct UpdateReport {
-    /// Touched points of the observation.
+    /// Number of touched points of the observation.
     pub contacts: usize,
     /// Degrees of freedom of `nis`: the channels of the reading.
     pub dof: usize,
-    /// Normalized innovation squared, `r^T S^-1 r` with `S = W Sigma W^T + R`; its mean is `dof`
-    /// for an exact filter whose prior and noise are right.
+    /// Normalized innovation squared, `r^T S^-1 r` with the residual `r = tau - W mu` before the update
+    /// and `S = W Sigma W^T + R`. Its mean is `dof` for an exact filter whose prior and noise are right.
     pub nis: f64,
     /// Log-density of the reading under the belief before the update,
-    /// `-(nis + log det S + dof log 2 pi) / 2`. Summed over a run it is the (prequential) marginal
-    /// likelihood by which priors and noises are compared.
+    /// `-(nis + log det S + dof log 2 pi) / 2`. Its sum over a run is the (prequential) log marginal
+    /// likelihood, by which priors and noises can be compared.
     pub log_likelihood: f64,
     /// Norm of the residual `tau - W mu` before the update.
     pub prefit: f64,
     /// Norm of the residual after the update and projection.
     pub postfit: f64,
-    /// Points at which `K >= 0` acts: those whose mean the projection moved, by this reading or one that was replayed after it.
-    /// Estimators that keep the mean without the constraint count those that are held at zero, and say of which points.
+    /// Number of points at which the constraint `K >= 0` is active: those whose mean was moved by the projection,
+    /// after this reading or one replayed after it. Estimators that also keep an unconstrained mean count the points
+    /// held at zero instead; their documentation says among which points.
     pub projected: usize,
 }
 
 impl UpdateReport {
-    /// What can be said before the belief is corrected, of `contacts` touched points, the residual `r = tau - W mu`,
-    /// the residual `L^-1 r` whitened with `L L^T = S = W Sigma W^T + R`, and `log_det = log det S`. The other fields
-    /// are 0.
+    /// The part of the report that is known before the belief is corrected; the other fields are 0.
+    ///
+    /// `contacts` is the number of touched points, `residual` is `r = tau - W mu`, `whitened` is `L^-1 r` with
+    /// `L L^T = S = W Sigma W^T + R`, and `log_det` is `log det S`.
     pub fn from_innovation(
         contacts: usize,
         residual: &[f64],
@@ -53,7 +55,7 @@ impl UpdateReport {
 pub struct Prediction {
     /// Predicted reading, `d` values.
     pub mean: Vec<f64>,
-    /// Its standard deviation per channel, noise included.
+    /// Standard deviation of each channel, noise included.
     pub sd: Vec<f64>,
 }
 
@@ -70,8 +72,8 @@ impl Prediction {
 
 /// Learns the stiffness field from linear observations.
 ///
-/// On an error the belief is unchanged. Estimators are [`Clone`]; `Box<dyn Estimator<Scalar = T>>` is an
-/// estimator, and can be cloned, too.
+/// On an error the belief is unchanged. Estimators are [`Clone`]. `Box<dyn Estimator<Scalar = T>>` is itself an
+/// estimator and can be cloned.
 pub trait Estimator: DynClone + Send + Sync {
     /// Number type of the belief.
     type Scalar: Scalar;
@@ -79,44 +81,48 @@ pub trait Estimator: DynClone + Send + Sync {
     /// The current belief: marginal mean and variance of every point.
     fn belief(&self) -> &Belief<Self::Scalar>;
 
-    /// The whole field, as one keeps it at the end: the [`belief`](Self::belief) and, by estimators whose prior ties points
-    /// together, what the touched points suggest of the others: their means, with the variances of the prior, which
-    /// are upper bounds. By default the belief.
+    /// The whole field, as saved at the end of a run. By default the [`belief`](Self::belief).
+    ///
+    /// An estimator whose prior correlates points also infers the means of untouched points from the touched ones.
+    /// The variances of these points remain those of the prior, which are upper bounds.
     ///
     /// # Errors
-    /// Means beyond the range of numbers.
+    /// A mean that overflows.
     fn field(&self) -> Result<Belief<Self::Scalar>, CoreError> {
         Ok(self.belief().clone())
     }
 
-    /// Forgets everything and starts from `prior`.
+    /// Forgets everything and starts again from `prior`.
     ///
     /// # Errors
-    /// A prior that the estimator cannot take.
+    /// A prior that the estimator does not accept.
     fn reset(&mut self, prior: Belief<Self::Scalar>) -> Result<(), CoreError>;
 
-    /// A new touch sequence begins. The belief is kept; what is bound to the sequence (a
-    /// replay buffer that is told so, section III-C) is dropped. Nothing by default.
+    /// Begins a new touch sequence. The default does nothing.
+    ///
+    /// The belief is kept. State that belongs to one sequence is dropped, such as a replay buffer
+    /// that is configured so (section III-C).
     fn begin_sequence(&mut self) {}
 
-    /// Takes in one observation.
+    /// Updates the belief with one observation.
     ///
     /// # Errors
     /// An observation that does not fit the field, or a result that would not be finite.
     fn update(&mut self, obs: &Observation<Self::Scalar>) -> Result<UpdateReport, CoreError>;
 
-    /// Time passes: every stiffness takes an independent random step of this variance (at least 0
-    /// N²/m²). Means stay and variances grow by it, so that later readings count for more than
-    /// earlier ones: the prediction step of a Kalman filter, for objects that stiffen, dry, heal or
-    /// are cut. For a field that drifts at a rate `Q` (N²/m² per second), call it with `Q * dt`
-    /// before each update. By default refused.
+    /// Lets every stiffness take an independent random step of this variance (N²/m², >= 0).
+    ///
+    /// This is the prediction step of a Kalman filter, for objects that stiffen, dry, heal or are
+    /// cut. Means stay, variances grow by `variance`, and later readings therefore count for more
+    /// than earlier ones. For a field that drifts at a rate `Q` (N²/m² per second), call this with
+    /// `Q * dt` before each update. The default returns an error.
     ///
     /// Sums are rounded in [`Estimator::Scalar`]: in `f32`, steps below about 1e-7 of a variance
-    /// vanish. Collect them and call this less often.
+    /// vanish. Accumulate such steps and call this less often.
     ///
     /// # Errors
-    /// [`CoreError::Unsupported`] when the estimator takes the field to be constant; a variance that
-    /// is negative or not finite; a sum beyond the range of numbers. The belief is then unchanged.
+    /// [`CoreError::Unsupported`] when the estimator assumes a constant field; a variance that is
+    /// negative or not finite; a sum that overflows. The belief is then unchanged.
     fn diffuse(&mut self, variance: Self::Scalar) -> Result<(), CoreError> {
         let _ = variance;
         Err(CoreError::Unsupported {
@@ -125,16 +131,19 @@ pub trait Estimator: DynClone + Send + Sync {
         })
     }
 
-    /// The residual of the last update before it was taken in, whitened with its predicted
-    /// covariance: `L^-1 (tau - W mu)` with `L L^T = W Sigma W^T + R`. Independent standard normal
-    /// numbers when prior and noise are right. Empty before the first update.
+    /// The innovation of the last update, whitened with its predicted covariance.
+    ///
+    /// This is `L^-1 (tau - W mu)` with `L L^T = W Sigma W^T + R`, where `mu` and `Sigma` are those
+    /// before the update. Its entries are independent standard normal numbers when prior and noise
+    /// are right. Empty before the first update.
     fn whitened_residual(&self) -> &[f64];
 
-    /// Predicts the reading of `obs` (its own reading is not looked at). By default from the
-    /// marginals; estimators with correlations use them.
+    /// Predicts the reading of `obs`, whose own reading is ignored.
+    ///
+    /// The default uses the marginals of the belief. Estimators that keep correlations use those too.
     ///
     /// # Errors
-    /// An observation that reaches beyond the field, or a prediction beyond the range of numbers.
+    /// An observation that refers to points beyond the field, or a prediction that overflows.
     fn predict(
         &self,
         obs: &Observation<Self::Scalar>,
@@ -143,7 +152,7 @@ pub trait Estimator: DynClone + Send + Sync {
         self.belief().predict(obs, |i| obs.noise().sd(i), out)
     }
 
-    /// Bytes that it holds for past observations, to replay them; by default none. Memory that waits for reuse counts.
+    /// Memory (bytes) held for the replay of past observations, spare capacity included. 0 by default.
     fn buffered_bytes(&self) -> usize {
         0
     }

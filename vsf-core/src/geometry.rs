@@ -4,7 +4,8 @@ use std::sync::Arc;
 
 /// A triangle mesh: vertices in meters and faces as triples of vertex indices.
 ///
-/// The mesh may be open; contact models decide inside and outside by the winding number. Clones share vertices and faces.
+/// The mesh may be open: contact models tell inside from outside by the winding number. Clones
+/// share vertices and faces.
 #[derive(Debug, Clone, PartialEq)]
 pub struct TriMesh {
     vertices: Arc<[Point3<f64>]>,
@@ -13,7 +14,7 @@ pub struct TriMesh {
 }
 
 impl TriMesh {
-    /// Builds a mesh.
+    /// Creates a mesh from its vertices (m) and faces.
     ///
     /// # Errors
     /// A vertex that is not finite, a face index out of range, or a mesh without faces.
@@ -50,7 +51,7 @@ impl TriMesh {
         })
     }
 
-    /// With the name of the file that the mesh comes from, for messages.
+    /// Sets the name of the file that the mesh comes from, for messages.
     #[must_use]
     pub fn with_source(self, source: impl Into<String>) -> Self {
         let source = Some(source.into());
@@ -67,14 +68,15 @@ impl TriMesh {
         &self.vertices
     }
 
-    /// Faces, counter-clockwise seen from outside.
+    /// Faces, counter-clockwise when seen from outside.
     pub fn faces(&self) -> &[[u32; 3]] {
         &self.faces
     }
 }
 
-/// The shape of a body in its own frame, centered on the origin; lengths in meters, up to 1e6, and where they are
-/// positive from 1e-9.
+/// The shape of a body in its own frame, centered on the origin.
+///
+/// Lengths are in meters, at most 1e6. Lengths that must be positive are at least 1e-9.
 #[derive(Debug, Clone, PartialEq)]
 #[non_exhaustive]
 pub enum Shape {
@@ -83,14 +85,15 @@ pub enum Shape {
         /// Radius, > 0.
         radius: f64,
     },
-    /// A segment along z, swept by a ball.
+    /// A capsule: a ball swept along a segment of the z axis.
     Capsule {
         /// Radius of the ball, > 0.
         radius: f64,
         /// Half the length of the segment, >= 0.
         half_length: f64,
     },
-    /// A segment along z, swept by a ball whose radius changes linearly: a cone with round ends.
+    /// A cone with round ends: a ball swept along a segment of the z axis while its radius changes
+    /// linearly.
     RoundCone {
         /// Radius at `-half_length`, > 0.
         radius_bottom: f64,
@@ -99,7 +102,7 @@ pub enum Shape {
         /// Half the length of the segment, with `2 half_length > |radius_top - radius_bottom|`.
         half_length: f64,
     },
-    /// A cylinder along z, its edges optionally rounded.
+    /// A cylinder along z, optionally with rounded edges.
     Cylinder {
         /// Outer radius, > 0.
         radius: f64,
@@ -108,22 +111,22 @@ pub enum Shape {
         /// Rounding radius of the edges, 0 for sharp ones; at most `radius` and `half_length`.
         rounding: f64,
     },
-    /// A box, its edges optionally rounded.
+    /// A box, optionally with rounded edges.
     Box {
         /// Half the outer edge lengths, each > 0.
         half_extents: Vector3<f64>,
         /// Rounding radius of the edges, 0 for sharp ones; at most the smallest half extent.
         rounding: f64,
     },
-    /// A triangle mesh, whose size is checked where distances to it are taken.
+    /// A triangle mesh. Its size is not checked here, but where distances to it are computed.
     Mesh(TriMesh),
 }
 
-/// Smallest radius or half extent of a body (m): its square is a number.
+/// Smallest radius or half extent of a body (m). Its square does not underflow.
 const SMALLEST: f64 = 1e-9;
 
 impl Shape {
-    /// Checks the ranges that the variants state.
+    /// Checks that all lengths lie in the ranges documented at the variants.
     ///
     /// # Errors
     /// [`CoreError::Parameter`] names the first value out of range.

@@ -2,11 +2,12 @@
 use crate::CoreError;
 use crate::UpdateReport;
 
-/// Running statistics of a filter's innovations: is it consistent with what it claims to know?
+/// Running statistics of a filter's innovations: a test of whether the filter is consistent.
 ///
 /// An exact filter whose prior and noise are right has a mean normalized innovation squared (NIS)
-/// equal to the number of channels. Above the interval it is overconfident (or the model is wrong), below
-/// it is too cautious.
+/// equal to the number of channels, and so a [ratio](FilterHealth::nis_ratio) of 1. A filter whose
+/// ratio lies above the [interval](FilterHealth::nis_ratio_interval) is overconfident, or the model is
+/// wrong. Below the interval it is too cautious.
 ///
 /// # Reference
 /// Bar-Shalom, Li, Kirubarajan, *Estimation with Applications to Tracking and Navigation*, 2001,
@@ -34,7 +35,7 @@ pub struct FilterHealth {
 }
 
 impl FilterHealth {
-    /// Statistics that were kept: the number of updates, their channels, and the sum of their NIS.
+    /// Restores saved statistics: the number of updates, the sum of their channels and the sum of their NIS.
     #[cfg(feature = "serde")]
     pub(crate) fn from_sums(updates: usize, dof: usize, nis: f64) -> Result<Self, CoreError> {
         CoreError::check_finite("sum of NIS", &[nis])?;
@@ -48,8 +49,10 @@ impl FilterHealth {
         Ok(Self { updates, dof, nis })
     }
 
-    /// Takes in one update. Updates without contacts count too: they show the noise alone. One whose NIS is not finite, which no
-    /// estimator of this workspace reports, is left out.
+    /// Records one update.
+    ///
+    /// Updates without contacts count too: they show the noise alone. An update whose NIS is not
+    /// finite is ignored; no estimator of this workspace reports one.
     pub fn record(&mut self, report: &UpdateReport) {
         if !report.nis.is_finite() {
             return;
@@ -74,7 +77,7 @@ impl FilterHealth {
         (self.dof > 0).then(|| self.nis / self.dof as f64)
     }
 
-    /// Interval that holds [`FilterHealth::nis_ratio`] with 95 % probability when the filter is
+    /// Interval that contains [`FilterHealth::nis_ratio`] with 95 % probability when the filter is
     /// consistent and updates are independent; `None` before the first update.
     pub fn nis_ratio_interval(&self) -> Option<(f64, f64)> {
         (self.dof > 0).then(|| {

@@ -1,29 +1,29 @@
 //! Traits and plain data of volumetric stiffness field (VSF) estimation.
 //!
 //! A robot arm touches a soft object. The object is a cloud of points `p_i`, each held by a
-//! spring of unknown stiffness `K_i >= 0`; the external joint torques are linear in `K`:
+//! spring of unknown stiffness `K_i >= 0`. The external joint torques are linear in `K`:
 //! `tau = W K + noise`, with columns `w_i = -J^T u_i` (Yao & Hauser, eq. 1-4). This crate holds
-//! what every part of such a system shares and nothing that computes physics:
+//! the types that all parts of such a system share, and computes no physics:
 //!
-//! | seam | trait | data it makes |
+//! | role | trait | output |
 //! | --- | --- | --- |
 //! | contact | [`ContactModel`] | [`Contacts`]: touched points and their displacements |
 //! | sensing | [`Sensor`] | [`Observation`]: columns `w_i`, reading `tau`, noise |
 //! | estimation | [`Estimator`] | [`Belief`]: mean and variance of every `K_i` |
 //!
-//! A [`Session`] owns one of each and runs a step without allocating of its own after warm-up; what its parts do is
-//! theirs to say (a memory of past observations grows until its budget is full).
+//! A [`Session`] owns one of each. After warm-up its own code allocates nothing during a step. Its parts
+//! may allocate: a buffer of past observations grows until its budget is full.
 //!
-//! The seams are dyn-safe on purpose, so that a program can choose at run time. Only
+//! The traits are dyn-safe, so that a program can choose implementations at run time. Only
 //! [`Observation`], [`Belief`], [`Sensor`] and [`Estimator`] are generic over the [`Scalar`] (`f32` or
 //! `f64`); geometry and kinematics are always `f64`. Rejected: a type parameter for an array or
 //! GPU backend. It would spread through every signature, while a GPU estimator is simply one
 //! more [`Estimator`].
 //!
-//! The feature `serde` saves and restores [`Belief`], [`Noise`], [`SymmetricFactor`], [`Observation`] and [`FilterHealth`]; what is read
-//! in is checked like the arguments of their constructors.
+//! The feature `serde` saves and restores [`Belief`], [`Noise`], [`SymmetricFactor`], [`Observation`]
+//! and [`FilterHealth`]. Deserialized values are checked like the arguments of the constructors.
 //!
-//! Units are SI (meters, radians, newtons, newton meters), the world frame has z up. Names carry
+//! Units are SI (meters, radians, newtons, newton meters). The world frame has z up. Names carry
 //! their frame: `p_W` is a point in world coordinates, `X_WL` the pose of link L in world.
 
 #![forbid(unsafe_code)]
@@ -65,5 +65,5 @@ pub use scalar::{PerScalar, Scalar};
 pub use sensor::Sensor;
 pub use session::{MOST_READING, Session};
 
-/// The version of nalgebra whose `Point3`, `Vector3` and `Isometry3` stand in public signatures.
+/// The version of nalgebra whose `Point3`, `Vector3` and `Isometry3` appear in public signatures.
 pub use nalgebra;

@@ -1,7 +1,9 @@
 use crate::CoreError;
 
-/// In-place Cholesky factor of a small symmetric positive definite matrix, for `d x d` systems in
-/// the real-time path: it never allocates after its first use at a given size.
+/// Cholesky factor of a small symmetric positive definite matrix, for `d x d` systems in the
+/// real-time path.
+///
+/// The memory is reused: nothing is allocated after the first use at a given size.
 ///
 /// ```
 /// use vsf_core::SymmetricFactor;
@@ -31,7 +33,7 @@ impl Clone for SymmetricFactor {
         }
     }
 
-    /// Copies into the memory that is already there.
+    /// Copies into the existing memory.
     fn clone_from(&mut self, source: &Self) {
         self.dim = source.dim;
         self.lower.clone_from(&source.lower);
@@ -39,10 +41,10 @@ impl Clone for SymmetricFactor {
 }
 
 impl SymmetricFactor {
-    /// The factor `L` itself, row-major `dim x dim`, whose upper triangle nothing reads.
+    /// Takes over the factor `L` itself, row-major `dim x dim`. The upper triangle is never read.
     ///
     /// # Errors
-    /// A wrong length, numbers that are not finite, a diagonal that is not positive.
+    /// A wrong length, numbers that are not finite, or a diagonal entry that is not positive.
     #[cfg(feature = "serde")]
     pub(crate) fn from_lower(dim: usize, lower: Vec<f64>) -> Result<Self, CoreError> {
         CoreError::check_len("Cholesky factor", lower.len(), dim.saturating_mul(dim))?;
@@ -60,11 +62,12 @@ impl SymmetricFactor {
         Ok(Self { dim, lower })
     }
 
-    /// Factors the row-major `dim x dim` matrix `a = L L^T`, reading its lower triangle only.
+    /// Factors the row-major `dim x dim` matrix `a = L L^T`. Only its lower triangle is read. Errors
+    /// refer to the matrix as `what`.
     ///
     /// # Errors
-    /// [`CoreError::Length`] for a wrong size, [`CoreError::NotPositiveDefinite`] otherwise; the
-    /// factor is then unusable until the next success.
+    /// [`CoreError::Length`] for a wrong size, [`CoreError::NotPositiveDefinite`] otherwise. The
+    /// factor is then unusable until the next successful call.
     pub fn factor(&mut self, what: &'static str, dim: usize, a: &[f64]) -> Result<(), CoreError> {
         CoreError::check_len(what, a.len(), dim.saturating_mul(dim))?;
         self.dim = dim;
@@ -123,7 +126,7 @@ impl SymmetricFactor {
         }
     }
 
-    /// Writes `L^-1` to `out`, row-major `dim x dim` with zeros above the diagonal, keeping its memory.
+    /// Writes `L^-1` to `out`, row-major `dim x dim` with zeros above the diagonal, reusing its memory.
     pub fn inverse_lower(&self, out: &mut Vec<f64>) {
         let n = self.dim;
         out.clear();

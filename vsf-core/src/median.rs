@@ -1,5 +1,6 @@
-/// The median, of an even number the upper one of the middle two; `None` of nothing. NaN counts as beyond all numbers. Linear
-/// in their number.
+/// The median of some values, in linear time; `None` if there are none.
+///
+/// For an even number of values it is the upper of the two middle ones. NaN sorts after all numbers.
 ///
 /// ```
 /// # use vsf_core::median;
@@ -12,7 +13,7 @@ pub fn median(mut values: Vec<f64>) -> Option<f64> {
     median_of(&mut values)
 }
 
-/// The same in place: values are left in another order, and nothing is allocated.
+/// Like [`median`], but in place: reorders the values and does not allocate.
 #[must_use]
 pub fn median_of(values: &mut [f64]) -> Option<f64> {
     let middle = values.len() / 2;

@@ -2,8 +2,9 @@ use crate::{CoreError, SymmetricFactor};
 
 /// Covariance of the reading noise, `R` (`d x d`, in squared units of the reading).
 ///
-/// One value for all channels, one each, or a full matrix. Noise that changes with time is written
-/// with [`Noise::set_per_channel`], [`Noise::set_full`] or [`Clone::clone_from`], which keep the memory.
+/// It is given as one standard deviation for all channels, one per channel, or a full matrix. Noise
+/// that changes with time is updated by [`Noise::set_per_channel`], [`Noise::set_full`] or
+/// [`Clone::clone_from`], which reuse the memory.
 #[derive(Debug, PartialEq)]
 #[cfg_attr(
     feature = "serde",
@@ -37,7 +38,7 @@ impl Clone for Noise {
         }
     }
 
-    /// Copies into the memory that is already there.
+    /// Copies into the existing memory.
     fn clone_from(&mut self, source: &Self) {
         self.dim = source.dim;
         self.covariance.clone_from(&source.covariance);
@@ -45,16 +46,16 @@ impl Clone for Noise {
 }
 
 impl Noise {
-    /// The same standard deviation for all `dim` channels, independent; the paper's sigma_tau. Of no channels it is empty.
+    /// Independent noise with the same standard deviation in all `dim` channels: the paper's sigma_tau. `dim` may be 0.
     ///
     /// # Errors
-    /// A standard deviation that is not positive and finite, more than 4096 channels.
+    /// A standard deviation that is not positive and finite, its square included, or more than 4096 channels.
     pub fn uniform(dim: usize, sd: f64) -> Result<Self, CoreError> {
         check_channels(dim)?;
         Self::per_channel(&vec![sd; dim])
     }
 
-    /// One standard deviation per channel, independent.
+    /// Independent noise with one standard deviation per channel.
     ///
     /// # Errors
     /// As [`Noise::uniform`].
@@ -67,7 +68,7 @@ impl Noise {
         Ok(noise)
     }
 
-    /// Becomes [`Noise::per_channel`] without allocating after its first use at a given size.
+    /// Replaces the noise as by [`Noise::per_channel`]. Does not allocate after the first use at a given size.
     ///
     /// # Errors
     /// As [`Noise::uniform`]; the noise is then unchanged.
@@ -89,17 +90,18 @@ impl Noise {
         Ok(())
     }
 
-    /// A full covariance, row-major `dim x dim`.
+    /// Noise with a full covariance, row-major `dim x dim`.
     ///
     /// # Errors
-    /// A matrix that is not finite, symmetric (to 1e-9 of its largest entry) and positive definite, more than 4096 channels.
+    /// A matrix of the wrong size or that is not finite, symmetric (to 1e-9 of its largest entry) and positive definite, or
+    /// more than 4096 channels.
     pub fn full(dim: usize, covariance: Vec<f64>) -> Result<Self, CoreError> {
         Self::check(dim, &covariance, &mut SymmetricFactor::default())?;
         Ok(Self { dim, covariance })
     }
 
-    /// Becomes [`Noise::full`] without allocating after its first use at a given size. `workspace`
-    /// is for the check and holds the factor of the covariance afterward.
+    /// Replaces the noise as by [`Noise::full`]. Does not allocate after the first use at a given size.
+    /// `workspace` is used by the checks and holds the Cholesky factor of the covariance afterward.
     ///
     /// # Errors
     /// As [`Noise::full`]; the noise is then unchanged.

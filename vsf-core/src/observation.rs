@@ -2,9 +2,9 @@ use crate::{CoreError, Noise, Scalar};
 
 /// One linear observation of the field: `reading = sum_k column_k K[points_k] + noise` (eq. 4).
 ///
-/// Only touched points are stored. The matrix lies row by row (`d` rows of `len` entries), so that
-/// estimators stream over the points. Valid by construction: point indices strictly increasing
-/// and below the size of the field, every number finite.
+/// Only touched points are stored. The matrix is row-major (`d` rows of `len` entries), so that
+/// estimators stream over the points. An observation is valid by construction: point indices are
+/// strictly increasing and below the size of the field, and every number is finite.
 #[derive(Debug)]
 #[cfg_attr(
     feature = "serde",
@@ -16,7 +16,7 @@ pub struct Observation<T: Scalar> {
     rows: Vec<T>,
     reading: Vec<T>,
     noise: Noise,
-    /// Where columns are written first.
+    /// Buffer for one column.
     #[cfg_attr(feature = "serde", serde(skip))]
     column: Vec<f64>,
 }
@@ -37,7 +37,7 @@ impl<T: Scalar> Clone for Observation<T> {
         copy
     }
 
-    /// Copies into the memory that is already there.
+    /// Copies into the existing memory.
     fn clone_from(&mut self, source: &Self) {
         self.points.clone_from(&source.points);
         self.rows.clone_from(&source.rows);
@@ -48,7 +48,7 @@ impl<T: Scalar> Clone for Observation<T> {
 }
 
 impl<T: Scalar> Observation<T> {
-    /// An observation without contacts and with a zero reading of `noise.dim()` channels.
+    /// Creates an observation without contacts and with a zero reading of `noise.dim()` channels.
     pub fn new(noise: Noise) -> Self {
         Self {
             points: Vec::new(),
@@ -59,12 +59,13 @@ impl<T: Scalar> Observation<T> {
         }
     }
 
-    /// Replaces the content, keeping the memory. `column(k, w)` writes the `d` entries of
-    /// `w_{points[k]}` into `w`.
+    /// Replaces points, columns and reading, reusing the memory.
+    ///
+    /// `column(k, w)` writes the `d` entries of `w_{points[k]}` into `w`.
     ///
     /// # Errors
-    /// Point indices out of order or `>= field_len`, a reading of another length than the noise, or one that
-    /// overflows in it, any value that is not finite in `T`. The observation is then empty.
+    /// Point indices out of order or `>= field_len`; a reading whose length differs from the noise's, or whose square
+    /// in units of the noise overflows; a value that is not finite in `T`. The observation is then empty.
     pub fn rebuild(
         &mut self,
         field_len: usize,
@@ -78,8 +79,8 @@ impl<T: Scalar> Observation<T> {
         self.or_empty(result)
     }
 
-    /// As [`Observation::rebuild`], for sensors that go along the rows: `rows(w)` writes all
-    /// `d x points.len()` entries of the matrix, row by row.
+    /// Like [`Observation::rebuild`], for sensors that work row by row: `rows(w)` writes all
+    /// `d x points.len()` entries of the row-major matrix.
     ///
     /// # Errors
     /// As [`Observation::rebuild`].
@@ -115,7 +116,7 @@ impl<T: Scalar> Observation<T> {
         result
     }
 
-    /// All but the entries of the matrix.
+    /// Writes everything but the entries of the matrix.
     fn begin(
         &mut self,
         field_len: usize,
@@ -193,34 +194,35 @@ impl<T: Scalar> Observation<T> {
     /// Replaces the noise, for sensors whose noise changes with time.
     ///
     /// # Errors
-    /// Noise of another dimension, or so small that the reading overflows in it; nothing has changed then.
+    /// Noise of another dimension, or so small that the squared reading in units of it overflows. Nothing is changed
+    /// then.
     pub fn set_noise(&mut self, noise: &Noise) -> Result<(), CoreError> {
         self.check_noise(noise)?;
         self.noise.clone_from(noise);
         Ok(())
     }
 
-    /// Replaces the noise by independent one of a standard deviation per channel, in the memory that is there.
+    /// Replaces the noise by independent noise with one standard deviation per channel, reusing the memory.
     ///
     /// # Errors
-    /// As [`Noise::per_channel`] and [`Observation::set_noise`]; nothing has changed then.
+    /// As [`Noise::per_channel`] and [`Observation::set_noise`]. Nothing is changed then.
     pub fn set_noise_sd(&mut self, sd: &[f64]) -> Result<(), CoreError> {
         CoreError::check_len("noise", sd.len(), self.dim())?;
-        // What are no deviations, the noise refuses.
+        // Invalid deviations are rejected by the noise below.
         if sd.iter().all(|sd| *sd > 0.0) {
             check_scale(self.reading.iter().copied(), sd.iter().copied())?;
         }
         self.noise.set_per_channel(sd)
     }
 
-    /// Leaves no contact, and a reading of zero, as of a new one; the noise stays.
+    /// Removes all contacts and sets the reading to zero, as in a new observation. The noise stays.
     pub fn clear(&mut self) {
         self.points.clear();
         self.rows.clear();
         self.reading.fill(T::ZERO);
     }
 
-    /// Becomes a copy of an observation in another number type, in the memory that is there.
+    /// Copies an observation of another number type into this one, reusing the memory.
     ///
     /// # Errors
     /// A number beyond the range of `T`; the observation is then empty.
@@ -243,7 +245,7 @@ impl<T: Scalar> Observation<T> {
         })
     }
 
-    /// Checks that its noise could be this one.
+    /// Checks that [`Observation::set_noise`] would accept this noise.
     ///
     /// # Errors
     /// As [`Observation::set_noise`].
@@ -255,8 +257,8 @@ impl<T: Scalar> Observation<T> {
     /// Replaces the reading.
     ///
     /// # Errors
-    /// Another number of channels, any value that is not finite in `T`, or so large that it overflows in the noise;
-    /// nothing has changed then.
+    /// Another number of channels, a value that is not finite in `T`, or one whose square in units of the noise
+    /// overflows. Nothing is changed then.
     pub fn set_reading(&mut self, reading: &[f64]) -> Result<(), CoreError> {
         check_reading::<T>(reading, &self.noise)?;
         self.write_reading(reading);
@@ -273,7 +275,7 @@ impl<T: Scalar> Observation<T> {
         self.points.len()
     }
 
-    /// True without touched points.
+    /// True if no points are touched.
     pub fn is_empty(&self) -> bool {
         self.points.is_empty()
     }
@@ -283,16 +285,16 @@ impl<T: Scalar> Observation<T> {
         &self.points
     }
 
-    /// Row `i` of the observation matrix: one entry per touched point, of channel `i < dim`.
+    /// Row `i` of the observation matrix, that of channel `i < dim`: one entry per touched point.
     ///
     /// # Panics
-    /// If `i >= dim`, where points are touched.
+    /// If `i >= dim` and points are touched.
     pub fn row(&self, i: usize) -> &[T] {
         let n = self.points.len();
         &self.rows[i * n..(i + 1) * n]
     }
 
-    /// All rows one after another, `d x len`.
+    /// The observation matrix, row-major `d x len`.
     pub fn rows(&self) -> &[T] {
         &self.rows
     }
@@ -302,12 +304,12 @@ impl<T: Scalar> Observation<T> {
         &self.reading
     }
 
-    /// Noise of the reading.
+    /// The noise of the reading.
     pub fn noise(&self) -> &Noise {
         &self.noise
     }
 
-    /// `W x` for a field `x` over all points, written to `out` (`d` values). Sums are kept in `T`.
+    /// Computes `W x` for a field `x` over all points and writes it to `out` (`d` values). Sums are accumulated in `T`.
     ///
     /// # Panics
     /// If `x` is shorter than the field or `out` shorter than `d`.
@@ -337,8 +339,7 @@ impl<T: Scalar> Observation<T> {
         }
     }
 
-    /// Memory of a copy (bytes): the structure itself, points, rows, reading and noise, without what the allocator
-    /// adds.
+    /// Memory of a copy (bytes): the struct itself, points, rows, reading and noise, without allocator overhead.
     pub fn bytes(&self) -> usize {
         size_of::<Self>()
             + self.points.len() * size_of::<u32>()
@@ -360,7 +361,7 @@ fn sds(noise: &Noise) -> impl Iterator<Item = f64> {
     variances.map(|v| v.sqrt())
 }
 
-/// Norms and likelihoods square the reading in units of its noise.
+/// Checks that the squares of the reading in units of its noise stay finite: norms and likelihoods need them.
 fn check_scale<T: Scalar>(
     reading: impl Iterator<Item = T>,
     sds: impl Iterator<Item = f64>,

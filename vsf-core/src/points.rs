@@ -3,18 +3,20 @@ use nalgebra::{Point3, Vector3};
 
 /// Mean number of points per cell of the broad-phase grid, if the cloud filled its box evenly.
 const POINTS_PER_CELL: f64 = 8.0;
-/// Points per stray: one point in so many, on either side along every axis, may lie outside of the grid.
+/// On either side of every axis, one point in this many may be a stray, outside of the grid.
 const POINTS_PER_STRAY: usize = 100;
-/// Most strays on each side, since they are looked at one by one.
+/// Most strays on each side. They are visited one by one.
 const MOST_STRAYS: usize = 64;
-/// Points nearer than this share of a cell's edge are copies of one, off by rounding, where neighbors are meant.
+/// Points nearer than this share of a cell's edge count as rounded copies of one point in [`RestPoints::spacing`].
 const SAME_PLACE: f64 = 1e-3;
-/// Neighbors that tell how far apart points are where the nearest is nearer.
+/// Rank of the neighbor whose distance [`RestPoints::clustering`] compares with that of the nearest.
 const NEIGHBORS: usize = 8;
 
-/// The rest positions `p_i` of a stiffness field (m, world frame), with a uniform grid over them
-/// for range queries, and a tree of [`Block`](crate::Block)s over its cells. Few points that lie far from
-/// all others are [strays](Self::strays): a grid that held them would have all others in one cell.
+/// The rest positions `p_i` of a stiffness field (m, world frame), indexed for range queries.
+///
+/// The index is a uniform grid, and an octree of [`Block`](crate::Block)s over its cells. The few points that lie
+/// far from all others are [strays](Self::strays) outside the grid, which would otherwise put all other points into
+/// one cell.
 ///
 /// Memory: 24 bytes per position, 4 per entry of the grid, and at most 2 per point for the cells.
 #[derive(Debug, Clone)]
@@ -28,25 +30,26 @@ pub struct RestPoints {
     strays: Vec<u32>,
 }
 
-/// One non-empty cell of the grid: the points in a cube.
+/// A non-empty cell of the grid, with the points in it.
 #[derive(Debug, Clone, Copy)]
 pub struct Cell<'a> {
     /// Center of the cube.
     pub center: Point3<f64>,
-    /// Half the length of its diagonal: no point of the cell is farther from `center`.
+    /// Half the length of the cube's diagonal (m): no point of the cell is farther from `center`.
     pub radius: f64,
-    /// Indices of the points in it, increasing.
+    /// Indices of the points in the cell, increasing.
     pub points: &'a [u32],
 }
 
 impl RestPoints {
-    /// Largest coordinate (m): more are no meters. As far as anything is from the origin here: bases, meshes, boxes.
+    /// Largest magnitude of a coordinate (m); larger numbers cannot be meters. The limit also holds for robot bases,
+    /// meshes and boxes.
     pub const FARTHEST: f64 = 1e6;
 
-    /// Checks that there may be so many points: indices are `u32`.
+    /// Checks that `n` points are supported. Indices are `u32`.
     ///
     /// # Errors
-    /// More than `u32::MAX - 1`.
+    /// More than `u32::MAX - 1` points.
     pub fn check_count(n: usize) -> Result<(), CoreError> {
         let max = u32::MAX as usize - 1;
         if n <= max {
@@ -59,7 +62,7 @@ impl RestPoints {
         })
     }
 
-    /// Takes the positions and builds the grid, in O(N).
+    /// Takes the positions (m) and builds the index, in O(N).
     ///
     /// # Errors
     /// A coordinate that is not finite or beyond [`FARTHEST`](Self::FARTHEST), or more than `u32::MAX - 1` points.
@@ -97,7 +100,7 @@ impl RestPoints {
         Ok(grid)
     }
 
-    /// Edge and number of cells: about `POINTS_PER_CELL` points each, at most n/2 + 1 cells.
+    /// Edge of a cell and number of cells per axis: about `POINTS_PER_CELL` points each, at most n/2 + 1 cells.
     fn layout(extent: &Vector3<f64>, n: usize) -> (f64, [usize; 3]) {
         let longest = extent.max();
         if n == 0 || longest <= 0.0 {
@@ -174,7 +177,7 @@ impl RestPoints {
         self.positions.len()
     }
 
-    /// True without points.
+    /// True if there are no points.
     pub fn is_empty(&self) -> bool {
         self.positions.is_empty()
     }
@@ -184,30 +187,35 @@ impl RestPoints {
         &self.positions
     }
 
-    /// Indices of outliers, increasing, 384 at most. The box of the cloud without its outermost points (1 % of them, 64 at
-    /// most, on each side of every axis) is widened by its longest edge on all sides; points outside are outliers. No cell
-    /// and no [`Block`](crate::Block) holds them.
+    /// Indices of outliers, increasing, at most 384. No cell and no [`Block`](crate::Block) contains them.
+    ///
+    /// The bounding box of the cloud without its outermost points (1 %, at most 64, on each side of every axis) is widened
+    /// by its longest edge on all sides. Points outside of that are outliers.
     pub fn strays(&self) -> &[u32] {
         &self.strays
     }
 
-    /// Smallest and largest corner of the points' axis-aligned box; the origin without points.
+    /// Lower and upper corner of the axis-aligned bounding box; both the origin if there are no points.
     pub fn bounds(&self) -> (Point3<f64>, Point3<f64>) {
         bounds(&self.positions)
     }
 
-    /// Typical distance between neighbors (m): the median, over at most 1000 points spread over the
-    /// cloud, of the distance to the nearest point at another place. Points nearer than a thousandth of an edge of the grid,
-    /// some 2e-3 of the mean distance where they fill their box, share a place. 0 when there is but one.
+    /// Typical distance between neighbors (m); 0 if all points are at the same place.
+    ///
+    /// This is the median distance to the nearest point at another place, over at most 1000 points spread over the cloud.
+    /// Points closer than a thousandth of a grid cell's edge count as at the same place. That is about 2e-3 of the mean
+    /// distance if the points fill their box.
     pub fn spacing(&self) -> f64 {
         let (same, widest) = (SAME_PLACE * self.cell, self.widest());
         let nearest = |i| self.around(i, 1, same, widest).first().copied();
         median(self.sampled().filter_map(nearest).collect()).unwrap_or(0.0)
     }
 
-    /// How many times as far as the nearest point the eighth is: the median, over as many points; points in the very same
-    /// place do not count. Some 2 where points fill a body or a surface, 4 along a line, and far more where they come in
-    /// pairs or clusters, as where scans of one object are put together. `None` below 9 places.
+    /// How clustered the points are: the distance to the eighth nearest point divided by that to the nearest.
+    ///
+    /// This is the median over the same sample of points as in [`spacing`](Self::spacing). Neighbors at exactly the same
+    /// place do not count. It is about 2 if points fill a body or a surface, 4 along a line, and far more if they come in
+    /// pairs or clusters, for example after merging scans of one object. `None` for fewer than 9 places.
     pub fn clustering(&self) -> Option<f64> {
         let widest = self.widest();
         let ratio = |i| match self.around(i, NEIGHBORS, 0.0, widest)[..] {
@@ -228,8 +236,8 @@ impl RestPoints {
         (0..self.len()).step_by(step)
     }
 
-    /// Distances beyond `same` to the `count` nearest points in order, of which none is beyond `widest`, by boxes of growing
-    /// size; none where there are fewer.
+    /// Distances to the `count` nearest points that are farther away than `same`, in increasing order; empty if there are
+    /// fewer. Searches boxes of growing size. `widest` bounds all distances.
     fn around(&self, i: usize, count: usize, same: f64, widest: f64) -> Vec<f64> {
         let p = &self.positions[i];
         let mut reach = self.cell;
@@ -262,8 +270,10 @@ impl RestPoints {
         found
     }
 
-    /// Visits the non-empty cells that overlap the box `[lo, hi]`, in a fixed order, each stray in it as a cell
-    /// of its own; cost follows the number of cells in the box, and of strays.
+    /// Visits the non-empty cells that overlap the box `[lo, hi]`, in a fixed order.
+    ///
+    /// Each [stray](Self::strays) in the box is visited as a cell of its own. The cost is proportional to the
+    /// number of cells in the box plus the number of strays.
     pub fn for_cells_in<'a>(
         &'a self,
         lo: &Point3<f64>,
@@ -314,7 +324,7 @@ fn within(p: &Point3<f64>, lower: &Point3<f64>, upper: &Point3<f64>) -> bool {
     (0..3).all(|k| lower[k] <= p[k] && p[k] <= upper[k])
 }
 
-/// Smallest and largest corner of the axis-aligned box of some points; the origin without any.
+/// Lower and upper corner of the axis-aligned bounding box of some points; both the origin if there are none.
 ///
 /// ```
 /// use vsf_core::{bounds, nalgebra::Point3};
@@ -330,8 +340,7 @@ pub fn bounds<'a>(points: impl IntoIterator<Item = &'a Point3<f64>>) -> (Point3<
     found.unwrap_or((Point3::origin(), Point3::origin()))
 }
 
-/// Corners of the box around all points but those far off: that of the middle ones along each axis, wider by
-/// its longest edge on all sides.
+/// Corners of the box outside of which points are strays, see [`RestPoints::strays`].
 fn bulk(points: &[Point3<f64>]) -> (Point3<f64>, Point3<f64>) {
     let (mut lower, mut upper) = bounds(points);
     let few = (points.len() / POINTS_PER_STRAY).min(MOST_STRAYS);

@@ -5,7 +5,7 @@ use std::sync::Arc;
 
 /// For every link, the moving joints between the base and that link, in order.
 ///
-/// A force on a link loads exactly these joints.
+/// A force on the link loads exactly these joints.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct LinkChains {
     joints: usize,
@@ -14,10 +14,10 @@ pub struct LinkChains {
 }
 
 impl LinkChains {
-    /// `chains[l]` lists the joints that move link `l`; `joints` is their number in total.
+    /// Creates the chains of a robot with `joints` moving joints; `chains[l]` lists those that move link `l`.
     ///
     /// # Errors
-    /// A joint index out of range, a joint twice in a chain, more joints than a `u32` counts.
+    /// A joint index out of range, a joint that occurs twice in a chain, or more than `u32::MAX` joints.
     pub fn new(joints: usize, chains: Vec<Vec<u32>>) -> Result<Self, CoreError> {
         if joints > u32::MAX as usize {
             return Err(CoreError::TooMany {
@@ -82,18 +82,19 @@ impl LinkChains {
     }
 }
 
-/// The axis of a joint as a screw in world coordinates: unit joint velocity gives a point `p`
-/// the velocity `angular x p + linear`.
+/// The axis of a joint as a screw in world coordinates.
+///
+/// Unit joint velocity moves a point `p` with the velocity `angular x p + linear`.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct JointScrew {
-    /// Axis of a rotating joint (1), zero for a sliding one.
+    /// Unit axis of a revolute joint, zero for a prismatic one.
     pub angular: Vector3<f64>,
-    /// `origin x axis` of a rotating joint (m), the axis (1) of a sliding one.
+    /// `origin x axis` of a revolute joint (m), the unit axis of a prismatic one.
     pub linear: Vector3<f64>,
 }
 
 impl JointScrew {
-    /// A joint that turns about the unit vector `axis_W` through `origin_W`.
+    /// The screw of a joint that turns about the unit vector `axis_W` through `origin_W`.
     pub fn revolute(axis_W: Vector3<f64>, origin_W: Point3<f64>) -> Self {
         Self {
             angular: axis_W,
@@ -101,7 +102,7 @@ impl JointScrew {
         }
     }
 
-    /// A joint that slides along the unit vector `axis_W`.
+    /// The screw of a joint that slides along the unit vector `axis_W`.
     pub fn prismatic(axis_W: Vector3<f64>) -> Self {
         Self {
             angular: Vector3::zeros(),
@@ -109,15 +110,15 @@ impl JointScrew {
         }
     }
 
-    /// The velocity (m per unit of joint speed) that it gives a point: its column of the point's Jacobian.
+    /// Velocity of a point per unit of joint velocity (m): the joint's column of the point's Jacobian.
     pub fn velocity_at(&self, p_W: &Point3<f64>) -> Vector3<f64> {
         self.angular.cross(&p_W.coords) + self.linear
     }
 }
 
-/// Where every link and joint axis of a robot is, for one vector of joint positions.
+/// The poses of all links and joint axes of a robot, for one vector of joint positions.
 ///
-/// Written by a robot model (`vsf-robots`), read by contact models and sensors. Reused from step
+/// Robot models (`vsf-robots`) write it; contact models and sensors read it. It is reused from step
 /// to step without allocating.
 #[derive(Debug, Clone)]
 pub struct Posture {
@@ -129,7 +130,7 @@ pub struct Posture {
 }
 
 impl Posture {
-    /// A posture with all links at the world origin, to be written by a robot model.
+    /// Creates an unwritten posture with all links at the world origin, to be written by a robot model.
     pub fn new(chains: Arc<LinkChains>) -> Self {
         let still = JointScrew::prismatic(Vector3::zeros());
         Self {
@@ -141,7 +142,7 @@ impl Posture {
         }
     }
 
-    /// Joint positions, `d` of them (rad or m).
+    /// Joint positions, `d` values (rad or m).
     pub fn q(&self) -> &[f64] {
         &self.q
     }
@@ -161,16 +162,17 @@ impl Posture {
         &self.chains
     }
 
-    /// Joint positions, link poses and joint axes, for a robot model to write. From then on the posture counts as
+    /// Joint positions, link poses and joint axes, for a robot model to write. This call marks the posture as
     /// written.
     pub fn parts_mut(&mut self) -> (&mut [f64], &mut [Isometry3<f64>], &mut [JointScrew]) {
         self.written = true;
         (&mut self.q, &mut self.poses, &mut self.screws)
     }
 
-    /// Joint torques `J(q, p)^T f` of a force `f_W` (N) on `link` at the world point `p_W`, written
-    /// to `out` (length `d`; zero for joints that do not move the link). The Jacobian is never
-    /// formed: this is [`Posture::add_torques`] of the moment `p x f`.
+    /// Computes the joint torques `J(q, p)^T f` of a force `f_W` (N) on `link` at the world point `p_W`.
+    ///
+    /// They are written to `out` (length `d`; zero for joints that do not move the link). The
+    /// Jacobian is never formed: this is [`Posture::add_torques`] of the moment `p x f`.
     ///
     /// # Panics
     /// If `link` is out of range or `out` is shorter than `d`.
@@ -186,8 +188,10 @@ impl Posture {
         self.add_torques(link, &p_W.coords.cross(f_W), f_W, out);
     }
 
-    /// Adds the joint torques of forces on `link` to `out` (length `d`): of their sum `f_W` (N) and of their moment
-    /// `m_W` (N m) about the world origin, the sum of all `p x f`. Joint j gets `angular_j . m + linear_j . f`.
+    /// Adds the joint torques of forces on `link` to `out` (length `d`).
+    ///
+    /// `f_W` (N) is the sum of the forces, `m_W` (N m) their moment about the world origin, the sum of all `p x f`.
+    /// Each joint `j` that moves the link gets `angular_j . m + linear_j . f`.
     ///
     /// # Panics
     /// If `link` is out of range or `out` is shorter than `d`.
@@ -205,7 +209,7 @@ impl Posture {
         }
     }
 
-    /// Checks that it has been written, and that positions, poses and axes are finite.
+    /// Checks that the posture has been written, and that positions, poses and axes are finite.
     ///
     /// # Errors
     /// [`CoreError::UnwrittenPosture`], or [`CoreError::NotFinite`], which names the joint or link.
@@ -237,7 +241,7 @@ impl Posture {
         Ok(())
     }
 
-    /// Checks that it is of the robot with these chains.
+    /// Checks that the posture belongs to the robot with these chains.
     ///
     /// # Errors
     /// [`CoreError::ForeignPosture`].

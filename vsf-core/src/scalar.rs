@@ -10,7 +10,7 @@ mod sealed {
 
 /// The number type of beliefs, observations and estimators: `f32` or `f64`.
 ///
-/// Sealed: a third implementation would have to promise IEEE semantics that estimators rely on.
+/// The trait is sealed: a third implementation would have to guarantee the IEEE semantics that estimators rely on.
 pub trait Scalar:
     sealed::Sealed
     + Copy
@@ -46,18 +46,19 @@ pub trait Scalar:
     fn to_f64(self) -> f64;
     /// False for NaN and infinities.
     fn is_finite(self) -> bool;
-    /// The larger of two numbers; NaN loses.
+    /// The larger of two numbers; if one is NaN, the other.
     fn max(self, other: Self) -> Self;
     /// Square root.
     fn sqrt(self) -> Self;
-    /// `self * a + b`, rounded once. Fast only where the processor has the instruction.
+    /// `self * a + b`, rounded once. Fast only if the processor has a fused multiply-add instruction.
     fn mul_add(self, a: Self, b: Self) -> Self;
-    /// Runs the `f32` or the `f64` side of `W`, whichever this type is.
+    /// Runs the implementation of `W` for this type.
     fn run<W: PerScalar>(input: W::Input<'_, Self>) -> W::Output;
 }
 
-/// Work with one implementation for `f32` and one for `f64`, such as vector instructions, that
-/// generic code reaches through [`Scalar::run`].
+/// A computation with separate implementations for `f32` and `f64`, such as vector instructions.
+///
+/// Generic code calls it through [`Scalar::run`].
 ///
 /// ```
 /// use vsf_core::{PerScalar, Scalar};
@@ -79,13 +80,13 @@ pub trait Scalar:
 /// assert_eq!((ones(&[1.0f32]), ones(&[1.0f64])), (7, 10));
 /// ```
 pub trait PerScalar {
-    /// What the work needs, for either number type.
+    /// The input, for number type `T`.
     type Input<'a, T: Scalar>;
-    /// What it returns.
+    /// The result.
     type Output;
-    /// The work for `f32`.
+    /// The implementation for `f32`.
     fn f32(input: Self::Input<'_, f32>) -> Self::Output;
-    /// The work for `f64`.
+    /// The implementation for `f64`.
     fn f64(input: Self::Input<'_, f64>) -> Self::Output;
 }
 

@@ -4,31 +4,33 @@ use dyn_clone::DynClone;
 /// Turns contacts into a linear observation of the stiffness: joint torques, a wrist wrench, a
 /// force gauge.
 ///
-/// Sensors are [`Clone`]; `Box<dyn Sensor<T>>` is a sensor, and can be cloned, too.
+/// Sensors are [`Clone`]. `Box<dyn Sensor<T>>` is itself a sensor and can be cloned.
 pub trait Sensor<T: Scalar>: DynClone + Send + Sync {
     /// Number of channels `d` of a reading.
     fn dim(&self) -> usize;
 
-    /// An empty observation with this sensor's noise, for [`Sensor::observe`] to write.
+    /// An empty observation with this sensor's noise, to be filled by [`Sensor::observe`].
     fn blank(&self) -> Observation<T>;
 
-    /// Checks that it is made for the robot with these chains, such as by a channel per joint. Asked once, by
-    /// [`Session::new`](crate::Session::new). By default every robot will do.
+    /// Checks that the sensor fits the robot with these chains, for example that it has one channel per joint.
+    ///
+    /// [`Session::new`](crate::Session::new) calls this once. The default accepts every robot.
     ///
     /// # Errors
-    /// What does not fit.
+    /// The sensor does not fit the robot; the error says why.
     fn check_robot(&self, chains: &LinkChains) -> Result<(), CoreError> {
         let _ = chains;
         Ok(())
     }
 
-    /// Writes the columns `w_i` of the touched points and the `reading` into `out`, whatever that held, and its
-    /// noise if that may have changed since [`Sensor::blank`]. The column of a point follows from its own contact,
-    /// and is zero without a displacement.
+    /// Writes the columns `w_i` of the touched points and the `reading` into `out`, replacing its content.
+    ///
+    /// Also writes the noise if it may have changed since [`Sensor::blank`]. The column of a point depends only on
+    /// the point's own contact, and is zero if its displacement is zero.
     ///
     /// # Errors
-    /// A reading of the wrong length, contacts that do not fit posture or points ([`Contacts::check_fits`]),
-    /// values that are not finite.
+    /// A reading of the wrong length, contacts that do not fit the posture or the points
+    /// ([`Contacts::check_fits`]), or values that are not finite.
     fn observe(
         &self,
         rest: &RestPoints,

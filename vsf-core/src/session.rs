@@ -4,15 +4,17 @@ use crate::{
 };
 use std::sync::Arc;
 
-/// Largest reading that is taken (N m or N): beyond any robot, and far from where squares overflow.
+/// Largest accepted reading (N m or N): beyond any robot, and far below where squares overflow.
 pub const MOST_READING: f64 = 1e12;
 
 /// An online estimation: a contact model, a sensor and an estimator of one robot, with the buffers between
-/// them. After warm-up a step allocates nothing of its own. A clone goes its own way from where the session stands:
-/// for a motion tried out, while [`predict_at`](Self::predict_at) is for a single posture.
+/// them.
 ///
-/// To go on after a restart, build a session anew around the restored estimator, between two touches, as contacts are not
-/// saved, and hand it the [`FilterHealth`] that was kept ([`with_health`](Self::with_health)).
+/// After warm-up a step allocates nothing of its own. A clone continues independently from the current state, for
+/// example to try out a motion; for a single posture there is [`predict_at`](Self::predict_at).
+///
+/// To continue after a restart, build a new session around the restored estimator and pass it the saved [`FilterHealth`]
+/// ([`with_health`](Self::with_health)). Contacts are not saved, so do this between two touches.
 ///
 /// ```no_run
 /// # use vsf_core::*;
@@ -54,12 +56,14 @@ where
     S: Sensor<E::Scalar>,
     E: Estimator,
 {
-    /// Puts the parts together. `chains` are those of the robot whose postures the session will be given,
-    /// `RobotModel::chains` of `vsf-robots`; `rest` may be shared.
+    /// Creates a session from its parts.
+    ///
+    /// `chains` are those of the robot whose postures the session will get, `RobotModel::chains` of `vsf-robots`. `rest` may
+    /// be shared.
     ///
     /// # Errors
-    /// A belief of another size than the field, a sensor or contact that is not of this robot, a sensor whose blank observation
-    /// has other channels than it says.
+    /// A belief whose size differs from the field's, a contact model or sensor that does not fit the robot, or a sensor whose
+    /// blank observation does not have [`Sensor::dim`] channels.
     pub fn new(
         chains: Arc<LinkChains>,
         rest: impl Into<Arc<RestPoints>>,
@@ -86,24 +90,24 @@ where
         })
     }
 
-    /// The session with statistics that go on from others, such as those before a restart.
+    /// Sets the statistics to continue from, for example those saved before a restart.
     #[must_use]
     pub fn with_health(self, health: FilterHealth) -> Self {
         Self { health, ..self }
     }
 
-    /// A new touch sequence begins: contacts are forgotten, and the estimator drops what is bound
-    /// to a sequence. The belief is kept.
+    /// Begins a new touch sequence: forgets contacts, and calls [`Estimator::begin_sequence`]. The
+    /// belief is kept.
     pub fn begin_sequence(&mut self) {
         self.begin_touch();
         self.estimator.begin_sequence();
     }
 
-    /// Starts over from `prior`: with another object in the same place, say. The statistics of
-    /// [`health`](Self::health) begin anew as well.
+    /// Starts over from `prior`, for example with another object in the same place. Also resets the statistics of
+    /// [`health`](Self::health).
     ///
     /// # Errors
-    /// A prior of another size than the field, or that the estimator refuses; nothing has changed then.
+    /// A prior whose size differs from the field's, or that the estimator rejects. Nothing is changed then.
     pub fn reset(&mut self, prior: Belief<E::Scalar>) -> Result<(), CoreError> {
         CoreError::check_len("belief", prior.len(), self.rest.len())?;
         self.estimator.reset(prior)?;
@@ -112,23 +116,25 @@ where
         Ok(())
     }
 
-    /// A new touch begins within the sequence: contacts are forgotten. To be called after motion that the session has not seen,
-    /// as where samples are missing; not where the robot leaves the object and comes back step by step.
+    /// Begins a new touch within the sequence: forgets contacts.
+    ///
+    /// Call this after a motion that the session has not seen, for example where samples are missing. It is not needed when
+    /// the robot leaves the object and returns step by step.
     pub fn begin_touch(&mut self) {
         self.contact.reset();
         self.contacts.clear();
     }
 
-    /// Moves the robot to `posture`, takes in the `reading` there and updates the belief.
+    /// Moves the robot to `posture` and updates the belief with the `reading` taken there.
     ///
-    /// What a reading is, its sensor says. That of joint torques takes the load of the environment on the robot, one number per
-    /// joint (N m or N), without gravity; what actuators read has the other sign and the weight of the arm in it.
+    /// The sensor defines what a reading is. The sensor of joint torques expects the load of the environment on the robot,
+    /// one number per joint (N m or N), without gravity. Actuator torques have the opposite sign and include the arm's weight.
     ///
     /// # Errors
-    /// A posture or reading of the wrong size or not finite, a reading beyond [`MOST_READING`], a posture of another robot
-    /// or never written, a sensor or an estimator whose size was changed. The belief is then unchanged; contact has
-    /// advanced if posture and reading passed these checks. An estimator whose report is not finite breaks its promise, and
-    /// what it believes then is its own.
+    /// A posture or reading of the wrong size or not finite; a reading beyond [`MOST_READING`]; a posture of another robot
+    /// or never written; a sensor or an estimator whose size was changed. The belief is then unchanged. Contact has
+    /// advanced if posture and reading passed these checks. An error is also returned if the estimator reports a NIS that is
+    /// not finite, which violates its contract; its belief is then unspecified.
     pub fn step(&mut self, posture: &Posture, reading: &[f64]) -> Result<UpdateReport, CoreError> {
         CoreError::check_len("reading", reading.len(), self.sensor.dim())?;
         CoreError::check_finite("reading", reading)?;
@@ -146,20 +152,23 @@ where
         Ok(report)
     }
 
-    /// Moves the robot to `posture` and predicts the reading there. Learns nothing, but contacts follow as in
-    /// [`step`](Self::step): it is for motions whose readings are not known. Its deviations are those of the estimator: with
-    /// independent points ([`Belief::uniform`]) too small beside touched places.
+    /// Moves the robot to `posture` and predicts the reading there, without learning.
+    ///
+    /// Contacts advance as in [`step`](Self::step), so this is for motions whose readings are unknown. The standard
+    /// deviations are those of the estimator. With independent points ([`Belief::uniform`]) they are too small beside
+    /// touched places.
     ///
     /// # Errors
-    /// A posture that is not finite or does not fit, is of another robot or never written.
+    /// A posture that is not finite, does not fit, belongs to another robot or was never written.
     pub fn predict(&mut self, posture: &Posture, out: &mut Prediction) -> Result<(), CoreError> {
         self.observe(posture, None)?;
         self.estimator.predict(&self.observation, out)
     }
 
-    /// What [`predict`](Self::predict) would say of `posture`, with nothing changed: a glance aside in the middle of
-    /// a touch. The robot is taken to go there in one step. Copies the contact model with all that it remembers,
-    /// which allocates and, with many points, takes as long as a step.
+    /// Predicts the reading at `posture` like [`predict`](Self::predict), but leaves the session unchanged.
+    ///
+    /// It can be used in the middle of a touch. The robot is assumed to move there in one step. This clones the
+    /// contact model with its state, which allocates and, with many points, takes as long as a step.
     ///
     /// # Errors
     /// As [`predict`](Self::predict).
@@ -174,8 +183,8 @@ where
         self.estimator.predict(&observation, out)
     }
 
-    /// Contact models look at link poses alone, sensors at what they need of the rest; and sensor and estimator may
-    /// have been changed from outside.
+    /// Checks the whole posture, since contact models read link poses only and sensors only what they need. Also checks the
+    /// sizes of sensor and estimator, which the caller may have changed.
     fn check(&self, posture: &Posture) -> Result<(), CoreError> {
         CoreError::check_len("channels", self.sensor.dim(), self.zero.len())?;
         CoreError::check_len("belief", self.belief().len(), self.rest.len())?;
@@ -192,7 +201,7 @@ where
             .observe(&self.rest, posture, &self.contacts, reading, out)
     }
 
-    /// Which joints of its robot move which link.
+    /// Which joints of the robot move which link.
     pub fn chains(&self) -> &Arc<LinkChains> {
         &self.chains
     }
@@ -217,7 +226,7 @@ where
         &self.observation
     }
 
-    /// Innovation statistics since the session began or was last [reset](Self::reset).
+    /// Innovation statistics since the session was created or last [reset](Self::reset).
     pub fn health(&self) -> &FilterHealth {
         &self.health
     }
@@ -227,7 +236,7 @@ where
         &self.contact
     }
 
-    /// The contact model, to change what it knows of the world while the session runs, such as where the object is.
+    /// The contact model, to change its knowledge of the world during the session, such as where the object is.
     pub fn contact_mut(&mut self) -> &mut C {
         &mut self.contact
     }
@@ -237,8 +246,8 @@ where
         &self.sensor
     }
 
-    /// The sensor, to change its noise while the session runs. Steps fail from then on if it gets other
-    /// channels.
+    /// The sensor, to change its noise during the session. If its number of channels changes, all further steps
+    /// fail.
     pub fn sensor_mut(&mut self) -> &mut S {
         &mut self.sensor
     }
@@ -248,12 +257,12 @@ where
         &self.estimator
     }
 
-    /// The estimator, to reconfigure it. Steps fail from then on if its belief gets another size.
+    /// The estimator, to reconfigure it. If the size of its belief changes, all further steps fail.
     pub fn estimator_mut(&mut self) -> &mut E {
         &mut self.estimator
     }
 
-    /// Takes the estimator out.
+    /// Consumes the session and returns the estimator.
     pub fn into_estimator(self) -> E {
         self.estimator
     }

@@ -1,5 +1,5 @@
-//! What is read in under the feature `serde` goes through the constructors, and so obeys their
-//! rules. The parts have the fields of the types, in the same order.
+//! Deserialization under the feature `serde`. Values go through the constructors, so that their
+//! checks apply. Each `*Parts` type has the fields of its target type, in the same order.
 
 use crate::{Belief, CoreError, FilterHealth, Noise, Observation, Scalar, SymmetricFactor};
 use serde::Deserialize;

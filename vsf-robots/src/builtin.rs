@@ -5,12 +5,13 @@ use nalgebra::{Isometry3, Matrix3, UnitQuaternion, Vector3};
 use std::f64::consts::{FRAC_PI_2, PI};
 use vsf_core::{CoreError, Shape};
 
-/// Names that [`builtin()`] knows.
+/// Names of the built-in robots, as accepted by [`builtin()`].
 pub const BUILTIN_NAMES: [&str; 3] = ["kinova_gen3", "cartesian_stage", "planar_arm"];
 
-/// The built-in robot called `name`, or `None` for any other name: [`kinova_gen3()`],
-/// [`cartesian_stage`] with a tip of 4 mm radius, or [`planar_arm`] with 3 links of 0.3 m length
-/// and 0.03 m radius.
+/// Creates the built-in robot called `name`; `None` for an unknown name.
+///
+/// The robots are [`kinova_gen3()`], [`cartesian_stage`] with a tip of 4 mm radius, and
+/// [`planar_arm`] with 3 links of 0.3 m length and 0.03 m radius.
 ///
 /// ```
 /// let name = "planar_arm";
@@ -30,10 +31,11 @@ pub fn builtin(name: &str) -> Option<Result<RobotModel, RobotError>> {
     }
 }
 
-/// A probe on a three-axis linear stage: prismatic joints `stage_x`, `stage_y`, `stage_z` along
-/// the world axes (range +-1 m, 100 N, 1 m/s), links `link_0` to `link_3` of 0.1 kg each but the first.
+/// A probe on a three-axis linear stage.
 ///
-/// The tip on `link_3` is a ball of `tip_radius` (1e-9 m to 1e6 m) whose lowest point is the joint position.
+/// The prismatic joints `stage_x`, `stage_y`, `stage_z` move along the world axes (range +-1 m, 100 N,
+/// 1 m/s). The links are `link_0` without mass and `link_1` to `link_3` of 0.1 kg each. The tip on `link_3`
+/// is a ball of `tip_radius` (1e-9 m to 1e6 m). The joint positions are the coordinates of its lowest point.
 ///
 /// # Errors
 /// A radius out of range.
@@ -80,15 +82,16 @@ pub fn cartesian_stage(tip_radius: f64) -> Result<RobotModel, RobotError> {
     RobotModel::assemble(stage, None)
 }
 
-/// An arm that moves in the vertical x-z plane, for examples and tests: `links` >= 1 capsules
-/// `link_1`, `link_2`, ... of `length` > 0 (m) from joint to joint and `radius` > 0 (m), revolute
-/// joints `joint_1`, `joint_2`, ..., and a frame `tip` at the end.
+/// An arm that moves in the vertical x-z plane, for examples and tests.
 ///
-/// At zero position the arm points along x; positive angles lift it toward z. Each link weighs as
-/// much as a solid cylinder of its length and radius made of water (1000 kg/m^3).
+/// It has `links` (1 to 998) capsules `link_1`, `link_2`, ... of `length` > 0 (m) from joint to joint
+/// and `radius` > 0 (m), continuous joints `joint_1`, `joint_2`, ..., and a frame `tip` at the end. At
+/// zero position the arm points along x; positive angles lift it toward z. Each link weighs as much as a
+/// solid cylinder of its length and radius made of water (1000 kg/m^3).
 ///
 /// # Errors
-/// No links or more than 998, a length or radius that is not positive and finite, or one of a link beyond 1e6 m or 1e9 kg.
+/// No links or more than 998, a length or radius that is not positive and finite, or a link larger than 1e6 m or heavier
+/// than 1e9 kg.
 pub fn planar_arm(links: usize, length: f64, radius: f64) -> Result<RobotModel, RobotError> {
     // The base and the tip are links as well.
     if !(1..=MAX_LINKS - 2).contains(&links) {

@@ -3,14 +3,16 @@ use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 use urdf_rs::Geometry;
 
-/// The files of a robot for a folder of their own, by their paths in it: first the URDF, then the
-/// meshes of its collision shapes, which it names by paths relative to itself. Read from there, it is the
-/// same robot, and `packages` are needed no more. Meshes to look at are left out.
+/// Collects the files of a robot, to be written into a folder of their own.
+///
+/// Each file comes with its path in that folder: first the URDF, then the meshes of its collision
+/// shapes. The returned URDF refers to the meshes by relative paths, so that the robot can be read from there
+/// without `packages`. Visual meshes are left out.
 ///
 /// `packages` are as in [`UrdfOptions::packages`](crate::UrdfOptions::packages).
 ///
 /// # Errors
-/// A file that cannot be read, text that is not URDF, addresses that name no file. Messages name the
+/// A file that cannot be read, text that is not URDF, or addresses that name no file. Messages name the
 /// file.
 pub fn urdf_bundle(
     path: impl AsRef<Path>,
@@ -55,7 +57,7 @@ pub fn urdf_bundle(
     Ok(meshes)
 }
 
-/// The text with another value in all attributes of this value; none if there is no such attribute.
+/// Replaces the value `from` by `to` in all attributes; `None` if no attribute has this value.
 fn renamed(text: &str, from: &str, to: &str) -> Option<String> {
     let escape = |s: &str| s.replace('&', "&amp;").replace('<', "&lt;");
     let (from, to) = (escape(from), escape(to));

@@ -1,12 +1,13 @@
 use nalgebra::{Isometry3, Point3};
 use vsf_core::Shape;
 
-/// How far apart radii and centers may be and still mean the same capsule (m).
+/// How far radii and centers may differ (m) within one capsule.
 const TOLERANCE: f64 = 1e-6;
 
-/// URDF before 1.2 has no capsule, so makers write a cylinder and a sphere at each of its ends.
-/// Replaces each such cylinder by a capsule and drops its spheres. A sphere may end several
-/// capsules: it lies within each, so the union of the shapes stays the same.
+/// Replaces each cylinder with a sphere at both ends by a capsule, and drops the spheres.
+///
+/// URDF before 1.2 has no capsule, so makers write these three shapes instead. A sphere may end
+/// several capsules: it lies within each, so the union of the shapes stays the same.
 pub(crate) fn merge(shapes: &mut Vec<(Isometry3<f64>, Shape)>) {
     let mut covered = vec![false; shapes.len()];
     for i in 0..shapes.len() {

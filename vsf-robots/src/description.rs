@@ -2,8 +2,8 @@ use crate::{JointKind, JointLimits};
 use nalgebra::{Isometry3, Matrix3, Vector3};
 use vsf_core::Shape;
 
-/// A robot as its maker writes it down: unordered, unchecked. `RobotModel::assemble` makes a
-/// model of it.
+/// A robot as described by its maker: unordered and unchecked. `RobotModel::assemble` makes a model
+/// of it.
 #[derive(Debug, Clone, Default)]
 pub(crate) struct Description {
     pub name: String,

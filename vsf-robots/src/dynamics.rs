@@ -1,11 +1,11 @@
-//! Recursive Newton-Euler in world coordinates: every spatial vector is taken at the world origin,
-//! like [`vsf_core::JointScrew`], so that passing from link to link needs no transform.
+//! Recursive Newton-Euler algorithm in world coordinates. Every spatial vector refers to the world
+//! origin, like [`vsf_core::JointScrew`], so that no transform is needed from link to link.
 
 use crate::{RobotError, RobotModel};
 use nalgebra::{Point3, Vector3};
 use vsf_core::{CoreError, JointScrew, Posture};
 
-/// Buffers of the dynamics of one robot, made by [`RobotModel::dynamics_workspace`].
+/// Buffers for the dynamics of one robot, created by [`RobotModel::dynamics_workspace`].
 #[derive(Debug, Clone)]
 pub struct DynamicsWorkspace {
     posture: Posture,
@@ -17,7 +17,7 @@ pub struct DynamicsWorkspace {
 }
 
 impl DynamicsWorkspace {
-    /// The posture of the last call.
+    /// The posture of the last dynamics call.
     pub fn posture(&self) -> &Posture {
         &self.posture
     }
@@ -70,7 +70,7 @@ impl Twist {
 }
 
 impl RobotModel {
-    /// Buffers for the dynamics of this robot.
+    /// Creates the buffers for the dynamics of this robot.
     pub fn dynamics_workspace(&self) -> DynamicsWorkspace {
         let (n, d) = (self.link_count(), self.joint_count());
         DynamicsWorkspace {
@@ -89,9 +89,10 @@ impl RobotModel {
         }
     }
 
-    /// Actuator torques that hold the arm still at `q` against gravity: `+dU/dq`, `d` values
-    /// (N m or N). `gravity` is the acceleration of free fall in world (m/s^2), for example
-    /// `(0, 0, -9.81)`. Time proportional to the number of links; never allocates.
+    /// Actuator torques that hold the arm still at `q` against gravity: `+dU/dq`, `d` values (N m or N).
+    ///
+    /// `gravity` is the acceleration of free fall in the world frame (m/s^2), for example
+    /// `(0, 0, -9.81)`. Takes time proportional to the number of links; never allocates.
     ///
     /// # Errors
     /// `q` of the wrong length; `q`, `gravity` or a result not finite;
@@ -107,10 +108,11 @@ impl RobotModel {
         Ok(&workspace.torques)
     }
 
-    /// Actuator torques of the motion `q, qd, qdd` in free air (inverse dynamics):
-    /// `M(q) qdd + C(q, qd) qd + g(q)`, `d` values (N m or N). A force of the environment lessens
-    /// them by `tau_ext = J^T f`; friction is not included. `gravity` as in
-    /// [`RobotModel::gravity_torques`]. Time proportional to the number of links; never allocates.
+    /// Inverse dynamics: actuator torques of the motion `q, qd, qdd` without contact.
+    ///
+    /// These are `M(q) qdd + C(q, qd) qd + g(q)`, `d` values (N m or N). Friction is not included. A
+    /// force of the environment reduces them by `tau_ext = J^T f`. `gravity` is as in
+    /// [`RobotModel::gravity_torques`]. Takes time proportional to the number of links; never allocates.
     ///
     /// # Reference
     /// J. Y. S. Luh, M. W. Walker, R. P. C. Paul, "On-line computational scheme for mechanical
@@ -136,9 +138,10 @@ impl RobotModel {
         Ok(&workspace.torques)
     }
 
-    /// Joint-space mass matrix `M(q)`, row-major `d x d` (kg m^2, kg m or kg), symmetric. Column
-    /// `j` is the torque of a unit acceleration of joint `j` without gravity: `d` recursions, time
-    /// proportional to `d` times the number of links; never allocates.
+    /// Joint-space mass matrix `M(q)`, row-major `d x d` (kg m^2, kg m or kg), symmetric.
+    ///
+    /// Column `j` holds the torques of a unit acceleration of joint `j` without gravity. Takes time
+    /// proportional to `d` times the number of links (`d` recursions); never allocates.
     ///
     /// # Errors
     /// As [`RobotModel::gravity_torques`].

@@ -2,7 +2,7 @@ use std::path::PathBuf;
 use thiserror::Error;
 use vsf_core::CoreError;
 
-/// What can be wrong with a robot description, a mesh, or the numbers handed to a model.
+/// Errors of robot descriptions, of meshes, and of the numbers passed to a model.
 #[derive(Debug, Error)]
 #[non_exhaustive]
 pub enum RobotError {
@@ -11,7 +11,7 @@ pub enum RobotError {
     Read {
         /// The file.
         path: PathBuf,
-        /// What the system says.
+        /// The error of the operating system.
         source: std::io::Error,
     },
     /// The text is not a URDF.
@@ -19,7 +19,7 @@ pub enum RobotError {
     Urdf {
         /// The file, or `URDF text`.
         origin: String,
-        /// What the parser says.
+        /// What is wrong.
         reason: String,
     },
     /// The robot has no links.
@@ -118,7 +118,7 @@ pub enum RobotError {
         /// Largest speed.
         velocity: f64,
     },
-    /// A pose is not finite, or beyond 1e6 m.
+    /// A pose is not finite, or farther away than 1e6 m.
     #[error("the {what} of '{name}' is not finite, or farther off than 1e6 m")]
     Pose {
         /// Which pose.
@@ -126,17 +126,17 @@ pub enum RobotError {
         /// The link, joint or robot it belongs to.
         name: String,
     },
-    /// An angle of an origin in a URDF is larger than two full turns.
+    /// An angle of an origin in a URDF is larger than two full turns, and so probably in degrees.
     #[error(
         "the origin of {what} '{name}' is turned by {angle} rad, more than two full turns; \
          angles of a URDF are in radians, not degrees"
     )]
     Degrees {
-        /// What the origin is of.
+        /// What the origin belongs to.
         what: &'static str,
         /// The link or joint.
         name: String,
-        /// The angle.
+        /// The angle (rad).
         angle: f64,
     },
     /// A mass is not in 0 .. 1e9 kg.
@@ -144,10 +144,10 @@ pub enum RobotError {
     Mass {
         /// The link.
         link: String,
-        /// Its mass.
+        /// Its mass (kg).
         mass: f64,
     },
-    /// A rotational inertia is not positive semidefinite, or beyond 1e15 kg m².
+    /// A rotational inertia is not positive semidefinite, or exceeds 1e15 kg m².
     #[error(
         "the inertia of link '{link}' has the principal moment {moment:e} kg m^2; \
          all must be in 0 .. 1e15"
@@ -155,7 +155,7 @@ pub enum RobotError {
     Inertia {
         /// The link.
         link: String,
-        /// Its smallest principal moment, or the entry that is beyond.
+        /// Its smallest principal moment, or the entry out of range (kg m²).
         moment: f64,
     },
     /// A collision shape is out of range.
@@ -166,7 +166,7 @@ pub enum RobotError {
         /// What is wrong.
         source: CoreError,
     },
-    /// A `package://` address names a package whose folder is not known.
+    /// A `package://` address names a package whose folder is unknown.
     #[error(
         "'{uri}': the folder of package '{package}' is not known; \
          add it to UrdfOptions::packages, or skip meshes with Meshes::Skip"
@@ -191,7 +191,7 @@ pub enum RobotError {
         /// What is wrong and what to do.
         reason: String,
     },
-    /// No link of that name.
+    /// There is no link of this name.
     #[error("no link '{name}'; the links are {}", listed(known))]
     UnknownLink {
         /// The name.
@@ -199,7 +199,7 @@ pub enum RobotError {
         /// The names of all links.
         known: Vec<String>,
     },
-    /// No moving joint of that name.
+    /// There is no moving joint of this name.
     #[error("no moving joint '{name}'; the moving joints are {}", listed(known))]
     UnknownJoint {
         /// The name.
@@ -213,20 +213,20 @@ pub enum RobotError {
         listed(missing)
     )]
     IncompleteJointOrder {
-        /// The moving joints left out.
+        /// The moving joints that are left out.
         missing: Vec<String>,
     },
-    /// A workspace that belongs to a robot with other links or joints.
+    /// The workspace belongs to a robot with other links or joints.
     #[error(
         "this workspace was made for another robot; use RobotModel::dynamics_workspace of this one"
     )]
     ForeignWorkspace,
-    /// Numbers of the wrong count, out of range or not finite.
+    /// Numbers are out of range or not finite, or there are too many or too few.
     #[error(transparent)]
     Core(#[from] CoreError),
 }
 
-/// Names for a message, the first of them where there are many.
+/// Joins names for a message; only the first ones if there are many.
 fn listed(names: &[String]) -> String {
     const MOST: usize = 30;
     match names.len().checked_sub(MOST) {

@@ -3,7 +3,7 @@ use std::fs::File;
 use std::io::{Error, ErrorKind, Read};
 use std::path::Path;
 
-/// The bytes of a file of at most `most` bytes. Devices go on for ever, and a robot may name any path.
+/// Reads a file of at most `most` bytes. A robot description may name any path, also an endless device.
 pub(crate) fn read(path: &Path, most: u64) -> Result<Vec<u8>, RobotError> {
     let read = || {
         let mut bytes = Vec::new();

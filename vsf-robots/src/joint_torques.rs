@@ -3,16 +3,16 @@ use vsf_core::{
     Contacts, CoreError, LinkChains, Noise, Observation, Posture, RestPoints, Scalar, Sensor,
 };
 
-/// External joint torques as a linear observation of the stiffness: the column of a touched point
-/// is `w_i = -J(q, p_i + u_i)^T u_i` (Yao & Hauser, eq. 2-4), the Jacobian being that of the link
-/// that touches it.
+/// Sensor of external joint torques, a linear observation of the stiffness.
+///
+/// The column of a touched point is `w_i = -J(q, p_i + u_i)^T u_i` (Yao & Hauser, eq. 2-4), with the
+/// Jacobian of the link that touches it.
 ///
 /// The reading has one value per joint, in the robot's order: the load of the environment on the
-/// robot, with gravity already removed [N m, N for prismatic joints].
+/// robot, with gravity already removed (N m, or N for prismatic joints).
 ///
-/// Its noise may be one deviation for all joints, one each, or a full covariance (joints that share
-/// an amplifier, a base that shakes), and may change from reading to reading:
-/// [`JointTorques::set_noise`].
+/// The noise is one standard deviation for all joints, one per joint, or a full covariance (joints that
+/// share an amplifier, a base that shakes). [`JointTorques::set_noise`] changes it between readings.
 ///
 /// ```
 /// use vsf_core::nalgebra::{Point3, Vector3};
@@ -39,16 +39,16 @@ pub struct JointTorques {
 }
 
 impl JointTorques {
-    /// A sensor with `noise.dim()` joints and that noise on every reading.
+    /// Creates a sensor of `noise.dim()` joints with this noise on every reading.
     pub fn new(noise: Noise) -> Self {
         Self { noise }
     }
 
-    /// Replaces the noise, from the next observation on, keeping the memory. In a session:
+    /// Replaces the noise from the next observation on, reusing the memory. In a session, call
     /// `session.sensor_mut().set_noise(&noise)`.
     ///
     /// # Errors
-    /// Noise of another number of joints; the noise is then unchanged.
+    /// Noise for another number of joints. The noise is then unchanged.
     pub fn set_noise(&mut self, noise: &Noise) -> Result<(), CoreError> {
         CoreError::check_len("noise", noise.dim(), self.noise.dim())?;
         self.noise.clone_from(noise);
@@ -60,15 +60,15 @@ impl JointTorques {
         &self.noise
     }
 
-    /// Number of joints: that of the channels ([`Sensor::dim`], which asks for a number type).
+    /// Number of joints, which are the channels. Unlike [`Sensor::dim`] this needs no number type.
     pub fn dim(&self) -> usize {
         self.noise.dim()
     }
 
-    /// Checks that it has a channel for every joint of a robot ([`Sensor::check_robot`]).
+    /// Checks that the sensor has one channel per joint of a robot, like [`Sensor::check_robot`].
     ///
     /// # Errors
-    /// Another number of joints.
+    /// The robot has another number of joints.
     pub fn check_robot(&self, chains: &LinkChains) -> Result<(), CoreError> {
         CoreError::check_len(
             "noise of the joint torques",
@@ -102,7 +102,7 @@ impl<T: Scalar> Sensor<T> for JointTorques {
         let d = self.noise.dim();
         CoreError::check_len("joints of the posture", posture.screws().len(), d)?;
         CoreError::check_len("observation", out.dim(), d)?;
-        // Its noise is not to be that of the reading before.
+        // The new noise must not be checked against the previous reading.
         out.clear();
         out.set_noise(&self.noise)?;
         contacts.check_fits(rest, posture)?;
@@ -115,7 +115,7 @@ impl<T: Scalar> Sensor<T> for JointTorques {
     }
 }
 
-/// Contacts whose wrenches are kept between two passes.
+/// Number of contacts whose wrenches are kept between the two passes.
 const BLOCK: usize = 256;
 
 /// The entries of some contacts in all rows: `angular . (p x f) + linear . f` with the force

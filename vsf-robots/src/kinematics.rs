@@ -4,18 +4,19 @@ use nalgebra::{Point3, Translation3, UnitQuaternion, Vector3};
 use vsf_core::{CoreError, JointScrew, Posture};
 
 impl RobotModel {
-    /// A posture of this robot to be written by [`RobotModel::update_posture`].
+    /// Creates a posture for this robot, to be written by [`RobotModel::update_posture`].
     pub fn posture(&self) -> Posture {
         Posture::new(self.chains.clone())
     }
 
-    /// Forward kinematics: writes the pose of every link and the axis of every joint for the joint
-    /// positions `q` (`d` values, rad or m; limits are not enforced). Never allocates; time
-    /// proportional to the number of links.
+    /// Forward kinematics: writes the pose of every link and the axis of every joint.
+    ///
+    /// `q` holds the joint positions (`d` values, rad or m). Limits are not enforced. Never allocates;
+    /// takes time proportional to the number of links.
     ///
     /// # Errors
-    /// `q` of the wrong length or not finite, [`CoreError::ForeignPosture`], or poses beyond the
-    /// range of numbers. The posture is untouched in the first two cases.
+    /// `q` of the wrong length or not finite, or [`CoreError::ForeignPosture`]; the posture is then
+    /// unchanged. Also poses that overflow; the posture is then overwritten.
     pub fn update_posture(&self, q: &[f64], posture: &mut Posture) -> Result<(), CoreError> {
         CoreError::check_len("joint positions", q.len(), self.joint_count())?;
         CoreError::check_finite("joint positions", q)?;
@@ -45,11 +46,11 @@ impl RobotModel {
     }
 }
 
-/// Jacobian of the point of `link` that is at `p_W` (m): `columns[j]` is the velocity of that
-/// point per unit velocity of joint `j`, zero for joints that do not move the link.
+/// Computes the Jacobian of the point of `link` that is at `p_W` (m).
 ///
-/// For users and tests; the real-time path multiplies by `J^T` with
-/// [`vsf_core::Posture::joint_torques`] and forms no Jacobian.
+/// `columns[j]` becomes the velocity of that point per unit velocity of joint `j`, zero for joints
+/// that do not move the link. This is for users and tests; the real-time path multiplies by `J^T` with
+/// [`vsf_core::Posture::joint_torques`] and never forms a Jacobian.
 ///
 /// ```
 /// use vsf_core::nalgebra::{Point3, Vector3};
@@ -64,7 +65,7 @@ impl RobotModel {
 /// ```
 ///
 /// # Errors
-/// A link out of range, `columns` of another length than `d`.
+/// A link out of range, or `columns` whose length is not `d`.
 pub fn jacobian(
     posture: &Posture,
     link: usize,

@@ -22,7 +22,7 @@ const LINKS: [LinkRow; 8] = [
 /// largest torque (N m). Joint k connects links k - 1 and k; all turn about their z axis.
 type JointRow = ([f64; 3], f64, f64, f64);
 
-/// The maker's table gives the quarter and half turns with five digits; so do these numbers.
+/// Quarter and half turns have five digits, as in the maker's table.
 #[expect(clippy::approx_constant, reason = "the published value")]
 const QUARTER: f64 = 1.5708;
 #[expect(clippy::approx_constant, reason = "the published value")]
@@ -41,14 +41,16 @@ const JOINTS: [JointRow; 7] = [
 
 const MAX_SPEED: f64 = 0.8727;
 
-/// The Kinova Gen3 arm: 7 joints `Actuator1` to `Actuator7`, without vision module and gripper.
+/// The Kinova Gen3 arm, without vision module and gripper.
 ///
-/// Links: `world` (the mounting plate), `Base_Link`, `Shoulder_Link`, `HalfArm1_Link`,
-/// `HalfArm2_Link`, `ForeArm_Link`, `SphericalWrist1_Link`, `SphericalWrist2_Link`,
-/// `Bracelet_Link`, and the tool frame `EndEffector_Link`. Kinematics and inertias are the values
-/// that the maker publishes (Kinova, *KINOVA Gen3 Ultra lightweight robot user guide*, and its
-/// ROS description GEN3_URDF_V12), quarter turns as rounded there. Collision shapes are primitives
-/// that approximate the maker's meshes.
+/// It has 7 joints, `Actuator1` to `Actuator7`. The links are `world` (the mounting plate),
+/// `Base_Link`, `Shoulder_Link`, `HalfArm1_Link`, `HalfArm2_Link`, `ForeArm_Link`,
+/// `SphericalWrist1_Link`, `SphericalWrist2_Link`, `Bracelet_Link`, and the tool frame
+/// `EndEffector_Link`.
+///
+/// Kinematics and inertias are published by the maker (Kinova, *KINOVA Gen3 Ultra lightweight robot
+/// user guide*, and its ROS description GEN3_URDF_V12). Quarter turns are rounded as in that source.
+/// Collision shapes are primitives that approximate the maker's meshes.
 ///
 /// # Errors
 /// None in practice: the values are constants that tests check.

@@ -2,13 +2,13 @@
 //!
 //! The straight ends of a link are cylinders that stop flush at the joint faces. The shapes of the
 //! bend between them were added one by one where the mesh stuck out most, and exchanged while that
-//! helped, each time with all parameters refitted by least squares to signed distances at points on
-//! the mesh and 2 to 8 mm outside it, from several random starts. Bends are mirror images about the
+//! helped. Each time all parameters were refitted by least squares, from several random starts, to
+//! signed distances at points on the mesh and 2 to 8 mm outside it. Bends are symmetric about the
 //! yz-plane, as the links are. Lengths are rounded to 0.1 mm.
 //!
-//! Deviation over the outer surface (mesh points whose outward directions are free by more than
-//! 15 %), without what a neighboring link hides (joint faces, collars and the cup on top of the
-//! base), as median / 90th percentile / maximum in millimeters:
+//! The table gives the deviation over the outer surface (mesh points whose outward directions are free
+//! by more than 15 %) as median / 90th percentile / maximum in millimeters. Parts that a neighboring
+//! link hides (joint faces, collars and the cup on top of the base) are not counted.
 //!
 //! | link | shapes | mesh to shapes | shapes to mesh |
 //! | --- | --- | --- | --- |
@@ -71,7 +71,7 @@ const ROUND_CONES: [RoundConeRow; 7] = [
     ("ForeArm_Link",         [-0.0076, -0.0875, -0.034], 0.0157, [-0.0023, -0.1677, -0.0076], 0.0323),
 ];
 
-/// Link, center in the link frame, turn about x (rad), half extents, rounding of the edges; meters.
+/// Link, center in the link frame, rotation about x (rad), half extents, rounding of the edges; lengths in meters.
 type BoxRow = (&'static str, [f64; 3], f64, [f64; 3], f64);
 
 #[rustfmt::skip]

@@ -1,23 +1,24 @@
 //! Robots from URDF: kinematics, rigid-body dynamics, and joint-torque sensing.
 //!
-//! A [`RobotModel`] is immutable and made once, from a URDF file or by a built-in constructor.
+//! A [`RobotModel`] is immutable and created once, from a URDF file or by a built-in constructor.
 //! Everything that changes from step to step lies in buffers that the caller owns: a
-//! [`vsf_core::Posture`] for kinematics, a [`DynamicsWorkspace`] for dynamics. Neither path
-//! allocates after the buffers are made.
+//! [`vsf_core::Posture`] for kinematics and a [`DynamicsWorkspace`] for dynamics. Once these buffers
+//! exist, neither kinematics nor dynamics allocates.
 //!
-//! | need | call |
+//! | task | item |
 //! | --- | --- |
 //! | read a robot | [`RobotModel::from_urdf_file`], [`RobotModel::from_urdf_str`], [`builtin()`] |
 //! | link poses and joint axes | [`RobotModel::update_posture`] |
 //! | Jacobian of a point on a link | [`jacobian`]; torques of a force: [`vsf_core::Posture::joint_torques`] |
-//! | gravity, inverse dynamics, mass matrix | [`RobotModel::gravity_torques`], [`RobotModel::inverse_dynamics`], [`RobotModel::mass_matrix`] |
-//! | shapes that touch things | [`RobotModel::colliders`] |
+//! | gravity torques | [`RobotModel::gravity_torques`] |
+//! | inverse dynamics, mass matrix | [`RobotModel::inverse_dynamics`], [`RobotModel::mass_matrix`] |
+//! | collision shapes | [`RobotModel::colliders`] |
 //! | torques as observations of stiffness | [`JointTorques`] |
 //!
-//! Joints are numbered in chain order: depth-first from the root, whatever the order in the file,
-//! or in an order given by name ([`UrdfOptions::joint_order`]). Gravity is never implied: every
-//! dynamics call takes it. Units are SI; a prismatic joint has positions in meters and "torques" in
-//! newtons.
+//! By default joints are numbered in chain order: depth-first from the root, with branches in the order
+//! of the file. [`UrdfOptions::joint_order`] sets another order by name. Gravity is never implied: it is
+//! an argument of every dynamics call that depends on it. Units are SI; a prismatic joint has positions
+//! in meters and "torques" in newtons.
 //!
 //! ```
 //! use vsf_core::nalgebra::{Point3, Vector3};
@@ -40,8 +41,8 @@
 //! ```
 //!
 //! Rejected: the `k` kinematics crate (unmaintained); forming Jacobians in the
-//! real-time path (columns `-J^T u` need one cross product a point); mimic, floating, planar and
-//! spherical joints (an observation needs one torque per coordinate; they are refused by name).
+//! real-time path (columns `-J^T u` need one cross product per point); mimic, floating, planar and
+//! spherical joints (an observation needs one torque per coordinate; the error names the joint).
 
 #![forbid(unsafe_code)]
 #![deny(clippy::print_stdout, clippy::print_stderr)]

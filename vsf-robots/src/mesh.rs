@@ -5,7 +5,7 @@ use std::io::Cursor;
 use std::path::Path;
 use vsf_core::TriMesh;
 
-/// Longest file that is read [bytes]: 20 million triangles.
+/// Largest file that is read (bytes): 20 million triangles.
 pub(crate) const MAX_LENGTH: u64 = 1 << 30;
 
 /// How files begin that stand for what was not fetched.

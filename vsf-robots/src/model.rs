@@ -15,7 +15,7 @@ pub enum JointKind {
     Prismatic,
 }
 
-/// Limits of a joint as the robot's maker states them. They inform; the model enforces none.
+/// Limits of a joint as stated by the robot's maker. They are for information: the model enforces none.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct JointLimits {
     /// Lower position limit (rad or m); minus infinity where none is stated.
@@ -48,28 +48,29 @@ pub struct Joint {
 }
 
 impl Joint {
-    /// Its name.
+    /// Name of the joint.
     pub fn name(&self) -> &str {
         &self.name
     }
 
-    /// How it moves.
+    /// How the joint moves.
     pub fn kind(&self) -> JointKind {
         self.kind
     }
 
-    /// Index of the link it moves.
+    /// Index of the child link.
     pub fn child(&self) -> usize {
         self.child
     }
 
-    /// Its limits.
+    /// Limits of the joint.
     pub fn limits(&self) -> &JointLimits {
         &self.limits
     }
 
-    /// The change of its position from one to another (rad or m). A continuous joint is after a whole turn
-    /// where it was before: of it, the change within half a turn.
+    /// Change of the joint's position from one value to another (rad or m).
+    ///
+    /// For a continuous joint whole turns do not count: the change is within half a turn.
     pub fn change(&self, from: f64, to: f64) -> f64 {
         let change = to - from;
         match self.kind {
@@ -79,7 +80,7 @@ impl Joint {
     }
 }
 
-/// How a link moves in its parent; `joint` is the index of the joint.
+/// How a link moves relative to its parent; `joint` is the index of the joint.
 #[derive(Debug, Clone, PartialEq)]
 pub(crate) enum Motion {
     Fixed,
@@ -116,7 +117,7 @@ pub struct Link {
 }
 
 impl Link {
-    /// Its name.
+    /// Name of the link.
     pub fn name(&self) -> &str {
         &self.name
     }
@@ -126,7 +127,7 @@ impl Link {
         self.parent
     }
 
-    /// Mass (kg), 0 where the description gives none.
+    /// Mass (kg), 0 if the description gives none.
     pub fn mass(&self) -> f64 {
         self.mass
     }
@@ -137,10 +138,11 @@ impl Link {
     }
 }
 
-/// A robot: a tree of rigid links and joints with one coordinate each, placed in the world.
+/// A robot placed in the world: a tree of rigid links, connected by joints with at most one coordinate each.
 ///
-/// Immutable and `Sync`; the state lies in buffers of the caller. Links are in depth-first order,
-/// so that a parent precedes its children; see the crate documentation for the order of joints.
+/// The model is immutable and `Sync`; the state lies in buffers of the caller. Links are in
+/// depth-first order, so that a parent precedes its children. The [crate documentation](crate) describes
+/// the order of joints.
 #[derive(Debug, Clone, PartialEq)]
 pub struct RobotModel {
     pub(crate) name: String,
@@ -158,8 +160,10 @@ impl RobotModel {
         &self.name
     }
 
-    /// The first 100 elements and attributes of the URDF's links and joints that are not understood, and so have no effect,
-    /// each with its line. Those with a prefix, and what is in visuals and extensions, are not looked at.
+    /// Unknown elements and attributes of the URDF's links and joints, which have no effect.
+    ///
+    /// Each is given with its line, up to the first 100. Names with a prefix are not checked, nor is the content of visuals
+    /// and extensions.
     pub fn unread(&self) -> &[String] {
         &self.unread
     }
@@ -169,17 +173,17 @@ impl RobotModel {
         self.joints.len()
     }
 
-    /// Moving joints, in the order of joint vectors. Fixed joints have no entry.
+    /// Moving joints, in the order of joint vectors. Fixed joints are not included.
     pub fn joints(&self) -> &[Joint] {
         &self.joints
     }
 
-    /// Number of links, those behind fixed joints included.
+    /// Number of links, including those behind fixed joints.
     pub fn link_count(&self) -> usize {
         self.links.len()
     }
 
-    /// Links, depth-first from the root.
+    /// Links, in depth-first order from the root.
     pub fn links(&self) -> &[Link] {
         &self.links
     }
@@ -187,7 +191,7 @@ impl RobotModel {
     /// Index of the link called `name`.
     ///
     /// # Errors
-    /// [`RobotError::UnknownLink`] lists the names there are.
+    /// [`RobotError::UnknownLink`] lists the existing names.
     pub fn link_index(&self, name: &str) -> Result<usize, RobotError> {
         self.links
             .iter()
@@ -201,7 +205,7 @@ impl RobotModel {
     /// Index of the moving joint called `name`.
     ///
     /// # Errors
-    /// [`RobotError::UnknownJoint`] lists the names there are.
+    /// [`RobotError::UnknownJoint`] lists the existing names.
     pub fn joint_index(&self, name: &str) -> Result<usize, RobotError> {
         self.joints
             .iter()
@@ -212,8 +216,9 @@ impl RobotModel {
             })
     }
 
-    /// The link that most joints move, of several the last: the end effector of an arm, whatever the order of
-    /// its joints.
+    /// Index of the link that is moved by most joints, the last one if there are several.
+    ///
+    /// This is the end effector of an arm, whatever the order of its joints.
     pub fn end_effector(&self) -> usize {
         let links = 0..self.links.len();
         links
@@ -221,20 +226,20 @@ impl RobotModel {
             .unwrap_or(0)
     }
 
-    /// The last joint that moves the [end effector](Self::end_effector), `None` without a moving joint.
+    /// Index of the last joint that moves the [end effector](Self::end_effector); `None` without moving joints.
     pub fn last_joint(&self) -> Option<usize> {
         let chain = self.chains.chain(self.end_effector());
         chain.last().map(|j| *j as usize)
     }
 
-    /// The link that the [last joint](Self::last_joint) moves, the first link without a moving joint.
+    /// Index of the child link of the [last joint](Self::last_joint); that of the first link without moving joints.
     pub fn last_link(&self) -> usize {
         self.last_joint().map_or(0, |j| self.joints[j].child())
     }
 
     /// Collision shapes, grouped by link in the order of links.
     ///
-    /// A `<cylinder>` with a `<sphere>` of its radius at each end (to 1 um) is one
+    /// A `<cylinder>` with a `<sphere>` of its radius at each end (to 1 um) becomes one
     /// [`vsf_core::Shape::Capsule`].
     pub fn colliders(&self) -> &[Collider] {
         &self.colliders
@@ -247,8 +252,8 @@ impl RobotModel {
 
     /// Moving links without mass, in link order. Dynamics treat them as massless.
     ///
-    /// A URDF that gives no `<inertial>` means mass 0, which is right for a tool frame and wrong for
-    /// a body: when this list holds a body, torques computed by the model lack its weight.
+    /// A URDF link without `<inertial>` has mass 0, which is right for a tool frame and wrong for a body.
+    /// If this list contains a body, torques computed by the model lack its weight.
     pub fn links_without_inertia(&self) -> impl Iterator<Item = &Link> {
         self.links
             .iter()
@@ -257,9 +262,10 @@ impl RobotModel {
             .map(|(_, link)| link)
     }
 
-    /// Links whose inertia no body has, in link order: one principal moment is more than the other two together
-    /// (beyond 2 %, for figures that were rounded). Dynamics take them as they are; torques computed by the model
-    /// are then off in fast motion, and the URDF is likely wrong.
+    /// Links whose inertia is physically impossible, in link order.
+    ///
+    /// One principal moment is larger than the sum of the other two, by more than 2 % to allow for rounded numbers. The
+    /// URDF is then likely wrong. Dynamics use the inertia as it is, so computed torques are off in fast motion.
     pub fn links_with_impossible_inertia(&self) -> impl Iterator<Item = &Link> {
         self.links.iter().filter(|link| {
             let inertia = &link.inertia_L;
@@ -270,12 +276,12 @@ impl RobotModel {
         })
     }
 
-    /// Pose of the root link in world, `X_WB`. Default: identity.
+    /// Pose of the root link in the world, `X_WB`. Default: identity.
     pub fn base_pose(&self) -> &Isometry3<f64> {
         &self.X_WB
     }
 
-    /// The same robot with its root link at `X_WB` in world.
+    /// Places the robot with its root link at `X_WB` in the world.
     ///
     /// ```
     /// use vsf_core::nalgebra::Isometry3;
@@ -300,7 +306,7 @@ impl RobotModel {
     }
 }
 
-/// Whether a pose is one, no farther off than points may be.
+/// Whether a pose is finite and within [`RestPoints::FARTHEST`] of the origin.
 pub(crate) fn is_near(X: &Isometry3<f64>) -> bool {
     let near = |v: &f64| v.abs() <= RestPoints::FARTHEST;
     X.translation.vector.iter().all(near) && X.rotation.coords.iter().all(|v| v.is_finite())

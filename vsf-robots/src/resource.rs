@@ -2,8 +2,8 @@ use crate::RobotError;
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
-/// Path of the file that `uri` names: `package://name/...` by the map of package folders,
-/// `file://...`, or a path; relative ones start at `dir`.
+/// Path of the file that `uri` names: `package://name/...` (looked up in `packages`), `file://...`, or
+/// a path. Relative paths start at `dir`.
 pub(crate) fn resolve(
     uri: &str,
     dir: &Path,

@@ -1,7 +1,7 @@
-//! What the tags of an XML text ask of the parser, which has no answer to all of it.
+//! Checks of the tags of an XML text, for inputs that the parser does not handle.
 
-/// How deep the elements are nested. The parser recurses, and a text nested deep enough would exhaust
-/// its stack, which is not an error one can catch.
+/// How deep the elements are nested. The parser recurses, and a deeply nested text would overflow its
+/// stack, which cannot be caught as an error.
 pub(crate) fn depth(text: &str) -> usize {
     let (mut depth, mut deepest) = (0usize, 0);
     for tag in tags(text) {
@@ -15,8 +15,8 @@ pub(crate) fn depth(text: &str) -> usize {
     deepest
 }
 
-/// What is wrong first with how elements open and close, and its line. The parser reads a text of its own making,
-/// whose lines are others.
+/// The first error in how elements open and close, with its line. The lines that the parser reports are those of a text that
+/// it generates itself.
 pub(crate) fn unbalanced(text: &str) -> Option<(usize, String)> {
     let line = |tag: &str| line(text, place(text, tag));
     let mut open: Vec<&str> = Vec::new();
@@ -60,7 +60,7 @@ pub(crate) fn unbalanced(text: &str) -> Option<(usize, String)> {
     Some((line(behind), format!("text after the end of <{first}>")))
 }
 
-/// An element of the outermost one.
+/// A direct child of the outermost element.
 pub(crate) struct Child<'a> {
     /// Its text.
     whole: &'a str,
@@ -79,14 +79,14 @@ impl<'a> Child<'a> {
         line(text, place(text, self.whole))
     }
 
-    /// It alone within the outermost one, as a text.
+    /// A text with the outermost element that contains only this element.
     pub(crate) fn alone(&self) -> String {
         let Self { whole, outermost } = self;
         format!("{outermost}{whole}</{}>", name(outermost))
     }
 }
 
-/// The elements of the outermost one of a text that is balanced.
+/// The direct children of the outermost element of a balanced text.
 pub(crate) fn children(text: &str) -> Vec<Child<'_>> {
     let mut found = Vec::new();
     let mut open: Vec<&str> = Vec::new();
@@ -108,12 +108,12 @@ pub(crate) fn children(text: &str) -> Vec<Child<'_>> {
     found
 }
 
-/// Whether a tag opens an element that another one closes.
+/// Whether a tag opens an element that another tag closes.
 pub(crate) fn opens(tag: &str) -> bool {
     begins_element(tag) && !tag.ends_with("/>")
 }
 
-/// Whether a tag begins an element, which it may be the whole of.
+/// Whether a tag begins an element, or is a whole element.
 pub(crate) fn begins_element(tag: &str) -> bool {
     !["</", "<?", "<!"].iter().any(|s| tag.starts_with(s))
 }
@@ -138,7 +138,7 @@ pub(crate) fn name(tag: &str) -> &str {
 /// Whether a name has an empty prefix (`:name`), or the prefix `xmlns` is declared anew. The parser panics
 /// where it writes such names again.
 pub(crate) fn bad_prefix(text: &str) -> bool {
-    // Wherever it stands: of stray quotes the parser has its own view.
+    // Anywhere in the text, since the parser treats stray quotes in its own way.
     text.contains("xmlns:xmlns")
         || tags(text).any(|tag| {
             let bare: String = without_values(tag).map(|(_, c)| c).collect();
@@ -171,7 +171,7 @@ pub(crate) fn values<'a>(text: &'a str, wanted: &str) -> impl Iterator<Item = (&
     })
 }
 
-/// The characters of a text that begins outside of quotes, each with its place; blanks for values in quotes.
+/// The characters of a text that begins outside of quotes, each with its position. Quoted values become blanks.
 fn without_values(text: &str) -> impl Iterator<Item = (usize, char)> {
     let mut quote = None;
     text.char_indices().map(move |(at, c)| {

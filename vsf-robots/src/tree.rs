@@ -1,4 +1,4 @@
-//! From a description to a model: every check, and the order of links and joints.
+//! Turns a description into a model: all checks, and the order of links and joints.
 
 use crate::description::{Description, JointDescription, LinkDescription};
 use crate::model::{Motion, is_near};
@@ -8,12 +8,12 @@ use std::collections::HashMap;
 use std::sync::Arc;
 use vsf_core::{Collider, LinkChains};
 
-/// Far beyond any robot. Every link knows the joints above it, so that a chain costs the square.
+/// Far beyond any robot. Every link stores the joints above it, so that a chain takes quadratic memory.
 pub(crate) const MAX_LINKS: usize = 1000;
 
 /// Rounding that a printed inertia may carry, relative to its largest entry.
 const INERTIA_ROUNDING: f64 = 1e-9;
-/// Masses (kg) and moments of inertia (kg m²) beyond any robot's, of which torques are still numbers.
+/// Masses (kg) and moments of inertia (kg m²) beyond any robot's, with which torques are still finite.
 const MOST_MASS: f64 = 1e9;
 const MOST_MOMENT: f64 = 1e15;
 
@@ -89,7 +89,7 @@ impl RobotModel {
     }
 }
 
-/// How described links hang together.
+/// How the described links are connected.
 struct Tree {
     /// Described links, parents first.
     depth_first: Vec<usize>,
@@ -192,7 +192,7 @@ fn unique<'a>(
     Ok(by_name)
 }
 
-/// Described moving joint -> index in joint vectors.
+/// Maps each described moving joint to its index in joint vectors.
 fn number_joints(
     tree: &Tree,
     joints: &[JointDescription],
@@ -297,7 +297,7 @@ fn body(
     })
 }
 
-/// A principal moment that no body has, beyond rounding.
+/// A principal moment that is negative beyond rounding, or an entry that is not finite or too large.
 fn odd_moment(inertia: &Matrix3<f64>) -> Option<f64> {
     if let Some(&bad) = inertia
         .iter()

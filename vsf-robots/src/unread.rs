@@ -1,9 +1,9 @@
-//! What a URDF says in words that are not understood: misspelled, it changes the robot without an error.
+//! Elements and attributes of a URDF that are not understood. A misspelled one would change the robot without an error.
 
 use crate::tags;
 
-/// Elements of links and joints by their path: the elements that may be in them, and their attributes. What is in others,
-/// as in visuals and extensions of simulators, is not looked at; names with a prefix (`drake:...`) are such extensions.
+/// Elements of links and joints by their path, with the elements and attributes that they may contain. The content of other
+/// elements, such as visuals and extensions of simulators, is not checked. Names with a prefix (`drake:...`) are extensions.
 const KNOWN: [(&str, &[&str], &[&str]); 23] = [
     (
         "link",
@@ -110,7 +110,8 @@ const KNOWN: [(&str, &[&str], &[&str]); 23] = [
 
 const ORIGIN: &[&str] = &["xyz", "rpy", "quat_xyzw"];
 
-/// Most that are told: of a text that is none of links and joints all would be, and each line is counted from its beginning.
+/// Most findings that are reported. Each line number is counted from the beginning of the text, and in a text that is no
+/// robot everything would be a finding.
 const MOST: usize = 100;
 
 /// The first elements and attributes of links and joints that are not understood, each with its line, of a text that is

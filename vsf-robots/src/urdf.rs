@@ -12,22 +12,22 @@ use vsf_core::{CoreError, Shape, TriMesh};
 
 /// Far beyond any URDF, which has 4 or 5 levels.
 const MAX_NESTING: usize = 100;
-/// Longest file that is read \[bytes\], far beyond any URDF.
+/// Largest file that is read \[bytes\], far beyond any URDF.
 const MAX_LENGTH: u64 = 64 << 20;
-/// Bytes and elements in which what is broken is searched for, element by element.
+/// Most bytes and elements that are searched, element by element, for what is broken.
 const MOST_SEARCHED: usize = 16 << 20;
 const MOST_CHILDREN: usize = 10_000;
 /// Far beyond any robot, also one of many small balls.
 const MAX_SHAPES: usize = 10_000;
 
-/// What to do with `<mesh>` collision shapes.
+/// How to treat `<mesh>` collision shapes.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 #[non_exhaustive]
 pub enum Meshes {
-    /// Read the files. The default.
+    /// Read the mesh files. The default.
     #[default]
     Load,
-    /// Leave these shapes out, for kinematics and dynamics without the files.
+    /// Leave these shapes out, for kinematics and dynamics without the mesh files.
     Skip,
 }
 
@@ -47,24 +47,24 @@ const MOST_TURNED: f64 = 4.0 * std::f64::consts::PI;
 /// ```
 #[derive(Debug, Clone, PartialEq, Eq, Default)]
 pub struct UrdfOptions {
-    /// Folder of each package that `package://` addresses name. Default: none.
+    /// Folders of packages, by the names used in `package://` addresses. Default: none.
     pub packages: BTreeMap<String, PathBuf>,
     /// Whether meshes of collision shapes are read. Default: [`Meshes::Load`].
     pub meshes: Meshes,
-    /// Names of the moving joints in the order of joint vectors, each once. Default: chain order,
+    /// Names of all moving joints in the order of joint vectors, each once. Default: chain order,
     /// depth-first from the root, branches in the order of the file.
     pub joint_order: Option<Vec<String>>,
 }
 
 impl RobotModel {
-    /// Reads a URDF file. Relative mesh paths start at the file's folder.
+    /// Reads a URDF file. Relative mesh paths are relative to the file's folder.
     ///
-    /// Joint axes may have any length but zero. Where the file states no limit, or a limit of 0
-    /// for effort, velocity, or both ends of the range, the model has none. A `<capsule>` is as
-    /// long as its cylindrical part, `length`, plus a half ball at each end.
+    /// Joint axes may have any nonzero length. The model has no limit where the file states none, or states
+    /// 0 for the effort, the velocity, or both ends of the range. The `length` of a `<capsule>` is that of
+    /// its cylindrical part, without the half ball at each end.
     ///
     /// # Errors
-    /// Every kind of [`RobotError`] but those about vectors, postures and workspaces: a file that
+    /// Every kind of [`RobotError`] except those about vectors, postures and workspaces: a file that
     /// cannot be read, text that is not URDF, joints and links that do not form one tree,
     /// unsupported joints, numbers out of range, meshes that are missing or broken. Messages name
     /// the link, joint or file.
@@ -78,7 +78,7 @@ impl RobotModel {
         read(&text, dir, options, &path.display().to_string())
     }
 
-    /// Reads URDF text. Relative mesh paths start at `dir`. See [`RobotModel::from_urdf_file`].
+    /// Reads URDF text. Relative mesh paths are relative to `dir`. See [`RobotModel::from_urdf_file`].
     ///
     /// ```
     /// use vsf_robots::{RobotModel, UrdfOptions};
@@ -112,7 +112,7 @@ pub(crate) fn text_of(path: &Path) -> Result<String, RobotError> {
     })
 }
 
-/// What the text says; `origin` is for messages.
+/// Parses a URDF text, with checks that the parser lacks; `origin` names the text in messages.
 pub(crate) fn parse(text: &str, origin: &str) -> Result<urdf_rs::Robot, RobotError> {
     let invalid = |reason: String| RobotError::Urdf {
         origin: origin.to_owned(),
@@ -179,9 +179,9 @@ pub(crate) fn parse(text: &str, origin: &str) -> Result<urdf_rs::Robot, RobotErr
     Ok(robot)
 }
 
-/// What the square of a printed quaternion's length may differ from 1 by.
+/// How far the squared length of a printed quaternion may be from 1.
 const MOST_STRETCHED: f64 = 1e-2;
-/// What the parser skips in older versions, and in texts that state none.
+/// Attribute that the parser ignores in URDF versions before 1.1 and in texts that state no version.
 const QUATERNION: &str = "quat_xyzw";
 
 fn knows_quaternions(robot: &urdf_rs::Robot) -> bool {
@@ -194,13 +194,13 @@ fn knows_quaternions(robot: &urdf_rs::Robot) -> bool {
     version.is_some_and(|v| v >= (1, 1))
 }
 
-/// What the parser says of an error that it has no line for.
+/// The parser's message for an error that it gives no line for.
 fn unplaced(error: &urdf_rs::UrdfError) -> Option<String> {
     let says = error.to_string();
     says.strip_prefix("custom: ").map(str::to_owned)
 }
 
-/// Where the first link or joint that cannot be read begins, and why: the parser does not tell where.
+/// Line of the first link or joint that cannot be read, and the reason. The parser does not give the line.
 fn first_broken(text: &str) -> Option<String> {
     let mut left = MOST_SEARCHED;
     for child in tags::children(text).iter().take(MOST_CHILDREN) {
@@ -335,7 +335,7 @@ fn joint(joint: urdf_rs::Joint) -> Result<JointDescription, RobotError> {
     })
 }
 
-/// The parser fills in 0 where the file says nothing.
+/// Limits of a joint. The parser returns 0 for a limit that the file does not state.
 fn limits(limit: &urdf_rs::JointLimit, kind: Option<JointKind>) -> JointLimits {
     let stated = |v: f64| if v == 0.0 { f64::INFINITY } else { v };
     let ranged = limit.lower != 0.0 || limit.upper != 0.0;
@@ -352,7 +352,7 @@ fn limits(limit: &urdf_rs::JointLimit, kind: Option<JointKind>) -> JointLimits {
     }
 }
 
-/// Of `what` of the element `name`: fixed-axis roll, pitch, yaw.
+/// Converts the origin of `what` of the element `name`, with fixed-axis roll, pitch, yaw.
 fn pose(
     pose: &urdf_rs::Pose,
     what: &'static str,
